@@ -1,0 +1,68 @@
+//! The size of a picture and the window that is rendered.
+
+use crate::Error;
+
+/// A picture's full resolution and the window of it that is rendered.
+///
+/// Pixels keep their place in the full frame, so a crop is bit for bit the full picture's.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Frame {
+    resolution: [u32; 2],
+    origin: [u32; 2],
+    size: [u32; 2],
+}
+
+impl Frame {
+    /// A whole picture of `width` x `height` pixels.
+    ///
+    /// # Errors
+    ///
+    /// When either is zero, or there are more than 2^32 - 1 pixels.
+    pub fn new(width: u32, height: u32) -> Result<Self, Error> {
+        if width == 0 || height == 0 {
+            return Err(Error::EmptyFrame { resolution: [width, height] });
+        }
+        if u64::from(width) * u64::from(height) > u64::from(u32::MAX) {
+            return Err(Error::FrameTooLarge { resolution: [width, height] });
+        }
+        Ok(Self { resolution: [width, height], origin: [0, 0], size: [width, height] })
+    }
+
+    /// The window `x0 .. x1` x `y0 .. y1` of this frame, in pixels of the full picture.
+    ///
+    /// # Errors
+    ///
+    /// When it is empty or reaches outside.
+    pub fn crop(self, x0: u32, y0: u32, x1: u32, y1: u32) -> Result<Self, Error> {
+        if x0 >= x1 || y0 >= y1 || x1 > self.resolution[0] || y1 > self.resolution[1] {
+            return Err(Error::BadCrop { crop: [x0, y0, x1, y1], resolution: self.resolution });
+        }
+        Ok(Self { origin: [x0, y0], size: [x1 - x0, y1 - y0], ..self })
+    }
+
+    /// Width and height of the full picture.
+    pub const fn resolution(&self) -> [u32; 2] {
+        self.resolution
+    }
+
+    /// Column and row of the window's first pixel in the full picture.
+    pub const fn origin(&self) -> [u32; 2] {
+        self.origin
+    }
+
+    /// Width and height of the window.
+    pub const fn size(&self) -> [u32; 2] {
+        self.size
+    }
+
+    /// Pixels in the window.
+    pub const fn pixels(&self) -> usize {
+        self.size[0] as usize * self.size[1] as usize
+    }
+
+    /// Column and row, in the full picture, of the `i`-th pixel of the window, row by row.
+    pub const fn pixel(&self, i: usize) -> [u32; 2] {
+        let w = self.size[0] as usize;
+        [self.origin[0] + (i % w) as u32, self.origin[1] + (i / w) as u32]
+    }
+}

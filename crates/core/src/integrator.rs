@@ -1,0 +1,133 @@
+//! What one sample is worth.
+
+use crate::Draws;
+
+/// The first surface a sample met. The integrator reports it; samplers and filters label it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FirstHit {
+    /// Where, in the integrator's own units.
+    pub position: [f32; 3],
+    /// Unit normal of the geometry, on the side the ray came from.
+    pub geometric_normal: [f32; 3],
+    /// Unit shading normal, on the side the ray came from.
+    pub shading_normal: [f32; 3],
+    /// Share of light reflected, linear RGB in `[0, 1]`; 1 for emitters, clear glass and mirrors.
+    pub albedo: [f32; 3],
+    /// Distance along the ray, in the units of `position`.
+    pub depth: f32,
+    /// Width of a pixel at the hit, in the units of `position`.
+    pub footprint: f32,
+    /// Microfacet roughness in `[0, 1]`: 0 a mirror, 1 diffuse.
+    pub roughness: f32,
+    /// The integrator's number for the material.
+    pub material: u32,
+    /// The integrator's number for the shape (mesh, sphere, …).
+    pub shape: u32,
+    /// The triangle within the shape; 0 for shapes that are one piece.
+    pub primitive: u32,
+}
+
+/// What one sample found.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Estimate {
+    /// Radiance estimate, linear RGB, finite and not negative; anything else is rejected and counted.
+    pub radiance: [f32; 3],
+    /// The first hit, if [`Draws::wants_first_hit`] asks for it and the sample met a surface.
+    pub first_hit: Option<FirstHit>,
+    /// What the sample cost, in rays.
+    pub cost: u32,
+}
+
+/// Estimates a pixel from one sample's coordinates. Knows no sampler.
+pub trait Integrator: Sync {
+    /// One estimate of the radiance of pixel `draws.pixel()`: a pure function of the coordinates (and
+    /// of what was learned in finished rounds).
+    fn estimate(&self, draws: &Draws<'_>, observed: &mut Observed) -> Estimate;
+
+    /// Whether this integrator writes to [`Observed`] and wants [`Integrator::learn`] called.
+    fn observes(&self) -> bool {
+        false
+    }
+
+    /// Called at the barrier after a round with everything observed in it, merged in a fixed order:
+    /// what is learned does not depend on threads.
+    fn learn(&mut self, round: &Observations) {
+        let _ = round;
+    }
+}
+
+/// What an integrator notes down while it traces, under keys of its own.
+#[derive(Debug, Default)]
+pub struct Observed {
+    notes: Vec<(u64, f32)>,
+}
+
+impl Observed {
+    /// Notes a value. Non-finite values are dropped.
+    #[inline]
+    pub fn note(&mut self, key: u64, value: f32) {
+        if value.is_finite() {
+            self.notes.push((key, value));
+        }
+    }
+
+    /// Sums the notes up by key, in the order in which they were made, and forgets them.
+    pub(crate) fn summarise(&mut self) -> Vec<Observation> {
+        self.notes.sort_by_key(|n| n.0);
+        let mut sums: Vec<Observation> = Vec::new();
+        for &(key, value) in &self.notes {
+            let value = f64::from(value);
+            let note = Observation { key, count: 1, sum: value, sum_of_squares: value * value };
+            match sums.last_mut() {
+                Some(last) if last.key == key => last.add(&note),
+                _ => sums.push(note),
+            }
+        }
+        self.notes.clear();
+        sums
+    }
+}
+
+/// Everything noted under one key in one round.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Observation {
+    /// The integrator's key.
+    pub key: u64,
+    /// How many values were noted.
+    pub count: u64,
+    /// Their sum.
+    pub sum: f64,
+    /// The sum of their squares.
+    pub sum_of_squares: f64,
+}
+
+impl Observation {
+    fn add(&mut self, other: &Observation) {
+        self.count += other.count;
+        self.sum += other.sum;
+        self.sum_of_squares += other.sum_of_squares;
+    }
+}
+
+/// All observations of a round, sorted by key. Sums were made in blocks of 16x16 pixels and added
+/// in block order, so they are the same bits for any number of threads.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Observations {
+    entries: Vec<Observation>,
+}
+
+impl Observations {
+    /// Merges the sums of pixel blocks, which must come in block order.
+    pub(crate) fn merge(blocks: impl Iterator<Item = Vec<Observation>>) -> Self {
+        let mut map = std::collections::BTreeMap::<u64, Observation>::new();
+        for entry in blocks.flatten() {
+            map.entry(entry.key).and_modify(|e| e.add(&entry)).or_insert(entry);
+        }
+        Self { entries: map.into_values().collect() }
+    }
+
+    /// The entries, in ascending order of key.
+    pub fn entries(&self) -> &[Observation] {
+        &self.entries
+    }
+}

@@ -1,0 +1,41 @@
+//! The one plug of Dapple: where samples lie, how many each pixel gets, what one sample is worth,
+//! and what becomes of them.
+//!
+//! Four roles, each a trait with one required idea:
+//!
+//! * [`PointSet`]: where samples lie, a pure function of (pixel, stream, index, block);
+//! * [`Sampler`]: which points, and how many of them each pixel gets, decided between rounds;
+//! * [`Integrator`]: estimates a pixel from one sample's coordinates;
+//! * [`Filter`]: makes a picture from the [`Film`].
+//!
+//! [`render`] drives them: round, barrier, round, … until the [`Limits`] are met. This crate knows no
+//! geometry, no colour file and no scene; everything public speaks in `[f32; 3]`, slices and ids.
+//!
+//! # Guarantees
+//!
+//! * The picture does not depend on the number of threads, on tiles, or on how a round was cut.
+//! * Sample counts add up to the budget exactly, or an [`Error`] says why they cannot.
+//! * A non-finite or negative sample is rejected, counts as zero and in `n`, and can be replayed.
+//!
+//! # Limits
+//!
+//! Dapple is not a sampler of arbitrary densities and has no cursor to draw "the next number" from:
+//! every use of randomness names its [`Block`].
+
+mod draws;
+mod error;
+mod frame;
+mod integrator;
+mod limits;
+mod needs;
+mod plan;
+mod point_set;
+
+pub use draws::{Block, Draws};
+pub use error::Error;
+pub use frame::Frame;
+pub use integrator::{Estimate, FirstHit, Integrator, Observation, Observations, Observed};
+pub use limits::{Budget, InvalidSample, Limits, Schedule};
+pub use needs::Needs;
+pub use plan::{Combine, Fate, Plan, Progress};
+pub use point_set::{PointSet, SampleId, streams};

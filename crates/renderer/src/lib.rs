@@ -1,0 +1,11 @@
+//! The renderer of Dapple.
+
+pub mod image;
+pub mod scene;
+
+/// Placeholder until the effects module lands.
+#[doc(hidden)]
+pub struct Effects;
+/// Placeholder until the world module lands.
+#[doc(hidden)]
+pub struct World;
