@@ -2,6 +2,7 @@
 
 pub mod image;
 pub mod scene;
+pub mod shading;
 
 /// Placeholder until the effects module lands.
 #[doc(hidden)]
