@@ -1,5 +1,6 @@
 //! What a surface does with light at one point.
 
+use super::coat::Coat;
 use super::fresnel::ComplexIor;
 use super::microfacet::{TrowbridgeReitz, half_angle_cosine};
 use super::warp;
@@ -15,7 +16,7 @@ use std::f32::consts::{FRAC_1_PI, PI};
 /// All directions are unit vectors in the shading frame, pointing away from the surface. The caller sees to
 /// light leaking through the *geometric* surface where the shading normal differs.
 #[derive(Clone, Copy, Debug)]
-pub enum Bsdf {
+pub enum Bsdf<'m> {
     /// Lambert's reflection.
     Diffuse {
         /// Share of light reflected, per channel.
@@ -32,6 +33,14 @@ pub enum Bsdf {
     SmoothConductor {
         /// Its Fresnel term.
         ior: ComplexIor,
+    },
+    /// A dielectric coat, rough or smooth, over Lambert's reflection; made by [`Bsdf::coated_diffuse`].
+    CoatedDiffuse {
+        /// The coat.
+        coat: &'m Coat,
+        /// The base's `f`, all its reflections from below the coat included, but for the two passes
+        /// through the coat.
+        base: Vec3,
     },
 }
 
@@ -50,7 +59,7 @@ pub struct BsdfSample {
     pub specular: bool,
 }
 
-impl Bsdf {
+impl<'m> Bsdf<'m> {
     /// The metal with these widths: rough, or smooth where
     /// [`TrowbridgeReitz::effectively_smooth`] says so.
     ///
@@ -64,6 +73,12 @@ impl Bsdf {
         } else {
             Self::Conductor { ior, microfacets }
         })
+    }
+
+    /// A coat over a diffuse base of this reflectance, clamped to `[0, 1]`.
+    #[inline]
+    pub fn coated_diffuse(coat: &'m Coat, reflectance: Vec3) -> Self {
+        Self::CoatedDiffuse { coat, base: coat.base(reflectance.clamp(Vec3::ZERO, Vec3::ONE)) }
     }
 
     /// `f(wo, wi)` per steradian, without the cosine. 0 for specular lobes and for directions on different
@@ -93,7 +108,6 @@ impl Bsdf {
     /// the direction in it. `None` where nothing is scattered: the sample counts, and is black.
     #[inline]
     pub fn sample(&self, wo: Vec3, u: [f32; 2], lobe: f32) -> Option<BsdfSample> {
-        let _ = lobe;
         let side = if wo.z > 0.0 { 1.0 } else { -1.0 };
         let wo = side * wo;
         if !(wo.z > 0.0) {
@@ -105,6 +119,19 @@ impl Bsdf {
             Self::SmoothConductor { ior } => {
                 let wi = side * Vec3::new(-wo.x, -wo.y, wo.z);
                 return Some(BsdfSample { wi, weight: ior.reflectance(wo.z), pdf: 1.0, specular: true });
+            }
+            Self::CoatedDiffuse { coat, base } => {
+                let [transmittance, reflectance] = coat.transmittance_and_reflectance(wo.z);
+                let chance = coat_chance(coat, *base, transmittance, reflectance);
+                match coat.microfacets() {
+                    _ if lobe >= chance => warp::cosine_hemisphere(u),
+                    Some(microfacets) => mirror(wo, microfacets.sample_visible(wo, u)),
+                    None => {
+                        let wi = side * Vec3::new(-wo.x, -wo.y, wo.z);
+                        let weight = Vec3::splat(coat.fresnel(wo.z) / chance);
+                        return Some(BsdfSample { wi, weight, pdf: chance, specular: true });
+                    }
+                }
             }
         };
         if !(wi.z > 0.0) {
@@ -125,13 +152,17 @@ impl Bsdf {
         match self {
             Self::Diffuse { reflectance } => *reflectance,
             Self::Conductor { ior, .. } | Self::SmoothConductor { ior } => ior.reflectance(1.0),
+            Self::CoatedDiffuse { coat, base } => {
+                let [transmittance, reflectance] = coat.transmittance_and_reflectance(1.0);
+                *base * (PI * transmittance * coat.average_transmittance()) + reflectance
+            }
         }
     }
 
     /// Width of the widest lobe, 0 for a mirror and 1 for Lambert's: a feature, not for transport.
     pub fn roughness(&self) -> f32 {
         match self {
-            Self::Diffuse { .. } => 1.0,
+            Self::Diffuse { .. } | Self::CoatedDiffuse { .. } => 1.0,
             Self::Conductor { microfacets, .. } => {
                 let [ax, ay] = microfacets.alpha();
                 (ax * ay).sqrt()
@@ -151,8 +182,32 @@ impl Bsdf {
                 (f, microfacets.reflection_pdf(wo, h))
             }
             Self::SmoothConductor { .. } => (Vec3::ZERO, 0.0),
+            Self::CoatedDiffuse { coat, base } => {
+                let [to, reflectance] = coat.transmittance_and_reflectance(wo.z);
+                let [ti, _] = coat.transmittance_and_reflectance(wi.z);
+                let chance = coat_chance(coat, *base, to, reflectance);
+                let (f, pdf) = (*base * (to * ti), (1.0 - chance) * (wi.z / PI));
+                match coat.microfacets() {
+                    Some(microfacets) => {
+                        let h = wo + wi;
+                        let coated = coat.fresnel(half_angle_cosine(h)) * microfacets.reflection(wo, wi, h);
+                        (f + coated, pdf + chance * microfacets.reflection_pdf(wo, h))
+                    }
+                    None => (f, pdf),
+                }
+            }
         }
     }
+}
+
+/// Probability of sampling the coat's lobe rather than the base's: its share of the light reflected from
+/// `wo`, whose transmittance and reflectance these are.
+#[inline]
+fn coat_chance(coat: &Coat, base: Vec3, transmittance: f32, reflectance: f32) -> f32 {
+    let below = base.element_sum() / 3.0 * (PI * transmittance * coat.average_transmittance());
+    let sum = reflectance + below;
+    // Neither reflects: an index of 1 over a black base. Sample the base, which gives black.
+    if sum > 0.0 { reflectance / sum } else { 0.0 }
 }
 
 /// Both directions on the side `z > 0`; `None` where they lie on different sides, along the surface, or are

@@ -6,6 +6,8 @@
 //! +z, and both `wo` and `wi` point away from the surface.
 
 pub mod bsdf;
+pub mod coat;
+pub mod discrete;
 pub mod frame;
 pub mod fresnel;
 pub mod microfacet;
@@ -14,6 +16,8 @@ pub mod trigonometry;
 pub mod warp;
 
 pub use bsdf::{Bsdf, BsdfSample};
+pub use coat::{Coat, CoatOptions};
+pub use discrete::{Discrete, PiecewiseConstant2d};
 pub use frame::Frame;
 pub use fresnel::ComplexIor;
 pub use microfacet::TrowbridgeReitz;
@@ -28,5 +32,41 @@ pub enum Error {
     Roughness {
         /// The width.
         value: f32,
+    },
+    /// A coat's index of refraction is outside `[0.1, 10]`.
+    #[error("a coat's index of refraction is {value}; give one from 0.1 to 10 (1.5 is common)")]
+    Eta {
+        /// The index.
+        value: f32,
+    },
+    /// A coat's thickness is negative or not finite.
+    #[error("a coat's thickness is {value}; give a finite one from 0 up")]
+    Thickness {
+        /// The thickness.
+        value: f32,
+    },
+    /// A weight is negative, infinite or not a number.
+    #[error("weight {index} is {value}; weights must be finite and not negative")]
+    Weight {
+        /// Which weight.
+        index: usize,
+        /// Its value.
+        value: f32,
+    },
+    /// More items than a distribution can hold.
+    #[error("{count} items or cells a side are more than the {most} that a distribution holds; merge some")]
+    TooMany {
+        /// How many there are.
+        count: usize,
+        /// How many there may be.
+        most: usize,
+    },
+    /// A grid's weights do not fill its rows.
+    #[error("{count} weights do not fill a grid of {} columns x {} rows; give one per cell", .size[0], .size[1])]
+    Shape {
+        /// How many weights there are.
+        count: usize,
+        /// Columns and rows.
+        size: [usize; 2],
     },
 }
