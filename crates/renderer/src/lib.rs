@@ -1,6 +1,9 @@
 //! The renderer of Dapple.
 
+pub mod files;
 pub mod image;
+pub mod pbrt;
+pub mod ply;
 pub mod scene;
 pub mod shading;
 
