@@ -26,7 +26,9 @@ pub enum PlyError {
     #[error("the PLY header cannot be read ({0}): export the mesh anew")]
     Header(String),
     /// The file cannot hold what its header promises.
-    #[error("the header promises {count} elements {element}, and only {bytes} bytes follow: the file is cut off or damaged")]
+    #[error(
+        "the header promises {count} elements {element}, and only {bytes} bytes follow: the file is cut off or damaged"
+    )]
     TooShort {
         /// The element's name.
         element: String,

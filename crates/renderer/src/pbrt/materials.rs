@@ -173,7 +173,10 @@ impl Params {
         match &param.values {
             Values::Texts(names) if names.len() == 1 => Some((names[0].clone(), param.line)),
             _ => {
-                self.problem(param.line, format!("parameter {name} of {} takes one texture's name", self.of().to_owned()));
+                self.problem(
+                    param.line,
+                    format!("parameter {name} of {} takes one texture's name", self.of().to_owned()),
+                );
                 None
             }
         }

@@ -327,7 +327,8 @@ impl<'a> Reader<'a> {
                 list.retain(|old: &Param| d.params.iter().all(|new| new.name != old.name));
                 list.extend(d.params);
                 if list.len() > MOST_ATTRIBUTES {
-                    let what = format!("more than {MOST_ATTRIBUTES} attributes of one kind: give them where they belong");
+                    let what =
+                        format!("more than {MOST_ATTRIBUTES} attributes of one kind: give them where they belong");
                     self.log.problem(&d.source, what);
                     self.stopped = true;
                 }
