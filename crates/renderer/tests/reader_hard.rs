@@ -114,6 +114,13 @@ fn i03_lying_headers() {
 }
 
 #[test]
+fn names_declared_twice_are_refused() {
+    let text = String::from_utf8(samples()[0].clone()).unwrap();
+    let twice = text.replace("property float y\n", "property float y\nproperty float y\n");
+    assert!(matches!(read_ply(twice.as_bytes()), Err(PlyError::Header(_))));
+}
+
+#[test]
 fn i03_deep_nesting() {
     let deep = format!("Camera \"perspective\"\nWorldBegin\n{}", "AttributeBegin\n".repeat(1_000_000));
     let error = read(deep.as_bytes()).unwrap_err();
