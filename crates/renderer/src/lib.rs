@@ -5,6 +5,7 @@ pub mod image;
 pub mod pbrt;
 pub mod ply;
 pub mod scene;
+pub mod shading;
 
 /// Placeholder until the effects module lands.
 #[doc(hidden)]
