@@ -135,7 +135,8 @@ fn g12_duplicates_and_concentric_triangles_build_fast_and_shallow() {
     };
     // Best of two: the machine may be busy.
     let budget = 4.0 * time(&spread).0.max(time(&spread).0);
-    let soups = [("same", &same, 0.3), ("concentric", &concentric, -0.1), ("nested", &nested, -0.1), ("row", &row, 0.3)];
+    let soups =
+        [("same", &same, 0.3), ("concentric", &concentric, -0.1), ("nested", &nested, -0.1), ("row", &row, 0.3)];
     for (name, soup, aim) in soups {
         let (first, scene) = time(soup);
         let seconds = first.min(time(soup).0);
@@ -163,7 +164,8 @@ fn g13_the_smallest_number_wins_a_tie() {
     let mut rng = generator(13);
     for i in 0..10_000 {
         let target = Vec3::new(rng.random(), rng.random(), 0.0);
-        let origin = if i % 2 == 0 { target + Vec3::Z } else { point_in(&mut rng, Vec3::splat(-2.0), Vec3::splat(2.0)) };
+        let origin =
+            if i % 2 == 0 { target + Vec3::Z } else { point_in(&mut rng, Vec3::splat(-2.0), Vec3::splat(2.0)) };
         let ray = Ray::new(origin, target - origin);
         let hits: Vec<Option<Hit>> = scenes.iter().map(|scene| scene.closest(&ray)).collect();
         assert!(hits.iter().all(|hit| *hit == hits[0]), "{ray:?}: {hits:?}");

@@ -7,8 +7,7 @@ use glam::{DVec3, Vec3};
 use rand::RngExt;
 use support::{cuboid, direction, generator, geometry, lat_long, point_in};
 
-const CENTRES: [DVec3; 3] =
-    [DVec3::ZERO, DVec3::new(0.3, -0.7, 0.11), DVec3::new(148_376.0, 1_234.0, -223_423.0)];
+const CENTRES: [DVec3; 3] = [DVec3::ZERO, DVec3::new(0.3, -0.7, 0.11), DVec3::new(148_376.0, 1_234.0, -223_423.0)];
 
 /// Vertices and edge midpoints of all triangles.
 fn targets(positions: &[[f32; 3]], triangles: &[[u32; 3]]) -> Vec<DVec3> {
@@ -130,7 +129,8 @@ fn g07_thin_far_targets_are_met_by_exact_axis_rays() {
                     };
                     let expected = f64::from(distance) / f64::from(direction[axis]);
                     if expected <= f64::from(f32::MAX) {
-                        assert_eq!(hit.map(|hit| hit.t), Some(expected as f32), "{half_width} {distance} {direction}");
+                        let error = hit.map_or(f64::INFINITY, |hit| (f64::from(hit.t) - expected).abs());
+                        assert!(error <= 2e-7 * expected, "{half_width} {distance} {direction} {hit:?}");
                         assert!(aside(0.0, 0.9).is_some() && aside(0.9, 0.0).is_none() && aside(1.1, 0.0).is_none());
                     }
                 }
