@@ -11,6 +11,12 @@ mod surface;
 mod traverse;
 mod triangle;
 
+<<<<<<< HEAD
+=======
+#[cfg(test)]
+mod tests;
+
+>>>>>>> geometry
 pub use build::Preset;
 pub use error::Error;
 pub use geometry::Geometry;
