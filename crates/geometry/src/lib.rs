@@ -11,12 +11,9 @@ mod surface;
 mod traverse;
 mod triangle;
 
-<<<<<<< HEAD
-=======
 #[cfg(test)]
 mod tests;
 
->>>>>>> geometry
 pub use build::Preset;
 pub use error::Error;
 pub use geometry::Geometry;
