@@ -219,8 +219,9 @@ fn s09_degenerate_weights() {
 #[test]
 fn s09_discrete_choice() {
     let mut random = Pcg32::seed_from_u64(9);
-    let mut weights: Vec<f32> =
-        (0..1_000_000).map(|_| if random.random::<f32>() < 0.3 { 0.0 } else { random.random::<f32>().powi(8) }).collect();
+    let mut weights: Vec<f32> = (0..1_000_000)
+        .map(|_| if random.random::<f32>() < 0.3 { 0.0 } else { random.random::<f32>().powi(8) })
+        .collect();
     (weights[0], weights[999_999]) = (0.0, 0.0);
     let d = Discrete::new(&weights).unwrap();
     let sum: f64 = (0..d.len()).map(|i| f64::from(d.pmf(i))).sum();
@@ -267,9 +268,8 @@ fn s09_discrete_choice() {
 fn s09_grid() {
     for size in [[7, 5], [1, 9], [9, 1], [1000, 300]] {
         let mut random = Pcg32::seed_from_u64(size[0] as u64);
-        let weights: Vec<f32> = (0..size[0] * size[1])
-            .map(|i| if i % 3 == 0 { 0.0 } else { random.random::<f32>().powi(4) })
-            .collect();
+        let weights: Vec<f32> =
+            (0..size[0] * size[1]).map(|i| if i % 3 == 0 { 0.0 } else { random.random::<f32>().powi(4) }).collect();
         let grid = PiecewiseConstant2d::new(&weights, size).unwrap();
         let total: f64 = weights.iter().map(|&w| f64::from(w)).sum();
         assert!((grid.mean() - total / weights.len() as f64).abs() < 1e-9);

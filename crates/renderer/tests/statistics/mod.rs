@@ -92,12 +92,8 @@ pub fn chi_square(observed: &[u64], expected: &[f64]) -> f64 {
 pub fn integrate(f: &dyn Fn(f64, f64) -> f64, x: [f64; 2], y: [f64; 2], tolerance: f64, depth: u32) -> f64 {
     let (xm, ym) = (0.5 * (x[0] + x[1]), 0.5 * (y[0] + y[1]));
     let whole = simpson(f, x, y);
-    let quarters = [
-        ([x[0], xm], [y[0], ym]),
-        ([xm, x[1]], [y[0], ym]),
-        ([x[0], xm], [ym, y[1]]),
-        ([xm, x[1]], [ym, y[1]]),
-    ];
+    let quarters =
+        [([x[0], xm], [y[0], ym]), ([xm, x[1]], [y[0], ym]), ([x[0], xm], [ym, y[1]]), ([xm, x[1]], [ym, y[1]])];
     let parts: f64 = quarters.iter().map(|&(x, y)| simpson(f, x, y)).sum();
     if depth == 0 || (parts - whole).abs() <= 15.0 * tolerance {
         return parts + (parts - whole) / 15.0;
