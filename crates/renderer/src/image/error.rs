@@ -99,6 +99,12 @@ pub enum ImageError {
         /// The path.
         path: PathBuf,
     },
+    /// An exposure that is no number.
+    #[error("an exposure of {stops} stops is no use: give a finite number, 0 to leave the picture as it is")]
+    Exposure {
+        /// What was given.
+        stops: f32,
+    },
     /// A plane, a name or an attribute that an EXR file cannot hold.
     #[error("{what}")]
     Layer {
