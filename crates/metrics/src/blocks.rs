@@ -86,18 +86,19 @@ fn finite(value: f32) -> f64 {
     if value.is_finite() { value.into() } else { 0.0 }
 }
 
-/// Ratios of block means, image over reference, channel by channel. Blocks whose reference is darker than 2 %
-/// of the channel's median block are left out: a ratio of two near zeros says nothing.
+/// Ratios of block means, image over reference, channel by channel. A block's channel whose reference is darker
+/// than 2 % of the median (over all blocks and channels of the reference) is left out: a ratio of two near zeros
+/// says nothing.
 ///
 /// # Errors
 /// [`Error::Sizes`], [`Error::NonFiniteReference`], [`Error::Block`].
 pub fn block_ratios(image: Pixels<'_>, reference: Pixels<'_>, block: [u32; 2]) -> Result<BlockRatios, Error> {
     check(image, reference)?;
     let [image, reference] = [block_means(image, block)?, block_means(reference, block)?];
+    let mut levels: Vec<f64> = reference.means.iter().flatten().copied().collect();
+    levels.sort_unstable_by(f64::total_cmp);
+    let least = 0.02 * percentile(&levels, 50.0);
     let sorted = std::array::from_fn(|c| {
-        let mut levels: Vec<f64> = reference.means.iter().map(|m| m[c]).collect();
-        levels.sort_unstable_by(f64::total_cmp);
-        let least = 0.02 * percentile(&levels, 50.0);
         let pairs = image.means.iter().zip(&reference.means).map(|(x, r)| (x[c], r[c]));
         // A median of 0 lets nothing black through either.
         let mut ratios: Vec<f64> = pairs.filter(|&(_, r)| r > 0.0 && r >= least).map(|(x, r)| x / r).collect();

@@ -35,6 +35,9 @@ fn ratios_leave_dark_blocks_out_and_give_percentiles() {
     assert_eq!([ratios.percentile(0.0)[0], ratios.percentile(50.0)[0], ratios.percentile(100.0)[0]], [0.5, 1.0, 2.0]);
     assert_relative_eq!(ratios.percentile(90.0)[1], 1.8, max_relative = 1e-12);
     assert_eq!(ratios.percentile(50.0)[2], 0.0);
+    // A channel that is dark beside the others does not count: 2 % of the median of 1, 1 and 0.01 is 0.02.
+    let blue = block_ratios(pixels([1, 1], &image[..1]), pixels([1, 1], &[[1.0, 1.0, 0.01]]), [1, 1]).unwrap();
+    assert_eq!([0, 1, 2].map(|c| blue.count(c)), [1, 1, 0]);
     let black = [[0.0; 3]; 7];
     let none = block_ratios(pixels([7, 1], &image), pixels([7, 1], &black), [1, 1]).unwrap();
     assert!(none.count(0) == 0 && none.percentile(50.0)[0].is_nan());

@@ -105,9 +105,9 @@ pub enum ImageError {
         /// What was given.
         stops: f32,
     },
-    /// A plane, a name or an attribute that an EXR file cannot hold.
+    /// What the output format cannot hold: a name, an attribute, a size.
     #[error("{what}")]
-    Layer {
+    Encode {
         /// What is wrong and what to do.
         what: String,
     },

@@ -52,7 +52,7 @@ const F16_MAX: f32 = 65504.0;
 ///
 /// # Errors
 /// [`ImageError::Empty`]; [`ImageError::PixelCount`] for a plane that is not as long as `size` says;
-/// [`ImageError::Layer`] for no channels at all, for names that are empty, longer than 255 bytes, given twice
+/// [`ImageError::Encode`] for no channels at all, for names that are empty, longer than 255 bytes, given twice
 /// or contain NUL, and for attribute names that OpenEXR keeps for itself.
 pub fn encode_exr(
     size: [u32; 2],
@@ -84,7 +84,7 @@ pub fn encode_exr(
 }
 
 fn refuse(what: String) -> ImageError {
-    ImageError::Layer { what }
+    ImageError::Encode { what }
 }
 
 fn check_name(kind: &str, name: &str) -> Result<(), ImageError> {

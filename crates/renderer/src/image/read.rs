@@ -90,8 +90,8 @@ pub(super) struct File<'a> {
     pub(super) name: &'a str,
 }
 
-/// Samples (pixels times channels) that any file may claim: 2048 x 2048 RGB.
-const FREE_SAMPLES: u64 = 3 << 22;
+/// Samples (pixels times channels) that any file may claim: 2048 x 2048 RGBA.
+const FREE_SAMPLES: u64 = 4 << 22;
 /// Samples that each byte of a file may claim besides. A flat JPEG of three full channels holds 96 samples a
 /// byte, a good texture below 10; deflate's limit of 1032 is met by bombs only.
 const SAMPLES_PER_BYTE: u64 = 192;
@@ -214,7 +214,7 @@ fn look_up<T: Copy + Into<usize>, const N: usize>(samples: &[T], table: &[f32]) 
 fn check_png(file: &File<'_>) -> Result<(), ImageError> {
     if let Some(&[.., a, b, c, d, e, f, g, h]) = file.bytes.first_chunk::<24>() {
         let size = [u32::from_be_bytes([a, b, c, d]).into(), u32::from_be_bytes([e, f, g, h]).into()];
-        file.check_claim("PNG", size, 4)?;
+        file.check_claim("PNG", size, 1)?;
     }
     let mut rest = &file.bytes[8..];
     while let Some((length, after)) = rest.split_first_chunk::<4>() {
