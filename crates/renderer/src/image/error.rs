@@ -99,9 +99,15 @@ pub enum ImageError {
         /// The path.
         path: PathBuf,
     },
-    /// A plane, a name or an attribute that an EXR file cannot hold.
+    /// An exposure that is no number.
+    #[error("an exposure of {stops} stops is no use: give a finite number, 0 to leave the picture as it is")]
+    Exposure {
+        /// What was given.
+        stops: f32,
+    },
+    /// What the output format cannot hold: a name, an attribute, a size.
     #[error("{what}")]
-    Layer {
+    Encode {
         /// What is wrong and what to do.
         what: String,
     },

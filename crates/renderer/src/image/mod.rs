@@ -2,18 +2,44 @@
 //!
 //! [`read_picture`] turns the bytes of a PNG, JPEG, TGA, Radiance HDR, OpenEXR or PFM file into a
 //! [`Picture`]: linear RGB, top row first. It takes bytes, not a path, so that whoever reads a scene
-//! decides where files may come from.
+//! decides where files may come from. Headers are not believed: nothing out of proportion to the file is
+//! allocated, and a cut file is an error.
+//!
+//! [`encode_exr`], [`encode_pfm`] and [`encode_png`] turn pictures into the bytes of files, and [`write_file`]
+//! puts bytes on the disk, all or nothing; a program asks [`check_writable`] before it starts what takes long.
+//! The same picture gives the same bytes, on every machine and for any number of threads.
+//!
+//! ```
+//! use dapple_renderer::image::{Encoding, Format, Layer, Picture, encode_exr, read_picture, write_file};
+//! # let folder = tempfile::tempdir()?;
+//! # let path = folder.path().join("picture.exr");
+//! assert_eq!(Format::from_path(&path)?, Format::Exr);
+//! let picture = Picture::filled([4, 3], [0.5, 1.0, 2.0])?;
+//! let counts = Layer { name: "count".into(), channels: vec![("Y", vec![16_u32; 12].into())] };
+//! let layers = [Layer::of_picture("", &picture), counts];
+//! let made = [("dapple:sampler".to_owned(), "uniform".to_owned())];
+//! write_file(&path, &encode_exr(picture.size, &layers, &made)?.bytes)?;
+//! assert_eq!(read_picture(&std::fs::read(&path)?, "picture.exr", Encoding::Auto)?, picture);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
 mod error;
+mod exr_write;
+mod file;
 mod openexr;
 mod pfm;
+mod png;
 mod read;
 mod srgb;
 #[cfg(test)]
 mod tests;
 
 pub use error::ImageError;
+pub use exr_write::{EncodedExr, Layer, encode_exr};
+pub use file::{Format, check_writable, write_file};
 pub use openexr::{Channels, Plane, read_attributes, read_channels};
+pub use pfm::encode_pfm;
+pub use png::{encode_png, encode_png_gray, encode_png_rgb};
 pub use read::{Encoding, read_picture};
 pub use srgb::{srgb_decode, srgb_encode};
 

@@ -28,6 +28,30 @@ pub enum Plane<'a> {
     F16(Cow<'a, [f32]>),
 }
 
+impl From<Vec<f32>> for Plane<'_> {
+    fn from(values: Vec<f32>) -> Self {
+        Self::F32(values.into())
+    }
+}
+
+impl<'a> From<&'a [f32]> for Plane<'a> {
+    fn from(values: &'a [f32]) -> Self {
+        Self::F32(values.into())
+    }
+}
+
+impl From<Vec<u32>> for Plane<'_> {
+    fn from(values: Vec<u32>) -> Self {
+        Self::U32(values.into())
+    }
+}
+
+impl<'a> From<&'a [u32]> for Plane<'a> {
+    fn from(values: &'a [u32]) -> Self {
+        Self::U32(values.into())
+    }
+}
+
 impl Plane<'_> {
     /// Number of values.
     pub fn len(&self) -> usize {

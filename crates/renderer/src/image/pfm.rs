@@ -2,7 +2,7 @@
 //! 32-bit floats from the bottom up; a negative scale says little-endian.
 
 use super::read::File;
-use super::{ImageError, Picture};
+use super::{ImageError, Picture, check_count};
 
 const FORMAT: &str = "PFM";
 
@@ -31,6 +31,21 @@ pub(super) fn read(file: &File<'_>) -> Result<Picture, ImageError> {
     let pixels = rows.flat_map(|row| row.chunks_exact(header.channels));
     let pixels = pixels.map(|p| std::array::from_fn(|i| value(p[channel(i)]))).collect();
     Picture::new([width as u32, height as u32], pixels)
+}
+
+/// Encodes a picture as a PFM file: little-endian, rows from the bottom up. Every bit pattern survives, NaN
+/// and infinities too.
+///
+/// # Errors
+/// [`ImageError::Empty`], [`ImageError::PixelCount`].
+pub fn encode_pfm(picture: &Picture) -> Result<Vec<u8>, ImageError> {
+    check_count(picture.size, picture.pixels.len())?;
+    let mut bytes = format!("PF\n{} {}\n-1.0\n", picture.size[0], picture.size[1]).into_bytes();
+    bytes.reserve(picture.pixels.len() * 12);
+    for row in picture.pixels.chunks_exact(picture.width()).rev() {
+        bytes.extend(row.iter().flatten().flat_map(|v| v.to_le_bytes()));
+    }
+    Ok(bytes)
 }
 
 struct Header {

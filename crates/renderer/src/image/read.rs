@@ -40,7 +40,7 @@ pub fn read_picture(bytes: &[u8], file_name: &str, encoding: Encoding) -> Result
         Some(Content::Exr) => return openexr::read(&file),
         Some(Content::Pfm) => return pfm::read(&file),
         Some(Content::Png) => {
-            check_png_end(&file)?;
+            check_png(&file)?;
             ("PNG", decode(&file, "PNG", encoding, PngDecoder::with_limits(&mut cursor, decoder_limits(&file))))
         }
         Some(Content::Jpeg) => {
@@ -57,6 +57,9 @@ pub fn read_picture(bytes: &[u8], file_name: &str, encoding: Encoding) -> Result
     picture.map_err(|fault| match fault {
         Fault::Ours(error) => error,
         Fault::Decoder(Decoder::IoError(e)) if e.kind() == ErrorKind::UnexpectedEof => file.truncated(format),
+        Fault::Decoder(Decoder::Unsupported(e)) => {
+            file.unsupported(format, &format!("what this file uses ({e})"), "RGB of 8 bits per channel")
+        }
         Fault::Decoder(error) => file.malformed(format, cursor.position() as usize, error.to_string()),
     })
 }
@@ -87,8 +90,8 @@ pub(super) struct File<'a> {
     pub(super) name: &'a str,
 }
 
-/// Samples (pixels times channels) that any file may claim: 2048 x 2048 RGB.
-const FREE_SAMPLES: u64 = 3 << 22;
+/// Samples (pixels times channels) that any file may claim: 2048 x 2048 RGBA.
+const FREE_SAMPLES: u64 = 4 << 22;
 /// Samples that each byte of a file may claim besides. A flat JPEG of three full channels holds 96 samples a
 /// byte, a good texture below 10; deflate's limit of 1032 is met by bombs only.
 const SAMPLES_PER_BYTE: u64 = 192;
@@ -118,7 +121,7 @@ impl File<'_> {
             return Err(ImageError::EmptyFile { file, format, size });
         }
         let limit = self.sample_limit();
-        let samples = u128::from(size[0]) * u128::from(size[1]) * u128::from(channels.max(3));
+        let samples = u128::from(size[0]).saturating_mul(size[1].into()).saturating_mul(channels.max(3).into());
         if size.iter().all(|&s| s <= 1 << 30) && samples <= u128::from(limit) {
             return Ok(());
         }
@@ -206,8 +209,13 @@ fn look_up<T: Copy + Into<usize>, const N: usize>(samples: &[T], table: &[f32]) 
     pixels.iter().map(|p| std::array::from_fn(|i| table[p[channel(i)].into()])).collect()
 }
 
-/// The decoder gives what it has of a PNG that lacks its end.
-fn check_png_end(file: &File<'_>) -> Result<(), ImageError> {
+/// Checks the size, since the decoder's own words on it say little, and the end: the decoder gives what it has
+/// of a PNG that lacks it.
+fn check_png(file: &File<'_>) -> Result<(), ImageError> {
+    if let Some(&[.., a, b, c, d, e, f, g, h]) = file.bytes.first_chunk::<24>() {
+        let size = [u32::from_be_bytes([a, b, c, d]).into(), u32::from_be_bytes([e, f, g, h]).into()];
+        file.check_claim("PNG", size, 1)?;
+    }
     let mut rest = &file.bytes[8..];
     while let Some((length, after)) = rest.split_first_chunk::<4>() {
         let end = (u32::from_be_bytes(*length) as usize).saturating_add(8);
