@@ -1,5 +1,6 @@
 //! The renderer of Dapple.
 
+pub mod bundled;
 pub mod image;
 pub mod scene;
 
