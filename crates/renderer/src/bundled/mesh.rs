@@ -1,6 +1,6 @@
 //! Meshes in the making, and their binary PLY files.
 
-use super::directions::{cross, normalize, sub};
+use super::directions::{add, cross, dot, normalize, sub};
 
 /// Indexed triangles with one normal per corner.
 #[derive(Clone, Debug, Default)]
@@ -33,10 +33,35 @@ impl Mesh {
         triangle.map(|corner| self.positions[corner as usize])
     }
 
-    /// The unit normal that the winding gives.
+    /// The normal that a triangle's winding gives, twice its area long.
     pub(super) fn face_normal(&self, triangle: [u32; 3]) -> [f64; 3] {
         let [a, b, c] = self.corners(triangle);
-        normalize(cross(sub(b, a), sub(c, a)))
+        cross(sub(b, a), sub(c, a))
+    }
+
+    /// Sets every normal of a height field (z up) to the mean of its triangles', weighted by area, and tilted
+    /// upwards as far as it takes to be on the outer side of each of them: on sharp ridges the mean alone is not.
+    pub(super) fn smooth_normals(&mut self) {
+        const LEAST_COSINE: f64 = 0.05;
+        let mut sums = vec![[0.0; 3]; self.positions.len()];
+        for &triangle in &self.triangles {
+            let normal = self.face_normal(triangle);
+            for corner in triangle {
+                sums[corner as usize] = add(sums[corner as usize], normal);
+            }
+        }
+        self.normals = sums.into_iter().map(normalize).collect();
+        let mut lift = vec![0.0f64; self.positions.len()];
+        for &triangle in &self.triangles {
+            let face = normalize(self.face_normal(triangle));
+            for corner in triangle {
+                let missing = LEAST_COSINE - dot(self.normals[corner as usize], face);
+                lift[corner as usize] = lift[corner as usize].max(missing / face[2]);
+            }
+        }
+        for (normal, lift) in self.normals.iter_mut().zip(lift) {
+            *normal = normalize(add(*normal, [0.0, 0.0, lift]));
+        }
     }
 
     /// The mesh made of the triangles that `keep` names, corners that none of them uses left out.

@@ -5,13 +5,12 @@ use super::opening;
 use std::fmt::Write;
 
 const CAMERA: [f64; 3] = [0.0, -9.0, 3.2];
-const TARGET: [f64; 3] = [0.0, 0.6, 1.1];
+const TARGET: [f64; 3] = [0.0, 0.6, 1.55];
 /// Where the row of lights is centred; the plates are tilted to mirror this point to the camera.
 const LIGHTS: [f64; 3] = [0.0, 3.4, 4.2];
 
 /// Centre's y and z, and roughness (alpha), from the nearest plate to the farthest.
-const PLATES: [(f64, f64, f64); 4] =
-    [(-2.3, 0.25, 0.15), (-1.1, 0.35, 0.06), (0.2, 0.65, 0.025), (1.5, 1.15, 0.01)];
+const PLATES: [(f64, f64, f64); 4] = [(-2.3, 0.25, 0.15), (-1.1, 0.35, 0.06), (0.2, 0.65, 0.025), (1.5, 1.15, 0.01)];
 const HALF_WIDTH: f64 = 2.6;
 const HALF_LENGTH: f64 = 0.55;
 
@@ -56,12 +55,12 @@ Scale -1 1 1
 "#;
     let triple = |[x, y, z]: [f64; 3]| format!("{x} {y} {z}");
     let _ = writeln!(text, "LookAt {}  {}  0 0 1", triple(CAMERA), triple(TARGET));
-    text += r#"Camera "perspective" "float fov" [ 36 ]
+    text += r#"Camera "perspective" "float fov" [ 38 ]
 
 WorldBegin
 
 # So that nothing is quite black.
-LightSource "infinite" "rgb L" [ 0.03 0.03 0.035 ]
+LightSource "infinite" "rgb L" [ 0.08 0.08 0.09 ]
 
 Texture "checks" "spectrum" "checkerboard" "float uscale" [ 24 ] "float vscale" [ 24 ]
   "rgb tex1" [ 0.45 0.43 0.40 ] "rgb tex2" [ 0.18 0.18 0.2 ]
@@ -89,7 +88,7 @@ Shape "trianglemesh"
     }
     for (x, radius, hue) in SPHERES {
         // The power of a diffuse sphere goes with radius squared times radiance.
-        let radiance = scale(hue, 0.9 / (radius * radius));
+        let radiance = scale(hue, 1.6 / (radius * radius));
         let _ = write!(
             text,
             "\nAttributeBegin\n  Translate {x} {} {}\n  NamedMaterial \"bulb\"\n  \

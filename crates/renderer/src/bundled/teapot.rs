@@ -105,12 +105,12 @@ fn tube(sections: &[Section]) -> Part {
     let half = |section: &Section, side: f64| {
         let ([x0, z0], [x1, z1], w) = (section.first, section.second, section.half_width * side);
         let points = [[x0, 0.0, z0], [x0, w, z0], [x1, w, z1], [x1, 0.0, z1]];
-        if side < 0.0 { points } else { [points[3], points[2], points[1], points[0]] }
+        if side > 0.0 { points } else { [points[3], points[2], points[1], points[0]] }
     };
     pieces(sections.len())
         .map(|piece| {
             let patch = |side| std::array::from_fn(|row| half(&sections[piece + row], side));
-            vec![patch(-1.0), patch(1.0)]
+            vec![patch(1.0), patch(-1.0)]
         })
         .collect()
 }
@@ -166,7 +166,9 @@ fn add_part(mesh: &mut Mesh, part: &Part) {
             let up = if row == 0 { 1.0 } else { -1.0 };
             vec![mesh.add(patch[if row == 0 { 0 } else { 3 }][0], [0.0, 0.0, up]); around]
         } else {
-            ring.iter().map(|[point, along_s, along_t]| mesh.add(*point, normalize(cross(*along_s, *along_t)))).collect()
+            ring.iter()
+                .map(|[point, along_s, along_t]| mesh.add(*point, normalize(cross(*along_s, *along_t))))
+                .collect()
         };
         if row > 0 {
             for column in 0..around {
@@ -201,11 +203,11 @@ struct SoftBox {
 
 const SOFT_BOXES: [SoftBox; 3] = [
     // The window: left of the camera, high.
-    SoftBox { centre: [-0.75, -0.5, 0.62], half: [0.42, 0.5], radiance: [13.0, 12.4, 11.5], bar: 0.035 },
+    SoftBox { centre: [-0.75, -0.5, 0.62], half: [0.42, 0.5], radiance: [6.0, 5.7, 5.3], bar: 0.05 },
     // A strip light to the right, a little warmer.
-    SoftBox { centre: [0.9, -0.25, 0.4], half: [0.14, 0.6], radiance: [7.0, 5.6, 4.2], bar: 0.0 },
+    SoftBox { centre: [0.9, -0.25, 0.4], half: [0.14, 0.6], radiance: [3.6, 2.9, 2.2], bar: 0.0 },
     // From behind, cool.
-    SoftBox { centre: [0.35, 0.9, 0.55], half: [0.5, 0.2], radiance: [5.0, 5.8, 7.0], bar: 0.0 },
+    SoftBox { centre: [0.35, 0.9, 0.55], half: [0.5, 0.2], radiance: [1.2, 1.4, 1.8], bar: 0.0 },
 ];
 
 /// How much of a soft box is seen in a direction, 0 to 1, its edge softened over `EDGE`.
@@ -229,9 +231,9 @@ fn coverage(light: &SoftBox, direction: [f64; 3]) -> f64 {
 fn studio(direction: [f64; 3]) -> [f64; 3] {
     let z = direction[2];
     let wall = if z >= 0.0 {
-        mix([0.80, 0.78, 0.76], [0.16, 0.18, 0.22], z * (2.0 - z))
+        mix([0.34, 0.33, 0.32], [0.10, 0.11, 0.13], z * (2.0 - z))
     } else {
-        mix([0.80, 0.78, 0.76], [0.10, 0.09, 0.08], smoothstep(0.0, 0.2, -z))
+        mix([0.34, 0.33, 0.32], [0.06, 0.055, 0.05], smoothstep(0.0, 0.2, -z))
     };
     SOFT_BOXES.iter().fold(wall, |sum, light| add(sum, scale(light.radiance, coverage(light, direction))))
 }
@@ -267,7 +269,7 @@ Integrator "path" "integer maxdepth" [ 5 ]
 
 # z is up and the world right-handed; pbrt's camera is left-handed, hence the mirror.
 Scale -1 1 1
-LookAt 1.9 -8.6 4.6  0.25 0 1.2  0 0 1
+LookAt 2.2 -9 4.6  0.3 0 1.25  0 0 1
 Camera "perspective" "float fov" [ 26 ]
 
 WorldBegin

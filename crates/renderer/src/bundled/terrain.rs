@@ -17,17 +17,22 @@ const SPREAD: f64 = 0.5;
 const DEPTH_KEPT: f64 = -0.04;
 const SEED: u64 = 2016;
 
-/// Height of the ground at a place.
-fn height([x, y]: [f64; 2]) -> f64 {
+/// Octaves of the ground (the last is about as long as a far cell is wide; more would be noise), and of the smoothed ground that decides what grows where.
+const OCTAVES: u32 = 7;
+const COARSE_OCTAVES: u32 = 4;
+
+/// Height of the ground at a place, made of so many octaves.
+fn height([x, y]: [f64; 2], octaves: u32) -> f64 {
     let river = 1.6 * gradient_noise([0.17 * y, 0.5], SEED + 100) + 0.25 * gradient_noise([0.6 * y, 3.5], SEED + 101);
     let off = (x - river).abs();
     // The valley widens the mountains' feet; far away the mountains close it.
     let rise = smoothstep(0.9, 5.0, off).max(smoothstep(13.0, 18.5, y));
     let far = 0.55 + 0.45 * smoothstep(0.0, 14.0, y);
     let banks = -0.1 + 0.14 * smoothstep(0.35, 0.8, off) + 0.05 * smoothstep(0.7, 2.0, off);
-    let plain = 0.05 * fbm([1.3 * x, 1.3 * y], SEED + 200, 8) * (0.4 + smoothstep(0.6, 2.0, off));
-    let mountains = ridged([0.21 * x, 0.21 * y], SEED, 10);
-    banks + plain + rise * far * (2.3 * mountains + 0.5 * rise)
+    let plain = 0.05 * fbm([1.3 * x, 1.3 * y], SEED + 200, octaves) * (0.4 + smoothstep(0.6, 2.0, off));
+    let mountains = ridged([0.21 * x, 0.21 * y], SEED, octaves);
+    let scree = 0.28 * fbm([0.9 * x, 0.9 * y], SEED + 400, octaves);
+    banks + plain + rise * far * (2.3 * mountains + 0.5 * rise + scree)
 }
 
 /// The place of a grid point; rows lie closer together near the camera.
@@ -38,21 +43,22 @@ fn place(column: f64, row: f64) -> [f64; 2] {
     [x, y]
 }
 
-/// The whole ground, normals from central differences over a cell.
+/// How far the smoothed ground's normal points up at a place: 1 where it is flat.
+fn flatness([x, y]: [f64; 2]) -> f64 {
+    const STEP: f64 = 0.08;
+    let slope_x = height([x + STEP, y], COARSE_OCTAVES) - height([x - STEP, y], COARSE_OCTAVES);
+    let slope_y = height([x, y + STEP], COARSE_OCTAVES) - height([x, y - STEP], COARSE_OCTAVES);
+    normalize([-slope_x, -slope_y, 2.0 * STEP])[2]
+}
+
+/// The ground but for what lies under water.
 pub(super) fn ground() -> Mesh {
-    let point = |column: f64, row: f64| {
-        let [x, y] = place(column, row);
-        [x, y, height([x, y])]
-    };
     let mut mesh = Mesh::default();
     for row in 0..=CELLS {
         for column in 0..=CELLS {
             let (column, row) = (column as f64, row as f64);
-            let here = point(column, row);
-            let step = 0.5 * (place(column, row + 1.0)[1] - here[1]);
-            let slope_x = height([here[0] + step, here[1]]) - height([here[0] - step, here[1]]);
-            let slope_y = height([here[0], here[1] + step]) - height([here[0], here[1] - step]);
-            mesh.add(here, normalize([-slope_x, -slope_y, 2.0 * step]));
+            let [x, y] = place(column, row);
+            mesh.add([x, y, height([x, y], OCTAVES)], [0.0; 3]);
         }
     }
     let corner = |column: usize, row: usize| (row * (CELLS + 1) + column) as u32;
@@ -62,6 +68,7 @@ pub(super) fn ground() -> Mesh {
             mesh.add_quad(quad);
         }
     }
+    mesh.smooth_normals();
     mesh.part(|triangle| mesh.corners(triangle).iter().any(|point| point[2] > DEPTH_KEPT))
 }
 
@@ -79,11 +86,12 @@ const MATERIALS: [(Cover, &str, &str); 3] = [
     (Cover::Snow, "snow", "0.78 0.80 0.84"),
 ];
 
-/// Steep ground is rock, high ground snow, the rest grass; the borders wander with noise.
+/// Steep ground is rock, high ground snow, the rest grass; the borders wander with noise. Steepness is the
+/// smoothed ground's, or single triangles would stand out.
 fn cover(mesh: &Mesh, triangle: [u32; 3]) -> Cover {
     let [a, b, c] = mesh.corners(triangle);
     let [x, y, z]: [f64; 3] = std::array::from_fn(|axis| (a[axis] + b[axis] + c[axis]) / 3.0);
-    let up = mesh.face_normal(triangle)[2];
+    let up = flatness([x, y]);
     let wander = fbm([0.9 * x, 0.9 * y], SEED + 300, 5);
     if z > 2.0 + 0.5 * wander && up > 0.62 + 0.1 * wander {
         Cover::Snow
@@ -135,12 +143,12 @@ MakeNamedMaterial "black" "string type" "diffuse" "rgb reflectance" [ 0 0 0 ]
 # The sun: a disk faces its own +z; turned over, then tilted away from straight down.
 AttributeBegin
   Translate 0 8 0
-  Rotate -70 0 0 1
-  Rotate -62 1 0 0
+  Rotate -97 0 0 1
+  Rotate -55 1 0 0
   Translate 0 0 60
   Rotate 180 1 0 0
   NamedMaterial "black"
-  AreaLightSource "diffuse" "rgb L" [ 900 790 620 ]
+  AreaLightSource "diffuse" "rgb L" [ 1500 1330 1080 ]
   Shape "disk" "float radius" [ 1.9 ]
 AttributeEnd
 
@@ -149,7 +157,9 @@ MakeNamedMaterial "water" "string type" "coateddiffuse"
   "float roughness" [ 0.06 ] "bool remaproughness" false
 "#;
     for (_, name, reflectance) in MATERIALS {
-        text += &format!("MakeNamedMaterial \"{name}\" \"string type\" \"diffuse\" \"rgb reflectance\" [ {reflectance} ]\n");
+        text += &format!(
+            "MakeNamedMaterial \"{name}\" \"string type\" \"diffuse\" \"rgb reflectance\" [ {reflectance} ]\n"
+        );
     }
     for (_, name, _) in MATERIALS {
         text += &format!("\nNamedMaterial \"{name}\"\nShape \"plymesh\" \"string filename\" \"{name}.ply\"\n");
@@ -164,4 +174,11 @@ MakeNamedMaterial "water" "string type" "coateddiffuse"
     // All columns are alike; eight make a picture that no reader finds odd.
     files.push(("sky.pfm".to_owned(), lat_long_pfm(8, 256, sky)));
     (text, files)
+}
+
+#[cfg(test)]
+pub(super) fn is_rim([x, y]: [f64; 2]) -> bool {
+    let [right, _] = place(CELLS as f64, 0.0);
+    let near = (y - NEAR).abs() < 1e-9 && x.abs() <= right + 1e-9;
+    near || (y - FAR).abs() < 1e-9 || (x.abs() - (HALF + SPREAD * (y - NEAR))).abs() < 1e-9
 }
