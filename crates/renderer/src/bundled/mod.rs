@@ -25,6 +25,8 @@
 //! let bundle = bundled::files(bundled::DEFAULT).expect("the default scene is bundled");
 //! let text = bundle.file(&bundle.main).expect("its main file is in the bundle");
 //! assert!(text.starts_with(b"# "));
+//! let scene = bundle.read().expect("it can be read");
+//! assert_eq!(scene.name, "teapot");
 //! ```
 
 mod cornell;
@@ -38,6 +40,12 @@ mod teapot;
 mod terrain;
 #[cfg(test)]
 mod tests;
+
+use crate::files::Files;
+use crate::pbrt::{ReadError, ReadOptions, read_scene_from};
+use crate::scene::Scene;
+use std::io;
+use std::path::Path;
 
 /// The scene to render when nobody names one.
 pub const DEFAULT: &str = "teapot";
@@ -59,9 +67,27 @@ impl Bundle {
     pub fn file(&self, name: &str) -> Option<&[u8]> {
         self.files.iter().find(|(file, _)| file == name).map(|(_, bytes)| bytes.as_slice())
     }
+
+    /// Reads the scene, from memory, and gives it the bundle's name.
+    ///
+    /// # Errors
+    /// None for a bundle as [`files`] made it.
+    pub fn read(&self) -> Result<Scene, ReadError> {
+        let mut scene = read_scene_from(self, &self.main, &ReadOptions::default())?;
+        self.name.clone_into(&mut scene.name);
+        Ok(scene)
+    }
 }
 
-type Files = Vec<(String, Vec<u8>)>;
+impl Files for Bundle {
+    fn read(&self, path: &Path) -> io::Result<Vec<u8>> {
+        let found = path.to_str().and_then(|name| self.file(name));
+        found.map(<[u8]>::to_vec).ok_or_else(|| io::Error::new(io::ErrorKind::NotFound, "not in the bundle"))
+    }
+}
+
+/// The files of a scene beside its text.
+type Assets = Vec<(String, Vec<u8>)>;
 
 const NAMES: [&str; 5] = ["teapot", "terrain", "cornell", "furnace", "plates"];
 
@@ -73,12 +99,12 @@ pub fn names() -> &'static [&'static str] {
 /// Makes the bundled scene called `name`; `None` if there is none. Equal bytes on each call and machine.
 pub fn files(name: &str) -> Option<Bundle> {
     let name = NAMES.into_iter().find(|known| *known == name)?;
-    let (text, mut files): (String, Files) = match name {
+    let (text, mut files): (String, Assets) = match name {
         "teapot" => teapot::scene(),
         "terrain" => terrain::scene(),
-        "cornell" => (cornell::scene(), Files::new()),
-        "furnace" => (furnace::scene(), Files::new()),
-        _ => (plates::scene(), Files::new()),
+        "cornell" => (cornell::scene(), Assets::new()),
+        "furnace" => (furnace::scene(), Assets::new()),
+        _ => (plates::scene(), Assets::new()),
     };
     let main = "scene.pbrt".to_owned();
     files.insert(0, (main.clone(), text.into_bytes()));

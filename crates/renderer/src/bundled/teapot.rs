@@ -5,7 +5,7 @@ use super::directions::length;
 use super::directions::{add, cross, dot, mix, normalize, scale, smoothstep, sub};
 use super::mesh::Mesh;
 use super::pictures::{lat_long_pfm, tga};
-use super::{Files, opening};
+use super::{Assets, opening};
 
 /// Quadrilaterals along each side of a patch: 32 patches of 2 x 12 x 12 make about 9000 triangles.
 const STEPS: usize = 12;
@@ -182,7 +182,7 @@ fn add_part(mesh: &mut Mesh, part: &Part) {
 
 /// The teapot, standing on z = 0, spout towards +x, normals outwards.
 ///
-/// Open borders, as in Newell's data: the lid's edge and the rim's inner edge (a gap of about 0.07 between them),
+/// Open borders, as in Newell's data: the lid's edge and the rim's inner edge (a gap of 0.08 between them),
 /// both ends of the handle and the foot of the spout (all inside the body), and the spout's mouth.
 pub(super) fn mesh() -> Mesh {
     let mut mesh = Mesh::default();
@@ -253,7 +253,7 @@ fn floor_tile(column: u16, row: u16) -> [u8; 3] {
 }
 
 /// The scene file's text and its other files.
-pub(super) fn scene() -> (String, Files) {
+pub(super) fn scene() -> (String, Assets) {
     let mut text = opening(
         "Teapot: Newell's teapot in gold on a glossy tiled floor, in a studio; in the spirit of pbrt's `metal` scene.\n\
          teapot.ply: Newell's 32 Bezier patches (control points as published; the bottom is the later addition),\n\

@@ -4,7 +4,7 @@ use super::directions::{mix, normalize, smoothstep};
 use super::mesh::Mesh;
 use super::noise::{fbm, gradient_noise, ridged};
 use super::pictures::lat_long_pfm;
-use super::{Files, opening};
+use super::{Assets, opening};
 
 /// Cells along each side of the grid; what lies under water is left out, and about 2^17 triangles remain.
 const CELLS: usize = 267;
@@ -115,10 +115,10 @@ fn sky(direction: [f64; 3]) -> [f64; 3] {
 }
 
 /// The scene file's text and its other files.
-pub(super) fn scene() -> (String, Files) {
+pub(super) fn scene() -> (String, Assets) {
     let mut text = opening(
         "Terrain: fractal mountains about a river plain, a hazy sun and a sky.\n\
-         grass.ply, rock.ply, snow.ply: one ground cut by height and slope, 2^17 triangles in all: ridged multifractal\n\
+         grass.ply, rock.ply, snow.ply: one ground cut by height and slope, about 2^17 triangles in all: ridged multifractal\n\
          and fractional Brownian sums of seeded gradient noise, on a grid that is finer near the camera.\n\
          sky.pfm: latitude-longitude, z up, a gradient from horizon to zenith.\n\
          The sun is a disk 60 away and 1.8 degrees in radius (the real one: 0.27), for soft shadows.",
@@ -170,7 +170,7 @@ MakeNamedMaterial "water" "string type" "coateddiffuse"
          \"point3 P\" [ -{HALF} {NEAR} 0  {HALF} {NEAR} 0  {half} {FAR} 0  -{half} {FAR} 0 ]\n  \
          \"integer indices\" [ 0 1 2  0 2 3 ]\n"
     );
-    let mut files: Files = covers().into_iter().map(|(name, mesh)| (format!("{name}.ply"), mesh.ply())).collect();
+    let mut files: Assets = covers().into_iter().map(|(name, mesh)| (format!("{name}.ply"), mesh.ply())).collect();
     // All columns are alike; eight make a picture that no reader finds odd.
     files.push(("sky.pfm".to_owned(), lat_long_pfm(8, 256, sky)));
     (text, files)

@@ -337,3 +337,41 @@ fn sines_are_exact_enough_and_directions_follow_the_environments_convention() {
     let [x, y, z] = lat_long_direction(0, 0, 256, 128);
     assert!(z > 0.99 && x > 0.0 && y > 0.0 && y < 0.05 * x);
 }
+
+#[test]
+fn every_bundle_reads_and_says_what_its_text_says() {
+    for (name, shapes, lights, emitters) in
+        [("teapot", 2, 1, 0), ("terrain", 5, 1, 1), ("cornell", 8, 0, 1), ("furnace", 1, 0, 1), ("plates", 9, 1, 4)]
+    {
+        let scene = files(name).unwrap().read().unwrap();
+        assert_eq!(scene.name, name);
+        assert_eq!((scene.shapes.len(), scene.lights.len()), (shapes, lights), "{name}");
+        assert_eq!(scene.shapes.iter().filter(|shape| shape.emission.is_some()).count(), emitters, "{name}");
+        // A left-handed camera on right-handed data mirrors; the furnace has no handedness to keep.
+        assert_eq!(scene.camera.to_world.matrix3.determinant() < 0.0, name != "furnace", "{name}");
+        assert!(
+            scene.notices.iter().all(|notice| notice.message.starts_with("Sampler")),
+            "{name}: {:?}",
+            scene.notices
+        );
+    }
+}
+
+#[test]
+fn a_bundle_without_one_of_its_files_does_not_read() {
+    let mut bundle = files("teapot").unwrap();
+    bundle.files.retain(|(file, _)| file != "studio.pfm");
+    assert!(bundle.read().is_err());
+}
+
+#[test]
+fn terrains_sun_shines_on_the_ground_and_the_furnace_inwards() {
+    let scene = files("terrain").unwrap().read().unwrap();
+    let sun = scene.shapes.iter().find(|shape| shape.emission.is_some()).unwrap();
+    let (centre, facing) = (sun.to_world.translation, sun.to_world.matrix3.z_axis.normalize());
+    let towards = (glam::dvec3(0.0, 8.0, 0.0) - centre).normalize();
+    assert!(facing.dot(towards) > 0.999_999, "the sun faces {facing}, the ground lies towards {towards}");
+    assert!((centre.distance(glam::dvec3(0.0, 8.0, 0.0)) - 60.0).abs() < 1e-9 && centre.z > 20.0);
+    let scene = files("furnace").unwrap().read().unwrap();
+    assert!(scene.shapes[0].reversed && !scene.shapes[0].emission.unwrap().two_sided);
+}
