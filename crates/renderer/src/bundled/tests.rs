@@ -6,6 +6,7 @@ use std::fs;
 use std::path::Path;
 
 #[test]
+#[allow(clippy::print_stderr)] // A skipped test has to say so.
 fn committed_files_are_what_the_generator_makes() {
     let root = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../.."));
     if !root.join("Cargo.lock").exists() {
