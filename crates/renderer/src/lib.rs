@@ -8,6 +8,7 @@
 pub mod blocks;
 pub mod camera;
 mod effects;
+pub mod bundled;
 pub mod files;
 pub mod image;
 mod integrator;
