@@ -11,6 +11,9 @@ mod surface;
 mod traverse;
 mod triangle;
 
+#[cfg(test)]
+mod tests;
+
 pub use build::Preset;
 pub use error::Error;
 pub use geometry::Geometry;

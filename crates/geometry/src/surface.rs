@@ -58,16 +58,26 @@ pub fn spawn_ray(from: &SurfacePoint, direction: Vec3) -> Ray {
 pub fn spawn_ray_to(from: &SurfacePoint, to: &SurfacePoint) -> Ray {
     let error = to.error + aim_error(to.position, from.position);
     let target = offset_origin(to.position, error, to.normal, from.position - to.position);
-    let origin = offset_origin(from.position, from.error, from.normal, target - from.position);
-    Ray { origin, direction: target - origin, tmin: 0.0, tmax: 1.0 }
+    aim(from, target, 1.0)
 }
 
 /// A ray from a surface to a point in space: `t` runs from 0 to just below 1.
 #[inline]
 #[must_use]
 pub fn spawn_ray_to_point(from: &SurfacePoint, target: Vec3) -> Ray {
-    let origin = offset_origin(from.position, from.error, from.normal, target - from.position);
-    Ray { origin, direction: target - origin, tmin: 0.0, tmax: 1.0_f32.next_down() }
+    aim(from, target, 1.0_f32.next_down())
+}
+
+/// A ray from a surface to a point. If the point lies nearer to the surface's plane than the offset, the ray runs
+/// along the plane instead of back into it.
+#[inline]
+fn aim(from: &SurfacePoint, target: Vec3, tmax: f32) -> Ray {
+    let wanted = target - from.position;
+    let origin = offset_origin(from.position, from.error, from.normal, wanted);
+    let direction = target - origin;
+    let back = from.normal.dot(direction);
+    let turned = (back < 0.0) != (from.normal.dot(wanted) < 0.0);
+    Ray { origin, direction: if turned { direction - from.normal * back } else { direction }, tmin: 0.0, tmax }
 }
 
 /// How far the end of a ray can lie from where it was aimed: `target - origin` is rounded once per axis.

@@ -4,8 +4,8 @@ use crate::scene::{MeshData, MeshFault};
 use glam::{DVec3, dvec3};
 use ply_rs_bw::parser::{ParseError, Parser, Reader};
 use ply_rs_bw::ply::{
-    BeginList, DefaultElement, ElementDef, Encoding, Property, PropertyAccess, PropertyAccessResult, PropertyType,
-    ScalarType,
+    BeginList, DefaultElement, ElementDef, Encoding, Header, Property, PropertyAccess, PropertyAccessResult,
+    PropertyType, ScalarType,
 };
 use std::io::BufRead;
 
@@ -26,7 +26,9 @@ pub enum PlyError {
     #[error("the PLY header cannot be read ({0}): export the mesh anew")]
     Header(String),
     /// The file cannot hold what its header promises.
-    #[error("the header promises {count} elements {element}, and only {bytes} bytes follow: the file is cut off or damaged")]
+    #[error(
+        "the header promises {count} elements {element}, and only {bytes} bytes follow: the file is cut off or damaged"
+    )]
     TooShort {
         /// The element's name.
         element: String,
@@ -75,7 +77,9 @@ pub fn read_ply(bytes: &[u8]) -> Result<PlyMesh, PlyError> {
     let mut reader = Reader::new(bytes);
     let header =
         Parser::<DefaultElement>::new().read_header(&mut reader).map_err(|e| PlyError::Header(one_line(&e)))?;
-    let mut payload = Payload { left: reader.into_inner(), encoding: header.encoding, line: String::new() };
+    let left = reader.into_inner();
+    check_unique(&bytes[..bytes.len() - left.len()], &header)?;
+    let mut payload = Payload { left, encoding: header.encoding, line: String::new() };
     let mut data = MeshData::default();
     let (mut has_positions, mut faces) = (false, None);
     for def in header.elements.values() {
@@ -101,6 +105,16 @@ pub fn read_ply(bytes: &[u8]) -> Result<PlyMesh, PlyError> {
     let cut_line = header.encoding == Encoding::Ascii && !bytes.ends_with(b"\n");
     let doubt = cut_line.then_some("the last line has no line break: if the file was cut off, a number may be wrong");
     Ok(PlyMesh { data, doubt })
+}
+
+/// Refuses names that are declared twice: the parser keeps one of them, and what follows would be read askew.
+fn check_unique(text: &[u8], header: &Header) -> Result<(), PlyError> {
+    let lines = |word: &[u8]| text.split(|&b| b == b'\n').filter(|line| line.starts_with(word)).count();
+    let properties: usize = header.elements.values().map(|def| def.properties.len()).sum();
+    if lines(b"element") == header.elements.len() && lines(b"property") == properties {
+        return Ok(());
+    }
+    Err(PlyError::Header("an element or property is declared twice".into()))
 }
 
 fn one_line(e: &ParseError) -> String {

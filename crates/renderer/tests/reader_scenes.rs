@@ -2,6 +2,7 @@
 #![allow(clippy::print_stderr)]
 
 use dapple_renderer::pbrt::{ReadOptions, read_scene};
+use dapple_renderer::ply::read_ply;
 use dapple_renderer::scene::{EnvironmentRadiance, Geometry, LightKind, Scene};
 use std::path::PathBuf;
 
@@ -78,4 +79,22 @@ fn other_scenes_name_what_is_missing() {
             assert!(problem.message.contains("not supported"), "{problem}");
         }
     }
+}
+
+#[test]
+fn loose_meshes() {
+    for (name, triangles) in [
+        ("pyvista/nut.ply", 1046),
+        ("pyvista/airplane.ply", 2452),
+        ("trimesh/cycloidal.ply", 43368),
+        ("trimesh/mirror.ply", 286),
+        // One quad.
+        ("trimesh/plane.ply", 2),
+    ] {
+        let Some(path) = shared(&format!("meshes/{name}")) else { return };
+        let mesh = read_ply(&std::fs::read(path).unwrap()).unwrap_or_else(|e| panic!("{name}: {e}"));
+        assert_eq!(mesh.data.triangles.len(), triangles, "{name}");
+    }
+    let Some(path) = shared("meshes/trimesh/empty.ply") else { return };
+    assert!(read_ply(&std::fs::read(path).unwrap()).is_err());
 }

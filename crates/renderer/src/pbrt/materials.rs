@@ -126,17 +126,16 @@ impl Params {
         if self.peek(name).is_none_or(|p| p.ty != Type::Texture) {
             return Color::Constant(self.rgb(name, Gamut::Reflectance).unwrap_or(default));
         }
-        let found = self.texture_name(name).and_then(|(texture, line)| {
-            textures.spectrum(&texture).map_err(|message| self.problem(line, message)).ok()
-        });
-        match found {
-            Some(Color::Constant(c)) if c.iter().any(|&c| c > 1.0) => {
-                self.problem(0, format!("the texture of {name} of {} is above 1", self.of().to_owned()));
-                Color::Constant(default)
+        let Some((texture, line)) = self.texture_name(name) else { return Color::Constant(default) };
+        match textures.spectrum(&texture) {
+            Ok(Color::Constant(c)) if c.iter().any(|&c| c > 1.0) => {
+                let what = format!("texture {} is above 1: {name} of {} must not be", shown(&texture), self.of());
+                self.problem(line, what);
             }
-            Some(color) => color,
-            None => Color::Constant(default),
+            Ok(color) => return color,
+            Err(message) => self.problem(line, message),
         }
+        Color::Constant(default)
     }
 
     /// A number: constant, or a texture that is constant.
@@ -173,7 +172,10 @@ impl Params {
         match &param.values {
             Values::Texts(names) if names.len() == 1 => Some((names[0].clone(), param.line)),
             _ => {
-                self.problem(param.line, format!("parameter {name} of {} takes one texture's name", self.of().to_owned()));
+                self.problem(
+                    param.line,
+                    format!("parameter {name} of {} takes one texture's name", self.of().to_owned()),
+                );
                 None
             }
         }

@@ -5,8 +5,8 @@
 //! otherwise than written (advice on samplers, unknown parameters, what [`ReadOptions::allow_unsupported`]
 //! leaves out) is listed in [`Scene::notices`].
 //!
-//! A file is text: directives with their arguments. [`tokens`] cuts it up, [`directive`] reads one
-//! directive at a time, [`reader`] carries them out one by one on a graphics state; the other modules hold
+//! A file is text: directives with their arguments. `tokens` cuts it up, `directive` reads one
+//! directive at a time, `reader` carries them out one by one on a graphics state; the other modules hold
 //! what each kind of directive means. A new directive is a line in `directive::FORMS` and an arm in
 //! `Reader::execute`; a new shape, material, texture or light an arm in its module.
 //!

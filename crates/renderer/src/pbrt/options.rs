@@ -110,8 +110,10 @@ impl Reader<'_> {
             }
         };
         let positive = |v: f64| v > 0.0;
-        let radius =
-            [params.float("xradius", default, positive, "above 0"), params.float("yradius", default, positive, "above 0")];
+        let radius = [
+            params.float("xradius", default, positive, "above 0"),
+            params.float("yradius", default, positive, "above 0"),
+        ];
         let filter = match kind {
             "box" => PixelFilter::Box { radius },
             "triangle" => PixelFilter::Triangle { radius },

@@ -92,8 +92,10 @@ pub(super) fn read_param(tokens: &mut Tokens<'_>, file: &Arc<PathBuf>, log: &mut
     let declaration = declaration?;
     let words: Vec<&str> = declaration.text.split_ascii_whitespace().take(3).collect();
     let [type_name, name] = words[..] else {
-        let what =
-            format!("{} declares no parameter: write a type and a name, as in \"float radius\"", shown(declaration.text));
+        let what = format!(
+            "{} declares no parameter: write a type and a name, as in \"float radius\"",
+            shown(declaration.text)
+        );
         return Err((declaration.line, what));
     };
     let mut report = |(line, message): Fault| log.problem(&Source { file: file.clone(), line }, message);
@@ -133,15 +135,27 @@ pub(super) fn read_param(tokens: &mut Tokens<'_>, file: &Arc<PathBuf>, log: &mut
             break;
         }
     }
-    let values = if faults > 0 || ty.is_none() { Values::Broken } else { values.unwrap_or(Values::Numbers(Vec::new())) };
+    let values =
+        if faults > 0 || ty.is_none() { Values::Broken } else { values.unwrap_or(Values::Numbers(Vec::new())) };
     let name = name.to_owned();
     Ok(Param { ty: ty.unwrap_or(Type::Float), name, values, line: declaration.line, taken: false, inherited: false })
 }
 
 fn unknown_type(name: &str) -> String {
     const NAMES: [&str; 13] = [
-        "float", "integer", "bool", "string", "point2", "vector2", "point3", "vector3", "normal", "rgb", "spectrum",
-        "blackbody", "texture",
+        "float",
+        "integer",
+        "bool",
+        "string",
+        "point2",
+        "vector2",
+        "point3",
+        "vector3",
+        "normal",
+        "rgb",
+        "spectrum",
+        "blackbody",
+        "texture",
     ];
     let near = suggestion(name, NAMES).map_or(String::new(), |k| format!(": did you mean {k}?"));
     format!("unknown parameter type {}{near}", shown(name))
@@ -316,13 +330,7 @@ impl Params {
     }
 
     /// A number that `ok` accepts; `range` says in words which those are.
-    pub(super) fn float(
-        &mut self,
-        name: &'static str,
-        default: f64,
-        ok: impl Fn(f64) -> bool,
-        range: &str,
-    ) -> f64 {
+    pub(super) fn float(&mut self, name: &'static str, default: f64, ok: impl Fn(f64) -> bool, range: &str) -> f64 {
         let Some((value, line)) = self.number(name, Type::Float) else { return default };
         if ok(value) {
             return value;

@@ -2,7 +2,7 @@
 
 use super::ReadOptions;
 use super::directive::{Directive, Directives};
-use super::params::{Param, Params, Type};
+use super::params::{Param, Params, Values};
 use super::report::{Log, ReadError, suggestion};
 use super::state::{MaterialRef, State, is_invertible, look_at, matrix, rotation};
 use super::textures::Textures;
@@ -327,7 +327,8 @@ impl<'a> Reader<'a> {
                 list.retain(|old: &Param| d.params.iter().all(|new| new.name != old.name));
                 list.extend(d.params);
                 if list.len() > MOST_ATTRIBUTES {
-                    let what = format!("more than {MOST_ATTRIBUTES} attributes of one kind: give them where they belong");
+                    let what =
+                        format!("more than {MOST_ATTRIBUTES} attributes of one kind: give them where they belong");
                     self.log.problem(&d.source, what);
                     self.stopped = true;
                 }
@@ -359,12 +360,12 @@ impl<'a> Reader<'a> {
 
     fn read_option(&mut self, d: Directive<'_>) {
         for param in &d.params {
-            let what = if param.name == "forcediffuse" && param.ty == Type::Bool {
-                "Option forcediffuse is not followed: materials stay as they are".to_owned()
+            // The one option that changes what materials do.
+            if param.name == "forcediffuse" && param.values != Values::Bools(vec![false]) {
+                self.log.unsupported(&d.source, "Option forcediffuse");
             } else {
-                format!("Option {} is not followed", shown(&param.name))
-            };
-            self.log.notice(&d.source, what);
+                self.log.notice(&d.source, format!("Option {} is not followed", shown(&param.name)));
+            }
         }
     }
 

@@ -39,7 +39,9 @@ impl Params {
                     Some(rgb) => return Some(rgb),
                     None => self.problem(param.line, format!("a black body of {kelvin} K does not shine visibly")),
                 },
-                _ => self.problem(param.line, format!("parameter {name} of {of} takes one temperature above 0 (kelvin)")),
+                _ => {
+                    self.problem(param.line, format!("parameter {name} of {of} takes one temperature above 0 (kelvin)"))
+                }
             },
             (Type::Spectrum, Values::Texts(names)) if names[..] == ["stdillum-D65"] && gamut == Gamut::Light => {
                 return Some([1.0; 3]);

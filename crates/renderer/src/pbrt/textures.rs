@@ -102,14 +102,14 @@ impl Reader<'_> {
         if params.integer("dimension", 2, 3) == Some(3) {
             params.unsupported(source.line, "a three-dimensional checkerboard");
         }
-        let (scale, shift) = mapping(params, source.line);
+        let (scale, shift) = mapping(params);
         let mut color = |name, default| params.any_color(name, default, &self.textures);
         let colors = [color("tex1", [1.0; 3]), color("tex2", [0.0; 3])];
         self.add_texture(name, TextureKind::Checkerboard { scale, shift, colors }, source)
     }
 
     fn image_map(&mut self, name: &str, params: &mut Params, source: &Source) -> Color {
-        let (scale, shift) = mapping(params, source.line);
+        let (scale, shift) = mapping(params);
         let factor = params.float32("scale", 1.0, |_| true, "finite");
         let invert = params.flag("invert", false);
         if let Some((wrap, line)) = params.text("wrap").filter(|t| t.0 != "repeat") {
@@ -180,7 +180,7 @@ impl Reader<'_> {
 }
 
 /// How u and v are scaled, then shifted.
-fn mapping(params: &mut Params, line: u32) -> ([f32; 2], [f32; 2]) {
+fn mapping(params: &mut Params) -> ([f32; 2], [f32; 2]) {
     if let Some((mapping, line)) = params.text("mapping").filter(|t| t.0 != "uv") {
         params.unsupported(line, format!("mapping {}", shown(&mapping)));
         params.ignore(&["v1", "v2"]);
@@ -188,16 +188,19 @@ fn mapping(params: &mut Params, line: u32) -> ([f32; 2], [f32; 2]) {
     let mut read = |name, default| params.float32(name, default, |_| true, "finite");
     let scale = [read("uscale", 1.0), read("vscale", 1.0)];
     let shift = [read("udelta", 0.0), read("vdelta", 0.0)];
-    let _ = line;
     (scale, shift)
 }
 
 impl Params {
     /// A colour of any size, as textures have them.
     fn any_color(&mut self, name: &'static str, default: [f32; 3], textures: &Textures) -> Color {
-        if self.peek(name).is_some_and(|p| p.ty == Type::Texture) {
-            return self.color(name, default, textures);
+        if self.peek(name).is_none_or(|p| p.ty != Type::Texture) {
+            return Color::Constant(self.rgb(name, Gamut::Unbounded).unwrap_or(default));
         }
-        Color::Constant(self.rgb(name, Gamut::Unbounded).unwrap_or(default))
+        let Some((texture, line)) = self.texture_name(name) else { return Color::Constant(default) };
+        textures.spectrum(&texture).unwrap_or_else(|message| {
+            self.problem(line, message);
+            Color::Constant(default)
+        })
     }
 }

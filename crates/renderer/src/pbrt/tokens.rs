@@ -233,7 +233,8 @@ mod tests {
         // A number of 1000 digits is rounded correctly: it lies just above a tie.
         let long = format!("9007199254740993.{}1", "0".repeat(1000));
         assert_eq!(read(&long).unwrap(), 9_007_199_254_740_994.0);
-        for text in ["nan", "inf", "-inf", "Infinity", "1e400", "-1e400", "0x10", "1,5", "1e", "--1", ".", "1_0", "１"] {
+        for text in ["nan", "inf", "-inf", "Infinity", "1e400", "-1e400", "0x10", "1,5", "1e", "--1", ".", "1_0", "１"]
+        {
             let (line, message) = read(text).unwrap_err();
             assert_eq!(line, 3);
             assert!(message.contains(text), "{message}");

@@ -44,8 +44,8 @@ impl Frame {
         }
         let tangent = across / length;
         // Once more, since the first subtraction may have lost digits.
-        let tangent = (tangent - normal * normal.dot(tangent)).normalize();
-        Self { tangent, bitangent: normal.cross(tangent), normal }
+        let tangent = unit(tangent - normal * normal.dot(tangent));
+        Self { tangent, bitangent: unit(normal.cross(tangent)), normal }
     }
 
     /// The shading frame of a hit: around the interpolated normal `shading` (of any length), or around the
@@ -56,7 +56,7 @@ impl Frame {
         let longest = shading.abs().max_element();
         // 1e-6: interpolated unit normals that cancel to less are rounding error.
         let normal = if longest > 1e-6 && shading.is_finite() {
-            let unit = (shading / longest).normalize();
+            let unit = unit(shading / longest);
             if unit.dot(geometric) < 0.0 { -unit } else { unit }
         } else {
             geometric
@@ -78,4 +78,10 @@ impl Frame {
     pub fn to_world(&self, v: Vec3) -> Vec3 {
         self.tangent * v.x + self.bitangent * v.y + self.normal * v.z
     }
+}
+
+/// `v` over its length, by divisions: a multiplication by the reciprocal costs another bit.
+#[inline]
+fn unit(v: Vec3) -> Vec3 {
+    v / v.length()
 }

@@ -68,7 +68,8 @@ impl ComplexIor {
 fn conductor(cos: f32, eta: f32, k: f32) -> f32 {
     let cos2 = cos * cos;
     let sin2 = 1.0 - cos2;
-    let real = (eta - k) * (eta + k) - sin2;
+    // eta^2 - k^2 - sin^2, without cancellation where eta is near 1.
+    let real = (eta - 1.0) * (eta + 1.0) - k * k + cos2;
     let imaginary = 2.0 * eta * k;
     let modulus = (real * real + imaginary * imaginary).sqrt();
     // Of the two roots of the modulus +- the real part, take the one without cancellation; a b = eta k.
