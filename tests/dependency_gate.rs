@@ -52,7 +52,7 @@ const RULES: &[(&str, &[&str], &[&str])] = &[
     ("dapple-low-discrepancy", &["dapple-core"], &["glam", "obvhs", "image", "exr"]),
     ("dapple-conformance", &["dapple-core"], &["glam", "obvhs", "image", "exr"]),
     ("dapple-metrics", &[], &["glam", "obvhs", "image", "exr", "rayon"]),
-    ("dapple-geometry", &[], &["image", "exr", "rayon"]),
+    ("dapple-geometry", &[], &["image", "exr"]),
     ("dapple-renderer", &["dapple-core", "dapple-geometry", "dapple-low-discrepancy"], &["clap", "indicatif"]),
     (
         "dapple-cli",
