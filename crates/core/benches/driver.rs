@@ -3,7 +3,7 @@
 //! The loop's own price per sample is the time of `render/*` less that of `direct`, over 2^18 samples.
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
-use dapple_core::samplers::{Uniform, Variance};
+use dapple_core::samplers::{Uniform, Variance, VarianceOptions};
 use dapple_core::{
     Block, BudgetLeft, Draws, Estimate, Feedback, Film, Frame, Integrator, Limits, Needs, NoWatch, Observed, Plan,
     PointSet, SampleId, Sampler, allocate, allocate_on_ladder, render, streams,
@@ -101,13 +101,23 @@ fn planning(c: &mut Criterion) {
             pool.install(|| allocate_on_ladder(black_box(&scores), &floors, 192, total, 1.3, false)).expect("counts")
         });
     });
+    // What a threshold cannot part.
+    let ties: Vec<f64> = scores.iter().map(|g| 4f64.powi(g.log10() as i32)).collect();
+    let equal = vec![1.0; pixels];
+    for (name, scores) in [("ties", &ties), ("equal", &equal)] {
+        group.bench_function(BenchmarkId::new("allocate", name), |b| {
+            b.iter(|| pool.install(|| allocate(black_box(scores), &floors, 192, total)).expect("counts"));
+        });
+    }
     let mut film = Film::new(frame, Needs::none().with_variance());
     for i in 0..pixels {
         (0..4).for_each(|k| film.push(i, 0, [hash(i + k * 7919) * (1.0 + (i % 512) as f32); 3]));
     }
     let budget = BudgetLeft { spent: 4 * pixels as u64, total, min_spp: 1, max_spp: u32::MAX };
     group.bench_function("variance", |b| {
-        let mut sampler = Variance::new(Cheap);
+        // The pilot that the film holds: what is timed is the plan after it.
+        let options = VarianceOptions { pilot: 4, ..VarianceOptions::default() };
+        let mut sampler = Variance::with_options(Cheap, options).expect("options");
         b.iter(|| {
             let mut plan = Plan::empty(pixels);
             let seen = Feedback { round: 1, film: &film, budget };

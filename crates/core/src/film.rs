@@ -252,11 +252,7 @@ impl Film {
             banks => return banks[0].means[i],
         };
         let w = self.first_half_weight(i);
-        let mut mean = [0.0; 3];
-        for c in 0..3 {
-            mean[c] = w * a.means[i][c] + (1.0 - w) * b.means[i][c];
-        }
-        mean
+        std::array::from_fn(|c| w * a.means[i][c] + (1.0 - w) * b.means[i][c])
     }
 
     /// The weight of the first half in pixel `i`. A half without samples gets none.
@@ -446,3 +442,6 @@ fn merged(banks: &[Bank], i: usize) -> RgbMoments {
     }
     moments
 }
+
+#[cfg(test)]
+mod tests;

@@ -121,7 +121,7 @@ fn moody_samplers_are_rejected() {
         planned(move |s: &Feedback<'_>, p: &mut Plan| {
             let progress = level(s, p, s.budget.total);
             let k = mix(mood as u64) as usize % p.counts.len();
-            let uneven = s.round == 0 && s.budget.total % p.counts.len() as u64 != 0;
+            let uneven = s.round == 0 && !s.budget.total.is_multiple_of(p.counts.len() as u64);
             p.counts.rotate_left(if uneven { k } else { 0 });
             progress
         })
@@ -130,7 +130,7 @@ fn moody_samplers_are_rejected() {
     let by_threads = || {
         planned(|s: &Feedback<'_>, p: &mut Plan| {
             let progress = level(s, p, s.budget.total);
-            let uneven = s.round == 0 && s.budget.total % p.counts.len() as u64 != 0;
+            let uneven = s.round == 0 && !s.budget.total.is_multiple_of(p.counts.len() as u64);
             p.counts.rotate_left(if uneven { rayon::current_num_threads() } else { 0 });
             progress
         })

@@ -9,6 +9,7 @@ use dapple_core::{
     Block, Budget, Control, Draws, Error, Estimate, Fate, Feedback, Film, Frame, Integrator, Limits, Needs,
     Observations, Observed, Plan, Progress, Schedule, Status, render, streams,
 };
+use std::io::Write as _;
 use std::sync::Mutex;
 use std::time::Instant;
 
@@ -70,7 +71,8 @@ fn hash(bits: &[u64]) -> u64 {
 #[test]
 fn d03_child() {
     if std::env::var_os("DAPPLE_D03_CHILD").is_some() {
-        println!("hash={:016x}=", hash(&picture(&Limits::samples(12 * 23 * 37 + 11))));
+        let hash = hash(&picture(&Limits::samples(12 * 23 * 37 + 11)));
+        writeln!(std::io::stdout(), "hash={hash:016x}=").unwrap();
     }
 }
 

@@ -269,31 +269,3 @@ fn threads_change_no_count() {
     let one = run(1);
     assert!([2, 3, 7].into_iter().all(|threads| run(threads) == one));
 }
-
-/// Times a million pixels on one thread. Run by hand: cargo test -p dapple-core --release -- --ignored speed --nocapture
-#[test]
-#[ignore = "a measurement"]
-fn speed_of_a_million_pixels() {
-    let mut rng = Pcg64::seed_from_u64(9);
-    let n = 1 << 20;
-    let wide: Vec<f64> = (0..n).map(|_| 10f64.powf(rng.random_range(-3.0..3.0))).collect();
-    let few: Vec<f64> = (0..n).map(|_| f64::from(1u32 << rng.random_range(0..4))).collect();
-    let one = vec![1.0; n];
-    let floors = vec![4; n];
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
-    for (name, scores) in [("wide", &wide), ("few", &few), ("one", &one)] {
-        for total in [16 * n as u64 + 12345, 64 * n as u64 + n as u64 / 2] {
-            let best = |work: &(dyn Fn() + Sync)| {
-                let time = || {
-                    let start = std::time::Instant::now();
-                    pool.install(work);
-                    start.elapsed().as_secs_f64()
-                };
-                (0..3).map(|_| time()).fold(f64::INFINITY, f64::min)
-            };
-            let plain = best(&|| drop(allocate(scores, &floors, 200, total)));
-            let ladder = best(&|| drop(allocate_on_ladder(scores, &floors, 200, total, 1.3, false)));
-            eprintln!("{name} {total}: {plain:.3} s plain, {ladder:.3} s on the ladder");
-        }
-    }
-}

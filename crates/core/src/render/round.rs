@@ -381,7 +381,6 @@ fn record_first_hit(band: &mut Band<'_>, local: usize, k: usize, hit: Option<&Fi
 }
 
 /// Adds up what tasks hand back, in the order of the bands.
-#[expect(clippy::type_complexity, reason = "a pair of a place and what was said there")]
 fn settle(
     film: &mut Film,
     tallies: Vec<Tally>,
