@@ -87,8 +87,8 @@ impl<P: PointSet> Variance<P> {
     ///
     /// # Errors
     ///
-    /// [`Error::OutOfRange`] for a pilot too small to have a variance, an exponent outside (0, 3], an epsilon that is not
-    /// above zero, a cap below 1 or a radius above 64.
+    /// [`Error::OutOfRange`] for a pilot too small to have a variance, an exponent outside (0, 3], an
+    /// epsilon that is not above zero, a cap below 1 or a radius above 64.
     pub fn with_options(points: P, options: VarianceOptions) -> Result<Self, Error> {
         let out = |name, value: String, allowed| Err(Error::OutOfRange { name, value, allowed });
         let o = options;
