@@ -1,1 +1,1 @@
-//! See the crate's README.
+//! What every Dapple point set, sampler and filter must pass, called with one line each.

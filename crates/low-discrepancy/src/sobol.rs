@@ -1,0 +1,192 @@
+//! Owen-scrambled Sobol' pairs, padded: the default point set.
+
+use crate::keys::{Seed, halves, nth_key, unit};
+use dapple_core::{PointSet, SampleId};
+
+/// Owen-scrambled (0,2)-sequences, padded: after [Burley 2020] with the hash of [Vegdahl 2021].
+///
+/// Each 2-D pair is the first two dimensions of Sobol's sequence with its index shuffled and both its
+/// coordinates scrambled by nested uniform (Owen) scrambles of its own, so that:
+///
+/// * any `2^k` samples that start at a multiple of `2^k` put exactly one point of each pair into every
+///   one of the `2^k` elementary intervals, whatever their shape: each pair is a (0,k,2)-net;
+/// * every prefix is good, not only powers of two;
+/// * pairs, blocks, streams, pixels and seeds are independent of each other.
+///
+/// Weakness: what one pair has to do with another is random, so an integrand that needs three or four
+/// coordinates together gains only as far as pairs explain it. (Measured in `tests/four_dimensions.rs`.)
+///
+/// Name: `sobol`. Parameters: `seed`.
+#[derive(Clone, Copy, Debug)]
+pub struct Sobol {
+    seed: Seed,
+}
+
+impl Sobol {
+    /// The sequence with this seed; neighbouring seeds are as independent as distant ones.
+    pub const fn new(seed: u64) -> Self {
+        Self { seed: Seed::new(seed) }
+    }
+}
+
+impl PointSet for Sobol {
+    fn describe(&self) -> String {
+        format!("sobol:seed={}", self.seed.given())
+    }
+
+    #[inline]
+    fn block(&self, id: SampleId, block: u32) -> [f32; 4] {
+        let key = self.seed.key(&id, block, id.index >> 32);
+        let [shuffle0, shuffle1] = halves(key);
+        let [scramble_x0, scramble_y0] = halves(nth_key(key, 0));
+        let [scramble_x1, scramble_y1] = halves(nth_key(key, 1));
+
+        // Two 32-bit values travel in one u64, so that one reversal serves both; it also swaps them.
+        let reversed = (id.index as u32).reverse_bits();
+        let shuffled0 = owen_reversed(reversed, shuffle0);
+        let shuffled1 = owen_reversed(reversed, shuffle1);
+        let index = pack(shuffled1, shuffled0).reverse_bits();
+
+        // The bits of a Sobol' coordinate, reversed: of the first it is the index itself.
+        let [x0, x1] = halves(index);
+        let [y0, y1] = halves(sobol1_reversed(index));
+        let pair0 = pack(owen_reversed(y0, scramble_y0), owen_reversed(x0, scramble_x0)).reverse_bits();
+        let pair1 = pack(owen_reversed(y1, scramble_y1), owen_reversed(x1, scramble_x1)).reverse_bits();
+
+        let [u0, v0] = halves(pair0);
+        let [u1, v1] = halves(pair1);
+        [unit(u0), unit(v0), unit(u1), unit(v1)]
+    }
+
+    /// `2^32`: up to there all samples of a pair lie in different elementary intervals of
+    /// `2^-16 x 2^-16`, so no two `(x, y)` of `f32` are equal. (Single coordinates repeat after
+    /// `2^24` samples: an `f32` has no more bits.) Later samples are refused by the render loop; asked
+    /// for nevertheless, they come from a freshly scrambled sequence for each `2^32`.
+    fn capacity(&self) -> u64 {
+        1 << 32
+    }
+
+    /// The next of 1, 2, 3, 4, 6, 8, 12, 16, 24, …: powers of two are nets, and one and a half times
+    /// a power of two is two nets of which the smaller one's intervals hold three points each.
+    fn preferred_count(&self, n: u64) -> u64 {
+        let Some(power) = n.max(1).checked_next_power_of_two() else {
+            return n;
+        };
+        if power >= 4 && n <= power / 4 * 3 { power / 4 * 3 } else { power }
+    }
+}
+
+#[inline(always)]
+fn pack(low: u32, high: u32) -> u64 {
+    u64::from(low) | u64::from(high) << 32
+}
+
+/// A nested uniform scramble of a number whose bits are reversed: each bit is flipped or not by a hash
+/// of the bits below it and the key, so that equal leading digits stay equal.
+///
+/// A Laine-Karras-style hash [Laine 2011], with the constants of [Vegdahl 2021]. The key must be
+/// random already.
+#[inline(always)]
+pub(crate) fn owen_reversed(reversed: u32, key: u32) -> u32 {
+    let mut n = reversed;
+    n ^= n.wrapping_mul(0x3d20_adea);
+    n = n.wrapping_add(key);
+    n = n.wrapping_mul(key >> 16 | 1);
+    n ^= n.wrapping_mul(0x0552_6c56);
+    n ^ n.wrapping_mul(0x53a2_2864)
+}
+
+/// The second dimension of Sobol's sequence for two indices at once, bits reversed: bit `j` counts
+/// from the binary point.
+///
+/// Its generator matrix is Pascal's triangle modulo 2 [Sobol' 1967]. By Lucas' theorem `C(k, j)` is
+/// odd exactly if the ones of `j` are among those of `k`, so bit `j` of the result is the parity of
+/// all index bits `k` that contain `j`: a sum over supersets, one step for each of the five bits of `k`.
+#[inline(always)]
+pub(crate) const fn sobol1_reversed(index: u64) -> u64 {
+    let mut y = index;
+    y ^= (y & 0xaaaa_aaaa_aaaa_aaaa) >> 1;
+    y ^= (y & 0xcccc_cccc_cccc_cccc) >> 2;
+    y ^= (y & 0xf0f0_f0f0_f0f0_f0f0) >> 4;
+    y ^= (y & 0xff00_ff00_ff00_ff00) >> 8;
+    y ^ (y & 0xffff_0000_ffff_0000) >> 16
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// [Joe 2008] gives for their dimension 2 the polynomial x + 1 (s = 1, a = 0) and m_1 = 1; their
+    /// dimension 1 is van der Corput's. The recurrence then is m_k = 2 m_{k-1} xor m_{k-1}.
+    fn joe_kuo_dimension_2(mut index: u32) -> u32 {
+        let (mut m, mut x) = (1_u32, 0);
+        for k in 0..32 {
+            if index & 1 == 1 {
+                x ^= m << (31 - k);
+            }
+            index >>= 1;
+            m ^= m << 1;
+        }
+        x
+    }
+
+    #[test]
+    fn matches_the_direction_numbers_of_joe_and_kuo() {
+        let powers = (0..32).map(|k| 1_u32 << k);
+        let others = (0..1 << 16).chain((0..4096).map(|k: u32| k.wrapping_mul(0x9e37_79b9)));
+        for i in powers.chain(others).chain([u32::MAX]) {
+            let both = sobol1_reversed(pack(i, !i));
+            assert_eq!((both as u32).reverse_bits(), joe_kuo_dimension_2(i), "index {i}");
+            assert_eq!(((both >> 32) as u32).reverse_bits(), joe_kuo_dimension_2(!i), "index {}", !i);
+        }
+    }
+
+    #[test]
+    fn unscrambled_points_equal_sobol_burley() {
+        use sobol_burley::parts::sobol_rev;
+        for i in 0..1_u32 << 16 {
+            let x = sobol_rev(i.reverse_bits(), 0);
+            let y = sobol_rev(i.reverse_bits(), 1);
+            assert_eq!(x, i, "index {i}");
+            assert_eq!(y, sobol1_reversed(u64::from(i)) as u32, "index {i}");
+        }
+    }
+
+    #[test]
+    fn the_scramble_equals_sobol_burley() {
+        use sobol_burley::parts::owen_scramble_rev;
+        for i in 0..10_000_u32 {
+            let (n, key) = (i.wrapping_mul(0x9e37_79b9), i.wrapping_mul(0x85eb_ca6b).rotate_left(7));
+            assert_eq!(owen_reversed(n, key), owen_scramble_rev(n, key));
+        }
+    }
+
+    /// Whatever happens to the bits above, a result's low bits depend on the low bits alone, and
+    /// differ where they differ.
+    #[test]
+    fn scrambles_are_nested_bijections() {
+        for key in (0..64).map(|k| crate::keys::mix64(k) as u32) {
+            for low_bits in [1, 2, 5, 10] {
+                let mask = (1_u32 << low_bits) - 1;
+                let mut seen = vec![false; 1 << low_bits];
+                for low in 0..=mask {
+                    let to = owen_reversed(low, key) & mask;
+                    assert!(!std::mem::replace(&mut seen[to as usize], true));
+                    for high in [1_u32, 77, 0x003f_ffff] {
+                        assert_eq!(owen_reversed(low | high << low_bits, key) & mask, to);
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn preferred_counts_are_powers_of_two_and_their_halves_more() {
+        let counts: Vec<u64> = (0..26).map(|n| Sobol::new(0).preferred_count(n)).collect();
+        let ladder =
+            [1, 1, 2, 3, 4, 6, 6, 8, 8, 12, 12, 12, 12, 16, 16, 16, 16, 24, 24, 24, 24, 24, 24, 24, 24, 32];
+        assert_eq!(counts, ladder);
+        assert_eq!(Sobol::new(0).preferred_count((3 << 31) - 1), 3 << 31);
+        assert_eq!(Sobol::new(0).preferred_count(u64::MAX), u64::MAX);
+    }
+}

@@ -1,0 +1,85 @@
+//! The shape of a pixel, importance-sampled: each sample belongs to one pixel and has weight 1.
+
+use crate::scene::PixelFilter;
+use glam::Vec2;
+
+/// Draws offsets from a pixel's centre with the filter's density.
+#[derive(Clone, Debug)]
+pub struct FilterSampler {
+    kind: Kind,
+}
+
+#[derive(Clone, Debug)]
+enum Kind {
+    Box { width: Vec2 },
+    Triangle { radius: Vec2 },
+    /// Inverse cumulative distribution of each axis at equal steps.
+    Table { axes: [Vec<f32>; 2] },
+}
+
+/// Steps of a tabulated inverse: linear in between, so offsets are right to some 1e-3 of the radius.
+const STEPS: usize = 1024;
+
+impl FilterSampler {
+    /// For a filter whose radii are above zero and finite (the readers see to that); others are taken
+    /// as the box of one pixel.
+    pub fn new(filter: &PixelFilter) -> Self {
+        let usable = |r: &[f64; 2]| r.iter().all(|r| r.is_finite() && *r > 0.0);
+        let vec = |r: [f64; 2]| Vec2::new(r[0] as f32, r[1] as f32);
+        let kind = match *filter {
+            PixelFilter::Box { radius } if usable(&radius) => Kind::Box { width: vec(radius) * 2.0 },
+            PixelFilter::Triangle { radius } if usable(&radius) => Kind::Triangle { radius: vec(radius) },
+            PixelFilter::Gaussian { radius, sigma } if usable(&radius) && sigma > 0.0 && sigma.is_finite() => {
+                Kind::Table { axes: radius.map(|r| gaussian_inverse(r, sigma)) }
+            }
+            _ => Kind::Box { width: Vec2::ONE },
+        };
+        Self { kind }
+    }
+
+    /// An offset from the pixel's centre in pixels; `u` in `[0, 1)^2`.
+    #[inline]
+    pub fn sample(&self, u: [f32; 2]) -> Vec2 {
+        match &self.kind {
+            Kind::Box { width } => Vec2::new(u[0] - 0.5, u[1] - 0.5) * *width,
+            Kind::Triangle { radius } => Vec2::new(tent(u[0]), tent(u[1])) * *radius,
+            Kind::Table { axes } => Vec2::new(look_up(&axes[0], u[0]), look_up(&axes[1], u[1])),
+        }
+    }
+}
+
+/// The inverse cumulative distribution of the tent on [-1, 1].
+fn tent(u: f32) -> f32 {
+    if u < 0.5 { (2.0 * u).sqrt() - 1.0 } else { 1.0 - (2.0 * (1.0 - u)).sqrt() }
+}
+
+/// The inverse cumulative distribution of `max(0, g(x) - g(r))` on [-r, r].
+fn gaussian_inverse(radius: f64, sigma: f64) -> Vec<f32> {
+    let g = |x: f64| (-x * x / (2.0 * sigma * sigma)).exp();
+    let cells = 16 * STEPS;
+    let width = 2.0 * radius / cells as f64;
+    let mut cumulative = vec![0.0];
+    for k in 0..cells {
+        let x = -radius + (k as f64 + 0.5) * width;
+        cumulative.push(cumulative[k] + (g(x) - g(radius)).max(0.0));
+    }
+    let total = cumulative[cells];
+    let mut cell = 0;
+    let inverse = |k: usize| {
+        let wanted = total * k as f64 / STEPS as f64;
+        while cell + 1 < cells && cumulative[cell + 1] < wanted {
+            cell += 1;
+        }
+        let step = cumulative[cell + 1] - cumulative[cell];
+        let inside = if step > 0.0 { ((wanted - cumulative[cell]) / step).clamp(0.0, 1.0) } else { 0.0 };
+        (-radius + (cell as f64 + inside) * width) as f32
+    };
+    (0..=STEPS).map(inverse).collect()
+}
+
+fn look_up(table: &[f32], u: f32) -> f32 {
+    let place = u * STEPS as f32;
+    let k = (place as usize).min(STEPS - 1);
+    let t = place - k as f32;
+    table[k] + (table[k + 1] - table[k]) * t
+}
