@@ -148,7 +148,7 @@ impl Rings {
 }
 
 /// Halvings of a quarter cell at most: the horizon cuts the density off.
-const DEPTH: u32 = 6;
+const DEPTH: u32 = 5;
 
 /// p-value of `samples` samples against `scale * pdf`; checks each sample's pdf and weight on the way.
 fn chi_square_of(case: &Case<'_>, wo: Vec3, samples: u32, gain: impl Fn(Vec3) -> f32, seed: u64) -> f64 {
