@@ -6,7 +6,6 @@ use std::process::Command;
 const README: &str = include_str!("../README.md");
 const GUIDE: &str = include_str!("../docs/ADDING-A-SAMPLER.md");
 
-
 /// Fenced blocks of one language.
 fn blocks(text: &str, language: &str) -> Vec<String> {
     let mut found = Vec::new();
