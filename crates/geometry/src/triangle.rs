@@ -117,8 +117,7 @@ impl Triangles4 {
             unsettled &= unsettled - 1;
             let corners = self.corners.map(|corner| corner.map(|axis| axis.to_array()[lane]));
             let plane = Plane::new(frame, &corners);
-            if sound >> lane & 1 == 1 && frame.ray.tmin == 0.0 && lanes.t[lane] < 0.5 * frame.ray.tmax && !plane.ahead()
-            {
+            if sound >> lane & 1 == 1 && !plane.within(frame) {
                 continue;
             }
             let Some((t, weights)) = settle(frame, &corners, &plane) else { continue };
@@ -151,10 +150,11 @@ impl Plane {
         Self { height, slant: normal.dot(frame.ray.direction.as_dvec3()) }
     }
 
-    /// Whether the ray meets the plane at `t > 0`.
+    /// Whether the ray meets the plane within its limits.
     #[inline(always)]
-    fn ahead(&self) -> bool {
-        (self.height > 0.0 && self.slant > 0.0) || (self.height < 0.0 && self.slant < 0.0)
+    fn within(&self, frame: &Frame) -> bool {
+        let (height, slant) = if self.slant > 0.0 { (self.height, self.slant) } else { (-self.height, -self.slant) };
+        height > slant * f64::from(frame.ray.tmin) && height < slant * f64::from(frame.ray.tmax)
     }
 }
 
