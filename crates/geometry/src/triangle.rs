@@ -21,9 +21,12 @@ const TINY: f32 = f32::MIN_POSITIVE * (1u64 << 26) as f32;
 const T_ERROR: f32 = 1.0 / (1u64 << 20) as f32;
 
 /// Up to four triangles, corner by corner and axis by axis; places left over repeat the first.
+///
+/// Arrays, not vectors: a lane of an array is one load.
 #[derive(Clone, Copy, Debug)]
+#[repr(align(16))]
 pub(crate) struct Triangles4 {
-    corners: [[Vec4; 3]; 3],
+    corners: [[[f32; 4]; 3]; 3],
 }
 
 /// The lanes that were hit within the ray's limits, and where.
@@ -45,7 +48,7 @@ impl Triangles4 {
     /// Packs 1 to 4 triangles.
     pub(crate) fn new(triangles: &[[Vec3; 3]]) -> Self {
         let lane = |lane: usize| if lane < triangles.len() { &triangles[lane] } else { &triangles[0] };
-        let axis = |corner: usize, axis: usize| Vec4::from_array([0, 1, 2, 3].map(|i| lane(i)[corner][axis]));
+        let axis = |corner: usize, axis: usize| [0, 1, 2, 3].map(|i| lane(i)[corner][axis]);
         Self { corners: [0, 1, 2].map(|corner| [axis(corner, 0), axis(corner, 1), axis(corner, 2)]) }
     }
 
@@ -65,7 +68,7 @@ impl Triangles4 {
     #[inline(always)]
     fn shear(&self, frame: &Frame) -> Sheared {
         let [kx, ky, kz] = frame.axes;
-        let along = |corner: usize, axis: usize| self.corners[corner][axis] - frame.origin[axis];
+        let along = |corner: usize, axis: usize| Vec4::from_array(self.corners[corner][axis]) - frame.origin[axis];
         let z = [along(0, kz), along(1, kz), along(2, kz)];
         let across = |axis: usize, shear: Vec4| {
             [along(0, axis) - shear * z[0], along(1, axis) - shear * z[1], along(2, axis) - shear * z[2]]
@@ -115,7 +118,11 @@ impl Triangles4 {
         while unsettled != 0 {
             let lane = unsettled.trailing_zeros() as usize & 3;
             unsettled &= unsettled - 1;
-            let corners = self.corners.map(|corner| corner.map(|axis| axis.to_array()[lane]));
+            let corner = |i: usize| {
+                let [x, y, z] = &self.corners[i];
+                Vec3::new(x[lane], y[lane], z[lane])
+            };
+            let corners = [corner(0), corner(1), corner(2)];
             let plane = Plane::new(frame, &corners);
             if sound >> lane & 1 == 1 && !plane.within(frame) {
                 continue;
@@ -143,8 +150,8 @@ struct Plane {
 
 impl Plane {
     #[inline(always)]
-    fn new(frame: &Frame, corners: &[[f32; 3]; 3]) -> Self {
-        let [a, b, c] = corners.map(|corner| Vec3::from_array(corner).as_dvec3());
+    fn new(frame: &Frame, corners: &[Vec3; 3]) -> Self {
+        let [a, b, c] = [corners[0].as_dvec3(), corners[1].as_dvec3(), corners[2].as_dvec3()];
         let normal = (b - a).cross(c - a);
         let height = normal.dot(a - frame.ray.origin.as_dvec3());
         Self { height, slant: normal.dot(frame.ray.direction.as_dvec3()) }
@@ -159,9 +166,10 @@ impl Plane {
 }
 
 /// Decides about one triangle in f64: by the same sheared corners as its neighbours, and `t` as exactly as it goes.
-fn settle(frame: &Frame, corners: &[[f32; 3]; 3], plane: &Plane) -> Option<(f64, [f64; 2])> {
+#[inline(never)]
+fn settle(frame: &Frame, corners: &[Vec3; 3], plane: &Plane) -> Option<(f64, [f64; 2])> {
     let [kx, ky, kz] = frame.axes;
-    let origin = frame.ray.origin.to_array();
+    let origin = frame.ray.origin;
     // The same operations in f32 as in `shear`, so that neighbours agree about a shared corner.
     let sheared = corners.map(|corner| {
         let along = corner[kz] - origin[kz];
@@ -179,7 +187,7 @@ fn settle(frame: &Frame, corners: &[[f32; 3]; 3], plane: &Plane) -> Option<(f64,
     }
     let weights = [v / determinant, w / determinant];
 
-    let direction = f64::from(frame.ray.direction.to_array()[kz]);
+    let direction = f64::from(frame.ray.direction[kz]);
     let z = corners.map(|corner| (f64::from(corner[kz]) - f64::from(origin[kz])) / direction);
     let t = z[0] + weights[0] * (z[1] - z[0]) + weights[1] * (z[2] - z[0]);
 
