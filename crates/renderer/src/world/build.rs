@@ -179,8 +179,7 @@ fn light(
         "an emitting sphere or disk must not be stretched: its transform may move, turn, mirror and scale evenly";
     Ok(match &shape.geometry {
         Described::Mesh(_) => {
-            let sides = sides(geometry, number, part);
-            MeshLamp::new(geometry, number, lamp, part.flip, sides).map(Light::Mesh)
+            MeshLamp::new(geometry, number, lamp, &sides(geometry, number, part)).map(Light::Mesh)
         }
         Described::Sphere { radius } => {
             let scale = even_scale(&to_world).ok_or(round)?;
@@ -198,11 +197,11 @@ fn light(
     })
 }
 
-/// Which way each triangle's winding normal must be turned, where vertex normals decide.
+/// Which way each triangle's winding normal must be turned: vertex normals decide where there are any.
 fn sides(geometry: &Geometry, number: u32, part: &Part) -> Vec<f32> {
     let Shape::Mesh(mesh) = &geometry.shapes()[number as usize] else { return Vec::new() };
     if part.normals.is_empty() {
-        return Vec::new();
+        return vec![part.flip];
     }
     (0..mesh.triangles().len())
         .map(|t| {
