@@ -51,7 +51,7 @@ impl Frame {
         let factor = f64::from(scale) * f64::from(lift);
         let scaled = |t: f32| (f64::from(t) / factor) as f32;
         let (tmin, tmax) = (scaled(ray.tmin), scaled(ray.tmax));
-        let scaled = Ray { origin: ray.origin, direction: ray.direction * lift * scale, tmin, tmax };
+        let scaled = Ray { direction: ray.direction * lift * scale, tmin, tmax, ..*ray };
         is_sane(&scaled).then(|| (Self::prepare(&scaled), factor as f32))
     }
 

@@ -2,7 +2,7 @@ use crate::build::{Preset, build_tree};
 use crate::frame::Frame;
 use crate::shape::Quadric;
 use crate::traverse::{Best, Tree};
-use crate::{Error, Hit, Ray, Shape, SurfacePoint};
+use crate::{Error, Hit, PrimitiveId, Ray, Shape, SurfacePoint};
 use glam::Vec3;
 
 /// Shapes, and the tree that finds which of them a ray meets.
@@ -67,7 +67,8 @@ impl Geometry {
         match &self.shapes[hit.shape as usize] {
             Shape::Mesh(mesh) => {
                 let (position, error, normal) = mesh.point(hit.primitive, hit.barycentrics);
-                SurfacePoint { position, error, normal }
+                let primitive = PrimitiveId::triangle(hit.shape, hit.primitive);
+                SurfacePoint { position, error, normal, primitive }
             }
             Shape::Sphere(sphere) => Quadric::Sphere(*sphere).surface(ray, hit.t),
             Shape::Disk(disk) => Quadric::Disk(*disk).surface(ray, hit.t),

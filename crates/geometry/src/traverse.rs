@@ -204,11 +204,11 @@ impl Tree {
             return self.test_quadric::<ANY>((code & !QUADRIC) as usize, frame, best);
         }
         let block = (code & !TRIANGLES) as usize;
-        let Some(lanes) = self.triangles[block].intersect(frame, best.t) else { return false };
+        let keys = &self.triangle_keys[block];
+        let Some(lanes) = self.triangles[block].intersect(frame, best.t, keys) else { return false };
         if ANY {
             return true;
         }
-        let keys = &self.triangle_keys[block];
         let mut mask = lanes.mask;
         while mask != 0 {
             let lane = mask.trailing_zeros() as usize & 3;

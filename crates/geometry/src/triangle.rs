@@ -54,7 +54,7 @@ impl Triangles4 {
 
     /// The lanes hit at `tmin < t < tmax` and `t <= limit`.
     #[inline(always)]
-    pub(crate) fn intersect(&self, frame: &Frame, limit: f32) -> Option<Lanes> {
+    pub(crate) fn intersect(&self, frame: &Frame, limit: f32, keys: &[u64; 4]) -> Option<Lanes> {
         let s = self.shear(frame);
         // Each edge function belongs to the corner opposite, whose weight it is.
         let u = s.x[2] * s.y[1] - s.y[2] * s.x[1];
@@ -62,7 +62,7 @@ impl Triangles4 {
         let w = s.x[1] * s.y[0] - s.y[1] * s.x[0];
         let inside = u.min(v).min(w).cmpge(Vec4::ZERO) | u.max(v).max(w).cmple(Vec4::ZERO);
         let mask = inside.bitmask();
-        if mask == 0 { None } else { self.finish(frame, limit, &s, [u, v, w], inside) }
+        if mask == 0 { None } else { self.finish(frame, limit, keys, &s, [u, v, w], inside) }
     }
 
     #[inline(always)]
@@ -78,7 +78,15 @@ impl Triangles4 {
 
     /// `t` and weights of the lanes whose edge functions do not disagree.
     #[inline(always)]
-    fn finish(&self, frame: &Frame, limit: f32, s: &Sheared, edges: [Vec4; 3], inside: BVec4A) -> Option<Lanes> {
+    fn finish(
+        &self,
+        frame: &Frame,
+        limit: f32,
+        keys: &[u64; 4],
+        s: &Sheared,
+        edges: [Vec4; 3],
+        inside: BVec4A,
+    ) -> Option<Lanes> {
         let [u, v, w] = edges;
         let determinant = u + v + w;
         let reciprocal = Vec4::ONE / determinant;
@@ -104,15 +112,22 @@ impl Triangles4 {
             t: t.to_array(),
             weights: [second.to_array(), third.to_array()],
         };
-        let unsettled = inside.bitmask() & !settled.bitmask();
+        let mut unsettled = inside.bitmask() & !settled.bitmask();
+        if unsettled != 0 {
+            // Most are the triangles that the ray leaves or is aimed at: flat, so they are not met in between.
+            let [from, to] = frame.ray.ends;
+            for (lane, &key) in keys.iter().enumerate() {
+                unsettled &= !(u32::from(key == from.0 || key == to.0) << lane);
+            }
+        }
         if unsettled != 0 {
             self.settle(frame, limit, unsettled, (sound & inside).bitmask(), &mut lanes);
         }
         (lanes.mask != 0).then_some(lanes)
     }
 
-    /// Finishes lanes in f64. Most are the surface that the ray has just left: those in `sound` are here only because
-    /// `t` is near a limit, and the side of the plane tells.
+    /// Finishes lanes in f64. Those in `sound` are here only because `t` is near a limit, and the side of the plane
+    /// tells.
     #[inline(never)]
     fn settle(&self, frame: &Frame, limit: f32, mut unsettled: u32, sound: u32, lanes: &mut Lanes) {
         while unsettled != 0 {

@@ -3,7 +3,8 @@
 mod support;
 
 use dapple_geometry::{
-    Disk, Geometry, Mesh, Preset, Ray, Shape, Sphere, SurfacePoint, spawn_ray, spawn_ray_to, spawn_ray_to_point,
+    Disk, Geometry, Mesh, Preset, PrimitiveId, Ray, Shape, Sphere, SurfacePoint, spawn_ray, spawn_ray_to,
+    spawn_ray_to_point,
 };
 use glam::{DAffine3, DMat3, DQuat, DVec3, Vec3};
 use rand::RngExt;
@@ -33,6 +34,8 @@ fn hit_somewhere(scene: &Geometry, aims: impl Fn(&mut Pcg64Mcg) -> Vec3, rng: &m
 
 /// Leaves the point `count` times; returns how often the (flat) shape is met again.
 fn met_again(scene: &Geometry, point: &SurfacePoint, count: usize, rng: &mut Pcg64Mcg) -> usize {
+    // It is the offset that is tested: the ray is not told where it starts.
+    let point = &SurfacePoint { primitive: PrimitiveId::NONE, ..*point };
     let reach = scene.bounds().map_or(Vec3::ONE, |[low, high]| (high - low) * 3.0);
     (0..count)
         .filter(|_| {

@@ -4,7 +4,7 @@ use super::{Lamp, LightSample, Target, area_to_solid_angle};
 use crate::shading::Frame;
 use crate::shading::discrete::Discrete;
 use crate::shading::warp;
-use dapple_geometry::{Geometry, Shape, SurfacePoint};
+use dapple_geometry::{Geometry, PrimitiveId, Shape, SurfacePoint};
 use glam::Vec3;
 
 /// Triangles that shine alike.
@@ -27,6 +27,7 @@ struct Facet {
     side: f32,
     /// Bound on the error of a sampled point per axis.
     error: Vec3,
+    primitive: PrimitiveId,
 }
 
 /// A sphere that shines.
@@ -67,6 +68,7 @@ impl MeshLamp {
                 side: sides.get(triangle as usize).or(sides.first()).copied().unwrap_or(1.0),
                 // Six roundings at most: two edges, two products, two sums [Pharr et al. 2023, eq. 6.26].
                 error: (a.abs().max(b.abs()).max(c.abs()) * 3.0) * (6.0 * f32::EPSILON),
+                primitive: PrimitiveId::triangle(shape, triangle),
             });
         }
         let choice = Discrete::new(&areas).ok().filter(|d| !d.is_empty())?;
@@ -90,7 +92,7 @@ impl MeshLamp {
         let facet = &self.facets[choice.index];
         let [_, b1, b2] = warp::uniform_triangle([choice.u, u[1]]);
         let position = facet.corner + facet.edges[0] * b1 + facet.edges[1] * b2;
-        let point = SurfacePoint { position, error: facet.error, normal: facet.normal };
+        let point = SurfacePoint { position, error: facet.error, normal: facet.normal, primitive: facet.primitive };
         sample_on(&self.lamp, from, point, facet.side, self.area as f32)
     }
 
@@ -177,7 +179,7 @@ impl SphereLamp {
         let position = self.centre + normal * self.radius;
         // Three roundings of each coordinate, and those of the normal.
         let error = (self.centre.abs() + Vec3::splat(self.radius)) * (4.0 * f32::EPSILON);
-        SurfacePoint { position, error, normal }
+        SurfacePoint { position, error, normal, primitive: PrimitiveId::NONE }
     }
 }
 
@@ -206,7 +208,7 @@ impl DiskLamp {
         let on = if hole > 0.0 && r2 > 0.0 { disk * (wanted / r2.sqrt()) } else { disk };
         let position = self.centre + (self.frame.tangent * on.x + self.frame.bitangent * on.y) * self.radius;
         let error = (self.centre.abs() + Vec3::splat(self.radius)) * (4.0 * f32::EPSILON);
-        let point = SurfacePoint { position, error, normal: self.frame.normal };
+        let point = SurfacePoint { position, error, normal: self.frame.normal, primitive: PrimitiveId::NONE };
         sample_on(&self.lamp, from, point, 1.0, self.area() as f32)
     }
 

@@ -178,9 +178,7 @@ fn light(
     let round =
         "an emitting sphere or disk must not be stretched: its transform may move, turn, mirror and scale evenly";
     Ok(match &shape.geometry {
-        Described::Mesh(_) => {
-            MeshLamp::new(geometry, number, lamp, &sides(geometry, number, part)).map(Light::Mesh)
-        }
+        Described::Mesh(_) => MeshLamp::new(geometry, number, lamp, &sides(geometry, number, part)).map(Light::Mesh),
         Described::Sphere { radius } => {
             let scale = even_scale(&to_world).ok_or(round)?;
             let radius = (radius * scale) as f32;
