@@ -14,7 +14,7 @@ const PRESETS: [Preset; 6] =
 
 /// Every triangle in turn, by the tree's own test.
 fn linear(mesh: &Mesh, ray: &Ray) -> Option<Hit> {
-    let (frame, scale) = Frame::new(ray)?;
+    let (frame, scale) = Frame::ordinary(ray).map(|frame| (frame, 1.0)).or_else(|| Frame::rescaled(ray))?;
     let numbers = (0..mesh.triangles().len() as u32).filter(|&n| !mesh.is_degenerate(n));
     let hits = numbers.filter_map(|n| {
         let lanes = Triangles4::new(&[mesh.corners(n)]).intersect(&frame, frame.ray.tmax)?;

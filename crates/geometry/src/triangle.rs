@@ -10,7 +10,7 @@
 //! All of this depends on the ray and the triangle alone, never on the order of traversal.
 
 use crate::frame::Frame;
-use glam::{BVec4A, DVec3, Vec3, Vec4};
+use glam::{BVec4A, Vec3, Vec4};
 
 /// Triangles with a sheared area below this share of the square of their extent are finished in f64.
 const THIN: f32 = 1.0 / 32.0;
@@ -103,18 +103,24 @@ impl Triangles4 {
         };
         let unsettled = inside.bitmask() & !settled.bitmask();
         if unsettled != 0 {
-            self.settle(frame, limit, s, unsettled, &mut lanes);
+            self.settle(frame, limit, unsettled, (sound & inside).bitmask(), &mut lanes);
         }
         (lanes.mask != 0).then_some(lanes)
     }
 
-    /// Finishes lanes in f64.
-    #[cold]
-    fn settle(&self, frame: &Frame, limit: f32, s: &Sheared, unsettled: u32, lanes: &mut Lanes) {
-        for lane in (0..4).filter(|lane| unsettled >> lane & 1 == 1) {
-            let corner = |i: usize| [s.x[i], s.y[i]].map(|a| f64::from(a[lane]));
-            let corners = [0, 1, 2].map(|i| Vec3::from_array(self.corners[i].map(|axis| axis[lane])).as_dvec3());
-            let Some((t, weights)) = settle(frame, [corner(0), corner(1), corner(2)], corners) else { continue };
+    /// Finishes lanes in f64. Most are the surface that the ray has just left: those in `sound` are here only because
+    /// `t` is near a limit, and the side of the plane tells.
+    #[inline(never)]
+    fn settle(&self, frame: &Frame, limit: f32, mut unsettled: u32, sound: u32, lanes: &mut Lanes) {
+        while unsettled != 0 {
+            let lane = unsettled.trailing_zeros() as usize & 3;
+            unsettled &= unsettled - 1;
+            let corners = self.corners.map(|corner| corner.map(|axis| axis.to_array()[lane]));
+            let plane = Plane::new(frame, &corners);
+            if sound >> lane & 1 == 1 && !plane.within(frame) {
+                continue;
+            }
+            let Some((t, weights)) = settle(frame, &corners, &plane) else { continue };
             let rounded = t as f32;
             let (tmin, tmax) = (frame.ray.tmin, frame.ray.tmax);
             let within = t > f64::from(tmin) && t < f64::from(tmax) && rounded > tmin && rounded < tmax;
@@ -128,8 +134,40 @@ impl Triangles4 {
     }
 }
 
+/// A triangle's plane as a ray meets it, from exact corners in f64.
+struct Plane {
+    /// Distance of the plane from the ray's origin along the (unnormalised) normal, and the direction's share of it.
+    height: f64,
+    slant: f64,
+}
+
+impl Plane {
+    #[inline(always)]
+    fn new(frame: &Frame, corners: &[[f32; 3]; 3]) -> Self {
+        let [a, b, c] = corners.map(|corner| Vec3::from_array(corner).as_dvec3());
+        let normal = (b - a).cross(c - a);
+        let height = normal.dot(a - frame.ray.origin.as_dvec3());
+        Self { height, slant: normal.dot(frame.ray.direction.as_dvec3()) }
+    }
+
+    /// Whether the ray meets the plane within its limits.
+    #[inline(always)]
+    fn within(&self, frame: &Frame) -> bool {
+        let (height, slant) = if self.slant > 0.0 { (self.height, self.slant) } else { (-self.height, -self.slant) };
+        height > slant * f64::from(frame.ray.tmin) && height < slant * f64::from(frame.ray.tmax)
+    }
+}
+
 /// Decides about one triangle in f64: by the same sheared corners as its neighbours, and `t` as exactly as it goes.
-fn settle(frame: &Frame, sheared: [[f64; 2]; 3], corners: [DVec3; 3]) -> Option<(f64, [f64; 2])> {
+fn settle(frame: &Frame, corners: &[[f32; 3]; 3], plane: &Plane) -> Option<(f64, [f64; 2])> {
+    let [kx, ky, kz] = frame.axes;
+    let origin = frame.ray.origin.to_array();
+    // The same operations in f32 as in `shear`, so that neighbours agree about a shared corner.
+    let sheared = corners.map(|corner| {
+        let along = corner[kz] - origin[kz];
+        let across = |axis: usize, shear: Vec4| f64::from((corner[axis] - origin[axis]) - shear.x * along);
+        [across(kx, frame.shear[0]), across(ky, frame.shear[1])]
+    });
     // Products of two f32 are exact in f64 and their difference is rounded once, so the signs are right.
     let edge = |p: [f64; 2], q: [f64; 2]| p[0] * q[1] - p[1] * q[0];
     let [a, b, c] = sheared;
@@ -141,24 +179,19 @@ fn settle(frame: &Frame, sheared: [[f64; 2]; 3], corners: [DVec3; 3]) -> Option<
     }
     let weights = [v / determinant, w / determinant];
 
-    let origin = frame.ray.origin.as_dvec3();
-    let direction = frame.ray.direction.as_dvec3();
-    let axis = frame.axes[2];
-    let relative = corners.map(|corner| corner - origin);
-    let z = relative.map(|p| p[axis] / direction[axis]);
+    let direction = f64::from(frame.ray.direction.to_array()[kz]);
+    let z = corners.map(|corner| (f64::from(corner[kz]) - f64::from(origin[kz])) / direction);
     let t = z[0] + weights[0] * (z[1] - z[0]) + weights[1] * (z[2] - z[0]);
 
     let extent = sheared.iter().flatten().fold(0.0_f64, |m, x| m.max(x.abs()));
     let distance = z.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
     let (low, high) = (z[0].min(z[1]).min(z[2]), z[0].max(z[1]).max(z[2]));
-    let across = distance * direction[axis].abs() + extent;
+    let across = distance * direction.abs() + extent;
     let error = (distance + 2.0 * (high - low) * across * (extent / determinant.abs())) * f64::from(T_ERROR);
     let near = |limit: f32| (t - f64::from(limit)).abs() <= error;
     if !near(frame.ray.tmin) && !near(frame.ray.tmax) {
         return Some((t, weights));
     }
     // On which side of the plane the end of the ray lies, free of the shear's rounding in f32.
-    let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]);
-    let slant = normal.dot(direction);
-    (slant != 0.0).then(|| ((normal.dot(relative[0]) / slant).clamp(low, high), weights))
+    (plane.slant != 0.0).then(|| ((plane.height / plane.slant).clamp(low, high), weights))
 }

@@ -64,7 +64,6 @@ fn g18_triangles_just_left_are_not_met_again() {
         tried += 500;
         again += met_again(&scene, &point, 500, &mut rng);
     }
-    eprintln!("{again} of {tried} left triangles met again");
     assert!(tried > 300_000 && again == 0, "{again} of {tried}");
 }
 

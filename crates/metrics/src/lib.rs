@@ -103,7 +103,7 @@ impl<'a> Pixels<'a> {
         if size.contains(&0) {
             return Err(Error::Empty { size });
         }
-        if size[0] as usize * size[1] as usize != values.len() {
+        if u64::from(size[0]) * u64::from(size[1]) != values.len() as u64 {
             return Err(Error::PixelCount { size, found: values.len() });
         }
         Ok(Self { size, values })

@@ -161,11 +161,8 @@ impl Lens for ThinLens {
         // Lengths on the lens are the camera's; its axes may scale, so they are unit length here.
         let lens = concentric_disk(on_lens) * view.lens_radius;
         let focus = view.screen(place) * view.focal_distance;
-        let axes = Mat3::from_cols(
-            view.axes.x_axis.normalize(),
-            view.axes.y_axis.normalize(),
-            view.axes.z_axis.normalize(),
-        );
+        let axes =
+            Mat3::from_cols(view.axes.x_axis.normalize(), view.axes.y_axis.normalize(), view.axes.z_axis.normalize());
         let from = Vec3::new(lens.x, lens.y, 0.0);
         Ray::new(view.origin + axes * from, (axes * (focus - from)).normalize())
     }

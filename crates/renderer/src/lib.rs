@@ -6,6 +6,7 @@
 //! [`dapple_core::render`] does the rest.
 
 pub mod blocks;
+pub mod bundled;
 pub mod camera;
 mod effects;
 pub mod files;

@@ -6,7 +6,7 @@ pub use parameters::{Parameters, RegistryError};
 
 use dapple_core::samplers::{Pilot, Uniform, Variance, VarianceOptions};
 use dapple_core::{Filter, PointSet, SampleId, Sampler, Unfiltered};
-use dapple_low_discrepancy::{Random, Sobol};
+use dapple_low_discrepancy::{Halton, LowDiscrepancy, Random, Sobol, Stratified};
 
 /// A parameter: its name, its default as it would be written, and one line about it.
 pub type Parameter = (&'static str, &'static str, &'static str);
@@ -59,23 +59,56 @@ type MakeFilter = fn(&Parameters) -> Result<Box<dyn Filter>, RegistryError>;
 
 /// The samplers.
 pub const SAMPLERS: &[Entry<MakeSampler>] = &[
-    Entry { name: "variance", about: "pooled variance of a pilot, Neyman counts on a ladder (the default)", parameters: VARIANCE, make: variance },
-    Entry { name: "uniform", about: "the same count for every pixel", parameters: &[], make: |_, points| Ok(Box::new(Uniform::new(points))) },
+    Entry {
+        name: "variance",
+        about: "pooled variance of a pilot, Neyman counts on a ladder (the default)",
+        parameters: VARIANCE,
+        make: variance,
+    },
+    Entry {
+        name: "uniform",
+        about: "the same count for every pixel",
+        parameters: &[],
+        make: |_, points| Ok(Box::new(Uniform::new(points))),
+    },
 ];
 
 /// The point sets.
 pub const POINTS: &[Entry<MakePoints>] = &[
-    Entry { name: "sobol", about: "Owen-scrambled Sobol' pairs, any prefix is good (the default)", parameters: &[], make: |_, s| Ok(Box::new(Sobol::new(s.seed))) },
-// LATER     Entry { name: "lowdiscrepancy", about: "pbrt-v2's scrambled and shuffled (0,2) points, made for a given count", parameters: LOW_DISCREPANCY, make: low_discrepancy },
-// LATER     Entry { name: "halton", about: "scrambled Halton points", parameters: &[], make: |_, s| Ok(Box::new(Halton::new(s.seed))) },
-// LATER     Entry { name: "stratified", about: "jittered cells", parameters: STRATIFIED, make: stratified },
-    Entry { name: "random", about: "independent random numbers (PCG), the baseline", parameters: &[], make: |_, s| Ok(Box::new(Random::new(s.seed))) },
+    Entry {
+        name: "sobol",
+        about: "Owen-scrambled Sobol' pairs, any prefix is good (the default)",
+        parameters: &[],
+        make: |_, s| Ok(Box::new(Sobol::new(s.seed))),
+    },
+    Entry {
+        name: "lowdiscrepancy",
+        about: "pbrt-v2's scrambled and shuffled (0,2) points, made for a given count",
+        parameters: LOW_DISCREPANCY,
+        make: low_discrepancy,
+    },
+    Entry {
+        name: "halton",
+        about: "scrambled Halton points",
+        parameters: &[],
+        make: |_, s| Ok(Box::new(Halton::new(s.seed))),
+    },
+    Entry { name: "stratified", about: "jittered cells", parameters: STRATIFIED, make: stratified },
+    Entry {
+        name: "random",
+        about: "independent random numbers (PCG), the baseline",
+        parameters: &[],
+        make: |_, s| Ok(Box::new(Random::new(s.seed))),
+    },
 ];
 
 /// The filters.
-pub const FILTERS: &[Entry<MakeFilter>] = &[
-    Entry { name: "none", about: "each pixel the mean of its own samples", parameters: &[], make: |_| Ok(Box::new(Unfiltered)) },
-];
+pub const FILTERS: &[Entry<MakeFilter>] = &[Entry {
+    name: "none",
+    about: "each pixel the mean of its own samples",
+    parameters: &[],
+    make: |_| Ok(Box::new(Unfiltered)),
+}];
 
 const VARIANCE: &[Parameter] = &[
     ("pilot", "0", "samples per pixel before counts adapt; 0 is 4, or a quarter of the mean budget if that is more"),
@@ -85,6 +118,10 @@ const VARIANCE: &[Parameter] = &[
     ("cap", "6", "no pixel gets more than this many times the mean count"),
     ("policy", "keep", "the pilot's fate: keep (slightly biased), discard (unbiased), cross (unbiased, two halves)"),
 ];
+const LOW_DISCREPANCY: &[Parameter] =
+    &[("count", "0", "samples per pixel, rounded up to a power of two; 0 takes the mean budget, else 16")];
+const STRATIFIED: &[Parameter] =
+    &[("strata", "0", "cells along each axis; 0 takes the root of the mean budget, else 4")];
 
 fn variance(p: &Parameters, points: AnyPoints) -> Result<Box<dyn Sampler>, RegistryError> {
     let options = VarianceOptions {
@@ -96,6 +133,24 @@ fn variance(p: &Parameters, points: AnyPoints) -> Result<Box<dyn Sampler>, Regis
         policy: p.choice("policy", &[Pilot::Keep, Pilot::Discard, Pilot::Cross].map(|o| (o.name(), o)))?,
     };
     Ok(Box::new(Variance::with_options(points, options)?))
+}
+
+fn low_discrepancy(p: &Parameters, s: Setting) -> Result<Box<dyn PointSet>, RegistryError> {
+    let count = match p.number::<u64>("count")? {
+        0 => s.spp.unwrap_or(16),
+        count => count,
+    };
+    let made = LowDiscrepancy::new(s.seed, u32::try_from(count.max(1)).unwrap_or(u32::MAX));
+    Ok(Box::new(made.map_err(|e| p.refuse(e.to_string()))?))
+}
+
+fn stratified(p: &Parameters, s: Setting) -> Result<Box<dyn PointSet>, RegistryError> {
+    let strata = match p.number::<u32>("strata")? {
+        0 => s.spp.map_or(4, |n| (n as f64).sqrt().ceil().clamp(1.0, 4096.0) as u32),
+        strata => strata,
+    };
+    let made = Stratified::new(s.seed, strata);
+    Ok(Box::new(made.map_err(|e| p.refuse(e.to_string()))?))
 }
 
 /// Makes the point set that `words` names: `NAME` or `NAME:key=value,…`.

@@ -229,7 +229,7 @@ mod tests {
     #[test]
     fn i07_f32_and_u32_survive_bit_for_bit_and_f16_clamps_with_a_count() {
         let values = extremes();
-        let counts: Vec<u32> = (0..15).map(|i| u32::MAX - i * 0x1234_567).collect();
+        let counts: Vec<u32> = (0..15).map(|i| u32::MAX - i * 0x0123_4567).collect();
         let layers = [
             Layer { name: String::new(), channels: ["R", "G", "B"].map(|c| (c, values.clone().into())).into() },
             Layer { name: "count".into(), channels: vec![("Y", counts.clone().into())] },

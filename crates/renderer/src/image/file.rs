@@ -166,6 +166,7 @@ fn sync_directory(path: &Path) {
 }
 
 #[cfg(test)]
+#[allow(clippy::print_stderr)]
 mod tests {
     use super::*;
 

@@ -32,6 +32,7 @@ mod png;
 mod read;
 mod srgb;
 #[cfg(test)]
+#[allow(clippy::print_stderr)]
 mod tests;
 
 pub use error::ImageError;
@@ -72,7 +73,7 @@ impl Picture {
         Ok(Self { size, pixels })
     }
 
-    /// A picture of one colour.
+    /// A picture of one colour; `size` is the caller's to choose with the memory in mind.
     ///
     /// # Errors
     /// [`ImageError::Empty`] where a side is 0.
@@ -123,5 +124,6 @@ fn check_size(size: [u32; 2]) -> Result<(), ImageError> {
 
 fn check_count(size: [u32; 2], found: usize) -> Result<(), ImageError> {
     check_size(size)?;
-    if size[0] as usize * size[1] as usize == found { Ok(()) } else { Err(ImageError::PixelCount { size, found }) }
+    let expected = u64::from(size[0]) * u64::from(size[1]);
+    if expected == found as u64 { Ok(()) } else { Err(ImageError::PixelCount { size, found }) }
 }

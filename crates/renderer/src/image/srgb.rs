@@ -2,8 +2,7 @@
 
 /// Linear intensity of an sRGB value in 0..=1 [IEC 61966-2-1]. Other values are clamped, NaN becomes 0.
 pub fn srgb_decode(encoded: f64) -> f64 {
-    // `max` of NaN and 0 is 0.
-    let s = encoded.max(0.0).min(1.0);
+    let s = unit(encoded);
     if s <= 0.04045 {
         return s / 12.92;
     }
@@ -15,7 +14,7 @@ pub fn srgb_decode(encoded: f64) -> f64 {
 
 /// sRGB value of a linear intensity in 0..=1 [IEC 61966-2-1]. Other values are clamped, NaN becomes 0.
 pub fn srgb_encode(linear: f64) -> f64 {
-    let x = linear.max(0.0).min(1.0);
+    let x = unit(linear);
     if x <= 0.003_130_8 {
         return 12.92 * x;
     }
@@ -26,6 +25,11 @@ pub fn srgb_encode(linear: f64) -> f64 {
     // x^(1/2.4) = x^(5/12)
     let twelfth_root = root::<3>(x.sqrt().sqrt());
     1.055 * twelfth_root.powi(5) - 0.055
+}
+
+/// Clamped to 0..=1; NaN becomes 0.
+fn unit(x: f64) -> f64 {
+    if x.is_nan() { 0.0 } else { x.clamp(0.0, 1.0) }
 }
 
 /// `N`th root of x in [0.08, 1] by Newton's iteration from above; libm's `pow` differs between platforms.
