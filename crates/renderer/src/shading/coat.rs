@@ -50,7 +50,7 @@ impl Default for CoatOptions {
     }
 }
 
-/// What a coat does, computed once per material: a few milliseconds and 2 KiB. The base's reflectance may
+/// What a coat does, computed once per material: some 10 ms (0.3 ms if smooth) and 2 KiB. The base's reflectance may
 /// vary from hit to hit.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Coat {
