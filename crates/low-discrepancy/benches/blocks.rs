@@ -1,9 +1,10 @@
-//! Nanoseconds per block of four coordinates, called through `&dyn PointSet` as a render does.
+//! Nanoseconds per block of four coordinates, read through `Draws` and `&dyn PointSet` as a render does.
+//! Criterion's throughput is in blocks.
 //!
 //! `cargo bench -p dapple-low-discrepancy`; `RUSTFLAGS="-C target-cpu=native"` for what AVX2 would give.
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
-use dapple_core::{PointSet, SampleId};
+use dapple_core::{Block, Draws, PointSet, SampleId};
 use dapple_low_discrepancy::{Halton, LowDiscrepancy, Random, Sobol, Stratified};
 use std::hint::black_box;
 
@@ -14,8 +15,9 @@ const BLOCKS: u64 = 256;
 fn read(points: &dyn PointSet, pixel: u32) -> f32 {
     let mut sum = 0.0;
     for index in 0..16 {
+        let draws = black_box(Draws::new(points, SampleId { pixel: [pixel, 7], stream: 0, index }, false));
         for block in 0..16 {
-            let [a, b, c, d] = points.block(SampleId { pixel: [pixel, 7], stream: 0, index }, block);
+            let [a, b, c, d] = draws.block(Block::new(block));
             sum += a + b + c + d;
         }
     }
