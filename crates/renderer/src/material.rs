@@ -96,7 +96,7 @@ impl Surface {
             Color::Texture(id) => textures.look_up(*id, uv),
         };
         match &self.kind {
-            Kind::Diffuse(c) => Bsdf::Diffuse { reflectance: reflectance(c).min(Vec3::ONE) },
+            Kind::Diffuse(c) => Bsdf::Diffuse { reflectance: reflectance(c).clamp(Vec3::ZERO, Vec3::ONE) },
             Kind::Conductor { ior, alpha } => conductor(*ior, *alpha),
             Kind::TintedConductor { reflectance: c, alpha } => {
                 conductor(ComplexIor::from_reflectance(reflectance(c)), *alpha)

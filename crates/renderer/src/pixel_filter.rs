@@ -55,15 +55,21 @@ fn tent(u: f32) -> f32 {
 
 /// The inverse cumulative distribution of `max(0, g(x) - g(r))` on [-r, r].
 fn gaussian_inverse(radius: f64, sigma: f64) -> Vec<f32> {
-    let g = |x: f64| (-x * x / (2.0 * sigma * sigma)).exp();
+    let exponent = |x: f64| x * x / (2.0 * sigma * sigma);
+    // g(x) - g(r) over g's peak, without cancellation where sigma is large.
+    let density = |x: f64| (-exponent(x)).exp() * -(exponent(x) - exponent(radius)).min(0.0).exp_m1();
     let cells = 16 * STEPS;
     let width = 2.0 * radius / cells as f64;
     let mut cumulative = vec![0.0];
     for k in 0..cells {
         let x = -radius + (k as f64 + 0.5) * width;
-        cumulative.push(cumulative[k] + (g(x) - g(radius)).max(0.0));
+        cumulative.push(cumulative[k] + density(x));
     }
     let total = cumulative[cells];
+    if !(total > 0.0) {
+        // Narrower than a cell: all of it lies at the centre.
+        return vec![0.0; STEPS + 1];
+    }
     let mut cell = 0;
     let inverse = |k: usize| {
         let wanted = total * k as f64 / STEPS as f64;

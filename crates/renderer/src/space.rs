@@ -65,3 +65,12 @@ fn corners(half: DVec3) -> impl Iterator<Item = DVec3> {
     let sign = |bit: u32| if bit == 0 { -1.0 } else { 1.0 };
     (0..8u32).map(move |k| half * DVec3::new(sign(k & 1), sign(k & 2), sign(k & 4)))
 }
+
+/// The factor of a transform that scales all directions alike.
+pub(crate) fn even_scale(m: &DMat3) -> Option<f64> {
+    let lengths = [m.x_axis.length(), m.y_axis.length(), m.z_axis.length()];
+    let scale = lengths[0];
+    let even = lengths.iter().all(|l| (l / scale - 1.0).abs() < 1e-5);
+    let square = [m.x_axis.dot(m.y_axis), m.y_axis.dot(m.z_axis), m.z_axis.dot(m.x_axis)];
+    (even && square.iter().all(|d| (d / (scale * scale)).abs() < 1e-5)).then_some(scale)
+}
