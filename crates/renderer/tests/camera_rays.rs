@@ -1,5 +1,6 @@
 //! R01 to R07: from pixels to rays.
 
+mod statistics;
 mod support;
 
 use dapple_core::samplers::Uniform;

@@ -1,5 +1,6 @@
 //! D01 to D03 and S8: the same picture, whatever ran it, and whatever the unit of length.
 
+mod statistics;
 mod support;
 
 use dapple_core::{Draws, Frame, Limits, Needs, NoWatch, Observed, PointSet, SampleId, Schedule, render, streams};

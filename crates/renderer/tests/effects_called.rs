@@ -1,5 +1,6 @@
 //! L14: only the effects that a scene calls for, and all of those.
 
+mod statistics;
 mod support;
 
 use dapple_core::{Film, Needs, PointSet, SampleId};

@@ -159,3 +159,88 @@ pub fn hash(film: &Film) -> u64 {
     }
     hash
 }
+
+/// Largest deviations between two sets of independent pictures, in standard normal units.
+#[derive(Clone, Copy, Debug)]
+pub struct Agreement {
+    /// Of any 8x8 block and channel.
+    pub worst: f64,
+    /// Blocks times channels.
+    pub tests: usize,
+    /// Of the mean of the whole picture, any channel.
+    pub whole: f64,
+    /// Whether blocks without variance were equal to the bit.
+    pub exact: bool,
+}
+
+impl Agreement {
+    /// Welch's t of block means between replicates (STATISTICS S1 and S2).
+    pub fn of(a: &[Film], b: &[Film]) -> Self {
+        let [a, b] = [a, b].map(|films| films.iter().map(block_means).collect::<Vec<_>>());
+        Self::of_blocks(&a, &b)
+    }
+
+    /// The same of block means, `[replicate][block]`.
+    pub fn of_blocks(a: &[Vec<[f64; 3]>], b: &[Vec<[f64; 3]>]) -> Self {
+        let blocks = a[0].len();
+        let mut found = Self { worst: 0.0, tests: 3 * blocks, whole: 0.0, exact: true };
+        for c in 0..3 {
+            for block in 0..blocks {
+                let of = |set: &[Vec<[f64; 3]>]| summary(set.iter().map(|r| r[block][c]));
+                match welch(of(a), of(b)) {
+                    Some(z) => found.worst = found.worst.max(z),
+                    None => found.exact &= of(a).0 == of(b).0,
+                }
+            }
+            let of = |set: &[Vec<[f64; 3]>]| summary(set.iter().map(|r| r.iter().map(|m| m[c]).sum::<f64>()));
+            found.whole = found.whole.max(welch(of(a), of(b)).unwrap_or(0.0));
+        }
+        found
+    }
+
+    /// Whether nothing differs at this false-alarm rate, Sidak over all tests.
+    pub fn holds(&self, alpha: f64) -> bool {
+        let level = |tests: usize| super::statistics::critical(super::statistics::sidak(alpha / 2.0, tests) / 2.0);
+        self.exact && self.worst < level(self.tests) && self.whole < level(3)
+    }
+}
+
+/// Means of 8x8 blocks, those at the border smaller, row by row.
+pub fn block_means(film: &Film) -> Vec<[f64; 3]> {
+    let [w, h] = film.frame().size().map(|n| n as usize);
+    let pixels: Vec<[f64; 3]> = (0..w * h).map(|i| film.mean(i)).collect();
+    block_means_of([w, h], &pixels)
+}
+
+pub fn block_means_of([w, h]: [usize; 2], pixels: &[[f64; 3]]) -> Vec<[f64; 3]> {
+    let corners = (0..h).step_by(8).flat_map(|y| (0..w).step_by(8).map(move |x| (x, y)));
+    corners
+        .map(|(x, y)| {
+            let (x1, y1) = ((x + 8).min(w), (y + 8).min(h));
+            let inside = (y..y1).flat_map(|row| pixels[row * w + x..row * w + x1].iter());
+            let sum = inside.fold([0.0; 3], |s: [f64; 3], p| std::array::from_fn(|c| s[c] + p[c]));
+            sum.map(|s| s / ((x1 - x) * (y1 - y)) as f64)
+        })
+        .collect()
+}
+
+/// Mean, squared standard error, and degrees of freedom.
+fn summary(values: impl Iterator<Item = f64> + Clone) -> (f64, f64, f64) {
+    let n = values.clone().count() as f64;
+    let mean = values.clone().sum::<f64>() / n;
+    let squares: f64 = values.map(|v| (v - mean).powi(2)).sum();
+    (mean, squares / (n - 1.0) / n, n - 1.0)
+}
+
+/// Deviation of two means as a standard normal one of the same probability, after Wallace 1959; `None`
+/// without variance.
+pub fn welch((a, va, na): (f64, f64, f64), (b, vb, nb): (f64, f64, f64)) -> Option<f64> {
+    let variance = va + vb;
+    // Rounding is no variance.
+    if !(variance > 1e-24 * (a * a + b * b)) {
+        return None;
+    }
+    let freedom = variance * variance / (va * va / na + vb * vb / nb);
+    let t2 = (a - b).powi(2) / variance;
+    Some((8.0 * freedom + 1.0) / (8.0 * freedom + 3.0) * (freedom * (t2 / freedom).ln_1p()).sqrt())
+}
