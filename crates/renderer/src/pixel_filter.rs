@@ -89,3 +89,70 @@ fn look_up(table: &[f32], u: f32) -> f32 {
     let t = place - k as f32;
     table[k] + (table[k + 1] - table[k]) * t
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The distribution function of a filter's shape along one axis, by fine summation.
+    fn distribution(shape: impl Fn(f64) -> f64, radius: f64, x: f64) -> f64 {
+        let sum = |to: f64| {
+            let n = 20_000;
+            let step = (to + radius) / f64::from(n);
+            (0..n).map(|k| shape(-radius + (f64::from(k) + 0.5) * step)).sum::<f64>() * step
+        };
+        sum(x) / sum(radius)
+    }
+
+    #[test]
+    fn offsets_follow_the_filters_shape() {
+        let gaussian = |s: f64, r: f64| move |x: f64| (-x * x / (2.0 * s * s)).exp() - (-r * r / (2.0 * s * s)).exp();
+        type Shape = Box<dyn Fn(f64) -> f64>;
+        let cases: [(PixelFilter, f64, Shape); 4] = [
+            (PixelFilter::Box { radius: [0.5, 0.5] }, 0.5, Box::new(|_| 1.0)),
+            (PixelFilter::Triangle { radius: [2.0, 2.0] }, 2.0, Box::new(|x| 2.0 - x.abs())),
+            (PixelFilter::Gaussian { radius: [1.5, 1.5], sigma: 0.5 }, 1.5, Box::new(gaussian(0.5, 1.5))),
+            (PixelFilter::Gaussian { radius: [2.0, 2.0], sigma: 4.0 }, 2.0, Box::new(gaussian(4.0, 2.0))),
+        ];
+        for (filter, radius, shape) in cases {
+            let sampler = FilterSampler::new(&filter);
+            for k in 1..200 {
+                let u = k as f32 / 200.0;
+                let [x, y] = sampler.sample([u, 1.0 - u]).to_array();
+                let found = distribution(&shape, radius, f64::from(x));
+                assert!((found - f64::from(u)).abs() < 1e-3, "{filter:?}, u = {u}: {x} has {found}");
+                // The table inverts from one side: mirrored to a thousandth of the radius.
+                assert!((x + y).abs() < 1e-3 * radius as f32, "{filter:?}: {x} {y}");
+            }
+            for u in [0.0, 1.0 - f32::EPSILON / 2.0] {
+                assert!(sampler.sample([u, u]).abs().max_element() <= radius as f32, "{filter:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn extreme_gaussians_stay_in_their_pixel() {
+        for sigma in [1e-30, 1e-9, 1e9, 1e30] {
+            let sampler = FilterSampler::new(&PixelFilter::Gaussian { radius: [1.0, 2.0], sigma });
+            let [low, middle, high] = [0.1, 0.5, 0.9].map(|u| sampler.sample([u, u]));
+            assert!(middle.abs().max_element() < 2e-3, "sigma {sigma}: {middle}");
+            // A very wide one is a parabola: 1 - x^2.
+            let spread = if sigma > 1.0 { 0.5..0.7 } else { 0.0..1e-3 };
+            assert!(spread.contains(&high.x) && spread.contains(&-low.x), "sigma {sigma}: {low} {high}");
+        }
+    }
+
+    #[test]
+    fn senseless_filters_are_the_box() {
+        let expected = FilterSampler::new(&PixelFilter::default()).sample([0.25, 0.875]);
+        assert_eq!(expected, Vec2::new(-0.25, 0.375));
+        for filter in [
+            PixelFilter::Box { radius: [0.0, 1.0] },
+            PixelFilter::Triangle { radius: [f64::NAN, 1.0] },
+            PixelFilter::Gaussian { radius: [1.0, 1.0], sigma: 0.0 },
+            PixelFilter::Gaussian { radius: [f64::INFINITY, 1.0], sigma: 1.0 },
+        ] {
+            assert_eq!(FilterSampler::new(&filter).sample([0.25, 0.875]), expected, "{filter:?}");
+        }
+    }
+}

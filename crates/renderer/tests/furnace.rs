@@ -194,3 +194,17 @@ fn l02_no_material_makes_light() {
         }
     }
 }
+
+/// No exit, albedo 1, unlimited depth: paths end all the same.
+#[test]
+fn l13_endless_paths_end() {
+    for inside in [sphere(), mesh()] {
+        let mut scene = furnace(inside, 1.0, None);
+        scene.film.resolution = [8, 8];
+        let film = picture(&scene, 16, SEED);
+        assert_eq!(film.record().rejected, 0);
+        let length = film.record().rays as f64 / film.record().samples as f64;
+        // Five events before roulette, 100 after it on average; two rays each.
+        assert!((100.0..400.0).contains(&length), "{length} rays a sample");
+    }
+}

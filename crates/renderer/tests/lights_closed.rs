@@ -132,16 +132,21 @@ fn rectangle_lamp(centre: DVec3, u: DVec3, v: DVec3) -> (Scene, f64) {
     (scene, polygon_irradiance(&corners))
 }
 
-/// Name, centre, half axes; and whether light sampling cannot meet 0.1 % with a CI run's samples.
+/// Name, centre, half axes; and whether light sampling, uniform over the area, is tested: right over the lamp
+/// all light comes from a spot as small as the height.
 type Placement = (&'static str, DVec3, DVec3, DVec3, bool);
 
-/// S4 within 0.1 %. Where nearly all light comes from nearly no samples, 10^5 samples must at least not
-/// refute it: so for a cosine-weighted direction that meets the lamp less than once in 20 times.
-fn check(name: &str, scene: &Scene, strategy: Strategy, reference: f64, hopeless: bool) {
-    let rare = strategy == Strategy::Bsdf && reference / PI < 0.05;
-    match hopeless || rare {
-        true => assert_ne!(verdict(name, scene, strategy, reference, 1e-3, 1 << 12), Verdict::Fail, "{name}, {strategy:?}"),
-        false => assert_eq!(verdict(name, scene, strategy, reference, 1e-3, 1 << 16), Verdict::Pass, "{name}, {strategy:?}"),
+/// S4 within 0.1 %. A cosine-weighted direction that meets the lamp less than once in 20 times cannot meet
+/// that in a CI run: its 3 10^5 samples must not refute the closed form; and where fewer than 1000 of them
+/// would meet the lamp, there is nothing to test.
+fn check(name: &str, scene: &Scene, strategy: Strategy, reference: f64) {
+    let met = if strategy == Strategy::Bsdf { reference / PI } else { 1.0 };
+    if met * 64.0 * 4096.0 < 1000.0 {
+        eprintln!("{name}, {strategy:?}: one sample in {:.0} meets the lamp, not tested", 1.0 / met);
+    } else if met < 0.05 {
+        assert_ne!(verdict(name, scene, strategy, reference, 1e-3, 1 << 12), Verdict::Fail, "{name}, {strategy:?}");
+    } else {
+        assert_eq!(verdict(name, scene, strategy, reference, 1e-3, 1 << 16), Verdict::Pass, "{name}, {strategy:?}");
     }
 }
 
@@ -151,18 +156,19 @@ fn placements() -> Vec<Placement> {
     let (sin, cos) = (0.5, 0.75_f64.sqrt());
     let turned = cos * x + sin * z;
     vec![
-        ("centred", z, x, y, false),
-        ("over a corner", at(1.0, 1.0, 1.0), x, y, false),
-        ("aside", at(3.0, 1.0, 1.0), x, 0.5 * y, false),
-        ("height 1e-3", 1e-3 * z, x, y, true),
-        ("height 1e3", 1e3 * z, x, y, false),
-        ("half under the horizon", at(1.0, 0.0, 0.0), y, z, false),
-        ("upright", at(2.0, 0.0, 1.5), y, z, false),
-        ("tilted", 2.0 * z, turned, y, false),
-        ("tilted, partly under the horizon", at(1.5, 0.0, 0.4), sin * x + cos * z, y, false),
-        ("a strip", at(0.5, 0.0, 1.0), x, 0.01 * y, false),
-        ("a ceiling", z, 30.0 * x, 30.0 * y, false),
-        ("askew", at(-0.7, 0.4, 0.8), cos * x + sin * y, -0.3 * (cos * y - sin * x) + 0.1 * z, false),
+        ("centred", z, x, y, true),
+        ("over a corner", at(1.0, 1.0, 1.0), x, y, true),
+        ("aside", at(3.0, 1.0, 1.0), x, 0.5 * y, true),
+        ("height 1e-3", 1e-3 * z, x, y, false),
+        ("height 0.1", 0.1 * z, x, y, true),
+        ("height 1e3", 1e3 * z, x, y, true),
+        ("half under the horizon", at(1.0, 0.0, 0.0), y, z, true),
+        ("upright", at(2.0, 0.0, 1.5), y, z, true),
+        ("tilted", 2.0 * z, turned, y, true),
+        ("tilted, partly under the horizon", at(1.5, 0.0, 0.4), sin * x + cos * z, y, true),
+        ("a strip", at(0.5, 0.0, 1.0), x, 0.01 * y, true),
+        ("a ceiling", z, 30.0 * x, 30.0 * y, true),
+        ("askew", at(-0.7, 0.4, 0.8), cos * x + sin * y, -0.3 * (cos * y - sin * x) + 0.1 * z, true),
     ]
 }
 
@@ -170,10 +176,10 @@ fn placements() -> Vec<Placement> {
 fn l03_rectangle_light() {
     let (_, centred) = rectangle_lamp(DVec3::Z, DVec3::X, DVec3::Y);
     assert!((centred - 1.740_839_5).abs() < 1e-7, "{centred}");
-    for (name, centre, u, v, hopeless) in placements() {
+    for (name, centre, u, v, light) in placements() {
         let (scene, reference) = rectangle_lamp(centre, u, v);
-        for strategy in STRATEGIES {
-            check(name, &scene, strategy, reference, hopeless && strategy == Strategy::Light);
+        for strategy in STRATEGIES.into_iter().filter(|s| light || *s != Strategy::Light) {
+            check(name, &scene, strategy, reference);
         }
     }
 }
@@ -216,7 +222,7 @@ fn l04_sphere_light() {
             let (scene, reference) = sphere_lamp(d, towards);
             let name = format!("d = {d} R towards {towards}");
             for strategy in STRATEGIES {
-                check(&name, &scene, strategy, reference, false);
+                check(&name, &scene, strategy, reference);
             }
         }
     }

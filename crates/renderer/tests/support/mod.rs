@@ -225,7 +225,7 @@ pub fn block_means_of([w, h]: [usize; 2], pixels: &[[f64; 3]]) -> Vec<[f64; 3]> 
 }
 
 /// Mean, squared standard error, and degrees of freedom.
-fn summary(values: impl Iterator<Item = f64> + Clone) -> (f64, f64, f64) {
+pub fn summary(values: impl Iterator<Item = f64> + Clone) -> (f64, f64, f64) {
     let n = values.clone().count() as f64;
     let mean = values.clone().sum::<f64>() / n;
     let squares: f64 = values.map(|v| (v - mean).powi(2)).sum();
