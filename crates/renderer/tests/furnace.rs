@@ -77,11 +77,12 @@ fn check_furnace(cases: &[(f32, Option<u32>, f64)], most: u64) {
     }
 }
 
-/// Where roulette makes noise, 0.1 % takes minutes: those cases get 0.2 to 5 % here and 0.1 % in the slow test.
+/// Where roulette makes noise, 0.1 % takes minutes: those cases get 0.4 to 10 % here and 0.1 % in the slow test.
 #[test]
 fn l01_closed_furnace() {
     let exact = [0.0, 0.5, 0.9, 0.99].into_iter().flat_map(|rho| [0, 1, 3].map(|d| (rho, Some(d), 1e-3)));
-    let noisy = [(0.5, Some(12), 2e-3), (0.5, None, 2e-3), (0.9, Some(30), 2e-2), (0.9, None, 2e-2), (0.99, None, 5e-2)];
+    let noisy =
+        [(0.5, Some(12), 4e-3), (0.5, None, 4e-3), (0.9, Some(30), 3e-2), (0.9, None, 3e-2), (0.99, None, 1e-1)];
     check_furnace(&exact.chain(noisy).collect::<Vec<_>>(), 1024);
 }
 

@@ -9,7 +9,6 @@ use dapple_renderer::World;
 use dapple_renderer::image::Picture;
 use dapple_renderer::light::{Environment, EnvironmentError, Target};
 use dapple_renderer::scene::{EnvironmentRadiance, Geometry, Light, LightKind, MeshData, Scene, Source};
-use dapple_renderer::shading::warp::uniform_sphere;
 use glam::{DAffine3, DMat3, DVec3, Vec3};
 use std::sync::Arc;
 use support::*;
@@ -24,14 +23,14 @@ fn shines(geometry: Geometry, to_world: DAffine3, reversed: bool) -> [bool; 2] {
     [1.0, -1.0].map(|side| {
         // Off the centre: rings have a hole there.
         let eye = world.space().point(DVec3::new(0.6, 0.1, 4.0 * side)).as_vec3();
-        let met = world.emitter(&Ray::new(eye, Vec3::Z * -side)).expect("it is in the way");
+        let met = world.emitter(&Ray::new(eye, Vec3::Z * -side as f32)).expect("it is in the way");
         let seen = met.radiance != Vec3::ZERO;
         let drawn = (0..64).any(|i| {
             let u = [(i % 8) as f32 / 8.0 + 0.05, (i / 8) as f32 / 8.0 + 0.05];
             world.lights().sample(world.geometry(), eye, 0.5, u).is_some()
         });
         assert_eq!(seen, drawn, "what is seen and what is sampled, side {side}");
-        assert_eq!(met.point.normal.z * side > 0.0, seen, "the normal points to the side that shines");
+        assert_eq!(f64::from(met.point.normal.z) * side > 0.0, seen, "the normal points to the side that shines");
         seen
     })
 }
@@ -103,7 +102,7 @@ fn sky_alone(radiance: EnvironmentRadiance, to_world: DAffine3) -> Scene {
 #[test]
 fn l08_what_is_sampled_is_what_is_seen() {
     let turn = DMat3::from_rotation_z(0.7) * DMat3::from_rotation_x(1.1);
-    let mirrored = turn * DMat3::from_diagonal(DVec3::new(1.0, -3.0, 1.0) / 1.0);
+    let mirrored = turn * DMat3::from_diagonal(DVec3::new(1.0, -3.0, 1.0));
     let mirrored = DMat3::from_cols(mirrored.x_axis * 3.0, mirrored.y_axis, mirrored.z_axis * 3.0);
     let maps: [(&str, EnvironmentRadiance); 5] = [
         ("constant", EnvironmentRadiance::Constant([0.5; 3])),
@@ -117,13 +116,18 @@ fn l08_what_is_sampled_is_what_is_seen() {
             let sky = environment(&radiance, map).expect("sound").expect("not black");
             let scene = sky_alone(radiance.clone(), DAffine3::from_mat3(map));
             let world = world(&scene);
+            let unscaled = map.as_mat3();
             let (mut by_sphere, mut by_light, mut density) = (0.0, 0.0, 0.0);
             let side = 256;
             for i in 0..side * side {
                 let u = [((i % side) as f32 + 0.5) / side as f32, ((i / side) as f32 + 0.5) / side as f32];
-                let w = uniform_sphere(u);
-                by_sphere += f64::from(sky.radiance(w).x) * 4.0 * std::f64::consts::PI;
-                density += f64::from(sky.pdf(w)) * 4.0 * std::f64::consts::PI;
+                // By angles rather than areas: near a pole the density is one over the sine.
+                let (theta, phi) = (u[0] * std::f32::consts::PI, u[1] * std::f32::consts::TAU);
+                let w = Vec3::new(theta.sin() * phi.cos(), theta.sin() * phi.sin(), theta.cos());
+                let w = (unscaled * w).normalize();
+                let measure = 2.0 * std::f64::consts::PI.powi(2) * f64::from(theta.sin());
+                by_sphere += f64::from(sky.radiance(w).x) * measure;
+                density += f64::from(sky.pdf(w)) * measure;
                 let Some(drawn) = world.lights().sample(world.geometry(), Vec3::ZERO, 0.0, u) else { continue };
                 assert!(matches!(drawn.target, Target::Far) && (drawn.wi.length() - 1.0).abs() < 3e-7);
                 assert_eq!(drawn.radiance, sky.radiance(drawn.wi));
