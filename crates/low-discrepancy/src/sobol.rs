@@ -183,8 +183,7 @@ mod tests {
     #[test]
     fn preferred_counts_are_powers_of_two_and_their_halves_more() {
         let counts: Vec<u64> = (0..26).map(|n| Sobol::new(0).preferred_count(n)).collect();
-        let ladder =
-            [1, 1, 2, 3, 4, 6, 6, 8, 8, 12, 12, 12, 12, 16, 16, 16, 16, 24, 24, 24, 24, 24, 24, 24, 24, 32];
+        let ladder = [1, 1, 2, 3, 4, 6, 6, 8, 8, 12, 12, 12, 12, 16, 16, 16, 16, 24, 24, 24, 24, 24, 24, 24, 24, 32];
         assert_eq!(counts, ladder);
         assert_eq!(Sobol::new(0).preferred_count((3 << 31) - 1), 3 << 31);
         assert_eq!(Sobol::new(0).preferred_count(u64::MAX), u64::MAX);

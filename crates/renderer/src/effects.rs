@@ -189,6 +189,8 @@ impl Effects {
 fn is_black(radiance: &EnvironmentRadiance) -> bool {
     match radiance {
         EnvironmentRadiance::Constant(rgb) => *rgb == [0.0; 3],
-        EnvironmentRadiance::LatLong { picture, scale } => *scale == 0.0 || picture.pixels.iter().all(|p| *p == [0.0; 3]),
+        EnvironmentRadiance::LatLong { picture, scale } => {
+            *scale == 0.0 || picture.pixels.iter().all(|p| *p == [0.0; 3])
+        }
     }
 }

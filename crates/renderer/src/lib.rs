@@ -6,9 +6,9 @@
 //! [`dapple_core::render`] does the rest.
 
 pub mod blocks;
+pub mod bundled;
 pub mod camera;
 mod effects;
-pub mod bundled;
 pub mod files;
 pub mod image;
 mod integrator;

@@ -74,7 +74,9 @@ impl Surface {
             }
             MaterialKind::CoatedDiffuse { reflectance, roughness, eta, thickness, albedo, max_depth, .. } => {
                 if *albedo != Color::Constant([0.0; 3]) {
-                    return Err(wrong("a coat that scatters (\"albedo\" above 0) is not supported: leave it out".into()));
+                    return Err(wrong(
+                        "a coat that scatters (\"albedo\" above 0) is not supported: leave it out".into(),
+                    ));
                 }
                 let alpha = alpha(roughness).map_err(&wrong)?;
                 let options = CoatOptions { eta: *eta, alpha, thickness: *thickness, max_depth: *max_depth };

@@ -11,10 +11,16 @@ pub struct FilterSampler {
 
 #[derive(Clone, Debug)]
 enum Kind {
-    Box { width: Vec2 },
-    Triangle { radius: Vec2 },
+    Box {
+        width: Vec2,
+    },
+    Triangle {
+        radius: Vec2,
+    },
     /// Inverse cumulative distribution of each axis at equal steps.
-    Table { axes: [Vec<f32>; 2] },
+    Table {
+        axes: [Vec<f32>; 2],
+    },
 }
 
 /// Steps of a tabulated inverse: linear in between, so offsets are right to some 1e-3 of the radius.

@@ -59,23 +59,46 @@ type MakeFilter = fn(&Parameters) -> Result<Box<dyn Filter>, RegistryError>;
 
 /// The samplers.
 pub const SAMPLERS: &[Entry<MakeSampler>] = &[
-    Entry { name: "variance", about: "pooled variance of a pilot, Neyman counts on a ladder (the default)", parameters: VARIANCE, make: variance },
-    Entry { name: "uniform", about: "the same count for every pixel", parameters: &[], make: |_, points| Ok(Box::new(Uniform::new(points))) },
+    Entry {
+        name: "variance",
+        about: "pooled variance of a pilot, Neyman counts on a ladder (the default)",
+        parameters: VARIANCE,
+        make: variance,
+    },
+    Entry {
+        name: "uniform",
+        about: "the same count for every pixel",
+        parameters: &[],
+        make: |_, points| Ok(Box::new(Uniform::new(points))),
+    },
 ];
 
 /// The point sets.
 pub const POINTS: &[Entry<MakePoints>] = &[
-    Entry { name: "sobol", about: "Owen-scrambled Sobol' pairs, any prefix is good (the default)", parameters: &[], make: |_, s| Ok(Box::new(Sobol::new(s.seed))) },
-// LATER     Entry { name: "lowdiscrepancy", about: "pbrt-v2's scrambled and shuffled (0,2) points, made for a given count", parameters: LOW_DISCREPANCY, make: low_discrepancy },
-// LATER     Entry { name: "halton", about: "scrambled Halton points", parameters: &[], make: |_, s| Ok(Box::new(Halton::new(s.seed))) },
-// LATER     Entry { name: "stratified", about: "jittered cells", parameters: STRATIFIED, make: stratified },
-    Entry { name: "random", about: "independent random numbers (PCG), the baseline", parameters: &[], make: |_, s| Ok(Box::new(Random::new(s.seed))) },
+    Entry {
+        name: "sobol",
+        about: "Owen-scrambled Sobol' pairs, any prefix is good (the default)",
+        parameters: &[],
+        make: |_, s| Ok(Box::new(Sobol::new(s.seed))),
+    },
+    // LATER     Entry { name: "lowdiscrepancy", about: "pbrt-v2's scrambled and shuffled (0,2) points, made for a given count", parameters: LOW_DISCREPANCY, make: low_discrepancy },
+    // LATER     Entry { name: "halton", about: "scrambled Halton points", parameters: &[], make: |_, s| Ok(Box::new(Halton::new(s.seed))) },
+    // LATER     Entry { name: "stratified", about: "jittered cells", parameters: STRATIFIED, make: stratified },
+    Entry {
+        name: "random",
+        about: "independent random numbers (PCG), the baseline",
+        parameters: &[],
+        make: |_, s| Ok(Box::new(Random::new(s.seed))),
+    },
 ];
 
 /// The filters.
-pub const FILTERS: &[Entry<MakeFilter>] = &[
-    Entry { name: "none", about: "each pixel the mean of its own samples", parameters: &[], make: |_| Ok(Box::new(Unfiltered)) },
-];
+pub const FILTERS: &[Entry<MakeFilter>] = &[Entry {
+    name: "none",
+    about: "each pixel the mean of its own samples",
+    parameters: &[],
+    make: |_| Ok(Box::new(Unfiltered)),
+}];
 
 const VARIANCE: &[Parameter] = &[
     ("pilot", "0", "samples per pixel before counts adapt; 0 is 4, or a quarter of the mean budget if that is more"),

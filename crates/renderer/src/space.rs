@@ -126,7 +126,9 @@ mod tests {
             assert!(found.is_some_and(|s| (s / scale.abs() - 1.0).abs() < 1e-12), "{scale}: {found:?}");
         }
         let shear = DMat3::from_cols(DVec3::X, DVec3::new(0.1, 0.995, 0.0), DVec3::Z);
-        for stretch in [DMat3::from_diagonal(DVec3::new(1.0, 1.0, 1.01)), shear, DMat3::ZERO, DMat3::from_diagonal(DVec3::NAN)] {
+        for stretch in
+            [DMat3::from_diagonal(DVec3::new(1.0, 1.0, 1.01)), shear, DMat3::ZERO, DMat3::from_diagonal(DVec3::NAN)]
+        {
             assert_eq!(even_scale(&stretch), None, "{stretch}");
         }
     }

@@ -107,7 +107,9 @@ mod tests {
     fn checks_alternate_on_both_sides_of_0() {
         let colors = [Color::Constant([1.0; 3]), Color::Constant([0.0; 3])];
         let found = textures(vec![TextureKind::Checkerboard { scale: [2.0, 1.0], shift: [0.0, 0.5], colors }]);
-        for (u, v, even) in [(0.1, 0.1, true), (0.6, 0.1, false), (-0.1, 0.1, false), (-0.1, -0.6, true), (0.1, 0.6, false)] {
+        for (u, v, even) in
+            [(0.1, 0.1, true), (0.6, 0.1, false), (-0.1, 0.1, false), (-0.1, -0.6, true), (0.1, 0.6, false)]
+        {
             assert_eq!(found.look_up(TextureId(0), [u, v]).x == 1.0, even, "{u} {v}");
         }
     }

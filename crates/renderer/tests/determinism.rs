@@ -31,7 +31,8 @@ fn rendered(world: &World, sampler: &str, name: &str, schedule: Schedule, thread
     let film = film.unwrap_or_else(|e| panic!("{e}"));
     assert_eq!(film.record().rejected, 0);
     // Features and variance are part of what must not change.
-    let extra = format!("{:?}", (0..film.frame().pixels()).map(|i| (film.moments(i), film.features(i))).collect::<Vec<_>>());
+    let extra =
+        format!("{:?}", (0..film.frame().pixels()).map(|i| (film.moments(i), film.features(i))).collect::<Vec<_>>());
     extra.bytes().fold(hash(&film), |h, b| (h ^ u64::from(b)).wrapping_mul(0x0100_0000_01b3))
 }
 

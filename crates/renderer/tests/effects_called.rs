@@ -7,8 +7,8 @@ use dapple_core::{Film, Needs, PointSet, SampleId};
 use dapple_low_discrepancy::Sobol;
 use dapple_renderer::image::Picture;
 use dapple_renderer::scene::{
-    Color, Emission, EnvironmentRadiance, Geometry, Light, LightKind, Material, MaterialKind, Roughness, Scene, Texture,
-    TextureId, TextureKind,
+    Color, Emission, EnvironmentRadiance, Geometry, Light, LightKind, Material, MaterialKind, Roughness, Scene,
+    Texture, TextureId, TextureKind,
 };
 use dapple_renderer::{Effect, Effects, World, blocks};
 use glam::{DAffine3, DVec3};
@@ -177,7 +177,8 @@ fn l06_worthless_lights() {
     let lamp = |with: bool| {
         let (u, v, c) = (DVec3::Y, DVec3::X, DVec3::new(0.0, 0.0, 3.5));
         let corners = [c - u - v, c + u - v, c + u + v, c - u + v];
-        let corners = if with { vec![corners[0], corners[0], corners[1], corners[2], corners[3]] } else { corners.to_vec() };
+        let corners =
+            if with { vec![corners[0], corners[0], corners[1], corners[2], corners[3]] } else { corners.to_vec() };
         polygon(&corners)
     };
     part.shapes[1].geometry = lamp(true);

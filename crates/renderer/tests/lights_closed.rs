@@ -5,7 +5,9 @@ mod statistics;
 mod support;
 
 use dapple_core::samplers::Uniform;
-use dapple_core::{Draws, Estimate, Film, Frame, Integrator, Limits, Needs, NoWatch, Observed, PointSet, SampleId, render};
+use dapple_core::{
+    Draws, Estimate, Film, Frame, Integrator, Limits, Needs, NoWatch, Observed, PointSet, SampleId, render,
+};
 use dapple_geometry::{Ray, SurfacePoint, spawn_ray, spawn_ray_to};
 use dapple_low_discrepancy::Sobol;
 use dapple_renderer::camera::{Lens, Pinhole};
@@ -282,7 +284,13 @@ fn lamps() -> Scene {
     add(&mut scene, Geometry::Sphere { radius: 0.5 }, at(1.8, 1.0, 1.6), grey, Some(2.0));
     let ring = Geometry::Disk { height: 0.0, radius: 0.8, inner_radius: 0.3 };
     add(&mut scene, ring, at(-1.5, 0.5, 2.2) * DAffine3::from_rotation_x(PI), grey, Some(3.0));
-    add(&mut scene, rectangle(DVec3::new(0.0, 2.5, 1.0), 1.5 * DVec3::X, DVec3::Z), DAffine3::IDENTITY, grey, Some(1.0));
+    add(
+        &mut scene,
+        rectangle(DVec3::new(0.0, 2.5, 1.0), 1.5 * DVec3::X, DVec3::Z),
+        DAffine3::IDENTITY,
+        grey,
+        Some(1.0),
+    );
     scene.max_depth = Some(1);
     scene
 }

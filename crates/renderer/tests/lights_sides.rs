@@ -49,7 +49,9 @@ fn l12_sides_that_shine() {
     let along = DAffine3::from_scale(DVec3::new(-1.0, 1.0, 1.0));
     let (above, below) = ([true, false], [false, true]);
     let disk = || Geometry::Disk { height: 0.0, radius: 1.0, inner_radius: 0.25 };
-    for (name, make) in [("mesh", (|| up(None)) as fn() -> Geometry), ("disk", disk), ("mesh with normals", || up(Some(1.0)))] {
+    for (name, make) in
+        [("mesh", (|| up(None)) as fn() -> Geometry), ("disk", disk), ("mesh with normals", || up(Some(1.0)))]
+    {
         assert_eq!(shines(make(), plain, false), above, "{name}");
         assert_eq!(shines(make(), plain, true), below, "{name}, reversed");
         assert_eq!(shines(make(), along, false), above, "{name}, mirrored along");

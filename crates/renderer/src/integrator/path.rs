@@ -191,13 +191,8 @@ impl<L: Lens, const SEVERAL: bool, const SKY: bool, const DEEP: bool> Integrator
     for PathTracer<'_, L, SEVERAL, SKY, DEEP>
 {
     fn estimate(&self, draws: &Draws<'_>, _: &mut Observed) -> Estimate {
-        let mut path = Path {
-            ray: self.camera_ray(draws),
-            throughput: Vec3::ONE,
-            radiance: Vec3::ZERO,
-            last: None,
-            rays: 0,
-        };
+        let mut path =
+            Path { ray: self.camera_ray(draws), throughput: Vec3::ONE, radiance: Vec3::ZERO, last: None, rays: 0 };
         let mut first_hit = None;
         let mut vertex = 0;
         loop {

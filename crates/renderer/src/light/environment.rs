@@ -101,8 +101,7 @@ impl Environment {
                 let weights: Vec<f32> = (0..width * height)
                     .map(|i| {
                         let v = ((i / width) as f32 + 0.5) / height as f32;
-                        luminance(Vec3::from_array(picture.pixels[i]))
-                            * sin_cos_turn(0.5 * v).0
+                        luminance(Vec3::from_array(picture.pixels[i])) * sin_cos_turn(0.5 * v).0
                     })
                     .collect();
                 let Ok(cells) = PiecewiseConstant2d::new(&weights, [width, height]) else {

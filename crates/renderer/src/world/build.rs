@@ -36,9 +36,8 @@ impl Problems {
 pub(super) fn build(scene: &Scene, resolution: [u32; 2]) -> Result<World, WorldError> {
     let mut problems = Problems::default();
     let space = Space::of(scene);
-    let camera: Option<CameraView> = problems.note::<_>(
-        CameraView::new(&scene.camera, resolution, &space).map_err(|e: CameraError| e),
-    );
+    let camera: Option<CameraView> =
+        problems.note::<_>(CameraView::new(&scene.camera, resolution, &space).map_err(|e: CameraError| e));
     let mut surfaces = Vec::with_capacity(scene.materials.len());
     for material in &scene.materials {
         surfaces.extend(problems.note(Surface::new(material).map_err(|e: MaterialError| e)));
@@ -47,7 +46,9 @@ pub(super) fn build(scene: &Scene, resolution: [u32; 2]) -> Result<World, WorldE
     let mut parts = Vec::with_capacity(scene.shapes.len());
     for shape in &scene.shapes {
         if shape.material.0 as usize >= scene.materials.len() {
-            problems.0.push(format!("{}: the shape has material {}, which is not there", shape.source, shape.material.0));
+            problems
+                .0
+                .push(format!("{}: the shape has material {}, which is not there", shape.source, shape.material.0));
         }
         if let Some((geometry, part)) = problems.note_at(&shape.source, convert(shape, &space)) {
             shapes.push(geometry);
@@ -58,8 +59,7 @@ pub(super) fn build(scene: &Scene, resolution: [u32; 2]) -> Result<World, WorldE
     if !problems.0.is_empty() {
         return Err(WorldError { problems: problems.0 });
     }
-    let dropped_triangles =
-        shapes.iter().map(|s| if let Shape::Mesh(mesh) = s { mesh.degenerate() } else { 0 }).sum();
+    let dropped_triangles = shapes.iter().map(|s| if let Shape::Mesh(mesh) = s { mesh.degenerate() } else { 0 }).sum();
     let geometry = problems.note(Geometry::build(shapes, Preset::default()));
     let (Some(camera), Some(geometry)) = (camera, geometry) else {
         return Err(WorldError { problems: problems.0 });
@@ -87,13 +87,8 @@ fn convert(shape: &DescribedShape, space: &Space) -> Result<(Shape, Part), Strin
     let to_world = space.apply(shape.to_world);
     let mirrors = shape.to_world.matrix3.determinant() < 0.0;
     let reversed = if shape.reversed { -1.0 } else { 1.0 };
-    let mut part = Part {
-        material: shape.material.0,
-        light: NO_LIGHT,
-        flip: reversed,
-        normals: Vec::new(),
-        uvs: Vec::new(),
-    };
+    let mut part =
+        Part { material: shape.material.0, light: NO_LIGHT, flip: reversed, normals: Vec::new(), uvs: Vec::new() };
     let geometry = match &shape.geometry {
         Described::Mesh(mesh) => {
             // The tree's normal is by the winding in world space, which a mirror turns around.
@@ -180,7 +175,8 @@ fn light(
     part: &Part,
 ) -> Result<Option<Light>, String> {
     let to_world = space.apply(shape.to_world);
-    let round = "an emitting sphere or disk must not be stretched: its transform may move, turn, mirror and scale evenly";
+    let round =
+        "an emitting sphere or disk must not be stretched: its transform may move, turn, mirror and scale evenly";
     Ok(match &shape.geometry {
         Described::Mesh(_) => {
             let sides = sides(geometry, number, part);

@@ -65,7 +65,13 @@ pub fn coated(rho: f32, alpha: f32) -> MaterialKind {
 }
 
 /// Adds a shape with this material, and radiance if it shines; gives its number.
-pub fn add(scene: &mut Scene, geometry: Geometry, to_world: DAffine3, material: MaterialId, shines: Option<f32>) -> usize {
+pub fn add(
+    scene: &mut Scene,
+    geometry: Geometry,
+    to_world: DAffine3,
+    material: MaterialId,
+    shines: Option<f32>,
+) -> usize {
     let number = scene.shapes.len() as u32;
     let emission = shines.map(|l| Emission { radiance: [l; 3], two_sided: false });
     scene.shapes.push(Shape { geometry, to_world, material, emission, reversed: false, source: line(10 + number) });
@@ -152,7 +158,8 @@ pub fn mean(film: &Film) -> [f64; 3] {
 
 /// FNV-1a of the means' and counts' bits.
 pub fn hash(film: &Film) -> u64 {
-    let values = (0..film.frame().pixels()).flat_map(|i| film.mean(i).map(f64::to_bits).into_iter().chain([film.count(i)]));
+    let values =
+        (0..film.frame().pixels()).flat_map(|i| film.mean(i).map(f64::to_bits).into_iter().chain([film.count(i)]));
     let mut hash = 0xcbf2_9ce4_8422_2325_u64;
     for byte in values.flat_map(u64::to_le_bytes) {
         hash = (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3);
