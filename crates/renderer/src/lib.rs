@@ -29,4 +29,4 @@ pub use integrator::{PathTracer, integrator};
 pub use material::{MaterialError, Surface};
 pub use space::Space;
 pub use texture::Textures;
-pub use world::{World, WorldError};
+pub use world::{Emitter, World, WorldError};
