@@ -57,7 +57,17 @@ struct Ladder {
     rungs: Vec<u32>,
     /// Gain per sample of the step up to each rung, falling.
     gains: Vec<f64>,
+    /// For each bucket of thresholds (see `bucket`), how many rungs are sure to be reached.
+    sure: Vec<u8>,
     exponent: f64,
+}
+
+/// Numbers thresholds from 2^-256 to 1, an eighth of a power of two each; below and above they share
+/// a bucket.
+fn bucket(threshold: f64) -> usize {
+    const LOWEST: u64 = (1023 - 256) << 3;
+    const HIGHEST: u64 = 1024 << 3;
+    ((threshold.to_bits() >> 49).clamp(LOWEST, HIGHEST) - LOWEST) as usize
 }
 
 impl Ladder {
@@ -68,10 +78,22 @@ impl Ladder {
             rungs.push(next);
             n = next;
         }
-        let mut ladder = Self { rungs, gains: vec![], exponent };
+        let mut ladder = Self { rungs, gains: vec![], sure: vec![], exponent };
         let below = std::iter::once(0).chain(ladder.rungs.iter().copied());
-        ladder.gains = below.zip(&ladder.rungs).map(|(n, &m)| ladder.gain(n, m)).collect();
+        ladder.gains = below.zip(&ladder.rungs).map(|(n, &m)| ladder.compute_gain(n, m)).collect();
+        ladder.sure = vec![0; bucket(f64::MAX) + 1];
+        for gain in &ladder.gains {
+            // A gain above the whole bucket is reached by every threshold in it.
+            ladder.sure[..bucket(*gain)].iter_mut().for_each(|n| *n += 1);
+        }
         ladder
+    }
+
+    fn compute_gain(&self, n: u32, m: u32) -> f64 {
+        if n == 0 {
+            return f64::MAX;
+        }
+        (f64::from(n).powf(-self.exponent) - f64::from(m).powf(-self.exponent)) / (f64::from(m) - f64::from(n))
     }
 }
 
@@ -84,17 +106,22 @@ impl Steps for Ladder {
     }
 
     fn reach(&self, threshold: f64) -> u32 {
-        match self.gains.partition_point(|&g| g >= threshold) {
-            0 => 0,
-            k => self.rungs[k - 1],
+        // As `partition_point` would find, in a step or two instead of six.
+        let mut k = usize::from(self.sure[bucket(threshold)]);
+        while self.gains.get(k).is_some_and(|&g| g >= threshold) {
+            k += 1;
         }
+        if k == 0 { 0 } else { self.rungs[k - 1] }
     }
 
     fn gain(&self, n: u32, m: u32) -> f64 {
-        if n == 0 {
-            return f64::MAX;
+        let k = self.rungs.partition_point(|&r| r <= n);
+        let below = if k == 0 { 0 } else { self.rungs[k - 1] };
+        // Two powers a pixel would cost more than all the rest.
+        match self.gains.get(k) {
+            Some(&gain) if below == n && self.rungs[k] == m => gain,
+            _ => self.compute_gain(n, m),
         }
-        (f64::from(n).powf(-self.exponent) - f64::from(m).powf(-self.exponent)) / (f64::from(m) - f64::from(n))
     }
 }
 
@@ -146,8 +173,9 @@ pub fn allocate(scores: &[f64], floors: &[u32], ceiling: u32, total: u64) -> Res
 
 /// As [`allocate`], on the ladder of well-stratified prefixes (see [`ladder_next`]) and for errors
 /// that fall as `n^-exponent`: 1 for independent samples, about 1.3 for pictures sampled with nets.
-/// At most one pixel whose floor is on the ladder leaves it, to meet the sum. When all scores are
-/// equal there is nothing to adapt to, and counts differ by at most 1 wherever floors allow.
+/// At most one pixel whose floor is on the ladder leaves it, to meet the sum; others only where the
+/// budget fills every pixel up to the last rung below `ceiling`. When all scores are equal there is
+/// nothing to adapt to, and counts differ by at most 1 wherever floors allow.
 ///
 /// # Errors
 ///
@@ -169,9 +197,9 @@ pub fn allocate_on_ladder(
         let allowed = "the rate at which errors fall lies in (0, 3]";
         return Err(Error::OutOfRange { name: "exponent", value: exponent.to_string(), allowed });
     }
-    if scores.windows(2).all(|w| w[0] == w[1]) {
-        return allocate(scores, floors, ceiling, total);
-    }
+    let rung = ladder_floor(ceiling, even);
+    let room = floors.iter().map(|&n| u64::from(n.max(rung))).sum::<u64>();
+    let ceiling = if room >= total && !all_equal(&clean(scores).0) { rung } else { ceiling };
     share_out(scores, floors, ceiling, total, &Ladder::new(exponent, even))
 }
 
@@ -193,19 +221,52 @@ fn share_out(
         let counts = floors.iter().map(|&n| n.max(ceiling)).collect();
         return Ok(Allocation { counts, unspent: total - most, replaced });
     }
+    if all_equal(&scores) {
+        return Ok(Allocation { counts: level(floors, ceiling, total), unspent: 0, replaced });
+    }
     let reach = |g: f64, floor: u32, threshold: f64| steps.reach(threshold / g).min(ceiling).max(floor);
     let spend = |threshold: f64| -> u64 {
         let each = scores.par_iter().zip(floors).with_min_len(4096);
         each.map(|(&g, &floor)| u64::from(reach(g, floor, threshold))).sum()
     };
-    let threshold = find_threshold(&scores, total, spend);
-    let mut counts: Vec<u32> = match threshold {
+    let mean = u32::try_from(total / scores.len() as u64).unwrap_or(u32::MAX - 1).max(1);
+    let start = steps.gain(mean, steps.next(mean)) * scores.iter().sum::<f64>() / scores.len() as f64;
+    let bracket = find_threshold(start, total, (scores.len() / 64).max(256) as u64, spend);
+    let mut counts: Vec<u32> = match bracket.within {
         Some(t) => scores.iter().zip(floors).map(|(&g, &floor)| reach(g, floor, t)).collect(),
         None => floors.to_vec(),
     };
-    let left = total - counts.iter().map(|&n| u64::from(n)).sum::<u64>();
+    let mut left = total - counts.iter().map(|&n| u64::from(n)).sum::<u64>();
+    hand_out_above(bracket.beyond, &mut counts, &scores, ceiling, &mut left, steps);
     hand_out(&mut counts, &scores, ceiling, left, steps);
     Ok(Allocation { counts, unspent: 0, replaced })
+}
+
+fn all_equal(scores: &[f64]) -> bool {
+    scores.windows(2).all(|w| w[0] == w[1])
+}
+
+/// Counts as equal as floors and ceiling allow; the odd samples go to pixels by a hash of their
+/// number. `total` fits under the ceiling.
+fn level(floors: &[u32], ceiling: u32, total: u64) -> Vec<u32> {
+    let at = |level: u32, floor: u32| level.min(ceiling).max(floor);
+    let spend = |level: u32| floors.iter().map(|&floor| u64::from(at(level, floor))).sum::<u64>();
+    // The highest level that fits; that of 0 does, since the floors do.
+    let (mut low, mut high) = (0, ceiling);
+    while low < high {
+        let middle = low + (high - low).div_ceil(2);
+        if spend(middle) <= total { low = middle } else { high = middle - 1 }
+    }
+    let mut counts: Vec<u32> = floors.iter().map(|&floor| at(low, floor)).collect();
+    let left = (total - spend(low)) as usize;
+    if left > 0 {
+        let open = counts.iter().enumerate().filter(|(_, n)| **n == low);
+        let mut open: Vec<(u64, usize)> = open.map(|(pixel, _)| (mix(pixel as u64), pixel)).collect();
+        // Fewer are left than are open, or the next level would have fitted.
+        open.select_nth_unstable(left);
+        open[..left].iter().for_each(|&(_, pixel)| counts[pixel] += 1);
+    }
+    counts
 }
 
 /// Replaces scores that are none. Zeros become so small that they wait until all others are at
@@ -228,38 +289,49 @@ fn clean(scores: &[f64]) -> (Vec<f64>, usize) {
     (cleaned, replaced)
 }
 
-/// The smallest threshold found whose allocation spends at most `total`, near enough that the rest
-/// can be handed out one by one; `None` when the floors are all that fits.
-fn find_threshold(scores: &[f64], total: u64, spend: impl Fn(f64) -> u64) -> Option<f64> {
-    // Gains lie between 1 (scores are relative to the largest) and 1e-60 / 2^64.
-    let (mut low, mut high) = (1e-80_f64.ln(), 2.0_f64.ln());
-    let close = (scores.len() / 64).max(256) as u64;
-    let mut best = None;
-    let (mut low_excess, mut high_excess) = (f64::NAN, f64::NAN);
-    for step in 0..80 {
-        // Regula falsi on log(spent) after the first bracketing steps, bisection every third step.
-        let guess = if step % 3 == 2 || !(low_excess.is_finite() && high_excess.is_finite()) {
-            0.5 * (low + high)
-        } else {
-            let t = low_excess / (low_excess - high_excess);
-            low + (high - low) * t.clamp(0.02, 0.98)
-        };
+/// Two thresholds of the gain that lie close together.
+struct Bracket {
+    /// All steps that gain at least this much fit; `None` when the floors are all that fits.
+    within: Option<f64>,
+    /// All steps that gain at least this much are too many.
+    beyond: f64,
+}
+
+/// Searches for the threshold at which the steps above it spend `total`, until at most `close`
+/// samples are left over, or only steps of nearly the same gain are (ties cannot be parted by a
+/// threshold). Spending falls with the threshold.
+fn find_threshold(start: f64, total: u64, close: u64, spend: impl Fn(f64) -> u64) -> Bracket {
+    // Gains of steps beyond the first lie between 1 (scores are relative to the largest) and
+    // 1e-60 (the smallest score) times 2^-128 (the last rung, at the steepest exponent).
+    let (least, most) = (1e-120_f64.ln(), 2.0_f64.ln());
+    let excess = |spent: u64| (spent.max(1) as f64).ln() - (total as f64).ln();
+    let mut bracket = Bracket { within: None, beyond: 0.0 };
+    let (mut low, mut high) = ((least, f64::NAN), (most, f64::NAN));
+    let mut guess = start.ln().clamp(least, most);
+    // A bound: the bracket is halved at least every other step.
+    for step in 0..120 {
         let spent = spend(guess.exp());
-        let excess = (spent.max(1) as f64).ln() - (total as f64).ln();
         if spent > total {
-            (low, low_excess) = (guess, excess);
+            (low, bracket.beyond) = ((guess, excess(spent)), guess.exp());
         } else {
-            (high, high_excess) = (guess, excess);
-            best = Some(guess.exp());
+            (high, bracket.within) = ((guess, excess(spent)), Some(guess.exp()));
             if total - spent <= close {
                 break;
             }
         }
-        if high - low < 1e-12 {
+        if high.0 - low.0 < 1e-3 {
             break;
         }
+        // Outwards from the start in steps that double, then regula falsi on log(spent) with
+        // bisection every other step.
+        guess = match (low.1.is_nan(), high.1.is_nan()) {
+            (true, _) => (high.0 - f64::from(1u32 << step.min(10))).max(least),
+            (_, true) => (low.0 + f64::from(1u32 << step.min(10))).min(most),
+            _ if step % 2 == 1 => 0.5 * (low.0 + high.0),
+            _ => low.0 + (high.0 - low.0) * (low.1 / (low.1 - high.1)).clamp(0.02, 0.98),
+        };
     }
-    best
+    bracket
 }
 
 /// A pixel waiting for its next step.
@@ -294,6 +366,50 @@ impl PartialEq for Waiting {
 
 impl Eq for Waiting {}
 
+/// Takes the steps that gain at least `threshold`, in the order of gains, until nothing is left.
+fn hand_out_above(
+    threshold: f64,
+    counts: &mut [u32],
+    scores: &[f64],
+    ceiling: u32,
+    left: &mut u64,
+    steps: &impl Steps,
+) {
+    // Without a bracket from below this would list every step that there is.
+    if threshold == 0.0 || *left == 0 {
+        return;
+    }
+    let mut waiting = Vec::new();
+    for (pixel, (&n, &score)) in counts.iter().zip(scores).enumerate() {
+        let mut count = n;
+        while count < ceiling {
+            let next = steps.next(count);
+            let gain = score * steps.gain(count, next);
+            if gain < threshold {
+                break;
+            }
+            waiting.push(Waiting { gain, count, tie: mix(pixel as u64), pixel });
+            count = next;
+        }
+    }
+    // A step is a sample or more.
+    let most = usize::try_from(*left).unwrap_or(usize::MAX);
+    if waiting.len() > most {
+        waiting.select_nth_unstable_by(most, |a, b| b.cmp(a));
+        waiting.truncate(most);
+    }
+    waiting.sort_unstable_by(|a, b| b.cmp(a));
+    for Waiting { pixel, count, .. } in waiting {
+        let width = u64::from(steps.next(count).min(ceiling) - count).min(*left);
+        counts[pixel] = count + width as u32;
+        *left -= width;
+        if *left == 0 {
+            return;
+        }
+    }
+}
+
+/// Hands out the rest step by step.
 fn hand_out(counts: &mut [u32], scores: &[f64], ceiling: u32, mut left: u64, steps: &impl Steps) {
     if left == 0 {
         return;
@@ -321,3 +437,9 @@ pub(crate) fn mix(x: u64) -> u64 {
     let x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
     x ^ (x >> 31)
 }
+<<<<<<< HEAD
+=======
+
+#[cfg(test)]
+mod tests;
+>>>>>>> main

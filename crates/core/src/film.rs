@@ -1,6 +1,6 @@
 //! What a render has found out so far: planes of per-pixel statistics, and the record of how it went.
 
-use crate::{Combine, Error, FirstHit, Frame, Needs, RgbMoments, SampleId};
+use crate::{Combine, Error, FirstHit, Frame, Needs, RgbMoments, SampleId, streams};
 
 /// Which statistics of a pixel: of kept or of discarded samples, of one half or of all.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -182,14 +182,20 @@ impl Film {
     }
 
     /// Takes in one sample by hand, as a round with `fate` kept would: for tests of samplers and
-    /// filters on made-up statistics. `half` is ignored without halves.
+    /// filters on made-up statistics. It is number `count` of its stream, and rejected if it is no
+    /// radiance. `half` is ignored without halves.
+    ///
+    /// # Panics
+    ///
+    /// When `pixel` is outside the window.
     pub fn push(&mut self, pixel: usize, half: usize, radiance: [f32; 3]) {
-        let half = half.min(self.kept.len() - 1);
+        let halves = self.kept.len() == 2;
+        let half = if halves { half & 1 } else { 0 };
         let bank = &mut self.kept[half];
-        let mut moments = RgbMoments { m2: [0.0; 3], ..bank.moments(pixel) };
-        if let Some(m2) = bank.m2.get(pixel) {
-            moments.m2 = *m2;
-        }
+        let index = bank.counts[pixel];
+        let reason = reason_to_reject(radiance);
+        let radiance = if reason.is_some() { [0.0; 3] } else { radiance };
+        let mut moments = bank.moments(pixel);
         moments.push(radiance);
         bank.counts[pixel] = moments.count;
         bank.means[pixel] = moments.mean;
@@ -200,6 +206,11 @@ impl Film {
             widen(range, radiance);
         }
         self.record.samples += 1;
+        if let Some(reason) = reason {
+            let stream = if halves { streams::HALVES[half] } else { streams::WHOLE };
+            let sample = SampleId { pixel: self.frame.pixel(pixel), stream, index };
+            self.list_rejected(1, vec![Rejected { sample, reason }]);
+        }
     }
 
     /// The picture's size and window.
@@ -241,11 +252,7 @@ impl Film {
             banks => return banks[0].means[i],
         };
         let w = self.first_half_weight(i);
-        let mut mean = [0.0; 3];
-        for c in 0..3 {
-            mean[c] = w * a.means[i][c] + (1.0 - w) * b.means[i][c];
-        }
-        mean
+        std::array::from_fn(|c| w * a.means[i][c] + (1.0 - w) * b.means[i][c])
     }
 
     /// The weight of the first half in pixel `i`. A half without samples gets none.
@@ -395,13 +402,30 @@ impl Film {
         }
     }
 
-    /// Lists newly rejected samples, keeping the first in order of pixel, stream and index.
-    pub(crate) fn list_rejected(&mut self, new: Vec<Rejected>) {
-        self.record.rejected += new.len() as u64;
-        self.rejected.extend(new);
-        self.rejected.sort_by_key(|r| (r.sample.pixel[1], r.sample.pixel[0], r.sample.stream, r.sample.index));
-        self.rejected.truncate(REJECTED_LISTED);
+    /// Counts newly rejected samples and lists the first of them in order of pixel, stream and index.
+    pub(crate) fn list_rejected(&mut self, count: u64, first: Vec<Rejected>) {
+        self.record.rejected += count;
+        self.rejected.extend(first);
+        keep_first(&mut self.rejected);
     }
+}
+
+/// Why a sample is no radiance.
+#[inline]
+pub(crate) fn reason_to_reject([r, g, b]: [f32; 3]) -> Option<RejectedReason> {
+    if r >= 0.0 && g >= 0.0 && b >= 0.0 && r < f32::INFINITY && g < f32::INFINITY && b < f32::INFINITY {
+        None
+    } else if r.is_finite() && g.is_finite() && b.is_finite() {
+        Some(RejectedReason::Negative)
+    } else {
+        Some(RejectedReason::NotFinite)
+    }
+}
+
+/// Sorts by pixel, stream and index, and keeps as many as are listed.
+pub(crate) fn keep_first(rejected: &mut Vec<Rejected>) {
+    rejected.sort_by_key(|r| (r.sample.pixel[1], r.sample.pixel[0], r.sample.stream, r.sample.index));
+    rejected.truncate(REJECTED_LISTED);
 }
 
 pub(crate) fn widen(range: &mut [[f32; 3]; 2], x: [f32; 3]) {
@@ -418,3 +442,6 @@ fn merged(banks: &[Bank], i: usize) -> RgbMoments {
     }
     moments
 }
+
+#[cfg(test)]
+mod tests;

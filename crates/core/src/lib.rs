@@ -52,3 +52,8 @@ pub use plan::{Combine, Fate, Plan, Progress};
 pub use point_set::{PointSet, SampleId, streams};
 pub use render::{Control, NoWatch, Status, Watch, render};
 pub use sampler::{BudgetLeft, Feedback, Sampler};
+
+/// Runs the example of the README.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct ReadmeExample;

@@ -63,8 +63,8 @@ impl RgbMoments {
     pub fn push(&mut self, value: [f32; 3]) {
         self.count += 1;
         let share = 1.0 / self.count as f64;
-        for c in 0..3 {
-            let x = f64::from(value[c]);
+        for (c, x) in value.into_iter().enumerate() {
+            let x = f64::from(x);
             let delta = x - self.mean[c];
             self.mean[c] += delta * share;
             self.m2[c] += delta * (x - self.mean[c]);

@@ -5,6 +5,7 @@ mod round;
 
 use crate::{Error, Film, Frame, Integrator, Limits, Needs, Plan, Progress, RoundRecord, Sampler};
 use budget::Meter;
+use round::Stopped;
 use std::time::Instant;
 
 /// What a watch sees between two slices of a round.
@@ -104,11 +105,18 @@ pub fn render(
             plan_seconds,
             trace_seconds: clock.seconds() - tracing,
         });
-        if stopped {
-            film.record.interrupted = true;
-            break;
+        match stopped {
+            Stopped::No => round += 1,
+            Stopped::Within => {
+                film.record.interrupted = true;
+                break;
+            }
+            Stopped::AtEnd => {
+                let spent = film.record.samples >= budget.total;
+                film.record.interrupted = !spent || meter.extend(&film, clock.seconds());
+                break;
+            }
         }
-        round += 1;
     }
     Ok(film)
 }
@@ -181,12 +189,18 @@ fn check(plan: &Plan, film: &Film, sampler: &dyn Sampler, budget: &crate::Budget
     let banks = if kept { &film.kept } else { &film.discarded };
     let mut deepest = 0;
     for i in 0..pixels {
-        let more = u64::from(plan.counts[i]) + second.map_or(0, |s| u64::from(s[i]));
+        let (first, others) = (u64::from(plan.counts[i]), second.map(|s| u64::from(s[i])));
+        let more = first + others.unwrap_or(0);
         if kept && more > 0 && film.count(i) + more > u64::from(budget.max_spp) {
             return bad(format!("{} samples in a pixel that may have {}", film.count(i) + more, budget.max_spp));
         }
-        // An upper bound: with halves the samples are shared between two streams.
-        deepest = deepest.max(more + banks.iter().map(|b| b.counts[i]).max().unwrap_or(0));
+        let so_far = |half: usize| banks.get(half).map_or(0, |b| b.counts[i]);
+        let (a, b) = (so_far(0), so_far(1));
+        deepest = deepest.max(match others {
+            Some(others) => (a + first).max(b + others),
+            None if film.kept.len() == 2 => a.max(b).max((a + b + more).div_ceil(2)),
+            None => a + more,
+        });
     }
     let points = sampler.points();
     if deepest > points.capacity() {

@@ -121,7 +121,12 @@ fn rays(scene: &Geometry, eye: Vec3, target: Vec3, light: Vec3) -> [Vec<Ray>; 3]
         };
         bounce.push(spawn_ray(&point, normal + random * 0.999));
         let aside = Vec3::new(rng.random_range(-0.5..0.5), 0.0, rng.random_range(-0.5..0.5));
-        let lamp = dapple_geometry::SurfacePoint { position: light + aside, error: Vec3::ZERO, normal: Vec3::NEG_Y };
+        let lamp = dapple_geometry::SurfacePoint {
+            position: light + aside,
+            error: Vec3::ZERO,
+            normal: Vec3::NEG_Y,
+            primitive: dapple_geometry::PrimitiveId::NONE,
+        };
         shadow.push(spawn_ray_to(&point, &lamp));
     }
     [primary, bounce, shadow]

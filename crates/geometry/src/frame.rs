@@ -27,20 +27,19 @@ pub(crate) struct Frame {
 }
 
 impl Frame {
-    /// Prepares a ray; `None` if it is invalid. The second number turns the frame's `t` into the caller's.
+    /// A valid ray with a direction of moderate length, ready for traversal; the caller's `t` is the frame's.
     #[inline(always)]
-    pub(crate) fn new(ray: &Ray) -> Option<(Self, f32)> {
+    pub(crate) fn ordinary(ray: &Ray) -> Option<Self> {
         let longest = ray.direction.abs().max_element();
-        if (1.0 / DIRECTION..=DIRECTION).contains(&longest) && is_sane(ray) {
-            return Some((Self::prepare(ray), 1.0));
-        }
-        Self::rescaled(ray)
+        let moderate = (1.0 / DIRECTION..=DIRECTION).contains(&longest);
+        if moderate && is_sane(ray) { Some(Self::prepare(ray)) } else { None }
     }
 
-    /// The same for a direction that is very short, very long or invalid: scaled by a power of two, which is exact
-    /// but where `t` leaves the range of f32.
+    /// The same for a direction that is very short or very long, scaled by a power of two, which is exact but where
+    /// `t` leaves the range of f32; `None` if the ray is invalid. The second number turns the frame's `t` into the
+    /// caller's.
     #[cold]
-    fn rescaled(ray: &Ray) -> Option<(Self, f32)> {
+    pub(crate) fn rescaled(ray: &Ray) -> Option<(Self, f32)> {
         let longest = ray.direction.abs().max_element();
         if !is_sane(ray) || !ray.direction.is_finite() || longest == 0.0 {
             return None;
@@ -49,12 +48,11 @@ impl Frame {
         let lift = if longest < f32::MIN_POSITIVE { (1u32 << 30) as f32 } else { 1.0 };
         let exponent = ((longest * lift).to_bits() >> 23) as i32 - 127;
         let scale = power_of_two(-exponent);
-        let t_scale = f64::from(scale) * f64::from(lift);
-        let scaled = |t: f32| (f64::from(t) / t_scale) as f32;
-        let direction = ray.direction * lift * scale;
+        let factor = f64::from(scale) * f64::from(lift);
+        let scaled = |t: f32| (f64::from(t) / factor) as f32;
         let (tmin, tmax) = (scaled(ray.tmin), scaled(ray.tmax));
-        let scaled = Ray { origin: ray.origin, direction, tmin, tmax };
-        is_sane(&scaled).then(|| (Self::prepare(&scaled), t_scale as f32))
+        let scaled = Ray { direction: ray.direction * lift * scale, tmin, tmax, ..*ray };
+        is_sane(&scaled).then(|| (Self::prepare(&scaled), factor as f32))
     }
 
     #[inline(always)]

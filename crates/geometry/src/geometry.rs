@@ -2,7 +2,7 @@ use crate::build::{Preset, build_tree};
 use crate::frame::Frame;
 use crate::shape::Quadric;
 use crate::traverse::{Best, Tree};
-use crate::{Error, Hit, Ray, Shape, SurfacePoint};
+use crate::{Error, Hit, PrimitiveId, Ray, Shape, SurfacePoint};
 use glam::Vec3;
 
 /// Shapes, and the tree that finds which of them a ray meets.
@@ -30,9 +30,17 @@ impl Geometry {
     #[inline]
     #[must_use]
     pub fn closest(&self, ray: &Ray) -> Option<Hit> {
-        let (frame, scale) = Frame::new(ray)?;
+        match Frame::ordinary(ray) {
+            Some(frame) => self.closest_along(&frame, 1.0),
+            None => Frame::rescaled(ray).and_then(|(frame, scale)| self.closest_along(&frame, scale)),
+        }
+    }
+
+    /// The closest hit, `t` multiplied by `scale`.
+    #[inline(always)]
+    fn closest_along(&self, frame: &Frame, scale: f32) -> Option<Hit> {
         let mut best = Best::new(frame.ray.tmax);
-        self.tree.closest(&frame, &mut best);
+        self.tree.closest(frame, &mut best);
         best.found.then_some(Hit {
             t: best.t * scale,
             shape: (best.key >> 32) as u32,
@@ -45,7 +53,10 @@ impl Geometry {
     #[inline]
     #[must_use]
     pub fn occluded(&self, ray: &Ray) -> bool {
-        Frame::new(ray).is_some_and(|(frame, _)| self.tree.occluded(&frame))
+        match Frame::ordinary(ray) {
+            Some(frame) => self.tree.occluded(&frame),
+            None => Frame::rescaled(ray).is_some_and(|(frame, _)| self.tree.occluded(&frame)),
+        }
     }
 
     /// The point that was hit, with its error and normal. `hit` must come from [`closest`](Self::closest) of this
@@ -56,7 +67,8 @@ impl Geometry {
         match &self.shapes[hit.shape as usize] {
             Shape::Mesh(mesh) => {
                 let (position, error, normal) = mesh.point(hit.primitive, hit.barycentrics);
-                SurfacePoint { position, error, normal }
+                let primitive = PrimitiveId::triangle(hit.shape, hit.primitive);
+                SurfacePoint { position, error, normal, primitive }
             }
             Shape::Sphere(sphere) => Quadric::Sphere(*sphere).surface(ray, hit.t),
             Shape::Disk(disk) => Quadric::Disk(*disk).surface(ray, hit.t),

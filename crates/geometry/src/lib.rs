@@ -18,6 +18,6 @@ pub use build::Preset;
 pub use error::Error;
 pub use geometry::Geometry;
 pub use mesh::Mesh;
-pub use ray::{Hit, Ray};
+pub use ray::{Hit, PrimitiveId, Ray};
 pub use shape::{Disk, Shape, Sphere};
 pub use surface::{SurfacePoint, offset_origin, spawn_ray, spawn_ray_to, spawn_ray_to_point};

@@ -17,6 +17,8 @@ const SINE_OF_NOTHING: f64 = 1.0 / (1u64 << 48) as f64;
 pub struct Mesh {
     positions: Vec<[f32; 3]>,
     triangles: Vec<[u32; 3]>,
+    /// Unit, per triangle; zero where there is no area.
+    normals: Vec<Vec3>,
     degenerate: usize,
 }
 
@@ -41,7 +43,12 @@ impl Mesh {
         if largest > LARGEST || (largest > 0.0 && largest < SMALLEST) {
             return Err(Error::ScaleOutOfRange { what: "a mesh's largest coordinate", value: largest.into() });
         }
-        let mut mesh = Self { positions, triangles, degenerate: 0 };
+        let mut mesh = Self { positions, triangles, normals: Vec::new(), degenerate: 0 };
+        let normal = |number: usize| {
+            let [a, b, c] = mesh.corners(number as u32).map(Vec3::as_dvec3);
+            unit_normal(a, b, c)
+        };
+        mesh.normals = (0..mesh.triangles.len()).map(normal).collect();
         mesh.degenerate = (0..mesh.triangles.len()).filter(|&number| mesh.is_degenerate(number as u32)).count();
         Ok(mesh)
     }
@@ -94,7 +101,7 @@ impl Mesh {
         let magnitudes = a.abs() + b.abs() + c.abs();
         let position = exact.as_vec3();
         let error = (exact.abs() * ROUNDING + magnitudes * LOST_IN_F64).as_vec3();
-        (position, error, unit_normal(a, b, c))
+        (position, error, self.normals[triangle as usize])
     }
 }
 

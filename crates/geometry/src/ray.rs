@@ -15,6 +15,26 @@ pub struct Ray {
     pub tmin: f32,
     /// Hits lie strictly before this parameter; may be infinite.
     pub tmax: f32,
+    /// Flat primitives that the ray starts or ends on and so cannot meet in between. They may be told, to spare
+    /// deciding in f64 that they lie beyond `tmin` or `tmax`; hits are the same if they are not.
+    pub ends: [PrimitiveId; 2],
+}
+
+/// A triangle of a scene, or nothing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PrimitiveId(pub(crate) u64);
+
+impl PrimitiveId {
+    /// No primitive.
+    pub const NONE: Self = Self(u64::MAX);
+
+    /// Triangle `primitive` of shape `shape`. For spheres and disks take [`NONE`](Self::NONE): a ray may meet what
+    /// it starts on again.
+    #[inline]
+    #[must_use]
+    pub const fn triangle(shape: u32, primitive: u32) -> Self {
+        Self((shape as u64) << 32 | primitive as u64)
+    }
 }
 
 impl Ray {
@@ -22,7 +42,7 @@ impl Ray {
     #[inline]
     #[must_use]
     pub fn new(origin: Vec3, direction: Vec3) -> Self {
-        Self { origin, direction, tmin: 0.0, tmax: f32::INFINITY }
+        Self { origin, direction, tmin: 0.0, tmax: f32::INFINITY, ends: [PrimitiveId::NONE; 2] }
     }
 
     /// The point at parameter `t`. Points on surfaces are better had from

@@ -1,7 +1,7 @@
 //! What geometry is made of: meshes, spheres, disks.
 
 use crate::mesh::{LARGEST, LOST_IN_F64, ROUNDING, SMALLEST};
-use crate::{Error, Mesh, Ray, SurfacePoint};
+use crate::{Error, Mesh, PrimitiveId, Ray, SurfacePoint};
 use glam::{DAffine3, DMat3, DVec3, Vec3};
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
@@ -269,6 +269,7 @@ impl Space {
             position: exact.as_vec3(),
             error: error.as_vec3(),
             normal: normal.normalize_or(DVec3::Z).as_vec3(),
+            primitive: PrimitiveId::NONE,
         }
     }
 }

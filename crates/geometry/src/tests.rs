@@ -14,10 +14,10 @@ const PRESETS: [Preset; 6] =
 
 /// Every triangle in turn, by the tree's own test.
 fn linear(mesh: &Mesh, ray: &Ray) -> Option<Hit> {
-    let (frame, scale) = Frame::new(ray)?;
+    let (frame, scale) = Frame::ordinary(ray).map(|frame| (frame, 1.0)).or_else(|| Frame::rescaled(ray))?;
     let numbers = (0..mesh.triangles().len() as u32).filter(|&n| !mesh.is_degenerate(n));
     let hits = numbers.filter_map(|n| {
-        let lanes = Triangles4::new(&[mesh.corners(n)]).intersect(&frame, frame.ray.tmax)?;
+        let lanes = Triangles4::new(&[mesh.corners(n)]).intersect(&frame, frame.ray.tmax, &[0; 4])?;
         let barycentrics = lanes.weights.map(|w| w[0]);
         Some(Hit { t: lanes.t[0] * scale, shape: 0, primitive: n, barycentrics })
     });
@@ -84,7 +84,7 @@ fn aimed_ray(rng: &mut Pcg64Mcg, mesh: &Mesh, exponent: f64, scale: f32) -> Ray 
     };
     let tmin = if rng.random_range(0..4) == 0 { 0.9 } else { 0.0 };
     let tmax = if rng.random_range(0..4) == 0 { 1.0 } else { f32::INFINITY };
-    Ray { origin, direction: target - origin, tmin, tmax }
+    Ray { tmin, tmax, ..Ray::new(origin, target - origin) }
 }
 
 #[test]

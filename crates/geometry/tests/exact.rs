@@ -5,9 +5,7 @@ mod support;
 use dapple_geometry::{Error, Geometry, Hit, Mesh, Preset, Ray, Shape};
 use glam::{DVec3, Vec3};
 use rand::RngExt;
-use support::{PRESETS, cuboid, direction, generator, geometry, lat_long, point_in, scaled_ray};
-
-type Soup = (Vec<[f32; 3]>, Vec<[u32; 3]>);
+use support::{PRESETS, Soup, cuboid, direction, generator, geometry, lat_long, point_in, scaled_ray};
 
 fn scaled((positions, triangles): &Soup, scale: f32) -> Soup {
     (positions.iter().map(|p| p.map(|x| x * scale)).collect(), triangles.clone())
@@ -141,7 +139,6 @@ fn g12_duplicates_and_concentric_triangles_build_fast_and_shallow() {
         let (first, scene) = time(soup);
         let seconds = first.min(time(soup).0);
         assert!(seconds <= budget, "{name}: {seconds} s, budget {budget} s");
-        eprintln!("{name}: {:.1} of 4 times the build of spread triangles", 4.0 * seconds / budget);
         let hit = scene.closest(&Ray::new(Vec3::new(aim, aim, -1e6), Vec3::Z));
         assert!(hit.is_some(), "{name}");
         if name == "same" {

@@ -72,8 +72,8 @@ pub(crate) fn unit(bits: u32) -> f32 {
 /// Where `i < n` goes in a random permutation of `0..n` chosen by `key`. `1 <= n <= 2^31`.
 ///
 /// A bijection on the next power of two, walked until it falls below `n` [Kensler 2013]; the bijection
-/// is a Feistel network of our own on the number's high and low bits. Its rounds are many because its
-/// words are short: fewer than six fail the test of pairs below at `n = 8`.
+/// is a Feistel network of our own on the number's high and low bits. It has four double rounds because
+/// its words are short: with three, the test of neighbours below fails.
 #[inline]
 pub(crate) fn permute(i: u32, n: u32, key: u64) -> u32 {
     debug_assert!(i < n && n <= 1 << 31);

@@ -6,7 +6,7 @@ pub use parameters::{Parameters, RegistryError};
 
 use dapple_core::samplers::{Pilot, Uniform, Variance, VarianceOptions};
 use dapple_core::{Filter, PointSet, SampleId, Sampler, Unfiltered};
-use dapple_low_discrepancy::{Random, Sobol};
+use dapple_low_discrepancy::{Halton, LowDiscrepancy, Random, Sobol, Stratified};
 
 /// A parameter: its name, its default as it would be written, and one line about it.
 pub type Parameter = (&'static str, &'static str, &'static str);
@@ -81,9 +81,19 @@ pub const POINTS: &[Entry<MakePoints>] = &[
         parameters: &[],
         make: |_, s| Ok(Box::new(Sobol::new(s.seed))),
     },
-    // LATER     Entry { name: "lowdiscrepancy", about: "pbrt-v2's scrambled and shuffled (0,2) points, made for a given count", parameters: LOW_DISCREPANCY, make: low_discrepancy },
-    // LATER     Entry { name: "halton", about: "scrambled Halton points", parameters: &[], make: |_, s| Ok(Box::new(Halton::new(s.seed))) },
-    // LATER     Entry { name: "stratified", about: "jittered cells", parameters: STRATIFIED, make: stratified },
+    Entry {
+        name: "lowdiscrepancy",
+        about: "pbrt-v2's scrambled and shuffled (0,2) points, made for a given count",
+        parameters: LOW_DISCREPANCY,
+        make: low_discrepancy,
+    },
+    Entry {
+        name: "halton",
+        about: "scrambled Halton points",
+        parameters: &[],
+        make: |_, s| Ok(Box::new(Halton::new(s.seed))),
+    },
+    Entry { name: "stratified", about: "jittered cells", parameters: STRATIFIED, make: stratified },
     Entry {
         name: "random",
         about: "independent random numbers (PCG), the baseline",
@@ -108,6 +118,10 @@ const VARIANCE: &[Parameter] = &[
     ("cap", "6", "no pixel gets more than this many times the mean count"),
     ("policy", "keep", "the pilot's fate: keep (slightly biased), discard (unbiased), cross (unbiased, two halves)"),
 ];
+const LOW_DISCREPANCY: &[Parameter] =
+    &[("count", "0", "samples per pixel, rounded up to a power of two; 0 takes the mean budget, else 16")];
+const STRATIFIED: &[Parameter] =
+    &[("strata", "0", "cells along each axis; 0 takes the root of the mean budget, else 4")];
 
 fn variance(p: &Parameters, points: AnyPoints) -> Result<Box<dyn Sampler>, RegistryError> {
     let options = VarianceOptions {
@@ -119,6 +133,24 @@ fn variance(p: &Parameters, points: AnyPoints) -> Result<Box<dyn Sampler>, Regis
         policy: p.choice("policy", &[Pilot::Keep, Pilot::Discard, Pilot::Cross].map(|o| (o.name(), o)))?,
     };
     Ok(Box::new(Variance::with_options(points, options)?))
+}
+
+fn low_discrepancy(p: &Parameters, s: Setting) -> Result<Box<dyn PointSet>, RegistryError> {
+    let count = match p.number::<u64>("count")? {
+        0 => s.spp.unwrap_or(16),
+        count => count,
+    };
+    let made = LowDiscrepancy::new(s.seed, u32::try_from(count.max(1)).unwrap_or(u32::MAX));
+    Ok(Box::new(made.map_err(|e| p.refuse(e.to_string()))?))
+}
+
+fn stratified(p: &Parameters, s: Setting) -> Result<Box<dyn PointSet>, RegistryError> {
+    let strata = match p.number::<u32>("strata")? {
+        0 => s.spp.map_or(4, |n| (n as f64).sqrt().ceil().clamp(1.0, 4096.0) as u32),
+        strata => strata,
+    };
+    let made = Stratified::new(s.seed, strata);
+    Ok(Box::new(made.map_err(|e| p.refuse(e.to_string()))?))
 }
 
 /// Makes the point set that `words` names: `NAME` or `NAME:key=value,…`.

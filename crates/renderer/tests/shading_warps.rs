@@ -229,7 +229,7 @@ fn s09_discrete_choice() {
     // Groups of 1000 items: single ones are below a coordinate's resolution.
     let mut observed = vec![0u64; 1000];
     let mut places = vec![0u64; 64];
-    let mut draw = |u: f32| {
+    let draw = |u: f32| {
         let choice = d.sample(u).unwrap();
         assert!(weights[choice.index] > 0.0 && choice.pmf > 0.0 && (0.0..1.0).contains(&choice.u));
         assert_eq!(choice.pmf, d.pmf(choice.index));

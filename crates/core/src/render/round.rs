@@ -2,11 +2,11 @@
 
 use super::Look;
 use crate::allocate::mix;
-use crate::film::{Bank, FeatureMoments, widen};
+use crate::film::{Bank, FeatureMoments, REJECTED_LISTED, keep_first, reason_to_reject, widen};
 use crate::integrator::Observation;
 use crate::{
-    Control, Draws, Error, Estimate, Fate, Film, FirstHit, Integrator, InvalidSample, Limits, Observations, Observed,
-    Plan, PointSet, Rejected, RejectedReason, SampleId, streams,
+    Control, Draws, Error, Fate, Film, FirstHit, Integrator, InvalidSample, Limits, Observations, Observed, Plan,
+    PointSet, Rejected, SampleId, streams,
 };
 use rayon::prelude::*;
 use std::cell::Cell;
@@ -57,12 +57,27 @@ struct Tally {
     samples: u64,
     rays: u64,
     blocks: u64,
-    rejected: Vec<(Rejected, [f32; 3])>,
+    /// How many samples were rejected.
+    rejections: u64,
+    /// The first of them: enough that the film can list the first of all.
+    rejected: Vec<Rejected>,
+    /// The value of the first in order of tracing.
+    first_rejected: Option<(SampleId, [f32; 3])>,
     observations: Vec<(usize, Vec<Observation>)>,
     panicked: Option<(SampleId, String)>,
 }
 
-/// Traces a round into the film. Returns whether the watch stopped it.
+/// Whether and where the watch stopped a round.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Stopped {
+    No,
+    /// With samples of the round still to trace.
+    Within,
+    /// After its last slice: the round is whole.
+    AtEnd,
+}
+
+/// Traces a round into the film.
 pub(super) fn trace(
     integrator: &mut dyn Integrator,
     points: &dyn PointSet,
@@ -70,7 +85,7 @@ pub(super) fn trace(
     film: &mut Film,
     limits: &Limits,
     look: &mut Look<'_>,
-) -> Result<bool, Error> {
+) -> Result<Stopped, Error> {
     if plan.fate == Fate::Discard {
         film.open_discarded();
     }
@@ -79,6 +94,7 @@ pub(super) fn trace(
     let longest = longest_pixel(plan);
     let mut start = 0;
     let mut observed = Vec::new();
+    let mut stopped = Stopped::No;
     while start < longest {
         let end = match observes {
             true => longest,
@@ -91,15 +107,16 @@ pub(super) fn trace(
             return Err(Error::Panicked { sample, message, points: points.describe(), film });
         }
         start = end;
-        if look.slice(film) == Control::Stop && start < longest {
-            return Ok(true);
+        if look.slice(film) == Control::Stop {
+            stopped = if start < longest { Stopped::Within } else { Stopped::AtEnd };
+            break;
         }
     }
-    if observes {
+    if observes && stopped != Stopped::Within {
         observed.sort_by_key(|(block, _)| *block);
         integrator.learn(&Observations::merge(observed.into_iter().map(|(_, sums)| sums)));
     }
-    Ok(false)
+    Ok(stopped)
 }
 
 fn longest_pixel(plan: &Plan) -> u32 {
@@ -288,10 +305,10 @@ fn trace_sample(
     current.set(Some(id));
     let draws = Draws::new(round.points, id, round.wants_first_hit);
     let estimate = round.integrator.estimate(&draws, observed);
-    let radiance = match reason_to_reject(&estimate) {
+    let radiance = match reason_to_reject(estimate.radiance) {
         None => estimate.radiance,
         Some(reason) => {
-            tally.rejected.push((Rejected { sample: id, reason }, estimate.radiance));
+            tally.reject(Rejected { sample: id, reason }, estimate.radiance);
             [0.0; 3]
         }
     };
@@ -307,15 +324,18 @@ fn trace_sample(
     }
 }
 
-#[inline]
-fn reason_to_reject(estimate: &Estimate) -> Option<RejectedReason> {
-    let [r, g, b] = estimate.radiance;
-    if r >= 0.0 && g >= 0.0 && b >= 0.0 && r < f32::INFINITY && g < f32::INFINITY && b < f32::INFINITY {
-        None
-    } else if r.is_finite() && g.is_finite() && b.is_finite() {
-        Some(RejectedReason::Negative)
-    } else {
-        Some(RejectedReason::NotFinite)
+impl Tally {
+    /// Outlined: it hardly ever happens. Holds no more than twice what a film lists, however many
+    /// samples are bad.
+    #[cold]
+    #[inline(never)]
+    fn reject(&mut self, rejected: Rejected, value: [f32; 3]) {
+        self.rejections += 1;
+        self.first_rejected.get_or_insert((rejected.sample, value));
+        self.rejected.push(rejected);
+        if self.rejected.len() == 2 * REJECTED_LISTED {
+            keep_first(&mut self.rejected);
+        }
     }
 }
 
@@ -345,6 +365,8 @@ impl BankRows<'_> {
 /// Outlined: most renders record no first hits.
 #[inline(never)]
 fn record_first_hit(band: &mut Band<'_>, local: usize, k: usize, hit: Option<&FirstHit>) {
+    // A hit with a number that is none counts as a miss, or it would spread through every mean.
+    let hit = hit.filter(|h| h.is_finite());
     if let Some(features) = band.features.get_mut(local) {
         features.push(hit);
     }
@@ -359,7 +381,6 @@ fn record_first_hit(band: &mut Band<'_>, local: usize, k: usize, hit: Option<&Fi
 }
 
 /// Adds up what tasks hand back, in the order of the bands.
-#[expect(clippy::type_complexity, reason = "a pair of a place and what was said there")]
 fn settle(
     film: &mut Film,
     tallies: Vec<Tally>,
@@ -373,13 +394,12 @@ fn settle(
         film.record.rays += tally.rays;
         film.record.blocks += tally.blocks;
         if limits.invalid == InvalidSample::Fail
-            && let Some((rejected, value)) = tally.rejected.first()
+            && let Some((sample, value)) = tally.first_rejected
         {
-            let (sample, value) = (rejected.sample, *value);
             return Err(Error::InvalidSample { sample, value, points: points.describe() });
         }
-        if !tally.rejected.is_empty() {
-            film.list_rejected(tally.rejected.into_iter().map(|(r, _)| r).collect());
+        if tally.rejections > 0 {
+            film.list_rejected(tally.rejections, tally.rejected);
         }
         observed.extend(tally.observations);
         panicked = panicked.or(tally.panicked);

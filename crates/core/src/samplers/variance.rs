@@ -16,7 +16,9 @@ pub enum Pilot {
     /// The pilot is thrown away: exactly unbiased, at the price of its samples.
     Discard,
     /// Two halves; each half's counts are decided by the other's samples, and the halves are averaged
-    /// equally: exactly unbiased, at the price of two shorter nets.
+    /// equally: exactly unbiased where the budget is known at the start, at the price of two shorter
+    /// nets. Where it is raised later, a half's earlier samples reach its later counts through the
+    /// other half's.
     Cross,
 }
 
@@ -35,7 +37,7 @@ impl Pilot {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct VarianceOptions {
     /// Samples per pixel of the pilot; 0 takes 4, or a quarter of the mean budget where that is more.
-    /// At least 2 otherwise.
+    /// At least 2 otherwise, and 4 with [`Pilot::Cross`], whose halves must each know a variance.
     pub pilot: u32,
     /// Variance and mean are pooled over `2 radius + 1` pixels squared.
     pub radius: u32,
@@ -85,13 +87,16 @@ impl<P: PointSet> Variance<P> {
     ///
     /// # Errors
     ///
-    /// [`Error::OutOfRange`] for a pilot of 1, an exponent outside (0, 3], an epsilon that is not
-    /// above zero, a cap below 1 or a radius above 64.
+    /// [`Error::OutOfRange`] for a pilot too small to have a variance, an exponent outside (0, 3], an
+    /// epsilon that is not above zero, a cap below 1 or a radius above 64.
     pub fn with_options(points: P, options: VarianceOptions) -> Result<Self, Error> {
         let out = |name, value: String, allowed| Err(Error::OutOfRange { name, value, allowed });
         let o = options;
         if o.pilot == 1 {
             return out("pilot", "1".into(), "two samples or more have a variance; 0 chooses");
+        }
+        if o.policy == Pilot::Cross && o.pilot != 0 && o.pilot < 4 {
+            return out("pilot", o.pilot.to_string(), "each of the two halves needs two samples; 0 chooses");
         }
         if !(o.exponent > 0.0 && o.exponent <= 3.0) {
             return out("exponent", o.exponent.to_string(), "the rate at which errors fall lies in (0, 3]");
@@ -180,21 +185,26 @@ impl<P: PointSet> Variance<P> {
         Ok(())
     }
 
-    /// Each half's counts from the other half's samples; each half spends half the budget.
+    /// Each half's counts from the other half's samples; each half spends half the budget, as far as
+    /// floors and ceilings, of which the first half takes the odd sample, allow.
     fn plan_across(&self, seen: &Feedback<'_>, plan: &mut Plan) -> Result<(), Error> {
-        let total = seen.budget.total;
-        let ceiling = seen.budget.max_spp / 2;
-        let least = seen.budget.min_spp.div_ceil(2);
+        let BudgetLeft { total, min_spp, max_spp, .. } = seen.budget;
+        let moments = |half: usize, i: usize| seen.film.half(half, i).unwrap_or_default();
+        let now =
+            [0, 1].map(|half| -> Vec<u32> { (0..seen.pixels()).map(|i| clamped(moments(half, i).count)).collect() });
+        let least = [min_spp - min_spp / 2, min_spp / 2];
+        let most = [max_spp - max_spp / 2, max_spp / 2];
+        let floors = [0, 1].map(|half| -> Vec<u32> { now[half].iter().map(|&n| n.max(least[half])).collect() });
+        let needed = [0, 1].map(|half| floors[half].iter().map(|&n| u64::from(n)).sum::<u64>());
+        let room = seen.pixels() as u64 * u64::from(most[1]);
+        let second = (total / 2).min(room).min(total.saturating_sub(needed[0])).max(needed[1]);
         let of = |half: usize, total: u64| -> Result<Vec<u32>, Error> {
-            let moments = |h: usize, i: usize| seen.film.half(h, i).unwrap_or_default();
             let scores = self.scores(seen.frame().size(), |i| moments(1 - half, i));
-            let now: Vec<u32> = (0..seen.pixels()).map(|i| clamped(moments(half, i).count)).collect();
-            let floors: Vec<u32> = now.iter().map(|&n| n.max(least)).collect();
-            let counts = self.counts(&scores, &floors, total, ceiling.max(1), false)?;
-            Ok(counts.iter().zip(&now).map(|(n, now)| n - now).collect())
+            let counts = self.counts(&scores, &floors[half], total, most[half], false)?;
+            Ok(counts.iter().zip(&now[half]).map(|(n, now)| n - now).collect())
         };
-        plan.counts = of(0, total - total / 2)?;
-        plan.second_half = Some(of(1, total / 2)?);
+        plan.counts = of(0, total.saturating_sub(second))?;
+        plan.second_half = Some(of(1, second)?);
         Ok(())
     }
 }
@@ -235,7 +245,11 @@ impl<P: PointSet> Sampler for Variance<P> {
             Pilot::Discard => mean.saturating_sub(u64::from(budget.min_spp.max(1))).min(mean / 2),
             _ => mean,
         };
-        let pilot = self.pilot(affordable, even || policy == Pilot::Cross);
+        let pilot = match self.pilot(affordable, even || policy == Pilot::Cross) {
+            // One sample has no variance: nothing would be learned from what is thrown away.
+            1 if policy == Pilot::Discard => 0,
+            pilot => pilot,
+        };
         let done = |i: usize| match policy {
             Pilot::Discard => seen.film.discarded(i).count,
             _ => seen.film.count(i),

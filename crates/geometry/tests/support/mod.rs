@@ -14,7 +14,7 @@ pub(crate) fn generator(seed: u64) -> Pcg64Mcg {
 }
 
 /// A closed sphere of `2 n` meridians and `n` parallels, as vertices and triangles facing outward.
-pub(crate) fn lat_long(n: u32, radius: f64, centre: DVec3) -> (Vec<[f32; 3]>, Vec<[u32; 3]>) {
+pub(crate) fn lat_long(n: u32, radius: f64, centre: DVec3) -> Soup {
     let around = 2 * n;
     let point = |i: u32, j: u32| {
         let (theta, phi) =
@@ -40,7 +40,7 @@ pub(crate) fn lat_long(n: u32, radius: f64, centre: DVec3) -> (Vec<[f32; 3]>, Ve
 }
 
 /// A box with six faces of two triangles, facing outward.
-pub(crate) fn cuboid(low: Vec3, high: Vec3) -> (Vec<[f32; 3]>, Vec<[u32; 3]>) {
+pub(crate) fn cuboid(low: Vec3, high: Vec3) -> Soup {
     let positions = (0..8)
         .map(|i| {
             let side = |bit: u32, axis: usize| if i >> bit & 1 == 0 { low[axis] } else { high[axis] };
@@ -52,7 +52,10 @@ pub(crate) fn cuboid(low: Vec3, high: Vec3) -> (Vec<[f32; 3]>, Vec<[u32; 3]>) {
     (positions, triangles)
 }
 
-pub(crate) fn geometry(meshes: Vec<(Vec<[f32; 3]>, Vec<[u32; 3]>)>, preset: Preset) -> Geometry {
+/// Vertices and triangles.
+pub(crate) type Soup = (Vec<[f32; 3]>, Vec<[u32; 3]>);
+
+pub(crate) fn geometry(meshes: Vec<Soup>, preset: Preset) -> Geometry {
     let shapes = meshes.into_iter().map(|(p, t)| Shape::from(Mesh::new(p, t).expect("a valid mesh"))).collect();
     Geometry::build(shapes, preset).expect("few triangles")
 }

@@ -98,7 +98,7 @@ impl<'w, L: Lens, const SEVERAL: bool, const SKY: bool, const DEEP: bool> PathTr
         u: [f32; 2],
     ) -> Vec3 {
         let world = self.world;
-        let Some(light) = world.lights.sample(&world.geometry, at.point.position, choice, u) else {
+        let Some(light) = world.lights.sample(at.point.position, choice, u) else {
             return Vec3::ZERO;
         };
         // No light through the geometric surface, whatever the shading normal says.

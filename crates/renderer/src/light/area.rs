@@ -4,20 +4,30 @@ use super::{Lamp, LightSample, Target, area_to_solid_angle};
 use crate::shading::Frame;
 use crate::shading::discrete::Discrete;
 use crate::shading::warp;
-use dapple_geometry::{Geometry, Shape, SurfacePoint};
+use dapple_geometry::{Geometry, PrimitiveId, Shape, SurfacePoint};
 use glam::Vec3;
 
 /// Triangles that shine alike.
 #[derive(Clone, Debug)]
 pub struct MeshLamp {
-    shape: u32,
     lamp: Lamp,
-    /// 1 or -1: what turns the winding's normal to the side that shines.
-    flip: f32,
-    /// Vertex normals decide the side triangle by triangle.
-    sides: Vec<f32>,
-    triangles: Discrete,
+    facets: Vec<Facet>,
+    choice: Discrete,
     area: f64,
+}
+
+/// One triangle of a lamp, ready to be sampled.
+#[derive(Clone, Copy, Debug)]
+struct Facet {
+    corner: Vec3,
+    edges: [Vec3; 2],
+    /// Unit, by the winding.
+    normal: Vec3,
+    /// 1 or -1: what turns the normal to the side that shines.
+    side: f32,
+    /// Bound on the error of a sampled point per axis.
+    error: Vec3,
+    primitive: PrimitiveId,
 }
 
 /// A sphere that shines.
@@ -44,19 +54,29 @@ pub struct DiskLamp {
 }
 
 impl MeshLamp {
-    /// The mesh `shape` of `geometry`. `sides` holds a sign per triangle, or nothing for `flip` alone.
-    /// `None` if it has no area.
-    pub(crate) fn new(geometry: &Geometry, shape: u32, lamp: Lamp, flip: f32, sides: Vec<f32>) -> Option<Self> {
+    /// The mesh `shape` of `geometry`; `sides` holds a sign per triangle, or one for all. `None` if it has
+    /// no area.
+    pub(crate) fn new(geometry: &Geometry, shape: u32, lamp: Lamp, sides: &[f32]) -> Option<Self> {
         let Shape::Mesh(mesh) = &geometry.shapes()[shape as usize] else { return None };
-        let areas: Vec<f32> = (0..mesh.triangles().len() as u32)
-            .map(|t| {
-                let [a, b, c] = mesh.corners(t).map(|p| p.as_dvec3());
-                if mesh.is_degenerate(t) { 0.0 } else { ((b - a).cross(c - a).length() * 0.5) as f32 }
-            })
-            .collect();
-        let triangles = Discrete::new(&areas).ok().filter(|d| !d.is_empty())?;
-        let area = triangles.total();
-        Some(Self { shape, lamp, flip, sides, triangles, area })
+        let mut facets = Vec::with_capacity(mesh.triangles().len());
+        let mut areas = Vec::with_capacity(mesh.triangles().len());
+        for triangle in (0..mesh.triangles().len() as u32).filter(|t| !mesh.is_degenerate(*t)) {
+            let [a, b, c] = mesh.corners(triangle);
+            let across = (b - a).as_dvec3().cross((c - a).as_dvec3());
+            areas.push((across.length() * 0.5) as f32);
+            facets.push(Facet {
+                corner: a,
+                edges: [b - a, c - a],
+                normal: across.normalize_or_zero().as_vec3(),
+                side: sides.get(triangle as usize).or(sides.first()).copied().unwrap_or(1.0),
+                // Six roundings at most: two edges, two products, two sums [Pharr et al. 2023, eq. 6.26].
+                error: (a.abs().max(b.abs()).max(c.abs()) * 3.0) * (6.0 * f32::EPSILON),
+                primitive: PrimitiveId::triangle(shape, triangle),
+            });
+        }
+        let choice = Discrete::new(&areas).ok().filter(|d| !d.is_empty())?;
+        let area = choice.total();
+        Some(Self { lamp, facets, choice, area })
     }
 
     pub(super) fn lamp(&self) -> &Lamp {
@@ -70,15 +90,13 @@ impl MeshLamp {
     /// Uniform over the area: `u[0]` chooses the triangle and is used again within it, which keeps the
     /// points stratified over the whole lamp.
     #[inline]
-    pub(super) fn sample(&self, geometry: &Geometry, from: Vec3, u: [f32; 2]) -> Option<LightSample> {
-        let Shape::Mesh(mesh) = &geometry.shapes()[self.shape as usize] else { return None };
-        let choice = self.triangles.sample(u[0])?;
-        let triangle = choice.index as u32;
+    pub(super) fn sample(&self, from: Vec3, u: [f32; 2]) -> Option<LightSample> {
+        let choice = self.choice.sample(u[0])?;
+        let facet = &self.facets[choice.index];
         let [_, b1, b2] = warp::uniform_triangle([choice.u, u[1]]);
-        let (position, error, normal) = mesh.point(triangle, [b1, b2]);
-        let point = SurfacePoint { position, error, normal };
-        let side = self.sides.get(choice.index).copied().unwrap_or(self.flip);
-        sample_on(&self.lamp, from, point, side, self.area as f32)
+        let position = facet.corner + facet.edges[0] * b1 + facet.edges[1] * b2;
+        let point = SurfacePoint { position, error: facet.error, normal: facet.normal, primitive: facet.primitive };
+        sample_on(&self.lamp, from, point, facet.side, self.area as f32)
     }
 
     #[inline]
@@ -166,7 +184,7 @@ impl SphereLamp {
         let position = self.centre + normal * self.radius;
         // Three roundings of each coordinate, and those of the normal.
         let error = (self.centre.abs() + Vec3::splat(self.radius)) * (4.0 * f32::EPSILON);
-        SurfacePoint { position, error, normal }
+        SurfacePoint { position, error, normal, primitive: PrimitiveId::NONE }
     }
 }
 
@@ -195,7 +213,7 @@ impl DiskLamp {
         let on = if hole > 0.0 && r2 > 0.0 { disk * (wanted / r2.sqrt()) } else { disk };
         let position = self.centre + (self.frame.tangent * on.x + self.frame.bitangent * on.y) * self.radius;
         let error = (self.centre.abs() + Vec3::splat(self.radius)) * (4.0 * f32::EPSILON);
-        let point = SurfacePoint { position, error, normal: self.frame.normal };
+        let point = SurfacePoint { position, error, normal: self.frame.normal, primitive: PrimitiveId::NONE };
         sample_on(&self.lamp, from, point, 1.0, self.area() as f32)
     }
 

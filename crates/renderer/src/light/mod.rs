@@ -7,7 +7,7 @@ pub use area::{DiskLamp, MeshLamp, SphereLamp};
 pub use environment::{Environment, EnvironmentError};
 
 use crate::shading::discrete::Discrete;
-use dapple_geometry::{Geometry, SurfacePoint};
+use dapple_geometry::SurfacePoint;
 use glam::Vec3;
 
 /// One emitter: a shape that shines, or the environment.
@@ -115,13 +115,13 @@ impl Lights {
     /// Draws light arriving at `from`: `choice` chooses among several lights, `u` the direction. `pdf`
     /// includes the choice. `None` where the light chosen cannot shine on `from`.
     #[inline]
-    pub fn sample(&self, geometry: &Geometry, from: Vec3, choice: f32, u: [f32; 2]) -> Option<LightSample> {
+    pub fn sample(&self, from: Vec3, choice: f32, u: [f32; 2]) -> Option<LightSample> {
         let (index, pmf) = match self.lights.len() {
             1 => (0, 1.0),
             _ => self.choice.sample(choice).map(|c| (c.index, c.pmf))?,
         };
         let mut sample = match &self.lights[index] {
-            Light::Mesh(lamp) => lamp.sample(geometry, from, u),
+            Light::Mesh(lamp) => lamp.sample(from, u),
             Light::Sphere(lamp) => lamp.sample(from, u),
             Light::Disk(lamp) => lamp.sample(from, u),
             Light::Environment(sky) => sky.sample(u),

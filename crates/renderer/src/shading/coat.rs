@@ -50,7 +50,7 @@ impl Default for CoatOptions {
     }
 }
 
-/// What a coat does, computed once per material: a few milliseconds and 2 KiB. The base's reflectance may
+/// What a coat does, computed once per material: some 10 ms (0.3 ms if smooth) and 2 KiB. The base's reflectance may
 /// vary from hit to hit.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Coat {
@@ -91,11 +91,12 @@ impl Coat {
             thickness: f64::from(thickness),
             nodes: gauss_legendre(24),
         };
-        let table: Box<[_]> = (0..=CELLS).map(|i| interface.from_outside(i as f32 / CELLS as f32, eta)).collect();
-        let average_transmittance = interface.average(&[0.0, 1.0], |mu| interface.from_outside(mu, eta)[0]);
+        let table: Box<[_]> = (0..=CELLS).map(|i| interface.seen_from_outside(i as f32 / CELLS as f32, eta)).collect();
+        let average_transmittance = interface.average(&[0.0, 1.0], |mu| interface.seen_from_outside(mu, eta)[0]);
         // Reflection from below has a kink at the critical angle: integrate each side of it.
         let critical = (1.0 - f64::from(eta).powi(2).recip()).max(0.0).sqrt();
-        let internal_reflectance = interface.average(&[0.0, critical, 1.0], |mu| interface.from_below(mu, eta));
+        let internal_reflectance =
+            interface.average(&[0.0, critical, 1.0], |mu| interface.returned_from_below(mu, eta));
         Ok(Self {
             eta,
             microfacets: (!smooth).then_some(rough),
@@ -167,7 +168,7 @@ struct Interface {
 
 impl Interface {
     /// Transmittance to the base and reflectance, from outside.
-    fn from_outside(&self, mu: f32, eta: f32) -> [f32; 2] {
+    fn seen_from_outside(&self, mu: f32, eta: f32) -> [f32; 2] {
         let mut sums = [0.0; 2];
         self.for_each_facet(mu, |w, m, weight| {
             let cos = w.dot(m);
@@ -186,7 +187,7 @@ impl Interface {
     }
 
     /// Share of light from below that arrives at the base again; both crossings are counted.
-    fn from_below(&self, mu: f32, eta: f32) -> f32 {
+    fn returned_from_below(&self, mu: f32, eta: f32) -> f32 {
         let mut sum = 0.0;
         self.for_each_facet(mu, |w, m, weight| {
             let cos = w.dot(m);

@@ -5,6 +5,9 @@
 //! cannot fail. Directions are unit vectors; those of a BSDF lie in the shading frame, where the normal is
 //! +z, and both `wo` and `wi` point away from the surface.
 
+// `!(x > 0.0)` is meant: it turns away what is not a number, too.
+#![allow(clippy::neg_cmp_op_on_partial_ord)]
+
 pub mod bsdf;
 pub mod coat;
 pub mod discrete;

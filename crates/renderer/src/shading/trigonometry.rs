@@ -35,7 +35,7 @@ pub fn turn_of(y: f32, x: f32) -> f32 {
     // atan(t) = pi/4 + atan((t - 1) / (t + 1)) keeps the polynomial's argument below tan(pi/8).
     let (offset, t) = if near > 0.414_213_57 * far { (0.125, (near - far) / (near + far)) } else { (0.0, near / far) };
     let z = t * t;
-    let atan = (((8.053_744_5e-2 * z - 1.387_768_6e-1) * z + 1.997_771_1e-1) * z - 3.333_294_9e-1) * z * t + t;
+    let atan = (((8.053_744_5e-2 * z - 1.387_768_6e-1) * z + 1.997_771_1e-1) * z - 3.333_295e-1) * z * t + t;
     let eighth = offset + atan * (0.5 / std::f32::consts::PI);
     let quarter = if y.abs() > x.abs() { 0.25 - eighth } else { eighth };
     let half = if x < 0.0 { 0.5 - quarter } else { quarter };

@@ -178,10 +178,7 @@ fn light(
     let round =
         "an emitting sphere or disk must not be stretched: its transform may move, turn, mirror and scale evenly";
     Ok(match &shape.geometry {
-        Described::Mesh(_) => {
-            let sides = sides(geometry, number, part);
-            MeshLamp::new(geometry, number, lamp, part.flip, sides).map(Light::Mesh)
-        }
+        Described::Mesh(_) => MeshLamp::new(geometry, number, lamp, &sides(geometry, number, part)).map(Light::Mesh),
         Described::Sphere { radius } => {
             let scale = even_scale(&to_world.matrix3).ok_or(round)?;
             let radius = (radius * scale) as f32;
@@ -198,11 +195,11 @@ fn light(
     })
 }
 
-/// Which way each triangle's winding normal must be turned, where vertex normals decide.
+/// Which way each triangle's winding normal must be turned: vertex normals decide where there are any.
 fn sides(geometry: &Geometry, number: u32, part: &Part) -> Vec<f32> {
     let Shape::Mesh(mesh) = &geometry.shapes()[number as usize] else { return Vec::new() };
     if part.normals.is_empty() {
-        return Vec::new();
+        return vec![part.flip];
     }
     (0..mesh.triangles().len())
         .map(|t| {

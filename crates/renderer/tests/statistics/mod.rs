@@ -1,7 +1,7 @@
 //! Statistical tests: Sidak's correction, chi-square against a density, equivalence (TOST).
 //!
 //! Each integration test that uses this says `mod statistics;`; not every one uses all of it.
-#![allow(dead_code)]
+#![allow(dead_code, unreachable_pub)]
 
 /// False-alarm rate of a whole family of tests.
 pub const FAMILY: f64 = 1e-6;

@@ -1,0 +1,335 @@
+use dapple_core::{PointSet, SampleId};
+use rayon::prelude::*;
+
+/// Checks all that [`PointSet`] promises, on fixed inputs.
+///
+/// * Range: every coordinate is in `[0, 1)`, also at the last index, the last block and far pixels.
+/// * Purity: the same bits whether read forward, backward, interleaved, by several threads, or in
+///   batches of any size.
+/// * Uniformity: mean and variance of each coordinate over pixels; both ends of the range are reached.
+/// * Independence: pixels at five lags, streams, and blocks up to number 4000 share nothing, neither
+///   linearly nor in the order in which a pixel's samples run through the range.
+/// * Distinctness: no two samples of a pixel are equal, at the start, past 2^31 and 2^32 and at the end.
+/// * `preferred_count` is at least `n`, never falls, and is its own preferred count;
+///   `describe` is not empty and does not change.
+///
+/// The statistical bounds are at 4.5 standard errors, which independent numbers break with probability
+/// 6.8e-6 each; with the number of comparisons made here, an innocent set fails by chance with
+/// probability 0.01, and then does so every time: another seed tells which it is.
+///
+/// It cannot know how well points are spread: nets and convergence are the point set's own tests.
+///
+/// # Panics
+///
+/// If a promise is broken; the message says which.
+pub fn point_set(points: &dyn PointSet) {
+    describes_itself(points);
+    counts(points);
+    range(points);
+    distinct(points);
+    purity(points);
+    batches(points);
+    uniform(points);
+    pixels_are_independent(points);
+    streams_are_independent(points);
+    blocks_are_independent(points);
+}
+
+/// Standard errors allowed: HARD_CASES S04 and S08.
+const BOUND: f64 = 4.5;
+
+/// Blocks of the first 64 coordinates, and some that a long path reaches.
+const BLOCKS: [u32; 20] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 100, 256, 1000, 4000];
+
+fn id(pixel: [u32; 2], stream: u32, index: u64) -> SampleId {
+    SampleId { pixel, stream, index }
+}
+
+fn describes_itself(points: &dyn PointSet) {
+    let name = points.describe();
+    assert!(!name.trim().is_empty(), "describe() is empty");
+    points.block(id([1, 2], 0, 3), 4);
+    assert_eq!(name, points.describe(), "describe() changed after a block was read");
+}
+
+fn counts(points: &dyn PointSet) {
+    let name = points.describe();
+    assert!(points.capacity() > 0, "{name} has no samples: capacity() is 0");
+    let mut before = 0;
+    let most = points.capacity().min(1 << 40);
+    let large = (12..40).flat_map(|k| [(1_u64 << k) - 1, 1 << k, (1 << k) + 1]).filter(|n| *n <= most);
+    for n in (0..most.min(4096)).chain(large) {
+        let count = points.preferred_count(n);
+        assert!(count >= n, "{name}: preferred_count({n}) = {count} is less than asked for");
+        assert!(count >= before, "{name}: preferred_count fell from {before} to {count} at {n}");
+        let again = points.preferred_count(count);
+        assert_eq!(again, count, "{name}: preferred_count({n}) = {count}, but preferred_count({count}) = {again}");
+        before = count;
+    }
+}
+
+/// Indices where counters have been seen to break (HARD_CASES S05), as far as the capacity reaches.
+fn critical_indices(points: &dyn PointSet) -> Vec<u64> {
+    let last = points.capacity() - 1;
+    let mut indices: Vec<u64> = [8, 16, 24, 31, 32, 53, 63].iter().map(|k| 1_u64 << k).chain([0, last]).collect();
+    indices.sort_unstable();
+    indices.retain(|i| *i <= last);
+    indices
+}
+
+fn range(points: &dyn PointSet) {
+    let check = |s: SampleId, block: u32| {
+        for (k, u) in points.block(s, block).into_iter().enumerate() {
+            assert!(
+                (0.0..1.0).contains(&u),
+                "{}: coordinate {k} of block {block} at {s:?} is {u}, not in [0, 1)",
+                points.describe()
+            );
+        }
+    };
+    for centre in critical_indices(points) {
+        for index in centre.saturating_sub(8)..=centre.saturating_add(8).min(points.capacity() - 1) {
+            for block in BLOCKS.into_iter().chain([u32::MAX - 1, u32::MAX]) {
+                for pixel in [[0, 0], [3, 5], [65_535, 65_536], [u32::MAX, u32::MAX]] {
+                    for stream in [0, 6, u32::MAX] {
+                        check(id(pixel, stream, index), block);
+                    }
+                }
+            }
+        }
+    }
+    let most = points.capacity().min(64);
+    (0..4096_u32).into_par_iter().for_each(|p| {
+        for index in 0..most {
+            check(id([p % 64, p / 64], 0, index), p % 97);
+        }
+    });
+}
+
+/// Equal pairs are as rare as two random ones: 2^-48 each, some 10^7 comparisons.
+fn distinct(points: &dyn PointSet) {
+    let last = points.capacity() - 1;
+    let mut indices: Vec<u64> = critical_indices(points)
+        .into_iter()
+        .flat_map(|centre| centre.saturating_sub(256)..=centre.saturating_add(256).min(last))
+        .collect();
+    indices.sort_unstable();
+    indices.dedup();
+    for (block, pair) in [0, 1, 1000].into_iter().flat_map(|b| [(b, 0), (b, 2)]) {
+        let read = |index: &u64| {
+            let u = points.block(id([7, 9], 0, *index), block);
+            ([u[pair].to_bits(), u[pair + 1].to_bits()], *index)
+        };
+        let mut seen: Vec<_> = indices.iter().map(read).collect();
+        seen.sort_unstable();
+        for twins in seen.windows(2) {
+            assert!(
+                twins[0].0 != twins[1].0,
+                "{}: sample {} repeats as sample {} in block {block}, coordinates {pair} and {}",
+                points.describe(),
+                twins[0].1,
+                twins[1].1,
+                pair + 1
+            );
+        }
+    }
+}
+
+/// Reads the same samples in four orders and from several threads.
+fn purity(points: &dyn PointSet) {
+    let most = points.capacity().min(16);
+    let names: Vec<(SampleId, u32)> = (0..most)
+        .flat_map(|i| (0..6).flat_map(move |p| [0, 1, 900].map(|b| (id([p % 3, p / 3], p % 2, i), b))))
+        .collect();
+    let read = |(s, b): &(SampleId, u32)| points.block(*s, *b).map(f32::to_bits);
+    let forward: Vec<_> = names.iter().map(read).collect();
+    let mut backward: Vec<_> = names.iter().rev().map(read).collect();
+    backward.reverse();
+    // A step of 7 visits everything once where it does not divide the number of names.
+    let len = names.len();
+    let step = if len % 7 == 0 { 1 } else { 7 };
+    let mut interleaved = vec![[0; 4]; len];
+    for k in 0..len {
+        interleaved[k * step % len] = read(&names[k * step % len]);
+    }
+    let threads: Vec<_> = names.par_iter().map(read).collect();
+    let lonely: Vec<_> = names.iter().map(|n| (read(n), read(n)).1).collect();
+    for (order, values) in [
+        ("backward", backward),
+        ("interleaved", interleaved),
+        ("by several threads", threads),
+        ("twice in a row", lonely),
+    ] {
+        for ((name, a), b) in names.iter().zip(&forward).zip(&values) {
+            assert_eq!(a, b, "{}: {name:?} read {order} differs from reading forward", points.describe());
+        }
+    }
+}
+
+/// A pixel's samples do not depend on how a round was cut, nor on what else was read between.
+fn batches(points: &dyn PointSet) {
+    let n = points.capacity().min(64);
+    let whole: Vec<_> = (0..n).map(|i| points.block(id([5, 5], 0, i), 1)).collect();
+    for cuts in [vec![n], vec![4; 16], vec![1; 64], vec![13, 51]] {
+        let mut next = 0;
+        for size in cuts {
+            for index in next..(next + size).min(n) {
+                assert_eq!(
+                    points.block(id([5, 5], 0, index), 1),
+                    whole[index as usize],
+                    "{}: sample {index} changed when it was read in another batch",
+                    points.describe()
+                );
+            }
+            next += size;
+            points.block(id([6, 5], 0, next % n), 1);
+        }
+    }
+}
+
+/// Moments over pixels, whose points are independent whatever the set.
+fn uniform(points: &dyn PointSet) {
+    let side = 160_u32;
+    let n = f64::from(side * side);
+    for index in [0, 1, 5, 64, 1000].into_iter().filter(|i| *i < points.capacity()) {
+        for block in [0, 1, 2, 15, 1000] {
+            let (mut sum, mut square) = ([0.0_f64; 4], [0.0_f64; 4]);
+            let (mut least, mut most) = ([1.0_f32; 4], [0.0_f32; 4]);
+            for p in 0..side * side {
+                let u = points.block(id([p % side, p / side], 0, index), block);
+                for k in 0..4 {
+                    let x = f64::from(u[k]) - 0.5;
+                    sum[k] += x;
+                    square[k] += x * x;
+                    least[k] = least[k].min(u[k]);
+                    most[k] = most[k].max(u[k]);
+                }
+            }
+            for k in 0..4 {
+                let what = format!("{}: coordinate {k} of block {block} at index {index}", points.describe());
+                // Var x = 1/12, and Var x² = 1/80 - 1/144 = 1/180, for x uniform on [-1/2, 1/2].
+                let mean = sum[k] / (n / 12.0).sqrt();
+                assert!(mean.abs() < BOUND, "{what}: the mean over pixels is {mean:.1} standard errors from 1/2");
+                let variance = (square[k] - n / 12.0) / (n / 180.0).sqrt();
+                assert!(variance.abs() < BOUND, "{what}: the variance is {variance:.1} standard errors from 1/12");
+                // The chance that all n miss an end by more than 20/n is e^-20.
+                let end = (20.0 / n) as f32;
+                assert!(least[k] < end && most[k] > 1.0 - end, "{what}: only {} to {} is reached", least[k], most[k]);
+            }
+        }
+    }
+}
+
+/// Correlation coefficient of two uniform numbers with known moments, times `sqrt(n)`: a standard
+/// normal number if they are independent.
+#[derive(Default, Clone, Copy)]
+struct Correlation {
+    sum: f64,
+    n: f64,
+}
+
+impl Correlation {
+    fn add(&mut self, a: f32, b: f32) {
+        self.sum += 12.0 * (f64::from(a) - 0.5) * (f64::from(b) - 0.5);
+        self.n += 1.0;
+    }
+
+    fn check(&self, what: impl Fn() -> String) {
+        let z = self.sum / self.n.sqrt();
+        assert!(z.abs() < BOUND, "{}: correlated, {z:.1} standard errors over {} pairs", what(), self.n);
+    }
+}
+
+fn pixels_are_independent(points: &dyn PointSet) {
+    let side = 96_u32;
+    let lags = [[1, 0], [0, 1], [1, 1], [16, 0], [64, 0]];
+    BLOCKS.par_iter().for_each(|&block| {
+        for index in [0, 3].into_iter().filter(|i| *i < points.capacity()) {
+            let wide = side + 64;
+            let row = |y: u32| (0..wide).map(move |x| points.block(id([x, y], 0, index), block));
+            let picture: Vec<Vec<[f32; 4]>> = (0..wide).map(|y| row(y).collect()).collect();
+            for [dx, dy] in lags {
+                let mut correlations = [Correlation::default(); 4];
+                for (y, x) in (0..side).flat_map(|y| (0..side).map(move |x| (y as usize, x as usize))) {
+                    let (a, b) = (picture[y][x], picture[y + dy][x + dx]);
+                    for k in 0..4 {
+                        correlations[k].add(a[k], b[k]);
+                    }
+                }
+                for (k, c) in correlations.iter().enumerate() {
+                    c.check(|| {
+                        format!(
+                            "{}: pixels ({dx}, {dy}) apart, coordinate {k} of block {block}, index {index}",
+                            points.describe()
+                        )
+                    });
+                }
+            }
+        }
+    });
+}
+
+fn streams_are_independent(points: &dyn PointSet) {
+    let side = 96_u32;
+    for [s, t] in [[0, 1], [1, 2], [0, 3], [3, 6], [4, 5]] {
+        for block in [0, 1, 9] {
+            let mut correlations = [Correlation::default(); 4];
+            for p in 0..side * side {
+                let [a, b] = [s, t].map(|stream| points.block(id([p % side, p / side], stream, 0), block));
+                for k in 0..4 {
+                    correlations[k].add(a[k], b[k]);
+                }
+            }
+            for (k, c) in correlations.iter().enumerate() {
+                c.check(|| format!("{}: streams {s} and {t}, coordinate {k} of block {block}", points.describe()));
+            }
+        }
+    }
+}
+
+/// Coordinates of different blocks, over pixels (is there a common scramble?) and within pixels (do
+/// two blocks run through their samples in a common order, whatever their scrambles?).
+fn blocks_are_independent(points: &dyn PointSet) {
+    let side = 96_u32;
+    let n = points.capacity().min(16);
+    let pairs: Vec<[u32; 2]> = BLOCKS
+        .windows(2)
+        .map(|w| [w[0], w[1]])
+        .chain([[0, 2], [0, 15], [1, 256], [2, 1000], [5, 4000], [15, 100]])
+        .collect();
+    pairs.par_iter().for_each(|&[s, t]| {
+        let mut linear = [Correlation::default(); 16];
+        let mut order = [0.0_f64; 16];
+        for p in 0..side * side {
+            let mut within = [0.0_f64; 16];
+            // The order takes more samples of fewer pixels.
+            let samples = if p % 8 == 0 { n } else { 1 };
+            for index in 0..samples {
+                let [a, b] = [s, t].map(|block| points.block(id([p % side, p / side], 0, index), block));
+                for (k, w) in within.iter_mut().enumerate() {
+                    *w += 12.0 * (f64::from(a[k / 4]) - 0.5) * (f64::from(b[k % 4]) - 0.5);
+                    if index == 0 {
+                        linear[k].add(a[k / 4], b[k % 4]);
+                    }
+                }
+            }
+            if samples > 1 {
+                for (o, w) in order.iter_mut().zip(within) {
+                    *o += (w / n as f64).powi(2);
+                }
+            }
+        }
+        for k in 0..16 {
+            let what =
+                || format!("{}: coordinate {} of block {s} and {} of block {t}", points.describe(), k / 4, k % 4);
+            linear[k].check(what);
+            // 1/n for independent numbers, twice that for nested shuffles, near 1/2 for a common order.
+            let square = order[k] / f64::from(side * side / 8);
+            assert!(
+                n < 16 || square < 0.2,
+                "{}: a pixel's samples run through both in a common order, mean squared correlation {square:.2}",
+                what()
+            );
+        }
+    });
+}

@@ -1,0 +1,148 @@
+//! Negative controls: point sets with one fault each, which the checks must reject for that fault.
+
+use dapple_core::{PointSet, SampleId};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::{AtomicU64, Ordering};
+
+fn mix(mut z: u64) -> u64 {
+    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    z ^ (z >> 31)
+}
+
+fn key(words: &[u64]) -> u64 {
+    words.iter().fold(0x9e37_79b9_7f4a_7c15, |h, w| mix(h.wrapping_add(mix(w ^ h.rotate_left(17)))))
+}
+
+fn four(key: u64) -> [f32; 4] {
+    [1, 2, 3, 4].map(|k| (mix(key.wrapping_add(mix(k))) >> 40) as f32 / 16_777_216.0)
+}
+
+fn pixel(id: &SampleId) -> u64 {
+    u64::from(id.pixel[0]) | u64::from(id.pixel[1]) << 32
+}
+
+/// A point set made of a function, with plain answers to everything else.
+struct Faulty<F>(F);
+
+impl<F: Fn(SampleId, u32) -> [f32; 4] + Send + Sync> PointSet for Faulty<F> {
+    fn describe(&self) -> String {
+        "faulty".into()
+    }
+    fn block(&self, id: SampleId, block: u32) -> [f32; 4] {
+        (self.0)(id, block)
+    }
+    fn capacity(&self) -> u64 {
+        u64::MAX
+    }
+}
+
+fn sound(id: SampleId, block: u32) -> [f32; 4] {
+    four(key(&[pixel(&id), id.stream.into(), id.index, block.into()]))
+}
+
+/// The check must fail, and its message must name the fault.
+fn rejected(points: &dyn PointSet, fault: &str) {
+    let outcome = catch_unwind(AssertUnwindSafe(|| dapple_conformance::point_set(points)));
+    let payload = outcome.expect_err("a broken point set was accepted");
+    let fixed = payload.downcast_ref::<&str>().map(ToString::to_string);
+    let message = payload.downcast_ref::<String>().cloned().or(fixed).unwrap_or_default();
+    assert!(message.contains(fault), "rejected, but with {message:?} instead of {fault:?}");
+}
+
+#[test]
+fn a_sound_set_is_accepted() {
+    dapple_conformance::point_set(&Faulty(sound));
+}
+
+#[test]
+fn one_is_rejected() {
+    // Rounding to nearest reaches 1.0 once in 2^25 draws; here at one index, so that it does.
+    let points =
+        |id: SampleId, block| if id.index == 5 && block == 3 { [0.5, 1.0, 0.5, 0.5] } else { sound(id, block) };
+    rejected(&Faulty(points), "not in [0, 1)");
+}
+
+#[test]
+fn nan_is_rejected() {
+    let points = |id: SampleId, block| if id.index >> 53 == 1 { [f32::NAN; 4] } else { sound(id, block) };
+    rejected(&Faulty(points), "not in [0, 1)");
+}
+
+#[test]
+fn a_cursor_is_rejected() {
+    let cursor = AtomicU64::new(0);
+    let points = |_: SampleId, _: u32| four(key(&[cursor.fetch_add(1, Ordering::Relaxed)]));
+    rejected(&Faulty(points), "differs from reading forward");
+}
+
+#[test]
+fn a_scramble_shared_by_pixels_is_rejected() {
+    let points = |id: SampleId, block| sound(SampleId { pixel: [id.pixel[0] & !63, id.pixel[1]], ..id }, block);
+    rejected(&Faulty(points), "standard errors from");
+    let points = |id: SampleId, block| sound(SampleId { pixel: [id.pixel[0] & !1, id.pixel[1]], ..id }, block);
+    rejected(&Faulty(points), "pixels (1, 0) apart");
+    let points = |id: SampleId, block| sound(SampleId { pixel: [id.pixel[0] % 64, id.pixel[1]], ..id }, block);
+    rejected(&Faulty(points), "pixels (64, 0) apart");
+}
+
+#[test]
+fn a_scramble_shared_by_streams_is_rejected() {
+    let points = |id: SampleId, block| sound(SampleId { stream: id.stream & !1, ..id }, block);
+    rejected(&Faulty(points), "streams 0 and 1");
+}
+
+#[test]
+fn blocks_that_wrap_are_rejected() {
+    let points = |id: SampleId, block: u32| sound(id, block % 85);
+    rejected(&Faulty(points), "of block 15 and");
+}
+
+#[test]
+fn a_common_order_is_rejected() {
+    // Van der Corput's points with an XOR scramble per block, but no shuffle: pbrt's fault if it
+    // forgot to decorrelate.
+    let points = |id: SampleId, block: u32| {
+        let place = key(&[pixel(&id), id.stream.into(), block.into(), id.index >> 32]);
+        [0, 1, 2, 3].map(|k| (((id.index as u32).reverse_bits() ^ mix(place + k) as u32) >> 8) as f32 / 16_777_216.0)
+    };
+    rejected(&Faulty(points), "common order");
+}
+
+#[test]
+fn an_index_cut_to_32_bits_is_rejected() {
+    let points = |id: SampleId, block| sound(SampleId { index: id.index as u32 as u64 % 65_536, ..id }, block);
+    rejected(&Faulty(points), "repeats as");
+}
+
+#[test]
+fn a_bias_is_rejected() {
+    let points = |id: SampleId, block| sound(id, block).map(|u| u * 0.98);
+    rejected(&Faulty(points), "standard errors from");
+}
+
+/// Sound points with a wrong answer elsewhere.
+struct Counts(fn(u64) -> u64, &'static str);
+
+impl PointSet for Counts {
+    fn describe(&self) -> String {
+        self.1.into()
+    }
+    fn block(&self, id: SampleId, block: u32) -> [f32; 4] {
+        sound(id, block)
+    }
+    fn capacity(&self) -> u64 {
+        u64::MAX
+    }
+    fn preferred_count(&self, n: u64) -> u64 {
+        (self.0)(n)
+    }
+}
+
+#[test]
+fn bad_counts_are_rejected() {
+    rejected(&Counts(|n| n / 4 * 4, "mine"), "less than asked for");
+    rejected(&Counts(|n| if n == 5 { 100 } else { n }, "mine"), "preferred_count fell");
+    rejected(&Counts(|n| n + 1, "mine"), "but preferred_count(1) = 2");
+    rejected(&Counts(|n| n, " "), "describe() is empty");
+}

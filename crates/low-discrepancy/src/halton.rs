@@ -1,0 +1,201 @@
+//! Owen-scrambled Halton points.
+
+use crate::keys::{Seed, halves, nth_key, unit};
+use crate::sobol::owen_reversed;
+use dapple_core::{PointSet, SampleId};
+
+/// Halton's sequence [Halton 1960] with nested (Owen) scrambling in every base, per pixel and pair.
+///
+/// Which bases a coordinate gets:
+///
+/// * block 0: bases 2 and 3 for the first pair, 5 and 7 for the second, with the index as it is;
+/// * every later pair: bases 2 and 3 again, with the index shuffled by a nested scramble in base 6 of
+///   its own. Larger primes never appear: a pair of bases `p` and `q` is no better than random before
+///   `p q` samples, 667 of them for 23 and 29.
+///
+/// So among any `2^a 3^b` consecutive samples the first pair has exactly one point in each of the
+/// `2^a x 3^b` boxes (`5^a x 7^b` for the second), and a later pair has one in each of `2^k x 3^k` for
+/// `6^k` samples from a multiple of `6^k` on. Every prefix is usable; [`PointSet::preferred_count`] says
+/// which are best.
+///
+/// Weaknesses: slower than [`Sobol`](crate::Sobol), whose nets are finer at equal counts; and powers of
+/// two, which everything else likes, are not its best counts. A box's edge in bases 3, 5 and 7 is no
+/// `f32`, so within 2^-24 below an edge a point may be rounded into the neighbouring box.
+///
+/// Name: `halton`. Parameters: `seed`.
+#[derive(Clone, Copy, Debug)]
+pub struct Halton {
+    seed: Seed,
+}
+
+impl Halton {
+    /// The sequence with this seed.
+    pub const fn new(seed: u64) -> Self {
+        Self { seed: Seed::new(seed) }
+    }
+}
+
+impl PointSet for Halton {
+    fn describe(&self) -> String {
+        format!("halton:seed={}", self.seed.given())
+    }
+
+    fn block(&self, id: SampleId, block: u32) -> [f32; 4] {
+        let key = self.seed.key(&id, block, id.index >> 32);
+        let index = id.index as u32;
+        if block == 0 {
+            let [x, y] = pair23(u64::from(index), nth_key(key, 0));
+            let five = nested::<5, 14>(u64::from(index), nth_key(key, 1));
+            let seven = nested::<7, 12>(u64::from(index), nth_key(key, 2));
+            return [x, y, unit(five), unit(seven)];
+        }
+        let [a, b] = pair23(shuffled(index, nth_key(key, 0)), nth_key(key, 1));
+        let [c, d] = pair23(shuffled(index, nth_key(key, 2)), nth_key(key, 3));
+        [a, b, c, d]
+    }
+
+    /// `2^32`; then a freshly scrambled sequence begins. Up to there the exact points of a pair differ:
+    /// no two share a `2^32 x 3^21` box.
+    fn capacity(&self) -> u64 {
+        1 << 32
+    }
+
+    /// The next `m 6^k` with `m` from 1 to 6: 1, 2, …, 6, 12, 18, 24, 30, 36, 72, … Of these the first
+    /// pair and the shuffled ones have equally many points in each box of `2^k x 3^k`.
+    fn preferred_count(&self, n: u64) -> u64 {
+        let mut step = 1_u64;
+        while step <= u64::MAX / 36 && n > 6 * step {
+            step *= 6;
+        }
+        n.max(1).checked_next_multiple_of(step).unwrap_or(n)
+    }
+}
+
+/// The scrambled points of bases 2 and 3.
+#[inline]
+fn pair23(index: u64, key: u64) -> [f32; 2] {
+    let [base2, _] = halves(key);
+    // Reversed, the digits of van der Corput's number are the index; more than 32 of them fit no f32.
+    let x = owen_reversed(index as u32, base2).reverse_bits();
+    [unit(x), unit(nested::<3, 21>(index, nth_key(key, 0)))]
+}
+
+/// The radical inverse of `index` in base `BASE` as a fraction of 2^32, rounded down, each digit
+/// permuted by a random affine map that depends on all digits before it.
+///
+/// Affine maps `a d + c` with `a` not 0 act on a prime number of digits so that any two different ones
+/// go to any two different ones equally often. Pairs are all that Owen's variance depends on, so it is
+/// the same as with all permutations [Matousek 1998, section 3].
+///
+/// `DIGITS` are enough for an index below 2^32, and for more than the 24 bits of an `f32`.
+#[inline]
+fn nested<const BASE: u64, const DIGITS: u32>(mut index: u64, key: u64) -> u32 {
+    let mut state = key;
+    let mut fraction = 0_u64;
+    for _ in 0..DIGITS {
+        let digit = index % BASE;
+        index /= BASE;
+        // The high bits of the state are its best; two draws below 2^32 each.
+        let factor = 1 + below(state >> 32, BASE - 1);
+        let shift = below(state & 0xffff_ffff, BASE);
+        fraction = fraction * BASE + (digit * factor + shift) % BASE;
+        state = next_state(state, digit);
+    }
+    // BASE^DIGITS is below 2^34, so 30 bits of quotient fit; an f32 takes 24 of them.
+    (((fraction << 30) / BASE.pow(DIGITS)) as u32) << 2
+}
+
+/// A nested scramble of an index in base 6: blocks of `6^k`, and within them halves of thirds, change
+/// places, so that an aligned block stays an aligned block.
+///
+/// 12 digits: indices from 6^12 = 2.2e9 on keep their place among blocks of that size.
+#[inline]
+fn shuffled(index: u32, key: u64) -> u64 {
+    const TOP: u32 = 6_u32.pow(12);
+    let mut state = next_state(key, u64::from(index / TOP));
+    let mut rest = u64::from(index % TOP);
+    let mut place = u64::from(TOP / 6);
+    let mut result = u64::from(index / TOP) * u64::from(TOP);
+    while place > 0 {
+        let digit = rest / place;
+        rest %= place;
+        let third = (digit / 2 * (1 + below(state >> 32, 2)) + below(state & 0xffff_ffff, 3)) % 3;
+        let half = (digit ^ (state >> (7 + digit / 2))) & 1;
+        result += place * (2 * third + half);
+        state = next_state(state, digit);
+        place /= 6;
+    }
+    result
+}
+
+/// A number below `n` from 32 random bits; its bias is below `n / 2^32`.
+#[inline(always)]
+fn below(bits: u64, n: u64) -> u64 {
+    (bits * n) >> 32
+}
+
+/// The next node down a scramble's tree. Cheaper than a full mix, of which there would be 21 a number.
+#[inline(always)]
+fn next_state(state: u64, digit: u64) -> u64 {
+    let s = (state ^ state >> 29).wrapping_add(digit + 1).wrapping_mul(0x94d0_49bb_1331_11eb);
+    s ^ s >> 32
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::keys::mix64;
+
+    /// Exact boxes of the unrounded digits: any `BASE^k` consecutive indices give each value once.
+    #[test]
+    fn digits_are_permuted() {
+        fn check<const BASE: u64, const DIGITS: u32>() {
+            for key in (0..50).map(mix64) {
+                for k in 1..=4 {
+                    let n = BASE.pow(k);
+                    for start in [0, 17, 123_456_789] {
+                        let mut seen = vec![false; n as usize];
+                        for i in start..start + n {
+                            // Up again, by the four steps that it was rounded down.
+                            let x = (f64::from(nested::<BASE, DIGITS>(i, key)) + 3.99) / 4_294_967_296.0;
+                            let cell = (x * n as f64) as usize;
+                            assert!(!std::mem::replace(&mut seen[cell], true), "base {BASE}, key {key}");
+                        }
+                    }
+                }
+            }
+        }
+        check::<3, 21>();
+        check::<5, 14>();
+        check::<7, 12>();
+    }
+
+    #[test]
+    fn shuffles_keep_aligned_blocks() {
+        for key in (0..50).map(mix64) {
+            for size in [1_u64, 2, 6, 12, 36, 216] {
+                for block in [0, 1, 5, 100_000] {
+                    let to: Vec<u64> = (0..size).map(|i| shuffled((block * size + i) as u32, key)).collect();
+                    let home = to[0] / size;
+                    let mut seen = vec![false; size as usize];
+                    for t in to {
+                        assert_eq!(t / size, home);
+                        assert!(!std::mem::replace(&mut seen[(t % size) as usize], true));
+                    }
+                }
+            }
+            for i in [u32::MAX, 6_u32.pow(12), 6_u32.pow(12) - 1] {
+                assert!(shuffled(i, key) < 6_u64.pow(13));
+            }
+        }
+    }
+
+    #[test]
+    fn preferred_counts_fill_blocks_of_six() {
+        let halton = Halton::new(0);
+        let counts: Vec<u64> =
+            [0, 1, 5, 6, 7, 12, 25, 36, 37, 72, 73, 216, 217].map(|n| halton.preferred_count(n)).into();
+        assert_eq!(counts, [1, 1, 5, 6, 12, 12, 30, 36, 72, 72, 108, 216, 432]);
+        assert!(halton.preferred_count(u64::MAX) == u64::MAX);
+    }
+}

@@ -1,0 +1,91 @@
+//! Jittered grids.
+
+use crate::Error;
+use crate::keys::{Seed, halves, nth_key, permute, unit};
+use dapple_core::{PointSet, SampleId};
+
+/// Jittered sampling: each 2-D pair has one random point in every cell of a `strata x strata` grid
+/// [Cook 1986], and each pair visits its cells in a random order of its own.
+///
+/// Weaknesses: the whole count must be known beforehand, since an unfinished grid is a random subset of
+/// it, hardly better than [`Random`](crate::Random) for few of its cells; and projections on one axis
+/// have only `strata` strata. Samples beyond `strata²` start another grid with its own order and jitter,
+/// so that whole multiples of `strata²` are stratified again, but no finer.
+///
+/// Name: `stratified`. Parameters: `seed`, `strata` (along each axis).
+#[derive(Clone, Copy, Debug)]
+pub struct Stratified {
+    seed: Seed,
+    strata: u32,
+}
+
+impl Stratified {
+    /// The finest grid: each cell still holds 2^12 x 2^12 different points.
+    pub const MAX_STRATA: u32 = 1 << 12;
+
+    /// Grids of `strata x strata` cells.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::BadStrata`] unless `1 <= strata <= MAX_STRATA`.
+    pub const fn new(seed: u64, strata: u32) -> Result<Self, Error> {
+        if strata == 0 || strata > Self::MAX_STRATA {
+            return Err(Error::BadStrata { strata });
+        }
+        Ok(Self { seed: Seed::new(seed), strata })
+    }
+
+    /// Samples in one grid: `strata²`.
+    pub const fn cells(&self) -> u32 {
+        self.strata * self.strata
+    }
+
+    /// The point of cell `cell` with random bits `jitter`.
+    #[inline]
+    fn point(&self, cell: u32, jitter: u64) -> [f32; 2] {
+        let [jx, jy] = halves(jitter);
+        let column = cell % self.strata;
+        let row = cell / self.strata;
+        [unit(in_stratum(column, self.strata, jx)), unit(in_stratum(row, self.strata, jy))]
+    }
+}
+
+/// Stratum `k` of `n` of the 24-bit numbers, and the place in it that `jitter` names; 8 more bits so
+/// that it reads as a fraction of 2^32. Integers throughout: a point never rounds into the next cell.
+#[inline]
+fn in_stratum(k: u32, n: u32, jitter: u32) -> u32 {
+    let start = (u64::from(k) << 24).div_ceil(u64::from(n));
+    let end = (u64::from(k + 1) << 24).div_ceil(u64::from(n));
+    let offset = (u64::from(jitter) * (end - start)) >> 32;
+    ((start + offset) as u32) << 8
+}
+
+impl PointSet for Stratified {
+    fn describe(&self) -> String {
+        format!("stratified:seed={},strata={}", self.seed.given(), self.strata)
+    }
+
+    #[inline]
+    fn block(&self, id: SampleId, block: u32) -> [f32; 4] {
+        let cells = u64::from(self.cells());
+        let (grid, within) = (id.index / cells, (id.index % cells) as u32);
+        let key = self.seed.key(&id, block, grid);
+        let order = [nth_key(key, 0), nth_key(key, 1)];
+        // The jitter belongs to the sample, so its number in the grid enters beside the key.
+        let jitter = nth_key(key, 2);
+        let jitter = [nth_key(jitter, 2 * u64::from(within)), nth_key(jitter, 2 * u64::from(within) + 1)];
+        let [a, b] = self.point(permute(within, self.cells(), order[0]), jitter[0]);
+        let [c, d] = self.point(permute(within, self.cells(), order[1]), jitter[1]);
+        [a, b, c, d]
+    }
+
+    /// `u64::MAX`: each further grid is a new one.
+    fn capacity(&self) -> u64 {
+        u64::MAX
+    }
+
+    /// The next multiple of `strata²`.
+    fn preferred_count(&self, n: u64) -> u64 {
+        n.max(1).checked_next_multiple_of(u64::from(self.cells())).unwrap_or(n)
+    }
+}
