@@ -177,11 +177,6 @@ impl Lens for ThinLens {
     fn ray(view: &CameraView, place: Vec2, on_lens: [f32; 2]) -> Ray {
         let lens = concentric_disk(on_lens) * view.lens_radius;
         let focus = view.screen(place) * view.focal_distance;
-<<<<<<< HEAD
-=======
-        let axes =
-            Mat3::from_cols(view.axes.x_axis.normalize(), view.axes.y_axis.normalize(), view.axes.z_axis.normalize());
->>>>>>> main
         let from = Vec3::new(lens.x, lens.y, 0.0);
         Ray::new(view.origin + view.axes * from, (view.axes * (focus - from)).normalize())
     }
