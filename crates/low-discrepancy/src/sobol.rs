@@ -50,12 +50,10 @@ impl PointSet for Sobol {
         // The bits of a Sobol' coordinate, reversed: of the first it is the index itself.
         let [x0, x1] = halves(index);
         let [y0, y1] = halves(sobol1_reversed(index));
-        let pair0 = pack(owen_reversed(y0, scramble_y0), owen_reversed(x0, scramble_x0)).reverse_bits();
-        let pair1 = pack(owen_reversed(y1, scramble_y1), owen_reversed(x1, scramble_x1)).reverse_bits();
-
-        let [u0, v0] = halves(pair0);
-        let [u1, v1] = halves(pair1);
-        [unit(u0), unit(v0), unit(u1), unit(v1)]
+        let coordinates = [x0, y0, x1, y1];
+        let keys = [scramble_x0, scramble_y0, scramble_x1, scramble_y1];
+        // All four at once: compilers make vectors of this where the machine has them.
+        std::array::from_fn(|k| unit(owen_reversed(coordinates[k], keys[k]).reverse_bits()))
     }
 
     /// `2^32`: up to there all samples of a pair lie in different elementary intervals of
