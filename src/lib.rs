@@ -1,1 +1,58 @@
-//! Facade.
+//! Dapple puts Monte Carlo samples where a picture needs them.
+//!
+//! This crate re-exports the parts, so that one dependency is enough:
+//!
+//! * [`core`]: the one plug. Point sets, samplers, integrators, filters, films, exact budgets, the render
+//!   loop. Depend on it alone (as `dapple-core`) to use Dapple in a renderer of your own: it knows no
+//!   geometry, no scene and no picture file.
+//! * [`low_discrepancy`] (feature `low-discrepancy`): Owen-scrambled Sobol', Halton, (0,2), stratified and
+//!   independent points.
+//! * [`metrics`] (feature `metrics`): how wrong a picture is.
+//! * [`geometry`] (feature `geometry`): watertight rays.
+//! * [`renderer`] (feature `renderer`): pbrt scenes, lights, materials, integrators, picture files.
+//!
+//! # Example
+//!
+//! An integrator is anything that turns coordinates into radiance. This one is a soft shadow's edge; the
+//! sampler finds it and puts its samples there.
+//!
+//! ```
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! use dapple::core::samplers::Variance;
+//! use dapple::core::{Block, Draws, Estimate, Frame, Integrator, Limits, Needs, NoWatch, Observed, render};
+//! use dapple::low_discrepancy::Sobol;
+//!
+//! const PLACE: Block = Block::new(0);
+//!
+//! struct Penumbra;
+//!
+//! impl Integrator for Penumbra {
+//!     fn estimate(&self, draws: &Draws<'_>, _: &mut Observed) -> Estimate {
+//!         let [u, _, lamp, _] = draws.block(PLACE);
+//!         let x = draws.pixel()[0] as f32 + u;
+//!         let lit = x + 16.0 * lamp > 40.0;
+//!         Estimate { radiance: [if lit { 1.0 } else { 0.0 }; 3], first_hit: None, cost: 1 }
+//!     }
+//! }
+//!
+//! let frame = Frame::new(64, 16)?;
+//! let mut sampler = Variance::new(Sobol::new(7));
+//! let limits = Limits::samples(16 * 64 * 16);
+//! let film = render(&mut Penumbra, &mut sampler, Needs::none(), frame, &limits, &mut NoWatch)?;
+//!
+//! assert_eq!(film.record().samples, 16 * 64 * 16);       // the budget, exactly
+//! assert!(film.count(32) > 2 * film.count(5));           // more in the penumbra than in the dark
+//! # Ok(())
+//! # }
+//! ```
+
+pub use dapple_core as core;
+
+#[cfg(feature = "geometry")]
+pub use dapple_geometry as geometry;
+#[cfg(feature = "low-discrepancy")]
+pub use dapple_low_discrepancy as low_discrepancy;
+#[cfg(feature = "metrics")]
+pub use dapple_metrics as metrics;
+#[cfg(feature = "renderer")]
+pub use dapple_renderer as renderer;

@@ -1,4 +1,4 @@
-//! What every Dapple point set must pass: a dev-dependency of one line.
+//! What every Dapple point set, sampler and filter must pass: a dev-dependency of one line.
 //!
 //! Each function panics with a message that says which promise was broken, where, and by how much; put
 //! it into a `#[test]`. All inputs are fixed, so a check that passes once passes always.
@@ -26,6 +26,10 @@
 //! # conforms();
 //! ```
 
+mod filter;
 mod point_set;
+mod sampler;
 
-pub use point_set::*;
+pub use filter::{filter, filter_on_frames};
+pub use point_set::point_set;
+pub use sampler::{Spending, bits, sampler, sampler_on_frames, threshold_sampler};

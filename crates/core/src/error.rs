@@ -1,6 +1,6 @@
 //! Everything that can go wrong between a sampler and a picture.
 
-use crate::SampleId;
+use crate::{Film, SampleId};
 
 /// Why a render, a plan or an allocation is refused. Each message says what to do.
 #[non_exhaustive]
@@ -108,5 +108,7 @@ pub enum Error {
         message: String,
         /// The point set with its seed.
         points: String,
+        /// What was finished before.
+        film: Box<Film>,
     },
 }

@@ -27,12 +27,22 @@ pub struct FirstHit {
     pub primitive: u32,
 }
 
+impl FirstHit {
+    /// Whether every number is one. A hit that is not counts as a miss.
+    pub(crate) fn is_finite(&self) -> bool {
+        let Self { position, geometric_normal, shading_normal, albedo, depth, footprint, roughness, .. } = self;
+        let vectors = [position, geometric_normal, shading_normal, albedo];
+        vectors.into_iter().flatten().chain([depth, footprint, roughness]).all(|v| v.is_finite())
+    }
+}
+
 /// What one sample found.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimate {
     /// Radiance estimate, linear RGB, finite and not negative; anything else is rejected and counted.
     pub radiance: [f32; 3],
-    /// The first hit, if [`Draws::wants_first_hit`] asks for it and the sample met a surface.
+    /// The first hit, if [`Draws::wants_first_hit`] asks for it and the sample met a surface. One with
+    /// a NaN or an infinity in it counts as a miss.
     pub first_hit: Option<FirstHit>,
     /// What the sample cost, in rays.
     pub cost: u32,

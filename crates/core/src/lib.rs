@@ -22,20 +22,38 @@
 //! Dapple is not a sampler of arbitrary densities and has no cursor to draw "the next number" from:
 //! every use of randomness names its [`Block`].
 
+mod allocate;
 mod draws;
 mod error;
+mod film;
+mod filter;
 mod frame;
 mod integrator;
 mod limits;
+mod moments;
 mod needs;
 mod plan;
 mod point_set;
+mod render;
+mod sampler;
+pub mod samplers;
 
+pub use allocate::{Allocation, allocate, allocate_on_ladder, ladder_floor, ladder_next};
 pub use draws::{Block, Draws};
 pub use error::Error;
+pub use film::{Features, Film, Record, Rejected, RejectedReason, RoundRecord};
+pub use filter::{Filter, Filtered, Unfiltered};
 pub use frame::Frame;
 pub use integrator::{Estimate, FirstHit, Integrator, Observation, Observations, Observed};
 pub use limits::{Budget, InvalidSample, Limits, Schedule};
+pub use moments::{Moments, RgbMoments};
 pub use needs::Needs;
 pub use plan::{Combine, Fate, Plan, Progress};
 pub use point_set::{PointSet, SampleId, streams};
+pub use render::{Control, NoWatch, Status, Watch, render};
+pub use sampler::{BudgetLeft, Feedback, Sampler};
+
+/// Runs the example of the README.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct ReadmeExample;

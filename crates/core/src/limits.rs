@@ -16,7 +16,8 @@ pub enum Budget {
         /// Samples after which to stop all the same.
         at_most: u64,
     },
-    /// The budgets that an earlier render recorded, one per barrier.
+    /// The budgets that an earlier render recorded, one per barrier. Renders with halves use other
+    /// points: pass the earlier film's [`needs`](crate::Film::needs) to get its bits.
     Recorded(Vec<u64>),
 }
 

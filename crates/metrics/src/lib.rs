@@ -1,1 +1,126 @@
-//! See the crate's README.
+//! How far a rendered picture is from its reference.
+//!
+//! Pictures are plain data: [`Pixels`] borrows linear RGB, row by row from the top. [`compare`] gives every
+//! figure at once; [`block_means`] and [`block_ratios`] show bias where noise hides it in single pixels;
+//! [`downsample`] brings a picture to the size of its reference.
+//!
+//! ```
+//! use dapple_metrics::{Pixels, compare};
+//! let reference = vec![[0.5, 1.0, 0.0]; 12];
+//! let mut image = reference.clone();
+//! image[5] = [0.75, 1.0, 0.0];
+//! let found = compare(Pixels::new([4, 3], &image)?, Pixels::new([4, 3], &reference)?)?;
+//! assert_eq!(found.mse, 0.25 * 0.25 / 36.0);
+//! assert_eq!(found.rel_mse_trimmed, found.rel_mse, "of 12 pixels, 0.1 % is none");
+//! assert_eq!(found.worst_block.position, [0, 0]);
+//! # Ok::<(), dapple_metrics::Error>(())
+//! ```
+//!
+//! All sums are compensated and in f64, taken in reading order, so that a figure has the same bits for any
+//! number of threads. Which figure to trust for what is in the crate's README.
+
+mod blocks;
+mod compare;
+mod srgb;
+mod sum;
+
+/// The README's example is tested.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;
+
+pub use blocks::{BlockRatios, Blocks, block_means, block_ratios, downsample};
+pub use compare::{Comparison, RELATIVE_EPSILON, TRIMMED_SHARE, WORST_BLOCK_SIZE, WorstBlock, compare};
+
+/// Why pictures cannot be compared. Each message says what to do.
+#[non_exhaustive]
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum Error {
+    /// A picture without pixels.
+    #[error("a picture of {}x{} has no pixels: both sides must be at least 1", size[0], size[1])]
+    Empty {
+        /// Width and height.
+        size: [u32; 2],
+    },
+    /// Pixels and size disagree.
+    #[error("a picture of {}x{} needs {} pixels, not {found}", size[0], size[1], u64::from(size[0]) * u64::from(size[1]))]
+    PixelCount {
+        /// Width and height.
+        size: [u32; 2],
+        /// Pixels given.
+        found: usize,
+    },
+    /// The pictures differ in size.
+    #[error(
+        "the picture is {}x{} and its reference {}x{}: render at the reference's size, or downsample the larger one",
+        image[0], image[1], reference[0], reference[1]
+    )]
+    Sizes {
+        /// Width and height of the picture.
+        image: [u32; 2],
+        /// Width and height of the reference.
+        reference: [u32; 2],
+    },
+    /// A reference that is no number somewhere.
+    #[error("the reference is {value:?} at column {}, row {}: a reference must be finite, so mend or replace it", pixel[0], pixel[1])]
+    NonFiniteReference {
+        /// Column and row of the first such pixel.
+        pixel: [u32; 2],
+        /// Its value.
+        value: [f32; 3],
+    },
+    /// A block size that is no use.
+    #[error("blocks of {}x{} pixels do not fit a picture of {}x{}: use sides from 1 up to the picture's", block[0], block[1], size[0], size[1])]
+    Block {
+        /// Width and height of a block.
+        block: [u32; 2],
+        /// Width and height of the picture.
+        size: [u32; 2],
+    },
+    /// A target size that is empty or larger than the picture.
+    #[error("{}x{} cannot be averaged to {}x{}: each side must be from 1 up to the picture's", size[0], size[1], target[0], target[1])]
+    Target {
+        /// Width and height of the picture.
+        size: [u32; 2],
+        /// Width and height asked for.
+        target: [u32; 2],
+    },
+}
+
+/// A borrowed picture: linear RGB, row by row from the top.
+#[derive(Clone, Copy, Debug)]
+pub struct Pixels<'a> {
+    size: [u32; 2],
+    values: &'a [[f32; 3]],
+}
+
+impl<'a> Pixels<'a> {
+    /// `size` is width and height; `values` are `size[0] * size[1]` pixels.
+    ///
+    /// # Errors
+    /// [`Error::Empty`] where a side is 0, [`Error::PixelCount`] where the length is another.
+    pub fn new(size: [u32; 2], values: &'a [[f32; 3]]) -> Result<Self, Error> {
+        if size.contains(&0) {
+            return Err(Error::Empty { size });
+        }
+        if u64::from(size[0]) * u64::from(size[1]) != values.len() as u64 {
+            return Err(Error::PixelCount { size, found: values.len() });
+        }
+        Ok(Self { size, values })
+    }
+
+    /// Width and height.
+    pub fn size(&self) -> [u32; 2] {
+        self.size
+    }
+
+    /// The pixels, top row first.
+    pub fn values(&self) -> &'a [[f32; 3]] {
+        self.values
+    }
+
+    /// Rows from the top.
+    fn rows(&self) -> impl Iterator<Item = &'a [[f32; 3]]> {
+        self.values.chunks_exact(self.size[0] as usize)
+    }
+}

@@ -1,11 +1,32 @@
-//! The renderer of Dapple.
+//! The renderer of Dapple: scene description, pbrt-v4 reader, camera, lights, materials, effects,
+//! integrators, picture files, and the registry of everything that can be chosen by name.
+//!
+//! A [`scene::Scene`] is plain data with the lines it came from; [`Effects::of`] says what it calls for;
+//! [`World::new`] makes it ready for rays; [`integrator()`] gives the path tracer specialised for it, and
+//! [`dapple_core::render`] does the rest.
 
+pub mod blocks;
+pub mod bundled;
+pub mod camera;
+mod effects;
+pub mod files;
 pub mod image;
+mod integrator;
+pub mod light;
+mod material;
+pub mod pbrt;
+pub mod pixel_filter;
+pub mod ply;
+pub mod registry;
 pub mod scene;
+pub mod shading;
+mod space;
+mod texture;
+mod world;
 
-/// Placeholder until the effects module lands.
-#[doc(hidden)]
-pub struct Effects;
-/// Placeholder until the world module lands.
-#[doc(hidden)]
-pub struct World;
+pub use effects::{Called, Effect, Effects};
+pub use integrator::{PathTracer, integrator};
+pub use material::{MaterialError, Surface};
+pub use space::Space;
+pub use texture::Textures;
+pub use world::{Emitter, World, WorldError};

@@ -20,7 +20,10 @@ pub struct Source {
 
 impl fmt::Display for Source {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}:{}", self.file.display(), self.line)
+        match self.line {
+            0 => write!(f, "{}", self.file.display()),
+            line => write!(f, "{}:{line}", self.file.display()),
+        }
     }
 }
 
@@ -67,9 +70,9 @@ pub struct Camera {
     pub aspect: Option<f64>,
     /// Window on the screen plane (x0, x1, y0, y1), where the file fixes it.
     pub screen_window: Option<[f64; 4]>,
-    /// Radius of the lens in world units; 0 is a pinhole.
+    /// Radius of the lens in units of camera space, as pbrt-v4 has it; 0 is a pinhole.
     pub lens_radius: f64,
-    /// Distance of the plane in focus.
+    /// Distance of the plane in focus, in units of camera space.
     pub focal_distance: f64,
     /// Where the file says so.
     pub source: Source,
@@ -139,6 +142,13 @@ impl Default for PixelFilter {
 }
 
 /// One shape with what it is made of.
+///
+/// Its geometric normal, which tells the side that shines, is as in pbrt-v4:
+/// * In the shape's own space: `(p1 - p0) x (p2 - p0)` of a triangle, outwards of a sphere, +z of a disk.
+/// * It is brought to world space as a normal (by the inverse transpose), so that a transform that mirrors
+///   does not turn it around; then it is negated if [`reversed`](Self::reversed).
+/// * Where a mesh has normals, they are transformed and negated the same way, and a triangle's geometric
+///   normal is negated where it points away from their interpolation: shading normals decide on the side.
 #[derive(Clone, Debug)]
 pub struct Shape {
     /// Its geometry, in its own space.
@@ -173,6 +183,81 @@ pub enum Geometry {
         radius: f64,
         /// Radius of the hole; 0 for none.
         inner_radius: f64,
+    },
+}
+
+impl MeshData {
+    /// Whether positions, normals and texture coordinates are finite and as many as they should be, and
+    /// all corners exist. Triangles without area are no fault.
+    ///
+    /// # Errors
+    /// The first fault found.
+    pub fn check(&self) -> Result<(), MeshFault> {
+        let vertices = self.positions.len();
+        if let Some(vertex) = self.positions.iter().position(|p| !p.is_finite()) {
+            return Err(MeshFault::Position { vertex });
+        }
+        for (of, count) in [("normals", self.normals.len()), ("texture coordinates", self.uvs.len())] {
+            if count != 0 && count != vertices {
+                return Err(MeshFault::Count { of, count, vertices });
+            }
+        }
+        if let Some(vertex) = self.normals.iter().position(|n| n.iter().any(|c| !c.is_finite())) {
+            return Err(MeshFault::Attribute { of: "normal", vertex });
+        }
+        if let Some(vertex) = self.uvs.iter().position(|uv| uv.iter().any(|c| !c.is_finite())) {
+            return Err(MeshFault::Attribute { of: "texture coordinate", vertex });
+        }
+        let beyond = |corner: &&u32| **corner as usize >= vertices;
+        for (triangle, corners) in self.triangles.iter().enumerate() {
+            if let Some(&corner) = corners.iter().find(beyond) {
+                return Err(MeshFault::Corner { triangle, corner, vertices });
+            }
+        }
+        if self.triangles.is_empty() { Err(MeshFault::Empty) } else { Ok(()) }
+    }
+}
+
+/// What is wrong with a mesh. Vertices and triangles count from 0.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum MeshFault {
+    /// There is nothing to see.
+    #[error("the mesh has no triangles: remove it")]
+    Empty,
+    /// A vertex is nowhere.
+    #[error("the position of vertex {vertex} is not finite: mend the mesh")]
+    Position {
+        /// Which.
+        vertex: usize,
+    },
+    /// A normal or texture coordinate is NaN or infinite, in single precision.
+    #[error("the {of} of vertex {vertex} is not finite: mend the mesh")]
+    Attribute {
+        /// What.
+        of: &'static str,
+        /// Whose.
+        vertex: usize,
+    },
+    /// Not one per vertex.
+    #[error("there are {count} {of} for {vertices} vertices: give one for each, or none")]
+    Count {
+        /// Of what.
+        of: &'static str,
+        /// How many there are.
+        count: usize,
+        /// How many there should be.
+        vertices: usize,
+    },
+    /// A corner that is no vertex.
+    #[error("triangle {triangle} has corner {corner}: corners are whole numbers from 0 to {}", vertices.saturating_sub(1))]
+    Corner {
+        /// Whose.
+        triangle: usize,
+        /// Which.
+        corner: u32,
+        /// How many there are.
+        vertices: usize,
     },
 }
 
@@ -307,10 +392,10 @@ pub enum TextureKind {
         scale: [f32; 2],
         /// Shift of u and v.
         shift: [f32; 2],
-        /// Even and odd squares.
+        /// Where `floor(u) + floor(v)` is even, and where it is odd.
         colors: [Color; 2],
     },
-    /// A picture, repeated.
+    /// A picture, repeated, bilinear. `v = 0` is its bottom edge, `u = 0` its left one.
     Image {
         /// Decoded to linear RGB, top row first.
         picture: Arc<Picture>,
@@ -320,7 +405,7 @@ pub enum TextureKind {
         shift: [f32; 2],
         /// Every value is multiplied by this.
         factor: f32,
-        /// Whether every value is subtracted from 1 first.
+        /// Whether every value is then subtracted from 1; what falls below 0 becomes 0.
         invert: bool,
     },
 }

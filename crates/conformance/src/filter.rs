@@ -1,0 +1,161 @@
+//! What every filter must pass.
+
+use crate::sampler::{Scene, frame, on_threads};
+use dapple_core::{
+    Error, Feedback, Film, Filter, Filtered, Frame, Limits, Needs, NoWatch, Plan, PointSet, Progress, SampleId,
+    Sampler, render,
+};
+
+/// Checks a filter that works on frames of any size.
+///
+/// Applies it to films of made-up scenes with uneven counts, pixels without samples and fireflies of
+/// 10^20 (whose square is no `f32`), on frames from 1x1 up, and demands: a constant stays that
+/// constant; everything finite, errors not negative; sizes right; the same bits for any number of
+/// threads; a film that lacks what the filter reads refused with
+/// [`Error::NotRecorded`](dapple_core::Error::NotRecorded).
+///
+/// # Panics
+///
+/// When the filter fails; the message says at what.
+pub fn filter(make: impl Fn() -> Box<dyn Filter>) {
+    filter_on_frames(|_| make());
+}
+
+/// As [`filter`], for filters that are made for one frame (from clusters of its pixels, say).
+///
+/// # Panics
+///
+/// When the filter fails; the message says at what.
+pub fn filter_on_frames(make: impl Fn(&Frame) -> Box<dyn Filter>) {
+    let first = make(&frame([19, 18]));
+    let (name, description) = (first.name(), first.describe());
+    let plain = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-';
+    assert!(!name.is_empty() && name.chars().all(plain), "the name {name:?} is not lower case words with hyphens");
+    assert!(description.starts_with(name), "the description {description:?} does not begin with the name {name:?}");
+    let window = frame([40, 30]).crop(7, 3, 20, 8).expect("a window of the checks");
+    for frame in [frame([1, 1]), frame([1, 7]), frame([7, 1]), frame([19, 37]), window] {
+        let filter = make(&frame);
+        for scene in Scene::ALL {
+            for counts in [Counts::Sparse, Counts::Uneven] {
+                finite_and_repeatable(&*filter, scene, counts, frame);
+            }
+        }
+        keeps_constant(&*filter, frame);
+        refuses(&*filter, frame);
+    }
+}
+
+/// Counts by a hash of the pixel's number, in one round.
+#[derive(Clone, Copy, Debug)]
+enum Counts {
+    /// 0 to 3 samples.
+    Sparse,
+    /// 2 to 40.
+    Uneven,
+}
+
+struct Hashed(Counts);
+
+impl PointSet for Hashed {
+    fn describe(&self) -> String {
+        "hash".into()
+    }
+
+    fn block(&self, id: SampleId, block: u32) -> [f32; 4] {
+        let [x, y] = id.pixel.map(u64::from);
+        let key = mix(x ^ (y << 32)) ^ mix(id.index ^ (u64::from(id.stream) << 48) ^ (u64::from(block) << 40));
+        [1, 2, 3, 4].map(|k| (mix(key.wrapping_add(k)) >> 40) as f32 / (1u64 << 24) as f32)
+    }
+
+    fn capacity(&self) -> u64 {
+        u64::MAX
+    }
+}
+
+impl Sampler for Hashed {
+    fn name(&self) -> &str {
+        "hashed-counts"
+    }
+
+    fn points(&self) -> &dyn PointSet {
+        self
+    }
+
+    fn next_round(&mut self, seen: &Feedback<'_>, plan: &mut Plan) -> Result<Progress, Error> {
+        for (i, n) in plan.counts.iter_mut().enumerate() {
+            let hash = mix(i as u64 + 1);
+            *n = match self.0 {
+                Counts::Sparse => (hash % 4) as u32,
+                Counts::Uneven => 2 + (hash % 39) as u32,
+            };
+        }
+        // A frame in which nobody won a sample.
+        if plan.total() == 0 {
+            plan.counts[0] = 1;
+        }
+        Ok(if seen.round == 0 { Progress::Trace } else { Progress::Done })
+    }
+}
+
+/// The finaliser of SplitMix64.
+fn mix(x: u64) -> u64 {
+    let x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    let x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    x ^ (x >> 31)
+}
+
+fn film(mut scene: Scene, counts: Counts, needs: Needs, frame: Frame) -> Film {
+    let mut limits = Limits::samples(64 * frame.pixels() as u64);
+    limits.min_spp = 0;
+    render(&mut scene, &mut Hashed(counts), needs, frame, &limits, &mut NoWatch).expect("a film of the checks")
+}
+
+fn finite_and_repeatable(filter: &dyn Filter, scene: Scene, counts: Counts, frame: Frame) {
+    let case = format!("{}, {scene:?}, {counts:?}, {:?}", filter.describe(), frame.size());
+    let film = film(scene, counts, filter.needs(), frame);
+    let apply = |threads| on_threads(threads, || filter.apply(&film)).unwrap_or_else(|e| panic!("{case}: {e}"));
+    let picture = apply(1);
+    assert_eq!(picture.size, frame.size(), "{case}: wrong size");
+    assert_eq!(picture.radiance.len(), frame.pixels(), "{case}: wrong number of pixels");
+    for (i, x) in picture.radiance.iter().enumerate() {
+        assert!(x.iter().all(|v| v.is_finite()), "{case}: pixel {i} is {x:?}");
+    }
+    if let Some(error) = &picture.error {
+        assert_eq!(error.len(), frame.pixels(), "{case}: wrong number of errors");
+        // An unknown error is infinite.
+        assert!(error.iter().all(|e| *e >= 0.0), "{case}: an error is negative or NaN");
+    }
+    for threads in [1, 2, 3, 7] {
+        assert!(bits(&apply(threads)) == bits(&picture), "{case}: {threads} threads give other bits");
+    }
+}
+
+fn bits(picture: &Filtered) -> Vec<u32> {
+    let errors = picture.error.iter().flatten();
+    picture.radiance.iter().flatten().chain(errors).map(|v| v.to_bits()).collect()
+}
+
+/// To 1e-5 relative: what normalised `f32` weights can promise.
+fn keeps_constant(filter: &dyn Filter, frame: Frame) {
+    for (scene, value) in [(Scene::Constant, 0.7f32), (Scene::Black, 0.0)] {
+        let film = film(scene, Counts::Uneven, filter.needs(), frame);
+        let picture = filter.apply(&film).unwrap_or_else(|e| panic!("{}: {e}", filter.describe()));
+        for (i, x) in picture.radiance.iter().enumerate() {
+            for (x, share) in x.iter().zip([1.0, 0.5, 0.25]) {
+                let wanted = value * share;
+                let near = (x - wanted).abs() <= 1e-5 * wanted;
+                assert!(near, "{}: pixel {i} of a constant {wanted} is {x}", filter.describe());
+            }
+        }
+    }
+}
+
+fn refuses(filter: &dyn Filter, frame: Frame) {
+    if filter.needs() == Needs::none() {
+        return;
+    }
+    let bare = film(Scene::Noise, Counts::Uneven, Needs::none(), frame);
+    let answer = filter.apply(&bare);
+    let refused = matches!(answer, Err(Error::NotRecorded { .. }));
+    assert!(refused, "{}: a film without what the filter reads is not refused", filter.describe());
+}

@@ -1,0 +1,285 @@
+//! What every sampler must pass.
+
+use dapple_core::{
+    Block, Budget, Draws, Error, Estimate, Feedback, Film, FirstHit, Frame, Integrator, Limits, Needs, NoWatch,
+    Observed, Plan, Progress, Sampler, render,
+};
+
+/// How a sampler treats its budget.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Spending {
+    /// It goes on until every sample is spent.
+    Exact,
+    /// It stops by a threshold of its own: the budget is a ceiling.
+    AtMost,
+}
+
+/// Checks a sampler that spends its budget exactly and works on frames of any size.
+///
+/// Renders made-up scenes (black, constant, an edge, noise, fireflies, invalid samples) on frames
+/// from 1x1 up and demands: the budget met to the sample; every pixel between floor and ceiling; no
+/// plan that breaks its word; finite pictures; the same bits for any number of threads, tile, slice
+/// and order, and in a second run; a budget that is raised later spent as well; a name that says
+/// something. Below 16 samples per pixel a sampler may refuse with
+/// [`Error::BudgetTooSmall`](dapple_core::Error::BudgetTooSmall).
+///
+/// # Panics
+///
+/// When the sampler fails; the message says at what.
+pub fn sampler(make: impl Fn() -> Box<dyn Sampler>) {
+    sampler_on_frames(|_| make(), Spending::Exact);
+}
+
+/// As [`sampler`], for one that stops by a threshold: it may spend less than the budget, never more.
+///
+/// # Panics
+///
+/// When the sampler fails; the message says at what.
+pub fn threshold_sampler(make: impl Fn() -> Box<dyn Sampler>) {
+    sampler_on_frames(|_| make(), Spending::AtMost);
+}
+
+/// As [`sampler`], for samplers that are made for one frame (from clusters of its pixels, say).
+///
+/// # Panics
+///
+/// When the sampler fails; the message says at what.
+pub fn sampler_on_frames(make: impl Fn(&Frame) -> Box<dyn Sampler>, spending: Spending) {
+    names(&make);
+    for size in [[1, 1], [1, 7], [9, 1], [19, 18]] {
+        for scene in Scene::ALL {
+            spends(&make, spending, frame(size), scene);
+        }
+    }
+    for scene in [Scene::Black, Scene::Edge, Scene::Firefly] {
+        keeps_bounds(&make, spending, frame([19, 18]), scene);
+        same_bits(&make, frame([19, 37]), scene);
+        budget_raised(&make, spending, frame([19, 18]), scene);
+    }
+    crops(&make, spending);
+    impossible(&make, frame([5, 4]));
+}
+
+/// Made-up scenes: what a sampler or filter may meet, without geometry.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Scene {
+    Black,
+    Constant,
+    /// Dark left, bright right, a partly covered column between.
+    Edge,
+    /// Noise that grows from left to right.
+    Noise,
+    /// One sample in 64 is 10^20.
+    Firefly,
+    /// One sample in eight is NaN, infinite or negative.
+    Invalid,
+    /// Every sample is NaN.
+    AllInvalid,
+}
+
+impl Scene {
+    pub(crate) const ALL: [Self; 7] =
+        [Self::Black, Self::Constant, Self::Edge, Self::Noise, Self::Firefly, Self::Invalid, Self::AllInvalid];
+}
+
+impl Integrator for Scene {
+    fn estimate(&self, draws: &Draws<'_>, observed: &mut Observed) -> Estimate {
+        let u = draws.block(Block::new(0));
+        let [x, y] = draws.pixel();
+        observed.note(u64::from(x / 4), u[0]);
+        let value = match self {
+            Self::Black => 0.0,
+            Self::Constant => 0.7,
+            Self::Edge => f32::from(u8::from(x as f32 + u[0] > 9.3)),
+            Self::Noise => 0.2 + 0.1 * x as f32 * u[1],
+            Self::Firefly if u[2] < 1.0 / 64.0 => 1e20,
+            Self::Firefly => 0.5,
+            Self::Invalid => match (u[2] * 32.0) as u32 {
+                0 => f32::NAN,
+                1 => f32::INFINITY,
+                2 => f32::NEG_INFINITY,
+                3 => -1.0,
+                _ => u[0],
+            },
+            Self::AllInvalid => f32::NAN,
+        };
+        let first_hit = (draws.wants_first_hit() && y != 2).then(|| FirstHit {
+            position: [x as f32 + u[0], y as f32 + u[1], 0.0],
+            geometric_normal: [0.0, 0.0, 1.0],
+            shading_normal: if x < 9 { [0.0, 0.0, 1.0] } else { [0.0, 1.0, 0.0] },
+            albedo: [0.8, 0.5, 0.2],
+            depth: 1.0 + u[0],
+            footprint: 1.0,
+            roughness: 1.0,
+            material: x / 9,
+            shape: x / 9,
+            primitive: y / 5,
+        });
+        Estimate { radiance: [value, 0.5 * value, 0.25 * value], first_hit, cost: 1 + x % 3 }
+    }
+}
+
+pub(crate) fn frame(size: [u32; 2]) -> Frame {
+    Frame::new(size[0], size[1]).expect("a frame of the checks")
+}
+
+/// Every statistic of a film, bit for bit: two films with equal bits are equal but for their timings.
+pub fn bits(film: &Film) -> Vec<u64> {
+    let record = film.record();
+    let mut bits = vec![record.samples, record.rays, record.blocks, record.rejected];
+    bits.extend(&record.budgets);
+    bits.extend(record.rounds.iter().flat_map(|r| [r.samples, u64::from(r.kept)]));
+    for i in 0..film.frame().pixels() {
+        for m in [Some(film.moments(i)), film.half(0, i), film.half(1, i), Some(film.discarded(i))] {
+            let m = m.unwrap_or_default();
+            bits.push(m.count);
+            bits.extend(m.mean.iter().chain(&m.m2).map(|v| v.to_bits()));
+        }
+        bits.extend(film.mean(i).map(f64::to_bits));
+        bits.extend(film.range(i).iter().flatten().flatten().map(|v| u64::from(v.to_bits())));
+        // Floats print their shortest exact form, so equal text is equal bits.
+        let rest = format!("{:?} {:?} {:?}", film.features(i), film.first_hits(i), film.cost(i));
+        bits.extend(rest.bytes().map(u64::from));
+    }
+    bits.extend(format!("{:?}", film.rejected()).bytes().map(u64::from));
+    bits
+}
+
+/// Runs `work` on a pool of so many threads.
+pub(crate) fn on_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool of threads");
+    pool.install(work)
+}
+
+fn run(sampler: &mut dyn Sampler, mut scene: Scene, frame: Frame, limits: &Limits) -> Result<Film, Error> {
+    render(&mut scene, sampler, Needs::none(), frame, limits, &mut NoWatch)
+}
+
+fn names(make: &impl Fn(&Frame) -> Box<dyn Sampler>) {
+    let one = make(&frame([19, 18]));
+    let (name, description) = (one.name(), one.describe());
+    let plain = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-';
+    assert!(!name.is_empty() && name.chars().all(plain), "the name {name:?} is not lower case words with hyphens");
+    assert!(description.starts_with(name), "the description {description:?} does not begin with the name {name:?}");
+    assert_eq!(description, make(&frame([19, 18])).describe(), "a sampler describes itself differently each time");
+    assert_eq!(one.needs(), make(&frame([19, 18])).needs(), "a sampler needs something else each time");
+}
+
+/// The film of a render that is within its limits; `None` where a small budget is refused.
+fn within(
+    make: &impl Fn(&Frame) -> Box<dyn Sampler>,
+    spending: Spending,
+    scene: Scene,
+    frame: Frame,
+    limits: &Limits,
+    total: u64,
+) -> Option<Film> {
+    let mut sampler = make(&frame);
+    let case = format!("{}, {scene:?}, {:?}, {limits:?}", sampler.describe(), frame.size());
+    let film = match run(&mut *sampler, scene, frame, limits) {
+        Ok(film) => film,
+        Err(Error::BudgetTooSmall { .. }) if total < 16 * frame.pixels() as u64 => return None,
+        Err(e) => panic!("{case}: {e}"),
+    };
+    let spent = film.record().samples;
+    match spending {
+        Spending::Exact => assert_eq!(spent, total, "{case}: the budget is not met exactly"),
+        Spending::AtMost => assert!(spent <= total, "{case}: {spent} samples of {total}"),
+    }
+    let pixels = 0..frame.pixels();
+    let taken: u64 = pixels.clone().map(|i| film.count(i) + film.discarded(i).count).sum();
+    assert_eq!(taken, spent, "{case}: samples are lost");
+    for i in pixels {
+        let count = film.count(i);
+        assert!(count >= u64::from(limits.min_spp), "{case}: {count} samples in pixel {i} are below the floor");
+        assert!(count <= u64::from(limits.max_spp), "{case}: {count} samples in pixel {i} are above the ceiling");
+        assert!(film.mean(i).iter().all(|v| v.is_finite() && *v >= 0.0), "{case}: pixel {i} is {:?}", film.mean(i));
+    }
+    Some(film)
+}
+
+fn spends(make: &impl Fn(&Frame) -> Box<dyn Sampler>, spending: Spending, frame: Frame, scene: Scene) {
+    let pixels = frame.pixels() as u64;
+    for total in [pixels, pixels + 1, 2 * pixels, 5 * pixels + pixels / 2, 16 * pixels, 33 * pixels + pixels / 3] {
+        let film = within(make, spending, scene, frame, &Limits::samples(total), total);
+        let Some(film) = film else { continue };
+        if scene == Scene::Constant {
+            let off = (0..frame.pixels()).find(|&i| (film.mean(i)[0] - f64::from(0.7f32)).abs() > 1e-6);
+            assert_eq!(off, None, "a pixel of a constant picture is not its constant");
+        }
+    }
+}
+
+fn keeps_bounds(make: &impl Fn(&Frame) -> Box<dyn Sampler>, spending: Spending, frame: Frame, scene: Scene) {
+    let pixels = frame.pixels() as u64;
+    for (min_spp, max_spp, total) in [
+        (16, 16, 16 * pixels),
+        (3, 21, 17 * pixels + 1),
+        (13, 40, 16 * pixels),
+        (17, 33, 17 * pixels),
+        (1, 25, 25 * pixels),
+        (0, 1000, 16 * pixels),
+    ] {
+        let mut limits = Limits::samples(total);
+        (limits.min_spp, limits.max_spp) = (min_spp, max_spp);
+        // A discarding sampler cannot both meet the floor and throw samples away: it must refuse or
+        // discard less, which `within` sees by the floor.
+        within(make, spending, scene, frame, &limits, total);
+    }
+    // Fewer samples than pixels, where the floor allows it.
+    let mut limits = Limits::samples(pixels / 3);
+    limits.min_spp = 0;
+    within(make, spending, scene, frame, &limits, pixels / 3);
+}
+
+fn same_bits(make: &impl Fn(&Frame) -> Box<dyn Sampler>, frame: Frame, scene: Scene) {
+    let limits = Limits::samples(21 * frame.pixels() as u64 + 5);
+    let film = |threads: usize, limits: &Limits| {
+        let mut sampler = make(&frame);
+        let film = on_threads(threads, || run(&mut *sampler, scene, frame, limits));
+        bits(&film.unwrap_or_else(|e| panic!("{}, {scene:?}: {e}", sampler.describe())))
+    };
+    let reference = film(1, &limits);
+    assert!(film(1, &limits) == reference, "{scene:?}: a second run gives other bits");
+    for threads in [2, 3, 7] {
+        assert!(film(threads, &limits) == reference, "{scene:?}: {threads} threads give other bits than one");
+    }
+    for (tile_rows, slice_spp, shuffle) in [(7, 1, 0), (16, 13, 1), (64, 0, 2), (1, 13, 0xfeed)] {
+        let mut cut = limits.clone();
+        cut.schedule = dapple_core::Schedule { tile_rows, slice_spp, shuffle };
+        assert!(film(3, &cut) == reference, "{scene:?}: {:?} gives other bits", cut.schedule);
+    }
+}
+
+fn budget_raised(make: &impl Fn(&Frame) -> Box<dyn Sampler>, spending: Spending, frame: Frame, scene: Scene) {
+    let pixels = frame.pixels() as u64;
+    let steps = [16 * pixels, 16 * pixels, 24 * pixels + 7, 24 * pixels + 7, 41 * pixels];
+    let limits = Limits::new(Budget::Recorded(steps.to_vec()));
+    within(make, spending, scene, frame, &limits, 41 * pixels);
+}
+
+/// Samplers must place counts by the window, not by the full frame.
+fn crops(make: &impl Fn(&Frame) -> Box<dyn Sampler>, spending: Spending) {
+    let window = frame([40, 30]).crop(7, 3, 20, 8).expect("a window of the checks");
+    let total = 19 * window.pixels() as u64;
+    within(make, spending, Scene::Noise, window, &Limits::samples(total), total);
+}
+
+/// Budgets that no plan can meet: a typed error, or a plan that stays within what is left.
+fn impossible(make: &impl Fn(&Frame) -> Box<dyn Sampler>, frame: Frame) {
+    for (total, min_spp) in [(0, 1), (1, 1), (19, 1), (79, 4)] {
+        let mut sampler = make(&frame);
+        let film = Film::new(frame, sampler.needs());
+        let budget = dapple_core::BudgetLeft { spent: 0, total, min_spp, max_spp: u32::MAX };
+        let mut plan = Plan::empty(frame.pixels());
+        let answer = sampler.next_round(&Feedback { round: 0, film: &film, budget }, &mut plan);
+        if matches!(answer, Ok(Progress::Trace)) {
+            let asked = plan.total();
+            assert!(asked <= total, "{}: a plan of {asked} samples with {total} left", sampler.describe());
+        }
+        let mut limits = Limits::samples(total);
+        limits.min_spp = min_spp;
+        let refused = run(&mut *make(&frame), Scene::Noise, frame, &limits);
+        assert!(matches!(refused, Err(Error::BudgetTooSmall { .. })), "a budget of {total} samples is not refused");
+    }
+}

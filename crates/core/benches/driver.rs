@@ -1,0 +1,132 @@
+//! What the render loop, allocation and planning cost on one thread.
+//!
+//! The loop's own price per sample is the time of `render/*` less that of `direct`, over 2^18 samples.
+
+use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
+use dapple_core::samplers::{Uniform, Variance, VarianceOptions};
+use dapple_core::{
+    Block, BudgetLeft, Draws, Estimate, Feedback, Film, Frame, Integrator, Limits, Needs, NoWatch, Observed, Plan,
+    PointSet, SampleId, Sampler, allocate, allocate_on_ladder, render, streams,
+};
+use std::hint::black_box;
+
+struct Cheap;
+
+impl PointSet for Cheap {
+    fn describe(&self) -> String {
+        "cheap".into()
+    }
+
+    fn block(&self, id: SampleId, _: u32) -> [f32; 4] {
+        let u = (id.index as u32).wrapping_mul(0x9e37_79b9).wrapping_add(id.pixel[0]) >> 8;
+        [u as f32 * (1.0 / 16_777_216.0); 4]
+    }
+
+    fn capacity(&self) -> u64 {
+        u64::MAX
+    }
+}
+
+struct OneBlock;
+
+impl Integrator for OneBlock {
+    fn estimate(&self, draws: &Draws<'_>, _: &mut Observed) -> Estimate {
+        let u = draws.block(Block::new(0));
+        Estimate { radiance: [u[0], u[1], u[2]], first_hit: None, cost: 1 }
+    }
+}
+
+const SIDE: u32 = 128;
+const SPP: u64 = 16;
+
+fn frame() -> Frame {
+    Frame::new(SIDE, SIDE).expect("a frame")
+}
+
+fn on_one_thread<T: Send>(work: impl FnOnce() -> T + Send) -> T {
+    rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a pool").install(work)
+}
+
+/// The same work through the same plugs, but for the loop: dynamic calls and a sum per pixel.
+fn direct(integrator: &dyn Integrator, points: &dyn PointSet) -> f64 {
+    let mut observed = Observed::default();
+    let mut total = 0.0;
+    for y in 0..SIDE {
+        for x in 0..SIDE {
+            let mut sum = [0f64; 3];
+            for index in 0..SPP {
+                let draws = Draws::new(points, SampleId { pixel: [x, y], stream: streams::WHOLE, index }, false);
+                let estimate = integrator.estimate(&draws, &mut observed);
+                for (sum, x) in sum.iter_mut().zip(estimate.radiance) {
+                    *sum += f64::from(x);
+                }
+            }
+            total += sum[0] + sum[1] + sum[2];
+        }
+    }
+    total
+}
+
+fn driver(c: &mut Criterion) {
+    let mut group = c.benchmark_group("driver");
+    group.throughput(Throughput::Elements(u64::from(SIDE * SIDE) * SPP)).sample_size(20);
+    group.bench_function("direct", |b| b.iter(|| direct(black_box(&OneBlock), black_box(&Cheap))));
+    let all = Needs::none().with_variance().with_extrema().with_halves().with_features().with_first_hits(1).with_cost();
+    for (name, needs) in [("none", Needs::none()), ("variance", Needs::none().with_variance()), ("all", all)] {
+        let limits = Limits::samples(u64::from(SIDE * SIDE) * SPP);
+        let once = || {
+            let mut sampler = Uniform::new(Cheap);
+            on_one_thread(|| render(&mut OneBlock, &mut sampler, needs, frame(), &limits, &mut NoWatch))
+        };
+        group.bench_function(BenchmarkId::new("render", name), |b| b.iter(|| once().expect("a film")));
+    }
+    group.finish();
+}
+
+fn planning(c: &mut Criterion) {
+    let frame = Frame::new(512, 512).expect("a frame");
+    let pixels = frame.pixels();
+    let mut group = c.benchmark_group("planning");
+    group.throughput(Throughput::Elements(pixels as u64)).sample_size(10);
+    let hash = |i: usize| (i as u32).wrapping_mul(0x9e37_79b9) as f32 / u32::MAX as f32;
+    let scores: Vec<f64> = (0..pixels).map(|i| 10f64.powf(f64::from(hash(i)) * 4.0)).collect();
+    let floors = vec![4; pixels];
+    let total = 32 * pixels as u64 + 77;
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a pool");
+    group.bench_function("allocate", |b| {
+        b.iter(|| pool.install(|| allocate(black_box(&scores), &floors, 192, total)).expect("counts"));
+    });
+    group.bench_function("allocate_on_ladder", |b| {
+        b.iter(|| {
+            pool.install(|| allocate_on_ladder(black_box(&scores), &floors, 192, total, 1.3, false)).expect("counts")
+        });
+    });
+    // What a threshold cannot part.
+    let ties: Vec<f64> = scores.iter().map(|g| 4f64.powi(g.log10() as i32)).collect();
+    let equal = vec![1.0; pixels];
+    for (name, scores) in [("ties", &ties), ("equal", &equal)] {
+        group.bench_function(BenchmarkId::new("allocate", name), |b| {
+            b.iter(|| pool.install(|| allocate(black_box(scores), &floors, 192, total)).expect("counts"));
+        });
+    }
+    let mut film = Film::new(frame, Needs::none().with_variance());
+    for i in 0..pixels {
+        (0..4).for_each(|k| film.push(i, 0, [hash(i + k * 7919) * (1.0 + (i % 512) as f32); 3]));
+    }
+    let budget = BudgetLeft { spent: 4 * pixels as u64, total, min_spp: 1, max_spp: u32::MAX };
+    group.bench_function("variance", |b| {
+        // The pilot that the film holds: what is timed is the plan after it.
+        let options = VarianceOptions { pilot: 4, ..VarianceOptions::default() };
+        let mut sampler = Variance::with_options(Cheap, options).expect("options");
+        b.iter(|| {
+            let mut plan = Plan::empty(pixels);
+            let seen = Feedback { round: 1, film: &film, budget };
+            pool.install(|| sampler.next_round(&seen, &mut plan)).expect("a plan");
+            plan.total()
+        });
+    });
+    group.finish();
+}
+
+criterion_group!(benches, driver, planning);
+criterion_main!(benches);

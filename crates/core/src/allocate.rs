@@ -1,0 +1,442 @@
+//! Exact integer budgets: how many samples each pixel gets when the sum is given.
+//!
+//! Both functions minimise `sum_p g_p f(n_p)` over integers `floor_p <= n_p <= ceiling` that add up
+//! to the budget, where `g_p` is a pixel's score (its weight squared times its variance). The
+//! objective is separable and convex, so handing out samples in the order of their marginal gain is
+//! exactly optimal [Fox 1966]. Most are handed out at once, to a common threshold of the gain; the
+//! rest one by one, ties to the smaller count and then by a hash of the pixel's number, so that no
+//! part of the picture is preferred.
+
+use crate::Error;
+use rayon::prelude::*;
+use std::cmp::Ordering;
+use std::collections::BinaryHeap;
+
+/// An exact allocation.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Allocation {
+    /// Samples per pixel.
+    pub counts: Vec<u32>,
+    /// Samples that did not fit under the ceilings.
+    pub unspent: u64,
+    /// Scores that were NaN, negative or infinite, and replaced: by 0, 0, and the largest finite one.
+    pub replaced: usize,
+}
+
+/// `f` and the steps along which counts grow.
+trait Steps: Sync {
+    /// The next count after `n`.
+    fn next(&self, n: u32) -> u32;
+    /// The largest count reached from 0 by steps whose gain per sample, for a score of 1, is at least
+    /// `threshold`.
+    fn reach(&self, threshold: f64) -> u32;
+    /// The gain per sample of the step from `n` to `m`, for a score of 1.
+    fn gain(&self, n: u32, m: u32) -> f64;
+}
+
+/// Every integer, `f(n) = 1/n`: independent samples.
+struct EveryCount;
+
+impl Steps for EveryCount {
+    fn next(&self, n: u32) -> u32 {
+        n.saturating_add(1)
+    }
+
+    fn reach(&self, threshold: f64) -> u32 {
+        // The largest n with 1/(n (n-1)) >= threshold.
+        (((1.0 + 4.0 / threshold).sqrt() + 1.0) * 0.5) as u32
+    }
+
+    fn gain(&self, n: u32, m: u32) -> f64 {
+        if n == 0 { f64::MAX } else { 1.0 / (f64::from(n) * f64::from(m)) }
+    }
+}
+
+/// Well-stratified prefixes only, `f(n) = n^-exponent`.
+struct Ladder {
+    rungs: Vec<u32>,
+    /// Gain per sample of the step up to each rung, falling.
+    gains: Vec<f64>,
+    /// For each bucket of thresholds (see `bucket`), how many rungs are sure to be reached.
+    sure: Vec<u8>,
+    exponent: f64,
+}
+
+/// Numbers thresholds from 2^-256 to 1, an eighth of a power of two each; below and above they share
+/// a bucket.
+fn bucket(threshold: f64) -> usize {
+    const LOWEST: u64 = (1023 - 256) << 3;
+    const HIGHEST: u64 = 1024 << 3;
+    ((threshold.to_bits() >> 49).clamp(LOWEST, HIGHEST) - LOWEST) as usize
+}
+
+impl Ladder {
+    fn new(exponent: f64, even: bool) -> Self {
+        let mut rungs = vec![];
+        let mut n = 0;
+        while let Some(next) = rung_after(n, even) {
+            rungs.push(next);
+            n = next;
+        }
+        let mut ladder = Self { rungs, gains: vec![], sure: vec![], exponent };
+        let below = std::iter::once(0).chain(ladder.rungs.iter().copied());
+        ladder.gains = below.zip(&ladder.rungs).map(|(n, &m)| ladder.compute_gain(n, m)).collect();
+        ladder.sure = vec![0; bucket(f64::MAX) + 1];
+        for gain in &ladder.gains {
+            // A gain above the whole bucket is reached by every threshold in it.
+            ladder.sure[..bucket(*gain)].iter_mut().for_each(|n| *n += 1);
+        }
+        ladder
+    }
+
+    fn compute_gain(&self, n: u32, m: u32) -> f64 {
+        if n == 0 {
+            return f64::MAX;
+        }
+        (f64::from(n).powf(-self.exponent) - f64::from(m).powf(-self.exponent)) / (f64::from(m) - f64::from(n))
+    }
+}
+
+impl Steps for Ladder {
+    fn next(&self, n: u32) -> u32 {
+        match self.rungs.partition_point(|&r| r <= n) {
+            k if k < self.rungs.len() => self.rungs[k],
+            _ => u32::MAX,
+        }
+    }
+
+    fn reach(&self, threshold: f64) -> u32 {
+        // As `partition_point` would find, in a step or two instead of six.
+        let mut k = usize::from(self.sure[bucket(threshold)]);
+        while self.gains.get(k).is_some_and(|&g| g >= threshold) {
+            k += 1;
+        }
+        if k == 0 { 0 } else { self.rungs[k - 1] }
+    }
+
+    fn gain(&self, n: u32, m: u32) -> f64 {
+        let k = self.rungs.partition_point(|&r| r <= n);
+        let below = if k == 0 { 0 } else { self.rungs[k - 1] };
+        // Two powers a pixel would cost more than all the rest.
+        match self.gains.get(k) {
+            Some(&gain) if below == n && self.rungs[k] == m => gain,
+            _ => self.compute_gain(n, m),
+        }
+    }
+}
+
+/// The smallest rung above `n` of the ladder 1, 2, 3, 4, 6, 8, 12, 16, 24, … or of its double.
+fn rung_after(n: u32, even: bool) -> Option<u32> {
+    let half = if even { n / 2 } else { n };
+    let next = if half < 3 {
+        half + 1
+    } else {
+        let power = 1u64 << half.ilog2();
+        let rung = if u64::from(half) < power + power / 2 { power + power / 2 } else { 2 * power };
+        u32::try_from(rung).ok()?
+    };
+    if even { next.checked_mul(2) } else { Some(next) }
+}
+
+/// The smallest rung above `n` of the ladder of well-stratified prefixes, 1, 2, 3, 4, 6, 8, 12, 16,
+/// 24, …, or with `even` of its double, for renders with halves. `u32::MAX` past its end.
+pub fn ladder_next(n: u32, even: bool) -> u32 {
+    rung_after(n, even).unwrap_or(u32::MAX)
+}
+
+/// The largest rung that is at most `n`; `n` itself below the first rung.
+pub fn ladder_floor(n: u32, even: bool) -> u32 {
+    let mut rung = n.min(1);
+    let mut next = ladder_next(0, even);
+    while next <= n && next != u32::MAX {
+        rung = next;
+        next = ladder_next(next, even);
+    }
+    rung
+}
+
+/// Shares out exactly `total` samples so that `sum_p scores[p] / n_p` is as small as it can be
+/// ([Neyman 1934] in integers: `n_p` goes with the root of the score).
+///
+/// `floors[p] <= counts[p] <= ceiling` holds (a floor above the ceiling wins).
+///
+/// # Errors
+///
+/// [`Error::BudgetTooSmall`] when the floors alone exceed `total`.
+///
+/// # Panics
+///
+/// When `scores` and `floors` differ in length.
+pub fn allocate(scores: &[f64], floors: &[u32], ceiling: u32, total: u64) -> Result<Allocation, Error> {
+    share_out(scores, floors, ceiling, total, &EveryCount)
+}
+
+/// As [`allocate`], on the ladder of well-stratified prefixes (see [`ladder_next`]) and for errors
+/// that fall as `n^-exponent`: 1 for independent samples, about 1.3 for pictures sampled with nets.
+/// At most one pixel whose floor is on the ladder leaves it, to meet the sum; others only where the
+/// budget fills every pixel up to the last rung below `ceiling`. When all scores are equal there is
+/// nothing to adapt to, and counts differ by at most 1 wherever floors allow.
+///
+/// # Errors
+///
+/// [`Error::BudgetTooSmall`] when the floors alone exceed `total`;
+/// [`Error::OutOfRange`] when `exponent` is not in (0, 3].
+///
+/// # Panics
+///
+/// When `scores` and `floors` differ in length.
+pub fn allocate_on_ladder(
+    scores: &[f64],
+    floors: &[u32],
+    ceiling: u32,
+    total: u64,
+    exponent: f64,
+    even: bool,
+) -> Result<Allocation, Error> {
+    if !(exponent > 0.0 && exponent <= 3.0) {
+        let allowed = "the rate at which errors fall lies in (0, 3]";
+        return Err(Error::OutOfRange { name: "exponent", value: exponent.to_string(), allowed });
+    }
+    let rung = ladder_floor(ceiling, even);
+    let room = floors.iter().map(|&n| u64::from(n.max(rung))).sum::<u64>();
+    let ceiling = if room >= total && !all_equal(&clean(scores).0) { rung } else { ceiling };
+    share_out(scores, floors, ceiling, total, &Ladder::new(exponent, even))
+}
+
+fn share_out(
+    scores: &[f64],
+    floors: &[u32],
+    ceiling: u32,
+    total: u64,
+    steps: &impl Steps,
+) -> Result<Allocation, Error> {
+    assert_eq!(scores.len(), floors.len(), "one floor per score");
+    let needed: u64 = floors.iter().map(|&n| u64::from(n)).sum();
+    if needed > total {
+        return Err(Error::BudgetTooSmall { budget: total, needed, pixels: floors.len() });
+    }
+    let (scores, replaced) = clean(scores);
+    let most: u64 = floors.iter().map(|&n| u64::from(n.max(ceiling))).sum();
+    if most <= total {
+        let counts = floors.iter().map(|&n| n.max(ceiling)).collect();
+        return Ok(Allocation { counts, unspent: total - most, replaced });
+    }
+    if all_equal(&scores) {
+        return Ok(Allocation { counts: level(floors, ceiling, total), unspent: 0, replaced });
+    }
+    let reach = |g: f64, floor: u32, threshold: f64| steps.reach(threshold / g).min(ceiling).max(floor);
+    let spend = |threshold: f64| -> u64 {
+        let each = scores.par_iter().zip(floors).with_min_len(4096);
+        each.map(|(&g, &floor)| u64::from(reach(g, floor, threshold))).sum()
+    };
+    let mean = u32::try_from(total / scores.len() as u64).unwrap_or(u32::MAX - 1).max(1);
+    let start = steps.gain(mean, steps.next(mean)) * scores.iter().sum::<f64>() / scores.len() as f64;
+    let bracket = find_threshold(start, total, (scores.len() / 64).max(256) as u64, spend);
+    let mut counts: Vec<u32> = match bracket.within {
+        Some(t) => scores.iter().zip(floors).map(|(&g, &floor)| reach(g, floor, t)).collect(),
+        None => floors.to_vec(),
+    };
+    let mut left = total - counts.iter().map(|&n| u64::from(n)).sum::<u64>();
+    hand_out_above(bracket.beyond, &mut counts, &scores, ceiling, &mut left, steps);
+    hand_out(&mut counts, &scores, ceiling, left, steps);
+    Ok(Allocation { counts, unspent: 0, replaced })
+}
+
+fn all_equal(scores: &[f64]) -> bool {
+    scores.windows(2).all(|w| w[0] == w[1])
+}
+
+/// Counts as equal as floors and ceiling allow; the odd samples go to pixels by a hash of their
+/// number. `total` fits under the ceiling.
+fn level(floors: &[u32], ceiling: u32, total: u64) -> Vec<u32> {
+    let at = |level: u32, floor: u32| level.min(ceiling).max(floor);
+    let spend = |level: u32| floors.iter().map(|&floor| u64::from(at(level, floor))).sum::<u64>();
+    // The highest level that fits; that of 0 does, since the floors do.
+    let (mut low, mut high) = (0, ceiling);
+    while low < high {
+        let middle = low + (high - low).div_ceil(2);
+        if spend(middle) <= total { low = middle } else { high = middle - 1 }
+    }
+    let mut counts: Vec<u32> = floors.iter().map(|&floor| at(low, floor)).collect();
+    let left = (total - spend(low)) as usize;
+    if left > 0 {
+        let open = counts.iter().enumerate().filter(|(_, n)| **n == low);
+        let mut open: Vec<(u64, usize)> = open.map(|(pixel, _)| (mix(pixel as u64), pixel)).collect();
+        // Fewer are left than are open, or the next level would have fitted.
+        open.select_nth_unstable(left);
+        open[..left].iter().for_each(|&(_, pixel)| counts[pixel] += 1);
+    }
+    counts
+}
+
+/// Replaces scores that are none. Zeros become so small that they wait until all others are at
+/// their ceiling, but then share alike.
+fn clean(scores: &[f64]) -> (Vec<f64>, usize) {
+    let largest = scores.iter().copied().filter(|g| g.is_finite()).fold(0.0, f64::max);
+    let largest = if largest > 0.0 { largest } else { 1.0 };
+    let mut replaced = 0;
+    let cleaned = scores
+        .iter()
+        .map(|&g| {
+            if g.is_nan() || g < 0.0 || g == f64::INFINITY {
+                replaced += 1;
+            }
+            // Relative to the largest, so that scores of 1e300 do not overflow.
+            let g = if g.is_nan() || g < 0.0 { 0.0 } else { g.min(largest) };
+            (g / largest).max(1e-60)
+        })
+        .collect();
+    (cleaned, replaced)
+}
+
+/// Two thresholds of the gain that lie close together.
+struct Bracket {
+    /// All steps that gain at least this much fit; `None` when the floors are all that fits.
+    within: Option<f64>,
+    /// All steps that gain at least this much are too many.
+    beyond: f64,
+}
+
+/// Searches for the threshold at which the steps above it spend `total`, until at most `close`
+/// samples are left over, or only steps of nearly the same gain are (ties cannot be parted by a
+/// threshold). Spending falls with the threshold.
+fn find_threshold(start: f64, total: u64, close: u64, spend: impl Fn(f64) -> u64) -> Bracket {
+    // Gains of steps beyond the first lie between 1 (scores are relative to the largest) and
+    // 1e-60 (the smallest score) times 2^-128 (the last rung, at the steepest exponent).
+    let (least, most) = (1e-120_f64.ln(), 2.0_f64.ln());
+    let excess = |spent: u64| (spent.max(1) as f64).ln() - (total as f64).ln();
+    let mut bracket = Bracket { within: None, beyond: 0.0 };
+    let (mut low, mut high) = ((least, f64::NAN), (most, f64::NAN));
+    let mut guess = start.ln().clamp(least, most);
+    // A bound: the bracket is halved at least every other step.
+    for step in 0..120 {
+        let spent = spend(guess.exp());
+        if spent > total {
+            (low, bracket.beyond) = ((guess, excess(spent)), guess.exp());
+        } else {
+            (high, bracket.within) = ((guess, excess(spent)), Some(guess.exp()));
+            if total - spent <= close {
+                break;
+            }
+        }
+        if high.0 - low.0 < 1e-3 {
+            break;
+        }
+        // Outwards from the start in steps that double, then regula falsi on log(spent) with
+        // bisection every other step.
+        guess = match (low.1.is_nan(), high.1.is_nan()) {
+            (true, _) => (high.0 - f64::from(1u32 << step.min(10))).max(least),
+            (_, true) => (low.0 + f64::from(1u32 << step.min(10))).min(most),
+            _ if step % 2 == 1 => 0.5 * (low.0 + high.0),
+            _ => low.0 + (high.0 - low.0) * (low.1 / (low.1 - high.1)).clamp(0.02, 0.98),
+        };
+    }
+    bracket
+}
+
+/// A pixel waiting for its next step.
+struct Waiting {
+    gain: f64,
+    count: u32,
+    tie: u64,
+    pixel: usize,
+}
+
+impl Ord for Waiting {
+    fn cmp(&self, other: &Self) -> Ordering {
+        self.gain
+            .total_cmp(&other.gain)
+            .then_with(|| other.count.cmp(&self.count))
+            .then_with(|| other.tie.cmp(&self.tie))
+            .then_with(|| other.pixel.cmp(&self.pixel))
+    }
+}
+
+impl PartialOrd for Waiting {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+impl PartialEq for Waiting {
+    fn eq(&self, other: &Self) -> bool {
+        self.cmp(other) == Ordering::Equal
+    }
+}
+
+impl Eq for Waiting {}
+
+/// Takes the steps that gain at least `threshold`, in the order of gains, until nothing is left.
+fn hand_out_above(
+    threshold: f64,
+    counts: &mut [u32],
+    scores: &[f64],
+    ceiling: u32,
+    left: &mut u64,
+    steps: &impl Steps,
+) {
+    // Without a bracket from below this would list every step that there is.
+    if threshold == 0.0 || *left == 0 {
+        return;
+    }
+    let mut waiting = Vec::new();
+    for (pixel, (&n, &score)) in counts.iter().zip(scores).enumerate() {
+        let mut count = n;
+        while count < ceiling {
+            let next = steps.next(count);
+            let gain = score * steps.gain(count, next);
+            if gain < threshold {
+                break;
+            }
+            waiting.push(Waiting { gain, count, tie: mix(pixel as u64), pixel });
+            count = next;
+        }
+    }
+    // A step is a sample or more.
+    let most = usize::try_from(*left).unwrap_or(usize::MAX);
+    if waiting.len() > most {
+        waiting.select_nth_unstable_by(most, |a, b| b.cmp(a));
+        waiting.truncate(most);
+    }
+    waiting.sort_unstable_by(|a, b| b.cmp(a));
+    for Waiting { pixel, count, .. } in waiting {
+        let width = u64::from(steps.next(count).min(ceiling) - count).min(*left);
+        counts[pixel] = count + width as u32;
+        *left -= width;
+        if *left == 0 {
+            return;
+        }
+    }
+}
+
+/// Hands out the rest step by step.
+fn hand_out(counts: &mut [u32], scores: &[f64], ceiling: u32, mut left: u64, steps: &impl Steps) {
+    if left == 0 {
+        return;
+    }
+    let waiting = |pixel: usize, count: u32| {
+        let gain = scores[pixel] * steps.gain(count, steps.next(count));
+        Waiting { gain, count, tie: mix(pixel as u64), pixel }
+    };
+    let open = counts.iter().enumerate().filter(|(_, n)| **n < ceiling);
+    let mut heap: BinaryHeap<Waiting> = open.map(|(pixel, &n)| waiting(pixel, n)).collect();
+    while left > 0 {
+        let Some(Waiting { pixel, count, .. }) = heap.pop() else { return };
+        let width = u64::from(steps.next(count).min(ceiling) - count).min(left);
+        counts[pixel] = count + width as u32;
+        left -= width;
+        if counts[pixel] < ceiling {
+            heap.push(waiting(pixel, counts[pixel]));
+        }
+    }
+}
+
+/// A bijective 64-bit mix (the finaliser of SplitMix64, [Steele, Lea and Flood 2014]).
+pub(crate) fn mix(x: u64) -> u64 {
+    let x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    let x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    x ^ (x >> 31)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,52 @@
+use super::*;
+
+/// What a plane really holds: its capacity, not its length.
+fn bytes<T>(plane: &Vec<T>) -> usize {
+    plane.capacity() * size_of::<T>()
+}
+
+#[test]
+fn bytes_per_pixel_is_what_is_allocated() {
+    let none = Needs::none();
+    let all = none.with_variance().with_extrema().with_halves().with_features().with_first_hits(3).with_cost();
+    let each = [none.with_variance(), none.with_extrema(), none.with_halves(), none.with_features(), none.with_cost()];
+    for needs in each.into_iter().chain([none, all, none.with_first_hits(5), none.with_variance().with_halves()]) {
+        let film = Film::new(Frame::new(37, 11).unwrap(), needs);
+        let bank = |b: &Bank| bytes(&b.counts) + bytes(&b.means) + bytes(&b.m2) + bytes(&b.ranges);
+        let banks: usize = film.kept.iter().chain(&film.discarded).map(bank).sum();
+        let rest = bytes(&film.features) + bytes(&film.first_hits) + bytes(&film.costs);
+        assert_eq!(banks + rest, 37 * 11 * Film::bytes_per_pixel(&needs), "{needs:?}");
+    }
+    // Published figures: a change here is a change of the README's promise.
+    assert_eq!([Film::bytes_per_pixel(&none), Film::bytes_per_pixel(&none.with_variance())], [32, 56]);
+}
+
+/// `E (A - B)^2 = var A + var B`, shared out by count: against the spread of the mean itself over
+/// 20,000 pixels. The relative deviation of either is sqrt(2 / 20000) = 1 %; 6 of them together 8 %.
+#[test]
+fn squared_error_is_that_of_the_combined_mean() {
+    for (counts, combine) in [
+        ([4, 4], Combine::ByCount),
+        ([2, 9], Combine::ByCount),
+        ([2, 9], Combine::Equally),
+        ([3, 5], Combine::Fixed(0.2)),
+    ] {
+        let pixels = 20_000;
+        let mut film = Film::new(Frame::new(pixels, 1).unwrap(), Needs::none().with_halves());
+        film.combine = combine;
+        let mut state = 1u64;
+        for i in 0..pixels as usize {
+            for (half, &n) in counts.iter().enumerate() {
+                for _ in 0..n {
+                    state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
+                    let u = (crate::allocate::mix(state) >> 40) as f32 / (1u64 << 24) as f32;
+                    film.push(i, half, [u; 3]);
+                }
+            }
+        }
+        let average = |f: &dyn Fn(usize) -> f64| (0..pixels as usize).map(f).sum::<f64>() / f64::from(pixels);
+        let (predicted, actual) =
+            (average(&|i| film.squared_error(i).unwrap()[0]), average(&|i| (film.mean(i)[0] - 0.5).powi(2)));
+        assert!((predicted / actual - 1.0).abs() < 0.08, "{counts:?}, {combine:?}: {predicted} for {actual}");
+    }
+}

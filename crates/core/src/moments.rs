@@ -1,0 +1,88 @@
+//! Counts, means and variances, one value at a time.
+
+/// Count, mean and sum of squared deviations of a stream of numbers.
+///
+/// [Welford 1962] for single values, [Chan, Golub and LeVeque 1979] for merging: never sums of
+/// squares, which lose all digits when the mean is far larger than the spread.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Moments {
+    /// How many values.
+    pub count: u64,
+    /// Their mean; 0 without values.
+    pub mean: f64,
+    /// The sum of their squared deviations from the mean.
+    pub m2: f64,
+}
+
+impl Moments {
+    /// Takes in a value.
+    #[inline]
+    pub fn push(&mut self, value: f64) {
+        self.count += 1;
+        let delta = value - self.mean;
+        self.mean += delta / self.count as f64;
+        self.m2 += delta * (value - self.mean);
+    }
+
+    /// Takes in everything that `other` has seen.
+    pub fn merge(&mut self, other: &Self) {
+        if other.count == 0 {
+            return;
+        }
+        if self.count == 0 {
+            *self = *other;
+            return;
+        }
+        let (a, b) = (self.count as f64, other.count as f64);
+        let delta = other.mean - self.mean;
+        self.mean += delta * (b / (a + b));
+        self.m2 += other.m2 + delta * delta * (a * b / (a + b));
+        self.count += other.count;
+    }
+
+    /// The unbiased sample variance; unknown below two values.
+    pub fn variance(&self) -> Option<f64> {
+        (self.count >= 2).then(|| self.m2 / (self.count - 1) as f64)
+    }
+}
+
+/// [`Moments`] of three channels that share their count.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct RgbMoments {
+    /// How many values.
+    pub count: u64,
+    /// Their mean per channel; 0 without values.
+    pub mean: [f64; 3],
+    /// The sum of their squared deviations from the mean, per channel.
+    pub m2: [f64; 3],
+}
+
+impl RgbMoments {
+    /// Takes in a colour.
+    #[inline]
+    pub fn push(&mut self, value: [f32; 3]) {
+        self.count += 1;
+        let share = 1.0 / self.count as f64;
+        for (c, x) in value.into_iter().enumerate() {
+            let x = f64::from(x);
+            let delta = x - self.mean[c];
+            self.mean[c] += delta * share;
+            self.m2[c] += delta * (x - self.mean[c]);
+        }
+    }
+
+    /// Takes in everything that `other` has seen.
+    pub fn merge(&mut self, other: &Self) {
+        for c in 0..3 {
+            let mut channel = Moments { count: self.count, mean: self.mean[c], m2: self.m2[c] };
+            channel.merge(&Moments { count: other.count, mean: other.mean[c], m2: other.m2[c] });
+            (self.mean[c], self.m2[c]) = (channel.mean, channel.m2);
+        }
+        self.count += other.count;
+    }
+
+    /// The unbiased sample variance per channel; unknown below two values.
+    pub fn variance(&self) -> Option<[f64; 3]> {
+        (self.count >= 2).then(|| self.m2.map(|m| m / (self.count - 1) as f64))
+    }
+}

@@ -1,0 +1,123 @@
+//! How time and error become samples.
+
+use crate::{Budget, BudgetLeft, Error, Film, Frame, Limits, Needs};
+
+/// Shows the sampler a budget at each barrier, and decides after it is spent whether there is more.
+pub(super) struct Meter {
+    budget: Budget,
+    pixels: u64,
+    min_spp: u32,
+    max_spp: u32,
+    total: u64,
+    /// Barriers passed, for replaying a record.
+    barrier: usize,
+}
+
+/// Share of the time that the first guess leaves for a last, better informed round.
+const RESERVE: f64 = 0.1;
+/// Time below which no further round is worth its barrier, as a share of the limit.
+const ENOUGH: f64 = 0.03;
+
+impl Meter {
+    pub(super) fn new(limits: &Limits, frame: &Frame) -> Result<Self, Error> {
+        let Limits { min_spp, max_spp, .. } = *limits;
+        if min_spp > max_spp || max_spp == 0 {
+            let value = format!("{min_spp} .. {max_spp}");
+            let allowed = "the smallest count must not exceed the largest, which must be at least 1";
+            return Err(Error::OutOfRange { name: "samples per pixel", value, allowed });
+        }
+        let out = |name, value: f64, allowed| Err(Error::OutOfRange { name, value: value.to_string(), allowed });
+        let pixels = frame.pixels() as u64;
+        let total = match &limits.budget {
+            Budget::Samples(total) => *total,
+            Budget::Seconds(s) if !(s.is_finite() && *s > 0.0) => return out("seconds", *s, "a time above zero"),
+            Budget::Error { relmse, .. } if !(relmse.is_finite() && *relmse > 0.0) => {
+                return out("relmse", *relmse, "an error above zero");
+            }
+            // One sample a pixel tells what they cost; four in two halves tell what they are worth.
+            Budget::Seconds(_) => pixels * u64::from(min_spp.max(1)),
+            Budget::Error { at_most, .. } => (pixels * u64::from(min_spp.max(4))).min(*at_most),
+            Budget::Recorded(totals) => totals.first().copied().unwrap_or(0),
+        };
+        let (needed, most) = (pixels * u64::from(min_spp), pixels * u64::from(max_spp));
+        if total < needed || total == 0 {
+            return Err(Error::BudgetTooSmall { budget: total, needed: needed.max(1), pixels: frame.pixels() });
+        }
+        if total > most && matches!(limits.budget, Budget::Samples(_)) {
+            return Err(Error::BudgetTooLarge { budget: total, most, pixels: frame.pixels() });
+        }
+        Ok(Self { budget: limits.budget.clone(), pixels, min_spp, max_spp, total, barrier: 0 })
+    }
+
+    pub(super) fn needs(&self) -> Needs {
+        match self.budget {
+            Budget::Error { .. } => Needs::none().with_halves(),
+            _ => Needs::none(),
+        }
+    }
+
+    pub(super) fn seconds(&self) -> Option<f64> {
+        match self.budget {
+            Budget::Seconds(s) => Some(s),
+            _ => None,
+        }
+    }
+
+    /// The budget at this barrier.
+    pub(super) fn show(&mut self, film: &Film, round: u32, seconds: f64) -> BudgetLeft {
+        match &self.budget {
+            Budget::Recorded(totals) => {
+                self.total = totals.get(self.barrier).copied().unwrap_or(self.total);
+            }
+            // The first round told what samples cost: plan the rest in one go.
+            Budget::Seconds(limit) if round == 1 => {
+                let left = (limit - seconds) * (1.0 - RESERVE);
+                self.total = self.total.max(self.affordable(film, seconds, left));
+            }
+            _ => {}
+        }
+        self.barrier += 1;
+        let spent = film.record().samples;
+        BudgetLeft { spent, total: self.total, min_spp: self.min_spp, max_spp: self.max_spp }
+    }
+
+    /// Called when the sampler has nothing more to ask for; raises the budget if it may be raised.
+    pub(super) fn extend(&mut self, film: &Film, seconds: f64) -> bool {
+        let spent = film.record().samples;
+        let before = self.total;
+        match &self.budget {
+            Budget::Samples(_) => return false,
+            Budget::Recorded(totals) => return self.barrier < totals.len(),
+            Budget::Seconds(limit) => {
+                let left = limit - seconds;
+                if left < ENOUGH * limit {
+                    return false;
+                }
+                self.total = self.affordable(film, seconds, left);
+                // A handful of samples is not worth a barrier.
+                if self.total < spent + self.pixels.div_ceil(8) {
+                    return false;
+                }
+            }
+            Budget::Error { relmse, at_most } => {
+                let predicted = film.predicted_relmse().unwrap_or(f64::INFINITY);
+                if predicted <= *relmse || spent >= *at_most {
+                    return false;
+                }
+                // Errors fall about as n^-1.2 in pictures; a guess is never trusted beyond twofold.
+                let growth = (predicted / relmse).powf(1.0 / 1.2).clamp(1.125, 2.0);
+                self.total = ((spent as f64 * growth) as u64).min(*at_most);
+            }
+        }
+        // A sampler that stops by a threshold of its own has no use for more.
+        self.total = self.total.min(self.pixels * u64::from(self.max_spp));
+        spent >= before && self.total > spent
+    }
+
+    /// Samples in all after `left` more seconds at the rate seen so far.
+    fn affordable(&self, film: &Film, seconds: f64, left: f64) -> u64 {
+        let spent = film.record().samples;
+        let rate = spent as f64 / seconds.max(1e-6);
+        (spent + (rate * left.max(0.0)) as u64).min(self.pixels * u64::from(self.max_spp))
+    }
+}

@@ -1,0 +1,408 @@
+//! Tracing one round: slices of bands of rows.
+
+use super::Look;
+use crate::allocate::mix;
+use crate::film::{Bank, FeatureMoments, REJECTED_LISTED, keep_first, reason_to_reject, widen};
+use crate::integrator::Observation;
+use crate::{
+    Control, Draws, Error, Fate, Film, FirstHit, Integrator, InvalidSample, Limits, Observations, Observed, Plan,
+    PointSet, Rejected, SampleId, streams,
+};
+use rayon::prelude::*;
+use std::cell::Cell;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
+/// What an integrator observed is summed up in blocks of this many pixels squared.
+const BLOCK: usize = 16;
+/// How long a slice should take: a Ctrl-C is heard after about this many seconds.
+const SLICE_SECONDS: f64 = 0.2;
+
+/// What does not change during a round.
+struct Round<'a> {
+    integrator: &'a dyn Integrator,
+    points: &'a dyn PointSet,
+    plan: &'a Plan,
+    width: usize,
+    origin: [u32; 2],
+    streams: [u32; 2],
+    wants_first_hit: bool,
+    /// First hits kept per pixel.
+    first_hits: usize,
+    observes: bool,
+    /// The part of each pixel's samples in this slice.
+    part: [u32; 2],
+}
+
+/// One bank's share of a band of rows.
+struct BankRows<'a> {
+    counts: &'a mut [u64],
+    means: &'a mut [[f64; 3]],
+    m2: &'a mut [[f64; 3]],
+    ranges: &'a mut [[[f32; 3]; 2]],
+}
+
+/// A band of rows: what one task writes to.
+struct Band<'a> {
+    /// Number of its first pixel.
+    first: usize,
+    banks: Vec<BankRows<'a>>,
+    features: &'a mut [FeatureMoments],
+    first_hits: &'a mut [Option<FirstHit>],
+    costs: &'a mut [u64],
+}
+
+/// What a task hands back besides pixels.
+#[derive(Default)]
+struct Tally {
+    samples: u64,
+    rays: u64,
+    blocks: u64,
+    /// How many samples were rejected.
+    rejections: u64,
+    /// The first of them: enough that the film can list the first of all.
+    rejected: Vec<Rejected>,
+    /// The value of the first in order of tracing.
+    first_rejected: Option<(SampleId, [f32; 3])>,
+    observations: Vec<(usize, Vec<Observation>)>,
+    panicked: Option<(SampleId, String)>,
+}
+
+/// Whether and where the watch stopped a round.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Stopped {
+    No,
+    /// With samples of the round still to trace.
+    Within,
+    /// After its last slice: the round is whole.
+    AtEnd,
+}
+
+/// Traces a round into the film.
+pub(super) fn trace(
+    integrator: &mut dyn Integrator,
+    points: &dyn PointSet,
+    plan: &Plan,
+    film: &mut Film,
+    limits: &Limits,
+    look: &mut Look<'_>,
+) -> Result<Stopped, Error> {
+    if plan.fate == Fate::Discard {
+        film.open_discarded();
+    }
+    film.combine = plan.combine;
+    let observes = integrator.observes();
+    let longest = longest_pixel(plan);
+    let mut start = 0;
+    let mut observed = Vec::new();
+    let mut stopped = Stopped::No;
+    while start < longest {
+        let end = match observes {
+            true => longest,
+            false => start.saturating_add(slice_length(plan, start, film, limits, look)).min(longest),
+        };
+        let tallies = slice(&*integrator, points, plan, film, limits, [start, end]);
+        let panicked = settle(film, tallies, limits, points, &mut observed)?;
+        if let Some((sample, message)) = panicked {
+            let film = Box::new(std::mem::replace(film, Film::new(*film.frame(), crate::Needs::none())));
+            return Err(Error::Panicked { sample, message, points: points.describe(), film });
+        }
+        start = end;
+        if look.slice(film) == Control::Stop {
+            stopped = if start < longest { Stopped::Within } else { Stopped::AtEnd };
+            break;
+        }
+    }
+    if observes && stopped != Stopped::Within {
+        observed.sort_by_key(|(block, _)| *block);
+        integrator.learn(&Observations::merge(observed.into_iter().map(|(_, sums)| sums)));
+    }
+    Ok(stopped)
+}
+
+fn longest_pixel(plan: &Plan) -> u32 {
+    let second = plan.second_half.iter().flatten();
+    plan.counts.iter().chain(second).copied().max().unwrap_or(0)
+}
+
+/// Samples per pixel in the slice from `start`, by the rate seen so far.
+fn slice_length(plan: &Plan, start: u32, film: &Film, limits: &Limits, look: &Look<'_>) -> u32 {
+    if limits.schedule.slice_spp > 0 {
+        return limits.schedule.slice_spp;
+    }
+    let second = plan.second_half.iter().flatten();
+    let active = plan.counts.iter().chain(second).filter(|&&n| n > start).count() as f64;
+    let rate = film.record.samples as f64 / look.seconds().max(1e-3);
+    // Nothing is known before the first slice: 2^14 samples take some 20 ms.
+    let samples = (rate * SLICE_SECONDS).max(16384.0);
+    (samples / active).clamp(1.0, 65536.0) as u32
+}
+
+fn slice(
+    integrator: &dyn Integrator,
+    points: &dyn PointSet,
+    plan: &Plan,
+    film: &mut Film,
+    limits: &Limits,
+    part: [u32; 2],
+) -> Vec<Tally> {
+    let [width, _] = film.frame.size().map(|n| n as usize);
+    let halves = film.kept.len() == 2;
+    let round = Round {
+        integrator,
+        points,
+        plan,
+        width,
+        origin: film.frame.origin(),
+        streams: match (plan.fate, halves) {
+            (Fate::Keep, false) => [streams::WHOLE; 2],
+            (Fate::Keep, true) => streams::HALVES,
+            (Fate::Discard, false) => [streams::DISCARDED; 2],
+            (Fate::Discard, true) => streams::DISCARDED_HALVES,
+        },
+        wants_first_hit: film.needs.wants_first_hit(),
+        first_hits: usize::from(film.needs.first_hits),
+        observes: integrator.observes(),
+        part,
+    };
+    let rows = limits.schedule.tile_rows.max(1) as usize;
+    let rows = if round.observes { rows.next_multiple_of(BLOCK) } else { rows };
+    let mut bands = bands(film, plan.fate, rows * width);
+    if limits.schedule.shuffle != 0 {
+        bands.sort_by_key(|b| mix(b.first as u64 ^ limits.schedule.shuffle));
+    }
+    let mut tallies: Vec<(usize, Tally)> =
+        bands.into_par_iter().with_max_len(1).map(|band| (band.first, trace_band(&round, band))).collect();
+    tallies.sort_by_key(|(first, _)| *first);
+    tallies.into_iter().map(|(_, tally)| tally).collect()
+}
+
+/// Cuts the film into bands of `size` pixels.
+fn bands(film: &mut Film, fate: Fate, size: usize) -> Vec<Band<'_>> {
+    let pixels = film.frame.pixels();
+    let k = usize::from(film.needs.first_hits);
+    let banks = if fate == Fate::Keep { &mut film.kept } else { &mut film.discarded };
+    let mut banks: Vec<_> = banks
+        .iter_mut()
+        .map(|Bank { counts, means, m2, ranges }| {
+            (counts.chunks_mut(size), means.chunks_mut(size), m2.chunks_mut(size), ranges.chunks_mut(size))
+        })
+        .collect();
+    let mut features = film.features.chunks_mut(size);
+    let mut first_hits = film.first_hits.chunks_mut(size * k.max(1));
+    let mut costs = film.costs.chunks_mut(size);
+    (0..pixels)
+        .step_by(size)
+        .map(|first| Band {
+            first,
+            banks: banks
+                .iter_mut()
+                .map(|(counts, means, m2, ranges)| BankRows {
+                    counts: counts.next().unwrap_or_default(),
+                    means: means.next().unwrap_or_default(),
+                    m2: m2.next().unwrap_or_default(),
+                    ranges: ranges.next().unwrap_or_default(),
+                })
+                .collect(),
+            features: features.next().unwrap_or_default(),
+            first_hits: first_hits.next().unwrap_or_default(),
+            costs: costs.next().unwrap_or_default(),
+        })
+        .collect()
+}
+
+fn trace_band(round: &Round<'_>, mut band: Band<'_>) -> Tally {
+    let mut tally = Tally::default();
+    let current = Cell::new(None);
+    let caught = catch_unwind(AssertUnwindSafe(|| {
+        if round.observes {
+            trace_blocks(round, &mut band, &mut tally, &current);
+        } else {
+            let mut observed = Observed::default();
+            for local in 0..band.banks[0].counts.len() {
+                trace_pixel(round, &mut band, local, &mut tally, &mut observed, &current);
+            }
+        }
+    }));
+    if let Err(payload) = caught {
+        let message = (payload.downcast_ref::<String>().cloned())
+            .or_else(|| payload.downcast_ref::<&str>().map(|s| (*s).to_owned()))
+            .unwrap_or_else(|| "no message".into());
+        let nowhere = SampleId { pixel: [0; 2], stream: 0, index: 0 };
+        tally.panicked = Some((current.get().unwrap_or(nowhere), message));
+    }
+    tally
+}
+
+/// Goes through the band in blocks of 16x16 pixels, summing up what is observed in each.
+fn trace_blocks(round: &Round<'_>, band: &mut Band<'_>, tally: &mut Tally, current: &Cell<Option<SampleId>>) {
+    let width = round.width;
+    let rows = band.banks[0].counts.len() / width;
+    let first_row = band.first / width;
+    let blocks_wide = width.div_ceil(BLOCK);
+    let mut observed = Observed::default();
+    for top in (0..rows).step_by(BLOCK) {
+        for left in (0..width).step_by(BLOCK) {
+            for row in top..(top + BLOCK).min(rows) {
+                for column in left..(left + BLOCK).min(width) {
+                    trace_pixel(round, band, row * width + column, tally, &mut observed, current);
+                }
+            }
+            let block = (first_row + top) / BLOCK * blocks_wide + left / BLOCK;
+            tally.observations.push((block, observed.summarise()));
+        }
+    }
+}
+
+/// All samples of one pixel in this slice, in index order, by one task.
+#[inline]
+fn trace_pixel(
+    round: &Round<'_>,
+    band: &mut Band<'_>,
+    local: usize,
+    tally: &mut Tally,
+    observed: &mut Observed,
+    current: &Cell<Option<SampleId>>,
+) {
+    let i = band.first + local;
+    let [start, end] = round.part;
+    let first = round.plan.counts[i];
+    let second = round.plan.second_half.as_ref().map_or(0, |s| s[i]);
+    let last = first.max(second).min(end);
+    if start >= last {
+        return;
+    }
+    let pixel = [round.origin[0] + (i % round.width) as u32, round.origin[1] + (i / round.width) as u32];
+    let alternate = band.banks.len() == 2 && round.plan.second_half.is_none();
+    for step in start..last {
+        if alternate {
+            let half = usize::from(band.banks[1].counts[local] < band.banks[0].counts[local]);
+            trace_sample(round, band, local, pixel, half, tally, observed, current);
+        } else {
+            if step < first {
+                trace_sample(round, band, local, pixel, 0, tally, observed, current);
+            }
+            if step < second {
+                trace_sample(round, band, local, pixel, 1, tally, observed, current);
+            }
+        }
+    }
+}
+
+#[inline]
+#[expect(clippy::too_many_arguments, reason = "the innermost loop, kept flat")]
+fn trace_sample(
+    round: &Round<'_>,
+    band: &mut Band<'_>,
+    local: usize,
+    pixel: [u32; 2],
+    half: usize,
+    tally: &mut Tally,
+    observed: &mut Observed,
+    current: &Cell<Option<SampleId>>,
+) {
+    let bank = &mut band.banks[half];
+    let id = SampleId { pixel, stream: round.streams[half], index: bank.counts[local] };
+    current.set(Some(id));
+    let draws = Draws::new(round.points, id, round.wants_first_hit);
+    let estimate = round.integrator.estimate(&draws, observed);
+    let radiance = match reason_to_reject(estimate.radiance) {
+        None => estimate.radiance,
+        Some(reason) => {
+            tally.reject(Rejected { sample: id, reason }, estimate.radiance);
+            [0.0; 3]
+        }
+    };
+    tally.samples += 1;
+    tally.rays += u64::from(estimate.cost);
+    tally.blocks += u64::from(draws.blocks_asked());
+    bank.push(local, radiance);
+    if round.wants_first_hit {
+        record_first_hit(band, local, round.first_hits, estimate.first_hit.as_ref());
+    }
+    if let Some(cost) = band.costs.get_mut(local) {
+        *cost += u64::from(estimate.cost);
+    }
+}
+
+impl Tally {
+    /// Outlined: it hardly ever happens. Holds no more than twice what a film lists, however many
+    /// samples are bad.
+    #[cold]
+    #[inline(never)]
+    fn reject(&mut self, rejected: Rejected, value: [f32; 3]) {
+        self.rejections += 1;
+        self.first_rejected.get_or_insert((rejected.sample, value));
+        self.rejected.push(rejected);
+        if self.rejected.len() == 2 * REJECTED_LISTED {
+            keep_first(&mut self.rejected);
+        }
+    }
+}
+
+impl BankRows<'_> {
+    /// Welford's step [Welford 1962]; see [`RgbMoments`](crate::RgbMoments).
+    #[inline]
+    fn push(&mut self, local: usize, radiance: [f32; 3]) {
+        self.counts[local] += 1;
+        let share = 1.0 / self.counts[local] as f64;
+        let mean = &mut self.means[local];
+        let before = *mean;
+        for c in 0..3 {
+            mean[c] += (f64::from(radiance[c]) - mean[c]) * share;
+        }
+        if let Some(m2) = self.m2.get_mut(local) {
+            for c in 0..3 {
+                let x = f64::from(radiance[c]);
+                m2[c] += (x - before[c]) * (x - mean[c]);
+            }
+        }
+        if let Some(range) = self.ranges.get_mut(local) {
+            widen(range, radiance);
+        }
+    }
+}
+
+/// Outlined: most renders record no first hits.
+#[inline(never)]
+fn record_first_hit(band: &mut Band<'_>, local: usize, k: usize, hit: Option<&FirstHit>) {
+    // A hit with a number that is none counts as a miss, or it would spread through every mean.
+    let hit = hit.filter(|h| h.is_finite());
+    if let Some(features) = band.features.get_mut(local) {
+        features.push(hit);
+    }
+    if k > 0 {
+        // Kept and discarded samples alike fill the places in the order in which they come; this
+        // bank's counts tell which place is next as long as one fate is used, which is the rule.
+        let seen = band.banks.iter().map(|b| b.counts[local]).sum::<u64>() - 1;
+        if seen < k as u64 {
+            band.first_hits[local * k + seen as usize] = hit.copied();
+        }
+    }
+}
+
+/// Adds up what tasks hand back, in the order of the bands.
+fn settle(
+    film: &mut Film,
+    tallies: Vec<Tally>,
+    limits: &Limits,
+    points: &dyn PointSet,
+    observed: &mut Vec<(usize, Vec<Observation>)>,
+) -> Result<Option<(SampleId, String)>, Error> {
+    let mut panicked = None;
+    for tally in tallies {
+        film.record.samples += tally.samples;
+        film.record.rays += tally.rays;
+        film.record.blocks += tally.blocks;
+        if limits.invalid == InvalidSample::Fail
+            && let Some((sample, value)) = tally.first_rejected
+        {
+            return Err(Error::InvalidSample { sample, value, points: points.describe() });
+        }
+        if tally.rejections > 0 {
+            film.list_rejected(tally.rejections, tally.rejected);
+        }
+        observed.extend(tally.observations);
+        panicked = panicked.or(tally.panicked);
+    }
+    Ok(panicked)
+}

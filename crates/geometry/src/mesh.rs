@@ -1,0 +1,126 @@
+use crate::Error;
+use glam::{DVec3, Vec3};
+
+/// Largest magnitude of a coordinate or a ray's origin: products of two differences stay finite in f32.
+pub(crate) const LARGEST: f32 = (1u64 << 59) as f32;
+/// Smallest magnitude that a shape's largest coordinate may have, unless it is 0.
+pub(crate) const SMALLEST: f32 = 1.0 / (1u64 << 60) as f32;
+/// A triangle has no area if the sine of its angle at the first corner is below this: it cannot be told from 0
+/// in f64, in which the cross product of exact f32 corners is taken.
+const SINE_OF_NOTHING: f64 = 1.0 / (1u64 << 48) as f64;
+
+/// Indexed triangles, checked.
+///
+/// A triangle faces the side from which its corners run counter-clockwise. Triangles without area keep their numbers,
+/// are never hit and are counted by [`degenerate`](Self::degenerate).
+#[derive(Clone, Debug)]
+pub struct Mesh {
+    positions: Vec<[f32; 3]>,
+    triangles: Vec<[u32; 3]>,
+    /// Unit, per triangle; zero where there is no area.
+    normals: Vec<Vec3>,
+    degenerate: usize,
+}
+
+impl Mesh {
+    /// Checks and takes over vertices and triangles (three vertex numbers each). Vertices that no triangle uses are
+    /// not looked at.
+    ///
+    /// # Errors
+    /// [`Error::IndexOutOfRange`], [`Error::NonFinite`]; [`Error::ScaleOutOfRange`] if a coordinate exceeds 2^59
+    /// (5.8e17) or if all of them are below 2^-60 (8.7e-19) but not 0; [`Error::TooMany`] for 2^32 triangles.
+    pub fn new(positions: Vec<[f32; 3]>, triangles: Vec<[u32; 3]>) -> Result<Self, Error> {
+        let limit = u32::MAX as usize;
+        if triangles.len() >= limit {
+            return Err(Error::TooMany { what: "triangles of a mesh", count: triangles.len(), limit });
+        }
+        let mut largest = 0.0_f32;
+        for (number, corners) in triangles.iter().enumerate() {
+            for &vertex in corners {
+                largest = largest.max(magnitude(&positions, number as u32, vertex)?);
+            }
+        }
+        if largest > LARGEST || (largest > 0.0 && largest < SMALLEST) {
+            return Err(Error::ScaleOutOfRange { what: "a mesh's largest coordinate", value: largest.into() });
+        }
+        let mut mesh = Self { positions, triangles, normals: Vec::new(), degenerate: 0 };
+        let normal = |number: usize| {
+            let [a, b, c] = mesh.corners(number as u32).map(Vec3::as_dvec3);
+            unit_normal(a, b, c)
+        };
+        mesh.normals = (0..mesh.triangles.len()).map(normal).collect();
+        mesh.degenerate = (0..mesh.triangles.len()).filter(|&number| mesh.is_degenerate(number as u32)).count();
+        Ok(mesh)
+    }
+
+    /// The vertices, as given.
+    #[must_use]
+    pub fn positions(&self) -> &[[f32; 3]] {
+        &self.positions
+    }
+
+    /// The triangles, as given.
+    #[must_use]
+    pub fn triangles(&self) -> &[[u32; 3]] {
+        &self.triangles
+    }
+
+    /// How many triangles have no area and are therefore never hit.
+    #[must_use]
+    pub fn degenerate(&self) -> usize {
+        self.degenerate
+    }
+
+    /// Whether this triangle has no area. The number must be below `triangles().len()`.
+    #[must_use]
+    pub fn is_degenerate(&self, triangle: u32) -> bool {
+        let [a, b, c] = self.corners(triangle).map(Vec3::as_dvec3);
+        let (ab, ac) = (b - a, c - a);
+        let area = ab.cross(ac).length();
+        area <= SINE_OF_NOTHING * ab.length() * ac.length() || a == b || a == c || b == c
+    }
+
+    /// The three corners of a triangle. The number must be below `triangles().len()`.
+    #[inline]
+    #[must_use]
+    pub fn corners(&self, triangle: u32) -> [Vec3; 3] {
+        self.triangles[triangle as usize].map(|vertex| Vec3::from_array(self.positions[vertex as usize]))
+    }
+
+    /// A point of a triangle from the weights of its second and third corner, with a bound on its distance from the
+    /// exact triangle per axis, and the unit normal.
+    ///
+    /// The weights are taken as exact and the sum is formed in f64, so that the bound is the last rounding to f32
+    /// (half an ulp, doubled for slack) and what f64 loses; pbrt's bound in f32 is `gamma_7` times the sum of
+    /// magnitudes [Pharr 2023, eq. 6.26].
+    #[must_use]
+    pub fn point(&self, triangle: u32, barycentrics: [f32; 2]) -> (Vec3, Vec3, Vec3) {
+        let [a, b, c] = self.corners(triangle).map(Vec3::as_dvec3);
+        let [second, third] = barycentrics.map(f64::from);
+        let exact = a + (b - a) * second + (c - a) * third;
+        let magnitudes = a.abs() + b.abs() + c.abs();
+        let position = exact.as_vec3();
+        let error = (exact.abs() * ROUNDING + magnitudes * LOST_IN_F64).as_vec3();
+        (position, error, self.normals[triangle as usize])
+    }
+}
+
+/// One ulp of f32, relative: twice the largest rounding error.
+pub(crate) const ROUNDING: f64 = 1.0 / (1u64 << 23) as f64;
+/// Sixteen ulps of f64, relative to the magnitudes that enter a sum.
+pub(crate) const LOST_IN_F64: f64 = 16.0 * f64::EPSILON;
+
+/// Largest magnitude among a vertex's coordinates.
+fn magnitude(positions: &[[f32; 3]], triangle: u32, vertex: u32) -> Result<f32, Error> {
+    let vertices = positions.len();
+    let position = positions.get(vertex as usize).ok_or(Error::IndexOutOfRange { triangle, vertex, vertices })?;
+    if position.iter().any(|x| !x.is_finite()) {
+        return Err(Error::NonFinite { triangle, vertex });
+    }
+    Ok(position.iter().fold(0.0, |largest, x| largest.max(x.abs())))
+}
+
+/// Unit normal of the side from which `a`, `b`, `c` run counter-clockwise.
+fn unit_normal(a: DVec3, b: DVec3, c: DVec3) -> Vec3 {
+    (b - a).cross(c - a).normalize_or_zero().as_vec3()
+}

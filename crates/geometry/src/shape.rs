@@ -1,0 +1,297 @@
+//! What geometry is made of: meshes, spheres, disks.
+
+use crate::mesh::{LARGEST, LOST_IN_F64, ROUNDING, SMALLEST};
+use crate::{Error, Mesh, PrimitiveId, Ray, SurfacePoint};
+use glam::{DAffine3, DMat3, DVec3, Vec3};
+use std::f64::consts::{PI, TAU};
+use std::sync::Arc;
+
+/// One shape of a [`Geometry`](crate::Geometry).
+#[derive(Clone, Debug)]
+pub enum Shape {
+    /// Triangles; shared, not copied.
+    Mesh(Arc<Mesh>),
+    /// A whole sphere, or what an affine map makes of it.
+    Sphere(Sphere),
+    /// A whole disk or ring, or what an affine map makes of it.
+    Disk(Disk),
+}
+
+impl From<Mesh> for Shape {
+    fn from(mesh: Mesh) -> Self {
+        Self::Mesh(Arc::new(mesh))
+    }
+}
+
+impl From<Sphere> for Shape {
+    fn from(sphere: Sphere) -> Self {
+        Self::Sphere(sphere)
+    }
+}
+
+impl From<Disk> for Shape {
+    fn from(disk: Disk) -> Self {
+        Self::Disk(disk)
+    }
+}
+
+/// A sphere around the origin of its own space, mapped to the world. Computed in f64 throughout.
+#[derive(Clone, Copy, Debug)]
+pub struct Sphere {
+    space: Space,
+    radius: f64,
+}
+
+impl Sphere {
+    /// A sphere in world space.
+    ///
+    /// # Errors
+    /// As [`transformed`](Self::transformed).
+    pub fn new(centre: Vec3, radius: f32) -> Result<Self, Error> {
+        Self::transformed(DAffine3::from_translation(centre.as_dvec3()), radius.into())
+    }
+
+    /// A sphere of this radius around the origin, mapped to the world; any invertible affine map will do.
+    ///
+    /// # Errors
+    /// [`Error::BadParameter`] if the radius is not positive or the map is not invertible;
+    /// [`Error::ScaleOutOfRange`] outside the range of [`Mesh::new`].
+    pub fn transformed(to_world: DAffine3, radius: f64) -> Result<Self, Error> {
+        positive("a sphere's radius", radius)?;
+        let sphere = Self { space: Space::new(to_world)?, radius };
+        check_range("a sphere's extent", sphere.space.bounds(DVec3::splat(radius), DVec3::ZERO))?;
+        Ok(sphere)
+    }
+
+    /// Parameters of both intersections of the whole line, nearer first.
+    ///
+    /// The discriminant comes from the line's point nearest to the centre, and the root near 0 from the product of
+    /// both, so that neither cancels [after Haines et al., Ray Tracing Gems 2019, chapter 7].
+    #[inline]
+    fn roots(&self, ray: &Ray) -> Option<[f64; 2]> {
+        let (o, d) = self.space.ray_to_object(ray);
+        let a = d.length_squared();
+        let middle = -o.dot(d) / a;
+        let discriminant = self.radius * self.radius - (o + d * middle).length_squared();
+        if discriminant < 0.0 {
+            return None;
+        }
+        let half = (discriminant / a).sqrt();
+        let distance = o.length();
+        let product = (distance - self.radius) * (distance + self.radius) / a;
+        let far = if middle >= 0.0 { middle + half } else { middle - half };
+        let near = if far == 0.0 { 0.0 } else { product / far };
+        Some(if middle >= 0.0 { [near, far] } else { [far, near] })
+    }
+
+    fn surface(&self, ray: &Ray, t: f32) -> SurfacePoint {
+        let (o, d) = self.space.ray_to_object(ray);
+        let t = f64::from(t);
+        let nearest = |roots: [f64; 2]| if (roots[0] - t).abs() <= (roots[1] - t).abs() { roots[0] } else { roots[1] };
+        let point = o + d * self.roots(ray).map_or(t, nearest);
+        let point = point.normalize_or(DVec3::Z) * self.radius;
+        self.space.surface(point, point)
+    }
+
+    fn parametric(&self, point: Vec3) -> [f32; 2] {
+        let p = self.space.point_to_object(point);
+        [longitude(p), (1.0 - (p.z / p.length()).clamp(-1.0, 1.0).acos() / PI) as f32]
+    }
+}
+
+/// A disk or ring in a plane of constant z of its own space, mapped to the world. Computed in f64 throughout.
+#[derive(Clone, Copy, Debug)]
+pub struct Disk {
+    space: Space,
+    height: f64,
+    radius: f64,
+    inner_radius: f64,
+}
+
+impl Disk {
+    /// A disk in world space. `inner_radius` is that of its hole, 0 for none; `normal` need not have unit length.
+    ///
+    /// # Errors
+    /// As [`transformed`](Self::transformed), and [`Error::BadParameter`] for a normal without a direction.
+    pub fn new(centre: Vec3, normal: Vec3, radius: f32, inner_radius: f32) -> Result<Self, Error> {
+        let normal = normal.as_dvec3();
+        let length = normal.length();
+        positive("the length of a disk's normal", length)?;
+        let z = normal / length;
+        let (x, y) = z.any_orthonormal_pair();
+        let to_world = DAffine3 { matrix3: DMat3::from_cols(x, y, z), translation: centre.as_dvec3() };
+        Self::transformed(to_world, 0.0, radius.into(), inner_radius.into())
+    }
+
+    /// The disk at `z = height` around the z axis, facing +z, mapped to the world by any invertible affine map.
+    ///
+    /// # Errors
+    /// [`Error::BadParameter`] if `0 <= inner_radius < radius` does not hold, the height is not finite or the map is
+    /// not invertible; [`Error::ScaleOutOfRange`] outside the range of [`Mesh::new`].
+    pub fn transformed(to_world: DAffine3, height: f64, radius: f64, inner_radius: f64) -> Result<Self, Error> {
+        positive("a disk's radius", radius)?;
+        if !(0.0..radius).contains(&inner_radius) {
+            let expected = "it must be at least 0 and below the outer radius";
+            return Err(Error::BadParameter { what: "a disk's inner radius", value: inner_radius, expected });
+        }
+        if !height.is_finite() {
+            return Err(Error::BadParameter { what: "a disk's height", value: height, expected: "it must be finite" });
+        }
+        let disk = Self { space: Space::new(to_world)?, height, radius, inner_radius };
+        check_range("a disk's extent", disk.bounds())?;
+        Ok(disk)
+    }
+
+    fn bounds(&self) -> [DVec3; 2] {
+        self.space.bounds(DVec3::new(self.radius, self.radius, 0.0), DVec3::Z * self.height)
+    }
+
+    #[inline]
+    fn root(&self, ray: &Ray) -> Option<f64> {
+        let (o, d) = self.space.ray_to_object(ray);
+        let t = (self.height - o.z) / d.z;
+        let squared = (o + d * t).truncate().length_squared();
+        let inside = squared <= self.radius * self.radius && squared >= self.inner_radius * self.inner_radius;
+        (d.z != 0.0 && inside).then_some(t)
+    }
+
+    fn surface(&self, ray: &Ray, t: f32) -> SurfacePoint {
+        let (o, d) = self.space.ray_to_object(ray);
+        let point = o + d * self.root(ray).unwrap_or(t.into());
+        self.space.surface(DVec3::new(point.x, point.y, self.height), DVec3::Z)
+    }
+
+    fn parametric(&self, point: Vec3) -> [f32; 2] {
+        let p = self.space.point_to_object(point);
+        let v = (self.radius - p.truncate().length()) / (self.radius - self.inner_radius);
+        [longitude(p), v.clamp(0.0, 1.0) as f32]
+    }
+}
+
+/// A shape that is not made of triangles, in the acceleration structure.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Quadric {
+    Sphere(Sphere),
+    Disk(Disk),
+}
+
+impl Quadric {
+    /// Smallest parameter with `tmin < t < tmax`.
+    #[inline]
+    pub(crate) fn intersect(&self, ray: &Ray) -> Option<f32> {
+        let (tmin, tmax) = (f64::from(ray.tmin), f64::from(ray.tmax));
+        // Both as found and as rounded: what is reported must obey the limits too.
+        let within = |t: f64| {
+            let rounded = t as f32;
+            (t > tmin && t < tmax && rounded > ray.tmin && rounded < ray.tmax).then_some(rounded)
+        };
+        match self {
+            Self::Sphere(sphere) => {
+                let [near, far] = sphere.roots(ray)?;
+                within(near).or_else(|| within(far))
+            }
+            Self::Disk(disk) => within(disk.root(ray)?),
+        }
+    }
+
+    pub(crate) fn surface(&self, ray: &Ray, t: f32) -> SurfacePoint {
+        match self {
+            Self::Sphere(sphere) => sphere.surface(ray, t),
+            Self::Disk(disk) => disk.surface(ray, t),
+        }
+    }
+
+    /// Exact bounds, in f64.
+    pub(crate) fn bounds(&self) -> [DVec3; 2] {
+        match self {
+            Self::Sphere(sphere) => sphere.space.bounds(DVec3::splat(sphere.radius), DVec3::ZERO),
+            Self::Disk(disk) => disk.bounds(),
+        }
+    }
+
+    /// pbrt-v4's (u, v) of a point of the surface.
+    pub(crate) fn parametric(&self, point: Vec3) -> [f32; 2] {
+        match self {
+            Self::Sphere(sphere) => sphere.parametric(point),
+            Self::Disk(disk) => disk.parametric(point),
+        }
+    }
+}
+
+/// An object's space and the way there and back.
+#[derive(Clone, Copy, Debug)]
+struct Space {
+    to_world: DAffine3,
+    to_object: DAffine3,
+}
+
+impl Space {
+    fn new(to_world: DAffine3) -> Result<Self, Error> {
+        let determinant = to_world.matrix3.determinant();
+        let to_object = to_world.inverse();
+        if determinant == 0.0 || !to_world.is_finite() || !to_object.is_finite() {
+            let expected = "the map to world space must be finite and invertible";
+            return Err(Error::BadParameter { what: "a transform's determinant", value: determinant, expected });
+        }
+        Ok(Self { to_world, to_object })
+    }
+
+    #[inline]
+    fn ray_to_object(&self, ray: &Ray) -> (DVec3, DVec3) {
+        // Subtracting first is exact, which the inverse's own translation would not be far from the world's origin.
+        let origin = self.point_to_object(ray.origin);
+        (origin, self.to_object.matrix3 * ray.direction.as_dvec3())
+    }
+
+    #[inline]
+    fn point_to_object(&self, point: Vec3) -> DVec3 {
+        self.to_object.matrix3 * (point.as_dvec3() - self.to_world.translation)
+    }
+
+    /// World bounds of the ellipsoid with these half axes around a centre of object space (exact), or of a disk.
+    fn bounds(&self, half: DVec3, centre: DVec3) -> [DVec3; 2] {
+        let m = self.to_world.matrix3;
+        let centre = self.to_world.transform_point3(centre);
+        let rows = [m.row(0), m.row(1), m.row(2)].map(|row| (row * half).length());
+        let reach = DVec3::from_array(rows);
+        [centre - reach, centre + reach]
+    }
+
+    /// The world's point and normal for those of object space.
+    fn surface(&self, point: DVec3, normal: DVec3) -> SurfacePoint {
+        let m = self.to_world.matrix3;
+        let exact = m * point + self.to_world.translation;
+        let entered = DMat3::from_cols(m.x_axis.abs(), m.y_axis.abs(), m.z_axis.abs()) * point.abs();
+        let magnitudes = entered + self.to_world.translation.abs();
+        let error = exact.abs() * ROUNDING + magnitudes * LOST_IN_F64;
+        let normal = self.to_object.matrix3.transpose() * normal;
+        SurfacePoint {
+            position: exact.as_vec3(),
+            error: error.as_vec3(),
+            normal: normal.normalize_or(DVec3::Z).as_vec3(),
+            primitive: PrimitiveId::NONE,
+        }
+    }
+}
+
+/// Angle around the z axis from +x, as a share of the full turn in `[0, 1)`.
+fn longitude(p: DVec3) -> f32 {
+    let turns = p.y.atan2(p.x) / TAU;
+    let share = (if turns < 0.0 { turns + 1.0 } else { turns }) as f32;
+    if share < 1.0 { share } else { 0.0 }
+}
+
+fn positive(what: &'static str, value: f64) -> Result<(), Error> {
+    if value > 0.0 && value.is_finite() {
+        return Ok(());
+    }
+    Err(Error::BadParameter { what, value, expected: "it must be positive and finite" })
+}
+
+fn check_range(what: &'static str, [low, high]: [DVec3; 2]) -> Result<(), Error> {
+    let largest = low.abs().max(high.abs()).max_element();
+    if largest <= f64::from(LARGEST) && largest >= f64::from(SMALLEST) {
+        return Ok(());
+    }
+    Err(Error::ScaleOutOfRange { what, value: largest })
+}

@@ -1,0 +1,198 @@
+//! The tree against a plain loop over the same triangle test, and that test against f64 (HARD_CASES G08, G09).
+
+use crate::frame::Frame;
+use crate::traverse::key;
+use crate::triangle::Triangles4;
+use crate::{Geometry, Hit, Mesh, Preset, Ray};
+use glam::{DVec3, Vec3};
+use proptest::prelude::*;
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+
+const PRESETS: [Preset; 6] =
+    [Preset::Fastest, Preset::VeryFast, Preset::Fast, Preset::Medium, Preset::Slow, Preset::VerySlow];
+
+/// Every triangle in turn, by the tree's own test.
+fn linear(mesh: &Mesh, ray: &Ray) -> Option<Hit> {
+    let (frame, scale) = Frame::ordinary(ray).map(|frame| (frame, 1.0)).or_else(|| Frame::rescaled(ray))?;
+    let numbers = (0..mesh.triangles().len() as u32).filter(|&n| !mesh.is_degenerate(n));
+    let hits = numbers.filter_map(|n| {
+        let lanes = Triangles4::new(&[mesh.corners(n)]).intersect(&frame, frame.ray.tmax, &[0; 4])?;
+        let barycentrics = lanes.weights.map(|w| w[0]);
+        Some(Hit { t: lanes.t[0] * scale, shape: 0, primitive: n, barycentrics })
+    });
+    hits.min_by(|a, b| a.t.total_cmp(&b.t).then(key(0, a.primitive).cmp(&key(0, b.primitive))))
+}
+
+fn geometry(mesh: &Mesh, preset: Preset) -> Geometry {
+    Geometry::build(vec![mesh.clone().into()], preset).expect("one mesh")
+}
+
+/// The first hit in f64 [Moeller and Trumbore 1997], and whether it is clear: no edge, no other hit and no end of the
+/// ray so near that f32 may decide otherwise.
+fn reference(mesh: &Mesh, ray: &Ray) -> (Option<(f64, u32)>, bool) {
+    let (o, d) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
+    let (mut hits, mut clear) = (Vec::new(), true);
+    for n in (0..mesh.triangles().len() as u32).filter(|&n| !mesh.is_degenerate(n)) {
+        let [a, b, c] = mesh.corners(n).map(Vec3::as_dvec3);
+        let (ab, ac) = (b - a, c - a);
+        let p = d.cross(ac);
+        let determinant = ab.dot(p);
+        let q = (o - a).cross(ab);
+        let (u, v) = ((o - a).dot(p) / determinant, d.dot(q) / determinant);
+        let t = ac.dot(q) / determinant;
+        // What a corner moved by a few f32 roundings does to the weights.
+        let size = ab.length().max(ac.length());
+        let reach = (o - a).length().max((o - b).length()).max((o - c).length());
+        let flatness = determinant.abs() / (d.length() * size);
+        let slack = 32.0 * f64::from(f32::EPSILON) * reach / flatness;
+        let margin = u.min(v).min(1.0 - u - v);
+        if margin.abs() <= slack || !slack.is_finite() {
+            clear = false;
+        } else if margin > 0.0 && t > f64::from(ray.tmin) && t < f64::from(ray.tmax) {
+            hits.push((t, n, slack * reach / d.length()));
+        }
+    }
+    hits.sort_by(|a, b| a.0.total_cmp(&b.0));
+    if let [first, second, ..] = hits[..] {
+        clear &= second.0 - first.0 > first.2 + second.2;
+    }
+    (hits.first().map(|&(t, n, _)| (t, n)), clear)
+}
+
+fn wild(rng: &mut Pcg64Mcg, exponent: f64) -> f32 {
+    let size = 10.0_f64.powf(rng.random_range(-exponent..exponent));
+    (if rng.random() { size } else { -size }) as f32
+}
+
+/// A soup whose coordinates are uniform (`exponent` 0, at `scale`) or span 10^±exponent, and rays aimed into it.
+fn soup(rng: &mut Pcg64Mcg, count: usize, exponent: f64, scale: f32) -> Mesh {
+    let mut coordinate = || if exponent > 0.0 { wild(rng, exponent) } else { rng.random_range(-1.0..1.0) };
+    let positions: Vec<[f32; 3]> = (0..3 * count).map(|_| std::array::from_fn(|_| coordinate() * scale)).collect();
+    let triangles = (0..count as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
+    Mesh::new(positions, triangles).expect("finite and in range")
+}
+
+fn aimed_ray(rng: &mut Pcg64Mcg, mesh: &Mesh, exponent: f64, scale: f32) -> Ray {
+    let mut coordinate = || if exponent > 0.0 { wild(rng, exponent) } else { rng.random_range(-2.0..2.0) };
+    let origin = Vec3::from_array(std::array::from_fn(|_| coordinate() * scale));
+    let [a, b, c] = mesh.corners(rng.random_range(0..mesh.triangles().len() as u32));
+    let target = match rng.random_range(0..4) {
+        0 => a,
+        1 => (a + b) * 0.5,
+        _ => a * 0.2 + b * 0.3 + c * 0.5,
+    };
+    let tmin = if rng.random_range(0..4) == 0 { 0.9 } else { 0.0 };
+    let tmax = if rng.random_range(0..4) == 0 { 1.0 } else { f32::INFINITY };
+    Ray { tmin, tmax, ..Ray::new(origin, target - origin) }
+}
+
+#[test]
+fn g08_the_tree_agrees_with_a_loop_bit_for_bit() {
+    let mut rng = Pcg64Mcg::seed_from_u64(8);
+    let mut hits = 0;
+    for i in 0..120 {
+        let count = [1, 3, 40, 150][i % 4];
+        let exponent = [0.0, 1.0, 8.0][i % 3];
+        let scale = [1.0, 1e-9, 1e9, 1e-3][i / 3 % 4] * if exponent > 1.0 { 0.0 } else { 1.0 };
+        let scale = if scale == 0.0 { 1.0 } else { scale };
+        let mesh = soup(&mut rng, count, exponent, scale);
+        let scenes = PRESETS.map(|preset| geometry(&mesh, preset));
+        for _ in 0..150 {
+            let ray = aimed_ray(&mut rng, &mesh, exponent, scale);
+            let expected = linear(&mesh, &ray);
+            hits += usize::from(expected.is_some());
+            for scene in &scenes {
+                assert_eq!(scene.closest(&ray), expected, "soup {i}, {ray:?}");
+                assert_eq!(scene.occluded(&ray), expected.is_some(), "soup {i}, {ray:?}");
+            }
+        }
+    }
+    assert!(hits > 5000, "{hits} hits");
+}
+
+#[test]
+fn g08_the_triangle_test_agrees_with_f64() {
+    let mut rng = Pcg64Mcg::seed_from_u64(80);
+    let (mut hits, mut doubtful) = (0, 0);
+    for i in 0..60 {
+        let scale = 2.0_f32.powi(i - 30);
+        let mesh = soup(&mut rng, 30, 0.0, scale);
+        let scene = geometry(&mesh, Preset::Medium);
+        for _ in 0..300 {
+            let ray = Ray { tmin: 0.0, tmax: f32::INFINITY, ..aimed_ray(&mut rng, &mesh, 0.0, scale) };
+            let (expected, clear) = reference(&mesh, &ray);
+            if !clear {
+                doubtful += 1;
+                continue;
+            }
+            let found = scene.closest(&ray);
+            assert_eq!(found.map(|hit| hit.primitive), expected.map(|(_, n)| n), "{ray:?}");
+            if let (Some(hit), Some((t, _))) = (found, expected) {
+                hits += 1;
+                let point = scene.surface(&ray, &hit).position.as_dvec3();
+                let exact = ray.origin.as_dvec3() + ray.direction.as_dvec3() * t;
+                assert!((f64::from(hit.t) - t).abs() <= 1e-4 * t, "{} for {t}", hit.t);
+                assert!((point - exact).length() <= 1e-4 * f64::from(scale));
+            }
+        }
+    }
+    // Half of all rays are aimed at corners and edges.
+    assert!(hits > 5000 && doubtful < 11_000, "{hits} hits, {doubtful} doubtful");
+}
+
+#[test]
+fn g09_barycentrics_are_those_of_the_corners() {
+    let mut rng = Pcg64Mcg::seed_from_u64(9);
+    for k in -6..=6 {
+        let leg = 10.0_f32.powi(k);
+        let corners = [[0.0, 0.0, 0.0], [leg, 0.0, 0.0], [0.0, leg, 0.0]];
+        for order in [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]] {
+            let mesh = Mesh::new(corners.to_vec(), vec![order]).expect("valid");
+            let scene = geometry(&mesh, Preset::Medium);
+            for _ in 0..200 {
+                let (x, y) = (rng.random_range(0.0..1.0_f32), rng.random_range(0.0..1.0_f32));
+                let (x, y) = if x + y > 1.0 { (1.0 - x, 1.0 - y) } else { (x, y) };
+                let origin = Vec3::new(x * leg, y * leg, leg);
+                let Some(hit) = scene.closest(&Ray::new(origin, Vec3::NEG_Z)) else {
+                    assert!(x == 0.0 || y == 0.0 || 1.0 - x - y < 1e-6);
+                    continue;
+                };
+                let [b1, b2] = hit.barycentrics;
+                let weights = [1.0 - b1 - b2, b1, b2];
+                let exact = [1.0 - x - y, x, y];
+                for (weight, corner) in weights.into_iter().zip(order) {
+                    assert!((weight - exact[corner as usize]).abs() <= 1e-5 && (-1e-7..=1.0).contains(&weight));
+                }
+                let point = scene.surface(&Ray::new(origin, Vec3::NEG_Z), &hit).position.as_dvec3();
+                assert!((point - DVec3::new(origin.x.into(), origin.y.into(), 0.0)).length() <= 1e-6 * f64::from(leg));
+            }
+        }
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 128, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn any_soup_agrees_with_a_loop(seed: u64, count in 1_usize..60, exponent in 0.0..9.0_f64, grid: bool) {
+        let mut rng = Pcg64Mcg::seed_from_u64(seed);
+        let mesh = if grid {
+            // Few distinct coordinates: shared vertices, coplanar and degenerate triangles.
+            let positions = (0..3 * count).map(|_| std::array::from_fn(|_| rng.random_range(-2..3) as f32)).collect();
+            Mesh::new(positions, (0..count as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect()).expect("valid")
+        } else {
+            soup(&mut rng, count, exponent, 1.0)
+        };
+        let scene = geometry(&mesh, Preset::Medium);
+        for _ in 0..50 {
+            let mut ray = aimed_ray(&mut rng, &mesh, if grid { 0.0 } else { exponent }, 1.0);
+            if grid {
+                ray.origin = ray.origin.round();
+                ray.direction = ray.direction.round();
+            }
+            prop_assert_eq!(scene.closest(&ray), linear(&mesh, &ray));
+            prop_assert_eq!(scene.occluded(&ray), linear(&mesh, &ray).is_some());
+        }
+    }
+}

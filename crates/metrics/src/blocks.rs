@@ -1,0 +1,162 @@
+//! Means over blocks of pixels, where bias shows that single pixels hide in noise; and averaging to a smaller size.
+
+use crate::compare::check;
+use crate::sum::Sum;
+use crate::{Error, Pixels};
+
+/// Means over the blocks of a picture.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Blocks {
+    /// Blocks across and down.
+    pub count: [u32; 2],
+    /// Mean of each, row by row from the top.
+    pub means: Vec<[f64; 3]>,
+}
+
+/// Ratios of a picture's block means to its reference's.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BlockRatios {
+    /// Per channel, the ratios of all blocks that were not too dark, ascending.
+    sorted: [Vec<f64>; 3],
+}
+
+impl BlockRatios {
+    /// How many blocks of a channel (0..3) took part.
+    ///
+    /// # Panics
+    /// For a channel above 2, as a slice does.
+    pub fn count(&self, channel: usize) -> usize {
+        self.sorted[channel].len()
+    }
+
+    /// The ratios of a channel (0..3), ascending.
+    ///
+    /// # Panics
+    /// For a channel above 2, as a slice does.
+    pub fn sorted(&self, channel: usize) -> &[f64] {
+        &self.sorted[channel]
+    }
+
+    /// The percentile (0..=100) of each channel, linear between neighbours as in `numpy.percentile`; NaN where
+    /// no block took part.
+    pub fn percentile(&self, percent: f64) -> [f64; 3] {
+        self.sorted.each_ref().map(|sorted| percentile(sorted, percent))
+    }
+}
+
+fn percentile(sorted: &[f64], percent: f64) -> f64 {
+    let Some(last) = sorted.len().checked_sub(1) else { return f64::NAN };
+    let at = last as f64 * percent.clamp(0.0, 100.0) / 100.0;
+    // NaN, which `clamp` lets through, becomes 0 here.
+    let below = (at as usize).min(last);
+    let above = (below + 1).min(last);
+    sorted[below] + (sorted[above] - sorted[below]) * (at - below as f64)
+}
+
+/// Means over whole blocks of `block` pixels (width, height), from the upper left corner; pixels to the right
+/// and below that fill no whole block are left out, so that all means are equally noisy. Non-finite channels
+/// count as 0.
+///
+/// # Errors
+/// [`Error::Block`] where a block is empty or larger than the picture.
+pub fn block_means(picture: Pixels<'_>, block: [u32; 2]) -> Result<Blocks, Error> {
+    let size = picture.size;
+    if block.contains(&0) || block[0] > size[0] || block[1] > size[1] {
+        return Err(Error::Block { block, size });
+    }
+    let count = [size[0] / block[0], size[1] / block[1]];
+    let [w, h] = block.map(|b| b as usize);
+    let pixels = block[0] as f64 * block[1] as f64;
+    let mut means = Vec::with_capacity(count[0] as usize * count[1] as usize);
+    for band in picture.values.chunks_exact(size[0] as usize * h) {
+        for x in 0..count[0] as usize {
+            let mut sums = [Sum::default(); 3];
+            for row in band.chunks_exact(size[0] as usize) {
+                for pixel in &row[x * w..(x + 1) * w] {
+                    sums.iter_mut().zip(pixel).for_each(|(sum, &v)| sum.add(finite(v)));
+                }
+            }
+            means.push(sums.map(|s| s.value() / pixels));
+        }
+    }
+    Ok(Blocks { count, means })
+}
+
+fn finite(value: f32) -> f64 {
+    if value.is_finite() { value.into() } else { 0.0 }
+}
+
+/// Ratios of block means, image over reference, channel by channel. A block's channel whose reference is darker
+/// than 2 % of the median (over all blocks and channels of the reference) is left out: a ratio of two near zeros
+/// says nothing.
+///
+/// # Errors
+/// [`Error::Sizes`], [`Error::NonFiniteReference`], [`Error::Block`].
+pub fn block_ratios(image: Pixels<'_>, reference: Pixels<'_>, block: [u32; 2]) -> Result<BlockRatios, Error> {
+    check(image, reference)?;
+    let [image, reference] = [block_means(image, block)?, block_means(reference, block)?];
+    let mut levels: Vec<f64> = reference.means.iter().flatten().copied().collect();
+    levels.sort_unstable_by(f64::total_cmp);
+    let least = 0.02 * percentile(&levels, 50.0);
+    let sorted = std::array::from_fn(|c| {
+        let pairs = image.means.iter().zip(&reference.means).map(|(x, r)| (x[c], r[c]));
+        // A median of 0 lets nothing black through either.
+        let mut ratios: Vec<f64> = pairs.filter(|&(_, r)| r > 0.0 && r >= least).map(|(x, r)| x / r).collect();
+        ratios.sort_unstable_by(f64::total_cmp);
+        ratios
+    });
+    Ok(BlockRatios { sorted })
+}
+
+/// Averages a picture to a smaller size by area: each new pixel is the mean of what it covers, old pixels that
+/// it covers in part counting by that part. The mean of the picture stays. NaN and infinities spread to the
+/// pixels that cover them.
+///
+/// # Errors
+/// [`Error::Target`] where a side is 0 or larger than before.
+pub fn downsample(picture: Pixels<'_>, target: [u32; 2]) -> Result<Vec<[f32; 3]>, Error> {
+    let size = picture.size;
+    if target.contains(&0) || target[0] > size[0] || target[1] > size[1] {
+        return Err(Error::Target { size, target });
+    }
+    let [columns, rows] = [0, 1].map(|axis| spans(size[axis], target[axis]));
+    // Rows are narrowed once, as they come; neighbouring new rows share at most one old one.
+    let narrow: Vec<Vec<[f64; 3]>> =
+        picture.rows().map(|row| columns.iter().map(|span| span.mean(|x| row[x].map(f64::from))).collect()).collect();
+    let pixels = rows.iter().flat_map(|span| {
+        let narrow = &narrow;
+        (0..target[0] as usize).map(move |x| span.mean(|y| narrow[y][x]).map(|v| v as f32))
+    });
+    Ok(pixels.collect())
+}
+
+/// What one new pixel covers along an axis.
+struct Span {
+    first: usize,
+    /// Parts of the old pixels from `first` on, in units of `1 / target`.
+    weights: Vec<u64>,
+}
+
+impl Span {
+    fn mean(&self, value: impl Fn(usize) -> [f64; 3]) -> [f64; 3] {
+        let mut sums = [Sum::default(); 3];
+        for (at, &weight) in (self.first..).zip(&self.weights) {
+            sums.iter_mut().zip(value(at)).for_each(|(sum, v)| sum.add(weight as f64 * v));
+        }
+        let total = self.weights.iter().sum::<u64>() as f64;
+        sums.map(|s| s.value() / total)
+    }
+}
+
+/// The new pixels of an axis, exactly: in units of `1 / target` of an old pixel, an old one is `target` wide and
+/// a new one `size`.
+fn spans(size: u32, target: u32) -> Vec<Span> {
+    let [size, target] = [u64::from(size), u64::from(target)];
+    let span = |i: u64| {
+        let [start, end] = [i * size, (i + 1) * size];
+        let old = start / target..end.div_ceil(target);
+        let overlap = |j: u64| end.min((j + 1) * target) - start.max(j * target);
+        Span { first: old.start as usize, weights: old.map(overlap).collect() }
+    };
+    (0..target).map(span).collect()
+}

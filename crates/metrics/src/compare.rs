@@ -1,0 +1,186 @@
+//! One picture against its reference.
+
+use crate::srgb::srgb_encode;
+use crate::sum::Sum;
+use crate::{Error, Pixels};
+
+/// What is added to the squared reference in relMSE, so that black pixels do not decide: 0.01, after
+/// Rousselle et al. 2011.
+pub const RELATIVE_EPSILON: f64 = 0.01;
+
+/// The share of pixels, the worst ones, that [`Comparison::rel_mse_trimmed`] leaves out.
+pub const TRIMMED_SHARE: f64 = 0.001;
+
+/// Side of the blocks of which [`Comparison::worst_block`] is the worst, in pixels.
+pub const WORST_BLOCK_SIZE: u32 = 16;
+
+/// How far a picture x is from its reference r.
+///
+/// Means are over pixels and the three channels unless said otherwise, of linear values, unclamped.
+/// A non-finite channel of x counts as 0 in every figure; look at [`non_finite`](Self::non_finite) first.
+#[non_exhaustive]
+#[derive(Clone, Debug, PartialEq)]
+pub struct Comparison {
+    /// Mean of `(x - r)^2`.
+    pub mse: f64,
+    /// Mean of `(x - r)^2 / (r^2 + 0.01)`; 0.01 is [`RELATIVE_EPSILON`].
+    pub rel_mse: f64,
+    /// relMSE of the pixels that remain when the worst 0.1 % ([`TRIMMED_SHARE`]) are left out, a pixel's
+    /// error being the mean over its channels: of n pixels the `round(0.999 n)` best, at least one.
+    pub rel_mse_trimmed: f64,
+    /// Mean of `|x - r| / ((|x| + |r|) / 2)`, 0..=2, and 0 where both are 0: symmetric.
+    pub smape: f64,
+    /// Mean of `(s(x) - s(r))^2`, s clamping to 0..=1 and applying the sRGB curve.
+    pub display_mse: f64,
+    /// `10 log10(1 / display_mse)` in dB, at most 200, which is also what equal pictures get.
+    pub psnr: f64,
+    /// `255^2 display_mse`: MSE on the scale of 8-bit sRGB files, without their rounding, which would add
+    /// up to 1/6 where the pictures differ and hide errors below half a step.
+    pub srgb8_mse: f64,
+    /// Mean of x over mean of r, each channel: 1 where they are equal (both black, say), and a mean of r nearer
+    /// to 0 than 1e-20 counts as 1e-20, so that it is always finite.
+    pub channel_ratios: [f64; 3],
+    /// The same for all channels together.
+    pub mean_ratio: f64,
+    /// Channels of x (not pixels) that are NaN or infinite.
+    pub non_finite: u64,
+    /// Where relMSE is worst.
+    pub worst_block: WorstBlock,
+}
+
+/// A block of at most 16x16 pixels ([`WORST_BLOCK_SIZE`]); those at the right and lower edge are smaller.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct WorstBlock {
+    /// Column and row of its upper left pixel.
+    pub position: [u32; 2],
+    /// Width and height.
+    pub size: [u32; 2],
+    /// relMSE of its pixels.
+    pub rel_mse: f64,
+}
+
+/// Compares a picture with its reference.
+///
+/// Squares of the largest f32 fit an f64, so that no figure overflows.
+///
+/// # Errors
+/// [`Error::Sizes`] where the sizes differ; [`Error::NonFiniteReference`], naming the first such pixel. A
+/// picture that is not finite is no error: it is counted.
+pub fn compare(image: Pixels<'_>, reference: Pixels<'_>) -> Result<Comparison, Error> {
+    check(image, reference)?;
+    let mut sums = Sums::default();
+    let mut relative = Vec::with_capacity(reference.values.len());
+    for (x, r) in image.values.iter().zip(reference.values) {
+        relative.push(sums.add(x, r));
+    }
+    let worst_block = worst_block(&relative, reference.size);
+    let [rel_mse, rel_mse_trimmed] = [mean(&relative), trimmed_mean(relative)];
+    let count = 3.0 * reference.values.len() as f64;
+    let display_mse = sums.display.value() / count;
+    let [x, r] = [sums.image.map(Sum::value), sums.reference.map(Sum::value)];
+    Ok(Comparison {
+        mse: sums.squared.value() / count,
+        rel_mse,
+        rel_mse_trimmed,
+        smape: sums.symmetric.value() / count,
+        display_mse,
+        psnr: -10.0 * display_mse.max(1e-20).log10(),
+        srgb8_mse: 255.0 * 255.0 * display_mse,
+        channel_ratios: std::array::from_fn(|c| ratio(3.0 * x[c] / count, 3.0 * r[c] / count)),
+        mean_ratio: ratio(total(x) / count, total(r) / count),
+        non_finite: sums.non_finite,
+        worst_block,
+    })
+}
+
+pub(crate) fn check(image: Pixels<'_>, reference: Pixels<'_>) -> Result<(), Error> {
+    if image.size != reference.size {
+        return Err(Error::Sizes { image: image.size, reference: reference.size });
+    }
+    match reference.values.iter().position(|r| !r.iter().all(|v| v.is_finite())) {
+        None => Ok(()),
+        Some(at) => {
+            let width = reference.size[0] as usize;
+            let pixel = [(at % width) as u32, (at / width) as u32];
+            Err(Error::NonFiniteReference { pixel, value: reference.values[at] })
+        }
+    }
+}
+
+#[derive(Default)]
+struct Sums {
+    squared: Sum,
+    symmetric: Sum,
+    display: Sum,
+    image: [Sum; 3],
+    reference: [Sum; 3],
+    non_finite: u64,
+}
+
+impl Sums {
+    /// Adds a pixel and gives its relative squared error, the mean over its channels.
+    fn add(&mut self, image: &[f32; 3], reference: &[f32; 3]) -> f64 {
+        let mut relative = 0.0;
+        for c in 0..3 {
+            let finite = image[c].is_finite();
+            self.non_finite += u64::from(!finite);
+            let x = if finite { f64::from(image[c]) } else { 0.0 };
+            let r = f64::from(reference[c]);
+            let squared = (x - r) * (x - r);
+            self.squared.add(squared);
+            relative += squared / (r * r + RELATIVE_EPSILON);
+            let size = (x.abs() + r.abs()) / 2.0;
+            self.symmetric.add(if size > 0.0 { (x - r).abs() / size } else { 0.0 });
+            // The curve costs most of the time, and equal values need none of it.
+            if x != r {
+                let display = srgb_encode(x) - srgb_encode(r);
+                self.display.add(display * display);
+            }
+            self.image[c].add(x);
+            self.reference[c].add(r);
+        }
+        relative / 3.0
+    }
+}
+
+fn total(channels: [f64; 3]) -> f64 {
+    channels.into_iter().collect::<Sum>().value()
+}
+
+fn ratio(x: f64, r: f64) -> f64 {
+    if x == r { 1.0 } else { x / r.abs().max(1e-20).copysign(r) }
+}
+
+fn mean(values: &[f64]) -> f64 {
+    values.iter().copied().collect::<Sum>().value() / values.len() as f64
+}
+
+fn trimmed_mean(mut values: Vec<f64>) -> f64 {
+    // As imgerr does: half to even, at least one.
+    let kept = (values.len() as f64 * (1.0 - TRIMMED_SHARE)).round_ties_even().max(1.0) as usize;
+    // Sorted rather than partitioned, so that the sum's order is no accident of the algorithm.
+    values.sort_unstable_by(f64::total_cmp);
+    mean(&values[..kept])
+}
+
+/// The first of the worst, in reading order.
+fn worst_block(relative: &[f64], size: [u32; 2]) -> WorstBlock {
+    let side = WORST_BLOCK_SIZE;
+    let mut worst: Option<WorstBlock> = None;
+    for y in (0..size[1]).step_by(side as usize) {
+        for x in (0..size[0]).step_by(side as usize) {
+            let [w, h] = [side.min(size[0] - x), side.min(size[1] - y)];
+            let row = |y: u32| {
+                let start = y as usize * size[0] as usize + x as usize;
+                &relative[start..start + w as usize]
+            };
+            let sum: Sum = (y..y + h).flat_map(row).copied().collect();
+            let rel_mse = sum.value() / f64::from(w * h);
+            if worst.is_none_or(|worst| rel_mse > worst.rel_mse) {
+                worst = Some(WorstBlock { position: [x, y], size: [w, h], rel_mse });
+            }
+        }
+    }
+    // `Pixels` has at least one pixel, so there is a block.
+    worst.unwrap_or(WorstBlock { position: [0, 0], size, rel_mse: 0.0 })
+}

@@ -1,0 +1,115 @@
+//! Meshes in the making, and their binary PLY files.
+
+use super::directions::{add, cross, dot, normalize, sub};
+
+/// Indexed triangles with one normal per corner.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Mesh {
+    pub(super) positions: Vec<[f64; 3]>,
+    /// Unit length, as many as positions.
+    pub(super) normals: Vec<[f64; 3]>,
+    pub(super) triangles: Vec<[u32; 3]>,
+}
+
+impl Mesh {
+    /// Adds a corner and returns its number.
+    pub(super) fn add(&mut self, position: [f64; 3], normal: [f64; 3]) -> u32 {
+        self.positions.push(position);
+        self.normals.push(normal);
+        (self.positions.len() - 1) as u32
+    }
+
+    /// Adds the quadrilateral `a b c d` as two triangles of its winding, leaving out any with two corners in one.
+    pub(super) fn add_quad(&mut self, [a, b, c, d]: [u32; 4]) {
+        for triangle in [[a, b, c], [a, c, d]] {
+            if triangle[0] != triangle[1] && triangle[1] != triangle[2] && triangle[2] != triangle[0] {
+                self.triangles.push(triangle);
+            }
+        }
+    }
+
+    /// The corners of a triangle.
+    pub(super) fn corners(&self, triangle: [u32; 3]) -> [[f64; 3]; 3] {
+        triangle.map(|corner| self.positions[corner as usize])
+    }
+
+    /// The normal that a triangle's winding gives, twice its area long.
+    pub(super) fn face_normal(&self, triangle: [u32; 3]) -> [f64; 3] {
+        let [a, b, c] = self.corners(triangle);
+        cross(sub(b, a), sub(c, a))
+    }
+
+    /// Sets every normal of a height field (z up) to the mean of its triangles', weighted by area, and tilted
+    /// upwards as far as it takes to be on the outer side of each of them: on sharp ridges the mean alone is not.
+    pub(super) fn smooth_normals(&mut self) {
+        const LEAST_COSINE: f64 = 0.05;
+        let mut sums = vec![[0.0; 3]; self.positions.len()];
+        for &triangle in &self.triangles {
+            let normal = self.face_normal(triangle);
+            for corner in triangle {
+                sums[corner as usize] = add(sums[corner as usize], normal);
+            }
+        }
+        self.normals = sums.into_iter().map(normalize).collect();
+        let mut lift = vec![0.0f64; self.positions.len()];
+        for &triangle in &self.triangles {
+            let face = normalize(self.face_normal(triangle));
+            for corner in triangle {
+                let missing = LEAST_COSINE - dot(self.normals[corner as usize], face);
+                lift[corner as usize] = lift[corner as usize].max(missing / face[2]);
+            }
+        }
+        for (normal, lift) in self.normals.iter_mut().zip(lift) {
+            *normal = normalize(add(*normal, [0.0, 0.0, lift]));
+        }
+    }
+
+    /// The mesh made of the triangles that `keep` names, corners that none of them uses left out.
+    pub(super) fn part(&self, keep: impl Fn([u32; 3]) -> bool) -> Self {
+        let mut part = Self::default();
+        let mut number = vec![u32::MAX; self.positions.len()];
+        for &triangle in self.triangles.iter().filter(|&&triangle| keep(triangle)) {
+            let moved = triangle.map(|corner| {
+                let corner = corner as usize;
+                if number[corner] == u32::MAX {
+                    number[corner] = part.add(self.positions[corner], self.normals[corner]);
+                }
+                number[corner]
+            });
+            part.triangles.push(moved);
+        }
+        part
+    }
+
+    /// A binary little-endian PLY file: x y z nx ny nz as f32, faces as short as their count allows.
+    pub(super) fn ply(&self) -> Vec<u8> {
+        // Half the bytes of a triangle are its indices; terrain is cut into parts that fit u16.
+        let short = self.positions.len() <= usize::from(u16::MAX) + 1;
+        let index = if short { "ushort" } else { "uint" };
+        let mut bytes = format!(
+            "ply\nformat binary_little_endian 1.0\ncomment Made by the Dapple developers; MIT OR Apache-2.0\n\
+             element vertex {}\nproperty float x\nproperty float y\nproperty float z\n\
+             property float nx\nproperty float ny\nproperty float nz\n\
+             element face {}\nproperty list uchar {index} vertex_indices\nend_header\n",
+            self.positions.len(),
+            self.triangles.len()
+        )
+        .into_bytes();
+        for (position, normal) in self.positions.iter().zip(&self.normals) {
+            for value in position.iter().chain(normal) {
+                bytes.extend((*value as f32).to_le_bytes());
+            }
+        }
+        for triangle in &self.triangles {
+            bytes.push(3);
+            for &corner in triangle {
+                if short {
+                    bytes.extend((corner as u16).to_le_bytes());
+                } else {
+                    bytes.extend(corner.to_le_bytes());
+                }
+            }
+        }
+        bytes
+    }
+}

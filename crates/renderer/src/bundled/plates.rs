@@ -1,0 +1,107 @@
+//! Rough metal plates under sphere lights of different size.
+
+use super::directions::{add, cross, normalize, scale, sub};
+use super::opening;
+use std::fmt::Write;
+
+const CAMERA: [f64; 3] = [0.0, -9.0, 3.2];
+const TARGET: [f64; 3] = [0.0, 0.6, 1.55];
+/// Where the row of lights is centred; the plates are tilted to mirror this point to the camera.
+const LIGHTS: [f64; 3] = [0.0, 3.4, 4.2];
+
+/// Centre's y and z, and roughness (alpha), from the nearest plate to the farthest.
+const PLATES: [(f64, f64, f64); 4] = [(-2.3, 0.25, 0.15), (-1.1, 0.35, 0.06), (0.2, 0.65, 0.025), (1.5, 1.15, 0.01)];
+const HALF_WIDTH: f64 = 2.6;
+const HALF_LENGTH: f64 = 0.55;
+
+/// Each light's x, radius and hue; all give off the same power, so that a small one is bright.
+const SPHERES: [(f64, f64, [f64; 3]); 4] = [
+    (-2.4, 0.04, [1.0, 0.75, 0.55]),
+    (-0.9, 0.12, [1.0, 0.95, 0.8]),
+    (0.7, 0.3, [0.75, 1.0, 0.85]),
+    (2.4, 0.6, [0.65, 0.8, 1.0]),
+];
+
+/// The corners of a plate that mirrors the middle of the lights to the camera, its normal on that side.
+pub(super) fn plate(y: f64, z: f64) -> [[f64; 3]; 4] {
+    let centre = [0.0, y, z];
+    let to_camera = normalize(sub(CAMERA, centre));
+    let to_lights = normalize(sub(LIGHTS, centre));
+    let normal = normalize(add(to_camera, to_lights));
+    let right = [HALF_WIDTH, 0.0, 0.0];
+    let along = scale(cross(normal, [1.0, 0.0, 0.0]), HALF_LENGTH);
+    [
+        sub(sub(centre, right), along),
+        sub(add(centre, right), along),
+        add(add(centre, right), along),
+        add(sub(centre, right), along),
+    ]
+}
+
+/// The scene file's text.
+pub(super) fn scene() -> String {
+    let mut text = opening(
+        "Plates: four metal plates, rough to nearly smooth, mirror four sphere lights of one power and different size.\n\
+         After the idea of Veach and Guibas 1995: light sampling alone fails at the smooth plates and big lights,\n\
+         BSDF sampling alone at the rough plates and small lights. Layout and numbers are our own.",
+    );
+    text += r#"Film "rgb" "integer xresolution" [ 512 ] "integer yresolution" [ 384 ] "string filename" "plates.exr"
+PixelFilter "box"
+Sampler "zsobol" "integer pixelsamples" [ 32 ]
+Integrator "path" "integer maxdepth" [ 5 ]
+
+# z is up and the world right-handed; pbrt's camera is left-handed, hence the mirror.
+Scale -1 1 1
+"#;
+    let triple = |[x, y, z]: [f64; 3]| format!("{x} {y} {z}");
+    let _ = writeln!(text, "LookAt {}  {}  0 0 1", triple(CAMERA), triple(TARGET));
+    text += r#"Camera "perspective" "float fov" [ 38 ]
+
+WorldBegin
+
+# So that nothing is quite black.
+LightSource "infinite" "rgb L" [ 0.08 0.08 0.09 ]
+
+Texture "checks" "spectrum" "checkerboard" "float uscale" [ 24 ] "float vscale" [ 24 ]
+  "rgb tex1" [ 0.45 0.43 0.40 ] "rgb tex2" [ 0.18 0.18 0.2 ]
+MakeNamedMaterial "floor" "string type" "diffuse" "texture reflectance" "checks"
+MakeNamedMaterial "bulb" "string type" "diffuse" "rgb reflectance" [ 0 0 0 ]
+
+NamedMaterial "floor"
+Shape "trianglemesh"
+  "point3 P" [ -12 -12 0  12 -12 0  12 12 0  -12 12 0 ]
+  "point2 uv" [ 0 0  1 0  1 1  0 1 ]
+  "integer indices" [ 0 1 2  0 2 3 ]
+"#;
+    for (number, (y, z, roughness)) in PLATES.into_iter().enumerate() {
+        let _ = write!(
+            text,
+            "\nMakeNamedMaterial \"plate{number}\" \"string type\" \"conductor\"\n  \
+             \"rgb eta\" [ 1.1 1.1 1.1 ] \"rgb k\" [ 5 5 5 ]\n  \
+             \"float roughness\" [ {roughness} ] \"bool remaproughness\" false\n\
+             NamedMaterial \"plate{number}\"\nShape \"trianglemesh\"\n  \"point3 P\" ["
+        );
+        for corner in plate(y, z) {
+            let _ = write!(text, " {} ", triple(corner));
+        }
+        text += "]\n  \"integer indices\" [ 0 1 2  0 2 3 ]\n";
+    }
+    for (x, radius, hue) in SPHERES {
+        // The power of a diffuse sphere goes with radius squared times radiance.
+        let radiance = scale(hue, 1.6 / (radius * radius));
+        let _ = write!(
+            text,
+            "\nAttributeBegin\n  Translate {x} {} {}\n  NamedMaterial \"bulb\"\n  \
+             AreaLightSource \"diffuse\" \"rgb L\" [ {} ]\n  Shape \"sphere\" \"float radius\" [ {radius} ]\nAttributeEnd\n",
+            LIGHTS[1],
+            LIGHTS[2],
+            triple(radiance)
+        );
+    }
+    text
+}
+
+#[cfg(test)]
+pub(super) fn plates() -> impl Iterator<Item = [[f64; 3]; 4]> {
+    PLATES.into_iter().map(|(y, z, _)| plate(y, z))
+}

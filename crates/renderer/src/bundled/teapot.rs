@@ -1,0 +1,334 @@
+//! Newell's teapot in gold on a tiled floor, in a studio.
+
+#[cfg(test)]
+use super::directions::length;
+use super::directions::{add, cross, dot, mix, normalize, scale, smoothstep, sub};
+use super::mesh::Mesh;
+use super::pictures::{lat_long_pfm, tga};
+use super::{Assets, opening};
+
+/// Quadrilaterals along each side of a patch: 32 patches of 2 x 12 x 12 make about 9000 triangles.
+const STEPS: usize = 12;
+
+/// One control point of a profile: radius, the off-axis coordinate of the quarter turn's two middle
+/// control points, height.
+type Ring = [f64; 3];
+
+/// The parts turned about the z axis, as profiles of cubic pieces that share their end points. Outside is to
+/// the left of the way the profile runs, seen with the radius to the right and the height up.
+///
+/// Newell's table [Newell 1975; Crow 1987] gives each quarter turn of a piece as 4 x 4 points
+/// `(r, 0), (r, l), (l, r), (0, r)` at four heights; this is the same table without its repetitions.
+/// `l / r` is 0.56 throughout but for the knob's 0.45 / 0.8.
+const LID: [Ring; 7] = [
+    [0.0, 0.0, 3.15],
+    [0.8, 0.45, 3.15],
+    [0.0, 0.0, 2.85],
+    [0.2, 0.112, 2.7],
+    [0.4, 0.224, 2.55],
+    [1.3, 0.728, 2.55],
+    [1.3, 0.728, 2.4],
+];
+
+/// Rim, upper body, lower body, and the bottom that others added to Newell's pot.
+const BODY: [Ring; 13] = [
+    [1.4, 0.784, 2.4],
+    [1.3375, 0.749, 2.53125],
+    [1.4375, 0.805, 2.53125],
+    [1.5, 0.84, 2.4],
+    [1.75, 0.98, 1.875],
+    [2.0, 1.12, 1.35],
+    [2.0, 1.12, 0.9],
+    [2.0, 1.12, 0.45],
+    [1.5, 0.84, 0.225],
+    [1.5, 0.84, 0.15],
+    [1.5, 0.84, 0.075],
+    [1.425, 0.798, 0.0],
+    [0.0, 0.0, 0.0],
+];
+
+/// One control section of a tube that is symmetric in y: x and z of its two points in the plane y = 0, and the
+/// half width of the two points between them on either side.
+struct Section {
+    first: [f64; 2],
+    second: [f64; 2],
+    half_width: f64,
+}
+
+const fn section(first: [f64; 2], second: [f64; 2], half_width: f64) -> Section {
+    Section { first, second, half_width }
+}
+
+const HANDLE: [Section; 7] = [
+    section([-1.6, 2.025], [-1.5, 2.25], 0.3),
+    section([-2.3, 2.025], [-2.5, 2.25], 0.3),
+    section([-2.7, 2.025], [-3.0, 2.25], 0.3),
+    section([-2.7, 1.8], [-3.0, 1.8], 0.3),
+    section([-2.7, 1.575], [-3.0, 1.35], 0.3),
+    section([-2.5, 1.125], [-2.65, 0.9375], 0.3),
+    section([-2.0, 0.9], [-1.9, 0.6], 0.3),
+];
+
+const SPOUT: [Section; 7] = [
+    section([1.7, 1.425], [1.7, 0.6], 0.66),
+    section([2.6, 1.425], [3.1, 0.825], 0.66),
+    section([2.3, 2.1], [2.4, 2.025], 0.25),
+    section([2.7, 2.4], [3.3, 2.4], 0.25),
+    section([2.8, 2.475], [3.525, 2.49375], 0.25),
+    section([2.9, 2.475], [3.45, 2.5125], 0.15),
+    section([2.8, 2.4], [3.2, 2.4], 0.15),
+];
+
+/// The 4 x 4 control points of a bicubic Bezier patch: `[row][column]`.
+pub(super) type Patch = [[[f64; 3]; 4]; 4];
+
+/// Patches `[piece][column of patches]` of a part. The columns close to a ring.
+pub(super) type Part = Vec<Vec<Patch>>;
+
+/// The patches of a profile turned about the z axis: four quarter turns a piece.
+fn turned(profile: &[Ring]) -> Part {
+    let quarter = |[r, l, z]: Ring, turn: usize| {
+        [[r, 0.0, z], [r, l, z], [l, r, z], [0.0, r, z]].map(|[x, y, z]| match turn {
+            0 => [x, y, z],
+            1 => [-y, x, z],
+            2 => [-x, -y, z],
+            _ => [y, -x, z],
+        })
+    };
+    pieces(profile.len())
+        .map(|piece| (0..4).map(|turn| std::array::from_fn(|row| quarter(profile[piece + row], turn))).collect())
+        .collect()
+}
+
+/// The patches of a tube: two halves a piece.
+fn tube(sections: &[Section]) -> Part {
+    let half = |section: &Section, side: f64| {
+        let ([x0, z0], [x1, z1], w) = (section.first, section.second, section.half_width * side);
+        let points = [[x0, 0.0, z0], [x0, w, z0], [x1, w, z1], [x1, 0.0, z1]];
+        if side > 0.0 { points } else { [points[3], points[2], points[1], points[0]] }
+    };
+    pieces(sections.len())
+        .map(|piece| {
+            let patch = |side| std::array::from_fn(|row| half(&sections[piece + row], side));
+            vec![patch(1.0), patch(-1.0)]
+        })
+        .collect()
+}
+
+/// Where the cubic pieces begin in a list of `points` control points of which neighbours share one.
+fn pieces(points: usize) -> impl Iterator<Item = usize> {
+    (0..points - 1).step_by(3)
+}
+
+/// Lid, body, handle, spout.
+pub(super) fn parts() -> [Part; 4] {
+    [turned(&LID), turned(&BODY), tube(&HANDLE), tube(&SPOUT)]
+}
+
+/// Value and derivative of a cubic Bezier curve by de Casteljau's steps; exact at 0 and 1.
+fn bezier(points: [[f64; 3]; 4], t: f64) -> ([f64; 3], [f64; 3]) {
+    let between = |a: [f64; 3], b: [f64; 3]| mix(a, b, t);
+    let [a, b, c] = [0, 1, 2].map(|i| between(points[i], points[i + 1]));
+    let (d, e) = (between(a, b), between(b, c));
+    (between(d, e), scale(sub(e, d), 3.0))
+}
+
+/// A point of a patch and its two derivatives, along the rows' order (`s`) and the columns' (`t`).
+fn patch_point(patch: &Patch, s: f64, t: f64) -> [[f64; 3]; 3] {
+    let rows = patch.map(|row| bezier(row, t));
+    let (point, along_s) = bezier(rows.map(|(value, _)| value), s);
+    let (along_t, _) = bezier(rows.map(|(_, derivative)| derivative), s);
+    [point, along_s, along_t]
+}
+
+/// Whether a row of control points lies in one point, so that the patch ends in a tip.
+fn is_point(row: &[[f64; 3]; 4]) -> bool {
+    row.iter().all(|point| *point == row[0])
+}
+
+/// The corners of a part: every patch is cut into `STEPS x STEPS` quadrilaterals, neighbours share their corners,
+/// and a row of corners that lies in one point is one corner.
+fn add_part(mesh: &mut Mesh, part: &Part) {
+    let around = part[0].len() * STEPS;
+    let down = part.len() * STEPS;
+    let mut above: Vec<u32> = Vec::new();
+    for row in 0..=down {
+        // The last row is the end of the last piece, every other one lies in the piece that it begins or is inside of.
+        let piece = (row / STEPS).min(part.len() - 1);
+        let s = (row - piece * STEPS) as f64 / STEPS as f64;
+        let ring: Vec<_> = (0..around)
+            .map(|column| patch_point(&part[piece][column / STEPS], s, (column % STEPS) as f64 / STEPS as f64))
+            .collect();
+        let patch = &part[piece][0];
+        let at_tip = row == 0 && is_point(&patch[0]) || row == down && is_point(&patch[3]);
+        let here: Vec<u32> = if at_tip {
+            // Tangents around the ring vanish; the surface is flat there, and turned about the axis.
+            let up = if row == 0 { 1.0 } else { -1.0 };
+            vec![mesh.add(patch[if row == 0 { 0 } else { 3 }][0], [0.0, 0.0, up]); around]
+        } else {
+            ring.iter()
+                .map(|[point, along_s, along_t]| mesh.add(*point, normalize(cross(*along_s, *along_t))))
+                .collect()
+        };
+        if row > 0 {
+            for column in 0..around {
+                let next = (column + 1) % around;
+                mesh.add_quad([above[column], here[column], here[next], above[next]]);
+            }
+        }
+        above = here;
+    }
+}
+
+/// The teapot, standing on z = 0, spout towards +x, normals outwards.
+///
+/// Open borders, as in Newell's data: the lid's edge and the rim's inner edge (a gap of 0.08 between them),
+/// both ends of the handle and the foot of the spout (all inside the body), and the spout's mouth.
+pub(super) fn mesh() -> Mesh {
+    let mut mesh = Mesh::default();
+    for part in &parts() {
+        add_part(&mut mesh, part);
+    }
+    mesh
+}
+
+/// A rectangular light far away: the direction of its centre, its half width and half height as tangents of
+/// angles, its radiance, and the half width of the cross bars that make it a window.
+struct SoftBox {
+    centre: [f64; 3],
+    half: [f64; 2],
+    radiance: [f64; 3],
+    bar: f64,
+}
+
+const SOFT_BOXES: [SoftBox; 3] = [
+    // The window: left of the camera, high.
+    SoftBox { centre: [-0.75, -0.5, 0.62], half: [0.42, 0.5], radiance: [6.0, 5.7, 5.3], bar: 0.05 },
+    // A strip light to the right, a little warmer.
+    SoftBox { centre: [0.9, -0.25, 0.4], half: [0.14, 0.6], radiance: [3.6, 2.9, 2.2], bar: 0.0 },
+    // From behind, cool.
+    SoftBox { centre: [0.35, 0.9, 0.55], half: [0.5, 0.2], radiance: [1.2, 1.4, 1.8], bar: 0.0 },
+];
+
+/// How much of a soft box is seen in a direction, 0 to 1, its edge softened over `EDGE`.
+fn coverage(light: &SoftBox, direction: [f64; 3]) -> f64 {
+    const EDGE: f64 = 0.03;
+    let centre = normalize(light.centre);
+    let depth = dot(direction, centre);
+    if depth <= 0.0 {
+        return 0.0;
+    }
+    let right = normalize(cross(centre, [0.0, 0.0, 1.0]));
+    let up = cross(right, centre);
+    let (x, y) = ((dot(direction, right) / depth).abs(), (dot(direction, up) / depth).abs());
+    let inside = |x: f64, half: f64| 1.0 - smoothstep(half - EDGE, half + EDGE, x);
+    let pane = if light.bar > 0.0 { smoothstep(light.bar - EDGE, light.bar + EDGE, x.min(y)) } else { 1.0 };
+    inside(x, light.half[0]) * inside(y, light.half[1]) * pane
+}
+
+/// Radiance from a direction: walls that darken from the horizon to the ceiling, `mix(horizon, zenith, z (2 - z))`,
+/// a dim ground below, and the soft boxes.
+fn studio(direction: [f64; 3]) -> [f64; 3] {
+    let z = direction[2];
+    let wall = if z >= 0.0 {
+        mix([0.34, 0.33, 0.32], [0.10, 0.11, 0.13], z * (2.0 - z))
+    } else {
+        mix([0.34, 0.33, 0.32], [0.06, 0.055, 0.05], smoothstep(0.0, 0.2, -z))
+    };
+    SOFT_BOXES.iter().fold(wall, |sum, light| add(sum, scale(light.radiance, coverage(light, direction))))
+}
+
+/// The floor's texture, one tile of slate with a light joint, 2 x 2 shades a picture.
+fn floor_tile(column: u16, row: u16) -> [u8; 3] {
+    const TILE: u16 = 64;
+    const JOINT: u16 = 2;
+    let edge = |x: u16| x % TILE < JOINT || x % TILE >= TILE - JOINT;
+    if edge(column) || edge(row) {
+        [205, 198, 186]
+    } else if (column / TILE + row / TILE).is_multiple_of(2) {
+        [104, 116, 128]
+    } else {
+        [74, 86, 100]
+    }
+}
+
+/// The scene file's text and its other files.
+pub(super) fn scene() -> (String, Assets) {
+    let mut text = opening(
+        "Teapot: Newell's teapot in gold on a glossy tiled floor, in a studio; in the spirit of pbrt's `metal` scene.\n\
+         teapot.ply: Newell's 32 Bezier patches (control points as published; the bottom is the later addition),\n\
+         cut into 12 x 12 quadrilaterals each, with the patches' own normals.\n\
+         studio.pfm: latitude-longitude, z up, radiance mix(horizon, zenith, z (2 - z)) and three soft boxes.\n\
+         tiles.tga: four slate tiles with joints.\n\
+         Gold: index of refraction at 617, 549 and 471 nm (Johnson and Christy 1972).",
+    );
+    text += r#"Film "rgb" "integer xresolution" [ 640 ] "integer yresolution" [ 400 ] "string filename" "teapot.exr"
+PixelFilter "box"
+Sampler "zsobol" "integer pixelsamples" [ 64 ]
+Integrator "path" "integer maxdepth" [ 5 ]
+
+# z is up and the world right-handed; pbrt's camera is left-handed, hence the mirror.
+Scale -1 1 1
+LookAt 2.2 -9 4.6  0.3 0 1.25  0 0 1
+Camera "perspective" "float fov" [ 26 ]
+
+WorldBegin
+
+# A latitude-longitude map; pbrt-v4 itself wants an equal-area square.
+LightSource "infinite" "string filename" "studio.pfm"
+
+Texture "tiles" "spectrum" "imagemap" "string filename" "tiles.tga"
+
+MakeNamedMaterial "gold" "string type" "conductor"
+  "rgb eta" [ 0.21 0.43 1.31 ]
+  "rgb k" [ 3.272 2.455 1.849 ]
+  "float roughness" [ 0.1 ] "bool remaproughness" false
+MakeNamedMaterial "floor" "string type" "coateddiffuse"
+  "texture reflectance" "tiles"
+  "float roughness" [ 0.05 ] "bool remaproughness" false
+
+NamedMaterial "gold"
+Shape "plymesh" "string filename" "teapot.ply"
+
+# A tile is 0.8 wide.
+NamedMaterial "floor"
+Shape "trianglemesh"
+  "point3 P" [ -40 -40 0  40 -40 0  40 40 0  -40 40 0 ]
+  "point2 uv" [ 0 0  50 0  50 50  0 50 ]
+  "integer indices" [ 0 1 2  0 2 3 ]
+"#;
+    let files = vec![
+        ("teapot.ply".to_owned(), mesh().ply()),
+        ("studio.pfm".to_owned(), lat_long_pfm(256, 128, studio)),
+        ("tiles.tga".to_owned(), tga(128, 128, floor_tile)),
+    ];
+    (text, files)
+}
+
+/// The largest sine of the angle between two neighbouring patches' normals at a shared corner, tips left out:
+/// 0 where every seam is smooth.
+#[cfg(test)]
+pub(super) fn largest_seam_angle() -> f64 {
+    let normal = |patch: &Patch, s: f64, t: f64| {
+        let [_, along_s, along_t] = patch_point(patch, s, t);
+        normalize(cross(along_s, along_t))
+    };
+    let mut largest: f64 = 0.0;
+    for part in &parts() {
+        for (piece, ring) in part.iter().enumerate() {
+            for (column, patch) in ring.iter().enumerate() {
+                let beside = &ring[(column + 1) % ring.len()];
+                for step in 0..=STEPS {
+                    let x = step as f64 / STEPS as f64;
+                    if !(step == 0 && is_point(&patch[0]) || step == STEPS && is_point(&patch[3])) {
+                        largest = largest.max(length(cross(normal(patch, x, 1.0), normal(beside, x, 0.0))));
+                    }
+                    if let Some(below) = part.get(piece + 1) {
+                        largest = largest.max(length(cross(normal(patch, 1.0, x), normal(&below[column], 0.0, x))));
+                    }
+                }
+            }
+        }
+    }
+    largest
+}

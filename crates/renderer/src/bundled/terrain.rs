@@ -1,0 +1,184 @@
+//! Fractal mountains about a river plain, under sun and sky.
+
+use super::directions::{mix, normalize, smoothstep};
+use super::mesh::Mesh;
+use super::noise::{fbm, gradient_noise, ridged};
+use super::pictures::lat_long_pfm;
+use super::{Assets, opening};
+
+/// Cells along each side of the grid; what lies under water is left out, and about 2^17 triangles remain.
+const CELLS: usize = 267;
+/// The grid covers a trapezium that the camera looks along: y from NEAR to FAR, and |x| below `HALF + SPREAD (y - NEAR)`.
+const NEAR: f64 = -2.0;
+const FAR: f64 = 20.0;
+const HALF: f64 = 3.0;
+const SPREAD: f64 = 0.5;
+/// Ground deeper than this under the water, which lies at z = 0, is left out.
+const DEPTH_KEPT: f64 = -0.04;
+const SEED: u64 = 2016;
+
+/// Octaves of the ground (the last is about as long as a far cell is wide; more would be noise), and of the smoothed ground that decides what grows where.
+const OCTAVES: u32 = 7;
+const COARSE_OCTAVES: u32 = 4;
+
+/// Height of the ground at a place, made of so many octaves.
+fn height([x, y]: [f64; 2], octaves: u32) -> f64 {
+    let river = 1.6 * gradient_noise([0.17 * y, 0.5], SEED + 100) + 0.25 * gradient_noise([0.6 * y, 3.5], SEED + 101);
+    let off = (x - river).abs();
+    // The valley widens the mountains' feet; far away the mountains close it.
+    let rise = smoothstep(0.9, 5.0, off).max(smoothstep(13.0, 18.5, y));
+    let far = 0.55 + 0.45 * smoothstep(0.0, 14.0, y);
+    let banks = -0.1 + 0.14 * smoothstep(0.35, 0.8, off) + 0.05 * smoothstep(0.7, 2.0, off);
+    let plain = 0.05 * fbm([1.3 * x, 1.3 * y], SEED + 200, octaves) * (0.4 + smoothstep(0.6, 2.0, off));
+    let mountains = ridged([0.21 * x, 0.21 * y], SEED, octaves);
+    let scree = 0.28 * fbm([0.9 * x, 0.9 * y], SEED + 400, octaves);
+    banks + plain + rise * far * (2.3 * mountains + 0.5 * rise + scree)
+}
+
+/// The place of a grid point; rows lie closer together near the camera.
+fn place(column: f64, row: f64) -> [f64; 2] {
+    let t = row / CELLS as f64;
+    let y = NEAR + (FAR - NEAR) * t * (0.35 + 0.65 * t);
+    let x = (2.0 * column / CELLS as f64 - 1.0) * (HALF + SPREAD * (y - NEAR));
+    [x, y]
+}
+
+/// How far the smoothed ground's normal points up at a place: 1 where it is flat.
+fn flatness([x, y]: [f64; 2]) -> f64 {
+    const STEP: f64 = 0.08;
+    let slope_x = height([x + STEP, y], COARSE_OCTAVES) - height([x - STEP, y], COARSE_OCTAVES);
+    let slope_y = height([x, y + STEP], COARSE_OCTAVES) - height([x, y - STEP], COARSE_OCTAVES);
+    normalize([-slope_x, -slope_y, 2.0 * STEP])[2]
+}
+
+/// The ground but for what lies under water.
+pub(super) fn ground() -> Mesh {
+    let mut mesh = Mesh::default();
+    for row in 0..=CELLS {
+        for column in 0..=CELLS {
+            let (column, row) = (column as f64, row as f64);
+            let [x, y] = place(column, row);
+            mesh.add([x, y, height([x, y], OCTAVES)], [0.0; 3]);
+        }
+    }
+    let corner = |column: usize, row: usize| (row * (CELLS + 1) + column) as u32;
+    for row in 0..CELLS {
+        for column in 0..CELLS {
+            let quad = [(0, 0), (1, 0), (1, 1), (0, 1)].map(|(i, j)| corner(column + i, row + j));
+            mesh.add_quad(quad);
+        }
+    }
+    mesh.smooth_normals();
+    mesh.part(|triangle| mesh.corners(triangle).iter().any(|point| point[2] > DEPTH_KEPT))
+}
+
+/// What the ground is made of, in the order of [`MATERIALS`].
+#[derive(Clone, Copy, PartialEq)]
+pub(super) enum Cover {
+    Grass,
+    Rock,
+    Snow,
+}
+
+const MATERIALS: [(Cover, &str, &str); 3] = [
+    (Cover::Grass, "grass", "0.11 0.15 0.05"),
+    (Cover::Rock, "rock", "0.30 0.26 0.22"),
+    (Cover::Snow, "snow", "0.78 0.80 0.84"),
+];
+
+/// Steep ground is rock, high ground snow, the rest grass; the borders wander with noise. Steepness is the
+/// smoothed ground's, or single triangles would stand out.
+fn cover(mesh: &Mesh, triangle: [u32; 3]) -> Cover {
+    let [a, b, c] = mesh.corners(triangle);
+    let [x, y, z]: [f64; 3] = std::array::from_fn(|axis| (a[axis] + b[axis] + c[axis]) / 3.0);
+    let up = flatness([x, y]);
+    let wander = fbm([0.9 * x, 0.9 * y], SEED + 300, 5);
+    if z > 2.0 + 0.5 * wander && up > 0.62 + 0.1 * wander {
+        Cover::Snow
+    } else if up < 0.80 + 0.08 * wander || z > 1.3 + 0.4 * wander {
+        Cover::Rock
+    } else {
+        Cover::Grass
+    }
+}
+
+/// The ground's meshes, one a material.
+pub(super) fn covers() -> Vec<(&'static str, Mesh)> {
+    let ground = ground();
+    MATERIALS.iter().map(|&(kind, name, _)| (name, ground.part(|triangle| cover(&ground, triangle) == kind))).collect()
+}
+
+/// Radiance of the sky: `mix(horizon, zenith, t)`, `t = 1 - (1 - z)^3`; below the horizon as at it.
+fn sky(direction: [f64; 3]) -> [f64; 3] {
+    let low = 1.0 - direction[2].max(0.0);
+    mix([0.72, 0.78, 0.86], [0.16, 0.30, 0.62], 1.0 - low * low * low)
+}
+
+/// The scene file's text and its other files.
+pub(super) fn scene() -> (String, Assets) {
+    let mut text = opening(
+        "Terrain: fractal mountains about a river plain, a hazy sun and a sky.\n\
+         grass.ply, rock.ply, snow.ply: one ground cut by height and slope, about 2^17 triangles in all: ridged multifractal\n\
+         and fractional Brownian sums of seeded gradient noise, on a grid that is finer near the camera.\n\
+         sky.pfm: latitude-longitude, z up, a gradient from horizon to zenith.\n\
+         The sun is a disk 60 away and 1.8 degrees in radius (the real one: 0.27), for soft shadows.",
+    );
+    text += r#"Film "rgb" "integer xresolution" [ 640 ] "integer yresolution" [ 400 ] "string filename" "terrain.exr"
+PixelFilter "box"
+Sampler "zsobol" "integer pixelsamples" [ 32 ]
+Integrator "path" "integer maxdepth" [ 5 ]
+
+# z is up and the world right-handed; pbrt's camera is left-handed, hence the mirror.
+Scale -1 1 1
+LookAt 0 -1.6 1.5  0.2 6 1.0  0 0 1
+Camera "perspective" "float fov" [ 38 ]
+
+WorldBegin
+
+# A latitude-longitude map; pbrt-v4 itself wants an equal-area square.
+LightSource "infinite" "string filename" "sky.pfm"
+
+MakeNamedMaterial "black" "string type" "diffuse" "rgb reflectance" [ 0 0 0 ]
+
+# The sun: a disk faces its own +z; turned over, then tilted away from straight down.
+AttributeBegin
+  Translate 0 8 0
+  Rotate -97 0 0 1
+  Rotate -55 1 0 0
+  Translate 0 0 60
+  Rotate 180 1 0 0
+  NamedMaterial "black"
+  AreaLightSource "diffuse" "rgb L" [ 1500 1330 1080 ]
+  Shape "disk" "float radius" [ 1.9 ]
+AttributeEnd
+
+MakeNamedMaterial "water" "string type" "coateddiffuse"
+  "rgb reflectance" [ 0.02 0.04 0.05 ]
+  "float roughness" [ 0.06 ] "bool remaproughness" false
+"#;
+    for (_, name, reflectance) in MATERIALS {
+        text += &format!(
+            "MakeNamedMaterial \"{name}\" \"string type\" \"diffuse\" \"rgb reflectance\" [ {reflectance} ]\n"
+        );
+    }
+    for (_, name, _) in MATERIALS {
+        text += &format!("\nNamedMaterial \"{name}\"\nShape \"plymesh\" \"string filename\" \"{name}.ply\"\n");
+    }
+    let half = HALF + SPREAD * (FAR - NEAR);
+    text += &format!(
+        "\nNamedMaterial \"water\"\nShape \"trianglemesh\"\n  \
+         \"point3 P\" [ -{HALF} {NEAR} 0  {HALF} {NEAR} 0  {half} {FAR} 0  -{half} {FAR} 0 ]\n  \
+         \"integer indices\" [ 0 1 2  0 2 3 ]\n"
+    );
+    let mut files: Assets = covers().into_iter().map(|(name, mesh)| (format!("{name}.ply"), mesh.ply())).collect();
+    // All columns are alike; eight make a picture that no reader finds odd.
+    files.push(("sky.pfm".to_owned(), lat_long_pfm(8, 256, sky)));
+    (text, files)
+}
+
+#[cfg(test)]
+pub(super) fn is_rim([x, y]: [f64; 2]) -> bool {
+    let [right, _] = place(CELLS as f64, 0.0);
+    let near = (y - NEAR).abs() < 1e-9 && x.abs() <= right + 1e-9;
+    near || (y - FAR).abs() < 1e-9 || (x.abs() - (HALF + SPREAD * (y - NEAR))).abs() < 1e-9
+}

@@ -1,0 +1,183 @@
+//! From a place in a pixel to a ray.
+
+use crate::scene::{Camera, Source};
+use crate::shading::warp::concentric_disk;
+use crate::space::Space;
+use dapple_geometry::Ray;
+use glam::{Mat3, Vec2, Vec3};
+
+/// What is wrong with a camera.
+#[non_exhaustive]
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum CameraError {
+    /// The angle of view.
+    #[error("{at}: a field of view of {fov} degrees shows nothing: give an angle above 0 and below 180")]
+    Fov {
+        /// Where it is said.
+        at: Source,
+        /// The angle.
+        fov: f64,
+    },
+    /// The pose.
+    #[error(
+        "{at}: the camera's transform is not finite or flattens space: check LookAt (eye and target must differ, up must not lie along the view) and scales"
+    )]
+    Pose {
+        /// Where it is said.
+        at: Source,
+    },
+    /// The lens.
+    #[error(
+        "{at}: a lens of radius {radius} focused at {distance} is none: give a radius of at least 0 and a finite distance above 0"
+    )]
+    Lens {
+        /// Where it is said.
+        at: Source,
+        /// The radius.
+        radius: f64,
+        /// The distance in focus.
+        distance: f64,
+    },
+    /// The window on the screen.
+    #[error("{at}: the screen window or aspect ratio is empty or not finite")]
+    Window {
+        /// Where it is said.
+        at: Source,
+    },
+}
+
+/// A camera ready to make rays, in the renderer's own space.
+#[derive(Clone, Debug)]
+pub struct CameraView {
+    origin: Vec3,
+    /// Columns: right, up, forward, of the camera transform's own proportions, the longest entry in [1, 2).
+    axes: Mat3,
+    /// Half the resolution, in pixels.
+    half: Vec2,
+    /// Screen units a pixel.
+    step: Vec2,
+    /// Screen position of the picture's centre.
+    shift: Vec2,
+    /// Lens radius and focal distance in lengths of `axes`.
+    lens_radius: f32,
+    focal_distance: f32,
+}
+
+/// How rays leave the camera: the lens effect as a type, so that its absence costs nothing.
+pub trait Lens: Sync {
+    /// The ray through `place`, in pixels from the picture's centre with y downwards. `on_lens` in
+    /// `[0, 1)^2`.
+    fn ray(view: &CameraView, place: Vec2, on_lens: [f32; 2]) -> Ray;
+}
+
+/// All rays pass one point.
+#[derive(Clone, Copy, Debug)]
+pub struct Pinhole;
+
+/// Rays pass a disk and meet in the focal plane.
+#[derive(Clone, Copy, Debug)]
+pub struct ThinLens;
+
+impl CameraView {
+    /// The camera of a scene at this resolution.
+    ///
+    /// # Errors
+    ///
+    /// When pose, angle, lens or window make no picture.
+    pub fn new(camera: &Camera, resolution: [u32; 2], space: &Space) -> Result<Self, CameraError> {
+        let at = || camera.source.clone();
+        let pose = space.apply(camera.to_world);
+        let given = camera.to_world.matrix3;
+        let longest = given.to_cols_array().into_iter().fold(0.0, |m: f64, x| m.max(x.abs()));
+        if !given.is_finite() || !(longest > 0.0) || !pose.translation.as_vec3().is_finite() {
+            return Err(CameraError::Pose { at: at() });
+        }
+        // Directions need no scale, and squares of a very small or large one leave the range of f32. A power
+        // of two changes no digit.
+        let size = longest.log2().floor().clamp(-1000.0, 1000.0).exp2();
+        let axes = given * size.recip();
+        // Below this the columns lie in a plane as far as f32 can tell.
+        if !(axes.determinant().abs() > 1e-20) {
+            return Err(CameraError::Pose { at: at() });
+        }
+        if !(camera.fov > 0.0 && camera.fov < 180.0) {
+            return Err(CameraError::Fov { at: at(), fov: camera.fov });
+        }
+        let focus_matters = camera.lens_radius != 0.0;
+        let focus_fine = camera.focal_distance.is_finite() && camera.focal_distance > 0.0;
+        if !(camera.lens_radius.is_finite() && camera.lens_radius >= 0.0) || (focus_matters && !focus_fine) {
+            let (radius, distance) = (camera.lens_radius, camera.focal_distance);
+            return Err(CameraError::Lens { at: at(), radius, distance });
+        }
+        let [width, height] = resolution.map(f64::from);
+        let aspect = camera.aspect.unwrap_or(width / height);
+        let window = camera.screen_window.unwrap_or(match aspect {
+            a if a > 1.0 => [-a, a, -1.0, 1.0],
+            a => [-1.0, 1.0, -1.0 / a, 1.0 / a],
+        });
+        let [x0, x1, y0, y1] = window;
+        if !(aspect.is_finite() && aspect > 0.0 && window.iter().all(|w| w.is_finite()) && x0 < x1 && y0 < y1) {
+            return Err(CameraError::Window { at: at() });
+        }
+        let tan = (camera.fov.to_radians() * 0.5).tan();
+        let step = Vec2::new(((x1 - x0) / width * tan) as f32, ((y1 - y0) / height * tan) as f32);
+        let shift = Vec2::new(((x0 + x1) * 0.5 * tan) as f32, ((y0 + y1) * 0.5 * tan) as f32);
+        // Corners whose squares f32 holds: beyond, directions would be no numbers.
+        let corner = [x0, x1, y0, y1].map(|w| (w * tan).abs()).into_iter().fold(0.0, f64::max);
+        if !(corner < 1e15) {
+            return Err(CameraError::Window { at: at() });
+        }
+        // Lens and focus are lengths of camera space, as in pbrt-v4; the axes have taken its scale.
+        let length = space.scale() * size;
+        let [lens_radius, focal_distance] = [camera.lens_radius, camera.focal_distance].map(|l| (l * length) as f32);
+        if camera.lens_radius > 0.0 && !(lens_radius < 1e15 && focal_distance < 1e15 && focal_distance > 0.0) {
+            let (radius, distance) = (camera.lens_radius, camera.focal_distance);
+            return Err(CameraError::Lens { at: at(), radius, distance });
+        }
+        let half = Vec2::new((width * 0.5) as f32, (height * 0.5) as f32);
+        let axes = axes.as_mat3();
+        Ok(Self { origin: pose.translation.as_vec3(), axes, half, step, shift, lens_radius, focal_distance })
+    }
+
+    /// The place of an offset from a pixel's centre (in pixels, y downwards), from the picture's
+    /// centre. The pixel's number stays an integer until the halves are taken off, so a sample near
+    /// the border of pixel 65535 lands where it should.
+    #[inline]
+    pub fn place(&self, pixel: [u32; 2], offset: Vec2) -> Vec2 {
+        Vec2::new(pixel[0] as f32 + 0.5 - self.half.x, pixel[1] as f32 + 0.5 - self.half.y) + offset
+    }
+
+    /// Width of a pixel at distance 1 along the view direction.
+    #[inline]
+    pub fn pixel_width(&self) -> f32 {
+        self.step.min_element()
+    }
+
+    /// Whether the lens is more than a point.
+    pub fn has_lens(&self) -> bool {
+        self.lens_radius > 0.0
+    }
+
+    /// Screen direction in camera space, z forward.
+    #[inline]
+    fn screen(&self, place: Vec2) -> Vec3 {
+        Vec3::new(place.x * self.step.x + self.shift.x, -place.y * self.step.y + self.shift.y, 1.0)
+    }
+}
+
+impl Lens for Pinhole {
+    #[inline]
+    fn ray(view: &CameraView, place: Vec2, _: [f32; 2]) -> Ray {
+        Ray::new(view.origin, (view.axes * view.screen(place)).normalize())
+    }
+}
+
+impl Lens for ThinLens {
+    #[inline]
+    fn ray(view: &CameraView, place: Vec2, on_lens: [f32; 2]) -> Ray {
+        let lens = concentric_disk(on_lens) * view.lens_radius;
+        let focus = view.screen(place) * view.focal_distance;
+        let from = Vec3::new(lens.x, lens.y, 0.0);
+        Ray::new(view.origin + view.axes * from, (view.axes * (focus - from)).normalize())
+    }
+}

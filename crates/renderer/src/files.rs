@@ -1,0 +1,46 @@
+//! Where a reader's bytes come from: the disk, or memory.
+
+use std::collections::BTreeMap;
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// Files by name. Readers take their bytes through it, so that bundled scenes and fuzzers need no disk.
+pub trait Files {
+    /// All bytes of one file.
+    ///
+    /// # Errors
+    /// Whatever kept the file from being read; [`io::ErrorKind::NotFound`] where there is none.
+    fn read(&self, path: &Path) -> io::Result<Vec<u8>>;
+}
+
+/// The files of the operating system. Devices and pipes are refused: they need not end.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Disk;
+
+impl Files for Disk {
+    fn read(&self, path: &Path) -> io::Result<Vec<u8>> {
+        if !std::fs::metadata(path)?.is_file() {
+            return Err(io::Error::new(io::ErrorKind::InvalidInput, "not a regular file"));
+        }
+        std::fs::read(path)
+    }
+}
+
+/// Files made by a program, by exact path.
+impl Files for BTreeMap<PathBuf, Vec<u8>> {
+    fn read(&self, path: &Path) -> io::Result<Vec<u8>> {
+        self.get(path).cloned().ok_or_else(not_found)
+    }
+}
+
+/// Files built into a program (`include_bytes!`), by exact path.
+impl Files for [(&str, &[u8])] {
+    fn read(&self, path: &Path) -> io::Result<Vec<u8>> {
+        let found = self.iter().find(|(name, _)| Path::new(name) == path);
+        found.map(|(_, bytes)| bytes.to_vec()).ok_or_else(not_found)
+    }
+}
+
+fn not_found() -> io::Error {
+    io::Error::new(io::ErrorKind::NotFound, "no such file")
+}

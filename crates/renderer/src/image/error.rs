@@ -1,0 +1,126 @@
+//! What goes wrong with pictures and their files.
+
+use std::path::PathBuf;
+
+/// Why a picture is refused, cannot be read or cannot be written. Each message says what to do.
+#[non_exhaustive]
+#[derive(Debug, thiserror::Error)]
+pub enum ImageError {
+    /// A picture without pixels.
+    #[error("a picture of {}x{} has no pixels: both sides must be at least 1", size[0], size[1])]
+    Empty {
+        /// Width and height.
+        size: [u32; 2],
+    },
+    /// Pixels and size disagree.
+    #[error("a picture of {}x{} needs {} pixels, not {found}", size[0], size[1], u64::from(size[0]) * u64::from(size[1]))]
+    PixelCount {
+        /// Width and height.
+        size: [u32; 2],
+        /// Pixels given.
+        found: usize,
+    },
+    /// A file of a kind that is not known.
+    #[error(
+        "{file}: not a picture that can be read: its first bytes are of no known format; PNG, JPEG, TGA (by its extension), Radiance HDR, OpenEXR and PFM are"
+    )]
+    UnknownContent {
+        /// The file.
+        file: String,
+    },
+    /// A file that ends before its picture does.
+    #[error(
+        "{file}: the {format} file ends at byte {offset}, before its picture is complete: copy or download it again"
+    )]
+    Truncated {
+        /// The file.
+        file: String,
+        /// Its format.
+        format: &'static str,
+        /// How many bytes it has.
+        offset: u64,
+    },
+    /// A file that contradicts its format or itself.
+    #[error("{file}: the {format} file is damaged at or before byte {offset}: {what}; copy it again or save it anew")]
+    Malformed {
+        /// The file.
+        file: String,
+        /// Its format.
+        format: &'static str,
+        /// How far it had been read.
+        offset: u64,
+        /// What is wrong.
+        what: String,
+    },
+    /// A file whose size field says 0.
+    #[error("{file}: the {format} file says that it is {}x{} pixels: an empty picture is of no use here", size[0], size[1])]
+    EmptyFile {
+        /// The file.
+        file: String,
+        /// Its format.
+        format: &'static str,
+        /// Width and height.
+        size: [u64; 2],
+    },
+    /// A header that claims more than its file can sensibly hold.
+    #[error(
+        "{file}: the {format} header claims {}x{} pixels in {samples} samples, but a file of {bytes} bytes is trusted with at most {limit}: the header is damaged, or the picture is packed so tightly that it must be saved anew with less compression",
+        size[0], size[1]
+    )]
+    TooLarge {
+        /// The file.
+        file: String,
+        /// Its format.
+        format: &'static str,
+        /// Width and height it claims.
+        size: [u64; 2],
+        /// Pixels times channels it claims.
+        samples: u128,
+        /// The file's length.
+        bytes: u64,
+        /// Most samples that a file of this length is trusted with.
+        limit: u64,
+    },
+    /// A feature of a format that is not read.
+    #[error("{file}: {what} in {format} files is not supported: save it as {instead}")]
+    Unsupported {
+        /// The file.
+        file: String,
+        /// Its format.
+        format: &'static str,
+        /// The feature.
+        what: String,
+        /// What to do.
+        instead: &'static str,
+    },
+    /// An output name that names no format.
+    #[error("{}: the file name's extension tells the format, and it is none of .exr, .pfm, .png: rename the output", path.display())]
+    UnknownExtension {
+        /// The path.
+        path: PathBuf,
+    },
+    /// An exposure that is no number.
+    #[error("an exposure of {stops} stops is no use: give a finite number, 0 to leave the picture as it is")]
+    Exposure {
+        /// What was given.
+        stops: f32,
+    },
+    /// What the output format cannot hold: a name, an attribute, a size.
+    #[error("{what}")]
+    Encode {
+        /// What is wrong and what to do.
+        what: String,
+    },
+    /// The file system refused.
+    #[error("{}: cannot {action}: {source}; {advice}", path.display())]
+    Write {
+        /// The path that was to be written.
+        path: PathBuf,
+        /// The step that failed.
+        action: &'static str,
+        /// What to do.
+        advice: &'static str,
+        /// The system's words.
+        source: std::io::Error,
+    },
+}

@@ -1,0 +1,301 @@
+//! OpenEXR files of any number of layers.
+
+use super::openexr::Plane;
+use super::{ImageError, Picture, check_count, read_attributes};
+use ::exr::block::writer::ChunksWriter;
+use ::exr::block::{self, BlockIndex, UncompressedBlock, enumerate_ordered_header_block_indices};
+use ::exr::meta::BlockDescription;
+use ::exr::meta::attribute::{AttributeValue, ChannelDescription, Compression, LineOrder, SampleType, Text};
+use ::exr::meta::header::{Header, ImageAttributes, LayerAttributes};
+use ::exr::prelude::f16;
+use rayon::prelude::*;
+use std::collections::BTreeSet;
+use std::io::Cursor;
+
+/// Channels that belong together.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Layer<'a> {
+    /// Its name; empty for the main layer, the one that every viewer shows.
+    pub name: String,
+    /// Names and values; `R`, `G`, `B` for colours, `Y` for one number a pixel.
+    pub channels: Vec<(&'a str, Plane<'a>)>,
+}
+
+impl Layer<'_> {
+    /// A picture's three channels as 32-bit floats.
+    pub fn of_picture(name: impl Into<String>, picture: &Picture) -> Self {
+        let channel = |c: usize| Plane::F32(picture.pixels.iter().map(|p| p[c]).collect());
+        Self { name: name.into(), channels: vec![("R", channel(0)), ("G", channel(1)), ("B", channel(2))] }
+    }
+}
+
+/// An OpenEXR file in memory.
+#[derive(Clone, Debug, PartialEq)]
+pub struct EncodedExr {
+    /// The file, for [`write_file`](super::write_file).
+    pub bytes: Vec<u8>,
+    /// Finite values beyond what 16 bits hold that became 65504 or -65504; 0 where no plane is
+    /// [`Plane::F16`]. Worth a warning.
+    pub clamped: u64,
+}
+
+/// The largest finite 16-bit float.
+const F16_MAX: f32 = 65504.0;
+
+/// Encodes layers of `size` as one OpenEXR part: scan lines, top row first, ZIP, all channels `LAYER.CHANNEL`
+/// in a single part (the main layer's without a layer name), since that is what every viewer reads.
+///
+/// 32-bit values survive bit for bit, NaN and infinities too. 16-bit ones are rounded to nearest, and finite
+/// values beyond 65504 are clamped and counted. `attributes` become text attributes of the header (UTF-8), so
+/// that a picture tells how it was made: [`read_attributes`] gives them back. The same input gives the same
+/// bytes.
+///
+/// # Errors
+/// [`ImageError::Empty`]; [`ImageError::PixelCount`] for a plane that is not as long as `size` says;
+/// [`ImageError::Encode`] for no channels at all, for names that are empty, longer than 255 bytes, given twice
+/// or contain NUL, and for attribute names that OpenEXR keeps for itself.
+pub fn encode_exr(
+    size: [u32; 2],
+    layers: &[Layer<'_>],
+    attributes: &[(String, String)],
+) -> Result<EncodedExr, ImageError> {
+    let mut channels: Vec<(String, &Plane<'_>)> = Vec::new();
+    for layer in layers {
+        for (name, plane) in &layer.channels {
+            check_count(size, plane.len())?;
+            let prefix = if layer.name.is_empty() { String::new() } else { format!("{}.", layer.name) };
+            check_name("channel", name)?;
+            channels.push((prefix + name, plane));
+        }
+    }
+    if channels.is_empty() {
+        return Err(refuse("an EXR file needs at least one channel".to_owned()));
+    }
+    // The order that the format asks for.
+    channels.sort_by(|a, b| a.0.as_bytes().cmp(b.0.as_bytes()));
+    check_names("channel", channels.iter().map(|(name, _)| name.as_str()))?;
+    check_names("attribute", attributes.iter().map(|(name, _)| name.as_str()))?;
+    let planes: Vec<&Plane<'_>> = channels.iter().map(|&(_, plane)| plane).collect();
+    let bytes = encode(header(size, &channels, attributes), &planes)
+        .map_err(|e| refuse(format!("EXR: {e}; rename what it names, or write another format")))?;
+    let bytes = sort_attributes(bytes);
+    check_attributes(&bytes, attributes)?;
+    Ok(EncodedExr { bytes, clamped: planes.iter().map(|plane| count_clamped(plane)).sum() })
+}
+
+fn refuse(what: String) -> ImageError {
+    ImageError::Encode { what }
+}
+
+fn check_name(kind: &str, name: &str) -> Result<(), ImageError> {
+    if name.is_empty() || name.len() > 255 || name.contains('\0') {
+        return Err(refuse(format!("{kind} name {name:?}: an EXR file takes names of 1 to 255 bytes without NUL")));
+    }
+    Ok(())
+}
+
+fn check_names<'a>(kind: &str, names: impl Iterator<Item = &'a str>) -> Result<(), ImageError> {
+    let mut seen = BTreeSet::new();
+    for name in names {
+        check_name(kind, name)?;
+        if !seen.insert(name) {
+            return Err(refuse(format!("{kind} name {name:?} is given twice: rename one")));
+        }
+    }
+    Ok(())
+}
+
+/// A name that the format gives a meaning of its own does not come back as the text that was put in.
+fn check_attributes(bytes: &[u8], attributes: &[(String, String)]) -> Result<(), ImageError> {
+    let found = read_attributes(bytes, "the EXR file in memory").unwrap_or_default();
+    match attributes.iter().find(|given| !found.contains(given)) {
+        Some((name, _)) => Err(refuse(format!("attribute name {name:?}: OpenEXR keeps it for itself; rename it"))),
+        None => Ok(()),
+    }
+}
+
+fn count_clamped(plane: &Plane<'_>) -> u64 {
+    match plane {
+        Plane::F16(values) => values.iter().filter(|v| v.is_finite() && v.abs() > F16_MAX).count() as u64,
+        _ => 0,
+    }
+}
+
+fn header(size: [u32; 2], channels: &[(String, &Plane<'_>)], attributes: &[(String, String)]) -> Header {
+    let text = |s: &str| Text::from_slice_unchecked(s.as_bytes());
+    let size = (size[0] as usize, size[1] as usize);
+    let list = channels.iter().map(|(name, plane)| {
+        let kind = match plane {
+            Plane::F32(_) => SampleType::F32,
+            Plane::F16(_) => SampleType::F16,
+            Plane::U32(_) => SampleType::U32,
+        };
+        ChannelDescription::new(text(name), kind, false)
+    });
+    let other = attributes.iter().map(|(name, value)| (text(name), AttributeValue::Text(text(value)))).collect();
+    Header::new(text("main"), size, list.collect())
+        .with_encoding(Compression::ZIP16, BlockDescription::ScanLines, LineOrder::Increasing)
+        .with_shared_attributes(ImageAttributes::with_size(size))
+        .with_attributes(LayerAttributes { other, ..LayerAttributes::default() })
+}
+
+fn encode(header: Header, planes: &[&Plane<'_>]) -> ::exr::error::Result<Vec<u8>> {
+    let mut bytes = Cursor::new(Vec::new());
+    block::write(&mut bytes, [header].into_iter().collect(), true, |meta, writer| {
+        let blocks: Vec<(usize, BlockIndex)> = enumerate_ordered_header_block_indices(&meta.headers).collect();
+        // In batches, so that not everything is in memory uncompressed; in order, so that the bytes do not
+        // depend on threads.
+        for batch in blocks.chunks(64) {
+            let compress = |&(number, index)| {
+                let block = pack(&meta.headers[0], index, planes)?;
+                block.compress_to_chunk(&meta.headers).map(|chunk| (number, chunk))
+            };
+            let chunks: Vec<_> = batch.par_iter().map(compress).collect::<::exr::error::Result<_>>()?;
+            for (number, chunk) in chunks {
+                writer.write_chunk(number, chunk)?;
+            }
+        }
+        Ok(())
+    })?;
+    Ok(bytes.into_inner())
+}
+
+fn pack(header: &Header, index: BlockIndex, planes: &[&Plane<'_>]) -> ::exr::error::Result<UncompressedBlock> {
+    let mut outcome = Ok(());
+    let block = UncompressedBlock::from_lines(&header.channels, index, |line| {
+        let start = line.location.position.1 * header.layer_size.0 + line.location.position.0;
+        let range = start..start + line.location.sample_count;
+        let written = match planes[line.location.channel] {
+            Plane::F32(values) => line.write_samples_from_slice(&values[range]),
+            Plane::U32(values) => line.write_samples_from_slice(&values[range]),
+            Plane::F16(values) => line.write_samples(|i| to_half(values[start + i])),
+        };
+        if outcome.is_ok() {
+            outcome = written;
+        }
+    });
+    outcome.map(|()| block)
+}
+
+fn to_half(value: f32) -> f16 {
+    f16::from_f32(if value.is_finite() { value.clamp(-F16_MAX, F16_MAX) } else { value })
+}
+
+/// Puts the header's attributes in the order of their names: `exr` keeps them in a hash map, and files would
+/// differ from run to run. Their total length, and with it every offset, stays.
+fn sort_attributes(mut bytes: Vec<u8>) -> Vec<u8> {
+    const START: usize = 8;
+    let mut entries = Vec::new();
+    let mut at = START;
+    let word_end = |at: usize| at + bytes[at..].iter().position(|&b| b == 0).unwrap_or(0);
+    while bytes[at] != 0 {
+        let name_end = word_end(at);
+        let size_at = word_end(name_end + 1) + 1;
+        let size = [0, 1, 2, 3].map(|i| bytes[size_at + i]);
+        let end = size_at + 4 + u32::from_le_bytes(size) as usize;
+        entries.push((bytes[at..name_end].to_vec(), bytes[at..end].to_vec()));
+        at = end;
+    }
+    entries.sort();
+    let sorted = entries.into_iter().flat_map(|(_, entry)| entry);
+    bytes[START..at].iter_mut().zip(sorted).for_each(|(byte, new)| *byte = new);
+    bytes
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{read_channels, read_picture};
+    use super::*;
+    use crate::image::Encoding;
+
+    fn attributes(pairs: &[(&str, &str)]) -> Vec<(String, String)> {
+        pairs.iter().map(|&(n, v)| (n.to_owned(), v.to_owned())).collect()
+    }
+
+    fn extremes() -> Vec<f32> {
+        let bits = [0x7fc0_0000, 0x7f80_0001, 0xffc1_2345, 0x0000_0001, 0x8000_0001, 0x007f_ffff];
+        let mut values: Vec<f32> = bits.into_iter().map(f32::from_bits).collect();
+        values.extend([0.0, -0.0, 65504.0, 65505.0, -65505.0, 1e38, -1e38, f32::INFINITY, f32::NEG_INFINITY]);
+        values
+    }
+
+    fn bits(plane: &Plane<'_>) -> Vec<u32> {
+        match plane {
+            Plane::F32(v) | Plane::F16(v) => v.iter().map(|x| x.to_bits()).collect(),
+            Plane::U32(v) => v.to_vec(),
+        }
+    }
+
+    #[test]
+    fn i07_f32_and_u32_survive_bit_for_bit_and_f16_clamps_with_a_count() {
+        let values = extremes();
+        let counts: Vec<u32> = (0..15).map(|i| u32::MAX - i * 0x0123_4567).collect();
+        let layers = [
+            Layer { name: String::new(), channels: ["R", "G", "B"].map(|c| (c, values.clone().into())).into() },
+            Layer { name: "count".into(), channels: vec![("Y", counts.clone().into())] },
+            Layer { name: "half".into(), channels: vec![("Y", Plane::F16(values.clone().into()))] },
+        ];
+        let encoded = encode_exr([5, 3], &layers, &[]).unwrap();
+        let read = read_channels(&encoded.bytes, "a.exr").unwrap();
+        assert_eq!(read.size, [5, 3]);
+        let names: Vec<&str> = read.channels.iter().map(|(n, _)| n.as_str()).collect();
+        assert_eq!(names, ["B", "G", "R", "count.Y", "half.Y"]);
+        for channel in ["R", "G", "B"] {
+            assert_eq!(bits(read.plane(channel).unwrap()), values.iter().map(|v| v.to_bits()).collect::<Vec<_>>());
+        }
+        assert_eq!(bits(read.plane("count.Y").unwrap()), counts);
+        // 65505, -65505, 1e38, -1e38; infinities and NaN are what they were.
+        assert_eq!(encoded.clamped, 4);
+        let Some(Plane::F16(halves)) = read.plane("half.Y") else { panic!("not f16") };
+        assert_eq!(halves[8..], [65504.0, 65504.0, -65504.0, 65504.0, -65504.0, f32::INFINITY, f32::NEG_INFINITY]);
+        assert!(halves[..3].iter().all(|v| v.is_nan()));
+        let picture = read_picture(&encoded.bytes, "a.exr", Encoding::Auto).unwrap();
+        let found: Vec<u32> = picture.pixels.iter().flatten().map(|v| v.to_bits()).collect();
+        assert_eq!(found, values.iter().flat_map(|v| [v.to_bits(); 3]).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn sizes_around_the_block_height_survive() {
+        for size in [[1, 1], [1, 17], [3, 15], [2, 16], [7, 33], [129, 1]] {
+            let count = size[0] * size[1];
+            let values: Vec<f32> = (0..count).map(|i| i as f32 * 0.37).collect();
+            let layer = Layer { name: "a".into(), channels: vec![("Z", values.clone().into())] };
+            let encoded = encode_exr(size, &[layer], &[]).unwrap();
+            let read = read_channels(&encoded.bytes, "a.exr").unwrap();
+            assert_eq!((read.size, &read.channels[0].1), (size, &Plane::F32(values.into())));
+        }
+    }
+
+    #[test]
+    fn bytes_are_reproducible_and_attributes_come_back() {
+        let picture = Picture::new([2, 1], vec![[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]).unwrap();
+        let layer = Layer::of_picture("", &picture);
+        let given: Vec<_> =
+            (0..40).map(|i| (format!("dapple:key{i}"), format!("värde {i} 🎨\nzweite Zeile"))).collect();
+        let once = encode_exr([2, 1], std::slice::from_ref(&layer), &given).unwrap();
+        // A hash map of 40 keys has the same order twice once in 40! runs.
+        assert_eq!(once, encode_exr([2, 1], &[layer], &given).unwrap());
+        let read = read_attributes(&once.bytes, "a.exr").unwrap();
+        assert!(given.iter().all(|pair| read.contains(pair)), "{read:?}");
+        assert_eq!(read_picture(&once.bytes, "a.exr", Encoding::Auto).unwrap(), picture);
+    }
+
+    #[test]
+    fn what_a_file_cannot_hold_is_refused() {
+        let layer = |name: &str| Layer { name: name.into(), channels: vec![("Y", vec![1.0_f32].into())] };
+        let message = |size, layers: &[Layer<'_>], pairs: &[(&str, &str)]| {
+            encode_exr(size, layers, &attributes(pairs)).unwrap_err().to_string()
+        };
+        assert!(message([1, 1], &[], &[]).contains("at least one channel"));
+        assert!(message([0, 1], &[layer("a")], &[]).contains("0x1"));
+        assert!(message([2, 1], &[layer("a")], &[]).contains("needs 2 pixels, not 1"));
+        assert!(message([1, 1], &[layer("a"), layer("a")], &[]).contains("\"a.Y\" is given twice"));
+        assert!(message([1, 1], &[layer(&"x".repeat(300))], &[]).contains("255"));
+        assert!(message([1, 1], &[layer("a")], &[("b", "1"), ("b", "2")]).contains("given twice"));
+        for name in ["compression", "channels", "near", "dataWindow", "chunkCount", "lineOrder", "type"] {
+            let text = message([1, 1], &[layer("a")], &[(name, "x")]);
+            assert!(text.contains(name) && text.contains("rename"), "{name}: {text}");
+        }
+        assert!(encode_exr([1, 1], &[layer("a")], &attributes(&[("made by", "me"), ("empty", "")])).is_ok());
+    }
+}

@@ -1,0 +1,276 @@
+//! Files that are either complete or not there.
+
+use super::ImageError;
+use std::ffi::OsString;
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, ErrorKind, Write};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU32, Ordering};
+
+/// What a picture is written as.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Format {
+    /// OpenEXR, any number of layers: `.exr`.
+    Exr,
+    /// Portable float map, RGB: `.pfm`.
+    Pfm,
+    /// 8-bit sRGB: `.png`.
+    Png,
+}
+
+impl Format {
+    /// The format that a file name's extension tells, capitals or not.
+    ///
+    /// # Errors
+    /// [`ImageError::UnknownExtension`], which lists what there is.
+    pub fn from_path(path: &Path) -> Result<Self, ImageError> {
+        let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
+        match extension.as_str() {
+            "exr" => Ok(Self::Exr),
+            "pfm" => Ok(Self::Pfm),
+            "png" => Ok(Self::Png),
+            _ => Err(ImageError::UnknownExtension { path: path.to_owned() }),
+        }
+    }
+}
+
+/// Writes a whole file: into `FILE.part-PID-N` beside it, flushed to the disk, then renamed, so that nothing
+/// unfinished ever has the final name. On failure the part is removed and an old file is left as it was.
+///
+/// A symbolic link is followed. A device or a pipe is written to directly. A file marked read-only is left
+/// alone.
+///
+/// # Errors
+/// [`ImageError::Write`], with the path, the step, the system's words and what to do.
+pub fn write_file(path: &Path, bytes: &[u8]) -> Result<(), ImageError> {
+    let target = Target::of(path)?;
+    if let Place::Stream = target.place {
+        let write = || OpenOptions::new().write(true).open(&target.path)?.write_all(bytes);
+        return write().map_err(|e| target.refuse("write to it", e));
+    }
+    let (mut file, part) = target.create_part()?;
+    let outcome = target
+        .fill(&mut file, bytes)
+        .and_then(|()| fs::rename(&part, &target.path).map_err(|e| target.refuse("rename the finished file to it", e)));
+    drop(file);
+    if outcome.is_err() {
+        // Nothing to be done about a second failure; the first one is reported.
+        let _ = fs::remove_file(&part);
+        return outcome;
+    }
+    sync_directory(&target.path);
+    Ok(())
+}
+
+/// Finds out before a long render whether [`write_file`] will be able to write `path`: makes and removes a
+/// part file beside it.
+///
+/// # Errors
+/// As [`write_file`].
+pub fn check_writable(path: &Path) -> Result<(), ImageError> {
+    let target = Target::of(path)?;
+    if let Place::Stream = target.place {
+        let open = OpenOptions::new().write(true).open(&target.path);
+        return open.map(drop).map_err(|e| target.refuse("write to it", e));
+    }
+    let (_, part) = target.create_part()?;
+    fs::remove_file(&part).map_err(|e| target.refuse("remove the file that tried it", e))
+}
+
+enum Place {
+    /// Nothing is there yet.
+    Free,
+    /// A file is there.
+    Taken(fs::Permissions),
+    /// A device or a pipe: renaming would replace it.
+    Stream,
+}
+
+/// Where the bytes go, links followed.
+struct Target {
+    path: PathBuf,
+    place: Place,
+}
+
+impl Target {
+    fn of(path: &Path) -> Result<Self, ImageError> {
+        let mut target = Self { path: follow_link(path), place: Place::Free };
+        target.place = match fs::metadata(&target.path) {
+            Err(e) if e.kind() == ErrorKind::NotFound => Place::Free,
+            Err(e) => return Err(target.refuse("look at it", e)),
+            Ok(found) if found.is_dir() => {
+                return Err(target.refuse("write a picture over a directory", ErrorKind::IsADirectory.into()));
+            }
+            Ok(found) if !found.is_file() => Place::Stream,
+            Ok(found) if found.permissions().readonly() => {
+                return Err(target.refuse("replace a file marked read-only", ErrorKind::PermissionDenied.into()));
+            }
+            Ok(found) => Place::Taken(found.permissions()),
+        };
+        Ok(target)
+    }
+
+    fn refuse(&self, action: &'static str, source: io::Error) -> ImageError {
+        let advice = match source.kind() {
+            ErrorKind::NotFound | ErrorKind::NotADirectory => "create the directory first, or choose another path",
+            ErrorKind::PermissionDenied | ErrorKind::ReadOnlyFilesystem => {
+                "choose another path, or change the permissions"
+            }
+            ErrorKind::StorageFull | ErrorKind::QuotaExceeded => "free some space, or choose a path on another disk",
+            ErrorKind::InvalidFilename => "choose a shorter or plainer file name",
+            _ => "choose another path",
+        };
+        ImageError::Write { path: self.path.clone(), action, advice, source }
+    }
+
+    fn create_part(&self) -> Result<(File, PathBuf), ImageError> {
+        /// Tells apart the parts that threads of this process write at the same time.
+        static NUMBER: AtomicU32 = AtomicU32::new(0);
+        let Some(name) = self.path.file_name() else {
+            return Err(self.refuse("write to a path without a file name", ErrorKind::InvalidInput.into()));
+        };
+        loop {
+            let mut part = OsString::from(name);
+            part.push(format!(".part-{}-{}", std::process::id(), NUMBER.fetch_add(1, Ordering::Relaxed)));
+            let part = self.path.with_file_name(part);
+            match OpenOptions::new().write(true).create_new(true).open(&part) {
+                Ok(file) => return Ok((file, part)),
+                // Left behind by a process of the same number that was killed.
+                Err(e) if e.kind() == ErrorKind::AlreadyExists => {}
+                Err(e) => return Err(self.refuse("create a file beside it", e)),
+            }
+        }
+    }
+
+    fn fill(&self, file: &mut File, bytes: &[u8]) -> Result<(), ImageError> {
+        file.write_all(bytes).map_err(|e| self.refuse("write the file", e))?;
+        if let Place::Taken(permissions) = &self.place {
+            file.set_permissions(permissions.clone()).map_err(|e| self.refuse("keep its permissions", e))?;
+        }
+        file.sync_all().map_err(|e| self.refuse("flush the file to the disk", e))
+    }
+}
+
+/// The file that a link leads to, even where it is not there yet.
+fn follow_link(path: &Path) -> PathBuf {
+    let Ok(link) = fs::read_link(path) else { return path.to_owned() };
+    fs::canonicalize(path).unwrap_or_else(|_| path.parent().unwrap_or(Path::new("")).join(link))
+}
+
+/// Makes the new name itself durable, where the system can; the file is complete either way.
+fn sync_directory(path: &Path) {
+    let parent = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    if let Ok(directory) = File::open(parent) {
+        let _ = directory.sync_all();
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::print_stderr)]
+mod tests {
+    use super::*;
+
+    fn names(folder: &Path) -> Vec<String> {
+        let mut names: Vec<String> =
+            fs::read_dir(folder).unwrap().map(|e| e.unwrap().file_name().to_string_lossy().into_owned()).collect();
+        names.sort();
+        names
+    }
+
+    #[test]
+    fn files_are_replaced_whole_and_leave_nothing_behind() {
+        let folder = tempfile::tempdir().unwrap();
+        for name in ["a.exr", "🎨 bild ü.exr", "no extension", ".exr"] {
+            let path = folder.path().join(name);
+            check_writable(&path).unwrap();
+            assert!(!path.exists());
+            write_file(&path, b"first").unwrap();
+            check_writable(&path).unwrap();
+            write_file(&path, b"2nd").unwrap();
+            assert_eq!(fs::read(&path).unwrap(), b"2nd");
+        }
+        assert_eq!(names(folder.path()), [".exr", "a.exr", "no extension", "🎨 bild ü.exr"]);
+    }
+
+    #[test]
+    fn trouble_names_the_path_and_what_to_do() {
+        let folder = tempfile::tempdir().unwrap();
+        let there = folder.path().join("there.png");
+        fs::write(&there, b"old").unwrap();
+        let mut read_only = fs::metadata(&there).unwrap().permissions();
+        read_only.set_readonly(true);
+        fs::set_permissions(&there, read_only).unwrap();
+        let cases = [
+            (folder.path().join("missing/a.png"), "create the directory first"),
+            (there.join("a.png"), "create the directory first"),
+            (there.clone(), "change the permissions"),
+            (folder.path().to_owned(), "choose another path"),
+            (folder.path().join(format!("{}.png", "x".repeat(300))), "choose a shorter"),
+            (PathBuf::new(), "choose another path"),
+        ];
+        for (path, advice) in cases {
+            for error in [check_writable(&path).unwrap_err(), write_file(&path, b"x").unwrap_err()] {
+                let message = error.to_string();
+                assert!(message.contains(&*path.to_string_lossy()) && message.contains(advice), "{message}");
+            }
+        }
+        assert_eq!(fs::read(&there).unwrap(), b"old");
+        assert_eq!(names(folder.path()), ["there.png"]);
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_read_only_directory_is_refused() {
+        use std::os::unix::fs::PermissionsExt;
+        let folder = tempfile::tempdir().unwrap();
+        let locked = folder.path().join("locked");
+        fs::create_dir(&locked).unwrap();
+        fs::set_permissions(&locked, fs::Permissions::from_mode(0o555)).unwrap();
+        let path = locked.join("a.png");
+        if fs::write(locked.join("probe"), b"").is_ok() {
+            eprintln!("skipped: this user (root) may write to read-only directories");
+        } else {
+            assert!(check_writable(&path).unwrap_err().to_string().contains("change the permissions"));
+            assert!(write_file(&path, b"x").is_err());
+        }
+        fs::set_permissions(&locked, fs::Permissions::from_mode(0o755)).unwrap();
+    }
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn devices_are_written_to_and_never_replaced() {
+        use std::os::unix::fs::{FileTypeExt, symlink};
+        let is_device = |path: &str| fs::metadata(path).unwrap().file_type().is_char_device();
+        if !(is_device("/dev/full") && is_device("/dev/null")) {
+            eprintln!("skipped: no /dev/full");
+            return;
+        }
+        check_writable(Path::new("/dev/null")).unwrap();
+        write_file(Path::new("/dev/null"), b"x").unwrap();
+        let message = write_file(Path::new("/dev/full"), b"x").unwrap_err().to_string();
+        assert!(message.contains("/dev/full") && message.contains("free some space"), "{message}");
+        assert!(is_device("/dev/full") && is_device("/dev/null"));
+
+        let folder = tempfile::tempdir().unwrap();
+        let link = folder.path().join("link.png");
+        symlink("behind.png", &link).unwrap();
+        for bytes in [b"1", b"2"] {
+            write_file(&link, bytes).unwrap();
+            assert_eq!(fs::read(folder.path().join("behind.png")).unwrap(), bytes);
+        }
+        assert!(fs::symlink_metadata(&link).unwrap().file_type().is_symlink());
+    }
+
+    #[test]
+    fn extensions_tell_the_format() {
+        let of = |name: &str| Format::from_path(Path::new(name));
+        assert_eq!(
+            [of("a.exr").unwrap(), of("b/c.PFM").unwrap(), of("🎨.Png").unwrap()],
+            [Format::Exr, Format::Pfm, Format::Png]
+        );
+        for name in ["a.jpg", "exr", ".png", "", "a."] {
+            let message = of(name).unwrap_err().to_string();
+            assert!(message.contains(".exr, .pfm, .png"), "{message}");
+        }
+    }
+}

@@ -1,0 +1,327 @@
+//! OpenEXR files through the `exr` crate, read block by block so that a lying header is found out before
+//! its claims are allocated.
+
+use super::read::File;
+use super::{ImageError, Picture};
+use ::exr::block::reader::{ChunksReader, Reader};
+use ::exr::block::{self, UncompressedBlock};
+use ::exr::error::Error as ExrError;
+use ::exr::math::Vec2;
+use ::exr::meta::BlockDescription;
+use ::exr::meta::attribute::{AttributeValue, SampleType, Text};
+use ::exr::meta::header::Header;
+use ::exr::prelude::f16;
+use std::borrow::Cow;
+use std::collections::BTreeSet;
+use std::io::Cursor;
+
+const FORMAT: &str = "OpenEXR";
+
+/// The values of one channel, row by row from the top.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Plane<'a> {
+    /// 32-bit floats; every bit pattern survives.
+    F32(Cow<'a, [f32]>),
+    /// 32-bit unsigned integers.
+    U32(Cow<'a, [u32]>),
+    /// Stored as 16-bit floats.
+    F16(Cow<'a, [f32]>),
+}
+
+impl From<Vec<f32>> for Plane<'_> {
+    fn from(values: Vec<f32>) -> Self {
+        Self::F32(values.into())
+    }
+}
+
+impl<'a> From<&'a [f32]> for Plane<'a> {
+    fn from(values: &'a [f32]) -> Self {
+        Self::F32(values.into())
+    }
+}
+
+impl From<Vec<u32>> for Plane<'_> {
+    fn from(values: Vec<u32>) -> Self {
+        Self::U32(values.into())
+    }
+}
+
+impl<'a> From<&'a [u32]> for Plane<'a> {
+    fn from(values: &'a [u32]) -> Self {
+        Self::U32(values.into())
+    }
+}
+
+impl Plane<'_> {
+    /// Number of values.
+    pub fn len(&self) -> usize {
+        match self {
+            Self::F32(v) | Self::F16(v) => v.len(),
+            Self::U32(v) => v.len(),
+        }
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// One value as a float.
+    fn value(&self, index: usize) -> f32 {
+        match self {
+            Self::F32(v) | Self::F16(v) => v[index],
+            Self::U32(v) => v[index] as f32,
+        }
+    }
+}
+
+/// What [`read_channels`] found.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Channels {
+    /// Width and height of every channel.
+    pub size: [u32; 2],
+    /// Full name (`R`, `albedo.R`) and values, parts in the file's order, their channels by name.
+    pub channels: Vec<(String, Plane<'static>)>,
+}
+
+impl Channels {
+    /// The channel of that full name.
+    pub fn plane(&self, name: &str) -> Option<&Plane<'static>> {
+        self.channels.iter().find(|(n, _)| n == name).map(|(_, plane)| plane)
+    }
+}
+
+/// Every channel of an OpenEXR file in full precision. In files of several parts, names are led by the part's.
+///
+/// # Errors
+/// As [`read_picture`](super::read_picture); and where the parts differ in size.
+pub fn read_channels(bytes: &[u8], file_name: &str) -> Result<Channels, ImageError> {
+    let file = File { bytes, name: file_name };
+    with_reader(&file, |open| {
+        let headers = open()?.headers().to_vec();
+        let size = headers[0].layer_size;
+        if headers.iter().any(|h| h.layer_size != size) {
+            return Err(file.unsupported(FORMAT, "a set of parts of different sizes", "one file a part").into());
+        }
+        let mut channels = Vec::new();
+        for (part, header) in headers.iter().enumerate() {
+            let wanted: Vec<usize> = (0..header.channels.list.len()).collect();
+            let planes = read_planes(&file, open()?, part, &wanted)?;
+            let prefix = header.own_attributes.layer_name.as_ref().filter(|_| headers.len() > 1);
+            let name = |text: &Text| prefix.map_or(text.to_string(), |p| format!("{p}.{text}"));
+            channels.extend(header.channels.list.iter().map(|c| name(&c.name)).zip(planes));
+        }
+        Ok(Channels { size: [size.0 as u32, size.1 as u32], channels })
+    })
+}
+
+/// The text attributes in the header of an OpenEXR file's first part, by name.
+///
+/// # Errors
+/// As [`read_picture`](super::read_picture), as far as the header goes.
+pub fn read_attributes(bytes: &[u8], file_name: &str) -> Result<Vec<(String, String)>, ImageError> {
+    let file = File { bytes, name: file_name };
+    with_reader(&file, |open| {
+        let reader = open()?;
+        let header = &reader.headers()[0];
+        let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+        let mut found: Vec<(String, String)> = header
+            .all_named_attributes()
+            .filter_map(|(name, value)| match value {
+                AttributeValue::Text(value) => Some((text(name), text(value.as_slice()))),
+                _ => None,
+            })
+            .collect();
+        found.sort();
+        Ok(found)
+    })
+}
+
+pub(super) fn read(file: &File<'_>) -> Result<Picture, ImageError> {
+    with_reader(file, |open| {
+        let reader = open()?;
+        let (part, wanted) = main_channels(file, reader.headers())?;
+        let size = reader.headers()[part].layer_size;
+        let planes = read_planes(file, reader, part, &wanted)?;
+        let channel = |i: usize| if planes.len() == 1 { &planes[0] } else { &planes[i] };
+        let pixels = (0..size.area()).map(|at| std::array::from_fn(|i| channel(i).value(at))).collect();
+        Ok(Picture::new([size.0 as u32, size.1 as u32], pixels)?)
+    })
+}
+
+/// Part and channel numbers of the picture: three (R, G, B) or one (Y).
+fn main_channels(file: &File<'_>, headers: &[Header]) -> Result<(usize, Vec<usize>), ImageError> {
+    let unnamed_first = {
+        let (unnamed, named): (Vec<usize>, Vec<usize>) =
+            (0..headers.len()).partition(|&i| headers[i].own_attributes.layer_name.is_none());
+        [unnamed, named].concat()
+    };
+    let find = |part: usize, prefix: &[u8], letters: &[u8]| -> Option<Vec<usize>> {
+        let position = |letter: u8| {
+            let named = |name: &[u8]| name.strip_prefix(prefix) == Some(&[letter][..]);
+            headers[part].channels.list.iter().position(|c| named(c.name.as_slice()))
+        };
+        letters.iter().map(|&l| position(l)).collect()
+    };
+    for letters in [&b"RGB"[..], b"Y"] {
+        for &part in &unnamed_first {
+            if let Some(found) = find(part, b"", letters) {
+                if find(part, b"", b"Y").is_some() && [&b"RY"[..], b"BY"].iter().any(|n| has(&headers[part], n)) {
+                    return Err(file.unsupported(FORMAT, "luminance and chroma", "RGB"));
+                }
+                return Ok((part, found));
+            }
+        }
+    }
+    for letters in [&b"RGB"[..], b"Y"] {
+        for &part in &unnamed_first {
+            for channel in &headers[part].channels.list {
+                let name = channel.name.as_slice();
+                let dot = name.iter().rposition(|&b| b == b'.').map_or(0, |i| i + 1);
+                if let Some(found) = find(part, &name[..dot], letters) {
+                    return Ok((part, found));
+                }
+            }
+        }
+    }
+    let names: Vec<String> = headers.iter().flat_map(|h| h.channels.list.iter().map(|c| c.name.to_string())).collect();
+    let what = format!("a picture without R, G and B or Y (its channels are {})", names.join(", "));
+    Err(file.unsupported(FORMAT, &what, "RGB"))
+}
+
+fn has(header: &Header, name: &[u8]) -> bool {
+    header.channels.list.iter().any(|c| c.name.as_slice() == name)
+}
+
+/// The decoder's error, or ours.
+enum Fault {
+    Exr(ExrError),
+    Ours(ImageError),
+}
+
+impl From<ExrError> for Fault {
+    fn from(error: ExrError) -> Self {
+        Self::Exr(error)
+    }
+}
+
+impl From<ImageError> for Fault {
+    fn from(error: ImageError) -> Self {
+        Self::Ours(error)
+    }
+}
+
+type Source<'a> = Cursor<&'a [u8]>;
+
+/// Runs `work` with a function that opens the file anew and checks its headers.
+fn with_reader<'a, T>(
+    file: &File<'a>,
+    work: impl FnOnce(&mut dyn FnMut() -> Result<Reader<Source<'a>>, Fault>) -> Result<T, Fault>,
+) -> Result<T, ImageError> {
+    let mut open = || {
+        let reader = block::read(Cursor::new(file.bytes), false)?;
+        check_headers(file, reader.headers())?;
+        Ok(reader)
+    };
+    work(&mut open).map_err(|fault| match fault {
+        Fault::Ours(error) => error,
+        Fault::Exr(ExrError::Io(e)) if e.kind() == std::io::ErrorKind::UnexpectedEof => file.truncated(FORMAT),
+        Fault::Exr(ExrError::NotSupported(what)) => file.unsupported(FORMAT, &what, "scan lines compressed by ZIP"),
+        Fault::Exr(error) => file.malformed(FORMAT, file.bytes.len(), error.to_string()),
+    })
+}
+
+/// Everything the block reader takes on trust: sizes, tiles, chunk counts, sampling.
+fn check_headers(file: &File<'_>, headers: &[Header]) -> Result<(), ImageError> {
+    for header in headers {
+        let size = [header.layer_size.0 as u64, header.layer_size.1 as u64];
+        file.check_claim(FORMAT, size, header.channels.list.len() as u64)?;
+        if header.deep {
+            return Err(file.unsupported(FORMAT, "deep data", "a flat picture"));
+        }
+        if header.channels.list.iter().any(|c| c.sampling.0 != 1 || c.sampling.1 != 1) {
+            return Err(file.unsupported(FORMAT, "a channel of lower resolution than the picture", "RGB"));
+        }
+        if let BlockDescription::Tiles(tiles) = header.blocks {
+            // A tile may well be larger than a small picture, but not by orders.
+            let [w, h] = [tiles.tile_size.0 as u64, tiles.tile_size.1 as u64];
+            file.check_claim(FORMAT, [w, h], header.channels.list.len() as u64)?;
+        }
+        // Eight bytes of offset table a chunk, and the reader indexes the table by its own count.
+        if header.chunk_count > file.bytes.len() / 8 {
+            return Err(file.truncated(FORMAT));
+        }
+        if header.chunk_count != header.blocks_increasing_y_order().count() {
+            let what = format!("{} chunks are not what a picture of this size has", header.chunk_count);
+            return Err(file.malformed(FORMAT, file.bytes.len(), what));
+        }
+    }
+    if headers.is_empty() {
+        return Err(file.malformed(FORMAT, file.bytes.len(), "it has no header"));
+    }
+    Ok(())
+}
+
+/// The wanted channels of one part at full resolution, in the order of `wanted`.
+fn read_planes(
+    file: &File<'_>,
+    reader: Reader<Source<'_>>,
+    part: usize,
+    wanted: &[usize],
+) -> Result<Vec<Plane<'static>>, Fault> {
+    let header = reader.headers()[part].clone();
+    let list = &header.channels.list;
+    let count = header.layer_size.area();
+    let mut planes: Vec<Plane<'static>> = wanted
+        .iter()
+        .map(|&c| match list[c].sample_type {
+            SampleType::F32 => Plane::F32(vec![0.0; count].into()),
+            SampleType::F16 => Plane::F16(vec![0.0; count].into()),
+            SampleType::U32 => Plane::U32(vec![0; count].into()),
+        })
+        .collect();
+    let mut target = vec![None; list.len()];
+    wanted.iter().enumerate().for_each(|(i, &c)| target[c] = Some(i));
+
+    let chunks =
+        reader.filter_chunks(false, |_, tile, block| block.layer == part && tile.is_largest_resolution_level())?;
+    let expected = chunks.expected_chunk_count();
+    let mut seen = BTreeSet::new();
+    chunks.decompress_sequential(false, |_, block| {
+        // The offset table may point at one chunk twice, and at another part's: then some pixels stay unset.
+        let position = block.index.pixel_position;
+        if block.index.layer == part && block.index.level == Vec2(0, 0) {
+            seen.insert((position.1, position.0));
+            store_lines(&header, &block, &target, &mut planes)?;
+        }
+        Ok(())
+    })?;
+    if seen.len() != expected {
+        let what = format!("{} of its {expected} blocks are missing", expected - seen.len());
+        return Err(file.malformed(FORMAT, file.bytes.len(), what).into());
+    }
+    Ok(planes)
+}
+
+fn store_lines(
+    header: &Header,
+    block: &UncompressedBlock,
+    target: &[Option<usize>],
+    planes: &mut [Plane<'static>],
+) -> Result<(), ExrError> {
+    for line in block.lines(&header.channels) {
+        let Some(plane) = target[line.location.channel] else { continue };
+        let start = line.location.position.1 * header.layer_size.0 + line.location.position.0;
+        let range = start..start + line.location.sample_count;
+        match &mut planes[plane] {
+            Plane::F32(v) => line.read_samples_into_slice(&mut v.to_mut()[range])?,
+            Plane::U32(v) => line.read_samples_into_slice(&mut v.to_mut()[range])?,
+            Plane::F16(v) => {
+                for (value, half) in v.to_mut()[range].iter_mut().zip(line.read_samples::<f16>()) {
+                    *value = half?.to_f32();
+                }
+            }
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,97 @@
+//! Portable float maps (after P. Debevec's description): `PF` or `Pf`, width, height, scale, then rows of
+//! 32-bit floats from the bottom up; a negative scale says little-endian.
+
+use super::read::File;
+use super::{ImageError, Picture, check_count};
+
+const FORMAT: &str = "PFM";
+
+pub(super) fn read(file: &File<'_>) -> Result<Picture, ImageError> {
+    let (header, start) = Header::parse(file)?;
+    file.check_claim(FORMAT, header.size, header.channels as u64)?;
+    let [width, height] = header.size.map(|s| s as usize);
+    // No overflow: the claim has been checked.
+    let expected = width * height * header.channels * 4;
+    let data = &file.bytes[start..];
+    if data.len() < expected {
+        return Err(file.truncated(FORMAT));
+    }
+    if data.len() > expected {
+        let what = format!("{} bytes follow the picture of {width}x{height}", data.len() - expected);
+        return Err(file.malformed(FORMAT, start + expected, what));
+    }
+    let (floats, _) = data.as_chunks::<4>();
+    let value = |bytes: [u8; 4]| {
+        let v = if header.scale < 0.0 { f32::from_le_bytes(bytes) } else { f32::from_be_bytes(bytes) };
+        // Left alone where the scale is 1, so that every bit pattern survives.
+        if header.scale.abs() == 1.0 { v } else { v * header.scale.abs() }
+    };
+    let channel = |i: usize| if header.channels == 1 { 0 } else { i };
+    let rows = floats.chunks_exact(width * header.channels).rev();
+    let pixels = rows.flat_map(|row| row.chunks_exact(header.channels));
+    let pixels = pixels.map(|p| std::array::from_fn(|i| value(p[channel(i)]))).collect();
+    Picture::new([width as u32, height as u32], pixels)
+}
+
+/// Encodes a picture as a PFM file: little-endian, rows from the bottom up. Every bit pattern survives, NaN
+/// and infinities too.
+///
+/// # Errors
+/// [`ImageError::Empty`], [`ImageError::PixelCount`].
+pub fn encode_pfm(picture: &Picture) -> Result<Vec<u8>, ImageError> {
+    check_count(picture.size, picture.pixels.len())?;
+    let mut bytes = format!("PF\n{} {}\n-1.0\n", picture.size[0], picture.size[1]).into_bytes();
+    bytes.reserve(picture.pixels.len() * 12);
+    for row in picture.pixels.chunks_exact(picture.width()).rev() {
+        bytes.extend(row.iter().flatten().flat_map(|v| v.to_le_bytes()));
+    }
+    Ok(bytes)
+}
+
+struct Header {
+    channels: usize,
+    size: [u64; 2],
+    scale: f32,
+}
+
+impl Header {
+    /// The header, and where the floats start.
+    fn parse(file: &File<'_>) -> Result<(Self, usize), ImageError> {
+        let channels = if file.bytes.starts_with(b"PF") { 3 } else { 1 };
+        let mut at = 2;
+        let mut words = [""; 3];
+        for (word, name) in words.iter_mut().zip(["width", "height", "scale"]) {
+            *word = next_word(file, &mut at, name)?;
+        }
+        let bad = |what: String| file.malformed(FORMAT, at, what);
+        let side = |word: &str| word.parse::<u64>().map_err(|_| bad(format!("'{word}' is no width or height")));
+        let size = [side(words[0])?, side(words[1])?];
+        let scale = words[2].parse::<f32>().ok().filter(|s| s.is_finite() && *s != 0.0);
+        let scale = scale.ok_or_else(|| bad(format!("the scale '{}' is no finite number other than 0", words[2])))?;
+        // One byte of white space ends the header; a carriage return brings its line feed along.
+        let length = if file.bytes[at..].starts_with(b"\r\n") { 2 } else { 1 };
+        Ok((Self { channels, size, scale }, at + length))
+    }
+}
+
+/// The next word of the header; `at` is left on the white space that ends it.
+fn next_word<'a>(file: &File<'a>, at: &mut usize, name: &str) -> Result<&'a str, ImageError> {
+    let blanks = file.bytes[*at..].iter().take_while(|b| b.is_ascii_whitespace()).count();
+    if blanks == 0 && *at < file.bytes.len() {
+        return Err(file.malformed(FORMAT, *at, format!("white space is missing before the {name}")));
+    }
+    let start = *at + blanks;
+    // Longer than any number, so that a file of something else is not searched to its end.
+    let rest = &file.bytes[start..file.bytes.len().min(start + 64)];
+    let length = rest.iter().position(u8::is_ascii_whitespace);
+    let Some(length) = length else {
+        let whole = rest.len() == 64;
+        return Err(if whole {
+            file.malformed(FORMAT, start, format!("the {name} does not end"))
+        } else {
+            file.truncated(FORMAT)
+        });
+    };
+    *at = start + length;
+    std::str::from_utf8(&rest[..length]).map_err(|_| file.malformed(FORMAT, start, format!("the {name} is no number")))
+}

@@ -1,0 +1,151 @@
+//! 8-bit PNG.
+
+use super::{ImageError, Picture, check_count, srgb_decode};
+use ::image::codecs::png::{CompressionType, FilterType, PngEncoder};
+use ::image::{ExtendedColorType, ImageEncoder};
+
+/// Encodes a picture as 8-bit sRGB, made brighter by `exposure_stops` powers of two first.
+///
+/// With v a channel times `2^exposure_stops` in f64: NaN, negatives and -∞ become 0; 1, more, and +∞
+/// become 255; the rest becomes `255 * srgb(v)` rounded to nearest. No dithering, no tone curve. The same
+/// input gives the same bytes, on every machine.
+///
+/// # Errors
+/// [`ImageError::Empty`], [`ImageError::PixelCount`]; [`ImageError::Exposure`] for stops that are not finite.
+pub fn encode_png(picture: &Picture, exposure_stops: f32) -> Result<Vec<u8>, ImageError> {
+    check_count(picture.size, picture.pixels.len())?;
+    if !exposure_stops.is_finite() {
+        return Err(ImageError::Exposure { stops: exposure_stops });
+    }
+    let factor = exp2(f64::from(exposure_stops));
+    let quantizer = Quantizer::new();
+    let bytes: Vec<u8> = picture.pixels.iter().flatten().map(|&v| quantizer.byte(f64::from(v) * factor)).collect();
+    encode(picture.size, &bytes, ExtendedColorType::Rgb8)
+}
+
+/// Encodes bytes as they are, one a pixel, top row first: a map.
+///
+/// # Errors
+/// [`ImageError::Empty`], [`ImageError::PixelCount`].
+pub fn encode_png_gray(size: [u32; 2], values: &[u8]) -> Result<Vec<u8>, ImageError> {
+    check_count(size, values.len())?;
+    encode(size, values, ExtendedColorType::L8)
+}
+
+/// Encodes bytes as they are, three a pixel, top row first: a map in colour.
+///
+/// # Errors
+/// [`ImageError::Empty`], [`ImageError::PixelCount`].
+pub fn encode_png_rgb(size: [u32; 2], values: &[[u8; 3]]) -> Result<Vec<u8>, ImageError> {
+    check_count(size, values.len())?;
+    encode(size, values.as_flattened(), ExtendedColorType::Rgb8)
+}
+
+fn encode(size: [u32; 2], bytes: &[u8], color: ExtendedColorType) -> Result<Vec<u8>, ImageError> {
+    let mut file = Vec::new();
+    PngEncoder::new_with_quality(&mut file, CompressionType::Default, FilterType::Adaptive)
+        .write_image(bytes, size[0], size[1], color)
+        .map_err(|e| ImageError::Encode { what: format!("PNG: {e}; write EXR instead") })?;
+    Ok(file)
+}
+
+/// Bytes of linear values by the exact borders between them, which is faster than the curve and rounds exactly.
+struct Quantizer {
+    /// The smallest linear values that become 1, 2, ..., 255.
+    borders: Vec<f64>,
+}
+
+impl Quantizer {
+    fn new() -> Self {
+        Self { borders: (1..256).map(|k| srgb_decode((f64::from(k) - 0.5) / 255.0)).collect() }
+    }
+
+    fn byte(&self, linear: f64) -> u8 {
+        // No border is below NaN.
+        self.borders.partition_point(|&border| border <= linear) as u8
+    }
+}
+
+/// `2^x`, finite x, from IEEE-exact operations only; libm's differs between platforms.
+fn exp2(x: f64) -> f64 {
+    let x = x.clamp(-2000.0, 2000.0);
+    let whole = x.floor();
+    let t = (x - whole) * std::f64::consts::LN_2;
+    // Horner's scheme of the exponential series; t < 0.7, so 18 terms leave less than 1e-18.
+    let fraction = (1..=18).rev().fold(1.0, |sum, k| 1.0 + sum * t / f64::from(k));
+    fraction * 2.0_f64.powi(whole as i32)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Encoding, read_picture, srgb_encode};
+    use super::*;
+
+    /// The bytes of the decoded file, by way of linear values.
+    fn bytes_of(file: &[u8]) -> Vec<u8> {
+        let picture = read_picture(file, "a.png", Encoding::Linear).unwrap();
+        picture.pixels.iter().flatten().map(|v| (v * 255.0).round() as u8).collect()
+    }
+
+    #[test]
+    fn i08_every_float_has_its_byte_and_bytes_are_reproducible() {
+        let values = [f32::NAN, -f32::NAN, f32::NEG_INFINITY, -1e30, -1.0, -0.0, 1e-45, 1.0, 1e30, f32::INFINITY];
+        let expected = [0, 0, 0, 0, 0, 0, 0, 255, 255, 255];
+        let picture = Picture::new([10, 1], values.map(|v| [v; 3]).to_vec()).unwrap();
+        for stops in [0.0, 3.5, 1e30] {
+            let file = encode_png(&picture, stops).unwrap();
+            assert_eq!(file, encode_png(&picture, stops).unwrap());
+            let mut expected = expected.map(|b| [b; 3]);
+            if stops == 1e30 {
+                // The smallest denormal is bright by then.
+                expected[6] = [255; 3];
+            }
+            assert_eq!(bytes_of(&file), expected.concat());
+        }
+        let dark = encode_png(&picture, -1e30).unwrap();
+        assert_eq!(bytes_of(&dark)[..27], [0; 27]);
+        for stops in [f32::NAN, f32::INFINITY] {
+            assert!(matches!(encode_png(&picture, stops), Err(ImageError::Exposure { .. })));
+        }
+    }
+
+    #[test]
+    fn bytes_are_the_nearest_to_the_curve() {
+        let quantizer = Quantizer::new();
+        for i in 0..=200_000 {
+            let x = f64::from(i) / 200_000.0;
+            let exact = 255.0 * srgb_encode(x);
+            assert!((f64::from(quantizer.byte(x)) - exact).abs() <= 0.5 + 1e-9, "{x}");
+        }
+    }
+
+    #[test]
+    fn eight_bit_pictures_survive_decoding_and_encoding() {
+        let ramp: Vec<[u8; 3]> = (0..=255).map(|b| [b, 255 - b, b / 2]).collect();
+        let file = encode_png_rgb([16, 16], &ramp).unwrap();
+        let picture = read_picture(&file, "a.png", Encoding::Auto).unwrap();
+        assert_eq!(encode_png(&picture, 0.0).unwrap(), file);
+        let gray: Vec<u8> = (0..=255).collect();
+        let file = encode_png_gray([256, 1], &gray).unwrap();
+        let picture = read_picture(&file, "a.png", Encoding::Srgb).unwrap();
+        assert_eq!(
+            bytes_of(&encode_png(&picture, 0.0).unwrap()),
+            gray.iter().flat_map(|&b| [b; 3]).collect::<Vec<_>>()
+        );
+    }
+
+    #[test]
+    fn exposure_is_a_power_of_two() {
+        for i in -400..400 {
+            let x = f64::from(i) / 40.0;
+            assert!((exp2(x) / x.exp2() - 1.0).abs() < 1e-15, "{x}");
+        }
+        assert_eq!([exp2(3.0), exp2(-2.0), exp2(0.0)], [8.0, 0.25, 1.0]);
+    }
+
+    #[test]
+    fn lengths_are_checked() {
+        assert!(matches!(encode_png_gray([2, 2], &[0; 3]), Err(ImageError::PixelCount { .. })));
+        assert!(matches!(encode_png_rgb([0, 2], &[]), Err(ImageError::Empty { .. })));
+    }
+}

@@ -1,0 +1,428 @@
+//! The reader against whole files, cut files, lying files and other people's files.
+
+use super::*;
+use ::exr::prelude as exr;
+use ::image::{DynamicImage, ImageFormat};
+use rand::{RngExt, SeedableRng};
+use std::path::{Path, PathBuf};
+
+fn save(image: DynamicImage, format: ImageFormat) -> Vec<u8> {
+    let mut bytes = std::io::Cursor::new(Vec::new());
+    image.write_to(&mut bytes, format).unwrap();
+    bytes.into_inner()
+}
+
+/// 5x3 pixels, all different.
+fn picture() -> Picture {
+    Picture::new([5, 3], (0..15).map(|i| [i as f32 * 0.25, 1.0 / (i + 1) as f32, -(i as f32)]).collect()).unwrap()
+}
+
+fn rgb8() -> ::image::RgbImage {
+    ::image::RgbImage::from_fn(5, 3, |x, y| ::image::Rgb([(x * 60) as u8, (y * 100) as u8, (x * y * 20) as u8]))
+}
+
+/// An EXR of another make: tiles, RLE, half floats, two parts of which the second holds the colours.
+fn foreign_exr() -> Vec<u8> {
+    let depth =
+        exr::AnyChannels::sort([exr::AnyChannel::new("Z", exr::FlatSamples::F32(vec![7.0; 15]))].into_iter().collect());
+    let color = ["R", "G", "B"].into_iter().enumerate().map(|(c, name)| {
+        let values = picture().pixels.iter().map(|p| exr::f16::from_f32(p[c])).collect();
+        exr::AnyChannel::new(name, exr::FlatSamples::F16(values))
+    });
+    let layer = |name: &str, channels| {
+        let encoding = exr::Encoding {
+            compression: exr::Compression::RLE,
+            blocks: exr::Blocks::Tiles(exr::Vec2(2, 2)),
+            line_order: exr::LineOrder::Increasing,
+        };
+        exr::Layer::new((5, 3), exr::LayerAttributes::named(exr::Text::from(name)), encoding, channels)
+    };
+    let layers = [layer("depth", depth), layer("color", exr::AnyChannels::sort(color.collect()))];
+    let attributes = exr::ImageAttributes::with_size((5, 3));
+    let mut bytes = std::io::Cursor::new(Vec::new());
+    let image = exr::Image::from_layers(attributes, layers.into_iter().collect::<exr::SmallVec<[_; 2]>>());
+    exr::WritableImage::write(&image).non_parallel().to_buffered(&mut bytes).unwrap();
+    bytes.into_inner()
+}
+
+/// A name and a small file of every format.
+fn small_files() -> Vec<(&'static str, Vec<u8>)> {
+    let floats = ::image::Rgb32FImage::from_fn(9, 3, |x, y| ::image::Rgb([x as f32, y as f32 * 0.1, 1e-3]));
+    let words = DynamicImage::ImageRgb8(rgb8()).to_rgba16();
+    vec![
+        ("a.png", save(rgb8().into(), ImageFormat::Png)),
+        ("16.png", save(words.into(), ImageFormat::Png)),
+        ("a.jpg", save(rgb8().into(), ImageFormat::Jpeg)),
+        ("a.tga", save(rgb8().into(), ImageFormat::Tga)),
+        ("a.hdr", save(floats.into(), ImageFormat::Hdr)),
+        ("a.pfm", encode_pfm(&picture()).unwrap()),
+        ("a.exr", encode_exr([5, 3], &[Layer::of_picture("", &picture())], &[]).unwrap().bytes),
+        ("foreign.exr", foreign_exr()),
+    ]
+}
+
+fn read(name: &str, bytes: &[u8]) -> Result<Picture, ImageError> {
+    read_picture(bytes, name, Encoding::Auto)
+}
+
+#[test]
+fn small_files_of_every_format_are_read() {
+    for (name, bytes) in small_files() {
+        let found = read(name, &bytes).unwrap();
+        match name {
+            "a.pfm" | "a.exr" => assert_eq!(found, picture()),
+            "foreign.exr" => {
+                let half = |v: f32| exr::f16::from_f32(v).to_f32();
+                assert_eq!(found.pixels, picture().pixels.iter().map(|p| p.map(half)).collect::<Vec<_>>());
+            }
+            "a.hdr" => {
+                assert_eq!(found.size, [9, 3]);
+                let [r, g, b] = found.pixel(8, 2);
+                assert!((r - 8.0).abs() < 0.04 && (g - 0.2).abs() < 0.04 && b < 0.04);
+            }
+            _ => {
+                assert_eq!(found.size, [5, 3]);
+                let tolerance = if name == "a.jpg" { 0.2 } else { 1e-6 };
+                for (pixel, bytes) in found.pixels.iter().zip(rgb8().pixels()) {
+                    for c in 0..3 {
+                        let expected = srgb_decode(f64::from(bytes.0[c]) / 255.0);
+                        assert!((f64::from(pixel[c]) - expected).abs() < tolerance, "{name}: {pixel:?} {bytes:?}");
+                    }
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn encodings_are_followed_for_integers_and_ignored_for_floats() {
+    let linear = |name: &str, bytes: &[u8]| read_picture(bytes, name, Encoding::Linear).unwrap();
+    for (name, bytes) in small_files() {
+        let srgb = read_picture(&bytes, name, Encoding::Srgb).unwrap();
+        assert_eq!(srgb, read(name, &bytes).unwrap());
+        assert_eq!(linear(name, &bytes) == srgb, ["a.hdr", "a.pfm", "a.exr", "foreign.exr"].contains(&name), "{name}");
+    }
+    let gray_alpha = ::image::GrayAlphaImage::from_raw(1, 1, vec![51, 0]).unwrap();
+    let file = save(gray_alpha.into(), ImageFormat::Png);
+    assert_eq!(linear("a.png", &file).pixels, [[0.2; 3]]);
+    assert_eq!(linear("named.jpg", &file).pixels, [[0.2; 3]], "the content decides, not the name");
+}
+
+#[test]
+fn files_cut_at_any_byte_are_errors() {
+    for (name, bytes) in small_files() {
+        for length in 0..bytes.len() {
+            let outcome = read(name, &bytes[..length]);
+            let error = outcome.expect_err(&format!("{name} cut to {length} of {} bytes", bytes.len()));
+            assert!(error.to_string().starts_with(&format!("{name}: ")), "{error}");
+        }
+    }
+}
+
+#[test]
+fn damaged_files_never_panic() {
+    let mut random = rand_pcg::Pcg64::seed_from_u64(8);
+    for (name, bytes) in small_files() {
+        for _ in 0..3000 {
+            let mut bytes = bytes.clone();
+            for _ in 0..random.random_range(1..4) {
+                let at = random.random_range(0..bytes.len());
+                bytes[at] = if random.random() { bytes[at] ^ 1 << random.random_range(0..8) } else { random.random() };
+            }
+            if let Ok(found) = read(name, &bytes) {
+                assert_eq!(found.pixels.len(), found.width() * found.height());
+            }
+            let _ = read_channels(&bytes, name);
+            let _ = read_attributes(&bytes, name);
+        }
+    }
+}
+
+/// Replaces the only occurrence of `old`.
+fn patch(bytes: &[u8], old: &[u8], new: &[u8]) -> Vec<u8> {
+    let at: Vec<usize> = (0..bytes.len()).filter(|&i| bytes[i..].starts_with(old)).collect();
+    assert_eq!(at.len(), 1, "{old:?} is found at {at:?}");
+    [&bytes[..at[0]], new, &bytes[at[0] + old.len()..]].concat()
+}
+
+/// Small files that claim gigapixels.
+fn lying_files() -> Vec<(&'static str, Vec<u8>)> {
+    let le = |values: [i32; 4]| values.map(i32::to_le_bytes).concat();
+    let exr = small_files().swap_remove(6).1;
+    // displayWindow keeps the true size.
+    let window = |last: [i32; 2]| {
+        let old = [b"dataWindow\0box2i\0\x10\0\0\0".as_slice(), &le([0, 0, 4, 2])].concat();
+        let new = [b"dataWindow\0box2i\0\x10\0\0\0".as_slice(), &le([0, 0, last[0], last[1]])].concat();
+        patch(&exr, &old, &new)
+    };
+    let tiles = |size: u32| {
+        let old = b"tiles\0tiledesc\0\t\0\0\0\x02\0\0\0\x02\0\0\0";
+        let at: Vec<usize> = (0..foreign_exr().len()).filter(|&i| foreign_exr()[i..].starts_with(old)).collect();
+        let mut bytes = foreign_exr();
+        for i in at {
+            bytes[i + 19..i + 23].copy_from_slice(&size.to_le_bytes());
+            bytes[i + 23..i + 27].copy_from_slice(&size.to_le_bytes());
+        }
+        bytes
+    };
+    let mut png = small_files()[0].1.clone();
+    png[16..24].copy_from_slice(&[0x7f, 0xff, 0xff, 0xff, 0x7f, 0xff, 0xff, 0xff]);
+    let sum = crc32(&png[12..29]);
+    png[29..33].copy_from_slice(&sum.to_be_bytes());
+    let jpeg =
+        patch(&small_files()[2].1, &[0xff, 0xc0, 0, 17, 8, 0, 3, 0, 5], &[0xff, 0xc0, 0, 17, 8, 255, 255, 255, 255]);
+    let mut tga = small_files()[3].1.clone();
+    tga[12..16].fill(255);
+    vec![
+        ("png", png),
+        ("jpeg", jpeg),
+        ("a.tga", tga),
+        ("hdr", b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 4294967295 +X 4294967295\n\x02\x02\xff\xff".to_vec()),
+        ("hdr", b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 40000 +X 40000\n\x02\x02\xff\xff".to_vec()),
+        ("pfm", b"PF\n4294967295 4294967295\n-1.0\n0123".to_vec()),
+        ("pfm", b"PF\n18446744073709551615 18446744073709551615\n-1.0\n0123".to_vec()),
+        ("pfm", b"Pf\n1 4294967295\n1.0\n0123".to_vec()),
+        ("exr window", window([65535, 65535])),
+        ("exr window", window([i32::MAX - 1, i32::MAX - 1])),
+        ("exr window", window([i32::MAX, 2])),
+        ("exr window", window([4, 1 << 28])),
+        ("exr tiles", tiles(0x7fff_ffff)),
+        ("exr tiles", tiles(u32::MAX)),
+        ("exr tiles", tiles(1 << 16)),
+        ("exr tiles", tiles(0)),
+    ]
+}
+
+/// The checksum of PNG chunks [ISO 15948, annex D], bit by bit.
+fn crc32(bytes: &[u8]) -> u32 {
+    !bytes.iter().fold(!0_u32, |crc, &byte| {
+        (0..8).fold(crc ^ u32::from(byte), |c, _| if c & 1 == 1 { 0xedb8_8320 ^ c >> 1 } else { c >> 1 })
+    })
+}
+
+#[test]
+fn i03_lying_headers_are_errors_before_they_are_allocated() {
+    const LIMITED: &str = "DAPPLE_TEST_MEMORY_LIMITED";
+    for (name, bytes) in lying_files() {
+        let error = read(name, &bytes).expect_err(name);
+        if !name.starts_with("exr") {
+            // The HDR decoder refuses sizes that overflow in its own words.
+            assert!(matches!(error, ImageError::TooLarge { .. } | ImageError::Unsupported { .. }), "{name}: {error}");
+        }
+        assert!(read_channels(&bytes, name).is_err());
+    }
+    if std::env::var_os(LIMITED).is_some() {
+        // The negative control: what the smallest of these headers claims cannot be had.
+        assert!(Vec::<[f32; 3]>::new().try_reserve_exact(40_000 * 40_000).is_err());
+    } else if cfg!(target_os = "linux") {
+        // The same once more in a process that has 400 MB of address space.
+        let limited = "ulimit -v 400000 && exec \"$0\" --exact image::tests::i03_lying_headers_are_errors_before_they_are_allocated";
+        let mut run = std::process::Command::new("sh");
+        run.args(["-c", limited]).arg(std::env::current_exe().unwrap()).env(LIMITED, "1").env("RUST_TEST_THREADS", "1");
+        let output = run.output().unwrap();
+        let text = String::from_utf8_lossy(&output.stdout);
+        assert!(
+            output.status.success() && text.contains("1 passed"),
+            "{text}{}",
+            String::from_utf8_lossy(&output.stderr)
+        );
+    }
+}
+
+#[test]
+fn empty_and_foreign_files_are_refused_with_advice() {
+    let message = |name: &str, bytes: &[u8]| read(name, bytes).unwrap_err().to_string();
+    for (name, bytes) in [("a.pfm", b"PF\n0 3\n-1\n".as_slice()), ("a.hdr", b"#?RADIANCE\n\n-Y 0 +X 0\n")] {
+        assert!(message(name, bytes).contains("an empty picture"), "{}", message(name, bytes));
+    }
+    assert!(message("🎨.gif", b"GIF89a").starts_with("🎨.gif: not a picture that can be read"));
+    assert!(message("a.png", b"").contains("not a picture"));
+    assert!(message("a.hdr", b"#?RADIANCE\nFORMAT=32-bit_rle_xyze\n\n-Y 1 +X 1\n0000").contains("save it as RGBE"));
+    let depth = Layer { name: String::new(), channels: vec![("Z", vec![1.0_f32].into())] };
+    let depth = encode_exr([1, 1], &[depth], &[]).unwrap().bytes;
+    assert!(message("a.exr", &depth).contains("its channels are Z"));
+    let chroma = ["BY", "RY", "Y"].map(|name| (name, vec![1.0_f32].into()));
+    let chroma = encode_exr([1, 1], &[Layer { name: String::new(), channels: chroma.into() }], &[]).unwrap().bytes;
+    assert!(message("a.exr", &chroma).contains("luminance and chroma"));
+}
+
+#[test]
+fn the_main_layer_is_preferred_and_others_are_found() {
+    let layer = |name: &str, value: f32, letters: &[&'static str]| Layer {
+        name: name.into(),
+        channels: letters.iter().map(|&c| (c, vec![value].into())).collect(),
+    };
+    let first = |layers: &[Layer<'_>]| {
+        let file = encode_exr([1, 1], layers, &[]).unwrap().bytes;
+        read("a.exr", &file).unwrap().pixels[0]
+    };
+    let rgb = ["R", "G", "B"];
+    assert_eq!(first(&[layer("albedo", 1.0, &rgb), layer("", 2.0, &rgb)]), [2.0; 3]);
+    assert_eq!(first(&[layer("albedo", 1.0, &rgb), layer("", 2.0, &["Y"])]), [2.0; 3]);
+    assert_eq!(first(&[layer("depth", 1.0, &["Z"]), layer("view.left", 2.0, &rgb)]), [2.0; 3]);
+    assert_eq!(first(&[layer("Y", 1.0, &["Y"])]), [1.0; 3]);
+}
+
+#[test]
+fn pfm_is_read_in_both_byte_orders_scaled_and_from_the_bottom_up() {
+    let gray = |header: &str, bytes: [[u8; 4]; 2]| {
+        let file = [header.as_bytes(), &bytes.concat()].concat();
+        read("a.pfm", &file).map(|p| p.pixels.iter().map(|p| p[0]).collect::<Vec<_>>())
+    };
+    let [little, big] =
+        [[1.5_f32.to_le_bytes(), 2.0_f32.to_le_bytes()], [1.5_f32.to_be_bytes(), 2.0_f32.to_be_bytes()]];
+    assert_eq!(gray("Pf\n1 2\n-1.0\n", little).unwrap(), [2.0, 1.5]);
+    assert_eq!(gray("Pf 2 1 1 ", big).unwrap(), [1.5, 2.0]);
+    assert_eq!(gray("Pf\r\n2 1\r\n-10\r\n", little).unwrap(), [15.0, 20.0]);
+    for header in
+        ["Pf\n1 2\n0\n", "Pf\n1 2\nnan\n", "Pf\n-1 2\n-1\n", "Pf\n1 x\n-1\n", "Pf\n1 1\n-1\n", "Pfm\n1 2\n-1\n"]
+    {
+        let error = gray(header, little).unwrap_err();
+        assert!(matches!(error, ImageError::Malformed { .. }), "{header}: {error}");
+    }
+}
+
+#[test]
+fn i07_pfm_keeps_every_bit_at_any_size() {
+    for size in [[1, 1], [3, 1], [1, 3], [7, 5]] {
+        let count = (size[0] * size[1]) as usize;
+        let specials = [0.0, -0.0, 1e-45, 65505.0, 1e38, f32::NAN, f32::INFINITY, f32::from_bits(0xffa0_0001)];
+        let pixels: Vec<[f32; 3]> = (0..count).map(|i| std::array::from_fn(|c| specials[(3 * i + c) % 8])).collect();
+        let bits = |p: &[[f32; 3]]| p.iter().flatten().map(|v| v.to_bits()).collect::<Vec<_>>();
+        let file = encode_pfm(&Picture::new(size, pixels.clone()).unwrap()).unwrap();
+        let found = read("a.pfm", &file).unwrap();
+        assert_eq!((found.size, bits(&found.pixels)), (size, bits(&pixels)));
+    }
+}
+
+#[test]
+fn pictures_check_their_length_and_find_what_is_not_finite() {
+    assert!(matches!(Picture::new([2, 2], vec![[0.0; 3]; 3]), Err(ImageError::PixelCount { found: 3, .. })));
+    assert!(matches!(Picture::filled([0, 2], [0.0; 3]), Err(ImageError::Empty { .. })));
+    let mut picture = picture();
+    assert_eq!(
+        (picture.non_finite(), picture.row(1)[2], picture.pixel(2, 1)),
+        (None, picture.pixels[7], picture.pixels[7])
+    );
+    picture.pixels[7][2] = f32::NEG_INFINITY;
+    picture.pixels[14] = [f32::NAN; 3];
+    assert_eq!(picture.non_finite(), Some(NonFinite { count: 2, first: [2, 1] }));
+}
+
+/// A folder of `/work/shared` or beside the repository; `None` (with a line saying so) where there is none.
+fn shared(variable: &str, name: &str) -> Option<PathBuf> {
+    let beside = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared")).join(name);
+    let folder = std::env::var_os(variable).map_or(beside, PathBuf::from);
+    if folder.is_dir() {
+        return Some(folder);
+    }
+    eprintln!("skipped: {} is not there; set {variable}", folder.display());
+    None
+}
+
+fn read_path(path: &Path) -> Picture {
+    read(&path.display().to_string(), &std::fs::read(path).unwrap()).unwrap()
+}
+
+fn mean(picture: &Picture) -> [f64; 3] {
+    std::array::from_fn(|c| picture.pixels.iter().map(|p| f64::from(p[c])).sum::<f64>() / picture.pixels.len() as f64)
+}
+
+#[test]
+fn pictures_of_the_scenes_have_the_means_that_other_readers_find() {
+    let Some(scenes) = shared("DAPPLE_SCENES", "scenes") else { return };
+    // Size and mean by Pillow, OpenEXR's own library, and a decoder in numpy for .hdr.
+    for (name, size, expected) in [
+        ("pbrt-v4/dining-room/textures/Skydome.pfm", [512, 512], [1.1781, 1.5024, 1.9782]),
+        ("pbrt-v4/teapot/textures/envmap.hdr", [1024, 512], [0.6151, 0.5670, 0.5864]),
+        ("env/venice_sunset_1k.hdr", [1024, 512], [0.4047, 0.4162, 0.5734]),
+        ("mitsuba/common/textures/museum.exr", [512, 256], [0.3970, 0.3162, 0.2784]),
+        ("pbrt-v2/textures/grace_latlong.exr", [1024, 512], [0.0196, 0.0118, 0.0157]),
+        ("pbrt-v2/textures/lines.exr", [1024, 1024], [0.7238, 0.7238, 0.7238]),
+        ("pbrt-v4/cornell-box/TungstenRender.exr", [1024, 1024], [0.1963, 0.1275, 0.0361]),
+        ("pbrt-v4/veach-mis/TungstenRender.exr", [1280, 720], [0.6731, 0.6107, 0.5925]),
+        ("pbrt-v4/dining-room/textures/Teacup.tga", [186, 300], [0.9169, 0.8885, 0.9087]),
+        ("pbrt-v4/dining-room/textures/Tiles.tga", [894, 894], [0.6061, 0.4978, 0.3587]),
+        ("pbrt-v4/dining-room/textures/picture3.jpg", [1280, 1920], [0.2584, 0.1022, 0.0916]),
+        ("pbrt-v4/staircase2/textures/Wallpaper.tga", [512, 512], [0.8040, 0.7423, 0.5363]),
+        ("pbrt-v4/staircase2/textures/wood5.jpg", [1600, 1200], [0.3782, 0.0564, 0.0017]),
+        ("pbrt-v4/teapot/TungstenRender.png", [1280, 720], [0.3778, 0.3781, 0.3730]),
+        ("textures/brick.png", [512, 512], [0.1725, 0.1725, 0.1725]),
+    ] {
+        let path = scenes.join(name);
+        if !path.is_file() {
+            eprintln!("skipped: {} is not there", path.display());
+            continue;
+        }
+        let picture = read_path(&path);
+        assert_eq!((picture.size, picture.non_finite()), (size, None), "{name}");
+        // JPEG leaves the decoder free in how it enlarges chroma; measured 8e-4.
+        let tolerance = if name.ends_with("jpg") { 1e-3 } else { 0.6e-4 };
+        for (found, listed) in mean(&picture).into_iter().zip(expected) {
+            assert!((found - listed).abs() < tolerance, "{name}: {found} {listed}");
+        }
+    }
+}
+
+#[test]
+fn reference_pictures_have_the_means_that_their_readme_lists() {
+    let Some(folder) = shared("DAPPLE_REFERENCES", "references") else { return };
+    for (name, size, expected) in [
+        ("coffee", [256, 320], [0.1900, 0.1189, 0.0916]),
+        ("coffee-rgb", [256, 320], [0.2077, 0.1183, 0.0931]),
+        ("cornell-box-rgb", [320, 320], [0.1963, 0.1276, 0.0361]),
+        ("dining-room-rgb", [320, 180], [0.3086, 0.3651, 0.4248]),
+        ("staircase2-rgb", [320, 320], [0.6956, 0.5111, 0.2332]),
+        ("teapot-rgb", [320, 180], [0.3558, 0.3534, 0.3633]),
+        ("veach-bidir-rgb", [320, 320], [0.3886, 0.3531, 0.3283]),
+        ("veach-mis", [320, 180], [1.1036, 0.8927, 0.8339]),
+        ("water-caustic-rgb", [320, 320], [0.2330, 0.1427, 0.0363]),
+    ] {
+        let picture = read_path(&folder.join(format!("{name}.exr")));
+        assert_eq!(picture.size, size);
+        for (found, listed) in mean(&picture).into_iter().zip(expected) {
+            assert!((found - listed).abs() < 0.6e-4, "{name}: {found} {listed}");
+        }
+    }
+}
+
+/// Spectral against RGB references: what imgerr.py printed for them, and the table of their README.
+#[test]
+fn f11_metrics_of_the_references_are_those_that_other_programs_found() {
+    use dapple_metrics::{Pixels, block_ratios, compare};
+    let Some(folder) = shared("DAPPLE_REFERENCES", "references") else { return };
+    let load = |name: &str| ["", "-rgb"].map(|kind| read_path(&folder.join(format!("{name}{kind}.exr"))));
+    // MSE, relMSE, trimmed relMSE, display MSE, PSNR, ratio of means.
+    let printed = [
+        (
+            "coffee",
+            [0.001_621_436_029, 0.019_884_912_26, 0.019_172_996_03, 0.001_928_282_356, 27.148_293_73, 0.955_678_161],
+        ),
+        (
+            "veach-mis",
+            [0.433_400_314_9, 0.036_140_96, 0.005_924_318_742, 0.000_696_147_364_2, 31.572_988_17, 1.008_288_908],
+        ),
+    ];
+    for (name, expected) in printed {
+        let pictures = load(name);
+        let [image, reference] = pictures.each_ref().map(|p| Pixels::new(p.size, &p.pixels).unwrap());
+        let c = compare(image, reference).unwrap();
+        let found = [c.mse, c.rel_mse, c.rel_mse_trimmed, c.display_mse, c.psnr, c.mean_ratio];
+        approx::assert_relative_eq!(found[..], expected[..], max_relative = 1e-9);
+    }
+    // 5th, 50th and 95th percentile over 10x10 blocks, R, G, B.
+    let listed = [
+        ("cornell-box", [[0.911, 0.889, 0.137], [0.992, 0.989, 0.927], [1.230, 1.001, 0.971]]),
+        ("teapot", [[0.986, 0.989, 0.983], [0.999, 1.001, 1.000], [1.012, 1.012, 1.015]]),
+        ("veach-mis", [[0.968, 0.971, 0.970], [1.003, 1.001, 1.001], [1.043, 1.031, 1.032]]),
+        ("water-caustic", [[0.924, 0.943, 0.196], [1.000, 0.998, 0.937], [1.178, 1.045, 0.992]]),
+    ];
+    for (name, expected) in listed {
+        let pictures = load(name);
+        let [image, reference] = pictures.each_ref().map(|p| Pixels::new(p.size, &p.pixels).unwrap());
+        let ratios = block_ratios(image, reference, [10, 10]).unwrap();
+        for (percent, expected) in [5.0, 50.0, 95.0].into_iter().zip(expected) {
+            approx::assert_abs_diff_eq!(ratios.percentile(percent)[..], expected[..], epsilon = 0.6e-3);
+        }
+    }
+}

@@ -1,0 +1,224 @@
+//! Shapes that shine.
+
+use super::{Lamp, LightSample, Target, area_to_solid_angle};
+use crate::shading::Frame;
+use crate::shading::discrete::Discrete;
+use crate::shading::warp;
+use dapple_geometry::{Geometry, PrimitiveId, Shape, SurfacePoint};
+use glam::Vec3;
+
+/// Triangles that shine alike.
+#[derive(Clone, Debug)]
+pub struct MeshLamp {
+    lamp: Lamp,
+    facets: Vec<Facet>,
+    choice: Discrete,
+    area: f64,
+}
+
+/// One triangle of a lamp, ready to be sampled.
+#[derive(Clone, Copy, Debug)]
+struct Facet {
+    corner: Vec3,
+    edges: [Vec3; 2],
+    /// Unit, by the winding.
+    normal: Vec3,
+    /// 1 or -1: what turns the normal to the side that shines.
+    side: f32,
+    /// Bound on the error of a sampled point per axis.
+    error: Vec3,
+    primitive: PrimitiveId,
+}
+
+/// A sphere that shines.
+#[derive(Clone, Debug)]
+pub struct SphereLamp {
+    lamp: Lamp,
+    centre: Vec3,
+    radius: f32,
+    /// Points this near to the centre count as inside: those on the sphere itself do, whichever way they
+    /// were rounded.
+    reach: f32,
+    /// -1 if it shines inwards.
+    flip: f32,
+}
+
+/// A disk or ring that shines.
+#[derive(Clone, Debug)]
+pub struct DiskLamp {
+    lamp: Lamp,
+    centre: Vec3,
+    frame: Frame,
+    radius: f32,
+    inner_radius: f32,
+}
+
+impl MeshLamp {
+    /// The mesh `shape` of `geometry`; `sides` holds a sign per triangle, or one for all. `None` if it has
+    /// no area.
+    pub(crate) fn new(geometry: &Geometry, shape: u32, lamp: Lamp, sides: &[f32]) -> Option<Self> {
+        let Shape::Mesh(mesh) = &geometry.shapes()[shape as usize] else { return None };
+        let mut facets = Vec::with_capacity(mesh.triangles().len());
+        let mut areas = Vec::with_capacity(mesh.triangles().len());
+        for triangle in (0..mesh.triangles().len() as u32).filter(|t| !mesh.is_degenerate(*t)) {
+            let [a, b, c] = mesh.corners(triangle);
+            let across = (b - a).as_dvec3().cross((c - a).as_dvec3());
+            areas.push((across.length() * 0.5) as f32);
+            facets.push(Facet {
+                corner: a,
+                edges: [b - a, c - a],
+                normal: across.normalize_or_zero().as_vec3(),
+                side: sides.get(triangle as usize).or(sides.first()).copied().unwrap_or(1.0),
+                // Six roundings at most: two edges, two products, two sums [Pharr et al. 2023, eq. 6.26].
+                error: (a.abs().max(b.abs()).max(c.abs()) * 3.0) * (6.0 * f32::EPSILON),
+                primitive: PrimitiveId::triangle(shape, triangle),
+            });
+        }
+        let choice = Discrete::new(&areas).ok().filter(|d| !d.is_empty())?;
+        let area = choice.total();
+        Some(Self { lamp, facets, choice, area })
+    }
+
+    pub(super) fn lamp(&self) -> &Lamp {
+        &self.lamp
+    }
+
+    pub(super) fn area(&self) -> f64 {
+        self.area
+    }
+
+    /// Uniform over the area: `u[0]` chooses the triangle and is used again within it, which keeps the
+    /// points stratified over the whole lamp.
+    #[inline]
+    pub(super) fn sample(&self, from: Vec3, u: [f32; 2]) -> Option<LightSample> {
+        let choice = self.choice.sample(u[0])?;
+        let facet = &self.facets[choice.index];
+        let [_, b1, b2] = warp::uniform_triangle([choice.u, u[1]]);
+        let position = facet.corner + facet.edges[0] * b1 + facet.edges[1] * b2;
+        let point = SurfacePoint { position, error: facet.error, normal: facet.normal, primitive: facet.primitive };
+        sample_on(&self.lamp, from, point, facet.side, self.area as f32)
+    }
+
+    #[inline]
+    pub(super) fn pdf(&self, from: Vec3, point: &SurfacePoint) -> f32 {
+        area_to_solid_angle(from, point, self.area as f32)
+    }
+}
+
+/// The sample that a point drawn uniformly on `area` is; `side` turns its normal to the side that shines.
+#[inline]
+fn sample_on(lamp: &Lamp, from: Vec3, point: SurfacePoint, side: f32, area: f32) -> Option<LightSample> {
+    let to = point.position - from;
+    let wi = to.normalize_or_zero();
+    let radiance = lamp.radiance(-side * point.normal.dot(wi));
+    if radiance == Vec3::ZERO {
+        return None;
+    }
+    let pdf = area_to_solid_angle(from, &point, area);
+    (pdf > 0.0).then_some(LightSample { wi, radiance, pdf, target: Target::Surface(point) })
+}
+
+impl SphereLamp {
+    /// A sphere; `flip` is -1 if it shines inwards.
+    pub(crate) fn new(lamp: Lamp, centre: Vec3, radius: f32, flip: f32) -> Self {
+        // A point on the sphere is off by a rounding of each coordinate; its distance by some more.
+        let error = (centre.length() + radius) * (4.0 * f32::EPSILON);
+        Self { lamp, centre, radius, reach: radius + error, flip }
+    }
+
+    pub(super) fn lamp(&self) -> &Lamp {
+        &self.lamp
+    }
+
+    pub(super) fn area(&self) -> f64 {
+        4.0 * std::f64::consts::PI * f64::from(self.radius) * f64::from(self.radius)
+    }
+
+    /// From outside uniform over the cone that the sphere fills, which no distance makes vanish: the
+    /// cone's height `1 - cos` is computed from the sine [Pharr et al. 2023, sec. 6.2.4]; from inside, and
+    /// from the sphere itself, uniform over the area.
+    #[inline]
+    pub(super) fn sample(&self, from: Vec3, u: [f32; 2]) -> Option<LightSample> {
+        let axis = from - self.centre;
+        let Some(sin2) = self.sine_squared(axis) else {
+            let normal = warp::uniform_sphere(u);
+            return sample_on(&self.lamp, from, self.point(normal), self.flip, self.area() as f32);
+        };
+        let height = warp::one_minus_cos(sin2);
+        let local = warp::uniform_cone(u, height);
+        // Angle at the centre between the axis and the point met first; both terms keep their digits
+        // at any distance [Pharr et al. 2023, eq. 6.6].
+        let sin2_theta = local.x * local.x + local.y * local.y;
+        let sin_max = sin2.sqrt();
+        let cos_alpha = sin2_theta / sin_max + local.z * (1.0 - sin2_theta / sin2).max(0.0).sqrt();
+        let sin_alpha = (1.0 - cos_alpha * cos_alpha).max(0.0).sqrt();
+        let frame = Frame::from_normal(axis.normalize());
+        let around = if sin2_theta > 0.0 { 1.0 / sin2_theta.sqrt() } else { 0.0 };
+        let normal = frame.to_world(Vec3::new(local.x * around * sin_alpha, local.y * around * sin_alpha, cos_alpha));
+        let point = self.point(normal.normalize());
+        let wi = frame.to_world(Vec3::new(local.x, local.y, -local.z)).normalize();
+        // The first point met is seen from outside.
+        let radiance = self.lamp.radiance(self.flip);
+        let pdf = warp::uniform_cone_pdf(height);
+        (radiance != Vec3::ZERO).then_some(LightSample { wi, radiance, pdf, target: Target::Surface(point) })
+    }
+
+    #[inline]
+    pub(super) fn pdf(&self, from: Vec3, point: &SurfacePoint) -> f32 {
+        match self.sine_squared(from - self.centre) {
+            Some(sin2) => warp::uniform_cone_pdf(warp::one_minus_cos(sin2)),
+            None => area_to_solid_angle(from, point, self.area() as f32),
+        }
+    }
+
+    /// Squared sine of half the angle that the sphere fills, from outside.
+    #[inline]
+    fn sine_squared(&self, axis: Vec3) -> Option<f32> {
+        let squared = axis.length_squared();
+        (squared > self.reach * self.reach).then(|| self.radius * self.radius / squared)
+    }
+
+    /// The point with this outward normal, with the error of its computation.
+    #[inline]
+    fn point(&self, normal: Vec3) -> SurfacePoint {
+        let position = self.centre + normal * self.radius;
+        // Three roundings of each coordinate, and those of the normal.
+        let error = (self.centre.abs() + Vec3::splat(self.radius)) * (4.0 * f32::EPSILON);
+        SurfacePoint { position, error, normal, primitive: PrimitiveId::NONE }
+    }
+}
+
+impl DiskLamp {
+    /// A ring around `centre` that shines along `normal` (unit length).
+    pub(crate) fn new(lamp: Lamp, centre: Vec3, normal: Vec3, radius: f32, inner_radius: f32) -> Self {
+        Self { lamp, centre, frame: Frame::from_normal(normal), radius, inner_radius }
+    }
+
+    pub(super) fn lamp(&self) -> &Lamp {
+        &self.lamp
+    }
+
+    pub(super) fn area(&self) -> f64 {
+        let [outer, inner] = [self.radius, self.inner_radius].map(f64::from);
+        std::f64::consts::PI * (outer - inner) * (outer + inner)
+    }
+
+    /// Uniform over the area, equal areas of the disk mapped to equal areas of the ring.
+    #[inline]
+    pub(super) fn sample(&self, from: Vec3, u: [f32; 2]) -> Option<LightSample> {
+        let disk = warp::concentric_disk(u);
+        let hole = self.inner_radius / self.radius;
+        let r2 = disk.length_squared();
+        let wanted = (hole * hole + r2 * (1.0 - hole * hole)).sqrt();
+        let on = if hole > 0.0 && r2 > 0.0 { disk * (wanted / r2.sqrt()) } else { disk };
+        let position = self.centre + (self.frame.tangent * on.x + self.frame.bitangent * on.y) * self.radius;
+        let error = (self.centre.abs() + Vec3::splat(self.radius)) * (4.0 * f32::EPSILON);
+        let point = SurfacePoint { position, error, normal: self.frame.normal, primitive: PrimitiveId::NONE };
+        sample_on(&self.lamp, from, point, 1.0, self.area() as f32)
+    }
+
+    #[inline]
+    pub(super) fn pdf(&self, from: Vec3, point: &SurfacePoint) -> f32 {
+        area_to_solid_angle(from, point, self.area() as f32)
+    }
+}

@@ -1,0 +1,490 @@
+//! Carries directives out, one by one, on a graphics state.
+
+use super::ReadOptions;
+use super::directive::{Directive, Directives};
+use super::params::{Param, Params, Values};
+use super::report::{Log, ReadError, suggestion};
+use super::state::{MaterialRef, State, is_invertible, look_at, matrix, rotation};
+use super::textures::Textures;
+use super::tokens::shown;
+use crate::files::Files;
+use crate::image::Picture;
+use crate::scene::{Material, MaterialId, MaterialKind, MeshData, PixelFilter, Scene, Source};
+use glam::{DAffine3, DVec3};
+use std::collections::BTreeMap;
+use std::path::{Component, Path, PathBuf};
+use std::rc::Rc;
+use std::sync::Arc;
+
+/// Blocks within blocks; scenes have a handful, and each costs memory.
+const DEEPEST_BLOCK: usize = 4096;
+/// Files within files; each costs stack.
+const DEEPEST_INCLUDE: usize = 32;
+/// Files included in all, so that a few small files cannot ask for each other without end.
+const MOST_INCLUDES: usize = 10_000;
+
+/// Parameters that `Attribute` may add to one kind of directive, since each of these copies them.
+const MOST_ATTRIBUTES: usize = 64;
+
+/// A block that is open.
+struct Block {
+    /// `AttributeBegin`, `TransformBegin` or `ObjectBegin`.
+    begin: &'static str,
+    source: Source,
+    saved: State,
+}
+
+/// Where the directives stand of which there should be one.
+#[derive(Default)]
+pub(super) struct Once {
+    places: BTreeMap<&'static str, Source>,
+}
+
+/// Reads one scene.
+pub(super) struct Reader<'a> {
+    files: &'a dyn Files,
+    folder: PathBuf,
+    path: PathBuf,
+    pub(super) log: Log,
+    pub(super) scene: Scene,
+    pub(super) state: State,
+    blocks: Vec<Block>,
+    spaces: BTreeMap<String, DAffine3>,
+    pub(super) named_materials: BTreeMap<String, MaterialId>,
+    default_material: Option<MaterialId>,
+    /// Shapes whose material was not made when they came, with its name and where it was named.
+    awaited: Vec<(usize, Rc<str>, Rc<Source>)>,
+    pub(super) textures: Textures,
+    pub(super) meshes: BTreeMap<PathBuf, Arc<MeshData>>,
+    pub(super) pictures: BTreeMap<(PathBuf, bool), Arc<Picture>>,
+    once: Once,
+    including: Vec<PathBuf>,
+    included: usize,
+    /// Shape directives, and directives that give light, whether or not they could be carried out.
+    pub(super) shapes_met: usize,
+    pub(super) lights_met: usize,
+    stopped: bool,
+}
+
+impl<'a> Reader<'a> {
+    pub(super) fn new(files: &'a dyn Files, path: &Path, options: &ReadOptions) -> Self {
+        let mut scene = Scene { max_depth: Some(5), ..Scene::default() };
+        scene.name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        // pbrt-v4's default filter.
+        scene.film.pixel_filter = PixelFilter::Gaussian { radius: [1.5, 1.5], sigma: 0.5 };
+        Self {
+            files,
+            folder: path.parent().unwrap_or(Path::new("")).to_owned(),
+            path: path.to_owned(),
+            log: Log::new(options.allow_unsupported),
+            scene,
+            state: State::default(),
+            blocks: Vec::new(),
+            spaces: BTreeMap::new(),
+            named_materials: BTreeMap::new(),
+            default_material: None,
+            awaited: Vec::new(),
+            textures: Textures::default(),
+            meshes: BTreeMap::new(),
+            pictures: BTreeMap::new(),
+            once: Once::default(),
+            including: Vec::new(),
+            included: 0,
+            shapes_met: 0,
+            lights_met: 0,
+            stopped: false,
+        }
+    }
+
+    pub(super) fn read(mut self) -> Result<Scene, ReadError> {
+        let whole = Source { file: Arc::new(self.path.clone()), line: 0 };
+        self.read_file(&self.path.clone(), &whole);
+        if !self.stopped {
+            self.check_complete(&whole);
+        }
+        self.scene.notices = self.log.finish()?;
+        Ok(self.scene)
+    }
+
+    /// The bytes of a file that is named at `source`; problems are reported.
+    pub(super) fn load(&mut self, path: &Path, source: &Source) -> Option<Vec<u8>> {
+        match self.files.read(path) {
+            Ok(bytes) if bytes.starts_with(&[0x1f, 0x8b]) => {
+                let what = format!("{} is compressed with gzip: unpack it and name the unpacked file", path.display());
+                self.log.problem(source, what);
+                None
+            }
+            Ok(bytes) => Some(bytes),
+            Err(e) => {
+                let what = format!("cannot read {}: {e}; check the name and that the file is there", path.display());
+                self.log.problem(source, what);
+                None
+            }
+        }
+    }
+
+    /// The path of a file that a scene names.
+    pub(super) fn resolve(&self, name: &str) -> PathBuf {
+        tidy(&self.folder.join(name))
+    }
+
+    fn read_file(&mut self, path: &Path, named_at: &Source) {
+        let Some(bytes) = self.load(path, named_at) else {
+            self.stopped |= self.including.is_empty();
+            return;
+        };
+        let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&bytes);
+        let file = Arc::new(path.to_owned());
+        let text = match std::str::from_utf8(bytes) {
+            Ok(text) => text,
+            Err(e) => {
+                let good = &bytes[..e.valid_up_to()];
+                let line = 1 + good.iter().filter(|&&b| b == b'\n').count() as u32;
+                let what = format!("the byte at offset {} is not UTF-8: save the file as UTF-8", good.len());
+                self.log.problem(&Source { file, line }, what);
+                self.stopped = true;
+                return;
+            }
+        };
+        self.including.push(path.to_owned());
+        let mut directives = Directives::new(text, file);
+        while let Some(directive) = directives.next(&mut self.log) {
+            self.execute(directive);
+            if self.stopped {
+                return;
+            }
+        }
+        if !text.is_empty() && !text.ends_with('\n') {
+            let what = "the last line has no line break: if the file was cut off, something may be missing";
+            self.log.notice(&directives.here(), what);
+        }
+        self.including.pop();
+    }
+
+    fn execute(&mut self, mut d: Directive<'_>) {
+        let source = d.source.clone();
+        match d.word {
+            "Identity" => self.set_ctm(Ok(DAffine3::IDENTITY), &source),
+            "Translate" => self.concat(Ok(DAffine3::from_translation(DVec3::from_slice(&d.numbers))), &source),
+            "Scale" => self.concat(Ok(DAffine3::from_scale(DVec3::from_slice(&d.numbers))), &source),
+            "Rotate" => self.concat(rotation(d.numbers[0], DVec3::from_slice(&d.numbers[1..])), &source),
+            "LookAt" => {
+                let point = |i| DVec3::from_slice(&d.numbers[i..]);
+                self.concat(look_at(point(0), point(3), point(6)), &source);
+            }
+            "Transform" => self.set_ctm(matrix(&d.numbers), &source),
+            "ConcatTransform" => self.concat(matrix(&d.numbers), &source),
+            "CoordinateSystem" => {
+                self.spaces.insert(d.texts.swap_remove(0), self.state.ctm);
+            }
+            "CoordSysTransform" => self.enter_space(&d.texts[0], &source),
+            "ReverseOrientation" if self.in_world(&d) => self.state.reversed = !self.state.reversed,
+            "WorldBegin" => self.begin_world(&source),
+            "AttributeBegin" if self.in_world(&d) => self.begin_block("AttributeBegin", source),
+            "TransformBegin" if self.in_world(&d) => {
+                let what = "TransformBegin is read as AttributeBegin, as pbrt-v4 does; write that instead";
+                self.log.notice(&source, what);
+                self.begin_block("TransformBegin", source);
+            }
+            "ObjectBegin" if self.in_world(&d) => {
+                self.log.unsupported(&source, "ObjectBegin (instances)");
+                self.begin_block("ObjectBegin", source);
+            }
+            "AttributeEnd" => self.end_block("AttributeBegin", &d),
+            "TransformEnd" => self.end_block("TransformBegin", &d),
+            "ObjectEnd" => self.end_block("ObjectBegin", &d),
+            "Attribute" => self.add_attributes(d),
+            "Include" | "Import" => self.include(&d.texts[0], &source),
+            "Option" => self.read_option(d),
+            "ColorSpace" if d.texts[0] != "srgb" => {
+                self.log.unsupported(&source, &format!("ColorSpace {}", shown(&d.texts[0])));
+            }
+            "ColorSpace" => {}
+            "Camera" | "Film" | "Sampler" | "Integrator" | "PixelFilter" if self.in_options(&d) => {
+                self.read_rendering_option(d);
+            }
+            "Accelerator" => self.log.notice(&source, "Accelerator is advice that is not followed"),
+            "MakeNamedMaterial" => self.make_named_material(d),
+            "NamedMaterial" if self.in_world(&d) => {
+                self.state.material = MaterialRef::Named(d.texts.swap_remove(0).into(), Rc::new(source));
+            }
+            "Material" if self.in_world(&d) => self.set_material(d),
+            "Texture" if self.in_world(&d) => self.make_texture(d),
+            "Shape" if self.in_world(&d) => self.add_shape(d),
+            "AreaLightSource" if self.in_world(&d) => self.set_area_light(d),
+            "LightSource" if self.in_world(&d) => self.add_light(d),
+            "ActiveTransform" if d.texts[0] == "All" => {}
+            "ActiveTransform" | "TransformTimes" => {
+                self.log.unsupported(&source, &format!("{} (motion blur)", d.word));
+            }
+            "MakeNamedMedium" | "MediumInterface" => {
+                self.log.unsupported(&source, &format!("{} (participating media)", d.word));
+            }
+            "ObjectInstance" => self.log.unsupported(&source, "ObjectInstance"),
+            "WorldEnd" => self.log.notice(&source, "WorldEnd is not needed since pbrt-v4"),
+            "Renderer" | "SurfaceIntegrator" | "VolumeIntegrator" => {
+                self.log.notice(&source, format!("{} is advice (of pbrt-v2) that is not followed", d.word));
+            }
+            "Volume" => self.log.unsupported(&source, "Volume (of pbrt-v2)"),
+            // Out of place: already reported.
+            _ => {}
+        }
+    }
+
+    fn in_world(&mut self, d: &Directive<'_>) -> bool {
+        let inside = self.once.places.contains_key("WorldBegin");
+        if !inside {
+            self.log.problem(&d.source, format!("{} belongs after WorldBegin: move it there", d.word));
+        }
+        inside
+    }
+
+    fn in_options(&mut self, d: &Directive<'_>) -> bool {
+        let inside = self.once.places.contains_key("WorldBegin");
+        if inside {
+            self.log.problem(&d.source, format!("{} belongs before WorldBegin: move it there", d.word));
+        }
+        !inside
+    }
+
+    /// Notes a directive of which there should be one.
+    pub(super) fn meet(&mut self, word: &'static str, source: &Source) {
+        if let Some(first) = self.once.places.insert(word, source.clone()) {
+            self.log.notice(source, format!("a second {word} (the first is at {first}): this one counts"));
+        }
+    }
+
+    fn begin_world(&mut self, source: &Source) {
+        if let Some(first) = self.once.places.get("WorldBegin").cloned() {
+            self.log.problem(source, format!("a second WorldBegin (the first is at {first}): remove one"));
+            return;
+        }
+        self.once.places.insert("WorldBegin", source.clone());
+        self.state.ctm = DAffine3::IDENTITY;
+        self.spaces.insert("world".into(), DAffine3::IDENTITY);
+    }
+
+    fn concat(&mut self, transform: Result<DAffine3, String>, source: &Source) {
+        self.set_ctm(transform.map(|t| self.state.ctm * t), source);
+    }
+
+    fn set_ctm(&mut self, transform: Result<DAffine3, String>, source: &Source) {
+        match transform {
+            Ok(transform) if is_invertible(&transform) => self.state.ctm = transform,
+            Ok(_) => {
+                let what = "with this, the transform flattens space or overflows: it must have an inverse";
+                self.log.problem(source, what);
+            }
+            Err(message) => self.log.problem(source, message),
+        }
+    }
+
+    pub(super) fn name_space(&mut self, name: &str, transform: DAffine3) {
+        self.spaces.insert(name.into(), transform);
+    }
+
+    fn enter_space(&mut self, name: &str, source: &Source) {
+        if let Some(&transform) = self.spaces.get(name) {
+            self.state.ctm = transform;
+            return;
+        }
+        let what = unknown_name("coordinate system", name, self.spaces.keys(), "name it by CoordinateSystem first");
+        self.log.problem(source, what);
+    }
+
+    fn begin_block(&mut self, begin: &'static str, source: Source) {
+        if self.blocks.len() >= DEEPEST_BLOCK {
+            let what = format!("blocks are nested too deep: at most {DEEPEST_BLOCK} may be open; the rest is not read");
+            self.log.problem(&source, what);
+            self.stopped = true;
+            return;
+        }
+        self.blocks.push(Block { begin, source, saved: self.state.clone() });
+    }
+
+    fn end_block(&mut self, begin: &'static str, d: &Directive<'_>) {
+        match self.blocks.pop() {
+            Some(block) => {
+                if block.begin != begin {
+                    let what = format!("{} closes the {} of {}: they must match", d.word, block.begin, block.source);
+                    self.log.problem(&d.source, what);
+                }
+                self.state = block.saved;
+            }
+            None => self.log.problem(&d.source, format!("{} without {begin}: remove it", d.word)),
+        }
+    }
+
+    /// Whether what comes is part of an instance's object rather than of the scene.
+    pub(super) fn in_object(&self) -> bool {
+        self.blocks.iter().any(|b| b.begin == "ObjectBegin")
+    }
+
+    fn add_attributes(&mut self, d: Directive<'_>) {
+        match Rc::make_mut(&mut self.state.attributes).of_mut(&d.texts[0]) {
+            Some(list) => {
+                // Later ones hide earlier ones.
+                list.retain(|old: &Param| d.params.iter().all(|new| new.name != old.name));
+                list.extend(d.params);
+                if list.len() > MOST_ATTRIBUTES {
+                    let what =
+                        format!("more than {MOST_ATTRIBUTES} attributes of one kind: give them where they belong");
+                    self.log.problem(&d.source, what);
+                    self.stopped = true;
+                }
+            }
+            None => {
+                let what = format!(
+                    "Attribute {} is unknown: use shape, light, material, medium or texture",
+                    shown(&d.texts[0])
+                );
+                self.log.problem(&d.source, what);
+            }
+        }
+    }
+
+    fn include(&mut self, name: &str, source: &Source) {
+        let path = self.resolve(name);
+        self.included += 1;
+        if self.including.iter().any(|open| tidy(open) == path) {
+            self.log.problem(source, format!("{} includes itself: remove this Include", path.display()));
+        } else if self.including.len() > DEEPEST_INCLUDE {
+            self.log.problem(source, format!("files are included too deep: at most {DEEPEST_INCLUDE} may be open"));
+        } else if self.included > MOST_INCLUDES {
+            self.log.problem(source, format!("more than {MOST_INCLUDES} files are included: the rest is not read"));
+            self.stopped = true;
+        } else {
+            self.read_file(&path, source);
+        }
+    }
+
+    fn read_option(&mut self, d: Directive<'_>) {
+        for param in &d.params {
+            // The one option that changes what materials do.
+            if param.name == "forcediffuse" && param.values != Values::Bools(vec![false]) {
+                self.log.unsupported(&d.source, "Option forcediffuse");
+            } else {
+                self.log.notice(&d.source, format!("Option {} is not followed", shown(&param.name)));
+            }
+        }
+    }
+
+    /// The parameters of a directive; `kind` is the attribute's target that adds to them.
+    pub(super) fn params(&mut self, d: &mut Directive<'_>, kind: &str) -> Params {
+        let of = d.texts.last().map_or(d.word.to_owned(), |t| format!("{} {}", d.word, shown(t)));
+        let attributes = &self.state.attributes;
+        let inherited: &[Param] = match kind {
+            "shape" => &attributes.shape,
+            "light" => &attributes.light,
+            "material" => &attributes.material,
+            "texture" => &attributes.texture,
+            _ => &[],
+        };
+        Params::new(of, &d.source, std::mem::take(&mut d.params), inherited)
+    }
+
+    pub(super) fn add_material(&mut self, name: String, kind: MaterialKind, source: Source) -> MaterialId {
+        let id = MaterialId(self.scene.materials.len() as u32);
+        self.scene.materials.push(Material { name, kind, source });
+        id
+    }
+
+    /// The current material, for the shape that comes next.
+    pub(super) fn current_material(&mut self, source: &Source) -> MaterialId {
+        match self.state.material.clone() {
+            MaterialRef::Made(id) => id,
+            MaterialRef::Named(name, at) => match self.named_materials.get(&*name) {
+                Some(&id) => id,
+                None => {
+                    self.awaited.push((self.scene.shapes.len(), name, at));
+                    MaterialId(0)
+                }
+            },
+            MaterialRef::Default => match self.default_material {
+                Some(id) => id,
+                None => {
+                    let kind = super::materials::default_kind();
+                    let id = self.add_material("default".into(), kind, source.clone());
+                    self.default_material = Some(id);
+                    id
+                }
+            },
+        }
+    }
+
+    fn check_complete(&mut self, whole: &Source) {
+        self.settle_awaited_materials();
+        for block in std::mem::take(&mut self.blocks) {
+            self.log.problem(&block.source, format!("this {} is never closed", block.begin));
+        }
+        if !self.once.places.contains_key("WorldBegin") {
+            self.log.problem(whole, "there is no WorldBegin: the file holds no scene, or is cut off");
+            return;
+        }
+        if !self.once.places.contains_key("Camera") {
+            self.log.problem(whole, "there is no Camera: add one before WorldBegin, as in Camera \"perspective\"");
+        }
+        if !self.once.places.contains_key("Film") {
+            let [width, height] = self.scene.film.resolution;
+            self.log.notice(whole, format!("there is no Film: the picture is {width}x{height}"));
+        }
+        if self.shapes_met == 0 {
+            self.log.problem(whole, "there are no shapes: add a Shape after WorldBegin");
+        }
+        if self.lights_met == 0 {
+            self.log.problem(whole, "nothing gives off light: add a LightSource, or an AreaLightSource before a Shape");
+        }
+        if self.log.has_problems() {
+            return;
+        }
+        // What was left out may have been all there was.
+        if self.scene.shapes.is_empty() {
+            self.log.problem(whole, "no shapes remain once unsupported ones are left out");
+        }
+        let shines = self.scene.shapes.iter().any(|s| s.emission.is_some());
+        if self.scene.lights.is_empty() && !shines {
+            self.log.problem(whole, "no lights remain: those that there are belong to no shape, or are not supported");
+        }
+    }
+
+    fn settle_awaited_materials(&mut self) {
+        for (shape, name, at) in std::mem::take(&mut self.awaited) {
+            match self.named_materials.get(&*name) {
+                Some(&id) => self.scene.shapes[shape].material = id,
+                None => {
+                    let advice = "make it by MakeNamedMaterial";
+                    let what = unknown_name("material", &name, self.named_materials.keys(), advice);
+                    self.log.problem(&at, what);
+                }
+            }
+        }
+    }
+}
+
+/// That a name is unknown, with one that is close, or else with advice.
+pub(super) fn unknown_name<'k>(
+    what: &str,
+    name: &str,
+    known: impl IntoIterator<Item = &'k String>,
+    advice: &str,
+) -> String {
+    match suggestion(name, known.into_iter().map(String::as_str)) {
+        Some(near) => format!("unknown {what} {}: did you mean {near}?", shown(name)),
+        None => format!("unknown {what} {}: {advice}", shown(name)),
+    }
+}
+
+/// A path without `.`, and without `..` where what it goes back over is written out.
+fn tidy(path: &Path) -> PathBuf {
+    let mut tidy = PathBuf::new();
+    for part in path.components() {
+        match part {
+            Component::CurDir => {}
+            Component::ParentDir if matches!(tidy.components().next_back(), Some(Component::Normal(_))) => {
+                tidy.pop();
+            }
+            part => tidy.push(part),
+        }
+    }
+    tidy
+}

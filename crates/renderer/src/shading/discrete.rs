@@ -1,0 +1,242 @@
+//! Choosing one of many by weight.
+
+use super::Error;
+
+/// Largest coordinate below 1.
+const BELOW_ONE: f32 = 1.0 - 0.5 * f32::EPSILON;
+/// Most rows or columns: cells stay wide enough to hold several f32 values.
+const MAX_SIDE: usize = 1 << 20;
+
+/// Items chosen with probability proportional to their weights.
+///
+/// Inverts the cumulative distribution, so that neighbouring coordinates choose neighbouring items and a
+/// well-distributed set of coordinates is a well-distributed set of choices (an alias table would break
+/// that up); a guide table [Chen and Asau 1974] finds the item in constant expected time. Sums are f64.
+///
+/// A distribution whose weights are all 0, or that has none, is *empty*: it chooses nothing.
+///
+/// A coordinate of 24 bits gives an item a multiple of 2^-24 of probability: with 10^6 items single
+/// frequencies are off by some percent, though sums over neighbours are not.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Discrete {
+    /// `ends[i]`: probability of items `0..=i`; the last positive item's and all later ones are 1.
+    ends: Vec<f64>,
+    /// `guide[j]`: the item that coordinate `j / n` chooses, for n items.
+    guide: Vec<u32>,
+    total: f64,
+}
+
+/// An item chosen from a [`Discrete`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Choice {
+    /// Which item.
+    pub index: usize,
+    /// Its probability, above 0, as [`Discrete::pmf`] gives it.
+    pub pmf: f32,
+    /// The coordinate's place within the item, uniform in `[0, 1)` again.
+    pub u: f32,
+}
+
+impl Discrete {
+    /// The distribution with these weights, at most 2^32 - 1 of them.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Weight`] for a weight that is negative, infinite or not a number; [`Error::TooMany`].
+    pub fn new(weights: &[f32]) -> Result<Self, Error> {
+        if u32::try_from(weights.len()).is_err() {
+            return Err(Error::TooMany { count: weights.len(), most: u32::MAX as usize });
+        }
+        check(weights)?;
+        Ok(Self::from_checked(weights.iter().map(|&w| f64::from(w))))
+    }
+
+    fn from_checked(weights: impl Iterator<Item = f64>) -> Self {
+        let (ends, total) = cumulative(weights);
+        let n = ends.len();
+        let mut guide = Vec::with_capacity(n);
+        let mut item = 0;
+        if total > 0.0 {
+            for j in 0..n {
+                while ends[item] <= j as f64 / n as f64 {
+                    item += 1;
+                }
+                guide.push(item as u32);
+            }
+        }
+        Self { ends, guide, total }
+    }
+
+    /// The item that `u` in `[0, 1)` chooses (clamped into it); `None` if the distribution is empty. Never
+    /// an item of weight 0.
+    #[inline]
+    pub fn sample(&self, u: f32) -> Option<Choice> {
+        if !(self.total > 0.0) {
+            return None;
+        }
+        let u = f64::from(u.clamp(0.0, BELOW_ONE));
+        let slot = (u * self.guide.len() as f64) as usize;
+        let first = self.guide[slot] as usize;
+        let last = self.guide.get(slot + 1).map_or(self.ends.len() - 1, |&i| i as usize);
+        Some(invert(&self.ends, first, last, u))
+    }
+
+    /// The probability of an item. An item so light beside the others that it is never chosen has 0.
+    ///
+    /// # Panics
+    ///
+    /// If there is no item `index`.
+    #[inline]
+    pub fn pmf(&self, index: usize) -> f32 {
+        if self.total > 0.0 { (self.ends[index] - start(&self.ends, index)) as f32 } else { 0.0 }
+    }
+
+    /// How many items there are, those of weight 0 included.
+    pub fn len(&self) -> usize {
+        self.ends.len()
+    }
+
+    /// Whether nothing can be chosen: no item has a positive weight.
+    pub fn is_empty(&self) -> bool {
+        !(self.total > 0.0)
+    }
+
+    /// The sum of the weights.
+    pub fn total(&self) -> f64 {
+        self.total
+    }
+}
+
+/// A density on the unit square, constant on each cell of a grid: an environment map's brightness, say.
+///
+/// Cells are half-open; a cell of weight 0 is never sampled. Takes 8 bytes a cell.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PiecewiseConstant2d {
+    rows: Discrete,
+    /// Row by row, each as [`Discrete`]'s ends.
+    columns: Vec<f64>,
+    size: [usize; 2],
+}
+
+impl PiecewiseConstant2d {
+    /// The density proportional to `weights`, `size = [columns, rows]` of them, row by row; column 0 begins
+    /// at u = 0 and row 0 at v = 0.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Shape`] if there are not `columns * rows` weights; [`Error::TooMany`] for a side above 2^20;
+    /// [`Error::Weight`] as for [`Discrete::new`].
+    pub fn new(weights: &[f32], size: [usize; 2]) -> Result<Self, Error> {
+        if let Some(&count) = size.iter().find(|&&n| n > MAX_SIDE) {
+            return Err(Error::TooMany { count, most: MAX_SIDE });
+        }
+        if size[0] * size[1] != weights.len() {
+            return Err(Error::Shape { count: weights.len(), size });
+        }
+        check(weights)?;
+        let mut columns = Vec::with_capacity(weights.len());
+        let mut totals = Vec::with_capacity(size[1]);
+        for row in weights.chunks(size[0].max(1)) {
+            let (ends, total) = cumulative(row.iter().map(|&w| f64::from(w)));
+            columns.extend(ends);
+            totals.push(total);
+        }
+        Ok(Self { rows: Discrete::from_checked(totals.into_iter()), columns, size })
+    }
+
+    /// A point `(u, v)` in `[0, 1)^2` and its density, above 0; `None` if all weights are 0.
+    #[inline]
+    pub fn sample(&self, u: [f32; 2]) -> Option<([f32; 2], f32)> {
+        let row = self.rows.sample(u[1])?;
+        let ends = self.row(row.index);
+        let column = invert(ends, 0, ends.len() - 1, f64::from(u[0].clamp(0.0, BELOW_ONE)));
+        let uv = [place(column, self.size[0]), place(row, self.size[1])];
+        Some((uv, self.density(row.index, column.index)))
+    }
+
+    /// The density at `(u, v)`, clamped into the unit square; the same as [`sample`](Self::sample) gave.
+    #[inline]
+    pub fn pdf(&self, uv: [f32; 2]) -> f32 {
+        if self.is_empty() {
+            return 0.0;
+        }
+        self.density(cell(uv[1], self.size[1]), cell(uv[0], self.size[0]))
+    }
+
+    /// Whether nothing can be sampled.
+    pub fn is_empty(&self) -> bool {
+        self.rows.is_empty()
+    }
+
+    /// The mean of the weights: the function's integral over the unit square.
+    pub fn mean(&self) -> f64 {
+        if self.is_empty() { 0.0 } else { self.rows.total() / self.columns.len() as f64 }
+    }
+
+    fn row(&self, index: usize) -> &[f64] {
+        &self.columns[index * self.size[0]..][..self.size[0]]
+    }
+
+    #[inline]
+    fn density(&self, row: usize, column: usize) -> f32 {
+        let rows = self.rows.ends[row] - start(&self.rows.ends, row);
+        let ends = self.row(row);
+        let columns = ends[column] - start(ends, column);
+        (rows * columns * (self.size[0] * self.size[1]) as f64) as f32
+    }
+}
+
+fn check(weights: &[f32]) -> Result<(), Error> {
+    match weights.iter().position(|w| !(*w >= 0.0 && w.is_finite())) {
+        Some(index) => Err(Error::Weight { index, value: weights[index] }),
+        None => Ok(()),
+    }
+}
+
+/// Running sums over their total, and the total; sums of 0 where it is 0.
+fn cumulative(weights: impl Iterator<Item = f64>) -> (Vec<f64>, f64) {
+    let mut total = 0.0;
+    let mut ends: Vec<f64> = weights
+        .map(|w| {
+            total += w;
+            total
+        })
+        .collect();
+    if total > 0.0 {
+        ends.iter_mut().for_each(|end| *end /= total);
+    }
+    (ends, total)
+}
+
+#[inline]
+fn start(ends: &[f64], index: usize) -> f64 {
+    if index == 0 { 0.0 } else { ends[index - 1] }
+}
+
+/// The first item in `first..=last` that ends above `u`. An item of weight 0 ends where its predecessor
+/// does, so it is never the first.
+#[inline]
+fn invert(ends: &[f64], first: usize, last: usize, u: f64) -> Choice {
+    let index = first + ends[first..last].partition_point(|&end| end <= u);
+    let begin = start(ends, index);
+    let width = ends[index] - begin;
+    Choice { index, pmf: width as f32, u: (((u - begin) / width) as f32).clamp(0.0, BELOW_ONE) }
+}
+
+/// The grid cell, of `n`, that a coordinate lies in. The product is exact in f64.
+#[inline]
+fn cell(u: f32, n: usize) -> usize {
+    ((f64::from(u) * n as f64) as usize).min(n - 1)
+}
+
+/// The coordinate of a choice's place within its cell, kept from rounding into a neighbour.
+#[inline]
+fn place(choice: Choice, n: usize) -> f32 {
+    let u = ((choice.index as f64 + f64::from(choice.u)) / n as f64) as f32;
+    let u = u.min(BELOW_ONE);
+    match cell(u, n).cmp(&choice.index) {
+        std::cmp::Ordering::Less => u.next_up(),
+        std::cmp::Ordering::Equal => u,
+        std::cmp::Ordering::Greater => u.next_down(),
+    }
+}

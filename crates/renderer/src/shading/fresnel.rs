@@ -1,0 +1,89 @@
+//! Fresnel reflectance of smooth interfaces, for unpolarised light.
+
+use glam::Vec3;
+
+/// Reflectance of a dielectric interface.
+///
+/// `cos` is the cosine on the side that light comes from, in `[0, 1]` (clamped); `eta` the index of
+/// refraction beyond the interface over that before it. 1 on total internal reflection. Fresnel's
+/// equations as in [Pharr et al. 2023, eq. 9.6].
+#[inline]
+pub fn dielectric(cos: f32, eta: f32) -> f32 {
+    match transmitted_cosine(cos, eta) {
+        None => 1.0,
+        Some(cos_t) => {
+            let cos = cos.clamp(0.0, 1.0);
+            let parallel = (eta * cos - cos_t) / (eta * cos + cos_t);
+            let perpendicular = (cos - eta * cos_t) / (cos + eta * cos_t);
+            0.5 * (parallel * parallel + perpendicular * perpendicular)
+        }
+    }
+}
+
+/// Cosine beyond a dielectric interface by Snell's law, arguments as in [`dielectric`]; `None` on total
+/// internal reflection.
+#[inline]
+pub fn transmitted_cosine(cos: f32, eta: f32) -> Option<f32> {
+    let cos = cos.clamp(0.0, 1.0);
+    let sin2 = (1.0 - cos) * (1.0 + cos) / (eta * eta);
+    (sin2 < 1.0).then(|| (1.0 - sin2).sqrt())
+}
+
+/// A metal's index of refraction `eta + i k` over that of the medium around it, per channel.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ComplexIor {
+    /// Real part.
+    pub eta: Vec3,
+    /// Imaginary part.
+    pub k: Vec3,
+}
+
+impl ComplexIor {
+    /// The index, with `eta` 1, that reflects `reflectance` at normal incidence, as pbrt-v4's conductor
+    /// with a reflectance: `k = 2 sqrt(r / (1 - r))`, `r` clamped to `[0, 0.9999]`.
+    pub fn from_reflectance(reflectance: Vec3) -> Self {
+        let k = reflectance.to_array().map(|r| {
+            let r = if r > 0.0 { r.min(0.9999) } else { 0.0 };
+            2.0 * (r / (1.0 - r)).sqrt()
+        });
+        Self { eta: Vec3::ONE, k: Vec3::from_array(k) }
+    }
+
+    /// Reflectance per channel at an angle with this cosine, clamped to `[0, 1]`.
+    #[inline]
+    pub fn reflectance(&self, cos: f32) -> Vec3 {
+        let cos = cos.clamp(0.0, 1.0);
+        Vec3::new(
+            conductor(cos, self.eta.x, self.k.x),
+            conductor(cos, self.eta.y, self.k.y),
+            conductor(cos, self.eta.z, self.k.z),
+        )
+    }
+}
+
+/// Reflectance of a conductor in real arithmetic. With `(a + i b)^2 = (eta + i k)^2 - sin^2`,
+/// `Rs = |cos - (a + i b)|^2 / |cos + (a + i b)|^2` and
+/// `Rp = Rs |cos (a + i b) - sin^2|^2 / |cos (a + i b) + sin^2|^2`.
+#[inline]
+fn conductor(cos: f32, eta: f32, k: f32) -> f32 {
+    let cos2 = cos * cos;
+    let sin2 = 1.0 - cos2;
+    // eta^2 - k^2 - sin^2, without cancellation where eta is near 1.
+    let real = (eta - 1.0) * (eta + 1.0) - k * k + cos2;
+    let imaginary = 2.0 * eta * k;
+    let modulus = (real * real + imaginary * imaginary).sqrt();
+    // Of the two roots of the modulus +- the real part, take the one without cancellation; a b = eta k.
+    let larger = (0.5 * (modulus + real.abs())).sqrt();
+    let smaller = if larger > 0.0 { 0.5 * imaginary / larger } else { 0.0 };
+    let a = if real >= 0.0 { larger } else { smaller };
+    let s = modulus + cos2;
+    let d = 2.0 * cos * a;
+    let rs = (s - d) / (s + d);
+    let p = cos2 * modulus + sin2 * sin2;
+    let q = d * sin2;
+    // Grazing along a medium that is no medium (eta 1, k 0) is 0/0: nothing is reflected there.
+    if !(s + d > 0.0) || !(p + q > 0.0) {
+        return 0.0;
+    }
+    (0.5 * rs * (1.0 + (p - q) / (p + q))).clamp(0.0, 1.0)
+}

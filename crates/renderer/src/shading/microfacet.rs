@@ -1,0 +1,127 @@
+//! Rough surfaces as microfacets: the Trowbridge-Reitz (GGX) distribution with Smith's masking and
+//! shadowing.
+
+use super::Error;
+use super::trigonometry::sin_cos_turn;
+use glam::Vec3;
+use std::f32::consts::PI;
+
+/// Below this alpha along both tangents a surface is treated as smooth, as in pbrt-v4.
+pub const SMOOTH_ALPHA: f32 = 1e-3;
+
+/// The Trowbridge-Reitz distribution with widths `alpha` along x and y.
+///
+/// Directions are unit vectors in the shading frame; `w` lies on the side `z >= 0`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TrowbridgeReitz {
+    alpha: [f32; 2],
+}
+
+impl TrowbridgeReitz {
+    /// The distribution with these widths, each in `[0, 10]`; widths below 1e-4 become 1e-4, as in pbrt-v4.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Roughness`] for a width outside `[0, 10]` or not a number.
+    pub fn new(alpha: [f32; 2]) -> Result<Self, Error> {
+        match alpha.into_iter().find(|a| !(0.0..=10.0).contains(a)) {
+            Some(value) => Err(Error::Roughness { value }),
+            None => Ok(Self { alpha: alpha.map(|a| a.max(1e-4)) }),
+        }
+    }
+
+    /// The width that a scene's roughness stands for: `sqrt(roughness)`, as pbrt-v4 remaps it.
+    pub fn roughness_to_alpha(roughness: f32) -> f32 {
+        roughness.max(0.0).sqrt()
+    }
+
+    /// Whether a surface of these widths is to be treated as smooth.
+    pub fn effectively_smooth(alpha: [f32; 2]) -> bool {
+        alpha[0].max(alpha[1]) < SMOOTH_ALPHA
+    }
+
+    /// The widths.
+    pub fn alpha(&self) -> [f32; 2] {
+        self.alpha
+    }
+
+    /// Density of microfacet normals along `h`, of any length, `h.z > 0`: `D(h / |h|)` per unit area of the
+    /// surface and per steradian [Walter et al. 2007, eq. 33, anisotropic].
+    #[inline]
+    pub fn normals(&self, h: Vec3) -> f32 {
+        let [ax, ay] = self.alpha;
+        let (x, y) = (h.x / ax, h.y / ay);
+        let ratio = h.length_squared() / (x * x + y * y + h.z * h.z);
+        ratio * ratio / (PI * ax * ay)
+    }
+
+    /// Length of `w` after stretching the surface to unit roughness: `|(ax x, ay y, z)|`. Smith's
+    /// `Lambda(w)` is `(stretched(w) / w.z - 1) / 2`; this form has no division.
+    #[inline]
+    pub fn stretched(&self, w: Vec3) -> f32 {
+        let (x, y) = (self.alpha[0] * w.x, self.alpha[1] * w.y);
+        (x * x + y * y + w.z * w.z).sqrt()
+    }
+
+    /// Share of the microfacets facing `w` that it sees, Smith's `G1`.
+    #[inline]
+    pub fn masking(&self, w: Vec3) -> f32 {
+        let cos = w.z.abs();
+        2.0 * cos / (cos + self.stretched(w))
+    }
+
+    /// Height-correlated masking and shadowing `1 / (1 + Lambda(wo) + Lambda(wi))`
+    /// [Heitz 2014, eq. 99]; the two may lie on different sides.
+    #[inline]
+    pub fn masking_shadowing(&self, wo: Vec3, wi: Vec3) -> f32 {
+        let (co, ci) = (wo.z.abs(), wi.z.abs());
+        2.0 * co * ci / (self.stretched(wo) * ci + self.stretched(wi) * co)
+    }
+
+    /// A microfacet normal among those visible from `w`, `w.z > 0`, by spherical caps
+    /// [Dupuy and Benyoub 2023].
+    #[inline]
+    pub fn sample_visible(&self, w: Vec3, u: [f32; 2]) -> Vec3 {
+        let [ax, ay] = self.alpha;
+        let v = Vec3::new(ax * w.x, ay * w.y, w.z).normalize();
+        let (sin, cos) = sin_cos_turn(u[0]);
+        // The cap's point c has z = (1 - u)(1 + v.z) - v.z. Its sine and c.z + v.z are formed without
+        // cancellation, which would cost half the digits where v is grazing or u is near its ends.
+        let below = u[1] * (1.0 + v.z);
+        let above = (1.0 - u[1]) * (1.0 + v.z);
+        let one_minus_v = (v.x * v.x + v.y * v.y) / (1.0 + v.z);
+        let radius = (below * (above + one_minus_v)).sqrt();
+        Vec3::new(ax * (radius * cos + v.x), ay * (radius * sin + v.y), above).normalize()
+    }
+
+    /// Solid-angle density of [`sample_visible`](Self::sample_visible) at the unit normal `wm`:
+    /// `G1(w) max(0, w . wm) D(wm) / w.z`.
+    #[inline]
+    pub fn visible_pdf(&self, w: Vec3, wm: Vec3) -> f32 {
+        if !(wm.z > 0.0) {
+            return 0.0;
+        }
+        2.0 * self.normals(wm) * w.dot(wm).max(0.0) / (w.z + self.stretched(w))
+    }
+
+    /// Solid-angle density of the mirror direction of `wo` about a visible normal, given `h = wo + wi`:
+    /// [`visible_pdf`](Self::visible_pdf) over `4 wo . wm`, which cancels `wo . wm`.
+    #[inline]
+    pub(super) fn reflection_pdf(&self, wo: Vec3, h: Vec3) -> f32 {
+        self.normals(h) / (2.0 * (wo.z + self.stretched(wo)))
+    }
+
+    /// `D G / (4 cos cos)`, the reflection lobe without its Fresnel term, given `h = wo + wi`. Exactly
+    /// symmetric in the two directions.
+    #[inline]
+    pub(super) fn reflection(&self, wo: Vec3, wi: Vec3, h: Vec3) -> f32 {
+        self.normals(h) / (2.0 * (self.stretched(wo) * wi.z + self.stretched(wi) * wo.z))
+    }
+}
+
+/// Cosine between either of two unit vectors and their half vector, from their sum: half its length. Unlike
+/// a dot product it is exactly symmetric, and keeps its digits at grazing angles.
+#[inline]
+pub(super) fn half_angle_cosine(h: Vec3) -> f32 {
+    0.5 * h.length()
+}

@@ -1,0 +1,75 @@
+//! How surfaces scatter light, and how to sample it: warps, discrete distributions, frames, Fresnel terms,
+//! microfacets and BSDFs.
+//!
+//! Everything here is a pure function of small `Copy` values: the per-sample path allocates nothing and
+//! cannot fail. Directions are unit vectors; those of a BSDF lie in the shading frame, where the normal is
+//! +z, and both `wo` and `wi` point away from the surface.
+
+// `!(x > 0.0)` is meant: it turns away what is not a number, too.
+#![allow(clippy::neg_cmp_op_on_partial_ord)]
+
+pub mod bsdf;
+pub mod coat;
+pub mod discrete;
+pub mod frame;
+pub mod fresnel;
+pub mod microfacet;
+pub mod mis;
+pub mod trigonometry;
+pub mod warp;
+
+pub use bsdf::{Bsdf, BsdfSample};
+pub use coat::{Coat, CoatOptions};
+pub use discrete::{Discrete, PiecewiseConstant2d};
+pub use frame::Frame;
+pub use fresnel::ComplexIor;
+pub use microfacet::TrowbridgeReitz;
+pub use mis::power_heuristic;
+
+/// Why something of this module could not be made.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// A microfacet width is outside `[0, 10]`.
+    #[error("roughness stands for a microfacet width of {value}; give one from 0 (smooth) to 10")]
+    Roughness {
+        /// The width.
+        value: f32,
+    },
+    /// A coat's index of refraction is outside `[0.1, 10]`.
+    #[error("a coat's index of refraction is {value}; give one from 0.1 to 10 (1.5 is common)")]
+    Eta {
+        /// The index.
+        value: f32,
+    },
+    /// A coat's thickness is negative or not finite.
+    #[error("a coat's thickness is {value}; give a finite one from 0 up")]
+    Thickness {
+        /// The thickness.
+        value: f32,
+    },
+    /// A weight is negative, infinite or not a number.
+    #[error("weight {index} is {value}; weights must be finite and not negative")]
+    Weight {
+        /// Which weight.
+        index: usize,
+        /// Its value.
+        value: f32,
+    },
+    /// More items than a distribution can hold.
+    #[error("{count} items or cells a side are more than the {most} that a distribution holds; merge some")]
+    TooMany {
+        /// How many there are.
+        count: usize,
+        /// How many there may be.
+        most: usize,
+    },
+    /// A grid's weights do not fill its rows.
+    #[error("{count} weights do not fill a grid of {} columns x {} rows; give one per cell", .size[0], .size[1])]
+    Shape {
+        /// How many weights there are.
+        count: usize,
+        /// Columns and rows.
+        size: [usize; 2],
+    },
+}

@@ -1,0 +1,75 @@
+//! Angles in turns, by polynomials that give the same bits on every machine.
+//!
+//! The platform's `sin`, `cos` and `atan2` differ in the last bit between systems; these use only
+//! additions, multiplications and divisions, which IEEE 754 fixes. A turn is a full circle, so that a
+//! coordinate in `[0, 1)` is an angle without being multiplied by an inexact pi first.
+
+/// Sine and cosine of `turn` full turns, within 2e-7, for `|turn| <= 2^20`.
+///
+/// Reduction to an eighth of a turn is exact; the polynomials are those of sinf and cosf after Moshier 1992
+/// (Cephes).
+#[inline]
+pub fn sin_cos_turn(turn: f32) -> (f32, f32) {
+    let quarters = (turn * 4.0).round_ties_even();
+    let x = (turn * 4.0 - quarters) * std::f32::consts::FRAC_PI_2;
+    let z = x * x;
+    let sin = ((-1.951_529_6e-4 * z + 8.332_161e-3) * z - 1.666_665_5e-1) * z * x + x;
+    let cos = ((2.443_315_7e-5 * z - 1.388_731_6e-3) * z + 4.166_664_6e-2) * z * z - 0.5 * z + 1.0;
+    match quarters as i32 & 3 {
+        0 => (sin, cos),
+        1 => (cos, -sin),
+        2 => (-sin, -cos),
+        _ => (-cos, sin),
+    }
+}
+
+/// The angle of the point `(x, y)` in turns, in `[0, 1)`, within 1e-7; 0 at the origin.
+///
+/// The polynomial is that of atanf after Moshier 1992 (Cephes).
+#[inline]
+pub fn turn_of(y: f32, x: f32) -> f32 {
+    let (near, far) = (x.abs().min(y.abs()), x.abs().max(y.abs()));
+    if !(far > 0.0) {
+        return 0.0;
+    }
+    // atan(t) = pi/4 + atan((t - 1) / (t + 1)) keeps the polynomial's argument below tan(pi/8).
+    let (offset, t) = if near > 0.414_213_57 * far { (0.125, (near - far) / (near + far)) } else { (0.0, near / far) };
+    let z = t * t;
+    let atan = (((8.053_744_5e-2 * z - 1.387_768_6e-1) * z + 1.997_771_1e-1) * z - 3.333_295e-1) * z * t + t;
+    let eighth = offset + atan * (0.5 / std::f32::consts::PI);
+    let quarter = if y.abs() > x.abs() { 0.25 - eighth } else { eighth };
+    let half = if x < 0.0 { 0.5 - quarter } else { quarter };
+    let turn = if y < 0.0 { 1.0 - half } else { half };
+    if turn < 1.0 { turn.max(0.0) } else { 0.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn agrees_with_f64() {
+        for i in 0..=(1 << 20) {
+            let turn = i as f32 / (1 << 20) as f32;
+            let (sin, cos) = sin_cos_turn(turn);
+            let (s, c) = (f64::from(turn) * std::f64::consts::TAU).sin_cos();
+            assert!((f64::from(sin) - s).abs() < 2e-7 && (f64::from(cos) - c).abs() < 2e-7, "{turn}: {sin} {cos}");
+            let back = f64::from(turn_of(sin, cos)) - f64::from(turn);
+            assert!((back - back.round()).abs() < 1e-7, "{turn}: off by {back}");
+        }
+    }
+
+    #[test]
+    fn axes_are_exact() {
+        assert_eq!(sin_cos_turn(0.0), (0.0, 1.0));
+        assert_eq!(sin_cos_turn(0.25), (1.0, 0.0));
+        assert_eq!(sin_cos_turn(0.5), (0.0, -1.0));
+        assert_eq!(sin_cos_turn(-0.25), (-1.0, 0.0));
+        assert_eq!(turn_of(0.0, 0.0), 0.0);
+        assert_eq!(turn_of(-0.0, 1.0), 0.0);
+        assert_eq!(turn_of(1.0, 0.0), 0.25);
+        assert_eq!(turn_of(-1e-30, 1.0), 0.0);
+        assert_eq!(turn_of(0.0, -1.0), 0.5);
+        assert_eq!(turn_of(f32::NAN, f32::NAN), 0.0);
+    }
+}

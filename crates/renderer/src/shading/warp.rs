@@ -1,0 +1,185 @@
+//! Maps from the unit square to the domains that rendering samples, each with its density and, where it
+//! exists, its inverse.
+//!
+//! Coordinates `u` lie in `[0, 1)`; directions are unit vectors around +z. Every map keeps neighbours
+//! neighbours, so that a low-discrepancy point set stays one.
+
+use super::trigonometry::{sin_cos_turn, turn_of};
+use glam::{Vec2, Vec3};
+use std::f32::consts::PI;
+
+/// A direction uniform on the unit sphere.
+#[inline]
+pub fn uniform_sphere(u: [f32; 2]) -> Vec3 {
+    // sqrt(1 - z^2) = 2 sqrt(u (1 - u)), without the cancellation at the poles.
+    around_z(2.0 * (u[0] * (1.0 - u[0])).sqrt(), 1.0 - 2.0 * u[0], u[1])
+}
+
+/// Solid-angle density of [`uniform_sphere`].
+#[inline]
+pub fn uniform_sphere_pdf() -> f32 {
+    0.25 / PI
+}
+
+/// Inverse of [`uniform_sphere`]; at the poles, where the second coordinate is lost, 0 for it.
+#[inline]
+pub fn invert_uniform_sphere(w: Vec3) -> [f32; 2] {
+    [below_one(0.5 * (1.0 - w.z)), turn_of(w.y, w.x)]
+}
+
+/// A direction uniform on the hemisphere `z > 0`.
+#[inline]
+pub fn uniform_hemisphere(u: [f32; 2]) -> Vec3 {
+    around_z((u[0] * (2.0 - u[0])).sqrt(), 1.0 - u[0], u[1])
+}
+
+/// Solid-angle density of [`uniform_hemisphere`] on `z > 0`.
+#[inline]
+pub fn uniform_hemisphere_pdf() -> f32 {
+    0.5 / PI
+}
+
+/// Inverse of [`uniform_hemisphere`].
+#[inline]
+pub fn invert_uniform_hemisphere(w: Vec3) -> [f32; 2] {
+    [below_one(1.0 - w.z), turn_of(w.y, w.x)]
+}
+
+/// A point uniform on the unit disk, by concentric squares and circles [Shirley and Chiu 1997].
+#[inline]
+pub fn concentric_disk(u: [f32; 2]) -> Vec2 {
+    let (radius, turn) = concentric_polar(u);
+    let (sin, cos) = sin_cos_turn(turn);
+    radius * Vec2::new(cos, sin)
+}
+
+/// Area density of [`concentric_disk`].
+#[inline]
+pub fn concentric_disk_pdf() -> f32 {
+    1.0 / PI
+}
+
+/// Inverse of [`concentric_disk`].
+#[inline]
+pub fn invert_concentric_disk(p: Vec2) -> [f32; 2] {
+    let radius = p.length();
+    // In eighths of a turn from the axis of the triangle that the point lies in.
+    let eighths = 8.0 * turn_of(p.y, p.x);
+    let (a, b) = if !(1.0..7.0).contains(&eighths) {
+        let from_axis = if eighths >= 7.0 { eighths - 8.0 } else { eighths };
+        (radius, radius * from_axis)
+    } else if eighths < 3.0 {
+        (radius * (2.0 - eighths), radius)
+    } else if eighths < 5.0 {
+        (-radius, radius * (4.0 - eighths))
+    } else {
+        (radius * (eighths - 6.0), -radius)
+    };
+    [below_one(0.5 * (a + 1.0)), below_one(0.5 * (b + 1.0))]
+}
+
+/// A direction on the hemisphere `z > 0` with density proportional to its cosine.
+#[inline]
+pub fn cosine_hemisphere(u: [f32; 2]) -> Vec3 {
+    let (radius, turn) = concentric_polar(u);
+    let (sin, cos) = sin_cos_turn(turn);
+    // The floor keeps the density above 0 at the edge of the square; the length stays 1 within 3e-8, and
+    // only a share of 6e-8 of all samples is moved.
+    let z = ((1.0 - radius) * (1.0 + radius)).max(0.5 * f32::EPSILON).sqrt();
+    Vec3::new(radius * cos, radius * sin, z)
+}
+
+/// Solid-angle density of [`cosine_hemisphere`] at a direction with this cosine; 0 below the horizon.
+#[inline]
+pub fn cosine_hemisphere_pdf(cos: f32) -> f32 {
+    cos.max(0.0) / PI
+}
+
+/// Inverse of [`cosine_hemisphere`].
+#[inline]
+pub fn invert_cosine_hemisphere(w: Vec3) -> [f32; 2] {
+    invert_concentric_disk(Vec2::new(w.x, w.y))
+}
+
+/// Barycentric coordinates `(b0, b1, b2)`, summing to 1, of a point uniform on a triangle, by the
+/// low-distortion map of [Heitz 2019].
+#[inline]
+pub fn uniform_triangle(u: [f32; 2]) -> [f32; 3] {
+    let (b0, b1) = if u[1] > u[0] {
+        let b0 = 0.5 * u[0];
+        (b0, u[1] - b0)
+    } else {
+        let b1 = 0.5 * u[1];
+        (u[0] - b1, b1)
+    };
+    [b0, b1, (1.0 - b0 - b1).max(0.0)]
+}
+
+/// Area density of [`uniform_triangle`] on a triangle with this area; infinite for area 0.
+#[inline]
+pub fn uniform_triangle_pdf(area: f32) -> f32 {
+    1.0 / area
+}
+
+/// Inverse of [`uniform_triangle`].
+#[inline]
+pub fn invert_uniform_triangle(b: [f32; 3]) -> [f32; 2] {
+    let sum = b[0] + b[1];
+    if b[1] > b[0] { [below_one(2.0 * b[0]), below_one(sum)] } else { [below_one(sum), below_one(2.0 * b[1])] }
+}
+
+/// A direction uniform in the cone around +z whose half angle has `1 - cos = one_minus_cos`, in `(0, 2]`.
+///
+/// `1 - cos` rather than the cosine: a far light's cone has a cosine that rounds to 1. See
+/// [`one_minus_cos`].
+#[inline]
+pub fn uniform_cone(u: [f32; 2], one_minus_cos: f32) -> Vec3 {
+    let height = u[0] * one_minus_cos;
+    around_z((height * (2.0 - height)).max(0.0).sqrt(), 1.0 - height, u[1])
+}
+
+/// Solid-angle density of [`uniform_cone`] within the cone.
+#[inline]
+pub fn uniform_cone_pdf(one_minus_cos: f32) -> f32 {
+    0.5 / (PI * one_minus_cos)
+}
+
+/// Inverse of [`uniform_cone`]. Cones with `1 - cos` below about 1e-2 are inverted by the distance from
+/// the axis, which holds more digits than the cosine.
+#[inline]
+pub fn invert_uniform_cone(w: Vec3, one_minus_cos: f32) -> [f32; 2] {
+    let sin2 = w.x * w.x + w.y * w.y;
+    let height = if w.z > 0.0 { self::one_minus_cos(sin2) } else { 1.0 - w.z };
+    [below_one(height / one_minus_cos), turn_of(w.y, w.x)]
+}
+
+/// `1 - cos` of an angle in `[0, pi/2]` with this squared sine, without cancellation.
+#[inline]
+pub fn one_minus_cos(sin2: f32) -> f32 {
+    sin2 / (1.0 + (1.0 - sin2).max(0.0).sqrt())
+}
+
+/// Radius in `[0, 1]` and angle in turns of the concentric map.
+#[inline]
+fn concentric_polar(u: [f32; 2]) -> (f32, f32) {
+    let (a, b) = (2.0 * u[0] - 1.0, 2.0 * u[1] - 1.0);
+    if a.abs() > b.abs() {
+        (a.abs(), 0.125 * (b / a) + if a < 0.0 { 0.5 } else { 0.0 })
+    } else if b != 0.0 {
+        (b.abs(), 0.25 - 0.125 * (a / b) + if b < 0.0 { 0.5 } else { 0.0 })
+    } else {
+        (0.0, 0.0)
+    }
+}
+
+#[inline]
+fn around_z(radius: f32, z: f32, turn: f32) -> Vec3 {
+    let (sin, cos) = sin_cos_turn(turn);
+    Vec3::new(radius * cos, radius * sin, z)
+}
+
+/// Keeps an inverted coordinate in `[0, 1)` against rounding.
+#[inline]
+fn below_one(u: f32) -> f32 {
+    u.clamp(0.0, 1.0 - 0.5 * f32::EPSILON)
+}

@@ -1,0 +1,213 @@
+//! From a scene to a world.
+
+use super::{NO_LIGHT, Part, World};
+use crate::camera::{CameraError, CameraView};
+use crate::light::{DiskLamp, Environment, EnvironmentError, Lamp, Light, Lights, MeshLamp, SphereLamp};
+use crate::material::{MaterialError, Surface};
+use crate::pixel_filter::FilterSampler;
+use crate::scene::{Emission, Geometry as Described, LightKind, MeshData, Scene, Shape as DescribedShape, Source};
+use crate::space::{Space, even_scale};
+use crate::texture::Textures;
+use dapple_geometry::{Disk, Geometry, Mesh, Preset, Shape, Sphere};
+use glam::{DAffine3, DVec3, Vec3};
+
+/// Everything that keeps a scene from being rendered.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[error("{}", problems.join("\n"))]
+pub struct WorldError {
+    /// One sentence each, naming the object's line.
+    pub problems: Vec<String>,
+}
+
+/// Collects problems, so that all of a scene's are told at once.
+#[derive(Default)]
+struct Problems(Vec<String>);
+
+impl Problems {
+    fn note<T>(&mut self, result: Result<T, impl ToString>) -> Option<T> {
+        result.map_err(|e| self.0.push(e.to_string())).ok()
+    }
+
+    fn note_at<T>(&mut self, at: &Source, result: Result<T, impl ToString>) -> Option<T> {
+        self.note(result.map_err(|e| format!("{at}: {}", e.to_string())))
+    }
+}
+
+pub(super) fn build(scene: &Scene, resolution: [u32; 2]) -> Result<World, WorldError> {
+    let mut problems = Problems::default();
+    let space = Space::of(scene);
+    let camera: Option<CameraView> =
+        problems.note::<_>(CameraView::new(&scene.camera, resolution, &space).map_err(|e: CameraError| e));
+    let mut surfaces = Vec::with_capacity(scene.materials.len());
+    for material in &scene.materials {
+        surfaces.extend(problems.note(Surface::new(material).map_err(|e: MaterialError| e)));
+    }
+    let mut shapes = Vec::with_capacity(scene.shapes.len());
+    let mut parts = Vec::with_capacity(scene.shapes.len());
+    for shape in &scene.shapes {
+        if shape.material.0 as usize >= scene.materials.len() {
+            problems
+                .0
+                .push(format!("{}: the shape has material {}, which is not there", shape.source, shape.material.0));
+        }
+        if let Some((geometry, part)) = problems.note_at(&shape.source, convert(shape, &space)) {
+            shapes.push(geometry);
+            parts.push(part);
+        }
+    }
+    let environments = environments(scene, &mut problems);
+    if !problems.0.is_empty() {
+        return Err(WorldError { problems: problems.0 });
+    }
+    let dropped_triangles = shapes.iter().map(|s| if let Shape::Mesh(mesh) = s { mesh.degenerate() } else { 0 }).sum();
+    let geometry = problems.note(Geometry::build(shapes, Preset::default()));
+    let (Some(camera), Some(geometry)) = (camera, geometry) else {
+        return Err(WorldError { problems: problems.0 });
+    };
+    let lights = lights(scene, &space, &geometry, &mut parts, environments, &mut problems);
+    if !problems.0.is_empty() {
+        return Err(WorldError { problems: problems.0 });
+    }
+    Ok(World {
+        geometry,
+        parts,
+        surfaces,
+        textures: Textures::new(&scene.textures),
+        lights,
+        camera,
+        filter: FilterSampler::new(&scene.film.pixel_filter),
+        max_depth: scene.max_depth.unwrap_or(u32::MAX),
+        space,
+        dropped_triangles,
+    })
+}
+
+/// The shape's geometry in the renderer's space, and what belongs to it.
+fn convert(shape: &DescribedShape, space: &Space) -> Result<(Shape, Part), String> {
+    let to_world = space.apply(shape.to_world);
+    let mirrors = shape.to_world.matrix3.determinant() < 0.0;
+    let reversed = if shape.reversed { -1.0 } else { 1.0 };
+    let mut part =
+        Part { material: shape.material.0, light: NO_LIGHT, flip: reversed, normals: Vec::new(), uvs: Vec::new() };
+    let geometry = match &shape.geometry {
+        Described::Mesh(mesh) => {
+            // The tree's normal is by the winding in world space, which a mirror turns around.
+            part.flip = if mirrors { -reversed } else { reversed };
+            part.normals = world_normals(mesh, shape.to_world, reversed);
+            part.uvs.clone_from(&mesh.uvs);
+            let moved = |p: &DVec3| space.point(shape.to_world.transform_point3(*p)).as_vec3().to_array();
+            let positions = mesh.positions.iter().map(moved).collect();
+            Mesh::new(positions, mesh.triangles.clone()).map(Shape::from).map_err(|e| e.to_string())?
+        }
+        Described::Sphere { radius } => {
+            Sphere::transformed(to_world, *radius).map(Shape::from).map_err(|e| e.to_string())?
+        }
+        Described::Disk { height, radius, inner_radius } => {
+            Disk::transformed(to_world, *height, *radius, *inner_radius).map(Shape::from).map_err(|e| e.to_string())?
+        }
+    };
+    Ok((geometry, part))
+}
+
+/// Vertex normals in world space, unit length; a normal without a direction stays zero.
+fn world_normals(mesh: &MeshData, to_world: DAffine3, sign: f32) -> Vec<Vec3> {
+    let turn = to_world.matrix3.inverse().transpose();
+    let unit = |n: &[f32; 3]| (turn * Vec3::from_array(*n).as_dvec3()).normalize_or_zero().as_vec3() * sign;
+    mesh.normals.iter().map(unit).collect()
+}
+
+fn environments(scene: &Scene, problems: &mut Problems) -> Vec<Environment> {
+    let mut found = Vec::new();
+    for light in &scene.lights {
+        let LightKind::Infinite { radiance } = &light.kind;
+        let environment = Environment::new(radiance, light.to_world.matrix3, &light.source);
+        found.extend(problems.note(environment.map_err(|e: EnvironmentError| e)).flatten());
+    }
+    if found.len() > 1 {
+        let second = &scene.lights[1].source;
+        problems.0.push(format!("{second}: a second infinite light is not supported: add it to the first"));
+    }
+    found
+}
+
+fn lights(
+    scene: &Scene,
+    space: &Space,
+    geometry: &Geometry,
+    parts: &mut [Part],
+    environments: Vec<Environment>,
+    problems: &mut Problems,
+) -> Lights {
+    let mut lights = Vec::new();
+    for (number, shape) in scene.shapes.iter().enumerate() {
+        let Some(emission) = shape.emission else { continue };
+        let lamp = lamp(shape, emission);
+        let Some(Some(lamp)) = problems.note_at(&shape.source, lamp) else { continue };
+        let light = light(shape, number as u32, lamp, space, geometry, &parts[number]);
+        if let Some(Some(light)) = problems.note_at(&shape.source, light) {
+            parts[number].light = lights.len() as u32;
+            lights.push(light);
+        }
+    }
+    lights.extend(environments.into_iter().map(Light::Environment));
+    let radius = geometry.bounds().map_or(1.0, |[low, high]| (high - low).length() * 0.5);
+    Lights::new(lights, radius)
+}
+
+/// The lamp of a shape; `None` if it is dark.
+fn lamp(shape: &DescribedShape, emission: Emission) -> Result<Option<Lamp>, String> {
+    let Emission { radiance, two_sided } = emission;
+    if radiance.iter().any(|x| !(x.is_finite() && *x >= 0.0)) {
+        return Err(format!("an emission of {radiance:?} is none: give finite numbers of at least 0"));
+    }
+    let _ = shape;
+    let radiance = Vec3::from_array(radiance);
+    Ok((radiance != Vec3::ZERO).then_some(Lamp { radiance, two_sided }))
+}
+
+/// The light of a shape; `None` if it has no area.
+fn light(
+    shape: &DescribedShape,
+    number: u32,
+    lamp: Lamp,
+    space: &Space,
+    geometry: &Geometry,
+    part: &Part,
+) -> Result<Option<Light>, String> {
+    let to_world = space.apply(shape.to_world);
+    let round =
+        "an emitting sphere or disk must not be stretched: its transform may move, turn, mirror and scale evenly";
+    Ok(match &shape.geometry {
+        Described::Mesh(_) => MeshLamp::new(geometry, number, lamp, &sides(geometry, number, part)).map(Light::Mesh),
+        Described::Sphere { radius } => {
+            let scale = even_scale(&to_world.matrix3).ok_or(round)?;
+            let radius = (radius * scale) as f32;
+            (radius > 0.0)
+                .then(|| Light::Sphere(SphereLamp::new(lamp, to_world.translation.as_vec3(), radius, part.flip)))
+        }
+        Described::Disk { height, radius, inner_radius } => {
+            let scale = even_scale(&to_world.matrix3).ok_or(round)?;
+            let centre = to_world.transform_point3(DVec3::new(0.0, 0.0, *height)).as_vec3();
+            let normal = (to_world.matrix3.inverse().transpose() * DVec3::Z).normalize().as_vec3() * part.flip;
+            let [outer, inner] = [radius, inner_radius].map(|r| (r * scale) as f32);
+            (outer > inner).then(|| Light::Disk(DiskLamp::new(lamp, centre, normal, outer, inner)))
+        }
+    })
+}
+
+/// Which way each triangle's winding normal must be turned: vertex normals decide where there are any.
+fn sides(geometry: &Geometry, number: u32, part: &Part) -> Vec<f32> {
+    let Shape::Mesh(mesh) = &geometry.shapes()[number as usize] else { return Vec::new() };
+    if part.normals.is_empty() {
+        return vec![part.flip];
+    }
+    (0..mesh.triangles().len())
+        .map(|t| {
+            let [a, b, c] = mesh.corners(t as u32);
+            let normal = (b - a).cross(c - a) * part.flip;
+            // The middle speaks for the triangle: a lamp whose normals turn within one is no lamp of ours.
+            let shading: Vec3 = mesh.triangles()[t].iter().map(|&v| part.normals[v as usize]).sum();
+            if normal.dot(shading) < 0.0 { -part.flip } else { part.flip }
+        })
+        .collect()
+}

@@ -1,0 +1,121 @@
+//! Who may know whom: the table in docs/ARCHITECTURE.md, checked against `cargo metadata`.
+
+use serde_json::Value;
+use std::collections::{BTreeMap, BTreeSet};
+use std::process::Command;
+
+/// The resolved graph of normal dependencies: package name to the names it depends on.
+fn graph() -> (BTreeMap<String, BTreeSet<String>>, Value) {
+    let output = Command::new(env!("CARGO"))
+        .args(["metadata", "--format-version", "1", "--locked", "--offline"])
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .output()
+        .expect("cargo metadata runs");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let metadata: Value = serde_json::from_slice(&output.stdout).expect("metadata is JSON");
+    let names: BTreeMap<&str, &str> = metadata["packages"]
+        .as_array()
+        .expect("packages")
+        .iter()
+        .map(|p| (p["id"].as_str().expect("id"), p["name"].as_str().expect("name")))
+        .collect();
+    let mut graph = BTreeMap::new();
+    for node in metadata["resolve"]["nodes"].as_array().expect("nodes") {
+        let mut needs = BTreeSet::new();
+        for dep in node["deps"].as_array().expect("deps") {
+            let kinds = dep["dep_kinds"].as_array().expect("kinds");
+            if kinds.iter().any(|k| k["kind"].is_null()) {
+                needs.insert(names[dep["pkg"].as_str().expect("pkg")].to_owned());
+            }
+        }
+        graph.insert(names[node["id"].as_str().expect("id")].to_owned(), needs);
+    }
+    (graph, metadata)
+}
+
+/// Names of everything that a crate is really built with. `cargo metadata` also resolves optional
+/// dependencies that no feature asks for (obvhs reaches criterion that way), so outsiders are asked for here.
+fn built_with(name: &str) -> BTreeSet<String> {
+    let output = Command::new(env!("CARGO"))
+        .args(["tree", "--package", name, "--edges", "normal", "--prefix", "none", "--locked", "--offline"])
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .output()
+        .expect("cargo tree runs");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let text = String::from_utf8_lossy(&output.stdout);
+    text.lines().filter_map(|l| l.split_whitespace().next()).map(str::to_owned).collect()
+}
+
+fn reaches(graph: &BTreeMap<String, BTreeSet<String>>, from: &str) -> BTreeSet<String> {
+    let mut seen = BTreeSet::new();
+    let mut waiting = vec![from.to_owned()];
+    while let Some(name) = waiting.pop() {
+        for next in graph.get(&name).into_iter().flatten() {
+            if seen.insert(next.clone()) {
+                waiting.push(next.clone());
+            }
+        }
+    }
+    seen
+}
+
+/// Dapple crates that each may reach, and outsiders that it must not.
+const RULES: &[(&str, &[&str], &[&str])] = &[
+    ("dapple-core", &[], &["glam", "obvhs", "image", "exr", "rand"]),
+    ("dapple-low-discrepancy", &["dapple-core"], &["glam", "obvhs", "image", "exr"]),
+    ("dapple-conformance", &["dapple-core"], &["glam", "obvhs", "image", "exr"]),
+    ("dapple-metrics", &[], &["glam", "obvhs", "image", "exr", "rayon"]),
+    ("dapple-geometry", &[], &["image", "exr", "rayon", "clap"]),
+    ("dapple-renderer", &["dapple-core", "dapple-geometry", "dapple-low-discrepancy"], &["clap", "indicatif"]),
+    (
+        "dapple-cli",
+        &["dapple-core", "dapple-geometry", "dapple-low-discrepancy", "dapple-metrics", "dapple-renderer"],
+        &["dapple-conformance"],
+    ),
+];
+
+#[test]
+fn crates_know_only_what_they_may() {
+    let (graph, metadata) = graph();
+    for (name, allowed, forbidden) in RULES {
+        let reached = reaches(&graph, name);
+        for other in reached.iter().filter(|n| n.starts_with("dapple")) {
+            assert!(allowed.contains(&other.as_str()), "{name} must not know {other}");
+        }
+        let built = built_with(name);
+        assert!(built.contains(*name), "cargo tree shows nothing of {name}");
+        for outsider in *forbidden {
+            assert!(!built.contains(*outsider), "{name} must not reach {outsider}");
+        }
+    }
+    // A crate without a rule is a rule forgotten.
+    for package in metadata["packages"].as_array().expect("packages") {
+        let name = package["name"].as_str().expect("name");
+        if name.starts_with("dapple-") {
+            assert!(RULES.iter().any(|r| r.0 == name), "{name} has no rule in tests/dependency_gate.rs");
+        }
+    }
+}
+
+#[test]
+fn one_version_of_what_matters() {
+    let (_, metadata) = graph();
+    for name in ["glam", "thiserror", "rand", "rayon", "image", "exr", "serde"] {
+        let versions: Vec<_> = metadata["packages"]
+            .as_array()
+            .expect("packages")
+            .iter()
+            .filter(|p| p["name"] == name)
+            .map(|p| p["version"].to_string())
+            .collect();
+        assert_eq!(versions.len(), 1, "{name} comes in versions {versions:?}");
+    }
+}
+
+#[test]
+fn a_forbidden_edge_would_be_seen() {
+    let (mut graph, _) = graph();
+    graph.get_mut("dapple-core").expect("core").insert("dapple-geometry".into());
+    assert!(reaches(&graph, "dapple-core").contains("obvhs"), "the walk does not see through edges");
+    assert!(built_with("dapple-cli").contains("clap"), "the tree does not show what is there");
+}

@@ -1,0 +1,124 @@
+//! The README's commands and code are run, not trusted.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+const README: &str = include_str!("../README.md");
+const GUIDE: &str = include_str!("../docs/ADDING-A-SAMPLER.md");
+
+/// Fenced blocks of one language.
+fn blocks(text: &str, language: &str) -> Vec<String> {
+    let mut found = Vec::new();
+    let mut open: Option<Vec<&str>> = None;
+    for line in text.lines() {
+        match &mut open {
+            None if line.strip_prefix("```") == Some(language) => open = Some(Vec::new()),
+            Some(lines) if line == "```" => {
+                found.push(lines.join("\n"));
+                open = None;
+            }
+            Some(lines) => lines.push(line),
+            None => {}
+        }
+    }
+    found
+}
+
+fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).to_owned()
+}
+
+/// Runs Rust code as an example of this workspace would run, in a folder of its own.
+fn run_as_program(name: &str, code: &str) -> String {
+    let folder = tempfile::tempdir().expect("a folder");
+    let source = folder.path().join("src");
+    std::fs::create_dir(&source).expect("src");
+    let manifest = format!(
+        "[package]\nname = \"{name}\"\nedition = \"2024\"\n[dependencies]\ndapple = {{ path = {root:?} }}\n\
+         dapple-core = {{ path = {core:?} }}\n[workspace]\n",
+        root = root(),
+        core = root().join("crates/core"),
+    );
+    std::fs::write(folder.path().join("Cargo.toml"), manifest).expect("manifest");
+    std::fs::copy(root().join("Cargo.lock"), folder.path().join("Cargo.lock")).expect("lock");
+    std::fs::write(source.join("main.rs"), code).expect("code");
+    let output = Command::new(env!("CARGO"))
+        .args(["run", "--quiet", "--offline"])
+        .env("CARGO_TARGET_DIR", root().join("target/readme"))
+        .current_dir(folder.path())
+        .output()
+        .expect("cargo runs");
+    assert!(output.status.success(), "{name}: {}", String::from_utf8_lossy(&output.stderr));
+    String::from_utf8(output.stdout).expect("text")
+}
+
+#[test]
+fn the_code_runs() {
+    let code = blocks(README, "rust");
+    assert_eq!(code.len(), 1, "one program in the README");
+    let said = run_as_program("readme", &code[0]);
+    assert!(said.starts_with("16384 samples, "), "{said}");
+}
+
+#[test]
+fn the_guide_compiles() {
+    let code = blocks(GUIDE, "rust");
+    assert_eq!(code.len(), 1, "one sampler in the guide");
+    let main = r#"
+fn main() -> Result<(), Box<dyn std::error::Error>> {
+    use dapple::core::*;
+    struct Ramp;
+    impl Integrator for Ramp {
+        fn estimate(&self, draws: &Draws<'_>, _: &mut Observed) -> Estimate {
+            Estimate { radiance: [draws.pixel()[0] as f32; 3], first_hit: None, cost: 1 }
+        }
+    }
+    let mut sampler = Brightness::new(dapple::low_discrepancy::Sobol::new(1));
+    let film = render(&mut Ramp, &mut sampler, Needs::none(), Frame::new(8, 8)?, &Limits::samples(1000), &mut NoWatch)?;
+    println!("{} {}", film.record().samples, film.count(7) > film.count(0));
+    Ok(())
+}
+"#;
+    assert_eq!(run_as_program("guide", &format!("{}\n{main}", code[0])), "1000 true\n");
+}
+
+/// The commands of the README's shell blocks, as they stand.
+fn commands() -> Vec<String> {
+    blocks(README, "sh").iter().flat_map(|b| b.lines().map(str::to_owned).collect::<Vec<_>>()).collect()
+}
+
+#[test]
+fn the_render_command_makes_picture_and_map() {
+    let command = commands().into_iter().find(|c| c.starts_with("cargo run")).expect("a render command");
+    // As written, but small and in a folder of its own; the profile is the one that the tests built.
+    let mut words: Vec<&str> = command.split_whitespace().skip(1).collect();
+    let manifest = root().join("Cargo.toml");
+    words.insert(1, "--quiet");
+    words.insert(1, "--offline");
+    let folder = tempfile::tempdir().expect("a folder");
+    let output = Command::new(env!("CARGO"))
+        .args([words[0], "--manifest-path", manifest.to_str().expect("path")])
+        .args(&words[1..])
+        .args(["--resolution", "32x20", "--spp", "8"])
+        .current_dir(folder.path())
+        .output()
+        .expect("cargo runs");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    for file in ["teapot.exr", "teapot.png", "teapot-samples.png"] {
+        assert!(folder.path().join(file).is_file(), "{file} is missing");
+    }
+}
+
+#[test]
+fn the_test_command_is_the_one_that_ci_runs() {
+    let test = commands().into_iter().find(|c| c.starts_with("cargo test")).expect("a test command");
+    let ci = std::fs::read_to_string(root().join(".ci/run")).expect(".ci/run");
+    assert!(ci.lines().any(|l| l.trim() == test), ".ci/run does not run `{test}`");
+}
+
+#[test]
+fn every_file_that_is_named_is_there() {
+    for name in README.split(&['(', ')'][..]).filter(|w| w.starts_with("docs/") || w.starts_with("LICENSE")) {
+        assert!(root().join(name).exists(), "README names {name}, which is not there");
+    }
+}
