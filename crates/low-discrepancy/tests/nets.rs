@@ -59,6 +59,24 @@ fn s02_elementary_intervals_sobol() {
     check_nets(&Sobol::new(2), 10, 0, 100);
 }
 
+proptest::proptest! {
+    /// The same for any name whatever. No chance is involved: every draw must pass.
+    #[test]
+    fn s02_elementary_intervals_of_any_name(
+        seed: u64,
+        pixel: [u32; 2],
+        block: u32,
+        pair in 0_usize..2,
+        k in 2_u32..9,
+        place in 0_u64..1 << 23,
+    ) {
+        let sobol = Sobol::new(seed);
+        proptest::prop_assert_eq!(uneven_shape(&sobol, pixel, block, pair, place << k, k), None);
+        let published = LowDiscrepancy::new(seed, 1 << k).unwrap();
+        proptest::prop_assert_eq!(uneven_shape(&published, pixel, block, pair, place << k, k), None);
+    }
+}
+
 #[test]
 fn s02_elementary_intervals_lowdiscrepancy() {
     for seed in [0, 1, 0xdead_beef_0bad_cafe] {
