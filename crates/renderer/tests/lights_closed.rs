@@ -8,7 +8,7 @@ use dapple_core::samplers::Uniform;
 use dapple_core::{
     Draws, Estimate, Film, Frame, Integrator, Limits, Needs, NoWatch, Observed, PointSet, SampleId, render,
 };
-use dapple_geometry::{Ray, SurfacePoint, spawn_ray, spawn_ray_to};
+use dapple_geometry::{PrimitiveId, Ray, SurfacePoint, spawn_ray, spawn_ray_to};
 use dapple_low_discrepancy::Sobol;
 use dapple_renderer::camera::{Lens, Pinhole};
 use dapple_renderer::light::Target;
@@ -39,7 +39,7 @@ fn scattered(world: &World, at: &SurfacePoint, rho: f32, strategy: Strategy, u: 
     let (lights, geometry) = (world.lights(), world.geometry());
     let mut sum = 0.0;
     if strategy != Strategy::Bsdf
-        && let Some(light) = lights.sample(geometry, at.position, choice, [u[0], u[1]])
+        && let Some(light) = lights.sample(at.position, choice, [u[0], u[1]])
         && light.wi.dot(at.normal) > 0.0
     {
         let (f, pdf) = bsdf.evaluate_and_pdf(Vec3::Z, frame.to_local(light.wi));
@@ -69,7 +69,8 @@ fn scattered(world: &World, at: &SurfacePoint, rho: f32, strategy: Strategy, u: 
 fn irradiance(scene: &Scene, strategy: Strategy, seed: u64, samples: u64) -> Mean {
     let world = world(scene);
     let position = world.space().point(DVec3::ZERO).as_vec3();
-    let at = SurfacePoint { position, error: position.abs() * f32::EPSILON, normal: Vec3::Z };
+    let at =
+        SurfacePoint { position, error: position.abs() * f32::EPSILON, normal: Vec3::Z, primitive: PrimitiveId::NONE };
     let points = Sobol::new(seed);
     let mut mean = Mean::default();
     for replicate in 0..64 {
@@ -169,7 +170,7 @@ fn placements() -> Vec<Placement> {
         ("tilted", 2.0 * z, turned, y, true),
         ("tilted, partly under the horizon", at(1.5, 0.0, 0.4), sin * x + cos * z, y, true),
         ("a strip", at(0.5, 0.0, 1.0), x, 0.01 * y, true),
-        ("a ceiling", z, 30.0 * x, 30.0 * y, true),
+        ("a ceiling", z, 10.0 * x, 10.0 * y, true),
         ("askew", at(-0.7, 0.4, 0.8), cos * x + sin * y, -0.3 * (cos * y - sin * x) + 0.1 * z, true),
     ]
 }

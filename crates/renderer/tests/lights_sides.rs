@@ -27,7 +27,7 @@ fn shines(geometry: Geometry, to_world: DAffine3, reversed: bool) -> [bool; 2] {
         let seen = met.radiance != Vec3::ZERO;
         let drawn = (0..64).any(|i| {
             let u = [(i % 8) as f32 / 8.0 + 0.05, (i / 8) as f32 / 8.0 + 0.05];
-            world.lights().sample(world.geometry(), eye, 0.5, u).is_some()
+            world.lights().sample(eye, 0.5, u).is_some()
         });
         assert_eq!(seen, drawn, "what is seen and what is sampled, side {side}");
         assert_eq!(f64::from(met.point.normal.z) * side > 0.0, seen, "the normal points to the side that shines");
@@ -130,7 +130,7 @@ fn l08_what_is_sampled_is_what_is_seen() {
                 let measure = 2.0 * std::f64::consts::PI.powi(2) * f64::from(theta.sin());
                 by_sphere += f64::from(sky.radiance(w).x) * measure;
                 density += f64::from(sky.pdf(w)) * measure;
-                let Some(drawn) = world.lights().sample(world.geometry(), Vec3::ZERO, 0.0, u) else { continue };
+                let Some(drawn) = world.lights().sample(Vec3::ZERO, 0.0, u) else { continue };
                 assert!(matches!(drawn.target, Target::Far) && (drawn.wi.length() - 1.0).abs() < 3e-7);
                 assert_eq!(drawn.radiance, sky.radiance(drawn.wi));
                 assert!((drawn.pdf / sky.pdf(drawn.wi) - 1.0).abs() < 1e-3, "{name}: {drawn:?} {}", sky.pdf(drawn.wi));
