@@ -251,12 +251,14 @@ fn effects_each_with_its_object() {
     assert!(Effects::of(&textured).called()[1].because.contains("\"unused\""), "the texture by its name");
 }
 
+type Change<'a> = &'a dyn Fn(&mut Scene);
+
 /// A scene that calls for an effect gets it: each changes the picture.
 #[test]
 fn l14_no_effect_is_skipped() {
     let plain = hash(&picture(&direct(), 4, 1));
     let black = Picture::filled([2, 1], [0.0; 3]).expect("not empty");
-    let changes: [(Effect, &dyn Fn(&mut Scene)); 8] = [
+    let changes: [(Effect, Change<'_>); 8] = [
         (Effect::SoftShadows, &|s| s.shapes[0].emission = s.shapes[1].emission),
         (Effect::SeveralLights, &|s| s.shapes[0].emission = s.shapes[1].emission),
         (Effect::Glossy, &|s| s.materials[0].kind = metal(0.2)),

@@ -87,7 +87,7 @@ fn l01_closed_furnace() {
 }
 
 #[test]
-#[ignore = "minutes: cargo test --release -p dapple-renderer --test furnace -- --ignored l01"]
+#[ignore = "half an hour: cargo test --release -p dapple-renderer --test furnace -- --ignored l01"]
 fn l01_closed_furnace_to_a_thousandth() {
     check_furnace(&[(0.5, Some(12), 1e-3), (0.5, None, 1e-3), (0.9, Some(30), 1e-3), (0.9, None, 1e-3)], 1 << 16);
     check_furnace(&[(0.99, None, 5e-3)], 1 << 16);
