@@ -140,7 +140,7 @@ mod tests {
                 let mut flips = [0_u32; 64];
                 for t in 0..trials {
                     // Small numbers, as pixels, streams and blocks are in practice.
-                    let mut w = [t, t % 61 | (t / 61) << 32, t % 7 | (t % 11) << 32, t % 3];
+                    let mut w = [t, (t % 61) | ((t / 61) << 32), (t % 7) | ((t % 11) << 32), t % 3];
                     let before = key(w);
                     w[word] ^= 1 << bit;
                     let changed = before ^ key(w);

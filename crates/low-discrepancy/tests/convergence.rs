@@ -1,5 +1,7 @@
 //! How fast errors fall, how honest halves are, and what prefixes are worth.
 
+#![allow(clippy::print_stderr, reason = "tests print what they measure")]
+
 mod common;
 
 use common::{Integrand, estimate, id, integrands, log_slope, pair, rms};

@@ -4,6 +4,8 @@
 //! Owen-scrambled: `sobol_burley::sample(i, 0..4, seed)`. Run
 //! `cargo test --release -p dapple-low-discrepancy --test four_dimensions -- --nocapture`.
 
+#![allow(clippy::print_stderr, reason = "tests print what they measure")]
+
 mod common;
 
 use common::{id, rms};

@@ -4,12 +4,12 @@
 use dapple_core::{PointSet, SampleId};
 use dapple_low_discrepancy::{Halton, LowDiscrepancy, Random, Sobol, Stratified};
 
-pub fn id(pixel: [u32; 2], stream: u32, index: u64) -> SampleId {
+pub(crate) fn id(pixel: [u32; 2], stream: u32, index: u64) -> SampleId {
     SampleId { pixel, stream, index }
 }
 
 /// One of each, with grids and nets of 64 samples.
-pub fn all_sets(seed: u64) -> Vec<Box<dyn PointSet>> {
+pub(crate) fn all_sets(seed: u64) -> Vec<Box<dyn PointSet>> {
     vec![
         Box::new(Random::new(seed)),
         Box::new(Stratified::new(seed, 8).unwrap()),
@@ -20,11 +20,11 @@ pub fn all_sets(seed: u64) -> Vec<Box<dyn PointSet>> {
 }
 
 /// A function on the unit square with its exact mean and variance.
-pub struct Integrand {
-    pub name: &'static str,
-    pub f: fn(f64, f64) -> f64,
-    pub mean: f64,
-    pub variance: f64,
+pub(crate) struct Integrand {
+    pub(crate) name: &'static str,
+    pub(crate) f: fn(f64, f64) -> f64,
+    pub(crate) mean: f64,
+    pub(crate) variance: f64,
 }
 
 fn one_if(inside: bool) -> f64 {
@@ -32,7 +32,7 @@ fn one_if(inside: bool) -> f64 {
 }
 
 /// Smooth, kinked and discontinuous functions, along the axes and across.
-pub fn integrands() -> [Integrand; 8] {
+pub(crate) fn integrands() -> [Integrand; 8] {
     let edge = |name, f, p: f64| Integrand { name, f, mean: p, variance: p * (1.0 - p) };
     [
         Integrand { name: "x y", f: |x, y| x * y, mean: 0.25, variance: 7.0 / 144.0 },
@@ -52,13 +52,13 @@ pub fn integrands() -> [Integrand; 8] {
 }
 
 /// One 2-D pair of one sample.
-pub fn pair(points: &dyn PointSet, id: SampleId, block: u32, pair: usize) -> [f64; 2] {
+pub(crate) fn pair(points: &dyn PointSet, id: SampleId, block: u32, pair: usize) -> [f64; 2] {
     let u = points.block(id, block);
     [f64::from(u[2 * pair]), f64::from(u[2 * pair + 1])]
 }
 
 /// The mean of an integrand over the first `n` samples of one stream of a pixel, second pair of block 1.
-pub fn estimate(points: &dyn PointSet, f: fn(f64, f64) -> f64, pixel: [u32; 2], stream: u32, n: u64) -> f64 {
+pub(crate) fn estimate(points: &dyn PointSet, f: fn(f64, f64) -> f64, pixel: [u32; 2], stream: u32, n: u64) -> f64 {
     let sum: f64 = (0..n)
         .map(|i| {
             let [x, y] = pair(points, id(pixel, stream, i), 1, 1);
@@ -69,7 +69,7 @@ pub fn estimate(points: &dyn PointSet, f: fn(f64, f64) -> f64, pixel: [u32; 2], 
 }
 
 /// Root mean square of numbers.
-pub fn rms(numbers: impl Iterator<Item = f64>) -> f64 {
+pub(crate) fn rms(numbers: impl Iterator<Item = f64>) -> f64 {
     let (mut sum, mut n) = (0.0, 0.0);
     for x in numbers {
         sum += x * x;
@@ -79,7 +79,7 @@ pub fn rms(numbers: impl Iterator<Item = f64>) -> f64 {
 }
 
 /// Least-squares slope of log y against log x.
-pub fn log_slope(points: &[(f64, f64)]) -> f64 {
+pub(crate) fn log_slope(points: &[(f64, f64)]) -> f64 {
     let n = points.len() as f64;
     let logs: Vec<(f64, f64)> = points.iter().map(|(x, y)| (x.ln(), y.ln())).collect();
     let (mx, my) = (logs.iter().map(|p| p.0).sum::<f64>() / n, logs.iter().map(|p| p.1).sum::<f64>() / n);
