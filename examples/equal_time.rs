@@ -10,6 +10,8 @@
 //! there is one filter so far. Ratios are geometric means over seeds with 95 % intervals (paired log
 //! ratios, Student's t). Without `--full` a small form runs in seconds, to show that it works.
 
+#![expect(clippy::print_stdout, clippy::print_stderr, reason = "a program: its table is its result")]
+
 use dapple::core::{Frame, Limits, Needs, NoWatch, render};
 use dapple::metrics::{Comparison, Pixels, compare};
 use dapple::renderer::{World, bundled, integrator, pbrt, registry, scene};

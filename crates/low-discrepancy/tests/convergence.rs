@@ -1,6 +1,7 @@
 //! How fast errors fall, how honest halves are, and what prefixes are worth.
 
 #![allow(clippy::print_stderr, reason = "tests print what they measure")]
+#![allow(clippy::needless_range_loop, reason = "n is a count of points as well as an index")]
 
 mod common;
 

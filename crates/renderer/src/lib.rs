@@ -5,6 +5,11 @@
 //! [`World::new`] makes it ready for rays; [`integrator()`] gives the path tracer specialised for it, and
 //! [`dapple_core::render`] does the rest.
 
+/// The README's example is tested.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;
+
 pub mod blocks;
 pub mod bundled;
 pub mod camera;
