@@ -34,7 +34,7 @@ const STUDENT: [f64; 15] =
 fn main() -> Result<()> {
     let full = std::env::args().any(|a| a == "--full");
     let size = match full {
-        true => Size { side: 128, spp: 32, seeds: 8, reference_spp: 8192 },
+        true => Size { side: 128, spp: 32, seeds: 8, reference_spp: 2048 },
         false => Size { side: 24, spp: 8, seeds: 3, reference_spp: 128 },
     };
     println!(
