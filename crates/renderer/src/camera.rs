@@ -89,15 +89,15 @@ impl CameraView {
         let pose = space.apply(camera.to_world);
         let given = camera.to_world.matrix3;
         let longest = given.to_cols_array().into_iter().fold(0.0, |m: f64, x| m.max(x.abs()));
-        if !given.is_finite() || !(longest > 0.0) || !pose.translation.as_vec3().is_finite() {
+        if !given.is_finite() || longest == 0.0 || !pose.translation.as_vec3().is_finite() {
             return Err(CameraError::Pose { at: at() });
         }
         // Directions need no scale, and squares of a very small or large one leave the range of f32. A power
         // of two changes no digit.
         let size = longest.log2().floor().clamp(-1000.0, 1000.0).exp2();
         let axes = given * size.recip();
-        // Below this the columns lie in a plane as far as f32 can tell.
-        if !(axes.determinant().abs() > 1e-20) {
+        // Below this the columns lie in a plane as far as f32 can tell. All is finite here.
+        if axes.determinant().abs() <= 1e-20 {
             return Err(CameraError::Pose { at: at() });
         }
         if !(camera.fov > 0.0 && camera.fov < 180.0) {
@@ -124,7 +124,7 @@ impl CameraView {
         let shift = Vec2::new(((x0 + x1) * 0.5 * tan) as f32, ((y0 + y1) * 0.5 * tan) as f32);
         // Corners whose squares f32 holds: beyond, directions would be no numbers.
         let corner = [x0, x1, y0, y1].map(|w| (w * tan).abs()).into_iter().fold(0.0, f64::max);
-        if !(corner < 1e15) {
+        if corner >= 1e15 {
             return Err(CameraError::Window { at: at() });
         }
         // Lens and focus are lengths of camera space, as in pbrt-v4; the axes have taken its scale.

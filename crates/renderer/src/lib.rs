@@ -14,6 +14,7 @@ pub mod image;
 mod integrator;
 pub mod light;
 mod material;
+pub mod output;
 pub mod pbrt;
 pub mod pixel_filter;
 pub mod ply;

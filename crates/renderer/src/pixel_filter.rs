@@ -72,7 +72,7 @@ fn gaussian_inverse(radius: f64, sigma: f64) -> Vec<f32> {
         cumulative.push(cumulative[k] + density(x));
     }
     let total = cumulative[cells];
-    if !(total > 0.0) {
+    if total <= 0.0 {
         // Narrower than a cell: all of it lies at the centre.
         return vec![0.0; STEPS + 1];
     }

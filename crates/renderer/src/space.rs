@@ -55,6 +55,11 @@ impl Space {
         (world - self.centre) * self.scale
     }
 
+    /// Where a point of the renderer's space lies in the file's world space.
+    pub fn world(&self, point: [f32; 3]) -> [f64; 3] {
+        (DVec3::from_array(point.map(f64::from)) / self.scale + self.centre).to_array()
+    }
+
     /// What lengths are multiplied by: a power of two.
     pub fn scale(&self) -> f64 {
         self.scale

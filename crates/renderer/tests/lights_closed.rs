@@ -170,7 +170,7 @@ fn placements() -> Vec<Placement> {
         ("tilted", 2.0 * z, turned, y, true),
         ("tilted, partly under the horizon", at(1.5, 0.0, 0.4), sin * x + cos * z, y, true),
         ("a strip", at(0.5, 0.0, 1.0), x, 0.01 * y, true),
-        ("a ceiling", z, 30.0 * x, 30.0 * y, true),
+        ("a ceiling", z, 10.0 * x, 10.0 * y, true),
         ("askew", at(-0.7, 0.4, 0.8), cos * x + sin * y, -0.3 * (cos * y - sin * x) + 0.1 * z, true),
     ]
 }

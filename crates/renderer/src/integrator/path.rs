@@ -1,6 +1,8 @@
 //! Path tracing with next-event estimation, multiple importance sampling and Russian roulette
 //! [Kajiya 1986; Veach 1997, ch. 9 and 10].
 
+#![allow(clippy::neg_cmp_op_on_partial_ord, reason = "a survival that is no number ends the path")]
+
 use crate::World;
 use crate::blocks;
 use crate::camera::Lens;

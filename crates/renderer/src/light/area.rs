@@ -109,13 +109,13 @@ impl MeshLamp {
 #[inline]
 fn sample_on(lamp: &Lamp, from: Vec3, point: SurfacePoint, side: f32, area: f32) -> Option<LightSample> {
     let to = point.position - from;
-    let wi = to.normalize_or_zero();
-    let radiance = lamp.radiance(-side * point.normal.dot(wi));
-    if radiance == Vec3::ZERO {
-        return None;
-    }
-    let pdf = area_to_solid_angle(from, &point, area);
-    (pdf > 0.0).then_some(LightSample { wi, radiance, pdf, target: Target::Surface(point) })
+    let squared = to.length_squared();
+    let wi = to * squared.sqrt().recip();
+    let cosine = -side * point.normal.dot(wi);
+    let radiance = lamp.radiance(cosine);
+    // As `area_to_solid_angle`; a lamp that touches the point has no direction.
+    let pdf = squared / (cosine.abs() * area);
+    (radiance != Vec3::ZERO && pdf > 0.0).then_some(LightSample { wi, radiance, pdf, target: Target::Surface(point) })
 }
 
 impl SphereLamp {

@@ -244,7 +244,7 @@ pub fn summary(values: impl Iterator<Item = f64> + Clone) -> (f64, f64, f64) {
 pub fn welch((a, va, na): (f64, f64, f64), (b, vb, nb): (f64, f64, f64)) -> Option<f64> {
     let variance = va + vb;
     // Rounding is no variance.
-    if !(variance > 1e-24 * (a * a + b * b)) {
+    if variance.is_nan() || variance <= 1e-24 * (a * a + b * b) {
         return None;
     }
     let freedom = variance * variance / (va * va / na + vb * vb / nb);

@@ -1,0 +1,95 @@
+//! `dapple compare A REF`.
+
+use crate::output::{tell, warn};
+use crate::{Failure, Outcome, Result};
+use dapple_metrics::{Comparison, Pixels, compare};
+use dapple_renderer::files::{Disk, Files};
+use dapple_renderer::image::{Encoding, Picture, read_picture};
+use serde_json::json;
+use std::path::{Path, PathBuf};
+
+/// Compare a picture with its reference
+///
+/// Reads EXR, PFM, Radiance HDR, PNG, JPEG and TGA; integers are taken as sRGB. Of an EXR file the main layer
+/// counts. All figures are of linear values, unless they say display or sRGB.
+#[derive(clap::Args)]
+#[command(after_help = "Examples:\n  dapple compare scene.exr reference.exr\n  dapple compare --json a.pfm b.exr")]
+pub(crate) struct Options {
+    /// The picture
+    #[arg(value_name = "A")]
+    image: PathBuf,
+    /// The reference, of the same size
+    #[arg(value_name = "REF")]
+    reference: PathBuf,
+    /// Print one line of JSON
+    #[arg(long)]
+    json: bool,
+}
+
+pub(crate) fn run(options: &Options) -> Result<Outcome> {
+    let image = read(&options.image)?;
+    let reference = read(&options.reference)?;
+    let found = compare(pixels(&image)?, pixels(&reference)?).map_err(Failure::new)?;
+    if found.non_finite > 0 {
+        let name = options.image.display();
+        warn(format!("{name}: {} channels are NaN or infinite; they count as 0 in every figure", found.non_finite));
+    }
+    tell(if options.json { line(&found) } else { table(&found) })?;
+    Ok(Outcome::Done)
+}
+
+fn pixels(picture: &Picture) -> Result<Pixels<'_>> {
+    Pixels::new(picture.size, &picture.pixels).map_err(Failure::new)
+}
+
+fn read(path: &Path) -> Result<Picture> {
+    let name = path.display().to_string();
+    let bytes = Disk.read(path).map_err(|e| Failure::new(format!("{name}: cannot read it: {e}")))?;
+    read_picture(&bytes, &name, Encoding::Auto).map_err(Failure::new)
+}
+
+fn line(c: &Comparison) -> String {
+    let worst = &c.worst_block;
+    json!({
+        "mse": c.mse,
+        "relmse": c.rel_mse,
+        "relmse_trimmed": c.rel_mse_trimmed,
+        "smape": c.smape,
+        "psnr": c.psnr,
+        "srgb8_mse": c.srgb8_mse,
+        "mean_ratio": c.mean_ratio,
+        "channel_ratios": c.channel_ratios,
+        "non_finite": c.non_finite,
+        "worst_block": {"position": worst.position, "size": worst.size, "relmse": worst.rel_mse},
+    })
+    .to_string()
+}
+
+fn table(c: &Comparison) -> String {
+    let worst = &c.worst_block;
+    let [r, g, b] = c.channel_ratios;
+    let rows = [
+        ("MSE", figure(c.mse), String::new()),
+        ("relMSE", figure(c.rel_mse), "squared error over squared reference + 0.01".into()),
+        ("  trimmed", figure(c.rel_mse_trimmed), "without the worst 0.1 % of the pixels".into()),
+        ("  worst block", figure(worst.rel_mse), {
+            let ([x, y], [w, h]) = (worst.position, worst.size);
+            format!("{w}x{h} pixels at column {x}, row {y}")
+        }),
+        ("SMAPE", figure(c.smape), "0 to 2".into()),
+        ("PSNR", format!("{:.2}", c.psnr), "dB, as displayed; 200 is equal".into()),
+        ("sRGB MSE", figure(c.srgb8_mse), "as displayed, on a scale of 0 to 255".into()),
+        ("ratio of means", format!("{:.6}", c.mean_ratio), format!("red {r:.6}, green {g:.6}, blue {b:.6}")),
+    ];
+    let row = |(name, value, about): &(&str, String, String)| format!("{name:<16}{value:<12}{about}");
+    rows.iter().map(row).map(|r| r.trim_end().to_owned()).collect::<Vec<_>>().join("\n")
+}
+
+/// Five digits that matter.
+fn figure(x: f64) -> String {
+    if x == 0.0 || (1e-4..1e5).contains(&x) { format!("{x:.*}", decimals(x)) } else { format!("{x:.4e}") }
+}
+
+fn decimals(x: f64) -> usize {
+    if x == 0.0 { 0 } else { (4 - x.log10().floor() as i32).max(0) as usize }
+}

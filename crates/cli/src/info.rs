@@ -1,0 +1,136 @@
+//! `dapple info SCENE`.
+
+use crate::output::{tell, warn};
+use crate::{Outcome, Result, scene};
+use dapple_core::{Film, Needs};
+use dapple_renderer::scene::{EnvironmentRadiance, Geometry, LightKind, MaterialKind, PixelFilter, Scene};
+use dapple_renderer::{Effects, World, bundled};
+use std::path::PathBuf;
+
+/// Say what a scene holds and calls for, without rendering it
+#[derive(clap::Args)]
+#[command(after_help = "Examples:\n  dapple info scene.pbrt\n  dapple info terrain")]
+pub(crate) struct Options {
+    /// A pbrt-v4 file, or a bundled scene: teapot, terrain, cornell, furnace, plates
+    #[arg(value_name = "SCENE", default_value = bundled::DEFAULT)]
+    scene: PathBuf,
+    /// List what the renderer cannot do as warnings, rather than refusing the scene
+    #[arg(long)]
+    allow_unsupported: bool,
+}
+
+pub(crate) fn run(options: &Options) -> Result<Outcome> {
+    let scene = scene::read(&options.scene, options.allow_unsupported)?;
+    let world = scene::build(&scene, scene.film.resolution)?;
+    for notice in &scene.notices {
+        warn(format!("{}: {}", notice.source, notice.message));
+    }
+    for (name, what) in facts(&scene, &world) {
+        tell(format!("{name:<12}{what}"))?;
+    }
+    for called in Effects::of(&scene).called() {
+        tell(format!("  {:<18}{} ({})", called.effect.name(), called.because, called.source))?;
+    }
+    Ok(Outcome::Done)
+}
+
+fn facts(scene: &Scene, world: &World) -> Vec<(&'static str, String)> {
+    let [w, h] = scene.film.resolution;
+    let geometry = world.geometry();
+    let film = Film::bytes_per_pixel(&Needs::none().with_variance());
+    let depth = scene.max_depth.map_or("unlimited".into(), |d| d.to_string());
+    let triangles = match world.dropped_triangles() {
+        0 => geometry.triangle_count().to_string(),
+        dropped => format!("{} ({dropped} more have no area and are left out)", geometry.triangle_count()),
+    };
+    vec![
+        ("scene", scene.name.clone()),
+        ("picture", format!("{w}x{h}, {}, {}", crop(scene), pixel_filter(&scene.film.pixel_filter))),
+        ("spp", scene.film.spp.map_or("no suggestion".into(), |n| format!("{n} suggested (render takes --spp)"))),
+        ("max depth", depth),
+        ("triangles", triangles),
+        ("shapes", count(scene.shapes.iter().map(|s| shape(&s.geometry)))),
+        ("materials", count(scene.materials.iter().map(|m| material(&m.kind)))),
+        ("textures", scene.textures.len().to_string()),
+        ("lights", lights(scene, world)),
+        ("bounds", bounds(world)),
+        ("memory", format!("{} geometry, {film} bytes per pixel of the film", bytes(geometry.memory_bytes()))),
+        ("effects", if Effects::of(scene).called().is_empty() { "none".into() } else { String::new() }),
+    ]
+}
+
+fn crop(scene: &Scene) -> String {
+    match scene.film.crop {
+        Some([x0, y0, x1, y1]) => format!("crop {x0},{y0},{x1},{y1}"),
+        None => "whole".into(),
+    }
+}
+
+/// The pixel filter in words.
+pub(crate) fn pixel_filter(filter: &PixelFilter) -> String {
+    match filter {
+        PixelFilter::Box { radius: [x, y] } => format!("box filter of radius {x} x {y}"),
+        PixelFilter::Triangle { radius: [x, y] } => format!("triangle filter of radius {x} x {y}"),
+        PixelFilter::Gaussian { radius: [x, y], sigma } => {
+            format!("Gaussian filter of radius {x} x {y}, sigma {sigma}")
+        }
+    }
+}
+
+/// `3 (2 diffuse, 1 metal)`, kinds in the order of their first.
+fn count(kinds: impl Iterator<Item = &'static str>) -> String {
+    let mut counts: Vec<(&str, usize)> = Vec::new();
+    let mut all = 0;
+    for kind in kinds {
+        all += 1;
+        match counts.iter_mut().find(|c| c.0 == kind) {
+            Some(c) => c.1 += 1,
+            None => counts.push((kind, 1)),
+        }
+    }
+    let each: Vec<String> = counts.iter().map(|(kind, n)| format!("{n} {kind}")).collect();
+    if each.is_empty() { "0".into() } else { format!("{all} ({})", each.join(", ")) }
+}
+
+fn shape(geometry: &Geometry) -> &'static str {
+    match geometry {
+        Geometry::Mesh(_) => "mesh",
+        Geometry::Sphere { .. } => "sphere",
+        Geometry::Disk { .. } => "disk",
+    }
+}
+
+fn material(kind: &MaterialKind) -> &'static str {
+    match kind {
+        MaterialKind::Diffuse { .. } => "diffuse",
+        MaterialKind::Conductor { .. } => "conductor",
+        MaterialKind::CoatedDiffuse { .. } => "coated diffuse",
+    }
+}
+
+fn lights(scene: &Scene, world: &World) -> String {
+    let shining = scene.shapes.iter().filter(|s| s.emission.is_some()).map(|_| "area");
+    let others = scene.lights.iter().map(|light| match &light.kind {
+        LightKind::Infinite { radiance: EnvironmentRadiance::LatLong { .. } } => "environment picture",
+        LightKind::Infinite { .. } => "uniform environment",
+    });
+    format!("{}, {} sampled", count(shining.chain(others)), world.lights().len())
+}
+
+/// The corners in the file's own units.
+fn bounds(world: &World) -> String {
+    let Some([low, high]) = world.geometry().bounds() else { return "nothing".into() };
+    let corner = |p: [f32; 3]| {
+        let [x, y, z] = world.space().world(p);
+        format!("({x:.4}, {y:.4}, {z:.4})")
+    };
+    format!("{} to {}", corner(low.to_array()), corner(high.to_array()))
+}
+
+fn bytes(n: usize) -> String {
+    match n as f64 {
+        n if n < 1024.0 => format!("{n} bytes"),
+        n if n < 1024.0 * 1024.0 => format!("{:.1} KiB", n / 1024.0),
+        n => format!("{:.1} MiB", n / (1024.0 * 1024.0)),
+    }
+}

@@ -1,0 +1,28 @@
+//! `dapple samplers`, `dapple points`, `dapple filters`.
+
+use crate::output::tell;
+use crate::{Outcome, Result};
+use dapple_renderer::registry::{Entry, FILTERS, POINTS, SAMPLERS};
+
+pub(crate) fn samplers() -> Result<Outcome> {
+    list(SAMPLERS)
+}
+
+pub(crate) fn points() -> Result<Outcome> {
+    list(POINTS)
+}
+
+pub(crate) fn filters() -> Result<Outcome> {
+    list(FILTERS)
+}
+
+/// A line each: the names, and under each its parameters with their defaults.
+fn list<Make>(entries: &[Entry<Make>]) -> Result<Outcome> {
+    for entry in entries {
+        tell(format!("{:<16}{}", entry.name, entry.about))?;
+        for (key, default, about) in entry.parameters {
+            tell(format!("  {:<14}{about}", format!("{key}={default}")))?;
+        }
+    }
+    Ok(Outcome::Done)
+}

@@ -1,0 +1,22 @@
+//! The one place that writes to stdout and stderr.
+
+use crate::{Failure, Result};
+use std::io::{self, ErrorKind, Write};
+
+/// Writes a line to stderr, `kind: line`. A closed stderr is no reason to stop.
+pub(crate) fn say(kind: &str, line: &str) {
+    let _ = writeln!(io::stderr().lock(), "{kind}: {line}");
+}
+
+/// Writes a warning to stderr.
+pub(crate) fn warn(line: impl AsRef<str>) {
+    say("warning", line.as_ref());
+}
+
+/// Writes a result to stdout, ending the line. Whoever stops listening (`| head`) has heard enough.
+pub(crate) fn tell(result: impl AsRef<str>) -> Result<()> {
+    match writeln!(io::stdout().lock(), "{}", result.as_ref()) {
+        Err(e) if e.kind() != ErrorKind::BrokenPipe => Err(Failure::new(format!("cannot write to stdout: {e}"))),
+        _ => Ok(()),
+    }
+}

@@ -1,0 +1,149 @@
+//! `dapple render`.
+
+mod files;
+mod options;
+mod progress;
+mod report;
+mod settings;
+
+pub(crate) use options::Options;
+
+use crate::output::{say, tell, warn};
+use crate::stop::Stop;
+use crate::{Failure, Outcome, Result, scene};
+use dapple_core::{Error, Film};
+use dapple_renderer::integrator;
+use dapple_renderer::scene::Scene;
+use files::Files;
+use progress::Progress;
+use report::{Report, Seconds, cpu_seconds};
+use settings::Settings;
+use std::time::Instant;
+
+/// Mean samples per pixel where no budget is given. What a scene file suggests is often one sample, for a
+/// quick look with another renderer.
+const DEFAULT_SPP: f64 = 64.0;
+
+pub(crate) fn run(options: &Options) -> Result<Outcome> {
+    if let Err(wrong) = options.check() {
+        use clap::CommandFactory;
+        let mut words = crate::Words::command();
+        words.error(clap::error::ErrorKind::ValueValidation, wrong).exit();
+    }
+    let stop = Stop::listen()?;
+    start_threads(options.threads)?;
+    let clock = Instant::now();
+    let mut scene = scene::read(&options.scene, options.allow_unsupported)?;
+    let settings = Settings::new(options, &mut scene)?;
+    let files = Files::new(options, &scene.name, &settings)?;
+    let load = clock.elapsed().as_secs_f64();
+    warn_of(&scene, options);
+
+    let clock = Instant::now();
+    let world = scene::build(&scene, settings.frame.resolution())?;
+    if world.dropped_triangles() > 0 {
+        warn(format!("{} triangles have no area and are left out", world.dropped_triangles()));
+    }
+    let mut seconds = Seconds { load, bvh: clock.elapsed().as_secs_f64(), ..Seconds::default() };
+    if stop.asked() {
+        warn("stopped before the first sample: nothing is saved");
+        return Ok(Outcome::Interrupted);
+    }
+
+    let cpu = cpu_seconds();
+    let (film, failure) = trace(&settings, &world, &files, options, &stop)?;
+    let clock = Instant::now();
+    let filtered = settings.filter.apply(&film).map_err(Failure::new)?;
+    seconds.filter = clock.elapsed().as_secs_f64();
+    seconds.plan = film.record().plan_seconds();
+    seconds.trace = film.record().trace_seconds();
+    let cpu = cpu_seconds().zip(cpu).map(|(after, before)| after - before);
+
+    let mut report = Report { settings: &settings, scene: &scene, film: &film, filtered: &filtered, seconds, cpu };
+    warn_of_rejected(&film, &settings);
+    let interrupted = film.record().interrupted;
+    if film.record().samples == 0 {
+        warn("stopped before the first sample: nothing is saved");
+    } else {
+        let clock = Instant::now();
+        let written = files.write(&report, 1.0 / world.space().scale())?;
+        report.seconds.write = clock.elapsed().as_secs_f64();
+        if options.json {
+            tell(report.json())?;
+        } else if !options.quiet {
+            tell(report.summary())?;
+            written.iter().try_for_each(tell)?;
+        }
+    }
+    match failure {
+        Some(failure) => Err(failure),
+        None if interrupted => {
+            say("interrupted", "the picture is what was done until then");
+            Ok(Outcome::Interrupted)
+        }
+        None => Ok(Outcome::Done),
+    }
+}
+
+fn start_threads(threads: u16) -> Result<()> {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(usize::from(threads));
+    pool.build_global().map_err(|e| Failure::new(format!("cannot start {threads} threads: {e}")))
+}
+
+/// Traces. What was done before an integrator panicked is kept, beside the failure.
+fn trace(
+    settings: &Settings,
+    world: &dapple_renderer::World,
+    files: &Files,
+    options: &Options,
+    stop: &Stop,
+) -> Result<(Film, Option<Failure>)> {
+    let mut integrator = integrator(world);
+    let mut sampler = settings.sampler()?;
+    let needs = settings.filter.needs().and(files.needs());
+    let mut progress = Progress::new(options, settings, stop.clone());
+    let film =
+        dapple_core::render(&mut *integrator, &mut *sampler, needs, settings.frame, &settings.limits, &mut progress);
+    progress.finish();
+    match film {
+        Ok(film) => Ok((film, None)),
+        Err(Error::Panicked { film, sample, message, points }) => {
+            let failure = Failure::new(format!(
+                "{} (what was finished before is saved)",
+                Error::Panicked { sample, message, points, film: Box::new(Film::new(settings.frame, needs)) }
+            ));
+            Ok((*film, Some(failure)))
+        }
+        Err(other) => Err(Failure::new(other)),
+    }
+}
+
+/// What was read otherwise than written.
+fn warn_of(scene: &Scene, options: &Options) {
+    for notice in &scene.notices {
+        warn(format!("{}: {}", notice.source, notice.message));
+    }
+    if let (Some(suggested), Some(spp)) = (scene.film.spp, options.mean_spp())
+        && options.spp.is_none()
+        && f64::from(suggested) != spp
+    {
+        let name = options.scene.display();
+        warn(format!("{name} suggests {suggested} spp, and {spp} are taken: --spp {suggested} follows it"));
+    }
+}
+
+fn warn_of_rejected(film: &Film, settings: &Settings) {
+    let Some(first) = film.rejected().first() else { return };
+    let (all, samples) = (film.record().rejected, film.record().samples);
+    let id = first.sample;
+    let [x, y] = id.pixel;
+    warn(format!(
+        "{all} of {samples} samples were NaN, infinite or negative and count as 0; the first is sample {} of stream {} \
+         in pixel ({x}, {y}) with {}: replay it with --crop {x},{y},{},{}",
+        id.index,
+        id.stream,
+        settings.points_described,
+        x + 1,
+        y + 1
+    ));
+}

@@ -1,0 +1,147 @@
+//! Which files are written, and writing them.
+
+use super::Options;
+use super::report::Report;
+use super::settings::Settings;
+use crate::output::warn;
+use crate::{Failure, Result};
+use dapple_core::Needs;
+use dapple_renderer::image::{Format, ImageError, Picture, check_writable, write_file};
+use dapple_renderer::image::{encode_exr, encode_pfm, encode_png};
+use dapple_renderer::output::{self, GrayMap};
+use std::path::{Path, PathBuf};
+
+/// What a file shows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum What {
+    Picture(Format),
+    Samples,
+    Error,
+    Albedo,
+    Normals,
+    Depth,
+}
+
+/// The files to write, each known to be writable.
+pub(super) struct Files {
+    files: Vec<(What, PathBuf)>,
+    exposure: f32,
+}
+
+impl Files {
+    /// Decides on the files and makes sure that each can be written. Makes the folder of the maps.
+    pub(super) fn new(options: &Options, scene: &str, settings: &Settings) -> Result<Self> {
+        let mut files = Vec::new();
+        for path in &options.outputs {
+            files.push((What::Picture(Format::from_path(path).map_err(Failure::new)?), path.clone()));
+        }
+        if files.is_empty() {
+            files.push((What::Picture(Format::Exr), PathBuf::from(format!("{scene}.exr"))));
+            files.push((What::Picture(Format::Png), PathBuf::from(format!("{scene}.png"))));
+            if settings.adaptive {
+                files.push((What::Samples, PathBuf::from(format!("{scene}-samples.png"))));
+            }
+        }
+        if let Some(folder) = &options.maps {
+            std::fs::create_dir_all(folder)
+                .map_err(|e| Failure::new(format!("{}: cannot make the folder: {e}", folder.display())))?;
+            files.extend(MAPS.iter().map(|&(what, name)| (what, folder.join(name))));
+        }
+        let troubles: Vec<String> =
+            files.iter().filter_map(|(_, path)| check_writable(path).err()).map(|e| e.to_string()).collect();
+        if troubles.is_empty() { Ok(Self { files, exposure: options.exposure }) } else { Err(Failure(troubles)) }
+    }
+
+    /// What the files show of the samples.
+    pub(super) fn needs(&self) -> Needs {
+        let mut needs = Needs::none();
+        for (what, _) in &self.files {
+            match what {
+                What::Picture(Format::Exr) => needs = needs.with_variance(),
+                What::Albedo | What::Normals | What::Depth => needs = needs.with_features(),
+                _ => {}
+            }
+        }
+        needs
+    }
+
+    /// Writes every file, whatever becomes of the others, and says for each what it is. `unit` as in
+    /// [`output::layers`].
+    pub(super) fn write(&self, report: &Report<'_>, unit: f64) -> Result<Vec<String>> {
+        let (mut lines, mut troubles) = (Vec::new(), Vec::new());
+        for (what, path) in &self.files {
+            match self.encode(*what, path, report, unit) {
+                Ok(None) => {}
+                Ok(Some((bytes, about))) => match write_file(path, &bytes) {
+                    Ok(()) => lines.push(format!("{}: {about}", path.display())),
+                    Err(e) => troubles.push(e.to_string()),
+                },
+                Err(e) => troubles.push(format!("{}: {e}", path.display())),
+            }
+        }
+        if troubles.is_empty() { Ok(lines) } else { Err(Failure(troubles)) }
+    }
+
+    /// The bytes of a file and a phrase about it; `None` for what the film does not hold.
+    fn encode(&self, what: What, path: &Path, report: &Report<'_>, unit: f64) -> Encoded {
+        let (film, filtered) = (report.film, report.filtered);
+        let known = |bytes: Vec<u8>, about: String| Ok(Some((bytes, about)));
+        let gray = |map: GrayMap, about: String| known(map.png()?, about);
+        match what {
+            What::Picture(format) => {
+                let picture = Picture::new(filtered.size, filtered.radiance.clone())?;
+                match format {
+                    Format::Exr => {
+                        let layers = output::layers(film, filtered, unit);
+                        let file = encode_exr(filtered.size, &layers, &report.attributes())?;
+                        if file.clamped > 0 {
+                            warn(format!("{}: {} values were too large for it", path.display(), file.clamped));
+                        }
+                        let names: Vec<&str> = layers.iter().map(|l| l.name.as_str()).skip(1).collect();
+                        known(file.bytes, format!("the picture, with layers {}", names.join(", ")))
+                    }
+                    Format::Pfm => known(encode_pfm(&picture)?, "the picture".into()),
+                    Format::Png => known(encode_png(&picture, self.exposure)?, "the picture, sRGB".into()),
+                }
+            }
+            What::Samples => {
+                let map = output::sample_map(film);
+                let about = format!("the sample map; white is {} samples per pixel", map.white);
+                gray(map, about)
+            }
+            What::Error => match output::error_map(filtered) {
+                Some(map) => {
+                    let about = format!("the predicted relative error over 5x5 pixels; white is {:.3}", map.white);
+                    gray(map, about)
+                }
+                None => Ok(None),
+            },
+            What::Depth => match output::depth_map(film, unit) {
+                Some(map) => {
+                    let about = format!("distances; white is {:.4}, or nothing hit", map.white);
+                    gray(map, about)
+                }
+                None => Ok(None),
+            },
+            What::Albedo => match output::albedo_map(film) {
+                Some(png) => known(png?, "albedo, sRGB".into()),
+                None => Ok(None),
+            },
+            What::Normals => match output::normal_map(film) {
+                Some(png) => known(png?, "shading normals; -1 is black, 1 is white".into()),
+                None => Ok(None),
+            },
+        }
+    }
+}
+
+type Encoded = std::result::Result<Option<(Vec<u8>, String)>, ImageError>;
+
+/// The maps, with their names. Clusters join them when there are some.
+const MAPS: [(What, &str); 5] = [
+    (What::Samples, "samples.png"),
+    (What::Error, "error.png"),
+    (What::Albedo, "albedo.png"),
+    (What::Normals, "normals.png"),
+    (What::Depth, "depth.png"),
+];

@@ -1,0 +1,219 @@
+//! The words of `dapple render`.
+
+use clap::{Args, ValueEnum};
+use dapple_renderer::image::Format;
+use dapple_renderer::{bundled, registry};
+use std::path::PathBuf;
+
+/// Render a picture, putting samples where it needs them
+///
+/// SCENE is a pbrt-v4 file, or the name of a bundled scene: teapot (the default), terrain, cornell, furnace,
+/// plates. Nothing is rendered before all settings are checked and all outputs can be written.
+#[derive(Args)]
+#[command(after_help = AFTER)]
+pub(crate) struct Options {
+    /// A pbrt-v4 file, or a bundled scene
+    #[arg(value_name = "SCENE", default_value = bundled::DEFAULT)]
+    pub(super) scene: PathBuf,
+
+    /// A picture, by extension: .exr (every layer, settings in the header), .pfm or .png; may be given again
+    ///
+    /// Without any, SCENE.exr and SCENE.png are written to the current folder, and the sample map
+    /// SCENE-samples.png where the sampler is adaptive. Files that are there are replaced.
+    #[arg(short, long = "output", value_name = "OUT", value_parser = output)]
+    pub(super) outputs: Vec<PathBuf>,
+
+    /// How many samples each pixel gets; `dapple samplers` lists them
+    #[arg(long, value_name = "NAME[:key=value,…]", default_value = "variance", value_parser = sampler)]
+    #[arg(help_heading = "Method")]
+    pub(super) sampler: String,
+
+    /// Where samples lie; `dapple points` lists them
+    #[arg(long, value_name = "NAME[:…]", default_value = "sobol", value_parser = points)]
+    #[arg(help_heading = "Method")]
+    pub(super) points: String,
+
+    /// What makes the picture of the samples; `dapple filters` lists them
+    #[arg(long, value_name = "NAME[:…]", default_value = "none", value_parser = filter)]
+    #[arg(help_heading = "Method")]
+    pub(super) filter: String,
+
+    /// The shape of a pixel: the scene's, or one pixel's box
+    #[arg(long, value_name = "SHAPE", default_value = "scene", help_heading = "Method")]
+    pub(super) pixel_filter: PixelShape,
+
+    /// Decides on all random numbers: the same seed gives the same picture, whatever the threads
+    #[arg(long, value_name = "N", default_value_t = 1, help_heading = "Method")]
+    pub(super) seed: u64,
+
+    /// Spend this many samples per pixel on average, exactly [default: 64, whatever the file suggests]
+    #[arg(long, value_name = "MEAN", value_parser = above_zero, group = "budget", help_heading = "Budget (one of)")]
+    #[arg(allow_negative_numbers = true)]
+    pub(super) spp: Option<f64>,
+
+    /// Go on until the predicted relMSE is this small, or --max-spp is spent; costs some accuracy
+    #[arg(long, value_name = "RELMSE", value_parser = above_zero, group = "budget", help_heading = "Budget (one of)")]
+    #[arg(allow_negative_numbers = true)]
+    pub(super) error: Option<f64>,
+
+    /// Plan and trace for about this many seconds (reading and writing come on top)
+    #[arg(long, value_name = "SECONDS", value_parser = above_zero, group = "budget", help_heading = "Budget (one of)")]
+    #[arg(allow_negative_numbers = true)]
+    pub(super) time: Option<f64>,
+
+    /// No pixel gets fewer samples
+    #[arg(long, value_name = "N", default_value_t = 1, help_heading = "Bounds")]
+    pub(super) min_spp: u32,
+
+    /// No pixel gets more samples [default: no bound; with --error, 16384]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), help_heading = "Bounds")]
+    pub(super) max_spp: Option<u32>,
+
+    /// Most scattering events between camera and light [default: the scene's]
+    #[arg(long, value_name = "N", help_heading = "Picture")]
+    pub(super) max_depth: Option<u32>,
+
+    /// Width and height in pixels [default: the scene's]
+    #[arg(long, value_name = "WxH", value_parser = resolution, help_heading = "Picture")]
+    pub(super) resolution: Option<[u32; 2]>,
+
+    /// Render this window only, the same bits as in the whole picture [default: the scene's]
+    #[arg(long, value_name = "X0,Y0,X1,Y1", value_parser = crop, help_heading = "Picture")]
+    pub(super) crop: Option<[u32; 4]>,
+
+    /// Make PNG files brighter by this many powers of two
+    #[arg(long, value_name = "STOPS", default_value_t = 0.0, value_parser = stops, help_heading = "Picture")]
+    #[arg(allow_negative_numbers = true)]
+    pub(super) exposure: f32,
+
+    /// A folder for maps as PNG: samples, albedo, normals, depth, and the predicted error with --error
+    #[arg(long, value_name = "DIR", help_heading = "Picture")]
+    pub(super) maps: Option<PathBuf>,
+
+    /// Threads to use; 0 is one per core
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u16).range(..=1024))]
+    pub(super) threads: u16,
+
+    /// List what the renderer cannot do as warnings, rather than refusing the scene
+    #[arg(long)]
+    pub(super) allow_unsupported: bool,
+
+    /// Print one line of JSON rather than a summary; no progress
+    #[arg(long)]
+    pub(super) json: bool,
+
+    /// No progress and no summary; warnings remain
+    #[arg(short, long, conflicts_with = "json")]
+    pub(super) quiet: bool,
+}
+
+const AFTER: &str = "\
+Examples:
+  dapple render
+  dapple render scene.pbrt -o scene.exr -o scene.png --spp 128
+  dapple render scene.pbrt -o scene.exr --time 30 --maps maps
+  dapple render terrain -o terrain.pfm --sampler variance:policy=cross --points random --seed 7
+  dapple render cornell -o cornell.png --sampler uniform --spp 16 --resolution 128x128
+
+Ctrl-C stops and saves what is done; a second one leaves at once.";
+
+/// The shape of a pixel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(super) enum PixelShape {
+    /// As the scene file says
+    Scene,
+    /// A box of one pixel
+    Box,
+}
+
+impl Options {
+    /// What no single word can say.
+    pub(super) fn check(&self) -> Result<(), String> {
+        if let Some(max) = self.max_spp.filter(|&max| max < self.min_spp) {
+            return Err(format!(
+                "--min-spp {} is above --max-spp {max}: the smallest count must not exceed the largest",
+                self.min_spp
+            ));
+        }
+        let spp = self.mean_spp();
+        if spp.is_some_and(|spp| spp < f64::from(self.min_spp)) {
+            let spp = spp.unwrap_or_default();
+            let min = self.min_spp;
+            return Err(format!("--spp {spp} is below --min-spp {min}: raise it, or lower --min-spp (0 is allowed)"));
+        }
+        let most = self.max_spp.unwrap_or(u32::MAX);
+        if spp.is_some_and(|spp| spp > f64::from(most)) {
+            let spp = spp.unwrap_or_default();
+            return Err(format!("--spp {spp} is above {most}, the most that a pixel may take: lower it"));
+        }
+        let mut seen: Vec<&PathBuf> = Vec::new();
+        for output in &self.outputs {
+            if seen.contains(&output) {
+                return Err(format!("--output {} is given twice", output.display()));
+            }
+            seen.push(output);
+        }
+        Ok(())
+    }
+
+    /// The mean samples per pixel, where they are the budget.
+    pub(super) fn mean_spp(&self) -> Option<f64> {
+        let other = self.error.is_some() || self.time.is_some();
+        if other { None } else { Some(self.spp.unwrap_or(super::DEFAULT_SPP)) }
+    }
+}
+
+fn above_zero(word: &str) -> Result<f64, String> {
+    match word.parse::<f64>() {
+        Ok(x) if x.is_finite() && x > 0.0 => Ok(x),
+        _ => Err("a finite number above zero is wanted".into()),
+    }
+}
+
+fn stops(word: &str) -> Result<f32, String> {
+    match word.parse::<f32>() {
+        Ok(x) if x.is_finite() => Ok(x),
+        _ => Err("a finite number is wanted, 0 to leave the picture as it is".into()),
+    }
+}
+
+fn resolution(word: &str) -> Result<[u32; 2], String> {
+    let sides = word.split_once(['x', 'X']).and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]));
+    let sides: [u32; 2] = sides.ok_or("WIDTHxHEIGHT in pixels is wanted, such as 640x360")?;
+    dapple_core::Frame::new(sides[0], sides[1]).map_err(|e| e.to_string())?;
+    Ok(sides)
+}
+
+fn crop(word: &str) -> Result<[u32; 4], String> {
+    let sides: Option<Vec<u32>> = word.split(',').map(|side| side.trim().parse().ok()).collect();
+    match sides.as_deref() {
+        Some(&[x0, y0, x1, y1]) if x0 < x1 && y0 < y1 => Ok([x0, y0, x1, y1]),
+        Some([_, _, _, _]) => Err("the window is empty: X0 < X1 and Y0 < Y1 are wanted".into()),
+        _ => Err("X0,Y0,X1,Y1 in pixels are wanted, such as 0,0,64,32".into()),
+    }
+}
+
+fn output(word: &str) -> Result<PathBuf, String> {
+    let path = PathBuf::from(word);
+    Format::from_path(&path).map_err(|e| e.to_string())?;
+    Ok(path)
+}
+
+/// Makes it for trial: what is wrong with the words is known before anything is read.
+fn sampler(words: &str) -> Result<String, String> {
+    let points = registry::points("random", TRIAL).map_err(|e| e.to_string())?;
+    registry::sampler(words, points).map_err(|e| e.to_string())?;
+    Ok(words.to_owned())
+}
+
+fn points(words: &str) -> Result<String, String> {
+    registry::points(words, TRIAL).map_err(|e| e.to_string())?;
+    Ok(words.to_owned())
+}
+
+fn filter(words: &str) -> Result<String, String> {
+    registry::filter(words).map_err(|e| e.to_string())?;
+    Ok(words.to_owned())
+}
+
+const TRIAL: registry::Setting = registry::Setting { seed: 0, spp: None };

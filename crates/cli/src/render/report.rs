@@ -1,0 +1,162 @@
+//! How it went: the JSON line, the summary, and what goes into the header of an EXR file.
+
+use super::settings::Settings;
+use crate::info;
+use dapple_core::{Combine, Film, Filtered};
+use dapple_renderer::Effects;
+use dapple_renderer::scene::Scene;
+use serde::Serialize;
+use serde_json::json;
+
+/// Wall seconds of each phase. Phases that do not exist for a sampler take none.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub(super) struct Seconds {
+    pub(super) load: f64,
+    pub(super) bvh: f64,
+    pub(super) cluster: f64,
+    pub(super) probe: f64,
+    pub(super) plan: f64,
+    pub(super) trace: f64,
+    pub(super) filter: f64,
+    pub(super) write: f64,
+}
+
+impl Seconds {
+    fn render(&self) -> f64 {
+        self.cluster + self.probe + self.plan + self.trace + self.filter
+    }
+}
+
+/// User and system seconds of this process so far; `None` where the system does not tell.
+pub(super) fn cpu_seconds() -> Option<f64> {
+    #[cfg(any(target_os = "linux", target_os = "macos", target_os = "freebsd"))]
+    {
+        let now = nix::time::ClockId::CLOCK_PROCESS_CPUTIME_ID.now().ok()?;
+        Some(now.tv_sec() as f64 + now.tv_nsec() as f64 * 1e-9)
+    }
+    #[cfg(not(any(target_os = "linux", target_os = "macos", target_os = "freebsd")))]
+    None
+}
+
+/// A picture with how it was made.
+pub(super) struct Report<'a> {
+    pub(super) settings: &'a Settings,
+    pub(super) scene: &'a Scene,
+    pub(super) film: &'a Film,
+    pub(super) filtered: &'a Filtered,
+    pub(super) seconds: Seconds,
+    pub(super) cpu: Option<f64>,
+}
+
+impl Report<'_> {
+    fn spp(&self) -> f64 {
+        self.film.record().samples as f64 / self.film.frame().pixels() as f64
+    }
+
+    fn effects(&self) -> Vec<&'static str> {
+        Effects::of(self.scene).called().iter().map(|c| c.effect.name()).collect()
+    }
+
+    /// One line, with the keys of the design.
+    pub(super) fn json(&self) -> String {
+        let (settings, record) = (self.settings, self.film.record());
+        json!({
+            "scene": self.scene.name,
+            "sampler": settings.sampler_described,
+            "points": settings.points_described,
+            "filter": settings.filter.describe(),
+            "seed": settings.seed,
+            "threads": rayon::current_num_threads(),
+            "resolution": settings.frame.resolution(),
+            "samples": record.samples,
+            "spp": self.spp(),
+            "rays": record.rays,
+            "seconds": self.seconds,
+            "render_s": self.seconds.render(),
+            "cpu": self.cpu,
+            "predicted_relmse": self.film.predicted_relmse(),
+            "rejected": record.rejected,
+            "effects": self.effects(),
+        })
+        .to_string()
+    }
+
+    /// A few lines for people.
+    pub(super) fn summary(&self) -> String {
+        let (settings, record) = (self.settings, self.film.record());
+        let [w, h] = self.film.frame().size();
+        let seconds = self.seconds.render();
+        let counts = self.film.counts();
+        let (least, most) = (counts.iter().min().copied().unwrap_or(0), counts.iter().max().copied().unwrap_or(0));
+        let rate = record.rays as f64 / self.seconds.trace.max(1e-9) * 1e-6;
+        let mut lines = vec![
+            format!("{}, {w}x{h}: {:.2} spp ({least} to {most}) in {seconds:.2} s", self.scene.name, self.spp()),
+            format!(
+                "{}, {}, filter {}",
+                settings.sampler_described,
+                settings.points_described,
+                settings.filter.describe()
+            ),
+            format!("{} samples, {} rays, {rate:.2} million rays a second", record.samples, record.rays),
+        ];
+        if let Some(relmse) = self.film.predicted_relmse() {
+            lines.push(format!("predicted relMSE {relmse:.3e}"));
+        }
+        lines.join("\n")
+    }
+
+    /// Every setting and how it went, as text attributes.
+    pub(super) fn attributes(&self) -> Vec<(String, String)> {
+        let (settings, scene, record) = (self.settings, self.scene, self.film.record());
+        let (frame, limits) = (&settings.frame, &settings.limits);
+        let [[w, h], [x, y], [cw, ch]] = [frame.resolution(), frame.origin(), frame.size()];
+        let budgets: Vec<String> = record.budgets.iter().map(u64::to_string).collect();
+        let notices: Vec<String> = scene.notices.iter().map(|n| format!("{}: {}", n.source, n.message)).collect();
+        let list = [
+            ("version", env!("CARGO_PKG_VERSION").to_owned()),
+            ("scene", scene.name.clone()),
+            ("scene-file", scene.camera.source.file.display().to_string()),
+            ("sampler", settings.sampler_described.clone()),
+            ("points", settings.points_described.clone()),
+            ("filter", settings.filter.describe()),
+            ("pixel-filter", info::pixel_filter(&scene.film.pixel_filter)),
+            ("seed", settings.seed.to_string()),
+            ("budget", settings.asked.clone()),
+            ("budgets", budgets.join(",")),
+            ("min-spp", limits.min_spp.to_string()),
+            ("max-spp", limits.max_spp.to_string()),
+            ("resolution", format!("{w}x{h}")),
+            ("crop", format!("{x},{y},{},{}", x + cw, y + ch)),
+            ("max-depth", scene.max_depth.map_or("unlimited".into(), |d| d.to_string())),
+            ("effects", self.effects().join(",")),
+            ("notices", notices.join("\n")),
+            ("samples", record.samples.to_string()),
+            ("spp", self.spp().to_string()),
+            ("rays", record.rays.to_string()),
+            ("rejected", record.rejected.to_string()),
+            ("predicted-relmse", self.film.predicted_relmse().map_or("unknown".into(), |e| e.to_string())),
+            ("bias", bias(self.film, settings).to_owned()),
+            ("interrupted", record.interrupted.to_string()),
+            ("threads", rayon::current_num_threads().to_string()),
+            ("seconds", json!(self.seconds).to_string()),
+            ("cpu-seconds", self.cpu.map_or("unknown".into(), |s| s.to_string())),
+        ];
+        // A text attribute is never empty, so that every reader shows it.
+        let filled = |text: String| if text.is_empty() { "none".to_owned() } else { text };
+        list.into_iter().map(|(key, text)| (format!("dapple:{key}"), filled(text))).collect()
+    }
+}
+
+/// Whether samples that are in the picture decided on its counts [Kirk and Arvo 1991].
+fn bias(film: &Film, settings: &Settings) -> &'static str {
+    let rounds = &film.record().rounds;
+    let decided = rounds.split_last().is_some_and(|(_, deciding)| deciding.iter().any(|round| round.kept));
+    match film.combine() {
+        _ if matches!(settings.limits.budget, dapple_core::Budget::Error { .. }) => {
+            "biased: the predicted error of the samples in the picture decided when to stop"
+        }
+        _ if !settings.adaptive || !decided => "none: no sample of the picture decided on its counts",
+        Combine::Equally => "none: each half's counts were decided by the other half's samples",
+        _ => "slight: samples of the picture decided on its counts",
+    }
+}

@@ -1,0 +1,113 @@
+//! What is rendered, and how: the options with what the scene says.
+
+use super::Options;
+use super::options::PixelShape;
+use crate::{Failure, Result};
+use dapple_core::{Budget, Error, Filter, Frame, Limits, PointSet, Sampler};
+use dapple_renderer::registry::{self, Setting};
+use dapple_renderer::scene::{PixelFilter, Scene};
+
+/// Mean samples per pixel at which `--error` gives up where no `--max-spp` is given.
+const ERROR_SPP: u32 = 16384;
+
+/// Everything that decides on the picture besides the scene.
+pub(super) struct Settings {
+    pub(super) frame: Frame,
+    pub(super) limits: Limits,
+    pub(super) filter: Box<dyn Filter>,
+    pub(super) sampler_described: String,
+    pub(super) points_described: String,
+    pub(super) adaptive: bool,
+    pub(super) seed: u64,
+    /// The budget as it was asked for.
+    pub(super) asked: String,
+    sampler: String,
+    points: String,
+    setting: Setting,
+}
+
+impl Settings {
+    /// Takes resolution and crop from the scene where the options do not say, and makes the scene's depth and
+    /// pixel filter what the options say.
+    pub(super) fn new(options: &Options, scene: &mut Scene) -> Result<Self> {
+        if let Some(depth) = options.max_depth {
+            scene.max_depth = Some(depth);
+        }
+        if options.pixel_filter == PixelShape::Box {
+            scene.film.pixel_filter = PixelFilter::default();
+        }
+        let frame = frame(options, scene)?;
+        let (budget, asked) = budget(options, frame.pixels() as u64);
+        let mut limits = Limits::new(budget);
+        limits.min_spp = options.min_spp;
+        limits.max_spp = options.max_spp.unwrap_or(u32::MAX);
+        let setting = Setting { seed: options.seed, spp: options.mean_spp().map(|spp| spp.ceil() as u64) };
+        let mut settings = Self {
+            frame,
+            limits,
+            filter: registry::filter(&options.filter).map_err(Failure::new)?,
+            sampler_described: String::new(),
+            points_described: String::new(),
+            adaptive: true,
+            seed: options.seed,
+            asked,
+            sampler: options.sampler.clone(),
+            points: options.points.clone(),
+            setting,
+        };
+        let sampler = settings.sampler()?;
+        settings.sampler_described = sampler.describe();
+        settings.points_described = sampler.points().describe();
+        settings.adaptive = sampler.name() != "uniform";
+        check_capacity(sampler.points(), setting)?;
+        Ok(settings)
+    }
+
+    /// The sampler, fresh.
+    pub(super) fn sampler(&self) -> Result<Box<dyn Sampler>> {
+        let points = registry::points(&self.points, self.setting).map_err(Failure::new)?;
+        registry::sampler(&self.sampler, points).map_err(Failure::new)
+    }
+}
+
+fn frame(options: &Options, scene: &Scene) -> Result<Frame> {
+    let full = scene.film.resolution;
+    let [w, h] = options.resolution.unwrap_or(full);
+    let frame = Frame::new(w, h).map_err(Failure::new)?;
+    let scaled = scene.film.crop.map(|[x0, y0, x1, y1]| {
+        // The file's window at another resolution, as pbrt has it: a share of the picture.
+        let share =
+            |at: u32, from: u32, to: u32| (u64::from(at) * u64::from(to)).div_ceil(u64::from(from.max(1))) as u32;
+        [share(x0, full[0], w), share(y0, full[1], h), share(x1, full[0], w), share(y1, full[1], h)]
+    });
+    match options.crop.or(scaled) {
+        Some([x0, y0, x1, y1]) => frame.crop(x0, y0, x1, y1).map_err(Failure::new),
+        None => Ok(frame),
+    }
+}
+
+fn budget(options: &Options, pixels: u64) -> (Budget, String) {
+    if let Some(seconds) = options.time {
+        return (Budget::Seconds(seconds), format!("{seconds} seconds"));
+    }
+    if let Some(relmse) = options.error {
+        let most = options.max_spp.unwrap_or(ERROR_SPP);
+        let at_most = pixels * u64::from(most);
+        return (Budget::Error { relmse, at_most }, format!("relMSE {relmse}, at most {most} spp"));
+    }
+    let spp = options.mean_spp().unwrap_or(super::DEFAULT_SPP);
+    // At least one sample: a mean so small that it rounds to none is refused by its bounds.
+    let samples = ((spp * pixels as f64).round() as u64).max(1);
+    (Budget::Samples(samples), format!("{spp} spp, {samples} samples"))
+}
+
+/// What would fail after the first round fails now.
+fn check_capacity(points: &dyn PointSet, setting: Setting) -> Result<()> {
+    match setting.spp {
+        Some(asked) if asked > points.capacity() => {
+            let (points, capacity) = (points.describe(), points.capacity());
+            Err(Failure::new(Error::SequenceExhausted { points, capacity, asked }))
+        }
+        _ => Ok(()),
+    }
+}
