@@ -176,9 +176,9 @@ fn prefixes(scrambles: u32, print: bool) {
         let mut sums = vec![[[0.0_f64; 2]; 8]; MOST + 1];
         for s in 0..scrambles {
             let mut totals = [0.0; 8];
-            for n in 1..=MOST {
+            for (n, sums) in sums.iter_mut().enumerate().skip(1) {
                 let [x, y] = pair(points, id([s % 64, s / 64], 0, n as u64 - 1), 1, 0);
-                for ((total, g), [sum, square]) in totals.iter_mut().zip(&gs).zip(&mut sums[n]) {
+                for ((total, g), [sum, square]) in totals.iter_mut().zip(&gs).zip(sums) {
                     *total += (g.f)(x, y) - g.mean;
                     let error = *total / n as f64;
                     *sum += error;
@@ -192,10 +192,10 @@ fn prefixes(scrambles: u32, print: bool) {
             eprintln!("\nvariance over that of independent numbers: {}", points.describe());
             eprintln!("{:>5} {}", "n", gs.iter().map(|g| format!("{:>10}", g.name)).collect::<String>());
         }
-        for n in 1..=MOST {
+        for (n, sums) in sums.iter().enumerate().skip(1) {
             let ratios: Vec<f64> =
-                sums[n].iter().zip(&gs).map(|([_, square], g)| square / count / (g.variance / n as f64)).collect();
-            for ((ratio, [sum, square]), g) in ratios.iter().zip(&sums[n]).zip(&gs) {
+                sums.iter().zip(&gs).map(|([_, square], g)| square / count / (g.variance / n as f64)).collect();
+            for ((ratio, [sum, square]), g) in ratios.iter().zip(sums).zip(&gs) {
                 // 2400 means of each set; 5.5 is passed by chance once in 10^4 runs.
                 let bias = (sum / count).abs() / (square / count / count).sqrt();
                 worst_bias = worst_bias.max(bias);
