@@ -50,7 +50,7 @@ impl Geometry {
     }
 
     /// Whether anything is hit with `tmin < t < tmax`: exactly whether [`closest`](Self::closest) finds a hit, sooner.
-    #[inline]
+    #[inline(always)]
     #[must_use]
     pub fn occluded(&self, ray: &Ray) -> bool {
         match Frame::ordinary(ray) {

@@ -93,6 +93,7 @@ impl Mesh {
     /// The weights are taken as exact and the sum is formed in f64, so that the bound is the last rounding to f32
     /// (half an ulp, doubled for slack) and what f64 loses; pbrt's bound in f32 is `gamma_7` times the sum of
     /// magnitudes [Pharr 2023, eq. 6.26].
+    #[inline(always)]
     #[must_use]
     pub fn point(&self, triangle: u32, barycentrics: [f32; 2]) -> (Vec3, Vec3, Vec3) {
         let [a, b, c] = self.corners(triangle).map(Vec3::as_dvec3);

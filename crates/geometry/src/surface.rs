@@ -22,7 +22,7 @@ pub struct SurfacePoint {
 /// `error` bounds the point's error per axis and `normal` is the surface's unit normal; the step along the normal is
 /// `error . |normal|`, and the sum is moved on by the rounding of its last place, away from the surface
 /// [after Pharr 2023, section 6.8.6].
-#[inline]
+#[inline(always)]
 #[must_use]
 pub fn offset_origin(position: Vec3, error: Vec3, normal: Vec3, direction: Vec3) -> Vec3 {
     let side = 1.0_f32.copysign(normal.dot(direction));
@@ -48,7 +48,7 @@ pub fn spawn_ray(from: &SurfacePoint, direction: Vec3) -> Ray {
 ///
 /// Both ends are moved towards each other by their errors; the far one also by what the rounding of `direction`
 /// can move it.
-#[inline]
+#[inline(always)]
 #[must_use]
 pub fn spawn_ray_to(from: &SurfacePoint, to: &SurfacePoint) -> Ray {
     let error = to.error + aim_error(to.position, from.position);
@@ -65,7 +65,7 @@ pub fn spawn_ray_to_point(from: &SurfacePoint, target: Vec3) -> Ray {
 
 /// A ray from a surface to a point. If the point lies nearer to the surface's plane than the offset, the ray runs
 /// along the plane instead of back into it.
-#[inline]
+#[inline(always)]
 fn aim(from: &SurfacePoint, target: Vec3, tmax: f32) -> Ray {
     let wanted = target - from.position;
     let origin = offset_origin(from.position, from.error, from.normal, wanted);
@@ -77,7 +77,7 @@ fn aim(from: &SurfacePoint, target: Vec3, tmax: f32) -> Ray {
 }
 
 /// How far the end of a ray can lie from where it was aimed: `target - origin` is rounded once per axis.
-#[inline]
+#[inline(always)]
 fn aim_error(target: Vec3, origin: Vec3) -> Vec3 {
     (target - origin).abs() * f32::EPSILON
 }

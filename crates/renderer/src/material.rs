@@ -91,7 +91,7 @@ impl Surface {
     }
 
     /// The scattering at a point with these texture coordinates.
-    #[inline]
+    #[inline(always)]
     pub fn bsdf(&self, textures: &Textures, uv: [f32; 2]) -> Bsdf<'_> {
         let reflectance = |c: &Color| match c {
             Color::Constant(rgb) => Vec3::from_array(*rgb),

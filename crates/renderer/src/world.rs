@@ -133,7 +133,7 @@ impl World {
     }
 
     /// The closest hit of a ray, with its orientation.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn closest(&self, ray: &Ray) -> Option<Interaction<'_>> {
         let hit = self.geometry.closest(ray)?;
         let mut point = self.geometry.surface(ray, &hit);
@@ -172,7 +172,7 @@ impl World {
     }
 
     /// The shading frame of a hit; its x axis follows u where the material asks for it.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn frame(&self, at: &Interaction<'_>, surface: &Surface) -> Frame {
         let tangent = if surface.anisotropic { Some(self.tangent(at)) } else { None };
         if at.part.normals.is_empty() && tangent.is_none() {

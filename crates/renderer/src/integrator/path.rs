@@ -51,6 +51,7 @@ impl<'w, L: Lens, const SEVERAL: bool, const SKY: bool, const DEEP: bool> PathTr
         Self { world, lens: PhantomData }
     }
 
+    #[inline(always)]
     fn camera_ray(&self, draws: &Draws<'_>) -> Ray {
         let u = draws.block(blocks::CAMERA);
         let offset = self.world.filter.sample([u[0], u[1]]);
@@ -59,7 +60,7 @@ impl<'w, L: Lens, const SEVERAL: bool, const SKY: bool, const DEEP: bool> PathTr
     }
 
     /// Light that a hit lamp gives off towards the ray's origin, weighted against light sampling.
-    #[inline]
+    #[inline(always)]
     fn emitted(&self, path: &Path, at: &Interaction<'_>) -> Vec3 {
         let lights = &self.world.lights;
         let Some(lamp) = lights.lamp(at.part.light) else { return Vec3::ZERO };
@@ -86,7 +87,7 @@ impl<'w, L: Lens, const SEVERAL: bool, const SKY: bool, const DEEP: bool> PathTr
 
     /// Next-event estimation: light that arrives at a hit straight from a lamp, and is scattered towards
     /// `wo`.
-    #[inline]
+    #[inline(always)]
     #[expect(clippy::too_many_arguments, reason = "the innermost loop, kept flat")]
     fn direct(
         &self,
@@ -125,7 +126,7 @@ impl<'w, L: Lens, const SEVERAL: bool, const SKY: bool, const DEEP: bool> PathTr
 
     /// The scattering event number `vertex`: gathers direct light and turns the ray. Returns whether the
     /// path goes on.
-    #[inline]
+    #[inline(always)]
     fn scatter(&self, draws: &Draws<'_>, path: &mut Path, at: &Interaction<'_>, vertex: u32) -> bool {
         let world = self.world;
         let surface = &world.surfaces[at.part.material as usize];

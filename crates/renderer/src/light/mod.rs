@@ -114,7 +114,7 @@ impl Lights {
 
     /// Draws light arriving at `from`: `choice` chooses among several lights, `u` the direction. `pdf`
     /// includes the choice. `None` where the light chosen cannot shine on `from`.
-    #[inline]
+    #[inline(always)]
     pub fn sample(&self, from: Vec3, choice: f32, u: [f32; 2]) -> Option<LightSample> {
         let (index, pmf) = match self.lights.len() {
             1 => (0, 1.0),

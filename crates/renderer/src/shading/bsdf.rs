@@ -96,7 +96,7 @@ impl<'m> Bsdf<'m> {
     }
 
     /// [`evaluate`](Self::evaluate) and [`pdf`](Self::pdf), their common work done once.
-    #[inline]
+    #[inline(always)]
     pub fn evaluate_and_pdf(&self, wo: Vec3, wi: Vec3) -> (Vec3, f32) {
         match to_upper_side(wo, wi) {
             Some((wo, wi)) => self.evaluate_above(wo, wi),
@@ -106,7 +106,7 @@ impl<'m> Bsdf<'m> {
 
     /// Draws `wi` with density [`pdf`](Self::pdf): `lobe` in `[0, 1)` chooses the lobe, `u` in `[0, 1)^2`
     /// the direction in it. `None` where nothing is scattered: the sample counts, and is black.
-    #[inline]
+    #[inline(always)]
     pub fn sample(&self, wo: Vec3, u: [f32; 2], lobe: f32) -> Option<BsdfSample> {
         let side = if wo.z > 0.0 { 1.0 } else { -1.0 };
         let wo = side * wo;

@@ -10,7 +10,9 @@
 /// (Cephes).
 #[inline]
 pub fn sin_cos_turn(turn: f32) -> (f32, f32) {
-    let quarters = (turn * 4.0).round_ties_even();
+    // Adding and taking away 1.5 * 2^23 rounds to the nearest whole number, ties to even, without a call
+    // into libm on processors whose baseline cannot round.
+    let quarters = (turn * 4.0 + 12_582_912.0) - 12_582_912.0;
     let x = (turn * 4.0 - quarters) * std::f32::consts::FRAC_PI_2;
     let z = x * x;
     let sin = ((-1.951_529_6e-4 * z + 8.332_161e-3) * z - 1.666_665_5e-1) * z * x + x;
