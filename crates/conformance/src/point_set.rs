@@ -147,7 +147,7 @@ fn purity(points: &dyn PointSet) {
     backward.reverse();
     // A step of 7 visits everything once where it does not divide the number of names.
     let len = names.len();
-    let step = if len % 7 == 0 { 1 } else { 7 };
+    let step = if len.is_multiple_of(7) { 1 } else { 7 };
     let mut interleaved = vec![[0; 4]; len];
     for k in 0..len {
         interleaved[k * step % len] = read(&names[k * step % len]);

@@ -80,10 +80,20 @@ fn a_cursor_is_rejected() {
 fn a_scramble_shared_by_pixels_is_rejected() {
     let points = |id: SampleId, block| sound(SampleId { pixel: [id.pixel[0] & !63, id.pixel[1]], ..id }, block);
     rejected(&Faulty(points), "standard errors from");
-    let points = |id: SampleId, block| sound(SampleId { pixel: [id.pixel[0] & !1, id.pixel[1]], ..id }, block);
-    rejected(&Faulty(points), "pixels (1, 0) apart");
-    let points = |id: SampleId, block| sound(SampleId { pixel: [id.pixel[0] % 64, id.pixel[1]], ..id }, block);
-    rejected(&Faulty(points), "pixels (64, 0) apart");
+    // Shifted by a quarter for each repetition, so that moments over the picture stay in order and only
+    // the comparison of pixels can tell.
+    for (period, apart) in [(2, "pixels (1, 0) apart"), (64, "pixels (64, 0) apart")] {
+        let points = |id: SampleId, block| {
+            let (first, repetition) = if period == 2 {
+                (id.pixel[0] & !1, id.pixel[0] & 1)
+            } else {
+                (id.pixel[0] % period, id.pixel[0] / period % 4)
+            };
+            sound(SampleId { pixel: [first, id.pixel[1]], ..id }, block)
+                .map(|u| (f64::from(u) + f64::from(repetition) * 0.25).fract() as f32)
+        };
+        rejected(&Faulty(points), apart);
+    }
 }
 
 #[test]
@@ -103,7 +113,7 @@ fn a_common_order_is_rejected() {
     // Van der Corput's points with an XOR scramble per block, but no shuffle: pbrt's fault if it
     // forgot to decorrelate.
     let points = |id: SampleId, block: u32| {
-        let place = key(&[pixel(&id), id.stream.into(), block.into(), id.index >> 32]);
+        let place = key(&[pixel(&id), id.stream.into(), block.into(), id.index >> 16]);
         [0, 1, 2, 3].map(|k| (((id.index as u32).reverse_bits() ^ mix(place + k) as u32) >> 8) as f32 / 16_777_216.0)
     };
     rejected(&Faulty(points), "common order");

@@ -4,6 +4,7 @@ use crate::frame::Frame;
 use crate::shape::Quadric;
 use crate::triangle::Triangles4;
 use glam::Vec4;
+use pulp::Arch;
 
 /// Set in a child's code if it is a leaf of triangles; the rest is its block.
 const TRIANGLES: u32 = 1 << 31;
@@ -66,6 +67,29 @@ pub(crate) struct Tree {
     pub(crate) quadric_keys: Vec<u64>,
     /// Most entries that the stack can hold at once.
     pub(crate) stack: usize,
+    /// What this machine's processor can do, asked once.
+    pub(crate) arch: Arch,
+}
+
+/// A walk through a tree, compiled for each set of vector instructions that may be there at run time.
+struct Walk<'a, const ANY: bool> {
+    tree: &'a Tree,
+    frame: &'a Frame,
+    best: &'a mut Best,
+}
+
+impl<const ANY: bool> pulp::NullaryFnOnce for Walk<'_, ANY> {
+    type Output = bool;
+
+    #[inline(always)]
+    fn call(self) -> bool {
+        let Self { tree, frame, best } = self;
+        match tree.stack {
+            0..=12 => tree.walk::<ANY, 12>(frame, best),
+            13..=64 => tree.walk::<ANY, 64>(frame, best),
+            _ => tree.walk::<ANY, DEEPEST>(frame, best),
+        }
+    }
 }
 
 /// The best hit so far.
@@ -96,25 +120,17 @@ type Aside = (f32, u32);
 
 impl Tree {
     pub(crate) fn closest(&self, frame: &Frame, best: &mut Best) {
-        match self.stack {
-            0..=12 => self.walk::<false, 12>(frame, best),
-            13..=64 => self.walk::<false, 64>(frame, best),
-            _ => self.walk::<false, DEEPEST>(frame, best),
-        };
+        self.arch.dispatch(Walk::<false> { tree: self, frame, best });
     }
 
     pub(crate) fn occluded(&self, frame: &Frame) -> bool {
         let mut best = Best::new(frame.ray.tmax);
-        match self.stack {
-            0..=12 => self.walk::<true, 12>(frame, &mut best),
-            13..=64 => self.walk::<true, 64>(frame, &mut best),
-            _ => self.walk::<true, DEEPEST>(frame, &mut best),
-        }
+        self.arch.dispatch(Walk::<true> { tree: self, frame, best: &mut best })
     }
 
     /// Walks the tree from near to far. With `ANY` it returns `true` at the first hit, else it leaves the closest in
     /// `best`. `STACK` is at least `self.stack`.
-    #[inline(never)]
+    #[inline(always)]
     fn walk<const ANY: bool, const STACK: usize>(&self, frame: &Frame, best: &mut Best) -> bool {
         if self.nodes.is_empty() {
             return false;

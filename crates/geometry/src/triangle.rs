@@ -61,8 +61,16 @@ impl Triangles4 {
         let v = s.x[0] * s.y[2] - s.y[0] * s.x[2];
         let w = s.x[1] * s.y[0] - s.y[1] * s.x[0];
         let inside = u.min(v).min(w).cmpge(Vec4::ZERO) | u.max(v).max(w).cmple(Vec4::ZERO);
-        let mask = inside.bitmask();
-        if mask == 0 { None } else { self.finish(frame, limit, keys, &s, [u, v, w], inside) }
+        let mut wanted = inside.bitmask();
+        if wanted == 0 {
+            return None;
+        }
+        // Most are the triangles that the ray leaves or is aimed at: flat, so they are not met in between.
+        let [from, to] = frame.ray.ends;
+        for (lane, &key) in keys.iter().enumerate() {
+            wanted &= !(u32::from(key == from.0 || key == to.0) << lane);
+        }
+        if wanted == 0 { None } else { self.finish(frame, limit, wanted, &s, [u, v, w], inside) }
     }
 
     #[inline(always)]
@@ -82,7 +90,7 @@ impl Triangles4 {
         &self,
         frame: &Frame,
         limit: f32,
-        keys: &[u64; 4],
+        wanted: u32,
         s: &Sheared,
         edges: [Vec4; 3],
         inside: BVec4A,
@@ -108,18 +116,11 @@ impl Triangles4 {
         let settled = inside & sound & clear;
         let within = t.cmpgt(frame.tmin) & t.cmple(Vec4::splat(limit)) & t.cmplt(Vec4::splat(frame.ray.tmax));
         let mut lanes = Lanes {
-            mask: (settled & within).bitmask(),
+            mask: (settled & within).bitmask() & wanted,
             t: t.to_array(),
             weights: [second.to_array(), third.to_array()],
         };
-        let mut unsettled = inside.bitmask() & !settled.bitmask();
-        if unsettled != 0 {
-            // Most are the triangles that the ray leaves or is aimed at: flat, so they are not met in between.
-            let [from, to] = frame.ray.ends;
-            for (lane, &key) in keys.iter().enumerate() {
-                unsettled &= !(u32::from(key == from.0 || key == to.0) << lane);
-            }
-        }
+        let unsettled = inside.bitmask() & !settled.bitmask() & wanted;
         if unsettled != 0 {
             self.settle(frame, limit, unsettled, (sound & inside).bitmask(), &mut lanes);
         }

@@ -1,1 +1,80 @@
-fn main() {}
+//! Nanoseconds per block of four coordinates, read through `Draws` and `&dyn PointSet` as a render does.
+//! Criterion's throughput is in blocks.
+//!
+//! `cargo bench -p dapple-low-discrepancy`; `RUSTFLAGS="-C target-cpu=native"` for what AVX2 would give.
+
+use criterion::{Criterion, Throughput, criterion_group, criterion_main};
+use dapple_core::{Block, Draws, PointSet, SampleId};
+use dapple_low_discrepancy::{Halton, LowDiscrepancy, Random, Sobol, Stratified};
+use std::hint::black_box;
+
+/// Blocks read in one iteration: 16 samples of 16 blocks.
+const BLOCKS: u64 = 256;
+
+/// The sum of all coordinates, so that none is optimised away.
+fn read(points: &dyn PointSet, pixel: u32) -> f32 {
+    let mut sum = 0.0;
+    for index in 0..16 {
+        let draws = black_box(Draws::new(points, SampleId { pixel: [pixel, 7], stream: 0, index }, false));
+        for block in 0..16 {
+            let [a, b, c, d] = draws.block(Block::new(block));
+            sum += a + b + c + d;
+        }
+    }
+    sum
+}
+
+fn blocks(criterion: &mut Criterion) {
+    let mut group = criterion.benchmark_group("block");
+    group.throughput(Throughput::Elements(BLOCKS));
+    let sets: [Box<dyn PointSet>; 5] = [
+        Box::new(Random::new(1)),
+        Box::new(Stratified::new(1, 4).unwrap()),
+        Box::new(Halton::new(1)),
+        Box::new(Sobol::new(1)),
+        Box::new(LowDiscrepancy::new(1, 16).unwrap()),
+    ];
+    for points in &sets {
+        let name = points.describe();
+        let mut pixel = 0_u32;
+        group.bench_function(name.split(':').next().unwrap_or_default(), |b| {
+            b.iter(|| {
+                pixel = pixel.wrapping_add(1);
+                black_box(read(black_box(&**points), pixel))
+            });
+        });
+    }
+    // The oracle, with a seed per pixel and block as its documentation advises for padding.
+    let mut pixel = 0_u32;
+    group.bench_function("sobol_burley::sample_4d", |b| {
+        b.iter(|| {
+            pixel = pixel.wrapping_add(1);
+            let mut sum = 0.0;
+            for index in 0..16 {
+                for block in 0..16_u32 {
+                    let seed = (pixel ^ block << 20).wrapping_mul(0x9e37_79b9);
+                    let [a, b, c, d] = sobol_burley::sample_4d(black_box(index), 0, seed);
+                    sum += a + b + c + d;
+                }
+            }
+            black_box(sum)
+        });
+    });
+    group.bench_function("sobol_burley::sample x4", |b| {
+        b.iter(|| {
+            pixel = pixel.wrapping_add(1);
+            let mut sum = 0.0;
+            for index in 0..16 {
+                for block in 0..16_u32 {
+                    let seed = (pixel ^ block << 20).wrapping_mul(0x9e37_79b9);
+                    sum += (0..4).map(|d| sobol_burley::sample(black_box(index), d, seed)).sum::<f32>();
+                }
+            }
+            black_box(sum)
+        });
+    });
+    group.finish();
+}
+
+criterion_group!(benches, blocks);
+criterion_main!(benches);

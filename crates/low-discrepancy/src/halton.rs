@@ -1,10 +1,10 @@
 //! Owen-scrambled Halton points.
 
-use crate::keys::{Seed, halves, nth_key, unit};
+use crate::keys::{Seed, halves, next_state, nth_key, unit};
 use crate::sobol::owen_reversed;
 use dapple_core::{PointSet, SampleId};
 
-/// Halton's sequence [Halton 1960] with nested (Owen) scrambling in every base, per pixel and pair.
+/// Halton's sequence, after [Halton 1960], with nested (Owen) scrambling in every base, per pixel and pair.
 ///
 /// Which bases a coordinate gets:
 ///
@@ -85,7 +85,7 @@ fn pair23(index: u64, key: u64) -> [f32; 2] {
 ///
 /// Affine maps `a d + c` with `a` not 0 act on a prime number of digits so that any two different ones
 /// go to any two different ones equally often. Pairs are all that Owen's variance depends on, so it is
-/// the same as with all permutations [Matousek 1998, section 3].
+/// the same as with all permutations, after [Matousek 1998].
 ///
 /// `DIGITS` are enough for an index below 2^32, and for more than the 24 bits of an `f32`.
 #[inline]
@@ -132,13 +132,6 @@ fn shuffled(index: u32, key: u64) -> u64 {
 #[inline(always)]
 fn below(bits: u64, n: u64) -> u64 {
     (bits * n) >> 32
-}
-
-/// The next node down a scramble's tree. Cheaper than a full mix, of which there would be 21 a number.
-#[inline(always)]
-fn next_state(state: u64, digit: u64) -> u64 {
-    let s = (state ^ state >> 29).wrapping_add(digit + 1).wrapping_mul(0x94d0_49bb_1331_11eb);
-    s ^ s >> 32
 }
 
 #[cfg(test)]

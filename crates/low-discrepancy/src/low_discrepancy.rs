@@ -5,8 +5,8 @@ use crate::keys::{Seed, halves, nth_key, permute, unit};
 use crate::sobol::sobol1_reversed;
 use dapple_core::{PointSet, SampleId};
 
-/// The `lowdiscrepancy` sampler of pbrt's second edition, as published [Pharr 2010, section 7.4; Kollig
-/// 2002]: van der Corput's sequence and Sobol's second dimension, each XOR-scrambled by a random number
+/// The `lowdiscrepancy` sampler of pbrt's second edition, as published in its source, after
+/// [Kollig 2002]: van der Corput's sequence and Sobol's second dimension, each XOR-scrambled by a random number
 /// per pixel and pair, in an order shuffled independently for each pair.
 ///
 /// Each pair of each `count` samples is a (0,k,2)-net. As published it needs its count beforehand and

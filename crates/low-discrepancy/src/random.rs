@@ -7,7 +7,7 @@ use rand_pcg::Pcg64Mcg;
 
 /// Independent uniform random numbers: plain Monte Carlo, the baseline that every other set must beat.
 ///
-/// A [`Pcg64Mcg`] [O'Neill 2014] whose 128 bits of state are hashed from (seed, pixel, stream, index,
+/// A [`Pcg64Mcg`] (after [O'Neill 2014]) whose 128 bits of state are hashed from (seed, pixel, stream, index,
 /// block), so that any sample can be had without those before it.
 ///
 /// Weakness: the variance of `n` samples falls as `1 / n`, never faster.

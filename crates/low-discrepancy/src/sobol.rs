@@ -14,7 +14,9 @@ use dapple_core::{PointSet, SampleId};
 /// * pairs, blocks, streams, pixels and seeds are independent of each other.
 ///
 /// Weakness: what one pair has to do with another is random, so an integrand that needs three or four
-/// coordinates together gains only as far as pairs explain it. (Measured in `tests/four_dimensions.rs`.)
+/// coordinates together gains only as far as pairs explain it: on a product of four coordinates the first
+/// four dimensions of Sobol's sequence have 1.6 times less RMSE at 16 samples, 3.5 times at 64; on
+/// integrands of the second pair they have up to 3.7 times more, since that pair is then no net.
 ///
 /// Name: `sobol`. Parameters: `seed`.
 #[derive(Clone, Copy, Debug)]
@@ -50,12 +52,10 @@ impl PointSet for Sobol {
         // The bits of a Sobol' coordinate, reversed: of the first it is the index itself.
         let [x0, x1] = halves(index);
         let [y0, y1] = halves(sobol1_reversed(index));
-        let pair0 = pack(owen_reversed(y0, scramble_y0), owen_reversed(x0, scramble_x0)).reverse_bits();
-        let pair1 = pack(owen_reversed(y1, scramble_y1), owen_reversed(x1, scramble_x1)).reverse_bits();
-
-        let [u0, v0] = halves(pair0);
-        let [u1, v1] = halves(pair1);
-        [unit(u0), unit(v0), unit(u1), unit(v1)]
+        let coordinates = [x0, y0, x1, y1];
+        let keys = [scramble_x0, scramble_y0, scramble_x1, scramble_y1];
+        // All four at once: compilers make vectors of this where the machine has them.
+        std::array::from_fn(|k| unit(owen_reversed(coordinates[k], keys[k]).reverse_bits()))
     }
 
     /// `2^32`: up to there all samples of a pair lie in different elementary intervals of
@@ -84,8 +84,8 @@ fn pack(low: u32, high: u32) -> u64 {
 /// A nested uniform scramble of a number whose bits are reversed: each bit is flipped or not by a hash
 /// of the bits below it and the key, so that equal leading digits stay equal.
 ///
-/// A Laine-Karras-style hash [Laine 2011], with the constants of [Vegdahl 2021]. The key must be
-/// random already.
+/// A hash in the style of Laine and Karras [Burley 2020], with the constants of [Vegdahl 2021]. The key
+/// must be random already.
 #[inline(always)]
 pub(crate) fn owen_reversed(reversed: u32, key: u32) -> u32 {
     let mut n = reversed;
@@ -99,7 +99,7 @@ pub(crate) fn owen_reversed(reversed: u32, key: u32) -> u32 {
 /// The second dimension of Sobol's sequence for two indices at once, bits reversed: bit `j` counts
 /// from the binary point.
 ///
-/// Its generator matrix is Pascal's triangle modulo 2 [Sobol' 1967]. By Lucas' theorem `C(k, j)` is
+/// Its generator matrix is Pascal's triangle modulo 2, after [Sobol' 1967]. By Lucas' theorem `C(k, j)` is
 /// odd exactly if the ones of `j` are among those of `k`, so bit `j` of the result is the parity of
 /// all index bits `k` that contain `j`: a sum over supersets, one step for each of the five bits of `k`.
 #[inline(always)]

@@ -4,8 +4,8 @@ use crate::Error;
 use crate::keys::{Seed, halves, nth_key, permute, unit};
 use dapple_core::{PointSet, SampleId};
 
-/// Jittered sampling: each 2-D pair has one random point in every cell of a `strata x strata` grid
-/// [Cook 1986], and each pair visits its cells in a random order of its own.
+/// Jittered sampling: each 2-D pair has one random point in every cell of a `strata x strata` grid,
+/// after [Cook 1986], and each pair visits its cells in a random order of its own.
 ///
 /// Weaknesses: the whole count must be known beforehand, since an unfinished grid is a random subset of
 /// it, hardly better than [`Random`](crate::Random) for few of its cells; and projections on one axis

@@ -50,7 +50,7 @@ pub enum CameraError {
 #[derive(Clone, Debug)]
 pub struct CameraView {
     origin: Vec3,
-    /// Columns: right, up, forward.
+    /// Columns: right, up, forward, of the camera transform's own proportions, the longest entry in [1, 2).
     axes: Mat3,
     /// Half the resolution, in pixels.
     half: Vec2,
@@ -58,6 +58,7 @@ pub struct CameraView {
     step: Vec2,
     /// Screen position of the picture's centre.
     shift: Vec2,
+    /// Lens radius and focal distance in lengths of `axes`.
     lens_radius: f32,
     focal_distance: f32,
 }
@@ -86,9 +87,17 @@ impl CameraView {
     pub fn new(camera: &Camera, resolution: [u32; 2], space: &Space) -> Result<Self, CameraError> {
         let at = || camera.source.clone();
         let pose = space.apply(camera.to_world);
-        // The scale of space is taken out again: directions do not need it, distances get it below.
-        let axes = camera.to_world.matrix3;
-        if !axes.is_finite() || !pose.translation.is_finite() || !(axes.determinant().abs() > 0.0) {
+        let given = camera.to_world.matrix3;
+        let longest = given.to_cols_array().into_iter().fold(0.0, |m: f64, x| m.max(x.abs()));
+        if !given.is_finite() || longest == 0.0 || !pose.translation.as_vec3().is_finite() {
+            return Err(CameraError::Pose { at: at() });
+        }
+        // Directions need no scale, and squares of a very small or large one leave the range of f32. A power
+        // of two changes no digit.
+        let size = longest.log2().floor().clamp(-1000.0, 1000.0).exp2();
+        let axes = given * size.recip();
+        // Below this the columns lie in a plane as far as f32 can tell. All is finite here.
+        if axes.determinant().abs() <= 1e-20 {
             return Err(CameraError::Pose { at: at() });
         }
         if !(camera.fov > 0.0 && camera.fov < 180.0) {
@@ -111,15 +120,23 @@ impl CameraView {
             return Err(CameraError::Window { at: at() });
         }
         let tan = (camera.fov.to_radians() * 0.5).tan();
-        Ok(Self {
-            origin: pose.translation.as_vec3(),
-            axes: axes.as_mat3(),
-            half: Vec2::new((width * 0.5) as f32, (height * 0.5) as f32),
-            step: Vec2::new(((x1 - x0) / width * tan) as f32, ((y1 - y0) / height * tan) as f32),
-            shift: Vec2::new(((x0 + x1) * 0.5 * tan) as f32, ((y0 + y1) * 0.5 * tan) as f32),
-            lens_radius: (camera.lens_radius * space.scale()) as f32,
-            focal_distance: (camera.focal_distance * space.scale()) as f32,
-        })
+        let step = Vec2::new(((x1 - x0) / width * tan) as f32, ((y1 - y0) / height * tan) as f32);
+        let shift = Vec2::new(((x0 + x1) * 0.5 * tan) as f32, ((y0 + y1) * 0.5 * tan) as f32);
+        // Corners whose squares f32 holds: beyond, directions would be no numbers.
+        let corner = [x0, x1, y0, y1].map(|w| (w * tan).abs()).into_iter().fold(0.0, f64::max);
+        if corner >= 1e15 {
+            return Err(CameraError::Window { at: at() });
+        }
+        // Lens and focus are lengths of camera space, as in pbrt-v4; the axes have taken its scale.
+        let length = space.scale() * size;
+        let [lens_radius, focal_distance] = [camera.lens_radius, camera.focal_distance].map(|l| (l * length) as f32);
+        if camera.lens_radius > 0.0 && !(lens_radius < 1e15 && focal_distance < 1e15 && focal_distance > 0.0) {
+            let (radius, distance) = (camera.lens_radius, camera.focal_distance);
+            return Err(CameraError::Lens { at: at(), radius, distance });
+        }
+        let half = Vec2::new((width * 0.5) as f32, (height * 0.5) as f32);
+        let axes = axes.as_mat3();
+        Ok(Self { origin: pose.translation.as_vec3(), axes, half, step, shift, lens_radius, focal_distance })
     }
 
     /// The place of an offset from a pixel's centre (in pixels, y downwards), from the picture's
@@ -158,12 +175,9 @@ impl Lens for Pinhole {
 impl Lens for ThinLens {
     #[inline]
     fn ray(view: &CameraView, place: Vec2, on_lens: [f32; 2]) -> Ray {
-        // Lengths on the lens are the camera's; its axes may scale, so they are unit length here.
         let lens = concentric_disk(on_lens) * view.lens_radius;
         let focus = view.screen(place) * view.focal_distance;
-        let axes =
-            Mat3::from_cols(view.axes.x_axis.normalize(), view.axes.y_axis.normalize(), view.axes.z_axis.normalize());
         let from = Vec3::new(lens.x, lens.y, 0.0);
-        Ray::new(view.origin + axes * from, (axes * (focus - from)).normalize())
+        Ray::new(view.origin + view.axes * from, (view.axes * (focus - from)).normalize())
     }
 }

@@ -127,6 +127,9 @@ impl Effects {
         }
         for light in &scene.lights {
             let LightKind::Infinite { radiance } = &light.kind;
+            if is_black(radiance) {
+                continue;
+            }
             let because = match radiance {
                 EnvironmentRadiance::LatLong { picture, .. } => {
                     format!("a picture of {}x{} surrounds the scene", picture.size[0], picture.size[1])
@@ -178,6 +181,16 @@ impl Effects {
                 let because = format!("material \"{name}\" is {what} with alpha {}, {}", alpha[0], alpha[1]);
                 self.add(effect, because, &material.source);
             }
+        }
+    }
+}
+
+/// Whether an environment gives no light, so that the world leaves it out.
+fn is_black(radiance: &EnvironmentRadiance) -> bool {
+    match radiance {
+        EnvironmentRadiance::Constant(rgb) => *rgb == [0.0; 3],
+        EnvironmentRadiance::LatLong { picture, scale } => {
+            *scale == 0.0 || picture.pixels.iter().all(|p| *p == [0.0; 3])
         }
     }
 }

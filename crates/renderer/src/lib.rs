@@ -5,6 +5,11 @@
 //! [`World::new`] makes it ready for rays; [`integrator()`] gives the path tracer specialised for it, and
 //! [`dapple_core::render`] does the rest.
 
+/// The README's example is tested.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;
+
 pub mod blocks;
 pub mod bundled;
 pub mod camera;
@@ -30,4 +35,4 @@ pub use integrator::{PathTracer, integrator};
 pub use material::{MaterialError, Surface};
 pub use space::Space;
 pub use texture::Textures;
-pub use world::{World, WorldError};
+pub use world::{Emitter, World, WorldError};

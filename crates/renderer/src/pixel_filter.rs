@@ -61,15 +61,21 @@ fn tent(u: f32) -> f32 {
 
 /// The inverse cumulative distribution of `max(0, g(x) - g(r))` on [-r, r].
 fn gaussian_inverse(radius: f64, sigma: f64) -> Vec<f32> {
-    let g = |x: f64| (-x * x / (2.0 * sigma * sigma)).exp();
+    let exponent = |x: f64| x * x / (2.0 * sigma * sigma);
+    // g(x) - g(r) over g's peak, without cancellation where sigma is large.
+    let density = |x: f64| (-exponent(x)).exp() * -(exponent(x) - exponent(radius)).min(0.0).exp_m1();
     let cells = 16 * STEPS;
     let width = 2.0 * radius / cells as f64;
     let mut cumulative = vec![0.0];
     for k in 0..cells {
         let x = -radius + (k as f64 + 0.5) * width;
-        cumulative.push(cumulative[k] + (g(x) - g(radius)).max(0.0));
+        cumulative.push(cumulative[k] + density(x));
     }
     let total = cumulative[cells];
+    if total <= 0.0 {
+        // Narrower than a cell: all of it lies at the centre.
+        return vec![0.0; STEPS + 1];
+    }
     let mut cell = 0;
     let inverse = |k: usize| {
         let wanted = total * k as f64 / STEPS as f64;
@@ -88,4 +94,71 @@ fn look_up(table: &[f32], u: f32) -> f32 {
     let k = (place as usize).min(STEPS - 1);
     let t = place - k as f32;
     table[k] + (table[k + 1] - table[k]) * t
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The distribution function of a filter's shape along one axis, by fine summation.
+    fn distribution(shape: impl Fn(f64) -> f64, radius: f64, x: f64) -> f64 {
+        let sum = |to: f64| {
+            let n = 20_000;
+            let step = (to + radius) / f64::from(n);
+            (0..n).map(|k| shape(-radius + (f64::from(k) + 0.5) * step)).sum::<f64>() * step
+        };
+        sum(x) / sum(radius)
+    }
+
+    #[test]
+    fn offsets_follow_the_filters_shape() {
+        let gaussian = |s: f64, r: f64| move |x: f64| (-x * x / (2.0 * s * s)).exp() - (-r * r / (2.0 * s * s)).exp();
+        type Shape = Box<dyn Fn(f64) -> f64>;
+        let cases: [(PixelFilter, f64, Shape); 4] = [
+            (PixelFilter::Box { radius: [0.5, 0.5] }, 0.5, Box::new(|_| 1.0)),
+            (PixelFilter::Triangle { radius: [2.0, 2.0] }, 2.0, Box::new(|x| 2.0 - x.abs())),
+            (PixelFilter::Gaussian { radius: [1.5, 1.5], sigma: 0.5 }, 1.5, Box::new(gaussian(0.5, 1.5))),
+            (PixelFilter::Gaussian { radius: [2.0, 2.0], sigma: 4.0 }, 2.0, Box::new(gaussian(4.0, 2.0))),
+        ];
+        for (filter, radius, shape) in cases {
+            let sampler = FilterSampler::new(&filter);
+            for k in 1..200 {
+                let u = k as f32 / 200.0;
+                let [x, y] = sampler.sample([u, 1.0 - u]).to_array();
+                let found = distribution(&shape, radius, f64::from(x));
+                assert!((found - f64::from(u)).abs() < 1e-3, "{filter:?}, u = {u}: {x} has {found}");
+                // The table inverts from one side: mirrored to a thousandth of the radius.
+                assert!((x + y).abs() < 1e-3 * radius as f32, "{filter:?}: {x} {y}");
+            }
+            for u in [0.0, 1.0 - f32::EPSILON / 2.0] {
+                assert!(sampler.sample([u, u]).abs().max_element() <= radius as f32, "{filter:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn extreme_gaussians_stay_in_their_pixel() {
+        for sigma in [1e-30, 1e-9, 1e9, 1e30] {
+            let sampler = FilterSampler::new(&PixelFilter::Gaussian { radius: [1.0, 2.0], sigma });
+            let [low, middle, high] = [0.1, 0.5, 0.9].map(|u| sampler.sample([u, u]));
+            assert!(middle.abs().max_element() < 2e-3, "sigma {sigma}: {middle}");
+            // A very wide one is a parabola: 1 - x^2.
+            let spread = if sigma > 1.0 { 0.5..0.7 } else { 0.0..1e-3 };
+            assert!(spread.contains(&high.x) && spread.contains(&-low.x), "sigma {sigma}: {low} {high}");
+        }
+    }
+
+    #[test]
+    fn senseless_filters_are_the_box() {
+        let expected = FilterSampler::new(&PixelFilter::default()).sample([0.25, 0.875]);
+        assert_eq!(expected, Vec2::new(-0.25, 0.375));
+        for filter in [
+            PixelFilter::Box { radius: [0.0, 1.0] },
+            PixelFilter::Triangle { radius: [f64::NAN, 1.0] },
+            PixelFilter::Gaussian { radius: [1.0, 1.0], sigma: 0.0 },
+            PixelFilter::Gaussian { radius: [f64::INFINITY, 1.0], sigma: 1.0 },
+        ] {
+            assert_eq!(FilterSampler::new(&filter).sample([0.25, 0.875]), expected, "{filter:?}");
+        }
+    }
 }

@@ -182,3 +182,67 @@ pub fn filter(words: &str) -> Result<Box<dyn Filter>, RegistryError> {
     let (entry, parameters) = parameters::find("filter", FILTERS, words)?;
     (entry.make)(&parameters)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SETTING: Setting = Setting { seed: 5, spp: Some(16) };
+
+    fn refusal<T>(made: Result<T, RegistryError>) -> String {
+        made.err().map(|e| e.to_string()).unwrap_or_default()
+    }
+
+    #[test]
+    fn every_entry_is_made_by_its_name() {
+        for entry in POINTS {
+            let points = points(entry.name, SETTING).unwrap_or_else(|e| panic!("{e}"));
+            assert!(points.describe().starts_with(entry.name), "{}", points.describe());
+            let id = SampleId { pixel: [3, 4], stream: 0, index: 7 };
+            assert!(points.block(id, 2).iter().all(|u| (0.0..1.0).contains(u)));
+        }
+        for entry in SAMPLERS {
+            let points = points("random", SETTING).unwrap_or_else(|e| panic!("{e}"));
+            let sampler = sampler(entry.name, points).unwrap_or_else(|e| panic!("{e}"));
+            assert_eq!(sampler.name(), entry.name);
+            assert!(sampler.points().describe().starts_with("random"));
+        }
+        for entry in FILTERS {
+            assert_eq!(filter(entry.name).unwrap_or_else(|e| panic!("{e}")).name(), entry.name);
+        }
+        for names in [POINTS.iter().map(|e| e.name).collect::<Vec<_>>(), SAMPLERS.iter().map(|e| e.name).collect()] {
+            assert!(names.iter().enumerate().all(|(i, n)| !names[..i].contains(n)), "{names:?}");
+        }
+    }
+
+    #[test]
+    fn defaults_are_what_they_say() {
+        for entry in SAMPLERS {
+            let said: Vec<String> = entry.parameters.iter().map(|(k, v, _)| format!("{k}={v}")).collect();
+            let words = format!("{}:{}", entry.name, said.join(","));
+            let describe = |words: &str| {
+                let points = points("sobol", SETTING).unwrap_or_else(|e| panic!("{e}"));
+                sampler(words, points).unwrap_or_else(|e| panic!("{e}")).describe()
+            };
+            assert_eq!(describe(&words), describe(entry.name));
+        }
+    }
+
+    #[test]
+    fn wrong_words_are_refused_with_what_there_is() {
+        let points = || points("sobol", SETTING).unwrap_or_else(|e| panic!("{e}"));
+        assert!(refusal(super::points("sobel", SETTING)).contains("there are sobol"));
+        assert!(refusal(sampler("", points())).contains("variance, uniform"));
+        assert!(refusal(filter("nune")).contains("none"));
+        assert!(refusal(sampler("uniform:x=1", points())).contains("it takes none"));
+        assert!(refusal(sampler("variance:pilots=4", points())).contains("it takes pilot, radius"));
+        assert!(refusal(sampler("variance:pilot=4,pilot=4", points())).contains("given twice"));
+        assert!(refusal(sampler("variance:pilot", points())).contains("no key=value"));
+        assert!(refusal(sampler("variance:pilot=four", points())).contains("a number is wanted"));
+        assert!(refusal(sampler("variance:policy=maybe", points())).contains("one of keep, discard, cross"));
+        for bad in ["exponent=NaN", "epsilon=-1", "cap=0"] {
+            assert_ne!(refusal(sampler(&format!("variance:{bad}"), points())), "", "{bad}");
+        }
+        assert!(sampler("variance: pilot = 8 , policy=cross ", points()).is_ok(), "blanks do no harm");
+    }
+}

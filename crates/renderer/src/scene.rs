@@ -70,9 +70,9 @@ pub struct Camera {
     pub aspect: Option<f64>,
     /// Window on the screen plane (x0, x1, y0, y1), where the file fixes it.
     pub screen_window: Option<[f64; 4]>,
-    /// Radius of the lens in world units; 0 is a pinhole.
+    /// Radius of the lens in units of camera space, as pbrt-v4 has it; 0 is a pinhole.
     pub lens_radius: f64,
-    /// Distance of the plane in focus.
+    /// Distance of the plane in focus, in units of camera space.
     pub focal_distance: f64,
     /// Where the file says so.
     pub source: Source,

@@ -70,3 +70,71 @@ fn corners(half: DVec3) -> impl Iterator<Item = DVec3> {
     let sign = |bit: u32| if bit == 0 { -1.0 } else { 1.0 };
     (0..8u32).map(move |k| half * DVec3::new(sign(k & 1), sign(k & 2), sign(k & 4)))
 }
+
+/// The factor of a transform that scales all directions alike.
+pub(crate) fn even_scale(m: &DMat3) -> Option<f64> {
+    let lengths = [m.x_axis.length(), m.y_axis.length(), m.z_axis.length()];
+    let scale = lengths[0];
+    let even = lengths.iter().all(|l| (l / scale - 1.0).abs() < 1e-5);
+    let square = [m.x_axis.dot(m.y_axis), m.y_axis.dot(m.z_axis), m.z_axis.dot(m.x_axis)];
+    (even && square.iter().all(|d| (d / (scale * scale)).abs() < 1e-5)).then_some(scale)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::{MaterialId, Shape, Source};
+
+    fn scene(shapes: &[(Geometry, DAffine3)]) -> Scene {
+        let shape = |(geometry, to_world): &(Geometry, DAffine3)| Shape {
+            geometry: geometry.clone(),
+            to_world: *to_world,
+            material: MaterialId(0),
+            emission: None,
+            reversed: false,
+            source: Source::default(),
+        };
+        Scene { shapes: shapes.iter().map(shape).collect(), ..Scene::default() }
+    }
+
+    #[test]
+    fn scenes_lie_around_the_origin() {
+        for exponent in [-100, -3, 0, 5, 100] {
+            let size = 1.3 * f64::from(exponent).exp2();
+            let far = DAffine3::from_translation(DVec3::new(7.0, -2e5, 3.0) * size);
+            let ball = (Geometry::Sphere { radius: size }, far);
+            let disk = (Geometry::Disk { height: 3.0 * size, radius: size, inner_radius: 0.0 }, far);
+            let space = Space::of(&scene(&[ball, disk]));
+            assert_eq!(space.scale().log2().fract(), 0.0, "a power of two");
+            let corners = [DVec3::splat(-size), DVec3::new(size, size, 3.0 * size)];
+            let moved = corners.map(|c| space.apply(far).transform_point3(c));
+            let largest = moved.map(|m| m.abs().max_element()).into_iter().fold(0.0, f64::max);
+            assert!((0.5..=1.0 + 1e-9).contains(&largest), "2^{exponent}: {moved:?}");
+            let by_point = space.point(far.transform_point3(corners[1]));
+            assert!((by_point - moved[1]).length() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn nothing_and_points_keep_their_scale() {
+        assert_eq!(Space::of(&Scene::default()), Space { centre: DVec3::ZERO, scale: 1.0 });
+        let dot = Geometry::Disk { height: 2.0, radius: 0.0, inner_radius: 0.0 };
+        let space = Space::of(&scene(&[(dot, DAffine3::IDENTITY)]));
+        assert_eq!((space.scale(), space.point(DVec3::new(0.0, 0.0, 2.0))), (1.0, DVec3::ZERO));
+    }
+
+    #[test]
+    fn even_scales_are_told_from_stretches() {
+        let turn = DMat3::from_rotation_x(0.4) * DMat3::from_rotation_z(-1.0);
+        for scale in [1e-9, 1.0, -3.0, 1e12] {
+            let found = even_scale(&(turn * DMat3::from_diagonal(DVec3::splat(scale))));
+            assert!(found.is_some_and(|s| (s / scale.abs() - 1.0).abs() < 1e-12), "{scale}: {found:?}");
+        }
+        let shear = DMat3::from_cols(DVec3::X, DVec3::new(0.1, 0.995, 0.0), DVec3::Z);
+        for stretch in
+            [DMat3::from_diagonal(DVec3::new(1.0, 1.0, 1.01)), shear, DMat3::ZERO, DMat3::from_diagonal(DVec3::NAN)]
+        {
+            assert_eq!(even_scale(&stretch), None, "{stretch}");
+        }
+    }
+}

@@ -63,3 +63,66 @@ fn bilinear(picture: &Picture, [u, v]: [f32; 2]) -> Vec3 {
     let lower = texel(0, 1).lerp(texel(1, 1), fx);
     upper.lerp(lower, fy)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::Source;
+    use std::sync::Arc;
+
+    fn textures(kinds: Vec<TextureKind>) -> Textures {
+        let texture = |kind| Texture { name: String::new(), kind, source: Source::default() };
+        Textures::new(&kinds.into_iter().map(texture).collect::<Vec<_>>())
+    }
+
+    fn image(invert: bool, factor: f32) -> TextureKind {
+        // Top row 0.1 0.2, bottom row 0.3 0.4.
+        let pixels = [0.1, 0.2, 0.3, 0.4].map(|v| [v, 2.0 * v, 0.0]).to_vec();
+        let picture = Arc::new(Picture::new([2, 2], pixels).expect("four pixels"));
+        TextureKind::Image { picture, scale: [1.0; 2], shift: [0.0; 2], factor, invert }
+    }
+
+    #[test]
+    fn pictures_stand_upright_and_repeat() {
+        let found = textures(vec![image(false, 1.0), image(true, 2.0)]);
+        let at = |u: f32, v: f32| found.look_up(TextureId(0), [u, v]).x;
+        let texels = [(0.25, 0.75, 0.1), (0.75, 0.75, 0.2), (0.25, 0.25, 0.3), (0.75, 0.25, 0.4)];
+        for (u, v, value) in texels {
+            for (du, dv) in [(0.0, 0.0), (1.0, 0.0), (-1.0, 2.0), (3.0, -5.0)] {
+                assert!((at(u + du, v + dv) - value).abs() < 1e-6, "{u} {v}");
+            }
+        }
+        // Between texels and over the border: bilinear.
+        assert!((at(0.5, 0.5) - 0.25).abs() < 1e-6 && (at(0.0, 0.75) - 0.15).abs() < 1e-6);
+        // The factor first, then 1 minus that, never below 0.
+        let inverted = found.look_up(TextureId(1), [0.75, 0.25]);
+        assert!((inverted - Vec3::new(0.2, 0.0, 1.0)).length() < 1e-6, "{inverted}");
+        for bad in [f32::NAN, f32::INFINITY, 1e38] {
+            assert!(found.look_up(TextureId(0), [bad, 0.5]).is_finite());
+        }
+        assert_eq!(found.look_up(TextureId(7), [0.5, 0.5]), Vec3::ZERO, "none such");
+    }
+
+    #[test]
+    fn checks_alternate_on_both_sides_of_0() {
+        let colors = [Color::Constant([1.0; 3]), Color::Constant([0.0; 3])];
+        let found = textures(vec![TextureKind::Checkerboard { scale: [2.0, 1.0], shift: [0.0, 0.5], colors }]);
+        for (u, v, even) in
+            [(0.1, 0.1, true), (0.6, 0.1, false), (-0.1, 0.1, false), (-0.1, -0.6, true), (0.1, 0.6, false)]
+        {
+            assert_eq!(found.look_up(TextureId(0), [u, v]).x == 1.0, even, "{u} {v}");
+        }
+    }
+
+    #[test]
+    fn textures_of_textures_end() {
+        let inner = |id| TextureKind::Checkerboard {
+            scale: [1.0; 2],
+            shift: [0.0; 2],
+            colors: [Color::Texture(TextureId(id)), Color::Constant([0.5; 3])],
+        };
+        let found = textures(vec![inner(1), image(false, 1.0), inner(2)]);
+        assert!((found.look_up(TextureId(0), [0.25, 0.75]).x - 0.1).abs() < 1e-6);
+        assert_eq!(found.look_up(TextureId(2), [0.25, 0.25]), Vec3::ZERO, "one made of itself is black");
+    }
+}

@@ -31,6 +31,17 @@ pub struct World {
     pub(crate) dropped_triangles: usize,
 }
 
+/// A point of a lamp, found by following a ray.
+#[derive(Clone, Copy, Debug)]
+pub struct Emitter {
+    /// Number of the light, as [`Lights::pdf`] takes it.
+    pub light: u32,
+    /// The point; its normal turned to the side that shines.
+    pub point: SurfacePoint,
+    /// Radiance towards the ray's origin; black on the dark side.
+    pub radiance: Vec3,
+}
+
 /// What belongs to one shape besides its geometry.
 #[derive(Clone, Debug)]
 pub(crate) struct Part {
@@ -95,6 +106,20 @@ impl World {
     /// The lights.
     pub fn lights(&self) -> &Lights {
         &self.lights
+    }
+
+    /// The camera.
+    pub fn camera(&self) -> &CameraView {
+        &self.camera
+    }
+
+    /// What shines where a ray meets its first surface: the other half, besides [`Lights::sample`], of an
+    /// estimator of one's own. `None` where it meets nothing, or something dark.
+    pub fn emitter(&self, ray: &Ray) -> Option<Emitter> {
+        let at = self.closest(ray)?;
+        let lamp = self.lights.lamp(at.part.light)?;
+        let radiance = lamp.radiance(-at.point.normal.dot(ray.direction));
+        Some(Emitter { light: at.part.light, point: at.point, radiance })
     }
 
     /// Triangles without area, which were left out.

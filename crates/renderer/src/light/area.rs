@@ -36,6 +36,9 @@ pub struct SphereLamp {
     lamp: Lamp,
     centre: Vec3,
     radius: f32,
+    /// Points this near to the centre count as inside: those on the sphere itself do, whichever way they
+    /// were rounded.
+    reach: f32,
     /// -1 if it shines inwards.
     flip: f32,
 }
@@ -106,19 +109,21 @@ impl MeshLamp {
 #[inline]
 fn sample_on(lamp: &Lamp, from: Vec3, point: SurfacePoint, side: f32, area: f32) -> Option<LightSample> {
     let to = point.position - from;
-    let wi = to.normalize_or_zero();
-    let radiance = lamp.radiance(-side * point.normal.dot(wi));
-    if radiance == Vec3::ZERO {
-        return None;
-    }
-    let pdf = area_to_solid_angle(from, &point, area);
-    (pdf > 0.0).then_some(LightSample { wi, radiance, pdf, target: Target::Surface(point) })
+    let squared = to.length_squared();
+    let wi = to * squared.sqrt().recip();
+    let cosine = -side * point.normal.dot(wi);
+    let radiance = lamp.radiance(cosine);
+    // As `area_to_solid_angle`; a lamp that touches the point has no direction.
+    let pdf = squared / (cosine.abs() * area);
+    (radiance != Vec3::ZERO && pdf > 0.0).then_some(LightSample { wi, radiance, pdf, target: Target::Surface(point) })
 }
 
 impl SphereLamp {
     /// A sphere; `flip` is -1 if it shines inwards.
     pub(crate) fn new(lamp: Lamp, centre: Vec3, radius: f32, flip: f32) -> Self {
-        Self { lamp, centre, radius, flip }
+        // A point on the sphere is off by a rounding of each coordinate; its distance by some more.
+        let error = (centre.length() + radius) * (4.0 * f32::EPSILON);
+        Self { lamp, centre, radius, reach: radius + error, flip }
     }
 
     pub(super) fn lamp(&self) -> &Lamp {
@@ -130,8 +135,8 @@ impl SphereLamp {
     }
 
     /// From outside uniform over the cone that the sphere fills, which no distance makes vanish: the
-    /// cone's height `1 - cos` is computed from the sine [Pharr et al. 2023, sec. 6.2.4]; from inside
-    /// uniform over the area.
+    /// cone's height `1 - cos` is computed from the sine [Pharr et al. 2023, sec. 6.2.4]; from inside, and
+    /// from the sphere itself, uniform over the area.
     #[inline]
     pub(super) fn sample(&self, from: Vec3, u: [f32; 2]) -> Option<LightSample> {
         let axis = from - self.centre;
@@ -169,8 +174,8 @@ impl SphereLamp {
     /// Squared sine of half the angle that the sphere fills, from outside.
     #[inline]
     fn sine_squared(&self, axis: Vec3) -> Option<f32> {
-        let sin2 = self.radius * self.radius / axis.length_squared();
-        (sin2 < 1.0).then_some(sin2)
+        let squared = axis.length_squared();
+        (squared > self.reach * self.reach).then(|| self.radius * self.radius / squared)
     }
 
     /// The point with this outward normal, with the error of its computation.

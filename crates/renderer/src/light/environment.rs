@@ -5,6 +5,7 @@ use crate::image::Picture;
 use crate::scene::{EnvironmentRadiance, Source};
 use crate::shading::discrete::PiecewiseConstant2d;
 use crate::shading::trigonometry::{sin_cos_turn, turn_of};
+use crate::space::even_scale;
 use glam::{DMat3, Mat3, Vec3};
 use std::f32::consts::PI;
 use std::sync::Arc;
@@ -36,7 +37,9 @@ pub enum EnvironmentError {
         value: [f32; 3],
     },
     /// Its transform.
-    #[error("{at}: the environment's transform flattens space or is not finite: mend it")]
+    #[error(
+        "{at}: the environment's transform flattens or stretches space, or is not finite: it may turn, mirror and scale evenly"
+    )]
     Transform {
         /// Where it is said.
         at: Source,
@@ -72,7 +75,10 @@ impl Environment {
     pub fn new(radiance: &EnvironmentRadiance, to_world: DMat3, at: &Source) -> Result<Option<Self>, EnvironmentError> {
         // Directions only: a uniform scale does nothing.
         let inverse = to_world.inverse();
-        if !(to_world.is_finite() && inverse.is_finite() && to_world.determinant().abs() > 0.0) {
+        let sound = to_world.is_finite() && inverse.is_finite() && to_world.determinant().abs() > 0.0;
+        // Under a stretch, areas in the picture would no longer be areas on the sphere.
+        let constant = matches!(radiance, EnvironmentRadiance::Constant(_));
+        if !sound || !(constant || even_scale(&to_world).is_some()) {
             return Err(EnvironmentError::Transform { at: at.clone() });
         }
         let valid = |rgb: &[f32; 3]| rgb.iter().all(|x| x.is_finite() && *x >= 0.0);

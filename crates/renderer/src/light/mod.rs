@@ -87,7 +87,8 @@ impl Lights {
         let choice = Discrete::new(&powers).or_else(|_| Discrete::new(&vec![1.0; powers.len()]));
         // Neither fails: powers are finite and few, and all-equal weights always do.
         let choice = choice.unwrap_or_else(|_| unreachable!("equal weights are weights"));
-        let pmf = (0..lights.len()).map(|i| choice.pmf(i)).collect();
+        // A single light is always chosen, even where its power is too small for f32.
+        let pmf = (0..lights.len()).map(|i| if lights.len() == 1 { 1.0 } else { choice.pmf(i) }).collect();
         let environment = lights.iter().position(|l| matches!(l, Light::Environment(_))).map(|i| i as u32);
         Self { lights, choice, pmf, environment }
     }

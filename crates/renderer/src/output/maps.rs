@@ -126,11 +126,7 @@ mod tests {
 
     #[test]
     fn errors_are_relative_and_pooled() {
-        let filtered = Filtered {
-            size: [4, 1],
-            radiance: vec![[3.0; 3]; 4],
-            error: Some(vec![9.01, 0.0, 0.0, 0.0]),
-        };
+        let filtered = Filtered { size: [4, 1], radiance: vec![[3.0; 3]; 4], error: Some(vec![9.01, 0.0, 0.0, 0.0]) };
         let map = error_map(&filtered).unwrap();
         // Three of four windows reach the first pixel: 1/3, 1/4, 1/4 and none.
         assert!((map.white - 0.25_f64.sqrt()).abs() < 1e-6, "{}", map.white);

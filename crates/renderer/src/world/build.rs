@@ -6,7 +6,7 @@ use crate::light::{DiskLamp, Environment, EnvironmentError, Lamp, Light, Lights,
 use crate::material::{MaterialError, Surface};
 use crate::pixel_filter::FilterSampler;
 use crate::scene::{Emission, Geometry as Described, LightKind, MeshData, Scene, Shape as DescribedShape, Source};
-use crate::space::Space;
+use crate::space::{Space, even_scale};
 use crate::texture::Textures;
 use dapple_geometry::{Disk, Geometry, Mesh, Preset, Shape, Sphere};
 use glam::{DAffine3, DVec3, Vec3};
@@ -180,13 +180,13 @@ fn light(
     Ok(match &shape.geometry {
         Described::Mesh(_) => MeshLamp::new(geometry, number, lamp, &sides(geometry, number, part)).map(Light::Mesh),
         Described::Sphere { radius } => {
-            let scale = even_scale(&to_world).ok_or(round)?;
+            let scale = even_scale(&to_world.matrix3).ok_or(round)?;
             let radius = (radius * scale) as f32;
             (radius > 0.0)
                 .then(|| Light::Sphere(SphereLamp::new(lamp, to_world.translation.as_vec3(), radius, part.flip)))
         }
         Described::Disk { height, radius, inner_radius } => {
-            let scale = even_scale(&to_world).ok_or(round)?;
+            let scale = even_scale(&to_world.matrix3).ok_or(round)?;
             let centre = to_world.transform_point3(DVec3::new(0.0, 0.0, *height)).as_vec3();
             let normal = (to_world.matrix3.inverse().transpose() * DVec3::Z).normalize().as_vec3() * part.flip;
             let [outer, inner] = [radius, inner_radius].map(|r| (r * scale) as f32);
@@ -210,14 +210,4 @@ fn sides(geometry: &Geometry, number: u32, part: &Part) -> Vec<f32> {
             if normal.dot(shading) < 0.0 { -part.flip } else { part.flip }
         })
         .collect()
-}
-
-/// The factor of a transform that scales all directions alike.
-fn even_scale(to_world: &DAffine3) -> Option<f64> {
-    let m = to_world.matrix3;
-    let lengths = [m.x_axis.length(), m.y_axis.length(), m.z_axis.length()];
-    let scale = lengths[0];
-    let even = lengths.iter().all(|l| (l / scale - 1.0).abs() < 1e-5);
-    let square = [m.x_axis.dot(m.y_axis), m.y_axis.dot(m.z_axis), m.z_axis.dot(m.x_axis)];
-    (even && square.iter().all(|d| (d / (scale * scale)).abs() < 1e-5)).then_some(scale)
 }
