@@ -2,10 +2,10 @@
 
 use crate::output::{tell, warn};
 use crate::{Failure, Outcome, Result};
-use dapple_metrics::{Comparison, Pixels, compare};
+use dapple_metrics::{Comparison, Pixels, WorstBlock, compare};
 use dapple_renderer::files::{Disk, Files};
 use dapple_renderer::image::{Encoding, Picture, read_picture};
-use serde_json::json;
+use serde::Serialize;
 use std::path::{Path, PathBuf};
 
 /// Compare a picture with its reference
@@ -48,21 +48,44 @@ fn read(path: &Path) -> Result<Picture> {
     read_picture(&bytes, &name, Encoding::Auto).map_err(Failure::new)
 }
 
+/// The keys of the JSON line, in their order.
+#[derive(Serialize)]
+struct Line {
+    mse: f64,
+    relmse: f64,
+    relmse_trimmed: f64,
+    smape: f64,
+    psnr: f64,
+    srgb8_mse: f64,
+    mean_ratio: f64,
+    channel_ratios: [f64; 3],
+    non_finite: u64,
+    worst_block: Block,
+}
+
+#[derive(Serialize)]
+struct Block {
+    position: [u32; 2],
+    size: [u32; 2],
+    relmse: f64,
+}
+
 fn line(c: &Comparison) -> String {
-    let worst = &c.worst_block;
-    json!({
-        "mse": c.mse,
-        "relmse": c.rel_mse,
-        "relmse_trimmed": c.rel_mse_trimmed,
-        "smape": c.smape,
-        "psnr": c.psnr,
-        "srgb8_mse": c.srgb8_mse,
-        "mean_ratio": c.mean_ratio,
-        "channel_ratios": c.channel_ratios,
-        "non_finite": c.non_finite,
-        "worst_block": {"position": worst.position, "size": worst.size, "relmse": worst.rel_mse},
-    })
-    .to_string()
+    let WorstBlock { position, size, rel_mse } = c.worst_block;
+    let line = Line {
+        mse: c.mse,
+        relmse: c.rel_mse,
+        relmse_trimmed: c.rel_mse_trimmed,
+        smape: c.smape,
+        psnr: c.psnr,
+        srgb8_mse: c.srgb8_mse,
+        mean_ratio: c.mean_ratio,
+        channel_ratios: c.channel_ratios,
+        non_finite: c.non_finite,
+        worst_block: Block { position, size, relmse: rel_mse },
+    };
+    // Plain numbers cannot fail.
+    serde_json::to_string(&line).unwrap_or_default()
 }
 
 fn table(c: &Comparison) -> String {

@@ -1,6 +1,6 @@
 //! `dapple info SCENE`.
 
-use crate::output::{tell, warn};
+use crate::output::tell;
 use crate::{Outcome, Result, scene};
 use dapple_core::{Film, Needs};
 use dapple_renderer::scene::{EnvironmentRadiance, Geometry, LightKind, MaterialKind, PixelFilter, Scene};
@@ -22,9 +22,7 @@ pub(crate) struct Options {
 pub(crate) fn run(options: &Options) -> Result<Outcome> {
     let scene = scene::read(&options.scene, options.allow_unsupported)?;
     let world = scene::build(&scene, scene.film.resolution)?;
-    for notice in &scene.notices {
-        warn(format!("{}: {}", notice.source, notice.message));
-    }
+    scene::warn_of(&scene, &options.scene);
     for (name, what) in facts(&scene, &world) {
         tell(format!("{name:<12}{what}"))?;
     }
@@ -46,16 +44,22 @@ fn facts(scene: &Scene, world: &World) -> Vec<(&'static str, String)> {
     vec![
         ("scene", scene.name.clone()),
         ("picture", format!("{w}x{h}, {}, {}", crop(scene), pixel_filter(&scene.film.pixel_filter))),
-        ("spp", scene.film.spp.map_or("no suggestion".into(), |n| format!("{n} suggested (render takes --spp)"))),
+        (
+            "spp",
+            scene
+                .film
+                .spp
+                .map_or("the file suggests none".into(), |n| format!("the file suggests {n}; render takes --spp")),
+        ),
         ("max depth", depth),
         ("triangles", triangles),
         ("shapes", count(scene.shapes.iter().map(|s| shape(&s.geometry)))),
         ("materials", count(scene.materials.iter().map(|m| material(&m.kind)))),
         ("textures", scene.textures.len().to_string()),
-        ("lights", lights(scene, world)),
+        ("lights", lights(scene)),
         ("bounds", bounds(world)),
         ("memory", format!("{} geometry, {film} bytes per pixel of the film", bytes(geometry.memory_bytes()))),
-        ("effects", if Effects::of(scene).called().is_empty() { "none".into() } else { String::new() }),
+        ("effects", Effects::of(scene).called().len().to_string()),
     ]
 }
 
@@ -108,13 +112,13 @@ fn material(kind: &MaterialKind) -> &'static str {
     }
 }
 
-fn lights(scene: &Scene, world: &World) -> String {
+fn lights(scene: &Scene) -> String {
     let shining = scene.shapes.iter().filter(|s| s.emission.is_some()).map(|_| "area");
     let others = scene.lights.iter().map(|light| match &light.kind {
         LightKind::Infinite { radiance: EnvironmentRadiance::LatLong { .. } } => "environment picture",
         LightKind::Infinite { .. } => "uniform environment",
     });
-    format!("{}, {} sampled", count(shining.chain(others)), world.lights().len())
+    count(shining.chain(others))
 }
 
 /// The corners in the file's own units.

@@ -40,7 +40,7 @@ type Result<T> = std::result::Result<T, Failure>;
 
 /// Puts Monte Carlo samples where a picture needs them.
 #[derive(Parser)]
-#[command(name = "dapple", version, about, after_help = AFTER, arg_required_else_help = true)]
+#[command(name = "dapple", version, after_help = AFTER, arg_required_else_help = true)]
 struct Words {
     #[command(subcommand)]
     command: Command,

@@ -11,7 +11,9 @@ pub(crate) use options::Options;
 use crate::output::{say, tell, warn};
 use crate::stop::Stop;
 use crate::{Failure, Outcome, Result, scene};
-use dapple_core::{Error, Film};
+use clap::CommandFactory;
+use clap::error::ErrorKind;
+use dapple_core::{Error, Film, streams};
 use dapple_renderer::integrator;
 use dapple_renderer::scene::Scene;
 use files::Files;
@@ -26,9 +28,7 @@ const DEFAULT_SPP: f64 = 64.0;
 
 pub(crate) fn run(options: &Options) -> Result<Outcome> {
     if let Err(wrong) = options.check() {
-        use clap::CommandFactory;
-        let mut words = crate::Words::command();
-        words.error(clap::error::ErrorKind::ValueValidation, wrong).exit();
+        refuse(&wrong);
     }
     let stop = Stop::listen()?;
     start_threads(options.threads)?;
@@ -85,6 +85,17 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     }
 }
 
+/// Ends the program as clap does for a single wrong word: usage, exit status 2.
+fn refuse(wrong: &str) -> ! {
+    let mut words = crate::Words::command();
+    words.build();
+    let kind = ErrorKind::ValueValidation;
+    match words.find_subcommand_mut("render") {
+        Some(render) => render.error(kind, wrong).exit(),
+        None => words.error(kind, wrong).exit(),
+    }
+}
+
 fn start_threads(threads: u16) -> Result<()> {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(usize::from(threads));
     pool.build_global().map_err(|e| Failure::new(format!("cannot start {threads} threads: {e}")))
@@ -120,9 +131,7 @@ fn trace(
 
 /// What was read otherwise than written.
 fn warn_of(scene: &Scene, options: &Options) {
-    for notice in &scene.notices {
-        warn(format!("{}: {}", notice.source, notice.message));
-    }
+    crate::scene::warn_of(scene, &options.scene);
     if let (Some(suggested), Some(spp)) = (scene.film.spp, options.mean_spp())
         && options.spp.is_none()
         && f64::from(suggested) != spp
@@ -137,13 +146,16 @@ fn warn_of_rejected(film: &Film, settings: &Settings) {
     let (all, samples) = (film.record().rejected, film.record().samples);
     let id = first.sample;
     let [x, y] = id.pixel;
+    let replay = match id.stream {
+        streams::WHOLE => {
+            let (spp, right, below) = (id.index + 1, x + 1, y + 1);
+            format!(": replay it with --sampler uniform --spp {spp} --crop {x},{y},{right},{below}")
+        }
+        _ => String::new(),
+    };
     warn(format!(
         "{all} of {samples} samples were NaN, infinite or negative and count as 0; the first is sample {} of stream {} \
-         in pixel ({x}, {y}) with {}: replay it with --crop {x},{y},{},{}",
-        id.index,
-        id.stream,
-        settings.points_described,
-        x + 1,
-        y + 1
+         in pixel ({x}, {y}) with {}{replay}",
+        id.index, id.stream, settings.points_described
     ));
 }

@@ -1,15 +1,21 @@
 //! Scenes by name: files, or the bundled ones.
 
+use crate::output::warn;
 use crate::{Failure, Result};
+use dapple_renderer::World;
+use dapple_renderer::bundled::{self, Bundle};
 use dapple_renderer::pbrt::{ReadOptions, read_scene};
 use dapple_renderer::scene::Scene;
-use dapple_renderer::{World, bundled};
 use std::path::Path;
 
-/// Reads a scene: a pbrt-v4 file, or a bundled scene where its name is no file's.
+/// The bundled scene that a name means: where it is no file's.
+fn bundle(name: &Path) -> Option<Bundle> {
+    name.to_str().filter(|_| !name.is_file()).and_then(bundled::files)
+}
+
+/// Reads a scene: a pbrt-v4 file, or a bundled one.
 pub(crate) fn read(name: &Path, allow_unsupported: bool) -> Result<Scene> {
-    let bundle = name.to_str().filter(|_| !name.is_file()).and_then(bundled::files);
-    let scene = match bundle {
+    let scene = match bundle(name) {
         Some(bundle) => bundle.read(),
         None if !name.exists() => {
             let (name, known) = (name.display(), bundled::names().join(", "));
@@ -20,6 +26,17 @@ pub(crate) fn read(name: &Path, allow_unsupported: bool) -> Result<Scene> {
         None => read_scene(name, &ReadOptions::default().with_allow_unsupported(allow_unsupported)),
     };
     scene.map_err(|e| Failure::lines(&e))
+}
+
+/// Lists what was read otherwise than written. What a bundled scene's text says to other renderers is no
+/// news to its user.
+pub(crate) fn warn_of(scene: &Scene, name: &Path) {
+    if bundle(name).is_some() {
+        return;
+    }
+    for notice in &scene.notices {
+        warn(format!("{}: {}", notice.source, notice.message));
+    }
 }
 
 /// Makes the scene ready for rays.

@@ -77,7 +77,7 @@ pub(crate) struct Options {
     #[arg(long, value_name = "WxH", value_parser = resolution, help_heading = "Picture")]
     pub(super) resolution: Option<[u32; 2]>,
 
-    /// Render this window only, the same bits as in the whole picture [default: the scene's]
+    /// Render this window only; with --sampler uniform, the same bits as in the whole picture [default: the scene's]
     #[arg(long, value_name = "X0,Y0,X1,Y1", value_parser = crop, help_heading = "Picture")]
     pub(super) crop: Option<[u32; 4]>,
 
@@ -135,16 +135,16 @@ impl Options {
                 self.min_spp
             ));
         }
-        let spp = self.mean_spp();
-        if spp.is_some_and(|spp| spp < f64::from(self.min_spp)) {
-            let spp = spp.unwrap_or_default();
-            let min = self.min_spp;
-            return Err(format!("--spp {spp} is below --min-spp {min}: raise it, or lower --min-spp (0 is allowed)"));
-        }
-        let most = self.max_spp.unwrap_or(u32::MAX);
-        if spp.is_some_and(|spp| spp > f64::from(most)) {
-            let spp = spp.unwrap_or_default();
-            return Err(format!("--spp {spp} is above {most}, the most that a pixel may take: lower it"));
+        let (min, most) = (self.min_spp, self.max_spp.unwrap_or(u32::MAX));
+        if let Some(spp) = self.mean_spp() {
+            if spp < f64::from(min) {
+                return Err(format!(
+                    "--spp {spp} is below --min-spp {min}: raise it, or lower --min-spp (0 is allowed)"
+                ));
+            }
+            if spp > f64::from(most) {
+                return Err(format!("--spp {spp} is above {most}, the most that a pixel may take: lower it"));
+            }
         }
         let mut seen: Vec<&PathBuf> = Vec::new();
         for output in &self.outputs {

@@ -6,7 +6,6 @@ use dapple_core::{Combine, Film, Filtered};
 use dapple_renderer::Effects;
 use dapple_renderer::scene::Scene;
 use serde::Serialize;
-use serde_json::json;
 
 /// Wall seconds of each phase. Phases that do not exist for a sampler take none.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
@@ -48,6 +47,27 @@ pub(super) struct Report<'a> {
     pub(super) cpu: Option<f64>,
 }
 
+/// The keys of the JSON line, in their order. What is not known is null.
+#[derive(Serialize)]
+struct Line<'a> {
+    scene: &'a str,
+    sampler: &'a str,
+    points: &'a str,
+    filter: String,
+    seed: u64,
+    threads: usize,
+    resolution: [u32; 2],
+    samples: u64,
+    spp: f64,
+    rays: u64,
+    seconds: Seconds,
+    render_s: f64,
+    cpu: Option<f64>,
+    predicted_relmse: Option<f64>,
+    rejected: u64,
+    effects: Vec<&'static str>,
+}
+
 impl Report<'_> {
     fn spp(&self) -> f64 {
         self.film.record().samples as f64 / self.film.frame().pixels() as f64
@@ -60,25 +80,25 @@ impl Report<'_> {
     /// One line, with the keys of the design.
     pub(super) fn json(&self) -> String {
         let (settings, record) = (self.settings, self.film.record());
-        json!({
-            "scene": self.scene.name,
-            "sampler": settings.sampler_described,
-            "points": settings.points_described,
-            "filter": settings.filter.describe(),
-            "seed": settings.seed,
-            "threads": rayon::current_num_threads(),
-            "resolution": settings.frame.resolution(),
-            "samples": record.samples,
-            "spp": self.spp(),
-            "rays": record.rays,
-            "seconds": self.seconds,
-            "render_s": self.seconds.render(),
-            "cpu": self.cpu,
-            "predicted_relmse": self.film.predicted_relmse(),
-            "rejected": record.rejected,
-            "effects": self.effects(),
-        })
-        .to_string()
+        let line = Line {
+            scene: &self.scene.name,
+            sampler: &settings.sampler_described,
+            points: &settings.points_described,
+            filter: settings.filter.describe(),
+            seed: settings.seed,
+            threads: rayon::current_num_threads(),
+            resolution: settings.frame.resolution(),
+            samples: record.samples,
+            spp: self.spp(),
+            rays: record.rays,
+            seconds: self.seconds,
+            render_s: self.seconds.render(),
+            cpu: self.cpu,
+            predicted_relmse: self.film.predicted_relmse(),
+            rejected: record.rejected,
+            effects: self.effects(),
+        };
+        to_string(&line)
     }
 
     /// A few lines for people.
@@ -138,7 +158,7 @@ impl Report<'_> {
             ("bias", bias(self.film, settings).to_owned()),
             ("interrupted", record.interrupted.to_string()),
             ("threads", rayon::current_num_threads().to_string()),
-            ("seconds", json!(self.seconds).to_string()),
+            ("seconds", to_string(&self.seconds)),
             ("cpu-seconds", self.cpu.map_or("unknown".into(), |s| s.to_string())),
         ];
         // A text attribute is never empty, so that every reader shows it.
@@ -159,4 +179,9 @@ fn bias(film: &Film, settings: &Settings) -> &'static str {
         Combine::Equally => "none: each half's counts were decided by the other half's samples",
         _ => "slight: samples of the picture decided on its counts",
     }
+}
+
+/// JSON on one line, keys in the order of the fields. Plain numbers and text cannot fail.
+fn to_string(value: &impl Serialize) -> String {
+    serde_json::to_string(value).unwrap_or_default()
 }

@@ -3,7 +3,7 @@
 use super::Options;
 use super::options::PixelShape;
 use crate::{Failure, Result};
-use dapple_core::{Budget, Error, Filter, Frame, Limits, PointSet, Sampler};
+use dapple_core::{Budget, Error, Film, Filter, Frame, Limits, Needs, PointSet, Sampler};
 use dapple_renderer::registry::{self, Setting};
 use dapple_renderer::scene::{PixelFilter, Scene};
 
@@ -37,6 +37,7 @@ impl Settings {
             scene.film.pixel_filter = PixelFilter::default();
         }
         let frame = frame(options, scene)?;
+        check_memory(&frame)?;
         let (budget, asked) = budget(options, frame.pixels() as u64);
         let mut limits = Limits::new(budget);
         limits.min_spp = options.min_spp;
@@ -84,6 +85,18 @@ fn frame(options: &Options, scene: &Scene) -> Result<Frame> {
         Some([x0, y0, x1, y1]) => frame.crop(x0, y0, x1, y1).map_err(Failure::new),
         None => Ok(frame),
     }
+}
+
+/// A picture for which there is no memory is refused before anything is built, rather than killed later.
+fn check_memory(frame: &Frame) -> Result<()> {
+    let bytes = frame.pixels().saturating_mul(Film::bytes_per_pixel(&Needs::none().with_variance()));
+    Vec::<u8>::new().try_reserve_exact(bytes).map_err(|_| {
+        let [w, h] = frame.size();
+        let gib = bytes as f64 / f64::from(1 << 30);
+        Failure::new(format!(
+            "a picture of {w}x{h} takes {gib:.0} GiB, more than there is: render it in crops (--crop)"
+        ))
+    })
 }
 
 fn budget(options: &Options, pixels: u64) -> (Budget, String) {

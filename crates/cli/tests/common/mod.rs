@@ -1,0 +1,91 @@
+//! The program, run in a folder of its own.
+#![allow(dead_code)] // Each test file uses its share.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+use tempfile::TempDir;
+
+/// A box of light over a grey floor: small, quick, with an edge for samplers to find.
+pub(crate) const TINY: &str = r#"LookAt 0 2 6  0 1 0  0 1 0
+Camera "perspective" "float fov" [ 40 ]
+Film "rgb" "integer xresolution" [ 24 ] "integer yresolution" [ 16 ] "string filename" [ "tiny.exr" ]
+WorldBegin
+Material "diffuse" "rgb reflectance" [ 0.5 0.5 0.5 ]
+Shape "trianglemesh" "integer indices" [ 0 1 2 0 2 3 ]
+  "point3 P" [ -9 0 -9  -9 0 9  9 0 9  9 0 -9 ]
+AttributeBegin
+  AreaLightSource "diffuse" "rgb L" [ 4 4 4 ]
+  Translate 0 1 0
+  Shape "sphere" "float radius" [ 0.5 ]
+AttributeEnd
+"#;
+
+pub(crate) struct Folder(TempDir);
+
+pub(crate) struct Said {
+    pub(crate) status: Option<i32>,
+    pub(crate) out: String,
+    pub(crate) err: String,
+}
+
+impl Folder {
+    /// An empty folder but for `tiny.pbrt`.
+    pub(crate) fn new() -> Self {
+        let folder = tempfile::tempdir().expect("a folder");
+        std::fs::write(folder.path().join("tiny.pbrt"), TINY).expect("the scene");
+        Self(folder)
+    }
+
+    pub(crate) fn path(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    pub(crate) fn read(&self, name: &str) -> Vec<u8> {
+        std::fs::read(self.path(name)).unwrap_or_else(|e| panic!("{name}: {e}"))
+    }
+
+    /// The files, sorted, without `tiny.pbrt`.
+    pub(crate) fn names(&self) -> Vec<String> {
+        names(self.0.path()).into_iter().filter(|n| n != "tiny.pbrt").collect()
+    }
+
+    /// The program with these words, split at blanks.
+    pub(crate) fn command(&self, words: &str) -> Command {
+        let mut command = Command::new(assert_cmd::cargo::cargo_bin!("dapple"));
+        command.args(words.split_whitespace()).current_dir(self.0.path());
+        command
+    }
+
+    pub(crate) fn run(&self, words: &str) -> Said {
+        Said::of(self.command(words).output().expect("the program starts"))
+    }
+
+    /// Runs what must succeed, and gives its stdout.
+    pub(crate) fn done(&self, words: &str) -> String {
+        let said = self.run(words);
+        assert_eq!(said.status, Some(0), "{words}: {}", said.err);
+        said.out
+    }
+
+    /// What `render --json` says.
+    pub(crate) fn json(&self, words: &str) -> serde_json::Value {
+        let out = self.done(&format!("render --json {words}"));
+        assert_eq!(out.matches('\n').count(), 1, "one line: {out}");
+        serde_json::from_str(&out).expect("JSON")
+    }
+}
+
+impl Said {
+    pub(crate) fn of(output: Output) -> Self {
+        let text = |bytes| String::from_utf8(bytes).expect("UTF-8");
+        Self { status: output.status.code(), out: text(output.stdout), err: text(output.stderr) }
+    }
+}
+
+pub(crate) fn names(folder: &Path) -> Vec<String> {
+    let entries = std::fs::read_dir(folder).expect("the folder");
+    let mut names: Vec<String> =
+        entries.map(|e| e.expect("an entry").file_name().to_string_lossy().into_owned()).collect();
+    names.sort();
+    names
+}

@@ -1,0 +1,301 @@
+//! What `dapple render` and `dapple compare` make.
+
+mod common;
+
+use common::{Folder, Said, names};
+use dapple_renderer::image::{Plane, read_attributes, read_channels};
+
+const KEYS: [&str; 16] = [
+    "scene",
+    "sampler",
+    "points",
+    "filter",
+    "seed",
+    "threads",
+    "resolution",
+    "samples",
+    "spp",
+    "rays",
+    "seconds",
+    "render_s",
+    "cpu",
+    "predicted_relmse",
+    "rejected",
+    "effects",
+];
+const PHASES: [&str; 8] = ["load", "bvh", "cluster", "probe", "plan", "trace", "filter", "write"];
+
+/// Where the keys stand in the line, in the order given.
+fn in_order(line: &str, keys: &[&str]) -> bool {
+    let places: Vec<Option<usize>> = keys.iter().map(|key| line.find(&format!("\"{key}\":"))).collect();
+    places.iter().all(Option::is_some) && places.is_sorted()
+}
+
+#[test]
+fn json_holds_the_keys_and_budgets_are_exact() {
+    let folder = Folder::new();
+    let line = folder.done("render tiny.pbrt --json --spp 5 --seed 9 --threads 3 -o a.pfm");
+    let (_, seconds) = line.split_once("\"seconds\":").expect("seconds");
+    assert!(in_order(&line, &KEYS) && in_order(seconds, &PHASES), "{line}");
+    let json: serde_json::Value = serde_json::from_str(&line).unwrap();
+    assert_eq!(json.as_object().unwrap().len(), KEYS.len());
+    assert_eq!(json["seconds"].as_object().unwrap().len(), PHASES.len());
+    assert_eq!(json["samples"], 24 * 16 * 5);
+    assert_eq!((&json["spp"], &json["seed"], &json["threads"]), (&5.0.into(), &9.into(), &3.into()));
+    assert_eq!(json["resolution"], serde_json::json!([24, 16]));
+    assert_eq!(json["effects"], serde_json::json!(["soft-shadows", "interreflection"]));
+    assert!(json["predicted_relmse"].is_null() && json["rejected"] == 0);
+    let seconds = |key: &str| json["seconds"][key].as_f64().unwrap();
+    let sum = ["cluster", "probe", "plan", "trace", "filter"].map(seconds).iter().sum::<f64>();
+    assert!((json["render_s"].as_f64().unwrap() - sum).abs() < 1e-9);
+    if cfg!(target_os = "linux") {
+        assert!(json["cpu"].as_f64().unwrap() > 0.0);
+    }
+    for (words, samples) in [
+        ("--spp 7.25", 2784),
+        ("--spp 16 --sampler uniform --crop 3,2,10,9", 16 * 49),
+        ("--spp 8 --sampler variance:policy=cross", 8 * 384),
+        ("--spp 8 --sampler variance:policy=discard", 8 * 384),
+        ("--spp 3 --min-spp 3 --max-spp 3", 3 * 384),
+        ("--spp 0.5 --min-spp 0 --sampler uniform", 192),
+        ("--spp 2 --resolution 5x3", 30),
+    ] {
+        assert_eq!(folder.json(&format!("tiny.pbrt {words} -o a.pfm"))["samples"], samples, "{words}");
+    }
+}
+
+#[test]
+fn error_and_time_are_budgets() {
+    let folder = Folder::new();
+    let loose = folder.json("tiny.pbrt --error 0.05 -o a.pfm");
+    let tight = folder.json("tiny.pbrt --error 0.002 -o a.exr");
+    assert!(tight["predicted_relmse"].as_f64().unwrap() <= 0.002);
+    assert!(tight["samples"].as_u64() > loose["samples"].as_u64());
+    let out = folder.done("render tiny.pbrt --error 1e-9 --max-spp 16 -o a.pfm");
+    assert!(out.contains("predicted relMSE"), "{out}");
+    assert_eq!(folder.json("tiny.pbrt --error 1e-9 --max-spp 16 -o a.pfm")["spp"], 16.0);
+    let timed = folder.json("tiny.pbrt --time 0.3 -o a.pfm");
+    assert!(timed["samples"].as_u64() > Some(384) && timed["render_s"].as_f64() < Some(3.0), "{timed}");
+}
+
+#[test]
+fn the_same_words_give_the_same_bytes() {
+    let folder = Folder::new();
+    for (name, words) in [
+        ("a", "--seed 3"),
+        ("b", "--seed 3 --threads 1"),
+        ("c", "--seed 3 --threads 3"),
+        ("other", "--seed 4"),
+        ("random", "--seed 3 --points random"),
+        ("box", "--seed 3 --pixel-filter box"),
+        ("shallow", "--seed 3 --max-depth 1"),
+    ] {
+        folder.done(&format!("render tiny.pbrt -q --spp 12 {words} -o {name}.pfm -o {name}.png"));
+    }
+    for extension in ["pfm", "png"] {
+        let bytes = |name: &str| folder.read(&format!("{name}.{extension}"));
+        assert!(bytes("a") == bytes("b") && bytes("a") == bytes("c"), "threads change nothing");
+        for name in ["other", "random", "shallow"] {
+            assert!(bytes("a") != bytes(name), "{name} changes something");
+        }
+        // The tiny scene has pbrt-v4's default filter, a Gaussian wider than a pixel.
+        assert!(bytes("a") != bytes("box"));
+    }
+}
+
+#[test]
+fn a_crop_is_the_whole_pictures() {
+    let folder = Folder::new();
+    folder.done("render tiny.pbrt --sampler uniform --spp 4 -o whole.exr");
+    folder.done("render tiny.pbrt --sampler uniform --spp 4 -o part.exr --crop 5,3,15,11");
+    let red = |name: &str| {
+        let (size, channels) = read(&folder, name);
+        (size, channels.into_iter().find(|c| c.0 == "R").expect("red").1)
+    };
+    let ((_, whole), (size, part)) = (red("whole.exr"), red("part.exr"));
+    assert_eq!(size, [10, 8]);
+    for (i, value) in part.iter().enumerate() {
+        assert_eq!(*value, whole[(3 + i / 10) * 24 + 5 + i % 10]);
+    }
+}
+
+#[test]
+fn an_exr_file_tells_how_it_was_made() {
+    let folder = Folder::new();
+    folder.done("render tiny.pbrt --spp 12 --seed 5 -o a.exr --maps maps");
+    let (size, channels) = read(&folder, "a.exr");
+    assert_eq!(size, [24, 16]);
+    let names: Vec<&str> = channels.iter().map(|c| c.0.as_str()).collect();
+    for name in ["R", "G", "B", "variance.R", "count.Y", "albedo.G", "normal.X", "normal.Z", "depth.Y"] {
+        assert!(names.contains(&name), "{name}: {names:?}");
+    }
+    let plane = |name: &str| channels.iter().find(|c| c.0 == name).map(|c| &c.1).expect("a channel");
+    assert_eq!(plane("count.Y").iter().sum::<f32>(), 24.0 * 16.0 * 12.0);
+    // From (0, 2, 6) to the sphere of radius 0.5 around (0, 1, 0), in the file's units: a pixel sees the sphere
+    // from its front to nearly its middle. The renderer's own units are sixteen times as large.
+    let middle = plane("depth.Y")[8 * 24 + 12];
+    let centre = 37.0_f32.sqrt();
+    assert!((centre - 0.5..centre).contains(&middle), "{middle}");
+
+    let attributes = read_attributes(&folder.read("a.exr"), "a.exr").expect("attributes");
+    let value = |key: &str| {
+        let found = attributes.iter().find(|a| a.0 == format!("dapple:{key}"));
+        found.unwrap_or_else(|| panic!("{key}: {attributes:?}")).1.as_str()
+    };
+    for (key, expected) in [
+        ("version", env!("CARGO_PKG_VERSION")),
+        ("scene", "tiny"),
+        ("sampler", "variance:pilot=0,radius=2,exponent=1.3,epsilon=0.01,cap=6,policy=keep"),
+        ("points", "sobol:seed=5"),
+        ("filter", "none"),
+        ("seed", "5"),
+        ("budget", "12 spp, 4608 samples"),
+        ("samples", "4608"),
+        ("spp", "12"),
+        ("resolution", "24x16"),
+        ("crop", "0,0,24,16"),
+        ("max-depth", "5"),
+        ("effects", "soft-shadows,interreflection"),
+        ("rejected", "0"),
+        ("notices", "none"),
+        ("interrupted", "false"),
+        ("bias", "slight: samples of the picture decided on its counts"),
+    ] {
+        assert_eq!(value(key), expected, "{key}");
+    }
+    assert!(value("budgets").split(',').all(|b| b == "4608") && value("seconds").contains("\"trace\":"));
+    assert_eq!(common::names(&folder.path("maps")), ["albedo.png", "depth.png", "normals.png", "samples.png"]);
+
+    folder.done("render tiny.pbrt --error 0.01 -o b.exr --maps maps");
+    assert!(read(&folder, "b.exr").1.iter().any(|c| c.0 == "error.Y"));
+    assert!(names_of(&folder, "maps").contains(&"error.png".to_owned()));
+    for (sampler, bias) in
+        [("uniform", "none: no "), ("variance:policy=cross", "none: each"), ("variance:policy=discard", "none: no")]
+    {
+        folder.done(&format!("render tiny.pbrt --sampler {sampler} --spp 12 -o c.exr"));
+        let attributes = read_attributes(&folder.read("c.exr"), "c.exr").expect("attributes");
+        let found = attributes.iter().find(|a| a.0 == "dapple:bias").expect("bias");
+        assert!(found.1.starts_with(bias), "{sampler}: {}", found.1);
+    }
+}
+
+fn names_of(folder: &Folder, name: &str) -> Vec<String> {
+    names(&folder.path(name))
+}
+
+/// Size, and channels as floats.
+fn read(folder: &Folder, name: &str) -> ([u32; 2], Vec<(String, Vec<f32>)>) {
+    let channels = read_channels(&folder.read(name), name).expect("an EXR file");
+    let planes = channels.channels.into_iter().map(|(name, plane)| (name, floats(&plane)));
+    (channels.size, planes.collect())
+}
+
+fn floats(plane: &Plane<'_>) -> Vec<f32> {
+    match plane {
+        Plane::F32(values) | Plane::F16(values) => values.to_vec(),
+        Plane::U32(values) => values.iter().map(|&v| v as f32).collect(),
+    }
+}
+
+#[test]
+fn without_words_about_files_there_is_a_picture_and_a_sample_map() {
+    let folder = Folder::new();
+    let out = folder.done("render tiny.pbrt --spp 8");
+    assert_eq!(folder.names(), ["tiny-samples.png", "tiny.exr", "tiny.png"]);
+    assert!(out.starts_with("tiny, 24x16: 8.00 spp (") && out.contains("tiny-samples.png: the sample map; white is "));
+    let folder = Folder::new();
+    folder.done("render tiny.pbrt --spp 8 --sampler uniform -q");
+    assert_eq!(folder.names(), ["tiny.exr", "tiny.png"]);
+    let folder = Folder::new();
+    let quiet = folder.run("render cornell --spp 1 --resolution 16x16 -q");
+    assert_eq!((quiet.out.as_str(), quiet.err.as_str()), ("", ""));
+    assert_eq!(folder.names(), ["cornell-samples.png", "cornell.exr", "cornell.png"]);
+}
+
+#[test]
+fn the_default_scene_is_the_bundled_teapot() {
+    let folder = Folder::new();
+    let json = folder.json("--spp 1 --resolution 16x10");
+    assert_eq!(json["scene"], "teapot");
+    assert_eq!(folder.names(), ["teapot-samples.png", "teapot.exr", "teapot.png"]);
+    // A file of that name is meant before the bundled scene.
+    std::fs::copy(folder.path("tiny.pbrt"), folder.path("cornell")).expect("copied");
+    assert_eq!(folder.json("cornell --spp 1 -o a.png")["resolution"], serde_json::json!([24, 16]));
+}
+
+#[test]
+fn outputs_are_whole_or_not_there() {
+    let folder = Folder::new();
+    std::fs::write(folder.path("old.png"), "old").expect("written");
+    let said = folder.run("render tiny.pbrt --spp 1 -o old.png -o missing/b.exr");
+    assert_eq!((said.status, folder.names()), (Some(1), vec!["old.png".to_owned()]));
+    assert_eq!(folder.read("old.png"), b"old");
+    #[cfg(target_os = "linux")]
+    {
+        // A disk that is full only shows while writing: the other files are still whole.
+        std::os::unix::fs::symlink("/dev/full", folder.path("full.exr")).expect("linked");
+        let said = folder.run("render tiny.pbrt --spp 1 -o full.exr -o old.png");
+        assert_eq!(said.status, Some(1), "{}", said.err);
+        assert!(said.err.starts_with("error: /dev/full: ") && said.err.contains("free some space"), "{}", said.err);
+        assert!(folder.read("old.png").starts_with(b"\x89PNG"));
+        assert_eq!(folder.names(), ["full.exr", "old.png"]);
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn x08_a_signal_saves_what_is_done() {
+    use std::process::{Command, Stdio};
+    use std::time::{Duration, Instant};
+    for signal in ["INT", "TERM"] {
+        let folder = Folder::new();
+        let mut command = folder.command("render tiny.pbrt --time 120 --json -o a.exr -o a.png --maps maps");
+        let child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("the program starts");
+        let start = Instant::now();
+        while !folder.path("maps").exists() {
+            assert!(start.elapsed() < Duration::from_secs(20), "the render never began");
+            std::thread::sleep(Duration::from_millis(10));
+        }
+        std::thread::sleep(Duration::from_millis(700));
+        let asked = Instant::now();
+        let sent = Command::new("kill").args([&format!("-{signal}"), &child.id().to_string()]).status();
+        assert!(sent.expect("kill").success());
+        let said = Said::of(child.wait_with_output().expect("it ends"));
+        assert_eq!(said.status, Some(130), "{}", said.err);
+        assert!(asked.elapsed() < Duration::from_secs(2), "{:?}", asked.elapsed());
+        assert_eq!(said.err, "interrupted: the picture is what was done until then\n");
+        let json: serde_json::Value = serde_json::from_str(&said.out).expect("JSON");
+        assert!(json["samples"].as_u64() > Some(0));
+        let attributes = read_attributes(&folder.read("a.exr"), "a.exr").expect("a whole file");
+        assert!(attributes.contains(&("dapple:interrupted".to_owned(), "true".to_owned())));
+        assert_eq!(folder.names(), ["a.exr", "a.png", "maps"]);
+    }
+}
+
+#[test]
+fn a_picture_equals_itself_and_no_other() {
+    let folder = Folder::new();
+    folder.done("render tiny.pbrt --spp 2 -o a.exr -o a.pfm -o a.png");
+    folder.done("render tiny.pbrt --spp 2 --seed 2 -o b.exr");
+    folder.done("render tiny.pbrt --spp 2 --resolution 4x4 -o small.pfm");
+    for pair in ["a.exr a.exr", "a.exr a.pfm", "a.png a.png"] {
+        let line = folder.done(&format!("compare {pair} --json"));
+        let json: serde_json::Value = serde_json::from_str(&line).expect("JSON");
+        for key in ["mse", "relmse", "relmse_trimmed", "smape", "srgb8_mse", "non_finite"] {
+            assert_eq!(json[key].as_f64(), Some(0.0), "{pair}: {key}");
+        }
+        assert_eq!((json["psnr"].as_f64(), json["mean_ratio"].as_f64()), (Some(200.0), Some(1.0)));
+        assert!(folder.done(&format!("compare {pair}")).starts_with("MSE             0\n"), "{pair}");
+    }
+    let other: serde_json::Value = serde_json::from_str(&folder.done("compare b.exr a.exr --json")).expect("JSON");
+    assert!(other["mse"].as_f64() > Some(0.0));
+    for (words, message) in [
+        ("small.pfm a.exr", "error: the picture is 4x4 and its reference 24x16: "),
+        ("a.exr missing.exr", "error: missing.exr: cannot read it: "),
+        ("tiny.pbrt a.exr", "error: tiny.pbrt: not a picture"),
+    ] {
+        let said = folder.run(&format!("compare {words}"));
+        assert_eq!(said.status, Some(1));
+        assert!(said.err.starts_with(message) && said.out.is_empty(), "{}", said.err);
+    }
+}

@@ -1,0 +1,160 @@
+//! What the program says to wrong words and broken scenes, word for word, and how fast.
+
+mod common;
+
+use common::{Folder, TINY};
+use std::time::{Duration, Instant};
+
+#[test]
+fn i06_settings_are_refused_before_anything_is_rendered() {
+    let folder = Folder::new();
+    // The words, and what the message must hold: the key and what is allowed.
+    let cases = [
+        ("--spp 0", 2, "'--spp <MEAN>': a finite number above zero is wanted"),
+        ("--spp -3", 2, "'--spp <MEAN>': a finite number above zero is wanted"),
+        ("--spp NaN", 2, "'--spp <MEAN>': a finite number above zero is wanted"),
+        ("--spp inf", 2, "'--spp <MEAN>': a finite number above zero is wanted"),
+        ("--time nan", 2, "'--time <SECONDS>': a finite number above zero is wanted"),
+        ("--error 0", 2, "'--error <RELMSE>': a finite number above zero is wanted"),
+        ("--exposure NaN", 2, "'--exposure <STOPS>': a finite number is wanted"),
+        ("--min-spp 5 --max-spp 2", 2, "--min-spp 5 is above --max-spp 2"),
+        ("--spp 2 --min-spp 3", 2, "--spp 2 is below --min-spp 3"),
+        ("--spp 4 --max-spp 3", 2, "--spp 4 is above 3"),
+        ("--spp 1e12", 2, "is above 4294967295"),
+        ("--spp 4 --time 1", 2, "cannot be used with"),
+        ("--error 1 --time 1", 2, "cannot be used with"),
+        ("--max-spp 0", 2, "'--max-spp <N>'"),
+        ("--threads 9999", 2, "0..=1024"),
+        ("--resolution 0x4", 2, "both sides must be at least 1"),
+        ("--resolution 4", 2, "such as 640x360"),
+        ("--resolution 4x-4", 2, "such as 640x360"),
+        ("--crop 4,4,4,8", 2, "X0 < X1 and Y0 < Y1"),
+        ("--crop 1,2,3", 2, "X0,Y0,X1,Y1"),
+        ("--crop 0,0,25,16", 1, "24x16 picture"),
+        ("--resolution 4000000000x1 --max-depth 1 --min-spp 0", 1, "render it in crops"),
+        ("--sampler nonesuch", 2, "there is no sampler \"nonesuch\": there are variance, uniform"),
+        ("--points nonesuch", 2, "there is no point set \"nonesuch\": there are "),
+        ("--filter nonesuch", 2, "there is no filter \"nonesuch\": there are "),
+        ("--sampler variance:cup=3", 2, "it takes pilot, radius"),
+        ("--sampler variance:cap=3,cap=4", 2, "cap is given twice"),
+        ("--sampler variance:cap=NaN", 2, "cap = NaN is out of range: at least 1"),
+        ("--sampler variance:pilot=1", 2, "two samples or more"),
+        ("--sampler variance:radius=-1", 2, "radius=-1: a number is wanted"),
+        ("--sampler variance:policy=maybe", 2, "one of keep, discard, cross is wanted"),
+        ("--sampler uniform:a=1", 2, "it takes none"),
+        ("--pixel-filter round", 2, "possible values: scene, box"),
+        ("--without glossy", 2, "unexpected argument '--without'"),
+        ("-o a.jpg", 2, ".exr, .pfm, .png"),
+        ("-o a.png -o a.png", 2, "given twice"),
+        ("-o nowhere/a.png", 1, "create the directory first"),
+    ];
+    for (words, status, message) in cases {
+        let start = Instant::now();
+        let said = folder.run(&format!("render tiny.pbrt {words}"));
+        let took = start.elapsed();
+        assert_eq!(said.status, Some(status), "{words}: {}", said.err);
+        assert!(said.err.starts_with("error: ") && said.err.contains(message), "{words}: {}", said.err);
+        assert!(took < Duration::from_secs(1), "{words}: {took:?}");
+        assert_eq!((said.out.as_str(), folder.names()), ("", vec![]), "{words}");
+    }
+    // The control: the same words without the fault are taken.
+    folder.done("render tiny.pbrt --spp 2 --min-spp 0 --max-spp 64 --resolution 4x4 --crop 0,0,2,2 -o a.png");
+}
+
+#[test]
+fn wrong_words_end_with_usage() {
+    let folder = Folder::new();
+    let golden = [
+        (
+            "render tiny.pbrt --sampler nonesuch",
+            "error: invalid value 'nonesuch' for '--sampler <NAME[:key=value,…]>': there is no sampler \"nonesuch\": \
+             there are variance, uniform\n\nFor more information, try '--help'.\n",
+        ),
+        (
+            "render tiny.pbrt --min-spp 5 --max-spp 2",
+            "error: --min-spp 5 is above --max-spp 2: the smallest count must not exceed the largest\n\n\
+             Usage: dapple render [OPTIONS] [SCENE]\n\nFor more information, try '--help'.\n",
+        ),
+        (
+            "rander",
+            "error: unrecognized subcommand 'rander'\n\n  tip: a similar subcommand exists: 'render'\n\n\
+             Usage: dapple <COMMAND>\n\nFor more information, try '--help'.\n",
+        ),
+    ];
+    for (words, expected) in golden {
+        let said = folder.run(words);
+        assert_eq!((said.status, said.err.as_str(), said.out.as_str()), (Some(2), expected, ""), "{words}");
+    }
+    let nothing = folder.run("");
+    assert_eq!(nothing.status, Some(2));
+    assert!(nothing.err.contains("Usage: dapple <COMMAND>"), "{}", nothing.err);
+}
+
+#[test]
+fn scenes_that_cannot_be_rendered_say_why() {
+    let folder = Folder::new();
+    let broken = TINY.replace("\"float fov\"", "\"float fog\"").replace("[ 0.5 0.5 0.5 ]", "[ 0.5 0.5 ]");
+    std::fs::write(folder.path("broken.pbrt"), broken + "Shape \"teapotahedron\"\n").expect("written");
+    std::fs::write(folder.path("empty.pbrt"), "").expect("written");
+    let golden = [
+        (
+            "missing.pbrt",
+            "error: missing.pbrt: there is no such file, and no such bundled scene: those are teapot, terrain, cornell, \
+             furnace, plates\n",
+        ),
+        (".", "error: .: cannot read .: not a regular file; check the name and that the file is there\n"),
+    ];
+    for command in ["render", "info"] {
+        for (scene, expected) in golden {
+            let said = folder.run(&format!("{command} {scene}"));
+            assert_eq!((said.status, said.err.as_str(), said.out.as_str()), (Some(1), expected, ""), "{scene}");
+        }
+        // All faults at once, each on a line with its place.
+        let said = folder.run(&format!("{command} broken.pbrt"));
+        assert_eq!(said.status, Some(1));
+        let lines: Vec<&str> = said.err.lines().filter(|l| l.starts_with("error: ")).collect();
+        assert_eq!(said.err.lines().count(), lines.len(), "{}", said.err);
+        for place in ["broken.pbrt:5: ", "broken.pbrt:13: "] {
+            assert!(lines.iter().any(|l| l.starts_with(&format!("error: {place}"))), "{place}: {}", said.err);
+        }
+        assert_eq!(folder.run(&format!("{command} empty.pbrt")).status, Some(1));
+    }
+    let names: Vec<String> = folder.names();
+    assert_eq!(names, ["broken.pbrt", "empty.pbrt"], "nothing was written");
+}
+
+#[test]
+fn the_unsupported_is_refused_or_listed() {
+    let folder = Folder::new();
+    std::fs::write(folder.path("odd.pbrt"), TINY.to_owned() + "Shape \"cylinder\"\n").expect("written");
+    let refused = folder.run("render odd.pbrt --spp 1");
+    assert_eq!(refused.status, Some(1));
+    assert!(refused.err.starts_with("error: odd.pbrt:13: "), "{}", refused.err);
+    let allowed = folder.run("render odd.pbrt --spp 1 --allow-unsupported -o odd.exr");
+    assert_eq!(allowed.status, Some(0), "{}", allowed.err);
+    assert!(allowed.err.starts_with("warning: odd.pbrt:13: ") && allowed.err.contains("left out"), "{}", allowed.err);
+}
+
+#[test]
+fn lists_and_info_are_for_reading() {
+    let folder = Folder::new();
+    for (list, names) in [("samplers", ["variance", "uniform"]), ("points", ["sobol", "random"])] {
+        let out = folder.done(list);
+        assert!(names.iter().all(|name| out.lines().any(|l| l.split(' ').next() == Some(name))), "{out}");
+    }
+    assert!(folder.done("samplers").lines().any(|l| l.starts_with("  cap=6 ")));
+    assert!(folder.done("filters").starts_with("none "));
+    let out = folder.done("info tiny.pbrt");
+    for line in [
+        "scene       tiny",
+        "triangles   2",
+        "shapes      2 (1 mesh, 1 sphere)",
+        "lights      1 (1 area)",
+        "effects     2",
+        "  soft-shadows      a sphere shines (tiny.pbrt:11)",
+    ] {
+        assert!(out.lines().any(|l| l == line), "{line}: {out}");
+    }
+    let help = folder.done("render --help");
+    assert!(help.contains("Examples:\n  dapple render\n"), "{help}");
+}
