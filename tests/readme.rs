@@ -34,7 +34,7 @@ fn run_as_program(name: &str, code: &str) -> String {
     let source = folder.path().join("src");
     std::fs::create_dir(&source).expect("src");
     let manifest = format!(
-        "[package]\nname = \"{name}\"\nedition = \"2024\"\n[dependencies]\ndapple = {{ path = {root:?} }}\n\
+        "[package]\nname = \"{name}\"\nedition = \"2024\"\n[dependencies]\ndapple = {{ path = {root:?}, default-features = false, features = [\"low-discrepancy\"] }}\n\
          dapple-core = {{ path = {core:?} }}\n[workspace]\n",
         root = root(),
         core = root().join("crates/core"),
