@@ -116,16 +116,16 @@ fn trace(
     let film =
         dapple_core::render(&mut *integrator, &mut *sampler, needs, settings.frame, &settings.limits, &mut progress);
     progress.finish();
-    match film {
-        Ok(film) => Ok((film, None)),
-        Err(Error::Panicked { film, sample, message, points }) => {
-            let failure = Failure::new(format!(
-                "{} (what was finished before is saved)",
-                Error::Panicked { sample, message, points, film: Box::new(Film::new(settings.frame, needs)) }
-            ));
-            Ok((*film, Some(failure)))
+    let error = match film {
+        Ok(film) => return Ok((film, None)),
+        Err(error) => error,
+    };
+    let message = error.to_string();
+    match error {
+        Error::Panicked { film, .. } => {
+            Ok((*film, Some(Failure::new(message + "; what was finished before is saved"))))
         }
-        Err(other) => Err(Failure::new(other)),
+        _ => Err(Failure::new(message)),
     }
 }
 
