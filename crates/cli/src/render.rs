@@ -59,30 +59,36 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     seconds.trace = film.record().trace_seconds();
     let cpu = cpu_seconds().zip(cpu).map(|(after, before)| after - before);
 
-    let mut report = Report { settings: &settings, scene: &scene, film: &film, filtered: &filtered, seconds, cpu };
+    let report = Report { settings: &settings, scene: &scene, film: &film, filtered: &filtered, seconds, cpu };
     warn_of_rejected(&film, &settings);
-    let interrupted = film.record().interrupted;
-    if film.record().samples == 0 {
-        warn("stopped before the first sample: nothing is saved");
-    } else {
-        let clock = Instant::now();
-        let written = files.write(&report, 1.0 / world.space().scale())?;
-        report.seconds.write = clock.elapsed().as_secs_f64();
-        if options.json {
-            tell(report.json())?;
-        } else if !options.quiet {
-            tell(report.summary())?;
-            written.iter().try_for_each(tell)?;
-        }
-    }
+    deliver(report, &files, 1.0 / world.space().scale(), options)?;
     match failure {
         Some(failure) => Err(failure),
-        None if interrupted => {
+        None if film.record().interrupted => {
             say("interrupted", "the picture is what was done until then");
             Ok(Outcome::Interrupted)
         }
         None => Ok(Outcome::Done),
     }
+}
+
+/// Writes the files and says how it went. `unit` as in [`dapple_renderer::output::layers`].
+fn deliver(mut report: Report<'_>, files: &Files, unit: f64, options: &Options) -> Result<()> {
+    if report.film.record().samples == 0 {
+        warn("stopped before the first sample: nothing is saved");
+        return Ok(());
+    }
+    let clock = Instant::now();
+    let written = files.write(&report, unit)?;
+    report.seconds.write = clock.elapsed().as_secs_f64();
+    if options.json {
+        return tell(report.json());
+    }
+    if !options.quiet {
+        tell(report.summary())?;
+        written.iter().try_for_each(tell)?;
+    }
+    Ok(())
 }
 
 /// Ends the program as clap does for a single wrong word: usage, exit status 2.
