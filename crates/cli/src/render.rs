@@ -59,30 +59,36 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     seconds.trace = film.record().trace_seconds();
     let cpu = cpu_seconds().zip(cpu).map(|(after, before)| after - before);
 
-    let mut report = Report { settings: &settings, scene: &scene, film: &film, filtered: &filtered, seconds, cpu };
+    let report = Report { settings: &settings, scene: &scene, film: &film, filtered: &filtered, seconds, cpu };
     warn_of_rejected(&film, &settings);
-    let interrupted = film.record().interrupted;
-    if film.record().samples == 0 {
-        warn("stopped before the first sample: nothing is saved");
-    } else {
-        let clock = Instant::now();
-        let written = files.write(&report, 1.0 / world.space().scale())?;
-        report.seconds.write = clock.elapsed().as_secs_f64();
-        if options.json {
-            tell(report.json())?;
-        } else if !options.quiet {
-            tell(report.summary())?;
-            written.iter().try_for_each(tell)?;
-        }
-    }
+    deliver(report, &files, 1.0 / world.space().scale(), options)?;
     match failure {
         Some(failure) => Err(failure),
-        None if interrupted => {
+        None if film.record().interrupted => {
             say("interrupted", "the picture is what was done until then");
             Ok(Outcome::Interrupted)
         }
         None => Ok(Outcome::Done),
     }
+}
+
+/// Writes the files and says how it went. `unit` as in [`dapple_renderer::output::layers`].
+fn deliver(mut report: Report<'_>, files: &Files, unit: f64, options: &Options) -> Result<()> {
+    if report.film.record().samples == 0 {
+        warn("stopped before the first sample: nothing is saved");
+        return Ok(());
+    }
+    let clock = Instant::now();
+    let written = files.write(&report, unit)?;
+    report.seconds.write = clock.elapsed().as_secs_f64();
+    if options.json {
+        return tell(report.json());
+    }
+    if !options.quiet {
+        tell(report.summary())?;
+        written.iter().try_for_each(tell)?;
+    }
+    Ok(())
 }
 
 /// Ends the program as clap does for a single wrong word: usage, exit status 2.
@@ -116,16 +122,16 @@ fn trace(
     let film =
         dapple_core::render(&mut *integrator, &mut *sampler, needs, settings.frame, &settings.limits, &mut progress);
     progress.finish();
-    match film {
-        Ok(film) => Ok((film, None)),
-        Err(Error::Panicked { film, sample, message, points }) => {
-            let failure = Failure::new(format!(
-                "{} (what was finished before is saved)",
-                Error::Panicked { sample, message, points, film: Box::new(Film::new(settings.frame, needs)) }
-            ));
-            Ok((*film, Some(failure)))
+    let error = match film {
+        Ok(film) => return Ok((film, None)),
+        Err(error) => error,
+    };
+    let message = error.to_string();
+    match error {
+        Error::Panicked { film, .. } => {
+            Ok((*film, Some(Failure::new(message + "; what was finished before is saved"))))
         }
-        Err(other) => Err(Failure::new(other)),
+        _ => Err(Failure::new(message)),
     }
 }
 

@@ -25,7 +25,8 @@ pub(crate) fn read(name: &Path, allow_unsupported: bool) -> Result<Scene> {
         }
         None => read_scene(name, &ReadOptions::default().with_allow_unsupported(allow_unsupported)),
     };
-    scene.map_err(|e| Failure::lines(&e))
+    // The library knows no options; here its advice has a name.
+    scene.map_err(|e| Failure::lines(&e.to_string().replace("allow unsupported directives", "--allow-unsupported")))
 }
 
 /// Lists what was read otherwise than written. What a bundled scene's text says to other renderers is no

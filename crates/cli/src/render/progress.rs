@@ -45,7 +45,6 @@ impl Progress {
             None => status.samples as f64 / status.expected.max(1) as f64,
         };
         let share = share.clamp(0.0, 1.0);
-        self.bar.set_position((share * STEPS as f64) as u64);
         let mut message = format!("{:.1} spp, round {}", status.samples as f64 / self.pixels, status.round + 1);
         if let Some(wanted) = self.error {
             // A walk over the whole film: once a round is enough.
@@ -62,6 +61,7 @@ impl Progress {
             message += &format!(", {} left", HumanDuration(left));
         }
         self.bar.set_message(message);
+        self.bar.set_position((share * STEPS as f64) as u64);
     }
 }
 
