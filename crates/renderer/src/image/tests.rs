@@ -309,7 +309,7 @@ fn pictures_check_their_length_and_find_what_is_not_finite() {
     assert_eq!(picture.non_finite(), Some(NonFinite { count: 2, first: [2, 1] }));
 }
 
-/// A folder of `/work/shared` or beside the repository; `None` (with a line saying so) where there is none.
+/// A folder of `../shared` or beside the repository; `None` (with a line saying so) where there is none.
 fn shared(variable: &str, name: &str) -> Option<PathBuf> {
     let beside = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared")).join(name);
     let folder = std::env::var_os(variable).map_or(beside, PathBuf::from);
