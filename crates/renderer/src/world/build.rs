@@ -1,9 +1,9 @@
 //! From a scene to a world.
 
 use super::{NO_LIGHT, Part, World};
-use crate::camera::{CameraError, CameraView};
-use crate::light::{DiskLamp, Environment, EnvironmentError, Lamp, Light, Lights, MeshLamp, SphereLamp};
-use crate::material::{MaterialError, Surface};
+use crate::camera::CameraView;
+use crate::light::{DiskLamp, Environment, Lamp, Light, Lights, MeshLamp, SphereLamp};
+use crate::material::Surface;
 use crate::pixel_filter::FilterSampler;
 use crate::scene::{Emission, Geometry as Described, LightKind, MeshData, Scene, Shape as DescribedShape, Source};
 use crate::space::{Space, even_scale};
@@ -36,11 +36,10 @@ impl Problems {
 pub(super) fn build(scene: &Scene, resolution: [u32; 2]) -> Result<World, WorldError> {
     let mut problems = Problems::default();
     let space = Space::of(scene);
-    let camera: Option<CameraView> =
-        problems.note::<_>(CameraView::new(&scene.camera, resolution, &space).map_err(|e: CameraError| e));
+    let camera: Option<CameraView> = problems.note(CameraView::new(&scene.camera, resolution, &space));
     let mut surfaces = Vec::with_capacity(scene.materials.len());
     for material in &scene.materials {
-        surfaces.extend(problems.note(Surface::new(material).map_err(|e: MaterialError| e)));
+        surfaces.extend(problems.note(Surface::new(material)));
     }
     let mut shapes = Vec::with_capacity(scene.shapes.len());
     let mut parts = Vec::with_capacity(scene.shapes.len());
@@ -121,7 +120,7 @@ fn environments(scene: &Scene, problems: &mut Problems) -> Vec<Environment> {
     for light in &scene.lights {
         let LightKind::Infinite { radiance } = &light.kind;
         let environment = Environment::new(radiance, light.to_world.matrix3, &light.source);
-        found.extend(problems.note(environment.map_err(|e: EnvironmentError| e)).flatten());
+        found.extend(problems.note(environment).flatten());
     }
     if found.len() > 1 {
         let second = &scene.lights[1].source;
@@ -141,7 +140,7 @@ fn lights(
     let mut lights = Vec::new();
     for (number, shape) in scene.shapes.iter().enumerate() {
         let Some(emission) = shape.emission else { continue };
-        let lamp = lamp(shape, emission);
+        let lamp = lamp(emission);
         let Some(Some(lamp)) = problems.note_at(&shape.source, lamp) else { continue };
         let light = light(shape, number as u32, lamp, space, geometry, &parts[number]);
         if let Some(Some(light)) = problems.note_at(&shape.source, light) {
@@ -154,13 +153,12 @@ fn lights(
     Lights::new(lights, radius)
 }
 
-/// The lamp of a shape; `None` if it is dark.
-fn lamp(shape: &DescribedShape, emission: Emission) -> Result<Option<Lamp>, String> {
+/// The lamp that an emission makes; `None` if it is dark.
+fn lamp(emission: Emission) -> Result<Option<Lamp>, String> {
     let Emission { radiance, two_sided } = emission;
     if radiance.iter().any(|x| !(x.is_finite() && *x >= 0.0)) {
         return Err(format!("an emission of {radiance:?} is none: give finite numbers of at least 0"));
     }
-    let _ = shape;
     let radiance = Vec3::from_array(radiance);
     Ok((radiance != Vec3::ZERO).then_some(Lamp { radiance, two_sided }))
 }
