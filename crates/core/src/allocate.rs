@@ -7,6 +7,10 @@
 //! rest one by one, ties to the smaller count and then by a hash of the pixel's number, so that no
 //! part of the picture is preferred.
 
+mod share;
+
+pub use share::share;
+
 use crate::Error;
 use rayon::prelude::*;
 use std::cmp::Ordering;

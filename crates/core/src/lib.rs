@@ -38,7 +38,7 @@ mod render;
 mod sampler;
 pub mod samplers;
 
-pub use allocate::{Allocation, allocate, allocate_on_ladder, ladder_floor, ladder_next};
+pub use allocate::{Allocation, allocate, allocate_on_ladder, ladder_floor, ladder_next, share};
 pub use draws::{Block, Draws};
 pub use error::Error;
 pub use film::{Features, Film, Record, Rejected, RejectedReason, RoundRecord};

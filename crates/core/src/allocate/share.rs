@@ -1,0 +1,137 @@
+//! Exact integer budgets in proportion to weights.
+
+use super::{Allocation, clean, level, mix};
+use crate::Error;
+use rayon::prelude::*;
+
+/// Real shares are held in 2^-20 of a sample: integers, whose sums do not depend on their order.
+const QUANTUM_BITS: u32 = 20;
+const QUANTA: f64 = (1u64 << QUANTUM_BITS) as f64;
+/// Pixels per partial sum: 2048 shares below 2^52 quanta fit into 64 bits.
+const CHUNK: usize = 2048;
+/// Rounds of redistribution: the range of factors is bracketed in 16, halved in the others.
+const MOST_ROUNDS: u32 = 64;
+
+/// Shares out exactly `total` samples in proportion to `weights`: pixel `p` gets
+/// `base + factor * weights[p]`, but at least `floors[p]` and at most `ceiling` (a floor above the
+/// ceiling wins), where the one factor is such that all add up; what ceilings cut off goes to the
+/// others in proportion. Real shares become integers by largest remainder, ties by weight and then by a
+/// hash of the pixel's number.
+///
+/// Unlike [`allocate`](crate::allocate()), which takes squared errors and gives counts that go with
+/// their root, this takes the counts' proportions themselves, for samplers that make a map of
+/// priorities rather than of variances. Counts go with the weights alone: permuted weights give
+/// permuted counts, except among equal ones.
+///
+/// Weights that are NaN or negative count as 0, infinite ones as the largest finite; both are counted
+/// in [`Allocation::replaced`]. Zeros, and what is below 1e-60 of the largest, wait until all others
+/// are at the ceiling, and then share alike. Where `total` does not even reach `base` for all, counts
+/// are as equal as the floors allow.
+///
+/// # Errors
+///
+/// [`Error::BudgetTooSmall`] when the floors alone exceed `total`.
+///
+/// # Panics
+///
+/// When `weights` and `floors` differ in length.
+pub fn share(weights: &[f64], base: u32, floors: &[u32], ceiling: u32, total: u64) -> Result<Allocation, Error> {
+    assert_eq!(weights.len(), floors.len(), "one floor per weight");
+    let sum_at_least = |n: u32| floors.iter().map(|&floor| u64::from(floor.max(n))).sum::<u64>();
+    let needed = sum_at_least(0);
+    if needed > total {
+        return Err(Error::BudgetTooSmall { budget: total, needed, pixels: floors.len() });
+    }
+    let (weights, replaced) = clean(weights);
+    let most = sum_at_least(ceiling);
+    if most <= total {
+        let counts = floors.iter().map(|&n| n.max(ceiling)).collect();
+        return Ok(Allocation { counts, unspent: total - most, replaced });
+    }
+    let base = base.min(ceiling);
+    let lowest = sum_at_least(base);
+    if lowest >= total {
+        return Ok(Allocation { counts: level(floors, base, total), unspent: 0, replaced });
+    }
+    let quanta = |weight: f64, floor: u32, factor: f64| -> u64 {
+        let share = (f64::from(base) + factor * weight).min(f64::from(ceiling)).max(f64::from(floor));
+        (share * QUANTA) as u64
+    };
+    let spend = |factor: f64| -> u128 {
+        let chunks = weights.par_chunks(CHUNK).zip(floors.par_chunks(CHUNK)).with_min_len(2);
+        chunks.map(|(w, f)| u128::from(w.iter().zip(f).map(|(&w, &f)| quanta(w, f, factor)).sum::<u64>())).sum()
+    };
+    // The factor if no bound took part. The sum is one of integers, so that no order shows.
+    let sum: u128 = weights.iter().map(|w| u128::from((w * (1u64 << 40) as f64) as u64)).sum();
+    let first = (total - lowest) as f64 / (sum.max(1) as f64 / (1u64 << 40) as f64);
+    let factor = find_factor(first, u128::from(total) << QUANTUM_BITS, weights.len() as u128, spend);
+
+    let shares: Vec<u64> = weights.iter().zip(floors).map(|(&w, &floor)| quanta(w, floor, factor)).collect();
+    let mut counts: Vec<u32> = shares.iter().map(|s| (s >> QUANTUM_BITS) as u32).collect();
+    let left = total - counts.iter().map(|&n| u64::from(n)).sum::<u64>();
+    let open = counts.iter().filter(|n| **n < ceiling).count();
+    if left > open as u64 {
+        // The search was cut off far from its end, by weights that differ by tens of decades.
+        return Ok(Allocation { counts: level(&counts, ceiling, total), unspent: 0, replaced });
+    }
+    hand_out_remainders(&shares, &weights, &mut counts, ceiling, left as usize);
+    Ok(Allocation { counts, unspent: 0, replaced })
+}
+
+/// The largest factor, nearly, at which `spend` does not exceed `goal`: at most `close` quanta below
+/// it, unless a step of `spend` is wider. Spending grows with the factor.
+fn find_factor(first: f64, goal: u128, close: u128, spend: impl Fn(f64) -> u128) -> f64 {
+    let (mut low, mut missing) = (0.0, 0.0);
+    let (mut high, mut excess) = (f64::INFINITY, 0.0);
+    let mut guess = first;
+    let mut stride = 0;
+    for round in 0..MOST_ROUNDS {
+        let spent = spend(guess);
+        if spent <= goal {
+            (low, missing) = (guess, (goal - spent) as f64);
+            if goal - spent <= close {
+                break;
+            }
+        } else {
+            (high, excess) = (guess, (spent - goal) as f64);
+        }
+        // Outwards in steps whose exponents double, inwards by halving exponents, then regula falsi
+        // with bisection every other round.
+        guess = if high == f64::INFINITY || low == 0.0 {
+            let step = (1u64 << (1u32 << stride).min(63)) as f64;
+            stride = (stride + 1).min(5);
+            if low == 0.0 { high / step } else { low * step }
+        } else if high > 4.0 * low {
+            low.sqrt() * high.sqrt()
+        } else if round % 2 == 0 {
+            low + (high - low) * 0.5
+        } else {
+            low + (high - low) * (missing / (missing + excess)).clamp(1e-3, 1.0 - 1e-3)
+        };
+        if guess <= low || guess >= high {
+            break;
+        }
+    }
+    low
+}
+
+/// One more for each of the `left` pixels with the largest remainders, of those below the ceiling.
+/// Equal remainders go by weight, equal weights by a hash.
+fn hand_out_remainders(shares: &[u64], weights: &[f64], counts: &mut [u32], ceiling: u32, left: usize) {
+    if left == 0 {
+        return;
+    }
+    let mask = (1u64 << QUANTUM_BITS) - 1;
+    let open = counts.iter().zip(shares).enumerate().filter(|(_, (n, _))| **n < ceiling);
+    let mut open: Vec<(u64, usize)> = open.map(|(pixel, (_, &share))| (share & mask, pixel)).collect();
+    if left < open.len() {
+        open.select_nth_unstable_by(left, |&(a, p), &(b, q)| {
+            let by_weight = || weights[q].total_cmp(&weights[p]);
+            b.cmp(&a).then_with(by_weight).then_with(|| mix(q as u64).cmp(&mix(p as u64)))
+        });
+    }
+    open.iter().take(left).for_each(|&(_, pixel)| counts[pixel] += 1);
+}
+
+#[cfg(test)]
+mod tests;
