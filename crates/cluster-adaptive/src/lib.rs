@@ -1,1 +1,19 @@
-//! Sample counts per pixel from the projected sizes of clusters.
+#![doc = include_str!("../README.md")]
+
+mod area_vectors;
+mod error;
+mod importance;
+mod options;
+mod probe;
+mod sampler;
+mod screen;
+mod size;
+
+pub use area_vectors::AreaVectors;
+pub use error::Error;
+pub use importance::{Importance, Map, importance};
+pub use options::{Options, published_bounds};
+pub use probe::{BACKGROUND, Placement, Probe, ProbeCost, ProbeHit, ProbeRay, Probes, probe};
+pub use sampler::{ClusterAdaptive, Probed, ProbesHandle, Shoot};
+pub use screen::projected_box_area;
+pub use size::{ClusterSize, PixelArea, Rates, rates};

@@ -1,0 +1,90 @@
+//! What can be wrong with probes, labels and parameters.
+
+/// Why probes, clusters or parameters are refused. Each message says what to do.
+#[non_exhaustive]
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum Error {
+    /// A probe hit a primitive that has no label.
+    #[error(
+        "pixel ({}, {}): a probe hit primitive {primitive}, but there are labels for {labels} only: give one label per primitive, in the numbering of the hits", pixel[0], pixel[1]
+    )]
+    NoLabel {
+        /// Column and row in the full picture.
+        pixel: [u32; 2],
+        /// The primitive that was reported.
+        primitive: u32,
+        /// How many labels there are.
+        labels: usize,
+    },
+    /// A label names a cluster that is not in the list.
+    #[error(
+        "label {label} names no cluster: there are {clusters}, numbered from 0; pass labels and clusters of the same clustering"
+    )]
+    NoCluster {
+        /// The label.
+        label: u32,
+        /// How many clusters there are.
+        clusters: usize,
+    },
+    /// As many labels as triangles are needed.
+    #[error("{labels} labels for {triangles} triangles: give one label per triangle")]
+    LabelCount {
+        /// Labels given.
+        labels: usize,
+        /// Triangles given.
+        triangles: usize,
+    },
+    /// A triangle names a vertex that is not there.
+    #[error("triangle {triangle} names vertex {vertex}, but there are {vertices}")]
+    NoVertex {
+        /// The triangle.
+        triangle: usize,
+        /// The vertex it names.
+        vertex: u32,
+        /// How many vertices there are.
+        vertices: usize,
+    },
+    /// A parameter outside its range.
+    #[error("{name} = {value} is out of range: {allowed}")]
+    OutOfRange {
+        /// The parameter, as the user knows it.
+        name: &'static str,
+        /// The value given.
+        value: String,
+        /// What is allowed.
+        allowed: &'static str,
+    },
+    /// Probes were traced for another picture.
+    #[error("the probes are those of {of}, but {wanted} is rendered: probe that frame, or let the sampler probe")]
+    OtherFrame {
+        /// What was probed.
+        of: String,
+        /// What is rendered.
+        wanted: String,
+    },
+}
+
+impl Error {
+    pub(crate) fn range(name: &'static str, value: impl ToString, allowed: &'static str) -> Self {
+        Self::OutOfRange { name, value: value.to_string(), allowed }
+    }
+}
+
+/// The render loop knows one kind of error for what a user passed in.
+impl From<Error> for dapple_core::Error {
+    fn from(error: Error) -> Self {
+        match error {
+            Error::OutOfRange { name, value, allowed } => Self::OutOfRange { name, value, allowed },
+            Error::NoLabel { .. } => {
+                Self::OutOfRange { name: "probes", value: error.to_string(), allowed: "one label per primitive" }
+            }
+            Error::NoCluster { .. } => {
+                Self::OutOfRange { name: "labels", value: error.to_string(), allowed: "numbers of clusters" }
+            }
+            Error::OtherFrame { .. } => {
+                Self::OutOfRange { name: "probes", value: error.to_string(), allowed: "those of the frame rendered" }
+            }
+            _ => Self::OutOfRange { name: "triangles", value: error.to_string(), allowed: "valid triangles" },
+        }
+    }
+}

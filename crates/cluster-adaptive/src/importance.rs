@@ -1,0 +1,126 @@
+//! From rates to a pixel's share of the reserved samples.
+
+use crate::probe::{BACKGROUND, Probe, Probes, dot};
+use crate::{ClusterSize, Error, Options, rates};
+use dapple_clustering::Cluster;
+
+/// The increasing map `f` from the ratio `x = SP / SC` to a sampling rate (THESIS eq. 3-3). The thesis
+/// demands one and gives none.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Map {
+    /// `x`: every cluster gets the same number of samples, as the thesis' prose has it.
+    Identity,
+    /// `sqrt(x)`: milder, the default.
+    #[default]
+    Root,
+    /// `ln(1 + x / m)`, with `m` the median over all probes that met something: milder still for
+    /// clusters smaller than most, as the ratio itself for larger ones.
+    Log,
+}
+
+impl Map {
+    /// Its name: `identity`, `root` or `log`.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Identity => "identity",
+            Self::Root => "root",
+            Self::Log => "log",
+        }
+    }
+
+    /// `f(x)` for a ratio `x >= 0` and the median ratio.
+    fn of(self, x: f64, median: f64) -> f64 {
+        match self {
+            Self::Identity => x,
+            Self::Root => x.sqrt(),
+            // A median of 0 needs a footprint of 0 in half of all probes.
+            Self::Log if median > 0.0 => (x / median).ln_1p(),
+            Self::Log => x.sqrt(),
+        }
+    }
+}
+
+/// How important pixels are.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Importance {
+    /// One number per pixel of the window, row by row: finite, not negative, without unit; its mean is
+    /// `1 + angle + distance` where anything was met.
+    pub per_pixel: Vec<f32>,
+    /// Probes whose cluster has no size, as [`Rates::replaced`](crate::Rates::replaced) counts them.
+    pub replaced: usize,
+}
+
+/// The sampling importance of every pixel (THESIS 2.5): "cluster share, plus weight for a large angle
+/// between cluster normal and view ray, plus weight for distance". The thesis gives no formula; this is
+/// the simplest that its words allow:
+///
+/// `I_p = share_p / <share> + angle * a_p / <a> + distance * z_p / <z>`
+///
+/// with `share` the mean over the pixel's probes of `f(SP / SC)`, `a` that of `1 - |n . d|` (`n` the
+/// cluster's mean normal, or the surface's where normals cancel; `d` the ray), `z` that of the distance
+/// to the hit, and `< >` the mean over the picture; a term whose mean is 0 is left out. Probes that met
+/// nothing add 0 to each, but for the share with [`ClusterSize::Hits`].
+///
+/// Nothing in it has a unit: a scene scaled by any factor has the same importance. (With
+/// [`PixelArea::One`](crate::PixelArea::One), as published, that is a matter of proportions; not so its dependence on
+/// resolution: SP stays 1 however many pixels there are.) Values are rounded to `f32`, so that what
+/// scaling changes in the last digits of `f64` does not show.
+///
+/// # Errors
+///
+/// As [`rates`]; [`Error::OutOfRange`] for a weight that is negative or not finite.
+pub fn importance(
+    probes: &Probes,
+    clusters: &[Cluster],
+    size: &ClusterSize,
+    options: &Options,
+) -> Result<Importance, Error> {
+    options.validate()?;
+    let rates = rates(probes, clusters, size, options.pixel_area)?;
+    let median = if options.map == Map::Log { median(probes, &rates.values) } else { 1.0 };
+    let k = probes.placement().per_pixel() as usize;
+    let mean = |of: &dyn Fn(usize, &Probe) -> f64| -> Vec<f64> {
+        let pixels = probes.all().chunks_exact(k).enumerate();
+        pixels.map(|(i, p)| p.iter().enumerate().map(|(j, p)| of(i * k + j, p)).sum::<f64>() / k as f64).collect()
+    };
+    let mut total = vec![0.0; probes.frame().pixels()];
+    add(&mut total, &mean(&|i, _| options.map.of(rates.values[i], median)), 1.0);
+    if options.angle > 0.0 {
+        add(&mut total, &mean(&|_, p| obliquity(p, clusters)), options.angle);
+    }
+    if options.distance > 0.0 {
+        add(&mut total, &mean(&|_, p| f64::from(p.distance)), options.distance);
+    }
+    Ok(Importance { per_pixel: total.into_iter().map(|i| i as f32).collect(), replaced: rates.replaced })
+}
+
+/// Adds `plane`, scaled so that its mean is `weight`.
+fn add(total: &mut [f64], plane: &[f64], weight: f64) {
+    // Divided first: a sum of the largest rates must not overflow.
+    let largest = plane.iter().copied().fold(0.0, f64::max);
+    if largest <= 0.0 {
+        return;
+    }
+    let mean = plane.iter().map(|x| x / largest).sum::<f64>() / plane.len() as f64;
+    total.iter_mut().zip(plane).for_each(|(sum, x)| *sum += weight * (x / largest / mean));
+}
+
+/// `1 - cos` of the angle between the ray and the normal of what it met.
+fn obliquity(probe: &Probe, clusters: &[Cluster]) -> f64 {
+    if probe.cluster == BACKGROUND {
+        return 0.0;
+    }
+    let cosine = dot(clusters[probe.cluster as usize].normal, probe.direction).abs();
+    let known = clusters[probe.cluster as usize].normal != [0.0; 3] && cosine.is_finite();
+    (1.0 - if known { cosine } else { f64::from(probe.cosine) }).clamp(0.0, 1.0)
+}
+
+/// The lower median of the rates of probes that met a cluster; 1 without any.
+fn median(probes: &Probes, rates: &[f64]) -> f64 {
+    let hits = probes.all().iter().zip(rates).filter(|(p, _)| p.cluster != BACKGROUND);
+    let mut rates: Vec<f64> = hits.map(|(_, &r)| r).collect();
+    match rates.len() {
+        0 => 1.0,
+        n => *rates.select_nth_unstable_by((n - 1) / 2, f64::total_cmp).1,
+    }
+}

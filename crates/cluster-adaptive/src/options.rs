@@ -1,0 +1,72 @@
+//! The parameters of the published sampler.
+
+use crate::{Error, Map, PixelArea};
+
+/// The parameters of [`ClusterAdaptive`](crate::ClusterAdaptive). The defaults are the published
+/// combination as far as it is published; the thesis gives no formula for `map`, nor any for the two
+/// weights.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Options {
+    /// From the ratio of areas to a rate.
+    pub map: Map,
+    /// What a pixel's own area is taken to be.
+    pub pixel_area: PixelArea,
+    /// Weight of a large angle between cluster normal and ray, relative to the cluster's share, which
+    /// weighs 1; 0 leaves it out. Default .25, a guess.
+    pub angle: f64,
+    /// Weight of distance, likewise.
+    pub distance: f64,
+    /// Samples that every pixel gets; 0 takes the thesis' minimum for the mean budget
+    /// ([`published_bounds`]). Also holds under a budget that is raised later, so a time limit may refuse
+    /// it: give the limit's own floor there.
+    pub min: u32,
+    /// Most samples that a pixel gets; 0 takes the thesis' maximum for the mean budget.
+    pub max: u32,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self { map: Map::default(), pixel_area: PixelArea::One, angle: 0.25, distance: 0.25, min: 0, max: 0 }
+    }
+}
+
+impl Options {
+    pub(crate) fn validate(&self) -> Result<(), Error> {
+        for (name, weight) in [("angle", self.angle), ("distance", self.distance)] {
+            if !(weight.is_finite() && weight >= 0.0) {
+                return Err(Error::range(name, weight, "a weight of 0 or more"));
+            }
+        }
+        if self.max != 0 && self.max < self.min {
+            return Err(Error::range("max", self.max, "no less than min; 0 chooses"));
+        }
+        Ok(())
+    }
+
+    /// Floor and ceiling of all counts for `mean` samples per pixel.
+    pub(crate) fn bounds(&self, mean: f64) -> [u32; 2] {
+        let [low, high] = published_bounds(mean);
+        let min = if self.min > 0 { self.min } else { low };
+        let max = if self.max > 0 { self.max } else { high };
+        [min, max.max(min)]
+    }
+}
+
+/// Minimum and maximum count for `mean` samples per pixel, from the thesis' table 4-3 (means 8, 16, 32,
+/// 64: minima 6, 12, 24, 56, maxima 16, 32, 48, 80): linear between its columns, in proportion below
+/// and above; the minimum rounded down, the maximum up.
+pub fn published_bounds(mean: f64) -> [u32; 2] {
+    const TABLE: [[f64; 3]; 4] = [[8.0, 6.0, 16.0], [16.0, 12.0, 32.0], [32.0, 24.0, 48.0], [64.0, 56.0, 80.0]];
+    let mean = mean.clamp(0.0, f64::from(u32::MAX));
+    let at = |column: usize| {
+        let [first, .., last] = TABLE;
+        if mean <= first[0] {
+            return mean * first[column] / first[0];
+        }
+        match TABLE.windows(2).find(|w| mean <= w[1][0]) {
+            Some(w) => w[0][column] + (mean - w[0][0]) * (w[1][column] - w[0][column]) / (w[1][0] - w[0][0]),
+            None => mean * last[column] / last[0],
+        }
+    };
+    [at(1).floor() as u32, at(2).ceil() as u32]
+}

@@ -1,0 +1,256 @@
+//! First-hit probes: which cluster does a pixel see?
+
+use crate::Error;
+use dapple_core::{Frame, PointSet, SampleId, streams};
+use rayon::prelude::*;
+use std::time::Instant;
+
+/// The class of probes that met nothing: the background.
+pub const BACKGROUND: u32 = u32::MAX;
+
+/// Where the probes of a pixel lie.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Placement {
+    /// One, through the pixel's centre and the lens' centre: as published (THESIS 2.6). What it
+    /// predicts is wrong wherever the pixel sees more than one cluster.
+    #[default]
+    Centre,
+    /// So many, at least 1 and at most 256, spread over pixel and lens by a point set. Each predicts the
+    /// pixel's true rate in expectation, whatever it sees.
+    Jittered(u32),
+}
+
+impl Placement {
+    /// Probes per pixel.
+    pub const fn per_pixel(self) -> u32 {
+        match self {
+            Self::Centre => 1,
+            Self::Jittered(k) => k,
+        }
+    }
+}
+
+impl std::fmt::Display for Placement {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Centre => f.write_str("centre"),
+            Self::Jittered(k) => write!(f, "{k}"),
+        }
+    }
+}
+
+/// A ray that the caller shoots.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ProbeRay {
+    /// Column and row in the full picture.
+    pub pixel: [u32; 2],
+    /// Where it passes the film, in pixels of the full picture from its upper left corner; inside
+    /// `pixel`.
+    pub film: [f32; 2],
+    /// Where it passes the lens, in `[0, 1)^2` as the integrator would draw it; `[0.5, 0.5]` with
+    /// [`Placement::Centre`]. A pinhole ignores it.
+    pub lens: [f32; 2],
+    /// Its name: a renderer that needs more coordinates (time, say) asks its point set for block 1 of
+    /// this sample and on. Block 0 is `film` and `lens`.
+    pub sample: SampleId,
+}
+
+/// The first surface that a probe met.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ProbeHit {
+    /// The primitive: an index into the labels.
+    pub primitive: u32,
+    /// The ray's direction, from the eye to the hit. Need not be of unit length, nor zero.
+    pub direction: [f32; 3],
+    /// Along the ray from the eye, in world units, not negative.
+    pub distance: f32,
+    /// The surface's unit normal; either side.
+    pub normal: [f32; 3],
+    /// Width of a pixel at the hit, in world units, measured across the ray; not negative. Read with
+    /// [`PixelArea::Footprint`](crate::PixelArea::Footprint) only.
+    pub footprint: f32,
+}
+
+/// What is kept of one probe. All zero but for the class where nothing was met.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Probe {
+    /// The cluster it met, or [`BACKGROUND`].
+    pub cluster: u32,
+    /// Unit direction of the ray.
+    pub direction: [f32; 3],
+    /// Cosine of the angle between ray and surface normal, in `[0, 1]`.
+    pub cosine: f32,
+    /// Distance from the eye, in world units.
+    pub distance: f32,
+    /// Width of a pixel at the hit, in world units.
+    pub footprint: f32,
+}
+
+impl Probe {
+    const MISS: Self = Self { cluster: BACKGROUND, direction: [0.0; 3], cosine: 0.0, distance: 0.0, footprint: 0.0 };
+
+    /// `None` for a hit with a NaN, an infinity, or no direction in it.
+    fn new(cluster: u32, hit: &ProbeHit) -> Option<Self> {
+        let ProbeHit { direction, distance, normal, footprint, .. } = *hit;
+        // f64: squares of small components leave the range of f32.
+        let length = dot(direction, direction).sqrt();
+        let fine = length > 0.0 && length.is_finite() && distance >= 0.0 && footprint >= 0.0;
+        let finite = distance.is_finite() && footprint.is_finite() && normal.iter().all(|n| n.is_finite());
+        (fine && finite).then(|| Self {
+            cluster,
+            direction: direction.map(|d| (f64::from(d) / length) as f32),
+            cosine: (dot(direction, normal).abs() / length).min(1.0) as f32,
+            distance,
+            footprint,
+        })
+    }
+}
+
+pub(crate) fn dot(a: [f32; 3], b: [f32; 3]) -> f64 {
+    f64::from(a[0]) * f64::from(b[0]) + f64::from(a[1]) * f64::from(b[1]) + f64::from(a[2]) * f64::from(b[2])
+}
+
+/// What probing took: part of the price of every picture planned from it.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct ProbeCost {
+    /// Rays shot.
+    pub rays: u64,
+    /// Wall seconds.
+    pub seconds: f64,
+}
+
+/// The probes of a frame.
+#[derive(Clone, Debug)]
+pub struct Probes {
+    frame: Frame,
+    placement: Placement,
+    probes: Vec<Probe>,
+    rejected: u64,
+    cost: ProbeCost,
+}
+
+/// Shoots the probes of `frame`, in parallel by rows, and labels what they hit: `labels` holds one
+/// cluster per primitive. Coordinates come from `points`, as samples of
+/// [`streams::PROBE`]; [`Placement::Centre`] asks for none. The result depends neither on threads nor
+/// on their order, as long as `shoot` is a pure function.
+///
+/// Each probe ends in exactly one class: a cluster, or the background. A hit with a NaN, an infinity,
+/// a negative length or no direction is no hit; [`Probes::rejected`] counts them.
+///
+/// # Errors
+///
+/// [`Error::NoLabel`] for a hit whose primitive has no label (the first, row by row),
+/// [`Error::NoCluster`] where that label is [`BACKGROUND`]; [`Error::OutOfRange`] for none or too many
+/// probes a pixel.
+pub fn probe(
+    frame: &Frame,
+    placement: Placement,
+    points: &dyn PointSet,
+    labels: &[u32],
+    shoot: impl Fn(ProbeRay) -> Option<ProbeHit> + Sync,
+) -> Result<Probes, Error> {
+    let began = Instant::now();
+    let k = placement.per_pixel();
+    if !(1..=256).contains(&k) || u64::from(k) > points.capacity() {
+        let allowed = "at least 1 and at most 256, and no more than the point set has";
+        return Err(Error::range("probes per pixel", k, allowed));
+    }
+    let width = frame.size()[0] as usize * k as usize;
+    let mut probes = vec![Probe::MISS; frame.pixels() * k as usize];
+    let trace = |(row, out): (usize, &mut [Probe])| -> Result<u64, Error> {
+        let mut rejected = 0;
+        for (i, slot) in out.iter_mut().enumerate() {
+            let pixel = frame.pixel(row * frame.size()[0] as usize + i / k as usize);
+            let index = (i % k as usize) as u64;
+            let ray = ray(pixel, index, placement, points);
+            let Some(hit) = shoot(ray) else { continue };
+            let Some(&label) = labels.get(hit.primitive as usize) else {
+                return Err(Error::NoLabel { pixel, primitive: hit.primitive, labels: labels.len() });
+            };
+            if label == BACKGROUND {
+                return Err(Error::NoCluster { label, clusters: BACKGROUND as usize });
+            }
+            match Probe::new(label, &hit) {
+                Some(probe) => *slot = probe,
+                None => rejected += 1,
+            }
+        }
+        Ok(rejected)
+    };
+    // Collected row by row, so that the first error is the same for any threads.
+    let rows: Vec<Result<u64, Error>> = probes.par_chunks_mut(width).enumerate().map(trace).collect();
+    let rejected = rows.into_iter().sum::<Result<u64, Error>>()?;
+    let cost = ProbeCost { rays: probes.len() as u64, seconds: began.elapsed().as_secs_f64() };
+    Ok(Probes { frame: *frame, placement, probes, rejected, cost })
+}
+
+fn ray(pixel: [u32; 2], index: u64, placement: Placement, points: &dyn PointSet) -> ProbeRay {
+    let sample = SampleId { pixel, stream: streams::PROBE, index };
+    let u = match placement {
+        Placement::Centre => [0.5; 4],
+        Placement::Jittered(_) => points.block(sample, 0),
+    };
+    // Far from the origin a sum may round up to the next pixel.
+    let place = |k: usize| (pixel[k] as f32 + u[k]).min((pixel[k] as f32 + 1.0).next_down());
+    ProbeRay { pixel, film: [place(0), place(1)], lens: [u[2], u[3]], sample }
+}
+
+impl Probes {
+    /// The frame that was probed.
+    pub fn frame(&self) -> &Frame {
+        &self.frame
+    }
+
+    /// Where the probes of each pixel lie.
+    pub fn placement(&self) -> Placement {
+        self.placement
+    }
+
+    /// All probes, pixel by pixel, row by row: [`Placement::per_pixel`] each.
+    pub fn all(&self) -> &[Probe] {
+        &self.probes
+    }
+
+    /// The probes of the `i`-th pixel of the window.
+    ///
+    /// # Panics
+    ///
+    /// When there is no such pixel.
+    pub fn of_pixel(&self, i: usize) -> &[Probe] {
+        let k = self.placement.per_pixel() as usize;
+        &self.probes[i * k..(i + 1) * k]
+    }
+
+    /// Hits that were none: not finite, or without direction.
+    pub fn rejected(&self) -> u64 {
+        self.rejected
+    }
+
+    /// What it took.
+    pub fn cost(&self) -> ProbeCost {
+        self.cost
+    }
+
+    /// The cluster per pixel, that of its first probe, or [`BACKGROUND`]: for colour maps and filters.
+    pub fn cluster_map(&self) -> Vec<u32> {
+        self.probes.iter().step_by(self.placement.per_pixel() as usize).map(|p| p.cluster).collect()
+    }
+
+    /// Probes per class: one number per cluster, and the background's behind them. They add up to all
+    /// probes.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::NoCluster`] where a probe met a cluster that is not below `clusters`.
+    pub fn class_counts(&self, clusters: usize) -> Result<Vec<u64>, Error> {
+        let mut counts = vec![0; clusters + 1];
+        for probe in &self.probes {
+            let class = if probe.cluster == BACKGROUND { clusters } else { probe.cluster as usize };
+            if class > clusters || (class == clusters && probe.cluster != BACKGROUND) {
+                return Err(Error::NoCluster { label: probe.cluster, clusters });
+            }
+            counts[class] += 1;
+        }
+        Ok(counts)
+    }
+}

@@ -1,0 +1,153 @@
+//! How large is a cluster, and so what rate does a probe that met it predict?
+
+use crate::probe::{BACKGROUND, Probe, Probes};
+use crate::screen::projected_box_area;
+use crate::{AreaVectors, Error};
+use dapple_clustering::Cluster;
+
+/// How the size `SC` of a cluster is measured.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub enum ClusterSize {
+    /// As published (THESIS 2.3): the cluster's axis-aligned box, projected along the probe's ray,
+    /// `lx ly |dz| + lx lz |dy| + ly lz |dx|`, in world units.
+    #[default]
+    ProjectedBox,
+    /// The thesis' own remedy (THESIS 4, 3.2.2 a): the sum of the triangles' areas, projected along the
+    /// probe's ray, in world units.
+    ProjectedTriangles(AreaVectors),
+    /// The film area of the cluster's box in perspective, in pixels, as
+    /// [`projected_box_area`] has it for this matrix: what the published formula lacks (THESIS 6,
+    /// units).
+    ScreenBox([[f32; 4]; 4]),
+    /// Probes that met the cluster, over probes per pixel: the pixels it covers, with occlusion,
+    /// perspective and all. The background is a cluster as well.
+    Hits,
+}
+
+impl ClusterSize {
+    /// Its name: `box`, `triangles`, `screen` or `hits`.
+    pub const fn name(&self) -> &'static str {
+        match self {
+            Self::ProjectedBox => "box",
+            Self::ProjectedTriangles(_) => "triangles",
+            Self::ScreenBox(_) => "screen",
+            Self::Hits => "hits",
+        }
+    }
+}
+
+/// The pixel's own size `SP`, where clusters are measured in world units.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum PixelArea {
+    /// As published: 1 for every pixel. The perspective factor `f^2 / d^2` is missing: a far cluster is
+    /// taken for as large as a near one.
+    #[default]
+    One,
+    /// The footprint of the pixel at the hit, squared: `SC / SP` is then a number of pixels.
+    Footprint,
+}
+
+impl PixelArea {
+    /// Its name: `one` or `footprint`.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::One => "one",
+            Self::Footprint => "footprint",
+        }
+    }
+}
+
+/// Least projected size of a cluster, as a share of its largest face (or of its triangles' area): that
+/// of a plane turned .06 degrees off edge-on. Nearer to edge-on sizes stay as they are, so that no
+/// rate is infinite and none jumps at 0 degrees.
+const EDGE_ON: f64 = 1e-3;
+
+/// What the probes predict, one number each.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Rates {
+    /// `SP / SC` of the cluster that each probe met, as [`Probes::all`] lists them: finite, not
+    /// negative; 0 for a probe that met nothing. In units of `SP / SC`: only proportions mean
+    /// something, but with [`PixelArea::Footprint`], [`ClusterSize::ScreenBox`] and
+    /// [`ClusterSize::Hits`], where a cluster of `n` pixels gives `1 / n`.
+    pub values: Vec<f64>,
+    /// Probes whose cluster has no size at all (a point, a line, corners that are not finite): they
+    /// get the largest rate of the others.
+    pub replaced: usize,
+}
+
+/// The rate `SP / SC` (THESIS eq. 3-3, before `f`) that each probe predicts.
+///
+/// `R SP / SC` is the thesis' one-ray estimate of the pixel's true rate, `R sum_i Scc_i / Sc_i` over the
+/// clusters that it sees (`Scc_i` the part of cluster `i` in it). For a probe through the pixel's centre
+/// that holds where one cluster fills the pixel. A probe placed evenly over the pixel meets `i` with
+/// probability `Scc_i / SP`, so its expectation is the true rate whatever the pixel sees (THESIS 4):
+/// averaging [`Placement::Jittered`](crate::Placement::Jittered) probes is the remedy.
+///
+/// # Errors
+///
+/// [`Error::NoCluster`] where a probe met a cluster that is not in `clusters` (or in the area
+/// vectors).
+pub fn rates(probes: &Probes, clusters: &[Cluster], size: &ClusterSize, pixel_area: PixelArea) -> Result<Rates, Error> {
+    let classes = probes.class_counts(clusters.len())?;
+    let k = f64::from(probes.placement().per_pixel());
+    let mut values: Vec<f64> = match size {
+        ClusterSize::Hits => {
+            let rate = |p: &Probe| k / classes[(p.cluster as usize).min(clusters.len())] as f64;
+            probes.all().iter().map(rate).collect()
+        }
+        ClusterSize::ScreenBox(world_to_clip) => {
+            let resolution = probes.frame().resolution();
+            // Whoever is seen covers about what a probe stands for.
+            let area = |c: &Cluster| projected_box_area(&c.bounds, world_to_clip, resolution).max(1.0 / k);
+            let seen = classes.iter().zip(clusters);
+            let rates: Vec<f64> = seen.map(|(&n, c)| if n > 0 { 1.0 / area(c) } else { 0.0 }).collect();
+            of_hits(probes, |p| rates[p.cluster as usize])
+        }
+        ClusterSize::ProjectedBox => {
+            let rate = |p: &Probe, sp: f64| sp / projected_box(&clusters[p.cluster as usize].bounds, p.direction);
+            of_hits(probes, |p| rate(p, pixel_size(p, pixel_area)))
+        }
+        ClusterSize::ProjectedTriangles(vectors) => {
+            if vectors.len() < clusters.len() {
+                return Err(Error::NoCluster { label: vectors.len() as u32, clusters: vectors.len() });
+            }
+            let size = |p: &Probe| vectors.projected(p.cluster, p.direction).max(EDGE_ON * vectors.area(p.cluster));
+            of_hits(probes, |p| pixel_size(p, pixel_area) / size(p))
+        }
+    };
+    let replaced = replace_infinite(&mut values);
+    Ok(Rates { values, replaced })
+}
+
+fn of_hits(probes: &Probes, rate: impl Fn(&Probe) -> f64) -> Vec<f64> {
+    probes.all().iter().map(|p| if p.cluster == BACKGROUND { 0.0 } else { rate(p) }).collect()
+}
+
+fn pixel_size(probe: &Probe, area: PixelArea) -> f64 {
+    match area {
+        PixelArea::One => 1.0,
+        PixelArea::Footprint => f64::from(probe.footprint) * f64::from(probe.footprint),
+    }
+}
+
+/// The size of an axis-aligned box seen along the unit direction `d`, in the orthographic projection of
+/// the thesis (2.3, Fig. 3-20), and at least a thousandth of its largest face.
+fn projected_box([low, high]: &[[f32; 3]; 2], d: [f32; 3]) -> f64 {
+    let l: [f64; 3] = std::array::from_fn(|a| f64::from(high[a]) - f64::from(low[a]));
+    let faces = [l[1] * l[2], l[0] * l[2], l[0] * l[1]];
+    let seen = (0..3).map(|a| faces[a] * f64::from(d[a]).abs()).sum::<f64>();
+    seen.max(EDGE_ON * faces[0].max(faces[1]).max(faces[2]))
+}
+
+/// Rates of clusters without size, and such as are no numbers, become the largest of the others.
+fn replace_infinite(rates: &mut [f64]) -> usize {
+    let none = |r: f64| !r.is_finite() || r < 0.0;
+    let largest = rates.iter().copied().filter(|&r| !none(r)).fold(0.0, f64::max);
+    let largest = if largest > 0.0 { largest } else { 1.0 };
+    let mut replaced = 0;
+    for rate in rates.iter_mut().filter(|r| none(**r)) {
+        *rate = largest;
+        replaced += 1;
+    }
+    replaced
+}

@@ -1,0 +1,102 @@
+//! Made-up surfaces, and a renderer of noise.
+#![allow(dead_code, unreachable_pub, reason = "each test file uses its own part")]
+
+use dapple_cluster_adaptive::{
+    ClusterAdaptive, ClusterSize, Options, Placement, ProbeHit, ProbeRay, Probed, Probes, probe,
+};
+use dapple_clustering::Cluster;
+use dapple_core::{
+    Block, Draws, Error, Estimate, Film, Frame, Integrator, Limits, Needs, NoWatch, Observed, Plan, Progress, Sampler,
+    render,
+};
+use dapple_low_discrepancy::Random;
+
+/// A cluster that fills this box, facing z.
+pub fn cluster(low: [f32; 3], high: [f32; 3]) -> Cluster {
+    Cluster { triangles: 2, bounds: [low, high], area: 1.0, normal: [0.0, 0.0, 1.0], cone: 1.0, material: 0, group: 0 }
+}
+
+/// A flat square of this area, facing z.
+pub fn square(area: f32) -> Cluster {
+    cluster([0.0; 3], [area, 1.0, 0.0])
+}
+
+/// A hit seen along z, at distance 2, where pixels have size 1.
+pub fn hit(primitive: u32) -> ProbeHit {
+    ProbeHit { primitive, direction: [0.0, 0.0, -1.0], distance: 2.0, normal: [0.0, 0.0, 1.0], footprint: 1.0 }
+}
+
+/// For every frame: sky above, three clusters of columns whose sizes differ by hundreds, one of them
+/// seen from the side, and a floor.
+pub fn scene(ray: ProbeRay) -> Option<ProbeHit> {
+    let [x, y] = ray.film;
+    if y < 1.5 && x > 2.5 {
+        return None;
+    }
+    let primitive = if y > 12.0 { 3 } else { (x * 0.3) as u32 % 3 };
+    let direction = [0.1 * primitive as f32, 0.0, -1.0];
+    Some(ProbeHit { direction, distance: 1.0 + y, footprint: 0.01 * (1.0 + y), ..hit(primitive) })
+}
+
+pub fn clusters() -> Vec<Cluster> {
+    vec![
+        cluster([0.0; 3], [1.0, 2.0, 0.5]),
+        cluster([0.0; 3], [0.1, 0.1, 0.0]),
+        Cluster { normal: [1.0, 0.0, 0.0], ..cluster([0.0; 3], [0.0, 1.0, 1.0]) },
+        Cluster { normal: [0.0; 3], ..cluster([-50.0, 0.0, -50.0], [50.0, 0.0, 50.0]) },
+    ]
+}
+
+pub const LABELS: [u32; 4] = [0, 1, 2, 3];
+
+pub fn frame(width: u32, height: u32) -> Frame {
+    Frame::new(width, height).unwrap()
+}
+
+pub fn probes(frame: &Frame, placement: Placement) -> Probes {
+    probe(frame, placement, &Random::new(3), &LABELS, scene).unwrap()
+}
+
+pub fn probing(seed: u64, placement: Placement, size: ClusterSize, options: Options) -> ClusterAdaptive<Random> {
+    let (labels, clusters) = (LABELS.into(), clusters().into());
+    let probed = Probed { labels, clusters, shoot: std::sync::Arc::new(scene), placement };
+    ClusterAdaptive::probing(Random::new(seed), probed, size, options).unwrap()
+}
+
+/// Looks along -z from the origin, 90 degrees wide.
+pub const LOOK: [[f32; 4]; 4] =
+    [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, -1.0, 0.0]];
+
+/// An integrator from a closure of the pixel and four numbers.
+pub struct Field<F>(pub F);
+
+impl<F: Fn([u32; 2], [f32; 4]) -> f32 + Sync> Integrator for Field<F> {
+    fn estimate(&self, draws: &Draws<'_>, _: &mut Observed) -> Estimate {
+        let value = (self.0)(draws.pixel(), draws.block(Block::new(0)));
+        Estimate { radiance: [value; 3], first_hit: None, cost: 1 }
+    }
+}
+
+pub fn run(
+    integrator: &mut dyn Integrator,
+    sampler: &mut dyn Sampler,
+    frame: Frame,
+    limits: &Limits,
+) -> Result<Film, Error> {
+    render(integrator, sampler, Needs::none(), frame, limits, &mut NoWatch)
+}
+
+/// The counts of a first round, by [`dapple_core::render`]'s rules.
+pub fn first_counts(sampler: &mut dyn Sampler, frame: Frame, total: u64, bounds: [u32; 2]) -> Result<Vec<u32>, Error> {
+    let film = Film::new(frame, sampler.needs());
+    let budget = dapple_core::BudgetLeft { spent: 0, total, min_spp: bounds[0], max_spp: bounds[1] };
+    let mut plan = Plan::empty(frame.pixels());
+    match sampler.next_round(&dapple_core::Feedback { round: 0, film: &film, budget }, &mut plan)? {
+        Progress::Trace => Ok(plan.counts),
+        Progress::Done => Ok(vec![0; frame.pixels()]),
+    }
+}
+
+pub fn sum(counts: &[u32]) -> u64 {
+    counts.iter().map(|&n| u64::from(n)).sum()
+}
