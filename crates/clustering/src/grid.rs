@@ -16,24 +16,45 @@ const FACE_WIDTH: f64 = 1.0 / (1 << 22) as f64;
 /// The same for the numbers of voxels, which are rounded at halves.
 const HALF_WIDTH: f64 = 1.0 / (1 << 20) as f64;
 
-/// Smallest and largest corner of a box.
-pub(crate) type Bounds = [[f32; 3]; 2];
-
-pub(crate) const NOTHING: Bounds = [[f32::INFINITY; 3], [f32::NEG_INFINITY; 3]];
-
-/// The smallest box about both.
-pub(crate) fn union(a: Bounds, b: Bounds) -> Bounds {
-    let (mut low, mut high) = (a[0], a[1]);
-    for axis in 0..3 {
-        low[axis] = if b[0][axis] < low[axis] { b[0][axis] } else { low[axis] };
-        high[axis] = if b[1][axis] > high[axis] { b[1][axis] } else { high[axis] };
-    }
-    [low, high]
+/// Smallest and largest corner of a box. The fourth lane is idle: with it, one instruction does for a corner.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Bounds {
+    low: [f32; 4],
+    high: [f32; 4],
 }
 
-/// The box of a triangle.
-pub(crate) fn box_of([a, b, c]: [[f32; 3]; 3]) -> Bounds {
-    union(union([a, a], [b, b]), [c, c])
+impl Bounds {
+    /// The box of nothing.
+    pub(crate) const NOTHING: Self = Self { low: [f32::INFINITY; 4], high: [f32::NEG_INFINITY; 4] };
+
+    /// Widens the box to hold a point.
+    #[inline]
+    pub(crate) fn hold(&mut self, [x, y, z]: [f32; 3]) {
+        self.unite(Self { low: [x, y, z, 0.0], high: [x, y, z, 0.0] });
+    }
+
+    /// Widens the box to hold another.
+    #[inline]
+    pub(crate) fn unite(&mut self, other: Self) {
+        for lane in 0..4 {
+            self.low[lane] = if other.low[lane] < self.low[lane] { other.low[lane] } else { self.low[lane] };
+            self.high[lane] = if other.high[lane] > self.high[lane] { other.high[lane] } else { self.high[lane] };
+        }
+    }
+
+    /// The box of some points.
+    pub(crate) fn of(points: [[f32; 3]; 3]) -> Self {
+        let mut bounds = Self::NOTHING;
+        for point in points {
+            bounds.hold(point);
+        }
+        bounds
+    }
+
+    /// Smallest and largest corner.
+    pub(crate) fn corners(&self) -> [[f32; 3]; 2] {
+        [self.low, self.high].map(|[x, y, z, _]| [x, y, z])
+    }
 }
 
 impl Triangles<'_> {
@@ -56,10 +77,10 @@ impl Triangles<'_> {
             return Err(Error::BadMaterials { materials: self.materials.len(), triangles });
         }
         let chunks: Vec<_> = self.indices.par_chunks(CHUNK).map(|chunk| self.chunk_bounds(chunk)).collect();
-        let mut bounds = NOTHING;
+        let mut bounds = Bounds::NOTHING;
         for (number, chunk) in chunks.into_iter().enumerate() {
             match chunk {
-                Some(part) => bounds = union(bounds, part),
+                Some(part) => bounds.unite(part),
                 None => return Err(self.first_fault(number * CHUNK)),
             }
         }
@@ -68,17 +89,21 @@ impl Triangles<'_> {
 
     /// The box of some triangles; none where one of them is unfit.
     fn chunk_bounds(&self, chunk: &[[u32; 3]]) -> Option<Bounds> {
-        let mut bounds = NOTHING;
+        let mut bounds = Bounds::NOTHING;
         // Zero times a finite number is zero, times anything else NaN: one sum tells whether all were finite.
-        let mut zero = 0.0_f32;
+        let mut zero = [0.0_f32; 4];
         for indices in chunk {
             for &vertex in indices {
                 let place = *self.positions.get(vertex as usize)?;
-                bounds = union(bounds, [place, place]);
-                zero += (place[0] * 0.0 + place[1] * 0.0) + place[2] * 0.0;
+                bounds.hold(place);
+                let [x, y, z] = place;
+                let place = [x, y, z, 0.0];
+                for lane in 0..4 {
+                    zero[lane] += place[lane] * 0.0;
+                }
             }
         }
-        (zero == 0.0).then_some(bounds)
+        (zero == [0.0; 4]).then_some(bounds)
     }
 
     /// What is wrong with the first unfit triangle from `start` on.
@@ -114,17 +139,17 @@ impl Grid {
     /// A grid with about `longest` voxels along the box's longest axis, as many per unit of length along the others, and
     /// 1 to `clamp` along each.
     pub(crate) fn new(bounds: Bounds, longest: f64, clamp: u32) -> Self {
-        let extent: [f64; 3] = std::array::from_fn(|axis| f64::from(bounds[1][axis]) - f64::from(bounds[0][axis]));
+        let [low, high] = bounds.corners().map(|corner| corner.map(f64::from));
+        let extent: [f64; 3] = std::array::from_fn(|axis| high[axis] - low[axis]);
         let length = extent[0].max(extent[1]).max(extent[2]);
         let mut grid = Self { resolution: [1; 3], low: [0.0; 3], density: [0.0; 3] };
         for axis in 0..3 {
-            let [low, high] = [0, 1].map(|end| f64::from(bounds[end][axis]));
             if extent[axis] > 0.0 {
                 let voxels = longest * (extent[axis] / length) * (1.0 + HALF_WIDTH);
                 grid.resolution[axis] = (voxels.round() as u32).clamp(1, clamp);
                 grid.density[axis] = f64::from(grid.resolution[axis]) / extent[axis];
             }
-            grid.low[axis] = low - FACE_WIDTH * low.abs().max(high.abs());
+            grid.low[axis] = low[axis] - FACE_WIDTH * low[axis].abs().max(high[axis].abs());
         }
         grid
     }
@@ -165,7 +190,7 @@ impl Grid {
 
     /// First and last voxel that a box overlaps, along each axis.
     pub(crate) fn overlapped(&self, bounds: Bounds) -> [[u32; 3]; 2] {
-        bounds.map(|corner| self.voxel(corner.map(f64::from)))
+        bounds.corners().map(|corner| self.voxel(corner.map(f64::from)))
     }
 }
 

@@ -2,8 +2,8 @@
 
 use crate::connected::{Connector, Group};
 use crate::greedy::{Facet, Rule, classify};
-use crate::grid::{NOTHING, box_of, union};
-use crate::params::{Grouping, Params};
+use crate::grid::Bounds;
+use crate::params::{Grouping, Insertion, Params};
 use crate::{Cluster, Triangles};
 
 /// A triangle whose edges span less than this (the sine between them) has no normal: `f32` coordinates make one by
@@ -29,30 +29,39 @@ pub(crate) struct Batch {
 /// What one thread needs to make batches: the arrays are by number in the group.
 #[derive(Default)]
 pub(crate) struct Scratch {
-    normals: Vec<[f32; 3]>,
-    areas: Vec<f64>,
+    /// Unit normals, with areas doubled.
+    surfaces: Vec<Surface>,
     facets: Vec<Facet>,
     class: Vec<u32>,
     starts: Vec<u32>,
     sorted: Vec<u32>,
+    kept: Vec<u32>,
     connector: Connector,
 }
 
-/// Unit normal and area; the normal is zero where there is none.
-#[inline]
-pub(crate) fn normal_and_area(corners: [[f32; 3]; 3]) -> ([f32; 3], f64) {
-    let [a, b, c] = corners.map(|corner| corner.map(f64::from));
-    let u = [b[0] - a[0], b[1] - a[1], b[2] - a[2]];
-    let v = [c[0] - a[0], c[1] - a[1], c[2] - a[2]];
-    let n = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
-    let square = |a: [f64; 3]| a[0] * a[0] + a[1] * a[1] + a[2] * a[2];
-    let squared = square(n);
-    if squared <= FLAT * FLAT * (square(u) * square(v)) {
-        return ([0.0; 3], 0.0);
+/// A triangle's unit normal, zero where it has none, and its doubled area.
+#[derive(Clone, Copy, Default)]
+pub(crate) struct Surface {
+    pub(crate) normal: [f32; 3],
+    pub(crate) doubled: f64,
+}
+
+impl Surface {
+    #[inline]
+    pub(crate) fn of(corners: [[f32; 3]; 3]) -> Self {
+        let [a, b, c] = corners.map(|corner| corner.map(f64::from));
+        let u = [b[0] - a[0], b[1] - a[1], b[2] - a[2]];
+        let v = [c[0] - a[0], c[1] - a[1], c[2] - a[2]];
+        let n = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
+        let square = |a: [f64; 3]| a[0] * a[0] + a[1] * a[1] + a[2] * a[2];
+        let squared = square(n);
+        if squared <= FLAT * FLAT * (square(u) * square(v)) {
+            return Self::default();
+        }
+        let doubled = squared.sqrt();
+        let inverse = 1.0 / doubled;
+        Self { normal: n.map(|x| (x * inverse) as f32), doubled }
     }
-    let length = squared.sqrt();
-    let inverse = 1.0 / length;
-    (n.map(|x| (x * inverse) as f32), 0.5 * length)
 }
 
 /// The normal itself or its opposite, whichever has z > 0 (or, of z = 0, y > 0, and so on).
@@ -75,37 +84,41 @@ impl Scratch {
         self.load(mesh, params, triangles);
         let classes = self.classify(mesh, params, triangles);
         self.sort_by_class(classes);
+        let keeps_all = params.insertion == Insertion::Centroid;
         let clusters = batch.clusters.len();
         for number in 0..classes as usize {
             let members = &self.sorted[self.starts[number] as usize..self.starts[number + 1] as usize];
-            let start = batch.members.len();
-            batch.members.extend(members.iter().map(|&i| triangles[i as usize]).filter(|&triangle| keeps(triangle)));
-            if batch.members.len() == start {
+            let members = if keeps_all {
+                members
+            } else {
+                self.kept.clear();
+                self.kept.extend(members.iter().copied().filter(|&i| keeps(triangles[i as usize])));
+                &self.kept
+            };
+            if members.is_empty() {
                 batch.phantoms += 1;
                 continue;
             }
-            let kept = members.iter().copied().filter(|&i| keeps(triangles[i as usize]));
-            let mut cluster = self.measure(mesh, triangles, kept, params.two_sided);
-            cluster.triangles = (batch.members.len() - start) as u32;
-            cluster.group = batch.groups;
-            batch.clusters.push(cluster);
+            batch.members.extend(members.iter().map(|&i| triangles[i as usize]));
+            let cluster = measure(mesh, triangles, &self.surfaces, members, params.two_sided);
+            batch.clusters.push(Cluster { group: batch.groups, ..cluster });
         }
         batch.groups += u32::from(batch.clusters.len() > clusters);
     }
 
     /// Normals and areas, and the facets of all that have a normal.
     fn load(&mut self, mesh: &Triangles<'_>, params: &Params, triangles: &[u32]) {
-        self.normals.clear();
-        self.areas.clear();
+        self.surfaces.clear();
+        self.surfaces.extend(triangles.iter().map(|&triangle| {
+            let surface = Surface::of(mesh.corners(triangle));
+            Surface { normal: if params.two_sided { upper(surface.normal) } else { surface.normal }, ..surface }
+        }));
         self.facets.clear();
-        for (number, &triangle) in triangles.iter().enumerate() {
-            let (normal, area) = normal_and_area(mesh.corners(triangle));
-            let normal = if params.two_sided { upper(normal) } else { normal };
-            self.normals.push(normal);
-            self.areas.push(area);
-            if normal != [0.0; 3] {
-                self.facets.push(Facet { normal, number: number as u32 });
-            }
+        let facet = |(surface, number): (&Surface, u32)| Facet { normal: surface.normal, number };
+        self.facets.extend(self.surfaces.iter().zip(0..).map(facet));
+        // Rare, so that the loops above are without branches.
+        if self.surfaces.iter().any(|surface| surface.doubled == 0.0) {
+            self.facets.retain(|facet| facet.normal != [0.0; 3]);
         }
     }
 
@@ -146,55 +159,61 @@ impl Scratch {
             *slot += 1;
         }
     }
+}
 
-    /// What is known of a cluster but its number of triangles and its group.
-    fn measure(
-        &self,
-        mesh: &Triangles<'_>,
-        triangles: &[u32],
-        members: impl Iterator<Item = u32> + Clone,
-        two_sided: bool,
-    ) -> Cluster {
-        let mut bounds = NOTHING;
-        let mut area = 0.0;
-        let mut sum = [0.0_f64; 3];
-        let mut lead = [0.0_f32; 3];
-        let mut material = 0;
-        for i in members.clone() {
-            let triangle = triangles[i as usize];
-            bounds = union(bounds, box_of(mesh.corners(triangle)));
-            material = mesh.materials.get(triangle as usize).copied().unwrap_or(0);
-            let normal = self.normals[i as usize];
-            lead = if lead == [0.0; 3] { normal } else { lead };
-            let weight = self.areas[i as usize];
-            let weight_here = if two_sided && dot(lead, normal) < 0.0 { -weight } else { weight };
-            area += weight;
-            for axis in 0..3 {
-                sum[axis] += weight_here * f64::from(normal[axis]);
-            }
+/// What is known of a cluster but its group.
+fn measure(
+    mesh: &Triangles<'_>,
+    triangles: &[u32],
+    surfaces: &[Surface],
+    members: &[u32],
+    two_sided: bool,
+) -> Cluster {
+    let mut bounds = Bounds::NOTHING;
+    let mut doubled = 0.0;
+    let mut sum = [0.0_f64; 3];
+    let mut lead = [0.0_f32; 3];
+    for &i in members {
+        for corner in mesh.corners(triangles[i as usize]) {
+            bounds.hold(corner);
         }
-        let normal = unit(sum, area);
-        let cone = self.cone(normal, members, two_sided);
-        Cluster { triangles: 0, bounds, area, normal, cone, material, group: 0 }
+        let surface = surfaces[i as usize];
+        doubled += surface.doubled;
+        let aligned = if two_sided && dot(lead, surface.normal) < 0.0 { -surface.doubled } else { surface.doubled };
+        if lead == [0.0; 3] {
+            lead = surface.normal;
+        }
+        for axis in 0..3 {
+            sum[axis] += aligned * f64::from(surface.normal[axis]);
+        }
     }
+    let normal = unit(sum, doubled);
+    Cluster {
+        triangles: members.len() as u32,
+        bounds: bounds.corners(),
+        area: 0.5 * doubled,
+        normal,
+        cone: cone(normal, surfaces, members, two_sided),
+        material: mesh.materials.get(triangles[members[0] as usize] as usize).copied().unwrap_or(0),
+        group: 0,
+    }
+}
 
-    /// The smallest cosine between a normal and members'; -1 where the normal is zero.
-    fn cone(&self, normal: [f32; 3], members: impl Iterator<Item = u32>, two_sided: bool) -> f32 {
-        if normal == [0.0; 3] {
-            return -1.0;
-        }
-        let mut cone = 1.0_f32;
-        for i in members {
-            let member = self.normals[i as usize];
-            let cosine = dot(normal, member);
-            let cosine = if two_sided { cosine.abs() } else { cosine };
-            // Members without a normal deviate from none.
-            if cosine < cone && member != [0.0; 3] {
-                cone = cosine;
-            }
-        }
-        cone.max(-1.0)
+/// The smallest cosine between a normal and members'; -1 where the normal is zero.
+fn cone(normal: [f32; 3], surfaces: &[Surface], members: &[u32], two_sided: bool) -> f32 {
+    if normal == [0.0; 3] {
+        return -1.0;
     }
+    let mut cone = 1.0_f32;
+    for &i in members {
+        let surface = surfaces[i as usize];
+        let cosine = dot(normal, surface.normal);
+        let cosine = if two_sided { cosine.abs() } else { cosine };
+        // Members without a normal deviate from none.
+        let cosine = if surface.doubled == 0.0 { 1.0 } else { cosine };
+        cone = if cosine < cone { cosine } else { cone };
+    }
+    cone.max(-1.0)
 }
 
 #[inline]

@@ -1,7 +1,7 @@
 //! From triangles to clusters over a grid, range by range of voxels.
 
 use crate::group::{Batch, Scratch};
-use crate::grid::{Bounds, CHUNK, Grid, box_of};
+use crate::grid::{Bounds, CHUNK, Grid};
 use crate::params::{Insertion, MAX_CLAMP, Params};
 use crate::voxels::{Entry, Ranges, Sorted, for_ranges};
 use crate::{Clusters, Error, Report, Triangles};
@@ -134,7 +134,7 @@ fn insert_centroids<E: Entry>(triangles: &Triangles<'_>, grid: Grid, chunk: usiz
 
 fn insert_boxes<E: Entry>(triangles: &Triangles<'_>, grid: Grid, chunk: usize, entries: &mut Vec<E>) {
     for triangle in numbers(triangles, chunk) {
-        let [first, last] = grid.overlapped(box_of(triangles.corners(triangle)));
+        let [first, last] = grid.overlapped(Bounds::of(triangles.corners(triangle)));
         for z in first[2]..=last[2] {
             for y in first[1]..=last[1] {
                 for x in first[0]..=last[0] {
@@ -148,7 +148,7 @@ fn insert_boxes<E: Entry>(triangles: &Triangles<'_>, grid: Grid, chunk: usize, e
 /// How many voxels the triangles' boxes overlap in all.
 fn count_overlapped(triangles: &Triangles<'_>, grid: Grid) -> Result<u64, Error> {
     let count = |triangle: u32| {
-        let [first, last] = grid.overlapped(box_of(triangles.corners(triangle)));
+        let [first, last] = grid.overlapped(Bounds::of(triangles.corners(triangle)));
         (0..3).map(|axis| u64::from(last[axis] - first[axis]) + 1).product::<u64>()
     };
     let entries = (0..triangles.indices.len() as u32)
@@ -179,7 +179,7 @@ impl Worker {
             let number = voxel[0].voxel();
             let keeps = |triangle: u32| {
                 params.insertion == Insertion::Centroid
-                    || grid.number(grid.overlapped(box_of(mesh.corners(triangle)))[1]) == number
+                    || grid.number(grid.overlapped(Bounds::of(mesh.corners(triangle)))[1]) == number
             };
             self.voxel.clear();
             self.voxel.extend(voxel.iter().map(|entry| entry.triangle()));
