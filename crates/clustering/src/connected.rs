@@ -1,0 +1,211 @@
+//! Cuts classes of triangles into connected pieces, by union-find over shared vertices [after Tarjan 1975].
+
+use crate::Triangles;
+use crate::grid::centroid_sum;
+use crate::params::Order;
+
+/// No triangle.
+const NONE: u32 = u32::MAX;
+
+/// Scratch space, for one thread.
+#[derive(Default)]
+pub(crate) struct Connector {
+    /// Open addressing: a vertex, and the first triangle seen at it.
+    slots: Vec<[u32; 2]>,
+    parent: Vec<u32>,
+}
+
+impl Connector {
+    /// Cuts each class of a group of triangles into its connected pieces and numbers these anew, class by class and
+    /// piece by piece; how many there are.
+    ///
+    /// Triangles without class (`u32::MAX`) are connected among themselves, and each such piece is then given to the
+    /// first numbered piece that it touches, or else stays one of its own.
+    pub(crate) fn cut(&mut self, group: Group<'_>, class: &mut [u32], classes: u32) -> u32 {
+        let mut lists = vec![Vec::new(); classes as usize];
+        let mut flat = Vec::new();
+        for (triangle, &class) in class.iter().enumerate() {
+            match lists.get_mut(class as usize) {
+                Some(list) => list.push(triangle as u32),
+                None => flat.push(triangle as u32),
+            }
+        }
+        self.parent.clear();
+        self.parent.extend(0..class.len() as u32);
+        let mut pieces = 0;
+        for list in &lists {
+            pieces = self.number(group, list, class, pieces);
+        }
+        if !flat.is_empty() {
+            let numbered: Vec<u32> = lists.concat();
+            let touched = self.touched(group, &numbered, &flat, class);
+            pieces = self.number(group, &flat, class, pieces);
+            pieces = hand_over(&flat, &touched, class, pieces);
+        }
+        pieces
+    }
+
+    /// Joins what is connected in a list and numbers the pieces from `pieces` on; the number after the last.
+    fn number(&mut self, group: Group<'_>, list: &[u32], class: &mut [u32], pieces: u32) -> u32 {
+        self.join(group, list);
+        let mut roots: Vec<u32> = Vec::new();
+        for &triangle in list {
+            if self.root(triangle) == triangle {
+                roots.push(triangle);
+            }
+        }
+        if roots.len() > 1 && group.order == Order::Canonical {
+            self.order_by_place(group, list, &mut roots);
+        }
+        for (number, &root) in roots.iter().enumerate() {
+            class[root as usize] = pieces + number as u32;
+        }
+        for &triangle in list {
+            class[triangle as usize] = class[self.root(triangle) as usize];
+        }
+        pieces + roots.len() as u32
+    }
+
+    /// Orders pieces by their smallest centroids (x, then y, then z), which no renumbering of triangles changes.
+    fn order_by_place(&mut self, group: Group<'_>, list: &[u32], roots: &mut [u32]) {
+        let mut first: Vec<(u32, [f64; 3])> = Vec::with_capacity(list.len());
+        for &triangle in list {
+            first.push((self.root(triangle), centroid_sum(group.corners(triangle))));
+        }
+        let compare = |a: &[f64; 3], b: &[f64; 3]| {
+            a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])).then(a[2].total_cmp(&b[2]))
+        };
+        first.sort_unstable_by(|a, b| compare(&a.1, &b.1).then(a.0.cmp(&b.0)));
+        let mut seen = vec![false; self.parent.len()];
+        let mut ordered = roots.iter_mut();
+        for (root, _) in first {
+            if !std::mem::replace(&mut seen[root as usize], true)
+                && let Some(slot) = ordered.next()
+            {
+                *slot = root;
+            }
+        }
+    }
+
+    /// Joins the triangles of a list that share vertices.
+    fn join(&mut self, group: Group<'_>, list: &[u32]) {
+        self.clear(list.len());
+        for &triangle in list {
+            for vertex in group.vertices(triangle) {
+                let slot = self.slot(group, vertex);
+                if self.slots[slot][1] == NONE {
+                    self.slots[slot] = [vertex, triangle];
+                } else {
+                    self.unite(self.slots[slot][1], triangle);
+                }
+            }
+        }
+    }
+
+    /// For each of the flat triangles, the lowest number of those that share a vertex with it.
+    fn touched(&mut self, group: Group<'_>, numbered: &[u32], flat: &[u32], class: &[u32]) -> Vec<u32> {
+        self.clear(numbered.len());
+        for &triangle in numbered {
+            for vertex in group.vertices(triangle) {
+                let slot = self.slot(group, vertex);
+                let lowest = self.slots[slot][1].min(class[triangle as usize]);
+                self.slots[slot] = [vertex, lowest];
+            }
+        }
+        let lowest = |&triangle: &u32| {
+            let slots = group.vertices(triangle).map(|vertex| self.slots[self.slot(group, vertex)][1]);
+            slots[0].min(slots[1]).min(slots[2])
+        };
+        flat.iter().map(lowest).collect()
+    }
+
+    /// Room for the vertices of some triangles, at most half of it to be filled.
+    fn clear(&mut self, triangles: usize) {
+        self.slots.clear();
+        self.slots.resize((6 * triangles).next_power_of_two(), [NONE; 2]);
+    }
+
+    /// Where a vertex is, or is to be put.
+    fn slot(&self, group: Group<'_>, vertex: u32) -> usize {
+        let mask = self.slots.len() - 1;
+        let mut slot = group.hash(vertex) as usize & mask;
+        while self.slots[slot][1] != NONE && !group.same(self.slots[slot][0], vertex) {
+            slot = (slot + 1) & mask;
+        }
+        slot
+    }
+
+    fn root(&mut self, mut triangle: u32) -> u32 {
+        while self.parent[triangle as usize] != triangle {
+            let above = self.parent[self.parent[triangle as usize] as usize];
+            self.parent[triangle as usize] = above;
+            triangle = above;
+        }
+        triangle
+    }
+
+    /// The smaller number is the root of both.
+    fn unite(&mut self, a: u32, b: u32) {
+        let (a, b) = (self.root(a), self.root(b));
+        self.parent[a.max(b) as usize] = a.min(b);
+    }
+}
+
+/// Gives pieces of flat triangles, numbered last, to the pieces that they touch; how many numbers remain.
+fn hand_over(flat: &[u32], touched: &[u32], class: &mut [u32], pieces: u32) -> u32 {
+    let first = flat.iter().map(|&triangle| class[triangle as usize]).min().unwrap_or(pieces);
+    let mut owner = vec![NONE; (pieces - first) as usize];
+    for (&triangle, &touched) in flat.iter().zip(touched) {
+        let owner = &mut owner[(class[triangle as usize] - first) as usize];
+        *owner = touched.min(*owner);
+    }
+    let mut pieces = first;
+    for owner in &mut owner {
+        if *owner == NONE {
+            *owner = pieces;
+            pieces += 1;
+        }
+    }
+    for &triangle in flat {
+        class[triangle as usize] = owner[(class[triangle as usize] - first) as usize];
+    }
+    pieces
+}
+
+/// A voxel's triangles of one material, by their numbers in the group.
+#[derive(Clone, Copy)]
+pub(crate) struct Group<'a> {
+    pub(crate) mesh: &'a Triangles<'a>,
+    pub(crate) triangles: &'a [u32],
+    pub(crate) weld: bool,
+    pub(crate) order: Order,
+}
+
+impl Group<'_> {
+    fn vertices(&self, triangle: u32) -> [u32; 3] {
+        self.mesh.indices[self.triangles[triangle as usize] as usize]
+    }
+
+    fn corners(&self, triangle: u32) -> [[f32; 3]; 3] {
+        self.mesh.corners(self.triangles[triangle as usize])
+    }
+
+    /// Whether two vertices count as one.
+    fn same(&self, a: u32, b: u32) -> bool {
+        a == b || (self.weld && self.mesh.positions[a as usize] == self.mesh.positions[b as usize])
+    }
+
+    fn hash(&self, vertex: u32) -> u64 {
+        // Odd numbers whose products spread all bits upwards: 2^64 over the golden ratio, and two of its successors
+        // under the same map.
+        const SPREAD: [u64; 3] = [0x9e37_79b9_7f4a_7c15, 0xc2b2_ae3d_27d4_eb4f, 0x1656_67b1_9e37_79f9];
+        let key = if self.weld {
+            // Adding 0.0 makes -0.0 the same place as 0.0.
+            let bits = self.mesh.positions[vertex as usize].map(|x| u64::from((x + 0.0).to_bits()));
+            (0..3).fold(0, |key: u64, axis| (key ^ bits[axis]).wrapping_mul(SPREAD[axis]).rotate_left(29))
+        } else {
+            u64::from(vertex).wrapping_mul(SPREAD[0])
+        };
+        key ^ key >> 32
+    }
+}

@@ -1,0 +1,243 @@
+//! From triangles to clusters over a grid, range by range of voxels.
+
+use crate::group::{Batch, Scratch};
+use crate::grid::{Bounds, CHUNK, Grid};
+use crate::params::{Insertion, MAX_CLAMP, Params};
+use crate::voxels::{Entry, Ranges, Sorted, for_ranges};
+use crate::{Clusters, Error, Report, Triangles};
+use rayon::prelude::*;
+
+/// Most pairs of a triangle and a voxel: 4 GiB of them with their copy.
+const MAX_ENTRIES: u64 = 1 << 28;
+/// Voxels from which on an entry needs more than 64 bits.
+const WIDE: u64 = 1 << 32;
+
+/// Groups triangles by place, material and normal. See the crate's page for the method, [`Params`] for its parameters.
+///
+/// The result is the same to the bit for any number of threads. With [`crate::Order::Canonical`], shuffled triangles
+/// (and vertices, and materials along) get the very labels they had; only sums may then differ in their last digits.
+///
+/// A triangle without a normal (zero area, or three corners on a line) is like any normal: it joins the first cluster of
+/// its voxel and material, or with [`crate::Grouping::Connected`] the first that it touches; where there is none, such
+/// triangles make one of their own, each connected piece apart.
+///
+/// # Errors
+/// For no triangles, a corner that is no vertex or is not finite, materials that are not one each, parameters out of
+/// range, or boxes that overlap more than 2^28 voxels in all. Unused vertices may be anything.
+pub fn cluster(triangles: &Triangles<'_>, params: &Params) -> Result<Clusters, Error> {
+    params.validate()?;
+    let bounds = triangles.bounds()?;
+    match params.count {
+        Some(count) => search(triangles, params, bounds, count),
+        None => {
+            let longest = Grid::longest(params.k, triangles.indices.len());
+            partition(triangles, params, Grid::new(bounds, longest, params.clamp))
+        }
+    }
+}
+
+/// The grid whose number of clusters is nearest to `count`: bisection of the voxels along the longest axis, by ratio.
+fn search(triangles: &Triangles<'_>, params: &Params, bounds: Bounds, count: u32) -> Result<Clusters, Error> {
+    let at = |longest: u32| partition(triangles, params, Grid::new(bounds, f64::from(longest), MAX_CLAMP));
+    let miss = |clusters: &Clusters| {
+        let (made, asked) = (clusters.len() as f64, f64::from(count));
+        (made / asked).max(asked / made)
+    };
+    // Too few clusters in `low` voxels, too many in `high`.
+    let (mut low, mut high) = (1, MAX_CLAMP + 1);
+    let mut best = at(1)?;
+    if best.len() >= count as usize {
+        return Ok(best);
+    }
+    // Surfaces meet about as many voxels as a plane does: the square.
+    let mut next = (f64::from(count).sqrt() as u32).clamp(2, MAX_CLAMP);
+    while high - low > 1 {
+        let found = match at(next) {
+            Err(Error::TooManyEntries { .. }) => {
+                high = next;
+                next = middle(low, high);
+                continue;
+            }
+            found => found?,
+        };
+        let enough = found.len() >= count as usize;
+        // Nothing is left to cut where each triangle is alone.
+        if enough || found.len() == triangles.indices.len() {
+            high = next;
+        } else {
+            low = next;
+        }
+        let (new, old) = (miss(&found), miss(&best));
+        if new < old || (new == old && found.report.resolution < best.report.resolution) {
+            best = found;
+        }
+        next = if high > MAX_CLAMP { (4 * low).min(MAX_CLAMP) } else { middle(low, high) };
+    }
+    Ok(best)
+}
+
+/// The geometric mean, strictly between where there is room.
+fn middle(low: u32, high: u32) -> u32 {
+    let mean = (f64::from(low) * f64::from(high)).sqrt() as u32;
+    mean.clamp(low + 1, (high - 1).max(low + 1))
+}
+
+fn partition(triangles: &Triangles<'_>, params: &Params, grid: Grid) -> Result<Clusters, Error> {
+    if grid.voxels() <= WIDE {
+        partition_with::<u64>(triangles, params, grid)
+    } else {
+        partition_with::<u128>(triangles, params, grid)
+    }
+}
+
+fn partition_with<E: Entry>(triangles: &Triangles<'_>, params: &Params, grid: Grid) -> Result<Clusters, Error> {
+    let insertions = match params.insertion {
+        Insertion::Centroid => triangles.indices.len() as u64,
+        Insertion::BoundingBox => count_overlapped(triangles, grid)?,
+    };
+    let ranges = Ranges::new(grid.voxels(), insertions as usize);
+    let parts: Vec<Sorted<E>> = (0..triangles.indices.len().div_ceil(CHUNK))
+        .into_par_iter()
+        .map_init(Vec::new, |entries, chunk| {
+            entries.clear();
+            match params.insertion {
+                Insertion::Centroid => insert_centroids(triangles, grid, chunk, entries),
+                Insertion::BoundingBox => insert_boxes(triangles, grid, chunk, entries),
+            }
+            Sorted::new(entries, ranges)
+        })
+        .collect();
+    let batches = for_ranges(&parts, ranges, |worker: &mut Worker, entries| {
+        worker.cluster(triangles, params, grid, entries)
+    });
+    drop(parts);
+    let report = Report {
+        resolution: grid.resolution,
+        occupied: batches.iter().map(|batch| batch.voxels).sum(),
+        fullest: batches.iter().map(|batch| batch.fullest).max().unwrap_or(0),
+        triangles: triangles.indices.len() as u32,
+        insertions,
+        phantoms: batches.iter().map(|batch| batch.phantoms).sum(),
+    };
+    Ok(join(batches, report))
+}
+
+/// The triangles of a chunk.
+fn numbers(triangles: &Triangles<'_>, chunk: usize) -> std::ops::Range<u32> {
+    let end = (chunk * CHUNK + CHUNK).min(triangles.indices.len());
+    (chunk * CHUNK) as u32..end as u32
+}
+
+fn insert_centroids<E: Entry>(triangles: &Triangles<'_>, grid: Grid, chunk: usize, entries: &mut Vec<E>) {
+    entries.extend(numbers(triangles, chunk).map(|i| E::new(grid.centroid_voxel(triangles.corners(i)), i)));
+}
+
+fn insert_boxes<E: Entry>(triangles: &Triangles<'_>, grid: Grid, chunk: usize, entries: &mut Vec<E>) {
+    for triangle in numbers(triangles, chunk) {
+        let [first, last] = grid.overlapped(Bounds::of(triangles.corners(triangle)));
+        for z in first[2]..=last[2] {
+            for y in first[1]..=last[1] {
+                for x in first[0]..=last[0] {
+                    entries.push(E::new(grid.number([x, y, z]), triangle));
+                }
+            }
+        }
+    }
+}
+
+/// How many voxels the triangles' boxes overlap in all.
+fn count_overlapped(triangles: &Triangles<'_>, grid: Grid) -> Result<u64, Error> {
+    let count = |triangle: u32| {
+        let [first, last] = grid.overlapped(Bounds::of(triangles.corners(triangle)));
+        (0..3).map(|axis| u64::from(last[axis] - first[axis]) + 1).product::<u64>()
+    };
+    let entries = (0..triangles.indices.len() as u32)
+        .into_par_iter()
+        .with_min_len(CHUNK)
+        .map(count)
+        .reduce(|| 0, u64::saturating_add);
+    if entries > MAX_ENTRIES { Err(Error::TooManyEntries { entries, limit: MAX_ENTRIES }) } else { Ok(entries) }
+}
+
+/// One thread's scratch space.
+#[derive(Default)]
+struct Worker {
+    scratch: Scratch,
+    /// The triangles of a voxel.
+    voxel: Vec<u32>,
+    by_material: Vec<u64>,
+}
+
+impl Worker {
+    /// Clusters the voxels of a range.
+    fn cluster<E: Entry>(&mut self, mesh: &Triangles<'_>, params: &Params, grid: Grid, entries: &[E]) -> Batch {
+        let mut batch = Batch::default();
+        batch.members.reserve_exact(if params.insertion == Insertion::Centroid { entries.len() } else { 0 });
+        for voxel in entries.chunk_by(|a, b| a.voxel() == b.voxel()) {
+            batch.voxels += 1;
+            batch.fullest = batch.fullest.max(voxel.len() as u32);
+            let number = voxel[0].voxel();
+            let keeps = |triangle: u32| {
+                params.insertion == Insertion::Centroid
+                    || grid.number(grid.overlapped(Bounds::of(mesh.corners(triangle)))[1]) == number
+            };
+            self.voxel.clear();
+            self.voxel.extend(voxel.iter().map(|entry| entry.triangle()));
+            if self.sort_by_material(mesh.materials) {
+                for group in self.by_material.chunk_by(|a, b| a >> 32 == b >> 32) {
+                    self.voxel.clear();
+                    self.voxel.extend(group.iter().map(|&entry| entry as u32));
+                    self.scratch.cluster(mesh, params, &self.voxel, keeps, &mut batch);
+                }
+            } else {
+                self.scratch.cluster(mesh, params, &self.voxel, keeps, &mut batch);
+            }
+        }
+        batch
+    }
+
+    /// Whether the voxel's triangles are of several materials; fills `by_material` if they are.
+    fn sort_by_material(&mut self, materials: &[u32]) -> bool {
+        let Some(&first) = self.voxel.first().and_then(|&triangle| materials.get(triangle as usize)) else {
+            return false;
+        };
+        if self.voxel.iter().all(|&triangle| materials[triangle as usize] == first) {
+            return false;
+        }
+        self.by_material.clear();
+        let entry = |&triangle: &u32| u64::from(materials[triangle as usize]) << 32 | u64::from(triangle);
+        self.by_material.extend(self.voxel.iter().map(entry));
+        self.by_material.sort_unstable();
+        true
+    }
+}
+
+/// Batches one after the other.
+fn join(batches: Vec<Batch>, report: Report) -> Clusters {
+    let count = batches.iter().map(|batch| batch.clusters.len()).sum();
+    let mut joined = Clusters {
+        labels: vec![0; report.triangles as usize],
+        clusters: Vec::with_capacity(count),
+        members: Vec::with_capacity(report.triangles as usize),
+        starts: Vec::with_capacity(count + 1),
+        report,
+    };
+    joined.starts.push(0);
+    let mut groups = 0;
+    for batch in batches {
+        let mut members = batch.members.as_slice();
+        for mut cluster in batch.clusters {
+            let (own, rest) = members.split_at(cluster.triangles as usize);
+            members = rest;
+            for &triangle in own {
+                joined.labels[triangle as usize] = joined.clusters.len() as u32;
+            }
+            joined.members.extend_from_slice(own);
+            joined.starts.push(joined.members.len() as u32);
+            cluster.group += groups;
+            joined.clusters.push(cluster);
+        }
+        groups += batch.groups;
+    }
+    joined
+}
