@@ -292,3 +292,58 @@ fn only_perspective_sizes_fall_with_distance() {
     let pixels = projected_box_area(&boxes[0], &LOOK, [64, 64]);
     assert!((pixels - 256.0).abs() < 1e-6, "a square 1/4 of the film wide: {pixels} pixels");
 }
+
+/// Hills of 64 x 64 squares, two triangles each, in this order.
+fn hills(order: &[usize]) -> (Vec<[f32; 3]>, Vec<[u32; 3]>) {
+    let height = |x: u32, y: u32| ((x * 7 + y * 3) % 11) as f32 * if x > 40 { 0.2 } else { 0.002 };
+    let positions = (0..65 * 65).map(|i| (i % 65, i / 65)).map(|(x, y)| [x as f32, y as f32, height(x, y)]).collect();
+    let of = |t: usize| {
+        let (x, y) = ((t / 2 % 64) as u32, (t / 128) as u32);
+        let at = |dx: u32, dy: u32| (y + dy) * 65 + x + dx;
+        if t % 2 == 0 { [at(0, 0), at(1, 0), at(1, 1)] } else { [at(0, 0), at(1, 1), at(0, 1)] }
+    };
+    (positions, order.iter().map(|&t| of(t)).collect())
+}
+
+/// THESIS 7 c, on real clusters, from triangles to counts: the order of triangles does not matter where
+/// clustering does not let it.
+#[test]
+fn the_order_of_triangles_does_not_show() {
+    let n = 64 * 64 * 2;
+    let counts = |order: &[usize]| {
+        let (positions, indices) = hills(order);
+        let triangles = Triangles { positions: &positions, indices: &indices, materials: &[] };
+        let found = dapple_clustering::cluster(&triangles, &dapple_clustering::Params::default()).unwrap();
+        assert!(found.len() > 100, "{} clusters", found.len());
+        let mut place = vec![0; n];
+        order.iter().enumerate().for_each(|(i, &t)| place[t] = i as u32);
+        // From straight above, two pixels a square.
+        let shoot = |ray: ProbeRay| {
+            let [x, y] = ray.film.map(|f| 0.5 * f);
+            let square = 2 * (x as usize + 64 * y as usize);
+            Some(hit(place[square + usize::from(y.fract() > x.fract())]))
+        };
+        let probes = probe(&frame(128, 128), Placement::Jittered(2), &Random::new(1), found.labels(), shoot).unwrap();
+        let vectors = AreaVectors::new(&triangles, found.labels(), found.len()).unwrap();
+        let plan = |size| {
+            let options = Options::default();
+            let mut sampler =
+                ClusterAdaptive::with_options(Random::new(1), &probes, found.clusters(), size, options).unwrap();
+            let counts = first_counts(&mut sampler, frame(128, 128), 8 << 14, [1, 1000]).unwrap();
+            assert_eq!(sum(&counts), 8 << 14);
+            counts
+        };
+        [ClusterSize::ProjectedBox, ClusterSize::ProjectedTriangles(vectors), ClusterSize::Hits].map(plan)
+    };
+    let reference = counts(&(0..n).collect::<Vec<_>>());
+    // Rugged places, to the right, get more.
+    let mean = |counts: &[u32], right: bool| {
+        let of: Vec<u32> = (0..1 << 14).filter(|i| (i % 128 > 84) == right).map(|i| counts[i]).collect();
+        f64::from(of.iter().sum::<u32>()) / of.len() as f64
+    };
+    for counts in &reference {
+        assert!(mean(counts, true) > mean(counts, false) + 1.0, "{} {}", mean(counts, true), mean(counts, false));
+    }
+    // An odd factor visits every number below a power of two.
+    assert!(counts(&(0..n).map(|t| t * 4099 % n).collect::<Vec<_>>()) == reference);
+}

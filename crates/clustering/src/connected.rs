@@ -72,9 +72,8 @@ impl Connector {
         for &triangle in list {
             first.push((self.root(triangle), centroid_sum(group.corners(triangle))));
         }
-        let compare = |a: &[f64; 3], b: &[f64; 3]| {
-            a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])).then(a[2].total_cmp(&b[2]))
-        };
+        let compare =
+            |a: &[f64; 3], b: &[f64; 3]| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])).then(a[2].total_cmp(&b[2]));
         first.sort_unstable_by(|a, b| compare(&a.1, &b.1).then(a.0.cmp(&b.0)));
         let mut seen = vec![false; self.parent.len()];
         let mut ordered = roots.iter_mut();

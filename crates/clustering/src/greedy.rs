@@ -126,7 +126,8 @@ fn sweep<const TWO_SIDED: bool>(facets: &mut Vec<Facet>, cosine: f32, class: &mu
     let mut head = 0;
     while head < facets.len() {
         let representative = facets[head].normal;
-        let lowest = (representative[2].clamp(-1.0, 1.0).acos() + angle).min(std::f32::consts::PI).cos() - WIDEN * WIDEN;
+        let lowest =
+            (representative[2].clamp(-1.0, 1.0).acos() + angle).min(std::f32::consts::PI).cos() - WIDEN * WIDEN;
         // Two-sided normals have z >= 0, so that the far side of a representative is within the angle only if z = 0 is.
         let mut i = head;
         while i < facets.len() && facets[i].normal[2] >= lowest {

@@ -162,13 +162,7 @@ impl Scratch {
 }
 
 /// What is known of a cluster but its group.
-fn measure(
-    mesh: &Triangles<'_>,
-    triangles: &[u32],
-    surfaces: &[Surface],
-    members: &[u32],
-    two_sided: bool,
-) -> Cluster {
+fn measure(mesh: &Triangles<'_>, triangles: &[u32], surfaces: &[Surface], members: &[u32], two_sided: bool) -> Cluster {
     let mut bounds = Bounds::NOTHING;
     let mut doubled = 0.0;
     let mut sum = [0.0_f64; 3];

@@ -1,7 +1,7 @@
 //! From triangles to clusters over a grid, range by range of voxels.
 
-use crate::group::{Batch, Scratch};
 use crate::grid::{Bounds, CHUNK, Grid};
+use crate::group::{Batch, Scratch};
 use crate::params::{Insertion, MAX_CLAMP, Params};
 use crate::voxels::{Entry, Ranges, Sorted, for_ranges};
 use crate::{Clusters, Error, Report, Triangles};
@@ -107,9 +107,8 @@ fn partition_with<E: Entry>(triangles: &Triangles<'_>, params: &Params, grid: Gr
             Sorted::new(entries, ranges)
         })
         .collect();
-    let batches = for_ranges(&parts, ranges, |worker: &mut Worker, entries| {
-        worker.cluster(triangles, params, grid, entries)
-    });
+    let batches =
+        for_ranges(&parts, ranges, |worker: &mut Worker, entries| worker.cluster(triangles, params, grid, entries));
     drop(parts);
     let report = Report {
         resolution: grid.resolution,
