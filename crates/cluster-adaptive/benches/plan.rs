@@ -73,13 +73,13 @@ fn bench(c: &mut Criterion) {
         ClusterSize::Hits,
     ] {
         group.bench_function(format!("rates/{}", size.name()), |b| {
-            b.iter(|| rates(black_box(&probes), &clusters, &size, PixelArea::One));
+            b.iter(|| pool.install(|| rates(black_box(&probes), &clusters, &size, PixelArea::One)));
         });
     }
     for map in [Map::Identity, Map::Root, Map::Log] {
         let options = Options { map, ..Options::default() };
         group.bench_function(format!("importance/{}", map.name()), |b| {
-            b.iter(|| importance(black_box(&probes), &clusters, &ClusterSize::ProjectedBox, &options));
+            b.iter(|| pool.install(|| importance(black_box(&probes), &clusters, &ClusterSize::ProjectedBox, &options)));
         });
     }
     let known = importance(&probes, &clusters, &ClusterSize::ProjectedBox, &Options::default()).expect("clusters");

@@ -3,6 +3,7 @@
 use crate::probe::{BACKGROUND, Probe, Probes, dot};
 use crate::{ClusterSize, Error, Options, rates};
 use dapple_clustering::Cluster;
+use rayon::prelude::*;
 
 /// The increasing map `f` from the ratio `x = SP / SC` to a sampling rate (THESIS eq. 3-3). The thesis
 /// demands one and gives none.
@@ -79,30 +80,26 @@ pub fn importance(
     let rates = rates(probes, clusters, size, options.pixel_area)?;
     let median = if options.map == Map::Log { median(probes, &rates.values) } else { 1.0 };
     let k = probes.placement().per_pixel() as usize;
-    let mean = |of: &dyn Fn(usize, &Probe) -> f64| -> Vec<f64> {
-        let pixels = probes.all().chunks_exact(k).enumerate();
-        pixels.map(|(i, p)| p.iter().enumerate().map(|(j, p)| of(i * k + j, p)).sum::<f64>() / k as f64).collect()
+    let terms = |(probes, rates): (&[Probe], &[f64])| -> [f64; 3] {
+        let of = |(p, &rate): (&Probe, &f64)| {
+            let oblique = if options.angle > 0.0 { obliquity(p, clusters) } else { 0.0 };
+            [options.map.of(rate, median), oblique, f64::from(p.distance)]
+        };
+        probes.iter().zip(rates).map(of).fold([0.0; 3], plus)
     };
-    let mut total = vec![0.0; probes.frame().pixels()];
-    add(&mut total, &mean(&|i, _| options.map.of(rates.values[i], median)), 1.0);
-    if options.angle > 0.0 {
-        add(&mut total, &mean(&|_, p| obliquity(p, clusters)), options.angle);
-    }
-    if options.distance > 0.0 {
-        add(&mut total, &mean(&|_, p| f64::from(p.distance)), options.distance);
-    }
-    Ok(Importance { per_pixel: total.into_iter().map(|i| i as f32).collect(), replaced: rates.replaced })
+    let pixels = probes.all().par_chunks_exact(k).zip(rates.values.par_chunks_exact(k)).with_min_len(4096);
+    let terms: Vec<[f64; 3]> = pixels.map(terms).collect();
+    // One after the other: a sum must not depend on threads.
+    let sums = terms.iter().copied().fold([0.0; 3], plus);
+    let scale = |sum: f64, weight: f64| if sum > 0.0 { weight * terms.len() as f64 / sum } else { 0.0 };
+    let [share, angle, distance] =
+        [scale(sums[0], 1.0), scale(sums[1], options.angle), scale(sums[2], options.distance)];
+    let of = |[s, a, z]: &[f64; 3]| (s * share + a * angle + z * distance) as f32;
+    Ok(Importance { per_pixel: terms.par_iter().with_min_len(4096).map(of).collect(), replaced: rates.replaced })
 }
 
-/// Adds `plane`, scaled so that its mean is `weight`.
-fn add(total: &mut [f64], plane: &[f64], weight: f64) {
-    // Divided first: a sum of the largest rates must not overflow.
-    let largest = plane.iter().copied().fold(0.0, f64::max);
-    if largest <= 0.0 {
-        return;
-    }
-    let mean = plane.iter().map(|x| x / largest).sum::<f64>() / plane.len() as f64;
-    total.iter_mut().zip(plane).for_each(|(sum, x)| *sum += weight * (x / largest / mean));
+fn plus(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+    [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
 }
 
 /// `1 - cos` of the angle between the ray and the normal of what it met.

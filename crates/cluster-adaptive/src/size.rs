@@ -4,6 +4,7 @@ use crate::probe::{BACKGROUND, Probe, Probes};
 use crate::screen::projected_box_area;
 use crate::{AreaVectors, Error};
 use dapple_clustering::Cluster;
+use rayon::prelude::*;
 
 /// How the size `SC` of a cluster is measured.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -104,8 +105,8 @@ pub fn rates(probes: &Probes, clusters: &[Cluster], size: &ClusterSize, pixel_ar
             of_hits(probes, |p| rates[p.cluster as usize])
         }
         ClusterSize::ProjectedBox => {
-            let rate = |p: &Probe, sp: f64| sp / projected_box(&clusters[p.cluster as usize].bounds, p.direction);
-            of_hits(probes, |p| rate(p, pixel_size(p, pixel_area)))
+            let boxes: Vec<BoxFaces> = clusters.iter().map(|c| BoxFaces::new(&c.bounds)).collect();
+            of_hits(probes, |p| pixel_size(p, pixel_area) / boxes[p.cluster as usize].projected(p.direction))
         }
         ClusterSize::ProjectedTriangles(vectors) => {
             if vectors.len() < clusters.len() {
@@ -119,8 +120,8 @@ pub fn rates(probes: &Probes, clusters: &[Cluster], size: &ClusterSize, pixel_ar
     Ok(Rates { values, replaced })
 }
 
-fn of_hits(probes: &Probes, rate: impl Fn(&Probe) -> f64) -> Vec<f64> {
-    probes.all().iter().map(|p| if p.cluster == BACKGROUND { 0.0 } else { rate(p) }).collect()
+fn of_hits(probes: &Probes, rate: impl Fn(&Probe) -> f64 + Sync) -> Vec<f64> {
+    probes.all().par_iter().with_min_len(4096).map(|p| if p.cluster == BACKGROUND { 0.0 } else { rate(p) }).collect()
 }
 
 fn pixel_size(probe: &Probe, area: PixelArea) -> f64 {
@@ -130,13 +131,26 @@ fn pixel_size(probe: &Probe, area: PixelArea) -> f64 {
     }
 }
 
-/// The size of an axis-aligned box seen along the unit direction `d`, in the orthographic projection of
-/// the thesis (2.3, Fig. 3-20), and at least a thousandth of its largest face.
-fn projected_box([low, high]: &[[f32; 3]; 2], d: [f32; 3]) -> f64 {
-    let l: [f64; 3] = std::array::from_fn(|a| f64::from(high[a]) - f64::from(low[a]));
-    let faces = [l[1] * l[2], l[0] * l[2], l[0] * l[1]];
-    let seen = (0..3).map(|a| faces[a] * f64::from(d[a]).abs()).sum::<f64>();
-    seen.max(EDGE_ON * faces[0].max(faces[1]).max(faces[2]))
+/// What a box's projection takes, once per cluster.
+struct BoxFaces {
+    areas: [f64; 3],
+    least: f64,
+}
+
+impl BoxFaces {
+    fn new([low, high]: &[[f32; 3]; 2]) -> Self {
+        let l: [f64; 3] = std::array::from_fn(|a| f64::from(high[a]) - f64::from(low[a]));
+        let areas = [l[1] * l[2], l[0] * l[2], l[0] * l[1]];
+        Self { areas, least: EDGE_ON * areas[0].max(areas[1]).max(areas[2]) }
+    }
+
+    /// The size seen along the unit direction `d`, in the orthographic projection of the thesis (2.3,
+    /// Fig. 3-20), and at least a thousandth of the largest face.
+    fn projected(&self, d: [f32; 3]) -> f64 {
+        let [x, y, z] = self.areas;
+        let [dx, dy, dz] = d.map(|d| f64::from(d.abs()));
+        (x * dx + y * dy + z * dz).max(self.least)
+    }
 }
 
 /// Rates of clusters without size, and such as are no numbers, become the largest of the others.

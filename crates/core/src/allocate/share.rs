@@ -3,13 +3,14 @@
 use super::{Allocation, clean, level, mix};
 use crate::Error;
 use rayon::prelude::*;
+use std::cmp::Ordering;
 
 /// Real shares are held in 2^-20 of a sample: integers, whose sums do not depend on their order.
 const QUANTUM_BITS: u32 = 20;
 const QUANTA: f64 = (1u64 << QUANTUM_BITS) as f64;
 /// Pixels per partial sum: 2048 shares below 2^52 quanta fit into 64 bits.
 const CHUNK: usize = 2048;
-/// Rounds of redistribution: the range of factors is bracketed in 16, halved in the others.
+/// Rounds of redistribution, at most; about ten where weights span a few decades.
 const MOST_ROUNDS: u32 = 64;
 
 /// Shares out exactly `total` samples in proportion to `weights`: pixel `p` gets
@@ -53,9 +54,12 @@ pub fn share(weights: &[f64], base: u32, floors: &[u32], ceiling: u32, total: u6
     if lowest >= total {
         return Ok(Allocation { counts: level(floors, base, total), unspent: 0, replaced });
     }
+    let (base, most) = (f64::from(base), f64::from(ceiling));
     let quanta = |weight: f64, floor: u32, factor: f64| -> u64 {
-        let share = (f64::from(base) + factor * weight).min(f64::from(ceiling)).max(f64::from(floor));
-        (share * QUANTA) as u64
+        // Added to 2^52 a smaller number is rounded to an integer, in the low bits.
+        const INTEGERS: f64 = (1u64 << 52) as f64;
+        let share = (base + factor * weight).min(most).max(f64::from(floor));
+        (share * QUANTA + INTEGERS).to_bits() - INTEGERS.to_bits()
     };
     let spend = |factor: f64| -> u128 {
         let chunks = weights.par_chunks(CHUNK).zip(floors.par_chunks(CHUNK)).with_min_len(2);
@@ -66,7 +70,7 @@ pub fn share(weights: &[f64], base: u32, floors: &[u32], ceiling: u32, total: u6
     let first = (total - lowest) as f64 / (sum.max(1) as f64 / (1u64 << 40) as f64);
     let factor = find_factor(first, u128::from(total) << QUANTUM_BITS, weights.len() as u128, spend);
 
-    let shares: Vec<u64> = weights.iter().zip(floors).map(|(&w, &floor)| quanta(w, floor, factor)).collect();
+    let shares: Vec<u64> = weights.iter().zip(floors).map(|(&w, &f)| quanta(w, f, factor)).collect();
     let mut counts: Vec<u32> = shares.iter().map(|s| (s >> QUANTUM_BITS) as u32).collect();
     let left = total - counts.iter().map(|&n| u64::from(n)).sum::<u64>();
     let open = counts.iter().filter(|n| **n < ceiling).count();
@@ -84,26 +88,33 @@ fn find_factor(first: f64, goal: u128, close: u128, spend: impl Fn(f64) -> u128)
     let (mut low, mut missing) = (0.0, 0.0);
     let (mut high, mut excess) = (f64::INFINITY, 0.0);
     let mut guess = first;
-    let mut stride = 0;
+    let (mut stride, mut last_low) = (0, None);
     for round in 0..MOST_ROUNDS {
         let spent = spend(guess);
         if spent <= goal {
-            (low, missing) = (guess, (goal - spent) as f64);
+            // Illinois: an end that stays put twice counts half.
+            if last_low == Some(true) {
+                excess *= 0.5;
+            }
+            (low, missing, last_low) = (guess, (goal - spent) as f64, Some(true));
             if goal - spent <= close {
                 break;
             }
         } else {
-            (high, excess) = (guess, (spent - goal) as f64);
+            if last_low == Some(false) {
+                missing *= 0.5;
+            }
+            (high, excess, last_low) = (guess, (spent - goal) as f64, Some(false));
         }
         // Outwards in steps whose exponents double, inwards by halving exponents, then regula falsi
-        // with bisection every other round.
+        // with bisection every eighth round.
         guess = if high == f64::INFINITY || low == 0.0 {
             let step = (1u64 << (1u32 << stride).min(63)) as f64;
             stride = (stride + 1).min(5);
             if low == 0.0 { high / step } else { low * step }
         } else if high > 4.0 * low {
             low.sqrt() * high.sqrt()
-        } else if round % 2 == 0 {
+        } else if round % 8 == 7 {
             low + (high - low) * 0.5
         } else {
             low + (high - low) * (missing / (missing + excess)).clamp(1e-3, 1.0 - 1e-3)
@@ -117,20 +128,35 @@ fn find_factor(first: f64, goal: u128, close: u128, spend: impl Fn(f64) -> u128)
 
 /// One more for each of the `left` pixels with the largest remainders, of those below the ceiling.
 /// Equal remainders go by weight, equal weights by a hash.
-fn hand_out_remainders(shares: &[u64], weights: &[f64], counts: &mut [u32], ceiling: u32, left: usize) {
+fn hand_out_remainders(shares: &[u64], weights: &[f64], counts: &mut [u32], ceiling: u32, mut left: usize) {
     if left == 0 {
         return;
     }
-    let mask = (1u64 << QUANTUM_BITS) - 1;
-    let open = counts.iter().zip(shares).enumerate().filter(|(_, (n, _))| **n < ceiling);
-    let mut open: Vec<(u64, usize)> = open.map(|(pixel, (_, &share))| (share & mask, pixel)).collect();
-    if left < open.len() {
-        open.select_nth_unstable_by(left, |&(a, p), &(b, q)| {
+    let bucket = |share: u64| (share >> (QUANTUM_BITS - 10)) as usize & 1023;
+    let remainder = |share: u64| share & ((1 << QUANTUM_BITS) - 1);
+    // All above some bucket of remainders get one; only the bucket's own must be compared.
+    let mut open = [0usize; 1024];
+    counts.iter().zip(shares).filter(|(n, _)| **n < ceiling).for_each(|(_, &s)| open[bucket(s)] += 1);
+    let mut last = 1023;
+    while last > 0 && open[last] <= left {
+        left -= open[last];
+        last -= 1;
+    }
+    let mut tied = Vec::new();
+    for (pixel, (count, &share)) in counts.iter_mut().zip(shares).enumerate().filter(|(_, (n, _))| **n < ceiling) {
+        match bucket(share).cmp(&last) {
+            Ordering::Greater => *count += 1,
+            Ordering::Equal => tied.push((remainder(share), pixel)),
+            Ordering::Less => {}
+        }
+    }
+    if left < tied.len() {
+        tied.select_nth_unstable_by(left, |&(a, p), &(b, q)| {
             let by_weight = || weights[q].total_cmp(&weights[p]);
             b.cmp(&a).then_with(by_weight).then_with(|| mix(q as u64).cmp(&mix(p as u64)))
         });
     }
-    open.iter().take(left).for_each(|&(_, pixel)| counts[pixel] += 1);
+    tied.iter().take(left).for_each(|&(_, pixel)| counts[pixel] += 1);
 }
 
 #[cfg(test)]
