@@ -62,10 +62,10 @@ pub struct Importance {
 /// to the hit, and `< >` the mean over the picture; a term whose mean is 0 is left out. Probes that met
 /// nothing add 0 to each, but for the share with [`ClusterSize::Hits`].
 ///
-/// Nothing in it has a unit: a scene scaled by any factor has the same importance. (With
-/// [`PixelArea::One`](crate::PixelArea::One), as published, that is a matter of proportions; not so its dependence on
-/// resolution: SP stays 1 however many pixels there are.) Values are rounded to `f32`, so that what
-/// scaling changes in the last digits of `f64` does not show.
+/// Nothing in it has a unit: a scene scaled by any factor has the same importance, but for what rounding
+/// did to its coordinates. (The published [`PixelArea::One`](crate::PixelArea::One) is a number of world
+/// units too, the same for all pixels, so that the mean takes it out.) Values are rounded to `f32`, so that
+/// the last digits of `f64` do not show.
 ///
 /// # Errors
 ///

@@ -14,6 +14,6 @@ pub use error::Error;
 pub use importance::{Importance, Map, importance};
 pub use options::{Options, published_bounds};
 pub use probe::{BACKGROUND, Placement, Probe, ProbeCost, ProbeHit, ProbeRay, Probes, probe};
-pub use sampler::{ClusterAdaptive, Probed, ProbesHandle, Shoot};
+pub use sampler::{ClusterAdaptive, ProbeSource, ProbesHandle, Shoot};
 pub use screen::projected_box_area;
 pub use size::{ClusterSize, PixelArea, Rates, rates};

@@ -98,7 +98,7 @@ impl Probe {
         let finite = distance.is_finite() && footprint.is_finite() && normal.iter().all(|n| n.is_finite());
         (fine && finite).then(|| Self {
             cluster,
-            direction: direction.map(|d| (f64::from(d) / length) as f32),
+            direction: direction.map(|d| (f64::from(d) * (1.0 / length)) as f32),
             cosine: (dot(direction, normal).abs() / length).min(1.0) as f32,
             distance,
             footprint,
@@ -119,7 +119,7 @@ pub struct ProbeCost {
     pub seconds: f64,
 }
 
-/// The probes of a frame.
+/// The probes of a frame; 32 bytes each.
 #[derive(Clone, Debug)]
 pub struct Probes {
     frame: Frame,
@@ -158,21 +158,22 @@ pub fn probe(
     let width = frame.size()[0] as usize * k as usize;
     let mut probes = vec![Probe::MISS; frame.pixels() * k as usize];
     let trace = |(row, out): (usize, &mut [Probe])| -> Result<u64, Error> {
+        let [x0, y0] = frame.origin();
         let mut rejected = 0;
-        for (i, slot) in out.iter_mut().enumerate() {
-            let pixel = frame.pixel(row * frame.size()[0] as usize + i / k as usize);
-            let index = (i % k as usize) as u64;
-            let ray = ray(pixel, index, placement, points);
-            let Some(hit) = shoot(ray) else { continue };
-            let Some(&label) = labels.get(hit.primitive as usize) else {
-                return Err(Error::NoLabel { pixel, primitive: hit.primitive, labels: labels.len() });
-            };
-            if label == BACKGROUND {
-                return Err(Error::NoCluster { label, clusters: BACKGROUND as usize });
-            }
-            match Probe::new(label, &hit) {
-                Some(probe) => *slot = probe,
-                None => rejected += 1,
+        for (x, slots) in out.chunks_exact_mut(k as usize).enumerate() {
+            let pixel = [x0 + x as u32, y0 + row as u32];
+            for (index, slot) in slots.iter_mut().enumerate() {
+                let Some(hit) = shoot(ray(pixel, index as u64, placement, points)) else { continue };
+                let Some(&label) = labels.get(hit.primitive as usize) else {
+                    return Err(Error::NoLabel { pixel, primitive: hit.primitive, labels: labels.len() });
+                };
+                if label == BACKGROUND {
+                    return Err(Error::NoCluster { label, clusters: BACKGROUND as usize });
+                }
+                match Probe::new(label, &hit) {
+                    Some(probe) => *slot = probe,
+                    None => rejected += 1,
+                }
             }
         }
         Ok(rejected)

@@ -11,7 +11,7 @@ pub type Shoot = Arc<dyn Fn(ProbeRay) -> Option<ProbeHit> + Send + Sync>;
 
 /// What a sampler probes when it is asked for its first plan.
 #[derive(Clone)]
-pub struct Probed {
+pub struct ProbeSource {
     /// The cluster of each primitive.
     pub labels: Arc<[u32]>,
     /// The clusters.
@@ -79,7 +79,7 @@ pub struct ClusterAdaptive<P> {
     size: ClusterSize,
     options: Options,
     placement: Placement,
-    probed: Option<Probed>,
+    probed: Option<ProbeSource>,
     handle: ProbesHandle,
     prior: Option<Prior>,
 }
@@ -120,7 +120,7 @@ impl<P: PointSet> ClusterAdaptive<P> {
     ///
     /// [`Error::OutOfRange`] for a weight below 0, a maximum below the minimum, or none or too many
     /// probes per pixel. What is wrong with labels and clusters shows with the first plan.
-    pub fn probing(points: P, probed: Probed, size: ClusterSize, options: Options) -> Result<Self, Error> {
+    pub fn probing(points: P, probed: ProbeSource, size: ClusterSize, options: Options) -> Result<Self, Error> {
         options.validate()?;
         let placement = probed.placement;
         if !(1..=256).contains(&placement.per_pixel()) {
@@ -158,7 +158,7 @@ impl<P: PointSet> ClusterAdaptive<P> {
         Ok(self.prior.as_ref().map_or(&[], |p| &p.weights))
     }
 
-    fn prior_of(&self, frame: &Frame, probed: &Probed) -> Result<Prior, Error> {
+    fn prior_of(&self, frame: &Frame, probed: &ProbeSource) -> Result<Prior, Error> {
         let probes = probe(frame, probed.placement, &self.points, &probed.labels, &*probed.shoot)?;
         let importance = importance(&probes, &probed.clusters, &self.size, &self.options)?;
         self.handle.set(Arc::new(probes));

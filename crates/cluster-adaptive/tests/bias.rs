@@ -88,3 +88,16 @@ fn a01_the_naive_rule_is_caught() {
     let z = deviation(|seed| Naive(Random::new(seed)), &Limits::samples(64 * u64::from(SIDE * SIDE)));
     assert!(z < -10.0, "{z} standard errors");
 }
+
+/// What is seen decides nothing: two pictures without anything in common, the same counts.
+#[test]
+fn counts_do_not_read_radiance() {
+    let at = frame(SIDE, SIDE);
+    let pixels = u64::from(SIDE * SIDE);
+    let limits = Limits::new(Budget::Recorded(vec![pixels, 3 * pixels + 1, 10 * pixels]));
+    let dark = run(&mut Field(|_, _| 0.0), &mut ours(1), at, &limits).unwrap();
+    let noisy = Field(|[x, y]: [u32; 2], u: [f32; 4]| if x > y { f32::NAN } else { 100.0 * u[0] });
+    let bright = run(&mut { noisy }, &mut ours(1), at, &limits).unwrap();
+    assert_eq!(dark.counts(), bright.counts());
+    assert!(dark.counts().iter().max() > dark.counts().iter().min());
+}

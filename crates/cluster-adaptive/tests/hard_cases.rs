@@ -6,7 +6,7 @@ mod common;
 use common::*;
 use dapple_cluster_adaptive::{
     AreaVectors, BACKGROUND, ClusterAdaptive, ClusterSize, Error, Map, Options, PixelArea, Placement, ProbeHit,
-    ProbeRay, Probes, importance, probe, projected_box_area, rates,
+    ProbeRay, ProbeSource, Probes, importance, probe, projected_box_area, rates,
 };
 use dapple_clustering::{Cluster, Triangles};
 use dapple_core::Frame;
@@ -201,6 +201,16 @@ fn lists_of_the_wrong_length_are_refused_by_name() {
     refused(ClusterAdaptive::published(Random::new(1), &probes, &[square(1.0); 7]).map(|_| ()));
     assert!(ClusterAdaptive::published(Random::new(1), &probes, &[square(1.0); 8]).is_ok());
     assert!(probe(&at, Placement::Centre, &Random::new(1), &[BACKGROUND; 16], shoot).is_err());
+    // A sampler that probes by itself says so with its first plan.
+    let plan = |labels: &[u32], clusters: &[Cluster]| {
+        let (labels, clusters) = (labels.into(), clusters.into());
+        let source = ProbeSource { labels, clusters, shoot: std::sync::Arc::new(shoot), placement: Placement::Centre };
+        let made = ClusterAdaptive::probing(Random::new(1), source, ClusterSize::ProjectedBox, Options::default());
+        first_counts(&mut made.unwrap(), at, 256, [1, 100]).map_err(|e| e.to_string())
+    };
+    assert!(plan(&[0; 6], &[square(1.0)]).unwrap_err().contains("primitive 6"));
+    assert!(plan(&[3; 16], &[square(1.0)]).unwrap_err().contains("label 3"));
+    assert!(plan(&[0; 16], &[square(1.0)]).is_ok());
     for k in [0, 257] {
         assert!(probe(&at, Placement::Jittered(k), &Random::new(1), &[0; 16], shoot).is_err());
     }

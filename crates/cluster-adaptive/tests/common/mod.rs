@@ -2,7 +2,7 @@
 #![allow(dead_code, unreachable_pub, reason = "each test file uses its own part")]
 
 use dapple_cluster_adaptive::{
-    ClusterAdaptive, ClusterSize, Options, Placement, ProbeHit, ProbeRay, Probed, Probes, probe,
+    ClusterAdaptive, ClusterSize, Options, Placement, ProbeHit, ProbeRay, ProbeSource, Probes, probe,
 };
 use dapple_clustering::Cluster;
 use dapple_core::{
@@ -59,7 +59,7 @@ pub fn probes(frame: &Frame, placement: Placement) -> Probes {
 
 pub fn probing(seed: u64, placement: Placement, size: ClusterSize, options: Options) -> ClusterAdaptive<Random> {
     let (labels, clusters) = (LABELS.into(), clusters().into());
-    let probed = Probed { labels, clusters, shoot: std::sync::Arc::new(scene), placement };
+    let probed = ProbeSource { labels, clusters, shoot: std::sync::Arc::new(scene), placement };
     ClusterAdaptive::probing(Random::new(seed), probed, size, options).unwrap()
 }
 
