@@ -300,7 +300,7 @@ fn hills(order: &[usize]) -> (Vec<[f32; 3]>, Vec<[u32; 3]>) {
     let of = |t: usize| {
         let (x, y) = ((t / 2 % 64) as u32, (t / 128) as u32);
         let at = |dx: u32, dy: u32| (y + dy) * 65 + x + dx;
-        if t % 2 == 0 { [at(0, 0), at(1, 0), at(1, 1)] } else { [at(0, 0), at(1, 1), at(0, 1)] }
+        if t.is_multiple_of(2) { [at(0, 0), at(1, 0), at(1, 1)] } else { [at(0, 0), at(1, 1), at(0, 1)] }
     };
     (positions, order.iter().map(|&t| of(t)).collect())
 }

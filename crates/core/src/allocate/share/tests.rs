@@ -26,6 +26,13 @@ fn largest_remainders_come_first() {
 }
 
 #[test]
+fn equal_remainders_go_by_weight() {
+    // Shares of 0.5 and 1.5, either way round.
+    assert_eq!(counts(&[1.0, 3.0], 0, 100, 2), [0, 2]);
+    assert_eq!(counts(&[3.0, 1.0], 0, 100, 2), [2, 0]);
+}
+
+#[test]
 fn below_the_base_counts_are_level() {
     let got = counts(&[1.0, 1e6, 3.0, 0.0], 4, 9, 10);
     assert!(got.iter().all(|n| (2..=3).contains(n)), "{got:?}");
