@@ -24,7 +24,9 @@ pub enum Error {
         triangles: usize,
     },
     /// A corner that is no vertex.
-    #[error("triangle {triangle} asks for vertex {index} of {vertices}: indices count from 0 and stay below {vertices}")]
+    #[error(
+        "triangle {triangle} asks for vertex {index} of {vertices}: indices count from 0 and stay below {vertices}"
+    )]
     BadIndex {
         /// Number of the triangle.
         triangle: u32,
@@ -34,7 +36,9 @@ pub enum Error {
         vertices: usize,
     },
     /// A corner at infinity or nowhere.
-    #[error("triangle {triangle} has a corner that is not finite (vertex {vertex}): mend the vertex or drop the triangle")]
+    #[error(
+        "triangle {triangle} has a corner that is not finite (vertex {vertex}): mend the vertex or drop the triangle"
+    )]
     BadPosition {
         /// Number of the triangle.
         triangle: u32,
