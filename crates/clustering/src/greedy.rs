@@ -195,10 +195,10 @@ mod tests {
                 1 => n = normals[normals.len() / 2],
                 _ => {}
             }
-            let length = (n[0] * n[0] + n[1] * n[1] + n[2] * n[2]).sqrt();
-            if (0.1..=1.0).contains(&length) || normals.len() % 7 == 1 {
+            let length = n.iter().map(|&x| f64::from(x) * f64::from(x)).sum::<f64>().sqrt();
+            if (0.1..=1.0001).contains(&length) {
                 let sign = if two_sided && n[2] < 0.0 { -1.0 } else { 1.0 };
-                normals.push(n.map(|x| sign * x / length));
+                normals.push(n.map(|x| (sign * f64::from(x) / length) as f32));
             }
         }
         normals

@@ -9,6 +9,10 @@ use rayon::prelude::*;
 
 /// Most pairs of a triangle and a voxel: 4 GiB of them with their copy.
 const MAX_ENTRIES: u64 = 1 << 28;
+/// Of these, while a grid is searched for: per triangle, and at least.
+const SEARCHED_ENTRIES: [u64; 2] = [32, 1 << 16];
+/// A number of clusters, or two grids' voxels along an axis, are near enough within this ratio.
+const NEAR: f64 = 1.01;
 /// Voxels from which on an entry needs more than 64 bits.
 const WIDE: u64 = 1 << 32;
 
@@ -31,14 +35,16 @@ pub fn cluster(triangles: &Triangles<'_>, params: &Params) -> Result<Clusters, E
         Some(count) => search(&mesh, params, count),
         None => {
             let longest = Grid::longest(params.k, triangles.indices.len());
-            partition(&mesh, params, Grid::new(mesh.bounds, longest, params.clamp))
+            partition(&mesh, params, Grid::new(mesh.bounds, longest, params.clamp), MAX_ENTRIES)
         }
     }
 }
 
 /// The grid whose number of clusters is nearest to `count`: bisection of the voxels along the longest axis, by ratio.
 fn search(mesh: &Mesh<'_>, params: &Params, count: u32) -> Result<Clusters, Error> {
-    let at = |longest: u32| partition(mesh, params, Grid::new(mesh.bounds, f64::from(longest), MAX_CLAMP));
+    let [each, least] = SEARCHED_ENTRIES;
+    let limit = (each * mesh.indices.len() as u64).clamp(least, MAX_ENTRIES);
+    let at = |longest: u32| partition(mesh, params, Grid::new(mesh.bounds, f64::from(longest), MAX_CLAMP), limit);
     let miss = |clusters: &Clusters| {
         let (made, asked) = (clusters.len() as f64, f64::from(count));
         (made / asked).max(asked / made)
@@ -51,7 +57,7 @@ fn search(mesh: &Mesh<'_>, params: &Params, count: u32) -> Result<Clusters, Erro
     }
     // Surfaces meet about as many voxels as a plane does: the square.
     let mut next = (f64::from(count).sqrt() as u32).clamp(2, MAX_CLAMP);
-    while high - low > 1 {
+    while high - low > 1 && f64::from(high) > NEAR * f64::from(low) && miss(&best) > NEAR {
         let found = match at(next) {
             Err(Error::TooManyEntries { .. }) => {
                 high = next;
@@ -82,18 +88,18 @@ fn middle(low: u32, high: u32) -> u32 {
     mean.clamp(low + 1, (high - 1).max(low + 1))
 }
 
-fn partition(mesh: &Mesh<'_>, params: &Params, grid: Grid) -> Result<Clusters, Error> {
+fn partition(mesh: &Mesh<'_>, params: &Params, grid: Grid, limit: u64) -> Result<Clusters, Error> {
     if grid.voxels() <= WIDE {
-        partition_with::<u64>(mesh, params, grid)
+        partition_with::<u64>(mesh, params, grid, limit)
     } else {
-        partition_with::<u128>(mesh, params, grid)
+        partition_with::<u128>(mesh, params, grid, limit)
     }
 }
 
-fn partition_with<E: Entry>(mesh: &Mesh<'_>, params: &Params, grid: Grid) -> Result<Clusters, Error> {
+fn partition_with<E: Entry>(mesh: &Mesh<'_>, params: &Params, grid: Grid, limit: u64) -> Result<Clusters, Error> {
     let insertions = match params.insertion {
         Insertion::Centroid => mesh.indices.len() as u64,
-        Insertion::BoundingBox => count_overlapped(mesh, grid)?,
+        Insertion::BoundingBox => count_overlapped(mesh, grid, limit)?,
     };
     let ranges = Ranges::new(grid.voxels(), insertions as usize);
     let parts: Vec<Sorted<E>> = (0..mesh.indices.len().div_ceil(CHUNK))
@@ -145,14 +151,14 @@ fn insert_boxes<E: Entry>(mesh: &Mesh<'_>, grid: Grid, chunk: usize, entries: &m
 }
 
 /// How many voxels the triangles' boxes overlap in all.
-fn count_overlapped(mesh: &Mesh<'_>, grid: Grid) -> Result<u64, Error> {
+fn count_overlapped(mesh: &Mesh<'_>, grid: Grid, limit: u64) -> Result<u64, Error> {
     let count = |triangle: u32| {
         let [first, last] = grid.overlapped(Bounds::of(mesh.corners(triangle)));
         (0..3).map(|axis| u64::from(last[axis] - first[axis]) + 1).product::<u64>()
     };
     let entries =
         (0..mesh.indices.len() as u32).into_par_iter().with_min_len(CHUNK).map(count).reduce(|| 0, u64::saturating_add);
-    if entries > MAX_ENTRIES { Err(Error::TooManyEntries { entries, limit: MAX_ENTRIES }) } else { Ok(entries) }
+    if entries > limit { Err(Error::TooManyEntries { entries, limit }) } else { Ok(entries) }
 }
 
 /// One thread's scratch space.
