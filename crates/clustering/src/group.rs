@@ -173,8 +173,8 @@ fn measure(mesh: &Mesh<'_>, triangles: &[u32], surfaces: &[Surface], members: &[
         if lead == [0.0; 3] {
             lead = surface.normal;
         }
-        for axis in 0..3 {
-            sum[axis] += aligned * f64::from(surface.normal[axis]);
+        for (sum, x) in sum.iter_mut().zip(surface.normal) {
+            *sum += aligned * f64::from(x);
         }
     }
     let normal = unit(sum, doubled);
