@@ -1,7 +1,6 @@
 //! Cuts classes of triangles into connected pieces, by union-find over shared vertices [after Tarjan 1975].
 
-use crate::Triangles;
-use crate::grid::centroid_sum;
+use crate::grid::{Mesh, centroid_sum};
 use crate::params::Order;
 
 /// No triangle.
@@ -174,7 +173,7 @@ fn hand_over(flat: &[u32], touched: &[u32], class: &mut [u32], pieces: u32) -> u
 /// A voxel's triangles of one material, by their numbers in the group.
 #[derive(Clone, Copy)]
 pub(crate) struct Group<'a> {
-    pub(crate) mesh: &'a Triangles<'a>,
+    pub(crate) mesh: &'a Mesh<'a>,
     pub(crate) triangles: &'a [u32],
     pub(crate) weld: bool,
     pub(crate) order: Order,
@@ -185,13 +184,13 @@ impl Group<'_> {
         self.mesh.indices[self.triangles[triangle as usize] as usize]
     }
 
-    fn corners(&self, triangle: u32) -> [[f32; 3]; 3] {
+    fn corners(&self, triangle: u32) -> [[f32; 4]; 3] {
         self.mesh.corners(self.triangles[triangle as usize])
     }
 
     /// Whether two vertices count as one.
     fn same(&self, a: u32, b: u32) -> bool {
-        a == b || (self.weld && self.mesh.positions[a as usize] == self.mesh.positions[b as usize])
+        a == b || (self.weld && self.mesh.places[a as usize] == self.mesh.places[b as usize])
     }
 
     fn hash(&self, vertex: u32) -> u64 {
@@ -200,7 +199,7 @@ impl Group<'_> {
         const SPREAD: [u64; 3] = [0x9e37_79b9_7f4a_7c15, 0xc2b2_ae3d_27d4_eb4f, 0x1656_67b1_9e37_79f9];
         let key = if self.weld {
             // Adding 0.0 makes -0.0 the same place as 0.0.
-            let bits = self.mesh.positions[vertex as usize].map(|x| u64::from((x + 0.0).to_bits()));
+            let bits = self.mesh.places[vertex as usize].map(|x| u64::from((x + 0.0).to_bits()));
             (0..3).fold(0, |key: u64, axis| (key ^ bits[axis]).wrapping_mul(SPREAD[axis]).rotate_left(29))
         } else {
             u64::from(vertex).wrapping_mul(SPREAD[0])

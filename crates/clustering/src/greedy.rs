@@ -153,3 +153,74 @@ fn skip(next: &mut [u32], mut i: usize) -> usize {
     }
     i
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The published loop, word by word: join the first cluster whose representative is alike, or else open one.
+    fn first_fit(normals: &[[f32; 3]], rule: Rule) -> Vec<u32> {
+        let mut order: Vec<usize> = (0..normals.len()).collect();
+        if rule.order == Order::Canonical {
+            order.sort_by(|&a, &b| normals[b].iter().rev().partial_cmp(normals[a].iter().rev()).unwrap());
+        }
+        let mut representatives: Vec<[f32; 3]> = Vec::new();
+        let mut class = vec![0; normals.len()];
+        for i in order {
+            let cosine = |n: &[f32; 3]| {
+                let dot = n[0] * normals[i][0] + n[1] * normals[i][1] + n[2] * normals[i][2];
+                if rule.two_sided { dot.abs() } else { dot }
+            };
+            let found = representatives.iter().position(|n| cosine(n) >= rule.cosine);
+            class[i] = found.unwrap_or_else(|| {
+                representatives.push(normals[i]);
+                representatives.len() - 1
+            }) as u32;
+        }
+        class
+    }
+
+    /// Directions on a sphere, by rejection; some twice, some on the equator, all in the upper half if two-sided.
+    fn normals(count: u32, two_sided: bool) -> Vec<[f32; 3]> {
+        let mut state = 2016_u64;
+        let mut random = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 40) as f32 / (1 << 23) as f32 - 1.0
+        };
+        let mut normals: Vec<[f32; 3]> = Vec::new();
+        while normals.len() < count as usize {
+            let mut n = [random(), random(), random()];
+            match normals.len() % 7 {
+                0 => n[2] = 0.0,
+                1 => n = normals[normals.len() / 2],
+                _ => {}
+            }
+            let length = n.iter().map(|&x| f64::from(x) * f64::from(x)).sum::<f64>().sqrt();
+            if (0.1..=1.0001).contains(&length) {
+                let sign = if two_sided && n[2] < 0.0 { -1.0 } else { 1.0 };
+                normals.push(n.map(|x| (sign * f64::from(x) / length) as f32));
+            }
+        }
+        normals
+    }
+
+    #[test]
+    fn passes_and_sweep_are_first_fit() {
+        // From a single class to thousands, so that few facets, passes alone, and passes then sweep all come up.
+        for (count, angle) in [(1, 10.0), (40, 10.0), (40, 0.0), (3000, 90.0), (3000, 20.0), (3000, 2.0), (3000, 0.0)] {
+            for two_sided in [false, true] {
+                for order in [Order::Canonical, Order::Input] {
+                    let rule = Rule::new(&Params { angle, two_sided, order, ..Params::default() });
+                    let normals = normals(count, two_sided);
+                    let mut facets: Vec<Facet> =
+                        normals.iter().zip(0..).map(|(&normal, number)| Facet { normal, number }).collect();
+                    let mut class = vec![u32::MAX; normals.len()];
+                    let classes = classify(&mut facets, rule, &mut class);
+                    let expected = first_fit(&normals, rule);
+                    assert_eq!(class, expected, "{count} {angle} {two_sided} {order:?}");
+                    assert_eq!(classes, expected.iter().max().unwrap() + 1);
+                }
+            }
+        }
+    }
+}

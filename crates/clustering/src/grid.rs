@@ -29,8 +29,8 @@ impl Bounds {
 
     /// Widens the box to hold a point.
     #[inline]
-    pub(crate) fn hold(&mut self, [x, y, z]: [f32; 3]) {
-        self.unite(Self { low: [x, y, z, 0.0], high: [x, y, z, 0.0] });
+    pub(crate) fn hold(&mut self, place: [f32; 4]) {
+        self.unite(Self { low: place, high: place });
     }
 
     /// Widens the box to hold another.
@@ -43,7 +43,7 @@ impl Bounds {
     }
 
     /// The box of some points.
-    pub(crate) fn of(points: [[f32; 3]; 3]) -> Self {
+    pub(crate) fn of(points: [[f32; 4]; 3]) -> Self {
         let mut bounds = Self::NOTHING;
         for point in points {
             bounds.hold(point);
@@ -57,55 +57,73 @@ impl Bounds {
     }
 }
 
-impl Triangles<'_> {
-    /// The corners of a triangle whose indices have been checked.
-    #[inline]
-    pub(crate) fn corners(&self, triangle: u32) -> [[f32; 3]; 3] {
-        self.indices[triangle as usize].map(|vertex| self.positions[vertex as usize])
-    }
+/// Triangles found fit for use.
+#[derive(Debug)]
+pub(crate) struct Mesh<'a> {
+    /// Vertices, with an idle fourth lane.
+    pub(crate) places: Vec<[f32; 4]>,
+    pub(crate) indices: &'a [[u32; 3]],
+    pub(crate) materials: &'a [u32],
+    /// The box of all triangles.
+    pub(crate) bounds: Bounds,
+}
 
-    /// The box of all triangles, once they are found fit for use. The first unfit one is named.
-    pub(crate) fn bounds(&self) -> Result<Bounds, Error> {
-        let triangles = self.indices.len();
+impl<'a> Mesh<'a> {
+    /// The first unfit triangle is named.
+    pub(crate) fn new(mesh: &Triangles<'a>) -> Result<Self, Error> {
+        let triangles = mesh.indices.len();
         if triangles == 0 {
             return Err(Error::Empty);
         }
         if u32::try_from(triangles).is_err() {
             return Err(Error::TooManyTriangles { triangles });
         }
-        if !self.materials.is_empty() && self.materials.len() != triangles {
-            return Err(Error::BadMaterials { materials: self.materials.len(), triangles });
+        if !mesh.materials.is_empty() && mesh.materials.len() != triangles {
+            return Err(Error::BadMaterials { materials: mesh.materials.len(), triangles });
         }
-        let chunks: Vec<_> = self.indices.par_chunks(CHUNK).map(|chunk| self.chunk_bounds(chunk)).collect();
+        let places: Vec<[f32; 4]> =
+            mesh.positions.par_iter().with_min_len(CHUNK).map(|&[x, y, z]| [x, y, z, 0.0]).collect();
+        let chunks: Vec<_> = mesh.indices.par_chunks(CHUNK).map(|chunk| chunk_bounds(&places, chunk)).collect();
         let mut bounds = Bounds::NOTHING;
         for (number, chunk) in chunks.into_iter().enumerate() {
             match chunk {
                 Some(part) => bounds.unite(part),
-                None => return Err(self.first_fault(number * CHUNK)),
+                None => return Err(mesh.first_fault(number * CHUNK)),
             }
         }
-        Ok(bounds)
+        Ok(Self { places, indices: mesh.indices, materials: mesh.materials, bounds })
     }
 
-    /// The box of some triangles; none where one of them is unfit.
-    fn chunk_bounds(&self, chunk: &[[u32; 3]]) -> Option<Bounds> {
-        let mut bounds = Bounds::NOTHING;
-        // Zero times a finite number is zero, times anything else NaN: one sum tells whether all were finite.
-        let mut zero = [0.0_f32; 4];
-        for indices in chunk {
-            for &vertex in indices {
-                let place = *self.positions.get(vertex as usize)?;
-                bounds.hold(place);
-                let [x, y, z] = place;
-                let place = [x, y, z, 0.0];
-                for lane in 0..4 {
-                    zero[lane] += place[lane] * 0.0;
-                }
+    /// The corners of a triangle.
+    #[inline]
+    pub(crate) fn corners(&self, triangle: u32) -> [[f32; 4]; 3] {
+        self.indices[triangle as usize].map(|vertex| self.places[vertex as usize])
+    }
+
+    /// The material of a triangle.
+    pub(crate) fn material(&self, triangle: u32) -> u32 {
+        self.materials.get(triangle as usize).copied().unwrap_or(0)
+    }
+}
+
+/// The box of some triangles; none where one of them is unfit.
+fn chunk_bounds(places: &[[f32; 4]], chunk: &[[u32; 3]]) -> Option<Bounds> {
+    let mut bounds = Bounds::NOTHING;
+    // Zero times a finite number is zero, times anything else NaN: one sum tells whether all were finite.
+    let mut zero = [0.0_f32; 4];
+    for indices in chunk {
+        for &vertex in indices {
+            let place = *places.get(vertex as usize)?;
+            bounds.hold(place);
+            for lane in 0..4 {
+                zero[lane] += place[lane] * 0.0;
             }
         }
-        (zero == [0.0; 4]).then_some(bounds)
     }
+    (zero == [0.0; 4]).then_some(bounds)
+}
 
+impl Triangles<'_> {
     /// What is wrong with the first unfit triangle from `start` on.
     fn first_fault(&self, start: usize) -> Error {
         for (triangle, indices) in self.indices.iter().enumerate().skip(start) {
@@ -171,21 +189,23 @@ impl Grid {
         (u64::from(z) * ny + u64::from(y)) * nx + u64::from(x)
     }
 
-    /// The voxel that holds a point; the nearest one for points outside. Points on a face belong to the voxel above.
+    /// The voxel that holds a point of the box. Points on a face belong to the voxel above.
     #[inline]
     fn voxel(&self, place: [f64; 3]) -> [u32; 3] {
-        // Casts saturate; the signed one is a single instruction on more machines.
+        // Next to 2^32 an f64's last digit is 2^-20, and below the leading one are the digits of what was added: a cast
+        // in two instructions. It counts places up to 2^-21 of a voxel below a face as on it.
+        const LEADING: f64 = (1_u64 << 32) as f64;
         std::array::from_fn(|axis| {
             let voxels = (place[axis] - self.low[axis]) * self.density[axis];
-            (voxels as i32).clamp(0, self.resolution[axis] as i32 - 1) as u32
+            let voxel = ((voxels + LEADING).to_bits() >> 20) as u32;
+            voxel.min(self.resolution[axis] - 1)
         })
     }
 
     /// The number of the voxel of a triangle's centroid.
     #[inline]
-    pub(crate) fn centroid_voxel(&self, corners: [[f32; 3]; 3]) -> u64 {
-        let sum = centroid_sum(corners);
-        self.number(self.voxel(sum.map(|x| x * (1.0 / 3.0))))
+    pub(crate) fn centroid_voxel(&self, corners: [[f32; 4]; 3]) -> u64 {
+        self.number(self.voxel(centroid_sum(corners).map(|x| x * (1.0 / 3.0))))
     }
 
     /// First and last voxel that a box overlaps, along each axis.
@@ -196,6 +216,6 @@ impl Grid {
 
 /// Three times the centroid.
 #[inline]
-pub(crate) fn centroid_sum([a, b, c]: [[f32; 3]; 3]) -> [f64; 3] {
+pub(crate) fn centroid_sum([a, b, c]: [[f32; 4]; 3]) -> [f64; 3] {
     std::array::from_fn(|axis| f64::from(a[axis]) + f64::from(b[axis]) + f64::from(c[axis]))
 }

@@ -1,10 +1,10 @@
 //! From the triangles of one voxel and material to their clusters.
 
+use crate::Cluster;
 use crate::connected::{Connector, Group};
 use crate::greedy::{Facet, Rule, classify};
-use crate::grid::Bounds;
+use crate::grid::{Bounds, Mesh};
 use crate::params::{Grouping, Insertion, Params};
-use crate::{Cluster, Triangles};
 
 /// A triangle whose edges span less than this (the sine between them) has no normal: `f32` coordinates make one by
 /// rounding even of three points on a line, in f64 arithmetic some `2^-52`.
@@ -48,7 +48,7 @@ pub(crate) struct Surface {
 
 impl Surface {
     #[inline]
-    pub(crate) fn of(corners: [[f32; 3]; 3]) -> Self {
+    pub(crate) fn of(corners: [[f32; 4]; 3]) -> Self {
         let [a, b, c] = corners.map(|corner| corner.map(f64::from));
         let u = [b[0] - a[0], b[1] - a[1], b[2] - a[2]];
         let v = [c[0] - a[0], c[1] - a[1], c[2] - a[2]];
@@ -75,7 +75,7 @@ impl Scratch {
     /// Clusters a group and adds them to a batch. Only triangles that `keeps` says have their cluster here count.
     pub(crate) fn cluster(
         &mut self,
-        mesh: &Triangles<'_>,
+        mesh: &Mesh<'_>,
         params: &Params,
         triangles: &[u32],
         keeps: impl Fn(u32) -> bool,
@@ -107,7 +107,7 @@ impl Scratch {
     }
 
     /// Normals and areas, and the facets of all that have a normal.
-    fn load(&mut self, mesh: &Triangles<'_>, params: &Params, triangles: &[u32]) {
+    fn load(&mut self, mesh: &Mesh<'_>, params: &Params, triangles: &[u32]) {
         self.surfaces.clear();
         self.surfaces.extend(triangles.iter().map(|&triangle| {
             let surface = Surface::of(mesh.corners(triangle));
@@ -123,7 +123,7 @@ impl Scratch {
     }
 
     /// Fills `class`; how many there are.
-    fn classify(&mut self, mesh: &Triangles<'_>, params: &Params, triangles: &[u32]) -> u32 {
+    fn classify(&mut self, mesh: &Mesh<'_>, params: &Params, triangles: &[u32]) -> u32 {
         self.class.clear();
         self.class.resize(triangles.len(), u32::MAX);
         let flat = self.facets.len() < triangles.len();
@@ -162,35 +162,43 @@ impl Scratch {
 }
 
 /// What is known of a cluster but its group.
-fn measure(mesh: &Triangles<'_>, triangles: &[u32], surfaces: &[Surface], members: &[u32], two_sided: bool) -> Cluster {
-    let mut bounds = Bounds::NOTHING;
+fn measure(mesh: &Mesh<'_>, triangles: &[u32], surfaces: &[Surface], members: &[u32], two_sided: bool) -> Cluster {
     let mut doubled = 0.0;
     let mut sum = [0.0_f64; 3];
     let mut lead = [0.0_f32; 3];
     for &i in members {
-        for corner in mesh.corners(triangles[i as usize]) {
-            bounds.hold(corner);
-        }
         let surface = surfaces[i as usize];
         doubled += surface.doubled;
         let aligned = if two_sided && dot(lead, surface.normal) < 0.0 { -surface.doubled } else { surface.doubled };
         if lead == [0.0; 3] {
             lead = surface.normal;
         }
-        for axis in 0..3 {
-            sum[axis] += aligned * f64::from(surface.normal[axis]);
+        for (sum, x) in sum.iter_mut().zip(surface.normal) {
+            *sum += aligned * f64::from(x);
         }
     }
     let normal = unit(sum, doubled);
     Cluster {
         triangles: members.len() as u32,
-        bounds: bounds.corners(),
+        bounds: box_of(mesh, triangles, members).corners(),
         area: 0.5 * doubled,
         normal,
         cone: cone(normal, surfaces, members, two_sided),
-        material: mesh.materials.get(triangles[members[0] as usize] as usize).copied().unwrap_or(0),
+        material: mesh.material(triangles[members[0] as usize]),
         group: 0,
     }
+}
+
+/// The box of some triangles. Out of line, so that all four lanes are computed, which is faster than three.
+#[inline(never)]
+fn box_of(mesh: &Mesh<'_>, triangles: &[u32], members: &[u32]) -> Bounds {
+    let mut bounds = Bounds::NOTHING;
+    for &i in members {
+        for corner in mesh.corners(triangles[i as usize]) {
+            bounds.hold(corner);
+        }
+    }
+    bounds
 }
 
 /// The smallest cosine between a normal and members'; -1 where the normal is zero.

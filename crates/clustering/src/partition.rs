@@ -1,6 +1,6 @@
 //! From triangles to clusters over a grid, range by range of voxels.
 
-use crate::grid::{Bounds, CHUNK, Grid};
+use crate::grid::{Bounds, CHUNK, Grid, Mesh};
 use crate::group::{Batch, Scratch};
 use crate::params::{Insertion, MAX_CLAMP, Params};
 use crate::voxels::{Entry, Ranges, Sorted, for_ranges};
@@ -9,6 +9,10 @@ use rayon::prelude::*;
 
 /// Most pairs of a triangle and a voxel: 4 GiB of them with their copy.
 const MAX_ENTRIES: u64 = 1 << 28;
+/// Of these, while a grid is searched for: per triangle, and at least.
+const SEARCHED_ENTRIES: [u64; 2] = [32, 1 << 16];
+/// A number of clusters, or two grids' voxels along an axis, are near enough within this ratio.
+const NEAR: f64 = 1.01;
 /// Voxels from which on an entry needs more than 64 bits.
 const WIDE: u64 = 1 << 32;
 
@@ -26,19 +30,21 @@ const WIDE: u64 = 1 << 32;
 /// range, or boxes that overlap more than 2^28 voxels in all. Unused vertices may be anything.
 pub fn cluster(triangles: &Triangles<'_>, params: &Params) -> Result<Clusters, Error> {
     params.validate()?;
-    let bounds = triangles.bounds()?;
+    let mesh = Mesh::new(triangles)?;
     match params.count {
-        Some(count) => search(triangles, params, bounds, count),
+        Some(count) => search(&mesh, params, count),
         None => {
             let longest = Grid::longest(params.k, triangles.indices.len());
-            partition(triangles, params, Grid::new(bounds, longest, params.clamp))
+            partition(&mesh, params, Grid::new(mesh.bounds, longest, params.clamp), MAX_ENTRIES)
         }
     }
 }
 
 /// The grid whose number of clusters is nearest to `count`: bisection of the voxels along the longest axis, by ratio.
-fn search(triangles: &Triangles<'_>, params: &Params, bounds: Bounds, count: u32) -> Result<Clusters, Error> {
-    let at = |longest: u32| partition(triangles, params, Grid::new(bounds, f64::from(longest), MAX_CLAMP));
+fn search(mesh: &Mesh<'_>, params: &Params, count: u32) -> Result<Clusters, Error> {
+    let [each, least] = SEARCHED_ENTRIES;
+    let limit = (each * mesh.indices.len() as u64).clamp(least, MAX_ENTRIES);
+    let at = |longest: u32| partition(mesh, params, Grid::new(mesh.bounds, f64::from(longest), MAX_CLAMP), limit);
     let miss = |clusters: &Clusters| {
         let (made, asked) = (clusters.len() as f64, f64::from(count));
         (made / asked).max(asked / made)
@@ -51,7 +57,7 @@ fn search(triangles: &Triangles<'_>, params: &Params, bounds: Bounds, count: u32
     }
     // Surfaces meet about as many voxels as a plane does: the square.
     let mut next = (f64::from(count).sqrt() as u32).clamp(2, MAX_CLAMP);
-    while high - low > 1 {
+    while high - low > 1 && f64::from(high) > NEAR * f64::from(low) && miss(&best) > NEAR {
         let found = match at(next) {
             Err(Error::TooManyEntries { .. }) => {
                 high = next;
@@ -62,7 +68,7 @@ fn search(triangles: &Triangles<'_>, params: &Params, bounds: Bounds, count: u32
         };
         let enough = found.len() >= count as usize;
         // Nothing is left to cut where each triangle is alone.
-        if enough || found.len() == triangles.indices.len() {
+        if enough || found.len() == mesh.indices.len() {
             high = next;
         } else {
             low = next;
@@ -82,39 +88,39 @@ fn middle(low: u32, high: u32) -> u32 {
     mean.clamp(low + 1, (high - 1).max(low + 1))
 }
 
-fn partition(triangles: &Triangles<'_>, params: &Params, grid: Grid) -> Result<Clusters, Error> {
+fn partition(mesh: &Mesh<'_>, params: &Params, grid: Grid, limit: u64) -> Result<Clusters, Error> {
     if grid.voxels() <= WIDE {
-        partition_with::<u64>(triangles, params, grid)
+        partition_with::<u64>(mesh, params, grid, limit)
     } else {
-        partition_with::<u128>(triangles, params, grid)
+        partition_with::<u128>(mesh, params, grid, limit)
     }
 }
 
-fn partition_with<E: Entry>(triangles: &Triangles<'_>, params: &Params, grid: Grid) -> Result<Clusters, Error> {
+fn partition_with<E: Entry>(mesh: &Mesh<'_>, params: &Params, grid: Grid, limit: u64) -> Result<Clusters, Error> {
     let insertions = match params.insertion {
-        Insertion::Centroid => triangles.indices.len() as u64,
-        Insertion::BoundingBox => count_overlapped(triangles, grid)?,
+        Insertion::Centroid => mesh.indices.len() as u64,
+        Insertion::BoundingBox => count_overlapped(mesh, grid, limit)?,
     };
     let ranges = Ranges::new(grid.voxels(), insertions as usize);
-    let parts: Vec<Sorted<E>> = (0..triangles.indices.len().div_ceil(CHUNK))
+    let parts: Vec<Sorted<E>> = (0..mesh.indices.len().div_ceil(CHUNK))
         .into_par_iter()
         .map_init(Vec::new, |entries, chunk| {
             entries.clear();
             match params.insertion {
-                Insertion::Centroid => insert_centroids(triangles, grid, chunk, entries),
-                Insertion::BoundingBox => insert_boxes(triangles, grid, chunk, entries),
+                Insertion::Centroid => insert_centroids(mesh, grid, chunk, entries),
+                Insertion::BoundingBox => insert_boxes(mesh, grid, chunk, entries),
             }
             Sorted::new(entries, ranges)
         })
         .collect();
     let batches =
-        for_ranges(&parts, ranges, |worker: &mut Worker, entries| worker.cluster(triangles, params, grid, entries));
+        for_ranges(&parts, ranges, |worker: &mut Worker, entries| worker.cluster(mesh, params, grid, entries));
     drop(parts);
     let report = Report {
         resolution: grid.resolution,
         occupied: batches.iter().map(|batch| batch.voxels).sum(),
         fullest: batches.iter().map(|batch| batch.fullest).max().unwrap_or(0),
-        triangles: triangles.indices.len() as u32,
+        triangles: mesh.indices.len() as u32,
         insertions,
         phantoms: batches.iter().map(|batch| batch.phantoms).sum(),
     };
@@ -122,18 +128,18 @@ fn partition_with<E: Entry>(triangles: &Triangles<'_>, params: &Params, grid: Gr
 }
 
 /// The triangles of a chunk.
-fn numbers(triangles: &Triangles<'_>, chunk: usize) -> std::ops::Range<u32> {
-    let end = (chunk * CHUNK + CHUNK).min(triangles.indices.len());
+fn numbers(mesh: &Mesh<'_>, chunk: usize) -> std::ops::Range<u32> {
+    let end = (chunk * CHUNK + CHUNK).min(mesh.indices.len());
     (chunk * CHUNK) as u32..end as u32
 }
 
-fn insert_centroids<E: Entry>(triangles: &Triangles<'_>, grid: Grid, chunk: usize, entries: &mut Vec<E>) {
-    entries.extend(numbers(triangles, chunk).map(|i| E::new(grid.centroid_voxel(triangles.corners(i)), i)));
+fn insert_centroids<E: Entry>(mesh: &Mesh<'_>, grid: Grid, chunk: usize, entries: &mut Vec<E>) {
+    entries.extend(numbers(mesh, chunk).map(|i| E::new(grid.centroid_voxel(mesh.corners(i)), i)));
 }
 
-fn insert_boxes<E: Entry>(triangles: &Triangles<'_>, grid: Grid, chunk: usize, entries: &mut Vec<E>) {
-    for triangle in numbers(triangles, chunk) {
-        let [first, last] = grid.overlapped(Bounds::of(triangles.corners(triangle)));
+fn insert_boxes<E: Entry>(mesh: &Mesh<'_>, grid: Grid, chunk: usize, entries: &mut Vec<E>) {
+    for triangle in numbers(mesh, chunk) {
+        let [first, last] = grid.overlapped(Bounds::of(mesh.corners(triangle)));
         for z in first[2]..=last[2] {
             for y in first[1]..=last[1] {
                 for x in first[0]..=last[0] {
@@ -145,17 +151,14 @@ fn insert_boxes<E: Entry>(triangles: &Triangles<'_>, grid: Grid, chunk: usize, e
 }
 
 /// How many voxels the triangles' boxes overlap in all.
-fn count_overlapped(triangles: &Triangles<'_>, grid: Grid) -> Result<u64, Error> {
+fn count_overlapped(mesh: &Mesh<'_>, grid: Grid, limit: u64) -> Result<u64, Error> {
     let count = |triangle: u32| {
-        let [first, last] = grid.overlapped(Bounds::of(triangles.corners(triangle)));
+        let [first, last] = grid.overlapped(Bounds::of(mesh.corners(triangle)));
         (0..3).map(|axis| u64::from(last[axis] - first[axis]) + 1).product::<u64>()
     };
-    let entries = (0..triangles.indices.len() as u32)
-        .into_par_iter()
-        .with_min_len(CHUNK)
-        .map(count)
-        .reduce(|| 0, u64::saturating_add);
-    if entries > MAX_ENTRIES { Err(Error::TooManyEntries { entries, limit: MAX_ENTRIES }) } else { Ok(entries) }
+    let entries =
+        (0..mesh.indices.len() as u32).into_par_iter().with_min_len(CHUNK).map(count).reduce(|| 0, u64::saturating_add);
+    if entries > limit { Err(Error::TooManyEntries { entries, limit }) } else { Ok(entries) }
 }
 
 /// One thread's scratch space.
@@ -169,7 +172,7 @@ struct Worker {
 
 impl Worker {
     /// Clusters the voxels of a range.
-    fn cluster<E: Entry>(&mut self, mesh: &Triangles<'_>, params: &Params, grid: Grid, entries: &[E]) -> Batch {
+    fn cluster<E: Entry>(&mut self, mesh: &Mesh<'_>, params: &Params, grid: Grid, entries: &[E]) -> Batch {
         let mut batch = Batch::default();
         batch.members.reserve_exact(if params.insertion == Insertion::Centroid { entries.len() } else { 0 });
         for voxel in entries.chunk_by(|a, b| a.voxel() == b.voxel()) {
