@@ -46,9 +46,12 @@ impl Options {
     /// Floor and ceiling of all counts for `mean` samples per pixel.
     pub(crate) fn bounds(&self, mean: f64) -> [u32; 2] {
         let [low, high] = published_bounds(mean);
-        let min = if self.min > 0 { self.min } else { low };
-        let max = if self.max > 0 { self.max } else { high };
-        [min, max.max(min)]
+        match (self.min, self.max) {
+            (0, 0) => [low, high],
+            (0, max) => [low.min(max), max],
+            (min, 0) => [min, high.max(min)],
+            bounds => bounds.into(),
+        }
     }
 }
 

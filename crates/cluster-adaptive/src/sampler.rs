@@ -213,7 +213,6 @@ impl<P: PointSet> Sampler for ClusterAdaptive<P> {
         }
         let floors: Vec<u32> = now.iter().map(|&n| n.max(asked)).collect();
         let weights = self.weights(seen.frame())?;
-        // Bases that rise faster than a raised budget: what the floors leave is levelled.
         let wanted = share(weights, base, &floors, ceiling, total)?.counts;
         for ((count, wanted), now) in plan.counts.iter_mut().zip(wanted).zip(now) {
             *count = wanted - now;

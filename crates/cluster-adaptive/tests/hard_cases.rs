@@ -300,6 +300,17 @@ fn raised_budgets_keep_the_proportions() {
     assert!(off <= 1, "{off} samples apart");
 }
 
+/// A maximum of one's own holds in later rounds too: what goes beyond is not asked for.
+#[test]
+fn raised_budgets_stop_at_the_maximum() {
+    let at = frame(19, 18);
+    let options = Options { max: 8, ..Options::default() };
+    let mut sampler = probing(1, Placement::Centre, ClusterSize::ProjectedBox, options);
+    let limits = dapple_core::Limits::new(dapple_core::Budget::Recorded(vec![4 * 342, 7 * 342, 20 * 342]));
+    let film = run(&mut Field(|_, u: [f32; 4]| u[0]), &mut sampler, at, &limits).unwrap();
+    assert_eq!(film.counts(), vec![8; 342]);
+}
+
 /// THESIS 7 e: units do not matter.
 #[test]
 fn scaled_scenes_have_the_same_plan() {
