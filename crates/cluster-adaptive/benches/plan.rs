@@ -1,4 +1,7 @@
 //! What a plan costs on one thread beside the caller's rays: divide by the 2^18 pixels.
+//!
+//! With one probe per pixel, in callgrind's instructions per pixel (x86-64, release): probing 160,
+//! importance 285, counts 250; some 75 ns in all. A jittered probe takes 260 more for its coordinates.
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use dapple_cluster_adaptive::{
