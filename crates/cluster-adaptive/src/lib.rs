@@ -1,0 +1,1 @@
+//! Sample counts per pixel from the projected sizes of clusters.

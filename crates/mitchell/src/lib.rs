@@ -1,0 +1,1 @@
+//! Mitchell's contrast-adaptive sampler and pbrt-v2's variant of it.

@@ -1,0 +1,1 @@
+//! Filters from per-pixel statistics to a picture.
