@@ -53,7 +53,7 @@ mod separable;
 mod source;
 mod weights;
 
-pub use cluster_gaussian::ClusterGaussian;
+pub use cluster_gaussian::{ClusterGaussian, Label};
 pub use gaussian::Gaussian;
 pub use membership::BACKGROUND;
 

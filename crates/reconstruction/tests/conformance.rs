@@ -1,8 +1,8 @@
 //! The filters of this crate pass what every other must pass.
 
 use dapple_conformance as conformance;
-use dapple_core::{FirstHit, Frame};
-use dapple_reconstruction::{BACKGROUND, ClusterGaussian, Gaussian};
+use dapple_core::Frame;
+use dapple_reconstruction::{BACKGROUND, ClusterGaussian, Gaussian, Label};
 use std::sync::Arc;
 
 #[test]
@@ -30,8 +30,7 @@ fn cluster_gaussian_from_a_map_conforms() {
 
 #[test]
 fn cluster_gaussian_from_hits_conforms() {
-    let label: Arc<dyn Fn(&FirstHit) -> Option<u32> + Send + Sync> =
-        Arc::new(|hit| (hit.primitive != 1).then_some(hit.material + 10 * hit.primitive));
+    let label: Label = Arc::new(|hit| (hit.primitive != 1).then_some(hit.material + 10 * hit.primitive));
     for (k, outside) in [(1, 0.1), (4, 0.0), (8, 0.1)] {
         let make = || ClusterGaussian::from_hits(k, label.clone()).unwrap().with_outside(outside).unwrap();
         conformance::filter(|| Box::new(make()));
