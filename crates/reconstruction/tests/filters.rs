@@ -111,7 +111,6 @@ fn radius_4_and_radius_8_differ_little() {
     let noise = |g| pairs().map(|(x, y)| (at(g, x) * at(g, y)).powi(2)).sum::<f64>();
     let ratio = noise(&narrow) / noise(&wide);
     let beyond = 2.0 * (5..=8).map(|d| at(&wide, d)).sum::<f64>();
-    eprintln!("largest {largest}, difference {difference}, noise variance ratio {ratio}, beyond {beyond}");
     assert!((0.146..0.148).contains(&largest) && difference < 3e-4 && (ratio - 1.0).abs() < 3e-3 && beyond < 7e-6);
 }
 
