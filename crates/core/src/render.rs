@@ -186,21 +186,36 @@ fn check(plan: &Plan, film: &Film, sampler: &dyn Sampler, budget: &crate::Budget
         _ => {}
     }
     let kept = plan.fate == crate::Fate::Keep;
+    let withdraw = plan.withdraw.as_deref();
+    if withdraw.is_some_and(|w| w.len() != pixels || !kept) {
+        return bad("samples are withdrawn without a mark for each pixel, or in a round that is not kept".into());
+    }
     let banks = if kept { &film.kept } else { &film.discarded };
     let mut deepest = 0;
     for i in 0..pixels {
         let (first, others) = (u64::from(plan.counts[i]), second.map(|s| u64::from(s[i])));
         let more = first + others.unwrap_or(0);
-        if kept && more > 0 && film.count(i) + more > u64::from(budget.max_spp) {
-            return bad(format!("{} samples in a pixel that may have {}", film.count(i) + more, budget.max_spp));
+        let withdrawn = withdraw.is_some_and(|w| w[i]);
+        if withdrawn && more == 0 {
+            return bad("all samples of a pixel are withdrawn and none are traced".into());
         }
-        let so_far = |half: usize| banks.get(half).map_or(0, |b| b.counts[i]);
-        let (a, b) = (so_far(0), so_far(1));
-        deepest = deepest.max(match others {
-            Some(others) => (a + first).max(b + others),
-            None if film.kept.len() == 2 => a.max(b).max((a + b + more).div_ceil(2)),
-            None => a + more,
-        });
+        let before = if withdrawn { 0 } else { film.count(i) };
+        if kept && more > 0 && before + more > u64::from(budget.max_spp) {
+            return bad(format!("{} samples in a pixel that may have {}", before + more, budget.max_spp));
+        }
+        let counted = |half: usize| banks.get(half).filter(|_| !withdrawn).map_or(0, |b| b.counts[i]);
+        let index = |half: usize| banks.get(half).map_or(0, |b| b.next_index(i));
+        let (a, b) = (counted(0), counted(1));
+        let [a_more, b_more] = match others {
+            Some(others) => [first, others],
+            None if film.kept.len() == 2 => {
+                // Samples go to the half with fewer of them until both are level.
+                let a_after = (a + b + more).div_ceil(2).clamp(a, a + more);
+                [a_after - a, more - (a_after - a)]
+            }
+            None => [more, 0],
+        };
+        deepest = deepest.max(index(0) + a_more).max(index(1) + b_more);
     }
     let points = sampler.points();
     if deepest > points.capacity() {
