@@ -46,7 +46,7 @@
 //! # Limits
 //!
 //! * Contrast is no measure of error: it never falls as samples are added. Of pixels with uniform noise
-//!   of 29 % (`[0.5, 1.5]` times the mean) 18 % ask with 2 samples each, and 99.9 % with 16; over 3x3
+//!   of 29 % (`[0.5, 1.5]` times the mean) 18 % ask with 2 samples each, and 99.4 % with 16; over 3x3
 //!   pixels of 4 samples all do. Then what is left is uniform sampling with a few pixels short.
 //! * A pilot that sees no light says that all is well: a light that 1 sample in 1000 sees is missed by
 //!   99.6 % of pilots of 4, and in 96.5 % of windows of 3x3.
