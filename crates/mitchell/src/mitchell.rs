@@ -9,7 +9,7 @@ use dapple_core::{Error, Feedback, Film, Needs, Plan, PointSet, Progress, Sample
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MitchellOptions {
     /// Samples that every pixel gets, and that decide. 0, only together with `additional`, chooses by
-    /// [`Rates::for_mean`].
+    /// [`Rates::for_mean`], and anew where the budget is raised to twice what it was.
     pub initial: u32,
     /// Samples that a refined pixel has besides; 0 as above.
     pub additional: u32,
@@ -152,7 +152,7 @@ impl<P: PointSet> Sampler for Mitchell<P> {
     fn next_round(&mut self, seen: &Feedback<'_>, plan: &mut Plan) -> Result<Progress, Error> {
         seen.film.require(self.name(), &self.needs())?;
         let options = self.options;
-        let rates = options.rates(seen.budget.total / seen.pixels() as u64);
+        let rates = |mean| options.rates(mean);
         self.two_rates.next_round(seen, plan, rates, options.least(), |film| options.scores(film))
     }
 }

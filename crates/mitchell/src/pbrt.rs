@@ -116,6 +116,6 @@ impl<P: PointSet> Sampler for PbrtAdaptive<P> {
         seen.film.require(self.name(), &self.needs())?;
         let options = self.options;
         let rates = Rates { initial: options.min, additional: options.max - options.min };
-        self.two_rates.next_round(seen, plan, rates, 2, |film| options.scores(film))
+        self.two_rates.next_round(seen, plan, |_| rates, 2, |film| options.scores(film))
     }
 }

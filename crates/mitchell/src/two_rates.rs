@@ -65,6 +65,8 @@ pub(crate) struct TwoRates {
     pub(crate) policy: Policy,
     /// Made once per pilot: later samples do not change it.
     ranking: Option<Ranking>,
+    /// The rates in use, and the mean budget that they were chosen for.
+    rates: Option<(u64, Rates)>,
 }
 
 /// The pixels in the order in which they are refined.
@@ -80,21 +82,23 @@ struct Ranking {
 
 impl TwoRates {
     pub(crate) fn new(mode: Mode, policy: Policy) -> Self {
-        Self { mode, policy, ranking: None }
+        Self { mode, policy, ranking: None, rates: None }
     }
 
-    /// The next round. Fewer than `least` samples per pixel tell nothing. `scores` gives each pixel's
-    /// contrast relative to its threshold, from the pilot as far as it was traced.
+    /// The next round. `rates` gives the rates for a mean budget; they stay until that has doubled, so
+    /// that the last tenth of a time limit does not go to a sample more everywhere. Fewer than `least`
+    /// samples per pixel tell nothing. `scores` gives each pixel's contrast relative to its threshold,
+    /// from the pilot as far as it was traced.
     pub(crate) fn next_round(
         &mut self,
         seen: &Feedback<'_>,
         plan: &mut Plan,
-        rates: Rates,
+        rates: impl Fn(u64) -> Rates,
         least: u32,
         scores: impl Fn(&Film) -> Vec<f64>,
     ) -> Result<Progress, Error> {
         if seen.round == 0 {
-            self.ranking = None;
+            (self.ranking, self.rates) = (None, None);
         }
         let (budget, pixels) = (seen.budget, seen.pixels());
         let needed = pixels as u64 * u64::from(budget.min_spp);
@@ -104,7 +108,10 @@ impl TwoRates {
         if budget.left() == 0 {
             return Ok(Progress::Done);
         }
-        let pilot = self.pilot(&budget, budget.total / pixels as u64, rates, least);
+        let mean = budget.total / pixels as u64;
+        let known = self.rates.filter(|&(before, _)| mean / 2 < before);
+        let (_, rates) = *self.rates.insert(known.unwrap_or_else(|| (mean, rates(mean))));
+        let pilot = self.pilot(&budget, mean, rates, least);
         for (i, count) in plan.counts.iter_mut().enumerate() {
             let done = if self.discards() { seen.film.discarded(i).count } else { seen.film.count(i) };
             *count = pilot.saturating_sub(clamped(done));
