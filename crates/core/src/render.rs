@@ -3,6 +3,7 @@
 mod budget;
 mod round;
 
+use crate::film::Bank;
 use crate::{Error, Film, Frame, Integrator, Limits, Needs, Plan, Progress, RoundRecord, Sampler};
 use budget::Meter;
 use round::Stopped;
@@ -203,19 +204,12 @@ fn check(plan: &Plan, film: &Film, sampler: &dyn Sampler, budget: &crate::Budget
         if kept && more > 0 && before + more > u64::from(budget.max_spp) {
             return bad(format!("{} samples in a pixel that may have {}", before + more, budget.max_spp));
         }
-        let counted = |half: usize| banks.get(half).filter(|_| !withdrawn).map_or(0, |b| b.counts[i]);
-        let index = |half: usize| banks.get(half).map_or(0, |b| b.next_index(i));
-        let (a, b) = (counted(0), counted(1));
-        let [a_more, b_more] = match others {
-            Some(others) => [first, others],
-            None if film.kept.len() == 2 => {
-                // Samples go to the half with fewer of them until both are level.
-                let a_after = (a + b + more).div_ceil(2).clamp(a, a + more);
-                [a_after - a, more - (a_after - a)]
-            }
-            None => [more, 0],
+        let more = match others {
+            Some(others) => Planned::Halves(first, others),
+            None if film.kept.len() == 2 => Planned::Alternating(first),
+            None => Planned::Whole(first),
         };
-        deepest = deepest.max(index(0) + a_more).max(index(1) + b_more);
+        deepest = deepest.max(used_after(banks, i, more, withdrawn));
     }
     let points = sampler.points();
     if deepest > points.capacity() {
@@ -223,4 +217,29 @@ fn check(plan: &Plan, film: &Film, sampler: &dyn Sampler, budget: &crate::Budget
         return Err(Error::SequenceExhausted { points, capacity, asked: deepest });
     }
     Ok(())
+}
+
+/// A pixel's samples of a round, by the halves they go to.
+enum Planned {
+    Whole(u64),
+    Alternating(u64),
+    Halves(u64, u64),
+}
+
+/// Points of either stream that pixel `i` will have used after `more` samples have followed what `banks`
+/// hold of it.
+fn used_after(banks: &[Bank], i: usize, more: Planned, withdrawn: bool) -> u64 {
+    let used = |half: usize| banks.get(half).map_or(0, |b| b.next_index(i));
+    let counted = |half: usize| banks.get(half).filter(|_| !withdrawn).map_or(0, |b| b.counts[i]);
+    let [first, second] = match more {
+        Planned::Whole(n) => [n, 0],
+        Planned::Halves(a, b) => [a, b],
+        Planned::Alternating(n) => {
+            // Samples go to the half with fewer of them until both are level.
+            let (a, b) = (counted(0), counted(1));
+            let first = (a + b + n).div_ceil(2).clamp(a, a + n) - a;
+            [first, n - first]
+        }
+    };
+    (used(0) + first).max(used(1) + second)
 }
