@@ -45,11 +45,10 @@ fn a03_a_dark_pilot_is_never_refined() {
     assert!((stopped - share * pixels).abs() < 5.0 * (share * (1.0 - share) * pixels).sqrt(), "pbrt: {stopped}");
     // A budget goes on to the dark pixels when the others are done, and takes nothing from them before.
     for policy in POLICIES {
-        let options = alone(4, 60, Mode::Budget, policy);
-        let film = run(&mut rare_light(), &mut mitchell(options, 2), size, &Limits::samples(10 * 16384));
+        let limits = Limits::samples(10 * size.pixels() as u64);
+        let film = run(&mut rare_light(), &mut mitchell(alone(4, 60, Mode::Budget, policy), 2), size, &limits);
         assert!(film.counts().iter().all(|&n| n >= 4), "{policy:?}");
-        let film =
-            run(&mut rare_light(), &mut pbrt(PbrtOptions { policy, ..PbrtOptions::default() }, 2), size, &limits);
+        let film = run(&mut rare_light(), &mut pbrt(PbrtOptions { policy, ..Default::default() }, 2), size, &limits);
         assert!(film.counts().iter().all(|&n| n >= 4), "{policy:?}");
     }
 }
@@ -180,6 +179,29 @@ fn budgets_that_grow_are_spent_and_change_no_decision() {
             let limits = Limits::new(Budget::Recorded(steps.map(|n| n + 7).to_vec()));
             let film = run(&mut field(), &mut *sampler, size, &limits);
             assert_eq!(film.record().samples, 60 * pixels + 7, "{}", sampler.describe());
+        }
+    }
+}
+
+/// An error limit adds halves: samples enter and leave the picture by both.
+#[test]
+fn error_limits_with_halves_are_spent() {
+    let size = frame(16, 16);
+    let pixels = size.pixels();
+    for mut sampler in [samplers(Mode::Budget), samplers(Mode::Threshold)].into_iter().flatten() {
+        let mut field = Field(|[x, _]: [u32; 2], u: [f32; 4]| [if x < 8 { 0.5 } else { u[0] }; 3]);
+        let at_most = 50 * pixels as u64;
+        let film = run(&mut field, &mut *sampler, size, &Limits::error(1e-9, at_most));
+        let taken: u64 = (0..pixels).map(|i| film.count(i) + film.discarded(i).count).sum();
+        assert_eq!(taken, film.record().samples);
+        let described = sampler.describe();
+        match described.contains("mode=budget") {
+            true => assert_eq!(taken, at_most, "{described}"),
+            false => assert!(taken <= at_most, "{described}"),
+        }
+        for i in 0..pixels {
+            let [a, b] = [0, 1].map(|half| film.half(half, i).unwrap().count);
+            assert!(a.abs_diff(b) <= 1, "{described}: {a} and {b} samples in the halves");
         }
     }
 }
