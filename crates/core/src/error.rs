@@ -89,6 +89,14 @@ pub enum Error {
         /// What it reads.
         what: &'static str,
     },
+    /// A film and what was made for it beforehand do not belong together.
+    #[error("{who} does not fit this film: {what}")]
+    Mismatch {
+        /// The sampler or filter.
+        who: String,
+        /// What differs, and what to do about it.
+        what: String,
+    },
     /// A sample was no radiance, in strict mode.
     #[error("sample {} of stream {} in pixel ({}, {}) is {value:?}, with {points}", sample.index, sample.stream, sample.pixel[0], sample.pixel[1])]
     InvalidSample {

@@ -1,30 +1,12 @@
 //! What a render has found out so far: planes of per-pixel statistics, and the record of how it went.
 
+mod bank;
+
+pub use bank::luminance;
+pub(crate) use bank::{Bank, Range, index, widen};
+
 use crate::{Combine, Error, FirstHit, Frame, Needs, RgbMoments, SampleId, streams};
-
-/// Which statistics of a pixel: of kept or of discarded samples, of one half or of all.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub(crate) struct Bank {
-    pub(crate) counts: Vec<u64>,
-    pub(crate) means: Vec<[f64; 3]>,
-    pub(crate) m2: Vec<[f64; 3]>,
-    pub(crate) ranges: Vec<[[f32; 3]; 2]>,
-}
-
-impl Bank {
-    fn new(pixels: usize, needs: &Needs) -> Self {
-        Self {
-            counts: vec![0; pixels],
-            means: vec![[0.0; 3]; pixels],
-            m2: if needs.variance { vec![[0.0; 3]; pixels] } else { Vec::new() },
-            ranges: if needs.extrema { vec![[[f32::INFINITY; 3], [f32::NEG_INFINITY; 3]]; pixels] } else { Vec::new() },
-        }
-    }
-
-    fn moments(&self, i: usize) -> RgbMoments {
-        RgbMoments { count: self.counts[i], mean: self.means[i], m2: self.m2.get(i).copied().unwrap_or([f64::NAN; 3]) }
-    }
-}
+use bank::join;
 
 /// Running mean and squared deviations of the first hits of a pixel.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -141,7 +123,7 @@ pub struct Film {
     pub(crate) combine: Combine,
     /// One bank, or one a half.
     pub(crate) kept: Vec<Bank>,
-    /// Empty until a round is discarded; then as `kept`.
+    /// Empty until samples are discarded; then as `kept`.
     pub(crate) discarded: Vec<Bank>,
     pub(crate) features: Vec<FeatureMoments>,
     pub(crate) first_hits: Vec<Option<FirstHit>>,
@@ -172,9 +154,9 @@ impl Film {
         }
     }
 
-    /// Bytes per pixel of a film that records `needs`, before any round is discarded.
+    /// Bytes per pixel of a film that records `needs`, before any sample is discarded.
     pub fn bytes_per_pixel(needs: &Needs) -> usize {
-        let bank = 8 + 24 + if needs.variance { 24 } else { 0 } + if needs.extrema { 24 } else { 0 };
+        let bank = 8 + 24 + if needs.variance { 24 } else { 0 } + if needs.extrema { 32 } else { 0 };
         bank * if needs.halves { 2 } else { 1 }
             + if needs.features { size_of::<FeatureMoments>() } else { 0 }
             + usize::from(needs.first_hits) * size_of::<Option<FirstHit>>()
@@ -192,7 +174,7 @@ impl Film {
         let halves = self.kept.len() == 2;
         let half = if halves { half & 1 } else { 0 };
         let bank = &mut self.kept[half];
-        let index = bank.counts[pixel];
+        let index = bank.next_index(pixel);
         let reason = reason_to_reject(radiance);
         let radiance = if reason.is_some() { [0.0; 3] } else { radiance };
         let mut moments = bank.moments(pixel);
@@ -278,7 +260,7 @@ impl Film {
         (self.kept.len() == 2).then(|| self.kept[half & 1].moments(i))
     }
 
-    /// The same of discarded samples; all zero before a round is discarded.
+    /// The same of discarded samples, withdrawn ones included; all zero while there are none.
     pub fn discarded(&self, i: usize) -> RgbMoments {
         if self.discarded.is_empty() { RgbMoments::default() } else { merged(&self.discarded, i) }
     }
@@ -286,13 +268,22 @@ impl Film {
     /// Smallest and largest kept sample of pixel `i` per channel; `None` without samples or without
     /// [`Needs::extrema`].
     pub fn range(&self, i: usize) -> Option<[[f32; 3]; 2]> {
-        let mut ranges = self.kept.iter().filter(|b| b.counts[i] > 0).filter_map(|b| b.ranges.get(i));
-        let mut all = *ranges.next()?;
-        for range in ranges {
-            widen(&mut all, range[0]);
-            widen(&mut all, range[1]);
-        }
-        Some(all)
+        joined(&self.kept, i).map(colours)
+    }
+
+    /// Smallest and largest [`luminance`] of pixel `i`'s kept samples; `None` as for [`Film::range`].
+    pub fn luminance_range(&self, i: usize) -> Option<[f32; 2]> {
+        joined(&self.kept, i).map(|range| range.map(|v| v[3]))
+    }
+
+    /// [`Film::range`] of discarded samples.
+    pub fn discarded_range(&self, i: usize) -> Option<[[f32; 3]; 2]> {
+        joined(&self.discarded, i).map(colours)
+    }
+
+    /// [`Film::luminance_range`] of discarded samples.
+    pub fn discarded_luminance_range(&self, i: usize) -> Option<[f32; 2]> {
+        joined(&self.discarded, i).map(|range| range.map(|v| v[3]))
     }
 
     /// First-hit features of pixel `i`; `None` without [`Needs::features`].
@@ -402,6 +393,14 @@ impl Film {
         }
     }
 
+    /// Takes the kept samples of the marked pixels out of the picture, to the discarded ones.
+    pub(crate) fn withdraw(&mut self, withdrawn: &[bool]) {
+        self.open_discarded();
+        for (kept, discarded) in self.kept.iter_mut().zip(&mut self.discarded) {
+            kept.withdraw_into(discarded, withdrawn);
+        }
+    }
+
     /// Counts newly rejected samples and lists the first of them in order of pixel, stream and index.
     pub(crate) fn list_rejected(&mut self, count: u64, first: Vec<Rejected>) {
         self.record.rejected += count;
@@ -428,11 +427,16 @@ pub(crate) fn keep_first(rejected: &mut Vec<Rejected>) {
     rejected.truncate(REJECTED_LISTED);
 }
 
-pub(crate) fn widen(range: &mut [[f32; 3]; 2], x: [f32; 3]) {
-    for (c, x) in x.into_iter().enumerate() {
-        range[0][c] = range[0][c].min(x);
-        range[1][c] = range[1][c].max(x);
-    }
+fn colours(range: Range) -> [[f32; 3]; 2] {
+    range.map(|[r, g, b, _]| [r, g, b])
+}
+
+/// The range over all banks that have samples of pixel `i`.
+fn joined(banks: &[Bank], i: usize) -> Option<Range> {
+    let mut ranges = banks.iter().filter(|b| b.counts[i] > 0).filter_map(|b| b.ranges.get(i));
+    let mut all = *ranges.next()?;
+    ranges.for_each(|range| join(&mut all, range));
+    Some(all)
 }
 
 fn merged(banks: &[Bank], i: usize) -> RgbMoments {

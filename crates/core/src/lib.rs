@@ -41,7 +41,7 @@ pub mod samplers;
 pub use allocate::{Allocation, allocate, allocate_on_ladder, ladder_floor, ladder_next, share};
 pub use draws::{Block, Draws};
 pub use error::Error;
-pub use film::{Features, Film, Record, Rejected, RejectedReason, RoundRecord};
+pub use film::{Features, Film, Record, Rejected, RejectedReason, RoundRecord, luminance};
 pub use filter::{Filter, Filtered, Unfiltered};
 pub use frame::Frame;
 pub use integrator::{Estimate, FirstHit, Integrator, Observation, Observations, Observed};

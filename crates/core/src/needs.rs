@@ -7,7 +7,7 @@
 pub struct Needs {
     /// Sample variance per pixel and channel.
     pub variance: bool,
-    /// Smallest and largest sample per pixel and channel.
+    /// Smallest and largest sample per pixel, of each channel and of luminance.
     pub extrema: bool,
     /// Two independently scrambled halves per pixel: the only honest error estimate of
     /// low-discrepancy samples. They cost accuracy (a net of n points beats two of n/2), so only a

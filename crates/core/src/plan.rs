@@ -46,12 +46,18 @@ pub struct Plan {
     pub fate: Fate,
     /// How the halves are combined from this round on.
     pub combine: Combine,
+    /// Pixels, row by row over the frame's window, whose kept samples so far leave the picture before
+    /// the round is traced: they join the discarded ones, and stay spent. Such a pixel must get
+    /// samples in this round, and those must be kept; their indices go on where the withdrawn ones
+    /// ended. Withdrawing by what the samples themselves say is biased all the same
+    /// [Kirk and Arvo 1991].
+    pub withdraw: Option<Vec<bool>>,
 }
 
 impl Plan {
     /// An empty plan for so many pixels: zero samples each, kept, halves combined by count.
     pub fn empty(pixels: usize) -> Self {
-        Self { counts: vec![0; pixels], second_half: None, fate: Fate::Keep, combine: Combine::ByCount }
+        Self { counts: vec![0; pixels], second_half: None, fate: Fate::Keep, combine: Combine::ByCount, withdraw: None }
     }
 
     /// Samples asked for in all.

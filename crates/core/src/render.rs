@@ -3,6 +3,7 @@
 mod budget;
 mod round;
 
+use crate::film::Bank;
 use crate::{Error, Film, Frame, Integrator, Limits, Needs, Plan, Progress, RoundRecord, Sampler};
 use budget::Meter;
 use round::Stopped;
@@ -186,21 +187,29 @@ fn check(plan: &Plan, film: &Film, sampler: &dyn Sampler, budget: &crate::Budget
         _ => {}
     }
     let kept = plan.fate == crate::Fate::Keep;
+    let withdraw = plan.withdraw.as_deref();
+    if withdraw.is_some_and(|w| w.len() != pixels || !kept) {
+        return bad("samples are withdrawn without a mark for each pixel, or in a round that is not kept".into());
+    }
     let banks = if kept { &film.kept } else { &film.discarded };
     let mut deepest = 0;
     for i in 0..pixels {
         let (first, others) = (u64::from(plan.counts[i]), second.map(|s| u64::from(s[i])));
         let more = first + others.unwrap_or(0);
-        if kept && more > 0 && film.count(i) + more > u64::from(budget.max_spp) {
-            return bad(format!("{} samples in a pixel that may have {}", film.count(i) + more, budget.max_spp));
+        let withdrawn = withdraw.is_some_and(|w| w[i]);
+        if withdrawn && more == 0 {
+            return bad("all samples of a pixel are withdrawn and none are traced".into());
         }
-        let so_far = |half: usize| banks.get(half).map_or(0, |b| b.counts[i]);
-        let (a, b) = (so_far(0), so_far(1));
-        deepest = deepest.max(match others {
-            Some(others) => (a + first).max(b + others),
-            None if film.kept.len() == 2 => a.max(b).max((a + b + more).div_ceil(2)),
-            None => a + more,
-        });
+        let before = if withdrawn { 0 } else { film.count(i) };
+        if kept && more > 0 && before + more > u64::from(budget.max_spp) {
+            return bad(format!("{} samples in a pixel that may have {}", before + more, budget.max_spp));
+        }
+        let more = match others {
+            Some(others) => Planned::Halves(first, others),
+            None if film.kept.len() == 2 => Planned::Alternating(first),
+            None => Planned::Whole(first),
+        };
+        deepest = deepest.max(used_after(banks, i, more, withdrawn));
     }
     let points = sampler.points();
     if deepest > points.capacity() {
@@ -208,4 +217,29 @@ fn check(plan: &Plan, film: &Film, sampler: &dyn Sampler, budget: &crate::Budget
         return Err(Error::SequenceExhausted { points, capacity, asked: deepest });
     }
     Ok(())
+}
+
+/// A pixel's samples of a round, by the halves they go to.
+enum Planned {
+    Whole(u64),
+    Alternating(u64),
+    Halves(u64, u64),
+}
+
+/// Points of either stream that pixel `i` will have used after `more` samples have followed what `banks`
+/// hold of it.
+fn used_after(banks: &[Bank], i: usize, more: Planned, withdrawn: bool) -> u64 {
+    let used = |half: usize| banks.get(half).map_or(0, |b| b.next_index(i));
+    let counted = |half: usize| banks.get(half).filter(|_| !withdrawn).map_or(0, |b| b.counts[i]);
+    let [first, second] = match more {
+        Planned::Whole(n) => [n, 0],
+        Planned::Halves(a, b) => [a, b],
+        Planned::Alternating(n) => {
+            // Samples go to the half with fewer of them until both are level.
+            let (a, b) = (counted(0), counted(1));
+            let first = (a + b + n).div_ceil(2).clamp(a, a + n) - a;
+            [first, n - first]
+        }
+    };
+    (used(0) + first).max(used(1) + second)
 }

@@ -353,6 +353,11 @@ fn exhausted_points_are_refused_before_tracing() {
     let halves = Needs::none().with_halves();
     assert!(draw(&mut Field(noise), halves, 128).is_ok());
     assert!(matches!(draw(&mut never, halves, 129), Err(Error::SequenceExhausted { asked: 65, .. })));
+    for (spp, fits) in [(128, true), (129, false)] {
+        let mut sampler = once(points, Fate::Discard, vec![spp; 4]);
+        let discarded = run(&mut Field(noise), &mut sampler, halves, frame(2, 2), &Limits::samples(1000));
+        assert_eq!(discarded.is_ok(), fits, "{spp} discarded samples in two halves");
+    }
     // And over rounds.
     let limits = Limits::new(Budget::Recorded(vec![4 * 40, 4 * 65]));
     let later = run(&mut Field(noise), &mut Uniform::new(points), Needs::none(), frame(2, 2), &limits);

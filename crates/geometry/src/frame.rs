@@ -13,17 +13,16 @@ const DIRECTION: f32 = 1024.0;
 pub(crate) struct Frame {
     /// The ray, `tmin` not negative, the direction of moderate length.
     pub(crate) ray: Ray,
-    /// Splatted origin per axis.
-    pub(crate) origin: [Vec4; 3],
-    /// Splatted reciprocal direction per axis; finite, with the direction's sign.
-    pub(crate) inverse: [Vec4; 3],
+    /// The origin; arrays of four, so that an axis below four is always in range.
+    pub(crate) origin: [f32; 4],
+    /// Reciprocal direction per axis; finite, with the direction's sign.
+    pub(crate) inverse: [f32; 4],
     /// Per axis, which bound of a box the ray meets first: 0 for the lower, 1 for the upper.
     pub(crate) near: [usize; 3],
     /// Axes: the last is the one along which the direction is longest.
     pub(crate) axes: [usize; 3],
-    /// Splatted shear: direction of the first two axes over that of the last, and the last's reciprocal.
-    pub(crate) shear: [Vec4; 3],
-    pub(crate) tmin: Vec4,
+    /// Shear: direction of the first two axes over that of the last, and the last's reciprocal.
+    pub(crate) shear: [f32; 3],
 }
 
 impl Frame {
@@ -76,12 +75,11 @@ impl Frame {
         let over_longest = (direction / Vec4::splat(components[longest])).to_array();
         Self {
             ray,
-            origin: splat(ray.origin.to_array()),
-            inverse: splat([inverse[0], inverse[1], inverse[2]]),
+            origin: ray.origin.extend(0.0).to_array(),
+            inverse,
             near: [sign(inverse[0]), sign(inverse[1]), sign(inverse[2])],
             axes,
-            shear: splat([over_longest[axes[0]], over_longest[axes[1]], inverse[longest]]),
-            tmin: Vec4::splat(ray.tmin),
+            shear: [over_longest[axes[0]], over_longest[axes[1]], inverse[longest]],
         }
     }
 }
@@ -94,11 +92,6 @@ fn is_sane(ray: &Ray) -> bool {
     // Written so that NaN fails.
     let Vec3 { x, y, z } = ray.origin.abs();
     x <= FARTHEST && y <= FARTHEST && z <= FARTHEST && ray.tmin < ray.tmax && ray.tmax > 0.0
-}
-
-#[inline(always)]
-fn splat(values: [f32; 3]) -> [Vec4; 3] {
-    values.map(Vec4::splat)
 }
 
 #[inline(always)]

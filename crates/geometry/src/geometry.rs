@@ -27,7 +27,7 @@ impl Geometry {
 
     /// The closest hit with `tmin < t < tmax`. Of hits at the same `t` the smallest (shape, primitive) is returned,
     /// whatever the preset and the order of traversal.
-    #[inline]
+    #[inline(always)]
     #[must_use]
     pub fn closest(&self, ray: &Ray) -> Option<Hit> {
         match Frame::ordinary(ray) {
@@ -61,7 +61,7 @@ impl Geometry {
 
     /// The point that was hit, with its error and normal. `hit` must come from [`closest`](Self::closest) of this
     /// geometry with this ray.
-    #[inline]
+    #[inline(always)]
     #[must_use]
     pub fn surface(&self, ray: &Ray, hit: &Hit) -> SurfacePoint {
         match &self.shapes[hit.shape as usize] {

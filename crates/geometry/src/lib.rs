@@ -4,6 +4,7 @@ mod build;
 mod error;
 mod frame;
 mod geometry;
+mod lanes;
 mod mesh;
 mod ray;
 mod shape;

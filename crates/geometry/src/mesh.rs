@@ -20,6 +20,8 @@ pub struct Mesh {
     /// Unit, per triangle; zero where there is no area.
     normals: Vec<Vec3>,
     degenerate: usize,
+    /// What f64 loses in a sum of corners: relative to the largest coordinate, so that no hit has to work it out.
+    lost: f32,
 }
 
 impl Mesh {
@@ -43,7 +45,8 @@ impl Mesh {
         if largest > LARGEST || (largest > 0.0 && largest < SMALLEST) {
             return Err(Error::ScaleOutOfRange { what: "a mesh's largest coordinate", value: largest.into() });
         }
-        let mut mesh = Self { positions, triangles, normals: Vec::new(), degenerate: 0 };
+        let mut mesh = Self { positions, triangles, normals: Vec::new(), degenerate: 0, lost: 0.0 };
+        mesh.lost = (3.0 * f64::from(largest) * LOST_IN_F64) as f32;
         let normal = |number: usize| {
             let [a, b, c] = mesh.corners(number as u32).map(Vec3::as_dvec3);
             unit_normal(a, b, c)
@@ -99,9 +102,8 @@ impl Mesh {
         let [a, b, c] = self.corners(triangle).map(Vec3::as_dvec3);
         let [second, third] = barycentrics.map(f64::from);
         let exact = a + (b - a) * second + (c - a) * third;
-        let magnitudes = a.abs() + b.abs() + c.abs();
         let position = exact.as_vec3();
-        let error = (exact.abs() * ROUNDING + magnitudes * LOST_IN_F64).as_vec3();
+        let error = position.abs() * ROUNDING as f32 + Vec3::splat(self.lost);
         (position, error, self.normals[triangle as usize])
     }
 }

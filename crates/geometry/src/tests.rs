@@ -1,8 +1,9 @@
 //! The tree against a plain loop over the same triangle test, and that test against f64 (HARD_CASES G08, G09).
 
 use crate::frame::Frame;
-use crate::traverse::key;
-use crate::triangle::Triangles4;
+use crate::lanes::{Pair, WIDTH};
+use crate::traverse::{Keys, key};
+use crate::triangle::Triangles8;
 use crate::{Geometry, Hit, Mesh, Preset, Ray};
 use glam::{DVec3, Vec3};
 use proptest::prelude::*;
@@ -17,7 +18,12 @@ fn linear(mesh: &Mesh, ray: &Ray) -> Option<Hit> {
     let (frame, scale) = Frame::ordinary(ray).map(|frame| (frame, 1.0)).or_else(|| Frame::rescaled(ray))?;
     let numbers = (0..mesh.triangles().len() as u32).filter(|&n| !mesh.is_degenerate(n));
     let hits = numbers.filter_map(|n| {
-        let lanes = Triangles4::new(&[mesh.corners(n)]).intersect(&frame, frame.ray.tmax, &[0; 4])?;
+        let lanes = Triangles8::new(&[mesh.corners(n)]).intersect::<Pair>(
+            (),
+            &frame,
+            frame.ray.tmax,
+            &Keys::new([0; WIDTH]),
+        )?;
         let barycentrics = lanes.weights.map(|w| w[0]);
         Some(Hit { t: lanes.t[0] * scale, shape: 0, primitive: n, barycentrics })
     });

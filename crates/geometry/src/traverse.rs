@@ -1,10 +1,12 @@
 //! The tree that rays walk, and the walk.
 
 use crate::frame::Frame;
+#[cfg(target_arch = "x86_64")]
+use crate::lanes::Whole;
+use crate::lanes::{Eight, Lanes, Pair, WIDTH, Words};
 use crate::shape::Quadric;
-use crate::triangle::Triangles4;
-use glam::Vec4;
-use pulp::Arch;
+use crate::triangle::{Triangles8, lowest};
+use pulp::{Arch, NullaryFnOnce};
 
 /// Set in a child's code if it is a leaf of triangles; the rest is its block.
 const TRIANGLES: u32 = 1 << 31;
@@ -19,18 +21,29 @@ pub(crate) const DEEPEST: usize = 256;
 /// [after Ize 2013], seven in a sheared corner and eight in `t`, each of 2^-24, with room to spare.
 const FAR_SIDE: f32 = 1.0 + 1.0 / (1u64 << 18) as f32;
 
-/// A node with up to four children; children left over have empty boxes.
+/// A node with up to eight children; children left over have empty boxes.
 #[derive(Clone, Copy, Debug)]
 #[repr(align(64))]
-pub(crate) struct Node4 {
+pub(crate) struct Node8 {
     /// Per axis the children's lower and upper bounds.
-    pub(crate) bounds: [[Vec4; 2]; 3],
-    pub(crate) children: [u32; 4],
+    pub(crate) bounds: [[Eight; 2]; 3],
+    pub(crate) children: [u32; WIDTH],
 }
 
-impl Node4 {
+impl Node8 {
     pub(crate) const EMPTY: Self =
-        Self { bounds: [[Vec4::splat(f32::INFINITY), Vec4::splat(f32::NEG_INFINITY)]; 3], children: [0; 4] };
+        Self { bounds: [[Eight([f32::INFINITY; WIDTH]), Eight([f32::NEG_INFINITY; WIDTH])]; 3], children: [0; WIDTH] };
+
+    /// Where the ray enters and leaves the children's slabs along an axis; `near` is the bound that it meets first.
+    #[inline(always)]
+    fn slab<L: Lanes>(&self, token: L::Token, frame: &Frame, axis: usize, near: usize) -> [L; 2] {
+        let bounds = &self.bounds[axis];
+        let (origin, inverse) = (L::splat(token, frame.origin[axis & 3]), L::splat(token, frame.inverse[axis & 3]));
+        [
+            (L::load(token, &bounds[near & 1]) - origin) * inverse,
+            (L::load(token, &bounds[near & 1 ^ 1]) - origin) * inverse,
+        ]
+    }
 }
 
 /// What a child is.
@@ -51,6 +64,30 @@ impl Child {
     }
 }
 
+/// Shape and primitive of the triangles of a leaf.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Keys {
+    pub(crate) shapes: Words,
+    pub(crate) primitives: Words,
+}
+
+impl Keys {
+    pub(crate) fn new(keys: [u64; WIDTH]) -> Self {
+        Self { shapes: Words(keys.map(|key| (key >> 32) as u32)), primitives: Words(keys.map(|key| key as u32)) }
+    }
+
+    #[inline(always)]
+    fn key(&self, lane: usize) -> u64 {
+        key(self.shapes.0[lane], self.primitives.0[lane])
+    }
+
+    /// The lanes with this key.
+    #[inline(always)]
+    pub(crate) fn equal<L: Lanes>(&self, token: L::Token, key: u64) -> u32 {
+        L::equal(token, &self.shapes, (key >> 32) as u32) & L::equal(token, &self.primitives, key as u32)
+    }
+}
+
 /// Shape and primitive number in one, ordered as ties are decided.
 #[inline(always)]
 pub(crate) fn key(shape: u32, primitive: u32) -> u64 {
@@ -60,9 +97,9 @@ pub(crate) fn key(shape: u32, primitive: u32) -> u64 {
 /// The tree, its leaves and their numbers.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Tree {
-    pub(crate) nodes: Vec<Node4>,
-    pub(crate) triangles: Vec<Triangles4>,
-    pub(crate) triangle_keys: Vec<[u64; 4]>,
+    pub(crate) nodes: Vec<Node8>,
+    pub(crate) triangles: Vec<Triangles8>,
+    pub(crate) triangle_keys: Vec<Keys>,
     pub(crate) quadrics: Vec<Quadric>,
     pub(crate) quadric_keys: Vec<u64>,
     /// Most entries that the stack can hold at once.
@@ -71,23 +108,24 @@ pub(crate) struct Tree {
     pub(crate) arch: Arch,
 }
 
-/// A walk through a tree, compiled for each set of vector instructions that may be there at run time.
-struct Walk<'a, const ANY: bool> {
+/// A walk through a tree, compiled for each kind of vectors that may be there at run time.
+struct Walk<'a, L: Lanes, const ANY: bool> {
+    token: L::Token,
     tree: &'a Tree,
     frame: &'a Frame,
     best: &'a mut Best,
 }
 
-impl<const ANY: bool> pulp::NullaryFnOnce for Walk<'_, ANY> {
+impl<L: Lanes, const ANY: bool> NullaryFnOnce for Walk<'_, L, ANY> {
     type Output = bool;
 
     #[inline(always)]
     fn call(self) -> bool {
-        let Self { tree, frame, best } = self;
+        let Self { token, tree, frame, best } = self;
         match tree.stack {
-            0..=12 => tree.walk::<ANY, 12>(frame, best),
-            13..=64 => tree.walk::<ANY, 64>(frame, best),
-            _ => tree.walk::<ANY, DEEPEST>(frame, best),
+            0..=24 => tree.walk::<L, ANY, 24>(token, frame, best),
+            25..=64 => tree.walk::<L, ANY, 64>(token, frame, best),
+            _ => tree.walk::<L, ANY, DEEPEST>(token, frame, best),
         }
     }
 }
@@ -120,18 +158,31 @@ type Aside = (f32, u32);
 
 impl Tree {
     pub(crate) fn closest(&self, frame: &Frame, best: &mut Best) {
-        self.arch.dispatch(Walk::<false> { tree: self, frame, best });
+        self.dispatch::<false>(frame, best);
     }
 
     pub(crate) fn occluded(&self, frame: &Frame) -> bool {
-        let mut best = Best::new(frame.ray.tmax);
-        self.arch.dispatch(Walk::<true> { tree: self, frame, best: &mut best })
+        self.dispatch::<true>(frame, &mut Best::new(frame.ray.tmax))
+    }
+
+    #[inline(always)]
+    fn dispatch<const ANY: bool>(&self, frame: &Frame, best: &mut Best) -> bool {
+        match self.arch {
+            #[cfg(target_arch = "x86_64")]
+            Arch::V3(v3) => v3.vectorize(Walk::<Whole, ANY> { token: v3, tree: self, frame, best }),
+            _ => Walk::<Pair, ANY> { token: (), tree: self, frame, best }.call(),
+        }
     }
 
     /// Walks the tree from near to far. With `ANY` it returns `true` at the first hit, else it leaves the closest in
     /// `best`. `STACK` is at least `self.stack`.
     #[inline(always)]
-    fn walk<const ANY: bool, const STACK: usize>(&self, frame: &Frame, best: &mut Best) -> bool {
+    fn walk<L: Lanes, const ANY: bool, const STACK: usize>(
+        &self,
+        token: L::Token,
+        frame: &Frame,
+        best: &mut Best,
+    ) -> bool {
         if self.nodes.is_empty() {
             return false;
         }
@@ -140,9 +191,9 @@ impl Tree {
         let mut code = 0;
         loop {
             let met = if code < QUADRIC {
-                self.enter(code, frame, best.t, &mut stack, &mut height)
+                self.enter::<L, ANY, STACK>(token, code, frame, best.t, &mut stack, &mut height)
             } else {
-                if self.test_leaf::<ANY>(code, frame, best) {
+                if self.test_leaf::<L, ANY>(token, code, frame, best) {
                     return true;
                 }
                 None
@@ -163,10 +214,12 @@ impl Tree {
         }
     }
 
-    /// Tests a node's children: the nearest one met, the others go on the stack, the farthest deepest.
+    /// Tests a node's children: the nearest one met, the others go on the stack, the farthest deepest (with `ANY` as
+    /// they come).
     #[inline(always)]
-    fn enter<const STACK: usize>(
+    fn enter<L: Lanes, const ANY: bool, const STACK: usize>(
         &self,
+        token: L::Token,
         number: u32,
         frame: &Frame,
         limit: f32,
@@ -174,35 +227,43 @@ impl Tree {
         height: &mut usize,
     ) -> Option<u32> {
         let node = &self.nodes[number as usize];
-        let slab = |axis: usize, side: usize| (node.bounds[axis][side & 1] - frame.origin[axis]) * frame.inverse[axis];
         let [x, y, z] = frame.near;
-        let entry = slab(0, x).max(slab(1, y)).max(slab(2, z).max(frame.tmin));
-        let exit = slab(0, x ^ 1).min(slab(1, y ^ 1)).min(slab(2, z ^ 1).min(Vec4::splat(limit)));
-        let mut met = entry.cmple(exit * FAR_SIDE).bitmask();
+        let [x, y, z] = [
+            node.slab::<L>(token, frame, 0, x),
+            node.slab::<L>(token, frame, 1, y),
+            node.slab::<L>(token, frame, 2, z),
+        ];
+        let entry = x[0].max(y[0]).max(z[0].max(L::splat(token, frame.ray.tmin)));
+        let exit = x[1].min(y[1]).min(z[1].min(L::splat(token, limit)));
+        let mut met = entry.at_most(exit * L::splat(token, FAR_SIDE));
         if met == 0 {
             return None;
         }
-        let first = met.trailing_zeros() as usize & 3;
+        let first = lowest(met);
         met &= met - 1;
         if met == 0 {
             return Some(node.children[first]);
         }
+        if ANY {
+            // Any hit will do, so sorting is not worth its time.
+            while met != 0 {
+                stack[*height] = (0.0, node.children[lowest(met)]);
+                met &= met - 1;
+                *height += 1;
+            }
+            return Some(node.children[first]);
+        }
         let entry = entry.to_array();
-        let second = met.trailing_zeros() as usize & 3;
-        met &= met - 1;
         let aside = |lane: usize| (entry[lane], node.children[lane]);
-        let (mut near, far) =
-            if entry[second] < entry[first] { (aside(second), aside(first)) } else { (aside(first), aside(second)) };
+        let mut near = aside(first);
         let base = *height;
-        stack[base] = far;
-        *height += 1;
         while met != 0 {
-            let mut next = aside(met.trailing_zeros() as usize & 3);
+            let mut next = aside(lowest(met));
             met &= met - 1;
             if next.0 < near.0 {
                 std::mem::swap(&mut next, &mut near);
             }
-            // Insertion into at most two entries, nearest on top.
+            // Insertion among this node's own, nearest on top.
             let mut place = *height;
             while place > base && stack[place - 1].0 < next.0 {
                 stack[place] = stack[place - 1];
@@ -215,21 +276,21 @@ impl Tree {
     }
 
     #[inline(always)]
-    fn test_leaf<const ANY: bool>(&self, code: u32, frame: &Frame, best: &mut Best) -> bool {
+    fn test_leaf<L: Lanes, const ANY: bool>(&self, token: L::Token, code: u32, frame: &Frame, best: &mut Best) -> bool {
         if code & TRIANGLES == 0 {
             return self.test_quadric::<ANY>((code & !QUADRIC) as usize, frame, best);
         }
         let block = (code & !TRIANGLES) as usize;
         let keys = &self.triangle_keys[block];
-        let Some(lanes) = self.triangles[block].intersect(frame, best.t, keys) else { return false };
+        let Some(hits) = self.triangles[block].intersect::<L>(token, frame, best.t, keys) else { return false };
         if ANY {
             return true;
         }
-        let mut mask = lanes.mask;
+        let mut mask = hits.mask;
         while mask != 0 {
-            let lane = mask.trailing_zeros() as usize & 3;
+            let lane = lowest(mask);
             mask &= mask - 1;
-            best.offer(lanes.t[lane], keys[lane], lanes.weights.map(|weights| weights[lane]));
+            best.offer(hits.t[lane], keys.key(lane), hits.weights.map(|weights| weights[lane]));
         }
         false
     }

@@ -1,4 +1,4 @@
-//! Four triangles against one ray, watertight.
+//! Eight triangles against one ray, watertight.
 //!
 //! Inside or outside is decided as Woop, Benthin and Wald [2013] do: corners are moved to the ray's origin, sheared so
 //! that the ray runs along an axis, and the signs of the three edge functions decide. Rounding is the same for every
@@ -10,7 +10,9 @@
 //! All of this depends on the ray and the triangle alone, never on the order of traversal.
 
 use crate::frame::Frame;
-use glam::{BVec4A, Vec3, Vec4};
+use crate::lanes::{Eight, Lanes, WIDTH};
+use crate::traverse::Keys;
+use glam::Vec3;
 
 /// Triangles with a sheared area below this share of the square of their extent are finished in f64.
 const THIN: f32 = 1.0 / 32.0;
@@ -20,123 +22,139 @@ const TINY: f32 = f32::MIN_POSITIVE * (1u64 << 26) as f32;
 /// (three roundings per sheared coordinate, six in the interpolation).
 const T_ERROR: f32 = 1.0 / (1u64 << 20) as f32;
 
-/// Up to four triangles, corner by corner and axis by axis; places left over repeat the first.
-///
-/// Arrays, not vectors: a lane of an array is one load.
+/// The largest magnitude of three.
+#[inline(always)]
+fn largest<L: Lanes>([a, b, c]: &[L; 3]) -> L {
+    a.abs().max(b.abs()).max(c.abs())
+}
+
+/// Number of the lowest bit set in a mask of lanes.
+#[inline(always)]
+pub(crate) fn lowest(mask: u32) -> usize {
+    mask.trailing_zeros() as usize & (WIDTH - 1)
+}
+
+/// Up to eight triangles, corner by corner and axis by axis; places left over repeat the first.
 #[derive(Clone, Copy, Debug)]
-#[repr(align(16))]
-pub(crate) struct Triangles4 {
-    corners: [[[f32; 4]; 3]; 3],
+pub(crate) struct Triangles8 {
+    corners: [[Eight; 3]; 3],
 }
 
 /// The lanes that were hit within the ray's limits, and where.
-pub(crate) struct Lanes {
+pub(crate) struct Hits {
     pub(crate) mask: u32,
-    pub(crate) t: [f32; 4],
+    pub(crate) t: [f32; WIDTH],
     /// Weights of the second and third corner.
-    pub(crate) weights: [[f32; 4]; 2],
+    pub(crate) weights: [[f32; WIDTH]; 2],
 }
 
 /// Corners relative to the origin and sheared: x and y across the ray, z along it (not yet divided).
-struct Sheared {
-    x: [Vec4; 3],
-    y: [Vec4; 3],
-    z: [Vec4; 3],
+struct Sheared<L> {
+    x: [L; 3],
+    y: [L; 3],
+    z: [L; 3],
 }
 
-impl Triangles4 {
-    /// Packs 1 to 4 triangles.
+impl Triangles8 {
+    /// Packs 1 to 8 triangles.
     pub(crate) fn new(triangles: &[[Vec3; 3]]) -> Self {
         let lane = |lane: usize| if lane < triangles.len() { &triangles[lane] } else { &triangles[0] };
-        let axis = |corner: usize, axis: usize| [0, 1, 2, 3].map(|i| lane(i)[corner][axis]);
+        let axis = |corner: usize, axis: usize| Eight(std::array::from_fn(|i| lane(i)[corner][axis]));
         Self { corners: [0, 1, 2].map(|corner| [axis(corner, 0), axis(corner, 1), axis(corner, 2)]) }
     }
 
     /// The lanes hit at `tmin < t < tmax` and `t <= limit`.
     #[inline(always)]
-    pub(crate) fn intersect(&self, frame: &Frame, limit: f32, keys: &[u64; 4]) -> Option<Lanes> {
-        let s = self.shear(frame);
+    pub(crate) fn intersect<L: Lanes>(&self, token: L::Token, frame: &Frame, limit: f32, keys: &Keys) -> Option<Hits> {
+        let s = self.shear::<L>(token, frame);
         // Each edge function belongs to the corner opposite, whose weight it is.
         let u = s.x[2] * s.y[1] - s.y[2] * s.x[1];
         let v = s.x[0] * s.y[2] - s.y[0] * s.x[2];
         let w = s.x[1] * s.y[0] - s.y[1] * s.x[0];
-        let inside = u.min(v).min(w).cmpge(Vec4::ZERO) | u.max(v).max(w).cmple(Vec4::ZERO);
-        let mut wanted = inside.bitmask();
-        if wanted == 0 {
-            return None;
-        }
+        let zero = L::splat(token, 0.0);
+        let inside = zero.at_most(u.min(v).min(w)) | u.max(v).max(w).at_most(zero);
         // Most are the triangles that the ray leaves or is aimed at: flat, so they are not met in between.
         let [from, to] = frame.ray.ends;
-        for (lane, &key) in keys.iter().enumerate() {
-            wanted &= !(u32::from(key == from.0 || key == to.0) << lane);
-        }
-        if wanted == 0 { None } else { self.finish(frame, limit, wanted, &s, [u, v, w], inside) }
+        let wanted = inside & !(keys.equal::<L>(token, from.0) | keys.equal::<L>(token, to.0));
+        if wanted == 0 { None } else { self.finish(token, frame, limit, wanted, &s, [u, v, w]) }
     }
 
     #[inline(always)]
-    fn shear(&self, frame: &Frame) -> Sheared {
+    fn shear<L: Lanes>(&self, token: L::Token, frame: &Frame) -> Sheared<L> {
         let [kx, ky, kz] = frame.axes;
-        let along = |corner: usize, axis: usize| Vec4::from_array(self.corners[corner][axis]) - frame.origin[axis];
-        let z = [along(0, kz), along(1, kz), along(2, kz)];
-        let across = |axis: usize, shear: Vec4| {
-            [along(0, axis) - shear * z[0], along(1, axis) - shear * z[1], along(2, axis) - shear * z[2]]
-        };
-        Sheared { x: across(kx, frame.shear[0]), y: across(ky, frame.shear[1]), z }
+        let z = self.along::<L>(token, frame, kz);
+        Sheared {
+            x: self.across(token, frame, kx, frame.shear[0], &z),
+            y: self.across(token, frame, ky, frame.shear[1], &z),
+            z,
+        }
     }
 
-    /// `t` and weights of the lanes whose edge functions do not disagree.
+    /// The corners' coordinates along an axis, from the ray's origin.
     #[inline(always)]
-    fn finish(
+    fn along<L: Lanes>(&self, token: L::Token, frame: &Frame, axis: usize) -> [L; 3] {
+        let [a, b, c] = &self.corners;
+        let origin = L::splat(token, frame.origin[axis & 3]);
+        [L::load(token, &a[axis]) - origin, L::load(token, &b[axis]) - origin, L::load(token, &c[axis]) - origin]
+    }
+
+    #[inline(always)]
+    fn across<L: Lanes>(&self, token: L::Token, frame: &Frame, axis: usize, shear: f32, z: &[L; 3]) -> [L; 3] {
+        let [a, b, c] = self.along::<L>(token, frame, axis);
+        let shear = L::splat(token, shear);
+        [a - shear * z[0], b - shear * z[1], c - shear * z[2]]
+    }
+
+    /// `t` and weights of the `wanted` lanes, whose edge functions do not disagree.
+    #[inline(always)]
+    fn finish<L: Lanes>(
         &self,
+        token: L::Token,
         frame: &Frame,
         limit: f32,
         wanted: u32,
-        s: &Sheared,
-        edges: [Vec4; 3],
-        inside: BVec4A,
-    ) -> Option<Lanes> {
+        s: &Sheared<L>,
+        edges: [L; 3],
+    ) -> Option<Hits> {
         let [u, v, w] = edges;
         let determinant = u + v + w;
-        let reciprocal = Vec4::ONE / determinant;
+        let reciprocal = L::splat(token, 1.0) / determinant;
         let (second, third) = (v * reciprocal, w * reciprocal);
         let (to_second, to_third) = (s.z[1] - s.z[0], s.z[2] - s.z[0]);
         // Differences to the first corner: exact for a triangle that faces the ray, whatever the weights' rounding.
-        let t = (s.z[0] + (second * to_second + third * to_third)) * frame.shear[2];
+        let t = (s.z[0] + (second * to_second + third * to_third)) * L::splat(token, frame.shear[2]);
 
-        let largest = |a: &[Vec4; 3]| a[0].abs().max(a[1].abs()).max(a[2].abs());
         let extent = largest(&s.x).max(largest(&s.y));
         let size = determinant.abs();
-        let sound = size.cmpge((extent * extent * THIN).max(Vec4::splat(TINY)))
-            & u.abs().min(v.abs()).min(w.abs()).cmpgt(Vec4::ZERO);
+        let sound = (extent * extent * L::splat(token, THIN)).max(L::splat(token, TINY)).at_most(size)
+            & L::splat(token, 0.0).less(u.abs().min(v.abs()).min(w.abs()));
         let distance = largest(&s.z);
         let slope = (to_second.abs() + to_third.abs()) * (extent * reciprocal.abs());
-        let error = (distance + (distance + extent) * slope) * (frame.shear[2].abs() * T_ERROR);
-        let clear = (t - frame.tmin).abs().cmpgt(error) & (t - Vec4::splat(frame.ray.tmax)).abs().cmpgt(error);
+        let error = (distance + (distance + extent) * slope) * L::splat(token, frame.shear[2].abs() * T_ERROR);
+        let (tmin, tmax) = (L::splat(token, frame.ray.tmin), L::splat(token, frame.ray.tmax));
+        let clear = error.less((t - tmin).abs()) & error.less((t - tmax).abs());
 
-        let settled = inside & sound & clear;
-        let within = t.cmpgt(frame.tmin) & t.cmple(Vec4::splat(limit)) & t.cmplt(Vec4::splat(frame.ray.tmax));
-        let mut lanes = Lanes {
-            mask: (settled & within).bitmask() & wanted,
-            t: t.to_array(),
-            weights: [second.to_array(), third.to_array()],
-        };
-        let unsettled = inside.bitmask() & !settled.bitmask() & wanted;
+        let settled = sound & clear;
+        let within = tmin.less(t) & t.at_most(L::splat(token, limit)) & t.less(tmax);
+        let mut hits =
+            Hits { mask: settled & within & wanted, t: t.to_array(), weights: [second.to_array(), third.to_array()] };
+        let unsettled = wanted & !settled;
         if unsettled != 0 {
-            self.settle(frame, limit, unsettled, (sound & inside).bitmask(), &mut lanes);
+            self.settle(frame, limit, unsettled, sound, &mut hits);
         }
-        (lanes.mask != 0).then_some(lanes)
+        (hits.mask != 0).then_some(hits)
     }
 
     /// Finishes lanes in f64. Those in `sound` are here only because `t` is near a limit, and the side of the plane
     /// tells.
     #[inline(never)]
-    fn settle(&self, frame: &Frame, limit: f32, mut unsettled: u32, sound: u32, lanes: &mut Lanes) {
+    fn settle(&self, frame: &Frame, limit: f32, mut unsettled: u32, sound: u32, hits: &mut Hits) {
         while unsettled != 0 {
-            let lane = unsettled.trailing_zeros() as usize & 3;
+            let lane = lowest(unsettled);
             unsettled &= unsettled - 1;
             let corner = |i: usize| {
                 let [x, y, z] = &self.corners[i];
-                Vec3::new(x[lane], y[lane], z[lane])
+                Vec3::new(x.0[lane], y.0[lane], z.0[lane])
             };
             let corners = [corner(0), corner(1), corner(2)];
             let plane = Plane::new(frame, &corners);
@@ -148,10 +166,10 @@ impl Triangles4 {
             let (tmin, tmax) = (frame.ray.tmin, frame.ray.tmax);
             let within = t > f64::from(tmin) && t < f64::from(tmax) && rounded > tmin && rounded < tmax;
             if within && rounded <= limit {
-                lanes.mask |= 1 << lane;
-                lanes.t[lane] = rounded;
-                lanes.weights[0][lane] = weights[0] as f32;
-                lanes.weights[1][lane] = weights[1] as f32;
+                hits.mask |= 1 << lane;
+                hits.t[lane] = rounded;
+                hits.weights[0][lane] = weights[0] as f32;
+                hits.weights[1][lane] = weights[1] as f32;
             }
         }
     }
@@ -189,7 +207,7 @@ fn settle(frame: &Frame, corners: &[Vec3; 3], plane: &Plane) -> Option<(f64, [f6
     // The same operations in f32 as in `shear`, so that neighbours agree about a shared corner.
     let sheared = corners.map(|corner| {
         let along = corner[kz] - origin[kz];
-        let across = |axis: usize, shear: Vec4| f64::from((corner[axis] - origin[axis]) - shear.x * along);
+        let across = |axis: usize, shear: f32| f64::from((corner[axis] - origin[axis]) - shear * along);
         [across(kx, frame.shear[0]), across(ky, frame.shear[1])]
     });
     // Products of two f32 are exact in f64 and their difference is rounded once, so the signs are right.

@@ -1,1 +1,63 @@
 //! Filters from per-pixel statistics to a picture.
+//!
+//! * [`Gaussian`]: a blur, right under unequal sample counts;
+//! * [`ClusterGaussian`]: the same, kept within clusters of similar surfaces.
+//!
+//! Each is a [`Filter`](dapple_core::Filter): it reads a [`Film`](dapple_core::Film) and gives a picture and,
+//! where the film knows the variance, the variance that is left.
+//!
+//! ```
+//! use dapple_core::{Film, Filter, Frame, Needs};
+//! use dapple_reconstruction::{ClusterGaussian, Gaussian};
+//!
+//! // Dark on the left with four samples a pixel, bright on the right with two.
+//! let mut film = Film::new(Frame::new(8, 8)?, Needs::none().with_variance());
+//! for i in 0..64 {
+//!     let bright = i % 8 >= 4;
+//!     for sample in 0..if bright { 2 } else { 4 } {
+//!         let noise = 0.25 * (sample % 2) as f32;
+//!         film.push(i, 0, if bright { [1.0 + noise; 3] } else { [noise; 3] });
+//!     }
+//! }
+//!
+//! let blurred = Gaussian::default().apply(&film)?;
+//! assert!(blurred.radiance[27][0] > 0.3, "the edge is soft");
+//! let error = blurred.error.expect("the film has the variance");
+//! assert!(error[27] < 0.2 * film.moments(27).variance().unwrap()[0] as f32 / 4.0);
+//!
+//! // The two sides are two clusters.
+//! let clusters = (0..64).map(|i| u32::from(i % 8 >= 4)).collect();
+//! let kept = ClusterGaussian::from_map([8, 8], clusters)?.with_outside(0.0)?.apply(&film)?;
+//! assert!((kept.radiance[27][0] - 0.125).abs() < 1e-6, "nothing crosses the edge");
+//! # Ok::<(), dapple_core::Error>(())
+//! ```
+//!
+//! # Guarantees
+//!
+//! * Filters act on per-pixel means, with weights integrated over the pixel: unequal counts do not move edges.
+//! * A constant stays that constant, at borders and beside pixels without samples too.
+//! * Sums are in `f64`, each taken by one task in a fixed order: the same bits for any number of threads.
+//! * Pixels without samples are filled from their neighbours, and black with an infinite error where no
+//!   sample is in reach.
+//!
+//! # Limits
+//!
+//! [`Filtered::error`](dapple_core::Filtered::error) is variance only. What a filter blurs is bias, which
+//! stays however many samples are spent: compare filtered pictures with unfiltered ones, at several budgets.
+
+// One file per filter; what several of them share is beside them.
+mod cluster_gaussian;
+mod gaussian;
+mod membership;
+mod separable;
+mod source;
+mod weights;
+
+pub use cluster_gaussian::{ClusterGaussian, Label};
+pub use gaussian::Gaussian;
+pub use membership::BACKGROUND;
+
+/// Runs the example of the README.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct ReadmeExample;

@@ -2,7 +2,7 @@
 
 use super::Look;
 use crate::allocate::mix;
-use crate::film::{Bank, FeatureMoments, REJECTED_LISTED, keep_first, reason_to_reject, widen};
+use crate::film::{Bank, FeatureMoments, REJECTED_LISTED, Range, index, keep_first, reason_to_reject, widen};
 use crate::integrator::Observation;
 use crate::{
     Control, Draws, Error, Fate, Film, FirstHit, Integrator, InvalidSample, Limits, Observations, Observed, Plan,
@@ -38,7 +38,9 @@ struct BankRows<'a> {
     counts: &'a mut [u64],
     means: &'a mut [[f64; 3]],
     m2: &'a mut [[f64; 3]],
-    ranges: &'a mut [[[f32; 3]; 2]],
+    ranges: &'a mut [Range],
+    /// See [`Bank`].
+    ahead: &'a [i64],
 }
 
 /// A band of rows: what one task writes to.
@@ -88,6 +90,9 @@ pub(super) fn trace(
 ) -> Result<Stopped, Error> {
     if plan.fate == Fate::Discard {
         film.open_discarded();
+    }
+    if let Some(withdrawn) = &plan.withdraw {
+        film.withdraw(withdrawn);
     }
     film.combine = plan.combine;
     let observes = integrator.observes();
@@ -183,8 +188,9 @@ fn bands(film: &mut Film, fate: Fate, size: usize) -> Vec<Band<'_>> {
     let banks = if fate == Fate::Keep { &mut film.kept } else { &mut film.discarded };
     let mut banks: Vec<_> = banks
         .iter_mut()
-        .map(|Bank { counts, means, m2, ranges }| {
-            (counts.chunks_mut(size), means.chunks_mut(size), m2.chunks_mut(size), ranges.chunks_mut(size))
+        .map(|Bank { counts, means, m2, ranges, ahead }| {
+            let planes = (counts.chunks_mut(size), means.chunks_mut(size), m2.chunks_mut(size));
+            (planes, ranges.chunks_mut(size), ahead.chunks(size))
         })
         .collect();
     let mut features = film.features.chunks_mut(size);
@@ -196,11 +202,12 @@ fn bands(film: &mut Film, fate: Fate, size: usize) -> Vec<Band<'_>> {
             first,
             banks: banks
                 .iter_mut()
-                .map(|(counts, means, m2, ranges)| BankRows {
+                .map(|((counts, means, m2), ranges, ahead)| BankRows {
                     counts: counts.next().unwrap_or_default(),
                     means: means.next().unwrap_or_default(),
                     m2: m2.next().unwrap_or_default(),
                     ranges: ranges.next().unwrap_or_default(),
+                    ahead: ahead.next().unwrap_or_default(),
                 })
                 .collect(),
             features: features.next().unwrap_or_default(),
@@ -301,7 +308,8 @@ fn trace_sample(
     current: &Cell<Option<SampleId>>,
 ) {
     let bank = &mut band.banks[half];
-    let id = SampleId { pixel, stream: round.streams[half], index: bank.counts[local] };
+    let index = index(bank.counts[local], bank.ahead.get(local));
+    let id = SampleId { pixel, stream: round.streams[half], index };
     current.set(Some(id));
     let draws = Draws::new(round.points, id, round.wants_first_hit);
     let estimate = round.integrator.estimate(&draws, observed);
@@ -372,8 +380,8 @@ fn record_first_hit(band: &mut Band<'_>, local: usize, k: usize, hit: Option<&Fi
     }
     if k > 0 {
         // Kept and discarded samples alike fill the places in the order in which they come; this
-        // bank's counts tell which place is next as long as one fate is used, which is the rule.
-        let seen = band.banks.iter().map(|b| b.counts[local]).sum::<u64>() - 1;
+        // bank's indices tell which place is next as long as one fate is used, which is the rule.
+        let seen = band.banks.iter().map(|b| index(b.counts[local], b.ahead.get(local))).sum::<u64>() - 1;
         if seen < k as u64 {
             band.first_hits[local * k + seen as usize] = hit.copied();
         }

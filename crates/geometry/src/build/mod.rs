@@ -1,4 +1,4 @@
-//! From shapes to the tree: boxes, a binary tree (obvhs's, where that is safe), four-wide nodes.
+//! From shapes to the tree: boxes, a binary tree (obvhs's, where that is safe), eight-wide nodes.
 
 mod binary;
 mod wide;

@@ -1,26 +1,25 @@
-//! From a binary tree to four-wide nodes and leaves of up to four triangles, at the least expected cost.
+//! From a binary tree to eight-wide nodes and leaves of up to eight triangles, at the least expected cost.
 //!
 //! Which subtrees become nodes, leaves, or are dissolved into their parent is decided by dynamic programming over the
 //! surface-area cost [after Ylitie, Karras and Laine 2017, section 3.1].
 
 use super::binary::{Below, Node2};
 use super::{Content, Item, half_area};
-use crate::traverse::{Child, DEEPEST, Node4, Tree};
-use crate::triangle::Triangles4;
+use crate::lanes::WIDTH;
+use crate::traverse::{Child, DEEPEST, Keys, Node8, Tree};
+use crate::triangle::Triangles8;
 use glam::Vec3;
 
-/// Expected time of testing four boxes, four triangles, and one sphere or disk. Of 0.6, 1.2 and 2 for triangles, 0.6
+/// Expected time of testing eight boxes, eight triangles, and one sphere or disk. Of 0.6, 1.2 and 2 for triangles, 0.6
 /// gave the fastest rays and the smallest tree in each scene of benches/rays.rs, by 1 to 5 %.
 const NODE_COST: f64 = 1.0;
 const TRIANGLES_COST: f64 = 0.6;
 const QUADRIC_COST: f64 = 2.5;
-/// Children of a node, triangles of a leaf.
-const WIDTH: usize = 4;
 
 /// What is known of a binary subtree.
 #[derive(Clone, Copy, Debug, Default)]
 struct Plan {
-    /// Least cost of this subtree as at most 1, 2, 3 children of some node.
+    /// Least cost of this subtree as at most 1, 2, … 7 children of some node.
     cost: [f64; WIDTH - 1],
     /// Triangles below, `usize::MAX` with anything else among them.
     triangles: usize,
@@ -28,7 +27,7 @@ struct Plan {
     leaf: bool,
 }
 
-/// The four-wide tree; `None` if it is empty or needs too deep a stack.
+/// The eight-wide tree; `None` if it is empty or needs too deep a stack.
 pub(super) fn collapse(nodes: &[Node2], items: &[Item]) -> Option<Tree> {
     let first = nodes.first()?;
     let unit = half_area(first.bounds);
@@ -45,18 +44,19 @@ fn plan(node: &Node2, items: &[Item], plans: &[Plan], unit: f64) -> Plan {
     let area = half_area(node.bounds) / unit;
     match node.below {
         Below::Item(item) => match items[item as usize].content {
-            Content::Triangle(_) => Plan { cost: [area * TRIANGLES_COST; 3], triangles: 1, leaf: true },
-            Content::Quadric(_) => Plan { cost: [area * QUADRIC_COST; 3], triangles: usize::MAX, leaf: true },
+            Content::Triangle(_) => Plan { cost: [area * TRIANGLES_COST; WIDTH - 1], triangles: 1, leaf: true },
+            Content::Quadric(_) => Plan { cost: [area * QUADRIC_COST; WIDTH - 1], triangles: usize::MAX, leaf: true },
         },
         Below::Nodes(children) => {
             let [left, right] = children.map(|child| &plans[child as usize]);
             let triangles = left.triangles.saturating_add(right.triangles);
             let as_node = area * NODE_COST + share(left, right, WIDTH).1;
             let as_leaf = if triangles <= WIDTH { area * TRIANGLES_COST } else { f64::INFINITY };
-            let one = as_node.min(as_leaf);
-            let two = one.min(share(left, right, 2).1);
-            let three = two.min(share(left, right, 3).1);
-            Plan { cost: [one, two, three], triangles, leaf: as_leaf <= as_node }
+            let mut cost = [as_node.min(as_leaf); WIDTH - 1];
+            for slots in 2..WIDTH {
+                cost[slots - 1] = cost[slots - 2].min(share(left, right, slots).1);
+            }
+            Plan { cost, triangles, leaf: as_leaf <= as_node }
         }
     }
 }
@@ -76,7 +76,7 @@ struct Wide<'a> {
 
 impl Wide<'_> {
     fn emit(mut self) -> Tree {
-        self.tree.nodes.push(Node4::EMPTY);
+        self.tree.nodes.push(Node8::EMPTY);
         let mut open = vec![(0_u32, 0_u32)];
         while let Some((binary, wide)) = open.pop() {
             let mut children = Vec::with_capacity(WIDTH);
@@ -90,7 +90,7 @@ impl Wide<'_> {
                     self.leaf(child)
                 } else {
                     let number = self.tree.nodes.len() as u32;
-                    self.tree.nodes.push(Node4::EMPTY);
+                    self.tree.nodes.push(Node8::EMPTY);
                     open.push((child, number));
                     Child::Node(number)
                 };
@@ -98,8 +98,8 @@ impl Wide<'_> {
                 node.children[lane] = below.code();
                 let [low, high] = self.nodes[child as usize].bounds.map(|corner| corner.to_array());
                 for axis in 0..3 {
-                    node.bounds[axis][0][lane] = low[axis];
-                    node.bounds[axis][1][lane] = high[axis];
+                    node.bounds[axis][0].0[lane] = low[axis];
+                    node.bounds[axis][1].0[lane] = high[axis];
                 }
             }
         }
@@ -147,18 +147,18 @@ impl Wide<'_> {
         }
         let first = triangles[0];
         triangles[count..].fill(first);
-        self.tree.triangles.push(Triangles4::new(&triangles.map(|(corners, _)| corners)));
-        self.tree.triangle_keys.push(triangles.map(|(_, key)| key));
+        self.tree.triangles.push(Triangles8::new(&triangles.map(|(corners, _)| corners)));
+        self.tree.triangle_keys.push(Keys::new(triangles.map(|(_, key)| key)));
         Child::Triangles(self.tree.triangles.len() as u32 - 1)
     }
 }
 
 /// Most children that can be put aside at once: all but one on each level of some path.
-fn stack(nodes: &[Node4]) -> usize {
+fn stack(nodes: &[Node8]) -> usize {
     let mut needs = vec![0_usize; nodes.len()];
     for number in (0..nodes.len()).rev() {
         let node = &nodes[number];
-        let used = (0..WIDTH).filter(|&lane| node.bounds[0][0][lane] <= node.bounds[0][1][lane]);
+        let used = (0..WIDTH).filter(|&lane| node.bounds[0][0].0[lane] <= node.bounds[0][1].0[lane]);
         let below = used.clone().map(|lane| needs.get(node.children[lane] as usize).copied().unwrap_or(0)).max();
         needs[number] = below.map_or(0, |below| used.count() - 1 + below);
     }

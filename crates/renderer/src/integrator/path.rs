@@ -8,7 +8,7 @@ use crate::blocks;
 use crate::camera::Lens;
 use crate::light::Target;
 use crate::material::Surface;
-use crate::shading::{Bsdf, Frame, power_heuristic};
+use crate::shading::{Bsdf, Frame, power_heuristic, power_heuristic_over_pdf};
 use crate::world::{Interaction, NO_LIGHT};
 use dapple_core::{Draws, Estimate, FirstHit, Integrator, Observed};
 use dapple_geometry::{Ray, spawn_ray, spawn_ray_to};
@@ -121,7 +121,7 @@ impl<'w, L: Lens, const SEVERAL: bool, const SKY: bool, const DEEP: bool> PathTr
         if world.geometry.occluded(&ray) {
             return Vec3::ZERO;
         }
-        f * light.radiance * (wi.z.abs() * power_heuristic(light.pdf, pdf) / light.pdf)
+        f * light.radiance * (wi.z.abs() * power_heuristic_over_pdf(light.pdf, pdf))
     }
 
     /// The scattering event number `vertex`: gathers direct light and turns the ray. Returns whether the

@@ -17,3 +17,11 @@ pub fn power_heuristic(pdf: f32, other: f32) -> f32 {
     let ratio = if pdf == other { 1.0 } else { other / pdf };
     1.0 / (1.0 + ratio * ratio)
 }
+
+/// [`power_heuristic`] over `pdf`, with one division less; `pdf` must be above 0.
+#[inline]
+pub(crate) fn power_heuristic_over_pdf(pdf: f32, other: f32) -> f32 {
+    let ratio = other / pdf;
+    // An infinite ratio gives 0, and so does an infinite density.
+    1.0 / (pdf + pdf * ratio * ratio)
+}

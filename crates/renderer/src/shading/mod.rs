@@ -25,6 +25,7 @@ pub use frame::Frame;
 pub use fresnel::ComplexIor;
 pub use microfacet::TrowbridgeReitz;
 pub use mis::power_heuristic;
+pub(crate) use mis::power_heuristic_over_pdf;
 
 /// Why something of this module could not be made.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]

@@ -17,12 +17,13 @@ pub fn sin_cos_turn(turn: f32) -> (f32, f32) {
     let z = x * x;
     let sin = ((-1.951_529_6e-4 * z + 8.332_161e-3) * z - 1.666_665_5e-1) * z * x + x;
     let cos = ((2.443_315_7e-5 * z - 1.388_731_6e-3) * z + 4.166_664_6e-2) * z * z - 0.5 * z + 1.0;
-    match quarters as i32 & 3 {
-        0 => (sin, cos),
-        1 => (cos, -sin),
-        2 => (-sin, -cos),
-        _ => (-cos, sin),
-    }
+    // Quarters 0 to 3 give (sin, cos), (cos, -sin), (-sin, -cos), (-cos, sin): by bits, since a processor cannot guess
+    // a random quarter.
+    let quarter = quarters as i32 as u32;
+    let (sin, cos) = (sin.to_bits(), cos.to_bits());
+    let change = (sin ^ cos) & 0_u32.wrapping_sub(quarter & 1);
+    let negative = |quarters: u32| (quarters & 2) << 30;
+    (f32::from_bits(sin ^ change ^ negative(quarter)), f32::from_bits(cos ^ change ^ negative(quarter.wrapping_add(1))))
 }
 
 /// The angle of the point `(x, y)` in turns, in `[0, 1)`, within 1e-7; 0 at the origin.

@@ -5,7 +5,7 @@
 //! neighbours, so that a low-discrepancy point set stays one.
 
 use super::trigonometry::{sin_cos_turn, turn_of};
-use glam::{Vec2, Vec3};
+use glam::{Vec2, Vec3, Vec4};
 use std::f32::consts::PI;
 
 /// A direction uniform on the unit sphere.
@@ -105,13 +105,10 @@ pub fn invert_cosine_hemisphere(w: Vec3) -> [f32; 2] {
 /// low-distortion map of [Heitz 2019].
 #[inline]
 pub fn uniform_triangle(u: [f32; 2]) -> [f32; 3] {
-    let (b0, b1) = if u[1] > u[0] {
-        let b0 = 0.5 * u[0];
-        (b0, u[1] - b0)
-    } else {
-        let b1 = 0.5 * u[1];
-        (u[0] - b1, b1)
-    };
+    // Half of the smaller, and what is left of the larger: selected, since no processor can guess which is which.
+    let (half, rest) = (0.5 * u[0].min(u[1]), u[0].max(u[1]) - 0.5 * u[0].min(u[1]));
+    let first = Vec4::splat(u[1]).cmpgt(Vec4::splat(u[0]));
+    let [b0, b1, ..] = Vec4::select(first, Vec4::new(half, rest, 0.0, 0.0), Vec4::new(rest, half, 0.0, 0.0)).to_array();
     [b0, b1, (1.0 - b0 - b1).max(0.0)]
 }
 
@@ -163,13 +160,13 @@ pub fn one_minus_cos(sin2: f32) -> f32 {
 #[inline]
 fn concentric_polar(u: [f32; 2]) -> (f32, f32) {
     let (a, b) = (2.0 * u[0] - 1.0, 2.0 * u[1] - 1.0);
-    if a.abs() > b.abs() {
-        (a.abs(), 0.125 * (b / a) + if a < 0.0 { 0.5 } else { 0.0 })
-    } else if b != 0.0 {
-        (b.abs(), 0.25 - 0.125 * (a / b) + if b < 0.0 { 0.5 } else { 0.0 })
-    } else {
-        (0.0, 0.0)
-    }
+    // Selected, not branched to: no processor can guess in which triangle of the square a random point lies.
+    let flat = Vec4::splat(a.abs()).cmpgt(Vec4::splat(b.abs()));
+    let [near, far, from, slope] =
+        Vec4::select(flat, Vec4::new(b, a, 0.0, 0.125), Vec4::new(a, b, 0.25, -0.125)).to_array();
+    let back = 0.25 - 0.25_f32.copysign(far);
+    let ratio = near / if far == 0.0 { 1.0 } else { far };
+    (far.abs(), from + slope * ratio + back)
 }
 
 #[inline]

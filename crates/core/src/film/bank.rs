@@ -1,0 +1,95 @@
+//! One bank of a film: the statistics of kept or of discarded samples, of one half or of all.
+
+use crate::{Needs, RgbMoments};
+
+/// Smallest and largest value of red, green, blue and luminance.
+pub(crate) type Range = [[f32; 4]; 2];
+
+/// The range of no samples.
+const NOTHING: Range = [[f32::INFINITY; 4], [f32::NEG_INFINITY; 4]];
+
+/// Relative luminance of a linear colour with Rec. 709 primaries [ITU-R BT.709].
+#[inline]
+pub fn luminance([r, g, b]: [f64; 3]) -> f64 {
+    0.2126 * r + 0.7152 * g + 0.0722 * b
+}
+
+/// Which statistics of a pixel: of kept or of discarded samples, of one half or of all.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct Bank {
+    pub(crate) counts: Vec<u64>,
+    pub(crate) means: Vec<[f64; 3]>,
+    pub(crate) m2: Vec<[f64; 3]>,
+    pub(crate) ranges: Vec<Range>,
+    /// By how much the index of a pixel's next sample differs from its count: by the samples that
+    /// were withdrawn. Empty until some are.
+    pub(crate) ahead: Vec<i64>,
+}
+
+impl Bank {
+    pub(super) fn new(pixels: usize, needs: &Needs) -> Self {
+        Self {
+            counts: vec![0; pixels],
+            means: vec![[0.0; 3]; pixels],
+            m2: if needs.variance { vec![[0.0; 3]; pixels] } else { Vec::new() },
+            ranges: if needs.extrema { vec![NOTHING; pixels] } else { Vec::new() },
+            ahead: Vec::new(),
+        }
+    }
+
+    pub(super) fn moments(&self, i: usize) -> RgbMoments {
+        RgbMoments { count: self.counts[i], mean: self.means[i], m2: self.m2.get(i).copied().unwrap_or([f64::NAN; 3]) }
+    }
+
+    /// The index that pixel `i`'s next sample has in its stream.
+    pub(crate) fn next_index(&self, i: usize) -> u64 {
+        index(self.counts[i], self.ahead.get(i))
+    }
+
+    /// Takes the samples of the pixels that `withdrawn` marks out of this bank and into `other`.
+    /// Indices go on in both.
+    pub(super) fn withdraw_into(&mut self, other: &mut Self, withdrawn: &[bool]) {
+        let pixels = self.counts.len();
+        for bank in [&mut *self, &mut *other] {
+            bank.ahead.resize(pixels, 0);
+        }
+        for i in (0..pixels).filter(|&i| withdrawn[i]) {
+            let mut moments = other.moments(i);
+            moments.merge(&self.moments(i));
+            (other.counts[i], other.means[i]) = (moments.count, moments.mean);
+            if let (Some(to), Some(from)) = (other.m2.get_mut(i), self.m2.get_mut(i)) {
+                (*to, *from) = (moments.m2, [0.0; 3]);
+            }
+            if let (Some(to), Some(from)) = (other.ranges.get_mut(i), self.ranges.get_mut(i)) {
+                join(to, from);
+                *from = NOTHING;
+            }
+            let moved = self.counts[i] as i64;
+            self.ahead[i] += moved;
+            other.ahead[i] -= moved;
+            (self.counts[i], self.means[i]) = (0, [0.0; 3]);
+        }
+    }
+}
+
+/// The index of the sample that follows `count` samples of a bank.
+#[inline]
+pub(crate) fn index(count: u64, ahead: Option<&i64>) -> u64 {
+    count.wrapping_add_signed(ahead.copied().unwrap_or(0))
+}
+
+/// Takes a sample into a range.
+#[inline]
+pub(crate) fn widen(range: &mut Range, radiance: [f32; 3]) {
+    let [r, g, b] = radiance;
+    let value = [r, g, b, luminance(radiance.map(f64::from)) as f32];
+    join(range, &[value, value]);
+}
+
+/// Takes a range into a range.
+pub(super) fn join(range: &mut Range, other: &Range) {
+    for c in 0..4 {
+        range[0][c] = range[0][c].min(other[0][c]);
+        range[1][c] = range[1][c].max(other[1][c]);
+    }
+}

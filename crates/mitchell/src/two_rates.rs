@@ -1,0 +1,276 @@
+//! What both samplers share: a pilot, a ranking, two rates, and what becomes of the pilot.
+
+use crate::Rates;
+use dapple_core::{BudgetLeft, Error, Fate, Feedback, Film, Plan, Progress, allocate};
+
+/// What ends the refinement.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Mode {
+    /// The budget, met exactly: pixels are refined in the order of their contrast, whether they exceed
+    /// the threshold or not, and once all are refined in further passes of the same step. At most one
+    /// pixel gets part of a step. Where all pixels have the same contrast there is nothing to rank,
+    /// and counts differ by at most one.
+    #[default]
+    Budget,
+    /// The threshold: pixels that exceed it are refined, once, and no others. The budget is a ceiling;
+    /// if more pixels ask than it allows, those of highest contrast come first, and at most one gets
+    /// part of a step. The film's record says what was spent.
+    Threshold,
+}
+
+impl Mode {
+    /// Its name on the command line.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Budget => "budget",
+            Self::Threshold => "threshold",
+        }
+    }
+}
+
+/// What becomes of the pilot, and so what bias the picture has.
+///
+/// The closed forms are the mean of a pixel whose samples are 1 with probability `p` and else 0,
+/// with a pilot of two, which is refined where the two differ (ALGORITHMS 0.4).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Policy {
+    /// The pilot stays in the picture: least noise. Biased, since samples that are kept also decide
+    /// how many follow [Kirk and Arvo 1991]: `p^2 + 2 p (1 - p) (1 + k p) / (2 + k)` with `k`
+    /// additional samples. A window of several pixels dilutes a pixel's own vote, and the bias with it.
+    #[default]
+    Keep,
+    /// The pilot of refined pixels is thrown away, that of the others stays, as pbrt-v2 has it. Biased
+    /// more, not less: `3 p^2 - 2 p^3`, however many samples follow.
+    Refined,
+    /// The whole pilot is thrown away: unbiased, `p`, at the price of its samples, where the budget is
+    /// known at the start. It never takes more than half of the budget.
+    Discard,
+}
+
+impl Policy {
+    /// Its name on the command line.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Keep => "keep",
+            Self::Refined => "refined",
+            Self::Discard => "discard",
+        }
+    }
+}
+
+/// Decides by rank, in two rates.
+#[derive(Default)]
+pub(crate) struct TwoRates {
+    pub(crate) mode: Mode,
+    pub(crate) policy: Policy,
+    /// Made once per pilot: later samples do not change it.
+    ranking: Option<Ranking>,
+    /// The rates in use, and the mean budget that they were chosen for.
+    rates: Option<(u64, Rates)>,
+}
+
+/// The pixels in the order in which they are refined.
+struct Ranking {
+    /// The pilot that it was made from, in samples per pixel.
+    pilot: u32,
+    order: Vec<u32>,
+    /// How many of them exceed their threshold.
+    asking: usize,
+    /// Whether all have the same score.
+    level: bool,
+}
+
+impl TwoRates {
+    pub(crate) fn new(mode: Mode, policy: Policy) -> Self {
+        Self { mode, policy, ranking: None, rates: None }
+    }
+
+    /// The next round. `rates` gives the rates for a mean budget; they stay until that has doubled, so
+    /// that the last tenth of a time limit does not go to a sample more everywhere. Fewer than `least`
+    /// samples per pixel tell nothing. `scores` gives each pixel's contrast relative to its threshold,
+    /// from the pilot as far as it was traced.
+    pub(crate) fn next_round(
+        &mut self,
+        seen: &Feedback<'_>,
+        plan: &mut Plan,
+        rates: impl Fn(u64) -> Rates,
+        least: u32,
+        scores: impl Fn(&Film) -> Vec<f64>,
+    ) -> Result<Progress, Error> {
+        if seen.round == 0 {
+            (self.ranking, self.rates) = (None, None);
+        }
+        let (budget, pixels) = (seen.budget, seen.pixels());
+        let needed = pixels as u64 * u64::from(budget.min_spp);
+        if budget.total < needed {
+            return Err(Error::BudgetTooSmall { budget: budget.total, needed, pixels });
+        }
+        if budget.left() == 0 {
+            return Ok(Progress::Done);
+        }
+        let mean = budget.total / pixels as u64;
+        let known = self.rates.filter(|&(before, _)| mean / 2 < before);
+        let (_, rates) = *self.rates.insert(known.unwrap_or_else(|| (mean, rates(mean))));
+        let pilot = self.pilot(&budget, mean, rates, least);
+        for (i, count) in plan.counts.iter_mut().enumerate() {
+            let done = if self.discards() { seen.film.discarded(i).count } else { seen.film.count(i) };
+            *count = pilot.saturating_sub(clamped(done));
+        }
+        if plan.total() > 0 && plan.total() <= budget.left() {
+            plan.fate = if self.discards() { Fate::Discard } else { Fate::Keep };
+            return Ok(Progress::Trace);
+        }
+        plan.counts.fill(0);
+        let ranking = match self.ranking.take() {
+            Some(known) if known.pilot == pilot && known.order.len() == pixels => known,
+            _ => Ranking::new(pilot, &scores(seen.film)),
+        };
+        self.plan_kept(seen, plan, rates, &ranking)?;
+        self.ranking = Some(ranking);
+        Ok(if plan.total() == 0 { Progress::Done } else { Progress::Trace })
+    }
+
+    /// Whether the whole pilot is thrown away.
+    pub(crate) fn discards(&self) -> bool {
+        self.policy == Policy::Discard
+    }
+
+    /// Samples per pixel of the pilot.
+    fn pilot(&self, budget: &BudgetLeft, mean: u64, rates: Rates, least: u32) -> u32 {
+        let wanted = u64::from(rates.initial);
+        if !self.discards() {
+            return clamped(wanted.min(mean)).max(budget.min_spp).min(budget.max_spp);
+        }
+        // It may take half of what there is, and never the floor's share.
+        let affordable = mean.saturating_sub(u64::from(budget.min_spp.max(1))).min(mean / 2);
+        let pilot = clamped(wanted.min(affordable));
+        if pilot < least { 0 } else { pilot }
+    }
+
+    fn plan_kept(&self, seen: &Feedback<'_>, plan: &mut Plan, rates: Rates, ranking: &Ranking) -> Result<(), Error> {
+        let BudgetLeft { min_spp, max_spp, .. } = seen.budget;
+        let now: Vec<u32> = (0..seen.pixels()).map(|i| clamped(seen.film.count(i))).collect();
+        let total = now.iter().map(|&n| u64::from(n)).sum::<u64>() + seen.budget.left();
+        if ranking.level && self.mode == Mode::Budget {
+            let counts = allocate(&vec![1.0; now.len()], &now, max_spp, total)?.counts;
+            plan.counts = counts.iter().zip(&now).map(|(n, now)| n - now).collect();
+            return Ok(());
+        }
+        let floor = clamped(u64::from(rates.initial).min(total / now.len() as u64)).max(min_spp).min(max_spp);
+        let mut steps = Steps::new(seen, plan, now, self.policy == Policy::Refined);
+        steps.raise_all(&ranking.order, floor, false);
+        match self.mode {
+            Mode::Threshold => {
+                let target = rates.refined().max(floor).min(max_spp);
+                steps.raise_all(&ranking.order[..ranking.asking], target, true);
+            }
+            Mode::Budget => steps.raise_in_passes(&ranking.order, rates),
+        }
+        if steps.withdrawn.contains(&true) {
+            plan.withdraw = Some(steps.withdrawn);
+        }
+        Ok(())
+    }
+}
+
+impl Ranking {
+    fn new(pilot: u32, scores: &[f64]) -> Self {
+        // Contrast saturates at 1, so ties are common: by their plain number the top of the picture
+        // would take all.
+        let tie = |i: u32| mix(u64::from(i));
+        let mut order: Vec<u32> = (0..scores.len() as u32).collect();
+        order.sort_unstable_by(|&a, &b| {
+            scores[b as usize].total_cmp(&scores[a as usize]).then_with(|| tie(a).cmp(&tie(b)))
+        });
+        let asking = scores.iter().filter(|&&s| s > 1.0).count();
+        let level = scores.windows(2).all(|w| w[0] == w[1]);
+        Self { pilot, order, asking, level }
+    }
+}
+
+/// A plan in the making.
+struct Steps<'a> {
+    film: &'a Film,
+    plan: &'a mut [u32],
+    now: Vec<u32>,
+    max_spp: u32,
+    left: u64,
+    /// Whether a pixel's first step takes its pilot out of the picture.
+    withdraws: bool,
+    withdrawn: Vec<bool>,
+}
+
+impl<'a> Steps<'a> {
+    fn new(seen: &Feedback<'a>, plan: &'a mut Plan, now: Vec<u32>, withdraws: bool) -> Self {
+        let withdrawn = vec![false; if withdraws { now.len() } else { 0 }];
+        let BudgetLeft { max_spp, .. } = seen.budget;
+        Self { film: seen.film, plan: &mut plan.counts, now, max_spp, left: seen.budget.left(), withdraws, withdrawn }
+    }
+
+    /// Samples that pixel `i` will have in the picture.
+    fn count(&self, i: usize) -> u32 {
+        let before = if self.withdraws && self.withdrawn[i] { 0 } else { self.now[i] };
+        before.saturating_add(self.plan[i])
+    }
+
+    /// Raises pixels to `target`, in this order, as far as the budget goes.
+    fn raise_all(&mut self, order: &[u32], target: u32, refines: bool) {
+        for &i in order {
+            if self.left == 0 {
+                return;
+            }
+            self.raise(i as usize, target, refines);
+        }
+    }
+
+    fn raise(&mut self, i: usize, target: u32, refines: bool) {
+        let count = self.count(i);
+        if count >= target {
+            return;
+        }
+        let fresh =
+            refines && self.withdraws && self.now[i] > 0 && !self.withdrawn[i] && self.film.discarded(i).count == 0;
+        let step = u64::from(if fresh { target - self.plan[i] } else { target - count });
+        if step <= self.left {
+            self.left -= step;
+            if fresh {
+                self.withdrawn[i] = true;
+                self.plan[i] = target;
+            } else {
+                self.plan[i] += target - count;
+            }
+            return;
+        }
+        // The budget ends within this step: the pixel takes what is left, and keeps its pilot.
+        let rest = self.left.min(u64::from(self.max_spp.saturating_sub(count)));
+        self.plan[i] += rest as u32;
+        self.left -= rest;
+    }
+
+    /// Refines all pixels, then all of them again by the same step, until nothing is left.
+    fn raise_in_passes(&mut self, order: &[u32], rates: Rates) {
+        let step = rates.additional;
+        let lowest = (0..self.now.len()).map(|i| self.count(i)).min().unwrap_or(0);
+        // The first pass that raises anything.
+        let passes = lowest.checked_sub(rates.refined()).map_or(0, |above| above / step + 1);
+        let mut target = rates.refined().saturating_add(step.saturating_mul(passes));
+        while self.left > 0 {
+            self.raise_all(order, target.min(self.max_spp), true);
+            if target >= self.max_spp {
+                return;
+            }
+            target = target.saturating_add(step);
+        }
+    }
+}
+
+fn clamped(n: u64) -> u32 {
+    u32::try_from(n).unwrap_or(u32::MAX)
+}
+
+/// A bijective 64-bit mix (the finaliser of SplitMix64, [Steele, Lea and Flood 2014]).
+fn mix(x: u64) -> u64 {
+    let x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    let x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    x ^ (x >> 31)
+}

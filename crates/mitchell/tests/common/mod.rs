@@ -1,0 +1,75 @@
+//! Made-up pictures and how to render them.
+#![allow(dead_code, unreachable_pub, reason = "each test file uses its own part")]
+
+use dapple_core::{
+    Block, BudgetLeft, Draws, Estimate, Feedback, Film, Frame, Integrator, Limits, Needs, NoWatch, Observed, Plan,
+    Sampler, render,
+};
+use dapple_low_discrepancy::Random;
+use dapple_mitchell::{Mitchell, MitchellOptions, Mode, PbrtAdaptive, PbrtOptions, Policy};
+
+pub const POLICIES: [Policy; 3] = [Policy::Keep, Policy::Refined, Policy::Discard];
+
+/// An integrator from a closure of the pixel and four numbers.
+pub struct Field<F>(pub F);
+
+impl<F: Fn([u32; 2], [f32; 4]) -> [f32; 3] + Sync> Integrator for Field<F> {
+    fn estimate(&self, draws: &Draws<'_>, _: &mut Observed) -> Estimate {
+        let radiance = (self.0)(draws.pixel(), draws.block(Block::new(0)));
+        Estimate { radiance, first_hit: None, cost: 1 }
+    }
+}
+
+/// 1 with probability `p`, else 0, in every pixel.
+pub fn bernoulli(p: f32) -> Field<impl Fn([u32; 2], [f32; 4]) -> [f32; 3] + Sync> {
+    Field(move |_, u: [f32; 4]| [f32::from(u8::from(u[0] < p)); 3])
+}
+
+pub fn frame(width: u32, height: u32) -> Frame {
+    Frame::new(width, height).unwrap()
+}
+
+pub fn run(integrator: &mut dyn Integrator, sampler: &mut dyn Sampler, frame: Frame, limits: &Limits) -> Film {
+    render(integrator, sampler, Needs::none(), frame, limits, &mut NoWatch).unwrap()
+}
+
+/// Mitchell's rule for one pixel alone, with these rates.
+pub fn alone(initial: u32, additional: u32, mode: Mode, policy: Policy) -> MitchellOptions {
+    MitchellOptions { initial, additional, radius: 0, mode, policy, ..MitchellOptions::default() }
+}
+
+pub fn mitchell(options: MitchellOptions, seed: u64) -> Mitchell<Random> {
+    Mitchell::with_options(Random::new(seed), options).unwrap()
+}
+
+pub fn pbrt(options: PbrtOptions, seed: u64) -> PbrtAdaptive<Random> {
+    PbrtAdaptive::with_options(Random::new(seed), options).unwrap()
+}
+
+pub fn pbrt_options(min: u32, max: u32, mode: Mode, policy: Policy) -> PbrtOptions {
+    PbrtOptions { min, max, mode, policy, ..PbrtOptions::default() }
+}
+
+/// A film on which these samples lie, pixel by pixel.
+pub fn film(frame: Frame, sampler: &dyn Sampler, samples: &[Vec<[f32; 3]>]) -> Film {
+    let mut film = Film::new(frame, sampler.needs());
+    for (i, samples) in samples.iter().enumerate() {
+        samples.iter().for_each(|&s| film.push(i, 0, s));
+    }
+    film
+}
+
+/// What a sampler asks for after a film, with so many samples in all and no bounds.
+pub fn ask(sampler: &mut dyn Sampler, film: &Film, total: u64) -> Plan {
+    let budget = BudgetLeft { spent: film.record().samples, total, min_spp: 0, max_spp: u32::MAX };
+    let mut plan = Plan::empty(film.frame().pixels());
+    sampler.next_round(&Feedback { round: 1, film, budget }, &mut plan).unwrap();
+    plan
+}
+
+/// The finaliser of SplitMix64: numbers for the tests themselves.
+pub fn mix(x: u64) -> u64 {
+    let x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    let x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    x ^ (x >> 31)
+}

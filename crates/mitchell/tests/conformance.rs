@@ -1,0 +1,45 @@
+//! Both samplers pass what every other must pass.
+
+use dapple_conformance as conformance;
+use dapple_low_discrepancy::{Random, Sobol};
+use dapple_mitchell::{Mitchell, MitchellOptions, Mode, PbrtAdaptive, PbrtOptions, Policy};
+
+const POLICIES: [Policy; 3] = [Policy::Keep, Policy::Refined, Policy::Discard];
+
+#[test]
+fn the_defaults_conform() {
+    conformance::sampler(|| Box::new(Mitchell::new(Sobol::new(1))));
+    conformance::sampler(|| Box::new(PbrtAdaptive::new(Sobol::new(1))));
+}
+
+fn mitchell(options: MitchellOptions) -> Mitchell<Random> {
+    Mitchell::with_options(Random::new(1), options).unwrap()
+}
+
+#[test]
+fn mitchell_conforms_in_either_mode_under_every_policy() {
+    for policy in POLICIES {
+        for (initial, additional, radius) in [(0, 0, 0), (0, 0, 1), (3, 5, 2)] {
+            let options = MitchellOptions { initial, additional, radius, policy, ..MitchellOptions::default() };
+            conformance::sampler(|| Box::new(mitchell(options)));
+            let options = MitchellOptions { mode: Mode::Threshold, ..options };
+            conformance::threshold_sampler(|| Box::new(mitchell(options)));
+        }
+    }
+}
+
+fn pbrt(options: PbrtOptions) -> PbrtAdaptive<Random> {
+    PbrtAdaptive::with_options(Random::new(1), options).unwrap()
+}
+
+#[test]
+fn pbrt_conforms_in_either_mode_under_every_policy() {
+    for policy in POLICIES {
+        for (min, max) in [(4, 32), (2, 2)] {
+            let options = PbrtOptions { min, max, policy, ..PbrtOptions::default() };
+            conformance::sampler(|| Box::new(pbrt(options)));
+            let options = PbrtOptions { mode: Mode::Threshold, ..options };
+            conformance::threshold_sampler(|| Box::new(pbrt(options)));
+        }
+    }
+}

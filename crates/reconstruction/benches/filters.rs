@@ -1,0 +1,70 @@
+//! What the filters cost per pixel on one thread, at their default radius of 4: time over 2^20 pixels.
+
+use criterion::{Criterion, Throughput, criterion_group, criterion_main};
+use dapple_core::samplers::Uniform;
+use dapple_core::{
+    Block, Draws, Estimate, Film, Filter, FirstHit, Frame, Integrator, Limits, Needs, NoWatch, Observed, render,
+};
+use dapple_low_discrepancy::Random;
+use dapple_reconstruction::{ClusterGaussian, Gaussian};
+use std::hint::black_box;
+use std::sync::Arc;
+
+const SIDE: u32 = 1024;
+
+/// Noise on slanted stripes, each a material of its own.
+struct Stripes;
+
+impl Integrator for Stripes {
+    fn estimate(&self, draws: &Draws<'_>, _: &mut Observed) -> Estimate {
+        let [u, v, a, _] = draws.block(Block::new(0));
+        let [x, y] = draws.pixel();
+        let stripe = ((x as f32 + u + 0.3 * (y as f32 + v)) / 16.0) as u32;
+        let hit = FirstHit {
+            position: [x as f32, y as f32, 0.0],
+            geometric_normal: [0.0, 0.0, 1.0],
+            shading_normal: [0.0, 0.0, 1.0],
+            albedo: [0.5; 3],
+            depth: 1.0,
+            footprint: 1.0,
+            roughness: 1.0,
+            material: stripe,
+            shape: 0,
+            primitive: 0,
+        };
+        Estimate { radiance: [a, u, v], first_hit: draws.wants_first_hit().then_some(hit), cost: 1 }
+    }
+}
+
+fn film(needs: Needs) -> Film {
+    let frame = Frame::new(SIDE, SIDE).expect("a frame");
+    let limits = Limits::samples(4 * u64::from(SIDE * SIDE));
+    render(&mut Stripes, &mut Uniform::new(Random::new(1)), needs, frame, &limits, &mut NoWatch).expect("a film")
+}
+
+fn filters(c: &mut Criterion) {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a pool");
+    let mut group = c.benchmark_group("filter");
+    group.throughput(Throughput::Elements(u64::from(SIDE * SIDE)));
+    let hits = Needs::none().with_first_hits(4);
+    let (plain, noisy, hits) = (film(Needs::none()), film(Needs::none().with_variance()), film(hits));
+    let map = (0..SIDE * SIDE).map(|i| (i % SIDE + i / SIDE / 3) / 16).collect();
+    let from_map = ClusterGaussian::from_map([SIDE, SIDE], map).expect("a map");
+    let label = |k| ClusterGaussian::from_hits(k, Arc::new(|hit| Some(hit.material))).expect("first hits");
+    let cases: [(&str, &Film, Box<dyn Filter>); 6] = [
+        ("gaussian", &plain, Box::new(Gaussian::default())),
+        ("gaussian with error", &noisy, Box::new(Gaussian::default())),
+        ("cluster-gaussian from a map", &plain, Box::new(from_map.clone())),
+        ("cluster-gaussian from a map with error", &noisy, Box::new(from_map)),
+        ("cluster-gaussian from 1 hit", &hits, Box::new(label(1))),
+        ("cluster-gaussian from 4 hits", &hits, Box::new(label(4))),
+    ];
+    for (name, film, filter) in cases {
+        group.bench_function(name, |b| {
+            pool.install(|| b.iter(|| filter.apply(black_box(film)).expect("a picture")));
+        });
+    }
+}
+
+criterion_group!(benches, filters);
+criterion_main!(benches);

@@ -1,0 +1,38 @@
+//! The filters of this crate pass what every other must pass.
+
+use dapple_conformance as conformance;
+use dapple_core::Frame;
+use dapple_reconstruction::{BACKGROUND, ClusterGaussian, Gaussian, Label};
+use std::sync::Arc;
+
+#[test]
+fn gaussian_conforms() {
+    conformance::filter(|| Box::new(Gaussian::default()));
+    for (alpha, radius) in [(2.0, 0.3), (2.0, 1.5), (1e-4, 64.0), (1e9, 3.0)] {
+        conformance::filter(|| Box::new(Gaussian::new(alpha, radius).unwrap()));
+    }
+}
+
+/// Blocks of 5x4 pixels, every third of them background.
+fn map(frame: &Frame) -> ClusterGaussian {
+    let [width, height] = frame.size();
+    let cluster = |x, y| if (x / 5 + y / 4) % 3 == 0 { BACKGROUND } else { x / 5 + 100 * (y / 4) };
+    let clusters = (0..height).flat_map(|y| (0..width).map(move |x| cluster(x, y))).collect();
+    ClusterGaussian::from_map([width, height], clusters).unwrap()
+}
+
+#[test]
+fn cluster_gaussian_from_a_map_conforms() {
+    for outside in [0.0, ClusterGaussian::DEFAULT_OUTSIDE, 1.0] {
+        conformance::filter_on_frames(|frame| Box::new(map(frame).with_outside(outside).unwrap()));
+    }
+}
+
+#[test]
+fn cluster_gaussian_from_hits_conforms() {
+    let label: Label = Arc::new(|hit| (hit.primitive != 1).then_some(hit.material + 10 * hit.primitive));
+    for (k, outside) in [(1, 0.1), (4, 0.0), (8, 0.1)] {
+        let make = || ClusterGaussian::from_hits(k, label.clone()).unwrap().with_outside(outside).unwrap();
+        conformance::filter(|| Box::new(make()));
+    }
+}

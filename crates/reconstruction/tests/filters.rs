@@ -1,0 +1,261 @@
+//! What the two filters promise beyond what every filter must.
+
+use dapple_core::samplers::Uniform;
+use dapple_core::{
+    Block, Draws, Error, Estimate, Film, Filter, FirstHit, Frame, Integrator, Limits, Needs, NoWatch, Observed, render,
+};
+use dapple_low_discrepancy::Random;
+use dapple_reconstruction::{BACKGROUND, ClusterGaussian, Gaussian};
+use proptest::prelude::*;
+use std::sync::Arc;
+
+/// A film with one sample of `value(i)` in each pixel.
+fn film(size: [u32; 2], value: impl Fn(usize) -> f32) -> Film {
+    let mut film = Film::new(Frame::new(size[0], size[1]).unwrap(), Needs::none());
+    for i in 0..film.frame().pixels() {
+        let v = value(i);
+        film.push(i, 0, [v, 0.5 * v, 0.0]);
+    }
+    film
+}
+
+fn refused(result: Result<impl Sized, Error>, parameter: &str) {
+    match result {
+        Err(Error::OutOfRange { name, .. }) => assert_eq!(name, parameter),
+        Err(other) => panic!("{other}"),
+        Ok(_) => panic!("{parameter} is not refused"),
+    }
+}
+
+#[test]
+fn parameters_out_of_range_are_refused() {
+    for alpha in [0.0, -0.5, f64::NAN, f64::INFINITY] {
+        refused(Gaussian::new(alpha, 4.0), "alpha");
+    }
+    for radius in [0.0, -1.0, 64.000_1, f64::NAN, f64::INFINITY] {
+        refused(Gaussian::new(0.5, radius), "radius");
+    }
+    for outside in [-0.1, 1.1, f64::NAN] {
+        refused(ClusterGaussian::from_map([1, 1], vec![0]).unwrap().with_outside(outside), "outside");
+    }
+    for k in [0, 9] {
+        refused(ClusterGaussian::from_hits(k, Arc::new(|_| None)), "k");
+    }
+    refused(ClusterGaussian::from_map([3, 2], vec![0; 5]), "clusters");
+    refused(ClusterGaussian::from_map([u32::MAX, u32::MAX], vec![]), "clusters");
+}
+
+#[test]
+fn a_map_for_another_size_is_refused() {
+    let filter = ClusterGaussian::from_map([3, 2], vec![0; 6]).unwrap();
+    let message = match filter.apply(&film([2, 3], |_| 1.0)) {
+        Err(error @ Error::Mismatch { .. }) => error.to_string(),
+        other => panic!("{other:?}"),
+    };
+    assert!(message.contains("3x2") && message.contains("2x3") && message.contains("make the map"), "{message}");
+}
+
+#[test]
+fn descriptions_give_every_parameter() {
+    assert_eq!(Gaussian::default().describe(), "gaussian:alpha=0.5,radius=4");
+    let map = ClusterGaussian::from_map([1, 1], vec![0]).unwrap();
+    assert_eq!(map.describe(), "cluster-gaussian:alpha=0.5,radius=4,outside=0.05,clusters=map");
+    let hits = ClusterGaussian::from_hits(4, Arc::new(|_| None)).unwrap();
+    let hits = hits.with_kernel(Gaussian::new(2.0, 1.5).unwrap()).with_outside(0.25).unwrap();
+    assert_eq!(hits.describe(), "cluster-gaussian:alpha=2,radius=1.5,outside=0.25,k=4");
+}
+
+/// A picture of one bright pixel is the kernel, and has its energy.
+#[test]
+fn an_impulse_becomes_the_kernel_and_keeps_its_energy() {
+    let film = film([21, 19], |i| if i == 9 * 21 + 10 { 1000.0 } else { 0.0 });
+    for kernel in [Gaussian::default(), Gaussian::new(2.0, 1.5).unwrap(), Gaussian::new(0.01, 8.2).unwrap()] {
+        let n = kernel.weights().len() / 2;
+        let one = ClusterGaussian::from_map([21, 19], vec![5; 399]).unwrap().with_kernel(kernel.clone());
+        let filters: [&dyn Filter; 2] = [&kernel, &one];
+        for filter in filters {
+            let picture = filter.apply(&film).unwrap().radiance;
+            for (i, value) in picture.iter().enumerate() {
+                let (dx, dy) = ((i % 21).abs_diff(10), (i / 21).abs_diff(9));
+                let weight = |d: usize| if d <= n { kernel.weights()[n - d] } else { 0.0 };
+                let wanted = 1000.0 * weight(dx) * weight(dy);
+                // Near the frame's border weights are shared among fewer pixels.
+                if (n..21 - n).contains(&(i % 21)) && (n..19 - n).contains(&(i / 21)) {
+                    assert!((f64::from(value[0]) - wanted).abs() <= 1e-6 * wanted, "{}: {i}", filter.describe());
+                }
+            }
+            let energy: f64 = picture.iter().map(|v| f64::from(v[0])).sum();
+            // Within 2 n of the border, border pixels receive some of it, and receive too much.
+            let interior = 2 * n <= 9;
+            if interior {
+                assert!((energy - 1000.0).abs() < 1e-3, "{}: {energy}", filter.describe());
+            } else {
+                assert!(energy > 999.999, "{}: {energy}", filter.describe());
+            }
+        }
+    }
+}
+
+/// Both readings of "width 8 px" are nearly the same filter: the figures in the documentation of `Gaussian`.
+#[test]
+fn radius_4_and_radius_8_differ_little() {
+    let (narrow, wide) = (Gaussian::default(), Gaussian::new(0.5, 8.0).unwrap());
+    let at = |g: &Gaussian, d: i32| {
+        let n = g.weights().len() as i32 / 2;
+        if d.abs() <= n { g.weights()[(d + n) as usize] } else { 0.0 }
+    };
+    let pairs = || (-8..=8).flat_map(|x| (-8..=8).map(move |y| (x, y)));
+    let largest = at(&wide, 0).powi(2);
+    let difference =
+        pairs().map(|(x, y)| (at(&wide, x) * at(&wide, y) - at(&narrow, x) * at(&narrow, y)).abs()).fold(0.0, f64::max);
+    let noise = |g| pairs().map(|(x, y)| (at(g, x) * at(g, y)).powi(2)).sum::<f64>();
+    let ratio = noise(&narrow) / noise(&wide);
+    let beyond = 2.0 * (5..=8).map(|d| at(&wide, d)).sum::<f64>();
+    assert!((0.146..0.148).contains(&largest) && difference < 3e-4 && (ratio - 1.0).abs() < 3e-3 && beyond < 7e-6);
+}
+
+/// The variance between pictures against the estimate: 400 pictures of pure noise, whose unfiltered variance is known.
+#[test]
+fn the_error_estimate_is_the_variance_of_the_picture() {
+    const SEEDS: u64 = 400;
+    let frame = Frame::new(9, 9).unwrap();
+    let map: Vec<u32> = (0..81).map(|i| u32::from(i % 9 > 4)).collect();
+    let map = ClusterGaussian::from_map([9, 9], map).unwrap();
+    let filters: [&dyn Filter; 2] = [&Gaussian::default(), &map];
+    for needs in [Needs::none().with_variance(), Needs::none().with_halves()] {
+        for filter in filters {
+            let (mut sum, mut squares, mut predicted) = ([0.0; 81], [0.0; 81], [0.0; 81]);
+            for seed in 0..SEEDS {
+                let limits = Limits::samples(8 * 81);
+                let film = render(&mut Flat, &mut Uniform::new(Random::new(seed)), needs, frame, &limits, &mut NoWatch);
+                let picture = filter.apply(&film.unwrap()).unwrap();
+                let error = picture.error.unwrap();
+                for i in 0..81 {
+                    let x = f64::from(picture.radiance[i][0]);
+                    sum[i] += x;
+                    squares[i] += x * x;
+                    predicted[i] += f64::from(error[i]) / SEEDS as f64;
+                }
+            }
+            let n = SEEDS as f64;
+            for i in 0..81 {
+                let variance = (squares[i] - sum[i] * sum[i] / n) / (n - 1.0);
+                // A variance of 400 values has a relative standard error of sqrt(2 / 399) = 7 %; 5 of them
+                // over 324 correlated tests alarm falsely with a chance below 2e-4.
+                let ratio = variance / predicted[i];
+                assert!((ratio - 1.0).abs() < 0.36, "{}: pixel {i}: {ratio}", filter.describe());
+            }
+            let all = predicted.iter().sum::<f64>();
+            let unfiltered = 81.0 / 12.0 / 8.0;
+            assert!(all < 0.2 * unfiltered, "the filter leaves noise of {all}, of {unfiltered}");
+        }
+    }
+}
+
+/// A uniform value in every channel alike; the pixel's left part is material 1, from 0.3 on material 2,
+/// in row 0 nothing.
+struct Flat;
+
+impl Integrator for Flat {
+    fn estimate(&self, draws: &Draws<'_>, _: &mut Observed) -> Estimate {
+        let [u, v, ..] = draws.block(Block::new(0));
+        let hit = FirstHit {
+            position: [0.0; 3],
+            geometric_normal: [0.0, 0.0, 1.0],
+            shading_normal: [0.0, 0.0, 1.0],
+            albedo: [0.5; 3],
+            depth: 1.0,
+            footprint: 1.0,
+            roughness: 1.0,
+            material: 1 + u32::from(draws.pixel()[0] as f32 + v > 4.3),
+            shape: 0,
+            primitive: 0,
+        };
+        let first_hit = (draws.wants_first_hit() && draws.pixel()[1] > 0).then_some(hit);
+        Estimate { radiance: [u; 3], first_hit, cost: 1 }
+    }
+}
+
+/// Pure pixels from first hits are what a map of the same clusters gives; the mixed column lies between.
+#[test]
+fn first_hits_and_a_map_agree_on_pure_pixels() {
+    let frame = Frame::new(12, 9).unwrap();
+    let needs = Needs::none().with_first_hits(8).with_variance();
+    let limits = Limits::samples(8 * 108);
+    let film = render(&mut Flat, &mut Uniform::new(Random::new(3)), needs, frame, &limits, &mut NoWatch).unwrap();
+    let kernel = Gaussian::new(0.5, 2.0).unwrap();
+    let hits = |k| {
+        ClusterGaussian::from_hits(k, Arc::new(|hit| Some(hit.material)))
+            .unwrap()
+            .with_kernel(kernel.clone())
+            .apply(&film)
+            .unwrap()
+    };
+    let cluster = |i: usize| if i < 12 { BACKGROUND } else { 1 + u32::from(i % 12 > 4) };
+    let map = ClusterGaussian::from_map([12, 9], (0..108).map(cluster).collect()).unwrap();
+    let map = map.with_kernel(kernel.clone()).apply(&film).unwrap();
+    let (one, eight) = (hits(1), hits(8));
+    // Column 4 is mixed; the kernel reaches 2 pixels.
+    for i in (0..108usize).filter(|i| (i % 12).abs_diff(4) > 2) {
+        assert_eq!(map.radiance[i], eight.radiance[i], "pixel {i}");
+        assert_eq!(map.radiance[i], one.radiance[i], "pixel {i}");
+        assert_eq!(map.error.as_ref().unwrap()[i], eight.error.as_ref().unwrap()[i], "pixel {i}");
+    }
+    assert_ne!(one.radiance, eight.radiance, "mixed pixels blend");
+    // A film with fewer first hits, or none, is refused.
+    let poor = ClusterGaussian::from_hits(8, Arc::new(|_| None)).unwrap();
+    let bare = self::film([12, 9], |_| 1.0);
+    assert!(matches!(poor.apply(&bare), Err(Error::NotRecorded { .. })));
+}
+
+/// With `outside` 1 clusters do not matter; with 0 nothing crosses.
+#[test]
+fn outside_goes_from_the_gaussian_to_a_wall() {
+    let film = film([16, 10], |i| if i % 16 < 6 { 1.0 + (i % 7) as f32 } else { 1000.0 + (i % 5) as f32 });
+    let map: Vec<u32> = (0..160).map(|i| u32::from(i % 16 < 6)).collect();
+    let with = |outside| {
+        let map = ClusterGaussian::from_map([16, 10], map.clone()).unwrap().with_outside(outside).unwrap();
+        map.apply(&film).unwrap().radiance
+    };
+    let plain = Gaussian::default().apply(&film).unwrap().radiance;
+    for (a, b) in with(1.0).iter().flatten().zip(plain.iter().flatten()) {
+        assert!((a - b).abs() <= 1e-6 * b, "{a} {b}");
+    }
+    assert!(with(0.0).iter().enumerate().all(|(i, v)| if i % 16 < 6 { v[0] < 8.0 } else { v[0] >= 1000.0 }));
+    let column = |outside| with(outside)[5 * 16 + 5][0];
+    assert!(column(0.0) < column(0.1) && column(0.1) < column(0.5) && column(0.5) < column(1.0));
+}
+
+proptest! {
+    /// No result leaves the range of the means it is made of; nothing is NaN, whatever the counts.
+    #[test]
+    fn results_stay_within_the_range(
+        alpha in prop_oneof![1e-9..1e-3, 1e-3..10.0, 10.0..1e9],
+        radius in 0.01..12.0,
+        outside in prop_oneof![0.0..=1.0, Just(0.0), Just(1e-200), Just(2e-16), Just(1e-16)],
+        width in 1u32..9,
+        values in prop::collection::vec((0u32..4, 0f32..1e30), 1..60),
+    ) {
+        let height = (values.len() as u32).div_ceil(width);
+        let mut film = Film::new(Frame::new(width, height).unwrap(), Needs::none().with_variance());
+        for (i, (count, value)) in values.iter().enumerate() {
+            (0..*count).for_each(|_| film.push(i, 0, [*value; 3]));
+        }
+        let sampled = || values.iter().filter(|v| v.0 > 0).map(|v| v.1);
+        let (low, high) = (sampled().fold(f32::INFINITY, f32::min), sampled().fold(0.0, f32::max));
+        let kernel = Gaussian::new(alpha, radius).unwrap();
+        let clusters = (0..width * height).map(|i| i * i % 3).collect();
+        let map = ClusterGaussian::from_map([width, height], clusters).unwrap();
+        let map = map.with_kernel(kernel.clone()).with_outside(outside).unwrap();
+        let filters: [&dyn Filter; 2] = [&kernel, &map];
+        for filter in filters {
+            let picture = filter.apply(&film).unwrap();
+            for x in picture.radiance.iter().flatten() {
+                // Black: no sample in reach.
+                let inside = *x >= low * (1.0 - 1e-6) && *x <= high * (1.0 + 1e-6);
+                prop_assert!(inside || *x == 0.0, "{} not in {low} .. {high}", x);
+            }
+            prop_assert!(picture.error.unwrap().iter().all(|e| *e >= 0.0));
+        }
+    }
+}
