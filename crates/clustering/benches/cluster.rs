@@ -46,6 +46,7 @@ fn terrain(side: u32, gain: f64) -> (Vec<[f32; 3]>, Vec<[u32; 3]>) {
     (positions, indices)
 }
 
+#[allow(clippy::print_stderr)]
 fn clustering(criterion: &mut Criterion) {
     let side = if std::env::args().any(|word| word == "--test") { 50 } else { 708 };
     let published = Params::published();

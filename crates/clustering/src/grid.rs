@@ -147,7 +147,7 @@ impl Triangles<'_> {
 pub(crate) struct Grid {
     /// Voxels along each axis.
     pub(crate) resolution: [u32; 3],
-    /// The low corner, less [`FACE_WIDTH`].
+    /// The low corner, less [`FACE_WIDTH`] or a quarter of a voxel.
     low: [f64; 3],
     /// Voxels per unit of length; 0 along an axis without extent.
     density: [f64; 3],
@@ -167,7 +167,10 @@ impl Grid {
                 grid.resolution[axis] = (voxels.round() as u32).clamp(1, clamp);
                 grid.density[axis] = f64::from(grid.resolution[axis]) / extent[axis];
             }
-            grid.low[axis] = low[axis] - FACE_WIDTH * low[axis].abs().max(high[axis].abs());
+            // Far from the origin coordinates are coarse; the shift then stays below the voxel.
+            let voxel = extent[axis] / f64::from(grid.resolution[axis]);
+            let shift = (FACE_WIDTH * low[axis].abs().max(high[axis].abs())).min(0.25 * voxel);
+            grid.low[axis] = low[axis] - shift;
         }
         grid
     }

@@ -67,8 +67,10 @@ impl Surface {
 /// The normal itself or its opposite, whichever has z > 0 (or, of z = 0, y > 0, and so on).
 #[inline]
 fn upper(n: [f32; 3]) -> [f32; 3] {
-    let negative = n[2] < 0.0 || (n[2] == 0.0 && (n[1] < 0.0 || (n[1] == 0.0 && n[0] < 0.0)));
-    if negative { n.map(|x| -x) } else { n }
+    // Without branches: of a closed surface, half the normals point either way.
+    let negative = (n[2] < 0.0) | ((n[2] == 0.0) & ((n[1] < 0.0) | ((n[1] == 0.0) & (n[0] < 0.0))));
+    let sign = if negative { -1.0 } else { 1.0 };
+    n.map(|x| sign * x)
 }
 
 impl Scratch {

@@ -161,6 +161,19 @@ fn k05_soup_at_any_scale() {
     }
 }
 
+/// 2^20 times as far from the origin as it is wide: 16 places along each axis are left, each in a voxel of its own.
+#[test]
+fn k05_far_from_the_origin() {
+    let mut mesh = Mesh::default();
+    for i in 0..16_u32.pow(2) {
+        let place = [(1 << 23) + i % 16, (1 << 23) + i / 16].map(|x| x as f32);
+        mesh.add([[place[0], place[1], 0.0]; 3]);
+    }
+    let clusters = mesh.cluster(&Params { k: 100.0, clamp: 15, ..Params::default() }).unwrap();
+    // 15 voxels: the last place is on the upper bound, with the one before it.
+    assert_eq!((clusters.report().resolution, clusters.len()), ([15, 15, 1], 225));
+}
+
 /// The extremes of `f32`, at once: nothing overflows, nothing vanishes.
 #[test]
 fn k05_huge_and_tiny() {

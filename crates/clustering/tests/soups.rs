@@ -78,8 +78,8 @@ fn check(mesh: &Mesh, params: &Params, clusters: &Clusters) -> Result<(), TestCa
             prop_assert_eq!(clusters.labels()[triangle as usize], number as u32);
             prop_assert_eq!(mesh.materials.get(triangle as usize).copied().unwrap_or(0), cluster.material);
             for corner in mesh.corners(triangle) {
-                for axis in 0..3 {
-                    prop_assert!(cluster.bounds[0][axis] <= corner[axis] && corner[axis] <= cluster.bounds[1][axis]);
+                for (axis, x) in corner.into_iter().enumerate() {
+                    prop_assert!(cluster.bounds[0][axis] <= x && x <= cluster.bounds[1][axis]);
                 }
             }
             let cross = cross(mesh, triangle);
@@ -135,7 +135,7 @@ fn is_connected(mesh: &Mesh, members: &[u32], weld: bool) -> bool {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 400, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: 400, failure_persistence: None, rng_seed: proptest::test_runner::RngSeed::Fixed(2016), ..ProptestConfig::default() })]
 
     #[test]
     fn a_true_partition(mesh in mesh(), params in params()) {

@@ -13,6 +13,7 @@ fn peak() -> Option<u64> {
 }
 
 #[test]
+#[allow(clippy::print_stderr)]
 fn k06_sparse_grid() {
     let mesh = soup(10, 0.01, 6);
     let mesh = mesh.map(|p| p.map(|x| x.clamp(0.0, 0.95)));
