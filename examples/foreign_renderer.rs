@@ -1,0 +1,419 @@
+//! Another renderer's way in: Dapple's samplers and filters behind a renderer that shares nothing with Dapple's own.
+//!
+//! ```sh
+//! cargo run --release --example foreign_renderer -- out
+//! ```
+//!
+//! Everything from [`V3`] down to [`write_ppm`] is somebody else's: vectors, scene, ray tracer, integrator and picture
+//! files. Dapple sees slices and two closures' worth of it: triangles to cluster, first hits to probe, and one sample's
+//! radiance ([`Integrator`]). No scene type, BVH, maths or image crate of Dapple's is linked.
+//!
+//! It renders uniformly and cluster-adaptively with equally many samples, filters both, and prints the errors: gains and
+//! losses alike. Three pictures go to the folder given (else to one for temporary files): `picture.ppm`, `samples.ppm`
+//! (white = many) and `clusters.ppm`.
+
+#![expect(clippy::print_stdout, reason = "a program: its table is its result")]
+
+use dapple::cluster_adaptive::{BACKGROUND, ClusterAdaptive, Placement, ProbeHit, probe};
+use dapple::clustering::{Params, Triangles, cluster};
+use dapple::core::samplers::Uniform;
+use dapple::core::{Block, Draws, Estimate, Film, Filter, FirstHit, Frame, Integrator, Limits, Needs, NoWatch};
+use dapple::core::{Observed, Sampler, Unfiltered, render};
+use dapple::low_discrepancy::Sobol;
+use dapple::metrics::{Pixels, compare};
+use dapple::reconstruction::{ClusterGaussian, Gaussian};
+use std::f32::consts::{PI, TAU};
+use std::ops::{Add, Mul, Sub};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+type Result<T> = std::result::Result<T, Box<dyn std::error::Error>>;
+
+const SIZE: [u32; 2] = [160, 96];
+const SPP: u64 = 16;
+const SEEDS: u64 = 4;
+const REFERENCE_SPP: u64 = 512;
+
+fn main() -> Result<()> {
+    let folder = std::env::args_os().nth(1).map_or_else(|| std::env::temp_dir().join("dapple-foreign"), PathBuf::from);
+    std::fs::create_dir_all(&folder)?;
+    let mut scene = Scene::bay();
+    let frame = Frame::new(SIZE[0], SIZE[1])?;
+
+    // Triangles in, clusters out.
+    let positions: Vec<[f32; 3]> = scene.positions.iter().map(|p| p.array()).collect();
+    let triangles = Triangles { positions: &positions, indices: &scene.triangles, materials: &scene.materials };
+    let clusters = cluster(&triangles, &Params::default())?;
+    let labels: Arc<[u32]> = clusters.labels().into();
+
+    // First hits in, a sample count for each pixel out, when the sampler is asked. `Centre` needs no points.
+    let probes = probe(&frame, Placement::Centre, &Sobol::new(0), &labels, |ray| {
+        let (_, direction) = scene.camera_ray(ray.film);
+        let hit = scene.first_hit(EYE, direction, f32::INFINITY)?;
+        let (direction, normal) = (direction.array(), hit.normal.array());
+        Some(ProbeHit { primitive: hit.triangle, direction, distance: hit.t, normal, footprint: hit.t * PIXEL_WIDTH })
+    })?;
+    println!("{} triangles, {} clusters, {} probe rays", labels.len(), clusters.len(), probes.cost().rays);
+
+    // The filters, by name. The last reads the first hits of each pixel's first four samples.
+    let cluster_of = move |hit: &FirstHit| labels.get(hit.primitive as usize).copied();
+    let filters: [Box<dyn Filter>; 3] = [
+        Box::new(Unfiltered),
+        Box::new(Gaussian::default()),
+        Box::new(ClusterGaussian::from_hits(4, Arc::new(cluster_of))?),
+    ];
+    let needs = filters.iter().fold(Needs::none(), |needs, f| needs.and(f.needs()));
+
+    // A reference of its own: two halves with seeds of their own, whose difference tells its error.
+    let half = |scene: &mut Scene, seed| -> Result<Vec<[f32; 3]>> {
+        let mut sampler = Uniform::new(Sobol::new(seed));
+        Ok(shoot(scene, &mut sampler, Needs::none(), frame, REFERENCE_SPP / 2)?.picture())
+    };
+    let (a, b) = (half(&mut scene, 1001)?, half(&mut scene, 1002)?);
+    let reference: Vec<[f32; 3]> =
+        a.iter().zip(&b).map(|(a, b)| [0, 1, 2].map(|c: usize| 0.5 * (a[c] + b[c]))).collect();
+
+    // Swapping the method is one line; all else is the same.
+    let mut errors: [[Vec<f64>; 2]; 3] = Default::default();
+    let mut shown = None;
+    for seed in 1..=SEEDS {
+        let mut uniform = Uniform::new(Sobol::new(seed));
+        let mut adaptive = ClusterAdaptive::published(Sobol::new(seed), &probes, clusters.clusters())?;
+        let films =
+            [shoot(&mut scene, &mut uniform, needs, frame, SPP)?, shoot(&mut scene, &mut adaptive, needs, frame, SPP)?];
+        for (filter, errors) in filters.iter().zip(&mut errors) {
+            for (film, errors) in films.iter().zip(errors) {
+                errors.push(rel_mse(&filter.apply(film)?.radiance, &reference)?);
+            }
+        }
+        let [_, film] = films;
+        shown.get_or_insert(film);
+    }
+    print_table(&filters, &errors, rel_mse(&a, &b)? / 4.0);
+
+    let film = shown.ok_or("no seed was rendered")?;
+    write_pictures(&folder, &film, &probes.cluster_map())
+}
+
+/// One render of `spp` samples per pixel on average, exactly.
+fn shoot(scene: &mut Scene, sampler: &mut dyn Sampler, needs: Needs, frame: Frame, spp: u64) -> Result<Film> {
+    let limits = Limits::samples(spp * frame.pixels() as u64);
+    Ok(render(scene, sampler, needs, frame, &limits, &mut NoWatch)?)
+}
+
+fn rel_mse(picture: &[[f32; 3]], reference: &[[f32; 3]]) -> Result<f64> {
+    Ok(compare(Pixels::new(SIZE, picture)?, Pixels::new(SIZE, reference)?)?.rel_mse)
+}
+
+/// Errors are means over seeds; ratios are paired by seed, their geometric mean and range.
+fn print_table(filters: &[Box<dyn Filter>; 3], errors: &[[Vec<f64>; 2]; 3], of_reference: f64) {
+    println!("relMSE, {}x{} pixels, {SPP} samples each on average, {SEEDS} seeds:", SIZE[0], SIZE[1]);
+    println!("| filter | uniform | cluster-adaptive | ratio (range over seeds) |");
+    println!("|---|---|---|---|");
+    for (filter, [uniform, adaptive]) in filters.iter().zip(errors) {
+        let mean = |e: &[f64]| e.iter().sum::<f64>() / e.len() as f64;
+        let ratios: Vec<f64> = adaptive.iter().zip(uniform).map(|(a, u)| a / u).collect();
+        let middle = mean(&ratios.iter().map(|r| r.ln()).collect::<Vec<_>>()).exp();
+        let (least, most) = ratios.iter().fold((f64::MAX, 0.0_f64), |(l, m), &r| (l.min(r), m.max(r)));
+        let verdict = if most < 1.0 {
+            "a gain"
+        } else if least > 1.0 {
+            "a loss"
+        } else {
+            "undecided"
+        };
+        let (uniform, adaptive) = (mean(uniform), mean(adaptive));
+        let name = filter.name();
+        println!("| {name} | {uniform:.2e} | {adaptive:.2e} | {middle:.2} ({least:.2} to {most:.2}): {verdict} |");
+    }
+    println!("The reference, {REFERENCE_SPP} samples a pixel, has an error of {of_reference:.1e} of its own.");
+    println!("The adaptive pictures also took one probe ray a pixel, which is not counted.");
+}
+
+fn write_pictures(folder: &Path, film: &Film, clusters: &[u32]) -> Result<()> {
+    let most = film.counts().into_iter().max().unwrap_or(1) as f32;
+    let counts: Vec<[f32; 3]> = film.counts().iter().map(|&n| [n as f32 / most; 3]).collect();
+    let colours: Vec<[f32; 3]> = clusters.iter().map(|&c| if c == BACKGROUND { [0.0; 3] } else { colour(c) }).collect();
+    let display = film.picture().iter().map(|p| p.map(|x| x.powf(1.0 / 2.2))).collect();
+    for (name, pixels) in [("picture.ppm", display), ("samples.ppm", counts), ("clusters.ppm", colours)] {
+        let path = folder.join(name);
+        write_ppm(&path, &pixels)?;
+        println!("wrote {}", path.display());
+    }
+    Ok(())
+}
+
+// From here on: somebody else's renderer, which knows of Dapple by one `impl Integrator` only.
+
+/// A vector type of its own.
+#[derive(Clone, Copy, Debug)]
+struct V3 {
+    x: f32,
+    y: f32,
+    z: f32,
+}
+
+const fn v3(x: f32, y: f32, z: f32) -> V3 {
+    V3 { x, y, z }
+}
+
+impl Add for V3 {
+    type Output = V3;
+    fn add(self, o: V3) -> V3 {
+        v3(self.x + o.x, self.y + o.y, self.z + o.z)
+    }
+}
+
+impl Sub for V3 {
+    type Output = V3;
+    fn sub(self, o: V3) -> V3 {
+        v3(self.x - o.x, self.y - o.y, self.z - o.z)
+    }
+}
+
+impl Mul<f32> for V3 {
+    type Output = V3;
+    fn mul(self, s: f32) -> V3 {
+        v3(self.x * s, self.y * s, self.z * s)
+    }
+}
+
+impl V3 {
+    fn array(self) -> [f32; 3] {
+        [self.x, self.y, self.z]
+    }
+    fn dot(self, o: V3) -> f32 {
+        self.x * o.x + self.y * o.y + self.z * o.z
+    }
+    fn cross(self, o: V3) -> V3 {
+        v3(self.y * o.z - self.z * o.y, self.z * o.x - self.x * o.z, self.x * o.y - self.y * o.x)
+    }
+    fn unit(self) -> V3 {
+        self * (1.0 / self.dot(self).sqrt())
+    }
+    fn zip(self, o: V3, f: fn(f32, f32) -> f32) -> V3 {
+        v3(f(self.x, o.x), f(self.y, o.y), f(self.z, o.z))
+    }
+}
+
+const EYE: V3 = v3(0.0, -9.0, 3.2);
+/// Width of a pixel at distance 1.
+const PIXEL_WIDTH: f32 = 1.1 / SIZE[0] as f32;
+/// The lamp, a square that shines down; cameras do not see it.
+const LAMP: V3 = v3(3.0, -2.0, 6.0);
+const LAMP_SIDE: f32 = 2.0;
+const LAMP_RADIANCE: f32 = 16.0;
+/// Water, clay and chalk.
+const ALBEDO: [[f32; 3]; 3] = [[0.25, 0.4, 0.45], [0.75, 0.35, 0.2], [0.8, 0.8, 0.75]];
+
+fn sky(direction: V3) -> [f32; 3] {
+    let up = direction.z.max(0.0);
+    [0.75 - 0.5 * up, 0.8 - 0.4 * up, 0.85 - 0.2 * up]
+}
+
+/// Leaves come in one piece; an inner node's left child follows it.
+struct Node {
+    low: V3,
+    high: V3,
+    first: usize,
+    count: usize,
+    right: usize,
+}
+
+struct Hit {
+    t: f32,
+    triangle: u32,
+    /// Unit length, on the ray's side.
+    normal: V3,
+}
+
+#[derive(Default)]
+struct Scene {
+    positions: Vec<V3>,
+    triangles: Vec<[u32; 3]>,
+    materials: Vec<u32>,
+    order: Vec<u32>,
+    nodes: Vec<Node>,
+}
+
+impl Scene {
+    /// Waves and two balls.
+    fn bay() -> Self {
+        let mut scene = Self::default();
+        let wave = |x: f32, y: f32| 0.12 * (1.7 * x + 0.6 * y).sin() + 0.1 * (2.3 * y - 0.4 * x).sin();
+        scene.sheet([48, 48], 0, |u, v| {
+            let (x, y) = (14.0 * u - 7.0, 14.0 * v - 7.0);
+            v3(x, y, wave(x, y))
+        });
+        for (centre, radius, material) in [(v3(-1.5, 0.0, 1.2), 1.3, 1), (v3(1.3, -2.0, 0.8), 0.8, 2)] {
+            scene.sheet([40, 20], material, |u, v| {
+                let (ring, height) = (PI * v).sin_cos();
+                let (y, x) = (TAU * u).sin_cos();
+                centre + v3(ring * x, ring * y, height) * radius
+            });
+        }
+        let mut order: Vec<u32> = (0..scene.triangles.len() as u32).collect();
+        scene.build(&mut order, 0);
+        scene.order = order;
+        scene
+    }
+
+    /// A surface over the unit square, two triangles a cell.
+    fn sheet(&mut self, cells: [u32; 2], material: u32, point: impl Fn(f32, f32) -> V3) {
+        let [columns, rows] = cells;
+        let first = self.positions.len() as u32;
+        let at = |i, n| i as f32 / n as f32;
+        for j in 0..=rows {
+            self.positions.extend((0..=columns).map(|i| point(at(i, columns), at(j, rows))));
+        }
+        for (j, i) in (0..rows).flat_map(|j| (0..columns).map(move |i| (j, i))) {
+            let a = first + j * (columns + 1) + i;
+            let c = a + columns + 1;
+            self.triangles.extend([[a, a + 1, c + 1], [a, c + 1, c]]);
+            self.materials.extend([material; 2]);
+        }
+    }
+
+    fn corners(&self, triangle: u32) -> [V3; 3] {
+        self.triangles[triangle as usize].map(|v| self.positions[v as usize])
+    }
+
+    /// Splits at the median of the longest axis.
+    fn build(&mut self, order: &mut [u32], first: usize) {
+        let corners = || order.iter().flat_map(|&t| self.corners(t));
+        let low = corners().fold(v3(1e9, 1e9, 1e9), |a, b| a.zip(b, f32::min));
+        let high = corners().fold(v3(-1e9, -1e9, -1e9), |a, b| a.zip(b, f32::max));
+        let me = self.nodes.len();
+        self.nodes.push(Node { low, high, first, count: order.len(), right: 0 });
+        if order.len() <= 4 {
+            return;
+        }
+        let size = (high - low).array();
+        let axis = (0..3).fold(0, |best, a| if size[a] > size[best] { a } else { best });
+        let key = |t: &u32| self.corners(*t).iter().map(|c| c.array()[axis]).sum::<f32>();
+        let middle = order.len() / 2;
+        order.select_nth_unstable_by(middle, |a, b| key(a).total_cmp(&key(b)));
+        let (left, right) = order.split_at_mut(middle);
+        self.build(left, first);
+        (self.nodes[me].count, self.nodes[me].right) = (0, self.nodes.len());
+        self.build(right, first + middle);
+    }
+
+    fn first_hit(&self, from: V3, direction: V3, mut nearest: f32) -> Option<Hit> {
+        let inverse = v3(1.0 / direction.x, 1.0 / direction.y, 1.0 / direction.z);
+        let mut found = None;
+        let (mut stack, mut depth) = ([0; 32], 1);
+        while depth > 0 {
+            depth -= 1;
+            let node = &self.nodes[stack[depth]];
+            let slab = |p: V3| (p - from).zip(inverse, |a, b| a * b);
+            let (a, b) = (slab(node.low), slab(node.high));
+            let (near, far) = (a.zip(b, f32::min), a.zip(b, f32::max));
+            if near.x.max(near.y).max(near.z).max(0.0) > far.x.min(far.y).min(far.z).min(nearest) {
+                continue;
+            }
+            if node.count == 0 {
+                (stack[depth], stack[depth + 1]) = (node.right, stack[depth] + 1);
+                depth += 2;
+                continue;
+            }
+            for &triangle in &self.order[node.first..node.first + node.count] {
+                if let Some(t) = intersect(self.corners(triangle), from, direction).filter(|&t| t < nearest) {
+                    (nearest, found) = (t, Some(triangle));
+                }
+            }
+        }
+        found.map(|triangle| {
+            let [a, b, c] = self.corners(triangle);
+            let normal = (b - a).cross(c - a).unit();
+            let side = if normal.dot(direction) < 0.0 { 1.0 } else { -1.0 };
+            Hit { t: nearest, triangle, normal: normal * side }
+        })
+    }
+
+    /// Origin and unit direction through a place on the film, in pixels from its upper left corner.
+    fn camera_ray(&self, film: [f32; 2]) -> (V3, V3) {
+        let forward = (v3(0.0, 0.0, 0.5) - EYE).unit();
+        let right = forward.cross(v3(0.0, 0.0, 1.0)).unit();
+        let [x, y] = [0, 1].map(|k: usize| (film[k] - 0.5 * SIZE[k] as f32) * PIXEL_WIDTH);
+        (EYE, (forward + right * x - right.cross(forward) * y).unit())
+    }
+
+    /// Light from the lamp that `place` reflects, per albedo; the point on the lamp by two coordinates.
+    fn lamp_light(&self, place: V3, normal: V3, [u, v]: [f32; 2]) -> f32 {
+        let to = LAMP + v3(u - 0.5, v - 0.5, 0.0) * LAMP_SIDE - place;
+        let distance = to.dot(to).sqrt();
+        let direction = to * (1.0 / distance);
+        let cosines = normal.dot(direction).max(0.0) * direction.z.max(0.0);
+        if cosines == 0.0 || self.first_hit(place, direction, distance).is_some() {
+            return 0.0;
+        }
+        LAMP_RADIANCE * cosines * LAMP_SIDE * LAMP_SIDE / (PI * distance * distance)
+    }
+}
+
+/// The distance along the ray [Möller and Trumbore 1997].
+fn intersect([a, b, c]: [V3; 3], from: V3, direction: V3) -> Option<f32> {
+    let (e1, e2, s) = (b - a, c - a, from - a);
+    let (p, q) = (direction.cross(e2), s.cross(e1));
+    let scale = 1.0 / e1.dot(p);
+    let (u, v, t) = (s.dot(p) * scale, direction.dot(q) * scale, e2.dot(q) * scale);
+    (u >= 0.0 && v >= 0.0 && u + v <= 1.0 && t > 0.0).then_some(t)
+}
+
+/// Which coordinates are for what.
+const FILM: Block = Block::new(0);
+const LIGHTS: Block = Block::new(1);
+
+/// The plug: one sample's coordinates in, its radiance out. Light of the lamp, and of the sky by one bounce.
+impl Integrator for Scene {
+    fn estimate(&self, draws: &Draws<'_>, _: &mut Observed) -> Estimate {
+        let [u, v, ..] = draws.block(FILM);
+        let [x, y] = draws.pixel().map(|p| p as f32);
+        let (eye, direction) = self.camera_ray([x + u, y + v]);
+        let Some(hit) = self.first_hit(eye, direction, f32::INFINITY) else {
+            return Estimate { radiance: sky(direction), first_hit: None, cost: 1 };
+        };
+        let material = self.materials[hit.triangle as usize];
+        let albedo = ALBEDO[material as usize];
+        let position = eye + direction * hit.t;
+        let off = position + hit.normal * 1e-3;
+
+        let [lamp_u, lamp_v, u, v] = draws.block(LIGHTS);
+        let lamp = self.lamp_light(off, hit.normal, [lamp_u, lamp_v]);
+        // A unit vector added to the normal makes directions in proportion to their cosine.
+        let (height, (sin, cos)) = (1.0 - 2.0 * u, (TAU * v).sin_cos());
+        let ring = (1.0 - height * height).max(0.0).sqrt();
+        let bounce = (hit.normal * 1.0001 + v3(ring * cos, ring * sin, height)).unit();
+        let open = self.first_hit(off, bounce, f32::INFINITY).is_none();
+        let ambient = if open { sky(bounce) } else { [0.0; 3] };
+        let radiance = [0, 1, 2].map(|c: usize| albedo[c] * (lamp + ambient[c]));
+
+        let normal = hit.normal.array();
+        let first_hit = draws.wants_first_hit().then(|| FirstHit {
+            position: position.array(),
+            geometric_normal: normal,
+            shading_normal: normal,
+            albedo,
+            depth: hit.t,
+            footprint: hit.t * PIXEL_WIDTH,
+            roughness: 1.0,
+            material,
+            shape: 0,
+            primitive: hit.triangle,
+        });
+        Estimate { radiance, first_hit, cost: 3 }
+    }
+}
+
+/// A colour for a number, whatever it is.
+fn colour(number: u32) -> [f32; 3] {
+    [1, 2, 3].map(|c: u32| 0.2 + 0.8 * ((number.wrapping_mul(0x9E37_79B1).rotate_left(c * 9) >> 24) as f32 / 255.0))
+}
+
+/// A binary PPM of values in `[0, 1]`; what is above is cut off.
+fn write_ppm(path: &Path, pixels: &[[f32; 3]]) -> Result<()> {
+    let mut file = format!("P6\n{} {}\n255\n", SIZE[0], SIZE[1]).into_bytes();
+    file.extend(pixels.iter().flatten().map(|x| (255.0 * x + 0.5) as u8));
+    Ok(std::fs::write(path, file)?)
+}
