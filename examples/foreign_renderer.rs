@@ -29,10 +29,14 @@ use std::sync::Arc;
 
 type Result<T> = std::result::Result<T, Box<dyn std::error::Error>>;
 
-const SIZE: [u32; 2] = [160, 96];
+const SIZE: [u32; 2] = [144, 80];
 const SPP: u64 = 16;
-const SEEDS: u64 = 4;
-const REFERENCE_SPP: u64 = 512;
+const SEEDS: u64 = 5;
+/// Student's t for 95 % and one degree of freedom less than there are seeds.
+const STUDENT: f64 = 2.776;
+const REFERENCE_SPP: u64 = 256;
+/// About as many clusters as a picture of this size can tell apart; finer ones are single triangles.
+const CLUSTERS: u32 = 400;
 
 fn main() -> Result<()> {
     let folder = std::env::args_os().nth(1).map_or_else(|| std::env::temp_dir().join("dapple-foreign"), PathBuf::from);
@@ -41,16 +45,16 @@ fn main() -> Result<()> {
     let frame = Frame::new(SIZE[0], SIZE[1])?;
 
     // Triangles in, clusters out.
-    let positions: Vec<[f32; 3]> = scene.positions.iter().map(|p| p.array()).collect();
+    let positions: Vec<[f32; 3]> = scene.positions.iter().map(|p| p.0).collect();
     let triangles = Triangles { positions: &positions, indices: &scene.triangles, materials: &scene.materials };
-    let clusters = cluster(&triangles, &Params::default())?;
+    let clusters = cluster(&triangles, &Params::for_count(CLUSTERS))?;
     let labels: Arc<[u32]> = clusters.labels().into();
 
     // First hits in, a sample count for each pixel out, when the sampler is asked. `Centre` needs no points.
     let probes = probe(&frame, Placement::Centre, &Sobol::new(0), &labels, |ray| {
-        let (_, direction) = scene.camera_ray(ray.film);
+        let direction = scene.camera_ray(ray.film);
         let hit = scene.first_hit(EYE, direction, f32::INFINITY)?;
-        let (direction, normal) = (direction.array(), hit.normal.array());
+        let (direction, normal) = (direction.0, hit.normal.0);
         Some(ProbeHit { primitive: hit.triangle, direction, distance: hit.t, normal, footprint: hit.t * PIXEL_WIDTH })
     })?;
     println!("{} triangles, {} clusters, {} probe rays", labels.len(), clusters.len(), probes.cost().rays);
@@ -75,24 +79,28 @@ fn main() -> Result<()> {
 
     // Swapping the method is one line; all else is the same.
     let mut errors: [[Vec<f64>; 2]; 3] = Default::default();
-    let mut shown = None;
     for seed in 1..=SEEDS {
         let mut uniform = Uniform::new(Sobol::new(seed));
         let mut adaptive = ClusterAdaptive::published(Sobol::new(seed), &probes, clusters.clusters())?;
-        let films =
-            [shoot(&mut scene, &mut uniform, needs, frame, SPP)?, shoot(&mut scene, &mut adaptive, needs, frame, SPP)?];
-        for (filter, errors) in filters.iter().zip(&mut errors) {
-            for (film, errors) in films.iter().zip(errors) {
-                errors.push(rel_mse(&filter.apply(film)?.radiance, &reference)?);
-            }
+        let uniform = shoot(&mut scene, &mut uniform, needs, frame, SPP)?;
+        let adaptive = shoot(&mut scene, &mut adaptive, needs, frame, SPP)?;
+        for (filter, [u, a]) in filters.iter().zip(&mut errors) {
+            u.push(rel_mse(&filter.apply(&uniform)?.radiance, &reference)?);
+            a.push(rel_mse(&filter.apply(&adaptive)?.radiance, &reference)?);
         }
-        let [_, film] = films;
-        shown.get_or_insert(film);
+        if seed == 1 {
+            write_pictures(&folder, &adaptive, &probes.cluster_map())?;
+            let [u, a] = [&uniform, &adaptive].map(|f| f.record().rays);
+            let more = 100.0 * ((a + probes.cost().rays) as f64 / u as f64 - 1.0);
+            println!("rays: {u} uniform; {a} and {} for probes cluster-adaptive, {more:.1} % more", probes.cost().rays);
+        }
     }
-    print_table(&filters, &errors, rel_mse(&a, &b)? / 4.0);
-
-    let film = shown.ok_or("no seed was rendered")?;
-    write_pictures(&folder, &film, &probes.cluster_map())
+    print_table(&filters, &errors);
+    println!(
+        "\nThe reference, {REFERENCE_SPP} samples a pixel, has an error of {:.1e} of its own.",
+        rel_mse(&a, &b)? / 4.0
+    );
+    Ok(())
 }
 
 /// One render of `spp` samples per pixel on average, exactly.
@@ -105,29 +113,22 @@ fn rel_mse(picture: &[[f32; 3]], reference: &[[f32; 3]]) -> Result<f64> {
     Ok(compare(Pixels::new(SIZE, picture)?, Pixels::new(SIZE, reference)?)?.rel_mse)
 }
 
-/// Errors are means over seeds; ratios are paired by seed, their geometric mean and range.
-fn print_table(filters: &[Box<dyn Filter>; 3], errors: &[[Vec<f64>; 2]; 3], of_reference: f64) {
-    println!("relMSE, {}x{} pixels, {SPP} samples each on average, {SEEDS} seeds:", SIZE[0], SIZE[1]);
-    println!("| filter | uniform | cluster-adaptive | ratio (range over seeds) |");
-    println!("|---|---|---|---|");
+/// Errors are means over seeds, ratios geometric means with a 95 % interval (paired by seed, Student's t).
+fn print_table(filters: &[Box<dyn Filter>], errors: &[[Vec<f64>; 2]]) {
+    println!("\nrelMSE, {}x{} pixels, {SPP} samples each on average, {SEEDS} seeds;", SIZE[0], SIZE[1]);
+    println!("a ratio below 1 is a gain of the adaptive picture, above 1 a loss:\n");
+    println!("| filter | uniform | cluster-adaptive | ratio |\n|---|---|---|---|");
     for (filter, [uniform, adaptive]) in filters.iter().zip(errors) {
-        let mean = |e: &[f64]| e.iter().sum::<f64>() / e.len() as f64;
-        let ratios: Vec<f64> = adaptive.iter().zip(uniform).map(|(a, u)| a / u).collect();
-        let middle = mean(&ratios.iter().map(|r| r.ln()).collect::<Vec<_>>()).exp();
-        let (least, most) = ratios.iter().fold((f64::MAX, 0.0_f64), |(l, m), &r| (l.min(r), m.max(r)));
-        let verdict = if most < 1.0 {
-            "a gain"
-        } else if least > 1.0 {
-            "a loss"
-        } else {
-            "undecided"
-        };
-        let (uniform, adaptive) = (mean(uniform), mean(adaptive));
-        let name = filter.name();
-        println!("| {name} | {uniform:.2e} | {adaptive:.2e} | {middle:.2} ({least:.2} to {most:.2}): {verdict} |");
+        let n = uniform.len() as f64;
+        let mean = |values: &[f64]| values.iter().sum::<f64>() / n;
+        let logs: Vec<f64> = adaptive.iter().zip(uniform).map(|(a, u)| (a / u).ln()).collect();
+        let middle = mean(&logs);
+        let variance = logs.iter().map(|l| (l - middle).powi(2)).sum::<f64>() / (n - 1.0);
+        let half = STUDENT * (variance / n).sqrt();
+        let [low, middle, high] = [middle - half, middle, middle + half].map(f64::exp);
+        let (name, uniform, adaptive) = (filter.name(), mean(uniform), mean(adaptive));
+        println!("| {name} | {uniform:.2e} | {adaptive:.2e} | {middle:.3} [{low:.3}, {high:.3}] |");
     }
-    println!("The reference, {REFERENCE_SPP} samples a pixel, has an error of {of_reference:.1e} of its own.");
-    println!("The adaptive pictures also took one probe ray a pixel, which is not counted.");
 }
 
 fn write_pictures(folder: &Path, film: &Film, clusters: &[u32]) -> Result<()> {
@@ -146,56 +147,53 @@ fn write_pictures(folder: &Path, film: &Film, clusters: &[u32]) -> Result<()> {
 // From here on: somebody else's renderer, which knows of Dapple by one `impl Integrator` only.
 
 /// A vector type of its own.
-#[derive(Clone, Copy, Debug)]
-struct V3 {
-    x: f32,
-    y: f32,
-    z: f32,
-}
+#[derive(Clone, Copy)]
+struct V3([f32; 3]);
 
 const fn v3(x: f32, y: f32, z: f32) -> V3 {
-    V3 { x, y, z }
+    V3([x, y, z])
 }
 
 impl Add for V3 {
     type Output = V3;
     fn add(self, o: V3) -> V3 {
-        v3(self.x + o.x, self.y + o.y, self.z + o.z)
+        self.zip(o, |a, b| a + b)
     }
 }
 
 impl Sub for V3 {
     type Output = V3;
     fn sub(self, o: V3) -> V3 {
-        v3(self.x - o.x, self.y - o.y, self.z - o.z)
+        self.zip(o, |a, b| a - b)
     }
 }
 
 impl Mul<f32> for V3 {
     type Output = V3;
     fn mul(self, s: f32) -> V3 {
-        v3(self.x * s, self.y * s, self.z * s)
+        V3(self.0.map(|a| a * s))
     }
 }
 
 impl V3 {
-    fn array(self) -> [f32; 3] {
-        [self.x, self.y, self.z]
+    fn zip(self, V3([x, y, z]): V3, f: impl Fn(f32, f32) -> f32) -> V3 {
+        v3(f(self.0[0], x), f(self.0[1], y), f(self.0[2], z))
     }
     fn dot(self, o: V3) -> f32 {
-        self.x * o.x + self.y * o.y + self.z * o.z
+        let V3([x, y, z]) = self.zip(o, |a, b| a * b);
+        x + y + z
     }
-    fn cross(self, o: V3) -> V3 {
-        v3(self.y * o.z - self.z * o.y, self.z * o.x - self.x * o.z, self.x * o.y - self.y * o.x)
+    fn cross(self, V3([x, y, z]): V3) -> V3 {
+        let V3([a, b, c]) = self;
+        v3(b * z - c * y, c * x - a * z, a * y - b * x)
     }
     fn unit(self) -> V3 {
         self * (1.0 / self.dot(self).sqrt())
     }
-    fn zip(self, o: V3, f: fn(f32, f32) -> f32) -> V3 {
-        v3(f(self.x, o.x), f(self.y, o.y), f(self.z, o.z))
-    }
 }
 
+/// Triangles in a leaf of the tree.
+const LEAF: usize = 4;
 const EYE: V3 = v3(0.0, -9.0, 3.2);
 /// Width of a pixel at distance 1.
 const PIXEL_WIDTH: f32 = 1.1 / SIZE[0] as f32;
@@ -207,17 +205,8 @@ const LAMP_RADIANCE: f32 = 16.0;
 const ALBEDO: [[f32; 3]; 3] = [[0.25, 0.4, 0.45], [0.75, 0.35, 0.2], [0.8, 0.8, 0.75]];
 
 fn sky(direction: V3) -> [f32; 3] {
-    let up = direction.z.max(0.0);
+    let up = direction.0[2].max(0.0);
     [0.75 - 0.5 * up, 0.8 - 0.4 * up, 0.85 - 0.2 * up]
-}
-
-/// Leaves come in one piece; an inner node's left child follows it.
-struct Node {
-    low: V3,
-    high: V3,
-    first: usize,
-    count: usize,
-    right: usize,
 }
 
 struct Hit {
@@ -232,8 +221,10 @@ struct Scene {
     positions: Vec<V3>,
     triangles: Vec<[u32; 3]>,
     materials: Vec<u32>,
+    /// The triangles in the order of a tree's leaves, and the box of each of its nodes: those of node `i` are halved
+    /// between `2 i + 1` and `2 i + 2`.
     order: Vec<u32>,
-    nodes: Vec<Node>,
+    boxes: Vec<[V3; 2]>,
 }
 
 impl Scene {
@@ -241,20 +232,19 @@ impl Scene {
     fn bay() -> Self {
         let mut scene = Self::default();
         let wave = |x: f32, y: f32| 0.12 * (1.7 * x + 0.6 * y).sin() + 0.1 * (2.3 * y - 0.4 * x).sin();
-        scene.sheet([48, 48], 0, |u, v| {
+        scene.sheet([40, 40], 0, |u, v| {
             let (x, y) = (14.0 * u - 7.0, 14.0 * v - 7.0);
             v3(x, y, wave(x, y))
         });
         for (centre, radius, material) in [(v3(-1.5, 0.0, 1.2), 1.3, 1), (v3(1.3, -2.0, 0.8), 0.8, 2)] {
-            scene.sheet([40, 20], material, |u, v| {
+            scene.sheet([32, 16], material, |u, v| {
                 let (ring, height) = (PI * v).sin_cos();
                 let (y, x) = (TAU * u).sin_cos();
                 centre + v3(ring * x, ring * y, height) * radius
             });
         }
-        let mut order: Vec<u32> = (0..scene.triangles.len() as u32).collect();
-        scene.build(&mut order, 0);
-        scene.order = order;
+        scene.order = (0..scene.triangles.len() as u32).collect();
+        scene.build(0, 0, scene.order.len());
         scene
     }
 
@@ -278,77 +268,79 @@ impl Scene {
         self.triangles[triangle as usize].map(|v| self.positions[v as usize])
     }
 
-    /// Splits at the median of the longest axis.
-    fn build(&mut self, order: &mut [u32], first: usize) {
-        let corners = || order.iter().flat_map(|&t| self.corners(t));
+    /// Halves the triangles from `start` to `end` along their box's longest axis, until few are left.
+    fn build(&mut self, node: usize, start: usize, end: usize) {
+        let mut part = self.order[start..end].to_vec();
+        let corners = || part.iter().flat_map(|&t| self.corners(t));
         let low = corners().fold(v3(1e9, 1e9, 1e9), |a, b| a.zip(b, f32::min));
         let high = corners().fold(v3(-1e9, -1e9, -1e9), |a, b| a.zip(b, f32::max));
-        let me = self.nodes.len();
-        self.nodes.push(Node { low, high, first, count: order.len(), right: 0 });
-        if order.len() <= 4 {
+        self.boxes.resize(self.boxes.len().max(node + 1), [low, high]);
+        self.boxes[node] = [low, high];
+        if part.len() <= LEAF {
             return;
         }
-        let size = (high - low).array();
+        let size = (high - low).0;
         let axis = (0..3).fold(0, |best, a| if size[a] > size[best] { a } else { best });
-        let key = |t: &u32| self.corners(*t).iter().map(|c| c.array()[axis]).sum::<f32>();
-        let middle = order.len() / 2;
-        order.select_nth_unstable_by(middle, |a, b| key(a).total_cmp(&key(b)));
-        let (left, right) = order.split_at_mut(middle);
-        self.build(left, first);
-        (self.nodes[me].count, self.nodes[me].right) = (0, self.nodes.len());
-        self.build(right, first + middle);
+        let key = |t: &u32| self.corners(*t).iter().map(|c| c.0[axis]).sum::<f32>();
+        part.sort_unstable_by(|a, b| key(a).total_cmp(&key(b)));
+        self.order[start..end].copy_from_slice(&part);
+        let middle = (start + end) / 2;
+        self.build(2 * node + 1, start, middle);
+        self.build(2 * node + 2, middle, end);
     }
 
-    fn first_hit(&self, from: V3, direction: V3, mut nearest: f32) -> Option<Hit> {
-        let inverse = v3(1.0 / direction.x, 1.0 / direction.y, 1.0 / direction.z);
-        let mut found = None;
-        let (mut stack, mut depth) = ([0; 32], 1);
+    /// The nearest triangle within `reach`.
+    fn first_hit(&self, from: V3, direction: V3, reach: f32) -> Option<Hit> {
+        let inverse = V3(direction.0.map(|x| 1.0 / x));
+        let (mut nearest, mut found) = (reach, None);
+        let (mut stack, mut depth) = ([(0, 0, self.order.len()); 32], 1);
         while depth > 0 {
             depth -= 1;
-            let node = &self.nodes[stack[depth]];
-            let slab = |p: V3| (p - from).zip(inverse, |a, b| a * b);
-            let (a, b) = (slab(node.low), slab(node.high));
-            let (near, far) = (a.zip(b, f32::min), a.zip(b, f32::max));
-            if near.x.max(near.y).max(near.z).max(0.0) > far.x.min(far.y).min(far.z).min(nearest) {
+            let (node, start, end) = stack[depth];
+            let [a, b] = self.boxes[node].map(|corner| (corner - from).zip(inverse, |a, b| a * b));
+            let enter = a.zip(b, f32::min).0.into_iter().fold(0.0, f32::max);
+            let leave = a.zip(b, f32::max).0.into_iter().fold(nearest, f32::min);
+            if enter > leave {
                 continue;
             }
-            if node.count == 0 {
-                (stack[depth], stack[depth + 1]) = (node.right, stack[depth] + 1);
+            if end - start > LEAF {
+                let middle = (start + end) / 2;
+                stack[depth] = (2 * node + 2, middle, end);
+                stack[depth + 1] = (2 * node + 1, start, middle);
                 depth += 2;
                 continue;
             }
-            for &triangle in &self.order[node.first..node.first + node.count] {
+            for &triangle in &self.order[start..end] {
                 if let Some(t) = intersect(self.corners(triangle), from, direction).filter(|&t| t < nearest) {
                     (nearest, found) = (t, Some(triangle));
                 }
             }
         }
-        found.map(|triangle| {
-            let [a, b, c] = self.corners(triangle);
-            let normal = (b - a).cross(c - a).unit();
-            let side = if normal.dot(direction) < 0.0 { 1.0 } else { -1.0 };
-            Hit { t: nearest, triangle, normal: normal * side }
-        })
+        let triangle = found?;
+        let [a, b, c] = self.corners(triangle);
+        let normal = (b - a).cross(c - a).unit();
+        let side = if normal.dot(direction) < 0.0 { 1.0 } else { -1.0 };
+        Some(Hit { t: nearest, triangle, normal: normal * side })
     }
 
-    /// Origin and unit direction through a place on the film, in pixels from its upper left corner.
-    fn camera_ray(&self, film: [f32; 2]) -> (V3, V3) {
+    /// Unit direction from the eye through a place on the film, in pixels from its upper left corner.
+    fn camera_ray(&self, film: [f32; 2]) -> V3 {
         let forward = (v3(0.0, 0.0, 0.5) - EYE).unit();
         let right = forward.cross(v3(0.0, 0.0, 1.0)).unit();
         let [x, y] = [0, 1].map(|k: usize| (film[k] - 0.5 * SIZE[k] as f32) * PIXEL_WIDTH);
-        (EYE, (forward + right * x - right.cross(forward) * y).unit())
+        (forward + right * x - right.cross(forward) * y).unit()
     }
 
-    /// Light from the lamp that `place` reflects, per albedo; the point on the lamp by two coordinates.
-    fn lamp_light(&self, place: V3, normal: V3, [u, v]: [f32; 2]) -> f32 {
+    /// Light from the lamp that `place` reflects, per albedo; the point on the lamp by two coordinates. `None` where
+    /// lamp and surface turn away from each other: no ray is cast.
+    fn lamp_light(&self, place: V3, normal: V3, [u, v]: [f32; 2]) -> Option<f32> {
         let to = LAMP + v3(u - 0.5, v - 0.5, 0.0) * LAMP_SIDE - place;
         let distance = to.dot(to).sqrt();
         let direction = to * (1.0 / distance);
-        let cosines = normal.dot(direction).max(0.0) * direction.z.max(0.0);
-        if cosines == 0.0 || self.first_hit(place, direction, distance).is_some() {
-            return 0.0;
-        }
-        LAMP_RADIANCE * cosines * LAMP_SIDE * LAMP_SIDE / (PI * distance * distance)
+        let cosines = normal.dot(direction).max(0.0) * direction.0[2].max(0.0);
+        let light = LAMP_RADIANCE * cosines * LAMP_SIDE * LAMP_SIDE / (PI * distance * distance);
+        let seen = |light| if self.first_hit(place, direction, distance).is_none() { light } else { 0.0 };
+        (light > 0.0).then_some(light).map(seen)
     }
 }
 
@@ -370,13 +362,13 @@ impl Integrator for Scene {
     fn estimate(&self, draws: &Draws<'_>, _: &mut Observed) -> Estimate {
         let [u, v, ..] = draws.block(FILM);
         let [x, y] = draws.pixel().map(|p| p as f32);
-        let (eye, direction) = self.camera_ray([x + u, y + v]);
-        let Some(hit) = self.first_hit(eye, direction, f32::INFINITY) else {
+        let direction = self.camera_ray([x + u, y + v]);
+        let Some(hit) = self.first_hit(EYE, direction, f32::INFINITY) else {
             return Estimate { radiance: sky(direction), first_hit: None, cost: 1 };
         };
         let material = self.materials[hit.triangle as usize];
         let albedo = ALBEDO[material as usize];
-        let position = eye + direction * hit.t;
+        let position = EYE + direction * hit.t;
         let off = position + hit.normal * 1e-3;
 
         let [lamp_u, lamp_v, u, v] = draws.block(LIGHTS);
@@ -387,11 +379,11 @@ impl Integrator for Scene {
         let bounce = (hit.normal * 1.0001 + v3(ring * cos, ring * sin, height)).unit();
         let open = self.first_hit(off, bounce, f32::INFINITY).is_none();
         let ambient = if open { sky(bounce) } else { [0.0; 3] };
-        let radiance = [0, 1, 2].map(|c: usize| albedo[c] * (lamp + ambient[c]));
+        let radiance = [0, 1, 2].map(|c: usize| albedo[c] * (lamp.unwrap_or(0.0) + ambient[c]));
 
-        let normal = hit.normal.array();
+        let normal = hit.normal.0;
         let first_hit = draws.wants_first_hit().then(|| FirstHit {
-            position: position.array(),
+            position: position.0,
             geometric_normal: normal,
             shading_normal: normal,
             albedo,
@@ -402,7 +394,7 @@ impl Integrator for Scene {
             shape: 0,
             primitive: hit.triangle,
         });
-        Estimate { radiance, first_hit, cost: 3 }
+        Estimate { radiance, first_hit, cost: 2 + u32::from(lamp.is_some()) }
     }
 }
 
