@@ -4,12 +4,10 @@
 //! cargo run --release --example foreign_renderer -- out
 //! ```
 //!
-//! Everything from [`V3`] down to [`write_ppm`] is somebody else's: vectors, scene, ray tracer, integrator and picture
-//! files. Dapple sees slices and two closures' worth of it: triangles to cluster, first hits to probe, and one sample's
-//! radiance ([`Integrator`]). No scene type, BVH, maths or image crate of Dapple's is linked.
-//!
-//! It renders uniformly and cluster-adaptively with equally many samples, filters both, and prints the errors: gains and
-//! losses alike. Three pictures go to the folder given (else to one for temporary files): `picture.ppm`, `samples.ppm`
+//! Everything from [`V3`] on is somebody else's: vectors, scene, ray tracer, integrator, picture files. Dapple is shown
+//! slices of triangles, a closure that finds first hits, and an [`Integrator`]; no scene type, BVH, maths or image crate
+//! of Dapple's is linked. It renders uniformly and cluster-adaptively with equally many samples, filters both, and prints
+//! the errors, losses like gains. Into the folder given (else one for temporary files) go `picture.ppm`, `samples.ppm`
 //! (white = many) and `clusters.ppm`.
 
 #![expect(clippy::print_stdout, reason = "a program: its table is its result")]
@@ -17,7 +15,7 @@
 use dapple::cluster_adaptive::{BACKGROUND, ClusterAdaptive, Placement, ProbeHit, probe};
 use dapple::clustering::{Params, Triangles, cluster};
 use dapple::core::samplers::Uniform;
-use dapple::core::{Block, Draws, Estimate, Film, Filter, FirstHit, Frame, Integrator, Limits, Needs, NoWatch};
+use dapple::core::{Block, Draws, Estimate, Film, Filter, Frame, Integrator, Limits, Needs, NoWatch};
 use dapple::core::{Observed, Sampler, Unfiltered, render};
 use dapple::low_discrepancy::Sobol;
 use dapple::metrics::{Pixels, compare};
@@ -25,7 +23,6 @@ use dapple::reconstruction::{ClusterGaussian, Gaussian};
 use std::f32::consts::{PI, TAU};
 use std::ops::{Add, Mul, Sub};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
 type Result<T> = std::result::Result<T, Box<dyn std::error::Error>>;
 
@@ -47,66 +44,60 @@ fn main() -> Result<()> {
     // Triangles in, clusters out.
     let positions: Vec<[f32; 3]> = scene.positions.iter().map(|p| p.0).collect();
     let triangles = Triangles { positions: &positions, indices: &scene.triangles, materials: &scene.materials };
-    let clusters = cluster(&triangles, &Params::for_count(CLUSTERS))?;
-    let labels: Arc<[u32]> = clusters.labels().into();
+    // All triangles of a surface turn the same way here: near and far side of a small ball stay apart.
+    let clusters = cluster(&triangles, &Params { two_sided: false, ..Params::for_count(CLUSTERS) })?;
 
     // First hits in, a sample count for each pixel out, when the sampler is asked. `Centre` needs no points.
-    let probes = probe(&frame, Placement::Centre, &Sobol::new(0), &labels, |ray| {
+    let probes = probe(&frame, Placement::Centre, &Sobol::new(0), clusters.labels(), |ray| {
         let direction = scene.camera_ray(ray.film);
         let hit = scene.first_hit(EYE, direction, f32::INFINITY)?;
         let (direction, normal) = (direction.0, hit.normal.0);
         Some(ProbeHit { primitive: hit.triangle, direction, distance: hit.t, normal, footprint: hit.t * PIXEL_WIDTH })
     })?;
-    println!("{} triangles, {} clusters, {} probe rays", labels.len(), clusters.len(), probes.cost().rays);
+    println!("{} triangles, {} clusters, {} probe rays", clusters.labels().len(), clusters.len(), probes.cost().rays);
 
-    // The filters, by name. The last reads the first hits of each pixel's first four samples.
-    let cluster_of = move |hit: &FirstHit| labels.get(hit.primitive as usize).copied();
+    let clusters_seen = probes.cluster_map();
     let filters: [Box<dyn Filter>; 3] = [
         Box::new(Unfiltered),
         Box::new(Gaussian::default()),
-        Box::new(ClusterGaussian::from_hits(4, Arc::new(cluster_of))?),
+        Box::new(ClusterGaussian::from_map(SIZE, clusters_seen.clone())?),
     ];
-    let needs = filters.iter().fold(Needs::none(), |needs, f| needs.and(f.needs()));
 
     // A reference of its own: two halves with seeds of their own, whose difference tells its error.
-    let half = |scene: &mut Scene, seed| -> Result<Vec<[f32; 3]>> {
-        let mut sampler = Uniform::new(Sobol::new(seed));
-        Ok(shoot(scene, &mut sampler, Needs::none(), frame, REFERENCE_SPP / 2)?.picture())
-    };
-    let (a, b) = (half(&mut scene, 1001)?, half(&mut scene, 1002)?);
-    let reference: Vec<[f32; 3]> =
-        a.iter().zip(&b).map(|(a, b)| [0, 1, 2].map(|c: usize| 0.5 * (a[c] + b[c]))).collect();
+    let [a, b] = [1001, 1002].map(|seed| picture(&mut scene, &mut Uniform::new(Sobol::new(seed)), REFERENCE_SPP / 2));
+    let (a, b) = (a?.picture(), b?.picture());
+    let reference: Vec<_> = a.iter().zip(&b).map(|(a, b)| [0, 1, 2].map(|c: usize| 0.5 * (a[c] + b[c]))).collect();
 
     // Swapping the method is one line; all else is the same.
     let mut errors: [[Vec<f64>; 2]; 3] = Default::default();
     for seed in 1..=SEEDS {
         let mut uniform = Uniform::new(Sobol::new(seed));
         let mut adaptive = ClusterAdaptive::published(Sobol::new(seed), &probes, clusters.clusters())?;
-        let uniform = shoot(&mut scene, &mut uniform, needs, frame, SPP)?;
-        let adaptive = shoot(&mut scene, &mut adaptive, needs, frame, SPP)?;
+        let uniform = picture(&mut scene, &mut uniform, SPP)?;
+        let adaptive = picture(&mut scene, &mut adaptive, SPP)?;
         for (filter, [u, a]) in filters.iter().zip(&mut errors) {
             u.push(rel_mse(&filter.apply(&uniform)?.radiance, &reference)?);
             a.push(rel_mse(&filter.apply(&adaptive)?.radiance, &reference)?);
         }
         if seed == 1 {
-            write_pictures(&folder, &adaptive, &probes.cluster_map())?;
+            write_pictures(&folder, &adaptive, &clusters_seen)?;
             let [u, a] = [&uniform, &adaptive].map(|f| f.record().rays);
             let more = 100.0 * ((a + probes.cost().rays) as f64 / u as f64 - 1.0);
             println!("rays: {u} uniform; {a} and {} for probes cluster-adaptive, {more:.1} % more", probes.cost().rays);
         }
     }
     print_table(&filters, &errors);
-    println!(
-        "\nThe reference, {REFERENCE_SPP} samples a pixel, has an error of {:.1e} of its own.",
-        rel_mse(&a, &b)? / 4.0
-    );
+    let own = rel_mse(&a, &b)? / 4.0;
+    println!("\nThe reference, {REFERENCE_SPP} samples a pixel, has an error of {own:.1e} of its own.");
     Ok(())
 }
 
-/// One render of `spp` samples per pixel on average, exactly.
-fn shoot(scene: &mut Scene, sampler: &mut dyn Sampler, needs: Needs, frame: Frame, spp: u64) -> Result<Film> {
+/// One picture of `spp` samples per pixel on average, exactly. The filters here read nothing but means and counts, which
+/// are always recorded; others name their [`Needs`], which go in here.
+fn picture(scene: &mut Scene, sampler: &mut dyn Sampler, spp: u64) -> Result<Film> {
+    let frame = Frame::new(SIZE[0], SIZE[1])?;
     let limits = Limits::samples(spp * frame.pixels() as u64);
-    Ok(render(scene, sampler, needs, frame, &limits, &mut NoWatch)?)
+    Ok(render(scene, sampler, Needs::none(), frame, &limits, &mut NoWatch)?)
 }
 
 fn rel_mse(picture: &[[f32; 3]], reference: &[[f32; 3]]) -> Result<f64> {
@@ -134,7 +125,13 @@ fn print_table(filters: &[Box<dyn Filter>], errors: &[[Vec<f64>; 2]]) {
 fn write_pictures(folder: &Path, film: &Film, clusters: &[u32]) -> Result<()> {
     let most = film.counts().into_iter().max().unwrap_or(1) as f32;
     let counts: Vec<[f32; 3]> = film.counts().iter().map(|&n| [n as f32 / most; 3]).collect();
-    let colours: Vec<[f32; 3]> = clusters.iter().map(|&c| if c == BACKGROUND { [0.0; 3] } else { colour(c) }).collect();
+    // Any colour for a number will do.
+    let byte = |cluster: u32, c: u32| (cluster.wrapping_mul(0x9E37_79B1) >> (8 * c)) as u8;
+    let colour = |&cluster: &u32| match cluster {
+        BACKGROUND => [0.0; 3],
+        _ => [1, 2, 3].map(|c| 0.2 + 0.8 * f32::from(byte(cluster, c)) / 255.0),
+    };
+    let colours = clusters.iter().map(colour).collect();
     let display = film.picture().iter().map(|p| p.map(|x| x.powf(1.0 / 2.2))).collect();
     for (name, pixels) in [("picture.ppm", display), ("samples.ppm", counts), ("clusters.ppm", colours)] {
         let path = folder.join(name);
@@ -366,10 +363,8 @@ impl Integrator for Scene {
         let Some(hit) = self.first_hit(EYE, direction, f32::INFINITY) else {
             return Estimate { radiance: sky(direction), first_hit: None, cost: 1 };
         };
-        let material = self.materials[hit.triangle as usize];
-        let albedo = ALBEDO[material as usize];
-        let position = EYE + direction * hit.t;
-        let off = position + hit.normal * 1e-3;
+        let albedo = ALBEDO[self.materials[hit.triangle as usize] as usize];
+        let off = EYE + direction * hit.t + hit.normal * 1e-3;
 
         let [lamp_u, lamp_v, u, v] = draws.block(LIGHTS);
         let lamp = self.lamp_light(off, hit.normal, [lamp_u, lamp_v]);
@@ -381,26 +376,9 @@ impl Integrator for Scene {
         let ambient = if open { sky(bounce) } else { [0.0; 3] };
         let radiance = [0, 1, 2].map(|c: usize| albedo[c] * (lamp.unwrap_or(0.0) + ambient[c]));
 
-        let normal = hit.normal.0;
-        let first_hit = draws.wants_first_hit().then(|| FirstHit {
-            position: position.0,
-            geometric_normal: normal,
-            shading_normal: normal,
-            albedo,
-            depth: hit.t,
-            footprint: hit.t * PIXEL_WIDTH,
-            roughness: 1.0,
-            material,
-            shape: 0,
-            primitive: hit.triangle,
-        });
-        Estimate { radiance, first_hit, cost: 2 + u32::from(lamp.is_some()) }
+        // A filter that asks for first hits (`draws.wants_first_hit()`) would get them here.
+        Estimate { radiance, first_hit: None, cost: 2 + u32::from(lamp.is_some()) }
     }
-}
-
-/// A colour for a number, whatever it is.
-fn colour(number: u32) -> [f32; 3] {
-    [1, 2, 3].map(|c: u32| 0.2 + 0.8 * ((number.wrapping_mul(0x9E37_79B1).rotate_left(c * 9) >> 24) as f32 / 255.0))
 }
 
 /// A binary PPM of values in `[0, 1]`; what is above is cut off.
