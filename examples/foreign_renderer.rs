@@ -32,8 +32,8 @@ const SEEDS: u64 = 5;
 /// Student's t for 95 % and one degree of freedom less than there are seeds.
 const STUDENT: f64 = 2.776;
 const REFERENCE_SPP: u64 = 256;
-/// About as many clusters as a picture of this size can tell apart; finer ones are single triangles.
-const CLUSTERS: u32 = 400;
+/// Some triangles each, and small enough to tell one place from another.
+const CLUSTERS: u32 = 1000;
 
 fn main() -> Result<()> {
     let folder = std::env::args_os().nth(1).map_or_else(|| std::env::temp_dir().join("dapple-foreign"), PathBuf::from);
@@ -54,7 +54,7 @@ fn main() -> Result<()> {
         let (direction, normal) = (direction.0, hit.normal.0);
         Some(ProbeHit { primitive: hit.triangle, direction, distance: hit.t, normal, footprint: hit.t * PIXEL_WIDTH })
     })?;
-    println!("{} triangles, {} clusters, {} probe rays", clusters.labels().len(), clusters.len(), probes.cost().rays);
+    println!("{} triangles, {} clusters", clusters.labels().len(), clusters.len());
 
     let clusters_seen = probes.cluster_map();
     let filters: [Box<dyn Filter>; 3] = [
@@ -64,32 +64,28 @@ fn main() -> Result<()> {
     ];
 
     // A reference of its own: two halves with seeds of their own, whose difference tells its error.
-    let [a, b] = [1001, 1002].map(|seed| picture(&mut scene, &mut Uniform::new(Sobol::new(seed)), REFERENCE_SPP / 2));
-    let (a, b) = (a?.picture(), b?.picture());
-    let reference: Vec<_> = a.iter().zip(&b).map(|(a, b)| [0, 1, 2].map(|c: usize| 0.5 * (a[c] + b[c]))).collect();
+    let halves = [1001, 1002].map(|seed| picture(&mut scene, &mut Uniform::new(Sobol::new(seed)), REFERENCE_SPP / 2));
+    let [first, second] = halves.map(|film| film.map(|f| f.picture()));
+    let (first, second) = (first?, second?);
+    let mean = |(a, b): (&[f32; 3], &[f32; 3])| [0, 1, 2].map(|c: usize| 0.5 * (a[c] + b[c]));
+    let reference: Vec<_> = first.iter().zip(&second).map(mean).collect();
 
     // Swapping the method is one line; all else is the same.
-    let mut errors: [[Vec<f64>; 2]; 3] = Default::default();
+    let mut pairs = Vec::new();
     for seed in 1..=SEEDS {
         let mut uniform = Uniform::new(Sobol::new(seed));
         let mut adaptive = ClusterAdaptive::published(Sobol::new(seed), &probes, clusters.clusters())?;
-        let uniform = picture(&mut scene, &mut uniform, SPP)?;
-        let adaptive = picture(&mut scene, &mut adaptive, SPP)?;
-        for (filter, [u, a]) in filters.iter().zip(&mut errors) {
-            u.push(rel_mse(&filter.apply(&uniform)?.radiance, &reference)?);
-            a.push(rel_mse(&filter.apply(&adaptive)?.radiance, &reference)?);
-        }
-        if seed == 1 {
-            write_pictures(&folder, &adaptive, &clusters_seen)?;
-            let [u, a] = [&uniform, &adaptive].map(|f| f.record().rays);
-            let more = 100.0 * ((a + probes.cost().rays) as f64 / u as f64 - 1.0);
-            println!("rays: {u} uniform; {a} and {} for probes cluster-adaptive, {more:.1} % more", probes.cost().rays);
-        }
+        pairs.push([picture(&mut scene, &mut uniform, SPP)?, picture(&mut scene, &mut adaptive, SPP)?]);
     }
-    print_table(&filters, &errors);
-    let own = rel_mse(&a, &b)? / 4.0;
-    println!("\nThe reference, {REFERENCE_SPP} samples a pixel, has an error of {own:.1e} of its own.");
-    Ok(())
+    print_table(&filters, &pairs, &reference)?;
+    let [u, a] = [0, 1].map(|which| pairs.iter().map(|pair| pair[which].record().rays).sum::<u64>());
+    let more = 100.0 * ((a + SEEDS * probes.cost().rays) as f64 / u as f64 - 1.0);
+    println!(
+        "\nAdaptive pictures took {more:.1} % more rays, probes among them; a smaller gain is none at equal rays."
+    );
+    let own = rel_mse(&first, &second)? / 4.0;
+    println!("The reference, {REFERENCE_SPP} samples a pixel, has an error of {own:.1e} of its own.");
+    write_pictures(&folder, &pairs[0][1], &clusters_seen)
 }
 
 /// One picture of `spp` samples per pixel on average, exactly. The filters here read nothing but means and counts, which
@@ -105,21 +101,26 @@ fn rel_mse(picture: &[[f32; 3]], reference: &[[f32; 3]]) -> Result<f64> {
 }
 
 /// Errors are means over seeds, ratios geometric means with a 95 % interval (paired by seed, Student's t).
-fn print_table(filters: &[Box<dyn Filter>], errors: &[[Vec<f64>; 2]]) {
-    println!("\nrelMSE, {}x{} pixels, {SPP} samples each on average, {SEEDS} seeds;", SIZE[0], SIZE[1]);
+fn print_table(filters: &[Box<dyn Filter>], pairs: &[[Film; 2]], reference: &[[f32; 3]]) -> Result<()> {
+    println!("relMSE, {}x{} pixels, {SPP} samples each on average, {SEEDS} seeds;", SIZE[0], SIZE[1]);
     println!("a ratio below 1 is a gain of the adaptive picture, above 1 a loss:\n");
     println!("| filter | uniform | cluster-adaptive | ratio |\n|---|---|---|---|");
-    for (filter, [uniform, adaptive]) in filters.iter().zip(errors) {
-        let n = uniform.len() as f64;
+    for filter in filters {
+        let errors = |which: usize| -> Result<Vec<f64>> {
+            pairs.iter().map(|pair| rel_mse(&filter.apply(&pair[which])?.radiance, reference)).collect()
+        };
+        let (uniform, adaptive) = (errors(0)?, errors(1)?);
+        let n = pairs.len() as f64;
         let mean = |values: &[f64]| values.iter().sum::<f64>() / n;
-        let logs: Vec<f64> = adaptive.iter().zip(uniform).map(|(a, u)| (a / u).ln()).collect();
+        let logs: Vec<f64> = adaptive.iter().zip(&uniform).map(|(a, u)| (a / u).ln()).collect();
         let middle = mean(&logs);
         let variance = logs.iter().map(|l| (l - middle).powi(2)).sum::<f64>() / (n - 1.0);
         let half = STUDENT * (variance / n).sqrt();
         let [low, middle, high] = [middle - half, middle, middle + half].map(f64::exp);
-        let (name, uniform, adaptive) = (filter.name(), mean(uniform), mean(adaptive));
+        let (name, uniform, adaptive) = (filter.name(), mean(&uniform), mean(&adaptive));
         println!("| {name} | {uniform:.2e} | {adaptive:.2e} | {middle:.3} [{low:.3}, {high:.3}] |");
     }
+    Ok(())
 }
 
 fn write_pictures(folder: &Path, film: &Film, clusters: &[u32]) -> Result<()> {
@@ -328,8 +329,7 @@ impl Scene {
         (forward + right * x - right.cross(forward) * y).unit()
     }
 
-    /// Light from the lamp that `place` reflects, per albedo; the point on the lamp by two coordinates. `None` where
-    /// lamp and surface turn away from each other: no ray is cast.
+    /// Light from a point of the lamp that `place` reflects, per albedo; `None` where that takes no ray to tell.
     fn lamp_light(&self, place: V3, normal: V3, [u, v]: [f32; 2]) -> Option<f32> {
         let to = LAMP + v3(u - 0.5, v - 0.5, 0.0) * LAMP_SIDE - place;
         let distance = to.dot(to).sqrt();
