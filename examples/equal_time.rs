@@ -14,7 +14,7 @@
 
 use dapple::core::{Frame, Limits, Needs, NoWatch, render};
 use dapple::metrics::{Comparison, Pixels, compare};
-use dapple::renderer::{World, bundled, integrator, pbrt, registry, scene};
+use dapple::renderer::{Stage, World, bundled, integrator, pbrt, registry, scene};
 use std::time::Instant;
 
 type Result<T> = std::result::Result<T, Box<dyn std::error::Error>>;
@@ -82,7 +82,7 @@ fn picture(world: &World, sampler: &str, points: &str, seed: u64, side: u32, sam
     let mut integrator = integrator(world);
     let spp = samples / u64::from(side * side);
     let points = registry::points(points, registry::Setting { seed, spp: Some(spp) })?;
-    let mut sampler = registry::sampler(sampler, points)?;
+    let mut sampler = registry::sampler(sampler, points, &Stage::empty())?;
     let frame = Frame::new(side, side)?;
     let start = Instant::now();
     let film = render(&mut *integrator, &mut *sampler, Needs::none(), frame, &Limits::samples(samples), &mut NoWatch)?;

@@ -19,9 +19,9 @@ pub(crate) fn filters() -> Result<Outcome> {
 /// A line each: the names, and under each its parameters with their defaults.
 fn list<Make>(entries: &[Entry<Make>]) -> Result<Outcome> {
     for entry in entries {
-        tell(format!("{:<16}{}", entry.name, entry.about))?;
-        for (key, default, about) in entry.parameters {
-            tell(format!("  {:<14}{about}", format!("{key}={default}")))?;
+        tell(format!("{:<18}{}", entry.name, entry.about))?;
+        for (key, default, about) in entry.parameters() {
+            tell(format!("  {:<16}{about}", format!("{key}={default}")))?;
         }
     }
     Ok(Outcome::Done)

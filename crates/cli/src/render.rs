@@ -14,12 +14,13 @@ use crate::{Failure, Outcome, Result, scene};
 use clap::CommandFactory;
 use clap::error::ErrorKind;
 use dapple_core::{Error, Film, streams};
-use dapple_renderer::integrator;
 use dapple_renderer::scene::Scene;
+use dapple_renderer::{Stage, integrator};
 use files::Files;
 use progress::Progress;
 use report::{Report, Seconds, cpu_seconds};
-use settings::Settings;
+use settings::{Methods, Settings};
+use std::sync::Arc;
 use std::time::Instant;
 
 /// Mean samples per pixel where no budget is given. What a scene file suggests is often one sample, for a
@@ -34,7 +35,7 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     start_threads(options.threads)?;
     let clock = Instant::now();
     let mut scene = scene::read(&options.scene, options.allow_unsupported)?;
-    let settings = Settings::new(options, &mut scene)?;
+    let mut settings = Settings::new(options, &mut scene)?;
     let files = Files::new(options, &scene.name, &settings)?;
     let load = clock.elapsed().as_secs_f64();
     warn_of(&scene, options);
@@ -50,16 +51,34 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
         return Ok(Outcome::Interrupted);
     }
 
+    let world = Arc::new(world);
+    let stage = Stage::new(world.clone());
     let cpu = cpu_seconds();
-    let (film, failure) = trace(&settings, &world, &files, options, &stop)?;
+    let mut methods = settings.methods(&stage)?;
+    let clusters = stage.first_clusters();
+    let (film, failure) = trace(&settings, &mut methods, clusters.is_some(), &world, &files, options, &stop)?;
     let clock = Instant::now();
-    let filtered = settings.filter.apply(&film).map_err(Failure::new)?;
+    let filtered = methods.filter.apply(&film).map_err(Failure::new)?;
     seconds.filter = clock.elapsed().as_secs_f64();
-    seconds.plan = film.record().plan_seconds();
+    let probes = stage.probe_cost();
+    seconds.cluster = stage.cluster_seconds();
+    seconds.probe = probes.seconds;
+    // Probes are shot when the first round is planned.
+    seconds.plan = (film.record().plan_seconds() - probes.seconds).max(0.0);
     seconds.trace = film.record().trace_seconds();
     let cpu = cpu_seconds().zip(cpu).map(|(after, before)| after - before);
 
-    let report = Report { settings: &settings, scene: &scene, film: &film, filtered: &filtered, seconds, cpu };
+    let report = Report {
+        settings: &settings,
+        methods: &methods,
+        scene: &scene,
+        film: &film,
+        filtered: &filtered,
+        clusters: clusters.as_deref(),
+        probe_rays: probes.rays,
+        seconds,
+        cpu,
+    };
     warn_of_rejected(&film, &settings);
     deliver(report, &files, 1.0 / world.space().scale(), options)?;
     match failure {
@@ -110,17 +129,18 @@ fn start_threads(threads: u16) -> Result<()> {
 /// Traces. What was done before an integrator panicked is kept, beside the failure.
 fn trace(
     settings: &Settings,
+    methods: &mut Methods,
+    clusters: bool,
     world: &dapple_renderer::World,
     files: &Files,
     options: &Options,
     stop: &Stop,
 ) -> Result<(Film, Option<Failure>)> {
     let mut integrator = integrator(world);
-    let mut sampler = settings.sampler()?;
-    let needs = settings.filter.needs().and(files.needs());
+    let needs = methods.filter.needs().and(files.needs(clusters));
     let mut progress = Progress::new(options, settings, stop.clone());
-    let film =
-        dapple_core::render(&mut *integrator, &mut *sampler, needs, settings.frame, &settings.limits, &mut progress);
+    let sampler = &mut *methods.sampler;
+    let film = dapple_core::render(&mut *integrator, sampler, needs, settings.frame, &settings.limits, &mut progress);
     progress.finish();
     let error = match film {
         Ok(film) => return Ok((film, None)),

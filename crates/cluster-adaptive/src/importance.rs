@@ -76,7 +76,7 @@ pub fn importance(
     size: &ClusterSize,
     options: &Options,
 ) -> Result<Importance, Error> {
-    options.validate()?;
+    options.check()?;
     let rates = rates(probes, clusters, size, options.pixel_area)?;
     let median = if options.map == Map::Log { median(probes, &rates.values) } else { 1.0 };
     let k = probes.placement().per_pixel() as usize;

@@ -31,7 +31,12 @@ impl Default for Options {
 }
 
 impl Options {
-    pub(crate) fn validate(&self) -> Result<(), Error> {
+    /// Says beforehand what a sampler would refuse of them.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::OutOfRange`] for a weight below 0 or not finite, or a maximum below the minimum.
+    pub fn check(&self) -> Result<(), Error> {
         for (name, weight) in [("angle", self.angle), ("distance", self.distance)] {
             if !(weight.is_finite() && weight >= 0.0) {
                 return Err(Error::range(name, weight, "a weight of 0 or more"));

@@ -20,6 +20,9 @@ pub struct ProbeSource {
     pub shoot: Shoot,
     /// Where the probes of a pixel lie.
     pub placement: Placement,
+    /// How the clusters were made, as further parameters of [`ClusterAdaptive`]'s description:
+    /// `k=9,clamp=32`, say, or nothing.
+    pub described: String,
 }
 
 /// Keeps the probes of a sampler that probes by itself within reach after it went into a box: for
@@ -121,7 +124,7 @@ impl<P: PointSet> ClusterAdaptive<P> {
     /// [`Error::OutOfRange`] for a weight below 0, a maximum below the minimum, or none or too many
     /// probes per pixel. What is wrong with labels and clusters shows with the first plan.
     pub fn probing(points: P, probed: ProbeSource, size: ClusterSize, options: Options) -> Result<Self, Error> {
-        options.validate()?;
+        options.check()?;
         let placement = probed.placement;
         if !(1..=256).contains(&placement.per_pixel()) {
             return Err(Error::range("probes", placement, "centre, or at least 1 and at most 256 per pixel"));
@@ -173,13 +176,20 @@ impl<P: PointSet> Sampler for ClusterAdaptive<P> {
 
     fn describe(&self) -> String {
         let Options { map, pixel_area, angle, distance, min, max } = self.options;
+        let clusters = self.probed.as_ref().map(|p| p.described.as_str()).filter(|d| !d.is_empty());
         format!(
-            "cluster-thesis:probes={},size={},pixel={},map={},angle={angle},distance={distance},min={min},max={max} (a-priori: unbiased)",
+            "cluster-thesis:probes={},size={},pixel={},map={},angle={angle},distance={distance},min={min},max={max},policy=a-priori{}{}",
             self.placement,
             self.size.name(),
             pixel_area.name(),
             map.name(),
+            if clusters.is_some() { "," } else { "" },
+            clusters.unwrap_or_default(),
         )
+    }
+
+    fn a_priori(&self) -> bool {
+        true
     }
 
     fn points(&self) -> &dyn PointSet {

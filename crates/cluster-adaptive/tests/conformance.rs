@@ -47,7 +47,8 @@ fn other_combinations_conform() {
 fn it_says_what_it_is() {
     let sampler = probing(1, Placement::Jittered(4), ClusterSize::Hits, Options::default());
     let said = dapple_core::Sampler::describe(&sampler);
-    let wanted = "cluster-thesis:probes=4,size=hits,pixel=one,map=root,angle=0.25,distance=0.25,min=0,max=0 (a-priori: unbiased)";
+    let wanted =
+        "cluster-thesis:probes=4,size=hits,pixel=one,map=root,angle=0.25,distance=0.25,min=0,max=0,policy=a-priori";
     assert_eq!(said, wanted);
 }
 

@@ -204,7 +204,13 @@ fn lists_of_the_wrong_length_are_refused_by_name() {
     // A sampler that probes by itself says so with its first plan.
     let plan = |labels: &[u32], clusters: &[Cluster]| {
         let (labels, clusters) = (labels.into(), clusters.into());
-        let source = ProbeSource { labels, clusters, shoot: std::sync::Arc::new(shoot), placement: Placement::Centre };
+        let source = ProbeSource {
+            labels,
+            clusters,
+            shoot: std::sync::Arc::new(shoot),
+            placement: Placement::Centre,
+            described: String::new(),
+        };
         let made = ClusterAdaptive::probing(Random::new(1), source, ClusterSize::ProjectedBox, Options::default());
         first_counts(&mut made.unwrap(), at, 256, [1, 100]).map_err(|e| e.to_string())
     };

@@ -133,8 +133,12 @@ impl Params {
         Self { count: Some(count), ..Self::default() }
     }
 
-    /// Errors name what is out of range.
-    pub(crate) fn validate(&self) -> Result<(), Error> {
+    /// Says beforehand what [`crate::cluster`] would refuse of them.
+    ///
+    /// # Errors
+    ///
+    /// The first number out of range.
+    pub fn check(&self) -> Result<(), Error> {
         if !(self.k > 0.0 && self.k <= MAX_K) {
             return Err(Error::BadK { k: self.k });
         }

@@ -29,7 +29,7 @@ const WIDE: u64 = 1 << 32;
 /// For no triangles, a corner that is no vertex or is not finite, materials that are not one each, parameters out of
 /// range, or boxes that overlap more than 2^28 voxels in all. Unused vertices may be anything.
 pub fn cluster(triangles: &Triangles<'_>, params: &Params) -> Result<Clusters, Error> {
-    params.validate()?;
+    params.check()?;
     let mesh = Mesh::new(triangles)?;
     match params.count {
         Some(count) => search(&mesh, params, count),

@@ -59,6 +59,11 @@ pub trait Sampler: Send {
         self.name().to_owned()
     }
 
+    /// Whether counts are decided without a look at any sample: such a picture is unbiased, whatever the budget.
+    fn a_priori(&self) -> bool {
+        false
+    }
+
     /// What it reads of the samples; recorded only if somebody asks.
     fn needs(&self) -> Needs {
         Needs::none()

@@ -17,6 +17,25 @@ pub enum Shape {
     Disk(Disk),
 }
 
+impl Shape {
+    /// Lower and upper corner of its axis-aligned box, to within rounding; `None` for a mesh without triangles.
+    #[must_use]
+    pub fn bounds(&self) -> Option<[Vec3; 2]> {
+        let quadric = |quadric: Quadric| Some(quadric.bounds().map(DVec3::as_vec3));
+        match self {
+            Self::Mesh(mesh) => {
+                let corners = (0..mesh.triangles().len() as u32).flat_map(|n| mesh.corners(n));
+                corners.fold(None, |all, p| match all {
+                    None => Some([p, p]),
+                    Some([low, high]) => Some([p.min(low), p.max(high)]),
+                })
+            }
+            Self::Sphere(sphere) => quadric(Quadric::Sphere(*sphere)),
+            Self::Disk(disk) => quadric(Quadric::Disk(*disk)),
+        }
+    }
+}
+
 impl From<Mesh> for Shape {
     fn from(mesh: Mesh) -> Self {
         Self::Mesh(Arc::new(mesh))

@@ -43,6 +43,7 @@ pub struct ClusterGaussian {
     kernel: Gaussian,
     outside: f64,
     clusters: Clusters,
+    described: String,
 }
 
 impl ClusterGaussian {
@@ -93,7 +94,7 @@ impl ClusterGaussian {
     }
 
     fn new(clusters: Clusters) -> Self {
-        Self { kernel: Gaussian::default(), outside: Self::DEFAULT_OUTSIDE, clusters }
+        Self { kernel: Gaussian::default(), outside: Self::DEFAULT_OUTSIDE, clusters, described: String::new() }
     }
 
     /// The same with another kernel.
@@ -112,6 +113,11 @@ impl ClusterGaussian {
             return Err(Error::OutOfRange { name: "outside", value: outside.to_string(), allowed });
         }
         Ok(Self { outside, ..self })
+    }
+
+    /// The same, describing itself with how its clusters were made, as further parameters: `k=9,clamp=32`, say.
+    pub fn with_described(self, described: String) -> Self {
+        Self { described, ..self }
     }
 
     /// The kernel.
@@ -213,9 +219,11 @@ impl Filter for ClusterGaussian {
     fn describe(&self) -> String {
         let clusters = match &self.clusters {
             Clusters::Map { .. } => "clusters=map".to_owned(),
-            Clusters::Hits { k, .. } => format!("k={k}"),
+            Clusters::Hits { k, .. } => format!("hits={k}"),
         };
-        format!("cluster-gaussian:{},outside={},{clusters}", self.kernel.parameters(), self.outside)
+        let Self { outside, described, .. } = self;
+        let comma = if described.is_empty() { "" } else { "," };
+        format!("cluster-gaussian:{},outside={outside},{clusters}{comma}{described}", self.kernel.parameters())
     }
 
     fn needs(&self) -> Needs {

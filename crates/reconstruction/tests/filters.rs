@@ -62,7 +62,7 @@ fn descriptions_give_every_parameter() {
     assert_eq!(map.describe(), "cluster-gaussian:alpha=0.5,radius=4,outside=0.05,clusters=map");
     let hits = ClusterGaussian::from_hits(4, Arc::new(|_| None)).unwrap();
     let hits = hits.with_kernel(Gaussian::new(2.0, 1.5).unwrap()).with_outside(0.25).unwrap();
-    assert_eq!(hits.describe(), "cluster-gaussian:alpha=2,radius=1.5,outside=0.25,k=4");
+    assert_eq!(hits.describe(), "cluster-gaussian:alpha=2,radius=1.5,outside=0.25,hits=4");
 }
 
 /// A picture of one bright pixel is the kernel, and has its energy.

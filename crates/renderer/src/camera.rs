@@ -158,6 +158,25 @@ impl CameraView {
         self.lens_radius > 0.0
     }
 
+    /// The ray through an offset from a pixel's centre, `on_lens` in `[0, 1)^2`, whatever the lens: for callers
+    /// whose inner loop it is not.
+    pub fn ray(&self, pixel: [u32; 2], offset: Vec2, on_lens: [f32; 2]) -> Ray {
+        let place = self.place(pixel, offset);
+        if self.has_lens() { ThinLens::ray(self, place, on_lens) } else { Pinhole::ray(self, place, on_lens) }
+    }
+
+    /// Rows of the matrix that takes points `[x, y, z, 1]` to the clip space of a picture of this view's
+    /// resolution: in front of the eye `w > 0`, and on the film `x / w` and `y / w` are in `[-1, 1]`. The
+    /// lens is a point to it.
+    pub fn world_to_clip(&self) -> [[f32; 4]; 4] {
+        let to_camera = self.axes.inverse();
+        let [x, y, z] = [to_camera.row(0), to_camera.row(1), to_camera.row(2)];
+        let row = |r: Vec3| [r.x, r.y, r.z, -r.dot(self.origin)];
+        let across = row((x - z * self.shift.x) / (self.step.x * self.half.x));
+        let down = row((z * self.shift.y - y) / (self.step.y * self.half.y));
+        [across, down, row(z), row(z)]
+    }
+
     /// Screen direction in camera space, z forward.
     #[inline]
     fn screen(&self, place: Vec2) -> Vec3 {

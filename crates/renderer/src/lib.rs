@@ -13,6 +13,7 @@ struct Readme;
 pub mod blocks;
 pub mod bundled;
 pub mod camera;
+mod clusters;
 mod effects;
 pub mod files;
 pub mod image;
@@ -30,6 +31,7 @@ mod space;
 mod texture;
 mod world;
 
+pub use clusters::{Stage, WorldClusters, WorldTriangles};
 pub use effects::{Called, Effect, Effects};
 pub use integrator::{PathTracer, integrator};
 pub use material::{MaterialError, Surface};

@@ -7,10 +7,10 @@ use dapple_core::{Draws, Frame, Limits, Needs, NoWatch, Observed, PointSet, Samp
 use dapple_low_discrepancy::Sobol;
 use dapple_renderer::registry::{self, POINTS, SAMPLERS, Setting};
 use dapple_renderer::scene::{Geometry, Scene};
-use dapple_renderer::{World, blocks, bundled, integrator};
+use dapple_renderer::{Stage, World, blocks, bundled, integrator};
 use glam::{DAffine3, DMat3, DVec3};
 use std::collections::BTreeSet;
-use std::sync::Mutex;
+use std::sync::{Arc, Mutex};
 use support::*;
 
 const SIZE: [u32; 2] = [37, 26];
@@ -24,7 +24,8 @@ fn points(name: &str) -> registry::AnyPoints {
 fn rendered(world: &World, sampler: &str, name: &str, schedule: Schedule, threads: usize) -> u64 {
     let frame = Frame::new(SIZE[0], SIZE[1]).expect("not empty");
     let limits = Limits { schedule, ..Limits::samples(SPP * frame.pixels() as u64) };
-    let mut sampler = registry::sampler(sampler, points(name)).unwrap_or_else(|e| panic!("{e}"));
+    let mut sampler = registry::sampler(sampler, points(name), &Stage::new(Arc::new(world.clone())))
+        .unwrap_or_else(|e| panic!("{e}"));
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
     let needs = Needs::none().with_variance().with_features();
     let film = pool.install(|| render(&mut *integrator(world), &mut *sampler, needs, frame, &limits, &mut NoWatch));

@@ -20,6 +20,7 @@ enum What {
     Albedo,
     Normals,
     Depth,
+    Clusters,
 }
 
 /// The files to write, each known to be writable.
@@ -52,9 +53,13 @@ impl Files {
         if troubles.is_empty() { Ok(Self { files, exposure: options.exposure }) } else { Err(Failure(troubles)) }
     }
 
-    /// What the files show of the samples.
-    pub(super) fn needs(&self) -> Needs {
+    /// What the files show of the samples, and of `clusters` where there are some.
+    pub(super) fn needs(&self, clusters: bool) -> Needs {
         let mut needs = Needs::none();
+        let shown = |(what, _): &(What, PathBuf)| matches!(what, What::Clusters | What::Picture(Format::Exr));
+        if clusters && self.files.iter().any(shown) {
+            needs = needs.with_first_hits(1);
+        }
         for (what, _) in &self.files {
             match what {
                 What::Picture(Format::Exr) => needs = needs.with_variance(),
@@ -86,13 +91,14 @@ impl Files {
     fn encode(&self, what: What, path: &Path, report: &Report<'_>, unit: f64) -> Encoded {
         let (film, filtered) = (report.film, report.filtered);
         let known = |bytes: Vec<u8>, about: String| Ok(Some((bytes, about)));
+        let ids = || output::cluster_ids(film, report.clusters?);
         let gray = |map: GrayMap, about: String| known(map.png()?, about);
         match what {
             What::Picture(format) => {
                 let picture = Picture::new(filtered.size, filtered.radiance.clone())?;
                 match format {
                     Format::Exr => {
-                        let layers = output::layers(film, filtered, unit);
+                        let layers = output::layers(film, filtered, unit, ids());
                         let file = encode_exr(filtered.size, &layers, &report.attributes())?;
                         if file.clamped > 0 {
                             warn(format!("{}: {} values were too large for it", path.display(), file.clamped));
@@ -109,6 +115,10 @@ impl Files {
                 let about = format!("the sample map; white is {} samples per pixel", map.white);
                 gray(map, about)
             }
+            What::Clusters => match ids() {
+                Some(ids) => known(output::cluster_map(filtered.size, &ids)?, "clusters, a colour each".into()),
+                None => Ok(None),
+            },
             What::Error => match output::error_map(filtered) {
                 Some(map) => {
                     let about = format!("the predicted relative error over 5x5 pixels; white is {:.3}", map.white);
@@ -137,11 +147,12 @@ impl Files {
 
 type Encoded = std::result::Result<Option<(Vec<u8>, String)>, ImageError>;
 
-/// The maps, with their names. Clusters join them when there are some.
-const MAPS: [(What, &str); 5] = [
+/// The maps, with their names; clusters where a sampler or a filter made some.
+const MAPS: [(What, &str); 6] = [
     (What::Samples, "samples.png"),
     (What::Error, "error.png"),
     (What::Albedo, "albedo.png"),
     (What::Normals, "normals.png"),
     (What::Depth, "depth.png"),
+    (What::Clusters, "clusters.png"),
 ];

@@ -1,10 +1,10 @@
 //! How it went: the JSON line, the summary, and what goes into the header of an EXR file.
 
-use super::settings::Settings;
+use super::settings::{Methods, Settings};
 use crate::info;
 use dapple_core::{Combine, Film, Filtered};
-use dapple_renderer::Effects;
 use dapple_renderer::scene::Scene;
+use dapple_renderer::{Effects, WorldClusters};
 use serde::Serialize;
 
 /// Wall seconds of each phase. Phases that do not exist for a sampler take none.
@@ -40,9 +40,13 @@ pub(super) fn cpu_seconds() -> Option<f64> {
 /// A picture with how it was made.
 pub(super) struct Report<'a> {
     pub(super) settings: &'a Settings,
+    pub(super) methods: &'a Methods,
     pub(super) scene: &'a Scene,
     pub(super) film: &'a Film,
     pub(super) filtered: &'a Filtered,
+    /// The clusters that were made, if any.
+    pub(super) clusters: Option<&'a WorldClusters>,
+    pub(super) probe_rays: u64,
     pub(super) seconds: Seconds,
     pub(super) cpu: Option<f64>,
 }
@@ -82,15 +86,15 @@ impl Report<'_> {
         let (settings, record) = (self.settings, self.film.record());
         let line = Line {
             scene: &self.scene.name,
-            sampler: &settings.sampler_described,
+            sampler: &self.methods.sampler_described,
             points: &settings.points_described,
-            filter: settings.filter.describe(),
+            filter: self.methods.filter.describe(),
             seed: settings.seed,
             threads: rayon::current_num_threads(),
             resolution: settings.frame.resolution(),
             samples: record.samples,
             spp: self.spp(),
-            rays: record.rays,
+            rays: record.rays + self.probe_rays,
             seconds: self.seconds,
             render_s: self.seconds.render(),
             cpu: self.cpu,
@@ -113,9 +117,9 @@ impl Report<'_> {
             format!("{}, {w}x{h}: {:.2} spp ({least} to {most}) in {seconds:.2} s", self.scene.name, self.spp()),
             format!(
                 "{}, {}, filter {}",
-                settings.sampler_described,
+                self.methods.sampler_described,
                 settings.points_described,
-                settings.filter.describe()
+                self.methods.filter.describe()
             ),
             format!("{} samples, {} rays, {rate:.2} million rays a second", record.samples, record.rays),
         ];
@@ -136,9 +140,9 @@ impl Report<'_> {
             ("version", env!("CARGO_PKG_VERSION").to_owned()),
             ("scene", scene.name.clone()),
             ("scene-file", scene.camera.source.file.display().to_string()),
-            ("sampler", settings.sampler_described.clone()),
+            ("sampler", self.methods.sampler_described.clone()),
             ("points", settings.points_described.clone()),
-            ("filter", settings.filter.describe()),
+            ("filter", self.methods.filter.describe()),
             ("pixel-filter", info::pixel_filter(&scene.film.pixel_filter)),
             ("seed", settings.seed.to_string()),
             ("budget", settings.asked.clone()),
@@ -152,10 +156,11 @@ impl Report<'_> {
             ("notices", notices.join("\n")),
             ("samples", record.samples.to_string()),
             ("spp", self.spp().to_string()),
-            ("rays", record.rays.to_string()),
+            ("rays", (record.rays + self.probe_rays).to_string()),
+            ("probe-rays", self.probe_rays.to_string()),
             ("rejected", record.rejected.to_string()),
             ("predicted-relmse", self.film.predicted_relmse().map_or("unknown".into(), |e| e.to_string())),
-            ("bias", bias(self.film, settings).to_owned()),
+            ("bias", bias(self.film, settings, self.methods.sampler.a_priori()).to_owned()),
             ("interrupted", record.interrupted.to_string()),
             ("threads", rayon::current_num_threads().to_string()),
             ("seconds", to_string(&self.seconds)),
@@ -168,14 +173,14 @@ impl Report<'_> {
 }
 
 /// Whether samples that are in the picture decided on its counts [Kirk and Arvo 1991].
-fn bias(film: &Film, settings: &Settings) -> &'static str {
+fn bias(film: &Film, settings: &Settings, a_priori: bool) -> &'static str {
     let rounds = &film.record().rounds;
     let decided = rounds.split_last().is_some_and(|(_, deciding)| deciding.iter().any(|round| round.kept));
     match film.combine() {
         _ if matches!(settings.limits.budget, dapple_core::Budget::Error { .. }) => {
             "biased: the predicted error of the samples in the picture decided when to stop"
         }
-        _ if !settings.adaptive || !decided => "none: no sample of the picture decided on its counts",
+        _ if a_priori || !decided => "none: no sample of the picture decided on its counts",
         Combine::Equally => "none: each half's counts were decided by the other half's samples",
         _ => "slight: samples of the picture decided on its counts",
     }

@@ -4,6 +4,7 @@ use super::Options;
 use super::options::PixelShape;
 use crate::{Failure, Result};
 use dapple_core::{Budget, Error, Film, Filter, Frame, Limits, Needs, PointSet, Sampler};
+use dapple_renderer::Stage;
 use dapple_renderer::registry::{self, Setting};
 use dapple_renderer::scene::{PixelFilter, Scene};
 
@@ -14,8 +15,6 @@ const ERROR_SPP: u32 = 16384;
 pub(super) struct Settings {
     pub(super) frame: Frame,
     pub(super) limits: Limits,
-    pub(super) filter: Box<dyn Filter>,
-    pub(super) sampler_described: String,
     pub(super) points_described: String,
     pub(super) adaptive: bool,
     pub(super) seed: u64,
@@ -23,7 +22,15 @@ pub(super) struct Settings {
     pub(super) asked: String,
     sampler: String,
     points: String,
+    filter: String,
     setting: Setting,
+}
+
+/// What the words for sampler and filter make of the world on a stage.
+pub(super) struct Methods {
+    pub(super) sampler: Box<dyn Sampler>,
+    pub(super) sampler_described: String,
+    pub(super) filter: Box<dyn Filter>,
 }
 
 impl Settings {
@@ -43,31 +50,32 @@ impl Settings {
         limits.min_spp = options.min_spp;
         limits.max_spp = options.max_spp.unwrap_or(u32::MAX);
         let setting = Setting { seed: options.seed, spp: options.mean_spp().map(|spp| spp.ceil() as u64) };
-        let mut settings = Self {
+        let points = registry::points(&options.points, setting).map_err(Failure::new)?;
+        check_capacity(&points, setting)?;
+        Ok(Self {
             frame,
             limits,
-            filter: registry::filter(&options.filter).map_err(Failure::new)?,
-            sampler_described: String::new(),
-            points_described: String::new(),
-            adaptive: true,
+            points_described: points.describe(),
+            adaptive: options.sampler.split(':').next().is_none_or(|name| name.trim() != "uniform"),
             seed: options.seed,
             asked,
             sampler: options.sampler.clone(),
             points: options.points.clone(),
+            filter: options.filter.clone(),
             setting,
-        };
-        let sampler = settings.sampler()?;
-        settings.sampler_described = sampler.describe();
-        settings.points_described = sampler.points().describe();
-        settings.adaptive = sampler.name() != "uniform";
-        check_capacity(sampler.points(), setting)?;
-        Ok(settings)
+        })
     }
 
-    /// The sampler, fresh.
-    pub(super) fn sampler(&self) -> Result<Box<dyn Sampler>> {
+    /// Sampler and filter for the world on `stage`; clusters are made here. A time limit counts them.
+    pub(super) fn methods(&mut self, stage: &Stage) -> Result<Methods> {
         let points = registry::points(&self.points, self.setting).map_err(Failure::new)?;
-        registry::sampler(&self.sampler, points).map_err(Failure::new)
+        let sampler = registry::sampler(&self.sampler, points, stage).map_err(Failure::new)?;
+        let filter = registry::filter(&self.filter, stage).map_err(Failure::new)?;
+        if let Budget::Seconds(seconds) = &mut self.limits.budget {
+            // Never to nothing: a limit below what clusters took leaves the smallest picture.
+            *seconds = (*seconds - stage.cluster_seconds()).max(1e-3);
+        }
+        Ok(Methods { sampler_described: sampler.describe(), sampler, filter })
     }
 }
 

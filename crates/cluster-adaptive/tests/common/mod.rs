@@ -59,7 +59,8 @@ pub fn probes(frame: &Frame, placement: Placement) -> Probes {
 
 pub fn probing(seed: u64, placement: Placement, size: ClusterSize, options: Options) -> ClusterAdaptive<Random> {
     let (labels, clusters) = (LABELS.into(), clusters().into());
-    let probed = ProbeSource { labels, clusters, shoot: std::sync::Arc::new(scene), placement };
+    let probed =
+        ProbeSource { labels, clusters, shoot: std::sync::Arc::new(scene), placement, described: String::new() };
     ClusterAdaptive::probing(Random::new(seed), probed, size, options).unwrap()
 }
 

@@ -23,6 +23,10 @@ impl<P: PointSet> Sampler for Uniform<P> {
         "uniform"
     }
 
+    fn a_priori(&self) -> bool {
+        true
+    }
+
     fn points(&self) -> &dyn PointSet {
         &self.points
     }

@@ -12,13 +12,14 @@ use dapple_core::{Features, Film, Filtered};
 /// | `variance` | R G B | sample variance (of one sample, not of the mean); NaN below two samples |
 /// | `count` | Y, integers | samples per pixel |
 /// | `error` | Y | predicted squared error of the picture, mean over the channels, where the filter knows it |
+/// | `cluster` | Y, integers | the cluster that each pixel's first sample met, 4294967295 where it met nothing |
 /// | `albedo` | R G B | mean albedo of the first hits, black where nothing is hit |
 /// | `normal` | X Y Z | mean shading normal of the first hits in the file's world space, 0 where nothing is hit |
 /// | `depth` | Y | mean distance of the first hits in the file's units, infinite where nothing is hit |
 ///
 /// `unit` is the length that the integrator's unit of length has in the file:
-/// `1 / world.space().scale()`.
-pub fn layers(film: &Film, filtered: &Filtered, unit: f64) -> Vec<Layer<'static>> {
+/// `1 / world.space().scale()`; `clusters` come from [`cluster_ids`](super::cluster_ids).
+pub fn layers(film: &Film, filtered: &Filtered, unit: f64, clusters: Option<Vec<u32>>) -> Vec<Layer<'static>> {
     let mut layers = vec![rgb("", &filtered.radiance)];
     let means = film.picture();
     if means != filtered.radiance {
@@ -39,6 +40,9 @@ pub fn layers(film: &Film, filtered: &Filtered, unit: f64) -> Vec<Layer<'static>
     layers.push(one("count", counts.into()));
     if let Some(error) = &filtered.error {
         layers.push(one("error", error.clone().into()));
+    }
+    if let Some(clusters) = clusters {
+        layers.push(one("cluster", clusters.into()));
     }
     if let Some(features) = features(film) {
         let albedo: Vec<[f32; 3]> = features.iter().map(|f| f.albedo).collect();
@@ -85,14 +89,14 @@ mod tests {
         let mut film = Film::new(frame, Needs::none());
         film.push(0, 0, [1.0, 2.0, 3.0]);
         let filtered = Unfiltered.apply(&film).unwrap();
-        assert_eq!(names(&layers(&film, &filtered, 1.0)), ["", "count"]);
+        assert_eq!(names(&layers(&film, &filtered, 1.0, None)), ["", "count"]);
 
         let mut film = Film::new(frame, Needs::none().with_variance().with_halves().with_features());
         for (half, value) in [(0, 1.0), (1, 3.0)] {
             film.push(0, half, [value; 3]);
         }
         let filtered = Unfiltered.apply(&film).unwrap();
-        let found = layers(&film, &filtered, 1.0);
+        let found = layers(&film, &filtered, 1.0, None);
         assert_eq!(names(&found), ["", "variance", "count", "error", "albedo", "normal", "depth"]);
         let plane = |layer: usize| found[layer].channels[0].1.clone();
         assert_eq!(plane(0), vec![2.0_f32, 0.0].into());
@@ -109,7 +113,7 @@ mod tests {
         let mut film = Film::new(Frame::new(1, 1).unwrap(), Needs::none());
         film.push(0, 0, [1.0; 3]);
         let filtered = Filtered { size: [1, 1], radiance: vec![[0.5; 3]], error: None };
-        let found = layers(&film, &filtered, 1.0);
+        let found = layers(&film, &filtered, 1.0, None);
         assert_eq!(names(&found), ["", "unfiltered", "count"]);
         assert_eq!(found[1].channels[0].1, vec![1.0_f32].into());
     }

@@ -1,6 +1,7 @@
 //! Maps to look at.
 
 use super::layers::{depth, features};
+use crate::WorldClusters;
 use crate::image::{ImageError, encode_png_gray, encode_png_rgb, srgb_encode};
 use dapple_core::{Film, Filtered};
 
@@ -24,6 +25,31 @@ impl GrayMap {
     pub fn png(&self) -> Result<Vec<u8>, ImageError> {
         encode_png_gray(self.size, &self.values)
     }
+}
+
+/// The cluster that each pixel's first sample met, `u32::MAX` where it met nothing. `None` where the film does not
+/// hold first hits.
+pub fn cluster_ids(film: &Film, clusters: &WorldClusters) -> Option<Vec<u32>> {
+    let of = |i: usize| film.first_hits(i)[0].as_ref().and_then(|hit| clusters.label(hit)).unwrap_or(u32::MAX);
+    (film.needs().first_hits > 0).then(|| (0..film.frame().pixels()).map(of).collect())
+}
+
+/// Clusters in colours of their own as a PNG file; black where nothing was met. Two clusters may look alike: there are
+/// more of them than of colours.
+///
+/// # Errors
+///
+/// [`ImageError::Encode`] where the format cannot hold it.
+pub fn cluster_map(size: [u32; 2], ids: &[u32]) -> Result<Vec<u8>, ImageError> {
+    let colour = |&id: &u32| match id {
+        u32::MAX => [0; 3],
+        // Bytes of a hash, kept from the dark, so that black stays the background's.
+        _ => {
+            let hash = (u64::from(id) + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+            [24, 36, 48].map(|shift| 56 + ((hash >> shift) % 200) as u8)
+        }
+    };
+    encode_png_rgb(size, &ids.iter().map(colour).collect::<Vec<_>>())
 }
 
 /// Samples per pixel: white is the largest count, black none, proportional in between.

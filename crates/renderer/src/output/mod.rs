@@ -6,4 +6,4 @@ mod layers;
 mod maps;
 
 pub use layers::layers;
-pub use maps::{GrayMap, albedo_map, depth_map, error_map, normal_map, sample_map};
+pub use maps::{GrayMap, albedo_map, cluster_ids, cluster_map, depth_map, error_map, normal_map, sample_map};

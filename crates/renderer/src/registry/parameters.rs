@@ -1,6 +1,6 @@
 //! `NAME:key=value,…`, checked against what an entry takes.
 
-use super::Entry;
+use super::{Entry, Parameter};
 use std::str::FromStr;
 
 /// Why words name nothing that can be made.
@@ -24,6 +24,20 @@ pub enum RegistryError {
         of: &'static str,
         /// What is wrong, and what to do.
         what: String,
+    },
+    /// It looks at the world, and there is none.
+    #[error("{of} looks at the scene's triangles: give it a stage with a world")]
+    NeedsWorld {
+        /// The entry.
+        of: &'static str,
+    },
+    /// The world's triangles cannot be grouped.
+    #[error("{of}: clusters cannot be made: {why}")]
+    Clusters {
+        /// The entry.
+        of: &'static str,
+        /// What is wrong, and what to do.
+        why: String,
     },
     /// A value that the sampler refuses.
     #[error(transparent)]
@@ -52,8 +66,8 @@ pub(super) fn find<'a, Make>(
         let Some((key, value)) = pair.split_once('=') else {
             return Err(parameters.refuse(format!("\"{pair}\" is no key=value")));
         };
-        let Some(&(key, ..)) = entry.parameters.iter().find(|p| p.0 == key.trim()) else {
-            let known = entry.parameters.iter().map(|p| p.0).collect::<Vec<_>>().join(", ");
+        let Some(&(key, ..)) = entry.parameters().find(|p| p.0 == key.trim()) else {
+            let known = entry.parameters().map(|p| p.0).collect::<Vec<_>>().join(", ");
             let known = if known.is_empty() { "it takes none".into() } else { format!("it takes {known}") };
             return Err(parameters.refuse(format!("there is no parameter \"{}\": {known}", key.trim())));
         };
@@ -62,7 +76,7 @@ pub(super) fn find<'a, Make>(
         }
         parameters.values.push((key, value.trim().to_owned()));
     }
-    for &(key, default, _) in entry.parameters {
+    for &(key, default, _) in entry.parameters() {
         if !parameters.values.iter().any(|v| v.0 == key) {
             parameters.values.push((key, default.to_owned()));
         }
@@ -75,7 +89,17 @@ impl Parameters {
         RegistryError::Parameter { of: self.of, what }
     }
 
-    fn value(&self, key: &str) -> &str {
+    /// The entry's name.
+    pub(super) fn of(&self) -> &'static str {
+        self.of
+    }
+
+    /// The parameters of a group, as words.
+    pub(super) fn described(&self, group: &[Parameter]) -> String {
+        group.iter().map(|(key, ..)| format!("{key}={}", self.value(key))).collect::<Vec<_>>().join(",")
+    }
+
+    pub(super) fn value(&self, key: &str) -> &str {
         self.values.iter().find(|v| v.0 == key).map_or("", |v| &v.1)
     }
 

@@ -1,0 +1,225 @@
+//! A world's clusters, and what samplers and filters that look at the world are made from.
+
+use crate::World;
+use crate::registry::RegistryError;
+use dapple_cluster_adaptive::{ProbeCost, ProbeHit, ProbeRay, ProbesHandle, Shoot};
+use dapple_clustering::{Cluster, Params, Report, Triangles, cluster};
+use dapple_core::FirstHit;
+use dapple_geometry::Shape;
+use glam::Vec2;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Instant;
+
+/// The triangles of a world as plain slices, mesh by mesh; places in space as hits report them.
+#[derive(Clone, Debug, Default)]
+pub struct WorldTriangles {
+    /// Vertices.
+    pub positions: Vec<[f32; 3]>,
+    /// Three vertices each.
+    pub indices: Vec<[u32; 3]>,
+    /// A material each.
+    pub materials: Vec<u32>,
+}
+
+impl WorldTriangles {
+    /// Copies the triangles of all meshes, in the order of the shapes.
+    pub fn of(world: &World) -> Self {
+        let mut all = Self::default();
+        for (shape, part) in world.geometry.shapes().iter().zip(&world.parts) {
+            let Shape::Mesh(mesh) = shape else { continue };
+            let first = all.positions.len() as u32;
+            all.positions.extend_from_slice(mesh.positions());
+            all.indices.extend(mesh.triangles().iter().map(|t| t.map(|vertex| first + vertex)));
+            all.materials.resize(all.indices.len(), part.material);
+        }
+        all
+    }
+
+    /// The slices.
+    pub fn as_slices(&self) -> Triangles<'_> {
+        Triangles { positions: &self.positions, indices: &self.indices, materials: &self.materials }
+    }
+}
+
+/// A world's primitives in clusters: its triangles as [`dapple_clustering::cluster`] groups them; each sphere and
+/// each disk is a cluster of its own.
+#[derive(Clone, Debug)]
+pub struct WorldClusters {
+    params: Params,
+    labels: Arc<[u32]>,
+    clusters: Arc<[Cluster]>,
+    /// Number of the first primitive of each shape.
+    first: Vec<u32>,
+    report: Option<Report>,
+    seconds: f64,
+}
+
+impl WorldClusters {
+    /// Groups a world's primitives.
+    ///
+    /// # Errors
+    ///
+    /// For parameters out of range.
+    pub fn new(world: &World, params: &Params) -> Result<Self, dapple_clustering::Error> {
+        let began = Instant::now();
+        let triangles = WorldTriangles::of(world);
+        let (mut labels, mut clusters, mut report) = (Vec::new(), Vec::new(), None);
+        if !triangles.indices.is_empty() {
+            let found = cluster(&triangles.as_slices(), params)?;
+            labels.extend_from_slice(found.labels());
+            clusters.extend_from_slice(found.clusters());
+            report = Some(found.report());
+        }
+        let mut first = Vec::with_capacity(world.parts.len());
+        let mut triangle = 0;
+        for (shape, part) in world.geometry.shapes().iter().zip(&world.parts) {
+            match shape {
+                Shape::Mesh(mesh) => {
+                    first.push(triangle);
+                    triangle += mesh.triangles().len() as u32;
+                }
+                Shape::Sphere(_) | Shape::Disk(_) => {
+                    first.push(labels.len() as u32);
+                    labels.push(clusters.len() as u32);
+                    let group = clusters.last().map_or(0, |c: &Cluster| c.group + 1);
+                    clusters.push(whole(shape, part.material, group));
+                }
+            }
+        }
+        let (labels, clusters) = (labels.into(), clusters.into());
+        Ok(Self { params: *params, labels, clusters, first, report, seconds: began.elapsed().as_secs_f64() })
+    }
+
+    /// The cluster of each primitive: triangles first, mesh by mesh, then spheres and disks.
+    pub fn labels(&self) -> &Arc<[u32]> {
+        &self.labels
+    }
+
+    /// The clusters.
+    pub fn clusters(&self) -> &Arc<[Cluster]> {
+        &self.clusters
+    }
+
+    /// The number of a shape's primitive among the labels.
+    #[inline]
+    pub fn primitive(&self, shape: u32, primitive: u32) -> u32 {
+        self.first[shape as usize] + primitive
+    }
+
+    /// The cluster of a first hit in this world.
+    pub fn label(&self, hit: &FirstHit) -> Option<u32> {
+        let first = self.first.get(hit.shape as usize)?;
+        self.labels.get(*first as usize + hit.primitive as usize).copied()
+    }
+
+    /// What became of the grid; `None` in a world without triangles.
+    pub fn report(&self) -> Option<Report> {
+        self.report
+    }
+
+    /// Wall seconds that it took.
+    pub fn seconds(&self) -> f64 {
+        self.seconds
+    }
+}
+
+/// A sphere or disk as a cluster.
+fn whole(shape: &Shape, material: u32, group: u32) -> Cluster {
+    let [low, high] = shape.bounds().unwrap_or_default();
+    let d = (high - low).as_dvec3();
+    // Of its box: a plain measure of size; projected sizes are taken from the box anyway.
+    let area = 2.0 * (d.x * d.y + d.y * d.z + d.z * d.x);
+    let bounds = [low.to_array(), high.to_array()];
+    Cluster { triangles: 0, bounds, area, normal: [0.0; 3], cone: -1.0, material, group }
+}
+
+/// The world that samplers and filters may look at, and what they share: clusters are made once for each set of
+/// parameters, however many ask. Cheap to clone; clones share.
+#[derive(Clone, Debug, Default)]
+pub struct Stage {
+    world: Option<Arc<World>>,
+    made: Arc<Mutex<Made>>,
+}
+
+#[derive(Debug, Default)]
+struct Made {
+    clusters: Vec<Arc<WorldClusters>>,
+    probes: Vec<ProbesHandle>,
+}
+
+impl Stage {
+    /// A stage with this world.
+    pub fn new(world: Arc<World>) -> Self {
+        Self { world: Some(world), made: Arc::default() }
+    }
+
+    /// A stage without a world, for what looks at none; the rest says so with
+    /// [`RegistryError::NeedsWorld`].
+    pub fn empty() -> Self {
+        Self::default()
+    }
+
+    /// The clusters with these parameters, made if they were not yet.
+    ///
+    /// # Errors
+    ///
+    /// [`RegistryError::NeedsWorld`] in the name of `of` on an empty stage; parameters out of range.
+    pub fn clusters(&self, of: &'static str, params: &Params) -> Result<Arc<WorldClusters>, RegistryError> {
+        let world = self.world(of)?;
+        let mut made = self.made.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(known) = made.clusters.iter().find(|c| c.params == *params) {
+            return Ok(known.clone());
+        }
+        let found =
+            WorldClusters::new(world, params).map_err(|e| RegistryError::Clusters { of, why: e.to_string() })?;
+        let found = Arc::new(found);
+        made.clusters.push(found.clone());
+        Ok(found)
+    }
+
+    /// The clusters made first: those that a map shows.
+    pub fn first_clusters(&self) -> Option<Arc<WorldClusters>> {
+        self.made.lock().unwrap_or_else(PoisonError::into_inner).clusters.first().cloned()
+    }
+
+    /// Wall seconds spent on clusters so far.
+    pub fn cluster_seconds(&self) -> f64 {
+        let made = self.made.lock().unwrap_or_else(PoisonError::into_inner);
+        made.clusters.iter().map(|c| c.seconds).sum()
+    }
+
+    /// What probes took so far, of all samplers made on this stage.
+    pub fn probe_cost(&self) -> ProbeCost {
+        let made = self.made.lock().unwrap_or_else(PoisonError::into_inner);
+        made.probes.iter().filter_map(ProbesHandle::cost).fold(ProbeCost::default(), |sum, cost| ProbeCost {
+            rays: sum.rays + cost.rays,
+            seconds: sum.seconds + cost.seconds,
+        })
+    }
+
+    pub(crate) fn world(&self, of: &'static str) -> Result<&Arc<World>, RegistryError> {
+        self.world.as_ref().ok_or(RegistryError::NeedsWorld { of })
+    }
+
+    pub(crate) fn keep(&self, probes: ProbesHandle) {
+        self.made.lock().unwrap_or_else(PoisonError::into_inner).probes.push(probes);
+    }
+}
+
+/// The first hits of a world, as probes want them.
+pub(crate) fn shoot(world: Arc<World>, clusters: Arc<WorldClusters>) -> Shoot {
+    Arc::new(move |probe: ProbeRay| {
+        let [x, y] = probe.pixel.map(|n| n as f32 + 0.5);
+        let offset = Vec2::new(probe.film[0] - x, probe.film[1] - y);
+        let ray = world.camera.ray(probe.pixel, offset, probe.lens);
+        let at = world.closest(&ray)?;
+        let distance = (at.point.position - ray.origin).length();
+        Some(ProbeHit {
+            primitive: clusters.primitive(at.hit.shape, at.hit.primitive),
+            direction: ray.direction.to_array(),
+            distance,
+            normal: at.point.normal.to_array(),
+            footprint: distance * world.camera.pixel_width(),
+        })
+    })
+}

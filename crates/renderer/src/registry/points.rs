@@ -1,0 +1,89 @@
+//! The point sets.
+
+use super::{Entry, Parameter, Parameters, RegistryError, Setting};
+use dapple_core::{PointSet, SampleId};
+use dapple_low_discrepancy::{Halton, LowDiscrepancy, Random, Sobol, Stratified};
+
+/// Any point set.
+pub struct AnyPoints(Box<dyn PointSet>);
+
+impl AnyPoints {
+    /// Wraps a point set.
+    pub fn new(points: Box<dyn PointSet>) -> Self {
+        Self(points)
+    }
+}
+
+impl PointSet for AnyPoints {
+    fn describe(&self) -> String {
+        self.0.describe()
+    }
+
+    #[inline]
+    fn block(&self, id: SampleId, block: u32) -> [f32; 4] {
+        self.0.block(id, block)
+    }
+
+    fn capacity(&self) -> u64 {
+        self.0.capacity()
+    }
+
+    fn preferred_count(&self, n: u64) -> u64 {
+        self.0.preferred_count(n)
+    }
+}
+
+/// How a point set is made.
+pub type MakePoints = fn(&Parameters, Setting) -> Result<Box<dyn PointSet>, RegistryError>;
+
+/// The point sets.
+pub const POINTS: &[Entry<MakePoints>] = &[
+    Entry {
+        name: "sobol",
+        about: "Owen-scrambled Sobol' pairs, any prefix is good (the default)",
+        parameters: &[],
+        make: |_, s| Ok(Box::new(Sobol::new(s.seed))),
+    },
+    Entry {
+        name: "lowdiscrepancy",
+        about: "pbrt-v2's scrambled and shuffled (0,2) points, made for a given count",
+        parameters: &[LOW_DISCREPANCY],
+        make: low_discrepancy,
+    },
+    Entry {
+        name: "halton",
+        about: "scrambled Halton points",
+        parameters: &[],
+        make: |_, s| Ok(Box::new(Halton::new(s.seed))),
+    },
+    Entry { name: "stratified", about: "jittered cells", parameters: &[STRATIFIED], make: stratified },
+    Entry {
+        name: "random",
+        about: "independent random numbers (PCG), the baseline",
+        parameters: &[],
+        make: |_, s| Ok(Box::new(Random::new(s.seed))),
+    },
+];
+
+const LOW_DISCREPANCY: &[Parameter] =
+    &[("count", "0", "samples per pixel, rounded up to a power of two; 0 takes the mean budget, else 16")];
+const STRATIFIED: &[Parameter] =
+    &[("strata", "0", "cells along each axis; 0 takes the root of the mean budget, else 4")];
+
+fn low_discrepancy(p: &Parameters, s: Setting) -> Result<Box<dyn PointSet>, RegistryError> {
+    let count = match p.number::<u64>("count")? {
+        0 => s.spp.unwrap_or(16),
+        count => count,
+    };
+    let made = LowDiscrepancy::new(s.seed, u32::try_from(count.max(1)).unwrap_or(u32::MAX));
+    Ok(Box::new(made.map_err(|e| p.refuse(e.to_string()))?))
+}
+
+fn stratified(p: &Parameters, s: Setting) -> Result<Box<dyn PointSet>, RegistryError> {
+    let strata = match p.number::<u32>("strata")? {
+        0 => s.spp.map_or(4, |n| (n as f64).sqrt().ceil().clamp(1.0, 4096.0) as u32),
+        strata => strata,
+    };
+    let made = Stratified::new(s.seed, strata);
+    Ok(Box::new(made.map_err(|e| p.refuse(e.to_string()))?))
+}

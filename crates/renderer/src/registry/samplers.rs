@@ -1,0 +1,190 @@
+//! The samplers.
+
+use super::{AnyPoints, CLUSTERING, Entry, Parameter, Parameters, RegistryError, clustering};
+use crate::Stage;
+use crate::clusters::{WorldTriangles, shoot};
+use dapple_cluster_adaptive::{
+    AreaVectors, ClusterAdaptive, ClusterSize, Map, Options, PixelArea, Placement, ProbeSource,
+};
+use dapple_core::Sampler;
+use dapple_core::samplers::{Pilot, Uniform, Variance, VarianceOptions};
+use dapple_mitchell::{Mitchell, MitchellOptions, Mode, PbrtAdaptive, PbrtOptions, Policy};
+
+/// How a sampler is made.
+pub type MakeSampler = fn(&Parameters, AnyPoints, &Stage) -> Result<Box<dyn Sampler>, RegistryError>;
+
+/// The samplers.
+pub const SAMPLERS: &[Entry<MakeSampler>] = &[
+    Entry {
+        name: "variance",
+        about: "pooled variance of a pilot, Neyman counts on a ladder (the default)",
+        parameters: &[VARIANCE],
+        make: |p, points, _| variance(p, points),
+    },
+    Entry {
+        name: "uniform",
+        about: "the same count for every pixel",
+        parameters: &[],
+        make: |_, points, _| Ok(Box::new(Uniform::new(points))),
+    },
+    Entry {
+        name: "mitchell",
+        about: "contrast of a pilot, two rates (Mitchell 1987)",
+        parameters: &[MITCHELL, TWO_RATES],
+        make: |p, points, _| mitchell(p, points),
+    },
+    Entry {
+        name: "mitchell-pbrt",
+        about: "pbrt-v2's variant: samples that deviate from the pixel's mean, two rates",
+        parameters: &[MITCHELL_PBRT],
+        make: |p, points, _| mitchell_pbrt(p, points),
+    },
+    Entry {
+        name: "cluster-thesis",
+        about: "few samples where large clusters are seen, many where small ones are (Lan 2016), unbiased",
+        parameters: &[CLUSTER_THESIS, CLUSTERING],
+        make: cluster_thesis,
+    },
+];
+
+const VARIANCE: &[Parameter] = &[
+    ("pilot", "0", "samples per pixel before counts adapt; 0 is 4, or a quarter of the mean budget if that is more"),
+    ("radius", "2", "variance is pooled over 2 radius + 1 pixels squared"),
+    ("exponent", "1.3", "errors are taken to fall as n^-exponent; 1 for random points"),
+    ("epsilon", "0.01", "errors are relative to mean^2 + epsilon"),
+    ("cap", "6", "no pixel gets more than this many times the mean count"),
+    ("policy", "keep", "the pilot's fate: keep (slightly biased), discard (unbiased), cross (unbiased, two halves)"),
+];
+
+const MITCHELL: &[Parameter] = &[
+    ("initial", "0", "samples per pixel that decide; 0 with additional=0 is the thesis' table 4-2 for the mean budget"),
+    ("additional", "0", "samples that refined pixels get besides"),
+    ("red", "0.4", "contrast of red above which a pixel is refined"),
+    ("green", "0.3", "contrast of green"),
+    ("blue", "0.6", "contrast of blue"),
+    ("radius", "1", "contrast is taken over 2 radius + 1 pixels squared"),
+];
+const TWO_RATES: &[Parameter] = &[
+    ("mode", "budget", "budget (highest contrast first, to the last sample) or threshold (the budget is a ceiling)"),
+    ("policy", "keep", "the pilot's fate: keep or refined (both biased), discard (unbiased)"),
+];
+const MITCHELL_PBRT: &[Parameter] = &[
+    ("min", "4", "samples per pixel that decide, rounded up to a power of two"),
+    ("max", "32", "samples of a refined pixel, rounded up to a power of two"),
+    ("threshold", "0.5", "relative deviation in luminance above which a pixel is refined"),
+    ("mode", "budget", "budget (largest deviation first, to the last sample) or threshold (the budget is a ceiling)"),
+    ("policy", "refined", "the pilot's fate: refined (published, biased), keep (biased), discard (unbiased)"),
+];
+const CLUSTER_THESIS: &[Parameter] = &[
+    ("probes", "centre", "probe rays per pixel: centre (one, published), or so many jittered ones"),
+    ("size", "box", "a cluster's size: box (projected box, published), triangles, screen (box in perspective), hits"),
+    ("pixel", "one", "a pixel's size beside box and triangles: one (published) or footprint"),
+    ("map", "root", "from relative size to rate: identity, root or log"),
+    ("angle", "0.25", "weight of a large angle between normal and ray"),
+    ("distance", "0.25", "weight of distance"),
+    ("min", "0", "samples that every pixel gets; 0 takes the thesis' table 4-3 for the mean budget"),
+    ("max", "0", "most samples that a pixel gets; 0 as above"),
+    ("policy", "a-priori", "counts are planned from geometry alone: unbiased"),
+];
+
+fn variance(p: &Parameters, points: AnyPoints) -> Result<Box<dyn Sampler>, RegistryError> {
+    let options = VarianceOptions {
+        pilot: p.number("pilot")?,
+        radius: p.number("radius")?,
+        exponent: p.number("exponent")?,
+        epsilon: p.number("epsilon")?,
+        cap: p.number("cap")?,
+        policy: p.choice("policy", &[Pilot::Keep, Pilot::Discard, Pilot::Cross].map(|o| (o.name(), o)))?,
+    };
+    Ok(Box::new(Variance::with_options(points, options)?))
+}
+
+fn mode(p: &Parameters) -> Result<Mode, RegistryError> {
+    p.choice("mode", &[Mode::Budget, Mode::Threshold].map(|m| (m.name(), m)))
+}
+
+fn policy(p: &Parameters) -> Result<Policy, RegistryError> {
+    p.choice("policy", &[Policy::Keep, Policy::Refined, Policy::Discard].map(|o| (o.name(), o)))
+}
+
+fn mitchell(p: &Parameters, points: AnyPoints) -> Result<Box<dyn Sampler>, RegistryError> {
+    let options = MitchellOptions {
+        initial: p.number("initial")?,
+        additional: p.number("additional")?,
+        thresholds: [p.number("red")?, p.number("green")?, p.number("blue")?],
+        radius: p.number("radius")?,
+        mode: mode(p)?,
+        policy: policy(p)?,
+    };
+    Ok(Box::new(Mitchell::with_options(points, options)?))
+}
+
+fn mitchell_pbrt(p: &Parameters, points: AnyPoints) -> Result<Box<dyn Sampler>, RegistryError> {
+    let options = PbrtOptions {
+        min: p.number("min")?,
+        max: p.number("max")?,
+        threshold: p.number("threshold")?,
+        mode: mode(p)?,
+        policy: policy(p)?,
+    };
+    Ok(Box::new(PbrtAdaptive::with_options(points, options)?))
+}
+
+/// A cluster's size, as far as it can be chosen before there are clusters.
+#[derive(Clone, Copy)]
+enum Size {
+    Box,
+    Triangles,
+    Screen,
+    Hits,
+}
+
+fn cluster_thesis(p: &Parameters, points: AnyPoints, stage: &Stage) -> Result<Box<dyn Sampler>, RegistryError> {
+    let placement = match p.value("probes") {
+        "centre" => Placement::Centre,
+        _ => Placement::Jittered(p.number("probes").map_err(|_| {
+            p.refuse(format!("probes={}: centre, or a number of rays per pixel, is wanted", p.value("probes")))
+        })?),
+    };
+    if !(1..=256).contains(&placement.per_pixel()) {
+        return Err(p.refuse(format!("probes={placement}: 1 to 256 per pixel, or centre, are wanted")));
+    }
+    let sizes = [("box", Size::Box), ("triangles", Size::Triangles), ("screen", Size::Screen), ("hits", Size::Hits)];
+    let size = p.choice("size", &sizes)?;
+    let options = Options {
+        map: p.choice("map", &[Map::Identity, Map::Root, Map::Log].map(|m| (m.name(), m)))?,
+        pixel_area: p.choice("pixel", &[PixelArea::One, PixelArea::Footprint].map(|a| (a.name(), a)))?,
+        angle: p.number("angle")?,
+        distance: p.number("distance")?,
+        min: p.number("min")?,
+        max: p.number("max")?,
+    };
+    p.choice("policy", &[("a-priori", ())])?;
+    let params = clustering(p)?;
+    options.check().map_err(|e| p.refuse(e.to_string()))?;
+    params.check().map_err(|e| p.refuse(e.to_string()))?;
+
+    let clusters = stage.clusters(p.of(), &params)?;
+    let world = stage.world(p.of())?;
+    let size = match size {
+        Size::Box => ClusterSize::ProjectedBox,
+        Size::Hits => ClusterSize::Hits,
+        Size::Screen => ClusterSize::ScreenBox(world.camera().world_to_clip()),
+        Size::Triangles => {
+            let triangles = WorldTriangles::of(world);
+            let labels = &clusters.labels()[..triangles.indices.len()];
+            let vectors = AreaVectors::new(&triangles.as_slices(), labels, clusters.clusters().len());
+            ClusterSize::ProjectedTriangles(vectors.map_err(|e| p.refuse(e.to_string()))?)
+        }
+    };
+    let source = ProbeSource {
+        labels: clusters.labels().clone(),
+        clusters: clusters.clusters().clone(),
+        shoot: shoot(world.clone(), clusters),
+        placement,
+        described: p.described(CLUSTERING),
+    };
+    let sampler = ClusterAdaptive::probing(points, source, size, options).map_err(|e| p.refuse(e.to_string()))?;
+    stage.keep(sampler.handle());
+    Ok(Box::new(sampler))
+}
