@@ -7,9 +7,16 @@
 //!   geometry, no scene and no picture file.
 //! * [`low_discrepancy`] (feature `low-discrepancy`): Owen-scrambled Sobol', Halton, (0,2), stratified and
 //!   independent points.
+//! * [`mitchell`] (feature `mitchell`): Mitchell's contrast-adaptive sampler, and pbrt-v2's.
+//! * [`clustering`] (feature `clustering`): slices of triangles in, clusters out.
+//! * [`cluster_adaptive`] (feature `cluster-adaptive`): sample counts from the projected sizes of clusters,
+//!   through a closure that finds first hits.
+//! * [`reconstruction`] (feature `reconstruction`): filters that are right under unequal sample counts.
 //! * [`metrics`] (feature `metrics`): how wrong a picture is.
 //! * [`geometry`] (feature `geometry`): watertight rays.
 //! * [`renderer`] (feature `renderer`): pbrt scenes, lights, materials, integrators, picture files.
+//!
+//! `examples/foreign_renderer.rs` is a renderer that shares nothing with Dapple's own but these parts.
 //!
 //! # Example
 //!
@@ -48,11 +55,19 @@
 
 pub use dapple_core as core;
 
+#[cfg(feature = "cluster-adaptive")]
+pub use dapple_cluster_adaptive as cluster_adaptive;
+#[cfg(feature = "clustering")]
+pub use dapple_clustering as clustering;
 #[cfg(feature = "geometry")]
 pub use dapple_geometry as geometry;
 #[cfg(feature = "low-discrepancy")]
 pub use dapple_low_discrepancy as low_discrepancy;
 #[cfg(feature = "metrics")]
 pub use dapple_metrics as metrics;
+#[cfg(feature = "mitchell")]
+pub use dapple_mitchell as mitchell;
+#[cfg(feature = "reconstruction")]
+pub use dapple_reconstruction as reconstruction;
 #[cfg(feature = "renderer")]
 pub use dapple_renderer as renderer;

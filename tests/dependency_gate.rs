@@ -36,8 +36,19 @@ fn graph() -> (BTreeMap<String, BTreeSet<String>>, Value) {
 /// Names of everything that a crate is really built with. `cargo metadata` also resolves optional
 /// dependencies that no feature asks for (obvhs reaches criterion that way), so outsiders are asked for here.
 fn built_with(name: &str) -> BTreeSet<String> {
+    tree(&["--package", name])
+}
+
+/// What the facade is built with if it is asked for these features only.
+fn facade_built_with(features: &str) -> BTreeSet<String> {
+    tree(&["--package", "dapple", "--no-default-features", "--features", features])
+}
+
+fn tree(of: &[&str]) -> BTreeSet<String> {
     let output = Command::new(env!("CARGO"))
-        .args(["tree", "--package", name, "--edges", "normal", "--prefix", "none", "--locked", "--offline"])
+        .arg("tree")
+        .args(of)
+        .args(["--edges", "normal", "--prefix", "none", "--locked", "--offline"])
         .current_dir(env!("CARGO_MANIFEST_DIR"))
         .output()
         .expect("cargo tree runs");
@@ -64,15 +75,47 @@ const RULES: &[(&str, &[&str], &[&str])] = &[
     ("dapple-core", &[], &["glam", "obvhs", "image", "exr", "rand"]),
     ("dapple-low-discrepancy", &["dapple-core"], &["glam", "obvhs", "image", "exr"]),
     ("dapple-conformance", &["dapple-core"], &["glam", "obvhs", "image", "exr"]),
+    ("dapple-mitchell", &["dapple-core"], OF_A_SCENE),
+    ("dapple-clustering", &[], OF_A_SCENE),
+    ("dapple-cluster-adaptive", &["dapple-core", "dapple-clustering"], OF_A_SCENE),
+    ("dapple-reconstruction", &["dapple-core"], OF_A_SCENE),
     ("dapple-metrics", &[], &["glam", "obvhs", "image", "exr", "rayon"]),
     ("dapple-geometry", &[], &["image", "exr", "rayon", "clap"]),
-    ("dapple-renderer", &["dapple-core", "dapple-geometry", "dapple-low-discrepancy"], &["clap", "indicatif"]),
+    (
+        "dapple-renderer",
+        &[
+            "dapple-core",
+            "dapple-geometry",
+            "dapple-low-discrepancy",
+            "dapple-mitchell",
+            "dapple-clustering",
+            "dapple-cluster-adaptive",
+            "dapple-reconstruction",
+        ],
+        &["clap", "indicatif"],
+    ),
     (
         "dapple-cli",
-        &["dapple-core", "dapple-geometry", "dapple-low-discrepancy", "dapple-metrics", "dapple-renderer"],
+        &[
+            "dapple-core",
+            "dapple-geometry",
+            "dapple-low-discrepancy",
+            "dapple-mitchell",
+            "dapple-clustering",
+            "dapple-cluster-adaptive",
+            "dapple-reconstruction",
+            "dapple-metrics",
+            "dapple-renderer",
+        ],
         &["dapple-conformance"],
     ),
 ];
+
+/// What knows of scenes, BVHs, vectors or picture files.
+const OF_A_SCENE: &[&str] = &["glam", "obvhs", "image", "exr", "dapple-geometry", "dapple-renderer"];
+
+/// What `examples/foreign_renderer.rs` asks for in the manifest.
+const FOREIGN: &str = "clustering,cluster-adaptive,reconstruction,low-discrepancy,metrics";
 
 #[test]
 fn crates_know_only_what_they_may() {
@@ -94,6 +137,30 @@ fn crates_know_only_what_they_may() {
         if name.starts_with("dapple-") {
             assert!(RULES.iter().any(|r| r.0 == name), "{name} has no rule in tests/dependency_gate.rs");
         }
+    }
+}
+
+#[test]
+fn a_foreign_renderer_takes_no_scene_along() {
+    let (_, metadata) = graph();
+    let packages = metadata["packages"].as_array().expect("packages");
+    let facade = packages.iter().find(|p| p["name"] == "dapple").expect("the facade");
+    let targets = facade["targets"].as_array().expect("targets");
+    let example = targets.iter().find(|t| t["name"] == "foreign_renderer").expect("the example");
+    let asked: Vec<&str> = example["required-features"]
+        .as_array()
+        .expect("required features")
+        .iter()
+        .map(|f| f.as_str().expect("a feature"))
+        .collect();
+    assert_eq!(asked.join(","), FOREIGN, "the example asks for other features than are checked here");
+
+    let built = facade_built_with(FOREIGN);
+    assert!(built.contains("dapple-cluster-adaptive"), "cargo tree shows nothing of what the example uses");
+    let control = facade_built_with("renderer");
+    for outsider in OF_A_SCENE {
+        assert!(!built.contains(*outsider), "a foreign renderer must not be given {outsider}");
+        assert!(control.contains(*outsider), "the tree does not show {outsider} where it is");
     }
 }
 
