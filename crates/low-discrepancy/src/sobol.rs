@@ -2,6 +2,7 @@
 
 use crate::keys::{Seed, halves, nth_key, unit};
 use dapple_core::{PointSet, SampleId};
+use pulp::{Arch, NullaryFnOnce};
 
 /// Owen-scrambled (0,2)-sequences, padded: after [Burley 2020] with the hash of [Vegdahl 2021].
 ///
@@ -22,12 +23,14 @@ use dapple_core::{PointSet, SampleId};
 #[derive(Clone, Copy, Debug)]
 pub struct Sobol {
     seed: Seed,
+    /// What this machine's processor can do, asked once.
+    arch: Arch,
 }
 
 impl Sobol {
     /// The sequence with this seed; neighbouring seeds are as independent as distant ones.
-    pub const fn new(seed: u64) -> Self {
-        Self { seed: Seed::new(seed) }
+    pub fn new(seed: u64) -> Self {
+        Self { seed: Seed::new(seed), arch: Arch::new() }
     }
 }
 
@@ -38,24 +41,7 @@ impl PointSet for Sobol {
 
     #[inline]
     fn block(&self, id: SampleId, block: u32) -> [f32; 4] {
-        let key = self.seed.key(&id, block, id.index >> 32);
-        let [shuffle0, shuffle1] = halves(key);
-        let [scramble_x0, scramble_y0] = halves(nth_key(key, 0));
-        let [scramble_x1, scramble_y1] = halves(nth_key(key, 1));
-
-        // Two 32-bit values travel in one u64, so that one reversal serves both; it also swaps them.
-        let reversed = (id.index as u32).reverse_bits();
-        let shuffled0 = owen_reversed(reversed, shuffle0);
-        let shuffled1 = owen_reversed(reversed, shuffle1);
-        let index = pack(shuffled1, shuffled0).reverse_bits();
-
-        // The bits of a Sobol' coordinate, reversed: of the first it is the index itself.
-        let [x0, x1] = halves(index);
-        let [y0, y1] = halves(sobol1_reversed(index));
-        let coordinates = [x0, y0, x1, y1];
-        let keys = [scramble_x0, scramble_y0, scramble_x1, scramble_y1];
-        // All four at once: compilers make vectors of this where the machine has them.
-        std::array::from_fn(|k| unit(owen_reversed(coordinates[k], keys[k]).reverse_bits()))
+        self.arch.dispatch(Points { seed: self.seed, id, block })
     }
 
     /// `2^32`: up to there all samples of a pair lie in different elementary intervals of
@@ -73,6 +59,40 @@ impl PointSet for Sobol {
             return n;
         };
         if power >= 4 && n <= power / 4 * 3 { power / 4 * 3 } else { power }
+    }
+}
+
+/// One block, compiled for each set of vector instructions that may be there at run time.
+struct Points {
+    seed: Seed,
+    id: SampleId,
+    block: u32,
+}
+
+impl NullaryFnOnce for Points {
+    type Output = [f32; 4];
+
+    #[inline(always)]
+    fn call(self) -> [f32; 4] {
+        let Self { seed, id, block } = self;
+        let key = seed.key(&id, block, id.index >> 32);
+        let [shuffle0, shuffle1] = halves(key);
+        let [scramble_x0, scramble_y0] = halves(nth_key(key, 0));
+        let [scramble_x1, scramble_y1] = halves(nth_key(key, 1));
+
+        // Two 32-bit values travel in one u64, so that one reversal serves both; it also swaps them.
+        let reversed = (id.index as u32).reverse_bits();
+        let shuffled0 = owen_reversed(reversed, shuffle0);
+        let shuffled1 = owen_reversed(reversed, shuffle1);
+        let index = pack(shuffled1, shuffled0).reverse_bits();
+
+        // The bits of a Sobol' coordinate, reversed: of the first it is the index itself.
+        let [x0, x1] = halves(index);
+        let [y0, y1] = halves(sobol1_reversed(index));
+        let coordinates = [x0, y0, x1, y1];
+        let keys = [scramble_x0, scramble_y0, scramble_x1, scramble_y1];
+        // All four at once: compilers make vectors of this where the machine has them.
+        std::array::from_fn(|k| unit(owen_reversed(coordinates[k], keys[k]).reverse_bits()))
     }
 }
 

@@ -54,7 +54,11 @@ impl Surface {
         let textured = |c: &Color| matches!(c, Color::Texture(_));
         let (kind, textured, anisotropic, several_lobes) = match &material.kind {
             MaterialKind::Diffuse { reflectance } => {
-                (Kind::Diffuse(color(reflectance)?), textured(reflectance), false, false)
+                let reflectance = match color(reflectance)? {
+                    Color::Constant(rgb) => Color::Constant(rgb.map(|c| c.clamp(0.0, 1.0))),
+                    texture => texture,
+                };
+                (Kind::Diffuse(reflectance), textured(&reflectance), false, false)
             }
             MaterialKind::Conductor { fresnel, roughness } => {
                 let alpha = alpha(roughness).map_err(&wrong)?;
@@ -98,6 +102,8 @@ impl Surface {
             Color::Texture(id) => textures.look_up(*id, uv),
         };
         match &self.kind {
+            // A constant was clamped when the material was made.
+            Kind::Diffuse(Color::Constant(rgb)) => Bsdf::Diffuse { reflectance: Vec3::from_array(*rgb) },
             Kind::Diffuse(c) => Bsdf::Diffuse { reflectance: reflectance(c).clamp(Vec3::ZERO, Vec3::ONE) },
             Kind::Conductor { ior, alpha } => conductor(*ior, *alpha),
             Kind::TintedConductor { reflectance: c, alpha } => {

@@ -108,7 +108,7 @@ impl<'w, L: Lens, const SEVERAL: bool, const SKY: bool, const DEEP: bool> PathTr
         if at.point.normal.dot(light.wi) * outside <= 0.0 {
             return Vec3::ZERO;
         }
-        let wi = frame.to_local(light.wi);
+        let wi = bsdf.local(frame, light.wi);
         let (f, pdf) = bsdf.evaluate_and_pdf(wo, wi);
         if f == Vec3::ZERO {
             return Vec3::ZERO;
@@ -136,7 +136,7 @@ impl<'w, L: Lens, const SEVERAL: bool, const SKY: bool, const DEEP: bool> PathTr
         let uv = if surface.textured { world.uv(at) } else { [0.0; 2] };
         let bsdf = surface.bsdf(&world.textures, uv);
         let frame = world.frame(at, surface);
-        let wo = frame.to_local(-path.ray.direction);
+        let wo = bsdf.local(&frame, -path.ray.direction);
         let outside = -at.point.normal.dot(path.ray.direction);
         let roulette = DEEP && vertex >= ROULETTE_FROM;
         let chooses = SEVERAL || surface.several_lobes || roulette;

@@ -1,5 +1,6 @@
 //! What a surface does with light at one point.
 
+use super::Frame;
 use super::coat::Coat;
 use super::fresnel::ComplexIor;
 use super::microfacet::{TrowbridgeReitz, half_angle_cosine};
@@ -79,6 +80,16 @@ impl<'m> Bsdf<'m> {
     #[inline]
     pub fn coated_diffuse(coat: &'m Coat, reflectance: Vec3) -> Self {
         Self::CoatedDiffuse { coat, base: coat.base(reflectance.clamp(Vec3::ZERO, Vec3::ONE)) }
+    }
+
+    /// A world-space direction in the shading frame, as far as this scattering looks at it: of Lambert's only the
+    /// cosine is filled in, the rest is 0.
+    #[inline(always)]
+    pub(crate) fn local(&self, frame: &Frame, v: Vec3) -> Vec3 {
+        match self {
+            Self::Diffuse { .. } => Vec3::new(0.0, 0.0, v.dot(frame.normal)),
+            _ => frame.to_local(v),
+        }
     }
 
     /// `f(wo, wi)` per steradian, without the cosine. 0 for specular lobes and for directions on different

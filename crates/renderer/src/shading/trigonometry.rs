@@ -13,10 +13,7 @@ pub fn sin_cos_turn(turn: f32) -> (f32, f32) {
     // Adding and taking away 1.5 * 2^23 rounds to the nearest whole number, ties to even, without a call
     // into libm on processors whose baseline cannot round.
     let quarters = (turn * 4.0 + 12_582_912.0) - 12_582_912.0;
-    let x = (turn * 4.0 - quarters) * std::f32::consts::FRAC_PI_2;
-    let z = x * x;
-    let sin = ((-1.951_529_6e-4 * z + 8.332_161e-3) * z - 1.666_665_5e-1) * z * x + x;
-    let cos = ((2.443_315_7e-5 * z - 1.388_731_6e-3) * z + 4.166_664_6e-2) * z * z - 0.5 * z + 1.0;
+    let (sin, cos) = sin_cos_within_an_eighth((turn * 4.0 - quarters) * std::f32::consts::FRAC_PI_2);
     // Quarters 0 to 3 give (sin, cos), (cos, -sin), (-sin, -cos), (-cos, sin): by bits, since a processor cannot guess
     // a random quarter.
     let quarter = quarters as i32 as u32;
@@ -24,6 +21,16 @@ pub fn sin_cos_turn(turn: f32) -> (f32, f32) {
     let change = (sin ^ cos) & 0_u32.wrapping_sub(quarter & 1);
     let negative = |quarters: u32| (quarters & 2) << 30;
     (f32::from_bits(sin ^ change ^ negative(quarter)), f32::from_bits(cos ^ change ^ negative(quarter.wrapping_add(1))))
+}
+
+/// Sine and cosine of an angle in radians of at most an eighth of a turn, by the polynomials of
+/// [`sin_cos_turn`].
+#[inline(always)]
+pub(super) fn sin_cos_within_an_eighth(x: f32) -> (f32, f32) {
+    let z = x * x;
+    let sin = ((-1.951_529_6e-4 * z + 8.332_161e-3) * z - 1.666_665_5e-1) * z * x + x;
+    let cos = ((2.443_315_7e-5 * z - 1.388_731_6e-3) * z + 4.166_664_6e-2) * z * z - 0.5 * z + 1.0;
+    (sin, cos)
 }
 
 /// The angle of the point `(x, y)` in turns, in `[0, 1)`, within 1e-7; 0 at the origin.

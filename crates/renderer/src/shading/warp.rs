@@ -4,9 +4,9 @@
 //! Coordinates `u` lie in `[0, 1)`; directions are unit vectors around +z. Every map keeps neighbours
 //! neighbours, so that a low-discrepancy point set stays one.
 
-use super::trigonometry::{sin_cos_turn, turn_of};
+use super::trigonometry::{sin_cos_turn, sin_cos_within_an_eighth, turn_of};
 use glam::{Vec2, Vec3, Vec4};
-use std::f32::consts::PI;
+use std::f32::consts::{FRAC_PI_4, PI};
 
 /// A direction uniform on the unit sphere.
 #[inline]
@@ -48,9 +48,7 @@ pub fn invert_uniform_hemisphere(w: Vec3) -> [f32; 2] {
 /// A point uniform on the unit disk, by concentric squares and circles [Shirley and Chiu 1997].
 #[inline]
 pub fn concentric_disk(u: [f32; 2]) -> Vec2 {
-    let (radius, turn) = concentric_polar(u);
-    let (sin, cos) = sin_cos_turn(turn);
-    radius * Vec2::new(cos, sin)
+    concentric(u).1
 }
 
 /// Area density of [`concentric_disk`].
@@ -81,12 +79,11 @@ pub fn invert_concentric_disk(p: Vec2) -> [f32; 2] {
 /// A direction on the hemisphere `z > 0` with density proportional to its cosine.
 #[inline]
 pub fn cosine_hemisphere(u: [f32; 2]) -> Vec3 {
-    let (radius, turn) = concentric_polar(u);
-    let (sin, cos) = sin_cos_turn(turn);
+    let (radius, p) = concentric(u);
     // The floor keeps the density above 0 at the edge of the square; the length stays 1 within 3e-8, and
     // only a share of 6e-8 of all samples is moved.
     let z = ((1.0 - radius) * (1.0 + radius)).max(0.5 * f32::EPSILON).sqrt();
-    Vec3::new(radius * cos, radius * sin, z)
+    p.extend(z)
 }
 
 /// Solid-angle density of [`cosine_hemisphere`] at a direction with this cosine; 0 below the horizon.
@@ -156,17 +153,20 @@ pub fn one_minus_cos(sin2: f32) -> f32 {
     sin2 / (1.0 + (1.0 - sin2).max(0.0).sqrt())
 }
 
-/// Radius in `[0, 1]` and angle in turns of the concentric map.
+/// Radius in `[0, 1]` and point of the concentric map. The square's four triangles are turned into one: the larger
+/// coordinate is the radius, with its sign, and the other's share of it the angle, at most an eighth of a turn.
 #[inline]
-fn concentric_polar(u: [f32; 2]) -> (f32, f32) {
+fn concentric(u: [f32; 2]) -> (f32, Vec2) {
     let (a, b) = (2.0 * u[0] - 1.0, 2.0 * u[1] - 1.0);
     // Selected, not branched to: no processor can guess in which triangle of the square a random point lies.
     let flat = Vec4::splat(a.abs()).cmpgt(Vec4::splat(b.abs()));
-    let [near, far, from, slope] =
-        Vec4::select(flat, Vec4::new(b, a, 0.0, 0.125), Vec4::new(a, b, 0.25, -0.125)).to_array();
-    let back = 0.25 - 0.25_f32.copysign(far);
-    let ratio = near / if far == 0.0 { 1.0 } else { far };
-    (far.abs(), from + slope * ratio + back)
+    let [near, far, ..] = Vec4::select(flat, Vec4::new(b, a, 0.0, 0.0), Vec4::new(a, b, 0.0, 0.0)).to_array();
+    let angle = near / if far == 0.0 { 1.0 } else { far } * FRAC_PI_4;
+    let (sin, cos) = sin_cos_within_an_eighth(angle);
+    let (along, across) = (far * cos, far * sin);
+    let [x, y, ..] =
+        Vec4::select(flat, Vec4::new(along, across, 0.0, 0.0), Vec4::new(across, along, 0.0, 0.0)).to_array();
+    (far.abs(), Vec2::new(x, y))
 }
 
 #[inline]
