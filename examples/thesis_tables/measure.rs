@@ -4,6 +4,7 @@ use crate::{Result, reference, statistics};
 use dapple::core::{Film, Frame, Limits, Needs, NoWatch, render};
 use dapple::metrics::{Pixels, compare};
 use dapple::renderer::{Stage, World, bundled, integrator, registry, scene};
+use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
@@ -42,7 +43,7 @@ const fn clusters(name: &'static str, parameters: &'static str, points: &'static
 /// The methods. Rates that are not given are those of tables 4-2 and 4-3. Adaptive samplers on
 /// `lowdiscrepancy`, which wants its count beforehand, get nets of the mean count, as uniform ones do: the
 /// thesis does not say what it did, and pbrt-v2 makes a net for each pixel's own count.
-pub(crate) const METHODS: [Method; 10] = [
+pub(crate) const METHODS: [Method; 11] = [
     method("random", "uniform", "random"),
     method("ld", "uniform", "lowdiscrepancy"),
     method("mitchell", "mitchell:mode=budget", "lowdiscrepancy"),
@@ -52,14 +53,15 @@ pub(crate) const METHODS: [Method; 10] = [
     clusters("cluster-4-128", ",min=4,max=128", "lowdiscrepancy"),
     Method { aside: true, ..method("sobol", "uniform", "sobol") },
     Method { aside: true, ..clusters("cluster-sobol", "", "sobol") },
+    Method { aside: true, ..method("mitchell-sobol", "mitchell:mode=budget", "sobol") },
     Method { aside: true, ..method("variance-sobol", "variance", "sobol") },
 ];
 pub(crate) const RANDOM: usize = 0;
 pub(crate) const LD: usize = 1;
 pub(crate) const CLUSTER_RANDOM: usize = 4;
 pub(crate) const CLUSTER_LD: usize = 5;
-pub(crate) const CLUSTER_SOBOL: usize = 8;
 pub(crate) const SOBOL: usize = 7;
+pub(crate) const CLUSTER_SOBOL: usize = 8;
 
 impl Method {
     fn words(&self, k: u32) -> String {
@@ -68,11 +70,11 @@ impl Method {
             Some(more) => format!("{}:k={k}{more}", self.sampler),
         }
     }
-
-    pub(crate) fn uses_clusters(&self) -> bool {
-        self.clusters.is_some()
-    }
 }
+
+/// Kinds of errors: MSE of 8-bit sRGB values, not rounded, and relMSE.
+pub(crate) const METRICS: [&str; 2] = ["8-bit MSE", "relMSE"];
+pub(crate) const SRGB: usize = 0;
 
 /// The filters; the last one knows clusters.
 pub(crate) const FILTERS: [&str; 3] = ["none", "gaussian", "cluster-gaussian"];
@@ -109,17 +111,27 @@ pub(crate) struct Run {
     method: usize,
     filter: usize,
     spp: u64,
-    /// [8-bit, relative], the reference's own error taken out.
+    /// One of each kind, the reference's own error taken out.
     errors: [f64; 2],
     seconds: Seconds,
-    /// Share of the pixels that got the fewest samples of all, and their share of the 8-bit error.
-    lowest: [f64; 2],
+    lowest: Lowest,
+}
+
+/// About the pixels that got the fewest samples of all.
+#[derive(Clone, Copy)]
+pub(crate) struct Lowest {
+    /// Their share of all pixels.
+    pub(crate) pixels: f64,
+    /// Their share of the 8-bit error of uniform sampling on the same points.
+    pub(crate) part: f64,
+    /// The 8-bit error in them over that of uniform sampling on the same points in them.
+    pub(crate) loss: f64,
 }
 
 /// What is known of one scene.
 pub(crate) struct Results<'a> {
     pub(crate) plan: &'a Plan,
-    /// Of the reference: [8-bit, relative].
+    /// Of the reference, one of each kind.
     pub(crate) own: [f64; 2],
     /// Seconds of tracing with first hits recorded over seconds without.
     pub(crate) recording: f64,
@@ -156,9 +168,9 @@ impl Results<'_> {
         }
     }
 
-    /// Mean over the seeds of the share of pixels with the fewest samples, and of their share of the error.
-    pub(crate) fn lowest(&self, method: usize, spp: u64) -> [f64; 2] {
-        [0, 1].map(|i| statistics::mean(&self.of(method, NONE, spp).map(|r| r.lowest[i]).collect::<Vec<_>>()).0)
+    /// By seed, unfiltered.
+    pub(crate) fn lowest(&self, method: usize, spp: u64) -> Vec<Lowest> {
+        self.of(method, NONE, spp).map(|r| r.lowest).collect()
     }
 
     /// Whether the method was rendered at all: not with a single seed, for those aside.
@@ -167,7 +179,7 @@ impl Results<'_> {
     }
 }
 
-/// Errors of a picture: 8-bit and relative.
+/// A picture's errors, one of each kind.
 pub(crate) fn errors(side: u32, picture: &[[f32; 3]], reference: &[[f32; 3]]) -> Result<[f64; 2]> {
     let found = compare(Pixels::new([side; 2], picture)?, Pixels::new([side; 2], reference)?)?;
     Ok([found.srgb8_mse, found.rel_mse])
@@ -181,63 +193,91 @@ pub(crate) fn run<'a>(plan: &'a Plan, cache: &Path) -> Result<Results<'a>> {
     let world = Arc::new(World::with_resolution(&scene, [plan.side; 2])?);
     let reference = reference::of(plan, &world, &bundle, cache)?;
     let recording = recording(plan, &world)?;
-    let mut results = Results { plan, own: reference.own, recording, runs: Vec::new() };
+    let place = Place { plan, world, reference, recording };
+    let mut runs = Vec::new();
     for seed in 1..=plan.seeds {
         for &spp in plan.spp {
             eprintln!("{}, {} pixels squared: seed {seed}, {spp} spp", plan.scene, plan.side);
+            let mut uniform = BTreeMap::new();
             let rendered = |m: &usize| !METHODS[*m].aside || seed <= plan.seeds / 2;
             for method in (0..METHODS.len()).filter(rendered) {
-                let runs = pictures(plan, &world, method, seed, spp, recording, &reference)?;
-                results.runs.extend(runs);
+                runs.extend(place.pictures(method, seed, spp, &mut uniform)?);
             }
         }
     }
-    Ok(results)
+    Ok(Results { plan, own: place.reference.own, recording, runs })
 }
 
-/// One film, filtered in each way.
-fn pictures(
-    plan: &Plan,
-    world: &Arc<World>,
-    method: usize,
-    seed: u64,
-    spp: u64,
+/// Pictures of uniform sampling, by their points.
+type Uniform = BTreeMap<&'static str, Vec<[f32; 3]>>;
+
+/// Where pictures are made and measured.
+struct Place<'a> {
+    plan: &'a Plan,
+    world: Arc<World>,
+    reference: reference::Reference,
     recording: f64,
-    reference: &reference::Reference,
-) -> Result<Vec<Run>> {
-    // A stage of its own: what it counts is this picture's alone.
-    let stage = Stage::new(world.clone());
-    let filters = [NONE, GAUSSIAN, CLUSTER_FILTER].map(|f| registry::filter(&filter_words(f, plan.k), &stage));
-    let filters = filters.into_iter().collect::<std::result::Result<Vec<_>, _>>()?;
-    let needs = filters.iter().fold(Needs::none(), |needs, f| needs.and(f.needs()));
-    let film = film(plan, world, &stage, &METHODS[method], seed, spp, needs)?;
-    let record = film.record();
-    let probe = stage.probe_cost().seconds;
-    let (lowest, low_error) = lowest(plan.side, &film, &reference.pixels)?;
-
-    let mut runs = Vec::new();
-    for (filter, made) in filters.iter().enumerate() {
-        let began = Instant::now();
-        let picture = made.apply(&film)?;
-        let filtering = began.elapsed().as_secs_f64();
-        let found = errors(plan.side, &picture.radiance, &reference.pixels)?;
-        // To whoever used them: clusters made for a filter cost a picture without it nothing.
-        let asked = METHODS[method].uses_clusters() || filter == CLUSTER_FILTER;
-        let seconds = Seconds {
-            cluster: if asked { stage.cluster_seconds() } else { 0.0 },
-            probe,
-            plan: (record.plan_seconds() - probe).max(0.0),
-            trace: record.trace_seconds() / if filter == CLUSTER_FILTER { 1.0 } else { recording },
-            filter: if filter == NONE { 0.0 } else { filtering },
-        };
-        let errors = [0, 1].map(|i| (found[i] - reference.own[i]).max(1e-12));
-        let lowest = [lowest, low_error / found[0].max(1e-12)];
-        runs.push(Run { method, filter, spp, errors, seconds, lowest });
-    }
-    Ok(runs)
 }
 
-fn film(plan: &Plan, world: &World, stage: &Stage, method: &Method, seed: u64, spp: u64, needs: Needs) -> Result<Film> {
+impl Place<'_> {
+    /// One film, filtered in each way. What uniform sampling made is kept for those that come after it.
+    fn pictures(&self, method: usize, seed: u64, spp: u64, uniform: &mut Uniform) -> Result<Vec<Run>> {
+        // A stage of its own: what it counts is this picture's alone.
+        let stage = Stage::new(self.world.clone());
+        let filters = (0..FILTERS.len()).map(|f| registry::filter(&filter_words(f, self.plan.k), &stage));
+        let filters = filters.collect::<std::result::Result<Vec<_>, _>>()?;
+        let needs = filters.iter().fold(Needs::none(), |needs, f| needs.and(f.needs()));
+        let Method { points, .. } = METHODS[method];
+        let film = film(self.plan, &self.world, &stage, &METHODS[method], (seed, spp), needs)?;
+        if METHODS[method].sampler == "uniform" {
+            uniform.insert(points, film.picture());
+        }
+        let lowest = self.lowest(&film, uniform.get(points).ok_or("uniform sampling comes first")?)?;
+        let (record, probe) = (film.record(), stage.probe_cost().seconds);
+
+        let mut runs = Vec::new();
+        for (filter, made) in filters.iter().enumerate() {
+            let began = Instant::now();
+            let picture = made.apply(&film)?;
+            let filtering = began.elapsed().as_secs_f64();
+            // To whoever used them: clusters made for a filter cost a picture without it nothing.
+            let asked = METHODS[method].clusters.is_some() || filter == CLUSTER_FILTER;
+            let seconds = Seconds {
+                cluster: if asked { stage.cluster_seconds() } else { 0.0 },
+                probe,
+                plan: (record.plan_seconds() - probe).max(0.0),
+                trace: record.trace_seconds() / if filter == CLUSTER_FILTER { 1.0 } else { self.recording },
+                filter: if filter == NONE { 0.0 } else { filtering },
+            };
+            let found = errors(self.plan.side, &picture.radiance, &self.reference.pixels)?;
+            let errors = [0, 1].map(|i| (found[i] - self.reference.own[i]).max(1e-12));
+            runs.push(Run { method, filter, spp, errors, seconds, lowest });
+        }
+        Ok(runs)
+    }
+
+    fn lowest(&self, film: &Film, uniform: &[[f32; 3]]) -> Result<Lowest> {
+        let (counts, truth) = (film.counts(), &self.reference.pixels);
+        let least = counts.iter().copied().min().unwrap_or(0);
+        let error = |picture: &[[f32; 3]]| errors(self.plan.side, picture, truth).map(|e| e[SRGB].max(1e-12));
+        let within = |picture: &[[f32; 3]]| {
+            let pixels = picture.iter().zip(truth).zip(&counts);
+            error(&pixels.map(|((&x, &r), &n)| if n == least { x } else { r }).collect::<Vec<_>>())
+        };
+        let (mine, theirs) = (within(&film.picture())?, within(uniform)?);
+        let pixels = counts.iter().filter(|&&n| n == least).count() as f64 / counts.len() as f64;
+        Ok(Lowest { pixels, part: theirs / error(uniform)?, loss: mine / theirs })
+    }
+}
+
+fn film(
+    plan: &Plan,
+    world: &World,
+    stage: &Stage,
+    method: &Method,
+    (seed, spp): (u64, u64),
+    needs: Needs,
+) -> Result<Film> {
     let points = registry::points(method.points, registry::Setting { seed, spp: Some(spp) })?;
     let mut sampler = registry::sampler(&method.words(plan.k), points, stage)?;
     let frame = Frame::new(plan.side, plan.side)?;
@@ -245,26 +285,12 @@ fn film(plan: &Plan, world: &World, stage: &Stage, method: &Method, seed: u64, s
     Ok(render(&mut *integrator(world), &mut *sampler, needs, frame, &limits, &mut NoWatch)?)
 }
 
-/// Share of the pixels with the fewest samples, and the part of the unfiltered 8-bit error that is in them.
-fn lowest(side: u32, film: &Film, reference: &[[f32; 3]]) -> Result<(f64, f64)> {
-    let counts = film.counts();
-    let least = counts.iter().copied().min().unwrap_or(0);
-    let mut picture = film.picture();
-    for ((pixel, truth), &count) in picture.iter_mut().zip(reference).zip(&counts) {
-        if count > least {
-            *pixel = *truth;
-        }
-    }
-    let share = counts.iter().filter(|&&n| n == least).count() as f64 / counts.len() as f64;
-    Ok((share, errors(side, &picture, reference)?[0]))
-}
-
 /// Seconds of tracing with first hits recorded over seconds without: the best of five, in turns.
 fn recording(plan: &Plan, world: &World) -> Result<f64> {
     let mut best = [f64::INFINITY; 2];
     for seed in 1..=5 {
         for (best, needs) in best.iter_mut().zip([Needs::none().with_first_hits(1), Needs::none()]) {
-            let film = film(plan, world, &Stage::empty(), &METHODS[RANDOM], seed, 16, needs)?;
+            let film = film(plan, world, &Stage::empty(), &METHODS[RANDOM], (seed, 16), needs)?;
             *best = best.min(film.record().trace_seconds());
         }
     }

@@ -14,7 +14,7 @@ const SEEDS: [u64; 2] = [1001, 1002];
 /// What is taken for the truth.
 pub(crate) struct Reference {
     pub(crate) pixels: Vec<[f32; 3]>,
-    /// Its own squared errors, [8-bit, relative]: a quarter of the squared difference of its two halves.
+    /// Its own errors, one of each kind: a quarter of the squared difference of its two halves.
     pub(crate) own: [f64; 2],
 }
 

@@ -1,14 +1,11 @@
 //! The tables, as Markdown.
 
 use crate::measure::{
-    CLUSTER_FILTER, CLUSTER_LD, CLUSTER_RANDOM, CLUSTER_SOBOL, FILTERS, GAUSSIAN, LD, METHODS, NONE, RANDOM, Results,
-    SOBOL,
+    CLUSTER_FILTER, CLUSTER_LD, CLUSTER_RANDOM, CLUSTER_SOBOL, FILTERS, GAUSSIAN, LD, Lowest, METHODS, METRICS, NONE,
+    RANDOM, Results, SOBOL, SRGB,
 };
 use crate::statistics::{Ratio, exponent, floor, mean, on_curve, ratio};
 use crate::{published, reference};
-
-const METRICS: [&str; 2] = ["8-bit MSE", "relMSE"];
-const SRGB: usize = 0;
 
 /// What holds for all tables.
 pub(crate) fn preamble() {
@@ -75,7 +72,7 @@ fn absolute(r: &Results) {
         for (m, f) in shown(r) {
             let cells = cells(r, |n| {
                 let (mean, half) = mean(&r.errors(m, f, n, metric));
-                half.map_or_else(|| error(mean), |h| format!("{} ± {}", error(mean), error(h)))
+                half.map_or_else(|| error(mean), |h| format!("{} ± {}", error(mean), digits(h, 2)))
             });
             println!("| {} | {} | {cells} | {} |", METHODS[m].name, FILTERS[f], last(&r.curve(m, f, metric)));
         }
@@ -130,8 +127,14 @@ fn unfiltered(r: &Results) {
     }
     let bound: [f64; 4] = std::array::from_fn(|i| published::SPP[i] as f64 / published::MIN[i]);
     println!("| bound: mean / min | {} |", theirs(r, &bound, |x| format!("{x:.3}")));
-    for (name, i) in [("pixels with the fewest samples, %", 0), ("of the error of cluster-ld, in them, %", 1)] {
-        println!("| {name} | {} |", cells(r, |n| format!("{:.1}", 100.0 * r.lowest(CLUSTER_LD, n)[i])));
+    let lowest = |m, n, of: fn(&Lowest) -> f64| r.lowest(m, n).iter().map(of).collect::<Vec<_>>();
+    let percent = |m, n, of| format!("{:.1}", 100.0 * mean(&lowest(m, n, of)).0);
+    println!("| pixels with the fewest samples, % | {} |", cells(r, |n| percent(CLUSTER_LD, n, |l| l.pixels)));
+    for (m, base) in pairs.into_iter().filter(|p| r.has(p.0)) {
+        let [name, other] = [METHODS[m].name, METHODS[base].name];
+        println!("| part of the error of {other} in these pixels, % | {} |", cells(r, |n| percent(m, n, |l| l.part)));
+        let loss = cells(r, |n| shown_ratio(&ratio(&lowest(m, n, |l| l.loss.ln()))));
+        println!("| in these pixels: {name} / {other} | {loss} |");
     }
     if plan_is_teapot(r) {
         let [random, clusters] = published::UNFILTERED;
@@ -239,11 +242,15 @@ fn shown_ratio(ratio: &Ratio) -> String {
     format!("{:.3}{}", ratio.mean, bounds.unwrap_or_default())
 }
 
-/// Four digits.
 fn error(x: f64) -> String {
+    digits(x, 4)
+}
+
+/// So many significant digits, and no fewer than those of the integer part.
+fn digits(x: f64, wanted: usize) -> String {
     match x.abs() {
         0.0 => "0".into(),
-        a if a < 0.1 => format!("{x:.3e}"),
-        a => format!("{x:.*}", (3 - (a.log10().floor() as i32).min(3)) as usize),
+        a if a < 0.01 => format!("{x:.*e}", wanted - 1),
+        a => format!("{x:.*}", (wanted as i32 - 1 - a.log10().floor() as i32).max(0) as usize),
     }
 }
