@@ -13,8 +13,8 @@ pub(crate) fn preamble() {
         "Methods: `random` and `ld` give each pixel the same count, on the points `random` and `lowdiscrepancy`; \
          `mitchell` (table 4-2) is on `lowdiscrepancy`; `cluster-P` (table 4-3) is `cluster-thesis` on the points P; \
          `-4-128` is the same with at least 4 and at most 128 samples; `sobol` and what is on it stand aside \
-         (half of the seeds, unfiltered). `lowdiscrepancy` makes nets of the mean count for all of them. All means \
-         are met exactly. Box pixel filter.\n"
+         (half of the seeds, unfiltered). `lowdiscrepancy` makes nets of the mean count for all of them; a \
+         pixel with another count gets a part of one. All means are met exactly. Box pixel filter.\n"
     );
     println!(
         "8-bit MSE: of sRGB values clamped to 0..255, not rounded. The reference's own error is subtracted from all \
@@ -49,7 +49,7 @@ pub(crate) fn scene(r: &Results) {
     for (metric, title) in METRICS.iter().enumerate() {
         for (name, base) in [("random, none", (RANDOM, NONE)), ("ld, none", (LD, NONE))] {
             title_of(r, &format!("{title} over that of {name}, at equal samples"));
-            ratios(r, |m, f, n| Some((equal_samples(r, metric, (m, f), base, n), false)));
+            ratios(r, |m, f, n| (equal_samples(r, metric, (m, f), base, n), false));
         }
     }
     for (metric, title) in METRICS.iter().enumerate() {
@@ -147,10 +147,11 @@ fn unfiltered(r: &Results) {
 }
 
 /// Rows of ratios, for all samplers and filters; `of` says whether one lies beyond a measured curve.
-fn ratios(r: &Results, of: impl Fn(usize, usize, u64) -> Option<(Ratio, bool)>) {
+fn ratios(r: &Results, of: impl Fn(usize, usize, u64) -> (Ratio, bool)) {
     for (m, f) in shown(r) {
         let cells = cells(r, |n| {
-            of(m, f, n).map_or_else(String::new, |(x, beyond)| shown_ratio(&x) + if beyond { " *" } else { "" })
+            let (ratio, beyond) = of(m, f, n);
+            shown_ratio(&ratio) + if beyond { " *" } else { "" }
         });
         println!("| {} | {} | {cells} |", METHODS[m].name, FILTERS[f]);
     }
@@ -165,10 +166,7 @@ fn equal_samples(r: &Results, metric: usize, way: Way, base: Way, spp: u64) -> R
 }
 
 /// The error over that of `base` in the same seconds, on the curve of each seed's errors over the seconds.
-fn equal_time(r: &Results, metric: usize, way: Way, base: Way, spp: u64) -> Option<(Ratio, bool)> {
-    if r.plan.spp.len() < 2 {
-        return None;
-    }
+fn equal_time(r: &Results, metric: usize, way: Way, base: Way, spp: u64) -> (Ratio, bool) {
     let seconds = r.seconds(way.0, way.1, spp).total();
     let clock: Vec<_> = r.plan.spp.iter().map(|&n| r.seconds(base.0, base.1, n).total()).collect();
     let others: Vec<_> = r.plan.spp.iter().map(|&n| r.errors(base.0, base.1, n, metric)).collect();
@@ -180,7 +178,7 @@ fn equal_time(r: &Results, metric: usize, way: Way, base: Way, spp: u64) -> Opti
         (error / other).ln()
     };
     let logs: Vec<_> = r.errors(way.0, way.1, spp, metric).iter().enumerate().map(log).collect();
-    Some((ratio(&logs), beyond))
+    (ratio(&logs), beyond)
 }
 
 /// Where the time goes.
