@@ -10,7 +10,7 @@
 //! the equivalents of the thesis' tables 4-4, 4-5 and 4-6 and of its times, with 95 % intervals and with its
 //! own numbers beside them, at equal samples and at equal time.
 //!
-//! * `--full`: 256x256 pixels, 8 to 64 spp, 8 seeds, references of 10,240 spp (half an hour on two cores);
+//! * `--full`: 256x256 pixels, 8 to 64 spp, 8 seeds, references of 10,240 spp (some forty minutes on two cores);
 //!   without it a small form runs in seconds, to show that it works.
 //! * `--thesis-sizes`: besides, once, the thesis' 1024x1024 terrain and 800x800 teapot (as long again).
 //! * `--cache DIR`, or a bare `DIR`: where references are kept, `target/thesis-references` by default. A run
