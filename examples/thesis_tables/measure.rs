@@ -1,0 +1,298 @@
+//! Renders, filters, and takes errors and times.
+
+use crate::{Result, reference, statistics};
+use dapple::core::{Film, Frame, Limits, Needs, NoWatch, render};
+use dapple::metrics::{Pixels, compare};
+use dapple::renderer::{Stage, World, bundled, integrator, registry, scene};
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Instant;
+
+/// What is measured on one scene.
+pub(crate) struct Plan {
+    pub(crate) scene: &'static str,
+    /// The parameter `k` of the clusters.
+    pub(crate) k: u32,
+    /// Pixels along each side.
+    pub(crate) side: u32,
+    pub(crate) spp: &'static [u64],
+    pub(crate) seeds: u64,
+    pub(crate) reference_spp: u64,
+}
+
+/// A sampler with its points.
+pub(crate) struct Method {
+    pub(crate) name: &'static str,
+    sampler: &'static str,
+    /// Further parameters, where it takes those of clusters.
+    clusters: Option<&'static str>,
+    pub(crate) points: &'static str,
+    /// Beside the question: rendered with half of the seeds, and reported unfiltered.
+    pub(crate) aside: bool,
+}
+
+const fn method(name: &'static str, sampler: &'static str, points: &'static str) -> Method {
+    Method { name, sampler, clusters: None, points, aside: false }
+}
+
+const fn clusters(name: &'static str, parameters: &'static str, points: &'static str) -> Method {
+    Method { name, sampler: "cluster-thesis", clusters: Some(parameters), points, aside: false }
+}
+
+/// The methods. Rates that are not given are those of tables 4-2 and 4-3. Adaptive samplers on
+/// `lowdiscrepancy`, which wants its count beforehand, get nets of the mean count, as uniform ones do: the
+/// thesis does not say what it did, and pbrt-v2 makes a net for each pixel's own count.
+pub(crate) const METHODS: [Method; 11] = [
+    method("random", "uniform", "random"),
+    method("ld", "uniform", "lowdiscrepancy"),
+    method("mitchell", "mitchell:mode=budget", "lowdiscrepancy"),
+    method("mitchell-4-128", "mitchell:mode=budget,initial=4,additional=124", "lowdiscrepancy"),
+    clusters("cluster-random", "", "random"),
+    clusters("cluster-ld", "", "lowdiscrepancy"),
+    clusters("cluster-4-128", ",min=4,max=128", "lowdiscrepancy"),
+    Method { aside: true, ..method("sobol", "uniform", "sobol") },
+    Method { aside: true, ..clusters("cluster-sobol", "", "sobol") },
+    Method { aside: true, ..method("mitchell-sobol", "mitchell:mode=budget", "sobol") },
+    Method { aside: true, ..method("variance-sobol", "variance", "sobol") },
+];
+pub(crate) const RANDOM: usize = 0;
+pub(crate) const LD: usize = 1;
+pub(crate) const CLUSTER_RANDOM: usize = 4;
+pub(crate) const CLUSTER_LD: usize = 5;
+pub(crate) const SOBOL: usize = 7;
+pub(crate) const CLUSTER_SOBOL: usize = 8;
+
+impl Method {
+    fn words(&self, k: u32) -> String {
+        match self.clusters {
+            None => self.sampler.to_owned(),
+            Some(more) => format!("{}:k={k}{more}", self.sampler),
+        }
+    }
+}
+
+/// Kinds of errors: MSE of 8-bit sRGB values, not rounded, and relMSE.
+pub(crate) const METRICS: [&str; 2] = ["8-bit MSE", "relMSE"];
+pub(crate) const SRGB: usize = 0;
+
+/// The filters; the last one knows clusters.
+pub(crate) const FILTERS: [&str; 3] = ["none", "gaussian", "cluster-gaussian"];
+pub(crate) const NONE: usize = 0;
+pub(crate) const GAUSSIAN: usize = 1;
+pub(crate) const CLUSTER_FILTER: usize = 2;
+
+fn filter_words(filter: usize, k: u32) -> String {
+    if filter == CLUSTER_FILTER { format!("{}:k={k}", FILTERS[filter]) } else { FILTERS[filter].to_owned() }
+}
+
+/// Wall seconds of one picture.
+#[derive(Clone, Copy, Default)]
+pub(crate) struct Seconds {
+    pub(crate) cluster: f64,
+    pub(crate) probe: f64,
+    pub(crate) plan: f64,
+    pub(crate) trace: f64,
+    pub(crate) filter: f64,
+}
+
+impl Seconds {
+    pub(crate) fn before_tracing(&self) -> f64 {
+        self.cluster + self.probe + self.plan
+    }
+
+    pub(crate) fn total(&self) -> f64 {
+        self.before_tracing() + self.trace + self.filter
+    }
+}
+
+/// What is known of one picture.
+pub(crate) struct Run {
+    method: usize,
+    filter: usize,
+    spp: u64,
+    /// One of each kind, the reference's own error taken out.
+    errors: [f64; 2],
+    seconds: Seconds,
+    lowest: Lowest,
+}
+
+/// About the pixels that got the fewest samples of all.
+#[derive(Clone, Copy)]
+pub(crate) struct Lowest {
+    /// Their share of all pixels.
+    pub(crate) pixels: f64,
+    /// Their share of the 8-bit error of uniform sampling on the same points.
+    pub(crate) part: f64,
+    /// The 8-bit error in them over that of uniform sampling on the same points in them.
+    pub(crate) loss: f64,
+}
+
+/// What is known of one scene.
+pub(crate) struct Results<'a> {
+    pub(crate) plan: &'a Plan,
+    /// Of the reference, one of each kind.
+    pub(crate) own: [f64; 2],
+    /// Seconds of tracing with first hits recorded over seconds without.
+    pub(crate) recording: f64,
+    runs: Vec<Run>,
+}
+
+impl Results<'_> {
+    fn of(&self, method: usize, filter: usize, spp: u64) -> impl Iterator<Item = &Run> {
+        self.runs.iter().filter(move |r| (r.method, r.filter, r.spp) == (method, filter, spp))
+    }
+
+    /// By seed.
+    pub(crate) fn errors(&self, method: usize, filter: usize, spp: u64, metric: usize) -> Vec<f64> {
+        self.of(method, filter, spp).map(|r| r.errors[metric]).collect()
+    }
+
+    /// Means over the seeds, at each mean count.
+    pub(crate) fn curve(&self, method: usize, filter: usize, metric: usize) -> Vec<(u64, f64)> {
+        let mean = |&n: &u64| (n, statistics::mean(&self.errors(method, filter, n, metric)).0);
+        self.plan.spp.iter().map(mean).collect()
+    }
+
+    /// Medians over the seeds, part by part.
+    pub(crate) fn seconds(&self, method: usize, filter: usize, spp: u64) -> Seconds {
+        let of = |part: fn(&Seconds) -> f64| {
+            statistics::median(self.of(method, filter, spp).map(|r| part(&r.seconds)).collect())
+        };
+        Seconds {
+            cluster: of(|s| s.cluster),
+            probe: of(|s| s.probe),
+            plan: of(|s| s.plan),
+            trace: of(|s| s.trace),
+            filter: of(|s| s.filter),
+        }
+    }
+
+    /// By seed, unfiltered.
+    pub(crate) fn lowest(&self, method: usize, spp: u64) -> Vec<Lowest> {
+        self.of(method, NONE, spp).map(|r| r.lowest).collect()
+    }
+
+    /// Whether the method was rendered at all: not with a single seed, for those aside.
+    pub(crate) fn has(&self, method: usize) -> bool {
+        self.runs.iter().any(|r| r.method == method)
+    }
+}
+
+/// A picture's errors, one of each kind.
+pub(crate) fn errors(side: u32, picture: &[[f32; 3]], reference: &[[f32; 3]]) -> Result<[f64; 2]> {
+    let found = compare(Pixels::new([side; 2], picture)?, Pixels::new([side; 2], reference)?)?;
+    Ok([found.srgb8_mse, found.rel_mse])
+}
+
+/// Measures everything on one scene: methods take turns within each seed and count.
+pub(crate) fn run<'a>(plan: &'a Plan, cache: &Path) -> Result<Results<'a>> {
+    let bundle = bundled::files(plan.scene).ok_or("a bundled scene is missing")?;
+    let mut scene = bundle.read()?;
+    scene.film.pixel_filter = scene::PixelFilter::default();
+    let world = Arc::new(World::with_resolution(&scene, [plan.side; 2])?);
+    let reference = reference::of(plan, &world, &bundle, cache)?;
+    let recording = recording(plan, &world)?;
+    let place = Place { plan, world, reference, recording };
+    let mut runs = Vec::new();
+    for seed in 1..=plan.seeds {
+        for &spp in plan.spp {
+            eprintln!("{}, {} pixels squared: seed {seed}, {spp} spp", plan.scene, plan.side);
+            let mut uniform = BTreeMap::new();
+            let rendered = |m: &usize| !METHODS[*m].aside || seed <= plan.seeds / 2;
+            for method in (0..METHODS.len()).filter(rendered) {
+                runs.extend(place.pictures(method, seed, spp, &mut uniform)?);
+            }
+        }
+    }
+    Ok(Results { plan, own: place.reference.own, recording, runs })
+}
+
+/// Pictures of uniform sampling, by their points.
+type Uniform = BTreeMap<&'static str, Vec<[f32; 3]>>;
+
+/// Where pictures are made and measured.
+struct Place<'a> {
+    plan: &'a Plan,
+    world: Arc<World>,
+    reference: reference::Reference,
+    recording: f64,
+}
+
+impl Place<'_> {
+    /// One film, filtered in each way. What uniform sampling made is kept for those that come after it.
+    fn pictures(&self, method: usize, seed: u64, spp: u64, uniform: &mut Uniform) -> Result<Vec<Run>> {
+        // A stage of its own: what it counts is this picture's alone.
+        let stage = Stage::new(self.world.clone());
+        let filters = (0..FILTERS.len()).map(|f| registry::filter(&filter_words(f, self.plan.k), &stage));
+        let filters = filters.collect::<std::result::Result<Vec<_>, _>>()?;
+        let needs = filters.iter().fold(Needs::none(), |needs, f| needs.and(f.needs()));
+        let Method { points, .. } = METHODS[method];
+        let film = film(self.plan, &self.world, &stage, &METHODS[method], (seed, spp), needs)?;
+        if METHODS[method].sampler == "uniform" {
+            uniform.insert(points, film.picture());
+        }
+        let lowest = self.lowest(&film, uniform.get(points).ok_or("uniform sampling comes first")?)?;
+        let (record, probe) = (film.record(), stage.probe_cost().seconds);
+
+        let mut runs = Vec::new();
+        for (filter, made) in filters.iter().enumerate() {
+            let began = Instant::now();
+            let picture = made.apply(&film)?;
+            let filtering = began.elapsed().as_secs_f64();
+            // To whoever used them: clusters made for a filter cost a picture without it nothing.
+            let asked = METHODS[method].clusters.is_some() || filter == CLUSTER_FILTER;
+            let seconds = Seconds {
+                cluster: if asked { stage.cluster_seconds() } else { 0.0 },
+                probe,
+                plan: (record.plan_seconds() - probe).max(0.0),
+                trace: record.trace_seconds() / if filter == CLUSTER_FILTER { 1.0 } else { self.recording },
+                filter: if filter == NONE { 0.0 } else { filtering },
+            };
+            let found = errors(self.plan.side, &picture.radiance, &self.reference.pixels)?;
+            let errors = [0, 1].map(|i| (found[i] - self.reference.own[i]).max(1e-12));
+            runs.push(Run { method, filter, spp, errors, seconds, lowest });
+        }
+        Ok(runs)
+    }
+
+    fn lowest(&self, film: &Film, uniform: &[[f32; 3]]) -> Result<Lowest> {
+        let (counts, truth) = (film.counts(), &self.reference.pixels);
+        let least = counts.iter().copied().min().unwrap_or(0);
+        let error = |picture: &[[f32; 3]]| errors(self.plan.side, picture, truth).map(|e| e[SRGB].max(1e-12));
+        let within = |picture: &[[f32; 3]]| {
+            let pixels = picture.iter().zip(truth).zip(&counts);
+            error(&pixels.map(|((&x, &r), &n)| if n == least { x } else { r }).collect::<Vec<_>>())
+        };
+        let (mine, theirs) = (within(&film.picture())?, within(uniform)?);
+        let pixels = counts.iter().filter(|&&n| n == least).count() as f64 / counts.len() as f64;
+        Ok(Lowest { pixels, part: theirs / error(uniform)?, loss: mine / theirs })
+    }
+}
+
+fn film(
+    plan: &Plan,
+    world: &World,
+    stage: &Stage,
+    method: &Method,
+    (seed, spp): (u64, u64),
+    needs: Needs,
+) -> Result<Film> {
+    let points = registry::points(method.points, registry::Setting { seed, spp: Some(spp) })?;
+    let mut sampler = registry::sampler(&method.words(plan.k), points, stage)?;
+    let frame = Frame::new(plan.side, plan.side)?;
+    let limits = Limits::samples(spp * u64::from(plan.side * plan.side));
+    Ok(render(&mut *integrator(world), &mut *sampler, needs, frame, &limits, &mut NoWatch)?)
+}
+
+/// Seconds of tracing with first hits recorded over seconds without: the best of five, in turns.
+fn recording(plan: &Plan, world: &World) -> Result<f64> {
+    let mut best = [f64::INFINITY; 2];
+    for seed in 1..=5 {
+        for (best, needs) in best.iter_mut().zip([Needs::none().with_first_hits(1), Needs::none()]) {
+            let film = film(plan, world, &Stage::empty(), &METHODS[RANDOM], (seed, 16), needs)?;
+            *best = best.min(film.record().trace_seconds());
+        }
+    }
+    Ok(best[0] / best[1])
+}
