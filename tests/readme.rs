@@ -109,6 +109,32 @@ fn the_render_command_makes_picture_and_map() {
     }
 }
 
+/// `dapple …` as it stands, on a bundled scene under the name that the README uses, small and short.
+#[test]
+fn the_other_commands_run() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let scene = root().join("examples/scenes/cornell/scene.pbrt");
+    std::fs::copy(scene, folder.path().join("scene.pbrt")).expect("a scene of one file");
+    let lines: Vec<String> = commands().into_iter().filter(|c| c.starts_with("dapple ")).collect();
+    assert!(lines.len() >= 5, "{lines:?}");
+    for line in lines {
+        let words: Vec<&str> = line.split_whitespace().skip(1).map(|w| if w == "30" { "0.2" } else { w }).collect();
+        let output = Command::new(env!("CARGO"))
+            .args(["run", "--release", "--quiet", "--offline", "-p", "dapple-cli", "--manifest-path"])
+            .arg(root().join("Cargo.toml"))
+            .arg("--")
+            .args(&words)
+            .args(["--resolution", "16x12", "--max-spp", "64"])
+            .current_dir(folder.path())
+            .output()
+            .expect("cargo runs");
+        assert!(output.status.success(), "{line}: {}", String::from_utf8_lossy(&output.stderr));
+    }
+    for made in ["maps/samples.png", "maps/clusters.png", "scene.exr", "scene.png"] {
+        assert!(folder.path().join(made).is_file(), "{made} is missing");
+    }
+}
+
 #[test]
 fn the_test_command_is_the_one_that_ci_runs() {
     let test = commands().into_iter().find(|c| c.starts_with("cargo test")).expect("a test command");
@@ -118,7 +144,10 @@ fn the_test_command_is_the_one_that_ci_runs() {
 
 #[test]
 fn every_file_that_is_named_is_there() {
-    for name in README.split(&['(', ')'][..]).filter(|w| w.starts_with("docs/") || w.starts_with("LICENSE")) {
+    for name in README
+        .split(&['(', ')'][..])
+        .filter(|w| w.starts_with("docs/") || w.starts_with("examples/") || w.starts_with("LICENSE"))
+    {
         assert!(root().join(name).exists(), "README names {name}, which is not there");
     }
 }

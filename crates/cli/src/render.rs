@@ -80,6 +80,15 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
         cpu,
     };
     warn_of_rejected(&film, &settings);
+    if let (Some(asked), Some(predicted)) = (options.error, film.predicted_relmse())
+        && predicted > asked
+        && !film.record().interrupted
+    {
+        warn(format!(
+            "the predicted relMSE is {predicted:.2e}, not {asked}: the sampler's threshold or the highest budget ended it \
+             (--max-spp raises the latter)"
+        ));
+    }
     deliver(report, &files, 1.0 / world.space().scale(), options)?;
     match failure {
         Some(failure) => Err(failure),

@@ -88,7 +88,7 @@ impl ClusterGaussian {
     /// [`Error::OutOfRange`] unless `k` is in `1 ..= 8`.
     pub fn from_hits(k: u8, label: Label) -> Result<Self, Error> {
         if k == 0 || usize::from(k) > MOST_VOTES {
-            return Err(Error::OutOfRange { name: "k", value: k.to_string(), allowed: "1 to 8 first hits a pixel" });
+            return Err(Error::OutOfRange { name: "hits", value: k.to_string(), allowed: "1 to 8 first hits a pixel" });
         }
         Ok(Self::new(Clusters::Hits { k, label }))
     }

@@ -39,7 +39,7 @@ fn parameters_out_of_range_are_refused() {
         refused(ClusterGaussian::from_map([1, 1], vec![0]).unwrap().with_outside(outside), "outside");
     }
     for k in [0, 9] {
-        refused(ClusterGaussian::from_hits(k, Arc::new(|_| None)), "k");
+        refused(ClusterGaussian::from_hits(k, Arc::new(|_| None)), "hits");
     }
     refused(ClusterGaussian::from_map([3, 2], vec![0; 5]), "clusters");
     refused(ClusterGaussian::from_map([u32::MAX, u32::MAX], vec![]), "clusters");
