@@ -6,8 +6,8 @@
 //!
 //! For each scene and seed it renders the uniform picture, then the adaptive one with as many samples as
 //! take the same time, in turns and on one thread; errors are taken against a reference of another point
-//! set and seed, whose own variance is printed beside them. The factorial is {uniform, adaptive} x {none}:
-//! there is one filter so far. Ratios are geometric means over seeds with 95 % intervals (paired log
+//! set and seed, whose own variance is printed beside them. Unfiltered: `thesis_tables` has the whole
+//! factorial with filters. Ratios are geometric means over seeds with 95 % intervals (paired log
 //! ratios, Student's t). Without `--full` a small form runs in seconds, to show that it works.
 
 #![expect(clippy::print_stdout, clippy::print_stderr, reason = "a program: its table is its result")]

@@ -59,7 +59,7 @@ fn main() -> Result<()> {
     }
     if thesis_sizes {
         for (scene, k, side) in SCENES {
-            let plan = Plan { scene, k, side, spp: &[8, 16, 32, 64], seeds: 1, reference_spp: 256 };
+            let plan = Plan { scene, k, side, spp: &[8, 16, 32, 64], seeds: 1, reference_spp: 128 };
             report::scene(&measure::run(&plan, &cache)?);
         }
     }

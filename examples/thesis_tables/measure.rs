@@ -173,7 +173,7 @@ impl Results<'_> {
         self.of(method, NONE, spp).map(|r| r.lowest).collect()
     }
 
-    /// Whether the method was rendered at all: not with a single seed, for those aside.
+    /// Whether the method was rendered at all: not with a single seed, for those aside and the variants.
     pub(crate) fn has(&self, method: usize) -> bool {
         self.runs.iter().any(|r| r.method == method)
     }
@@ -199,7 +199,9 @@ pub(crate) fn run<'a>(plan: &'a Plan, cache: &Path) -> Result<Results<'a>> {
         for &spp in plan.spp {
             eprintln!("{}, {} pixels squared: seed {seed}, {spp} spp", plan.scene, plan.side);
             let mut uniform = BTreeMap::new();
-            let rendered = |m: &usize| !METHODS[*m].aside || seed <= plan.seeds / 2;
+            // A single seed is for the thesis' sizes: the published methods only.
+            let published = |m: &Method| plan.seeds > 1 || !m.name.ends_with("4-128");
+            let rendered = |m: &usize| published(&METHODS[*m]) && (!METHODS[*m].aside || seed <= plan.seeds / 2);
             for method in (0..METHODS.len()).filter(rendered) {
                 runs.extend(place.pictures(method, seed, spp, &mut uniform)?);
             }

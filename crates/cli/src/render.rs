@@ -15,7 +15,7 @@ use clap::CommandFactory;
 use clap::error::ErrorKind;
 use dapple_core::{Error, Film, streams};
 use dapple_renderer::scene::Scene;
-use dapple_renderer::{Stage, integrator};
+use dapple_renderer::{Stage, WorldClusters, integrator};
 use files::Files;
 use progress::Progress;
 use report::{Report, Seconds, cpu_seconds};
@@ -80,14 +80,9 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
         cpu,
     };
     warn_of_rejected(&film, &settings);
-    if let (Some(asked), Some(predicted)) = (options.error, film.predicted_relmse())
-        && predicted > asked
-        && !film.record().interrupted
-    {
-        warn(format!(
-            "the predicted relMSE is {predicted:.2e}, not {asked}: the sampler's threshold or the highest budget ended it \
-             (--max-spp raises the latter)"
-        ));
+    warn_of_clusters(clusters.as_deref(), &stage);
+    if failure.is_none() {
+        warn_of_error(&film, options);
     }
     deliver(report, &files, 1.0 / world.space().scale(), options)?;
     match failure {
@@ -174,6 +169,35 @@ fn warn_of(scene: &Scene, options: &Options) {
         let name = options.scene.display();
         warn(format!("{name} suggests {suggested} spp, and {spp} are taken: --spp {suggested} follows it"));
     }
+}
+
+/// A grid that tells nothing apart, and probes that were no numbers, make clusters useless without a word.
+fn warn_of_clusters(clusters: Option<&WorldClusters>, stage: &Stage) {
+    if let Some(report) = clusters.and_then(WorldClusters::report).filter(|report| report.is_degenerate()) {
+        let (occupied, requested) = (report.occupied, report.requested());
+        warn(format!(
+            "of {requested} voxels {occupied} hold all triangles: clusters tell little apart. Something far off stretches the \
+             scene; a larger clamp= and k= help, or leaving it out"
+        ));
+    }
+    let rejected = stage.rejected_probes();
+    if rejected > 0 {
+        warn(format!("{rejected} probes hit something at a place that is no number, and count as background"));
+    }
+}
+
+/// An error limit that was not met.
+fn warn_of_error(film: &Film, options: &Options) {
+    let Some(asked) = options.error else { return };
+    let predicted = film.predicted_relmse();
+    if film.record().interrupted || predicted.is_some_and(|predicted| predicted <= asked) {
+        return;
+    }
+    let known = predicted.map_or_else(|| "unknown".to_owned(), |predicted| format!("{predicted:.2e}"));
+    warn(format!(
+        "the predicted relMSE is {known}, not {asked}: the sampler's threshold or the highest budget ended it (--max-spp \
+         raises the latter)"
+    ));
 }
 
 fn warn_of_rejected(film: &Film, settings: &Settings) {

@@ -159,7 +159,7 @@ fn an_exr_file_tells_how_it_was_made() {
         ("rejected", "0"),
         ("notices", "none"),
         ("interrupted", "false"),
-        ("bias", "slight: samples of the picture decided on its counts"),
+        ("bias", "biased: samples that are or were in the picture decided on its counts"),
     ] {
         assert_eq!(value(key), expected, "{key}");
     }
@@ -169,14 +169,47 @@ fn an_exr_file_tells_how_it_was_made() {
     folder.done("render tiny.pbrt --error 0.01 -o b.exr --maps maps");
     assert!(read(&folder, "b.exr").1.iter().any(|c| c.0 == "error.Y"));
     assert!(names_of(&folder, "maps").contains(&"error.png".to_owned()));
-    for (sampler, bias) in
-        [("uniform", "none: no "), ("variance:policy=cross", "none: each"), ("variance:policy=discard", "none: no")]
-    {
+    for (sampler, bias) in [
+        ("uniform", "none: no "),
+        ("variance:policy=cross", "none: each"),
+        ("variance:policy=discard", "none: no"),
+        ("cluster-thesis", "none: no"),
+        ("mitchell", "biased: "),
+        ("mitchell-pbrt", "biased: "),
+        ("mitchell-pbrt:policy=discard", "none: no"),
+    ] {
         folder.done(&format!("render tiny.pbrt --sampler {sampler} --spp 12 -o c.exr"));
         let attributes = read_attributes(&folder.read("c.exr"), "c.exr").expect("attributes");
         let found = attributes.iter().find(|a| a.0 == "dapple:bias").expect("bias");
         assert!(found.1.starts_with(bias), "{sampler}: {}", found.1);
     }
+}
+
+/// Clusters show in the map, in the EXR file, in the seconds and in the rays.
+#[test]
+fn clusters_are_shown_and_charged() {
+    let folder = Folder::new();
+    let line = folder.done(
+        "render tiny.pbrt --sampler cluster-thesis --filter cluster-gaussian --spp 4 --json --maps maps -o a.exr -o a.pfm",
+    );
+    let json: serde_json::Value = serde_json::from_str(&line).unwrap();
+    assert!(json["seconds"]["cluster"].as_f64().unwrap() > 0.0 && json["seconds"]["probe"].as_f64().unwrap() > 0.0);
+    assert!(names_of(&folder, "maps").contains(&"clusters.png".to_owned()));
+    let (size, channels) = read(&folder, "a.exr");
+    let ids = &channels.iter().find(|c| c.0 == "cluster.Y").expect("a layer of clusters").1;
+    assert_eq!((size, ids.len()), ([24, 16], 24 * 16));
+    let mut known: Vec<f32> = ids.clone();
+    known.sort_by(f32::total_cmp);
+    known.dedup();
+    assert!(known.len() > 1, "one cluster for all: {known:?}");
+    let attributes = read_attributes(&folder.read("a.exr"), "a.exr").expect("attributes");
+    let value = |key: &str| attributes.iter().find(|a| a.0 == format!("dapple:{key}")).expect("an attribute").1.clone();
+    assert_eq!(value("probe-rays"), (24 * 16).to_string());
+    assert_eq!(json["rays"].to_string(), value("rays"));
+    // The same without clusters has neither.
+    folder.done("render tiny.pbrt --sampler uniform --spp 4 --maps plain -o b.exr");
+    assert!(!names_of(&folder, "plain").contains(&"clusters.png".to_owned()));
+    assert!(!read(&folder, "b.exr").1.iter().any(|c| c.0 == "cluster.Y"));
 }
 
 fn names_of(folder: &Folder, name: &str) -> Vec<String> {

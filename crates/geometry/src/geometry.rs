@@ -86,6 +86,13 @@ impl Geometry {
         }
     }
 
+    /// The same without AVX2, whatever the machine has.
+    #[cfg(test)]
+    pub(crate) fn in_pairs(mut self) -> Self {
+        self.tree.vectors = crate::lanes::Vectors::Pair;
+        self
+    }
+
     /// The shapes, as given.
     #[must_use]
     pub fn shapes(&self) -> &[Shape] {

@@ -36,6 +36,27 @@ pub(crate) trait Lanes:
     fn equal(token: Self::Token, words: &Words, word: u32) -> u32;
 }
 
+/// The vectors that this machine's processor has.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Vectors {
+    /// AVX2.
+    #[cfg(target_arch = "x86_64")]
+    Whole(pulp::x86::V3),
+    /// What every processor of its kind has.
+    Pair,
+}
+
+impl Default for Vectors {
+    /// The widest. Asked once for each tree: it takes a moment.
+    fn default() -> Self {
+        #[cfg(target_arch = "x86_64")]
+        if let Some(v3) = pulp::x86::V3::try_new() {
+            return Self::Whole(v3);
+        }
+        Self::Pair
+    }
+}
+
 /// Two vectors of four: SSE2 and NEON.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Pair([Vec4; 2]);

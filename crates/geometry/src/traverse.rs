@@ -3,10 +3,10 @@
 use crate::frame::Frame;
 #[cfg(target_arch = "x86_64")]
 use crate::lanes::Whole;
-use crate::lanes::{Eight, Lanes, Pair, WIDTH, Words};
+use crate::lanes::{Eight, Lanes, Pair, Vectors, WIDTH, Words};
 use crate::shape::Quadric;
 use crate::triangle::{Triangles8, lowest};
-use pulp::{Arch, NullaryFnOnce};
+use pulp::NullaryFnOnce;
 
 /// Set in a child's code if it is a leaf of triangles; the rest is its block.
 const TRIANGLES: u32 = 1 << 31;
@@ -104,8 +104,7 @@ pub(crate) struct Tree {
     pub(crate) quadric_keys: Vec<u64>,
     /// Most entries that the stack can hold at once.
     pub(crate) stack: usize,
-    /// What this machine's processor can do, asked once.
-    pub(crate) arch: Arch,
+    pub(crate) vectors: Vectors,
 }
 
 /// A walk through a tree, compiled for each kind of vectors that may be there at run time.
@@ -167,10 +166,10 @@ impl Tree {
 
     #[inline(always)]
     fn dispatch<const ANY: bool>(&self, frame: &Frame, best: &mut Best) -> bool {
-        match self.arch {
+        match self.vectors {
             #[cfg(target_arch = "x86_64")]
-            Arch::V3(v3) => v3.vectorize(Walk::<Whole, ANY> { token: v3, tree: self, frame, best }),
-            _ => Walk::<Pair, ANY> { token: (), tree: self, frame, best }.call(),
+            Vectors::Whole(v3) => v3.vectorize(Walk::<Whole, ANY> { token: v3, tree: self, frame, best }),
+            Vectors::Pair => Walk::<Pair, ANY> { token: (), tree: self, frame, best }.call(),
         }
     }
 

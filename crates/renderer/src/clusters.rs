@@ -7,7 +7,7 @@ use dapple_clustering::{Cluster, Params, Report, Triangles, cluster};
 use dapple_core::FirstHit;
 use dapple_geometry::Shape;
 use glam::Vec2;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
 /// The triangles of a world as plain slices, mesh by mesh; places in space as hits report them.
@@ -166,12 +166,17 @@ impl Stage {
     /// [`RegistryError::NeedsWorld`] in the name of `of` on an empty stage; parameters out of range.
     pub fn clusters(&self, of: &'static str, params: &Params) -> Result<Arc<WorldClusters>, RegistryError> {
         let world = self.world(of)?;
-        let mut made = self.made.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(known) = made.clusters.iter().find(|c| c.params == *params) {
-            return Ok(known.clone());
+        let known = |made: &Made| made.clusters.iter().find(|c| c.params == *params).cloned();
+        if let Some(known) = known(&self.made()) {
+            return Ok(known);
         }
+        // Unlocked meanwhile: clustering runs on rayon, whose workers may come by here with another task.
         let found =
             WorldClusters::new(world, params).map_err(|e| RegistryError::Clusters { of, why: e.to_string() })?;
+        let mut made = self.made();
+        if let Some(known) = known(&made) {
+            return Ok(known);
+        }
         let found = Arc::new(found);
         made.clusters.push(found.clone());
         Ok(found)
@@ -179,22 +184,26 @@ impl Stage {
 
     /// The clusters made first: those that a map shows.
     pub fn first_clusters(&self) -> Option<Arc<WorldClusters>> {
-        self.made.lock().unwrap_or_else(PoisonError::into_inner).clusters.first().cloned()
+        self.made().clusters.first().cloned()
     }
 
     /// Wall seconds spent on clusters so far.
     pub fn cluster_seconds(&self) -> f64 {
-        let made = self.made.lock().unwrap_or_else(PoisonError::into_inner);
-        made.clusters.iter().map(|c| c.seconds).sum()
+        self.made().clusters.iter().map(|c| c.seconds).sum()
     }
 
     /// What probes took so far, of all samplers made on this stage.
     pub fn probe_cost(&self) -> ProbeCost {
-        let made = self.made.lock().unwrap_or_else(PoisonError::into_inner);
+        let made = self.made();
         made.probes.iter().filter_map(ProbesHandle::cost).fold(ProbeCost::default(), |sum, cost| ProbeCost {
             rays: sum.rays + cost.rays,
             seconds: sum.seconds + cost.seconds,
         })
+    }
+
+    /// Probes whose hit was no number and that count as background.
+    pub fn rejected_probes(&self) -> u64 {
+        self.made().probes.iter().filter_map(ProbesHandle::probes).map(|probes| probes.rejected()).sum()
     }
 
     pub(crate) fn world(&self, of: &'static str) -> Result<&Arc<World>, RegistryError> {
@@ -202,7 +211,11 @@ impl Stage {
     }
 
     pub(crate) fn keep(&self, probes: ProbesHandle) {
-        self.made.lock().unwrap_or_else(PoisonError::into_inner).probes.push(probes);
+        self.made().probes.push(probes);
+    }
+
+    fn made(&self) -> MutexGuard<'_, Made> {
+        self.made.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 

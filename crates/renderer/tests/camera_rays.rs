@@ -37,6 +37,26 @@ fn view(camera: &Camera, size: [u32; 2]) -> Result<CameraView, CameraError> {
     CameraView::new(camera, size, &Space::of(&Scene::default()))
 }
 
+/// Points along camera rays are projected back to where the rays passed the film, with a window off the centre.
+#[test]
+fn clip_space_undoes_camera_rays() {
+    let to_world = DAffine3::from_mat3_translation(DMat3::from_rotation_y(0.7) * 1.5, DVec3::new(3.0, -2.0, 5.0));
+    let camera = Camera { to_world, screen_window: Some([-0.5, 1.0, -0.2, 0.9]), ..Camera::default() };
+    let view = view(&camera, [60, 44]).expect("a sound camera");
+    let rows = view.world_to_clip();
+    for pixel in [[0, 0], [59, 43], [17, 30], [30, 22]] {
+        let ray = view.ray(pixel, Vec2::new(0.3, -0.2), [0.5; 2]);
+        for t in [0.1, 1.0, 50.0] {
+            let p = ray.at(t);
+            let row = |r: [f32; 4]| r[0] * p.x + r[1] * p.y + r[2] * p.z + r[3];
+            let (x, y, w) = (row(rows[0]), row(rows[1]), row(rows[3]));
+            let place = Vec2::new((x / w + 1.0) * 30.0, (y / w + 1.0) * 22.0);
+            let expected = Vec2::new(pixel[0] as f32 + 0.8, pixel[1] as f32 + 0.3);
+            assert!(w > 0.0 && (place - expected).length() < 2e-3, "{pixel:?} at {t}: {place} is not {expected}");
+        }
+    }
+}
+
 #[test]
 fn r01_sample_stays_in_its_pixel() {
     let view = view(&Camera::default(), [65536, 3]).expect("a sound camera");

@@ -112,6 +112,7 @@ impl Report<'_> {
         let seconds = self.seconds.render();
         let counts = self.film.counts();
         let (least, most) = (counts.iter().min().copied().unwrap_or(0), counts.iter().max().copied().unwrap_or(0));
+        let rays = record.rays + self.probe_rays;
         let rate = record.rays as f64 / self.seconds.trace.max(1e-9) * 1e-6;
         let mut lines = vec![
             format!("{}, {w}x{h}: {:.2} spp ({least} to {most}) in {seconds:.2} s", self.scene.name, self.spp()),
@@ -121,7 +122,7 @@ impl Report<'_> {
                 settings.points_described,
                 self.methods.filter.describe()
             ),
-            format!("{} samples, {} rays, {rate:.2} million rays a second", record.samples, record.rays),
+            format!("{} samples, {rays} rays, {rate:.2} million rays a second", record.samples),
         ];
         if let Some(relmse) = self.film.predicted_relmse() {
             lines.push(format!("predicted relMSE {relmse:.3e}"));
@@ -182,7 +183,7 @@ fn bias(film: &Film, settings: &Settings, a_priori: bool) -> &'static str {
         }
         _ if a_priori || !decided => "none: no sample of the picture decided on its counts",
         Combine::Equally => "none: each half's counts were decided by the other half's samples",
-        _ => "slight: samples of the picture decided on its counts",
+        _ => "biased: samples that are or were in the picture decided on its counts",
     }
 }
 

@@ -82,7 +82,11 @@ const CLUSTER_THESIS: &[Parameter] = &[
     ("map", "root", "from relative size to rate: identity, root or log"),
     ("angle", "0.25", "weight of a large angle between normal and ray"),
     ("distance", "0.25", "weight of distance"),
-    ("min", "0", "samples that every pixel gets; 0 takes the thesis' table 4-3 for the mean budget"),
+    (
+        "min",
+        "0",
+        "samples that every pixel gets (beside --time and --error take --min-spp); 0 is the thesis' table 4-3",
+    ),
     ("max", "0", "most samples that a pixel gets; 0 as above"),
     ("policy", "a-priori", "counts are planned from geometry alone: unbiased"),
 ];

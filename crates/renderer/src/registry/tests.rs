@@ -122,6 +122,38 @@ fn wrong_cluster_words_are_refused_without_a_world() {
     assert!(refusal(made).contains("world"));
 }
 
+/// Every choice of the cluster sampler renders, to the exact budget.
+#[test]
+fn every_cluster_choice_renders() {
+    let scene = bundled::files("cornell").expect("bundled").read().unwrap_or_else(|e| panic!("{e}"));
+    let world = Arc::new(World::with_resolution(&scene, [9, 7]).unwrap_or_else(|e| panic!("{e}")));
+    let stage = Stage::new(world.clone());
+    let clusters = ["insertion=box,order=input", "insertion=centroid,grouping=connected,order=canonical,sides=2"];
+    for size in ["box", "triangles", "screen", "hits"] {
+        for (pixel, map) in [("one", "identity"), ("footprint", "root"), ("one", "log")] {
+            for (probes, clusters) in ["centre", "3"].into_iter().zip(clusters) {
+                let words = format!("cluster-thesis:size={size},pixel={pixel},map={map},probes={probes},{clusters}");
+                let points = points("sobol", SETTING).unwrap_or_else(|e| panic!("{e}"));
+                let mut sampler = sampler(&words, points, &stage).unwrap_or_else(|e| panic!("{words}: {e}"));
+                let frame = dapple_core::Frame::new(9, 7).expect("not empty");
+                let film = dapple_core::render(
+                    &mut *crate::integrator(&world),
+                    &mut *sampler,
+                    dapple_core::Needs::none(),
+                    frame,
+                    &dapple_core::Limits::samples(63 * 8),
+                    &mut dapple_core::NoWatch,
+                );
+                let counts = film.unwrap_or_else(|e| panic!("{words}: {e}")).counts();
+                assert_eq!(counts.iter().sum::<u64>(), 63 * 8, "{words}");
+                assert_ne!(counts.iter().min(), counts.iter().max(), "{words} tells nothing apart");
+            }
+        }
+    }
+    assert_eq!(stage.probe_cost().rays, 63 * 12 * (1 + 3));
+    assert_eq!(stage.rejected_probes(), 0);
+}
+
 /// One set of clusters serves the sampler, the filter and the map.
 #[test]
 fn clusters_are_made_once() {

@@ -18,10 +18,30 @@ pub fn power_heuristic(pdf: f32, other: f32) -> f32 {
     1.0 / (1.0 + ratio * ratio)
 }
 
-/// [`power_heuristic`] over `pdf`, with one division less; `pdf` must be above 0.
+/// [`power_heuristic`] over `pdf`, with one division less; `pdf` must be finite and above 0.
 #[inline]
 pub(crate) fn power_heuristic_over_pdf(pdf: f32, other: f32) -> f32 {
     let ratio = other / pdf;
-    // An infinite ratio gives 0, and so does an infinite density.
+    // A ratio whose square overflows gives 0.
     1.0 / (pdf + pdf * ratio * ratio)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_division_less_changes_nothing_but_the_last_digits() {
+        // Where the longer form's squares neither over- nor underflow.
+        let densities = (-30..=30).step_by(3).map(|e| 2_f32.powi(e) * 1.37);
+        for pdf in densities.clone() {
+            for other in densities.clone().chain([0.0, pdf]) {
+                let (short, long) = (power_heuristic_over_pdf(pdf, other), power_heuristic(pdf, other) / pdf);
+                assert!(
+                    (short - long).abs() <= long * 1e-6 || short.max(long) < 1e-30,
+                    "{pdf} {other}: {short} {long}"
+                );
+            }
+        }
+    }
 }
