@@ -13,6 +13,7 @@
 //! * `--full`: 256x256 pixels, 8 to 64 spp, 8 seeds, references of 10,240 spp (some forty minutes on two cores);
 //!   without it a small form runs in seconds, to show that it works.
 //! * `--thesis-sizes`: besides, once, the thesis' 1024x1024 terrain and 800x800 teapot (as long again).
+//! * `--spp 8,16`: these budgets only at the thesis' sizes.
 //! * `--cache DIR`, or a bare `DIR`: where references are kept, `target/thesis-references` by default. A run
 //!   that was killed takes them from there. Their names hold a hash of the scene; after a change of the
 //!   renderer itself, delete them.
@@ -35,14 +36,16 @@ const SCENES: [(&str, u32, u32); 2] = [("terrain", 9, 1024), ("teapot", 30, 800)
 
 fn main() -> Result<()> {
     let (mut full, mut thesis_sizes, mut cache) = (false, false, PathBuf::from("target/thesis-references"));
+    let mut spp = "8,16,32,64".to_owned();
     let mut words = std::env::args().skip(1);
     while let Some(word) = words.next() {
         match word.as_str() {
             "--full" => full = true,
             "--thesis-sizes" => thesis_sizes = true,
+            "--spp" => spp = words.next().ok_or("--spp wants a list, such as 8,16")?,
             "--cache" => cache = words.next().ok_or("--cache wants a folder")?.into(),
             flag if flag.starts_with('-') => {
-                return Err(format!("{flag}: there are --full, --thesis-sizes and --cache DIR").into());
+                return Err(format!("{flag}: there are --full, --thesis-sizes, --spp LIST and --cache DIR").into());
             }
             folder => cache = folder.into(),
         }
@@ -58,8 +61,9 @@ fn main() -> Result<()> {
         report::scene(&measure::run(&plan, &cache)?);
     }
     if thesis_sizes {
+        let spp: &'static [u64] = spp.split(',').map(str::parse).collect::<std::result::Result<Vec<_>, _>>()?.leak();
         for (scene, k, side) in SCENES {
-            let plan = Plan { scene, k, side, spp: &[8, 16, 32, 64], seeds: 1, reference_spp: 128 };
+            let plan = Plan { scene, k, side, spp, seeds: 1, reference_spp: 128 };
             report::scene(&measure::run(&plan, &cache)?);
         }
     }
