@@ -212,6 +212,27 @@ fn clusters_are_shown_and_charged() {
     assert!(!read(&folder, "b.exr").1.iter().any(|c| c.0 == "cluster.Y"));
 }
 
+/// HARD_CASES K04: adaptivity is not lost without a word.
+#[test]
+fn k04_a_far_triangle_that_spoils_the_clusters_is_told() {
+    let folder = Folder::new();
+    let scene = String::from_utf8(folder.read("tiny.pbrt")).expect("text");
+    let strip: Vec<String> = (0..24).map(|i| format!("{} 0.1 {}", i / 2, -1 - i % 2)).collect();
+    let triangles: Vec<String> = (0..22).map(|i| format!("{i} {} {}", i + 1, i + 2)).collect();
+    let near = format!(
+        "{scene}Shape \"trianglemesh\" \"integer indices\" [ {} ] \"point3 P\" [ {} ]\n",
+        triangles.join(" "),
+        strip.join(" ")
+    );
+    let far = "Shape \"trianglemesh\" \"integer indices\" [ 0 1 2 ] \"point3 P\" [ 9e4 9e4 9e4  9.1e4 9e4 9e4  9e4 9.1e4 9e4 ]\n";
+    std::fs::write(folder.path("near.pbrt"), &near).expect("a scene");
+    std::fs::write(folder.path("far.pbrt"), near + far).expect("a scene");
+    let words = |name: &str| format!("render {name}.pbrt --sampler cluster-thesis:insertion=centroid --spp 2 -o k.pfm");
+    let said = folder.run(&words("far"));
+    assert!(said.status == Some(0) && said.err.contains("tell little apart"), "{}", said.err);
+    assert!(!folder.run(&words("near")).err.contains("tell little apart"));
+}
+
 fn names_of(folder: &Folder, name: &str) -> Vec<String> {
     names(&folder.path(name))
 }
