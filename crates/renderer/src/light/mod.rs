@@ -65,10 +65,10 @@ impl Lamp {
     }
 }
 
-/// Relative luminance of linear sRGB [ITU-R BT.709].
+/// [`dapple_core::luminance`] of a vector.
 #[inline]
 pub(crate) fn luminance(rgb: Vec3) -> f32 {
-    rgb.dot(Vec3::new(0.2126, 0.7152, 0.0722))
+    dapple_core::luminance(rgb.to_array().map(f64::from)) as f32
 }
 
 /// All lights with the probabilities they are chosen by: proportional to power.
