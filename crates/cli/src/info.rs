@@ -107,16 +107,30 @@ fn shape(geometry: &Geometry) -> &'static str {
 fn material(kind: &MaterialKind) -> &'static str {
     match kind {
         MaterialKind::Diffuse { .. } => "diffuse",
+        MaterialKind::DiffuseTransmission { .. } => "diffuse transmission",
         MaterialKind::Conductor { .. } => "conductor",
+        MaterialKind::Dielectric { .. } => "dielectric",
+        MaterialKind::ThinDielectric { .. } => "thin dielectric",
         MaterialKind::CoatedDiffuse { .. } => "coated diffuse",
+        MaterialKind::CoatedConductor { .. } => "coated conductor",
+        MaterialKind::Mix { .. } => "mix",
+        MaterialKind::Interface => "interface",
+        MaterialKind::Mirror { .. } => "mirror",
+        MaterialKind::Plastic { .. } => "plastic",
+        MaterialKind::Substrate { .. } => "substrate",
+        _ => "other",
     }
 }
 
 fn lights(scene: &Scene) -> String {
     let shining = scene.shapes.iter().filter(|s| s.emission.is_some()).map(|_| "area");
     let others = scene.lights.iter().map(|light| match &light.kind {
-        LightKind::Infinite { radiance: EnvironmentRadiance::LatLong { .. } } => "environment picture",
-        LightKind::Infinite { .. } => "uniform environment",
+        LightKind::Infinite { radiance: EnvironmentRadiance::Constant(_) } => "uniform environment",
+        LightKind::Infinite { .. } => "environment picture",
+        LightKind::Point { .. } => "point",
+        LightKind::Spot { .. } => "spot",
+        LightKind::Distant { .. } => "distant",
+        _ => "other",
     });
     count(shining.chain(others))
 }

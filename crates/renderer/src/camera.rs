@@ -1,6 +1,6 @@
 //! From a place in a pixel to a ray.
 
-use crate::scene::{Camera, Source};
+use crate::scene::{Camera, Projection, Source};
 use crate::shading::warp::concentric_disk;
 use crate::space::Space;
 use dapple_geometry::Ray;
@@ -100,8 +100,11 @@ impl CameraView {
         if axes.determinant().abs() <= 1e-20 {
             return Err(CameraError::Pose { at: at() });
         }
-        if !(camera.fov > 0.0 && camera.fov < 180.0) {
-            return Err(CameraError::Fov { at: at(), fov: camera.fov });
+        let Projection::Perspective { fov } = camera.projection else {
+            return Err(CameraError::Window { at: at() });
+        };
+        if !(fov > 0.0 && fov < 180.0) {
+            return Err(CameraError::Fov { at: at(), fov });
         }
         let focus_matters = camera.lens_radius != 0.0;
         let focus_fine = camera.focal_distance.is_finite() && camera.focal_distance > 0.0;
@@ -119,7 +122,7 @@ impl CameraView {
         if !(aspect.is_finite() && aspect > 0.0 && window.iter().all(|w| w.is_finite()) && x0 < x1 && y0 < y1) {
             return Err(CameraError::Window { at: at() });
         }
-        let tan = (camera.fov.to_radians() * 0.5).tan();
+        let tan = (fov.to_radians() * 0.5).tan();
         let step = Vec2::new(((x1 - x0) / width * tan) as f32, ((y1 - y0) / height * tan) as f32);
         let shift = Vec2::new(((x0 + x1) * 0.5 * tan) as f32, ((y0 + y1) * 0.5 * tan) as f32);
         // Corners whose squares f32 holds: beyond, directions would be no numbers.

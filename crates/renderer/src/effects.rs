@@ -126,7 +126,7 @@ impl Effects {
             }
         }
         for light in &scene.lights {
-            let LightKind::Infinite { radiance } = &light.kind;
+            let LightKind::Infinite { radiance } = &light.kind else { continue };
             if is_black(radiance) {
                 continue;
             }
@@ -164,6 +164,7 @@ impl Effects {
                 MaterialKind::CoatedDiffuse { reflectance, roughness, .. } => {
                     (Some(roughness), Some(*reflectance), "coated")
                 }
+                _ => continue,
             };
             let name = &material.name;
             if let Some(Color::Texture(id)) = color {
@@ -172,7 +173,7 @@ impl Effects {
                 self.add(Effect::Textures, because, &material.source);
             }
             if let Some(roughness) = roughness {
-                let alpha = [roughness.u, roughness.v].map(|r| match roughness.remap {
+                let alpha = roughness.constants().unwrap_or([1.0; 2]).map(|r| match roughness.remap {
                     true => TrowbridgeReitz::roughness_to_alpha(r),
                     false => r,
                 });
@@ -189,7 +190,7 @@ impl Effects {
 fn is_black(radiance: &EnvironmentRadiance) -> bool {
     match radiance {
         EnvironmentRadiance::Constant(rgb) => *rgb == [0.0; 3],
-        EnvironmentRadiance::LatLong { picture, scale } => {
+        EnvironmentRadiance::LatLong { picture, scale } | EnvironmentRadiance::EqualArea { picture, scale } => {
             *scale == 0.0 || picture.pixels.iter().all(|p| *p == [0.0; 3])
         }
     }

@@ -89,6 +89,7 @@ impl Surface {
                 let textured = textured(&reflectance);
                 (Kind::Coated { coat: Box::new(coat), reflectance }, textured, alpha[0] != alpha[1], true)
             }
+            _ => return Err(wrong("this kind of material is not supported yet".into())),
         };
         let black = matches!(kind, Kind::Diffuse(Color::Constant([0.0, 0.0, 0.0])));
         Ok(Self { kind, textured, anisotropic, several_lobes, black })
@@ -121,13 +122,14 @@ fn conductor(ior: ComplexIor, alpha: [f32; 2]) -> Bsdf<'static> {
 }
 
 fn alpha(roughness: &Roughness) -> Result<[f32; 2], String> {
-    let alpha = [roughness.u, roughness.v].map(|r| match roughness.remap {
+    let constants = roughness.constants().ok_or("a roughness from a texture is not supported: give a number")?;
+    let alpha = constants.map(|r| match roughness.remap {
         true => TrowbridgeReitz::roughness_to_alpha(r),
         false => r,
     });
     match alpha.iter().all(|a| a.is_finite() && *a >= 0.0) {
         true => Ok(alpha),
-        false => Err(format!("a roughness of {}, {} is none: give numbers of at least 0", roughness.u, roughness.v)),
+        false => Err(format!("a roughness of {}, {} is none: give numbers of at least 0", constants[0], constants[1])),
     }
 }
 
@@ -135,11 +137,11 @@ fn alpha(roughness: &Roughness) -> Result<[f32; 2], String> {
 mod tests {
     use super::*;
     use crate::image::Picture;
-    use crate::scene::{Texture, TextureId, TextureKind};
+    use crate::scene::{Texture, TextureId, TextureKind, Wrap};
     use std::sync::Arc;
 
     fn surface(kind: MaterialKind) -> Result<Surface, String> {
-        let made = Surface::new(&Material { name: "m".into(), kind, source: Source::default() });
+        let made = Surface::new(&Material::new("m", kind, Source::default()));
         made.map_err(|e| e.to_string())
     }
 
@@ -149,7 +151,7 @@ mod tests {
 
     fn metal(alpha: f32) -> MaterialKind {
         let fresnel = ConductorFresnel::EtaK { eta: [0.2; 3], k: [3.0; 3] };
-        MaterialKind::Conductor { fresnel, roughness: Roughness { u: alpha, v: alpha, remap: false } }
+        MaterialKind::Conductor { fresnel, roughness: Roughness::constant(alpha, alpha, false) }
     }
 
     #[test]
@@ -167,12 +169,19 @@ mod tests {
     fn reflectances_lie_between_0_and_1() {
         let pixels = vec![[-0.5, 2.0, f32::NAN]];
         let picture = Arc::new(Picture::new([1, 1], pixels).expect("one pixel"));
-        let kind = TextureKind::Image { picture, scale: [1.0; 2], shift: [0.0; 2], factor: 1.0, invert: false };
+        let kind = TextureKind::Image {
+            picture,
+            scale: [1.0; 2],
+            shift: [0.0; 2],
+            factor: 1.0,
+            invert: false,
+            wrap: Wrap::Repeat,
+        };
         let textures = Textures::new(&[Texture { name: String::new(), kind, source: Source::default() }]);
         let color = Color::Texture(TextureId(0));
         let coated = MaterialKind::CoatedDiffuse {
             reflectance: color,
-            roughness: Roughness { u: 0.0, v: 0.0, remap: false },
+            roughness: Roughness::constant(0.0, 0.0, false),
             eta: 1.5,
             thickness: 0.01,
             albedo: Color::Constant([0.0; 3]),
@@ -180,7 +189,7 @@ mod tests {
             max_depth: 10,
             samples: 1,
         };
-        let roughness = Roughness { u: 0.3, v: 0.3, remap: false };
+        let roughness = Roughness::constant(0.3, 0.3, false);
         let tinted = MaterialKind::Conductor { fresnel: ConductorFresnel::Reflectance(color), roughness };
         for kind in [MaterialKind::Diffuse { reflectance: color }, coated, tinted] {
             let surface = surface(kind.clone()).unwrap_or_else(|e| panic!("{e}"));

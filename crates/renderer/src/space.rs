@@ -86,13 +86,8 @@ mod tests {
     use crate::scene::{MaterialId, Shape, Source};
 
     fn scene(shapes: &[(Geometry, DAffine3)]) -> Scene {
-        let shape = |(geometry, to_world): &(Geometry, DAffine3)| Shape {
-            geometry: geometry.clone(),
-            to_world: *to_world,
-            material: MaterialId(0),
-            emission: None,
-            reversed: false,
-            source: Source::default(),
+        let shape = |(geometry, to_world): &(Geometry, DAffine3)| {
+            Shape::new(geometry.clone(), *to_world, MaterialId(0), Source::default())
         };
         Scene { shapes: shapes.iter().map(shape).collect(), ..Scene::default() }
     }

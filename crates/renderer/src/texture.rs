@@ -37,10 +37,11 @@ impl Textures {
                     Color::Texture(id) => self.look_up_within(id, uv, depth - 1),
                 }
             }
-            TextureKind::Image { picture, scale, shift, factor, invert } => {
+            TextureKind::Image { picture, scale, shift, factor, invert, .. } => {
                 let value = bilinear(picture, place(scale, shift)) * *factor;
                 if *invert { (Vec3::ONE - value).max(Vec3::ZERO) } else { value }
             }
+            TextureKind::Product { .. } | TextureKind::Mix { .. } => Vec3::ZERO,
         }
     }
 }
@@ -67,7 +68,7 @@ fn bilinear(picture: &Picture, [u, v]: [f32; 2]) -> Vec3 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::Source;
+    use crate::scene::{Source, Wrap};
     use std::sync::Arc;
 
     fn textures(kinds: Vec<TextureKind>) -> Textures {
@@ -79,7 +80,7 @@ mod tests {
         // Top row 0.1 0.2, bottom row 0.3 0.4.
         let pixels = [0.1, 0.2, 0.3, 0.4].map(|v| [v, 2.0 * v, 0.0]).to_vec();
         let picture = Arc::new(Picture::new([2, 2], pixels).expect("four pixels"));
-        TextureKind::Image { picture, scale: [1.0; 2], shift: [0.0; 2], factor, invert }
+        TextureKind::Image { picture, scale: [1.0; 2], shift: [0.0; 2], factor, invert, wrap: Wrap::Repeat }
     }
 
     #[test]

@@ -8,7 +8,7 @@ use dapple_core::{Frame, Limits, PointSet, SampleId};
 use dapple_low_discrepancy::Sobol;
 use dapple_renderer::camera::{CameraError, CameraView, Lens, Pinhole, ThinLens};
 use dapple_renderer::pixel_filter::FilterSampler;
-use dapple_renderer::scene::{Camera, Geometry, PixelFilter, Scene};
+use dapple_renderer::scene::{Camera, Geometry, PixelFilter, Projection, Scene};
 use dapple_renderer::{Space, World};
 use glam::{DAffine3, DMat3, DVec3, Vec2, Vec3};
 use std::sync::Arc;
@@ -108,7 +108,8 @@ fn r03_degenerate_pose() {
         assert!(message.starts_with("made.pbrt:1: the camera's transform"), "{message}");
     }
     for fov in [0.0, 180.0, -10.0, f64::NAN, f64::INFINITY] {
-        let message = error(&|c| c.fov = fov).unwrap_or_else(|| panic!("{fov} is no angle"));
+        let message =
+            error(&|c| c.projection = Projection::Perspective { fov }).unwrap_or_else(|| panic!("{fov} is no angle"));
         assert!(message.starts_with("made.pbrt:1: a field of view of"), "{message}");
     }
     for window in [[1.0, -1.0, -1.0, 1.0], [0.0, 0.0, 0.0, 1.0], [f64::NAN; 4], [-1e300, 1e300, -1.0, 1.0]] {
@@ -116,7 +117,7 @@ fn r03_degenerate_pose() {
         assert!(message.contains("the screen window"), "{message}");
     }
     assert!(error(&|c| c.aspect = Some(0.0)).is_some() && error(&|c| c.aspect = Some(f64::NAN)).is_some());
-    assert_eq!(error(&|c| c.fov = 179.9), None);
+    assert_eq!(error(&|c| c.projection = Projection::Perspective { fov: 179.9 }), None);
 }
 
 #[test]
@@ -133,7 +134,8 @@ fn r03_scaled_cameras_see_the_same() {
 #[test]
 fn r04_mirror_symmetry() {
     for size in [[7, 5], [1, 1], [641, 479]] {
-        let view = view(&Camera { fov: 50.0, ..Camera::default() }, size).expect("a sound camera");
+        let view = view(&Camera { projection: Projection::Perspective { fov: 50.0 }, ..Camera::default() }, size)
+            .expect("a sound camera");
         let pixels = (0..size[0]).step_by(7).flat_map(|x| (0..size[1]).step_by(3).map(move |y| [x, y]));
         for ([x, y], k) in pixels.zip(0..) {
             let offset = Vec2::new((k * 37 % 101) as f32 / 101.0 - 0.5, (k * 53 % 97) as f32 / 97.0 - 0.5);
@@ -236,7 +238,13 @@ fn r07_a_lens_of_radius_0_is_none() {
 fn r07_lens_rays_meet_in_focus() {
     for scale in [DVec3::ONE, DVec3::splat(0.25), DVec3::new(1.0, 2.0, 0.5)] {
         let to_world = look_at(DVec3::new(1.0, 2.0, 3.0), DVec3::ZERO, DVec3::Z) * DAffine3::from_scale(scale);
-        let camera = Camera { to_world, lens_radius: 0.1, focal_distance: 4.0, fov: 40.0, ..Camera::default() };
+        let camera = Camera {
+            to_world,
+            lens_radius: 0.1,
+            focal_distance: 4.0,
+            projection: Projection::Perspective { fov: 40.0 },
+            ..Camera::default()
+        };
         let view = view(&camera, [20, 10]).expect("a sound camera");
         for pixel in [[0, 0], [9, 4], [19, 9]] {
             let place = view.place(pixel, Vec2::splat(0.2));

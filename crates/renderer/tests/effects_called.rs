@@ -120,7 +120,7 @@ fn unused_features(scene: &mut Scene) {
     scene.textures.push(Texture { name: "unused".into(), kind, source: line(300) });
     let reflectance = Color::Texture(TextureId(0));
     let source = line(301);
-    scene.materials.push(Material { name: "checked".into(), kind: MaterialKind::Diffuse { reflectance }, source });
+    scene.materials.push(Material::new("checked", MaterialKind::Diffuse { reflectance }, source));
     scene.camera.focal_distance = 3.0;
     let black = LightKind::Infinite { radiance: EnvironmentRadiance::Constant([0.0; 3]) };
     scene.lights.push(Light { kind: black, to_world: DAffine3::IDENTITY, source: line(302) });
@@ -234,7 +234,7 @@ fn effects_each_with_its_object() {
     assert_eq!(kind(|| metal(0.0)), [lamp, ("mirror", 100)]);
     assert_eq!(kind(|| coated(0.5, 0.3)), [lamp, ("glossy", 100)]);
     assert_eq!(kind(|| coated(0.5, 0.0)), [lamp, ("mirror", 100)]);
-    let remapped = Roughness { u: 1e-8, v: 1e-8, remap: true };
+    let remapped = Roughness::constant(1e-8, 1e-8, true);
     let MaterialKind::Conductor { fresnel, .. } = metal(0.2) else { unreachable!("a metal is a conductor") };
     let tiny = MaterialKind::Conductor { fresnel, roughness: remapped };
     assert_eq!(with(&|s| s.materials[0].kind = tiny.clone()), [lamp, ("mirror", 100)], "alpha is 1e-4");

@@ -2,8 +2,8 @@
 
 use dapple_renderer::pbrt::{ReadError, ReadOptions, read_scene_from};
 use dapple_renderer::scene::{
-    Color, ConductorFresnel, Emission, EnvironmentRadiance, Geometry, LightKind, MaterialKind, PixelFilter, Scene,
-    TextureKind,
+    Color, ConductorFresnel, Emission, EnvironmentRadiance, Geometry, LightKind, MaterialKind, PixelFilter, Projection,
+    Scene, TextureKind,
 };
 use glam::{DVec3, dvec3};
 
@@ -55,13 +55,16 @@ fn small_scene() {
     assert_eq!(scene.film.resolution, [40, 30]);
     assert_eq!((scene.film.spp, scene.film.file_name.as_deref()), (Some(16), Some("small.exr")));
     assert_eq!(scene.film.pixel_filter, PixelFilter::Box { radius: [0.5, 0.5] });
-    assert_eq!((scene.max_depth, scene.camera.fov, scene.name.as_str()), (Some(7), 45.0, "s"));
+    assert_eq!(
+        (scene.max_depth, scene.camera.projection, scene.name.as_str()),
+        (Some(7), Projection::Perspective { fov: 45.0 }, "s")
+    );
     assert!((scene.camera.to_world.transform_point3(DVec3::ZERO) - dvec3(0.0, 0.0, -5.0)).length() < 1e-12);
     assert_eq!(scene.shapes.len(), 3);
     let kind = |shape: usize| &scene.materials[scene.shapes[shape].material.0 as usize].kind;
     assert!(matches!(kind(0), MaterialKind::Diffuse { reflectance: Color::Texture(_) }));
     let MaterialKind::Conductor { fresnel: ConductorFresnel::EtaK { eta, .. }, roughness } = kind(1) else { panic!() };
-    assert_eq!((eta[0], roughness.u, roughness.v, roughness.remap), (0.200_437_7, 0.1, 0.1, true));
+    assert_eq!((eta[0], roughness.constants(), roughness.remap), (0.200_437_7, Some([0.1, 0.1]), true));
     assert!(scene.shapes[0].emission.is_none() && scene.shapes[1].emission.is_none());
     assert_eq!(scene.shapes[2].emission, Some(Emission { radiance: [8.0, 6.0, 4.0], two_sided: false }));
     assert_eq!(scene.shapes[2].to_world.transform_point3(DVec3::ZERO), dvec3(0.0, 3.0, 0.0));
@@ -370,7 +373,7 @@ fn i06_what_is_read_otherwise_is_listed() {
     let cameras = format!("Camera \"perspective\" \"float fov\" 20\n{HEAD}{TAIL}");
     let scene = read(&cameras).unwrap();
     assert_eq!(scene.notices[0].message, "a second Camera (the first is at s.pbrt:1): this one counts");
-    assert_eq!(scene.camera.fov, 90.0);
+    assert_eq!(scene.camera.projection, Projection::Perspective { fov: 90.0 });
     let scene = read(&format!("Integrator \"bdpt\" \"integer maxdepth\" 9\nSampler \"halton\"\n{HEAD}{TAIL}")).unwrap();
     let said: Vec<&str> = scene.notices.iter().map(|n| n.message.as_str()).collect();
     assert_eq!(

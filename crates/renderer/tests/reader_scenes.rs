@@ -3,7 +3,7 @@
 
 use dapple_renderer::pbrt::{ReadOptions, read_scene};
 use dapple_renderer::ply::read_ply;
-use dapple_renderer::scene::{EnvironmentRadiance, Geometry, LightKind, Scene};
+use dapple_renderer::scene::{EnvironmentRadiance, Geometry, LightKind, Projection, Scene};
 use std::path::PathBuf;
 
 fn shared(name: &str) -> Option<PathBuf> {
@@ -31,7 +31,7 @@ fn cornell_box() {
     let Some(scene) = read("pbrt-v4/cornell-box/scene-v4.pbrt") else { return };
     assert_eq!((scene.shapes.len(), triangles(&scene)), (8, 36));
     assert_eq!((scene.film.resolution, scene.film.spp), ([1024, 1024], Some(64)));
-    assert_eq!((scene.max_depth, scene.camera.fov), (Some(65), 19.5));
+    assert_eq!((scene.max_depth, scene.camera.projection), (Some(65), Projection::Perspective { fov: 19.5 }));
     assert_eq!((scene.lights.len(), scene.materials.len()), (0, 8));
     let shining: Vec<_> = scene.shapes.iter().filter(|s| s.emission.is_some()).collect();
     assert_eq!(shining.len(), 1);
@@ -48,7 +48,7 @@ fn veach_mis() {
     let Some(scene) = read("pbrt-v4/veach-mis/scene-v4.pbrt") else { return };
     assert_eq!((scene.shapes.len(), triangles(&scene)), (9, 52));
     assert_eq!((scene.film.resolution, scene.max_depth), ([1280, 720], Some(3)));
-    assert_eq!(scene.camera.fov, 20.114292);
+    assert_eq!(scene.camera.projection, Projection::Perspective { fov: 20.114292 });
     let spheres: Vec<_> = scene.shapes.iter().filter(|s| matches!(s.geometry, Geometry::Sphere { .. })).collect();
     assert_eq!(spheres.len(), 3);
     assert!(spheres.iter().all(|s| s.emission.is_some()));

@@ -88,7 +88,7 @@ impl Environment {
             }
             EnvironmentRadiance::Constant(rgb) if *rgb == [0.0; 3] => return Ok(None),
             EnvironmentRadiance::Constant(rgb) => Kind::Constant(Vec3::from_array(*rgb)),
-            EnvironmentRadiance::LatLong { picture, scale } => {
+            EnvironmentRadiance::LatLong { picture, scale } | EnvironmentRadiance::EqualArea { picture, scale } => {
                 let [width, height] = picture.size.map(|n| n as usize);
                 if let Some(i) = picture.pixels.iter().position(|p| !valid(p)) {
                     let (column, row, value) = (i % width, i / width, picture.pixels[i]);

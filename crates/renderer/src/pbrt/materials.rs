@@ -117,7 +117,7 @@ fn eta(params: &mut Params) -> f32 {
 fn roughness(params: &mut Params, textures: &Textures) -> Roughness {
     let mut read = |name, default| params.scalar(name, default, textures, |v| v >= 0.0, "at least 0");
     let both = read("roughness", 0.0);
-    Roughness { u: read("uroughness", both), v: read("vroughness", both), remap: params.flag("remaproughness", true) }
+    Roughness::constant(read("uroughness", both), read("vroughness", both), params.flag("remaproughness", true))
 }
 
 impl Params {

@@ -4,7 +4,7 @@ use super::directive::Directive;
 use super::params::{Params, Type};
 use super::reader::Reader;
 use super::tokens::shown;
-use crate::scene::{Camera, PixelFilter, Source};
+use crate::scene::{Camera, PixelFilter, Projection, Source};
 
 impl Reader<'_> {
     /// Carries out `Camera`, `Film`, `Sampler`, `Integrator` or `PixelFilter`.
@@ -45,7 +45,17 @@ impl Reader<'_> {
         self.name_space("camera", to_world);
         if params.finish(&mut self.log) {
             let screen_window = window.map(|w| w.0);
-            self.scene.camera = Camera { to_world, fov, aspect, screen_window, lens_radius, focal_distance, source };
+            let projection = Projection::Perspective { fov };
+            self.scene.camera = Camera {
+                to_world,
+                projection,
+                aspect,
+                screen_window,
+                lens_radius,
+                focal_distance,
+                source,
+                ..Camera::default()
+            };
         }
     }
 

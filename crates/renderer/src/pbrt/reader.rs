@@ -385,7 +385,7 @@ impl<'a> Reader<'a> {
 
     pub(super) fn add_material(&mut self, name: String, kind: MaterialKind, source: Source) -> MaterialId {
         let id = MaterialId(self.scene.materials.len() as u32);
-        self.scene.materials.push(Material { name, kind, source });
+        self.scene.materials.push(Material::new(name, kind, source));
         id
     }
 

@@ -38,7 +38,7 @@ impl Reader<'_> {
         };
         let material = self.current_material(&d.source);
         let (to_world, reversed, emission) = (self.state.ctm, self.state.reversed, self.state.emission);
-        self.scene.shapes.push(Shape { geometry, to_world, material, emission, reversed, source: d.source });
+        self.scene.shapes.push(Shape { emission, reversed, ..Shape::new(geometry, to_world, material, d.source) });
     }
 
     fn ply_mesh(&mut self, params: &mut Params, source: &Source) -> Option<Geometry> {

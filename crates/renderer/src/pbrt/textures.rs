@@ -5,7 +5,7 @@ use super::params::{Params, Type};
 use super::reader::{Reader, unknown_name};
 use super::spectra::Gamut;
 use super::tokens::shown;
-use crate::scene::{Color, Source, Texture, TextureId, TextureKind};
+use crate::scene::{Color, Source, Texture, TextureId, TextureKind, Wrap};
 use std::collections::BTreeMap;
 
 /// What stands for a texture that is not supported, where that is allowed.
@@ -134,9 +134,11 @@ impl Reader<'_> {
             return GREY;
         };
         match self.picture(&file, linear, &Source { line, ..source.clone() }) {
-            Some(picture) => {
-                self.add_texture(name, TextureKind::Image { picture, scale, shift, factor, invert }, source)
-            }
+            Some(picture) => self.add_texture(
+                name,
+                TextureKind::Image { picture, scale, shift, factor, invert, wrap: Wrap::Repeat },
+                source,
+            ),
             None => GREY,
         }
     }
@@ -170,10 +172,10 @@ impl Reader<'_> {
                 };
                 TextureKind::Checkerboard { scale, shift, colors: [constant(colors[0])?, constant(colors[1])?] }
             }
-            TextureKind::Image { picture, scale, shift, factor, invert: false } => {
-                TextureKind::Image { picture, scale, shift, factor: factor * by, invert: false }
+            TextureKind::Image { picture, scale, shift, factor, invert: false, wrap } => {
+                TextureKind::Image { picture, scale, shift, factor: factor * by, invert: false, wrap }
             }
-            TextureKind::Image { .. } => return None,
+            _ => return None,
         };
         Some(self.add_texture(name, kind, source))
     }

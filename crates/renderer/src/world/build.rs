@@ -118,7 +118,10 @@ fn world_normals(mesh: &MeshData, to_world: DAffine3, sign: f32) -> Vec<Vec3> {
 fn environments(scene: &Scene, problems: &mut Problems) -> Vec<Environment> {
     let mut found = Vec::new();
     for light in &scene.lights {
-        let LightKind::Infinite { radiance } = &light.kind;
+        let LightKind::Infinite { radiance } = &light.kind else {
+            problems.0.push(format!("{}: this light is not supported yet", light.source));
+            continue;
+        };
         let environment = Environment::new(radiance, light.to_world.matrix3, &light.source);
         found.extend(problems.note(environment).flatten());
     }

@@ -8,7 +8,7 @@ use dapple_core::{Film, Frame, Limits, Needs, NoWatch, PointSet, Sampler, render
 use dapple_low_discrepancy::Sobol;
 use dapple_renderer::scene::{
     Camera, Color, ConductorFresnel, Emission, EnvironmentRadiance, Geometry, Light, LightKind, Material, MaterialId,
-    MaterialKind, MeshData, Roughness, Scene, Shape, Source,
+    MaterialKind, MeshData, Projection, Roughness, Scene, Shape, Source,
 };
 use dapple_renderer::{World, integrator};
 use glam::{DAffine3, DMat3, DVec3};
@@ -30,7 +30,12 @@ pub fn line(line: u32) -> Source {
 pub fn scene(size: [u32; 2], fov: f64, eye: DVec3, target: DVec3) -> Scene {
     let mut scene = Scene { name: "made".into(), max_depth: Some(5), ..Scene::default() };
     let up = if (target - eye).normalize().z.abs() > 0.9 { DVec3::Y } else { DVec3::Z };
-    scene.camera = Camera { to_world: look_at(eye, target, up), fov, source: line(1), ..Camera::default() };
+    scene.camera = Camera {
+        to_world: look_at(eye, target, up),
+        projection: Projection::Perspective { fov },
+        source: line(1),
+        ..Camera::default()
+    };
     scene.film.resolution = size;
     scene
 }
@@ -38,7 +43,7 @@ pub fn scene(size: [u32; 2], fov: f64, eye: DVec3, target: DVec3) -> Scene {
 /// Adds a material and gives its number.
 pub fn add_material(scene: &mut Scene, kind: MaterialKind) -> MaterialId {
     let number = scene.materials.len() as u32;
-    scene.materials.push(Material { name: format!("material{number}"), kind, source: line(100 + number) });
+    scene.materials.push(Material::new(format!("material{number}"), kind, line(100 + number)));
     MaterialId(number)
 }
 
@@ -48,13 +53,13 @@ pub fn diffuse(rho: f32) -> MaterialKind {
 
 pub fn metal(alpha: f32) -> MaterialKind {
     let fresnel = ConductorFresnel::EtaK { eta: [0.2, 0.9, 1.1], k: [3.9, 2.4, 2.2] };
-    MaterialKind::Conductor { fresnel, roughness: Roughness { u: alpha, v: alpha, remap: false } }
+    MaterialKind::Conductor { fresnel, roughness: Roughness::constant(alpha, alpha, false) }
 }
 
 pub fn coated(rho: f32, alpha: f32) -> MaterialKind {
     MaterialKind::CoatedDiffuse {
         reflectance: Color::Constant([rho; 3]),
-        roughness: Roughness { u: alpha, v: alpha, remap: false },
+        roughness: Roughness::constant(alpha, alpha, false),
         eta: 1.5,
         thickness: 0.0,
         albedo: Color::Constant([0.0; 3]),
@@ -74,7 +79,7 @@ pub fn add(
 ) -> usize {
     let number = scene.shapes.len() as u32;
     let emission = shines.map(|l| Emission { radiance: [l; 3], two_sided: false });
-    scene.shapes.push(Shape { geometry, to_world, material, emission, reversed: false, source: line(10 + number) });
+    scene.shapes.push(Shape { emission, ..Shape::new(geometry, to_world, material, line(10 + number)) });
     number as usize
 }
 

@@ -1,0 +1,190 @@
+//! Shapes, objects made of them, and where these stand.
+
+use super::{MaterialId, MediumInterface, Scalar, Source};
+use glam::{DAffine3, DVec3};
+use std::sync::Arc;
+
+/// One shape with what it is made of.
+///
+/// Its geometric normal, which tells the side that shines, is as in pbrt-v4:
+/// * In the shape's own space: `(p1 - p0) x (p2 - p0)` of a triangle, outwards of a sphere, +z of a disk.
+/// * It is brought to world space as a normal (by the inverse transpose), so that a transform that mirrors
+///   does not turn it around; then it is negated if [`reversed`](Self::reversed).
+/// * Where a mesh has normals, they are transformed and negated the same way, and a triangle's geometric
+///   normal is negated where it points away from their interpolation: shading normals decide on the side.
+#[derive(Clone, Debug)]
+pub struct Shape {
+    /// Its geometry, in its own space.
+    pub geometry: Geometry,
+    /// From its space to world space (of a shape in an [`Object`]: to the object's space).
+    pub to_world: DAffine3,
+    /// The same at the second of [`Scene::motion_times`](super::Scene::motion_times), if it moves. Shapes of
+    /// objects do not; their instances may.
+    pub moves_to: Option<DAffine3>,
+    /// Its material.
+    pub material: MaterialId,
+    /// The light it gives off.
+    pub emission: Option<Emission>,
+    /// Opacity, where it is not 1 throughout: 0 is a hole.
+    pub alpha: Option<Scalar>,
+    /// What fills space on both sides; `None` where both sides have what is there anyway.
+    pub media: Option<MediumInterface>,
+    /// Whether the file turned its orientation around (`ReverseOrientation`).
+    pub reversed: bool,
+    /// Where the file says so.
+    pub source: Source,
+}
+
+impl Shape {
+    /// A still, dark, opaque shape.
+    pub fn new(geometry: Geometry, to_world: DAffine3, material: MaterialId, source: Source) -> Self {
+        let (moves_to, emission, alpha, media) = (None, None, None, None);
+        Self { geometry, to_world, moves_to, material, emission, alpha, media, reversed: false, source }
+    }
+}
+
+/// The geometry of a shape.
+#[derive(Clone, Debug)]
+pub enum Geometry {
+    /// Triangles.
+    Mesh(Arc<MeshData>),
+    /// A whole sphere around the origin.
+    Sphere {
+        /// Its radius.
+        radius: f64,
+    },
+    /// A whole disk (or ring) around the z axis, facing +z.
+    Disk {
+        /// Its z.
+        height: f64,
+        /// Outer radius.
+        radius: f64,
+        /// Radius of the hole; 0 for none.
+        inner_radius: f64,
+    },
+}
+
+/// Number of an object in [`Scene::objects`](super::Scene::objects).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct ObjectId(pub u32);
+
+/// A group of shapes.
+#[derive(Clone, Debug)]
+pub struct Object {
+    /// Its name in the file.
+    pub name: String,
+    /// What it is made of. None of it shines.
+    pub shapes: Vec<Shape>,
+    /// Where the file says so.
+    pub source: Source,
+}
+
+/// An object that stands somewhere.
+#[derive(Clone, Debug)]
+pub struct Instance {
+    /// Which.
+    pub object: ObjectId,
+    /// From the object's space to world space.
+    pub to_world: DAffine3,
+    /// The same at the second of [`Scene::motion_times`](super::Scene::motion_times), if it moves.
+    pub moves_to: Option<DAffine3>,
+    /// Where the file says so.
+    pub source: Source,
+}
+
+impl MeshData {
+    /// Whether positions, normals and texture coordinates are finite and as many as they should be, and
+    /// all corners exist. Triangles without area are no fault.
+    ///
+    /// # Errors
+    /// The first fault found.
+    pub fn check(&self) -> Result<(), MeshFault> {
+        let vertices = self.positions.len();
+        if let Some(vertex) = self.positions.iter().position(|p| !p.is_finite()) {
+            return Err(MeshFault::Position { vertex });
+        }
+        for (of, count) in [("normals", self.normals.len()), ("texture coordinates", self.uvs.len())] {
+            if count != 0 && count != vertices {
+                return Err(MeshFault::Count { of, count, vertices });
+            }
+        }
+        if let Some(vertex) = self.normals.iter().position(|n| n.iter().any(|c| !c.is_finite())) {
+            return Err(MeshFault::Attribute { of: "normal", vertex });
+        }
+        if let Some(vertex) = self.uvs.iter().position(|uv| uv.iter().any(|c| !c.is_finite())) {
+            return Err(MeshFault::Attribute { of: "texture coordinate", vertex });
+        }
+        let beyond = |corner: &&u32| **corner as usize >= vertices;
+        for (triangle, corners) in self.triangles.iter().enumerate() {
+            if let Some(&corner) = corners.iter().find(beyond) {
+                return Err(MeshFault::Corner { triangle, corner, vertices });
+            }
+        }
+        if self.triangles.is_empty() { Err(MeshFault::Empty) } else { Ok(()) }
+    }
+}
+
+/// What is wrong with a mesh. Vertices and triangles count from 0.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum MeshFault {
+    /// There is nothing to see.
+    #[error("the mesh has no triangles: remove it")]
+    Empty,
+    /// A vertex is nowhere.
+    #[error("the position of vertex {vertex} is not finite: mend the mesh")]
+    Position {
+        /// Which.
+        vertex: usize,
+    },
+    /// A normal or texture coordinate is NaN or infinite, in single precision.
+    #[error("the {of} of vertex {vertex} is not finite: mend the mesh")]
+    Attribute {
+        /// What.
+        of: &'static str,
+        /// Whose.
+        vertex: usize,
+    },
+    /// Not one per vertex.
+    #[error("there are {count} {of} for {vertices} vertices: give one for each, or none")]
+    Count {
+        /// Of what.
+        of: &'static str,
+        /// How many there are.
+        count: usize,
+        /// How many there should be.
+        vertices: usize,
+    },
+    /// A corner that is no vertex.
+    #[error("triangle {triangle} has corner {corner}: corners are whole numbers from 0 to {}", vertices.saturating_sub(1))]
+    Corner {
+        /// Whose.
+        triangle: usize,
+        /// Which.
+        corner: u32,
+        /// How many there are.
+        vertices: usize,
+    },
+}
+
+/// Indexed triangles. `normals` and `uvs` are empty or as long as `positions`.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct MeshData {
+    /// Corners.
+    pub positions: Vec<DVec3>,
+    /// Shading normals, one per corner; need not be unit length.
+    pub normals: Vec<[f32; 3]>,
+    /// Texture coordinates, one per corner.
+    pub uvs: Vec<[f32; 2]>,
+    /// Three corner numbers a triangle.
+    pub triangles: Vec<[u32; 3]>,
+}
+
+/// Diffuse emission of a shape.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Emission {
+    /// Radiance, linear RGB, every scale and power factor multiplied in.
+    pub radiance: [f32; 3],
+    /// Whether it shines from both sides; else from the side its normal points to.
+    pub two_sided: bool,
+}
