@@ -6,9 +6,9 @@ use crate::blocks;
 use crate::camera::Lens;
 use crate::light::{LightSample, Target};
 use crate::material::{self, Surface};
-use crate::medium::{MediumEvent, NO_MEDIUM, Phase};
+use crate::medium::{HenyeyGreenstein, MediumEvent};
 use crate::shading::power_heuristic_over_pdf;
-use crate::world::Interaction;
+use crate::world::{Interaction, NO_MEDIUM};
 use dapple_core::Draws;
 use dapple_geometry::{PrimitiveId, Ray, SurfacePoint, spawn_ray, spawn_ray_to, spawn_ray_to_point};
 use glam::Vec3;
@@ -85,7 +85,7 @@ impl<'w, L: Lens, const E: u32> PathTracer<'w, L, E> {
             let found = world.closest_at(&ray, path.time);
             let end = found.as_ref().map_or(ray.tmax, |at| at.hit.t);
             if medium != NO_MEDIUM {
-                share *= world.media.transmittance(medium, end * ray.direction.length());
+                share *= world.media.medium(medium).transmittance(end * ray.direction.length());
             }
             let Some(at) = found else { return share };
             let part = at.part;
@@ -116,13 +116,13 @@ impl<'w, L: Lens, const E: u32> PathTracer<'w, L, E> {
     #[inline(never)]
     pub(super) fn cross(&self, draws: &Draws<'_>, path: &mut Path, distance: f32, vertex: u32) -> Way {
         let world = self.world;
-        let media = &world.media;
-        if !media.scatters(path.medium) {
-            path.throughput *= media.transmittance(path.medium, distance);
+        let medium = world.media.medium(path.medium);
+        if !medium.scatters() {
+            path.throughput *= medium.transmittance(distance);
             return if path.throughput == Vec3::ZERO { Way::Ended } else { Way::Passed };
         }
         let u = draws.block(blocks::medium(path.segments));
-        match media.sample(path.medium, distance, u[0], u[1]) {
+        match medium.sample(distance, u[0], u[1], path.throughput) {
             MediumEvent::Pass { weight } => {
                 path.throughput *= weight;
                 Way::Passed
@@ -140,35 +140,40 @@ impl<'w, L: Lens, const E: u32> PathTracer<'w, L, E> {
     fn scatter_in_medium(&self, draws: &Draws<'_>, path: &mut Path, t: f32, u: [f32; 2], vertex: u32) -> Way {
         let world = self.world;
         let position = path.ray.at(t);
-        let wo = -path.ray.direction;
-        let phase = world.media.phase(path.medium);
+        let phase = world.media.medium(path.medium).phase();
         let roulette = vertex >= super::path::ROULETTE_FROM;
         let chooses = world.lights.len() > 1 || roulette;
         let choices = if chooses { draws.block(blocks::choose(vertex)) } else { [0.0; 4] };
         if !world.lights.is_empty() {
             let on_light = draws.block(blocks::scatter(vertex));
             if let Some(light) = world.lights.sample(position, choices[0], [on_light[0], on_light[1]]) {
-                let direct = self.direct_in_medium(path, position, phase, wo, &light);
+                let direct = self.direct_in_medium(path, position, phase, &light);
                 path.radiance += path.throughput * direct;
             }
         }
         if roulette && !self.survives(path, choices[2]) {
             return Way::Ended;
         }
-        let (wi, pdf) = phase.sample(wo, u);
-        path.last = Some(LastScatter { position, pdf });
-        path.ray = Ray::new(position, wi);
+        let sample = phase.sample(path.ray.direction, u);
+        path.last = Some(LastScatter { position, pdf: sample.pdf });
+        path.ray = Ray::new(position, sample.wi);
         Way::Scattered
     }
 
-    fn direct_in_medium(&self, path: &mut Path, position: Vec3, phase: Phase, wo: Vec3, light: &LightSample) -> Vec3 {
+    fn direct_in_medium(
+        &self,
+        path: &mut Path,
+        position: Vec3,
+        phase: &HenyeyGreenstein,
+        light: &LightSample,
+    ) -> Vec3 {
         // A point in space is exact and has no side.
         let from =
             SurfacePoint { position, error: Vec3::ZERO, normal: Vec3::ZERO, primitive: PrimitiveId::NONE };
         let ray = shadow_ray(&from, light);
         let share = self.transmittance(ray, &light.target, path, path.medium);
         // The phase function is a density: what it is worth is also how likely it is drawn.
-        let pdf = phase.pdf(wo, light.wi);
+        let pdf = phase.evaluate(path.ray.direction, light.wi);
         let weight = if light.delta { light.pdf.recip() } else { power_heuristic_over_pdf(light.pdf, pdf) };
         share * light.radiance * (pdf * weight)
     }
@@ -189,6 +194,9 @@ pub(super) fn shadow_ray(from: &SurfacePoint, light: &LightSample) -> Ray {
 pub(super) fn beyond(at: &Interaction<'_>, direction: Vec3, medium: u32) -> u32 {
     match &at.part.media {
         None => medium,
-        Some(media) => media[usize::from(at.point.normal.dot(direction) > 0.0)],
+        Some(media) => {
+            let outside = at.point.normal.dot(direction) > 0.0;
+            if outside { media.outside } else { media.inside }.map_or(NO_MEDIUM, |medium| medium.0)
+        }
     }
 }
