@@ -333,7 +333,8 @@ impl Placements {
 
     pub(crate) fn memory_bytes(&self) -> usize {
         let objects: usize = self.objects.iter().map(|object| object.geometry.memory_bytes()).sum();
-        let path = |instance: &Standing| if matches!(instance.place, Place::Moving(_)) { Motion::PATH_BYTES } else { 0 };
+        let path =
+            |instance: &Standing| if matches!(instance.place, Place::Moving(_)) { Motion::PATH_BYTES } else { 0 };
         objects
             + size_of_val(&*self.objects)
             + size_of_val(&*self.instances)

@@ -141,8 +141,7 @@ impl Path {
     /// How far a point can stray from the straight lines between the ends of so many pieces of its path.
     fn sagitta(&self, point: DVec3, pieces: u32) -> f64 {
         let [start, end] = self.stretch.map(|stretch| stretch * point);
-        let acceleration =
-            self.angle * (self.angle * start.length().max(end.length()) + 2.0 * (end - start).length());
+        let acceleration = self.angle * (self.angle * start.length().max(end.length()) + 2.0 * (end - start).length());
         acceleration / (8.0 * f64::from(pieces * pieces))
     }
 }
