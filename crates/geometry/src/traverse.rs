@@ -52,6 +52,8 @@ pub(crate) enum Child {
     Node(u32),
     Triangles(u32),
     Quadric(u32),
+    /// In a tree over boxes: the number of one.
+    Box(u32),
 }
 
 impl Child {
@@ -59,7 +61,7 @@ impl Child {
         match self {
             Self::Node(number) => number,
             Self::Triangles(number) => number | TRIANGLES,
-            Self::Quadric(number) => number | QUADRIC,
+            Self::Quadric(number) | Self::Box(number) => number | QUADRIC,
         }
     }
 }
@@ -122,10 +124,56 @@ impl<L: Lanes, const ANY: bool> NullaryFnOnce for Walk<'_, L, ANY> {
     fn call(self) -> bool {
         let Self { token, tree, frame, best } = self;
         match tree.stack {
-            0..=24 => tree.walk::<L, ANY, 24>(token, frame, best),
-            25..=64 => tree.walk::<L, ANY, 64>(token, frame, best),
-            _ => tree.walk::<L, ANY, DEEPEST>(token, frame, best),
+            0..=24 => tree.walk::<L, ANY, 24, _>(token, frame, best, &mut Primitives),
+            25..=64 => tree.walk::<L, ANY, 64, _>(token, frame, best, &mut Primitives),
+            _ => tree.walk::<L, ANY, DEEPEST, _>(token, frame, best, &mut Primitives),
         }
+    }
+}
+
+/// What a walk does at a leaf: offers hits to the best so far; with `ANY` it tells whether there was one.
+trait Leaves {
+    fn test<L: Lanes, const ANY: bool>(
+        &mut self,
+        tree: &Tree,
+        token: L::Token,
+        code: u32,
+        frame: &Frame,
+        best: &mut Best,
+    ) -> bool;
+}
+
+/// Leaves are triangles, spheres and disks.
+struct Primitives;
+
+impl Leaves for Primitives {
+    #[inline(always)]
+    fn test<L: Lanes, const ANY: bool>(
+        &mut self,
+        tree: &Tree,
+        token: L::Token,
+        code: u32,
+        frame: &Frame,
+        best: &mut Best,
+    ) -> bool {
+        tree.test_leaf::<L, ANY>(token, code, frame, best)
+    }
+}
+
+/// Leaves are boxes, and the function knows what is in them.
+struct Boxes<F>(F);
+
+impl<F: FnMut(u32, &mut Best) -> bool> Leaves for Boxes<F> {
+    #[inline(always)]
+    fn test<L: Lanes, const ANY: bool>(
+        &mut self,
+        _: &Tree,
+        _: L::Token,
+        code: u32,
+        _: &Frame,
+        best: &mut Best,
+    ) -> bool {
+        (self.0)(code & !QUADRIC, best)
     }
 }
 
@@ -145,7 +193,7 @@ impl Best {
     }
 
     #[inline(always)]
-    fn offer(&mut self, t: f32, key: u64, weights: [f32; 2]) {
+    pub(crate) fn offer(&mut self, t: f32, key: u64, weights: [f32; 2]) {
         if t < self.t || (t == self.t && key < self.key) {
             *self = Self { t, key, weights, found: true };
         }
@@ -173,14 +221,29 @@ impl Tree {
         }
     }
 
+    /// Walks a tree over boxes: `visit` is given the numbers of those that are met, the nearest first, and the best so
+    /// far; with `ANY` the walk ends when it returns `true`.
+    pub(crate) fn visit<const ANY: bool>(
+        &self,
+        frame: &Frame,
+        best: &mut Best,
+        visit: &mut dyn FnMut(u32, &mut Best) -> bool,
+    ) -> bool {
+        match self.stack {
+            0..=24 => self.walk::<Pair, ANY, 24, _>((), frame, best, &mut Boxes(visit)),
+            _ => self.walk::<Pair, ANY, DEEPEST, _>((), frame, best, &mut Boxes(visit)),
+        }
+    }
+
     /// Walks the tree from near to far. With `ANY` it returns `true` at the first hit, else it leaves the closest in
     /// `best`. `STACK` is at least `self.stack`.
     #[inline(always)]
-    fn walk<L: Lanes, const ANY: bool, const STACK: usize>(
+    fn walk<L: Lanes, const ANY: bool, const STACK: usize, V: Leaves>(
         &self,
         token: L::Token,
         frame: &Frame,
         best: &mut Best,
+        leaves: &mut V,
     ) -> bool {
         if self.nodes.is_empty() {
             return false;
@@ -192,7 +255,7 @@ impl Tree {
             let met = if code < QUADRIC {
                 self.enter::<L, ANY, STACK>(token, code, frame, best.t, &mut stack, &mut height)
             } else {
-                if self.test_leaf::<L, ANY>(token, code, frame, best) {
+                if leaves.test::<L, ANY>(self, token, code, frame, best) {
                     return true;
                 }
                 None

@@ -5,7 +5,7 @@ mod path;
 pub use path::PathTracer;
 
 use crate::World;
-use crate::camera::{Pinhole, ThinLens};
+use crate::camera::{General, Pinhole, ThinLens};
 use dapple_core::Integrator;
 
 /// The integrator that a world calls for: path tracing without the code of effects that it does not
@@ -31,5 +31,11 @@ pub fn integrator(world: &World) -> Box<dyn Integrator + '_> {
             }
         };
     }
-    if world.camera.has_lens() { specialise!(ThinLens) } else { specialise!(Pinhole) }
+    if world.camera.is_general() {
+        specialise!(General)
+    } else if world.camera.has_lens() {
+        specialise!(ThinLens)
+    } else {
+        specialise!(Pinhole)
+    }
 }
