@@ -7,7 +7,7 @@ use crate::camera::{CameraError, CameraView};
 use crate::light::{
     DiskLamp, DistantLamp, Environment, Lamp, Light, Lights, MeshLamp, PointLamp, SphereLamp, SpotLamp,
 };
-use crate::material::Surface;
+use crate::material::{Surface, check_mixes};
 use crate::pixel_filter::FilterSampler;
 use crate::scene::{Emission, Geometry as Described, LightKind, MeshData, Scene, Shape as DescribedShape, Source};
 use crate::space::{Space, even_scale};
@@ -50,6 +50,7 @@ pub(super) fn build(scene: &Scene, resolution: [u32; 2]) -> Result<World, WorldE
     for material in &scene.materials {
         surfaces.extend(problems.note(Surface::new(material)));
     }
+    problems.0.extend(check_mixes(&scene.materials).iter().map(ToString::to_string));
     let mut shapes = Vec::with_capacity(scene.shapes.len());
     let mut parts = Vec::with_capacity(scene.shapes.len());
     let mut placements = Placements::of(scene, &space, &shutter, &mut problems);
