@@ -5,6 +5,7 @@
 mod compare;
 mod info;
 mod lists;
+mod machine;
 mod output;
 mod render;
 mod scene;

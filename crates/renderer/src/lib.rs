@@ -33,7 +33,7 @@ mod texture;
 mod world;
 
 pub use clusters::{Stage, WorldClusters, WorldTriangles};
-pub use effects::{Called, Effect, Effects};
+pub use effects::{Called, Effect, Effects, UnknownEffect};
 pub use integrator::{PathTracer, integrator};
 pub use material::{MaterialError, Surface};
 pub use space::Space;
