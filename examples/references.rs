@@ -48,7 +48,9 @@ fn main() -> Result<()> {
         }
     }
     let folder = std::env::var("DAPPLE_SCENES").unwrap_or_else(|_| "../shared/scenes".into());
-    println!("| scene | spp x seeds | ratio of means R G B | +- | 10x10 blocks, 5 % | 50 % | 95 % | relMSE without the worst 0.1 % | samples per CPU second |");
+    println!(
+        "| scene | spp x seeds | ratio of means R G B | +- | 10x10 blocks, 5 % | 50 % | 95 % | relMSE without the worst 0.1 % | samples per CPU second |"
+    );
     println!("|---|---|---|---|---|---|---|---|---|");
     for (name, spp) in SCENES {
         if !wanted.is_empty() && !wanted.iter().any(|w| w == name) {
@@ -73,7 +75,8 @@ fn row(name: &str, file: &Path, reference: &Path, spp: u64, seeds: u64, pictures
     scene.film.pixel_filter = scene::PixelFilter::default();
     let world = World::new(&scene)?;
     let start = Instant::now();
-    let films: Vec<Vec<[f32; 3]>> = (0..seeds).map(|seed| picture(&world, reference.size, spp, 500 + seed)).collect::<Result<_>>()?;
+    let films: Vec<Vec<[f32; 3]>> =
+        (0..seeds).map(|seed| picture(&world, reference.size, spp, 500 + seed)).collect::<Result<_>>()?;
     let seconds = start.elapsed().as_secs_f64() * rayon_threads();
     let count = films.len() as f64;
     let mean: Vec<[f32; 3]> = (0..films[0].len())

@@ -34,7 +34,7 @@ mod world;
 
 pub use clusters::{Stage, WorldClusters, WorldTriangles};
 pub use effects::{Called, Effect, Effects, UnknownEffect};
-pub use integrator::{PathTracer, integrator};
+pub use integrator::{PathTracer, code, integrator, integrator_with};
 pub use material::{MaterialError, Surface};
 pub use space::Space;
 pub use texture::Textures;

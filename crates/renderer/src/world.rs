@@ -9,6 +9,7 @@ pub use build::WorldError;
 use crate::camera::CameraView;
 use crate::light::{LightChoice, Lights};
 use crate::material::Surface;
+use crate::medium::Media;
 use crate::pixel_filter::FilterSampler;
 use crate::scene::{MediumInterface, Scalar, Scene};
 use crate::shading::Frame;
@@ -36,6 +37,14 @@ pub struct World {
     pub(crate) dropped_triangles: usize,
     /// Whether anything moves while the shutter is open: the camera, or what it sees.
     pub(crate) moves: bool,
+    /// What fills space.
+    pub(crate) media: Media,
+    /// What fills it around the camera.
+    pub(crate) camera_medium: u32,
+    /// Whether light passes any surface.
+    clear: bool,
+    /// Whether a part is [unusual](Part::unusual).
+    unusual: bool,
     /// The part of the motion during which the shutter is open, in `[0, 1]`.
     pub(crate) open: [f32; 2],
 }
@@ -67,9 +76,13 @@ pub(crate) struct Part {
     pub(crate) alpha: Option<Scalar>,
     /// What fills space on its sides: `outside` is where an [`Interaction`]'s normal points.
     pub(crate) media: Option<MediumInterface>,
+    /// Whether rays may pass it unscattered, or its material is a mix: see where it is hit.
+    pub(crate) unusual: bool,
 }
 
 pub(crate) const NO_LIGHT: u32 = u32::MAX;
+/// Empty space.
+pub(crate) const NO_MEDIUM: u32 = u32::MAX;
 
 /// A hit with its orientation.
 #[derive(Clone, Copy, Debug)]
@@ -180,6 +193,32 @@ impl World {
             shading_normal = normal;
         }
         Some(Interaction { part, hit, point, shading_normal, time })
+    }
+
+    /// Whether light passes any surface.
+    pub(crate) fn has_clear_surfaces(&self) -> bool {
+        self.clear
+    }
+
+    /// Whether there is anything of what few scenes have: media, surfaces that rays may pass unscattered, mixes, motion.
+    pub(crate) fn is_rare(&self) -> bool {
+        self.unusual || self.moves || self.parts().any(|part| part.media.is_some()) || self.camera_medium != NO_MEDIUM
+    }
+
+    /// Whether what is in the way of a ray may let a part of it through, or space itself hold some back.
+    pub(crate) fn hides_partly(&self) -> bool {
+        self.unusual || !self.media.is_empty()
+    }
+
+    fn parts(&self) -> impl Iterator<Item = &Part> {
+        self.parts.iter().chain(&self.object_parts)
+    }
+
+    /// Opacity at a hit, in `[0, 1]`.
+    #[inline]
+    pub(crate) fn alpha(&self, at: &Interaction<'_>) -> f32 {
+        // What is no number counts as 0.
+        at.part.alpha.map_or(1.0, |alpha| self.textures.look_up_scalar(alpha, self.uv(at)).max(0.0).min(1.0))
     }
 
     /// Whether anything is in the way of a ray at a [`time`](Self::time).

@@ -1,6 +1,7 @@
 //! L14's price: the specialised integrator beside a loop written by hand for the simplest scene.
 #![allow(clippy::print_stderr)]
 
+mod statistics;
 mod support;
 
 use dapple_core::{Draws, Integrator, Observed, PointSet, SampleId};
@@ -45,7 +46,7 @@ fn simplest() -> Scene {
 fn by_hand(world: &World, draws: &Draws<'_>) -> [f32; 3] {
     let (geometry, lights, view) = (world.geometry(), world.lights(), world.camera());
     let u = draws.block(blocks::CAMERA);
-    let ray = Pinhole::ray(view, view.place(draws.pixel(), Vec2::new(u[0] - 0.5, u[1] - 0.5)), [u[2], u[3]], 0.0);
+    let ray = Pinhole::ray(view, view.place(draws.pixel(), Vec2::new(u[0] - 0.5, u[1] - 0.5)), [u[2], u[3]]);
     let shone = |ray: &Ray, normal: Vec3| lights.lamp(0).map_or(Vec3::ZERO, |l| l.radiance(-normal.dot(ray.direction)));
     let Some(hit) = geometry.closest(&ray) else { return [0.0; 3] };
     let at = geometry.surface(&ray, &hit);

@@ -7,7 +7,7 @@ mod report;
 pub use path::PathTracer;
 
 use crate::World;
-use crate::camera::{AnyLens, Pinhole, ThinLens};
+use crate::camera::{General, Pinhole, ThinLens};
 use dapple_core::Integrator;
 
 /// What a path tracer has code for: bits of its type parameter. What is missing there costs nothing.
@@ -55,8 +55,8 @@ pub fn integrator_with(world: &World, idle: u32) -> Box<dyn Integrator + '_> {
         };
     }
     // Lenses are rarer than glass: fewer forms of their own.
-    if wanted & RARE != 0 || world.camera.is_unusual() {
-        specialise!(AnyLens, CLEAR | RARE | DEEP, [0, SEVERAL, SKY, SEVERAL | SKY])
+    if wanted & RARE != 0 || world.camera.is_general() {
+        specialise!(General, CLEAR | RARE | DEEP, [0, SEVERAL, SKY, SEVERAL | SKY])
     } else if world.camera.has_lens() {
         specialise!(ThinLens, CLEAR | DEEP, [0, SEVERAL, SKY, SEVERAL | SKY])
     } else {

@@ -95,7 +95,8 @@ impl<'w, L: Lens, const E: u32> PathTracer<'w, L, E> {
             let surface = &world.surfaces[part.material as usize];
             let alpha = world.alpha(&at);
             // A mixture lets through what its interfaces' share is.
-            let through = 1.0 - alpha + alpha * material::interface_share(&world.surfaces, part.material, &world.textures, || world.uv(&at));
+            let empty = material::interface_share(&world.surfaces, part.material, &world.textures, || world.uv(&at));
+            let through = 1.0 - alpha + alpha * empty;
             share *= through;
             if share == Vec3::ZERO {
                 return share;
@@ -160,16 +161,9 @@ impl<'w, L: Lens, const E: u32> PathTracer<'w, L, E> {
         Way::Scattered
     }
 
-    fn direct_in_medium(
-        &self,
-        path: &mut Path,
-        position: Vec3,
-        phase: &HenyeyGreenstein,
-        light: &LightSample,
-    ) -> Vec3 {
+    fn direct_in_medium(&self, path: &mut Path, position: Vec3, phase: &HenyeyGreenstein, light: &LightSample) -> Vec3 {
         // A point in space is exact and has no side.
-        let from =
-            SurfacePoint { position, error: Vec3::ZERO, normal: Vec3::ZERO, primitive: PrimitiveId::NONE };
+        let from = SurfacePoint { position, error: Vec3::ZERO, normal: Vec3::ZERO, primitive: PrimitiveId::NONE };
         let ray = shadow_ray(&from, light);
         let share = self.transmittance(ray, &light.target, path, path.medium);
         // The phase function is a density: what it is worth is also how likely it is drawn.

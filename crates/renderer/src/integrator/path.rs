@@ -69,7 +69,7 @@ impl<'w, L: Lens, const E: u32> PathTracer<'w, L, E> {
         let offset = world.filter.sample([u[0], u[1]]);
         let time = if E & RARE != 0 && world.moves { world.time(draws.block(blocks::TIME)[0]) } else { 0.0 };
         let view = &world.camera;
-        let ray = L::ray(view, view.place(draws.pixel(), offset), [u[2], u[3]], time);
+        let ray = L::ray_at(view, view.place(draws.pixel(), offset), [u[2], u[3]], time);
         let medium = if E & RARE != 0 { world.camera_medium } else { NO_MEDIUM };
         let (throughput, radiance) = (Vec3::ONE, Vec3::ZERO);
         Path { ray, throughput, radiance, last: None, rays: 0, spread: 1.0, segments: 0, medium, time }
@@ -130,11 +130,13 @@ impl<'w, L: Lens, const E: u32> PathTracer<'w, L, E> {
         }
         let ray = shadow_ray(&at.point, &light);
         let mut share = Vec3::ONE;
-        if E & RARE != 0 {
+        if E & RARE != 0 && world.hides_partly() {
             share = self.transmittance(ray, &light.target, path, beyond(at, light.wi, path.medium));
         } else {
             path.rays += 1;
-            if world.geometry.occluded(&ray) {
+            let occluded =
+                if E & RARE != 0 { world.occluded_at(&ray, path.time) } else { world.geometry.occluded(&ray) };
+            if occluded {
                 return Vec3::ZERO;
             }
         }

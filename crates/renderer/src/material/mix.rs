@@ -35,6 +35,26 @@ pub(crate) fn resolve<'w>(
     (surface, index)
 }
 
+/// The share of a surface that is but an interface: 0 or 1, or a part of a mix.
+pub(crate) fn interface_share(surfaces: &[Surface], index: u32, textures: &Textures, uv: impl Fn() -> [f32; 2]) -> f32 {
+    let surface = &surfaces[index as usize];
+    if !surface.mixes {
+        return if surface.interface { 1.0 } else { 0.0 };
+    }
+    share_within(surfaces, surface, textures, uv(), DEEPEST)
+}
+
+fn share_within(surfaces: &[Surface], surface: &Surface, textures: &Textures, uv: [f32; 2], depth: u32) -> f32 {
+    let Kind::Mix { materials, amount } = &surface.kind else { return if surface.interface { 1.0 } else { 0.0 } };
+    if depth == 0 {
+        return 0.0;
+    }
+    let amount = textures.look_up_scalar(*amount, uv).max(0.0).min(1.0);
+    let [first, second] =
+        materials.map(|part| share_within(surfaces, &surfaces[part as usize], textures, uv, depth - 1));
+    first * (1.0 - amount) + second * amount
+}
+
 /// What is wrong with mixes: parts that are not there, mixes of themselves, and mixes nested beyond all measure.
 pub(crate) fn check_mixes(materials: &[Material]) -> Vec<MaterialError> {
     let mut wrong = Vec::new();

@@ -2,12 +2,13 @@
 
 use super::placed::{Placements, nothing};
 use super::time::Shutter;
-use super::{NO_LIGHT, Part, World};
+use super::{NO_LIGHT, NO_MEDIUM, Part, World};
 use crate::camera::{CameraError, CameraView};
 use crate::light::{
     DiskLamp, DistantLamp, Environment, Lamp, Light, Lights, MeshLamp, PointLamp, SphereLamp, SpotLamp,
 };
 use crate::material::{Surface, check_mixes};
+use crate::medium::Media;
 use crate::pixel_filter::FilterSampler;
 use crate::scene::{Emission, Geometry as Described, LightKind, MeshData, Scene, Shape as DescribedShape, Source};
 use crate::space::{Space, even_scale};
@@ -65,6 +66,11 @@ pub(super) fn build(scene: &Scene, resolution: [u32; 2]) -> Result<World, WorldE
             parts.push(part);
         }
     }
+    let media = Media::new(&scene.media, space.scale()).unwrap_or_else(|errors| {
+        problems.0.extend(errors.iter().map(ToString::to_string));
+        Media::default()
+    });
+    problems.check_media(scene);
     let without_shape = lights_without_shape(scene, &space, &mut problems);
     if !problems.0.is_empty() {
         return Err(WorldError { problems: problems.0 });
@@ -82,6 +88,16 @@ pub(super) fn build(scene: &Scene, resolution: [u32; 2]) -> Result<World, WorldE
         return Err(WorldError { problems: problems.0 });
     }
     let moves = moves || camera.moves();
+    let (mut parts, mut object_parts) = (parts, object_parts);
+    let (mut clear, mut unusual) = (false, false);
+    for part in parts.iter_mut().chain(&mut object_parts) {
+        let surface = &surfaces[part.material as usize];
+        part.unusual = part.alpha.is_some() || surface.mixes || surface.interface;
+        clear |= surface.transmits;
+        unusual |= part.unusual;
+    }
+    // What a mix is made of is no part's own material.
+    clear |= unusual && surfaces.iter().any(|surface| surface.transmits);
     Ok(World {
         geometry,
         parts,
@@ -95,6 +111,10 @@ pub(super) fn build(scene: &Scene, resolution: [u32; 2]) -> Result<World, WorldE
         space,
         dropped_triangles,
         moves,
+        media,
+        camera_medium: scene.camera.medium.map_or(NO_MEDIUM, |medium| medium.0),
+        clear,
+        unusual,
         open: shutter.open,
     })
 }
@@ -116,6 +136,7 @@ fn part(shape: &DescribedShape) -> Part {
         uvs: Vec::new(),
         alpha: shape.alpha,
         media: shape.media,
+        unusual: false,
     }
 }
 
