@@ -4,7 +4,7 @@ mod mix;
 #[cfg(test)]
 mod tests;
 
-pub(crate) use mix::{check_mixes, resolve};
+pub(crate) use mix::{check_mixes, interface_share, resolve};
 
 use crate::scene::{Color, ConductorFresnel, Material, MaterialKind, Roughness, Scalar, Source, TextureId};
 use crate::shading::coat::{Coat, CoatOptions};
