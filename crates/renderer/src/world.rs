@@ -2,6 +2,7 @@
 
 mod build;
 mod placed;
+mod relief;
 mod time;
 
 pub use build::WorldError;
@@ -246,28 +247,13 @@ impl World {
     /// The shading frame of a hit; its x axis follows u where the material asks for it.
     #[inline(always)]
     pub(crate) fn frame(&self, at: &Interaction<'_>, surface: &Surface) -> Frame {
-        let tangent = if surface.anisotropic { Some(self.tangent(at)) } else { None };
+        if surface.bumped {
+            return self.frame_in_relief(at, surface);
+        }
+        let tangent = if surface.anisotropic { Some(self.derivatives(at)[0]) } else { None };
         if at.part.normals.is_empty() && tangent.is_none() {
             return Frame::from_normal(at.point.normal);
         }
         Frame::from_shading_normal(at.shading_normal, at.point.normal, tangent)
-    }
-
-    /// The direction in which u grows. Spheres and disks: around their axis is not followed, only a
-    /// mesh's texture coordinates are; others get a tangent of their own.
-    fn tangent(&self, at: &Interaction<'_>) -> Vec3 {
-        let Shape::Mesh(mesh) = self.geometry.shape(at.hit.shape) else { return Vec3::ZERO };
-        let [p0, p1, p2] = mesh.corners(at.hit.primitive);
-        let [t0, t1, t2] = match at.part.uvs.is_empty() {
-            true => [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]],
-            false => mesh.triangles()[at.hit.primitive as usize].map(|v| at.part.uvs[v as usize]),
-        };
-        let (du1, dv1, du2, dv2) = (t1[0] - t0[0], t1[1] - t0[1], t2[0] - t0[0], t2[1] - t0[1]);
-        let determinant = du1 * dv2 - dv1 * du2;
-        if determinant == 0.0 {
-            return Vec3::ZERO;
-        }
-        let along = ((p1 - p0) * dv2 - (p2 - p0) * dv1) / determinant;
-        self.turned(at, along)
     }
 }

@@ -1,7 +1,7 @@
 //! Mixes: materials that are one of two others.
 
 use super::{Kind, MaterialError, Surface};
-use crate::scene::{Material, MaterialKind};
+use crate::scene::{Material, MaterialKind, Scalar};
 use crate::texture::Textures;
 
 /// Mixes may be mixed; deeper than this they are refused.
@@ -24,8 +24,7 @@ pub(crate) fn resolve<'w>(
     let mut surface = &surfaces[index as usize];
     for _ in 0..DEEPEST {
         let Kind::Mix { materials, amount } = &surface.kind else { break };
-        // What is no number counts as 0.
-        let amount = textures.look_up_scalar(*amount, uv).max(0.0).min(1.0);
+        let amount = share_of_second(textures, *amount, uv);
         let second = choice < amount;
         let (rest, share) = if second { (choice, amount) } else { (choice - amount, 1.0 - amount) };
         choice = (rest / share).min(1.0 - 0.5 * f32::EPSILON);
@@ -35,24 +34,33 @@ pub(crate) fn resolve<'w>(
     (surface, index)
 }
 
-/// The share of a surface that is but an interface: 0 or 1, or a part of a mix.
-pub(crate) fn interface_share(surfaces: &[Surface], index: u32, textures: &Textures, uv: impl Fn() -> [f32; 2]) -> f32 {
+/// The chance that [`resolve`] comes to an interface, from 0 to 1; asks for texture coordinates only where there is a
+/// mix.
+pub(crate) fn interface_share(
+    surfaces: &[Surface],
+    index: u32,
+    textures: &Textures,
+    uv: impl FnOnce() -> [f32; 2],
+) -> f32 {
     let surface = &surfaces[index as usize];
-    if !surface.mixes {
-        return if surface.interface { 1.0 } else { 0.0 };
-    }
-    share_within(surfaces, surface, textures, uv(), DEEPEST)
+    if surface.mixes { share_within(surfaces, index, textures, uv(), DEEPEST) } else { f32::from(surface.interface) }
 }
 
-fn share_within(surfaces: &[Surface], surface: &Surface, textures: &Textures, uv: [f32; 2], depth: u32) -> f32 {
-    let Kind::Mix { materials, amount } = &surface.kind else { return if surface.interface { 1.0 } else { 0.0 } };
+fn share_within(surfaces: &[Surface], index: u32, textures: &Textures, uv: [f32; 2], depth: u32) -> f32 {
+    let surface = &surfaces[index as usize];
+    let Kind::Mix { materials, amount } = &surface.kind else { return f32::from(surface.interface) };
     if depth == 0 {
         return 0.0;
     }
-    let amount = textures.look_up_scalar(*amount, uv).max(0.0).min(1.0);
-    let [first, second] =
-        materials.map(|part| share_within(surfaces, &surfaces[part as usize], textures, uv, depth - 1));
-    first * (1.0 - amount) + second * amount
+    let amount = share_of_second(textures, *amount, uv);
+    let [first, second] = materials.map(|part| share_within(surfaces, part, textures, uv, depth - 1));
+    first + amount * (second - first)
+}
+
+#[inline]
+fn share_of_second(textures: &Textures, amount: Scalar, uv: [f32; 2]) -> f32 {
+    // What is no number counts as 0.
+    textures.look_up_scalar(amount, uv).max(0.0).min(1.0)
 }
 
 /// What is wrong with mixes: parts that are not there, mixes of themselves, and mixes nested beyond all measure.
