@@ -20,6 +20,7 @@ pub mod image;
 mod integrator;
 pub mod light;
 mod material;
+pub mod medium;
 pub mod output;
 pub mod pbrt;
 pub mod pixel_filter;

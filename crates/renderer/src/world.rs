@@ -5,7 +5,7 @@ mod build;
 pub use build::WorldError;
 
 use crate::camera::CameraView;
-use crate::light::Lights;
+use crate::light::{LightChoice, Lights};
 use crate::material::Surface;
 use crate::pixel_filter::FilterSampler;
 use crate::scene::Scene;
@@ -91,6 +91,11 @@ impl World {
     /// Limits the scattering events between camera and light, whatever the scene says.
     pub fn set_max_depth(&mut self, max_depth: u32) {
         self.max_depth = max_depth;
+    }
+
+    /// Sets how a light is chosen among several: by power, unless this says otherwise.
+    pub fn set_light_choice(&mut self, choice: LightChoice) {
+        self.lights.set_choice(choice);
     }
 
     /// Most scattering events between camera and light.

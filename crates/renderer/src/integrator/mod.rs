@@ -15,7 +15,7 @@ use dapple_core::Integrator;
 /// an environment, and paths long enough for roulette. Lights and materials decide by their own kind.
 pub fn integrator(world: &World) -> Box<dyn Integrator + '_> {
     let several = world.lights.len() > 1;
-    let sky = world.lights.environment().is_some();
+    let sky = world.lights.has_sky();
     let deep = world.max_depth > path::ROULETTE_FROM;
     macro_rules! specialise {
         ($lens:ty) => {

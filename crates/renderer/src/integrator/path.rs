@@ -11,7 +11,7 @@ use crate::material::Surface;
 use crate::shading::{Bsdf, Frame, power_heuristic, power_heuristic_over_pdf};
 use crate::world::{Interaction, NO_LIGHT};
 use dapple_core::{Draws, Estimate, FirstHit, Integrator, Observed};
-use dapple_geometry::{Ray, spawn_ray, spawn_ray_to};
+use dapple_geometry::{Ray, spawn_ray, spawn_ray_to, spawn_ray_to_point};
 use glam::Vec3;
 use std::marker::PhantomData;
 
@@ -77,12 +77,7 @@ impl<'w, L: Lens, const SEVERAL: bool, const SKY: bool, const DEEP: bool> PathTr
     /// Light from beyond the scene along the path's ray.
     #[inline]
     fn sky(&self, path: &Path) -> Vec3 {
-        let Some((sky, pmf)) = self.world.lights.environment() else { return Vec3::ZERO };
-        let radiance = sky.radiance(path.ray.direction);
-        match path.last {
-            Some(last) => radiance * power_heuristic(last.pdf, sky.pdf(path.ray.direction) * pmf),
-            None => radiance,
-        }
+        self.world.lights.sky(path.ray.direction, path.last.map(|last| last.pdf))
     }
 
     /// Next-event estimation: light that arrives at a hit straight from a lamp, and is scattered towards
@@ -115,12 +110,14 @@ impl<'w, L: Lens, const SEVERAL: bool, const SKY: bool, const DEEP: bool> PathTr
         }
         let ray = match &light.target {
             Target::Surface(point) => spawn_ray_to(&at.point, point),
+            Target::Point(target) => spawn_ray_to_point(&at.point, *target),
             Target::Far => spawn_ray(&at.point, light.wi),
         };
         path.rays += 1;
         if world.geometry.occluded(&ray) {
             return Vec3::ZERO;
         }
+        let pdf = if light.delta { 0.0 } else { pdf };
         f * light.radiance * (wi.z.abs() * power_heuristic_over_pdf(light.pdf, pdf))
     }
 

@@ -2,7 +2,9 @@
 
 use super::{NO_LIGHT, Part, World};
 use crate::camera::CameraView;
-use crate::light::{DiskLamp, Environment, Lamp, Light, Lights, MeshLamp, SphereLamp};
+use crate::light::{
+    DiskLamp, DistantLamp, Environment, Lamp, Light, Lights, MeshLamp, PointLamp, SphereLamp, SpotLamp,
+};
 use crate::material::Surface;
 use crate::pixel_filter::FilterSampler;
 use crate::scene::{Emission, Geometry as Described, LightKind, MeshData, Scene, Shape as DescribedShape, Source};
@@ -54,7 +56,7 @@ pub(super) fn build(scene: &Scene, resolution: [u32; 2]) -> Result<World, WorldE
             parts.push(part);
         }
     }
-    let environments = environments(scene, &mut problems);
+    let without_shape = lights_without_shape(scene, &space, &mut problems);
     if !problems.0.is_empty() {
         return Err(WorldError { problems: problems.0 });
     }
@@ -63,7 +65,7 @@ pub(super) fn build(scene: &Scene, resolution: [u32; 2]) -> Result<World, WorldE
     let (Some(camera), Some(geometry)) = (camera, geometry) else {
         return Err(WorldError { problems: problems.0 });
     };
-    let lights = lights(scene, &space, &geometry, &mut parts, environments, &mut problems);
+    let lights = lights(scene, &space, &geometry, &mut parts, without_shape, &mut problems);
     if !problems.0.is_empty() {
         return Err(WorldError { problems: problems.0 });
     }
@@ -115,19 +117,27 @@ fn world_normals(mesh: &MeshData, to_world: DAffine3, sign: f32) -> Vec<Vec3> {
     mesh.normals.iter().map(unit).collect()
 }
 
-fn environments(scene: &Scene, problems: &mut Problems) -> Vec<Environment> {
+/// Lights that are no shapes, those that are black left out.
+fn lights_without_shape(scene: &Scene, space: &Space, problems: &mut Problems) -> Vec<Light> {
     let mut found = Vec::new();
     for light in &scene.lights {
-        let LightKind::Infinite { radiance } = &light.kind else {
-            problems.0.push(format!("{}: this light is not supported yet", light.source));
-            continue;
+        let (to_world, at) = (light.to_world, &light.source);
+        let made = match &light.kind {
+            LightKind::Infinite { radiance } => {
+                problems.note(Environment::new(radiance, to_world.matrix3, at)).flatten().map(Light::Environment)
+            }
+            LightKind::Point { intensity } => {
+                problems.note(PointLamp::new(*intensity, to_world, space, at)).flatten().map(Light::Point)
+            }
+            LightKind::Spot { intensity, cone, falloff_start, falloff } => {
+                let lamp = SpotLamp::new(*intensity, [*cone, *falloff_start], *falloff, to_world, space, at);
+                problems.note(lamp).flatten().map(Light::Spot)
+            }
+            LightKind::Distant { irradiance } => {
+                problems.note(DistantLamp::new(*irradiance, to_world, at)).flatten().map(Light::Distant)
+            }
         };
-        let environment = Environment::new(radiance, light.to_world.matrix3, &light.source);
-        found.extend(problems.note(environment).flatten());
-    }
-    if found.len() > 1 {
-        let second = &scene.lights[1].source;
-        problems.0.push(format!("{second}: a second infinite light is not supported: add it to the first"));
+        found.extend(made);
     }
     found
 }
@@ -137,7 +147,7 @@ fn lights(
     space: &Space,
     geometry: &Geometry,
     parts: &mut [Part],
-    environments: Vec<Environment>,
+    without_shape: Vec<Light>,
     problems: &mut Problems,
 ) -> Lights {
     let mut lights = Vec::new();
@@ -151,7 +161,7 @@ fn lights(
             lights.push(light);
         }
     }
-    lights.extend(environments.into_iter().map(Light::Environment));
+    lights.extend(without_shape);
     let radius = geometry.bounds().map_or(1.0, |[low, high]| (high - low).length() * 0.5);
     Lights::new(lights, radius)
 }
