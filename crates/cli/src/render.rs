@@ -1,7 +1,7 @@
 //! `dapple render`.
 
 mod files;
-mod options;
+pub(crate) mod options;
 mod progress;
 mod report;
 mod settings;

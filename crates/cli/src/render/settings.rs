@@ -20,7 +20,7 @@ pub(super) struct Settings {
     pub(super) seed: u64,
     /// The budget as it was asked for.
     pub(super) asked: String,
-    /// Effects to leave out: each once, in their own order, and called for by the scene.
+    /// Effects to leave out: each once, called for by the scene, in the order in which they go.
     pub(super) without: Vec<Effect>,
     sampler: String,
     points: String,
@@ -87,7 +87,8 @@ impl Settings {
 fn without(asked: &[Effect], scene: &Scene) -> Result<Vec<Effect>> {
     let effects = Effects::of(scene);
     let mut without = asked.to_vec();
-    without.sort();
+    // The choice among the lights comes last: the strongest of those that are left stays.
+    without.sort_by_key(|&e| (e == Effect::SeveralLights, e));
     without.dedup();
     match without.iter().find(|e| !effects.has(**e)) {
         None => Ok(without),
