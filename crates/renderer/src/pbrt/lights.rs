@@ -170,7 +170,14 @@ impl Reader<'_> {
         // Older versions know only one layout.
         let equal_area = picture.size[0] == picture.size[1] && !self.version.is_old();
         if let Some(wanted) = illuminance {
-            let found = illuminance_of(&picture, equal_area);
+            let mut found = illuminance_of(&picture, equal_area);
+            if equal_area {
+                // pbrt-v4 weighs the square as half a sphere (lights.cpp, the image branch of `infinite`).
+                found *= 0.5;
+                let what = "pbrt-v4 takes half of what a square picture gives for its illuminance, and so makes it \
+                            twice as bright as asked: it is done alike";
+                params.notice(source.line, what);
+            }
             if !(found > 0.0) {
                 params.problem(
                     source.line,
