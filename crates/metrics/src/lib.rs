@@ -2,7 +2,8 @@
 //!
 //! Pictures are plain data: [`Pixels`] borrows linear RGB, row by row from the top. [`compare`] gives every
 //! figure at once; [`block_means`] and [`block_ratios`] show bias where noise hides it in single pixels;
-//! [`downsample`] brings a picture to the size of its reference.
+//! [`downsample`] brings a picture to the size of its reference; [`difference`] compares two pictures of which
+//! only noisy renders are known.
 //!
 //! ```
 //! use dapple_metrics::{Pixels, compare};
@@ -21,6 +22,7 @@
 
 mod blocks;
 mod compare;
+mod difference;
 mod srgb;
 mod sum;
 
@@ -31,6 +33,7 @@ struct Readme;
 
 pub use blocks::{BlockRatios, Blocks, block_means, block_ratios, downsample};
 pub use compare::{Comparison, RELATIVE_EPSILON, TRIMMED_SHARE, WORST_BLOCK_SIZE, WorstBlock, compare};
+pub use difference::{Difference, LEAST_RENDERS, Measured, difference};
 
 /// Why pictures cannot be compared. Each message says what to do.
 #[non_exhaustive]
@@ -68,6 +71,12 @@ pub enum Error {
         pixel: [u32; 2],
         /// Its value.
         value: [f32; 3],
+    },
+    /// Too few renders to tell noise from difference.
+    #[error("there are {} renders of one picture and {} of the other: as many of both are needed, and at least {}", renders[0], renders[1], LEAST_RENDERS)]
+    FewRenders {
+        /// Of one, and of the other.
+        renders: [usize; 2],
     },
     /// A block size that is no use.
     #[error("blocks of {}x{} pixels do not fit a picture of {}x{}: use sides from 1 up to the picture's", block[0], block[1], size[0], size[1])]

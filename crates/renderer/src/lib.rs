@@ -20,6 +20,7 @@ pub mod image;
 mod integrator;
 pub mod light;
 mod material;
+pub mod medium;
 pub mod output;
 pub mod pbrt;
 pub mod pixel_filter;
@@ -32,8 +33,8 @@ mod texture;
 mod world;
 
 pub use clusters::{Stage, WorldClusters, WorldTriangles};
-pub use effects::{Called, Effect, Effects};
-pub use integrator::{PathTracer, integrator};
+pub use effects::{Called, Effect, Effects, UnknownEffect};
+pub use integrator::{PathTracer, code, integrator, integrator_with};
 pub use material::{MaterialError, Surface};
 pub use space::Space;
 pub use texture::Textures;

@@ -2,13 +2,15 @@
 
 mod build;
 mod placed;
+mod relief;
 mod time;
 
 pub use build::WorldError;
 
 use crate::camera::CameraView;
-use crate::light::Lights;
+use crate::light::{LightChoice, Lights};
 use crate::material::Surface;
+use crate::medium::Media;
 use crate::pixel_filter::FilterSampler;
 use crate::scene::{MediumInterface, Scalar, Scene};
 use crate::shading::Frame;
@@ -36,6 +38,14 @@ pub struct World {
     pub(crate) dropped_triangles: usize,
     /// Whether anything moves while the shutter is open: the camera, or what it sees.
     pub(crate) moves: bool,
+    /// What fills space.
+    pub(crate) media: Media,
+    /// What fills it around the camera.
+    pub(crate) camera_medium: u32,
+    /// Whether light passes any surface.
+    clear: bool,
+    /// Whether a part is [unusual](Part::unusual).
+    unusual: bool,
     /// The part of the motion during which the shutter is open, in `[0, 1]`.
     pub(crate) open: [f32; 2],
 }
@@ -67,9 +77,13 @@ pub(crate) struct Part {
     pub(crate) alpha: Option<Scalar>,
     /// What fills space on its sides: `outside` is where an [`Interaction`]'s normal points.
     pub(crate) media: Option<MediumInterface>,
+    /// Whether rays may pass it unscattered, or its material is a mix: see where it is hit.
+    pub(crate) unusual: bool,
 }
 
 pub(crate) const NO_LIGHT: u32 = u32::MAX;
+/// Empty space.
+pub(crate) const NO_MEDIUM: u32 = u32::MAX;
 
 /// A hit with its orientation.
 #[derive(Clone, Copy, Debug)]
@@ -106,6 +120,11 @@ impl World {
     /// Limits the scattering events between camera and light, whatever the scene says.
     pub fn set_max_depth(&mut self, max_depth: u32) {
         self.max_depth = max_depth;
+    }
+
+    /// Sets how a light is chosen among several: by power, unless this says otherwise.
+    pub fn set_light_choice(&mut self, choice: LightChoice) {
+        self.lights.set_choice(choice);
     }
 
     /// Most scattering events between camera and light.
@@ -177,6 +196,32 @@ impl World {
         Some(Interaction { part, hit, point, shading_normal, time })
     }
 
+    /// Whether light passes any surface.
+    pub(crate) fn has_clear_surfaces(&self) -> bool {
+        self.clear
+    }
+
+    /// Whether there is anything of what few scenes have: media, surfaces that rays may pass unscattered, mixes, motion.
+    pub(crate) fn is_rare(&self) -> bool {
+        self.unusual || self.moves || self.parts().any(|part| part.media.is_some()) || self.camera_medium != NO_MEDIUM
+    }
+
+    /// Whether what is in the way of a ray may let a part of it through, or space itself hold some back.
+    pub(crate) fn hides_partly(&self) -> bool {
+        self.unusual || !self.media.is_empty()
+    }
+
+    fn parts(&self) -> impl Iterator<Item = &Part> {
+        self.parts.iter().chain(&self.object_parts)
+    }
+
+    /// Opacity at a hit, in `[0, 1]`.
+    #[inline]
+    pub(crate) fn alpha(&self, at: &Interaction<'_>) -> f32 {
+        // What is no number counts as 0.
+        at.part.alpha.map_or(1.0, |alpha| self.textures.look_up_scalar(alpha, self.uv(at)).max(0.0).min(1.0))
+    }
+
     /// Whether anything is in the way of a ray at a [`time`](Self::time).
     #[inline(always)]
     pub(crate) fn occluded_at(&self, ray: &Ray, time: f32) -> bool {
@@ -202,28 +247,13 @@ impl World {
     /// The shading frame of a hit; its x axis follows u where the material asks for it.
     #[inline(always)]
     pub(crate) fn frame(&self, at: &Interaction<'_>, surface: &Surface) -> Frame {
-        let tangent = if surface.anisotropic { Some(self.tangent(at)) } else { None };
+        if surface.bumped {
+            return self.frame_in_relief(at, surface);
+        }
+        let tangent = if surface.anisotropic { Some(self.derivatives(at)[0]) } else { None };
         if at.part.normals.is_empty() && tangent.is_none() {
             return Frame::from_normal(at.point.normal);
         }
         Frame::from_shading_normal(at.shading_normal, at.point.normal, tangent)
-    }
-
-    /// The direction in which u grows. Spheres and disks: around their axis is not followed, only a
-    /// mesh's texture coordinates are; others get a tangent of their own.
-    fn tangent(&self, at: &Interaction<'_>) -> Vec3 {
-        let Shape::Mesh(mesh) = self.geometry.shape(at.hit.shape) else { return Vec3::ZERO };
-        let [p0, p1, p2] = mesh.corners(at.hit.primitive);
-        let [t0, t1, t2] = match at.part.uvs.is_empty() {
-            true => [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]],
-            false => mesh.triangles()[at.hit.primitive as usize].map(|v| at.part.uvs[v as usize]),
-        };
-        let (du1, dv1, du2, dv2) = (t1[0] - t0[0], t1[1] - t0[1], t2[0] - t0[0], t2[1] - t0[1]);
-        let determinant = du1 * dv2 - dv1 * du2;
-        if determinant == 0.0 {
-            return Vec3::ZERO;
-        }
-        let along = ((p1 - p0) * dv2 - (p2 - p0) * dv1) / determinant;
-        self.turned(at, along)
     }
 }

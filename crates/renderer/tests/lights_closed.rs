@@ -8,7 +8,7 @@ use dapple_core::samplers::Uniform;
 use dapple_core::{
     Draws, Estimate, Film, Frame, Integrator, Limits, Needs, NoWatch, Observed, PointSet, SampleId, render,
 };
-use dapple_geometry::{PrimitiveId, Ray, SurfacePoint, spawn_ray, spawn_ray_to};
+use dapple_geometry::{PrimitiveId, Ray, SurfacePoint, spawn_ray, spawn_ray_to, spawn_ray_to_point};
 use dapple_low_discrepancy::Sobol;
 use dapple_renderer::camera::{Lens, Pinhole};
 use dapple_renderer::light::Target;
@@ -45,6 +45,7 @@ fn scattered(world: &World, at: &SurfacePoint, rho: f32, strategy: Strategy, u: 
         let (f, pdf) = bsdf.evaluate_and_pdf(Vec3::Z, frame.to_local(light.wi));
         let ray = match &light.target {
             Target::Surface(point) => spawn_ray_to(at, point),
+            Target::Point(target) => spawn_ray_to_point(at, *target),
             Target::Far => spawn_ray(at, light.wi),
         };
         if !geometry.occluded(&ray) {

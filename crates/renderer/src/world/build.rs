@@ -2,10 +2,13 @@
 
 use super::placed::{Placements, nothing};
 use super::time::Shutter;
-use super::{NO_LIGHT, Part, World};
+use super::{NO_LIGHT, NO_MEDIUM, Part, World};
 use crate::camera::{CameraError, CameraView};
-use crate::light::{DiskLamp, Environment, Lamp, Light, Lights, MeshLamp, SphereLamp};
-use crate::material::Surface;
+use crate::light::{
+    DiskLamp, DistantLamp, Environment, Lamp, Light, Lights, MeshLamp, PointLamp, SphereLamp, SpotLamp,
+};
+use crate::material::{Surface, check_mixes};
+use crate::medium::Media;
 use crate::pixel_filter::FilterSampler;
 use crate::scene::{Emission, Geometry as Described, LightKind, MeshData, Scene, Shape as DescribedShape, Source};
 use crate::space::{Space, even_scale};
@@ -48,6 +51,7 @@ pub(super) fn build(scene: &Scene, resolution: [u32; 2]) -> Result<World, WorldE
     for material in &scene.materials {
         surfaces.extend(problems.note(Surface::new(material)));
     }
+    problems.0.extend(check_mixes(&scene.materials).iter().map(ToString::to_string));
     let mut shapes = Vec::with_capacity(scene.shapes.len());
     let mut parts = Vec::with_capacity(scene.shapes.len());
     let mut placements = Placements::of(scene, &space, &shutter, &mut problems);
@@ -62,7 +66,12 @@ pub(super) fn build(scene: &Scene, resolution: [u32; 2]) -> Result<World, WorldE
             parts.push(part);
         }
     }
-    let environments = environments(scene, &mut problems);
+    let media = Media::new(&scene.media, space.scale()).unwrap_or_else(|errors| {
+        problems.0.extend(errors.iter().map(ToString::to_string));
+        Media::default()
+    });
+    problems.check_media(scene);
+    let without_shape = lights_without_shape(scene, &space, &mut problems);
     if !problems.0.is_empty() {
         return Err(WorldError { problems: problems.0 });
     }
@@ -74,11 +83,21 @@ pub(super) fn build(scene: &Scene, resolution: [u32; 2]) -> Result<World, WorldE
     let (Some(camera), Some(geometry)) = (camera, geometry) else {
         return Err(WorldError { problems: problems.0 });
     };
-    let lights = lights(scene, &space, &geometry, &mut parts, environments, &mut problems);
+    let lights = lights(scene, &space, &geometry, &mut parts, without_shape, &mut problems);
     if !problems.0.is_empty() {
         return Err(WorldError { problems: problems.0 });
     }
     let moves = moves || camera.moves();
+    let (mut parts, mut object_parts) = (parts, object_parts);
+    let (mut clear, mut unusual) = (false, false);
+    for part in parts.iter_mut().chain(&mut object_parts) {
+        let surface = &surfaces[part.material as usize];
+        part.unusual = part.alpha.is_some() || surface.mixes || surface.interface;
+        clear |= surface.transmits;
+        unusual |= part.unusual;
+    }
+    // What a mix is made of is no part's own material.
+    clear |= unusual && surfaces.iter().any(|surface| surface.transmits);
     Ok(World {
         geometry,
         parts,
@@ -92,6 +111,10 @@ pub(super) fn build(scene: &Scene, resolution: [u32; 2]) -> Result<World, WorldE
         space,
         dropped_triangles,
         moves,
+        media,
+        camera_medium: scene.camera.medium.map_or(NO_MEDIUM, |medium| medium.0),
+        clear,
+        unusual,
         open: shutter.open,
     })
 }
@@ -113,6 +136,7 @@ fn part(shape: &DescribedShape) -> Part {
         uvs: Vec::new(),
         alpha: shape.alpha,
         media: shape.media,
+        unusual: false,
     }
 }
 
@@ -149,19 +173,27 @@ fn world_normals(mesh: &MeshData, to_world: DAffine3, sign: f32) -> Vec<Vec3> {
     mesh.normals.iter().map(unit).collect()
 }
 
-fn environments(scene: &Scene, problems: &mut Problems) -> Vec<Environment> {
+/// Lights that are no shapes, those that are black left out.
+fn lights_without_shape(scene: &Scene, space: &Space, problems: &mut Problems) -> Vec<Light> {
     let mut found = Vec::new();
     for light in &scene.lights {
-        let LightKind::Infinite { radiance } = &light.kind else {
-            problems.0.push(format!("{}: this light is not supported yet", light.source));
-            continue;
+        let (to_world, at) = (light.to_world, &light.source);
+        let made = match &light.kind {
+            LightKind::Infinite { radiance } => {
+                problems.note(Environment::new(radiance, to_world.matrix3, at)).flatten().map(Light::Environment)
+            }
+            LightKind::Point { intensity } => {
+                problems.note(PointLamp::new(*intensity, to_world, space, at)).flatten().map(Light::Point)
+            }
+            LightKind::Spot { intensity, cone, falloff_start, falloff } => {
+                let lamp = SpotLamp::new(*intensity, [*cone, *falloff_start], *falloff, to_world, space, at);
+                problems.note(lamp).flatten().map(Light::Spot)
+            }
+            LightKind::Distant { irradiance } => {
+                problems.note(DistantLamp::new(*irradiance, to_world, at)).flatten().map(Light::Distant)
+            }
         };
-        let environment = Environment::new(radiance, light.to_world.matrix3, &light.source);
-        found.extend(problems.note(environment).flatten());
-    }
-    if found.len() > 1 {
-        let second = &scene.lights[1].source;
-        problems.0.push(format!("{second}: a second infinite light is not supported: add it to the first"));
+        found.extend(made);
     }
     found
 }
@@ -171,7 +203,7 @@ fn lights(
     space: &Space,
     geometry: &Geometry,
     parts: &mut [Part],
-    environments: Vec<Environment>,
+    without_shape: Vec<Light>,
     problems: &mut Problems,
 ) -> Lights {
     let mut lights = Vec::new();
@@ -185,7 +217,7 @@ fn lights(
             lights.push(light);
         }
     }
-    lights.extend(environments.into_iter().map(Light::Environment));
+    lights.extend(without_shape);
     let radius = geometry.bounds().map_or(1.0, |[low, high]| (high - low).length() * 0.5);
     Lights::new(lights, radius)
 }

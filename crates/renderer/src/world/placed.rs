@@ -3,7 +3,7 @@
 use super::build::{Problems, convert};
 use super::time::Shutter;
 use super::{Interaction, Part, World};
-use crate::scene::{MaterialId, Scene, Shape as DescribedShape, Source};
+use crate::scene::{MaterialId, MediumId, Scene, Shape as DescribedShape, Source};
 use crate::space::Space;
 use dapple_geometry::{Geometry, Hit, Instance, Mesh, Motion, Preset, Ray, Shape};
 use glam::{DAffine3, DVec3, Vec3};
@@ -186,6 +186,23 @@ impl World {
 }
 
 impl Problems {
+    /// Tells media that are not there, and lamps with holes.
+    pub(super) fn check_media(&mut self, scene: &Scene) {
+        let missing = |medium: &Option<MediumId>| medium.is_some_and(|m| m.0 as usize >= scene.media.len());
+        for shape in scene.shapes.iter().chain(scene.objects.iter().flat_map(|object| &object.shapes)) {
+            if shape.media.is_some_and(|m| missing(&m.inside) || missing(&m.outside)) {
+                self.add(&shape.source, "the shape borders on a medium that is not there".into());
+            }
+            if shape.emission.is_some() && shape.alpha.is_some() {
+                let what = "a shape with holes (alpha) cannot shine: remove its alpha, or the light";
+                self.add(&shape.source, what.into());
+            }
+        }
+        if missing(&scene.camera.medium) {
+            self.add(&scene.camera.source, "the camera stands in a medium that is not there".into());
+        }
+    }
+
     pub(super) fn check_material(&mut self, scene: &Scene, shape: &DescribedShape) {
         let MaterialId(material) = shape.material;
         if material as usize >= scene.materials.len() {
