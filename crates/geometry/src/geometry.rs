@@ -2,7 +2,7 @@ use crate::build::{Preset, build_tree, union};
 use crate::frame::Frame;
 use crate::instance::Placements;
 use crate::shape::Quadric;
-use crate::traverse::{Best, Tree};
+use crate::traverse::{Best, Tree, Way};
 use crate::{Error, Hit, Instance, Placed, PrimitiveId, Ray, Shape, SurfacePoint};
 use glam::{DAffine3, Vec3};
 use std::sync::Arc;
@@ -17,7 +17,6 @@ pub struct Geometry {
     tree: Tree,
     bounds: Option<[Vec3; 2]>,
     triangle_count: usize,
-    placements: Option<Box<Placements>>,
 }
 
 impl Geometry {
@@ -28,7 +27,7 @@ impl Geometry {
     /// [`Error::TooMany`] for more shapes than a `u32` counts or more than 2^30 primitives.
     pub fn build(shapes: Vec<Shape>, preset: Preset) -> Result<Self, Error> {
         let (tree, bounds, triangle_count) = build_tree(&shapes, preset)?;
-        Ok(Self { shapes, tree, bounds, triangle_count, placements: None })
+        Ok(Self { shapes, tree, bounds, triangle_count })
     }
 
     /// The same with instances: of each object there is one in memory, however often it stands in the scene. Objects
@@ -55,7 +54,7 @@ impl Geometry {
             (Some(base), Some(placed)) => Some(union(base, placed)),
             (base, placed) => base.or(placed),
         };
-        scene.placements = Some(Box::new(placements));
+        scene.tree.way = Way::placed(placements);
         Ok(scene)
     }
 
@@ -81,10 +80,7 @@ impl Geometry {
     #[inline(always)]
     fn closest_along(&self, frame: &Frame, scale: f32, time: f32) -> Option<Hit> {
         let mut best = Best::new(frame.ray.tmax);
-        self.tree.closest(frame, &mut best);
-        if let Some(placements) = &self.placements {
-            placements.closest(frame, time, &mut best);
-        }
+        self.tree.closest(frame, time, &mut best);
         best.found.then_some(Hit {
             t: best.t * scale,
             shape: (best.key >> 32) as u32,
@@ -105,14 +101,9 @@ impl Geometry {
     #[must_use]
     pub fn occluded_at(&self, ray: &Ray, time: f32) -> bool {
         match Frame::ordinary(ray) {
-            Some(frame) => self.occluded_along(&frame, time),
-            None => Frame::rescaled(ray).is_some_and(|(frame, _)| self.occluded_along(&frame, time)),
+            Some(frame) => self.tree.occluded(&frame, time),
+            None => Frame::rescaled(ray).is_some_and(|(frame, _)| self.tree.occluded(&frame, time)),
         }
-    }
-
-    #[inline(always)]
-    fn occluded_along(&self, frame: &Frame, time: f32) -> bool {
-        self.tree.occluded(frame) || self.placements.as_ref().is_some_and(|placed| placed.occluded(frame, time))
     }
 
     /// The point that was hit, with its error and normal. `hit` must come from [`closest`](Self::closest) of this
@@ -165,7 +156,7 @@ impl Geometry {
     #[inline]
     #[must_use]
     pub fn placed(&self, shape: u32) -> Option<Placed> {
-        self.placements.as_ref()?.placed(shape)
+        self.instances()?.placed(shape)
     }
 
     /// A shape's number where every object counts once: base shapes keep theirs, the objects' shapes follow, object
@@ -195,40 +186,44 @@ impl Geometry {
     /// How many shape numbers there are: base shapes, and the shapes of each instance.
     #[must_use]
     pub fn shape_count(&self) -> u32 {
-        self.placements.as_ref().map_or(self.shapes.len() as u32, |placed| placed.shape_count())
+        self.instances().map_or(self.shapes.len() as u32, |placed| placed.shape_count())
     }
 
     /// The objects, as given.
     pub fn objects(&self) -> impl Iterator<Item = &Arc<Self>> {
-        self.placements.iter().flat_map(|placed| placed.objects.iter().map(|object| &object.geometry))
+        self.instances().into_iter().flat_map(|placed| placed.objects.iter().map(|object| &object.geometry))
     }
 
     /// Whether there are instances, or objects for them.
     #[must_use]
     pub fn has_instances(&self) -> bool {
-        self.placements.is_some()
+        self.instances().is_some()
     }
 
     /// Whether an instance moves.
     #[must_use]
     pub fn moves(&self) -> bool {
-        self.placements.as_ref().is_some_and(|placed| placed.moves)
+        self.instances().is_some_and(|placed| placed.moves)
     }
 
     pub(crate) fn tree(&self) -> &Tree {
         &self.tree
     }
 
+    fn instances(&self) -> Option<&Placements> {
+        if let Way::Placed(placed) = &self.tree.way { Some(&placed.placements) } else { None }
+    }
+
     /// Only asked about shapes that are none of the base.
     #[inline]
     fn placements(&self) -> &Placements {
-        self.placements.as_deref().expect("a shape number of this geometry")
+        self.instances().expect("a shape number of this geometry")
     }
 
     /// The same without AVX2, whatever the machine has.
     #[cfg(test)]
     pub(crate) fn in_pairs(mut self) -> Self {
-        self.tree.vectors = crate::lanes::Vectors::Pair;
+        self.tree.way = Way::Pair;
         self
     }
 
@@ -248,7 +243,7 @@ impl Geometry {
     /// themselves.
     #[must_use]
     pub fn memory_bytes(&self) -> usize {
-        self.tree.memory_bytes() + self.placements.as_ref().map_or(0, |placed| placed.memory_bytes())
+        self.tree.memory_bytes() + self.instances().map_or(0, |placed| placed.memory_bytes())
     }
 
     /// Triangles in memory that can be hit: those with an area, an object's once.

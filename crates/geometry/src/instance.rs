@@ -229,7 +229,7 @@ impl Placements {
             let instance = &self.instances[number as usize];
             self.enter(instance, frame, time)
                 .and_then(|local| Frame::ordinary(&local.ray))
-                .is_some_and(|local| self.objects[instance.object as usize].geometry.tree().occluded(&local))
+                .is_some_and(|local| self.objects[instance.object as usize].geometry.tree().occluded(&local, time))
         };
         self.top.visit::<true>(frame, &mut Best::new(frame.ray.tmax), &mut visit)
     }
@@ -242,7 +242,7 @@ impl Placements {
         }
         let Some(inner) = Frame::ordinary(&local.ray) else { return };
         let mut found = Best::new(((limit - local.start) * local.speed) as f32);
-        self.objects[instance.object as usize].geometry.tree().closest(&inner, &mut found);
+        self.objects[instance.object as usize].geometry.tree().closest(&inner, time, &mut found);
         if found.found {
             let t = (local.start + f64::from(found.t) / local.speed) as f32;
             let t = t.max(frame.ray.tmin.next_up()).min(frame.ray.tmax.next_down());

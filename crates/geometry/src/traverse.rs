@@ -1,6 +1,7 @@
 //! The tree that rays walk, and the walk.
 
 use crate::frame::Frame;
+use crate::instance::Placements;
 #[cfg(target_arch = "x86_64")]
 use crate::lanes::Whole;
 use crate::lanes::{Eight, Lanes, Pair, Vectors, WIDTH, Words};
@@ -106,7 +107,42 @@ pub(crate) struct Tree {
     pub(crate) quadric_keys: Vec<u64>,
     /// Most entries that the stack can hold at once.
     pub(crate) stack: usize,
-    pub(crate) vectors: Vectors,
+    pub(crate) way: Way,
+}
+
+/// How a tree is walked: one question, so that a scene without instances pays nothing for those that others have.
+#[derive(Clone, Debug)]
+pub(crate) enum Way {
+    /// In the widest vectors.
+    #[cfg(target_arch = "x86_64")]
+    Whole(pulp::x86::V3),
+    /// In pairs of vectors.
+    Pair,
+    /// And after it, what stands in the scene as instances.
+    Placed(Box<Placed>),
+}
+
+/// Instances, and the vectors to walk the tree in.
+#[derive(Clone, Debug)]
+pub(crate) struct Placed {
+    pub(crate) placements: Placements,
+    vectors: Vectors,
+}
+
+impl Default for Way {
+    fn default() -> Self {
+        match Vectors::default() {
+            #[cfg(target_arch = "x86_64")]
+            Vectors::Whole(v3) => Self::Whole(v3),
+            Vectors::Pair => Self::Pair,
+        }
+    }
+}
+
+impl Way {
+    pub(crate) fn placed(placements: Placements) -> Self {
+        Self::Placed(Box::new(Placed { placements, vectors: Vectors::default() }))
+    }
 }
 
 /// A walk through a tree, compiled for each kind of vectors that may be there at run time.
@@ -204,21 +240,38 @@ impl Best {
 type Aside = (f32, u32);
 
 impl Tree {
-    pub(crate) fn closest(&self, frame: &Frame, best: &mut Best) {
-        self.dispatch::<false>(frame, best);
-    }
-
-    pub(crate) fn occluded(&self, frame: &Frame) -> bool {
-        self.dispatch::<true>(frame, &mut Best::new(frame.ray.tmax))
+    #[inline(always)]
+    pub(crate) fn closest(&self, frame: &Frame, time: f32, best: &mut Best) {
+        self.dispatch::<false>(frame, time, best);
     }
 
     #[inline(always)]
-    fn dispatch<const ANY: bool>(&self, frame: &Frame, best: &mut Best) -> bool {
-        match self.vectors {
+    pub(crate) fn occluded(&self, frame: &Frame, time: f32) -> bool {
+        self.dispatch::<true>(frame, time, &mut Best::new(frame.ray.tmax))
+    }
+
+    #[inline(always)]
+    fn dispatch<const ANY: bool>(&self, frame: &Frame, time: f32, best: &mut Best) -> bool {
+        match &self.way {
+            #[cfg(target_arch = "x86_64")]
+            &Way::Whole(v3) => v3.vectorize(Walk::<Whole, ANY> { token: v3, tree: self, frame, best }),
+            Way::Pair => Walk::<Pair, ANY> { token: (), tree: self, frame, best }.call(),
+            Way::Placed(placed) => self.dispatch_placed::<ANY>(placed, frame, time, best),
+        }
+    }
+
+    #[inline(never)]
+    fn dispatch_placed<const ANY: bool>(&self, placed: &Placed, frame: &Frame, time: f32, best: &mut Best) -> bool {
+        let met = match placed.vectors {
             #[cfg(target_arch = "x86_64")]
             Vectors::Whole(v3) => v3.vectorize(Walk::<Whole, ANY> { token: v3, tree: self, frame, best }),
             Vectors::Pair => Walk::<Pair, ANY> { token: (), tree: self, frame, best }.call(),
+        };
+        if ANY {
+            return met || placed.placements.occluded(frame, time);
         }
+        placed.placements.closest(frame, time, best);
+        false
     }
 
     /// Walks a tree over boxes: `visit` is given the numbers of those that are met, the nearest first, and the best so
