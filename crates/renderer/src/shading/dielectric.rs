@@ -92,7 +92,7 @@ impl RoughDielectric {
         if wo.z > 0.0 && wi.z > 0.0 {
             self.reflected(wo, wi, eta)
         } else if wo.z > 0.0 && wi.z < 0.0 {
-            self.transmitted(wo, wi, eta)
+            self.transmitted(wo, wi, side > 0.0)
         } else {
             (Vec3::ZERO, 0.0)
         }
@@ -114,7 +114,7 @@ impl RoughDielectric {
                 if !(wi.z < 0.0) {
                     return None;
                 }
-                (wi, self.transmitted(wo, wi, eta), eta)
+                (wi, self.transmitted(wo, wi, side > 0.0), eta)
             }
             _ => {
                 let wi = mirror(wo, m);
@@ -139,13 +139,17 @@ impl RoughDielectric {
         (f, self.tint.chance(reflectance) * self.microfacets.reflection_pdf(wo, h))
     }
 
-    /// `f` and density for `wo` above and `wi` below [Walter et al. 2007, eq. 16, 17 and 21, over `eta^2`].
+    /// `f` and density for `wo` above and `wi` below [Walter et al. 2007, eq. 16, 17 and 21, over `eta^2`]; `outside`
+    /// is whether `wo` lies outside of the glass.
     ///
-    /// With the half vector `h = wo + eta wi` the root of the Jacobian's denominator is `|h|`, and `|cos|` of both
-    /// directions cancel against those in the masking.
+    /// The half vector is `h = a + eta b`, `a` being the direction outside and `b` the one inside, whichever light
+    /// comes from: so the two ways through differ by `eta^2`, and by nothing else. The root of the Jacobian's
+    /// denominator is `|h|`, and `|cos|` of both directions cancel against those in the masking.
     #[inline]
-    fn transmitted(&self, wo: Vec3, wi: Vec3, eta: f32) -> (Vec3, f32) {
-        let h = wo + eta * wi;
+    fn transmitted(&self, wo: Vec3, wi: Vec3, outside: bool) -> (Vec3, f32) {
+        let (a, b) = if outside { (wo, wi) } else { (wi, wo) };
+        let h = a + self.eta * b;
+        // Upwards, on the side of `wo`.
         let h = if h.z < 0.0 { -h } else { h };
         // Times |h|. Facets are seen from above by `wo` and from below by `wi`.
         let (before, beyond) = (wo.dot(h), -wi.dot(h));
@@ -154,11 +158,14 @@ impl RoughDielectric {
         }
         let square = h.length_squared();
         let inverse = 1.0 / square.sqrt();
-        let reflectance = fresnel::dielectric_between(before * inverse, beyond * inverse, eta);
+        let (cos_a, cos_b) = if outside { (before, beyond) } else { (beyond, before) };
+        let reflectance = fresnel::dielectric_between(cos_a * inverse, cos_b * inverse, self.eta);
         let common = 2.0 * self.microfacets.normals(h) * before * beyond / (square * square);
+        let eta2 = self.eta * self.eta;
+        let (radiance, density) = if outside { (common, common * eta2) } else { (common * eta2, common) };
         let (above, below) = (self.microfacets.stretched(wo), self.microfacets.stretched(wi));
-        let f = self.tint.transmittance * ((1.0 - reflectance) * common / (above * -wi.z + below * wo.z));
-        (f, (1.0 - self.tint.chance(reflectance)) * common * eta * eta / (wo.z + above))
+        let f = self.tint.transmittance * ((1.0 - reflectance) * radiance / (above * -wi.z + below * wo.z));
+        (f, (1.0 - self.tint.chance(reflectance)) * density / (wo.z + above))
     }
 }
 
