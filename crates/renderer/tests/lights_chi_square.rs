@@ -20,6 +20,7 @@ use support::*;
 
 /// Chi-square tests in this file, at most.
 const TESTS: usize = 64;
+/// STATISTICS asks for 10^6: fewer here, to keep the file within seconds.
 const SAMPLES: u64 = 400_000;
 
 fn picture_of(size: [u32; 2], value: impl Fn(u32, u32) -> f32) -> Arc<Picture> {
