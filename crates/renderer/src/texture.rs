@@ -130,7 +130,7 @@ const BEYOND: usize = usize::MAX;
 fn pair(first: f32, n: u32, wrap: Wrap) -> [usize; 2] {
     let (first, n) = (first as i64, i64::from(n));
     // Mostly both lie in the picture: a division is dear.
-    if first >= 0 && first + 1 < n {
+    if first >= 0 && first < n - 1 {
         return [first as usize, first as usize + 1];
     }
     [first, first.saturating_add(1)].map(|i| match wrap {
