@@ -69,6 +69,7 @@ mod grid;
 mod group;
 mod params;
 mod partition;
+mod surface;
 mod voxels;
 
 pub use clusters::{Cluster, Clusters, Report};

@@ -1,0 +1,139 @@
+//! Normals, areas and boxes of triangles, a block at a time.
+//!
+//! Blocks have an array for each coordinate, so that one instruction does for several triangles, whatever its width.
+
+use crate::grid::{Bounds, Mesh};
+
+/// A triangle whose edges span less than this (the sine between them) has no normal: `f32` coordinates make one by
+/// rounding even of three points on a line, in f64 arithmetic some `2^-52`.
+const FLAT: f64 = 1.0 / (1_u64 << 46) as f64;
+/// Triangles of a block: enough to fill the widest registers, few enough that all arrays stay in the nearest cache.
+const BLOCK: usize = 16;
+
+/// A number each for the triangles of a block.
+type Lanes<T> = [T; BLOCK];
+
+/// What a cluster's figures are summed up from.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Surface {
+    /// The unit normal times the doubled area, and the doubled area; zero where there is no normal.
+    pub(crate) weighted: [f64; 4],
+    /// Its box.
+    pub(crate) bounds: Bounds,
+}
+
+/// A unit normal and 0, or, of a triangle without, (0, 0, 0, 1): the dot product with a unit normal and 1 is the cosine
+/// between them, 1 where there is no normal that could deviate.
+pub(crate) type Normal = [f32; 4];
+
+/// Whether a triangle has a normal.
+#[inline]
+pub(crate) fn is_flat(normal: Normal) -> bool {
+    normal[3] != 0.0
+}
+
+/// Surfaces and normals of triangles, in their order.
+#[derive(Default)]
+pub(crate) struct Surfaces {
+    pub(crate) surfaces: Vec<Surface>,
+    pub(crate) normals: Vec<Normal>,
+}
+
+impl Surfaces {
+    /// Takes these triangles in place of those it has. Two-sided normals are turned upwards.
+    pub(crate) fn load(&mut self, mesh: &Mesh<'_>, triangles: &[u32], two_sided: bool) {
+        self.surfaces.clear();
+        self.normals.clear();
+        let mut edges = Edges::default();
+        let mut bounds = [Bounds::NOTHING; BLOCK];
+        for block in triangles.chunks(BLOCK) {
+            // Lanes past the last triangle have what was there before.
+            for (lane, &triangle) in block.iter().enumerate() {
+                let corners = mesh.corners(triangle);
+                bounds[lane] = Bounds::of(corners);
+                edges.put(lane, corners);
+            }
+            let found = Crosses::of(&edges, two_sided);
+            self.surfaces.extend((0..block.len()).map(|lane| Surface {
+                weighted: [found.cross[0][lane], found.cross[1][lane], found.cross[2][lane], found.doubled[lane]],
+                bounds: bounds[lane],
+            }));
+            let [x, y, z] = &found.unit;
+            self.normals.extend((0..block.len()).map(|lane| [x[lane], y[lane], z[lane], found.flat[lane]]));
+        }
+    }
+}
+
+/// The edges of triangles from their first corners on, by axis.
+#[derive(Default)]
+struct Edges {
+    u: [Lanes<f64>; 3],
+    v: [Lanes<f64>; 3],
+}
+
+impl Edges {
+    #[inline]
+    fn put(&mut self, lane: usize, corners: [[f32; 4]; 3]) {
+        let [a, b, c] = corners.map(|corner| corner.map(f64::from));
+        for axis in 0..3 {
+            self.u[axis][lane] = b[axis] - a[axis];
+            self.v[axis][lane] = c[axis] - a[axis];
+        }
+    }
+}
+
+/// Cross products of edges, and what follows from them.
+struct Crosses {
+    cross: [Lanes<f64>; 3],
+    doubled: Lanes<f64>,
+    unit: [Lanes<f32>; 3],
+    /// 1 where there is no normal, else 0.
+    flat: Lanes<f32>,
+}
+
+impl Crosses {
+    #[inline(never)]
+    fn of(edges: &Edges, two_sided: bool) -> Self {
+        let mut found = Self {
+            cross: [[0.0; BLOCK]; 3],
+            doubled: [0.0; BLOCK],
+            unit: [[0.0; BLOCK]; 3],
+            flat: [0.0; BLOCK],
+        };
+        for lane in 0..BLOCK {
+            let u = [edges.u[0][lane], edges.u[1][lane], edges.u[2][lane]];
+            let v = [edges.v[0][lane], edges.v[1][lane], edges.v[2][lane]];
+            let n = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
+            let square = |a: [f64; 3]| a[0] * a[0] + a[1] * a[1] + a[2] * a[2];
+            let squared = square(n);
+            let flat = squared <= FLAT * FLAT * (square(u) * square(v));
+            let length = squared.sqrt();
+            let inverse = if flat { 0.0 } else { 1.0 / length };
+            found.doubled[lane] = if flat { 0.0 } else { length };
+            found.flat[lane] = if flat { 1.0 } else { 0.0 };
+            for axis in 0..3 {
+                found.cross[axis][lane] = if flat { 0.0 } else { n[axis] };
+                found.unit[axis][lane] = (n[axis] * inverse) as f32;
+            }
+        }
+        if two_sided {
+            found.turn_up();
+        }
+        found
+    }
+
+    /// Turns each normal to the side of z > 0 (or, of z = 0, y > 0, and so on).
+    #[inline]
+    fn turn_up(&mut self) {
+        for lane in 0..BLOCK {
+            let n = [self.unit[0][lane], self.unit[1][lane], self.unit[2][lane]];
+            // Without branches: of a closed surface, half the normals point either way.
+            let negative = (n[2] < 0.0) | ((n[2] == 0.0) & ((n[1] < 0.0) | ((n[1] == 0.0) & (n[0] < 0.0))));
+            let sign = if negative { -1.0_f32 } else { 1.0 };
+            for axis in 0..3 {
+                self.unit[axis][lane] *= sign;
+                self.cross[axis][lane] *= f64::from(sign);
+            }
+        }
+    }
+}
