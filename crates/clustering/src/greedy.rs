@@ -63,9 +63,9 @@ impl Classes {
     }
 
     /// Puts numbers without class, ascending, into the first, or into one of their own if there is none.
-    pub(crate) fn join_first(&mut self, numbers: impl Iterator<Item = u32>) {
+    pub(crate) fn join_first(&mut self, numbers: impl Iterator<Item = usize>) {
         let (first, count) = (self.ends.first().map_or(0, |&end| end as usize), self.members.len());
-        drop(self.members.splice(first..first, numbers));
+        drop(self.members.splice(first..first, numbers.map(|i| i as u32)));
         let more = self.members.len() - count;
         if self.ends.is_empty() {
             self.ends.push(0);

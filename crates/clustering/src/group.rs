@@ -2,10 +2,11 @@
 
 use crate::Cluster;
 use crate::connected::{Connector, Group};
+use crate::few::{FEW, Few, FirstFit};
 use crate::greedy::{Classes, Facet, Rule, classify};
-use crate::grid::{Bounds, Mesh};
-use crate::params::{Grouping, Insertion, Params};
-use crate::surface::{Normal, Surface, is_flat};
+use crate::grid::Mesh;
+use crate::params::{Grouping, Insertion, Order, Params};
+use crate::surface::{Normals, Surface};
 
 /// Clusters of some voxels, numbered from 0.
 #[derive(Default)]
@@ -28,17 +29,42 @@ pub(crate) struct Batch {
 pub(crate) struct Members<'a> {
     pub(crate) triangles: &'a [u32],
     pub(crate) surfaces: &'a [Surface],
-    pub(crate) normals: &'a [Normal],
+    pub(crate) normals: Normals<'a>,
 }
 
 /// What one thread needs to make batches: the arrays are by number in the group.
 #[derive(Default)]
 pub(crate) struct Scratch {
+    few: Few,
     facets: Vec<Facet>,
     classes: Classes,
     class: Vec<u32>,
     kept: Vec<u32>,
     connector: Connector,
+}
+
+/// Parameters, as groups want them.
+#[derive(Clone, Copy)]
+pub(crate) struct Plan {
+    grouping: Grouping,
+    weld: bool,
+    rule: Rule,
+    steep: f32,
+    /// Whether all triangles of a group have their clusters there.
+    keeps_all: bool,
+}
+
+impl Plan {
+    pub(crate) fn new(params: &Params) -> Self {
+        let keeps_all = params.insertion == Insertion::Centroid;
+        let rule = Rule::new(params);
+        Self { grouping: params.grouping, weld: params.weld, rule, steep: steep(params), keeps_all }
+    }
+
+    /// Whether [`Few`] will do.
+    fn is_plain(&self) -> bool {
+        self.keeps_all && self.grouping == Grouping::Greedy && self.rule.order == Order::Canonical
+    }
 }
 
 impl Scratch {
@@ -47,24 +73,32 @@ impl Scratch {
     pub(crate) fn cluster(
         &mut self,
         mesh: &Mesh<'_>,
-        params: &Params,
+        plan: &Plan,
         group: Members<'_>,
         keeps: impl Fn(usize) -> bool,
         batch: &mut Batch,
     ) {
-        let steep = steep(params);
-        let keeps_all = params.insertion == Insertion::Centroid;
+        let count = group.triangles.len();
         let common = Cluster { material: mesh.material(group.triangles[0]), group: batch.groups, ..Cluster::NONE };
-        self.classify(mesh, params, group);
-        if self.classes.len() == 1 && keeps_all {
-            batch.members.extend_from_slice(group.triangles);
-            batch.clusters.push(measure(group, 0..group.triangles.len(), steep, common));
-            batch.groups += 1;
-            return;
+        if plan.is_plain() {
+            let rule = FirstFit { cosine: plan.rule.cosine, two_sided: plan.rule.two_sided, steep: plan.steep };
+            let done = match count {
+                0..=8 => self.few.cluster::<8>(rule, group, common, batch),
+                9..=16 => self.few.cluster::<16>(rule, group, common, batch),
+                17..=32 => self.few.cluster::<32>(rule, group, common, batch),
+                33..=64 => self.few.cluster::<64>(rule, group, common, batch),
+                65..=128 => self.few.cluster::<128>(rule, group, common, batch),
+                129..=FEW => self.few.cluster::<FEW>(rule, group, common, batch),
+                _ => false,
+            };
+            if done {
+                return;
+            }
         }
+        self.classify(mesh, plan, group);
         let clusters = batch.clusters.len();
         for members in self.classes.iter() {
-            let members = if keeps_all {
+            let members = if plan.keeps_all {
                 members
             } else {
                 self.kept.clear();
@@ -76,28 +110,27 @@ impl Scratch {
                 continue;
             }
             batch.members.extend(members.iter().map(|&i| group.triangles[i as usize]));
-            batch.clusters.push(measure(group, members.iter().map(|&i| i as usize), steep, common));
+            batch.clusters.push(measure(group, members, plan.steep, common));
         }
         batch.groups += u32::from(batch.clusters.len() > clusters);
     }
 
     /// Fills `classes`.
-    fn classify(&mut self, mesh: &Mesh<'_>, params: &Params, group: Members<'_>) {
+    fn classify(&mut self, mesh: &Mesh<'_>, plan: &Plan, group: Members<'_>) {
         self.facets.clear();
-        let facet = |(&[x, y, z, _], number): (&Normal, u32)| Facet { normal: [x, y, z], number };
-        self.facets.extend(group.normals.iter().zip(0..).map(facet));
+        let facet = |number| Facet { normal: group.normals.of(number), number: number as u32 };
+        self.facets.extend((0..group.triangles.len()).map(facet));
         // Rare, so that the loop above is without branches.
-        let flat = group.normals.iter().fold(false, |any, &normal| any | is_flat(normal));
+        let flat = (0..group.triangles.len()).fold(false, |any, i| any | group.normals.is_flat(i));
         if flat {
-            self.facets.retain(|facet| !is_flat(group.normals[facet.number as usize]));
+            self.facets.retain(|facet| !group.normals.is_flat(facet.number as usize));
         }
-        classify(&mut self.facets, Rule::new(params), &mut self.classes);
-        if params.grouping == Grouping::Connected {
-            self.cut(Group { mesh, triangles: group.triangles, weld: params.weld, order: params.order });
+        classify(&mut self.facets, plan.rule, &mut self.classes);
+        if plan.grouping == Grouping::Connected {
+            self.cut(Group { mesh, triangles: group.triangles, weld: plan.weld, order: plan.rule.order });
         } else if flat {
             // No normal contradicts any: into the first cluster.
-            let flat = (0..).zip(group.normals).filter(|&(_, &normal)| is_flat(normal)).map(|(number, _)| number);
-            self.classes.join_first(flat);
+            self.classes.join_first((0..group.triangles.len()).filter(|&i| group.normals.is_flat(i)));
         }
     }
 
@@ -134,71 +167,33 @@ fn steep(params: &Params) -> f32 {
 }
 
 /// A cluster with all that is known of its members filled in.
-fn measure(
-    group: Members<'_>,
-    members: impl ExactSizeIterator<Item = usize> + Clone,
-    steep: f32,
-    common: Cluster,
-) -> Cluster {
-    let mut sum = [0.0_f64; 4];
-    let mut bounds = Bounds::NOTHING;
-    let lead = members.clone().map(|i| group.normals[i]).find(|&normal| !is_flat(normal));
-    let lead = lead.unwrap_or([0.0, 0.0, 1.0, 0.0]);
+fn measure(group: Members<'_>, members: &[u32], steep: f32, common: Cluster) -> Cluster {
+    let numbers = || members.iter().map(|&i| i as usize);
+    let mut sum = Surface::NOTHING;
+    let lead = numbers().find(|&i| !group.normals.is_flat(i)).map_or([0.0, 0.0, 1.0], |i| group.normals.of(i));
     if lead[2] >= steep {
-        for i in members.clone() {
-            let surface = &group.surfaces[i];
-            for lane in 0..4 {
-                sum[lane] += surface.weighted[lane];
-            }
-            bounds.unite(surface.bounds);
+        for i in numbers() {
+            sum.add(&group.surfaces[i]);
         }
     } else {
-        for i in members.clone() {
-            let surface = &group.surfaces[i];
-            let side = if dot(lead, group.normals[i]) < 0.0 { -1.0 } else { 1.0 };
-            let sides = [side, side, side, 1.0];
-            for lane in 0..4 {
-                sum[lane] += sides[lane] * surface.weighted[lane];
-            }
-            bounds.unite(surface.bounds);
+        for i in numbers() {
+            sum.add(&group.surfaces[i].turned(group.normals.dot(i, lead) < 0.0));
         }
     }
-    let triangles = members.len() as u32;
-    let normal = unit(sum);
-    let both = steep > f32::NEG_INFINITY;
-    let cone = cone(normal, members.map(|i| group.normals[i]), both);
-    Cluster { triangles, bounds: bounds.corners(), area: 0.5 * sum[3], normal, cone, ..common }
+    let normal = sum.normal();
+    let cone = cone(normal, numbers().map(|i| group.normals.cosine(i, normal)), steep > f32::NEG_INFINITY);
+    Cluster { triangles: members.len() as u32, normal, cone, ..sum.cluster(common) }
 }
 
 /// The smallest cosine between a normal and members'; -1 where the normal is zero.
-fn cone(normal: [f32; 3], members: impl Iterator<Item = Normal>, both: bool) -> f32 {
+fn cone(normal: [f32; 3], cosines: impl Iterator<Item = f32>, both: bool) -> f32 {
     if normal == [0.0; 3] {
         return -1.0;
     }
-    // Members without a normal deviate from none.
-    let normal = [normal[0], normal[1], normal[2], 1.0];
     let mut cone = 1.0_f32;
-    for member in members {
-        let cosine = dot(normal, member) + member[3];
+    for cosine in cosines {
         let cosine = if both { cosine.abs() } else { cosine };
         cone = if cosine < cone { cosine } else { cone };
     }
     cone.max(-1.0)
-}
-
-#[inline]
-fn dot(a: Normal, b: Normal) -> f32 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-/// A sum of weighted unit vectors, and that of the weights, made a unit vector; zero where they cancel but for rounding.
-fn unit([x, y, z, weight]: [f64; 4]) -> [f32; 3] {
-    let length = (x * x + y * y + z * z).sqrt();
-    // Normals are known to 2^-24 or so.
-    const CANCELLED: f64 = 1e-6;
-    if length <= CANCELLED * weight {
-        return [0.0; 3];
-    }
-    let inverse = 1.0 / length;
-    [x, y, z].map(|x| (x * inverse) as f32)
 }

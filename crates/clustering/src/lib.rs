@@ -64,6 +64,7 @@
 mod clusters;
 mod connected;
 mod error;
+mod few;
 mod greedy;
 mod grid;
 mod group;

@@ -1,7 +1,7 @@
 //! From triangles to clusters over a grid, range by range of voxels.
 
 use crate::grid::{Bounds, CHUNK, Grid, Mesh};
-use crate::group::{Batch, Members, Scratch};
+use crate::group::{Batch, Members, Plan, Scratch};
 use crate::params::{Insertion, MAX_CLAMP, Params};
 use crate::surface::Surfaces;
 use crate::voxels::{Entry, Ranges, Sorted, for_ranges};
@@ -218,16 +218,17 @@ impl Worker {
     /// Clusters the groups and drops them.
     fn flush(&mut self, mesh: &Mesh<'_>, params: &Params, grid: Grid, batch: &mut Batch) {
         self.surfaces.load(mesh, &self.triangles, params.two_sided);
+        let plan = Plan::new(params);
         let mut start = 0;
         for &(voxel, end) in &self.groups {
             let group = Members {
                 triangles: &self.triangles[start..end],
                 surfaces: &self.surfaces.surfaces[start..end],
-                normals: &self.surfaces.normals[start..end],
+                normals: self.surfaces.normals(start),
             };
             // The last voxel of its box has a triangle's cluster.
             let keeps = |i: usize| grid.number(grid.overlapped(group.surfaces[i].bounds)[1]) == voxel;
-            self.scratch.cluster(mesh, params, group, keeps, batch);
+            self.scratch.cluster(mesh, &plan, group, keeps, batch);
             start = end;
         }
         self.triangles.clear();

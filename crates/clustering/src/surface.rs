@@ -2,6 +2,8 @@
 //!
 //! Blocks have an array for each coordinate, so that one instruction does for several triangles, whatever its width.
 
+use crate::Cluster;
+use crate::few::FEW;
 use crate::grid::{Bounds, Mesh};
 
 /// A triangle whose edges span less than this (the sine between them) has no normal: `f32` coordinates make one by
@@ -22,32 +24,113 @@ pub(crate) struct Surface {
     pub(crate) bounds: Bounds,
 }
 
-/// A unit normal and 0, or, of a triangle without, (0, 0, 0, 1): the dot product with a unit normal and 1 is the cosine
-/// between them, 1 where there is no normal that could deviate.
-pub(crate) type Normal = [f32; 4];
+impl Surface {
+    /// Of no triangles.
+    pub(crate) const NOTHING: Self = Self { weighted: [0.0; 4], bounds: Bounds::NOTHING };
 
-/// Whether a triangle has a normal.
-#[inline]
-pub(crate) fn is_flat(normal: Normal) -> bool {
-    normal[3] != 0.0
+    /// Adds a triangle whose normal is on the same side.
+    #[inline]
+    pub(crate) fn add(&mut self, other: &Self) {
+        for lane in 0..4 {
+            self.weighted[lane] += other.weighted[lane];
+        }
+        self.bounds.unite(other.bounds);
+    }
+
+    /// The same, on its other side if so said.
+    #[inline]
+    pub(crate) fn turned(&self, turned: bool) -> Self {
+        let side = if turned { -1.0 } else { 1.0 };
+        let [x, y, z, weight] = self.weighted;
+        Self { weighted: [side * x, side * y, side * z, weight], bounds: self.bounds }
+    }
+
+    /// The mean normal; zero where normals cancel but for rounding.
+    pub(crate) fn normal(&self) -> [f32; 3] {
+        let [x, y, z, weight] = self.weighted;
+        let length = (x * x + y * y + z * z).sqrt();
+        // Normals are known to 2^-24 or so.
+        const CANCELLED: f64 = 1e-6;
+        if length <= CANCELLED * weight {
+            return [0.0; 3];
+        }
+        let inverse = 1.0 / length;
+        [x, y, z].map(|x| (x * inverse) as f32)
+    }
+
+    /// Box and area filled in.
+    #[inline]
+    pub(crate) fn cluster(&self, common: Cluster) -> Cluster {
+        Cluster { bounds: self.bounds.corners(), area: 0.5 * self.weighted[3], ..common }
+    }
+}
+
+/// Unit normals by axis, zero where there is none, and 1 there and 0 elsewhere.
+#[derive(Clone, Copy)]
+pub(crate) struct Normals<'a> {
+    axes: [&'a [f32]; 3],
+    flat: &'a [f32],
+    start: usize,
+}
+
+impl<'a> Normals<'a> {
+    #[inline]
+    pub(crate) fn of(&self, i: usize) -> [f32; 3] {
+        self.axes.map(|axis| axis[self.start + i])
+    }
+
+    /// Whether there is none.
+    #[inline]
+    pub(crate) fn is_flat(&self, i: usize) -> bool {
+        self.flat[self.start + i] != 0.0
+    }
+
+    /// The cosine to a unit vector; 0 where there is no normal.
+    #[inline]
+    pub(crate) fn dot(&self, i: usize, other: [f32; 3]) -> f32 {
+        let own = self.of(i);
+        own[0] * other[0] + own[1] * other[1] + own[2] * other[2]
+    }
+
+    /// The same and, where there is no normal that could deviate, 1.
+    #[inline]
+    pub(crate) fn cosine(&self, i: usize, other: [f32; 3]) -> f32 {
+        self.dot(i, other) + self.flat[self.start + i]
+    }
+
+    /// N of them, the last ones perhaps of other groups or of none.
+    pub(crate) fn first<const N: usize>(&self) -> Option<[&'a [f32; N]; 3]> {
+        let [x, y, z] = self.axes.map(|axis| axis[self.start..].first_chunk());
+        Some([x?, y?, z?])
+    }
 }
 
 /// Surfaces and normals of triangles, in their order.
 #[derive(Default)]
 pub(crate) struct Surfaces {
     pub(crate) surfaces: Vec<Surface>,
-    pub(crate) normals: Vec<Normal>,
+    axes: [Vec<f32>; 3],
+    flat: Vec<f32>,
 }
 
 impl Surfaces {
+    /// The normals from some triangle on.
+    pub(crate) fn normals(&self, start: usize) -> Normals<'_> {
+        let [x, y, z] = &self.axes;
+        Normals { axes: [x, y, z], flat: &self.flat, start }
+    }
+
     /// Takes these triangles in place of those it has. Two-sided normals are turned upwards.
     pub(crate) fn load(&mut self, mesh: &Mesh<'_>, triangles: &[u32], two_sided: bool) {
         self.surfaces.clear();
-        self.normals.clear();
+        // What is there before does not matter, nor what is there past the last triangle.
+        let room = triangles.len().next_multiple_of(BLOCK) + FEW;
+        for lanes in self.axes.iter_mut().chain([&mut self.flat]) {
+            lanes.resize(room, 0.0);
+        }
         let mut edges = Edges::default();
         let mut bounds = [Bounds::NOTHING; BLOCK];
-        for block in triangles.chunks(BLOCK) {
-            // Lanes past the last triangle have what was there before.
+        for (number, block) in triangles.chunks(BLOCK).enumerate() {
             for (lane, &triangle) in block.iter().enumerate() {
                 let corners = mesh.corners(triangle);
                 bounds[lane] = Bounds::of(corners);
@@ -58,8 +141,11 @@ impl Surfaces {
                 weighted: [found.cross[0][lane], found.cross[1][lane], found.cross[2][lane], found.doubled[lane]],
                 bounds: bounds[lane],
             }));
-            let [x, y, z] = &found.unit;
-            self.normals.extend((0..block.len()).map(|lane| [x[lane], y[lane], z[lane], found.flat[lane]]));
+            let lanes = number * BLOCK..number * BLOCK + BLOCK;
+            for (axis, unit) in self.axes.iter_mut().zip(&found.unit) {
+                axis[lanes.clone()].copy_from_slice(unit);
+            }
+            self.flat[lanes].copy_from_slice(&found.flat);
         }
     }
 }
