@@ -48,6 +48,7 @@ pub(crate) struct FirstFit {
 impl Few {
     /// Clusters a group of at most N triangles and adds them to a batch; false, and nothing done, if that takes another
     /// way: some have no normal, or there are many classes.
+    #[inline(always)]
     pub(crate) fn cluster<const N: usize>(
         &mut self,
         rule: FirstFit,
@@ -85,6 +86,7 @@ impl Few {
     }
 
     /// Sums up the classes. Where `sides` may differ within one, they are turned to that of the first.
+    #[inline(always)]
     fn sum(&mut self, group: Members<'_>, class: &[u32], sides: bool) {
         if !sides {
             for (surface, &class) in group.surfaces.iter().zip(class) {
@@ -105,6 +107,7 @@ impl Few {
     }
 
     /// Normals, cones, and members in the order of classes.
+    #[inline(always)]
     fn finish(&mut self, group: Members<'_>, class: &[u32], both: bool) {
         let mut members = 0;
         for part in &mut self.parts {
@@ -126,6 +129,7 @@ impl Few {
 
 /// First fit in canonical order: fills in the classes of the first `count` and tells how many there are, or more than
 /// [`MAX_CLASSES`].
+#[inline(always)]
 fn classify<const N: usize, const TWO_SIDED: bool>(
     [x, y, z]: [&[f32; N]; 3],
     count: usize,
@@ -173,8 +177,59 @@ fn classify<const N: usize, const TWO_SIDED: bool>(
 }
 
 /// An integer that is in the order of a number; the zeros are one.
-#[inline]
+#[inline(always)]
 fn key(x: f32) -> i32 {
     let bits = (x + 0.0).to_bits() as i32;
     bits ^ ((bits >> 31) as u32 >> 1) as i32
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::greedy::{Classes, Facet, Rule};
+    use crate::params::Order;
+
+    /// Against the passes that other groups take, which are tested against the published loop.
+    #[test]
+    fn lanes_are_first_fit() {
+        let mut state = 2016_u64;
+        let mut random = |n: u64| {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 33) % n
+        };
+        for round in 0..600 {
+            let (count, two_sided) = (1 + random(64) as usize, round % 2 == 0);
+            // Few directions, so that many are equal in z, in y too, or altogether.
+            let normals: Vec<[f32; 3]> = std::iter::repeat_with(|| {
+                let n = [0; 3].map(|_| random(9) as f32 - 4.0);
+                let length = n.iter().map(|x| x * x).sum::<f32>().sqrt().max(0.5);
+                let side = if two_sided && n[2] < 0.0 { -1.0 } else { 1.0 };
+                n.map(|x| side * x / length)
+            })
+            .filter(|n| n != &[0.0; 3])
+            .take(64)
+            .collect();
+            let axes: [[f32; 64]; 3] = std::array::from_fn(|axis| std::array::from_fn(|i| normals[i][axis]));
+            let cosine = [0.99, 0.9, 0.5][round % 3];
+            let (axes, mut class) = (axes.each_ref(), [0; 64]);
+            let classes = if two_sided {
+                classify::<64, true>(axes, count, cosine, &mut class)
+            } else {
+                classify::<64, false>(axes, count, cosine, &mut class)
+            };
+            let mut facets: Vec<Facet> =
+                normals[..count].iter().zip(0..).map(|(&normal, number)| Facet { normal, number }).collect();
+            let mut expected = Classes::default();
+            let rule = Rule { cosine, two_sided, order: Order::Canonical };
+            crate::greedy::classify(&mut facets, rule, &mut expected);
+            if expected.len() > MAX_CLASSES {
+                assert_eq!(classes, usize::MAX);
+                continue;
+            }
+            assert_eq!(classes, expected.len());
+            for (number, members) in (0..).zip(expected.iter()) {
+                assert!(members.iter().all(|&member| class[member as usize] == number), "round {round}");
+            }
+        }
+    }
 }

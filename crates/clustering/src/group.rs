@@ -70,6 +70,7 @@ impl Plan {
 impl Scratch {
     /// Clusters a group and adds them to a batch. Only triangles that `keeps` says (by number in the group) have their
     /// cluster here count.
+    #[inline(always)]
     pub(crate) fn cluster(
         &mut self,
         mesh: &Mesh<'_>,
@@ -154,8 +155,8 @@ impl Cluster {
         Self { triangles: 0, bounds: [[0.0; 3]; 2], area: 0.0, normal: [0.0; 3], cone: -1.0, material: 0, group: 0 };
 }
 
-/// From this z on, a normal's cluster has none on its other side: two-sided normals point upwards, and within a cluster
-/// lines are at most twice the angle apart. Above 1 where no z says so, below where sides differ anyway.
+/// From this z on, a two-sided normal has none of its cluster on its other side: they point upwards, and lines of a cluster
+/// are at most twice the angle apart. Infinite where no z says so; below any z where sides are told apart anyway.
 fn steep(params: &Params) -> f32 {
     /// Room for the rounding of normals, of products and of the angle.
     const SLACK: f64 = 1e-3;

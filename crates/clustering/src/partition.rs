@@ -6,6 +6,7 @@ use crate::params::{Insertion, MAX_CLAMP, Params};
 use crate::surface::Surfaces;
 use crate::voxels::{Entry, Ranges, Sorted, for_ranges};
 use crate::{Cluster, Clusters, Error, Report, Triangles};
+use pulp::{Arch, NullaryFnOnce};
 use rayon::prelude::*;
 
 /// Most pairs of a triangle and a voxel: 4 GiB of them with their copy.
@@ -215,8 +216,14 @@ impl Worker {
         }
     }
 
-    /// Clusters the groups and drops them.
+    /// Clusters the groups and drops them, in the widest registers there are. (Rust never fuses a product and a sum, so the
+    /// bits are the same for all.)
     fn flush(&mut self, mesh: &Mesh<'_>, params: &Params, grid: Grid, batch: &mut Batch) {
+        Arch::new().dispatch(Flush { worker: self, mesh, params, grid, batch });
+    }
+
+    #[inline(always)]
+    fn flush_here(&mut self, mesh: &Mesh<'_>, params: &Params, grid: Grid, batch: &mut Batch) {
         self.surfaces.load(mesh, &self.triangles, params.two_sided);
         let plan = Plan::new(params);
         let mut start = 0;
@@ -233,6 +240,24 @@ impl Worker {
         }
         self.triangles.clear();
         self.groups.clear();
+    }
+}
+
+/// A call of [`Worker::flush_here`].
+struct Flush<'a, 'm> {
+    worker: &'a mut Worker,
+    mesh: &'a Mesh<'m>,
+    params: &'a Params,
+    grid: Grid,
+    batch: &'a mut Batch,
+}
+
+impl NullaryFnOnce for Flush<'_, '_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        self.worker.flush_here(self.mesh, self.params, self.grid, self.batch);
     }
 }
 

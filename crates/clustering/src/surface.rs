@@ -29,7 +29,7 @@ impl Surface {
     pub(crate) const NOTHING: Self = Self { weighted: [0.0; 4], bounds: Bounds::NOTHING };
 
     /// Adds a triangle whose normal is on the same side.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn add(&mut self, other: &Self) {
         for lane in 0..4 {
             self.weighted[lane] += other.weighted[lane];
@@ -38,7 +38,7 @@ impl Surface {
     }
 
     /// The same, on its other side if so said.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn turned(&self, turned: bool) -> Self {
         let side = if turned { -1.0 } else { 1.0 };
         let [x, y, z, weight] = self.weighted;
@@ -46,6 +46,7 @@ impl Surface {
     }
 
     /// The mean normal; zero where normals cancel but for rounding.
+    #[inline(always)]
     pub(crate) fn normal(&self) -> [f32; 3] {
         let [x, y, z, weight] = self.weighted;
         let length = (x * x + y * y + z * z).sqrt();
@@ -59,7 +60,7 @@ impl Surface {
     }
 
     /// Box and area filled in.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn cluster(&self, common: Cluster) -> Cluster {
         Cluster { bounds: self.bounds.corners(), area: 0.5 * self.weighted[3], ..common }
     }
@@ -74,26 +75,26 @@ pub(crate) struct Normals<'a> {
 }
 
 impl<'a> Normals<'a> {
-    #[inline]
+    #[inline(always)]
     pub(crate) fn of(&self, i: usize) -> [f32; 3] {
         self.axes.map(|axis| axis[self.start + i])
     }
 
     /// Whether there is none.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn is_flat(&self, i: usize) -> bool {
         self.flat[self.start + i] != 0.0
     }
 
     /// The cosine to a unit vector; 0 where there is no normal.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn dot(&self, i: usize, other: [f32; 3]) -> f32 {
         let own = self.of(i);
         own[0] * other[0] + own[1] * other[1] + own[2] * other[2]
     }
 
     /// The same and, where there is no normal that could deviate, 1.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn cosine(&self, i: usize, other: [f32; 3]) -> f32 {
         self.dot(i, other) + self.flat[self.start + i]
     }
@@ -121,6 +122,7 @@ impl Surfaces {
     }
 
     /// Takes these triangles in place of those it has. Two-sided normals are turned upwards.
+    #[inline(always)]
     pub(crate) fn load(&mut self, mesh: &Mesh<'_>, triangles: &[u32], two_sided: bool) {
         self.surfaces.clear();
         // What is there before does not matter, nor what is there past the last triangle.
@@ -158,7 +160,7 @@ struct Edges {
 }
 
 impl Edges {
-    #[inline]
+    #[inline(always)]
     fn put(&mut self, lane: usize, corners: [[f32; 4]; 3]) {
         let [a, b, c] = corners.map(|corner| corner.map(f64::from));
         for axis in 0..3 {
@@ -178,14 +180,10 @@ struct Crosses {
 }
 
 impl Crosses {
-    #[inline(never)]
+    #[inline(always)]
     fn of(edges: &Edges, two_sided: bool) -> Self {
-        let mut found = Self {
-            cross: [[0.0; BLOCK]; 3],
-            doubled: [0.0; BLOCK],
-            unit: [[0.0; BLOCK]; 3],
-            flat: [0.0; BLOCK],
-        };
+        let mut found =
+            Self { cross: [[0.0; BLOCK]; 3], doubled: [0.0; BLOCK], unit: [[0.0; BLOCK]; 3], flat: [0.0; BLOCK] };
         for lane in 0..BLOCK {
             let u = [edges.u[0][lane], edges.u[1][lane], edges.u[2][lane]];
             let v = [edges.v[0][lane], edges.v[1][lane], edges.v[2][lane]];
@@ -209,7 +207,7 @@ impl Crosses {
     }
 
     /// Turns each normal to the side of z > 0 (or, of z = 0, y > 0, and so on).
-    #[inline]
+    #[inline(always)]
     fn turn_up(&mut self) {
         for lane in 0..BLOCK {
             let n = [self.unit[0][lane], self.unit[1][lane], self.unit[2][lane]];
