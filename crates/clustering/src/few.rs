@@ -146,12 +146,11 @@ fn classify<const N: usize, const TWO_SIDED: bool>(
         top = top.max(keys[i]);
     }
     let mut classes = 0;
-    while top != DONE && classes as usize <= MAX_CLASSES {
+    while top != DONE && (classes as usize) < MAX_CLASSES {
         let (mut at, mut ties) = (i32::MAX, 0);
-        for i in 0..N {
-            let tied = keys[i] == top;
-            at = at.min(if tied { i as i32 } else { i32::MAX });
-            ties += i32::from(tied);
+        for (i, &key) in (0..).zip(&keys) {
+            at = at.min(if key == top { i } else { i32::MAX });
+            ties += i32::from(key == top);
         }
         let mut at = at as usize % N;
         if ties > 1 {

@@ -195,9 +195,9 @@ impl Crosses {
             let inverse = if flat { 0.0 } else { 1.0 / length };
             found.doubled[lane] = if flat { 0.0 } else { length };
             found.flat[lane] = if flat { 1.0 } else { 0.0 };
-            for axis in 0..3 {
-                found.cross[axis][lane] = if flat { 0.0 } else { n[axis] };
-                found.unit[axis][lane] = (n[axis] * inverse) as f32;
+            for (axis, n) in n.into_iter().enumerate() {
+                found.cross[axis][lane] = if flat { 0.0 } else { n };
+                found.unit[axis][lane] = (n * inverse) as f32;
             }
         }
         if two_sided {
