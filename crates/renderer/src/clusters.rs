@@ -3,7 +3,7 @@
 use crate::World;
 use crate::registry::RegistryError;
 use dapple_cluster_adaptive::{ProbeCost, ProbeHit, ProbeRay, ProbesHandle, Shoot};
-use dapple_clustering::{Cluster, Params, Report, Triangles, cluster};
+use dapple_clustering::{Cluster, Clusters, Params, Report, Triangles, cluster};
 use dapple_core::FirstHit;
 use dapple_geometry::Shape;
 use glam::{Vec2, Vec3};
@@ -25,7 +25,19 @@ impl WorldTriangles {
     /// Copies the triangles of all meshes, in the order of the shapes' numbers: each instance's too, as it stands when
     /// the shutter opens.
     pub fn of(world: &World) -> Self {
-        let mut all = Self::default();
+        let meshes = || {
+            (0..world.geometry.shape_count()).filter_map(|number| match world.geometry.shape(number) {
+                Shape::Mesh(mesh) => Some(mesh),
+                Shape::Sphere(_) | Shape::Disk(_) => None,
+            })
+        };
+        // All at once: what has grown has been written more than once.
+        let triangles = meshes().map(|mesh| mesh.triangles().len()).sum();
+        let mut all = Self {
+            positions: Vec::with_capacity(meshes().map(|mesh| mesh.positions().len()).sum()),
+            indices: Vec::with_capacity(triangles),
+            materials: Vec::with_capacity(triangles),
+        };
         for number in 0..world.geometry.shape_count() {
             let Shape::Mesh(mesh) = world.geometry.shape(number) else { continue };
             let first = all.positions.len() as u32;
@@ -70,13 +82,11 @@ impl WorldClusters {
     pub fn new(world: &World, params: &Params) -> Result<Self, dapple_clustering::Error> {
         let began = Instant::now();
         let triangles = WorldTriangles::of(world);
-        let (mut labels, mut clusters, mut report) = (Vec::new(), Vec::new(), None);
-        if !triangles.indices.is_empty() {
-            let found = cluster(&triangles.as_slices(), params)?;
-            labels.extend_from_slice(found.labels());
-            clusters.extend_from_slice(found.clusters());
-            report = Some(found.report());
-        }
+        let found = (!triangles.indices.is_empty()).then(|| cluster(&triangles.as_slices(), params)).transpose()?;
+        drop(triangles);
+        let (of_triangles, in_clusters) = found.as_ref().map_or((&[][..], &[][..]), |f| (f.labels(), f.clusters()));
+        // Spheres and disks after them.
+        let (mut labels, mut clusters) = (Vec::new(), Vec::new());
         let mut first = Vec::with_capacity(world.geometry.shape_count() as usize);
         let mut triangle = 0;
         for number in 0..world.geometry.shape_count() {
@@ -86,14 +96,16 @@ impl WorldClusters {
                     triangle += mesh.triangles().len() as u32;
                 }
                 Shape::Sphere(_) | Shape::Disk(_) => {
-                    first.push(labels.len() as u32);
-                    labels.push(clusters.len() as u32);
-                    let group = clusters.last().map_or(0, |c: &Cluster| c.group + 1);
+                    first.push((of_triangles.len() + labels.len()) as u32);
+                    labels.push((in_clusters.len() + clusters.len()) as u32);
+                    let group = clusters.last().or(in_clusters.last()).map_or(0, |c: &Cluster| c.group + 1);
                     clusters.push(whole(world.shape_bounds(number), world.part(number).material, group));
                 }
             }
         }
-        let (labels, clusters) = (labels.into(), clusters.into());
+        let report = found.as_ref().map(Clusters::report);
+        let labels = of_triangles.iter().copied().chain(labels).collect();
+        let clusters = in_clusters.iter().copied().chain(clusters).collect();
         Ok(Self { params: *params, labels, clusters, first, report, seconds: began.elapsed().as_secs_f64() })
     }
 
