@@ -42,7 +42,7 @@ fn cases(coats: &[(String, f32, MetalCoat)]) -> Vec<Case<'_>> {
         list.push(Case { name: name.clone(), bsdf, alpha: [*narrowest; 2], below: Below::Nothing });
     }
     let (diffuse, specular) = (Vec3::new(0.4, 0.2, 0.1), Vec3::new(0.5, 0.3, 0.05));
-    for alpha in [[0.01; 2], [0.1; 2], [0.5; 2], [0.05, 0.4]] {
+    for alpha in [[0.02; 2], [0.1; 2], [0.5; 2], [0.05, 0.4]] {
         let microfacets = TrowbridgeReitz::new(alpha).unwrap();
         let plastic = Bsdf::Plastic(Plastic { diffuse, specular, microfacets });
         let substrate = Bsdf::Substrate(Substrate { diffuse, specular: specular * 0.2, microfacets });

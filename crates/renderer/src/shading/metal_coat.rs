@@ -16,8 +16,9 @@
 //!
 //! `P` and `Q` are tables over the cosine, fitted when the material is made to walks over a white base: the first
 //! bounce's light gives `P`, all bounces' `Q`. So the light that leaves is right for each `wo`; that the later bounces
-//! leave in a wider lobe than the first is not followed. Where both are smooth the formula is exact. `f` is reciprocal,
-//! and takes no random numbers.
+//! leave in a wider lobe than the first is not followed. Where both are smooth the formula is exact; below a smooth coat
+//! the light that leaves differs from the walks' by 2 %, below rough ones by some 5 %, and by up to 15 % at a cosine of
+//! 0.15. `f` is reciprocal, and takes no random numbers.
 
 use super::Error;
 use super::bsdf::{BsdfSample, mirror};
@@ -30,12 +31,12 @@ use glam::Vec3;
 
 /// Cells of the tables over the cosine.
 const CELLS: usize = 64;
-/// Walks per cosine: the sum of all their light is known within 0.2 %.
-const WALKS: u64 = 512;
+/// Walks per cosine: between smooth layers their light is known within 1 %, between the roughest within some 5 %.
+const WALKS: u64 = 1024;
 /// Smallest cosine that is walked from, in place of 0.
 const GRAZING: f32 = 1e-3;
 
-/// What a coat over a metal does, computed once per material: some 10 ms, and none if both are smooth. The metal's own
+/// What a coat over a metal does, computed once per material: some 0.2 s, and none if both are smooth. The metal's own
 /// reflectance may vary from hit to hit.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MetalCoat {
