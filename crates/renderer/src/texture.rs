@@ -202,4 +202,38 @@ mod tests {
         assert!((found.look_up(TextureId(0), [0.25, 0.75]).x - 0.1).abs() < 1e-6);
         assert_eq!(found.look_up(TextureId(2), [0.25, 0.25]), Vec3::ZERO, "one made of itself is black");
     }
+
+    #[test]
+    fn products_mixes_edges_and_means() {
+        let edge = |wrap| match image(false, 1.0) {
+            TextureKind::Image { picture, scale, shift, factor, invert, .. } => {
+                TextureKind::Image { picture, scale, shift, factor, invert, wrap }
+            }
+            other => other,
+        };
+        let (half, dot) = (Color::Constant([0.5; 3]), Color::Texture(TextureId(0)));
+        let checks =
+            TextureKind::Checkerboard { scale: [1.0; 2], shift: [0.0; 2], colors: [half, Color::Constant([0.1; 3])] };
+        let amount = Scalar::Texture(TextureId(0));
+        let found = textures(vec![
+            edge(Wrap::Clamp),
+            edge(Wrap::Black),
+            TextureKind::Product { factors: [half, dot] },
+            TextureKind::Mix { colors: [half, dot], amount },
+            checks,
+        ]);
+        let at = |id: u32, u: f32, v: f32| found.look_up(TextureId(id), [u, v]).x;
+        // The upper left texel is 0.1, and goes on for ever, or ends.
+        assert!((at(0, -5.0, 7.0) - 0.1).abs() < 1e-6 && at(1, -5.0, 7.0) == 0.0);
+        assert!((at(1, 0.0, 0.75) - 0.05).abs() < 1e-6, "half of the texel at the edge");
+        assert!((at(2, 0.25, 0.75) - 0.05).abs() < 1e-6 && (at(3, 0.25, 0.75) - 0.46).abs() < 1e-6);
+        assert_eq!(
+            (found.look_up_scalar(Scalar::Constant(3.0), [0.0; 2]), found.look_up_scalar(amount, [0.25, 0.75])),
+            (3.0, at(0, 0.25, 0.75))
+        );
+        let means = [0.25, 0.25, 0.125, 0.4375, 0.3];
+        for (id, mean) in means.into_iter().enumerate() {
+            assert!((found.mean(TextureId(id as u32))[0] - mean).abs() < 1e-6, "{id}");
+        }
+    }
 }

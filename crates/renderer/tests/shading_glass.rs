@@ -44,11 +44,13 @@ fn both_sides() -> Vec<Vec3> {
 
 #[test]
 fn l10_glass_agrees_with_its_pdf() {
-    check_agreement(&cases(), &both_sides(), 100_000, true);
+    // Half of the directions, the extreme ones among them.
+    let outgoing: Vec<Vec3> = both_sides().into_iter().enumerate().filter(|(i, _)| i % 4 < 2).map(|(_, w)| w).collect();
+    check_agreement(&cases(), &outgoing, 100_000, true);
 }
 
 #[test]
-#[ignore = "nightly: 10^6 samples a direction, minutes"]
+#[ignore = "nightly: all directions, 10^6 samples each, minutes"]
 fn l10_glass_agrees_with_its_pdf_with_many_samples() {
     check_agreement(&cases(), &both_sides(), 1_000_000, true);
 }

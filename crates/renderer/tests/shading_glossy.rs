@@ -42,7 +42,7 @@ fn cases(coats: &[(String, f32, MetalCoat)]) -> Vec<Case<'_>> {
         list.push(Case { name: name.clone(), bsdf, alpha: [*narrowest; 2], below: Below::Nothing });
     }
     let (diffuse, specular) = (Vec3::new(0.4, 0.2, 0.1), Vec3::new(0.5, 0.3, 0.05));
-    for alpha in [[0.01; 2], [0.1; 2], [0.5; 2], [0.05, 0.4]] {
+    for alpha in [[0.02; 2], [0.1; 2], [0.5; 2], [0.05, 0.4]] {
         let microfacets = TrowbridgeReitz::new(alpha).unwrap();
         let plastic = Bsdf::Plastic(Plastic { diffuse, specular, microfacets });
         let substrate = Bsdf::Substrate(Substrate { diffuse, specular: specular * 0.2, microfacets });
@@ -64,12 +64,14 @@ fn l10_glossy_agrees_with_its_pdf_with_many_samples() {
     check_agreement(&cases(&coats()), &outgoing(), 1_000_000, true);
 }
 
-/// Negative control: a density tilted by 5 % across the lobe must be seen, for each BSDF.
+/// Negative control: a density tilted by 5 % across the lobe must be seen, for each BSDF; by 15 % where most light stays
+/// within, below a smooth coat over the roughest metal.
 #[test]
 fn l10_a_wrong_pdf_is_rejected() {
     let wo = Vec3::new(0.6, 0.0, 0.8);
     for case in cases(&coats()) {
-        let tilted = |wi: Vec3| if wi.x * 0.8 + wi.z * 0.6 > 0.0 { 1.05 } else { 0.95 } * 0.95;
+        let by = if case.alpha[0] == 1.0 { 0.15 } else { 0.05 };
+        let tilted = |wi: Vec3| (1.0 - by) * (1.0 + if wi.x * 0.8 + wi.z * 0.6 > 0.0 { by } else { -by });
         let p = chi_square_of(&case, wo, 100_000, tilted, 1);
         assert!(p < FAMILY, "{}: p = {p:e}", case.name);
     }
@@ -101,7 +103,7 @@ fn l11_mirrors_are_a_furnace() {
     for cos in [0.01f32, 0.1, 0.3, 0.7, 1.0] {
         let wo = Vec3::new((1.0 - cos * cos).sqrt(), 0.0, cos);
         let weight = all.sample(wo, [0.5; 2], 0.5).unwrap().weight;
-        assert!((weight - 1.0).abs().max_element() < 1e-3, "{cos}: {weight}");
+        assert!((weight - 1.0).abs().max_element() < 1e-5, "{cos}: {weight}");
         // Each of gold's channels loses some.
         assert!(gold.sample(wo, [0.5; 2], 0.5).unwrap().weight.cmplt(Vec3::splat(0.9999)).all());
     }

@@ -58,8 +58,8 @@ fn share_within(surfaces: &[Surface], index: u32, textures: &Textures, uv: [f32;
 }
 
 #[inline]
+#[expect(clippy::manual_clamp, reason = "what is no number counts as 0, which `clamp` would let through")]
 fn share_of_second(textures: &Textures, amount: Scalar, uv: [f32; 2]) -> f32 {
-    // What is no number counts as 0.
     textures.look_up_scalar(amount, uv).max(0.0).min(1.0)
 }
 

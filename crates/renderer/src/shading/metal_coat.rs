@@ -9,14 +9,16 @@
 //! * `wo'`, `wi'`: the directions refracted through the level coat; `r` the metal's reflectance at their half angle, its
 //!   index of refraction being over the coat's.
 //! * `L`: the microfacet lobe without its Fresnel term, its width the metal's and the coat's put together: a coat's facet
-//!   tilted by `t` tilts the half vector inside by `(1 - 1 / eta) t / 2`, twice; variances add [after Belcour 2018].
+//!   tilted by `t` turns what it refracts, and so tilts the half vector inside by `(1 - cos / (eta cos')) t / 2`, once on
+//!   each way; squares of widths add [after Belcour 2018].
 //! * `P`: share of light that passes the coat, and what the lobe itself loses or has too much.
 //! * `Q`: what comes back from below the coat, so that all reflections together are a geometric series.
 //!
 //! `P` and `Q` are tables over the cosine, fitted when the material is made to walks over a white base: the first
 //! bounce's light gives `P`, all bounces' `Q`. So the light that leaves is right for each `wo`; that the later bounces
-//! leave in a wider lobe than the first is not followed. Where both are smooth the formula is exact. `f` is reciprocal,
-//! and takes no random numbers.
+//! leave in a wider lobe than the first is not followed. Where both are smooth the formula is exact; below a smooth coat
+//! the light that leaves differs from the walks' by 2 %, below rough ones by some 5 %, and by up to 15 % at a cosine of
+//! 0.15. `f` is reciprocal, and takes no random numbers.
 
 use super::Error;
 use super::bsdf::{BsdfSample, mirror};
@@ -29,19 +31,20 @@ use glam::Vec3;
 
 /// Cells of the tables over the cosine.
 const CELLS: usize = 64;
-/// Walks per cosine: the sum of all their light is known within 0.2 %.
-const WALKS: u64 = 512;
+/// Walks per cosine: between smooth layers their light is known within 1 %, between the roughest within some 5 %.
+const WALKS: u64 = 1024;
 /// Smallest cosine that is walked from, in place of 0.
 const GRAZING: f32 = 1e-3;
 
-/// What a coat over a metal does, computed once per material: some 10 ms, and none if both are smooth. The metal's own
+/// What a coat over a metal does, computed once per material: some 0.2 s, and none if both are smooth. The metal's own
 /// reflectance may vary from hit to hit.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MetalCoat {
     coat: Coat,
     /// The base's lobe as seen from inside the coat; `None` if it is a mirror.
-    lobe: Option<TrowbridgeReitz>,
-    /// `P` and `Q` at cosine `i / CELLS`.
+    lobe: Option<Lobe>,
+    /// `P` and `Q` at cosine `i / CELLS`; between mirrors, which have no need of them, twice the share of light that
+    /// survives a crossing of the coat.
     table: Box<[[f32; 2]]>,
 }
 
@@ -55,20 +58,13 @@ impl MetalCoat {
         let coat = Coat::new(options)?;
         let metal = TrowbridgeReitz::new(alpha)?;
         let smooth = TrowbridgeReitz::effectively_smooth(alpha);
-        // Each of two passes tilts the half vector by half of (1 - 1 / eta) of the facet's own tilt.
-        let spread = (1.0 - 1.0 / coat.eta()) * std::f32::consts::FRAC_1_SQRT_2;
-        let [coat_x, coat_y] = coat.microfacets().map_or([0.0; 2], |m| m.alpha().map(|a| a * spread));
-        let lobe = match (smooth, coat.microfacets()) {
-            (true, None) => None,
-            _ => {
-                let [x, y] = if smooth { [0.0; 2] } else { metal.alpha() };
-                let both = |a: f32, b: f32| (a * a + b * b).sqrt().min(10.0);
-                Some(TrowbridgeReitz::new([both(x, coat_x), both(y, coat_y)])?)
-            }
-        };
+        let lobe = (!smooth || coat.microfacets().is_some()).then(|| Lobe {
+            metal: if smooth { [0.0; 2] } else { metal.alpha() },
+            coat: coat.microfacets().map_or([0.0; 2], TrowbridgeReitz::alpha),
+        });
         let walks = Walks { coat: &coat, metal: (!smooth).then_some(metal), options };
         let table = match &lobe {
-            None => (0..=CELLS).map(|i| walks.between_mirrors(i as f32 / CELLS as f32)).collect(),
+            None => (0..=CELLS).map(|i| [walks.refracted_crossing(i as f32 / CELLS as f32); 2]).collect(),
             Some(lobe) => walks.fit(lobe),
         };
         Ok(Self { coat, lobe, table })
@@ -92,13 +88,32 @@ impl MetalCoat {
 
     /// Width of the base's lobe, 0 for a mirror.
     pub(super) fn roughness(&self) -> f32 {
-        self.lobe.map_or(0.0, |m| (m.alpha()[0] * m.alpha()[1]).sqrt())
+        self.lobe.map_or(0.0, |lobe| {
+            let [x, y] = lobe.seen(self.coat.eta(), [Vec3::Z; 2], [Vec3::Z; 2]).alpha();
+            (x * y).sqrt()
+        })
     }
 
     /// Share of light reflected from along the normal, by a metal of this reflectance.
     pub(super) fn albedo(&self, reflectance: Vec3) -> Vec3 {
+        if self.is_specular() {
+            return self.between_mirrors(1.0, |_| reflectance);
+        }
         let [passes, again] = self.passes_and_again(1.0);
         self.coat.transmittance_and_reflectance(1.0)[1] + series(reflectance, passes * passes, again, again)
+    }
+
+    /// Share of light that two mirrors reflect, all reflections between them added; `metal` gives the lower one's
+    /// reflectance at a cosine.
+    #[inline]
+    fn between_mirrors(&self, cos: f32, metal: impl Fn(f32) -> Vec3) -> Vec3 {
+        let eta = self.coat.eta();
+        let Some(inner) = fresnel::transmitted_cosine(cos, eta) else { return Vec3::ONE };
+        let [crossing, _] = self.passes_and_again(cos);
+        let reflectance = fresnel::dielectric_between(cos, inner, eta);
+        let passes = (1.0 - reflectance) * crossing;
+        let again = reflectance * crossing * crossing;
+        reflectance + series(metal(inner), passes * passes, again, again)
     }
 
     /// Probability of sampling the coat's lobe, for a metal of about this reflectance.
@@ -123,10 +138,12 @@ impl MetalCoat {
             let to = self.passes_and_again(wi.z);
             let h = inner_o + inner_i;
             let reflectance = ior.reflectance(half_angle_cosine(h));
-            let passes = from[0] * to[0] / (eta * eta) * lobe.reflection(inner_o, inner_i, h);
+            let seen = lobe.seen(eta, [wo, inner_o], [wi, inner_i]);
+            let passes = from[0] * to[0] / (eta * eta) * seen.reflection(inner_o, inner_i, h);
             f = series(reflectance, passes, from[1], to[1]);
             // Solid angles shrink on the way in by eta^2 cos' / cos.
-            pdf = (1.0 - chance) * lobe.reflection_pdf(inner_o, h) * (wi.z / (eta * eta * inner_i.z));
+            let drawn = lobe.seen(eta, [wo, inner_o], [wo, inner_o]).reflection_pdf(inner_o, h);
+            pdf = (1.0 - chance) * drawn * (wi.z / (eta * eta * inner_i.z));
         }
         if let Some(microfacets) = self.coat.microfacets() {
             let h = wo + wi;
@@ -148,14 +165,11 @@ impl MetalCoat {
     ) -> Option<BsdfSample> {
         let eta = self.coat.eta();
         let mirrored = Vec3::new(-wo.x, -wo.y, wo.z);
-        let [passes, again] = self.passes_and_again(wo.z);
         let Some(lobe) = &self.lobe else {
-            let inner = refracted(wo, eta);
-            let below = inner.map_or(Vec3::ZERO, |w| series(ior.reflectance(w.z), passes * passes, again, again));
-            let weight = below + self.coat.fresnel(wo.z);
+            let weight = self.between_mirrors(wo.z, |cos| ior.reflectance(cos));
             return Some(BsdfSample { wi: mirrored, weight, pdf: 1.0, specular: true, eta: 1.0 });
         };
-        let chance = self.chance(wo.z, [passes, again], bright);
+        let chance = self.chance(wo.z, self.passes_and_again(wo.z), bright);
         let wi = if choice < chance {
             match self.coat.microfacets() {
                 Some(microfacets) => mirror(wo, microfacets.sample_visible(wo, u)),
@@ -166,7 +180,8 @@ impl MetalCoat {
             }
         } else {
             let inner = refracted(wo, eta)?;
-            let inner = mirror(inner, lobe.sample_visible(inner, u));
+            let seen = lobe.seen(eta, [wo, inner], [wo, inner]);
+            let inner = mirror(inner, seen.sample_visible(inner, u));
             if !(inner.z > 0.0) {
                 return None;
             }
@@ -189,18 +204,44 @@ impl MetalCoat {
     }
 }
 
+/// The base's lobe: widths of the metal's and the coat's microfacets, 0 where there are none.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Lobe {
+    metal: [f32; 2],
+    coat: [f32; 2],
+}
+
+impl Lobe {
+    /// The metal's microfacets blurred by the coat's, for light that is refracted between the first and the second
+    /// direction of each pair.
+    #[inline]
+    fn seen(&self, eta: f32, [o, inner_o]: [Vec3; 2], [i, inner_i]: [Vec3; 2]) -> TrowbridgeReitz {
+        // Half of each way's turn; two equal widths of so heavy a tail make one that is wider by 1.55, not by the root
+        // of 2 (measured against walks).
+        const SHARE: f32 = 0.25 * 1.55 * 1.55 * 0.5;
+        let turn = |w: Vec3, inner: Vec3| 1.0 - w.z / (eta * inner.z);
+        let (o, i) = (turn(o, inner_o), turn(i, inner_i));
+        let blur = SHARE * (o * o + i * i);
+        let both = |metal: f32, coat: f32| (metal * metal + blur * coat * coat).sqrt();
+        TrowbridgeReitz::nearest([both(self.metal[0], self.coat[0]), both(self.metal[1], self.coat[1])])
+    }
+}
+
 /// `factor r / sqrt((1 - q r) (1 - p r))`.
 #[inline]
 fn series(reflectance: Vec3, factor: f32, q: f32, p: f32) -> Vec3 {
-    let square = (Vec3::ONE - q * reflectance) * (Vec3::ONE - p * reflectance);
+    // Not 0, along a surface between mirrors that take nothing: there the factor is.
+    let square = ((Vec3::ONE - q * reflectance) * (Vec3::ONE - p * reflectance)).max(Vec3::splat(1e-12));
     reflectance * factor / Vec3::new(square.x.sqrt(), square.y.sqrt(), square.z.sqrt())
 }
 
 /// The direction beyond a level border, on the same side of the surface; `None` on total internal reflection.
 #[inline]
 fn refracted(w: Vec3, eta: f32) -> Option<Vec3> {
-    let cos = fresnel::transmitted_cosine(w.z, eta)?;
-    Some(Vec3::new(w.x / eta, w.y / eta, cos))
+    let (x, y) = (w.x / eta, w.y / eta);
+    // By the tangents, not by the cosine, so that the length stays 1.
+    let sin2 = x * x + y * y;
+    (sin2 < 1.0).then(|| Vec3::new(x, y, (1.0 - sin2).sqrt()))
 }
 
 /// Cell of the table, and place in it.
@@ -222,15 +263,13 @@ struct Walks<'c> {
 type Light = [f64; 2];
 
 impl Walks<'_> {
-    /// `P` and `Q` between two mirrors, exactly.
-    fn between_mirrors(&self, mu: f32) -> [f32; 2] {
-        let [passes, reflectance] = self.coat.transmittance_and_reflectance(mu);
-        let inner = fresnel::transmitted_cosine(mu, self.coat.eta()).unwrap_or(0.0);
-        [passes, reflectance * self.crossing(inner).powi(2)]
+    /// Share of light from a direction with cosine `mu` outside that survives one crossing, refracted.
+    fn refracted_crossing(&self, mu: f32) -> f32 {
+        fresnel::transmitted_cosine(mu, self.coat.eta()).map_or(0.0, |inner| self.crossing(inner))
     }
 
     /// The table for a base whose lobe is `lobe`.
-    fn fit(&self, lobe: &TrowbridgeReitz) -> Box<[[f32; 2]]> {
+    fn fit(&self, lobe: &Lobe) -> Box<[[f32; 2]]> {
         let points = Sobol::new(0);
         let cosine = |i: usize| (i as f32 / CELLS as f32).max(GRAZING);
         let light: Vec<Light> = (0..=CELLS).map(|i| self.light(cosine(i), &points)).collect();
@@ -323,16 +362,19 @@ impl Walks<'_> {
     }
 
     /// Where light of the lobe leaves to from `mu`, and how much of it.
-    fn links(&self, mu: f32, lobe: &TrowbridgeReitz, points: &Sobol) -> Vec<Link> {
+    fn links(&self, mu: f32, lobe: &Lobe, points: &Sobol) -> Vec<Link> {
         let eta = self.coat.eta();
         let wo = Vec3::new(((1.0 - mu) * (1.0 + mu)).sqrt(), 0.0, mu);
         let Some(inner) = refracted(wo, eta) else { return Vec::new() };
+        let drawn = lobe.seen(eta, [wo, inner], [wo, inner]);
         let links = (0..WALKS).filter_map(|index| {
             let u = points.block(SampleId { pixel: [0; 2], stream: 1, index }, 0);
-            let up = mirror(inner, lobe.sample_visible(inner, [u[0], u[1]]));
+            let up = mirror(inner, drawn.sample_visible(inner, [u[0], u[1]]));
             let leaves = refracted(up, 1.0 / eta).filter(|_| up.z > 0.0)?;
             let (cell, t) = place(leaves.z);
-            let weight = lobe.masking_shadowing(inner, up) / lobe.masking(inner) / WALKS as f32;
+            let h = inner + up;
+            let seen = lobe.seen(eta, [wo, inner], [leaves, up]);
+            let weight = seen.reflection(inner, up, h) * up.z / drawn.reflection_pdf(inner, h) / WALKS as f32;
             Some(Link { cell, t: f64::from(t), weight: f64::from(weight) })
         });
         links.collect()

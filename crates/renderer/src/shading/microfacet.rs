@@ -32,8 +32,8 @@ impl TrowbridgeReitz {
 
     /// The distribution with the widths nearest to these that there are; no number is the smallest.
     #[inline]
+    #[expect(clippy::manual_clamp, reason = "`max` takes the other where one is no number")]
     pub fn nearest(alpha: [f32; 2]) -> Self {
-        // `max` takes the other where one is no number.
         Self { alpha: alpha.map(|a| a.max(1e-4).min(10.0)) }
     }
 
