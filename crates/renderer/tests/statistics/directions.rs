@@ -23,12 +23,7 @@ impl Cone {
     }
 
     /// p-value of `samples` draws against `pdf`, and the integral of `pdf` over the cone.
-    pub fn test(
-        &self,
-        samples: u64,
-        mut draw: impl FnMut() -> Option<Vec3>,
-        pdf: impl Fn(Vec3) -> f32,
-    ) -> (f64, f64) {
+    pub fn test(&self, samples: u64, mut draw: impl FnMut() -> Option<Vec3>, pdf: impl Fn(Vec3) -> f32) -> (f64, f64) {
         let (x, y) = self.axis.any_orthonormal_pair();
         let cell = |w: DVec3| {
             // From the chord: digits of narrow cones stay.
