@@ -155,7 +155,7 @@ fn instances_look_like_copies() {
 #[test]
 fn what_moves_stands_where_its_time_says() {
     let mut rng = Pcg64Mcg::seed_from_u64(42);
-    let mut hits = 0;
+    let (mut hits, mut odd) = (0, 0);
     for _ in 0..20 {
         let (start, end) = (map(&mut rng), map(&mut rng));
         let side = start.matrix3.determinant() * end.matrix3.determinant();
@@ -185,12 +185,13 @@ fn what_moves_stands_where_its_time_says() {
                     let normals = [&found, &expected].map(|at| at.map_or(Vec3::ZERO, |at| at.point.normal));
                     assert!((normals[0] - normals[1]).length() < 1e-3, "{normals:?} at {time}");
                 } else {
-                    assert!(t == s || rng.random_range(0..50) > 0, "{t} for {s} at {time}");
+                    // Only a ray along an edge may be decided otherwise.
+                    odd += u32::from(t != s);
                 }
             }
         }
     }
-    assert!(hits > 2000, "{hits} hits");
+    assert!(hits > 2000 && odd <= 8, "{hits} hits, {odd} of 8000 rays decided otherwise");
 }
 
 /// A ball that goes from x = 0 to x = 8.
