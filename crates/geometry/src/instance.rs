@@ -202,8 +202,7 @@ impl Placements {
         let bounds = known.bounds.map(|[low, high]| motion.bounds(low, high));
         if let Some([low, high]) = bounds {
             let value = low.abs().max(high.abs()).max_element();
-            // Written so that NaN fails.
-            if !(value <= LARGEST.into()) {
+            if value.is_nan() || value > LARGEST.into() {
                 return Err(Error::ScaleOutOfRange { what: "an instance's extent", value });
             }
         }

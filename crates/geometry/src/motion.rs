@@ -76,7 +76,7 @@ impl Motion {
     /// The same motion of something that `first` has been applied to.
     #[must_use]
     pub fn after(mut self, first: DAffine3) -> Self {
-        self.first = self.first * first;
+        self.first *= first;
         self
     }
 

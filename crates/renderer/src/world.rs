@@ -3,6 +3,8 @@
 mod build;
 mod placed;
 mod relief;
+#[cfg(test)]
+mod tests;
 mod time;
 
 pub use build::WorldError;
