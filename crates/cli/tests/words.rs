@@ -133,7 +133,7 @@ fn scenes_that_cannot_be_rendered_say_why() {
 #[test]
 fn the_unsupported_is_refused_or_listed() {
     let folder = Folder::new();
-    std::fs::write(folder.path("odd.pbrt"), TINY.to_owned() + "Shape \"cylinder\"\n").expect("written");
+    std::fs::write(folder.path("odd.pbrt"), TINY.to_owned() + "Shape \"cone\"\n").expect("written");
     let refused = folder.run("render odd.pbrt --spp 1");
     assert_eq!(refused.status, Some(1));
     let err = &refused.err;

@@ -178,7 +178,7 @@ impl Reader<'_> {
                             twice as bright as asked: it is done alike";
                 params.notice(source.line, what);
             }
-            if !(found > 0.0) {
+            if found <= 0.0 || !found.is_finite() {
                 params.problem(
                     source.line,
                     format!("{} gives no light from above: illuminance cannot be had", shown(file)),

@@ -145,7 +145,7 @@ fn diffuse_transmission(params: &mut Params, textures: &Textures) -> MaterialKin
     if let MaterialKind::DiffuseTransmission { reflectance: Color::Constant(r), transmittance: Color::Constant(t) } =
         &kind
     {
-        if r.iter().chain(t).any(|&c| !(c <= 1.0)) {
+        if r.iter().chain(t).any(|&c| c > 1.0) {
             let what = format!("{}: reflectance and transmittance, scaled, must not be above 1", params.of());
             params.problem(params.line(), what);
         } else if (0..3).any(|i| r[i] + t[i] > 1.0) {

@@ -212,7 +212,7 @@ impl Reader<'_> {
             return if params.is_bad() { None } else { lacks_indices(params, line) };
         };
         let faces = corners::<3>(params, "triangle", &numbers, line, positions.len())?;
-        let made = faces.len().checked_mul(1 << (2 * levels)).unwrap_or(usize::MAX);
+        let made = 1usize.checked_shl(2 * levels).and_then(|n| faces.len().checked_mul(n)).unwrap_or(usize::MAX);
         self.make_room(made, params, line)?;
         match subdivide(positions, faces, levels) {
             Ok(mesh) => self.made(mesh, params, line),
