@@ -21,6 +21,7 @@
 
 mod blocks;
 mod compare;
+mod flip;
 mod srgb;
 mod sum;
 
@@ -31,6 +32,7 @@ struct Readme;
 
 pub use blocks::{BlockRatios, Blocks, block_means, block_ratios, downsample};
 pub use compare::{Comparison, RELATIVE_EPSILON, TRIMMED_SHARE, WORST_BLOCK_SIZE, WorstBlock, compare};
+pub use flip::{Flip, PIXELS_PER_DEGREE, flip};
 
 /// Why pictures cannot be compared. Each message says what to do.
 #[non_exhaustive]
@@ -76,6 +78,12 @@ pub enum Error {
         block: [u32; 2],
         /// Width and height of the picture.
         size: [u32; 2],
+    },
+    /// A way of looking at a display that is none.
+    #[error("{value} pixels per degree of visual angle: use from 1 to 1000; 67 is usual")]
+    PixelsPerDegree {
+        /// Pixels per degree given.
+        value: f64,
     },
     /// A target size that is empty or larger than the picture.
     #[error("{}x{} cannot be averaged to {}x{}: each side must be from 1 up to the picture's", size[0], size[1], target[0], target[1])]
