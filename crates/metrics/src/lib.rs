@@ -22,7 +22,9 @@
 mod blocks;
 mod compare;
 mod flip;
+mod reference;
 mod srgb;
+mod statistics;
 mod sum;
 
 /// The README's example is tested.
@@ -33,6 +35,11 @@ struct Readme;
 pub use blocks::{BlockRatios, Blocks, block_means, block_ratios, downsample};
 pub use compare::{Comparison, RELATIVE_EPSILON, TRIMMED_SHARE, WORST_BLOCK_SIZE, WorstBlock, compare};
 pub use flip::{Flip, PIXELS_PER_DEGREE, flip};
+pub use reference::{Corrected, CorrectedError, NoisyReference, REFERENCE_LIMIT, compare_corrected};
+pub use statistics::{
+    BOOTSTRAP_MIN_COUNT, BOOTSTRAP_RESAMPLES, Interval, LogLogFit, Method, StatisticsError, efficiency,
+    geometric_mean_interval, log_log_fit, mean_interval, ratio_interval, student_t_quantile,
+};
 
 /// Why pictures cannot be compared. Each message says what to do.
 #[non_exhaustive]
@@ -78,6 +85,14 @@ pub enum Error {
         block: [u32; 2],
         /// Width and height of the picture.
         size: [u32; 2],
+    },
+    /// A variance that is none.
+    #[error("the variance is {value:?} at column {}, row {}: give finite variances of the reference, 0 or more", pixel[0], pixel[1])]
+    Variance {
+        /// Column and row of the first such pixel.
+        pixel: [u32; 2],
+        /// Its value.
+        value: [f32; 3],
     },
     /// A way of looking at a display that is none.
     #[error("{value} pixels per degree of visual angle: use from 1 to 1000; 67 is usual")]
@@ -125,6 +140,12 @@ impl<'a> Pixels<'a> {
     /// The pixels, top row first.
     pub fn values(&self) -> &'a [[f32; 3]] {
         self.values
+    }
+
+    /// Column and row of a pixel.
+    fn place(&self, index: usize) -> [u32; 2] {
+        let width = self.size[0] as usize;
+        [(index % width) as u32, (index / width) as u32]
     }
 
     /// Rows from the top.

@@ -1,11 +1,12 @@
 """Prints the constants of tests/flip.rs, oracle.rs and statistics.rs from implementations that are not ours.
 
 python3 -m venv /tmp/oracle
-/tmp/oracle/bin/pip install flip-evaluator==1.7 numpy==2.4.6 scipy==1.17.1 scikit-image==0.26.0
+/tmp/oracle/bin/pip install flip-evaluator==1.7 numpy==2.4.6 mpmath==1.3.0 scipy==1.17.1 scikit-image==0.26.0
 /tmp/oracle/bin/python crates/metrics/tests/oracle.py
 """
 
 import flip_evaluator
+import mpmath
 import numpy as np
 from scipy import stats
 from skimage import metrics
@@ -68,3 +69,56 @@ for test, reference in PAIRS[:4]:
     both = np.abs(a) + np.abs(b)
     smape = np.mean(np.divide(2 * np.abs(a - b), both, out=np.zeros_like(a), where=both > 0))
     print(f'("{test}", "{reference}", [{mse:.15e}, {psnr:.12f}, {display:.15e}, {smape:.15e}]),')
+
+print("// probability, degrees of freedom, quantile of Student's t")
+mpmath.mp.dps = 40
+for p in ["1e-300", "1e-12", "0.025", "0.3", "0.4999999999", "0.75", "0.995"]:
+    for v in ["0.3", "1", "2.5", "7", "30", "39.9", "40.1", "1000", "99999", "100000", "1e9", "inf"]:
+        # As f64 has them: what is asked is the quantile of that number.
+        q = mpmath.mpf(float(p))
+        low = min(q, 1 - q)
+        if v == "inf":
+            below = lambda u: mpmath.erfc(mpmath.exp(u) / mpmath.sqrt(2)) / 2
+            start = stats.norm.isf(float(low))
+        else:
+            a = mpmath.mpf(float(v)) / 2
+
+            def below(u):
+                x = 2 * a / (2 * a + mpmath.exp(2 * u))
+                return mpmath.betainc(a, mpmath.mpf(1) / 2, 0, x, regularized=True) / 2
+
+            start = stats.t.isf(float(low), float(v))
+        if not np.isfinite(start):
+            print(f"// {p} {v}: {start}")
+            continue
+        try:
+            guess = mpmath.log(start)
+            root = mpmath.findroot(lambda u: mpmath.log(below(u)) - mpmath.log(low), (guess, guess + mpmath.mpf("1e-9")))
+            t = mpmath.exp(root) * (1 if q > mpmath.mpf(1) / 2 else -1)
+            print(f"({p}, {'f64::INFINITY' if v == 'inf' else v}, {mpmath.nstr(t, 17)}),")
+        except (ValueError, mpmath.NoConvergence) as e:
+            print(f"// {p} {v}: {e}")
+
+A = [3.1e-3, 2.7e-3, 4.4e-3, 3.9e-3, 2.2e-3, 3.3e-3, 2.9e-3, 5.1e-3]
+B = [4.0e-3, 2.9e-3, 5.9e-3, 4.1e-3, 3.5e-3, 3.6e-3, 3.0e-3, 6.6e-3]
+N = [1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0]
+
+
+def student(values):
+    low, high = stats.t.interval(0.95, len(values) - 1, np.mean(values), stats.sem(values))
+    return f"[{np.mean(values):.15e}, {low:.15e}, {high:.15e}]"
+
+
+print("// mean of A; geometric mean of A and ratio A/B as logarithms, 95 %")
+for values in (np.array(A), np.log(A), np.log(np.array(A) / B)):
+    print(student(values))
+line = stats.linregress(np.log(N), np.log(A))
+half = stats.t.ppf(0.975, len(N) - 2) * line.stderr
+print("// slope of A over N, its ends, intercept")
+print(f"[{line.slope:.15e}, {line.slope - half:.15e}, {line.slope + half:.15e}, {line.intercept:.15e}]")
+print("// BCa interval of the mean of 40 skewed values, 2,000,000 resamples, three times")
+C = [((k * 37) % 41 / 41) ** 3 for k in range(1, 41)]
+for seed in range(3):
+    found = stats.bootstrap((C,), np.mean, n_resamples=2000000, batch=20000, method="BCa", rng=seed).confidence_interval
+    print(np.mean(C), found)
+print("// percentile interval of the same", stats.bootstrap((C,), np.mean, n_resamples=2000000, batch=20000, method="percentile", rng=0).confidence_interval)
