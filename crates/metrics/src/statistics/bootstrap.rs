@@ -10,7 +10,7 @@ use crate::sum::Sum;
 /// half width (sqrt(.025 * .975 / 9999) over the normal density at 1.96 is .027 standard deviations).
 pub const BOOTSTRAP_RESAMPLES: usize = 9999;
 
-/// Interval of the mean by the bias-corrected and accelerated bootstrap [Efron 1987, eq. 2.3 and 4.4]: the same
+/// Interval of the mean by the bias-corrected and accelerated bootstrap [after Efron 1987]: the same
 /// for the same values, as the draws have a fixed seed. Of two values at least, all finite.
 pub(super) fn bootstrap(values: &[f64], confidence: f64) -> Interval {
     let value = mean(values);
@@ -40,10 +40,11 @@ fn resampled_mean(values: &[f64], mean: f64, random: &mut SplitMix) -> f64 {
     mean + sum / values.len() as f64
 }
 
-/// A sixth of the skewness of the mean's jackknife values [Efron 1987, eq. 4.4].
+/// A sixth of the skewness of the mean's jackknife values [after Efron 1987].
 fn acceleration(values: &[f64], mean: f64) -> f64 {
-    let moment = |power: i32| values.iter().map(|v| (v - mean).powi(power)).collect::<Sum>().value();
-    let [square, cube] = [moment(2), moment(3)];
+    let distances = values.iter().map(|v| v - mean);
+    let square = distances.clone().map(|d| d * d).collect::<Sum>().value();
+    let cube = distances.map(|d| d * d * d).collect::<Sum>().value();
     if square > 0.0 { cube / (6.0 * square * square.sqrt()) } else { 0.0 }
 }
 

@@ -12,15 +12,16 @@ const MANY_DEGREES: f64 = 1e5;
 /// that are not above 0, as mathematical functions do. Infinite beyond the range of an f64, which happens with less
 /// than one degree of freedom.
 ///
-/// The incomplete beta function [AbramowitzStegun 1964, 26.5.8 and 26.7.1] is inverted by Newton's iteration in
-/// logarithms; from 1e5 degrees on the normal quantile is expanded [AbramowitzStegun 1964, 26.7.5].
+/// The incomplete beta function [after AbramowitzStegun 1964, 26.5.8] is inverted by Newton's iteration in
+/// logarithms; from 1e5 degrees on the normal quantile is expanded [after AbramowitzStegun 1964, 26.7.5].
 pub fn student_t_quantile(probability: f64, degrees_of_freedom: f64) -> f64 {
     let [p, v] = [probability, degrees_of_freedom];
     if !(0.0..=1.0).contains(&p) || v.is_nan() || v <= 0.0 {
         return f64::NAN;
     }
     if v < MANY_DEGREES {
-        return quantile(p, |side, u| Beta::new(v).log_mass(side, u));
+        let beta = Beta::new(v);
+        return quantile(p, |side, u| beta.log_mass(side, u));
     }
     let z = normal_quantile(p);
     if z.is_infinite() {
@@ -163,7 +164,7 @@ fn log_gamma_step(a: f64) -> f64 {
     0.5 * libm::log(a) + series
 }
 
-/// The continued fraction of the incomplete beta function [AbramowitzStegun 1964, 26.5.8], by Lentz's method as
+/// The continued fraction of the incomplete beta function [after AbramowitzStegun 1964, 26.5.8], by Lentz's method as
 /// modified by Thompson and Barnett 1986.
 fn fraction(x: f64, a: f64, b: f64) -> f64 {
     // Stands for a 0 that would be divided by.
