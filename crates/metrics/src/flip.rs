@@ -28,7 +28,8 @@ pub struct Flip {
     pub map: Vec<f32>,
 }
 
-/// LDR-FLIP [after Andersson 2020; values checked against the published implementation] of linear RGB as displayed: clamped to 0..=1, not rounded to bytes.
+/// LDR-FLIP [after Andersson 2020; values checked against the published implementation] of linear RGB as
+/// displayed: clamped to 0..=1, not rounded to bytes.
 ///
 /// `pixels_per_degree` says how the pictures are looked at ([`PIXELS_PER_DEGREE`] is usual). Symmetric. A non-finite channel of the picture counts as 0, as in [`compare`](crate::compare). A figure for
 /// viewing: whoever judges bias or convergence needs the squared errors.
