@@ -1,9 +1,13 @@
-//! How far a rendered picture is from its reference.
+//! How far a rendered picture is from its reference, and what may be said after a few seeds.
 //!
 //! Pictures are plain data: [`Pixels`] borrows linear RGB, row by row from the top. [`compare`] gives every
 //! figure at once; [`block_means`] and [`block_ratios`] show bias where noise hides it in single pixels;
-//! [`downsample`] brings a picture to the size of its reference; [`difference`] compares two pictures of which
-//! only noisy renders are known.
+//! [`downsample`] brings a picture to the size of its reference. [`flip`] is what an eye sees, and costs more, so
+//! that it stands alone; [`compare_corrected`] takes a noisy reference's share out; [`difference`] compares two
+//! pictures of which only noisy renders are known.
+//!
+//! Figures over seeds and budgets: [`mean_interval`], [`geometric_mean_interval`], [`ratio_interval`],
+//! [`log_log_fit`], [`efficiency`].
 //!
 //! ```
 //! use dapple_metrics::{Pixels, compare};
@@ -23,7 +27,10 @@
 mod blocks;
 mod compare;
 mod difference;
+mod flip;
+mod reference;
 mod srgb;
+mod statistics;
 mod sum;
 
 /// The README's example is tested.
@@ -34,6 +41,12 @@ struct Readme;
 pub use blocks::{BlockRatios, Blocks, block_means, block_ratios, downsample};
 pub use compare::{Comparison, RELATIVE_EPSILON, TRIMMED_SHARE, WORST_BLOCK_SIZE, WorstBlock, compare};
 pub use difference::{Difference, LEAST_RENDERS, Measured, difference};
+pub use flip::{Flip, PIXELS_PER_DEGREE, flip};
+pub use reference::{Corrected, CorrectedError, NoisyReference, REFERENCE_LIMIT, compare_corrected};
+pub use statistics::{
+    BOOTSTRAP_MIN_COUNT, BOOTSTRAP_RESAMPLES, Interval, LogLogFit, Method, StatisticsError, efficiency,
+    geometric_mean_interval, log_log_fit, mean_interval, ratio_interval, student_t_quantile,
+};
 
 /// Why pictures cannot be compared. Each message says what to do.
 #[non_exhaustive]
@@ -86,6 +99,20 @@ pub enum Error {
         /// Width and height of the picture.
         size: [u32; 2],
     },
+    /// A variance that is none.
+    #[error("the variance is {value:?} at column {}, row {}: give finite variances of the reference, 0 or more", pixel[0], pixel[1])]
+    Variance {
+        /// Column and row of the first such pixel.
+        pixel: [u32; 2],
+        /// Its value.
+        value: [f32; 3],
+    },
+    /// A way of looking at a display that is none.
+    #[error("{value} pixels per degree of visual angle: use from 1 to 1000; 67 is usual")]
+    PixelsPerDegree {
+        /// Pixels per degree given.
+        value: f64,
+    },
     /// A target size that is empty or larger than the picture.
     #[error("{}x{} cannot be averaged to {}x{}: each side must be from 1 up to the picture's", size[0], size[1], target[0], target[1])]
     Target {
@@ -126,6 +153,12 @@ impl<'a> Pixels<'a> {
     /// The pixels, top row first.
     pub fn values(&self) -> &'a [[f32; 3]] {
         self.values
+    }
+
+    /// Column and row of a pixel.
+    fn place(&self, index: usize) -> [u32; 2] {
+        let width = self.size[0] as usize;
+        [(index % width) as u32, (index / width) as u32]
     }
 
     /// Rows from the top.
