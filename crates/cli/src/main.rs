@@ -1,4 +1,4 @@
-//! The program `dapple`: adaptively sampled pictures of pbrt-v4 scenes.
+//! The program `dapple`: adaptively sampled pictures of pbrt-v4 scenes and of models.
 //!
 //! Nothing but argument parsing, progress and calls: what is done is done in the libraries.
 

@@ -3,9 +3,9 @@
 use crate::output::warn;
 use crate::{Failure, Result};
 use dapple_renderer::bundled::{self, Bundle};
-use dapple_renderer::pbrt::{ReadOptions, read_scene};
+use dapple_renderer::pbrt::ReadOptions;
 use dapple_renderer::scene::Scene;
-use dapple_renderer::{Called, Effects, World};
+use dapple_renderer::{AnyOptions, Called, Effects, World, read_any};
 use std::path::Path;
 
 /// The bundled scene that a name means: where it is no file's.
@@ -13,7 +13,7 @@ fn bundle(name: &Path) -> Option<Bundle> {
     name.to_str().filter(|_| !name.is_file()).and_then(bundled::files)
 }
 
-/// Reads a scene: a pbrt-v4 file, or a bundled one.
+/// Reads a scene: a pbrt-v4 file, a model, or a bundled one.
 pub(crate) fn read(name: &Path, allow_unsupported: bool) -> Result<Scene> {
     let scene = match bundle(name) {
         Some(bundle) => bundle.read(),
@@ -23,7 +23,10 @@ pub(crate) fn read(name: &Path, allow_unsupported: bool) -> Result<Scene> {
                 "{name}: there is no such file, and no such bundled scene: those are {known}"
             )));
         }
-        None => read_scene(name, &ReadOptions::default().with_allow_unsupported(allow_unsupported)),
+        None => {
+            let options = ReadOptions::default().with_allow_unsupported(allow_unsupported);
+            read_any(name, &AnyOptions::default().with_scene(options))
+        }
     };
     // The library knows no options; here its advice has a name.
     scene.map_err(|e| Failure::lines(&e.to_string().replace("allow unsupported directives", "--allow-unsupported")))

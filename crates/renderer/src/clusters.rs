@@ -6,7 +6,7 @@ use dapple_cluster_adaptive::{ProbeCost, ProbeHit, ProbeRay, ProbesHandle, Shoot
 use dapple_clustering::{Cluster, Params, Report, Triangles, cluster};
 use dapple_core::FirstHit;
 use dapple_geometry::Shape;
-use glam::Vec2;
+use glam::{Vec2, Vec3};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
@@ -22,15 +22,22 @@ pub struct WorldTriangles {
 }
 
 impl WorldTriangles {
-    /// Copies the triangles of all meshes, in the order of the shapes.
+    /// Copies the triangles of all meshes, in the order of the shapes' numbers: each instance's too, as it stands when
+    /// the shutter opens.
     pub fn of(world: &World) -> Self {
         let mut all = Self::default();
-        for (shape, part) in world.geometry.shapes().iter().zip(&world.parts) {
-            let Shape::Mesh(mesh) = shape else { continue };
+        for number in 0..world.geometry.shape_count() {
+            let Shape::Mesh(mesh) = world.geometry.shape(number) else { continue };
             let first = all.positions.len() as u32;
-            all.positions.extend_from_slice(mesh.positions());
+            match world.geometry.to_world(number, world.time(0.0)) {
+                None => all.positions.extend_from_slice(mesh.positions()),
+                Some(to_world) => {
+                    let moved = |p: &[f32; 3]| to_world.transform_point3(Vec3::from_array(*p).as_dvec3());
+                    all.positions.extend(mesh.positions().iter().map(|p| moved(p).as_vec3().to_array()));
+                }
+            }
             all.indices.extend(mesh.triangles().iter().map(|t| t.map(|vertex| first + vertex)));
-            all.materials.resize(all.indices.len(), part.material);
+            all.materials.resize(all.indices.len(), world.part(number).material);
         }
         all
     }
@@ -70,10 +77,10 @@ impl WorldClusters {
             clusters.extend_from_slice(found.clusters());
             report = Some(found.report());
         }
-        let mut first = Vec::with_capacity(world.parts.len());
+        let mut first = Vec::with_capacity(world.geometry.shape_count() as usize);
         let mut triangle = 0;
-        for (shape, part) in world.geometry.shapes().iter().zip(&world.parts) {
-            match shape {
+        for number in 0..world.geometry.shape_count() {
+            match world.geometry.shape(number) {
                 Shape::Mesh(mesh) => {
                     first.push(triangle);
                     triangle += mesh.triangles().len() as u32;
@@ -82,7 +89,7 @@ impl WorldClusters {
                     first.push(labels.len() as u32);
                     labels.push(clusters.len() as u32);
                     let group = clusters.last().map_or(0, |c: &Cluster| c.group + 1);
-                    clusters.push(whole(shape, part.material, group));
+                    clusters.push(whole(world.shape_bounds(number), world.part(number).material, group));
                 }
             }
         }
@@ -124,8 +131,7 @@ impl WorldClusters {
 }
 
 /// A sphere or disk as a cluster.
-fn whole(shape: &Shape, material: u32, group: u32) -> Cluster {
-    let [low, high] = shape.bounds().unwrap_or_default();
+fn whole([low, high]: [Vec3; 2], material: u32, group: u32) -> Cluster {
     let d = (high - low).as_dvec3();
     // Of its box: a plain measure of size; projected sizes are taken from the box anyway.
     let area = 2.0 * (d.x * d.y + d.y * d.z + d.z * d.x);
@@ -224,15 +230,16 @@ pub(crate) fn shoot(world: Arc<World>, clusters: Arc<WorldClusters>) -> Shoot {
     Arc::new(move |probe: ProbeRay| {
         let [x, y] = probe.pixel.map(|n| n as f32 + 0.5);
         let offset = Vec2::new(probe.film[0] - x, probe.film[1] - y);
-        let ray = world.camera.ray(probe.pixel, offset, probe.lens);
-        let at = world.closest(&ray)?;
+        let time = world.time(0.0);
+        let ray = world.camera.ray_at(world.camera.place(probe.pixel, offset), probe.lens, time);
+        let at = world.closest_at(&ray, time)?;
         let distance = (at.point.position - ray.origin).length();
         Some(ProbeHit {
             primitive: clusters.primitive(at.hit.shape, at.hit.primitive),
             direction: ray.direction.to_array(),
             distance,
             normal: at.point.normal.to_array(),
-            footprint: distance * world.camera.pixel_width(),
+            footprint: world.camera.footprint(distance),
         })
     })
 }

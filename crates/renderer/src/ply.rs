@@ -1,7 +1,8 @@
 //! Meshes from PLY files: ascii, and binary of either byte order [Turk 1994].
 
+use crate::polygon;
 use crate::scene::{MeshData, MeshFault};
-use glam::{DVec3, dvec3};
+use glam::dvec3;
 use ply_rs_bw::parser::{ParseError, Parser, Reader};
 use ply_rs_bw::ply::{
     BeginList, DefaultElement, ElementDef, Encoding, Header, Property, PropertyAccess, PropertyAccessResult,
@@ -339,32 +340,12 @@ fn cut(faces: &Faces, data: &mut MeshData) -> Result<(), PlyError> {
             let what = format!("corner {corner} is beyond the last of {vertices} vertices, which count from 0");
             return Err(PlyError::Face { face, what });
         }
-        match *corners {
-            [] | [_] | [_, _] => {
-                let what = format!("a face needs 3 corners or more, not {}: remove it", corners.len());
-                return Err(PlyError::Face { face, what });
-            }
-            [a, b, c] => data.triangles.push([a, b, c]),
-            _ => {
-                let Some(hub) = hub(corners, &data.positions) else {
-                    let what = "this concave polygon has no corner that sees all others: triangulate the mesh";
-                    return Err(PlyError::Face { face, what: what.into() });
-                };
-                let corner = |i: usize| corners[(hub + i) % corners.len()];
-                data.triangles.extend((1..corners.len() - 1).map(|i| [corner(0), corner(i), corner(i + 1)]));
-            }
+        if corners.len() < 3 {
+            let what = format!("a face needs 3 corners or more, not {}: remove it", corners.len());
+            return Err(PlyError::Face { face, what });
         }
+        polygon::triangulate(corners, &data.positions, &mut data.triangles)
+            .map_err(|what| PlyError::Face { face, what: what.into() })?;
     }
     Ok(())
-}
-
-/// The first corner from which a fan of triangles covers the polygon without folding back.
-fn hub(corners: &[u32], positions: &[DVec3]) -> Option<usize> {
-    /// Corners that are tried; it bounds the work on polygons of very many corners.
-    const TRIED: usize = 16;
-    let at = |i: usize| positions[corners[i % corners.len()] as usize];
-    let cross = |hub: usize, i: usize| (at(hub + i) - at(hub)).cross(at(hub + i + 1) - at(hub));
-    // The sum over any fan is twice the polygon's area vector.
-    let area: DVec3 = (1..corners.len() - 1).map(|i| cross(0, i)).sum();
-    (0..corners.len().min(TRIED)).find(|&hub| (1..corners.len() - 1).all(|i| cross(hub, i).dot(area) >= 0.0))
 }

@@ -7,12 +7,12 @@ use std::path::PathBuf;
 
 /// Render a picture, putting samples where it needs them
 ///
-/// SCENE is a pbrt-v4 file, or the name of a bundled scene: teapot (the default), terrain, cornell, furnace,
-/// plates. Nothing is rendered before all settings are checked and all outputs can be written.
+/// SCENE is a pbrt-v4 file, a model by itself (.obj, .ply, .stl: shown under a camera and a light of our own), or
+/// the name of a bundled scene: teapot (the default), terrain, cornell, furnace, plates. Nothing is rendered before all settings are checked and all outputs can be written.
 #[derive(Args)]
 #[command(after_help = AFTER)]
 pub(crate) struct Options {
-    /// A pbrt-v4 file, or a bundled scene
+    /// A pbrt-v4 file, a model (.obj, .ply, .stl), or a bundled scene
     #[arg(value_name = "SCENE", default_value = bundled::DEFAULT)]
     pub(super) scene: PathBuf,
 
@@ -118,6 +118,7 @@ Examples:
   dapple render
   dapple render scene.pbrt -o scene.exr -o scene.png --spp 128
   dapple render scene.pbrt -o scene.exr --time 30 --maps maps
+  dapple render model.obj -o model.png
   dapple render terrain -o terrain.pfm --sampler variance:policy=cross --points random --seed 7
   dapple render cornell -o cornell.png --sampler uniform --spp 16 --resolution 128x128
 

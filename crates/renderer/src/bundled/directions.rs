@@ -12,7 +12,7 @@ pub(super) fn scale(a: [f64; 3], s: f64) -> [f64; 3] {
     a.map(|x| x * s)
 }
 
-pub(super) fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
+pub(crate) fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
@@ -25,17 +25,17 @@ pub(super) fn length(a: [f64; 3]) -> f64 {
 }
 
 /// `a` made one long; `a` must not be zero.
-pub(super) fn normalize(a: [f64; 3]) -> [f64; 3] {
+pub(crate) fn normalize(a: [f64; 3]) -> [f64; 3] {
     scale(a, 1.0 / length(a))
 }
 
 /// 0 below `from`, 1 above `to`, the cubic `t^2 (3 - 2 t)` between.
-pub(super) fn smoothstep(from: f64, to: f64, x: f64) -> f64 {
+pub(crate) fn smoothstep(from: f64, to: f64, x: f64) -> f64 {
     let t = ((x - from) / (to - from)).clamp(0.0, 1.0);
     t * t * (3.0 - 2.0 * t)
 }
 
-pub(super) fn mix<const N: usize>(a: [f64; N], b: [f64; N], t: f64) -> [f64; N] {
+pub(crate) fn mix<const N: usize>(a: [f64; N], b: [f64; N], t: f64) -> [f64; N] {
     std::array::from_fn(|i| a[i] * (1.0 - t) + b[i] * t)
 }
 
@@ -64,7 +64,7 @@ pub(super) fn sin_cos(turns: f64) -> [f64; 2] {
 
 /// The direction of a pixel's centre in a latitude-longitude picture, z up, as
 /// [`EnvironmentRadiance::LatLong`](crate::scene::EnvironmentRadiance::LatLong) lays it out.
-pub(super) fn lat_long_direction(column: usize, row: usize, width: usize, height: usize) -> [f64; 3] {
+pub(crate) fn lat_long_direction(column: usize, row: usize, width: usize, height: usize) -> [f64; 3] {
     let [sin_phi, cos_phi] = sin_cos((column as f64 + 0.5) / width as f64);
     let [sin_theta, cos_theta] = sin_cos(0.5 * (row as f64 + 0.5) / height as f64);
     [sin_theta * cos_phi, sin_theta * sin_phi, cos_theta]

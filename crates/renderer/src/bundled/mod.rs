@@ -30,7 +30,7 @@
 //! ```
 
 mod cornell;
-mod directions;
+pub(crate) mod directions;
 mod furnace;
 mod mesh;
 mod noise;

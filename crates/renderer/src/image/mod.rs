@@ -51,6 +51,9 @@ pub struct Picture {
     pub size: [u32; 2],
     /// `size[0] * size[1]` pixels.
     pub pixels: Vec<[f32; 3]>,
+    /// How opaque each pixel is, 0 to 1, in the same order; empty where all of them are opaque. Colours are as
+    /// the file has them: OpenEXR's are multiplied by it already, those of PNG and TGA are not.
+    pub alpha: Vec<f32>,
 }
 
 /// What [`Picture::non_finite`] found.
@@ -70,7 +73,18 @@ impl Picture {
     /// `size` says.
     pub fn new(size: [u32; 2], pixels: Vec<[f32; 3]>) -> Result<Self, ImageError> {
         check_count(size, pixels.len())?;
-        Ok(Self { size, pixels })
+        Ok(Self { size, pixels, alpha: Vec::new() })
+    }
+
+    /// The same picture with this opacity: clamped to 0..=1, NaN becomes 1; kept only where a pixel is not opaque.
+    ///
+    /// # Errors
+    /// [`ImageError::PixelCount`] where there is not one value for each pixel.
+    pub fn with_alpha(mut self, mut alpha: Vec<f32>) -> Result<Self, ImageError> {
+        check_count(self.size, alpha.len())?;
+        alpha.iter_mut().for_each(|a| *a = if a.is_nan() { 1.0 } else { a.clamp(0.0, 1.0) });
+        self.alpha = if alpha.iter().all(|&a| a == 1.0) { Vec::new() } else { alpha };
+        Ok(self)
     }
 
     /// A picture of one colour; `size` is the caller's to choose with the memory in mind.
@@ -79,7 +93,7 @@ impl Picture {
     /// [`ImageError::Empty`] where a side is 0.
     pub fn filled(size: [u32; 2], color: [f32; 3]) -> Result<Self, ImageError> {
         check_size(size)?;
-        Ok(Self { size, pixels: vec![color; size[0] as usize * size[1] as usize] })
+        Ok(Self { size, pixels: vec![color; size[0] as usize * size[1] as usize], alpha: Vec::new() })
     }
 
     /// Pixels per row.

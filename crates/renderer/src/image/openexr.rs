@@ -140,17 +140,41 @@ pub fn read_attributes(bytes: &[u8], file_name: &str) -> Result<Vec<(String, Str
 pub(super) fn read(file: &File<'_>) -> Result<Picture, ImageError> {
     with_reader(file, |open| {
         let reader = open()?;
-        let (part, wanted) = main_channels(file, reader.headers())?;
-        let size = reader.headers()[part].layer_size;
-        let planes = read_planes(file, reader, part, &wanted)?;
-        let channel = |i: usize| if planes.len() == 1 { &planes[0] } else { &planes[i] };
-        let pixels = (0..size.area()).map(|at| std::array::from_fn(|i| channel(i).value(at))).collect();
-        Ok(Picture::new([size.0 as u32, size.1 as u32], pixels)?)
+        let main = main_channels(file, reader.headers())?;
+        let size = reader.headers()[main.part].layer_size;
+        let mut wanted: Vec<usize> = main.colors.iter().copied().chain([main.alpha]).flatten().collect();
+        wanted.sort_unstable();
+        wanted.dedup();
+        let planes = read_planes(file, reader, main.part, &wanted)?;
+        let plane = |channel: usize| wanted.binary_search(&channel).ok().map(|i| &planes[i]);
+        let colors = main.colors.map(|channel| channel.and_then(plane));
+        let value = |plane: Option<&Plane<'_>>, at: usize| plane.map_or(0.0, |p| p.value(at));
+        let pixels = (0..size.area()).map(|at| colors.map(|plane| value(plane, at))).collect();
+        let picture = Picture::new([size.0 as u32, size.1 as u32], pixels)?;
+        Ok(match main.alpha.and_then(plane) {
+            Some(alpha) => picture.with_alpha((0..size.area()).map(|at| alpha.value(at)).collect())?,
+            None => picture,
+        })
     })
 }
 
-/// Part and channel numbers of the picture: three (R, G, B) or one (Y).
-fn main_channels(file: &File<'_>, headers: &[Header]) -> Result<(usize, Vec<usize>), ImageError> {
+/// Which channels, by number within their part, make the picture.
+struct MainChannels {
+    part: usize,
+    /// Of red, green and blue; all the same of a gray picture.
+    colors: [Option<usize>; 3],
+    alpha: Option<usize>,
+}
+
+impl MainChannels {
+    /// From three channels (R, G, B) or one.
+    fn new(part: usize, found: &[usize], alpha: Option<Vec<usize>>) -> Self {
+        let colors = std::array::from_fn(|i| found.get(if found.len() == 1 { 0 } else { i }).copied());
+        Self { part, colors, alpha: alpha.and_then(|found| found.first().copied()) }
+    }
+}
+
+fn main_channels(file: &File<'_>, headers: &[Header]) -> Result<MainChannels, ImageError> {
     let unnamed_first = {
         let (unnamed, named): (Vec<usize>, Vec<usize>) =
             (0..headers.len()).partition(|&i| headers[i].own_attributes.layer_name.is_none());
@@ -169,7 +193,7 @@ fn main_channels(file: &File<'_>, headers: &[Header]) -> Result<(usize, Vec<usiz
                 if find(part, b"", b"Y").is_some() && [&b"RY"[..], b"BY"].iter().any(|n| has(&headers[part], n)) {
                     return Err(file.unsupported(FORMAT, "luminance and chroma", "RGB"));
                 }
-                return Ok((part, found));
+                return Ok(MainChannels::new(part, &found, find(part, b"", b"A")));
             }
         }
     }
@@ -179,9 +203,21 @@ fn main_channels(file: &File<'_>, headers: &[Header]) -> Result<(usize, Vec<usiz
                 let name = channel.name.as_slice();
                 let dot = name.iter().rposition(|&b| b == b'.').map_or(0, |i| i + 1);
                 if let Some(found) = find(part, &name[..dot], letters) {
-                    return Ok((part, found));
+                    return Ok(MainChannels::new(part, &found, find(part, &name[..dot], b"A")));
                 }
             }
+        }
+    }
+    if let [only] = headers
+        && only.channels.list.len() == 1
+    {
+        return Ok(MainChannels::new(0, &[0], None));
+    }
+    for &part in &unnamed_first {
+        let one = |letter: u8| find(part, b"", &[letter]).and_then(|found| found.first().copied());
+        let colors = [b'R', b'G', b'B'].map(one);
+        if colors.iter().any(Option::is_some) {
+            return Ok(MainChannels { part, colors, alpha: one(b'A') });
         }
     }
     let names: Vec<String> = headers.iter().flat_map(|h| h.channels.list.iter().map(|c| c.name.to_string())).collect();

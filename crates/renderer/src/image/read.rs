@@ -20,12 +20,13 @@ pub enum Encoding {
 /// Reads a picture: PNG, JPEG, TGA, Radiance HDR, OpenEXR or PFM.
 ///
 /// The content decides on the format; only TGA, which has no signature, needs its extension. Integers of
-/// 8 or 16 bits become 0..=1, then pass the sRGB curve unless `encoding` says otherwise. Gray becomes RGB.
-/// Alpha, colour profiles, EXIF orientation and EXR's display window are not looked at; an animated PNG
+/// 8 or 16 bits become 0..=1, then pass the sRGB curve unless `encoding` says otherwise; alpha never does. Gray
+/// becomes RGB. Colour profiles, EXIF orientation and EXR's display window are not looked at; an animated PNG
 /// gives its first frame. HDR files are taken as they stand (no EXPOSURE), PFM values are multiplied by
 /// the magnitude of the header's scale. Of an EXR file, the main layer is read: channels `R`, `G`, `B`
-/// without a layer name, or else `Y`, or else those of the first layer that has them; its pixels are those
-/// of the data window. NaN and infinities are kept: see [`Picture::non_finite`].
+/// without a layer name, or else `Y`, or else those of the first layer that has them, or else the one channel
+/// that there is, or else as many of `R`, `G`, `B` as there are (0 for the others); `A` of the same layer is its
+/// alpha, and its pixels are those of the data window. NaN and infinities are kept: see [`Picture::non_finite`].
 ///
 /// `file_name` is for messages, and for its extension.
 ///
@@ -178,7 +179,25 @@ fn decode<D: ImageDecoder>(
     file.check_claim(format, [width.into(), height.into()], decoder.color_type().channel_count().into())?;
     decoder.set_limits(decoder_limits(file))?;
     let image = DynamicImage::from_decoder(decoder)?;
-    Ok(Picture::new([width, height], linear_pixels(&image, encoding))?)
+    let picture = Picture::new([width, height], linear_pixels(&image, encoding))?;
+    Ok(match alpha(&image) {
+        Some(alpha) => picture.with_alpha(alpha)?,
+        None => picture,
+    })
+}
+
+/// Opacity, where the picture has any: proportional to the file's integers.
+fn alpha(image: &DynamicImage) -> Option<Vec<f32>> {
+    fn last<T: Copy + Into<f32>, const N: usize>(samples: &[T], most: f32) -> Vec<f32> {
+        samples.as_chunks::<N>().0.iter().map(|p| p[N - 1].into() / most).collect()
+    }
+    Some(match image {
+        DynamicImage::ImageLumaA8(i) => last::<_, 2>(i.as_raw(), 255.0),
+        DynamicImage::ImageRgba8(i) => last::<_, 4>(i.as_raw(), 255.0),
+        DynamicImage::ImageLumaA16(i) => last::<_, 2>(i.as_raw(), 65535.0),
+        DynamicImage::ImageRgba16(i) => last::<_, 4>(i.as_raw(), 65535.0),
+        _ => return None,
+    })
 }
 
 fn linear_pixels(image: &DynamicImage, encoding: Encoding) -> Vec<[f32; 3]> {

@@ -238,9 +238,9 @@ fn empty_and_foreign_files_are_refused_with_advice() {
     assert!(message("🎨.gif", b"GIF89a").starts_with("🎨.gif: not a picture that can be read"));
     assert!(message("a.png", b"").contains("not a picture"));
     assert!(message("a.hdr", b"#?RADIANCE\nFORMAT=32-bit_rle_xyze\n\n-Y 1 +X 1\n0000").contains("save it as RGBE"));
-    let depth = Layer { name: String::new(), channels: vec![("Z", vec![1.0_f32].into())] };
-    let depth = encode_exr([1, 1], &[depth], &[]).unwrap().bytes;
-    assert!(message("a.exr", &depth).contains("its channels are Z"));
+    let depth = ["Z", "ZBack"].map(|name| (name, vec![1.0_f32].into()));
+    let depth = encode_exr([1, 1], &[Layer { name: String::new(), channels: depth.into() }], &[]).unwrap().bytes;
+    assert!(message("a.exr", &depth).contains("its channels are Z, ZBack"));
     let chroma = ["BY", "RY", "Y"].map(|name| (name, vec![1.0_f32].into()));
     let chroma = encode_exr([1, 1], &[Layer { name: String::new(), channels: chroma.into() }], &[]).unwrap().bytes;
     assert!(message("a.exr", &chroma).contains("luminance and chroma"));
@@ -261,6 +261,47 @@ fn the_main_layer_is_preferred_and_others_are_found() {
     assert_eq!(first(&[layer("albedo", 1.0, &rgb), layer("", 2.0, &["Y"])]), [2.0; 3]);
     assert_eq!(first(&[layer("depth", 1.0, &["Z"]), layer("view.left", 2.0, &rgb)]), [2.0; 3]);
     assert_eq!(first(&[layer("Y", 1.0, &["Y"])]), [1.0; 3]);
+    // Subsets: a single channel is gray whatever its name, and what is missing of several is 0.
+    for only in ["R", "A", "Z"] {
+        assert_eq!(first(&[layer("", 2.0, &[only])]), [2.0; 3]);
+    }
+    assert_eq!(first(&[layer("", 2.0, &["R", "B", "Z"])]), [2.0, 0.0, 2.0]);
+}
+
+#[test]
+fn alpha_is_kept_where_a_pixel_is_not_opaque() {
+    let rgba = |alpha: [u8; 2]| ::image::RgbaImage::from_raw(2, 1, vec![9, 9, 9, alpha[0], 8, 8, 8, alpha[1]]).unwrap();
+    let gray = |alpha: [u8; 2]| ::image::GrayAlphaImage::from_raw(2, 1, vec![9, alpha[0], 8, alpha[1]]).unwrap();
+    let exr = |alpha: [u8; 2]| {
+        let alpha = alpha.map(|a| f32::from(a) / 255.0).to_vec();
+        let channels = [("R", vec![1.0, 2.0]), ("G", vec![3.0, 4.0]), ("B", vec![5.0, 6.0]), ("A", alpha)];
+        let channels = channels.map(|(name, values)| (name, Plane::from(values))).into();
+        encode_exr([2, 1], &[Layer { name: String::new(), channels }], &[]).unwrap().bytes
+    };
+    let files = |alpha: [u8; 2]| {
+        let png = |image: DynamicImage| save(image, ImageFormat::Png);
+        [
+            ("8.png", png(rgba(alpha).into())),
+            ("16.png", png(DynamicImage::from(rgba(alpha)).to_rgba16().into())),
+            ("gray.png", png(gray(alpha).into())),
+            ("gray16.png", png(DynamicImage::from(gray(alpha)).to_luma_alpha16().into())),
+            ("a.tga", save(rgba(alpha).into(), ImageFormat::Tga)),
+            ("a.exr", exr(alpha)),
+        ]
+    };
+    for (name, bytes) in files([51, 255]) {
+        for encoding in [Encoding::Auto, Encoding::Linear] {
+            assert_eq!(read_picture(&bytes, name, encoding).unwrap().alpha, [0.2, 1.0], "{name}");
+        }
+    }
+    for (name, bytes) in files([255, 255]) {
+        assert!(read(name, &bytes).unwrap().alpha.is_empty(), "{name}");
+    }
+    assert_eq!(read("a.exr", &exr([0, 0])).unwrap().pixels, [[1.0, 3.0, 5.0], [2.0, 4.0, 6.0]]);
+    let picture = Picture::filled([5, 1], [1.0; 3]).unwrap();
+    assert!(matches!(picture.clone().with_alpha(vec![1.0]), Err(ImageError::PixelCount { found: 1, .. })));
+    let odd = vec![f32::NAN, -1.0, 7.0, f32::INFINITY, 0.5];
+    assert_eq!(picture.with_alpha(odd).unwrap().alpha, [1.0, 0.0, 1.0, 1.0, 0.5]);
 }
 
 #[test]

@@ -14,18 +14,30 @@
 //! `AttributeEnd`, the camera, all shapes, all lights, or the last line's end. A cut between two
 //! directives that leaves a complete scene behind cannot be told from a shorter scene.
 
+mod colorimetry;
 mod directive;
+mod environments;
+mod images;
 mod lights;
 mod materials;
+mod media;
+mod objects;
+mod old_materials;
 mod options;
 mod params;
 mod reader;
 mod report;
+mod settle;
 mod shapes;
 mod spectra;
+mod spectrum_files;
 mod state;
+mod subdivide;
+mod tessellate;
 mod textures;
 mod tokens;
+mod transforms;
+mod version;
 
 pub use report::{Problem, ReadError};
 

@@ -1,0 +1,121 @@
+//! Materials of OBJ files through `tobj`.
+//!
+//! That crate panics on a colour of two numbers and gives up a whole file at one bad line; so only lines that
+//! are good and followed reach it.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+/// What a file of materials holds.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Library {
+    /// Materials by name.
+    pub(super) materials: BTreeMap<String, Material>,
+    /// What was read otherwise than written, with the line; 0 is the whole file.
+    pub(super) notices: Vec<(u32, String)>,
+}
+
+/// What is followed of a material.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Material {
+    /// `Kd`, linear RGB within 0..=1.
+    pub(super) diffuse: Option<[f32; 3]>,
+    /// `map_Kd`, the name of a file.
+    pub(super) texture: Option<String>,
+    /// The line of `newmtl`.
+    pub(super) line: u32,
+}
+
+/// Reads a file of materials. Nothing in it is an error: what cannot be read is left out and noted.
+pub(super) fn read_mtl(bytes: &[u8]) -> Library {
+    let text = String::from_utf8_lossy(bytes);
+    let mut library = Library::default();
+    let mut good = String::new();
+    let mut lines = BTreeMap::new();
+    let mut unheeded = BTreeSet::new();
+    for (number, line) in (1..).zip(text.lines()) {
+        let line = line.trim();
+        let keyword = line.split_whitespace().next().unwrap_or("");
+        let rest = line[keyword.len()..].trim();
+        let numbers: Vec<f64> = rest.split_whitespace().map_while(|w| w.parse().ok()).collect();
+        match keyword {
+            "newmtl" if !rest.is_empty() => {
+                lines.insert(rest.to_owned(), number);
+                good.extend(["newmtl ", rest, "\n"]);
+            }
+            "Kd" => match numbers[..] {
+                [r, g, b, ..] if [r, g, b].iter().all(|c| c.is_finite()) => {
+                    good.push_str(&format!("Kd {r} {g} {b}\n"));
+                }
+                _ => library.notices.push((number, "this Kd is no colour of three numbers: left out".into())),
+            },
+            "map_Kd" => match file_of(rest) {
+                Some(file) => {
+                    if rest.starts_with('-') {
+                        library.notices.push((number, "the options of map_Kd are not followed".into()));
+                    }
+                    good.extend(["map_Kd ", file, "\n"]);
+                }
+                None => library.notices.push((number, "this map_Kd names no file: left out".into())),
+            },
+            _ => {
+                if calls_for_more(keyword, &numbers) {
+                    unheeded.insert(keyword.to_owned());
+                }
+            }
+        }
+    }
+    if !unheeded.is_empty() {
+        let unheeded: Vec<String> = unheeded.into_iter().take(12).collect();
+        let what = format!("materials are diffuse, by Kd and map_Kd: {} not followed", unheeded.join(", "));
+        library.notices.push((0, what));
+    }
+    // What was filtered cannot fail; if it did, there would be no materials, which is noted where they are used.
+    let (materials, _) = tobj::load_mtl_buf(&mut good.as_bytes()).unwrap_or_default();
+    for material in materials {
+        let line = lines.get(&material.name).copied().unwrap_or(0);
+        let diffuse = material.diffuse.map(|rgb| rgb.map(|c| c.clamp(0.0, 1.0) as f32));
+        let found = Material { diffuse, texture: material.diffuse_texture, line };
+        library.materials.insert(material.name, found);
+    }
+    library
+}
+
+/// The file that a texture statement names: behind options, the last word, else everything.
+fn file_of(rest: &str) -> Option<&str> {
+    let file = if rest.starts_with('-') { rest.split_whitespace().next_back()? } else { rest };
+    (!file.is_empty() && !file.starts_with('-')).then_some(file)
+}
+
+/// Whether a statement would change the picture if it were followed.
+fn calls_for_more(keyword: &str, numbers: &[f64]) -> bool {
+    let first = numbers.first().copied().unwrap_or(0.0);
+    match keyword {
+        "Ks" | "Ke" | "Tf" => numbers.iter().any(|&c| c != if keyword == "Tf" { 1.0 } else { 0.0 }),
+        "d" => first < 1.0,
+        "Tr" => first > 0.0,
+        "map_Ka" | "map_Ns" => false,
+        "bump" | "norm" | "disp" | "decal" | "refl" => true,
+        _ => keyword.starts_with("map_"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_wrong_is_left_out_and_noted() {
+        let text = b"newmtl red\nKd 1 0 0\nKs 0.5 0.5 0.5\nd 1\nillum 2\n\
+            newmtl\nnewmtl short\nKd 1 2\nmap_Kd -s 2 2 1 brick wall.png\nmap_Kd\n\
+            newmtl a b\nKd nan 0 0\nKd 2 -1 0.5\nmap_Kd wood \xff.png\nd 0.5\nillum x\nNs\n";
+        let library = read_mtl(text);
+        let material = |name: &str| library.materials[name].clone();
+        assert_eq!(material("red"), Material { diffuse: Some([1.0, 0.0, 0.0]), texture: None, line: 1 });
+        assert_eq!(material("short"), Material { diffuse: None, texture: Some("wall.png".into()), line: 7 });
+        assert_eq!(material("a b").diffuse, Some([1.0, 0.0, 0.5]));
+        assert_eq!(material("a b").texture.as_deref(), Some("wood \u{fffd}.png"));
+        let lines: Vec<u32> = library.notices.iter().map(|n| n.0).collect();
+        assert_eq!(lines, [8, 9, 10, 12, 0]);
+        assert!(library.notices[4].1.contains("Ks, d not followed"), "{}", library.notices[4].1);
+    }
+}

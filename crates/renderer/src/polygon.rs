@@ -1,0 +1,190 @@
+//! Polygons cut into triangles.
+
+use glam::{DVec2, DVec3};
+
+/// Corners from which a fan is tried; it bounds the work on polygons of very many corners.
+const HUBS_TRIED: usize = 16;
+/// Corners of a polygon that is cut ear by ear, which takes time that grows with their square.
+const MOST_EARS: usize = 2048;
+
+/// Cuts a polygon into triangles that wind as it does: a fan from a corner that sees all others, if there is one,
+/// else ear by ear [Meisters 1975]. Corners are below `positions.len()`; there are at least three.
+///
+/// # Errors
+/// What is wrong with it and what to do, of a polygon that crosses itself or has very many corners.
+pub(crate) fn triangulate(
+    corners: &[u32],
+    positions: &[DVec3],
+    triangles: &mut Vec<[u32; 3]>,
+) -> Result<(), &'static str> {
+    if let &[a, b, c] = corners {
+        triangles.push([a, b, c]);
+        return Ok(());
+    }
+    if let Some(hub) = hub(corners, positions) {
+        let corner = |i: usize| corners[(hub + i) % corners.len()];
+        triangles.extend((1..corners.len() - 1).map(|i| [corner(0), corner(i), corner(i + 1)]));
+        return Ok(());
+    }
+    if corners.len() > MOST_EARS {
+        return Err("a concave polygon of more than 2048 corners is not cut up: triangulate the mesh");
+    }
+    let flat = flatten(corners, positions).ok_or("this polygon crosses itself: triangulate the mesh")?;
+    let start = triangles.len();
+    if Ears::new(&flat).cut(|ear| triangles.push(ear.map(|i| corners[i]))) {
+        return Ok(());
+    }
+    triangles.truncate(start);
+    Err("this polygon crosses itself: triangulate the mesh")
+}
+
+/// Twice the polygon's area vector.
+fn area(corners: &[u32], positions: &[DVec3]) -> DVec3 {
+    let at = |i: usize| positions[corners[i] as usize];
+    (1..corners.len() - 1).map(|i| (at(i) - at(0)).cross(at(i + 1) - at(0))).sum()
+}
+
+/// The first corner from which a fan of triangles covers the polygon without folding back.
+fn hub(corners: &[u32], positions: &[DVec3]) -> Option<usize> {
+    let area = area(corners, positions);
+    let at = |i: usize| positions[corners[i % corners.len()] as usize];
+    let cross = |hub: usize, i: usize| (at(hub + i) - at(hub)).cross(at(hub + i + 1) - at(hub));
+    (0..corners.len().min(HUBS_TRIED)).find(|&hub| (1..corners.len() - 1).all(|i| cross(hub, i).dot(area) >= 0.0))
+}
+
+/// The corners seen along the axis that the polygon faces most, counter-clockwise.
+fn flatten(corners: &[u32], positions: &[DVec3]) -> Option<Vec<DVec2>> {
+    let normal = area(corners, positions);
+    let size = normal.abs();
+    if !(normal.is_finite() && size.max_element() > 0.0) {
+        return None;
+    }
+    let axis = (0..3).find(|&i| size[i] == size.max_element())?;
+    let (u, v) = if normal[axis] > 0.0 { ((axis + 1) % 3, (axis + 2) % 3) } else { ((axis + 2) % 3, (axis + 1) % 3) };
+    let flat = corners.iter().map(|&c| positions[c as usize]);
+    Some(flat.map(|p| DVec2::new(p[u], p[v])).collect())
+}
+
+/// What is left of a polygon while ears are cut off: a ring, and which of its corners are ears.
+struct Ears<'p> {
+    points: &'p [DVec2],
+    next: Vec<usize>,
+    previous: Vec<usize>,
+    is_ear: Vec<bool>,
+}
+
+impl<'p> Ears<'p> {
+    fn new(points: &'p [DVec2]) -> Self {
+        let n = points.len();
+        let next = (0..n).map(|i| (i + 1) % n).collect();
+        let previous = (0..n).map(|i| (i + n - 1) % n).collect();
+        let mut ears = Self { points, next, previous, is_ear: vec![false; n] };
+        (0..n).for_each(|i| ears.is_ear[i] = ears.can_be_cut(i));
+        ears
+    }
+
+    /// Cuts until nothing is left; false if it cannot go on.
+    fn cut(mut self, mut triangle: impl FnMut([usize; 3])) -> bool {
+        let mut left = self.points.len();
+        let (mut at, mut waited) = (0, 0);
+        while left > 3 {
+            if !self.is_ear[at] {
+                waited += 1;
+                if waited > left {
+                    return false;
+                }
+                at = self.next[at];
+                continue;
+            }
+            let (before, after) = (self.previous[at], self.next[at]);
+            triangle([before, at, after]);
+            self.next[before] = after;
+            self.previous[after] = before;
+            left -= 1;
+            waited = 0;
+            // Cutting an ear changes the angles of its neighbours only.
+            for corner in [before, after] {
+                self.is_ear[corner] = self.can_be_cut(corner);
+            }
+            // Not the neighbour: ears cut all around make better triangles than slivers from one corner.
+            at = self.next[after];
+        }
+        triangle([self.previous[at], at, self.next[at]]);
+        true
+    }
+
+    /// Whether a corner turns left, or not at all, and no other corner lies within its triangle.
+    fn can_be_cut(&self, corner: usize) -> bool {
+        let (before, after) = (self.previous[corner], self.next[corner]);
+        let [a, b, c] = [before, corner, after].map(|i| self.points[i]);
+        let side = |p: DVec2, q: DVec2, r: DVec2| (q - p).perp_dot(r - p);
+        let turn = side(a, b, c);
+        if turn <= 0.0 {
+            // A spike or a corner on a straight line has no area: nothing is lost.
+            return turn == 0.0;
+        }
+        let mut other = self.next[after];
+        while other != before {
+            let p = self.points[other];
+            // Corners may meet, where a hole is joined to the outline by a seam.
+            let inside = side(a, b, p) >= 0.0 && side(b, c, p) >= 0.0 && side(c, a, p) >= 0.0;
+            if inside && p != a && p != b && p != c {
+                return false;
+            }
+            other = self.next[other];
+        }
+        true
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn cut(points: &[[f64; 2]]) -> Result<Vec<[u32; 3]>, &'static str> {
+        // Tilted, so that no axis is special.
+        let lift = |p: &[f64; 2]| DVec3::new(p[0] + 0.3 * p[1], p[1], 0.5 * p[0] - p[1]);
+        let positions: Vec<DVec3> = points.iter().map(lift).collect();
+        let corners: Vec<u32> = (0..points.len() as u32).collect();
+        let mut triangles = Vec::new();
+        triangulate(&corners, &positions, &mut triangles)?;
+        let of = |corners: &[u32]| area(corners, &positions);
+        let sum: f64 = triangles.iter().map(|t| of(t).length()).sum();
+        let whole = of(&corners);
+        // Areas add up only if no triangle is turned around and none overlap.
+        assert!((sum - whole.length()).abs() < 1e-9 * sum, "{sum} {whole}");
+        assert!(triangles.iter().all(|t| of(t).dot(whole) >= 0.0));
+        assert_eq!(triangles.len(), points.len() - 2);
+        Ok(triangles)
+    }
+
+    #[test]
+    fn i05_polygons_are_covered_once() {
+        let comb: Vec<[f64; 2]> = (0..40)
+            .map(|i| [f64::from(i / 2), if i % 4 < 2 { 5.0 } else { 1.0 }])
+            .chain([[19.0, 0.0], [0.0, 0.0]])
+            .rev()
+            .collect();
+        let square = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]];
+        let dart = [[0.0, 0.0], [4.0, 0.0], [1.0, 1.0], [0.0, 4.0]];
+        // A square hole joined to a square by a seam.
+        let ring = [
+            [0.0, 0.0],
+            [3.0, 0.0],
+            [3.0, 3.0],
+            [0.0, 3.0],
+            [0.0, 0.0],
+            [1.0, 1.0],
+            [1.0, 2.0],
+            [2.0, 2.0],
+            [2.0, 1.0],
+            [1.0, 1.0],
+        ];
+        let straight = [[0.0, 0.0], [1.0, 0.0], [2.0, 0.0], [2.0, 2.0], [1.0, 0.5], [0.0, 2.0]];
+        for polygon in [&comb[..], &square, &dart, &ring, &straight] {
+            cut(polygon).unwrap();
+        }
+        // Negative control: a bow tie is none.
+        assert!(cut(&[[0.0, 0.0], [2.0, 2.0], [2.0, 0.0], [0.0, 1.0]]).is_err());
+    }
+}
