@@ -109,8 +109,16 @@ impl<'p> Ears<'p> {
             // Not the neighbour: ears cut all around make better triangles than slivers from one corner.
             at = self.next[after];
         }
-        triangle([self.previous[at], at, self.next[at]]);
-        true
+        let last = [self.previous[at], at, self.next[at]];
+        triangle(last);
+        // Areas with their signs add up to the polygon's; so if the last one is turned around, others overlap.
+        let whole: f64 = (1..self.points.len() - 1).map(|i| self.side(0, i, i + 1)).sum();
+        self.side(last[0], last[1], last[2]) >= -1e-9 * whole
+    }
+
+    /// Twice the area of three corners; below 0 clockwise.
+    fn side(&self, a: usize, b: usize, c: usize) -> f64 {
+        (self.points[b] - self.points[a]).perp_dot(self.points[c] - self.points[a])
     }
 
     /// Whether a corner turns left, or not at all, and no other corner lies within its triangle.

@@ -58,7 +58,8 @@ pub fn read_any_from(
         ReadError { problems: vec![Problem { source, message }], more: 0 }
     };
     let extension = path.extension().unwrap_or_default().to_string_lossy();
-    if !extension.eq_ignore_ascii_case("pbrt") {
+    // What cannot be read at all is told as such, by the scene reader.
+    if !extension.eq_ignore_ascii_case("pbrt") && files.read(path).is_ok() {
         let packed = ["gz", "zip", "zst", "bz2", "xz"].iter().any(|known| extension.eq_ignore_ascii_case(known));
         let advice = if packed { "unpack the file first" } else { "rename or convert the file" };
         return Err(refuse(format!(

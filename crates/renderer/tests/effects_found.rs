@@ -14,7 +14,7 @@ use glam::{DAffine3, DVec3};
 use std::sync::Arc;
 use support::*;
 
-/// A black floor and a lamp over it, seen through a pinhole; made of material 0, at lines 10 and 11.
+/// A grey floor and a lamp over it, seen through a pinhole; made of material 0, at lines 10 and 11.
 fn plain() -> Scene {
     let mut scene = scene([8, 8], 40.0, DVec3::new(0.0, -3.0, 2.0), DVec3::ZERO);
     let grey = add_material(&mut scene, diffuse(0.5));
@@ -246,8 +246,6 @@ fn textures_wherever_they_are() {
             s.materials[0].kind = kind(id);
         })
     };
-    let roughness = |id| Roughness { u: Scalar::Texture(id), v: Scalar::Constant(0.1), remap: false };
-    let _ = roughness;
     let reasons: [(fn(TextureId) -> MaterialKind, &str); 5] = [
         (|id| MaterialKind::Diffuse { reflectance: Color::Texture(id) }, "color"),
         (

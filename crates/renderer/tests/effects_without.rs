@@ -8,8 +8,8 @@ use dapple_core::{Frame, Limits};
 use dapple_low_discrepancy::Sobol;
 use dapple_renderer::image::Picture;
 use dapple_renderer::scene::{
-    Color, ConductorFresnel, Emission, Geometry, LightKind, Material, MaterialKind, Medium, MediumId, MediumInterface,
-    Object, Roughness, Scalar, Scene, Shape, Texture, TextureId, TextureKind, WithoutError, Wrap,
+    Color, ConductorFresnel, Emission, Geometry, LightKind, MaterialKind, Medium, MediumId, MediumInterface, Object,
+    Roughness, Scalar, Scene, Shape, Texture, TextureId, TextureKind, WithoutError, Wrap,
 };
 use dapple_renderer::{Effect, Effects};
 use glam::{DAffine3, DVec3};
@@ -358,7 +358,6 @@ fn media_thin_out() {
     );
     let none = without(&clear, Effect::ScatteringMedia);
     assert_eq!(none.shapes[2].media, Some(MediumInterface::default()), "nothing on both sides");
-    let _ = Material::new("", diffuse(0.0), line(0));
 }
 
 /// Cutting a scene down never needs a world that is not there: crops and samplers go on as before.

@@ -250,6 +250,9 @@ fn i10_extensions_tell_and_directories_are_refused() {
         ("m.Obj", TETRAHEDRON.as_bytes()),
         ("s.PBRT", b"Camera \"perspective\"\nWorldBegin\nLightSource \"infinite\"\nShape \"sphere\"\n"),
         ("z.pbrt", b"\x1f\x8b\x08 not text"),
+        ("m.fbx", b""),
+        ("none", b""),
+        ("m.obj.gz", b""),
     ]);
     assert_eq!(read_any_from(&given, "m.Obj", &options).unwrap().name, "m");
     assert_eq!(read_any_from(&given, "s.PBRT", &options).unwrap().name, "s");
@@ -258,7 +261,8 @@ fn i10_extensions_tell_and_directories_are_refused() {
         ("none", "the extension ''"),
         ("m.obj.gz", "unpack the file first"),
         ("z.pbrt", "compressed by gzip"),
-        ("missing.stl", "cannot be read: no such file"),
+        ("missing.stl", "cannot read missing.stl: no such file; check the name"),
+        ("missing.fbx", "cannot read missing.fbx: no such file"),
     ] {
         let message = read_any_from(&given, name, &options).unwrap_err().to_string();
         assert!(message.starts_with(name) && message.contains(what) && message.lines().count() == 1, "{message}");

@@ -117,7 +117,9 @@ pub fn read_model_from(
     let Some(format) = ModelFormat::from_path(path) else {
         return Err(refuse(0, "the extension tells a model's format, and it is none of .obj, .ply, .stl".into()));
     };
-    let bytes = files.read(path).map_err(|e| refuse(0, format!("cannot be read: {e}")))?;
+    let bytes = files.read(path).map_err(|e| {
+        refuse(0, format!("cannot read {}: {e}; check the name and that the file is there", path.display()))
+    })?;
     if let Some(advice) = compressed(&bytes) {
         return Err(refuse(0, advice.into()));
     }

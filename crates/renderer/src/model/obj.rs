@@ -69,7 +69,7 @@ pub fn read_obj(bytes: &[u8]) -> Result<ObjModel, ObjError> {
     }
     checked.check_ranges()?;
     let Checked { vertices, groups, libraries, left_out, .. } = checked;
-    let parsed = parse(&vertices, groups.values())?;
+    let parsed = parse(vertices, groups.values())?;
     let mut meshes = Vec::with_capacity(groups.len());
     for ((key, group), mesh) in groups.into_iter().zip(parsed) {
         let data = cut(mesh, &group.lines)?;
@@ -78,9 +78,8 @@ pub fn read_obj(bytes: &[u8]) -> Result<ObjModel, ObjError> {
     if meshes.is_empty() { Err(ObjError::NoFaces) } else { Ok(ObjModel { meshes, libraries, left_out }) }
 }
 
-/// The groups of faces through `tobj`: a mesh for each.
-fn parse<'g>(vertices: &str, groups: impl Iterator<Item = &'g Group>) -> Result<Vec<Mesh>, ObjError> {
-    let mut text = vertices.to_owned();
+/// Vertices and the groups of faces through `tobj`: a mesh for each group.
+fn parse<'g>(mut text: String, groups: impl Iterator<Item = &'g Group>) -> Result<Vec<Mesh>, ObjError> {
     for group in groups {
         text.push_str("g\n");
         text.push_str(&group.faces);

@@ -63,7 +63,7 @@ pub(super) fn set(
 /// Light from all sides that is brighter above, and a round lamp over the viewer's left shoulder. Its frame: z up,
 /// x to the viewer.
 fn studio() -> Picture {
-    const SIZE: [u32; 2] = [256, 128];
+    const SIZE: [u32; 2] = [512, 256];
     const FLOOR: [f64; 3] = [0.16, 0.15, 0.14];
     const HORIZON: [f64; 3] = [0.34, 0.34, 0.35];
     const ZENITH: [f64; 3] = [0.55, 0.60, 0.68];
