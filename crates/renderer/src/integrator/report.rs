@@ -21,7 +21,7 @@ pub(super) fn report(world: &World, ray: &Ray, at: &Interaction<'_>, surface: &S
         shading_normal: (shading * side).to_array(),
         albedo: if shines { [1.0; 3] } else { bsdf.albedo().to_array() },
         depth,
-        footprint: depth * world.camera.pixel_width(),
+        footprint: world.camera.footprint(depth),
         roughness: bsdf.roughness(),
         material: at.part.material,
         shape: at.hit.shape,
