@@ -144,7 +144,7 @@ fn floor(towards_light: DVec3) -> Scene {
     let uvs = vec![[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]];
     let mesh = Geometry::Mesh(Arc::new(MeshData { uvs, ..mesh.as_ref().clone() }));
     add(&mut scene, mesh, DAffine3::IDENTITY, material, None);
-    let to_world = look_at(DVec3::ZERO, -towards_light, DVec3::Z);
+    let to_world = look_at(DVec3::ZERO, towards_light, DVec3::Z);
     scene.lights.push(Light { kind: LightKind::Distant { irradiance: [PI as f32; 3] }, to_world, source: line(200) });
     scene.max_depth = Some(1);
     scene

@@ -165,7 +165,7 @@ impl<'w, L: Lens, const E: u32> PathTracer<'w, L, E> {
         let wo = bsdf.local(&frame, -path.ray.direction);
         let outside = -at.point.normal.dot(path.ray.direction);
         let roulette = E & DEEP != 0 && vertex >= ROULETTE_FROM;
-        let chooses = E & SEVERAL != 0 || surface.several_lobes || roulette;
+        let chooses = E & SEVERAL != 0 && world.lights.len() > 1 || surface.several_lobes || roulette;
         let choices = if chooses { draws.block(blocks::choose(vertex)) } else { [0.0; 4] };
         let u = draws.block(blocks::scatter(vertex));
         if !bsdf.is_specular() && !world.lights.is_empty() {
