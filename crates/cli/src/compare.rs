@@ -2,7 +2,7 @@
 
 use crate::output::{tell, warn};
 use crate::{Failure, Outcome, Result};
-use dapple_metrics::{Comparison, Pixels, WorstBlock, compare};
+use dapple_metrics::{Comparison, PIXELS_PER_DEGREE, Pixels, WorstBlock, compare, flip};
 use dapple_renderer::files::{Disk, Files};
 use dapple_renderer::image::{Encoding, Picture, read_picture};
 use serde::Serialize;
@@ -11,7 +11,8 @@ use std::path::{Path, PathBuf};
 /// Compare a picture with its reference
 ///
 /// Reads EXR, PFM, Radiance HDR, PNG, JPEG and TGA; integers are taken as sRGB. Of an EXR file the main layer
-/// counts. All figures are of linear values, unless they say display or sRGB.
+/// counts. All figures are of linear values, unless they say display or sRGB. FLIP is the difference that is seen
+/// on a display 0.7 m wide with 3840 pixels across, from 0.7 m.
 #[derive(clap::Args)]
 #[command(after_help = "Examples:\n  dapple compare scene.exr reference.exr\n  dapple compare --json a.pfm b.exr")]
 pub(crate) struct Options {
@@ -29,12 +30,14 @@ pub(crate) struct Options {
 pub(crate) fn run(options: &Options) -> Result<Outcome> {
     let image = read(&options.image)?;
     let reference = read(&options.reference)?;
-    let found = compare(pixels(&image)?, pixels(&reference)?).map_err(Failure::new)?;
+    let [x, r] = [pixels(&image)?, pixels(&reference)?];
+    let found = compare(x, r).map_err(Failure::new)?;
+    let seen = flip(x, r, PIXELS_PER_DEGREE).map_err(Failure::new)?.mean;
     if found.non_finite > 0 {
         let name = options.image.display();
         warn(format!("{name}: {} channels are NaN or infinite; they count as 0 in every figure", found.non_finite));
     }
-    tell(if options.json { line(&found) } else { table(&found) })?;
+    tell(if options.json { line(&found, seen) } else { table(&found, seen) })?;
     Ok(Outcome::Done)
 }
 
@@ -57,6 +60,7 @@ struct Line {
     smape: f64,
     psnr: f64,
     srgb8_mse: f64,
+    flip: f64,
     mean_ratio: f64,
     channel_ratios: [f64; 3],
     non_finite: u64,
@@ -70,7 +74,7 @@ struct Block {
     relmse: f64,
 }
 
-fn line(c: &Comparison) -> String {
+fn line(c: &Comparison, flip: f64) -> String {
     let WorstBlock { position, size, rel_mse } = c.worst_block;
     let line = Line {
         mse: c.mse,
@@ -79,6 +83,7 @@ fn line(c: &Comparison) -> String {
         smape: c.smape,
         psnr: c.psnr,
         srgb8_mse: c.srgb8_mse,
+        flip,
         mean_ratio: c.mean_ratio,
         channel_ratios: c.channel_ratios,
         non_finite: c.non_finite,
@@ -88,7 +93,7 @@ fn line(c: &Comparison) -> String {
     serde_json::to_string(&line).unwrap_or_default()
 }
 
-fn table(c: &Comparison) -> String {
+fn table(c: &Comparison, flip: f64) -> String {
     let worst = &c.worst_block;
     let [r, g, b] = c.channel_ratios;
     let rows = [
@@ -102,6 +107,7 @@ fn table(c: &Comparison) -> String {
         ("SMAPE", figure(c.smape), "0 to 2".into()),
         ("PSNR", format!("{:.2}", c.psnr), "dB, as displayed; 200 is equal".into()),
         ("sRGB MSE", figure(c.srgb8_mse), "as displayed, on a scale of 0 to 255".into()),
+        ("FLIP", figure(flip), "0 to 1, as seen at 67 pixels per degree".into()),
         ("ratio of means", format!("{:.6}", c.mean_ratio), format!("red {r:.6}, green {g:.6}, blue {b:.6}")),
     ];
     let row = |(name, value, about): &(&str, String, String)| format!("{name:<16}{value:<12}{about}");

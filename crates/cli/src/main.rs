@@ -3,8 +3,10 @@
 //! Nothing but argument parsing, progress and calls: what is done is done in the libraries.
 
 mod compare;
+mod effects;
 mod info;
 mod lists;
+mod machine;
 mod output;
 mod render;
 mod scene;
@@ -51,6 +53,7 @@ Examples:
   dapple render                                  the bundled teapot: teapot.exr, teapot.png, teapot-samples.png
   dapple render scene.pbrt -o scene.png --time 30
   dapple compare scene.exr reference.exr
+  dapple effects scene.pbrt
 
 Results go to stdout, progress and warnings to stderr.
 Exit status: 0 done, 1 failed, 2 wrong words, 130 interrupted (what was done is saved).";
@@ -60,6 +63,7 @@ enum Command {
     Render(Box<render::Options>),
     Compare(compare::Options),
     Info(info::Options),
+    Effects(effects::Options),
     /// List the samplers: how many samples each pixel gets
     Samplers,
     /// List the point sets: where samples lie
@@ -73,6 +77,7 @@ fn main() -> ExitCode {
         Command::Render(options) => render::run(&options),
         Command::Compare(options) => compare::run(&options),
         Command::Info(options) => info::run(&options),
+        Command::Effects(options) => effects::run(&options),
         Command::Samplers => lists::samplers(),
         Command::Points => lists::points(),
         Command::Filters => lists::filters(),

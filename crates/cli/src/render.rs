@@ -1,13 +1,14 @@
 //! `dapple render`.
 
 mod files;
-mod options;
+pub(crate) mod options;
 mod progress;
 mod report;
 mod settings;
 
 pub(crate) use options::Options;
 
+use crate::machine::{cpu_seconds, start_threads};
 use crate::output::{say, tell, warn};
 use crate::stop::Stop;
 use crate::{Failure, Outcome, Result, scene};
@@ -15,10 +16,10 @@ use clap::CommandFactory;
 use clap::error::ErrorKind;
 use dapple_core::{Error, Film, streams};
 use dapple_renderer::scene::Scene;
-use dapple_renderer::{Stage, WorldClusters, integrator};
+use dapple_renderer::{Effect, Effects, Stage, WorldClusters, integrator};
 use files::Files;
 use progress::Progress;
-use report::{Report, Seconds, cpu_seconds};
+use report::{Report, Seconds};
 use settings::{Methods, Settings};
 use std::sync::Arc;
 use std::time::Instant;
@@ -39,6 +40,8 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     let files = Files::new(options, &scene.name, &settings)?;
     let load = clock.elapsed().as_secs_f64();
     warn_of(&scene, options);
+    leave_out(&mut scene, &settings.without)?;
+    crate::scene::warn_of_chance(&scene);
 
     let clock = Instant::now();
     let world = scene::build(&scene, settings.frame.resolution())?;
@@ -125,11 +128,6 @@ fn refuse(wrong: &str) -> ! {
     }
 }
 
-fn start_threads(threads: u16) -> Result<()> {
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(usize::from(threads));
-    pool.build_global().map_err(|e| Failure::new(format!("cannot start {threads} threads: {e}")))
-}
-
 /// Traces. What was done before an integrator panicked is kept, beside the failure.
 fn trace(
     settings: &Settings,
@@ -169,6 +167,18 @@ fn warn_of(scene: &Scene, options: &Options) {
         let name = options.scene.display();
         warn(format!("{name} suggests {suggested} spp, and {spp} are taken: --spp {suggested} follows it"));
     }
+}
+
+/// Leaves effects out, and says so.
+fn leave_out(scene: &mut Scene, without: &[Effect]) -> Result<()> {
+    let called = Effects::of(scene);
+    for effect in without {
+        *scene = scene.without(*effect).map_err(|e| Failure::new(format!("--without {effect}: {e}")))?;
+        let by = called.called().iter().find(|c| c.effect == *effect);
+        let by = by.map_or_else(String::new, |c| format!("; {} calls for it ({})", c.source, c.because));
+        warn(format!("without {effect}: {}{by}", effect.left_out()));
+    }
+    Ok(())
 }
 
 /// A grid that tells nothing apart, and probes that were no numbers, make clusters useless without a word.

@@ -5,7 +5,7 @@ use crate::{Failure, Result};
 use dapple_renderer::bundled::{self, Bundle};
 use dapple_renderer::pbrt::ReadOptions;
 use dapple_renderer::scene::Scene;
-use dapple_renderer::{AnyOptions, World, read_any};
+use dapple_renderer::{AnyOptions, Called, Effects, World, read_any};
 use std::path::Path;
 
 /// The bundled scene that a name means: where it is no file's.
@@ -41,6 +41,26 @@ pub(crate) fn warn_of(scene: &Scene, name: &Path) {
     for notice in &scene.notices {
         warn(format!("{}: {}", notice.source, notice.message));
     }
+}
+
+/// Says where a path tracer will not find the light.
+pub(crate) fn warn_of_chance(scene: &Scene) {
+    if let Some(called) = Effects::found_by_chance(scene) {
+        warn(format!("{}: {}", called.source, chance(&called)));
+    }
+}
+
+/// What light found by chance means, as a sentence.
+pub(crate) fn chance(called: &Called) -> String {
+    let others = match called.objects {
+        1 => String::new(),
+        2 => " (and one more light like it)".into(),
+        n => format!(" (and {} more lights like it)", n - 1),
+    };
+    format!(
+        "{}{others}: what arrives through it is found by chance only, as specks that many samples do not smooth",
+        called.because
+    )
 }
 
 /// Makes the scene ready for rays.

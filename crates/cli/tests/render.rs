@@ -335,7 +335,7 @@ fn a_picture_equals_itself_and_no_other() {
     for pair in ["a.exr a.exr", "a.exr a.pfm", "a.png a.png"] {
         let line = folder.done(&format!("compare {pair} --json"));
         let json: serde_json::Value = serde_json::from_str(&line).expect("JSON");
-        for key in ["mse", "relmse", "relmse_trimmed", "smape", "srgb8_mse", "non_finite"] {
+        for key in ["mse", "relmse", "relmse_trimmed", "smape", "srgb8_mse", "flip", "non_finite"] {
             assert_eq!(json[key].as_f64(), Some(0.0), "{pair}: {key}");
         }
         assert_eq!((json["psnr"].as_f64(), json["mean_ratio"].as_f64()), (Some(200.0), Some(1.0)));
@@ -343,6 +343,8 @@ fn a_picture_equals_itself_and_no_other() {
     }
     let other: serde_json::Value = serde_json::from_str(&folder.done("compare b.exr a.exr --json")).expect("JSON");
     assert!(other["mse"].as_f64() > Some(0.0));
+    assert!(other["flip"].as_f64().is_some_and(|seen| seen > 0.0 && seen < 1.0));
+    assert!(folder.done("compare b.exr a.exr").contains("\nFLIP            0."));
     for (words, message) in [
         ("small.pfm a.exr", "error: the picture is 4x4 and its reference 24x16: "),
         ("a.exr missing.exr", "error: missing.exr: cannot read it: "),

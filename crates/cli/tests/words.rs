@@ -45,7 +45,10 @@ fn i06_settings_are_refused_before_anything_is_rendered() {
         ("--sampler variance:policy=maybe", 2, "one of keep, discard, cross is wanted"),
         ("--sampler uniform:a=1", 2, "it takes none"),
         ("--pixel-filter round", 2, "possible values: scene, box"),
-        ("--without glossy", 2, "unexpected argument '--without'"),
+        ("--without nonesuch", 2, "there is no effect \"nonesuch\": there are soft-shadows, several-lights, glossy, "),
+        ("--without glossy", 1, "the scene does not call for it; it calls for soft-shadows, interreflection"),
+        ("--without interreflection --without glossy", 1, "--without glossy: the scene does not call for it"),
+        ("--without interreflection --max-depth 1", 1, "it calls for soft-shadows\n"),
         ("-o a.jpg", 2, ".exr, .pfm, .png"),
         ("-o a.png -o a.png", 2, "given twice"),
         ("-o nowhere/a.png", 1, "create the directory first"),
@@ -130,7 +133,7 @@ fn scenes_that_cannot_be_rendered_say_why() {
 #[test]
 fn the_unsupported_is_refused_or_listed() {
     let folder = Folder::new();
-    std::fs::write(folder.path("odd.pbrt"), TINY.to_owned() + "Shape \"cylinder\"\n").expect("written");
+    std::fs::write(folder.path("odd.pbrt"), TINY.to_owned() + "Shape \"cone\"\n").expect("written");
     let refused = folder.run("render odd.pbrt --spp 1");
     assert_eq!(refused.status, Some(1));
     let err = &refused.err;

@@ -190,7 +190,7 @@ impl Group<'_> {
 
     /// Whether two vertices count as one.
     fn same(&self, a: u32, b: u32) -> bool {
-        a == b || (self.weld && self.mesh.places[a as usize] == self.mesh.places[b as usize])
+        a == b || (self.weld && self.mesh.positions[a as usize] == self.mesh.positions[b as usize])
     }
 
     fn hash(&self, vertex: u32) -> u64 {
@@ -199,7 +199,7 @@ impl Group<'_> {
         const SPREAD: [u64; 3] = [0x9e37_79b9_7f4a_7c15, 0xc2b2_ae3d_27d4_eb4f, 0x1656_67b1_9e37_79f9];
         let key = if self.weld {
             // Adding 0.0 makes -0.0 the same place as 0.0.
-            let bits = self.mesh.places[vertex as usize].map(|x| u64::from((x + 0.0).to_bits()));
+            let bits = self.mesh.positions[vertex as usize].map(|x| u64::from((x + 0.0).to_bits()));
             (0..3).fold(0, |key: u64, axis| (key ^ bits[axis]).wrapping_mul(SPREAD[axis]).rotate_left(29))
         } else {
             u64::from(vertex).wrapping_mul(SPREAD[0])

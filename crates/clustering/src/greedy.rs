@@ -25,7 +25,7 @@ impl Rule {
 }
 
 /// Clusters taken out one by one, each in a pass over all that remain, before those are sorted.
-const PASSES: u32 = 24;
+const PASSES: usize = 24;
 /// Facets worth sorting.
 const MANY: usize = 512;
 
@@ -41,73 +41,149 @@ fn before(a: [f32; 3], b: [f32; 3]) -> bool {
     a[2] > b[2] || (a[2] == b[2] && (a[1] > b[1] || (a[1] == b[1] && a[0] > b[0])))
 }
 
-/// Gives each facet a class, by its number; the number of classes. Takes the facets away.
+/// Numbers in a group, class after class.
+#[derive(Debug, Default)]
+pub(crate) struct Classes {
+    /// Ascending in each class.
+    pub(crate) members: Vec<u32>,
+    /// Where each class ends.
+    pub(crate) ends: Vec<u32>,
+}
+
+impl Classes {
+    /// How many there are.
+    pub(crate) fn len(&self) -> usize {
+        self.ends.len()
+    }
+
+    /// The members of each.
+    pub(crate) fn iter(&self) -> impl Iterator<Item = &[u32]> {
+        let mut start = 0;
+        self.ends.iter().map(move |&end| &self.members[std::mem::replace(&mut start, end as usize)..end as usize])
+    }
+
+    /// Puts numbers without class, ascending, into the first, or into one of their own if there is none.
+    pub(crate) fn join_first(&mut self, numbers: impl Iterator<Item = usize>) {
+        let (first, count) = (self.ends.first().map_or(0, |&end| end as usize), self.members.len());
+        drop(self.members.splice(first..first, numbers.map(|i| i as u32)));
+        let more = self.members.len() - count;
+        if self.ends.is_empty() {
+            self.ends.push(0);
+        }
+        for end in &mut self.ends {
+            *end += more as u32;
+        }
+        self.members[..first + more].sort_unstable();
+    }
+
+    /// Makes them anew from the class of each number.
+    pub(crate) fn sort(&mut self, class: &[u32], classes: u32) {
+        let Self { members, ends } = self;
+        // At first where each begins, in the end where it ends.
+        ends.clear();
+        ends.resize(classes as usize, 0);
+        for &class in class {
+            ends[class as usize] += 1;
+        }
+        let mut sum = 0;
+        for end in ends.iter_mut() {
+            sum += std::mem::replace(end, sum);
+        }
+        members.resize(class.len(), 0);
+        for (number, &class) in (0..).zip(class) {
+            let slot = &mut ends[class as usize];
+            members[*slot as usize] = number;
+            *slot += 1;
+        }
+    }
+
+    /// Ends a class; `joined` members are in one by now.
+    fn end(&mut self, joined: usize) {
+        self.ends.push(joined as u32);
+    }
+}
+
+/// Puts each facet into a class. Takes the facets away; their numbers ascend.
 ///
 /// First fit in an order is the same as: the first that remains represents, all that remain and are like it join, and so
 /// on. So no facet is compared with more representatives than come before its own, and nothing need be sorted.
-pub(crate) fn classify(facets: &mut Vec<Facet>, rule: Rule, class: &mut [u32]) -> u32 {
+pub(crate) fn classify(facets: &mut Vec<Facet>, rule: Rule, classes: &mut Classes) {
+    classes.ends.clear();
+    classes.members.resize(facets.len(), 0);
     match (rule.two_sided, rule.order) {
-        (false, Order::Canonical) => classify_by::<false, true>(facets, rule.cosine, class),
-        (true, Order::Canonical) => classify_by::<true, true>(facets, rule.cosine, class),
-        (false, Order::Input) => classify_by::<false, false>(facets, rule.cosine, class),
-        (true, Order::Input) => classify_by::<true, false>(facets, rule.cosine, class),
+        (false, Order::Canonical) => classify_by::<false, true>(facets, rule.cosine, classes),
+        (true, Order::Canonical) => classify_by::<true, true>(facets, rule.cosine, classes),
+        (false, Order::Input) => classify_by::<false, false>(facets, rule.cosine, classes),
+        (true, Order::Input) => classify_by::<true, false>(facets, rule.cosine, classes),
     }
 }
 
 fn classify_by<const TWO_SIDED: bool, const CANONICAL: bool>(
     facets: &mut Vec<Facet>,
     cosine: f32,
-    class: &mut [u32],
-) -> u32 {
-    let Some(&first) = facets.first() else { return 0 };
-    let mut representative = first.normal;
+    classes: &mut Classes,
+) {
+    let mut top = f32::NEG_INFINITY;
     if CANONICAL {
         for facet in facets.iter() {
-            if before(facet.normal, representative) {
-                representative = facet.normal;
-            }
+            top = higher(facet.normal[2], top);
         }
     }
-    let mut classes = 0;
-    while !facets.is_empty() {
-        if CANONICAL && classes >= PASSES && facets.len() >= MANY {
-            return sweep::<TWO_SIDED>(facets, cosine, class, classes);
+    let mut joined = 0;
+    while let Some(&first) = facets.first() {
+        if CANONICAL && classes.len() >= PASSES && facets.len() >= MANY {
+            return sweep::<TWO_SIDED>(facets, cosine, classes, joined);
         }
-        representative = take::<TWO_SIDED, CANONICAL>(facets, representative, cosine, class, classes);
-        classes += 1;
+        let representative = if CANONICAL { first_at(facets, top) } else { first.normal };
+        let room = &mut classes.members[joined..];
+        joined += take::<TWO_SIDED, CANONICAL>(facets, representative, cosine, room, &mut top);
+        classes.end(joined);
     }
-    classes
 }
 
-/// Moves all facets like the representative to a class; the representative of those that remain.
+#[inline]
+fn higher(a: f32, b: f32) -> f32 {
+    if a > b { a } else { b }
+}
+
+/// The first in canonical order of facets, whose largest z is known.
+fn first_at(facets: &[Facet], top: f32) -> [f32; 3] {
+    let mut tied = facets.iter().map(|facet| facet.normal).filter(|normal| normal[2] == top);
+    let first = tied.next().unwrap_or([f32::NEG_INFINITY; 3]);
+    tied.fold(first, |first, normal| if before(normal, first) { normal } else { first })
+}
+
+/// Moves the numbers of all facets like the representative to `room`; how many. `top` becomes the largest z of those that
+/// remain.
 fn take<const TWO_SIDED: bool, const CANONICAL: bool>(
     facets: &mut Vec<Facet>,
     representative: [f32; 3],
     cosine: f32,
-    class: &mut [u32],
-    number: u32,
-) -> [f32; 3] {
-    let mut kept = 0;
-    let mut next = [f32::NEG_INFINITY; 3];
+    room: &mut [u32],
+    top: &mut f32,
+) -> usize {
+    let mut joined = 0;
+    let mut highest = f32::NEG_INFINITY;
     for i in 0..facets.len() {
         let facet = facets[i];
-        // Whoever does not join is written over later.
-        class[facet.number as usize] = number;
-        facets[kept] = facet;
+        // To both ends: in one it is written over later.
+        room[joined] = facet.number;
+        facets[i - joined] = facet;
         let joins = dot::<TWO_SIDED>(facet.normal, representative) >= cosine;
-        kept += usize::from(!joins);
-        if CANONICAL && !joins && before(facet.normal, next) {
-            next = facet.normal;
+        joined += usize::from(joins);
+        if CANONICAL {
+            highest = higher(if joins { f32::NEG_INFINITY } else { facet.normal[2] }, highest);
         }
     }
     // A representative is like itself but for rounding, which the cosine leaves room for.
-    debug_assert!(kept < facets.len());
-    facets.truncate(kept);
-    if CANONICAL { next } else { facets.first().map_or(next, |facet| facet.normal) }
+    debug_assert!(joined > 0);
+    facets.truncate(facets.len() - joined);
+    *top = highest;
+    joined
 }
 
 /// The same for many facets in many classes: sorted by z, those like a representative lie within a short run.
-fn sweep<const TWO_SIDED: bool>(facets: &mut Vec<Facet>, cosine: f32, class: &mut [u32], classes: u32) -> u32 {
+fn sweep<const TWO_SIDED: bool>(facets: &mut Vec<Facet>, cosine: f32, classes: &mut Classes, joined: usize) {
     facets.sort_unstable_by(|a, b| {
         if before(a.normal, b.normal) {
             Ordering::Less
@@ -122,7 +198,7 @@ fn sweep<const TWO_SIDED: bool>(facets: &mut Vec<Facet>, cosine: f32, class: &mu
     let angle = cosine.clamp(-1.0, 1.0).acos() + WIDEN;
     // `next[i]`: the first facet from i on that may still be without class.
     let mut next: Vec<u32> = (0..=facets.len() as u32).collect();
-    let mut classes = classes;
+    let mut joined = joined;
     let mut head = 0;
     while head < facets.len() {
         let representative = facets[head].normal;
@@ -130,19 +206,21 @@ fn sweep<const TWO_SIDED: bool>(facets: &mut Vec<Facet>, cosine: f32, class: &mu
             (representative[2].clamp(-1.0, 1.0).acos() + angle).min(std::f32::consts::PI).cos() - WIDEN * WIDEN;
         // Two-sided normals have z >= 0, so that the far side of a representative is within the angle only if z = 0 is.
         let mut i = head;
+        let start = joined;
         while i < facets.len() && facets[i].normal[2] >= lowest {
             let facet = facets[i];
             if dot::<TWO_SIDED>(facet.normal, representative) >= cosine {
-                class[facet.number as usize] = classes;
+                classes.members[joined] = facet.number;
+                joined += 1;
                 next[i] = i as u32 + 1;
             }
             i = skip(&mut next, i + 1);
         }
-        classes += 1;
+        classes.members[start..joined].sort_unstable();
+        classes.end(joined);
         head = skip(&mut next, head);
     }
     facets.clear();
-    classes
 }
 
 /// The first place from `i` on that leads to itself; the way there is halved for the next one to come.
@@ -215,10 +293,17 @@ mod tests {
                     let mut facets: Vec<Facet> =
                         normals.iter().zip(0..).map(|(&normal, number)| Facet { normal, number }).collect();
                     let mut class = vec![u32::MAX; normals.len()];
-                    let classes = classify(&mut facets, rule, &mut class);
+                    let mut classes = Classes::default();
+                    classify(&mut facets, rule, &mut classes);
+                    for (number, members) in (0..).zip(classes.iter()) {
+                        assert!(members.is_sorted_by(|a, b| a < b));
+                        for &member in members {
+                            class[member as usize] = number;
+                        }
+                    }
                     let expected = first_fit(&normals, rule);
                     assert_eq!(class, expected, "{count} {angle} {two_sided} {order:?}");
-                    assert_eq!(classes, expected.iter().max().unwrap() + 1);
+                    assert_eq!(classes.len() as u32, expected.iter().max().unwrap() + 1);
                 }
             }
         }

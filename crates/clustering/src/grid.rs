@@ -43,11 +43,11 @@ impl Bounds {
     }
 
     /// The box of some points.
-    pub(crate) fn of(points: [[f32; 4]; 3]) -> Self {
-        let mut bounds = Self::NOTHING;
-        for point in points {
-            bounds.hold(point);
-        }
+    #[inline]
+    pub(crate) fn of([a, b, c]: [[f32; 4]; 3]) -> Self {
+        let mut bounds = Self { low: a, high: a };
+        bounds.hold(b);
+        bounds.hold(c);
         bounds
     }
 
@@ -60,8 +60,8 @@ impl Bounds {
 /// Triangles found fit for use.
 #[derive(Debug)]
 pub(crate) struct Mesh<'a> {
-    /// Vertices, with an idle fourth lane.
-    pub(crate) places: Vec<[f32; 4]>,
+    /// Vertices.
+    pub(crate) positions: &'a [[f32; 3]],
     pub(crate) indices: &'a [[u32; 3]],
     pub(crate) materials: &'a [u32],
     /// The box of all triangles.
@@ -81,23 +81,17 @@ impl<'a> Mesh<'a> {
         if !mesh.materials.is_empty() && mesh.materials.len() != triangles {
             return Err(Error::BadMaterials { materials: mesh.materials.len(), triangles });
         }
-        let places: Vec<[f32; 4]> =
-            mesh.positions.par_iter().with_min_len(CHUNK).map(|&[x, y, z]| [x, y, z, 0.0]).collect();
-        let chunks: Vec<_> = mesh.indices.par_chunks(CHUNK).map(|chunk| chunk_bounds(&places, chunk)).collect();
-        let mut bounds = Bounds::NOTHING;
-        for (number, chunk) in chunks.into_iter().enumerate() {
-            match chunk {
-                Some(part) => bounds.unite(part),
-                None => return Err(mesh.first_fault(number * CHUNK)),
-            }
-        }
-        Ok(Self { places, indices: mesh.indices, materials: mesh.materials, bounds })
+        let bounds = match mesh.bounds_of_vertices() {
+            Some(bounds) => bounds,
+            None => mesh.bounds_of_triangles()?,
+        };
+        Ok(Self { positions: mesh.positions, indices: mesh.indices, materials: mesh.materials, bounds })
     }
 
-    /// The corners of a triangle.
+    /// The corners of a triangle, with an idle fourth lane.
     #[inline]
     pub(crate) fn corners(&self, triangle: u32) -> [[f32; 4]; 3] {
-        self.indices[triangle as usize].map(|vertex| self.places[vertex as usize])
+        self.indices[triangle as usize].map(|vertex| padded(self.positions[vertex as usize]))
     }
 
     /// The material of a triangle.
@@ -106,24 +100,83 @@ impl<'a> Mesh<'a> {
     }
 }
 
-/// The box of some triangles; none where one of them is unfit.
-fn chunk_bounds(places: &[[f32; 4]], chunk: &[[u32; 3]]) -> Option<Bounds> {
+#[inline]
+fn padded([x, y, z]: [f32; 3]) -> [f32; 4] {
+    [x, y, z, 0.0]
+}
+
+/// The box of some places; none where one of them is not finite.
+fn finite_bounds(places: impl Iterator<Item = [f32; 4]>) -> Option<Bounds> {
     let mut bounds = Bounds::NOTHING;
     // Zero times a finite number is zero, times anything else NaN: one sum tells whether all were finite.
     let mut zero = [0.0_f32; 4];
-    for indices in chunk {
-        for &vertex in indices {
-            let place = *places.get(vertex as usize)?;
-            bounds.hold(place);
-            for lane in 0..4 {
-                zero[lane] += place[lane] * 0.0;
-            }
+    for place in places {
+        bounds.hold(place);
+        for lane in 0..4 {
+            zero[lane] += place[lane] * 0.0;
         }
     }
     (zero == [0.0; 4]).then_some(bounds)
 }
 
+/// Of some indices the largest, and whether each of six vertices is among them.
+fn look_up(indices: &[[u32; 3]], vertices: [u32; 6]) -> (u32, [bool; 6]) {
+    let (mut largest, mut found) = (0, [0_u32; 6]);
+    for &index in indices.as_flattened() {
+        largest = largest.max(index);
+        for (found, &vertex) in found.iter_mut().zip(&vertices) {
+            *found |= u32::from(index == vertex);
+        }
+    }
+    (largest, found.map(|found| found != 0))
+}
+
 impl Triangles<'_> {
+    /// The box of all triangles without looking at each: that of all vertices, if those on its faces are in use. None if
+    /// that cannot be said so simply, or if a triangle is unfit.
+    fn bounds_of_vertices(&self) -> Option<Bounds> {
+        let chunk_bounds = |places: &[[f32; 3]]| finite_bounds(places.iter().map(|&place| padded(place)));
+        let unite = |mut a: Bounds, b| {
+            a.unite(b);
+            Some(a)
+        };
+        let chunks = self.positions.par_chunks(CHUNK).map(chunk_bounds);
+        let bounds = chunks.try_reduce(|| Bounds::NOTHING, unite)?;
+        let mut extremes = [0; 6];
+        for (number, corner) in bounds.corners().into_iter().enumerate() {
+            for axis in 0..3 {
+                let vertex = self.positions.iter().position(|place| place[axis] == corner[axis])?;
+                extremes[3 * number + axis] = u32::try_from(vertex).ok()?;
+            }
+        }
+        let (largest, found) = self
+            .indices
+            .par_chunks(CHUNK)
+            .map(|chunk| look_up(chunk, extremes))
+            .reduce(|| (0, [false; 6]), |a, b| (a.0.max(b.0), std::array::from_fn(|i| a.1[i] | b.1[i])));
+        ((largest as usize) < self.positions.len() && found == [true; 6]).then_some(bounds)
+    }
+
+    /// The box of all triangles. The first unfit triangle is named.
+    fn bounds_of_triangles(&self) -> Result<Bounds, Error> {
+        let chunk_bounds = |chunk: &[[u32; 3]]| {
+            let vertices = self.positions.len();
+            if chunk.as_flattened().iter().any(|&vertex| vertex as usize >= vertices) {
+                return None;
+            }
+            finite_bounds(chunk.as_flattened().iter().map(|&vertex| padded(self.positions[vertex as usize])))
+        };
+        let chunks: Vec<_> = self.indices.par_chunks(CHUNK).map(chunk_bounds).collect();
+        let mut bounds = Bounds::NOTHING;
+        for (number, chunk) in chunks.into_iter().enumerate() {
+            match chunk {
+                Some(part) => bounds.unite(part),
+                None => return Err(self.first_fault(number * CHUNK)),
+            }
+        }
+        Ok(bounds)
+    }
+
     /// What is wrong with the first unfit triangle from `start` on.
     fn first_fault(&self, start: usize) -> Error {
         for (triangle, indices) in self.indices.iter().enumerate().skip(start) {
@@ -147,10 +200,19 @@ impl Triangles<'_> {
 pub(crate) struct Grid {
     /// Voxels along each axis.
     pub(crate) resolution: [u32; 3],
+    /// For places.
+    whole: Scale,
+    /// For thirds of places: sums of three.
+    thirds: Scale,
+}
+
+/// From places to voxels; the fourth lane is idle.
+#[derive(Clone, Copy, Debug, Default)]
+struct Scale {
     /// The low corner, less [`FACE_WIDTH`] or a quarter of a voxel.
-    low: [f64; 3],
+    low: [f64; 4],
     /// Voxels per unit of length; 0 along an axis without extent.
-    density: [f64; 3],
+    density: [f64; 4],
 }
 
 impl Grid {
@@ -160,19 +222,20 @@ impl Grid {
         let [low, high] = bounds.corners().map(|corner| corner.map(f64::from));
         let extent: [f64; 3] = std::array::from_fn(|axis| high[axis] - low[axis]);
         let length = extent[0].max(extent[1]).max(extent[2]);
-        let mut grid = Self { resolution: [1; 3], low: [0.0; 3], density: [0.0; 3] };
+        let (mut resolution, mut whole) = ([1; 3], Scale::default());
         for axis in 0..3 {
             if extent[axis] > 0.0 {
                 let voxels = longest * (extent[axis] / length) * (1.0 + HALF_WIDTH);
-                grid.resolution[axis] = (voxels.round() as u32).clamp(1, clamp);
-                grid.density[axis] = f64::from(grid.resolution[axis]) / extent[axis];
+                resolution[axis] = (voxels.round() as u32).clamp(1, clamp);
+                whole.density[axis] = f64::from(resolution[axis]) / extent[axis];
             }
             // Far from the origin coordinates are coarse; the shift then stays below the voxel.
-            let voxel = extent[axis] / f64::from(grid.resolution[axis]);
+            let voxel = extent[axis] / f64::from(resolution[axis]);
             let shift = (FACE_WIDTH * low[axis].abs().max(high[axis].abs())).min(0.25 * voxel);
-            grid.low[axis] = low[axis] - shift;
+            whole.low[axis] = low[axis] - shift;
         }
-        grid
+        let thirds = Scale { low: whole.low.map(|x| 3.0 * x), density: whole.density.map(|x| x / 3.0) };
+        Self { resolution, whole, thirds }
     }
 
     /// Voxels along the longest axis of a box for K, before the clamp.
@@ -192,28 +255,27 @@ impl Grid {
         (u64::from(z) * ny + u64::from(y)) * nx + u64::from(x)
     }
 
-    /// The voxel that holds a point of the box. Points on a face belong to the voxel above.
+    /// The voxel that holds a point of the box, given in some unit. Points on a face belong to the voxel above.
     #[inline]
-    fn voxel(&self, place: [f64; 3]) -> [u32; 3] {
+    fn voxel(&self, place: [f64; 4], scale: &Scale) -> [u32; 3] {
         // Next to 2^32 an f64's last digit is 2^-20, and below the leading one are the digits of what was added: a cast
         // in two instructions. It counts places up to 2^-21 of a voxel below a face as on it.
         const LEADING: f64 = (1_u64 << 32) as f64;
-        std::array::from_fn(|axis| {
-            let voxels = (place[axis] - self.low[axis]) * self.density[axis];
-            let voxel = ((voxels + LEADING).to_bits() >> 20) as u32;
-            voxel.min(self.resolution[axis] - 1)
-        })
+        let voxels: [f64; 4] =
+            std::array::from_fn(|lane| (place[lane] - scale.low[lane]) * scale.density[lane] + LEADING);
+        std::array::from_fn(|axis| ((voxels[axis].to_bits() >> 20) as u32).min(self.resolution[axis] - 1))
     }
 
     /// The number of the voxel of a triangle's centroid.
     #[inline]
-    pub(crate) fn centroid_voxel(&self, corners: [[f32; 4]; 3]) -> u64 {
-        self.number(self.voxel(centroid_sum(corners).map(|x| x * (1.0 / 3.0))))
+    pub(crate) fn centroid_voxel(&self, [a, b, c]: [[f32; 4]; 3]) -> u64 {
+        let sum = std::array::from_fn(|lane| f64::from(a[lane]) + f64::from(b[lane]) + f64::from(c[lane]));
+        self.number(self.voxel(sum, &self.thirds))
     }
 
     /// First and last voxel that a box overlaps, along each axis.
     pub(crate) fn overlapped(&self, bounds: Bounds) -> [[u32; 3]; 2] {
-        bounds.corners().map(|corner| self.voxel(corner.map(f64::from)))
+        [bounds.low, bounds.high].map(|corner| self.voxel(corner.map(f64::from), &self.whole))
     }
 }
 

@@ -64,11 +64,13 @@
 mod clusters;
 mod connected;
 mod error;
+mod few;
 mod greedy;
 mod grid;
 mod group;
 mod params;
 mod partition;
+mod surface;
 mod voxels;
 
 pub use clusters::{Cluster, Clusters, Report};

@@ -1,10 +1,12 @@
 //! From triangles to clusters over a grid, range by range of voxels.
 
 use crate::grid::{Bounds, CHUNK, Grid, Mesh};
-use crate::group::{Batch, Scratch};
+use crate::group::{Batch, Members, Plan, Scratch};
 use crate::params::{Insertion, MAX_CLAMP, Params};
+use crate::surface::Surfaces;
 use crate::voxels::{Entry, Ranges, Sorted, for_ranges};
-use crate::{Clusters, Error, Report, Triangles};
+use crate::{Cluster, Clusters, Error, Report, Triangles};
+use pulp::{Arch, NullaryFnOnce};
 use rayon::prelude::*;
 
 /// Most pairs of a triangle and a voxel: 4 GiB of them with their copy.
@@ -161,13 +163,19 @@ fn count_overlapped(mesh: &Mesh<'_>, grid: Grid, limit: u64) -> Result<u64, Erro
     if entries > limit { Err(Error::TooManyEntries { entries, limit }) } else { Ok(entries) }
 }
 
+/// Triangles whose surfaces are computed together: some blocks, so that few lanes are idle, and no more, so that all stay
+/// in the nearest cache until their clusters are made.
+const RUN: usize = 256;
+
 /// One thread's scratch space.
 #[derive(Default)]
 struct Worker {
     scratch: Scratch,
-    /// The triangles of a voxel.
-    voxel: Vec<u32>,
-    by_material: Vec<u64>,
+    surfaces: Surfaces,
+    /// Some voxels' triangles, material by material.
+    triangles: Vec<u32>,
+    /// Of these, for each voxel and material: the number of the voxel, and where they end.
+    groups: Vec<(u64, usize)>,
 }
 
 impl Worker {
@@ -178,39 +186,78 @@ impl Worker {
         for voxel in entries.chunk_by(|a, b| a.voxel() == b.voxel()) {
             batch.voxels += 1;
             batch.fullest = batch.fullest.max(voxel.len() as u32);
-            let number = voxel[0].voxel();
-            let keeps = |triangle: u32| {
-                params.insertion == Insertion::Centroid
-                    || grid.number(grid.overlapped(Bounds::of(mesh.corners(triangle)))[1]) == number
-            };
-            self.voxel.clear();
-            self.voxel.extend(voxel.iter().map(|entry| entry.triangle()));
-            if self.sort_by_material(mesh.materials) {
-                for group in self.by_material.chunk_by(|a, b| a >> 32 == b >> 32) {
-                    self.voxel.clear();
-                    self.voxel.extend(group.iter().map(|&entry| entry as u32));
-                    self.scratch.cluster(mesh, params, &self.voxel, keeps, &mut batch);
-                }
-            } else {
-                self.scratch.cluster(mesh, params, &self.voxel, keeps, &mut batch);
+            let first = self.triangles.len();
+            self.triangles.extend(voxel.iter().map(|entry| entry.triangle()));
+            self.split(mesh.materials, first, voxel[0].voxel());
+            if self.triangles.len() >= RUN {
+                self.flush(mesh, params, grid, &mut batch);
             }
         }
+        self.flush(mesh, params, grid, &mut batch);
         batch
     }
 
-    /// Whether the voxel's triangles are of several materials; fills `by_material` if they are.
-    fn sort_by_material(&mut self, materials: &[u32]) -> bool {
-        let Some(&first) = self.voxel.first().and_then(|&triangle| materials.get(triangle as usize)) else {
-            return false;
-        };
-        if self.voxel.iter().all(|&triangle| materials[triangle as usize] == first) {
-            return false;
+    /// Splits the triangles from `first` on, which are a voxel's, into groups by material.
+    fn split(&mut self, materials: &[u32], first: usize, voxel: u64) {
+        if materials.is_empty() {
+            self.groups.push((voxel, self.triangles.len()));
+            return;
         }
-        self.by_material.clear();
-        let entry = |&triangle: &u32| u64::from(materials[triangle as usize]) << 32 | u64::from(triangle);
-        self.by_material.extend(self.voxel.iter().map(entry));
-        self.by_material.sort_unstable();
-        true
+        let own = &mut self.triangles[first..];
+        let material = |triangle: &u32| materials[*triangle as usize];
+        // They ascend; so do their materials where meshes come one by one.
+        if !own.is_sorted_by_key(material) {
+            own.sort_unstable_by_key(|triangle| u64::from(material(triangle)) << 32 | u64::from(*triangle));
+        }
+        let mut end = first;
+        for group in own.chunk_by(|a, b| material(a) == material(b)) {
+            end += group.len();
+            self.groups.push((voxel, end));
+        }
+    }
+
+    /// Clusters the groups and drops them, in the widest registers there are. (Rust never fuses a product and a sum, so the
+    /// bits are the same for all.)
+    fn flush(&mut self, mesh: &Mesh<'_>, params: &Params, grid: Grid, batch: &mut Batch) {
+        Arch::new().dispatch(Flush { worker: self, mesh, params, grid, batch });
+    }
+
+    #[inline(always)]
+    fn flush_here(&mut self, mesh: &Mesh<'_>, params: &Params, grid: Grid, batch: &mut Batch) {
+        self.surfaces.load(mesh, &self.triangles, params.two_sided);
+        let plan = Plan::new(params);
+        let mut start = 0;
+        for &(voxel, end) in &self.groups {
+            let group = Members {
+                triangles: &self.triangles[start..end],
+                surfaces: &self.surfaces.surfaces[start..end],
+                normals: self.surfaces.normals(start),
+            };
+            // The last voxel of its box has a triangle's cluster.
+            let keeps = |i: usize| grid.number(grid.overlapped(group.surfaces[i].bounds)[1]) == voxel;
+            self.scratch.cluster(mesh, &plan, group, keeps, batch);
+            start = end;
+        }
+        self.triangles.clear();
+        self.groups.clear();
+    }
+}
+
+/// A call of [`Worker::flush_here`].
+struct Flush<'a, 'm> {
+    worker: &'a mut Worker,
+    mesh: &'a Mesh<'m>,
+    params: &'a Params,
+    grid: Grid,
+    batch: &'a mut Batch,
+}
+
+impl NullaryFnOnce for Flush<'_, '_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        self.worker.flush_here(self.mesh, self.params, self.grid, self.batch);
     }
 }
 
@@ -227,18 +274,23 @@ fn join(batches: Vec<Batch>, report: Report) -> Clusters {
     joined.starts.push(0);
     let mut groups = 0;
     for batch in batches {
+        let first = joined.clusters.len() as u32;
         let mut members = batch.members.as_slice();
-        for mut cluster in batch.clusters {
+        for (cluster, label) in batch.clusters.iter().zip(first..) {
             let (own, rest) = members.split_at(cluster.triangles as usize);
             members = rest;
             for &triangle in own {
-                joined.labels[triangle as usize] = joined.clusters.len() as u32;
+                joined.labels[triangle as usize] = label;
             }
-            joined.members.extend_from_slice(own);
-            joined.starts.push(joined.members.len() as u32);
-            cluster.group += groups;
-            joined.clusters.push(cluster);
         }
+        let mut end = joined.members.len() as u32;
+        joined.starts.extend(batch.clusters.iter().map(|cluster| {
+            end += cluster.triangles;
+            end
+        }));
+        joined.members.extend_from_slice(&batch.members);
+        let own = batch.clusters.into_iter();
+        joined.clusters.extend(own.map(|cluster| Cluster { group: groups + cluster.group, ..cluster }));
         groups += batch.groups;
     }
     joined

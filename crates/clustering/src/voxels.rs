@@ -50,6 +50,10 @@ const BUCKET: usize = 2048;
 const MAX_BUCKETS: usize = 1024;
 /// Buckets with fewer entries are sorted by comparisons.
 const SMALL: usize = 64;
+/// Most bits of a voxel's number for which voxels are counted one by one: half a first-level cache of counters.
+const MAX_COUNTED: u32 = 12;
+/// Voxels per entry up to which they are: clearing and adding up a counter takes a fraction of moving an entry once more.
+const SPARSE: usize = 4;
 
 /// Voxels cut into ranges of equal width, a power of two.
 #[derive(Clone, Copy, Debug)]
@@ -113,17 +117,54 @@ pub(crate) fn for_ranges<E: Entry, S: Default, T: Send>(
     (0..ranges.count())
         .into_par_iter()
         .map_init(
-            || (Vec::new(), Vec::new(), S::default()),
-            |(entries, spare, scratch), number| {
-                entries.clear();
-                for part in parts {
-                    entries.extend_from_slice(part.range(number));
-                }
-                sort(entries, spare, ranges.shift);
-                work(scratch, entries)
+            || (Buffers { entries: Vec::new(), spare: Vec::new(), next: Vec::new() }, S::default()),
+            |(buffers, scratch), number| {
+                buffers.load(parts, number, ranges.shift);
+                work(scratch, &buffers.entries)
             },
         )
         .collect()
+}
+
+/// One thread's room to sort in.
+struct Buffers<E> {
+    entries: Vec<E>,
+    spare: Vec<E>,
+    next: Vec<u32>,
+}
+
+impl<E: Entry> Buffers<E> {
+    /// Fills `entries` with those of a range, sorted. Their voxels agree in all but the low `bits`.
+    fn load(&mut self, parts: &[Sorted<E>], range: usize, bits: u32) {
+        let parts = || parts.iter().map(|part| part.range(range));
+        let count = parts().map(<[E]>::len).sum();
+        if count < SMALL || bits > MAX_COUNTED || 1 << bits > SPARSE * count {
+            self.entries.clear();
+            parts().for_each(|part| self.entries.extend_from_slice(part));
+            return sort(&mut self.entries, &mut self.spare, bits);
+        }
+        // A counter for each voxel: sorted in one go, straight from the parts.
+        let voxel = |entry: E| entry.voxel() as usize & ((1 << bits) - 1);
+        self.next.clear();
+        self.next.resize(1 << bits, 0);
+        for part in parts() {
+            for &entry in part {
+                self.next[voxel(entry)] += 1;
+            }
+        }
+        let mut sum = 0;
+        for slot in &mut self.next {
+            sum += std::mem::replace(slot, sum);
+        }
+        self.entries.resize(count, E::default());
+        for part in parts() {
+            for &entry in part {
+                let slot = &mut self.next[voxel(entry)];
+                self.entries[*slot as usize] = entry;
+                *slot += 1;
+            }
+        }
+    }
 }
 
 /// Sorts entries that agree in all bits of the voxel but the low `bits`, and whose triangles ascend.

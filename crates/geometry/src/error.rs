@@ -50,4 +50,20 @@ pub enum Error {
         /// How many there may be.
         limit: usize,
     },
+    /// An instance names an object that does not exist.
+    #[error("instance {instance} refers to object {object}, but there are {objects} objects")]
+    NoSuchObject {
+        /// The instance's number.
+        instance: u32,
+        /// The number that it names.
+        object: u32,
+        /// How many objects there are.
+        objects: usize,
+    },
+    /// An object holds instances itself.
+    #[error("object {object} is made of instances; only one level is supported: put its instances into the scene")]
+    Nested {
+        /// The object's number.
+        object: u32,
+    },
 }

@@ -116,6 +116,19 @@ impl Sphere {
         let p = self.space.point_to_object(point);
         [longitude(p), (1.0 - (p.z / p.length()).clamp(-1.0, 1.0).acos() / PI) as f32]
     }
+
+    /// How a point of the sphere moves with its `(u, v)`, those of [`Geometry::parametric`](crate::Geometry::parametric);
+    /// at the poles u has no direction.
+    #[must_use]
+    pub fn derivatives(&self, point: Vec3) -> [Vec3; 2] {
+        let p = self.space.point_to_object(point);
+        let across = p.truncate().length();
+        let upwards = match across > 0.0 {
+            true => DVec3::new(-p.z * p.x / across, -p.z * p.y / across, across),
+            false => DVec3::ZERO,
+        };
+        self.space.derivatives([DVec3::new(-p.y, p.x, 0.0) * TAU, upwards * PI])
+    }
 }
 
 /// A disk or ring in a plane of constant z of its own space, mapped to the world. Computed in f64 throughout.
@@ -184,6 +197,16 @@ impl Disk {
         let p = self.space.point_to_object(point);
         let v = (self.radius - p.truncate().length()) / (self.radius - self.inner_radius);
         [longitude(p), v.clamp(0.0, 1.0) as f32]
+    }
+
+    /// How a point of the disk moves with its `(u, v)`, those of [`Geometry::parametric`](crate::Geometry::parametric);
+    /// in the middle they have no direction.
+    #[must_use]
+    pub fn derivatives(&self, point: Vec3) -> [Vec3; 2] {
+        let p = self.space.point_to_object(point);
+        let outwards = DVec3::new(p.x, p.y, 0.0).normalize_or_zero();
+        let around = DVec3::new(-p.y, p.x, 0.0) * TAU;
+        self.space.derivatives([around, outwards * (self.inner_radius - self.radius)])
     }
 }
 
@@ -265,6 +288,11 @@ impl Space {
     #[inline]
     fn point_to_object(&self, point: Vec3) -> DVec3 {
         self.to_object.matrix3 * (point.as_dvec3() - self.to_world.translation)
+    }
+
+    /// Derivatives of a point, in the world.
+    fn derivatives(&self, of: [DVec3; 2]) -> [Vec3; 2] {
+        of.map(|d| (self.to_world.matrix3 * d).as_vec3())
     }
 
     /// World bounds of the ellipsoid with these half axes around a centre of object space (exact), or of a disk.

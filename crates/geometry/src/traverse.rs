@@ -1,6 +1,7 @@
 //! The tree that rays walk, and the walk.
 
 use crate::frame::Frame;
+use crate::instance::Placements;
 #[cfg(target_arch = "x86_64")]
 use crate::lanes::Whole;
 use crate::lanes::{Eight, Lanes, Pair, Vectors, WIDTH, Words};
@@ -52,6 +53,8 @@ pub(crate) enum Child {
     Node(u32),
     Triangles(u32),
     Quadric(u32),
+    /// In a tree over boxes: the number of one.
+    Box(u32),
 }
 
 impl Child {
@@ -59,7 +62,7 @@ impl Child {
         match self {
             Self::Node(number) => number,
             Self::Triangles(number) => number | TRIANGLES,
-            Self::Quadric(number) => number | QUADRIC,
+            Self::Quadric(number) | Self::Box(number) => number | QUADRIC,
         }
     }
 }
@@ -104,7 +107,42 @@ pub(crate) struct Tree {
     pub(crate) quadric_keys: Vec<u64>,
     /// Most entries that the stack can hold at once.
     pub(crate) stack: usize,
-    pub(crate) vectors: Vectors,
+    pub(crate) way: Way,
+}
+
+/// How a tree is walked: one question, so that a scene without instances pays nothing for those that others have.
+#[derive(Clone, Debug)]
+pub(crate) enum Way {
+    /// In the widest vectors.
+    #[cfg(target_arch = "x86_64")]
+    Whole(pulp::x86::V3),
+    /// In pairs of vectors.
+    Pair,
+    /// And after it, what stands in the scene as instances.
+    Placed(Box<Placed>),
+}
+
+/// Instances, and the vectors to walk the tree in.
+#[derive(Clone, Debug)]
+pub(crate) struct Placed {
+    pub(crate) placements: Placements,
+    vectors: Vectors,
+}
+
+impl Default for Way {
+    fn default() -> Self {
+        match Vectors::default() {
+            #[cfg(target_arch = "x86_64")]
+            Vectors::Whole(v3) => Self::Whole(v3),
+            Vectors::Pair => Self::Pair,
+        }
+    }
+}
+
+impl Way {
+    pub(crate) fn placed(placements: Placements) -> Self {
+        Self::Placed(Box::new(Placed { placements, vectors: Vectors::default() }))
+    }
 }
 
 /// A walk through a tree, compiled for each kind of vectors that may be there at run time.
@@ -122,10 +160,56 @@ impl<L: Lanes, const ANY: bool> NullaryFnOnce for Walk<'_, L, ANY> {
     fn call(self) -> bool {
         let Self { token, tree, frame, best } = self;
         match tree.stack {
-            0..=24 => tree.walk::<L, ANY, 24>(token, frame, best),
-            25..=64 => tree.walk::<L, ANY, 64>(token, frame, best),
-            _ => tree.walk::<L, ANY, DEEPEST>(token, frame, best),
+            0..=24 => tree.walk::<L, ANY, 24, _>(token, frame, best, &mut Primitives),
+            25..=64 => tree.walk::<L, ANY, 64, _>(token, frame, best, &mut Primitives),
+            _ => tree.walk::<L, ANY, DEEPEST, _>(token, frame, best, &mut Primitives),
         }
+    }
+}
+
+/// What a walk does at a leaf: offers hits to the best so far; with `ANY` it tells whether there was one.
+trait Leaves {
+    fn test<L: Lanes, const ANY: bool>(
+        &mut self,
+        tree: &Tree,
+        token: L::Token,
+        code: u32,
+        frame: &Frame,
+        best: &mut Best,
+    ) -> bool;
+}
+
+/// Leaves are triangles, spheres and disks.
+struct Primitives;
+
+impl Leaves for Primitives {
+    #[inline(always)]
+    fn test<L: Lanes, const ANY: bool>(
+        &mut self,
+        tree: &Tree,
+        token: L::Token,
+        code: u32,
+        frame: &Frame,
+        best: &mut Best,
+    ) -> bool {
+        tree.test_leaf::<L, ANY>(token, code, frame, best)
+    }
+}
+
+/// Leaves are boxes, and the function knows what is in them.
+struct Boxes<F>(F);
+
+impl<F: FnMut(u32, &mut Best) -> bool> Leaves for Boxes<F> {
+    #[inline(always)]
+    fn test<L: Lanes, const ANY: bool>(
+        &mut self,
+        _: &Tree,
+        _: L::Token,
+        code: u32,
+        _: &Frame,
+        best: &mut Best,
+    ) -> bool {
+        (self.0)(code & !QUADRIC, best)
     }
 }
 
@@ -145,7 +229,7 @@ impl Best {
     }
 
     #[inline(always)]
-    fn offer(&mut self, t: f32, key: u64, weights: [f32; 2]) {
+    pub(crate) fn offer(&mut self, t: f32, key: u64, weights: [f32; 2]) {
         if t < self.t || (t == self.t && key < self.key) {
             *self = Self { t, key, weights, found: true };
         }
@@ -156,31 +240,63 @@ impl Best {
 type Aside = (f32, u32);
 
 impl Tree {
-    pub(crate) fn closest(&self, frame: &Frame, best: &mut Best) {
-        self.dispatch::<false>(frame, best);
-    }
-
-    pub(crate) fn occluded(&self, frame: &Frame) -> bool {
-        self.dispatch::<true>(frame, &mut Best::new(frame.ray.tmax))
+    #[inline(always)]
+    pub(crate) fn closest(&self, frame: &Frame, time: f32, best: &mut Best) {
+        self.dispatch::<false>(frame, time, best);
     }
 
     #[inline(always)]
-    fn dispatch<const ANY: bool>(&self, frame: &Frame, best: &mut Best) -> bool {
-        match self.vectors {
+    pub(crate) fn occluded(&self, frame: &Frame, time: f32) -> bool {
+        self.dispatch::<true>(frame, time, &mut Best::new(frame.ray.tmax))
+    }
+
+    #[inline(always)]
+    fn dispatch<const ANY: bool>(&self, frame: &Frame, time: f32, best: &mut Best) -> bool {
+        match &self.way {
+            #[cfg(target_arch = "x86_64")]
+            &Way::Whole(v3) => v3.vectorize(Walk::<Whole, ANY> { token: v3, tree: self, frame, best }),
+            Way::Pair => Walk::<Pair, ANY> { token: (), tree: self, frame, best }.call(),
+            Way::Placed(placed) => self.dispatch_placed::<ANY>(placed, frame, time, best),
+        }
+    }
+
+    #[inline(never)]
+    fn dispatch_placed<const ANY: bool>(&self, placed: &Placed, frame: &Frame, time: f32, best: &mut Best) -> bool {
+        let met = match placed.vectors {
             #[cfg(target_arch = "x86_64")]
             Vectors::Whole(v3) => v3.vectorize(Walk::<Whole, ANY> { token: v3, tree: self, frame, best }),
             Vectors::Pair => Walk::<Pair, ANY> { token: (), tree: self, frame, best }.call(),
+        };
+        if ANY {
+            return met || placed.placements.occluded(frame, time);
+        }
+        placed.placements.closest(frame, time, best);
+        false
+    }
+
+    /// Walks a tree over boxes: `visit` is given the numbers of those that are met, the nearest first, and the best so
+    /// far; with `ANY` the walk ends when it returns `true`.
+    pub(crate) fn visit<const ANY: bool>(
+        &self,
+        frame: &Frame,
+        best: &mut Best,
+        visit: &mut dyn FnMut(u32, &mut Best) -> bool,
+    ) -> bool {
+        match self.stack {
+            0..=24 => self.walk::<Pair, ANY, 24, _>((), frame, best, &mut Boxes(visit)),
+            _ => self.walk::<Pair, ANY, DEEPEST, _>((), frame, best, &mut Boxes(visit)),
         }
     }
 
     /// Walks the tree from near to far. With `ANY` it returns `true` at the first hit, else it leaves the closest in
     /// `best`. `STACK` is at least `self.stack`.
     #[inline(always)]
-    fn walk<L: Lanes, const ANY: bool, const STACK: usize>(
+    fn walk<L: Lanes, const ANY: bool, const STACK: usize, V: Leaves>(
         &self,
         token: L::Token,
         frame: &Frame,
         best: &mut Best,
+        leaves: &mut V,
     ) -> bool {
         if self.nodes.is_empty() {
             return false;
@@ -192,7 +308,7 @@ impl Tree {
             let met = if code < QUADRIC {
                 self.enter::<L, ANY, STACK>(token, code, frame, best.t, &mut stack, &mut height)
             } else {
-                if self.test_leaf::<L, ANY>(token, code, frame, best) {
+                if leaves.test::<L, ANY>(self, token, code, frame, best) {
                     return true;
                 }
                 None

@@ -44,7 +44,7 @@ impl BlockRatios {
     }
 }
 
-fn percentile(sorted: &[f64], percent: f64) -> f64 {
+pub(crate) fn percentile(sorted: &[f64], percent: f64) -> f64 {
     let Some(last) = sorted.len().checked_sub(1) else { return f64::NAN };
     let at = last as f64 * percent.clamp(0.0, 100.0) / 100.0;
     // NaN, which `clamp` lets through, becomes 0 here.

@@ -84,7 +84,7 @@ pub fn compare(image: Pixels<'_>, reference: Pixels<'_>) -> Result<Comparison, E
         rel_mse_trimmed,
         smape: sums.symmetric.value() / count,
         display_mse,
-        psnr: -10.0 * display_mse.max(1e-20).log10(),
+        psnr: -10.0 * libm::log10(display_mse.max(1e-20)),
         srgb8_mse: 255.0 * 255.0 * display_mse,
         channel_ratios: std::array::from_fn(|c| ratio(3.0 * x[c] / count, 3.0 * r[c] / count)),
         mean_ratio: ratio(total(x) / count, total(r) / count),
@@ -99,11 +99,7 @@ pub(crate) fn check(image: Pixels<'_>, reference: Pixels<'_>) -> Result<(), Erro
     }
     match reference.values.iter().position(|r| !r.iter().all(|v| v.is_finite())) {
         None => Ok(()),
-        Some(at) => {
-            let width = reference.size[0] as usize;
-            let pixel = [(at % width) as u32, (at / width) as u32];
-            Err(Error::NonFiniteReference { pixel, value: reference.values[at] })
-        }
+        Some(at) => Err(Error::NonFiniteReference { pixel: reference.place(at), value: reference.values[at] }),
     }
 }
 

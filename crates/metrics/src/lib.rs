@@ -1,8 +1,13 @@
-//! How far a rendered picture is from its reference.
+//! How far a rendered picture is from its reference, and what may be said after a few seeds.
 //!
 //! Pictures are plain data: [`Pixels`] borrows linear RGB, row by row from the top. [`compare`] gives every
 //! figure at once; [`block_means`] and [`block_ratios`] show bias where noise hides it in single pixels;
-//! [`downsample`] brings a picture to the size of its reference.
+//! [`downsample`] brings a picture to the size of its reference. [`flip`] is what an eye sees, and costs more, so
+//! that it stands alone; [`compare_corrected`] takes a noisy reference's share out; [`difference`] compares two
+//! pictures of which only noisy renders are known.
+//!
+//! Figures over seeds and budgets: [`mean_interval`], [`geometric_mean_interval`], [`ratio_interval`],
+//! [`log_log_fit`], [`efficiency`].
 //!
 //! ```
 //! use dapple_metrics::{Pixels, compare};
@@ -21,7 +26,11 @@
 
 mod blocks;
 mod compare;
+mod difference;
+mod flip;
+mod reference;
 mod srgb;
+mod statistics;
 mod sum;
 
 /// The README's example is tested.
@@ -31,6 +40,13 @@ struct Readme;
 
 pub use blocks::{BlockRatios, Blocks, block_means, block_ratios, downsample};
 pub use compare::{Comparison, RELATIVE_EPSILON, TRIMMED_SHARE, WORST_BLOCK_SIZE, WorstBlock, compare};
+pub use difference::{Difference, LEAST_RENDERS, Measured, difference};
+pub use flip::{Flip, PIXELS_PER_DEGREE, flip};
+pub use reference::{Corrected, CorrectedError, NoisyReference, REFERENCE_LIMIT, compare_corrected};
+pub use statistics::{
+    BOOTSTRAP_MIN_COUNT, BOOTSTRAP_RESAMPLES, Interval, LogLogFit, Method, StatisticsError, efficiency,
+    geometric_mean_interval, log_log_fit, mean_interval, ratio_interval, student_t_quantile,
+};
 
 /// Why pictures cannot be compared. Each message says what to do.
 #[non_exhaustive]
@@ -69,6 +85,12 @@ pub enum Error {
         /// Its value.
         value: [f32; 3],
     },
+    /// Too few renders to tell noise from difference.
+    #[error("there are {} renders of one picture and {} of the other: as many of both are needed, and at least {}", renders[0], renders[1], LEAST_RENDERS)]
+    FewRenders {
+        /// Of one, and of the other.
+        renders: [usize; 2],
+    },
     /// A block size that is no use.
     #[error("blocks of {}x{} pixels do not fit a picture of {}x{}: use sides from 1 up to the picture's", block[0], block[1], size[0], size[1])]
     Block {
@@ -76,6 +98,20 @@ pub enum Error {
         block: [u32; 2],
         /// Width and height of the picture.
         size: [u32; 2],
+    },
+    /// A variance that is none.
+    #[error("the variance is {value:?} at column {}, row {}: give finite variances of the reference, 0 or more", pixel[0], pixel[1])]
+    Variance {
+        /// Column and row of the first such pixel.
+        pixel: [u32; 2],
+        /// Its value.
+        value: [f32; 3],
+    },
+    /// A way of looking at a display that is none.
+    #[error("{value} pixels per degree of visual angle: use from 1 to 1000; 67 is usual")]
+    PixelsPerDegree {
+        /// Pixels per degree given.
+        value: f64,
     },
     /// A target size that is empty or larger than the picture.
     #[error("{}x{} cannot be averaged to {}x{}: each side must be from 1 up to the picture's", size[0], size[1], target[0], target[1])]
@@ -117,6 +153,12 @@ impl<'a> Pixels<'a> {
     /// The pixels, top row first.
     pub fn values(&self) -> &'a [[f32; 3]] {
         self.values
+    }
+
+    /// Column and row of a pixel.
+    fn place(&self, index: usize) -> [u32; 2] {
+        let width = self.size[0] as usize;
+        [(index % width) as u32, (index / width) as u32]
     }
 
     /// Rows from the top.

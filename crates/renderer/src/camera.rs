@@ -3,8 +3,8 @@
 use crate::scene::{Camera, Projection, Source};
 use crate::shading::warp::concentric_disk;
 use crate::space::Space;
-use dapple_geometry::Ray;
-use glam::{Mat3, Vec2, Vec3};
+use dapple_geometry::{Motion, Ray};
+use glam::{DAffine3, Mat3, Vec2, Vec3};
 
 /// What is wrong with a camera.
 #[non_exhaustive]
@@ -38,6 +38,14 @@ pub enum CameraError {
         /// The distance in focus.
         distance: f64,
     },
+    /// The second pose.
+    #[error("{at}: the camera cannot move to where it is told to: {why}")]
+    Motion {
+        /// Where it is said.
+        at: Source,
+        /// What is wrong.
+        why: String,
+    },
     /// The window on the screen.
     #[error("{at}: the screen window or aspect ratio is empty or not finite")]
     Window {
@@ -61,6 +69,10 @@ pub struct CameraView {
     /// Lens radius and focal distance in lengths of `axes`.
     lens_radius: f32,
     focal_distance: f32,
+    /// Rays start on the screen and run forward; `step` and `shift` are lengths of `axes`.
+    orthographic: bool,
+    /// The pose in the course of time, if it changes, and what its matrix is multiplied by to get `axes`.
+    motion: Option<Box<(Motion, f64)>>,
 }
 
 /// How rays leave the camera: the lens effect as a type, so that its absence costs nothing.
@@ -68,6 +80,13 @@ pub trait Lens: Sync {
     /// The ray through `place`, in pixels from the picture's centre with y downwards. `on_lens` in
     /// `[0, 1)^2`.
     fn ray(view: &CameraView, place: Vec2, on_lens: [f32; 2]) -> Ray;
+
+    /// The ray at a time in `[0, 1]`; the same at all times where the camera stands still.
+    #[inline(always)]
+    fn ray_at(view: &CameraView, place: Vec2, on_lens: [f32; 2], time: f32) -> Ray {
+        let _ = time;
+        Self::ray(view, place, on_lens)
+    }
 }
 
 /// All rays pass one point.
@@ -77,6 +96,10 @@ pub struct Pinhole;
 /// Rays pass a disk and meet in the focal plane.
 #[derive(Clone, Copy, Debug)]
 pub struct ThinLens;
+
+/// Whatever the camera is: orthographic, moving, with or without a lens.
+#[derive(Clone, Copy, Debug)]
+pub struct General;
 
 impl CameraView {
     /// The camera of a scene at this resolution.
@@ -100,12 +123,14 @@ impl CameraView {
         if axes.determinant().abs() <= 1e-20 {
             return Err(CameraError::Pose { at: at() });
         }
-        let Projection::Perspective { fov } = camera.projection else {
-            return Err(CameraError::Window { at: at() });
+        // Lens and focus are lengths of camera space, as in pbrt-v4; the axes have taken its scale.
+        let length = space.scale() * size;
+        // What a unit of the screen window is, at distance 1 or everywhere.
+        let (unit, orthographic) = match camera.projection {
+            Projection::Perspective { fov } if fov > 0.0 && fov < 180.0 => ((fov.to_radians() * 0.5).tan(), false),
+            Projection::Perspective { fov } => return Err(CameraError::Fov { at: at(), fov }),
+            Projection::Orthographic => (length, true),
         };
-        if !(fov > 0.0 && fov < 180.0) {
-            return Err(CameraError::Fov { at: at(), fov });
-        }
         let focus_matters = camera.lens_radius != 0.0;
         let focus_fine = camera.focal_distance.is_finite() && camera.focal_distance > 0.0;
         if !(camera.lens_radius.is_finite() && camera.lens_radius >= 0.0) || (focus_matters && !focus_fine) {
@@ -122,16 +147,13 @@ impl CameraView {
         if !(aspect.is_finite() && aspect > 0.0 && window.iter().all(|w| w.is_finite()) && x0 < x1 && y0 < y1) {
             return Err(CameraError::Window { at: at() });
         }
-        let tan = (fov.to_radians() * 0.5).tan();
-        let step = Vec2::new(((x1 - x0) / width * tan) as f32, ((y1 - y0) / height * tan) as f32);
-        let shift = Vec2::new(((x0 + x1) * 0.5 * tan) as f32, ((y0 + y1) * 0.5 * tan) as f32);
+        let step = Vec2::new(((x1 - x0) / width * unit) as f32, ((y1 - y0) / height * unit) as f32);
+        let shift = Vec2::new(((x0 + x1) * 0.5 * unit) as f32, ((y0 + y1) * 0.5 * unit) as f32);
         // Corners whose squares f32 holds: beyond, directions would be no numbers.
-        let corner = [x0, x1, y0, y1].map(|w| (w * tan).abs()).into_iter().fold(0.0, f64::max);
+        let corner = [x0, x1, y0, y1].map(|w| (w * unit).abs()).into_iter().fold(0.0, f64::max);
         if corner >= 1e15 {
             return Err(CameraError::Window { at: at() });
         }
-        // Lens and focus are lengths of camera space, as in pbrt-v4; the axes have taken its scale.
-        let length = space.scale() * size;
         let [lens_radius, focal_distance] = [camera.lens_radius, camera.focal_distance].map(|l| (l * length) as f32);
         if camera.lens_radius > 0.0 && !(lens_radius < 1e15 && focal_distance < 1e15 && focal_distance > 0.0) {
             let (radius, distance) = (camera.lens_radius, camera.focal_distance);
@@ -139,7 +161,44 @@ impl CameraView {
         }
         let half = Vec2::new((width * 0.5) as f32, (height * 0.5) as f32);
         let axes = axes.as_mat3();
-        Ok(Self { origin: pose.translation.as_vec3(), axes, half, step, shift, lens_radius, focal_distance })
+        let motion = match camera.moves_to {
+            Some(end) if end != camera.to_world => {
+                let end = space.apply(end);
+                let motion = Motion::between(pose, end);
+                let motion = motion.map_err(|e| CameraError::Motion { at: at(), why: e.to_string() })?;
+                if !end.translation.as_vec3().is_finite() || !(end.matrix3 * length.recip()).as_mat3().is_finite() {
+                    return Err(CameraError::Pose { at: at() });
+                }
+                Some(Box::new((motion, length.recip())))
+            }
+            _ => None,
+        };
+        let origin = pose.translation.as_vec3();
+        Ok(Self { origin, axes, half, step, shift, lens_radius, focal_distance, orthographic, motion })
+    }
+
+    /// The same camera whose resting pose, which [`Self::world_to_clip`] shows, is that of a time in `[0, 1]`.
+    pub(crate) fn resting_at(mut self, time: f32) -> Self {
+        (self.origin, self.axes) = self.pose(time);
+        self
+    }
+
+    /// The same camera, standing where it rests.
+    pub(crate) fn standing(self) -> Self {
+        Self { motion: None, ..self }
+    }
+
+    /// The pose at a time that the motion is at, if there is one.
+    #[inline]
+    fn pose(&self, time: f32) -> (Vec3, Mat3) {
+        match &self.motion {
+            None => (self.origin, self.axes),
+            Some(moving) => {
+                let (motion, scale) = &**moving;
+                let DAffine3 { matrix3, translation } = motion.at(time);
+                (translation.as_vec3(), (matrix3 * *scale).as_mat3())
+            }
+        }
     }
 
     /// The place of an offset from a pixel's centre (in pixels, y downwards), from the picture's
@@ -156,31 +215,63 @@ impl CameraView {
         self.step.min_element()
     }
 
+    /// Width of a pixel where a ray has come this far, in lengths of the renderer's space.
+    #[inline]
+    pub fn footprint(&self, distance: f32) -> f32 {
+        if self.orthographic { self.pixel_width() * self.axes.x_axis.length() } else { distance * self.pixel_width() }
+    }
+
     /// Whether the lens is more than a point.
     pub fn has_lens(&self) -> bool {
         self.lens_radius > 0.0
     }
 
-    /// The ray through an offset from a pixel's centre, `on_lens` in `[0, 1)^2`, whatever the lens: for callers
-    /// whose inner loop it is not.
+    /// Whether it moves.
+    pub fn moves(&self) -> bool {
+        self.motion.is_some()
+    }
+
+    /// Whether neither [`Pinhole`] nor [`ThinLens`] makes its rays, but [`General`] does.
+    pub fn is_general(&self) -> bool {
+        self.orthographic || self.moves()
+    }
+
+    /// The ray through an offset from a pixel's centre, `on_lens` in `[0, 1)^2`, whatever the camera, at time 0: for
+    /// callers whose inner loop it is not.
     pub fn ray(&self, pixel: [u32; 2], offset: Vec2, on_lens: [f32; 2]) -> Ray {
-        let place = self.place(pixel, offset);
-        if self.has_lens() { ThinLens::ray(self, place, on_lens) } else { Pinhole::ray(self, place, on_lens) }
+        self.ray_at(self.place(pixel, offset), on_lens, 0.0)
+    }
+
+    /// The ray through a [`place`](Self::place) at a time in `[0, 1]`, `on_lens` in `[0, 1)^2`, whatever the camera.
+    pub fn ray_at(&self, place: Vec2, on_lens: [f32; 2], time: f32) -> Ray {
+        match (self.is_general(), self.has_lens()) {
+            (true, _) => General::ray_at(self, place, on_lens, time),
+            (false, true) => ThinLens::ray(self, place, on_lens),
+            (false, false) => Pinhole::ray(self, place, on_lens),
+        }
     }
 
     /// Rows of the matrix that takes points `[x, y, z, 1]` to the clip space of a picture of this view's
     /// resolution: in front of the eye `w > 0`, and on the film `x / w` and `y / w` are in `[-1, 1]`. The
-    /// lens is a point to it.
+    /// lens is a point to it, and a camera that moves stands where it first is. An orthographic camera's `w` is 1
+    /// everywhere; the third row is above 0 in front of it.
     pub fn world_to_clip(&self) -> [[f32; 4]; 4] {
         let to_camera = self.axes.inverse();
         let [x, y, z] = [to_camera.row(0), to_camera.row(1), to_camera.row(2)];
         let row = |r: Vec3| [r.x, r.y, r.z, -r.dot(self.origin)];
-        let across = row((x - z * self.shift.x) / (self.step.x * self.half.x));
-        let down = row((z * self.shift.y - y) / (self.step.y * self.half.y));
+        let [wide, high] = [self.step.x * self.half.x, self.step.y * self.half.y];
+        if self.orthographic {
+            let moved = |[a, b, c, d]: [f32; 4], by: f32| [a, b, c, d - by];
+            let (across, down) =
+                (moved(row(x / wide), self.shift.x / wide), moved(row(-y / high), -self.shift.y / high));
+            return [across, down, row(z), [0.0, 0.0, 0.0, 1.0]];
+        }
+        let across = row((x - z * self.shift.x) / wide);
+        let down = row((z * self.shift.y - y) / high);
         [across, down, row(z), row(z)]
     }
 
-    /// Screen direction in camera space, z forward.
+    /// Screen direction in camera space, z forward; of an orthographic camera the place on the screen, at z = 1.
     #[inline]
     fn screen(&self, place: Vec2) -> Vec3 {
         Vec3::new(place.x * self.step.x + self.shift.x, -place.y * self.step.y + self.shift.y, 1.0)
@@ -201,5 +292,26 @@ impl Lens for ThinLens {
         let focus = view.screen(place) * view.focal_distance;
         let from = Vec3::new(lens.x, lens.y, 0.0);
         Ray::new(view.origin + view.axes * from, (view.axes * (focus - from)).normalize())
+    }
+}
+
+impl Lens for General {
+    fn ray(view: &CameraView, place: Vec2, on_lens: [f32; 2]) -> Ray {
+        Self::ray_at(view, place, on_lens, 0.0)
+    }
+
+    fn ray_at(view: &CameraView, place: Vec2, on_lens: [f32; 2], time: f32) -> Ray {
+        let (origin, axes) = view.pose(time);
+        let screen = view.screen(place);
+        // Where the ray starts without a lens, and the way from there on to distance 1.
+        let (start, forward) =
+            if view.orthographic { (Vec3::new(screen.x, screen.y, 0.0), Vec3::Z) } else { (Vec3::ZERO, screen) };
+        if !view.has_lens() {
+            return Ray::new(origin + axes * start, (axes * forward).normalize());
+        }
+        let lens = concentric_disk(on_lens) * view.lens_radius;
+        let aside = Vec3::new(lens.x, lens.y, 0.0);
+        let direction = forward * view.focal_distance - aside;
+        Ray::new(origin + axes * (start + aside), (axes * direction).normalize())
     }
 }

@@ -3,10 +3,10 @@
 use crate::World;
 use crate::registry::RegistryError;
 use dapple_cluster_adaptive::{ProbeCost, ProbeHit, ProbeRay, ProbesHandle, Shoot};
-use dapple_clustering::{Cluster, Params, Report, Triangles, cluster};
+use dapple_clustering::{Cluster, Clusters, Params, Report, Triangles, cluster};
 use dapple_core::FirstHit;
 use dapple_geometry::Shape;
-use glam::Vec2;
+use glam::{Vec2, Vec3};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
@@ -22,15 +22,34 @@ pub struct WorldTriangles {
 }
 
 impl WorldTriangles {
-    /// Copies the triangles of all meshes, in the order of the shapes.
+    /// Copies the triangles of all meshes, in the order of the shapes' numbers: each instance's too, as it stands when
+    /// the shutter opens.
     pub fn of(world: &World) -> Self {
-        let mut all = Self::default();
-        for (shape, part) in world.geometry.shapes().iter().zip(&world.parts) {
-            let Shape::Mesh(mesh) = shape else { continue };
+        let meshes = || {
+            (0..world.geometry.shape_count()).filter_map(|number| match world.geometry.shape(number) {
+                Shape::Mesh(mesh) => Some(mesh),
+                Shape::Sphere(_) | Shape::Disk(_) => None,
+            })
+        };
+        // All at once: what has grown has been written more than once.
+        let triangles = meshes().map(|mesh| mesh.triangles().len()).sum();
+        let mut all = Self {
+            positions: Vec::with_capacity(meshes().map(|mesh| mesh.positions().len()).sum()),
+            indices: Vec::with_capacity(triangles),
+            materials: Vec::with_capacity(triangles),
+        };
+        for number in 0..world.geometry.shape_count() {
+            let Shape::Mesh(mesh) = world.geometry.shape(number) else { continue };
             let first = all.positions.len() as u32;
-            all.positions.extend_from_slice(mesh.positions());
+            match world.geometry.to_world(number, world.time(0.0)) {
+                None => all.positions.extend_from_slice(mesh.positions()),
+                Some(to_world) => {
+                    let moved = |p: &[f32; 3]| to_world.transform_point3(Vec3::from_array(*p).as_dvec3());
+                    all.positions.extend(mesh.positions().iter().map(|p| moved(p).as_vec3().to_array()));
+                }
+            }
             all.indices.extend(mesh.triangles().iter().map(|t| t.map(|vertex| first + vertex)));
-            all.materials.resize(all.indices.len(), part.material);
+            all.materials.resize(all.indices.len(), world.part(number).material);
         }
         all
     }
@@ -63,30 +82,30 @@ impl WorldClusters {
     pub fn new(world: &World, params: &Params) -> Result<Self, dapple_clustering::Error> {
         let began = Instant::now();
         let triangles = WorldTriangles::of(world);
-        let (mut labels, mut clusters, mut report) = (Vec::new(), Vec::new(), None);
-        if !triangles.indices.is_empty() {
-            let found = cluster(&triangles.as_slices(), params)?;
-            labels.extend_from_slice(found.labels());
-            clusters.extend_from_slice(found.clusters());
-            report = Some(found.report());
-        }
-        let mut first = Vec::with_capacity(world.parts.len());
+        let found = (!triangles.indices.is_empty()).then(|| cluster(&triangles.as_slices(), params)).transpose()?;
+        drop(triangles);
+        let (of_triangles, in_clusters) = found.as_ref().map_or((&[][..], &[][..]), |f| (f.labels(), f.clusters()));
+        // Spheres and disks after them.
+        let (mut labels, mut clusters) = (Vec::new(), Vec::new());
+        let mut first = Vec::with_capacity(world.geometry.shape_count() as usize);
         let mut triangle = 0;
-        for (shape, part) in world.geometry.shapes().iter().zip(&world.parts) {
-            match shape {
+        for number in 0..world.geometry.shape_count() {
+            match world.geometry.shape(number) {
                 Shape::Mesh(mesh) => {
                     first.push(triangle);
                     triangle += mesh.triangles().len() as u32;
                 }
                 Shape::Sphere(_) | Shape::Disk(_) => {
-                    first.push(labels.len() as u32);
-                    labels.push(clusters.len() as u32);
-                    let group = clusters.last().map_or(0, |c: &Cluster| c.group + 1);
-                    clusters.push(whole(shape, part.material, group));
+                    first.push((of_triangles.len() + labels.len()) as u32);
+                    labels.push((in_clusters.len() + clusters.len()) as u32);
+                    let group = clusters.last().or(in_clusters.last()).map_or(0, |c: &Cluster| c.group + 1);
+                    clusters.push(whole(world.shape_bounds(number), world.part(number).material, group));
                 }
             }
         }
-        let (labels, clusters) = (labels.into(), clusters.into());
+        let report = found.as_ref().map(Clusters::report);
+        let labels = of_triangles.iter().copied().chain(labels).collect();
+        let clusters = in_clusters.iter().copied().chain(clusters).collect();
         Ok(Self { params: *params, labels, clusters, first, report, seconds: began.elapsed().as_secs_f64() })
     }
 
@@ -124,8 +143,7 @@ impl WorldClusters {
 }
 
 /// A sphere or disk as a cluster.
-fn whole(shape: &Shape, material: u32, group: u32) -> Cluster {
-    let [low, high] = shape.bounds().unwrap_or_default();
+fn whole([low, high]: [Vec3; 2], material: u32, group: u32) -> Cluster {
     let d = (high - low).as_dvec3();
     // Of its box: a plain measure of size; projected sizes are taken from the box anyway.
     let area = 2.0 * (d.x * d.y + d.y * d.z + d.z * d.x);
@@ -224,15 +242,16 @@ pub(crate) fn shoot(world: Arc<World>, clusters: Arc<WorldClusters>) -> Shoot {
     Arc::new(move |probe: ProbeRay| {
         let [x, y] = probe.pixel.map(|n| n as f32 + 0.5);
         let offset = Vec2::new(probe.film[0] - x, probe.film[1] - y);
-        let ray = world.camera.ray(probe.pixel, offset, probe.lens);
-        let at = world.closest(&ray)?;
+        let time = world.time(0.0);
+        let ray = world.camera.ray_at(world.camera.place(probe.pixel, offset), probe.lens, time);
+        let at = world.closest_at(&ray, time)?;
         let distance = (at.point.position - ray.origin).length();
         Some(ProbeHit {
             primitive: clusters.primitive(at.hit.shape, at.hit.primitive),
             direction: ray.direction.to_array(),
             distance,
             normal: at.point.normal.to_array(),
-            footprint: distance * world.camera.pixel_width(),
+            footprint: world.camera.footprint(distance),
         })
     })
 }

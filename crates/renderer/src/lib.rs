@@ -20,6 +20,7 @@ pub mod image;
 mod integrator;
 pub mod light;
 mod material;
+pub mod medium;
 pub mod model;
 pub mod output;
 pub mod pbrt;
@@ -35,8 +36,8 @@ mod texture;
 mod world;
 
 pub use clusters::{Stage, WorldClusters, WorldTriangles};
-pub use effects::{Called, Effect, Effects};
-pub use integrator::{PathTracer, integrator};
+pub use effects::{Called, Effect, Effects, UnknownEffect};
+pub use integrator::{PathTracer, code, integrator, integrator_with};
 pub use material::{MaterialError, Surface};
 pub use scene_file::{AnyOptions, read_any, read_any_from};
 pub use space::Space;

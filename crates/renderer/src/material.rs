@@ -1,8 +1,17 @@
 //! Materials ready to shade: everything that does not depend on the hit is computed once.
 
-use crate::scene::{Color, ConductorFresnel, Material, MaterialKind, Roughness, Source};
+mod mix;
+#[cfg(test)]
+mod tests;
+
+pub(crate) use mix::{check_mixes, interface_share, resolve};
+
+use crate::scene::{Color, ConductorFresnel, Material, MaterialKind, Roughness, Scalar, Source, TextureId};
 use crate::shading::coat::{Coat, CoatOptions};
-use crate::shading::{Bsdf, ComplexIor, TrowbridgeReitz};
+use crate::shading::{
+    Bsdf, ComplexIor, DiffuseTransmission, MetalCoat, Plastic, RoughDielectric, SmoothDielectric, Substrate, Tint,
+    TrowbridgeReitz,
+};
 use crate::texture::Textures;
 use glam::Vec3;
 
@@ -10,22 +19,60 @@ use glam::Vec3;
 #[derive(Clone, Debug)]
 pub struct Surface {
     kind: Kind,
-    /// Whether texture coordinates are looked at.
+    /// What tilts its shading normals.
+    pub(crate) relief: Relief,
+    /// Whether anything does.
+    pub(crate) bumped: bool,
+    /// Whether its scattering looks at texture coordinates.
     pub(crate) textured: bool,
-    /// Whether the direction of u on the surface matters.
+    /// Whether the direction of u on the surface matters to its scattering.
     pub(crate) anisotropic: bool,
     /// Whether there is a lobe to choose.
     pub(crate) several_lobes: bool,
-    /// Whether nothing is ever reflected: a lamp's body, say.
+    /// Whether nothing is ever scattered: a lamp's body, say.
     pub(crate) black: bool,
+    /// Whether light may come through.
+    pub(crate) transmits: bool,
+    /// Whether it is but a border between media, which scatters nothing and stops nothing.
+    pub(crate) interface: bool,
+    /// Whether it stands for one of two others: [`resolve`] tells which.
+    pub(crate) mixes: bool,
+}
+
+/// What tilts shading normals.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Relief {
+    /// A height, in units of the file's world space.
+    pub(crate) bump: Option<TextureId>,
+    /// Normals in the tangent's space, as a picture.
+    pub(crate) normal_map: Option<TextureId>,
 }
 
 #[derive(Clone, Debug)]
 enum Kind {
     Diffuse(Color),
-    Conductor { ior: ComplexIor, alpha: [f32; 2] },
-    TintedConductor { reflectance: Color, alpha: [f32; 2] },
-    Coated { coat: Box<Coat>, reflectance: Color },
+    Conductor { ior: ComplexIor, widths: Widths },
+    TintedConductor { reflectance: Color, widths: Widths },
+    Coated { coat: Box<Coat>, base: Vec3 },
+    TexturedCoated { coat: Box<Coat>, reflectance: Color },
+    CoatedConductor { coat: Box<MetalCoat>, ior: ComplexIor },
+    TintedCoatedConductor { coat: Box<MetalCoat>, reflectance: Color },
+    Dielectric { eta: f32, widths: Widths, reflectance: Color, transmittance: Color },
+    ThinDielectric { eta: f32 },
+    DiffuseTransmission { reflectance: Color, transmittance: Color },
+    Mirror(Color),
+    Plastic { diffuse: Color, specular: Color, widths: Widths },
+    Substrate { diffuse: Color, specular: Color, widths: Widths },
+    Mix { materials: [u32; 2], amount: Scalar },
+    Interface,
+}
+
+/// Microfacet widths: known, or looked up.
+#[derive(Clone, Copy, Debug)]
+enum Widths {
+    Smooth(TrowbridgeReitz),
+    Rough(TrowbridgeReitz),
+    Textured(Roughness),
 }
 
 /// What is wrong with a material.
@@ -37,6 +84,12 @@ pub struct MaterialError {
     what: String,
 }
 
+impl MaterialError {
+    fn new(material: &Material, what: impl Into<String>) -> Self {
+        Self { at: material.source.clone(), name: material.name.clone(), what: what.into() }
+    }
+}
+
 impl Surface {
     /// Prepares a material.
     ///
@@ -44,162 +97,312 @@ impl Surface {
     ///
     /// When a parameter is outside its range.
     pub fn new(material: &Material) -> Result<Self, MaterialError> {
-        let wrong = |what: String| MaterialError { at: material.source.clone(), name: material.name.clone(), what };
-        let color = |c: &Color| match c {
-            Color::Constant(rgb) if rgb.iter().any(|x| !(x.is_finite() && *x >= 0.0)) => {
-                Err(wrong(format!("a reflectance of {rgb:?} is none: give numbers of at least 0")))
+        let wrong = |what: String| MaterialError::new(material, what);
+        let mut surface = Self::of_kind(&material.kind).map_err(&wrong)?;
+        let bump = match material.bump {
+            Some(Scalar::Constant(height)) if !height.is_finite() => {
+                return Err(wrong(format!("a bump of {height} is none: give a finite height")));
             }
-            c => Ok(*c),
+            // The same height everywhere tilts nothing.
+            Some(Scalar::Constant(_)) | None => None,
+            Some(Scalar::Texture(id)) => Some(id),
         };
-        let textured = |c: &Color| matches!(c, Color::Texture(_));
-        let (kind, textured, anisotropic, several_lobes) = match &material.kind {
-            MaterialKind::Diffuse { reflectance } => {
-                let reflectance = match color(reflectance)? {
-                    Color::Constant(rgb) => Color::Constant(rgb.map(|c| c.clamp(0.0, 1.0))),
-                    texture => texture,
-                };
-                (Kind::Diffuse(reflectance), textured(&reflectance), false, false)
-            }
-            MaterialKind::Conductor { fresnel, roughness } => {
-                let alpha = alpha(roughness).map_err(&wrong)?;
-                let anisotropic = alpha[0] != alpha[1];
-                match fresnel {
-                    ConductorFresnel::EtaK { eta, k } => {
-                        let ior = ComplexIor { eta: Vec3::from_array(*eta), k: Vec3::from_array(*k) };
-                        Bsdf::conductor(ior, alpha).map_err(|e| wrong(e.to_string()))?;
-                        (Kind::Conductor { ior, alpha }, false, anisotropic, false)
-                    }
-                    ConductorFresnel::Reflectance(reflectance) => {
-                        let reflectance = color(reflectance)?;
-                        let textured = textured(&reflectance);
-                        (Kind::TintedConductor { reflectance, alpha }, textured, anisotropic, false)
-                    }
-                }
-            }
-            MaterialKind::CoatedDiffuse { reflectance, roughness, eta, thickness, albedo, max_depth, .. } => {
-                if *albedo != Color::Constant([0.0; 3]) {
-                    return Err(wrong(
-                        "a coat that scatters (\"albedo\" above 0) is not supported: leave it out".into(),
-                    ));
-                }
-                let alpha = alpha(roughness).map_err(&wrong)?;
-                let options = CoatOptions { eta: *eta, alpha, thickness: *thickness, max_depth: *max_depth };
-                let coat = Coat::new(options).map_err(|e| wrong(e.to_string()))?;
-                let reflectance = color(reflectance)?;
-                let textured = textured(&reflectance);
-                (Kind::Coated { coat: Box::new(coat), reflectance }, textured, alpha[0] != alpha[1], true)
-            }
-            _ => return Err(wrong("this kind of material is not supported yet".into())),
-        };
-        let black = matches!(kind, Kind::Diffuse(Color::Constant([0.0, 0.0, 0.0])));
-        Ok(Self { kind, textured, anisotropic, several_lobes, black })
+        surface.relief = Relief { bump, normal_map: material.normal_map };
+        surface.bumped = surface.relief != Relief::default();
+        Ok(surface)
     }
 
-    /// The scattering at a point with these texture coordinates.
+    fn of_kind(kind: &MaterialKind) -> Result<Self, String> {
+        let (kind, scatters) = match kind {
+            MaterialKind::Diffuse { reflectance } => {
+                let reflectance = share(reflectance)?;
+                (Kind::Diffuse(reflectance), Scatters::colors(&[reflectance]))
+            }
+            MaterialKind::DiffuseTransmission { reflectance, transmittance } => {
+                let (reflectance, transmittance) = (share(reflectance)?, share(transmittance)?);
+                let scatters = Scatters::colors(&[reflectance, transmittance]).lobes().through();
+                (Kind::DiffuseTransmission { reflectance, transmittance }, scatters)
+            }
+            MaterialKind::Conductor { fresnel, roughness } => {
+                let widths = Widths::new(roughness)?;
+                match conductor(fresnel)? {
+                    Metal::Known(ior) => (Kind::Conductor { ior, widths }, Scatters::default().rough(&widths)),
+                    Metal::Tinted(reflectance) => {
+                        let scatters = Scatters { textured: true, ..Scatters::default() }.rough(&widths);
+                        (Kind::TintedConductor { reflectance, widths }, scatters)
+                    }
+                }
+            }
+            MaterialKind::Dielectric { eta, roughness, reflectance, transmittance } => {
+                let widths = Widths::new(roughness)?;
+                let (reflectance, transmittance) = (share(reflectance)?, share(transmittance)?);
+                let scatters = Scatters::colors(&[reflectance, transmittance]).rough(&widths).lobes().through();
+                (Kind::Dielectric { eta: index(*eta)?, widths, reflectance, transmittance }, scatters)
+            }
+            MaterialKind::ThinDielectric { eta } => {
+                (Kind::ThinDielectric { eta: index(*eta)? }, Scatters::default().lobes().through())
+            }
+            MaterialKind::CoatedDiffuse { reflectance, roughness, eta, thickness, albedo, max_depth, .. } => {
+                let options = coat(roughness, *eta, *thickness, *albedo, *max_depth)?;
+                let coat = Box::new(Coat::new(options).map_err(|e| e.to_string())?);
+                let reflectance = share(reflectance)?;
+                let scatters = Scatters { anisotropic: options.alpha[0] != options.alpha[1], ..Scatters::default() };
+                match reflectance {
+                    Color::Constant(rgb) => {
+                        let base = coat.base(Vec3::from_array(rgb));
+                        (Kind::Coated { coat, base }, scatters.lobes())
+                    }
+                    Color::Texture(_) => {
+                        let scatters = Scatters { textured: true, ..scatters.lobes() };
+                        (Kind::TexturedCoated { coat, reflectance }, scatters)
+                    }
+                }
+            }
+            MaterialKind::CoatedConductor {
+                fresnel,
+                roughness,
+                coat_roughness,
+                eta,
+                thickness,
+                albedo,
+                max_depth,
+                ..
+            } => {
+                let options = coat(coat_roughness, *eta, *thickness, *albedo, *max_depth)?;
+                let alpha = alpha(roughness)?;
+                let coat = Box::new(MetalCoat::new(options, alpha).map_err(|e| e.to_string())?);
+                let anisotropic = alpha[0] != alpha[1] || options.alpha[0] != options.alpha[1];
+                let scatters = Scatters { anisotropic, ..Scatters::default() }.lobes();
+                match conductor(fresnel)? {
+                    Metal::Known(ior) => (Kind::CoatedConductor { coat, ior }, scatters),
+                    Metal::Tinted(reflectance) => {
+                        (Kind::TintedCoatedConductor { coat, reflectance }, Scatters { textured: true, ..scatters })
+                    }
+                }
+            }
+            MaterialKind::Mirror { reflectance } => {
+                let reflectance = share(reflectance)?;
+                (Kind::Mirror(reflectance), Scatters::colors(&[reflectance]))
+            }
+            MaterialKind::Plastic { diffuse, specular, roughness } => {
+                let (diffuse, specular, widths) = (share(diffuse)?, share(specular)?, Widths::new(roughness)?);
+                let scatters = Scatters::colors(&[diffuse, specular]).rough(&widths).lobes();
+                (Kind::Plastic { diffuse, specular, widths }, scatters)
+            }
+            MaterialKind::Substrate { diffuse, specular, roughness } => {
+                let (diffuse, specular, widths) = (share(diffuse)?, share(specular)?, Widths::new(roughness)?);
+                let scatters = Scatters { black: false, ..Scatters::colors(&[diffuse, specular]) };
+                (Kind::Substrate { diffuse, specular, widths }, scatters.rough(&widths).lobes())
+            }
+            MaterialKind::Mix { materials, amount } => {
+                if matches!(amount, Scalar::Constant(a) if !(0.0..=1.0).contains(a)) {
+                    return Err("the amount of a mix is a share: give a number from 0 to 1".into());
+                }
+                let textured = matches!(amount, Scalar::Texture(_));
+                let kind = Kind::Mix { materials: materials.map(|m| m.0), amount: *amount };
+                (kind, Scatters { textured, ..Scatters::default() })
+            }
+            MaterialKind::Interface => (Kind::Interface, Scatters::default()),
+        };
+        let (interface, mixes) = (matches!(kind, Kind::Interface), matches!(kind, Kind::Mix { .. }));
+        let Scatters { textured, anisotropic, several_lobes, black, transmits } = scatters;
+        let (relief, bumped) = (Relief::default(), false);
+        Ok(Self { kind, relief, bumped, textured, anisotropic, several_lobes, black, transmits, interface, mixes })
+    }
+
+    /// The scattering at a point with these texture coordinates. A mix, which has none before it is resolved, and an
+    /// interface, which never has, scatter nothing.
     #[inline(always)]
     pub fn bsdf(&self, textures: &Textures, uv: [f32; 2]) -> Bsdf<'_> {
-        let reflectance = |c: &Color| match c {
+        // A constant was clamped when the material was made.
+        if let Kind::Diffuse(Color::Constant(rgb)) = &self.kind {
+            return Bsdf::Diffuse { reflectance: Vec3::from_array(*rgb) };
+        }
+        self.bsdf_of_others(textures, uv)
+    }
+
+    fn bsdf_of_others(&self, textures: &Textures, uv: [f32; 2]) -> Bsdf<'_> {
+        let color = |c: &Color| match c {
             Color::Constant(rgb) => Vec3::from_array(*rgb),
-            Color::Texture(id) => textures.look_up(*id, uv),
+            Color::Texture(id) => textures.look_up(*id, uv).clamp(Vec3::ZERO, Vec3::ONE),
+        };
+        let metal = |ior: ComplexIor, widths: &Widths| match widths.at(textures, uv) {
+            Some(microfacets) => Bsdf::Conductor { ior, microfacets },
+            None => Bsdf::SmoothConductor { ior },
         };
         match &self.kind {
-            // A constant was clamped when the material was made.
-            Kind::Diffuse(Color::Constant(rgb)) => Bsdf::Diffuse { reflectance: Vec3::from_array(*rgb) },
-            Kind::Diffuse(c) => Bsdf::Diffuse { reflectance: reflectance(c).clamp(Vec3::ZERO, Vec3::ONE) },
-            Kind::Conductor { ior, alpha } => conductor(*ior, *alpha),
-            Kind::TintedConductor { reflectance: c, alpha } => {
-                conductor(ComplexIor::from_reflectance(reflectance(c)), *alpha)
+            Kind::Diffuse(reflectance) => Bsdf::Diffuse { reflectance: color(reflectance) },
+            Kind::Conductor { ior, widths } => metal(*ior, widths),
+            Kind::TintedConductor { reflectance, widths } => {
+                metal(ComplexIor::from_reflectance(color(reflectance)), widths)
             }
-            Kind::Coated { coat, reflectance: c } => Bsdf::coated_diffuse(coat, reflectance(c)),
+            Kind::Coated { coat, base } => Bsdf::CoatedDiffuse { coat, base: *base },
+            Kind::TexturedCoated { coat, reflectance } => Bsdf::coated_diffuse(coat, color(reflectance)),
+            Kind::CoatedConductor { coat, ior } => Bsdf::coated_conductor(coat, *ior),
+            Kind::TintedCoatedConductor { coat, reflectance } => {
+                Bsdf::coated_conductor(coat, ComplexIor::from_reflectance(color(reflectance)))
+            }
+            Kind::Dielectric { eta, widths, reflectance, transmittance } => {
+                let (eta, tint) = (*eta, Tint { reflectance: color(reflectance), transmittance: color(transmittance) });
+                match widths.at(textures, uv) {
+                    Some(microfacets) if eta != 1.0 => Bsdf::Dielectric(RoughDielectric { eta, microfacets, tint }),
+                    _ => Bsdf::SmoothDielectric(SmoothDielectric { eta, tint }),
+                }
+            }
+            Kind::ThinDielectric { eta } => Bsdf::ThinDielectric { eta: *eta },
+            Kind::DiffuseTransmission { reflectance, transmittance } => {
+                let (reflectance, transmittance) = (color(reflectance), color(transmittance));
+                Bsdf::DiffuseTransmission(DiffuseTransmission { reflectance, transmittance })
+            }
+            Kind::Mirror(reflectance) => Bsdf::Mirror { reflectance: color(reflectance) },
+            Kind::Plastic { diffuse, specular, widths } => {
+                let microfacets = widths.rough(textures, uv);
+                Bsdf::Plastic(Plastic { diffuse: color(diffuse), specular: color(specular), microfacets })
+            }
+            Kind::Substrate { diffuse, specular, widths } => {
+                let microfacets = widths.rough(textures, uv);
+                Bsdf::Substrate(Substrate { diffuse: color(diffuse), specular: color(specular), microfacets })
+            }
+            Kind::Mix { .. } | Kind::Interface => Bsdf::Diffuse { reflectance: Vec3::ZERO },
         }
     }
 }
 
-#[inline]
-fn conductor(ior: ComplexIor, alpha: [f32; 2]) -> Bsdf<'static> {
-    // The widths were checked when the material was made.
-    Bsdf::conductor(ior, alpha).unwrap_or(Bsdf::SmoothConductor { ior })
+/// What an integrator may leave out.
+#[derive(Clone, Copy, Default)]
+struct Scatters {
+    textured: bool,
+    anisotropic: bool,
+    several_lobes: bool,
+    black: bool,
+    transmits: bool,
+}
+
+impl Scatters {
+    /// Scattering by these colours alone.
+    fn colors(colors: &[Color]) -> Self {
+        let textured = colors.iter().any(|c| matches!(c, Color::Texture(_)));
+        let black = colors.iter().all(|c| *c == Color::Constant([0.0; 3]));
+        Self { textured, black, ..Self::default() }
+    }
+
+    fn lobes(self) -> Self {
+        Self { several_lobes: true, ..self }
+    }
+
+    fn through(self) -> Self {
+        Self { transmits: true, ..self }
+    }
+
+    fn rough(self, widths: &Widths) -> Self {
+        match widths {
+            Widths::Smooth(m) | Widths::Rough(m) => Self { anisotropic: m.alpha()[0] != m.alpha()[1], ..self },
+            Widths::Textured(r) => Self { textured: true, anisotropic: r.u != r.v, ..self },
+        }
+    }
+}
+
+impl Widths {
+    fn new(roughness: &Roughness) -> Result<Self, String> {
+        if roughness.constants().is_none() {
+            // The one that is a number is checked all the same.
+            for scalar in [roughness.u, roughness.v] {
+                if let Scalar::Constant(r) = scalar {
+                    alpha(&Roughness { u: scalar, v: Scalar::Constant(r), ..*roughness })?;
+                }
+            }
+            return Ok(Self::Textured(*roughness));
+        }
+        let alpha = alpha(roughness)?;
+        let microfacets = TrowbridgeReitz::new(alpha).map_err(|e| e.to_string())?;
+        Ok(match TrowbridgeReitz::effectively_smooth(alpha) {
+            true => Self::Smooth(microfacets),
+            false => Self::Rough(microfacets),
+        })
+    }
+
+    /// The microfacets at a point; `None` where it is smooth.
+    #[inline]
+    fn at(&self, textures: &Textures, uv: [f32; 2]) -> Option<TrowbridgeReitz> {
+        match self {
+            Self::Smooth(_) => None,
+            Self::Rough(microfacets) => Some(*microfacets),
+            Self::Textured(_) => {
+                let microfacets = self.rough(textures, uv);
+                (!TrowbridgeReitz::effectively_smooth(microfacets.alpha())).then_some(microfacets)
+            }
+        }
+    }
+
+    /// The microfacets at a point, very narrow where it is smooth.
+    #[inline]
+    fn rough(&self, textures: &Textures, uv: [f32; 2]) -> TrowbridgeReitz {
+        match self {
+            Self::Smooth(microfacets) | Self::Rough(microfacets) => *microfacets,
+            Self::Textured(roughness) => TrowbridgeReitz::nearest([roughness.u, roughness.v].map(|r| {
+                let r = textures.look_up_scalar(r, uv);
+                if roughness.remap { TrowbridgeReitz::roughness_to_alpha(r) } else { r }
+            })),
+        }
+    }
+}
+
+/// A metal whose index is known, or depends on the point.
+enum Metal {
+    Known(ComplexIor),
+    Tinted(Color),
+}
+
+fn conductor(fresnel: &ConductorFresnel) -> Result<Metal, String> {
+    Ok(match fresnel {
+        ConductorFresnel::EtaK { eta, k } => {
+            if eta.iter().chain(k).any(|x| !(x.is_finite() && *x >= 0.0)) {
+                return Err(format!("a metal of eta {eta:?}, k {k:?} is none: give numbers of at least 0"));
+            }
+            Metal::Known(ComplexIor { eta: Vec3::from_array(*eta), k: Vec3::from_array(*k) })
+        }
+        ConductorFresnel::Reflectance(reflectance) => match share(reflectance)? {
+            Color::Constant(rgb) => Metal::Known(ComplexIor::from_reflectance(Vec3::from_array(rgb))),
+            texture => Metal::Tinted(texture),
+        },
+    })
+}
+
+/// A share of light: a constant is clamped to `[0, 1]`, a texture when it is looked up.
+fn share(color: &Color) -> Result<Color, String> {
+    match color {
+        Color::Constant(rgb) if rgb.iter().any(|x| !(x.is_finite() && *x >= 0.0)) => {
+            Err(format!("a reflectance of {rgb:?} is none: give numbers of at least 0"))
+        }
+        Color::Constant(rgb) => Ok(Color::Constant(rgb.map(|c| c.clamp(0.0, 1.0)))),
+        texture => Ok(*texture),
+    }
+}
+
+fn index(eta: f32) -> Result<f32, String> {
+    match (0.1..=10.0).contains(&eta) {
+        true => Ok(eta),
+        false => Err(format!("an index of refraction of {eta} is none: give one from 0.1 to 10 (glass has 1.5)")),
+    }
+}
+
+fn coat(roughness: &Roughness, eta: f32, thickness: f32, albedo: Color, max_depth: u32) -> Result<CoatOptions, String> {
+    if albedo != Color::Constant([0.0; 3]) {
+        return Err("a coat that scatters (\"albedo\" above 0) is not supported: leave it out".into());
+    }
+    Ok(CoatOptions { eta, alpha: alpha(roughness)?, thickness, max_depth })
 }
 
 fn alpha(roughness: &Roughness) -> Result<[f32; 2], String> {
-    let constants = roughness.constants().ok_or("a roughness from a texture is not supported: give a number")?;
+    let constants = roughness
+        .constants()
+        .ok_or("the roughness of a coat, or of a metal below one, from a texture is not supported: give a number")?;
     let alpha = constants.map(|r| match roughness.remap {
         true => TrowbridgeReitz::roughness_to_alpha(r),
         false => r,
     });
-    match alpha.iter().all(|a| a.is_finite() && *a >= 0.0) {
+    match constants.iter().all(|r| r.is_finite() && *r >= 0.0) {
         true => Ok(alpha),
         false => Err(format!("a roughness of {}, {} is none: give numbers of at least 0", constants[0], constants[1])),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::image::Picture;
-    use crate::scene::{Texture, TextureId, TextureKind, Wrap};
-    use std::sync::Arc;
-
-    fn surface(kind: MaterialKind) -> Result<Surface, String> {
-        let made = Surface::new(&Material::new("m", kind, Source::default()));
-        made.map_err(|e| e.to_string())
-    }
-
-    fn diffuse(rgb: [f32; 3]) -> MaterialKind {
-        MaterialKind::Diffuse { reflectance: Color::Constant(rgb) }
-    }
-
-    fn metal(alpha: f32) -> MaterialKind {
-        let fresnel = ConductorFresnel::EtaK { eta: [0.2; 3], k: [3.0; 3] };
-        MaterialKind::Conductor { fresnel, roughness: Roughness::constant(alpha, alpha, false) }
-    }
-
-    #[test]
-    fn parameters_out_of_range_are_refused_by_name() {
-        for bad in [-0.1, f32::NAN, f32::INFINITY] {
-            assert!(surface(diffuse([0.5, bad, 0.5])).is_err_and(|e| e.contains("material \"m\"")), "{bad}");
-            assert!(surface(metal(bad)).is_err(), "{bad}");
-        }
-        assert!(surface(metal(11.0)).is_err());
-        assert!(surface(metal(0.0)).is_ok_and(|s| !s.several_lobes && !s.anisotropic));
-        assert!(surface(diffuse([0.0; 3])).is_ok_and(|s| s.black));
-    }
-
-    #[test]
-    fn reflectances_lie_between_0_and_1() {
-        let pixels = vec![[-0.5, 2.0, f32::NAN]];
-        let picture = Arc::new(Picture::new([1, 1], pixels).expect("one pixel"));
-        let kind = TextureKind::Image {
-            picture,
-            scale: [1.0; 2],
-            shift: [0.0; 2],
-            factor: 1.0,
-            invert: false,
-            wrap: Wrap::Repeat,
-        };
-        let textures = Textures::new(&[Texture { name: String::new(), kind, source: Source::default() }]);
-        let color = Color::Texture(TextureId(0));
-        let coated = MaterialKind::CoatedDiffuse {
-            reflectance: color,
-            roughness: Roughness::constant(0.0, 0.0, false),
-            eta: 1.5,
-            thickness: 0.01,
-            albedo: Color::Constant([0.0; 3]),
-            g: 0.0,
-            max_depth: 10,
-            samples: 1,
-        };
-        let roughness = Roughness::constant(0.3, 0.3, false);
-        let tinted = MaterialKind::Conductor { fresnel: ConductorFresnel::Reflectance(color), roughness };
-        for kind in [MaterialKind::Diffuse { reflectance: color }, coated, tinted] {
-            let surface = surface(kind.clone()).unwrap_or_else(|e| panic!("{e}"));
-            assert!(surface.textured);
-            let bsdf = surface.bsdf(&textures, [0.5, 0.5]);
-            let up = Vec3::new(0.0, 0.6, 0.8);
-            let f = bsdf.evaluate(up, up).to_array();
-            assert!(f.iter().all(|x| *x >= 0.0 && x.is_finite()), "{kind:?}: {f:?}");
-            let albedo = bsdf.albedo().to_array();
-            assert!(albedo.iter().all(|a| (0.0..=1.0).contains(a)), "{kind:?}: {albedo:?}");
-        }
     }
 }

@@ -4,7 +4,7 @@
 //! overflow, so every scene is moved and scaled in f64 on the way in. The scale is a power of two,
 //! which changes no digit.
 
-use crate::scene::{Geometry, Scene};
+use crate::scene::{Geometry, Scene, Shape};
 use glam::{DAffine3, DMat3, DVec3};
 
 /// From the file's world space to the renderer's own.
@@ -15,23 +15,33 @@ pub struct Space {
 }
 
 impl Space {
-    /// The space in which the scene's shapes lie around the origin, within a box of half width 1.
+    /// The space in which the scene's shapes lie around the origin, within a box of half width 1: those that
+    /// move at both ends of their motion, and objects wherever they stand.
     pub fn of(scene: &Scene) -> Self {
-        let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-        let mut grow = |p: DVec3| (low, high) = (low.min(p), high.max(p));
+        let mut extent = Extent::NOTHING;
         for shape in &scene.shapes {
-            match &shape.geometry {
-                Geometry::Mesh(mesh) => {
-                    mesh.positions.iter().for_each(|&p| grow(shape.to_world.transform_point3(p)));
-                }
-                Geometry::Sphere { radius } => corners(DVec3::splat(*radius)).for_each(|c| {
-                    grow(shape.to_world.transform_point3(c));
-                }),
-                Geometry::Disk { height, radius, .. } => corners(DVec3::new(*radius, *radius, 0.0)).for_each(|c| {
-                    grow(shape.to_world.transform_point3(c + DVec3::new(0.0, 0.0, *height)));
-                }),
+            extent.add_shape(shape, &shape.to_world);
+            if let Some(end) = &shape.moves_to {
+                extent.add_shape(shape, end);
             }
         }
+        let objects: Vec<Extent> = scene.objects.iter().map(|object| Extent::of(&object.shapes)).collect();
+        for instance in &scene.instances {
+            let Some(object) = objects.get(instance.object.0 as usize) else { continue };
+            extent.add_box(object, &instance.to_world);
+            if let Some(end) = &instance.moves_to {
+                extent.add_box(object, end);
+            }
+        }
+        Self::around(&extent)
+    }
+
+    /// The same for the shapes of an object, in the space that they are mapped to.
+    pub(crate) fn of_shapes(shapes: &[Shape]) -> Self {
+        Self::around(&Extent::of(shapes))
+    }
+
+    fn around(&Extent { low, high }: &Extent) -> Self {
         let half = ((high - low) * 0.5).max_element();
         if !(half.is_finite() && low.is_finite() && high.is_finite()) {
             return Self { centre: DVec3::ZERO, scale: 1.0 };
@@ -40,6 +50,12 @@ impl Space {
         // A scene that is one point keeps its scale.
         let exponent = if half > 0.0 { half.log2().ceil().clamp(-1000.0, 1000.0) } else { 0.0 };
         Self { centre, scale: (-exponent).exp2() }
+    }
+
+    /// The map back: from the renderer's space to the file's.
+    pub(crate) fn inverse(&self) -> DAffine3 {
+        let matrix3 = DMat3::from_diagonal(DVec3::splat(self.scale.recip()));
+        DAffine3 { matrix3, translation: self.centre }
     }
 
     /// The same map, from the file's world space to the renderer's.
@@ -66,6 +82,47 @@ impl Space {
     }
 }
 
+/// A box around points.
+#[derive(Clone, Copy, Debug)]
+struct Extent {
+    low: DVec3,
+    high: DVec3,
+}
+
+impl Extent {
+    const NOTHING: Self = Self { low: DVec3::INFINITY, high: DVec3::NEG_INFINITY };
+
+    fn of(shapes: &[Shape]) -> Self {
+        let mut extent = Self::NOTHING;
+        shapes.iter().for_each(|shape| extent.add_shape(shape, &shape.to_world));
+        extent
+    }
+
+    fn grow(&mut self, p: DVec3) {
+        (self.low, self.high) = (self.low.min(p), self.high.max(p));
+    }
+
+    fn add_shape(&mut self, shape: &Shape, to_world: &DAffine3) {
+        match &shape.geometry {
+            Geometry::Mesh(mesh) => mesh.positions.iter().for_each(|&p| self.grow(to_world.transform_point3(p))),
+            Geometry::Sphere { radius } => corners(DVec3::splat(*radius)).for_each(|c| {
+                self.grow(to_world.transform_point3(c));
+            }),
+            Geometry::Disk { height, radius, .. } => corners(DVec3::new(*radius, *radius, 0.0)).for_each(|c| {
+                self.grow(to_world.transform_point3(c + DVec3::new(0.0, 0.0, *height)));
+            }),
+        }
+    }
+
+    /// The corners of another box, mapped.
+    fn add_box(&mut self, other: &Self, map: &DAffine3) {
+        if other.low.cmple(other.high).all() {
+            let (centre, half) = ((other.low + other.high) * 0.5, (other.high - other.low) * 0.5);
+            corners(half).for_each(|c| self.grow(map.transform_point3(centre + c)));
+        }
+    }
+}
+
 fn corners(half: DVec3) -> impl Iterator<Item = DVec3> {
     let sign = |bit: u32| if bit == 0 { -1.0 } else { 1.0 };
     (0..8u32).map(move |k| half * DVec3::new(sign(k & 1), sign(k & 2), sign(k & 4)))
@@ -83,7 +140,7 @@ pub(crate) fn even_scale(m: &DMat3) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::{MaterialId, Shape, Source};
+    use crate::scene::{MaterialId, Source};
 
     fn scene(shapes: &[(Geometry, DAffine3)]) -> Scene {
         let shape = |(geometry, to_world): &(Geometry, DAffine3)| {

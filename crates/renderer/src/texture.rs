@@ -1,8 +1,8 @@
 //! Texture look-ups.
 
 use crate::image::Picture;
-use crate::scene::{Color, Texture, TextureId, TextureKind};
-use glam::Vec3;
+use crate::scene::{Color, Scalar, Texture, TextureId, TextureKind, Wrap};
+use glam::{DVec3, Vec3};
 
 /// All textures of a scene.
 #[derive(Clone, Debug, Default)]
@@ -25,44 +25,120 @@ impl Textures {
         self.look_up_within(id, uv, DEEPEST)
     }
 
+    /// The number at `uv`: a texture's first channel.
+    #[inline]
+    pub fn look_up_scalar(&self, scalar: Scalar, uv: [f32; 2]) -> f32 {
+        match scalar {
+            Scalar::Constant(value) => value,
+            Scalar::Texture(id) => self.look_up(id, uv).x,
+        }
+    }
+
+    /// The colour that a texture has on the average, as near as may be had without its coordinates: a picture's mean, half
+    /// of each of a checkerboard's, products and mixes of the means. Goes over all pixels.
+    pub fn mean(&self, id: TextureId) -> [f32; 3] {
+        self.mean_within(id, DEEPEST).to_array()
+    }
+
     fn look_up_within(&self, id: TextureId, uv: [f32; 2], depth: u32) -> Vec3 {
         let Some(texture) = self.textures.get(id.0 as usize).filter(|_| depth > 0) else { return Vec3::ZERO };
         let place = |scale: &[f32; 2], shift: &[f32; 2]| [uv[0] * scale[0] + shift[0], uv[1] * scale[1] + shift[1]];
+        let color = |color: &Color| match color {
+            Color::Constant(rgb) => Vec3::from_array(*rgb),
+            Color::Texture(id) => self.look_up_within(*id, uv, depth - 1),
+        };
         match texture {
             TextureKind::Checkerboard { scale, shift, colors } => {
                 let [u, v] = place(scale, shift);
                 let odd = (u.floor() + v.floor()).rem_euclid(2.0) >= 1.0;
-                match colors[usize::from(odd)] {
-                    Color::Constant(rgb) => Vec3::from_array(rgb),
-                    Color::Texture(id) => self.look_up_within(id, uv, depth - 1),
-                }
+                color(&colors[usize::from(odd)])
             }
-            TextureKind::Image { picture, scale, shift, factor, invert, .. } => {
-                let value = bilinear(picture, place(scale, shift)) * *factor;
+            TextureKind::Image { picture, scale, shift, factor, invert, wrap } => {
+                let value = bilinear(picture, place(scale, shift), *wrap) * *factor;
                 if *invert { (Vec3::ONE - value).max(Vec3::ZERO) } else { value }
             }
-            TextureKind::Product { .. } | TextureKind::Mix { .. } => Vec3::ZERO,
+            TextureKind::Product { factors: [a, b] } => color(a) * color(b),
+            TextureKind::Mix { colors: [a, b], amount } => {
+                let amount = match amount {
+                    Scalar::Constant(amount) => *amount,
+                    Scalar::Texture(id) => self.look_up_within(*id, uv, depth - 1).x,
+                };
+                // One share may be 0, and the other's colour anything.
+                match amount {
+                    0.0 => color(a),
+                    1.0 => color(b),
+                    _ => color(a).lerp(color(b), amount),
+                }
+            }
+        }
+    }
+
+    fn mean_within(&self, id: TextureId, depth: u32) -> Vec3 {
+        let Some(texture) = self.textures.get(id.0 as usize).filter(|_| depth > 0) else { return Vec3::ZERO };
+        let color = |color: &Color| match color {
+            Color::Constant(rgb) => Vec3::from_array(*rgb),
+            Color::Texture(id) => self.mean_within(*id, depth - 1),
+        };
+        match texture {
+            TextureKind::Checkerboard { colors: [a, b], .. } => 0.5 * (color(a) + color(b)),
+            TextureKind::Image { picture, factor, invert, .. } => {
+                let sum = |sum: DVec3, pixel: &[f32; 3]| {
+                    let value = Vec3::from_array(*pixel) * *factor;
+                    sum + if *invert { (Vec3::ONE - value).max(Vec3::ZERO) } else { value }.as_dvec3()
+                };
+                let sum = picture.pixels.iter().fold(DVec3::ZERO, sum);
+                (sum / picture.pixels.len().max(1) as f64).as_vec3()
+            }
+            TextureKind::Product { factors: [a, b] } => color(a) * color(b),
+            TextureKind::Mix { colors: [a, b], amount } => {
+                let amount = match amount {
+                    Scalar::Constant(amount) => *amount,
+                    Scalar::Texture(id) => self.mean_within(*id, depth - 1).x,
+                };
+                color(a).lerp(color(b), amount)
+            }
         }
     }
 }
 
-/// Bilinear, repeated; `v` = 0 is the bottom edge.
-fn bilinear(picture: &Picture, [u, v]: [f32; 2]) -> Vec3 {
-    let [w, h] = picture.size.map(|n| n as i64);
+/// Bilinear; `v` = 0 is the bottom edge.
+fn bilinear(picture: &Picture, [u, v]: [f32; 2], wrap: Wrap) -> Vec3 {
+    let [w, h] = picture.size;
     let (x, y) = (u * w as f32 - 0.5, (1.0 - v) * h as f32 - 0.5);
     if !(x.is_finite() && y.is_finite()) {
         return Vec3::ZERO;
     }
     let (left, top) = (x.floor(), y.floor());
     let (fx, fy) = (x - left, y - top);
-    let texel = |dx: i64, dy: i64| {
-        let column = (left as i64).saturating_add(dx).rem_euclid(w);
-        let row = (top as i64).saturating_add(dy).rem_euclid(h);
-        Vec3::from_array(picture.pixels[(row * w + column) as usize])
+    let (columns, rows) = (pair(left, w, wrap), pair(top, h, wrap));
+    let texel = |column: usize, row: usize| {
+        if column == BEYOND || row == BEYOND {
+            return Vec3::ZERO;
+        }
+        Vec3::from_array(picture.pixels[row * w as usize + column])
     };
-    let upper = texel(0, 0).lerp(texel(1, 0), fx);
-    let lower = texel(0, 1).lerp(texel(1, 1), fx);
+    let upper = texel(columns[0], rows[0]).lerp(texel(columns[1], rows[0]), fx);
+    let lower = texel(columns[0], rows[1]).lerp(texel(columns[1], rows[1]), fx);
     upper.lerp(lower, fy)
+}
+
+/// A row or column of nothing.
+const BEYOND: usize = usize::MAX;
+
+/// The rows or columns of a picture with `n` of them that stand for number `first`, a whole number, and the next.
+#[inline]
+fn pair(first: f32, n: u32, wrap: Wrap) -> [usize; 2] {
+    let (first, n) = (first as i64, i64::from(n));
+    // Mostly both lie in the picture: a division is dear.
+    if first >= 0 && first < n - 1 {
+        return [first as usize, first as usize + 1];
+    }
+    [first, first.saturating_add(1)].map(|i| match wrap {
+        Wrap::Repeat => i.rem_euclid(n) as usize,
+        Wrap::Clamp => i.clamp(0, n - 1) as usize,
+        Wrap::Black if (0..n).contains(&i) => i as usize,
+        Wrap::Black => BEYOND,
+    })
 }
 
 #[cfg(test)]
@@ -125,5 +201,39 @@ mod tests {
         let found = textures(vec![inner(1), image(false, 1.0), inner(2)]);
         assert!((found.look_up(TextureId(0), [0.25, 0.75]).x - 0.1).abs() < 1e-6);
         assert_eq!(found.look_up(TextureId(2), [0.25, 0.25]), Vec3::ZERO, "one made of itself is black");
+    }
+
+    #[test]
+    fn products_mixes_edges_and_means() {
+        let edge = |wrap| match image(false, 1.0) {
+            TextureKind::Image { picture, scale, shift, factor, invert, .. } => {
+                TextureKind::Image { picture, scale, shift, factor, invert, wrap }
+            }
+            other => other,
+        };
+        let (half, dot) = (Color::Constant([0.5; 3]), Color::Texture(TextureId(0)));
+        let checks =
+            TextureKind::Checkerboard { scale: [1.0; 2], shift: [0.0; 2], colors: [half, Color::Constant([0.1; 3])] };
+        let amount = Scalar::Texture(TextureId(0));
+        let found = textures(vec![
+            edge(Wrap::Clamp),
+            edge(Wrap::Black),
+            TextureKind::Product { factors: [half, dot] },
+            TextureKind::Mix { colors: [half, dot], amount },
+            checks,
+        ]);
+        let at = |id: u32, u: f32, v: f32| found.look_up(TextureId(id), [u, v]).x;
+        // The upper left texel is 0.1, and goes on for ever, or ends.
+        assert!((at(0, -5.0, 7.0) - 0.1).abs() < 1e-6 && at(1, -5.0, 7.0) == 0.0);
+        assert!((at(1, 0.0, 0.75) - 0.05).abs() < 1e-6, "half of the texel at the edge");
+        assert!((at(2, 0.25, 0.75) - 0.05).abs() < 1e-6 && (at(3, 0.25, 0.75) - 0.46).abs() < 1e-6);
+        assert_eq!(
+            (found.look_up_scalar(Scalar::Constant(3.0), [0.0; 2]), found.look_up_scalar(amount, [0.25, 0.75])),
+            (3.0, at(0, 0.25, 0.75))
+        );
+        let means = [0.25, 0.25, 0.125, 0.4375, 0.3];
+        for (id, mean) in means.into_iter().enumerate() {
+            assert!((found.mean(TextureId(id as u32))[0] - mean).abs() < 1e-6, "{id}");
+        }
     }
 }

@@ -1,14 +1,20 @@
 //! A scene made ready for rays.
 
 mod build;
+mod placed;
+mod relief;
+#[cfg(test)]
+mod tests;
+mod time;
 
 pub use build::WorldError;
 
 use crate::camera::CameraView;
-use crate::light::Lights;
+use crate::light::{LightChoice, Lights};
 use crate::material::Surface;
+use crate::medium::Media;
 use crate::pixel_filter::FilterSampler;
-use crate::scene::Scene;
+use crate::scene::{MediumInterface, Scalar, Scene};
 use crate::shading::Frame;
 use crate::space::Space;
 use crate::texture::Textures;
@@ -20,7 +26,10 @@ use glam::Vec3;
 #[derive(Clone, Debug)]
 pub struct World {
     pub(crate) geometry: Geometry,
+    /// Of the base shapes.
     pub(crate) parts: Vec<Part>,
+    /// Of all objects' shapes, object by object.
+    pub(crate) object_parts: Vec<Part>,
     pub(crate) surfaces: Vec<Surface>,
     pub(crate) textures: Textures,
     pub(crate) lights: Lights,
@@ -29,6 +38,18 @@ pub struct World {
     pub(crate) max_depth: u32,
     pub(crate) space: Space,
     pub(crate) dropped_triangles: usize,
+    /// Whether anything moves while the shutter is open: the camera, or what it sees.
+    pub(crate) moves: bool,
+    /// What fills space.
+    pub(crate) media: Media,
+    /// What fills it around the camera.
+    pub(crate) camera_medium: u32,
+    /// Whether light passes any surface.
+    clear: bool,
+    /// Whether a part is [unusual](Part::unusual).
+    unusual: bool,
+    /// The part of the motion during which the shutter is open, in `[0, 1]`.
+    pub(crate) open: [f32; 2],
 }
 
 /// A point of a lamp, found by following a ray.
@@ -54,9 +75,17 @@ pub(crate) struct Part {
     pub(crate) normals: Vec<Vec3>,
     /// Texture coordinates, or none.
     pub(crate) uvs: Vec<[f32; 2]>,
+    /// Opacity, where it is not 1 throughout.
+    pub(crate) alpha: Option<Scalar>,
+    /// What fills space on its sides: `outside` is where an [`Interaction`]'s normal points.
+    pub(crate) media: Option<MediumInterface>,
+    /// Whether rays may pass it unscattered, or its material is a mix: see where it is hit.
+    pub(crate) unusual: bool,
 }
 
 pub(crate) const NO_LIGHT: u32 = u32::MAX;
+/// Empty space.
+pub(crate) const NO_MEDIUM: u32 = u32::MAX;
 
 /// A hit with its orientation.
 #[derive(Clone, Copy, Debug)]
@@ -67,6 +96,8 @@ pub(crate) struct Interaction<'w> {
     pub(crate) point: SurfacePoint,
     /// Interpolated vertex normal, on the side of the geometric one; the geometric one without.
     pub(crate) shading_normal: Vec3,
+    /// When it was hit.
+    pub(crate) time: f32,
 }
 
 impl World {
@@ -91,6 +122,11 @@ impl World {
     /// Limits the scattering events between camera and light, whatever the scene says.
     pub fn set_max_depth(&mut self, max_depth: u32) {
         self.max_depth = max_depth;
+    }
+
+    /// Sets how a light is chosen among several: by power, unless this says otherwise.
+    pub fn set_light_choice(&mut self, choice: LightChoice) {
+        self.lights.set_choice(choice);
     }
 
     /// Most scattering events between camera and light.
@@ -132,16 +168,23 @@ impl World {
         &self.space
     }
 
-    /// The closest hit of a ray, with its orientation.
+    /// The closest hit of a ray, with its orientation, in a world in which nothing [moves](Self::moves); in one that
+    /// does, at the start of the motion.
     #[inline(always)]
     pub(crate) fn closest(&self, ray: &Ray) -> Option<Interaction<'_>> {
-        let hit = self.geometry.closest(ray)?;
-        let mut point = self.geometry.surface(ray, &hit);
-        let part = &self.parts[hit.shape as usize];
+        self.closest_at(ray, 0.0)
+    }
+
+    /// The closest hit of a ray at a [`time`](Self::time).
+    #[inline(always)]
+    pub(crate) fn closest_at(&self, ray: &Ray, time: f32) -> Option<Interaction<'_>> {
+        let hit = self.geometry.closest_at(ray, time)?;
+        let Some(part) = self.parts.get(hit.shape as usize) else { return Some(self.placed(ray, hit, time)) };
+        let mut point = self.geometry.surface_at(ray, &hit, time);
         point.normal *= part.flip;
         let mut shading_normal = point.normal;
         if !part.normals.is_empty()
-            && let Shape::Mesh(mesh) = &self.geometry.shapes()[hit.shape as usize]
+            && let Shape::Mesh(mesh) = self.geometry.shape(hit.shape)
         {
             let [a, b, c] = mesh.triangles()[hit.primitive as usize].map(|v| part.normals[v as usize]);
             let [v, w] = hit.barycentrics;
@@ -152,14 +195,46 @@ impl World {
             }
             shading_normal = normal;
         }
-        Some(Interaction { part, hit, point, shading_normal })
+        Some(Interaction { part, hit, point, shading_normal, time })
+    }
+
+    /// Whether light passes any surface.
+    pub(crate) fn has_clear_surfaces(&self) -> bool {
+        self.clear
+    }
+
+    /// Whether there is anything of what few scenes have: media, surfaces that rays may pass unscattered, mixes, motion.
+    pub(crate) fn is_rare(&self) -> bool {
+        self.unusual || self.moves || self.parts().any(|part| part.media.is_some()) || self.camera_medium != NO_MEDIUM
+    }
+
+    /// Whether what is in the way of a ray may let a part of it through, or space itself hold some back.
+    pub(crate) fn hides_partly(&self) -> bool {
+        self.unusual || !self.media.is_empty()
+    }
+
+    fn parts(&self) -> impl Iterator<Item = &Part> {
+        self.parts.iter().chain(&self.object_parts)
+    }
+
+    /// Opacity at a hit, in `[0, 1]`.
+    #[inline]
+    pub(crate) fn alpha(&self, at: &Interaction<'_>) -> f32 {
+        // What is no number counts as 0.
+        at.part.alpha.map_or(1.0, |alpha| self.textures.look_up_scalar(alpha, self.uv(at)).max(0.0).min(1.0))
+    }
+
+    /// Whether anything is in the way of a ray at a [`time`](Self::time).
+    #[inline(always)]
+    pub(crate) fn occluded_at(&self, ray: &Ray, time: f32) -> bool {
+        self.geometry.occluded_at(ray, time)
     }
 
     /// Texture coordinates of a hit.
     #[inline]
     pub(crate) fn uv(&self, at: &Interaction<'_>) -> [f32; 2] {
-        let Shape::Mesh(mesh) = &self.geometry.shapes()[at.hit.shape as usize] else {
-            return self.geometry.parametric(&at.hit, at.point.position);
+        let Shape::Mesh(mesh) = self.geometry.shape(at.hit.shape) else {
+            return self.geometry.parametric_at(&at.hit, at.point.position, at.time);
         };
         let [v, w] = at.hit.barycentrics;
         if at.part.uvs.is_empty() {
@@ -174,27 +249,13 @@ impl World {
     /// The shading frame of a hit; its x axis follows u where the material asks for it.
     #[inline(always)]
     pub(crate) fn frame(&self, at: &Interaction<'_>, surface: &Surface) -> Frame {
-        let tangent = if surface.anisotropic { Some(self.tangent(at)) } else { None };
+        if surface.bumped {
+            return self.frame_in_relief(at, surface);
+        }
+        let tangent = if surface.anisotropic { Some(self.derivatives(at)[0]) } else { None };
         if at.part.normals.is_empty() && tangent.is_none() {
             return Frame::from_normal(at.point.normal);
         }
         Frame::from_shading_normal(at.shading_normal, at.point.normal, tangent)
-    }
-
-    /// The direction in which u grows. Spheres and disks: around their axis is not followed, only a
-    /// mesh's texture coordinates are; others get a tangent of their own.
-    fn tangent(&self, at: &Interaction<'_>) -> Vec3 {
-        let Shape::Mesh(mesh) = &self.geometry.shapes()[at.hit.shape as usize] else { return Vec3::ZERO };
-        let [p0, p1, p2] = mesh.corners(at.hit.primitive);
-        let [t0, t1, t2] = match at.part.uvs.is_empty() {
-            true => [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]],
-            false => mesh.triangles()[at.hit.primitive as usize].map(|v| at.part.uvs[v as usize]),
-        };
-        let (du1, dv1, du2, dv2) = (t1[0] - t0[0], t1[1] - t0[1], t2[0] - t0[0], t2[1] - t0[1]);
-        let determinant = du1 * dv2 - dv1 * du2;
-        if determinant == 0.0 {
-            return Vec3::ZERO;
-        }
-        ((p1 - p0) * dv2 - (p2 - p0) * dv1) / determinant
     }
 }

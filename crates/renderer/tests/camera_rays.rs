@@ -6,7 +6,7 @@ mod support;
 use dapple_core::samplers::Uniform;
 use dapple_core::{Frame, Limits, PointSet, SampleId};
 use dapple_low_discrepancy::Sobol;
-use dapple_renderer::camera::{CameraError, CameraView, Lens, Pinhole, ThinLens};
+use dapple_renderer::camera::{CameraError, CameraView, General, Lens, Pinhole, ThinLens};
 use dapple_renderer::pixel_filter::FilterSampler;
 use dapple_renderer::scene::{Camera, Geometry, PixelFilter, Projection, Scene};
 use dapple_renderer::{Space, World};
@@ -263,4 +263,117 @@ fn r07_lens_rays_meet_in_focus() {
             assert!(points.iter().all(|p| p.distance(points[0]) < 1e-4), "{points:?}");
         }
     }
+}
+
+/// The general camera makes the same rays, bit for bit, where one of the two others would do.
+#[test]
+fn r07_the_general_camera_agrees_with_the_special_ones() {
+    let to_world = DAffine3::from_mat3_translation(DMat3::from_rotation_x(0.4) * 0.7, DVec3::new(1.0, 2.0, -3.0));
+    for lens_radius in [0.0, 0.1] {
+        let camera = Camera { to_world, lens_radius, focal_distance: 3.0, ..Camera::default() };
+        let view = view(&camera, [31, 17]).expect("a sound camera");
+        assert!(!view.is_general());
+        for place in [Vec2::ZERO, Vec2::new(-15.5, 3.25), Vec2::new(7.0, -8.5)] {
+            let on_lens = [0.3, 0.9];
+            let special = match lens_radius {
+                0.0 => Pinhole::ray(&view, place, on_lens),
+                _ => ThinLens::ray(&view, place, on_lens),
+            };
+            assert_eq!(General::ray(&view, place, on_lens), special);
+            assert_eq!(General::ray_at(&view, place, on_lens, 0.7), special);
+            assert_eq!(view.ray_at(place, on_lens, 0.7), special);
+        }
+    }
+}
+
+/// Parallel rays a fixed distance apart, and their way back to the film.
+#[test]
+fn orthographic_rays_are_parallel() {
+    let turn = DMat3::from_rotation_y(0.7);
+    let to_world = DAffine3::from_mat3_translation(turn * 1.5, DVec3::new(3.0, -2.0, 5.0));
+    let screen_window = Some([-3.0, 1.0, -0.5, 2.5]);
+    let projection = Projection::Orthographic;
+    let camera = Camera { to_world, projection, screen_window, ..Camera::default() };
+    let view = view(&camera, [60, 45]).expect("a sound camera");
+    assert!(view.is_general() && !view.has_lens());
+    let forward = (turn * DVec3::Z).as_vec3();
+    let rows = view.world_to_clip();
+    for pixel in [[0, 0], [59, 44], [17, 30], [30, 22]] {
+        let ray = view.ray(pixel, Vec2::new(0.3, -0.2), [0.5; 2]);
+        assert!((ray.direction - forward).length() < 1e-6);
+        let [x, y] = [f64::from(pixel[0]) + 0.8, f64::from(pixel[1]) + 0.3];
+        let on_screen = DVec3::new(-3.0 + 4.0 * x / 60.0, 2.5 - 3.0 * y / 45.0, 0.0);
+        let expected = to_world.transform_point3(on_screen).as_vec3();
+        assert!((ray.origin - expected).length() < 1e-5, "{} for {expected}", ray.origin);
+        for t in [0.1, 50.0] {
+            let p = ray.at(t);
+            let row = |r: [f32; 4]| r[0] * p.x + r[1] * p.y + r[2] * p.z + r[3];
+            let place = DVec3::new(f64::from(row(rows[0]) + 1.0) * 30.0, f64::from(row(rows[1]) + 1.0) * 22.5, 0.0);
+            assert!((place - DVec3::new(x, y, 0.0)).length() < 2e-3, "{place} for {x} {y}");
+            assert!(row(rows[3]) == 1.0 && row(rows[2]) > 0.0);
+        }
+    }
+    // A pixel is as wide at all distances: 4 / 60 of camera space.
+    for distance in [0.1, 1.0, 1e3] {
+        assert!((view.footprint(distance) - 0.1).abs() < 1e-6);
+    }
+}
+
+#[test]
+fn an_orthographic_lens_is_sharp_in_its_focal_plane() {
+    let projection = Projection::Orthographic;
+    let to_world = DAffine3::from_scale(DVec3::splat(2.0));
+    let camera = Camera { to_world, projection, lens_radius: 0.25, focal_distance: 4.0, ..Camera::default() };
+    let view = view(&camera, [8, 8]).expect("a sound camera");
+    let place = Vec2::new(2.5, -1.5);
+    // A quarter of the screen's half width a pixel, twice that in the world.
+    let expected = Vec3::new(2.5 * 0.5, 1.5 * 0.5, 8.0);
+    let mut widest = 0.0_f32;
+    for i in 0..64 {
+        let ray = view.ray_at(place, [i as f32 / 64.0, 0.999], 0.0);
+        let focus = ray.at((expected.z - ray.origin.z) / ray.direction.z);
+        assert!((focus - expected).length() < 1e-5, "{focus} for {expected}");
+        widest = widest.max((ray.origin - expected.with_z(0.0)).length());
+    }
+    assert!((0.3..=0.5).contains(&widest), "{widest}");
+    for (lens_radius, focal_distance) in [(0.1, 0.0), (0.1, f64::INFINITY), (f64::NAN, 1.0)] {
+        let wrong = Camera { lens_radius, focal_distance, ..camera.clone() };
+        assert!(matches!(self::view(&wrong, [8, 8]), Err(CameraError::Lens { .. })));
+    }
+    let empty = Camera { screen_window: Some([0.0, 0.0, -1.0, 1.0]), ..camera };
+    assert!(matches!(self::view(&empty, [8, 8]), Err(CameraError::Window { .. })));
+}
+
+/// At the ends of its motion a camera is the one that stands there; in between it turns evenly.
+#[test]
+fn a_moving_camera_is_where_its_time_says() {
+    let pose = |angle: f64, x: f64| {
+        DAffine3::from_mat3_translation(DMat3::from_rotation_y(angle) * 1.5, DVec3::new(x, 1.0, 2.0))
+    };
+    for (projection, lens_radius) in [
+        (Projection::Perspective { fov: 50.0 }, 0.0),
+        (Projection::Perspective { fov: 50.0 }, 0.2),
+        (Projection::Orthographic, 0.0),
+    ] {
+        let still = |angle, x| {
+            let camera =
+                Camera { to_world: pose(angle, x), projection, lens_radius, focal_distance: 2.0, ..Camera::default() };
+            (view(&camera, [20, 20]).expect("a sound camera"), camera)
+        };
+        let (start, camera) = still(0.0, 0.0);
+        let moving = Camera { moves_to: Some(pose(1.0, 4.0)), ..camera };
+        let moving = view(&moving, [20, 20]).expect("a sound camera");
+        assert!(moving.is_general() && moving.moves() && !start.moves());
+        assert_eq!(moving.world_to_clip(), start.world_to_clip());
+        for (time, angle, x) in [(0.0, 0.0, 0.0), (0.5, 0.5, 2.0), (1.0, 1.0, 4.0)] {
+            let place = Vec2::new(3.5, -6.0);
+            let found = moving.ray_at(place, [0.2, 0.7], time);
+            let expected = still(angle, x).0.ray_at(place, [0.2, 0.7], 0.0);
+            assert!((found.origin - expected.origin).length() < 1e-6, "{found:?} for {expected:?}");
+            assert!((found.direction - expected.direction).length() < 1e-6, "{found:?} for {expected:?}");
+        }
+    }
+    let mirrored = DAffine3::from_scale(DVec3::new(-1.0, 1.0, 1.0));
+    let camera = Camera { moves_to: Some(mirrored), ..Camera::default() };
+    assert!(matches!(view(&camera, [8, 8]), Err(CameraError::Motion { .. })));
 }

@@ -8,11 +8,12 @@ use dapple_core::samplers::Uniform;
 use dapple_core::{
     Draws, Estimate, Film, Frame, Integrator, Limits, Needs, NoWatch, Observed, PointSet, SampleId, render,
 };
-use dapple_geometry::{PrimitiveId, Ray, SurfacePoint, spawn_ray, spawn_ray_to};
+use dapple_geometry::{PrimitiveId, Ray, SurfacePoint, spawn_ray, spawn_ray_to, spawn_ray_to_point};
 use dapple_low_discrepancy::Sobol;
 use dapple_renderer::camera::{Lens, Pinhole};
+use dapple_renderer::image::Picture;
 use dapple_renderer::light::Target;
-use dapple_renderer::scene::{Geometry, Scene};
+use dapple_renderer::scene::{EnvironmentRadiance, Geometry, Light, LightKind, Scene};
 use dapple_renderer::shading::{Bsdf, Frame as ShadingFrame, power_heuristic};
 use dapple_renderer::{World, blocks};
 use glam::{DAffine3, DVec3, Vec3};
@@ -45,10 +46,12 @@ fn scattered(world: &World, at: &SurfacePoint, rho: f32, strategy: Strategy, u: 
         let (f, pdf) = bsdf.evaluate_and_pdf(Vec3::Z, frame.to_local(light.wi));
         let ray = match &light.target {
             Target::Surface(point) => spawn_ray_to(at, point),
+            Target::Point(target) => spawn_ray_to_point(at, *target),
             Target::Far => spawn_ray(at, light.wi),
         };
         if !geometry.occluded(&ray) {
-            let weight = if strategy == Strategy::Both { power_heuristic(light.pdf, pdf) } else { 1.0 };
+            let alone = light.delta || strategy == Strategy::Light;
+            let weight = if alone { 1.0 } else { power_heuristic(light.pdf, pdf) };
             sum += f.x * light.radiance.x * light.wi.dot(at.normal) * weight / light.pdf;
         }
     }
@@ -60,6 +63,9 @@ fn scattered(world: &World, at: &SurfacePoint, rho: f32, strategy: Strategy, u: 
             let found = lights.pdf(met.light, at.position, &met.point);
             let weight = if strategy == Strategy::Both { power_heuristic(sample.pdf, found) } else { 1.0 };
             sum += sample.weight.x * met.radiance.x * weight;
+        } else if lights.has_sky() && geometry.closest(&ray).is_none() {
+            let last_pdf = (strategy == Strategy::Both).then_some(sample.pdf);
+            sum += sample.weight.x * lights.sky(ray.direction, last_pdf).x;
         }
     }
     sum
@@ -78,7 +84,8 @@ fn irradiance(scene: &Scene, strategy: Strategy, seed: u64, samples: u64) -> Mea
         for index in 0..samples {
             let id = SampleId { pixel: [replicate, 0], stream: 0, index };
             let u = points.block(id, blocks::scatter(0).number());
-            sum += f64::from(scattered(&world, &at, 1.0, strategy, u, 0.0)) * PI;
+            let choice = points.block(id, blocks::choose(0).number())[0];
+            sum += f64::from(scattered(&world, &at, 1.0, strategy, u, choice)) * PI;
         }
         mean.add(sum / samples as f64);
     }
@@ -243,6 +250,65 @@ fn l04_inside_a_sphere_light() {
         for strategy in STRATEGIES {
             assert_eq!(verdict(&format!("inside at {at}"), &scene, strategy, PI, 1e-3, 1 << 16), Verdict::Pass);
         }
+    }
+}
+
+/// Four infinite lights: two constant ones, a lat-long and an equal-area picture; and the irradiance that the first
+/// three give a floor that faces up.
+fn skies() -> (Scene, f64) {
+    let mut scene = scene([1, 1], 40.0, DVec3::new(0.0, -3.0, 2.0), DVec3::ZERO);
+    let grey = add_material(&mut scene, diffuse(0.5));
+    add(&mut scene, rectangle(DVec3::ZERO, 1e-3 * DVec3::X, 1e-3 * DVec3::Y), DAffine3::IDENTITY, grey, None);
+    let picture = |size: [u32; 2], value: &dyn Fn(u32, u32) -> f32| {
+        let pixels = (0..size[0] * size[1]).map(|i| [value(i % size[0], i / size[0]); 3]).collect();
+        std::sync::Arc::new(Picture::new(size, pixels).expect("as many"))
+    };
+    // 30 degrees a row.
+    let rows = picture([4, 6], &|_, y| [4.0, 1.0, 0.5, 0.3, 0.3, 0.3][y as usize]);
+    let square = picture([8, 8], &|x, y| if x.abs_diff(7 - x) + y.abs_diff(7 - y) <= 6 { 2.0 } else { 0.5 });
+    let infinite = [
+        EnvironmentRadiance::Constant([0.3; 3]),
+        EnvironmentRadiance::LatLong { picture: rows, scale: 0.5 },
+        EnvironmentRadiance::Constant([0.4; 3]),
+        EnvironmentRadiance::EqualArea { picture: square, scale: 0.25 },
+    ];
+    for radiance in infinite {
+        let kind = LightKind::Infinite { radiance };
+        scene.lights.push(Light { kind, to_world: DAffine3::IDENTITY, source: line(200) });
+    }
+    // A ring of the sky between two angles gives pi (sin^2 - sin^2).
+    let rows = 0.5 * (4.0 * 0.25 + 1.0 * 0.5 + 0.5 * 0.25);
+    (scene, PI * (0.3 + 0.4 + rows))
+}
+
+/// Irradiance on a floor that faces up, of everything beyond the scene: a midpoint rule by equal cosine-weighted areas.
+fn floor_irradiance(world: &World) -> f64 {
+    let side = 2048;
+    let one = |i: u32| {
+        let [r2, turn] = [i % side, i / side].map(|k| (f64::from(k) + 0.5) / f64::from(side));
+        let (sin, cos) = (turn * 2.0 * PI).sin_cos();
+        let w = DVec3::new(r2.sqrt() * cos, r2.sqrt() * sin, (1.0 - r2).sqrt()).as_vec3();
+        f64::from(world.lights().sky(w, None).x)
+    };
+    PI * (0..side * side).map(one).sum::<f64>() / f64::from(side * side)
+}
+
+/// Several infinite lights in all layouts: their radiances add up, each weighted for itself. Half a percent: of four
+/// lights light sampling sees one, half of which is below the floor.
+#[test]
+fn l09_several_skies() {
+    const DELTA: f64 = 5e-3;
+    let (mut scene, without_square) = skies();
+    let reference = floor_irradiance(&world(&scene));
+    for strategy in STRATEGIES {
+        assert_eq!(verdict("four skies", &scene, strategy, reference, DELTA, 1 << 16), Verdict::Pass, "{strategy:?}");
+        let wrong = verdict("four skies", &scene, strategy, 1.02 * reference, DELTA, 1 << 16);
+        assert_eq!(wrong, Verdict::Fail, "{strategy:?}");
+    }
+    scene.lights.pop();
+    for strategy in STRATEGIES {
+        let verdict = verdict("three skies", &scene, strategy, without_square, DELTA, 1 << 16);
+        assert_eq!(verdict, Verdict::Pass, "{strategy:?}");
     }
 }
 

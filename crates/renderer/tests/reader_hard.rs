@@ -238,6 +238,29 @@ const WORDS: &[&str] = &[
     "Sampler",
     "Option",
     "MediumInterface",
+    "MakeNamedMedium",
+    "\"homogeneous\"",
+    "ObjectInstance",
+    "ActiveTransform",
+    "EndTime",
+    "TransformTimes",
+    "\"matte\"",
+    "\"color Kd\"",
+    "\"mix\"",
+    "\"string materials\"",
+    "\"loopsubdiv\"",
+    "\"bilinearmesh\"",
+    "\"cylinder\"",
+    "\"float power\"",
+    "\"spot\"",
+    "\"distant\"",
+    "\"texture alpha\"",
+    "\"float\"",
+    "\"spectrum L\"",
+    "WorldEnd",
+    "Renderer",
+    "\"orthographic\"",
+    "4000",
 ];
 
 proptest! {
@@ -255,6 +278,14 @@ proptest! {
         let files: &[(&str, &[u8])] = &[("s.pbrt", text.as_bytes())];
         let options = ReadOptions::default().with_allow_unsupported(allow);
         let _ = read_scene_from(files, "s.pbrt", &options);
+    }
+
+    /// The same without the words that make it a scene of pbrt-v4.
+    #[test]
+    fn i01_old_soup_never_panics(words in prop::collection::vec(prop::sample::select(WORDS), 0..120), second in any::<bool>()) {
+        let mark = if second { "Renderer \"sampler\"" } else { "Integrator \"path\"" };
+        let text = format!("{mark} Film \"image\" Camera \"perspective\"\nWorldBegin\n{}", words.join(" "));
+        let _ = read(text.as_bytes());
     }
 
     #[test]

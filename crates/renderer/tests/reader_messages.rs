@@ -174,23 +174,23 @@ fn messages_about_words() {
         ("Include \"broken.pbrt\"", "broken.pbrt:1: parameter radius of Shape \"sphere\" must be above 0, not -1"),
         (
             "MediumInterface \"a\" \"b\"",
-            "s.pbrt:4: MediumInterface (participating media) is not supported: remove it, or allow unsupported directives",
+            "s.pbrt:4: unknown medium \"a\": make it by MakeNamedMedium\ns.pbrt:4: unknown medium \"b\": make it by MakeNamedMedium",
         ),
         (
             "Material \"hair\"",
             "s.pbrt:4: Material \"hair\" is not supported: remove it, or allow unsupported directives",
         ),
         (
-            "LightSource \"point\"",
-            "s.pbrt:4: LightSource \"point\" is not supported: remove it, or allow unsupported directives",
+            "LightSource \"goniometric\"",
+            "s.pbrt:4: LightSource \"goniometric\" is not supported: remove it, or allow unsupported directives",
         ),
         (
-            "LightSource \"infinite\" \"float illuminance\" 3",
-            "s.pbrt:4: parameter illuminance of LightSource \"infinite\" is not supported: remove it, or allow unsupported directives",
+            "LightSource \"infinite\" \"point3 portal\" [0 0 0]",
+            "s.pbrt:4: parameter portal of LightSource \"infinite\" is not supported: remove it, or allow unsupported directives",
         ),
         (
-            "Shape \"sphere\" \"float zmin\" 0",
-            "s.pbrt:4: a partial sphere (zmin, zmax, phimax) is not supported: remove it, or allow unsupported directives",
+            "Shape \"cone\" \"float height\" 2",
+            "s.pbrt:4: Shape \"cone\" is not supported: remove it, or allow unsupported directives",
         ),
         (
             "Shape \"disk\" \"float innerradius\" 1",
@@ -341,7 +341,10 @@ fn i06_settings() {
             "Camera \"perspective\" \"float fov\" 180",
             "s.pbrt:1: parameter fov of Camera \"perspective\" must be between 0 and 180 degrees, not 180",
         ),
-        ("Camera \"orthographic\"", "s.pbrt:1: Camera \"orthographic\" is not supported: use Camera \"perspective\""),
+        (
+            "Camera \"spherical\"",
+            "s.pbrt:1: Camera \"spherical\" is not supported: use Camera \"perspective\" or \"orthographic\"",
+        ),
         (
             "Integrator \"path\" \"integer maxdepth\" -1",
             "s.pbrt:1: parameter maxdepth of Integrator \"path\" must be a whole number at least 0, not -1",
@@ -390,12 +393,15 @@ fn i06_what_is_read_otherwise_is_listed() {
 #[test]
 fn unsupported_things_can_be_left_out() {
     let text = format!(
-        "{HEAD}MediumInterface \"a\"\nNamedMaterial \"m\"\nMakeNamedMaterial \"m\" \"string type\" \"hair\" \"float x\" 1\nLightSource \"point\"\nShape \"cone\" \"float y\" 3\nShape \"disk\"\nObjectBegin \"o\"\nShape \"sphere\"\nObjectEnd\n{TAIL}"
+        "{HEAD}MakeNamedMedium \"a\" \"string type\" \"cloud\"\nNamedMaterial \"m\"\nMakeNamedMaterial \"m\" \"string type\" \"hair\" \"float x\" 1\nLightSource \"projection\"\nShape \"cone\" \"float y\" 3\nShape \"disk\"\nObjectBegin \"o\"\nAreaLightSource \"diffuse\"\nShape \"sphere\"\nObjectEnd\n{TAIL}"
     );
     assert_eq!(read(&text).unwrap_err().problems.len(), 5);
     let scene = read_with(&text, &ReadOptions::default().with_allow_unsupported(true)).unwrap();
     assert_eq!((scene.notices.len(), scene.shapes.len(), scene.lights.len()), (5, 2, 1));
-    assert_eq!(scene.notices[0].message, "MediumInterface (participating media) is not supported: left out");
+    assert_eq!(
+        scene.notices[0].message,
+        "a medium of type \"cloud\" (other than homogeneous) is not supported: left out"
+    );
     assert_eq!(scene.materials[scene.shapes[0].material.0 as usize].name, "m");
 }
 

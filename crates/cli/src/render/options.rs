@@ -2,7 +2,7 @@
 
 use clap::{Args, ValueEnum};
 use dapple_renderer::image::Format;
-use dapple_renderer::{bundled, registry};
+use dapple_renderer::{Effect, bundled, registry};
 use std::path::PathBuf;
 
 /// Render a picture, putting samples where it needs them
@@ -72,6 +72,12 @@ pub(crate) struct Options {
     /// Most scattering events between camera and light [default: the scene's]
     #[arg(long, value_name = "N", help_heading = "Picture")]
     pub(super) max_depth: Option<u32>,
+
+    /// Leave an effect out that the scene calls for; may be given again. `dapple effects` lists what it calls for
+    ///
+    /// The picture is another, cheaper one: a warning says how it differs, and the file's header that it does.
+    #[arg(long, value_name = "EFFECT", help_heading = "Picture")]
+    pub(super) without: Vec<Effect>,
 
     /// Width and height in pixels [default: the scene's]
     #[arg(long, value_name = "WxH", value_parser = resolution, help_heading = "Picture")]
@@ -178,7 +184,7 @@ fn stops(word: &str) -> Result<f32, String> {
     }
 }
 
-fn resolution(word: &str) -> Result<[u32; 2], String> {
+pub(crate) fn resolution(word: &str) -> Result<[u32; 2], String> {
     let sides = word.split_once(['x', 'X']).and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]));
     let sides: [u32; 2] = sides.ok_or("WIDTHxHEIGHT in pixels is wanted, such as 640x360")?;
     dapple_core::Frame::new(sides[0], sides[1]).map_err(|e| e.to_string())?;

@@ -26,17 +26,6 @@ impl Seconds {
     }
 }
 
-/// User and system seconds of this process so far; `None` where the system does not tell.
-pub(super) fn cpu_seconds() -> Option<f64> {
-    #[cfg(any(target_os = "linux", target_os = "macos", target_os = "freebsd"))]
-    {
-        let now = nix::time::ClockId::CLOCK_PROCESS_CPUTIME_ID.now().ok()?;
-        Some(now.tv_sec() as f64 + now.tv_nsec() as f64 * 1e-9)
-    }
-    #[cfg(not(any(target_os = "linux", target_os = "macos", target_os = "freebsd")))]
-    None
-}
-
 /// A picture with how it was made.
 pub(super) struct Report<'a> {
     pub(super) settings: &'a Settings,
@@ -70,6 +59,7 @@ struct Line<'a> {
     predicted_relmse: Option<f64>,
     rejected: u64,
     effects: Vec<&'static str>,
+    without: Vec<&'static str>,
 }
 
 impl Report<'_> {
@@ -79,6 +69,10 @@ impl Report<'_> {
 
     fn effects(&self) -> Vec<&'static str> {
         Effects::of(self.scene).called().iter().map(|c| c.effect.name()).collect()
+    }
+
+    fn without(&self) -> Vec<&'static str> {
+        self.settings.without.iter().map(|e| e.name()).collect()
     }
 
     /// One line, with the keys of the design.
@@ -101,6 +95,7 @@ impl Report<'_> {
             predicted_relmse: self.film.predicted_relmse(),
             rejected: record.rejected,
             effects: self.effects(),
+            without: self.without(),
         };
         to_string(&line)
     }
@@ -154,6 +149,7 @@ impl Report<'_> {
             ("crop", format!("{x},{y},{},{}", x + cw, y + ch)),
             ("max-depth", scene.max_depth.map_or("unlimited".into(), |d| d.to_string())),
             ("effects", self.effects().join(",")),
+            ("without", self.without().join(",")),
             ("notices", notices.join("\n")),
             ("samples", record.samples.to_string()),
             ("spp", self.spp().to_string()),

@@ -4,9 +4,9 @@ use super::Options;
 use super::options::PixelShape;
 use crate::{Failure, Result};
 use dapple_core::{Budget, Error, Film, Filter, Frame, Limits, Needs, PointSet, Sampler};
-use dapple_renderer::Stage;
 use dapple_renderer::registry::{self, Setting};
 use dapple_renderer::scene::{PixelFilter, Scene};
+use dapple_renderer::{Effect, Effects, Stage};
 
 /// Mean samples per pixel at which `--error` gives up where no `--max-spp` is given.
 const ERROR_SPP: u32 = 16384;
@@ -20,6 +20,8 @@ pub(super) struct Settings {
     pub(super) seed: u64,
     /// The budget as it was asked for.
     pub(super) asked: String,
+    /// Effects to leave out: each once, called for by the scene, in the order in which they go.
+    pub(super) without: Vec<Effect>,
     sampler: String,
     points: String,
     filter: String,
@@ -43,6 +45,7 @@ impl Settings {
         if options.pixel_filter == PixelShape::Box {
             scene.film.pixel_filter = PixelFilter::default();
         }
+        let without = without(&options.without, scene)?;
         let frame = frame(options, scene)?;
         check_memory(&frame)?;
         let (budget, asked) = budget(options, frame.pixels() as u64);
@@ -59,6 +62,7 @@ impl Settings {
             adaptive: options.sampler.split(':').next().is_none_or(|name| name.trim() != "uniform"),
             seed: options.seed,
             asked,
+            without,
             sampler: options.sampler.clone(),
             points: options.points.clone(),
             filter: options.filter.clone(),
@@ -76,6 +80,23 @@ impl Settings {
             *seconds = (*seconds - stage.cluster_seconds()).max(1e-3);
         }
         Ok(Methods { sampler_described: sampler.describe(), sampler, filter })
+    }
+}
+
+/// Effects that the scene calls for, of those that are to be left out.
+fn without(asked: &[Effect], scene: &Scene) -> Result<Vec<Effect>> {
+    let effects = Effects::of(scene);
+    let mut without = asked.to_vec();
+    // The choice among the lights comes last: the strongest of those that are left stays.
+    without.sort_by_key(|&e| (e == Effect::SeveralLights, e));
+    without.dedup();
+    match without.iter().find(|e| !effects.has(**e)) {
+        None => Ok(without),
+        Some(effect) => {
+            let called: Vec<&str> = effects.called().iter().map(|c| c.effect.name()).collect();
+            let called = if called.is_empty() { "nothing".into() } else { called.join(", ") };
+            Err(Failure::new(format!("--without {effect}: the scene does not call for it; it calls for {called}")))
+        }
     }
 }
 

@@ -49,6 +49,8 @@ pub(crate) type Bounds = [Vec3; 2];
 pub(crate) enum Content {
     Triangle([Vec3; 3]),
     Quadric(Quadric),
+    /// An instance, by its number.
+    Box(u32),
 }
 
 /// A primitive with its box, grown by what rounding asks for.
@@ -70,10 +72,26 @@ pub(crate) fn build_tree(shapes: &[Shape], preset: Preset) -> Result<(Tree, Opti
     let items = collect(shapes)?;
     let triangles = items.iter().filter(|item| matches!(item.content, Content::Triangle(_))).count();
     let bounds = items.iter().map(|item| item.bounds).reduce(union);
-    let tree = wide::collapse(&binary::by_area(&items, preset.params()), &items)
-        .or_else(|| wide::collapse(&binary::by_median(&items), &items))
-        .unwrap_or_default();
-    Ok((tree, bounds, triangles))
+    Ok((build_over(&items, preset), bounds, triangles))
+}
+
+/// Builds the tree over boxes with numbers, and a box around all of them.
+pub(crate) fn build_top(boxes: &[(u32, [DVec3; 2])], preset: Preset) -> Result<(Tree, Option<Bounds>), Error> {
+    too_many("instances", boxes.len(), LIMIT)?;
+    let item = |&(number, [low, high]): &(u32, [DVec3; 2])| {
+        let bounds = [low.as_vec3(), high.as_vec3()];
+        let bounds = grow(bounds, (bounds[1] - bounds[0]).max_element() * ULPS);
+        Item { bounds, key: number.into(), content: Content::Box(number) }
+    };
+    let items: Vec<Item> = boxes.iter().map(item).collect();
+    let bounds = items.iter().map(|item| item.bounds).reduce(union);
+    Ok((build_over(&items, preset), bounds))
+}
+
+fn build_over(items: &[Item], preset: Preset) -> Tree {
+    wide::collapse(&binary::by_area(items, preset.params()), items)
+        .or_else(|| wide::collapse(&binary::by_median(items), items))
+        .unwrap_or_default()
 }
 
 fn collect(shapes: &[Shape]) -> Result<Vec<Item>, Error> {

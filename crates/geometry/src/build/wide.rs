@@ -15,6 +15,8 @@ use glam::Vec3;
 const NODE_COST: f64 = 1.0;
 const TRIANGLES_COST: f64 = 0.6;
 const QUADRIC_COST: f64 = 2.5;
+/// Of an instance: a guess, taking a ray to its space and a few nodes there.
+const BOX_COST: f64 = 10.0;
 
 /// What is known of a binary subtree.
 #[derive(Clone, Copy, Debug, Default)]
@@ -45,6 +47,7 @@ fn plan(node: &Node2, items: &[Item], plans: &[Plan], unit: f64) -> Plan {
     match node.below {
         Below::Item(item) => match items[item as usize].content {
             Content::Triangle(_) => Plan { cost: [area * TRIANGLES_COST; WIDTH - 1], triangles: 1, leaf: true },
+            Content::Box(_) => Plan { cost: [area * BOX_COST; WIDTH - 1], triangles: usize::MAX, leaf: true },
             Content::Quadric(_) => Plan { cost: [area * QUADRIC_COST; WIDTH - 1], triangles: usize::MAX, leaf: true },
         },
         Below::Nodes(children) => {
@@ -136,6 +139,7 @@ impl Wide<'_> {
                             triangles[count] = (corners, item.key);
                             count += 1;
                         }
+                        Content::Box(number) => return Child::Box(number),
                         Content::Quadric(quadric) => {
                             self.tree.quadrics.push(quadric);
                             self.tree.quadric_keys.push(item.key);

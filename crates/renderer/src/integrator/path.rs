@@ -3,15 +3,17 @@
 
 #![allow(clippy::neg_cmp_op_on_partial_ord, reason = "a survival that is no number ends the path")]
 
+use super::code::{CLEAR, DEEP, RARE, SEVERAL, SKY};
+use super::passage::{Met, Way, beyond, shadow_ray};
+use super::report::report;
 use crate::World;
 use crate::blocks;
 use crate::camera::Lens;
-use crate::light::Target;
 use crate::material::Surface;
 use crate::shading::{Bsdf, Frame, power_heuristic, power_heuristic_over_pdf};
-use crate::world::{Interaction, NO_LIGHT};
-use dapple_core::{Draws, Estimate, FirstHit, Integrator, Observed};
-use dapple_geometry::{Ray, spawn_ray, spawn_ray_to};
+use crate::world::{Interaction, NO_LIGHT, NO_MEDIUM};
+use dapple_core::{Draws, Estimate, Integrator, Observed};
+use dapple_geometry::{Ray, spawn_ray};
 use glam::Vec3;
 use std::marker::PhantomData;
 
@@ -21,42 +23,62 @@ pub(super) const ROULETTE_FROM: u32 = 4;
 /// finite only while albedo^2 < SURVIVAL, so 0.95 would lose closed rooms of albedo 0.98.
 const SURVIVAL: f32 = 0.99;
 
-/// A path tracer for worlds with a lens `L`; with (`SEVERAL`) or without a choice among lights; with
-/// (`SKY`) or without an environment; with (`DEEP`) or without paths long enough for roulette.
+/// A path tracer for worlds with a lens `L`, with the code that the bits `E` of [`code`](super::code) name.
 #[derive(Debug)]
-pub struct PathTracer<'w, L, const SEVERAL: bool, const SKY: bool, const DEEP: bool> {
-    world: &'w World,
+pub struct PathTracer<'w, L, const E: u32> {
+    pub(super) world: &'w World,
     lens: PhantomData<fn() -> L>,
 }
 
 /// Where a path stands.
-struct Path {
-    ray: Ray,
-    throughput: Vec3,
-    radiance: Vec3,
+pub(super) struct Path {
+    pub(super) ray: Ray,
+    pub(super) throughput: Vec3,
+    pub(super) radiance: Vec3,
     /// The last scattering event, if light sampling could have found what the ray meets.
-    last: Option<LastScatter>,
-    rays: u32,
+    pub(super) last: Option<LastScatter>,
+    pub(super) rays: u32,
+    /// Product of the squared indices of refraction crossed: what refraction did to the throughput is
+    /// undone when the path comes out again, and no reason to end it.
+    spread: f32,
+    /// Rays so far that lead to where the path stands, surfaces passed included.
+    pub(super) segments: u32,
+    /// What fills space around the ray's origin.
+    pub(super) medium: u32,
+    /// When, as a share of the motion's time.
+    pub(super) time: f32,
 }
 
 #[derive(Clone, Copy)]
-struct LastScatter {
-    position: Vec3,
+pub(super) struct LastScatter {
+    pub(super) position: Vec3,
     /// Density with which the ray's direction was drawn.
-    pdf: f32,
+    pub(super) pdf: f32,
 }
 
-impl<'w, L: Lens, const SEVERAL: bool, const SKY: bool, const DEEP: bool> PathTracer<'w, L, SEVERAL, SKY, DEEP> {
+impl<'w, L: Lens, const E: u32> PathTracer<'w, L, E> {
     pub(super) fn new(world: &'w World) -> Self {
         Self { world, lens: PhantomData }
     }
 
+    /// The path at its camera.
     #[inline(always)]
-    fn camera_ray(&self, draws: &Draws<'_>) -> Ray {
+    fn begin(&self, draws: &Draws<'_>) -> Path {
+        let world = self.world;
         let u = draws.block(blocks::CAMERA);
-        let offset = self.world.filter.sample([u[0], u[1]]);
-        let view = &self.world.camera;
-        L::ray(view, view.place(draws.pixel(), offset), [u[2], u[3]])
+        let offset = world.filter.sample([u[0], u[1]]);
+        let time = if E & RARE != 0 && world.moves { world.time(draws.block(blocks::TIME)[0]) } else { 0.0 };
+        let view = &world.camera;
+        let ray = L::ray_at(view, view.place(draws.pixel(), offset), [u[2], u[3]], time);
+        let medium = if E & RARE != 0 { world.camera_medium } else { NO_MEDIUM };
+        let (throughput, radiance) = (Vec3::ONE, Vec3::ZERO);
+        Path { ray, throughput, radiance, last: None, rays: 0, spread: 1.0, segments: 0, medium, time }
+    }
+
+    /// The closest hit of the path's ray.
+    #[inline(always)]
+    fn closest(&self, path: &Path) -> Option<Interaction<'w>> {
+        if E & RARE != 0 { self.world.closest_at(&path.ray, path.time) } else { self.world.closest(&path.ray) }
     }
 
     /// Light that a hit lamp gives off towards the ray's origin, weighted against light sampling.
@@ -71,17 +93,6 @@ impl<'w, L: Lens, const SEVERAL: bool, const SKY: bool, const DEEP: bool> PathTr
                 radiance * power_heuristic(last.pdf, found)
             }
             _ => radiance,
-        }
-    }
-
-    /// Light from beyond the scene along the path's ray.
-    #[inline]
-    fn sky(&self, path: &Path) -> Vec3 {
-        let Some((sky, pmf)) = self.world.lights.environment() else { return Vec3::ZERO };
-        let radiance = sky.radiance(path.ray.direction);
-        match path.last {
-            Some(last) => radiance * power_heuristic(last.pdf, sky.pdf(path.ray.direction) * pmf),
-            None => radiance,
         }
     }
 
@@ -105,31 +116,46 @@ impl<'w, L: Lens, const SEVERAL: bool, const SKY: bool, const DEEP: bool> PathTr
             return Vec3::ZERO;
         };
         // No light through the geometric surface, whatever the shading normal says.
-        if at.point.normal.dot(light.wi) * outside <= 0.0 {
+        let same_side = at.point.normal.dot(light.wi) * outside > 0.0;
+        if E & CLEAR == 0 && !same_side {
             return Vec3::ZERO;
         }
         let wi = bsdf.local(frame, light.wi);
+        if E & CLEAR != 0 && same_side != (wo.z * wi.z > 0.0) {
+            return Vec3::ZERO;
+        }
         let (f, pdf) = bsdf.evaluate_and_pdf(wo, wi);
         if f == Vec3::ZERO {
             return Vec3::ZERO;
         }
-        let ray = match &light.target {
-            Target::Surface(point) => spawn_ray_to(&at.point, point),
-            Target::Far => spawn_ray(&at.point, light.wi),
-        };
-        path.rays += 1;
-        if world.geometry.occluded(&ray) {
-            return Vec3::ZERO;
+        let ray = shadow_ray(&at.point, &light);
+        let mut share = Vec3::ONE;
+        if E & RARE != 0 && world.hides_partly() {
+            share = self.transmittance(ray, &light.target, path, beyond(at, light.wi, path.medium));
+        } else {
+            path.rays += 1;
+            let occluded =
+                if E & RARE != 0 { world.occluded_at(&ray, path.time) } else { world.geometry.occluded(&ray) };
+            if occluded {
+                return Vec3::ZERO;
+            }
         }
-        f * light.radiance * (wi.z.abs() * power_heuristic_over_pdf(light.pdf, pdf))
+        let weight = if light.delta { light.pdf.recip() } else { power_heuristic_over_pdf(light.pdf, pdf) };
+        share * f * light.radiance * (wi.z.abs() * weight)
     }
 
     /// The scattering event number `vertex`: gathers direct light and turns the ray. Returns whether the
     /// path goes on.
     #[inline(always)]
-    fn scatter(&self, draws: &Draws<'_>, path: &mut Path, at: &Interaction<'_>, vertex: u32) -> bool {
+    fn scatter(
+        &self,
+        draws: &Draws<'_>,
+        path: &mut Path,
+        at: &Interaction<'_>,
+        surface: &Surface,
+        vertex: u32,
+    ) -> bool {
         let world = self.world;
-        let surface = &world.surfaces[at.part.material as usize];
         if surface.black {
             return false;
         }
@@ -138,8 +164,8 @@ impl<'w, L: Lens, const SEVERAL: bool, const SKY: bool, const DEEP: bool> PathTr
         let frame = world.frame(at, surface);
         let wo = bsdf.local(&frame, -path.ray.direction);
         let outside = -at.point.normal.dot(path.ray.direction);
-        let roulette = DEEP && vertex >= ROULETTE_FROM;
-        let chooses = SEVERAL || surface.several_lobes || roulette;
+        let roulette = E & DEEP != 0 && vertex >= ROULETTE_FROM;
+        let chooses = E & SEVERAL != 0 || surface.several_lobes || roulette;
         let choices = if chooses { draws.block(blocks::choose(vertex)) } else { [0.0; 4] };
         let u = draws.block(blocks::scatter(vertex));
         if !bsdf.is_specular() && !world.lights.is_empty() {
@@ -148,71 +174,81 @@ impl<'w, L: Lens, const SEVERAL: bool, const SKY: bool, const DEEP: bool> PathTr
         }
         let Some(sample) = bsdf.sample(wo, [u[2], u[3]], choices[1]) else { return false };
         let wi = frame.to_world(sample.wi);
-        if at.point.normal.dot(wi) * outside <= 0.0 {
+        let same_side = at.point.normal.dot(wi) * outside > 0.0;
+        let reflected = E & CLEAR == 0 || sample.wi.z * wo.z > 0.0;
+        if same_side != reflected {
             return false;
         }
         path.throughput *= sample.weight;
-        if roulette {
-            let survival = path.throughput.max_element().min(SURVIVAL);
-            if !(choices[2] < survival) {
-                return false;
-            }
-            path.throughput /= survival;
+        if E & CLEAR != 0 {
+            path.spread *= sample.eta * sample.eta;
+        }
+        if roulette && !self.survives(path, choices[2]) {
+            return false;
         }
         path.last = (!sample.specular).then_some(LastScatter { position: at.point.position, pdf: sample.pdf });
         path.ray = spawn_ray(&at.point, wi);
+        if E & RARE != 0 {
+            path.medium = beyond(at, wi, path.medium);
+        }
         path.throughput.max_element() > 0.0
     }
 
-    /// Outlined: most renders ask for no first hits.
-    #[inline(never)]
-    fn report(&self, ray: &Ray, at: &Interaction<'_>) -> FirstHit {
-        let world = self.world;
-        let surface: &Surface = &world.surfaces[at.part.material as usize];
-        let uv = if surface.textured { world.uv(at) } else { [0.0; 2] };
-        let bsdf = surface.bsdf(&world.textures, uv);
-        let side = if at.point.normal.dot(ray.direction) > 0.0 { -1.0 } else { 1.0 };
-        let shading = world.frame(at, surface).normal;
-        let shines = at.part.light != NO_LIGHT;
-        let depth = (at.point.position - ray.origin).length();
-        FirstHit {
-            position: at.point.position.to_array(),
-            geometric_normal: (at.point.normal * side).to_array(),
-            shading_normal: (shading * side).to_array(),
-            albedo: if shines { [1.0; 3] } else { bsdf.albedo().to_array() },
-            depth,
-            footprint: depth * world.camera.pixel_width(),
-            roughness: bsdf.roughness(),
-            material: at.part.material,
-            shape: at.hit.shape,
-            primitive: at.hit.primitive,
+    /// Russian roulette.
+    #[inline(always)]
+    pub(super) fn survives(&self, path: &mut Path, u: f32) -> bool {
+        let spread = if E & CLEAR != 0 { path.spread } else { 1.0 };
+        let survival = (path.throughput.max_element() * spread).min(SURVIVAL);
+        if !(u < survival) {
+            return false;
         }
+        path.throughput /= survival;
+        true
     }
 }
 
-impl<L: Lens, const SEVERAL: bool, const SKY: bool, const DEEP: bool> Integrator
-    for PathTracer<'_, L, SEVERAL, SKY, DEEP>
-{
+impl<L: Lens, const E: u32> Integrator for PathTracer<'_, L, E> {
     fn estimate(&self, draws: &Draws<'_>, _: &mut Observed) -> Estimate {
-        let mut path =
-            Path { ray: self.camera_ray(draws), throughput: Vec3::ONE, radiance: Vec3::ZERO, last: None, rays: 0 };
+        let mut path = self.begin(draws);
         let mut first_hit = None;
         let mut vertex = 0;
         loop {
             path.rays += 1;
-            let Some(at) = self.world.closest(&path.ray) else {
-                if SKY {
-                    path.radiance += path.throughput * self.sky(&path);
+            let found = self.closest(&path);
+            if E & RARE != 0 {
+                path.segments += 1;
+                if path.medium != NO_MEDIUM {
+                    let distance = found.as_ref().map_or(f32::INFINITY, |at| at.hit.t);
+                    match self.cross(draws, &mut path, distance, vertex) {
+                        Way::Passed => {}
+                        Way::Scattered => {
+                            vertex += 1;
+                            continue;
+                        }
+                        Way::Ended => break,
+                    }
+                }
+            }
+            let Some(at) = found else {
+                if E & SKY != 0 {
+                    let last = path.last.map(|last| last.pdf);
+                    path.radiance += path.throughput * self.world.lights.sky(path.ray.direction, last);
                 }
                 break;
+            };
+            let Met::Surface(surface) = self.meet(draws, &mut path, &at) else {
+                if path.throughput == Vec3::ZERO {
+                    break;
+                }
+                continue;
             };
             if at.part.light != NO_LIGHT {
                 path.radiance += path.throughput * self.emitted(&path, &at);
             }
-            if vertex == 0 && draws.wants_first_hit() {
-                first_hit = Some(self.report(&path.ray, &at));
+            if vertex == 0 && first_hit.is_none() && draws.wants_first_hit() {
+                first_hit = Some(report(self.world, &path.ray, &at, surface));
             }
-            if vertex >= self.world.max_depth || !self.scatter(draws, &mut path, &at, vertex) {
+            if vertex >= self.world.max_depth || !self.scatter(draws, &mut path, &at, surface, vertex) {
                 break;
             }
             vertex += 1;

@@ -146,7 +146,13 @@ fn sample_on(lamp: &Lamp, from: Vec3, point: SurfacePoint, side: f32, area: f32)
     let radiance = lamp.radiance(cosine);
     // As `area_to_solid_angle`; a lamp that touches the point has no direction.
     let pdf = squared / (cosine.abs() * area);
-    (radiance != Vec3::ZERO && pdf > 0.0).then_some(LightSample { wi, radiance, pdf, target: Target::Surface(point) })
+    (radiance != Vec3::ZERO && pdf > 0.0).then_some(LightSample {
+        wi,
+        radiance,
+        pdf,
+        target: Target::Surface(point),
+        delta: false,
+    })
 }
 
 impl SphereLamp {
@@ -191,7 +197,13 @@ impl SphereLamp {
         // The first point met is seen from outside.
         let radiance = self.lamp.radiance(self.flip);
         let pdf = warp::uniform_cone_pdf(height);
-        (radiance != Vec3::ZERO).then_some(LightSample { wi, radiance, pdf, target: Target::Surface(point) })
+        (radiance != Vec3::ZERO).then_some(LightSample {
+            wi,
+            radiance,
+            pdf,
+            target: Target::Surface(point),
+            delta: false,
+        })
     }
 
     #[inline]

@@ -1,10 +1,11 @@
 //! Light from beyond the scene.
 
-use super::{LightSample, Target, luminance};
+use super::{LightSample, Target, luminance, octahedral};
 use crate::image::Picture;
 use crate::scene::{EnvironmentRadiance, Source};
 use crate::shading::discrete::PiecewiseConstant2d;
 use crate::shading::trigonometry::{sin_cos_turn, turn_of};
+use crate::shading::warp;
 use crate::space::even_scale;
 use glam::{DMat3, Mat3, Vec3};
 use std::f32::consts::PI;
@@ -24,7 +25,7 @@ pub enum EnvironmentError {
     },
     /// A texel is no radiance.
     #[error(
-        "{at}: texel ({column}, {row}) of the environment picture is {value:?}: mend the picture, its values must be finite and at least 0"
+        "{at}: texel ({column}, {row}) of the environment picture is {value:?}: mend the picture, its values must be finite and at least 0, also when scaled"
     )]
     Texel {
         /// Where it is said.
@@ -35,6 +36,24 @@ pub enum EnvironmentError {
         row: usize,
         /// The value.
         value: [f32; 3],
+    },
+    /// An equal-area picture must be a square.
+    #[error(
+        "{at}: an equal-area environment picture is a square, not {} x {}: give one, or one in latitude and longitude", size[0], size[1]
+    )]
+    Square {
+        /// Where it is said.
+        at: Source,
+        /// Width and height.
+        size: [u32; 2],
+    },
+    /// More texels than can be chosen among.
+    #[error("{at}: an environment picture of {} x {} is too large: scale it down", size[0], size[1])]
+    Size {
+        /// Where it is said.
+        at: Source,
+        /// Width and height.
+        size: [u32; 2],
     },
     /// Its transform.
     #[error(
@@ -57,13 +76,26 @@ pub struct Environment {
 #[derive(Clone, Debug)]
 enum Kind {
     Constant(Vec3),
-    /// Texels are constant, so that what is sampled is what is seen.
-    LatLong {
-        picture: Arc<Picture>,
-        scale: f32,
-        cells: PiecewiseConstant2d,
-        average: f64,
-    },
+    Picture(Map),
+}
+
+/// A picture around the scene. Texels are constant, as pbrt-v4 has them, so that what is sampled is what is seen.
+#[derive(Clone, Debug)]
+struct Map {
+    layout: Layout,
+    picture: Arc<Picture>,
+    scale: f32,
+    /// By brightness times solid angle.
+    cells: PiecewiseConstant2d,
+    /// Mean luminance over the sphere.
+    average: f64,
+}
+
+/// Where a direction lies in the picture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Layout {
+    LatLong,
+    EqualArea,
 }
 
 impl Environment {
@@ -71,7 +103,8 @@ impl Environment {
     ///
     /// # Errors
     ///
-    /// When a radiance is negative or not finite, or the transform is no rotation or scale.
+    /// When a radiance is negative or not finite, an equal-area picture is not square, or the transform is no
+    /// rotation or scale.
     pub fn new(radiance: &EnvironmentRadiance, to_world: DMat3, at: &Source) -> Result<Option<Self>, EnvironmentError> {
         // Directions only: a uniform scale does nothing.
         let inverse = to_world.inverse();
@@ -81,41 +114,19 @@ impl Environment {
         if !sound || !(constant || even_scale(&to_world).is_some()) {
             return Err(EnvironmentError::Transform { at: at.clone() });
         }
-        let valid = |rgb: &[f32; 3]| rgb.iter().all(|x| x.is_finite() && *x >= 0.0);
         let kind = match radiance {
             EnvironmentRadiance::Constant(rgb) if !valid(rgb) => {
                 return Err(EnvironmentError::Radiance { at: at.clone(), value: *rgb });
             }
-            EnvironmentRadiance::Constant(rgb) if *rgb == [0.0; 3] => return Ok(None),
-            EnvironmentRadiance::Constant(rgb) => Kind::Constant(Vec3::from_array(*rgb)),
-            EnvironmentRadiance::LatLong { picture, scale } | EnvironmentRadiance::EqualArea { picture, scale } => {
-                let [width, height] = picture.size.map(|n| n as usize);
-                if let Some(i) = picture.pixels.iter().position(|p| !valid(p)) {
-                    let (column, row, value) = (i % width, i / width, picture.pixels[i]);
-                    return Err(EnvironmentError::Texel { at: at.clone(), column, row, value });
-                }
-                if !(scale.is_finite() && *scale >= 0.0) {
-                    return Err(EnvironmentError::Radiance { at: at.clone(), value: [*scale; 3] });
-                }
-                // Brightness of a texel times the sine of its row: its share of the sphere.
-                let weights: Vec<f32> = (0..width * height)
-                    .map(|i| {
-                        let v = ((i / width) as f32 + 0.5) / height as f32;
-                        luminance(Vec3::from_array(picture.pixels[i])) * sin_cos_turn(0.5 * v).0
-                    })
-                    .collect();
-                let Ok(cells) = PiecewiseConstant2d::new(&weights, [width, height]) else {
-                    return Err(EnvironmentError::Radiance { at: at.clone(), value: [*scale; 3] });
-                };
-                if cells.is_empty() || *scale == 0.0 {
-                    return Ok(None);
-                }
-                // The sine averages to 2/pi over rows.
-                let average = cells.mean() * f64::from(*scale) * std::f64::consts::FRAC_PI_2;
-                Kind::LatLong { picture: picture.clone(), scale: *scale, cells, average }
+            EnvironmentRadiance::Constant(rgb) => (*rgb != [0.0; 3]).then_some(Kind::Constant(Vec3::from_array(*rgb))),
+            EnvironmentRadiance::LatLong { picture, scale } => {
+                Map::new(Layout::LatLong, picture, *scale, at)?.map(Kind::Picture)
+            }
+            EnvironmentRadiance::EqualArea { picture, scale } => {
+                Map::new(Layout::EqualArea, picture, *scale, at)?.map(Kind::Picture)
             }
         };
-        Ok(Some(Self { to_light: normalized(inverse), to_world: normalized(to_world), kind }))
+        Ok(kind.map(|kind| Self { to_light: normalized(inverse), to_world: normalized(to_world), kind }))
     }
 
     /// Radiance from unit direction `w`.
@@ -123,42 +134,40 @@ impl Environment {
     pub fn radiance(&self, w: Vec3) -> Vec3 {
         match &self.kind {
             Kind::Constant(rgb) => *rgb,
-            Kind::LatLong { picture, scale, .. } => {
-                let [u, v] = to_uv((self.to_light * w).normalize());
-                let [width, height] = picture.size;
-                let column = ((u * width as f32) as u32).min(width - 1);
-                let row = ((v * height as f32) as u32).min(height - 1);
-                Vec3::from_array(picture.pixels[(row * width + column) as usize]) * *scale
-            }
+            Kind::Picture(map) => map.radiance(map.layout.to_uv(self.to_light * w)),
         }
     }
 
     /// Draws a direction with density near the brightness.
     #[inline]
     pub(super) fn sample(&self, u: [f32; 2]) -> Option<LightSample> {
-        let (wi, pdf) = match &self.kind {
-            Kind::Constant(_) => (crate::shading::warp::uniform_sphere(u), 0.25 / PI),
-            Kind::LatLong { cells, .. } => {
-                let (uv, density) = cells.sample(u)?;
-                let (sin, cos) = sin_cos_turn(0.5 * uv[1]);
-                let (y, x) = sin_cos_turn(uv[0]);
-                let local = Vec3::new(sin * x, sin * y, cos);
-                ((self.to_world * local).normalize(), density / (2.0 * PI * PI * sin))
+        let (wi, radiance, pdf) = match &self.kind {
+            Kind::Constant(rgb) => (warp::uniform_sphere(u), *rgb, warp::uniform_sphere_pdf()),
+            Kind::Picture(map) => {
+                let (uv, density) = map.cells.sample(u)?;
+                let (local, pdf) = map.layout.to_sphere(uv, density);
+                // Radiance and density both of the cell that was drawn: its direction may round into the next.
+                ((self.to_world * local).normalize(), map.radiance(uv), pdf)
             }
         };
-        let radiance = self.radiance(wi);
-        (pdf.is_finite() && radiance != Vec3::ZERO).then_some(LightSample { wi, radiance, pdf, target: Target::Far })
+        let shines = pdf.is_finite() && radiance != Vec3::ZERO;
+        shines.then_some(LightSample { wi, radiance, pdf, target: Target::Far, delta: false })
     }
 
     /// Density in solid angle with which directions are drawn.
     #[inline]
     pub fn pdf(&self, w: Vec3) -> f32 {
+        self.radiance_and_pdf(w).1
+    }
+
+    /// Both, for the price of one.
+    #[inline]
+    pub(super) fn radiance_and_pdf(&self, w: Vec3) -> (Vec3, f32) {
         match &self.kind {
-            Kind::Constant(_) => 0.25 / PI,
-            Kind::LatLong { cells, .. } => {
-                let uv = to_uv((self.to_light * w).normalize());
-                let sin = sin_cos_turn(0.5 * uv[1]).0;
-                if sin > 0.0 { cells.pdf(uv) / (2.0 * PI * PI * sin) } else { 0.0 }
+            Kind::Constant(rgb) => (*rgb, warp::uniform_sphere_pdf()),
+            Kind::Picture(map) => {
+                let uv = map.layout.to_uv(self.to_light * w);
+                (map.radiance(uv), map.layout.pdf(uv, map.cells.pdf(uv)))
             }
         }
     }
@@ -166,17 +175,93 @@ impl Environment {
     /// Mean luminance over the sphere.
     pub(super) fn average_luminance(&self) -> f64 {
         match &self.kind {
-            Kind::Constant(rgb) => f64::from(luminance(*rgb)),
-            Kind::LatLong { average, .. } => *average,
+            Kind::Constant(rgb) => luminance(*rgb),
+            Kind::Picture(map) => map.average,
         }
     }
 }
 
-/// Texture place of a unit direction in the light's frame, z up: in `[0, 1]^2`, row 0 at +z.
-#[inline]
-fn to_uv(w: Vec3) -> [f32; 2] {
-    // The polar angle from both coordinates keeps its digits near the poles.
-    [turn_of(w.y, w.x), 2.0 * turn_of((w.x * w.x + w.y * w.y).sqrt(), w.z)]
+impl Map {
+    fn new(layout: Layout, picture: &Arc<Picture>, scale: f32, at: &Source) -> Result<Option<Self>, EnvironmentError> {
+        let [width, height] = picture.size.map(|n| n as usize);
+        if layout == Layout::EqualArea && width != height {
+            return Err(EnvironmentError::Square { at: at.clone(), size: picture.size });
+        }
+        if !(scale.is_finite() && scale >= 0.0) {
+            return Err(EnvironmentError::Radiance { at: at.clone(), value: [scale; 3] });
+        }
+        if let Some(i) = picture.pixels.iter().position(|p| !(valid(p) && valid(&p.map(|x| x * scale)))) {
+            let (column, row, value) = (i % width, i / width, picture.pixels[i]);
+            return Err(EnvironmentError::Texel { at: at.clone(), column, row, value });
+        }
+        // Brightness of a texel times its share of the sphere, which in latitude and longitude goes with the sine.
+        let share = |row: usize| match layout {
+            Layout::LatLong => sin_cos_turn(0.5 * (row as f32 + 0.5) / height as f32).0,
+            Layout::EqualArea => 1.0,
+        };
+        let brightness = |i: usize| luminance(Vec3::from_array(picture.pixels[i])) as f32;
+        let weights: Vec<f32> = (0..width * height).map(|i| brightness(i) * share(i / width)).collect();
+        let Ok(cells) = PiecewiseConstant2d::new(&weights, [width, height]) else {
+            return Err(EnvironmentError::Size { at: at.clone(), size: picture.size });
+        };
+        if cells.is_empty() || scale == 0.0 {
+            return Ok(None);
+        }
+        // The sine averages to 2/pi over rows.
+        let mean_share = if layout == Layout::LatLong { std::f64::consts::FRAC_2_PI } else { 1.0 };
+        let average = cells.mean() * f64::from(scale) / mean_share;
+        Ok(Some(Self { layout, picture: picture.clone(), scale, cells, average }))
+    }
+
+    #[inline]
+    fn radiance(&self, [u, v]: [f32; 2]) -> Vec3 {
+        let [width, height] = self.picture.size;
+        let column = ((u * width as f32) as u32).min(width - 1);
+        let row = ((v * height as f32) as u32).min(height - 1);
+        Vec3::from_array(self.picture.pixels[(row * width + column) as usize]) * self.scale
+    }
+}
+
+impl Layout {
+    /// Place in the picture, `[0, 1]^2` with row 0 at `v = 0`, of a direction in the light's frame, z up.
+    #[inline]
+    fn to_uv(self, w: Vec3) -> [f32; 2] {
+        match self {
+            // The polar angle from both coordinates keeps its digits near the poles.
+            Self::LatLong => [turn_of(w.y, w.x), 2.0 * turn_of((w.x * w.x + w.y * w.y).sqrt(), w.z)],
+            Self::EqualArea => octahedral::to_square(w.normalize()),
+        }
+    }
+
+    /// Direction at a place in the picture, and what a density there is in solid angle.
+    #[inline]
+    fn to_sphere(self, uv: [f32; 2], density: f32) -> (Vec3, f32) {
+        match self {
+            Self::LatLong => {
+                let (sin, cos) = sin_cos_turn(0.5 * uv[1]);
+                let (y, x) = sin_cos_turn(uv[0]);
+                (Vec3::new(sin * x, sin * y, cos), density / (2.0 * PI * PI * sin))
+            }
+            Self::EqualArea => (octahedral::to_sphere(uv), density * warp::uniform_sphere_pdf()),
+        }
+    }
+
+    /// A density in the picture as one in solid angle.
+    #[inline]
+    fn pdf(self, uv: [f32; 2], density: f32) -> f32 {
+        match self {
+            Self::LatLong => {
+                let sin = sin_cos_turn(0.5 * uv[1]).0;
+                if sin > 0.0 { density / (2.0 * PI * PI * sin) } else { 0.0 }
+            }
+            Self::EqualArea => density * warp::uniform_sphere_pdf(),
+        }
+    }
+}
+
+/// Whether a radiance is one.
+fn valid(rgb: &[f32; 3]) -> bool {
+    rgb.iter().all(|x| x.is_finite() && *x >= 0.0)
 }
 
 /// The rotation (and reflection) in a matrix that may scale uniformly.

@@ -1,16 +1,25 @@
 //! Where light comes from, sampled by the solid angle it fills.
 
+// `!(x > 0.0)` is meant: it turns away what is not a number, too.
+#![allow(clippy::neg_cmp_op_on_partial_ord)]
+
 mod area;
+mod choice;
 mod environment;
+mod octahedral;
+mod punctual;
 
 pub use area::{DiskLamp, MeshLamp, SphereLamp};
+pub use choice::LightChoice;
 pub use environment::{Environment, EnvironmentError};
+pub use punctual::{DistantLamp, PointLamp, PunctualError, SpotLamp};
 
 use crate::shading::discrete::Discrete;
+use crate::shading::power_heuristic;
 use dapple_geometry::SurfacePoint;
 use glam::Vec3;
 
-/// One emitter: a shape that shines, or the environment.
+/// One emitter: a shape that shines, something without extent, or what lies beyond the scene.
 #[derive(Clone, Debug)]
 pub enum Light {
     /// Triangles.
@@ -21,6 +30,12 @@ pub enum Light {
     Disk(DiskLamp),
     /// Everything beyond the scene.
     Environment(Environment),
+    /// A point.
+    Point(PointLamp),
+    /// A point that shines into a cone.
+    Spot(SpotLamp),
+    /// Parallel light.
+    Distant(DistantLamp),
 }
 
 /// Where a light sample lies.
@@ -28,6 +43,8 @@ pub enum Light {
 pub enum Target {
     /// On a surface.
     Surface(SurfacePoint),
+    /// A point in space.
+    Point(Vec3),
     /// Infinitely far.
     Far,
 }
@@ -37,12 +54,15 @@ pub enum Target {
 pub struct LightSample {
     /// Unit direction to the light.
     pub wi: Vec3,
-    /// Radiance from there.
+    /// Radiance from there; from a light without extent, the irradiance of a surface that faces it.
     pub radiance: Vec3,
-    /// Density of `wi` in solid angle, above 0.
+    /// Density of `wi` in solid angle, above 0; of a light without extent, the probability that it was chosen.
     pub pdf: f32,
     /// Where it comes from.
     pub target: Target,
+    /// Whether the light has no extent, so that no ray could meet it by chance: the sample counts in full, without
+    /// a weight against BSDF sampling.
+    pub delta: bool,
 }
 
 /// The radiance of an emitting shape, and the sides it shines from.
@@ -61,36 +81,46 @@ impl Lamp {
 
     /// Radiant exitance summed over channels with luminance weights, sides counted.
     fn brightness(&self) -> f64 {
-        f64::from(luminance(self.radiance)) * if self.two_sided { 2.0 } else { 1.0 }
+        luminance(self.radiance) * if self.two_sided { 2.0 } else { 1.0 }
     }
 }
 
 /// [`dapple_core::luminance`] of a vector.
-#[inline]
-pub(crate) fn luminance(rgb: Vec3) -> f32 {
-    dapple_core::luminance(rgb.to_array().map(f64::from)) as f32
+fn luminance(rgb: Vec3) -> f64 {
+    dapple_core::luminance(rgb.to_array().map(f64::from))
 }
 
-/// All lights with the probabilities they are chosen by: proportional to power.
+/// All lights with the probabilities they are chosen by.
 #[derive(Clone, Debug)]
 pub struct Lights {
     lights: Vec<Light>,
     choice: Discrete,
     pmf: Vec<f32>,
-    environment: Option<u32>,
+    /// Those that rays beyond the scene meet.
+    skies: Vec<u32>,
+    has_delta: bool,
+    scene_radius: f32,
 }
 
 impl Lights {
-    /// Lights and their powers; those whose power is zero must have been left out.
+    /// Lights, chosen by power; those that give no light must have been left out.
     pub(crate) fn new(lights: Vec<Light>, scene_radius: f32) -> Self {
-        let powers: Vec<f32> = lights.iter().map(|l| l.power(scene_radius)).collect();
-        let choice = Discrete::new(&powers).or_else(|_| Discrete::new(&vec![1.0; powers.len()]));
-        // Neither fails: powers are finite and few, and all-equal weights always do.
-        let choice = choice.unwrap_or_else(|_| unreachable!("equal weights are weights"));
-        // A single light is always chosen, even where its power is too small for f32.
-        let pmf = (0..lights.len()).map(|i| if lights.len() == 1 { 1.0 } else { choice.pmf(i) }).collect();
-        let environment = lights.iter().position(|l| matches!(l, Light::Environment(_))).map(|i| i as u32);
-        Self { lights, choice, pmf, environment }
+        let skies = (0..lights.len() as u32).filter(|&i| matches!(lights[i as usize], Light::Environment(_))).collect();
+        let has_delta = lights.iter().any(|l| matches!(l, Light::Point(_) | Light::Spot(_) | Light::Distant(_)));
+        let (choice, pmf) = (choice::by_power(&[]), Vec::new());
+        let mut lights = Self { lights, choice, pmf, skies, has_delta, scene_radius };
+        lights.set_choice(LightChoice::default());
+        lights
+    }
+
+    /// Sets how a light is chosen. Whatever it is, every light has a chance.
+    pub(crate) fn set_choice(&mut self, choice: LightChoice) {
+        let weight = |light: &Light| match choice {
+            LightChoice::Power => light.power(f64::from(self.scene_radius)),
+            LightChoice::Uniform => 1.0,
+        };
+        self.choice = choice::by_power(&self.lights.iter().map(weight).collect::<Vec<_>>());
+        self.pmf = (0..self.lights.len()).map(|i| self.choice.pmf(i)).collect();
     }
 
     /// How many lights there are.
@@ -103,13 +133,35 @@ impl Lights {
         self.lights.is_empty()
     }
 
-    /// The environment, if it shines.
+    /// Whether light comes from beyond the scene that rays can meet.
     #[inline]
-    pub fn environment(&self) -> Option<(&Environment, f32)> {
-        match self.lights.get(self.environment? as usize) {
-            Some(Light::Environment(e)) => Some((e, self.pmf(self.environment?))),
-            _ => None,
+    pub fn has_sky(&self) -> bool {
+        !self.skies.is_empty()
+    }
+
+    /// Whether there is a light without extent.
+    #[inline]
+    pub fn has_delta(&self) -> bool {
+        self.has_delta
+    }
+
+    /// Radiance from beyond the scene along a unit direction, all infinite lights summed. `last_pdf` is the density
+    /// in solid angle with which the direction was drawn: each light's part is then weighted by the power heuristic
+    /// against [`Lights::sample`]; `None` if light sampling could not have found it.
+    #[inline]
+    pub fn sky(&self, direction: Vec3, last_pdf: Option<f32>) -> Vec3 {
+        let mut sum = Vec3::ZERO;
+        for &light in &self.skies {
+            let Light::Environment(sky) = &self.lights[light as usize] else { continue };
+            sum += match last_pdf {
+                Some(last) => {
+                    let (radiance, pdf) = sky.radiance_and_pdf(direction);
+                    radiance * power_heuristic(last, pdf * self.pmf(light))
+                }
+                None => sky.radiance(direction),
+            };
         }
+        sum
     }
 
     /// Draws light arriving at `from`: `choice` chooses among several lights, `u` the direction. `pdf`
@@ -125,6 +177,9 @@ impl Lights {
             Light::Sphere(lamp) => lamp.sample(from, u),
             Light::Disk(lamp) => lamp.sample(from, u),
             Light::Environment(sky) => sky.sample(u),
+            Light::Point(lamp) => lamp.sample(from),
+            Light::Spot(lamp) => lamp.sample(from),
+            Light::Distant(lamp) => Some(lamp.sample()),
         }?;
         sample.pdf *= pmf;
         // A density that overflowed would count for nothing, one that vanished for everything.
@@ -139,7 +194,7 @@ impl Lights {
             Light::Mesh(lamp) => lamp.pdf(from, point),
             Light::Sphere(lamp) => lamp.pdf(from, point),
             Light::Disk(lamp) => lamp.pdf(from, point),
-            Light::Environment(_) => 0.0,
+            Light::Environment(_) | Light::Point(_) | Light::Spot(_) | Light::Distant(_) => 0.0,
         };
         pdf * self.pmf(light)
     }
@@ -151,7 +206,7 @@ impl Lights {
             Light::Mesh(lamp) => Some(lamp.lamp()),
             Light::Sphere(lamp) => Some(lamp.lamp()),
             Light::Disk(lamp) => Some(lamp.lamp()),
-            Light::Environment(_) => None,
+            Light::Environment(_) | Light::Point(_) | Light::Spot(_) | Light::Distant(_) => None,
         }
     }
 
@@ -163,18 +218,22 @@ impl Lights {
 }
 
 impl Light {
-    /// Radiant power, luminance-weighted; an environment's is what enters the scene's bounding sphere.
-    fn power(&self, scene_radius: f32) -> f32 {
-        let power = match self {
+    /// Radiant power over pi, luminance-weighted; of light from far away, what enters the scene's bounding sphere.
+    fn power(&self, scene_radius: f64) -> f64 {
+        match self {
             Self::Mesh(lamp) => lamp.area() * lamp.lamp().brightness(),
             Self::Sphere(lamp) => lamp.area() * lamp.lamp().brightness(),
             Self::Disk(lamp) => lamp.area() * lamp.lamp().brightness(),
-            // Radiance times 4 pi times the disk pi r^2, over the pi of the others.
+            // Radiance times 4 pi times the disk pi r^2.
             Self::Environment(sky) => {
-                4.0 * std::f64::consts::PI * f64::from(scene_radius).powi(2) * sky.average_luminance()
+                4.0 * std::f64::consts::PI * scene_radius * scene_radius * sky.average_luminance()
             }
-        };
-        power.min(f64::from(f32::MAX) / 1e6) as f32
+            // Intensity times 4 pi.
+            Self::Point(lamp) => 4.0 * luminance(lamp.intensity()),
+            Self::Spot(lamp) => 4.0 * luminance(lamp.intensity()) * lamp.share_of_sphere(),
+            // Irradiance times the disk pi r^2.
+            Self::Distant(lamp) => luminance(lamp.irradiance()) * scene_radius * scene_radius,
+        }
     }
 }
 

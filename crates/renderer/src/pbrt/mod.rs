@@ -1,4 +1,5 @@
-//! Reads scenes in the format of pbrt-v4 [Pharr et al. 2023; pbrt-v4 input file format].
+//! Reads scenes in the format of pbrt-v4 [Pharr et al. 2023; pbrt-v4 input file format], and of pbrt-v3 and v2
+//! [Pharr et al. 2016; 2010] as far as what they say can be rendered.
 //!
 //! [`read_scene`] reads from disk, [`read_scene_from`] from any [`Files`]. Either gives the whole
 //! [`Scene`] or every problem found, each with file and line; nothing is left out silently. What is read
@@ -10,22 +11,44 @@
 //! what each kind of directive means. A new directive is a line in `directive::FORMS` and an arm in
 //! `Reader::execute`; a new shape, material, texture or light an arm in its module.
 //!
+//! Files of pbrt-v2 and pbrt-v3 are read by the rules of their version, which is told by the words of the
+//! file that is named (not of those that it includes): see `version`. Names of materials, media and objects
+//! may be made after their use, as in pbrt-v4, and are settled at the end (`settle`).
+//!
+//! Colours are linear sRGB. A spectrum of a surface or a medium is seen under D65; one of a light counts, in
+//! pbrt-v4, by its colour at luminance 1, as does a temperature, and `scale`, `power` or `illuminance` say how
+//! bright it is; in pbrt-v2 and v3 as it is. Named metals and glasses are what `spectra` lists. Cylinders,
+//! parts of spheres and disks, curved bilinear patches and subdivision surfaces become triangles, with a
+//! notice where that is not exact.
+//!
 //! A file that was cut off is noticed where something is then missing: a value, a bracket, an
 //! `AttributeEnd`, the camera, all shapes, all lights, or the last line's end. A cut between two
 //! directives that leaves a complete scene behind cannot be told from a shorter scene.
 
+mod colorimetry;
 mod directive;
+mod environments;
+mod images;
 mod lights;
 mod materials;
+mod media;
+mod objects;
+mod old_materials;
 mod options;
 mod params;
 mod reader;
 mod report;
+mod settle;
 mod shapes;
 mod spectra;
+mod spectrum_files;
 mod state;
+mod subdivide;
+mod tessellate;
 mod textures;
 mod tokens;
+mod transforms;
+mod version;
 
 pub use report::{Problem, ReadError};
 

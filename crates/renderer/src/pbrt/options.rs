@@ -4,6 +4,7 @@ use super::directive::Directive;
 use super::params::{Params, Type};
 use super::reader::Reader;
 use super::tokens::shown;
+use super::version::Version;
 use crate::scene::{Camera, PixelFilter, Projection, Source};
 
 impl Reader<'_> {
@@ -22,14 +23,20 @@ impl Reader<'_> {
 
     fn read_camera(&mut self, kind: &str, source: Source, mut params: Params) {
         self.meet("Camera", &source);
-        if kind != "perspective" {
+        if !matches!(kind, "perspective" | "orthographic") {
             // Another projection shows another picture, so it is never left out.
-            let what = format!("Camera {} is not supported: use Camera \"perspective\"", shown(kind));
+            let what =
+                format!("Camera {} is not supported: use Camera \"perspective\" or \"orthographic\"", shown(kind));
             self.log.problem(&source, what);
             return;
         }
         let positive = |v: f64| v > 0.0;
-        let fov = params.float("fov", 90.0, |v| v > 0.0 && v < 180.0, "between 0 and 180 degrees");
+        let projection = if kind == "perspective" {
+            Projection::Perspective { fov: self.field_of_view(&mut params) }
+        } else {
+            params.ignore(&["fov"]);
+            Projection::Orthographic
+        };
         let aspect = params.has("frameaspectratio");
         let aspect = aspect.then(|| params.float("frameaspectratio", 1.0, positive, "above 0"));
         let lens_radius = params.float("lensradius", 0.0, |v| v >= 0.0, "at least 0");
@@ -40,38 +47,59 @@ impl Reader<'_> {
         {
             params.problem(line, "parameter screenwindow must be x0 x1 y0 y1 with x0 < x1 and y0 < y1");
         }
-        params.not_followed(&["shutteropen", "shutterclose"]);
-        let to_world = self.state.ctm.inverse();
-        self.name_space("camera", to_world);
+        let line = params.peek("shutterclose").map_or(source.line, |p| p.line);
+        let mut shutter = [("shutteropen", 0.0), ("shutterclose", 1.0)]
+            .map(|(name, default)| params.float(name, default, |_| true, "finite"));
+        if shutter[0] > shutter[1] {
+            params.notice(line, "the shutter closes before it opens: both times are swapped, as in pbrt");
+            shutter.swap(0, 1);
+        }
+        let ctm = self.state.ctm;
+        let (to_world, moved) = (ctm.start.inverse(), ctm.end.inverse());
+        self.name_space("camera", [to_world, moved]);
         if params.finish(&mut self.log) {
-            let screen_window = window.map(|w| w.0);
-            let projection = Projection::Perspective { fov };
+            // What is outside, while the camera is made, is around it.
+            self.awaited.camera.clone_from(&self.state.media);
             self.scene.camera = Camera {
                 to_world,
+                moves_to: ctm.moves_to().map(|_| moved),
                 projection,
                 aspect,
-                screen_window,
+                screen_window: window.map(|w| w.0),
                 lens_radius,
                 focal_distance,
+                shutter,
+                medium: None,
                 source,
-                ..Camera::default()
             };
         }
     }
 
+    fn field_of_view(&self, params: &mut Params) -> f64 {
+        if self.version.is_old() && params.has("halffov") {
+            return 2.0 * params.float("halffov", 45.0, |v| v > 0.0 && v < 90.0, "between 0 and 90 degrees");
+        }
+        params.float("fov", 90.0, |v| v > 0.0 && v < 180.0, "between 0 and 180 degrees")
+    }
+
     fn read_film(&mut self, kind: &str, source: &Source, mut params: Params) {
         self.meet("Film", source);
-        if kind != "rgb" {
+        let usual = if self.version.is_old() { "image" } else { "rgb" };
+        if kind != usual {
             self.log.notice(source, format!("Film {} is read as Film \"rgb\"", shown(kind)));
         }
-        let width = params.integer("xresolution", 1, i32::MAX).unwrap_or(1280) as u32;
-        let height = params.integer("yresolution", 1, i32::MAX).unwrap_or(720) as u32;
+        let [width, height] = if self.version.is_old() { [640, 480] } else { [1280, 720] };
+        let width = params.integer("xresolution", 1, i32::MAX).unwrap_or(width) as u32;
+        let height = params.integer("yresolution", 1, i32::MAX).unwrap_or(height) as u32;
         let film = &mut self.scene.film;
         film.resolution = [width, height];
         film.file_name = params.text("filename").map(|t| t.0);
         film.crop = crop(&mut params, [width, height]);
         params.not_followed(&["diagonal", "iso", "whitebalance", "sensor", "exposuretime", "maxcomponentvalue"]);
         params.ignore(&["savefp16"]);
+        if self.version.is_old() {
+            params.not_followed(&["scale", "maxsampleluminance", "display"]);
+        }
         params.finish(&mut self.log);
     }
 
@@ -107,12 +135,37 @@ impl Reader<'_> {
         params.finish(&mut self.log);
     }
 
+    /// Carries out `Renderer`, `SurfaceIntegrator` or `VolumeIntegrator`, which pbrt-v2 had in the place of
+    /// `Integrator`.
+    pub(super) fn read_old_transport(&mut self, mut d: Directive<'_>) {
+        let mut params = self.params(&mut d, "");
+        let what = format!("{} is advice (of pbrt-v2): light is transported by path tracing", params.of());
+        self.log.notice(&d.source, what);
+        let kind = d.texts[0].as_str();
+        let depth = match d.word {
+            "SurfaceIntegrator" => {
+                let depth = params.integer("maxdepth", 0, i32::MAX).unwrap_or(5) as u32;
+                // Its path tracer lights the vertex beyond the last bounce, too: one more than others count.
+                Some(if kind == "path" { depth.saturating_add(1) } else { depth })
+            }
+            "Renderer" if kind == "metropolis" => Some(params.integer("maxdepth", 0, i32::MAX).unwrap_or(7) as u32),
+            _ => None,
+        };
+        if let Some(depth) = depth {
+            self.meet("depth", &d.source);
+            self.scene.max_depth = Some(depth);
+        }
+        params.ignore_rest();
+        params.finish(&mut self.log);
+    }
+
     fn read_filter(&mut self, kind: &str, source: &Source, mut params: Params) {
         self.meet("PixelFilter", source);
-        let default = match kind {
-            "box" => 0.5,
-            "triangle" => 2.0,
-            "gaussian" => 1.5,
+        let old = self.version.is_old();
+        let default = match (kind, old) {
+            ("box", _) => 0.5,
+            ("triangle", _) | ("gaussian", true) => 2.0,
+            ("gaussian", false) => 1.5,
             _ => {
                 let what = format!("PixelFilter {} (other than box, triangle and gaussian)", shown(kind));
                 self.log.unsupported(source, &what);
@@ -120,17 +173,29 @@ impl Reader<'_> {
             }
         };
         let positive = |v: f64| v > 0.0;
-        let radius = [
-            params.float("xradius", default, positive, "above 0"),
-            params.float("yradius", default, positive, "above 0"),
-        ];
+        let names = if old { ["xwidth", "ywidth"] } else { ["xradius", "yradius"] };
+        let radius = names.map(|name| params.float(name, default, positive, "above 0"));
         let filter = match kind {
             "box" => PixelFilter::Box { radius },
             "triangle" => PixelFilter::Triangle { radius },
+            // exp(-alpha x^2) is a Gaussian of this standard deviation.
+            _ if old => {
+                let alpha = params.float("alpha", 2.0, positive, "above 0");
+                PixelFilter::Gaussian { radius, sigma: (0.5 / alpha).sqrt() }
+            }
             _ => PixelFilter::Gaussian { radius, sigma: params.float("sigma", 0.5, positive, "above 0") },
         };
         if params.finish(&mut self.log) {
             self.scene.film.pixel_filter = filter;
+        }
+    }
+
+    /// Says what pbrt-v2 does where a file names no way to transport light.
+    pub(super) fn check_old_transport(&mut self, whole: &Source) {
+        if self.version == Version::V2 && !self.once.places.contains_key("depth") {
+            let what = "no SurfaceIntegrator is named: pbrt-v2 would light directly and follow 5 mirrors; \
+                        light is transported by path tracing of that depth";
+            self.log.notice(whole, what);
         }
     }
 }

@@ -2,6 +2,7 @@
 
 use super::report::{Log, suggestion};
 use super::tokens::{Fault, Kind, Token, Tokens, number, shown, unescape};
+use super::version::Version;
 use crate::scene::Source;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -19,6 +20,7 @@ pub(super) enum Type {
     Vector3,
     Normal,
     Rgb,
+    Xyz,
     Spectrum,
     Blackbody,
     Texture,
@@ -38,6 +40,7 @@ impl Type {
             "vector3" | "vector" => Self::Vector3,
             "normal" | "normal3" => Self::Normal,
             "rgb" | "color" => Self::Rgb,
+            "xyz" => Self::Xyz,
             "spectrum" => Self::Spectrum,
             "blackbody" => Self::Blackbody,
             "texture" => Self::Texture,
@@ -57,6 +60,7 @@ impl Type {
             Self::Vector3 => "vector3",
             Self::Normal => "normal",
             Self::Rgb => "rgb",
+            Self::Xyz => "xyz",
             Self::Spectrum => "spectrum",
             Self::Blackbody => "blackbody",
             Self::Texture => "texture",
@@ -212,11 +216,12 @@ pub(super) struct Params {
     unsupported: Vec<Fault>,
     notices: Vec<Fault>,
     broken: bool,
+    version: Version,
 }
 
 impl Params {
     /// The parameters of the directive `of` (as messages shall call it), then those that it inherits.
-    pub(super) fn new(of: String, source: &Source, own: Vec<Param>, inherited: &[Param]) -> Self {
+    pub(super) fn new(of: String, source: &Source, own: Vec<Param>, inherited: &[Param], version: Version) -> Self {
         let mut problems = Vec::new();
         let mut by_name: Vec<(&str, u32)> = own.iter().map(|p| (p.name.as_str(), p.line)).collect();
         by_name.sort();
@@ -236,12 +241,23 @@ impl Params {
             unsupported: Vec::new(),
             notices: Vec::new(),
             broken: false,
+            version,
         }
     }
 
     /// What these are the parameters of, for messages.
     pub(super) fn of(&self) -> &str {
         &self.of
+    }
+
+    /// The line of the directive.
+    pub(super) fn line(&self) -> u32 {
+        self.line
+    }
+
+    /// The version of the file.
+    pub(super) fn version(&self) -> Version {
+        self.version
     }
 
     pub(super) fn problem(&mut self, line: u32, message: impl Into<String>) {

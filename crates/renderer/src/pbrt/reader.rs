@@ -2,15 +2,17 @@
 
 use super::ReadOptions;
 use super::directive::{Directive, Directives};
+use super::images::Pictures;
 use super::params::{Param, Params, Values};
 use super::report::{Log, ReadError, suggestion};
-use super::state::{MaterialRef, State, is_invertible, look_at, matrix, rotation};
+use super::settle::Awaited;
+use super::state::{Ctm, MaterialRef, State};
 use super::textures::Textures;
 use super::tokens::shown;
+use super::version::Version;
 use crate::files::Files;
-use crate::image::Picture;
-use crate::scene::{Material, MaterialId, MaterialKind, MeshData, PixelFilter, Scene, Source};
-use glam::{DAffine3, DVec3};
+use crate::scene::{MaterialId, MediumId, MeshData, ObjectId, PixelFilter, Scene, Source};
+use glam::DAffine3;
 use std::collections::BTreeMap;
 use std::path::{Component, Path, PathBuf};
 use std::rc::Rc;
@@ -27,37 +29,45 @@ const MOST_INCLUDES: usize = 10_000;
 const MOST_ATTRIBUTES: usize = 64;
 
 /// A block that is open.
-struct Block {
+pub(super) struct Block {
     /// `AttributeBegin`, `TransformBegin` or `ObjectBegin`.
-    begin: &'static str,
-    source: Source,
+    pub(super) begin: &'static str,
+    pub(super) source: Source,
     saved: State,
 }
 
 /// Where the directives stand of which there should be one.
 #[derive(Default)]
 pub(super) struct Once {
-    places: BTreeMap<&'static str, Source>,
+    pub(super) places: BTreeMap<&'static str, Source>,
 }
 
 /// Reads one scene.
 pub(super) struct Reader<'a> {
-    files: &'a dyn Files,
+    pub(super) files: &'a dyn Files,
     folder: PathBuf,
     path: PathBuf,
     pub(super) log: Log,
     pub(super) scene: Scene,
     pub(super) state: State,
-    blocks: Vec<Block>,
-    spaces: BTreeMap<String, DAffine3>,
+    pub(super) version: Version,
+    pub(super) blocks: Vec<Block>,
+    /// Named coordinate systems, at both ends of the motion.
+    pub(super) spaces: BTreeMap<String, [DAffine3; 2]>,
+    /// The object that shapes now belong to.
+    pub(super) object: Option<ObjectId>,
+    pub(super) named_objects: BTreeMap<String, ObjectId>,
     pub(super) named_materials: BTreeMap<String, MaterialId>,
-    default_material: Option<MaterialId>,
-    /// Shapes whose material was not made when they came, with its name and where it was named.
-    awaited: Vec<(usize, Rc<str>, Rc<Source>)>,
+    pub(super) named_media: BTreeMap<String, MediumId>,
+    pub(super) default_material: Option<MaterialId>,
+    /// What refers to names that may be made later.
+    pub(super) awaited: Awaited,
     pub(super) textures: Textures,
     pub(super) meshes: BTreeMap<PathBuf, Arc<MeshData>>,
-    pub(super) pictures: BTreeMap<(PathBuf, bool), Arc<Picture>>,
-    once: Once,
+    pub(super) pictures: Pictures,
+    /// Triangles made so far out of shapes that are none.
+    pub(super) triangles_made: usize,
+    pub(super) once: Once,
     including: Vec<PathBuf>,
     included: usize,
     /// Shape directives, and directives that give light, whether or not they could be carried out.
@@ -68,7 +78,7 @@ pub(super) struct Reader<'a> {
 
 impl<'a> Reader<'a> {
     pub(super) fn new(files: &'a dyn Files, path: &Path, options: &ReadOptions) -> Self {
-        let mut scene = Scene { max_depth: Some(5), ..Scene::default() };
+        let mut scene = Scene { max_depth: Some(5), motion_times: [0.0, 1.0], ..Scene::default() };
         scene.name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         // pbrt-v4's default filter.
         scene.film.pixel_filter = PixelFilter::Gaussian { radius: [1.5, 1.5], sigma: 0.5 };
@@ -79,14 +89,19 @@ impl<'a> Reader<'a> {
             log: Log::new(options.allow_unsupported),
             scene,
             state: State::default(),
+            version: Version::default(),
             blocks: Vec::new(),
             spaces: BTreeMap::new(),
+            object: None,
+            named_objects: BTreeMap::new(),
             named_materials: BTreeMap::new(),
+            named_media: BTreeMap::new(),
             default_material: None,
-            awaited: Vec::new(),
+            awaited: Awaited::default(),
             textures: Textures::default(),
             meshes: BTreeMap::new(),
-            pictures: BTreeMap::new(),
+            pictures: Pictures::default(),
+            triangles_made: 0,
             once: Once::default(),
             including: Vec::new(),
             included: 0,
@@ -146,6 +161,9 @@ impl<'a> Reader<'a> {
                 return;
             }
         };
+        if self.including.is_empty() {
+            self.set_version(Version::of(text), named_at);
+        }
         self.including.push(path.to_owned());
         let mut directives = Directives::new(text, file);
         while let Some(directive) = directives.next(&mut self.log) {
@@ -161,35 +179,34 @@ impl<'a> Reader<'a> {
         self.including.pop();
     }
 
+    /// Notes by which version's rules the scene is read, with that version's defaults.
+    fn set_version(&mut self, version: Version, whole: &Source) {
+        self.version = version;
+        if version.is_old() {
+            let what = format!("this file uses words of older versions: it is read by the rules of {}", version.name());
+            self.log.notice(whole, what);
+            self.scene.film.resolution = [640, 480];
+            self.scene.film.pixel_filter = PixelFilter::Box { radius: [0.5, 0.5] };
+        }
+    }
+
     fn execute(&mut self, mut d: Directive<'_>) {
+        if self.transform(&d) {
+            return;
+        }
         let source = d.source.clone();
         match d.word {
-            "Identity" => self.set_ctm(Ok(DAffine3::IDENTITY), &source),
-            "Translate" => self.concat(Ok(DAffine3::from_translation(DVec3::from_slice(&d.numbers))), &source),
-            "Scale" => self.concat(Ok(DAffine3::from_scale(DVec3::from_slice(&d.numbers))), &source),
-            "Rotate" => self.concat(rotation(d.numbers[0], DVec3::from_slice(&d.numbers[1..])), &source),
-            "LookAt" => {
-                let point = |i| DVec3::from_slice(&d.numbers[i..]);
-                self.concat(look_at(point(0), point(3), point(6)), &source);
-            }
-            "Transform" => self.set_ctm(matrix(&d.numbers), &source),
-            "ConcatTransform" => self.concat(matrix(&d.numbers), &source),
-            "CoordinateSystem" => {
-                self.spaces.insert(d.texts.swap_remove(0), self.state.ctm);
-            }
-            "CoordSysTransform" => self.enter_space(&d.texts[0], &source),
             "ReverseOrientation" if self.in_world(&d) => self.state.reversed = !self.state.reversed,
             "WorldBegin" => self.begin_world(&source),
             "AttributeBegin" if self.in_world(&d) => self.begin_block("AttributeBegin", source),
+            "TransformBegin" if self.version.is_old() => self.begin_block("TransformBegin", source),
             "TransformBegin" if self.in_world(&d) => {
                 let what = "TransformBegin is read as AttributeBegin, as pbrt-v4 does; write that instead";
                 self.log.notice(&source, what);
                 self.begin_block("TransformBegin", source);
             }
-            "ObjectBegin" if self.in_world(&d) => {
-                self.log.unsupported(&source, "ObjectBegin (instances)");
-                self.begin_block("ObjectBegin", source);
-            }
+            "ObjectBegin" if self.in_world(&d) => self.begin_object(&d),
+            "ObjectInstance" if self.in_world(&d) => self.add_instance(&d),
             "AttributeEnd" => self.end_block("AttributeBegin", &d),
             "TransformEnd" => self.end_block("TransformBegin", &d),
             "ObjectEnd" => self.end_block("ObjectBegin", &d),
@@ -213,25 +230,19 @@ impl<'a> Reader<'a> {
             "Shape" if self.in_world(&d) => self.add_shape(d),
             "AreaLightSource" if self.in_world(&d) => self.set_area_light(d),
             "LightSource" if self.in_world(&d) => self.add_light(d),
-            "ActiveTransform" if d.texts[0] == "All" => {}
-            "ActiveTransform" | "TransformTimes" => {
-                self.log.unsupported(&source, &format!("{} (motion blur)", d.word));
-            }
-            "MakeNamedMedium" | "MediumInterface" => {
-                self.log.unsupported(&source, &format!("{} (participating media)", d.word));
-            }
-            "ObjectInstance" => self.log.unsupported(&source, "ObjectInstance"),
+            "TransformTimes" if self.in_options(&d) => self.set_times(&d),
+            "MakeNamedMedium" => self.make_medium(d),
+            "MediumInterface" => self.set_media(d),
+            "WorldEnd" if self.version.is_old() => {}
             "WorldEnd" => self.log.notice(&source, "WorldEnd is not needed since pbrt-v4"),
-            "Renderer" | "SurfaceIntegrator" | "VolumeIntegrator" => {
-                self.log.notice(&source, format!("{} is advice (of pbrt-v2) that is not followed", d.word));
-            }
+            "Renderer" | "SurfaceIntegrator" | "VolumeIntegrator" => self.read_old_transport(d),
             "Volume" => self.log.unsupported(&source, "Volume (of pbrt-v2)"),
             // Out of place: already reported.
             _ => {}
         }
     }
 
-    fn in_world(&mut self, d: &Directive<'_>) -> bool {
+    pub(super) fn in_world(&mut self, d: &Directive<'_>) -> bool {
         let inside = self.once.places.contains_key("WorldBegin");
         if !inside {
             self.log.problem(&d.source, format!("{} belongs after WorldBegin: move it there", d.word));
@@ -239,7 +250,7 @@ impl<'a> Reader<'a> {
         inside
     }
 
-    fn in_options(&mut self, d: &Directive<'_>) -> bool {
+    pub(super) fn in_options(&mut self, d: &Directive<'_>) -> bool {
         let inside = self.once.places.contains_key("WorldBegin");
         if inside {
             self.log.problem(&d.source, format!("{} belongs before WorldBegin: move it there", d.word));
@@ -260,39 +271,11 @@ impl<'a> Reader<'a> {
             return;
         }
         self.once.places.insert("WorldBegin", source.clone());
-        self.state.ctm = DAffine3::IDENTITY;
-        self.spaces.insert("world".into(), DAffine3::IDENTITY);
+        self.state.ctm = Ctm::default();
+        self.spaces.insert("world".into(), [DAffine3::IDENTITY; 2]);
     }
 
-    fn concat(&mut self, transform: Result<DAffine3, String>, source: &Source) {
-        self.set_ctm(transform.map(|t| self.state.ctm * t), source);
-    }
-
-    fn set_ctm(&mut self, transform: Result<DAffine3, String>, source: &Source) {
-        match transform {
-            Ok(transform) if is_invertible(&transform) => self.state.ctm = transform,
-            Ok(_) => {
-                let what = "with this, the transform flattens space or overflows: it must have an inverse";
-                self.log.problem(source, what);
-            }
-            Err(message) => self.log.problem(source, message),
-        }
-    }
-
-    pub(super) fn name_space(&mut self, name: &str, transform: DAffine3) {
-        self.spaces.insert(name.into(), transform);
-    }
-
-    fn enter_space(&mut self, name: &str, source: &Source) {
-        if let Some(&transform) = self.spaces.get(name) {
-            self.state.ctm = transform;
-            return;
-        }
-        let what = unknown_name("coordinate system", name, self.spaces.keys(), "name it by CoordinateSystem first");
-        self.log.problem(source, what);
-    }
-
-    fn begin_block(&mut self, begin: &'static str, source: Source) {
+    pub(super) fn begin_block(&mut self, begin: &'static str, source: Source) {
         if self.blocks.len() >= DEEPEST_BLOCK {
             let what = format!("blocks are nested too deep: at most {DEEPEST_BLOCK} may be open; the rest is not read");
             self.log.problem(&source, what);
@@ -309,18 +292,22 @@ impl<'a> Reader<'a> {
                     let what = format!("{} closes the {} of {}: they must match", d.word, block.begin, block.source);
                     self.log.problem(&d.source, what);
                 }
-                self.state = block.saved;
+                if block.begin == "ObjectBegin" {
+                    self.object = None;
+                }
+                if block.begin == "TransformBegin" && self.version.is_old() {
+                    // Older versions saved nothing else.
+                    self.state.ctm = block.saved.ctm;
+                } else {
+                    self.state = block.saved;
+                }
             }
             None => self.log.problem(&d.source, format!("{} without {begin}: remove it", d.word)),
         }
     }
 
-    /// Whether what comes is part of an instance's object rather than of the scene.
-    pub(super) fn in_object(&self) -> bool {
-        self.blocks.iter().any(|b| b.begin == "ObjectBegin")
-    }
-
-    fn add_attributes(&mut self, d: Directive<'_>) {
+    fn add_attributes(&mut self, mut d: Directive<'_>) {
+        self.load_spectra(&mut d.params, &d.source);
         match Rc::make_mut(&mut self.state.attributes).of_mut(&d.texts[0]) {
             Some(list) => {
                 // Later ones hide earlier ones.
@@ -372,92 +359,17 @@ impl<'a> Reader<'a> {
     /// The parameters of a directive; `kind` is the attribute's target that adds to them.
     pub(super) fn params(&mut self, d: &mut Directive<'_>, kind: &str) -> Params {
         let of = d.texts.last().map_or(d.word.to_owned(), |t| format!("{} {}", d.word, shown(t)));
+        self.load_spectra(&mut d.params, &d.source);
         let attributes = &self.state.attributes;
         let inherited: &[Param] = match kind {
             "shape" => &attributes.shape,
             "light" => &attributes.light,
             "material" => &attributes.material,
             "texture" => &attributes.texture,
+            "medium" => &attributes.medium,
             _ => &[],
         };
-        Params::new(of, &d.source, std::mem::take(&mut d.params), inherited)
-    }
-
-    pub(super) fn add_material(&mut self, name: String, kind: MaterialKind, source: Source) -> MaterialId {
-        let id = MaterialId(self.scene.materials.len() as u32);
-        self.scene.materials.push(Material::new(name, kind, source));
-        id
-    }
-
-    /// The current material, for the shape that comes next.
-    pub(super) fn current_material(&mut self, source: &Source) -> MaterialId {
-        match self.state.material.clone() {
-            MaterialRef::Made(id) => id,
-            MaterialRef::Named(name, at) => match self.named_materials.get(&*name) {
-                Some(&id) => id,
-                None => {
-                    self.awaited.push((self.scene.shapes.len(), name, at));
-                    MaterialId(0)
-                }
-            },
-            MaterialRef::Default => match self.default_material {
-                Some(id) => id,
-                None => {
-                    let kind = super::materials::default_kind();
-                    let id = self.add_material("default".into(), kind, source.clone());
-                    self.default_material = Some(id);
-                    id
-                }
-            },
-        }
-    }
-
-    fn check_complete(&mut self, whole: &Source) {
-        self.settle_awaited_materials();
-        for block in std::mem::take(&mut self.blocks) {
-            self.log.problem(&block.source, format!("this {} is never closed", block.begin));
-        }
-        if !self.once.places.contains_key("WorldBegin") {
-            self.log.problem(whole, "there is no WorldBegin: the file holds no scene, or is cut off");
-            return;
-        }
-        if !self.once.places.contains_key("Camera") {
-            self.log.problem(whole, "there is no Camera: add one before WorldBegin, as in Camera \"perspective\"");
-        }
-        if !self.once.places.contains_key("Film") {
-            let [width, height] = self.scene.film.resolution;
-            self.log.notice(whole, format!("there is no Film: the picture is {width}x{height}"));
-        }
-        if self.shapes_met == 0 {
-            self.log.problem(whole, "there are no shapes: add a Shape after WorldBegin");
-        }
-        if self.lights_met == 0 {
-            self.log.problem(whole, "nothing gives off light: add a LightSource, or an AreaLightSource before a Shape");
-        }
-        if self.log.has_problems() {
-            return;
-        }
-        // What was left out may have been all there was.
-        if self.scene.shapes.is_empty() {
-            self.log.problem(whole, "no shapes remain once unsupported ones are left out");
-        }
-        let shines = self.scene.shapes.iter().any(|s| s.emission.is_some());
-        if self.scene.lights.is_empty() && !shines {
-            self.log.problem(whole, "no lights remain: those that there are belong to no shape, or are not supported");
-        }
-    }
-
-    fn settle_awaited_materials(&mut self) {
-        for (shape, name, at) in std::mem::take(&mut self.awaited) {
-            match self.named_materials.get(&*name) {
-                Some(&id) => self.scene.shapes[shape].material = id,
-                None => {
-                    let advice = "make it by MakeNamedMaterial";
-                    let what = unknown_name("material", &name, self.named_materials.keys(), advice);
-                    self.log.problem(&at, what);
-                }
-            }
-        }
+        Params::new(of, &d.source, std::mem::take(&mut d.params), inherited, self.version)
     }
 }
 

@@ -1,85 +1,176 @@
-//! Colours of light and metals as linear RGB.
+//! Colours of light, surfaces, metals and glass as linear RGB.
 
+use super::colorimetry::{Sampled, blackbody, blackbody_of_peak_one, rgb_of_chromaticity, rgb_of_xyz};
 use super::params::{Params, Type, Values};
+use super::report::suggestion;
 use super::tokens::shown;
+use super::version::Version;
+use glam::DVec3;
 
-/// What numbers a colour may have.
+/// What numbers a colour may have, and what a spectrum means for it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Gamut {
-    /// Shares: from 0 to 1.
+    /// Shares: from 0 to 1. A spectrum is seen under D65.
     Reflectance,
-    /// From 0 on; a spectrum's name or temperature means light.
+    /// From 0 on. In pbrt-v4 a spectrum or temperature means its colour at luminance 1; how bright it is, other
+    /// parameters say.
     Light,
     /// From 0 on: indices of refraction.
+    Index,
+    /// From 0 on: textures, and coefficients of media. A spectrum is seen under D65.
     Unbounded,
 }
 
 impl Params {
     /// A constant colour in linear sRGB, if it was given and could be read.
     pub(super) fn rgb(&mut self, name: &'static str, gamut: Gamut) -> Option<[f32; 3]> {
-        let param = self.take_typed(name, &[Type::Rgb, Type::Spectrum, Type::Blackbody])?;
+        let param = self.take_typed(name, &[Type::Rgb, Type::Xyz, Type::Spectrum, Type::Blackbody])?;
         let of = self.of().to_owned();
-        match (param.ty, &param.values) {
-            (Type::Rgb, Values::Numbers(values)) => {
-                let most = if gamut == Gamut::Reflectance { 1.0 } else { f64::from(f32::MAX) };
-                if let [r, g, b] = values[..] {
-                    if [r, g, b].iter().all(|c| (0.0..=most).contains(c)) {
-                        return Some([r as f32, g as f32, b as f32]);
+        let problem = match (param.ty, &param.values) {
+            (Type::Rgb | Type::Xyz, Values::Numbers(values)) => match *values.as_slice() {
+                [a, b, c] => {
+                    let xyz = param.ty == Type::Xyz;
+                    // What lies outside sRGB is clipped.
+                    let rgb = if xyz { rgb_of_xyz(DVec3::new(a, b, c)).max(DVec3::ZERO).to_array() } else { [a, b, c] };
+                    match in_range(rgb, gamut) {
+                        Ok(rgb) => return Some(rgb),
+                        Err(range) => format!("must be {range} in every channel, not {a} {b} {c}"),
                     }
-                    let range = if most == 1.0 { "within 0..=1" } else { "at least 0 and below 3.4e38" };
-                    let what = format!("parameter {name} of {of} must be {range} in every channel, not {r} {g} {b}");
-                    self.problem(param.line, what);
-                } else {
-                    let what = format!("parameter {name} of {of} takes 3 numbers, not {}", values.len());
-                    self.problem(param.line, what);
                 }
-            }
-            (Type::Blackbody, Values::Numbers(values)) if gamut == Gamut::Light => match values[..] {
-                [kelvin] if kelvin > 0.0 => match blackbody(kelvin) {
-                    Some(rgb) => return Some(rgb),
-                    None => self.problem(param.line, format!("a black body of {kelvin} K does not shine visibly")),
-                },
-                _ => {
-                    self.problem(param.line, format!("parameter {name} of {of} takes one temperature above 0 (kelvin)"))
-                }
+                _ => format!("takes 3 numbers, not {}", values.len()),
             },
-            (Type::Spectrum, Values::Texts(names)) if names[..] == ["stdillum-D65"] && gamut == Gamut::Light => {
-                return Some([1.0; 3]);
-            }
-            (_, values) => {
-                if let Some(value) = constant_spectrum(values, gamut) {
-                    return Some([value; 3]);
-                }
-                let what = match values {
-                    Values::Texts(names) => format!("spectrum {}", shown(names.first().map_or("", |n| n))),
-                    _ => format!("a sampled spectrum or black body as {name} of {of}"),
+            (Type::Blackbody, Values::Numbers(values)) if gamut == Gamut::Light => match self.blackbody(values) {
+                Ok(rgb) => return Some(rgb),
+                Err(what) => what,
+            },
+            (Type::Spectrum, Values::Numbers(values)) => match Sampled::new(values) {
+                Ok(spectrum) => match self.color_of(&spectrum, gamut) {
+                    Ok(rgb) => return Some(rgb),
+                    Err(what) => what,
+                },
+                Err(what) => what,
+            },
+            (Type::Spectrum, Values::Texts(names)) => {
+                let name = names.first().map_or("", String::as_str);
+                let known = match gamut {
+                    Gamut::Light => illuminant(name),
+                    Gamut::Index => metal(name).or_else(|| glass(name).map(|eta| [eta; 3])),
+                    Gamut::Reflectance | Gamut::Unbounded => None,
                 };
-                self.unsupported(param.line, what);
+                if known.is_some() {
+                    return known;
+                }
+                self.unsupported(param.line, format!("spectrum {} as {} of {of}", shown(name), param.name));
+                return None;
             }
-        }
+            _ => {
+                self.unsupported(param.line, format!("a black body as {name} of {of}"));
+                return None;
+            }
+        };
+        self.problem(param.line, format!("parameter {name} of {of} {problem}"));
         None
+    }
+
+    /// The colour of a light given by its temperature.
+    fn blackbody(&self, values: &[f64]) -> Result<[f32; 3], String> {
+        let hidden = |kelvin: f64| format!("is a black body of {kelvin} K, which does not shine visibly");
+        let rgb = match *values {
+            [kelvin] if kelvin > 0.0 && self.version() == Version::V4 => {
+                blackbody(kelvin).ok_or_else(|| hidden(kelvin))?
+            }
+            [kelvin, scale] if kelvin > 0.0 && scale >= 0.0 && self.version() == Version::V3 => {
+                blackbody_of_peak_one(kelvin).ok_or_else(|| hidden(kelvin))? * scale
+            }
+            _ if self.version() == Version::V3 => {
+                return Err("takes a temperature above 0 (kelvin) and a scale of at least 0".into());
+            }
+            _ if self.version() == Version::V2 => {
+                return Err("is a black body, which is read in files of pbrt-v3 and v4 only: give its rgb".into());
+            }
+            _ => return Err("takes one temperature above 0 (kelvin)".into()),
+        };
+        in_range(rgb.max(DVec3::ZERO).to_array(), Gamut::Light).map_err(|range| format!("must be {range}"))
+    }
+
+    fn color_of(&self, spectrum: &Sampled, gamut: Gamut) -> Result<[f32; 3], String> {
+        if spectrum.least() < 0.0 {
+            return Err(format!("must be at least 0 everywhere, not {}", spectrum.least()));
+        }
+        let constant = spectrum.constant().filter(|_| gamut != Gamut::Light).map(DVec3::splat);
+        let rgb = match gamut {
+            _ if constant.is_some() => constant.unwrap_or_default(),
+            Gamut::Light if self.version() == Version::V4 => {
+                spectrum.rgb_of_luminance_one().ok_or("is not visible: give values above 0 from 380 to 780 nm")?
+            }
+            Gamut::Light | Gamut::Index => spectrum.rgb(),
+            Gamut::Reflectance => spectrum.rgb_under_d65().min(DVec3::ONE),
+            Gamut::Unbounded => spectrum.rgb_under_d65(),
+        };
+        let rgb = rgb.max(DVec3::ZERO);
+        in_range(rgb.to_array(), gamut).map_err(|range| format!("must be {range}, not {}", rgb.max_element()))
+    }
+
+    /// One index of refraction: a number, a glass, or the value of a spectrum at 587.6 nm, the line for which
+    /// glass is labelled.
+    pub(super) fn index(&mut self, name: &'static str, default: f32) -> f32 {
+        const HELIUM_D: f64 = 587.6;
+        let above = |v: f64| v > 0.0;
+        let Some(param) = self.peek(name).filter(|p| p.ty == Type::Spectrum) else {
+            return self.float32(name, default, above, "above 0");
+        };
+        let (values, line) = (param.values.clone(), param.line);
+        let index = match &values {
+            Values::Texts(names) => {
+                let glass_name = names.first().map_or("", String::as_str);
+                match glass(glass_name) {
+                    Some(eta) => Ok(eta),
+                    None => {
+                        let of = self.of().to_owned();
+                        self.unsupported(line, format!("spectrum {} as {name} of {of}", shown(glass_name)));
+                        Ok(default)
+                    }
+                }
+            }
+            Values::Numbers(numbers) => Sampled::new(numbers).map(|s| s.at(HELIUM_D) as f32),
+            _ => Ok(default),
+        };
+        if self.take(name).is_none() {
+            return default;
+        }
+        match index {
+            Ok(index) if index > 0.0 && index.is_finite() => return index,
+            Ok(index) => {
+                self.problem(line, format!("parameter {name} of {} must be above 0, not {index}", self.of()));
+            }
+            Err(what) => self.problem(line, format!("parameter {name} of {} {what}", self.of())),
+        }
+        default
     }
 }
 
-/// The value of a spectrum given by wavelengths and values that are all the same; not of a light, whose
-/// RGB white is not flat.
-fn constant_spectrum(values: &Values, gamut: Gamut) -> Option<f32> {
-    let Values::Numbers(values) = values else { return None };
-    let first = *values.get(1)?;
-    let same = values.len() % 2 == 0 && values.chunks_exact(2).all(|pair| pair[1] == first);
+/// The colour in single precision, or else in words what it should be.
+fn in_range(rgb: [f64; 3], gamut: Gamut) -> Result<[f32; 3], &'static str> {
     let most = if gamut == Gamut::Reflectance { 1.0 } else { f64::from(f32::MAX) };
-    (same && gamut != Gamut::Light && (0.0..=most).contains(&first)).then_some(first as f32)
+    match rgb.iter().all(|c| (0.0..=most).contains(c)) {
+        true => Ok(rgb.map(|c| c as f32)),
+        false if gamut == Gamut::Reflectance => Err("within 0..=1"),
+        false => Err("at least 0 and below 3.4e38"),
+    }
 }
 
 /// Complex indices of refraction as linear RGB: eta, then k.
 ///
 /// The values of the Tungsten renderer's table of conductors [Bitterli 2018], which integrates measured
-/// spectra against the CIE observer.
+/// spectra against the CIE observer; of brass (CuZn) those that the same rule makes of pbrt-v4's spectrum.
 const METALS: &[(&str, [f32; 3], [f32; 3])] = &[
     ("Ag", [0.155_264_65, 0.116_723_3, 0.138_380_7], [4.828_343_4, 3.122_246, 2.147_050_4]),
     ("Al", [1.657_46, 0.880_368_95, 0.521_228_73], [9.223_869, 6.269_523, 4.837_001_3]),
     ("Au", [0.143_118_96, 0.374_957_03, 1.442_478_5], [3.983_160_5, 2.385_720_7, 1.603_215_2]),
     ("Cu", [0.200_437_7, 0.924_033_4, 1.102_212], [3.912_948_5, 2.452_847_7, 2.142_188]),
+    ("CuZn", [0.519_769, 0.488_506, 1.042_009_8], [4.330_582_6, 2.548_106, 1.591_890_6]),
+    ("MgO", [2.089_588_6, 1.650_722_5, 1.594_876], [0.0, 0.0, 0.0]),
+    ("TiO2", [3.456_620_2, 2.801_707_7, 2.905_148_5], [0.000_102_666_2, 0.0, 0.000_635_690_2]),
 ];
 
 /// The index that a name such as `metal-Cu-eta` stands for.
@@ -93,71 +184,74 @@ pub(super) fn metal(name: &str) -> Option<[f32; 3]> {
     }
 }
 
-/// Linear sRGB of a black body, scaled to luminance 1, as pbrt-v4 does with lights; colours outside sRGB
-/// are clipped. `None` where nothing visible remains.
-fn blackbody(kelvin: f64) -> Option<[f32; 3]> {
-    /// Planck's second constant h c / k in nm K [CODATA 2018].
-    const C2: f64 = 1.438_776_877e7;
-    // Exponents relative to 555 nm, since the constant factor is lost anyway and cold bodies underflow.
-    let reference = C2 / (555.0 * kelvin);
-    let mut xyz = [0.0; 3];
-    for wavelength in (360..=830).step_by(5).map(f64::from) {
-        let exponent = C2 / (wavelength * kelvin);
-        // 1 / (e^x - 1) = e^-x / (1 - e^-x)
-        let planck = (reference - exponent).exp() / -(-exponent).exp_m1() / wavelength.powi(5);
-        let cie = observer(wavelength);
-        (0..3).for_each(|i| xyz[i] += planck * cie[i]);
-    }
-    let [x, y, z] = xyz.map(|v| v / xyz[1]);
-    // XYZ to linear sRGB [IEC 61966-2-1].
-    let rgb = [
-        3.240_969_942 * x - 1.537_383_178 * y - 0.498_610_760 * z,
-        -0.969_243_636 * x + 1.875_967_502 * y + 0.041_555_057 * z,
-        0.055_630_080 * x - 0.203_976_959 * y + 1.056_971_514 * z,
-    ];
-    rgb.iter().all(|c| c.is_finite()).then(|| rgb.map(|c| c.max(0.0) as f32))
+/// Indices of refraction at 587.6 nm [Schott, optical glass data sheets]. pbrt-v4 calls flints by F what
+/// the maker calls SF.
+const GLASSES: &[(&str, f32)] = &[
+    ("glass-BAF10", 1.670_03),
+    ("glass-BK7", 1.516_80),
+    ("glass-F10", 1.728_25),
+    ("glass-F11", 1.784_72),
+    ("glass-F5", 1.672_70),
+    ("glass-FK51A", 1.486_56),
+    ("glass-LASF9", 1.850_25),
+];
+
+fn glass(name: &str) -> Option<f32> {
+    GLASSES.iter().find(|g| g.0 == name).map(|g| g.1)
 }
 
-/// The CIE 1931 observer's three functions, by fits [Wyman et al. 2013, eq. 4 and table 1].
-fn observer(wavelength: f64) -> [f64; 3] {
-    let lobe = |scale: f64, centre: f64, below: f64, above: f64| {
-        let t = (wavelength - centre) / if wavelength < centre { below } else { above };
-        scale * (-0.5 * t * t).exp()
-    };
-    [
-        lobe(1.056, 599.8, 37.9, 31.0) + lobe(0.362, 442.0, 16.0, 26.7) + lobe(-0.065, 501.1, 20.4, 26.2),
-        lobe(0.821, 568.8, 46.9, 40.5) + lobe(0.286, 530.9, 16.3, 31.1),
-        lobe(1.217, 437.0, 11.8, 36.0) + lobe(0.681, 459.0, 26.0, 13.8),
-    ]
+/// Chromaticities of standard illuminants [CIE 15:2004, tables T.3 and T.8; for ACES, SMPTE ST 2065-1].
+const ILLUMINANTS: &[(&str, [f64; 2])] = &[
+    ("illum-acesD60", [0.321_68, 0.337_67]),
+    ("stdillum-A", [0.447_57, 0.407_45]),
+    ("stdillum-D50", [0.345_67, 0.358_51]),
+    ("stdillum-F1", [0.3131, 0.3371]),
+    ("stdillum-F10", [0.3458, 0.3588]),
+    ("stdillum-F11", [0.3805, 0.3769]),
+    ("stdillum-F12", [0.4370, 0.4042]),
+    ("stdillum-F2", [0.3721, 0.3751]),
+    ("stdillum-F3", [0.4091, 0.3941]),
+    ("stdillum-F4", [0.4402, 0.4031]),
+    ("stdillum-F5", [0.3138, 0.3452]),
+    ("stdillum-F6", [0.3779, 0.3882]),
+    ("stdillum-F7", [0.3129, 0.3292]),
+    ("stdillum-F8", [0.3458, 0.3586]),
+    ("stdillum-F9", [0.3741, 0.3727]),
+];
+
+/// The colour of a named illuminant at luminance 1.
+fn illuminant(name: &str) -> Option<[f32; 3]> {
+    if name == "stdillum-D65" {
+        // The white of sRGB itself.
+        return Some([1.0; 3]);
+    }
+    let (_, chromaticity) = ILLUMINANTS.iter().find(|i| i.0 == name)?;
+    Some(rgb_of_chromaticity(*chromaticity).max(DVec3::ZERO).as_vec3().to_array())
+}
+
+/// Whether pbrt-v4 knows a spectrum by this name.
+pub(super) fn is_named(name: &str) -> bool {
+    metal(name).is_some() || glass(name).is_some() || illuminant(name).is_some()
+}
+
+/// A known name that is close to this one.
+pub(super) fn near_name(name: &str) -> Option<String> {
+    let parts = METALS.iter().flat_map(|m| ["eta", "k"].map(|part| format!("metal-{}-{part}", m.0)));
+    let others = GLASSES.iter().map(|g| g.0).chain(ILLUMINANTS.iter().map(|i| i.0)).chain(["stdillum-D65"]);
+    let names: Vec<String> = parts.chain(others.map(str::to_owned)).collect();
+    suggestion(name, names.iter().map(String::as_str)).map(str::to_owned)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use approx::assert_abs_diff_eq;
-
-    /// Chromaticities of the Planckian locus, from a standard table [CIE 15:2004]: 6500 K is
-    /// x = 0.3135, y = 0.3237; 2856 K (illuminant A) is x = 0.4476, y = 0.4074. The fits hold to 0.005.
-    #[test]
-    fn black_bodies_have_their_colours() {
-        for (kelvin, x, y) in [(6500.0, 0.3135, 0.3237), (2856.0, 0.4476, 0.4074)] {
-            let [r, g, b] = blackbody(kelvin).unwrap().map(f64::from);
-            let big_x = 0.412_390_8 * r + 0.357_584_3 * g + 0.180_480_8 * b;
-            let big_y = 0.212_639 * r + 0.715_168_7 * g + 0.072_192_3 * b;
-            let big_z = 0.019_330_8 * r + 0.119_194_8 * g + 0.950_532_2 * b;
-            assert_abs_diff_eq!(big_y, 1.0, epsilon = 1e-5);
-            assert_abs_diff_eq!(big_x / (big_x + big_y + big_z), x, epsilon = 0.005);
-            assert_abs_diff_eq!(big_y / (big_x + big_y + big_z), y, epsilon = 0.005);
-        }
-        assert!(blackbody(1e300).is_some());
-        // Cold enough, the exponents overflow; that is refused rather than NaN.
-        assert!(blackbody(1e-300).is_none());
-    }
 
     #[test]
     fn metals_have_names() {
         assert_eq!(metal("metal-Cu-eta"), Some([0.200_437_7, 0.924_033_4, 1.102_212]));
         assert_eq!(metal("metal-Cu-j"), None);
         assert_eq!(metal("metal-Xx-k"), None);
+        assert_eq!(near_name("metal-Cu-etta").as_deref(), Some("metal-Cu-eta"));
+        assert!(is_named("glass-BK7") && is_named("stdillum-F11") && !is_named("glass-BK8"));
     }
 }

@@ -1,7 +1,7 @@
 //! The graphics state: what holds for the shapes and lights that come next.
 
 use super::params::Param;
-use crate::scene::{Emission, MaterialId, Source};
+use crate::scene::{MaterialId, Source};
 use glam::{DAffine3, DMat3, DVec3};
 use std::rc::Rc;
 
@@ -10,23 +10,65 @@ use std::rc::Rc;
 pub(super) struct State {
     /// The current transformation matrix: from the current space to world space (to camera space, before
     /// `Camera`).
-    pub(super) ctm: DAffine3,
+    pub(super) ctm: Ctm,
     pub(super) reversed: bool,
     pub(super) material: MaterialRef,
-    pub(super) emission: Option<Emission>,
+    pub(super) emission: Option<AreaLight>,
+    pub(super) media: Option<Rc<MediaRef>>,
     pub(super) attributes: Rc<Attributes>,
 }
 
 impl Default for State {
     fn default() -> Self {
         Self {
-            ctm: DAffine3::IDENTITY,
+            ctm: Ctm::default(),
             reversed: false,
             material: MaterialRef::Default,
             emission: None,
+            media: None,
             attributes: Rc::default(),
         }
     }
+}
+
+/// The current transformation matrix, at both ends of the motion.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Ctm {
+    pub(super) start: DAffine3,
+    pub(super) end: DAffine3,
+    /// Which of them transforms change.
+    pub(super) active: [bool; 2],
+}
+
+impl Default for Ctm {
+    fn default() -> Self {
+        Self { start: DAffine3::IDENTITY, end: DAffine3::IDENTITY, active: [true, true] }
+    }
+}
+
+impl Ctm {
+    /// Where what is at [`start`](Self::start) moves to, if it moves.
+    pub(super) fn moves_to(&self) -> Option<DAffine3> {
+        (self.end != self.start).then_some(self.end)
+    }
+}
+
+/// What `AreaLightSource` says.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct AreaLight {
+    /// Linear RGB, scaled.
+    pub(super) radiance: [f32; 3],
+    pub(super) two_sided: bool,
+    /// Power that each shape shall give off in all, for a radiance of luminance 1.
+    pub(super) power: Option<f64>,
+}
+
+/// What `MediumInterface` says. pbrt looks names up when everything is read.
+#[derive(Clone, Debug)]
+pub(super) struct MediaRef {
+    pub(super) inside: Option<String>,
+    pub(super) outside: Option<String>,
+    pub(super) source: Source,
 }
 
 /// The current material. pbrt looks names up when everything is read, so they may be made later.

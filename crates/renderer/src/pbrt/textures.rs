@@ -1,22 +1,29 @@
 //! Textures, by name; what is constant is folded.
 
 use super::directive::Directive;
+use super::images::{Channel, Decoding};
 use super::params::{Params, Type};
 use super::reader::{Reader, unknown_name};
 use super::spectra::Gamut;
 use super::tokens::shown;
-use crate::scene::{Color, Source, Texture, TextureId, TextureKind, Wrap};
+use super::version::Version;
+use crate::scene::{Color, Scalar, Source, Texture, TextureId, TextureKind, Wrap};
 use std::collections::BTreeMap;
 
 /// What stands for a texture that is not supported, where that is allowed.
 const GREY: Color = Color::Constant([0.5; 3]);
 
+/// Textures of textures of textures; a look-up goes through all of them.
+const DEEPEST_TEXTURE: u32 = 8;
+
 /// Textures made so far.
 #[derive(Debug, Default)]
 pub(super) struct Textures {
     spectra: BTreeMap<String, Color>,
-    /// Those of numbers: only constants can be used.
-    floats: BTreeMap<String, Option<f32>>,
+    /// Those of numbers: one of a kind that is not supported has the name of its kind.
+    floats: BTreeMap<String, Result<Scalar, String>>,
+    /// How many textures deep each of the scene's textures is.
+    depths: Vec<u32>,
 }
 
 impl Textures {
@@ -32,9 +39,9 @@ impl Textures {
         })
     }
 
-    /// A texture of numbers: its value, if it is constant.
-    pub(super) fn float(&self, name: &str) -> Result<Option<f32>, String> {
-        self.floats.get(name).copied().ok_or_else(|| {
+    /// A texture of numbers; `Err` within `Ok` names a kind that is not supported.
+    pub(super) fn float(&self, name: &str) -> Result<&Result<Scalar, String>, String> {
+        self.floats.get(name).ok_or_else(|| {
             let advice = if self.spectra.contains_key(name) {
                 "it is a spectrum texture, and a float texture is needed"
             } else {
@@ -45,139 +52,249 @@ impl Textures {
     }
 }
 
+/// What a texture holds.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Holds {
+    Colors,
+    Numbers,
+}
+
 impl Reader<'_> {
     /// Carries out `Texture`.
     pub(super) fn make_texture(&mut self, mut d: Directive<'_>) {
         let mut params = self.params(&mut d, "texture");
         let [name, ty, class] = &d.texts[..] else { return };
         let line = d.source.line;
-        match ty.as_str() {
-            "spectrum" | "color" => {
-                if self.textures.spectra.contains_key(name) {
-                    params.problem(line, format!("spectrum texture {} is made twice: rename one", shown(name)));
-                }
-                let color = match class.as_str() {
-                    "constant" => Color::Constant(params.rgb("value", Gamut::Unbounded).unwrap_or([1.0; 3])),
-                    "checkerboard" => self.checkerboard(name, &mut params, &d.source),
-                    "imagemap" => self.image_map(name, &mut params, &d.source),
-                    "scale" => self.scaled(name, &mut params, &d.source),
-                    _ => {
-                        params.unsupported(line, format!("Texture {}", shown(class)));
-                        params.ignore_rest();
-                        GREY
-                    }
-                };
-                self.textures.spectra.insert(name.clone(), color);
+        let holds = match ty.as_str() {
+            "spectrum" => Holds::Colors,
+            "color" if self.version.is_old() => Holds::Colors,
+            "float" => Holds::Numbers,
+            _ => {
+                params.problem(line, format!("a texture is of type spectrum or float, not {}", shown(ty)));
+                params.ignore_rest();
+                params.finish(&mut self.log);
+                return;
             }
-            "float" => {
-                if self.textures.floats.contains_key(name) {
-                    params.problem(line, format!("float texture {} is made twice: rename one", shown(name)));
+        };
+        let made = match holds {
+            Holds::Colors => self.textures.spectra.contains_key(name),
+            Holds::Numbers => self.textures.floats.contains_key(name),
+        };
+        match made {
+            true if self.version.is_old() => params.notice(line, format!("texture {} is made anew", shown(name))),
+            true => params.problem(line, format!("{ty} texture {} is made twice: rename one", shown(name))),
+            false => {}
+        }
+        let color = self.texture_color(name, class, holds, &mut params, &d.source);
+        if color.is_none() {
+            params.ignore_rest();
+        }
+        match holds {
+            Holds::Colors => {
+                if color.is_none() {
+                    params.unsupported(line, format!("Texture {}", shown(class)));
                 }
-                let value = match class.as_str() {
-                    "constant" => Some(params.float32("value", 1.0, |_| true, "finite")),
-                    "scale" => {
-                        let mut read = |part| params.scalar(part, 1.0, &self.textures, |_| true, "finite");
-                        Some(read("tex") * read("scale")).filter(|v| v.is_finite())
-                    }
-                    // Whoever uses it will say that it is not supported.
-                    _ => {
-                        params.ignore_rest();
-                        None
-                    }
-                };
+                self.textures.spectra.insert(name.clone(), color.unwrap_or(GREY));
+            }
+            // Whoever uses one that is not supported will say so.
+            Holds::Numbers => {
+                let value = color.map(scalar_of).ok_or_else(|| class.clone());
                 self.textures.floats.insert(name.clone(), value);
             }
-            _ => params.problem(line, format!("a texture is of type spectrum or float, not {}", shown(ty))),
         }
         params.finish(&mut self.log);
     }
 
-    fn add_texture(&mut self, name: &str, kind: TextureKind, source: &Source) -> Color {
+    /// What a texture of this class is; `None` if the class is not supported.
+    fn texture_color(
+        &mut self,
+        name: &str,
+        class: &str,
+        holds: Holds,
+        params: &mut Params,
+        source: &Source,
+    ) -> Option<Color> {
+        let color = match class {
+            "constant" => self.part("value", 1.0, holds, params),
+            "checkerboard" => self.checkerboard(name, holds, params, source),
+            "imagemap" => self.image_map(name, holds, params, source),
+            "scale" => {
+                let old = self.version.is_old();
+                let first = self.part(if old { "tex1" } else { "tex" }, 1.0, holds, params);
+                // In pbrt-v4 the second factor is a number.
+                let second = match (old, holds) {
+                    (true, _) => self.part("tex2", 1.0, holds, params),
+                    (false, Holds::Numbers) => self.part("scale", 1.0, holds, params),
+                    (false, Holds::Colors) => {
+                        color_of(params.scalar("scale", 1.0, &self.textures, |v| v >= 0.0, "at least 0"))
+                    }
+                };
+                self.product(name, first, second, params, source)
+            }
+            "mix" => {
+                let colors = [self.part("tex1", 0.0, holds, params), self.part("tex2", 1.0, holds, params)];
+                let range = |v: f64| (0.0..=1.0).contains(&v);
+                let amount = params.scalar("amount", 0.5, &self.textures, range, "within 0..=1");
+                match (colors, amount) {
+                    ([Color::Constant(a), Color::Constant(b)], Scalar::Constant(t)) => {
+                        Color::Constant(std::array::from_fn(|i| a[i] * (1.0 - t) + b[i] * t))
+                    }
+                    _ => self.add_texture(name, TextureKind::Mix { colors, amount }, params, source),
+                }
+            }
+            _ => return None,
+        };
+        Some(color)
+    }
+
+    /// A parameter that is a value or a texture of the same type.
+    fn part(&self, name: &'static str, default: f32, holds: Holds, params: &mut Params) -> Color {
+        match holds {
+            Holds::Colors => params.any_color(name, [default; 3], &self.textures),
+            Holds::Numbers => color_of(params.scalar(name, default, &self.textures, |_| true, "finite")),
+        }
+    }
+
+    pub(super) fn add_texture(&mut self, name: &str, kind: TextureKind, params: &mut Params, source: &Source) -> Color {
+        let depth_of = |color: &Color| match color {
+            Color::Texture(id) => self.textures.depths.get(id.0 as usize).copied().unwrap_or(0),
+            Color::Constant(_) => 0,
+        };
+        let below = match &kind {
+            TextureKind::Checkerboard { colors, .. } => colors.iter().map(depth_of).max(),
+            TextureKind::Product { factors } => factors.iter().map(depth_of).max(),
+            TextureKind::Mix { colors, amount } => colors.iter().chain([&color_of(*amount)]).map(depth_of).max(),
+            TextureKind::Image { .. } => None,
+        };
+        let depth = below.unwrap_or(0) + 1;
+        if depth > DEEPEST_TEXTURE {
+            let what = format!("textures are nested too deep: at most {DEEPEST_TEXTURE} may be made of each other");
+            params.problem(source.line, what);
+            return GREY;
+        }
         let id = TextureId(self.scene.textures.len() as u32);
         self.scene.textures.push(Texture { name: name.to_owned(), kind, source: source.clone() });
+        self.textures.depths.push(depth);
         Color::Texture(id)
     }
 
-    fn checkerboard(&mut self, name: &str, params: &mut Params, source: &Source) -> Color {
+    fn checkerboard(&mut self, name: &str, holds: Holds, params: &mut Params, source: &Source) -> Color {
         if params.integer("dimension", 2, 3) == Some(3) {
             params.unsupported(source.line, "a three-dimensional checkerboard");
         }
+        params.ignore(&["aamode"]);
         let (scale, shift) = mapping(params);
-        let mut color = |name, default| params.any_color(name, default, &self.textures);
-        let colors = [color("tex1", [1.0; 3]), color("tex2", [0.0; 3])];
-        self.add_texture(name, TextureKind::Checkerboard { scale, shift, colors }, source)
+        let colors = [self.part("tex1", 1.0, holds, params), self.part("tex2", 0.0, holds, params)];
+        self.add_texture(name, TextureKind::Checkerboard { scale, shift, colors }, params, source)
     }
 
-    fn image_map(&mut self, name: &str, params: &mut Params, source: &Source) -> Color {
-        let (scale, shift) = mapping(params);
-        let factor = params.float32("scale", 1.0, |_| true, "finite");
-        let invert = params.flag("invert", false);
-        if let Some((wrap, line)) = params.text("wrap").filter(|t| t.0 != "repeat") {
-            params.unsupported(line, format!("wrap {} of an image", shown(&wrap)));
+    fn image_map(&mut self, name: &str, holds: Holds, params: &mut Params, source: &Source) -> Color {
+        let (mut scale, mut shift) = mapping(params);
+        if self.version == Version::V2 {
+            // Its first row is at v = 0.
+            (scale[1], shift[1]) = (-scale[1], 1.0 - shift[1]);
         }
+        let factor = params.float32("scale", 1.0, |_| true, "finite");
+        let invert = !self.version.is_old() && params.flag("invert", false);
+        let wrap = match params.text("wrap").as_ref().map(|(w, line)| (w.as_str(), line)) {
+            None | Some(("repeat", _)) => Wrap::Repeat,
+            Some(("black", _)) => Wrap::Black,
+            Some(("clamp", _)) => Wrap::Clamp,
+            Some((wrap, line)) => {
+                params.unsupported(*line, format!("wrap {} of an image", shown(wrap)));
+                Wrap::Repeat
+            }
+        };
         if let Some((filter, line)) = params.text("filter").filter(|t| t.0 != "bilinear") {
             params.notice(line, format!("filter {} of an image is read as bilinear", shown(&filter)));
         }
         params.ignore(&["maxanisotropy"]);
-        let linear = match params.text("encoding") {
-            Some((encoding, _)) if encoding == "linear" => true,
-            Some((encoding, line)) if encoding != "sRGB" => {
-                params.unsupported(line, format!("encoding {}", shown(&encoding)));
-                false
-            }
-            _ => false,
-        };
+        if self.version.is_old() {
+            params.ignore(&["trilinear"]);
+        }
         let Some((file, line)) = params.text("filename") else {
             if !params.is_bad() {
                 params.problem(source.line, format!("{} lacks \"string filename\"", params.of()));
             }
             return GREY;
         };
-        match self.picture(&file, linear, &Source { line, ..source.clone() }) {
-            Some(picture) => self.add_texture(
-                name,
-                TextureKind::Image { picture, scale, shift, factor, invert, wrap: Wrap::Repeat },
-                source,
-            ),
+        let decoding = self.decoding(params, &file);
+        let channel = if holds == Holds::Colors { Channel::Rgb } else { Channel::of_number(self.version) };
+        match self.picture(&file, decoding, channel, &Source { line, ..source.clone() }) {
+            Some(picture) => {
+                let kind = TextureKind::Image { picture, scale, shift, factor, invert, wrap };
+                self.add_texture(name, kind, params, source)
+            }
             None => GREY,
         }
     }
 
-    /// A texture multiplied by a number.
-    fn scaled(&mut self, name: &str, params: &mut Params, source: &Source) -> Color {
-        let color = params.any_color("tex", [1.0; 3], &self.textures);
-        let factor = params.scalar("scale", 1.0, &self.textures, |v| v >= 0.0, "at least 0");
-        match self.multiply(color, factor, name, source) {
-            Some(color) => color,
-            None => {
-                params.unsupported(source.line, "a scaled texture of this kind");
-                GREY
-            }
+    /// The texture of a normal map, by the name of its file.
+    pub(super) fn normal_map(&mut self, params: &mut Params, source: &Source) -> Option<TextureId> {
+        let (file, line) = params.text("normalmap")?;
+        let picture = self.picture(&file, Decoding::Linear, Channel::Rgb, &Source { line, ..source.clone() })?;
+        let (scale, shift, factor, invert, wrap) = ([1.0; 2], [0.0; 2], 1.0, false, Wrap::Repeat);
+        let kind = TextureKind::Image { picture, scale, shift, factor, invert, wrap };
+        match self.add_texture(&file, kind, params, source) {
+            Color::Texture(id) => Some(id),
+            Color::Constant(_) => None,
         }
     }
 
-    fn multiply(&mut self, color: Color, by: f32, name: &str, source: &Source) -> Option<Color> {
-        let id = match color {
-            Color::Constant(c) => {
-                let c = c.map(|c| c * by);
-                return c.iter().all(|c| c.is_finite()).then_some(Color::Constant(c));
+    /// Two factors, multiplied; a number is multiplied into what it scales.
+    fn product(&mut self, name: &str, a: Color, b: Color, params: &mut Params, source: &Source) -> Color {
+        let gray = |c: [f32; 3]| (c[0] == c[1] && c[1] == c[2]).then_some(c[0]);
+        let folded = match (a, b) {
+            (Color::Constant(a), Color::Constant(b)) => {
+                let product: [f32; 3] = std::array::from_fn(|i| a[i] * b[i]);
+                if product.iter().all(|c| c.is_finite()) {
+                    return Color::Constant(product);
+                }
+                params.problem(source.line, format!("{} is above 3.4e38: scale it less", params.of().to_owned()));
+                return GREY;
             }
-            Color::Texture(id) => id,
+            (Color::Texture(id), Color::Constant(c)) | (Color::Constant(c), Color::Texture(id)) => {
+                gray(c).and_then(|by| self.scaled(id, by))
+            }
+            (Color::Texture(_), Color::Texture(_)) => None,
         };
-        let kind = match self.scene.textures[id.0 as usize].kind.clone() {
+        let kind = folded.unwrap_or(TextureKind::Product { factors: [a, b] });
+        self.add_texture(name, kind, params, source)
+    }
+
+    /// A texture like this one, `by` times as bright, where it can hold the factor itself.
+    fn scaled(&self, id: TextureId, by: f32) -> Option<TextureKind> {
+        match self.scene.textures[id.0 as usize].kind.clone() {
             TextureKind::Checkerboard { scale, shift, colors } => {
                 let constant = |c: Color| match c {
-                    Color::Constant(c) => Some(Color::Constant(c.map(|c| c * by))),
+                    Color::Constant(c) => {
+                        Some(c.map(|c| c * by)).filter(|c| c.iter().all(|c| c.is_finite())).map(Color::Constant)
+                    }
                     Color::Texture(_) => None,
                 };
-                TextureKind::Checkerboard { scale, shift, colors: [constant(colors[0])?, constant(colors[1])?] }
+                Some(TextureKind::Checkerboard { scale, shift, colors: [constant(colors[0])?, constant(colors[1])?] })
             }
-            TextureKind::Image { picture, scale, shift, factor, invert: false, wrap } => {
-                TextureKind::Image { picture, scale, shift, factor: factor * by, invert: false, wrap }
+            TextureKind::Image { picture, scale, shift, factor, invert: false, wrap } if (factor * by).is_finite() => {
+                Some(TextureKind::Image { picture, scale, shift, factor: factor * by, invert: false, wrap })
             }
-            _ => return None,
-        };
-        Some(self.add_texture(name, kind, source))
+            _ => None,
+        }
+    }
+}
+
+/// A number as a gray colour.
+fn color_of(scalar: Scalar) -> Color {
+    match scalar {
+        Scalar::Constant(value) => Color::Constant([value; 3]),
+        Scalar::Texture(id) => Color::Texture(id),
+    }
+}
+
+/// A gray colour as a number.
+fn scalar_of(color: Color) -> Scalar {
+    match color {
+        Color::Constant([value, ..]) => Scalar::Constant(value),
+        Color::Texture(id) => Scalar::Texture(id),
     }
 }
 
@@ -196,6 +313,10 @@ fn mapping(params: &mut Params) -> ([f32; 2], [f32; 2]) {
 impl Params {
     /// A colour of any size, as textures have them.
     fn any_color(&mut self, name: &'static str, default: [f32; 3], textures: &Textures) -> Color {
+        // pbrt-v2 and v3 take a number for gray here.
+        if self.version().is_old() && self.peek(name).is_some_and(|p| p.ty == Type::Float) {
+            return Color::Constant([self.float32(name, default[0], |v| v >= 0.0, "at least 0"); 3]);
+        }
         if self.peek(name).is_none_or(|p| p.ty != Type::Texture) {
             return Color::Constant(self.rgb(name, Gamut::Unbounded).unwrap_or(default));
         }

@@ -4,10 +4,12 @@
 //! [`World`](crate::World) builds what rays need from it.
 
 mod camera;
+pub(crate) mod lamp;
 mod light;
 mod material;
 mod medium;
 mod shape;
+mod without;
 
 pub use camera::{Camera, FilmSettings, PixelFilter, Projection};
 pub use light::{EnvironmentRadiance, Light, LightKind, SpotFalloff};
@@ -17,6 +19,7 @@ pub use material::{
 };
 pub use medium::{Medium, MediumId, MediumInterface};
 pub use shape::{Emission, Geometry, Instance, MeshData, MeshFault, Object, ObjectId, Shape};
+pub use without::WithoutError;
 
 use std::fmt;
 use std::path::PathBuf;

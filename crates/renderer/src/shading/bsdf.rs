@@ -1,10 +1,12 @@
 //! What a surface does with light at one point.
 
-use super::Frame;
 use super::coat::Coat;
-use super::fresnel::ComplexIor;
+use super::dielectric::{self, DiffuseTransmission, RoughDielectric, SmoothDielectric, Tint};
+use super::fresnel::{self, ComplexIor};
+use super::glossy::{Plastic, Substrate};
+use super::metal_coat::MetalCoat;
 use super::microfacet::{TrowbridgeReitz, half_angle_cosine};
-use super::warp;
+use super::{Frame, warp};
 use glam::Vec3;
 use std::f32::consts::{FRAC_1_PI, PI};
 
@@ -43,12 +45,42 @@ pub enum Bsdf<'m> {
         /// through the coat.
         base: Vec3,
     },
+    /// A dielectric coat over a metal, each rough or smooth; made by [`Bsdf::coated_conductor`].
+    CoatedConductor {
+        /// The coat, and how it passes the metal's light.
+        coat: &'m MetalCoat,
+        /// The metal's index of refraction over the coat's.
+        ior: ComplexIor,
+        /// The metal's reflectance, roughly: chooses lobes.
+        bright: f32,
+    },
+    /// Rough glass; made by [`Bsdf::dielectric`].
+    Dielectric(RoughDielectric),
+    /// Smooth glass; made by [`Bsdf::dielectric`].
+    SmoothDielectric(SmoothDielectric),
+    /// A pane of glass: both of its faces.
+    ThinDielectric {
+        /// Its index of refraction.
+        eta: f32,
+    },
+    /// Lambert's reflection, and the same through the surface.
+    DiffuseTransmission(DiffuseTransmission),
+    /// A mirror without a Fresnel term.
+    Mirror {
+        /// Share of light reflected, per channel.
+        reflectance: Vec3,
+    },
+    /// Lambert's reflection and a glossy one, added.
+    Plastic(Plastic),
+    /// Lambert's reflection below a glossy one.
+    Substrate(Substrate),
 }
 
 /// A direction drawn from a [`Bsdf`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BsdfSample {
-    /// Where the light comes from, shading frame.
+    /// Where the light comes from, shading frame. Light comes through the surface where its z has the other sign than
+    /// that of `wo`.
     pub wi: Vec3,
     /// `f |cos| / pdf`: what the path's throughput is multiplied by.
     pub weight: Vec3,
@@ -58,6 +90,10 @@ pub struct BsdfSample {
     /// Whether `wi` is the only direction its lobe can give, so that [`Bsdf::evaluate`] and [`Bsdf::pdf`]
     /// know nothing of it and light sampling cannot meet it.
     pub specular: bool,
+    /// Index of refraction on the side of `wi` over that on the side of `wo`; 1 but for refraction. The weight has been
+    /// divided by its square, which leaving the glass takes back: multiply by `eta^2` along a path what Russian roulette
+    /// looks at [Pharr et al. 2023, sec. 14.2.3].
+    pub eta: f32,
 }
 
 impl<'m> Bsdf<'m> {
@@ -82,6 +118,31 @@ impl<'m> Bsdf<'m> {
         Self::CoatedDiffuse { coat, base: coat.base(reflectance.clamp(Vec3::ZERO, Vec3::ONE)) }
     }
 
+    /// A coat over a metal of this index of refraction, over that outside of the coat.
+    #[inline]
+    pub fn coated_conductor(coat: &'m MetalCoat, ior: ComplexIor) -> Self {
+        let ior = coat.below(ior);
+        Self::CoatedConductor { coat, ior, bright: ior.reflectance(1.0).element_sum() / 3.0 }
+    }
+
+    /// Glass of this index of refraction, inside over outside: rough, or smooth where
+    /// [`TrowbridgeReitz::effectively_smooth`] says so, or where the index is 1.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Eta`](super::Error::Eta) for an index outside `[0.1, 10]`; as [`TrowbridgeReitz::new`].
+    pub fn dielectric(eta: f32, alpha: [f32; 2], tint: Tint) -> Result<Self, super::Error> {
+        if !(0.1..=10.0).contains(&eta) {
+            return Err(super::Error::Eta { value: eta });
+        }
+        let microfacets = TrowbridgeReitz::new(alpha)?;
+        Ok(if TrowbridgeReitz::effectively_smooth(alpha) || eta == 1.0 {
+            Self::SmoothDielectric(SmoothDielectric { eta, tint })
+        } else {
+            Self::Dielectric(RoughDielectric { eta, microfacets, tint })
+        })
+    }
+
     /// A world-space direction in the shading frame, as far as this scattering looks at it: of Lambert's only the
     /// cosine is filled in, the rest is 0.
     #[inline(always)]
@@ -92,15 +153,15 @@ impl<'m> Bsdf<'m> {
         }
     }
 
-    /// `f(wo, wi)` per steradian, without the cosine. 0 for specular lobes and for directions on different
-    /// sides.
+    /// `f(wo, wi)` per steradian, without the cosine. 0 for specular lobes and, where nothing is transmitted, for
+    /// directions on different sides.
     #[inline]
     pub fn evaluate(&self, wo: Vec3, wi: Vec3) -> Vec3 {
         self.evaluate_and_pdf(wo, wi).0
     }
 
-    /// Solid-angle density with which [`sample`](Self::sample) draws `wi`. 0 for specular lobes and for
-    /// directions on different sides.
+    /// Solid-angle density with which [`sample`](Self::sample) draws `wi`. 0 for specular lobes and, where nothing is
+    /// transmitted, for directions on different sides.
     #[inline]
     pub fn pdf(&self, wo: Vec3, wi: Vec3) -> f32 {
         self.evaluate_and_pdf(wo, wi).1
@@ -114,89 +175,181 @@ impl<'m> Bsdf<'m> {
             let same_side = (wo.z > 0.0 && wi.z > 0.0) || (wo.z < 0.0 && wi.z < 0.0);
             return if same_side { (*reflectance * FRAC_1_PI, wi.z.abs() * FRAC_1_PI) } else { (Vec3::ZERO, 0.0) };
         }
-        match to_upper_side(wo, wi) {
-            Some((wo, wi)) => self.evaluate_above(wo, wi),
-            None => (Vec3::ZERO, 0.0),
-        }
+        self.evaluate_others(wo, wi)
     }
 
     /// Draws `wi` with density [`pdf`](Self::pdf): `lobe` in `[0, 1)` chooses the lobe, `u` in `[0, 1)^2`
     /// the direction in it. `None` where nothing is scattered: the sample counts, and is black.
     #[inline(always)]
     pub fn sample(&self, wo: Vec3, u: [f32; 2], lobe: f32) -> Option<BsdfSample> {
+        let Self::Diffuse { reflectance } = self else { return self.sample_others(wo, u, lobe) };
         let side = if wo.z > 0.0 { 1.0 } else { -1.0 };
+        if !(side * wo.z > 0.0) {
+            return None;
+        }
+        // The cosine cancels: nothing to divide.
+        let wi = warp::cosine_hemisphere(u);
+        let pdf = wi.z * FRAC_1_PI;
+        Some(BsdfSample { wi: side * wi, weight: *reflectance, pdf, specular: false, eta: 1.0 })
+    }
+
+    /// [`sample`](Self::sample) but for Lambert's.
+    fn sample_others(&self, wo: Vec3, u: [f32; 2], lobe: f32) -> Option<BsdfSample> {
+        let side = if wo.z > 0.0 { 1.0 } else { -1.0 };
+        let given = wo;
         let wo = side * wo;
         if !(wo.z > 0.0) {
             return None;
         }
-        let wi = match self {
-            Self::Diffuse { reflectance } => {
-                // The cosine cancels: nothing to divide.
+        let mirrored = |weight: Vec3, pdf: f32| {
+            let wi = side * Vec3::new(-wo.x, -wo.y, wo.z);
+            Some(BsdfSample { wi, weight, pdf, specular: true, eta: 1.0 })
+        };
+        let drawn = |wi: Vec3, (f, pdf): (Vec3, f32)| {
+            let weight = f * (wi.z / pdf);
+            (pdf > 0.0).then(|| BsdfSample { wi: side * wi, weight, pdf, specular: false, eta: 1.0 })
+        };
+        let glossy = |m: &TrowbridgeReitz, chance: f32| match lobe < chance {
+            true => mirror(wo, m.sample_visible(wo, u)),
+            false => warp::cosine_hemisphere(u),
+        };
+        let wi;
+        let found = match self {
+            Self::Dielectric(glass) => return glass.sample(given, u, lobe),
+            Self::SmoothDielectric(glass) => return glass.sample(given, lobe),
+            Self::ThinDielectric { eta } => return Some(dielectric::sample_pane(*eta, given, lobe)),
+            Self::DiffuseTransmission(sheet) => {
+                let chance = sheet.chance();
                 let wi = warp::cosine_hemisphere(u);
-                return Some(BsdfSample {
-                    wi: side * wi,
-                    weight: *reflectance,
-                    pdf: wi.z * FRAC_1_PI,
-                    specular: false,
-                });
+                let (weight, pdf, side) = match lobe < chance {
+                    true => (sheet.reflectance / chance, chance, side),
+                    false => (sheet.transmittance / (1.0 - chance), 1.0 - chance, -side),
+                };
+                let pdf = pdf * wi.z * FRAC_1_PI;
+                return Some(BsdfSample { wi: side * wi, weight, pdf, specular: false, eta: 1.0 });
             }
-            Self::Conductor { microfacets, .. } => mirror(wo, microfacets.sample_visible(wo, u)),
-            Self::SmoothConductor { ior } => {
-                let wi = side * Vec3::new(-wo.x, -wo.y, wo.z);
-                return Some(BsdfSample { wi, weight: ior.reflectance(wo.z), pdf: 1.0, specular: true });
+            Self::Mirror { reflectance } => return mirrored(*reflectance, 1.0),
+            Self::SmoothConductor { ior } => return mirrored(ior.reflectance(wo.z), 1.0),
+            Self::CoatedConductor { coat, ior, bright } => {
+                let sample = coat.sample(ior, *bright, wo, u, lobe)?;
+                return Some(BsdfSample { wi: side * sample.wi, ..sample });
+            }
+            Self::Diffuse { .. } => {
+                wi = warp::cosine_hemisphere(u);
+                self.evaluate_above(wo, wi)
+            }
+            Self::Conductor { microfacets, .. } => {
+                wi = mirror(wo, microfacets.sample_visible(wo, u));
+                self.evaluate_above(wo, wi)
             }
             Self::CoatedDiffuse { coat, base } => {
-                let [transmittance, reflectance] = coat.transmittance_and_reflectance(wo.z);
-                let chance = coat_chance(coat, *base, transmittance, reflectance);
-                match coat.microfacets() {
-                    _ if lobe >= chance => warp::cosine_hemisphere(u),
-                    Some(microfacets) => mirror(wo, microfacets.sample_visible(wo, u)),
-                    None => {
-                        let wi = side * Vec3::new(-wo.x, -wo.y, wo.z);
-                        let weight = Vec3::splat(coat.fresnel(wo.z) / chance);
-                        return Some(BsdfSample { wi, weight, pdf: chance, specular: true });
+                let seen = CoatSeen::new(coat, *base, wo);
+                wi = match coat.microfacets() {
+                    None if lobe < seen.chance => {
+                        return mirrored(Vec3::splat(coat.fresnel(wo.z) / seen.chance), seen.chance);
                     }
-                }
+                    Some(microfacets) => glossy(microfacets, seen.chance),
+                    None => warp::cosine_hemisphere(u),
+                };
+                seen.evaluate_above(coat, *base, wo, wi)
+            }
+            Self::Plastic(plastic) => {
+                let chance = plastic.chance(wo);
+                wi = glossy(&plastic.microfacets, chance);
+                plastic.evaluate_above(wo, wi, chance)
+            }
+            Self::Substrate(substrate) => {
+                let chance = substrate.chance(wo);
+                wi = glossy(&substrate.microfacets, chance);
+                substrate.evaluate_above(wo, wi, chance)
             }
         };
-        if !(wi.z > 0.0) {
-            return None;
-        }
-        let (f, pdf) = self.evaluate_above(wo, wi);
-        (pdf > 0.0).then(|| BsdfSample { wi: side * wi, weight: f * (wi.z / pdf), pdf, specular: false })
+        if wi.z > 0.0 { drawn(wi, found) } else { None }
     }
 
     /// Whether every lobe is specular, so that light sampling is useless.
     #[inline]
     pub fn is_specular(&self) -> bool {
-        matches!(self, Self::SmoothConductor { .. })
+        match self {
+            Self::SmoothConductor { .. }
+            | Self::SmoothDielectric { .. }
+            | Self::ThinDielectric { .. }
+            | Self::Mirror { .. } => true,
+            Self::CoatedConductor { coat, .. } => coat.is_specular(),
+            _ => false,
+        }
     }
 
-    /// About the share of light reflected, per channel: a feature for filters, not for transport.
+    /// Whether light may come through the surface: then `wi` of a sample, or of a light, may lie on the other side.
+    #[inline]
+    pub fn transmits(&self) -> bool {
+        matches!(
+            self,
+            Self::Dielectric(_)
+                | Self::SmoothDielectric(_)
+                | Self::ThinDielectric { .. }
+                | Self::DiffuseTransmission(_)
+        )
+    }
+
+    /// About the share of light scattered, per channel: a feature for filters, not for transport.
     pub fn albedo(&self) -> Vec3 {
         match self {
-            Self::Diffuse { reflectance } => *reflectance,
+            Self::Diffuse { reflectance } | Self::Mirror { reflectance } => *reflectance,
             Self::Conductor { ior, .. } | Self::SmoothConductor { ior } => ior.reflectance(1.0),
             Self::CoatedDiffuse { coat, base } => {
                 let [transmittance, reflectance] = coat.transmittance_and_reflectance(1.0);
                 *base * (PI * transmittance * coat.average_transmittance()) + reflectance
             }
+            Self::CoatedConductor { coat, ior, .. } => coat.albedo(ior.reflectance(1.0)),
+            Self::Dielectric(RoughDielectric { eta, tint, .. })
+            | Self::SmoothDielectric(SmoothDielectric { eta, tint }) => {
+                let reflectance = fresnel::dielectric(1.0, *eta);
+                tint.reflectance * reflectance + tint.transmittance * (1.0 - reflectance)
+            }
+            Self::ThinDielectric { .. } => Vec3::ONE,
+            Self::DiffuseTransmission(sheet) => sheet.reflectance + sheet.transmittance,
+            Self::Plastic(plastic) => plastic.albedo(),
+            Self::Substrate(substrate) => substrate.albedo(),
         }
     }
 
     /// Width of the widest lobe, 0 for a mirror and 1 for Lambert's: a feature, not for transport.
     pub fn roughness(&self) -> f32 {
+        let width = |m: &TrowbridgeReitz| (m.alpha()[0] * m.alpha()[1]).sqrt();
         match self {
-            Self::Diffuse { .. } | Self::CoatedDiffuse { .. } => 1.0,
-            Self::Conductor { microfacets, .. } => {
-                let [ax, ay] = microfacets.alpha();
-                (ax * ay).sqrt()
-            }
-            Self::SmoothConductor { .. } => 0.0,
+            Self::Diffuse { .. }
+            | Self::CoatedDiffuse { .. }
+            | Self::DiffuseTransmission(_)
+            | Self::Plastic(_)
+            | Self::Substrate(_) => 1.0,
+            Self::Conductor { microfacets, .. } => width(microfacets),
+            Self::Dielectric(glass) => width(&glass.microfacets),
+            Self::CoatedConductor { coat, .. } => coat.roughness(),
+            Self::SmoothConductor { .. }
+            | Self::SmoothDielectric(_)
+            | Self::ThinDielectric { .. }
+            | Self::Mirror { .. } => 0.0,
         }
     }
 
-    /// `f` and density for two directions with positive z.
+    /// [`evaluate_and_pdf`](Self::evaluate_and_pdf) but for Lambert's.
+    fn evaluate_others(&self, wo: Vec3, wi: Vec3) -> (Vec3, f32) {
+        match (self, to_upper_side(wo, wi)) {
+            (Self::Dielectric(glass), _) => glass.evaluate_and_pdf(wo, wi),
+            (Self::DiffuseTransmission(sheet), Some((_, wi))) => {
+                (sheet.reflectance * FRAC_1_PI, sheet.chance() * (wi.z * FRAC_1_PI))
+            }
+            (Self::DiffuseTransmission(sheet), None) => match to_upper_side(wo, -wi) {
+                Some((_, wi)) => (sheet.transmittance * FRAC_1_PI, (1.0 - sheet.chance()) * (wi.z * FRAC_1_PI)),
+                None => (Vec3::ZERO, 0.0),
+            },
+            (_, Some((wo, wi))) => self.evaluate_above(wo, wi),
+            (_, None) => (Vec3::ZERO, 0.0),
+        }
+    }
+
+    /// `f` and density for two directions with positive z, of what does not transmit.
     #[inline]
     fn evaluate_above(&self, wo: Vec3, wi: Vec3) -> (Vec3, f32) {
         match self {
@@ -206,33 +359,52 @@ impl<'m> Bsdf<'m> {
                 let f = ior.reflectance(half_angle_cosine(h)) * microfacets.reflection(wo, wi, h);
                 (f, microfacets.reflection_pdf(wo, h))
             }
-            Self::SmoothConductor { .. } => (Vec3::ZERO, 0.0),
-            Self::CoatedDiffuse { coat, base } => {
-                let [to, reflectance] = coat.transmittance_and_reflectance(wo.z);
-                let [ti, _] = coat.transmittance_and_reflectance(wi.z);
-                let chance = coat_chance(coat, *base, to, reflectance);
-                let (f, pdf) = (*base * (to * ti), (1.0 - chance) * (wi.z * FRAC_1_PI));
-                match coat.microfacets() {
-                    Some(microfacets) => {
-                        let h = wo + wi;
-                        let coated = coat.fresnel(half_angle_cosine(h)) * microfacets.reflection(wo, wi, h);
-                        (f + coated, pdf + chance * microfacets.reflection_pdf(wo, h))
-                    }
-                    None => (f, pdf),
-                }
-            }
+            Self::CoatedDiffuse { coat, base } => CoatSeen::new(coat, *base, wo).evaluate_above(coat, *base, wo, wi),
+            Self::CoatedConductor { coat, ior, bright } => coat.evaluate_above(ior, *bright, wo, wi),
+            Self::Plastic(plastic) => plastic.evaluate_above(wo, wi, plastic.chance(wo)),
+            Self::Substrate(substrate) => substrate.evaluate_above(wo, wi, substrate.chance(wo)),
+            Self::SmoothConductor { .. }
+            | Self::Mirror { .. }
+            | Self::Dielectric(_)
+            | Self::SmoothDielectric(_)
+            | Self::ThinDielectric { .. }
+            | Self::DiffuseTransmission(_) => (Vec3::ZERO, 0.0),
         }
     }
 }
 
-/// Probability of sampling the coat's lobe rather than the base's: its share of the light reflected from
-/// `wo`, whose transmittance and reflectance these are.
-#[inline]
-fn coat_chance(coat: &Coat, base: Vec3, transmittance: f32, reflectance: f32) -> f32 {
-    let below = base.element_sum() / 3.0 * (PI * transmittance * coat.average_transmittance());
-    let sum = reflectance + below;
-    // Neither reflects: an index of 1 over a black base. Sample the base, which gives black.
-    if sum > 0.0 { reflectance / sum } else { 0.0 }
+/// What a coat over Lambert's reflection does with light from one direction.
+struct CoatSeen {
+    transmittance: f32,
+    /// Probability of sampling the coat's lobe rather than the base's: its share of the light reflected.
+    chance: f32,
+}
+
+impl CoatSeen {
+    #[inline]
+    fn new(coat: &Coat, base: Vec3, wo: Vec3) -> Self {
+        let [transmittance, reflectance] = coat.transmittance_and_reflectance(wo.z);
+        let below = base.element_sum() / 3.0 * (PI * transmittance * coat.average_transmittance());
+        let sum = reflectance + below;
+        // Neither reflects: an index of 1 over a black base. Sample the base, which gives black.
+        Self { transmittance, chance: if sum > 0.0 { reflectance / sum } else { 0.0 } }
+    }
+
+    /// `f` and density for two directions with positive z, `wo` that of [`CoatSeen::new`].
+    #[inline]
+    fn evaluate_above(&self, coat: &Coat, base: Vec3, wo: Vec3, wi: Vec3) -> (Vec3, f32) {
+        let Self { transmittance: to, chance } = *self;
+        let [ti, _] = coat.transmittance_and_reflectance(wi.z);
+        let (f, pdf) = (base * (to * ti), (1.0 - chance) * (wi.z * FRAC_1_PI));
+        match coat.microfacets() {
+            Some(microfacets) => {
+                let h = wo + wi;
+                let coated = coat.fresnel(half_angle_cosine(h)) * microfacets.reflection(wo, wi, h);
+                (f + coated, pdf + chance * microfacets.reflection_pdf(wo, h))
+            }
+            None => (f, pdf),
+        }
+    }
 }
 
 /// Both directions on the side `z > 0`; `None` where they lie on different sides, along the surface, or are
@@ -250,6 +422,6 @@ fn to_upper_side(wo: Vec3, wi: Vec3) -> Option<(Vec3, Vec3)> {
 
 /// The mirror direction of `w` about the unit vector `m`.
 #[inline]
-fn mirror(w: Vec3, m: Vec3) -> Vec3 {
+pub(super) fn mirror(w: Vec3, m: Vec3) -> Vec3 {
     2.0 * w.dot(m) * m - w
 }

@@ -135,6 +135,12 @@ impl Coat {
         self.microfacets.as_ref()
     }
 
+    /// Index of refraction over the outside's.
+    #[inline]
+    pub fn eta(&self) -> f32 {
+        self.eta
+    }
+
     /// Fresnel reflectance of the coat from outside.
     #[inline]
     pub(super) fn fresnel(&self, cos: f32) -> f32 {
@@ -144,7 +150,7 @@ impl Coat {
     /// The base's part of `f`, without `T(wo) T(wi)`: `rho / (pi eta^2) sum_{k < K} (rho F)^k`, for a base
     /// of reflectance `rho`.
     #[inline]
-    pub(super) fn base(&self, reflectance: Vec3) -> Vec3 {
+    pub(crate) fn base(&self, reflectance: Vec3) -> Vec3 {
         let ratio = reflectance * self.internal_reflectance;
         let mut last = Vec3::ONE;
         let (mut factor, mut n) = (ratio, self.terms);

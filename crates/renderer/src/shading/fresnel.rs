@@ -11,13 +11,25 @@ use glam::Vec3;
 pub fn dielectric(cos: f32, eta: f32) -> f32 {
     match transmitted_cosine(cos, eta) {
         None => 1.0,
-        Some(cos_t) => {
-            let cos = cos.clamp(0.0, 1.0);
-            let parallel = (eta * cos - cos_t) / (eta * cos + cos_t);
-            let perpendicular = (cos - eta * cos_t) / (cos + eta * cos_t);
-            0.5 * (parallel * parallel + perpendicular * perpendicular)
-        }
+        Some(cos_t) => dielectric_between(cos.clamp(0.0, 1.0), cos_t, eta),
     }
+}
+
+/// [`dielectric`] where the cosines on both sides are known already, both in `[0, 1]`, not both 0.
+#[inline]
+pub fn dielectric_between(cos: f32, cos_t: f32, eta: f32) -> f32 {
+    let parallel = (eta * cos - cos_t) / (eta * cos + cos_t);
+    let perpendicular = (cos - eta * cos_t) / (cos + eta * cos_t);
+    0.5 * (parallel * parallel + perpendicular * perpendicular)
+}
+
+/// Reflectance of a pane: both of its faces and all reflections between them, `R + T^2 R / (1 - R^2)` for a face's
+/// `R = 1 - T` [Pharr et al. 2023, sec. 9.5.2]; the rest goes straight through.
+#[inline]
+pub fn pane(cos: f32, eta: f32) -> f32 {
+    let face = dielectric(cos, eta);
+    // The sum in short. A face that reflects all is a pane that does.
+    2.0 * face / (1.0 + face)
 }
 
 /// Cosine beyond a dielectric interface by Snell's law, arguments as in [`dielectric`]; `None` on total

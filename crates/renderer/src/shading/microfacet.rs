@@ -30,6 +30,13 @@ impl TrowbridgeReitz {
         }
     }
 
+    /// The distribution with the widths nearest to these that there are; no number is the smallest.
+    #[inline]
+    #[expect(clippy::manual_clamp, reason = "`max` takes the other where one is no number")]
+    pub fn nearest(alpha: [f32; 2]) -> Self {
+        Self { alpha: alpha.map(|a| a.max(1e-4).min(10.0)) }
+    }
+
     /// The width that a scene's roughness stands for: `sqrt(roughness)`, as pbrt-v4 remaps it.
     pub fn roughness_to_alpha(roughness: f32) -> f32 {
         roughness.max(0.0).sqrt()

@@ -10,9 +10,12 @@
 
 pub mod bsdf;
 pub mod coat;
+pub mod dielectric;
 pub mod discrete;
 pub mod frame;
 pub mod fresnel;
+pub mod glossy;
+pub mod metal_coat;
 pub mod microfacet;
 pub mod mis;
 pub mod trigonometry;
@@ -20,9 +23,12 @@ pub mod warp;
 
 pub use bsdf::{Bsdf, BsdfSample};
 pub use coat::{Coat, CoatOptions};
+pub use dielectric::{DiffuseTransmission, RoughDielectric, SmoothDielectric, Tint};
 pub use discrete::{Discrete, PiecewiseConstant2d};
 pub use frame::Frame;
 pub use fresnel::ComplexIor;
+pub use glossy::{Plastic, Substrate};
+pub use metal_coat::MetalCoat;
 pub use microfacet::TrowbridgeReitz;
 pub use mis::power_heuristic;
 pub(crate) use mis::power_heuristic_over_pdf;
@@ -37,8 +43,8 @@ pub enum Error {
         /// The width.
         value: f32,
     },
-    /// A coat's index of refraction is outside `[0.1, 10]`.
-    #[error("a coat's index of refraction is {value}; give one from 0.1 to 10 (1.5 is common)")]
+    /// An index of refraction is outside `[0.1, 10]`.
+    #[error("an index of refraction is {value}; give one from 0.1 to 10 (1.5 is common)")]
     Eta {
         /// The index.
         value: f32,

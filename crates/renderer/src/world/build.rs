@@ -1,14 +1,19 @@
 //! From a scene to a world.
 
-use super::{NO_LIGHT, Part, World};
-use crate::camera::CameraView;
-use crate::light::{DiskLamp, Environment, Lamp, Light, Lights, MeshLamp, SphereLamp};
-use crate::material::Surface;
+use super::placed::{Placements, nothing};
+use super::time::Shutter;
+use super::{NO_LIGHT, NO_MEDIUM, Part, World};
+use crate::camera::{CameraError, CameraView};
+use crate::light::{
+    DiskLamp, DistantLamp, Environment, Lamp, Light, Lights, MeshLamp, PointLamp, SphereLamp, SpotLamp,
+};
+use crate::material::{Surface, check_mixes};
+use crate::medium::Media;
 use crate::pixel_filter::FilterSampler;
 use crate::scene::{Emission, Geometry as Described, LightKind, MeshData, Scene, Shape as DescribedShape, Source};
 use crate::space::{Space, even_scale};
 use crate::texture::Textures;
-use dapple_geometry::{Disk, Geometry, Mesh, Preset, Shape, Sphere};
+use dapple_geometry::{Disk, Geometry, Mesh, Shape, Sphere};
 use glam::{DAffine3, DVec3, Vec3};
 
 /// Everything that keeps a scene from being rendered.
@@ -21,14 +26,18 @@ pub struct WorldError {
 
 /// Collects problems, so that all of a scene's are told at once.
 #[derive(Default)]
-struct Problems(Vec<String>);
+pub(super) struct Problems(Vec<String>);
 
 impl Problems {
+    pub(super) fn add(&mut self, at: &Source, what: String) {
+        self.0.push(format!("{at}: {what}"));
+    }
+
     fn note<T>(&mut self, result: Result<T, impl ToString>) -> Option<T> {
         result.map_err(|e| self.0.push(e.to_string())).ok()
     }
 
-    fn note_at<T>(&mut self, at: &Source, result: Result<T, impl ToString>) -> Option<T> {
+    pub(super) fn note_at<T>(&mut self, at: &Source, result: Result<T, impl ToString>) -> Option<T> {
         self.note(result.map_err(|e| format!("{at}: {}", e.to_string())))
     }
 }
@@ -36,40 +45,63 @@ impl Problems {
 pub(super) fn build(scene: &Scene, resolution: [u32; 2]) -> Result<World, WorldError> {
     let mut problems = Problems::default();
     let space = Space::of(scene);
-    let camera: Option<CameraView> = problems.note(CameraView::new(&scene.camera, resolution, &space));
+    let shutter = problems.note(Shutter::of(scene)).unwrap_or(Shutter { open: [0.0; 2] });
+    let camera: Option<CameraView> = problems.note(camera(scene, resolution, &space, &shutter));
     let mut surfaces = Vec::with_capacity(scene.materials.len());
     for material in &scene.materials {
         surfaces.extend(problems.note(Surface::new(material)));
     }
+    problems.0.extend(check_mixes(&scene.materials).iter().map(ToString::to_string));
     let mut shapes = Vec::with_capacity(scene.shapes.len());
     let mut parts = Vec::with_capacity(scene.shapes.len());
+    let mut placements = Placements::of(scene, &space, &shutter, &mut problems);
     for shape in &scene.shapes {
-        if shape.material.0 as usize >= scene.materials.len() {
-            problems
-                .0
-                .push(format!("{}: the shape has material {}, which is not there", shape.source, shape.material.0));
-        }
-        if let Some((geometry, part)) = problems.note_at(&shape.source, convert(shape, &space)) {
+        problems.check_material(scene, shape);
+        if shape.moves_to.is_some_and(|end| end != shape.to_world) {
+            placements.add_moving(shape, &space, &shutter, &mut problems);
+            shapes.extend(nothing());
+            parts.push(part(shape));
+        } else if let Some((geometry, part)) = problems.note_at(&shape.source, convert(shape, &space)) {
             shapes.push(geometry);
             parts.push(part);
         }
     }
-    let environments = environments(scene, &mut problems);
+    let media = Media::new(&scene.media, space.scale()).unwrap_or_else(|errors| {
+        problems.0.extend(errors.iter().map(ToString::to_string));
+        Media::default()
+    });
+    problems.check_media(scene);
+    let without_shape = lights_without_shape(scene, &space, &mut problems);
     if !problems.0.is_empty() {
         return Err(WorldError { problems: problems.0 });
     }
-    let dropped_triangles = shapes.iter().map(|s| if let Shape::Mesh(mesh) = s { mesh.degenerate() } else { 0 }).sum();
-    let geometry = problems.note(Geometry::build(shapes, Preset::default()));
+    let dropped = shapes.iter().map(|s| if let Shape::Mesh(mesh) = s { mesh.degenerate() } else { 0 }).sum::<usize>();
+    let dropped_triangles = dropped + placements.dropped_triangles;
+    let object_parts = std::mem::take(&mut placements.parts);
+    let moves = placements.moves;
+    let geometry = problems.note(placements.build(shapes));
     let (Some(camera), Some(geometry)) = (camera, geometry) else {
         return Err(WorldError { problems: problems.0 });
     };
-    let lights = lights(scene, &space, &geometry, &mut parts, environments, &mut problems);
+    let lights = lights(scene, &space, &geometry, &mut parts, without_shape, &mut problems);
     if !problems.0.is_empty() {
         return Err(WorldError { problems: problems.0 });
     }
+    let moves = moves || camera.moves();
+    let (mut parts, mut object_parts) = (parts, object_parts);
+    let (mut clear, mut unusual) = (false, false);
+    for part in parts.iter_mut().chain(&mut object_parts) {
+        let surface = &surfaces[part.material as usize];
+        part.unusual = part.alpha.is_some() || surface.mixes || surface.interface;
+        clear |= surface.transmits;
+        unusual |= part.unusual;
+    }
+    // What a mix is made of is no part's own material.
+    clear |= unusual && surfaces.iter().any(|surface| surface.transmits);
     Ok(World {
         geometry,
         parts,
+        object_parts,
         surfaces,
         textures: Textures::new(&scene.textures),
         lights,
@@ -78,16 +110,42 @@ pub(super) fn build(scene: &Scene, resolution: [u32; 2]) -> Result<World, WorldE
         max_depth: scene.max_depth.unwrap_or(u32::MAX),
         space,
         dropped_triangles,
+        moves,
+        media,
+        camera_medium: scene.camera.medium.map_or(NO_MEDIUM, |medium| medium.0),
+        clear,
+        unusual,
+        open: shutter.open,
     })
 }
 
+/// The camera as the shutter sees it, at rest where it is when the shutter opens.
+fn camera(scene: &Scene, resolution: [u32; 2], space: &Space, shutter: &Shutter) -> Result<CameraView, CameraError> {
+    let [opens, closes] = shutter.open;
+    let view = CameraView::new(&scene.camera, resolution, space)?.resting_at(opens);
+    Ok(if opens == closes { view.standing() } else { view })
+}
+
+/// What belongs to a shape besides its geometry.
+fn part(shape: &DescribedShape) -> Part {
+    Part {
+        material: shape.material.0,
+        light: NO_LIGHT,
+        flip: if shape.reversed { -1.0 } else { 1.0 },
+        normals: Vec::new(),
+        uvs: Vec::new(),
+        alpha: shape.alpha,
+        media: shape.media,
+        unusual: false,
+    }
+}
+
 /// The shape's geometry in the renderer's space, and what belongs to it.
-fn convert(shape: &DescribedShape, space: &Space) -> Result<(Shape, Part), String> {
+pub(super) fn convert(shape: &DescribedShape, space: &Space) -> Result<(Shape, Part), String> {
     let to_world = space.apply(shape.to_world);
     let mirrors = shape.to_world.matrix3.determinant() < 0.0;
-    let reversed = if shape.reversed { -1.0 } else { 1.0 };
-    let mut part =
-        Part { material: shape.material.0, light: NO_LIGHT, flip: reversed, normals: Vec::new(), uvs: Vec::new() };
+    let mut part = part(shape);
+    let reversed = part.flip;
     let geometry = match &shape.geometry {
         Described::Mesh(mesh) => {
             // The tree's normal is by the winding in world space, which a mirror turns around.
@@ -115,19 +173,27 @@ fn world_normals(mesh: &MeshData, to_world: DAffine3, sign: f32) -> Vec<Vec3> {
     mesh.normals.iter().map(unit).collect()
 }
 
-fn environments(scene: &Scene, problems: &mut Problems) -> Vec<Environment> {
+/// Lights that are no shapes, those that are black left out.
+fn lights_without_shape(scene: &Scene, space: &Space, problems: &mut Problems) -> Vec<Light> {
     let mut found = Vec::new();
     for light in &scene.lights {
-        let LightKind::Infinite { radiance } = &light.kind else {
-            problems.0.push(format!("{}: this light is not supported yet", light.source));
-            continue;
+        let (to_world, at) = (light.to_world, &light.source);
+        let made = match &light.kind {
+            LightKind::Infinite { radiance } => {
+                problems.note(Environment::new(radiance, to_world.matrix3, at)).flatten().map(Light::Environment)
+            }
+            LightKind::Point { intensity } => {
+                problems.note(PointLamp::new(*intensity, to_world, space, at)).flatten().map(Light::Point)
+            }
+            LightKind::Spot { intensity, cone, falloff_start, falloff } => {
+                let lamp = SpotLamp::new(*intensity, [*cone, *falloff_start], *falloff, to_world, space, at);
+                problems.note(lamp).flatten().map(Light::Spot)
+            }
+            LightKind::Distant { irradiance } => {
+                problems.note(DistantLamp::new(*irradiance, to_world, at)).flatten().map(Light::Distant)
+            }
         };
-        let environment = Environment::new(radiance, light.to_world.matrix3, &light.source);
-        found.extend(problems.note(environment).flatten());
-    }
-    if found.len() > 1 {
-        let second = &scene.lights[1].source;
-        problems.0.push(format!("{second}: a second infinite light is not supported: add it to the first"));
+        found.extend(made);
     }
     found
 }
@@ -137,7 +203,7 @@ fn lights(
     space: &Space,
     geometry: &Geometry,
     parts: &mut [Part],
-    environments: Vec<Environment>,
+    without_shape: Vec<Light>,
     problems: &mut Problems,
 ) -> Lights {
     let mut lights = Vec::new();
@@ -151,7 +217,7 @@ fn lights(
             lights.push(light);
         }
     }
-    lights.extend(environments.into_iter().map(Light::Environment));
+    lights.extend(without_shape);
     let radius = geometry.bounds().map_or(1.0, |[low, high]| (high - low).length() * 0.5);
     Lights::new(lights, radius)
 }

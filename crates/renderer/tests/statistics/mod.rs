@@ -3,6 +3,8 @@
 //! Each integration test that uses this says `mod statistics;`; not every one uses all of it.
 #![allow(dead_code, unreachable_pub)]
 
+pub mod directions;
+
 /// False-alarm rate of a whole family of tests.
 pub const FAMILY: f64 = 1e-6;
 

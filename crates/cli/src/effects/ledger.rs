@@ -1,0 +1,217 @@
+//! What each effect costs, and what it is worth: rendered with it and without it.
+
+use crate::machine::cpu_seconds;
+use crate::stop::Stop;
+use crate::{Failure, Result, scene};
+use dapple_core::samplers::Uniform;
+use dapple_core::{Control, Film, Frame, Limits, Needs, Status, Watch, render};
+use dapple_metrics::{Difference, Measured, Pixels, difference};
+use dapple_renderer::registry::{self, Setting};
+use dapple_renderer::scene::Scene;
+use dapple_renderer::{Effect, Effects, World, integrator};
+use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressStyle};
+use std::time::{Duration, Instant};
+
+/// How the pictures are rendered.
+pub(super) struct Settings {
+    pub(super) frame: Frame,
+    pub(super) spp: u32,
+    pub(super) seeds: u32,
+    /// Whether progress is not shown.
+    pub(super) silent: bool,
+}
+
+/// What was found out about every effect that is called for.
+pub(super) struct Ledger {
+    pub(super) resolution: [u32; 2],
+    pub(super) spp: u32,
+    pub(super) seeds: u32,
+    /// In the order of [`Effects::called`]; fewer where it was interrupted.
+    pub(super) rows: Vec<Row>,
+    /// Seconds of tracing for a picture with every effect: of all threads together where the system tells, else
+    /// by the clock on the wall. `None` where nothing was rendered.
+    pub(super) seconds: Option<f64>,
+    pub(super) interrupted: bool,
+}
+
+/// What was found out about an effect, or why it cannot be left out.
+pub(super) struct Row {
+    pub(super) effect: Effect,
+    pub(super) measured: std::result::Result<Shares, String>,
+}
+
+/// What an effect costs, and what it is worth.
+pub(super) struct Shares {
+    /// Logarithm of the time with it over the time without it.
+    pub(super) log_time: Measured,
+    pub(super) picture: Difference,
+}
+
+/// A picture and the seconds that tracing it took.
+struct Render {
+    pixels: Vec<[f32; 3]>,
+    seconds: f64,
+}
+
+impl Ledger {
+    /// Leaves out each effect in turn. A picture with it and one without it take turns, and which of the two is
+    /// first alternates with the seed, so that a machine that grows slower favours neither.
+    pub(super) fn measure(whole: &Scene, effects: &Effects, settings: &Settings, stop: &Stop) -> Result<Self> {
+        let mut studio = Studio::new(settings, effects.called().len(), stop);
+        let mut ledger = Self {
+            resolution: settings.frame.size(),
+            spp: settings.spp,
+            seeds: settings.seeds,
+            rows: Vec::new(),
+            seconds: None,
+            interrupted: false,
+        };
+        let with = scene::build(whole, settings.frame.resolution())?;
+        let mut pictures: Vec<Vec<[f32; 3]>> = Vec::new();
+        let mut seconds = Vec::new();
+        if !effects.called().is_empty() {
+            // The first picture finds caches and clocks cold: it is not timed.
+            ledger.interrupted = studio.render(&with, 1)?.is_none();
+        }
+        for called in effects.called() {
+            if ledger.interrupted {
+                break;
+            }
+            studio.about(called.effect);
+            let less = whole.without(called.effect).map_err(|e| e.to_string());
+            let world = less.and_then(|s| World::with_resolution(&s, settings.frame.resolution()).map_err(first_line));
+            let without = match world {
+                Ok(world) => world,
+                Err(why) => {
+                    studio.skip();
+                    ledger.rows.push(Row { effect: called.effect, measured: Err(why) });
+                    continue;
+                }
+            };
+            let Some(pairs) = studio.pairs(&with, &without)? else {
+                ledger.interrupted = true;
+                break;
+            };
+            seconds.extend(pairs.iter().map(|[a, _]| a.seconds));
+            let logs: Vec<f64> = pairs.iter().map(|[a, b]| (a.seconds / b.seconds).ln()).collect();
+            let (first, others): (Vec<_>, Vec<_>) = pairs.into_iter().map(|[a, b]| (a.pixels, b.pixels)).unzip();
+            // The same seeds give the same pictures: those of the first effect will do.
+            if pictures.is_empty() {
+                pictures = first;
+            }
+            let picture = differ(settings.frame.size(), &pictures, &others)?;
+            ledger.rows.push(Row { effect: called.effect, measured: Ok(Shares { log_time: mean(&logs), picture }) });
+        }
+        studio.bar.finish_and_clear();
+        ledger.seconds = (!seconds.is_empty()).then(|| seconds.iter().sum::<f64>() / seconds.len() as f64);
+        Ok(ledger)
+    }
+}
+
+fn first_line(problems: impl ToString) -> String {
+    problems.to_string().lines().next().unwrap_or_default().to_owned()
+}
+
+fn differ(size: [u32; 2], with: &[Vec<[f32; 3]>], without: &[Vec<[f32; 3]>]) -> Result<Difference> {
+    let mut sides = [Vec::new(), Vec::new()];
+    for (side, renders) in sides.iter_mut().zip([with, without]) {
+        for values in renders {
+            side.push(Pixels::new(size, values).map_err(Failure::new)?);
+        }
+    }
+    difference(&sides[0], &sides[1]).map_err(Failure::new)
+}
+
+/// Mean with its standard error.
+fn mean(values: &[f64]) -> Measured {
+    let n = values.len() as f64;
+    let mean = values.iter().sum::<f64>() / n;
+    let squares: f64 = values.iter().map(|x| (x - mean).powi(2)).sum();
+    Measured { value: mean, standard_error: (squares / (n - 1.0) / n).sqrt() }
+}
+
+/// Where pictures are rendered, with progress.
+struct Studio<'s> {
+    settings: &'s Settings,
+    stop: Stop,
+    bar: ProgressBar,
+    clock: Instant,
+}
+
+/// Steps of the bar per picture.
+const STEPS: u64 = 100;
+
+impl<'s> Studio<'s> {
+    fn new(settings: &'s Settings, effects: usize, stop: &Stop) -> Self {
+        // Hidden by itself where stderr is no terminal.
+        let target = if settings.silent { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr() };
+        let pictures = 1 + 2 * u64::from(settings.seeds) * effects as u64;
+        let bar = ProgressBar::with_draw_target(Some(STEPS * pictures), target);
+        if let Ok(style) = ProgressStyle::with_template("{bar:30} {percent:>3} %  {prefix}{msg}") {
+            bar.set_style(style);
+        }
+        Self { settings, stop: stop.clone(), bar, clock: Instant::now() }
+    }
+
+    fn about(&self, effect: Effect) {
+        self.bar.set_prefix(format!("without {effect}"));
+    }
+
+    /// Passes over an effect.
+    fn skip(&self) {
+        self.bar.inc(STEPS * 2 * u64::from(self.settings.seeds));
+    }
+
+    /// Pictures of two worlds with each seed; `None` if somebody wants to stop.
+    fn pairs(&mut self, with: &World, without: &World) -> Result<Option<Vec<[Render; 2]>>> {
+        let mut pairs = Vec::new();
+        for seed in 1..=u64::from(self.settings.seeds) {
+            let turned = seed % 2 == 0;
+            let worlds = if turned { [without, with] } else { [with, without] };
+            let Some(first) = self.render(worlds[0], seed)? else { return Ok(None) };
+            let Some(second) = self.render(worlds[1], seed)? else { return Ok(None) };
+            pairs.push(if turned { [second, first] } else { [first, second] });
+        }
+        Ok(Some(pairs))
+    }
+
+    fn render(&mut self, world: &World, seed: u64) -> Result<Option<Render>> {
+        let setting = Setting { seed, spp: Some(u64::from(self.settings.spp)) };
+        let points = registry::points("sobol", setting).map_err(Failure::new)?;
+        let limits = Limits::samples(u64::from(self.settings.spp) * self.settings.frame.pixels() as u64);
+        let (mut integrator, mut sampler) = (integrator(world), Uniform::new(points));
+        let start = self.bar.position();
+        let before = cpu_seconds();
+        let frame = self.settings.frame;
+        let film: Film = render(&mut *integrator, &mut sampler, Needs::none(), frame, &limits, self)
+            .map_err(|e| Failure::new(e.to_string()))?;
+        let cpu = cpu_seconds().zip(before).map(|(after, before)| after - before);
+        self.bar.set_position(start + STEPS);
+        if film.record().interrupted {
+            return Ok(None);
+        }
+        let seconds = cpu.unwrap_or_else(|| film.record().trace_seconds()).max(1e-9);
+        Ok(Some(Render { pixels: film.picture(), seconds }))
+    }
+}
+
+impl Watch for Studio<'_> {
+    fn slice(&mut self, status: &Status<'_>) -> Control {
+        if self.stop.asked() {
+            return Control::Stop;
+        }
+        if !self.bar.is_hidden() {
+            let (done, all) = (self.bar.position(), self.bar.length().unwrap_or(1));
+            let picture = done / STEPS * STEPS;
+            let share = status.samples as f64 / status.expected.max(1) as f64;
+            let now = picture + ((share * STEPS as f64) as u64).min(STEPS - 1);
+            self.bar.set_position(now);
+            if now > 0 {
+                let left = self.clock.elapsed().as_secs_f64() * (all - now) as f64 / now as f64;
+                let left = Duration::try_from_secs_f64(left).unwrap_or(Duration::MAX);
+                self.bar.set_message(format!(", {} left", HumanDuration(left)));
+            }
+        }
+        Control::Continue
+    }
+}

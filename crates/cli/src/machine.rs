@@ -1,0 +1,20 @@
+//! The machine's threads and clocks.
+
+use crate::{Failure, Result};
+
+/// Starts the threads that render; 0 is one per core.
+pub(crate) fn start_threads(threads: u16) -> Result<()> {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(usize::from(threads));
+    pool.build_global().map_err(|e| Failure::new(format!("cannot start {threads} threads: {e}")))
+}
+
+/// User and system seconds of this process so far; `None` where the system does not tell.
+pub(crate) fn cpu_seconds() -> Option<f64> {
+    #[cfg(any(target_os = "linux", target_os = "macos", target_os = "freebsd"))]
+    {
+        let now = nix::time::ClockId::CLOCK_PROCESS_CPUTIME_ID.now().ok()?;
+        Some(now.tv_sec() as f64 + now.tv_nsec() as f64 * 1e-9)
+    }
+    #[cfg(not(any(target_os = "linux", target_os = "macos", target_os = "freebsd")))]
+    None
+}

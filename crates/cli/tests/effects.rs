@@ -1,0 +1,87 @@
+//! `dapple effects`, and `dapple render --without`.
+
+mod common;
+
+use common::{Folder, TINY};
+use serde_json::Value;
+
+fn parse(line: &str) -> Value {
+    assert_eq!(line.matches('\n').count(), 1, "one line: {line}");
+    serde_json::from_str(line).expect("JSON")
+}
+
+#[test]
+fn the_list_names_each_effect_with_its_object() {
+    let folder = Folder::new();
+    let list = folder.done("effects tiny.pbrt --list");
+    let lines: Vec<&str> = list.lines().collect();
+    assert_eq!(lines[0], "tiny: 2 effects, depth 5");
+    assert!(lines[3].starts_with("soft-shadows") && lines[3].ends_with("tiny.pbrt:10: a sphere shines"), "{list}");
+    assert!(lines[4].starts_with("interreflection") && lines.len() == 5, "{list}");
+    let json = parse(&folder.done("effects tiny.pbrt --list --json"));
+    let first = &json["effects"][0];
+    assert_eq!(
+        (first["effect"].as_str(), first["line"].as_u64(), first["objects"].as_u64()),
+        (Some("soft-shadows"), Some(10), Some(1))
+    );
+    assert!(first["time_share"].is_null() && json["found_by_chance"].is_null() && json["seconds"].is_null());
+    assert_eq!(folder.names(), Vec::<String>::new(), "nothing is written");
+}
+
+#[test]
+fn the_ledger_has_a_row_for_each_effect() {
+    let folder = Folder::new();
+    let json = parse(&folder.done("effects tiny.pbrt --resolution 24x16 --spp 16 --seeds 6 --json"));
+    assert_eq!((json["spp"].as_u64(), json["seeds"].as_u64()), (Some(16), Some(6)));
+    let effects = json["effects"].as_array().expect("effects");
+    assert_eq!(effects.len(), 2);
+    for effect in effects {
+        for key in ["time_share", "time_ratio", "relmse", "radiance_lost"] {
+            let figure = &effect[key];
+            assert!(figure["value"].is_f64() && figure["noise"].as_f64().is_some_and(|n| n >= 0.0), "{key}: {effect}");
+        }
+    }
+    // The lamp fills much of the picture and goes; a floor alone scatters nothing twice but what the lamp's body does.
+    let [shadows, depth] = [0, 1].map(|i: usize| effects[i]["radiance_lost"]["value"].as_f64().unwrap_or(f64::NAN));
+    assert!(shadows > 0.1 && depth > 0.0 && depth < 0.1, "{json}");
+    let table = folder.done("effects tiny.pbrt --resolution 8x8 --spp 1");
+    assert!(table.contains("relMSE without it") && table.contains(" ±"), "{table}");
+    for (words, message) in
+        [("--seeds 3", "4..=64"), ("--list --spp 4", "cannot be used with"), ("--resolution 0x1", "at least 1")]
+    {
+        let said = folder.run(&format!("effects tiny.pbrt {words}"));
+        assert!(said.status == Some(2) && said.err.contains(message), "{words}: {}", said.err);
+    }
+}
+
+#[test]
+fn what_is_left_out_is_said_three_times() {
+    let folder = Folder::new();
+    let words = "render tiny.pbrt --spp 4 --json -o a.exr --without interreflection --without soft-shadows";
+    let said = folder.run(words);
+    assert_eq!(said.status, Some(0), "{}", said.err);
+    for line in [
+        "warning: without soft-shadows: each lamp is a point of the same power, and cannot be seen; ",
+        "warning: without interreflection: light is scattered once; ",
+        "tiny.pbrt:10 calls for it (a sphere shines)",
+    ] {
+        assert!(said.err.contains(line), "{}", said.err);
+    }
+    let json = parse(&said.out);
+    assert_eq!(json["without"], serde_json::json!(["soft-shadows", "interreflection"]));
+    assert_eq!(json["effects"], serde_json::json!([]));
+    let header = String::from_utf8_lossy(&folder.read("a.exr")).into_owned();
+    assert!(header.contains("dapple:without") && header.contains("soft-shadows,interreflection"));
+    // The control: without the word, nothing of it, and another picture.
+    let json = folder.json("tiny.pbrt --spp 4 -o b.exr");
+    assert_eq!(json["without"], serde_json::json!([]));
+    assert_ne!(folder.read("a.exr"), folder.read("b.exr"));
+    // The light cannot go.
+    let dark = TINY
+        .replace("AreaLightSource \"diffuse\" \"rgb L\" [ 4 4 4 ]", "")
+        .replace("WorldBegin", "WorldBegin\nLightSource \"infinite\" \"rgb L\" [ 1 1 1 ]");
+    std::fs::write(folder.path("sky.pbrt"), dark).expect("written");
+    let said = folder.run("render sky.pbrt --spp 1 --without environment");
+    assert_eq!(said.status, Some(1));
+    assert!(said.err.contains("--without environment: without environment no light is left"), "{}", said.err);
+}

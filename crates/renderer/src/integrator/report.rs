@@ -1,0 +1,30 @@
+//! What a path tracer tells samplers and filters of a first hit.
+
+use crate::World;
+use crate::material::Surface;
+use crate::world::{Interaction, NO_LIGHT};
+use dapple_core::FirstHit;
+use dapple_geometry::Ray;
+
+/// Outlined: most renders ask for no first hits.
+#[inline(never)]
+pub(super) fn report(world: &World, ray: &Ray, at: &Interaction<'_>, surface: &Surface) -> FirstHit {
+    let uv = if surface.textured { world.uv(at) } else { [0.0; 2] };
+    let bsdf = surface.bsdf(&world.textures, uv);
+    let side = if at.point.normal.dot(ray.direction) > 0.0 { -1.0 } else { 1.0 };
+    let shading = world.frame(at, surface).normal;
+    let shines = at.part.light != NO_LIGHT;
+    let depth = (at.point.position - ray.origin).length();
+    FirstHit {
+        position: at.point.position.to_array(),
+        geometric_normal: (at.point.normal * side).to_array(),
+        shading_normal: (shading * side).to_array(),
+        albedo: if shines { [1.0; 3] } else { bsdf.albedo().to_array() },
+        depth,
+        footprint: world.camera.footprint(depth),
+        roughness: bsdf.roughness(),
+        material: at.part.material,
+        shape: at.hit.shape,
+        primitive: at.hit.primitive,
+    }
+}

@@ -1,0 +1,118 @@
+//! Mixes: materials that are one of two others.
+
+use super::{Kind, MaterialError, Surface};
+use crate::scene::{Material, MaterialKind, Scalar};
+use crate::texture::Textures;
+
+/// Mixes may be mixed; deeper than this they are refused.
+const DEEPEST: u32 = 16;
+
+/// The surface that stands at a point for the one with number `index`, and its number: itself, or where it is a mix what
+/// `choice` in `[0, 1)` picks, by the shares there. One coordinate serves all levels: what it has not spent on one is a
+/// coordinate for the next.
+///
+/// The materials must have passed [`check_mixes`].
+#[inline]
+pub(crate) fn resolve<'w>(
+    surfaces: &'w [Surface],
+    index: u32,
+    textures: &Textures,
+    uv: [f32; 2],
+    choice: f32,
+) -> (&'w Surface, u32) {
+    let (mut index, mut choice) = (index, choice);
+    let mut surface = &surfaces[index as usize];
+    for _ in 0..DEEPEST {
+        let Kind::Mix { materials, amount } = &surface.kind else { break };
+        let amount = share_of_second(textures, *amount, uv);
+        let second = choice < amount;
+        let (rest, share) = if second { (choice, amount) } else { (choice - amount, 1.0 - amount) };
+        choice = (rest / share).min(1.0 - 0.5 * f32::EPSILON);
+        index = materials[usize::from(second)];
+        surface = &surfaces[index as usize];
+    }
+    (surface, index)
+}
+
+/// The chance that [`resolve`] comes to an interface, from 0 to 1; asks for texture coordinates only where there is a
+/// mix.
+pub(crate) fn interface_share(
+    surfaces: &[Surface],
+    index: u32,
+    textures: &Textures,
+    uv: impl FnOnce() -> [f32; 2],
+) -> f32 {
+    let surface = &surfaces[index as usize];
+    if surface.mixes { share_within(surfaces, index, textures, uv(), DEEPEST) } else { f32::from(surface.interface) }
+}
+
+fn share_within(surfaces: &[Surface], index: u32, textures: &Textures, uv: [f32; 2], depth: u32) -> f32 {
+    let surface = &surfaces[index as usize];
+    let Kind::Mix { materials, amount } = &surface.kind else { return f32::from(surface.interface) };
+    if depth == 0 {
+        return 0.0;
+    }
+    let amount = share_of_second(textures, *amount, uv);
+    let [first, second] = materials.map(|part| share_within(surfaces, part, textures, uv, depth - 1));
+    first + amount * (second - first)
+}
+
+#[inline]
+#[expect(clippy::manual_clamp, reason = "what is no number counts as 0, which `clamp` would let through")]
+fn share_of_second(textures: &Textures, amount: Scalar, uv: [f32; 2]) -> f32 {
+    textures.look_up_scalar(amount, uv).max(0.0).min(1.0)
+}
+
+/// What is wrong with mixes: parts that are not there, mixes of themselves, and mixes nested beyond all measure.
+pub(crate) fn check_mixes(materials: &[Material]) -> Vec<MaterialError> {
+    let mut wrong = Vec::new();
+    let parts: Vec<Vec<usize>> = materials
+        .iter()
+        .map(|material| {
+            let MaterialKind::Mix { materials: parts, .. } = &material.kind else { return Vec::new() };
+            let parts = parts.map(|part| part.0 as usize);
+            for part in parts.iter().filter(|&&part| part >= materials.len()) {
+                wrong.push(MaterialError::new(material, format!("it mixes material {part}, which is not there")));
+            }
+            parts.into_iter().filter(|&part| part < materials.len()).collect()
+        })
+        .collect();
+    // Depth first, by a stack of our own: how many levels are below each, once all of them are known.
+    let mut levels: Vec<Option<u32>> = vec![None; materials.len()];
+    let mut within = vec![false; materials.len()];
+    for start in 0..materials.len() {
+        let mut path = vec![(start, 0)];
+        while let Some((at, next)) = path.last_mut() {
+            let at = *at;
+            if levels[at].is_some() {
+                path.pop();
+                continue;
+            }
+            within[at] = true;
+            let Some(&part) = parts[at].get(*next) else {
+                let below = parts[at].iter().filter_map(|&part| levels[part]).max();
+                let level = below.map_or(0, |below| below + 1);
+                if level == DEEPEST + 1 {
+                    wrong.push(MaterialError::new(
+                        &materials[at],
+                        format!("mixes are mixed more than {DEEPEST} times over: make them simpler"),
+                    ));
+                }
+                levels[at] = Some(level);
+                within[at] = false;
+                path.pop();
+                continue;
+            };
+            *next += 1;
+            if within[part] {
+                let circle = path.iter().skip_while(|(on, _)| *on != part).map(|(on, _)| *on);
+                let names: Vec<String> = circle.map(|on| format!("\"{}\"", materials[on].name)).collect();
+                let what = format!("it is mixed of itself, through {}: break the circle", names.join(", "));
+                wrong.push(MaterialError::new(&materials[part], what));
+            } else {
+                path.push((part, 0));
+            }
+        }
+    }
+    wrong
+}

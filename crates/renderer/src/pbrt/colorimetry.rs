@@ -1,0 +1,259 @@
+//! From spectra to linear RGB.
+
+use glam::{DMat3, DVec3, dvec3};
+
+/// Wavelengths of the tables below: from 380 nm on, every 10 nm.
+const FIRST: f64 = 380.0;
+const STEP: f64 = 10.0;
+
+/// The CIE 1931 observer: x, y, z [CIE 15:2004, table T.4].
+const OBSERVER: [[f64; 3]; 41] = [
+    [0.0014, 0.0000, 0.0065],
+    [0.0042, 0.0001, 0.0201],
+    [0.0143, 0.0004, 0.0679],
+    [0.0435, 0.0012, 0.2074],
+    [0.1344, 0.0040, 0.6456],
+    [0.2839, 0.0116, 1.3856],
+    [0.3483, 0.0230, 1.7471],
+    [0.3362, 0.0380, 1.7721],
+    [0.2908, 0.0600, 1.6692],
+    [0.1954, 0.0910, 1.2876],
+    [0.0956, 0.1390, 0.8130],
+    [0.0320, 0.2080, 0.4652],
+    [0.0049, 0.3230, 0.2720],
+    [0.0093, 0.5030, 0.1582],
+    [0.0633, 0.7100, 0.0782],
+    [0.1655, 0.8620, 0.0422],
+    [0.2904, 0.9540, 0.0203],
+    [0.4334, 0.9950, 0.0087],
+    [0.5945, 0.9950, 0.0039],
+    [0.7621, 0.9520, 0.0021],
+    [0.9163, 0.8700, 0.0017],
+    [1.0263, 0.7570, 0.0011],
+    [1.0622, 0.6310, 0.0008],
+    [1.0026, 0.5030, 0.0003],
+    [0.8544, 0.3810, 0.0002],
+    [0.6424, 0.2650, 0.0000],
+    [0.4479, 0.1750, 0.0000],
+    [0.2835, 0.1070, 0.0000],
+    [0.1649, 0.0610, 0.0000],
+    [0.0874, 0.0320, 0.0000],
+    [0.0468, 0.0170, 0.0000],
+    [0.0227, 0.0082, 0.0000],
+    [0.0114, 0.0041, 0.0000],
+    [0.0058, 0.0021, 0.0000],
+    [0.0029, 0.0010, 0.0000],
+    [0.0014, 0.0005, 0.0000],
+    [0.0007, 0.0002, 0.0000],
+    [0.0003, 0.0001, 0.0000],
+    [0.0002, 0.0001, 0.0000],
+    [0.0001, 0.0000, 0.0000],
+    [0.0000, 0.0000, 0.0000],
+];
+
+/// Illuminant D65 [CIE 15:2004, table T.1].
+const D65: [f64; 41] = [
+    49.9755, 54.6482, 82.7549, 91.4860, 93.4318, 86.6823, 104.865, 117.008, 117.812, 114.861, 115.923, 108.811,
+    109.354, 107.802, 104.790, 107.689, 104.405, 104.046, 100.000, 96.3342, 95.7880, 88.6856, 90.0062, 89.5991,
+    87.6987, 83.2886, 83.6992, 80.0268, 80.2146, 82.2778, 78.2842, 69.7213, 71.6091, 74.3490, 61.6040, 69.8856,
+    75.0870, 63.5927, 46.4182, 66.8054, 63.3828,
+];
+
+/// Linear sRGB of XYZ [IEC 61966-2-1], without the clipping.
+pub(super) fn rgb_of_xyz(xyz: DVec3) -> DVec3 {
+    DMat3::from_cols_array(&[
+        3.240_969_942,
+        -0.969_243_636,
+        0.055_630_080,
+        -1.537_383_178,
+        1.875_967_502,
+        -0.203_976_959,
+        -0.498_610_760,
+        0.041_555_057,
+        1.056_971_514,
+    ])
+    .mul_vec3(xyz)
+}
+
+/// The observer and D65 at a wavelength, between their samples linear.
+fn tables_at(wavelength: f64) -> (DVec3, f64) {
+    let place = (wavelength - FIRST) / STEP;
+    if !(0.0..=(OBSERVER.len() - 1) as f64).contains(&place) {
+        return (DVec3::ZERO, 0.0);
+    }
+    let below = (place as usize).min(OBSERVER.len() - 2);
+    let part = place - below as f64;
+    let observer = DVec3::from(OBSERVER[below]).lerp(DVec3::from(OBSERVER[below + 1]), part);
+    (observer, D65[below] + (D65[below + 1] - D65[below]) * part)
+}
+
+/// XYZ of `spectrum` times `white` (D65, or else equal energy), divided by the Y of `white` alone.
+fn xyz(spectrum: impl Fn(f64) -> f64, under_d65: bool) -> DVec3 {
+    let (mut sum, mut whole) = (DVec3::ZERO, 0.0);
+    for step in 0..=4 * (OBSERVER.len() as u32 - 1) {
+        let wavelength = FIRST + f64::from(step) * STEP / 4.0;
+        let (observer, d65) = tables_at(wavelength);
+        let weight = if under_d65 { d65 } else { 1.0 };
+        sum += observer * (weight * spectrum(wavelength));
+        whole += weight * observer.y;
+    }
+    sum / whole
+}
+
+/// A spectrum as a file gives it: pairs of a wavelength (nm) and a value, linear between them and constant
+/// beyond them.
+#[derive(Clone, Debug)]
+pub(super) struct Sampled {
+    pairs: Vec<[f64; 2]>,
+}
+
+impl Sampled {
+    /// From wavelengths and values in turn.
+    ///
+    /// # Errors
+    /// What is wrong with them, to follow the name of a parameter.
+    pub(super) fn new(numbers: &[f64]) -> Result<Self, String> {
+        let (pairs, rest) = numbers.as_chunks::<2>();
+        if pairs.is_empty() || !rest.is_empty() {
+            return Err(format!("takes wavelengths and values in turn, not {} numbers", numbers.len()));
+        }
+        if let Some(w) = pairs.windows(2).find(|w| w[0][0] >= w[1][0]) {
+            return Err(format!("takes wavelengths that rise, not {} after {}", w[1][0], w[0][0]));
+        }
+        if pairs[0][0] <= 0.0 {
+            return Err(format!("takes wavelengths above 0 nm, not {}", pairs[0][0]));
+        }
+        Ok(Self { pairs: pairs.to_vec() })
+    }
+
+    /// Its value everywhere, if it is the same everywhere.
+    pub(super) fn constant(&self) -> Option<f64> {
+        let [_, value] = self.pairs[0];
+        self.pairs.iter().all(|p| p[1] == value).then_some(value)
+    }
+
+    /// Its least value.
+    pub(super) fn least(&self) -> f64 {
+        self.pairs.iter().fold(f64::INFINITY, |least, p| least.min(p[1]))
+    }
+
+    /// Its value at a wavelength.
+    pub(super) fn at(&self, wavelength: f64) -> f64 {
+        let above = self.pairs.partition_point(|p| p[0] <= wavelength);
+        match (above.checked_sub(1).map(|i| self.pairs[i]), self.pairs.get(above)) {
+            (Some([x0, y0]), Some(&[x1, y1])) => y0 + (y1 - y0) * ((wavelength - x0) / (x1 - x0)),
+            (Some([_, y]), None) | (None, Some(&[_, y])) => y,
+            (None, None) => 0.0,
+        }
+    }
+
+    /// Its colour under D65: a spectrum that is the same everywhere is gray.
+    pub(super) fn rgb_under_d65(&self) -> DVec3 {
+        // The tables' own white is off by 0.3 % in blue, for their step; that is divided out.
+        rgb_of_xyz(xyz(|w| self.at(w), true)) / rgb_of_xyz(xyz(|_| 1.0, true))
+    }
+
+    /// Its colour by itself, as pbrt-v2 and v3 have it; the same way turned the metals of
+    /// [`super::spectra`] into colours.
+    pub(super) fn rgb(&self) -> DVec3 {
+        rgb_of_xyz(xyz(|w| self.at(w), false))
+    }
+
+    /// Its colour, scaled to luminance 1; `None` where nothing of it is visible.
+    pub(super) fn rgb_of_luminance_one(&self) -> Option<DVec3> {
+        let xyz = xyz(|w| self.at(w), false);
+        let rgb = rgb_of_xyz(xyz / xyz.y);
+        (xyz.y > 0.0 && rgb.is_finite()).then_some(rgb)
+    }
+}
+
+/// Linear sRGB of a light of this chromaticity and luminance 1.
+pub(super) fn rgb_of_chromaticity([x, y]: [f64; 2]) -> DVec3 {
+    rgb_of_xyz(dvec3(x / y, 1.0, (1.0 - x - y) / y))
+}
+
+/// Linear sRGB of a black body, scaled to luminance 1; colours outside sRGB have negative channels. `None`
+/// where nothing visible remains.
+pub(super) fn blackbody(kelvin: f64) -> Option<DVec3> {
+    // The constant factor is lost anyway, and cold bodies would underflow.
+    let xyz = xyz(|wavelength| planck(wavelength, kelvin, 555.0), false);
+    let rgb = rgb_of_xyz(xyz / xyz.y);
+    rgb.is_finite().then_some(rgb)
+}
+
+/// Linear sRGB of a black body whose strongest wavelength has the value 1, as pbrt-v3 scales it.
+pub(super) fn blackbody_of_peak_one(kelvin: f64) -> Option<DVec3> {
+    /// Wien's displacement constant in nm K [CODATA 2018].
+    const WIEN: f64 = 2.897_771_955e6;
+    let peak = WIEN / kelvin;
+    let top = planck(peak, kelvin, peak);
+    let rgb = rgb_of_xyz(xyz(|wavelength| planck(wavelength, kelvin, peak) / top, false));
+    rgb.is_finite().then_some(rgb)
+}
+
+/// Planck's law, but for a factor that depends on the temperature and on `reference` (nm) alone.
+fn planck(wavelength: f64, kelvin: f64, reference: f64) -> f64 {
+    /// Planck's second constant h c / k in nm K [CODATA 2018].
+    const C2: f64 = 1.438_776_877e7;
+    let exponent = C2 / (wavelength * kelvin);
+    // 1 / (e^x - 1) = e^-x / (1 - e^-x)
+    (C2 / (reference * kelvin) - exponent).exp() / -(-exponent).exp_m1() / wavelength.powi(5)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use approx::assert_abs_diff_eq;
+
+    fn chromaticity(rgb: DVec3) -> [f64; 3] {
+        let x = 0.412_390_8 * rgb.x + 0.357_584_3 * rgb.y + 0.180_480_8 * rgb.z;
+        let y = 0.212_639 * rgb.x + 0.715_168_7 * rgb.y + 0.072_192_3 * rgb.z;
+        let z = 0.019_330_8 * rgb.x + 0.119_194_8 * rgb.y + 0.950_532_2 * rgb.z;
+        [x / (x + y + z), y / (x + y + z), y]
+    }
+
+    /// Chromaticities of the Planckian locus, from a standard table [CIE 15:2004]: 6500 K is
+    /// x = 0.3135, y = 0.3237; 2856 K (illuminant A) is x = 0.4476, y = 0.4074.
+    #[test]
+    fn black_bodies_have_their_colours() {
+        for (kelvin, x, y) in [(6500.0, 0.3135, 0.3237), (2856.0, 0.4476, 0.4074)] {
+            for (rgb, bright) in [(blackbody(kelvin), Some(1.0)), (blackbody_of_peak_one(kelvin), None)] {
+                let [found_x, found_y, luminance] = chromaticity(rgb.unwrap());
+                assert_abs_diff_eq!(found_x, x, epsilon = 0.0005);
+                assert_abs_diff_eq!(found_y, y, epsilon = 0.0005);
+                assert_abs_diff_eq!(luminance, bright.unwrap_or(luminance), epsilon = 1e-5);
+                assert!(luminance <= 1.0 + 1e-5 && luminance > 0.1);
+            }
+        }
+        assert!(blackbody(1e300).is_some());
+        // Cold enough, the exponents overflow; that is refused rather than NaN.
+        assert!(blackbody(1e-300).is_none());
+    }
+
+    #[test]
+    fn white_is_white() {
+        let sampled = |numbers: &[f64]| Sampled::new(numbers).unwrap();
+        let gray = sampled(&[200.0, 0.5, 900.0, 0.5]);
+        assert!((gray.rgb_under_d65() - DVec3::splat(0.5)).length() < 1e-12, "{}", gray.rgb_under_d65());
+        let white = rgb_of_chromaticity([0.3127, 0.3290]);
+        assert!((white - DVec3::ONE).length() < 1e-3, "{white}");
+        let equal = gray.rgb_of_luminance_one().unwrap();
+        let [x, y, luminance] = chromaticity(equal);
+        assert_abs_diff_eq!(x, 1.0 / 3.0, epsilon = 5e-4);
+        assert_abs_diff_eq!(y, 1.0 / 3.0, epsilon = 5e-4);
+        assert_abs_diff_eq!(luminance, 1.0, epsilon = 1e-5);
+        // Half of that where it is only half as bright.
+        assert!((gray.rgb() - equal * 0.5).length() < 1e-9);
+        assert!(sampled(&[300.0, 0.0, 900.0, 0.0]).rgb_of_luminance_one().is_none());
+    }
+
+    #[test]
+    fn samples_are_joined() {
+        let ramp = Sampled::new(&[400.0, 1.0, 500.0, 3.0]).unwrap();
+        assert_eq!([300.0, 400.0, 425.0, 500.0, 700.0].map(|w| ramp.at(w)), [1.0, 1.0, 1.5, 3.0, 3.0]);
+        assert_eq!((ramp.constant(), ramp.least()), (None, 1.0));
+        for bad in [&[][..], &[400.0], &[500.0, 1.0, 400.0, 1.0], &[0.0, 1.0]] {
+            assert!(Sampled::new(bad).is_err());
+        }
+    }
+}

@@ -1,0 +1,178 @@
+//! Plainer surfaces.
+
+use crate::effects::{Effect, surface_calls_for};
+use crate::material::Surface;
+use crate::scene::{
+    Color, ConductorFresnel, Material, MaterialKind, Roughness, Scalar, Scene, Texture, TextureId, TextureKind,
+};
+use crate::texture::Textures;
+
+/// Textures may be made of textures; deeper nesting than this is black, as look-ups have it.
+const DEEPEST: u32 = 8;
+
+impl Scene {
+    /// Replaces the lobes that call for an effect of surfaces.
+    pub(super) fn replace_lobes(&mut self, effect: Effect) {
+        let Self { materials, textures, .. } = self;
+        for material in materials.iter_mut().filter(|m| surface_calls_for(&m.kind, effect)) {
+            match (&mut material.kind, effect) {
+                (
+                    kind @ (MaterialKind::Dielectric { .. } | MaterialKind::ThinDielectric { .. }),
+                    Effect::Refraction,
+                ) => {
+                    *kind = MaterialKind::Interface;
+                }
+                (MaterialKind::Dielectric { roughness, .. }, _) => *roughness = Roughness::constant(0.0, 0.0, false),
+                _ => {
+                    if let Some(reflectance) = diffuse_color(material, textures) {
+                        material.kind = MaterialKind::Diffuse { reflectance };
+                    }
+                }
+            }
+        }
+    }
+
+    /// Puts every texture's mean in its place.
+    pub(super) fn flatten_textures(&mut self) {
+        let means = Means(&self.textures);
+        for material in &mut self.materials {
+            (material.bump, material.normal_map) = (None, None);
+            means.flatten(&mut material.kind);
+        }
+        for shape in self.objects.iter_mut().flat_map(|o| &mut o.shapes).chain(&mut self.shapes) {
+            shape.alpha = shape.alpha.map(|alpha| means.scalar(alpha));
+        }
+    }
+}
+
+/// The color of a diffuse surface as bright as a material at normal incidence. `None` for a material that is
+/// none: whoever builds it says why.
+fn diffuse_color(material: &Material, textures: &mut Vec<Texture>) -> Option<Color> {
+    if let MaterialKind::Mirror { reflectance } = &material.kind {
+        return Some(*reflectance);
+    }
+    let means = Means(textures);
+    let textured = base(&material.kind);
+    let mut plain = material.clone();
+    (plain.bump, plain.normal_map) = (None, None);
+    means.flatten(&mut plain.kind);
+    let surface = Surface::new(&plain).ok()?;
+    let albedo = surface.bsdf(&Textures::default(), [0.5; 2]).albedo().to_array().map(|a| a.clamp(0.0, 1.0));
+    let Some(Color::Texture(id)) = textured else { return Some(Color::Constant(albedo)) };
+    let mean = means.of(id);
+    let ratio = std::array::from_fn(|c| if mean[c] > 0.0 { albedo[c] / mean[c] } else { 1.0 });
+    let factors = [Color::Texture(id), Color::Constant(ratio)];
+    let name = format!("{} made diffuse", material.name);
+    textures.push(Texture { name, kind: TextureKind::Product { factors }, source: material.source.clone() });
+    Some(Color::Texture(TextureId(textures.len() as u32 - 1)))
+}
+
+/// The color that a material's albedo mostly depends on.
+fn base(kind: &MaterialKind) -> Option<Color> {
+    match kind {
+        MaterialKind::CoatedDiffuse { reflectance: color, .. }
+        | MaterialKind::Plastic { diffuse: color, .. }
+        | MaterialKind::Substrate { diffuse: color, .. }
+        | MaterialKind::Conductor { fresnel: ConductorFresnel::Reflectance(color), .. }
+        | MaterialKind::CoatedConductor { fresnel: ConductorFresnel::Reflectance(color), .. } => Some(*color),
+        _ => None,
+    }
+}
+
+/// The means of textures.
+struct Means<'t>(&'t [Texture]);
+
+impl Means<'_> {
+    fn of(&self, id: TextureId) -> [f32; 3] {
+        self.within(Color::Texture(id), DEEPEST)
+    }
+
+    fn scalar(&self, scalar: Scalar) -> Scalar {
+        match scalar {
+            Scalar::Texture(id) => Scalar::Constant(self.of(id)[0]),
+            constant => constant,
+        }
+    }
+
+    fn within(&self, color: Color, depth: u32) -> [f32; 3] {
+        let id = match color {
+            Color::Constant(rgb) => return rgb,
+            Color::Texture(id) => id,
+        };
+        let Some(texture) = self.0.get(id.0 as usize).filter(|_| depth > 0) else { return [0.0; 3] };
+        let both = |colors: &[Color; 2]| colors.map(|c| self.within(c, depth - 1));
+        match &texture.kind {
+            TextureKind::Checkerboard { colors, .. } => {
+                let [a, b] = both(colors);
+                std::array::from_fn(|c| 0.5 * (a[c] + b[c]))
+            }
+            TextureKind::Image { picture, factor, invert, .. } => std::array::from_fn(|c| {
+                let value = |p: &[f32; 3]| if *invert { (1.0 - p[c] * factor).max(0.0) } else { p[c] * factor };
+                let sum: f64 = picture.pixels.iter().map(|p| f64::from(value(p))).sum();
+                (sum / picture.pixels.len() as f64) as f32
+            }),
+            TextureKind::Product { factors } => {
+                let [a, b] = both(factors);
+                std::array::from_fn(|c| a[c] * b[c])
+            }
+            TextureKind::Mix { colors, amount } => {
+                let [a, b] = both(colors);
+                let amount = match amount {
+                    Scalar::Constant(amount) => *amount,
+                    Scalar::Texture(id) => self.within(Color::Texture(*id), depth - 1)[0],
+                };
+                std::array::from_fn(|c| a[c] + (b[c] - a[c]) * amount)
+            }
+        }
+    }
+
+    /// Puts means in the place of a material's textures.
+    fn flatten(&self, kind: &mut MaterialKind) {
+        let color = |color: &mut Color| *color = Color::Constant(self.within(*color, DEEPEST));
+        let scalar = |scalar: &mut Scalar| *scalar = self.scalar(*scalar);
+        let roughness = |roughness: &mut Roughness| {
+            scalar(&mut roughness.u);
+            scalar(&mut roughness.v);
+        };
+        let fresnel = |fresnel: &mut ConductorFresnel| {
+            if let ConductorFresnel::Reflectance(reflectance) = fresnel {
+                color(reflectance);
+            }
+        };
+        match kind {
+            MaterialKind::Diffuse { reflectance } | MaterialKind::Mirror { reflectance } => color(reflectance),
+            MaterialKind::DiffuseTransmission { reflectance, transmittance } => {
+                color(reflectance);
+                color(transmittance);
+            }
+            MaterialKind::Conductor { fresnel: f, roughness: r } => {
+                fresnel(f);
+                roughness(r);
+            }
+            MaterialKind::Dielectric { roughness: r, reflectance, transmittance, .. } => {
+                roughness(r);
+                color(reflectance);
+                color(transmittance);
+            }
+            MaterialKind::CoatedDiffuse { reflectance, roughness: r, albedo, .. } => {
+                color(reflectance);
+                roughness(r);
+                color(albedo);
+            }
+            MaterialKind::CoatedConductor { fresnel: f, roughness: r, coat_roughness, albedo, .. } => {
+                fresnel(f);
+                roughness(r);
+                roughness(coat_roughness);
+                color(albedo);
+            }
+            MaterialKind::Mix { amount, .. } => scalar(amount),
+            MaterialKind::Plastic { diffuse, specular, roughness: r }
+            | MaterialKind::Substrate { diffuse, specular, roughness: r } => {
+                color(diffuse);
+                color(specular);
+                roughness(r);
+            }
+            MaterialKind::ThinDielectric { .. } | MaterialKind::Interface => {}
+        }
+    }
+}

@@ -1,0 +1,197 @@
+//! Glass: what light does at a border between two transparent media, and at a pane.
+//!
+//! The normal +z points out of the glass: `wo.z > 0` is outside. Inside, the picture is mirrored through the point, with
+//! the reciprocal index; so every function below works with a `wo` above and an `eta` of what lies below over what
+//! lies above. Radiance is scattered, not importance: what crosses the border is divided by `eta^2`
+//! [Pharr et al. 2023, sec. 9.5.2].
+
+use super::bsdf::{BsdfSample, mirror};
+use super::fresnel;
+use super::microfacet::{TrowbridgeReitz, half_angle_cosine};
+use glam::Vec3;
+
+/// What light of a glass is multiplied by: white in nature.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Tint {
+    /// Where it is reflected.
+    pub reflectance: Vec3,
+    /// Where it is transmitted.
+    pub transmittance: Vec3,
+}
+
+impl Tint {
+    /// No tint.
+    pub const WHITE: Self = Self { reflectance: Vec3::ONE, transmittance: Vec3::ONE };
+
+    /// Probability of sampling the reflection where Fresnel's is `reflectance`; the transmission has the rest.
+    #[inline]
+    fn chance(&self, reflectance: f32) -> f32 {
+        // Then exactly Fresnel's, and every sample has the same weight.
+        if self.reflectance == self.transmittance {
+            return reflectance;
+        }
+        let up = reflectance * self.reflectance.element_sum();
+        let down = (1.0 - reflectance) * self.transmittance.element_sum();
+        // A black glass scatters nothing, whichever lobe is drawn.
+        if up + down > 0.0 { up / (up + down) } else { 0.0 }
+    }
+}
+
+/// A smooth border.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SmoothDielectric {
+    /// Index of refraction of the inside over that of the outside.
+    pub eta: f32,
+    /// What light is multiplied by.
+    pub tint: Tint,
+}
+
+impl SmoothDielectric {
+    /// As [`Bsdf::sample`](super::Bsdf::sample); both lobes are specular.
+    #[inline]
+    pub(super) fn sample(&self, wo: Vec3, lobe: f32) -> Option<BsdfSample> {
+        let (side, eta) = if wo.z > 0.0 { (1.0, self.eta) } else { (-1.0, 1.0 / self.eta) };
+        let wo = side * wo;
+        let transmitted = fresnel::transmitted_cosine(wo.z, eta);
+        let reflectance = transmitted.map_or(1.0, |cos| fresnel::dielectric_between(wo.z, cos, eta));
+        let chance = self.tint.chance(reflectance);
+        match transmitted {
+            Some(cos) if lobe >= chance => {
+                let pdf = 1.0 - chance;
+                let wi = side * Vec3::new(-wo.x / eta, -wo.y / eta, -cos);
+                let weight = self.tint.transmittance * ((1.0 - reflectance) / (pdf * eta * eta));
+                Some(BsdfSample { wi, weight, pdf, specular: true, eta })
+            }
+            _ if chance > 0.0 => {
+                let wi = side * Vec3::new(-wo.x, -wo.y, wo.z);
+                let weight = self.tint.reflectance * (reflectance / chance);
+                Some(BsdfSample { wi, weight, pdf: chance, specular: true, eta: 1.0 })
+            }
+            _ => None,
+        }
+    }
+}
+
+/// A rough border [Walter et al. 2007].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RoughDielectric {
+    /// Index of refraction of the inside over that of the outside; not 1, with which there is no border.
+    pub eta: f32,
+    /// Its microfacets.
+    pub microfacets: TrowbridgeReitz,
+    /// What light is multiplied by.
+    pub tint: Tint,
+}
+
+impl RoughDielectric {
+    /// As [`Bsdf::evaluate_and_pdf`](super::Bsdf::evaluate_and_pdf).
+    #[inline]
+    pub(super) fn evaluate_and_pdf(&self, wo: Vec3, wi: Vec3) -> (Vec3, f32) {
+        let (side, eta) = if wo.z > 0.0 { (1.0, self.eta) } else { (-1.0, 1.0 / self.eta) };
+        let (wo, wi) = (side * wo, side * wi);
+        if wo.z > 0.0 && wi.z > 0.0 {
+            self.reflected(wo, wi, eta)
+        } else if wo.z > 0.0 && wi.z < 0.0 {
+            self.transmitted(wo, wi, side > 0.0)
+        } else {
+            (Vec3::ZERO, 0.0)
+        }
+    }
+
+    /// As [`Bsdf::sample`](super::Bsdf::sample).
+    #[inline]
+    pub(super) fn sample(&self, wo: Vec3, u: [f32; 2], lobe: f32) -> Option<BsdfSample> {
+        let (side, eta) = if wo.z > 0.0 { (1.0, self.eta) } else { (-1.0, 1.0 / self.eta) };
+        let wo = side * wo;
+        let m = self.microfacets.sample_visible(wo, u);
+        let cos = wo.dot(m);
+        let transmitted = fresnel::transmitted_cosine(cos, eta);
+        let reflectance = transmitted.map_or(1.0, |cos_t| fresnel::dielectric_between(cos.clamp(0.0, 1.0), cos_t, eta));
+        let (wi, (f, pdf), eta) = match transmitted {
+            Some(cos_t) if lobe >= self.tint.chance(reflectance) => {
+                // Once more to unit length: for an index far from 1 its terms are larger than 1 and cancel.
+                let wi = ((cos / eta - cos_t) * m - wo / eta).normalize();
+                if !(wi.z < 0.0) {
+                    return None;
+                }
+                (wi, self.transmitted(wo, wi, side > 0.0), eta)
+            }
+            _ => {
+                let wi = mirror(wo, m);
+                if !(wi.z > 0.0) {
+                    return None;
+                }
+                (wi, self.reflected(wo, wi, eta), 1.0)
+            }
+        };
+        (pdf > 0.0).then(|| {
+            let weight = f * (wi.z.abs() / pdf);
+            BsdfSample { wi: side * wi, weight, pdf, specular: false, eta }
+        })
+    }
+
+    /// `f` and density for two directions above.
+    #[inline]
+    fn reflected(&self, wo: Vec3, wi: Vec3, eta: f32) -> (Vec3, f32) {
+        let h = wo + wi;
+        let reflectance = fresnel::dielectric(half_angle_cosine(h), eta);
+        let f = self.tint.reflectance * (reflectance * self.microfacets.reflection(wo, wi, h));
+        (f, self.tint.chance(reflectance) * self.microfacets.reflection_pdf(wo, h))
+    }
+
+    /// `f` and density for `wo` above and `wi` below [Walter et al. 2007, eq. 16, 17 and 21, over `eta^2`]; `outside`
+    /// is whether `wo` lies outside of the glass.
+    ///
+    /// The half vector is `h = a + eta b`, `a` being the direction outside and `b` the one inside, whichever light
+    /// comes from: so the two ways through differ by `eta^2`, and by nothing else. The root of the Jacobian's
+    /// denominator is `|h|`, and `|cos|` of both directions cancel against those in the masking.
+    #[inline]
+    fn transmitted(&self, wo: Vec3, wi: Vec3, outside: bool) -> (Vec3, f32) {
+        let (a, b) = if outside { (wo, wi) } else { (wi, wo) };
+        let h = a + self.eta * b;
+        // Upwards, on the side of `wo`.
+        let h = if h.z < 0.0 { -h } else { h };
+        // Times |h|. Facets are seen from above by `wo` and from below by `wi`.
+        let (before, beyond) = (wo.dot(h), -wi.dot(h));
+        if !(before > 0.0 && beyond > 0.0) {
+            return (Vec3::ZERO, 0.0);
+        }
+        let square = h.length_squared();
+        let inverse = 1.0 / square.sqrt();
+        let (cos_a, cos_b) = if outside { (before, beyond) } else { (beyond, before) };
+        let reflectance = fresnel::dielectric_between(cos_a * inverse, cos_b * inverse, self.eta);
+        let common = 2.0 * self.microfacets.normals(h) * before * beyond / (square * square);
+        let eta2 = self.eta * self.eta;
+        let (radiance, density) = if outside { (common, common * eta2) } else { (common * eta2, common) };
+        let (above, below) = (self.microfacets.stretched(wo), self.microfacets.stretched(wi));
+        let f = self.tint.transmittance * ((1.0 - reflectance) * radiance / (above * -wi.z + below * wo.z));
+        (f, (1.0 - self.tint.chance(reflectance)) * density / (wo.z + above))
+    }
+}
+
+/// A pane of glass, as [`Bsdf::sample`](super::Bsdf::sample): light goes straight through, or is mirrored.
+#[inline]
+pub(super) fn sample_pane(eta: f32, wo: Vec3, lobe: f32) -> BsdfSample {
+    let reflectance = fresnel::pane(wo.z.abs(), eta);
+    let (wi, pdf) =
+        if lobe < reflectance { (Vec3::new(-wo.x, -wo.y, wo.z), reflectance) } else { (-wo, 1.0 - reflectance) };
+    BsdfSample { wi, weight: Vec3::ONE, pdf, specular: true, eta: 1.0 }
+}
+
+/// Lambert's reflection on this side, and the same on the other: a sheet of paper.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DiffuseTransmission {
+    /// Share of light reflected, per channel.
+    pub reflectance: Vec3,
+    /// Share of light that comes out on the other side, per channel.
+    pub transmittance: Vec3,
+}
+
+impl DiffuseTransmission {
+    /// Probability of sampling the reflection: its share of the light.
+    #[inline]
+    pub(super) fn chance(&self) -> f32 {
+        let (up, down) = (self.reflectance.element_sum(), self.transmittance.element_sum());
+        if up + down > 0.0 { up / (up + down) } else { 1.0 }
+    }
+}

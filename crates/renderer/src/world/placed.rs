@@ -1,0 +1,212 @@
+//! Objects and their instances in a world, and what moves.
+
+use super::build::{Problems, convert};
+use super::time::Shutter;
+use super::{Interaction, Part, World};
+use crate::scene::{MaterialId, MediumId, Scene, Shape as DescribedShape, Source};
+use crate::space::Space;
+use dapple_geometry::{Geometry, Hit, Instance, Mesh, Motion, Preset, Ray, Shape};
+use glam::{DAffine3, DVec3, Vec3};
+use std::sync::Arc;
+
+/// Objects, where they stand, and what belongs to their shapes.
+#[derive(Default)]
+pub(super) struct Placements {
+    objects: Vec<Arc<Geometry>>,
+    instances: Vec<Instance>,
+    pub(super) parts: Vec<Part>,
+    pub(super) dropped_triangles: usize,
+    pub(super) moves: bool,
+}
+
+impl Placements {
+    /// The scene's objects and instances.
+    pub(super) fn of(scene: &Scene, space: &Space, shutter: &Shutter, problems: &mut Problems) -> Self {
+        let mut all = Self::default();
+        // The spaces of their own that objects are kept in; none for an object with a problem.
+        let mut spaces = Vec::with_capacity(scene.objects.len());
+        for object in &scene.objects {
+            for shape in &object.shapes {
+                refuse(shape, problems);
+                problems.check_material(scene, shape);
+            }
+            spaces.push(all.add_object(&object.shapes, &object.source, problems));
+        }
+        for instance in &scene.instances {
+            let object = instance.object.0;
+            match spaces.get(object as usize) {
+                None => problems
+                    .add(&instance.source, format!("the instance is one of object {object}, which is not there")),
+                Some(None) => {}
+                Some(Some(inner)) => {
+                    let ends = (instance.to_world, instance.moves_to);
+                    all.add_instance(object, ends, inner, space, shutter, &instance.source, problems);
+                }
+            }
+        }
+        all
+    }
+
+    /// A single shape that moves: the only instance of an object of its own. What remains at its number is an empty
+    /// mesh.
+    pub(super) fn add_moving(
+        &mut self,
+        shape: &DescribedShape,
+        space: &Space,
+        shutter: &Shutter,
+        problems: &mut Problems,
+    ) {
+        if shape.emission.is_some() {
+            problems.add(&shape.source, "a shape that moves cannot shine: let it stand still".into());
+        }
+        let inner = DescribedShape { to_world: DAffine3::IDENTITY, moves_to: None, emission: None, ..shape.clone() };
+        let object = self.objects.len() as u32;
+        if let Some(own) = self.add_object(&[inner], &shape.source, problems) {
+            let ends = (shape.to_world, shape.moves_to);
+            self.add_instance(object, ends, &own, space, shutter, &shape.source, problems);
+        }
+    }
+
+    /// An object, in a space of its own; that space.
+    fn add_object(&mut self, shapes: &[DescribedShape], source: &Source, problems: &mut Problems) -> Option<Space> {
+        let own = Space::of_shapes(shapes);
+        let mut geometry = Vec::with_capacity(shapes.len());
+        for shape in shapes {
+            let (shape, part) = problems.note_at(&shape.source, convert(shape, &own))?;
+            self.dropped_triangles += if let Shape::Mesh(mesh) = &shape { mesh.degenerate() } else { 0 };
+            geometry.push(shape);
+            self.parts.push(part);
+        }
+        let geometry = problems.note_at(source, Geometry::build(geometry, Preset::default()))?;
+        self.objects.push(Arc::new(geometry));
+        Some(own)
+    }
+
+    #[expect(clippy::too_many_arguments, reason = "called twice, right above")]
+    fn add_instance(
+        &mut self,
+        object: u32,
+        (start, end): (DAffine3, Option<DAffine3>),
+        inner: &Space,
+        space: &Space,
+        shutter: &Shutter,
+        source: &Source,
+        problems: &mut Problems,
+    ) {
+        let start = space.apply(start);
+        let motion = match end {
+            Some(end) => problems.note_at(source, Motion::between(start, space.apply(end))),
+            None => Some(Motion::still(start)),
+        };
+        let Some(motion) = motion else { return };
+        let determinant = start.matrix3.determinant();
+        if !start.is_finite() || determinant == 0.0 || !determinant.is_finite() {
+            problems.add(source, "the transform is not finite or flattens space: check its scales".into());
+            return;
+        }
+        let motion = shutter.seen(motion.after(inner.inverse()));
+        self.moves |= motion.moves();
+        self.instances.push(Instance { object, motion });
+    }
+
+    /// Everything in one geometry: the fast one where there are no instances.
+    pub(super) fn build(self, shapes: Vec<Shape>) -> Result<Geometry, dapple_geometry::Error> {
+        match self.instances.is_empty() {
+            true => Geometry::build(shapes, Preset::default()),
+            false => Geometry::with_instances(shapes, self.objects, self.instances, Preset::default()),
+        }
+    }
+}
+
+/// What stands at the number of a shape that moves.
+pub(super) fn nothing() -> Option<Shape> {
+    Mesh::new(Vec::new(), Vec::new()).ok().map(Shape::from)
+}
+
+/// Tells what a shape of an object cannot be.
+fn refuse(shape: &DescribedShape, problems: &mut Problems) {
+    if shape.emission.is_some() {
+        problems.add(&shape.source, "a shape of an object cannot shine: put the lamp into the scene by itself".into());
+    }
+    if shape.moves_to.is_some() {
+        problems.add(&shape.source, "a shape of an object cannot move in it: move the instance".into());
+    }
+}
+
+impl World {
+    /// The part of a shape number.
+    #[inline]
+    pub(crate) fn part(&self, shape: u32) -> &Part {
+        match self.parts.get(shape as usize) {
+            Some(part) => part,
+            None => &self.object_parts[self.geometry.original(shape) as usize - self.parts.len()],
+        }
+    }
+
+    /// A hit of an instance: normals are taken to the world by the inverse transpose, so that a transform that mirrors
+    /// turns nothing around.
+    #[inline(never)]
+    pub(super) fn placed(&self, ray: &Ray, hit: Hit, time: f32) -> Interaction<'_> {
+        let mut point = self.geometry.surface_at(ray, &hit, time);
+        let part = self.part(hit.shape);
+        point.normal *= part.flip;
+        let mut shading_normal = point.normal;
+        if !part.normals.is_empty()
+            && let Shape::Mesh(mesh) = self.geometry.shape(hit.shape)
+            && let Some(to_world) = self.geometry.to_world(hit.shape, time)
+        {
+            let [a, b, c] = mesh.triangles()[hit.primitive as usize].map(|v| part.normals[v as usize]);
+            let [v, w] = hit.barycentrics;
+            let inner = a * (1.0 - v - w) + b * v + c * w;
+            let normal = to_world.matrix3.inverse().transpose() * inner.as_dvec3();
+            shading_normal = normal.normalize_or_zero().as_vec3();
+            // Shading normals decide on the side [Pharr et al. 2023, sec. 6.5.3].
+            if shading_normal.dot(point.normal) < 0.0 {
+                point.normal = -point.normal;
+            }
+        }
+        Interaction { part, hit, point, shading_normal, time }
+    }
+
+    /// A direction of a hit shape's space in the world.
+    #[inline]
+    pub(super) fn turned(&self, at: &Interaction<'_>, direction: Vec3) -> Vec3 {
+        match self.geometry.to_world(at.hit.shape, at.time) {
+            None => direction,
+            Some(to_world) => (to_world.matrix3 * direction.as_dvec3()).as_vec3(),
+        }
+    }
+
+    /// Lower and upper corner of a shape's box when the shutter opens, to within rounding.
+    pub(crate) fn shape_bounds(&self, shape: u32) -> [Vec3; 2] {
+        let [low, high] = self.geometry.shape(shape).bounds().unwrap_or_default();
+        let Some(to_world) = self.geometry.to_world(shape, self.time(0.0)) else { return [low, high] };
+        Motion::still(to_world).bounds(low.as_dvec3(), high.as_dvec3()).map(DVec3::as_vec3)
+    }
+}
+
+impl Problems {
+    /// Tells media that are not there, and lamps with holes.
+    pub(super) fn check_media(&mut self, scene: &Scene) {
+        let missing = |medium: &Option<MediumId>| medium.is_some_and(|m| m.0 as usize >= scene.media.len());
+        for shape in scene.shapes.iter().chain(scene.objects.iter().flat_map(|object| &object.shapes)) {
+            if shape.media.is_some_and(|m| missing(&m.inside) || missing(&m.outside)) {
+                self.add(&shape.source, "the shape borders on a medium that is not there".into());
+            }
+            if shape.emission.is_some() && shape.alpha.is_some() {
+                let what = "a shape with holes (alpha) cannot shine: remove its alpha, or the light";
+                self.add(&shape.source, what.into());
+            }
+        }
+        if missing(&scene.camera.medium) {
+            self.add(&scene.camera.source, "the camera stands in a medium that is not there".into());
+        }
+    }
+
+    pub(super) fn check_material(&mut self, scene: &Scene, shape: &DescribedShape) {
+        let MaterialId(material) = shape.material;
+        if material as usize >= scene.materials.len() {
+            self.add(&shape.source, format!("the shape has material {material}, which is not there"));
+        }
+    }
+}

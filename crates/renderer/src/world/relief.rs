@@ -1,0 +1,99 @@
+//! Tangents of surfaces, and shading normals that bump and normal maps tilt.
+
+use super::{Interaction, World};
+use crate::material::{Relief, Surface};
+use crate::shading::Frame;
+use dapple_geometry::Shape;
+use glam::Vec3;
+
+/// Step in u and v over which a height's slope is measured: what pbrt-v4 takes where it knows no footprint
+/// [Pharr et al. 2023, sec. 10.5.3].
+const STEP: f32 = 5e-4;
+
+impl World {
+    /// How a hit's point moves with u and with v; zero where texture coordinates tell no direction.
+    pub(super) fn derivatives(&self, at: &Interaction<'_>) -> [Vec3; 2] {
+        let shape = self.geometry.shape(at.hit.shape);
+        // A point of an instance, in the space of its object.
+        let local = || match self.geometry.to_world(at.hit.shape, at.time) {
+            None => at.point.position,
+            Some(to_world) => to_world.inverse().transform_point3(at.point.position.as_dvec3()).as_vec3(),
+        };
+        let derivatives = match shape {
+            Shape::Sphere(sphere) => sphere.derivatives(local()),
+            Shape::Disk(disk) => disk.derivatives(local()),
+            Shape::Mesh(mesh) => {
+                let [p0, p1, p2] = mesh.corners(at.hit.primitive);
+                let [t0, t1, t2] = match at.part.uvs.is_empty() {
+                    true => [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]],
+                    false => mesh.triangles()[at.hit.primitive as usize].map(|v| at.part.uvs[v as usize]),
+                };
+                let (du1, dv1, du2, dv2) = (t1[0] - t0[0], t1[1] - t0[1], t2[0] - t0[0], t2[1] - t0[1]);
+                let determinant = du1 * dv2 - dv1 * du2;
+                if determinant == 0.0 {
+                    return [Vec3::ZERO; 2];
+                }
+                let (e1, e2) = (p1 - p0, p2 - p0);
+                [(e1 * dv2 - e2 * dv1) / determinant, (e2 * du1 - e1 * du2) / determinant]
+            }
+        };
+        derivatives.map(|d| self.turned(at, d))
+    }
+
+    /// The shading frame of a hit whose material has a relief: a normal map, or else a bump map. The normal lies on the
+    /// side of the geometric one.
+    #[inline(never)]
+    pub(super) fn frame_in_relief(&self, at: &Interaction<'_>, surface: &Surface) -> Frame {
+        let [along_u, along_v] = self.derivatives(at);
+        let level = Frame::from_shading_normal(at.shading_normal, at.point.normal, Some(along_u));
+        let uv = self.uv(at);
+        let tilted = match surface.relief {
+            Relief { normal_map: Some(picture), .. } => {
+                level.to_world(2.0 * self.textures.look_up(picture, uv) - Vec3::ONE)
+            }
+            Relief { bump: Some(height), .. } => {
+                let height = |u: f32, v: f32| self.textures.look_up(height, [u, v]).x;
+                let here = height(uv[0], uv[1]);
+                let scale = self.space.scale() as f32 / STEP;
+                let rise = [height(uv[0] + STEP, uv[1]) - here, height(uv[0], uv[1] + STEP) - here].map(|h| h * scale);
+                tilt(level.normal, [along_u, along_v], rise)
+            }
+            Relief { .. } => return level,
+        };
+        Frame::from_shading_normal(tilted, at.point.normal, Some(along_u))
+    }
+}
+
+/// The unit normal `n` of a surface with these derivatives, were it moved along `n` by a height with these:
+/// `(p_u + h_u n) x (p_v + h_v n)`, on the side of `n` [Pharr et al. 2023, eq. 10.16, for a level height of 0].
+fn tilt(n: Vec3, derivatives: [Vec3; 2], rise: [f32; 2]) -> Vec3 {
+    // Vertex normals lean away from their triangle: what counts lies across them.
+    let [p_u, p_v] = derivatives.map(|p| p - n * n.dot(p));
+    let level = p_u.cross(p_v);
+    let side = if level.dot(n) < 0.0 { -1.0 } else { 1.0 };
+    let tilted = level + rise[0] * n.cross(p_v) + rise[1] * p_u.cross(n);
+    let largest = tilted.abs().max_element();
+    // Without directions of u and v there is no slope.
+    if largest > 0.0 && largest.is_finite() { side / largest * tilted } else { n }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn slopes_tilt_normals_against_them() {
+        for (p_u, p_v) in [(Vec3::X, Vec3::Y), (-3.0 * Vec3::X, Vec3::Y), (Vec3::X, 0.1 * Vec3::Y), (Vec3::Y, Vec3::X)]
+        {
+            // A height that grows by 0.5 along x and by 0.25 along y.
+            let slope = Vec3::new(0.5, 0.25, 0.0);
+            let n = tilt(Vec3::Z, [p_u, p_v], [slope.dot(p_u), slope.dot(p_v)]).normalize();
+            assert!((n - Vec3::new(-0.5, -0.25, 1.0).normalize()).length() < 1e-6, "{p_u} {p_v}: {n}");
+            let below = tilt(-Vec3::Z, [p_u, p_v], [slope.dot(p_u), slope.dot(p_v)]).normalize();
+            assert!((below - Vec3::new(0.5, 0.25, 1.0).normalize() * Vec3::new(-1.0, -1.0, -1.0)).length() < 1e-6);
+        }
+        // No directions, no slope.
+        assert_eq!(tilt(Vec3::Z, [Vec3::ZERO; 2], [1.0, 1.0]), Vec3::Z);
+        assert_eq!(tilt(Vec3::Z, [Vec3::X, Vec3::NAN], [1.0, 1.0]), Vec3::Z);
+    }
+}

@@ -1,0 +1,523 @@
+//! What the reader makes of pbrt-v4's words, and what it says where they are wrong.
+
+use dapple_renderer::image::{Picture, encode_pfm};
+use dapple_renderer::pbrt::{ReadError, ReadOptions, read_scene_from};
+use dapple_renderer::scene::{
+    Color, ConductorFresnel, EnvironmentRadiance, Geometry, LightKind, MaterialKind, MediumInterface, Projection,
+    Scalar, Scene, SpotFalloff, TextureKind, Wrap,
+};
+use glam::{DVec3, dvec3};
+use std::collections::BTreeMap;
+use std::f32::consts::PI;
+use std::path::PathBuf;
+
+const HEAD: &str = "Film \"rgb\" \"integer xresolution\" 4 \"integer yresolution\" 3\n";
+const WORLD: &str = "Camera \"perspective\"\nWorldBegin\n";
+const TAIL: &str = "LightSource \"infinite\"\nShape \"sphere\"\n";
+
+fn pfm(size: [u32; 2], pixel: impl Fn(u32) -> [f32; 3]) -> Vec<u8> {
+    let pixels = (0..size[0] * size[1]).map(pixel).collect();
+    encode_pfm(&Picture::new(size, pixels).unwrap()).unwrap()
+}
+
+fn read(text: &str) -> Result<Scene, ReadError> {
+    let mut files: BTreeMap<PathBuf, Vec<u8>> = BTreeMap::new();
+    files.insert("s.pbrt".into(), text.as_bytes().to_vec());
+    files.insert("square.pfm".into(), pfm([32, 32], |_| [1.0, 2.0, 3.0]));
+    files.insert("wide.pfm".into(), pfm([4, 2], |i| [i as f32, 0.5, 0.25]));
+    files.insert("flat.spd".into(), b"# no colour\n400 0.25\n700 0.25\n".to_vec());
+    files.insert("bad.spd".into(), b"400 1\n500 one\n".to_vec());
+    read_scene_from(&files, "s.pbrt", &ReadOptions::default())
+}
+
+fn world(text: &str) -> Scene {
+    read(&format!("{HEAD}{WORLD}{text}\n{TAIL}")).unwrap_or_else(|e| panic!("{text}: {e}"))
+}
+
+/// What is said about this text in an otherwise good world; its first line is line 4.
+fn complaint(text: &str) -> String {
+    read(&format!("{HEAD}{WORLD}{text}\n{TAIL}")).map(|_| ()).expect_err(text).to_string()
+}
+
+fn options(text: &str) -> Scene {
+    read(&format!("{HEAD}{text}\nWorldBegin\n{TAIL}")).unwrap_or_else(|e| panic!("{text}: {e}"))
+}
+
+fn kind(text: &str) -> MaterialKind {
+    let scene = world(&format!("{text}\nShape \"disk\""));
+    scene.materials[scene.shapes[0].material.0 as usize].kind.clone()
+}
+
+fn light(text: &str) -> (LightKind, glam::DAffine3) {
+    let light = world(text).lights[0].clone();
+    (light.kind, light.to_world)
+}
+
+fn close(a: [f32; 3], b: [f32; 3], within: f32) -> bool {
+    (0..3).all(|i| (a[i] - b[i]).abs() <= within)
+}
+
+#[test]
+fn small_lights() {
+    let (kind, to_world) = light("LightSource \"point\" \"rgb I\" [1 2 3] \"float scale\" 2 \"point3 from\" [1 2 3]");
+    assert!(matches!(kind, LightKind::Point { intensity: [2.0, 4.0, 6.0] }));
+    assert_eq!(to_world.transform_point3(DVec3::ZERO), dvec3(1.0, 2.0, 3.0));
+    let LightKind::Point { intensity } = light("LightSource \"point\" \"float power\" 100").0 else { panic!() };
+    assert!(close(intensity, [100.0 / (4.0 * PI); 3], 1e-5));
+
+    let text =
+        "LightSource \"spot\" \"rgb I\" [8 8 8] \"point3 from\" [0 5 0] \"point3 to\" [0 0 0] \"float coneangle\" 40";
+    let (kind, to_world) = light(text);
+    let LightKind::Spot { intensity, cone, falloff_start, falloff } = kind else { panic!() };
+    assert_eq!((intensity, cone, falloff_start, falloff), ([8.0; 3], 40.0, 35.0, SpotFalloff::Smoothstep));
+    assert!((to_world.transform_vector3(DVec3::Z) + DVec3::Y).length() < 1e-12);
+    assert_eq!(to_world.transform_point3(DVec3::ZERO), DVec3::Y * 5.0);
+    // A spot that fills everything, without a falloff, is a point.
+    let text = "LightSource \"spot\" \"float power\" 100 \"float coneangle\" 180 \"float conedeltaangle\" 0";
+    let LightKind::Spot { intensity, .. } = light(text).0 else { panic!() };
+    assert!(close(intensity, [100.0 / (4.0 * PI); 3], 1e-5));
+
+    let text = "LightSource \"distant\" \"rgb L\" [1 2 3] \"float illuminance\" 10 \"point3 from\" [0 9 0] \"point3 to\" [0 0 0]";
+    let (kind, to_world) = light(text);
+    let LightKind::Distant { irradiance } = kind else { panic!() };
+    assert_eq!(irradiance, [10.0, 20.0, 30.0]);
+    // Its light comes out of +z.
+    assert!((to_world.transform_vector3(DVec3::Z) - DVec3::Y).length() < 1e-12);
+
+    let say = |text: &str| complaint(text);
+    assert_eq!(
+        say("LightSource \"spot\" \"float coneangle\" 10 \"float conedeltaangle\" 20"),
+        "s.pbrt:4: parameter conedeltaangle of LightSource \"spot\" must be at least 0 and at most coneangle, not 20"
+    );
+    assert_eq!(
+        say("LightSource \"distant\" \"point3 from\" [1 1 1] \"point3 to\" [1 1 1]"),
+        "s.pbrt:4: LightSource \"distant\" needs from and to to differ"
+    );
+    assert!(say("LightSource \"point\" \"float power\" 1e39 \"rgb I\" [1e30 1 1]").contains("brighter than 3.4e38"));
+}
+
+#[test]
+fn environments_have_two_layouts() {
+    let radiance = |text: &str| match light(text).0 {
+        LightKind::Infinite { radiance } => radiance,
+        other => panic!("{other:?}"),
+    };
+    let square = radiance("LightSource \"infinite\" \"string filename\" \"square.pfm\" \"float scale\" 2");
+    assert!(matches!(square, EnvironmentRadiance::EqualArea { scale: 2.0, .. }));
+    let wide = radiance("LightSource \"infinite\" \"string filename\" \"wide.pfm\"");
+    assert!(matches!(wide, EnvironmentRadiance::LatLong { scale: 1.0, .. }));
+    // The whole sky at radiance 1 gives pi.
+    let EnvironmentRadiance::Constant(rgb) = radiance("LightSource \"infinite\" \"float illuminance\" 6") else {
+        panic!()
+    };
+    assert!(close(rgb, [6.0 / PI; 3], 1e-5));
+    let text = "LightSource \"infinite\" \"string filename\" \"square.pfm\" \"float illuminance\" 6";
+    let EnvironmentRadiance::EqualArea { scale, .. } = radiance(text) else { panic!() };
+    let luminance = 0.2126 + 2.0 * 0.7152 + 3.0 * 0.0722;
+    // Twice as bright as asked, since pbrt-v4 weighs the square as half a sphere.
+    assert!((scale * luminance * PI / 12.0 - 1.0).abs() < 0.01, "{scale}");
+}
+
+#[test]
+fn area_lights_by_their_power() {
+    let emission = |shape: &str, more: &str| {
+        let text = format!("AttributeBegin\nAreaLightSource \"diffuse\" {more}\n{shape}\nAttributeEnd");
+        world(&text).shapes[0].emission.unwrap()
+    };
+    let sphere = emission("Scale 2 2 2\nShape \"sphere\" \"float radius\" .5", "\"float power\" 100");
+    assert!(close(sphere.radiance, [100.0 / (PI * 4.0 * PI); 3], 1e-4) && !sphere.two_sided);
+    let disk =
+        emission("Shape \"disk\"", "\"float power\" 100 \"bool twosided\" true \"rgb L\" [1 0 2] \"float scale\" 3");
+    assert!(close(disk.radiance, [300.0 / (2.0 * PI * PI), 0.0, 600.0 / (2.0 * PI * PI)], 1e-4));
+    let quad = "Scale 3 1 1\nShape \"bilinearmesh\" \"point3 P\" [0 0 0 1 0 0 0 1 0 1 1 0]";
+    assert!(close(emission(quad, "\"float power\" 6").radiance, [2.0 / PI; 3], 1e-5));
+    let text = "AreaLightSource \"diffuse\" \"float power\" 1\nScale 1 2 1";
+    assert!(complaint(text).contains("the power of a stretched sphere or disk is not known"), "{}", complaint(text));
+}
+
+#[test]
+fn spectra_become_colours() {
+    let l = |spectrum: &str| match light(&format!("LightSource \"infinite\" {spectrum}")).0 {
+        LightKind::Infinite { radiance: EnvironmentRadiance::Constant(rgb) } => rgb,
+        other => panic!("{other:?}"),
+    };
+    let y = |[r, g, b]: [f32; 3]| 0.2126 * r + 0.7152 * g + 0.0722 * b;
+    assert_eq!(l("\"spectrum L\" \"stdillum-D65\""), [1.0; 3]);
+    for light in [
+        "\"spectrum L\" \"stdillum-A\"",
+        "\"spectrum L\" \"stdillum-F11\"",
+        "\"spectrum L\" [400 3 700 3]",
+        "\"blackbody L\" 3000",
+        "\"spectrum L\" \"flat.spd\"",
+    ] {
+        let rgb = l(light);
+        assert!((y(rgb) - 1.0).abs() < 2e-3 && rgb[0] > rgb[2], "{light} {rgb:?}");
+    }
+    let reflectance = |spectrum: &str| match kind(&format!("Material \"diffuse\" {spectrum}")) {
+        MaterialKind::Diffuse { reflectance: Color::Constant(rgb) } => rgb,
+        other => panic!("{other:?}"),
+    };
+    assert_eq!(reflectance("\"spectrum reflectance\" \"flat.spd\""), [0.25; 3]);
+    let red = reflectance("\"spectrum reflectance\" [400 0 580 0 620 .8 700 .8]");
+    assert!(red[0] > 0.5 && red[1] < 0.2 && red[2] < 0.05, "{red:?}");
+    assert_eq!(reflectance("\"xyz reflectance\" [0 0 0]"), [0.0; 3]);
+    let white = reflectance("\"xyz reflectance\" [.47523 .5 .54441]");
+    assert!(close(white, [0.5; 3], 1e-3), "{white:?}");
+    for (text, expected) in [
+        (
+            "Material \"conductor\" \"spectrum eta\" \"metal-Cu-et\"",
+            "s.pbrt:4: spectrum \"metal-Cu-et\" is neither known by name nor a file: did you mean metal-Cu-eta?",
+        ),
+        (
+            "Material \"conductor\" \"spectrum eta\" \"bad.spd\"",
+            "bad.spd:2: \"one\" is not a number: a spectrum file holds wavelengths and values",
+        ),
+        (
+            "Material \"diffuse\" \"spectrum reflectance\" [500 1 400 1]",
+            "s.pbrt:4: parameter reflectance of Material \"diffuse\" takes wavelengths that rise, not 400 after 500",
+        ),
+        (
+            "Material \"diffuse\" \"spectrum reflectance\" [400 1 500 2]",
+            "s.pbrt:4: parameter reflectance of Material \"diffuse\" must be at least 0",
+        ),
+        (
+            "Material \"diffuse\" \"blackbody reflectance\" 5000",
+            "s.pbrt:4: a black body as reflectance of Material \"diffuse\" is not supported: remove it, or allow unsupported directives",
+        ),
+        (
+            "LightSource \"infinite\" \"spectrum L\" \"metal-Cu-k\"",
+            "s.pbrt:4: spectrum \"metal-Cu-k\" as L of LightSource \"infinite\" is not supported: remove it, or allow unsupported directives",
+        ),
+    ] {
+        // A share is cut to 1 rather than refused: the one row that is read well.
+        match read(&format!("{HEAD}{WORLD}{text}\n{TAIL}")) {
+            Ok(_) => assert!(expected.ends_with("at least 0"), "{text}"),
+            Err(e) => assert_eq!(e.to_string(), expected),
+        }
+    }
+}
+
+#[test]
+fn materials_of_the_fourth_version() {
+    let MaterialKind::Dielectric { eta, roughness, .. } =
+        kind("Material \"dielectric\" \"spectrum eta\" \"glass-BK7\" \"float uroughness\" .3")
+    else {
+        panic!()
+    };
+    assert_eq!((eta, roughness.constants(), roughness.remap), (1.5168, Some([0.3, 0.0]), true));
+    assert!(matches!(kind("Material \"thindielectric\" \"float eta\" 1.3"), MaterialKind::ThinDielectric { eta: 1.3 }));
+    let sampled = "Material \"dielectric\" \"spectrum eta\" [487.6 1 687.6 3]";
+    assert!(matches!(kind(sampled), MaterialKind::Dielectric { eta: 2.0, .. }));
+    let MaterialKind::Conductor { fresnel: ConductorFresnel::EtaK { eta, k }, .. } =
+        kind("Material \"conductor\" \"spectrum eta\" \"metal-TiO2-eta\" \"spectrum k\" \"metal-MgO-k\"")
+    else {
+        panic!()
+    };
+    assert!(close(eta, [3.457, 2.802, 2.905], 1e-3) && k == [0.0; 3]);
+    let MaterialKind::CoatedConductor { fresnel, roughness, coat_roughness, eta, max_depth, samples, .. } = kind(
+        "Material \"coatedconductor\" \"float conductor.roughness\" .2 \"float interface.roughness\" .1 \"float interface.eta\" 1.4 \"spectrum conductor.eta\" \"metal-Au-eta\" \"integer maxdepth\" 7",
+    ) else {
+        panic!()
+    };
+    assert_eq!((roughness.constants(), coat_roughness.constants()), (Some([0.2; 2]), Some([0.1; 2])));
+    assert_eq!((eta, max_depth, samples), (1.4, 7, 1));
+    // k is left at copper's.
+    assert!(matches!(fresnel, ConductorFresnel::EtaK { eta, k } if eta[0] < 0.15 && k[0] < 3.92));
+    let paper = "Material \"diffusetransmission\" \"rgb reflectance\" [.4 .4 .4] \"float scale\" .5";
+    assert!(matches!(
+        kind(paper),
+        MaterialKind::DiffuseTransmission {
+            reflectance: Color::Constant([0.2, 0.2, 0.2]),
+            transmittance: Color::Constant([0.125, 0.125, 0.125])
+        }
+    ));
+    assert!(matches!(kind("Material \"interface\""), MaterialKind::Interface));
+    for (text, expected) in [
+        (
+            "Material \"dielectric\" \"float eta\" 0",
+            "s.pbrt:4: parameter eta of Material \"dielectric\" must be above 0, not 0",
+        ),
+        (
+            "Material \"coatedconductor\" \"rgb reflectance\" [1 1 1] \"rgb conductor.k\" [1 1 1]",
+            "s.pbrt:4: Material \"coatedconductor\" has both reflectance and conductor.k: remove one",
+        ),
+        (
+            "Material \"diffusetransmission\" \"float scale\" 9",
+            "s.pbrt:4: Material \"diffusetransmission\": reflectance and transmittance, scaled, must not be above 1",
+        ),
+        (
+            "Material \"dielectric\" \"spectrum eta\" \"stdillum-A\"",
+            "s.pbrt:4: spectrum \"stdillum-A\" as eta of Material \"dielectric\" is not supported: remove it, or allow unsupported directives",
+        ),
+    ] {
+        assert_eq!(complaint(text), expected);
+    }
+}
+
+#[test]
+fn mixes_are_settled_at_the_end() {
+    let text = "MakeNamedMaterial \"m\" \"string type\" \"mix\" \"string materials\" [\"a\" \"b\"] \"float amount\" .25\nNamedMaterial \"m\"\nShape \"disk\"\nMakeNamedMaterial \"b\" \"string type\" \"diffuse\"\nMakeNamedMaterial \"a\" \"string type\" \"interface\"";
+    let scene = world(text);
+    let MaterialKind::Mix { materials, amount } = scene.materials[0].kind else { panic!() };
+    assert_eq!(
+        (materials.map(|m| scene.materials[m.0 as usize].name.clone()), amount),
+        (["a".into(), "b".into()], Scalar::Constant(0.25))
+    );
+    for (text, expected) in [
+        (
+            "MakeNamedMaterial \"m\" \"string type\" \"mix\" \"string materials\" [\"m\" \"m\"]",
+            "s.pbrt:4: material \"m\" mixes itself, or mixes more than 8 deep: name other materials",
+        ),
+        (
+            "MakeNamedMaterial \"n\" \"string type\" \"mix\" \"string materials\" \"n\"",
+            "s.pbrt:4: parameter materials of MakeNamedMaterial \"n\" takes 2 names, not 1",
+        ),
+        ("Material \"mix\"", "s.pbrt:4: Material \"mix\" lacks \"string materials\" with two names"),
+        (
+            "Material \"mix\" \"string materials\" [\"x\" \"y\"]",
+            "s.pbrt:4: unknown material \"x\": make it by MakeNamedMaterial\ns.pbrt:4: unknown material \"y\": make it by MakeNamedMaterial",
+        ),
+    ] {
+        assert_eq!(complaint(text), expected);
+    }
+}
+
+#[test]
+fn textures_of_numbers_and_colours() {
+    let image = "\"imagemap\" \"string filename\" \"wide.pfm\"";
+    let text = format!(
+        "Texture \"f\" \"float\" {image} \"string wrap\" \"clamp\" \"bool invert\" true\nTexture \"c\" \"spectrum\" {image} \"float uscale\" 3\nTexture \"b\" \"float\" \"checkerboard\" \"float tex1\" .25 \"texture tex2\" \"f\"\nTexture \"m\" \"spectrum\" \"mix\" \"texture tex1\" \"c\" \"rgb tex2\" [1 0 0] \"texture amount\" \"b\"\nTexture \"p\" \"spectrum\" \"scale\" \"texture tex\" \"m\" \"texture scale\" \"f\"\nTexture \"h\" \"float\" \"scale\" \"texture tex\" \"f\" \"float scale\" -2\nMaterial \"conductor\" \"texture roughness\" \"b\" \"texture reflectance\" \"p\" \"texture displacement\" \"h\"\nShape \"disk\" \"texture alpha\" \"f\"\nMaterial \"diffuse\" \"string normalmap\" \"square.pfm\"\nShape \"disk\" \"float alpha\" .5\nShape \"disk\" \"float alpha\" 1"
+    );
+    let scene = world(&text);
+    let texture = |name: &str| {
+        let found = scene.textures.iter().position(|t| t.name == name);
+        found.unwrap_or_else(|| panic!("{name}: {:?}", scene.textures.iter().map(|t| &t.name).collect::<Vec<_>>()))
+    };
+    let id = |name: &str| dapple_renderer::scene::TextureId(texture(name) as u32);
+    let TextureKind::Image { picture, invert, wrap, .. } = &scene.textures[texture("f")].kind else { panic!() };
+    // The mean of the channels; 4 is the first pixel of the lower row.
+    assert_eq!((picture.pixels[4], *invert, *wrap), ([4.75 / 3.0; 3], true, Wrap::Clamp));
+    let TextureKind::Image { picture, scale, .. } = &scene.textures[texture("c")].kind else { panic!() };
+    assert_eq!((picture.pixels[4], *scale), ([4.0, 0.5, 0.25], [3.0, 1.0]));
+    let TextureKind::Checkerboard { colors, .. } = scene.textures[texture("b")].kind else { panic!() };
+    assert_eq!(colors, [Color::Constant([0.25; 3]), Color::Texture(id("f"))]);
+    let TextureKind::Mix { colors, amount } = scene.textures[texture("m")].kind else { panic!() };
+    assert_eq!((colors[0], amount), (Color::Texture(id("c")), Scalar::Texture(id("b"))));
+    let TextureKind::Product { factors } = scene.textures[texture("p")].kind else { panic!() };
+    assert_eq!(factors, [Color::Texture(id("m")), Color::Texture(id("f"))]);
+    // What is inverted cannot take a factor in.
+    assert!(matches!(scene.textures[texture("h")].kind, TextureKind::Product { .. }));
+    let material = &scene.materials[scene.shapes[0].material.0 as usize];
+    let MaterialKind::Conductor { fresnel: ConductorFresnel::Reflectance(r), roughness } = &material.kind else {
+        panic!()
+    };
+    assert_eq!(
+        (*r, roughness.u, material.bump),
+        (Color::Texture(id("p")), Scalar::Texture(id("b")), Some(Scalar::Texture(id("h"))))
+    );
+    assert_eq!(scene.shapes[0].alpha, Some(Scalar::Texture(id("f"))));
+    assert_eq!((scene.shapes[1].alpha, scene.shapes[2].alpha), (Some(Scalar::Constant(0.5)), None));
+    assert!(scene.materials[scene.shapes[1].material.0 as usize].normal_map.is_some());
+
+    let nest: String =
+        (0..9).map(|i| format!("Texture \"t{}\" \"float\" \"mix\" \"texture tex1\" \"t{i}\"\n", i + 1)).collect();
+    let nested = format!("Texture \"t0\" \"float\" {image}\n{nest}");
+    assert!(
+        complaint(&nested).starts_with("s.pbrt:12: textures are nested too deep: at most 8"),
+        "{}",
+        complaint(&nested)
+    );
+    for (text, expected) in [
+        (
+            "Texture \"t\" \"float\" \"imagemap\" \"string filename\" \"wide.pfm\" \"string encoding\" \"gama 2\"",
+            "s.pbrt:4: parameter encoding of Texture \"imagemap\" must be sRGB, linear, or gamma and a number above 0, not \"gama 2\"",
+        ),
+        (
+            "Texture \"t\" \"float\" \"fbm\"\nMaterial \"conductor\" \"texture roughness\" \"t\"",
+            "s.pbrt:5: a texture of class \"fbm\" as roughness of Material \"conductor\" is not supported: remove it, or allow unsupported directives",
+        ),
+        ("Shape \"disk\" \"float alpha\" 2", "s.pbrt:4: parameter alpha of Shape \"disk\" must be within 0..=1, not 2"),
+        (
+            "Shape \"disk\" \"texture alpha\" \"t\"",
+            "s.pbrt:4: unknown texture \"t\": make it by Texture above this line",
+        ),
+        ("Texture \"t\" \"color\" \"constant\"", "s.pbrt:4: a texture is of type spectrum or float, not \"color\""),
+        (
+            "Material \"diffuse\" \"string normalmap\" \"none.png\"",
+            "s.pbrt:4: cannot read none.png: no such file; check the name and that the file is there",
+        ),
+    ] {
+        assert_eq!(complaint(text), expected);
+    }
+}
+
+#[test]
+fn objects_and_instances() {
+    let text = "ObjectInstance \"late\"\nTranslate 1 0 0\nObjectBegin \"late\"\nTranslate 0 2 0\nShape \"disk\"\nShape \"sphere\"\nObjectEnd\nTranslate 0 0 3\nObjectInstance \"late\"\nActiveTransform EndTime\nScale 2 2 2\nObjectInstance \"late\"\nObjectBegin \"nothing\"\nObjectEnd\nObjectInstance \"nothing\"\nIdentity";
+    let scene = world(text);
+    assert_eq!((scene.shapes.len(), scene.objects.len(), scene.instances.len()), (1, 2, 3));
+    assert_eq!((scene.objects[0].name.as_str(), scene.objects[0].shapes.len()), ("late", 2));
+    assert_eq!(scene.objects[0].shapes[0].to_world.translation, dvec3(1.0, 2.0, 0.0));
+    let places: Vec<DVec3> = scene.instances.iter().map(|i| i.to_world.translation).collect();
+    assert_eq!(places, [DVec3::ZERO, dvec3(1.0, 0.0, 3.0), dvec3(1.0, 0.0, 3.0)]);
+    assert!(scene.instances[1].moves_to.is_none());
+    assert_eq!(scene.instances[2].moves_to.unwrap().transform_point3(DVec3::X), dvec3(3.0, 0.0, 3.0));
+    for (text, expected) in [
+        (
+            "ObjectInstance \"lake\"\nObjectBegin \"late\"\nObjectEnd",
+            "s.pbrt:4: unknown object \"lake\": did you mean late?",
+        ),
+        (
+            "ObjectBegin \"a\"\nObjectEnd\nObjectBegin \"a\"\nObjectEnd",
+            "s.pbrt:6: object \"a\" is made twice (first at s.pbrt:4): rename one",
+        ),
+        (
+            "ObjectBegin \"a\"\nObjectInstance \"a\"\nObjectEnd",
+            "s.pbrt:5: ObjectInstance within an object: objects hold shapes only, so move it out",
+        ),
+        (
+            "ObjectBegin \"a\"\nObjectBegin \"b\"\nObjectEnd\nObjectEnd",
+            "s.pbrt:5: ObjectBegin within object \"a\" of s.pbrt:4: close that first",
+        ),
+        ("ObjectBegin \"a\"", "s.pbrt:4: this ObjectBegin is never closed"),
+        (
+            "ObjectBegin \"a\"\nAreaLightSource \"diffuse\"\nShape \"disk\"\nObjectEnd",
+            "s.pbrt:6: an area light in an object is not supported: remove it, or allow unsupported directives",
+        ),
+    ] {
+        assert_eq!(complaint(text), expected);
+    }
+    let unplaced =
+        read(&format!("{HEAD}{WORLD}LightSource \"infinite\"\nObjectBegin \"o\"\nShape \"disk\"\nObjectEnd\n"));
+    assert_eq!(
+        unplaced.unwrap_err().to_string(),
+        "s.pbrt: no shape stands in the world: place an object by ObjectInstance"
+    );
+}
+
+#[test]
+fn what_moves() {
+    let scene = options(
+        "TransformTimes 1 3\nActiveTransform EndTime\nTranslate 0 0 5\nActiveTransform All\nTranslate 0 1 0\nCamera \"perspective\" \"float shutteropen\" 1 \"float shutterclose\" 2",
+    );
+    assert_eq!((scene.motion_times, scene.camera.shutter), ([1.0, 3.0], [1.0, 2.0]));
+    assert_eq!(scene.camera.to_world.translation, dvec3(0.0, -1.0, 0.0));
+    assert_eq!(scene.camera.moves_to.unwrap().translation, dvec3(0.0, -1.0, -5.0));
+    // The world begins anew.
+    assert!(scene.shapes[0].moves_to.is_none());
+    let scene = world(
+        "AttributeBegin\nTranslate 1 0 0\nActiveTransform EndTime\nTranslate 0 1 0\nShape \"disk\"\nAttributeEnd\nShape \"disk\"",
+    );
+    assert_eq!(scene.shapes[0].to_world.translation, DVec3::X);
+    assert_eq!(scene.shapes[0].moves_to.unwrap().translation, dvec3(1.0, 1.0, 0.0));
+    assert!(scene.shapes[1].moves_to.is_none());
+    assert_eq!(
+        complaint("ActiveTransform Never"),
+        "s.pbrt:4: ActiveTransform takes All, StartTime or EndTime, not \"Never\""
+    );
+    assert_eq!(
+        complaint("ActiveTransform EndTime\nTranslate 1 0 0\nAreaLightSource \"diffuse\"").lines().next().unwrap(),
+        "s.pbrt:8: an area light that moves is not supported: remove it, or allow unsupported directives"
+    );
+    let times = read(&format!("TransformTimes 2 2\n{HEAD}{WORLD}{TAIL}")).unwrap_err();
+    assert_eq!(times.to_string(), "s.pbrt:1: TransformTimes takes a start before an end, not 2 and 2");
+    assert_eq!(complaint("TransformTimes 0 1"), "s.pbrt:4: TransformTimes belongs before WorldBegin: move it there");
+    let swapped = options("Camera \"perspective\" \"float shutteropen\" 2 \"float shutterclose\" 1");
+    assert_eq!(swapped.camera.shutter, [1.0, 2.0]);
+    assert!(swapped.notices.iter().any(|n| n.message.contains("swapped")));
+}
+
+#[test]
+fn cameras() {
+    let scene = options(
+        "Camera \"orthographic\" \"float screenwindow\" [-2 2 -1 1] \"float lensradius\" .1 \"float focaldistance\" 3",
+    );
+    assert_eq!(
+        (scene.camera.projection, scene.camera.screen_window),
+        (Projection::Orthographic, Some([-2.0, 2.0, -1.0, 1.0]))
+    );
+    assert_eq!((scene.camera.lens_radius, scene.camera.focal_distance), (0.1, 3.0));
+}
+
+#[test]
+fn media() {
+    let scene = options(
+        "MakeNamedMedium \"fog\" \"string type\" \"homogeneous\" \"rgb sigma_a\" [1 2 3] \"rgb sigma_s\" [0 1 0] \"float scale\" 2 \"float g\" .5\nMediumInterface \"\" \"fog\"\nCamera \"perspective\"",
+    );
+    let fog = scene.media.iter().position(|m| m.name == "fog").map(|i| dapple_renderer::scene::MediumId(i as u32));
+    assert_eq!(scene.camera.medium, fog);
+    let medium = &scene.media[0];
+    assert_eq!((medium.absorption, medium.scattering, medium.g), ([2.0, 4.0, 6.0], [0.0, 2.0, 0.0], 0.5));
+    // The state goes on into the world.
+    assert_eq!(scene.shapes[0].media, Some(MediumInterface { inside: None, outside: fog }));
+    let scene = world(
+        "MediumInterface \"late\" \"\"\nShape \"disk\"\nMediumInterface \"late\"\nShape \"disk\"\nMakeNamedMedium \"late\" \"string type\" \"homogeneous\"\nMediumInterface \"\"",
+    );
+    let late = Some(dapple_renderer::scene::MediumId(0));
+    assert_eq!(scene.shapes[0].media, Some(MediumInterface { inside: late, outside: None }));
+    assert_eq!((scene.shapes[1].media, scene.shapes[2].media), (None, None));
+    assert_eq!(scene.media[0].absorption, [0.0011, 0.0024, 0.014]);
+    for (text, expected) in [
+        (
+            "MakeNamedMedium \"m\"",
+            "s.pbrt:4: MakeNamedMedium \"m\" lacks its type: add \"string type\" \"homogeneous\"",
+        ),
+        (
+            "MakeNamedMedium \"m\" \"string type\" \"homogeneous\" \"float g\" 1",
+            "s.pbrt:4: parameter g of MakeNamedMedium \"m\" must be between -1 and 1, not 1",
+        ),
+        (
+            "MakeNamedMedium \"m\" \"string type\" \"homogeneous\" \"string preset\" \"Skin1\"",
+            "s.pbrt:4: parameter preset (give its sigma_a and sigma_s) of MakeNamedMedium \"m\" is not supported: remove it, or allow unsupported directives",
+        ),
+        (
+            "MakeNamedMedium \"mist\" \"string type\" \"homogeneous\"\nMediumInterface \"must\" \"\"",
+            "s.pbrt:5: unknown medium \"must\": did you mean mist?",
+        ),
+    ] {
+        assert_eq!(complaint(text), expected);
+    }
+}
+
+#[test]
+fn made_shapes() {
+    let mesh = |text: &str| {
+        let scene = world(text);
+        let Geometry::Mesh(mesh) = &scene.shapes[0].geometry else { panic!("{text}") };
+        (mesh.as_ref().clone(), scene.notices.len())
+    };
+    let (quad, said) = mesh("Shape \"bilinearmesh\" \"point3 P\" [0 0 0 1 0 0 0 1 0 1 1 0]");
+    assert_eq!((quad.triangles, said), (vec![[0, 1, 3], [0, 3, 2]], 0));
+    let (saddle, said) = mesh("Shape \"bilinearmesh\" \"point3 P\" [0 0 0 1 0 0 0 1 0 1 1 1]");
+    assert_eq!((saddle.triangles.len(), said), (512, 1));
+    assert_eq!(mesh("Shape \"cylinder\" \"float phimax\" 90").0.triangles.len(), 128);
+    let (dome, _) = mesh("Shape \"sphere\" \"float radius\" 2 \"float zmin\" 0");
+    assert!(dome.positions.iter().all(|p| p.z > -1e-12 && (p.length() - 2.0).abs() < 1e-12));
+    let tetrahedron = "\"point3 P\" [1 1 1 -1 -1 1 -1 1 -1 1 -1 -1] \"integer indices\" [0 1 2 0 3 1 0 2 3 1 3 2]";
+    assert_eq!(mesh(&format!("Shape \"loopsubdiv\" {tetrahedron}")).0.triangles.len(), 4 * 64);
+    assert_eq!(mesh(&format!("Shape \"loopsubdiv\" \"integer levels\" 1 {tetrahedron}")).0.triangles.len(), 16);
+    for (text, expected) in [
+        (
+            format!("Shape \"loopsubdiv\" \"integer levels\" 15 {tetrahedron}"),
+            "s.pbrt:4: Shape \"loopsubdiv\" would make 4294967296 triangles, after 0 made of others: at most 4194304 may be made in all",
+        ),
+        (
+            "Shape \"loopsubdiv\" \"point3 P\" [0 0 0 1 0 0 0 1 0] \"integer indices\" [0 1 1]".into(),
+            "s.pbrt:4: Shape \"loopsubdiv\": triangle 0 has the same corner twice: remove it",
+        ),
+        (
+            "Shape \"bilinearmesh\" \"point3 P\" [0 0 0 1 0 0 0 1 0 1 1 0] \"integer indices\" [0 1 2 4]".into(),
+            "s.pbrt:4: patch 0 of Shape \"bilinearmesh\" has corner 4: corners are whole numbers from 0 to 3",
+        ),
+        (
+            "Shape \"cylinder\" \"float zmin\" 1".into(),
+            "s.pbrt:4: Shape \"cylinder\" has no height: zmin and zmax must differ",
+        ),
+        (
+            "Shape \"sphere\" \"float phimax\" 0".into(),
+            "s.pbrt:4: parameter phimax of Shape \"sphere\" must be above 0, not 0",
+        ),
+    ] {
+        assert_eq!(complaint(&text), expected);
+    }
+}

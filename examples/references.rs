@@ -1,0 +1,134 @@
+//! Shared scenes beside pbrt-v4's pictures of them: ratios of means and of block means, and pairs to look at.
+//!
+//! ```sh
+//! cargo run --release --example references -- --full [--pictures DIR] [SCENE]... > table.md
+//! ```
+//!
+//! Renders each scene of `shared/scenes/pbrt-v4` that has a picture in `shared/references` at that picture's size,
+//! with the scene's own depth, box filter and uniform `sobol`, several times with other seeds. `--pictures` writes
+//! `SCENE.png`: ours on the left, pbrt's on the right. Without `--full` a few samples show that it works.
+
+#![expect(clippy::print_stdout, clippy::print_stderr, reason = "a program: its table is its result")]
+
+use dapple::core::{Frame, Limits, Needs, NoWatch, render};
+use dapple::metrics::{Pixels, block_ratios, compare};
+use dapple::renderer::image::{Encoding, Picture, encode_png, read_picture, write_file};
+use dapple::renderer::{Stage, World, integrator, pbrt, registry, scene};
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+type Result<T> = std::result::Result<T, Box<dyn std::error::Error>>;
+
+/// Scene and samples per pixel of each of the replicates.
+const SCENES: [(&str, u64); 8] = [
+    ("cornell-box", 64),
+    ("veach-mis", 128),
+    ("teapot", 64),
+    ("coffee", 128),
+    ("dining-room", 128),
+    ("staircase2", 128),
+    ("veach-bidir", 256),
+    ("water-caustic", 64),
+];
+/// Replicates, whose spread tells our own noise.
+const SEEDS: u64 = 8;
+/// Pixels along a block's side.
+const BLOCK: u32 = 10;
+
+fn main() -> Result<()> {
+    let mut arguments = std::env::args().skip(1);
+    let (mut full, mut pictures, mut wanted) = (false, None, Vec::new());
+    while let Some(argument) = arguments.next() {
+        match argument.as_str() {
+            "--full" => full = true,
+            "--pictures" => pictures = Some(PathBuf::from(arguments.next().ok_or("--pictures needs a folder")?)),
+            name if SCENES.iter().any(|(known, _)| *known == name) => wanted.push(argument),
+            other if Path::new(other).is_dir() => {}
+            other => return Err(format!("no such scene: {other}").into()),
+        }
+    }
+    let folder = std::env::var("DAPPLE_SCENES").unwrap_or_else(|_| "../shared/scenes".into());
+    println!(
+        "| scene | spp x seeds | ratio of means R G B | +- | 10x10 blocks, 5 % | 50 % | 95 % | relMSE without the worst 0.1 % | samples per CPU second |"
+    );
+    println!("|---|---|---|---|---|---|---|---|---|");
+    for (name, spp) in SCENES {
+        if !wanted.is_empty() && !wanted.iter().any(|w| w == name) {
+            continue;
+        }
+        let file = Path::new(&folder).join(format!("pbrt-v4/{name}/scene-v4.pbrt"));
+        let reference = Path::new(&folder).join(format!("../references/{name}-rgb.exr"));
+        if !(file.is_file() && reference.is_file()) {
+            eprintln!("skipped: {name}, no {} or {}", file.display(), reference.display());
+            continue;
+        }
+        let (spp, seeds) = if full { (spp, SEEDS) } else { (1, 2) };
+        println!("{}", row(name, &file, &reference, spp, seeds, pictures.as_deref())?);
+    }
+    Ok(())
+}
+
+fn row(name: &str, file: &Path, reference: &Path, spp: u64, seeds: u64, pictures: Option<&Path>) -> Result<String> {
+    let mut scene = pbrt::read_scene(file, &pbrt::ReadOptions::default())?;
+    let reference = read_picture(&std::fs::read(reference)?, name, Encoding::Auto)?;
+    scene.film.resolution = reference.size;
+    scene.film.pixel_filter = scene::PixelFilter::default();
+    let world = World::new(&scene)?;
+    let start = Instant::now();
+    let films: Vec<Vec<[f32; 3]>> =
+        (0..seeds).map(|seed| picture(&world, reference.size, spp, 500 + seed)).collect::<Result<_>>()?;
+    let seconds = start.elapsed().as_secs_f64() * rayon_threads();
+    let count = films.len() as f64;
+    let mean: Vec<[f32; 3]> = (0..films[0].len())
+        .map(|i| std::array::from_fn(|c| (films.iter().map(|f| f64::from(f[i][c])).sum::<f64>() / count) as f32))
+        .collect();
+    let (ours, theirs) = (Pixels::new(reference.size, &mean)?, Pixels::new(reference.size, &reference.pixels)?);
+    let all = compare(ours, theirs)?;
+    let blocks = block_ratios(ours, theirs, [BLOCK; 2])?;
+    let noise: [f64; 3] = std::array::from_fn(|c| {
+        let means: Vec<f64> = films.iter().map(|f| f.iter().map(|p| f64::from(p[c])).sum::<f64>()).collect();
+        let mean = means.iter().sum::<f64>() / count;
+        let variance = means.iter().map(|m| (m - mean).powi(2)).sum::<f64>() / (count - 1.0);
+        (variance / count).sqrt() / mean
+    });
+    if let Some(folder) = pictures {
+        std::fs::create_dir_all(folder)?;
+        write_file(&folder.join(format!("{name}.png")), &beside(&mean, &reference)?)?;
+    }
+    let three = |x: [f64; 3]| format!("{:.4} {:.4} {:.4}", x[0], x[1], x[2]);
+    let rate = (films[0].len() as u64 * spp * seeds) as f64 / seconds;
+    Ok(format!(
+        "| {name} | {spp} x {seeds} | {} | {} | {} | {} | {} | {:.5} | {rate:.0} |",
+        three(all.channel_ratios),
+        three(noise),
+        three(blocks.percentile(5.0)),
+        three(blocks.percentile(50.0)),
+        three(blocks.percentile(95.0)),
+        all.rel_mse_trimmed
+    ))
+}
+
+fn rayon_threads() -> f64 {
+    std::thread::available_parallelism().map_or(1.0, |n| n.get() as f64)
+}
+
+fn picture(world: &World, size: [u32; 2], spp: u64, seed: u64) -> Result<Vec<[f32; 3]>> {
+    let mut integrator = integrator(world);
+    let points = registry::points("sobol", registry::Setting { seed, spp: Some(spp) })?;
+    let mut sampler = registry::sampler("uniform", points, &Stage::empty())?;
+    let frame = Frame::new(size[0], size[1])?;
+    let limits = Limits::samples(spp * u64::from(size[0]) * u64::from(size[1]));
+    let film = render(&mut *integrator, &mut *sampler, Needs::none(), frame, &limits, &mut NoWatch)?;
+    Ok(film.picture())
+}
+
+/// Ours and theirs in one picture.
+fn beside(ours: &[[f32; 3]], theirs: &Picture) -> Result<Vec<u8>> {
+    let [width, height] = theirs.size.map(|n| n as usize);
+    let mut pixels = Vec::with_capacity(2 * width * height);
+    for y in 0..height {
+        pixels.extend_from_slice(&ours[y * width..(y + 1) * width]);
+        pixels.extend_from_slice(theirs.row(y));
+    }
+    Ok(encode_png(&Picture::new([2 * theirs.size[0], theirs.size[1]], pixels)?, 0.0)?)
+}

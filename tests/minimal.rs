@@ -1,0 +1,45 @@
+//! `examples/minimal.rs`: a hundred lines, nothing but core and points, and it runs.
+
+use std::path::Path;
+use std::process::Command;
+
+const TEXT: &str = include_str!("../examples/minimal.rs");
+
+#[test]
+fn a_hundred_lines_on_core_and_points_alone() {
+    assert!(TEXT.lines().count() <= 100, "{} lines", TEXT.lines().count());
+    let longest = TEXT.lines().map(|l| l.chars().count()).max();
+    assert!(longest.is_some_and(|n| n <= 120), "{longest:?}: no line hides another");
+    let uses: Vec<&str> = TEXT.match_indices("dapple::").map(|(at, _)| &TEXT[at + 8..]).collect();
+    assert!(uses.len() >= 3 && uses.iter().all(|u| u.starts_with("core") || u.starts_with("low_discrepancy")));
+}
+
+#[test]
+fn it_draws_and_the_adaptive_picture_is_better() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let profile = if cfg!(debug_assertions) { "dev" } else { "release" };
+    let output = Command::new(env!("CARGO"))
+        .args(["run", "--quiet", "--offline", "--locked", "--profile", profile, "--example", "minimal", "--"])
+        .arg(folder.path())
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .output()
+        .expect("cargo runs");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let said = String::from_utf8(output.stdout).expect("UTF-8");
+    let errors: Vec<f64> = said.split_whitespace().filter_map(|word| word.parse().ok()).collect();
+    // Measured: 2.5 times.
+    assert!(errors.len() == 2 && errors[0] > 1.8 * errors[1] && errors[1] > 0.0, "{said}");
+    for name in ["uniform.ppm", "adaptive.ppm", "samples.ppm"] {
+        let pixels = pixels(&folder.path().join(name));
+        let mean = pixels.iter().map(|&p| f64::from(p)).sum::<f64>() / pixels.len() as f64;
+        let span = pixels.iter().max().zip(pixels.iter().min()).map(|(high, low)| high - low);
+        assert!(mean > 10.0 && span.is_some_and(|s| s > 200), "{name}: {mean} {span:?}");
+    }
+}
+
+fn pixels(path: &Path) -> Vec<u8> {
+    let file = std::fs::read(path).expect("it was written");
+    let head = b"P6\n240 135\n255\n";
+    assert!(file.starts_with(head) && file.len() == head.len() + 3 * 240 * 135);
+    file[head.len()..].to_vec()
+}
