@@ -1,5 +1,7 @@
 //! Models by themselves: what is read, and what is refused with which words.
 
+#![allow(clippy::print_stderr)] // What is skipped, and what each file holds, is told.
+
 use dapple_renderer::model::{ModelOptions, UpAxis, read_model_from, read_obj, read_stl};
 use dapple_renderer::pbrt::ReadError;
 use dapple_renderer::scene::{Color, Geometry, MaterialKind, MeshData, Scene, TextureKind};
