@@ -219,8 +219,8 @@ impl World {
 
     /// Opacity at a hit, in `[0, 1]`.
     #[inline]
+    #[expect(clippy::manual_clamp, reason = "what is no number counts as 0, which `clamp` would let through")]
     pub(crate) fn alpha(&self, at: &Interaction<'_>) -> f32 {
-        // What is no number counts as 0.
         at.part.alpha.map_or(1.0, |alpha| self.textures.look_up_scalar(alpha, self.uv(at)).max(0.0).min(1.0))
     }
 
