@@ -1,6 +1,8 @@
 //! A scene made ready for rays.
 
 mod build;
+#[cfg(test)]
+mod frame_tests;
 mod placed;
 mod relief;
 #[cfg(test)]

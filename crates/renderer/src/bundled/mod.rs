@@ -11,6 +11,9 @@
 //! | `cornell` | the Cornell box | interreflection, one area light |
 //! | `furnace` | the inside of a glowing sphere; the answer is known | interreflection, spheres |
 //! | `plates` | four rough metal plates under four sphere lights | multiple importance sampling, checkerboard |
+//! | `lens` | a row of balls, one in focus, before far lamps | depth of field, many lights |
+//! | `motion` | a mill that turns, a ball that rolls, dice that fall | motion blur, instances |
+//! | `glass` | balls of glass, dye and mist, a pane, a twig | refraction, media, alpha, instances |
 //!
 //! Bytes are the same on every machine: what decides them uses only `+ - * /` and `sqrt` on `f64`, which
 //! IEEE 754 rounds in one way, and Rust neither fuses nor reorders them.
@@ -32,7 +35,10 @@
 mod cornell;
 pub(crate) mod directions;
 mod furnace;
+mod glass;
+mod lens;
 mod mesh;
+mod motion;
 mod noise;
 mod pictures;
 mod plates;
@@ -89,7 +95,7 @@ impl Files for Bundle {
 /// The files of a scene beside its text.
 type Assets = Vec<(String, Vec<u8>)>;
 
-const NAMES: [&str; 5] = ["teapot", "terrain", "cornell", "furnace", "plates"];
+const NAMES: [&str; 8] = ["teapot", "terrain", "cornell", "furnace", "plates", "lens", "motion", "glass"];
 
 /// The names of the bundled scenes, [`DEFAULT`] first.
 pub fn names() -> &'static [&'static str] {
@@ -104,7 +110,10 @@ pub fn files(name: &str) -> Option<Bundle> {
         "terrain" => terrain::scene(),
         "cornell" => (cornell::scene(), Assets::new()),
         "furnace" => (furnace::scene(), Assets::new()),
-        _ => (plates::scene(), Assets::new()),
+        "plates" => (plates::scene(), Assets::new()),
+        "lens" => (lens::scene(), Assets::new()),
+        "motion" => (motion::scene(), Assets::new()),
+        _ => glass::scene(),
     };
     let main = "scene.pbrt".to_owned();
     files.insert(0, (main.clone(), text.into_bytes()));

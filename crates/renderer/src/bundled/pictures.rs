@@ -18,15 +18,32 @@ pub(super) fn lat_long_pfm(width: usize, height: usize, radiance: impl Fn([f64; 
 
 /// An uncompressed 24-bit TGA, its first pixel the top left one. `color` gives sRGB-encoded 8-bit values.
 pub(super) fn tga(width: u16, height: u16, color: impl Fn(u16, u16) -> [u8; 3]) -> Vec<u8> {
-    // Field by field: no id, no palette, true colour, palette and origin all 0, size, 24 bits, top-left origin.
+    // From the top left, no opacity.
+    tga_of([width, height], [24, 0x20], |column, row| {
+        let [red, green, blue] = color(column, row);
+        [blue, green, red]
+    })
+}
+
+/// The same of 32 bits: `color` gives opacity as the fourth value.
+pub(super) fn tga_with_alpha(width: u16, height: u16, color: impl Fn(u16, u16) -> [u8; 4]) -> Vec<u8> {
+    // From the top left, 8 bits of opacity.
+    tga_of([width, height], [32, 0x28], |column, row| {
+        let [red, green, blue, alpha] = color(column, row);
+        [blue, green, red, alpha]
+    })
+}
+
+/// `format` is the bits of a pixel and the descriptor; pixels are as the file has them.
+fn tga_of<const N: usize>([width, height]: [u16; 2], format: [u8; 2], pixel: impl Fn(u16, u16) -> [u8; N]) -> Vec<u8> {
+    // Field by field: no id, no palette, true colour, palette and origin all 0, size, format.
     let mut bytes = vec![0, 0, 2, 0, 0, 0, 0, 0, 0, 0, 0, 0];
     bytes.extend(width.to_le_bytes());
     bytes.extend(height.to_le_bytes());
-    bytes.extend([24, 0x20]);
+    bytes.extend(format);
     for row in 0..height {
         for column in 0..width {
-            let [red, green, blue] = color(column, row);
-            bytes.extend([blue, green, red]);
+            bytes.extend(pixel(column, row));
         }
     }
     // The footer of TGA 2.0, without which some readers do not know the format; no extensions.

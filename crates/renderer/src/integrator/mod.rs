@@ -3,6 +3,8 @@
 mod passage;
 mod path;
 mod report;
+#[cfg(test)]
+mod tests;
 
 pub use path::PathTracer;
 

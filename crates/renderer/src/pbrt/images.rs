@@ -39,15 +39,16 @@ impl Channel {
         if version.is_old() { Self::Luminance } else { Self::AlphaOrMean }
     }
 
-    fn of(self, picture: Picture) -> Picture {
-        let mut picture = picture;
-        match (self, opacity(&picture)) {
-            (Self::Rgb, _) => return picture,
-            (Self::AlphaOrMean, Some(alpha)) => picture.pixels = alpha.iter().map(|&a| [a; 3]).collect(),
-            (Self::AlphaOrMean, None) => {
-                picture.pixels.iter_mut().for_each(|p| *p = [(p[0] + p[1] + p[2]) / 3.0; 3]);
+    fn of(self, mut picture: Picture) -> Picture {
+        // What only colours need to know is not kept for numbers.
+        let alpha = if self == Self::Rgb { Vec::new() } else { std::mem::take(&mut picture.alpha) };
+        match self {
+            Self::Rgb => {}
+            Self::AlphaOrMean if !alpha.is_empty() => {
+                picture.pixels = alpha.into_iter().map(|a| [a; 3]).collect();
             }
-            (Self::Luminance, _) => {
+            Self::AlphaOrMean => picture.pixels.iter_mut().for_each(|p| *p = [(p[0] + p[1] + p[2]) / 3.0; 3]),
+            Self::Luminance => {
                 // The weights of pbrt-v3's RGB spectra.
                 let y = |p: &[f32; 3]| 0.212_671 * p[0] + 0.715_160 * p[1] + 0.072_169 * p[2];
                 picture.pixels.iter_mut().for_each(|p| *p = [y(p); 3]);
@@ -55,12 +56,6 @@ impl Channel {
         }
         picture
     }
-}
-
-/// Opacity per pixel, where the file has any that is not 1.
-fn opacity(_picture: &Picture) -> Option<&[f32]> {
-    // Pictures have no opacity yet.
-    None
 }
 
 impl Reader<'_> {

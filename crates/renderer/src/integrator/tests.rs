@@ -1,0 +1,85 @@
+//! What roulette leaves as it is.
+
+use super::code::DEEP;
+use super::path::PathTracer;
+use crate::World;
+use crate::camera::Pinhole;
+use crate::scene::{
+    Camera, Color, Emission, Geometry, Material, MaterialId, MaterialKind, Projection, Scene, Shape, Source,
+};
+use dapple_core::samplers::Uniform;
+use dapple_core::{Frame, Integrator, Limits, Needs, NoWatch, render};
+use dapple_low_discrepancy::Sobol;
+use glam::{DAffine3, DVec3};
+
+const SIZE: u32 = 16;
+const SPP: u64 = 64;
+const REPLICATES: u64 = 16;
+
+/// Inside a closed ball of albedo .8, with a lamp in it.
+fn closed(depth: u32) -> World {
+    let mut scene = Scene { max_depth: Some(depth), ..Scene::default() };
+    scene.film.resolution = [SIZE; 2];
+    scene.camera = Camera { projection: Projection::Perspective { fov: 80.0 }, ..Camera::default() };
+    let kind = |rho| MaterialKind::Diffuse { reflectance: Color::Constant([rho; 3]) };
+    for (name, rho) in [("wall", 0.8), ("bulb", 0.0)] {
+        scene.materials.push(Material::new(name, kind(rho), Source::default()));
+    }
+    let ball = |radius, at, material| {
+        let to_world = DAffine3::from_translation(at);
+        Shape::new(Geometry::Sphere { radius }, to_world, MaterialId(material), Source::default())
+    };
+    scene.shapes.push(ball(1.0, DVec3::ZERO, 0));
+    let emission = Some(Emission { radiance: [10.0; 3], two_sided: false });
+    scene.shapes.push(Shape { emission, ..ball(0.2, DVec3::new(0.3, 0.5, 0.2), 1) });
+    World::new(&scene).unwrap_or_else(|e| panic!("{e}"))
+}
+
+/// Mean and squared standard error of the picture's halves, left and right, and rays a sample.
+fn rendered(mut integrator: impl Integrator) -> ([[f64; 2]; 2], f64) {
+    let frame = Frame::new(SIZE, SIZE).expect("not empty");
+    let limits = Limits::samples(SPP * frame.pixels() as u64);
+    let (mut sums, mut squares, mut rays) = ([0.0; 2], [0.0; 2], 0);
+    for seed in 0..REPLICATES {
+        let mut sampler = Uniform::new(Sobol::new(400 + seed));
+        let film = render(&mut integrator, &mut sampler, Needs::none(), frame, &limits, &mut NoWatch);
+        let film = film.unwrap_or_else(|e| panic!("{e}"));
+        assert_eq!(film.record().rejected, 0);
+        rays += film.record().rays;
+        let mut halves = [0.0; 2];
+        for i in 0..frame.pixels() {
+            halves[usize::from(i % SIZE as usize >= SIZE as usize / 2)] += film.mean(i)[1];
+        }
+        (0..2).for_each(|h| {
+            sums[h] += halves[h];
+            squares[h] += halves[h] * halves[h];
+        });
+    }
+    let n = REPLICATES as f64;
+    let of = |h: usize| {
+        let mean = sums[h] / n;
+        [mean, (squares[h] / n - mean * mean) / (n - 1.0)]
+    };
+    ([of(0), of(1)], rays as f64 / (SPP as f64 * n) / frame.pixels() as f64)
+}
+
+/// In standard errors of the difference, the larger of both halves'.
+fn deviation(a: [[f64; 2]; 2], b: [[f64; 2]; 2]) -> f64 {
+    (0..2).map(|h| (a[h][0] - b[h][0]).abs() / (a[h][1] + b[h][1]).sqrt()).fold(0.0, f64::max)
+}
+
+/// S2 with two tests at 1e-6: Student's t of 15 degrees of freedom stays below 8.
+#[test]
+fn l13_roulette_changes_no_mean() {
+    const CRITICAL: f64 = 8.0;
+    let world = closed(24);
+    let (with, few) = rendered(PathTracer::<Pinhole, DEEP>::new(&world));
+    let (without, many) = rendered(PathTracer::<Pinhole, 0>::new(&world));
+    assert!(few < 0.8 * many, "roulette ends paths: {few} and {many} rays a sample");
+    let found = deviation(with, without);
+    assert!(found < CRITICAL, "{found} standard errors: {with:?}, {without:?}");
+    // Negative control: what paths of more than 12 events find is missed where they are cut, 7 % by then.
+    let (cut, _) = rendered(PathTracer::<Pinhole, 0>::new(&closed(12)));
+    let found = deviation(cut, with);
+    assert!(found > CRITICAL, "{found} standard errors: {cut:?}, {with:?}");
+}

@@ -1,0 +1,46 @@
+//! L14: code of effects that a scene does not call for changes no bit and asks for nothing.
+
+mod statistics;
+mod support;
+
+use dapple_core::samplers::Uniform;
+use dapple_core::{Frame, Limits, Needs, NoWatch, render};
+use dapple_low_discrepancy::Sobol;
+use dapple_renderer::{World, bundled, code, integrator_with};
+use support::*;
+
+const SIZE: [u32; 2] = [24, 16];
+const SPP: u64 = 2;
+const CODES: [(&str, u32); 7] = [
+    ("none", 0),
+    ("several", code::SEVERAL),
+    ("sky", code::SKY),
+    ("deep", code::DEEP),
+    ("clear", code::CLEAR),
+    ("rare", code::RARE),
+    ("all", code::SEVERAL | code::SKY | code::DEEP | code::CLEAR | code::RARE),
+];
+
+/// The picture's bits, blocks asked for, rays cast.
+fn rendered(world: &World, idle: u32, seed: u64) -> (u64, u64, u64) {
+    let frame = Frame::new(SIZE[0], SIZE[1]).expect("not empty");
+    let limits = Limits::samples(SPP * frame.pixels() as u64);
+    let mut sampler = Uniform::new(Sobol::new(seed));
+    let mut integrator = integrator_with(world, idle);
+    let film = render(&mut *integrator, &mut sampler, Needs::none(), frame, &limits, &mut NoWatch).expect("it renders");
+    (hash(&film), film.record().blocks, film.record().rays)
+}
+
+#[test]
+fn l14_idle_code_changes_no_bit() {
+    for name in bundled::names() {
+        let scene = bundled::files(name).expect("bundled").read().expect("it reads");
+        let world = World::with_resolution(&scene, SIZE).unwrap_or_else(|e| panic!("{name}: {e}"));
+        let expected = rendered(&world, 0, 1);
+        for (idle, bits) in CODES {
+            assert_eq!(rendered(&world, bits, 1), expected, "{name} with the code of {idle}");
+        }
+        // Negative control: what is compared depends on the samples.
+        assert!(rendered(&world, 0, 2).0 != expected.0, "{name}");
+    }
+}
