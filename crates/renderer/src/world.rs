@@ -210,9 +210,9 @@ impl World {
         self.unusual || self.moves || self.parts().any(|part| part.media.is_some()) || self.camera_medium != NO_MEDIUM
     }
 
-    /// Whether what is in the way of a ray may let a part of it through, or space itself hold some back.
+    /// Whether what is in the way of a ray may let a part of it through.
     pub(crate) fn hides_partly(&self) -> bool {
-        self.unusual || !self.media.is_empty()
+        self.unusual
     }
 
     fn parts(&self) -> impl Iterator<Item = &Part> {
