@@ -124,7 +124,8 @@ fn the_other_commands_run() {
             .arg(root().join("Cargo.toml"))
             .arg("--")
             .args(&words)
-            .args(["--resolution", "16x12", "--max-spp", "64"])
+            .args(["--resolution", "16x12"])
+            .args(if words[0] == "effects" { ["--spp", "4"] } else { ["--max-spp", "64"] })
             .current_dir(folder.path())
             .output()
             .expect("cargo runs");

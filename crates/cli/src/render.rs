@@ -15,6 +15,7 @@ use crate::{Failure, Outcome, Result, scene};
 use clap::CommandFactory;
 use clap::error::ErrorKind;
 use dapple_core::{Error, Film, streams};
+use dapple_renderer::light::LightChoice;
 use dapple_renderer::scene::Scene;
 use dapple_renderer::{Effect, Effects, Stage, WorldClusters, integrator};
 use files::Files;
@@ -44,7 +45,10 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     crate::scene::warn_of_chance(&scene);
 
     let clock = Instant::now();
-    let world = scene::build(&scene, settings.frame.resolution())?;
+    let mut world = scene::build(&scene, settings.frame.resolution())?;
+    if options.light_choice == options::LightChoice::Uniform {
+        world.set_light_choice(LightChoice::Uniform);
+    }
     if world.dropped_triangles() > 0 {
         warn(format!("{} triangles have no area and are left out", world.dropped_triangles()));
     }
@@ -81,6 +85,7 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
         probe_rays: probes.rays,
         seconds,
         cpu,
+        light_choice: options.light_choice.name(),
     };
     warn_of_rejected(&film, &settings);
     warn_of_clusters(clusters.as_deref(), &stage);

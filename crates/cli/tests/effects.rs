@@ -16,13 +16,13 @@ fn the_list_names_each_effect_with_its_object() {
     let list = folder.done("effects tiny.pbrt --list");
     let lines: Vec<&str> = list.lines().collect();
     assert_eq!(lines[0], "tiny: 2 effects, depth 5");
-    assert!(lines[3].starts_with("soft-shadows") && lines[3].ends_with("tiny.pbrt:10: a sphere shines"), "{list}");
+    assert!(lines[3].starts_with("soft-shadows") && lines[3].ends_with("tiny.pbrt:11: a sphere shines"), "{list}");
     assert!(lines[4].starts_with("interreflection") && lines.len() == 5, "{list}");
     let json = parse(&folder.done("effects tiny.pbrt --list --json"));
     let first = &json["effects"][0];
     assert_eq!(
         (first["effect"].as_str(), first["line"].as_u64(), first["objects"].as_u64()),
-        (Some("soft-shadows"), Some(10), Some(1))
+        (Some("soft-shadows"), Some(11), Some(1))
     );
     assert!(first["time_share"].is_null() && json["found_by_chance"].is_null() && json["seconds"].is_null());
     assert_eq!(folder.names(), Vec::<String>::new(), "nothing is written");
@@ -63,7 +63,7 @@ fn what_is_left_out_is_said_three_times() {
     for line in [
         "warning: without soft-shadows: each lamp is a point of the same power, and cannot be seen; ",
         "warning: without interreflection: light is scattered once; ",
-        "tiny.pbrt:10 calls for it (a sphere shines)",
+        "tiny.pbrt:11 calls for it (a sphere shines)",
     ] {
         assert!(said.err.contains(line), "{}", said.err);
     }

@@ -5,7 +5,7 @@ mod common;
 use common::{Folder, Said, names};
 use dapple_renderer::image::{Plane, read_attributes, read_channels};
 
-const KEYS: [&str; 16] = [
+const KEYS: [&str; 17] = [
     "scene",
     "sampler",
     "points",
@@ -22,6 +22,7 @@ const KEYS: [&str; 16] = [
     "predicted_relmse",
     "rejected",
     "effects",
+    "without",
 ];
 const PHASES: [&str; 8] = ["load", "bvh", "cluster", "probe", "plan", "trace", "filter", "write"];
 
@@ -155,6 +156,7 @@ fn an_exr_file_tells_how_it_was_made() {
         ("resolution", "24x16"),
         ("crop", "0,0,24,16"),
         ("max-depth", "5"),
+        ("light-choice", "power"),
         ("effects", "soft-shadows,interreflection"),
         ("rejected", "0"),
         ("notices", "none"),

@@ -7,7 +7,7 @@ use glam::{DAffine3, DMat3, DQuat, DVec3};
 ///
 /// A moving map is taken apart into a stretch, a rotation and a translation (polar decomposition), and these are
 /// interpolated: stretch and translation linearly, the rotation with constant speed around one axis, the shorter way
-/// round [Shoemake and Duff 1992]. Before 0 and after 1 it stands still.
+/// round [after Shoemake and Duff 1992]. Before 0 and after 1 it stands still.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Motion {
     /// At times 0 and 1, without `first`.
@@ -150,7 +150,7 @@ impl Path {
 const STEPS: usize = 100;
 
 /// The rotation and the stretch (symmetric; negative where the map mirrors) whose product a map's matrix is, by
-/// Newton's iteration towards the nearest rotation with scaled steps [Higham 1986].
+/// Newton's iteration towards the nearest rotation with scaled steps [after Higham 1986].
 fn polar(map: &DAffine3) -> Result<(DQuat, DMat3), Error> {
     let matrix = map.matrix3;
     let determinant = matrix.determinant();

@@ -207,7 +207,7 @@ impl Stage {
 
     /// Wall seconds spent on clusters so far.
     pub fn cluster_seconds(&self) -> f64 {
-        self.made().clusters.iter().map(|c| c.seconds).sum()
+        self.made().clusters.iter().fold(0.0, |sum, c| sum + c.seconds)
     }
 
     /// What probes took so far, of all samplers made on this stage.

@@ -186,7 +186,7 @@ impl Effects {
     /// lamp. After a diffuse event that has probability (solid angle of the lamp) / pi at most. The scene is told
     /// apart where
     /// * a shape can be seen whose material refracts and is smooth (alpha below
-    ///   [`SMOOTH_ALPHA`](crate::shading::SMOOTH_ALPHA), which no light sample can go through; or rough by a
+    ///   [`effectively_smooth`](crate::shading::TrowbridgeReitz::effectively_smooth), which no light sample can go through; or rough by a
     ///   texture, which may be), and paths may be scattered twice,
     /// * and a lamp, seen from the middle of that shape, fills less than 1e-3 sr: fewer than one scattered ray in
     ///   3000 finds it, so that a pixel of some hundred samples sees none of its light, or a speck. Points, spots

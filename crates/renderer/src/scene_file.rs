@@ -31,8 +31,8 @@ impl AnyOptions {
     }
 }
 
-/// Reads a scene (`.pbrt`) or a model (`.obj`, `.ply`, `.stl`) from disk. The extension tells which, in capital
-/// letters or small ones.
+/// Reads a scene (`.pbrt`, or no extension) or a model (`.obj`, `.ply`, `.stl`) from disk. The extension tells which, in
+/// capital letters or small ones.
 ///
 /// # Errors
 /// Everything wrong with it; an extension that is none of these.
@@ -58,8 +58,9 @@ pub fn read_any_from(
         ReadError { problems: vec![Problem { source, message }], more: 0 }
     };
     let extension = path.extension().unwrap_or_default().to_string_lossy();
+    let scene = extension.is_empty() || extension.eq_ignore_ascii_case("pbrt");
     // What cannot be read at all is told as such, by the scene reader.
-    if !extension.eq_ignore_ascii_case("pbrt") && files.read(path).is_ok() {
+    if !scene && files.read(path).is_ok() {
         let packed = ["gz", "zip", "zst", "bz2", "xz"].iter().any(|known| extension.eq_ignore_ascii_case(known));
         let advice = if packed { "unpack the file first" } else { "rename or convert the file" };
         return Err(refuse(format!(

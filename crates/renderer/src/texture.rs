@@ -1,13 +1,18 @@
 //! Texture look-ups.
 
-use crate::image::Picture;
+mod coded;
+
 use crate::scene::{Color, Scalar, Texture, TextureId, TextureKind, Wrap};
+use coded::Coded;
 use glam::{DVec3, Vec3};
+use std::sync::Arc;
 
 /// All textures of a scene.
 #[derive(Clone, Debug, Default)]
 pub struct Textures {
     textures: Vec<TextureKind>,
+    /// Each one's picture, where it has one of few values.
+    coded: Vec<Option<Arc<Coded>>>,
 }
 
 /// Textures may be made of textures; deeper nesting than this is read as black.
@@ -16,7 +21,20 @@ const DEEPEST: u32 = 8;
 impl Textures {
     /// The textures of a scene, in its order.
     pub fn new(textures: &[Texture]) -> Self {
-        Self { textures: textures.iter().map(|t| t.kind.clone()).collect() }
+        let textures: Vec<_> = textures.iter().map(|t| t.kind.clone()).collect();
+        let mut coded: Vec<Option<Arc<Coded>>> = Vec::with_capacity(textures.len());
+        for (i, texture) in textures.iter().enumerate() {
+            let same = |other: &TextureKind| match (texture, other) {
+                (TextureKind::Image { picture: a, .. }, TextureKind::Image { picture: b, .. }) => Arc::ptr_eq(a, b),
+                _ => false,
+            };
+            coded.push(match (textures[..i].iter().position(same), texture) {
+                (Some(earlier), _) => coded[earlier].clone(),
+                (None, TextureKind::Image { picture, .. }) => Coded::new(picture).map(Arc::new),
+                (None, _) => None,
+            });
+        }
+        Self { textures, coded }
     }
 
     /// The colour at `uv`: a point look-up, whose footprint is what the samples of a pixel cover.
@@ -54,7 +72,13 @@ impl Textures {
                 color(&colors[usize::from(odd)])
             }
             TextureKind::Image { picture, scale, shift, factor, invert, wrap } => {
-                let value = bilinear(picture, place(scale, shift), *wrap) * *factor;
+                let (size, uv) = (picture.size, place(scale, shift));
+                let value = match &self.coded[id.0 as usize] {
+                    Some(coded) => bilinear(size, uv, *wrap, |column, row| coded.pixel(column, row)),
+                    None => bilinear(size, uv, *wrap, |column, row| {
+                        Vec3::from_array(picture.pixels[row * size[0] as usize + column])
+                    }),
+                } * *factor;
                 if *invert { (Vec3::ONE - value).max(Vec3::ZERO) } else { value }
             }
             TextureKind::Product { factors: [a, b] } => color(a) * color(b),
@@ -101,25 +125,35 @@ impl Textures {
     }
 }
 
-/// Bilinear; `v` = 0 is the bottom edge.
-fn bilinear(picture: &Picture, [u, v]: [f32; 2], wrap: Wrap) -> Vec3 {
-    let [w, h] = picture.size;
+/// Bilinear, among the pixels that `pixel` gives for a column and a row; `v` = 0 is the bottom edge.
+#[inline(always)]
+fn bilinear([w, h]: [u32; 2], [u, v]: [f32; 2], wrap: Wrap, pixel: impl Fn(usize, usize) -> Vec3) -> Vec3 {
     let (x, y) = (u * w as f32 - 0.5, (1.0 - v) * h as f32 - 0.5);
     if !(x.is_finite() && y.is_finite()) {
         return Vec3::ZERO;
     }
-    let (left, top) = (x.floor(), y.floor());
-    let (fx, fy) = (x - left, y - top);
+    let ((left, fx), (top, fy)) = (parts(x), parts(y));
     let (columns, rows) = (pair(left, w, wrap), pair(top, h, wrap));
     let texel = |column: usize, row: usize| {
         if column == BEYOND || row == BEYOND {
             return Vec3::ZERO;
         }
-        Vec3::from_array(picture.pixels[row * w as usize + column])
+        pixel(column, row)
     };
     let upper = texel(columns[0], rows[0]).lerp(texel(columns[1], rows[0]), fx);
     let lower = texel(columns[0], rows[1]).lerp(texel(columns[1], rows[1]), fx);
     upper.lerp(lower, fy)
+}
+
+/// A number's floor and the rest, without the call that `floor` is on processors of old. So far out that there are no
+/// fractions any more, places count as 2^30.
+#[inline]
+fn parts(x: f32) -> (i64, f32) {
+    const FAR: f32 = (1u32 << 30) as f32;
+    let x = x.clamp(-FAR, FAR);
+    let whole = x as i32;
+    let floor = whole - i32::from(x < whole as f32);
+    (i64::from(floor), x - floor as f32)
 }
 
 /// A row or column of nothing.
@@ -127,13 +161,13 @@ const BEYOND: usize = usize::MAX;
 
 /// The rows or columns of a picture with `n` of them that stand for number `first`, a whole number, and the next.
 #[inline]
-fn pair(first: f32, n: u32, wrap: Wrap) -> [usize; 2] {
-    let (first, n) = (first as i64, i64::from(n));
+fn pair(first: i64, n: u32, wrap: Wrap) -> [usize; 2] {
+    let n = i64::from(n);
     // Mostly both lie in the picture: a division is dear.
     if first >= 0 && first < n - 1 {
         return [first as usize, first as usize + 1];
     }
-    [first, first.saturating_add(1)].map(|i| match wrap {
+    [first, first + 1].map(|i| match wrap {
         Wrap::Repeat => i.rem_euclid(n) as usize,
         Wrap::Clamp => i.clamp(0, n - 1) as usize,
         Wrap::Black if (0..n).contains(&i) => i as usize,
@@ -144,8 +178,8 @@ fn pair(first: f32, n: u32, wrap: Wrap) -> [usize; 2] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::image::Picture;
     use crate::scene::{Source, Wrap};
-    use std::sync::Arc;
 
     fn textures(kinds: Vec<TextureKind>) -> Textures {
         let texture = |kind| Texture { name: String::new(), kind, source: Source::default() };

@@ -210,9 +210,9 @@ impl World {
         self.unusual || self.moves || self.parts().any(|part| part.media.is_some()) || self.camera_medium != NO_MEDIUM
     }
 
-    /// Whether what is in the way of a ray may let a part of it through, or space itself hold some back.
+    /// Whether what is in the way of a ray may let a part of it through.
     pub(crate) fn hides_partly(&self) -> bool {
-        self.unusual || !self.media.is_empty()
+        self.unusual
     }
 
     fn parts(&self) -> impl Iterator<Item = &Part> {
@@ -221,8 +221,8 @@ impl World {
 
     /// Opacity at a hit, in `[0, 1]`.
     #[inline]
+    #[expect(clippy::manual_clamp, reason = "what is no number counts as 0, which `clamp` would let through")]
     pub(crate) fn alpha(&self, at: &Interaction<'_>) -> f32 {
-        // What is no number counts as 0.
         at.part.alpha.map_or(1.0, |alpha| self.textures.look_up_scalar(alpha, self.uv(at)).max(0.0).min(1.0))
     }
 

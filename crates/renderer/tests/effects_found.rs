@@ -39,6 +39,9 @@ fn more(change: impl FnOnce(&mut Scene)) -> Vec<(Effect, u32, usize)> {
 
 const NONE: [(Effect, u32, usize); 0] = [];
 
+/// A material that looks a texture up.
+type Make = fn(TextureId) -> MaterialKind;
+
 /// One more shape of a material of its own; gives its number.
 fn wear(scene: &mut Scene, kind: MaterialKind) -> usize {
     let material = add_material(scene, kind);
@@ -246,7 +249,7 @@ fn textures_wherever_they_are() {
             s.materials[0].kind = kind(id);
         })
     };
-    let reasons: [(fn(TextureId) -> MaterialKind, &str); 5] = [
+    let reasons: [(Make, &str); 5] = [
         (|id| MaterialKind::Diffuse { reflectance: Color::Texture(id) }, "color"),
         (
             |id| MaterialKind::Conductor {

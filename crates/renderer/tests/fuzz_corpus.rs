@@ -3,6 +3,8 @@
 //! Seeds are made here, from our own scenes; `DAPPLE_WRITE_SEEDS=1 cargo test -p dapple-renderer --test fuzz_corpus`
 //! writes them anew. Inputs that once broke something are in `fuzz/found`.
 
+#![allow(clippy::print_stderr)] // How long the slowest input took is told.
+
 #[allow(unreachable_pub)] // A library of its own where cargo-fuzz builds it.
 #[path = "../../../fuzz/src/lib.rs"]
 mod targets;
@@ -14,7 +16,10 @@ use rand::{RngExt, SeedableRng};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-const TARGETS: [(&str, fn(&[u8])); 5] = [
+/// Name and function.
+type Target = (&'static str, fn(&[u8]));
+
+const TARGETS: [Target; 5] = [
     ("scene", targets::scene),
     ("ply", targets::ply),
     ("obj", targets::obj),

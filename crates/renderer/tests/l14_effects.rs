@@ -93,7 +93,6 @@ fn l14_needed_effects_are_done_or_refused() {
         assert!(!Effects::of(&less).has(effect), "{effect}");
         match World::new(&scene) {
             Err(refused) => {
-                eprintln!("{effect} is refused: {refused}");
                 assert!(refused.problems.iter().all(|p| p.starts_with("made.pbrt:")), "{effect}: {refused}");
             }
             Ok(world) => {

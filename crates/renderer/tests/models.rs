@@ -1,5 +1,7 @@
 //! Models by themselves: what is read, and what is refused with which words.
 
+#![allow(clippy::print_stderr)] // What is skipped, and what each file holds, is told.
+
 use dapple_renderer::model::{ModelOptions, UpAxis, read_model_from, read_obj, read_stl};
 use dapple_renderer::pbrt::ReadError;
 use dapple_renderer::scene::{Color, Geometry, MaterialKind, MeshData, Scene, TextureKind};
@@ -251,14 +253,14 @@ fn i10_extensions_tell_and_directories_are_refused() {
         ("s.PBRT", b"Camera \"perspective\"\nWorldBegin\nLightSource \"infinite\"\nShape \"sphere\"\n"),
         ("z.pbrt", b"\x1f\x8b\x08 not text"),
         ("m.fbx", b""),
-        ("none", b""),
+        ("plain", b"Camera \"perspective\"\nWorldBegin\nLightSource \"infinite\"\nShape \"sphere\"\n"),
         ("m.obj.gz", b""),
     ]);
     assert_eq!(read_any_from(&given, "m.Obj", &options).unwrap().name, "m");
     assert_eq!(read_any_from(&given, "s.PBRT", &options).unwrap().name, "s");
+    assert_eq!(read_any_from(&given, "plain", &options).unwrap().name, "plain", "no extension: a scene");
     for (name, what) in [
         ("m.fbx", "the extension 'fbx' is none that is read: .pbrt (scenes), .obj, .ply and .stl (models)"),
-        ("none", "the extension ''"),
         ("m.obj.gz", "unpack the file first"),
         ("z.pbrt", "compressed by gzip"),
         ("missing.stl", "cannot read missing.stl: no such file; check the name"),

@@ -4,7 +4,7 @@ use super::ledger::{Ledger, Row, Shares};
 use crate::scene::chance;
 use dapple_metrics::Measured;
 use dapple_renderer::scene::{Scene, Source};
-use dapple_renderer::{Called, Effects};
+use dapple_renderer::{Called, Effect, Effects};
 use serde::Serialize;
 use std::path::Path;
 
@@ -179,9 +179,10 @@ impl<'a> Told<'a> {
     }
 
     fn cells(&self, called: &Called) -> [String; 6] {
+        // That there are several lights is said by all of them.
         let others = match called.objects {
-            1 => String::new(),
-            n => format!(", and {} more", n - 1),
+            n if n > 1 && called.effect != Effect::SeveralLights => format!(", and {} more", n - 1),
+            _ => String::new(),
         };
         let by = format!("{}: {}{others}", place(&called.source), called.because);
         let [mut time, mut ratio, mut picture, mut lost] = ["-", "-", "-", "-"].map(str::to_owned);

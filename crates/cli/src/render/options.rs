@@ -73,6 +73,10 @@ pub(crate) struct Options {
     #[arg(long, value_name = "N", help_heading = "Picture")]
     pub(super) max_depth: Option<u32>,
 
+    /// How one of several lights is chosen
+    #[arg(long, value_name = "HOW", value_enum, default_value_t = LightChoice::Power, help_heading = "Picture")]
+    pub(super) light_choice: LightChoice,
+
     /// Leave an effect out that the scene calls for; may be given again. `dapple effects` lists what it calls for
     ///
     /// The picture is another, cheaper one: a warning says how it differs, and the file's header that it does.
@@ -131,6 +135,24 @@ pub(super) enum PixelShape {
     Scene,
     /// A box of one pixel
     Box,
+}
+
+/// How one of several lights is chosen.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(super) enum LightChoice {
+    /// By power
+    Power,
+    /// Each as often as any other, for studies of the choice
+    Uniform,
+}
+
+impl LightChoice {
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            Self::Power => "power",
+            Self::Uniform => "uniform",
+        }
+    }
 }
 
 impl Options {

@@ -38,6 +38,7 @@ pub(super) struct Report<'a> {
     pub(super) probe_rays: u64,
     pub(super) seconds: Seconds,
     pub(super) cpu: Option<f64>,
+    pub(super) light_choice: &'static str,
 }
 
 /// The keys of the JSON line, in their order. What is not known is null.
@@ -148,6 +149,7 @@ impl Report<'_> {
             ("resolution", format!("{w}x{h}")),
             ("crop", format!("{x},{y},{},{}", x + cw, y + ch)),
             ("max-depth", scene.max_depth.map_or("unlimited".into(), |d| d.to_string())),
+            ("light-choice", self.light_choice.to_owned()),
             ("effects", self.effects().join(",")),
             ("without", self.without().join(",")),
             ("notices", notices.join("\n")),

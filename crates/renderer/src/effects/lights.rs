@@ -33,7 +33,7 @@ impl Effects {
             sources.push(&light.source);
         }
         if let Some(second) = sources.get(1) {
-            self.add(Effect::SeveralLights, || "a second light".into(), second);
+            self.add(Effect::SeveralLights, || format!("the second of {} lights", sources.len()), second);
             self.count(Effect::SeveralLights, sources.len());
         }
     }

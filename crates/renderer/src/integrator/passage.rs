@@ -75,9 +75,30 @@ impl<'w, L: Lens, const E: u32> PathTracer<'w, L, E> {
         }
     }
 
-    /// The share of light that gets through to a light, of a ray whose `t` ends there; counts the rays it takes.
+    /// The share of light that gets through to a light, of a ray whose `t` ends there and that starts in `medium`;
+    /// `None` where something is in the way. Counts the rays it takes.
+    #[inline(always)]
+    pub(super) fn transmittance(&self, ray: Ray, target: &Target, path: &mut Path, medium: u32) -> Option<Vec3> {
+        let world = self.world;
+        if E & RARE != 0 && world.hides_partly() {
+            let share = self.transmittance_past(ray, target, path, medium);
+            return (share != Vec3::ZERO).then_some(share);
+        }
+        path.rays += 1;
+        let occluded = if E & RARE != 0 { world.occluded_at(&ray, path.time) } else { world.geometry.occluded(&ray) };
+        if occluded {
+            return None;
+        }
+        if E & RARE == 0 || medium == NO_MEDIUM {
+            return Some(Vec3::ONE);
+        }
+        // The same medium all the way: another one begins beyond a surface, and there is none in between.
+        Some(world.media.medium(medium).transmittance(ray.tmax * ray.direction.length()))
+    }
+
+    /// The same where surfaces may let light pass.
     #[inline(never)]
-    pub(super) fn transmittance(&self, mut ray: Ray, target: &Target, path: &mut Path, mut medium: u32) -> Vec3 {
+    fn transmittance_past(&self, mut ray: Ray, target: &Target, path: &mut Path, mut medium: u32) -> Vec3 {
         let world = self.world;
         let mut share = Vec3::ONE;
         for _ in 0..MOST_PASSED {
@@ -165,7 +186,8 @@ impl<'w, L: Lens, const E: u32> PathTracer<'w, L, E> {
         // A point in space is exact and has no side.
         let from = SurfacePoint { position, error: Vec3::ZERO, normal: Vec3::ZERO, primitive: PrimitiveId::NONE };
         let ray = shadow_ray(&from, light);
-        let share = self.transmittance(ray, &light.target, path, path.medium);
+        let medium = path.medium;
+        let Some(share) = self.transmittance(ray, &light.target, path, medium) else { return Vec3::ZERO };
         // The phase function is a density: what it is worth is also how likely it is drawn.
         let pdf = phase.evaluate(path.ray.direction, light.wi);
         let weight = if light.delta { light.pdf.recip() } else { power_heuristic_over_pdf(light.pdf, pdf) };

@@ -129,17 +129,8 @@ impl<'w, L: Lens, const E: u32> PathTracer<'w, L, E> {
             return Vec3::ZERO;
         }
         let ray = shadow_ray(&at.point, &light);
-        let mut share = Vec3::ONE;
-        if E & RARE != 0 && world.hides_partly() {
-            share = self.transmittance(ray, &light.target, path, beyond(at, light.wi, path.medium));
-        } else {
-            path.rays += 1;
-            let occluded =
-                if E & RARE != 0 { world.occluded_at(&ray, path.time) } else { world.geometry.occluded(&ray) };
-            if occluded {
-                return Vec3::ZERO;
-            }
-        }
+        let medium = if E & RARE != 0 { beyond(at, light.wi, path.medium) } else { NO_MEDIUM };
+        let Some(share) = self.transmittance(ray, &light.target, path, medium) else { return Vec3::ZERO };
         let weight = if light.delta { light.pdf.recip() } else { power_heuristic_over_pdf(light.pdf, pdf) };
         share * f * light.radiance * (wi.z.abs() * weight)
     }

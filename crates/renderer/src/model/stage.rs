@@ -5,7 +5,7 @@ use crate::bundled::directions::{dot, lat_long_direction, mix, normalize, smooth
 use crate::image::Picture;
 use crate::scene::{Camera, EnvironmentRadiance, FilmSettings, Light, LightKind, Projection, Scene, Source};
 use glam::{DAffine3, DMat3, DVec3};
-use std::sync::Arc;
+use std::sync::{Arc, LazyLock};
 
 /// Full angle of view along the shorter side, degrees: about what a portrait lens sees.
 const FOV: f64 = 35.0;
@@ -52,13 +52,16 @@ pub(super) fn set(
     };
     scene.film = FilmSettings { resolution: RESOLUTION, ..FilmSettings::default() };
     scene.max_depth = Some(MAX_DEPTH);
-    let radiance = EnvironmentRadiance::LatLong { picture: Arc::new(studio()), scale: 1.0 };
+    let radiance = EnvironmentRadiance::LatLong { picture: STUDIO.clone(), scale: 1.0 };
     // The studio turns with the camera: its x axis points to the viewer, level.
     let level = (VIEW[0] * front + VIEW[1] * right).normalize();
     let to_world = DAffine3::from_mat3(DMat3::from_cols(level, up.cross(level), up));
     scene.lights = vec![Light { kind: LightKind::Infinite { radiance }, to_world, source: source.clone() }];
     Ok(())
 }
+
+/// Painted once: it takes longer than a small model does.
+static STUDIO: LazyLock<Arc<Picture>> = LazyLock::new(|| Arc::new(studio()));
 
 /// Light from all sides that is brighter above, and a round lamp over the viewer's left shoulder. Its frame: z up,
 /// x to the viewer.

@@ -4,11 +4,11 @@ use super::Source;
 use crate::image::Picture;
 use std::sync::Arc;
 
-/// Number of a material in [`Scene::materials`].
+/// Number of a material in [`Scene::materials`](super::Scene::materials).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct MaterialId(pub u32);
 
-/// Number of a texture in [`Scene::textures`].
+/// Number of a texture in [`Scene::textures`](super::Scene::textures).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct TextureId(pub u32);
 

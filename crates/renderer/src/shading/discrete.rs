@@ -109,14 +109,22 @@ impl Discrete {
 
 /// A density on the unit square, constant on each cell of a grid: an environment map's brightness, say.
 ///
-/// Cells are half-open; a cell of weight 0 is never sampled. Takes 8 bytes a cell.
+/// Cells are half-open; a cell of weight 0 is never sampled. Takes 9 bytes a cell.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PiecewiseConstant2d {
     rows: Discrete,
     /// Row by row, each as [`Discrete`]'s ends.
     columns: Vec<f64>,
+    /// Row by row, each `slots + 1` long: the column that coordinate `j / slots` chooses, and the last one.
+    guides: Vec<u32>,
+    slots: usize,
     size: [usize; 2],
 }
+
+/// Columns to a slot of their guide. A search through a whole row waits for memory at nearly every step, and took a
+/// quarter of the time of a scene lit by a picture of 1024 x 512 (perf); from a guide that stays in the cache it waits
+/// once.
+const TO_A_SLOT: usize = 4;
 
 impl PiecewiseConstant2d {
     /// The density proportional to `weights`, `size = [columns, rows]` of them, row by row; column 0 begins
@@ -134,22 +142,34 @@ impl PiecewiseConstant2d {
             return Err(Error::Shape { count: weights.len(), size });
         }
         check(weights)?;
+        let slots = size[0].div_ceil(TO_A_SLOT);
         let mut columns = Vec::with_capacity(weights.len());
+        let mut guides = Vec::with_capacity((slots + 1) * size[1]);
         let mut totals = Vec::with_capacity(size[1]);
         for row in weights.chunks(size[0].max(1)) {
             let (ends, total) = cumulative(row.iter().map(|&w| f64::from(w)));
+            let (mut column, last) = (0, ends.len() - 1);
+            for slot in 0..slots {
+                while column < last && ends[column] <= slot as f64 / slots as f64 {
+                    column += 1;
+                }
+                guides.push(column as u32);
+            }
+            guides.push(last as u32);
             columns.extend(ends);
             totals.push(total);
         }
-        Ok(Self { rows: Discrete::from_checked(totals.into_iter()), columns, size })
+        Ok(Self { rows: Discrete::from_checked(totals.into_iter()), columns, guides, slots, size })
     }
 
     /// A point `(u, v)` in `[0, 1)^2` and its density, above 0; `None` if all weights are 0.
     #[inline]
     pub fn sample(&self, u: [f32; 2]) -> Option<([f32; 2], f32)> {
         let row = self.rows.sample(u[1])?;
-        let ends = self.row(row.index);
-        let column = invert(ends, 0, ends.len() - 1, f64::from(u[0].clamp(0.0, BELOW_ONE)));
+        let across = f64::from(u[0].clamp(0.0, BELOW_ONE));
+        let slot = row.index * (self.slots + 1) + (across * self.slots as f64) as usize;
+        let [first, last] = [self.guides[slot] as usize, self.guides[slot + 1] as usize];
+        let column = invert(self.row(row.index), first, last, across);
         let uv = [place(column, self.size[0]), place(row, self.size[1])];
         Some((uv, self.density(row.index, column.index)))
     }

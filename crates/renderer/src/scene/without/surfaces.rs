@@ -7,9 +7,6 @@ use crate::scene::{
 };
 use crate::texture::Textures;
 
-/// Textures may be made of textures; deeper nesting than this is black, as look-ups have it.
-const DEEPEST: u32 = 8;
-
 impl Scene {
     /// Replaces the lobes that call for an effect of surfaces.
     pub(super) fn replace_lobes(&mut self, effect: Effect) {
@@ -34,7 +31,7 @@ impl Scene {
 
     /// Puts every texture's mean in its place.
     pub(super) fn flatten_textures(&mut self) {
-        let means = Means(&self.textures);
+        let means = Means(Textures::new(&self.textures));
         for material in &mut self.materials {
             (material.bump, material.normal_map) = (None, None);
             means.flatten(&mut material.kind);
@@ -51,7 +48,7 @@ fn diffuse_color(material: &Material, textures: &mut Vec<Texture>) -> Option<Col
     if let MaterialKind::Mirror { reflectance } = &material.kind {
         return Some(*reflectance);
     }
-    let means = Means(textures);
+    let means = Means(Textures::new(textures));
     let textured = base(&material.kind);
     let mut plain = material.clone();
     (plain.bump, plain.normal_map) = (None, None);
@@ -59,7 +56,7 @@ fn diffuse_color(material: &Material, textures: &mut Vec<Texture>) -> Option<Col
     let surface = Surface::new(&plain).ok()?;
     let albedo = surface.bsdf(&Textures::default(), [0.5; 2]).albedo().to_array().map(|a| a.clamp(0.0, 1.0));
     let Some(Color::Texture(id)) = textured else { return Some(Color::Constant(albedo)) };
-    let mean = means.of(id);
+    let mean = means.0.mean(id);
     let ratio = std::array::from_fn(|c| if mean[c] > 0.0 { albedo[c] / mean[c] } else { 1.0 });
     let factors = [Color::Texture(id), Color::Constant(ratio)];
     let name = format!("{} made diffuse", material.name);
@@ -80,55 +77,26 @@ fn base(kind: &MaterialKind) -> Option<Color> {
 }
 
 /// The means of textures.
-struct Means<'t>(&'t [Texture]);
+struct Means(Textures);
 
-impl Means<'_> {
-    fn of(&self, id: TextureId) -> [f32; 3] {
-        self.within(Color::Texture(id), DEEPEST)
+impl Means {
+    fn color(&self, color: Color) -> [f32; 3] {
+        match color {
+            Color::Constant(rgb) => rgb,
+            Color::Texture(id) => self.0.mean(id),
+        }
     }
 
     fn scalar(&self, scalar: Scalar) -> Scalar {
         match scalar {
-            Scalar::Texture(id) => Scalar::Constant(self.of(id)[0]),
+            Scalar::Texture(id) => Scalar::Constant(self.0.mean(id)[0]),
             constant => constant,
-        }
-    }
-
-    fn within(&self, color: Color, depth: u32) -> [f32; 3] {
-        let id = match color {
-            Color::Constant(rgb) => return rgb,
-            Color::Texture(id) => id,
-        };
-        let Some(texture) = self.0.get(id.0 as usize).filter(|_| depth > 0) else { return [0.0; 3] };
-        let both = |colors: &[Color; 2]| colors.map(|c| self.within(c, depth - 1));
-        match &texture.kind {
-            TextureKind::Checkerboard { colors, .. } => {
-                let [a, b] = both(colors);
-                std::array::from_fn(|c| 0.5 * (a[c] + b[c]))
-            }
-            TextureKind::Image { picture, factor, invert, .. } => std::array::from_fn(|c| {
-                let value = |p: &[f32; 3]| if *invert { (1.0 - p[c] * factor).max(0.0) } else { p[c] * factor };
-                let sum: f64 = picture.pixels.iter().map(|p| f64::from(value(p))).sum();
-                (sum / picture.pixels.len() as f64) as f32
-            }),
-            TextureKind::Product { factors } => {
-                let [a, b] = both(factors);
-                std::array::from_fn(|c| a[c] * b[c])
-            }
-            TextureKind::Mix { colors, amount } => {
-                let [a, b] = both(colors);
-                let amount = match amount {
-                    Scalar::Constant(amount) => *amount,
-                    Scalar::Texture(id) => self.within(Color::Texture(*id), depth - 1)[0],
-                };
-                std::array::from_fn(|c| a[c] + (b[c] - a[c]) * amount)
-            }
         }
     }
 
     /// Puts means in the place of a material's textures.
     fn flatten(&self, kind: &mut MaterialKind) {
-        let color = |color: &mut Color| *color = Color::Constant(self.within(*color, DEEPEST));
+        let color = |color: &mut Color| *color = Color::Constant(self.color(*color));
         let scalar = |scalar: &mut Scalar| *scalar = self.scalar(*scalar);
         let roughness = |roughness: &mut Roughness| {
             scalar(&mut roughness.u);

@@ -1,0 +1,135 @@
+//! Pictures of few values, kept small for look-ups.
+
+use crate::image::Picture;
+use glam::Vec3;
+
+/// Values that a byte tells apart.
+const MOST: usize = 256;
+/// Pixels along a tile's side.
+const SIDE: usize = 4;
+
+/// The pixels of a picture that has no more than 256 values, as 8-bit files have: a byte for each, exactly. Look-ups
+/// scattered over a large picture wait for memory; this takes a third of it, and four neighbours mostly lie in one
+/// cache line.
+#[derive(Clone, Debug)]
+pub(super) struct Coded {
+    tiles: Vec<Tile>,
+    /// Tiles to a row of them.
+    across: usize,
+    values: Box<[f32; MOST]>,
+}
+
+/// Codes of 4 x 4 pixels, row by row: a cache line. The fourth of each is unused.
+#[derive(Clone, Copy, Debug)]
+#[repr(align(64))]
+struct Tile([[u8; 4]; SIDE * SIDE]);
+
+impl Coded {
+    /// `None` where there are too many values.
+    pub(super) fn new(picture: &Picture) -> Option<Self> {
+        let [width, height] = [picture.width(), picture.height()];
+        let across = width.div_ceil(SIDE);
+        let mut coder = Coder::default();
+        let mut tiles = vec![Tile([[0; 4]; SIDE * SIDE]); across * height.div_ceil(SIDE)];
+        for y in 0..height {
+            for (x, [r, g, b]) in picture.row(y).iter().enumerate() {
+                let (tile, place) = locate(across, x, y);
+                tiles[tile].0[place] = [coder.code(*r)?, coder.code(*g)?, coder.code(*b)?, 0];
+            }
+        }
+        Some(Self { tiles, across, values: Box::new(coder.values) })
+    }
+
+    /// The pixel in a column of a row, both of the picture.
+    #[inline]
+    pub(super) fn pixel(&self, column: usize, row: usize) -> Vec3 {
+        let (tile, place) = locate(self.across, column, row);
+        let [r, g, b, _] = self.tiles[tile].0[place];
+        Vec3::new(self.values[usize::from(r)], self.values[usize::from(g)], self.values[usize::from(b)])
+    }
+}
+
+/// The tile of a pixel, and its place in there.
+#[inline]
+fn locate(across: usize, column: usize, row: usize) -> (usize, usize) {
+    (row / SIDE * across + column / SIDE, row % SIDE * SIDE + column % SIDE)
+}
+
+/// Numbers values in the order in which they come.
+struct Coder {
+    values: [f32; MOST],
+    count: usize,
+    /// Numbers from 1, found by a value's bits; 0 is free.
+    slots: [u16; Self::SLOTS],
+}
+
+impl Default for Coder {
+    fn default() -> Self {
+        Self { values: [0.0; MOST], count: 0, slots: [0; Self::SLOTS] }
+    }
+}
+
+impl Coder {
+    /// Four times as many as there may be values: searches stay short.
+    const SLOTS: usize = 4 * MOST;
+
+    /// The code of a value, by its bits; `None` where it is one too many.
+    fn code(&mut self, value: f32) -> Option<u8> {
+        // The golden ratio of 2^32 scatters bits [after Knuth 1998, sec. 6.4].
+        let mut slot = (value.to_bits().wrapping_mul(0x9E37_79B9) >> 22) as usize;
+        loop {
+            let number = usize::from(self.slots[slot]);
+            if number == 0 {
+                break;
+            }
+            if self.values[number - 1].to_bits() == value.to_bits() {
+                return Some((number - 1) as u8);
+            }
+            slot = (slot + 1) % Self::SLOTS;
+        }
+        if self.count == MOST {
+            return None;
+        }
+        self.values[self.count] = value;
+        self.count += 1;
+        self.slots[slot] = self.count as u16;
+        Some((self.count - 1) as u8)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A picture with `count` values, each there.
+    fn picture(size: [u32; 2], count: u32) -> Picture {
+        let value = |i: u32| 1.0 / (1 + i.wrapping_mul(2_654_435_761) % count) as f32;
+        let pixels = (0..size[0] * size[1]).map(|i| [value(3 * i), value(3 * i + 1), -value(3 * i + 2).abs()]);
+        Picture::new(size, pixels.collect()).expect("a picture")
+    }
+
+    #[test]
+    fn pixels_come_back_to_the_last_bit() {
+        for size in [[1, 1], [4, 4], [5, 3], [37, 21]] {
+            let picture = picture(size, 100);
+            let coded = Coded::new(&picture).expect("at most 200 values");
+            for y in 0..picture.height() {
+                for x in 0..picture.width() {
+                    assert_eq!(coded.pixel(x, y).to_array(), picture.pixel(x, y), "{x} {y} of {size:?}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn values_are_counted_by_their_bits() {
+        let row = |n: u32| Picture::new([n, 1], (0..n).map(|i| [i as f32; 3]).collect()).expect("a picture");
+        assert!(Coded::new(&row(256)).is_some());
+        assert!(Coded::new(&row(257)).is_none());
+        let odd = [[0.0, -0.0, f32::NAN], [f32::INFINITY, f32::MIN_POSITIVE, 1.0]];
+        let coded = Coded::new(&Picture::new([2, 1], odd.to_vec()).expect("a picture")).expect("six values");
+        for (x, pixel) in odd.iter().enumerate() {
+            assert_eq!(coded.pixel(x, 0).to_array().map(f32::to_bits), pixel.map(f32::to_bits));
+        }
+    }
+}
