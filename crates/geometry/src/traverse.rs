@@ -236,15 +236,8 @@ impl Best {
     }
 }
 
-/// A child put aside: where the ray enters it in the upper half, as bits, and its code in the lower. Entries are not
-/// negative, so that these numbers are ordered as the entries are, and sorted without branches: the processor cannot
-/// guess which of two children is nearer.
-type Aside = u64;
-
-#[inline(always)]
-fn aside(entry: f32, child: u32) -> Aside {
-    u64::from(entry.to_bits()) << 32 | u64::from(child)
-}
+/// A child put aside, and where the ray enters it.
+type Aside = (f32, u32);
 
 impl Tree {
     #[inline(always)]
@@ -308,7 +301,7 @@ impl Tree {
         if self.nodes.is_empty() {
             return false;
         }
-        let mut stack: [Aside; STACK] = [0; STACK];
+        let mut stack: [Aside; STACK] = [(0.0, 0); STACK];
         let mut height = 0;
         let mut code = 0;
         loop {
@@ -327,9 +320,9 @@ impl Tree {
                         return false;
                     }
                     height -= 1;
-                    let next = stack[height];
-                    if ANY || f32::from_bits((next >> 32) as u32) <= best.t * FAR_SIDE {
-                        break next as u32;
+                    let (entry, child) = stack[height];
+                    if ANY || entry <= best.t * FAR_SIDE {
+                        break child;
                     }
                 },
             }
@@ -369,29 +362,32 @@ impl Tree {
         if ANY {
             // Any hit will do, so sorting is not worth its time.
             while met != 0 {
-                stack[*height] = u64::from(node.children[lowest(met)]);
+                stack[*height] = (0.0, node.children[lowest(met)]);
                 met &= met - 1;
                 *height += 1;
             }
             return Some(node.children[first]);
         }
         let entry = entry.to_array();
-        let mut near = aside(entry[first], node.children[first]);
+        let aside = |lane: usize| (entry[lane], node.children[lane]);
+        let mut near = aside(first);
         let base = *height;
         while met != 0 {
-            let lane = lowest(met);
+            let mut next = aside(lowest(met));
             met &= met - 1;
-            let next = aside(entry[lane], node.children[lane]);
-            let mut far = near.max(next);
-            near = near.min(next);
-            // Into its place among this node's own, nearest on top.
-            for other in &mut stack[base..*height] {
-                (*other, far) = ((*other).max(far), (*other).min(far));
+            if next.0 < near.0 {
+                std::mem::swap(&mut next, &mut near);
             }
-            stack[*height] = far;
+            // Insertion among this node's own, nearest on top.
+            let mut place = *height;
+            while place > base && stack[place - 1].0 < next.0 {
+                stack[place] = stack[place - 1];
+                place -= 1;
+            }
+            stack[place] = next;
             *height += 1;
         }
-        Some(near as u32)
+        Some(near.1)
     }
 
     #[inline(always)]

@@ -73,6 +73,10 @@ impl Triangles8 {
         let w = s.x[1] * s.y[0] - s.y[1] * s.x[0];
         let zero = L::splat(token, 0.0);
         let inside = zero.at_most(u.min(v).min(w)) | u.max(v).max(w).at_most(zero);
+        // Mostly so, and then the keys need not be fetched.
+        if inside == 0 {
+            return None;
+        }
         // Most are the triangles that the ray leaves or is aimed at: flat, so they are not met in between.
         let [from, to] = frame.ray.ends;
         let wanted = inside & !(keys.equal::<L>(token, from.0) | keys.equal::<L>(token, to.0));

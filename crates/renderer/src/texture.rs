@@ -68,8 +68,7 @@ impl Textures {
         match texture {
             TextureKind::Checkerboard { scale, shift, colors } => {
                 let [u, v] = place(scale, shift);
-                let odd = (u.floor() + v.floor()).rem_euclid(2.0) >= 1.0;
-                color(&colors[usize::from(odd)])
+                color(&colors[((parts(u).0 + parts(v).0) & 1) as usize])
             }
             TextureKind::Image { picture, scale, shift, factor, invert, wrap } => {
                 let (size, uv) = (picture.size, place(scale, shift));

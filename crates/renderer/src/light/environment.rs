@@ -144,7 +144,10 @@ impl Environment {
         let (wi, radiance, pdf) = match &self.kind {
             Kind::Constant(rgb) => (warp::uniform_sphere(u), *rgb, warp::uniform_sphere_pdf()),
             Kind::Picture(map) => {
-                let (uv, density) = map.cells.sample(u)?;
+                // A look at a pixel nearby, or the same, brings its line into the cache while the cell is searched.
+                let (uv, density) = map.cells.sample_near(u, |i| {
+                    std::hint::black_box(map.picture.pixels[i][0]);
+                })?;
                 let (local, pdf) = map.layout.to_sphere(uv, density);
                 // Radiance and density both of the cell that was drawn: its direction may round into the next.
                 ((self.to_world * local).normalize(), map.radiance(uv), pdf)

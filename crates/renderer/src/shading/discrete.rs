@@ -165,10 +165,18 @@ impl PiecewiseConstant2d {
     /// A point `(u, v)` in `[0, 1)^2` and its density, above 0; `None` if all weights are 0.
     #[inline]
     pub fn sample(&self, u: [f32; 2]) -> Option<([f32; 2], f32)> {
+        self.sample_near(u, |_| ())
+    }
+
+    /// The same; `near` is told early on the number, row by row, of a cell that is the one drawn or not far from it, so
+    /// that what the caller keeps for the cells can be fetched meanwhile.
+    #[inline(always)]
+    pub(crate) fn sample_near(&self, u: [f32; 2], near: impl FnOnce(usize)) -> Option<([f32; 2], f32)> {
         let row = self.rows.sample(u[1])?;
         let across = f64::from(u[0].clamp(0.0, BELOW_ONE));
         let slot = row.index * (self.slots + 1) + (across * self.slots as f64) as usize;
         let [first, last] = [self.guides[slot] as usize, self.guides[slot + 1] as usize];
+        near(row.index * self.size[0] + (first + last) / 2);
         let column = invert(self.row(row.index), first, last, across);
         let uv = [place(column, self.size[0]), place(row, self.size[1])];
         Some((uv, self.density(row.index, column.index)))
