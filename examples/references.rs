@@ -15,7 +15,6 @@ use dapple::metrics::{Pixels, block_ratios, compare};
 use dapple::renderer::image::{Encoding, Picture, encode_png, read_picture, write_file};
 use dapple::renderer::{Stage, World, integrator, pbrt, registry, scene};
 use std::path::{Path, PathBuf};
-use std::time::Instant;
 
 type Result<T> = std::result::Result<T, Box<dyn std::error::Error>>;
 
@@ -49,9 +48,9 @@ fn main() -> Result<()> {
     }
     let folder = std::env::var("DAPPLE_SCENES").unwrap_or_else(|_| "../shared/scenes".into());
     println!(
-        "| scene | spp x seeds | ratio of means R G B | +- | 10x10 blocks, 5 % | 50 % | 95 % | relMSE without the worst 0.1 % | samples per CPU second |"
+        "| scene | spp x seeds | ratio of means R G B | +- | 10x10 blocks, 5 % | 50 % | 95 % | relMSE without the worst 0.1 % |"
     );
-    println!("|---|---|---|---|---|---|---|---|---|");
+    println!("|---|---|---|---|---|---|---|---|");
     for (name, spp) in SCENES {
         if !wanted.is_empty() && !wanted.iter().any(|w| w == name) {
             continue;
@@ -74,10 +73,8 @@ fn row(name: &str, file: &Path, reference: &Path, spp: u64, seeds: u64, pictures
     scene.film.resolution = reference.size;
     scene.film.pixel_filter = scene::PixelFilter::default();
     let world = World::new(&scene)?;
-    let start = Instant::now();
     let films: Vec<Vec<[f32; 3]>> =
         (0..seeds).map(|seed| picture(&world, reference.size, spp, 500 + seed)).collect::<Result<_>>()?;
-    let seconds = start.elapsed().as_secs_f64() * rayon_threads();
     let count = films.len() as f64;
     let mean: Vec<[f32; 3]> = (0..films[0].len())
         .map(|i| std::array::from_fn(|c| (films.iter().map(|f| f64::from(f[i][c])).sum::<f64>() / count) as f32))
@@ -96,9 +93,8 @@ fn row(name: &str, file: &Path, reference: &Path, spp: u64, seeds: u64, pictures
         write_file(&folder.join(format!("{name}.png")), &beside(&mean, &reference)?)?;
     }
     let three = |x: [f64; 3]| format!("{:.4} {:.4} {:.4}", x[0], x[1], x[2]);
-    let rate = (films[0].len() as u64 * spp * seeds) as f64 / seconds;
     Ok(format!(
-        "| {name} | {spp} x {seeds} | {} | {} | {} | {} | {} | {:.5} | {rate:.0} |",
+        "| {name} | {spp} x {seeds} | {} | {} | {} | {} | {} | {:.5} |",
         three(all.channel_ratios),
         three(noise),
         three(blocks.percentile(5.0)),
@@ -106,10 +102,6 @@ fn row(name: &str, file: &Path, reference: &Path, spp: u64, seeds: u64, pictures
         three(blocks.percentile(95.0)),
         all.rel_mse_trimmed
     ))
-}
-
-fn rayon_threads() -> f64 {
-    std::thread::available_parallelism().map_or(1.0, |n| n.get() as f64)
 }
 
 fn picture(world: &World, size: [u32; 2], spp: u64, seed: u64) -> Result<Vec<[f32; 3]>> {

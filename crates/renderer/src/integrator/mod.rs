@@ -12,7 +12,7 @@ use crate::World;
 use crate::camera::{General, Pinhole, ThinLens};
 use dapple_core::Integrator;
 
-/// What a path tracer has code for: bits of its type parameter. What is missing there costs nothing.
+/// What a path tracer has code for: bits of its type parameter. What is missing there is not compiled.
 pub mod code {
     /// A choice among lights.
     pub const SEVERAL: u32 = 1;

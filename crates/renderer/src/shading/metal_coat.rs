@@ -16,9 +16,11 @@
 //!
 //! `P` and `Q` are tables over the cosine, fitted when the material is made to walks over a white base: the first
 //! bounce's light gives `P`, all bounces' `Q`. So the light that leaves is right for each `wo`; that the later bounces
-//! leave in a wider lobe than the first is not followed. Where both are smooth the formula is exact; below a smooth coat
-//! the light that leaves differs from the walks' by 2 %, below rough ones by some 5 %, and by up to 15 % at a cosine of
-//! 0.15. `f` is reciprocal, and takes no random numbers.
+//! leave in a wider lobe than the first is not followed. Where both are smooth the formula is exact. Beside other
+//! walks over one metal (`cargo test -p dapple-renderer --test shading_metal_coat -- --nocapture`), the light that leaves
+//! differs by less than 3 % below a smooth coat and less than 4 % below coats of 0.1 and 0.3, by 9 % for 0.6 over 0.6
+//! seen from above, and by up to 12 % at a cosine of 0.15 (one standard error being 0.2 to 4 %). `f` is reciprocal, and
+//! takes no random numbers.
 
 use super::Error;
 use super::bsdf::{BsdfSample, mirror};
@@ -31,7 +33,7 @@ use glam::Vec3;
 
 /// Cells of the tables over the cosine.
 const CELLS: usize = 64;
-/// Walks per cosine: between smooth layers their light is known within 1 %, between the roughest within some 5 %.
+/// Walks per cosine. More bring rough layers seen from above closer to the walks, and change nothing at grazing angles.
 const WALKS: u64 = 1024;
 /// Smallest cosine that is walked from, in place of 0.
 const GRAZING: f32 = 1e-3;
@@ -216,8 +218,8 @@ impl Lobe {
     /// direction of each pair.
     #[inline]
     fn seen(&self, eta: f32, [o, inner_o]: [Vec3; 2], [i, inner_i]: [Vec3; 2]) -> TrowbridgeReitz {
-        // Half of each way's turn; two equal widths of so heavy a tail make one that is wider by 1.55, not by the root
-        // of 2 (measured against walks).
+        // Half of each way's turn. Two equal widths of so heavy a tail make one that is wider by more than the root of
+        // 2: 1.55 is a guess (2^(1/1.6)) that brought single bins from 22 % off the walks to what the tests allow.
         const SHARE: f32 = 0.25 * 1.55 * 1.55 * 0.5;
         let turn = |w: Vec3, inner: Vec3| 1.0 - w.z / (eta * inner.z);
         let (o, i) = (turn(o, inner_o), turn(i, inner_i));
