@@ -1,13 +1,15 @@
 //! What becomes of the triangles.
 
+use std::sync::Arc;
+
 /// What became of the triangles: a partition of them, and what is known of each part.
 ///
 /// Clusters are numbered by voxel (z, then y, then x), in a voxel by material, and among those in the order in which they
-/// were opened.
+/// were opened. Clones share what is large.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Clusters {
-    pub(crate) labels: Vec<u32>,
-    pub(crate) clusters: Vec<Cluster>,
+    pub(crate) labels: Arc<[u32]>,
+    pub(crate) clusters: Arc<[Cluster]>,
     pub(crate) members: Vec<u32>,
     pub(crate) starts: Vec<u32>,
     pub(crate) report: Report,
@@ -104,6 +106,11 @@ impl Clusters {
     /// The clusters, by number.
     pub fn clusters(&self) -> &[Cluster] {
         &self.clusters
+    }
+
+    /// Labels and clusters for whoever keeps them, without copying.
+    pub fn shared(&self) -> (Arc<[u32]>, Arc<[Cluster]>) {
+        (self.labels.clone(), self.clusters.clone())
     }
 
     /// The triangles of a cluster, ascending; none for a number from [`Clusters::len`] on.

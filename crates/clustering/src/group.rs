@@ -151,7 +151,7 @@ impl Scratch {
 
 impl Cluster {
     /// No triangles.
-    const NONE: Self =
+    pub(crate) const NONE: Self =
         Self { triangles: 0, bounds: [[0.0; 3]; 2], area: 0.0, normal: [0.0; 3], cone: -1.0, material: 0, group: 0 };
 }
 

@@ -8,6 +8,7 @@ use crate::voxels::{Entry, Ranges, Sorted, for_ranges};
 use crate::{Cluster, Clusters, Error, Report, Triangles};
 use pulp::{Arch, NullaryFnOnce};
 use rayon::prelude::*;
+use std::sync::Arc;
 
 /// Most pairs of a triangle and a voxel: 4 GiB of them with their copy.
 const MAX_ENTRIES: u64 = 1 << 28;
@@ -261,37 +262,35 @@ impl NullaryFnOnce for Flush<'_, '_> {
     }
 }
 
-/// Batches one after the other.
+/// Batches one after the other. Each array is written once, where it stays: the first touch of a page costs more than
+/// what is written there.
 fn join(batches: Vec<Batch>, report: Report) -> Clusters {
     let count = batches.iter().map(|batch| batch.clusters.len()).sum();
-    let mut joined = Clusters {
-        labels: vec![0; report.triangles as usize],
-        clusters: Vec::with_capacity(count),
-        members: Vec::with_capacity(report.triangles as usize),
-        starts: Vec::with_capacity(count + 1),
-        report,
-    };
-    joined.starts.push(0);
-    let mut groups = 0;
-    for batch in batches {
-        let first = joined.clusters.len() as u32;
-        let mut members = batch.members.as_slice();
-        for (cluster, label) in batch.clusters.iter().zip(first..) {
-            let (own, rest) = members.split_at(cluster.triangles as usize);
-            members = rest;
+    let triangles = report.triangles as usize;
+    let mut labels: Arc<[u32]> = std::iter::repeat_n(0, triangles).collect();
+    let label_of = Arc::make_mut(&mut labels);
+    let mut members = Vec::with_capacity(triangles);
+    let mut starts = Vec::with_capacity(count + 1);
+    let mut end = 0;
+    starts.push(end);
+    for batch in &batches {
+        let mut rest = batch.members.as_slice();
+        for (cluster, label) in batch.clusters.iter().zip(starts.len() as u32 - 1..) {
+            let (own, others) = rest.split_at(cluster.triangles as usize);
+            rest = others;
             for &triangle in own {
-                joined.labels[triangle as usize] = label;
+                label_of[triangle as usize] = label;
             }
-        }
-        let mut end = joined.members.len() as u32;
-        joined.starts.extend(batch.clusters.iter().map(|cluster| {
             end += cluster.triangles;
-            end
-        }));
-        joined.members.extend_from_slice(&batch.members);
-        let own = batch.clusters.into_iter();
-        joined.clusters.extend(own.map(|cluster| Cluster { group: groups + cluster.group, ..cluster }));
-        groups += batch.groups;
+            starts.push(end);
+        }
+        members.extend_from_slice(&batch.members);
     }
-    joined
+    let groups = batches.iter().scan(0, |groups, batch| Some(std::mem::replace(groups, *groups + batch.groups)));
+    let mut all = batches.iter().zip(groups).flat_map(|(batch, groups)| {
+        batch.clusters.iter().map(move |&cluster| Cluster { group: groups + cluster.group, ..cluster })
+    });
+    // By number, so that their count is known beforehand.
+    let clusters = (0..count).map(|_| all.next().unwrap_or(Cluster::NONE)).collect();
+    Clusters { labels, clusters, members, starts, report }
 }

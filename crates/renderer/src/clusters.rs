@@ -84,7 +84,7 @@ impl WorldClusters {
         let triangles = WorldTriangles::of(world);
         let found = (!triangles.indices.is_empty()).then(|| cluster(&triangles.as_slices(), params)).transpose()?;
         drop(triangles);
-        let (of_triangles, in_clusters) = found.as_ref().map_or((&[][..], &[][..]), |f| (f.labels(), f.clusters()));
+        let (of_triangles, in_clusters) = found.as_ref().map(Clusters::shared).unwrap_or_default();
         // Spheres and disks after them.
         let (mut labels, mut clusters) = (Vec::new(), Vec::new());
         let mut first = Vec::with_capacity(world.geometry.shape_count() as usize);
@@ -104,8 +104,7 @@ impl WorldClusters {
             }
         }
         let report = found.as_ref().map(Clusters::report);
-        let labels = of_triangles.iter().copied().chain(labels).collect();
-        let clusters = in_clusters.iter().copied().chain(clusters).collect();
+        let (labels, clusters) = (joined(of_triangles, &labels), joined(in_clusters, &clusters));
         Ok(Self { params: *params, labels, clusters, first, report, seconds: began.elapsed().as_secs_f64() })
     }
 
@@ -140,6 +139,11 @@ impl WorldClusters {
     pub fn seconds(&self) -> f64 {
         self.seconds
     }
+}
+
+/// One slice after another; where the other is empty nothing is copied.
+fn joined<T: Copy>(all: Arc<[T]>, more: &[T]) -> Arc<[T]> {
+    if more.is_empty() { all } else { all.iter().chain(more).copied().collect() }
 }
 
 /// A sphere or disk as a cluster.
