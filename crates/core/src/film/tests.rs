@@ -1,4 +1,6 @@
 use super::*;
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
 
 /// What a plane really holds: its capacity, not its length.
 fn bytes<T>(plane: &Vec<T>) -> usize {
@@ -50,4 +52,30 @@ fn squared_error_is_that_of_the_combined_mean() {
             (average(&|i| film.squared_error(i).unwrap()[0]), average(&|i| (film.mean(i)[0] - 0.5).powi(2)));
         assert!((predicted / actual - 1.0).abs() < 0.08, "{counts:?}, {combine:?}: {predicted} for {actual}");
     }
+}
+
+/// Few samples, one in ten of which carries all the light: where the error is large the pixel's own mean is large too.
+#[test]
+fn a_forecast_is_not_hidden_by_its_own_error() {
+    const SIDE: u32 = 64;
+    const SPP: usize = 16;
+    let frame = Frame::new(SIDE, SIDE).expect("not empty");
+    let mut film = Film::new(frame, Needs::none().with_halves());
+    let mut rng = Pcg64Mcg::seed_from_u64(2016);
+    for i in 0..frame.pixels() {
+        for k in 0..SPP {
+            let value = if rng.random::<f32>() < 0.1 { 10.0 } else { 0.0 };
+            film.push(i, k & 1, [value; 3]);
+        }
+    }
+    // Mean 1, variance 9.
+    let truth = 9.0 / SPP as f64 / 1.01;
+    let ratio = film.predicted_relmse().expect("halves") / truth;
+    assert!((0.8..1.1).contains(&ratio), "{ratio}");
+    // Negative control: with the pixel's own mean for the truth.
+    let own: f64 = (0..frame.pixels())
+        .map(|i| film.squared_error(i).expect("halves")[0] / (film.mean(i)[0] * film.mean(i)[0] + 0.01))
+        .sum();
+    let ratio = own / frame.pixels() as f64 / truth;
+    assert!(!(0.8..1.1).contains(&ratio), "{ratio}");
 }
