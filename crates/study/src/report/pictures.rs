@@ -51,11 +51,11 @@ pub(super) struct Gallery {
     pub(super) problems: Vec<String>,
 }
 
-/// The sides of crops and of maps, so that the page stays small.
+/// The sides of crops and of maps, so that the page stays small. Of 80 pixels, each is seen as about two by two.
 fn side(recorded: &Recorded) -> u32 {
     let tiles = recorded.manifest.scenes.len() * recorded.manifest.methods.len();
     // Two crops of 3 bytes a pixel that hardly shrink, two maps that do, and a third more as base64.
-    let side = (ROOM / tiles.max(1) as f64 / 10.5).sqrt().clamp(32.0, 128.0);
+    let side = (ROOM / tiles.max(1) as f64 / 10.5).sqrt().clamp(32.0, 80.0);
     side as u32 / 8 * 8
 }
 
@@ -95,7 +95,7 @@ pub(super) fn gallery(recorded: &Recorded, scene: &SceneRecord) -> Gallery {
         errors = pictures.iter().map(|p| p.as_ref().map(|p| relative_errors(p, reference))).collect();
         gallery.crops = crops(reference.size, side, &errors);
         gallery.overview =
-            shrink(reference, 2 * side).and_then(|p| embed(encode_png(&p, gallery.exposure_stops), p.size));
+            shrink(reference, 4 * side).and_then(|p| embed(encode_png(&p, gallery.exposure_stops), p.size));
         gallery.reference_crops = cut_all(reference, &gallery);
     }
     for (method, run) in runs.iter().enumerate() {

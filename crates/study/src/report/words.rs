@@ -33,6 +33,7 @@ impl Cell {
 
     fn with(row: Option<&Row>, write: fn(f64) -> String) -> Self {
         let Some(row) = row else { return Self { text: "–".into(), note: "no runs".into(), ..Self::default() } };
+        let write = |value: f64| write(value).replace('-', "−");
         let exact = |v: Option<f64>| v.map_or_else(String::new, number);
         Self {
             key: row.key(),

@@ -7,49 +7,49 @@ use std::path::Path;
 
 /// How a method behaves.
 #[derive(Clone)]
-pub struct Law {
-    pub method: Method,
+pub(crate) struct Law {
+    pub(crate) method: Method,
     /// relMSE at one sample per pixel, times `spp^slope`.
-    pub scale: f64,
-    pub slope: f64,
+    pub(crate) scale: f64,
+    pub(crate) slope: f64,
     /// Seconds per sample per pixel, and once.
-    pub seconds: f64,
-    pub overhead: f64,
+    pub(crate) seconds: f64,
+    pub(crate) overhead: f64,
     /// Of ln error between seeds.
-    pub deviation: f64,
+    pub(crate) deviation: f64,
     /// Chooses the errors of its seeds.
-    pub stream: u64,
+    pub(crate) stream: u64,
 }
 
 impl Law {
-    pub fn new(sampler: &str, filter: &str) -> Self {
+    pub(crate) fn new(sampler: &str, filter: &str) -> Self {
         let method = Method { sampler: sampler.into(), points: "sobol".into(), filter: filter.into() };
         let stream = method.sampler.bytes().chain(method.filter.bytes()).fold(7, |h, b| mix(h ^ u64::from(b)));
         Self { method, scale: 1.0, slope: -1.0, seconds: 0.01, overhead: 0.0, deviation: 0.05, stream }
     }
 
-    pub fn errors(self, scale: f64) -> Self {
+    pub(crate) fn errors(self, scale: f64) -> Self {
         Self { scale, ..self }
     }
 
-    pub fn slope(self, slope: f64) -> Self {
+    pub(crate) fn slope(self, slope: f64) -> Self {
         Self { slope, ..self }
     }
 
-    pub fn seconds(self, seconds: f64) -> Self {
+    pub(crate) fn seconds(self, seconds: f64) -> Self {
         Self { seconds, ..self }
     }
 
-    pub fn overhead(self, overhead: f64) -> Self {
+    pub(crate) fn overhead(self, overhead: f64) -> Self {
         Self { overhead, ..self }
     }
 
-    pub fn deviation(self, deviation: f64) -> Self {
+    pub(crate) fn deviation(self, deviation: f64) -> Self {
         Self { deviation, ..self }
     }
 
     /// A run: errors and seconds follow the law, the error apart from its seed's noise.
-    pub fn run(&self, scene: &str, budget: Budget, seed: u64, base: &Law) -> Run {
+    pub(crate) fn run(&self, scene: &str, budget: Budget, seed: u64, base: &Law) -> Run {
         let spp = match budget {
             Budget::Spp(spp) => spp as f64,
             Budget::TimeOf(spp) => (base.cost(spp as f64) - self.overhead).max(0.2 * self.seconds) / self.seconds,
@@ -99,7 +99,7 @@ impl Law {
     }
 }
 
-pub fn errors(relmse: f64) -> Errors {
+pub(crate) fn errors(relmse: f64) -> Errors {
     Errors {
         mse: 0.3 * relmse,
         relmse,
@@ -114,16 +114,16 @@ pub fn errors(relmse: f64) -> Errors {
 
 /// A study's manifest and runs, whole; tests take away and change.
 #[derive(Clone)]
-pub struct Study {
-    pub manifest: Manifest,
-    pub runs: Vec<Run>,
-    pub size: [u32; 2],
+pub(crate) struct Study {
+    pub(crate) manifest: Manifest,
+    pub(crate) runs: Vec<Run>,
+    pub(crate) size: [u32; 2],
 }
 
 impl Study {
     /// The first law is the baseline.
-    pub fn new(scenes: &[&str], laws: &[Law], spp: &[u64], time_of: Option<u64>, seeds: u64) -> Self {
-        let size = [96, 64];
+    pub(crate) fn new(scenes: &[&str], laws: &[Law], spp: &[u64], time_of: Option<u64>, seeds: u64) -> Self {
+        let size = [256, 160];
         let manifest = Manifest {
             version: "0.1.0".into(),
             commit: Some("0123abc+".into()),
@@ -150,7 +150,7 @@ impl Study {
     }
 
     /// With pictures of the first seed whose noise is as large as the error says.
-    pub fn write(&mut self, folder: &Path, pictures: bool) {
+    pub(crate) fn write(&mut self, folder: &Path, pictures: bool) {
         if pictures {
             self.write_pictures(folder);
         }
@@ -173,7 +173,10 @@ impl Study {
             write_file(&folder.join(&scene.reference.file), &exr(truth(size))).unwrap();
         }
         let first = self.manifest.seeds[0];
-        for (index, run) in self.runs.iter_mut().enumerate().filter(|(_, run)| run.seed == first) {
+        // Of those that a page shows.
+        let last = Budget::Spp(self.manifest.spp.iter().copied().max().unwrap_or(0));
+        let shown = |run: &Run| run.seed == first && (run.budget == last || matches!(run.budget, Budget::TimeOf(_)));
+        for (index, run) in self.runs.iter_mut().enumerate().filter(|(_, run)| shown(run)) {
             let noise = run.errors.relmse.sqrt();
             // An adaptive method's noise lies elsewhere.
             let shift = if run.method.sampler == "uniform" { 0 } else { size[0] / 3 };
@@ -230,19 +233,19 @@ fn truth([width, height]: [u32; 2]) -> Vec<[f32; 3]> {
     (0..width * height).map(at).collect()
 }
 
-pub fn mix(x: u64) -> u64 {
+pub(crate) fn mix(x: u64) -> u64 {
     let x = (x ^ (x >> 30)).wrapping_add(0x9e37_79b9_7f4a_7c15).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     let x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
     x ^ (x >> 31)
 }
 
 /// Nearly normal: the sum of twelve uniform numbers less 6.
-pub fn normal(place: u64) -> f64 {
+pub(crate) fn normal(place: u64) -> f64 {
     (0..12).map(|i| mix(mix(place) ^ (i << 40)) as f64 / u64::MAX as f64).sum::<f64>() - 6.0
 }
 
 /// Two scenes, two samplers, two filters: a study as one would run it.
-pub fn example() -> Study {
+pub(crate) fn example() -> Study {
     let laws = [
         Law::new("uniform", "none").slope(-1.2),
         Law::new("uniform", "cluster-gaussian").slope(-0.9).errors(0.35).overhead(0.02),
