@@ -154,6 +154,11 @@ impl Study {
         self.ledger.runs()
     }
 
+    /// How many runs there will be.
+    pub fn expected(&self) -> usize {
+        self.plan.runs()
+    }
+
     /// Writes finished runs to another store: for tests of what happens when a disk is full.
     pub fn with_store(mut self, store: Box<dyn Store>) -> Self {
         self.ledger = self.ledger.with_store(store);
