@@ -8,7 +8,7 @@ for (const view of document.querySelectorAll('.view')) {
   const button = view.querySelector('button.flip');
   const show = () => {
     tiles.style.setProperty('--split', slider.value + '%');
-    output.value = slider.value + ' %';
+    output.value = slider.value + ' % method';
     slider.setAttribute('aria-valuetext', slider.value + ' % method, ' + (100 - slider.value) + ' % reference');
     button.setAttribute('aria-pressed', String(slider.value === '0'));
   };

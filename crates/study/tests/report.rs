@@ -131,6 +131,24 @@ fn the_same_study_gives_the_same_bytes() {
     assert!(a.page.len() < 3_000_000, "{} bytes", a.page.len());
 }
 
+/// Seven scenes with fifteen methods: still a page that one sends by mail.
+#[test]
+fn a_large_study_has_a_page_of_a_few_megabytes() {
+    let mut laws = Vec::new();
+    for (i, sampler) in ["uniform", "variance", "mitchell", "cluster", "cluster-thesis"].into_iter().enumerate() {
+        for (j, filter) in ["none", "gaussian", "cluster-gaussian"].into_iter().enumerate() {
+            let (i, j) = (i as f64, j as f64);
+            let law = Law::new(sampler, filter).errors(1.2 - 0.2 * i - 0.15 * j).slope(-1.2 + 0.1 * j);
+            laws.push(law.overhead(0.01 * (i + j)));
+        }
+    }
+    let scenes = ["cornell", "teapot", "garden", "glass", "hall", "dof", "terrain"];
+    let mut study = Study::new(&scenes, &laws, &[4, 8, 16, 32], Some(16), 4);
+    let found = write(&mut study, true);
+    assert!(found.page.len() < 8_000_000, "{} bytes", found.page.len());
+    assert_eq!(differences(&found.page, &found.table), Vec::<String>::new());
+}
+
 #[test]
 fn a_slope_of_minus_one_is_found_exactly_and_another_is_not() {
     let laws = [Law::new("uniform", "none").deviation(0.0), Law::new("half", "none").deviation(0.0).slope(-0.5)];

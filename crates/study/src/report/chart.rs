@@ -20,9 +20,11 @@ pub(super) struct Axis {
     pub(super) ticks: Option<Vec<f64>>,
 }
 
-const SIZE: (u32, u32) = (480, 340);
-const MARGIN: Margins = Margins { left: 62, right: 14, top: 12, bottom: 46 };
+const SIZE: (u32, u32) = (480, 346);
+const MARGIN: Margins = Margins { left: 74, right: 16, top: 12, bottom: 52 };
+/// On a phone the page's style makes it larger: margins and ticks leave room for 17.
 const FONT: u32 = 14;
+const WIDEST_FONT: i32 = 17;
 
 struct Margins {
     left: i32,
@@ -171,7 +173,7 @@ fn draw_axes<'a>(root: &Area<'a>, frame: &Frame, [x, y]: [&Axis; 2]) -> Drawn<'a
         root.draw(&PathElement::new([(px, top), (px, bottom)], GRID.stroke_width(1)))?;
         let label = tick_words(value);
         // Digits are about .6 of their size wide.
-        let half = (label.len() as i32 * FONT as i32 * 6) / 20;
+        let half = (label.len() as i32 * WIDEST_FONT * 6) / 20;
         if px - half >= room {
             root.draw(&Text::new(label, (px, bottom + 6), text(FONT, Pos::new(HPos::Center, VPos::Top))))?;
             room = px + half + 6;
@@ -189,7 +191,7 @@ fn draw_axes<'a>(root: &Area<'a>, frame: &Frame, [x, y]: [&Axis; 2]) -> Drawn<'a
     root.draw(&Text::new(x.title, place, text(FONT, Pos::new(HPos::Center, VPos::Bottom))))?;
     let turned = ("sans-serif", FONT).into_font().transform(FontTransform::Rotate270).color(&TEXT);
     let turned = turned.pos(Pos::new(HPos::Center, VPos::Top));
-    root.draw(&Text::new(y.title, (1, (top + bottom) / 2), turned))
+    root.draw(&Text::new(y.title, (0, (top + bottom) / 2), turned))
 }
 
 /// Values of 1, 2 and 5 times powers of ten, or of powers of ten alone where those are many.

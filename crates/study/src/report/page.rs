@@ -113,6 +113,7 @@ struct Tile {
     crops: Vec<(Embedded, &'static str)>,
     error_map: Option<Embedded>,
     sample_map: Option<Embedded>,
+    white: Option<String>,
 }
 
 const CROP_LABELS: [&str; 2] = ["A: where methods differ most", "B: a typical part"];
@@ -138,7 +139,7 @@ pub(super) fn render(recorded: &Recorded, summary: &Summary) -> Result<String, a
         baseline: names[base].clone(),
         headline: budget.map(|budget| Headline {
             timed: matches!(budget, Budget::TimeOf(_)),
-            budget: budget_words(budget),
+            budget: phrase(budget),
             spp: match budget {
                 Budget::Spp(spp) | Budget::TimeOf(spp) => spp,
             },
@@ -201,6 +202,7 @@ fn made(recorded: &Recorded) -> Vec<(&'static str, String)> {
         ("Threads", m.machine.threads.to_string()),
         ("System", m.machine.system.clone()),
         ("Load", load),
+        ("Depth", m.max_depth.map_or_else(|| "as the scenes say".into(), |depth| format!("at most {depth}"))),
         ("Processes", format!("{fresh} of {} runs in a process of their own", recorded.runs.len())),
         ("Seeds", m.seeds.iter().map(u64::to_string).collect::<Vec<_>>().join(", ")),
         ("Runs", format!("{} of {}", recorded.runs.len(), recorded.expected())),
@@ -221,6 +223,14 @@ fn reference(scene: &SceneRecord) -> [String; 5] {
         r.relmse.map_or_else(unknown, short),
         short_hash,
     ]
+}
+
+/// A budget within a sentence, behind "at".
+fn phrase(budget: Budget) -> String {
+    match budget {
+        Budget::Spp(spp) => format!("{spp} spp"),
+        Budget::TimeOf(spp) => format!("equal time (that of {spp} spp)"),
+    }
 }
 
 struct Builder<'a> {
@@ -261,7 +271,7 @@ impl Builder<'_> {
             costs: self.costs(scene, &levels),
             levels,
             times: self.times(scene, times_budget),
-            times_budget: budget_words(times_budget),
+            times_budget: phrase(times_budget),
             points: self.points(scene),
             view: self.view(scene, gallery(self.recorded, scene)),
         }
@@ -366,11 +376,15 @@ impl Builder<'_> {
                 crops: tile.crops.into_iter().zip(CROP_LABELS).collect(),
                 error_map: tile.error_map,
                 sample_map: tile.sample_map,
+                white: tile.white.map(short),
             }
         };
         View {
-            budget: words.clone(),
-            exposure: format!("{:+} stops", gallery.exposure_stops),
+            budget: gallery.budget.map(phrase).unwrap_or_default(),
+            exposure: match gallery.exposure_stops {
+                0.0 => "as rendered".into(),
+                stops => format!("{stops:+} stops").replace('-', "−"),
+            },
             marks: gallery.crops.iter().zip(&CROP_LABELS).map(mark).collect(),
             overview: gallery.overview,
             reference_crops: gallery.reference_crops,

@@ -35,6 +35,8 @@ pub(super) struct Tile {
     pub(super) crops: Vec<Embedded>,
     pub(super) error_map: Option<Embedded>,
     pub(super) sample_map: Option<Embedded>,
+    /// Samples per pixel that are white in it.
+    pub(super) white: Option<f64>,
 }
 
 /// What there is to see of a scene.
@@ -107,6 +109,7 @@ pub(super) fn gallery(recorded: &Recorded, scene: &SceneRecord) -> Gallery {
             crops: pictures[method].as_ref().map_or_else(Vec::new, |p| cut_all(p, &gallery)),
             error_map: errors[method].as_ref().and_then(|e| error_map(e, size, side)),
             sample_map: map,
+            white: run.white,
         });
     }
     gallery.problems = problems;

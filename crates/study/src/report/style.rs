@@ -51,7 +51,7 @@ pub(super) fn names(methods: &[Method]) -> Vec<String> {
             name = format!("{name} / {}", m.points);
         }
         if m.filter != "none" {
-            name = format!("{name} + {}", m.filter);
+            name = format!("{name} +\u{a0}{}", m.filter);
         }
         name
     };

@@ -23,7 +23,7 @@ pub(crate) struct Law {
 
 impl Law {
     pub(crate) fn new(sampler: &str, filter: &str) -> Self {
-        let method = Method { sampler: sampler.into(), points: "sobol".into(), filter: filter.into() };
+        let method = Method::new(sampler, "sobol", filter);
         let stream = method.sampler.bytes().chain(method.filter.bytes()).fold(7, |h, b| mix(h ^ u64::from(b)));
         Self { method, scale: 1.0, slope: -1.0, seconds: 0.01, overhead: 0.0, deviation: 0.05, stream }
     }
@@ -76,6 +76,7 @@ impl Law {
             method: self.method.clone(),
             budget,
             seed,
+            asked: (spp * 4096.0) as u64,
             samples: (spp * 4096.0) as u64,
             spp,
             rays: (spp * 12288.0) as u64,
@@ -91,6 +92,7 @@ impl Law {
             fresh: false,
             picture: None,
             sample_map: None,
+            white: None,
         }
     }
 
@@ -136,6 +138,8 @@ impl Study {
             spp: spp.to_vec(),
             time_of,
             seeds: (1..=seeds).collect(),
+            max_depth: None,
+            fresh: false,
         };
         let budgets = spp.iter().map(|&s| Budget::Spp(s)).chain(time_of.map(Budget::TimeOf));
         let mut runs = Vec::new();
@@ -194,6 +198,7 @@ impl Study {
             let map = format!("pictures/{index}.png");
             write_file(&folder.join(&map), &encode_png_gray(size, &counts).unwrap()).unwrap();
             (run.picture, run.sample_map) = (Some(file), Some(map));
+            run.white = Some(2.0 * run.spp);
         }
     }
 }
