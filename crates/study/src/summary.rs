@@ -9,6 +9,7 @@ mod slopes;
 mod time_to_error;
 
 pub use comparison::Verdict;
+pub(crate) use comparison::{HOLDS, UNFAIR};
 pub use factorial::Part;
 
 use crate::folder::Recorded;

@@ -7,7 +7,7 @@ use super::verdicts::{Line, Sentence, Square, headline, lines, sentences, square
 use super::words::{Cell, short};
 use crate::folder::Recorded;
 use crate::record::{Budget, SceneRecord};
-use crate::summary::{PHASES, Row, Summary, budget_words};
+use crate::summary::{PHASES, Row, Summary, budget_words, number};
 use askama::Template;
 
 #[derive(Template)]
@@ -376,7 +376,7 @@ impl Builder<'_> {
                 crops: tile.crops.into_iter().zip(CROP_LABELS).collect(),
                 error_map: tile.error_map,
                 sample_map: tile.sample_map,
-                white: tile.white.map(short),
+                white: tile.white.map(|white| if white.fract() == 0.0 { number(white) } else { short(white) }),
             }
         };
         View {

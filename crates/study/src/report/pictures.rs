@@ -172,13 +172,18 @@ fn relative_errors(picture: &Picture, reference: &Picture) -> Vec<f32> {
     picture.pixels.iter().zip(&reference.pixels).map(error).collect()
 }
 
-/// Squares of this side, or the picture where it is smaller: where the methods' errors lie furthest apart, and one
-/// where they do as usual (the median). Deterministic: of equal ones the first, row by row.
+/// Below this many pixels across, a crop shows no more than the whole picture would.
+const LEAST_SIDE: u32 = 24;
+
+/// Squares of this side, or half of the picture's where it is small, so that there are two apart: where the methods'
+/// errors lie furthest apart, and one where they do as usual (the median). A picture with no room for two is shown
+/// whole. Deterministic: of equal ones the first, row by row.
 fn crops(size: [u32; 2], side: u32, errors: &[Option<Vec<f32>>]) -> Vec<Crop> {
-    let [width, height] = size.map(|s| s.min(side));
-    if [width, height] == size {
-        return vec![[0, 0, width, height]];
+    let side = side.min(size[0].min(size[1]) / 2);
+    if side < LEAST_SIDE {
+        return vec![[0, 0, size[0], size[1]]];
     }
+    let [width, height] = [side; 2];
     let starts = |whole: u32, part: u32| {
         let last = whole - part;
         let count = last.div_ceil((part / 2).max(1)).max(1);
@@ -196,9 +201,6 @@ fn crops(size: [u32; 2], side: u32, errors: &[Option<Vec<f32>>]) -> Vec<Crop> {
     let most = places.iter().copied().fold(places[0], |best, one| if one.0 > best.0 { one } else { best });
     let apart = |crop: &Crop| (0..2).any(|axis| crop[axis].abs_diff(most.1[axis]) >= most.1[2 + axis]);
     let mut others: Vec<_> = places.iter().copied().filter(|(_, crop)| apart(crop)).collect();
-    if others.is_empty() {
-        others = places.iter().copied().filter(|(_, crop)| *crop != most.1).collect();
-    }
     others.sort_by(|a, b| a.0.total_cmp(&b.0));
     let typical = (!others.is_empty()).then(|| others[(others.len() - 1) / 2].1);
     [Some(most.1), typical].into_iter().flatten().collect()

@@ -3,7 +3,7 @@
 use super::words::Cell;
 use crate::folder::Recorded;
 use crate::record::{Budget, Method};
-use crate::summary::{COMPARED, Part, Row, Summary, Verdict, budget_words};
+use crate::summary::{COMPARED, HOLDS, Part, Row, Summary, UNFAIR, Verdict, budget_words};
 
 /// What may be said of one method.
 pub(super) struct Sentence {
@@ -27,6 +27,10 @@ pub(super) struct Line {
     pub(super) cells: Vec<Cell>,
     pub(super) class: &'static str,
     pub(super) verdict: String,
+    /// Whether it holds beside all others.
+    pub(super) together: bool,
+    /// Why an interval that excludes 1 decides nothing.
+    pub(super) unfair: String,
 }
 
 /// The budget at which methods are compared first: equal time where there is one, else the most samples.
@@ -102,6 +106,8 @@ pub(super) fn lines(recorded: &Recorded, summary: &Summary, names: &[String], bu
                     cells: errors.chain(costs).collect(),
                     class: verdict.map_or("", Verdict::words),
                     verdict: row.note.clone(),
+                    together: row.note.contains(HOLDS),
+                    unfair: row.note.split("; ").find(|n| n.contains(UNFAIR)).unwrap_or_default().to_owned(),
                 });
             }
         }

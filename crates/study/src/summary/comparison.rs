@@ -36,6 +36,9 @@ impl Verdict {
 /// In a row's note: what still holds with the intervals widened until all comparisons of the table hold together.
 pub(crate) const HOLDS: &str = "holds for all together";
 
+/// In a row's note: it would be a win or a loss, were the times equal.
+pub(crate) const UNFAIR: &str = "times the time";
+
 pub(super) fn add(summary: &mut Summary, grid: &Grid<'_>) {
     for budget in grid.budgets() {
         let compared: Vec<[usize; 2]> = grid
@@ -89,7 +92,7 @@ pub(super) fn judge(figure: Figure, wide: Option<[f64; 2]>, seconds: Option<f64>
     });
     let mut notes = vec![if unfair { Verdict::Undecided } else { verdict }.words().to_owned()];
     if unfair {
-        notes.push(format!("it took {:.2} times the time", seconds.unwrap_or(1.0)));
+        notes.push(format!("it took {:.2} {UNFAIR}", seconds.unwrap_or(1.0)));
     } else if verdict != Verdict::Undecided && wide.is_some_and(|wide| side(wide) == verdict) {
         notes.push(HOLDS.to_owned());
     }

@@ -153,6 +153,13 @@ impl Study {
         Self { manifest, runs, size }
     }
 
+    /// Of pictures.
+    pub(crate) fn resized(mut self, size: [u32; 2]) -> Self {
+        self.size = size;
+        self.manifest.scenes.iter_mut().for_each(|scene| scene.resolution = size);
+        self
+    }
+
     /// With pictures of the first seed whose noise is as large as the error says.
     pub(crate) fn write(&mut self, folder: &Path, pictures: bool) {
         if pictures {
