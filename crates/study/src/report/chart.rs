@@ -116,10 +116,8 @@ fn draw<'a>(root: &Area<'a>, frame: &Frame, curves: &[Curve], axes: [&Axis; 2]) 
             let upper: Vec<_> = ends(1).collect();
             outline.extend(upper.into_iter().rev());
             root.draw(&Polygon::new(outline, area(curve.style).mix(0.13).filled()))?;
-        } else if let [single] = &curve.points[..] {
-            if let (Some(_), Some(low), Some(high)) = (single.2, ends(0).next(), ends(1).next()) {
-                root.draw(&PathElement::new([low, high], mark(curve.style).stroke_width(2)))?;
-            }
+        } else if let ([(_, _, Some(_))], Some(low), Some(high)) = (&curve.points[..], ends(0).next(), ends(1).next()) {
+            root.draw(&PathElement::new([low, high], mark(curve.style).stroke_width(2)))?;
         }
     }
     for curve in curves {

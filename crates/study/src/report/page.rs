@@ -248,10 +248,10 @@ impl Builder<'_> {
         let prefix = "seconds to relmse ";
         let mut levels: Vec<String> = Vec::new();
         for row in self.summary.rows().iter().filter(own) {
-            if let Some(level) = row.metric.strip_prefix(prefix) {
-                if !levels.iter().any(|l| l == level) {
-                    levels.push(level.to_owned());
-                }
+            if let Some(level) = row.metric.strip_prefix(prefix)
+                && !levels.iter().any(|l| l == level)
+            {
+                levels.push(level.to_owned());
             }
         }
         let ticks = manifest.spp.iter().map(|&spp| spp as f64).collect();

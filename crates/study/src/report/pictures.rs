@@ -74,11 +74,11 @@ pub(super) fn gallery(recorded: &Recorded, scene: &SceneRecord) -> Gallery {
     for run in &runs {
         let file = run.and_then(|run| run.picture.as_deref());
         let picture = file.and_then(|file| load(&recorded.folder, file, &mut problems));
-        if let (Some(picture), Some(reference), Some(file)) = (&picture, &reference, file) {
-            if !same_size(picture, reference) {
-                let [a, b] = [picture.size, reference.size].map(|s| format!("{}x{}", s[0], s[1]));
-                problems.push(format!("{file} is {a}, its reference {b}"));
-            }
+        if let (Some(picture), Some(reference), Some(file)) = (&picture, &reference, file)
+            && !same_size(picture, reference)
+        {
+            let [a, b] = [picture.size, reference.size].map(|s| format!("{}x{}", s[0], s[1]));
+            problems.push(format!("{file} is {a}, its reference {b}"));
         }
         pictures.push(picture.filter(|p| reference.as_ref().is_some_and(|r| same_size(p, r))));
     }

@@ -83,7 +83,7 @@ pub(super) fn short(value: f64) -> String {
 /// Two decimals, more only where these would be none.
 pub(super) fn ratio(value: f64) -> String {
     match value.abs() {
-        s if s >= 999.5 || s < 0.01 => short(value),
+        s if !(0.01..999.5).contains(&s) => short(value),
         s if s >= 99.95 => format!("{value:.0}"),
         s if s >= 9.995 => format!("{value:.1}"),
         s if s >= 0.095 => format!("{value:.2}"),

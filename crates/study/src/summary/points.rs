@@ -5,8 +5,11 @@ use super::figure::Figure;
 use super::grid::{Grid, Seeds, error};
 use crate::record::{Phases, Run};
 
+/// Seconds of one phase.
+pub(crate) type OfPhases = fn(&Phases) -> f64;
+
 /// Names of phases and how to read them, in the order in which they happen.
-pub(crate) const PHASES: [(&str, fn(&Phases) -> f64); 7] = [
+pub(crate) const PHASES: [(&str, OfPhases); 7] = [
     ("load", |p| p.load),
     ("bvh", |p| p.bvh),
     ("cluster", |p| p.cluster),

@@ -7,8 +7,11 @@ use crate::record::Run;
 use dapple_metrics::log_log_fit;
 use std::collections::BTreeMap;
 
+/// What a run spent.
+type OfRun = fn(&Run) -> f64;
+
 pub(super) fn add(summary: &mut Summary, grid: &Grid<'_>) {
-    let over: [(&str, fn(&Run) -> f64); 2] =
+    let over: [(&str, OfRun); 2] =
         [("relmse slope over spp", |run| run.spp), ("relmse slope over seconds", |run| run.render_s)];
     for at in grid.all() {
         let curves = curves(grid, at);
@@ -36,7 +39,7 @@ pub(super) fn curves<'a>(grid: &Grid<'a>, at: [usize; 2]) -> BTreeMap<u64, Curve
 }
 
 /// The mean of each seed's slope: errors of one seed at growing budgets are not independent, those of several are.
-fn slope(curves: &BTreeMap<u64, Curve<'_>>, x: fn(&Run) -> f64) -> Figure {
+fn slope(curves: &BTreeMap<u64, Curve<'_>>, x: OfRun) -> Figure {
     let longest = curves.values().map(Vec::len).max().unwrap_or(0);
     if longest < 2 {
         return Figure::missing(curves.len(), "one budget: no slope");
@@ -50,12 +53,11 @@ fn slope(curves: &BTreeMap<u64, Curve<'_>>, x: fn(&Run) -> f64) -> Figure {
     if series.iter().flatten().flatten().any(|v| *v <= 0.0) {
         return Figure::missing(series.len(), "a value is not above 0: no slope");
     }
-    if let [[x, y]] = &series[..] {
-        if longest > 2 {
-            let fit = log_log_fit(x, y, CONFIDENCE).map(|fit| fit.slope);
-            return Figure::from_interval(fit, 1)
-                .noted("one seed: interval of the fit, whose points are not independent");
-        }
+    if let [[x, y]] = &series[..]
+        && longest > 2
+    {
+        let fit = log_log_fit(x, y, CONFIDENCE).map(|fit| fit.slope);
+        return Figure::from_interval(fit, 1).noted("one seed: interval of the fit, whose points are not independent");
     }
     let slopes: Result<Vec<f64>, _> = series.iter().map(|[x, y]| slope_of(x, y)).collect();
     match slopes {

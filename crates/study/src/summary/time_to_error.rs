@@ -48,7 +48,6 @@ type Point = [f64; 2];
 fn levels(baseline: &[Point]) -> Vec<f64> {
     let errors = || baseline.iter().map(|p| p[1]);
     let [low, high] = [errors().fold(f64::INFINITY, f64::min), errors().fold(0.0, f64::max)];
-    // An error of 0 has no logarithm; that of a double is above 1e-320.
     if baseline.len() < 2 || low <= 0.0 {
         return Vec::new();
     }
@@ -126,8 +125,11 @@ fn beyond(mean: &[Point], level: f64, n: usize) -> Figure {
         return Figure::missing(n, "no errors above 0");
     };
     let below = first[1] < level;
-    let bound =
-        if below { format!("reached before {:.3} s", first[0]) } else { format!("not reached by {:.3} s", last[0]) };
+    let bound = if below {
+        format!("reached before {}", seconds(first[0]))
+    } else {
+        format!("not reached by {}", seconds(last[0]))
+    };
     let (x, y): (Vec<f64>, Vec<f64>) = mean.iter().map(|p| (p[0], p[1])).unzip();
     match log_log_fit(&x, &y, CONFIDENCE) {
         Ok(fit) if fit.slope.value < 0.0 => {
@@ -144,6 +146,11 @@ fn beyond(mean: &[Point], level: f64, n: usize) -> Figure {
         }
         _ => Figure::missing(n, &bound),
     }
+}
+
+/// Three digits or so, for a note.
+fn seconds(time: f64) -> String {
+    if time < 0.1 { format!("{:.3} ms", 1000.0 * time) } else { format!("{time:.3} s") }
 }
 
 fn ratio(mine: &Times, theirs: &Times) -> Figure {

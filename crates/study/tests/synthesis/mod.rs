@@ -236,7 +236,7 @@ fn truth([width, height]: [u32; 2]) -> Vec<[f32; 3]> {
             let light = (0.3 + 0.7 * ((1.0 - r2).sqrt() - dx - dy)).clamp(0.03, 1.0);
             [0.8 * light, 0.35 * light, 0.2 * light]
         } else if y > 0.6 {
-            let dark = ((x * 12.0 / (0.2 + y)) as u32 + (6.0 / (y - 0.45)) as u32) % 2 == 0;
+            let dark = ((x * 12.0 / (0.2 + y)) as u32 + (6.0 / (y - 0.45)) as u32).is_multiple_of(2);
             [if dark { 0.08 } else { 0.6 }; 3]
         } else {
             [0.25 + 0.3 * y, 0.35 + 0.3 * y, 0.6]
