@@ -11,6 +11,7 @@ mod output;
 mod render;
 mod scene;
 mod stop;
+mod study;
 
 use clap::{Parser, Subcommand};
 use std::process::ExitCode;
@@ -54,6 +55,7 @@ Examples:
   dapple render scene.pbrt -o scene.png --time 30
   dapple compare scene.exr reference.exr
   dapple effects scene.pbrt
+  dapple study teapot -o teapot-study              what accuracy costs in time: runs.jsonl, report.html
 
 Results go to stdout, progress and warnings to stderr.
 Exit status: 0 done, 1 failed, 2 wrong words, 130 interrupted (what was done is saved).";
@@ -64,6 +66,10 @@ enum Command {
     Compare(compare::Options),
     Info(info::Options),
     Effects(effects::Options),
+    Study(Box<study::Options>),
+    /// One run of a study, in a process of its own: JSON in, JSON out
+    #[command(hide = true)]
+    StudyRun,
     /// List the samplers: how many samples each pixel gets
     Samplers,
     /// List the point sets: where samples lie
@@ -78,6 +84,8 @@ fn main() -> ExitCode {
         Command::Compare(options) => compare::run(&options),
         Command::Info(options) => info::run(&options),
         Command::Effects(options) => effects::run(&options),
+        Command::Study(options) => study::run(&options),
+        Command::StudyRun => study::run_one(),
         Command::Samplers => lists::samplers(),
         Command::Points => lists::points(),
         Command::Filters => lists::filters(),

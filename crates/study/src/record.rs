@@ -42,7 +42,26 @@ pub struct Phases {
     pub filter: f64,
 }
 
+impl Method {
+    /// A method by its words.
+    pub fn new(sampler: &str, points: &str, filter: &str) -> Self {
+        Self { sampler: sampler.into(), points: points.into(), filter: filter.into() }
+    }
+}
+
+/// `SAMPLER/POINTS/FILTER`.
+impl std::fmt::Display for Method {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}/{}/{}", self.sampler, self.points, self.filter)
+    }
+}
+
 impl Phases {
+    /// What does not grow with the samples: clusters, probes and the filter.
+    pub fn fixed(&self) -> f64 {
+        self.cluster + self.probe + self.filter
+    }
+
     /// What a picture costs: all but load and bvh.
     pub fn render(&self) -> f64 {
         self.cluster + self.probe + self.plan + self.trace + self.filter
@@ -81,6 +100,9 @@ pub struct Run {
     pub budget: Budget,
     /// Of its points.
     pub seed: u64,
+    /// Samples asked for in all; a method that stops by itself spends fewer.
+    #[serde(default)]
+    pub asked: u64,
     /// Samples spent, separate probes left out.
     pub samples: u64,
     /// The same per pixel.
@@ -111,6 +133,9 @@ pub struct Run {
     pub picture: Option<String>,
     /// Its sample counts (PNG, white = many), likewise.
     pub sample_map: Option<String>,
+    /// The samples per pixel that are white in it.
+    #[serde(default)]
+    pub white: Option<f64>,
 }
 
 /// A scene's reference.
@@ -179,4 +204,10 @@ pub struct Manifest {
     pub time_of: Option<u64>,
     /// Seeds of each point.
     pub seeds: Vec<u64>,
+    /// Most scattering events between camera and light, whatever the scenes say; `None` follows them.
+    #[serde(default)]
+    pub max_depth: Option<u32>,
+    /// Whether a process of its own made each run.
+    #[serde(default)]
+    pub fresh: bool,
 }

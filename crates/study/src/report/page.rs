@@ -1,0 +1,395 @@
+//! The page: everything that the template shows, from the summary's rows.
+
+use super::chart::{Axis, Curve, log_log, swatch, tick_words};
+use super::pictures::{ERROR_DECADES, Embedded, Gallery, gallery};
+use super::style::{Style, names, styles};
+use super::verdicts::{Line, Sentence, Square, headline, lines, sentences, squares, tally};
+use super::words::{Cell, short};
+use crate::folder::Recorded;
+use crate::record::{Budget, SceneRecord};
+use crate::summary::{PHASES, Row, Summary, budget_words, number};
+use askama::Template;
+
+#[derive(Template)]
+#[template(path = "report.html")]
+struct Page {
+    style: &'static str,
+    script: &'static str,
+    scene_count: usize,
+    method_count: usize,
+    seed_count: usize,
+    budgets: String,
+    done: usize,
+    expected: usize,
+    remarks: Vec<String>,
+    baseline: String,
+    headline: Option<Headline>,
+    equal_spp: Vec<Line>,
+    scenes: Vec<Scene>,
+    legend: Vec<Legend>,
+    made: Vec<(&'static str, String)>,
+    references: Vec<[String; 5]>,
+    /// Both ends of the scale of error maps.
+    error_scale: [String; 2],
+}
+
+/// What is compared first.
+struct Headline {
+    timed: bool,
+    budget: String,
+    spp: u64,
+    tally: [usize; 3],
+    sentences: Vec<Sentence>,
+    lines: Vec<Line>,
+    squares: Vec<Square>,
+}
+
+struct Legend {
+    name: String,
+    swatch: String,
+}
+
+struct Scene {
+    id: String,
+    name: String,
+    source: String,
+    resolution: [u32; 2],
+    over_seconds: Option<String>,
+    over_spp: Option<String>,
+    levels: Vec<String>,
+    costs: Vec<Cost>,
+    times: Vec<Times>,
+    times_budget: String,
+    points: Vec<PointLine>,
+    view: View,
+}
+
+/// Slopes and times to errors of a method.
+struct Cost {
+    method: String,
+    swatch: String,
+    slopes: [Cell; 2],
+    /// Seconds and ratio, level by level.
+    times: Vec<[Cell; 2]>,
+}
+
+/// Where a method's time goes.
+struct Times {
+    method: String,
+    /// In percent of the longest.
+    shares: Vec<(&'static str, f64)>,
+    cells: Vec<Cell>,
+}
+
+struct PointLine {
+    method: String,
+    budget: String,
+    cells: Vec<Cell>,
+    note: String,
+}
+
+/// Pictures of a scene.
+struct View {
+    budget: String,
+    exposure: String,
+    overview: Option<Embedded>,
+    marks: Vec<Mark>,
+    reference_crops: Vec<Embedded>,
+    tiles: Vec<Tile>,
+    problems: Vec<String>,
+}
+
+/// Where a crop lies in the overview, in percent.
+struct Mark {
+    label: &'static str,
+    place: String,
+}
+
+struct Tile {
+    method: String,
+    swatch: String,
+    ratio: Option<Cell>,
+    baseline: bool,
+    crops: Vec<(Embedded, &'static str)>,
+    error_map: Option<Embedded>,
+    sample_map: Option<Embedded>,
+    white: Option<String>,
+}
+
+const CROP_LABELS: [&str; 2] = ["A: where methods differ most", "B: a typical part"];
+
+pub(super) fn render(recorded: &Recorded, summary: &Summary) -> Result<String, askama::Error> {
+    let manifest = &recorded.manifest;
+    let names = names(&manifest.methods);
+    let styles = styles(&manifest.methods);
+    let budget = headline(recorded, summary);
+    let base = manifest.methods.iter().position(|m| *m == manifest.baseline).unwrap_or(0);
+    let spp: Vec<Budget> = manifest.spp.iter().map(|&spp| Budget::Spp(spp)).collect();
+    let view = Builder { recorded, summary, names: &names, styles: &styles, budget };
+    Page {
+        style: include_str!("../../templates/report.css"),
+        script: include_str!("../../templates/report.js"),
+        scene_count: manifest.scenes.len(),
+        method_count: manifest.methods.len(),
+        seed_count: manifest.seeds.len(),
+        budgets: manifest.spp.iter().map(u64::to_string).collect::<Vec<_>>().join(", "),
+        done: recorded.runs.len(),
+        expected: recorded.expected(),
+        remarks: remarks(recorded),
+        baseline: names[base].clone(),
+        headline: budget.map(|budget| Headline {
+            timed: matches!(budget, Budget::TimeOf(_)),
+            budget: phrase(budget),
+            spp: match budget {
+                Budget::Spp(spp) | Budget::TimeOf(spp) => spp,
+            },
+            tally: tally(summary, budget),
+            sentences: sentences(recorded, summary, &names, budget),
+            lines: lines(recorded, summary, &names, &[budget]),
+            squares: squares(recorded, summary, budget),
+        }),
+        equal_spp: lines(recorded, summary, &names, &spp),
+        scenes: manifest.scenes.iter().enumerate().map(|(i, scene)| view.scene(i, scene)).collect(),
+        legend: names.iter().zip(&styles).map(|(n, s)| Legend { name: n.clone(), swatch: swatch(*s) }).collect(),
+        made: made(recorded),
+        references: manifest.scenes.iter().map(reference).collect(),
+        error_scale: ERROR_DECADES.map(|decade| tick_words(libm::pow(10.0, decade))),
+    }
+    .render()
+}
+
+/// What is not as planned.
+fn remarks(recorded: &Recorded) -> Vec<String> {
+    let mut remarks = Vec::new();
+    let mut remark = |count: usize, words: &str| {
+        if count > 0 {
+            remarks.push(format!("{count} {words}"));
+        }
+    };
+    remark(
+        recorded.foreign,
+        "lines of runs.jsonl belong to no scene, method, budget or seed of this study and were left out.",
+    );
+    remark(recorded.repeated, "runs were made twice; the last one counts.");
+    remark(usize::from(recorded.torn), "line of runs.jsonl was cut off at its end and was left out.");
+    let rejected = recorded.runs.iter().filter(|run| run.rejected > 0).count();
+    remark(rejected, "runs had samples that were no numbers.");
+    remarks
+}
+
+fn made(recorded: &Recorded) -> Vec<(&'static str, String)> {
+    let m = &recorded.manifest;
+    let unknown = || "unknown".to_owned();
+    let loads: Vec<f64> = recorded.runs.iter().filter_map(|run| run.load).collect();
+    let load = if loads.is_empty() {
+        unknown()
+    } else {
+        let [low, high] =
+            [loads.iter().copied().fold(f64::INFINITY, f64::min), loads.iter().copied().fold(0.0, f64::max)];
+        format!("{low:.2} to {high:.2} (one-minute average before each run)")
+    };
+    let fresh = recorded.runs.iter().filter(|run| run.fresh).count();
+    let quote = |word: &String| {
+        let plain = !word.is_empty() && word.chars().all(|c| c.is_ascii_alphanumeric() || "-_./=:,+@%".contains(c));
+        if plain { word.clone() } else { format!("'{}'", word.replace('\'', "'\\''")) }
+    };
+    vec![
+        ("Command", m.command.iter().map(quote).collect::<Vec<_>>().join(" ")),
+        ("Version", m.version.clone()),
+        ("Commit", m.commit.clone().unwrap_or_else(unknown)),
+        ("Began", m.began.clone()),
+        ("Processor", m.machine.processor.clone().unwrap_or_else(unknown)),
+        ("Threads", m.machine.threads.to_string()),
+        ("System", m.machine.system.clone()),
+        ("Load", load),
+        ("Depth", m.max_depth.map_or_else(|| "as the scenes say".into(), |depth| format!("at most {depth}"))),
+        ("Processes", format!("{fresh} of {} runs in a process of their own", recorded.runs.len())),
+        ("Seeds", m.seeds.iter().map(u64::to_string).collect::<Vec<_>>().join(", ")),
+        ("Runs", format!("{} of {}", recorded.runs.len(), recorded.expected())),
+    ]
+}
+
+fn reference(scene: &SceneRecord) -> [String; 5] {
+    let r = &scene.reference;
+    let unknown = || "unknown".to_owned();
+    let seeds = r.seeds.map(|s| format!(", seeds {} and {}", s[0], s[1])).unwrap_or_default();
+    let points = r.points.as_ref().map(|p| format!("{p}{seeds}"));
+    let spp = r.spp.map(|spp| spp.to_string());
+    let short_hash: String = r.hash.chars().take(16).collect();
+    [
+        r.file.clone(),
+        spp.unwrap_or_else(unknown),
+        points.unwrap_or_else(unknown),
+        r.relmse.map_or_else(unknown, short),
+        short_hash,
+    ]
+}
+
+/// A budget within a sentence, behind "at".
+fn phrase(budget: Budget) -> String {
+    match budget {
+        Budget::Spp(spp) => format!("{spp} spp"),
+        Budget::TimeOf(spp) => format!("equal time (that of {spp} spp)"),
+    }
+}
+
+struct Builder<'a> {
+    recorded: &'a Recorded,
+    summary: &'a Summary,
+    names: &'a [String],
+    styles: &'a [Style],
+    budget: Option<Budget>,
+}
+
+impl Builder<'_> {
+    fn scene(&self, index: usize, scene: &SceneRecord) -> Scene {
+        let manifest = &self.recorded.manifest;
+        let own = |row: &&Row| row.scene == scene.name;
+        let prefix = "seconds to relmse ";
+        let mut levels: Vec<String> = Vec::new();
+        for row in self.summary.rows().iter().filter(own) {
+            if let Some(level) = row.metric.strip_prefix(prefix)
+                && !levels.iter().any(|l| l == level)
+            {
+                levels.push(level.to_owned());
+            }
+        }
+        let ticks = manifest.spp.iter().map(|&spp| spp as f64).collect();
+        let seconds = Axis { title: "seconds for a picture", ticks: None };
+        let spp = Axis { title: "samples per pixel", ticks: Some(ticks) };
+        let [over_seconds, over_spp] = [("seconds", seconds), ("spp", spp)]
+            .map(|(metric, axis)| log_log(&self.curves(scene, metric), &axis, &Axis { title: "relMSE", ticks: None }));
+        // Bars of another budget than the table's would not be its numbers.
+        let times_budget = self.budget.unwrap_or(Budget::Spp(manifest.spp.last().copied().unwrap_or(0)));
+        Scene {
+            id: format!("scene-{index}"),
+            name: scene.name.clone(),
+            source: scene.source.clone(),
+            resolution: scene.resolution,
+            over_seconds,
+            over_spp,
+            costs: self.costs(scene, &levels),
+            levels,
+            times: self.times(scene, times_budget),
+            times_budget: phrase(times_budget),
+            points: self.points(scene),
+            view: self.view(scene, gallery(self.recorded, scene)),
+        }
+    }
+
+    fn curves(&self, scene: &SceneRecord, x: &str) -> Vec<Curve> {
+        let manifest = &self.recorded.manifest;
+        let of = |(i, method): (usize, &crate::record::Method)| {
+            let point = |&spp: &u64| {
+                let find =
+                    |metric: &str| self.summary.find(&scene.name, method, &budget_words(Budget::Spp(spp)), metric);
+                let error = find("relmse")?;
+                let [x, y] = [find(x)?.value?, error.value?];
+                let drawn = x > 0.0 && y > 0.0;
+                drawn.then(|| (x, y, error.interval().filter(|ends| ends[0] > 0.0)))
+            };
+            Curve { style: self.styles[i], points: manifest.spp.iter().filter_map(point).collect() }
+        };
+        manifest.methods.iter().enumerate().map(of).filter(|curve| !curve.points.is_empty()).collect()
+    }
+
+    fn costs(&self, scene: &SceneRecord, levels: &[String]) -> Vec<Cost> {
+        let of = |(i, method): (usize, &crate::record::Method)| {
+            let find = |metric: &str| self.summary.find(&scene.name, method, "", metric);
+            let slopes = ["relmse slope over spp", "relmse slope over seconds"].map(find);
+            slopes[0]?;
+            let time = |level: &String| {
+                let seconds = Cell::of(find(&format!("seconds to relmse {level}")));
+                [seconds, Cell::ratio(find(&format!("seconds ratio to relmse {level}")))]
+            };
+            Some(Cost {
+                method: self.names[i].clone(),
+                swatch: swatch(self.styles[i]),
+                slopes: slopes.map(Cell::ratio),
+                times: levels.iter().map(time).collect(),
+            })
+        };
+        self.recorded.manifest.methods.iter().enumerate().filter_map(of).collect()
+    }
+
+    fn times(&self, scene: &SceneRecord, budget: Budget) -> Vec<Times> {
+        let words = budget_words(budget);
+        let mut found: Vec<(usize, Vec<Option<&Row>>)> = Vec::new();
+        for (i, method) in self.recorded.manifest.methods.iter().enumerate() {
+            let find = |name: &str| self.summary.find(&scene.name, method, &words, &format!("seconds {name}"));
+            let rows: Vec<Option<&Row>> = PHASES.iter().map(|(name, _)| find(name)).collect();
+            if rows[0].is_some() {
+                found.push((i, rows));
+            }
+        }
+        let value = |row: &Option<&Row>| row.and_then(|row| row.value).unwrap_or(0.0).max(0.0);
+        let longest = found.iter().map(|(_, rows)| rows.iter().map(value).sum()).fold(0.0, f64::max);
+        let share = |row: &Option<&Row>| if longest > 0.0 { 100.0 * value(row) / longest } else { 0.0 };
+        let line = |(i, rows): (usize, Vec<Option<&Row>>)| Times {
+            method: self.names[i].clone(),
+            shares: PHASES.iter().zip(&rows).map(|((name, _), row)| (*name, share(row))).collect(),
+            cells: rows.into_iter().map(Cell::of).collect(),
+        };
+        found.into_iter().map(line).collect()
+    }
+
+    fn points(&self, scene: &SceneRecord) -> Vec<PointLine> {
+        let manifest = &self.recorded.manifest;
+        let spp = manifest.spp.iter().map(|&spp| Budget::Spp(spp));
+        let budgets: Vec<Budget> = spp.chain(manifest.time_of.map(Budget::TimeOf)).collect();
+        let mut lines = Vec::new();
+        for (method, name) in manifest.methods.iter().zip(self.names) {
+            for &budget in &budgets {
+                let words = budget_words(budget);
+                let find = |metric: &str| self.summary.find(&scene.name, method, &words, metric);
+                let Some(row) = find("relmse") else { continue };
+                let metrics =
+                    ["spp", "seconds", "relmse", "relmse_trimmed", "mse", "flip", "psnr", "predicted over true relmse"];
+                lines.push(PointLine {
+                    method: name.clone(),
+                    budget: words.clone(),
+                    cells: metrics.iter().map(|metric| Cell::of(find(metric))).collect(),
+                    note: row.note.clone(),
+                });
+            }
+        }
+        lines
+    }
+
+    fn view(&self, scene: &SceneRecord, gallery: Gallery) -> View {
+        let manifest = &self.recorded.manifest;
+        let words = gallery.budget.map(budget_words).unwrap_or_default();
+        let percent = |part: u32, whole: u32| 100.0 * f64::from(part) / f64::from(whole.max(1));
+        let mark = |(crop, label): (&[u32; 4], &&'static str)| {
+            let [w, h] = scene.resolution;
+            let [x, y, cw, ch] = [percent(crop[0], w), percent(crop[1], h), percent(crop[2], w), percent(crop[3], h)];
+            Mark { label: &label[..1], place: format!("left:{x:.2}%;top:{y:.2}%;width:{cw:.2}%;height:{ch:.2}%") }
+        };
+        let tile = |tile: super::pictures::Tile| {
+            let method = &manifest.methods[tile.method];
+            let row = self.summary.find(&scene.name, method, &words, "relmse ratio");
+            Tile {
+                method: self.names[tile.method].clone(),
+                swatch: swatch(self.styles[tile.method]),
+                ratio: row.map(|row| Cell::ratio(Some(row))),
+                baseline: *method == manifest.baseline,
+                crops: tile.crops.into_iter().zip(CROP_LABELS).collect(),
+                error_map: tile.error_map,
+                sample_map: tile.sample_map,
+                white: tile.white.map(|white| if white.fract() == 0.0 { number(white) } else { short(white) }),
+            }
+        };
+        View {
+            budget: gallery.budget.map(phrase).unwrap_or_default(),
+            exposure: match gallery.exposure_stops {
+                0.0 => "as rendered".into(),
+                stops => format!("{stops:+} stops").replace('-', "−"),
+            },
+            marks: gallery.crops.iter().zip(&CROP_LABELS).map(mark).collect(),
+            overview: gallery.overview,
+            reference_crops: gallery.reference_crops,
+            tiles: gallery.tiles.into_iter().map(tile).collect(),
+            problems: gallery.problems,
+        }
+    }
+}

@@ -1,0 +1,171 @@
+//! The numbers of a study: one source for `summary.csv` and for the page.
+
+mod comparison;
+mod factorial;
+mod figure;
+mod grid;
+mod points;
+mod slopes;
+mod time_to_error;
+
+pub use comparison::Verdict;
+pub(crate) use comparison::{HOLDS, UNFAIR};
+pub use factorial::Part;
+
+use crate::folder::Recorded;
+use crate::record::{Budget, Method};
+use figure::Figure;
+use grid::Grid;
+pub(crate) use points::PHASES;
+use std::collections::BTreeMap;
+
+/// Of all intervals, unless a row's note says otherwise.
+pub const CONFIDENCE: f64 = 0.95;
+
+/// Equal time is taken as such within this share: beyond it a win or a loss is not called one.
+pub const TIME_TOLERANCE: f64 = 0.1;
+
+/// Errors of which ratios are taken, by their names in [`Row::metric`].
+pub const COMPARED: [&str; 4] = ["relmse", "relmse_trimmed", "srgb8_mse", "flip"];
+
+/// One figure: a line of `summary.csv`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Row {
+    /// The scene's name in the study.
+    pub scene: String,
+    /// Which method.
+    pub method: Method,
+    /// What its runs were given: `16 spp`, `time of 16 spp`, or nothing for figures over all budgets.
+    pub budget: String,
+    /// Which figure; [`Summary::write_csv`] lists them.
+    pub metric: String,
+    /// The figure, where there is one; the note says why not.
+    pub value: Option<f64>,
+    /// The lower end of its 95 % interval, where there is one.
+    pub low: Option<f64>,
+    /// The upper end.
+    pub high: Option<f64>,
+    /// How many seeds it is made of.
+    pub n: usize,
+    /// What else to know.
+    pub note: String,
+}
+
+impl Row {
+    /// What identifies it.
+    pub fn key(&self) -> String {
+        key(&self.scene, &self.method, &self.budget, &self.metric)
+    }
+
+    /// Both ends of the interval.
+    pub fn interval(&self) -> Option<[f64; 2]> {
+        Some([self.low?, self.high?])
+    }
+}
+
+/// All figures of a study.
+#[derive(Clone, Debug, Default)]
+pub struct Summary {
+    rows: Vec<Row>,
+    places: BTreeMap<String, usize>,
+}
+
+/// As [`Row::budget`] has it.
+pub fn budget_words(budget: Budget) -> String {
+    match budget {
+        Budget::Spp(spp) => format!("{spp} spp"),
+        Budget::TimeOf(spp) => format!("time of {spp} spp"),
+    }
+}
+
+fn key(scene: &str, method: &Method, budget: &str, metric: &str) -> String {
+    [scene, &method.sampler, &method.points, &method.filter, budget, metric].join("|")
+}
+
+impl Summary {
+    /// Computes them. Runs that are not there leave their figures out.
+    pub fn of(recorded: &Recorded) -> Self {
+        let grid = Grid::new(recorded);
+        let mut summary = Self::default();
+        points::add(&mut summary, &grid);
+        slopes::add(&mut summary, &grid);
+        time_to_error::add(&mut summary, &grid);
+        comparison::add(&mut summary, &grid);
+        factorial::add(&mut summary, &grid);
+        summary
+    }
+
+    /// All rows: points of the curves first, then slopes, times to errors, comparisons, factorials.
+    pub fn rows(&self) -> &[Row] {
+        &self.rows
+    }
+
+    /// One row.
+    pub fn find(&self, scene: &str, method: &Method, budget: &str, metric: &str) -> Option<&Row> {
+        self.places.get(&key(scene, method, budget, metric)).map(|&i| &self.rows[i])
+    }
+
+    fn add(&mut self, grid: &Grid<'_>, at: [usize; 2], budget: Option<Budget>, metric: &str, figure: Figure) {
+        let row = Row {
+            scene: grid.manifest.scenes[at[0]].name.clone(),
+            method: grid.manifest.methods[at[1]].clone(),
+            budget: budget.map_or_else(String::new, budget_words),
+            metric: metric.to_owned(),
+            value: figure.value,
+            low: figure.ends.map(|e| e[0]),
+            high: figure.ends.map(|e| e[1]),
+            n: figure.n,
+            note: figure.note,
+        };
+        let _ = self.places.insert(row.key(), self.rows.len());
+        self.rows.push(row);
+    }
+
+    /// `summary.csv`: a header, then one line a row.
+    ///
+    /// Columns: `scene`, `sampler`, `points`, `filter`, `budget` (empty for figures over all budgets), `metric`,
+    /// `value`, `low`, `high` (95 % interval over seeds), `n` (seeds), `note`. What is not known is empty, and the
+    /// note says why. Numbers are the shortest that give the same f64.
+    ///
+    /// Metrics of a budget: `mse`, `relmse`, `relmse_trimmed`, `smape`, `srgb8_mse`, `flip` (geometric means),
+    /// `psnr`, `mean_ratio`, `spp` (means), `predicted over true relmse` (geometric mean), `seconds` (median of
+    /// `render_s`), `seconds load`, `bvh`, `cluster`, `probe`, `plan`, `trace`, `filter` (means);
+    /// `METRIC ratio`, `seconds ratio` and `relmse x seconds ratio` against the baseline, paired by seed;
+    /// `relmse part of counts`, `of filter`, `of both`, `of their interplay` (the factorial).
+    /// Over all budgets: `relmse slope over spp`, `relmse slope over seconds`; `seconds to relmse E` and
+    /// `seconds ratio to relmse E`.
+    ///
+    /// # Errors
+    /// Those of the writer.
+    pub fn write_csv(&self, to: impl std::io::Write) -> Result<(), csv::Error> {
+        let mut writer = csv::Writer::from_writer(to);
+        writer.write_record([
+            "scene", "sampler", "points", "filter", "budget", "metric", "value", "low", "high", "n", "note",
+        ])?;
+        for row in &self.rows {
+            let [value, low, high] = [row.value, row.low, row.high].map(|v| v.map_or_else(String::new, number));
+            let method = &row.method;
+            writer.write_record([
+                &row.scene,
+                &method.sampler,
+                &method.points,
+                &method.filter,
+                &row.budget,
+                &row.metric,
+                &value,
+                &low,
+                &high,
+                &row.n.to_string(),
+                &row.note,
+            ])?;
+        }
+        writer.flush()?;
+        Ok(())
+    }
+}
+
+/// The shortest decimal that is read back as the same f64.
+pub fn number(value: f64) -> String {
+    let size = value.abs();
+    if size != 0.0 && !(1e-4..1e7).contains(&size) { format!("{value:e}") } else { value.to_string() }
+}

@@ -1,0 +1,105 @@
+//! Who wins against the baseline, and who loses.
+
+use super::figure::Figure;
+use super::grid::{Grid, error};
+use super::{COMPARED, CONFIDENCE, Row, Summary, TIME_TOLERANCE};
+use crate::record::{Budget, Run};
+
+/// What a ratio of errors against the baseline says.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Verdict {
+    /// The whole interval lies below 1.
+    Win,
+    /// The interval holds 1, or the times differ too much to call it.
+    Undecided,
+    /// The whole interval lies above 1.
+    Loss,
+}
+
+impl Verdict {
+    /// As the notes begin.
+    pub fn words(self) -> &'static str {
+        match self {
+            Self::Win => "win",
+            Self::Undecided => "undecided",
+            Self::Loss => "loss",
+        }
+    }
+
+    /// Of a row that is a ratio of errors; `None` for others.
+    pub fn of(row: &Row) -> Option<Self> {
+        let first = row.note.split(';').next()?;
+        [Self::Win, Self::Undecided, Self::Loss].into_iter().find(|v| v.words() == first)
+    }
+}
+
+/// In a row's note: what still holds with the intervals widened until all comparisons of the table hold together.
+pub(crate) const HOLDS: &str = "holds for all together";
+
+/// In a row's note: it would be a win or a loss, were the times equal.
+pub(crate) const UNFAIR: &str = "times the time";
+
+pub(super) fn add(summary: &mut Summary, grid: &Grid<'_>) {
+    for budget in grid.budgets() {
+        let compared: Vec<[usize; 2]> = grid
+            .all()
+            .filter(|&[scene, method]| {
+                method != grid.baseline && !grid.pairs(scene, [method, grid.baseline], budget).is_empty()
+            })
+            .collect();
+        // [Šidák 1967]: as many intervals hold together with 95 % if each holds with this.
+        let together = libm::pow(CONFIDENCE, 1.0 / compared.len().max(1) as f64);
+        for at in compared {
+            compare(summary, grid, at, budget, together);
+        }
+    }
+}
+
+fn compare(summary: &mut Summary, grid: &Grid<'_>, at: [usize; 2], budget: Budget, together: f64) {
+    let pairs = grid.pairs(at[0], [at[1], grid.baseline], budget);
+    let of =
+        |value: &dyn Fn(&Run) -> f64| -> Vec<(f64, f64)> { pairs.iter().map(|[a, b]| (value(a), value(b))).collect() };
+    let seconds = Figure::ratio(&of(&|run| run.render_s));
+    let timed = matches!(budget, Budget::TimeOf(_)).then_some(seconds.value).flatten();
+    for metric in COMPARED {
+        let values = of(&|run| error(run, metric));
+        let limited = metric == "relmse" && pairs.iter().any(|pair| pair.iter().any(|run| run.reference_limited));
+        let wide = Figure::ratio_at(&values, together);
+        let figure =
+            judge(Figure::ratio(&values), wide.ends, timed).noted(if limited { "reference-limited" } else { "" });
+        summary.add(grid, at, Some(budget), &format!("{metric} ratio"), figure);
+    }
+    summary.add(grid, at, Some(budget), "seconds ratio", seconds);
+    let cost = judge(Figure::ratio(&of(&|run| run.errors.relmse * run.render_s)), None, None);
+    summary.add(grid, at, Some(budget), "relmse x seconds ratio", cost);
+}
+
+/// Puts the verdict before the note.
+pub(super) fn judge(figure: Figure, wide: Option<[f64; 2]>, seconds: Option<f64>) -> Figure {
+    let side = |ends: [f64; 2]| match ends {
+        [_, high] if high < 1.0 => Verdict::Win,
+        [low, _] if low > 1.0 => Verdict::Loss,
+        _ => Verdict::Undecided,
+    };
+    let Some(ends) = figure.ends else {
+        return with_first(figure, Verdict::Undecided.words().to_owned());
+    };
+    let verdict = side(ends);
+    let unfair = seconds.is_some_and(|ratio| match verdict {
+        Verdict::Win => ratio > 1.0 + TIME_TOLERANCE,
+        Verdict::Loss => ratio < 1.0 / (1.0 + TIME_TOLERANCE),
+        Verdict::Undecided => false,
+    });
+    let mut notes = vec![if unfair { Verdict::Undecided } else { verdict }.words().to_owned()];
+    if unfair {
+        notes.push(format!("it took {:.2} {UNFAIR}", seconds.unwrap_or(1.0)));
+    } else if verdict != Verdict::Undecided && wide.is_some_and(|wide| side(wide) == verdict) {
+        notes.push(HOLDS.to_owned());
+    }
+    with_first(figure, notes.join("; "))
+}
+
+fn with_first(figure: Figure, first: String) -> Figure {
+    let rest = figure.note;
+    Figure { note: first, ..figure }.noted(&rest)
+}

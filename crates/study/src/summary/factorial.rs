@@ -1,0 +1,88 @@
+//! {uniform, adaptive} x {no filter, filter}: what is due to which.
+
+use super::Summary;
+use super::comparison::judge;
+use super::figure::Figure;
+use super::grid::{Grid, error};
+use crate::record::{Budget, Method, Run};
+
+/// What changes from one corner of the square to another.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Part {
+    /// The sampler, without a filter.
+    Counts,
+    /// The filter, with the baseline's sampler.
+    Filter,
+    /// Both.
+    Both,
+    /// Both over the product of each alone: below 1 they help each other.
+    Interplay,
+}
+
+impl Part {
+    /// In the order of the table.
+    pub const ALL: [Self; 4] = [Self::Counts, Self::Filter, Self::Both, Self::Interplay];
+
+    /// Its metric.
+    pub fn metric(self) -> &'static str {
+        match self {
+            Self::Counts => "relmse part of counts",
+            Self::Filter => "relmse part of filter",
+            Self::Both => "relmse part of both",
+            Self::Interplay => "relmse part of their interplay",
+        }
+    }
+}
+
+/// The corners of the square that a method is one of: uniform, its counts, its filter, itself. Points are the
+/// method's own in all four, so that they are not taken for the sampler's work.
+pub(crate) fn corners(methods: &[Method], baseline: &Method, method: &Method) -> Option<[usize; 4]> {
+    if method.sampler == baseline.sampler || method.filter == baseline.filter {
+        return None;
+    }
+    let find = |sampler: &str, filter: &str| {
+        methods.iter().position(|m| m.sampler == sampler && m.filter == filter && m.points == method.points)
+    };
+    let [none, filter] = [&baseline.filter, &method.filter];
+    Some([
+        find(&baseline.sampler, none)?,
+        find(&method.sampler, none)?,
+        find(&baseline.sampler, filter)?,
+        find(&method.sampler, filter)?,
+    ])
+}
+
+pub(super) fn add(summary: &mut Summary, grid: &Grid<'_>) {
+    let manifest = grid.manifest;
+    for at in grid.all() {
+        let Some(corners) = corners(&manifest.methods, &manifest.baseline, &manifest.methods[at[1]]) else { continue };
+        for budget in grid.budgets() {
+            let complete = complete(grid, at[0], corners, budget);
+            if complete.is_empty() {
+                continue;
+            }
+            for part in Part::ALL {
+                let pairs: Vec<(f64, f64)> = complete.iter().map(|runs| sides(part, runs)).collect();
+                summary.add(grid, at, Some(budget), part.metric(), judge(Figure::ratio(&pairs), None, None));
+            }
+        }
+    }
+}
+
+/// Seeds that all four corners have.
+fn complete<'a>(grid: &Grid<'a>, scene: usize, corners: [usize; 4], budget: Budget) -> Vec<[&'a Run; 4]> {
+    let runs = corners.map(|method| grid.at([scene, method], budget));
+    let with = |seed: &u64| Some([*runs[0].get(seed)?, *runs[1].get(seed)?, *runs[2].get(seed)?, *runs[3].get(seed)?]);
+    runs[3].keys().filter_map(with).collect()
+}
+
+/// What is divided by what.
+fn sides(part: Part, runs: &[&Run; 4]) -> (f64, f64) {
+    let [base, counts, filter, both] = runs.map(|run| error(run, "relmse"));
+    match part {
+        Part::Counts => (counts, base),
+        Part::Filter => (filter, base),
+        Part::Both => (both, base),
+        Part::Interplay => (both * base, counts * filter),
+    }
+}

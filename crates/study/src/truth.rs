@@ -1,0 +1,111 @@
+//! A reference in memory, and pictures against it.
+
+use crate::digest::Digest;
+use crate::{Errors, StudyError};
+use dapple_metrics::{NoisyReference, PIXELS_PER_DEGREE, Pixels, RELATIVE_EPSILON, compare, compare_corrected, flip};
+use dapple_renderer::image::{Channels, Encoding, Plane, read_attributes, read_channels, read_picture};
+use std::path::Path;
+
+/// A reference picture, and its own variance where that is known.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Truth {
+    pub(crate) size: [u32; 2],
+    pub(crate) mean: Vec<[f32; 3]>,
+    /// Of the mean.
+    pub(crate) variance: Option<Vec<[f32; 3]>>,
+}
+
+/// A file's own words about itself, and its digest.
+pub(crate) struct About {
+    pub(crate) attributes: Vec<(String, String)>,
+    pub(crate) digest: Digest,
+}
+
+impl About {
+    /// The text of `dapple:KEY`.
+    pub(crate) fn says(&self, key: &str) -> Option<&str> {
+        let known = |name: &str| name.strip_prefix("dapple:") == Some(key);
+        self.attributes.iter().find(|(name, _)| known(name)).map(|(_, text)| text.as_str())
+    }
+}
+
+/// A picture's errors.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Measured {
+    pub(crate) errors: Errors,
+    pub(crate) corrected: bool,
+    pub(crate) reference_limited: bool,
+}
+
+impl Truth {
+    /// Two independent halves: their mean, and its variance.
+    pub(crate) fn of_halves(size: [u32; 2], [a, b]: [&[[f32; 3]]; 2]) -> Self {
+        let both = |of: fn(f32, f32) -> f32| {
+            a.iter().zip(b).map(|(a, b)| [0, 1, 2].map(|c| of(a[c], b[c]))).collect::<Vec<[f32; 3]>>()
+        };
+        let mean = both(|a, b| 0.5 * (a + b));
+        Self { size, mean, variance: Some(both(|a, b| 0.25 * (a - b) * (a - b))) }
+    }
+
+    /// Reads a file. Its variance is known where a study wrote it: elsewhere `variance` means a sample's.
+    pub(crate) fn read(path: &Path) -> Result<(Self, About), StudyError> {
+        let bytes = std::fs::read(path).map_err(|e| StudyError::file(path, "read the reference", e))?;
+        let name = path.display().to_string();
+        let picture = read_picture(&bytes, &name, Encoding::Auto)?;
+        // Other formats say nothing of themselves.
+        let attributes = read_attributes(&bytes, &name).unwrap_or_default();
+        let about = About { attributes, digest: Digest::of(&bytes) };
+        let variance = match about.says("study-key") {
+            Some(_) => variance(&read_channels(&bytes, &name)?),
+            None => None,
+        };
+        Ok((Self { size: picture.size, mean: picture.pixels, variance }, about))
+    }
+
+    /// Its own variance, as relMSE against itself.
+    pub(crate) fn own_relmse(&self) -> Option<f64> {
+        let variance = self.variance.as_ref()?;
+        let values = self.mean.as_flattened().iter().zip(variance.as_flattened());
+        let sum: f64 = values.map(|(r, v)| f64::from(*v) / (f64::from(*r) * f64::from(*r) + RELATIVE_EPSILON)).sum();
+        Some(sum / (3 * self.mean.len()) as f64)
+    }
+
+    /// A picture against it; its own variance is taken out of MSE and relMSE wherever it is known.
+    pub(crate) fn measure(&self, picture: &[[f32; 3]]) -> Result<Measured, dapple_metrics::Error> {
+        let (x, r) = (Pixels::new(self.size, picture)?, Pixels::new(self.size, &self.mean)?);
+        let found = compare(x, r)?;
+        let seen = flip(x, r, PIXELS_PER_DEGREE)?.mean;
+        let mut errors = Errors {
+            mse: found.mse,
+            relmse: found.rel_mse,
+            relmse_trimmed: found.rel_mse_trimmed,
+            smape: found.smape,
+            psnr: found.psnr,
+            srgb8_mse: found.srgb8_mse,
+            flip: seen,
+            // A black reference has no mean to divide by; JSON has no infinity.
+            mean_ratio: match found.mean_ratio {
+                ratio if ratio.is_finite() => ratio,
+                ratio if ratio.is_nan() => 1.0,
+                _ => f64::MAX,
+            },
+        };
+        let Some(variance) = &self.variance else {
+            return Ok(Measured { errors, corrected: false, reference_limited: false });
+        };
+        let noisy = NoisyReference::Variance { mean: r, variance: Pixels::new(self.size, variance)? };
+        let without = compare_corrected(x, noisy)?;
+        (errors.mse, errors.relmse) = (without.mse.error, without.rel_mse.error);
+        let reference_limited = without.mse.reference_limited() || without.rel_mse.reference_limited();
+        Ok(Measured { errors, corrected: true, reference_limited })
+    }
+}
+
+fn variance(channels: &Channels) -> Option<Vec<[f32; 3]>> {
+    let plane = |name: &str| match channels.plane(name)? {
+        Plane::F32(values) => Some(values.clone()),
+        _ => None,
+    };
+    let [r, g, b] = [plane("variance.R")?, plane("variance.G")?, plane("variance.B")?];
+    Some(r.iter().zip(g.iter()).zip(b.iter()).map(|((r, g), b)| [*r, *g, *b]).collect())
+}

@@ -1,0 +1,130 @@
+// node report.mjs REPORT.html FOLDER-FOR-SCREENSHOTS EXPECTED.json
+// Opens a report as a person would; exits 1 with what is wrong.
+import { readFileSync } from 'node:fs';
+import { mkdtempSync, rmSync } from 'node:fs';
+import { tmpdir } from 'node:os';
+import { join, resolve } from 'node:path';
+import { pathToFileURL } from 'node:url';
+import { chromium } from 'playwright-core';
+
+const [file, out, expectedFile] = process.argv.slice(2);
+const expected = JSON.parse(readFileSync(expectedFile, 'utf8'));
+const wrong = [];
+const check = (good, words) => { if (!good) wrong.push(words); };
+const equal = (found, wanted, words) => check(JSON.stringify(found) === JSON.stringify(wanted), `${words}: ${JSON.stringify(found)}, expected ${JSON.stringify(wanted)}`);
+
+const profile = mkdtempSync(join(tmpdir(), 'dapple-chromium-'));
+const context = await chromium.launchPersistentContext(profile, {
+  executablePath: process.env.CHROMIUM ?? '/usr/bin/chromium',
+  args: ['--no-sandbox', '--disable-gpu', '--disable-quic', '--no-first-run', '--disable-background-networking', '--disable-component-update', '--disable-sync'],
+});
+try {
+  const page = await context.newPage();
+  page.on('console', (message) => { if (['error', 'warning'].includes(message.type())) wrong.push(`console: ${message.text()}`); });
+  page.on('pageerror', (error) => wrong.push(`script: ${error}`));
+  page.on('request', (request) => { if (!/^(file|data):/.test(request.url())) wrong.push(`asked the network for ${request.url()}`); });
+  await page.setViewportSize({ width: 1280, height: 900 });
+  await page.emulateMedia({ colorScheme: 'light' });
+  await page.goto(pathToFileURL(resolve(file)).href);
+
+  // Every figure is there, and is drawn.
+  const count = (selector) => page.locator(selector).count();
+  equal(await count('section.scene'), expected.scenes, 'scenes');
+  equal(await count('.chart svg'), expected.charts, 'charts');
+  equal(await count('.chart svg polyline[stroke-dasharray]'), expected.curves, 'curves');
+  equal(await count('.tile .crop img'), expected.crops, 'crops');
+  equal(await count('.map'), expected.maps, 'maps');
+  equal(await count('.bar'), expected.bars, 'bars');
+  equal(await count('table'), expected.tables, 'tables');
+  const broken = await page.evaluate(async () => {
+    const images = [...document.images];
+    await Promise.all(images.map((image) => image.decode().catch(() => {})));
+    return images.filter((image) => !image.complete || image.naturalWidth === 0).length;
+  });
+  equal(broken, 0, 'pictures that do not load');
+  equal(await page.evaluate(() => document.body.innerText.match(/\b(NaN|inf|undefined|null)\b/)?.[0] ?? ''), '', 'words of broken numbers');
+
+  // What readers of screens need.
+  equal(await count('img:not([alt]), img[alt=""]'), 0, 'pictures without words');
+  equal(await count('table:not(:has(caption))'), 0, 'tables without captions');
+  equal(await count('th:not([scope])'), 0, 'headers without scope');
+  const labels = await page.evaluate(() => [...document.querySelectorAll('input')].filter((i) => !i.labels?.length).length);
+  equal(labels, 0, 'inputs without labels');
+  const ids = await page.evaluate(() => { const all = [...document.querySelectorAll('[id]')].map((e) => e.id); return all.length - new Set(all).size; });
+  equal(ids, 0, 'ids used twice');
+  const dead = await page.evaluate(() => [...document.querySelectorAll('a[href^="#"]')].filter((a) => !document.querySelector(a.getAttribute('href'))).length);
+  equal(dead, 0, 'links that lead nowhere');
+
+  // The slider, by keyboard and by pointer; the flip, by both.
+  if (expected.crops > 0) {
+    const view = page.locator('.view').first();
+    const slider = view.locator('input[type=range]');
+    const crop = view.locator('.crop').first();
+    const visible = () => crop.locator('img').evaluate((image) => getComputedStyle(image).clipPath);
+    const value = () => slider.evaluate((input) => Number(input.value));
+    equal(await value(), 50, 'the slider begins in the middle');
+    const begun = await visible();
+    await slider.focus();
+    const outline = await slider.evaluate((input) => getComputedStyle(input).outlineStyle);
+    await page.keyboard.press('ArrowRight');
+    equal(await value(), 51, 'arrow right');
+    check(await visible() !== begun, 'arrow right moves no edge');
+    check(outline !== 'none', 'focus cannot be seen');
+    await page.keyboard.press('Home');
+    equal(await value(), 0, 'Home');
+    await page.keyboard.press('End');
+    equal(await value(), 100, 'End');
+    const box = await slider.boundingBox();
+    await slider.click({ position: { x: box.width * 0.25, y: box.height / 2 } });
+    const clicked = await value();
+    check(clicked > 15 && clicked < 35, `a click at a quarter of the slider gives ${clicked}`);
+    await crop.scrollIntoViewIfNeeded();
+    await crop.click();
+    equal(await value(), 0, 'a click on a crop flips to the reference');
+    // What is seen is the reference: its colours, not the method's.
+    const shot = async () => (await crop.screenshot()).toString('base64');
+    const reference = await shot();
+    await crop.click();
+    equal(await value(), 100, 'another click flips back');
+    check(await shot() !== reference, 'flipping shows the same picture');
+    const button = view.locator('button.flip');
+    await button.focus();
+    await page.keyboard.press('Space');
+    equal(await value(), 0, 'the button flips by the space bar');
+    equal(await button.getAttribute('aria-pressed'), 'true', 'the button tells that it is pressed');
+    await page.keyboard.press('Enter');
+    equal(await value(), 100, 'the button flips by Enter');
+    await slider.evaluate((input) => { input.value = '50'; input.dispatchEvent(new Event('input')); });
+  }
+
+  // Wide and narrow, light and dark.
+  const inks = {};
+  for (const [width, height] of [[1280, 900], [390, 844]]) {
+    await page.setViewportSize({ width, height });
+    for (const colorScheme of ['light', 'dark']) {
+      await page.emulateMedia({ colorScheme });
+      const [scroll, client] = await page.evaluate(() => [document.documentElement.scrollWidth, document.documentElement.clientWidth]);
+      check(scroll <= client, `at ${width} pixels the page is ${scroll} wide and scrolls sideways`);
+      inks[colorScheme] = await page.evaluate(() => {
+        const style = (selector) => { const e = document.querySelector(selector); return e && getComputedStyle(e); };
+        return [style('body').color, style('body').backgroundColor, style('.chart svg text')?.fill, style('.chart svg polyline[stroke-dasharray]')?.stroke];
+      });
+      // They take most of the test's time: only of pages that have pictures and are in order.
+      if (expected.crops > 0 && wrong.length === 0) await page.screenshot({ path: join(out, `report-${width}-${colorScheme}.png`), fullPage: true });
+    }
+  }
+  inks.light.forEach((ink, i) => check(ink === undefined || ink !== inks.dark[i], `colour ${i} is ${ink} in light and dark`));
+  check(!inks.light.includes('rgb(4, 0, 0)'), 'a colour of a chart was not replaced');
+
+  // Opened, the longest tables still scroll inside their own box.
+  await page.evaluate(() => document.querySelectorAll('details').forEach((d) => { d.open = true; }));
+  const [scroll, client] = await page.evaluate(() => [document.documentElement.scrollWidth, document.documentElement.clientWidth]);
+  check(scroll <= client, `opened, at 390 pixels the page is ${scroll} wide`);
+} finally {
+  await context.close();
+  rmSync(profile, { recursive: true, force: true });
+}
+if (wrong.length > 0) {
+  console.error(wrong.join('\n'));
+  process.exit(1);
+}

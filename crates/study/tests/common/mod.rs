@@ -1,0 +1,158 @@
+//! A small scene, plans for it, and runs that nobody renders.
+#![allow(dead_code)] // Each test file uses its share.
+
+use dapple_study::{
+    Budget, Draft, Errors, InProcess, Job, Method, Phases, Plan, Run, Runner, ScenePlan, Sitting, Study, StudyError,
+};
+use std::path::{Path, PathBuf};
+use tempfile::TempDir;
+
+/// A lamp over a floor: soft shadows, quick.
+pub(crate) const TINY: &str = r#"LookAt 0 2 6  0 1 0  0 1 0
+Camera "perspective" "float fov" [ 40 ]
+Film "rgb" "integer xresolution" [ 24 ] "integer yresolution" [ 16 ] "string filename" [ "tiny.exr" ]
+WorldBegin
+Material "diffuse" "rgb reflectance" [ 0.5 0.5 0.5 ]
+Include "floor.pbrt"
+AttributeBegin
+  AreaLightSource "diffuse" "rgb L" [ 4 4 4 ]
+  Translate 0 3 0
+  Shape "sphere" "float radius" [ 0.5 ]
+AttributeEnd
+"#;
+pub(crate) const FLOOR: &str = r#"Shape "trianglemesh" "integer indices" [ 0 1 2 0 2 3 ]
+  "point3 P" [ -9 0 -9  -9 0 9  9 0 9  9 0 -9 ]
+"#;
+
+/// A folder with the scene in it, and a study beside it.
+pub(crate) struct Place(TempDir);
+
+impl Place {
+    pub(crate) fn new() -> Self {
+        let folder = tempfile::tempdir().expect("a folder");
+        std::fs::write(folder.path().join("tiny.pbrt"), TINY).expect("the scene");
+        std::fs::write(folder.path().join("floor.pbrt"), FLOOR).expect("its floor");
+        Self(folder)
+    }
+
+    pub(crate) fn path(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    pub(crate) fn text(&self, name: &str) -> String {
+        std::fs::read_to_string(self.path(name)).unwrap_or_else(|e| panic!("{name}: {e}"))
+    }
+
+    /// Two budgets, two seeds, two methods, 8x8 pixels; a reference of few samples.
+    pub(crate) fn draft(&self) -> Draft {
+        Draft {
+            scenes: Some(vec![ScenePlan::from(self.path("tiny.pbrt").to_str().expect("UTF-8"))]),
+            samplers: Some(vec!["uniform".into(), "variance".into()]),
+            filters: Some(vec!["none".into()]),
+            spp: Some(vec![4, 8]),
+            seeds: Some(vec![1, 2]),
+            reference_spp: Some(16),
+            resolution: Some([8, 8]),
+            ..Draft::default()
+        }
+    }
+
+    pub(crate) fn plan(&self) -> Plan {
+        self.draft().resolve().expect("a plan")
+    }
+
+    pub(crate) fn open(&self, plan: Plan, name: &str) -> Result<Study, StudyError> {
+        let study = Study::open(plan, &self.path(name), &Sitting::default(), &mut ());
+        study.map(|study| study.expect("nobody stops it"))
+    }
+
+    /// Opens and runs to the end.
+    pub(crate) fn study(&self, plan: Plan, name: &str, runner: &mut dyn Runner) -> Study {
+        let mut study = self.open(plan, name).expect("it opens");
+        study.run(runner, &mut ()).expect("it runs");
+        study
+    }
+}
+
+pub(crate) fn in_process() -> InProcess {
+    InProcess::new(|| None)
+}
+
+/// Makes up runs: times and errors are functions of the job.
+#[derive(Default)]
+pub(crate) struct Fake {
+    /// How often it was asked.
+    pub(crate) asked: usize,
+}
+
+/// The time that a fake run takes: a method with `variance` takes 1.5 as long a sample, a filter costs a tenth of a
+/// millisecond, whatever the samples.
+fn phases(method: &Method, samples: u64) -> Phases {
+    let rate = if method.sampler.starts_with("variance") { 1.5e-6 } else { 1e-6 };
+    let filter = if method.filter == "none" { 0.0 } else { 1e-4 };
+    Phases { trace: rate * samples as f64, filter, ..Phases::default() }
+}
+
+impl Runner for Fake {
+    fn run(&mut self, job: &Job) -> Result<Run, StudyError> {
+        self.asked += 1;
+        let seconds = phases(&job.method, job.asked);
+        let pixels = f64::from(job.view.resolution[0]) * f64::from(job.view.resolution[1]);
+        // A seed's luck, the same for all methods.
+        let error = (1.0 + 0.01 * job.seed as f64) / job.asked as f64;
+        Ok(Run {
+            scene: job.view.name.clone(),
+            method: job.method.clone(),
+            budget: job.budget,
+            seed: job.seed,
+            asked: job.asked,
+            samples: job.asked,
+            spp: job.asked as f64 / pixels,
+            rays: 3 * job.asked,
+            seconds,
+            render_s: seconds.render(),
+            cpu_s: None,
+            errors: Errors {
+                mse: error,
+                relmse: 2.0 * error,
+                relmse_trimmed: error,
+                smape: error,
+                psnr: 30.0,
+                srgb8_mse: error,
+                flip: error,
+                mean_ratio: 1.0,
+            },
+            corrected: true,
+            reference_limited: false,
+            predicted_relmse: None,
+            rejected: 0,
+            load: None,
+            fresh: false,
+            picture: job.picture.clone(),
+            sample_map: None,
+            white: None,
+        })
+    }
+}
+
+/// What tells runs apart.
+pub(crate) fn label(run: &Run) -> String {
+    let budget = match run.budget {
+        Budget::Spp(n) => format!("{n}"),
+        Budget::TimeOf(n) => format!("t{n}"),
+    };
+    format!("{} {} {budget} {}", run.scene, run.method, run.seed)
+}
+
+/// Copies a folder, without what lies in folders of it but for references.
+pub(crate) fn copy(from: &Path, to: &Path) {
+    for folder in ["", "references"] {
+        std::fs::create_dir_all(to.join(folder)).expect("a folder");
+        for entry in std::fs::read_dir(from.join(folder)).expect("the folder") {
+            let path = entry.expect("an entry").path();
+            if path.is_file() {
+                std::fs::copy(&path, to.join(folder).join(path.file_name().expect("a name"))).expect("a copy");
+            }
+        }
+    }
+}

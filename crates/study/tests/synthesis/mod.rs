@@ -1,0 +1,270 @@
+//! Studies without rendering: what errors, times and pictures are is known, and so is what must be said of them.
+#![allow(dead_code)]
+
+use dapple_renderer::image::{Layer, Picture, encode_exr, encode_png_gray, write_file};
+use dapple_study::{Budget, Errors, Machine, Manifest, Method, Phases, Reference, Run, SceneRecord};
+use std::path::Path;
+
+/// How a method behaves.
+#[derive(Clone)]
+pub(crate) struct Law {
+    pub(crate) method: Method,
+    /// relMSE at one sample per pixel, times `spp^slope`.
+    pub(crate) scale: f64,
+    pub(crate) slope: f64,
+    /// Seconds per sample per pixel, and once.
+    pub(crate) seconds: f64,
+    pub(crate) overhead: f64,
+    /// Of ln error between seeds.
+    pub(crate) deviation: f64,
+    /// Chooses the errors of its seeds.
+    pub(crate) stream: u64,
+}
+
+impl Law {
+    pub(crate) fn new(sampler: &str, filter: &str) -> Self {
+        let method = Method::new(sampler, "sobol", filter);
+        let stream = method.sampler.bytes().chain(method.filter.bytes()).fold(7, |h, b| mix(h ^ u64::from(b)));
+        Self { method, scale: 1.0, slope: -1.0, seconds: 0.01, overhead: 0.0, deviation: 0.05, stream }
+    }
+
+    pub(crate) fn errors(self, scale: f64) -> Self {
+        Self { scale, ..self }
+    }
+
+    pub(crate) fn slope(self, slope: f64) -> Self {
+        Self { slope, ..self }
+    }
+
+    pub(crate) fn seconds(self, seconds: f64) -> Self {
+        Self { seconds, ..self }
+    }
+
+    pub(crate) fn overhead(self, overhead: f64) -> Self {
+        Self { overhead, ..self }
+    }
+
+    pub(crate) fn deviation(self, deviation: f64) -> Self {
+        Self { deviation, ..self }
+    }
+
+    /// A run: errors and seconds follow the law, the error apart from its seed's noise.
+    pub(crate) fn run(&self, scene: &str, budget: Budget, seed: u64, base: &Law) -> Run {
+        let spp = match budget {
+            Budget::Spp(spp) => spp as f64,
+            Budget::TimeOf(spp) => (base.cost(spp as f64) - self.overhead).max(0.2 * self.seconds) / self.seconds,
+        };
+        let of_budget = match budget {
+            Budget::Spp(spp) => spp,
+            Budget::TimeOf(spp) => 1000 + spp,
+        };
+        let place = scene.bytes().fold(self.stream ^ mix(seed) ^ of_budget, |h, b| mix(h ^ u64::from(b)));
+        let relmse = self.scale * spp.powf(self.slope) * (self.deviation * normal(place)).exp();
+        let filter = if self.method.filter == "none" { 0.0 } else { 0.25 * self.overhead };
+        let trace = spp * self.seconds;
+        let seconds = Phases {
+            load: 0.012,
+            bvh: 0.02,
+            cluster: 0.5 * self.overhead,
+            probe: 0.2 * self.overhead,
+            plan: 0.3 * self.overhead - filter,
+            trace,
+            filter,
+        };
+        Run {
+            scene: scene.into(),
+            method: self.method.clone(),
+            budget,
+            seed,
+            asked: (spp * 4096.0) as u64,
+            samples: (spp * 4096.0) as u64,
+            spp,
+            rays: (spp * 12288.0) as u64,
+            seconds,
+            render_s: seconds.render(),
+            cpu_s: None,
+            errors: errors(relmse),
+            corrected: true,
+            reference_limited: false,
+            predicted_relmse: (self.method.sampler != "uniform").then_some(1.1 * relmse),
+            rejected: 0,
+            load: Some(0.4),
+            fresh: false,
+            picture: None,
+            sample_map: None,
+            white: None,
+        }
+    }
+
+    fn cost(&self, spp: f64) -> f64 {
+        self.overhead + self.seconds * spp
+    }
+}
+
+pub(crate) fn errors(relmse: f64) -> Errors {
+    Errors {
+        mse: 0.3 * relmse,
+        relmse,
+        relmse_trimmed: 0.9 * relmse,
+        smape: relmse.sqrt().min(2.0),
+        psnr: -10.0 * (0.3 * relmse).log10(),
+        srgb8_mse: 900.0 * relmse,
+        flip: (0.5 * relmse.sqrt()).min(1.0),
+        mean_ratio: 1.0 + 0.01 * relmse,
+    }
+}
+
+/// A study's manifest and runs, whole; tests take away and change.
+#[derive(Clone)]
+pub(crate) struct Study {
+    pub(crate) manifest: Manifest,
+    pub(crate) runs: Vec<Run>,
+    pub(crate) size: [u32; 2],
+}
+
+impl Study {
+    /// The first law is the baseline.
+    pub(crate) fn new(scenes: &[&str], laws: &[Law], spp: &[u64], time_of: Option<u64>, seeds: u64) -> Self {
+        let size = [256, 160];
+        let manifest = Manifest {
+            version: "0.1.0".into(),
+            commit: Some("0123abc+".into()),
+            command: ["dapple", "study", "a scene.pbrt", "--spp", "4,8"].map(String::from).to_vec(),
+            began: "2026-11-21T12:00:00Z".into(),
+            machine: Machine { processor: Some("A & B <fast>".into()), threads: 2, system: "linux x86_64".into() },
+            scenes: scenes.iter().map(|name| scene(name, size)).collect(),
+            methods: laws.iter().map(|law| law.method.clone()).collect(),
+            baseline: laws[0].method.clone(),
+            spp: spp.to_vec(),
+            time_of,
+            seeds: (1..=seeds).collect(),
+            max_depth: None,
+            fresh: false,
+        };
+        let budgets = spp.iter().map(|&s| Budget::Spp(s)).chain(time_of.map(Budget::TimeOf));
+        let mut runs = Vec::new();
+        for scene in scenes {
+            for budget in budgets.clone() {
+                for seed in 1..=seeds {
+                    runs.extend(laws.iter().map(|law| law.run(scene, budget, seed, &laws[0])));
+                }
+            }
+        }
+        Self { manifest, runs, size }
+    }
+
+    /// Of pictures.
+    pub(crate) fn resized(mut self, size: [u32; 2]) -> Self {
+        self.size = size;
+        self.manifest.scenes.iter_mut().for_each(|scene| scene.resolution = size);
+        self
+    }
+
+    /// With pictures of the first seed whose noise is as large as the error says.
+    pub(crate) fn write(&mut self, folder: &Path, pictures: bool) {
+        if pictures {
+            self.write_pictures(folder);
+        }
+        let manifest = serde_json::to_vec_pretty(&self.manifest).unwrap();
+        std::fs::write(folder.join("study.json"), manifest).unwrap();
+        let lines: Vec<String> = self.runs.iter().map(|run| serde_json::to_string(run).unwrap() + "\n").collect();
+        std::fs::write(folder.join("runs.jsonl"), lines.concat()).unwrap();
+    }
+
+    fn write_pictures(&mut self, folder: &Path) {
+        for name in ["pictures", "references"] {
+            std::fs::create_dir_all(folder.join(name)).unwrap();
+        }
+        let size = self.size;
+        let exr = |pixels: Vec<[f32; 3]>| {
+            let picture = Picture::new(size, pixels).unwrap();
+            encode_exr(size, &[Layer::of_picture("", &picture)], &[]).unwrap().bytes
+        };
+        for scene in &self.manifest.scenes {
+            write_file(&folder.join(&scene.reference.file), &exr(truth(size))).unwrap();
+        }
+        let first = self.manifest.seeds[0];
+        // Of those that a page shows.
+        let last = Budget::Spp(self.manifest.spp.iter().copied().max().unwrap_or(0));
+        let shown = |run: &Run| run.seed == first && (run.budget == last || matches!(run.budget, Budget::TimeOf(_)));
+        for (index, run) in self.runs.iter_mut().enumerate().filter(|(_, run)| shown(run)) {
+            let noise = run.errors.relmse.sqrt();
+            // An adaptive method's noise lies elsewhere.
+            let shift = if run.method.sampler == "uniform" { 0 } else { size[0] / 3 };
+            let pixels = truth(size).into_iter().enumerate().map(|(i, p)| {
+                let column = (i as u32 + shift) % size[0];
+                let local = noise * (0.4 + 1.2 * f64::from(column) / f64::from(size[0]));
+                p.map(|v| {
+                    (f64::from(v) + f64::from(v + 0.1) * local * normal(mix((index * 100_000 + i) as u64))).max(0.0)
+                        as f32
+                })
+            });
+            let file = format!("pictures/{index}.exr");
+            write_file(&folder.join(&file), &exr(pixels.collect())).unwrap();
+            let counts: Vec<u8> = (0..size[0] * size[1]).map(|i| ((i % size[0]) * 255 / size[0]) as u8).collect();
+            let map = format!("pictures/{index}.png");
+            write_file(&folder.join(&map), &encode_png_gray(size, &counts).unwrap()).unwrap();
+            (run.picture, run.sample_map) = (Some(file), Some(map));
+            run.white = Some(2.0 * run.spp);
+        }
+    }
+}
+
+fn scene(name: &str, size: [u32; 2]) -> SceneRecord {
+    SceneRecord {
+        name: name.into(),
+        source: format!("bundled {name}"),
+        resolution: size,
+        reference: Reference {
+            file: format!("references/{name}.exr"),
+            spp: Some(65536),
+            points: Some("random".into()),
+            seeds: Some([901, 902]),
+            relmse: Some(1.5e-6),
+            hash: "0123456789abcdef0123456789abcdef".into(),
+        },
+    }
+}
+
+/// A ball over a chequered floor, of a sort.
+fn truth([width, height]: [u32; 2]) -> Vec<[f32; 3]> {
+    let at = |i: u32| {
+        let [x, y] = [(i % width) as f32 / width as f32, (i / width) as f32 / height as f32];
+        let [dx, dy] = [(x - 0.5) * width as f32 / height as f32, y - 0.45];
+        let r2 = (dx * dx + dy * dy) / 0.09;
+        if r2 < 1.0 {
+            let light = (0.3 + 0.7 * ((1.0 - r2).sqrt() - dx - dy)).clamp(0.03, 1.0);
+            [0.8 * light, 0.35 * light, 0.2 * light]
+        } else if y > 0.6 {
+            let dark = ((x * 12.0 / (0.2 + y)) as u32 + (6.0 / (y - 0.45)) as u32).is_multiple_of(2);
+            [if dark { 0.08 } else { 0.6 }; 3]
+        } else {
+            [0.25 + 0.3 * y, 0.35 + 0.3 * y, 0.6]
+        }
+    };
+    (0..width * height).map(at).collect()
+}
+
+pub(crate) fn mix(x: u64) -> u64 {
+    let x = (x ^ (x >> 30)).wrapping_add(0x9e37_79b9_7f4a_7c15).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    let x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    x ^ (x >> 31)
+}
+
+/// Nearly normal: the sum of twelve uniform numbers less 6.
+pub(crate) fn normal(place: u64) -> f64 {
+    (0..12).map(|i| mix(mix(place) ^ (i << 40)) as f64 / u64::MAX as f64).sum::<f64>() - 6.0
+}
+
+/// Two scenes, two samplers, two filters: a study as one would run it.
+pub(crate) fn example() -> Study {
+    let laws = [
+        Law::new("uniform", "none").slope(-1.2),
+        Law::new("uniform", "cluster-gaussian").slope(-0.9).errors(0.35).overhead(0.02),
+        Law::new("mitchell", "none").slope(-1.2).errors(1.15).seconds(0.011),
+        Law::new("mitchell", "cluster-gaussian").slope(-0.95).errors(0.42).seconds(0.011).overhead(0.02),
+        Law::new("cluster", "none").slope(-1.22).errors(0.85).overhead(0.05),
+        Law::new("cluster", "cluster-gaussian").slope(-0.95).errors(0.25).overhead(0.06),
+    ];
+    Study::new(&["cornell-box", "teapot"], &laws, &[4, 8, 16, 32, 64], Some(32), 8)
+}
