@@ -70,12 +70,14 @@ fn a_forecast_is_not_hidden_by_its_own_error() {
     }
     // Mean 1, variance 9.
     let truth = 9.0 / SPP as f64 / 1.01;
+    // What the level scatters adds some 3 * 9 / 144 = .19 to the mean of its inverse square; that the pixel is one of nine
+    // takes some away again.
     let ratio = film.predicted_relmse().expect("halves") / truth;
-    assert!((0.8..1.1).contains(&ratio), "{ratio}");
+    assert!((0.9..1.2).contains(&ratio), "{ratio}");
     // Negative control: with the pixel's own mean for the truth.
     let own: f64 = (0..frame.pixels())
         .map(|i| film.squared_error(i).expect("halves")[0] / (film.mean(i)[0] * film.mean(i)[0] + 0.01))
         .sum();
     let ratio = own / frame.pixels() as f64 / truth;
-    assert!(!(0.8..1.1).contains(&ratio), "{ratio}");
+    assert!(!(0.9..1.2).contains(&ratio), "{ratio}");
 }
