@@ -68,8 +68,9 @@ pub(crate) fn run_one() -> Result<Outcome> {
     let _stop = Stop::listen()?;
     let mut words = String::new();
     std::io::stdin().read_to_string(&mut words).map_err(|e| Failure::new(format!("cannot read the run: {e}")))?;
-    let job: Job = serde_json::from_str(&words)
-        .map_err(|e| Failure::new(format!("this is no run ({e}): dapple study gives them, and calls this by itself")))?;
+    let job: Job = serde_json::from_str(&words).map_err(|e| {
+        Failure::new(format!("this is no run ({e}): dapple study gives them, and calls this by itself"))
+    })?;
     start_threads(u16::try_from(job.threads).unwrap_or(0))?;
     let run = InProcess::fresh(cpu_seconds).run(&job).map_err(|e| Failure::lines(&e))?;
     tell(serde_json::to_string(&run).map_err(Failure::new)?)?;

@@ -95,7 +95,9 @@ impl Ledger {
         let refuse = |source: io::Error, kept: usize| StudyError::File {
             path: self.path.clone(),
             action: "write down a finished run",
-            kept: format!("the {kept} runs before it are kept: mend that (is the disk full?) and give the same command again"),
+            kept: format!(
+                "the {kept} runs before it are kept: mend that (is the disk full?) and give the same command again"
+            ),
             source,
         };
         let mut line = serde_json::to_vec(&run).map_err(|e| refuse(e.into(), self.runs.len()))?;
@@ -116,7 +118,8 @@ fn parse(bytes: &[u8], path: &Path) -> Result<Vec<Run>, StudyError> {
     for (number, line) in bytes.split(|b| *b == b'\n').enumerate().filter(|(_, line)| !line.is_empty()) {
         let refuse = |why: String| StudyError::Line { file: path.to_owned(), line: number + 1, why };
         let run: Run = serde_json::from_slice(line).map_err(|e| refuse(format!("this is no run: {e}")))?;
-        let same = |r: &Run| r.scene == run.scene && r.method == run.method && r.budget == run.budget && r.seed == run.seed;
+        let same =
+            |r: &Run| r.scene == run.scene && r.method == run.method && r.budget == run.budget && r.seed == run.seed;
         if let Some(at) = runs.iter().position(same) {
             return Err(refuse(format!("this run is the {}th line's again", at + 1)));
         }

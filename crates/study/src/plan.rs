@@ -220,14 +220,19 @@ impl Draft {
             Some(n) if spp.contains(&n) => Some(n),
             Some(n) => {
                 let known = list(&spp);
-                let what = format!("{n} is none of the spp ({known}): the baseline's time is known for those only; 0 leaves equal-time runs out");
+                let what = format!(
+                    "{n} is none of the spp ({known}): the baseline's time is known for those only; 0 leaves equal-time runs out"
+                );
                 return Err(PlanError::new("time_of", what));
             }
             None => Some(spp[spp.len().saturating_sub(2)]),
         };
         let reference_spp = self.reference_spp.unwrap_or(DEFAULT_REFERENCE_SPP);
         if !(2..=1 << 32).contains(&reference_spp) {
-            return Err(PlanError::new("reference_spp", format!("{reference_spp}: from 2 to 2^32 are wanted, half of them for each half of the reference")));
+            return Err(PlanError::new(
+                "reference_spp",
+                format!("{reference_spp}: from 2 to 2^32 are wanted, half of them for each half of the reference"),
+            ));
         }
         if let Some([w, h]) = self.resolution {
             dapple_core::Frame::new(w, h).map_err(|e| PlanError::new("resolution", e))?;
@@ -276,7 +281,11 @@ fn check_method(method: &Method, spp: u64) -> Result<(), PlanError> {
 }
 
 fn filled<T>(key: &str, list: &[T]) -> Result<(), PlanError> {
-    if list.is_empty() { Err(PlanError::new(key, "the list is empty: leave it out to have the default")) } else { Ok(()) }
+    if list.is_empty() {
+        Err(PlanError::new(key, "the list is empty: leave it out to have the default"))
+    } else {
+        Ok(())
+    }
 }
 
 fn ascending(key: &str, mut spp: Vec<u64>) -> Result<Vec<u64>, PlanError> {

@@ -106,7 +106,11 @@ fn depth(subject: &Subject) -> String {
 }
 
 /// Finds the reference, or renders it, and says what its own variance is; `None` where `watch` said stop.
-pub(crate) fn obtain(wanted: Wanted, subject: &Subject, watch: &mut dyn Watch) -> Result<Option<Reference>, StudyError> {
+pub(crate) fn obtain(
+    wanted: Wanted,
+    subject: &Subject,
+    watch: &mut dyn Watch,
+) -> Result<Option<Reference>, StudyError> {
     let (mut record, path) = match wanted {
         Wanted::File(record) => return Ok(Some(record)),
         Wanted::Rendered { record, path } => (record, path),
@@ -166,7 +170,9 @@ fn given(plan: &Plan, file: &Path, subject: &Subject) -> Result<Reference, Study
     let refuse = |why: String| StudyError::Reference { file: file.to_owned(), scene: subject.view.name.clone(), why };
     let ([w, h], [rw, rh]) = (subject.view.resolution, truth.size);
     if [w, h] != [rw, rh] {
-        return Err(refuse(format!("it is {rw}x{rh}, and the study {w}x{h}: leave the resolution out, or render the reference at the study's")));
+        return Err(refuse(format!(
+            "it is {rw}x{rh}, and the study {w}x{h}: leave the resolution out, or render the reference at the study's"
+        )));
     }
     if let Some(at) = truth.mean.iter().position(|p| !p.iter().all(|v| v.is_finite())) {
         let (x, y) = (at % rw as usize, at / rw as usize);
@@ -193,7 +199,11 @@ fn differences(plan: &Plan, about: &About, subject: &Subject) -> Option<String> 
     let depth = depth(subject);
     let scene = &subject.scene.name;
     let expected = [
-        ("study-scene", subject.content.hex(), "the scene's files have other contents now: leave the reference out to have one rendered"),
+        (
+            "study-scene",
+            subject.content.hex(),
+            "the scene's files have other contents now: leave the reference out to have one rendered",
+        ),
         ("study-max-depth", depth.clone(), "render it with the study's depth, or give the study its depth"),
         ("scene", scene.clone(), "it shows another scene"),
         ("max-depth", depth, "render it with the study's depth, or give the study its depth"),

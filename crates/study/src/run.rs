@@ -108,7 +108,8 @@ impl Runner for InProcess {
         if let Some(stem) = &job.picture {
             let file = |extension: &str| job.folder.join(format!("{stem}.{extension}"));
             if let Some(folder) = file("exr").parent() {
-                std::fs::create_dir_all(folder).map_err(|e| StudyError::file(folder, "make the folder of pictures", e))?;
+                std::fs::create_dir_all(folder)
+                    .map_err(|e| StudyError::file(folder, "make the folder of pictures", e))?;
             }
             let filtered = &shot.filtered;
             let picture = Layer::of_picture("", &Picture::new(filtered.size, filtered.radiance.clone())?);
@@ -209,4 +210,3 @@ pub(crate) fn picture_stem(scene: &str, budget: Budget, number: usize) -> String
     };
     format!("pictures/{}/{budget}-{number:02}", file_name(scene))
 }
-

@@ -2,9 +2,7 @@
 
 use crate::digest::Digest;
 use crate::{Errors, StudyError};
-use dapple_metrics::{
-    NoisyReference, PIXELS_PER_DEGREE, Pixels, RELATIVE_EPSILON, compare, compare_corrected, flip,
-};
+use dapple_metrics::{NoisyReference, PIXELS_PER_DEGREE, Pixels, RELATIVE_EPSILON, compare, compare_corrected, flip};
 use dapple_renderer::image::{Channels, Encoding, Plane, read_attributes, read_channels, read_picture};
 use std::path::Path;
 

@@ -52,7 +52,8 @@ fn a_reference_is_rendered_once() {
     let relmse = first.relmse.expect("its own variance is known");
     assert!((1e-7..1e-1).contains(&relmse), "{relmse}");
     // Another study's methods, seeds and budgets do not matter.
-    let other = Draft { spp: Some(vec![2]), seeds: Some(vec![9]), filters: Some(vec!["gaussian".into()]), ..place.draft() };
+    let other =
+        Draft { spp: Some(vec![2]), seeds: Some(vec![9]), filters: Some(vec!["gaussian".into()]), ..place.draft() };
     let (second, rendered) = place.reference(other, "b");
     assert_eq!((second, rendered), (first.clone(), false));
     let bytes = std::fs::read(&first.file).unwrap();

@@ -86,7 +86,8 @@ fn real_runs_are_the_same_after_a_stop() {
 #[test]
 fn runs_of_equal_time_take_the_time_of_the_baseline() {
     let place = Place::new();
-    let draft = Draft { filters: Some(vec!["none".into(), "gaussian".into()]), spp: Some(vec![8, 16, 32]), ..place.draft() };
+    let draft =
+        Draft { filters: Some(vec!["none".into(), "gaussian".into()]), spp: Some(vec![8, 16, 32]), ..place.draft() };
     let study = place.study(draft.resolve().unwrap(), "study", &mut Fake::default());
     let equal: Vec<&Run> = study.runs().iter().filter(|r| r.budget == Budget::TimeOf(16)).collect();
     assert_eq!(equal.len(), 4 * 2);
@@ -156,11 +157,17 @@ fn another_plan_in_the_folder_is_refused_with_the_difference() {
     let changes: [(Draft, &str); 8] = [
         (Draft { spp: Some(vec![4, 16]), ..Draft::default() }, "spp is 4 8 there and 4 16 here"),
         (Draft { seeds: Some(vec![1]), ..Draft::default() }, "seeds is 1 2 there and 1 here"),
-        (Draft { filters: Some(vec!["gaussian".into()]), ..Draft::default() }, "methods is uniform/sobol/none variance/sobol/none there and uniform/sobol/none uniform/sobol/gaussian"),
+        (
+            Draft { filters: Some(vec!["gaussian".into()]), ..Draft::default() },
+            "methods is uniform/sobol/none variance/sobol/none there and uniform/sobol/none uniform/sobol/gaussian",
+        ),
         (Draft { time_of: Some(0), ..Draft::default() }, "time_of is 4 there and none here"),
         (Draft { resolution: Some([8, 9]), ..Draft::default() }, "scene tiny.resolution is 8 8 there and 8 9 here"),
         (Draft { reference_spp: Some(32), ..Draft::default() }, "scene tiny.reference.spp is 16 there and 32 here"),
-        (Draft { scenes: Some(vec![ScenePlan { name: Some("other".into()), ..tiny() }]), ..Draft::default() }, "name is tiny there and other here"),
+        (
+            Draft { scenes: Some(vec![ScenePlan { name: Some("other".into()), ..tiny() }]), ..Draft::default() },
+            "name is tiny there and other here",
+        ),
         (Draft { fresh: Some(true), ..Draft::default() }, "fresh is false there and true here"),
     ];
     for (change, message) in changes {

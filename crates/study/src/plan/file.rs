@@ -43,7 +43,10 @@ struct SceneKeys {
 }
 
 #[derive(Deserialize)]
-#[serde(untagged, expecting = "a method: \"SAMPLER/POINTS/FILTER\", or { sampler = \"…\", points = \"…\", filter = \"…\" }")]
+#[serde(
+    untagged,
+    expecting = "a method: \"SAMPLER/POINTS/FILTER\", or { sampler = \"…\", points = \"…\", filter = \"…\" }"
+)]
 enum MethodKeys {
     Words(String),
     Keys(MethodTable),
@@ -213,7 +216,10 @@ mod tests {
             ("spp = []", ":1: spp: the list is empty"),
             ("ssp = [8]", ":1: ssp: unknown field `ssp`, expected one of `scenes`, `samplers`"),
             ("spp = [8", ":1: spp: "),
-            ("samplers = [\n  \"uniform\",\n  \"nonesuch\",\n]", ":3: samplers: there is no sampler \"nonesuch\": there are variance, "),
+            (
+                "samplers = [\n  \"uniform\",\n  \"nonesuch\",\n]",
+                ":3: samplers: there is no sampler \"nonesuch\": there are variance, ",
+            ),
             ("filters = [\"nonesuch\"]", ":1: filters: there is no filter \"nonesuch\": there are none, "),
             ("points = [\"nonesuch\"]", ":1: points: there is no point set \"nonesuch\": there are sobol, "),
             ("samplers = [\"mitchell:nonesuch=2\"]", ":1: samplers: mitchell: there is no parameter \"nonesuch\""),

@@ -1,6 +1,7 @@
 //! `study.json`: how a study was made, and whether another one is the same.
 
-use crate::{Machine, Manifest, Plan, SceneRecord, StudyError};
+use crate::{Machine, Manifest, Method, Plan, SceneRecord, StudyError};
+use serde::Deserialize;
 use serde_json::Value;
 use std::path::Path;
 use std::time::{SystemTime, UNIX_EPOCH};
@@ -124,9 +125,10 @@ fn words(value: &Value) -> String {
         Value::String(text) => text.clone(),
         Value::Array(list) if list.is_empty() => "none".into(),
         Value::Array(list) => list.iter().map(words).collect::<Vec<_>>().join(" "),
-        Value::Object(all) => match all.get("name") {
-            Some(name) => words(name),
-            None => all.values().map(words).collect::<Vec<_>>().join("/"),
+        Value::Object(all) => match (all.get("name"), Method::deserialize(value)) {
+            (Some(name), _) => words(name),
+            (None, Ok(method)) => method.to_string(),
+            (None, Err(_)) => value.to_string(),
         },
         other => other.to_string(),
     }
