@@ -59,7 +59,8 @@ fn a_study_is_made_with_one_command() {
     // Another study is refused.
     let said = folder.run(&format!("study tiny.pbrt {SMALL} --filters none -o s"));
     assert_eq!(said.status, Some(1));
-    assert!(said.err.contains("the folder holds another study: methods is "), "{}", said.err);
+    assert!(said.err.contains("\nerror: methods: uniform/sobol/none uniform/sobol/gaussian "), "{}", said.err);
+    assert!(said.err.contains("the folder holds another study; choose another folder"), "{}", said.err);
     assert_eq!(folder.read("s/runs.jsonl"), before);
 }
 
