@@ -210,6 +210,21 @@ impl Surface {
         Ok(Self { kind, relief, bumped, textured, anisotropic, several_lobes, black, transmits, interface, mixes })
     }
 
+    /// Whether it scatters as Lambert says, with one colour, and is not tilted.
+    pub(crate) fn is_plain(&self) -> bool {
+        matches!(self.kind, Kind::Diffuse(Color::Constant(_))) && !self.bumped
+    }
+
+    /// The scattering where it [is plain](Self::is_plain); black where it is not.
+    #[inline(always)]
+    pub(crate) fn plain(&self) -> Bsdf<'_> {
+        let reflectance = match self.kind {
+            Kind::Diffuse(Color::Constant(rgb)) => Vec3::from_array(rgb),
+            _ => Vec3::ZERO,
+        };
+        Bsdf::Diffuse { reflectance }
+    }
+
     /// The scattering at a point with these texture coordinates. A mix, which has none before it is resolved, and an
     /// interface, which never has, scatter nothing.
     #[inline(always)]

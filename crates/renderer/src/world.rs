@@ -17,7 +17,7 @@ use crate::material::Surface;
 use crate::medium::Media;
 use crate::pixel_filter::FilterSampler;
 use crate::scene::{MediumInterface, Scalar, Scene};
-use crate::shading::Frame;
+use crate::shading::{Bsdf, Frame};
 use crate::space::Space;
 use crate::texture::Textures;
 use dapple_geometry::{Geometry, Hit, Ray, Shape, SurfacePoint};
@@ -200,6 +200,23 @@ impl World {
         Some(Interaction { part, hit, point, shading_normal, time })
     }
 
+    /// The same in a world that is not [varied](Self::is_varied).
+    #[inline(always)]
+    pub(crate) fn closest_plain(&self, ray: &Ray) -> Option<Interaction<'_>> {
+        let hit = self.geometry.closest(ray)?;
+        let part = self.parts.get(hit.shape as usize)?;
+        let mut point = self.geometry.surface(ray, &hit);
+        point.normal *= part.flip;
+        Some(Interaction { part, hit, point, shading_normal: point.normal, time: 0.0 })
+    }
+
+    /// Whether there is more than surfaces of one colour each that scatter as Lambert says, as flat as they are.
+    pub(crate) fn is_varied(&self) -> bool {
+        !self.object_parts.is_empty()
+            || self.parts.iter().any(|part| !part.normals.is_empty())
+            || !self.surfaces.iter().all(Surface::is_plain)
+    }
+
     /// Whether light passes any surface.
     pub(crate) fn has_clear_surfaces(&self) -> bool {
         self.clear
@@ -246,6 +263,13 @@ impl World {
         let [a, b, c] = mesh.triangles()[at.hit.primitive as usize].map(|v| at.part.uvs[v as usize]);
         let u = 1.0 - v - w;
         [u * a[0] + v * b[0] + w * c[0], u * a[1] + v * b[1] + w * c[1]]
+    }
+
+    /// The scattering at a hit.
+    #[inline(always)]
+    pub(crate) fn bsdf<'s>(&self, at: &Interaction<'_>, surface: &'s Surface) -> Bsdf<'s> {
+        let uv = if surface.textured { self.uv(at) } else { [0.0; 2] };
+        surface.bsdf(&self.textures, uv)
     }
 
     /// The shading frame of a hit; its x axis follows u where the material asks for it.

@@ -11,14 +11,15 @@ use support::*;
 
 const SIZE: [u32; 2] = [24, 16];
 const SPP: u64 = 2;
-const CODES: [(&str, u32); 7] = [
+const CODES: [(&str, u32); 8] = [
     ("none", 0),
     ("several", code::SEVERAL),
     ("sky", code::SKY),
     ("deep", code::DEEP),
     ("clear", code::CLEAR),
     ("rare", code::RARE),
-    ("all", code::SEVERAL | code::SKY | code::DEEP | code::CLEAR | code::RARE),
+    ("varied", code::VARIED),
+    ("all", code::SEVERAL | code::SKY | code::DEEP | code::CLEAR | code::RARE | code::VARIED),
 ];
 
 /// The picture's bits, blocks asked for, rays cast.

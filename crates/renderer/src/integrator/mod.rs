@@ -25,6 +25,8 @@ pub mod code {
     /// What few scenes have: media, holes by alpha, interfaces, mixed materials, and things that move. Among
     /// themselves these are told apart at run time, by a predictable branch each.
     pub const RARE: u32 = 16;
+    /// Surfaces other than Lambert's of one colour, normals at vertices, and instances.
+    pub const VARIED: u32 = 32;
 }
 
 /// The integrator that a world calls for: path tracing without the code of effects that it does not
@@ -40,13 +42,14 @@ pub fn integrator(world: &World) -> Box<dyn Integrator + '_> {
 /// The same with the code of effects that the world does not call for, as bits of [`code`]: to measure what they
 /// cost, and to show that they change nothing.
 pub fn integrator_with(world: &World, idle: u32) -> Box<dyn Integrator + '_> {
-    use code::{CLEAR, DEEP, RARE, SEVERAL, SKY};
+    use code::{CLEAR, DEEP, RARE, SEVERAL, SKY, VARIED};
     let bit = |has: bool, bit: u32| if has { bit } else { 0 };
     let called = bit(world.lights.len() > 1, SEVERAL)
         | bit(world.lights.has_sky(), SKY)
         | bit(world.max_depth > path::ROULETTE_FROM, DEEP)
         | bit(world.has_clear_surfaces(), CLEAR)
-        | bit(world.is_rare(), RARE);
+        | bit(world.is_rare(), RARE)
+        | bit(world.is_varied(), VARIED);
     let wanted = called | idle;
     macro_rules! specialise {
         ($lens:ty, $always:expr, [$($bits:expr),*]) => {
@@ -56,33 +59,26 @@ pub fn integrator_with(world: &World, idle: u32) -> Box<dyn Integrator + '_> {
             }
         };
     }
-    // Lenses are rarer than glass: fewer forms of their own.
+    // Each form takes seconds to compile. So lenses, which are rarer than glass, and glass, whose paths are long, have
+    // fewer.
     if wanted & RARE != 0 || world.camera.is_general() {
-        specialise!(General, CLEAR | RARE | DEEP, [0, SEVERAL, SKY, SEVERAL | SKY])
+        specialise!(General, CLEAR | RARE | DEEP | VARIED, [0, SEVERAL, SKY, SEVERAL | SKY])
     } else if world.camera.has_lens() {
-        specialise!(ThinLens, CLEAR | DEEP, [0, SEVERAL, SKY, SEVERAL | SKY])
-    } else {
+        specialise!(ThinLens, CLEAR | DEEP | VARIED, [0, SEVERAL, SKY, SEVERAL | SKY])
+    } else if wanted & CLEAR != 0 {
+        specialise!(Pinhole, CLEAR | DEEP | VARIED, [0, SEVERAL, SKY, SEVERAL | SKY])
+    } else if wanted & (VARIED | SKY) != 0 {
         specialise!(
             Pinhole,
-            0,
-            [
-                0,
-                SEVERAL,
-                SKY,
-                SEVERAL | SKY,
-                DEEP,
-                DEEP | SEVERAL,
-                DEEP | SKY,
-                DEEP | SEVERAL | SKY,
-                CLEAR,
-                CLEAR | SEVERAL,
-                CLEAR | SKY,
-                CLEAR | SEVERAL | SKY,
-                CLEAR | DEEP,
-                CLEAR | DEEP | SEVERAL,
-                CLEAR | DEEP | SKY,
-                CLEAR | DEEP | SEVERAL | SKY
-            ]
+            VARIED,
+            [0, SEVERAL, SKY, SEVERAL | SKY, DEEP, DEEP | SEVERAL, DEEP | SKY, DEEP | SEVERAL | SKY]
         )
+    } else {
+        match wanted {
+            0 => Box::new(PathTracer::<Pinhole, 0>::new(world)),
+            SEVERAL => Box::new(PathTracer::<Pinhole, SEVERAL>::new(world)),
+            DEEP => Box::new(PathTracer::<Pinhole, DEEP>::new(world)),
+            _ => Box::new(PathTracer::<Pinhole, { SEVERAL | DEEP }>::new(world)),
+        }
     }
 }

@@ -3,7 +3,7 @@
 
 #![allow(clippy::neg_cmp_op_on_partial_ord, reason = "a survival that is no number ends the path")]
 
-use super::code::{CLEAR, DEEP, RARE, SEVERAL, SKY};
+use super::code::{CLEAR, DEEP, RARE, SEVERAL, SKY, VARIED};
 use super::passage::{Met, Way, beyond, shadow_ray};
 use super::report::report;
 use crate::World;
@@ -75,10 +75,14 @@ impl<'w, L: Lens, const E: u32> PathTracer<'w, L, E> {
         Path { ray, throughput, radiance, last: None, rays: 0, spread: 1.0, segments: 0, medium, time }
     }
 
-    /// The closest hit of the path's ray.
+    /// The closest hit of a ray.
     #[inline(always)]
-    fn closest(&self, path: &Path) -> Option<Interaction<'w>> {
-        if E & RARE != 0 { self.world.closest_at(&path.ray, path.time) } else { self.world.closest(&path.ray) }
+    fn closest(&self, ray: &Ray, time: f32) -> Option<Interaction<'w>> {
+        match E & (RARE | VARIED) {
+            0 => self.world.closest_plain(ray),
+            VARIED => self.world.closest(ray),
+            _ => self.world.closest_at(ray, time),
+        }
     }
 
     /// Light that a hit lamp gives off towards the ray's origin, weighted against light sampling.
@@ -150,13 +154,13 @@ impl<'w, L: Lens, const E: u32> PathTracer<'w, L, E> {
         if surface.black {
             return false;
         }
-        let uv = if surface.textured { world.uv(at) } else { [0.0; 2] };
-        let bsdf = surface.bsdf(&world.textures, uv);
-        let frame = world.frame(at, surface);
+        let varied = E & VARIED != 0;
+        let bsdf = if varied { world.bsdf(at, surface) } else { surface.plain() };
+        let frame = if varied { world.frame(at, surface) } else { Frame::from_normal(at.point.normal) };
         let wo = bsdf.local(&frame, -path.ray.direction);
         let outside = -at.point.normal.dot(path.ray.direction);
         let roulette = E & DEEP != 0 && vertex >= ROULETTE_FROM;
-        let chooses = E & SEVERAL != 0 && world.lights.len() > 1 || surface.several_lobes || roulette;
+        let chooses = E & SEVERAL != 0 && world.lights.len() > 1 || varied && surface.several_lobes || roulette;
         let choices = if chooses { draws.block(blocks::choose(vertex)) } else { [0.0; 4] };
         let u = draws.block(blocks::scatter(vertex));
         if !bsdf.is_specular() && !world.lights.is_empty() {
@@ -201,11 +205,14 @@ impl<'w, L: Lens, const E: u32> PathTracer<'w, L, E> {
 impl<L: Lens, const E: u32> Integrator for PathTracer<'_, L, E> {
     fn estimate(&self, draws: &Draws<'_>, _: &mut Observed) -> Estimate {
         let mut path = self.begin(draws);
-        let mut first_hit = None;
+        // Filled in where it is returned: a first hit takes more to move than to leave out.
+        let mut estimate = Estimate { radiance: [0.0; 3], first_hit: None, cost: 0 };
         let mut vertex = 0;
         loop {
             path.rays += 1;
-            let found = self.closest(&path);
+            // A copy to point at: a path that is pointed at would live in memory, not in registers.
+            let ray = path.ray;
+            let found = self.closest(&ray, path.time);
             if E & RARE != 0 {
                 path.segments += 1;
                 if path.medium != NO_MEDIUM {
@@ -236,14 +243,16 @@ impl<L: Lens, const E: u32> Integrator for PathTracer<'_, L, E> {
             if at.part.light != NO_LIGHT {
                 path.radiance += path.throughput * self.emitted(&path, &at);
             }
-            if vertex == 0 && first_hit.is_none() && draws.wants_first_hit() {
-                first_hit = Some(report(self.world, &path.ray, &at, surface));
+            if vertex == 0 && draws.wants_first_hit() {
+                estimate.first_hit = Some(report(self.world, ray, at, surface));
             }
             if vertex >= self.world.max_depth || !self.scatter(draws, &mut path, &at, surface, vertex) {
                 break;
             }
             vertex += 1;
         }
-        Estimate { radiance: path.radiance.to_array(), first_hit, cost: path.rays }
+        estimate.radiance = path.radiance.to_array();
+        estimate.cost = path.rays;
+        estimate
     }
 }

@@ -6,13 +6,12 @@ use crate::world::{Interaction, NO_LIGHT};
 use dapple_core::FirstHit;
 use dapple_geometry::Ray;
 
-/// Outlined: most renders ask for no first hits.
+/// Outlined, since most renders ask for no first hits; by value, so that the caller's stay in registers.
 #[inline(never)]
-pub(super) fn report(world: &World, ray: &Ray, at: &Interaction<'_>, surface: &Surface) -> FirstHit {
-    let uv = if surface.textured { world.uv(at) } else { [0.0; 2] };
-    let bsdf = surface.bsdf(&world.textures, uv);
+pub(super) fn report(world: &World, ray: Ray, at: Interaction<'_>, surface: &Surface) -> FirstHit {
+    let bsdf = world.bsdf(&at, surface);
     let side = if at.point.normal.dot(ray.direction) > 0.0 { -1.0 } else { 1.0 };
-    let shading = world.frame(at, surface).normal;
+    let shading = world.frame(&at, surface).normal;
     let shines = at.part.light != NO_LIGHT;
     let depth = (at.point.position - ray.origin).length();
     FirstHit {

@@ -1,0 +1,173 @@
+//! Quality as criterion tracks speed: the error at an equal budget, and the time to a given error, of each sampler.
+//!
+//! ```sh
+//! RAYON_NUM_THREADS=1 cargo bench --bench quality -- --save-baseline before
+//! RAYON_NUM_THREADS=1 cargo bench --bench quality -- --baseline before
+//! ```
+//!
+//! Each iteration renders with a seed of its own, so that criterion sees how errors scatter and reports as a regression
+//! only what exceeds that. `relMSE` is squared error over squared reference + 0.01, the mean over iterations; the reference
+//! is of independent points and other seeds, made when the bench starts.
+
+use criterion::measurement::{Measurement, ValueFormatter, WallTime};
+use criterion::{BenchmarkGroup, Criterion, SamplingMode, Throughput};
+use dapple::core::{Frame, Limits, Needs, NoWatch, render};
+use dapple::metrics::{Pixels, compare};
+use dapple::renderer::registry::{self, Setting};
+use dapple::renderer::{Stage, World, bundled, integrator};
+use std::cell::Cell;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+const SCENES: [&str; 2] = ["cornell", "teapot"];
+const SAMPLERS: [&str; 4] = ["uniform", "variance", "mitchell", "cluster-thesis"];
+/// Of the reference; the benches' begin at 1.
+const REFERENCE_SEED: u64 = 1 << 32;
+
+/// An error instead of a time. Criterion plans its iterations in nanoseconds, so an error counts as so many of them that
+/// one iteration is always enough.
+struct RelMse;
+
+const SCALE: f64 = 1e12;
+
+impl Measurement for RelMse {
+    type Intermediate = ();
+    type Value = f64;
+
+    fn start(&self) {}
+
+    fn end(&self, (): ()) -> f64 {
+        0.0
+    }
+
+    fn add(&self, a: &f64, b: &f64) -> f64 {
+        a + b
+    }
+
+    fn zero(&self) -> f64 {
+        0.0
+    }
+
+    fn to_f64(&self, value: &f64) -> f64 {
+        value * SCALE
+    }
+
+    fn formatter(&self) -> &dyn ValueFormatter {
+        &RelMse
+    }
+}
+
+impl ValueFormatter for RelMse {
+    fn scale_values(&self, _: f64, values: &mut [f64]) -> &'static str {
+        values.iter_mut().for_each(|value| *value *= 1e3 / SCALE);
+        "e-3 relMSE"
+    }
+
+    fn scale_throughputs(&self, typical: f64, _: &Throughput, values: &mut [f64]) -> &'static str {
+        self.scale_values(typical, values)
+    }
+
+    fn scale_for_machines(&self, values: &mut [f64]) -> &'static str {
+        values.iter_mut().for_each(|value| *value /= SCALE);
+        "relMSE"
+    }
+}
+
+/// A scene with its reference.
+struct Course {
+    world: Arc<World>,
+    side: u32,
+    reference: Vec<[f32; 3]>,
+    /// Fresh for each render.
+    seed: Cell<u64>,
+}
+
+impl Course {
+    fn new(name: &str) -> Self {
+        // With `--test`, everything once and small.
+        let (side, spp) = if std::env::args().any(|word| word == "--test") { (16, 64) } else { (64, 2048) };
+        let scene = bundled::files(name).and_then(|bundle| bundle.read().ok()).expect("a bundled scene");
+        let world = Arc::new(World::with_resolution(&scene, [side; 2]).expect("a sound scene"));
+        let mut course = Self { world, side, reference: Vec::new(), seed: Cell::new(REFERENCE_SEED) };
+        course.reference = course.render("uniform", "random", spp).0;
+        course.seed.set(1);
+        course
+    }
+
+    /// A picture and the seconds it took, clusters and planning included.
+    fn render(&self, sampler: &str, points: &str, spp: u64) -> (Vec<[f32; 3]>, f64) {
+        let seed = self.seed.replace(self.seed.get() + 1);
+        let clock = Instant::now();
+        let points = registry::points(points, Setting { seed, spp: Some(spp) }).expect("points");
+        let mut sampler = registry::sampler(sampler, points, &Stage::new(self.world.clone())).expect("a sampler");
+        let frame = Frame::new(self.side, self.side).expect("a frame");
+        let limits = Limits::samples(spp * frame.pixels() as u64);
+        let film = render(&mut *integrator(&self.world), &mut *sampler, Needs::none(), frame, &limits, &mut NoWatch);
+        (film.expect("a film").picture(), clock.elapsed().as_secs_f64())
+    }
+
+    /// relMSE and seconds.
+    fn run(&self, sampler: &str, spp: u64) -> [f64; 2] {
+        let (picture, seconds) = self.render(sampler, "sobol", spp);
+        let pixels = |values| Pixels::new([self.side; 2], values).expect("pixels");
+        let found = compare(pixels(&picture), pixels(&self.reference)).expect("two pictures of a size");
+        [found.rel_mse, seconds]
+    }
+
+    /// Seconds until the error is down to `target`: budgets are doubled until it is, and between the last two both are
+    /// taken to be powers of the budget. Infinite budgets are not tried: 2^12 samples per pixel are where it ends.
+    fn seconds_to(&self, sampler: &str, target: f64) -> f64 {
+        let mut last: Option<[f64; 2]> = None;
+        for power in 2..=12 {
+            let [error, seconds] = self.run(sampler, 1 << power);
+            if error <= target {
+                let Some([before, took]) = last else { return seconds };
+                let share = (before / target).ln() / (before / error).ln();
+                return took * (seconds / took).powf(share);
+            }
+            last = Some([error, seconds]);
+        }
+        last.map_or(0.0, |[error, seconds]| seconds * error / target)
+    }
+}
+
+/// Ten iterations, whatever they take.
+fn few<M: Measurement>(group: &mut BenchmarkGroup<'_, M>) {
+    let instant = Duration::from_nanos(1);
+    group.sample_size(10).sampling_mode(SamplingMode::Flat).warm_up_time(instant).measurement_time(instant);
+}
+
+fn main() {
+    let courses = SCENES.map(|name| (name, Course::new(name)));
+    let mut criterion = Criterion::default().with_measurement(RelMse).without_plots().configure_from_args();
+    for (name, course) in &courses {
+        let mut group = criterion.benchmark_group(format!("error at 16 spp/{name}"));
+        few(&mut group);
+        for sampler in SAMPLERS {
+            course.seed.set(1);
+            group.bench_function(sampler, |b| {
+                b.iter_custom(|times| (0..times).map(|_| course.run(sampler, 16)[0]).sum::<f64>());
+            });
+        }
+    }
+    criterion.final_summary();
+
+    let mut criterion: Criterion<WallTime> = Criterion::default().without_plots().configure_from_args();
+    for (name, course) in &courses {
+        // What uniform counts reach with 16 samples per pixel.
+        course.seed.set(1);
+        let target = (0..4).map(|_| course.run("uniform", 16)[0]).sum::<f64>() / 4.0;
+        let mut group = criterion.benchmark_group(format!("time to uniform's error at 16 spp/{name}"));
+        few(&mut group);
+        for sampler in SAMPLERS {
+            course.seed.set(1);
+            group.bench_function(sampler, |b| {
+                b.iter_custom(|times| {
+                    let seconds = (0..times).map(|_| course.seconds_to(sampler, target)).sum::<f64>();
+                    Duration::from_secs_f64(seconds)
+                });
+            });
+        }
+    }
+    criterion.final_summary();
+}

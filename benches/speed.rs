@@ -1,0 +1,85 @@
+//! Speed on the bundled scenes: clusters, rays, whole renders, filters. The crates' own benches time their parts alone.
+//!
+//! ```sh
+//! RAYON_NUM_THREADS=1 cargo bench --bench speed
+//! ```
+
+use criterion::{BatchSize, Criterion, Throughput, criterion_group, criterion_main};
+use dapple::clustering::{Params, cluster};
+use dapple::core::{Film, Frame, Limits, NoWatch, render};
+use dapple::renderer::registry::{self, Setting};
+use dapple::renderer::{Stage, World, WorldClusters, WorldTriangles, bundled, integrator};
+use std::hint::black_box;
+use std::sync::Arc;
+
+const SEED: u64 = 2016;
+const SAMPLERS: [&str; 4] = ["uniform", "variance", "mitchell", "cluster-thesis"];
+const FILTERS: [&str; 2] = ["gaussian", "cluster-gaussian"];
+
+/// With `--test`, everything once and small.
+fn is_test() -> bool {
+    std::env::args().any(|word| word == "--test")
+}
+
+fn world(name: &str, side: u32) -> Arc<World> {
+    let scene = bundled::files(name).and_then(|bundle| bundle.read().ok()).expect("a bundled scene");
+    Arc::new(World::with_resolution(&scene, [side; 2]).expect("a sound scene"))
+}
+
+/// Triangles a second: of `cluster` alone, again and again; and of all that a first call takes, copies included.
+fn clustering(criterion: &mut Criterion) {
+    let world = world("terrain", 64);
+    let triangles = WorldTriangles::of(&world);
+    let mut group = criterion.benchmark_group("clustering/terrain");
+    group.throughput(Throughput::Elements(triangles.indices.len() as u64));
+    let params = Params::default();
+    group.bench_function("cluster", |b| b.iter(|| cluster(black_box(&triangles.as_slices()), &params)));
+    group.bench_function("world", |b| b.iter(|| WorldClusters::new(black_box(&world), &params)));
+    group.finish();
+}
+
+/// The scene, with what a film of it takes.
+fn film(world: &Arc<World>, stage: &Stage, sampler: &str, filter: &str, side: u32, spp: u64) -> Film {
+    let points = registry::points("sobol", Setting { seed: SEED, spp: Some(spp) }).expect("points");
+    let mut sampler = registry::sampler(sampler, points, stage).expect("a sampler");
+    let needs = registry::filter(filter, stage).expect("a filter").needs();
+    let frame = Frame::new(side, side).expect("a frame");
+    let limits = Limits::samples(spp * frame.pixels() as u64);
+    render(&mut *integrator(world), &mut *sampler, needs, frame, &limits, &mut NoWatch).expect("a film")
+}
+
+/// Samples a second, planning and clusters included.
+fn renders(criterion: &mut Criterion) {
+    let (side, spp) = if is_test() { (8, 4) } else { (64, 16) };
+    for name in ["cornell", "teapot", "terrain"] {
+        let world = world(name, side);
+        let mut group = criterion.benchmark_group(format!("render/{name}"));
+        group.sample_size(10);
+        group.throughput(Throughput::Elements(spp * u64::from(side * side)));
+        for sampler in SAMPLERS {
+            // A new stage each time: clusters are part of the price.
+            let stage = || Stage::new(world.clone());
+            let run = |stage: Stage| film(&world, &stage, sampler, "none", side, spp);
+            group.bench_function(sampler, |b| b.iter_batched(stage, run, BatchSize::PerIteration));
+        }
+        group.finish();
+    }
+}
+
+/// Pixels a second.
+fn filters(criterion: &mut Criterion) {
+    let side = if is_test() { 16 } else { 128 };
+    let world = world("teapot", side);
+    let stage = Stage::new(world.clone());
+    let mut group = criterion.benchmark_group("filter/teapot");
+    group.throughput(Throughput::Elements(u64::from(side * side)));
+    for name in FILTERS {
+        let film = film(&world, &stage, "cluster-thesis", name, side, 4);
+        let filter = registry::filter(name, &stage).expect("a filter");
+        group.bench_function(name, |b| b.iter(|| filter.apply(black_box(&film))));
+    }
+    group.finish();
+}
+
+criterion_group!(benches, clustering, renders, filters);
+criterion_main!(benches);
