@@ -15,6 +15,7 @@
 //! * [`metrics`] (feature `metrics`): how wrong a picture is.
 //! * [`geometry`] (feature `geometry`): watertight rays.
 //! * [`renderer`] (feature `renderer`): pbrt scenes, lights, materials, integrators, picture files.
+//! * `study` (feature `study`, not by default): what accuracy costs in time.
 //!
 //! `examples/foreign_renderer.rs` is a renderer that shares nothing with Dapple's own but these parts.
 //!
@@ -71,3 +72,5 @@ pub use dapple_mitchell as mitchell;
 pub use dapple_reconstruction as reconstruction;
 #[cfg(feature = "renderer")]
 pub use dapple_renderer as renderer;
+#[cfg(feature = "study")]
+pub use dapple_study as study;

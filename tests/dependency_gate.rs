@@ -95,6 +95,21 @@ const RULES: &[(&str, &[&str], &[&str])] = &[
         &["clap", "indicatif"],
     ),
     (
+        "dapple-study",
+        &[
+            "dapple-core",
+            "dapple-geometry",
+            "dapple-low-discrepancy",
+            "dapple-mitchell",
+            "dapple-clustering",
+            "dapple-cluster-adaptive",
+            "dapple-reconstruction",
+            "dapple-metrics",
+            "dapple-renderer",
+        ],
+        &["clap", "indicatif", "ctrlc", "dapple-conformance"],
+    ),
+    (
         "dapple-cli",
         &[
             "dapple-core",
@@ -106,6 +121,7 @@ const RULES: &[(&str, &[&str], &[&str])] = &[
             "dapple-reconstruction",
             "dapple-metrics",
             "dapple-renderer",
+            "dapple-study",
         ],
         &["dapple-conformance"],
     ),

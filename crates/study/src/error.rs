@@ -24,8 +24,8 @@ pub enum StudyError {
     },
     /// The folder holds another study.
     #[error(
-        "{}: the folder holds another study: {}; choose another folder, or give the words of the study that is there",
-        folder.display(), differences.join("; ")
+        "{}: the folder holds another study; choose another folder, or give the words of the one that is there\n{}",
+        folder.display(), differences.join("\n")
     )]
     AnotherStudy {
         /// The study's folder.

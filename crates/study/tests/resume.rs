@@ -155,20 +155,20 @@ fn another_plan_in_the_folder_is_refused_with_the_difference() {
     let before = place.text("study/runs.jsonl");
     let tiny = || place.draft().scenes.unwrap().remove(0);
     let changes: [(Draft, &str); 8] = [
-        (Draft { spp: Some(vec![4, 16]), ..Draft::default() }, "spp is 4 8 there and 4 16 here"),
-        (Draft { seeds: Some(vec![1]), ..Draft::default() }, "seeds is 1 2 there and 1 here"),
+        (Draft { spp: Some(vec![4, 16]), ..Draft::default() }, "spp: 4 8 there, 4 16 here"),
+        (Draft { seeds: Some(vec![1]), ..Draft::default() }, "seeds: 1 2 there, 1 here"),
         (
             Draft { filters: Some(vec!["gaussian".into()]), ..Draft::default() },
-            "methods is uniform/sobol/none variance/sobol/none there and uniform/sobol/none uniform/sobol/gaussian",
+            "methods: uniform/sobol/none variance/sobol/none there, uniform/sobol/none uniform/sobol/gaussian",
         ),
-        (Draft { time_of: Some(0), ..Draft::default() }, "time_of is 4 there and none here"),
-        (Draft { resolution: Some([8, 9]), ..Draft::default() }, "scene tiny.resolution is 8 8 there and 8 9 here"),
-        (Draft { reference_spp: Some(32), ..Draft::default() }, "scene tiny.reference.spp is 16 there and 32 here"),
+        (Draft { time_of: Some(0), ..Draft::default() }, "time_of: 4 there, none here"),
+        (Draft { resolution: Some([8, 9]), ..Draft::default() }, "scene tiny.resolution: 8 8 there, 8 9 here"),
+        (Draft { reference_spp: Some(32), ..Draft::default() }, "scene tiny.reference.spp: 16 there, 32 here"),
         (
             Draft { scenes: Some(vec![ScenePlan { name: Some("other".into()), ..tiny() }]), ..Draft::default() },
-            "name is tiny there and other here",
+            "name: tiny there, other here",
         ),
-        (Draft { fresh: Some(true), ..Draft::default() }, "fresh is false there and true here"),
+        (Draft { fresh: Some(true), ..Draft::default() }, "fresh: false there, true here"),
     ];
     for (change, message) in changes {
         let plan = place.draft().overridden_by(change).resolve().unwrap();

@@ -33,7 +33,7 @@ pub(crate) struct Options {
 
     /// Samplers, by commas or one at a time [default: uniform,variance,cluster-thesis]
     ///
-    /// A comma before key=value belongs to the word before it: `mitchell:mode=budget,pilot=4,variance` are two.
+    /// A comma before key=value belongs to the word before it: `mitchell:mode=budget,radius=2,variance` are two.
     #[arg(long, value_name = "NAME[:key=value,…],…", help_heading = "Methods")]
     samplers: Vec<String>,
 
@@ -45,7 +45,9 @@ pub(crate) struct Options {
     #[arg(long, value_name = "NAME[:…],…", help_heading = "Methods")]
     filters: Vec<String>,
 
-    /// One more method, by itself; may be given again. Points sobol and filter none where not said
+    /// One method, by itself; may be given again. Points sobol and filter none where not said
+    ///
+    /// Besides those of --samplers; without these, all there are.
     #[arg(long = "method", value_name = "SAMPLER[/POINTS[/FILTER]]", help_heading = "Methods")]
     methods: Vec<Method>,
 
@@ -113,7 +115,7 @@ const AFTER: &str = "\
 Examples:
   dapple study --quick
   dapple study scene.pbrt -o scene-study
-  dapple study teapot cornell --samplers uniform,variance,mitchell:mode=budget,threshold=0.3 --filters none,gaussian
+  dapple study teapot cornell --samplers uniform,variance,mitchell:mode=budget,radius=2 --filters none,gaussian
   dapple study scene.pbrt --spp 8,16,32,64 --seeds 8 --reference reference.exr -o scene-study --fresh
   dapple study --plan study.toml -o results
 

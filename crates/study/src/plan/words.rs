@@ -4,8 +4,8 @@
 /// to the word before it, and anything else (a name, or a name with `:key=value`) begins the next.
 ///
 /// ```
-/// let words = dapple_study::split_words("uniform,mitchell:mode=budget,pilot=4,variance");
-/// assert_eq!(words, ["uniform", "mitchell:mode=budget,pilot=4", "variance"]);
+/// let words = dapple_study::split_words("uniform,mitchell:mode=budget,radius=2,variance");
+/// assert_eq!(words, ["uniform", "mitchell:mode=budget,radius=2", "variance"]);
 /// ```
 pub fn split_words(list: &str) -> Vec<String> {
     let mut words: Vec<String> = Vec::new();

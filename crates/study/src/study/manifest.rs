@@ -1,6 +1,7 @@
 //! `study.json`: how a study was made, and whether another one is the same.
 
-use crate::{Machine, Manifest, Plan, SceneRecord, StudyError};
+use crate::{Machine, Manifest, Method, Plan, SceneRecord, StudyError};
+use serde::Deserialize;
 use serde_json::Value;
 use std::path::Path;
 use std::time::{SystemTime, UNIX_EPOCH};
@@ -113,7 +114,7 @@ fn compare(place: &str, there: &Value, here: &Value, found: &mut Vec<String>) {
             let scene = place.trim_end_matches(".reference.hash");
             found.push(format!("{scene} or its reference has changed since"));
         }
-        _ => found.push(format!("{place} is {} there and {} here", words(there), words(here))),
+        _ => found.push(format!("{place}: {} there, {} here", words(there), words(here))),
     }
 }
 
@@ -124,9 +125,10 @@ fn words(value: &Value) -> String {
         Value::String(text) => text.clone(),
         Value::Array(list) if list.is_empty() => "none".into(),
         Value::Array(list) => list.iter().map(words).collect::<Vec<_>>().join(" "),
-        Value::Object(all) => match all.get("name") {
-            Some(name) => words(name),
-            None => all.values().map(words).collect::<Vec<_>>().join("/"),
+        Value::Object(all) => match (all.get("name"), Method::deserialize(value)) {
+            (Some(name), _) => words(name),
+            (None, Ok(method)) => method.to_string(),
+            (None, Err(_)) => value.to_string(),
         },
         other => other.to_string(),
     }

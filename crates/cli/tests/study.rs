@@ -1,0 +1,196 @@
+//! `dapple study` as its user meets it.
+
+mod common;
+
+use common::{Folder, Said};
+use std::collections::BTreeMap;
+use std::time::{Duration, Instant};
+
+/// Small enough to be made often.
+const SMALL: &str = "--resolution 12x8 --spp 2,4 --seeds 2 --reference-spp 32";
+
+impl Folder {
+    /// The runs of a study, by what tells them apart.
+    fn study(&self, folder: &str) -> BTreeMap<String, serde_json::Value> {
+        let text = String::from_utf8(self.read(&format!("{folder}/runs.jsonl"))).expect("UTF-8");
+        let run = |line: &str| {
+            let run: serde_json::Value = serde_json::from_str(line).expect("JSON");
+            (format!("{} {} {} {}", run["scene"], run["method"], run["budget"], run["seed"]), run)
+        };
+        let runs: BTreeMap<_, _> = text.lines().map(run).collect();
+        assert_eq!(runs.len(), text.lines().count(), "no run twice");
+        runs
+    }
+
+    /// How many lines there are; none while there is no file.
+    fn lines(&self, folder: &str) -> usize {
+        std::fs::read(self.path(folder).join("runs.jsonl")).map_or(0, |b| b.iter().filter(|b| **b == b'\n').count())
+    }
+}
+
+#[test]
+fn a_study_is_made_with_one_command() {
+    let folder = Folder::new();
+    let out = folder.done(&format!("study tiny.pbrt {SMALL} -o s"));
+    assert!(out.contains("runs.jsonl") && out.contains("study.json"), "{out}");
+    let runs = folder.study("s");
+    // Six methods, two budgets and one of time, two seeds.
+    assert_eq!(runs.len(), 6 * 3 * 2);
+    for (what, run) in &runs {
+        assert!(run["render_s"].as_f64().expect("seconds") > 0.0, "{what}");
+        assert!(run["errors"]["relmse"].is_f64() && run["errors"]["flip"].as_f64() > Some(0.0), "{what}");
+        assert_eq!(run["fresh"], false, "{what}");
+    }
+    let thesis = |(what, run): &(&String, &serde_json::Value)| {
+        what.contains("cluster-thesis") && run["seconds"]["cluster"].as_f64() > Some(0.0)
+    };
+    assert!(runs.iter().any(|r| thesis(&r)), "clusters are timed");
+    let first = runs.values().find(|r| r["seed"] == 1).expect("a first seed");
+    for key in ["picture", "sample_map"] {
+        folder.read(&format!("s/{}", first[key].as_str().expect("a file")));
+    }
+    let manifest: serde_json::Value = serde_json::from_slice(&folder.read("s/study.json")).expect("JSON");
+    assert_eq!(manifest["command"][1], "study");
+    assert_eq!(manifest["baseline"]["sampler"], "uniform");
+    // Once more there is nothing to do.
+    let before = folder.read("s/runs.jsonl");
+    folder.done(&format!("study tiny.pbrt {SMALL} -o s"));
+    assert_eq!(folder.read("s/runs.jsonl"), before);
+    // Another study is refused.
+    let said = folder.run(&format!("study tiny.pbrt {SMALL} --filters none -o s"));
+    assert_eq!(said.status, Some(1));
+    assert!(said.err.contains("\nerror: methods: uniform/sobol/none uniform/sobol/gaussian "), "{}", said.err);
+    assert!(said.err.contains("the folder holds another study; choose another folder"), "{}", said.err);
+    assert_eq!(folder.read("s/runs.jsonl"), before);
+}
+
+#[test]
+fn a_process_for_each_run_makes_the_same_pictures() {
+    let folder = Folder::new();
+    let words = format!("study tiny.pbrt {SMALL} --samplers uniform,variance --filters none --time-of 0");
+    folder.done(&format!("{words} -o a"));
+    folder.done(&format!("{words} -o b --fresh"));
+    let (a, b) = (folder.study("a"), folder.study("b"));
+    assert_eq!(a.keys().collect::<Vec<_>>(), b.keys().collect::<Vec<_>>());
+    for (a, b) in a.values().zip(b.values()) {
+        assert_eq!((&a["errors"], &a["rays"]), (&b["errors"], &b["rays"]));
+        assert_eq!((&a["fresh"], &b["fresh"]), (&false.into(), &true.into()));
+    }
+}
+
+#[test]
+fn words_split_at_the_right_commas() {
+    let folder = Folder::new();
+    let words = "--samplers uniform,variance:pilot=2,radius=1,mitchell --filters none,gaussian --method uniform/halton";
+    folder.done(&format!("study tiny.pbrt {SMALL} --time-of 0 {words} -o s"));
+    let manifest: serde_json::Value = serde_json::from_slice(&folder.read("s/study.json")).expect("JSON");
+    let methods = manifest["methods"].as_array().expect("methods");
+    let samplers: Vec<&str> = methods.iter().map(|m| m["sampler"].as_str().expect("a word")).collect();
+    let expected = [
+        "uniform",
+        "uniform",
+        "variance:pilot=2,radius=1",
+        "variance:pilot=2,radius=1",
+        "mitchell",
+        "mitchell",
+        "uniform",
+    ];
+    assert_eq!(samplers, expected);
+    assert_eq!(methods[6]["points"], "halton");
+}
+
+#[test]
+fn wrong_words_say_what_there_is() {
+    let folder = Folder::new();
+    std::fs::write(folder.path("bad.toml"), "spp = [2]\nsamplers = [\n  \"nonesuch\",\n]\n").expect("a file");
+    std::fs::write(folder.path("key.toml"), "samplesr = []\n").expect("a file");
+    folder.done("render tiny.pbrt --spp 1 --pixel-filter box --seed 77 -o r.exr");
+    folder.done("render cornell --spp 1 --resolution 12x8 --pixel-filter box --seed 77 -o c.exr");
+    let cases = [
+        ("--samplers uniform,nonesuch", 2, "--samplers: there is no sampler \"nonesuch\": there are variance, "),
+        ("--points nonesuch", 2, "--points: there is no point set \"nonesuch\": there are sobol, "),
+        ("--filters nonesuch", 2, "--filters: there is no filter \"nonesuch\": there are none, "),
+        ("--method uniform/nonesuch", 2, "there is no point set \"nonesuch\""),
+        ("--method a/b/c/d", 2, "SAMPLER/POINTS/FILTER is wanted"),
+        ("--samplers variance:cup=3", 2, "there is no parameter \"cup\""),
+        ("--baseline nonesuch", 2, "--baseline: there is no sampler"),
+        ("--spp 0", 2, "--spp: 0: from 1"),
+        ("--spp a", 2, "invalid digit"),
+        ("--spp 4,4", 2, "--spp: a number is given twice"),
+        ("--time-of 3", 2, "--time-of: 3 is none of the spp (4, 8, 16, 32)"),
+        ("--seeds 0", 2, "1..=100000"),
+        ("--reference-spp 1", 2, "--reference-spp: 1: from 2"),
+        ("--reference a.exr --reference b.exr", 2, "2 --reference for 1 SCENE"),
+        ("--plan nowhere.toml", 1, "nowhere.toml: cannot read the plan"),
+        ("--plan bad.toml", 1, "bad.toml:3: samplers: there is no sampler \"nonesuch\""),
+        ("--plan key.toml", 1, "key.toml:1: samplesr: unknown field `samplesr`, expected one of `scenes`, `samplers`"),
+        ("nonesuch", 1, "nonesuch: there is no such file, and no such bundled scene: those are teapot, "),
+        ("--reference nowhere.exr", 1, "nowhere.exr: cannot read the reference"),
+        ("--resolution 12x8 --reference r.exr", 1, "it is 24x16, and the study 12x8"),
+        ("--reference c.exr", 1, "its scene is cornell, and the study's tiny"),
+        ("--max-depth 2 --reference r.exr", 1, "its max depth is "),
+    ];
+    for (words, status, message) in cases {
+        let said = folder.run(&format!("study tiny.pbrt -o s {words}"));
+        assert_eq!(said.status, Some(status), "{words}: {}", said.err);
+        assert!(said.err.starts_with("error: ") && said.err.contains(message), "{words}: {}", said.err);
+        assert_eq!((said.out.as_str(), folder.lines("s")), ("", 0), "{words}");
+    }
+    // The control.
+    folder.done("study tiny.pbrt -o s --spp 2 --seeds 1 --samplers uniform --filters none --reference r.exr");
+}
+
+/// Waits until so many runs are written down.
+fn wait_for(folder: &Folder, study: &str, lines: usize) {
+    let start = Instant::now();
+    while folder.lines(study) < lines {
+        assert!(start.elapsed() < Duration::from_secs(60), "no {lines} runs in a minute");
+        std::thread::sleep(Duration::from_millis(2));
+    }
+}
+
+#[test]
+fn a_killed_study_goes_on_where_it_was() {
+    let folder = Folder::new();
+    // Without equal time, whose sample counts are the clock's to say.
+    let words = "study tiny.pbrt --resolution 24x16 --spp 8,16 --seeds 6 --reference-spp 32 --time-of 0 -q";
+    folder.done(&format!("{words} -o whole"));
+    for lines in [1, 9, 30] {
+        let name = format!("killed-{lines}");
+        let mut child = folder.command(&format!("{words} -o {name}")).spawn().expect("it starts");
+        wait_for(&folder, &name, lines);
+        child.kill().expect("a kill");
+        child.wait().expect("an end");
+        let kept = folder.lines(&name);
+        assert!(kept >= lines);
+        let before = folder.read(&format!("{name}/runs.jsonl"));
+        let whole = before.iter().rposition(|b| *b == b'\n').map_or(0, |at| at + 1);
+        folder.done(&format!("{words} -o {name}"));
+        assert!(folder.read(&format!("{name}/runs.jsonl")).starts_with(&before[..whole]), "runs were lost");
+        let (a, b) = (folder.study("whole"), folder.study(&name));
+        assert_eq!(a.keys().collect::<Vec<_>>(), b.keys().collect::<Vec<_>>());
+        for (what, run) in &a {
+            assert_eq!(run["errors"], b[what]["errors"], "{what}");
+        }
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn ctrl_c_stops_between_runs_and_says_how_to_go_on() {
+    let folder = Folder::new();
+    let words = "study tiny.pbrt --resolution 24x16 --spp 16,32 --seeds 40 --reference-spp 32 --time-of 0 -o s";
+    let mut command = folder.command(words);
+    command.stdout(std::process::Stdio::piped()).stderr(std::process::Stdio::piped());
+    let child = command.spawn().expect("it starts");
+    wait_for(&folder, "s", 3);
+    let pid = child.id().to_string();
+    assert!(std::process::Command::new("kill").args(["-INT", &pid]).status().expect("kill").success());
+    let said = Said::of(child.wait_with_output().expect("an end"));
+    assert_eq!(said.status, Some(130), "{}", said.err);
+    let expected =
+        format!("interrupted: {} of 480 runs are in s; the same command goes on from there", folder.lines("s"));
+    assert!(said.err.contains(&expected), "{}", said.err);
+    let bytes = folder.read("s/runs.jsonl");
+    assert_eq!(bytes.last(), Some(&b'\n'), "a whole last line");
+}
