@@ -24,6 +24,7 @@
 //! ```
 
 mod error;
+mod expand;
 mod exr_write;
 mod file;
 mod openexr;
