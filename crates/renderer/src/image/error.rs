@@ -81,6 +81,19 @@ pub enum ImageError {
         /// Most bytes that reading a file of this length may take.
         limit: u64,
     },
+    /// A picture with values that are none, where none may be.
+    #[error(
+        "{file}: the pixel in column {} of row {} is NaN or infinite{}: a picture that scatters or gives light must be finite, save it without",
+        first[0], first[1], if *count > 1 { format!(", and {} more", count - 1) } else { String::new() }
+    )]
+    NotFinite {
+        /// The file.
+        file: String,
+        /// How many pixels are not finite.
+        count: u64,
+        /// Column and row of the first, from 0, from the top.
+        first: [u32; 2],
+    },
     /// A feature of a format that is not read.
     #[error("{file}: {what} in {format} files is not supported: save it as {instead}")]
     Unsupported {

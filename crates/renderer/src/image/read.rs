@@ -138,7 +138,9 @@ impl File<'_> {
         let limit = self.memory_limit();
         let bytes = self.bytes.len() as u64;
         let pixels = u128::from(size[0]).saturating_mul(size[1].into());
-        let needed = pixels.saturating_mul(per_pixel.into()) + OWN_BYTES + u128::from(besides) + u128::from(bytes);
+        let needed = [OWN_BYTES, besides.into(), bytes.into()]
+            .into_iter()
+            .fold(pixels.saturating_mul(per_pixel.into()), u128::saturating_add);
         if size.iter().all(|&s| s <= 1 << 30) && needed <= u128::from(limit) {
             return Ok(());
         }
