@@ -1,6 +1,7 @@
 //! I10 and L08 through scene files: pictures of no pixel and of one, and pixels that are no numbers, in every place
 //! that a picture may have. An error that names the file, or a finite picture.
 
+mod statistics;
 mod support;
 
 use dapple_renderer::pbrt::{ReadOptions, read_scene_from};
