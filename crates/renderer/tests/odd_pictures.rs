@@ -45,7 +45,7 @@ fn outcome(place: &str, words: &str, picture: &[u8]) -> Result<[f64; 3], String>
     let alpha = if place == "alpha" { " \"texture alpha\" \"t\"" } else { "" };
     let scene = format!(
         "LookAt 0 2 4  0 0 0  0 1 0\nCamera \"perspective\"\nFilm \"rgb\" \"integer xresolution\" 8 \"integer yresolution\" 8\n\
-         WorldBegin\nLightSource \"distant\" \"rgb L\" [ 1 1 1 ]\n{words}\n\
+         WorldBegin\nLightSource \"distant\" \"rgb L\" [ 1 1 1 ] \"point3 from\" [ 0 3 3 ]\n{words}\n\
          Shape \"sphere\"{alpha}\nShape \"bilinearmesh\" \"point3 P\" [ -2 -1 -2  2 -1 -2  -2 -1 2  2 -1 2 ] \
          \"point2 uv\" [ 0 0 1 0 0 1 1 1 ]{alpha}\n"
     );
