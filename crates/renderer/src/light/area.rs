@@ -18,9 +18,8 @@ pub struct MeshLamp {
     /// takes half the time of the table (a lamp of two triangles, perf).
     few: Vec<[f32; 2]>,
     area: f64,
-    /// Around all spheres of the facets.
-    centre: Vec3,
-    reach_squared: f32,
+    /// No facet that is near a point has a point farther from it than the root of this.
+    near_squared: f32,
     /// Facets by the number of their triangle, where some triangles have no area.
     facet_of: Vec<u32>,
 }
@@ -142,23 +141,14 @@ impl MeshLamp {
             let corners = [facet.corner, facet.corner + facet.edges[0], facet.corner + facet.edges[1]];
             facet.reach_squared = corners.map(|c| (c - centroid).length_squared()).into_iter().fold(0.0, f32::max);
         }
-        let centre = facets.iter().map(|f| f.centroid().as_dvec3()).sum::<DVec3>() / facets.len() as f64;
-        let centre = centre.as_vec3();
-        let reach = facets.iter().map(|f| (f.centroid() - centre).length() + f.reach_squared.sqrt());
-        // Rounded up, so that no facet's sphere sticks out.
-        let reach_squared = reach.fold(0.0, f32::max).powi(2) * 1.000_01;
+        // Twice the widest reach, and a margin for rounding.
+        let near_squared = 5.0 * facets.iter().map(|f| f.reach_squared).fold(0.0, f32::max);
         let mut facet_of = Vec::new();
         if facets.len() < mesh.triangles().len() {
             facet_of = vec![0; mesh.triangles().len()];
             (0..).zip(&facets).for_each(|(i, f)| facet_of[f.primitive.number() as usize] = i);
         }
-        Some(Self { lamp, facets, choice, few, area, centre, reach_squared, facet_of })
-    }
-
-    /// Whether any facet may be near.
-    #[inline(always)]
-    fn may_be_near(&self, from: Vec3) -> bool {
-        (from - self.centre).length_squared() < self.reach_squared
+        Some(Self { lamp, facets, choice, few, area, near_squared, facet_of })
     }
 
     pub(super) fn lamp(&self) -> &Lamp {
@@ -175,13 +165,14 @@ impl MeshLamp {
     pub(super) fn sample(&self, from: Vec3, u: [f32; 2]) -> Option<LightSample> {
         let (index, within) = self.choose(u[0])?;
         let facet = &self.facets[index];
-        if self.may_be_near(from)
+        let [_, b1, b2] = warp::uniform_triangle([within, u[1]]);
+        let position = facet.corner + facet.edges[0] * b1 + facet.edges[1] * b2;
+        // Where the distance is known anyway, this costs a comparison; whether the facet is near is decided after it.
+        if (position - from).length_squared() < self.near_squared
             && let Some(seen) = facet.near(from)
         {
             return self.sample_near(facet, &seen, from, [within, u[1]]);
         }
-        let [_, b1, b2] = warp::uniform_triangle([within, u[1]]);
-        let position = facet.corner + facet.edges[0] * b1 + facet.edges[1] * b2;
         let point = SurfacePoint { position, error: facet.error, normal: facet.normal, primitive: facet.primitive };
         sample_on(&self.lamp, from, point, facet.side, self.area as f32)
     }
@@ -216,7 +207,7 @@ impl MeshLamp {
 
     #[inline]
     pub(super) fn pdf(&self, from: Vec3, point: &SurfacePoint) -> f32 {
-        if self.may_be_near(from)
+        if (point.position - from).length_squared() < self.near_squared
             && let Some(pdf) = self.pdf_near(from, point)
         {
             return pdf;
