@@ -379,10 +379,11 @@ fn read_planes(
 
 /// Hands over the samples of a line as floats, with their places in it.
 fn floats(header: &Header, line: LineRef<'_>, mut put: impl FnMut(usize, f32)) -> Result<(), ExrError> {
+    let samples = 0..line.location.sample_count;
     match header.channels.list[line.location.channel].sample_type {
-        SampleType::F32 => line.read_samples::<f32>().enumerate().try_for_each(|(i, v)| Ok(put(i, v?))),
-        SampleType::F16 => line.read_samples::<f16>().enumerate().try_for_each(|(i, v)| Ok(put(i, v?.to_f32()))),
-        SampleType::U32 => line.read_samples::<u32>().enumerate().try_for_each(|(i, v)| Ok(put(i, v? as f32))),
+        SampleType::F32 => samples.zip(line.read_samples::<f32>()).try_for_each(|(i, v)| v.map(|v| put(i, v))),
+        SampleType::F16 => samples.zip(line.read_samples::<f16>()).try_for_each(|(i, v)| v.map(|v| put(i, v.to_f32()))),
+        SampleType::U32 => samples.zip(line.read_samples::<u32>()).try_for_each(|(i, v)| v.map(|v| put(i, v as f32))),
     }
 }
 
