@@ -292,7 +292,7 @@ fn check_headers(file: &File<'_>, headers: &[Header]) -> Result<(), ImageError> 
     Ok(())
 }
 
-/// Longest header that is read. Its attributes take up to 30 times their bytes; a preview picture fits.
+/// Longest header that is read. Small attributes take some 30 times their bytes (an estimate); a preview picture fits.
 const MOST_HEADER: usize = 4 << 20;
 
 /// Walks the attributes: name, type, length, value; an empty name ends a part.
@@ -325,7 +325,8 @@ fn check_header_length(file: &File<'_>) -> Result<(), ImageError> {
     Ok(())
 }
 
-/// Blocks are copied several times while they are decompressed: measured up to 4 times (`tests/image_memory.rs`).
+/// Blocks are copied several times while they are decompressed. An estimate from the decoder's code, with which every
+/// kind of compression keeps the bound (`tests/image_memory.rs`).
 const BLOCK_COPIES: u64 = 5;
 
 /// Whether a part may be read of which every pixel takes so many bytes, and a block of it decompressed.

@@ -289,7 +289,7 @@ fn tga_copy(file: &File<'_>) -> u64 {
     }
 }
 
-/// Longest header that is read: an attribute of it takes ten times its bytes.
+/// Longest header that is read: small attributes take tens of times their bytes (an estimate).
 const HDR_HEADER: usize = 1 << 20;
 
 fn check_hdr(file: &File<'_>) -> Result<(), ImageError> {
