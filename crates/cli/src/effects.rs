@@ -22,7 +22,7 @@ const LONGEST: u32 = 192;
 /// Each effect is left out in turn, and the same picture rendered with it and without it, in turns, with as many
 /// seeds as --seeds says. Shares of time are of the time that tracing takes at equal samples. Shares of the
 /// picture are relMSE of the picture without the effect against the one with it, their noise taken out, and the
-/// mean radiance that is lost. Figures come with the half width of their 95 % interval.
+/// mean radiance that is lost. What the scene's depth cuts off is told beside them. Figures come with the half width of their 95 % interval.
 #[derive(clap::Args)]
 #[command(after_help = AFTER)]
 pub(crate) struct Options {

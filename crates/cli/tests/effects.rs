@@ -54,6 +54,41 @@ fn the_ledger_has_a_row_for_each_effect() {
     }
 }
 
+/// A closed sphere that shines inwards with 1 and reflects `rho`.
+fn furnace(rho: f64, depth: &str) -> String {
+    format!(
+        "Camera \"perspective\"\nFilm \"rgb\" \"integer xresolution\" [ 16 ] \"integer yresolution\" [ 16 ]\n\
+         Integrator \"path\" \"integer maxdepth\" [ {depth} ]\nWorldBegin\n\
+         Material \"diffuse\" \"rgb reflectance\" [ {rho} {rho} {rho} ]\nReverseOrientation\n\
+         AreaLightSource \"diffuse\" \"rgb L\" [ 1 1 1 ]\nShape \"sphere\" \"float radius\" [ 5 ]\n"
+    )
+}
+
+/// In a furnace of albedo rho, depth D leaves a share of rho^(D+1) of the radiance out (STATISTICS, closed references).
+#[test]
+fn l13_what_the_depth_cuts_off_is_reported() {
+    let folder = Folder::new();
+    for (rho, depth, share) in [(0.5_f64, 3, 0.0625), (0.8, 2, 0.512), (0.5, 0, 0.5)] {
+        std::fs::write(folder.path("furnace.pbrt"), furnace(rho, &depth.to_string())).expect("written");
+        let json = parse(&folder.done("effects furnace.pbrt --spp 64 --seeds 8 --json"));
+        let figure = |key: &str, part: &str| json["beyond_depth"][key][part].as_f64().unwrap_or(f64::NAN);
+        let (lost, noise) = (figure("radiance_lost", "value"), figure("radiance_lost", "noise"));
+        // The half width of a 95 % interval by 7 degrees of freedom; three of it are one in 10^4.
+        assert!(
+            (lost - share).abs() < 3.0 * noise && noise < 0.1 * share,
+            "{rho}, {depth}: {lost} +- {noise}, {share}"
+        );
+        // The control: one bounce more or less is told apart.
+        assert!([share * rho, share / rho].iter().all(|other| (lost - other).abs() > 3.0 * noise), "{lost} +- {noise}");
+        assert!(figure("time_ratio", "value") > 0.0 && figure("relmse", "value") > 0.0, "{json}");
+        let table = folder.done("effects furnace.pbrt --spp 16");
+        assert!(table.contains(&format!("beyond depth {depth}: ")), "{table}");
+    }
+    // Where nothing scatters, no depth cuts: nothing is said.
+    std::fs::write(folder.path("furnace.pbrt"), furnace(0.0, "1")).expect("written");
+    assert!(parse(&folder.done("effects furnace.pbrt --spp 1 --json"))["beyond_depth"].is_null());
+}
+
 #[test]
 fn what_is_left_out_is_said_three_times() {
     let folder = Folder::new();

@@ -35,6 +35,13 @@ impl PrimitiveId {
     pub const fn triangle(shape: u32, primitive: u32) -> Self {
         Self((shape as u64) << 32 | primitive as u64)
     }
+
+    /// The triangle's number in its mesh; nothing of use of [`NONE`](Self::NONE).
+    #[inline]
+    #[must_use]
+    pub const fn number(self) -> u32 {
+        self.0 as u32
+    }
 }
 
 impl Ray {

@@ -6,7 +6,7 @@ mod tests;
 
 pub(crate) use mix::{check_mixes, interface_share, resolve};
 
-use crate::scene::{Color, ConductorFresnel, Material, MaterialKind, Roughness, Scalar, Source, TextureId};
+use crate::scene::{Coating, Color, ConductorFresnel, Material, MaterialKind, Roughness, Scalar, Source, TextureId};
 use crate::shading::coat::{Coat, CoatOptions};
 use crate::shading::{
     Bsdf, ComplexIor, DiffuseTransmission, MetalCoat, Plastic, RoughDielectric, SmoothDielectric, Substrate, Tint,
@@ -142,8 +142,8 @@ impl Surface {
             MaterialKind::ThinDielectric { eta } => {
                 (Kind::ThinDielectric { eta: index(*eta)? }, Scatters::default().lobes().through())
             }
-            MaterialKind::CoatedDiffuse { reflectance, roughness, eta, thickness, albedo, max_depth, .. } => {
-                let options = coat(roughness, *eta, *thickness, *albedo, *max_depth)?;
+            MaterialKind::CoatedDiffuse { reflectance, coat } => {
+                let options = coat_options(coat)?;
                 let coat = Box::new(Coat::new(options).map_err(|e| e.to_string())?);
                 let reflectance = share(reflectance)?;
                 let scatters = Scatters { anisotropic: options.alpha[0] != options.alpha[1], ..Scatters::default() };
@@ -158,17 +158,8 @@ impl Surface {
                     }
                 }
             }
-            MaterialKind::CoatedConductor {
-                fresnel,
-                roughness,
-                coat_roughness,
-                eta,
-                thickness,
-                albedo,
-                max_depth,
-                ..
-            } => {
-                let options = coat(coat_roughness, *eta, *thickness, *albedo, *max_depth)?;
+            MaterialKind::CoatedConductor { fresnel, roughness, coat } => {
+                let options = coat_options(coat)?;
                 let alpha = alpha(roughness)?;
                 let coat = Box::new(MetalCoat::new(options, alpha).map_err(|e| e.to_string())?);
                 let anisotropic = alpha[0] != alpha[1] || options.alpha[0] != options.alpha[1];
@@ -401,11 +392,12 @@ fn index(eta: f32) -> Result<f32, String> {
     }
 }
 
-fn coat(roughness: &Roughness, eta: f32, thickness: f32, albedo: Color, max_depth: u32) -> Result<CoatOptions, String> {
-    if albedo != Color::Constant([0.0; 3]) {
+fn coat_options(coat: &Coating) -> Result<CoatOptions, String> {
+    let Coating { eta, thickness, max_depth, .. } = *coat;
+    if coat.albedo != Color::Constant([0.0; 3]) {
         return Err("a coat that scatters (\"albedo\" above 0) is not supported: leave it out".into());
     }
-    Ok(CoatOptions { eta, alpha: alpha(roughness)?, thickness, max_depth })
+    Ok(CoatOptions { eta, alpha: alpha(&coat.roughness)?, thickness, max_depth })
 }
 
 fn alpha(roughness: &Roughness) -> Result<[f32; 2], String> {

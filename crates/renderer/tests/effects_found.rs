@@ -5,9 +5,9 @@ mod support;
 
 use dapple_renderer::image::Picture;
 use dapple_renderer::scene::{
-    Color, ConductorFresnel, Emission, EnvironmentRadiance, Geometry, Instance, Light, LightKind, Material, MaterialId,
-    MaterialKind, Medium, MediumId, MediumInterface, Object, ObjectId, Roughness, Scalar, Scene, Shape, SpotFalloff,
-    Texture, TextureId, TextureKind,
+    Coating, Color, ConductorFresnel, Emission, EnvironmentRadiance, Geometry, Instance, Light, LightKind, Material,
+    MaterialId, MaterialKind, Medium, MediumId, MediumInterface, Object, ObjectId, Roughness, Scalar, Scene, Shape,
+    SpotFalloff, Texture, TextureId, TextureKind,
 };
 use dapple_renderer::{Called, Effect, Effects};
 use glam::{DAffine3, DVec3};
@@ -152,13 +152,7 @@ fn surfaces_by_their_lobes() {
     let lacquer = |metal, coat| MaterialKind::CoatedConductor {
         fresnel: fresnel.clone(),
         roughness: rough(metal),
-        coat_roughness: rough(coat),
-        eta: 1.5,
-        thickness: 0.01,
-        albedo: black,
-        g: 0.0,
-        max_depth: 10,
-        samples: 1,
+        coat: Coating { roughness: rough(coat), ..Coating::default() },
     };
     let plastic = |specular, alpha| MaterialKind::Plastic { diffuse: white, specular, roughness: rough(alpha) };
     let substrate = |alpha| MaterialKind::Substrate { diffuse: white, specular: black, roughness: rough(alpha) };

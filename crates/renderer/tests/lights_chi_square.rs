@@ -206,8 +206,13 @@ fn area_lamps() -> Vec<(&'static str, Geometry, DAffine3, DVec3, f64)> {
     let ring = |inner_radius| Geometry::Disk { height: 0.0, radius: 1.0, inner_radius };
     let triangle = polygon(&[DVec3::ZERO, DVec3::Y, DVec3::X]);
     let p = DVec3::new;
+    let wide = DAffine3::from_scale(DVec3::new(3.0, 0.2, 1.0));
     vec![
-        ("triangle", triangle, at(0.5, -0.3, 1.0), p(0.5, -0.3, 1.0), 1.0),
+        ("triangle", triangle.clone(), at(0.5, -0.3, 1.0), p(0.5, -0.3, 1.0), 1.0),
+        // Near ones are sampled by the solid angle: from below the inside, beside an edge, and at a slant.
+        ("triangle, close", triangle.clone(), at(-0.3, -0.3, 0.05), p(-0.3, -0.3, 0.05), 1.0),
+        ("triangle, beside", triangle.clone(), at(0.1, -0.4, 0.2), p(0.1, -0.4, 0.2), 1.0),
+        ("triangle, narrow", triangle.clone(), at(0.0, 0.0, 0.3) * wide, p(0.0, 0.0, 0.3), 3.0),
         ("rectangle", plate.clone(), at(0.3, 0.2, 2.0), p(0.3, 0.2, 2.0), 1.5),
         ("rectangle, near", plate, at(0.3, 0.2, 0.5), p(0.3, 0.2, 0.5), 1.5),
         ("uneven mesh", uneven(), at(0.3, 0.2, 1.0), p(0.3, 0.2, 1.0), 1.5),

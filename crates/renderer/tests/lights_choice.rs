@@ -245,8 +245,8 @@ fn l05_solid_angle_of_triangles() {
         let from = corners[0] + corner(&mut random).normalize() * 10_f64.powf(3.0 * random.random::<f64>());
         let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]).normalize();
         let height = normal.dot(from - corners[0]).abs();
-        // Uniform over the area: nearer than a tenth, all of the solid angle is in few samples; see below.
-        if height < 0.1 {
+        // In the plane of the triangle the solid angle itself is rounding.
+        if height < 1e-3 {
             continue;
         }
         let ratio = solid_angle_found(corners, from, 256);
@@ -258,9 +258,9 @@ fn l05_solid_angle_of_triangles() {
     assert!((solid_angle_found(corners, DVec3::ZERO, 256) * wrong - 1.0).abs() > 0.01);
 }
 
-/// A triangle is sampled by its area. Right above it the samples that matter are few.
+/// Right above a triangle few samples of its area matter (a ratio of 0.842 at a height of 1e-3): so its solid angle is
+/// sampled.
 #[test]
-#[ignore = "not met: uniform by area; 1 % at heights down to 1e-2 of the edge, ratio 0.842 at 1e-3 with 256^2 samples"]
 fn l05_solid_angle_right_above_a_triangle() {
     let corners = [DVec3::ZERO, DVec3::X, DVec3::Y];
     for height in [1e-1, 1e-2, 1e-3, 1e-4, 1e-6] {

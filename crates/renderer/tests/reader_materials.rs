@@ -22,13 +22,13 @@ fn materials_of_the_fourth_version() {
         panic!()
     };
     assert!(close(eta, [3.457, 2.802, 2.905], 1e-3) && k == [0.0; 3]);
-    let MaterialKind::CoatedConductor { fresnel, roughness, coat_roughness, eta, max_depth, samples, .. } = kind(
+    let MaterialKind::CoatedConductor { fresnel, roughness, coat } = kind(
         "Material \"coatedconductor\" \"float conductor.roughness\" .2 \"float interface.roughness\" .1 \"float interface.eta\" 1.4 \"spectrum conductor.eta\" \"metal-Au-eta\" \"integer maxdepth\" 7",
     ) else {
         panic!()
     };
-    assert_eq!((roughness.constants(), coat_roughness.constants()), (Some([0.2; 2]), Some([0.1; 2])));
-    assert_eq!((eta, max_depth, samples), (1.4, 7, 1));
+    assert_eq!((roughness.constants(), coat.roughness.constants()), (Some([0.2; 2]), Some([0.1; 2])));
+    assert_eq!((coat.eta, coat.max_depth, coat.samples), (1.4, 7, 1));
     // k is left at copper's.
     assert!(matches!(fresnel, ConductorFresnel::EtaK { eta, k } if eta[0] < 0.15 && k[0] < 3.92));
     let paper = "Material \"diffusetransmission\" \"rgb reflectance\" [.4 .4 .4] \"float scale\" .5";

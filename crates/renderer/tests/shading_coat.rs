@@ -2,113 +2,19 @@
 // A test says what it measured.
 #![allow(clippy::print_stderr)]
 
+mod scattering;
 mod statistics;
 
 use dapple_renderer::shading::{Bsdf, Coat, CoatOptions};
 use glam::{DVec3, Vec3};
-use rand::{RngExt, SeedableRng};
+use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
+use scattering::walk::{Base, Walk};
 use statistics::Mean;
 use std::f64::consts::TAU;
 
-const ETA: f64 = 1.5;
-const THICKNESS: f64 = 0.01;
-const DEPTH: u32 = 10;
 /// Bins of the cosine at which light leaves.
 const BINS: usize = 4;
-
-/// A walk through a rough dielectric over Lambert, in f64, visible normals drawn by the disk method of
-/// Heitz 2018: nothing in common with the code under test but the physics. (Normals drawn from their plain
-/// distribution agreed as well, with ten times the noise.)
-struct Walk {
-    alpha: f64,
-    reflectance: f64,
-    random: Pcg64Mcg,
-}
-
-impl Walk {
-    fn uniform(&mut self) -> f64 {
-        self.random.random()
-    }
-
-    fn lambda(&self, w: DVec3) -> f64 {
-        let tan2 = (w.x * w.x + w.y * w.y) / (w.z * w.z);
-        0.5 * ((1.0 + self.alpha * self.alpha * tan2).sqrt() - 1.0)
-    }
-
-    /// The interface met from the side `w.z > 0`, with index `eta` beyond over before: the direction that
-    /// light goes on in, and its weight.
-    fn interface(&mut self, w: DVec3, eta: f64) -> (DVec3, f64) {
-        let (u, turn, lobe) = (self.uniform(), self.uniform(), self.uniform());
-        let v = DVec3::new(self.alpha * w.x, self.alpha * w.y, w.z).normalize();
-        let x = v.any_orthonormal_vector();
-        // Any frame around v will do, but the shift below is along the projected normal.
-        let x = if v.z < 0.9999 { DVec3::new(-v.y, v.x, 0.0).normalize() } else { x };
-        let (a, b) = (u.sqrt() * (TAU * turn).cos(), u.sqrt() * (TAU * turn).sin());
-        let s = 0.5 * (1.0 + v.z);
-        let b = (1.0 - s) * (1.0 - a * a).sqrt() + s * b;
-        let n = a * x + b * v.cross(x) + (1.0 - a * a - b * b).max(0.0).sqrt() * v;
-        let m = DVec3::new(self.alpha * n.x, self.alpha * n.y, n.z.max(0.0)).normalize();
-        let cos = w.dot(m);
-        if cos <= 0.0 {
-            return (w, 0.0);
-        }
-        let sin2 = (1.0 - cos * cos) / (eta * eta);
-        let cos_t = (1.0 - sin2).max(0.0).sqrt();
-        let fresnel = if sin2 >= 1.0 {
-            1.0
-        } else {
-            0.5 * (((cos - eta * cos_t) / (cos + eta * cos_t)).powi(2)
-                + ((cos_t - eta * cos) / (cos_t + eta * cos)).powi(2))
-        };
-        let (out, allowed) = if lobe < fresnel {
-            let up = 2.0 * cos * m - w;
-            (up, up.z > 0.0)
-        } else {
-            let down = m * (cos / eta - cos_t) - w / eta;
-            (down, down.z < 0.0)
-        };
-        if !allowed {
-            return (out, 0.0);
-        }
-        let masked = 1.0 + self.lambda(w);
-        (out, masked / (masked + self.lambda(out)))
-    }
-
-    fn crossing(w: DVec3) -> f64 {
-        (-THICKNESS / w.z.abs()).exp()
-    }
-
-    /// One walk from outside: where light leaves after the base, and its weight.
-    fn leave(&mut self, wo: DVec3) -> Option<(f64, f64)> {
-        let (mut w, mut weight) = self.interface(wo, ETA);
-        if w.z > 0.0 {
-            return None;
-        }
-        for event in 0..DEPTH {
-            weight *= Self::crossing(w);
-            if weight == 0.0 {
-                return None;
-            }
-            if event % 2 == 0 {
-                let (z2, turn) = (self.uniform(), self.uniform());
-                let r = (1.0 - z2).sqrt();
-                w = DVec3::new(r * (TAU * turn).cos(), r * (TAU * turn).sin(), z2.sqrt());
-                weight *= self.reflectance;
-            } else {
-                // Seen from below: mirrored upside down, and back.
-                let flip = DVec3::new(1.0, 1.0, -1.0);
-                let (out, factor) = self.interface(w, 1.0 / ETA);
-                weight *= factor;
-                if factor > 0.0 && out.z < 0.0 {
-                    return Some((-out.z, weight));
-                }
-                w = out * flip;
-            }
-        }
-        None
-    }
-}
 
 /// Integral of the base's part of `f |cos|` over a bin of cosines; the coat's own lobe is taken away by
 /// subtracting the same coat over black.
@@ -145,15 +51,12 @@ fn compare(alpha: f32, walks: u64, cosines: &[f64]) -> Differences {
     for (seed, cos) in cosines.iter().copied().enumerate() {
         // Along x, so that directions along y are never the mirror direction.
         let wo = DVec3::new((1.0f64 - cos * cos).sqrt(), 0.0, cos);
-        let mut walk = Walk {
-            alpha: f64::from(alpha),
-            reflectance: f64::from(reflectance),
-            random: Pcg64Mcg::seed_from_u64(seed as u64),
-        };
+        let base = Base::Diffuse(reflectance.into());
+        let mut walk = Walk { coat: alpha.into(), base, random: Pcg64Mcg::seed_from_u64(seed as u64) };
         let (mut bins, mut total) = ([Mean::default(); BINS], Mean::default());
         for _ in 0..walks {
             let (bin, weight) = match walk.leave(wo) {
-                Some((cos, weight)) => (((cos * BINS as f64) as usize).min(BINS - 1), weight),
+                Some((wi, weight)) => (((wi.z * BINS as f64) as usize).min(BINS - 1), weight),
                 None => (BINS, 0.0),
             };
             total.add(weight);
@@ -211,7 +114,7 @@ fn closed_form_of_another_base_misses_the_walk() {
     let coat = Coat::new(CoatOptions { alpha: [0.1; 2], ..Default::default() }).unwrap();
     let wo = Vec3::new(0.6, 0.0, 0.8);
     let [right, wrong] = [0.9f32, 0.855].map(|rho| (0..BINS).map(|i| closed_form(&coat, rho, wo, i)).sum::<f64>());
-    let mut walk = Walk { alpha: 0.1, reflectance: 0.9, random: Pcg64Mcg::seed_from_u64(1) };
+    let mut walk = Walk { coat: 0.1, base: Base::Diffuse(0.9), random: Pcg64Mcg::seed_from_u64(1) };
     let mut mean = Mean::default();
     for _ in 0..300_000 {
         mean.add(walk.leave(wo.as_dvec3()).map_or(0.0, |(_, weight)| weight));

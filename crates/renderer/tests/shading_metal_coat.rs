@@ -2,130 +2,15 @@
 // A test says what it measured.
 #![allow(clippy::print_stderr)]
 
+mod scattering;
 mod statistics;
 
 use dapple_renderer::shading::{Bsdf, CoatOptions, ComplexIor, MetalCoat};
 use glam::{DVec3, Vec3};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
+use scattering::walk::{Base, Walk};
 use statistics::Mean;
-use std::f64::consts::TAU;
-
-const ETA: f64 = 1.5;
-const THICKNESS: f64 = 0.01;
-const DEPTH: u32 = 10;
-
-/// A walk between a rough dielectric and a rough metal, in f64, visible normals drawn by the disk method of Heitz 2018:
-/// nothing in common with the code under test but the physics.
-struct Walk {
-    coat: f64,
-    metal: f64,
-    ior: [f64; 2],
-    random: Pcg64Mcg,
-}
-
-impl Walk {
-    fn uniform(&mut self) -> f64 {
-        self.random.random()
-    }
-
-    /// A visible normal; `+z` on a mirror.
-    fn normal(&mut self, alpha: f64, w: DVec3) -> DVec3 {
-        if alpha == 0.0 {
-            return DVec3::Z;
-        }
-        let (u, turn) = (self.uniform(), self.uniform());
-        let v = DVec3::new(alpha * w.x, alpha * w.y, w.z).normalize();
-        let x = if v.z < 0.9999 { DVec3::new(-v.y, v.x, 0.0).normalize() } else { v.any_orthonormal_vector() };
-        let (a, b) = (u.sqrt() * (TAU * turn).cos(), u.sqrt() * (TAU * turn).sin());
-        let s = 0.5 * (1.0 + v.z);
-        let b = (1.0 - s) * (1.0 - a * a).sqrt() + s * b;
-        let n = a * x + b * v.cross(x) + (1.0 - a * a - b * b).max(0.0).sqrt() * v;
-        DVec3::new(alpha * n.x, alpha * n.y, n.z.max(0.0)).normalize()
-    }
-
-    /// `G / G1`.
-    fn unshadowed(alpha: f64, w: DVec3, out: DVec3) -> f64 {
-        let lambda = |w: DVec3| {
-            let tan2 = (w.x * w.x + w.y * w.y) / (w.z * w.z);
-            0.5 * ((1.0 + alpha * alpha * tan2).sqrt() - 1.0)
-        };
-        (1.0 + lambda(w)) / (1.0 + lambda(w) + lambda(out))
-    }
-
-    /// The coat met from the side `w.z > 0`, with index `eta` beyond over before: the direction that light goes on in,
-    /// and its weight.
-    fn interface(&mut self, w: DVec3, eta: f64) -> (DVec3, f64) {
-        let (m, lobe) = (self.normal(self.coat, w), self.uniform());
-        let cos = w.dot(m);
-        if cos <= 0.0 {
-            return (w, 0.0);
-        }
-        let sin2 = (1.0 - cos * cos) / (eta * eta);
-        let cos_t = (1.0 - sin2).max(0.0).sqrt();
-        let fresnel = if sin2 >= 1.0 {
-            1.0
-        } else {
-            0.5 * (((cos - eta * cos_t) / (cos + eta * cos_t)).powi(2)
-                + ((cos_t - eta * cos) / (cos_t + eta * cos)).powi(2))
-        };
-        let (out, allowed) = if lobe < fresnel {
-            let up = 2.0 * cos * m - w;
-            (up, up.z > 0.0)
-        } else {
-            let down = m * (cos / eta - cos_t) - w / eta;
-            (down, down.z < 0.0)
-        };
-        if allowed { (out, Self::unshadowed(self.coat, w, out)) } else { (out, 0.0) }
-    }
-
-    /// The metal met from above.
-    fn base(&mut self, w: DVec3) -> (DVec3, f64) {
-        let m = self.normal(self.metal, w);
-        let cos = w.dot(m);
-        let up = 2.0 * cos * m - w;
-        if cos <= 0.0 || up.z <= 0.0 {
-            return (up, 0.0);
-        }
-        // The Fresnel term has tests of its own.
-        let [eta, k] = self.ior.map(|x| Vec3::splat((x / ETA) as f32));
-        let fresnel = f64::from(ComplexIor { eta, k }.reflectance(cos as f32).x);
-        (up, fresnel * Self::unshadowed(self.metal, w, up))
-    }
-
-    fn crossing(w: DVec3) -> f64 {
-        (-THICKNESS / w.z.abs()).exp()
-    }
-
-    /// One walk from outside: where light leaves after the metal, and its weight.
-    fn leave(&mut self, wo: DVec3) -> Option<(DVec3, f64)> {
-        let (mut w, mut weight) = self.interface(wo, ETA);
-        if w.z > 0.0 {
-            return None;
-        }
-        for event in 0..DEPTH {
-            weight *= Self::crossing(w);
-            if weight == 0.0 {
-                return None;
-            }
-            let factor;
-            if event % 2 == 0 {
-                (w, factor) = self.base(-w);
-                weight *= factor;
-            } else {
-                // Seen from below: mirrored upside down, and back.
-                let flip = DVec3::new(1.0, 1.0, -1.0);
-                let (out, factor) = self.interface(-w * flip, 1.0 / ETA);
-                weight *= factor;
-                if factor > 0.0 && out.z < 0.0 {
-                    return Some((out * flip, weight));
-                }
-                w = out * flip;
-            }
-        }
-        None
-    }
-}
 
 /// Bins of how far light leaves from the mirror direction, in half-vector slopes.
 const BINS: usize = 6;
@@ -150,7 +35,8 @@ fn compare(coat: f32, metal: f32, cos: f64, walks: u64) -> Found {
     // What the coat alone reflects: the same over a metal that reflects nothing.
     let dark = Bsdf::coated_conductor(&made, ComplexIor { eta: Vec3::splat(1.5), k: Vec3::ZERO });
     let wo = DVec3::new((1.0 - cos * cos).sqrt(), 0.0, cos);
-    let mut walk = Walk { coat: coat.into(), metal: metal.into(), ior, random: Pcg64Mcg::seed_from_u64(5) };
+    let base = Base::Metal { alpha: metal.into(), ior };
+    let mut walk = Walk { coat: coat.into(), base, random: Pcg64Mcg::seed_from_u64(5) };
     let mut found = Found { walk: [Mean::default(); BINS + 1], closed: [Mean::default(); BINS + 1] };
     let add = |means: &mut [Mean; BINS + 1], to: usize, weight: f64| {
         means.iter_mut().enumerate().for_each(|(i, m)| m.add(if i == to || i == BINS { weight } else { 0.0 }));

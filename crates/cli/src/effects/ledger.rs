@@ -28,6 +28,9 @@ pub(super) struct Ledger {
     pub(super) seeds: u32,
     /// In the order of [`Effects::called`]; fewer where it was interrupted.
     pub(super) rows: Vec<Row>,
+    /// What the scene's depth costs and cuts off: the picture of unlimited depth beside the scene's. `None` where no
+    /// depth is set, or no path is long enough to be cut.
+    pub(super) beyond_depth: Option<Shares>,
     /// Seconds of tracing for a picture with every effect: of all threads together where the system tells, else
     /// by the clock on the wall. `None` where nothing was rendered.
     pub(super) seconds: Option<f64>,
@@ -57,19 +60,22 @@ impl Ledger {
     /// Leaves out each effect in turn. A picture with it and one without it take turns, and which of the two is
     /// first alternates with the seed, so that a machine that grows slower favours neither.
     pub(super) fn measure(whole: &Scene, effects: &Effects, settings: &Settings, stop: &Stop) -> Result<Self> {
-        let mut studio = Studio::new(settings, effects.called().len(), stop);
+        let endless = Scene { max_depth: None, ..whole.clone() };
+        // Paths that scatter at most once, however deep they may go, end by themselves.
+        let cut = whole.max_depth.is_some() && Effects::of(&endless).has(Effect::Interreflection);
+        let mut studio = Studio::new(settings, effects.called().len() + usize::from(cut), stop);
         let mut ledger = Self {
             resolution: settings.frame.size(),
             spp: settings.spp,
             seeds: settings.seeds,
             rows: Vec::new(),
+            beyond_depth: None,
             seconds: None,
             interrupted: false,
         };
         let with = scene::build(whole, settings.frame.resolution())?;
-        let mut pictures: Vec<Vec<[f32; 3]>> = Vec::new();
         let mut seconds = Vec::new();
-        if !effects.called().is_empty() {
+        if cut || !effects.called().is_empty() {
             // The first picture finds caches and clocks cold: it is not timed.
             ledger.interrupted = studio.render(&with, 1)?.is_none();
         }
@@ -93,18 +99,28 @@ impl Ledger {
                 break;
             };
             seconds.extend(pairs.iter().map(|[a, _]| a.seconds));
-            let logs: Vec<f64> = pairs.iter().map(|[a, b]| (a.seconds / b.seconds).ln()).collect();
-            let (first, others): (Vec<_>, Vec<_>) = pairs.into_iter().map(|[a, b]| (a.pixels, b.pixels)).unzip();
-            // The same seeds give the same pictures: those of the first effect will do.
-            if pictures.is_empty() {
-                pictures = first;
+            ledger.rows.push(Row { effect: called.effect, measured: Ok(Shares::of(settings, pairs)?) });
+        }
+        if cut && !ledger.interrupted {
+            studio.bar.set_prefix("beyond the depth");
+            let endless = scene::build(&endless, settings.frame.resolution())?;
+            match studio.pairs(&endless, &with)? {
+                Some(pairs) => ledger.beyond_depth = Some(Shares::of(settings, pairs)?),
+                None => ledger.interrupted = true,
             }
-            let picture = differ(settings.frame.size(), &pictures, &others)?;
-            ledger.rows.push(Row { effect: called.effect, measured: Ok(Shares { log_time: mean(&logs), picture }) });
         }
         studio.bar.finish_and_clear();
         ledger.seconds = (!seconds.is_empty()).then(|| seconds.iter().sum::<f64>() / seconds.len() as f64);
         Ok(ledger)
+    }
+}
+
+impl Shares {
+    /// Of pictures with something and without it.
+    fn of(settings: &Settings, pairs: Vec<[Render; 2]>) -> Result<Self> {
+        let logs: Vec<f64> = pairs.iter().map(|[a, b]| (a.seconds / b.seconds).ln()).collect();
+        let (with, without): (Vec<_>, Vec<_>) = pairs.into_iter().map(|[a, b]| (a.pixels, b.pixels)).unzip();
+        Ok(Self { log_time: mean(&logs), picture: differ(settings.frame.size(), &with, &without)? })
     }
 }
 

@@ -28,6 +28,16 @@ struct Line<'a> {
     interrupted: bool,
     effects: Vec<Entry<'a>>,
     found_by_chance: Option<Reason<'a>>,
+    /// Of the picture of unlimited depth, what lies beyond the scene's; null where no path is cut.
+    beyond_depth: Option<Beyond>,
+}
+
+#[derive(Serialize)]
+struct Beyond {
+    radiance_lost: Figure,
+    relmse: Figure,
+    /// Time of unlimited depth over the time of the scene's.
+    time_ratio: Figure,
 }
 
 #[derive(Serialize)]
@@ -108,6 +118,12 @@ impl<'a> Told<'a> {
         self.ledger.map(|l| Figures::of(shares, l.seeds))
     }
 
+    fn beyond_depth(&self) -> Option<Beyond> {
+        let ledger = self.ledger?;
+        let Figures { lost, rel_mse, time_ratio, .. } = Figures::of(ledger.beyond_depth.as_ref()?, ledger.seeds);
+        Some(Beyond { radiance_lost: lost, relmse: rel_mse, time_ratio })
+    }
+
     /// One line.
     pub(super) fn json(&self) -> String {
         let entry = |called: &'a Called| {
@@ -133,6 +149,7 @@ impl<'a> Told<'a> {
             interrupted: self.ledger.is_some_and(|l| l.interrupted),
             effects: self.effects.called().iter().map(entry).collect(),
             found_by_chance: self.by_chance.map(reason),
+            beyond_depth: self.beyond_depth(),
         };
         // Text and finite numbers cannot fail; what is not finite is null.
         serde_json::to_string(&line).unwrap_or_default()
@@ -170,6 +187,13 @@ impl<'a> Told<'a> {
         }
         if called.is_empty() {
             lines.truncate(1);
+        }
+        if let Some(Beyond { radiance_lost, relmse, time_ratio }) = self.beyond_depth() {
+            lines.push(String::new());
+            lines.push(format!(
+                "beyond depth {depth}: {} of the radiance is cut off, relMSE {:.2e} ±{:.0e}; unlimited depth takes {:.2} times as long ±{:.2}",
+                percent(radiance_lost), relmse.value, relmse.noise, time_ratio.value, time_ratio.noise
+            ));
         }
         if let Some(called) = self.by_chance {
             lines.push(String::new());

@@ -48,9 +48,9 @@ pub(super) fn lobes(kind: &MaterialKind) -> Vec<Lobe<'_>> {
             vec![Lobe { what: "glass", roughness: Some(roughness), refracts: true }]
         }
         MaterialKind::ThinDielectric { .. } => vec![Lobe { what: "a pane", roughness: None, refracts: true }],
-        MaterialKind::CoatedDiffuse { roughness, .. } => vec![reflecting("coated", roughness)],
-        MaterialKind::CoatedConductor { roughness, coat_roughness, .. } => {
-            vec![reflecting("coated", coat_roughness), reflecting("a coated metal", roughness)]
+        MaterialKind::CoatedDiffuse { coat, .. } => vec![reflecting("coated", &coat.roughness)],
+        MaterialKind::CoatedConductor { roughness, coat, .. } => {
+            vec![reflecting("coated", &coat.roughness), reflecting("a coated metal", roughness)]
         }
         MaterialKind::Mirror { reflectance } if !black(reflectance) => {
             vec![Lobe { what: "a mirror", roughness: None, refracts: false }]
@@ -88,15 +88,15 @@ fn textures(material: &Material) -> Vec<(TextureId, &'static str)> {
                 color(reflectance, "color");
             }
         }
-        MaterialKind::CoatedDiffuse { reflectance, albedo, .. } => {
+        MaterialKind::CoatedDiffuse { reflectance, coat } => {
             color(reflectance, "color");
-            color(albedo, "albedo of the coat");
+            color(&coat.albedo, "albedo of the coat");
         }
-        MaterialKind::CoatedConductor { fresnel, albedo, .. } => {
+        MaterialKind::CoatedConductor { fresnel, coat, .. } => {
             if let ConductorFresnel::Reflectance(reflectance) = fresnel {
                 color(reflectance, "color");
             }
-            color(albedo, "albedo of the coat");
+            color(&coat.albedo, "albedo of the coat");
         }
         MaterialKind::Plastic { diffuse, specular, .. } | MaterialKind::Substrate { diffuse, specular, .. } => {
             color(diffuse, "color");

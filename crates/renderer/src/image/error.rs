@@ -64,8 +64,8 @@ pub enum ImageError {
     },
     /// A header that claims more than its file can sensibly hold.
     #[error(
-        "{file}: the {format} header claims {}x{} pixels in {samples} samples, but a file of {bytes} bytes is trusted with at most {limit}: the header is damaged, or the picture is packed so tightly that it must be saved anew with less compression",
-        size[0], size[1]
+        "{file}: the {format} header claims {}x{} pixels, which take {} MiB to read, but a file of {bytes} bytes is given {} (64 MiB and 16 times its length): if the header is right, save the picture smaller, or with less compression (as TGA, say)",
+        size[0], size[1], needed.div_ceil(1 << 20), limit >> 20
     )]
     TooLarge {
         /// The file.
@@ -74,12 +74,25 @@ pub enum ImageError {
         format: &'static str,
         /// Width and height it claims.
         size: [u64; 2],
-        /// Pixels times channels it claims.
-        samples: u128,
+        /// Bytes that reading it would take, the file's own counted.
+        needed: u128,
         /// The file's length.
         bytes: u64,
-        /// Most samples that a file of this length is trusted with.
+        /// Most bytes that reading a file of this length may take.
         limit: u64,
+    },
+    /// A picture with values that are none, where none may be.
+    #[error(
+        "{file}: the pixel in column {} of row {} is NaN or infinite{}: a picture that scatters or gives light must be finite, save it without",
+        first[0], first[1], if *count > 1 { format!(", and {} more", count - 1) } else { String::new() }
+    )]
+    NotFinite {
+        /// The file.
+        file: String,
+        /// How many pixels are not finite.
+        count: u64,
+        /// Column and row of the first, from 0, from the top.
+        first: [u32; 2],
     },
     /// A feature of a format that is not read.
     #[error("{file}: {what} in {format} files is not supported: save it as {instead}")]

@@ -24,6 +24,7 @@
 //! ```
 
 mod error;
+mod expand;
 mod exr_write;
 mod file;
 mod openexr;
@@ -129,6 +130,17 @@ impl Picture {
         let first = self.pixels.iter().position(bad)?;
         let count = self.pixels[first..].iter().filter(|p| bad(p)).count() as u64;
         Some(NonFinite { count, first: [(first % self.width()) as u32, (first / self.width()) as u32] })
+    }
+
+    /// The picture, if all of it is finite; `file_name` is for the message.
+    ///
+    /// # Errors
+    /// [`ImageError::NotFinite`].
+    pub fn checked_finite(self, file_name: &str) -> Result<Self, ImageError> {
+        match self.non_finite() {
+            None => Ok(self),
+            Some(NonFinite { count, first }) => Err(ImageError::NotFinite { file: file_name.to_owned(), count, first }),
+        }
     }
 }
 

@@ -1,10 +1,10 @@
 //! OpenEXR files through the `exr` crate, read block by block so that a lying header is found out before
 //! its claims are allocated.
 
-use super::read::File;
+use super::read::{ALPHA_BYTES, File, PIXEL_BYTES};
 use super::{ImageError, Picture};
+use ::exr::block::lines::LineRef;
 use ::exr::block::reader::{ChunksReader, Reader};
-use ::exr::block::{self, UncompressedBlock};
 use ::exr::error::Error as ExrError;
 use ::exr::math::Vec2;
 use ::exr::meta::BlockDescription;
@@ -65,14 +65,6 @@ impl Plane<'_> {
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
-
-    /// One value as a float.
-    fn value(&self, index: usize) -> f32 {
-        match self {
-            Self::F32(v) | Self::F16(v) => v[index],
-            Self::U32(v) => v[index] as f32,
-        }
-    }
 }
 
 /// What [`read_channels`] found.
@@ -100,6 +92,8 @@ pub fn read_channels(bytes: &[u8], file_name: &str) -> Result<Channels, ImageErr
     with_reader(&file, |open| {
         let headers = open()?.headers().to_vec();
         let size = headers[0].layer_size;
+        let count: usize = headers.iter().map(|h| h.channels.list.len()).sum();
+        headers.iter().try_for_each(|h| check_size(&file, h, 4 * count as u64))?;
         if headers.iter().any(|h| h.layer_size != size) {
             return Err(file.unsupported(FORMAT, "a set of parts of different sizes", "one file a part").into());
         }
@@ -141,20 +135,24 @@ pub(super) fn read(file: &File<'_>) -> Result<Picture, ImageError> {
     with_reader(file, |open| {
         let reader = open()?;
         let main = main_channels(file, reader.headers())?;
-        let size = reader.headers()[main.part].layer_size;
-        let mut wanted: Vec<usize> = main.colors.iter().copied().chain([main.alpha]).flatten().collect();
-        wanted.sort_unstable();
-        wanted.dedup();
-        let planes = read_planes(file, reader, main.part, &wanted)?;
-        let plane = |channel: usize| wanted.binary_search(&channel).ok().map(|i| &planes[i]);
-        let colors = main.colors.map(|channel| channel.and_then(plane));
-        let value = |plane: Option<&Plane<'_>>, at: usize| plane.map_or(0.0, |p| p.value(at));
-        let pixels = (0..size.area()).map(|at| colors.map(|plane| value(plane, at))).collect();
+        let header = reader.headers()[main.part].clone();
+        let (size, count) = (header.layer_size, header.layer_size.area());
+        let alpha_bytes = if main.alpha.is_some() { ALPHA_BYTES } else { 0 };
+        check_size(file, &header, PIXEL_BYTES + alpha_bytes)?;
+        let mut pixels = vec![[0.0; 3]; count];
+        let mut alpha = vec![0.0; if main.alpha.is_some() { count } else { 0 }];
+        read_lines(file, reader, main.part, |line, start| {
+            let channel = line.location.channel;
+            for (slot, _) in main.colors.iter().enumerate().filter(|(_, c)| **c == Some(channel)) {
+                floats(&header, line, |i, value| pixels[start + i][slot] = value)?;
+            }
+            if main.alpha == Some(channel) {
+                floats(&header, line, |i, value| alpha[start + i] = value)?;
+            }
+            Ok(())
+        })?;
         let picture = Picture::new([size.0 as u32, size.1 as u32], pixels)?;
-        Ok(match main.alpha.and_then(plane) {
-            Some(alpha) => picture.with_alpha((0..size.area()).map(|at| alpha.value(at)).collect())?,
-            None => picture,
-        })
+        Ok(if main.alpha.is_some() { picture.with_alpha(alpha)? } else { picture })
     })
 }
 
@@ -254,8 +252,9 @@ fn with_reader<'a, T>(
     file: &File<'a>,
     work: impl FnOnce(&mut dyn FnMut() -> Result<Reader<Source<'a>>, Fault>) -> Result<T, Fault>,
 ) -> Result<T, ImageError> {
+    check_header_length(file)?;
     let mut open = || {
-        let reader = block::read(Cursor::new(file.bytes), false)?;
+        let reader = ::exr::block::read(Cursor::new(file.bytes), false)?;
         check_headers(file, reader.headers())?;
         Ok(reader)
     };
@@ -270,18 +269,13 @@ fn with_reader<'a, T>(
 /// Everything the block reader takes on trust: sizes, tiles, chunk counts, sampling.
 fn check_headers(file: &File<'_>, headers: &[Header]) -> Result<(), ImageError> {
     for header in headers {
-        let size = [header.layer_size.0 as u64, header.layer_size.1 as u64];
-        file.check_claim(FORMAT, size, header.channels.list.len() as u64)?;
+        // One channel must be had, and a block; how many are kept, the caller knows.
+        check_size(file, header, 4)?;
         if header.deep {
             return Err(file.unsupported(FORMAT, "deep data", "a flat picture"));
         }
         if header.channels.list.iter().any(|c| c.sampling.0 != 1 || c.sampling.1 != 1) {
             return Err(file.unsupported(FORMAT, "a channel of lower resolution than the picture", "RGB"));
-        }
-        if let BlockDescription::Tiles(tiles) = header.blocks {
-            // A tile may well be larger than a small picture, but not by orders.
-            let [w, h] = [tiles.tile_size.0 as u64, tiles.tile_size.1 as u64];
-            file.check_claim(FORMAT, [w, h], header.channels.list.len() as u64)?;
         }
         // Eight bytes of offset table a chunk, and the reader indexes the table by its own count.
         if header.chunk_count > file.bytes.len() / 8 {
@@ -296,6 +290,57 @@ fn check_headers(file: &File<'_>, headers: &[Header]) -> Result<(), ImageError> 
         return Err(file.malformed(FORMAT, file.bytes.len(), "it has no header"));
     }
     Ok(())
+}
+
+/// Longest header that is read. Small attributes take some 30 times their bytes (an estimate); a preview picture fits.
+const MOST_HEADER: usize = 4 << 20;
+
+/// Walks the attributes: name, type, length, value; an empty name ends a part.
+fn check_header_length(file: &File<'_>) -> Result<(), ImageError> {
+    let text = |at: usize| {
+        let end = file.bytes.get(at..)?.iter().take(256).position(|&b| b == 0)?;
+        Some((end, at + end + 1))
+    };
+    let attribute = |at: usize| {
+        let (name, at) = text(at)?;
+        if name == 0 {
+            return Some((true, at));
+        }
+        let (_, at) = text(at)?;
+        let length = i32::from_le_bytes(*file.bytes.get(at..)?.first_chunk()?);
+        Some((false, at.checked_add(4 + usize::try_from(length).ok()?)?))
+    };
+    let several = file.bytes.get(5).is_some_and(|flags| flags & 0x10 != 0);
+    let (mut at, mut ended) = (8, false);
+    // What is damaged, the decoder has words for.
+    while let Some((end, next)) = attribute(at) {
+        if next > MOST_HEADER {
+            return Err(file.malformed(FORMAT, at, "its header takes more than 4 MiB"));
+        }
+        if end && (ended || !several) {
+            break;
+        }
+        (at, ended) = (next, end);
+    }
+    Ok(())
+}
+
+/// Blocks are copied several times while they are decompressed. An estimate from the decoder's code, with which every
+/// kind of compression keeps the bound (`tests/image_memory.rs`).
+const BLOCK_COPIES: u64 = 5;
+
+/// Whether a part may be read of which every pixel takes so many bytes, and a block of it decompressed.
+fn check_size(file: &File<'_>, header: &Header, per_pixel: u64) -> Result<(), ImageError> {
+    let size = [header.layer_size.0 as u64, header.layer_size.1 as u64];
+    let [w, h] = match header.blocks {
+        // A tile may well be larger than a small picture.
+        BlockDescription::Tiles(tiles) => [tiles.tile_size.0 as u64, tiles.tile_size.1 as u64],
+        BlockDescription::ScanLines => [size[0], (header.compression.scan_lines_per_block() as u64).min(size[1])],
+    };
+    // In 32 bits whatever it is, since some kinds of compression expand.
+    let block = w.saturating_mul(h).saturating_mul(4 * header.channels.list.len() as u64);
+    let tables = 64 * header.chunk_count as u64;
+    file.check_claim(FORMAT, size, per_pixel, block.saturating_mul(BLOCK_COPIES).saturating_add(tables))
 }
 
 /// The wanted channels of one part at full resolution, in the order of `wanted`.
@@ -319,6 +364,38 @@ fn read_planes(
     let mut target = vec![None; list.len()];
     wanted.iter().enumerate().for_each(|(i, &c)| target[c] = Some(i));
 
+    read_lines(file, reader, part, |line, start| {
+        let Some(plane) = target[line.location.channel] else { return Ok(()) };
+        match &mut planes[plane] {
+            Plane::F32(v) => line.read_samples_into_slice(&mut v.to_mut()[start..start + line.location.sample_count]),
+            Plane::U32(v) => line.read_samples_into_slice(&mut v.to_mut()[start..start + line.location.sample_count]),
+            Plane::F16(v) => {
+                let values = v.to_mut();
+                floats(&header, line, |i, value| values[start + i] = value)
+            }
+        }
+    })?;
+    Ok(planes)
+}
+
+/// Hands over the samples of a line as floats, with their places in it.
+fn floats(header: &Header, line: LineRef<'_>, mut put: impl FnMut(usize, f32)) -> Result<(), ExrError> {
+    let samples = 0..line.location.sample_count;
+    match header.channels.list[line.location.channel].sample_type {
+        SampleType::F32 => samples.zip(line.read_samples::<f32>()).try_for_each(|(i, v)| v.map(|v| put(i, v))),
+        SampleType::F16 => samples.zip(line.read_samples::<f16>()).try_for_each(|(i, v)| v.map(|v| put(i, v.to_f32()))),
+        SampleType::U32 => samples.zip(line.read_samples::<u32>()).try_for_each(|(i, v)| v.map(|v| put(i, v as f32))),
+    }
+}
+
+/// Goes through every line of every channel of one part at full resolution, with the number of its first pixel.
+fn read_lines(
+    file: &File<'_>,
+    reader: Reader<Source<'_>>,
+    part: usize,
+    mut store: impl FnMut(LineRef<'_>, usize) -> Result<(), ExrError>,
+) -> Result<(), Fault> {
+    let header = reader.headers()[part].clone();
     let chunks =
         reader.filter_chunks(false, |_, tile, block| block.layer == part && tile.is_largest_resolution_level())?;
     let expected = chunks.expected_chunk_count();
@@ -328,36 +405,16 @@ fn read_planes(
         let position = block.index.pixel_position;
         if block.index.layer == part && block.index.level == Vec2(0, 0) {
             seen.insert((position.1, position.0));
-            store_lines(&header, &block, &target, &mut planes)?;
+            for line in block.lines(&header.channels) {
+                let start = line.location.position.1 * header.layer_size.0 + line.location.position.0;
+                store(line, start)?;
+            }
         }
         Ok(())
     })?;
     if seen.len() != expected {
         let what = format!("{} of its {expected} blocks are missing", expected - seen.len());
         return Err(file.malformed(FORMAT, file.bytes.len(), what).into());
-    }
-    Ok(planes)
-}
-
-fn store_lines(
-    header: &Header,
-    block: &UncompressedBlock,
-    target: &[Option<usize>],
-    planes: &mut [Plane<'static>],
-) -> Result<(), ExrError> {
-    for line in block.lines(&header.channels) {
-        let Some(plane) = target[line.location.channel] else { continue };
-        let start = line.location.position.1 * header.layer_size.0 + line.location.position.0;
-        let range = start..start + line.location.sample_count;
-        match &mut planes[plane] {
-            Plane::F32(v) => line.read_samples_into_slice(&mut v.to_mut()[range])?,
-            Plane::U32(v) => line.read_samples_into_slice(&mut v.to_mut()[range])?,
-            Plane::F16(v) => {
-                for (value, half) in v.to_mut()[range].iter_mut().zip(line.read_samples::<f16>()) {
-                    *value = half?.to_f32();
-                }
-            }
-        }
     }
     Ok(())
 }

@@ -1,14 +1,14 @@
 //! Portable float maps (after P. Debevec's description): `PF` or `Pf`, width, height, scale, then rows of
 //! 32-bit floats from the bottom up; a negative scale says little-endian.
 
-use super::read::File;
+use super::read::{File, PIXEL_BYTES};
 use super::{ImageError, Picture, check_count};
 
 const FORMAT: &str = "PFM";
 
 pub(super) fn read(file: &File<'_>) -> Result<Picture, ImageError> {
     let (header, start) = Header::parse(file)?;
-    file.check_claim(FORMAT, header.size, header.channels as u64)?;
+    file.check_claim(FORMAT, header.size, PIXEL_BYTES, 0)?;
     let [width, height] = header.size.map(|s| s as usize);
     // No overflow: the claim has been checked.
     let expected = width * height * header.channels * 4;

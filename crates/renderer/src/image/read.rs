@@ -1,8 +1,8 @@
 //! From the bytes of a file to a picture.
 
-use super::{ImageError, Picture, openexr, pfm, srgb};
+use super::{ImageError, Picture, expand, openexr, pfm};
 use ::image::codecs::{hdr::HdrDecoder, jpeg::JpegDecoder, png::PngDecoder, tga::TgaDecoder};
-use ::image::{DynamicImage, ImageDecoder, ImageError as Decoder, Limits};
+use ::image::{ImageDecoder, ImageError as Decoder, Limits};
 use std::io::{Cursor, ErrorKind};
 
 /// How the integers of a file encode intensities. Floating-point files are linear whatever is asked for.
@@ -31,9 +31,10 @@ pub enum Encoding {
 /// `file_name` is for messages, and for its extension.
 ///
 /// # Errors
-/// Whatever is wrong with the file, naming it and the byte where that showed. Nothing larger than about
-/// 100 MiB + 2.5 KiB x `bytes.len()` is ever allocated, whatever the header claims: see
-/// [`ImageError::TooLarge`].
+/// Whatever is wrong with the file, naming it and the byte where that showed. A picture whose reading would take
+/// more than 64 MiB + 16 x `bytes.len()`, the bytes themselves counted, is refused before anything is allocated:
+/// see [`ImageError::TooLarge`]. So pictures of up to 5 million pixels (12 bytes each once they are read; 4 million
+/// with alpha, 3.5 million from a progressive JPEG) are read however well they are packed.
 pub fn read_picture(bytes: &[u8], file_name: &str, encoding: Encoding) -> Result<Picture, ImageError> {
     let file = File { bytes, name: file_name };
     let mut cursor = Cursor::new(bytes);
@@ -41,18 +42,18 @@ pub fn read_picture(bytes: &[u8], file_name: &str, encoding: Encoding) -> Result
         Some(Content::Exr) => return openexr::read(&file),
         Some(Content::Pfm) => return pfm::read(&file),
         Some(Content::Png) => {
-            check_png(&file)?;
-            ("PNG", decode(&file, "PNG", encoding, PngDecoder::with_limits(&mut cursor, decoder_limits(&file))))
+            let limits = check_png(&file)?;
+            ("PNG", decode(&file, "PNG", encoding, 0, PngDecoder::with_limits(&mut cursor, limits)))
         }
         Some(Content::Jpeg) => {
-            check_jpeg_end(&file)?;
-            ("JPEG", decode(&file, "JPEG", encoding, JpegDecoder::new(&mut cursor)))
+            let working = check_jpeg(&file)?;
+            ("JPEG", decode(&file, "JPEG", encoding, working, JpegDecoder::new(&mut cursor)))
         }
         Some(Content::Hdr) => {
-            check_hdr_colors(&file)?;
-            (HDR, decode(&file, HDR, encoding, HdrDecoder::new_nonstrict(&mut cursor)))
+            check_hdr(&file)?;
+            (HDR, decode(&file, HDR, encoding, 0, HdrDecoder::new_nonstrict(&mut cursor)))
         }
-        Some(Content::Tga) => ("TGA", decode(&file, "TGA", encoding, TgaDecoder::new(&mut cursor))),
+        Some(Content::Tga) => ("TGA", decode(&file, "TGA", encoding, tga_copy(&file), TgaDecoder::new(&mut cursor))),
         None => return Err(ImageError::UnknownContent { file: file_name.to_owned() }),
     };
     picture.map_err(|fault| match fault {
@@ -91,11 +92,17 @@ pub(super) struct File<'a> {
     pub(super) name: &'a str,
 }
 
-/// Samples (pixels times channels) that any file may claim: 2048 x 2048 RGBA.
-const FREE_SAMPLES: u64 = 4 << 22;
-/// Samples that each byte of a file may claim besides. A flat JPEG of three full channels holds 96 samples a
-/// byte, a good texture below 10; deflate's limit of 1032 is met by bombs only.
-const SAMPLES_PER_BYTE: u64 = 192;
+/// What reading any file may take.
+const FREE_BYTES: u64 = 64 << 20;
+/// What each byte of a file may claim besides. A good texture holds below 10 samples a byte; what holds more, the free
+/// bytes are for.
+const BYTES_PER_BYTE: u64 = 16;
+/// Tables, windows and whatever else a decoder needs for itself whatever the size.
+const OWN_BYTES: u128 = 1 << 20;
+/// A colour in memory.
+pub(super) const PIXEL_BYTES: u64 = 12;
+/// An opacity in memory.
+pub(super) const ALPHA_BYTES: u64 = 4;
 
 impl File<'_> {
     pub(super) fn malformed(&self, format: &'static str, offset: usize, what: impl Into<String>) -> ImageError {
@@ -110,23 +117,34 @@ impl File<'_> {
         ImageError::Unsupported { file: self.name.to_owned(), format, what: what.to_owned(), instead }
     }
 
-    /// Most samples that a file of this length is trusted with.
-    fn sample_limit(&self) -> u64 {
-        FREE_SAMPLES.saturating_add((self.bytes.len() as u64).saturating_mul(SAMPLES_PER_BYTE))
+    /// Most memory that reading a file of this length may take, the file itself counted.
+    fn memory_limit(&self) -> u64 {
+        FREE_BYTES.saturating_add((self.bytes.len() as u64).saturating_mul(BYTES_PER_BYTE))
     }
 
-    /// Refuses empty pictures, and sizes out of proportion to the file: before anything is allocated.
-    pub(super) fn check_claim(&self, format: &'static str, size: [u64; 2], channels: u64) -> Result<(), ImageError> {
+    /// Refuses empty pictures, and sizes out of proportion to the file: before anything is allocated. `per_pixel`
+    /// counts the bytes that a pixel takes while it is read; `besides` what else the decoder needs.
+    pub(super) fn check_claim(
+        &self,
+        format: &'static str,
+        size: [u64; 2],
+        per_pixel: u64,
+        besides: u64,
+    ) -> Result<(), ImageError> {
         let file = self.name.to_owned();
         if size.contains(&0) {
             return Err(ImageError::EmptyFile { file, format, size });
         }
-        let limit = self.sample_limit();
-        let samples = u128::from(size[0]).saturating_mul(size[1].into()).saturating_mul(channels.max(3).into());
-        if size.iter().all(|&s| s <= 1 << 30) && samples <= u128::from(limit) {
+        let limit = self.memory_limit();
+        let bytes = self.bytes.len() as u64;
+        let pixels = u128::from(size[0]).saturating_mul(size[1].into());
+        let needed = [OWN_BYTES, besides.into(), bytes.into()]
+            .into_iter()
+            .fold(pixels.saturating_mul(per_pixel.into()), u128::saturating_add);
+        if size.iter().all(|&s| s <= 1 << 30) && needed <= u128::from(limit) {
             return Ok(());
         }
-        Err(ImageError::TooLarge { file, format, size, samples, bytes: self.bytes.len() as u64, limit })
+        Err(ImageError::TooLarge { file, format, size, needed, bytes, limit })
     }
 }
 
@@ -161,79 +179,46 @@ impl Content {
     }
 }
 
-fn decoder_limits(file: &File<'_>) -> Limits {
-    let mut limits = Limits::no_limits();
-    // The widest sample is a 32-bit float.
-    limits.max_alloc = Some(file.sample_limit().saturating_mul(4));
-    limits
-}
+/// Bytes that decoders keep for each column: a row or three of the widest pixels.
+const COLUMN_BYTES: u64 = 32;
 
+/// Decodes where the picture will lie. `working` counts bytes that the decoder needs meanwhile.
 fn decode<D: ImageDecoder>(
     file: &File<'_>,
     format: &'static str,
     encoding: Encoding,
+    working: u64,
     opened: ::image::ImageResult<D>,
 ) -> Result<Picture, Fault> {
-    let mut decoder = opened?;
+    let decoder = opened?;
     let (width, height) = decoder.dimensions();
-    file.check_claim(format, [width.into(), height.into()], decoder.color_type().channel_count().into())?;
-    decoder.set_limits(decoder_limits(file))?;
-    let image = DynamicImage::from_decoder(decoder)?;
-    let picture = Picture::new([width, height], linear_pixels(&image, encoding))?;
-    Ok(match alpha(&image) {
+    let color = decoder.color_type();
+    let alpha_bytes = if color.has_alpha() { ALPHA_BYTES } else { 0 };
+    let besides = working.saturating_add(u64::from(width) * COLUMN_BYTES);
+    file.check_claim(format, [width.into(), height.into()], PIXEL_BYTES + alpha_bytes, besides)?;
+    let mut pixels = vec![[0.0; 3]; width as usize * height as usize];
+    let packed = expand::packed(&mut pixels, color.bytes_per_pixel().into());
+    decoder.read_image(packed)?;
+    let alpha = expand::alpha(packed, color);
+    expand::expand(&mut pixels, color, encoding)
+        .map_err(|what| file.unsupported(format, what, "RGB of 8 bits per channel"))?;
+    let picture = Picture::new([width, height], pixels)?;
+    Ok(match alpha {
         Some(alpha) => picture.with_alpha(alpha)?,
         None => picture,
     })
 }
 
-/// Opacity, where the picture has any: proportional to the file's integers.
-fn alpha(image: &DynamicImage) -> Option<Vec<f32>> {
-    fn last<T: Copy + Into<f32>, const N: usize>(samples: &[T], most: f32) -> Vec<f32> {
-        samples.as_chunks::<N>().0.iter().map(|p| p[N - 1].into() / most).collect()
-    }
-    Some(match image {
-        DynamicImage::ImageLumaA8(i) => last::<_, 2>(i.as_raw(), 255.0),
-        DynamicImage::ImageRgba8(i) => last::<_, 4>(i.as_raw(), 255.0),
-        DynamicImage::ImageLumaA16(i) => last::<_, 2>(i.as_raw(), 65535.0),
-        DynamicImage::ImageRgba16(i) => last::<_, 4>(i.as_raw(), 65535.0),
-        _ => return None,
-    })
-}
-
-fn linear_pixels(image: &DynamicImage, encoding: Encoding) -> Vec<[f32; 3]> {
-    let linear = encoding == Encoding::Linear;
-    let table = |srgb: fn() -> Vec<f32>, most: f64| {
-        if linear { (0..=most as u32).map(|i| (f64::from(i) / most) as f32).collect() } else { srgb() }
-    };
-    let bytes = || table(srgb::decode_table_8, 255.0);
-    let words = || table(srgb::decode_table_16, 65535.0);
-    match image {
-        DynamicImage::ImageLuma8(i) => look_up::<_, 1>(i.as_raw(), &bytes()),
-        DynamicImage::ImageLumaA8(i) => look_up::<_, 2>(i.as_raw(), &bytes()),
-        DynamicImage::ImageRgb8(i) => look_up::<_, 3>(i.as_raw(), &bytes()),
-        DynamicImage::ImageRgba8(i) => look_up::<_, 4>(i.as_raw(), &bytes()),
-        DynamicImage::ImageLuma16(i) => look_up::<_, 1>(i.as_raw(), &words()),
-        DynamicImage::ImageLumaA16(i) => look_up::<_, 2>(i.as_raw(), &words()),
-        DynamicImage::ImageRgb16(i) => look_up::<_, 3>(i.as_raw(), &words()),
-        DynamicImage::ImageRgba16(i) => look_up::<_, 4>(i.as_raw(), &words()),
-        // Floating point: HDR.
-        other => other.to_rgb32f().pixels().map(|p| p.0).collect(),
-    }
-}
-
-/// RGB through a table, from samples of which each pixel has `N`: gray, gray and alpha, RGB, RGB and alpha.
-fn look_up<T: Copy + Into<usize>, const N: usize>(samples: &[T], table: &[f32]) -> Vec<[f32; 3]> {
-    let (pixels, _) = samples.as_chunks::<N>();
-    let channel = |i: usize| if N < 3 { 0 } else { i };
-    pixels.iter().map(|p| std::array::from_fn(|i| table[p[channel(i)].into()])).collect()
-}
-
 /// Checks the size, since the decoder's own words on it say little, and the end: the decoder gives what it has
-/// of a PNG that lacks it.
-fn check_png(file: &File<'_>) -> Result<(), ImageError> {
+/// of a PNG that lacks it. Returns what is left for texts and colour profiles, which may be packed, too.
+fn check_png(file: &File<'_>) -> Result<Limits, ImageError> {
+    let mut limits = Limits::no_limits();
     if let Some(&[.., a, b, c, d, e, f, g, h]) = file.bytes.first_chunk::<24>() {
         let size = [u32::from_be_bytes([a, b, c, d]).into(), u32::from_be_bytes([e, f, g, h]).into()];
-        file.check_claim("PNG", size, 1)?;
+        file.check_claim("PNG", size, PIXEL_BYTES, 0)?;
+        let rest = file.memory_limit().saturating_sub(size[0] * size[1] * (PIXEL_BYTES + ALPHA_BYTES));
+        // A small one is for every picture to have; the decoder counts its rows, too.
+        limits.max_alloc = Some((rest / 4).max(OWN_BYTES as u64 / 2 + size[0] * COLUMN_BYTES));
     }
     let mut rest = &file.bytes[8..];
     while let Some((length, after)) = rest.split_first_chunk::<4>() {
@@ -242,27 +227,51 @@ fn check_png(file: &File<'_>) -> Result<(), ImageError> {
             break;
         }
         if after.starts_with(b"IEND") {
-            return Ok(());
+            return Ok(limits);
         }
         rest = &after[end..];
     }
     Err(file.truncated("PNG"))
 }
 
-/// The decoder fills what a cut JPEG lacks with gray; so the end is looked for by walking the segments.
-fn check_jpeg_end(file: &File<'_>) -> Result<(), ImageError> {
+/// The decoder fills what a cut JPEG lacks with gray; so the end is looked for by walking the segments. Returns how
+/// many bytes a pixel the decoder needs: it keeps the coefficients of the whole picture where they do not come all at
+/// once.
+fn check_jpeg(file: &File<'_>) -> Result<u64, ImageError> {
     const END_OF_IMAGE: u8 = 0xd9;
+    const START_OF_SCAN: u8 = 0xda;
+    const PROGRESSIVE: u8 = 0xc2;
+    let (mut working, mut channels, mut coefficients) = (0, 0, 0);
     let mut rest = &file.bytes[2..];
     while let Some(start) = rest.windows(2).position(|w| w[0] == 0xff && !matches!(w[1], 0 | 0xff)) {
         let marker = rest[start + 1];
         rest = &rest[start + 2..];
         match marker {
-            END_OF_IMAGE => return Ok(()),
+            END_OF_IMAGE => return Ok(working),
             // Restart markers and TEM have no length. Coded data after a scan's header is skipped by `position`.
             0x01 | 0xd0..=0xd8 => {}
             _ => {
                 let Some(length) = rest.first_chunk::<2>() else { break };
                 let Some(after) = rest.get(usize::from(u16::from_be_bytes(*length))..) else { break };
+                match (marker, rest) {
+                    // Frames: length, precision, height, width, channels, and how each of these is sampled.
+                    (0xc0..=0xc3, &[_, _, _, h0, h1, w0, w1, count, ..]) => {
+                        let size = [[w0, w1], [h0, h1]].map(|side| u64::from(u16::from_be_bytes(side)));
+                        channels = u64::from(count);
+                        let [w, h] = size.map(|side| side.next_multiple_of(32));
+                        coefficients = w * h * channels * 2;
+                        // Rows of 8 times up to 4 lines, some times over; and the decoder has a copy of the file.
+                        working = w * channels * 8 * 4 * 2 * 4 + 2 * file.bytes.len() as u64;
+                        if marker == PROGRESSIVE {
+                            working += std::mem::take(&mut coefficients);
+                        }
+                        file.check_claim("JPEG", size, PIXEL_BYTES, working)?;
+                    }
+                    (START_OF_SCAN, &[_, _, count, ..]) if u64::from(count) < channels => {
+                        working += std::mem::take(&mut coefficients);
+                    }
+                    _ => {}
+                }
                 rest = after;
             }
         }
@@ -270,8 +279,25 @@ fn check_jpeg_end(file: &File<'_>) -> Result<(), ImageError> {
     Err(file.truncated("JPEG"))
 }
 
-fn check_hdr_colors(file: &File<'_>) -> Result<(), ImageError> {
-    let mut lines = file.bytes.split(|&b| b == b'\n').take_while(|line| !line.is_empty());
+/// What is indexed is copied once while a TGA is read: two bytes a pixel at most.
+fn tga_copy(file: &File<'_>) -> u64 {
+    match file.bytes.first_chunk::<16>() {
+        Some(&[.., w0, w1, h0, h1]) => {
+            2 * u64::from(u16::from_le_bytes([w0, w1])) * u64::from(u16::from_le_bytes([h0, h1]))
+        }
+        None => 0,
+    }
+}
+
+/// Longest header that is read: small attributes take tens of times their bytes (an estimate).
+const HDR_HEADER: usize = 1 << 20;
+
+fn check_hdr(file: &File<'_>) -> Result<(), ImageError> {
+    let head = &file.bytes[..file.bytes.len().min(HDR_HEADER)];
+    if head.len() == HDR_HEADER && !head.windows(2).any(|w| w == b"\n\n") {
+        return Err(file.malformed(HDR, HDR_HEADER, "its header does not end"));
+    }
+    let mut lines = head.split(|&b| b == b'\n').take_while(|line| !line.is_empty());
     if lines.any(|line| line.starts_with(b"FORMAT=32-bit_rle_xyze")) {
         return Err(file.unsupported(HDR, "XYZ colour", "RGBE"));
     }

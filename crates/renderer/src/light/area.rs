@@ -1,11 +1,12 @@
 //! Shapes that shine.
 
+use super::spherical::SphericalTriangle;
 use super::{Lamp, LightSample, Target, area_to_solid_angle};
 use crate::shading::Frame;
 use crate::shading::discrete::Discrete;
 use crate::shading::warp;
 use dapple_geometry::{Geometry, PrimitiveId, Shape, SurfacePoint};
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 
 /// Triangles that shine alike.
 #[derive(Clone, Debug)]
@@ -17,6 +18,10 @@ pub struct MeshLamp {
     /// takes half the time of the table (a lamp of two triangles, perf).
     few: Vec<[f32; 2]>,
     area: f64,
+    /// No facet that is near a point has a point farther from it than the root of this.
+    near_squared: f32,
+    /// Facets by the number of their triangle, where some triangles have no area.
+    facet_of: Vec<u32>,
 }
 
 /// Lamps of up to so many facets are walked through.
@@ -34,6 +39,43 @@ struct Facet {
     /// Bound on the error of a sampled point per axis.
     error: Vec3,
     primitive: PrimitiveId,
+    /// Share of the lamp's area.
+    share: f32,
+    /// Squared distance of the farthest corner from the centroid: from nearer points, the facet is sampled by its
+    /// solid angle, which the area would serve badly. From farther ones the density varies little over the facet.
+    reach_squared: f32,
+}
+
+impl Facet {
+    fn centroid(&self) -> Vec3 {
+        self.corner + (self.edges[0] + self.edges[1]) * (1.0 / 3.0)
+    }
+
+    /// What is seen of the facet from a point so near that the solid angle is to be sampled. A pure function of both:
+    /// light sampling and its density must agree.
+    fn near(&self, from: Vec3) -> Option<SphericalTriangle> {
+        if (from - self.centroid()).length_squared() >= self.reach_squared {
+            return None;
+        }
+        let [corner, from] = [self.corner, from].map(Vec3::as_dvec3);
+        let edges = self.edges.map(Vec3::as_dvec3);
+        SphericalTriangle::new([corner, corner + edges[0], corner + edges[1]].map(|c| c - from))
+    }
+
+    /// Coordinates along the edges of the point of the triangle that lies in this direction.
+    fn met(&self, from: Vec3, direction: DVec3) -> [f32; 2] {
+        let [e0, e1] = self.edges.map(Vec3::as_dvec3);
+        let to = from.as_dvec3() - self.corner.as_dvec3();
+        // [Moeller and Trumbore 1997].
+        let across = direction.cross(e1);
+        let scale = 1.0 / e0.dot(across);
+        let bound = |x: f64| if x.is_finite() { x.clamp(0.0, 1.0) } else { 0.0 };
+        let b1 = bound(to.dot(across) * scale);
+        let b2 = bound(direction.dot(to.cross(e0)) * scale);
+        // Rounding leads past the far edge at most.
+        let over = (b1 + b2).max(1.0);
+        [(b1 / over) as f32, (b2 / over) as f32]
+    }
 }
 
 /// A sphere that shines.
@@ -78,6 +120,8 @@ impl MeshLamp {
                 // Six roundings at most: two edges, two products, two sums [Pharr et al. 2023, eq. 6.26].
                 error: (a.abs().max(b.abs()).max(c.abs()) * 3.0) * (6.0 * f32::EPSILON),
                 primitive: PrimitiveId::triangle(shape, triangle),
+                share: 0.0,
+                reach_squared: 0.0,
             });
         }
         let choice = Discrete::new(&areas).ok().filter(|d| !d.is_empty())?;
@@ -91,7 +135,20 @@ impl MeshLamp {
                 [start as f32, (area / f64::from(a)) as f32]
             }));
         }
-        Some(Self { lamp, facets, choice, few, area })
+        for (facet, area_of_it) in facets.iter_mut().zip(&areas) {
+            facet.share = (f64::from(*area_of_it) / area) as f32;
+            let centroid = facet.centroid();
+            let corners = [facet.corner, facet.corner + facet.edges[0], facet.corner + facet.edges[1]];
+            facet.reach_squared = corners.map(|c| (c - centroid).length_squared()).into_iter().fold(0.0, f32::max);
+        }
+        // Twice the widest reach, and a margin for rounding.
+        let near_squared = 5.0 * facets.iter().map(|f| f.reach_squared).fold(0.0, f32::max);
+        let mut facet_of = Vec::new();
+        if facets.len() < mesh.triangles().len() {
+            facet_of = vec![0; mesh.triangles().len()];
+            (0..).zip(&facets).for_each(|(i, f)| facet_of[f.primitive.number() as usize] = i);
+        }
+        Some(Self { lamp, facets, choice, few, area, near_squared, facet_of })
     }
 
     pub(super) fn lamp(&self) -> &Lamp {
@@ -102,16 +159,37 @@ impl MeshLamp {
         self.area
     }
 
-    /// Uniform over the area: `u[0]` chooses the triangle and is used again within it, which keeps the
-    /// points stratified over the whole lamp.
+    /// A triangle is chosen by its area, by `u[0]`, which is used again within it: that keeps the points stratified
+    /// over the whole lamp. Within, uniform over the area from far, over the solid angle from near.
     #[inline(always)]
     pub(super) fn sample(&self, from: Vec3, u: [f32; 2]) -> Option<LightSample> {
         let (index, within) = self.choose(u[0])?;
         let facet = &self.facets[index];
         let [_, b1, b2] = warp::uniform_triangle([within, u[1]]);
         let position = facet.corner + facet.edges[0] * b1 + facet.edges[1] * b2;
+        // Where the distance is known anyway, this costs a comparison; whether the facet is near is decided after it.
+        if (position - from).length_squared() < self.near_squared
+            && let Some(seen) = facet.near(from)
+        {
+            return self.sample_near(facet, &seen, from, [within, u[1]]);
+        }
         let point = SurfacePoint { position, error: facet.error, normal: facet.normal, primitive: facet.primitive };
         sample_on(&self.lamp, from, point, facet.side, self.area as f32)
+    }
+
+    /// Uniform over the solid angle of a facet.
+    #[inline(never)]
+    fn sample_near(&self, facet: &Facet, seen: &SphericalTriangle, from: Vec3, u: [f32; 2]) -> Option<LightSample> {
+        let radiance = self.lamp.radiance(if seen.seen_from_above() { facet.side } else { -facet.side });
+        if radiance == Vec3::ZERO {
+            return None;
+        }
+        let [b1, b2] = facet.met(from, seen.sample(u.map(f64::from)));
+        let position = facet.corner + facet.edges[0] * b1 + facet.edges[1] * b2;
+        let wi = (position - from).try_normalize()?;
+        let point = SurfacePoint { position, error: facet.error, normal: facet.normal, primitive: facet.primitive };
+        let pdf = facet.share / seen.solid_angle as f32;
+        Some(LightSample { wi, radiance, pdf, target: Target::Surface(point), delta: false })
     }
 
     /// The facet that `u` chooses by area, and the place of `u` within its share, in `[0, 1)`.
@@ -129,7 +207,20 @@ impl MeshLamp {
 
     #[inline]
     pub(super) fn pdf(&self, from: Vec3, point: &SurfacePoint) -> f32 {
+        if (point.position - from).length_squared() < self.near_squared
+            && let Some(pdf) = self.pdf_near(from, point)
+        {
+            return pdf;
+        }
         area_to_solid_angle(from, point, self.area as f32)
+    }
+
+    #[inline(never)]
+    fn pdf_near(&self, from: Vec3, point: &SurfacePoint) -> Option<f32> {
+        let number = point.primitive.number() as usize;
+        let number = if self.facet_of.is_empty() { number } else { *self.facet_of.get(number)? as usize };
+        let facet = self.facets.get(number).filter(|f| f.primitive == point.primitive)?;
+        facet.near(from).map(|seen| facet.share / seen.solid_angle as f32)
     }
 }
 

@@ -8,6 +8,7 @@ mod choice;
 mod environment;
 mod octahedral;
 mod punctual;
+mod spherical;
 
 pub use area::{DiskLamp, MeshLamp, SphereLamp};
 pub use choice::LightChoice;

@@ -44,16 +44,7 @@ fn reflectances_lie_between_0_and_1() {
     };
     let textures = Textures::new(&[Texture { name: String::new(), kind, source: Source::default() }]);
     let color = Color::Texture(TextureId(0));
-    let coated = MaterialKind::CoatedDiffuse {
-        reflectance: color,
-        roughness: Roughness::constant(0.0, 0.0, false),
-        eta: 1.5,
-        thickness: 0.01,
-        albedo: Color::Constant([0.0; 3]),
-        g: 0.0,
-        max_depth: 10,
-        samples: 1,
-    };
+    let coated = MaterialKind::CoatedDiffuse { reflectance: color, coat: Coating::default() };
     let roughness = Roughness::constant(0.3, 0.3, false);
     let tinted = MaterialKind::Conductor { fresnel: ConductorFresnel::Reflectance(color), roughness };
     for kind in [MaterialKind::Diffuse { reflectance: color }, coated, tinted] {

@@ -295,7 +295,9 @@ impl Materials {
         }
         let bytes = files(&path).map_err(|e| format!("{}: {e}", path.display()));
         let read = |bytes: Vec<u8>| {
-            read_picture(&bytes, &path.display().to_string(), Encoding::Auto).map_err(|e| e.to_string())
+            let name = path.display().to_string();
+            let picture = read_picture(&bytes, &name, Encoding::Auto).and_then(|p| p.checked_finite(&name));
+            picture.map_err(|e| e.to_string())
         };
         let picture = match bytes.and_then(read) {
             Ok(picture) => Some(Arc::new(picture)),

@@ -73,7 +73,7 @@ impl Reader<'_> {
         }
         let bytes = self.load(&key.0, source)?;
         let encoding = if decoding == Decoding::Srgb { Encoding::Srgb } else { Encoding::Linear };
-        match read_picture(&bytes, name, encoding) {
+        match read_picture(&bytes, name, encoding).and_then(|picture| picture.checked_finite(name)) {
             Ok(mut picture) => {
                 if let Decoding::Gamma(bits) = decoding
                     && holds_integers(&bytes)

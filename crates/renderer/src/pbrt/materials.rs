@@ -7,7 +7,7 @@ use super::spectra::{Gamut, metal};
 use super::state::MaterialRef;
 use super::textures::Textures;
 use super::tokens::shown;
-use crate::scene::{Color, ConductorFresnel, Material, MaterialId, MaterialKind, Roughness, Scalar, Source};
+use crate::scene::{Coating, Color, ConductorFresnel, Material, MaterialId, MaterialKind, Roughness, Scalar, Source};
 
 /// pbrt's default material.
 pub(super) fn default_kind() -> MaterialKind {
@@ -110,13 +110,10 @@ fn new_material(kind: &str, params: &mut Params, textures: &Textures) -> Option<
         "thindielectric" => MaterialKind::ThinDielectric { eta: params.index("eta", 1.5) },
         "coateddiffuse" => MaterialKind::CoatedDiffuse {
             reflectance: params.color("reflectance", [0.5; 3], textures),
-            roughness: roughness(params, textures),
-            eta: params.index("eta", 1.5),
-            thickness: thickness(params, textures),
-            albedo: params.color("albedo", [0.0; 3], textures),
-            g: asymmetry(params, textures),
-            max_depth: params.integer("maxdepth", 1, i32::MAX).unwrap_or(10) as u32,
-            samples: params.integer("nsamples", 1, i32::MAX).unwrap_or(1) as u32,
+            coat: {
+                let roughness = roughness(params, textures);
+                coating(params, textures, roughness, "eta")
+            },
         },
         "coatedconductor" => coated_conductor(params, textures),
         "mix" => return Some(mix(params, textures)),
@@ -163,22 +160,23 @@ fn coated_conductor(params: &mut Params, textures: &Textures) -> MaterialKind {
     MaterialKind::CoatedConductor {
         fresnel: fresnel(params, textures, ["reflectance", "conductor.eta", "conductor.k"]),
         roughness: roughness_of(params, textures, metal, 0.0, remap),
-        coat_roughness: roughness_of(params, textures, coat, 0.0, remap),
-        eta: params.index("interface.eta", 1.5),
-        thickness: thickness(params, textures),
-        albedo: params.color("albedo", [0.0; 3], textures),
-        g: asymmetry(params, textures),
-        max_depth: params.integer("maxdepth", 1, i32::MAX).unwrap_or(10) as u32,
-        samples: params.integer("nsamples", 1, i32::MAX).unwrap_or(1) as u32,
+        coat: {
+            let roughness = roughness_of(params, textures, coat, 0.0, remap);
+            coating(params, textures, roughness, "interface.eta")
+        },
     }
 }
 
-fn thickness(params: &mut Params, textures: &Textures) -> f32 {
-    params.constant("thickness", 0.01, textures, |v| v >= 0.0, "at least 0")
-}
-
-fn asymmetry(params: &mut Params, textures: &Textures) -> f32 {
-    params.constant("g", 0.0, textures, |v| v > -1.0 && v < 1.0, "between -1 and 1")
+fn coating(params: &mut Params, textures: &Textures, roughness: Roughness, eta: &'static str) -> Coating {
+    Coating {
+        roughness,
+        eta: params.index(eta, 1.5),
+        thickness: params.constant("thickness", 0.01, textures, |v| v >= 0.0, "at least 0"),
+        albedo: params.color("albedo", [0.0; 3], textures),
+        g: params.constant("g", 0.0, textures, |v| v > -1.0 && v < 1.0, "between -1 and 1"),
+        max_depth: params.integer("maxdepth", 1, i32::MAX).unwrap_or(10) as u32,
+        samples: params.integer("nsamples", 1, i32::MAX).unwrap_or(1) as u32,
+    }
 }
 
 fn mix(params: &mut Params, textures: &Textures) -> Made {

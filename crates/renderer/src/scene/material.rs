@@ -77,20 +77,8 @@ pub enum MaterialKind {
     CoatedDiffuse {
         /// The base's reflectance.
         reflectance: Color,
-        /// The coat's microfacets.
-        roughness: Roughness,
-        /// The coat's index of refraction.
-        eta: f32,
-        /// The coat's thickness.
-        thickness: f32,
-        /// Scattering albedo within the coat.
-        albedo: Color,
-        /// Henyey-Greenstein asymmetry within the coat.
-        g: f32,
-        /// Most events of the walk between the layers.
-        max_depth: u32,
-        /// Walks per evaluation.
-        samples: u32,
+        /// What lies over it.
+        coat: Coating,
     },
     /// A dielectric coat over a metal.
     CoatedConductor {
@@ -98,20 +86,8 @@ pub enum MaterialKind {
         fresnel: ConductorFresnel,
         /// The metal's microfacets.
         roughness: Roughness,
-        /// The coat's microfacets.
-        coat_roughness: Roughness,
-        /// The coat's index of refraction.
-        eta: f32,
-        /// The coat's thickness.
-        thickness: f32,
-        /// Scattering albedo within the coat.
-        albedo: Color,
-        /// Henyey-Greenstein asymmetry within the coat.
-        g: f32,
-        /// Most events of the walk between the layers.
-        max_depth: u32,
-        /// Walks per evaluation.
-        samples: u32,
+        /// What lies over it.
+        coat: Coating,
     },
     /// Here one material, there another.
     Mix {
@@ -159,6 +135,33 @@ pub enum ConductorFresnel {
     },
     /// The reflectance at normal incidence, `eta` being 1.
     Reflectance(Color),
+}
+
+/// A dielectric layer over another material.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Coating {
+    /// Its microfacets.
+    pub roughness: Roughness,
+    /// Its index of refraction.
+    pub eta: f32,
+    /// Its thickness.
+    pub thickness: f32,
+    /// Scattering albedo within it.
+    pub albedo: Color,
+    /// Henyey-Greenstein asymmetry within it.
+    pub g: f32,
+    /// Most events of the walk between the layers.
+    pub max_depth: u32,
+    /// Walks per evaluation.
+    pub samples: u32,
+}
+
+/// pbrt-v4's, smooth.
+impl Default for Coating {
+    fn default() -> Self {
+        let (roughness, albedo) = (Roughness::constant(0.0, 0.0, false), Color::Constant([0.0; 3]));
+        Self { roughness, eta: 1.5, thickness: 0.01, albedo, g: 0.0, max_depth: 10, samples: 1 }
+    }
 }
 
 /// Microfacet roughness along the two tangents.

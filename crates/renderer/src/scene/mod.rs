@@ -14,8 +14,8 @@ mod without;
 pub use camera::{Camera, FilmSettings, PixelFilter, Projection};
 pub use light::{EnvironmentRadiance, Light, LightKind, SpotFalloff};
 pub use material::{
-    Color, ConductorFresnel, Material, MaterialId, MaterialKind, Roughness, Scalar, Texture, TextureId, TextureKind,
-    Wrap,
+    Coating, Color, ConductorFresnel, Material, MaterialId, MaterialKind, Roughness, Scalar, Texture, TextureId,
+    TextureKind, Wrap,
 };
 pub use medium::{Medium, MediumId, MediumInterface};
 pub use shape::{Emission, Geometry, Instance, MeshData, MeshFault, Object, ObjectId, Shape};

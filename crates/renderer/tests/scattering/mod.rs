@@ -3,6 +3,8 @@
 //! Each integration test that uses this says `mod scattering; mod statistics;`; not every one uses all of it.
 #![allow(dead_code, unreachable_pub)]
 
+pub mod walk;
+
 use crate::statistics::{FAMILY, Mean, Verdict, chi_square, integrate, sidak};
 use dapple_renderer::shading::{Bsdf, BsdfSample};
 use glam::{DVec3, Vec3};

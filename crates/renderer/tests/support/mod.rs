@@ -7,8 +7,8 @@ use dapple_core::samplers::Uniform;
 use dapple_core::{Film, Frame, Limits, Needs, NoWatch, PointSet, Sampler, render};
 use dapple_low_discrepancy::Sobol;
 use dapple_renderer::scene::{
-    Camera, Color, ConductorFresnel, Emission, EnvironmentRadiance, Geometry, Light, LightKind, Material, MaterialId,
-    MaterialKind, MeshData, Projection, Roughness, Scene, Shape, Source,
+    Camera, Coating, Color, ConductorFresnel, Emission, EnvironmentRadiance, Geometry, Light, LightKind, Material,
+    MaterialId, MaterialKind, MeshData, Projection, Roughness, Scene, Shape, Source,
 };
 use dapple_renderer::{World, integrator};
 use glam::{DAffine3, DMat3, DVec3};
@@ -59,13 +59,12 @@ pub fn metal(alpha: f32) -> MaterialKind {
 pub fn coated(rho: f32, alpha: f32) -> MaterialKind {
     MaterialKind::CoatedDiffuse {
         reflectance: Color::Constant([rho; 3]),
-        roughness: Roughness::constant(alpha, alpha, false),
-        eta: 1.5,
-        thickness: 0.0,
-        albedo: Color::Constant([0.0; 3]),
-        g: 0.0,
-        max_depth: 100,
-        samples: 1,
+        coat: Coating {
+            roughness: Roughness::constant(alpha, alpha, false),
+            thickness: 0.0,
+            max_depth: 100,
+            ..Coating::default()
+        },
     }
 }
 

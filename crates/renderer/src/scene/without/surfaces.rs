@@ -122,16 +122,16 @@ impl Means {
                 color(reflectance);
                 color(transmittance);
             }
-            MaterialKind::CoatedDiffuse { reflectance, roughness: r, albedo, .. } => {
+            MaterialKind::CoatedDiffuse { reflectance, coat } => {
                 color(reflectance);
-                roughness(r);
-                color(albedo);
+                roughness(&mut coat.roughness);
+                color(&mut coat.albedo);
             }
-            MaterialKind::CoatedConductor { fresnel: f, roughness: r, coat_roughness, albedo, .. } => {
+            MaterialKind::CoatedConductor { fresnel: f, roughness: r, coat } => {
                 fresnel(f);
                 roughness(r);
-                roughness(coat_roughness);
-                color(albedo);
+                roughness(&mut coat.roughness);
+                color(&mut coat.albedo);
             }
             MaterialKind::Mix { amount, .. } => scalar(amount),
             MaterialKind::Plastic { diffuse, specular, roughness: r }
