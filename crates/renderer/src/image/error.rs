@@ -64,7 +64,7 @@ pub enum ImageError {
     },
     /// A header that claims more than its file can sensibly hold.
     #[error(
-        "{file}: the {format} header claims {}x{} pixels, which take {} MiB to read, but a file of {bytes} bytes is given {} (64 MiB and 16 times its length): if the header is right, save the picture smaller, or with less compression (as TGA, say)",
+        "{file}: the {format} header claims {}x{} pixels, which take {} MiB to read, but a file of {bytes} bytes is given {} (256 MiB and 16 times its length): if the header is right, save the picture smaller, or with less compression (as TGA, say)",
         size[0], size[1], needed.div_ceil(1 << 20), limit >> 20
     )]
     TooLarge {

@@ -32,7 +32,7 @@ pub enum Encoding {
 ///
 /// # Errors
 /// Whatever is wrong with the file, naming it and the byte where that showed. A picture whose reading would take
-/// more than 64 MiB + 16 x `bytes.len()`, the bytes themselves counted, is refused before anything is allocated:
+/// more than 256 MiB + 16 x `bytes.len()`, the bytes themselves counted, is refused before anything is allocated:
 /// see [`ImageError::TooLarge`]. So pictures of up to 5 million pixels (12 bytes each once they are read; 4 million
 /// with alpha, 3.5 million from a progressive JPEG) are read however well they are packed.
 pub fn read_picture(bytes: &[u8], file_name: &str, encoding: Encoding) -> Result<Picture, ImageError> {
@@ -92,8 +92,9 @@ pub(super) struct File<'a> {
     pub(super) name: &'a str,
 }
 
-/// What reading any file may take.
-const FREE_BYTES: u64 = 64 << 20;
+/// What reading any file may take: textures of 4096 x 4096 pixels, which are 201 MB in memory, are read however well they
+/// are packed.
+const FREE_BYTES: u64 = 256 << 20;
 /// What each byte of a file may claim besides. A good texture holds below 10 samples a byte; what holds more, the free
 /// bytes are for.
 const BYTES_PER_BYTE: u64 = 16;

@@ -47,7 +47,7 @@ pub(super) fn add(summary: &mut Summary, grid: &Grid<'_>) {
                 method != grid.baseline && !grid.pairs(scene, [method, grid.baseline], budget).is_empty()
             })
             .collect();
-        // [Šidák 1967]: as many intervals hold together with 95 % if each holds with this.
+        // [after Šidák 1967]: as many intervals hold together with 95 % if each holds with this.
         let together = libm::pow(CONFIDENCE, 1.0 / compared.len().max(1) as f64);
         for at in compared {
             compare(summary, grid, at, budget, together);
