@@ -125,13 +125,17 @@ fn the_other_commands_run() {
             .arg("--")
             .args(&words)
             .args(["--resolution", "16x12"])
-            .args(if words[0] == "effects" { ["--spp", "4"] } else { ["--max-spp", "64"] })
+            .args(match words[0] {
+                "effects" => ["--spp", "4"],
+                "study" => ["--spp", "1,2"],
+                _ => ["--max-spp", "64"],
+            })
             .current_dir(folder.path())
             .output()
             .expect("cargo runs");
         assert!(output.status.success(), "{line}: {}", String::from_utf8_lossy(&output.stderr));
     }
-    for made in ["maps/samples.png", "maps/clusters.png", "scene.exr", "scene.png"] {
+    for made in ["study/report.html", "maps/samples.png", "maps/clusters.png", "scene.exr", "scene.png"] {
         assert!(folder.path().join(made).is_file(), "{made} is missing");
     }
 }

@@ -59,6 +59,7 @@ fn deliver(folder: &Path, quiet: bool) -> Result<Outcome> {
     if !quiet {
         tell(format!("{}: what was found, to read and to show", folder.join("report.html").display()))?;
         tell(format!("{}: every figure of it", folder.join("summary.csv").display()))?;
+        tell(format!("{}: its tables, and plots beside it, for other pages", folder.join("summary.md").display()))?;
         tell(format!("{}: every run, a line of JSON each", folder.join("runs.jsonl").display()))?;
         tell(format!("{}: how they were made", folder.join("study.json").display()))?;
     }

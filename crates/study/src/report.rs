@@ -1,8 +1,10 @@
-//! `summary.csv` and `report.html`: what a study found, to read and to show.
+//! `summary.csv`, `report.html`, and `summary.md` with `plots`: what a study found, to read, to show, and for other pages.
 
 mod chart;
+mod markdown;
 mod page;
 mod pictures;
+mod plots;
 mod style;
 mod verdicts;
 mod words;
@@ -31,7 +33,8 @@ pub enum ReportError {
 }
 
 /// Reads a study's folder, finished or not, and writes `summary.csv` and `report.html` there, each whole or not at
-/// all. The page is one file that needs nothing else, neither network nor the folder.
+/// all. The page is one file that needs nothing else, neither network nor the folder. For other people's pages there
+/// are `summary.md`, its tables, and `plots/SCENE.svg`, its curves of error against time.
 ///
 /// The same records give the same bytes.
 ///
@@ -45,5 +48,11 @@ pub fn write_report(folder: &Path) -> Result<Summary, ReportError> {
     let page = page::render(&recorded, &summary)?;
     write_file(&folder.join("summary.csv"), &table)?;
     write_file(&folder.join("report.html"), page.as_bytes())?;
+    write_file(&folder.join("summary.md"), markdown::render(&recorded, &summary).as_bytes())?;
+    // If this fails, so does the first file there, and its error has a name.
+    let _ = std::fs::create_dir_all(folder.join("plots"));
+    for (name, plot) in plots::plots(&recorded, &summary) {
+        write_file(&folder.join("plots").join(name), plot.as_bytes())?;
+    }
     Ok(summary)
 }

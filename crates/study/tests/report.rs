@@ -403,3 +403,40 @@ fn broken_records_are_named() {
     study.write(folder.path(), false);
     assert!(error(folder.path()).contains("baseline"));
 }
+
+#[test]
+fn other_pages_get_tables_and_plots() {
+    let folder = tempfile::tempdir().unwrap();
+    let study = &mut example();
+    study.write(folder.path(), false);
+    let found = read(folder.path());
+    let tables = std::fs::read_to_string(folder.path().join("summary.md")).unwrap();
+    // The page's figures, which are the table's, in the order of their lines.
+    let timed = budget_words(Budget::TimeOf(study.manifest.time_of.unwrap()));
+    let of_page: Vec<String> = figures(&found.page)
+        .into_iter()
+        .filter(|f| f[0].ends_with(&format!("|{timed}|relmse ratio")))
+        .map(|f| f[4].clone())
+        .collect();
+    let compared = study.manifest.scenes.len() * (study.manifest.methods.len() - 1);
+    assert!(of_page.len() >= compared, "{of_page:?}");
+    let of_tables: Vec<&str> = tables
+        .lines()
+        .skip_while(|line| !line.starts_with("| scene | method |"))
+        .skip(2)
+        .take_while(|line| line.starts_with('|'))
+        .map(|line| line.split(" | ").nth(3).unwrap().split(' ').next().unwrap())
+        .collect();
+    assert_eq!(of_tables.len(), compared);
+    assert!(of_tables.iter().all(|figure| of_page.iter().any(|f| f == figure)), "{of_tables:?} {of_page:?}");
+    for scene in &study.manifest.scenes {
+        let plot = std::fs::read_to_string(folder.path().join(format!("plots/{}.svg", scene.name))).unwrap();
+        assert!(plot.starts_with("<svg xmlns") && plot.contains("prefers-color-scheme: dark"));
+        assert_eq!(plot.matches("<svg").count(), plot.matches("</svg>").count());
+        let curves = plot.matches("stroke-dasharray").count();
+        assert!(curves >= 2 * study.manifest.methods.len(), "a line in the plot and one in the legend each: {curves}");
+        for used in plot.split("var(").skip(1).map(|rest| rest.split(')').next().unwrap()) {
+            assert!(plot.contains(&format!("{used}: #")), "{used} has no colour");
+        }
+    }
+}

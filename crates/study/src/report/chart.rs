@@ -20,7 +20,7 @@ pub(super) struct Axis {
     pub(super) ticks: Option<Vec<f64>>,
 }
 
-const SIZE: (u32, u32) = (480, 346);
+pub(super) const SIZE: (u32, u32) = (480, 346);
 const MARGIN: Margins = Margins { left: 74, right: 16, top: 12, bottom: 52 };
 /// On a phone the page's style makes it larger: margins and ticks leave room for 17.
 const FONT: u32 = 14;

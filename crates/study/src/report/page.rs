@@ -127,7 +127,7 @@ pub(super) fn render(recorded: &Recorded, summary: &Summary) -> Result<String, a
     let spp: Vec<Budget> = manifest.spp.iter().map(|&spp| Budget::Spp(spp)).collect();
     let view = Builder { recorded, summary, names: &names, styles: &styles, budget };
     Page {
-        style: include_str!("../../templates/report.css"),
+        style: concat!(include_str!("../../templates/palette.css"), include_str!("../../templates/report.css")),
         script: include_str!("../../templates/report.js"),
         scene_count: manifest.scenes.len(),
         method_count: manifest.methods.len(),
@@ -233,32 +233,21 @@ fn phrase(budget: Budget) -> String {
     }
 }
 
-struct Builder<'a> {
-    recorded: &'a Recorded,
-    summary: &'a Summary,
-    names: &'a [String],
-    styles: &'a [Style],
-    budget: Option<Budget>,
+pub(super) struct Builder<'a> {
+    pub(super) recorded: &'a Recorded,
+    pub(super) summary: &'a Summary,
+    pub(super) names: &'a [String],
+    pub(super) styles: &'a [Style],
+    pub(super) budget: Option<Budget>,
 }
 
 impl Builder<'_> {
     fn scene(&self, index: usize, scene: &SceneRecord) -> Scene {
         let manifest = &self.recorded.manifest;
-        let own = |row: &&Row| row.scene == scene.name;
-        let prefix = "seconds to relmse ";
-        let mut levels: Vec<String> = Vec::new();
-        for row in self.summary.rows().iter().filter(own) {
-            if let Some(level) = row.metric.strip_prefix(prefix)
-                && !levels.iter().any(|l| l == level)
-            {
-                levels.push(level.to_owned());
-            }
-        }
+        let levels = self.levels(scene);
         let ticks = manifest.spp.iter().map(|&spp| spp as f64).collect();
-        let seconds = Axis { title: "seconds for a picture", ticks: None };
         let spp = Axis { title: "samples per pixel", ticks: Some(ticks) };
-        let [over_seconds, over_spp] = [("seconds", seconds), ("spp", spp)]
-            .map(|(metric, axis)| log_log(&self.curves(scene, metric), &axis, &Axis { title: "relMSE", ticks: None }));
+        let over_spp = log_log(&self.curves(scene, "spp"), &spp, &Axis { title: "relMSE", ticks: None });
         // Bars of another budget than the table's would not be its numbers.
         let times_budget = self.budget.unwrap_or(Budget::Spp(manifest.spp.last().copied().unwrap_or(0)));
         Scene {
@@ -266,7 +255,7 @@ impl Builder<'_> {
             name: scene.name.clone(),
             source: scene.source.clone(),
             resolution: scene.resolution,
-            over_seconds,
+            over_seconds: self.over_seconds(scene),
             over_spp,
             costs: self.costs(scene, &levels),
             levels,
@@ -275,6 +264,25 @@ impl Builder<'_> {
             points: self.points(scene),
             view: self.view(scene, gallery(self.recorded, scene)),
         }
+    }
+
+    /// Error against time; `None` where nothing has run yet.
+    pub(super) fn over_seconds(&self, scene: &SceneRecord) -> Option<String> {
+        let seconds = Axis { title: "seconds for a picture", ticks: None };
+        log_log(&self.curves(scene, "seconds"), &seconds, &Axis { title: "relMSE", ticks: None })
+    }
+
+    /// The levels of error to which times are told, as they are written.
+    pub(super) fn levels(&self, scene: &SceneRecord) -> Vec<String> {
+        let mut levels: Vec<String> = Vec::new();
+        for row in self.summary.rows().iter().filter(|row| row.scene == scene.name) {
+            if let Some(level) = row.metric.strip_prefix("seconds to relmse ")
+                && !levels.iter().any(|l| l == level)
+            {
+                levels.push(level.to_owned());
+            }
+        }
+        levels
     }
 
     fn curves(&self, scene: &SceneRecord, x: &str) -> Vec<Curve> {

@@ -1,0 +1,80 @@
+//! The page's tables as Markdown, for pages that are not ours.
+
+use super::page::Builder;
+use super::style::{names, styles};
+use super::verdicts::{headline, lines, squares, tally};
+use super::words::Cell;
+use crate::folder::Recorded;
+use crate::record::Budget;
+use crate::summary::Summary;
+use std::fmt::Write;
+
+pub(super) fn render(recorded: &Recorded, summary: &Summary) -> String {
+    let manifest = &recorded.manifest;
+    let (names, styles) = (names(&manifest.methods), styles(&manifest.methods));
+    let base = manifest.methods.iter().position(|m| *m == manifest.baseline).map_or("", |i| &names[i]);
+    let list = |numbers: &[u64]| numbers.iter().map(u64::to_string).collect::<Vec<_>>().join(", ");
+    let mut page = format!(
+        "{} scenes, {} spp, {} seeds, {} of {} runs; [ , ]: 95 % intervals over seeds, paired.\n",
+        manifest.scenes.len(),
+        list(&manifest.spp),
+        manifest.seeds.len(),
+        recorded.runs.len(),
+        recorded.expected()
+    );
+    if let Some(budget) = headline(recorded, summary) {
+        let [won, lost, open] = tally(summary, budget);
+        let what = match budget {
+            Budget::TimeOf(spp) => format!("At equal time, that of {base} with {spp} spp"),
+            Budget::Spp(spp) => format!("At {spp} spp"),
+        };
+        let heads = ["scene", "method", "verdict", "relMSE", "trimmed relMSE", "sRGB MSE", "FLIP", "time"];
+        let intro = format!("{what}, over {base}: {won} won, {lost} lost, {open} undecided");
+        let rows = lines(recorded, summary, &names, &[budget]).into_iter().map(|line| {
+            let verdict = format!("{}{}", line.class, if line.together { " *" } else { "" });
+            [line.scene, line.method, verdict].into_iter().chain(line.cells[..5].iter().map(cell)).collect()
+        });
+        table(&mut page, &intro, &heads, rows);
+        let heads = ["scene", "counts", "filter", "counts alone", "filter alone", "both", "interplay"];
+        let rows = squares(recorded, summary, budget).into_iter().map(|square| {
+            let parts = square.parts.iter().map(|(part, _)| cell(part));
+            [square.scene, square.sampler, square.filter].into_iter().chain(parts).collect()
+        });
+        table(&mut page, &format!("{what}: what the relMSE owes to what"), &heads, rows);
+    }
+    let builder = Builder { recorded, summary, names: &names, styles: &styles, budget: None };
+    for scene in &manifest.scenes {
+        let levels = builder.levels(scene);
+        let mut heads = vec!["method".to_owned(), "slope over spp".to_owned(), "slope over time".to_owned()];
+        heads.extend(levels.iter().map(|level| format!("time to relMSE {level} over {base}")));
+        let heads: Vec<&str> = heads.iter().map(String::as_str).collect();
+        let rows = manifest.methods.iter().zip(&names).map(|(method, name)| {
+            let find = |metric: &str| summary.find(&scene.name, method, "", metric);
+            let slopes = ["relmse slope over spp", "relmse slope over seconds"].map(|m| cell(&Cell::of(find(m))));
+            let times = levels.iter().map(|l| cell(&Cell::ratio(find(&format!("seconds ratio to relmse {l}")))));
+            [name.clone()].into_iter().chain(slopes).chain(times).collect()
+        });
+        table(&mut page, &format!("{}, {}x{}", scene.name, scene.resolution[0], scene.resolution[1]), &heads, rows);
+    }
+    page.push_str(
+        "\n\\*: holds when the intervals are widened until all hold together (after Šidák). †: extrapolated by a fit, at most \
+         4 times beyond what was measured. ‡: of the mean curve. §: near the reference's own noise. –: not measured.\n",
+    );
+    page
+}
+
+fn table(page: &mut String, title: &str, heads: &[&str], rows: impl Iterator<Item = Vec<String>>) {
+    let rows: Vec<String> = rows.map(|row| format!("| {} |\n", row.join(" | "))).collect();
+    if rows.is_empty() {
+        return;
+    }
+    // Writing to a string does not fail.
+    let _ =
+        write!(page, "\n**{title}**\n\n| {} |\n|{}\n{}", heads.join(" | "), "---|".repeat(heads.len()), rows.concat());
+}
+
+/// `0.86 [0.83, 0.90]`.
+fn cell(cell: &Cell) -> String {
+    let parts = [cell.text.as_str(), &cell.interval].into_iter().filter(|part| !part.is_empty());
+    format!("{}{}", parts.collect::<Vec<_>>().join(" "), cell.mark)
+}

@@ -1,0 +1,54 @@
+//! The curves of error against time as files of their own, for pages that are not ours.
+
+use super::chart::{SIZE, swatch};
+use super::page::Builder;
+use super::style::{names, styles};
+use crate::folder::Recorded;
+use crate::references::file_name;
+use crate::summary::Summary;
+
+/// Of each scene the name of a file, and SVG that brings its colours along, for light and for dark.
+pub(super) fn plots(recorded: &Recorded, summary: &Summary) -> Vec<(String, String)> {
+    let methods = &recorded.manifest.methods;
+    let (names, styles) = (names(methods), styles(methods));
+    let builder = Builder { recorded, summary, names: &names, styles: &styles, budget: None };
+    let plot = |scene: &crate::record::SceneRecord| {
+        let chart = builder.over_seconds(scene)?;
+        let legend = names.iter().zip(&styles).enumerate().map(|(i, (name, style))| entry(i, name, &swatch(*style)));
+        Some((format!("{}.svg", file_name(&scene.name)), whole(&scene.name, &chart, &legend.collect::<String>())))
+    };
+    recorded.manifest.scenes.iter().filter_map(plot).collect()
+}
+
+const HEAD: u32 = 30;
+const LEGEND: u32 = 270;
+const LINE: u32 = 24;
+
+/// A line of the legend.
+fn entry(number: usize, name: &str, swatch: &str) -> String {
+    let (x, y) = (SIZE.0 + 8, HEAD + 16 + LINE * number as u32);
+    let swatch = placed(swatch, [x, y - 12], [34, 16]);
+    format!("{swatch}<text x=\"{}\" y=\"{y}\">{}</text>", x + 42, escaped(name))
+}
+
+fn whole(title: &str, chart: &str, legend: &str) -> String {
+    let (width, height) = (SIZE.0 + LEGEND, SIZE.1 + HEAD);
+    let style = include_str!("../../templates/palette.css");
+    let title = escaped(title);
+    let chart = placed(chart, [0, HEAD], [SIZE.0, SIZE.1]);
+    format!(
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height}\" viewBox=\"0 0 {width} {height}\" \
+         role=\"img\"><title>{title}: error against time</title><style>{style}\
+         svg {{ background: var(--page); font: 14px sans-serif; }} text {{ fill: var(--ink); }}</style>\
+         <text x=\"10\" y=\"20\" font-weight=\"bold\">{title}</text>{chart}{legend}</svg>\n"
+    )
+}
+
+/// An SVG within another.
+fn placed(svg: &str, [x, y]: [u32; 2], [width, height]: [u32; 2]) -> String {
+    svg.replacen("<svg", &format!("<svg x=\"{x}\" y=\"{y}\" width=\"{width}\" height=\"{height}\""), 1)
+}
+
+fn escaped(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
+}
