@@ -357,3 +357,27 @@ fn a_picture_equals_itself_and_no_other() {
         assert!(said.err.starts_with(message) && said.out.is_empty(), "{}", said.err);
     }
 }
+
+/// What the clock says of the phases is what the program takes, but for its start and end.
+#[test]
+fn t01_phases_sum_to_the_total() {
+    let folder = Folder::new();
+    let words = "render tiny.pbrt --resolution 192x128 --spp 128 --sampler variance --filter gaussian --json";
+    // A machine that is busy may stop the program while it starts: one of three times in a row is enough.
+    let off: Vec<f64> = (0..3)
+        .map(|_| {
+            let clock = std::time::Instant::now();
+            let said = folder.run(words);
+            let total = clock.elapsed().as_secs_f64();
+            let line: serde_json::Value = serde_json::from_str(&said.out).expect("JSON");
+            let phases = line["seconds"].as_object().expect("phases");
+            let sum: f64 = phases.values().filter_map(serde_json::Value::as_f64).sum();
+            let render: f64 =
+                ["cluster", "probe", "plan", "trace", "filter"].iter().filter_map(|p| phases[*p].as_f64()).sum();
+            assert!((render - line["render_s"].as_f64().expect("seconds")).abs() < 1e-9);
+            assert!(phases["plan"].as_f64() > Some(0.0), "what being adaptive costs is told: {}", said.out);
+            1.0 - sum / total
+        })
+        .collect();
+    assert!(off.iter().any(|off| off.abs() <= 0.02), "{off:?}");
+}

@@ -32,7 +32,7 @@ pub mod code {
 /// The integrator that a world calls for: path tracing without the code of effects that it does not
 /// have.
 ///
-/// One `match` chooses among the specialised forms, by [`code`] and by the lens. Lights and materials decide by
+/// One `match` chooses among the specialised forms, by [`code`] and by the lens: the least that has all that is called for. Lights and materials decide by
 /// their own kind. Pictures do not depend on the choice, as long as it has all that the world calls for: see
 /// [`integrator_with`].
 pub fn integrator(world: &World) -> Box<dyn Integrator + '_> {
@@ -51,34 +51,29 @@ pub fn integrator_with(world: &World, idle: u32) -> Box<dyn Integrator + '_> {
         | bit(world.is_rare(), RARE)
         | bit(world.is_varied(), VARIED);
     let wanted = called | idle;
-    macro_rules! specialise {
-        ($lens:ty, $always:expr, [$($bits:expr),*]) => {
-            match wanted & !$always {
-                $(b if b == $bits => Box::new(PathTracer::<$lens, { $bits | $always }>::new(world)) as Box<dyn Integrator + '_>,)*
-                _ => Box::new(PathTracer::<$lens, { SEVERAL | SKY | DEEP | $always }>::new(world)),
-            }
+    macro_rules! form {
+        ($lens:ty, $code:expr) => {
+            Box::new(PathTracer::<$lens, { $code }>::new(world)) as Box<dyn Integrator + '_>
         };
     }
-    // Each form takes seconds to compile. So lenses, which are rarer than glass, and glass, whose paths are long, have
-    // fewer.
+    // Each form takes seconds to compile, so there is one where leaving code out pays: for light from beyond the scene, for
+    // glass, for plain surfaces. A choice among lights and roulette, where they are not called for, are but a branch each.
+    const MANY: u32 = SEVERAL | DEEP | VARIED;
     if wanted & RARE != 0 || world.camera.is_general() {
-        specialise!(General, CLEAR | RARE | DEEP | VARIED, [0, SEVERAL, SKY, SEVERAL | SKY])
-    } else if world.camera.has_lens() {
-        specialise!(ThinLens, CLEAR | DEEP | VARIED, [0, SEVERAL, SKY, SEVERAL | SKY])
-    } else if wanted & CLEAR != 0 {
-        specialise!(Pinhole, CLEAR | DEEP | VARIED, [0, SEVERAL, SKY, SEVERAL | SKY])
-    } else if wanted & (VARIED | SKY) != 0 {
-        specialise!(
-            Pinhole,
-            VARIED,
-            [0, SEVERAL, SKY, SEVERAL | SKY, DEEP, DEEP | SEVERAL, DEEP | SKY, DEEP | SEVERAL | SKY]
-        )
-    } else {
-        match wanted {
-            0 => Box::new(PathTracer::<Pinhole, 0>::new(world)),
-            SEVERAL => Box::new(PathTracer::<Pinhole, SEVERAL>::new(world)),
-            DEEP => Box::new(PathTracer::<Pinhole, DEEP>::new(world)),
-            _ => Box::new(PathTracer::<Pinhole, { SEVERAL | DEEP }>::new(world)),
-        }
+        return form!(General, MANY | SKY | CLEAR | RARE);
+    }
+    if world.camera.has_lens() {
+        return form!(ThinLens, MANY | SKY | CLEAR);
+    }
+    match (wanted & CLEAR != 0, wanted & SKY != 0, wanted & VARIED != 0) {
+        (true, true, _) => form!(Pinhole, MANY | SKY | CLEAR),
+        (true, false, _) => form!(Pinhole, MANY | CLEAR),
+        (false, true, _) => form!(Pinhole, MANY | SKY),
+        (false, false, true) => form!(Pinhole, MANY),
+        (false, false, false) => match wanted {
+            0 => form!(Pinhole, 0),
+            DEEP => form!(Pinhole, DEEP),
+            _ => form!(Pinhole, SEVERAL | DEEP),
+        },
     }
 }
