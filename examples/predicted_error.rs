@@ -1,7 +1,7 @@
 //! How honest a render's own estimate of its error is, and how close `--error` comes to what was asked for.
 //!
 //! ```sh
-//! cargo run --release --example predicted_error -- --full > docs/results/predicted-error.md
+//! docs/results/make predicted-error
 //! ```
 //!
 //! An estimate comes from two independently scrambled halves: one degree of freedom for each pixel and channel, pooled

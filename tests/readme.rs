@@ -87,22 +87,36 @@ fn commands() -> Vec<String> {
     blocks(README, "sh").iter().flat_map(|b| b.lines().map(str::to_owned).collect::<Vec<_>>()).collect()
 }
 
+/// What a clone of this repository types before it has installed the program.
+const FIRST: &str = "cargo run --release -p dapple-cli --";
+
+/// The program as `cargo test --workspace` has just built it beside this test; where only this test was asked for, one of
+/// before, or cargo's. What differs from the README is the profile alone: `.ci/run` runs its command as it stands.
+fn dapple() -> Command {
+    let test = std::env::current_exe().expect("a test is a program");
+    let built = test.ancestors().nth(2).map(|folder| folder.join(format!("dapple{}", std::env::consts::EXE_SUFFIX)));
+    if let Some(built) = built.filter(|path| path.is_file()) {
+        return Command::new(built);
+    }
+    let mut command = Command::new(env!("CARGO"));
+    command.args(["run", "--quiet", "--offline", "-p", "dapple-cli", "--manifest-path"]);
+    command.arg(root().join("Cargo.toml")).arg("--");
+    command
+}
+
 #[test]
 fn the_render_command_makes_picture_and_map() {
     let command = commands().into_iter().find(|c| c.starts_with("cargo run")).expect("a render command");
-    // As written, but small and in a folder of its own; the profile is the one that the tests built.
-    let mut words: Vec<&str> = command.split_whitespace().skip(1).collect();
-    let manifest = root().join("Cargo.toml");
-    words.insert(1, "--quiet");
-    words.insert(1, "--offline");
+    let words = command.strip_prefix(FIRST).expect("the program of this workspace");
+    let ci = std::fs::read_to_string(root().join(".ci/run")).expect(".ci/run");
+    assert!(ci.lines().any(|line| line.trim() == command), ".ci/run does not run `{command}`");
     let folder = tempfile::tempdir().expect("a folder");
-    let output = Command::new(env!("CARGO"))
-        .args([words[0], "--manifest-path", manifest.to_str().expect("path")])
-        .args(&words[1..])
+    let output = dapple()
+        .args(words.split_whitespace())
         .args(["--resolution", "32x20", "--spp", "8"])
         .current_dir(folder.path())
         .output()
-        .expect("cargo runs");
+        .expect("it runs");
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     for file in ["teapot.exr", "teapot.png", "teapot-samples.png"] {
         assert!(folder.path().join(file).is_file(), "{file} is missing");
@@ -119,10 +133,7 @@ fn the_other_commands_run() {
     assert!(lines.len() >= 5, "{lines:?}");
     for line in lines {
         let words: Vec<&str> = line.split_whitespace().skip(1).map(|w| if w == "30" { "0.2" } else { w }).collect();
-        let output = Command::new(env!("CARGO"))
-            .args(["run", "--release", "--quiet", "--offline", "-p", "dapple-cli", "--manifest-path"])
-            .arg(root().join("Cargo.toml"))
-            .arg("--")
+        let output = dapple()
             .args(&words)
             .args(["--resolution", "16x12"])
             .args(match words[0] {
@@ -132,7 +143,7 @@ fn the_other_commands_run() {
             })
             .current_dir(folder.path())
             .output()
-            .expect("cargo runs");
+            .expect("it runs");
         assert!(output.status.success(), "{line}: {}", String::from_utf8_lossy(&output.stderr));
     }
     for made in ["study/report.html", "maps/samples.png", "maps/clusters.png", "scene.exr", "scene.png"] {

@@ -1,0 +1,194 @@
+//! Rays beside Embree's: the same triangles, the same rays, one thread each, in turns.
+//!
+//! ```sh
+//! cargo run --release -p dapple-geometry --example beside_embree -- --full
+//! ```
+//!
+//! Needs a C++ compiler and Embree 3 (Debian's `libembree-dev`); says so where they are missing, and then prints only our
+//! own figures. Without `--full` the smallest scene once, to show that it works. Prints Markdown.
+
+#![expect(clippy::print_stdout, reason = "a program: its table is its result")]
+
+#[path = "../benches/scenes/mod.rs"]
+mod scenes;
+
+use dapple_geometry::{Geometry, Preset, Ray};
+use scenes::{Scene, Soup, rays, scenes, shapes};
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::time::Instant;
+
+type Result<T> = std::result::Result<T, Box<dyn std::error::Error>>;
+
+/// What one of the tracers did: seconds to build, nanoseconds a ray, hits.
+#[derive(Clone, Copy)]
+struct Run {
+    build: f64,
+    ray: f64,
+    hits: usize,
+}
+
+fn main() -> Result<()> {
+    let full = std::env::args().any(|word| word == "--full");
+    let (rounds, repeats) = if full { (5, 3) } else { (1, 1) };
+    let folder = Folder::new()?;
+    let embree = match compile(&folder.0) {
+        Ok(program) => Some(program),
+        Err(why) => {
+            println!("Embree is not here, so only our own figures: {why}\n");
+            None
+        }
+    };
+    println!("Nanoseconds a ray, median of {rounds} (least, most); ratios of medians: above 1 we are faster.\n");
+    println!(
+        "| scene | rays | ours | Embree robust | Embree fast | over robust | over fast | hits: ours, robust, fast |"
+    );
+    println!("|---|---|---|---|---|---|---|---|");
+    let mut builds = Vec::new();
+    for scene in scenes().iter().take(if full { 3 } else { 1 }) {
+        builds.push(measure(scene, &folder.0, embree.as_deref(), rounds, repeats)?);
+    }
+    println!(
+        "\nBuilding, one thread:\n\n| scene | triangles | ours, M triangles a second | Embree robust | bytes a triangle |"
+    );
+    println!("|---|---|---|---|---|");
+    builds.iter().for_each(|line| println!("{line}"));
+    Ok(())
+}
+
+/// Prints the lines of a scene, and returns that of its building.
+fn measure(scene: &Scene, folder: &Path, embree: Option<&Path>, rounds: usize, repeats: usize) -> Result<String> {
+    let soup = folder.join("soup");
+    write_soup(&soup, &scene.soups)?;
+    let mut built = Vec::new();
+    let shapes = shapes(&scene.soups);
+    let geometry = (0..rounds).map(|_| {
+        let shapes = shapes.clone();
+        let start = Instant::now();
+        let geometry = Geometry::build(shapes, Preset::default());
+        built.push(start.elapsed().as_secs_f64());
+        geometry
+    });
+    let geometry = geometry.last().ok_or("no rounds")??;
+    let mut theirs_built = Vec::new();
+    for (kind, rays) in ["primary", "bounce", "shadow"].iter().zip(rays(&geometry, scene.views)) {
+        let any = *kind == "shadow";
+        let file = folder.join("rays");
+        write_rays(&file, &rays)?;
+        let mut runs = [const { Vec::new() }; 3];
+        for _ in 0..rounds {
+            runs[0].push(trace(&geometry, &rays, any, repeats));
+            let Some(program) = embree else { continue };
+            for (way, runs) in ["robust", "fast"].iter().zip(&mut runs[1..]) {
+                runs.push(trace_there(program, [&soup, &file], way, any, repeats)?);
+            }
+        }
+        theirs_built.extend(runs[1].iter().map(|run| run.build));
+        let figure = |runs: &[Run]| median(runs.iter().map(|run| run.ray).collect());
+        let said = |runs: &[Run]| {
+            figure(runs).map_or("–".to_owned(), |[low, middle, high]| format!("{middle:.0} ({low:.0}, {high:.0})"))
+        };
+        let ratio = |i: usize| match (figure(&runs[0]), figure(&runs[i])) {
+            (Some([_, ours, _]), Some([_, theirs, _])) => format!("{:.2}", theirs / ours),
+            _ => "–".to_owned(),
+        };
+        let hits = |i: usize| runs[i].first().map_or("–".to_owned(), |run: &Run| run.hits.to_string());
+        println!(
+            "| {} | {kind} | {} | {} | {} | {} | {} | {}, {}, {} |",
+            scene.name,
+            said(&runs[0]),
+            said(&runs[1]),
+            said(&runs[2]),
+            ratio(1),
+            ratio(2),
+            hits(0),
+            hits(1),
+            hits(2)
+        );
+    }
+    let count = geometry.triangle_count() as f64;
+    let rate = |seconds: Vec<f64>| {
+        median(seconds).map_or("–".to_owned(), |[low, middle, high]| {
+            let [slow, usual, quick] = [high, middle, low].map(|s| count / s / 1e6);
+            format!("{usual:.2} ({slow:.2}, {quick:.2})")
+        })
+    };
+    let bytes = geometry.memory_bytes() as f64 / count;
+    Ok(format!("| {} | {count} | {} | {} | {bytes:.0} |", scene.name, rate(built), rate(theirs_built)))
+}
+
+fn trace(scene: &Geometry, rays: &[Ray], any: bool, repeats: usize) -> Run {
+    let (mut best, mut hits) = (f64::INFINITY, 0);
+    for _ in 0..repeats {
+        let start = Instant::now();
+        hits = match any {
+            true => rays.iter().filter(|ray| scene.occluded(ray)).count(),
+            false => rays.iter().filter(|ray| std::hint::black_box(scene.closest(ray)).is_some()).count(),
+        };
+        best = best.min(start.elapsed().as_secs_f64() / rays.len() as f64 * 1e9);
+    }
+    Run { build: 0.0, ray: best, hits }
+}
+
+fn trace_there(program: &Path, files: [&Path; 2], way: &str, any: bool, repeats: usize) -> Result<Run> {
+    let mut command = Command::new(program);
+    command.args(files).args([way, if any { "any" } else { "closest" }, &repeats.to_string()]);
+    let said = String::from_utf8(command.output()?.stdout)?;
+    let words: Vec<&str> = said.split_whitespace().collect();
+    let &[build, ray, hits, _] = &words[..] else { return Err(format!("Embree said: {said}").into()) };
+    Ok(Run { build: build.parse()?, ray: ray.parse()?, hits: hits.parse()? })
+}
+
+fn compile(folder: &Path) -> Result<PathBuf> {
+    let (source, program) = (Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/embree.cpp"), folder.join("embree"));
+    let words = ["-O3", "-std=c++17", "-o"];
+    let output = Command::new("c++").args(words).arg(&program).arg(source).arg("-lembree3").output()?;
+    if output.status.success() { Ok(program) } else { Err(String::from_utf8_lossy(&output.stderr).into()) }
+}
+
+fn write_soup(path: &Path, soups: &[Soup]) -> Result<()> {
+    let mut file = std::io::BufWriter::new(std::fs::File::create(path)?);
+    let count: usize = soups.iter().map(|(_, triangles)| triangles.len()).sum();
+    file.write_all(&u32::try_from(count)?.to_le_bytes())?;
+    for (positions, triangles) in soups {
+        for x in triangles.iter().flatten().flat_map(|&corner| positions[corner as usize]) {
+            file.write_all(&x.to_le_bytes())?;
+        }
+    }
+    Ok(file.flush()?)
+}
+
+fn write_rays(path: &Path, rays: &[Ray]) -> Result<()> {
+    let mut file = std::io::BufWriter::new(std::fs::File::create(path)?);
+    for ray in rays {
+        let (from, along) = (ray.origin.extend(ray.tmin), ray.direction.extend(ray.tmax));
+        for x in from.to_array().into_iter().chain(along.to_array()) {
+            file.write_all(&x.to_le_bytes())?;
+        }
+    }
+    Ok(file.flush()?)
+}
+
+/// Least, middle and most.
+fn median(mut all: Vec<f64>) -> Option<[f64; 3]> {
+    all.sort_by(f64::total_cmp);
+    Some([*all.first()?, *all.get(all.len() / 2)?, *all.last()?])
+}
+
+/// A folder that goes when it is done with.
+struct Folder(PathBuf);
+
+impl Folder {
+    fn new() -> Result<Self> {
+        let path = std::env::temp_dir().join(format!("dapple-beside-embree-{}", std::process::id()));
+        std::fs::create_dir_all(&path)?;
+        Ok(Self(path))
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.0);
+    }
+}
