@@ -1,10 +1,12 @@
 //! What the fuzz targets do with their bytes; `crates/renderer/tests/fuzz_corpus.rs` does the same with the seeds.
 
+use dapple_geometry::{Geometry, Hit, Mesh, Preset, Ray, Shape};
 use dapple_renderer::Effects;
 use dapple_renderer::image::{Encoding, read_attributes, read_channels, read_picture};
 use dapple_renderer::model::{read_obj, read_stl};
 use dapple_renderer::pbrt::{ReadOptions, read_scene_from};
 use dapple_renderer::ply::read_ply;
+use glam::Vec3;
 
 /// A scene file beside a mesh, a picture and a file to include.
 pub fn scene(data: &[u8]) {
@@ -58,4 +60,37 @@ pub fn image(data: &[u8]) {
     }
     let _ = read_channels(data, "a.exr");
     let _ = read_attributes(data, "a.exr");
+}
+
+/// Triangles and rays of any bits at all: a count of vertices, vertices, triangles of single bytes; the rays go from one
+/// vertex to another, and are what the last bytes say.
+pub fn geometry(data: &[u8]) {
+    let Some((&count, rest)) = data.split_first() else { return };
+    let (numbers, rest) = rest.split_at((usize::from(count) * 12).min(rest.len() / 12 * 12));
+    let float = |bytes: &[u8]| f32::from_le_bytes(bytes.try_into().expect("four bytes"));
+    let point = |bytes: &[u8]| [float(&bytes[..4]), float(&bytes[4..8]), float(&bytes[8..12])];
+    let positions: Vec<[f32; 3]> = numbers.chunks_exact(12).map(point).collect();
+    let triangles: Vec<[u32; 3]> = rest.chunks_exact(3).take(256).map(|c| [c[0], c[1], c[2]].map(u32::from)).collect();
+    let Ok(mesh) = Mesh::new(positions.clone(), triangles) else { return };
+    let shape = Shape::from(mesh);
+    let [one, other] = [Preset::Fastest, Preset::Medium].map(|p| Geometry::build(vec![shape.clone()], p).expect("few"));
+    let between = positions.windows(2).map(|p| {
+        let [from, to] = [p[0], p[1]].map(Vec3::from_array);
+        Ray::new(from, to - from)
+    });
+    let wild = rest.chunks_exact(32).take(16).map(|c| {
+        let [origin, direction] = [point(c), point(&c[12..])].map(Vec3::from_array);
+        Ray { tmin: float(&c[24..28]), tmax: float(&c[28..32]), ..Ray::new(origin, direction) }
+    });
+    for ray in between.take(32).chain(wild) {
+        let found = one.closest(&ray);
+        let bits = |hit: Option<Hit>| hit.map(|hit| (hit.t.to_bits(), hit.primitive));
+        assert_eq!(bits(found), bits(other.closest(&ray)), "{ray:?}");
+        assert_eq!(found.is_some(), one.occluded(&ray), "{ray:?}");
+        if let Some(hit) = found {
+            assert!(hit.t > ray.tmin && hit.t < ray.tmax, "{hit:?} of {ray:?}");
+            let point = one.surface(&ray, &hit);
+            assert!(point.position.is_finite() && point.error.is_finite() && point.normal.is_normalized(), "{point:?}");
+        }
+    }
 }

@@ -1,6 +1,8 @@
 use crate::build::{Preset, build_tree, union};
 use crate::frame::Frame;
 use crate::instance::Placements;
+#[cfg(test)]
+use crate::lanes::Vectors;
 use crate::shape::Quadric;
 use crate::traverse::{Best, Tree, Way};
 use crate::{Error, Hit, Instance, Placed, PrimitiveId, Ray, Shape, SurfacePoint};
@@ -54,7 +56,8 @@ impl Geometry {
             (Some(base), Some(placed)) => Some(union(base, placed)),
             (base, placed) => base.or(placed),
         };
-        scene.tree.way = Way::placed(placements);
+        let moving = scene.base_moves();
+        scene.tree.way = Way::placed(placements, moving);
         Ok(scene)
     }
 
@@ -127,6 +130,11 @@ impl Geometry {
                 let primitive = PrimitiveId::triangle(hit.shape, hit.primitive);
                 SurfacePoint { position, error, normal, primitive }
             }
+            Some(Shape::Moving(mesh)) => {
+                let (position, error, normal) = mesh.point(hit.primitive, hit.barycentrics, time);
+                let primitive = PrimitiveId::triangle(hit.shape, hit.primitive);
+                SurfacePoint { position, error, normal, primitive }
+            }
             Some(Shape::Sphere(sphere)) => Quadric::Sphere(*sphere).surface(ray, hit.t),
             Some(Shape::Disk(disk)) => Quadric::Disk(*disk).surface(ray, hit.t),
             None => self.placements().surface(ray, hit, time),
@@ -144,7 +152,7 @@ impl Geometry {
     #[must_use]
     pub fn parametric_at(&self, hit: &Hit, position: Vec3, time: f32) -> [f32; 2] {
         match self.shapes.get(hit.shape as usize) {
-            Some(Shape::Mesh(_)) => hit.barycentrics,
+            Some(Shape::Mesh(_) | Shape::Moving(_)) => hit.barycentrics,
             Some(Shape::Sphere(sphere)) => Quadric::Sphere(*sphere).parametric(position),
             Some(Shape::Disk(disk)) => Quadric::Disk(*disk).parametric(position),
             None => self.placements().parametric(hit, position, time),
@@ -200,10 +208,20 @@ impl Geometry {
         self.instances().is_some()
     }
 
-    /// Whether an instance moves.
+    /// Whether an instance moves, or the vertices of a mesh.
     #[must_use]
     pub fn moves(&self) -> bool {
-        self.instances().is_some_and(|placed| placed.moves)
+        self.base_moves() || self.instances().is_some_and(|placed| placed.moves)
+    }
+
+    fn base_moves(&self) -> bool {
+        !self.tree.moved.is_empty()
+    }
+
+    /// The most nodes and leaves that a ray can have to put aside at once: at most 256, whatever the triangles.
+    #[must_use]
+    pub fn deepest(&self) -> usize {
+        self.tree.stack
     }
 
     pub(crate) fn tree(&self) -> &Tree {
@@ -223,7 +241,7 @@ impl Geometry {
     /// The same without AVX2, whatever the machine has.
     #[cfg(test)]
     pub(crate) fn in_pairs(mut self) -> Self {
-        self.tree.way = Way::Pair;
+        self.tree.way = if self.base_moves() { Way::Moving(Vectors::Pair) } else { Way::Pair };
         self
     }
 

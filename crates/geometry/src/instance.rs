@@ -207,7 +207,7 @@ impl Placements {
             }
         }
         self.instance_of.resize(self.instance_of.len() + shapes, number);
-        self.moves |= motion.moves();
+        self.moves |= motion.moves() || known.geometry.moves();
         let place = if motion.moves() { Place::Moving(motion) } else { Place::Still(start) };
         self.instances.push(Standing { object, first, place });
         Ok(bounds)
@@ -309,6 +309,12 @@ impl Placements {
                 let (point, error, _) = mesh.point(hit.primitive, hit.barycentrics);
                 // Not the one in f32, whose rounding a map that is nearly flat would magnify.
                 let [a, b, c] = mesh.corners(hit.primitive).map(Vec3::as_dvec3);
+                let primitive = PrimitiveId::triangle(hit.shape, hit.primitive);
+                (point, error, (b - a).cross(c - a).normalize_or_zero(), primitive)
+            }
+            Shape::Moving(mesh) => {
+                let (point, error, _) = mesh.point(hit.primitive, hit.barycentrics, time);
+                let [a, b, c] = mesh.corners(hit.primitive, time).map(Vec3::as_dvec3);
                 let primitive = PrimitiveId::triangle(hit.shape, hit.primitive);
                 (point, error, (b - a).cross(c - a).normalize_or_zero(), primitive)
             }

@@ -77,10 +77,7 @@ impl Mesh {
     /// Whether this triangle has no area. The number must be below `triangles().len()`.
     #[must_use]
     pub fn is_degenerate(&self, triangle: u32) -> bool {
-        let [a, b, c] = self.corners(triangle).map(Vec3::as_dvec3);
-        let (ab, ac) = (b - a, c - a);
-        let area = ab.cross(ac).length();
-        area <= SINE_OF_NOTHING * ab.length() * ac.length() || a == b || a == c || b == c
+        has_no_area(self.corners(triangle))
     }
 
     /// The three corners of a triangle. The number must be below `triangles().len()`.
@@ -112,6 +109,14 @@ impl Mesh {
 pub(crate) const ROUNDING: f64 = 1.0 / (1u64 << 23) as f64;
 /// Sixteen ulps of f64, relative to the magnitudes that enter a sum.
 pub(crate) const LOST_IN_F64: f64 = 16.0 * f64::EPSILON;
+
+/// Whether corners are those of a triangle without area.
+pub(crate) fn has_no_area(corners: [Vec3; 3]) -> bool {
+    let [a, b, c] = corners.map(Vec3::as_dvec3);
+    let (ab, ac) = (b - a, c - a);
+    let area = ab.cross(ac).length();
+    area <= SINE_OF_NOTHING * ab.length() * ac.length() || a == b || a == c || b == c
+}
 
 /// Largest magnitude among a vertex's coordinates.
 fn magnitude(positions: &[[f32; 3]], triangle: u32, vertex: u32) -> Result<f32, Error> {

@@ -1,3 +1,4 @@
+use crate::frame::Frame;
 use glam::Vec3;
 
 /// A half-line, or a piece of one: the points `origin + t direction` with `tmin < t < tmax`.
@@ -50,6 +51,13 @@ impl Ray {
     #[must_use]
     pub fn new(origin: Vec3, direction: Vec3) -> Self {
         Self { origin, direction, tmin: 0.0, tmax: f32::INFINITY, ends: [PrimitiveId::NONE; 2] }
+    }
+
+    /// Whether it is a ray at all; one that is not hits nothing. Whoever makes rays may want to count the others.
+    #[inline]
+    #[must_use]
+    pub fn is_valid(&self) -> bool {
+        self.direction.is_finite() && (Frame::ordinary(self).is_some() || Frame::rescaled(self).is_some())
     }
 
     /// The point at parameter `t`. Points on surfaces are better had from

@@ -1,7 +1,7 @@
 //! What geometry is made of: meshes, spheres, disks.
 
 use crate::mesh::{LARGEST, LOST_IN_F64, ROUNDING, SMALLEST};
-use crate::{Error, Mesh, PrimitiveId, Ray, SurfacePoint};
+use crate::{Error, Mesh, MovingMesh, PrimitiveId, Ray, SurfacePoint};
 use glam::{DAffine3, DMat3, DVec3, Vec3};
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
@@ -11,6 +11,8 @@ use std::sync::Arc;
 pub enum Shape {
     /// Triangles; shared, not copied.
     Mesh(Arc<Mesh>),
+    /// Triangles whose vertices move; shared, not copied.
+    Moving(Arc<MovingMesh>),
     /// A whole sphere, or what an affine map makes of it.
     Sphere(Sphere),
     /// A whole disk or ring, or what an affine map makes of it.
@@ -18,21 +20,42 @@ pub enum Shape {
 }
 
 impl Shape {
-    /// Lower and upper corner of its axis-aligned box, to within rounding; `None` for a mesh without triangles.
+    /// Its triangles, of a moving mesh as they stand at time 0; `None` for spheres and disks.
+    #[must_use]
+    pub fn mesh(&self) -> Option<&Mesh> {
+        match self {
+            Self::Mesh(mesh) => Some(mesh),
+            Self::Moving(mesh) => Some(mesh.start()),
+            Self::Sphere(_) | Self::Disk(_) => None,
+        }
+    }
+
+    /// Lower and upper corner of its axis-aligned box at all times, to within rounding; `None` for a mesh without triangles.
     #[must_use]
     pub fn bounds(&self) -> Option<[Vec3; 2]> {
         let quadric = |quadric: Quadric| Some(quadric.bounds().map(DVec3::as_vec3));
         match self {
-            Self::Mesh(mesh) => {
-                let corners = (0..mesh.triangles().len() as u32).flat_map(|n| mesh.corners(n));
-                corners.fold(None, |all, p| match all {
-                    None => Some([p, p]),
-                    Some([low, high]) => Some([p.min(low), p.max(high)]),
-                })
-            }
+            Self::Mesh(mesh) => enclose((0..mesh.triangles().len() as u32).flat_map(|n| mesh.corners(n))),
+            Self::Moving(mesh) => enclose(
+                (0..mesh.start().triangles().len() as u32)
+                    .flat_map(|n| [0.0, 1.0].into_iter().flat_map(move |time| mesh.corners(n, time))),
+            ),
             Self::Sphere(sphere) => quadric(Quadric::Sphere(*sphere)),
             Self::Disk(disk) => quadric(Quadric::Disk(*disk)),
         }
+    }
+}
+
+fn enclose(points: impl Iterator<Item = Vec3>) -> Option<[Vec3; 2]> {
+    points.fold(None, |all, p| match all {
+        None => Some([p, p]),
+        Some([low, high]) => Some([p.min(low), p.max(high)]),
+    })
+}
+
+impl From<MovingMesh> for Shape {
+    fn from(mesh: MovingMesh) -> Self {
+        Self::Moving(Arc::new(mesh))
     }
 }
 

@@ -1,5 +1,6 @@
 //! Points on surfaces, and rays that leave and reach them without meeting them again.
 
+use crate::safeguards::OFFSETS;
 use crate::{PrimitiveId, Ray};
 use glam::Vec3;
 
@@ -26,12 +27,18 @@ pub struct SurfacePoint {
 #[must_use]
 pub fn offset_origin(position: Vec3, error: Vec3, normal: Vec3, direction: Vec3) -> Vec3 {
     let side = 1.0_f32.copysign(normal.dot(direction));
+    if !OFFSETS {
+        return position + normal * (FIXED * side);
+    }
     let step = normal * (error.dot(normal.abs()) * (SLACK * side));
     let moved = position + step;
     // At least one unit in the last place, at most two.
     let away = (moved.abs() * f32::EPSILON).copysign(step);
     moved + Vec3::select(step.cmpeq(Vec3::ZERO), Vec3::ZERO, away)
 }
+
+/// What is often taken in place of a bound.
+const FIXED: f32 = 1e-4;
 
 /// Covers the rounding of a unit normal, of the dot product with it and of the step, a few ulps of f32.
 const SLACK: f32 = 1.0 + 1.0 / (1u64 << 19) as f32;

@@ -5,6 +5,7 @@ use crate::instance::Placements;
 #[cfg(target_arch = "x86_64")]
 use crate::lanes::Whole;
 use crate::lanes::{Eight, Lanes, Pair, Vectors, WIDTH, Words};
+use crate::safeguards::{PADDING, TIES};
 use crate::shape::Quadric;
 use crate::triangle::{Triangles8, lowest};
 use pulp::NullaryFnOnce;
@@ -20,7 +21,7 @@ pub(crate) const DEEPEST: usize = 256;
 
 /// A box is met if it is entered before it is left, to within this factor on the far side: three roundings a slab
 /// [after Ize 2013], seven in a sheared corner and eight in `t`, each of 2^-24, with room to spare.
-const FAR_SIDE: f32 = 1.0 + 1.0 / (1u64 << 18) as f32;
+const FAR_SIDE: f32 = if PADDING { 1.0 + 1.0 / (1u64 << 18) as f32 } else { 1.0 };
 
 /// A node with up to eight children; children left over have empty boxes.
 #[derive(Clone, Copy, Debug)]
@@ -102,6 +103,8 @@ pub(crate) fn key(shape: u32, primitive: u32) -> u64 {
 pub(crate) struct Tree {
     pub(crate) nodes: Vec<Node8>,
     pub(crate) triangles: Vec<Triangles8>,
+    /// The same at time 1; none where no vertex moves.
+    pub(crate) moved: Vec<Triangles8>,
     pub(crate) triangle_keys: Vec<Keys>,
     pub(crate) quadrics: Vec<Quadric>,
     pub(crate) quadric_keys: Vec<u64>,
@@ -118,6 +121,8 @@ pub(crate) enum Way {
     Whole(pulp::x86::V3),
     /// In pairs of vectors.
     Pair,
+    /// To triangles that move.
+    Moving(Vectors),
     /// And after it, what stands in the scene as instances.
     Placed(Box<Placed>),
 }
@@ -127,6 +132,8 @@ pub(crate) enum Way {
 pub(crate) struct Placed {
     pub(crate) placements: Placements,
     vectors: Vectors,
+    /// Whether the tree's own triangles move.
+    moving: bool,
 }
 
 impl Default for Way {
@@ -140,29 +147,34 @@ impl Default for Way {
 }
 
 impl Way {
-    pub(crate) fn placed(placements: Placements) -> Self {
-        Self::Placed(Box::new(Placed { placements, vectors: Vectors::default() }))
+    pub(crate) fn placed(placements: Placements, moving: bool) -> Self {
+        Self::Placed(Box::new(Placed { placements, vectors: Vectors::default(), moving }))
+    }
+
+    pub(crate) fn moving() -> Self {
+        Self::Moving(Vectors::default())
     }
 }
 
 /// A walk through a tree, compiled for each kind of vectors that may be there at run time.
-struct Walk<'a, L: Lanes, const ANY: bool> {
+struct Walk<'a, L: Lanes, V, const ANY: bool> {
     token: L::Token,
     tree: &'a Tree,
     frame: &'a Frame,
     best: &'a mut Best,
+    leaves: V,
 }
 
-impl<L: Lanes, const ANY: bool> NullaryFnOnce for Walk<'_, L, ANY> {
+impl<L: Lanes, V: Leaves, const ANY: bool> NullaryFnOnce for Walk<'_, L, V, ANY> {
     type Output = bool;
 
     #[inline(always)]
     fn call(self) -> bool {
-        let Self { token, tree, frame, best } = self;
+        let Self { token, tree, frame, best, mut leaves } = self;
         match tree.stack {
-            0..=24 => tree.walk::<L, ANY, 24, _>(token, frame, best, &mut Primitives),
-            25..=64 => tree.walk::<L, ANY, 64, _>(token, frame, best, &mut Primitives),
-            _ => tree.walk::<L, ANY, DEEPEST, _>(token, frame, best, &mut Primitives),
+            0..=24 => tree.walk::<L, ANY, 24, _>(token, frame, best, &mut leaves),
+            25..=64 => tree.walk::<L, ANY, 64, _>(token, frame, best, &mut leaves),
+            _ => tree.walk::<L, ANY, DEEPEST, _>(token, frame, best, &mut leaves),
         }
     }
 }
@@ -192,7 +204,35 @@ impl Leaves for Primitives {
         frame: &Frame,
         best: &mut Best,
     ) -> bool {
-        tree.test_leaf::<L, ANY>(token, code, frame, best)
+        if code & TRIANGLES == 0 {
+            return tree.test_quadric::<ANY>((code & !QUADRIC) as usize, frame, best);
+        }
+        let block = (code & !TRIANGLES) as usize;
+        tree.test_triangles::<L, ANY>(token, &tree.triangles[block], block, frame, best)
+    }
+}
+
+/// Leaves are the same, but the triangles move.
+struct Moving {
+    time: f32,
+}
+
+impl Leaves for Moving {
+    #[inline(always)]
+    fn test<L: Lanes, const ANY: bool>(
+        &mut self,
+        tree: &Tree,
+        token: L::Token,
+        code: u32,
+        frame: &Frame,
+        best: &mut Best,
+    ) -> bool {
+        if code & TRIANGLES == 0 {
+            return tree.test_quadric::<ANY>((code & !QUADRIC) as usize, frame, best);
+        }
+        let block = (code & !TRIANGLES) as usize;
+        let triangles = tree.triangles[block].toward(&tree.moved[block], self.time);
+        tree.test_triangles::<L, ANY>(token, &triangles, block, frame, best)
     }
 }
 
@@ -230,7 +270,7 @@ impl Best {
 
     #[inline(always)]
     pub(crate) fn offer(&mut self, t: f32, key: u64, weights: [f32; 2]) {
-        if t < self.t || (t == self.t && key < self.key) {
+        if t < self.t || (TIES && t == self.t && key < self.key) {
             *self = Self { t, key, weights, found: true };
         }
     }
@@ -254,18 +294,34 @@ impl Tree {
     fn dispatch<const ANY: bool>(&self, frame: &Frame, time: f32, best: &mut Best) -> bool {
         match &self.way {
             #[cfg(target_arch = "x86_64")]
-            &Way::Whole(v3) => v3.vectorize(Walk::<Whole, ANY> { token: v3, tree: self, frame, best }),
-            Way::Pair => Walk::<Pair, ANY> { token: (), tree: self, frame, best }.call(),
+            &Way::Whole(v3) => {
+                v3.vectorize(Walk::<Whole, _, ANY> { token: v3, tree: self, frame, best, leaves: Primitives })
+            }
+            Way::Pair => Walk::<Pair, _, ANY> { token: (), tree: self, frame, best, leaves: Primitives }.call(),
+            &Way::Moving(vectors) => self.dispatch_moving::<ANY>(vectors, frame, time, best),
             Way::Placed(placed) => self.dispatch_placed::<ANY>(placed, frame, time, best),
+        }
+    }
+
+    #[inline(never)]
+    fn dispatch_moving<const ANY: bool>(&self, vectors: Vectors, frame: &Frame, time: f32, best: &mut Best) -> bool {
+        let leaves = Moving { time: time.clamp(0.0, 1.0) };
+        match vectors {
+            #[cfg(target_arch = "x86_64")]
+            Vectors::Whole(v3) => v3.vectorize(Walk::<Whole, _, ANY> { token: v3, tree: self, frame, best, leaves }),
+            Vectors::Pair => Walk::<Pair, _, ANY> { token: (), tree: self, frame, best, leaves }.call(),
         }
     }
 
     #[inline(never)]
     fn dispatch_placed<const ANY: bool>(&self, placed: &Placed, frame: &Frame, time: f32, best: &mut Best) -> bool {
         let met = match placed.vectors {
+            vectors if placed.moving => self.dispatch_moving::<ANY>(vectors, frame, time, best),
             #[cfg(target_arch = "x86_64")]
-            Vectors::Whole(v3) => v3.vectorize(Walk::<Whole, ANY> { token: v3, tree: self, frame, best }),
-            Vectors::Pair => Walk::<Pair, ANY> { token: (), tree: self, frame, best }.call(),
+            Vectors::Whole(v3) => {
+                v3.vectorize(Walk::<Whole, _, ANY> { token: v3, tree: self, frame, best, leaves: Primitives })
+            }
+            Vectors::Pair => Walk::<Pair, _, ANY> { token: (), tree: self, frame, best, leaves: Primitives }.call(),
         };
         if ANY {
             return met || placed.placements.occluded(frame, time);
@@ -391,13 +447,16 @@ impl Tree {
     }
 
     #[inline(always)]
-    fn test_leaf<L: Lanes, const ANY: bool>(&self, token: L::Token, code: u32, frame: &Frame, best: &mut Best) -> bool {
-        if code & TRIANGLES == 0 {
-            return self.test_quadric::<ANY>((code & !QUADRIC) as usize, frame, best);
-        }
-        let block = (code & !TRIANGLES) as usize;
+    fn test_triangles<L: Lanes, const ANY: bool>(
+        &self,
+        token: L::Token,
+        triangles: &Triangles8,
+        block: usize,
+        frame: &Frame,
+        best: &mut Best,
+    ) -> bool {
         let keys = &self.triangle_keys[block];
-        let Some(hits) = self.triangles[block].intersect::<L>(token, frame, best.t, keys) else { return false };
+        let Some(hits) = triangles.intersect::<L>(token, frame, best.t, keys) else { return false };
         if ANY {
             return true;
         }
@@ -422,6 +481,7 @@ impl Tree {
     pub(crate) fn memory_bytes(&self) -> usize {
         size_of_val(&*self.nodes)
             + size_of_val(&*self.triangles)
+            + size_of_val(&*self.moved)
             + size_of_val(&*self.triangle_keys)
             + size_of_val(&*self.quadrics)
             + size_of_val(&*self.quadric_keys)

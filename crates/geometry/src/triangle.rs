@@ -11,6 +11,8 @@
 
 use crate::frame::Frame;
 use crate::lanes::{Eight, Lanes, WIDTH};
+use crate::moving::between;
+use crate::safeguards::EXACT;
 use crate::traverse::Keys;
 use glam::Vec3;
 
@@ -61,6 +63,22 @@ impl Triangles8 {
         let lane = |lane: usize| if lane < triangles.len() { &triangles[lane] } else { &triangles[0] };
         let axis = |corner: usize, axis: usize| Eight(std::array::from_fn(|i| lane(i)[corner][axis]));
         Self { corners: [0, 1, 2].map(|corner| [axis(corner, 0), axis(corner, 1), axis(corner, 2)]) }
+    }
+
+    /// On the way from here to `end`, at a time in `[0, 1]`.
+    #[inline(always)]
+    pub(crate) fn toward(&self, end: &Self, time: f32) -> Self {
+        let mut there = *self;
+        for corner in 0..3 {
+            for axis in 0..3 {
+                for lane in 0..WIDTH {
+                    let to = end.corners[corner][axis].0[lane];
+                    let coordinate = &mut there.corners[corner][axis].0[lane];
+                    *coordinate = between(*coordinate, to, time);
+                }
+            }
+        }
+        there
     }
 
     /// The lanes hit at `tmin < t < tmax` and `t <= limit`.
@@ -128,6 +146,13 @@ impl Triangles8 {
         // Differences to the first corner: exact for a triangle that faces the ray, whatever the weights' rounding.
         let t = (s.z[0] + (second * to_second + third * to_third)) * L::splat(token, frame.shear[2]);
 
+        let (tmin, tmax) = (L::splat(token, frame.ray.tmin), L::splat(token, frame.ray.tmax));
+        let within = tmin.less(t) & t.at_most(L::splat(token, limit)) & t.less(tmax);
+        let weights = [second.to_array(), third.to_array()];
+        if !EXACT {
+            let mask = within & wanted;
+            return (mask != 0).then_some(Hits { mask, t: t.to_array(), weights });
+        }
         let extent = largest(&s.x).max(largest(&s.y));
         let size = determinant.abs();
         let sound = (extent * extent * L::splat(token, THIN)).max(L::splat(token, TINY)).at_most(size)
@@ -135,13 +160,10 @@ impl Triangles8 {
         let distance = largest(&s.z);
         let slope = (to_second.abs() + to_third.abs()) * (extent * reciprocal.abs());
         let error = (distance + (distance + extent) * slope) * L::splat(token, frame.shear[2].abs() * T_ERROR);
-        let (tmin, tmax) = (L::splat(token, frame.ray.tmin), L::splat(token, frame.ray.tmax));
         let clear = error.less((t - tmin).abs()) & error.less((t - tmax).abs());
 
         let settled = sound & clear;
-        let within = tmin.less(t) & t.at_most(L::splat(token, limit)) & t.less(tmax);
-        let mut hits =
-            Hits { mask: settled & within & wanted, t: t.to_array(), weights: [second.to_array(), third.to_array()] };
+        let mut hits = Hits { mask: settled & within & wanted, t: t.to_array(), weights };
         let unsettled = wanted & !settled;
         if unsettled != 0 {
             self.settle(frame, limit, unsettled, sound, &mut hits);

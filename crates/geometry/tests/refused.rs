@@ -67,8 +67,9 @@ fn g17_invalid_rays_hit_nothing() {
     let limits = [(f32::NAN, 1.0), (0.0, f32::NAN), (2.0, 1.0), (1.0, 1.0), (0.0, -1.0), (0.0, 0.0), (0.0, -0.0)];
     bad.extend(limits.map(|(tmin, tmax)| Ray { tmin, tmax, ..good }));
     for ray in bad {
-        assert!(scene.closest(&ray).is_none() && !scene.occluded(&ray), "{ray:?}");
+        assert!(scene.closest(&ray).is_none() && !scene.occluded(&ray) && !ray.is_valid(), "{ray:?}");
     }
+    assert!(good.is_valid());
     for tmin in [-0.0, -1.0, f32::NEG_INFINITY] {
         assert_eq!(scene.closest(&Ray { tmin, ..good }), scene.closest(&good), "a negative tmin is 0");
     }

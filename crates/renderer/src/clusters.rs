@@ -5,7 +5,6 @@ use crate::registry::RegistryError;
 use dapple_cluster_adaptive::{ProbeCost, ProbeHit, ProbeRay, ProbesHandle, Shoot};
 use dapple_clustering::{Cluster, Clusters, Params, Report, Triangles, cluster};
 use dapple_core::FirstHit;
-use dapple_geometry::Shape;
 use glam::{Vec2, Vec3};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
@@ -25,12 +24,7 @@ impl WorldTriangles {
     /// Copies the triangles of all meshes, in the order of the shapes' numbers: each instance's too, as it stands when
     /// the shutter opens.
     pub fn of(world: &World) -> Self {
-        let meshes = || {
-            (0..world.geometry.shape_count()).filter_map(|number| match world.geometry.shape(number) {
-                Shape::Mesh(mesh) => Some(mesh),
-                Shape::Sphere(_) | Shape::Disk(_) => None,
-            })
-        };
+        let meshes = || (0..world.geometry.shape_count()).filter_map(|number| world.geometry.shape(number).mesh());
         // All at once: what has grown has been written more than once.
         let triangles = meshes().map(|mesh| mesh.triangles().len()).sum();
         let mut all = Self {
@@ -39,7 +33,7 @@ impl WorldTriangles {
             materials: Vec::with_capacity(triangles),
         };
         for number in 0..world.geometry.shape_count() {
-            let Shape::Mesh(mesh) = world.geometry.shape(number) else { continue };
+            let Some(mesh) = world.geometry.shape(number).mesh() else { continue };
             let first = all.positions.len() as u32;
             match world.geometry.to_world(number, world.time(0.0)) {
                 None => all.positions.extend_from_slice(mesh.positions()),
@@ -90,12 +84,12 @@ impl WorldClusters {
         let mut first = Vec::with_capacity(world.geometry.shape_count() as usize);
         let mut triangle = 0;
         for number in 0..world.geometry.shape_count() {
-            match world.geometry.shape(number) {
-                Shape::Mesh(mesh) => {
+            match world.geometry.shape(number).mesh() {
+                Some(mesh) => {
                     first.push(triangle);
                     triangle += mesh.triangles().len() as u32;
                 }
-                Shape::Sphere(_) | Shape::Disk(_) => {
+                None => {
                     first.push((of_triangles.len() + labels.len()) as u32);
                     labels.push((in_clusters.len() + clusters.len()) as u32);
                     let group = clusters.last().or(in_clusters.last()).map_or(0, |c: &Cluster| c.group + 1);

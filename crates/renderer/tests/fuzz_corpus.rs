@@ -19,12 +19,13 @@ use std::time::{Duration, Instant};
 /// Name and function.
 type Target = (&'static str, fn(&[u8]));
 
-const TARGETS: [Target; 5] = [
+const TARGETS: [Target; 6] = [
     ("scene", targets::scene),
     ("ply", targets::ply),
     ("obj", targets::obj),
     ("stl", targets::stl),
     ("image", targets::image),
+    ("geometry", targets::geometry),
 ];
 
 fn folder(name: &str) -> PathBuf {
@@ -86,6 +87,14 @@ fn seeds() -> Vec<Seed> {
         [0.0_f32, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, -0.5].into_iter().for_each(|v| bytes.extend(v.to_le_bytes()));
         bytes.extend([0, 0]);
         add("stl", name, bytes);
+    }
+    for (name, size) in [("small", 1e-15_f32), ("usual", 1.0), ("large", 1e15)] {
+        let corners =
+            [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.2, 0.2, 0.2], [-1.0, 0.5, 2.0]];
+        let mut bytes = vec![6];
+        corners.as_flattened().iter().for_each(|v: &f32| bytes.extend((v * size).to_le_bytes()));
+        bytes.extend([0, 1, 2, 0, 1, 3, 0, 2, 3, 1, 2, 3, 0, 1, 2, 0, 0, 1]);
+        add("geometry", name, bytes);
     }
     let rgb = RgbImage::from_fn(5, 3, |x, y| Rgb([(x * 60) as u8, (y * 100) as u8, (x * y * 20) as u8]));
     let save = |image: DynamicImage, format| {

@@ -43,21 +43,23 @@ impl Boundable for Padded {
 /// many share one. Empty for no items.
 pub(super) fn by_area(items: &[Item], params: BvhBuildParams) -> Vec<Node2> {
     let Some(bounds) = items.iter().map(|item| item.bounds).reduce(union) else { return Vec::new() };
-    let mut groups = group(items, bounds);
+    let mut groups = Groups::new(items, bounds);
     if groups.len() <= 1 {
         return by_median(items);
     }
-    let boxes: Vec<Bounds> = groups.iter().map(|group| enclose(items, group)).collect();
-    let tree = obvhs_tree(&boxes, bounds, params);
+    let tree = obvhs_tree(&mut groups, items, bounds, params);
 
-    let mut nodes = vec![placeholder()];
+    let mut nodes = Vec::with_capacity(2 * items.len() - 1);
+    nodes.push(placeholder());
     let mut open = vec![(0_usize, 0_usize)];
     while let Some((theirs, ours)) = open.pop() {
         let node = &tree.nodes[theirs];
         let first = node.first_index as usize;
         if node.is_leaf() {
-            let group = tree.primitive_indices[first] as usize;
-            split_by_median(items, &mut groups[group], &mut nodes, ours);
+            match groups.members(tree.primitive_indices[first] as usize) {
+                Members::One(item) => nodes[ours].below = Below::Item(item),
+                Members::Many(numbers) => split_by_median(items, numbers, &mut nodes, ours),
+            }
         } else {
             let children = nodes.len();
             nodes.extend([placeholder(); 2]);
@@ -81,36 +83,104 @@ pub(super) fn by_median(items: &[Item]) -> Vec<Node2> {
     nodes
 }
 
-/// Items in lists: those whose centre shares a crowded cell together, all others alone.
-fn group(items: &[Item], bounds: Bounds) -> Vec<Vec<u32>> {
-    let low = bounds[0].as_dvec3();
-    let extent = (bounds[1].as_dvec3() - low).max_element();
-    let cell = |item: &Item| ((centre(item.bounds) - low) / extent * CELLS).as_u64vec3().to_array();
-    let mut cells: Vec<([u64; 3], u32)> = items.iter().zip(0..).map(|(item, number)| (cell(item), number)).collect();
-    cells.sort_unstable();
-    let mut groups = Vec::with_capacity(items.len());
-    for crowd in cells.chunk_by(|a, b| a.0 == b.0) {
-        if crowd.len() > CROWD {
-            groups.push(crowd.iter().map(|&(_, number)| number).collect());
-        } else {
-            groups.extend(crowd.iter().map(|&(_, number)| vec![number]));
+/// Items in groups: those whose centre shares a crowded cell together, all others alone.
+enum Groups {
+    /// There is no crowd: item by item.
+    Alone(usize),
+    /// Where each group starts in the list of members, and where the last one ends.
+    Some { members: Vec<u32>, starts: Vec<u32> },
+}
+
+enum Members<'a> {
+    One(u32),
+    Many(&'a mut [u32]),
+}
+
+impl Groups {
+    fn new(items: &[Item], bounds: Bounds) -> Self {
+        let low = bounds[0].as_dvec3();
+        let per_extent = CELLS / (bounds[1].as_dvec3() - low).max_element();
+        // 21 bits an axis.
+        let cell = |item: &Item| {
+            let [x, y, z] = ((centre(item.bounds) - low) * per_extent).as_u64vec3().to_array();
+            x << 42 | y << 21 | z
+        };
+        if !may_be_crowded(items.iter().map(cell), items.len()) {
+            return Self::Alone(items.len());
+        }
+        let mut cells: Vec<(u64, u32)> = items.iter().map(cell).zip(0..).collect();
+        cells.sort_unstable();
+        let mut starts = Vec::with_capacity(items.len() + 1);
+        let mut start = 0;
+        for crowd in cells.chunk_by(|a, b| a.0 == b.0) {
+            let count = crowd.len() as u32;
+            if count as usize > CROWD {
+                starts.push(start);
+            } else {
+                starts.extend(start..start + count);
+            }
+            start += count;
+        }
+        starts.push(start);
+        Self::Some { members: cells.into_iter().map(|(_, number)| number).collect(), starts }
+    }
+
+    fn len(&self) -> usize {
+        match self {
+            Self::Alone(count) => *count,
+            Self::Some { starts, .. } => starts.len() - 1,
         }
     }
-    groups
+
+    fn members(&mut self, group: usize) -> Members<'_> {
+        match self {
+            Self::Alone(_) => Members::One(group as u32),
+            Self::Some { members, starts } => {
+                let members = &mut members[starts[group] as usize..starts[group + 1] as usize];
+                if let [one] = members { Members::One(*one) } else { Members::Many(members) }
+            }
+        }
+    }
+
+    fn bounds(&mut self, group: usize, items: &[Item]) -> Bounds {
+        match self.members(group) {
+            Members::One(item) => items[item as usize].bounds,
+            Members::Many(numbers) => {
+                let first = items[numbers[0] as usize].bounds;
+                numbers[1..].iter().fold(first, |sum, &number| union(sum, items[number as usize].bounds))
+            }
+        }
+    }
 }
 
-fn enclose(items: &[Item], group: &[u32]) -> Bounds {
-    let first = items[group[0] as usize].bounds;
-    group[1..].iter().fold(first, |sum, &number| union(sum, items[number as usize].bounds))
+/// Whether more than [`CROWD`] cells may be equal: surely not, if nowhere so many have the same hash. Saves sorting them,
+/// which takes longer.
+fn may_be_crowded(cells: impl Iterator<Item = u64>, count: usize) -> bool {
+    let bits = (2 * count).next_power_of_two().trailing_zeros().max(1);
+    let mut counts = vec![0_u8; 1 << bits];
+    for cell in cells {
+        // Fibonacci hashing [Knuth 1998, section 6.4].
+        let slot = &mut counts[(cell.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> (64 - bits)) as usize];
+        *slot += 1;
+        if usize::from(*slot) > CROWD {
+            return true;
+        }
+    }
+    false
 }
 
-/// obvhs's tree over boxes, at least two, one a leaf. They are scaled to unit size first, so that areas neither
+/// obvhs's tree over groups, at least two, one a leaf. Their boxes are scaled to unit size first, so that areas neither
 /// overflow nor vanish and the tree is the same at each scale.
-fn obvhs_tree(boxes: &[Bounds], bounds: Bounds, params: BvhBuildParams) -> Bvh2 {
+fn obvhs_tree(groups: &mut Groups, items: &[Item], bounds: Bounds, params: BvhBuildParams) -> Bvh2 {
     let origin = bounds[0].as_dvec3();
     let extent = (bounds[1].as_dvec3() - origin).max_element();
     let scaled = |p: glam::Vec3| Vec3A::from(((p.as_dvec3() - origin) / extent).as_vec3());
-    let boxes: Vec<Padded> = boxes.iter().map(|&[low, high]| Padded(Aabb::new(scaled(low), scaled(high)))).collect();
+    let boxes: Vec<Padded> = (0..groups.len())
+        .map(|group| {
+            let [low, high] = groups.bounds(group, items);
+            Padded(Aabb::new(scaled(low), scaled(high)))
+        })
+        .collect();
     let numbers = (0..boxes.len() as u32).collect();
     let (distance, precision) = (params.ploc_search_distance, params.sort_precision);
     let threshold = params.search_depth_threshold;

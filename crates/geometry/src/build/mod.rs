@@ -3,6 +3,7 @@
 mod binary;
 mod wide;
 
+use crate::safeguards::PADDING;
 use crate::shape::Quadric;
 use crate::traverse::{LIMIT, Tree, key};
 use crate::{Error, Shape};
@@ -44,19 +45,20 @@ impl Preset {
 /// Lower and upper corner.
 pub(crate) type Bounds = [Vec3; 2];
 
-/// What a leaf holds.
-#[derive(Clone, Copy, Debug)]
+/// What an item is. Not the thing itself: there are as many of these in memory as there are primitives.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Content {
-    Triangle([Vec3; 3]),
-    Quadric(Quadric),
-    /// An instance, by its number.
-    Box(u32),
+    Triangle,
+    Quadric,
+    /// An instance.
+    Box,
 }
 
 /// A primitive with its box, grown by what rounding asks for.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Item {
     pub(crate) bounds: Bounds,
+    /// Its shape and primitive, or an instance's number.
     pub(crate) key: u64,
     pub(crate) content: Content,
 }
@@ -70,9 +72,9 @@ const ULPS: f32 = 1.0 / (1u64 << 22) as f32;
 /// Builds the tree; also the bounds and the number of triangles that can be hit.
 pub(crate) fn build_tree(shapes: &[Shape], preset: Preset) -> Result<(Tree, Option<Bounds>, usize), Error> {
     let items = collect(shapes)?;
-    let triangles = items.iter().filter(|item| matches!(item.content, Content::Triangle(_))).count();
+    let triangles = items.iter().filter(|item| matches!(item.content, Content::Triangle)).count();
     let bounds = items.iter().map(|item| item.bounds).reduce(union);
-    Ok((build_over(&items, preset), bounds, triangles))
+    Ok((build_over(&items, shapes, preset), bounds, triangles))
 }
 
 /// Builds the tree over boxes with numbers, and a box around all of them.
@@ -81,36 +83,46 @@ pub(crate) fn build_top(boxes: &[(u32, [DVec3; 2])], preset: Preset) -> Result<(
     let item = |&(number, [low, high]): &(u32, [DVec3; 2])| {
         let bounds = [low.as_vec3(), high.as_vec3()];
         let bounds = grow(bounds, (bounds[1] - bounds[0]).max_element() * ULPS);
-        Item { bounds, key: number.into(), content: Content::Box(number) }
+        Item { bounds, key: number.into(), content: Content::Box }
     };
     let items: Vec<Item> = boxes.iter().map(item).collect();
     let bounds = items.iter().map(|item| item.bounds).reduce(union);
-    Ok((build_over(&items, preset), bounds))
+    Ok((build_over(&items, &[], preset), bounds))
 }
 
-fn build_over(items: &[Item], preset: Preset) -> Tree {
-    wide::collapse(&binary::by_area(items, preset.params()), items)
-        .or_else(|| wide::collapse(&binary::by_median(items), items))
+fn build_over(items: &[Item], shapes: &[Shape], preset: Preset) -> Tree {
+    wide::collapse(&binary::by_area(items, preset.params()), items, shapes)
+        .or_else(|| wide::collapse(&binary::by_median(items), items, shapes))
         .unwrap_or_default()
 }
 
 fn collect(shapes: &[Shape]) -> Result<Vec<Item>, Error> {
     too_many("shapes", shapes.len(), u32::MAX as usize)?;
-    let count = shapes.iter().map(|shape| if let Shape::Mesh(mesh) = shape { mesh.triangles().len() } else { 1 }).sum();
+    let count = shapes.iter().map(|shape| shape.mesh().map_or(1, |mesh| mesh.triangles().len())).sum();
     too_many("primitives", count, LIMIT)?;
     let mut items = Vec::with_capacity(count);
     for (number, shape) in shapes.iter().enumerate() {
         let number = number as u32;
         match shape {
             Shape::Mesh(mesh) => {
+                let sound = mesh.degenerate() == 0;
                 let numbers = 0..mesh.triangles().len() as u32;
-                items.extend(numbers.filter(|&n| !mesh.is_degenerate(n)).map(|n| {
-                    let corners = mesh.corners(n);
-                    Item { bounds: around(corners), key: key(number, n), content: Content::Triangle(corners) }
+                items.extend(numbers.filter(|&n| sound || !mesh.is_degenerate(n)).map(|n| Item {
+                    bounds: around(mesh.corners(n)),
+                    key: key(number, n),
+                    content: Content::Triangle,
                 }));
             }
-            Shape::Sphere(sphere) => items.push(quadric(Quadric::Sphere(*sphere), key(number, 0))),
-            Shape::Disk(disk) => items.push(quadric(Quadric::Disk(*disk), key(number, 0))),
+            Shape::Moving(mesh) => {
+                let numbers = 0..mesh.start().triangles().len() as u32;
+                items.extend(numbers.filter(|&n| !mesh.is_degenerate(n)).map(|n| Item {
+                    bounds: union(around(mesh.corners(n, 0.0)), around(mesh.ends_of(n))),
+                    key: key(number, n),
+                    content: Content::Triangle,
+                }));
+            }
+            Shape::Sphere(sphere) => items.push(quadric(&Quadric::Sphere(*sphere), key(number, 0))),
+            Shape::Disk(disk) => items.push(quadric(&Quadric::Disk(*disk), key(number, 0))),
         }
     }
     Ok(items)
@@ -125,14 +137,17 @@ fn around([a, b, c]: [Vec3; 3]) -> Bounds {
     grow([low, high], (high - low).max_element() * GROWTH)
 }
 
-fn quadric(quadric: Quadric, key: u64) -> Item {
+fn quadric(quadric: &Quadric, key: u64) -> Item {
     let [low, high] = quadric.bounds().map(DVec3::as_vec3);
     // Rounding to f32 and a sphere's own growth: both within a few of its ulps.
     let bounds = grow([low, high], (high - low).max_element() * ULPS);
-    Item { bounds, key, content: Content::Quadric(quadric) }
+    Item { bounds, key, content: Content::Quadric }
 }
 
 fn grow([low, high]: Bounds, by: f32) -> Bounds {
+    if !PADDING {
+        return [low, high];
+    }
     let by = by + low.abs().max(high.abs()).max_element() * ULPS;
     [(low - by).map(f32::next_down), (high + by).map(f32::next_up)]
 }

@@ -3,7 +3,7 @@
 use super::{Interaction, World};
 use crate::material::{Relief, Surface};
 use crate::shading::Frame;
-use dapple_geometry::Shape;
+use dapple_geometry::{Mesh, Shape};
 use glam::Vec3;
 
 /// Step in u and v over which a height's slope is measured: what pbrt-v4 takes where it knows no footprint
@@ -22,20 +22,8 @@ impl World {
         let derivatives = match shape {
             Shape::Sphere(sphere) => sphere.derivatives(local()),
             Shape::Disk(disk) => disk.derivatives(local()),
-            Shape::Mesh(mesh) => {
-                let [p0, p1, p2] = mesh.corners(at.hit.primitive);
-                let [t0, t1, t2] = match at.part.uvs.is_empty() {
-                    true => [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]],
-                    false => mesh.triangles()[at.hit.primitive as usize].map(|v| at.part.uvs[v as usize]),
-                };
-                let (du1, dv1, du2, dv2) = (t1[0] - t0[0], t1[1] - t0[1], t2[0] - t0[0], t2[1] - t0[1]);
-                let determinant = du1 * dv2 - dv1 * du2;
-                if determinant == 0.0 {
-                    return [Vec3::ZERO; 2];
-                }
-                let (e1, e2) = (p1 - p0, p2 - p0);
-                [(e1 * dv2 - e2 * dv1) / determinant, (e2 * du1 - e1 * du2) / determinant]
-            }
+            Shape::Mesh(mesh) => of_triangle(at, mesh, mesh.corners(at.hit.primitive)),
+            Shape::Moving(mesh) => of_triangle(at, mesh.start(), mesh.corners(at.hit.primitive, at.time)),
         };
         derivatives.map(|d| self.turned(at, d))
     }
@@ -75,6 +63,21 @@ fn tilt(n: Vec3, derivatives: [Vec3; 2], rise: [f32; 2]) -> Vec3 {
     let largest = tilted.abs().max_element();
     // Without directions of u and v there is no slope.
     if largest > 0.0 && largest.is_finite() { side / largest * tilted } else { n }
+}
+
+/// What the position of a triangle does as its texture coordinates grow; nothing where they do not.
+fn of_triangle(at: &Interaction<'_>, mesh: &Mesh, [p0, p1, p2]: [Vec3; 3]) -> [Vec3; 2] {
+    let [t0, t1, t2] = match at.part.uvs.is_empty() {
+        true => [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]],
+        false => mesh.triangles()[at.hit.primitive as usize].map(|v| at.part.uvs[v as usize]),
+    };
+    let (du1, dv1, du2, dv2) = (t1[0] - t0[0], t1[1] - t0[1], t2[0] - t0[0], t2[1] - t0[1]);
+    let determinant = du1 * dv2 - dv1 * du2;
+    if determinant == 0.0 {
+        return [Vec3::ZERO; 2];
+    }
+    let (e1, e2) = (p1 - p0, p2 - p0);
+    [(e1 * dv2 - e2 * dv1) / determinant, (e2 * du1 - e1 * du2) / determinant]
 }
 
 #[cfg(test)]

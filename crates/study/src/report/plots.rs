@@ -21,7 +21,7 @@ pub(super) fn plots(recorded: &Recorded, summary: &Summary) -> Vec<(String, Stri
 }
 
 const HEAD: u32 = 30;
-const LEGEND: u32 = 270;
+const LEGEND: u32 = 320;
 const LINE: u32 = 24;
 
 /// A line of the legend.
@@ -44,9 +44,12 @@ fn whole(title: &str, chart: &str, legend: &str) -> String {
     )
 }
 
-/// An SVG within another.
+/// An SVG within another; a size that it has of its own already may not be there twice.
 fn placed(svg: &str, [x, y]: [u32; 2], [width, height]: [u32; 2]) -> String {
-    svg.replacen("<svg", &format!("<svg x=\"{x}\" y=\"{y}\" width=\"{width}\" height=\"{height}\""), 1)
+    let size = format!(" width=\"{width}\" height=\"{height}\"");
+    let (tag, rest) = svg.split_once('>').unwrap_or((svg, ""));
+    let tag = tag.replacen(&size, "", 1).replacen("<svg", &format!("<svg x=\"{x}\" y=\"{y}\"{size}"), 1);
+    format!("{tag}>{rest}")
 }
 
 fn escaped(text: &str) -> String {
