@@ -1,7 +1,10 @@
 #![doc = include_str!("../README.md")]
 
 mod area_vectors;
+mod cells;
+mod disjoint;
 mod error;
+mod error_driven;
 mod importance;
 mod options;
 mod probe;
@@ -10,7 +13,11 @@ mod screen;
 mod size;
 
 pub use area_vectors::AreaVectors;
+pub use cells::{CellOptions, Cells};
 pub use error::Error;
+pub use error_driven::{
+    ErrorDriven, ErrorDrivenOptions, ErrorMap, MapErrors, Pool, Pooling, geometric_variance, relative_variance,
+};
 pub use importance::{Importance, Map, importance};
 pub use options::{Options, published_bounds};
 pub use probe::{BACKGROUND, Placement, Probe, ProbeCost, ProbeHit, ProbeRay, Probes, probe};

@@ -1,0 +1,141 @@
+//! What each option of the sampler `cluster` is worth: its error over that of uniform counts, at equal samples.
+//!
+//! ```sh
+//! cargo run --release --example counts_ablation -- --full
+//! cargo run --release --example counts_ablation -- --full --words cluster:prior=inf --words cluster:rounds=2
+//! ```
+//!
+//! Bundled scenes on `sobol`, unfiltered; the reference is `sobol` of another seed with many more samples. Prints the
+//! ratios of the mean errors over seeds, sRGB MSE and relMSE, per scene and as geometric means. Without `--full` a small
+//! form runs in seconds, to show that it works. Other switches: `--scenes`, `--seeds`, `--side`, `--spp`, each a list
+//! with commas, `--lights` for a choice among lights: the uniform picture it is compared with keeps the uniform choice.
+
+#![expect(clippy::print_stdout, clippy::print_stderr, reason = "a program: its table is its result")]
+
+use dapple::core::{Frame, Limits, Needs, NoWatch, render};
+use dapple::metrics::{Pixels, compare};
+use dapple::renderer::{Stage, World, bundled, integrator, registry, scene};
+use std::sync::Arc;
+
+type Result<T> = std::result::Result<T, Box<dyn std::error::Error>>;
+
+const WORDS: [&str; 18] = [
+    "variance",
+    "cluster",
+    "cluster:gain=1",
+    "cluster:pilot=4",
+    "cluster:pilot=16",
+    "cluster:prior=inf",
+    "cluster:prior=12",
+    "cluster:prior=3",
+    "cluster:radius=1",
+    "cluster:radius=3",
+    "cluster:exponent=1",
+    "cluster:exponent=1.3",
+    "cluster:rounds=2",
+    "cluster:rounds=3",
+    "cluster:pool=inside",
+    "cluster:pool=cell",
+    "cluster:geometry=3",
+    "cluster:policy=discard",
+];
+
+struct Run {
+    scenes: Vec<String>,
+    side: u32,
+    spp: Vec<u64>,
+    seeds: u64,
+    reference_spp: u64,
+    words: Vec<String>,
+}
+
+impl Run {
+    fn from_arguments() -> Result<Self> {
+        let full = std::env::args().any(|a| a == "--full");
+        let names = |list: &str| list.split(',').map(str::to_owned).collect::<Vec<_>>();
+        let mut run = Self {
+            scenes: names("teapot,terrain,cornell,glass"),
+            side: if full { 160 } else { 24 },
+            spp: if full { vec![8, 32] } else { vec![8] },
+            seeds: if full { 4 } else { 1 },
+            reference_spp: if full { 2048 } else { 64 },
+            words: Vec::new(),
+        };
+        let mut arguments = std::env::args().skip(1);
+        while let Some(argument) = arguments.next() {
+            let mut value = || arguments.next().ok_or(format!("{argument} wants a value"));
+            match argument.as_str() {
+                "--full" => {}
+                "--scenes" => run.scenes = names(&value()?),
+                "--seeds" => run.seeds = value()?.parse()?,
+                "--side" => run.side = value()?.parse()?,
+                "--reference" => run.reference_spp = value()?.parse()?,
+                "--spp" => run.spp = names(&value()?).iter().map(|n| n.parse()).collect::<std::result::Result<_, _>>()?,
+                "--words" => run.words.push(value()?),
+                other => return Err(format!("unknown argument {other}").into()),
+            }
+        }
+        if run.words.is_empty() {
+            run.words = WORDS.map(str::to_owned).to_vec();
+        }
+        Ok(run)
+    }
+}
+
+fn main() -> Result<()> {
+    let run = Run::from_arguments()?;
+    println!(
+        "{0}x{0} pixels, {1} seeds, reference {2} spp; sRGB MSE / relMSE over uniform counts, both on `sobol`, unfiltered.",
+        run.side, run.seeds, run.reference_spp
+    );
+    let worlds: Vec<(Arc<World>, Vec<[f32; 3]>)> = run.scenes.iter().map(|name| world(name, &run)).collect::<Result<_>>()?;
+    for &spp in &run.spp {
+        println!("\n| {spp} spp | {} | geometric mean |", run.scenes.join(" | "));
+        println!("|---|{}---|", "---|".repeat(run.scenes.len()));
+        let uniform: Vec<[f64; 2]> =
+            worlds.iter().map(|(world, truth)| errors("uniform", world, truth, spp, &run)).collect::<Result<_>>()?;
+        for words in &run.words {
+            let mut logs = [0.0; 2];
+            let mut row = format!("| `{words}` |");
+            for ((world, truth), uniform) in worlds.iter().zip(&uniform) {
+                let found = errors(words, world, truth, spp, &run)?;
+                let ratio = [found[0] / uniform[0], found[1] / uniform[1]];
+                (0..2).for_each(|k| logs[k] += ratio[k].ln() / worlds.len() as f64);
+                row += &format!(" {:.3} / {:.3} |", ratio[0], ratio[1]);
+            }
+            println!("{row} {:.3} / {:.3} |", logs[0].exp(), logs[1].exp());
+        }
+    }
+    Ok(())
+}
+
+/// A scene and its reference.
+fn world(name: &str, run: &Run) -> Result<(Arc<World>, Vec<[f32; 3]>)> {
+    let mut scene = bundled::files(name).ok_or("no such bundled scene")?.read()?;
+    scene.film.pixel_filter = scene::PixelFilter::default();
+    let world = Arc::new(World::with_resolution(&scene, [run.side; 2])?);
+    let truth = picture("uniform", &world, 777, run.reference_spp, run)?;
+    eprintln!("{name}: reference made");
+    Ok((world, truth))
+}
+
+fn picture(words: &str, world: &Arc<World>, seed: u64, spp: u64, run: &Run) -> Result<Vec<[f32; 3]>> {
+    let points = registry::points("sobol", registry::Setting { seed, spp: Some(spp) })?;
+    let mut sampler = registry::sampler(words, points, &Stage::new(world.clone()))?;
+    let frame = Frame::new(run.side, run.side)?;
+    let limits = Limits::samples(spp * frame.pixels() as u64);
+    let film = render(&mut *integrator(world), &mut *sampler, Needs::none(), frame, &limits, &mut NoWatch)?;
+    Ok(film.picture())
+}
+
+/// sRGB MSE and relMSE, means over seeds.
+fn errors(words: &str, world: &Arc<World>, truth: &[[f32; 3]], spp: u64, run: &Run) -> Result<[f64; 2]> {
+    let mut sums = [0.0; 2];
+    for seed in 1..=run.seeds {
+        let found = picture(words, world, seed, spp, run)?;
+        let size = [run.side; 2];
+        let compared = compare(Pixels::new(size, &found)?, Pixels::new(size, truth)?)?;
+        sums = [sums[0] + compared.srgb8_mse, sums[1] + compared.rel_mse];
+    }
+    Ok(sums)
+}
