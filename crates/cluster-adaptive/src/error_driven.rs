@@ -67,8 +67,7 @@ impl<P: PointSet> ErrorDriven<P> {
     /// Samples of the pilot, for a mean budget of `mean` samples per pixel.
     fn pilot(&self, mean: u64, even: bool) -> u32 {
         let mean = u32::try_from(mean).unwrap_or(u32::MAX);
-        let wanted =
-            if self.options.pilot > 0 { self.options.pilot } else { PILOT.max(ladder_floor(mean / 4, even)) };
+        let wanted = if self.options.pilot > 0 { self.options.pilot } else { PILOT.max(ladder_floor(mean / 4, even)) };
         wanted.min(mean)
     }
 }

@@ -104,7 +104,11 @@ impl ErrorDrivenOptions {
             }
         }
         if self.policy != Pilot::Keep && self.rounds > 1 {
-            return out("rounds", self.rounds.to_string(), "1 unless the pilot is kept: the others would be biased too");
+            return out(
+                "rounds",
+                self.rounds.to_string(),
+                "1 unless the pilot is kept: the others would be biased too",
+            );
         }
         if self.policy == Pilot::Cross && self.look_at_hits() {
             return out("policy", "cross".into(), "keep or discard beside cells: a half's hits would decide on itself");
