@@ -81,13 +81,14 @@ impl<P: PointSet> Sampler for ErrorDriven<P> {
         let o = &self.options;
         let by = self.errors.as_ref().map_or("variance", |map| &map.name);
         format!(
-            "cluster:by={by},pilot={},rounds={},pool={},radius={},prior={},geometry={},exponent={},epsilon={},cap={},\
+            "cluster:by={by},pilot={},rounds={},pool={},radius={},prior={},power={},geometry={},exponent={},epsilon={},cap={},\
              mix={},gain={},policy={},edge={},normals={}",
             o.pilot,
             o.rounds,
             o.pool.name(),
             o.radius,
             o.prior,
+            o.power,
             o.geometry,
             o.exponent,
             o.epsilon,

@@ -6,6 +6,7 @@ mod disjoint;
 mod error;
 mod error_driven;
 mod importance;
+mod light_cells;
 mod options;
 mod probe;
 mod sampler;
@@ -19,6 +20,7 @@ pub use error_driven::{
     ErrorDriven, ErrorDrivenOptions, ErrorMap, MapErrors, Pool, Pooling, geometric_variance, relative_variance,
 };
 pub use importance::{Importance, Map, importance};
+pub use light_cells::{Guidance, LightCellOptions, LightCells};
 pub use options::{Options, published_bounds};
 pub use probe::{BACKGROUND, Placement, Probe, ProbeCost, ProbeHit, ProbeRay, Probes, probe};
 pub use sampler::{ClusterAdaptive, ProbeSource, ProbesHandle, Shoot};

@@ -171,13 +171,13 @@ fn variance_pooled_inside_cells_stays_inside() {
     let hits: Vec<_> = (0..SIDE * SIDE).map(|i| Some(hit(i))).collect();
     let cells = Cells::new(&hits, 1, [SIDE as u32; 2], &CellOptions::default()).unwrap();
     let at_border = |pool| {
-        let pooling = Pooling { pool, radius: 2, prior: 6.0, epsilon: 0.01 };
+        let pooling = Pooling { pool, radius: 2, prior: 6.0, power: 1.0, epsilon: 0.01 };
         relative_variance(&moments, [SIDE as u32; 2], &pooling, Some(&cells)).unwrap()[20 * SIDE + 23]
     };
     let (window, inside, cell) = (at_border(Pool::Window), at_border(Pool::Inside), at_border(Pool::Cell));
     assert_eq!(cell, 0.0, "the quiet cell has no variance");
     assert!(inside > 0.0 && inside < 0.75 * window, "{inside} of {window}");
-    let pooling = Pooling { pool: Pool::Cell, radius: 2, prior: 6.0, epsilon: 0.01 };
+    let pooling = Pooling { pool: Pool::Cell, radius: 2, prior: 6.0, power: 1.0, epsilon: 0.01 };
     assert!(relative_variance(&moments, [SIDE as u32; 2], &pooling, None).is_err());
     assert!(relative_variance(&moments[1..], [SIDE as u32; 2], &pooling, Some(&cells)).is_err());
 }
@@ -197,7 +197,8 @@ fn tiny_budgets_and_frames_are_met() {
     for (w, h, total) in [(1, 1, 1), (1, 1, 5), (3, 1, 4), (7, 5, 35), (7, 5, 36), (8, 8, 64 * 3 + 1)] {
         for policy in [Pilot::Keep, Pilot::Discard, Pilot::Cross] {
             let mut sampler = with(ErrorDrivenOptions { policy, ..ErrorDrivenOptions::default() });
-            let film = run(&mut Field(|_, u: [f32; 4]| u[0]), &mut sampler, frame(w, h), &Limits::samples(total)).unwrap();
+            let film =
+                run(&mut Field(|_, u: [f32; 4]| u[0]), &mut sampler, frame(w, h), &Limits::samples(total)).unwrap();
             assert_eq!(film.record().samples, total, "{w}x{h}, {total}, {policy:?}");
         }
     }
@@ -213,6 +214,7 @@ fn wrong_options_are_refused() {
         ErrorDrivenOptions { rounds: 2, policy: Pilot::Discard, ..good },
         ErrorDrivenOptions { radius: 65, ..good },
         ErrorDrivenOptions { prior: f64::NAN, ..good },
+        ErrorDrivenOptions { power: 0.0, ..good },
         ErrorDrivenOptions { geometry: f64::INFINITY, ..good },
         ErrorDrivenOptions { exponent: 0.0, ..good },
         ErrorDrivenOptions { epsilon: 0.0, ..good },

@@ -20,6 +20,8 @@ pub struct ErrorDrivenOptions {
     pub radius: u32,
     /// The pool's weight beside a pixel's own degrees of freedom.
     pub prior: f64,
+    /// What is pooled is this power of the variance.
+    pub power: f64,
     /// Weight of what geometry says, in degrees of freedom as well; 0 leaves it out.
     pub geometry: f64,
     /// Errors are taken to fall as `n^-exponent`.
@@ -46,6 +48,7 @@ impl Default for ErrorDrivenOptions {
             pool: Pool::Window,
             radius: 2,
             prior: 6.0,
+            power: 1.0,
             geometry: 0.0,
             exponent: 1.15,
             epsilon: 0.01,
@@ -85,6 +88,9 @@ impl ErrorDrivenOptions {
         }
         if self.prior.is_nan() || self.prior < 0.0 {
             return out("prior", self.prior.to_string(), "a weight of 0 or more, or inf");
+        }
+        if !(self.power > 0.0 && self.power <= 4.0) {
+            return out("power", self.power.to_string(), "above 0 and at most 4");
         }
         if !(self.geometry >= 0.0 && self.geometry.is_finite()) {
             return out("geometry", self.geometry.to_string(), "a weight of 0 or more");

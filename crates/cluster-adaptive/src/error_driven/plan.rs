@@ -13,7 +13,7 @@ impl<P: PointSet> ErrorDriven<P> {
         let o = &self.options;
         let known: Vec<RgbMoments> = (0..film.frame().pixels()).map(moments).collect();
         let cells = if o.look_at_hits() { Some(Cells::of_film(film, &o.cells)?) } else { None };
-        let pooling = Pooling { pool: o.pool, radius: o.radius, prior: o.prior, epsilon: o.epsilon };
+        let pooling = Pooling { pool: o.pool, radius: o.radius, prior: o.prior, power: o.power, epsilon: o.epsilon };
         let mut scores = relative_variance(&known, film.frame().size(), &pooling, cells.as_ref())?;
         if let (Some(cells), true) = (&cells, o.geometry > 0.0) {
             self.blend_geometry(film, cells, &known, &mut scores);

@@ -35,12 +35,15 @@ pub struct Pooling {
     pub radius: u32,
     /// The pool's weight beside a pixel's own `n - 1` degrees of freedom; infinite: the pool alone.
     pub prior: f64,
+    /// What is averaged is this power of the variance, above 0: 1 for variances, .5 for deviations, of which a single
+    /// outlier in a neighbourhood makes less.
+    pub power: f64,
     /// What is added to the squared mean before the variance is divided by it.
     pub epsilon: f64,
 }
 
 /// The relative variance of each pixel's samples, summed over channels: `v~ / (m^2 + epsilon)`, with
-/// `v~ = ((n - 1) v + prior pool(v)) / (n - 1 + prior)` (FEASIBILITY 4, step 5), `v` the sample variance, `n` the count
+/// `v~^q = ((n - 1) v^q + prior pool(v^q)) / (n - 1 + prior)` (FEASIBILITY 4, step 5, has `q = 1`), `v` the sample variance, `q` the power, `n` the count
 /// and `m` the mean over the window. Not negative; 0 where neither a pixel nor its pool has two samples.
 ///
 /// `moments` are row by row, for a picture `size` pixels large. A pool is the variance of its pixels weighted by their
@@ -71,7 +74,10 @@ pub fn relative_variance(
     let seen = box_sums(&plane(&|m| f64::from(u8::from(m.count > 0))), w, h, radius);
     let mut sums = vec![0.0; w * h];
     for c in 0..3 {
-        let deviations = plane(&|m| if m.count >= 2 && m.m2[c].is_finite() { m.m2[c].max(0.0) } else { 0.0 });
+        let deviations = plane(&|m| match (m.count.saturating_sub(1) as f64, m.m2[c]) {
+            (freedom, m2) if freedom > 0.0 && m2.is_finite() => freedom * power(m2.max(0.0) / freedom, pooling.power),
+            _ => 0.0,
+        });
         let means = box_sums(&plane(&|m| m.mean[c]), w, h, radius);
         let pools = pools(&deviations, &freedom, pooling, [w, h], &first, cells);
         for (i, sum) in sums.iter_mut().enumerate() {
@@ -80,13 +86,17 @@ pub fn relative_variance(
                 prior if prior == f64::INFINITY => pools[i],
                 prior => (deviations[i] + prior * pools[i]) / (freedom[i] + prior),
             };
-            *sum += variance / (mean * mean + pooling.epsilon);
+            *sum += power(variance, 1.0 / pooling.power) / (mean * mean + pooling.epsilon);
         }
     }
     Ok(sums)
 }
 
-/// The pooled variance of each pixel.
+fn power(x: f64, power: f64) -> f64 {
+    if power == 1.0 { x } else { x.powf(power) }
+}
+
+/// The pooled power of the variance of each pixel.
 fn pools(
     deviations: &[f64],
     freedom: &[f64],
