@@ -41,6 +41,11 @@ fn with(options: ErrorDrivenOptions) -> ErrorDriven<Random> {
     ErrorDriven::with_options(Random::new(1), options).unwrap()
 }
 
+/// All of the budget planned at once.
+fn one_round() -> ErrorDriven<Random> {
+    with(ErrorDrivenOptions { rounds: 1, ..ErrorDrivenOptions::default() })
+}
+
 /// Share of light that a point of column `x` sees: none left, all right, a penumbra between.
 fn lit(x: usize) -> f64 {
     ((x as f64 - 12.0) / 24.0).clamp(0.0, 1.0)
@@ -60,7 +65,7 @@ fn column_mean(counts: &[u32], x: usize) -> f64 {
 fn a_counts_follow_a_penumbra() {
     let seen = film(Needs::none().with_variance(), penumbra);
     let exponent = ErrorDrivenOptions::default().exponent;
-    let counts = planned(&mut ErrorDriven::new(Random::new(1)), &seen).unwrap();
+    let counts = planned(&mut one_round(), &seen).unwrap();
     let wanted = |x: usize| {
         let v = lit(x);
         (v * (1.0 - v) / (v * v + 0.01)).powf(1.0 / (1.0 + exponent))
@@ -84,7 +89,7 @@ fn a_counts_follow_a_penumbra() {
 #[test]
 fn no_region_starves() {
     let seen = film(Needs::none().with_variance(), |[x, _], u| if x < 4 { u[0] * 100.0 } else { 1.0 });
-    let counts = planned(&mut ErrorDriven::new(Random::new(1)), &seen).unwrap();
+    let counts = planned(&mut one_round(), &seen).unwrap();
     assert!(counts.iter().all(|&n| n >= PILOT), "the pilot, a quarter of the mean, is everybody's");
     assert!(counts.iter().all(|&n| n <= 6 * 32 + 1), "and no pixel gets more than the cap");
     let beyond = (0..SIDE).map(|y| counts[y * SIDE + 40]).filter(|&n| n > PILOT).count();
@@ -94,10 +99,10 @@ fn no_region_starves() {
 #[test]
 fn what_promises_nothing_is_uniform() {
     let alike = film(Needs::none().with_variance(), |_, u| u[0]);
-    let counts = planned(&mut ErrorDriven::new(Random::new(1)), &alike).unwrap();
+    let counts = planned(&mut one_round(), &alike).unwrap();
     assert!(counts.iter().all(|&n| n == 32), "{:?}", &counts[..50]);
     // Negative control: adapting always, it follows the pilot's noise.
-    let always = ErrorDrivenOptions { gain: 1.0, ..ErrorDrivenOptions::default() };
+    let always = ErrorDrivenOptions { gain: 1.0, rounds: 1, ..ErrorDrivenOptions::default() };
     assert!(planned(&mut with(always), &alike).unwrap().iter().any(|&n| n != 32));
 }
 
@@ -106,7 +111,7 @@ fn map(needs: Needs, of: impl Fn(&Film) -> Result<Vec<f32>, Error> + Send + 'sta
 }
 
 fn driven(mix: f64, of: impl Fn(&Film) -> Result<Vec<f32>, Error> + Send + 'static) -> ErrorDriven<Random> {
-    let options = ErrorDrivenOptions { mix, ..ErrorDrivenOptions::default() };
+    let options = ErrorDrivenOptions { mix, rounds: 1, ..ErrorDrivenOptions::default() };
     with(options).with_error_map(map(Needs::none(), of)).unwrap()
 }
 
@@ -131,7 +136,7 @@ fn bad_error_maps_do_no_harm() {
     let seen = film(Needs::none().with_variance(), penumbra);
     for bad in [f32::NAN, f32::INFINITY, -1.0, 0.0] {
         let counts = planned(&mut driven(0.5, move |film| Ok(vec![bad; film.frame().pixels()])), &seen).unwrap();
-        assert_eq!(counts, planned(&mut ErrorDriven::new(Random::new(1)), &seen).unwrap(), "{bad}");
+        assert_eq!(counts, planned(&mut one_round(), &seen).unwrap(), "{bad}");
     }
     let short = planned(&mut driven(0.5, |_| Ok(vec![1.0; 3])), &seen).unwrap_err().to_string();
     assert!(short.contains("made-up") && short.contains("3 values"), "{short}");
@@ -210,7 +215,7 @@ fn wrong_options_are_refused() {
     for bad in [
         ErrorDrivenOptions { pilot: 1, ..good },
         ErrorDrivenOptions { pilot: 2, policy: Pilot::Cross, ..good },
-        ErrorDrivenOptions { rounds: 0, ..good },
+        ErrorDrivenOptions { rounds: 65, ..good },
         ErrorDrivenOptions { rounds: 2, policy: Pilot::Discard, ..good },
         ErrorDrivenOptions { radius: 65, ..good },
         ErrorDrivenOptions { prior: f64::NAN, ..good },

@@ -11,8 +11,8 @@ pub struct ErrorDrivenOptions {
     /// Samples per pixel of the pilot; 0 takes 4, or the rung at a quarter of the mean budget where that is more.
     /// At least 2 otherwise, and 4 with [`Pilot::Cross`], whose halves must each know a variance.
     pub pilot: u32,
-    /// Into how many rounds the rest of the budget is cut, each planned from all samples before it. Only 1 leaves
-    /// anything unbiased.
+    /// Into how many rounds the rest of the budget is cut, each planned from all samples before it; 0 takes 3 where the
+    /// pilot is kept, else 1, since more would leave nothing unbiased.
     pub rounds: u32,
     /// Over what variance is pooled.
     pub pool: Pool,
@@ -20,7 +20,7 @@ pub struct ErrorDrivenOptions {
     pub radius: u32,
     /// The pool's weight beside a pixel's own degrees of freedom.
     pub prior: f64,
-    /// What is pooled is this power of the variance.
+    /// What is pooled is this power of the variance: see [`Pooling::power`](super::Pooling::power).
     pub power: f64,
     /// Weight of what geometry says, in degrees of freedom as well; 0 leaves it out.
     pub geometry: f64,
@@ -41,14 +41,15 @@ pub struct ErrorDrivenOptions {
 }
 
 impl Default for ErrorDrivenOptions {
+    /// What won by ablation on bundled scenes (docs/results/cluster.md).
     fn default() -> Self {
         Self {
             pilot: 0,
-            rounds: 1,
+            rounds: 0,
             pool: Pool::Window,
             radius: 2,
-            prior: 6.0,
-            power: 1.0,
+            prior: 12.0,
+            power: 2.0,
             geometry: 0.0,
             exponent: 1.15,
             epsilon: 0.01,
@@ -62,6 +63,15 @@ impl Default for ErrorDrivenOptions {
 }
 
 impl ErrorDrivenOptions {
+    /// Rounds after the pilot.
+    pub(super) fn rounds(&self) -> u32 {
+        match (self.rounds, self.policy) {
+            (0, Pilot::Keep) => 3,
+            (0, _) => 1,
+            (rounds, _) => rounds,
+        }
+    }
+
     /// Whether first hits are read: for cells, or for what geometry says.
     pub(super) fn look_at_hits(&self) -> bool {
         self.pool != Pool::Window || self.geometry > 0.0
@@ -80,8 +90,8 @@ impl ErrorDrivenOptions {
         if self.policy == Pilot::Cross && self.pilot != 0 && self.pilot < 4 {
             return out("pilot", self.pilot.to_string(), "each of the two halves needs two samples; 0 chooses");
         }
-        if !(1..=64).contains(&self.rounds) {
-            return out("rounds", self.rounds.to_string(), "1 to 64");
+        if self.rounds > 64 {
+            return out("rounds", self.rounds.to_string(), "1 to 64; 0 chooses");
         }
         if self.radius > 64 {
             return out("radius", self.radius.to_string(), "at most 64 pixels");

@@ -92,7 +92,7 @@ impl<P: PointSet> ErrorDriven<P> {
         let floors: Vec<u32> = now.iter().map(|&n| n.max(min_spp)).collect();
         let needed = floors.iter().map(|&n| u64::from(n)).sum::<u64>();
         let first = (u64::from(pilot) * seen.pixels() as u64).min(total);
-        let rounds = u64::from(self.options.rounds);
+        let rounds = u64::from(self.options.rounds());
         let step = |k: u64| first + ((total - first) as u128 * u128::from(k) / u128::from(rounds)) as u64;
         let target = (1..=rounds).map(step).find(|&t| t > spent && t >= needed).unwrap_or(total);
         let counts = self.counts(&scores, &floors, target, max_spp, seen.film.needs().halves)?;

@@ -35,8 +35,8 @@ pub struct Pooling {
     pub radius: u32,
     /// The pool's weight beside a pixel's own `n - 1` degrees of freedom; infinite: the pool alone.
     pub prior: f64,
-    /// What is averaged is this power of the variance, above 0: 1 for variances, .5 for deviations, of which a single
-    /// outlier in a neighbourhood makes less.
+    /// What is averaged is this power of the variance, above 0: 1 for variances, 2 to let the noisiest of a
+    /// neighbourhood speak for it, as it should where a few samples in many carry the error.
     pub power: f64,
     /// What is added to the squared mean before the variance is divided by it.
     pub epsilon: f64,

@@ -23,16 +23,16 @@ pub const SAMPLERS: &[Entry<MakeSampler>] = &[
         make: |p, points, _| variance(p, points),
     },
     Entry {
-        name: "cluster",
-        about: "counts by error: pooled variance of a pilot, or a filter's error map; cells at hit points",
-        parameters: &[CLUSTER],
-        make: |p, points, _| cluster(p, points),
-    },
-    Entry {
         name: "uniform",
         about: "the same count for every pixel",
         parameters: &[],
         make: |_, points, _| Ok(Box::new(Uniform::new(points))),
+    },
+    Entry {
+        name: "cluster",
+        about: "counts by error: pooled variance of a pilot, or a filter's error map; cells at hit points",
+        parameters: &[CLUSTER],
+        make: |p, points, _| cluster(p, points),
     },
     Entry {
         name: "mitchell",
@@ -66,15 +66,15 @@ const VARIANCE: &[Parameter] = &[
 const CLUSTER: &[Parameter] = &[
     ("by", "variance", "what counts follow: variance (pooled, of the pilot)"),
     ("pilot", "0", "samples per pixel before counts adapt; 0 is 4, or a quarter of the mean budget if that is more"),
-    ("rounds", "1", "rounds into which the rest is cut, each planned from all before it"),
+    ("rounds", "0", "rounds into which the rest is cut, each planned from all before it; 0 is 3, or 1 without keep"),
     (
         "pool",
         "window",
         "variance is pooled over window (neighbours), inside (same cell weighs more) or cell (all of it)",
     ),
     ("radius", "2", "the window is 2 radius + 1 pixels squared"),
-    ("prior", "6", "weight of the pool beside a pixel's own degrees of freedom; inf: the pool alone"),
-    ("power", "1", "the power of the variance that is pooled; below 1 outliers weigh less"),
+    ("prior", "12", "weight of the pool beside a pixel's own degrees of freedom; inf: the pool alone"),
+    ("power", "2", "the power of the variance that is pooled; above 1 the noisiest neighbours weigh more"),
     ("geometry", "0", "weight of edges and texture seen in first hits, in degrees of freedom"),
     ("exponent", "1.15", "errors are taken to fall as n^-exponent; 1 for random points"),
     ("epsilon", "0.01", "errors are relative to mean^2 + epsilon"),
