@@ -115,7 +115,7 @@ fn wrong_cluster_words_are_refused_without_a_world() {
         assert_ne!(refusal(check_sampler(&format!("cluster-thesis:{words}"))), "", "{words}");
     }
     for words in
-        ["by=guess", "pilot=1", "rounds=0", "pool=sea", "prior=-1", "gain=2", "edge=0", "normals=0", "policy=maybe"]
+        ["by=guess", "pilot=1", "rounds=65", "pool=sea", "prior=-1", "gain=2", "edge=0", "normals=0", "policy=maybe"]
     {
         assert_ne!(refusal(check_sampler(&format!("cluster:{words}"))), "", "{words}");
     }
