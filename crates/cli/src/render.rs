@@ -46,8 +46,10 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
 
     let clock = Instant::now();
     let mut world = scene::build(&scene, settings.frame.resolution())?;
-    if options.light_choice == options::LightChoice::Uniform {
-        world.set_light_choice(LightChoice::Uniform);
+    match options.light_choice {
+        options::LightChoice::Power => {}
+        options::LightChoice::Uniform => world.set_light_choice(LightChoice::Uniform),
+        options::LightChoice::Cells => world.set_light_choice(LightChoice::Cells),
     }
     if world.dropped_triangles() > 0 {
         warn(format!("{} triangles have no area and are left out", world.dropped_triangles()));

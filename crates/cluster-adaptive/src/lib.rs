@@ -1,8 +1,12 @@
 #![doc = include_str!("../README.md")]
 
 mod area_vectors;
+mod cells;
+mod disjoint;
 mod error;
+mod error_driven;
 mod importance;
+mod light_cells;
 mod options;
 mod probe;
 mod sampler;
@@ -10,8 +14,13 @@ mod screen;
 mod size;
 
 pub use area_vectors::AreaVectors;
+pub use cells::{CellOptions, Cells};
 pub use error::Error;
+pub use error_driven::{
+    ErrorDriven, ErrorDrivenOptions, ErrorMap, MapErrors, Pool, Pooling, geometric_variance, relative_variance,
+};
 pub use importance::{Importance, Map, importance};
+pub use light_cells::{Guidance, LightCellOptions, LightCells};
 pub use options::{Options, published_bounds};
 pub use probe::{BACKGROUND, Placement, Probe, ProbeCost, ProbeHit, ProbeRay, Probes, probe};
 pub use sampler::{ClusterAdaptive, ProbeSource, ProbesHandle, Shoot};

@@ -3,9 +3,14 @@
 mod common;
 
 use common::*;
-use dapple_cluster_adaptive::{AreaVectors, ClusterAdaptive, ClusterSize, Map, Options, PixelArea, Placement};
+use dapple_cluster_adaptive::{
+    AreaVectors, ClusterAdaptive, ClusterSize, ErrorDriven, ErrorDrivenOptions, ErrorMap, Map, Options, PixelArea,
+    Placement, Pool,
+};
 use dapple_clustering::Triangles;
 use dapple_conformance::{Spending, sampler, sampler_on_frames};
+use dapple_core::samplers::Pilot;
+use dapple_core::{Film, Needs};
 use dapple_low_discrepancy::{Random, Sobol};
 
 #[test]
@@ -41,6 +46,34 @@ fn other_combinations_conform() {
     ] {
         sampler(|| Box::new(probing(2, placement, size.clone(), options)));
     }
+}
+
+fn error_driven(options: ErrorDrivenOptions) -> ErrorDriven<Sobol> {
+    ErrorDriven::with_options(Sobol::new(6), options).unwrap()
+}
+
+#[test]
+fn the_error_driven_sampler_conforms() {
+    let default = ErrorDrivenOptions::default();
+    for policy in [Pilot::Keep, Pilot::Discard, Pilot::Cross] {
+        sampler(|| Box::new(error_driven(ErrorDrivenOptions { policy, ..default })));
+    }
+}
+
+#[test]
+fn the_error_driven_sampler_conforms_in_rounds_with_cells_and_by_a_map() {
+    let default = ErrorDrivenOptions::default();
+    let cells = ErrorDrivenOptions { rounds: 3, pool: Pool::Inside, geometry: 2.0, gain: 1.0, ..default };
+    sampler(|| Box::new(error_driven(cells)));
+    sampler(|| Box::new(error_driven(ErrorDrivenOptions { pool: Pool::Cell, policy: Pilot::Discard, ..default })));
+    // Halves that differ: the error of what is shown, with all that can be wrong with it.
+    let errors = |film: &Film| {
+        Ok((0..film.frame().pixels()).map(|i| film.squared_error(i).map_or(f32::NAN, |e| e[0] as f32)).collect())
+    };
+    sampler(|| {
+        let map = ErrorMap { name: "halves".into(), needs: Needs::none().with_halves(), of: Box::new(errors) };
+        Box::new(error_driven(default).with_error_map(map).unwrap())
+    });
 }
 
 #[test]

@@ -1,6 +1,7 @@
 //! What one sample is worth.
 
 use crate::Draws;
+use rayon::prelude::*;
 
 /// The first surface a sample met. The integrator reports it; samplers and filters label it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -54,15 +55,18 @@ pub trait Integrator: Sync {
     /// of what was learned in finished rounds).
     fn estimate(&self, draws: &Draws<'_>, observed: &mut Observed) -> Estimate;
 
-    /// Whether this integrator writes to [`Observed`] and wants [`Integrator::learn`] called.
+    /// Whether this integrator writes to [`Observed`] and wants [`Integrator::learn`] called. Asked anew
+    /// after each lesson: one that has learned enough says so, and costs no more.
     fn observes(&self) -> bool {
         false
     }
 
-    /// Called at the barrier after a round with everything observed in it, merged in a fixed order:
-    /// what is learned does not depend on threads.
-    fn learn(&mut self, round: &Observations) {
-        let _ = round;
+    /// Called at the barrier after a lesson with everything observed in it, merged in a fixed order:
+    /// what is learned does not depend on threads. A lesson is one sample a pixel at first, then as
+    /// many as were traced before it, and at most what is left of the round: 1, 1, 2, 4, … where
+    /// rounds are long.
+    fn learn(&mut self, lesson: &Observations) {
+        let _ = lesson;
     }
 }
 
@@ -98,7 +102,7 @@ impl Observed {
     }
 }
 
-/// Everything noted under one key in one round.
+/// Everything noted under one key in one lesson.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Observation {
     /// The integrator's key.
@@ -119,7 +123,7 @@ impl Observation {
     }
 }
 
-/// All observations of a round, sorted by key. Sums were made in blocks of 16x16 pixels and added
+/// All observations of a lesson, sorted by key. Sums were made in blocks of 16x16 pixels and added
 /// in block order, so they are the same bits for any number of threads.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Observations {
@@ -129,11 +133,17 @@ pub struct Observations {
 impl Observations {
     /// Merges the sums of pixel blocks, which must come in block order.
     pub(crate) fn merge(blocks: impl Iterator<Item = Vec<Observation>>) -> Self {
-        let mut map = std::collections::BTreeMap::<u64, Observation>::new();
-        for entry in blocks.flatten() {
-            map.entry(entry.key).and_modify(|e| e.add(&entry)).or_insert(entry);
-        }
-        Self { entries: map.into_values().collect() }
+        let mut entries: Vec<Observation> = blocks.flatten().collect();
+        // Stable: equal keys stay in block order. A tree would take several times as long.
+        entries.par_sort_by_key(|e| e.key);
+        entries.dedup_by(|next, kept| {
+            let same = next.key == kept.key;
+            if same {
+                kept.add(next);
+            }
+            same
+        });
+        Self { entries }
     }
 
     /// The entries, in ascending order of key.

@@ -11,7 +11,7 @@ use support::*;
 
 const SIZE: [u32; 2] = [24, 16];
 const SPP: u64 = 2;
-const CODES: [(&str, u32); 8] = [
+const CODES: [(&str, u32); 9] = [
     ("none", 0),
     ("several", code::SEVERAL),
     ("sky", code::SKY),
@@ -19,6 +19,7 @@ const CODES: [(&str, u32); 8] = [
     ("clear", code::CLEAR),
     ("rare", code::RARE),
     ("varied", code::VARIED),
+    ("guided", code::GUIDED),
     ("all", code::SEVERAL | code::SKY | code::DEEP | code::CLEAR | code::RARE | code::VARIED),
 ];
 

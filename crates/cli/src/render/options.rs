@@ -144,6 +144,8 @@ pub(super) enum LightChoice {
     Power,
     /// Each as often as any other, for studies of the choice
     Uniform,
+    /// Learned while rendering, per cell of space: for many lights of which each reaches a part of the scene
+    Cells,
 }
 
 impl LightChoice {
@@ -151,6 +153,7 @@ impl LightChoice {
         match self {
             Self::Power => "power",
             Self::Uniform => "uniform",
+            Self::Cells => "cells",
         }
     }
 }

@@ -95,21 +95,26 @@ pub(super) fn trace(
         film.withdraw(withdrawn);
     }
     film.combine = plan.combine;
-    let observes = integrator.observes();
     let longest = longest_pixel(plan);
     let mut start = 0;
-    let mut observed = Vec::new();
     let mut stopped = Stopped::No;
     while start < longest {
-        let end = match observes {
-            true => longest,
-            false => start.saturating_add(slice_length(plan, start, film, limits, look)).min(longest),
+        let observes = integrator.observes();
+        let length = match observes {
+            true => lesson_length(film),
+            false => slice_length(plan, start, film, limits, look),
         };
+        let end = start.saturating_add(length).min(longest);
+        let mut observed = Vec::new();
         let tallies = slice(&*integrator, points, plan, film, limits, [start, end]);
         let panicked = settle(film, tallies, limits, points, &mut observed)?;
         if let Some((sample, message)) = panicked {
             let film = Box::new(std::mem::replace(film, Film::new(*film.frame(), crate::Needs::none())));
             return Err(Error::Panicked { sample, message, points: points.describe(), film });
+        }
+        if observes {
+            observed.sort_by_key(|(block, _)| *block);
+            integrator.learn(&Observations::merge(observed.into_iter().map(|(_, sums)| sums)));
         }
         start = end;
         if look.slice(film) == Control::Stop {
@@ -117,11 +122,14 @@ pub(super) fn trace(
             break;
         }
     }
-    if observes && stopped != Stopped::Within {
-        observed.sort_by_key(|(block, _)| *block);
-        integrator.learn(&Observations::merge(observed.into_iter().map(|(_, sums)| sums)));
-    }
     Ok(stopped)
+}
+
+/// Samples per pixel until an integrator that observes learns again: as many as there were, so that it
+/// learns from a few early and from many in few lessons. Nothing but the plans decides it.
+fn lesson_length(film: &Film) -> u32 {
+    let mean = film.record.samples / film.frame.pixels() as u64;
+    u32::try_from(mean).unwrap_or(u32::MAX).max(1)
 }
 
 fn longest_pixel(plan: &Plan) -> u32 {

@@ -3,7 +3,7 @@
 use super::opening;
 use std::fmt::Write;
 
-type Quad = [[f64; 3]; 4];
+pub(super) type Quad = [[f64; 3]; 4];
 
 /// Walls, as [Cornell 1998] gives them: name, material, corners.
 const WALLS: [(&str, &str, Quad); 5] = [
@@ -24,7 +24,7 @@ const BLOCKS: [(&str, Quad); 2] = [
 /// so the lamp hangs a little below it.
 const LAMP: Quad = [[343.0, 548.6, 227.0], [343.0, 548.6, 332.0], [213.0, 548.6, 332.0], [213.0, 548.6, 227.0]];
 
-fn write_mesh(text: &mut String, quads: &[Quad]) {
+pub(super) fn write_mesh(text: &mut String, quads: &[Quad]) {
     let mut points = String::new();
     let mut indices = String::new();
     for (number, quad) in quads.iter().enumerate() {

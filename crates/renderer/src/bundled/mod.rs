@@ -14,6 +14,8 @@
 //! | `lens` | a row of balls, one in focus, before far lamps | depth of field, many lights |
 //! | `motion` | a mill that turns, a ball that rolls, dice that fall | motion blur, instances |
 //! | `glass` | balls of glass, dye and mist, a pane, a twig | refraction, media, alpha, instances |
+//! | `room` | two rooms and eight small lamps that few places see | many local lights, interreflection, coat |
+//! | `grass` | a meadow of 27,000 blades under a lamp and the sky | geometry below a pixel, instances |
 //!
 //! Bytes are the same on every machine: what decides them uses only `+ - * /` and `sqrt` on `f64`, which
 //! IEEE 754 rounds in one way, and Rust neither fuses nor reorders them.
@@ -36,12 +38,14 @@ mod cornell;
 pub(crate) mod directions;
 mod furnace;
 mod glass;
+mod grass;
 mod lens;
 mod mesh;
 mod motion;
 mod noise;
 mod pictures;
 mod plates;
+mod room;
 mod teapot;
 mod terrain;
 #[cfg(test)]
@@ -95,7 +99,8 @@ impl Files for Bundle {
 /// The files of a scene beside its text.
 type Assets = Vec<(String, Vec<u8>)>;
 
-const NAMES: [&str; 8] = ["teapot", "terrain", "cornell", "furnace", "plates", "lens", "motion", "glass"];
+const NAMES: [&str; 10] =
+    ["teapot", "terrain", "cornell", "furnace", "plates", "lens", "motion", "glass", "room", "grass"];
 
 /// The names of the bundled scenes, [`DEFAULT`] first.
 pub fn names() -> &'static [&'static str] {
@@ -113,6 +118,8 @@ pub fn files(name: &str) -> Option<Bundle> {
         "plates" => (plates::scene(), Assets::new()),
         "lens" => (lens::scene(), Assets::new()),
         "motion" => (motion::scene(), Assets::new()),
+        "room" => (room::scene(), Assets::new()),
+        "grass" => (grass::scene(), Assets::new()),
         _ => glass::scene(),
     };
     let main = "scene.pbrt".to_owned();

@@ -1,5 +1,6 @@
 //! Integrators: what a sample of a pixel is worth.
 
+mod guide;
 mod passage;
 mod path;
 mod report;
@@ -27,6 +28,8 @@ pub mod code {
     pub const RARE: u32 = 16;
     /// Surfaces other than Lambert's of one colour, normals at vertices, and instances.
     pub const VARIED: u32 = 32;
+    /// A choice among lights that is learned.
+    pub const GUIDED: u32 = 64;
 }
 
 /// The integrator that a world calls for: path tracing without the code of effects that it does not
@@ -42,14 +45,15 @@ pub fn integrator(world: &World) -> Box<dyn Integrator + '_> {
 /// The same with the code of effects that the world does not call for, as bits of [`code`]: to measure what they
 /// cost, and to show that they change nothing.
 pub fn integrator_with(world: &World, idle: u32) -> Box<dyn Integrator + '_> {
-    use code::{CLEAR, DEEP, RARE, SEVERAL, SKY, VARIED};
+    use code::{CLEAR, DEEP, GUIDED, RARE, SEVERAL, SKY, VARIED};
     let bit = |has: bool, bit: u32| if has { bit } else { 0 };
     let called = bit(world.lights.len() > 1, SEVERAL)
         | bit(world.lights.has_sky(), SKY)
         | bit(world.max_depth > path::ROULETTE_FROM, DEEP)
         | bit(world.has_clear_surfaces(), CLEAR)
         | bit(world.is_rare(), RARE)
-        | bit(world.is_varied(), VARIED);
+        | bit(world.is_varied(), VARIED)
+        | bit(world.lights.is_choice_learned(), GUIDED);
     let wanted = called | idle;
     macro_rules! form {
         ($lens:ty, $code:expr) => {
@@ -59,6 +63,10 @@ pub fn integrator_with(world: &World, idle: u32) -> Box<dyn Integrator + '_> {
     // Each form takes seconds to compile, so there is one where leaving code out pays: for light from beyond the scene, for
     // glass, for plain surfaces. A choice among lights and roulette, where they are not called for, are but a branch each.
     const MANY: u32 = SEVERAL | DEEP | VARIED;
+    // One form for all that learn a choice, so that the others carry nothing of it.
+    if wanted & GUIDED != 0 {
+        return form!(General, MANY | SKY | CLEAR | RARE | GUIDED);
+    }
     if wanted & RARE != 0 || world.camera.is_general() {
         return form!(General, MANY | SKY | CLEAR | RARE);
     }

@@ -3,16 +3,18 @@
 
 #![allow(clippy::neg_cmp_op_on_partial_ord, reason = "a survival that is no number ends the path")]
 
-use super::code::{CLEAR, DEEP, RARE, SEVERAL, SKY, VARIED};
+use super::code::{CLEAR, DEEP, GUIDED, RARE, SEVERAL, SKY, VARIED};
+use super::guide::{Guide, NO_CELL};
 use super::passage::{Met, Way, beyond, shadow_ray};
 use super::report::report;
 use crate::World;
 use crate::blocks;
 use crate::camera::Lens;
+use crate::light::LightSample;
 use crate::material::Surface;
 use crate::shading::{Bsdf, Frame, power_heuristic, power_heuristic_over_pdf};
 use crate::world::{Interaction, NO_LIGHT, NO_MEDIUM};
-use dapple_core::{Draws, Estimate, Integrator, Observed};
+use dapple_core::{Draws, Estimate, Integrator, Observations, Observed};
 use dapple_geometry::{Ray, spawn_ray};
 use glam::Vec3;
 use std::marker::PhantomData;
@@ -27,6 +29,8 @@ const SURVIVAL: f32 = 0.99;
 #[derive(Debug)]
 pub struct PathTracer<'w, L, const E: u32> {
     pub(super) world: &'w World,
+    /// What is learned of the choice among lights.
+    pub(super) guide: Option<Guide>,
     lens: PhantomData<fn() -> L>,
 }
 
@@ -58,7 +62,8 @@ pub(super) struct LastScatter {
 
 impl<'w, L: Lens, const E: u32> PathTracer<'w, L, E> {
     pub(super) fn new(world: &'w World) -> Self {
-        Self { world, lens: PhantomData }
+        let guide = if E & GUIDED != 0 { Guide::new(world) } else { None };
+        Self { world, guide, lens: PhantomData }
     }
 
     /// The path at its camera.
@@ -87,13 +92,19 @@ impl<'w, L: Lens, const E: u32> PathTracer<'w, L, E> {
 
     /// Light that a hit lamp gives off towards the ray's origin, weighted against light sampling.
     #[inline(always)]
-    fn emitted(&self, path: &Path, at: &Interaction<'_>) -> Vec3 {
+    fn emitted(&self, path: &Path, at: &Interaction<'_>, cell: u32) -> Vec3 {
         let lights = &self.world.lights;
         let Some(lamp) = lights.lamp(at.part.light) else { return Vec3::ZERO };
         let radiance = lamp.radiance(-at.point.normal.dot(path.ray.direction));
         match path.last {
             Some(last) if radiance != Vec3::ZERO => {
-                let found = lights.pdf(at.part.light, last.position, &at.point);
+                let found = match &self.guide {
+                    Some(guide) if E & GUIDED != 0 => {
+                        let pmf = guide.pmf(lights, cell, at.part.light);
+                        lights.pdf_chosen(at.part.light, pmf, last.position, &at.point)
+                    }
+                    _ => lights.pdf(at.part.light, last.position, &at.point),
+                };
                 radiance * power_heuristic(last.pdf, found)
             }
             _ => radiance,
@@ -115,10 +126,52 @@ impl<'w, L: Lens, const E: u32> PathTracer<'w, L, E> {
         choice: f32,
         u: [f32; 2],
     ) -> Vec3 {
-        let world = self.world;
-        let Some(light) = world.lights.sample(at.point.position, choice, u) else {
+        let Some(light) = self.world.lights.sample(at.point.position, choice, u) else {
             return Vec3::ZERO;
         };
+        self.arriving(path, at, frame, bsdf, wo, outside, &light)
+    }
+
+    /// The same with a light chosen by what was learned, in the cell that the path is now in; notes down what it was
+    /// worth.
+    #[inline(always)]
+    #[expect(clippy::too_many_arguments, reason = "as above")]
+    fn direct_guided(
+        &self,
+        guide: &Guide,
+        observed: &mut Observed,
+        cell: u32,
+        path: &mut Path,
+        at: &Interaction<'_>,
+        frame: &Frame,
+        bsdf: &Bsdf<'_>,
+        wo: Vec3,
+        outside: f32,
+        choice: f32,
+        u: [f32; 2],
+    ) -> Vec3 {
+        let (index, pmf) = guide.choose(cell, choice);
+        let arrived = match self.world.lights.sample_one(index as usize, pmf, at.point.position, u) {
+            Some(light) => self.arriving(path, at, frame, bsdf, wo, outside, &light),
+            None => Vec3::ZERO,
+        };
+        guide.note(observed, cell, index, arrived * pmf);
+        arrived
+    }
+
+    /// What arrives from a light, if nothing is in between, and is scattered.
+    #[inline(always)]
+    #[expect(clippy::too_many_arguments, reason = "as above")]
+    fn arriving(
+        &self,
+        path: &mut Path,
+        at: &Interaction<'_>,
+        frame: &Frame,
+        bsdf: &Bsdf<'_>,
+        wo: Vec3,
+        outside: f32,
+        light: &LightSample,
+    ) -> Vec3 {
         // No light through the geometric surface, whatever the shading normal says.
         let same_side = at.point.normal.dot(light.wi) * outside > 0.0;
         if E & CLEAR == 0 && !same_side {
@@ -132,7 +185,7 @@ impl<'w, L: Lens, const E: u32> PathTracer<'w, L, E> {
         if f == Vec3::ZERO {
             return Vec3::ZERO;
         }
-        let ray = shadow_ray(&at.point, &light);
+        let ray = shadow_ray(&at.point, light);
         let medium = if E & RARE != 0 { beyond(at, light.wi, path.medium) } else { NO_MEDIUM };
         let Some(share) = self.transmittance(ray, &light.target, path, medium) else { return Vec3::ZERO };
         let weight = if light.delta { light.pdf.recip() } else { power_heuristic_over_pdf(light.pdf, pdf) };
@@ -142,6 +195,7 @@ impl<'w, L: Lens, const E: u32> PathTracer<'w, L, E> {
     /// The scattering event number `vertex`: gathers direct light and turns the ray. Returns whether the
     /// path goes on.
     #[inline(always)]
+    #[expect(clippy::too_many_arguments, reason = "the innermost loop, kept flat")]
     fn scatter(
         &self,
         draws: &Draws<'_>,
@@ -149,6 +203,8 @@ impl<'w, L: Lens, const E: u32> PathTracer<'w, L, E> {
         at: &Interaction<'_>,
         surface: &Surface,
         vertex: u32,
+        observed: &mut Observed,
+        cell: &mut u32,
     ) -> bool {
         let world = self.world;
         if surface.black {
@@ -164,7 +220,16 @@ impl<'w, L: Lens, const E: u32> PathTracer<'w, L, E> {
         let choices = if chooses { draws.block(blocks::choose(vertex)) } else { [0.0; 4] };
         let u = draws.block(blocks::scatter(vertex));
         if !bsdf.is_specular() && !world.lights.is_empty() {
-            let direct = self.direct(path, at, &frame, &bsdf, wo, outside, choices[0], [u[0], u[1]]);
+            let on_light = [u[0], u[1]];
+            let direct = match &self.guide {
+                Some(guide) if E & GUIDED != 0 => {
+                    *cell = guide.cell(at.point.position, at.point.normal * outside);
+                    self.direct_guided(
+                        guide, observed, *cell, path, at, &frame, &bsdf, wo, outside, choices[0], on_light,
+                    )
+                }
+                _ => self.direct(path, at, &frame, &bsdf, wo, outside, choices[0], on_light),
+            };
             path.radiance += path.throughput * direct;
         }
         let Some(sample) = bsdf.sample(wo, [u[2], u[3]], choices[1]) else { return false };
@@ -203,8 +268,10 @@ impl<'w, L: Lens, const E: u32> PathTracer<'w, L, E> {
 }
 
 impl<L: Lens, const E: u32> Integrator for PathTracer<'_, L, E> {
-    fn estimate(&self, draws: &Draws<'_>, _: &mut Observed) -> Estimate {
+    fn estimate(&self, draws: &Draws<'_>, observed: &mut Observed) -> Estimate {
         let mut path = self.begin(draws);
+        // Where the last light was chosen: what a ray then meets by chance is weighted against that choice.
+        let mut cell = NO_CELL;
         // Filled in where it is returned: a first hit takes more to move than to leave out.
         let mut estimate = Estimate { radiance: [0.0; 3], first_hit: None, cost: 0 };
         let mut vertex = 0;
@@ -220,6 +287,7 @@ impl<L: Lens, const E: u32> Integrator for PathTracer<'_, L, E> {
                     match self.cross(draws, &mut path, distance, vertex) {
                         Way::Passed => {}
                         Way::Scattered => {
+                            cell = NO_CELL;
                             vertex += 1;
                             continue;
                         }
@@ -230,7 +298,15 @@ impl<L: Lens, const E: u32> Integrator for PathTracer<'_, L, E> {
             let Some(at) = found else {
                 if E & SKY != 0 {
                     let last = path.last.map(|last| last.pdf);
-                    path.radiance += path.throughput * self.world.lights.sky(path.ray.direction, last);
+                    let lights = &self.world.lights;
+                    path.radiance += path.throughput
+                        * match &self.guide {
+                            Some(guide) if E & GUIDED != 0 => {
+                                let pmf = |light| guide.pmf(lights, cell, light);
+                                lights.sky_chosen(path.ray.direction, last, pmf)
+                            }
+                            _ => lights.sky(path.ray.direction, last),
+                        };
                 }
                 break;
             };
@@ -241,12 +317,15 @@ impl<L: Lens, const E: u32> Integrator for PathTracer<'_, L, E> {
                 continue;
             };
             if at.part.light != NO_LIGHT {
-                path.radiance += path.throughput * self.emitted(&path, &at);
+                path.radiance += path.throughput * self.emitted(&path, &at, cell);
             }
             if vertex == 0 && draws.wants_first_hit() {
                 estimate.first_hit = Some(report(self.world, ray, at, surface));
             }
-            if vertex >= self.world.max_depth || !self.scatter(draws, &mut path, &at, surface, vertex) {
+            if vertex >= self.world.max_depth {
+                break;
+            }
+            if !self.scatter(draws, &mut path, &at, surface, vertex, observed, &mut cell) {
                 break;
             }
             vertex += 1;
@@ -254,5 +333,15 @@ impl<L: Lens, const E: u32> Integrator for PathTracer<'_, L, E> {
         estimate.radiance = path.radiance.to_array();
         estimate.cost = path.rays;
         estimate
+    }
+
+    fn observes(&self) -> bool {
+        self.guide.as_ref().is_some_and(Guide::is_learning)
+    }
+
+    fn learn(&mut self, lesson: &Observations) {
+        if let Some(guide) = &mut self.guide {
+            guide.learn(lesson);
+        }
     }
 }

@@ -1,9 +1,10 @@
-//! What roulette leaves as it is.
+//! What roulette, and a choice among lights that is learned, leave as they are.
 
-use super::code::DEEP;
+use super::code::{DEEP, GUIDED, SEVERAL};
 use super::path::PathTracer;
 use crate::World;
 use crate::camera::Pinhole;
+use crate::light::LightChoice;
 use crate::scene::{
     Camera, Color, Emission, Geometry, Material, MaterialId, MaterialKind, Projection, Scene, Shape, Source,
 };
@@ -82,4 +83,48 @@ fn l13_roulette_changes_no_mean() {
     let (cut, _) = rendered(PathTracer::<Pinhole, 0>::new(&closed(12)));
     let found = deviation(cut, with);
     assert!(found > CRITICAL, "{found} standard errors: {cut:?}, {with:?}");
+}
+
+/// Inside a closed ball with three lamps of unlike power that fill much of what is seen from some places: light is met by
+/// chance as often as it is chosen.
+fn three_lamps() -> World {
+    let mut scene = Scene { max_depth: Some(3), ..Scene::default() };
+    scene.film.resolution = [SIZE; 2];
+    scene.camera = Camera { projection: Projection::Perspective { fov: 80.0 }, ..Camera::default() };
+    let kind = |rho| MaterialKind::Diffuse { reflectance: Color::Constant([rho; 3]) };
+    for (name, rho) in [("wall", 0.5), ("bulb", 0.0)] {
+        scene.materials.push(Material::new(name, kind(rho), Source::default()));
+    }
+    let ball = |radius, at, material| {
+        let to_world = DAffine3::from_translation(at);
+        Shape::new(Geometry::Sphere { radius }, to_world, MaterialId(material), Source::default())
+    };
+    scene.shapes.push(ball(1.0, DVec3::ZERO, 0));
+    for (radius, at, radiance) in
+        [(0.3, [0.5, 0.4, 0.3], 1.0), (0.15, [-0.7, 0.3, 0.3], 3.0), (0.25, [0.1, -0.6, 0.4], 0.4)]
+    {
+        let emission = Some(Emission { radiance: [radiance; 3], two_sided: false });
+        scene.shapes.push(Shape { emission, ..ball(radius, DVec3::from(at), 1) });
+    }
+    let mut world = World::new(&scene).unwrap_or_else(|e| panic!("{e}"));
+    world.set_light_choice(LightChoice::Cells);
+    world
+}
+
+#[test]
+fn a_learned_choice_among_lights_changes_no_mean() {
+    const CRITICAL: f64 = 8.0;
+    let world = three_lamps();
+    let (by_power, _) = rendered(PathTracer::<Pinhole, SEVERAL>::new(&world));
+    let learning = || PathTracer::<Pinhole, { SEVERAL | GUIDED }>::new(&world);
+    assert!(learning().guide.is_some());
+    let (learned, _) = rendered(learning());
+    let found = deviation(by_power, learned);
+    assert!(found < CRITICAL, "{found} standard errors: {by_power:?}, {learned:?}");
+    // Negative control: light met by chance weighted with the wrong probability.
+    let mut forgetful = learning();
+    forgetful.guide.iter_mut().for_each(|guide| guide.forgets = true);
+    let (wrong, _) = rendered(forgetful);
+    let found = deviation(by_power, wrong);
+    assert!(found > CRITICAL, "{found} standard errors: {by_power:?}, {wrong:?}");
 }

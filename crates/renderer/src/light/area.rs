@@ -159,6 +159,16 @@ impl MeshLamp {
         self.area
     }
 
+    /// Its middle, the distance of its farthest corner from there, and the mean of the unit normals on the side that
+    /// shines.
+    pub(super) fn extent(&self) -> (Vec3, f32, Vec3) {
+        let sum = |f: &dyn Fn(&Facet) -> Vec3| self.facets.iter().map(|facet| f(facet) * facet.share).sum::<Vec3>();
+        let middle = sum(&Facet::centroid);
+        let corners = self.facets.iter().flat_map(|f| [f.corner, f.corner + f.edges[0], f.corner + f.edges[1]]);
+        let radius = corners.map(|corner| (corner - middle).length()).fold(0.0, f32::max);
+        (middle, radius, sum(&|facet| facet.normal * facet.side))
+    }
+
     /// A triangle is chosen by its area, by `u[0]`, which is used again within it: that keeps the points stratified
     /// over the whole lamp. Within, uniform over the area from far, over the solid angle from near.
     #[inline(always)]
@@ -262,6 +272,11 @@ impl SphereLamp {
         4.0 * std::f64::consts::PI * f64::from(self.radius) * f64::from(self.radius)
     }
 
+    /// Its middle and radius.
+    pub(super) fn extent(&self) -> (Vec3, f32) {
+        (self.centre, self.radius)
+    }
+
     /// From outside uniform over the cone that the sphere fills, which no distance makes vanish: the
     /// cone's height `1 - cos` is computed from the sine [Pharr et al. 2023, sec. 6.2.4]; from inside, and
     /// from the sphere itself, uniform over the area.
@@ -335,6 +350,11 @@ impl DiskLamp {
     pub(super) fn area(&self) -> f64 {
         let [outer, inner] = [self.radius, self.inner_radius].map(f64::from);
         std::f64::consts::PI * (outer - inner) * (outer + inner)
+    }
+
+    /// Its middle, radius and normal.
+    pub(super) fn extent(&self) -> (Vec3, f32, Vec3) {
+        (self.centre, self.radius, self.frame.normal)
     }
 
     /// Uniform over the area, equal areas of the disk mapped to equal areas of the ring.

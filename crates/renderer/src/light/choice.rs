@@ -10,6 +10,10 @@ pub enum LightChoice {
     Power,
     /// Each as often as any other.
     Uniform,
+    /// With probabilities that are learned while rendering, per cell of space and orientation, from what lights
+    /// contributed there ([`LightCells`](dapple_cluster_adaptive::LightCells)); by power where nothing can be learned:
+    /// inside media, and with a single light.
+    Cells,
 }
 
 /// Different values of a coordinate of the point sets: they have 24 bits.

@@ -6,6 +6,7 @@
 mod area;
 mod choice;
 mod environment;
+mod expected;
 mod octahedral;
 mod punctual;
 mod spherical;
@@ -13,6 +14,7 @@ mod spherical;
 pub use area::{DiskLamp, MeshLamp, SphereLamp};
 pub use choice::LightChoice;
 pub use environment::{Environment, EnvironmentError};
+pub(crate) use expected::Expected;
 pub use punctual::{DistantLamp, PointLamp, PunctualError, SpotLamp};
 
 use crate::shading::discrete::Discrete;
@@ -100,6 +102,8 @@ pub struct Lights {
     /// Those that rays beyond the scene meet.
     skies: Vec<u32>,
     has_delta: bool,
+    /// Whether integrators are to learn the choice.
+    learned: bool,
     scene_radius: f32,
 }
 
@@ -109,7 +113,7 @@ impl Lights {
         let skies = (0..lights.len() as u32).filter(|&i| matches!(lights[i as usize], Light::Environment(_))).collect();
         let has_delta = lights.iter().any(|l| matches!(l, Light::Point(_) | Light::Spot(_) | Light::Distant(_)));
         let (choice, pmf) = (choice::by_power(&[]), Vec::new());
-        let mut lights = Self { lights, choice, pmf, skies, has_delta, scene_radius };
+        let mut lights = Self { lights, choice, pmf, skies, has_delta, learned: false, scene_radius };
         lights.set_choice(LightChoice::default());
         lights
     }
@@ -117,11 +121,17 @@ impl Lights {
     /// Sets how a light is chosen. Whatever it is, every light has a chance.
     pub(crate) fn set_choice(&mut self, choice: LightChoice) {
         let weight = |light: &Light| match choice {
-            LightChoice::Power => light.power(f64::from(self.scene_radius)),
+            LightChoice::Power | LightChoice::Cells => light.power(f64::from(self.scene_radius)),
             LightChoice::Uniform => 1.0,
         };
+        self.learned = choice == LightChoice::Cells;
         self.choice = choice::by_power(&self.lights.iter().map(weight).collect::<Vec<_>>());
         self.pmf = (0..self.lights.len()).map(|i| self.choice.pmf(i)).collect();
+    }
+
+    /// What each light is expected to give.
+    pub(crate) fn expected(&self) -> Vec<Expected> {
+        self.lights.iter().map(Expected::of).collect()
     }
 
     /// How many lights there are.
@@ -132,6 +142,11 @@ impl Lights {
     /// Whether there are none.
     pub fn is_empty(&self) -> bool {
         self.lights.is_empty()
+    }
+
+    /// Whether the choice is to be learned, and there is one.
+    pub(crate) fn is_choice_learned(&self) -> bool {
+        self.learned && self.lights.len() > 1
     }
 
     /// Whether light comes from beyond the scene that rays can meet.
@@ -151,13 +166,19 @@ impl Lights {
     /// against [`Lights::sample`]; `None` if light sampling could not have found it.
     #[inline]
     pub fn sky(&self, direction: Vec3, last_pdf: Option<f32>) -> Vec3 {
+        self.sky_chosen(direction, last_pdf, |light| self.pmf(light))
+    }
+
+    /// [`Lights::sky`] where lights are chosen with other probabilities.
+    #[inline(always)]
+    pub(crate) fn sky_chosen(&self, direction: Vec3, last_pdf: Option<f32>, pmf: impl Fn(u32) -> f32) -> Vec3 {
         let mut sum = Vec3::ZERO;
         for &light in &self.skies {
             let Light::Environment(sky) = &self.lights[light as usize] else { continue };
             sum += match last_pdf {
                 Some(last) => {
                     let (radiance, pdf) = sky.radiance_and_pdf(direction);
-                    radiance * power_heuristic(last, pdf * self.pmf(light))
+                    radiance * power_heuristic(last, pdf * pmf(light))
                 }
                 None => sky.radiance(direction),
             };
@@ -173,6 +194,12 @@ impl Lights {
             1 => (0, 1.0),
             _ => self.choice.sample(choice).map(|c| (c.index, c.pmf))?,
         };
+        self.sample_one(index, pmf, from, u)
+    }
+
+    /// [`Lights::sample`] of the light `index`, which was chosen with probability `pmf`.
+    #[inline(always)]
+    pub(crate) fn sample_one(&self, index: usize, pmf: f32, from: Vec3, u: [f32; 2]) -> Option<LightSample> {
         let mut sample = match &self.lights[index] {
             Light::Mesh(lamp) => lamp.sample(from, u),
             Light::Sphere(lamp) => lamp.sample(from, u),
@@ -191,13 +218,19 @@ impl Lights {
     /// the emitting shape `light`, the choice included.
     #[inline]
     pub fn pdf(&self, light: u32, from: Vec3, point: &SurfacePoint) -> f32 {
+        self.pdf_chosen(light, self.pmf(light), from, point)
+    }
+
+    /// [`Lights::pdf`] where the light is chosen with probability `pmf`.
+    #[inline(always)]
+    pub(crate) fn pdf_chosen(&self, light: u32, pmf: f32, from: Vec3, point: &SurfacePoint) -> f32 {
         let pdf = match &self.lights[light as usize] {
             Light::Mesh(lamp) => lamp.pdf(from, point),
             Light::Sphere(lamp) => lamp.pdf(from, point),
             Light::Disk(lamp) => lamp.pdf(from, point),
             Light::Environment(_) | Light::Point(_) | Light::Spot(_) | Light::Distant(_) => 0.0,
         };
-        pdf * self.pmf(light)
+        pdf * pmf
     }
 
     /// The lamp of an emitting shape.

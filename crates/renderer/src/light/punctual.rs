@@ -116,6 +116,10 @@ impl PointLamp {
     pub(super) fn intensity(&self) -> Vec3 {
         self.intensity
     }
+
+    pub(super) fn position(&self) -> Vec3 {
+        self.position
+    }
 }
 
 impl SpotLamp {
@@ -168,6 +172,10 @@ impl SpotLamp {
         self.point.intensity
     }
 
+    pub(super) fn position(&self) -> Vec3 {
+        self.point.position
+    }
+
     /// Solid angle that would take as much light, at full intensity, over 4 pi.
     pub(super) fn share_of_sphere(&self) -> f64 {
         let [edge, core] = [self.edge, self.core].map(f64::from);
@@ -197,6 +205,10 @@ impl DistantLamp {
 
     pub(super) fn irradiance(&self) -> Vec3 {
         self.irradiance
+    }
+
+    pub(super) fn towards(&self) -> Vec3 {
+        self.towards
     }
 }
 

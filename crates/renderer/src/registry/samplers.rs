@@ -4,7 +4,8 @@ use super::{AnyPoints, CLUSTERING, Entry, Parameter, Parameters, RegistryError, 
 use crate::Stage;
 use crate::clusters::{WorldTriangles, shoot};
 use dapple_cluster_adaptive::{
-    AreaVectors, ClusterAdaptive, ClusterSize, Map, Options, PixelArea, Placement, ProbeSource,
+    AreaVectors, CellOptions, ClusterAdaptive, ClusterSize, ErrorDriven, ErrorDrivenOptions, ErrorMap, Map, Options,
+    PixelArea, Placement, Pool, ProbeSource,
 };
 use dapple_core::Sampler;
 use dapple_core::samplers::{Pilot, Uniform, Variance, VarianceOptions};
@@ -26,6 +27,12 @@ pub const SAMPLERS: &[Entry<MakeSampler>] = &[
         about: "the same count for every pixel",
         parameters: &[],
         make: |_, points, _| Ok(Box::new(Uniform::new(points))),
+    },
+    Entry {
+        name: "cluster",
+        about: "counts by error: pooled variance of a pilot, or a filter's error map; cells at hit points",
+        parameters: &[CLUSTER],
+        make: |p, points, _| cluster(p, points),
     },
     Entry {
         name: "mitchell",
@@ -56,6 +63,28 @@ const VARIANCE: &[Parameter] = &[
     ("policy", "keep", "the pilot's fate: keep (slightly biased), discard (unbiased), cross (unbiased, two halves)"),
 ];
 
+const CLUSTER: &[Parameter] = &[
+    ("by", "variance", "what counts follow: variance (pooled, of the pilot)"),
+    ("pilot", "0", "samples per pixel before counts adapt; 0 is 4, or a quarter of the mean budget if that is more"),
+    ("rounds", "0", "rounds into which the rest is cut, each planned from all before it; 0 is 3, or 1 without keep"),
+    (
+        "pool",
+        "window",
+        "variance is pooled over window (neighbours), inside (same cell weighs more) or cell (all of it)",
+    ),
+    ("radius", "2", "the window is 2 radius + 1 pixels squared"),
+    ("prior", "12", "weight of the pool beside a pixel's own degrees of freedom; inf: the pool alone"),
+    ("power", "2", "the power of the variance that is pooled; above 1 the noisiest neighbours weigh more"),
+    ("geometry", "0", "weight of edges and texture seen in first hits, in degrees of freedom"),
+    ("exponent", "1.15", "errors are taken to fall as n^-exponent; 1 for random points"),
+    ("epsilon", "0.01", "errors are relative to mean^2 + epsilon"),
+    ("cap", "6", "no pixel gets more than this many times the mean count"),
+    ("mix", "0.5", "share of a filter's error map in the score"),
+    ("gain", "0.98", "uniform counts where no less than this share of their error is promised; 1 adapts always"),
+    ("policy", "keep", "the pilot's fate: keep (slightly biased), discard (unbiased), cross (unbiased, two halves)"),
+    ("edge", "16", "edge of a cell in pixels, where cells are asked for"),
+    ("normals", "10", "degrees within which a cell's normals lie"),
+];
 const MITCHELL: &[Parameter] = &[
     ("initial", "0", "samples per pixel that decide; 0 with additional=0 is the thesis' table 4-2 for the mean budget"),
     ("additional", "0", "samples that refined pixels get besides"),
@@ -101,6 +130,36 @@ fn variance(p: &Parameters, points: AnyPoints) -> Result<Box<dyn Sampler>, Regis
         policy: p.choice("policy", &[Pilot::Keep, Pilot::Discard, Pilot::Cross].map(|o| (o.name(), o)))?,
     };
     Ok(Box::new(Variance::with_options(points, options)?))
+}
+
+fn cluster(p: &Parameters, points: AnyPoints) -> Result<Box<dyn Sampler>, RegistryError> {
+    let options = ErrorDrivenOptions {
+        pilot: p.number("pilot")?,
+        rounds: p.number("rounds")?,
+        pool: p.choice("pool", &[Pool::Window, Pool::Inside, Pool::Cell].map(|o| (o.name(), o)))?,
+        radius: p.number("radius")?,
+        prior: p.number("prior")?,
+        power: p.number("power")?,
+        geometry: p.number("geometry")?,
+        exponent: p.number("exponent")?,
+        epsilon: p.number("epsilon")?,
+        cap: p.number("cap")?,
+        mix: p.number("mix")?,
+        gain: p.number("gain")?,
+        policy: p.choice("policy", &[Pilot::Keep, Pilot::Discard, Pilot::Cross].map(|o| (o.name(), o)))?,
+        cells: CellOptions { edge: p.number("edge")?, normals: p.number("normals")? },
+    };
+    let sampler = ErrorDriven::with_options(points, options).map_err(|e| p.refuse(e.to_string()))?;
+    Ok(match error_map(p)? {
+        Some(map) => Box::new(sampler.with_error_map(map).map_err(|e| p.refuse(e.to_string()))?),
+        None => Box::new(sampler),
+    })
+}
+
+/// What counts follow besides the pooled variance.
+fn error_map(p: &Parameters) -> Result<Option<ErrorMap>, RegistryError> {
+    p.choice("by", &[("variance", ())])?;
+    Ok(None)
 }
 
 fn mode(p: &Parameters) -> Result<Mode, RegistryError> {

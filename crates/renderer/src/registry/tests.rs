@@ -114,6 +114,11 @@ fn wrong_cluster_words_are_refused_without_a_world() {
     ] {
         assert_ne!(refusal(check_sampler(&format!("cluster-thesis:{words}"))), "", "{words}");
     }
+    for words in
+        ["by=guess", "pilot=1", "rounds=65", "pool=sea", "prior=-1", "gain=2", "edge=0", "normals=0", "policy=maybe"]
+    {
+        assert_ne!(refusal(check_sampler(&format!("cluster:{words}"))), "", "{words}");
+    }
     for words in ["outside=2", "hits=0", "hits=9", "alpha=0", "radius=-1", "k=NaN", "order=random"] {
         assert_ne!(refusal(check_filter(&format!("cluster-gaussian:{words}"))), "", "{words}");
     }

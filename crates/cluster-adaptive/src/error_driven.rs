@@ -1,0 +1,155 @@
+//! The sampler that follows the error: a pilot, then counts where more samples help most.
+
+mod options;
+mod plan;
+mod pool;
+
+pub use options::{ErrorDrivenOptions, ErrorMap, MapErrors};
+pub use pool::{Pool, Pooling, geometric_variance, relative_variance};
+
+use crate::Error;
+use dapple_core::samplers::Pilot;
+use dapple_core::{Combine, Fate, Feedback, Needs, Plan, PointSet, Progress, Sampler, ladder_floor};
+
+/// Counts by error: a uniform pilot, then the counts that leave the least relative error, as far as the pilot can tell.
+///
+/// *What*: the variance of the pilot's samples, pooled with its neighbours' ([`relative_variance`]), or the geometric mean
+/// of that and a filter's own [`ErrorMap`], is each pixel's score; errors are taken to fall as `n^-exponent`, and counts
+/// minimise what they add up to, on the ladder of well-stratified prefixes of one progressive sequence.
+///
+/// *Guarantees*: exact budget; no pixel, and so no region, below the pilot (a quarter of the mean or more), nor without a
+/// say: a hundredth of the mean score is everybody's; uniform counts where adapting promises too little. *Bias*: by
+/// default the pilot stays in the picture, and what stays also decided [Kirk and Arvo 1991]; [`Pilot::Discard`] and
+/// [`Pilot::Cross`] are exactly unbiased for a budget that is known at the start, at a price. *Weaknesses*: a light that
+/// the pilot misses in a whole neighbourhood is not searched for.
+pub struct ErrorDriven<P> {
+    points: P,
+    options: ErrorDrivenOptions,
+    errors: Option<ErrorMap>,
+}
+
+/// First hits per pixel that cells are made of.
+const HITS: u8 = 4;
+/// Pilot where nothing else is said: enough for pooling over 25 pixels, few enough for 8 spp (FEASIBILITY 4, step 3).
+const PILOT: u32 = 4;
+/// Least kept samples of a pixel, as a share of the mean (THESIS D13).
+const FLOOR: u64 = 4;
+
+impl<P: PointSet> ErrorDriven<P> {
+    /// With these points and the default parameters.
+    pub fn new(points: P) -> Self {
+        Self { points, options: ErrorDrivenOptions::default(), errors: None }
+    }
+
+    /// With these points and parameters.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::OutOfRange`], as [`ErrorDrivenOptions::check`] has it.
+    pub fn with_options(points: P, options: ErrorDrivenOptions) -> Result<Self, Error> {
+        options.check()?;
+        Ok(Self { points, options, errors: None })
+    }
+
+    /// This sampler, driven by a filter's error map as well.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::OutOfRange`] unless the pilot is kept: a map reads both halves, and what is kept.
+    pub fn with_error_map(mut self, errors: ErrorMap) -> Result<Self, Error> {
+        if self.options.policy != Pilot::Keep {
+            return Err(Error::range("policy", self.options.policy.name(), "keep beside a filter's error map"));
+        }
+        self.errors = Some(errors);
+        Ok(self)
+    }
+
+    /// Samples of the pilot, for a mean budget of `mean` samples per pixel.
+    fn pilot(&self, mean: u64, even: bool) -> u32 {
+        let mean = u32::try_from(mean).unwrap_or(u32::MAX);
+        let wanted = if self.options.pilot > 0 { self.options.pilot } else { PILOT.max(ladder_floor(mean / 4, even)) };
+        wanted.min(mean)
+    }
+}
+
+impl<P: PointSet> Sampler for ErrorDriven<P> {
+    fn name(&self) -> &str {
+        "cluster"
+    }
+
+    fn describe(&self) -> String {
+        let o = &self.options;
+        let by = self.errors.as_ref().map_or("variance", |map| &map.name);
+        format!(
+            "cluster:by={by},pilot={},rounds={},pool={},radius={},prior={},power={},geometry={},exponent={},epsilon={},cap={},\
+             mix={},gain={},policy={},edge={},normals={}",
+            o.pilot,
+            o.rounds,
+            o.pool.name(),
+            o.radius,
+            o.prior,
+            o.power,
+            o.geometry,
+            o.exponent,
+            o.epsilon,
+            o.cap,
+            o.mix,
+            o.gain,
+            o.policy.name(),
+            o.cells.edge,
+            o.cells.normals
+        )
+    }
+
+    fn needs(&self) -> Needs {
+        let mut needs = Needs::none().with_variance();
+        if self.options.policy == Pilot::Cross {
+            needs = needs.with_halves();
+        }
+        if self.options.look_at_hits() {
+            needs = needs.with_first_hits(HITS);
+        }
+        self.errors.as_ref().map_or(needs, |map| needs.and(map.needs))
+    }
+
+    fn points(&self) -> &dyn PointSet {
+        &self.points
+    }
+
+    fn next_round(&mut self, seen: &Feedback<'_>, plan: &mut Plan) -> Result<Progress, dapple_core::Error> {
+        let budget = seen.budget;
+        if budget.left() == 0 {
+            return Ok(Progress::Done);
+        }
+        let even = seen.film.needs().halves;
+        let policy = self.options.policy;
+        plan.combine = if policy == Pilot::Cross { Combine::Equally } else { Combine::ByCount };
+        let mean = budget.total / seen.pixels() as u64;
+        // A discarded pilot may take half of what there is, and never the floor's share.
+        let affordable = match policy {
+            Pilot::Discard => mean.saturating_sub(u64::from(budget.min_spp.max(1))).min(mean / 2),
+            _ => mean,
+        };
+        let pilot = match self.pilot(affordable, even || policy == Pilot::Cross) {
+            // One sample has no variance: nothing would be learned from what is thrown away.
+            1 if policy == Pilot::Discard => 0,
+            pilot => pilot,
+        };
+        for (i, count) in plan.counts.iter_mut().enumerate() {
+            let done = if policy == Pilot::Discard { seen.film.discarded(i).count } else { seen.film.count(i) };
+            *count = pilot.saturating_sub(plan::clamped(done));
+        }
+        if plan.total() > 0 && plan.total() <= budget.left() {
+            plan.fate = if policy == Pilot::Discard { Fate::Discard } else { Fate::Keep };
+            return Ok(Progress::Trace);
+        }
+        plan.counts.fill(0);
+        match policy {
+            Pilot::Keep => self.plan_kept(seen, pilot, plan)?,
+            Pilot::Discard => self.plan_after_discarding(seen, plan)?,
+            Pilot::Cross => self.plan_across(seen, plan)?,
+        }
+        // Nothing to add where the ceiling holds every pixel.
+        Ok(if plan.total() == 0 { Progress::Done } else { Progress::Trace })
+    }
+}

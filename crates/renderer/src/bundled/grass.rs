@@ -1,0 +1,118 @@
+//! A meadow: much geometry below the size of a pixel.
+
+use super::directions::sin_cos;
+use super::opening;
+use std::fmt::Write;
+
+/// Kinds of tuft.
+const KINDS: u64 = 3;
+/// Blades of a tuft.
+const BLADES: u64 = 30;
+/// Tufts along each side of the meadow.
+const ROWS: u64 = 30;
+/// Metres between them.
+const SPACING: f64 = 0.14;
+
+/// A number in `[0, 1)` for each name: the generator of [Steele et al. 2014] with the name as its state.
+fn random(kind: u64, number: u64, use_of_it: u64) -> f64 {
+    let mut x = (kind << 40 | number << 8 | use_of_it).wrapping_add(1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+    x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    ((x ^ (x >> 31)) >> 11) as f64 / (1u64 << 53) as f64
+}
+
+/// Blades that grow from about the origin and bend outwards: three triangles each.
+fn tuft(kind: u64) -> String {
+    let (mut points, mut indices) = (String::new(), String::new());
+    for blade in 0..BLADES {
+        let u = |use_of_it| random(kind, blade, use_of_it);
+        let [sin, cos] = sin_cos(u(0));
+        let out = [cos, sin];
+        let [root, height, bend] = [0.09 * u(1), 0.22 + 0.22 * u(2), 0.03 + 0.16 * u(3) * u(3)];
+        let width = 0.004 + 0.003 * u(4);
+        // Each blade is turned about itself, so that some are seen flat and some on edge.
+        let [turn_sin, turn_cos] = sin_cos(u(5));
+        let side = [turn_cos * width, turn_sin * width];
+        let mut point = |along: f64, across: f64| {
+            let reach = root + bend * along * along;
+            let [x, y] = [out[0] * reach + side[0] * across, out[1] * reach + side[1] * across];
+            let _ = write!(points, " {x:.4} {y:.4} {:.4} ", height * along);
+        };
+        for (along, across) in [(0.0, -1.0), (0.0, 1.0), (0.6, -0.7), (0.6, 0.7), (1.0, 0.0)] {
+            point(along, across);
+        }
+        let a = 5 * blade;
+        let _ = write!(indices, " {a} {} {}  {a} {} {}  {} {} {} ", a + 1, a + 3, a + 3, a + 2, a + 2, a + 3, a + 4);
+    }
+    format!("  Shape \"trianglemesh\"\n    \"point3 P\" [{points}]\n    \"integer indices\" [{indices}]\n")
+}
+
+/// The scene file's text.
+pub(super) fn scene() -> String {
+    let mut text = opening(
+        "Grass: nine hundred tufts of thirty blades, three kinds of tuft, a few stones, under a lamp and the sky.\n\
+         Metres, z up.",
+    );
+    text += r#"Film "rgb" "integer xresolution" [ 600 ] "integer yresolution" [ 400 ] "string filename" "grass.exr"
+PixelFilter "box"
+Sampler "zsobol" "integer pixelsamples" [ 128 ]
+Integrator "path" "integer maxdepth" [ 4 ]
+
+# The world is right-handed; pbrt's camera is left-handed, hence the mirror.
+Scale -1 1 1
+LookAt 0 -3.2 1.15  0 -0.2 0.12  0 0 1
+Camera "perspective" "float fov" [ 34 ]
+
+WorldBegin
+
+LightSource "infinite" "rgb L" [ 0.35 0.45 0.65 ]
+
+MakeNamedMaterial "soil" "string type" "diffuse" "rgb reflectance" [ 0.16 0.11 0.07 ]
+MakeNamedMaterial "stone" "string type" "diffuse" "rgb reflectance" [ 0.4 0.39 0.36 ]
+MakeNamedMaterial "lamp" "string type" "diffuse" "rgb reflectance" [ 0 0 0 ]
+MakeNamedMaterial "blade 0" "string type" "diffuse" "rgb reflectance" [ 0.14 0.3 0.06 ]
+MakeNamedMaterial "blade 1" "string type" "diffuse" "rgb reflectance" [ 0.22 0.34 0.07 ]
+MakeNamedMaterial "blade 2" "string type" "diffuse" "rgb reflectance" [ 0.34 0.33 0.12 ]
+
+NamedMaterial "soil"
+Shape "trianglemesh"
+  "point3 P" [ -30 -30 0  30 -30 0  30 30 0  -30 30 0 ]
+  "integer indices" [ 0 1 2  0 2 3 ]
+
+# The lamp, its normal down.
+AttributeBegin
+  Translate -2.5 -1.5 3.5
+  NamedMaterial "lamp"
+  AreaLightSource "diffuse" "rgb L" [ 34 30 24 ]
+  Shape "trianglemesh"
+    "point3 P" [ -0.5 -0.5 0  -0.5 0.5 0  0.5 0.5 0  0.5 -0.5 0 ]
+    "integer indices" [ 0 1 2  0 2 3 ]
+AttributeEnd
+
+NamedMaterial "stone"
+"#;
+    for (x, y, radius) in [(-0.7, -0.9, 0.16), (0.55, -0.5, 0.22), (0.15, 0.7, 0.28)] {
+        let _ = writeln!(text, "AttributeBegin\n  Translate {x} {y} 0.02");
+        let _ = writeln!(text, "  Shape \"sphere\" \"float radius\" [ {radius} ]\nAttributeEnd");
+    }
+    for kind in 0..KINDS {
+        let _ = write!(text, "\nObjectBegin \"tuft {kind}\"\n  NamedMaterial \"blade {kind}\"\n");
+        text += &tuft(kind);
+        text += "ObjectEnd\n";
+    }
+    text += "\n";
+    for tuft in 0..ROWS * ROWS {
+        let u = |use_of_it| random(KINDS, tuft, use_of_it);
+        let half = 0.5 * ROWS as f64;
+        let x = SPACING * ((tuft % ROWS) as f64 - half + u(0));
+        let y = SPACING * ((tuft / ROWS) as f64 - half + u(1));
+        let [turn, size] = [360.0 * u(2), 0.7 + 0.5 * u(3)];
+        let kind = (u(4) * KINDS as f64) as u64;
+        let _ = write!(
+            text,
+            "AttributeBegin\n Translate {x:.3} {y:.3} 0\n Rotate {turn:.1} 0 0 1\n Scale {size:.2} {size:.2} {size:.2}\n \
+             ObjectInstance \"tuft {kind}\"\nAttributeEnd\n"
+        );
+    }
+    text
+}

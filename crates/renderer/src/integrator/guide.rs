@@ -1,0 +1,84 @@
+//! A choice among lights that is learned while a picture is traced.
+
+use crate::World;
+use crate::light::{Expected, Lights};
+use dapple_cluster_adaptive::{LightCellOptions, LightCells};
+use dapple_core::{Observations, Observed};
+use glam::Vec3;
+
+/// The cells of a world, and how far they have learned.
+#[derive(Debug)]
+pub(super) struct Guide {
+    cells: LightCells,
+    /// Lessons to come.
+    lessons: u32,
+    /// A mistake for a test to find: light met by chance is weighted as if nothing had been learned.
+    #[cfg(test)]
+    pub(super) forgets: bool,
+}
+
+/// Not a cell: lights are chosen as they are without one.
+pub(super) const NO_CELL: u32 = u32::MAX;
+
+/// Lessons until enough is known: of 1, 1, 2 and 4 samples a pixel where the rounds are long enough.
+const LESSONS: u32 = 4;
+
+impl Guide {
+    /// Cells over a world's box that expect of each light what it would give if nothing were in between. `None` where no
+    /// choice is to be learned.
+    pub(super) fn new(world: &World) -> Option<Self> {
+        let bounds = world.geometry.bounds().filter(|_| world.lights.is_choice_learned())?;
+        let lights = world.lights.expected();
+        let expected = |middle: [f32; 3], half: f32, axis: [f32; 3], light: usize| {
+            Expected::irradiance(&lights[light], Vec3::from(middle), half, Vec3::from(axis))
+        };
+        let options = LightCellOptions::default();
+        // A box that is none leaves the choice as it is.
+        let cells = LightCells::new(bounds.map(|b| b.to_array()), lights.len(), &options, expected).ok()??;
+        Some(Self {
+            cells,
+            lessons: LESSONS,
+            #[cfg(test)]
+            forgets: false,
+        })
+    }
+
+    /// The cell of a point, lit on the side of `normal`.
+    #[inline(always)]
+    pub(super) fn cell(&self, position: Vec3, normal: Vec3) -> u32 {
+        self.cells.cell(position.to_array(), normal.to_array())
+    }
+
+    /// The light that `u` chooses in a cell, and its probability.
+    #[inline(always)]
+    pub(super) fn choose(&self, cell: u32, u: f32) -> (u32, f32) {
+        self.cells.sample(cell, u)
+    }
+
+    /// The probability of a light in a cell, or where there is none.
+    #[inline(always)]
+    pub(super) fn pmf(&self, lights: &Lights, cell: u32, light: u32) -> f32 {
+        #[cfg(test)]
+        if self.forgets {
+            return lights.pmf(light);
+        }
+        if cell == NO_CELL { lights.pmf(light) } else { self.cells.pmf(cell, light) }
+    }
+
+    /// Notes down what a light contributed in a cell.
+    #[inline(always)]
+    pub(super) fn note(&self, observed: &mut Observed, cell: u32, light: u32, contribution: Vec3) {
+        if self.lessons > 0 {
+            observed.note(self.cells.key(cell, light), contribution.element_sum() * (1.0 / 3.0));
+        }
+    }
+
+    pub(super) fn is_learning(&self) -> bool {
+        self.lessons > 0
+    }
+
+    pub(super) fn learn(&mut self, lesson: &Observations) {
+        self.cells.learn(lesson.entries().iter().map(|e| (e.key, e.count, e.sum_of_squares)));
+        self.lessons = self.lessons.saturating_sub(1);
+    }
+}

@@ -1,0 +1,171 @@
+//! What each option of the sampler `cluster` is worth: its error over that of uniform counts, at equal samples.
+//!
+//! ```sh
+//! cargo run --release --example counts_ablation -- --full
+//! cargo run --release --example counts_ablation -- --full --words cluster:prior=inf --words cluster:rounds=2
+//! ```
+//!
+//! Bundled scenes on `sobol`, unfiltered; the reference is `sobol` of another seed with many more samples. Prints the
+//! ratios of the mean errors over seeds, sRGB MSE and relMSE, per scene and as geometric means, and seconds over those of
+//! uniform counts. Without `--full` a small form runs in seconds, to show that it works.
+//!
+//! `--words` may begin with a choice among lights, `cells@uniform`, say; without one lights are chosen by power.
+//! `--against` changes what all are compared with (`uniform`). Further: `--scenes` and `--spp`, lists with commas;
+//! `--seeds`, `--side`, `--reference`.
+
+#![expect(clippy::print_stdout, clippy::print_stderr, reason = "a program: its table is its result")]
+
+use dapple::core::{Frame, Limits, Needs, NoWatch, render};
+use dapple::metrics::{Pixels, compare};
+use dapple::renderer::light::LightChoice;
+use dapple::renderer::{Stage, World, bundled, integrator, registry, scene};
+use std::sync::Arc;
+use std::time::Instant;
+
+type Result<T> = std::result::Result<T, Box<dyn std::error::Error>>;
+
+const WORDS: [&str; 18] = [
+    "variance",
+    "cluster",
+    "cluster:gain=1",
+    "cluster:pilot=4",
+    "cluster:pilot=16",
+    "cluster:prior=inf",
+    "cluster:prior=12",
+    "cluster:prior=3",
+    "cluster:radius=1",
+    "cluster:radius=3",
+    "cluster:exponent=1",
+    "cluster:exponent=1.3",
+    "cluster:rounds=2",
+    "cluster:rounds=3",
+    "cluster:pool=inside",
+    "cluster:pool=cell",
+    "cluster:geometry=3",
+    "cluster:policy=discard",
+];
+
+struct Run {
+    scenes: Vec<String>,
+    side: u32,
+    spp: Vec<u64>,
+    seeds: u64,
+    reference_spp: u64,
+    words: Vec<String>,
+    against: String,
+}
+
+impl Run {
+    fn from_arguments() -> Result<Self> {
+        let full = std::env::args().any(|a| a == "--full");
+        let names = |list: &str| list.split(',').map(str::to_owned).collect::<Vec<_>>();
+        let mut run = Self {
+            scenes: names("teapot,terrain,cornell,glass"),
+            side: if full { 160 } else { 24 },
+            spp: if full { vec![8, 32] } else { vec![8] },
+            seeds: if full { 4 } else { 1 },
+            reference_spp: if full { 2048 } else { 64 },
+            words: Vec::new(),
+            against: "uniform".into(),
+        };
+        let mut arguments = std::env::args().skip(1);
+        while let Some(argument) = arguments.next() {
+            let mut value = || arguments.next().ok_or(format!("{argument} wants a value"));
+            match argument.as_str() {
+                "--full" => {}
+                "--scenes" => run.scenes = names(&value()?),
+                "--seeds" => run.seeds = value()?.parse()?,
+                "--side" => run.side = value()?.parse()?,
+                "--reference" => run.reference_spp = value()?.parse()?,
+                "--spp" => {
+                    run.spp = names(&value()?).iter().map(|n| n.parse()).collect::<std::result::Result<_, _>>()?
+                }
+                "--against" => run.against = value()?,
+                "--words" => run.words.push(value()?),
+                other => return Err(format!("unknown argument {other}").into()),
+            }
+        }
+        if run.words.is_empty() {
+            run.words = WORDS.map(str::to_owned).to_vec();
+        }
+        Ok(run)
+    }
+}
+
+fn main() -> Result<()> {
+    let run = Run::from_arguments()?;
+    println!(
+        "{0}x{0} pixels, {1} seeds, reference {2} spp; sRGB MSE / relMSE over `{3}`, on `sobol`, unfiltered.",
+        run.side, run.seeds, run.reference_spp, run.against
+    );
+    let scenes: Vec<Truth> = run.scenes.iter().map(|name| Truth::of(name, &run)).collect::<Result<_>>()?;
+    for &spp in &run.spp {
+        println!("\n| {spp} spp | {} | geometric mean | time |", run.scenes.join(" | "));
+        println!("|---|{}---|---|", "---|".repeat(run.scenes.len()));
+        let against: Vec<[f64; 3]> = scenes.iter().map(|s| s.errors(&run.against, spp, &run)).collect::<Result<_>>()?;
+        for words in &run.words {
+            let mut logs = [0.0; 3];
+            let mut row = format!("| `{words}` |");
+            for (scene, against) in scenes.iter().zip(&against) {
+                let found = scene.errors(words, spp, &run)?;
+                let ratio = [0, 1, 2].map(|k| found[k] / against[k]);
+                (0..3).for_each(|k| logs[k] += ratio[k].ln() / scenes.len() as f64);
+                row += &format!(" {:.3} / {:.3} |", ratio[0], ratio[1]);
+            }
+            println!("{row} {:.3} / {:.3} | {:.2} |", logs[0].exp(), logs[1].exp(), logs[2].exp());
+        }
+    }
+    Ok(())
+}
+
+/// A scene with each choice among lights, and its reference.
+struct Truth {
+    worlds: [Arc<World>; 3],
+    picture: Vec<[f32; 3]>,
+}
+
+const CHOICES: [(&str, LightChoice); 3] =
+    [("power", LightChoice::Power), ("uniform", LightChoice::Uniform), ("cells", LightChoice::Cells)];
+
+impl Truth {
+    fn of(name: &str, run: &Run) -> Result<Self> {
+        let mut scene = bundled::files(name).ok_or("no such bundled scene")?.read()?;
+        scene.film.pixel_filter = scene::PixelFilter::default();
+        let world = World::with_resolution(&scene, [run.side; 2])?;
+        let worlds = CHOICES.map(|(_, choice)| {
+            let mut world = world.clone();
+            world.set_light_choice(choice);
+            Arc::new(world)
+        });
+        let mut truth = Self { worlds, picture: Vec::new() };
+        truth.picture = truth.render("uniform", 777, run.reference_spp, run)?;
+        eprintln!("{name}: reference made");
+        Ok(truth)
+    }
+
+    fn render(&self, words: &str, seed: u64, spp: u64, run: &Run) -> Result<Vec<[f32; 3]>> {
+        let (choice, words) = words.split_once('@').unwrap_or(("power", words));
+        let choice = CHOICES.iter().position(|(name, _)| *name == choice).ok_or("power, uniform or cells @")?;
+        let world = &self.worlds[choice];
+        let points = registry::points("sobol", registry::Setting { seed, spp: Some(spp) })?;
+        let mut sampler = registry::sampler(words, points, &Stage::new(world.clone()))?;
+        let frame = Frame::new(run.side, run.side)?;
+        let limits = Limits::samples(spp * frame.pixels() as u64);
+        let film = render(&mut *integrator(world), &mut *sampler, Needs::none(), frame, &limits, &mut NoWatch)?;
+        Ok(film.picture())
+    }
+
+    /// sRGB MSE, relMSE and seconds, summed over seeds.
+    fn errors(&self, words: &str, spp: u64, run: &Run) -> Result<[f64; 3]> {
+        let mut sums = [0.0; 3];
+        for seed in 1..=run.seeds {
+            let began = Instant::now();
+            let found = self.render(words, seed, spp, run)?;
+            let seconds = began.elapsed().as_secs_f64();
+            let size = [run.side; 2];
+            let compared = compare(Pixels::new(size, &found)?, Pixels::new(size, &self.picture)?)?;
+            sums = [sums[0] + compared.srgb8_mse, sums[1] + compared.rel_mse, sums[2] + seconds];
+        }
+        Ok(sums)
+    }
+}
