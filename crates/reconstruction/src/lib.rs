@@ -46,16 +46,28 @@
 //! stays however many samples are spent: compare filtered pictures with unfiltered ones, at several budgets.
 
 // One file per filter; what several of them share is beside them.
+mod averaging;
+mod bilateral;
 mod cluster_gaussian;
+mod cluster_regression;
+mod error_map;
 mod gaussian;
 mod membership;
+mod nl_means;
+mod planes;
+mod regression;
 mod separable;
 mod source;
+mod tile;
 mod weights;
 
+pub use bilateral::Bilateral;
 pub use cluster_gaussian::{ClusterGaussian, Label};
+pub use cluster_regression::{ClusterRegression, Passes};
+pub use error_map::planning_weights;
 pub use gaussian::Gaussian;
 pub use membership::BACKGROUND;
+pub use nl_means::NlMeans;
 
 /// Runs the example of the README.
 #[cfg(doctest)]
