@@ -1,7 +1,7 @@
 //! Weighted means over windows, both halves at once, the weights of each from the other half's guide.
 
 use crate::planes::{Colours, Inputs, Plane};
-use crate::tile::{Differences, Guide, HEIGHT, LANES, Likeness, Local, LocalGuide, REACH, Row, Tile, WIDTH, exp_minus, origins};
+use crate::tile::{Differences, Guide, HEIGHT, LANES, Likeness, Local, REACH, Row, Tile, WIDTH, exp_minus, origins};
 use pulp::{Arch, NullaryFnOnce};
 use rayon::prelude::*;
 

@@ -44,7 +44,7 @@ impl Pair {
     pub(crate) fn mixed(pairs: &[&Self], weights: &[Plane]) -> Self {
         let mix = |half: usize, c: usize| -> Plane {
             let pixels = pairs[0].0[half][c].len();
-            let at = |i| pairs.iter().zip(weights).map(|(p, w)| w[i] * p.0[half][c][i]).sum();
+            let at = |i: usize| pairs.iter().zip(weights).map(|(p, w)| w[i] * p.0[half][c][i]).sum::<f32>();
             (0..pixels).into_par_iter().with_min_len(1024).map(at).collect()
         };
         Self([0, 1].map(|half| std::array::from_fn(|c| mix(half, c))))
@@ -53,7 +53,7 @@ impl Pair {
 
 /// What a squared error counts: one over the squared level of 3x3 pixels, as in relMSE.
 pub(crate) fn relative_weight(inputs: &Inputs, picture: &Pair) -> Plane {
-    let grey = |i| (0..3).map(|c| picture.combined(inputs, c, i)).sum::<f32>() / 3.0;
+    let grey = |i: usize| (0..3).map(|c| picture.combined(inputs, c, i)).sum::<f32>() / 3.0;
     let grey: Plane = (0..inputs.pixels()).into_par_iter().with_min_len(1024).map(grey).collect();
     let epsilon = EPSILON / inputs.level / inputs.level;
     let mean = box_mean(&grey, inputs.size, 1);

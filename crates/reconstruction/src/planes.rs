@@ -57,8 +57,8 @@ pub(crate) struct Inputs {
     pub(crate) level: f32,
     pub(crate) halves: [Half; 2],
     pub(crate) features: Features,
-    /// Each pixel's cluster, if there are clusters.
-    pub(crate) labels: Option<Vec<u32>>,
+    /// Each pixel's cluster, if there are clusters: only compared, so 24 bits of its number will do.
+    pub(crate) labels: Option<Plane>,
 }
 
 impl Inputs {
@@ -70,7 +70,7 @@ impl Inputs {
         let halves = [0, 1].map(|h| half(film, h, level, &sample_variance));
         let labels = label.filter(|_| film.needs().first_hits > 0).map(|label| {
             let of = |i: usize| film.first_hits(i).first()?.as_ref().and_then(label);
-            per_pixel(film, |i| of(i).unwrap_or(BACKGROUND))
+            per_pixel(film, |i| (of(i).unwrap_or(BACKGROUND) % 0xff_fffd) as f32)
         });
         Self { size, level, halves, features: features(film), labels }
     }
@@ -108,7 +108,7 @@ fn level(film: &Film) -> f32 {
     let cap = 8.0 * *lit.select_nth_unstable_by(middle, f32::total_cmp).1;
     let mean = grey.iter().map(|g| f64::from(g.min(cap))).sum::<f64>() / grey.len() as f64;
     // Not so small that dividing by it is not finite.
-    (mean as f32).clamp(1e-25, 1e25)
+    (mean as f32).clamp(1e-18, 1e18)
 }
 
 /// The variance of one sample in each pixel, its own shrunk to that of its surroundings, in squared levels.

@@ -155,14 +155,15 @@ fn regressors<S: Simd>(
     offset: [isize; 2],
 ) -> [S::f32s; REGRESSORS] {
     let (least, most) = (simd.splat_f32s(-16.0), simd.splat_f32s(16.0));
-    std::array::from_fn(|k| {
+    let mut apart = *centre;
+    for k in 0..REGRESSORS {
         let there = load::<S>(data.regressors[k].moved(y, 0, offset), x);
-        let apart = simd.sub_f32s(there, centre[k]);
-        if k < 6 {
-            return apart;
+        apart[k] = simd.sub_f32s(there, centre[k]);
+        if k >= 6 {
+            apart[k] = simd.max_f32s(simd.min_f32s(simd.mul_f32s(apart[k], scale), most), least);
         }
-        simd.max_f32s(simd.min_f32s(simd.mul_f32s(apart, scale), most), least)
-    })
+    }
+    apart
 }
 
 /// The sums that make the normal equations: `[a][b]` of regressor `a - 1` (1 for `a` 0) times value `b`.
@@ -187,9 +188,10 @@ fn fit<S: Simd>(simd: S, data: &Data, weights: &Weights, half: usize, [y, x]: [u
             let weight = simd.mul_f32s(load::<S>(&weights[down * SIDE + across][y / 2], x), count);
             total = simd.add_f32s(total, weight);
             weighted[0][across] = weight;
-            for (k, z) in regressors(simd, data, &centre, scale, [y, x], offset).into_iter().enumerate() {
-                values[k][across] = z;
-                weighted[k + 1][across] = simd.mul_f32s(weight, z);
+            let z = regressors(simd, data, &centre, scale, [y, x], offset);
+            for k in 0..REGRESSORS {
+                values[k][across] = z[k];
+                weighted[k + 1][across] = simd.mul_f32s(weight, z[k]);
             }
             for c in 0..3 {
                 let colour = load::<S>(data.colour[half][c].moved(y, 0, offset), x);
@@ -302,9 +304,10 @@ fn predict<S: Simd>(
                 let value = if c == 3 {
                     weight
                 } else {
-                    let start = fit.intercept[c];
-                    let value = (0..REGRESSORS)
-                        .fold(start, |value, k| simd.add_f32s(value, simd.mul_f32s(fit.slopes[k][c], z[k])));
+                    let mut value = fit.intercept[c];
+                    for k in 0..REGRESSORS {
+                        value = simd.add_f32s(value, simd.mul_f32s(fit.slopes[k][c], z[k]));
+                    }
                     simd.mul_f32s(weight, value)
                 };
                 let plane = &mut sums[(4 * half + c) * 2 * ROWS + 2 * row + parity];

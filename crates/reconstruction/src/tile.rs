@@ -34,16 +34,27 @@ impl Local {
     /// Copies the surroundings of the tile at `origin`; pixels beyond the frame are `outside`, or the border's if that is
     /// `None`.
     fn new(plane: &[f32], size: [usize; 2], origin: [usize; 2], outside: Option<f32>) -> Self {
-        let [width, height] = size.map(|n| n as isize);
+        let [width, height] = size;
         let mut values = vec![0.0; ROWS * 2 * COLUMNS];
+        let mut padded = [0.0; WIDTH + 2 * MARGIN];
+        // Columns beyond the frame on the left, the first one in it, and how many are in it.
+        let before = MARGIN.saturating_sub(origin[0]);
+        let first = origin[0] + before - MARGIN;
+        let within = (padded.len() - before).min(width - first);
         for (r, row) in values.chunks_exact_mut(2 * COLUMNS).enumerate() {
-            let y = (origin[1] + r) as isize - MARGIN as isize;
-            let source = &plane[(y.clamp(0, height - 1) * width) as usize..][..width as usize];
-            let beyond = outside.filter(|_| y < 0 || y >= height);
-            for c in 0..WIDTH + 2 * MARGIN {
-                let x = (origin[0] + c) as isize - MARGIN as isize;
-                let beyond = beyond.or(outside.filter(|_| x < 0 || x >= width));
-                row[(c & 1) * COLUMNS + c / 2] = beyond.unwrap_or(source[x.clamp(0, width - 1) as usize]);
+            let y = (origin[1] + r).saturating_sub(MARGIN).min(height - 1);
+            let source = &plane[y * width..][..width];
+            let (left, middle) = padded.split_at_mut(before);
+            let (middle, right) = middle.split_at_mut(within);
+            left.fill(outside.unwrap_or(source[0]));
+            middle.copy_from_slice(&source[first..][..within]);
+            right.fill(outside.unwrap_or(source[width - 1]));
+            if let Some(value) = outside.filter(|_| y + MARGIN != origin[1] + r) {
+                padded.fill(value);
+            }
+            let (even, odd) = row.split_at_mut(COLUMNS);
+            for ((pair, even), odd) in padded.as_chunks::<2>().0.iter().zip(even).zip(odd) {
+                [*even, *odd] = *pair;
             }
         }
         Self(values)
@@ -54,6 +65,12 @@ impl Local {
     pub(crate) fn row(&self, y: usize, parity: usize) -> &[f32; COLUMNS] {
         let (chunks, _) = self.0.as_chunks::<COLUMNS>();
         &chunks[2 * y + parity]
+    }
+
+    /// `SPAN` columns of a row and a parity, from a column of that parity on.
+    #[inline(always)]
+    fn span(&self, [y, parity, start]: [usize; 3]) -> &[f32; SPAN] {
+        self.row(y, parity)[start..][..SPAN].try_into().expect("a row long enough")
     }
 
     /// The pixels of the tile in row `y` whose columns are of `parity`, moved by (dx, dy).
@@ -129,11 +146,8 @@ impl Tile {
     pub(crate) fn new(inputs: &Inputs, origin: [usize; 2], like: &Likeness) -> Self {
         let size = inputs.size;
         let features = like.features.map(|scales| local_features(&inputs.features, &scales, size, origin));
-        // Only compared for equality: 24 bits of them will do, and their exponent keeps them from being NaN.
-        let labels = inputs.labels.as_ref().filter(|_| like.outside < 1.0).map(|labels| {
-            let floats: Plane = labels.iter().map(|l| (l % 0xff_fffd) as f32).collect();
-            Local::new(&floats, size, origin, None)
-        });
+        let labels = inputs.labels.as_ref().filter(|_| like.outside < 1.0);
+        let labels = labels.map(|labels| Local::new(labels, size, origin, None));
         Self { origin, size, features, labels }
     }
 
@@ -163,20 +177,50 @@ impl Tile {
 }
 
 fn local_features(features: &Features, scales: &FeatureScales, size: [usize; 2], origin: [usize; 2]) -> LocalFeatures {
-    let [normal, albedo] = scales.floors;
+    let copy = |plane: &Plane| Local::new(plane, size, origin, None);
+    let variance = [0, 1, 2].map(|k| copy(&features.variance[k]));
+    let slope = copy(&features.slope);
     let square = scales.bandwidth * scales.bandwidth;
-    let sharpness = |k: usize| -> Plane {
-        let floor = |i: usize| match k {
-            0 => normal,
-            1 => albedo,
-            _ => (3.0 * features.slope[i]).powi(2) + 1e-4,
-        };
-        features.variance[k].iter().enumerate().map(|(i, v)| 1.0 / (square * v.max(floor(i)))).collect()
+    let sharpness = |k: usize| {
+        let floor = |slope: f32| if k < 2 { scales.floors[k] } else { (3.0 * slope) * (3.0 * slope) + 1e-4 };
+        let sharp = |(v, slope): (&f32, &f32)| 1.0 / (square * v.max(floor(*slope)));
+        Local(variance[k].0.iter().zip(&slope.0).map(sharp).collect())
     };
-    LocalFeatures {
-        mean: std::array::from_fn(|k| Local::new(&features.mean[k], size, origin, None)),
-        variance: std::array::from_fn(|k| Local::new(&features.variance[k], size, origin, None)),
-        sharpness: std::array::from_fn(|k| Local::new(&sharpness(k), size, origin, None)),
+    let sharpness = [0, 1, 2].map(sharpness);
+    LocalFeatures { mean: std::array::from_fn(|k| copy(&features.mean[k])), variance, sharpness }
+}
+
+impl LocalGuide {
+    /// Differences between `SPAN` columns and as many others, each from a row, a parity and a first column on: in units of
+    /// their variance, what that alone makes of them taken off.
+    #[inline(always)]
+    fn differences(&self, here: [usize; 3], there: [usize; 3]) -> [f32; SPAN] {
+        // Of its own, so that the compiler knows that it overlaps with nothing.
+        let mut out = [0.0; SPAN];
+        let [red, green, blue] = &self.colour;
+        match &self.variance[..] {
+            [r, g, b] => {
+                for (colour, variance) in [(red, r), (green, g), (blue, b)] {
+                    let (p, q) = (colour.span(here), colour.span(there));
+                    let (vp, vq) = (variance.span(here), variance.span(there));
+                    for i in 0..SPAN {
+                        let d = p[i] - q[i];
+                        out[i] += (d * d - (vp[i] + vp[i].min(vq[i]))) / (vp[i] + vq[i]) * (1.0 / 3.0);
+                    }
+                }
+            }
+            pooled => {
+                let (pr, pg, pb) = (red.span(here), green.span(here), blue.span(here));
+                let (qr, qg, qb) = (red.span(there), green.span(there), blue.span(there));
+                let (vp, vq) = (pooled[0].span(here), pooled[0].span(there));
+                for i in 0..SPAN {
+                    let (r, g, b) = (pr[i] - qr[i], pg[i] - qg[i], pb[i] - qb[i]);
+                    let square = r * r + g * g + b * b;
+                    out[i] = (square - (vp[i] + vp[i].min(vq[i]))) / (vp[i] + vq[i]);
+                }
+            }
+        }
+        out
     }
 }
 
@@ -199,34 +243,9 @@ impl Differences {
                 let (other, shift) = moved(parity, offset[0]);
                 // Patches reach three columns to the left: two even ones, or the odd one before as well.
                 let start = MARGIN / 2 - 1 - parity;
-                let from = |plane: &Local| -> [f32; SPAN] { window(plane.row(y, parity), start) };
-                let moved_row = y.wrapping_add_signed(offset[1]);
-                let to = |plane: &Local| -> [f32; SPAN] {
-                    window(plane.row(moved_row, other), start.wrapping_add_signed(shift))
-                };
-                let out = &mut self.pointwise[2 * y + parity][start..][..SPAN];
-                let [pr, pg, pb] = [0, 1, 2].map(|c| from(&guide.colour[c]));
-                let [qr, qg, qb] = [0, 1, 2].map(|c| to(&guide.colour[c]));
-                match &guide.variance[..] {
-                    [r, g, b] => {
-                        out.fill(0.0);
-                        for (p, q, v) in [(&pr, &qr, r), (&pg, &qg, g), (&pb, &qb, b)] {
-                            let (vp, vq) = (from(v), to(v));
-                            for i in 0..SPAN {
-                                let d = p[i] - q[i];
-                                out[i] += (d * d - (vp[i] + vp[i].min(vq[i]))) / (vp[i] + vq[i]) * (1.0 / 3.0);
-                            }
-                        }
-                    }
-                    pooled => {
-                        let (vp, vq) = (from(&pooled[0]), to(&pooled[0]));
-                        for i in 0..SPAN {
-                            let (r, g, b) = (pr[i] - qr[i], pg[i] - qg[i], pb[i] - qb[i]);
-                            let square = r * r + g * g + b * b;
-                            out[i] = (square - (vp[i] + vp[i].min(vq[i]))) / (vp[i] + vq[i]);
-                        }
-                    }
-                }
+                let there = [y.wrapping_add_signed(offset[1]), other, start.wrapping_add_signed(shift)];
+                let differences = guide.differences([y, parity, start], there);
+                self.pointwise[2 * y + parity][start..][..SPAN].copy_from_slice(&differences);
             }
         }
     }
@@ -261,11 +280,6 @@ impl Differences {
         }
         sums
     }
-}
-
-#[inline(always)]
-fn window<const N: usize>(row: &[f32; COLUMNS], start: usize) -> [f32; N] {
-    row[start..][..N].try_into().expect("a row long enough")
 }
 
 impl Tile {
