@@ -1,7 +1,7 @@
 //! Weighted means over windows, both halves at once, the weights of each from the other half's guide.
 
 use crate::planes::{Colours, Inputs, Plane};
-use crate::tile::{Differences, Guide, HEIGHT, LANES, Likeness, Local, REACH, Row, Tile, WIDTH, exp_minus, origins};
+use crate::tile::{Differences, Guide, HEIGHT, LANES, Likeness, Local, REACH, Row, Tile, WIDTH, count_weights, exp_minus, origins};
 use pulp::{Arch, NullaryFnOnce};
 use rayon::prelude::*;
 
@@ -16,7 +16,7 @@ pub(crate) struct Window {
     pub(crate) falloff: f32,
 }
 
-/// The weighted means of `values` (both halves'), samples counting alike.
+/// The weighted means of `values` (both halves').
 pub(crate) fn average(
     inputs: &Inputs,
     values: [&Colours; 2],
@@ -62,7 +62,7 @@ impl NullaryFnOnce for TileTask<'_> {
         for o in 0..side * side {
             let offset = [o % side, o / side].map(|d| d as isize - self.window.radius as isize);
             for (differences, guide) in differences.iter_mut().zip(&guides) {
-                differences.compare(guide, self.like.patch, offset);
+                differences.compare(guide, tile.extent()[0], self.like.patch, offset);
             }
             self.gather(&tile, &mut differences, &colours, &counts, offset, &mut sums);
         }
@@ -85,7 +85,7 @@ impl TileTask<'_> {
     ) {
         let [dx, dy] = offset.map(|d| d as f32);
         let spatial = exp_minus(self.window.falloff * (dx * dx + dy * dy));
-        for y in 0..HEIGHT {
+        for y in 0..tile.extent()[0] {
             for differences in &mut *differences {
                 differences.sum_columns(y, self.like.patch);
             }
@@ -94,7 +94,10 @@ impl TileTask<'_> {
                 for half in 0..2 {
                     let patch = differences[1 - half].patches(parity, self.like.patch);
                     let mut weight = tile.weights(&patch, &by_features, self.like, [y, parity], offset);
-                    let count = counts[half].moved(y, parity, offset);
+                    let count = count_weights(
+                        counts[half].moved(y, parity, [0, 0]),
+                        counts[half].moved(y, parity, offset),
+                    );
                     for i in 0..LANES {
                         let kept = if weight[i] >= self.window.cut { weight[i] } else { 0.0 };
                         weight[i] = kept * count[i] * spatial;

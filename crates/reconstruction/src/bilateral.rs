@@ -73,6 +73,16 @@ impl Bilateral {
         Ok(Self { label: Some(label), outside, described, ..self })
     }
 
+    /// Both halves of a film filtered.
+    pub(crate) fn pair(&self, inputs: &Inputs) -> Pair {
+        let guides = [0, 1].map(|half| guide(inputs, half, true, true));
+        let window = Window { radius: self.window, cut: 0.0, falloff: self.falloff as f32 };
+        let values = [0, 1].map(|h: usize| &guides[h].colour);
+        let mut pair = Pair(average(inputs, values, &guides, &self.likeness(), &window));
+        pair.modulate(inputs);
+        pair
+    }
+
     fn likeness(&self) -> Likeness {
         let features = FeatureScales { bandwidth: self.features as f32, floors: [1e-2, 2e-2] };
         Likeness { patch: 1, colour: self.colour as f32, features: Some(features), outside: self.outside as f32 }
@@ -105,11 +115,6 @@ impl Filter for Bilateral {
     fn apply(&self, film: &Film) -> Result<Filtered, Error> {
         film.require(self.name(), &self.needs())?;
         let inputs = Inputs::new(film, self.label.as_deref());
-        let guides = [0, 1].map(|half| guide(&inputs, half, true, true));
-        let window = Window { radius: self.window, cut: 0.0, falloff: self.falloff as f32 };
-        let values = [0, 1].map(|h: usize| &guides[h].colour);
-        let mut pair = Pair(average(&inputs, values, &guides, &self.likeness(), &window));
-        pair.modulate(&inputs);
-        Ok(filtered(&inputs, &pair))
+        Ok(filtered(&inputs, &self.pair(&inputs)))
     }
 }

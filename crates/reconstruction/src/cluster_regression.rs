@@ -80,33 +80,46 @@ impl ClusterRegression {
     }
 
     /// Both halves through the first pass.
-    fn first(&self, inputs: &Inputs) -> Pair {
+    fn first(&self, inputs: &Inputs, beside: &Pair) -> Pair {
         let guides = [0, 1].map(|half| guide(inputs, half, true, false));
-        let features = FeatureScales { bandwidth: 1.2, floors: [1e-2, 2e-3] };
-        let like = Likeness { patch: 3, colour: 1.0, features: Some(features), outside: self.outside() as f32 };
-        Pair(regress(inputs, &guides, &like))
+        let t = tune("T1", [3.0, 1.0, 1.2, 1e-2, 2e-3]);
+        let features = FeatureScales { bandwidth: t[2], floors: [t[3], t[4]] };
+        let like = Likeness { patch: t[0] as usize, colour: t[1], features: Some(features), outside: self.outside() as f32 };
+        Pair(regress(inputs, &guides, &like, beside, tune("T5", [0.5; 5])[0]))
     }
 
     /// Both halves again, led by a picture that has less noise.
     fn second(&self, inputs: &Inputs, led_by: &Pair) -> Pair {
-        let features = FeatureScales { bandwidth: 1.2, floors: [1e-2, 2e-2] };
+        let t = tune("T2", [1.0, 2.0, 1.2, 1e-2, 2e-2]);
+        let features = FeatureScales { bandwidth: t[2], floors: [t[3], t[4]] };
         // Clusters have said what they know in the first pass.
         let outside = if self.label.is_some() { 0.5f32.max(self.outside() as f32) } else { 1.0 };
-        let like = Likeness { patch: 1, colour: 2.0, features: Some(features), outside };
-        Pair(regress(inputs, &residual_guides(inputs, led_by), &like))
+        let like = Likeness { patch: t[0] as usize, colour: t[1], features: Some(features), outside };
+        Pair(regress(inputs, &residual_guides(inputs, led_by), &like, led_by, tune("T5", [0.5; 5])[1]))
     }
 
     fn pair(&self, inputs: &Inputs) -> Pair {
-        let first = self.first(inputs);
+        let t = tune("T3", [0.0, 0.0, 0.02, 1.0, 0.8]);
+        let means = if t[0] > 0.0 {
+            NlMeans::new(7, t[0] as usize, f64::from(t[3])).and_then(|f| f.with_features(f64::from(t[4]))).unwrap_or_default().pair(inputs)
+        } else {
+            crate::Bilateral::new(7, f64::from(t[2])).and_then(|f| f.with_bandwidths(f64::from(t[3]), f64::from(t[4]))).unwrap_or_default().pair(inputs)
+        };
+        let first = self.first(inputs, &means);
         if self.passes == Passes::One {
             return first;
         }
-        let means = NlMeans::new(7, 3, 0.6).and_then(|f| f.with_features(0.6)).unwrap_or_default().pair(inputs);
         let unfiltered = Pair::unfiltered(inputs);
         let weight = relative_weight(inputs, &first);
         let chosen = select(inputs, &[&first, &means, &unfiltered], &weight, 2);
         let second = self.second(inputs, &chosen);
         let chosen = select(inputs, &[&first, &means, &second, &unfiltered], &weight, 3);
+        match std::env::var("TUNE").as_deref() {
+            Ok("sel2") => return chosen,
+            Ok("z") => return second,
+            Ok("nl") => return means,
+            _ => {}
+        }
         let third = vec![1.0 / 3.0; inputs.pixels()];
         Pair::mixed(&[&chosen, &second, &first], &[third.clone(), third.clone(), third])
     }
@@ -154,4 +167,13 @@ impl Filter for ClusterRegression {
         let inputs = Inputs::new(film, self.label.as_deref());
         Ok(filtered(&inputs, &self.pair(&inputs)))
     }
+}
+
+fn tune(name: &str, mut of: [f32; 5]) -> [f32; 5] {
+    if let Ok(words) = std::env::var(name) {
+        for (value, word) in of.iter_mut().zip(words.split(',')) {
+            *value = word.parse().unwrap_or(*value);
+        }
+    }
+    of
 }

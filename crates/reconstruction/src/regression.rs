@@ -1,6 +1,7 @@
 //! Weighted first-order regression on features, in windows around every second pixel of every second row; what each
 //! window predicts for its pixels is averaged (collaborative, after [Bitterli 2016]).
 
+use crate::error_map::Pair;
 use crate::planes::{Colours, Inputs, Plane, box_mean};
 use crate::tile::{
     COLUMNS, Differences, Guide, HEIGHT, LANES, Likeness, Local, LocalGuide, MARGIN, REACH, ROWS, Row, Tile, WIDTH, origins,
@@ -18,9 +19,6 @@ const SIDE: usize = 2 * REACH + 1;
 const CENTRES: usize = HEIGHT / 2;
 /// Weights below this count for nothing.
 const NEGLIGIBLE: f32 = 1e-3;
-/// The weight of a pixel's own mean in its result, where a pixel alone in its window has 1: it fills what no window's
-/// centre is like.
-const OWN: f32 = 0.05;
 /// A share of the weights' sum on the diagonal of the normal equations (FEASIBILITY 4, step 6).
 const RIDGE: f32 = 1e-3;
 /// Least pivot, relative to its diagonal: directions of which rounding leaves less are dropped.
@@ -28,8 +26,10 @@ const PIVOT: f32 = 1e-5;
 /// What windows give away to either side of a tile.
 const HALO: [usize; 2] = [WIDTH + 2 * REACH, HEIGHT + 2 * REACH];
 
-/// Both halves filtered: the weights of each come from the other half's guide.
-pub(crate) fn regress(inputs: &Inputs, guides: &[Guide; 2], like: &Likeness) -> [Colours; 2] {
+/// Both halves filtered: the weights of each come from the other half's guide. Where no window's centre is like a pixel
+/// (every second one is none), the picture `beside` stands in, with the weight `share`; a pixel at its window's centre
+/// has 1.
+pub(crate) fn regress(inputs: &Inputs, guides: &[Guide; 2], like: &Likeness, beside: &Pair, share: f32) -> [Colours; 2] {
     let reference: Colours = std::array::from_fn(|c| {
         let of = |i: usize| {
             let share = inputs.first_share(i);
@@ -45,7 +45,7 @@ pub(crate) fn regress(inputs: &Inputs, guides: &[Guide; 2], like: &Likeness) -> 
         .par_iter()
         .map(|&origin| arch.dispatch(TileTask { inputs, guides, like, reference: &reference, origin }))
         .collect();
-    merge(inputs, &tiles)
+    merge(inputs.size, &tiles, beside, share)
 }
 
 /// One tile's windows; gives sums of weighted predictions and of weights, for a tile and its halo.
@@ -79,10 +79,12 @@ impl WithSimd for TileTask<'_> {
         let weights = weigh(&tile, &guides, self.like);
         let data = self.copies(&tile);
         let mut sums = vec![[0.0; COLUMNS]; 8 * 2 * ROWS];
-        for row in 0..CENTRES {
-            for block in 0..LANES / S::F32_LANES {
+        let [rows, columns] = tile.extent();
+        for row in 0..rows.div_ceil(2) {
+            for block in 0..columns.div_ceil(S::F32_LANES) {
                 let at = [2 * row, block * S::F32_LANES];
-                let fits = [0, 1].map(|h| fit(simd, &data, &weights[1 - h], h, at));
+                // No closures: what they hold would not be compiled for this machine's vectors.
+                let fits = [fit(simd, &data, &weights[1], 0, at), fit(simd, &data, &weights[0], 1, at)];
                 predict(simd, &data, &weights, &fits, at, &mut sums);
             }
         }
@@ -111,12 +113,13 @@ impl TileTask<'_> {
 fn weigh(tile: &Tile, guides: &[LocalGuide; 2], like: &Likeness) -> [Weights; 2] {
     let mut weights = [(); 2].map(|()| vec![[[0.0; LANES]; CENTRES]; SIDE * SIDE]);
     let mut differences = [Differences::new(), Differences::new()];
+    let [rows, _] = tile.extent();
     for o in 0..SIDE * SIDE {
         let offset = [o % SIDE, o / SIDE].map(|d| d as isize - REACH as isize);
         for (differences, guide) in differences.iter_mut().zip(guides) {
-            differences.compare(guide, like.patch, offset);
+            differences.compare(guide, rows, like.patch, offset);
         }
-        for row in 0..CENTRES {
+        for row in 0..rows.div_ceil(2) {
             let by_features = tile.feature_distances(2 * row, 0, offset);
             for (differences, weights) in differences.iter_mut().zip(&mut weights) {
                 differences.sum_columns(2 * row, like.patch);
@@ -142,6 +145,16 @@ struct Fit<S: Simd> {
 #[inline(always)]
 fn load<S: Simd>(row: &[f32], at: usize) -> S::f32s {
     S::as_simd_f32s(&row[at..at + S::F32_LANES]).0[0]
+}
+
+/// Several planes' values at centres.
+#[inline(always)]
+fn load_all<S: Simd, const N: usize>(simd: S, planes: &[Local; N], [y, x]: [usize; 2]) -> [S::f32s; N] {
+    let mut values = [simd.splat_f32s(0.0); N];
+    for (value, plane) in values.iter_mut().zip(planes) {
+        *value = load::<S>(plane.moved(y, 0, [0, 0]), x);
+    }
+    values
 }
 
 /// The regressors at the pixels that lie `offset` from the centres, relative to these.
@@ -174,17 +187,21 @@ type Sums<S> = [[<S as Simd>::f32s; VALUES]; REGRESSORS + 1];
 fn fit<S: Simd>(simd: S, data: &Data, weights: &Weights, half: usize, [y, x]: [usize; 2]) -> Fit<S> {
     let zero = simd.splat_f32s(0.0);
     let here = [0, 0];
-    let centre: [S::f32s; REGRESSORS] = std::array::from_fn(|k| load::<S>(data.regressors[k].moved(y, 0, here), x));
-    let reference: [S::f32s; 3] = std::array::from_fn(|c| load::<S>(data.reference[c].moved(y, 0, here), x));
+    let centre = load_all::<S, REGRESSORS>(simd, &data.regressors, [y, x]);
+    let reference = load_all::<S, 3>(simd, &data.reference, [y, x]);
     let scale = load::<S>(data.scale.moved(y, 0, here), x);
     let mut sums: Sums<S> = [[zero; VALUES]; REGRESSORS + 1];
     let mut total = zero;
+    let one = simd.splat_f32s(1.0);
+    let own = load::<S>(data.count[half].moved(y, 0, here), x);
     let mut values = [[zero; SIDE]; VALUES];
     let mut weighted = [[zero; SIDE]; REGRESSORS + 1];
     for down in 0..SIDE {
         for across in 0..SIDE {
             let offset = [across, down].map(|d| d as isize - REACH as isize);
             let count = load::<S>(data.count[half].moved(y, 0, offset), x);
+            // As `count_weights` has it.
+            let count = simd.div_f32s(count, simd.max_f32s(simd.add_f32s(own, count), one));
             let weight = simd.mul_f32s(load::<S>(&weights[down * SIDE + across][y / 2], x), count);
             total = simd.add_f32s(total, weight);
             weighted[0][across] = weight;
@@ -227,55 +244,69 @@ fn accumulate<S: Simd>(
     }
 }
 
+/// The weighted covariance of regressor `a` and value `b`.
+#[inline(always)]
+fn covariance<S: Simd>(
+    simd: S,
+    sums: &Sums<S>,
+    mean: &[S::f32s; VALUES],
+    share: S::f32s,
+    a: usize,
+    b: usize,
+) -> S::f32s {
+    simd.sub_f32s(simd.mul_f32s(sums[a + 1][b], share), simd.mul_f32s(mean[a], mean[b]))
+}
+
 /// Solves the normal equations, centred at the weighted means, by `L D L^T`.
 #[inline(always)]
 fn solve<S: Simd>(simd: S, total: S::f32s, sums: &Sums<S>, reference: &[S::f32s; 3]) -> Fit<S> {
-    let splat = |x| simd.splat_f32s(x);
-    let mul = |a, b| simd.mul_f32s(a, b);
-    let sub = |a, b| simd.sub_f32s(a, b);
-    let share = simd.div_f32s(splat(1.0), simd.max_f32s(total, splat(1e-20)));
-    let mean: [S::f32s; VALUES] = std::array::from_fn(|b| mul(sums[0][b], share));
-    let covariance = |a: usize, b: usize| sub(mul(sums[a + 1][b], share), mul(mean[a], mean[b]));
-    // `lower[i][j]`, j < i; `right` is the right-hand side, then the solution.
-    let mut lower = [[splat(0.0); REGRESSORS]; REGRESSORS];
-    let mut pivots = [splat(0.0); REGRESSORS];
-    let mut right: [[S::f32s; 3]; REGRESSORS] =
-        std::array::from_fn(|a| std::array::from_fn(|c| covariance(a, REGRESSORS + c)));
-    for j in 0..REGRESSORS {
-        let diagonal = simd.add_f32s(simd.max_f32s(covariance(j, j), splat(0.0)), splat(RIDGE));
-        let mut pivot = diagonal;
-        for k in 0..j {
-            pivot = sub(pivot, mul(mul(lower[j][k], lower[j][k]), pivots[k]));
-        }
-        pivots[j] = simd.max_f32s(pivot, mul(diagonal, splat(PIVOT)));
-        let inverse = simd.div_f32s(splat(1.0), pivots[j]);
-        for i in j + 1..REGRESSORS {
-            let mut entry = covariance(j, i);
-            for k in 0..j {
-                entry = sub(entry, mul(mul(lower[i][k], lower[j][k]), pivots[k]));
-            }
-            lower[i][j] = mul(entry, inverse);
-        }
-        for c in 0..3 {
-            for k in 0..j {
-                right[j][c] = sub(right[j][c], mul(lower[j][k], right[k][c]));
-            }
-        }
+    let (zero, one) = (simd.splat_f32s(0.0), simd.splat_f32s(1.0));
+    let share = simd.div_f32s(one, simd.max_f32s(total, simd.splat_f32s(1e-20)));
+    let mut mean = sums[0];
+    for value in &mut mean {
+        *value = simd.mul_f32s(*value, share);
     }
-    for j in (0..REGRESSORS).rev() {
-        let inverse = simd.div_f32s(splat(1.0), pivots[j]);
+    // `lower[i][j]`, j < i; `right` is the right-hand side, then the solution.
+    let mut lower = [[zero; REGRESSORS]; REGRESSORS];
+    let mut pivots = [zero; REGRESSORS];
+    let mut right = [[zero; 3]; REGRESSORS];
+    for j in 0..REGRESSORS {
+        for i in j..REGRESSORS {
+            let mut entry = covariance(simd, sums, &mean, share, j, i);
+            let diagonal = simd.add_f32s(simd.max_f32s(entry, zero), simd.splat_f32s(RIDGE));
+            if i == j {
+                entry = diagonal;
+            }
+            for k in 0..j {
+                let product = simd.mul_f32s(lower[i][k], lower[j][k]);
+                entry = simd.sub_f32s(entry, simd.mul_f32s(product, pivots[k]));
+            }
+            if i == j {
+                pivots[j] = simd.max_f32s(entry, simd.mul_f32s(diagonal, simd.splat_f32s(PIVOT)));
+            } else {
+                lower[i][j] = simd.div_f32s(entry, pivots[j]);
+            }
+        }
         for c in 0..3 {
-            let mut value = mul(right[j][c], inverse);
-            for i in j + 1..REGRESSORS {
-                value = sub(value, mul(lower[i][j], right[i][c]));
+            let mut value = covariance(simd, sums, &mean, share, j, REGRESSORS + c);
+            for k in 0..j {
+                value = simd.sub_f32s(value, simd.mul_f32s(lower[j][k], right[k][c]));
             }
             right[j][c] = value;
         }
     }
-    let intercept = std::array::from_fn(|c| {
-        let at_mean = simd.add_f32s(mean[REGRESSORS + c], reference[c]);
-        (0..REGRESSORS).fold(at_mean, |value, k| sub(value, mul(right[k][c], mean[k])))
-    });
+    let mut intercept = *reference;
+    for c in 0..3 {
+        intercept[c] = simd.add_f32s(intercept[c], mean[REGRESSORS + c]);
+        for j in (0..REGRESSORS).rev() {
+            let mut value = simd.div_f32s(right[j][c], pivots[j]);
+            for i in j + 1..REGRESSORS {
+                value = simd.sub_f32s(value, simd.mul_f32s(lower[i][j], right[i][c]));
+            }
+            right[j][c] = value;
+            intercept[c] = simd.sub_f32s(intercept[c], simd.mul_f32s(value, mean[j]));
+        }
+    }
     Fit { intercept, slopes: right }
 }
 
@@ -289,9 +320,8 @@ fn predict<S: Simd>(
     [y, x]: [usize; 2],
     sums: &mut [[f32; COLUMNS]],
 ) {
-    let here = [0, 0];
-    let centre: [S::f32s; REGRESSORS] = std::array::from_fn(|k| load::<S>(data.regressors[k].moved(y, 0, here), x));
-    let scale = load::<S>(data.scale.moved(y, 0, here), x);
+    let centre = load_all::<S, REGRESSORS>(simd, &data.regressors, [y, x]);
+    let scale = load::<S>(data.scale.moved(y, 0, [0, 0]), x);
     for o in 0..SIDE * SIDE {
         let offset = [o % SIDE, o / SIDE].map(|d| d as isize - REACH as isize);
         let z = regressors(simd, data, &centre, scale, [y, x], offset);
@@ -332,17 +362,16 @@ fn cropped(sums: &[[f32; COLUMNS]]) -> Vec<f32> {
 }
 
 /// Adds the tiles up, in their order, and divides.
-fn merge(inputs: &Inputs, tiles: &[Vec<f32>]) -> [Colours; 2] {
-    let [width, height] = inputs.size;
+fn merge([width, height]: [usize; 2], tiles: &[Vec<f32>], beside: &Pair, share: f32) -> [Colours; 2] {
     let columns = width.div_ceil(WIDTH);
     let row = |y: usize| -> Vec<f32> {
         let mut sums = vec![0.0f32; 8 * width];
-        for (half, own) in inputs.halves.iter().enumerate() {
-            for x in 0..width {
-                let weight = if own.count[y * width + x] > 0.0 { OWN } else { 0.0 };
-                (0..3).for_each(|c| sums[(4 * half + c) * width + x] = weight * own.colour[c][y * width + x]);
-                sums[(4 * half + 3) * width + x] = weight;
+        for (half, own) in beside.0.iter().enumerate() {
+            for (c, own) in own.iter().enumerate() {
+                let to = &mut sums[(4 * half + c) * width..][..width];
+                to.iter_mut().zip(&own[y * width..]).for_each(|(to, own)| *to = share * own);
             }
+            sums[(4 * half + 3) * width..][..width].fill(share);
         }
         let first = (y.saturating_sub(REACH + HEIGHT - 1)).div_ceil(HEIGHT);
         for tile_row in first..=((y + REACH).min(height - 1) / HEIGHT) {

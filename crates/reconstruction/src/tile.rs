@@ -157,6 +157,13 @@ impl Tile {
         self.origin[0] + x < self.size[0] && self.origin[1] + y < self.size[1]
     }
 
+    /// Rows and, of either parity, columns of the tile that are in the frame; the latter rounded up.
+    #[inline(always)]
+    pub(crate) fn extent(&self) -> [usize; 2] {
+        let [width, height] = [0, 1].map(|k| self.size[k] - self.origin[k]);
+        [height.min(HEIGHT), width.div_ceil(2).min(LANES)]
+    }
+
     /// A plane's copy; pixels beyond the frame are the border's.
     pub(crate) fn copy(&self, plane: &[f32]) -> Local {
         Local::new(plane, self.size, self.origin, None)
@@ -235,10 +242,10 @@ impl Differences {
         Self { pointwise: vec![[0.0; COLUMNS]; 2 * ROWS], column_sums: [[0.0; COLUMNS]; 2] }
     }
 
-    /// Compares the tile's pixels and those that patches of `radius` reach with the pixels that lie `offset` from them.
+    /// Compares the tile's first `rows` rows and those that patches of `radius` reach with what lies `offset` from them.
     #[inline(always)]
-    pub(crate) fn compare(&mut self, guide: &LocalGuide, radius: usize, offset: [isize; 2]) {
-        for y in MARGIN - radius..MARGIN + HEIGHT + radius {
+    pub(crate) fn compare(&mut self, guide: &LocalGuide, rows: usize, radius: usize, offset: [isize; 2]) {
+        for y in MARGIN - radius..MARGIN + rows + radius {
             for parity in 0..2 {
                 let (other, shift) = moved(parity, offset[0]);
                 // Patches reach three columns to the left: two even ones, or the odd one before as well.
@@ -349,6 +356,17 @@ pub(crate) fn exp_minus(x: f32) -> f32 {
     let f = (t - (rounded - ROUND)) * std::f32::consts::LN_2;
     let power = 1.0 + f * (1.0 + f * (0.5 + f * (1.0 / 6.0 + f * (1.0 / 24.0 + f * (1.0 / 120.0)))));
     f32::from_bits(power.to_bits().wrapping_add(rounded.to_bits() << 23))
+}
+
+/// What pixels with `there` samples count for those with `here`: more samples count more, but at most twice what as many
+/// count. In proportion to samples, a leak across an edge would go with how unequal they are.
+#[inline(always)]
+pub(crate) fn count_weights(here: &Row, there: &Row) -> Row {
+    let mut weights = [0.0; LANES];
+    for i in 0..LANES {
+        weights[i] = there[i] / (here[i] + there[i]).max(1.0);
+    }
+    weights
 }
 
 /// The corners of all tiles of a frame, row by row.
