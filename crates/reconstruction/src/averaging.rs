@@ -1,7 +1,9 @@
 //! Weighted means over windows, both halves at once, the weights of each from the other half's guide.
 
 use crate::planes::{Colours, Inputs, Plane};
-use crate::tile::{Differences, Guide, HEIGHT, LANES, Likeness, Local, REACH, Row, Tile, WIDTH, count_weights, exp_minus, origins};
+use crate::tile::{
+    Differences, Guide, HEIGHT, LANES, Likeness, Local, REACH, Row, Tile, WIDTH, count_weights, exp_minus, origins,
+};
 use pulp::{Arch, NullaryFnOnce};
 use rayon::prelude::*;
 
@@ -94,10 +96,8 @@ impl TileTask<'_> {
                 for half in 0..2 {
                     let patch = differences[1 - half].patches(parity, self.like.patch);
                     let mut weight = tile.weights(&patch, &by_features, self.like, [y, parity], offset);
-                    let count = count_weights(
-                        counts[half].moved(y, parity, [0, 0]),
-                        counts[half].moved(y, parity, offset),
-                    );
+                    let count =
+                        count_weights(counts[half].moved(y, parity, [0, 0]), counts[half].moved(y, parity, offset));
                     for i in 0..LANES {
                         let kept = if weight[i] >= self.window.cut { weight[i] } else { 0.0 };
                         weight[i] = kept * count[i] * spatial;

@@ -32,7 +32,7 @@ pub struct Bilateral {
 impl Default for Bilateral {
     fn default() -> Self {
         let described = String::new();
-        Self { window: REACH, falloff: 0.02, colour: 1.0, features: 0.8, outside: 1.0, label: None, described }
+        Self { window: REACH, falloff: 0.03, colour: 0.8, features: 1.0, outside: 1.0, label: None, described }
     }
 }
 

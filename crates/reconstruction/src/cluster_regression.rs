@@ -1,21 +1,25 @@
 //! First-order regression on features and clusters, twice, and a choice among what it and others make.
 
 use crate::averaging::guide;
+use crate::bilateral::Bilateral;
 use crate::cluster_gaussian::Label;
 use crate::error_map::{Pair, filtered, relative_weight, select};
-use crate::nl_means::{NEEDS, NlMeans, out};
+use crate::nl_means::{NEEDS, out};
 use crate::planes::{Inputs, Plane, box_mean};
 use crate::regression::regress;
 use crate::tile::{FeatureScales, Guide, Likeness};
 use dapple_core::{Error, Film, Filter, Filtered, Needs};
 use std::fmt;
 
+/// The weight of what stands beside a regression, where a pixel at its window's centre has 1: 0.1 to 2 measured alike.
+const BESIDE: f32 = 0.5;
+
 /// How far the filter goes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Passes {
     /// One pass of regression.
     One,
-    /// Two, NL-means, and the choice among them: the default.
+    /// Two, and the choice among them, the bilateral picture and no filter: the default.
     #[default]
     Two,
 }
@@ -24,16 +28,20 @@ pub enum Passes {
 ///
 /// # What it does
 ///
-/// 1. Around every second pixel of every second row a plane is fitted to the radiance of 15x15 pixels, over normal, albedo
-///    and position [after Bitterli 2016, Moon 2014]. A pixel's weight is its sample count times
+/// 1. [`Bilateral`] makes a picture to begin with.
+/// 2. Around every second pixel of every second row a plane is fitted to the radiance of 15x15 pixels, over normal, albedo
+///    and position [after Bitterli 2016; Moon 2014]. A pixel's weight grows with its samples and is
 ///    `exp(-max(0, d_colour)) exp(-max(0, d_features))`, times `outside` in another cluster. What the windows
-///    predict for a pixel is averaged with the same weights. Colours are compared in the other half than the one that is
-///    filtered [after Rousselle 2012], over 7x7 pixels.
-/// 2. The result, [`NlMeans`] with features, and no filter at all are compared in each pixel by their estimated error
-///    over 5x5 pixels; the best ones, blended, guide a second pass.
-/// 3. The picture is the mean of the first pass, the second, and the choice among all four over 7x7 pixels.
+///    predict for a pixel is averaged with the same weights; the first picture counts a little, and stands in where no
+///    window fits. Colours are compared in the other half than the one that is filtered [after Rousselle 2012], over
+///    3x3 pixels.
+/// 3. The two pictures and no filter at all are compared in each pixel by their estimated error over 5x5 pixels; the
+///    best ones, blended, guide a second pass, with albedo taken off and the noise that is left judged by the halves.
+/// 4. The picture is the choice among all four by estimated error over 7x7 pixels.
 ///
-/// The recipe and its settings are those of a feasibility study (FEASIBILITY 4, steps 5, 6 and 9).
+/// The recipe is that of a feasibility study (FEASIBILITY 4, steps 5, 6 and 9), with four changes that measured better
+/// on the bundled scenes (`docs/results/filters.md`): the cross-bilateral picture instead of NL-means, the choice itself
+/// instead of its mean with two candidates, 3x3 patches, and wider bandwidths for features in the second pass.
 ///
 /// # What it promises
 ///
@@ -82,46 +90,31 @@ impl ClusterRegression {
     /// Both halves through the first pass.
     fn first(&self, inputs: &Inputs, beside: &Pair) -> Pair {
         let guides = [0, 1].map(|half| guide(inputs, half, true, false));
-        let t = tune("T1", [3.0, 1.0, 1.2, 1e-2, 2e-3]);
-        let features = FeatureScales { bandwidth: t[2], floors: [t[3], t[4]] };
-        let like = Likeness { patch: t[0] as usize, colour: t[1], features: Some(features), outside: self.outside() as f32 };
-        Pair(regress(inputs, &guides, &like, beside, tune("T5", [0.5; 5])[0]))
+        let features = FeatureScales { bandwidth: 1.5, floors: [1e-2, 2e-3] };
+        let like = Likeness { patch: 1, colour: 2.0, features: Some(features), outside: self.outside() as f32 };
+        Pair(regress(inputs, &guides, &like, beside, BESIDE))
     }
 
     /// Both halves again, led by a picture that has less noise.
     fn second(&self, inputs: &Inputs, led_by: &Pair) -> Pair {
-        let t = tune("T2", [1.0, 2.0, 1.2, 1e-2, 2e-2]);
-        let features = FeatureScales { bandwidth: t[2], floors: [t[3], t[4]] };
-        // Clusters have said what they know in the first pass.
-        let outside = if self.label.is_some() { 0.5f32.max(self.outside() as f32) } else { 1.0 };
-        let like = Likeness { patch: t[0] as usize, colour: t[1], features: Some(features), outside };
-        Pair(regress(inputs, &residual_guides(inputs, led_by), &like, led_by, tune("T5", [0.5; 5])[1]))
+        let features = FeatureScales { bandwidth: 3.0, floors: [1e-2, 2e-2] };
+        // Clusters have said most of what they know in the first pass.
+        let outside = self.outside().max(0.5) as f32;
+        let like = Likeness { patch: 1, colour: 1.5, features: Some(features), outside };
+        Pair(regress(inputs, &residual_guides(inputs, led_by), &like, led_by, BESIDE))
     }
 
     fn pair(&self, inputs: &Inputs) -> Pair {
-        let t = tune("T3", [0.0, 0.0, 0.02, 1.0, 0.8]);
-        let means = if t[0] > 0.0 {
-            NlMeans::new(7, t[0] as usize, f64::from(t[3])).and_then(|f| f.with_features(f64::from(t[4]))).unwrap_or_default().pair(inputs)
-        } else {
-            crate::Bilateral::new(7, f64::from(t[2])).and_then(|f| f.with_bandwidths(f64::from(t[3]), f64::from(t[4]))).unwrap_or_default().pair(inputs)
-        };
-        let first = self.first(inputs, &means);
+        let averaged = Bilateral::default().pair(inputs);
+        let first = self.first(inputs, &averaged);
         if self.passes == Passes::One {
             return first;
         }
         let unfiltered = Pair::unfiltered(inputs);
         let weight = relative_weight(inputs, &first);
-        let chosen = select(inputs, &[&first, &means, &unfiltered], &weight, 2);
+        let chosen = select(inputs, &[&first, &averaged, &unfiltered], &weight, 2);
         let second = self.second(inputs, &chosen);
-        let chosen = select(inputs, &[&first, &means, &second, &unfiltered], &weight, 3);
-        match std::env::var("TUNE").as_deref() {
-            Ok("sel2") => return chosen,
-            Ok("z") => return second,
-            Ok("nl") => return means,
-            _ => {}
-        }
-        let third = vec![1.0 / 3.0; inputs.pixels()];
-        Pair::mixed(&[&chosen, &second, &first], &[third.clone(), third.clone(), third])
+        select(inputs, &[&first, &averaged, &second, &unfiltered], &weight, 3)
     }
 }
 
@@ -167,13 +160,4 @@ impl Filter for ClusterRegression {
         let inputs = Inputs::new(film, self.label.as_deref());
         Ok(filtered(&inputs, &self.pair(&inputs)))
     }
-}
-
-fn tune(name: &str, mut of: [f32; 5]) -> [f32; 5] {
-    if let Ok(words) = std::env::var(name) {
-        for (value, word) in of.iter_mut().zip(words.split(',')) {
-            *value = word.parse().unwrap_or(*value);
-        }
-    }
-    of
 }

@@ -154,9 +154,8 @@ pub fn planning_weights(film: &Film, filtered: &Filtered) -> Result<Vec<f32>, Er
     }
     let size = filtered.size.map(|n| n as usize);
     let grey: Plane = filtered.radiance.iter().map(|[r, g, b]| ((r + g + b) / 3.0).min(1e15)).collect();
-    let relative = |radius: usize| -> Plane {
-        box_mean(&grey, size, radius).iter().map(|m| 1.0 / (m * m + EPSILON)).collect()
-    };
+    let relative =
+        |radius: usize| -> Plane { box_mean(&grey, size, radius).iter().map(|m| 1.0 / (m * m + EPSILON)).collect() };
     let of_filter = normalised(error.iter().zip(relative(1)).map(|(e, w)| e * w).collect(), 0.0);
     let own: Plane = own.iter().zip(relative(2)).map(|(v, w)| v * w).collect();
     let own = normalised(box_mean(&own, size, 2), 0.01);

@@ -174,7 +174,13 @@ fn features(film: &Film) -> Features {
     let unit = 24.0 * pixel_angle(&position, &all, size);
     let scale = all.iter().map(|f| 1.0 / (unit * f.depth.max(1e-18))).collect();
     let slope = slopes(&mean[6], size);
-    Features { variance: std::array::from_fn(|k| all.iter().map(|f| f.variance[k]).collect()), mean, slope, position, scale }
+    Features {
+        variance: std::array::from_fn(|k| all.iter().map(|f| f.variance[k]).collect()),
+        mean,
+        slope,
+        position,
+        scale,
+    }
 }
 
 /// The mean of all positions, in f64: they may lie far from the origin.
@@ -197,7 +203,8 @@ fn feature(film: &Film, i: usize, far: f32, middle: [f64; 3]) -> Option<Feature>
     let position: [f32; 3] = std::array::from_fn(|k| (f64::from(f.position[k]) - middle[k]) as f32);
     let hit = [nx, ny, nz, r, g, b, depth.ln(), position[0], position[1], position[2]];
     let miss = [0.0, 0.0, 0.0, 1.0, 1.0, 1.0, far.ln(), 0.0, 0.0, 0.0];
-    let mean: [f32; 10] = std::array::from_fn(|k| if f.hits > 0 { miss[k] + share * (hit[k] - miss[k]) } else { miss[k] });
+    let mean: [f32; 10] =
+        std::array::from_fn(|k| if f.hits > 0 { miss[k] + share * (hit[k] - miss[k]) } else { miss[k] });
     let mut within = f.variance.unwrap_or_default();
     within[6] = within[9] / (depth * depth);
     let spread = |k: usize| {
@@ -251,7 +258,9 @@ fn slopes(depth: &[f32], size: [usize; 2]) -> Plane {
     let smallest = |i: usize| {
         let (x, y) = (i % width, i / width);
         let rows = y.saturating_sub(1)..(y + 2).min(height);
-        rows.flat_map(|row| &all[row * width..][x.saturating_sub(1)..(x + 2).min(width)]).copied().fold(f32::MAX, f32::min)
+        rows.flat_map(|row| &all[row * width..][x.saturating_sub(1)..(x + 2).min(width)])
+            .copied()
+            .fold(f32::MAX, f32::min)
     };
     (0..depth.len()).into_par_iter().with_min_len(1024).map(smallest).collect()
 }

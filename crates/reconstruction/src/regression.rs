@@ -4,7 +4,8 @@
 use crate::error_map::Pair;
 use crate::planes::{Colours, Inputs, Plane, box_mean};
 use crate::tile::{
-    COLUMNS, Differences, Guide, HEIGHT, LANES, Likeness, Local, LocalGuide, MARGIN, REACH, ROWS, Row, Tile, WIDTH, origins,
+    COLUMNS, Differences, Guide, HEIGHT, LANES, Likeness, Local, LocalGuide, MARGIN, REACH, ROWS, Row, Tile, WIDTH,
+    origins,
 };
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
@@ -29,7 +30,13 @@ const HALO: [usize; 2] = [WIDTH + 2 * REACH, HEIGHT + 2 * REACH];
 /// Both halves filtered: the weights of each come from the other half's guide. Where no window's centre is like a pixel
 /// (every second one is none), the picture `beside` stands in, with the weight `share`; a pixel at its window's centre
 /// has 1.
-pub(crate) fn regress(inputs: &Inputs, guides: &[Guide; 2], like: &Likeness, beside: &Pair, share: f32) -> [Colours; 2] {
+pub(crate) fn regress(
+    inputs: &Inputs,
+    guides: &[Guide; 2],
+    like: &Likeness,
+    beside: &Pair,
+    share: f32,
+) -> [Colours; 2] {
     let reference: Colours = std::array::from_fn(|c| {
         let of = |i: usize| {
             let share = inputs.first_share(i);

@@ -279,8 +279,9 @@ impl Differences {
         let mut sums = [0.0; LANES];
         for k in -(radius as isize)..=radius as isize {
             let (other, shift) = moved(parity, k);
-            let column: &Row =
-                self.column_sums[other][(MARGIN / 2).wrapping_add_signed(shift)..][..LANES].try_into().expect("columns");
+            let column: &Row = self.column_sums[other][(MARGIN / 2).wrapping_add_signed(shift)..][..LANES]
+                .try_into()
+                .expect("columns");
             for i in 0..LANES {
                 sums[i] += column[i];
             }

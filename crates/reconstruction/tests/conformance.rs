@@ -2,7 +2,9 @@
 
 use dapple_conformance as conformance;
 use dapple_core::Frame;
-use dapple_reconstruction::{BACKGROUND, Bilateral, ClusterGaussian, ClusterRegression, Gaussian, Label, NlMeans, Passes};
+use dapple_reconstruction::{
+    BACKGROUND, Bilateral, ClusterGaussian, ClusterRegression, Gaussian, Label, NlMeans, Passes,
+};
 use std::sync::Arc;
 
 #[test]

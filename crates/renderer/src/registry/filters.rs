@@ -65,9 +65,9 @@ const NLM: &[Parameter] = &[
 ];
 const BILATERAL: &[Parameter] = &[
     ("window", "7", "pixels averaged to each side, 0 to 7"),
-    ("falloff", "0.02", "the spatial weight is exp(-falloff r^2)"),
-    ("colour", "1", "differences of colours are measured in this many standard deviations"),
-    ("features", "0.8", "the same for first hits' normals, albedo and depth"),
+    ("falloff", "0.03", "the spatial weight is exp(-falloff r^2)"),
+    ("colour", "0.8", "differences of colours are measured in this many standard deviations"),
+    ("features", "1", "the same for first hits' normals, albedo and depth"),
     ("outside", "1", "weight of a pixel of another cluster relative to one of the same; 1: no clusters"),
 ];
 const CLUSTER_REGRESSION: &[Parameter] = &[
