@@ -93,7 +93,9 @@ fn bias_vanishes_as_samples_grow() {
         for filter in filters() {
             let (noisy, clean) = (ratio(&*filter, &few), ratio(&*filter, &many));
             println!("{}, hits {hits}: {noisy:.3} {clean:.3}", filter.describe());
-            assert!(noisy < 0.5, "{}, hits {hits}: {noisy} at 8 spp", filter.describe());
+            // A pass of regression alone has nothing to regress on without first hits.
+            let alone = !hits && filter.describe().contains("passes=1");
+            assert!(alone || noisy < 0.5, "{}, hits {hits}: {noisy} at 8 spp", filter.describe());
             assert!(clean < 1.5, "{}, hits {hits}: {clean} at 4096 spp", filter.describe());
         }
         let blurred = ratio(&Gaussian::default(), &many);
@@ -126,7 +128,7 @@ fn pushed(size: [u32; 2], seed: u64, count: impl Fn(usize) -> usize, value: impl
 }
 
 /// The pixels beside a step of 1 under noise in -1/2 .. 1/2, over 40 pictures: where a splat of radius 1.5 gives .153, .419,
-/// .920 and .0028 for one and the same edge, unequal counts move these by less than .1 from where equal ones leave them,
+/// .920 and .0028 for one and the same edge, unequal counts move these by less than .05 from where equal ones leave them,
 /// towards the truth excepted. What equal ones leave is blur, which vanishes as samples are added.
 #[test]
 fn a08_unequal_counts_do_not_move_an_edge() {
@@ -153,7 +155,7 @@ fn a08_unequal_counts_do_not_move_an_edge() {
         for counts in [[4, 16], [4, 256], [256, 4]] {
             let unequal = beside(&*filter, counts);
             println!("    {counts:?}: {unequal:.3?}");
-            let near = (0..2).all(|side| unequal[side] < equal[side].max(0.0) + 0.1 && unequal[side] > -0.05);
+            let near = (0..2).all(|side| unequal[side] < equal[side].max(0.0) + 0.05 && unequal[side] > -0.05);
             assert!(near, "{}, {counts:?}: off by {unequal:?}, with equal counts by {equal:?}", filter.describe());
         }
     }
