@@ -114,7 +114,7 @@ impl Filter for Bilateral {
 
     fn apply(&self, film: &Film) -> Result<Filtered, Error> {
         film.require(self.name(), &self.needs())?;
-        let inputs = Inputs::new(film, self.label.as_deref());
+        let inputs = Inputs::new(film, self.label.as_ref());
         Ok(filtered(&inputs, &self.pair(&inputs)))
     }
 }

@@ -8,6 +8,10 @@ use rayon::prelude::*;
 /// relMSE's own epsilon.
 const EPSILON: f32 = 0.01;
 
+/// The error of no filter counts as so much more in a choice: its estimate is never negative, those of others scatter about
+/// theirs, and where all are small the scatter would choose noise.
+const HANDICAP: f32 = 2.0;
+
 /// A picture from each half.
 #[derive(Clone)]
 pub(crate) struct Pair(pub(crate) [Colours; 2]);
@@ -88,10 +92,13 @@ pub(crate) fn raw_error(inputs: &Inputs, picture: &Pair, weight: &[f32]) -> [Pla
 }
 
 /// Chooses in each pixel the candidate of least estimated error over `(2 radius + 1)^2` pixels, the first of equals, and
-/// blurs the choice over 5x5.
+/// blurs the choice over 5x5. The last candidate, the unfiltered picture, must be better by a factor of [`HANDICAP`].
 pub(crate) fn select(inputs: &Inputs, candidates: &[&Pair], weight: &[f32], radius: usize) -> Pair {
-    let errors: Vec<Plane> =
+    let mut errors: Vec<Plane> =
         candidates.iter().map(|p| box_mean(&raw_error(inputs, p, weight)[0], inputs.size, radius)).collect();
+    if let Some(unfiltered) = errors.last_mut() {
+        unfiltered.iter_mut().for_each(|e| *e *= HANDICAP);
+    }
     let best = |i: usize| (1..errors.len()).fold(0, |best, k| if errors[k][i] < errors[best][i] { k } else { best });
     let chosen: Vec<usize> = (0..inputs.pixels()).into_par_iter().with_min_len(1024).map(best).collect();
     let share = |k: usize| {

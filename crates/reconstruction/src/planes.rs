@@ -1,7 +1,8 @@
 //! What the filters that look at two halves and at features read of a film: planes of one number a pixel.
 
+use crate::cluster_gaussian::Label;
 use crate::membership::BACKGROUND;
-use dapple_core::{Film, FirstHit};
+use dapple_core::Film;
 use rayon::prelude::*;
 
 /// One number a pixel, row by row.
@@ -63,13 +64,13 @@ pub(crate) struct Inputs {
 
 impl Inputs {
     /// Reads a film with halves, the sample variance and features; with first hits if there is a `label`.
-    pub(crate) fn new(film: &Film, label: Option<&(dyn Fn(&FirstHit) -> Option<u32> + Send + Sync)>) -> Self {
+    pub(crate) fn new(film: &Film, label: Option<&Label>) -> Self {
         let size = film.frame().size().map(|n| n as usize);
         let level = level(film);
         let sample_variance = pooled_variance(film, level);
         let halves = [0, 1].map(|h| half(film, h, level, &sample_variance));
         let labels = label.filter(|_| film.needs().first_hits > 0).map(|label| {
-            let of = |i: usize| film.first_hits(i).first()?.as_ref().and_then(label);
+            let of = |i: usize| film.first_hits(i).first()?.as_ref().and_then(|hit| label(hit));
             per_pixel(film, |i| (of(i).unwrap_or(BACKGROUND) % 0xff_fffd) as f32)
         });
         Self { size, level, halves, features: features(film), labels }
@@ -236,7 +237,7 @@ fn from_neighbours(known: &[Option<Feature>], [width, height]: [usize; 2], i: us
 fn pixel_angle(position: &Colours, all: &[Feature], [width, _]: [usize; 2]) -> f32 {
     let step = |i: usize| {
         let apart = position.iter().map(|p| (p[i + 1] - p[i]).powi(2)).sum::<f32>().sqrt();
-        (apart > 0.0 && (i + 1) % width != 0).then(|| apart / all[i].depth)
+        (apart > 0.0 && !(i + 1).is_multiple_of(width)).then(|| apart / all[i].depth)
     };
     let mut steps: Vec<f32> = (0..all.len().saturating_sub(1)).filter_map(step).collect();
     if steps.is_empty() {

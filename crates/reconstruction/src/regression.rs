@@ -1,6 +1,8 @@
 //! Weighted first-order regression on features, in windows around every second pixel of every second row; what each
 //! window predicts for its pixels is averaged (collaborative, after [Bitterli 2016]).
 
+#![expect(clippy::needless_range_loop, reason = "several arrays run along, as in the formulas")]
+
 use crate::error_map::Pair;
 use crate::planes::{Colours, Inputs, Plane, box_mean};
 use crate::tile::{

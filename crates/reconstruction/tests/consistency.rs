@@ -18,7 +18,7 @@ struct Made {
 
 fn truth(x: u32, y: u32) -> f32 {
     let surface = if x < 12 { 0.3 } else { 1.0 };
-    let stripes = if x >= 24 && (x / 2) % 2 == 0 { 0.5 } else { 1.0 };
+    let stripes = if x >= 24 && (x / 2).is_multiple_of(2) { 0.5 } else { 1.0 };
     let shadow = if y < 10 { 0.4 } else { 1.0 };
     surface * stripes * shadow * (1.0 + 0.02 * y as f32)
 }
@@ -27,7 +27,7 @@ impl Integrator for Made {
     fn estimate(&self, draws: &Draws<'_>, _: &mut Observed) -> Estimate {
         let [u, v, a, b] = draws.block(Block::new(0));
         let [x, y] = draws.pixel();
-        let albedo = if x >= 24 && (x / 2) % 2 == 0 { 0.4 } else { 0.8 };
+        let albedo = if x >= 24 && (x / 2).is_multiple_of(2) { 0.4 } else { 0.8 };
         let hit = FirstHit {
             position: [x as f32 + u, y as f32 + v, 0.0],
             geometric_normal: [0.0, 0.0, 1.0],
@@ -92,7 +92,6 @@ fn bias_vanishes_as_samples_grow() {
         };
         for filter in filters() {
             let (noisy, clean) = (ratio(&*filter, &few), ratio(&*filter, &many));
-            println!("{}, hits {hits}: {noisy:.3} {clean:.3}", filter.describe());
             // A pass of regression alone has nothing to regress on without first hits.
             let alone = !hits && filter.describe().contains("passes=1");
             assert!(alone || noisy < 0.5, "{}, hits {hits}: {noisy} at 8 spp", filter.describe());
@@ -151,10 +150,8 @@ fn a08_unequal_counts_do_not_move_an_edge() {
     };
     for filter in filters() {
         let equal = beside(&*filter, [4, 4]);
-        println!("{}: {equal:.3?}", filter.describe());
         for counts in [[4, 16], [4, 256], [256, 4]] {
             let unequal = beside(&*filter, counts);
-            println!("    {counts:?}: {unequal:.3?}");
             let near = (0..2).all(|side| unequal[side] < equal[side].max(0.0) + 0.05 && unequal[side] > -0.05);
             assert!(near, "{}, {counts:?}: off by {unequal:?}, with equal counts by {equal:?}", filter.describe());
         }
@@ -209,7 +206,6 @@ fn errors_are_about_what_they_are_said_to_be() {
             is += squared_error(&picture.radiance) * channels;
             unfiltered += squared_error(&film.picture()) * channels;
         }
-        println!("{}: {said} for {is}", filter.describe());
         assert!((0.33..3.0).contains(&(said / is)), "{}: {said} for {is}", filter.describe());
         assert!(unfiltered / is > 3.0, "{}: the control is no control", filter.describe());
     }
@@ -283,7 +279,6 @@ fn clusters_keep_what_they_know() {
     let regression = || ClusterRegression::new().with_passes(Passes::One);
     let (blind, seeing) =
         (step(&regression()), step(&regression().with_clusters(label(), 0.0, String::new()).unwrap()));
-    println!("{blind} {seeing}");
     assert!(blind < 0.12 && seeing > 0.16, "without clusters {blind}, with them {seeing}, in truth 0.2");
 }
 

@@ -97,14 +97,16 @@ fn nl_means(p: &Parameters) -> Result<NlMeans, RegistryError> {
 fn bilateral(p: &Parameters, stage: &Stage) -> Result<Box<dyn Filter>, RegistryError> {
     let plain = Bilateral::new(p.number("window")?, p.number("falloff")?)?;
     let plain = plain.with_bandwidths(p.number("colour")?, p.number("features")?)?;
-    let made = |label| plain.clone().with_clusters(label, p.number("outside")?, p.described(CLUSTERING)).map_err(Into::into);
+    let made =
+        |label| plain.clone().with_clusters(label, p.number("outside")?, p.described(CLUSTERING)).map_err(Into::into);
     labelled(p, stage, made)
 }
 
 fn cluster_regression(p: &Parameters, stage: &Stage) -> Result<Box<dyn Filter>, RegistryError> {
     let passes = p.choice("passes", &[("1", Passes::One), ("2", Passes::Two)])?;
     let plain = ClusterRegression::new().with_passes(passes);
-    let made = |label| plain.clone().with_clusters(label, p.number("outside")?, p.described(CLUSTERING)).map_err(Into::into);
+    let made =
+        |label| plain.clone().with_clusters(label, p.number("outside")?, p.described(CLUSTERING)).map_err(Into::into);
     labelled(p, stage, made)
 }
 
