@@ -93,7 +93,7 @@ fn moved(parity: usize, dx: isize) -> (usize, isize) {
 pub(crate) struct Guide {
     /// Colour.
     pub(crate) colour: Colours,
-    /// One plane: channels are pooled. Three: each is judged by itself [Rousselle 2012, eq. 3].
+    /// One plane: channels are pooled. Three: each is judged by itself [after Rousselle 2012].
     pub(crate) variance: Vec<Plane>,
 }
 
