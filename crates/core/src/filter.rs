@@ -18,7 +18,7 @@ pub struct Filtered {
 /// Each estimate belongs to one pixel: filters act on per-pixel means, with weights integrated over
 /// the pixel, so that unequal sample counts do not move edges. Implementations must pass
 /// `dapple_conformance::filter`.
-pub trait Filter: Sync {
+pub trait Filter: Send + Sync {
     /// Its short name, as the command line knows it.
     fn name(&self) -> &str;
 

@@ -164,7 +164,7 @@ fn a_sampler_with_a_cursor_is_rejected() {
 /// A filter from a closure.
 struct Made<F>(F, Needs);
 
-impl<F: Fn(&Film) -> Filtered + Sync> Filter for Made<F> {
+impl<F: Fn(&Film) -> Filtered + Send + Sync> Filter for Made<F> {
     fn name(&self) -> &str {
         "made"
     }

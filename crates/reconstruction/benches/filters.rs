@@ -6,7 +6,7 @@ use dapple_core::{
     Block, Draws, Estimate, Film, Filter, FirstHit, Frame, Integrator, Limits, Needs, NoWatch, Observed, render,
 };
 use dapple_low_discrepancy::Random;
-use dapple_reconstruction::{ClusterGaussian, Gaussian};
+use dapple_reconstruction::{Bilateral, ClusterGaussian, ClusterRegression, Gaussian, NlMeans, Passes};
 use std::hint::black_box;
 use std::sync::Arc;
 
@@ -66,5 +66,33 @@ fn filters(c: &mut Criterion) {
     }
 }
 
-criterion_group!(benches, filters);
+/// Those that look at halves and first hits, on a quarter of the pixels.
+fn from_halves(c: &mut Criterion) {
+    const PART: u32 = SIDE / 2;
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a pool");
+    let mut group = c.benchmark_group("filter from halves");
+    group.throughput(Throughput::Elements(u64::from(PART * PART))).sample_size(10);
+    let frame = Frame::new(PART, PART).expect("a frame");
+    let needs = Needs::none().with_variance().with_halves().with_features().with_first_hits(1);
+    let limits = Limits::samples(8 * u64::from(PART * PART));
+    let film =
+        render(&mut Stripes, &mut Uniform::new(Random::new(1)), needs, frame, &limits, &mut NoWatch).expect("a film");
+    let clusters = |passes| {
+        let plain = ClusterRegression::new().with_passes(passes);
+        plain.with_clusters(Arc::new(|hit| Some(hit.material)), 0.2, String::new()).expect("a factor")
+    };
+    let cases: [(&str, Box<dyn Filter>); 4] = [
+        ("bilateral", Box::new(Bilateral::default())),
+        ("nlm", Box::new(NlMeans::default())),
+        ("cluster-regression, one pass", Box::new(clusters(Passes::One))),
+        ("cluster-regression", Box::new(clusters(Passes::Two))),
+    ];
+    for (name, filter) in cases {
+        group.bench_function(name, |b| {
+            pool.install(|| b.iter(|| filter.apply(black_box(&film)).expect("a picture")));
+        });
+    }
+}
+
+criterion_group!(benches, filters, from_halves);
 criterion_main!(benches);

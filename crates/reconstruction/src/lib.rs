@@ -1,7 +1,12 @@
 //! Filters from per-pixel statistics to a picture.
 //!
 //! * [`Gaussian`]: a blur, right under unequal sample counts;
-//! * [`ClusterGaussian`]: the same, kept within clusters of similar surfaces.
+//! * [`ClusterGaussian`]: the same, kept within clusters of similar surfaces;
+//! * [`NlMeans`]: means of pixels whose surroundings look alike, the weights of each half from the other;
+//! * [`Bilateral`]: means of near pixels of a similar surface and colour;
+//! * [`ClusterRegression`]: planes fitted over first-hit features, twice, and the best of what it and others make.
+//!
+//! [`relative_errors`] is what a sampler that follows a filter's own error asks for.
 //!
 //! Each is a [`Filter`](dapple_core::Filter): it reads a [`Film`](dapple_core::Film) and gives a picture and,
 //! where the film knows the variance, the variance that is left.
@@ -34,28 +39,44 @@
 //!
 //! # Guarantees
 //!
-//! * Filters act on per-pixel means, with weights integrated over the pixel: unequal counts do not move edges.
+//! * Filters act on per-pixel means: unequal counts do not move edges.
 //! * A constant stays that constant, at borders and beside pixels without samples too.
-//! * Sums are in `f64`, each taken by one task in a fixed order: the same bits for any number of threads.
+//! * Each sum is taken by one task in a fixed order: the same bits for any number of threads, and on any machine but for
+//!   the standard library's logarithm.
 //! * Pixels without samples are filled from their neighbours, and black with an infinite error where no
 //!   sample is in reach.
+//! * `NlMeans`, `Bilateral` and `ClusterRegression` are consistent: their bias vanishes as samples are added
+//!   (`tests/consistency.rs`).
 //!
 //! # Limits
 //!
-//! [`Filtered::error`](dapple_core::Filtered::error) is variance only. What a filter blurs is bias, which
-//! stays however many samples are spent: compare filtered pictures with unfiltered ones, at several budgets.
+//! What the two Gaussians blur is bias, which stays however many samples are spent, and is not in their
+//! [`Filtered::error`](dapple_core::Filtered::error), which is variance only. The other three need two halves, whose
+//! difference shows their whole error, bias included; that estimate is smoothed over 15x15 pixels.
 
 // One file per filter; what several of them share is beside them.
+mod averaging;
+mod bilateral;
 mod cluster_gaussian;
+mod cluster_regression;
+mod error_map;
 mod gaussian;
 mod membership;
+mod nl_means;
+mod planes;
+mod regression;
 mod separable;
 mod source;
+mod tile;
 mod weights;
 
+pub use bilateral::Bilateral;
 pub use cluster_gaussian::{ClusterGaussian, Label};
+pub use cluster_regression::{ClusterRegression, Passes};
+pub use error_map::relative_errors;
 pub use gaussian::Gaussian;
 pub use membership::BACKGROUND;
+pub use nl_means::NlMeans;
 
 /// Runs the example of the README.
 #[cfg(doctest)]

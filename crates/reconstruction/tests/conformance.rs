@@ -2,7 +2,9 @@
 
 use dapple_conformance as conformance;
 use dapple_core::Frame;
-use dapple_reconstruction::{BACKGROUND, ClusterGaussian, Gaussian, Label};
+use dapple_reconstruction::{
+    BACKGROUND, Bilateral, ClusterGaussian, ClusterRegression, Gaussian, Label, NlMeans, Passes,
+};
 use std::sync::Arc;
 
 #[test]
@@ -35,4 +37,26 @@ fn cluster_gaussian_from_hits_conforms() {
         let make = || ClusterGaussian::from_hits(k, label.clone()).unwrap().with_outside(outside).unwrap();
         conformance::filter(|| Box::new(make()));
     }
+}
+
+#[test]
+fn nl_means_conform() {
+    conformance::filter(|| Box::new(NlMeans::default()));
+    conformance::filter(|| Box::new(NlMeans::new(3, 1, 0.6).unwrap().with_features(0.6).unwrap()));
+}
+
+#[test]
+fn bilateral_conforms() {
+    let label: Label = Arc::new(|hit| Some(hit.material));
+    conformance::filter(|| Box::new(Bilateral::default()));
+    conformance::filter(|| Box::new(Bilateral::default().with_clusters(label.clone(), 0.0, String::new()).unwrap()));
+}
+
+#[test]
+fn cluster_regression_conforms() {
+    let label: Label = Arc::new(|hit| (hit.primitive != 1).then_some(hit.material + 10 * hit.primitive));
+    let made = || ClusterRegression::new().with_clusters(label.clone(), 0.2, String::new()).unwrap();
+    conformance::filter(|| Box::new(made()));
+    conformance::filter(|| Box::new(made().with_passes(Passes::One)));
+    conformance::filter(|| Box::new(ClusterRegression::new()));
 }

@@ -7,9 +7,10 @@ use dapple_cluster_adaptive::{
     AreaVectors, CellOptions, ClusterAdaptive, ClusterSize, ErrorDriven, ErrorDrivenOptions, ErrorMap, Map, Options,
     PixelArea, Placement, Pool, ProbeSource,
 };
-use dapple_core::Sampler;
 use dapple_core::samplers::{Pilot, Uniform, Variance, VarianceOptions};
+use dapple_core::{Film, Sampler};
 use dapple_mitchell::{Mitchell, MitchellOptions, Mode, PbrtAdaptive, PbrtOptions, Policy};
+use dapple_reconstruction::relative_errors;
 
 /// How a sampler is made.
 pub type MakeSampler = fn(&Parameters, AnyPoints, &Stage) -> Result<Box<dyn Sampler>, RegistryError>;
@@ -32,7 +33,7 @@ pub const SAMPLERS: &[Entry<MakeSampler>] = &[
         name: "cluster",
         about: "counts by error: pooled variance of a pilot, or a filter's error map; cells at hit points",
         parameters: &[CLUSTER],
-        make: |p, points, _| cluster(p, points),
+        make: cluster,
     },
     Entry {
         name: "mitchell",
@@ -64,7 +65,11 @@ const VARIANCE: &[Parameter] = &[
 ];
 
 const CLUSTER: &[Parameter] = &[
-    ("by", "variance", "what counts follow: variance (pooled, of the pilot)"),
+    (
+        "by",
+        "variance",
+        "what counts follow: variance (pooled, of the pilot), and the own error of nlm, bilateral or cluster-regression",
+    ),
     ("pilot", "0", "samples per pixel before counts adapt; 0 is 4, or a quarter of the mean budget if that is more"),
     ("rounds", "0", "rounds into which the rest is cut, each planned from all before it; 0 is 3, or 1 without keep"),
     (
@@ -132,7 +137,7 @@ fn variance(p: &Parameters, points: AnyPoints) -> Result<Box<dyn Sampler>, Regis
     Ok(Box::new(Variance::with_options(points, options)?))
 }
 
-fn cluster(p: &Parameters, points: AnyPoints) -> Result<Box<dyn Sampler>, RegistryError> {
+fn cluster(p: &Parameters, points: AnyPoints, stage: &Stage) -> Result<Box<dyn Sampler>, RegistryError> {
     let options = ErrorDrivenOptions {
         pilot: p.number("pilot")?,
         rounds: p.number("rounds")?,
@@ -150,16 +155,21 @@ fn cluster(p: &Parameters, points: AnyPoints) -> Result<Box<dyn Sampler>, Regist
         cells: CellOptions { edge: p.number("edge")?, normals: p.number("normals")? },
     };
     let sampler = ErrorDriven::with_options(points, options).map_err(|e| p.refuse(e.to_string()))?;
-    Ok(match error_map(p)? {
+    Ok(match error_map(p, stage)? {
         Some(map) => Box::new(sampler.with_error_map(map).map_err(|e| p.refuse(e.to_string()))?),
         None => Box::new(sampler),
     })
 }
 
-/// What counts follow besides the pooled variance.
-fn error_map(p: &Parameters) -> Result<Option<ErrorMap>, RegistryError> {
-    p.choice("by", &[("variance", ())])?;
-    Ok(None)
+/// What counts follow besides the pooled variance: the error that a filter with its default parameters says it leaves.
+fn error_map(p: &Parameters, stage: &Stage) -> Result<Option<ErrorMap>, RegistryError> {
+    let by = ["nlm", "bilateral", "cluster-regression"].map(|name| (name, Some(name)));
+    let [nlm, bilateral, regression] = by;
+    let Some(name) = p.choice("by", &[("variance", None), nlm, bilateral, regression])? else { return Ok(None) };
+    let filter = super::filter(name, stage)?;
+    let (needs, epsilon) = (filter.needs(), p.number("epsilon")?);
+    let of = move |film: &Film| relative_errors(&filter.apply(film)?, epsilon);
+    Ok(Some(ErrorMap { name: name.to_owned(), needs, of: Box::new(of) }))
 }
 
 fn mode(p: &Parameters) -> Result<Mode, RegistryError> {

@@ -1,0 +1,153 @@
+//! How wrong a filtered picture is, by its halves: for choosing between filters, and for planning counts.
+
+use crate::planes::{Colours, Inputs, Plane, box_mean};
+use dapple_core::{Error, Filtered};
+use rayon::prelude::*;
+
+/// relMSE's own epsilon.
+const EPSILON: f32 = 0.01;
+
+/// The error of no filter counts as so much more in a choice: its estimate is never negative, those of others scatter about
+/// theirs, and where all are small the scatter would choose noise.
+const HANDICAP: f32 = 2.0;
+
+/// A picture from each half.
+#[derive(Clone)]
+pub(crate) struct Pair(pub(crate) [Colours; 2]);
+
+impl Pair {
+    /// The halves' own means.
+    pub(crate) fn unfiltered(inputs: &Inputs) -> Self {
+        Self([0, 1].map(|h| inputs.halves[h].colour.clone()))
+    }
+
+    /// Both halves together, by their counts.
+    pub(crate) fn combined(&self, inputs: &Inputs, c: usize, i: usize) -> f32 {
+        let [a, b] = [0, 1].map(|h| self.0[h][c][i]);
+        b + inputs.first_share(i) * (a - b)
+    }
+
+    /// Divides by the albedo.
+    pub(crate) fn demodulate(&mut self, inputs: &Inputs) {
+        self.each(|c, i, value| value / inputs.divisor(c, i));
+    }
+
+    /// Multiplies by the albedo.
+    pub(crate) fn modulate(&mut self, inputs: &Inputs) {
+        self.each(|c, i, value| value * inputs.divisor(c, i));
+    }
+
+    fn each(&mut self, f: impl Fn(usize, usize, f32) -> f32) {
+        for (c, plane) in self.0.iter_mut().flat_map(|half| half.iter_mut().enumerate()) {
+            plane.iter_mut().enumerate().for_each(|(i, value)| *value = f(c, i, *value));
+        }
+    }
+
+    /// The weighted sum of several, with a weight a pixel for each.
+    pub(crate) fn mixed(pairs: &[&Self], weights: &[Plane]) -> Self {
+        let mix = |half: usize, c: usize| -> Plane {
+            let pixels = pairs[0].0[half][c].len();
+            let at = |i: usize| pairs.iter().zip(weights).map(|(p, w)| w[i] * p.0[half][c][i]).sum::<f32>();
+            (0..pixels).into_par_iter().with_min_len(1024).map(at).collect()
+        };
+        Self([0, 1].map(|half| std::array::from_fn(|c| mix(half, c))))
+    }
+}
+
+/// What a squared error counts: one over the squared level of 3x3 pixels, as in relMSE.
+pub(crate) fn relative_weight(inputs: &Inputs, picture: &Pair) -> Plane {
+    let grey = |i: usize| (0..3).map(|c| picture.combined(inputs, c, i)).sum::<f32>() / 3.0;
+    let grey: Plane = (0..inputs.pixels()).into_par_iter().with_min_len(1024).map(grey).collect();
+    let epsilon = EPSILON / inputs.level / inputs.level;
+    let mean = box_mean(&grey, inputs.size, 1);
+    mean.into_par_iter().with_min_len(1024).map(|m| 1.0 / (m * m + epsilon).max(1e-30)).collect()
+}
+
+/// The estimated weighted squared error of each pixel, unsmoothed, and its part that is variance; 0 where a half is empty.
+///
+/// With `F_A`, `F_B` the filtered and `A`, `B` the unfiltered halves, `E (F_A - B)^2` is the error of `F_A` and the
+/// variance of `B`, since the two share no sample; the variances of both are what `(A - B)^2` is on average. Half the
+/// difference of `F_A` and `F_B` is what averaging them takes off (FEASIBILITY 4, step 7, where the sample variance stood
+/// for `(A - B)^2`; that overrates the noise of low-discrepancy samples).
+pub(crate) fn raw_error(inputs: &Inputs, picture: &Pair, weight: &[f32]) -> [Plane; 2] {
+    let [a, b] = &inputs.halves;
+    let error = |i: usize| {
+        if a.count[i] == 0.0 || b.count[i] == 0.0 {
+            return [0.0; 2];
+        }
+        let mut sums = [0.0; 2];
+        for c in 0..3 {
+            let (fa, fb) = (picture.0[0][c][i], picture.0[1][c][i]);
+            let (ua, ub) = (a.colour[c][i], b.colour[c][i]);
+            let common = 0.25 * (fa - fb) * (fa - fb);
+            let crossed = (fa - ub) * (fa - ub) + (fb - ua) * (fb - ua) - (ua - ub) * (ua - ub);
+            sums[0] += 0.5 * crossed - common;
+            sums[1] += common;
+        }
+        sums.map(|s| s / 3.0 * weight[i])
+    };
+    let both: Vec<[f32; 2]> = (0..inputs.pixels()).into_par_iter().with_min_len(1024).map(error).collect();
+    [0, 1].map(|k| both.iter().map(|b| b[k]).collect())
+}
+
+/// Chooses in each pixel the candidate of least estimated error over `(2 radius + 1)^2` pixels, the first of equals, and
+/// blurs the choice over 5x5. The last candidate, the unfiltered picture, must be better by a factor of [`HANDICAP`].
+pub(crate) fn select(inputs: &Inputs, candidates: &[&Pair], weight: &[f32], radius: usize) -> Pair {
+    let mut errors: Vec<Plane> =
+        candidates.iter().map(|p| box_mean(&raw_error(inputs, p, weight)[0], inputs.size, radius)).collect();
+    if let Some(unfiltered) = errors.last_mut() {
+        unfiltered.iter_mut().for_each(|e| *e *= HANDICAP);
+    }
+    let best = |i: usize| (1..errors.len()).fold(0, |best, k| if errors[k][i] < errors[best][i] { k } else { best });
+    let chosen: Vec<usize> = (0..inputs.pixels()).into_par_iter().with_min_len(1024).map(best).collect();
+    let share = |k: usize| {
+        let is: Plane = chosen.iter().map(|&c| f32::from(u8::from(c == k))).collect();
+        box_mean(&is, inputs.size, 2)
+    };
+    let shares: Vec<Plane> = (0..candidates.len()).map(share).collect();
+    Pair::mixed(candidates, &shares)
+}
+
+/// The filtered picture in radiance, with its error.
+///
+/// The estimate is smoothed: the larger of the whole error over 15x15 pixels and its variance over 5x5, but at least a
+/// twentieth of the picture's mean, relative to the squared level (FEASIBILITY 4, step 7). Infinite where no pixel in
+/// reach has samples in both halves.
+pub(crate) fn filtered(inputs: &Inputs, picture: &Pair) -> Filtered {
+    let weight = relative_weight(inputs, picture);
+    let [whole, variance] = raw_error(inputs, picture, &weight);
+    let [a, b] = [0, 1].map(|h| &inputs.halves[h].count);
+    let known: Plane = a.iter().zip(b).map(|(a, b)| f32::from(u8::from(*a > 0.0 && *b > 0.0))).collect();
+    let near = |plane: &[f32], radius| -> Plane {
+        let (sums, counts) = (box_mean(plane, inputs.size, radius), box_mean(&known, inputs.size, radius));
+        sums.iter().zip(counts).map(|(s, n)| if n > 0.0 { s / n } else { f32::INFINITY }).collect()
+    };
+    let smooth: Plane = near(&whole, 3).iter().zip(near(&variance, 2)).map(|(w, v)| w.max(v).max(0.0)).collect();
+    let finite = || smooth.iter().filter(|e| e.is_finite());
+    let floor = 0.05 * finite().map(|e| f64::from(*e)).sum::<f64>() / finite().count().max(1) as f64;
+    let square = inputs.level * inputs.level;
+    let error = smooth.iter().zip(&weight).map(|(e, w)| e.max(floor as f32) / w * square).collect();
+    let colour = |i: usize| std::array::from_fn(|c| (picture.combined(inputs, c, i) * inputs.level).min(f32::MAX));
+    let radiance = (0..inputs.pixels()).into_par_iter().with_min_len(1024).map(colour).collect();
+    Filtered { size: inputs.size.map(|n| n as u32), radiance, error: Some(error) }
+}
+
+/// For each pixel of a filtered picture its estimated squared error ([`Filtered::error`]) relative to `mean^2 + epsilon`, the
+/// mean taken over 3x3 pixels and the channels: what a sampler that follows a filter's own error asks for (FEASIBILITY 4,
+/// step 7). An infinite error counts as the largest finite one, and as 1 where there is none. Row by row, finite, not
+/// negative.
+///
+/// # Errors
+///
+/// [`Error::NotRecorded`] when `filtered` has no error.
+pub fn relative_errors(filtered: &Filtered, epsilon: f32) -> Result<Vec<f32>, Error> {
+    let Some(error) = &filtered.error else {
+        return Err(Error::NotRecorded { who: "relative_errors".to_owned(), what: "the filter's own error" });
+    };
+    let size = filtered.size.map(|n| n as usize);
+    let grey: Plane = filtered.radiance.iter().map(|[r, g, b]| ((r + g + b) / 3.0).min(1e15)).collect();
+    let squares = box_mean(&grey, size, 1).into_iter().map(|mean| mean * mean + epsilon);
+    let relative: Plane = error.iter().zip(squares).map(|(error, square)| error / square).collect();
+    let largest = relative.iter().copied().filter(|e| e.is_finite()).reduce(f32::max).unwrap_or(1.0);
+    Ok(relative.into_iter().map(|e| if e.is_finite() { e.max(0.0) } else { largest }).collect())
+}

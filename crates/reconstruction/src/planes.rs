@@ -1,0 +1,293 @@
+//! What the filters that look at two halves and at features read of a film: planes of one number a pixel.
+
+use crate::cluster_gaussian::Label;
+use crate::membership::BACKGROUND;
+use dapple_core::Film;
+use rayon::prelude::*;
+
+/// One number a pixel, row by row.
+pub(crate) type Plane = Vec<f32>;
+
+/// A colour a pixel.
+pub(crate) type Colours = [Plane; 3];
+
+/// Feature channels: shading normal, albedo, logarithm of depth.
+pub(crate) const FEATURES: usize = 7;
+
+/// Radiance above this, in units of the picture's level, counts as this, so that fourth powers stay `f32`.
+const BRIGHTEST: f32 = 1e9;
+
+/// The variance of a value of which nothing is known, in units of the squared level.
+const UNKNOWN: f32 = 1e6;
+
+/// A floor under the variance of a sample, in squared levels: 2 % of the level count for nothing at one sample, and less
+/// with more samples, so that filters stay consistent. Half of what 8 spp need for FEASIBILITY's 1e-4.
+const FLOOR: f32 = 4e-4;
+
+/// The samples' own variance counts as its `n - 1` degrees of freedom, that of 5x5 pixels as this many.
+const POOLED: f32 = 6.0;
+
+/// One half of a film.
+pub(crate) struct Half {
+    /// Means, in units of the level.
+    pub(crate) colour: Colours,
+    /// Pooled variances of these means.
+    pub(crate) variance: Colours,
+    /// Samples.
+    pub(crate) count: Plane,
+}
+
+/// First-hit features; those of misses are a zero normal, an albedo of 1, and far away.
+pub(crate) struct Features {
+    /// Normal (3), albedo (3), logarithm of depth.
+    pub(crate) mean: [Plane; FEATURES],
+    /// Variances of the means of normal, albedo (each the sum over its channels) and logarithm of depth.
+    pub(crate) variance: [Plane; 3],
+    /// By how much the logarithm of depth changes from pixel to pixel, the smallest of 3x3.
+    pub(crate) slope: Plane,
+    /// Position, relative to the mean position.
+    pub(crate) position: Colours,
+    /// One over the width of 24 pixels there.
+    pub(crate) scale: Plane,
+}
+
+/// A film as planes.
+pub(crate) struct Inputs {
+    pub(crate) size: [usize; 2],
+    /// Radiance of 1 here.
+    pub(crate) level: f32,
+    pub(crate) halves: [Half; 2],
+    pub(crate) features: Features,
+    /// Each pixel's cluster, if there are clusters: only compared, so 24 bits of its number will do.
+    pub(crate) labels: Option<Plane>,
+}
+
+impl Inputs {
+    /// Reads a film with halves, the sample variance and features; with first hits if there is a `label`.
+    pub(crate) fn new(film: &Film, label: Option<&Label>) -> Self {
+        let size = film.frame().size().map(|n| n as usize);
+        let level = level(film);
+        let sample_variance = pooled_variance(film, level);
+        let halves = [0, 1].map(|h| half(film, h, level, &sample_variance));
+        let labels = label.filter(|_| film.needs().first_hits > 0).map(|label| {
+            let of = |i: usize| film.first_hits(i).first()?.as_ref().and_then(|hit| label(hit));
+            per_pixel(film, |i| (of(i).unwrap_or(BACKGROUND) % 0xff_fffd) as f32)
+        });
+        Self { size, level, halves, features: features(film), labels }
+    }
+
+    /// The number of pixels.
+    pub(crate) fn pixels(&self) -> usize {
+        self.size[0] * self.size[1]
+    }
+
+    /// The share of the first half in pixel `i`; one half where the pixel has no samples.
+    pub(crate) fn first_share(&self, i: usize) -> f32 {
+        let [a, b] = [self.halves[0].count[i], self.halves[1].count[i]];
+        if a + b > 0.0 { a / (a + b) } else { 0.5 }
+    }
+
+    /// Each pixel's albedo channel, as far from zero as a division wants it.
+    pub(crate) fn divisor(&self, channel: usize, i: usize) -> f32 {
+        self.features.mean[3 + channel][i].max(0.02)
+    }
+}
+
+/// Computes something for every pixel.
+pub(crate) fn per_pixel<T: Send>(film: &Film, f: impl Fn(usize) -> T + Sync + Send) -> Vec<T> {
+    (0..film.frame().pixels()).into_par_iter().with_min_len(1024).map(f).collect()
+}
+
+/// The picture's level: the mean of its channels, capped at eight times the median of pixels that are not black.
+fn level(film: &Film) -> f32 {
+    let grey = per_pixel(film, |i| (film.mean(i).iter().sum::<f64>() / 3.0) as f32);
+    let mut lit: Vec<f32> = grey.iter().copied().filter(|g| *g > 0.0).collect();
+    if lit.is_empty() {
+        return 1.0;
+    }
+    let middle = lit.len() / 2;
+    let cap = 8.0 * *lit.select_nth_unstable_by(middle, f32::total_cmp).1;
+    let mean = grey.iter().map(|g| f64::from(g.min(cap))).sum::<f64>() / grey.len() as f64;
+    // Not so small that dividing by it is not finite.
+    (mean as f32).clamp(1e-18, 1e18)
+}
+
+/// The variance of one sample in each pixel, its own shrunk to that of its surroundings, in squared levels.
+fn pooled_variance(film: &Film, level: f32) -> Colours {
+    let size = film.frame().size().map(|n| n as usize);
+    let own = per_pixel(film, |i| {
+        let moments = film.moments(i);
+        let unit = 1.0 / f64::from(level);
+        let most = f64::from(BRIGHTEST) * f64::from(BRIGHTEST);
+        moments.variance().map(|v| v.map(|v| (v * unit * unit).min(most) as f32))
+    });
+    let known: Plane = own.iter().map(|v| f32::from(u8::from(v.is_some()))).collect();
+    let near = box_mean(&known, size, 2);
+    std::array::from_fn(|c| {
+        let own: Plane = own.iter().map(|v| v.map_or(0.0, |v| v[c])).collect();
+        let sums = box_mean(&own, size, 2);
+        per_pixel(film, |i| {
+            if near[i] <= 0.0 {
+                return UNKNOWN;
+            }
+            let freedom = (film.count(i).max(1) - 1) as f32 * known[i];
+            (freedom * own[i] + POOLED * sums[i] / near[i]) / (freedom + POOLED)
+        })
+    })
+}
+
+fn half(film: &Film, half: usize, level: f32, sample_variance: &Colours) -> Half {
+    let moments = |i| film.half(half, i).unwrap_or_default();
+    let count: Plane = per_pixel(film, |i| moments(i).count as f32);
+    let colour = std::array::from_fn(|c| {
+        per_pixel(film, |i| {
+            // What is missing is taken from the other half: its variance says what that is worth.
+            let mean = if count[i] > 0.0 { moments(i).mean } else { film.mean(i) };
+            ((mean[c] / f64::from(level)) as f32).min(BRIGHTEST)
+        })
+    });
+    let variance = std::array::from_fn(|c| {
+        let of_mean = |(v, n): (&f32, &f32)| if *n > 0.0 { (v + FLOOR) / n } else { UNKNOWN };
+        sample_variance[c].iter().zip(&count).map(of_mean).collect()
+    });
+    Half { colour, variance, count }
+}
+
+/// Features of one pixel: means (normal, albedo, logarithm of depth, position), depth, variances of means, presence.
+#[derive(Clone, Copy, Default)]
+struct Feature {
+    mean: [f32; 10],
+    variance: [f32; 3],
+    depth: f32,
+}
+
+fn features(film: &Film) -> Features {
+    let size = film.frame().size().map(|n| n as usize);
+    let depths = per_pixel(film, |i| film.features(i).filter(|f| f.hits > 0).map(|f| f.depth.clamp(1e-18, 1e18)));
+    let far = 2.0 * depths.iter().flatten().copied().fold(0.5, f32::max);
+    let middle = centre(film);
+    let of = |i: usize| feature(film, i, far, middle);
+    let known = per_pixel(film, of);
+    let filled = |i: usize| known[i].or_else(|| from_neighbours(&known, size, i)).unwrap_or_default();
+    let all = per_pixel(film, filled);
+    let mean: [Plane; FEATURES] = std::array::from_fn(|k| all.iter().map(|f| f.mean[k]).collect());
+    let position: Colours = std::array::from_fn(|k| all.iter().map(|f| f.mean[7 + k]).collect());
+    let unit = 24.0 * pixel_angle(&position, &all, size);
+    let scale = all.iter().map(|f| 1.0 / (unit * f.depth.max(1e-18))).collect();
+    let slope = slopes(&mean[6], size);
+    Features {
+        variance: std::array::from_fn(|k| all.iter().map(|f| f.variance[k]).collect()),
+        mean,
+        slope,
+        position,
+        scale,
+    }
+}
+
+/// The mean of all positions, in f64: they may lie far from the origin.
+fn centre(film: &Film) -> [f64; 3] {
+    let (mut sum, mut count) = ([0.0; 3], 0.0);
+    for feature in (0..film.frame().pixels()).filter_map(|i| film.features(i)).filter(|f| f.hits > 0) {
+        (0..3).for_each(|k| sum[k] += f64::from(feature.position[k]));
+        count += 1.0;
+    }
+    sum.map(|s| s / f64::max(count, 1.0))
+}
+
+/// Pixel `i`, its misses blended in; `None` without samples.
+fn feature(film: &Film, i: usize, far: f32, middle: [f64; 3]) -> Option<Feature> {
+    let f = film.features(i).filter(|f| f.samples > 0)?;
+    let share = f.hits as f32 / f.samples as f32;
+    let depth = if f.hits > 0 { f.depth.clamp(1e-18, far) } else { far };
+    let [nx, ny, nz] = f.normal;
+    let [r, g, b] = f.albedo;
+    let position: [f32; 3] = std::array::from_fn(|k| (f64::from(f.position[k]) - middle[k]) as f32);
+    let hit = [nx, ny, nz, r, g, b, depth.ln(), position[0], position[1], position[2]];
+    let miss = [0.0, 0.0, 0.0, 1.0, 1.0, 1.0, far.ln(), 0.0, 0.0, 0.0];
+    let mean: [f32; 10] =
+        std::array::from_fn(|k| if f.hits > 0 { miss[k] + share * (hit[k] - miss[k]) } else { miss[k] });
+    let mut within = f.variance.unwrap_or_default();
+    within[6] = within[9] / (depth * depth);
+    let spread = |k: usize| {
+        let gap = if f.hits > 0 { hit[k] - miss[k] } else { 0.0 };
+        (share * within[k] + share * (1.0 - share) * gap * gap) / f.samples as f32
+    };
+    let variance = [spread(0) + spread(1) + spread(2), spread(3) + spread(4) + spread(5), spread(6)];
+    Some(Feature { mean: mean.map(|x| x.clamp(-1e18, 1e18)), variance: variance.map(|v| v.min(UNKNOWN)), depth })
+}
+
+/// The mean of the known pixels of 5x5.
+fn from_neighbours(known: &[Option<Feature>], [width, height]: [usize; 2], i: usize) -> Option<Feature> {
+    let (x, y) = (i % width, i / width);
+    let mut sum = Feature::default();
+    let mut count = 0.0f32;
+    for row in y.saturating_sub(2)..(y + 3).min(height) {
+        for f in known[row * width..][x.saturating_sub(2)..(x + 3).min(width)].iter().flatten() {
+            (0..10).for_each(|k| sum.mean[k] += f.mean[k]);
+            (0..3).for_each(|k| sum.variance[k] += f.variance[k]);
+            sum.depth += f.depth;
+            count += 1.0;
+        }
+    }
+    let mean = Feature { mean: sum.mean.map(|m| m / count), variance: sum.variance, depth: sum.depth / count };
+    (count > 0.0).then_some(mean)
+}
+
+/// How wide a pixel is at a distance of 1, about: the lower quartile of what positions change from pixel to pixel.
+fn pixel_angle(position: &Colours, all: &[Feature], [width, _]: [usize; 2]) -> f32 {
+    let step = |i: usize| {
+        let apart = position.iter().map(|p| (p[i + 1] - p[i]).powi(2)).sum::<f32>().sqrt();
+        (apart > 0.0 && !(i + 1).is_multiple_of(width)).then(|| apart / all[i].depth)
+    };
+    let mut steps: Vec<f32> = (0..all.len().saturating_sub(1)).filter_map(step).collect();
+    if steps.is_empty() {
+        return 1e-3;
+    }
+    let quarter = steps.len() / 4;
+    steps.select_nth_unstable_by(quarter, f32::total_cmp).1.clamp(1e-9, 1e9)
+}
+
+fn slopes(depth: &[f32], size: [usize; 2]) -> Plane {
+    let [width, height] = size;
+    let gradient = |i: usize| {
+        let (x, y) = (i % width, i / width);
+        let across = depth[i - x + (x + 1).min(width - 1)] - depth[i - x + x.saturating_sub(1)];
+        let down = depth[(y + 1).min(height - 1) * width + x] - depth[y.saturating_sub(1) * width + x];
+        0.5 * across.abs().max(down.abs())
+    };
+    let all: Plane = (0..depth.len()).into_par_iter().with_min_len(1024).map(gradient).collect();
+    let smallest = |i: usize| {
+        let (x, y) = (i % width, i / width);
+        let rows = y.saturating_sub(1)..(y + 2).min(height);
+        rows.flat_map(|row| &all[row * width..][x.saturating_sub(1)..(x + 2).min(width)])
+            .copied()
+            .fold(f32::MAX, f32::min)
+    };
+    (0..depth.len()).into_par_iter().with_min_len(1024).map(smallest).collect()
+}
+
+/// The mean over `(2 radius + 1)^2` pixels; the border's pixels stand for those beyond it.
+pub(crate) fn box_mean(plane: &[f32], [width, height]: [usize; 2], radius: usize) -> Plane {
+    let share = 1.0 / (2 * radius + 1) as f32;
+    let mut across = vec![0.0; plane.len()];
+    across.par_chunks_mut(width).enumerate().for_each_init(
+        || vec![0.0; width + 2 * radius],
+        |padded, (y, sums)| {
+            let row = &plane[y * width..][..width];
+            padded[..radius].fill(row[0]);
+            padded[radius..][..width].copy_from_slice(row);
+            padded[radius + width..].fill(row[width - 1]);
+            for k in 0..=2 * radius {
+                sums.iter_mut().zip(&padded[k..]).for_each(|(sum, value)| *sum += value * share);
+            }
+        },
+    );
+    let mut mean = vec![0.0; plane.len()];
+    mean.par_chunks_mut(width).enumerate().for_each(|(y, sums)| {
+        for k in 0..=2 * radius {
+            let row = (y + k).saturating_sub(radius).min(height - 1);
+            sums.iter_mut().zip(&across[row * width..]).for_each(|(sum, value)| *sum += value * share);
+        }
+    });
+    mean
+}
