@@ -8,7 +8,7 @@ use std::path::PathBuf;
 /// Render a picture, putting samples where it needs them
 ///
 /// SCENE is a pbrt-v4 file, a model by itself (.obj, .ply, .stl: shown under a camera and a light of our own), or
-/// the name of a bundled scene: teapot (the default), terrain, cornell, furnace, plates, lens, motion, glass. Nothing is rendered before all settings are checked and all outputs can be written.
+/// the name of a bundled scene: teapot (the default), terrain, cornell, furnace, plates, lens, motion, glass, room, grass. Nothing is rendered before all settings are checked and all outputs can be written.
 #[derive(Args)]
 #[command(after_help = AFTER)]
 pub(crate) struct Options {
