@@ -26,7 +26,7 @@ const LONGEST: u32 = 192;
 #[derive(clap::Args)]
 #[command(after_help = AFTER)]
 pub(crate) struct Options {
-    /// A scene file, or a bundled scene: teapot, terrain, cornell, furnace, plates, lens, motion, glass
+    /// A scene file, or a bundled scene: teapot, terrain, cornell, furnace, plates, lens, motion, glass, room, grass
     #[arg(value_name = "SCENE", default_value = bundled::DEFAULT)]
     scene: PathBuf,
 
