@@ -90,18 +90,19 @@ fn commands() -> Vec<String> {
 /// What a clone of this repository types before it has installed the program.
 const FIRST: &str = "cargo run --release -p dapple-cli --";
 
-/// The program as `cargo test --workspace` has just built it beside this test; where only this test was asked for, one of
-/// before, or cargo's. What differs from the README is the profile alone: `.ci/run` runs its command as it stands.
+/// The program as `cargo test --workspace` builds it for the tests of `dapple-cli`, which is nothing to do where that is what
+/// runs. What differs from the README is the profile alone: `.ci/run` runs its command as it stands.
 fn dapple() -> Command {
-    let test = std::env::current_exe().expect("a test is a program");
-    let built = test.ancestors().nth(2).map(|folder| folder.join(format!("dapple{}", std::env::consts::EXE_SUFFIX)));
-    if let Some(built) = built.filter(|path| path.is_file()) {
-        return Command::new(built);
+    let mut build = Command::new(env!("CARGO"));
+    build.args(["test", "--quiet", "--offline", "--workspace", "--no-run", "--test", "words"]);
+    if !cfg!(debug_assertions) {
+        build.arg("--release");
     }
-    let mut command = Command::new(env!("CARGO"));
-    command.args(["run", "--quiet", "--offline", "-p", "dapple-cli", "--manifest-path"]);
-    command.arg(root().join("Cargo.toml")).arg("--");
-    command
+    let output = build.current_dir(root()).output().expect("cargo runs");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let test = std::env::current_exe().expect("a test is a program");
+    let folder = test.ancestors().nth(2).expect("tests lie in target/PROFILE/deps");
+    Command::new(folder.join(format!("dapple{}", std::env::consts::EXE_SUFFIX)))
 }
 
 #[test]
