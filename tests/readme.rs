@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::sync::OnceLock;
 
 const README: &str = include_str!("../README.md");
 const GUIDE: &str = include_str!("../docs/ADDING-A-SAMPLER.md");
@@ -93,16 +94,19 @@ const FIRST: &str = "cargo run --release -p dapple-cli --";
 /// The program as `cargo test --workspace` builds it for the tests of `dapple-cli`, which is nothing to do where that is what
 /// runs. What differs from the README is the profile alone: `.ci/run` runs its command as it stands.
 fn dapple() -> Command {
-    let mut build = Command::new(env!("CARGO"));
-    build.args(["test", "--quiet", "--offline", "--workspace", "--no-run", "--test", "words"]);
-    if !cfg!(debug_assertions) {
-        build.arg("--release");
-    }
-    let output = build.current_dir(root()).output().expect("cargo runs");
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    let test = std::env::current_exe().expect("a test is a program");
-    let folder = test.ancestors().nth(2).expect("tests lie in target/PROFILE/deps");
-    Command::new(folder.join(format!("dapple{}", std::env::consts::EXE_SUFFIX)))
+    static PROGRAM: OnceLock<PathBuf> = OnceLock::new();
+    Command::new(PROGRAM.get_or_init(|| {
+        let mut build = Command::new(env!("CARGO"));
+        build.args(["test", "--quiet", "--offline", "--workspace", "--no-run", "--test", "words"]);
+        if !cfg!(debug_assertions) {
+            build.arg("--release");
+        }
+        let output = build.current_dir(root()).output().expect("cargo runs");
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        let test = std::env::current_exe().expect("a test is a program");
+        let folder = test.ancestors().nth(2).expect("tests lie in target/PROFILE/deps");
+        folder.join(format!("dapple{}", std::env::consts::EXE_SUFFIX))
+    }))
 }
 
 #[test]

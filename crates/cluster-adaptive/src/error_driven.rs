@@ -9,7 +9,7 @@ pub use pool::{Pool, Pooling, geometric_variance, relative_variance};
 
 use crate::Error;
 use dapple_core::samplers::Pilot;
-use dapple_core::{Combine, Fate, Feedback, Needs, Plan, PointSet, Progress, Sampler, ladder_floor};
+use dapple_core::{Feedback, Needs, Plan, PointSet, Progress, Sampler};
 
 /// Counts by error: a uniform pilot, then the counts that leave the least relative error, as far as the pilot can tell.
 ///
@@ -30,8 +30,6 @@ pub struct ErrorDriven<P> {
 
 /// First hits per pixel that cells are made of.
 const HITS: u8 = 4;
-/// Pilot where nothing else is said: enough for pooling over 25 pixels, few enough for 8 spp (FEASIBILITY 4, step 3).
-const PILOT: u32 = 4;
 /// Least kept samples of a pixel, as a share of the mean (THESIS D13).
 const FLOOR: u64 = 4;
 
@@ -62,13 +60,6 @@ impl<P: PointSet> ErrorDriven<P> {
         }
         self.errors = Some(errors);
         Ok(self)
-    }
-
-    /// Samples of the pilot, for a mean budget of `mean` samples per pixel.
-    fn pilot(&self, mean: u64, even: bool) -> u32 {
-        let mean = u32::try_from(mean).unwrap_or(u32::MAX);
-        let wanted = if self.options.pilot > 0 { self.options.pilot } else { PILOT.max(ladder_floor(mean / 4, even)) };
-        wanted.min(mean)
     }
 }
 
@@ -117,35 +108,16 @@ impl<P: PointSet> Sampler for ErrorDriven<P> {
     }
 
     fn next_round(&mut self, seen: &Feedback<'_>, plan: &mut Plan) -> Result<Progress, dapple_core::Error> {
-        let budget = seen.budget;
-        if budget.left() == 0 {
+        if seen.budget.left() == 0 {
             return Ok(Progress::Done);
         }
-        let even = seen.film.needs().halves;
         let policy = self.options.policy;
-        plan.combine = if policy == Pilot::Cross { Combine::Equally } else { Combine::ByCount };
-        let mean = budget.total / seen.pixels() as u64;
-        // A discarded pilot may take half of what there is, and never the floor's share.
-        let affordable = match policy {
-            Pilot::Discard => mean.saturating_sub(u64::from(budget.min_spp.max(1))).min(mean / 2),
-            _ => mean,
-        };
-        let pilot = match self.pilot(affordable, even || policy == Pilot::Cross) {
-            // One sample has no variance: nothing would be learned from what is thrown away.
-            1 if policy == Pilot::Discard => 0,
-            pilot => pilot,
-        };
-        for (i, count) in plan.counts.iter_mut().enumerate() {
-            let done = if policy == Pilot::Discard { seen.film.discarded(i).count } else { seen.film.count(i) };
-            *count = pilot.saturating_sub(plan::clamped(done));
-        }
-        if plan.total() > 0 && plan.total() <= budget.left() {
-            plan.fate = if policy == Pilot::Discard { Fate::Discard } else { Fate::Keep };
+        let pilot = policy.begin(seen, self.options.pilot, plan);
+        if pilot.is_missing {
             return Ok(Progress::Trace);
         }
-        plan.counts.fill(0);
         match policy {
-            Pilot::Keep => self.plan_kept(seen, pilot, plan)?,
+            Pilot::Keep => self.plan_kept(seen, pilot.samples, plan)?,
             Pilot::Discard => self.plan_after_discarding(seen, plan)?,
             Pilot::Cross => self.plan_across(seen, plan)?,
         }

@@ -1,10 +1,12 @@
 //! The two samplers that every other is measured against.
 
+mod pilot;
 mod uniform;
 mod variance;
 
+pub use pilot::{Pilot, PilotRound};
 pub use uniform::Uniform;
-pub use variance::{Pilot, Variance, VarianceOptions};
+pub use variance::{Variance, VarianceOptions};
 
 use crate::{Feedback, allocate};
 

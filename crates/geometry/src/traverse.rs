@@ -191,33 +191,12 @@ trait Leaves {
     ) -> bool;
 }
 
-/// Leaves are triangles, spheres and disks.
-struct Primitives;
-
-impl Leaves for Primitives {
-    #[inline(always)]
-    fn test<L: Lanes, const ANY: bool>(
-        &mut self,
-        tree: &Tree,
-        token: L::Token,
-        code: u32,
-        frame: &Frame,
-        best: &mut Best,
-    ) -> bool {
-        if code & TRIANGLES == 0 {
-            return tree.test_quadric::<ANY>((code & !QUADRIC) as usize, frame, best);
-        }
-        let block = (code & !TRIANGLES) as usize;
-        tree.test_triangles::<L, ANY>(token, &tree.triangles[block], block, frame, best)
-    }
-}
-
-/// Leaves are the same, but the triangles move.
-struct Moving {
+/// Leaves are triangles, spheres and disks; with `MOVING`, triangles stand where they are at a time in `[0, 1]`.
+struct Primitives<const MOVING: bool> {
     time: f32,
 }
 
-impl Leaves for Moving {
+impl<const MOVING: bool> Leaves for Primitives<MOVING> {
     #[inline(always)]
     fn test<L: Lanes, const ANY: bool>(
         &mut self,
@@ -231,10 +210,17 @@ impl Leaves for Moving {
             return tree.test_quadric::<ANY>((code & !QUADRIC) as usize, frame, best);
         }
         let block = (code & !TRIANGLES) as usize;
-        let triangles = tree.triangles[block].toward(&tree.moved[block], self.time);
-        tree.test_triangles::<L, ANY>(token, &triangles, block, frame, best)
+        let triangles = &tree.triangles[block];
+        if MOVING {
+            let now = triangles.toward(&tree.moved[block], self.time);
+            return tree.test_triangles::<L, ANY>(token, &now, block, frame, best);
+        }
+        tree.test_triangles::<L, ANY>(token, triangles, block, frame, best)
     }
 }
+
+/// Where nothing moves, no time is looked at.
+const STILL: Primitives<false> = Primitives { time: 0.0 };
 
 /// Leaves are boxes, and the function knows what is in them.
 struct Boxes<F>(F);
@@ -295,9 +281,9 @@ impl Tree {
         match &self.way {
             #[cfg(target_arch = "x86_64")]
             &Way::Whole(v3) => {
-                v3.vectorize(Walk::<Whole, _, ANY> { token: v3, tree: self, frame, best, leaves: Primitives })
+                v3.vectorize(Walk::<Whole, _, ANY> { token: v3, tree: self, frame, best, leaves: STILL })
             }
-            Way::Pair => Walk::<Pair, _, ANY> { token: (), tree: self, frame, best, leaves: Primitives }.call(),
+            Way::Pair => Walk::<Pair, _, ANY> { token: (), tree: self, frame, best, leaves: STILL }.call(),
             &Way::Moving(vectors) => self.dispatch_moving::<ANY>(vectors, frame, time, best),
             Way::Placed(placed) => self.dispatch_placed::<ANY>(placed, frame, time, best),
         }
@@ -305,7 +291,7 @@ impl Tree {
 
     #[inline(never)]
     fn dispatch_moving<const ANY: bool>(&self, vectors: Vectors, frame: &Frame, time: f32, best: &mut Best) -> bool {
-        let leaves = Moving { time: time.clamp(0.0, 1.0) };
+        let leaves = Primitives::<true> { time: time.clamp(0.0, 1.0) };
         match vectors {
             #[cfg(target_arch = "x86_64")]
             Vectors::Whole(v3) => v3.vectorize(Walk::<Whole, _, ANY> { token: v3, tree: self, frame, best, leaves }),
@@ -319,9 +305,9 @@ impl Tree {
             vectors if placed.moving => self.dispatch_moving::<ANY>(vectors, frame, time, best),
             #[cfg(target_arch = "x86_64")]
             Vectors::Whole(v3) => {
-                v3.vectorize(Walk::<Whole, _, ANY> { token: v3, tree: self, frame, best, leaves: Primitives })
+                v3.vectorize(Walk::<Whole, _, ANY> { token: v3, tree: self, frame, best, leaves: STILL })
             }
-            Vectors::Pair => Walk::<Pair, _, ANY> { token: (), tree: self, frame, best, leaves: Primitives }.call(),
+            Vectors::Pair => Walk::<Pair, _, ANY> { token: (), tree: self, frame, best, leaves: STILL }.call(),
         };
         if ANY {
             return met || placed.placements.occluded(frame, time);

@@ -1,37 +1,7 @@
 //! Neyman allocation from a pilot whose variance is pooled over neighbours.
 
-use crate::{
-    BudgetLeft, Combine, Error, Fate, Feedback, Needs, Plan, PointSet, Progress, RgbMoments, Sampler,
-    allocate_on_ladder, ladder_floor,
-};
-
-/// What becomes of the pilot, and so what bias the picture has.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Pilot {
-    /// The pilot stays in the picture: least noise. Biased, since samples that are kept also decide
-    /// how many follow [Kirk and Arvo 1991]; the bias falls with the pilot's size, and pooling over
-    /// neighbours dilutes a pixel's own vote to 1/25.
-    #[default]
-    Keep,
-    /// The pilot is thrown away: exactly unbiased, at the price of its samples.
-    Discard,
-    /// Two halves; each half's counts are decided by the other's samples, and the halves are averaged
-    /// equally: exactly unbiased where the budget is known at the start, at the price of two shorter
-    /// nets. Where it is raised later, a half's earlier samples reach its later counts through the
-    /// other half's.
-    Cross,
-}
-
-impl Pilot {
-    /// Its name on the command line.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Keep => "keep",
-            Self::Discard => "discard",
-            Self::Cross => "cross",
-        }
-    }
-}
+use super::Pilot;
+use crate::{BudgetLeft, Error, Feedback, Needs, Plan, PointSet, Progress, RgbMoments, Sampler, allocate_on_ladder};
 
 /// The parameters of [`Variance`].
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -74,8 +44,6 @@ pub struct Variance<P> {
 
 /// Share of the mean score that a pixel without any seen variance keeps.
 const SCORE_FLOOR: f64 = 0.01;
-/// Pilot where nothing else is said: enough for pooling over 25 pixels, few enough for 8 spp.
-const PILOT: u32 = 4;
 
 impl<P: PointSet> Variance<P> {
     /// With these points and the default parameters.
@@ -111,13 +79,6 @@ impl<P: PointSet> Variance<P> {
             return out("radius", o.radius.to_string(), "at most 64 pixels");
         }
         Ok(Self { points, options })
-    }
-
-    /// Samples of the pilot, for a mean budget of `mean` samples per pixel.
-    fn pilot(&self, mean: u64, even: bool) -> u32 {
-        let mean = u32::try_from(mean).unwrap_or(u32::MAX);
-        let wanted = if self.options.pilot > 0 { self.options.pilot } else { PILOT.max(ladder_floor(mean / 4, even)) };
-        wanted.min(mean)
     }
 
     fn needs_halves(&self) -> bool {
@@ -232,36 +193,13 @@ impl<P: PointSet> Sampler for Variance<P> {
     }
 
     fn next_round(&mut self, seen: &Feedback<'_>, plan: &mut Plan) -> Result<Progress, Error> {
-        let budget = seen.budget;
-        if budget.left() == 0 {
+        if seen.budget.left() == 0 {
             return Ok(Progress::Done);
         }
-        let even = seen.film.needs().halves;
-        let policy = self.options.policy;
-        plan.combine = if policy == Pilot::Cross { Combine::Equally } else { Combine::ByCount };
-        let mean = budget.total / seen.pixels() as u64;
-        // A discarded pilot may take half of what there is, and never the floor's share.
-        let affordable = match policy {
-            Pilot::Discard => mean.saturating_sub(u64::from(budget.min_spp.max(1))).min(mean / 2),
-            _ => mean,
-        };
-        let pilot = match self.pilot(affordable, even || policy == Pilot::Cross) {
-            // One sample has no variance: nothing would be learned from what is thrown away.
-            1 if policy == Pilot::Discard => 0,
-            pilot => pilot,
-        };
-        let done = |i: usize| match policy {
-            Pilot::Discard => seen.film.discarded(i).count,
-            _ => seen.film.count(i),
-        };
-        for (i, count) in plan.counts.iter_mut().enumerate() {
-            *count = pilot.saturating_sub(clamped(done(i)));
-        }
-        if plan.total() > 0 && plan.total() <= budget.left() {
-            plan.fate = if policy == Pilot::Discard { Fate::Discard } else { Fate::Keep };
+        let (even, policy) = (seen.film.needs().halves, self.options.policy);
+        if policy.begin(seen, self.options.pilot, plan).is_missing {
             return Ok(Progress::Trace);
         }
-        plan.counts.fill(0);
         match policy {
             Pilot::Keep => self.plan_kept(seen, plan, even)?,
             Pilot::Discard => self.plan_after_discarding(seen, plan, even)?,

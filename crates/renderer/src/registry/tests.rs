@@ -42,6 +42,27 @@ fn every_entry_is_made_by_its_name() {
     }
 }
 
+/// Counts that follow a filter's own error: the sampler asks for what the filter reads, and says its name.
+#[test]
+fn cluster_follows_a_filter_by_its_name() {
+    let stage = stage();
+    for name in ["nlm", "bilateral", "cluster-regression"] {
+        let make = |words: &str| {
+            let points = points("sobol", SETTING).unwrap_or_else(|e| panic!("{e}"));
+            sampler(words, points, &stage).unwrap_or_else(|e| panic!("{e}"))
+        };
+        let made = make(&format!("cluster:by={name}"));
+        assert!(made.describe().starts_with(&format!("cluster:by={name},")), "{}", made.describe());
+        assert_eq!(make(&made.describe()).describe(), made.describe());
+        let wanted = filter(name, &stage).unwrap_or_else(|e| panic!("{e}")).needs();
+        assert_eq!(made.needs().and(wanted), made.needs(), "{name}");
+        assert_ne!(made.needs(), make("cluster").needs(), "{name}");
+    }
+    let points = points("sobol", SETTING).unwrap_or_else(|e| panic!("{e}"));
+    let refused = refusal(sampler("cluster:by=gaussian", points, &stage));
+    assert!(refused.contains("one of variance, nlm, bilateral, cluster-regression"), "{refused}");
+}
+
 /// What a thing says of itself can be said back, names all its parameters, and is what it is by default.
 #[test]
 fn descriptions_are_words() {

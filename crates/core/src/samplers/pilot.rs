@@ -1,0 +1,80 @@
+//! The samples that a sampler looks at before its counts adapt.
+
+use crate::{Combine, Fate, Feedback, Plan, ladder_floor};
+
+/// What becomes of the pilot, and so what bias the picture has.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Pilot {
+    /// The pilot stays in the picture: least noise. Biased, since samples that are kept also decide
+    /// how many follow [Kirk and Arvo 1991]; the bias falls with the pilot's size, and pooling over
+    /// neighbours dilutes a pixel's own vote to 1/25.
+    #[default]
+    Keep,
+    /// The pilot is thrown away: exactly unbiased, at the price of its samples.
+    Discard,
+    /// Two halves; each half's counts are decided by the other's samples, and the halves are averaged
+    /// equally: exactly unbiased where the budget is known at the start, at the price of two shorter
+    /// nets. Where it is raised later, a half's earlier samples reach its later counts through the
+    /// other half's.
+    Cross,
+}
+
+impl Pilot {
+    /// Its name on the command line.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Keep => "keep",
+            Self::Discard => "discard",
+            Self::Cross => "cross",
+        }
+    }
+
+    /// Begins a round: says how halves are combined, and asks for what the pilot still lacks, if it can be paid for.
+    /// `wanted` samples per pixel; 0 takes 4, or the rung at a quarter of the mean budget where that is more. Where
+    /// nothing is missing, `plan`'s counts are 0.
+    pub fn begin(self, seen: &Feedback<'_>, wanted: u32, plan: &mut Plan) -> PilotRound {
+        let budget = seen.budget;
+        plan.combine = if self == Self::Cross { Combine::Equally } else { Combine::ByCount };
+        let mean = budget.total / seen.pixels() as u64;
+        // A discarded pilot may take half of what there is, and never the floor's share.
+        let affordable = match self {
+            Self::Discard => mean.saturating_sub(u64::from(budget.min_spp.max(1))).min(mean / 2),
+            _ => mean,
+        };
+        let even = seen.film.needs().halves || self == Self::Cross;
+        let mean = clamped(affordable);
+        let wanted = if wanted > 0 { wanted } else { PILOT.max(ladder_floor(mean / 4, even)) };
+        let samples = match wanted.min(mean) {
+            // One sample has no variance: nothing would be learned from what is thrown away.
+            1 if self == Self::Discard => 0,
+            samples => samples,
+        };
+        for (i, count) in plan.counts.iter_mut().enumerate() {
+            let done = if self == Self::Discard { seen.film.discarded(i).count } else { seen.film.count(i) };
+            *count = samples.saturating_sub(clamped(done));
+        }
+        let is_missing = plan.total() > 0 && plan.total() <= budget.left();
+        if is_missing {
+            plan.fate = if self == Self::Discard { Fate::Discard } else { Fate::Keep };
+        } else {
+            plan.counts.fill(0);
+        }
+        PilotRound { samples, is_missing }
+    }
+}
+
+/// How a sampler's pilot stands at the beginning of a round.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PilotRound {
+    /// Its samples per pixel.
+    pub samples: u32,
+    /// Whether this round is (the rest of) the pilot, and its plan is made.
+    pub is_missing: bool,
+}
+
+/// Pilot where nothing else is said: enough for pooling over 25 pixels, few enough for 8 spp.
+const PILOT: u32 = 4;
+
+fn clamped(n: u64) -> u32 {
+    u32::try_from(n).unwrap_or(u32::MAX)
+}
