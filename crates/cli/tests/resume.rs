@@ -63,7 +63,6 @@ fn killed(words: &str, spp: u32, every: f64, moments: &[u64]) {
     folder.done(&format!("{command} --threads 2"));
     folder.same("a.pfm", "whole.pfm");
     assert!(kills + 1 >= moments.len().min(2), "{kills} kills: the work is too short to be killed");
-    println!("{kills} kills of {}", moments.len());
 }
 
 #[test]
