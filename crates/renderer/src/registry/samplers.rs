@@ -19,7 +19,7 @@ pub type MakeSampler = fn(&Parameters, AnyPoints, &Stage) -> Result<Box<dyn Samp
 pub const SAMPLERS: &[Entry<MakeSampler>] = &[
     Entry {
         name: "variance",
-        about: "pooled variance of a pilot, Neyman counts on a ladder (the default)",
+        about: "pooled variance of a pilot, Neyman counts on a ladder",
         parameters: &[VARIANCE],
         make: |p, points, _| variance(p, points),
     },
@@ -31,7 +31,7 @@ pub const SAMPLERS: &[Entry<MakeSampler>] = &[
     },
     Entry {
         name: "cluster",
-        about: "counts by error: pooled variance of a pilot, or a filter's error map; cells at hit points",
+        about: "counts by error: pooled variance of a pilot, or a filter's error map; cells at hit points (the default)",
         parameters: &[CLUSTER],
         make: cluster,
     },
