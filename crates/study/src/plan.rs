@@ -148,10 +148,14 @@ pub struct Plan {
 }
 
 impl Draft {
-    /// This draft, with what `other` says in the place of what this one says.
+    /// This draft, with what `other` says in the place of what this one says; its resolution is that of all scenes.
     pub fn overridden_by(self, other: Self) -> Self {
+        let mut scenes = other.scenes.or(self.scenes);
+        if other.resolution.is_some() {
+            scenes.iter_mut().flatten().for_each(|scene| scene.resolution = None);
+        }
         Self {
-            scenes: other.scenes.or(self.scenes),
+            scenes,
             samplers: other.samplers.or(self.samplers),
             points: other.points.or(self.points),
             filters: other.filters.or(self.filters),

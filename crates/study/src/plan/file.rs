@@ -337,6 +337,12 @@ mod tests {
     fn words_override_the_file() {
         let file = Draft::parse("spp = [2, 4]\nseeds = 3", Path::new("plan.toml")).unwrap();
         let words = Draft { spp: Some(vec![7]), quick: Some(true), ..Draft::default() };
+        let sized = "scenes = [{ source = \"teapot\", resolution = [5, 6], light_choice = \"cells\" }]";
+        let sized = Draft::parse(sized, Path::new("plan.toml")).unwrap();
+        let scene = &sized.scenes.as_ref().unwrap()[0];
+        assert_eq!((scene.resolution, scene.lights), (Some([5, 6]), Lights::Cells));
+        let resized = sized.overridden_by(Draft { resolution: Some([7, 8]), ..Draft::default() }).resolve().unwrap();
+        assert_eq!((resized.scenes[0].resolution, resized.resolution), (None, Some([7, 8])));
         let plan = file.overridden_by(words).resolve().unwrap();
         assert_eq!((plan.spp, plan.seeds, plan.time_of, plan.side), (vec![7], vec![1, 2, 3], Some(7), 64));
     }
