@@ -69,7 +69,7 @@ impl Truth {
         if self.size == size {
             return Some(self);
         }
-        if size.contains(&0) || self.size[0] % size[0] != 0 || self.size[1] % size[1] != 0 {
+        if size.contains(&0) || !(0..2).all(|axis| self.size[axis].is_multiple_of(size[axis])) {
             return None;
         }
         let averaged = |values: &[[f32; 3]]| downsample(Pixels::new(self.size, values).ok()?, size).ok();

@@ -113,9 +113,9 @@ pub(crate) struct Board {
 }
 
 impl Board {
-    /// Reads studies that have methods and budgets in common, each with scenes of its own; `long` are studies of the
-    /// baseline at budgets beyond theirs.
-    pub(crate) fn read(folders: &[PathBuf], long: &[PathBuf]) -> Result<Self, FolderError> {
+    /// Reads studies that have methods and budgets in common, each with scenes of its own; `more` are studies of
+    /// the same scenes whose methods and budgets are not in the tables of all: the baseline beyond their budgets, say.
+    pub(crate) fn read(folders: &[PathBuf], more: &[PathBuf]) -> Result<Self, FolderError> {
         let mut board = Self {
             manifests: Vec::new(),
             scenes: Vec::new(),
@@ -143,7 +143,7 @@ impl Board {
         }
         board.spp.sort_unstable();
         board.spp.dedup();
-        for folder in long {
+        for folder in more {
             board.take(Recorded::read(folder)?.runs);
         }
         Ok(board)
@@ -162,7 +162,7 @@ impl Board {
         self.cells.values().flat_map(BTreeMap::values)
     }
 
-    /// All budgets of a method on a scene, those of the long studies too.
+    /// All budgets of a method on a scene, those beyond the studies' own too.
     fn budgets(&self, scene: &str, method: &Method) -> Vec<(u64, &BTreeMap<u64, Run>)> {
         let own = self.cells.iter().filter(|((s, m, _), _)| s == scene && m == method);
         own.map(|((_, _, spp), runs)| (*spp, runs)).collect()

@@ -4,7 +4,7 @@
 //! `cargo run --release -p dapple-study --example race_tables -- [OPTION DIR]... DIR...` reads the folders of finished
 //! studies with the same methods, budgets and seeds (`docs/results/beyond.toml`), each with scenes of its own, and writes
 //! Markdown to its standard output. `--long DIR`: the baseline alone at larger budgets, for the times to equal error.
-//! `--lights DIR`: scenes `room`, `room-uniform` and `room-cells`. `--foreign DIR`: the same methods against references of
+//! `--besides DIR`: other methods on the same scenes, of which the summaries speak. `--lights DIR`: scenes `room`, `room-uniform` and `room-cells`. `--foreign DIR`: the same methods against references of
 //! another renderer, and the baseline at a very large budget. `--tuned NAME,…`: scenes that settings were tuned on.
 //! `--plain NAME,…`: scenes without interreflection.
 
@@ -28,6 +28,7 @@ pub(crate) struct Roles {
     pub(crate) thesis: Method,
     pub(crate) oidn: Method,
     pub(crate) oidn_on_ours: Method,
+    pub(crate) oidn_prefiltered: Method,
 }
 
 impl Roles {
@@ -40,6 +41,7 @@ impl Roles {
             thesis: of("cluster-thesis", "cluster-gaussian"),
             oidn: of("uniform", "oidn"),
             oidn_on_ours: of("cluster", "oidn"),
+            oidn_prefiltered: of("uniform", "oidn-prefiltered"),
         }
     }
 }
@@ -47,7 +49,7 @@ impl Roles {
 #[derive(Default)]
 struct Options {
     studies: Vec<PathBuf>,
-    long: Vec<PathBuf>,
+    more: Vec<PathBuf>,
     lights: Vec<PathBuf>,
     foreign: Vec<PathBuf>,
     tuned: Vec<String>,
@@ -61,7 +63,8 @@ impl Options {
             let mut value = || words.next().ok_or_else(|| format!("{word}: a value is wanted behind it"));
             let names = |list: String| list.split(',').map(|name| name.trim().to_owned()).collect();
             match word.as_str() {
-                "--long" => options.long.push(value()?.into()),
+                // Their runs are taken where the studies themselves have none.
+                "--long" | "--besides" => options.more.push(value()?.into()),
                 "--lights" => options.lights.push(value()?.into()),
                 "--foreign" => options.foreign.push(value()?.into()),
                 "--tuned" => options.tuned = names(value()?),
@@ -92,8 +95,8 @@ fn main() -> ExitCode {
 
 fn page() -> Result<String, String> {
     let options = Options::parse(std::env::args().skip(1))?;
-    let read = |folders: &[PathBuf], long: &[PathBuf]| Board::read(folders, long).map_err(|e| e.to_string());
-    let board = read(&options.studies, &options.long)?;
+    let read = |folders: &[PathBuf], more: &[PathBuf]| Board::read(folders, more).map_err(|e| e.to_string());
+    let board = read(&options.studies, &options.more)?;
     let lights = read(&options.lights, &[])?;
     let foreign = read(&options.foreign, &[])?;
     let named = |names: &[String]| match names.iter().find(|name| !board.scenes.contains(name)) {

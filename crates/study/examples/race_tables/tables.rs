@@ -80,7 +80,8 @@ pub(crate) fn head(board: &Board) -> String {
 
 /// How much less time than `uniform` the default takes to its own error.
 pub(crate) fn times_to_error(board: &Board, roles: &Roles, groups: &Groups<'_>) -> String {
-    let methods = [&roles.counts, &roles.default, &roles.oidn, &roles.oidn_on_ours, &roles.thesis];
+    let methods =
+        [&roles.counts, &roles.default, &roles.oidn, &roles.oidn_on_ours, &roles.oidn_prefiltered, &roles.thesis];
     let heads = row("scene", methods.iter().map(|m| name(m)));
     let mut text = String::new();
     for metric in [Metric::Srgb, Metric::RelMse] {

@@ -153,6 +153,7 @@ fn besides(board: &Board, roles: &Roles, groups: &Groups<'_>) -> String {
         ("default over OIDN on the same counts", &roles.default, &roles.oidn_on_ours),
         ("OIDN on our counts over OIDN on uniform ones", &roles.oidn_on_ours, &roles.oidn),
         ("default over OIDN on uniform samples", &roles.default, &roles.oidn),
+        ("default over OIDN with prefiltered features on uniform samples", &roles.default, &roles.oidn_prefiltered),
         ("default over the thesis", &roles.default, &roles.thesis),
         ("default over uniform", &roles.default, &roles.uniform),
     ];
