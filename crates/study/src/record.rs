@@ -114,7 +114,7 @@ pub struct Run {
     pub seconds: Phases,
     /// Their sum but for load and bvh: what a picture costs.
     pub render_s: f64,
-    /// User and system seconds of the same phases, where known.
+    /// User and system seconds of the same phases, where known; of an external filter what it said of itself.
     pub cpu_s: Option<f64>,
     /// Against the reference.
     pub errors: Errors,

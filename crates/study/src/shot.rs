@@ -91,10 +91,12 @@ pub(crate) fn shoot(
     let limits = Limits::samples(samples);
     let film = render(&mut *integrator, &mut *sampler, finish.needs(), frame, &limits, watch)
         .map_err(|e: Error| wrong(e.to_string()))?;
+    let rendered = cpu();
     let unit = 1.0 / subject.world.space().scale();
     let (filtered, filter) = finish.apply(&film, unit, threads).map_err(wrong)?;
-    // What another process took is not known here.
-    let cpu_s = cpu().zip(before).map(|(after, before)| after - before).filter(|_| external.is_none());
+    // What another program took is what it said, or the time that went by.
+    let finished = if external.is_none() { cpu() } else { rendered.map(|seconds| seconds + filter) };
+    let cpu_s = finished.zip(before).map(|(after, before)| after - before);
     let probes = stage.probe_cost();
     let seconds = Phases {
         load: subject.load,

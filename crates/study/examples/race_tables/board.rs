@@ -190,10 +190,10 @@ impl Board {
     /// Errors after the time of uniform sampling with so many samples per pixel: each seed's curve of error over the
     /// median times, interpolated on logarithmic axes.
     fn at_time(&self, scene: &str, method: &Method, time_of: u64, metric: Metric) -> Option<Errors> {
-        let target = self.seconds(scene, &self.uniform, time_of, |r| r.render_s)?;
+        let target = self.seconds(scene, &self.uniform, time_of, spent)?;
         let mut curve: Vec<(f64, &BTreeMap<u64, Run>)> = Vec::new();
         for (spp, runs) in self.budgets(scene, method).into_iter().filter(|(spp, _)| self.spp.contains(spp)) {
-            let time = self.seconds(scene, method, spp, |r| r.render_s)?;
+            let time = self.seconds(scene, method, spp, spent)?;
             // A median that is not above the one before is noise of a loaded machine: more samples take longer.
             if curve.last().is_none_or(|(before, _)| time > *before) {
                 curve.push((time, runs));
@@ -252,10 +252,10 @@ impl Board {
 
     /// How many times as long as a method with `spp` samples per pixel uniform sampling takes to its error.
     pub(crate) fn time_to_error(&self, scene: &str, method: &Method, spp: u64, metric: Metric) -> Option<Figure> {
-        let own = self.seconds(scene, method, spp, |r| r.render_s)?;
+        let own = self.seconds(scene, method, spp, spent)?;
         let mut curve: Vec<[f64; 2]> = Vec::new();
         for (spp, runs) in self.budgets(scene, &self.uniform) {
-            let time = self.seconds(scene, &self.uniform, spp, |r| r.render_s)?;
+            let time = self.seconds(scene, &self.uniform, spp, spent)?;
             let logs: Vec<f64> = runs.values().map(|run| metric.of(run).ln()).collect();
             let error = logs.iter().sum::<f64>() / logs.len() as f64;
             if error.is_finite() && curve.last().is_none_or(|[t, e]| time.ln() > *t && error < *e) {
@@ -289,6 +289,11 @@ impl Board {
         let (a, b): (Vec<f64>, Vec<f64>) = pairs.iter().map(|[a, b]| (*a, *b)).unzip();
         ratio_interval(&a, &b, CONFIDENCE).ok().map(|interval| Figure::from_interval(&interval, Mark::Plain))
     }
+}
+
+/// What a run cost: CPU seconds, which other work on the machine hardly changes; where they are not known, seconds.
+pub(crate) fn spent(run: &Run) -> f64 {
+    run.cpu_s.unwrap_or(run.render_s)
 }
 
 fn median(mut values: Vec<f64>) -> Option<f64> {

@@ -1,6 +1,6 @@
 //! Tables of all that was measured.
 
-use crate::board::{At, Board, Figure, Mark, Metric};
+use crate::board::{At, Board, Figure, Mark, Metric, spent};
 use crate::{Groups, Roles};
 use dapple_study::{Method, Run};
 
@@ -53,8 +53,8 @@ pub(crate) fn head(board: &Board) -> String {
          average {load:.2}; {limited} runs within 100 times the reference's own variance, which is taken out; {rejected} samples \
          rejected.\n\nRatios are over `uniform` at the same place unless said otherwise, the geometric mean over seeds, paired; [ , ] \
          are 95 % intervals over seeds. Over scenes: geometric means; their intervals are of the seeds, the scenes taken as \
-         they are. Equal time: each seed's curve of error over median seconds, interpolated on logarithmic axes, at the median \
-         seconds of `uniform`. †: followed beyond what was measured. ‡: the fewest samples that were tried took so many times \
+         they are. Equal time: each seed's curve of error over median CPU seconds (of OIDN what it says of itself), interpolated on \
+         logarithmic axes, at the median CPU seconds of `uniform`. †: followed beyond what was measured. ‡: the fewest samples that were tried took so many times \
          as long; the error is that of those.\n",
         words(commits),
         board.scenes.len(),
@@ -107,7 +107,7 @@ pub(crate) fn costs(board: &Board, roles: &Roles) -> String {
         let own = |m: &Method| board.seconds(scene, m, spp, of).map_or_else(|| "–".into(), |s| number(s * scale));
         row(scene, board.methods.iter().map(own).collect::<Vec<_>>().into_iter())
     };
-    let rows: Vec<_> = board.scenes.iter().map(|s| seconds(s, |r| r.render_s, 1.0)).collect();
+    let rows: Vec<_> = board.scenes.iter().map(|s| seconds(s, spent, 1.0)).collect();
     let mut text =
         table(&format!("Seconds of a picture with {spp} spp, all but reading and building the scene"), &heads, &rows);
     let per_pixel = |scene: &&String| {
@@ -147,7 +147,7 @@ pub(crate) fn lights(board: &Board, roles: &Roles) -> String {
                         cell(board.ratio((scene, method), ("room-uniform", &roles.uniform), at, metric).as_ref())
                     }
                     At::TimeOf(n) => {
-                        let of = |s: &str, m: &Method| board.seconds(s, m, n, |r| r.render_s);
+                        let of = |s: &str, m: &Method| board.seconds(s, m, n, spent);
                         let times = of(scene, method).zip(of("room-uniform", &roles.uniform));
                         times.map_or_else(|| "–".into(), |(a, b)| number(a / b))
                     }
