@@ -2,9 +2,9 @@
 
 use crate::planes::{Colours, Inputs, Plane};
 use crate::tile::{
-    Differences, Guide, HEIGHT, LANES, Likeness, Local, REACH, Row, Tile, WIDTH, count_weights, exp_minus, origins,
+    Differences, Guide, HEIGHT, LANES, Likeness, Local, REACH, Row, Tile, WIDTH, count_weights, exp_minus, origins, vectors,
 };
-use pulp::{Arch, NullaryFnOnce};
+use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
 /// A window, and which of its pixels count.
@@ -49,11 +49,11 @@ fn place(plane: usize, y: usize, parity: usize) -> usize {
     (plane * HEIGHT + y) * 2 + parity
 }
 
-impl NullaryFnOnce for TileTask<'_> {
+impl WithSimd for TileTask<'_> {
     type Output = Sums;
 
     #[inline(always)]
-    fn call(self) -> Sums {
+    fn with_simd<S: Simd>(self, simd: S) -> Sums {
         let tile = Tile::new(self.inputs, self.origin, self.like);
         let guides = [0, 1].map(|h| tile.guide(&self.guides[h]));
         let colours = self.values.map(|v| [0, 1, 2].map(|c| tile.copy(&v[c])));
@@ -64,9 +64,9 @@ impl NullaryFnOnce for TileTask<'_> {
         for o in 0..side * side {
             let offset = [o % side, o / side].map(|d| d as isize - self.window.radius as isize);
             for (differences, guide) in differences.iter_mut().zip(&guides) {
-                differences.compare(guide, tile.extent()[0], self.like.patch, offset);
+                differences.compare(simd, guide, tile.extent()[0], self.like.patch, offset);
             }
-            self.gather(&tile, &mut differences, &colours, &counts, offset, &mut sums);
+            self.gather(simd, &tile, &mut differences, &colours, &counts, offset, &mut sums);
         }
         divide(&mut sums);
         sums
@@ -76,8 +76,9 @@ impl NullaryFnOnce for TileTask<'_> {
 impl TileTask<'_> {
     /// Adds the pixels that lie `offset` from the tile's.
     #[inline(always)]
-    fn gather(
+    fn gather<S: Simd>(
         &self,
+        simd: S,
         tile: &Tile,
         differences: &mut [Differences; 2],
         colours: &[[Local; 3]; 2],
@@ -87,31 +88,35 @@ impl TileTask<'_> {
     ) {
         let [dx, dy] = offset.map(|d| d as f32);
         let spatial = exp_minus(self.window.falloff * (dx * dx + dy * dy));
+        let (spatial, cut) = (simd.splat_f32s(spatial), simd.splat_f32s(self.window.cut));
         for y in 0..tile.extent()[0] {
             for differences in &mut *differences {
-                differences.sum_columns(y, self.like.patch);
+                differences.sum_columns(simd, y, self.like.patch);
             }
             for parity in 0..2 {
-                let by_features = tile.feature_distances(y, parity, offset);
+                let by_features = tile.feature_distances(simd, y, parity, offset);
                 for half in 0..2 {
-                    let patch = differences[1 - half].patches(parity, self.like.patch);
-                    let mut weight = tile.weights(&patch, &by_features, self.like, [y, parity], offset);
-                    let count =
-                        count_weights(counts[half].moved(y, parity, [0, 0]), counts[half].moved(y, parity, offset));
-                    for i in 0..LANES {
-                        let kept = if weight[i] >= self.window.cut { weight[i] } else { 0.0 };
-                        weight[i] = kept * count[i] * spatial;
+                    let patch = differences[1 - half].patches(simd, parity, self.like.patch);
+                    let mut row = tile.weights(simd, &patch, &by_features, self.like, [y, parity], offset);
+                    let weight = S::as_mut_simd_f32s(&mut row).0;
+                    let here = vectors::<S>(counts[half].moved(y, parity, [0, 0]));
+                    let there = vectors::<S>(counts[half].moved(y, parity, offset));
+                    for i in 0..LANES / S::F32_LANES {
+                        let kept = simd.greater_than_or_equal_f32s(weight[i], cut);
+                        let count = simd.mul_f32s(count_weights(simd, here[i], there[i]), spatial);
+                        let kept = simd.select_f32s(kept, weight[i], simd.splat_f32s(0.0));
+                        weight[i] = simd.mul_f32s(kept, count);
                     }
                     for c in 0..3 {
-                        let colour = colours[half][c].moved(y, parity, offset);
-                        let sum = &mut sums[place(4 * half + c, y, parity)];
-                        for i in 0..LANES {
-                            sum[i] += weight[i] * colour[i];
+                        let colour = vectors::<S>(colours[half][c].moved(y, parity, offset));
+                        let sum = S::as_mut_simd_f32s(&mut sums[place(4 * half + c, y, parity)]).0;
+                        for i in 0..LANES / S::F32_LANES {
+                            sum[i] = simd.add_f32s(sum[i], simd.mul_f32s(weight[i], colour[i]));
                         }
                     }
-                    let sum = &mut sums[place(4 * half + 3, y, parity)];
-                    for i in 0..LANES {
-                        sum[i] += weight[i];
+                    let sum = S::as_mut_simd_f32s(&mut sums[place(4 * half + 3, y, parity)]).0;
+                    for i in 0..LANES / S::F32_LANES {
+                        sum[i] = simd.add_f32s(sum[i], weight[i]);
                     }
                 }
             }

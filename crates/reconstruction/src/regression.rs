@@ -85,7 +85,7 @@ impl WithSimd for TileTask<'_> {
     fn with_simd<S: Simd>(self, simd: S) -> Vec<f32> {
         let tile = Tile::new(self.inputs, self.origin, self.like);
         let guides = [0, 1].map(|h| tile.guide(&self.guides[h]));
-        let weights = weigh(&tile, &guides, self.like);
+        let weights = weigh(simd, &tile, &guides, self.like);
         let data = self.copies(&tile);
         let mut sums = vec![[0.0; COLUMNS]; 8 * 2 * ROWS];
         let [rows, columns] = tile.extent();
@@ -119,25 +119,27 @@ impl TileTask<'_> {
 
 /// The weights of all windows of a tile, by each half's guide.
 #[inline(always)]
-fn weigh(tile: &Tile, guides: &[LocalGuide; 2], like: &Likeness) -> [Weights; 2] {
+fn weigh<S: Simd>(simd: S, tile: &Tile, guides: &[LocalGuide; 2], like: &Likeness) -> [Weights; 2] {
     let mut weights = [(); 2].map(|()| vec![[[0.0; LANES]; CENTRES]; SIDE * SIDE]);
     let mut differences = [Differences::new(), Differences::new()];
-    let [rows, _] = tile.extent();
+    let [rows, columns] = tile.extent();
+    let (zero, negligible) = (simd.splat_f32s(0.0), simd.splat_f32s(NEGLIGIBLE));
     for o in 0..SIDE * SIDE {
         let offset = [o % SIDE, o / SIDE].map(|d| d as isize - REACH as isize);
         for (differences, guide) in differences.iter_mut().zip(guides) {
-            differences.compare(guide, rows, like.patch, offset);
+            differences.compare(simd, guide, rows, like.patch, offset);
         }
         for row in 0..rows.div_ceil(2) {
-            let by_features = tile.feature_distances(2 * row, 0, offset);
+            let by_features = tile.feature_distances(simd, 2 * row, 0, offset);
             for (differences, weights) in differences.iter_mut().zip(&mut weights) {
-                differences.sum_columns(2 * row, like.patch);
-                let patch = differences.patches(0, like.patch);
-                let mut w = tile.weights(&patch, &by_features, like, [2 * row, 0], offset);
-                for (i, w) in w.iter_mut().enumerate() {
-                    let inside = tile.is_inside([2 * i, 2 * row]);
-                    *w = if inside { (*w - NEGLIGIBLE).max(0.0) } else { 0.0 };
+                differences.sum_columns(simd, 2 * row, like.patch);
+                let patch = differences.patches(simd, 0, like.patch);
+                let mut w = tile.weights(simd, &patch, &by_features, like, [2 * row, 0], offset);
+                for w in &mut *S::as_mut_simd_f32s(&mut w).0 {
+                    *w = simd.max_f32s(simd.sub_f32s(*w, negligible), zero);
                 }
+                // Centres beyond the frame have no windows.
+                w[columns..].fill(0.0);
                 weights[o][row] = w;
             }
         }

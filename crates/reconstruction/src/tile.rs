@@ -5,6 +5,7 @@
 //! choice, and nothing is fused, so that every machine gets the same bits.
 
 use crate::planes::{Colours, Features, Inputs, Plane};
+use pulp::Simd;
 
 /// Width of a tile in pixels.
 pub(crate) const WIDTH: usize = 64;
@@ -201,34 +202,49 @@ impl LocalGuide {
     /// Differences between `SPAN` columns and as many others, each from a row, a parity and a first column on: in units of
     /// their variance, what that alone makes of them taken off.
     #[inline(always)]
-    fn differences(&self, here: [usize; 3], there: [usize; 3]) -> [f32; SPAN] {
-        // Of its own, so that the compiler knows that it overlaps with nothing.
-        let mut out = [0.0; SPAN];
+    fn differences<S: Simd>(&self, simd: S, here: [usize; 3], there: [usize; 3], out: &mut [f32; SPAN]) {
         let [red, green, blue] = &self.colour;
+        let out = S::as_mut_simd_f32s(out).0;
         match &self.variance[..] {
             [r, g, b] => {
-                for (colour, variance) in [(red, r), (green, g), (blue, b)] {
-                    let (p, q) = (colour.span(here), colour.span(there));
-                    let (vp, vq) = (variance.span(here), variance.span(there));
-                    for i in 0..SPAN {
-                        let d = p[i] - q[i];
-                        out[i] += (d * d - (vp[i] + vp[i].min(vq[i]))) / (vp[i] + vq[i]) * (1.0 / 3.0);
+                let third = simd.splat_f32s(1.0 / 3.0);
+                for (c, (colour, variance)) in [(red, r), (green, g), (blue, b)].into_iter().enumerate() {
+                    let (p, q) = (vectors::<S>(colour.span(here)), vectors::<S>(colour.span(there)));
+                    let (vp, vq) = (vectors::<S>(variance.span(here)), vectors::<S>(variance.span(there)));
+                    for k in 0..SPAN / S::F32_LANES {
+                        let d = simd.sub_f32s(p[k], q[k]);
+                        let share = simd.mul_f32s(excess(simd, simd.mul_f32s(d, d), vp[k], vq[k]), third);
+                        out[k] = if c == 0 { share } else { simd.add_f32s(out[k], share) };
                     }
                 }
             }
             pooled => {
-                let (pr, pg, pb) = (red.span(here), green.span(here), blue.span(here));
-                let (qr, qg, qb) = (red.span(there), green.span(there), blue.span(there));
-                let (vp, vq) = (pooled[0].span(here), pooled[0].span(there));
-                for i in 0..SPAN {
-                    let (r, g, b) = (pr[i] - qr[i], pg[i] - qg[i], pb[i] - qb[i]);
-                    let square = r * r + g * g + b * b;
-                    out[i] = (square - (vp[i] + vp[i].min(vq[i]))) / (vp[i] + vq[i]);
+                let (pr, pg) = (vectors::<S>(red.span(here)), vectors::<S>(green.span(here)));
+                let (qr, qg) = (vectors::<S>(red.span(there)), vectors::<S>(green.span(there)));
+                let (pb, qb) = (vectors::<S>(blue.span(here)), vectors::<S>(blue.span(there)));
+                let (vp, vq) = (vectors::<S>(pooled[0].span(here)), vectors::<S>(pooled[0].span(there)));
+                for k in 0..SPAN / S::F32_LANES {
+                    let (r, g) = (simd.sub_f32s(pr[k], qr[k]), simd.sub_f32s(pg[k], qg[k]));
+                    let b = simd.sub_f32s(pb[k], qb[k]);
+                    let square = simd.add_f32s(simd.mul_f32s(r, r), simd.mul_f32s(g, g));
+                    out[k] = excess(simd, simd.add_f32s(square, simd.mul_f32s(b, b)), vp[k], vq[k]);
                 }
             }
         }
-        out
     }
+}
+
+/// A row's vectors.
+#[inline(always)]
+pub(crate) fn vectors<S: Simd>(row: &[f32]) -> &[S::f32s] {
+    S::as_simd_f32s(row).0
+}
+
+/// By how much a squared difference exceeds what the variances alone make of it, in units of these.
+#[inline(always)]
+fn excess<S: Simd>(simd: S, square: S::f32s, vp: S::f32s, vq: S::f32s) -> S::f32s {
+    let expected = simd.add_f32s(vp, simd.min_f32s(vp, vq));
+    simd.div_f32s(simd.sub_f32s(square, expected), simd.add_f32s(vp, vq))
 }
 
 /// Room for the differences of one guide at one offset, and their sums over patches.
@@ -244,30 +260,37 @@ impl Differences {
 
     /// Compares the tile's first `rows` rows and those that patches of `radius` reach with what lies `offset` from them.
     #[inline(always)]
-    pub(crate) fn compare(&mut self, guide: &LocalGuide, rows: usize, radius: usize, offset: [isize; 2]) {
+    pub(crate) fn compare<S: Simd>(
+        &mut self,
+        simd: S,
+        guide: &LocalGuide,
+        rows: usize,
+        radius: usize,
+        offset: [isize; 2],
+    ) {
         for y in MARGIN - radius..MARGIN + rows + radius {
             for parity in 0..2 {
                 let (other, shift) = moved(parity, offset[0]);
                 // Patches reach three columns to the left: two even ones, or the odd one before as well.
                 let start = MARGIN / 2 - 1 - parity;
                 let there = [y.wrapping_add_signed(offset[1]), other, start.wrapping_add_signed(shift)];
-                let differences = guide.differences([y, parity, start], there);
-                self.pointwise[2 * y + parity][start..][..SPAN].copy_from_slice(&differences);
+                let out = (&mut self.pointwise[2 * y + parity][start..][..SPAN]).try_into().expect("a row long enough");
+                guide.differences(simd, [y, parity, start], there, out);
             }
         }
     }
 
     /// Sums the compared columns around row `y` of the tile: before [`Differences::patches`].
     #[inline(always)]
-    pub(crate) fn sum_columns(&mut self, y: usize, radius: usize) {
+    pub(crate) fn sum_columns<S: Simd>(&mut self, simd: S, y: usize, radius: usize) {
         for parity in 0..2 {
-            let sums = &mut self.column_sums[parity];
             let first = 2 * (y + MARGIN - radius) + parity;
-            *sums = self.pointwise[first];
+            let sums = S::as_mut_simd_f32s(&mut self.column_sums[parity]).0;
+            sums.copy_from_slice(vectors::<S>(&self.pointwise[first]));
             for k in 1..=2 * radius {
-                let row = &self.pointwise[first + 2 * k];
-                for i in 0..COLUMNS {
-                    sums[i] += row[i];
+                let row = vectors::<S>(&self.pointwise[first + 2 * k]);
+                for i in 0..COLUMNS / S::F32_LANES {
+                    sums[i] = simd.add_f32s(sums[i], row[i]);
                 }
             }
         }
@@ -275,18 +298,20 @@ impl Differences {
 
     /// The sums over patches around the row's pixels of `parity`.
     #[inline(always)]
-    pub(crate) fn patches(&self, parity: usize, radius: usize) -> Row {
-        let mut sums = [0.0; LANES];
+    pub(crate) fn patches<S: Simd>(&self, simd: S, parity: usize, radius: usize) -> Row {
+        let mut row = [0.0; LANES];
+        let sums = S::as_mut_simd_f32s(&mut row).0;
         for k in -(radius as isize)..=radius as isize {
             let (other, shift) = moved(parity, k);
             let column: &Row = self.column_sums[other][(MARGIN / 2).wrapping_add_signed(shift)..][..LANES]
                 .try_into()
                 .expect("columns");
-            for i in 0..LANES {
-                sums[i] += column[i];
+            let column = vectors::<S>(column);
+            for i in 0..LANES / S::F32_LANES {
+                sums[i] = simd.add_f32s(sums[i], column[i]);
             }
         }
-        sums
+        row
     }
 }
 
@@ -294,34 +319,38 @@ impl Tile {
     /// The distances by features between pixels of `parity` in row `y` and those that lie `offset` from them: 0 where they
     /// are alike or there are no features.
     #[inline(always)]
-    pub(crate) fn feature_distances(&self, y: usize, parity: usize, offset: [isize; 2]) -> Row {
-        let mut most = [0.0; LANES];
-        let Some(features) = &self.features else { return most };
+    pub(crate) fn feature_distances<S: Simd>(&self, simd: S, y: usize, parity: usize, offset: [isize; 2]) -> Row {
+        let mut row = [0.0; LANES];
+        let Some(features) = &self.features else { return row };
+        let most = S::as_mut_simd_f32s(&mut row).0;
         for (group, channels) in [(0, 0..3), (1, 3..6), (2, 6..7)] {
-            let mut square = [0.0f32; LANES];
+            let mut squares = [0.0f32; LANES];
+            let square = S::as_mut_simd_f32s(&mut squares).0;
             for channel in channels {
-                let p = features.mean[channel].moved(y, parity, [0, 0]);
-                let q = features.mean[channel].moved(y, parity, offset);
-                for i in 0..LANES {
-                    let d = p[i] - q[i];
-                    square[i] += d * d;
+                let p = vectors::<S>(features.mean[channel].moved(y, parity, [0, 0]));
+                let q = vectors::<S>(features.mean[channel].moved(y, parity, offset));
+                for i in 0..LANES / S::F32_LANES {
+                    let d = simd.sub_f32s(p[i], q[i]);
+                    square[i] = simd.add_f32s(square[i], simd.mul_f32s(d, d));
                 }
             }
-            let vp = features.variance[group].moved(y, parity, [0, 0]);
-            let vq = features.variance[group].moved(y, parity, offset);
-            let sharp = features.sharpness[group].moved(y, parity, [0, 0]);
-            for i in 0..LANES {
-                let distance: f32 = (square[i] - (vp[i] + vp[i].min(vq[i]))) * sharp[i];
-                most[i] = distance.max(most[i]);
+            let vp = vectors::<S>(features.variance[group].moved(y, parity, [0, 0]));
+            let vq = vectors::<S>(features.variance[group].moved(y, parity, offset));
+            let sharp = vectors::<S>(features.sharpness[group].moved(y, parity, [0, 0]));
+            for i in 0..LANES / S::F32_LANES {
+                let expected = simd.add_f32s(vp[i], simd.min_f32s(vp[i], vq[i]));
+                let distance = simd.mul_f32s(simd.sub_f32s(square[i], expected), sharp[i]);
+                most[i] = simd.max_f32s(distance, most[i]);
             }
         }
-        most
+        row
     }
 
     /// The weights from distances: `patch` over `scale` squared deviations, and by features.
     #[inline(always)]
-    pub(crate) fn weights(
+    pub(crate) fn weights<S: Simd>(
         &self,
+        simd: S,
         patch: &Row,
         by_features: &Row,
         like: &Likeness,
@@ -329,20 +358,50 @@ impl Tile {
         offset: [isize; 2],
     ) -> Row {
         let side = (2 * like.patch + 1) as f32;
-        let share = 1.0 / (side * side * like.colour * like.colour);
-        let mut weights = [0.0; LANES];
-        for i in 0..LANES {
-            weights[i] = exp_minus((patch[i] * share).max(0.0) + by_features[i]);
+        let share = simd.splat_f32s(1.0 / (side * side * like.colour * like.colour));
+        let zero = simd.splat_f32s(0.0);
+        let mut row = [0.0; LANES];
+        let weights = S::as_mut_simd_f32s(&mut row).0;
+        let (patch, by_features) = (vectors::<S>(patch), vectors::<S>(by_features));
+        for i in 0..LANES / S::F32_LANES {
+            let by_colour = simd.max_f32s(simd.mul_f32s(patch[i], share), zero);
+            weights[i] = exp_minus_all(simd, simd.add_f32s(by_colour, by_features[i]));
         }
         if let Some(labels) = &self.labels {
-            let (p, q) = (labels.moved(y, parity, [0, 0]), labels.moved(y, parity, offset));
-            for i in 0..LANES {
-                weights[i] *= if p[i] == q[i] { 1.0 } else { like.outside };
+            let p = vectors::<S>(labels.moved(y, parity, [0, 0]));
+            let q = vectors::<S>(labels.moved(y, parity, offset));
+            let (one, outside) = (simd.splat_f32s(1.0), simd.splat_f32s(like.outside));
+            for i in 0..LANES / S::F32_LANES {
+                let factor = simd.select_f32s(simd.equal_f32s(p[i], q[i]), one, outside);
+                weights[i] = simd.mul_f32s(weights[i], factor);
             }
         }
-        weights
+        row
     }
 }
+
+/// [`exp_minus`] of several.
+#[inline(always)]
+fn exp_minus_all<S: Simd>(simd: S, x: S::f32s) -> S::f32s {
+    let (round, one) = (simd.splat_f32s(ROUND), simd.splat_f32s(1.0));
+    let t = simd.mul_f32s(simd.min_f32s(x, simd.splat_f32s(80.0)), simd.splat_f32s(-std::f32::consts::LOG2_E));
+    let rounded = simd.add_f32s(t, round);
+    let f = simd.mul_f32s(simd.sub_f32s(t, simd.sub_f32s(rounded, round)), simd.splat_f32s(std::f32::consts::LN_2));
+    let mut power = simd.splat_f32s(EXPONENTIAL[0]);
+    power = simd.add_f32s(simd.mul_f32s(power, f), simd.splat_f32s(EXPONENTIAL[1]));
+    power = simd.add_f32s(simd.mul_f32s(power, f), simd.splat_f32s(EXPONENTIAL[2]));
+    power = simd.add_f32s(simd.mul_f32s(power, f), simd.splat_f32s(EXPONENTIAL[3]));
+    power = simd.add_f32s(simd.mul_f32s(power, f), one);
+    power = simd.add_f32s(simd.mul_f32s(power, f), one);
+    let bits = simd.wrapping_dyn_shl_u32s(simd.transmute_u32s_f32s(rounded), simd.splat_u32s(23));
+    simd.transmute_f32s_u32s(simd.add_u32s(simd.transmute_u32s_f32s(power), bits))
+}
+
+/// 1.5 * 2^23: adding it rounds to a whole number in the low bits.
+const ROUND: f32 = 12_582_912.0;
+
+/// Taylor coefficients of the exponential function, from the fifth down to the second.
+const EXPONENTIAL: [f32; 4] = [1.0 / 120.0, 1.0 / 24.0, 1.0 / 6.0, 0.5];
 
 /// `exp(-x)` for `x >= 0` to 3e-6 relative, the same bits everywhere; below `exp(-80)` about that.
 ///
@@ -350,24 +409,19 @@ impl Tile {
 /// whole part added to the exponent.
 #[inline(always)]
 pub(crate) fn exp_minus(x: f32) -> f32 {
-    /// 1.5 * 2^23: adding it rounds to a whole number in the low bits.
-    const ROUND: f32 = 12_582_912.0;
+    let [fifth, fourth, third, second] = EXPONENTIAL;
     let t = x.min(80.0) * -std::f32::consts::LOG2_E;
     let rounded = t + ROUND;
     let f = (t - (rounded - ROUND)) * std::f32::consts::LN_2;
-    let power = 1.0 + f * (1.0 + f * (0.5 + f * (1.0 / 6.0 + f * (1.0 / 24.0 + f * (1.0 / 120.0)))));
+    let power = 1.0 + f * (1.0 + f * (second + f * (third + f * (fourth + f * fifth))));
     f32::from_bits(power.to_bits().wrapping_add(rounded.to_bits() << 23))
 }
 
 /// What pixels with `there` samples count for those with `here`: more samples count more, but at most twice what as many
 /// count. In proportion to samples, a leak across an edge would go with how unequal they are.
 #[inline(always)]
-pub(crate) fn count_weights(here: &Row, there: &Row) -> Row {
-    let mut weights = [0.0; LANES];
-    for i in 0..LANES {
-        weights[i] = there[i] / (here[i] + there[i]).max(1.0);
-    }
-    weights
+pub(crate) fn count_weights<S: Simd>(simd: S, here: S::f32s, there: S::f32s) -> S::f32s {
+    simd.div_f32s(there, simd.max_f32s(simd.add_f32s(here, there), simd.splat_f32s(1.0)))
 }
 
 /// The corners of all tiles of a frame, row by row.
