@@ -27,11 +27,6 @@ impl Pair {
         b + inputs.first_share(i) * (a - b)
     }
 
-    /// Divides by the albedo.
-    pub(crate) fn demodulate(&mut self, inputs: &Inputs) {
-        self.each(|c, i, value| value / inputs.divisor(c, i));
-    }
-
     /// Multiplies by the albedo.
     pub(crate) fn modulate(&mut self, inputs: &Inputs) {
         self.each(|c, i, value| value * inputs.divisor(c, i));

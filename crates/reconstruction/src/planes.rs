@@ -202,8 +202,8 @@ fn feature(film: &Film, i: usize, far: f32, middle: [f64; 3]) -> Option<Feature>
     let [nx, ny, nz] = f.normal;
     let [r, g, b] = f.albedo;
     let position: [f32; 3] = std::array::from_fn(|k| (f64::from(f.position[k]) - middle[k]) as f32);
-    let hit = [nx, ny, nz, r, g, b, depth.ln(), position[0], position[1], position[2]];
-    let miss = [0.0, 0.0, 0.0, 1.0, 1.0, 1.0, far.ln(), 0.0, 0.0, 0.0];
+    let hit = [nx, ny, nz, r, g, b, ln(depth), position[0], position[1], position[2]];
+    let miss = [0.0, 0.0, 0.0, 1.0, 1.0, 1.0, ln(far), 0.0, 0.0, 0.0];
     let mean: [f32; 10] =
         std::array::from_fn(|k| if f.hits > 0 { miss[k] + share * (hit[k] - miss[k]) } else { miss[k] });
     let mut within = f.variance.unwrap_or_default();
@@ -214,6 +214,22 @@ fn feature(film: &Film, i: usize, far: f32, middle: [f64; 3]) -> Option<Feature>
     };
     let variance = [spread(0) + spread(1) + spread(2), spread(3) + spread(4) + spread(5), spread(6)];
     Some(Feature { mean: mean.map(|x| x.clamp(-1e18, 1e18)), variance: variance.map(|v| v.min(UNKNOWN)), depth })
+}
+
+/// The natural logarithm of a positive normal number, to 2 units in the last place of the larger of it and 1: the same bits
+/// on every machine, which those of the standard library need not be.
+///
+/// `x = 2^e m` with `m` in about 0.7 .. 1.4, and `ln m = 2 artanh((m - 1) / (m + 1))`; what its series leaves out after the
+/// ninth power is below 1e-9.
+fn ln(x: f32) -> f32 {
+    /// The bits of the square root of 1/2: the least mantissa.
+    const LEAST: u32 = 0x3f35_04f3;
+    let exponent = (x.to_bits().wrapping_sub(LEAST) as i32) >> 23;
+    let m = f32::from_bits(x.to_bits().wrapping_sub((exponent << 23) as u32));
+    let s = (m - 1.0) / (m + 1.0);
+    let q = s * s;
+    let series = 2.0 * s * (1.0 + q * (1.0 / 3.0 + q * (1.0 / 5.0 + q * (1.0 / 7.0 + q * (1.0 / 9.0)))));
+    exponent as f32 * std::f32::consts::LN_2 + series
 }
 
 /// The mean of the known pixels of 5x5.
@@ -290,4 +306,20 @@ pub(crate) fn box_mean(plane: &[f32], [width, height]: [usize; 2], radius: usize
         }
     });
     mean
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn logarithms_are_logarithms() {
+        let near_one = (0..20_000).map(|k| 0.5 + k as f32 * 1e-4);
+        let all = (-59..=59).map(|e| 2.0f32.powi(e) * 1.1).chain(near_one).chain([1e-18, 1e18, 2e18, f32::MIN_POSITIVE]);
+        for x in all {
+            let (got, wanted) = (f64::from(ln(x)), f64::from(x).ln());
+            assert!((got - wanted).abs() <= 2.4e-7 * wanted.abs().max(1.0), "{x}: {got}, not {wanted}");
+        }
+        assert_eq!(ln(1.0), 0.0);
+    }
 }

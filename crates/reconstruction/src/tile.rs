@@ -4,6 +4,8 @@
 //! side by side, and loops over it become vectors. Nothing here adds up over pixels in an order of the compiler's
 //! choice, and nothing is fused, so that every machine gets the same bits.
 
+#![expect(clippy::needless_range_loop, reason = "several arrays run along, as in the formulas")]
+
 use crate::planes::{Colours, Features, Inputs, Plane};
 use pulp::Simd;
 
@@ -27,60 +29,74 @@ const SPAN: usize = 40;
 /// One number for each of a row's pixels of one parity.
 pub(crate) type Row = [f32; LANES];
 
-/// One plane of a tile: rows of even columns, then odd ones.
-#[derive(Clone, Default)]
-pub(crate) struct Local(Vec<f32>);
+/// Planes of a tile: of each row the even columns of all of them, one after the other, then the odd ones. So one place
+/// leads to all planes of a pixel.
+pub(crate) struct Stack<const P: usize>(Vec<f32>);
 
-impl Local {
-    /// Copies the surroundings of the tile at `origin`; pixels beyond the frame are `outside`, or the border's if that is
-    /// `None`.
-    fn new(plane: &[f32], size: [usize; 2], origin: [usize; 2], outside: Option<f32>) -> Self {
-        let [width, height] = size;
-        let mut values = vec![0.0; ROWS * 2 * COLUMNS];
+impl<const P: usize> Stack<P> {
+    /// Copies the surroundings of the tile at `origin`; pixels beyond the frame are those of the border.
+    pub(crate) fn new(planes: [&[f32]; P], size: [usize; 2], origin: [usize; 2]) -> Self {
+        let mut stack = Self(vec![0.0; 2 * ROWS * P * COLUMNS]);
+        for (k, plane) in planes.into_iter().enumerate() {
+            stack.fill(k, plane, size, origin);
+        }
+        stack
+    }
+
+    fn fill(&mut self, k: usize, plane: &[f32], [width, height]: [usize; 2], origin: [usize; 2]) {
         let mut padded = [0.0; WIDTH + 2 * MARGIN];
         // Columns beyond the frame on the left, the first one in it, and how many are in it.
         let before = MARGIN.saturating_sub(origin[0]);
         let first = origin[0] + before - MARGIN;
         let within = (padded.len() - before).min(width - first);
-        for (r, row) in values.chunks_exact_mut(2 * COLUMNS).enumerate() {
+        for (r, row) in self.0.chunks_exact_mut(2 * P * COLUMNS).enumerate() {
             let y = (origin[1] + r).saturating_sub(MARGIN).min(height - 1);
             let source = &plane[y * width..][..width];
-            let (left, middle) = padded.split_at_mut(before);
-            let (middle, right) = middle.split_at_mut(within);
-            left.fill(outside.unwrap_or(source[0]));
-            middle.copy_from_slice(&source[first..][..within]);
-            right.fill(outside.unwrap_or(source[width - 1]));
-            if let Some(value) = outside.filter(|_| y + MARGIN != origin[1] + r) {
-                padded.fill(value);
-            }
-            let (even, odd) = row.split_at_mut(COLUMNS);
-            for ((pair, even), odd) in padded.as_chunks::<2>().0.iter().zip(even).zip(odd) {
-                [*even, *odd] = *pair;
+            padded[..before].fill(source[0]);
+            padded[before..][..within].copy_from_slice(&source[first..][..within]);
+            padded[before + within..].fill(source[width - 1]);
+            let (even, odd) = row.split_at_mut(P * COLUMNS);
+            let (even, odd) = (&mut even[k * COLUMNS..][..COLUMNS], &mut odd[k * COLUMNS..][..COLUMNS]);
+            for (i, pair) in padded.as_chunks::<2>().0.iter().enumerate() {
+                [even[i], odd[i]] = *pair;
             }
         }
-        Self(values)
     }
 
-    /// The columns of `parity` in row `y` of the margin's count.
-    #[inline(always)]
-    pub(crate) fn row(&self, y: usize, parity: usize) -> &[f32; COLUMNS] {
-        let (chunks, _) = self.0.as_chunks::<COLUMNS>();
-        &chunks[2 * y + parity]
+    /// Sets plane `k` to 0 beyond the frame.
+    pub(crate) fn clear_outside(&mut self, k: usize, [width, height]: [usize; 2], origin: [usize; 2]) {
+        for (r, row) in self.0.chunks_exact_mut(2 * P * COLUMNS).enumerate() {
+            let row_inside = (MARGIN..MARGIN + height).contains(&(origin[1] + r));
+            for parity in 0..2 {
+                for i in 0..COLUMNS {
+                    let inside = row_inside && (MARGIN..MARGIN + width).contains(&(origin[0] + 2 * i + parity));
+                    let value = &mut row[(parity * P + k) * COLUMNS + i];
+                    *value = if inside { *value } else { 0.0 };
+                }
+            }
+        }
     }
 
-    /// `SPAN` columns of a row and a parity, from a column of that parity on.
+    /// `count` columns of each plane from column `start` of row `y` and a parity on, in the margin's count: plane `k`
+    /// begins at `k * COLUMNS`.
     #[inline(always)]
-    fn span(&self, [y, parity, start]: [usize; 3]) -> &[f32; SPAN] {
-        self.row(y, parity)[start..][..SPAN].try_into().expect("a row long enough")
+    fn from(&self, [y, parity, start]: [usize; 3], count: usize) -> &[f32] {
+        &self.0[(2 * y + parity) * P * COLUMNS + start..][..(P - 1) * COLUMNS + count]
     }
 
     /// The pixels of the tile in row `y` whose columns are of `parity`, moved by (dx, dy).
     #[inline(always)]
-    pub(crate) fn moved(&self, y: usize, parity: usize, [dx, dy]: [isize; 2]) -> &Row {
+    pub(crate) fn moved(&self, y: usize, parity: usize, [dx, dy]: [isize; 2]) -> &[f32] {
         let (parity, shift) = moved(parity, dx);
-        let row = self.row((y + MARGIN).wrapping_add_signed(dy), parity);
-        row[(MARGIN / 2).wrapping_add_signed(shift)..][..LANES].try_into().expect("a margin wide enough")
+        let y = (y + MARGIN).wrapping_add_signed(dy);
+        self.from([y, parity, (MARGIN / 2).wrapping_add_signed(shift)], LANES)
     }
+}
+
+/// Vectors from the start of one plane of a [`Stack`] to that of the next.
+#[inline(always)]
+pub(crate) const fn stride<S: Simd>() -> usize {
+    COLUMNS / S::F32_LANES
 }
 
 /// The parity of a column moved by `dx`, and by how many columns of that parity it moves.
@@ -99,17 +115,11 @@ pub(crate) struct Guide {
 }
 
 /// A tile's copy of a guide.
-pub(crate) struct LocalGuide {
-    colour: [Local; 3],
-    variance: Vec<Local>,
-}
-
-/// A tile's copy of features.
-pub(crate) struct LocalFeatures {
-    mean: [Local; 7],
-    variance: [Local; 3],
-    /// One over the scale of squared differences of normal, albedo, depth.
-    sharpness: [Local; 3],
+pub(crate) enum LocalGuide {
+    /// Red, green, blue and the variance of their sum.
+    Pooled(Stack<4>),
+    /// Red, green, blue and their variances.
+    Each(Stack<6>),
 }
 
 /// Scales of squared feature differences below which they count for little, whatever their variance.
@@ -138,24 +148,24 @@ pub(crate) struct Likeness {
 pub(crate) struct Tile {
     pub(crate) origin: [usize; 2],
     size: [usize; 2],
-    features: Option<LocalFeatures>,
-    labels: Option<Local>,
+    /// Means (7), variances of normal, albedo, depth, and one over the scales of their squared differences.
+    features: Option<Stack<13>>,
+    labels: Option<Stack<1>>,
 }
 
 impl Tile {
-    /// The tile at `origin`.
-    pub(crate) fn new(inputs: &Inputs, origin: [usize; 2], like: &Likeness) -> Self {
+    /// The tile at `origin`; `sharpness` as [`sharpness`] gives it.
+    pub(crate) fn new(inputs: &Inputs, origin: [usize; 2], like: &Likeness, sharpness: Option<&[Plane; 3]>) -> Self {
         let size = inputs.size;
-        let features = like.features.map(|scales| local_features(&inputs.features, &scales, size, origin));
+        let features = sharpness.map(|sharp| {
+            let [nx, ny, nz, r, g, b, depth] = &inputs.features.mean;
+            let [vn, va, vd] = &inputs.features.variance;
+            let [sn, sa, sd] = sharp;
+            Stack::new([nx, ny, nz, r, g, b, depth, vn, va, vd, sn, sa, sd], size, origin)
+        });
         let labels = inputs.labels.as_ref().filter(|_| like.outside < 1.0);
-        let labels = labels.map(|labels| Local::new(labels, size, origin, None));
+        let labels = labels.map(|labels| Stack::new([labels], size, origin));
         Self { origin, size, features, labels }
-    }
-
-    /// Whether the tile's pixel is one of the frame's.
-    #[inline(always)]
-    pub(crate) fn is_inside(&self, [x, y]: [usize; 2]) -> bool {
-        self.origin[0] + x < self.size[0] && self.origin[1] + y < self.size[1]
     }
 
     /// Rows and, of either parity, columns of the tile that are in the frame; the latter rounded up.
@@ -165,37 +175,24 @@ impl Tile {
         [height.min(HEIGHT), width.div_ceil(2).min(LANES)]
     }
 
-    /// A plane's copy; pixels beyond the frame are the border's.
-    pub(crate) fn copy(&self, plane: &[f32]) -> Local {
-        Local::new(plane, self.size, self.origin, None)
-    }
-
-    /// A plane's copy; pixels beyond the frame are 0.
-    pub(crate) fn copy_or_zero(&self, plane: &[f32]) -> Local {
-        Local::new(plane, self.size, self.origin, Some(0.0))
-    }
-
     /// A guide's copy.
     pub(crate) fn guide(&self, guide: &Guide) -> LocalGuide {
-        LocalGuide {
-            colour: std::array::from_fn(|c| self.copy(&guide.colour[c])),
-            variance: guide.variance.iter().map(|v| self.copy(v)).collect(),
+        let [r, g, b] = &guide.colour;
+        match &guide.variance[..] {
+            [vr, vg, vb] => LocalGuide::Each(Stack::new([r, g, b, vr, vg, vb], self.size, self.origin)),
+            pooled => LocalGuide::Pooled(Stack::new([r, g, b, &pooled[0]], self.size, self.origin)),
         }
     }
 }
 
-fn local_features(features: &Features, scales: &FeatureScales, size: [usize; 2], origin: [usize; 2]) -> LocalFeatures {
-    let copy = |plane: &Plane| Local::new(plane, size, origin, None);
-    let variance = [0, 1, 2].map(|k| copy(&features.variance[k]));
-    let slope = copy(&features.slope);
+/// One over the scales of squared differences of normal, albedo and depth.
+pub(crate) fn sharpness(features: &Features, scales: &FeatureScales) -> [Plane; 3] {
     let square = scales.bandwidth * scales.bandwidth;
-    let sharpness = |k: usize| {
+    std::array::from_fn(|k| {
         let floor = |slope: f32| if k < 2 { scales.floors[k] } else { (3.0 * slope) * (3.0 * slope) + 1e-4 };
         let sharp = |(v, slope): (&f32, &f32)| 1.0 / (square * v.max(floor(*slope)));
-        Local(variance[k].0.iter().zip(&slope.0).map(sharp).collect())
-    };
-    let sharpness = [0, 1, 2].map(sharpness);
-    LocalFeatures { mean: std::array::from_fn(|k| copy(&features.mean[k])), variance, sharpness }
+        features.variance[k].iter().zip(&features.slope).map(sharp).collect()
+    })
 }
 
 impl LocalGuide {
@@ -203,31 +200,31 @@ impl LocalGuide {
     /// their variance, what that alone makes of them taken off.
     #[inline(always)]
     fn differences<S: Simd>(&self, simd: S, here: [usize; 3], there: [usize; 3], out: &mut [f32; SPAN]) {
-        let [red, green, blue] = &self.colour;
         let out = S::as_mut_simd_f32s(out).0;
-        match &self.variance[..] {
-            [r, g, b] => {
+        let step = stride::<S>();
+        match self {
+            Self::Each(stack) => {
                 let third = simd.splat_f32s(1.0 / 3.0);
-                for (c, (colour, variance)) in [(red, r), (green, g), (blue, b)].into_iter().enumerate() {
-                    let (p, q) = (vectors::<S>(colour.span(here)), vectors::<S>(colour.span(there)));
-                    let (vp, vq) = (vectors::<S>(variance.span(here)), vectors::<S>(variance.span(there)));
-                    for k in 0..SPAN / S::F32_LANES {
-                        let d = simd.sub_f32s(p[k], q[k]);
-                        let share = simd.mul_f32s(excess(simd, simd.mul_f32s(d, d), vp[k], vq[k]), third);
-                        out[k] = if c == 0 { share } else { simd.add_f32s(out[k], share) };
+                let (p, q) = (vectors::<S>(stack.from(here, SPAN)), vectors::<S>(stack.from(there, SPAN)));
+                for k in 0..SPAN / S::F32_LANES {
+                    let mut sum = simd.splat_f32s(0.0);
+                    for c in 0..3 {
+                        let d = simd.sub_f32s(p[c * step + k], q[c * step + k]);
+                        let [vp, vq] = [p[(c + 3) * step + k], q[(c + 3) * step + k]];
+                        sum = simd.add_f32s(sum, excess(simd, simd.mul_f32s(d, d), vp, vq));
                     }
+                    out[k] = simd.mul_f32s(sum, third);
                 }
             }
-            pooled => {
-                let (pr, pg) = (vectors::<S>(red.span(here)), vectors::<S>(green.span(here)));
-                let (qr, qg) = (vectors::<S>(red.span(there)), vectors::<S>(green.span(there)));
-                let (pb, qb) = (vectors::<S>(blue.span(here)), vectors::<S>(blue.span(there)));
-                let (vp, vq) = (vectors::<S>(pooled[0].span(here)), vectors::<S>(pooled[0].span(there)));
+            Self::Pooled(stack) => {
+                let (p, q) = (vectors::<S>(stack.from(here, SPAN)), vectors::<S>(stack.from(there, SPAN)));
                 for k in 0..SPAN / S::F32_LANES {
-                    let (r, g) = (simd.sub_f32s(pr[k], qr[k]), simd.sub_f32s(pg[k], qg[k]));
-                    let b = simd.sub_f32s(pb[k], qb[k]);
+                    let r = simd.sub_f32s(p[k], q[k]);
+                    let g = simd.sub_f32s(p[step + k], q[step + k]);
+                    let b = simd.sub_f32s(p[2 * step + k], q[2 * step + k]);
                     let square = simd.add_f32s(simd.mul_f32s(r, r), simd.mul_f32s(g, g));
-                    out[k] = excess(simd, simd.add_f32s(square, simd.mul_f32s(b, b)), vp[k], vq[k]);
+                    let square = simd.add_f32s(square, simd.mul_f32s(b, b));
+                    out[k] = excess(simd, square, p[3 * step + k], q[3 * step + k]);
                 }
             }
         }
@@ -258,17 +255,16 @@ impl Differences {
         Self { pointwise: vec![[0.0; COLUMNS]; 2 * ROWS], column_sums: [[0.0; COLUMNS]; 2] }
     }
 
-    /// Compares the tile's first `rows` rows and those that patches of `radius` reach with what lies `offset` from them.
+    /// Compares the tile's first `rows` rows and those that patches of radius `R` reach with what lies `offset` from them.
     #[inline(always)]
-    pub(crate) fn compare<S: Simd>(
+    pub(crate) fn compare<S: Simd, const R: usize>(
         &mut self,
         simd: S,
         guide: &LocalGuide,
         rows: usize,
-        radius: usize,
         offset: [isize; 2],
     ) {
-        for y in MARGIN - radius..MARGIN + rows + radius {
+        for y in MARGIN - R..MARGIN + rows + R {
             for parity in 0..2 {
                 let (other, shift) = moved(parity, offset[0]);
                 // Patches reach three columns to the left: two even ones, or the odd one before as well.
@@ -282,102 +278,102 @@ impl Differences {
 
     /// Sums the compared columns around row `y` of the tile: before [`Differences::patches`].
     #[inline(always)]
-    pub(crate) fn sum_columns<S: Simd>(&mut self, simd: S, y: usize, radius: usize) {
+    pub(crate) fn sum_columns<S: Simd, const R: usize>(&mut self, simd: S, y: usize) {
         for parity in 0..2 {
-            let first = 2 * (y + MARGIN - radius) + parity;
+            let first = 2 * (y + MARGIN - R) + parity;
             let sums = S::as_mut_simd_f32s(&mut self.column_sums[parity]).0;
-            sums.copy_from_slice(vectors::<S>(&self.pointwise[first]));
-            for k in 1..=2 * radius {
-                let row = vectors::<S>(&self.pointwise[first + 2 * k]);
-                for i in 0..COLUMNS / S::F32_LANES {
-                    sums[i] = simd.add_f32s(sums[i], row[i]);
+            for i in 0..COLUMNS / S::F32_LANES {
+                let mut sum = vectors::<S>(&self.pointwise[first])[i];
+                for k in 1..=2 * R {
+                    sum = simd.add_f32s(sum, vectors::<S>(&self.pointwise[first + 2 * k])[i]);
                 }
+                sums[i] = sum;
             }
         }
     }
 
-    /// The sums over patches around the row's pixels of `parity`.
+    /// The columns that patches around a row's pixels of `parity` sum up.
     #[inline(always)]
-    pub(crate) fn patches<S: Simd>(&self, simd: S, parity: usize, radius: usize) -> Row {
-        let mut row = [0.0; LANES];
-        let sums = S::as_mut_simd_f32s(&mut row).0;
-        for k in -(radius as isize)..=radius as isize {
-            let (other, shift) = moved(parity, k);
-            let column: &Row = self.column_sums[other][(MARGIN / 2).wrapping_add_signed(shift)..][..LANES]
-                .try_into()
-                .expect("columns");
-            let column = vectors::<S>(column);
-            for i in 0..LANES / S::F32_LANES {
-                sums[i] = simd.add_f32s(sums[i], column[i]);
-            }
+    fn columns<S: Simd, const R: usize>(&self, parity: usize) -> [&[S::f32s]; 7] {
+        let mut columns: [&[S::f32s]; 7] = [&[]; 7];
+        for k in 0..=2 * R {
+            let (other, shift) = moved(parity, k as isize - R as isize);
+            let from = (MARGIN / 2).wrapping_add_signed(shift);
+            columns[k] = vectors::<S>(&self.column_sums[other][from..][..LANES]);
         }
-        row
+        columns
     }
 }
 
 impl Tile {
-    /// The distances by features between pixels of `parity` in row `y` and those that lie `offset` from them: 0 where they
-    /// are alike or there are no features.
+    /// The weights of the pixels that lie `offset` from those of `parity` in row `y`, by each guide: from distances of
+    /// patches, whose columns are summed, and of features.
     #[inline(always)]
-    pub(crate) fn feature_distances<S: Simd>(&self, simd: S, y: usize, parity: usize, offset: [isize; 2]) -> Row {
-        let mut row = [0.0; LANES];
-        let Some(features) = &self.features else { return row };
-        let most = S::as_mut_simd_f32s(&mut row).0;
-        for (group, channels) in [(0, 0..3), (1, 3..6), (2, 6..7)] {
-            let mut squares = [0.0f32; LANES];
-            let square = S::as_mut_simd_f32s(&mut squares).0;
-            for channel in channels {
-                let p = vectors::<S>(features.mean[channel].moved(y, parity, [0, 0]));
-                let q = vectors::<S>(features.mean[channel].moved(y, parity, offset));
-                for i in 0..LANES / S::F32_LANES {
-                    let d = simd.sub_f32s(p[i], q[i]);
-                    square[i] = simd.add_f32s(square[i], simd.mul_f32s(d, d));
-                }
-            }
-            let vp = vectors::<S>(features.variance[group].moved(y, parity, [0, 0]));
-            let vq = vectors::<S>(features.variance[group].moved(y, parity, offset));
-            let sharp = vectors::<S>(features.sharpness[group].moved(y, parity, [0, 0]));
-            for i in 0..LANES / S::F32_LANES {
-                let expected = simd.add_f32s(vp[i], simd.min_f32s(vp[i], vq[i]));
-                let distance = simd.mul_f32s(simd.sub_f32s(square[i], expected), sharp[i]);
-                most[i] = simd.max_f32s(distance, most[i]);
-            }
-        }
-        row
-    }
-
-    /// The weights from distances: `patch` over `scale` squared deviations, and by features.
-    #[inline(always)]
-    pub(crate) fn weights<S: Simd>(
+    pub(crate) fn weights<S: Simd, const R: usize, const G: usize>(
         &self,
         simd: S,
-        patch: &Row,
-        by_features: &Row,
+        differences: &[Differences; G],
         like: &Likeness,
         [y, parity]: [usize; 2],
         offset: [isize; 2],
-    ) -> Row {
-        let side = (2 * like.patch + 1) as f32;
+        rows: &mut [Row; G],
+    ) {
+        let side = (2 * R + 1) as f32;
         let share = simd.splat_f32s(1.0 / (side * side * like.colour * like.colour));
-        let zero = simd.splat_f32s(0.0);
-        let mut row = [0.0; LANES];
-        let weights = S::as_mut_simd_f32s(&mut row).0;
-        let (patch, by_features) = (vectors::<S>(patch), vectors::<S>(by_features));
-        for i in 0..LANES / S::F32_LANES {
-            let by_colour = simd.max_f32s(simd.mul_f32s(patch[i], share), zero);
-            weights[i] = exp_minus_all(simd, simd.add_f32s(by_colour, by_features[i]));
+        let (zero, one, outside) = (simd.splat_f32s(0.0), simd.splat_f32s(1.0), simd.splat_f32s(like.outside));
+        let features = self.features.as_ref().map(|features| {
+            (vectors::<S>(features.moved(y, parity, [0, 0])), vectors::<S>(features.moved(y, parity, offset)))
+        });
+        let labels = self.labels.as_ref().map(|labels| {
+            (vectors::<S>(labels.moved(y, parity, [0, 0])), vectors::<S>(labels.moved(y, parity, offset)))
+        });
+        let mut columns: [[&[S::f32s]; 7]; G] = [[&[]; 7]; G];
+        for guide in 0..G {
+            columns[guide] = differences[guide].columns::<S, R>(parity);
         }
-        if let Some(labels) = &self.labels {
-            let p = vectors::<S>(labels.moved(y, parity, [0, 0]));
-            let q = vectors::<S>(labels.moved(y, parity, offset));
-            let (one, outside) = (simd.splat_f32s(1.0), simd.splat_f32s(like.outside));
-            for i in 0..LANES / S::F32_LANES {
-                let factor = simd.select_f32s(simd.equal_f32s(p[i], q[i]), one, outside);
-                weights[i] = simd.mul_f32s(weights[i], factor);
+        for i in 0..LANES / S::F32_LANES {
+            let mut distance = zero;
+            if let Some((p, q)) = features {
+                distance = feature_distance(simd, p, q, i);
+            }
+            let mut factor = one;
+            if let Some((p, q)) = labels {
+                factor = simd.select_f32s(simd.equal_f32s(p[i], q[i]), one, outside);
+            }
+            for guide in 0..G {
+                let mut patch = zero;
+                for k in 0..=2 * R {
+                    patch = simd.add_f32s(patch, columns[guide][k][i]);
+                }
+                let by_colour = simd.max_f32s(simd.mul_f32s(patch, share), zero);
+                let weight = exp_minus_all(simd, simd.add_f32s(by_colour, distance));
+                S::as_mut_simd_f32s(&mut rows[guide]).0[i] = simd.mul_f32s(weight, factor);
             }
         }
-        row
     }
+}
+
+/// The largest distance of normal, albedo and depth, at least 0, between the `i`-th vectors of two rows of features.
+#[inline(always)]
+fn feature_distance<S: Simd>(simd: S, p: &[S::f32s], q: &[S::f32s], i: usize) -> S::f32s {
+    let step = stride::<S>();
+    let mut most = simd.splat_f32s(0.0);
+    for group in 0..3 {
+        let first = 3 * group;
+        let d = simd.sub_f32s(p[first * step + i], q[first * step + i]);
+        let mut square = simd.mul_f32s(d, d);
+        if group < 2 {
+            for k in first + 1..first + 3 {
+                let d = simd.sub_f32s(p[k * step + i], q[k * step + i]);
+                square = simd.add_f32s(square, simd.mul_f32s(d, d));
+            }
+        }
+        let (vp, vq) = (p[(7 + group) * step + i], q[(7 + group) * step + i]);
+        let expected = simd.add_f32s(vp, simd.min_f32s(vp, vq));
+        let distance = simd.mul_f32s(simd.sub_f32s(square, expected), p[(10 + group) * step + i]);
+        most = simd.max_f32s(distance, most);
+    }
+    most
 }
 
 /// [`exp_minus`] of several.
@@ -450,10 +446,11 @@ mod tests {
     fn moved_rows_are_where_they_should_be() {
         let size = [150, 40];
         let plane: Plane = (0..6000).map(|i| i as f32).collect();
-        let tile = Local::new(&plane, size, [64, 16], None);
+        let tile = Stack::new([&plane, &plane], size, [64, 16]);
         for (y, parity, dx, dy) in [(0, 0, 0, 0), (3, 1, -7, 7), (15, 0, -7, -7), (8, 1, 7, 0), (8, 0, 6, 1)] {
             let row = tile.moved(y, parity, [dx, dy]);
-            for (i, value) in row.iter().enumerate() {
+            assert_eq!(row.len(), COLUMNS + LANES);
+            for (i, value) in row[COLUMNS..].iter().enumerate() {
                 let x = (64 + 2 * i as isize + parity as isize + dx).clamp(0, 149);
                 let y = (16 + y as isize + dy).clamp(0, 39);
                 assert_eq!(*value, (y * 150 + x) as f32);
