@@ -1,6 +1,6 @@
 //! Weighted means over windows, both halves at once, the weights of each from the other half's guide.
 
-use crate::planes::{Colours, Inputs, Plane};
+use crate::planes::{Colours, Inputs, LEAST_ALBEDO, Plane};
 use crate::tile::{
     Differences, Guide, HEIGHT, LANES, Likeness, REACH, Stack, Tile, WIDTH, count_weights, exp_minus, origins,
     sharpness, stride, vectors,
@@ -170,11 +170,13 @@ fn assembled([width, height]: [usize; 2], tiles: &[Sums], half: usize, c: usize)
 /// A guide of a half's own means; three variances of it, or one for all channels together.
 pub(crate) fn guide(inputs: &Inputs, half: usize, pooled: bool, demodulated: bool) -> Guide {
     let own = &inputs.halves[half];
-    let divided = |c: usize, plane: &Plane, power: i32| -> Plane {
+    let divided = |c: usize, plane: &Plane, power: u32| -> Plane {
         if !demodulated {
             return plane.clone();
         }
-        plane.iter().enumerate().map(|(i, value)| value / inputs.divisor(c, i).powi(power)).collect()
+        let albedo = inputs.features.mean[3 + c].iter().map(|a| a.max(LEAST_ALBEDO));
+        let divisor = albedo.map(|a| if power == 2 { a * a } else { a });
+        plane.iter().zip(divisor).map(|(value, divisor)| value / divisor).collect()
     };
     let colour: Colours = std::array::from_fn(|c| divided(c, &own.colour[c], 1));
     let [r, g, b]: Colours = std::array::from_fn(|c| divided(c, &own.variance[c], 2));

@@ -24,6 +24,9 @@ const UNKNOWN: f32 = 1e6;
 /// with more samples, so that filters stay consistent. Half of what 8 spp need for FEASIBILITY's 1e-4.
 const FLOOR: f32 = 4e-4;
 
+/// Albedo below this counts as this where colours are divided by it.
+pub(crate) const LEAST_ALBEDO: f32 = 0.02;
+
 /// The samples' own variance counts as its `n - 1` degrees of freedom, that of 5x5 pixels as this many.
 const POOLED: f32 = 6.0;
 
@@ -83,13 +86,13 @@ impl Inputs {
 
     /// The share of the first half in pixel `i`; one half where the pixel has no samples.
     pub(crate) fn first_share(&self, i: usize) -> f32 {
-        let [a, b] = [self.halves[0].count[i], self.halves[1].count[i]];
+        let (a, b) = (self.halves[0].count[i], self.halves[1].count[i]);
         if a + b > 0.0 { a / (a + b) } else { 0.5 }
     }
 
     /// Each pixel's albedo channel, as far from zero as a division wants it.
     pub(crate) fn divisor(&self, channel: usize, i: usize) -> f32 {
-        self.features.mean[3 + channel][i].max(0.02)
+        self.features.mean[3 + channel][i].max(LEAST_ALBEDO)
     }
 }
 
@@ -115,11 +118,11 @@ fn level(film: &Film) -> f32 {
 /// The variance of one sample in each pixel, its own shrunk to that of its surroundings, in squared levels.
 fn pooled_variance(film: &Film, level: f32) -> Colours {
     let size = film.frame().size().map(|n| n as usize);
+    let unit = 1.0 / f64::from(level);
+    let most = f64::from(BRIGHTEST) * f64::from(BRIGHTEST);
     let own = per_pixel(film, |i| {
-        let moments = film.moments(i);
-        let unit = 1.0 / f64::from(level);
-        let most = f64::from(BRIGHTEST) * f64::from(BRIGHTEST);
-        moments.variance().map(|v| v.map(|v| (v * unit * unit).min(most) as f32))
+        let of = |v: f64| (v * unit * unit).min(most) as f32;
+        film.moments(i).variance().map(|[r, g, b]| [of(r), of(g), of(b)])
     });
     let known: Plane = own.iter().map(|v| f32::from(u8::from(v.is_some()))).collect();
     let near = box_mean(&known, size, 2);
@@ -137,15 +140,17 @@ fn pooled_variance(film: &Film, level: f32) -> Colours {
 }
 
 fn half(film: &Film, half: usize, level: f32, sample_variance: &Colours) -> Half {
-    let moments = |i| film.half(half, i).unwrap_or_default();
-    let count: Plane = per_pixel(film, |i| moments(i).count as f32);
-    let colour = std::array::from_fn(|c| {
-        per_pixel(film, |i| {
-            // What is missing is taken from the other half: its variance says what that is worth.
-            let mean = if count[i] > 0.0 { moments(i).mean } else { film.mean(i) };
-            ((mean[c] / f64::from(level)) as f32).min(BRIGHTEST)
-        })
-    });
+    let unit = 1.0 / f64::from(level);
+    let of = |i: usize| {
+        let moments = film.half(half, i).unwrap_or_default();
+        // What is missing is taken from the other half: its variance says what that is worth.
+        let [r, g, b] = if moments.count > 0 { moments.mean } else { film.mean(i) };
+        let value = |x: f64| ((x * unit) as f32).min(BRIGHTEST);
+        [value(r), value(g), value(b), moments.count as f32]
+    };
+    let all = per_pixel(film, of);
+    let [r, g, b, count] = std::array::from_fn(|k| all.iter().map(|values| values[k]).collect::<Plane>());
+    let colour = [r, g, b];
     let variance = std::array::from_fn(|c| {
         let of_mean = |(v, n): (&f32, &f32)| if *n > 0.0 { (v + FLOOR) / n } else { UNKNOWN };
         sample_variance[c].iter().zip(&count).map(of_mean).collect()

@@ -6,7 +6,7 @@
 use crate::error_map::Pair;
 use crate::planes::{Colours, Inputs, Plane, box_mean};
 use crate::tile::{
-    COLUMNS, Differences, Guide, HEIGHT, LANES, Likeness, LocalGuide, MARGIN, REACH, ROWS, Row, Stack, Tile, WIDTH,
+    COLUMNS, Differences, Guide, HEIGHT, LANES, Likeness, LocalGuide, MARGIN, ROWS, Row, Stack, Tile, WIDTH,
     count_weights, origins, sharpness, stride, vectors,
 };
 use pulp::{Arch, Simd, WithSimd};
@@ -18,6 +18,8 @@ const REGRESSORS: usize = 9;
 const VALUES: usize = REGRESSORS + 6;
 /// Radius of the patches that are compared.
 const PATCH: usize = 1;
+/// Pixels of a window to each side.
+const REACH: usize = 6;
 /// Pixels along a window.
 const SIDE: usize = 2 * REACH + 1;
 /// Rows of a tile that have windows' centres.
