@@ -110,7 +110,8 @@ pub(crate) fn select(inputs: &Inputs, candidates: &[&Pair], weight: &[f32], radi
     if let Some(unfiltered) = errors.last_mut() {
         unfiltered.iter_mut().for_each(|e| *e *= HANDICAP);
     }
-    let best = |i: usize| (1..errors.len()).fold(0, |best, k| if errors[k][i] < errors[best][i] { k } else { best }) as u8;
+    let best =
+        |i: usize| (1..errors.len()).fold(0, |best, k| if errors[k][i] < errors[best][i] { k } else { best }) as u8;
     let chosen: Vec<u8> = (0..inputs.pixels()).into_par_iter().with_min_len(1024).map(best).collect();
     let share = |k: usize| {
         let is: Plane = chosen.iter().map(|&c| if usize::from(c) == k { 1.0 } else { 0.0 }).collect();

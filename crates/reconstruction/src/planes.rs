@@ -218,7 +218,9 @@ fn feature(film: &Film, i: usize, far: f32, middle: [f64; 3]) -> Option<Feature>
         (share * within[k] + share * (1.0 - share) * gap * gap) / f.samples as f32
     };
     let variance = [spread(0) + spread(1) + spread(2), spread(3) + spread(4) + spread(5), spread(6)];
-    Some(Feature { mean: mean.map(|x| x.clamp(-1e18, 1e18)), variance: variance.map(|v| v.min(UNKNOWN)), depth })
+    // What normals and albedo never reach; positions whose squares are finite.
+    let within = |k: usize| if k < 6 { mean[k].clamp(-16.0, 16.0) } else { mean[k].clamp(-1e18, 1e18) };
+    Some(Feature { mean: std::array::from_fn(within), variance: variance.map(|v| v.min(UNKNOWN)), depth })
 }
 
 /// The natural logarithm of a positive normal number, to 2 units in the last place of the larger of it and 1: the same bits
@@ -320,7 +322,8 @@ mod tests {
     #[test]
     fn logarithms_are_logarithms() {
         let near_one = (0..20_000).map(|k| 0.5 + k as f32 * 1e-4);
-        let all = (-59..=59).map(|e| 2.0f32.powi(e) * 1.1).chain(near_one).chain([1e-18, 1e18, 2e18, f32::MIN_POSITIVE]);
+        let all =
+            (-59..=59).map(|e| 2.0f32.powi(e) * 1.1).chain(near_one).chain([1e-18, 1e18, 2e18, f32::MIN_POSITIVE]);
         for x in all {
             let (got, wanted) = (f64::from(ln(x)), f64::from(x).ln());
             assert!((got - wanted).abs() <= 2.4e-7 * wanted.abs().max(1.0), "{x}: {got}, not {wanted}");

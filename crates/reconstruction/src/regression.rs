@@ -127,12 +127,7 @@ impl<const G: usize> TileTask<'_, G> {
 
 /// The weights of all windows of a tile, by each guide.
 #[inline(always)]
-fn weigh<S: Simd, const G: usize>(
-    simd: S,
-    tile: &Tile,
-    guides: &[LocalGuide; G],
-    like: &Likeness,
-) -> [Weights; G] {
+fn weigh<S: Simd, const G: usize>(simd: S, tile: &Tile, guides: &[LocalGuide; G], like: &Likeness) -> [Weights; G] {
     let mut weights = [(); G].map(|()| vec![[[0.0; LANES]; CENTRES]; SIDE * SIDE]);
     let mut differences = [(); G].map(|()| Differences::new());
     let [rows, columns] = tile.extent();
@@ -336,13 +331,7 @@ fn covariance<S: Simd>(
 
 /// Solves the normal equations, centred at the weighted means, by `L D L^T`, for the colours that begin at value `colours`.
 #[inline(always)]
-fn solve<S: Simd>(
-    simd: S,
-    total: S::f32s,
-    sums: &Sums<S>,
-    colours: usize,
-    reference: &[S::f32s; 3],
-) -> Fit<S> {
+fn solve<S: Simd>(simd: S, total: S::f32s, sums: &Sums<S>, colours: usize, reference: &[S::f32s; 3]) -> Fit<S> {
     let (zero, one) = (simd.splat_f32s(0.0), simd.splat_f32s(1.0));
     let share = simd.div_f32s(one, simd.max_f32s(total, simd.splat_f32s(1e-20)));
     let mut mean = sums[0];
