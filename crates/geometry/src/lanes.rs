@@ -7,7 +7,7 @@ use std::ops::{Add, Div, Mul, Sub};
 pub(crate) const WIDTH: usize = 8;
 
 /// An array that vectors are loaded from.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 #[repr(align(32))]
 pub(crate) struct Eight(pub(crate) [f32; WIDTH]);
 

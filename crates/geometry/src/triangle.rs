@@ -37,7 +37,7 @@ pub(crate) fn lowest(mask: u32) -> usize {
 }
 
 /// Up to eight triangles, corner by corner and axis by axis; places left over repeat the first.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Triangles8 {
     corners: [[Eight; 3]; 3],
 }
@@ -59,10 +59,22 @@ struct Sheared<L> {
 
 impl Triangles8 {
     /// Packs 1 to 8 triangles.
+    #[cfg(test)]
     pub(crate) fn new(triangles: &[[Vec3; 3]]) -> Self {
-        let lane = |lane: usize| if lane < triangles.len() { &triangles[lane] } else { &triangles[0] };
-        let axis = |corner: usize, axis: usize| Eight(std::array::from_fn(|i| lane(i)[corner][axis]));
-        Self { corners: [0, 1, 2].map(|corner| [axis(corner, 0), axis(corner, 1), axis(corner, 2)]) }
+        let mut packed = Self::default();
+        for lane in 0..WIDTH {
+            packed.put(lane, triangles[if lane < triangles.len() { lane } else { 0 }]);
+        }
+        packed
+    }
+
+    #[inline(always)]
+    pub(crate) fn put(&mut self, lane: usize, triangle: [Vec3; 3]) {
+        for (packed, corner) in self.corners.iter_mut().zip(triangle) {
+            for axis in 0..3 {
+                packed[axis].0[lane] = corner[axis];
+            }
+        }
     }
 
     /// On the way from here to `end`, at a time in `[0, 1]`.

@@ -1,116 +1,73 @@
-//! Binary trees over boxes.
+//! Binary trees over leaves of one item each, in obvhs's nodes: children lie side by side, the root first.
 //!
 //! obvhs needs quadratic time, and makes chains, where many boxes share a centre (see [`by_area`]); its input here is
 //! finite, of moderate size and never empty, which is what else it asks for.
 
-use super::{Bounds, Item, centre, half_area, union};
-use glam::{DVec3, Vec3A};
+use glam::Vec3A;
+use obvhs::BvhBuildParams;
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::Bvh2;
+use obvhs::bvh2::node::Bvh2Node;
 use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
-use obvhs::ploc::PlocBuilder;
-use obvhs::{Boundable, BvhBuildParams};
+use obvhs::ploc::{PlocBuilder, PlocSearchDistance};
 use std::cmp::Ordering;
 
-/// A node of a binary tree. Children come after their parent in the list.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Node2 {
-    pub(super) bounds: Bounds,
-    pub(super) below: Below,
-}
-
-#[derive(Clone, Copy, Debug)]
-pub(super) enum Below {
-    Item(u32),
-    Nodes([u32; 2]),
-}
-
 /// Centres are compared on a grid of this many cells along the longest axis of the scene.
-const CELLS: f64 = (1u64 << 20) as f64;
+const CELLS: f32 = (1u32 << 20) as f32;
 /// So many boxes with their centre in one cell are left to obvhs; more are split by medians of our own.
 const CROWD: usize = 8;
 
-/// A box as obvhs takes it.
-struct Padded(Aabb);
-
-impl Boundable for Padded {
-    fn aabb(&self) -> Aabb {
-        self.0
-    }
-}
-
 /// A tree of small expected cost: obvhs's PLOC and reinsertion over boxes with different centres, medians below where
-/// many share one. Empty for no items.
-pub(super) fn by_area(items: &[Item], params: BvhBuildParams) -> Vec<Node2> {
-    let Some(bounds) = items.iter().map(|item| item.bounds).reduce(union) else { return Vec::new() };
-    let mut groups = Groups::new(items, bounds);
-    if groups.len() <= 1 {
-        return by_median(items);
-    }
-    let tree = obvhs_tree(&mut groups, items, bounds, params);
-
-    let mut nodes = Vec::with_capacity(2 * items.len() - 1);
-    nodes.push(placeholder());
-    let mut open = vec![(0_usize, 0_usize)];
-    while let Some((theirs, ours)) = open.pop() {
-        let node = &tree.nodes[theirs];
-        let first = node.first_index as usize;
-        if node.is_leaf() {
-            match groups.members(tree.primitive_indices[first] as usize) {
-                Members::One(item) => nodes[ours].below = Below::Item(item),
-                Members::Many(numbers) => split_by_median(items, numbers, &mut nodes, ours),
+/// many share one. The leaf of item `n` is the `n`th of `leaves`, in the unit cube. Children may come before their parent.
+pub(super) fn by_area(leaves: Vec<Bvh2Node>, params: BvhBuildParams) -> Vec<Bvh2Node> {
+    match Groups::new(&leaves) {
+        None => obvhs_tree(leaves, params),
+        Some(groups) if groups.len() == 1 => by_median(leaves),
+        Some(mut groups) => {
+            let mut nodes = obvhs_tree(groups.leaves(&leaves), params);
+            for number in 0..nodes.len() {
+                if nodes[number].is_leaf() {
+                    let members = groups.members(nodes[number].first_index);
+                    split_by_median(&leaves, members, &mut nodes, number);
+                }
             }
-        } else {
-            let children = nodes.len();
-            nodes.extend([placeholder(); 2]);
-            nodes[ours].below = Below::Nodes([children as u32, children as u32 + 1]);
-            open.extend([(first, children), (first + 1, children + 1)]);
+            nodes
         }
     }
-    bound(&mut nodes, items);
-    nodes
 }
 
-/// A balanced tree: splits at the median along the longest axis of the centres. Empty for no items.
-pub(super) fn by_median(items: &[Item]) -> Vec<Node2> {
-    if items.is_empty() {
-        return Vec::new();
+/// A balanced tree: splits at the median along the longest axis of the centres.
+pub(super) fn by_median(leaves: Vec<Bvh2Node>) -> Vec<Bvh2Node> {
+    let mut nodes = Vec::with_capacity(2 * leaves.len());
+    let mut numbers: Vec<u32> = (0..leaves.len() as u32).collect();
+    if !leaves.is_empty() {
+        nodes.push(leaves[0]);
+        split_by_median(&leaves, &mut numbers, &mut nodes, 0);
     }
-    let mut nodes = vec![placeholder()];
-    let mut numbers: Vec<u32> = (0..items.len() as u32).collect();
-    split_by_median(items, &mut numbers, &mut nodes, 0);
-    bound(&mut nodes, items);
     nodes
 }
 
 /// Items in groups: those whose centre shares a crowded cell together, all others alone.
-enum Groups {
-    /// There is no crowd: item by item.
-    Alone(usize),
+struct Groups {
+    members: Vec<u32>,
     /// Where each group starts in the list of members, and where the last one ends.
-    Some { members: Vec<u32>, starts: Vec<u32> },
-}
-
-enum Members<'a> {
-    One(u32),
-    Many(&'a mut [u32]),
+    starts: Vec<u32>,
 }
 
 impl Groups {
-    fn new(items: &[Item], bounds: Bounds) -> Self {
-        let low = bounds[0].as_dvec3();
-        let per_extent = CELLS / (bounds[1].as_dvec3() - low).max_element();
+    /// `None` if there is no crowd.
+    fn new(leaves: &[Bvh2Node]) -> Option<Self> {
         // 21 bits an axis.
-        let cell = |item: &Item| {
-            let [x, y, z] = ((centre(item.bounds) - low) * per_extent).as_u64vec3().to_array();
+        let cell = |leaf: &Bvh2Node| {
+            let [x, y, z] = (centre(leaf) * CELLS).as_uvec3().to_array().map(u64::from);
             x << 42 | y << 21 | z
         };
-        if !may_be_crowded(items.iter().map(cell), items.len()) {
-            return Self::Alone(items.len());
+        if !is_crowded(leaves.iter().map(cell), leaves.len()) {
+            return None;
         }
-        let mut cells: Vec<(u64, u32)> = items.iter().map(cell).zip(0..).collect();
+        let mut cells: Vec<(u64, u32)> = leaves.iter().map(cell).zip(0..).collect();
         cells.sort_unstable();
-        let mut starts = Vec::with_capacity(items.len() + 1);
+        let mut starts = Vec::with_capacity(leaves.len() + 1);
         let mut start = 0;
         for crowd in cells.chunk_by(|a, b| a.0 == b.0) {
             let count = crowd.len() as u32;
@@ -122,119 +79,128 @@ impl Groups {
             start += count;
         }
         starts.push(start);
-        Self::Some { members: cells.into_iter().map(|(_, number)| number).collect(), starts }
+        Some(Self { members: cells.into_iter().map(|(_, number)| number).collect(), starts })
     }
 
     fn len(&self) -> usize {
-        match self {
-            Self::Alone(count) => *count,
-            Self::Some { starts, .. } => starts.len() - 1,
-        }
+        self.starts.len() - 1
     }
 
-    fn members(&mut self, group: usize) -> Members<'_> {
-        match self {
-            Self::Alone(_) => Members::One(group as u32),
-            Self::Some { members, starts } => {
-                let members = &mut members[starts[group] as usize..starts[group + 1] as usize];
-                if let [one] = members { Members::One(*one) } else { Members::Many(members) }
-            }
-        }
+    fn members(&mut self, group: u32) -> &mut [u32] {
+        let [start, end] = [group, group + 1].map(|at| self.starts[at as usize] as usize);
+        &mut self.members[start..end]
     }
 
-    fn bounds(&mut self, group: usize, items: &[Item]) -> Bounds {
-        match self.members(group) {
-            Members::One(item) => items[item as usize].bounds,
-            Members::Many(numbers) => {
-                let first = items[numbers[0] as usize].bounds;
-                numbers[1..].iter().fold(first, |sum, &number| union(sum, items[number as usize].bounds))
-            }
-        }
+    /// One leaf a group.
+    fn leaves(&mut self, leaves: &[Bvh2Node]) -> Vec<Bvh2Node> {
+        let groups = 0..self.len() as u32;
+        groups.map(|group| Bvh2Node::new(around(leaves, self.members(group)), 1, group)).collect()
     }
 }
 
-/// Whether more than [`CROWD`] cells may be equal: surely not, if nowhere so many have the same hash. Saves sorting them,
-/// which takes longer.
-fn may_be_crowded(cells: impl Iterator<Item = u64>, count: usize) -> bool {
+/// Whether more than [`CROWD`] cells are equal. Only those are sorted of whose hash there are so many: sorting all takes
+/// longer than all else here.
+fn is_crowded(cells: impl Iterator<Item = u64> + Clone, count: usize) -> bool {
     let bits = (2 * count).next_power_of_two().trailing_zeros().max(1);
+    // The finalizer of SplitMix64 [Steele, Lea and Flood 2014, figure 16]: regular grids collide under less.
+    let slot = |cell: u64| {
+        let mixed = (cell ^ cell >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        let mixed = (mixed ^ mixed >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
+        (mixed >> (64 - bits)) as usize
+    };
     let mut counts = vec![0_u8; 1 << bits];
-    for cell in cells {
-        // Fibonacci hashing [Knuth 1998, section 6.4].
-        let slot = &mut counts[(cell.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> (64 - bits)) as usize];
-        *slot += 1;
-        if usize::from(*slot) > CROWD {
-            return true;
-        }
+    let mut suspect = false;
+    for cell in cells.clone() {
+        let count = &mut counts[slot(cell)];
+        *count = count.saturating_add(1);
+        suspect |= usize::from(*count) > CROWD;
     }
-    false
+    if !suspect {
+        return false;
+    }
+    let mut suspects: Vec<u64> = cells.filter(|&cell| usize::from(counts[slot(cell)]) > CROWD).collect();
+    suspects.sort_unstable();
+    suspects.chunk_by(|a, b| a == b).any(|equal| equal.len() > CROWD)
 }
 
-/// obvhs's tree over groups, at least two, one a leaf. Their boxes are scaled to unit size first, so that areas neither
-/// overflow nor vanish and the tree is the same at each scale.
-fn obvhs_tree(groups: &mut Groups, items: &[Item], bounds: Bounds, params: BvhBuildParams) -> Bvh2 {
-    let origin = bounds[0].as_dvec3();
-    let extent = (bounds[1].as_dvec3() - origin).max_element();
-    let scaled = |p: glam::Vec3| Vec3A::from(((p.as_dvec3() - origin) / extent).as_vec3());
-    let boxes: Vec<Padded> = (0..groups.len())
-        .map(|group| {
-            let [low, high] = groups.bounds(group, items);
-            Padded(Aabb::new(scaled(low), scaled(high)))
-        })
-        .collect();
-    let numbers = (0..boxes.len() as u32).collect();
-    let (distance, precision) = (params.ploc_search_distance, params.sort_precision);
-    let threshold = params.search_depth_threshold;
-    let mut tree = PlocBuilder::with_capacity(boxes.len()).build(distance, &boxes, numbers, precision, threshold);
+/// obvhs's tree over these leaves.
+fn obvhs_tree(leaves: Vec<Bvh2Node>, params: BvhBuildParams) -> Vec<Bvh2Node> {
+    let Some(all) = leaves.iter().map(|leaf| *leaf.aabb()).reduce(|a, b| a.union(&b)) else { return leaves };
+    let mut tree = Bvh2::zeroed(leaves.len());
+    // Leaves become the builder's own: `PlocBuilder::build` would have them twice.
+    let mut builder = PlocBuilder::with_capacity(leaves.len());
+    builder.current_nodes = leaves;
+    let (precision, threshold) = (params.sort_precision, params.search_depth_threshold);
+    macro_rules! build {
+        ($distance: literal) => {
+            builder.build_ploc_from_leaves::<$distance, false>(&mut tree, all, precision, threshold)
+        };
+    }
+    match params.ploc_search_distance {
+        PlocSearchDistance::Minimum => build!(1),
+        PlocSearchDistance::VeryLow => build!(2),
+        PlocSearchDistance::Low => build!(6),
+        PlocSearchDistance::Medium => build!(14),
+        PlocSearchDistance::High => build!(24),
+        PlocSearchDistance::VeryHigh => build!(32),
+    }
+    drop(builder);
     ReinsertionOptimizer::default().run(&mut tree, params.reinsertion_batch_ratio, None);
-    tree
+    tree.nodes
 }
 
-/// Grows a subtree over `numbers`, at least one, from the node `root`.
-fn split_by_median(items: &[Item], numbers: &mut [u32], nodes: &mut Vec<Node2>, root: usize) {
+/// Puts a subtree over `numbers`, at least one, at the node `root`.
+fn split_by_median(leaves: &[Bvh2Node], numbers: &mut [u32], nodes: &mut Vec<Bvh2Node>, root: usize) {
     let mut open = vec![(root, 0, numbers.len())];
     while let Some((node, start, end)) = open.pop() {
         if end - start == 1 {
-            nodes[node].below = Below::Item(numbers[start]);
+            nodes[node] = leaves[numbers[start] as usize];
             continue;
         }
         let part = &mut numbers[start..end];
         let middle = part.len() / 2;
-        let order = median_order(items, part);
+        let order = median_order(leaves, part);
         part.select_nth_unstable_by(middle, order);
         let children = nodes.len();
-        nodes.extend([placeholder(); 2]);
-        nodes[node].below = Below::Nodes([children as u32, children as u32 + 1]);
+        nodes[node] = Bvh2Node::new(around(leaves, part), 0, children as u32);
+        nodes.extend([Bvh2Node::default(); 2]);
         open.extend([(children, start, start + middle), (children + 1, start + middle, end)]);
     }
 }
 
 /// By centre along the axis on which centres differ most, then by size, then by number.
-fn median_order<'a>(items: &'a [Item], numbers: &[u32]) -> impl Fn(&u32, &u32) -> Ordering + use<'a> {
-    let centre_of = |number: u32| centre(items[number as usize].bounds);
+fn median_order<'a>(leaves: &'a [Bvh2Node], numbers: &[u32]) -> impl Fn(&u32, &u32) -> Ordering + use<'a> {
+    let centre_of = |number: u32| centre(&leaves[number as usize]);
     let start = centre_of(numbers[0]);
-    let fold = |[low, high]: [DVec3; 2], &number: &u32| [low.min(centre_of(number)), high.max(centre_of(number))];
+    let fold = |[low, high]: [Vec3A; 2], &number: &u32| [low.min(centre_of(number)), high.max(centre_of(number))];
     let [low, high] = numbers.iter().fold([start, start], fold);
     let axis = (high - low).max_position();
     move |&a, &b| {
-        let [one, other] = [a, b].map(|number| items[number as usize].bounds);
+        let [one, other] = [a, b].map(|number| &leaves[number as usize]);
         let by_centre = centre(one)[axis].total_cmp(&centre(other)[axis]);
-        by_centre.then_with(|| half_area(one).total_cmp(&half_area(other))).then(a.cmp(&b))
+        by_centre.then_with(|| one.aabb().half_area().total_cmp(&other.aabb().half_area())).then(a.cmp(&b))
     }
 }
 
-/// Sets all bounds, from the leaves up.
-fn bound(nodes: &mut [Node2], items: &[Item]) {
-    for number in (0..nodes.len()).rev() {
-        nodes[number].bounds = match nodes[number].below {
-            Below::Item(item) => items[item as usize].bounds,
-            Below::Nodes(children) => {
-                let [left, right] = children.map(|child| nodes[child as usize].bounds);
-                union(left, right)
-            }
-        };
-    }
+fn centre(leaf: &Bvh2Node) -> Vec3A {
+    (leaf.aabb().min + leaf.aabb().max) * 0.5
 }
 
-fn placeholder() -> Node2 {
-    Node2 { bounds: [glam::Vec3::ZERO; 2], below: Below::Item(0) }
+fn around(leaves: &[Bvh2Node], numbers: &[u32]) -> Aabb {
+    let first = *leaves[numbers[0] as usize].aabb();
+    numbers[1..].iter().fold(first, |sum, &number| sum.union(leaves[number as usize].aabb()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Two triangles of each square share a cell: no crowd, though hashes that mix less take it for one.
+    #[test]
+    fn only_crowds_are_crowds() {
+        let grid = (0..512_u64).flat_map(|x| (0..512_u64).flat_map(move |z| [x << 53 | z << 11; 2]));
+        assert!(!is_crowded(grid.clone(), 2 << 18));
+        let nine = grid.chain([5 << 53 | 7 << 11; CROWD - 1]);
+        assert!(is_crowded(nine, (2 << 18) + CROWD - 1));
+    }
 }

@@ -3,14 +3,13 @@
 //! Which subtrees become nodes, leaves, or are dissolved into their parent is decided by dynamic programming over the
 //! surface-area cost [after Ylitie, Karras and Laine 2017, section 3.1].
 
-use super::binary::{Below, Node2};
-use super::{Content, Item, half_area};
+use super::{Bounds, Item, Items, around, union};
 use crate::Shape;
 use crate::lanes::WIDTH;
-use crate::shape::Quadric;
 use crate::traverse::{Child, DEEPEST, Keys, Node8, Tree, Way};
 use crate::triangle::Triangles8;
 use glam::Vec3;
+use obvhs::bvh2::node::Bvh2Node;
 
 /// Expected time of testing eight boxes, eight triangles, and one sphere or disk. Of 0.6, 1.2 and 2 for triangles, 0.6
 /// gave the fastest rays and the smallest tree in each scene of benches/rays.rs, by 1 to 5 %.
@@ -20,64 +19,146 @@ const QUADRIC_COST: f32 = 2.5;
 /// Of an instance: a guess, taking a ray to its space and a few nodes there.
 const BOX_COST: f32 = 10.0;
 
-/// What is known of a binary subtree, in 32 bytes: there are two for each primitive.
+/// What is known of two siblings together, in 32 bytes: there is one for each primitive.
 #[derive(Clone, Copy, Debug, Default)]
-struct Plan {
-    /// Least cost of this subtree as at most 1, 2, … 7 children of some node.
+struct Pair {
+    /// Least cost of both as at most 2, 3, … 8 children of some node.
     cost: [f32; WIDTH - 1],
-    /// Triangles below, [`MANY`] if there are more than a leaf takes, or anything else among them.
-    triangles: u8,
+    /// Triangles below, [`MANY`] if there are more than a leaf takes, or anything else among them. 0 while the rest is not
+    /// known.
+    triangles: u32,
+}
+
+const MANY: u32 = WIDTH as u32 + 1;
+
+/// What is known of a binary subtree.
+#[derive(Clone, Copy, Debug)]
+struct Plan {
+    /// Least cost as at most 1, 2, … 7 children of some node.
+    cost: [f32; WIDTH - 1],
+    /// As [`Pair::triangles`].
+    triangles: u32,
     /// Whether, as one child, it is cheapest as a leaf.
     leaf: bool,
 }
 
-const MANY: u8 = u8::MAX;
-
 /// The eight-wide tree; `None` if it is empty or needs too deep a stack.
-pub(super) fn collapse(nodes: &[Node2], items: &[Item], shapes: &[Shape]) -> Option<Tree> {
-    let first = nodes.first()?;
-    let unit = half_area(first.bounds);
-    let mut plans = vec![Plan::default(); nodes.len()];
-    for number in (0..nodes.len()).rev() {
-        plans[number] = plan(&nodes[number], items, &plans, unit);
-    }
-    let moves = shapes.iter().any(|shape| matches!(shape, Shape::Moving(_)));
-    let mut tree = Wide { nodes, items, shapes, moves, plans, tree: Tree::default() }.emit();
+pub(super) fn collapse(nodes: &[Bvh2Node], items: &Items<'_>) -> Option<Tree> {
+    let moves = items.shapes.iter().any(|shape| matches!(shape, Shape::Moving(_)));
+    let plans = Plans::new(nodes, items);
+    let mut tree = Wide { nodes, items, moves, plans, tree: Tree::default() }.emit();
     if moves {
         tree.way = Way::moving();
     }
-    tree.stack = stack(&tree.nodes);
-    (tree.stack <= DEEPEST).then_some(tree)
+    tree.stack = enclose(&mut tree.nodes);
+    (!nodes.is_empty() && tree.stack <= DEEPEST).then_some(tree)
 }
 
-fn plan(node: &Node2, items: &[Item], plans: &[Plan], unit: f64) -> Plan {
-    let area = (half_area(node.bounds) / unit) as f32;
-    match node.below {
-        Below::Item(item) => match items[item as usize].content {
-            Content::Triangle => Plan { cost: [area * TRIANGLES_COST; WIDTH - 1], triangles: 1, leaf: true },
-            Content::Box => Plan { cost: [area * BOX_COST; WIDTH - 1], triangles: MANY, leaf: true },
-            Content::Quadric => Plan { cost: [area * QUADRIC_COST; WIDTH - 1], triangles: MANY, leaf: true },
-        },
-        Below::Nodes(children) => {
-            let [left, right] = children.map(|child| &plans[child as usize]);
-            let triangles = match left.triangles.saturating_add(right.triangles) {
-                few if usize::from(few) <= WIDTH => few,
-                _ => MANY,
-            };
-            let as_node = area * NODE_COST + share(left, right, WIDTH).1;
-            let as_leaf = if triangles == MANY { f32::INFINITY } else { area * TRIANGLES_COST };
-            let mut cost = [as_node.min(as_leaf); WIDTH - 1];
-            for slots in 2..WIDTH {
-                cost[slots - 1] = cost[slots - 2].min(share(left, right, slots).1);
+struct Plans<'a> {
+    nodes: &'a [Bvh2Node],
+    items: &'a Items<'a>,
+    /// Whether there is nothing but triangles, so that items need not be fetched to know it.
+    triangles: bool,
+    /// Of the last two nodes, those before, and so on.
+    pairs: Vec<Pair>,
+}
+
+impl<'a> Plans<'a> {
+    /// Plans of all nodes, those below first. Almost all come after their parent in the list; the few that obvhs put
+    /// elsewhere and what is above them wait until the rest is done.
+    fn new(nodes: &'a [Bvh2Node], items: &'a Items<'a>) -> Self {
+        let count = nodes.len() / 2;
+        let triangles = items.boxes.is_empty() && items.shapes.iter().all(|shape| shape.mesh().is_some());
+        let mut plans = Self { nodes, items, triangles, pairs: Vec::with_capacity(count) };
+        let mut waiting = Vec::new();
+        for number in 0..count {
+            let pair = plans.pair(number);
+            if pair.is_none() {
+                waiting.push(number);
             }
-            Plan { cost, triangles, leaf: as_leaf <= as_node }
+            plans.pairs.push(pair.unwrap_or_default());
         }
+        while let Some(number) = waiting.pop() {
+            if plans.pairs[number].triangles > 0 {
+                continue;
+            }
+            match plans.pair(number) {
+                Some(pair) => plans.pairs[number] = pair,
+                None => {
+                    waiting.push(number);
+                    let first = nodes.len() - 2 * (number + 1);
+                    let below = nodes[first..first + 2].iter().filter(|child| !child.is_leaf());
+                    waiting.extend(below.map(|child| plans.pair_of(child)));
+                }
+            }
+        }
+        plans
+    }
+
+    /// `None` as long as one of the pairs below has none.
+    #[inline(always)]
+    fn pair(&self, number: usize) -> Option<Pair> {
+        let first = self.nodes.len() - 2 * (number + 1);
+        let (left, right) = (self.plan(first), self.plan(first + 1));
+        if left.triangles == 0 || right.triangles == 0 {
+            return None;
+        }
+        let triangles = (left.triangles + right.triangles).min(MANY);
+        Some(Pair { cost: shares(&left, &right), triangles })
+    }
+
+    #[inline(always)]
+    fn plan(&self, number: usize) -> Plan {
+        let node = &self.nodes[number];
+        let area = node.aabb().half_area();
+        if node.is_leaf() {
+            let (cost, triangles) = if self.triangles {
+                (TRIANGLES_COST, 1)
+            } else {
+                match self.items.item(node.first_index).1 {
+                    Item::Triangle(_) | Item::Moving(_) => (TRIANGLES_COST, 1),
+                    Item::Quadric(_) => (QUADRIC_COST, MANY),
+                    Item::Box(_) => (BOX_COST, MANY),
+                }
+            };
+            return Plan { cost: [area * cost; WIDTH - 1], triangles, leaf: true };
+        }
+        let Pair { cost: below, triangles } = *self.pairs.get(self.pair_of(node)).unwrap_or(&Pair::default());
+        let as_node = area * NODE_COST + below[WIDTH - 2];
+        let as_leaf = if triangles == MANY { f32::INFINITY } else { area * TRIANGLES_COST };
+        let mut cost = [as_node.min(as_leaf); WIDTH - 1];
+        for slots in 2..WIDTH {
+            cost[slots - 1] = cost[slots - 2].min(below[slots - 2]);
+        }
+        Plan { cost, triangles, leaf: as_leaf <= as_node }
+    }
+
+    /// The number of the pair below an inner node.
+    #[inline(always)]
+    fn pair_of(&self, node: &Bvh2Node) -> usize {
+        (self.nodes.len() - 1 - node.first_index as usize) / 2
     }
 }
 
-/// How many of `slots` children the left side gets at the least cost, and that cost.
+/// The least costs of both with 2, 3, … 8 children, in whatever way they share them. For all numbers at once, so that
+/// compilers make vectors of it.
 #[inline(always)]
-fn share(left: &Plan, right: &Plan, slots: usize) -> (usize, f32) {
+fn shares(left: &Plan, right: &Plan) -> [f32; WIDTH - 1] {
+    // The right side's with less than one child in front.
+    let mut rights = [f32::INFINITY; 2 * WIDTH];
+    rights[WIDTH..2 * WIDTH - 1].copy_from_slice(&right.cost);
+    let mut least = [f32::INFINITY; WIDTH];
+    for lefts in 0..WIDTH - 1 {
+        for slots in 0..WIDTH {
+            let cost = left.cost[lefts] + rights[WIDTH - lefts + slots];
+            least[slots] = if cost < least[slots] { cost } else { least[slots] };
+        }
+    }
+    std::array::from_fn(|slots| least[slots])
+}
+
+/// How many of `slots` children the left side gets at the least cost.
+fn share(left: &Plan, right: &Plan, slots: usize) -> usize {
     let mut best = (1, f32::INFINITY);
     for i in 1..slots {
         let cost = left.cost[i - 1] + right.cost[slots - i - 1];
@@ -85,149 +166,233 @@ fn share(left: &Plan, right: &Plan, slots: usize) -> (usize, f32) {
             best = (i, cost);
         }
     }
-    best
+    best.0
 }
 
-/// A few numbers without an allocation.
-struct Few {
-    numbers: [u32; WIDTH],
+/// A few things without an allocation.
+struct Few<T> {
+    all: [T; WIDTH],
     count: usize,
 }
 
-impl Few {
-    fn of(number: u32) -> Self {
-        Self { numbers: [number; WIDTH], count: 1 }
-    }
-
-    fn push(&mut self, number: u32) {
-        self.numbers[self.count] = number;
+impl<T: Copy> Few<T> {
+    fn push(&mut self, one: T) {
+        self.all[self.count] = one;
         self.count += 1;
-    }
-
-    fn pop(&mut self) -> Option<u32> {
-        self.count = self.count.checked_sub(1)?;
-        Some(self.numbers[self.count])
     }
 }
 
 struct Wide<'a> {
-    nodes: &'a [Node2],
-    items: &'a [Item],
-    shapes: &'a [Shape],
-    /// Whether one of them does.
+    nodes: &'a [Bvh2Node],
+    items: &'a Items<'a>,
+    /// Whether one of their shapes does.
     moves: bool,
-    plans: Vec<Plan>,
+    plans: Plans<'a>,
     tree: Tree,
 }
 
+/// A binary subtree that becomes a child of a wide node.
+#[derive(Clone, Copy)]
+struct Chosen {
+    node: u32,
+    leaf: bool,
+    /// Whether a leaf is of triangles.
+    triangles: bool,
+}
+
+/// A leaf of triangles that is to be packed: the binary subtree, and whose child it is.
+struct Loose {
+    binary: u32,
+    wide: u32,
+    lane: usize,
+}
+
+/// So many leaves are unpacked at once: reading nodes of several subtrees in turns, processors wait for memory less.
+const BATCH: usize = 64;
+
 impl Wide<'_> {
+    /// All nodes and leaves; boxes of nodes are left empty.
     fn emit(mut self) -> Tree {
+        if self.nodes.is_empty() {
+            return self.tree;
+        }
+        let mut open = Vec::new();
+        let mut loose = Vec::new();
+        // Mostly enough, and costs no memory as long as nothing is written there; growing moves them all.
+        self.tree.nodes.reserve(self.nodes.len() / 32);
         self.tree.nodes.push(Node8::EMPTY);
-        let mut open = vec![(0_u32, 0_u32)];
-        while let Some((binary, wide)) = open.pop() {
-            let mut children = Few { numbers: [0; WIDTH], count: 0 };
-            match self.nodes[binary as usize].below {
-                Below::Nodes(below) if !(self.plans[binary as usize].leaf) => self.divide(below, WIDTH, &mut children),
-                // Only the root can be a leaf here.
-                _ => children.push(binary),
-            }
-            for (lane, &child) in children.numbers[..children.count].iter().enumerate() {
-                let below = if self.plans[child as usize].leaf {
-                    self.leaf(child)
-                } else {
-                    let number = self.tree.nodes.len() as u32;
-                    self.tree.nodes.push(Node8::EMPTY);
-                    open.push((child, number));
-                    Child::Node(number)
-                };
-                let node = &mut self.tree.nodes[wide as usize];
-                node.children[lane] = below.code();
-                let [low, high] = self.nodes[child as usize].bounds.map(|corner| corner.to_array());
-                for axis in 0..3 {
-                    node.bounds[axis][0].0[lane] = low[axis];
-                    node.bounds[axis][1].0[lane] = high[axis];
-                }
+        let plan = self.plans.plan(0);
+        let root = Chosen { node: 0, leaf: plan.leaf, triangles: plan.triangles <= WIDTH as u32 };
+        if root.leaf {
+            self.place(root, 0, 0, &mut open, &mut loose);
+        } else {
+            open.push((self.nodes[0].first_index, 0));
+        }
+        while let Some((below, wide)) = open.pop() {
+            let mut children = Few { all: [root; WIDTH], count: 0 };
+            self.divide(below, WIDTH, &mut children);
+            for lane in 0..children.count {
+                self.place(children.all[lane], wide, lane, &mut open, &mut loose);
             }
         }
+        self.pack(&loose);
         self.tree
     }
 
-    /// The binary nodes that become up to `slots` children in place of these two.
-    fn divide(&self, below: [u32; 2], slots: usize, children: &mut Few) {
-        let [left, right] = below.map(|child| &self.plans[child as usize]);
-        let lefts = share(left, right, slots).0;
-        for (child, slots) in below.into_iter().zip([lefts, slots - lefts]) {
-            let cost = &self.plans[child as usize].cost;
+    /// The binary nodes that become up to `slots` children in place of this one and the next.
+    fn divide(&self, below: u32, slots: usize, children: &mut Few<Chosen>) {
+        let (left, right) = (self.plans.plan(below as usize), self.plans.plan(below as usize + 1));
+        let lefts = share(&left, &right, slots);
+        for (child, plan, slots) in [(below, &left, lefts), (below + 1, &right, slots - lefts)] {
             // The fewest slots that reach the least cost.
-            let slots = (1..=slots).find(|&i| cost[i - 1] <= cost[slots - 1]).unwrap_or(1);
-            match self.nodes[child as usize].below {
-                Below::Nodes(below) if slots > 1 => self.divide(below, slots, children),
-                _ => children.push(child),
+            let slots = (1..=slots).find(|&i| plan.cost[i - 1] <= plan.cost[slots - 1]).unwrap_or(1);
+            if slots > 1 {
+                self.divide(self.nodes[child as usize].first_index, slots, children);
+            } else {
+                let triangles = plan.triangles <= WIDTH as u32;
+                children.push(Chosen { node: child, leaf: plan.leaf, triangles });
             }
         }
     }
 
-    /// Packs a leaf.
-    fn leaf(&mut self, binary: u32) -> Child {
-        let mut triangles = [([Vec3::ZERO; 3], 0_u64); WIDTH];
-        // Where they are at time 1.
-        let mut ends = [[Vec3::ZERO; 3]; WIDTH];
-        let mut count = 0;
-        // Of at most eight triangles, at most seven wait.
-        let mut open = Few::of(binary);
-        while let Some(number) = open.pop() {
-            match self.nodes[number as usize].below {
-                Below::Nodes([left, right]) => {
-                    open.push(left);
-                    open.push(right);
-                }
-                Below::Item(item) => {
-                    let Item { key, content, .. } = self.items[item as usize];
-                    if content == Content::Box {
-                        return Child::Box(key as u32);
-                    }
-                    let quadric = match &self.shapes[(key >> 32) as usize] {
-                        Shape::Mesh(mesh) => {
-                            triangles[count] = (mesh.corners(key as u32), key);
-                            ends[count] = triangles[count].0;
-                            count += 1;
-                            continue;
-                        }
-                        Shape::Moving(mesh) => {
-                            triangles[count] = (mesh.corners(key as u32, 0.0), key);
-                            ends[count] = mesh.ends_of(key as u32);
-                            count += 1;
-                            continue;
-                        }
-                        Shape::Sphere(sphere) => Quadric::Sphere(*sphere),
-                        Shape::Disk(disk) => Quadric::Disk(*disk),
-                    };
+    /// Makes a subtree the child of a node; what is below it waits in `open` or `loose`.
+    fn place(&mut self, it: Chosen, wide: u32, lane: usize, open: &mut Vec<(u32, u32)>, loose: &mut Vec<Loose>) {
+        let first = self.nodes[it.node as usize].first_index;
+        let (child, bounds) = if !it.leaf {
+            let number = self.tree.nodes.len() as u32;
+            self.tree.nodes.push(Node8::EMPTY);
+            open.push((first, number));
+            (Child::Node(number), NOTHING)
+        } else if it.triangles {
+            loose.push(Loose { binary: it.node, wide, lane });
+            (Child::Triangles(loose.len() as u32 - 1), NOTHING)
+        } else {
+            let (key, item) = self.items.item(first);
+            let child = match item {
+                Item::Quadric(quadric) => {
                     self.tree.quadrics.push(quadric);
                     self.tree.quadric_keys.push(key);
-                    return Child::Quadric(self.tree.quadrics.len() as u32 - 1);
+                    Child::Quadric(self.tree.quadrics.len() as u32 - 1)
                 }
+                _ => Child::Box(key as u32),
+            };
+            (child, self.items.bounds(first))
+        };
+        self.tree.nodes[wide as usize].put(lane, child, bounds);
+    }
+
+    /// Packs leaves of triangles, in this order, and gives them their boxes.
+    fn pack(&mut self, loose: &[Loose]) {
+        self.tree.triangles.reserve_exact(loose.len());
+        self.tree.triangle_keys.reserve_exact(loose.len());
+        let (mut open, mut next) = (Vec::new(), Vec::new());
+        for (batch, leaves) in loose.chunks(BATCH).enumerate() {
+            let mut members: [Few<u32>; BATCH] = std::array::from_fn(|_| Few { all: [0; WIDTH], count: 0 });
+            open.extend((0..).zip(leaves).map(|(leaf, &Loose { binary, .. })| (leaf, binary)));
+            while !open.is_empty() {
+                // Counted first, without branches, so that memory is asked for all of them before one is waited for.
+                let inner = open.iter().filter(|&&(_, number)| !self.nodes[number as usize].is_leaf()).count();
+                next.reserve(2 * inner);
+                for &(leaf, number) in &open {
+                    let node = &self.nodes[number as usize];
+                    if node.is_leaf() {
+                        members[leaf as usize].push(node.first_index);
+                    } else {
+                        next.extend([(leaf, node.first_index), (leaf, node.first_index + 1)]);
+                    }
+                }
+                std::mem::swap(&mut open, &mut next);
+                next.clear();
+            }
+            for (leaf, (&Loose { wide, lane, .. }, members)) in leaves.iter().zip(&members).enumerate() {
+                let bounds = self.leaf(&members.all[..members.count]);
+                let number = (batch * BATCH + leaf) as u32;
+                self.tree.nodes[wide as usize].put(lane, Child::Triangles(number), bounds);
             }
         }
-        let first = (triangles[0], ends[0]);
-        triangles[count..].fill(first.0);
-        ends[count..].fill(first.1);
-        self.tree.triangles.push(Triangles8::new(&triangles.map(|(corners, _)| corners)));
-        if self.moves {
-            self.tree.moved.push(Triangles8::new(&ends));
+    }
+
+    /// Packs a leaf of 1 to 8 triangles; the box around it.
+    fn leaf(&mut self, items: &[u32]) -> Bounds {
+        let mut bounds = NOTHING;
+        let mut keys = [0; WIDTH];
+        let mut corners = Triangles8::default();
+        // Where they are at time 1.
+        let mut ends = Triangles8::default();
+        for lane in 0..WIDTH {
+            // Lanes left over repeat the first.
+            let number = items[if lane < items.len() { lane } else { 0 }];
+            let (key, item) = self.items.item(number);
+            keys[lane] = key;
+            let (from, to) = match item {
+                Item::Triangle(mesh) => {
+                    let corners = mesh.corners(key as u32);
+                    (corners, corners)
+                }
+                Item::Moving(mesh) => (mesh.corners(key as u32, 0.0), mesh.ends_of(key as u32)),
+                // Not a triangle.
+                Item::Quadric(_) | Item::Box(_) => continue,
+            };
+            corners.put(lane, from);
+            if lane < items.len() {
+                bounds = union(bounds, around(from));
+            }
+            if self.moves {
+                ends.put(lane, to);
+                bounds = if lane < items.len() { union(bounds, around(to)) } else { bounds };
+            }
         }
-        self.tree.triangle_keys.push(Keys::new(triangles.map(|(_, key)| key)));
-        Child::Triangles(self.tree.triangles.len() as u32 - 1)
+        self.tree.triangles.push(corners);
+        if self.moves {
+            self.tree.moved.push(ends);
+        }
+        self.tree.triangle_keys.push(Keys::new(keys));
+        bounds
     }
 }
 
-/// Most children that can be put aside at once: all but one on each level of some path.
-fn stack(nodes: &[Node8]) -> usize {
-    let mut needs = vec![0_usize; nodes.len()];
-    for number in (0..nodes.len()).rev() {
-        let node = &nodes[number];
-        let used = (0..WIDTH).filter(|&lane| node.bounds[0][0].0[lane] <= node.bounds[0][1].0[lane]);
-        let below = used.clone().map(|lane| needs.get(node.children[lane] as usize).copied().unwrap_or(0)).max();
-        needs[number] = below.map_or(0, |below| used.count() - 1 + below);
+/// The box around nothing.
+const NOTHING: Bounds = [Vec3::INFINITY, Vec3::NEG_INFINITY];
+
+impl Node8 {
+    fn put(&mut self, lane: usize, child: Child, [low, high]: Bounds) {
+        self.children[lane] = child.code();
+        for axis in 0..3 {
+            self.bounds[axis][0].0[lane] = low[axis];
+            self.bounds[axis][1].0[lane] = high[axis];
+        }
     }
-    needs[0]
+
+    /// The box around all children.
+    pub(super) fn around(&self) -> Bounds {
+        let least = |side: usize| self.bounds.map(|axis| axis[side].0.into_iter().fold(f32::INFINITY, f32::min));
+        let most = |side: usize| self.bounds.map(|axis| axis[side].0.into_iter().fold(f32::NEG_INFINITY, f32::max));
+        [Vec3::from_array(least(0)), Vec3::from_array(most(1))]
+    }
+}
+
+/// Gives nodes their boxes, from what is below them; the most children that can be put aside at once: all but one on each
+/// level of some path.
+fn enclose(nodes: &mut [Node8]) -> usize {
+    let mut needs = vec![0_usize; nodes.len()];
+    // Children come after their parent, and the box of one is empty until it is set here.
+    for number in (0..nodes.len()).rev() {
+        let mut most = None;
+        let mut used = 0;
+        for lane in 0..WIDTH {
+            let code = nodes[number].children[lane];
+            let open = nodes[number].bounds[0][0].0[lane] > nodes[number].bounds[0][1].0[lane];
+            if open && code != 0 {
+                let bounds = nodes[code as usize].around();
+                nodes[number].put(lane, Child::Node(code), bounds);
+                most = most.max(Some(needs[code as usize]));
+                used += 1;
+            } else if !open {
+                most = most.max(Some(0));
+                used += 1;
+            }
+        }
+        needs[number] = most.map_or(0, |below| used - 1 + below);
+    }
+    needs.first().copied().unwrap_or(0)
 }
