@@ -39,7 +39,8 @@ pub fn cases(root: &Path) -> Result<Vec<Case>, String> {
         for (id, row) in rows.as_table().ok_or_else(|| format!("{group} is no table"))? {
             let row = row.as_table().ok_or_else(|| format!("{id} is no table"))?;
             let word = |key: &str| row.get(key).and_then(toml::Value::as_str).unwrap_or_default().to_owned();
-            if let Some(key) = row.keys().find(|k| !["tier", "title", "figure", "short", "needs"].contains(&k.as_str())) {
+            if let Some(key) = row.keys().find(|k| !["tier", "title", "figure", "short", "needs"].contains(&k.as_str()))
+            {
                 return Err(format!("{id}: '{key}' is no word of this list"));
             }
             found.push(Case {
@@ -176,8 +177,12 @@ pub fn contradictions(cases: &[Case], tests: &[Test]) -> Vec<String> {
     for case in cases {
         let own: Vec<&Test> = tests.iter().filter(|t| t.id == case.id).collect();
         match (own.is_empty(), case.needs.is_empty()) {
-            (true, true) => found.push(format!("{} has no test, and docs/hard-cases.toml does not say what it needs", case.id)),
-            (false, false) => found.push(format!("{} has a test: take its `needs` out of docs/hard-cases.toml", case.id)),
+            (true, true) => {
+                found.push(format!("{} has no test, and docs/hard-cases.toml does not say what it needs", case.id))
+            }
+            (false, false) => {
+                found.push(format!("{} has a test: take its `needs` out of docs/hard-cases.toml", case.id))
+            }
             _ => {}
         }
         let runs = own.iter().any(|t| t.ignored.is_none());
@@ -227,7 +232,8 @@ pub fn page(cases: &[Case], tests: &[Test], mutations: &str) -> String {
     page.push_str(&count("**all**", &|_| true));
     page.push_str(&count("of these T1", &|c| c.tier == "T1"));
     for group in groups {
-        let _ = write!(page, "\n## {group}\n\n| id | tier | case | status | tests | figure |\n|---|---|---|---|---|---|\n");
+        let _ =
+            write!(page, "\n## {group}\n\n| id | tier | case | status | tests | figure |\n|---|---|---|---|---|---|\n");
         for case in cases.iter().filter(|c| c.group == group) {
             page.push_str(&row(case, &own(case)));
         }
@@ -235,7 +241,13 @@ pub fn page(cases: &[Case], tests: &[Test], mutations: &str) -> String {
     let ignored: Vec<&Test> = tests.iter().filter(|t| t.ignored.is_some()).collect();
     page.push_str("\n## By hand\n\n| test | why | command |\n|---|---|---|\n");
     for test in ignored {
-        let _ = writeln!(page, "| `{}` | {} | `{}` |", test.path, test.ignored.as_deref().unwrap_or_default(), test.command);
+        let _ = writeln!(
+            page,
+            "| `{}` | {} | `{}` |",
+            test.path,
+            test.ignored.as_deref().unwrap_or_default(),
+            test.command
+        );
     }
     page.push_str(mutations);
     page

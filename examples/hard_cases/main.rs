@@ -49,7 +49,12 @@ fn mutate(root: &Path, names: &[String]) -> Result<(), String> {
     git(&["checkout", "--quiet", "--force", "--detach", "FETCH_HEAD"], &tree)?;
     for m in mutations::mutations(root)?.iter().filter(|m| names.is_empty() || names.contains(&m.name)) {
         let (outcome, seconds) = m.run(&tree, &commit)?;
-        println!("{:<24} {} ({seconds:.0} s) {}", m.name, if outcome.caught { "caught" } else { "NOT CAUGHT" }, outcome.said);
+        println!(
+            "{:<24} {} ({seconds:.0} s) {}",
+            m.name,
+            if outcome.caught { "caught" } else { "NOT CAUGHT" },
+            outcome.said
+        );
         note(root, &m.name, &outcome)?;
     }
     Ok(())
@@ -62,7 +67,10 @@ fn note(root: &Path, name: &str, outcome: &mutations::Outcome) -> Result<(), Str
     let of_another = |line: &&str| !line.starts_with(&format!("{name} = "));
     let mut lines: Vec<String> = text.lines().filter(of_another).map(str::to_owned).collect();
     let said: String = outcome.said.chars().filter(|c| !"\"\\".contains(*c) && !c.is_control()).collect();
-    lines.push(format!("{name} = {{ caught = {}, said = \"{said}\", commit = \"{}\" }}", outcome.caught, outcome.commit));
+    lines.push(format!(
+        "{name} = {{ caught = {}, said = \"{said}\", commit = \"{}\" }}",
+        outcome.caught, outcome.commit
+    ));
     lines.sort();
     std::fs::write(&path, lines.join("\n") + "\n").map_err(|e| format!("{}: {e}", path.display()))
 }

@@ -72,7 +72,10 @@ impl Mutation {
         let text = std::fs::read_to_string(&path).map_err(|e| format!("{}: {e}", path.display()))?;
         match text.matches(&self.old).count() {
             1 => Ok(text.replacen(&self.old, &self.new, 1)),
-            n => Err(format!("mutation {}: its text is {n} times in {}, not once: mend tests/mutations/list.toml", self.name, self.file)),
+            n => Err(format!(
+                "mutation {}: its text is {n} times in {}, not once: mend tests/mutations/list.toml",
+                self.name, self.file
+            )),
         }
     }
 

@@ -25,7 +25,7 @@ fn truth() -> f64 {
 /// freedom, so 5 is exceeded with p = 5e-6 and 10 with p < 1e-13.
 fn deviation<S: Sampler>(make: impl Fn(u64) -> S, limits: &Limits) -> f64 {
     let at = frame(SIDE, SIDE);
-    let mean = |seed| {
+    let mean = |seed: u64| {
         let mut field = Field(|pixel, u: [f32; 4]| f32::from(u8::from(u[0] < probability(pixel))));
         picture_mean(&run(&mut field, &mut make(1000 + seed), at, limits).unwrap())
     };
@@ -52,7 +52,10 @@ fn a01_counts_from_geometry_are_unbiased() {
 
 #[test]
 fn a01_the_naive_rule_is_caught() {
-    let z = deviation(|seed| Naive { points: Random::new(seed), pilot: 4, total: 64 }, &Limits::samples(64 * u64::from(SIDE * SIDE)));
+    let z = deviation(
+        |seed| Naive { points: Random::new(seed), pilot: 4, total: 64 },
+        &Limits::samples(64 * u64::from(SIDE * SIDE)),
+    );
     assert!(z < -10.0, "{z} standard errors");
 }
 

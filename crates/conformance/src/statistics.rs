@@ -27,9 +27,7 @@ mod spread;
 
 pub use adaptive::{Bernoulli, Naive, Pixels, count_trend, kept, picture_mean, refined};
 pub use chi_square::{chi_square, integrate};
-pub use levels::{
-    FAMILY, adjusted, critical, gamma_q, ln_gamma, normal_tail, power, sidak, student_tail, two_sided,
-};
+pub use levels::{FAMILY, adjusted, critical, gamma_q, ln_gamma, normal_tail, power, sidak, student_tail, two_sided};
 pub use mean::{Decided, Mean, MeanTest, Verdict, decide, samples_needed};
 pub use picture::{PictureTest, picture, pictures};
 pub use spread::{Calibration, brown_forsythe};

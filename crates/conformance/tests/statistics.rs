@@ -378,9 +378,8 @@ fn design_s8_metamorphic() {
         let limits = Limits::samples(1000);
         render(&mut Scaled(scale), sampler, Needs::none(), frame, &limits, &mut NoWatch).expect("a film")
     };
-    let scaled = |by: f64, film: &Film| -> Vec<[u64; 3]> {
-        (0..63).map(|i| film.mean(i).map(|x| (x * by).to_bits())).collect()
-    };
+    let scaled =
+        |by: f64, film: &Film| -> Vec<[u64; 3]> { (0..63).map(|i| film.mean(i).map(|x| (x * by).to_bits())).collect() };
     let plain = film(1.0, 1);
     for k in [-30, -1, 7, 30] {
         let by = f64::from(k).exp2();

@@ -237,7 +237,8 @@ fn d05_parallel_builds() {
         let alone = hash_of(&geometry(&mesh, preset));
         for threads in [2, 4, 8] {
             std::thread::scope(|scope| {
-                let builders: Vec<_> = (0..threads).map(|_| scope.spawn(|| hash_of(&geometry(&mesh, preset)))).collect();
+                let builders: Vec<_> =
+                    (0..threads).map(|_| scope.spawn(|| hash_of(&geometry(&mesh, preset)))).collect();
                 for builder in builders {
                     assert_eq!(builder.join().expect("it builds"), alone, "{preset:?}, {threads} at once");
                 }

@@ -60,7 +60,8 @@ impl Mean {
     pub fn against_estimate(&self, reference: &Self) -> MeanTest {
         let [a, b] = [self, reference].map(|m| (m.standard_error().powi(2), (m.n - 1) as f64));
         let variance = a.0 + b.0;
-        let degrees = if variance > 0.0 { variance * variance / (a.0 * a.0 / a.1 + b.0 * b.0 / b.1) } else { a.1 + b.1 };
+        let degrees =
+            if variance > 0.0 { variance * variance / (a.0 * a.0 / a.1 + b.0 * b.0 / b.1) } else { a.1 + b.1 };
         MeanTest::new(self.mean - reference.mean, variance.sqrt(), degrees)
     }
 
@@ -134,14 +135,7 @@ pub struct Decided {
 
 /// S4 with samples as needed: `first` of them, and twice as many while undecided, up to `cap`, where undecided is failed.
 /// The claim is wrongly passed with probability `alpha` at most, all looks together.
-pub fn decide(
-    reference: f64,
-    delta: f64,
-    alpha: f64,
-    first: u64,
-    cap: u64,
-    mut draw: impl FnMut() -> f64,
-) -> Decided {
+pub fn decide(reference: f64, delta: f64, alpha: f64, first: u64, cap: u64, mut draw: impl FnMut() -> f64) -> Decided {
     let looks = (cap / first).max(1).ilog2() as usize + 1;
     let level = sidak(alpha, looks);
     let mut mean = Mean::default();

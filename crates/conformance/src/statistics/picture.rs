@@ -61,7 +61,10 @@ struct Group {
 impl Group {
     fn new(width: usize, replicates: &[Vec<[f64; 3]>]) -> Self {
         let pixels = replicates[0].len();
-        assert!(replicates.iter().all(|r| r.len() == pixels) && pixels.is_multiple_of(width), "pictures differ in size");
+        assert!(
+            replicates.iter().all(|r| r.len() == pixels) && pixels.is_multiple_of(width),
+            "pictures differ in size"
+        );
         let across = width.div_ceil(BLOCK);
         let count = across * (pixels / width).div_ceil(BLOCK);
         let block = |i: usize| i / width / BLOCK * across + i % width / BLOCK;
@@ -108,7 +111,10 @@ fn compare(a: &Mean, b: Option<&Mean>, exact: Option<f64>) -> MeanTest {
 
 fn test(a: &Group, b: Option<&Group>, exact: Option<&Vec<f64>>) -> PictureTest {
     let figures = a.blocks[0].len();
-    assert!(a.blocks.len() > 1 && b.is_none_or(|b| b.blocks.len() > 1 && b.blocks[0].len() == figures), "two of a size");
+    assert!(
+        a.blocks.len() > 1 && b.is_none_or(|b| b.blocks.len() > 1 && b.blocks[0].len() == figures),
+        "two of a size"
+    );
     assert!(exact.is_none_or(|e| e.len() == figures), "pictures differ in size");
     let all = |g: &Group, k| g.figure(k, 0..g.blocks.len());
     let tests: Vec<MeanTest> =
