@@ -89,8 +89,9 @@ impl Mutation {
         let sound = std::fs::read_to_string(&path).map_err(|e| e.to_string())?;
         std::fs::write(&path, self.applied(tree)?).map_err(|e| e.to_string())?;
         let start = Instant::now();
-        let result = Command::new(env!("CARGO"))
-            .arg("test")
+        // Some loop for ever without their safeguard; `timeout` ends cargo and what it has started.
+        let result = Command::new("timeout")
+            .args(["1200", env!("CARGO"), "test"])
             .args(self.test.split_whitespace())
             .env("CARGO_TARGET_DIR", tree.join("target"))
             .env("RUST_BACKTRACE", "0")
