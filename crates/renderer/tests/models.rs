@@ -332,7 +332,8 @@ fn meet([a, b, c]: &[DVec3; 3], ray: &Ray) -> Option<f64> {
 /// clusters and not: every pixel finite, every sample spent, and something to be seen. Tells how many clusters there are.
 fn rendered(name: &str, world: World) -> usize {
     let frame = Frame::new(32, 32).unwrap();
-    let stage = Stage::new(Arc::new(world));
+    let world = Arc::new(world);
+    let stage = Stage::new(world.clone());
     let mut clusters = 0;
     for sampler in ["cluster-thesis", "cluster:geometry=2"] {
         let points = registry::points("sobol", Setting { seed: 1, spp: Some(2) }).unwrap();
@@ -342,10 +343,9 @@ fn rendered(name: &str, world: World) -> usize {
         let used: BTreeSet<u32> = made.labels().iter().copied().collect();
         clusters = made.clusters().len();
         assert!(used.len() <= clusters && used.iter().all(|&label| (label as usize) < clusters), "{name}");
-        let world = stage.world("this test").unwrap();
         let needs = filter.needs();
         let film =
-            render(&mut *integrator(world), &mut *sampler, needs, frame, &Limits::samples(4 * 1024), &mut NoWatch);
+            render(&mut *integrator(&world), &mut *sampler, needs, frame, &Limits::samples(4 * 1024), &mut NoWatch);
         let film = film.unwrap_or_else(|e| panic!("{name}: {e}"));
         assert_eq!((film.record().samples, film.record().rejected), (4 * 1024, 0), "{name}");
         let filtered = filter.apply(&film).unwrap_or_else(|e| panic!("{name}: {e}"));
