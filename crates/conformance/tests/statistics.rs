@@ -174,7 +174,7 @@ fn design_s2_pictures() {
     assert!(block.blocks < FAMILY && block.p() < FAMILY, "{block:?}");
     // Every block is off by 1.5 standard errors, half up, half down: none stands out, nor does the mean.
     let chequered = against(&|i, p| {
-        let up = (i % WIDTH / 8 + i / WIDTH / 8) % 2 == 0;
+        let up = (i % WIDTH / 8 + i / WIDTH / 8).is_multiple_of(2);
         *p = p.map(|v| v + if up { 0.14 } else { -0.14 });
     });
     assert!(chequered.spread < 1e-4 && chequered.global > 1e-3, "{chequered:?}");

@@ -15,7 +15,7 @@ impl Integrator for TwoLevels {
     fn estimate(&self, draws: &Draws<'_>, _: &mut Observed) -> Estimate {
         let [u, v, a, _] = draws.block(Block::new(0));
         let [x, y] = draws.pixel();
-        let first_hit = draws.wants_first_hit().then(|| FirstHit {
+        let first_hit = draws.wants_first_hit().then_some(FirstHit {
             position: [x as f32 + u, y as f32 + v, 0.0],
             geometric_normal: [0.0, 0.0, 1.0],
             shading_normal: if x % 16 < 8 { [1.0, 0.0, 0.0] } else { [0.0, 0.0, 1.0] },
@@ -27,7 +27,7 @@ impl Integrator for TwoLevels {
             shape: 0,
             primitive: y / 6,
         });
-        let likely = if (x / 8 + y / 8) % 2 == 0 { 0.1 } else { 0.7 };
+        let likely = if (x / 8 + y / 8).is_multiple_of(2) { 0.1 } else { 0.7 };
         Estimate { radiance: [f32::from(u8::from(a < likely)); 3], first_hit, cost: 1 }
     }
 }
