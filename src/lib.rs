@@ -56,6 +56,8 @@
 
 pub use dapple_core as core;
 
+#[cfg(feature = "checkpoint")]
+pub use dapple_checkpoint as checkpoint;
 #[cfg(feature = "cluster-adaptive")]
 pub use dapple_cluster_adaptive as cluster_adaptive;
 #[cfg(feature = "clustering")]

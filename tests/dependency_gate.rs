@@ -80,6 +80,7 @@ const RULES: &[(&str, &[&str], &[&str])] = &[
     ("dapple-cluster-adaptive", &["dapple-core", "dapple-clustering"], OF_A_SCENE),
     ("dapple-reconstruction", &["dapple-core"], OF_A_SCENE),
     ("dapple-metrics", &[], &["glam", "obvhs", "image", "exr", "rayon"]),
+    ("dapple-checkpoint", &[], &["glam", "obvhs", "image", "exr", "rayon"]),
     ("dapple-geometry", &[], &["image", "exr", "rayon", "clap"]),
     (
         "dapple-renderer",
@@ -122,6 +123,7 @@ const RULES: &[(&str, &[&str], &[&str])] = &[
             "dapple-metrics",
             "dapple-renderer",
             "dapple-study",
+            "dapple-checkpoint",
         ],
         &["dapple-conformance"],
     ),

@@ -7,6 +7,7 @@ mod effects;
 mod info;
 mod lists;
 mod machine;
+mod merge;
 mod output;
 mod render;
 mod scene;
@@ -63,6 +64,7 @@ Exit status: 0 done, 1 failed, 2 wrong words, 130 interrupted (what was done is 
 #[derive(Subcommand)]
 enum Command {
     Render(Box<render::Options>),
+    Merge(merge::Options),
     Compare(compare::Options),
     Info(info::Options),
     Effects(effects::Options),
@@ -81,6 +83,7 @@ enum Command {
 fn main() -> ExitCode {
     let outcome = match Words::parse().command {
         Command::Render(options) => render::run(&options),
+        Command::Merge(options) => merge::run(&options),
         Command::Compare(options) => compare::run(&options),
         Command::Info(options) => info::run(&options),
         Command::Effects(options) => effects::run(&options),

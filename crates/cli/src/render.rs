@@ -1,10 +1,13 @@
 //! `dapple render`.
 
+mod checkpoints;
 mod files;
+pub(crate) mod identity;
 pub(crate) mod options;
 mod progress;
 mod report;
 mod settings;
+pub(crate) mod shard;
 
 pub(crate) use options::Options;
 
@@ -12,9 +15,11 @@ use crate::machine::{cpu_seconds, start_threads};
 use crate::output::{say, tell, warn};
 use crate::stop::Stop;
 use crate::{Failure, Outcome, Result, scene};
+use checkpoints::Checkpoints;
 use clap::CommandFactory;
 use clap::error::ErrorKind;
-use dapple_core::{Error, Film, streams};
+use dapple_checkpoint::{Identity, Store};
+use dapple_core::{Error, Film, Needs, Sampler, Sharded, streams};
 use dapple_renderer::light::LightChoice;
 use dapple_renderer::scene::Scene;
 use dapple_renderer::{Effect, Effects, Stage, WorldClusters, integrator};
@@ -22,6 +27,7 @@ use files::Files;
 use progress::Progress;
 use report::{Report, Seconds};
 use settings::{Methods, Settings};
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -30,14 +36,30 @@ use std::time::Instant;
 const DEFAULT_SPP: f64 = 64.0;
 
 pub(crate) fn run(options: &Options) -> Result<Outcome> {
+    make(options, None)
+}
+
+/// Makes the picture of a film that is there already, rendered with these words: what `identity` says of it must hold here.
+pub(crate) fn show(options: &Options, film: Film, identity: &Identity) -> Result<Outcome> {
+    make(options, Some((film, identity)))
+}
+
+fn make(options: &Options, merged: Option<(Film, &Identity)>) -> Result<Outcome> {
     if let Err(wrong) = options.check() {
         refuse(&wrong);
     }
     let stop = Stop::listen()?;
     start_threads(options.threads)?;
+    // Before anything long: a second process learns at once that it is one.
+    let store = options.checkpoint.as_ref().or(options.resume.as_ref());
+    let store = store.map(|path| checkpoints::open(path, options.resume.as_ref())).transpose()?;
     let clock = Instant::now();
-    let mut scene = scene::read(&options.scene, options.allow_unsupported)?;
+    let (mut scene, digest) = match store.is_some() || options.shard.is_some() || merged.is_some() {
+        true => scene::read_digested(&options.scene, options.allow_unsupported)?,
+        false => (scene::read(&options.scene, options.allow_unsupported)?, String::new()),
+    };
     let mut settings = Settings::new(options, &mut scene)?;
+    let share = shard::file(options, &scene.name, &settings.frame)?;
     let files = Files::new(options, &scene.name, &settings)?;
     let load = clock.elapsed().as_secs_f64();
     warn_of(&scene, options);
@@ -65,7 +87,29 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     let cpu = cpu_seconds();
     let mut methods = settings.methods(&stage)?;
     let clusters = stage.first_clusters();
-    let (film, failure) = trace(&settings, &mut methods, clusters.is_some(), &world, &files, options, &stop)?;
+    let identity = identity::identity(options, &settings, &methods, &scene, &digest);
+    let traced = match merged {
+        Some((film, known)) => {
+            let here = shard::common(&identity);
+            checkpoints::refuse_other(&options.scene, &here, known)?;
+            Traced { film, failure: None, resume: None }
+        }
+        None => {
+            let keep = store.map(|store| Checkpoints::new(store, identity.clone(), options.checkpoint_every));
+            let mut needs = methods.filter.needs().and(files.needs(clusters.is_some()));
+            if share.is_some() {
+                // What any picture that is made of them may show.
+                needs = needs.with_variance().with_first_hits(u8::from(clusters.is_some()));
+            }
+            let progress = Progress::new(options, &settings, stop, keep);
+            trace(&settings, &mut methods, needs, &world, options, &identity, progress)?
+        }
+    };
+    let Traced { film, failure, resume } = traced;
+    if let (Some(path), Some(shard), None) = (&share, options.shard, &failure) {
+        shard::write(path, shard, &film, identity, options.quiet)?;
+        return end(&film, None, resume);
+    }
     let clock = Instant::now();
     let filtered = methods.filter.apply(&film).map_err(Failure::new)?;
     seconds.filter = clock.elapsed().as_secs_f64();
@@ -95,10 +139,28 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
         warn_of_error(&film, options);
     }
     deliver(report, &files, 1.0 / world.space().scale(), options)?;
+    end(&film, failure, resume)
+}
+
+/// The last words, after everything is written. `resume` is the checkpoint to go on from, or why there is none.
+fn end(film: &Film, failure: Option<Failure>, resume: Option<Result<PathBuf>>) -> Result<Outcome> {
+    let interrupted = film.record().interrupted;
+    let go_on = match resume {
+        Some(Err(trouble)) if interrupted => return Err(trouble),
+        Some(Err(Failure(lines))) => {
+            lines.iter().for_each(warn);
+            None
+        }
+        Some(Ok(path)) => Some(path),
+        None => None,
+    };
     match failure {
         Some(failure) => Err(failure),
-        None if film.record().interrupted => {
+        None if interrupted => {
             say("interrupted", "the picture is what was done until then");
+            if let Some(path) = go_on {
+                say("interrupted", &format!("the same words with --resume {} go on from there", path.display()));
+            }
             Ok(Outcome::Interrupted)
         }
         None => Ok(Outcome::Done),
@@ -135,30 +197,63 @@ fn refuse(wrong: &str) -> ! {
     }
 }
 
-/// Traces. What was done before an integrator panicked is kept, beside the failure.
+/// What came of tracing.
+struct Traced {
+    film: Film,
+    /// What an integrator's panic left is kept beside it.
+    failure: Option<Failure>,
+    /// Where to go on from, or why that is not possible; `None` without checkpoints.
+    resume: Option<Result<PathBuf>>,
+}
+
+/// Traces, from the beginning or from a checkpoint.
 fn trace(
     settings: &Settings,
     methods: &mut Methods,
-    clusters: bool,
+    needs: Needs,
     world: &dapple_renderer::World,
-    files: &Files,
     options: &Options,
-    stop: &Stop,
-) -> Result<(Film, Option<Failure>)> {
+    identity: &Identity,
+    mut progress: Progress,
+) -> Result<Traced> {
     let mut integrator = integrator(world);
-    let needs = methods.filter.needs().and(files.needs(clusters));
-    let mut progress = Progress::new(options, settings, stop.clone());
-    let sampler = &mut *methods.sampler;
-    let film = dapple_core::render(&mut *integrator, sampler, needs, settings.frame, &settings.limits, &mut progress);
+    let (frame, limits) = (settings.frame, &settings.limits);
+    let mut share;
+    let sampler: &mut dyn Sampler = match options.shard {
+        None => &mut *methods.sampler,
+        Some(shard) => {
+            share = Sharded::new(&mut *methods.sampler, shard, limits)
+                .map_err(|e| Failure::new(format!("--shard {shard}: {e} (uniform, cluster-thesis)")))?;
+            &mut share
+        }
+    };
+    // Beside --checkpoint with the same file: the first time there is none.
+    let begins = |from: &PathBuf| options.checkpoint.as_ref() == Some(from) && !Store::exists(from);
+    let film = match options.resume.as_ref().filter(|from| !begins(from)) {
+        None => dapple_core::render(&mut *integrator, sampler, needs, frame, limits, &mut progress),
+        Some(from) => {
+            let snapshot = checkpoints::read(from, identity)?;
+            let done = snapshot.film().record().samples as f64 / frame.pixels() as f64;
+            if !options.quiet && !options.json {
+                say("resume", &format!("going on after {done:.2} spp"));
+            }
+            dapple_core::resume(snapshot, &mut *integrator, sampler, needs, frame, limits, &mut progress)
+        }
+    };
     progress.finish();
+    let resume = progress.checkpoints.map(|kept| {
+        let path = kept.path().to_owned();
+        kept.into_trouble().map_or(Ok(path), Err)
+    });
     let error = match film {
-        Ok(film) => return Ok((film, None)),
+        Ok(film) => return Ok(Traced { film, failure: None, resume }),
         Err(error) => error,
     };
     let message = error.to_string();
     match error {
         Error::Panicked { film, .. } => {
-            Ok((*film, Some(Failure::new(message + "; what was finished before is saved"))))
+            let failure = Some(Failure::new(message + "; what was finished before is saved"));
+            Ok(Traced { film: *film, failure, resume })
         }
         _ => Err(Failure::new(message)),
     }

@@ -3,10 +3,14 @@
 use crate::output::warn;
 use crate::{Failure, Result};
 use dapple_renderer::bundled::{self, Bundle};
+use dapple_renderer::files::{Disk, Files};
 use dapple_renderer::pbrt::ReadOptions;
 use dapple_renderer::scene::Scene;
-use dapple_renderer::{AnyOptions, Called, Effects, World, read_any};
-use std::path::Path;
+use dapple_renderer::{AnyOptions, Called, Effects, World, read_any_from};
+use dapple_study::Digest;
+use std::cell::RefCell;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
 
 /// The bundled scene that a name means: where it is no file's.
 fn bundle(name: &Path) -> Option<Bundle> {
@@ -15,6 +19,41 @@ fn bundle(name: &Path) -> Option<Bundle> {
 
 /// Reads a scene: a pbrt-v4 file, a model, or a bundled one.
 pub(crate) fn read(name: &Path, allow_unsupported: bool) -> Result<Scene> {
+    read_from(&Disk, name, allow_unsupported)
+}
+
+/// Reads a scene, with a digest of every byte that was read for it, wherever it lies.
+pub(crate) fn read_digested(name: &Path, allow_unsupported: bool) -> Result<(Scene, String)> {
+    let files = Recorder::default();
+    let scene = read_from(&files, name, allow_unsupported)?;
+    let mut digest = Digest::new();
+    for (name, bytes) in bundle(name).iter().flat_map(|bundle| &bundle.files) {
+        digest.text(name);
+        digest.add(bytes);
+    }
+    let folder = name.parent().unwrap_or(Path::new(""));
+    for (file, bytes) in files.read.into_inner() {
+        digest.text(&file.strip_prefix(folder).unwrap_or(&file).to_string_lossy());
+        digest.text(&bytes);
+    }
+    Ok((scene, digest.hex()))
+}
+
+/// The disk, with a digest of each file read.
+#[derive(Default)]
+struct Recorder {
+    read: RefCell<BTreeMap<PathBuf, String>>,
+}
+
+impl Files for Recorder {
+    fn read(&self, path: &Path) -> std::io::Result<Vec<u8>> {
+        let bytes = Disk.read(path)?;
+        self.read.borrow_mut().insert(path.to_owned(), Digest::of(&bytes).hex());
+        Ok(bytes)
+    }
+}
+
+fn read_from(files: &impl Files, name: &Path, allow_unsupported: bool) -> Result<Scene> {
     let scene = match bundle(name) {
         Some(bundle) => bundle.read(),
         None if !name.exists() => {
@@ -25,7 +64,7 @@ pub(crate) fn read(name: &Path, allow_unsupported: bool) -> Result<Scene> {
         }
         None => {
             let options = ReadOptions::default().with_allow_unsupported(allow_unsupported);
-            read_any(name, &AnyOptions::default().with_scene(options))
+            read_any_from(files, name, &AnyOptions::default().with_scene(options))
         }
     };
     // The library knows no options; here its advice has a name.

@@ -46,8 +46,11 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     let ended = study.run(&mut *runner, &mut bar).map_err(|e| told(&e, &mut bar))?;
     bar.finish();
     if ended == Ended::Stopped {
-        let (done, folder) = (study.runs().len(), folder.display());
-        say("interrupted", &format!("{done} of {runs} runs are in {folder}; the same command goes on from there"));
+        let (done, at) = (study.runs().len(), folder.display());
+        say("interrupted", &format!("{done} of {runs} runs are in {at}; the same command goes on from there"));
+        if done > 0 {
+            deliver(folder, options.quiet)?;
+        }
         return Ok(Outcome::Interrupted);
     }
     deliver(folder, options.quiet)

@@ -1,8 +1,8 @@
 //! What every sampler must pass.
 
 use dapple_core::{
-    Block, Budget, Draws, Error, Estimate, Feedback, Film, FirstHit, Frame, Integrator, Limits, Needs, NoWatch,
-    Observed, Plan, Progress, Sampler, render,
+    Block, Budget, Control, Draws, Error, Estimate, Feedback, Film, FirstHit, Frame, Integrator, Limits, Needs,
+    NoWatch, Observed, Plan, Progress, Sampler, Snapshot, Status, Watch, render, resume,
 };
 
 /// How a sampler treats its budget.
@@ -19,8 +19,8 @@ pub enum Spending {
 /// Renders made-up scenes (black, constant, an edge, noise, fireflies, invalid samples) on frames
 /// from 1x1 up and demands: the budget met to the sample; every pixel between floor and ceiling; no
 /// plan that breaks its word; finite pictures; the same bits for any number of threads, tile, slice
-/// and order, and in a second run; a budget that is raised later spent as well; a name that says
-/// something. Below 16 samples per pixel a sampler may refuse with
+/// and order, and in a second run; the same bits where a fresh one goes on from any snapshot of a render
+/// ([`Sampler::save`]); a budget that is raised later spent as well; a name that says something. Below 16 samples per pixel a sampler may refuse with
 /// [`Error::BudgetTooSmall`](dapple_core::Error::BudgetTooSmall).
 ///
 /// # Panics
@@ -55,6 +55,7 @@ pub fn sampler_on_frames(make: impl Fn(&Frame) -> Box<dyn Sampler>, spending: Sp
         keeps_bounds(&make, spending, frame([19, 18]), scene);
         same_bits(&make, frame([19, 37]), scene);
         budget_raised(&make, spending, frame([19, 18]), scene);
+        resumes(&make, frame([11, 13]), scene);
     }
     crops(&make, spending);
     impossible(&make, frame([5, 4]));
@@ -249,6 +250,56 @@ fn same_bits(make: &impl Fn(&Frame) -> Box<dyn Sampler>, frame: Frame, scene: Sc
         cut.schedule = dapple_core::Schedule { tile_rows, slice_spp, shuffle };
         assert!(film(3, &cut) == reference, "{scene:?}: {:?} gives other bits", cut.schedule);
     }
+}
+
+/// Keeps a snapshot of every slice, and of the end.
+#[derive(Default)]
+struct Keeper {
+    slices: Vec<Vec<u8>>,
+    end: Vec<u8>,
+}
+
+impl Watch for Keeper {
+    fn slice(&mut self, status: &Status<'_>) -> Control {
+        self.slices.push(status.snapshot());
+        Control::Continue
+    }
+
+    fn end(&mut self, status: &Status<'_>) {
+        self.end = status.snapshot();
+    }
+}
+
+/// A fresh sampler goes on from any snapshot to the same bits; and from the last, with a larger budget, to those of a
+/// render that was shown the same budgets in one go.
+fn resumes(make: &impl Fn(&Frame) -> Box<dyn Sampler>, frame: Frame, scene: Scene) {
+    let pixels = frame.pixels() as u64;
+    let mut limits = Limits::samples(21 * pixels + 5);
+    limits.schedule.slice_spp = 3;
+    let (mut keeper, mut sampler) = (Keeper::default(), make(&frame));
+    let case = format!("{}, {scene:?}", sampler.describe());
+    let whole = render(&mut { scene }, &mut *sampler, Needs::none(), frame, &limits, &mut keeper);
+    let whole = bits(&whole.unwrap_or_else(|e| panic!("{case}: {e}")));
+    let go_on = |bytes: &[u8], limits: &Limits, threads: usize| {
+        let snapshot = Snapshot::from_bytes(bytes).unwrap_or_else(|e| panic!("{case}: {e}"));
+        let mut sampler = make(&frame);
+        let film = on_threads(threads, || {
+            resume(snapshot, &mut { scene }, &mut *sampler, Needs::none(), frame, limits, &mut NoWatch)
+        });
+        film.unwrap_or_else(|e| panic!("{case}: it cannot be resumed: {e}"))
+    };
+    let otherwise = Limits::samples(21 * pixels + 5);
+    for (i, bytes) in keeper.slices.iter().chain([&keeper.end]).enumerate() {
+        let film = go_on(bytes, &otherwise, 1 + i % 3);
+        assert!(
+            bits(&film) == whole,
+            "{case}: resumed after slice {i} it gives other bits: does it save all it keeps?"
+        );
+    }
+    let later = go_on(&keeper.end, &Limits::samples(43 * pixels), 2);
+    let at_once = Limits::new(Budget::Recorded(later.record().budgets.clone()));
+    let at_once = run(&mut *make(&frame), scene, frame, &at_once).unwrap_or_else(|e| panic!("{case}: {e}"));
+    assert!(bits(&later) == bits(&at_once), "{case}: resumed with a larger budget it gives other bits");
 }
 
 fn budget_raised(make: &impl Fn(&Frame) -> Box<dyn Sampler>, spending: Spending, frame: Frame, scene: Scene) {

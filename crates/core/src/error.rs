@@ -97,6 +97,32 @@ pub enum Error {
         /// What differs, and what to do about it.
         what: String,
     },
+    /// Bytes that are no snapshot.
+    #[error("these bytes are no snapshot of a render: {what}")]
+    BadSnapshot {
+        /// What is wrong with them.
+        what: &'static str,
+    },
+    /// A snapshot of another render than the one that shall go on.
+    #[error("the snapshot is of another render: {what}; go on with the settings that it was made with, or start anew")]
+    OtherRender {
+        /// What differs.
+        what: String,
+    },
+    /// A render that cannot be shared out among machines.
+    #[error("{who} cannot be shared out among machines: {why}")]
+    NoShards {
+        /// The sampler, or what else it is.
+        who: String,
+        /// Why, and what can.
+        why: &'static str,
+    },
+    /// Shards that do not make a picture.
+    #[error("these shards make no picture: {what}")]
+    BadShards {
+        /// What is missing, twice there, or does not belong to the others.
+        what: String,
+    },
     /// A sample was no radiance, in strict mode.
     #[error("sample {} of stream {} in pixel ({}, {}) is {value:?}, with {points}", sample.index, sample.stream, sample.pixel[0], sample.pixel[1])]
     InvalidSample {

@@ -65,6 +65,9 @@ pub trait Integrator: Sync {
     /// what is learned does not depend on threads. A lesson is one sample a pixel at first, then as
     /// many as were traced before it, and at most what is left of the round: 1, 1, 2, 4, … where
     /// rounds are long.
+    ///
+    /// What is learned must follow from the lessons alone: a render that is resumed from a [`Snapshot`](crate::Snapshot)
+    /// takes them again, in their order, without a sample traced. So there is nothing else to save.
     fn learn(&mut self, lesson: &Observations) {
         let _ = lesson;
     }
@@ -144,6 +147,11 @@ impl Observations {
             same
         });
         Self { entries }
+    }
+
+    /// These entries, if their keys ascend.
+    pub(crate) fn sorted(entries: Vec<Observation>) -> Option<Self> {
+        entries.is_sorted_by(|a, b| a.key < b.key).then_some(Self { entries })
     }
 
     /// The entries, in ascending order of key.

@@ -37,6 +37,8 @@ mod point_set;
 mod render;
 mod sampler;
 pub mod samplers;
+mod shard;
+mod snapshot;
 
 pub use allocate::{Allocation, allocate, allocate_on_ladder, ladder_floor, ladder_next, share};
 pub use draws::{Block, Draws};
@@ -50,8 +52,10 @@ pub use moments::{Moments, RgbMoments};
 pub use needs::Needs;
 pub use plan::{Combine, Fate, Plan, Progress};
 pub use point_set::{PointSet, SampleId, streams};
-pub use render::{Control, NoWatch, Status, Watch, render};
+pub use render::{Control, NoWatch, Status, Watch, render, resume};
 pub use sampler::{BudgetLeft, Feedback, Sampler};
+pub use shard::{Part, Shard, Sharded, merge};
+pub use snapshot::Snapshot;
 
 /// Runs the example of the README.
 #[cfg(doctest)]

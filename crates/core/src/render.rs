@@ -4,7 +4,10 @@ mod budget;
 mod round;
 
 use crate::film::Bank;
-use crate::{Error, Film, Frame, Integrator, Limits, Needs, Plan, Progress, RoundRecord, Sampler};
+use crate::snapshot::{Cursor, OpenRound, View};
+use crate::{
+    Error, Fate, Film, Frame, Integrator, Limits, Needs, Observations, Plan, Progress, RoundRecord, Sampler, Snapshot,
+};
 use budget::Meter;
 use round::Stopped;
 use std::time::Instant;
@@ -24,6 +27,15 @@ pub struct Status<'a> {
     pub seconds: f64,
     /// The time limit, if there is one.
     pub seconds_limit: Option<f64>,
+    view: View<'a>,
+}
+
+impl Status<'_> {
+    /// Everything that decides on the rest of this render, as bytes for [`Snapshot::from_bytes`]: about as many as the film
+    /// takes. A render resumed from them ends with the same bits as this one.
+    pub fn snapshot(&self) -> Vec<u8> {
+        self.view.write()
+    }
 }
 
 /// Whether to go on.
@@ -40,6 +52,12 @@ pub enum Control {
 pub trait Watch {
     /// Sees the state, and says whether to go on.
     fn slice(&mut self, status: &Status<'_>) -> Control;
+
+    /// Sees the state when all is done, unless the render was stopped: a snapshot taken here goes on where the limits allow
+    /// more.
+    fn end(&mut self, status: &Status<'_>) {
+        let _ = status;
+    }
 }
 
 /// Nobody looks on.
@@ -77,49 +95,146 @@ pub fn render(
     limits: &Limits,
     watch: &mut dyn Watch,
 ) -> Result<Film, Error> {
+    let meter = Meter::new(limits, &frame)?;
+    let needs = needs.and(sampler.needs()).and(meter.needs());
+    let state = State { film: Film::new(frame, needs), round: 0, open: None, lessons: Vec::new() };
+    drive(state, Clock::start(0.0), meter, integrator, sampler, limits, watch)
+}
+
+/// Goes on with a render where a [`Snapshot`] was taken, as [`render`] does: with a sampler and an integrator made by the same
+/// words, and the same frame, it ends with the bits of the render that was never interrupted, on any number of threads.
+///
+/// The budget is no part of a render's identity: one that is larger goes on further, a time limit counts the seconds
+/// of both sittings. What `needs` asks for must have been recorded from the start. That the integrator is the same (scene,
+/// depth, …) is for the caller to make sure of.
+///
+/// # Errors
+///
+/// As [`render`]; [`Error::OtherRender`] where sampler, points, frame, bounds of counts or needs differ, or where more is
+/// planned already than the budget allows; [`Error::BadSnapshot`].
+pub fn resume(
+    snapshot: Snapshot,
+    integrator: &mut dyn Integrator,
+    sampler: &mut dyn Sampler,
+    needs: Needs,
+    frame: Frame,
+    limits: &Limits,
+    watch: &mut dyn Watch,
+) -> Result<Film, Error> {
     let mut meter = Meter::new(limits, &frame)?;
     let needs = needs.and(sampler.needs()).and(meter.needs());
-    let mut film = Film::new(frame, needs);
-    let mut clock = Clock::start();
-    let mut round = 0;
-    loop {
-        let planning = clock.seconds();
-        let budget = meter.show(&film, round, planning);
-        film.record.budgets.push(budget.total);
-        let mut plan = Plan::empty(frame.pixels());
-        let progress = sampler.next_round(&crate::Feedback { round, film: &film, budget }, &mut plan)?;
-        let plan_seconds = clock.seconds() - planning;
-        if progress == Progress::Done {
-            match meter.extend(&film, clock.seconds()) {
-                true => continue,
-                false => break,
-            }
+    snapshot.check(sampler, &needs, &frame, limits)?;
+    let Snapshot { film, round, open, lessons, total, seconds, sampler_state, .. } = snapshot;
+    let planned = open.as_ref().map_or(film.record.samples, |open| open.before + open.plan.total());
+    meter.restore(&film, total, planned)?;
+    sampler.restore(&sampler_state)?;
+    if let Some(open) = &open {
+        let rest = open.rest(frame.size()[0] as usize);
+        if rest.total() > 0 {
+            check(&rest, &film, sampler, &meter.left(&film))?;
         }
-        check(&plan, &film, sampler, &budget)?;
-        let tracing = clock.seconds();
-        let mut look = Look { watch, clock: &mut clock, round, expected: budget.total, limit: meter.seconds() };
-        let before = film.record.samples;
-        let stopped = round::trace(integrator, sampler.points(), &plan, &mut film, limits, &mut look)?;
+    }
+    lessons.iter().for_each(|lesson| integrator.learn(lesson));
+    let state = State { film, round, open, lessons };
+    drive(state, Clock::start(seconds), meter, integrator, sampler, limits, watch)
+}
+
+/// What a render has come to.
+struct State {
+    film: Film,
+    round: u32,
+    /// The round to trace before any is planned.
+    open: Option<OpenRound>,
+    /// What the integrator learned from so far.
+    lessons: Vec<Observations>,
+}
+
+fn drive(
+    mut state: State,
+    mut clock: Clock,
+    mut meter: Meter,
+    integrator: &mut dyn Integrator,
+    sampler: &mut dyn Sampler,
+    limits: &Limits,
+    watch: &mut dyn Watch,
+) -> Result<Film, Error> {
+    loop {
+        let open = match state.open.take() {
+            Some(open) => Some(open),
+            None => plan(&mut state, &mut meter, sampler, &clock)?,
+        };
+        let total = meter.left(&state.film).total;
+        let limit = meter.seconds();
+        let mut look =
+            Look { watch, clock: &mut clock, round: state.round, expected: total, limit, sampler: &*sampler, limits };
+        let Some(mut open) = open else {
+            // Who goes on from here passes this barrier again.
+            let shown = state.film.record.budgets.pop();
+            look.end(&state.film, &state.lessons);
+            state.film.record.budgets.extend(shown);
+            break;
+        };
+        let tracing = look.clock.seconds() - open.traced_seconds;
+        let stopped = round::trace(integrator, &mut state.film, &mut open, &mut state.lessons, tracing, &mut look)?;
+        let film = &mut state.film;
         film.record.rounds.push(RoundRecord {
-            samples: film.record.samples - before,
-            kept: plan.fate == crate::Fate::Keep,
-            plan_seconds,
+            samples: film.record.samples - open.before,
+            kept: open.plan.fate == Fate::Keep,
+            plan_seconds: open.plan_seconds,
             trace_seconds: clock.seconds() - tracing,
         });
         match stopped {
-            Stopped::No => round += 1,
+            Stopped::No => state.round += 1,
             Stopped::Within => {
                 film.record.interrupted = true;
                 break;
             }
             Stopped::AtEnd => {
-                let spent = film.record.samples >= budget.total;
-                film.record.interrupted = !spent || meter.extend(&film, clock.seconds());
+                let spent = film.record.samples >= total;
+                film.record.interrupted = !spent || meter.extend(film, clock.seconds());
                 break;
             }
         }
     }
-    Ok(film)
+    Ok(state.film)
+}
+
+/// The next round; `None` where nothing more is asked for.
+fn plan(
+    state: &mut State,
+    meter: &mut Meter,
+    sampler: &mut dyn Sampler,
+    clock: &Clock,
+) -> Result<Option<OpenRound>, Error> {
+    let State { film, round, .. } = state;
+    loop {
+        let planning = clock.seconds();
+        let budget = meter.show(film, *round, planning);
+        film.record.budgets.push(budget.total);
+        let mut plan = Plan::empty(film.frame.pixels());
+        let progress = sampler.next_round(&crate::Feedback { round: *round, film, budget }, &mut plan)?;
+        let plan_seconds = clock.seconds() - planning;
+        if progress == Progress::Trace {
+            check(&plan, film, sampler, &budget)?;
+            return Ok(Some(begin(plan, film, plan_seconds)));
+        }
+        if !meter.extend(film, clock.seconds()) {
+            return Ok(None);
+        }
+    }
+}
+
+/// Makes the film ready for a round.
+fn begin(plan: Plan, film: &mut Film, plan_seconds: f64) -> OpenRound {
+    if plan.fate == Fate::Discard {
+        film.open_discarded();
+    }
+    if let Some(withdrawn) = &plan.withdraw {
+        film.withdraw(withdrawn);
+    }
+    film.combine = plan.combine;
+    let (cursor, before) = (Cursor::default(), film.record.samples);
+    OpenRound { plan, cursor, pending: Vec::new(), before, plan_seconds, traced_seconds: 0.0 }
 }
 
 /// Wall time without what the watch took.
@@ -129,8 +244,9 @@ struct Clock {
 }
 
 impl Clock {
-    fn start() -> Self {
-        Self { start: Instant::now(), away: 0.0 }
+    /// A clock that shows so many seconds now.
+    fn start(seconds: f64) -> Self {
+        Self { start: Instant::now(), away: -seconds }
     }
 
     fn seconds(&self) -> f64 {
@@ -145,6 +261,8 @@ struct Look<'a> {
     round: u32,
     expected: u64,
     limit: Option<f64>,
+    sampler: &'a dyn Sampler,
+    limits: &'a Limits,
 }
 
 impl Look<'_> {
@@ -152,19 +270,36 @@ impl Look<'_> {
         self.clock.seconds()
     }
 
-    fn slice(&mut self, film: &Film) -> Control {
+    /// Between two slices; `open` knows how long it was traced.
+    fn slice(&mut self, film: &Film, open: &OpenRound, lessons: &[Observations]) -> Control {
+        self.show(film, Some(open), lessons, |watch, status| watch.slice(status))
+    }
+
+    fn end(&mut self, film: &Film, lessons: &[Observations]) {
+        self.show(film, None, lessons, |watch, status| watch.end(status));
+    }
+
+    fn show<T>(
+        &mut self,
+        film: &Film,
+        open: Option<&OpenRound>,
+        lessons: &[Observations],
+        show: impl FnOnce(&mut dyn Watch, &Status<'_>) -> T,
+    ) -> T {
         let seconds = self.clock.seconds();
+        let Self { round, expected: total, sampler, limits, .. } = *self;
         let status = Status {
             film,
-            round: self.round,
+            round,
             samples: film.record.samples,
-            expected: self.expected,
+            expected: total,
             seconds,
             seconds_limit: self.limit,
+            view: View { film, round, open, lessons, total, seconds, sampler, limits },
         };
-        let control = self.watch.slice(&status);
+        let answer = show(self.watch, &status);
         self.clock.away += self.clock.seconds() - seconds;
-        control
+        answer
     }
 }
 
@@ -186,7 +321,7 @@ fn check(plan: &Plan, film: &Film, sampler: &dyn Sampler, budget: &crate::Budget
         }
         _ => {}
     }
-    let kept = plan.fate == crate::Fate::Keep;
+    let kept = plan.fate == Fate::Keep;
     let withdraw = plan.withdraw.as_deref();
     if withdraw.is_some_and(|w| w.len() != pixels || !kept) {
         return bad("samples are withdrawn without a mark for each pixel, or in a round that is not kept".into());

@@ -82,4 +82,23 @@ pub trait Sampler: Send {
     ///
     /// When the budget cannot be met: below `min_spp` for every pixel, say.
     fn next_round(&mut self, seen: &Feedback<'_>, plan: &mut Plan) -> Result<Progress, Error>;
+
+    /// What it keeps from one round to the next and could not derive anew from the film: plain bytes, for
+    /// [`Sampler::restore`]. Nothing by default: most samplers look at the film again.
+    fn save(&self) -> Vec<u8> {
+        Vec::new()
+    }
+
+    /// Takes back what [`Sampler::save`] gave: a sampler made with the same words then plans as the one that was saved.
+    /// Called before the first plan of a render that goes on.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::BadSnapshot`] for bytes that its `save` does not give.
+    fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
+        match saved {
+            [] => Ok(()),
+            _ => Err(Error::BadSnapshot { what: "they hold the state of a sampler, and this one has none" }),
+        }
+    }
 }

@@ -112,6 +112,29 @@ fn broken_samplers_are_rejected() {
     );
 }
 
+/// What it keeps from its first look at the film it does not save.
+#[test]
+fn a_sampler_that_does_not_save_its_state_is_rejected() {
+    let forgetful = || {
+        let mut first = None;
+        planned(move |s: &Feedback<'_>, p: &mut Plan| {
+            if s.round < 2 {
+                first = if s.round == 0 { None } else { Some(s.film.record().samples) };
+                let third = level(s, p, s.budget.total * (u64::from(s.round) + 1) / 3);
+                if third == Progress::Trace {
+                    return third;
+                }
+            }
+            let progress = level(s, p, s.budget.total);
+            let pixels = p.counts.len();
+            let turn = first.get_or_insert(s.film.record().samples).wrapping_rem(pixels as u64) as usize;
+            p.counts.rotate_left(if s.budget.max_spp == u32::MAX { turn } else { 0 });
+            progress
+        })
+    };
+    rejected(forgetful, "resumed");
+}
+
 /// Counts that depend on something other than what was seen.
 #[test]
 fn moody_samplers_are_rejected() {

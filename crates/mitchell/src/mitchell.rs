@@ -155,4 +155,12 @@ impl<P: PointSet> Sampler for Mitchell<P> {
         let rates = |mean| options.rates(mean);
         self.two_rates.next_round(seen, plan, rates, options.least(), |film| options.scores(film))
     }
+
+    fn save(&self) -> Vec<u8> {
+        self.two_rates.save()
+    }
+
+    fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
+        self.two_rates.restore(saved)
+    }
 }

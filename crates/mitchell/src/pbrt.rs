@@ -118,4 +118,12 @@ impl<P: PointSet> Sampler for PbrtAdaptive<P> {
         let rates = Rates { initial: options.min, additional: options.max - options.min };
         self.two_rates.next_round(seen, plan, |_| rates, 2, |film| options.scores(film))
     }
+
+    fn save(&self) -> Vec<u8> {
+        self.two_rates.save()
+    }
+
+    fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
+        self.two_rates.restore(saved)
+    }
 }

@@ -58,6 +58,8 @@ impl Policy {
     }
 }
 
+const NOT_OURS: Error = Error::BadSnapshot { what: "they do not hold what a sampler of two rates saves" };
+
 /// Decides by rank, in two rates.
 #[derive(Default)]
 pub(crate) struct TwoRates {
@@ -128,6 +130,52 @@ impl TwoRates {
         self.plan_kept(seen, plan, rates, &ranking)?;
         self.ranking = Some(ranking);
         Ok(if plan.total() == 0 { Progress::Done } else { Progress::Trace })
+    }
+
+    /// The rates and the ranking: what later films no longer show.
+    pub(crate) fn save(&self) -> Vec<u8> {
+        let mut words = Vec::new();
+        words.push(u32::from(self.rates.is_some()));
+        if let Some((mean, rates)) = self.rates {
+            words.extend([mean as u32, (mean >> 32) as u32, rates.initial, rates.additional]);
+        }
+        words.push(u32::from(self.ranking.is_some()));
+        if let Some(Ranking { pilot, order, asking, level }) = &self.ranking {
+            words.extend([*pilot, clamped(*asking as u64), u32::from(*level)]);
+            words.extend(order);
+        }
+        words.into_iter().flat_map(u32::to_le_bytes).collect()
+    }
+
+    /// Takes back what [`TwoRates::save`] gave.
+    pub(crate) fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
+        let (words, rest) = saved.as_chunks();
+        let words: Vec<u32> = words.iter().map(|w| u32::from_le_bytes(*w)).collect();
+        let (rates, words) = match words[..] {
+            [0, ref rest @ ..] => (None, rest),
+            [1, low, high, initial, additional, ref rest @ ..] => {
+                let mean = u64::from(low) | u64::from(high) << 32;
+                (Some((mean, Rates { initial, additional })), rest)
+            }
+            _ => return Err(NOT_OURS),
+        };
+        let ranking = match *words {
+            [0] => None,
+            [1, pilot, asking, level, ref order @ ..] => {
+                let mut seen = vec![false; order.len()];
+                let fresh = |i: &u32| seen.get_mut(*i as usize).is_some_and(|seen| !std::mem::replace(seen, true));
+                if !order.iter().all(fresh) || asking as usize > order.len() {
+                    return Err(NOT_OURS);
+                }
+                Some(Ranking { pilot, order: order.to_vec(), asking: asking as usize, level: level != 0 })
+            }
+            _ => return Err(NOT_OURS),
+        };
+        if !rest.is_empty() {
+            return Err(NOT_OURS);
+        }
+        (self.rates, self.ranking) = (rates, ranking);
+        Ok(())
     }
 
     /// Whether the whole pilot is thrown away.

@@ -2,33 +2,42 @@
 
 /// FNV-1a in 128 bits, after Fowler, Noll and Vo: tells files and settings apart that nobody made to be alike.
 #[derive(Clone, Debug)]
-pub(crate) struct Digest(u128);
+pub struct Digest(u128);
 
-impl Digest {
-    pub(crate) fn new() -> Self {
+impl Default for Digest {
+    fn default() -> Self {
         Self(0x6c62_272e_07bb_0142_62b8_2175_6295_c58d)
     }
+}
 
-    pub(crate) fn add(&mut self, bytes: &[u8]) {
+impl Digest {
+    /// Of nothing.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Adds bytes.
+    pub fn add(&mut self, bytes: &[u8]) {
         for byte in bytes {
             self.0 = (self.0 ^ u128::from(*byte)).wrapping_mul((1 << 88) + 0x13b);
         }
     }
 
     /// Adds a text, and where it ends.
-    pub(crate) fn text(&mut self, text: &str) {
+    pub fn text(&mut self, text: &str) {
         self.add(&(text.len() as u64).to_le_bytes());
         self.add(text.as_bytes());
     }
 
-    pub(crate) fn of(bytes: &[u8]) -> Self {
+    /// Of these bytes.
+    pub fn of(bytes: &[u8]) -> Self {
         let mut digest = Self::new();
         digest.add(bytes);
         digest
     }
 
     /// 32 hexadecimal digits.
-    pub(crate) fn hex(&self) -> String {
+    pub fn hex(&self) -> String {
         format!("{:032x}", self.0)
     }
 }

@@ -49,6 +49,7 @@ mod subject;
 pub mod summary;
 mod truth;
 
+pub use digest::Digest;
 pub use error::StudyError;
 pub use ledger::{Ledger, Store};
 pub use plan::{

@@ -33,6 +33,9 @@ impl Files {
     /// Decides on the files and makes sure that each can be written. Makes the folder of the maps.
     pub(super) fn new(options: &Options, scene: &str, settings: &Settings) -> Result<Self> {
         let mut files = Vec::new();
+        if options.shard.is_some() {
+            return Ok(Self { files, exposure: options.exposure });
+        }
         for path in &options.outputs {
             files.push((What::Picture(Format::from_path(path).map_err(Failure::new)?), path.clone()));
         }

@@ -1,9 +1,10 @@
 //! The words of `dapple render`.
 
 use clap::{Args, ValueEnum};
+use dapple_core::Shard;
 use dapple_renderer::image::Format;
 use dapple_renderer::{Effect, bundled, registry};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Render a picture, putting samples where it needs them
 ///
@@ -100,6 +101,32 @@ pub(crate) struct Options {
     #[arg(long, value_name = "DIR", help_heading = "Picture")]
     pub(super) maps: Option<PathBuf>,
 
+    /// Keep a checkpoint in this file, now and then and at the end: --resume FILE goes on from it, whatever happened
+    ///
+    /// Written beside its place, flushed and renamed; the one before stays as FILE.previous. One process writes to it at a
+    /// time (FILE.lock). A file that is there already is not written over: go on from it, or remove it.
+    #[arg(long, value_name = "FILE", help_heading = "Interruption")]
+    pub(super) checkpoint: Option<PathBuf>,
+
+    /// Seconds between checkpoints [default: 60, more where they would take above 1 % of the time; the first after 1]
+    #[arg(long, value_name = "SECONDS", value_parser = above_zero, help_heading = "Interruption")]
+    #[arg(allow_negative_numbers = true)]
+    pub(super) checkpoint_every: Option<f64>,
+
+    /// Go on from this checkpoint, to the same bits as without interruption, and keep it up to date
+    ///
+    /// With the same words; a larger budget goes on further, and another filter is possible if its needs were recorded. Beside
+    /// --checkpoint with the same FILE, starts where there is none yet: the same command can be given again and again.
+    #[arg(long, value_name = "FILE", help_heading = "Interruption")]
+    pub(super) resume: Option<PathBuf>,
+
+    /// Render the I-th of N shares (from 1), every N-th row, for `dapple merge`: -o names a .shard file
+    ///
+    /// With --spp and a sampler that plans a priori (uniform, cluster-thesis): each machine comes to the same plan.
+    #[arg(long, value_name = "I/N", value_parser = shard, help_heading = "Interruption")]
+    #[arg(conflicts_with_all = ["maps", "json", "time", "error"])]
+    pub(super) shard: Option<Shard>,
+
     /// Threads to use; 0 is one per core
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u16).range(..=1024))]
     pub(super) threads: u16,
@@ -125,6 +152,8 @@ Examples:
   dapple render model.obj -o model.png
   dapple render terrain -o terrain.pfm --sampler variance:policy=cross --points random --seed 7
   dapple render cornell -o cornell.png --sampler uniform --spp 16 --resolution 128x128
+  dapple render scene.pbrt -o scene.exr --spp 4096 --checkpoint c --resume c     again and again, until it is done
+  dapple render scene.pbrt --sampler uniform --spp 256 --shard 3/8 -o 3.shard    one of eight machines (dapple merge)
 
 Ctrl-C stops and saves what is done; a second one leaves at once.";
 
@@ -178,6 +207,16 @@ impl Options {
                 return Err(format!("--spp {spp} is above {most}, the most that a pixel may take: lower it"));
             }
         }
+        if self.checkpoint_every.is_some() && self.checkpoint.is_none() && self.resume.is_none() {
+            return Err("--checkpoint-every needs a --checkpoint FILE (or --resume FILE)".into());
+        }
+        let shards = self.outputs.iter().filter(|path| is_shard(path)).count();
+        if self.shard.is_some() && (self.outputs.len() > 1 || shards < self.outputs.len()) {
+            return Err("with --shard there is one --output, a .shard file: dapple merge makes pictures of all".into());
+        }
+        if self.shard.is_none() && shards > 0 {
+            return Err("a .shard file is made by --shard I/N".into());
+        }
         let mut seen: Vec<&PathBuf> = Vec::new();
         for output in &self.outputs {
             if seen.contains(&output) {
@@ -227,8 +266,21 @@ fn crop(word: &str) -> Result<[u32; 4], String> {
 
 fn output(word: &str) -> Result<PathBuf, String> {
     let path = PathBuf::from(word);
-    Format::from_path(&path).map_err(|e| e.to_string())?;
+    if !is_shard(&path) {
+        Format::from_path(&path).map_err(|e| e.to_string())?;
+    }
     Ok(path)
+}
+
+fn is_shard(path: &Path) -> bool {
+    path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("shard"))
+}
+
+fn shard(word: &str) -> Result<Shard, String> {
+    let numbers =
+        word.split_once('/').and_then(|(i, n)| Some((i.parse::<u32>().ok()?.checked_sub(1)?, n.parse().ok()?)));
+    let shard = numbers.and_then(|(index, of)| Shard::new(index, of).ok());
+    shard.ok_or_else(|| "I/N is wanted, the I-th of N shares, such as 1/4 to 4/4".into())
 }
 
 /// Makes it for trial: what is wrong with the words is known before anything is read.

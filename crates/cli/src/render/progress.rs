@@ -1,6 +1,7 @@
-//! Progress with time left, and the ear for Ctrl-C.
+//! Progress with time left, the ear for Ctrl-C, and the hand that gives checkpoints away.
 
 use super::Options;
+use super::checkpoints::Checkpoints;
 use super::settings::Settings;
 use crate::stop::Stop;
 use dapple_core::{Budget, Control, Status, Watch};
@@ -13,14 +14,18 @@ const STEPS: u64 = 1000;
 pub(super) struct Progress {
     bar: ProgressBar,
     stop: Stop,
+    /// Where checkpoints go, if they do.
+    pub(super) checkpoints: Option<Checkpoints>,
     pixels: f64,
+    /// The machines that share the picture.
+    shards: f64,
     error: Option<f64>,
     /// The predicted error at the last barrier, and the round it was asked in.
     predicted: (u32, Option<f64>),
 }
 
 impl Progress {
-    pub(super) fn new(options: &Options, settings: &Settings, stop: Stop) -> Self {
+    pub(super) fn new(options: &Options, settings: &Settings, stop: Stop, checkpoints: Option<Checkpoints>) -> Self {
         // Hidden by itself where stderr is no terminal.
         let target =
             if options.json || options.quiet { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr() };
@@ -32,7 +37,9 @@ impl Progress {
             Budget::Error { relmse, .. } => Some(relmse),
             _ => None,
         };
-        Self { bar, stop, pixels: settings.frame.pixels() as f64, error, predicted: (u32::MAX, None) }
+        let (pixels, predicted) = (settings.frame.pixels() as f64, (u32::MAX, None));
+        let shards = f64::from(options.shard.map_or(1, |shard| shard.of()));
+        Self { bar, stop, checkpoints, pixels, shards, error, predicted }
     }
 
     pub(super) fn finish(&self) {
@@ -42,7 +49,7 @@ impl Progress {
     fn show(&mut self, status: &Status<'_>) {
         let share = match status.seconds_limit {
             Some(limit) => status.seconds / limit,
-            None => status.samples as f64 / status.expected.max(1) as f64,
+            None => status.samples as f64 * self.shards / status.expected.max(1) as f64,
         };
         let share = share.clamp(0.0, 1.0);
         let mut message = format!("{:.1} spp, round {}", status.samples as f64 / self.pixels, status.round + 1);
@@ -68,11 +75,21 @@ impl Progress {
 impl Watch for Progress {
     fn slice(&mut self, status: &Status<'_>) -> Control {
         if self.stop.asked() {
+            self.end(status);
             return Control::Stop;
+        }
+        if let Some(checkpoints) = &mut self.checkpoints {
+            checkpoints.slice(status);
         }
         if !self.bar.is_hidden() {
             self.show(status);
         }
         Control::Continue
+    }
+
+    fn end(&mut self, status: &Status<'_>) {
+        if let Some(checkpoints) = &mut self.checkpoints {
+            checkpoints.finish(status);
+        }
     }
 }

@@ -63,6 +63,31 @@ impl Meter {
         }
     }
 
+    /// Goes on where a snapshot was taken: with the budget shown there, if this one's kind is raised on the way.
+    pub(super) fn restore(&mut self, film: &Film, total: u64, planned: u64) -> Result<(), Error> {
+        let shown = &film.record().budgets;
+        self.barrier = shown.len();
+        match &self.budget {
+            Budget::Recorded(totals) if !totals.starts_with(shown) => {
+                let what = "the budgets that it was shown are not those of the record".into();
+                return Err(Error::OtherRender { what });
+            }
+            Budget::Samples(_) => {}
+            _ => self.total = total,
+        }
+        if self.total < planned {
+            let what = format!("{planned} samples are traced or planned already, and {} are asked for", self.total);
+            return Err(Error::OtherRender { what });
+        }
+        Ok(())
+    }
+
+    /// The budget as it was shown last.
+    pub(super) fn left(&self, film: &Film) -> BudgetLeft {
+        let spent = film.record().samples;
+        BudgetLeft { spent, total: self.total, min_spp: self.min_spp, max_spp: self.max_spp }
+    }
+
     /// The budget at this barrier.
     pub(super) fn show(&mut self, film: &Film, round: u32, seconds: f64) -> BudgetLeft {
         match &self.budget {
@@ -77,8 +102,7 @@ impl Meter {
             _ => {}
         }
         self.barrier += 1;
-        let spent = film.record().samples;
-        BudgetLeft { spent, total: self.total, min_spp: self.min_spp, max_spp: self.max_spp }
+        self.left(film)
     }
 
     /// Called when the sampler has nothing more to ask for; raises the budget if it may be raised.

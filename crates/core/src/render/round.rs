@@ -2,20 +2,27 @@
 
 use super::Look;
 use crate::allocate::mix;
-use crate::film::{Bank, FeatureMoments, REJECTED_LISTED, Range, index, keep_first, reason_to_reject, widen};
+use crate::film::{self, Bank, FeatureMoments, REJECTED_LISTED, index, keep_first, reason_to_reject, widen};
 use crate::integrator::Observation;
+use crate::snapshot::{Cursor, OpenRound};
 use crate::{
     Control, Draws, Error, Fate, Film, FirstHit, Integrator, InvalidSample, Limits, Observations, Observed, Plan,
     PointSet, Rejected, SampleId, streams,
 };
 use rayon::prelude::*;
 use std::cell::Cell;
+use std::ops::Range;
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::slice::ChunksMut;
 
 /// What an integrator observed is summed up in blocks of this many pixels squared.
 const BLOCK: usize = 16;
-/// How long a slice should take: a Ctrl-C is heard after about this many seconds.
+/// How long a slice should take: a Ctrl-C is heard after about this many seconds, or a row of pixels.
 const SLICE_SECONDS: f64 = 0.2;
+/// Samples in a slice before anything is known: a millisecond where a sample takes one of the usual microseconds, a second where it takes a thousand.
+const FIRST_SLICE: f64 = 1024.0;
+/// No slice is longer than so many times what the round has traced.
+const GROWTH: f64 = 8.0;
 
 /// What does not change during a round.
 struct Round<'a> {
@@ -38,7 +45,7 @@ struct BankRows<'a> {
     counts: &'a mut [u64],
     means: &'a mut [[f64; 3]],
     m2: &'a mut [[f64; 3]],
-    ranges: &'a mut [Range],
+    ranges: &'a mut [film::Range],
     /// See [`Bank`].
     ahead: &'a [i64],
 }
@@ -79,50 +86,83 @@ pub(super) enum Stopped {
     AtEnd,
 }
 
-/// Traces a round into the film.
+/// Traces what is left of a round into the film. `began` is when, by the look's clock, it would have begun without
+/// interruption.
 pub(super) fn trace(
     integrator: &mut dyn Integrator,
-    points: &dyn PointSet,
-    plan: &Plan,
     film: &mut Film,
-    limits: &Limits,
+    open: &mut OpenRound,
+    lessons: &mut Vec<Observations>,
+    began: f64,
     look: &mut Look<'_>,
 ) -> Result<Stopped, Error> {
-    if plan.fate == Fate::Discard {
-        film.open_discarded();
-    }
-    if let Some(withdrawn) = &plan.withdraw {
-        film.withdraw(withdrawn);
-    }
-    film.combine = plan.combine;
-    let longest = longest_pixel(plan);
-    let mut start = 0;
-    let mut stopped = Stopped::No;
-    while start < longest {
+    let points = look.sampler.points();
+    let height = film.frame.size()[1];
+    let longest = longest_pixel(&open.plan);
+    while open.cursor.start < longest {
         let observes = integrator.observes();
-        let length = match observes {
-            true => lesson_length(film),
-            false => slice_length(plan, start, film, limits, look),
-        };
-        let end = start.saturating_add(length).min(longest);
-        let mut observed = Vec::new();
-        let tallies = slice(&*integrator, points, plan, film, limits, [start, end]);
-        let panicked = settle(film, tallies, limits, points, &mut observed)?;
+        let (length, rows) = next_slice(open, film, observes, look.seconds() - began, look.limits);
+        let cursor = &mut open.cursor;
+        if cursor.row == 0 {
+            cursor.end = cursor.start.saturating_add(length).min(longest);
+        }
+        let rows = [cursor.row, cursor.row.saturating_add(rows).min(height)];
+        let tallies = slice(&*integrator, points, &open.plan, film, look.limits, [cursor.start, cursor.end], rows);
+        let panicked = settle(film, tallies, look.limits, points, &mut open.pending)?;
         if let Some((sample, message)) = panicked {
             let film = Box::new(std::mem::replace(film, Film::new(*film.frame(), crate::Needs::none())));
             return Err(Error::Panicked { sample, message, points: points.describe(), film });
         }
-        if observes {
-            observed.sort_by_key(|(block, _)| *block);
-            integrator.learn(&Observations::merge(observed.into_iter().map(|(_, sums)| sums)));
+        cursor.row = rows[1] % height;
+        if cursor.row == 0 {
+            cursor.start = cursor.end;
+            let mut observed = std::mem::take(&mut open.pending);
+            if observes {
+                observed.sort_by_key(|(block, _)| *block);
+                let lesson = Observations::merge(observed.into_iter().map(|(_, sums)| sums));
+                integrator.learn(&lesson);
+                lessons.push(lesson);
+            }
         }
-        start = end;
-        if look.slice(film) == Control::Stop {
-            stopped = if start < longest { Stopped::Within } else { Stopped::AtEnd };
-            break;
+        open.traced_seconds = look.seconds() - began;
+        if look.slice(film, open, lessons) == Control::Stop {
+            return Ok(if open.cursor.start < longest { Stopped::Within } else { Stopped::AtEnd });
         }
     }
-    Ok(stopped)
+    Ok(Stopped::No)
+}
+
+fn longest_pixel(plan: &Plan) -> u32 {
+    let second = plan.second_half.iter().flatten();
+    plan.counts.iter().chain(second).copied().max().unwrap_or(0)
+}
+
+/// Samples per pixel of the slice at the cursor (or of the pass over the rows that it belongs to), and its rows of pixels: by
+/// the rate of this round, which took `seconds` so far. Where a sample of every pixel takes longer than a slice should, it
+/// goes by some rows at a time.
+fn next_slice(open: &OpenRound, film: &Film, observes: bool, seconds: f64, limits: &Limits) -> (u32, u32) {
+    let height = film.frame.size()[1];
+    let fixed = limits.schedule.slice_spp;
+    if fixed > 0 {
+        return (if observes { lesson_length(film) } else { fixed }, height);
+    }
+    let Cursor { start, end, row } = open.cursor;
+    let second = open.plan.second_half.iter().flatten();
+    let active = open.plan.counts.iter().chain(second).filter(|&&n| n > start).count() as f64;
+    let traced = (film.record.samples - open.before) as f64;
+    // The first rows may be the quickest: what they promise is believed step by step.
+    let promised = (traced / seconds.max(1e-3) * SLICE_SECONDS).min(GROWTH * traced);
+    let samples = promised.max(FIRST_SLICE);
+    let length = match observes {
+        true => lesson_length(film),
+        false => (samples / active).clamp(1.0, 65536.0) as u32,
+    };
+    let slices = f64::from(if row == 0 { length } else { end - start }) * active / samples;
+    if slices < 2.0 && row == 0 {
+        return (length, height);
+    }
+    let rows = (f64::from(height) / slices).clamp(1.0, f64::from(height)).round() as u32;
+    (length, if observes { rows.next_multiple_of(BLOCK as u32) } else { rows })
 }
 
 /// Samples per pixel until an integrator that observes learns again: as many as there were, so that it
@@ -132,24 +172,6 @@ fn lesson_length(film: &Film) -> u32 {
     u32::try_from(mean).unwrap_or(u32::MAX).max(1)
 }
 
-fn longest_pixel(plan: &Plan) -> u32 {
-    let second = plan.second_half.iter().flatten();
-    plan.counts.iter().chain(second).copied().max().unwrap_or(0)
-}
-
-/// Samples per pixel in the slice from `start`, by the rate seen so far.
-fn slice_length(plan: &Plan, start: u32, film: &Film, limits: &Limits, look: &Look<'_>) -> u32 {
-    if limits.schedule.slice_spp > 0 {
-        return limits.schedule.slice_spp;
-    }
-    let second = plan.second_half.iter().flatten();
-    let active = plan.counts.iter().chain(second).filter(|&&n| n > start).count() as f64;
-    let rate = film.record.samples as f64 / look.seconds().max(1e-3);
-    // Nothing is known before the first slice: 2^14 samples take some 20 ms.
-    let samples = (rate * SLICE_SECONDS).max(16384.0);
-    (samples / active).clamp(1.0, 65536.0) as u32
-}
-
 fn slice(
     integrator: &dyn Integrator,
     points: &dyn PointSet,
@@ -157,6 +179,7 @@ fn slice(
     film: &mut Film,
     limits: &Limits,
     part: [u32; 2],
+    rows: [u32; 2],
 ) -> Vec<Tally> {
     let [width, _] = film.frame.size().map(|n| n as usize);
     let halves = film.kept.len() == 2;
@@ -177,9 +200,10 @@ fn slice(
         observes: integrator.observes(),
         part,
     };
-    let rows = limits.schedule.tile_rows.max(1) as usize;
-    let rows = if round.observes { rows.next_multiple_of(BLOCK) } else { rows };
-    let mut bands = bands(film, plan.fate, rows * width);
+    let tile = limits.schedule.tile_rows.max(1) as usize;
+    let tile = if round.observes { tile.next_multiple_of(BLOCK) } else { tile };
+    let [top, bottom] = rows.map(|row| row as usize * width);
+    let mut bands = bands(film, plan.fate, top..bottom, tile * width);
     if limits.schedule.shuffle != 0 {
         bands.sort_by_key(|b| mix(b.first as u64 ^ limits.schedule.shuffle));
     }
@@ -189,22 +213,22 @@ fn slice(
     tallies.into_iter().map(|(_, tally)| tally).collect()
 }
 
-/// Cuts the film into bands of `size` pixels.
-fn bands(film: &mut Film, fate: Fate, size: usize) -> Vec<Band<'_>> {
-    let pixels = film.frame.pixels();
+/// Cuts these pixels of the film into bands of `size` pixels.
+fn bands(film: &mut Film, fate: Fate, pixels: Range<usize>, size: usize) -> Vec<Band<'_>> {
     let k = usize::from(film.needs.first_hits);
     let banks = if fate == Fate::Keep { &mut film.kept } else { &mut film.discarded };
     let mut banks: Vec<_> = banks
         .iter_mut()
         .map(|Bank { counts, means, m2, ranges, ahead }| {
-            let planes = (counts.chunks_mut(size), means.chunks_mut(size), m2.chunks_mut(size));
-            (planes, ranges.chunks_mut(size), ahead.chunks(size))
+            let sums = (chunks(counts, &pixels, size), chunks(means, &pixels, size), chunks(m2, &pixels, size));
+            let ahead = if ahead.is_empty() { &[][..] } else { &ahead[pixels.clone()] };
+            (sums, chunks(ranges, &pixels, size), ahead.chunks(size))
         })
         .collect();
-    let mut features = film.features.chunks_mut(size);
-    let mut first_hits = film.first_hits.chunks_mut(size * k.max(1));
-    let mut costs = film.costs.chunks_mut(size);
-    (0..pixels)
+    let mut features = chunks(&mut film.features, &pixels, size);
+    let mut first_hits = chunks(&mut film.first_hits, &(pixels.start * k..pixels.end * k), size * k.max(1));
+    let mut costs = chunks(&mut film.costs, &pixels, size);
+    pixels
         .step_by(size)
         .map(|first| Band {
             first,
@@ -223,6 +247,12 @@ fn bands(film: &mut Film, fate: Fate, size: usize) -> Vec<Band<'_>> {
             costs: costs.next().unwrap_or_default(),
         })
         .collect()
+}
+
+/// A plane's share of these pixels in chunks; none of a plane that is not recorded.
+fn chunks<'a, T>(plane: &'a mut [T], pixels: &Range<usize>, size: usize) -> ChunksMut<'a, T> {
+    let share = if plane.is_empty() { plane } else { &mut plane[pixels.clone()] };
+    share.chunks_mut(size)
 }
 
 fn trace_band(round: &Round<'_>, mut band: Band<'_>) -> Tally {

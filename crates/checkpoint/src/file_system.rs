@@ -1,0 +1,78 @@
+//! What writing asks of the operating system.
+
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, ErrorKind, Write};
+use std::path::Path;
+
+/// The calls by which a file comes to be. Each may fail at any time; [`Store::save`](crate::Store::save) leaves a whole
+/// file behind whichever does. Tests bring one that fails on purpose.
+pub trait FileSystem: Send + Sync {
+    /// Makes a file, empty, whether there was one or not.
+    ///
+    /// # Errors
+    /// The system's.
+    fn create(&self, path: &Path) -> io::Result<File> {
+        OpenOptions::new().write(true).create(true).truncate(true).open(path)
+    }
+
+    /// Writes all bytes at the end.
+    ///
+    /// # Errors
+    /// The system's; some of the bytes may be written then.
+    fn write(&self, file: &mut File, bytes: &[u8]) -> io::Result<()> {
+        file.write_all(bytes)
+    }
+
+    /// Flushes the file to the disk.
+    ///
+    /// # Errors
+    /// The system's.
+    fn sync(&self, file: &File) -> io::Result<()> {
+        file.sync_all()
+    }
+
+    /// Gives a file a second name.
+    ///
+    /// # Errors
+    /// The system's; [`ErrorKind::Unsupported`] and others where the disk knows no second names.
+    fn link(&self, from: &Path, to: &Path) -> io::Result<()> {
+        fs::hard_link(from, to)
+    }
+
+    /// Gives a file another name, in place of what had it before.
+    ///
+    /// # Errors
+    /// The system's.
+    fn rename(&self, from: &Path, to: &Path) -> io::Result<()> {
+        fs::rename(from, to)
+    }
+
+    /// Removes a name, if it is there.
+    ///
+    /// # Errors
+    /// The system's.
+    fn remove(&self, path: &Path) -> io::Result<()> {
+        match fs::remove_file(path) {
+            Err(e) if e.kind() != ErrorKind::NotFound => Err(e),
+            _ => Ok(()),
+        }
+    }
+
+    /// Makes the names in a folder durable, where the system can.
+    ///
+    /// # Errors
+    /// The system's.
+    fn sync_folder(&self, folder: &Path) -> io::Result<()> {
+        match File::open(folder) {
+            // Windows opens no folders, and needs none of this.
+            Err(_) => Ok(()),
+            Ok(folder) => folder.sync_all(),
+        }
+    }
+}
+
+/// The operating system's own.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Disk;
+
+impl FileSystem for Disk {}

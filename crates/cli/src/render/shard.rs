@@ -1,0 +1,52 @@
+//! One machine's share of a picture, as a file.
+
+use super::Options;
+use super::identity::{SHARD, WORDS};
+use super::options::LightChoice;
+use crate::output::{tell, warn};
+use crate::{Failure, Result};
+use dapple_checkpoint::{Contents, Identity, Kind};
+use dapple_core::{Film, Frame, Part, Shard};
+use dapple_renderer::image::{check_writable, write_file};
+use std::path::PathBuf;
+
+/// Where the share goes, known to be writable; `None` without `--shard`.
+pub(super) fn file(options: &Options, scene: &str, frame: &Frame) -> Result<Option<PathBuf>> {
+    let Some(shard) = options.shard else { return Ok(None) };
+    if options.light_choice == LightChoice::Cells {
+        return Err(Failure::new(
+            "--light-choice cells cannot be shared out among machines: it learns from samples of the whole picture",
+        ));
+    }
+    let rows = frame.size()[1];
+    if shard.of() > rows {
+        return Err(Failure::new(format!("--shard {shard}: a window of {rows} rows has {rows} shards at most")));
+    }
+    let named = || PathBuf::from(format!("{scene}-{}-of-{}.shard", shard.index() + 1, shard.of()));
+    let path = options.outputs.first().cloned().unwrap_or_else(named);
+    check_writable(&path).map_err(Failure::new)?;
+    Ok(Some(path))
+}
+
+/// Writes a share that is whole.
+pub(super) fn write(path: &PathBuf, shard: Shard, film: &Film, identity: Identity, quiet: bool) -> Result<()> {
+    if film.record().interrupted {
+        warn(format!("shard {shard} was interrupted, and is not written"));
+        return Ok(());
+    }
+    let body = Part::new(shard, film).map_err(Failure::new)?.to_bytes();
+    let contents = Contents { kind: Kind::Shard, identity, body };
+    let bytes = contents.to_bytes().map_err(Failure::new)?;
+    write_file(path, &bytes).map_err(Failure::new)?;
+    if quiet {
+        return Ok(());
+    }
+    let samples = film.record().samples;
+    tell(format!("{}: shard {shard}, {samples} samples; dapple merge makes the picture of all", path.display()))
+}
+
+/// What shards of one picture have in common.
+pub(crate) fn common(identity: &Identity) -> Identity {
+    let pairs = identity.pairs().iter().filter(|(name, _)| name != SHARD && name != WORDS);
+    Identity::new(pairs.cloned())
+}

@@ -1,0 +1,425 @@
+//! One picture by several machines that do not talk to each other.
+
+use crate::film::{Bank, keep_first};
+use crate::snapshot::bytes::{Reader, Writer};
+use crate::snapshot::film::{put_film, size, take_film};
+use crate::snapshot::{Broken, check_head};
+use crate::{
+    Budget, BudgetLeft, Error, Fate, Feedback, Film, Frame, Limits, Needs, Plan, PointSet, Progress, Record,
+    RoundRecord, Sampler,
+};
+
+/// One machine's share of a picture: every `of`-th row of the window, from row `index` on.
+///
+/// Rows far from each other cost about the same in sum, so that machines end about together. Each pixel is one
+/// machine's, so that [`merge`] adds nothing up: the picture is bit for bit that of one machine.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Shard {
+    index: u32,
+    of: u32,
+}
+
+impl Shard {
+    /// Share number `index` of `of`, counted from 0.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::OutOfRange`] unless `index < of`.
+    pub fn new(index: u32, of: u32) -> Result<Self, Error> {
+        if index < of {
+            return Ok(Self { index, of });
+        }
+        let allowed = "a number from 0 and below how many there are";
+        Err(Error::OutOfRange { name: "shard", value: format!("{index} of {of}"), allowed })
+    }
+
+    /// Its number, from 0.
+    pub const fn index(&self) -> u32 {
+        self.index
+    }
+
+    /// How many there are.
+    pub const fn of(&self) -> u32 {
+        self.of
+    }
+
+    /// Whether a row of the window, counted from 0, belongs to it.
+    pub const fn owns(&self, row: usize) -> bool {
+        row % self.of as usize == self.index as usize
+    }
+
+    fn pixels(&self, frame: &Frame) -> usize {
+        let [width, height] = frame.size();
+        width as usize * height.saturating_sub(self.index).div_ceil(self.of) as usize
+    }
+
+    /// The share of a plane with `width` values a row.
+    fn cut<T: Copy>(&self, plane: &[T], width: usize) -> Vec<T> {
+        let rows = plane.chunks(width.max(1)).enumerate().filter(|(row, _)| self.owns(*row));
+        rows.flat_map(|(_, values)| values).copied().collect()
+    }
+}
+
+impl std::fmt::Display for Shard {
+    /// As people count: `1/4` is the first of four.
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}/{}", self.index + 1, self.of)
+    }
+}
+
+/// A sampler's plans with all but one shard's samples left out: what a machine renders with that makes one share.
+///
+/// Each machine plans the whole picture, as if all samples had been traced, and traces its own. That needs a sampler that
+/// plans [without a look at any sample](Sampler::a_priori), and a budget that is known: every machine then comes to the
+/// same plan.
+pub struct Sharded<'a> {
+    inner: &'a mut dyn Sampler,
+    shard: Shard,
+    /// The whole picture's counts, without a picture.
+    ghost: Option<Film>,
+    /// The budgets that it was shown, one for each plan of the whole.
+    shown: Vec<BudgetLeft>,
+}
+
+impl<'a> Sharded<'a> {
+    /// This share of what `inner` plans within `limits`.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::NoShards`] for a sampler that looks at samples, and for a limit of time or error.
+    pub fn new(inner: &'a mut dyn Sampler, shard: Shard, limits: &Limits) -> Result<Self, Error> {
+        let refuse = |who: String, why| Err(Error::NoShards { who, why });
+        if !inner.a_priori() {
+            let why = "it looks at samples that other machines have; take one that plans a priori";
+            return refuse(format!("the sampler {}", inner.name()), why);
+        }
+        if !matches!(limits.budget, Budget::Samples(_)) {
+            let why = "every machine must know the number of samples beforehand";
+            return refuse("a limit of time or error".into(), why);
+        }
+        Ok(Self { inner, shard, ghost: None, shown: Vec::new() })
+    }
+
+    /// The next plan of the whole picture; `None` where nothing more is asked for.
+    fn plan_whole(&mut self, frame: &Frame, halves: bool, budget: BudgetLeft) -> Result<Option<Plan>, Error> {
+        let needs = self.inner.needs();
+        let needs = if halves { needs.with_halves() } else { needs };
+        let ghost = self.ghost.get_or_insert_with(|| Film::new(*frame, needs));
+        let budget = BudgetLeft { spent: ghost.record.samples, ..budget };
+        let mut plan = Plan::empty(frame.pixels());
+        let round = self.shown.len() as u32;
+        if self.inner.next_round(&Feedback { round, film: ghost, budget }, &mut plan)? == Progress::Done {
+            return Ok(None);
+        }
+        self.shown.push(budget);
+        let broken = |what: &str| Err(Error::BadPlan { sampler: self.inner.describe(), what: what.into() });
+        let lengths = |counts: &Vec<u32>| counts.len() == frame.pixels();
+        if plan.withdraw.is_some() {
+            return broken("it takes samples back without having seen any");
+        }
+        if !lengths(&plan.counts) || !plan.second_half.as_ref().is_none_or(lengths) {
+            return broken("a plan of another number of pixels");
+        }
+        if plan.second_half.is_some() && !halves {
+            return broken("a plan for two halves without asking for halves");
+        }
+        if plan.total() == 0 || plan.total() > budget.left() {
+            return broken("a round without samples, or of more than are left");
+        }
+        count(ghost, &plan);
+        Ok(Some(plan))
+    }
+}
+
+/// Takes a plan's samples for traced, as far as counts go.
+fn count(ghost: &mut Film, plan: &Plan) {
+    if plan.fate == Fate::Discard {
+        ghost.open_discarded();
+    }
+    ghost.combine = plan.combine;
+    ghost.record.samples += plan.total();
+    let banks = if plan.fate == Fate::Keep { &mut ghost.kept } else { &mut ghost.discarded };
+    for (i, &n) in plan.counts.iter().enumerate() {
+        let n = u64::from(n);
+        match (&mut banks[..], &plan.second_half) {
+            ([whole], _) => whole.counts[i] += n,
+            ([first, second], Some(others)) => {
+                first.counts[i] += n;
+                second.counts[i] += u64::from(others[i]);
+            }
+            ([first, second], None) => {
+                // As the render loop does: to the half with fewer, until both are level.
+                let (a, b) = (first.counts[i], second.counts[i]);
+                first.counts[i] = (a + b + n).div_ceil(2).clamp(a, a + n);
+                second.counts[i] = a + b + n - first.counts[i];
+            }
+            _ => {}
+        }
+    }
+}
+
+impl Sampler for Sharded<'_> {
+    fn name(&self) -> &str {
+        self.inner.name()
+    }
+
+    fn describe(&self) -> String {
+        format!("{} shard {}", self.inner.describe(), self.shard)
+    }
+
+    fn a_priori(&self) -> bool {
+        true
+    }
+
+    fn needs(&self) -> Needs {
+        self.inner.needs()
+    }
+
+    fn points(&self) -> &dyn PointSet {
+        self.inner.points()
+    }
+
+    fn next_round(&mut self, seen: &Feedback<'_>, plan: &mut Plan) -> Result<Progress, Error> {
+        let (frame, halves) = (seen.frame(), seen.film.needs().halves);
+        if self.ghost.is_none() {
+            // Restored: what was planned is planned once more.
+            for budget in std::mem::take(&mut self.shown) {
+                self.plan_whole(frame, halves, budget)?;
+            }
+        }
+        let width = frame.size()[0] as usize;
+        while let Some(mut whole) = self.plan_whole(frame, halves, seen.budget)? {
+            for counts in [Some(&mut whole.counts), whole.second_half.as_mut()].into_iter().flatten() {
+                let rows = counts.chunks_mut(width).enumerate();
+                rows.filter(|(row, _)| !self.shard.owns(*row)).for_each(|(_, counts)| counts.fill(0));
+            }
+            if whole.total() > 0 {
+                *plan = whole;
+                return Ok(Progress::Trace);
+            }
+        }
+        Ok(Progress::Done)
+    }
+
+    fn save(&self) -> Vec<u8> {
+        let mut to = Writer::with_capacity(8 + 24 * self.shown.len());
+        let shown = self.shown.iter().map(|b| [b.total, u64::from(b.min_spp), u64::from(b.max_spp)]);
+        to.list(&shown.collect::<Vec<_>>());
+        to.finish()
+    }
+
+    fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
+        let shown: Vec<[u64; 3]> = Reader::new(saved).list()?;
+        let clamped = |n| u32::try_from(n).unwrap_or(u32::MAX);
+        let budget =
+            |[total, min, max]: [u64; 3]| BudgetLeft { spent: 0, total, min_spp: clamped(min), max_spp: clamped(max) };
+        self.ghost = None;
+        self.shown = shown.into_iter().map(budget).collect();
+        Ok(())
+    }
+}
+
+const MAGIC: &[u8; 8] = b"dapple-p";
+const VERSION: u32 = 1;
+
+/// What one machine made: the statistics of its rows.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Part {
+    shard: Shard,
+    /// With planes of the shard's pixels only.
+    film: Film,
+}
+
+impl Part {
+    /// A shard's rows of a film that was rendered with [`Sharded`].
+    ///
+    /// # Errors
+    ///
+    /// [`Error::BadShards`] for a film that was interrupted.
+    pub fn new(shard: Shard, film: &Film) -> Result<Self, Error> {
+        if film.record.interrupted {
+            return Err(Error::BadShards { what: format!("shard {shard} was interrupted: go on with it first") });
+        }
+        let width = film.frame.size()[0] as usize;
+        let cut = |bank: &Bank| Bank {
+            counts: shard.cut(&bank.counts, width),
+            means: shard.cut(&bank.means, width),
+            m2: shard.cut(&bank.m2, width),
+            ranges: shard.cut(&bank.ranges, width),
+            ahead: shard.cut(&bank.ahead, width),
+        };
+        let film = Film {
+            frame: film.frame,
+            needs: film.needs,
+            combine: film.combine,
+            kept: film.kept.iter().map(cut).collect(),
+            discarded: film.discarded.iter().map(cut).collect(),
+            features: shard.cut(&film.features, width),
+            first_hits: shard.cut(&film.first_hits, width * usize::from(film.needs.first_hits)),
+            costs: shard.cut(&film.costs, width),
+            rejected: film.rejected.clone(),
+            record: film.record.clone(),
+        };
+        Ok(Self { shard, film })
+    }
+
+    /// Whose it is.
+    pub fn shard(&self) -> Shard {
+        self.shard
+    }
+
+    /// How it went on that machine.
+    pub fn record(&self) -> &Record {
+        &self.film.record
+    }
+
+    /// The part as bytes, as many as the film has for so many pixels.
+    pub fn to_bytes(&self) -> Vec<u8> {
+        let mut to = Writer::with_capacity(size(&self.film));
+        to.raw(MAGIC);
+        to.number(VERSION);
+        to.number([self.shard.index, self.shard.of]);
+        put_film(&mut to, &self.film);
+        to.finish()
+    }
+
+    /// Reads what [`Part::to_bytes`] gave. Takes a few times the memory of the bytes at most, whatever they say.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::BadSnapshot`] for bytes that are none, of another version, cut short or that contradict themselves.
+    pub fn from_bytes(bytes: &[u8]) -> Result<Self, Error> {
+        let mut from = Reader::new(bytes);
+        check_head(&mut from, MAGIC, VERSION)?;
+        let [index, of] = from.number()?;
+        let shard = Shard::new(index, of).map_err(|_| Broken("the number of a shard is out of range"))?;
+        let film = take_film(&mut from, |frame| shard.pixels(frame))?;
+        if !from.is_empty() {
+            return Err(Broken("they go on after their end").into());
+        }
+        Ok(Self { shard, film })
+    }
+}
+
+/// The film of the whole picture from all its parts, in any order: bit for bit that of one machine, but for the seconds,
+/// which are added up.
+///
+/// # Errors
+///
+/// [`Error::BadShards`], which names the parts that are missing, there twice, or of another picture: another number of
+/// shards, another window, other budgets, other statistics recorded. That all were rendered with the same scene and
+/// settings is for the caller to make sure of.
+pub fn merge(parts: &[Part]) -> Result<Film, Error> {
+    let parts = in_order(parts)?;
+    let first = parts[0];
+    let discards = parts.iter().any(|film| !film.discarded.is_empty());
+    let banks = |of: &dyn Fn(&Film) -> &[Bank], count: usize| -> Result<Vec<Bank>, Error> {
+        let bank = |half: usize| -> Result<Bank, Error> {
+            let of = |film| of(film).get(half).ok_or_else(uneven);
+            let banks = parts.iter().map(|film| of(film)).collect::<Result<Vec<_>, _>>()?;
+            Ok(Bank {
+                counts: join(first, 1, banks.iter().map(|b| &b.counts[..]))?,
+                means: join(first, 1, banks.iter().map(|b| &b.means[..]))?,
+                m2: join(first, 1, banks.iter().map(|b| &b.m2[..]))?,
+                ranges: join(first, 1, banks.iter().map(|b| &b.ranges[..]))?,
+                ahead: join(first, 1, banks.iter().map(|b| &b.ahead[..]))?,
+            })
+        };
+        (0..count).map(bank).collect()
+    };
+    let halves = first.kept.len();
+    let mut rejected = parts.iter().flat_map(|film| &film.rejected).copied().collect();
+    keep_first(&mut rejected);
+    Ok(Film {
+        frame: first.frame,
+        needs: first.needs,
+        combine: first.combine,
+        kept: banks(&|film| &film.kept, halves)?,
+        discarded: banks(&|film| &film.discarded, if discards { halves } else { 0 })?,
+        features: join(first, 1, parts.iter().map(|film| &film.features[..]))?,
+        first_hits: join(first, usize::from(first.needs.first_hits), parts.iter().map(|film| &film.first_hits[..]))?,
+        costs: join(first, 1, parts.iter().map(|film| &film.costs[..]))?,
+        rejected,
+        record: add_up(&parts)?,
+    })
+}
+
+fn uneven() -> Error {
+    Error::BadShards { what: "they do not hold the same statistics".into() }
+}
+
+/// The parts' films by number, if each is there once.
+fn in_order(parts: &[Part]) -> Result<Vec<&Film>, Error> {
+    let refuse = |what: String| Err(Error::BadShards { what });
+    let Some(first) = parts.first() else { return refuse("there are none".into()) };
+    for part in parts {
+        let (a, b) = (&first.film, &part.film);
+        let what = [
+            (first.shard.of == part.shard.of, "of another number of shards"),
+            (a.frame == b.frame, "of another window"),
+            (a.needs == b.needs, "with other statistics recorded"),
+            (a.combine == b.combine, "with halves combined otherwise"),
+            (a.record.budgets == b.record.budgets, "with another number of samples asked for"),
+        ];
+        if let Some((_, what)) = what.iter().find(|(same, _)| !same) {
+            return refuse(format!("beside shard {} there is shard {} {what}", first.shard, part.shard));
+        }
+    }
+    let mut sorted: Vec<&Part> = parts.iter().collect();
+    sorted.sort_by_key(|part| part.shard.index);
+    if let Some(twice) = sorted.windows(2).find(|pair| pair[0].shard == pair[1].shard) {
+        return refuse(format!("shard {} is there twice", twice[0].shard));
+    }
+    let is_there = |index: &u32| sorted.binary_search_by_key(index, |part| part.shard.index).is_ok();
+    let of = first.shard.of;
+    let missing: Vec<String> =
+        (0..of).filter(|index| !is_there(index)).take(10).map(|index| Shard { index, of }.to_string()).collect();
+    match missing.len() {
+        0 => Ok(sorted.into_iter().map(|part| &part.film).collect()),
+        10 => refuse(format!("shards {} and perhaps more are missing", missing.join(", "))),
+        _ => refuse(format!("missing: shard {}", missing.join(", "))),
+    }
+}
+
+/// A plane of all rows from those of the parts, `each` values a pixel; none if none was recorded.
+fn join<'p, T: Copy + 'p>(first: &Film, each: usize, planes: impl Iterator<Item = &'p [T]>) -> Result<Vec<T>, Error> {
+    let planes: Vec<&[T]> = planes.collect();
+    if planes.iter().all(|plane| plane.is_empty()) {
+        return Ok(Vec::new());
+    }
+    let [width, height] = first.frame.size().map(|n| n as usize);
+    let mut whole = Vec::with_capacity(width * height * each);
+    for row in 0..height {
+        let start = row / planes.len() * width * each;
+        let values = planes[row % planes.len()].get(start..start + width * each).ok_or_else(uneven)?;
+        whole.extend_from_slice(values);
+    }
+    Ok(whole)
+}
+
+fn add_up(parts: &[&Film]) -> Result<Record, Error> {
+    let mut sum = Record { budgets: parts[0].record.budgets.clone(), ..Record::default() };
+    for record in parts.iter().map(|film| &film.record) {
+        let numbers = [
+            (&mut sum.samples, record.samples),
+            (&mut sum.rays, record.rays),
+            (&mut sum.blocks, record.blocks),
+            (&mut sum.rejected, record.rejected),
+        ];
+        for (sum, more) in numbers {
+            *sum = sum.checked_add(more).ok_or_else(uneven)?;
+        }
+        for (i, round) in record.rounds.iter().enumerate() {
+            match sum.rounds.get_mut(i) {
+                None => sum.rounds.push(*round),
+                Some(all) => {
+                    let RoundRecord { samples, plan_seconds, trace_seconds, kept: _ } = *round;
+                    all.samples = all.samples.saturating_add(samples);
+                    all.plan_seconds += plan_seconds;
+                    all.trace_seconds += trace_seconds;
+                }
+            }
+        }
+    }
+    Ok(sum)
+}

@@ -1,0 +1,252 @@
+//! A render between two slices, as plain bytes: what checkpoints and shards are made of.
+
+pub(crate) mod bytes;
+pub(crate) mod film;
+
+use crate::{Error, Film, Frame, Limits, Needs, Observation, Observations, Plan, Sampler};
+use bytes::{Reader, Writer};
+use film::{put_combine, put_film, put_observations, take_combine, take_film, take_observations};
+
+/// Why bytes are no snapshot: the end of a sentence.
+#[derive(Debug)]
+pub(crate) struct Broken(pub(crate) &'static str);
+
+impl From<Broken> for Error {
+    fn from(Broken(what): Broken) -> Self {
+        Self::BadSnapshot { what }
+    }
+}
+
+/// How far a round is traced: rows before `row` have their samples before `end`, the others those before `start`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Cursor {
+    pub(crate) start: u32,
+    pub(crate) end: u32,
+    pub(crate) row: u32,
+}
+
+/// A round that is being traced.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct OpenRound {
+    pub(crate) plan: Plan,
+    pub(crate) cursor: Cursor,
+    /// What was observed in the rows before the cursor of a lesson that is not over, by block.
+    pub(crate) pending: Vec<(usize, Vec<Observation>)>,
+    /// Samples traced before it.
+    pub(crate) before: u64,
+    pub(crate) plan_seconds: f64,
+    /// Seconds of tracing it in earlier sittings.
+    pub(crate) traced_seconds: f64,
+}
+
+impl OpenRound {
+    /// Samples of the pixels of a row, in this round's order, that are traced.
+    pub(crate) fn done(&self, row: usize) -> u32 {
+        if row < self.cursor.row as usize { self.cursor.end } else { self.cursor.start }
+    }
+
+    /// What is left to trace, as a plan of its own: withdrawals are done.
+    pub(crate) fn rest(&self, width: usize) -> Plan {
+        let left = |counts: &[u32]| -> Vec<u32> {
+            counts.iter().enumerate().map(|(i, n)| n.saturating_sub(self.done(i / width))).collect()
+        };
+        let Plan { counts, second_half, fate, combine, withdraw: _ } = &self.plan;
+        let second_half = second_half.as_deref().map(left);
+        Plan { counts: left(counts), second_half, fate: *fate, combine: *combine, withdraw: None }
+    }
+}
+
+/// Everything that decides on the rest of a render, where it is.
+#[derive(Clone, Copy)]
+pub(crate) struct View<'a> {
+    pub(crate) film: &'a Film,
+    pub(crate) round: u32,
+    pub(crate) open: Option<&'a OpenRound>,
+    pub(crate) lessons: &'a [Observations],
+    pub(crate) total: u64,
+    pub(crate) seconds: f64,
+    pub(crate) sampler: &'a dyn Sampler,
+    pub(crate) limits: &'a Limits,
+}
+
+const MAGIC: &[u8; 8] = b"dapple-s";
+/// Changes with the layout and with what is in it.
+const VERSION: u32 = 1;
+
+impl View<'_> {
+    pub(crate) fn write(&self) -> Vec<u8> {
+        let plans = self.open.map_or(0, |open| 8 * open.plan.counts.len());
+        let mut to = Writer::with_capacity(film::size(self.film) + plans);
+        to.raw(MAGIC);
+        to.number(VERSION);
+        to.text(&self.sampler.describe());
+        to.text(&self.sampler.points().describe());
+        to.number([self.limits.min_spp, self.limits.max_spp]);
+        to.number(self.round);
+        to.number(self.total);
+        to.number(self.seconds);
+        put_film(&mut to, self.film);
+        to.list(&self.sampler.save());
+        to.number(self.lessons.len() as u64);
+        self.lessons.iter().for_each(|lesson| put_observations(&mut to, lesson.entries()));
+        to.flag(self.open.is_some());
+        if let Some(open) = self.open {
+            put_round(&mut to, open);
+        }
+        to.finish()
+    }
+}
+
+/// A render between two slices: everything that decides on the rest of it, made by
+/// [`Status::snapshot`](crate::Status::snapshot) and continued by [`resume`](crate::resume).
+///
+/// Core does no file I/O: this is plain bytes, for whoever looks on to keep (`dapple-checkpoint` does so safely). The
+/// bytes have a version and are checked for sense, not for damage: add a checksum where they are stored.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Snapshot {
+    pub(crate) film: Film,
+    pub(crate) round: u32,
+    pub(crate) open: Option<OpenRound>,
+    pub(crate) lessons: Vec<Observations>,
+    pub(crate) total: u64,
+    pub(crate) seconds: f64,
+    pub(crate) sampler_state: Vec<u8>,
+    sampler: String,
+    points: String,
+    bounds: [u32; 2],
+}
+
+impl Snapshot {
+    /// Reads what [`Status::snapshot`](crate::Status::snapshot) gave. Takes a few times the memory of the bytes at most,
+    /// whatever they say.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::BadSnapshot`] for bytes that are none, of another version, cut short or that contradict themselves.
+    pub fn from_bytes(bytes: &[u8]) -> Result<Self, Error> {
+        Ok(Self::read(bytes)?)
+    }
+
+    fn read(bytes: &[u8]) -> Result<Self, Broken> {
+        let mut from = Reader::new(bytes);
+        check_head(&mut from, MAGIC, VERSION)?;
+        let (sampler, points) = (from.text()?, from.text()?);
+        let bounds = from.number()?;
+        let (round, total, seconds) = (from.number()?, from.number()?, from.number::<f64>()?);
+        if !(seconds.is_finite() && seconds >= 0.0) {
+            return Err(Broken("a time is no number"));
+        }
+        let film = take_film(&mut from, Frame::pixels)?;
+        let sampler_state = from.list()?;
+        let count = from.count(8)?;
+        let mut lessons = Vec::new();
+        for _ in 0..count {
+            let lesson = Observations::sorted(take_observations(&mut from)?);
+            lessons.push(lesson.ok_or(Broken("observations are out of order"))?);
+        }
+        let open = if from.flag()? { Some(take_round(&mut from, &film)?) } else { None };
+        if !from.is_empty() {
+            return Err(Broken("they go on after their end"));
+        }
+        Ok(Self { film, round, open, lessons, total, seconds, sampler_state, sampler, points, bounds })
+    }
+
+    /// The statistics so far: every pixel's are whole.
+    pub fn film(&self) -> &Film {
+        &self.film
+    }
+
+    /// Refuses to go on as another render than this one.
+    pub(crate) fn check(
+        &self,
+        sampler: &dyn Sampler,
+        needs: &Needs,
+        frame: &Frame,
+        limits: &Limits,
+    ) -> Result<(), Error> {
+        let mut differ = Vec::new();
+        let mut compare = |what: &str, was: &str, is: &str| {
+            if was != is {
+                differ.push(format!("the {what} was {was} and is now {is}"));
+            }
+        };
+        compare("sampler", &self.sampler, &sampler.describe());
+        compare("point set", &self.points, &sampler.points().describe());
+        let window = |f: &Frame| {
+            let ([x, y], [w, h], [full_w, full_h]) = (f.origin(), f.size(), f.resolution());
+            format!("{w}x{h} pixels at {x},{y} of {full_w}x{full_h}")
+        };
+        compare("window", &window(self.film.frame()), &window(frame));
+        let bounds = |[min, max]: [u32; 2]| format!("{min} to {max}");
+        compare("range of samples per pixel", &bounds(self.bounds), &bounds([limits.min_spp, limits.max_spp]));
+        let halves = |halves: bool| if halves { "two halves" } else { "one sequence" };
+        compare("kind of samples", halves(self.film.needs().halves), halves(needs.halves));
+        let missing = Needs { halves: false, ..*needs };
+        if let Err(Error::NotRecorded { what, .. }) = self.film.require("", &missing) {
+            differ.push(format!("{what} was not recorded and is now asked for"));
+        }
+        if differ.is_empty() { Ok(()) } else { Err(Error::OtherRender { what: differ.join("; ") }) }
+    }
+}
+
+pub(crate) fn check_head(from: &mut Reader<'_>, magic: &[u8; 8], version: u32) -> Result<(), Broken> {
+    if from.raw(magic.len())? != magic {
+        return Err(Broken("they begin otherwise"));
+    }
+    if from.number::<u32>()? != version {
+        return Err(Broken("they are of another version of dapple-core: go on with the one that wrote them"));
+    }
+    Ok(())
+}
+
+fn put_round(to: &mut Writer, open: &OpenRound) {
+    let Plan { counts, second_half, fate, combine, withdraw: _ } = &open.plan;
+    to.flag(*fate == crate::Fate::Discard);
+    put_combine(to, *combine);
+    to.numbers(counts);
+    to.flag(second_half.is_some());
+    to.numbers(second_half.as_deref().unwrap_or(&[]));
+    let Cursor { start, end, row } = open.cursor;
+    to.number([start, end, row]);
+    to.number(open.before);
+    to.number([open.plan_seconds, open.traced_seconds]);
+    to.number(open.pending.len() as u64);
+    for (block, observed) in &open.pending {
+        to.number(*block as u64);
+        put_observations(to, observed);
+    }
+}
+
+fn take_round(from: &mut Reader<'_>, film: &Film) -> Result<OpenRound, Broken> {
+    let [width, height] = film.frame().size().map(|n| n as usize);
+    let mut plan = Plan::empty(0);
+    plan.fate = if from.flag()? { crate::Fate::Discard } else { crate::Fate::Keep };
+    plan.combine = take_combine(from)?;
+    plan.counts = from.numbers(width * height)?;
+    plan.second_half = if from.flag()? { Some(from.numbers(width * height)?) } else { None };
+    let [start, end, row] = from.number()?;
+    let before = from.number::<u64>()?;
+    let [plan_seconds, traced_seconds] = from.number::<[f64; 2]>()?;
+    let count = from.count(16)?;
+    let mut pending = Vec::with_capacity(count);
+    for _ in 0..count {
+        let block = usize::try_from(from.number::<u64>()?).map_err(|_| Broken("a block is out of range"))?;
+        pending.push((block, take_observations(from)?));
+    }
+    let cursor = Cursor { start, end, row };
+    let open = OpenRound { plan, cursor, pending, before, plan_seconds, traced_seconds };
+    if end < start || row as usize >= height || !(plan_seconds.is_finite() && traced_seconds.is_finite()) {
+        return Err(Broken("a round is at an impossible place"));
+    }
+    if open.plan.second_half.is_some() && film.kept.len() != 2 {
+        return Err(Broken("a plan is for two halves, and there is one"));
+    }
+    if open.plan.fate == crate::Fate::Discard && film.discarded.is_empty() {
+        return Err(Broken("samples are discarded, and there is no place for them"));
+    }
+    let traced = open.plan.total() - open.rest(width).total();
+    if before.checked_add(traced) != Some(film.record.samples) {
+        return Err(Broken("a round is at an impossible place"));
+    }
+    Ok(open)
+}

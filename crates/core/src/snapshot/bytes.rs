@@ -1,0 +1,155 @@
+//! Numbers to bytes and back: little-endian, in the order in which they are written, nothing between.
+
+use super::Broken;
+
+/// A number of a fixed width.
+pub(crate) trait Number: Copy {
+    const SIZE: usize;
+    fn put(self, to: &mut [u8]);
+    fn take(from: &[u8]) -> Self;
+}
+
+macro_rules! number {
+    ($($kind:ty),*) => {$(
+        impl Number for $kind {
+            const SIZE: usize = size_of::<$kind>();
+
+            #[inline]
+            fn put(self, to: &mut [u8]) {
+                to.copy_from_slice(&self.to_le_bytes());
+            }
+
+            #[inline]
+            fn take(from: &[u8]) -> Self {
+                let mut bytes = [0; size_of::<$kind>()];
+                bytes.copy_from_slice(from);
+                Self::from_le_bytes(bytes)
+            }
+        }
+    )*};
+}
+
+number!(u8, u32, u64, i64, f32, f64);
+
+impl<T: Number, const N: usize> Number for [T; N] {
+    const SIZE: usize = N * T::SIZE;
+
+    #[inline]
+    fn put(self, to: &mut [u8]) {
+        for (value, to) in self.into_iter().zip(to.chunks_exact_mut(T::SIZE)) {
+            value.put(to);
+        }
+    }
+
+    #[inline]
+    fn take(from: &[u8]) -> Self {
+        std::array::from_fn(|i| T::take(&from[i * T::SIZE..(i + 1) * T::SIZE]))
+    }
+}
+
+/// Bytes being written.
+pub(crate) struct Writer {
+    bytes: Vec<u8>,
+}
+
+impl Writer {
+    pub(crate) fn with_capacity(bytes: usize) -> Self {
+        Self { bytes: Vec::with_capacity(bytes) }
+    }
+
+    pub(crate) fn finish(self) -> Vec<u8> {
+        self.bytes
+    }
+
+    pub(crate) fn raw(&mut self, bytes: &[u8]) {
+        self.bytes.extend_from_slice(bytes);
+    }
+
+    pub(crate) fn number(&mut self, value: impl Number) {
+        self.numbers(&[value]);
+    }
+
+    pub(crate) fn flag(&mut self, value: bool) {
+        self.bytes.push(u8::from(value));
+    }
+
+    /// Numbers whose count the reader knows.
+    pub(crate) fn numbers<T: Number>(&mut self, values: &[T]) {
+        let start = self.bytes.len();
+        self.bytes.resize(start + values.len() * T::SIZE, 0);
+        for (to, value) in self.bytes[start..].chunks_exact_mut(T::SIZE).zip(values) {
+            value.put(to);
+        }
+    }
+
+    /// Numbers after their count.
+    pub(crate) fn list<T: Number>(&mut self, values: &[T]) {
+        self.number(values.len() as u64);
+        self.numbers(values);
+    }
+
+    pub(crate) fn text(&mut self, text: &str) {
+        self.list(text.as_bytes());
+    }
+}
+
+/// Bytes being read. Nothing is allocated that the bytes at hand do not fill.
+pub(crate) struct Reader<'a> {
+    rest: &'a [u8],
+}
+
+impl<'a> Reader<'a> {
+    pub(crate) fn new(bytes: &'a [u8]) -> Self {
+        Self { rest: bytes }
+    }
+
+    pub(crate) fn is_empty(&self) -> bool {
+        self.rest.is_empty()
+    }
+
+    pub(crate) fn raw(&mut self, count: usize) -> Result<&'a [u8], Broken> {
+        let (taken, rest) = self.rest.split_at_checked(count).ok_or(Broken("they end too early"))?;
+        self.rest = rest;
+        Ok(taken)
+    }
+
+    /// A reader of the next `count` things of `each` bytes.
+    pub(crate) fn part(&mut self, count: usize, each: usize) -> Result<Self, Broken> {
+        let size = count.checked_mul(each).ok_or(Broken("they end too early"))?;
+        Ok(Self::new(self.raw(size)?))
+    }
+
+    pub(crate) fn number<T: Number>(&mut self) -> Result<T, Broken> {
+        Ok(T::take(self.raw(T::SIZE)?))
+    }
+
+    pub(crate) fn flag(&mut self) -> Result<bool, Broken> {
+        match self.number::<u8>()? {
+            0 => Ok(false),
+            1 => Ok(true),
+            _ => Err(Broken("a yes or no is neither")),
+        }
+    }
+
+    pub(crate) fn numbers<T: Number>(&mut self, count: usize) -> Result<Vec<T>, Broken> {
+        Ok(self.part(count, T::SIZE)?.rest.chunks_exact(T::SIZE).map(T::take).collect())
+    }
+
+    /// The count of what follows, each at least so many bytes.
+    pub(crate) fn count(&mut self, each: usize) -> Result<usize, Broken> {
+        let count = usize::try_from(self.number::<u64>()?).map_err(|_| Broken("they end too early"))?;
+        match count.checked_mul(each) {
+            Some(size) if size <= self.rest.len() => Ok(count),
+            _ => Err(Broken("they end too early")),
+        }
+    }
+
+    pub(crate) fn list<T: Number>(&mut self) -> Result<Vec<T>, Broken> {
+        let count = self.count(T::SIZE)?;
+        self.numbers(count)
+    }
+
+    pub(crate) fn text(&mut self) -> Result<String, Broken> {
+        String::from_utf8(self.list()?).map_err(|_| Broken("a text is not UTF-8"))
+    }
+}

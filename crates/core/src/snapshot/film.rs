@@ -1,0 +1,262 @@
+//! A film as bytes.
+
+use super::Broken;
+use super::bytes::{Reader, Writer};
+use crate::film::{Bank, FeatureMoments, REJECTED_LISTED};
+use crate::{
+    Combine, Film, FirstHit, Frame, Needs, Observation, Record, Rejected, RejectedReason, RoundRecord, SampleId,
+};
+
+/// Bytes that a film takes, about.
+pub(crate) fn size(film: &Film) -> usize {
+    let discarded = if film.discarded.is_empty() { 0 } else { Film::bytes_per_pixel(&film.needs) };
+    let pixels = film.kept[0].counts.len();
+    pixels * (Film::bytes_per_pixel(&film.needs) + discarded) + 4096
+}
+
+pub(crate) fn put_film(to: &mut Writer, film: &Film) {
+    put_frame(to, &film.frame);
+    put_needs(to, &film.needs);
+    put_combine(to, film.combine);
+    put_record(to, &film.record);
+    to.number(film.rejected.len() as u64);
+    for Rejected { sample, reason } in &film.rejected {
+        to.number(sample.pixel);
+        to.number(sample.stream);
+        to.number(sample.index);
+        to.flag(*reason == RejectedReason::Negative);
+    }
+    film.kept.iter().for_each(|bank| put_bank(to, bank));
+    to.flag(!film.discarded.is_empty());
+    film.discarded.iter().for_each(|bank| put_bank(to, bank));
+    for f in &film.features {
+        to.number([f.samples, f.hits]);
+        to.number([f.mean, f.m2]);
+    }
+    film.first_hits.iter().for_each(|hit| put_hit(to, hit.as_ref()));
+    to.numbers(&film.costs);
+}
+
+/// A film with planes of `pixels` pixels, or of all of its frame's.
+pub(crate) fn take_film(from: &mut Reader<'_>, pixels: impl FnOnce(&Frame) -> usize) -> Result<Film, Broken> {
+    let frame = take_frame(from)?;
+    let pixels = pixels(&frame);
+    let needs = take_needs(from)?;
+    let combine = take_combine(from)?;
+    let record = take_record(from)?;
+    let rejected = take_rejected(from)?;
+    let halves = if needs.halves { 2 } else { 1 };
+    let kept = (0..halves).map(|_| take_bank(from, pixels, &needs)).collect::<Result<_, _>>()?;
+    let discarded = match from.flag()? {
+        true => (0..halves).map(|_| take_bank(from, pixels, &needs)).collect::<Result<_, _>>()?,
+        false => Vec::new(),
+    };
+    let features = if needs.features { take_features(from, pixels)? } else { Vec::new() };
+    let first_hits = take_hits(from, pixels.saturating_mul(usize::from(needs.first_hits)))?;
+    let costs = if needs.cost { from.numbers(pixels)? } else { Vec::new() };
+    let film = Film { frame, needs, combine, kept, discarded, features, first_hits, costs, rejected, record };
+    check(&film)?;
+    Ok(film)
+}
+
+/// What every film keeps to, and code that reads one relies on.
+fn check(film: &Film) -> Result<(), Broken> {
+    let mut samples = 0_u64;
+    for bank in film.kept.iter().chain(&film.discarded) {
+        for (i, &count) in bank.counts.iter().enumerate() {
+            samples = samples.checked_add(count).ok_or(Broken("counts overflow"))?;
+            let ahead = bank.ahead.get(i).copied().unwrap_or(0);
+            if count.checked_add_signed(ahead).is_none() || ahead.unsigned_abs() > film.record.samples {
+                return Err(Broken("an index is out of range"));
+            }
+        }
+        let sums = bank.means.iter().chain(&bank.m2).flatten();
+        if !sums.into_iter().all(|v| v.is_finite()) {
+            return Err(Broken("a mean is no number"));
+        }
+    }
+    if samples != film.record.samples {
+        return Err(Broken("counts do not add up to the samples traced"));
+    }
+    Ok(())
+}
+
+fn put_frame(to: &mut Writer, frame: &Frame) {
+    to.number([frame.resolution(), frame.origin(), frame.size()]);
+}
+
+fn take_frame(from: &mut Reader<'_>) -> Result<Frame, Broken> {
+    let [[w, h], [x, y], [cw, ch]] = from.number::<[[u32; 2]; 3]>()?;
+    let window = || Some((x.checked_add(cw)?, y.checked_add(ch)?));
+    let (x1, y1) = window().ok_or(Broken("a window is out of range"))?;
+    let frame = Frame::new(w, h).and_then(|full| full.crop(x, y, x1, y1));
+    frame.map_err(|_| Broken("a window is out of range"))
+}
+
+fn put_needs(to: &mut Writer, needs: &Needs) {
+    let Needs { variance, extrema, halves, features, first_hits, cost } = *needs;
+    [variance, extrema, halves, features, cost].into_iter().for_each(|need| to.flag(need));
+    to.number(first_hits);
+}
+
+fn take_needs(from: &mut Reader<'_>) -> Result<Needs, Broken> {
+    let mut needs = Needs::none();
+    for need in [&mut needs.variance, &mut needs.extrema, &mut needs.halves, &mut needs.features, &mut needs.cost] {
+        *need = from.flag()?;
+    }
+    needs.first_hits = from.number()?;
+    Ok(needs)
+}
+
+pub(crate) fn put_combine(to: &mut Writer, combine: Combine) {
+    let (kind, weight) = match combine {
+        Combine::ByCount => (0_u8, 0.0),
+        Combine::Equally => (1, 0.0),
+        Combine::Fixed(weight) => (2, weight),
+    };
+    to.number(kind);
+    to.number(weight);
+}
+
+pub(crate) fn take_combine(from: &mut Reader<'_>) -> Result<Combine, Broken> {
+    let (kind, weight) = (from.number::<u8>()?, from.number::<f64>()?);
+    match kind {
+        0 => Ok(Combine::ByCount),
+        1 => Ok(Combine::Equally),
+        2 if weight.is_finite() => Ok(Combine::Fixed(weight)),
+        _ => Err(Broken("halves are combined in no known way")),
+    }
+}
+
+fn put_record(to: &mut Writer, record: &Record) {
+    let Record { budgets, rounds, samples, rays, blocks, rejected, interrupted: _ } = record;
+    to.list(budgets);
+    to.number(rounds.len() as u64);
+    for r in rounds {
+        to.number(r.samples);
+        to.flag(r.kept);
+        to.number([r.plan_seconds, r.trace_seconds]);
+    }
+    to.number([*samples, *rays, *blocks, *rejected]);
+}
+
+fn take_record(from: &mut Reader<'_>) -> Result<Record, Broken> {
+    let budgets = from.list()?;
+    let count = from.count(25)?;
+    let mut rounds = Vec::with_capacity(count);
+    for _ in 0..count {
+        let (samples, kept) = (from.number()?, from.flag()?);
+        let [plan_seconds, trace_seconds] = from.number::<[f64; 2]>()?;
+        if !(plan_seconds.is_finite() && trace_seconds.is_finite()) {
+            return Err(Broken("a time is no number"));
+        }
+        rounds.push(RoundRecord { samples, kept, plan_seconds, trace_seconds });
+    }
+    let [samples, rays, blocks, rejected] = from.number()?;
+    Ok(Record { budgets, rounds, samples, rays, blocks, rejected, interrupted: false })
+}
+
+fn take_rejected(from: &mut Reader<'_>) -> Result<Vec<Rejected>, Broken> {
+    let count = from.count(21)?;
+    if count > REJECTED_LISTED {
+        return Err(Broken("more rejected samples are listed than ever are"));
+    }
+    let one = |from: &mut Reader<'_>| {
+        let sample = SampleId { pixel: from.number()?, stream: from.number()?, index: from.number()? };
+        let reason = if from.flag()? { RejectedReason::Negative } else { RejectedReason::NotFinite };
+        Ok(Rejected { sample, reason })
+    };
+    (0..count).map(|_| one(from)).collect()
+}
+
+fn put_bank(to: &mut Writer, bank: &Bank) {
+    let Bank { counts, means, m2, ranges, ahead } = bank;
+    to.numbers(counts);
+    to.numbers(means);
+    to.numbers(m2);
+    to.numbers(ranges);
+    to.flag(!ahead.is_empty());
+    to.numbers(ahead);
+}
+
+fn take_bank(from: &mut Reader<'_>, pixels: usize, needs: &Needs) -> Result<Bank, Broken> {
+    Ok(Bank {
+        counts: from.numbers(pixels)?,
+        means: from.numbers(pixels)?,
+        m2: from.numbers(if needs.variance { pixels } else { 0 })?,
+        ranges: from.numbers(if needs.extrema { pixels } else { 0 })?,
+        ahead: match from.flag()? {
+            true => from.numbers(pixels)?,
+            false => Vec::new(),
+        },
+    })
+}
+
+fn take_features(from: &mut Reader<'_>, pixels: usize) -> Result<Vec<FeatureMoments>, Broken> {
+    let mut from = from.part(pixels, size_of::<FeatureMoments>())?;
+    let mut one = || {
+        let [samples, hits] = from.number()?;
+        let [mean, m2] = from.number()?;
+        Ok(FeatureMoments { samples, hits, mean, m2 })
+    };
+    (0..pixels).map(|_| one()).collect()
+}
+
+/// A flag and 18 numbers, whether there is a hit or not, so that places are known.
+fn put_hit(to: &mut Writer, hit: Option<&FirstHit>) {
+    to.flag(hit.is_some());
+    let Some(h) = hit else {
+        to.number([0_u8; 72]);
+        return;
+    };
+    to.number([h.position, h.geometric_normal, h.shading_normal, h.albedo]);
+    to.number([h.depth, h.footprint, h.roughness]);
+    to.number([h.material, h.shape, h.primitive]);
+}
+
+fn take_hits(from: &mut Reader<'_>, count: usize) -> Result<Vec<Option<FirstHit>>, Broken> {
+    let mut from = from.part(count, 73)?;
+    let mut hits = Vec::with_capacity(count);
+    for _ in 0..count {
+        let there = from.flag()?;
+        let [position, geometric_normal, shading_normal, albedo] = from.number()?;
+        let [depth, footprint, roughness] = from.number()?;
+        let [material, shape, primitive] = from.number()?;
+        let hit = FirstHit {
+            position,
+            geometric_normal,
+            shading_normal,
+            albedo,
+            depth,
+            footprint,
+            roughness,
+            material,
+            shape,
+            primitive,
+        };
+        if !hit.is_finite() {
+            return Err(Broken("a first hit is no place"));
+        }
+        hits.push(there.then_some(hit));
+    }
+    Ok(hits)
+}
+
+/// What was observed: each entry four numbers.
+pub(crate) fn put_observations(to: &mut Writer, entries: &[Observation]) {
+    to.number(entries.len() as u64);
+    for e in entries {
+        to.number([e.key, e.count]);
+        to.number([e.sum, e.sum_of_squares]);
+    }
+}
+
+pub(crate) fn take_observations(from: &mut Reader<'_>) -> Result<Vec<Observation>, Broken> {
+    let count = from.count(32)?;
+    let one = |from: &mut Reader<'_>| {
+        let [key, count] = from.number()?;
+        let [sum, sum_of_squares] = from.number()?;
+        Ok(Observation { key, count, sum, sum_of_squares })
+    };
+    (0..count).map(|_| one(from)).collect()
+}
