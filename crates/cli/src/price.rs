@@ -42,12 +42,15 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
             say("measuring", name);
         }
     };
-    let mut rows = price(effort, &mut onlooker).map_err(Failure::new)?;
-    if let Some(checked) = &options.overflow_checks {
+    // First, since it is the one that somebody else's program can fail.
+    let mut checked = None;
+    if let Some(program) = &options.overflow_checks {
         onlooker("overflow checks");
         let itself = std::env::current_exe().map_err(|e| Failure::new(format!("cannot find this program: {e}")))?;
-        rows.push(overflow_checks(&itself, checked, effort).map_err(Failure::new)?);
+        checked = Some(overflow_checks(&itself, program, effort).map_err(Failure::new)?);
     }
+    let mut rows = price(effort, &mut onlooker).map_err(Failure::new)?;
+    rows.extend(checked);
     if options.json {
         let line = Line { quick: options.quick, seconds: clock.elapsed().as_secs_f64(), rows: &rows };
         tell(serde_json::to_string(&line).map_err(Failure::new)?)?;

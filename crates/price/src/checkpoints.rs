@@ -2,7 +2,7 @@
 
 use crate::pairs::{in_turn, pairs, seconds};
 use crate::picture::Picture;
-use crate::{Break, Effort, Error, Result, Row};
+use crate::{Break, Effort, Error, Ratio, Result, Row};
 use dapple_checkpoint::{Contents, Identity, Kind, Store};
 use dapple_core::{Control, Needs, NoWatch, Snapshot, Status, Watch, resume};
 use dapple_renderer::integrator;
@@ -18,7 +18,7 @@ pub(crate) fn row(effort: Effort, picture: &Picture) -> Result<Row> {
     };
     let folder = Folder::new()?;
     let store = Store::lock(&folder.0.join("render.checkpoint"))?;
-    let mut costs = Vec::new();
+    let mut ratios = Vec::new();
     let mut lengths = Vec::new();
     let price = pairs(count, |number| {
         let mut middle = Middle { store: &store, stop: false, seconds: 0.0, samples: 0, trouble: None };
@@ -32,20 +32,20 @@ pub(crate) fn row(effort: Effort, picture: &Picture) -> Result<Row> {
             || picture.seconds(Needs::none()),
         )?;
         middle.trouble.map_or(Ok(()), Err)?;
-        costs.push(middle.seconds);
+        ratios.push(with / without);
         lengths.push(without);
-        Ok::<_, Error>(with / without)
+        Ok::<_, Error>(1.0 + middle.seconds / EVERY)
     })?;
-    let [cost, length] = [costs, lengths].map(|all| crate::Ratio::of(all).median);
+    let [ratio, length] = [ratios, lengths].map(|all| Ratio::of(all).median);
+    let each = (price.median - 1.0) * EVERY * 1e3;
     Ok(Row {
         safeguard: "checkpoints",
         does: "what is rendered is on the disk once a minute, whole at any moment",
         price,
         price_of: format!(
-            "{} with one checkpoint in {length:.2} s: {:.1} ms each; once a minute it is {:.5}",
-            picture.describe(),
-            cost * 1e3,
-            1.0 + cost / EVERY
+            "one checkpoint a minute, {each:.1} ms each where nothing goes on meanwhile; with one in a render of {length:.2} s it \
+             is {ratio:.3} of {}",
+            picture.describe()
         ),
         breaks: vec![killed(picture, &store)?],
     })

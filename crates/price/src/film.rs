@@ -149,7 +149,7 @@ fn means() -> Break {
     }
     Break {
         input: format!("pixels of one colour, .1 to 1.6, 2^20 spp: more than .1 % off"),
-        seen: "references and merged shards drift by a percent, each colour by another",
+        seen: "references and merged shards drift by up to a percent, each colour by another",
         of: PIXELS.into(),
         without,
         with,

@@ -33,7 +33,7 @@ pub(crate) fn rows(effort: Effort, onlooker: &mut (dyn FnMut(&str) + Send)) -> R
     let sets: Vec<Set> = SCENES.iter().map(|name| Set::new(name, effort)).collect::<Result<_>>()?;
     let count = match effort {
         Effort::Quick => 6,
-        Effort::Full => 21,
+        Effort::Full => 41,
     };
     let triangles: Vec<String> = sets.iter().map(|set| set.geometry.triangle_count().to_string()).collect();
     let price_of = format!(

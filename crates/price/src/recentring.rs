@@ -10,8 +10,8 @@ use glam::{DAffine3, DVec3, Vec2, Vec3};
 
 /// Where time is measured: half a million corners.
 const LOADED: &str = "terrain";
-/// What is moved away, and how wide it is.
-const MOVED: &str = "cornell";
+/// What is moved away.
+const MOVED: &str = "teapot";
 
 pub(crate) fn row(effort: Effort) -> Result<Row> {
     let count = match effort {
@@ -68,6 +68,8 @@ fn broken(scene: &Scene) -> Result<Break> {
     let near_raw = geometry(scene)?;
     let (seen, seen_raw) = (seen(near.geometry(), &rays), seen(&near_raw, &in_the_file(&near, &rays)));
     let pixels = rays.len();
+    let [low, high] = near.geometry().bounds().unwrap_or([Vec3::ZERO; 2]);
+    let width = f64::from((high - low).max_element()) / near.space().scale();
     let mut found = (0, 0, 0);
     for power in 3..=8 {
         let scene = moved(scene, DVec3::new(1.0, -0.6, 0.8) * 10.0_f64.powi(power));
@@ -82,9 +84,7 @@ fn broken(scene: &Scene) -> Result<Break> {
     }
     let (power, without, with) = found;
     Ok(Break {
-        input: format!(
-            "the Cornell box (5.6 wide), 10^{power} from the origin: primary rays that see another triangle"
-        ),
+        input: format!("{MOVED} ({width:.0} wide), 10^{power} from the origin: primary rays that see another triangle"),
         seen: "walls crumble and holes open in scenes with the coordinates of maps",
         of: pixels as u64,
         without: without as u64,
