@@ -79,7 +79,10 @@ fn table(rows: &[Row]) -> String {
     ];
     for row in rows {
         let price = &row.price;
-        let mut head = format!("{} | {:.3} ({:.3}, {:.3})", row.safeguard, price.median, price.low, price.high);
+        // What hardly costs anything needs more digits to be told.
+        let digits = if (price.median - 1.0).abs() < 1e-3 { 5 } else { 3 };
+        let [middle, low, high] = [price.median, price.low, price.high].map(|x| format!("{x:.digits$}"));
+        let mut head = format!("{} | {middle} ({low}, {high})", row.safeguard);
         if row.breaks.is_empty() {
             lines.push(format!("| {head} | no input is known to | | | | |"));
         }

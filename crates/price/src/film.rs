@@ -148,7 +148,7 @@ fn means() -> Break {
         with += u64::from(wrong(moments.mean[0]));
     }
     Break {
-        input: format!("pixels of one colour, .1 to 1.6, 2^20 spp: more than .1 % off"),
+        input: "pixels of one colour, .1 to 1.6, 2^20 spp: more than .1 % off".to_owned(),
         seen: "references and merged shards drift by up to a percent, each colour by another",
         of: PIXELS.into(),
         without,
