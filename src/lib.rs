@@ -15,6 +15,7 @@
 //! * [`metrics`] (feature `metrics`): how wrong a picture is.
 //! * [`geometry`] (feature `geometry`): watertight rays.
 //! * [`renderer`] (feature `renderer`): pbrt scenes, lights, materials, integrators, picture files.
+//! * `checkpoint` (feature `checkpoint`, not by default): files that survive a crash.
 //! * `study` (feature `study`, not by default): what accuracy costs in time.
 //!
 //! `examples/foreign_renderer.rs` is a renderer that shares nothing with Dapple's own but these parts.

@@ -74,7 +74,7 @@ fn reaches(graph: &BTreeMap<String, BTreeSet<String>>, from: &str) -> BTreeSet<S
 const RULES: &[(&str, &[&str], &[&str])] = &[
     ("dapple-core", &[], &["glam", "obvhs", "image", "exr", "rand"]),
     ("dapple-low-discrepancy", &["dapple-core"], &["glam", "obvhs", "image", "exr"]),
-    ("dapple-conformance", &["dapple-core"], &["glam", "obvhs", "image", "exr"]),
+    ("dapple-conformance", &["dapple-core", "dapple-metrics"], &["glam", "obvhs", "image", "exr"]),
     ("dapple-mitchell", &["dapple-core"], OF_A_SCENE),
     ("dapple-clustering", &[], OF_A_SCENE),
     ("dapple-cluster-adaptive", &["dapple-core", "dapple-clustering"], OF_A_SCENE),

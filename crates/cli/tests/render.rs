@@ -176,7 +176,11 @@ fn an_exr_file_tells_how_it_was_made() {
         ("variance:policy=cross", "none: each"),
         ("variance:policy=discard", "none: no"),
         ("cluster-thesis", "none: no"),
+        ("cluster", "biased: "),
+        ("cluster:policy=discard", "none: no"),
+        ("cluster:policy=cross", "none: each"),
         ("mitchell", "biased: "),
+        ("mitchell:policy=discard", "none: no"),
         ("mitchell-pbrt", "biased: "),
         ("mitchell-pbrt:policy=discard", "none: no"),
     ] {
@@ -280,7 +284,7 @@ fn the_default_scene_is_the_bundled_teapot() {
 }
 
 #[test]
-fn outputs_are_whole_or_not_there() {
+fn i09_outputs_are_whole_or_not_there() {
     let folder = Folder::new();
     std::fs::write(folder.path("old.png"), "old").expect("written");
     let said = folder.run("render tiny.pbrt --spp 1 -o old.png -o missing/b.exr");
@@ -295,7 +299,33 @@ fn outputs_are_whole_or_not_there() {
         assert!(said.err.starts_with("error: /dev/full: ") && said.err.contains("free some space"), "{}", said.err);
         assert!(folder.read("old.png").starts_with(b"\x89PNG"));
         assert_eq!(folder.names(), ["full.exr", "old.png"]);
+        // The picture is not lost with the disk: it lies where temporary files do, and the message says so.
+        let (_, place) = said.err.split_once("instead: ").unwrap_or_else(|| panic!("{}", said.err));
+        let place = std::path::Path::new(place.lines().next().expect("a path").trim());
+        let saved = std::fs::read(place).unwrap_or_else(|e| panic!("{}: {e}", place.display()));
+        std::fs::remove_file(place).expect("removed");
+        folder.done("render tiny.pbrt --spp 1 -o there.exr");
+        let picture = |bytes: &[u8]| format!("{:?}", read_channels(bytes, "there.exr").expect("a picture"));
+        assert!(picture(&saved) == picture(&folder.read("there.exr")));
     }
+    // Names as people have them.
+    let folder = Folder::new();
+    let mut command = folder.command("render tiny.pbrt --spp 1 -o");
+    let name = "\u{1f43e} mit Lücke.png";
+    assert!(command.arg(name).output().expect("the program starts").status.success());
+    assert!(folder.read(name).starts_with(b"\x89PNG"));
+}
+
+/// What there is no memory for is refused before anything is built, with the number.
+#[test]
+fn z03_pictures_without_memory_are_refused() {
+    let folder = Folder::new();
+    let clock = std::time::Instant::now();
+    let said = folder.run("render tiny.pbrt --resolution 65535x65535 --spp 1 -o a.png");
+    assert_eq!((said.status, said.out.as_str()), (Some(1), ""));
+    assert!(said.err.contains("65535x65535 takes 224 GiB") && said.err.contains("--crop"), "{}", said.err);
+    assert!(clock.elapsed() < std::time::Duration::from_secs(5));
+    assert!(folder.names().is_empty(), "{:?}", folder.names());
 }
 
 #[cfg(unix)]

@@ -126,7 +126,7 @@ fn wrong_words_say_what_there_is() {
         ("--plan key.toml", 1, "key.toml:1: samplesr: unknown field `samplesr`, expected one of `scenes`, `samplers`"),
         ("nonesuch", 1, "nonesuch: there is no such file, and no such bundled scene: those are teapot, "),
         ("--reference nowhere.exr", 1, "nowhere.exr: cannot read the reference"),
-        ("--resolution 12x8 --reference r.exr", 1, "it is 24x16, and the study 12x8"),
+        ("--resolution 13x8 --reference r.exr", 1, "it is 24x16, and the study 13x8"),
         ("--reference c.exr", 1, "its scene is cornell, and the study's tiny"),
         ("--max-depth 2 --reference r.exr", 1, "its max depth is "),
     ];

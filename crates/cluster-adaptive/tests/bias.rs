@@ -5,7 +5,8 @@ mod common;
 
 use common::*;
 use dapple_cluster_adaptive::{ClusterSize, Options, Placement};
-use dapple_core::{Budget, Error, Fate, Feedback, Film, Limits, Needs, Plan, PointSet, Progress, Sampler};
+use dapple_conformance::statistics::{Mean, Naive, picture_mean};
+use dapple_core::{Budget, Limits, Sampler};
 use dapple_low_discrepancy::Random;
 
 const SIDE: u32 = 64;
@@ -24,16 +25,11 @@ fn truth() -> f64 {
 /// freedom, so 5 is exceeded with p = 5e-6 and 10 with p < 1e-13.
 fn deviation<S: Sampler>(make: impl Fn(u64) -> S, limits: &Limits) -> f64 {
     let at = frame(SIDE, SIDE);
-    let mean = |film: &Film| (0..at.pixels()).map(|i| film.mean(i)[0]).sum::<f64>() / at.pixels() as f64;
-    let means: Vec<f64> = (0..64)
-        .map(|seed| {
-            let mut field = Field(|pixel, u: [f32; 4]| f32::from(u8::from(u[0] < probability(pixel))));
-            mean(&run(&mut field, &mut make(1000 + seed), at, limits).unwrap())
-        })
-        .collect();
-    let mean = means.iter().sum::<f64>() / 64.0;
-    let variance = means.iter().map(|m| (m - mean).powi(2)).sum::<f64>() / 63.0;
-    (mean - truth()) / (variance / 64.0).sqrt()
+    let mean = |seed: u64| {
+        let mut field = Field(|pixel, u: [f32; 4]| f32::from(u8::from(u[0] < probability(pixel))));
+        picture_mean(&run(&mut field, &mut make(1000 + seed), at, limits).unwrap())
+    };
+    (0..64).map(mean).collect::<Mean>().deviation(truth())
 }
 
 fn ours(seed: u64) -> impl Sampler {
@@ -54,38 +50,12 @@ fn a01_counts_from_geometry_are_unbiased() {
     }
 }
 
-/// Stops at four equal samples, else goes on to 64, and keeps all.
-struct Naive(Random);
-
-impl Sampler for Naive {
-    fn name(&self) -> &str {
-        "naive"
-    }
-
-    fn needs(&self) -> Needs {
-        Needs::none().with_variance()
-    }
-
-    fn points(&self) -> &dyn PointSet {
-        &self.0
-    }
-
-    fn next_round(&mut self, seen: &Feedback<'_>, plan: &mut Plan) -> Result<Progress, Error> {
-        plan.fate = Fate::Keep;
-        for (i, n) in plan.counts.iter_mut().enumerate() {
-            *n = match seen.round {
-                0 => 4,
-                1 if seen.film.moments(i).m2[0] > 0.0 => 60,
-                _ => 0,
-            };
-        }
-        Ok(if plan.total() > 0 { Progress::Trace } else { Progress::Done })
-    }
-}
-
 #[test]
 fn a01_the_naive_rule_is_caught() {
-    let z = deviation(|seed| Naive(Random::new(seed)), &Limits::samples(64 * u64::from(SIDE * SIDE)));
+    let z = deviation(
+        |seed| Naive { points: Random::new(seed), pilot: 4, total: 64 },
+        &Limits::samples(64 * u64::from(SIDE * SIDE)),
+    );
     assert!(z < -10.0, "{z} standard errors");
 }
 

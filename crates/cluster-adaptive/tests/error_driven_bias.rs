@@ -5,6 +5,7 @@ mod common;
 
 use common::*;
 use dapple_cluster_adaptive::{ErrorDriven, ErrorDrivenOptions, Pool};
+use dapple_conformance::statistics::{Bernoulli, Mean, picture_mean};
 use dapple_core::Limits;
 use dapple_core::samplers::Pilot;
 use dapple_low_discrepancy::Random;
@@ -17,15 +18,10 @@ fn deviation(options: ErrorDrivenOptions, side: u32) -> f64 {
     let at = frame(side, side);
     let limits = Limits::samples(10 * at.pixels() as u64);
     let mean = |seed: u64| {
-        let mut field = Field(|_, u: [f32; 4]| f32::from(u8::from(u[0] < P)));
         let mut sampler = ErrorDriven::with_options(Random::new(700 + seed), options).unwrap();
-        let film = run(&mut field, &mut sampler, at, &limits).unwrap();
-        (0..at.pixels()).map(|i| film.mean(i)[0]).sum::<f64>() / at.pixels() as f64
+        picture_mean(&run(&mut Bernoulli(P), &mut sampler, at, &limits).unwrap())
     };
-    let means: Vec<f64> = (0..64).map(mean).collect();
-    let mean = means.iter().sum::<f64>() / 64.0;
-    let variance = means.iter().map(|m| (m - mean).powi(2)).sum::<f64>() / 63.0;
-    (mean - f64::from(P)) / (variance / 64.0).sqrt()
+    (0..64).map(mean).collect::<Mean>().deviation(P.into())
 }
 
 /// A pixel's own variance decides, and always: where bias would be largest.

@@ -29,6 +29,7 @@
 mod filter;
 mod point_set;
 mod sampler;
+pub mod statistics;
 
 pub use filter::{filter, filter_on_frames};
 pub use point_set::point_set;

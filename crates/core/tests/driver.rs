@@ -155,6 +155,26 @@ fn r02_sizes() {
     }
 }
 
+/// Pictures of 2^32 pixels and more are refused; the last window of the largest one is the right one.
+#[test]
+fn z01_pictures_of_many_pixels() {
+    assert!(matches!(Frame::new(70_000, 70_000), Err(Error::FrameTooLarge { .. })));
+    let all = Frame::new(65_537, 65_535).unwrap();
+    assert_eq!(all.pixels() as u64, u64::from(u32::MAX));
+    assert_eq!(
+        [all.pixel(all.pixels() - 1), all.pixel(1 << 31)],
+        [[65_536, 65_534], [(1u32 << 31) % 65_537, (1 << 31) / 65_537]]
+    );
+    let last = all.crop(65_530, 65_530, 65_537, 65_535).unwrap();
+    // Each pixel shows where it is: seven columns of f32 that are exact.
+    let place = |[x, y]: [u32; 2], _: [f32; 4]| [x as f32, y as f32, 0.0];
+    let sampler = &mut Uniform::new(Independent::new(1));
+    let film = run(&mut Field(place), sampler, Needs::none(), last, &Limits::samples(35 * 3)).unwrap();
+    for i in 0..35 {
+        assert_eq!(film.mean(i), [(65_530 + i % 7) as f64, (65_530 + i / 7) as f64, 0.0]);
+    }
+}
+
 #[test]
 fn r06_crops_are_the_full_frame() {
     let draw = |size: Frame| {

@@ -29,7 +29,7 @@ impl Geometry {
     /// # Errors
     /// [`Error::TooMany`] for more shapes than a `u32` counts or more than 2^30 primitives.
     pub fn build(shapes: Vec<Shape>, preset: Preset) -> Result<Self, Error> {
-        Self::build_padded(shapes, preset, true)
+        Self::build_padded(shapes, preset, All::PADDING)
     }
 
     /// The same with boxes that grow by what rounding asks for, or do not.

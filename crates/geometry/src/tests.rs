@@ -204,3 +204,48 @@ proptest! {
         }
     }
 }
+
+/// A number for a tree, node for node and leaf for leaf: what its `Debug` shows, hashed as it is written.
+fn hash_of(geometry: &Geometry) -> u64 {
+    struct Hash(u64);
+    impl std::fmt::Write for Hash {
+        fn write_str(&mut self, text: &str) -> std::fmt::Result {
+            self.0 = text.bytes().fold(self.0, |h, b| (h ^ u64::from(b)).wrapping_mul(0x0100_0000_01b3));
+            Ok(())
+        }
+    }
+    let mut hash = Hash(0xcbf2_9ce4_8422_2325);
+    std::fmt::write(&mut hash, format_args!("{geometry:?}")).expect("nothing to fail");
+    hash.0
+}
+
+/// One thread builds a tree, and many may build one at once: always the same, node for node.
+#[test]
+fn d05_parallel_builds() {
+    let mut rng = Pcg64Mcg::seed_from_u64(5);
+    let mut point = || [0; 3].map(|_| rng.random_range(-10.0_f32..10.0));
+    let positions: Vec<[f32; 3]> = (0..9000)
+        .flat_map(|_| {
+            let [x, y, z] = point();
+            [[x, y, z], [x + 0.1, y, z], [x, y + 0.2, z + 0.1]]
+        })
+        .collect();
+    let triangles = (0..9000).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
+    let mesh = Mesh::new(positions, triangles).expect("sound");
+    let mut hashes = Vec::new();
+    for preset in [Preset::Fastest, Preset::Fast, Preset::Medium, Preset::VerySlow] {
+        let alone = hash_of(&geometry(&mesh, preset));
+        for threads in [2, 4, 8] {
+            std::thread::scope(|scope| {
+                let builders: Vec<_> =
+                    (0..threads).map(|_| scope.spawn(|| hash_of(&geometry(&mesh, preset)))).collect();
+                for builder in builders {
+                    assert_eq!(builder.join().expect("it builds"), alone, "{preset:?}, {threads} at once");
+                }
+            });
+        }
+        hashes.push(alone);
+    }
+    // Control: another preset is another tree, and it shows.
+    assert_ne!(hashes[0], hashes[3]);
+}

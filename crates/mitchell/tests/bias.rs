@@ -8,42 +8,22 @@
 mod common;
 
 use common::*;
-use dapple_core::{Film, Limits, Sampler};
+use dapple_conformance::statistics::{Mean, kept, picture_mean, refined};
+use dapple_core::{Limits, Sampler};
 use dapple_mitchell::{MitchellOptions, Mode, Policy};
 
 /// Mean over the pixels of a square picture and its standard error, with budget for every pixel to be
 /// refined. A pixel's kept samples decide nothing elsewhere, or (radius 0) only in itself: pixels are
 /// uncorrelated.
-fn measure(sampler: &mut dyn Sampler, p: f64, side: u32) -> (f64, f64) {
+fn measure(sampler: &mut dyn Sampler, p: f64, side: u32) -> Mean {
     let size = frame(side, side);
     let film = run(&mut bernoulli(p as f32), sampler, size, &Limits::samples(1000 * size.pixels() as u64));
-    statistics((0..size.pixels()).map(|i| film.mean(i)[0]))
-}
-
-fn statistics(values: impl Iterator<Item = f64> + Clone) -> (f64, f64) {
-    let n = values.clone().count() as f64;
-    let mean = values.clone().sum::<f64>() / n;
-    let variance = values.map(|x| (x - mean).powi(2)).sum::<f64>() / (n - 1.0);
-    (mean, (variance / n).sqrt())
+    (0..size.pixels()).map(|i| film.mean(i)[0]).collect()
 }
 
 /// By how many standard errors the mean misses the truth.
-fn deviation((mean, error): (f64, f64), truth: f64) -> f64 {
-    (mean - truth) / error
-}
-
-/// STATISTICS S7: the mean of a pixel that keeps `n0` samples, and where they differ goes on to `n`.
-fn kept(p: f64, n0: i32, n: f64) -> f64 {
-    let all = p.powi(n0);
-    let mixed = 1.0 - all - (1.0 - p).powi(n0);
-    let first = f64::from(n0);
-    all + (first * p - first * all + (n - first) * p * mixed) / n
-}
-
-/// As [`kept`], but mixed pilots are thrown away: 1 if all were, `p` where mixed.
-fn refined(p: f64, n0: i32) -> f64 {
-    let all = p.powi(n0);
-    all + (1.0 - all - (1.0 - p).powi(n0)) * p
+fn deviation(mean: Mean, truth: f64) -> f64 {
+    mean.deviation(truth)
 }
 
 /// The two pictures of HARD_CASES A01: probability, pilot, samples in all, what the naive rule gives.
@@ -67,7 +47,7 @@ fn a01_discarding_the_pilot_is_unbiased() {
 #[test]
 fn a01_keeping_the_pilot_is_caught_and_meets_its_closed_form() {
     for (p, n0, n, naive) in A01 {
-        let closed = kept(p, n0 as i32, f64::from(n));
+        let closed = kept(p, n0, n);
         assert!((closed - naive).abs() < 1e-6, "{closed} for {naive}");
         let one = &mut mitchell(alone(n0, n - n0, Mode::Threshold, Policy::Keep), 3);
         let other = &mut pbrt(pbrt_options(n0, n, Mode::Threshold, Policy::Keep), 4);
@@ -82,7 +62,7 @@ fn a01_keeping_the_pilot_is_caught_and_meets_its_closed_form() {
 #[test]
 fn a01_discarding_only_refined_pilots_is_caught_and_meets_its_closed_form() {
     for (p, n0, n, _) in A01 {
-        let closed = refined(p, n0 as i32);
+        let closed = refined(p, n0);
         let one = &mut mitchell(alone(n0, n - n0, Mode::Threshold, Policy::Refined), 5);
         let other = &mut pbrt(pbrt_options(n0, n, Mode::Threshold, Policy::Refined), 6);
         for sampler in [one as &mut dyn Sampler, other] {
@@ -108,7 +88,7 @@ fn pilots_of_two_meet_their_closed_forms() {
     for k in [2, 8] {
         let more = f64::from(k);
         let closed = p * p + 2.0 * p * (1.0 - p) * (1.0 + more * p) / (2.0 + more);
-        assert!((closed - kept(p, 2, 2.0 + more)).abs() < 1e-12);
+        assert!((closed - kept(p, 2, 2 + k)).abs() < 1e-12);
         let got = measure(&mut mitchell(alone(2, k, Mode::Threshold, Policy::Keep), 8), p, 256);
         assert!(deviation(got, closed).abs() < 5.0, "k {k}: {got:?} for {closed}");
         if k == 8 {
@@ -119,17 +99,11 @@ fn pilots_of_two_meet_their_closed_forms() {
     assert!(deviation(got, f64::from(p as f32)).abs() < 5.0, "{got:?} for {p}");
 }
 
-fn picture_mean(film: &Film) -> f64 {
-    (0..film.frame().pixels()).map(|i| film.mean(i)[0]).sum::<f64>() / film.frame().pixels() as f64
-}
-
 /// Under a budget, counts in one picture are coupled: only the 64 replicates are independent.
-fn replicates(make: impl Fn(u64) -> Box<dyn Sampler>, side: u32) -> (f64, f64) {
+fn replicates(make: impl Fn(u64) -> Box<dyn Sampler>, side: u32) -> Mean {
     let size = frame(side, side);
     let limits = Limits::samples(10 * size.pixels() as u64);
-    let means: Vec<f64> =
-        (0..64).map(|seed| picture_mean(&run(&mut bernoulli(0.1), &mut *make(seed), size, &limits))).collect();
-    statistics(means.iter().copied())
+    (0..64).map(|seed| picture_mean(&run(&mut bernoulli(0.1), &mut *make(seed), size, &limits))).collect()
 }
 
 #[test]

@@ -1,10 +1,11 @@
 //! Weighted means over windows, both halves at once, the weights of each from the other half's guide.
 
-use crate::planes::{Colours, Inputs, Plane};
+use crate::planes::{Colours, Inputs, LEAST_ALBEDO, Plane};
 use crate::tile::{
-    Differences, Guide, HEIGHT, LANES, Likeness, Local, REACH, Row, Tile, WIDTH, count_weights, exp_minus, origins,
+    Differences, Guide, HEIGHT, LANES, Likeness, REACH, Stack, Tile, WIDTH, count_weights, exp_minus, origins,
+    sharpness, stride, vectors,
 };
-use pulp::{Arch, NullaryFnOnce};
+use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
 /// A window, and which of its pixels count.
@@ -27,9 +28,11 @@ pub(crate) fn average(
     window: &Window,
 ) -> [Colours; 2] {
     let arch = Arch::new();
-    let task = |&origin: &[usize; 2]| arch.dispatch(TileTask { inputs, values, guides, like, window, origin });
-    let tiles: Vec<Vec<Row>> = origins(inputs.size).par_iter().map(task).collect();
-    [0, 1].map(|half| std::array::from_fn(|c| assembled(inputs.size, &tiles, 4 * half + c)))
+    let sharp = like.features.map(|scales| sharpness(&inputs.features, &scales));
+    let sharp = sharp.as_ref();
+    let task = |&origin: &[usize; 2]| arch.dispatch(TileTask { inputs, values, guides, like, sharp, window, origin });
+    let tiles: Vec<Sums> = origins(inputs.size).par_iter().map(task).collect();
+    [0, 1].map(|half| std::array::from_fn(|c| assembled(inputs.size, &tiles, half, c)))
 }
 
 struct TileTask<'a> {
@@ -37,81 +40,97 @@ struct TileTask<'a> {
     values: [&'a Colours; 2],
     guides: &'a [Guide; 2],
     like: &'a Likeness,
+    sharp: Option<&'a [Plane; 3]>,
     window: &'a Window,
     origin: [usize; 2],
 }
 
-/// Eight planes of a tile: red, green, blue and weight of either half; rows, of each the even and the odd columns.
-type Sums = Vec<Row>;
+/// For either half rows, of each the even and the odd columns, of these red, green, blue and weight.
+type Sums = Vec<[f32; 4 * LANES]>;
 
 #[inline(always)]
-fn place(plane: usize, y: usize, parity: usize) -> usize {
-    (plane * HEIGHT + y) * 2 + parity
+fn place(half: usize, y: usize, parity: usize) -> usize {
+    (half * HEIGHT + y) * 2 + parity
 }
 
-impl NullaryFnOnce for TileTask<'_> {
+impl WithSimd for TileTask<'_> {
     type Output = Sums;
 
     #[inline(always)]
-    fn call(self) -> Sums {
-        let tile = Tile::new(self.inputs, self.origin, self.like);
+    fn with_simd<S: Simd>(self, simd: S) -> Sums {
+        // Each with its sums over patches written out.
+        match self.like.patch {
+            0 => self.run::<S, 0>(simd),
+            1 => self.run::<S, 1>(simd),
+            2 => self.run::<S, 2>(simd),
+            _ => self.run::<S, 3>(simd),
+        }
+    }
+}
+
+impl TileTask<'_> {
+    #[inline(always)]
+    fn run<S: Simd, const R: usize>(&self, simd: S) -> Sums {
+        let tile = Tile::new(self.inputs, self.origin, self.like, self.sharp);
         let guides = [0, 1].map(|h| tile.guide(&self.guides[h]));
-        let colours = self.values.map(|v| [0, 1, 2].map(|c| tile.copy(&v[c])));
-        let counts = [0, 1].map(|h| tile.copy_or_zero(&self.inputs.halves[h].count));
-        let mut sums = vec![[0.0; LANES]; place(8, 0, 0)];
+        let values = [0, 1].map(|h: usize| {
+            let [r, g, b] = self.values[h];
+            let mut stack = Stack::new([r, g, b, &self.inputs.halves[h].count], self.inputs.size, self.origin);
+            stack.clear_outside(3, self.inputs.size, self.origin);
+            stack
+        });
+        let mut sums = vec![[0.0; 4 * LANES]; place(2, 0, 0)];
         let mut differences = [Differences::new(), Differences::new()];
         let side = 2 * self.window.radius + 1;
         for o in 0..side * side {
             let offset = [o % side, o / side].map(|d| d as isize - self.window.radius as isize);
             for (differences, guide) in differences.iter_mut().zip(&guides) {
-                differences.compare(guide, tile.extent()[0], self.like.patch, offset);
+                differences.compare::<S, R>(simd, guide, tile.extent()[0], offset);
             }
-            self.gather(&tile, &mut differences, &colours, &counts, offset, &mut sums);
+            self.gather::<S, R>(simd, &tile, &mut differences, &values, offset, &mut sums);
         }
         divide(&mut sums);
         sums
     }
-}
 
-impl TileTask<'_> {
     /// Adds the pixels that lie `offset` from the tile's.
     #[inline(always)]
-    fn gather(
+    fn gather<S: Simd, const R: usize>(
         &self,
+        simd: S,
         tile: &Tile,
         differences: &mut [Differences; 2],
-        colours: &[[Local; 3]; 2],
-        counts: &[Local; 2],
+        values: &[Stack<4>; 2],
         offset: [isize; 2],
         sums: &mut Sums,
     ) {
         let [dx, dy] = offset.map(|d| d as f32);
         let spatial = exp_minus(self.window.falloff * (dx * dx + dy * dy));
+        let (spatial, cut) = (simd.splat_f32s(spatial), simd.splat_f32s(self.window.cut));
+        let step = stride::<S>();
+        let mut weights = [[0.0; LANES]; 2];
         for y in 0..tile.extent()[0] {
             for differences in &mut *differences {
-                differences.sum_columns(y, self.like.patch);
+                differences.sum_columns::<S, R>(simd, y);
             }
             for parity in 0..2 {
-                let by_features = tile.feature_distances(y, parity, offset);
+                tile.weights::<S, R, 2>(simd, differences, self.like, [y, parity], offset, &mut weights);
                 for half in 0..2 {
-                    let patch = differences[1 - half].patches(parity, self.like.patch);
-                    let mut weight = tile.weights(&patch, &by_features, self.like, [y, parity], offset);
-                    let count =
-                        count_weights(counts[half].moved(y, parity, [0, 0]), counts[half].moved(y, parity, offset));
-                    for i in 0..LANES {
-                        let kept = if weight[i] >= self.window.cut { weight[i] } else { 0.0 };
-                        weight[i] = kept * count[i] * spatial;
-                    }
-                    for c in 0..3 {
-                        let colour = colours[half][c].moved(y, parity, offset);
-                        let sum = &mut sums[place(4 * half + c, y, parity)];
-                        for i in 0..LANES {
-                            sum[i] += weight[i] * colour[i];
+                    let here = vectors::<S>(values[half].moved(y, parity, [0, 0]));
+                    let there = vectors::<S>(values[half].moved(y, parity, offset));
+                    let weights = vectors::<S>(&weights[1 - half]);
+                    let sums = S::as_mut_simd_f32s(&mut sums[place(half, y, parity)]).0;
+                    for i in 0..LANES / S::F32_LANES {
+                        let kept = simd.greater_than_or_equal_f32s(weights[i], cut);
+                        let kept = simd.select_f32s(kept, weights[i], simd.splat_f32s(0.0));
+                        let count = count_weights(simd, here[3 * step + i], there[3 * step + i]);
+                        let weight = simd.mul_f32s(kept, simd.mul_f32s(count, spatial));
+                        for c in 0..3 {
+                            let sum = &mut sums[c * LANES / S::F32_LANES + i];
+                            *sum = simd.add_f32s(*sum, simd.mul_f32s(weight, there[c * step + i]));
                         }
-                    }
-                    let sum = &mut sums[place(4 * half + 3, y, parity)];
-                    for i in 0..LANES {
-                        sum[i] += weight[i];
+                        let sum = &mut sums[3 * LANES / S::F32_LANES + i];
+                        *sum = simd.add_f32s(*sum, weight);
                     }
                 }
             }
@@ -122,26 +141,24 @@ impl TileTask<'_> {
 /// Black where no sample is in reach.
 #[inline(always)]
 fn divide(sums: &mut Sums) {
-    for half in 0..2 {
+    for row in sums {
+        let (colours, weights) = row.split_at_mut(3 * LANES);
         for c in 0..3 {
-            for at in 0..2 * HEIGHT {
-                let weights = sums[place(4 * half + 3, 0, 0) + at];
-                let values = &mut sums[place(4 * half + c, 0, 0) + at];
-                for i in 0..LANES {
-                    values[i] = if weights[i] > 0.0 { values[i] / weights[i] } else { 0.0 };
-                }
+            for i in 0..LANES {
+                let value = &mut colours[c * LANES + i];
+                *value = if weights[i] > 0.0 { *value / weights[i] } else { 0.0 };
             }
         }
     }
 }
 
-fn assembled([width, height]: [usize; 2], tiles: &[Sums], plane: usize) -> Plane {
+fn assembled([width, height]: [usize; 2], tiles: &[Sums], half: usize, c: usize) -> Plane {
     let columns = width.div_ceil(WIDTH);
     let mut all = vec![0.0; width * height];
     all.par_chunks_mut(width).enumerate().for_each(|(y, row)| {
         for (column, row) in row.chunks_mut(WIDTH).enumerate() {
             let tile = &tiles[y / HEIGHT * columns + column];
-            let rows = [0, 1].map(|parity| &tile[place(plane, y % HEIGHT, parity)]);
+            let rows = [0, 1].map(|parity| &tile[place(half, y % HEIGHT, parity)][c * LANES..][..LANES]);
             for (x, value) in row.iter_mut().enumerate() {
                 *value = rows[x & 1][x / 2];
             }
@@ -153,11 +170,13 @@ fn assembled([width, height]: [usize; 2], tiles: &[Sums], plane: usize) -> Plane
 /// A guide of a half's own means; three variances of it, or one for all channels together.
 pub(crate) fn guide(inputs: &Inputs, half: usize, pooled: bool, demodulated: bool) -> Guide {
     let own = &inputs.halves[half];
-    let divided = |c: usize, plane: &Plane, power: i32| -> Plane {
+    let divided = |c: usize, plane: &Plane, power: u32| -> Plane {
         if !demodulated {
             return plane.clone();
         }
-        plane.iter().enumerate().map(|(i, value)| value / inputs.divisor(c, i).powi(power)).collect()
+        let albedo = inputs.features.mean[3 + c].iter().map(|a| a.max(LEAST_ALBEDO));
+        let divisor = albedo.map(|a| if power == 2 { a * a } else { a });
+        plane.iter().zip(divisor).map(|(value, divisor)| value / divisor).collect()
     };
     let colour: Colours = std::array::from_fn(|c| divided(c, &own.colour[c], 1));
     let [r, g, b]: Colours = std::array::from_fn(|c| divided(c, &own.variance[c], 2));

@@ -9,6 +9,7 @@ use crate::planes::{Inputs, Plane, box_mean};
 use crate::regression::regress;
 use crate::tile::{FeatureScales, Guide, Likeness};
 use dapple_core::{Error, Film, Filter, Filtered, Needs};
+use rayon::prelude::*;
 use std::fmt;
 
 /// The weight of what stands beside a regression, where a pixel at its window's centre has 1: 0.1 to 2 measured alike.
@@ -28,20 +29,21 @@ pub enum Passes {
 ///
 /// # What it does
 ///
-/// 1. [`Bilateral`] makes a picture to begin with.
-/// 2. Around every second pixel of every second row a plane is fitted to the radiance of 15x15 pixels, over normal, albedo
+/// 1. [`Bilateral`], over 9x9 pixels, makes a picture to begin with.
+/// 2. Around every second pixel of every second row a plane is fitted to the radiance of 13x13 pixels, over normal, albedo
 ///    and position [after Bitterli 2016; Moon 2014]. A pixel's weight grows with its samples and is
 ///    `exp(-max(0, d_colour)) exp(-max(0, d_features))`, times `outside` in another cluster. What the windows
 ///    predict for a pixel is averaged with the same weights; the first picture counts a little, and stands in where no
 ///    window fits. Colours are compared in the other half than the one that is filtered [after Rousselle 2012], over
 ///    3x3 pixels.
 /// 3. The two pictures and no filter at all are compared in each pixel by their estimated error over 5x5 pixels; the
-///    best ones, blended, guide a second pass, with albedo taken off and the noise that is left judged by the halves.
+///    best ones, blended, guide a second pass, with albedo taken off and the noise that is left judged by the halves: one
+///    guide for both, so that their windows share weights and normal equations.
 /// 4. The picture is the choice among all four by estimated error over 7x7 pixels.
 ///
-/// The recipe is that of a feasibility study (FEASIBILITY 4, steps 5, 6 and 9), with four changes that measured better
+/// The recipe is that of a feasibility study (FEASIBILITY 4, steps 5, 6 and 9), with five changes that measured better
 /// on the bundled scenes (`docs/results/filters.md`): the cross-bilateral picture instead of NL-means, the choice itself
-/// instead of its mean with two candidates, 3x3 patches, and wider bandwidths for features in the second pass.
+/// instead of its mean with two candidates, 3x3 patches, wider bandwidths for features in the second pass, and its one guide.
 ///
 /// # What it promises
 ///
@@ -97,15 +99,15 @@ impl ClusterRegression {
 
     /// Both halves again, led by a picture that has less noise.
     fn second(&self, inputs: &Inputs, led_by: &Pair) -> Pair {
-        let features = FeatureScales { bandwidth: 3.0, floors: [1e-2, 2e-2] };
+        let features = FeatureScales { bandwidth: 5.0, floors: [1e-2, 2e-2] };
         // Clusters have said most of what they know in the first pass.
         let outside = self.outside().max(0.5) as f32;
         let like = Likeness { patch: 1, colour: 1.5, features: Some(features), outside };
-        Pair(regress(inputs, &residual_guides(inputs, led_by), &like, led_by, BESIDE))
+        Pair(regress(inputs, &[residual_guide(inputs, led_by)], &like, led_by, BESIDE))
     }
 
     fn pair(&self, inputs: &Inputs) -> Pair {
-        let averaged = Bilateral::default().pair(inputs);
+        let averaged = Bilateral::candidate().pair(inputs);
         let first = self.first(inputs, &averaged);
         if self.passes == Passes::One {
             return first;
@@ -118,20 +120,26 @@ impl ClusterRegression {
     }
 }
 
-/// Guides of the second pass: filtered halves without their albedo, and the noise that is left in them, from their
-/// difference over 3x3 pixels.
-fn residual_guides(inputs: &Inputs, picture: &Pair) -> [Guide; 2] {
-    let mut demodulated = picture.clone();
-    demodulated.demodulate(inputs);
-    let [a, b] = &demodulated.0;
-    let difference = |i: usize| (0..3).map(|c| 0.5 * (a[c][i] - b[c][i]) * (a[c][i] - b[c][i])).sum::<f32>();
-    let all: Plane = (0..inputs.pixels()).map(difference).collect();
+/// The guide of the second pass: the filtered picture without its albedo, and the noise that is left in it, from the halves'
+/// difference over 5x5 pixels (of either half: that of the picture itself, a quarter as much, measured worse). One for both
+/// halves, since what it keeps of a half's noise is little, and costs half as much.
+fn residual_guide(inputs: &Inputs, picture: &Pair) -> Guide {
+    let Pair([a, b]) = picture;
+    let demodulated = |plane: &Plane, c: usize, i: usize| plane[i] / inputs.divisor(c, i);
+    let difference = |i: usize| {
+        let apart = |c: usize| demodulated(&a[c], c, i) - demodulated(&b[c], c, i);
+        0.5 * (apart(0) * apart(0) + apart(1) * apart(1) + apart(2) * apart(2))
+    };
+    let all: Plane = (0..inputs.pixels()).into_par_iter().with_min_len(1024).map(difference).collect();
     // The floor under the variance, as in the first pass: consistent, and not 0.
     let floor = |i: usize| 3.0 * 4e-4 / (inputs.halves[0].count[i] + inputs.halves[1].count[i]).max(1.0);
-    let noise = box_mean(&all, inputs.size, 1);
+    let noise = box_mean(&all, inputs.size, 2);
     let variance: Plane = noise.iter().enumerate().map(|(i, v)| v + floor(i)).collect();
-    let Pair([a, b]) = demodulated;
-    [Guide { colour: a, variance: vec![variance.clone()] }, Guide { colour: b, variance: vec![variance] }]
+    let colour = std::array::from_fn(|c| {
+        let mean = |i: usize| picture.combined(inputs, c, i) / inputs.divisor(c, i);
+        (0..inputs.pixels()).into_par_iter().with_min_len(1024).map(mean).collect()
+    });
+    Guide { colour, variance: vec![variance] }
 }
 
 impl fmt::Debug for ClusterRegression {

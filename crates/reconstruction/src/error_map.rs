@@ -11,6 +11,9 @@ const EPSILON: f32 = 0.01;
 /// theirs, and where all are small the scatter would choose noise.
 const HANDICAP: f32 = 2.0;
 
+/// Pixels that a task takes at once.
+const CHUNK: usize = 4096;
+
 /// A picture from each half.
 #[derive(Clone)]
 pub(crate) struct Pair(pub(crate) [Colours; 2]);
@@ -23,13 +26,8 @@ impl Pair {
 
     /// Both halves together, by their counts.
     pub(crate) fn combined(&self, inputs: &Inputs, c: usize, i: usize) -> f32 {
-        let [a, b] = [0, 1].map(|h| self.0[h][c][i]);
+        let (a, b) = (self.0[0][c][i], self.0[1][c][i]);
         b + inputs.first_share(i) * (a - b)
-    }
-
-    /// Divides by the albedo.
-    pub(crate) fn demodulate(&mut self, inputs: &Inputs) {
-        self.each(|c, i, value| value / inputs.divisor(c, i));
     }
 
     /// Multiplies by the albedo.
@@ -39,16 +37,23 @@ impl Pair {
 
     fn each(&mut self, f: impl Fn(usize, usize, f32) -> f32) {
         for (c, plane) in self.0.iter_mut().flat_map(|half| half.iter_mut().enumerate()) {
-            plane.iter_mut().enumerate().for_each(|(i, value)| *value = f(c, i, *value));
+            for (i, value) in plane.iter_mut().enumerate() {
+                *value = f(c, i, *value);
+            }
         }
     }
 
     /// The weighted sum of several, with a weight a pixel for each.
     pub(crate) fn mixed(pairs: &[&Self], weights: &[Plane]) -> Self {
         let mix = |half: usize, c: usize| -> Plane {
-            let pixels = pairs[0].0[half][c].len();
-            let at = |i: usize| pairs.iter().zip(weights).map(|(p, w)| w[i] * p.0[half][c][i]).sum::<f32>();
-            (0..pixels).into_par_iter().with_min_len(1024).map(at).collect()
+            let mut sum = vec![0.0; pairs[0].0[half][c].len()];
+            sum.par_chunks_mut(CHUNK).enumerate().for_each(|(chunk, sum)| {
+                for (pair, weight) in pairs.iter().zip(weights) {
+                    let (own, weight) = (&pair.0[half][c][chunk * CHUNK..], &weight[chunk * CHUNK..]);
+                    sum.iter_mut().zip(own).zip(weight).for_each(|((s, p), w)| *s += w * p);
+                }
+            });
+            sum
         };
         Self([0, 1].map(|half| std::array::from_fn(|c| mix(half, c))))
     }
@@ -56,7 +61,8 @@ impl Pair {
 
 /// What a squared error counts: one over the squared level of 3x3 pixels, as in relMSE.
 pub(crate) fn relative_weight(inputs: &Inputs, picture: &Pair) -> Plane {
-    let grey = |i: usize| (0..3).map(|c| picture.combined(inputs, c, i)).sum::<f32>() / 3.0;
+    let of = |c: usize, i: usize| picture.combined(inputs, c, i);
+    let grey = |i: usize| (of(0, i) + of(1, i) + of(2, i)) / 3.0;
     let grey: Plane = (0..inputs.pixels()).into_par_iter().with_min_len(1024).map(grey).collect();
     let epsilon = EPSILON / inputs.level / inputs.level;
     let mean = box_mean(&grey, inputs.size, 1);
@@ -70,41 +76,48 @@ pub(crate) fn relative_weight(inputs: &Inputs, picture: &Pair) -> Plane {
 /// difference of `F_A` and `F_B` is what averaging them takes off (FEASIBILITY 4, step 7, where the sample variance stood
 /// for `(A - B)^2`; that overrates the noise of low-discrepancy samples).
 pub(crate) fn raw_error(inputs: &Inputs, picture: &Pair, weight: &[f32]) -> [Plane; 2] {
-    let [a, b] = &inputs.halves;
-    let error = |i: usize| {
-        if a.count[i] == 0.0 || b.count[i] == 0.0 {
-            return [0.0; 2];
-        }
-        let mut sums = [0.0; 2];
+    let mut planes = [vec![0.0; inputs.pixels()], vec![0.0; inputs.pixels()]];
+    let [whole, variance] = &mut planes;
+    let chunks = whole.par_chunks_mut(CHUNK).zip(variance.par_chunks_mut(CHUNK));
+    chunks.enumerate().for_each(|(chunk, (whole, variance))| {
+        let from = chunk * CHUNK;
+        let [a, b] = &inputs.halves;
         for c in 0..3 {
-            let (fa, fb) = (picture.0[0][c][i], picture.0[1][c][i]);
-            let (ua, ub) = (a.colour[c][i], b.colour[c][i]);
-            let common = 0.25 * (fa - fb) * (fa - fb);
-            let crossed = (fa - ub) * (fa - ub) + (fb - ua) * (fb - ua) - (ua - ub) * (ua - ub);
-            sums[0] += 0.5 * crossed - common;
-            sums[1] += common;
+            let (fa, fb) = (&picture.0[0][c][from..][..whole.len()], &picture.0[1][c][from..][..whole.len()]);
+            let (ua, ub) = (&a.colour[c][from..][..whole.len()], &b.colour[c][from..][..whole.len()]);
+            for i in 0..whole.len() {
+                let common = 0.25 * (fa[i] - fb[i]) * (fa[i] - fb[i]);
+                let (across, back, apart) = (fa[i] - ub[i], fb[i] - ua[i], ua[i] - ub[i]);
+                whole[i] += 0.5 * (across * across + back * back - apart * apart) - common;
+                variance[i] += common;
+            }
         }
-        sums.map(|s| s / 3.0 * weight[i])
-    };
-    let both: Vec<[f32; 2]> = (0..inputs.pixels()).into_par_iter().with_min_len(1024).map(error).collect();
-    [0, 1].map(|k| both.iter().map(|b| b[k]).collect())
+        let (na, nb) = (&a.count[from..], &b.count[from..]);
+        for i in 0..whole.len() {
+            let known = if na[i] == 0.0 || nb[i] == 0.0 { 0.0 } else { weight[from + i] / 3.0 };
+            whole[i] *= known;
+            variance[i] *= known;
+        }
+    });
+    planes
 }
 
 /// Chooses in each pixel the candidate of least estimated error over `(2 radius + 1)^2` pixels, the first of equals, and
 /// blurs the choice over 5x5. The last candidate, the unfiltered picture, must be better by a factor of [`HANDICAP`].
 pub(crate) fn select(inputs: &Inputs, candidates: &[&Pair], weight: &[f32], radius: usize) -> Pair {
     let mut errors: Vec<Plane> =
-        candidates.iter().map(|p| box_mean(&raw_error(inputs, p, weight)[0], inputs.size, radius)).collect();
+        candidates.par_iter().map(|p| box_mean(&raw_error(inputs, p, weight)[0], inputs.size, radius)).collect();
     if let Some(unfiltered) = errors.last_mut() {
         unfiltered.iter_mut().for_each(|e| *e *= HANDICAP);
     }
-    let best = |i: usize| (1..errors.len()).fold(0, |best, k| if errors[k][i] < errors[best][i] { k } else { best });
-    let chosen: Vec<usize> = (0..inputs.pixels()).into_par_iter().with_min_len(1024).map(best).collect();
+    let best =
+        |i: usize| (1..errors.len()).fold(0, |best, k| if errors[k][i] < errors[best][i] { k } else { best }) as u8;
+    let chosen: Vec<u8> = (0..inputs.pixels()).into_par_iter().with_min_len(1024).map(best).collect();
     let share = |k: usize| {
-        let is: Plane = chosen.iter().map(|&c| f32::from(u8::from(c == k))).collect();
+        let is: Plane = chosen.iter().map(|&c| if usize::from(c) == k { 1.0 } else { 0.0 }).collect();
         box_mean(&is, inputs.size, 2)
     };
-    let shares: Vec<Plane> = (0..candidates.len()).map(share).collect();
+    let shares: Vec<Plane> = (0..candidates.len()).into_par_iter().map(share).collect();
     Pair::mixed(candidates, &shares)
 }
 
@@ -127,7 +140,8 @@ pub(crate) fn filtered(inputs: &Inputs, picture: &Pair) -> Filtered {
     let floor = 0.05 * finite().map(|e| f64::from(*e)).sum::<f64>() / finite().count().max(1) as f64;
     let square = inputs.level * inputs.level;
     let error = smooth.iter().zip(&weight).map(|(e, w)| e.max(floor as f32) / w * square).collect();
-    let colour = |i: usize| std::array::from_fn(|c| (picture.combined(inputs, c, i) * inputs.level).min(f32::MAX));
+    let of = |c: usize, i: usize| (picture.combined(inputs, c, i) * inputs.level).min(f32::MAX);
+    let colour = |i: usize| [of(0, i), of(1, i), of(2, i)];
     let radiance = (0..inputs.pixels()).into_par_iter().with_min_len(1024).map(colour).collect();
     Filtered { size: inputs.size.map(|n| n as u32), radiance, error: Some(error) }
 }

@@ -41,8 +41,8 @@
 //!
 //! * Filters act on per-pixel means: unequal counts do not move edges.
 //! * A constant stays that constant, at borders and beside pixels without samples too.
-//! * Each sum is taken by one task in a fixed order: the same bits for any number of threads, and on any machine but for
-//!   the standard library's logarithm.
+//! * Each sum is taken by one task in a fixed order, and nothing is fused: the same bits for any number of threads, and on
+//!   any machine.
 //! * Pixels without samples are filled from their neighbours, and black with an infinite error where no
 //!   sample is in reach.
 //! * `NlMeans`, `Bilateral` and `ClusterRegression` are consistent: their bias vanishes as samples are added

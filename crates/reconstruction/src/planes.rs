@@ -24,6 +24,9 @@ const UNKNOWN: f32 = 1e6;
 /// with more samples, so that filters stay consistent. Half of what 8 spp need for FEASIBILITY's 1e-4.
 const FLOOR: f32 = 4e-4;
 
+/// Albedo below this counts as this where colours are divided by it.
+pub(crate) const LEAST_ALBEDO: f32 = 0.02;
+
 /// The samples' own variance counts as its `n - 1` degrees of freedom, that of 5x5 pixels as this many.
 const POOLED: f32 = 6.0;
 
@@ -83,13 +86,13 @@ impl Inputs {
 
     /// The share of the first half in pixel `i`; one half where the pixel has no samples.
     pub(crate) fn first_share(&self, i: usize) -> f32 {
-        let [a, b] = [self.halves[0].count[i], self.halves[1].count[i]];
+        let (a, b) = (self.halves[0].count[i], self.halves[1].count[i]);
         if a + b > 0.0 { a / (a + b) } else { 0.5 }
     }
 
     /// Each pixel's albedo channel, as far from zero as a division wants it.
     pub(crate) fn divisor(&self, channel: usize, i: usize) -> f32 {
-        self.features.mean[3 + channel][i].max(0.02)
+        self.features.mean[3 + channel][i].max(LEAST_ALBEDO)
     }
 }
 
@@ -115,11 +118,11 @@ fn level(film: &Film) -> f32 {
 /// The variance of one sample in each pixel, its own shrunk to that of its surroundings, in squared levels.
 fn pooled_variance(film: &Film, level: f32) -> Colours {
     let size = film.frame().size().map(|n| n as usize);
+    let unit = 1.0 / f64::from(level);
+    let most = f64::from(BRIGHTEST) * f64::from(BRIGHTEST);
     let own = per_pixel(film, |i| {
-        let moments = film.moments(i);
-        let unit = 1.0 / f64::from(level);
-        let most = f64::from(BRIGHTEST) * f64::from(BRIGHTEST);
-        moments.variance().map(|v| v.map(|v| (v * unit * unit).min(most) as f32))
+        let of = |v: f64| (v * unit * unit).min(most) as f32;
+        film.moments(i).variance().map(|[r, g, b]| [of(r), of(g), of(b)])
     });
     let known: Plane = own.iter().map(|v| f32::from(u8::from(v.is_some()))).collect();
     let near = box_mean(&known, size, 2);
@@ -137,15 +140,17 @@ fn pooled_variance(film: &Film, level: f32) -> Colours {
 }
 
 fn half(film: &Film, half: usize, level: f32, sample_variance: &Colours) -> Half {
-    let moments = |i| film.half(half, i).unwrap_or_default();
-    let count: Plane = per_pixel(film, |i| moments(i).count as f32);
-    let colour = std::array::from_fn(|c| {
-        per_pixel(film, |i| {
-            // What is missing is taken from the other half: its variance says what that is worth.
-            let mean = if count[i] > 0.0 { moments(i).mean } else { film.mean(i) };
-            ((mean[c] / f64::from(level)) as f32).min(BRIGHTEST)
-        })
-    });
+    let unit = 1.0 / f64::from(level);
+    let of = |i: usize| {
+        let moments = film.half(half, i).unwrap_or_default();
+        // What is missing is taken from the other half: its variance says what that is worth.
+        let [r, g, b] = if moments.count > 0 { moments.mean } else { film.mean(i) };
+        let value = |x: f64| ((x * unit) as f32).min(BRIGHTEST);
+        [value(r), value(g), value(b), moments.count as f32]
+    };
+    let all = per_pixel(film, of);
+    let [r, g, b, count] = std::array::from_fn(|k| all.iter().map(|values| values[k]).collect::<Plane>());
+    let colour = [r, g, b];
     let variance = std::array::from_fn(|c| {
         let of_mean = |(v, n): (&f32, &f32)| if *n > 0.0 { (v + FLOOR) / n } else { UNKNOWN };
         sample_variance[c].iter().zip(&count).map(of_mean).collect()
@@ -202,8 +207,8 @@ fn feature(film: &Film, i: usize, far: f32, middle: [f64; 3]) -> Option<Feature>
     let [nx, ny, nz] = f.normal;
     let [r, g, b] = f.albedo;
     let position: [f32; 3] = std::array::from_fn(|k| (f64::from(f.position[k]) - middle[k]) as f32);
-    let hit = [nx, ny, nz, r, g, b, depth.ln(), position[0], position[1], position[2]];
-    let miss = [0.0, 0.0, 0.0, 1.0, 1.0, 1.0, far.ln(), 0.0, 0.0, 0.0];
+    let hit = [nx, ny, nz, r, g, b, ln(depth), position[0], position[1], position[2]];
+    let miss = [0.0, 0.0, 0.0, 1.0, 1.0, 1.0, ln(far), 0.0, 0.0, 0.0];
     let mean: [f32; 10] =
         std::array::from_fn(|k| if f.hits > 0 { miss[k] + share * (hit[k] - miss[k]) } else { miss[k] });
     let mut within = f.variance.unwrap_or_default();
@@ -213,7 +218,25 @@ fn feature(film: &Film, i: usize, far: f32, middle: [f64; 3]) -> Option<Feature>
         (share * within[k] + share * (1.0 - share) * gap * gap) / f.samples as f32
     };
     let variance = [spread(0) + spread(1) + spread(2), spread(3) + spread(4) + spread(5), spread(6)];
-    Some(Feature { mean: mean.map(|x| x.clamp(-1e18, 1e18)), variance: variance.map(|v| v.min(UNKNOWN)), depth })
+    // What normals and albedo never reach; positions whose squares are finite.
+    let within = |k: usize| if k < 6 { mean[k].clamp(-16.0, 16.0) } else { mean[k].clamp(-1e18, 1e18) };
+    Some(Feature { mean: std::array::from_fn(within), variance: variance.map(|v| v.min(UNKNOWN)), depth })
+}
+
+/// The natural logarithm of a positive normal number, to 2 units in the last place of the larger of it and 1: the same bits
+/// on every machine, which those of the standard library need not be.
+///
+/// `x = 2^e m` with `m` in about 0.7 .. 1.4, and `ln m = 2 artanh((m - 1) / (m + 1))`; what its series leaves out after the
+/// ninth power is below 1e-9.
+fn ln(x: f32) -> f32 {
+    /// The bits of the square root of 1/2: the least mantissa.
+    const LEAST: u32 = 0x3f35_04f3;
+    let exponent = (x.to_bits().wrapping_sub(LEAST) as i32) >> 23;
+    let m = f32::from_bits(x.to_bits().wrapping_sub((exponent << 23) as u32));
+    let s = (m - 1.0) / (m + 1.0);
+    let q = s * s;
+    let series = 2.0 * s * (1.0 + q * (1.0 / 3.0 + q * (1.0 / 5.0 + q * (1.0 / 7.0 + q * (1.0 / 9.0)))));
+    exponent as f32 * std::f32::consts::LN_2 + series
 }
 
 /// The mean of the known pixels of 5x5.
@@ -290,4 +313,21 @@ pub(crate) fn box_mean(plane: &[f32], [width, height]: [usize; 2], radius: usize
         }
     });
     mean
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn logarithms_are_logarithms() {
+        let near_one = (0..20_000).map(|k| 0.5 + k as f32 * 1e-4);
+        let all =
+            (-59..=59).map(|e| 2.0f32.powi(e) * 1.1).chain(near_one).chain([1e-18, 1e18, 2e18, f32::MIN_POSITIVE]);
+        for x in all {
+            let (got, wanted) = (f64::from(ln(x)), f64::from(x).ln());
+            assert!((got - wanted).abs() <= 2.4e-7 * wanted.abs().max(1.0), "{x}: {got}, not {wanted}");
+        }
+        assert_eq!(ln(1.0), 0.0);
+    }
 }

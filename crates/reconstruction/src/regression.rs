@@ -6,16 +6,20 @@
 use crate::error_map::Pair;
 use crate::planes::{Colours, Inputs, Plane, box_mean};
 use crate::tile::{
-    COLUMNS, Differences, Guide, HEIGHT, LANES, Likeness, Local, LocalGuide, MARGIN, REACH, ROWS, Row, Tile, WIDTH,
-    origins,
+    COLUMNS, Differences, Guide, HEIGHT, LANES, Likeness, LocalGuide, MARGIN, ROWS, Row, Stack, Tile, WIDTH,
+    count_weights, origins, sharpness, stride, vectors,
 };
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
 /// What is regressed on: normal (3), albedo (3), position (3).
 const REGRESSORS: usize = 9;
-/// These and three colour channels.
-const VALUES: usize = REGRESSORS + 3;
+/// These and three colour channels of either half.
+const VALUES: usize = REGRESSORS + 6;
+/// Radius of the patches that are compared.
+const PATCH: usize = 1;
+/// Pixels of a window to each side.
+const REACH: usize = 6;
 /// Pixels along a window.
 const SIDE: usize = 2 * REACH + 1;
 /// Rows of a tile that have windows' centres.
@@ -29,12 +33,12 @@ const PIVOT: f32 = 1e-5;
 /// What windows give away to either side of a tile.
 const HALO: [usize; 2] = [WIDTH + 2 * REACH, HEIGHT + 2 * REACH];
 
-/// Both halves filtered: the weights of each come from the other half's guide. Where no window's centre is like a pixel
+/// Both halves filtered: the weights of each come from the other half's guide, or of both from a single one. Where no window's centre is like a pixel
 /// (every second one is none), the picture `beside` stands in, with the weight `share`; a pixel at its window's centre
 /// has 1.
-pub(crate) fn regress(
+pub(crate) fn regress<const G: usize>(
     inputs: &Inputs,
-    guides: &[Guide; 2],
+    guides: &[Guide; G],
     like: &Likeness,
     beside: &Pair,
     share: f32,
@@ -48,97 +52,107 @@ pub(crate) fn regress(
         };
         box_mean(&(0..inputs.pixels()).map(of).collect::<Plane>(), inputs.size, 1)
     });
+    let sharp = like.features.map(|scales| sharpness(&inputs.features, &scales));
+    let sharp = sharp.as_ref();
     let arch = Arch::new();
     let origins = origins(inputs.size);
     let tiles: Vec<Vec<f32>> = origins
         .par_iter()
-        .map(|&origin| arch.dispatch(TileTask { inputs, guides, like, reference: &reference, origin }))
+        .map(|&origin| arch.dispatch(TileTask { inputs, guides, like, sharp, reference: &reference, origin }))
         .collect();
     merge(inputs.size, &tiles, beside, share)
 }
 
 /// One tile's windows; gives sums of weighted predictions and of weights, for a tile and its halo.
-struct TileTask<'a> {
+struct TileTask<'a, const G: usize> {
     inputs: &'a Inputs,
-    guides: &'a [Guide; 2],
+    guides: &'a [Guide; G],
     like: &'a Likeness,
+    sharp: Option<&'a [Plane; 3]>,
     reference: &'a Colours,
     origin: [usize; 2],
 }
 
-/// A tile's copies of what is regressed.
-struct Data {
-    regressors: [Local; REGRESSORS],
-    scale: Local,
-    reference: [Local; 3],
-    colour: [[Local; 3]; 2],
-    count: [Local; 2],
-}
+/// A tile's copies of what is regressed: the regressors, the colours and counts of both halves.
+type Data = Stack<17>;
+/// Where the first half's colours begin, and counts.
+const COLOURS: usize = REGRESSORS;
+const COUNTS: usize = REGRESSORS + 6;
+/// What belongs to windows' centres: one over the width of 24 pixels there, and reference colours.
+type Centres = Stack<4>;
 
-/// Weights of one half: by offset, then row of centres.
+/// Weights by one guide: by offset, then row of centres.
 type Weights = Vec<[Row; CENTRES]>;
 
-impl WithSimd for TileTask<'_> {
+impl<const G: usize> WithSimd for TileTask<'_, G> {
     type Output = Vec<f32>;
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) -> Vec<f32> {
-        let tile = Tile::new(self.inputs, self.origin, self.like);
-        let guides = [0, 1].map(|h| tile.guide(&self.guides[h]));
-        let weights = weigh(&tile, &guides, self.like);
-        let data = self.copies(&tile);
-        let mut sums = vec![[0.0; COLUMNS]; 8 * 2 * ROWS];
+        let tile = Tile::new(self.inputs, self.origin, self.like, self.sharp);
+        let guides = std::array::from_fn(|g| tile.guide(&self.guides[g]));
+        let weights: [Weights; G] = weigh(simd, &tile, &guides, self.like);
+        let (data, centres) = self.copies();
+        let mut sums = vec![[0.0; 8 * COLUMNS]; 2 * ROWS];
         let [rows, columns] = tile.extent();
         for row in 0..rows.div_ceil(2) {
             for block in 0..columns.div_ceil(S::F32_LANES) {
-                let at = [2 * row, block * S::F32_LANES];
+                let at = [2 * row, block];
                 // No closures: what they hold would not be compiled for this machine's vectors.
-                let fits = [fit(simd, &data, &weights[1], 0, at), fit(simd, &data, &weights[0], 1, at)];
-                predict(simd, &data, &weights, &fits, at, &mut sums);
+                let fits = fit(simd, &data, &centres, &weights, at);
+                predict(simd, &data, &centres, &weights, &fits, at, &mut sums);
             }
         }
         cropped(&sums)
     }
 }
 
-impl TileTask<'_> {
-    fn copies(&self, tile: &Tile) -> Data {
-        let features = &self.inputs.features;
-        let halves = &self.inputs.halves;
-        Data {
-            regressors: std::array::from_fn(|k| {
-                tile.copy(if k < 6 { &features.mean[k] } else { &features.position[k - 6] })
-            }),
-            scale: tile.copy(&features.scale),
-            reference: std::array::from_fn(|c| tile.copy(&self.reference[c])),
-            colour: [0, 1].map(|h| std::array::from_fn(|c| tile.copy(&halves[h].colour[c]))),
-            count: [0, 1].map(|h| tile.copy_or_zero(&halves[h].count)),
-        }
+impl<const G: usize> TileTask<'_, G> {
+    fn copies(&self) -> (Data, Centres) {
+        let (size, origin) = (self.inputs.size, self.origin);
+        let [nx, ny, nz, r, g, b, _] = &self.inputs.features.mean;
+        let [x, y, z] = &self.inputs.features.position;
+        let [first, second] = &self.inputs.halves;
+        let [ra, ga, ba] = &first.colour;
+        let [rb, gb, bb] = &second.colour;
+        let counts = [&first.count, &second.count];
+        let planes = [nx, ny, nz, r, g, b, x, y, z, ra, ga, ba, rb, gb, bb, counts[0], counts[1]];
+        let mut data = Stack::new(planes.map(|plane| &plane[..]), size, origin);
+        data.clear_outside(COUNTS, size, origin);
+        data.clear_outside(COUNTS + 1, size, origin);
+        let [r, g, b] = self.reference;
+        (data, Stack::new([&self.inputs.features.scale, r, g, b], size, origin))
     }
 }
 
-/// The weights of all windows of a tile, by each half's guide.
+/// The weights of all windows of a tile, by each guide.
 #[inline(always)]
-fn weigh(tile: &Tile, guides: &[LocalGuide; 2], like: &Likeness) -> [Weights; 2] {
-    let mut weights = [(); 2].map(|()| vec![[[0.0; LANES]; CENTRES]; SIDE * SIDE]);
-    let mut differences = [Differences::new(), Differences::new()];
-    let [rows, _] = tile.extent();
+fn weigh<S: Simd, const G: usize>(simd: S, tile: &Tile, guides: &[LocalGuide; G], like: &Likeness) -> [Weights; G] {
+    let mut weights = [(); G].map(|()| vec![[[0.0; LANES]; CENTRES]; SIDE * SIDE]);
+    let mut differences = [(); G].map(|()| Differences::new());
+    let [rows, columns] = tile.extent();
+    let mut both = [[0.0; LANES]; G];
+    let (zero, negligible) = (simd.splat_f32s(0.0), simd.splat_f32s(NEGLIGIBLE));
     for o in 0..SIDE * SIDE {
         let offset = [o % SIDE, o / SIDE].map(|d| d as isize - REACH as isize);
-        for (differences, guide) in differences.iter_mut().zip(guides) {
-            differences.compare(guide, rows, like.patch, offset);
+        for g in 0..G {
+            differences[g].compare::<S, PATCH>(simd, &guides[g], rows, offset);
         }
         for row in 0..rows.div_ceil(2) {
-            let by_features = tile.feature_distances(2 * row, 0, offset);
-            for (differences, weights) in differences.iter_mut().zip(&mut weights) {
-                differences.sum_columns(2 * row, like.patch);
-                let patch = differences.patches(0, like.patch);
-                let mut w = tile.weights(&patch, &by_features, like, [2 * row, 0], offset);
-                for (i, w) in w.iter_mut().enumerate() {
-                    let inside = tile.is_inside([2 * i, 2 * row]);
-                    *w = if inside { (*w - NEGLIGIBLE).max(0.0) } else { 0.0 };
+            for differences in &mut differences {
+                differences.sum_columns::<S, PATCH>(simd, 2 * row);
+            }
+            tile.weights::<S, PATCH, G>(simd, &differences, like, [2 * row, 0], offset, &mut both);
+            for g in 0..G {
+                let to = S::as_mut_simd_f32s(&mut weights[g][o][row]).0;
+                let from = vectors::<S>(&both[g]);
+                for i in 0..LANES / S::F32_LANES {
+                    to[i] = simd.max_f32s(simd.sub_f32s(from[i], negligible), zero);
                 }
-                weights[o][row] = w;
+                // Centres beyond the frame have no windows.
+                for i in columns..LANES {
+                    weights[g][o][row][i] = 0.0;
+                }
             }
         }
     }
@@ -151,36 +165,19 @@ struct Fit<S: Simd> {
     slopes: [[S::f32s; 3]; REGRESSORS],
 }
 
-#[inline(always)]
-fn load<S: Simd>(row: &[f32], at: usize) -> S::f32s {
-    S::as_simd_f32s(&row[at..at + S::F32_LANES]).0[0]
-}
-
-/// Several planes' values at centres.
-#[inline(always)]
-fn load_all<S: Simd, const N: usize>(simd: S, planes: &[Local; N], [y, x]: [usize; 2]) -> [S::f32s; N] {
-    let mut values = [simd.splat_f32s(0.0); N];
-    for (value, plane) in values.iter_mut().zip(planes) {
-        *value = load::<S>(plane.moved(y, 0, [0, 0]), x);
-    }
-    values
-}
-
 /// The regressors at the pixels that lie `offset` from the centres, relative to these.
 #[inline(always)]
 fn regressors<S: Simd>(
     simd: S,
-    data: &Data,
+    there: &[S::f32s],
     centre: &[S::f32s; REGRESSORS],
     scale: S::f32s,
-    [y, x]: [usize; 2],
-    offset: [isize; 2],
+    block: usize,
 ) -> [S::f32s; REGRESSORS] {
     let (least, most) = (simd.splat_f32s(-16.0), simd.splat_f32s(16.0));
     let mut apart = *centre;
     for k in 0..REGRESSORS {
-        let there = load::<S>(data.regressors[k].moved(y, 0, offset), x);
-        apart[k] = simd.sub_f32s(there, centre[k]);
+        apart[k] = simd.sub_f32s(there[k * stride::<S>() + block], centre[k]);
         if k >= 6 {
             apart[k] = simd.max_f32s(simd.min_f32s(simd.mul_f32s(apart[k], scale), most), least);
         }
@@ -188,69 +185,135 @@ fn regressors<S: Simd>(
     apart
 }
 
+/// The regressors at the windows' centres.
+#[inline(always)]
+fn centre<S: Simd>(simd: S, data: &Data, [y, block]: [usize; 2]) -> [S::f32s; REGRESSORS] {
+    let here = vectors::<S>(data.moved(y, 0, [0, 0]));
+    let mut values = [simd.splat_f32s(0.0); REGRESSORS];
+    for k in 0..REGRESSORS {
+        values[k] = here[k * stride::<S>() + block];
+    }
+    values
+}
+
 /// The sums that make the normal equations: `[a][b]` of regressor `a - 1` (1 for `a` 0) times value `b`.
 type Sums<S> = [[<S as Simd>::f32s; VALUES]; REGRESSORS + 1];
 
-/// Fits one half's colours in the windows of as many centres as there are lanes.
+/// Fits both halves' colours in the windows of as many centres as there are lanes.
 #[inline(always)]
-fn fit<S: Simd>(simd: S, data: &Data, weights: &Weights, half: usize, [y, x]: [usize; 2]) -> Fit<S> {
+fn fit<S: Simd, const G: usize>(
+    simd: S,
+    data: &Data,
+    centres: &Centres,
+    weights: &[Weights; G],
+    [y, block]: [usize; 2],
+) -> [Fit<S>; 2] {
     let zero = simd.splat_f32s(0.0);
-    let here = [0, 0];
-    let centre = load_all::<S, REGRESSORS>(simd, &data.regressors, [y, x]);
-    let reference = load_all::<S, 3>(simd, &data.reference, [y, x]);
-    let scale = load::<S>(data.scale.moved(y, 0, here), x);
-    let mut sums: Sums<S> = [[zero; VALUES]; REGRESSORS + 1];
-    let mut total = zero;
-    let one = simd.splat_f32s(1.0);
-    let own = load::<S>(data.count[half].moved(y, 0, here), x);
-    let mut values = [[zero; SIDE]; VALUES];
-    let mut weighted = [[zero; SIDE]; REGRESSORS + 1];
+    let step = stride::<S>();
+    let centre = centre(simd, data, [y, block]);
+    let at_centre = vectors::<S>(centres.moved(y, 0, [0, 0]));
+    let scale = at_centre[block];
+    let reference = [at_centre[step + block], at_centre[2 * step + block], at_centre[3 * step + block]];
+    let here = vectors::<S>(data.moved(y, 0, [0, 0]));
+    let own: [S::f32s; G] = counts(simd, here, block);
+    let mut sums: [Sums<S>; G] = [[[zero; VALUES]; REGRESSORS + 1]; G];
+    let mut total = [zero; G];
+    let mut apart = [[zero; SIDE]; REGRESSORS];
+    let mut colours = [[[zero; SIDE]; 3]; 2];
+    let mut weighted = [[[zero; SIDE]; REGRESSORS + 1]; G];
     for down in 0..SIDE {
         for across in 0..SIDE {
             let offset = [across, down].map(|d| d as isize - REACH as isize);
-            let count = load::<S>(data.count[half].moved(y, 0, offset), x);
-            // As `count_weights` has it.
-            let count = simd.div_f32s(count, simd.max_f32s(simd.add_f32s(own, count), one));
-            let weight = simd.mul_f32s(load::<S>(&weights[down * SIDE + across][y / 2], x), count);
-            total = simd.add_f32s(total, weight);
-            weighted[0][across] = weight;
-            let z = regressors(simd, data, &centre, scale, [y, x], offset);
+            let there = vectors::<S>(data.moved(y, 0, offset));
+            let z = regressors(simd, there, &centre, scale, block);
             for k in 0..REGRESSORS {
-                values[k][across] = z[k];
-                weighted[k + 1][across] = simd.mul_f32s(weight, z[k]);
+                apart[k][across] = z[k];
             }
-            for c in 0..3 {
-                let colour = load::<S>(data.colour[half][c].moved(y, 0, offset), x);
-                values[REGRESSORS + c][across] = simd.sub_f32s(colour, reference[c]);
+            let number: [S::f32s; G] = counts(simd, there, block);
+            for g in 0..G {
+                let count = count_weights(simd, own[g], number[g]);
+                // The other half's, if there are two.
+                let weight = vectors::<S>(&weights[G - 1 - g][down * SIDE + across][y / 2])[block];
+                let weight = simd.mul_f32s(weight, count);
+                total[g] = simd.add_f32s(total[g], weight);
+                weighted[g][0][across] = weight;
+                for k in 0..REGRESSORS {
+                    weighted[g][k + 1][across] = simd.mul_f32s(weight, z[k]);
+                }
+            }
+            for half in 0..2 {
+                for c in 0..3 {
+                    let colour = there[(COLOURS + 3 * half + c) * step + block];
+                    colours[half][c][across] = simd.sub_f32s(colour, reference[c]);
+                }
             }
         }
-        accumulate(simd, &weighted, &values, &mut sums);
+        for g in 0..G {
+            accumulate(simd, &weighted[g], &apart, &mut sums[g]);
+        }
+        for half in 0..2 {
+            let g = half.min(G - 1);
+            let [red, green, blue] = &colours[half];
+            for a in 0..=REGRESSORS {
+                let at = REGRESSORS + 3 * half;
+                add_products(simd, &weighted[g][a], [red, green, blue], &mut sums[g][a], at);
+            }
+        }
     }
-    solve(simd, total, &sums, &reference)
+    let last = G - 1;
+    [
+        solve(simd, total[0], &sums[0], REGRESSORS, &reference),
+        solve(simd, total[last], &sums[last], REGRESSORS + 3, &reference),
+    ]
 }
 
-/// Adds the products of one row of a window, four sums at a time.
+/// The samples that the weights by each guide stand for: one half's, or both halves' together.
+#[inline(always)]
+fn counts<S: Simd, const G: usize>(simd: S, row: &[S::f32s], block: usize) -> [S::f32s; G] {
+    let step = stride::<S>();
+    let (a, b) = (row[COUNTS * step + block], row[(COUNTS + 1) * step + block]);
+    let mut counts = [a; G];
+    if G == 1 {
+        counts[0] = simd.add_f32s(a, b);
+    } else {
+        counts[1] = b;
+    }
+    counts
+}
+
+/// Adds the products of regressors in one row of a window, three sums at a time.
 #[inline(always)]
 fn accumulate<S: Simd>(
     simd: S,
     weighted: &[[S::f32s; SIDE]; REGRESSORS + 1],
-    values: &[[S::f32s; SIDE]; VALUES],
+    apart: &[[S::f32s; SIDE]; REGRESSORS],
     sums: &mut Sums<S>,
 ) {
     for a in 0..=REGRESSORS {
-        // Sums left of the diagonal are not read; where groups of four begin there, they cost less than their absence.
-        let first = a.saturating_sub(1) / 4;
-        for group in first..VALUES / 4 {
-            let b = 4 * group;
-            let mut four: [S::f32s; 4] = [sums[a][b], sums[a][b + 1], sums[a][b + 2], sums[a][b + 3]];
-            for k in 0..SIDE {
-                for (j, sum) in four.iter_mut().enumerate() {
-                    *sum = simd.add_f32s(*sum, simd.mul_f32s(weighted[a][k], values[b + j][k]));
-                }
+        // Sums left of the diagonal are not read; where groups begin there, they cost less than their absence.
+        for b in [0, 3, 6] {
+            if a <= b + 3 {
+                add_products(simd, &weighted[a], [&apart[b], &apart[b + 1], &apart[b + 2]], &mut sums[a], b);
             }
-            sums[a][b..b + 4].copy_from_slice(&four);
         }
     }
+}
+
+#[inline(always)]
+fn add_products<S: Simd>(
+    simd: S,
+    weighted: &[S::f32s; SIDE],
+    values: [&[S::f32s; SIDE]; 3],
+    sums: &mut [S::f32s; VALUES],
+    b: usize,
+) {
+    let [mut s, mut t, mut u] = [sums[b], sums[b + 1], sums[b + 2]];
+    for k in 0..SIDE {
+        s = simd.add_f32s(s, simd.mul_f32s(weighted[k], values[0][k]));
+        t = simd.add_f32s(t, simd.mul_f32s(weighted[k], values[1][k]));
+        u = simd.add_f32s(u, simd.mul_f32s(weighted[k], values[2][k]));
+    }
+    [sums[b], sums[b + 1], sums[b + 2]] = [s, t, u];
 }
 
 /// The weighted covariance of regressor `a` and value `b`.
@@ -266,9 +329,9 @@ fn covariance<S: Simd>(
     simd.sub_f32s(simd.mul_f32s(sums[a + 1][b], share), simd.mul_f32s(mean[a], mean[b]))
 }
 
-/// Solves the normal equations, centred at the weighted means, by `L D L^T`.
+/// Solves the normal equations, centred at the weighted means, by `L D L^T`, for the colours that begin at value `colours`.
 #[inline(always)]
-fn solve<S: Simd>(simd: S, total: S::f32s, sums: &Sums<S>, reference: &[S::f32s; 3]) -> Fit<S> {
+fn solve<S: Simd>(simd: S, total: S::f32s, sums: &Sums<S>, colours: usize, reference: &[S::f32s; 3]) -> Fit<S> {
     let (zero, one) = (simd.splat_f32s(0.0), simd.splat_f32s(1.0));
     let share = simd.div_f32s(one, simd.max_f32s(total, simd.splat_f32s(1e-20)));
     let mut mean = sums[0];
@@ -297,7 +360,7 @@ fn solve<S: Simd>(simd: S, total: S::f32s, sums: &Sums<S>, reference: &[S::f32s;
             }
         }
         for c in 0..3 {
-            let mut value = covariance(simd, sums, &mean, share, j, REGRESSORS + c);
+            let mut value = covariance(simd, sums, &mean, share, j, colours + c);
             for k in 0..j {
                 value = simd.sub_f32s(value, simd.mul_f32s(lower[j][k], right[k][c]));
             }
@@ -306,7 +369,7 @@ fn solve<S: Simd>(simd: S, total: S::f32s, sums: &Sums<S>, reference: &[S::f32s;
     }
     let mut intercept = *reference;
     for c in 0..3 {
-        intercept[c] = simd.add_f32s(intercept[c], mean[REGRESSORS + c]);
+        intercept[c] = simd.add_f32s(intercept[c], mean[colours + c]);
         for j in (0..REGRESSORS).rev() {
             let mut value = simd.div_f32s(right[j][c], pivots[j]);
             for i in j + 1..REGRESSORS {
@@ -319,52 +382,56 @@ fn solve<S: Simd>(simd: S, total: S::f32s, sums: &Sums<S>, reference: &[S::f32s;
     Fit { intercept, slopes: right }
 }
 
-/// Gives what both halves' windows predict to the pixels in them.
+/// Gives what both halves' windows predict to the pixels in them. A row of `sums` has red, green, blue and weight of
+/// either half, one after the other.
 #[inline(always)]
-fn predict<S: Simd>(
+fn predict<S: Simd, const G: usize>(
     simd: S,
     data: &Data,
-    weights: &[Weights; 2],
+    centres: &Centres,
+    weights: &[Weights; G],
     fits: &[Fit<S>; 2],
-    [y, x]: [usize; 2],
-    sums: &mut [[f32; COLUMNS]],
+    [y, block]: [usize; 2],
+    sums: &mut [[f32; 8 * COLUMNS]],
 ) {
-    let centre = load_all::<S, REGRESSORS>(simd, &data.regressors, [y, x]);
-    let scale = load::<S>(data.scale.moved(y, 0, [0, 0]), x);
+    let step = stride::<S>();
+    let centre = centre(simd, data, [y, block]);
+    let scale = vectors::<S>(centres.moved(y, 0, [0, 0]))[block];
     for o in 0..SIDE * SIDE {
         let offset = [o % SIDE, o / SIDE].map(|d| d as isize - REACH as isize);
-        let z = regressors(simd, data, &centre, scale, [y, x], offset);
+        let z = regressors(simd, vectors::<S>(data.moved(y, 0, offset)), &centre, scale, block);
         let row = (y + MARGIN).wrapping_add_signed(offset[1]);
         let (parity, shift) = ((offset[0] & 1) as usize, offset[0] >> 1);
-        let column = (x + MARGIN / 2).wrapping_add_signed(shift);
-        for (half, fit) in fits.iter().enumerate() {
-            let weight = load::<S>(&weights[1 - half][o][y / 2], x);
-            for c in 0..4 {
-                let value = if c == 3 {
-                    weight
-                } else {
-                    let mut value = fit.intercept[c];
-                    for k in 0..REGRESSORS {
-                        value = simd.add_f32s(value, simd.mul_f32s(fit.slopes[k][c], z[k]));
-                    }
-                    simd.mul_f32s(weight, value)
-                };
-                let plane = &mut sums[(4 * half + c) * 2 * ROWS + 2 * row + parity];
-                let sum = &mut S::as_mut_simd_f32s(&mut plane[column..column + S::F32_LANES]).0[0];
-                *sum = simd.add_f32s(*sum, value);
+        let column = (MARGIN / 2).wrapping_add_signed(shift);
+        let to = &mut sums[2 * row + parity][column..][..7 * COLUMNS + LANES];
+        let to = S::as_mut_simd_f32s(to).0;
+        for half in 0..2 {
+            let fit = &fits[half];
+            let weight = vectors::<S>(&weights[if G == 2 { 1 - half } else { 0 }][o][y / 2])[block];
+            for c in 0..3 {
+                let mut value = fit.intercept[c];
+                for k in 0..REGRESSORS {
+                    value = simd.add_f32s(value, simd.mul_f32s(fit.slopes[k][c], z[k]));
+                }
+                let sum = &mut to[(4 * half + c) * step + block];
+                *sum = simd.add_f32s(*sum, simd.mul_f32s(weight, value));
             }
+            let sum = &mut to[(4 * half + 3) * step + block];
+            *sum = simd.add_f32s(*sum, weight);
         }
     }
 }
 
 /// The sums of a tile and its halo, eight a pixel.
-fn cropped(sums: &[[f32; COLUMNS]]) -> Vec<f32> {
+fn cropped(sums: &[[f32; 8 * COLUMNS]]) -> Vec<f32> {
     let [width, height] = HALO;
     let skip = MARGIN - REACH;
-    let mut all = Vec::with_capacity(8 * width * height);
-    for plane in 0..8 {
-        for y in skip..skip + height {
-            all.extend((skip..skip + width).map(|c| sums[plane * 2 * ROWS + 2 * y + (c & 1)][c / 2]));
+    let mut all = vec![0.0; 8 * width * height];
+    for (at, to) in all.chunks_exact_mut(width).enumerate() {
+        let (plane, y) = (at / height, skip + at % height);
+        let rows = [0, 1].map(|parity| &sums[2 * y + parity][plane * COLUMNS..][..COLUMNS]);
+        for (x, to) in to.iter_mut().enumerate() {
+            *to = rows[(x + skip) & 1][(x + skip) / 2];
         }
     }
     all

@@ -4,7 +4,10 @@
 //! side by side, and loops over it become vectors. Nothing here adds up over pixels in an order of the compiler's
 //! choice, and nothing is fused, so that every machine gets the same bits.
 
+#![expect(clippy::needless_range_loop, reason = "several arrays run along, as in the formulas")]
+
 use crate::planes::{Colours, Features, Inputs, Plane};
+use pulp::Simd;
 
 /// Width of a tile in pixels.
 pub(crate) const WIDTH: usize = 64;
@@ -26,60 +29,74 @@ const SPAN: usize = 40;
 /// One number for each of a row's pixels of one parity.
 pub(crate) type Row = [f32; LANES];
 
-/// One plane of a tile: rows of even columns, then odd ones.
-#[derive(Clone, Default)]
-pub(crate) struct Local(Vec<f32>);
+/// Planes of a tile: of each row the even columns of all of them, one after the other, then the odd ones. So one place
+/// leads to all planes of a pixel.
+pub(crate) struct Stack<const P: usize>(Vec<f32>);
 
-impl Local {
-    /// Copies the surroundings of the tile at `origin`; pixels beyond the frame are `outside`, or the border's if that is
-    /// `None`.
-    fn new(plane: &[f32], size: [usize; 2], origin: [usize; 2], outside: Option<f32>) -> Self {
-        let [width, height] = size;
-        let mut values = vec![0.0; ROWS * 2 * COLUMNS];
+impl<const P: usize> Stack<P> {
+    /// Copies the surroundings of the tile at `origin`; pixels beyond the frame are those of the border.
+    pub(crate) fn new(planes: [&[f32]; P], size: [usize; 2], origin: [usize; 2]) -> Self {
+        let mut stack = Self(vec![0.0; 2 * ROWS * P * COLUMNS]);
+        for (k, plane) in planes.into_iter().enumerate() {
+            stack.fill(k, plane, size, origin);
+        }
+        stack
+    }
+
+    fn fill(&mut self, k: usize, plane: &[f32], [width, height]: [usize; 2], origin: [usize; 2]) {
         let mut padded = [0.0; WIDTH + 2 * MARGIN];
         // Columns beyond the frame on the left, the first one in it, and how many are in it.
         let before = MARGIN.saturating_sub(origin[0]);
         let first = origin[0] + before - MARGIN;
         let within = (padded.len() - before).min(width - first);
-        for (r, row) in values.chunks_exact_mut(2 * COLUMNS).enumerate() {
+        for (r, row) in self.0.chunks_exact_mut(2 * P * COLUMNS).enumerate() {
             let y = (origin[1] + r).saturating_sub(MARGIN).min(height - 1);
             let source = &plane[y * width..][..width];
-            let (left, middle) = padded.split_at_mut(before);
-            let (middle, right) = middle.split_at_mut(within);
-            left.fill(outside.unwrap_or(source[0]));
-            middle.copy_from_slice(&source[first..][..within]);
-            right.fill(outside.unwrap_or(source[width - 1]));
-            if let Some(value) = outside.filter(|_| y + MARGIN != origin[1] + r) {
-                padded.fill(value);
-            }
-            let (even, odd) = row.split_at_mut(COLUMNS);
-            for ((pair, even), odd) in padded.as_chunks::<2>().0.iter().zip(even).zip(odd) {
-                [*even, *odd] = *pair;
+            padded[..before].fill(source[0]);
+            padded[before..][..within].copy_from_slice(&source[first..][..within]);
+            padded[before + within..].fill(source[width - 1]);
+            let (even, odd) = row.split_at_mut(P * COLUMNS);
+            let (even, odd) = (&mut even[k * COLUMNS..][..COLUMNS], &mut odd[k * COLUMNS..][..COLUMNS]);
+            for (i, pair) in padded.as_chunks::<2>().0.iter().enumerate() {
+                [even[i], odd[i]] = *pair;
             }
         }
-        Self(values)
     }
 
-    /// The columns of `parity` in row `y` of the margin's count.
-    #[inline(always)]
-    pub(crate) fn row(&self, y: usize, parity: usize) -> &[f32; COLUMNS] {
-        let (chunks, _) = self.0.as_chunks::<COLUMNS>();
-        &chunks[2 * y + parity]
+    /// Sets plane `k` to 0 beyond the frame.
+    pub(crate) fn clear_outside(&mut self, k: usize, [width, height]: [usize; 2], origin: [usize; 2]) {
+        for (r, row) in self.0.chunks_exact_mut(2 * P * COLUMNS).enumerate() {
+            let row_inside = (MARGIN..MARGIN + height).contains(&(origin[1] + r));
+            for parity in 0..2 {
+                for i in 0..COLUMNS {
+                    let inside = row_inside && (MARGIN..MARGIN + width).contains(&(origin[0] + 2 * i + parity));
+                    let value = &mut row[(parity * P + k) * COLUMNS + i];
+                    *value = if inside { *value } else { 0.0 };
+                }
+            }
+        }
     }
 
-    /// `SPAN` columns of a row and a parity, from a column of that parity on.
+    /// `count` columns of each plane from column `start` of row `y` and a parity on, in the margin's count: plane `k`
+    /// begins at `k * COLUMNS`.
     #[inline(always)]
-    fn span(&self, [y, parity, start]: [usize; 3]) -> &[f32; SPAN] {
-        self.row(y, parity)[start..][..SPAN].try_into().expect("a row long enough")
+    fn from(&self, [y, parity, start]: [usize; 3], count: usize) -> &[f32] {
+        &self.0[(2 * y + parity) * P * COLUMNS + start..][..(P - 1) * COLUMNS + count]
     }
 
     /// The pixels of the tile in row `y` whose columns are of `parity`, moved by (dx, dy).
     #[inline(always)]
-    pub(crate) fn moved(&self, y: usize, parity: usize, [dx, dy]: [isize; 2]) -> &Row {
+    pub(crate) fn moved(&self, y: usize, parity: usize, [dx, dy]: [isize; 2]) -> &[f32] {
         let (parity, shift) = moved(parity, dx);
-        let row = self.row((y + MARGIN).wrapping_add_signed(dy), parity);
-        row[(MARGIN / 2).wrapping_add_signed(shift)..][..LANES].try_into().expect("a margin wide enough")
+        let y = (y + MARGIN).wrapping_add_signed(dy);
+        self.from([y, parity, (MARGIN / 2).wrapping_add_signed(shift)], LANES)
     }
+}
+
+/// Vectors from the start of one plane of a [`Stack`] to that of the next.
+#[inline(always)]
+pub(crate) const fn stride<S: Simd>() -> usize {
+    COLUMNS / S::F32_LANES
 }
 
 /// The parity of a column moved by `dx`, and by how many columns of that parity it moves.
@@ -98,17 +115,11 @@ pub(crate) struct Guide {
 }
 
 /// A tile's copy of a guide.
-pub(crate) struct LocalGuide {
-    colour: [Local; 3],
-    variance: Vec<Local>,
-}
-
-/// A tile's copy of features.
-pub(crate) struct LocalFeatures {
-    mean: [Local; 7],
-    variance: [Local; 3],
-    /// One over the scale of squared differences of normal, albedo, depth.
-    sharpness: [Local; 3],
+pub(crate) enum LocalGuide {
+    /// Red, green, blue and the variance of their sum.
+    Pooled(Stack<4>),
+    /// Red, green, blue and their variances.
+    Each(Stack<6>),
 }
 
 /// Scales of squared feature differences below which they count for little, whatever their variance.
@@ -137,24 +148,24 @@ pub(crate) struct Likeness {
 pub(crate) struct Tile {
     pub(crate) origin: [usize; 2],
     size: [usize; 2],
-    features: Option<LocalFeatures>,
-    labels: Option<Local>,
+    /// Means (7), variances of normal, albedo, depth, and one over the scales of their squared differences.
+    features: Option<Stack<13>>,
+    labels: Option<Stack<1>>,
 }
 
 impl Tile {
-    /// The tile at `origin`.
-    pub(crate) fn new(inputs: &Inputs, origin: [usize; 2], like: &Likeness) -> Self {
+    /// The tile at `origin`; `sharpness` as [`sharpness`] gives it.
+    pub(crate) fn new(inputs: &Inputs, origin: [usize; 2], like: &Likeness, sharpness: Option<&[Plane; 3]>) -> Self {
         let size = inputs.size;
-        let features = like.features.map(|scales| local_features(&inputs.features, &scales, size, origin));
+        let features = sharpness.map(|sharp| {
+            let [nx, ny, nz, r, g, b, depth] = &inputs.features.mean;
+            let [vn, va, vd] = &inputs.features.variance;
+            let [sn, sa, sd] = sharp;
+            Stack::new([nx, ny, nz, r, g, b, depth, vn, va, vd, sn, sa, sd], size, origin)
+        });
         let labels = inputs.labels.as_ref().filter(|_| like.outside < 1.0);
-        let labels = labels.map(|labels| Local::new(labels, size, origin, None));
+        let labels = labels.map(|labels| Stack::new([labels], size, origin));
         Self { origin, size, features, labels }
-    }
-
-    /// Whether the tile's pixel is one of the frame's.
-    #[inline(always)]
-    pub(crate) fn is_inside(&self, [x, y]: [usize; 2]) -> bool {
-        self.origin[0] + x < self.size[0] && self.origin[1] + y < self.size[1]
     }
 
     /// Rows and, of either parity, columns of the tile that are in the frame; the latter rounded up.
@@ -164,71 +175,73 @@ impl Tile {
         [height.min(HEIGHT), width.div_ceil(2).min(LANES)]
     }
 
-    /// A plane's copy; pixels beyond the frame are the border's.
-    pub(crate) fn copy(&self, plane: &[f32]) -> Local {
-        Local::new(plane, self.size, self.origin, None)
-    }
-
-    /// A plane's copy; pixels beyond the frame are 0.
-    pub(crate) fn copy_or_zero(&self, plane: &[f32]) -> Local {
-        Local::new(plane, self.size, self.origin, Some(0.0))
-    }
-
     /// A guide's copy.
     pub(crate) fn guide(&self, guide: &Guide) -> LocalGuide {
-        LocalGuide {
-            colour: std::array::from_fn(|c| self.copy(&guide.colour[c])),
-            variance: guide.variance.iter().map(|v| self.copy(v)).collect(),
+        let [r, g, b] = &guide.colour;
+        match &guide.variance[..] {
+            [vr, vg, vb] => LocalGuide::Each(Stack::new([r, g, b, vr, vg, vb], self.size, self.origin)),
+            pooled => LocalGuide::Pooled(Stack::new([r, g, b, &pooled[0]], self.size, self.origin)),
         }
     }
 }
 
-fn local_features(features: &Features, scales: &FeatureScales, size: [usize; 2], origin: [usize; 2]) -> LocalFeatures {
-    let copy = |plane: &Plane| Local::new(plane, size, origin, None);
-    let variance = [0, 1, 2].map(|k| copy(&features.variance[k]));
-    let slope = copy(&features.slope);
+/// One over the scales of squared differences of normal, albedo and depth.
+pub(crate) fn sharpness(features: &Features, scales: &FeatureScales) -> [Plane; 3] {
     let square = scales.bandwidth * scales.bandwidth;
-    let sharpness = |k: usize| {
+    std::array::from_fn(|k| {
         let floor = |slope: f32| if k < 2 { scales.floors[k] } else { (3.0 * slope) * (3.0 * slope) + 1e-4 };
         let sharp = |(v, slope): (&f32, &f32)| 1.0 / (square * v.max(floor(*slope)));
-        Local(variance[k].0.iter().zip(&slope.0).map(sharp).collect())
-    };
-    let sharpness = [0, 1, 2].map(sharpness);
-    LocalFeatures { mean: std::array::from_fn(|k| copy(&features.mean[k])), variance, sharpness }
+        features.variance[k].iter().zip(&features.slope).map(sharp).collect()
+    })
 }
 
 impl LocalGuide {
     /// Differences between `SPAN` columns and as many others, each from a row, a parity and a first column on: in units of
     /// their variance, what that alone makes of them taken off.
     #[inline(always)]
-    fn differences(&self, here: [usize; 3], there: [usize; 3]) -> [f32; SPAN] {
-        // Of its own, so that the compiler knows that it overlaps with nothing.
-        let mut out = [0.0; SPAN];
-        let [red, green, blue] = &self.colour;
-        match &self.variance[..] {
-            [r, g, b] => {
-                for (colour, variance) in [(red, r), (green, g), (blue, b)] {
-                    let (p, q) = (colour.span(here), colour.span(there));
-                    let (vp, vq) = (variance.span(here), variance.span(there));
-                    for i in 0..SPAN {
-                        let d = p[i] - q[i];
-                        out[i] += (d * d - (vp[i] + vp[i].min(vq[i]))) / (vp[i] + vq[i]) * (1.0 / 3.0);
+    fn differences<S: Simd>(&self, simd: S, here: [usize; 3], there: [usize; 3], out: &mut [f32; SPAN]) {
+        let out = S::as_mut_simd_f32s(out).0;
+        let step = stride::<S>();
+        match self {
+            Self::Each(stack) => {
+                let third = simd.splat_f32s(1.0 / 3.0);
+                let (p, q) = (vectors::<S>(stack.from(here, SPAN)), vectors::<S>(stack.from(there, SPAN)));
+                for k in 0..SPAN / S::F32_LANES {
+                    let mut sum = simd.splat_f32s(0.0);
+                    for c in 0..3 {
+                        let d = simd.sub_f32s(p[c * step + k], q[c * step + k]);
+                        let [vp, vq] = [p[(c + 3) * step + k], q[(c + 3) * step + k]];
+                        sum = simd.add_f32s(sum, excess(simd, simd.mul_f32s(d, d), vp, vq));
                     }
+                    out[k] = simd.mul_f32s(sum, third);
                 }
             }
-            pooled => {
-                let (pr, pg, pb) = (red.span(here), green.span(here), blue.span(here));
-                let (qr, qg, qb) = (red.span(there), green.span(there), blue.span(there));
-                let (vp, vq) = (pooled[0].span(here), pooled[0].span(there));
-                for i in 0..SPAN {
-                    let (r, g, b) = (pr[i] - qr[i], pg[i] - qg[i], pb[i] - qb[i]);
-                    let square = r * r + g * g + b * b;
-                    out[i] = (square - (vp[i] + vp[i].min(vq[i]))) / (vp[i] + vq[i]);
+            Self::Pooled(stack) => {
+                let (p, q) = (vectors::<S>(stack.from(here, SPAN)), vectors::<S>(stack.from(there, SPAN)));
+                for k in 0..SPAN / S::F32_LANES {
+                    let r = simd.sub_f32s(p[k], q[k]);
+                    let g = simd.sub_f32s(p[step + k], q[step + k]);
+                    let b = simd.sub_f32s(p[2 * step + k], q[2 * step + k]);
+                    let square = simd.add_f32s(simd.mul_f32s(r, r), simd.mul_f32s(g, g));
+                    let square = simd.add_f32s(square, simd.mul_f32s(b, b));
+                    out[k] = excess(simd, square, p[3 * step + k], q[3 * step + k]);
                 }
             }
         }
-        out
     }
+}
+
+/// A row's vectors.
+#[inline(always)]
+pub(crate) fn vectors<S: Simd>(row: &[f32]) -> &[S::f32s] {
+    S::as_simd_f32s(row).0
+}
+
+/// By how much a squared difference exceeds what the variances alone make of it, in units of these.
+#[inline(always)]
+fn excess<S: Simd>(simd: S, square: S::f32s, vp: S::f32s, vq: S::f32s) -> S::f32s {
+    let expected = simd.add_f32s(vp, simd.min_f32s(vp, vq));
+    simd.div_f32s(simd.sub_f32s(square, expected), simd.add_f32s(vp, vq))
 }
 
 /// Room for the differences of one guide at one offset, and their sums over patches.
@@ -242,107 +255,149 @@ impl Differences {
         Self { pointwise: vec![[0.0; COLUMNS]; 2 * ROWS], column_sums: [[0.0; COLUMNS]; 2] }
     }
 
-    /// Compares the tile's first `rows` rows and those that patches of `radius` reach with what lies `offset` from them.
+    /// Compares the tile's first `rows` rows and those that patches of radius `R` reach with what lies `offset` from them.
     #[inline(always)]
-    pub(crate) fn compare(&mut self, guide: &LocalGuide, rows: usize, radius: usize, offset: [isize; 2]) {
-        for y in MARGIN - radius..MARGIN + rows + radius {
+    pub(crate) fn compare<S: Simd, const R: usize>(
+        &mut self,
+        simd: S,
+        guide: &LocalGuide,
+        rows: usize,
+        offset: [isize; 2],
+    ) {
+        for y in MARGIN - R..MARGIN + rows + R {
             for parity in 0..2 {
                 let (other, shift) = moved(parity, offset[0]);
                 // Patches reach three columns to the left: two even ones, or the odd one before as well.
                 let start = MARGIN / 2 - 1 - parity;
                 let there = [y.wrapping_add_signed(offset[1]), other, start.wrapping_add_signed(shift)];
-                let differences = guide.differences([y, parity, start], there);
-                self.pointwise[2 * y + parity][start..][..SPAN].copy_from_slice(&differences);
+                let out = (&mut self.pointwise[2 * y + parity][start..][..SPAN]).try_into().expect("a row long enough");
+                guide.differences(simd, [y, parity, start], there, out);
             }
         }
     }
 
     /// Sums the compared columns around row `y` of the tile: before [`Differences::patches`].
     #[inline(always)]
-    pub(crate) fn sum_columns(&mut self, y: usize, radius: usize) {
+    pub(crate) fn sum_columns<S: Simd, const R: usize>(&mut self, simd: S, y: usize) {
         for parity in 0..2 {
-            let sums = &mut self.column_sums[parity];
-            let first = 2 * (y + MARGIN - radius) + parity;
-            *sums = self.pointwise[first];
-            for k in 1..=2 * radius {
-                let row = &self.pointwise[first + 2 * k];
-                for i in 0..COLUMNS {
-                    sums[i] += row[i];
+            let first = 2 * (y + MARGIN - R) + parity;
+            let sums = S::as_mut_simd_f32s(&mut self.column_sums[parity]).0;
+            for i in 0..COLUMNS / S::F32_LANES {
+                let mut sum = vectors::<S>(&self.pointwise[first])[i];
+                for k in 1..=2 * R {
+                    sum = simd.add_f32s(sum, vectors::<S>(&self.pointwise[first + 2 * k])[i]);
                 }
+                sums[i] = sum;
             }
         }
     }
 
-    /// The sums over patches around the row's pixels of `parity`.
+    /// The columns that patches around a row's pixels of `parity` sum up.
     #[inline(always)]
-    pub(crate) fn patches(&self, parity: usize, radius: usize) -> Row {
-        let mut sums = [0.0; LANES];
-        for k in -(radius as isize)..=radius as isize {
-            let (other, shift) = moved(parity, k);
-            let column: &Row = self.column_sums[other][(MARGIN / 2).wrapping_add_signed(shift)..][..LANES]
-                .try_into()
-                .expect("columns");
-            for i in 0..LANES {
-                sums[i] += column[i];
-            }
+    fn columns<S: Simd, const R: usize>(&self, parity: usize) -> [&[S::f32s]; 7] {
+        let mut columns: [&[S::f32s]; 7] = [&[]; 7];
+        for k in 0..=2 * R {
+            let (other, shift) = moved(parity, k as isize - R as isize);
+            let from = (MARGIN / 2).wrapping_add_signed(shift);
+            columns[k] = vectors::<S>(&self.column_sums[other][from..][..LANES]);
         }
-        sums
+        columns
     }
 }
 
 impl Tile {
-    /// The distances by features between pixels of `parity` in row `y` and those that lie `offset` from them: 0 where they
-    /// are alike or there are no features.
+    /// The weights of the pixels that lie `offset` from those of `parity` in row `y`, by each guide: from distances of
+    /// patches, whose columns are summed, and of features.
     #[inline(always)]
-    pub(crate) fn feature_distances(&self, y: usize, parity: usize, offset: [isize; 2]) -> Row {
-        let mut most = [0.0; LANES];
-        let Some(features) = &self.features else { return most };
-        for (group, channels) in [(0, 0..3), (1, 3..6), (2, 6..7)] {
-            let mut square = [0.0f32; LANES];
-            for channel in channels {
-                let p = features.mean[channel].moved(y, parity, [0, 0]);
-                let q = features.mean[channel].moved(y, parity, offset);
-                for i in 0..LANES {
-                    let d = p[i] - q[i];
-                    square[i] += d * d;
-                }
-            }
-            let vp = features.variance[group].moved(y, parity, [0, 0]);
-            let vq = features.variance[group].moved(y, parity, offset);
-            let sharp = features.sharpness[group].moved(y, parity, [0, 0]);
-            for i in 0..LANES {
-                let distance: f32 = (square[i] - (vp[i] + vp[i].min(vq[i]))) * sharp[i];
-                most[i] = distance.max(most[i]);
-            }
-        }
-        most
-    }
-
-    /// The weights from distances: `patch` over `scale` squared deviations, and by features.
-    #[inline(always)]
-    pub(crate) fn weights(
+    pub(crate) fn weights<S: Simd, const R: usize, const G: usize>(
         &self,
-        patch: &Row,
-        by_features: &Row,
+        simd: S,
+        differences: &[Differences; G],
         like: &Likeness,
         [y, parity]: [usize; 2],
         offset: [isize; 2],
-    ) -> Row {
-        let side = (2 * like.patch + 1) as f32;
-        let share = 1.0 / (side * side * like.colour * like.colour);
-        let mut weights = [0.0; LANES];
-        for i in 0..LANES {
-            weights[i] = exp_minus((patch[i] * share).max(0.0) + by_features[i]);
+        rows: &mut [Row; G],
+    ) {
+        let side = (2 * R + 1) as f32;
+        let share = simd.splat_f32s(1.0 / (side * side * like.colour * like.colour));
+        let (zero, one, outside) = (simd.splat_f32s(0.0), simd.splat_f32s(1.0), simd.splat_f32s(like.outside));
+        let features = self.features.as_ref().map(|features| {
+            (vectors::<S>(features.moved(y, parity, [0, 0])), vectors::<S>(features.moved(y, parity, offset)))
+        });
+        let labels = self.labels.as_ref().map(|labels| {
+            (vectors::<S>(labels.moved(y, parity, [0, 0])), vectors::<S>(labels.moved(y, parity, offset)))
+        });
+        let mut columns: [[&[S::f32s]; 7]; G] = [[&[]; 7]; G];
+        for guide in 0..G {
+            columns[guide] = differences[guide].columns::<S, R>(parity);
         }
-        if let Some(labels) = &self.labels {
-            let (p, q) = (labels.moved(y, parity, [0, 0]), labels.moved(y, parity, offset));
-            for i in 0..LANES {
-                weights[i] *= if p[i] == q[i] { 1.0 } else { like.outside };
+        for i in 0..LANES / S::F32_LANES {
+            let mut distance = zero;
+            if let Some((p, q)) = features {
+                distance = feature_distance(simd, p, q, i);
+            }
+            let mut factor = one;
+            if let Some((p, q)) = labels {
+                factor = simd.select_f32s(simd.equal_f32s(p[i], q[i]), one, outside);
+            }
+            for guide in 0..G {
+                let mut patch = zero;
+                for k in 0..=2 * R {
+                    patch = simd.add_f32s(patch, columns[guide][k][i]);
+                }
+                let by_colour = simd.max_f32s(simd.mul_f32s(patch, share), zero);
+                let weight = exp_minus_all(simd, simd.add_f32s(by_colour, distance));
+                S::as_mut_simd_f32s(&mut rows[guide]).0[i] = simd.mul_f32s(weight, factor);
             }
         }
-        weights
     }
 }
+
+/// The largest distance of normal, albedo and depth, at least 0, between the `i`-th vectors of two rows of features.
+#[inline(always)]
+fn feature_distance<S: Simd>(simd: S, p: &[S::f32s], q: &[S::f32s], i: usize) -> S::f32s {
+    let step = stride::<S>();
+    let mut most = simd.splat_f32s(0.0);
+    for group in 0..3 {
+        let first = 3 * group;
+        let d = simd.sub_f32s(p[first * step + i], q[first * step + i]);
+        let mut square = simd.mul_f32s(d, d);
+        if group < 2 {
+            for k in first + 1..first + 3 {
+                let d = simd.sub_f32s(p[k * step + i], q[k * step + i]);
+                square = simd.add_f32s(square, simd.mul_f32s(d, d));
+            }
+        }
+        let (vp, vq) = (p[(7 + group) * step + i], q[(7 + group) * step + i]);
+        let expected = simd.add_f32s(vp, simd.min_f32s(vp, vq));
+        let distance = simd.mul_f32s(simd.sub_f32s(square, expected), p[(10 + group) * step + i]);
+        most = simd.max_f32s(distance, most);
+    }
+    most
+}
+
+/// [`exp_minus`] of several.
+#[inline(always)]
+fn exp_minus_all<S: Simd>(simd: S, x: S::f32s) -> S::f32s {
+    let (round, one) = (simd.splat_f32s(ROUND), simd.splat_f32s(1.0));
+    let t = simd.mul_f32s(simd.min_f32s(x, simd.splat_f32s(80.0)), simd.splat_f32s(-std::f32::consts::LOG2_E));
+    let rounded = simd.add_f32s(t, round);
+    let f = simd.mul_f32s(simd.sub_f32s(t, simd.sub_f32s(rounded, round)), simd.splat_f32s(std::f32::consts::LN_2));
+    let mut power = simd.splat_f32s(EXPONENTIAL[0]);
+    power = simd.add_f32s(simd.mul_f32s(power, f), simd.splat_f32s(EXPONENTIAL[1]));
+    power = simd.add_f32s(simd.mul_f32s(power, f), simd.splat_f32s(EXPONENTIAL[2]));
+    power = simd.add_f32s(simd.mul_f32s(power, f), simd.splat_f32s(EXPONENTIAL[3]));
+    power = simd.add_f32s(simd.mul_f32s(power, f), one);
+    power = simd.add_f32s(simd.mul_f32s(power, f), one);
+    let bits = simd.wrapping_dyn_shl_u32s(simd.transmute_u32s_f32s(rounded), simd.splat_u32s(23));
+    simd.transmute_f32s_u32s(simd.add_u32s(simd.transmute_u32s_f32s(power), bits))
+}
+
+/// 1.5 * 2^23: adding it rounds to a whole number in the low bits.
+const ROUND: f32 = 12_582_912.0;
+
+/// Taylor coefficients of the exponential function, from the fifth down to the second.
+const EXPONENTIAL: [f32; 4] = [1.0 / 120.0, 1.0 / 24.0, 1.0 / 6.0, 0.5];
 
 /// `exp(-x)` for `x >= 0` to 3e-6 relative, the same bits everywhere; below `exp(-80)` about that.
 ///
@@ -350,24 +405,19 @@ impl Tile {
 /// whole part added to the exponent.
 #[inline(always)]
 pub(crate) fn exp_minus(x: f32) -> f32 {
-    /// 1.5 * 2^23: adding it rounds to a whole number in the low bits.
-    const ROUND: f32 = 12_582_912.0;
+    let [fifth, fourth, third, second] = EXPONENTIAL;
     let t = x.min(80.0) * -std::f32::consts::LOG2_E;
     let rounded = t + ROUND;
     let f = (t - (rounded - ROUND)) * std::f32::consts::LN_2;
-    let power = 1.0 + f * (1.0 + f * (0.5 + f * (1.0 / 6.0 + f * (1.0 / 24.0 + f * (1.0 / 120.0)))));
+    let power = 1.0 + f * (1.0 + f * (second + f * (third + f * (fourth + f * fifth))));
     f32::from_bits(power.to_bits().wrapping_add(rounded.to_bits() << 23))
 }
 
 /// What pixels with `there` samples count for those with `here`: more samples count more, but at most twice what as many
 /// count. In proportion to samples, a leak across an edge would go with how unequal they are.
 #[inline(always)]
-pub(crate) fn count_weights(here: &Row, there: &Row) -> Row {
-    let mut weights = [0.0; LANES];
-    for i in 0..LANES {
-        weights[i] = there[i] / (here[i] + there[i]).max(1.0);
-    }
-    weights
+pub(crate) fn count_weights<S: Simd>(simd: S, here: S::f32s, there: S::f32s) -> S::f32s {
+    simd.div_f32s(there, simd.max_f32s(simd.add_f32s(here, there), simd.splat_f32s(1.0)))
 }
 
 /// The corners of all tiles of a frame, row by row.
@@ -396,10 +446,11 @@ mod tests {
     fn moved_rows_are_where_they_should_be() {
         let size = [150, 40];
         let plane: Plane = (0..6000).map(|i| i as f32).collect();
-        let tile = Local::new(&plane, size, [64, 16], None);
+        let tile = Stack::new([&plane, &plane], size, [64, 16]);
         for (y, parity, dx, dy) in [(0, 0, 0, 0), (3, 1, -7, 7), (15, 0, -7, -7), (8, 1, 7, 0), (8, 0, 6, 1)] {
             let row = tile.moved(y, parity, [dx, dy]);
-            for (i, value) in row.iter().enumerate() {
+            assert_eq!(row.len(), COLUMNS + LANES);
+            for (i, value) in row[COLUMNS..].iter().enumerate() {
                 let x = (64 + 2 * i as isize + parity as isize + dx).clamp(0, 149);
                 let y = (16 + y as isize + dy).clamp(0, 39);
                 assert_eq!(*value, (y * 150 + x) as f32);

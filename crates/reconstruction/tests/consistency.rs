@@ -308,3 +308,50 @@ fn descriptions_give_every_parameter() {
     // First hits are stored only where clusters matter.
     assert_eq!((clusters.needs().first_hits, ClusterRegression::new().needs().first_hits), (1, 0));
 }
+
+/// First hits and samples as no scene has them: features that are NaN, infinite or huge, fireflies, on any frame, at any
+/// count. What comes out is finite and not negative, and no error is NaN. The control: films do get hits and fireflies.
+#[test]
+fn features_that_make_no_sense_leave_pictures_finite() {
+    struct Wild;
+    impl Integrator for Wild {
+        fn estimate(&self, draws: &Draws<'_>, _: &mut Observed) -> Estimate {
+            let [a, b, c, d] = draws.block(Block::new(0));
+            let odd = [0.0, 1.0, -1.0, f32::NAN, f32::INFINITY, 3e38, -3e38, 1e-38, 1e18];
+            let pick = |u: f32| if u < 0.5 { u } else { odd[((u - 0.5) * 18.0) as usize % 9] };
+            let hit = FirstHit {
+                position: [pick(a), pick(b), pick(c)],
+                geometric_normal: [0.0, 0.0, 1.0],
+                shading_normal: [pick(b), pick(d), 1.0],
+                albedo: [pick(c), pick(a), 0.5],
+                depth: pick(d).abs(),
+                footprint: 1.0,
+                roughness: 1.0,
+                material: 0,
+                shape: 0,
+                primitive: 0,
+            };
+            let value = if a > 0.95 { 1e30 } else { b };
+            let first_hit = draws.wants_first_hit().then_some(hit);
+            Estimate { radiance: [value, c, pick(d)], first_hit, cost: 1 }
+        }
+    }
+    for size in [[1, 1], [1, 9], [5, 3], [40, 24]] {
+        for spp in [1, 2, 3, 8] {
+            let frame = Frame::new(size[0], size[1]).unwrap();
+            let limits = Limits::samples(spp * frame.pixels() as u64);
+            let mut sampler = Uniform::new(Random::new(spp));
+            let film = render(&mut Wild, &mut sampler, NEEDS, frame, &limits, &mut NoWatch).unwrap();
+            if size[0] == 40 {
+                assert!((0..frame.pixels()).any(|i| film.features(i).is_some_and(|f| f.hits > 0)));
+                assert!(film.picture().iter().any(|p| p[0] > 1e20));
+            }
+            for filter in filters() {
+                let picture = filter.apply(&film).unwrap();
+                let finite = picture.radiance.iter().flatten().all(|v| v.is_finite() && *v >= 0.0);
+                assert!(finite, "{}, {size:?} at {spp} spp", filter.describe());
+                assert!(picture.error.unwrap().iter().all(|e| !e.is_nan()), "{}, {size:?}", filter.describe());
+            }
+        }
+    }
+}

@@ -2,15 +2,18 @@
 
 #![allow(clippy::print_stderr)] // What is skipped, and what each file holds, is told.
 
+use dapple_core::{Frame, Limits, NoWatch, render};
 use dapple_geometry::{Geometry as Tree, Mesh, Preset, Ray, Shape};
 use dapple_renderer::model::{ModelOptions, UpAxis, read_model_from, read_obj, read_stl};
 use dapple_renderer::pbrt::ReadError;
+use dapple_renderer::registry::{self, Setting};
 use dapple_renderer::scene::{Color, Geometry, MaterialKind, MeshData, Scene, TextureKind};
-use dapple_renderer::{AnyOptions, World, read_any, read_any_from};
+use dapple_renderer::{AnyOptions, Stage, World, integrator, read_any, read_any_from};
 use glam::DVec3;
 use rand::{RngExt, SeedableRng};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 const TETRAHEDRON: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n";
 
@@ -325,7 +328,39 @@ fn meet([a, b, c]: &[DVec3; 3], ray: &Ray) -> Option<f64> {
     (u > 1e-3 && v > 1e-3 && u + v < 0.999 && t > 0.0).then_some(t)
 }
 
-/// Every mesh of `../shared/scenes`: it is read, can be built and is met by rays, or it is refused as said here.
+/// Clusters the world, and renders it by counts that come from clusters and by counts that come from samples, filtered across
+/// clusters and not: every pixel finite, every sample spent, and something to be seen. Tells how many clusters there are.
+fn rendered(name: &str, world: World) -> usize {
+    let frame = Frame::new(32, 32).unwrap();
+    let world = Arc::new(world);
+    let stage = Stage::new(world.clone());
+    let mut clusters = 0;
+    for sampler in ["cluster-thesis", "cluster:geometry=2"] {
+        let points = registry::points("sobol", Setting { seed: 1, spp: Some(2) }).unwrap();
+        let mut sampler = registry::sampler(sampler, points, &stage).unwrap_or_else(|e| panic!("{name}: {e}"));
+        let filter = registry::filter("cluster-gaussian", &stage).unwrap_or_else(|e| panic!("{name}: {e}"));
+        let made = stage.first_clusters().expect("made by now");
+        let used: BTreeSet<u32> = made.labels().iter().copied().collect();
+        clusters = made.clusters().len();
+        assert!(used.len() <= clusters && used.iter().all(|&label| (label as usize) < clusters), "{name}");
+        let needs = filter.needs();
+        let film =
+            render(&mut *integrator(&world), &mut *sampler, needs, frame, &Limits::samples(4 * 1024), &mut NoWatch);
+        let film = film.unwrap_or_else(|e| panic!("{name}: {e}"));
+        assert_eq!((film.record().samples, film.record().rejected), (4 * 1024, 0), "{name}");
+        let filtered = filter.apply(&film).unwrap_or_else(|e| panic!("{name}: {e}"));
+        for picture in [film.picture(), filtered.radiance] {
+            assert!(picture.iter().flatten().all(|v| v.is_finite() && *v >= 0.0), "{name}: not finite");
+            // A model stands before a sky of one brightness: where it is seen, it is darker.
+            let levels: BTreeSet<u32> = picture.iter().map(|p| p[1].to_bits()).collect();
+            assert!(levels.len() > 20, "{name}: {} levels", levels.len());
+        }
+    }
+    clusters
+}
+
+/// Every mesh of `../shared/scenes`: it is read, can be built, clustered and rendered, and is met by rays; or it is refused as
+/// said here.
 #[test]
 fn meshes_of_other_people() {
     let beside = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/scenes"));
@@ -358,8 +393,9 @@ fn meshes_of_other_people() {
                 let (all, dropped) = (world.geometry().triangle_count(), world.dropped_triangles());
                 assert!(all > 0);
                 rays_agree(&name, world.geometry());
+                let clusters = rendered(&name, world);
                 eprintln!(
-                    "{name}: {all} triangles, {dropped} without area, {} shapes, {:?}",
+                    "{name}: {all} triangles, {dropped} without area, {clusters} clusters, {} shapes, {:?}",
                     scene.shapes.len(),
                     scene.notices.iter().map(|n| &n.message).collect::<Vec<_>>()
                 );

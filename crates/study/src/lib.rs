@@ -36,6 +36,7 @@ struct Readme;
 
 mod digest;
 mod error;
+mod external;
 pub mod folder;
 mod ledger;
 mod plan;
@@ -51,6 +52,7 @@ mod truth;
 
 pub use digest::Digest;
 pub use error::StudyError;
+pub use external::External;
 pub use ledger::{Ledger, Store};
 pub use plan::{
     DEFAULT_FILTERS, DEFAULT_REFERENCE_SPP, DEFAULT_SAMPLERS, DEFAULT_SCENES, DEFAULT_SEEDS, DEFAULT_SIDE, DEFAULT_SPP,
@@ -60,5 +62,5 @@ pub use record::{Budget, Errors, Machine, Manifest, Method, Phases, Reference, R
 pub use report::{ReportError, write_report};
 pub use run::{InProcess, Job, Processes, Runner};
 pub use study::{Ended, Onlooker, Progress, Sitting, Study};
-pub use subject::{Subject, View};
+pub use subject::{Lights, Subject, View};
 pub use summary::Summary;

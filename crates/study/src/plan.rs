@@ -5,7 +5,7 @@ mod words;
 
 pub use words::split_words;
 
-use crate::Method;
+use crate::{External, Lights, Method};
 use dapple_core::PointSet;
 use dapple_renderer::registry::{self, Setting};
 use serde::Deserialize;
@@ -38,7 +38,7 @@ impl PlanError {
 }
 
 /// A scene to study.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct ScenePlan {
     /// Bundled name or path.
     pub source: String,
@@ -46,11 +46,15 @@ pub struct ScenePlan {
     pub name: Option<String>,
     /// A file to compare with; else a reference is rendered.
     pub reference: Option<PathBuf>,
+    /// Width and height of this scene, where they are not those of the study.
+    pub resolution: Option<[u32; 2]>,
+    /// How a light is chosen among several.
+    pub lights: Lights,
 }
 
 impl From<&str> for ScenePlan {
     fn from(source: &str) -> Self {
-        Self { source: source.to_owned(), name: None, reference: None }
+        Self { source: source.to_owned(), ..Self::default() }
     }
 }
 
@@ -67,6 +71,8 @@ pub struct Draft {
     pub filters: Option<Vec<String>>,
     /// Methods besides samplers x points x filters. Where these are given and no samplers, they are all.
     pub methods: Option<Vec<Method>>,
+    /// Filters that are programs of others, by the names under which methods have them.
+    pub external: Option<Vec<External>>,
     /// What others are compared with; default uniform / sobol / none. Put in front where it is not among the methods.
     pub baseline: Option<Method>,
     /// Budgets in samples per pixel; default [`DEFAULT_SPP`].
@@ -115,6 +121,8 @@ pub struct Plan {
     pub scenes: Vec<ScenePlan>,
     /// Methods in their order, each once.
     pub methods: Vec<Method>,
+    /// Filters of methods that are programs of others.
+    pub external: Vec<External>,
     /// One of them.
     pub baseline: Method,
     /// Ascending.
@@ -140,14 +148,19 @@ pub struct Plan {
 }
 
 impl Draft {
-    /// This draft, with what `other` says in the place of what this one says.
+    /// This draft, with what `other` says in the place of what this one says; its resolution is that of all scenes.
     pub fn overridden_by(self, other: Self) -> Self {
+        let mut scenes = other.scenes.or(self.scenes);
+        if other.resolution.is_some() {
+            scenes.iter_mut().flatten().for_each(|scene| scene.resolution = None);
+        }
         Self {
-            scenes: other.scenes.or(self.scenes),
+            scenes,
             samplers: other.samplers.or(self.samplers),
             points: other.points.or(self.points),
             filters: other.filters.or(self.filters),
             methods: other.methods.or(self.methods),
+            external: other.external.or(self.external),
             baseline: other.baseline.or(self.baseline),
             spp: other.spp.or(self.spp),
             seeds: other.seeds.or(self.seeds),
@@ -195,9 +208,11 @@ impl Draft {
             }
         }
         all.extend(self.methods.unwrap_or_default());
+        let external = self.external.unwrap_or_default();
+        check_external(&external)?;
         let mut methods: Vec<Method> = Vec::new();
         for method in all {
-            check_method(&method, most)?;
+            check_method(&method, most, &external)?;
             if methods.contains(&method) {
                 let word = method.sampler.clone();
                 return Err(PlanError::of_word("methods", &word, format!("{method} is given twice: once is enough")));
@@ -205,7 +220,7 @@ impl Draft {
             methods.push(method);
         }
         let baseline = self.baseline.unwrap_or_else(|| Method::new("uniform", "sobol", "none"));
-        check_method(&baseline, most).map_err(|e| PlanError { key: "baseline".into(), ..e })?;
+        check_method(&baseline, most, &external).map_err(|e| PlanError { key: "baseline".into(), ..e })?;
         if !methods.contains(&baseline) {
             methods.insert(0, baseline.clone());
         }
@@ -234,7 +249,7 @@ impl Draft {
                 format!("{reference_spp}: from 2 to 2^32 are wanted, half of them for each half of the reference"),
             ));
         }
-        if let Some([w, h]) = self.resolution {
+        for [w, h] in scenes.iter().filter_map(|scene| scene.resolution).chain(self.resolution) {
             dapple_core::Frame::new(w, h).map_err(|e| PlanError::new("resolution", e))?;
         }
         let threads = self.threads.unwrap_or(0);
@@ -244,6 +259,7 @@ impl Draft {
         Ok(Plan {
             scenes,
             methods,
+            external,
             baseline,
             spp,
             seeds,
@@ -268,14 +284,39 @@ impl Plan {
 }
 
 /// Makes all three for trial: what is wrong with the words is known before anything is read.
-fn check_method(method: &Method, spp: u64) -> Result<(), PlanError> {
+fn check_method(method: &Method, spp: u64, external: &[External]) -> Result<(), PlanError> {
     let Method { sampler, points, filter } = method;
     registry::check_sampler(sampler).map_err(|e| PlanError::of_word("samplers", sampler, e))?;
-    registry::check_filter(filter).map_err(|e| PlanError::of_word("filters", filter, e))?;
+    if !external.iter().any(|e| e.name == *filter) {
+        registry::check_filter(filter).map_err(|e| PlanError::of_word("filters", filter, e))?;
+    }
     let refuse = |what: String| PlanError::of_word("points", points, what);
     let made = registry::points(points, Setting { seed: 0, spp: Some(spp) }).map_err(|e| refuse(e.to_string()))?;
     if spp > made.capacity() {
         return Err(refuse(format!("{points} has {} points a pixel, fewer than {spp} spp", made.capacity())));
+    }
+    Ok(())
+}
+
+/// Names that are nobody else's, and commands that are told what to read and what to write.
+fn check_external(external: &[External]) -> Result<(), PlanError> {
+    for (at, one) in external.iter().enumerate() {
+        let refuse = |what: &str| Err(PlanError::of_word("external", &one.name, format!("{:?}: {what}", one.name)));
+        if one.name.is_empty() || one.name.contains(|c: char| "/:,=".contains(c) || c.is_whitespace()) {
+            return refuse("a name without blanks and / : , = is wanted");
+        }
+        if registry::FILTERS.iter().any(|entry| entry.name == one.name) {
+            return refuse("a filter of ours has that name: choose another");
+        }
+        if external[..at].iter().any(|other| other.name == one.name) {
+            return refuse("the name is given twice");
+        }
+        let told = |mark: &str| one.command.iter().skip(1).any(|word| word.contains(mark));
+        if !(told("{input}") && told("{output}")) {
+            return refuse(
+                "the command is to hold a program, {input} and {output}, for the pictures it reads and writes",
+            );
+        }
     }
     Ok(())
 }

@@ -1,5 +1,6 @@
 //! What a study writes down: one line of JSON for each finished run, and one file on how all were made.
 
+use crate::{External, Lights};
 use serde::{Deserialize, Serialize};
 
 /// What is compared: a sampler over points, and a filter; words as the registry takes them, parameters included.
@@ -81,7 +82,7 @@ pub struct Errors {
     pub smape: f64,
     /// Decibels, as displayed.
     pub psnr: f64,
-    /// As displayed, on a scale of 0 to 255.
+    /// As displayed, on a scale of 0 to 255; corrected as `mse`.
     pub srgb8_mse: f64,
     /// 0 to 1.
     pub flip: f64,
@@ -113,11 +114,11 @@ pub struct Run {
     pub seconds: Phases,
     /// Their sum but for load and bvh: what a picture costs.
     pub render_s: f64,
-    /// User and system seconds of the same phases, where known.
+    /// User and system seconds of the same phases, where known; of an external filter what it said of itself.
     pub cpu_s: Option<f64>,
     /// Against the reference.
     pub errors: Errors,
-    /// Whether the reference's own variance was taken out of mse and relmse.
+    /// Whether the reference's own variance was taken out of mse, relmse and srgb8_mse.
     pub corrected: bool,
     /// Whether the error is within 100 times the reference's own variance.
     pub reference_limited: bool,
@@ -166,6 +167,9 @@ pub struct SceneRecord {
     pub resolution: [u32; 2],
     /// What it is compared with.
     pub reference: Reference,
+    /// How a light is chosen among several.
+    #[serde(default)]
+    pub lights: Lights,
 }
 
 /// Where it ran.
@@ -196,6 +200,9 @@ pub struct Manifest {
     pub scenes: Vec<SceneRecord>,
     /// Methods in their order.
     pub methods: Vec<Method>,
+    /// Filters of theirs that are programs of others.
+    #[serde(default)]
+    pub external: Vec<External>,
     /// What others are compared with, one of `methods`.
     pub baseline: Method,
     /// Budgets in samples per pixel, ascending.

@@ -2,6 +2,7 @@
 
 use crate::digest::Digest;
 use crate::shot::{Order, shoot};
+use crate::subject::name_of;
 use crate::truth::{About, Truth};
 use crate::{Method, Plan, Reference, ScenePlan, StudyError, Subject};
 use dapple_core::{Control, Watch};
@@ -73,7 +74,7 @@ pub(crate) fn want(plan: &Plan, scene: &ScenePlan, subject: &Subject, shelf: &Sh
         key.text(value);
     }
     let hash = key.hex();
-    let (file, path) = shelf.place(&format!("{}-{}.exr", file_name(&subject.view.name), &hash[..16]))?;
+    let (file, path) = shelf.place(&format!("{}-{}.exr", file_name(&name_of(&subject.view.source)), &hash[..16]))?;
     let record = Reference {
         file,
         spp: Some(plan.reference_spp),
@@ -140,7 +141,7 @@ fn render(record: &Reference, subject: &Subject, watch: &mut dyn Watch) -> Resul
             stopped |= control == Control::Stop;
             control
         };
-        let shot = shoot(subject, Order { method: &method, seed, samples }, &mut look, || None)?;
+        let shot = shoot(subject, Order { seed, ..Order::new(&method, samples) }, &mut look, || None)?;
         if stopped || shot.film.record().interrupted {
             return Ok(None);
         }
@@ -166,16 +167,17 @@ fn keep(path: &Path, truth: Truth, record: &Reference, subject: &Subject) -> Res
 
 /// A file from elsewhere: refused where its size differs, or what it says about itself.
 fn given(plan: &Plan, file: &Path, subject: &Subject) -> Result<Reference, StudyError> {
-    let (truth, about) = Truth::read(file)?;
+    let (whole, about) = Truth::read(file)?;
     let refuse = |why: String| StudyError::Reference { file: file.to_owned(), scene: subject.view.name.clone(), why };
-    let ([w, h], [rw, rh]) = (subject.view.resolution, truth.size);
-    if [w, h] != [rw, rh] {
+    let ([w, h], [rw, rh]) = (subject.view.resolution, whole.size);
+    let Some(truth) = whole.averaged_to([w, h]) else {
         return Err(refuse(format!(
-            "it is {rw}x{rh}, and the study {w}x{h}: leave the resolution out, or render the reference at the study's"
+            "it is {rw}x{rh}, and the study {w}x{h}: leave the resolution out, or render the reference at the study's, or at a \
+             multiple of it"
         )));
-    }
+    };
     if let Some(at) = truth.mean.iter().position(|p| !p.iter().all(|v| v.is_finite())) {
-        let (x, y) = (at % rw as usize, at / rw as usize);
+        let (x, y) = (at % w as usize, at / w as usize);
         return Err(refuse(format!("it is no number at column {x}, row {y}: mend or replace it")));
     }
     differences(plan, &about, subject).map_or(Ok(()), |why| Err(refuse(why)))?;

@@ -4,7 +4,7 @@ use crate::references::file_name;
 use crate::shot::{Order, shoot};
 use crate::subject::View;
 use crate::truth::Truth;
-use crate::{Budget, Method, Run, StudyError, Subject};
+use crate::{Budget, External, Method, Run, StudyError, Subject};
 use dapple_core::NoWatch;
 use dapple_renderer::image::{Layer, Picture, encode_exr, write_file};
 use dapple_renderer::output::sample_map;
@@ -20,6 +20,9 @@ pub struct Job {
     pub view: View,
     /// How.
     pub method: Method,
+    /// Its filter, where that is a program of somebody else's.
+    #[serde(default)]
+    pub external: Option<External>,
     /// What it is given.
     pub budget: Budget,
     /// Of its points.
@@ -84,7 +87,7 @@ impl InProcess {
 fn warm_up(subject: &Subject) -> Result<(), StudyError> {
     let samples = WARM_UP_SPP * subject.frame()?.pixels() as u64;
     let method = Method::new("uniform", "sobol", "none");
-    shoot(subject, Order { method: &method, seed: 0, samples }, &mut NoWatch, || None).map(|_| ())
+    shoot(subject, Order { seed: 0, ..Order::new(&method, samples) }, &mut NoWatch, || None).map(|_| ())
 }
 
 const WARM_UP_SPP: u64 = 2;
@@ -94,9 +97,17 @@ impl Runner for InProcess {
         if self.truth.as_ref().is_none_or(|(file, _)| *file != job.reference) {
             self.truth = Some((job.reference.clone(), Truth::read(&job.reference)?.0));
         }
+        let size = job.view.resolution;
+        if let Some((file, truth)) = self.truth.take_if(|(_, truth)| truth.size != size) {
+            let scene = job.view.name.clone();
+            let why = format!("it is not of {}x{} pixels, nor of a multiple", size[0], size[1]);
+            let averaged = truth.averaged_to(size).ok_or(StudyError::Reference { file: file.clone(), scene, why })?;
+            self.truth = Some((file, averaged));
+        }
         let load = load_average();
         let (cpu, fresh) = (self.cpu, self.fresh);
-        let order = Order { method: &job.method, seed: job.seed, samples: job.asked };
+        let (external, threads) = (job.external.as_ref(), job.threads);
+        let order = Order { seed: job.seed, external, threads, ..Order::new(&job.method, job.asked) };
         let shot = shoot(self.subject(&job.view)?, order, &mut NoWatch, cpu)?;
         let what = || format!("{}, {}, seed {}", job.view.name, job.method, job.seed);
         let Some((_, truth)) = &self.truth else {

@@ -1,7 +1,7 @@
 //! One picture by one method, with what it took.
 
-use crate::{Method, Phases, StudyError, Subject};
-use dapple_core::{Error, Film, Filtered, Limits, Watch, render};
+use crate::{External, Method, Phases, StudyError, Subject};
+use dapple_core::{Error, Film, Filter, Filtered, Limits, Needs, Watch, render};
 use dapple_renderer::registry::{self, Setting};
 use dapple_renderer::{Stage, integrator};
 use std::time::Instant;
@@ -13,6 +13,44 @@ pub(crate) struct Order<'a> {
     pub(crate) seed: u64,
     /// Samples in all.
     pub(crate) samples: u64,
+    /// The filter, where it is a program of somebody else's.
+    pub(crate) external: Option<&'a External>,
+    /// For that: 0 is one per core.
+    pub(crate) threads: usize,
+}
+
+impl<'a> Order<'a> {
+    /// With a seed of 0 and no program of others.
+    pub(crate) fn new(method: &'a Method, samples: u64) -> Self {
+        Self { method, seed: 0, samples, external: None, threads: 0 }
+    }
+}
+
+/// What makes the picture of a film: a filter of ours, or somebody else's.
+enum Finish<'a> {
+    Ours(Box<dyn Filter>),
+    Theirs(&'a External),
+}
+
+impl Finish<'_> {
+    fn needs(&self) -> Needs {
+        match self {
+            Self::Ours(filter) => filter.needs(),
+            Self::Theirs(external) => external.needs(),
+        }
+    }
+
+    /// The picture, and the seconds that it took.
+    fn apply(&self, film: &Film, unit: f64, threads: usize) -> Result<(Filtered, f64), String> {
+        match self {
+            Self::Ours(filter) => {
+                let clock = Instant::now();
+                let filtered = filter.apply(film).map_err(|e| e.to_string())?;
+                Ok((filtered, clock.elapsed().as_secs_f64()))
+            }
+            Self::Theirs(external) => external.apply(film, unit, threads),
+        }
+    }
 }
 
 /// A picture, and what it took.
@@ -33,7 +71,7 @@ pub(crate) fn shoot(
     watch: &mut dyn Watch,
     cpu: fn() -> Option<f64>,
 ) -> Result<Shot, StudyError> {
-    let Order { method, seed, samples } = order;
+    let Order { method, seed, samples, external, threads } = order;
     let wrong = |why: String| {
         let what = format!("{}, {method}, seed {seed}, {samples} samples", subject.view.name);
         StudyError::Run { what, why }
@@ -45,15 +83,20 @@ pub(crate) fn shoot(
     let points = registry::points(&method.points, Setting { seed, spp: Some(spp) });
     let sampler = points.and_then(|points| registry::sampler(&method.sampler, points, &stage));
     let mut sampler = sampler.map_err(|e| wrong(e.to_string()))?;
-    let filter = registry::filter(&method.filter, &stage).map_err(|e| wrong(e.to_string()))?;
+    let finish = match external {
+        Some(external) => Finish::Theirs(external),
+        None => Finish::Ours(registry::filter(&method.filter, &stage).map_err(|e| wrong(e.to_string()))?),
+    };
     let mut integrator = integrator(&subject.world);
     let limits = Limits::samples(samples);
-    let film = render(&mut *integrator, &mut *sampler, filter.needs(), frame, &limits, watch)
+    let film = render(&mut *integrator, &mut *sampler, finish.needs(), frame, &limits, watch)
         .map_err(|e: Error| wrong(e.to_string()))?;
-    let clock = Instant::now();
-    let filtered = filter.apply(&film).map_err(|e| wrong(e.to_string()))?;
-    let filter = clock.elapsed().as_secs_f64();
-    let cpu_s = cpu().zip(before).map(|(after, before)| after - before);
+    let rendered = cpu();
+    let unit = 1.0 / subject.world.space().scale();
+    let (filtered, filter) = finish.apply(&film, unit, threads).map_err(wrong)?;
+    // What another program took is what it said, or the time that went by.
+    let finished = if external.is_none() { cpu() } else { rendered.map(|seconds| seconds + filter) };
+    let cpu_s = finished.zip(before).map(|(after, before)| after - before);
     let probes = stage.probe_cost();
     let seconds = Phases {
         load: subject.load,

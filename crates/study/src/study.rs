@@ -103,7 +103,7 @@ impl Study {
         let mut last: Option<Subject> = None;
         for (view, scene) in views.iter().zip(&plan.scenes) {
             drop(last.take());
-            let subject = Subject::load(view)?;
+            let subject = Subject::load(&view.by_default())?;
             subject.notices().iter().for_each(|notice| onlooker.hear(notice));
             wanted.push(want(&plan, scene, &subject, &shelf)?);
             last = Some(subject);
@@ -113,6 +113,7 @@ impl Study {
             source: view.source.clone(),
             resolution: view.resolution,
             reference: wanted.record().clone(),
+            lights: view.lights,
         });
         let mut manifest = manifest::new(&plan, scenes.collect(), &sitting.command);
         if let Some(there) = &there {
@@ -123,10 +124,11 @@ impl Study {
         }
         let mut meter = Meter::new(&plan, &views, &wanted, &ledger);
         for (at, wanted) in wanted.into_iter().enumerate() {
-            let subject = match last.take().filter(|s| s.view == views[at]) {
+            let view = views[at].by_default();
+            let subject = match last.take().filter(|s| s.view == view) {
                 Some(subject) => subject,
                 // Only where there is something to render.
-                None => Subject::load(&views[at])?,
+                None => Subject::load(&view)?,
             };
             let doing = format!("{}: reference", views[at].name);
             let cost = meter.of_reference(&wanted, &views[at]);
@@ -203,6 +205,7 @@ impl Study {
         Job {
             view: view.clone(),
             method: method.clone(),
+            external: self.plan.external.iter().find(|e| e.name == method.filter).cloned(),
             budget,
             seed,
             asked,
@@ -265,13 +268,14 @@ fn views(plan: &Plan) -> Result<Vec<View>, StudyError> {
             resolution: resolution(plan, scene)?,
             max_depth: plan.max_depth,
             allow_unsupported: plan.allow_unsupported,
+            lights: scene.lights,
         });
     }
     Ok(views)
 }
 
 fn resolution(plan: &Plan, scene: &ScenePlan) -> Result<[u32; 2], StudyError> {
-    match (plan.resolution, &scene.reference) {
+    match (scene.resolution.or(plan.resolution), &scene.reference) {
         (Some(resolution), _) => Ok(resolution),
         (None, Some(file)) => Ok(Truth::read(file)?.0.size),
         (None, None) => Ok([plan.side; 2]),

@@ -4,6 +4,7 @@ use crate::StudyError;
 use crate::digest::Digest;
 use dapple_core::{Frame, Limits, Needs, NoWatch, render};
 use dapple_renderer::files::{Disk, Files};
+use dapple_renderer::light::LightChoice;
 use dapple_renderer::pbrt::ReadOptions;
 use dapple_renderer::registry::{self, Setting};
 use dapple_renderer::scene::{PixelFilter, Scene};
@@ -29,6 +30,39 @@ pub struct View {
     pub max_depth: Option<u32>,
     /// Whether unsupported directives are warnings.
     pub allow_unsupported: bool,
+    /// How a light is chosen among several.
+    #[serde(default)]
+    pub lights: Lights,
+}
+
+/// How a light is chosen among several: the words of `dapple render --light-choice`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Lights {
+    /// With probability proportional to its power.
+    #[default]
+    Power,
+    /// Each as often as any other.
+    Uniform,
+    /// As was learned while rendering, per cell of space and orientation.
+    Cells,
+}
+
+impl From<Lights> for LightChoice {
+    fn from(lights: Lights) -> Self {
+        match lights {
+            Lights::Power => Self::Power,
+            Lights::Uniform => Self::Uniform,
+            Lights::Cells => Self::Cells,
+        }
+    }
+}
+
+impl View {
+    /// As references are rendered: they do not depend on how lights are chosen, and are shared by all ways to do so.
+    pub(crate) fn by_default(&self) -> Self {
+        Self { lights: Lights::default(), ..self.clone() }
+    }
 }
 
 /// A scene read and built: with a box of one pixel as its pixel filter, uncropped.
@@ -76,7 +110,8 @@ impl Subject {
         scene.film.pixel_filter = PixelFilter::default();
         let load = clock.elapsed().as_secs_f64();
         let clock = Instant::now();
-        let world = World::new(&scene).map_err(|e| StudyError::Scene(e.to_string()))?;
+        let mut world = World::new(&scene).map_err(|e| StudyError::Scene(e.to_string()))?;
+        world.set_light_choice(view.lights.into());
         let bvh = clock.elapsed().as_secs_f64();
         Ok(Self { view: view.clone(), scene, world: Arc::new(world), content, load, bvh })
     }

@@ -2,7 +2,9 @@
 
 use crate::digest::Digest;
 use crate::{Errors, StudyError};
-use dapple_metrics::{NoisyReference, PIXELS_PER_DEGREE, Pixels, RELATIVE_EPSILON, compare, compare_corrected, flip};
+use dapple_metrics::{
+    NoisyReference, PIXELS_PER_DEGREE, Pixels, RELATIVE_EPSILON, compare, compare_corrected, downsample, flip,
+};
 use dapple_renderer::image::{Channels, Encoding, Plane, read_attributes, read_channels, read_picture};
 use std::path::Path;
 
@@ -62,6 +64,38 @@ impl Truth {
         Ok((Self { size: picture.size, mean: picture.pixels, variance }, about))
     }
 
+    /// Averaged down to a size of which its own is a multiple; `None` where it is not.
+    pub(crate) fn averaged_to(self, size: [u32; 2]) -> Option<Self> {
+        if self.size == size {
+            return Some(self);
+        }
+        if size.contains(&0) || !(0..2).all(|axis| self.size[axis].is_multiple_of(size[axis])) {
+            return None;
+        }
+        let averaged = |values: &[[f32; 3]]| downsample(Pixels::new(self.size, values).ok()?, size).ok();
+        let mean = averaged(&self.mean)?;
+        let variance = match &self.variance {
+            None => None,
+            // That of a mean of so many independent pixels.
+            Some(variance) => {
+                let pixels = (self.size[0] / size[0] * (self.size[1] / size[1])) as f32;
+                Some(averaged(variance)?.into_iter().map(|v| v.map(|v| v / pixels)).collect())
+            }
+        };
+        Some(Self { size, mean, variance })
+    }
+
+    /// Its own variance as displayed, on a scale of 0 to 255: a quarter of the squared difference of its halves, which
+    /// mean and variance tell but for their order.
+    fn own_srgb8(&self, variance: &[[f32; 3]]) -> Result<f64, dapple_metrics::Error> {
+        let half = |sign: f32| -> Vec<[f32; 3]> {
+            let values = self.mean.iter().zip(variance);
+            values.map(|(r, v)| std::array::from_fn(|c| r[c] + sign * v[c].sqrt())).collect()
+        };
+        let [a, b] = [half(-1.0), half(1.0)];
+        Ok(0.25 * compare(Pixels::new(self.size, &a)?, Pixels::new(self.size, &b)?)?.srgb8_mse)
+    }
+
     /// Its own variance, as relMSE against itself.
     pub(crate) fn own_relmse(&self) -> Option<f64> {
         let variance = self.variance.as_ref()?;
@@ -70,7 +104,7 @@ impl Truth {
         Some(sum / (3 * self.mean.len()) as f64)
     }
 
-    /// A picture against it; its own variance is taken out of MSE and relMSE wherever it is known.
+    /// A picture against it; its own variance is taken out of MSE, relMSE and sRGB MSE wherever it is known.
     pub(crate) fn measure(&self, picture: &[[f32; 3]]) -> Result<Measured, dapple_metrics::Error> {
         let (x, r) = (Pixels::new(self.size, picture)?, Pixels::new(self.size, &self.mean)?);
         let found = compare(x, r)?;
@@ -96,6 +130,7 @@ impl Truth {
         let noisy = NoisyReference::Variance { mean: r, variance: Pixels::new(self.size, variance)? };
         let without = compare_corrected(x, noisy)?;
         (errors.mse, errors.relmse) = (without.mse.error, without.rel_mse.error);
+        errors.srgb8_mse -= self.own_srgb8(variance)?;
         let reference_limited = without.mse.reference_limited() || without.rel_mse.reference_limited();
         Ok(Measured { errors, corrected: true, reference_limited })
     }

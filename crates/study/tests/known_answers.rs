@@ -38,7 +38,7 @@ fn mean(values: &[f64]) -> f64 {
 
 /// STATISTICS S5: the harness's self-test. Root mean square errors fall with slope -0.5 +- 0.03, MSE with -1 +- 0.06.
 #[test]
-fn s05_independent_sampling_has_slope_minus_one() {
+fn design_s5_independent_sampling_has_slope_minus_one() {
     let place = Place::new();
     let spp = [4, 16, 64, 256];
     let slope = |points: &str| {

@@ -5,7 +5,7 @@ mod common;
 use common::{Fake, Place};
 use dapple_core::Control;
 use dapple_renderer::image::{Layer, Picture, encode_exr, encode_pfm, read_attributes, write_file};
-use dapple_study::{Draft, Onlooker, Progress, Reference, ScenePlan, Sitting, Study};
+use dapple_study::{Draft, Lights, Onlooker, Progress, Reference, ScenePlan, Sitting, Study};
 use std::path::PathBuf;
 
 /// Whether a reference was rendered.
@@ -144,4 +144,50 @@ fn unknown_scenes_list_what_there_is() {
     let draft = Draft { scenes: Some(vec![ScenePlan::from("nonesuch")]), ..place.draft() };
     let said = place.refused(draft);
     assert!(said.contains("nonesuch: there is no such file, and no such bundled scene: those are teapot"), "{said}");
+}
+
+#[test]
+fn a_reference_of_a_multiple_of_the_size_is_averaged() {
+    let place = Place::new();
+    let file = |name: &str, size: [u32; 2], value: &dyn Fn(u32, u32) -> f32| {
+        let pixels = (0..size[0] * size[1]).map(|i| [value(i % size[0], i / size[0]); 3]).collect();
+        write_file(&place.path(name), &encode_pfm(&Picture::new(size, pixels).unwrap()).unwrap()).unwrap();
+        place.path(name)
+    };
+    // Blocks of 2x3 pixels around the same means; their values differ within.
+    let mean = |x: u32, y: u32| 0.25 + 0.01 * x as f32 + 0.02 * y as f32;
+    let small = file("small.pfm", [8, 8], &mean);
+    let large = file("large.pfm", [16, 24], &|x, y| mean(x / 2, y / 3) + if x % 2 == 0 { 0.125 } else { -0.125 });
+    let errors = |reference: PathBuf, folder: &str| {
+        let plan = Draft { time_of: Some(0), ..place.with_reference(reference) }.resolve().unwrap();
+        place.study(plan, folder, &mut common::in_process()).runs().iter().map(|r| r.errors.mse).collect::<Vec<_>>()
+    };
+    let [a, b] = [errors(small, "a"), errors(large, "b")];
+    assert!(a.iter().zip(&b).all(|(a, b)| (a / b - 1.0).abs() < 1e-4), "{a:?} {b:?}");
+    let said = place.refused(place.with_reference(file("odd.pfm", [16, 12], &mean)));
+    assert!(said.contains("it is 16x12, and the study 8x8") && said.contains("or at a multiple of it"), "{said}");
+}
+
+#[test]
+fn ways_to_choose_lights_share_a_reference() {
+    let place = Place::new();
+    let with = |lights: Lights, name: &str| {
+        let mut draft = Draft { samplers: Some(vec!["uniform".into()]), time_of: Some(0), ..place.draft() };
+        let scene = &mut draft.scenes.as_mut().unwrap()[0];
+        *scene = ScenePlan { source: "room".into(), name: Some(name.into()), lights, ..ScenePlan::default() };
+        draft
+    };
+    let (power, rendered) = place.reference(with(Lights::Power, "power"), "a");
+    assert!(rendered);
+    let (cells, rendered) = place.reference(with(Lights::Cells, "cells"), "b");
+    assert!(!rendered && power == cells);
+    // Runs are others'.
+    let errors = |lights: Lights, folder: &str| {
+        let study = place.study(with(lights, "room").resolve().unwrap(), folder, &mut common::in_process());
+        assert_eq!(study.manifest().scenes[0].lights, lights);
+        study.runs().iter().map(|r| r.errors.mse).collect::<Vec<_>>()
+    };
+    let [power, uniform, again] = [(Lights::Power, "c"), (Lights::Uniform, "d"), (Lights::Power, "e")]
+        .map(|(lights, folder)| errors(lights, folder));
+    assert!(power == again && power != uniform, "{power:?} {uniform:?}");
 }

@@ -82,7 +82,7 @@ impl Files {
                 Ok(None) => {}
                 Ok(Some((bytes, about))) => match write_file(path, &bytes) {
                     Ok(()) => lines.push(format!("{}: {about}", path.display())),
-                    Err(e) => troubles.push(e.to_string()),
+                    Err(e) => troubles.push(write_elsewhere(path, &bytes, e.to_string())),
                 },
                 Err(e) => troubles.push(format!("{}: {e}", path.display())),
             }
@@ -145,6 +145,17 @@ impl Files {
                 None => Ok(None),
             },
         }
+    }
+}
+
+/// What took long to make is not lost with the disk it was meant for: tries the folder of temporary files, and adds to the
+/// trouble where the file lies.
+fn write_elsewhere(path: &Path, bytes: &[u8], trouble: String) -> String {
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    let elsewhere = std::env::temp_dir().join(format!("dapple-{}-{name}", std::process::id()));
+    match write_file(&elsewhere, bytes) {
+        Ok(()) => format!("{trouble}; written there instead: {}", elsewhere.display()),
+        Err(_) => trouble,
     }
 }
 

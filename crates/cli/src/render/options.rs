@@ -25,7 +25,7 @@ pub(crate) struct Options {
     pub(super) outputs: Vec<PathBuf>,
 
     /// How many samples each pixel gets; `dapple samplers` lists them
-    #[arg(long, value_name = "NAME[:key=value,…]", default_value = "variance", value_parser = sampler)]
+    #[arg(long, value_name = "NAME[:key=value,…]", default_value = "cluster", value_parser = sampler)]
     #[arg(help_heading = "Method")]
     pub(super) sampler: String,
 
@@ -34,8 +34,8 @@ pub(crate) struct Options {
     #[arg(help_heading = "Method")]
     pub(super) points: String,
 
-    /// What makes the picture of the samples; `dapple filters` lists them
-    #[arg(long, value_name = "NAME[:…]", default_value = "none", value_parser = filter)]
+    /// What makes the picture of the samples; `dapple filters` lists them. `none` leaves each pixel the mean of its samples
+    #[arg(long, value_name = "NAME[:…]", default_value = "cluster-regression", value_parser = filter)]
     #[arg(help_heading = "Method")]
     pub(super) filter: String,
 
@@ -52,7 +52,7 @@ pub(crate) struct Options {
     #[arg(allow_negative_numbers = true)]
     pub(super) spp: Option<f64>,
 
-    /// Go on until the predicted relMSE is this small, or --max-spp is spent; costs some accuracy
+    /// Go on until the predicted relMSE before filtering is this small, or --max-spp is spent; costs some accuracy
     #[arg(long, value_name = "RELMSE", value_parser = above_zero, group = "budget", help_heading = "Budget (one of)")]
     #[arg(allow_negative_numbers = true)]
     pub(super) error: Option<f64>,
@@ -88,7 +88,7 @@ pub(crate) struct Options {
     #[arg(long, value_name = "WxH", value_parser = resolution, help_heading = "Picture")]
     pub(super) resolution: Option<[u32; 2]>,
 
-    /// Render this window only; with --sampler uniform, the same bits as in the whole picture [default: the scene's]
+    /// Render this window only; with --sampler uniform --filter none, the same bits as in the whole picture [default: the scene's]
     #[arg(long, value_name = "X0,Y0,X1,Y1", value_parser = crop, help_heading = "Picture")]
     pub(super) crop: Option<[u32; 4]>,
 

@@ -8,7 +8,7 @@ use crate::{Failure, Result};
 use dapple_checkpoint::{Contents, Identity, Kind};
 use dapple_core::{Film, Frame, Part, Shard};
 use dapple_renderer::image::{check_writable, write_file};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Where the share goes, known to be writable; `None` without `--shard`.
 pub(super) fn file(options: &Options, scene: &str, frame: &Frame) -> Result<Option<PathBuf>> {
@@ -29,7 +29,7 @@ pub(super) fn file(options: &Options, scene: &str, frame: &Frame) -> Result<Opti
 }
 
 /// Writes a share that is whole.
-pub(super) fn write(path: &PathBuf, shard: Shard, film: &Film, identity: Identity, quiet: bool) -> Result<()> {
+pub(super) fn write(path: &Path, shard: Shard, film: &Film, identity: Identity, quiet: bool) -> Result<()> {
     if film.record().interrupted {
         warn(format!("shard {shard} was interrupted, and is not written"));
         return Ok(());

@@ -4,7 +4,7 @@ use crate::render::options::resolution;
 use crate::{Failure, Result};
 use clap::CommandFactory;
 use clap::error::ErrorKind;
-use dapple_study::{Draft, Method, Plan, ScenePlan, StudyError, split_words};
+use dapple_study::{Draft, External, Method, Plan, ScenePlan, StudyError, split_words};
 use std::path::PathBuf;
 
 /// Measure what accuracy costs in time: samplers x filters x budgets x seeds over scenes
@@ -19,7 +19,7 @@ use std::path::PathBuf;
 #[derive(clap::Args)]
 #[command(after_help = AFTER)]
 pub(crate) struct Options {
-    /// Scene files, models or bundled scenes [default: teapot terrain]
+    /// Scene files, models, bundled scenes, or names of scenes of the plan [default: teapot terrain]
     #[arg(value_name = "SCENE")]
     scenes: Vec<String>,
 
@@ -50,6 +50,14 @@ pub(crate) struct Options {
     /// Besides those of --samplers; without these, all there are.
     #[arg(long = "method", value_name = "SAMPLER[/POINTS[/FILTER]]", help_heading = "Methods")]
     methods: Vec<Method>,
+
+    /// A filter that is a program of somebody else's, by the name under which --filters and --method have it; may be given
+    /// again
+    ///
+    /// It reads the unfiltered picture with albedo and normal (EXR) and writes a picture (EXR or PFM). No shell reads the
+    /// words. What its last line says as {"seconds": 0.25} is its time, else the wall's.
+    #[arg(long, value_name = "NAME=PROGRAM {input} {output}", help_heading = "Methods")]
+    external: Vec<External>,
 
     /// What the others are compared with [default: uniform/sobol/none]
     #[arg(long, value_name = "SAMPLER[/POINTS[/FILTER]]", help_heading = "Methods")]
@@ -126,6 +134,9 @@ A plan, every key optional:
   spp = [8, 16, 32, 64]
   seeds = 8
   resolution = [128, 128]
+  [[external]]
+  name = \"oidn\"
+  command = \"python3 oidn.py {input} {output}\"
 
 Ctrl-C stops after the run that is being made; the same command goes on. `dapple samplers`, `points` and `filters`
 list what can be compared.";
@@ -165,6 +176,7 @@ impl Options {
             points: lists(&self.points),
             filters: lists(&self.filters),
             methods: (!self.methods.is_empty()).then(|| self.methods.clone()),
+            external: (!self.external.is_empty()).then(|| self.external.clone()),
             baseline: self.baseline.clone(),
             spp: (!self.spp.is_empty()).then(|| self.spp.clone()),
             seeds: self.seeds.map(|count| (1..=count).collect()),
@@ -181,7 +193,9 @@ impl Options {
 
     /// The scenes named here, or the file's, with the references named here.
     fn scenes(&self, file: &Draft) -> std::result::Result<Option<Vec<ScenePlan>>, String> {
-        let named: Vec<ScenePlan> = self.scenes.iter().map(|s| ScenePlan::from(s.as_str())).collect();
+        let planned = |name: &str| file.scenes.iter().flatten().find(|s| s.name.as_deref() == Some(name)).cloned();
+        let named: Vec<ScenePlan> =
+            self.scenes.iter().map(|s| planned(s).unwrap_or_else(|| ScenePlan::from(s.as_str()))).collect();
         let named = if named.is_empty() { None } else { Some(named) };
         if self.reference.is_empty() {
             return Ok(named);

@@ -43,7 +43,7 @@ pub const FILTERS: &[Entry<MakeFilter>] = &[
     },
     Entry {
         name: "cluster-regression",
-        about: "regression on features and clusters, twice, and the best of it and others by estimated error",
+        about: "regression on features and clusters, twice, and the best of it and others by estimated error (the default)",
         parameters: &[CLUSTER_REGRESSION, CLUSTERING],
         make: cluster_regression,
     },

@@ -19,7 +19,7 @@ pub type MakeSampler = fn(&Parameters, AnyPoints, &Stage) -> Result<Box<dyn Samp
 pub const SAMPLERS: &[Entry<MakeSampler>] = &[
     Entry {
         name: "variance",
-        about: "pooled variance of a pilot, Neyman counts on a ladder (the default)",
+        about: "pooled variance of a pilot, Neyman counts on a ladder",
         parameters: &[VARIANCE],
         make: |p, points, _| variance(p, points),
     },
@@ -31,7 +31,7 @@ pub const SAMPLERS: &[Entry<MakeSampler>] = &[
     },
     Entry {
         name: "cluster",
-        about: "counts by error: pooled variance of a pilot, or a filter's error map; cells at hit points",
+        about: "counts by error: pooled variance of a pilot, or a filter's error map; cells at hit points (the default)",
         parameters: &[CLUSTER],
         make: cluster,
     },
@@ -161,12 +161,15 @@ fn cluster(p: &Parameters, points: AnyPoints, stage: &Stage) -> Result<Box<dyn S
     })
 }
 
-/// What counts follow besides the pooled variance: the error that a filter with its default parameters says it leaves.
+/// What counts follow besides the pooled variance: the error that a filter with its default parameters says it leaves, the
+/// regression's after one pass.
 fn error_map(p: &Parameters, stage: &Stage) -> Result<Option<ErrorMap>, RegistryError> {
     let by = ["nlm", "bilateral", "cluster-regression"].map(|name| (name, Some(name)));
     let [nlm, bilateral, regression] = by;
     let Some(name) = p.choice("by", &[("variance", None), nlm, bilateral, regression])? else { return Ok(None) };
-    let filter = super::filter(name, stage)?;
+    // A plan's filter runs once a round: its first pass shows where errors are, at half of the cost and without clusters.
+    let quick = if name == "cluster-regression" { "cluster-regression:passes=1,outside=1" } else { name };
+    let filter = super::filter(quick, stage)?;
     let (needs, epsilon) = (filter.needs(), p.number("epsilon")?);
     let of = move |film: &Film| relative_errors(&filter.apply(film)?, epsilon);
     Ok(Some(ErrorMap { name: name.to_owned(), needs, of: Box::new(of) }))

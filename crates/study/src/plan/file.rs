@@ -1,7 +1,7 @@
 //! A plan as a TOML file.
 
 use super::{Draft, PlanError, ScenePlan, Seeds, parse_resolution};
-use crate::{Method, StudyError};
+use crate::{External, Lights, Method, StudyError};
 use serde::Deserialize;
 use std::path::Path;
 
@@ -14,6 +14,7 @@ struct Keys {
     points: Option<Vec<String>>,
     filters: Option<Vec<String>>,
     methods: Option<Vec<MethodKeys>>,
+    external: Option<Vec<ExternalKeys>>,
     baseline: Option<MethodKeys>,
     spp: Option<Vec<u64>>,
     seeds: Option<Seeds>,
@@ -28,7 +29,10 @@ struct Keys {
 }
 
 #[derive(Deserialize)]
-#[serde(untagged, expecting = "a scene: \"NAME or path\", or { source = \"…\", name = \"…\", reference = \"…\" }")]
+#[serde(
+    untagged,
+    expecting = "a scene: \"NAME or path\", or { source = \"…\" } with name, reference, resolution, light_choice (power, uniform, cells)"
+)]
 enum Scene {
     Source(String),
     Keys(SceneKeys),
@@ -40,6 +44,23 @@ struct SceneKeys {
     source: String,
     name: Option<String>,
     reference: Option<String>,
+    resolution: Option<Resolution>,
+    #[serde(default)]
+    light_choice: Lights,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ExternalKeys {
+    name: String,
+    command: Words,
+}
+
+#[derive(Deserialize)]
+#[serde(untagged, expecting = "a command: \"PROGRAM {input} {output}\", or a list of its words where they hold blanks")]
+enum Words {
+    Line(String),
+    List(Vec<String>),
 }
 
 #[derive(Deserialize)]
@@ -79,6 +100,10 @@ impl Draft {
     /// seeds = 8                                                 # or a list
     /// reference_spp = 4096
     /// resolution = [128, 128]
+    ///
+    /// [[external]]                                              # a filter that is a program of somebody else's
+    /// name = "oidn"
+    /// command = "python3 oidn.py {input} {output}"
     /// ```
     ///
     /// The other keys are those of [`Draft`], by the same names.
@@ -109,21 +134,16 @@ impl Draft {
 
 impl Keys {
     fn draft(self, folder: &Path) -> Result<Draft, PlanError> {
-        let resolution = match self.resolution {
-            Some(Resolution::Word(word)) => {
-                Some(parse_resolution(&word).map_err(|e| PlanError::of_word("resolution", &word, e))?)
-            }
-            Some(Resolution::Sides(sides)) => Some(sides),
-            None => None,
-        };
+        let resolution = self.resolution.map(Resolution::sides).transpose()?;
         let methods = self.methods.map(|all| all.into_iter().map(MethodKeys::method).collect()).transpose()?;
         let baseline = self.baseline.map(MethodKeys::method).transpose();
         Ok(Draft {
-            scenes: self.scenes.map(|scenes| scenes.into_iter().map(|s| s.plan(folder)).collect()),
+            scenes: self.scenes.map(|all| all.into_iter().map(|s| s.plan(folder)).collect()).transpose()?,
             samplers: self.samplers,
             points: self.points,
             filters: self.filters,
             methods,
+            external: self.external.map(|all| all.into_iter().map(|e| e.external(folder)).collect()),
             baseline: baseline.map_err(|e| PlanError { key: "baseline".into(), ..e })?,
             spp: self.spp,
             seeds: self.seeds.map(Seeds::list),
@@ -140,18 +160,41 @@ impl Keys {
 }
 
 impl Scene {
-    fn plan(self, folder: &Path) -> ScenePlan {
+    fn plan(self, folder: &Path) -> Result<ScenePlan, PlanError> {
         // A bundled scene's name is no path, unless a file has it.
         let place = |source: String| match folder.join(&source) {
             path if !path.exists() && dapple_renderer::bundled::names().contains(&source.as_str()) => source,
             path => path.display().to_string(),
         };
         match self {
-            Self::Source(source) => ScenePlan { source: place(source), name: None, reference: None },
-            Self::Keys(SceneKeys { source, name, reference }) => {
-                ScenePlan { source: place(source), name, reference: reference.map(|file| folder.join(file)) }
-            }
+            Self::Source(source) => Ok(ScenePlan { source: place(source), ..ScenePlan::default() }),
+            Self::Keys(SceneKeys { source, name, reference, resolution, light_choice }) => Ok(ScenePlan {
+                source: place(source),
+                name,
+                reference: reference.map(|file| folder.join(file)),
+                resolution: resolution.map(Resolution::sides).transpose()?,
+                lights: light_choice,
+            }),
         }
+    }
+}
+
+impl Resolution {
+    fn sides(self) -> Result<[u32; 2], PlanError> {
+        match self {
+            Self::Word(word) => parse_resolution(&word).map_err(|e| PlanError::of_word("resolution", &word, e)),
+            Self::Sides(sides) => Ok(sides),
+        }
+    }
+}
+
+impl ExternalKeys {
+    fn external(self, folder: &Path) -> External {
+        let command = match self.command {
+            Words::Line(line) => line.split_whitespace().map(str::to_owned).collect(),
+            Words::List(words) => words,
+        };
+        External { name: self.name, command, folder: folder.to_owned() }
     }
 }
 
@@ -236,6 +279,22 @@ mod tests {
             ("baseline = \"nonesuch\"", ":1: baseline: there is no sampler"),
             ("scenes = [{ name = \"a\" }]", ":1: scenes: "),
             ("threads = -1", ":1: threads: "),
+            ("scenes = [{ source = \"teapot\", light_choice = \"nonesuch\" }]", ":1: scenes: "),
+            ("scenes = [{ source = \"teapot\", resolution = \"0x4\" }]", "some/plan.toml: resolution: "),
+            ("[[external]]\nname = \"a/b\"\ncommand = \"p {input} {output}\"", ":2: external: \"a/b\": a name without"),
+            (
+                "[[external]]\nname = \"nlm\"\ncommand = \"p {input} {output}\"",
+                ":2: external: \"nlm\": a filter of ours",
+            ),
+            (
+                "[[external]]\nname = \"a\"\ncommand = \"p {input}\"",
+                "external: \"a\": the command is to hold a program",
+            ),
+            (
+                "[[external]]\nname = \"a\"\ncommand = \"{input} {output}\"",
+                "external: \"a\": the command is to hold a program",
+            ),
+            ("filters = [\"a\"]", "filters: there is no filter \"a\""),
         ];
         for (text, message) in cases {
             assert!(said(text).contains(message), "{text}: {}", said(text));
@@ -278,6 +337,12 @@ mod tests {
     fn words_override_the_file() {
         let file = Draft::parse("spp = [2, 4]\nseeds = 3", Path::new("plan.toml")).unwrap();
         let words = Draft { spp: Some(vec![7]), quick: Some(true), ..Draft::default() };
+        let sized = "scenes = [{ source = \"teapot\", resolution = [5, 6], light_choice = \"cells\" }]";
+        let sized = Draft::parse(sized, Path::new("plan.toml")).unwrap();
+        let scene = &sized.scenes.as_ref().unwrap()[0];
+        assert_eq!((scene.resolution, scene.lights), (Some([5, 6]), Lights::Cells));
+        let resized = sized.overridden_by(Draft { resolution: Some([7, 8]), ..Draft::default() }).resolve().unwrap();
+        assert_eq!((resized.scenes[0].resolution, resized.resolution), (None, Some([7, 8])));
         let plan = file.overridden_by(words).resolve().unwrap();
         assert_eq!((plan.spp, plan.seeds, plan.time_of, plan.side), (vec![7], vec![1, 2, 3], Some(7), 64));
     }

@@ -3,7 +3,7 @@
 use crate::{Machine, Manifest, Method, Plan, SceneRecord, StudyError};
 use serde::Deserialize;
 use serde_json::Value;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
 /// The commit that this was built from, as `DAPPLE_COMMIT` said when it was compiled: a build that nobody told knows
@@ -20,6 +20,7 @@ pub(super) fn new(plan: &Plan, scenes: Vec<SceneRecord>, command: &[String]) -> 
         machine: machine(plan.threads),
         scenes,
         methods: plan.methods.clone(),
+        external: plan.external.clone(),
         baseline: plan.baseline.clone(),
         spp: plan.spp.clone(),
         time_of: plan.time_of,
@@ -81,6 +82,7 @@ pub(super) fn differences(there: &Manifest, here: &Manifest) -> Vec<String> {
     let plain = |manifest: &Manifest| {
         let mut plain = manifest.clone();
         (plain.command, plain.began) = (Vec::new(), String::new());
+        plain.external.iter_mut().for_each(|external| external.folder = PathBuf::new());
         for scene in &mut plain.scenes {
             (scene.reference.file, scene.reference.relmse) = (String::new(), None);
             scene.source = String::new();

@@ -2,7 +2,7 @@
 #![allow(dead_code)]
 
 use dapple_renderer::image::{Layer, Picture, encode_exr, encode_png_gray, write_file};
-use dapple_study::{Budget, Errors, Machine, Manifest, Method, Phases, Reference, Run, SceneRecord};
+use dapple_study::{Budget, Errors, Lights, Machine, Manifest, Method, Phases, Reference, Run, SceneRecord};
 use std::path::Path;
 
 /// How a method behaves.
@@ -134,6 +134,7 @@ impl Study {
             machine: Machine { processor: Some("A & B <fast>".into()), threads: 2, system: "linux x86_64".into() },
             scenes: scenes.iter().map(|name| scene(name, size)).collect(),
             methods: laws.iter().map(|law| law.method.clone()).collect(),
+            external: Vec::new(),
             baseline: laws[0].method.clone(),
             spp: spp.to_vec(),
             time_of,
@@ -223,6 +224,7 @@ fn scene(name: &str, size: [u32; 2]) -> SceneRecord {
             relmse: Some(1.5e-6),
             hash: "0123456789abcdef0123456789abcdef".into(),
         },
+        lights: Lights::default(),
     }
 }
 

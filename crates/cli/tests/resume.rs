@@ -1,0 +1,307 @@
+//! Renders that are killed, stopped and gone on with, and pictures made in shards, as their user meets them (HARD_CASES X01,
+//! X04 to X08). The long test: `cargo test --release -p dapple-cli --test resume -- --ignored` (2 minutes).
+
+mod common;
+
+use common::{Folder, Said};
+use std::process::{Child, Stdio};
+use std::time::{Duration, Instant};
+
+/// Some seconds of work on one thread; counts that adapt need the state between rounds.
+const WORK: &str = "render tiny.pbrt --resolution 96x64 --max-depth 4";
+const ADAPTIVE: &str = "--sampler mitchell --points random";
+
+impl Folder {
+    fn start(&self, words: &str) -> Child {
+        self.command(words).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("the program starts")
+    }
+
+    /// Waits until there is such a file, other than `before`.
+    fn wait_for(&self, name: &str, before: &Option<Vec<u8>>) -> bool {
+        let start = Instant::now();
+        while start.elapsed() < Duration::from_secs(30) {
+            if std::fs::read(self.path(name)).ok().is_some_and(|now| Some(&now) != before.as_ref()) {
+                return true;
+            }
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        false
+    }
+
+    fn same(&self, a: &str, b: &str) {
+        assert!(self.read(a) == self.read(b), "{a} and {b} differ");
+    }
+}
+
+fn signal(child: &Child, name: &str) {
+    let sent = std::process::Command::new("kill").args([&format!("-{name}"), &child.id().to_string()]).status();
+    assert!(sent.expect("kill").success());
+}
+
+/// Kills a render again and again, at moments that depend on nothing but `moments`, and goes on each time with other threads.
+fn killed(words: &str, spp: u32, every: f64, moments: &[u64]) {
+    let folder = Folder::new();
+    folder.done(&format!("{WORK} {words} --spp {spp} -q -o whole.pfm"));
+    let command =
+        format!("{WORK} {words} --spp {spp} -q -o a.pfm --checkpoint c --resume c --checkpoint-every {every}");
+    let (mut kills, mut begun) = (0, None);
+    for (i, moment) in moments.iter().enumerate() {
+        let mut child = folder.start(&format!("{command} --threads {}", 1 + i % 3));
+        // It got further than the last one: then at any moment, in the middle of a write too.
+        assert!(folder.wait_for("c", &begun), "no checkpoint after {kills} kills");
+        std::thread::sleep(Duration::from_millis(*moment));
+        if child.try_wait().expect("a child").is_none() {
+            kills += 1;
+        }
+        child.kill().expect("SIGKILL");
+        child.wait().expect("its end");
+        begun = std::fs::read(folder.path("c")).ok();
+        if folder.path("a.pfm").exists() {
+            break;
+        }
+    }
+    folder.done(&format!("{command} --threads 2"));
+    folder.same("a.pfm", "whole.pfm");
+    assert!(kills + 1 >= moments.len().min(2), "{kills} kills: the work is too short to be killed");
+}
+
+#[test]
+fn x01_killed_and_gone_on_with() {
+    killed("--sampler uniform", 96, 0.02, &[3, 0]);
+    killed(ADAPTIVE, 64, 0.02, &[0, 5]);
+}
+
+/// 20 kills each of samplers with and without a state, of one that learns, and with a filter.
+#[test]
+#[ignore = "2 minutes: run it as the head of this file says"]
+fn x01_twenty_kills() {
+    let moments: Vec<u64> = (0..20_u64).map(|k| (k * 7919 + 13) % 41).collect();
+    killed("--sampler uniform", 1500, 0.01, &moments);
+    killed(ADAPTIVE, 1000, 0.01, &moments);
+    killed("--sampler cluster --filter cluster-regression", 800, 0.01, &moments);
+    killed("--sampler cluster-thesis --filter gaussian", 1500, 0.01, &moments);
+}
+
+#[test]
+fn x05_other_threads_and_filters() {
+    let folder = Folder::new();
+    let words = "render tiny.pbrt -q --sampler variance --spp 24 --seed 3";
+    folder.done(&format!("{words} -o whole.exr -o whole.pfm"));
+    folder.done(&format!("{words} -o a.exr --threads 1 --checkpoint c --checkpoint-every 0.001"));
+    folder.done(&format!("{words} -o b.pfm --threads 3 --resume c"));
+    folder.same("b.pfm", "whole.pfm");
+    // The budget that was met is met; a filter that reads what is there may follow.
+    folder.done(&format!("{words} -o c.pfm --filter gaussian --resume c"));
+    assert!(folder.read("c.pfm") != folder.read("b.pfm"));
+    let said = folder.run(&format!("{words} -o c.pfm --filter nlm --resume c"));
+    assert!(said.status == Some(1) && said.err.contains("is now two halves"), "{}", said.err);
+}
+
+#[test]
+fn x06_64_and_64_make_128() {
+    let folder = Folder::new();
+    let words = "render tiny.pbrt -q --sampler uniform";
+    folder.done(&format!("{words} --spp 128 -o whole.pfm"));
+    folder.done(&format!("{words} --spp 64 -o half.pfm --checkpoint c"));
+    folder.done(&format!("{words} --spp 128 -o all.pfm --resume c"));
+    folder.same("all.pfm", "whole.pfm");
+    assert!(folder.read("half.pfm") != folder.read("whole.pfm"));
+    let said = folder.run(&format!("{words} --spp 32 -o less.pfm --resume c"));
+    assert!(said.status == Some(1) && said.err.contains("49152 samples are traced or planned already"), "{}", said.err);
+}
+
+#[test]
+fn x04_another_render_is_refused() {
+    let folder = Folder::new();
+    let words = "render tiny.pbrt --spp 2 --sampler uniform -q -o a.pfm";
+    folder.done(&format!("{words} --checkpoint c"));
+    let before = folder.read("c");
+    let cases = [
+        ("--seed 2", vec!["seed: 1 there, 2 here", "points: sobol"]),
+        ("--points halton", vec!["points: sobol"]),
+        ("--sampler variance", vec!["sampler: uniform there, variance:"]),
+        ("--resolution 12x8", vec!["resolution: 24x16 there, 12x8 here", "window: 0,0,24,16 there, 0,0,12,8 here"]),
+        ("--max-depth 2", vec!["max depth: ", " there, 2 here"]),
+        ("--pixel-filter box", vec!["pixel filter: "]),
+        ("--light-choice uniform", vec!["light choice: power there, uniform here"]),
+        ("--without interreflection", vec!["without: "]),
+        ("--max-spp 9", vec!["samples per pixel: 1 to 4294967295 there, 1 to 9 here"]),
+    ];
+    // Words are taken once each: those that are replaced are left out.
+    for (other, expected) in cases {
+        let name = other.split(' ').next().unwrap();
+        let words = if name == "--sampler" { words.replace("--sampler uniform ", "") } else { words.to_owned() };
+        let said = folder.run(&format!("{words} {other} --resume c"));
+        assert_eq!(said.status, Some(1), "{other}: {}", said.err);
+        assert!(
+            said.err.contains("error: c: it is of another render than the one asked for:"),
+            "{other}: {}",
+            said.err
+        );
+        expected.iter().for_each(|part| assert!(said.err.contains(part), "{other}: {}", said.err));
+    }
+    let scene = String::from_utf8(folder.read("tiny.pbrt")).unwrap().replace("[ 4 4 4 ]", "[ 4 4 5 ]");
+    std::fs::write(folder.path("tiny.pbrt"), scene).unwrap();
+    let said = folder.run(&format!("{words} --resume c"));
+    assert!(said.status == Some(1) && said.err.contains("c: scene files: "), "{}", said.err);
+    std::fs::write(folder.path("tiny.pbrt"), common::TINY).unwrap();
+    // What is no checkpoint, is none yet, or would be lost.
+    for (word, expected) in [
+        ("--resume tiny.pbrt", "tiny.pbrt: it is no file of Dapple's"),
+        ("--resume missing", "missing: there is no such checkpoint"),
+        ("--checkpoint c", "c: there is a checkpoint already: --resume c goes on from it"),
+        ("--checkpoint d --resume missing", "missing: there is no such checkpoint"),
+        ("--checkpoint folder/c", "folder/c: cannot make a file beside it"),
+    ] {
+        let said = folder.run(&format!("{words} {word}"));
+        assert!(said.status == Some(1) && said.err.contains(expected), "{word}: {}", said.err);
+    }
+    let said = folder.run(&format!("{words} --checkpoint-every 3"));
+    assert!(said.status == Some(2) && said.err.contains("needs a --checkpoint"), "{}", said.err);
+    assert_eq!(folder.read("c"), before);
+    folder.done(&format!("{words} --resume c"));
+}
+
+#[test]
+fn x03_a_damaged_checkpoint_gives_way_to_the_one_before() {
+    let folder = Folder::new();
+    let words = "render tiny.pbrt --spp 2 --sampler uniform -q -o a.pfm";
+    folder.done(&format!("{words} --checkpoint c"));
+    folder.done(&format!("{} --resume c", words.replace("--spp 2", "--spp 4").replace("a.pfm", "b.pfm")));
+    let mut bytes = folder.read("c");
+    let middle = bytes.len() / 2;
+    bytes[middle] ^= 4;
+    std::fs::write(folder.path("c"), &bytes).unwrap();
+    let said = folder.run(&format!("{} --resume c", words.replace("--spp 2", "--spp 4").replace("a.pfm", "again.pfm")));
+    assert_eq!(said.status, Some(0), "{}", said.err);
+    assert!(
+        said.err.contains("warning: c: it is damaged (its checksum is wrong): going on from the checkpoint before it"),
+        "{}",
+        said.err
+    );
+    folder.same("again.pfm", "b.pfm");
+}
+
+#[cfg(unix)]
+#[test]
+fn x08_a_signal_leaves_picture_and_checkpoint() {
+    for (name, first) in [("INT", "--checkpoint c"), ("TERM", "--checkpoint c --resume c")] {
+        let folder = Folder::new();
+        let words = "render tiny.pbrt --sampler uniform --resolution 200x150";
+        let child = folder.start(&format!("{words} --spp 100000 -q -o a.pfm {first}"));
+        assert!(folder.wait_for("c", &None), "no checkpoint");
+        // One writer at a time.
+        let said = folder.run(&format!("{words} --spp 1 -q -o b.pfm --resume c"));
+        assert!(said.status == Some(1) && said.err.contains("c: another process is writing to it"), "{}", said.err);
+        std::thread::sleep(Duration::from_millis(500));
+        let asked = Instant::now();
+        signal(&child, name);
+        let said = Said::of(child.wait_with_output().expect("it ends"));
+        assert!(asked.elapsed() < Duration::from_secs(2), "{:?}", asked.elapsed());
+        assert_eq!(said.status, Some(130), "{}", said.err);
+        assert!(said.err.ends_with("interrupted: the same words with --resume c go on from there\n"), "{}", said.err);
+        let size = folder.read("a.pfm").len();
+        assert!(size > 12 * 200 * 150);
+        // The picture is that of the checkpoint: no sample is lost.
+        assert_eq!(folder.names(), ["a.pfm", "c", "c.lock", "c.previous"]);
+    }
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn x08_a_full_disk_is_tried_again() {
+    let folder = Folder::new();
+    std::fs::create_dir(folder.path("full")).unwrap();
+    // As if the disk were full: where the part would go there is a link to a device that is.
+    std::os::unix::fs::symlink("/dev/full", folder.path("full/c.part")).unwrap();
+    let words = "render tiny.pbrt --sampler uniform --resolution 64x48 --spp 400 -q";
+    let child = folder.start(&format!("{words} -o a.pfm --checkpoint full/c --checkpoint-every 0.01"));
+    let said = Said::of(child.wait_with_output().expect("it ends"));
+    assert_eq!(said.status, Some(0), "{}", said.err);
+    assert!(said.err.contains("full/c: cannot "), "{}", said.err);
+    folder.done(&format!("{words} -o b.pfm"));
+    folder.same("a.pfm", "b.pfm");
+}
+
+#[test]
+fn x07_shards_make_the_picture_of_one_machine() {
+    let folder = Folder::new();
+    for (words, of) in [
+        ("render tiny.pbrt --sampler uniform --spp 9.5 --seed 4 --max-depth 3", 3),
+        ("render tiny.pbrt --sampler cluster-thesis --spp 16 --filter cluster-gaussian --crop 3,2,21,15", 4),
+    ] {
+        folder.done(&format!("{words} -q -o whole.exr -o whole.pfm -o whole.png"));
+        let names: Vec<String> = (1..=of).rev().map(|i| format!("{i}.shard")).collect();
+        for (i, name) in names.iter().enumerate() {
+            let out = folder.done(&format!("{words} --threads {} --shard {}/{of} -o {name}", 1 + i % 2, of - i));
+            assert!(out.contains("dapple merge makes the picture of all"), "{out}");
+        }
+        let all = names.join(" ");
+        let json = folder.done(&format!("merge {all} --json -o all.exr -o all.pfm -o all.png"));
+        for extension in ["pfm", "png"] {
+            folder.same(&format!("all.{extension}"), &format!("whole.{extension}"));
+        }
+        let channels = |name: &str| {
+            let channels = dapple_renderer::image::read_channels(&folder.read(name), name).expect("a whole file");
+            format!("{:?} {:?}", channels.size, channels.channels)
+        };
+        assert!(channels("all.exr") == channels("whole.exr"));
+        let json: serde_json::Value = serde_json::from_str(&json).expect("JSON");
+        let alone: serde_json::Value =
+            serde_json::from_str(&folder.done(&format!("{words} --json -o b.pfm"))).expect("JSON");
+        assert_eq!((&json["samples"], &json["sampler"]), (&alone["samples"], &alone["sampler"]));
+    }
+}
+
+#[test]
+fn x07_shards_that_make_no_picture() {
+    let folder = Folder::new();
+    let words = "render tiny.pbrt --sampler uniform --spp 2 -q";
+    for shard in ["1/3", "2/3", "3/3"] {
+        folder.done(&format!("{words} --shard {shard}"));
+    }
+    folder.done(&format!("{words} --shard 2/3 --seed 9 -o foreign.shard"));
+    folder.done(&format!("{} --shard 2/3 -o more.shard", words.replace("--spp 2", "--spp 3")));
+    let [a, b, c] = [1, 2, 3].map(|i| format!("tiny-{i}-of-3.shard"));
+    std::fs::write(folder.path("half.shard"), &folder.read(&b)[..200]).unwrap();
+    for (shards, expected) in [
+        (format!("{a} {c}"), "missing: shard 2/3".to_owned()),
+        (format!("{a} {b} {c} {b}"), "shard 2/3 is there twice".into()),
+        (format!("{a} foreign.shard {c}"), format!("foreign.shard: beside {a}: seed: 9 there, 1 here")),
+        (format!("{a} more.shard {c}"), "with another number of samples asked for".into()),
+        (format!("{a} half.shard {c}"), "half.shard: it is ".into()),
+        (format!("{a} nowhere.shard {c}"), "nowhere.shard: there is no such shard".into()),
+        (format!("{a} tiny.pbrt {c}"), "tiny.pbrt: it is no file of Dapple's".into()),
+    ] {
+        let said = folder.run(&format!("merge {shards} -q -o p.pfm"));
+        assert!(said.status == Some(1) && said.err.contains(&expected), "{shards}: {}", said.err);
+    }
+    assert!(!folder.path("p.pfm").exists());
+    for (other, status, expected) in [
+        (
+            "--shard 1/2 --sampler variance",
+            1,
+            "the sampler variance cannot be shared out among machines: it looks at samples",
+        ),
+        ("--shard 1/17 --sampler uniform", 1, "a window of 16 rows has 16 shards at most"),
+        ("--shard 1/2 --sampler uniform --light-choice cells", 1, "learns from samples of the whole picture"),
+        ("--shard 0/2", 2, "I/N is wanted"),
+        ("--shard 3/2", 2, "I/N is wanted"),
+        ("--shard 1/2 --time 3", 2, "cannot be used with"),
+        ("--shard 1/2 -o a.png", 2, "a .shard file"),
+        ("-o a.shard", 2, "is made by --shard I/N"),
+    ] {
+        let said = folder.run(&format!("render tiny.pbrt -q {other}"));
+        assert!(said.status == Some(status) && said.err.contains(expected), "{other}: {}", said.err);
+    }
+    // A scene that moved, and one that changed.
+    std::fs::create_dir(folder.path("new")).unwrap();
+    std::fs::rename(folder.path("tiny.pbrt"), folder.path("new/tiny.pbrt")).unwrap();
+    let said = folder.run(&format!("merge {a} {b} {c} -q -o p.pfm"));
+    assert!(said.status == Some(1) && said.err.contains("tiny.pbrt: there is no such file"), "{}", said.err);
+    folder.done(&format!("merge {a} {b} {c} -q -o p.pfm --scene new/tiny.pbrt"));
+    let scene = String::from_utf8(folder.read("new/tiny.pbrt")).unwrap().replace("[ 4 4 4 ]", "[ 4 4 5 ]");
+    std::fs::write(folder.path("new/tiny.pbrt"), scene).unwrap();
+    let said = folder.run(&format!("merge {a} {b} {c} -q -o p.pfm --scene new/tiny.pbrt"));
+    assert!(said.status == Some(1) && said.err.contains("scene files: "), "{}", said.err);
+}

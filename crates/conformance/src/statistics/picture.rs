@@ -1,0 +1,189 @@
+//! S2: pictures against pictures.
+
+use super::levels::{adjusted, gamma_q};
+use super::mean::{Mean, MeanTest};
+
+/// Side of a block in pixels: means of so many pixels are nearly normal.
+const BLOCK: usize = 8;
+/// A block whose |z| is above this stands out; 5 % do.
+const OUTLYING: f64 = 1.96;
+/// How often replicates are drawn anew, to learn how the pooled figures spread.
+const RESAMPLES: usize = 200;
+
+/// What the tests of a picture found: p-values, each already adjusted for how many figures it is the smallest of.
+#[derive(Clone, Copy, Debug)]
+pub struct PictureTest {
+    /// Of the worst 8x8 block and channel.
+    pub blocks: f64,
+    /// Of the picture's mean, the worst channel.
+    pub global: f64,
+    /// Of as many blocks above |z| = 1.96.
+    pub outliers: f64,
+    /// Of the sum of squared deviates, on either side: too small a sum is two pictures that share samples.
+    pub spread: f64,
+}
+
+impl PictureTest {
+    /// The whole's p-value.
+    pub fn p(&self) -> f64 {
+        adjusted([self.blocks, self.global, self.outliers, self.spread].into_iter().fold(1.0, f64::min), 4)
+    }
+}
+
+/// Whether replicates of one picture, `width` pixels wide, have the same expectation as those of another. 16 replicates of
+/// each at least, 64 where tails are heavy; each has seeds of its own.
+///
+/// No pixel is let off, and no floor is put under variances: blocks without any spread must be equal.
+///
+/// # Panics
+///
+/// For fewer than 2 replicates, and for pictures of different sizes.
+pub fn pictures(width: usize, a: &[Vec<[f64; 3]>], b: &[Vec<[f64; 3]>]) -> PictureTest {
+    test(&Group::new(width, a), Some(&Group::new(width, b)), None)
+}
+
+/// The same against a picture without noise.
+///
+/// # Panics
+///
+/// As [`pictures`].
+pub fn picture(width: usize, replicates: &[Vec<[f64; 3]>], exact: &[[f64; 3]]) -> PictureTest {
+    let exact = Group::new(width, std::slice::from_ref(&exact.to_vec()));
+    test(&Group::new(width, replicates), None, Some(&exact.blocks[0]))
+}
+
+/// Block means of each replicate, three channels a block, and weights of the blocks.
+struct Group {
+    blocks: Vec<Vec<f64>>,
+    weights: Vec<f64>,
+}
+
+impl Group {
+    fn new(width: usize, replicates: &[Vec<[f64; 3]>]) -> Self {
+        let pixels = replicates[0].len();
+        assert!(
+            replicates.iter().all(|r| r.len() == pixels) && pixels.is_multiple_of(width),
+            "pictures differ in size"
+        );
+        let across = width.div_ceil(BLOCK);
+        let count = across * (pixels / width).div_ceil(BLOCK);
+        let block = |i: usize| i / width / BLOCK * across + i % width / BLOCK;
+        let mut weights = vec![0.0; count];
+        (0..pixels).for_each(|i| weights[block(i)] += 1.0);
+        let means = |picture: &Vec<[f64; 3]>| {
+            let mut sums = vec![0.0; 3 * count];
+            for (i, pixel) in picture.iter().enumerate() {
+                (0..3).for_each(|c| sums[3 * block(i) + c] += pixel[c]);
+            }
+            sums.iter().enumerate().map(|(k, s)| s / weights[k / 3]).collect()
+        };
+        Self { blocks: replicates.iter().map(means).collect(), weights }
+    }
+
+    /// The picture's mean in channel `c`, one a replicate.
+    fn whole(&self, c: usize) -> Mean {
+        let total: f64 = self.weights.iter().sum();
+        let mean = |r: &Vec<f64>| self.weights.iter().enumerate().map(|(k, w)| w * r[3 * k + c]).sum::<f64>() / total;
+        self.blocks.iter().map(mean).collect()
+    }
+
+    /// Figure `k` over those replicates.
+    fn figure(&self, k: usize, chosen: impl Iterator<Item = usize>) -> Mean {
+        chosen.map(|r| self.blocks[r][k]).collect()
+    }
+
+    /// The group about its own means: what replicates would be without any difference.
+    fn centred(&self) -> Self {
+        let n = self.blocks.len() as f64;
+        let mean = |k: usize| self.blocks.iter().map(|r| r[k]).sum::<f64>() / n;
+        let means: Vec<f64> = (0..self.blocks[0].len()).map(mean).collect();
+        let centre = |r: &Vec<f64>| r.iter().zip(&means).map(|(x, m)| x - m).collect();
+        Self { blocks: self.blocks.iter().map(centre).collect(), weights: self.weights.clone() }
+    }
+}
+
+fn compare(a: &Mean, b: Option<&Mean>, exact: Option<f64>) -> MeanTest {
+    match b {
+        Some(b) => a.against_estimate(b),
+        None => a.against(exact.unwrap_or(0.0)),
+    }
+}
+
+fn test(a: &Group, b: Option<&Group>, exact: Option<&Vec<f64>>) -> PictureTest {
+    let figures = a.blocks[0].len();
+    assert!(
+        a.blocks.len() > 1 && b.is_none_or(|b| b.blocks.len() > 1 && b.blocks[0].len() == figures),
+        "two of a size"
+    );
+    assert!(exact.is_none_or(|e| e.len() == figures), "pictures differ in size");
+    let all = |g: &Group, k| g.figure(k, 0..g.blocks.len());
+    let tests: Vec<MeanTest> =
+        (0..figures).map(|k| compare(&all(a, k), b.map(|b| all(b, k)).as_ref(), exact.map(|e| e[k]))).collect();
+    let worst = tests.iter().max_by(|x, y| x.z().abs().total_cmp(&y.z().abs())).expect("a block at least");
+    let whole = |c: usize| {
+        let total: f64 = a.weights.iter().sum();
+        let exact = exact.map(|e| a.weights.iter().enumerate().map(|(k, w)| w * e[3 * k + c]).sum::<f64>() / total);
+        compare(&a.whole(c), b.map(|b| b.whole(c)).as_ref(), exact).p()
+    };
+    let seen = pooled(tests.iter().map(MeanTest::z));
+    let [outliers, spread] = null(a, b, seen);
+    let global = (0..3).map(whole).fold(1.0, f64::min);
+    PictureTest { blocks: adjusted(worst.p(), figures), global: adjusted(global, 3), outliers, spread }
+}
+
+/// Share of outlying deviates, and their sum of squares.
+fn pooled(deviates: impl Iterator<Item = f64>) -> [f64; 2] {
+    let mut sums = [0.0; 2];
+    for z in deviates {
+        sums[0] += f64::from(u8::from(z.abs() > OUTLYING));
+        sums[1] += z * z;
+    }
+    sums
+}
+
+/// p-values of the pooled figures. Blocks and channels go together, by light that moves over the picture and by a budget that
+/// they share, so how the figures spread is learned from replicates drawn anew, and a scaled chi-square of that mean and
+/// variance gives the tails [Satterthwaite 1946].
+fn null(a: &Group, b: Option<&Group>, seen: [f64; 2]) -> [f64; 2] {
+    let (a, b) = (a.centred(), b.map(Group::centred));
+    let mut random = 0x5eed_u64;
+    let mut draw = |n: usize| -> Vec<usize> {
+        let mut one = || {
+            random = random.wrapping_add(0x9e37_79b9_7f4a_7c15);
+            let x = (random ^ (random >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+            let x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+            (x ^ (x >> 31)) as usize % n
+        };
+        (0..n).map(|_| one()).collect()
+    };
+    let mut found = [Mean::default(); 2];
+    let mut squares = [Mean::default(); 2];
+    for _ in 0..RESAMPLES {
+        let chosen = draw(a.blocks.len());
+        let other = b.as_ref().map(|b| (b, draw(b.blocks.len())));
+        let deviate = |k: usize| {
+            let reference = other.as_ref().map(|(b, chosen)| b.figure(k, chosen.iter().copied()));
+            let test = compare(&a.figure(k, chosen.iter().copied()), reference.as_ref(), Some(0.0));
+            // A block without spread has nothing to say here.
+            if test.standard_error > 0.0 { test.z() } else { 0.0 }
+        };
+        let sums = pooled((0..a.blocks[0].len()).map(deviate));
+        for i in 0..2 {
+            found[i].add(sums[i]);
+            squares[i].add(sums[i] * sums[i]);
+        }
+    }
+    let tails = |i: usize| {
+        let mean = found[i].mean;
+        let variance = squares[i].mean - mean * mean;
+        if mean == 0.0 || variance <= 0.0 {
+            // Nothing has any spread.
+            return if seen[i] == 0.0 { [1.0, 1.0] } else { [0.0, 1.0] };
+        }
+        let scale = variance / (2.0 * mean);
+        let above = gamma_q(mean / (2.0 * scale), seen[i] / (2.0 * scale));
+        [above, 1.0 - above]
+    };
+    let [above, below] = tails(1);
+    [tails(0)[0].min(1.0), (2.0 * above.min(below)).min(1.0)]
+}

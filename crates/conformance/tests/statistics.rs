@@ -1,0 +1,391 @@
+//! The designs S1 to S8 test themselves: each passes what is true at the rate it states, sees what is false with the power it
+//! states, and rejects its negative control.
+//!
+//! Everything is made up and every seed is fixed. Limits on rates are 5 standard deviations of the binomial: 6e-7 each.
+
+use dapple_conformance::statistics::*;
+use dapple_core::samplers::{Pilot, Uniform, Variance, VarianceOptions};
+use dapple_core::{Film, Frame, Limits, Needs, NoWatch, PointSet, SampleId, Sampler, render};
+use dapple_metrics::{log_log_fit, ratio_interval, student_t_quantile};
+
+/// SplitMix64.
+struct Noise(u64);
+
+fn mix(x: u64) -> u64 {
+    let x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    let x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    x ^ (x >> 31)
+}
+
+impl Noise {
+    fn uniform(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        ((mix(self.0) >> 11) as f64 + 0.5) / (1u64 << 53) as f64
+    }
+
+    /// Mean 0, variance 1 [Box and Muller 1958].
+    fn normal(&mut self) -> f64 {
+        (-2.0 * self.uniform().ln()).sqrt() * (std::f64::consts::TAU * self.uniform()).cos()
+    }
+
+    fn exponential(&mut self) -> f64 {
+        -self.uniform().ln()
+    }
+}
+
+/// Whether `seen` of `all` is what a probability `p` gives, within 5 standard deviations.
+fn is_rate(seen: usize, all: usize, p: f64) -> bool {
+    let n = all as f64;
+    (seen as f64 - n * p).abs() < 5.0 * (n * p * (1.0 - p)).sqrt() + 1.0
+}
+
+/// A path in a closed furnace of albedo 1/2 and emission 1/2, which should bring 1: it goes on with probability 1/2, so `k`
+/// bounces bring `(k + 1) / 2`. `leak` of the light is lost at each.
+fn furnace(noise: &mut Noise, leak: f64) -> f64 {
+    let (mut light, mut throughput) = (0.0, 1.0);
+    loop {
+        light += 0.5 * throughput;
+        if noise.uniform() < 0.5 {
+            return light;
+        }
+        throughput *= 1.0 - leak;
+    }
+}
+
+/// Lost at each bounce so that half a percent of the light is missing: `1/2 / (1 - (1 - leak)/2) = 1 / (1 + leak) = .995`.
+const HALF_A_PERCENT: f64 = 0.005 / 0.995;
+
+#[test]
+fn tails_agree_with_known_values() {
+    // Critical values of STATISTICS, two-sided, at 1 %.
+    for (tests, z) in [(10_000, 4.89), (65_536, 5.25), (1920 * 1080, 5.85), (3 * 1920 * 1080, 6.03)] {
+        assert!((critical(0.5 * sidak(0.01, tests)) - z).abs() < 0.006, "{tests}");
+    }
+    for p in [0.3, 1e-3, 1e-9, 1e-60] {
+        for v in [1.0, 15.0, 63.0, 1e4] {
+            let t = -student_t_quantile(p, v);
+            assert!((student_tail(t, v) / p - 1.0).abs() < 1e-9, "{p} {v}");
+        }
+        assert!((normal_tail(-student_t_quantile(p, f64::INFINITY)) / p - 1.0).abs() < 1e-9, "{p}");
+    }
+    assert_eq!([student_tail(0.0, 3.0), student_tail(f64::INFINITY, 3.0)], [0.5, 0.0]);
+    for p in [1e-9, 1e-3, 0.2] {
+        assert!((adjusted(sidak(p, 1000), 1000) / p - 1.0).abs() < 1e-9);
+    }
+    // Deviates about as probable as t.
+    let test = |t: f64, v: f64| MeanTest { difference: t, standard_error: 1.0, degrees_of_freedom: v };
+    for (t, v) in [(0.5, 15.0), (2.0, 15.0), (5.0, 30.0), (9.0, 15.0)] {
+        let (z, p) = (test(t, v).z(), test(t, v).p());
+        let exact = critical(0.5 * p);
+        assert!((z / exact - 1.0).abs() < 0.01, "{t} {v}: {z} {exact}");
+    }
+}
+
+#[test]
+fn design_s1_means() {
+    let mut noise = Noise(1);
+    let (mut false_alarms, mut welch) = (0, 0);
+    for _ in 0..2000 {
+        let a: Mean = (0..16).map(|_| noise.normal()).collect();
+        let b: Mean = (0..24).map(|_| 3.0 * noise.normal()).collect();
+        false_alarms += usize::from(a.against(0.0).p() < 0.01);
+        welch += usize::from(a.against_estimate(&b).p() < 0.01);
+    }
+    assert!(is_rate(false_alarms, 2000, 0.01), "{false_alarms}");
+    assert!(is_rate(welch, 2000, 0.01), "{welch}");
+    // Power: as computed, where it is neither 0 nor 1.
+    let mut seen = 0;
+    for _ in 0..2000 {
+        let a: Mean = (0..16).map(|_| noise.normal() + 1.0).collect();
+        seen += usize::from(a.against(0.0).p() < 0.01);
+    }
+    let told = power(4.0, 0.01, 15.0);
+    assert!((told - seen as f64 / 2e3).abs() < 0.04, "{told} {seen}");
+    // No spread: equal or not, nothing between.
+    let same: Mean = [2.0; 16].into_iter().collect();
+    assert_eq!([same.against(2.0).p(), same.against(2.0 + 1e-15).p()], [1.0, 0.0]);
+}
+
+/// A furnace that loses .5 % is seen at the level of a thousand tests in a family of 1e-6, and a sound one passes.
+#[test]
+fn design_s1_sees_a_leak_of_half_a_percent() {
+    let level = sidak(FAMILY, 1000);
+    let replicates = |leak: f64, seed: u64| -> Mean {
+        let mut noise = Noise(seed);
+        (0..64).map(|_| (0..50_000).map(|_| furnace(&mut noise, leak)).sum::<f64>() / 5e4).collect()
+    };
+    let sound = replicates(0.0, 2).against(1.0);
+    assert!(sound.p() > level, "{sound:?}");
+    // Power, from the spread of a path: its variance is 1/2.
+    let power = power(0.005 / (0.5_f64 / 64.0 / 5e4).sqrt(), level, 63.0);
+    assert!(power > 0.999, "{power}");
+    let leaking = replicates(HALF_A_PERCENT, 3).against(1.0);
+    assert!((leaking.difference + 0.005).abs() < 5.0 * leaking.standard_error, "{leaking:?}");
+    assert!(leaking.p() < level, "{leaking:?}");
+}
+
+const WIDTH: usize = 64;
+const PIXELS: usize = 64 * 56;
+
+/// 16 replicates of a picture 64 x 56: exponential noise of mean 1 about a gradient, some of it shared over the picture.
+fn made_up(seed: u64, edit: impl Fn(usize, &mut [f64; 3])) -> Vec<Vec<[f64; 3]>> {
+    (0..16)
+        .map(|r| {
+            let mut noise = Noise(mix(seed) ^ mix(r + 99));
+            let weather = 0.05 * noise.normal();
+            let mut picture: Vec<[f64; 3]> = (0..PIXELS)
+                .map(|i| {
+                    let level = 1.0 + 0.02 * (i % WIDTH) as f64;
+                    let grey = level * noise.exponential() + weather;
+                    [grey, grey + 0.1 * noise.normal(), level * noise.exponential()]
+                })
+                .collect();
+            picture.iter_mut().enumerate().for_each(|(i, p)| edit(i, p));
+            picture
+        })
+        .collect()
+}
+
+#[test]
+fn design_s2_pictures() {
+    let nothing = |_: usize, _: &mut [f64; 3]| {};
+    let exact: Vec<[f64; 3]> = (0..PIXELS).map(|i| [1.0 + 0.02 * (i % WIDTH) as f64; 3]).collect();
+    // Nothing is wrong: no alarm at a family's level, and few at 5 %.
+    let mut low = [0; 2];
+    for seed in 0..30 {
+        let two = pictures(WIDTH, &made_up(2 * seed, nothing), &made_up(2 * seed + 1, nothing));
+        let one = picture(WIDTH, &made_up(2 * seed, nothing), &exact);
+        for (low, test) in low.iter_mut().zip([two, one]) {
+            assert!(test.p() > FAMILY, "{seed}: {test:?}");
+            *low += usize::from(test.p() < 0.05);
+        }
+    }
+    // The pooled figures' tails are approximate: at most twice what they say.
+    assert!(low.iter().all(|&low| low <= 8), "{low:?} of 30 below 5 %");
+
+    let sound = made_up(1001, nothing);
+    let against = |edit: &dyn Fn(usize, &mut [f64; 3])| pictures(WIDTH, &made_up(1000, edit), &sound);
+    // One block of 56 is half as bright as it should be.
+    let block = against(&|i, p| {
+        if i % WIDTH < 8 && i / WIDTH < 8 {
+            *p = p.map(|v| v * 0.5);
+        }
+    });
+    assert!(block.blocks < FAMILY && block.p() < FAMILY, "{block:?}");
+    // Every block is off by 1.5 standard errors, half up, half down: none stands out, nor does the mean.
+    let chequered = against(&|i, p| {
+        let up = (i % WIDTH / 8 + i / WIDTH / 8) % 2 == 0;
+        *p = p.map(|v| v + if up { 0.14 } else { -0.14 });
+    });
+    assert!(chequered.spread < 1e-4 && chequered.global > 1e-3, "{chequered:?}");
+    // The same seeds on both sides: nearly nothing is left between the pictures.
+    let shared = pictures(WIDTH, &made_up(1001, |_, p| p[0] += 1e-9), &sound);
+    assert!(shared.spread < FAMILY && shared.p() < FAMILY, "{shared:?}");
+    // Blocks without spread must be equal.
+    let flat = vec![vec![[1.0; 3]; PIXELS]; 4];
+    let mut off = flat.clone();
+    off.iter_mut().for_each(|p| p[5][1] += 1e-12);
+    assert_eq!(pictures(WIDTH, &flat, &flat).blocks, 1.0);
+    assert_eq!(pictures(WIDTH, &off, &flat).p(), 0.0);
+}
+
+/// Half a percent of the light missing everywhere, which no block shows: the picture's mean does, with stated power.
+#[test]
+fn design_s2_sees_a_leak_of_half_a_percent() {
+    let pictures_of = |leak: f64, seed: u64| -> Vec<Vec<[f64; 3]>> {
+        let mut noise = Noise(seed);
+        let mut pixel = || [0; 3].map(|_| (0..64).map(|_| furnace(&mut noise, leak)).sum::<f64>() / 64.0);
+        (0..64).map(|_| (0..32 * 32).map(|_| pixel()).collect()).collect()
+    };
+    let [sound, other, leaking] = [(0.0, 4), (0.0, 5), (HALF_A_PERCENT, 6)].map(|(leak, seed)| pictures_of(leak, seed));
+    let error = (2.0 * 0.5_f64 / 64.0 / 64.0 / 1024.0).sqrt();
+    let power = power(0.005 / error, sidak(FAMILY, 3 * 4), 126.0);
+    assert!(power > 0.999, "{power}");
+    assert!(pictures(32, &sound, &other).p() > FAMILY);
+    let seen = pictures(32, &leaking, &other);
+    assert!(seen.global < FAMILY && seen.p() < FAMILY && seen.blocks > FAMILY, "{seen:?}");
+}
+
+#[test]
+fn design_s3_chi_square() {
+    // Density 2x on the unit interval: drawn as sqrt(u).
+    let expected: Vec<f64> = (0..50).map(|i| 1e4 * f64::from(2 * i + 1) / 2500.0).collect();
+    let drawn = |noise: &mut Noise, power: f64| {
+        let mut counts = vec![0u64; 50];
+        (0..10_000).for_each(|_| counts[(noise.uniform().powf(power) * 50.0) as usize] += 1);
+        chi_square(&counts, &expected)
+    };
+    let mut noise = Noise(7);
+    let low = (0..1000).filter(|_| drawn(&mut noise, 0.5) < 0.05).count();
+    assert!(is_rate(low, 1000, 0.05), "{low}");
+    // The controls: another density; a draw where there should be none.
+    assert!(drawn(&mut noise, 0.45) < FAMILY);
+    assert_eq!(chi_square(&[1, 10], &[0.0, 11.0]), 0.0);
+    assert!((integrate(&|x, y| x * x * y, [0.0, 1.0], [0.0, 2.0], 1e-9, 8) - 2.0 / 3.0).abs() < 1e-9);
+}
+
+#[test]
+fn design_s4_equivalence() {
+    let alpha = 1e-3;
+    let n = samples_needed(0.5_f64.sqrt(), 0.005, alpha, 1e-3);
+    assert!((200_000..1_000_000).contains(&n), "{n}");
+    let of = |leak: f64, delta: f64, seed: u64| {
+        let mut noise = Noise(seed);
+        decide(1.0, delta, alpha, 1000, 4 * n, || furnace(&mut noise, leak))
+    };
+    // What is true is proven with the samples computed (the cap leaves room for the looks), what is .5 % off is refuted.
+    for seed in 0..20 {
+        assert_eq!(of(0.0, 0.005, 100 + seed).verdict, Verdict::Pass, "{seed}");
+        assert_eq!(of(HALF_A_PERCENT, 0.0025, 200 + seed).verdict, Verdict::Fail, "{seed}");
+    }
+    // On the border it passes no oftener than alpha says, all looks together.
+    let mut noise = Noise(8);
+    let passed = (0..2000)
+        .filter(|_| decide(0.0, 0.1, 0.05, 64, 1024, || 0.1 + noise.normal()).verdict == Verdict::Pass)
+        .count();
+    assert!(passed <= 100 + 5 * 10, "{passed} of 2000");
+    // Too few to tell is not a pass.
+    assert_eq!(decide(1.0, 1e-6, alpha, 100, 200, || furnace(&mut noise, 0.0)).verdict, Verdict::Fail);
+}
+
+#[test]
+fn design_s5_equal_budget() {
+    // Errors of two methods that share what makes a seed hard; the first one's are .8 of the second's.
+    let errors = |ratio: f64, seed: u64| -> [Vec<f64>; 2] {
+        let mut noise = Noise(seed);
+        (0..32)
+            .map(|_| {
+                let hard = (0.5 * noise.normal()).exp();
+                (ratio * hard * (0.1 * noise.normal()).exp(), hard * (0.1 * noise.normal()).exp())
+            })
+            .unzip()
+            .into()
+    };
+    let interval = |[a, b]: [Vec<f64>; 2]| ratio_interval(&a, &b, 0.95).expect("errors above 0");
+    let held = (0..200).map(|seed| interval(errors(0.8, seed))).filter(|i| i.low <= 0.8 && 0.8 <= i.high).count();
+    assert!(is_rate(held, 200, 0.945), "{held} of 200");
+    assert!(interval(errors(0.8, 900)).high < 1.0);
+    let level = interval(errors(1.0, 901));
+    assert!(level.low < 1.0 && 1.0 < level.high);
+    // The harness itself: independent samples have slope -1/2, give or take .03.
+    let slopes: Vec<f64> = (0..64)
+        .map(|seed| {
+            let mut noise = Noise(mix(seed));
+            let budgets = [64.0, 256.0, 1024.0, 4096.0];
+            let error = |n: &f64| {
+                let off = |_| ((0..*n as u32).map(|_| noise.exponential()).sum::<f64>() / n - 1.0).powi(2);
+                (0..16).map(off).sum::<f64>() / 16.0
+            };
+            let errors: Vec<f64> = budgets.iter().map(error).map(f64::sqrt).collect();
+            log_log_fit(&budgets, &errors, 0.95).expect("budgets differ").slope.value
+        })
+        .collect();
+    let slope: Mean = slopes.into_iter().collect();
+    assert!((slope.mean + 0.5).abs() < 0.03, "{slope:?}");
+}
+
+#[test]
+fn design_s6_spread_and_calibration() {
+    let mut noise = Noise(9);
+    let mut sample = |spread: f64, n: usize| -> Vec<f64> { (0..n).map(|_| spread * noise.exponential()).collect() };
+    let alarms = (0..2000).filter(|_| brown_forsythe(&sample(1.0, 64), &sample(1.0, 64)) < 0.01).count();
+    assert!(is_rate(alarms, 2000, 0.01), "{alarms}");
+    assert!(brown_forsythe(&sample(1.0, 1000), &sample(1.5, 1000)) < FAMILY);
+    let honest = |forecast: f64| {
+        let mut noise = Noise(10);
+        let mut all = Calibration::default();
+        (0..20_000).for_each(|_| all.add(noise.normal(), forecast, 0.0, 0.0, 1.96));
+        all.is_honest()
+    };
+    assert!(honest(1.0));
+    // A fifth off in the standard error is noticed, on either side.
+    assert!(!honest(0.64) && !honest(1.44));
+}
+
+/// Independent points.
+#[derive(Clone, Copy)]
+struct Independent(u64);
+
+impl PointSet for Independent {
+    fn describe(&self) -> String {
+        "independent".into()
+    }
+
+    fn block(&self, id: SampleId, block: u32) -> [f32; 4] {
+        let words = [id.pixel[0].into(), id.pixel[1].into(), id.stream.into(), id.index, block.into()];
+        let key = words.iter().fold(self.0, |k: u64, w: &u64| mix(k.wrapping_add(0x9e37_79b9_7f4a_7c15) ^ mix(*w)));
+        [1, 2, 3, 4].map(|i| (mix(key.wrapping_add(mix(i))) >> 40) as f32 / (1 << 24) as f32)
+    }
+
+    fn capacity(&self) -> u64 {
+        u64::MAX
+    }
+}
+
+const P: f64 = 0.1;
+
+fn lit(sampler: &mut dyn Sampler, side: u32, spp: u64) -> Film {
+    let frame = Frame::new(side, side).expect("a frame");
+    let limits = Limits::samples(spp * frame.pixels() as u64);
+    render(&mut Bernoulli(P as f32), sampler, Needs::none(), frame, &limits, &mut NoWatch).expect("a film")
+}
+
+fn alone(policy: Pilot, seed: u64) -> Variance<Independent> {
+    let options = VarianceOptions { policy, radius: 0, pilot: 4, ..VarianceOptions::default() };
+    Variance::with_options(Independent(seed), options).expect("sound options")
+}
+
+#[test]
+fn design_s7_the_naive_rule_is_rejected() {
+    let closed = kept(P, 4, 64);
+    assert!((closed - 0.038_575).abs() < 1e-6 && (kept(0.01, 16, 256) - 0.002_017_58).abs() < 1e-8);
+    assert!((refined(0.2, 2) - (3.0 * 0.04 - 2.0 * 0.008)).abs() < 1e-12, "3 p^2 - 2 p^3");
+    let films = |make: &dyn Fn(u64) -> Box<dyn Sampler>| -> (Mean, Vec<Pixels>) {
+        let films: Vec<Film> = (0..64).map(|seed| lit(&mut *make(seed), 32, 64)).collect();
+        (films.iter().map(picture_mean).collect(), films.iter().map(Pixels::of).collect())
+    };
+    let (mean, pixels) = films(&|seed| Box::new(Naive { points: Independent(seed), pilot: 4, total: 64 }));
+    assert!(mean.against(P).p() < 1e-12, "{mean:?}");
+    assert!(mean.against(closed).p() > FAMILY, "{mean:?} for {closed}");
+    assert!(two_sided(count_trend(&pixels)) < 1e-12, "counts tell of values");
+    // Power: what is seen of a bias a twentieth as large.
+    let power = power(0.05 * (closed - P) / mean.standard_error(), 1e-6, 63.0);
+    assert!(power > 0.999, "{power}, standard error {}", mean.standard_error());
+    for policy in [Pilot::Discard, Pilot::Cross] {
+        let (mean, pixels) = films(&|seed| Box::new(alone(policy, 1000 + seed)));
+        assert!(mean.against(f64::from(P as f32)).p() > FAMILY, "{policy:?}: {mean:?}");
+        let trend = count_trend(&pixels);
+        // Halves that decide for each other: a half's own samples go with the other's count, which is a part of the sum.
+        assert!(policy == Pilot::Cross || two_sided(trend) > FAMILY, "{policy:?}: {trend}");
+    }
+    let (_, pixels) = films(&|seed| Box::new(Uniform::new(Independent(2000 + seed))));
+    assert_eq!(count_trend(&pixels), 0.0, "counts that never differ");
+}
+
+/// What must not change a bit: by a power of two, all does; by another number, it does not.
+#[test]
+fn design_s8_metamorphic() {
+    struct Scaled(f32);
+    impl dapple_core::Integrator for Scaled {
+        fn estimate(&self, draws: &dapple_core::Draws<'_>, _: &mut dapple_core::Observed) -> dapple_core::Estimate {
+            let [u, v, ..] = draws.block(dapple_core::Block::new(0));
+            dapple_core::Estimate { radiance: [u, u * v, v].map(|x| self.0 * x), first_hit: None, cost: 1 }
+        }
+    }
+    let film = |scale: f32, seed: u64| {
+        let frame = Frame::new(9, 7).expect("a frame");
+        let sampler = &mut Uniform::new(Independent(seed));
+        let limits = Limits::samples(1000);
+        render(&mut Scaled(scale), sampler, Needs::none(), frame, &limits, &mut NoWatch).expect("a film")
+    };
+    let scaled =
+        |by: f64, film: &Film| -> Vec<[u64; 3]> { (0..63).map(|i| film.mean(i).map(|x| (x * by).to_bits())).collect() };
+    let plain = film(1.0, 1);
+    for k in [-30, -1, 7, 30] {
+        let by = f64::from(k).exp2();
+        assert_eq!(scaled(1.0, &film(by as f32, 1)), scaled(by, &plain), "2^{k}");
+    }
+    assert_ne!(scaled(1.0, &film(3.0, 1)), scaled(3.0, &plain));
+    assert_eq!(dapple_conformance::bits(&film(1.0, 1)), dapple_conformance::bits(&plain));
+    assert_ne!(dapple_conformance::bits(&film(1.0, 2)), dapple_conformance::bits(&plain));
+}

@@ -1,0 +1,136 @@
+//! F07 and F10: what filters with negative lobes do, and what tiles do.
+
+use dapple_core::samplers::Uniform;
+use dapple_core::{
+    Block, Draws, Estimate, Film, Filter, FirstHit, Frame, Integrator, Limits, Needs, NoWatch, Observed, render,
+};
+use dapple_low_discrepancy::Random;
+use dapple_reconstruction::{Bilateral, ClusterGaussian, ClusterRegression, Gaussian, Label, NlMeans};
+use std::sync::Arc;
+
+/// Samples that are 0 or 1 by chance; surfaces in stripes.
+struct TwoLevels;
+
+impl Integrator for TwoLevels {
+    fn estimate(&self, draws: &Draws<'_>, _: &mut Observed) -> Estimate {
+        let [u, v, a, _] = draws.block(Block::new(0));
+        let [x, y] = draws.pixel();
+        let first_hit = draws.wants_first_hit().then(|| FirstHit {
+            position: [x as f32 + u, y as f32 + v, 0.0],
+            geometric_normal: [0.0, 0.0, 1.0],
+            shading_normal: if x % 16 < 8 { [1.0, 0.0, 0.0] } else { [0.0, 0.0, 1.0] },
+            albedo: [if y % 12 < 6 { 0.3 } else { 0.8 }; 3],
+            depth: 50.0 + u,
+            footprint: 1.0,
+            roughness: 1.0,
+            material: x / 16 % 3,
+            shape: 0,
+            primitive: y / 6,
+        });
+        let likely = if (x / 8 + y / 8) % 2 == 0 { 0.1 } else { 0.7 };
+        Estimate { radiance: [f32::from(u8::from(a < likely)); 3], first_hit, cost: 1 }
+    }
+}
+
+const NEEDS: Needs = Needs::none().with_halves().with_variance().with_features().with_first_hits(1);
+
+fn film(frame: Frame, spp: u64) -> Film {
+    let limits = Limits::samples(spp * frame.pixels() as u64);
+    render(&mut TwoLevels, &mut Uniform::new(Random::new(3)), NEEDS, frame, &limits, &mut NoWatch).unwrap()
+}
+
+/// Every filter of this crate, and how far it reaches in pixels: kernels, searches and their patches, added up.
+fn filters() -> Vec<(Box<dyn Filter>, u32)> {
+    let label: Label = Arc::new(|hit| Some(hit.material));
+    vec![
+        (Box::new(Gaussian::default()), 4),
+        (Box::new(Gaussian::new(0.5, 3.0).unwrap()), 4),
+        (Box::new(ClusterGaussian::from_hits(1, label.clone()).unwrap()), 4),
+        (Box::new(NlMeans::default()), 24),
+        (Box::new(Bilateral::default()), 24),
+        (Box::new(ClusterRegression::new().with_clusters(label, 0.2, String::new()).unwrap()), 32),
+    ]
+}
+
+/// Two levels stay within [-1, 2]: no sum of weights comes near 0, and no slope runs away.
+#[test]
+fn f07_negative_lobes() {
+    for (spp, side) in [(2, 400), (4, 160)] {
+        let film = film(Frame::new(side, side).unwrap(), spp);
+        for (filter, _) in filters() {
+            let picture = filter.apply(&film).unwrap();
+            let off = picture.radiance.iter().flatten().find(|v| !(-1.0..=2.0).contains(*v));
+            assert_eq!(off, None, "{} at {spp} spp", filter.describe());
+        }
+    }
+    // Control: Mitchell's and Netravali's kernel, weighed by where one sample a pixel happens to lie, runs away.
+    assert!(splatted(200_000) > 2.0);
+}
+
+/// The largest pixel of a row of two levels, one sample a pixel, splatted with the cubic of B = 0, C = 1/2 of radius 1.
+fn splatted(pixels: u64) -> f64 {
+    let kernel = |x: f64| {
+        let x = 2.0 * x.abs();
+        if x < 1.0 {
+            1.5 * x * x * x - 2.5 * x * x + 1.0
+        } else if x < 2.0 {
+            -0.5 * x * x * x + 2.5 * x * x - 4.0 * x + 2.0
+        } else {
+            0.0
+        }
+    };
+    let sample = |i: u64| {
+        let x = (i + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+        let x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        let x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((x >> 40) as f64 / (1u64 << 24) as f64, (x & 1) as f64)
+    };
+    let pixel = |i: u64| {
+        let (mut sum, mut weights) = (0.0, 0.0);
+        for k in i.saturating_sub(1)..=i + 1 {
+            let (u, value) = sample(k);
+            let weight = kernel(k as f64 + u - i as f64 - 0.5);
+            sum += weight * value;
+            weights += weight;
+        }
+        (sum / weights).abs()
+    };
+    (0..pixels).map(pixel).fold(0.0, f64::max)
+}
+
+/// A window of the picture, filtered by itself, is the whole picture's, bit for bit, as far from its border as the kernel
+/// reaches, whatever threads the two were cut into. Filters that look at halves take what noise there is from the whole
+/// picture, and are no function of a window: they are the same on any number of threads, over several of their tiles.
+#[test]
+fn f10_tile_invariant() {
+    let frame = Frame::new(150, 131).unwrap();
+    let whole = film(frame, 4);
+    let on = |threads: usize, filter: &dyn Filter, film: &Film| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| filter.apply(film)).unwrap()
+    };
+    for (filter, reach) in filters() {
+        let expected = on(1, &*filter, &whole);
+        assert_eq!(on(7, &*filter, &whole), expected, "{}", filter.describe());
+        if reach > 4 {
+            continue;
+        }
+        for (x0, y0, width, height, threads) in [(0, 0, 97, 90, 3), (2, 6, 140, 80, 2), (34, 18, 100, 111, 7)] {
+            let window = frame.crop(x0, y0, x0 + width, y0 + height).unwrap();
+            let cut = on(threads, &*filter, &film(window, 4));
+            let inside = |at: u32, size: u32, full: u32, origin: u32| {
+                (origin == 0 || at >= reach) && (origin + size == full || at + reach < size)
+            };
+            let mut compared = 0;
+            for (i, got) in cut.radiance.iter().enumerate() {
+                let (x, y) = (i as u32 % width, i as u32 / width);
+                if inside(x, width, 150, x0) && inside(y, height, 131, y0) {
+                    let there = expected.radiance[((y0 + y) * 150 + x0 + x) as usize];
+                    assert_eq!(got.map(f32::to_bits), there.map(f32::to_bits), "{}, ({x}, {y})", filter.describe());
+                    compared += 1;
+                }
+            }
+            assert!(compared > 500, "{}: {compared}", filter.describe());
+        }
+    }
+}

@@ -1,0 +1,43 @@
+//! D04: the same picture from builds of other flavours.
+
+use std::path::Path;
+use std::process::Command;
+
+/// Not optimised, optimised, and for this machine's processor: the same bytes.
+#[test]
+#[ignore = "T2: builds the program three times, ten minutes"]
+fn d04_flavours() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let folder = tempfile::tempdir().expect("a folder");
+    let picture = |name: &str, flags: &str, level: &str, profile: &str| -> Vec<u8> {
+        let out = folder.path().join(format!("{name}.pfm"));
+        let output = Command::new(env!("CARGO"))
+            .args(["run", "--quiet", "--profile", profile, "-p", "dapple-cli", "--", "render", "cornell"])
+            .args([
+                "--resolution",
+                "40x30",
+                "--spp",
+                "8",
+                "--sampler",
+                "cluster",
+                "--filter",
+                "cluster-regression",
+                "-o",
+            ])
+            .arg(&out)
+            .env("CARGO_TARGET_DIR", root.join("target/flavours").join(name))
+            .env("RUSTFLAGS", flags)
+            .env("CARGO_PROFILE_DEV_OPT_LEVEL", level)
+            .current_dir(root)
+            .output()
+            .expect("cargo runs");
+        assert!(output.status.success(), "{name}: {}", String::from_utf8_lossy(&output.stderr));
+        std::fs::read(out).expect("a picture")
+    };
+    let plain = picture("plain", "", "1", "dev");
+    assert!(plain == picture("release", "", "1", "release"), "release is another picture");
+    assert!(
+        plain == picture("native", "-C target-cpu=native", "2", "dev"),
+        "this machine's processor makes another picture"
+    );
+}

@@ -1,0 +1,106 @@
+//! Modes that say they are unbiased are so on scenes (STATISTICS S7 b and c), beside their closed forms in the samplers' own
+//! crates (`tests/bias.rs` there). A false alarm of the whole file has probability 1e-6 at most, its pooled figures' tails being
+//! approximate.
+
+use dapple::core::{Film, Frame, Limits, Needs, NoWatch, render};
+use dapple::renderer::registry::{self, SAMPLERS, Setting};
+use dapple::renderer::{Stage, World, bundled, integrator};
+use dapple_conformance::statistics::{FAMILY, Pixels, count_trend, picture_mean, pictures, power, sidak, two_sided};
+use std::sync::Arc;
+
+const SIDE: u32 = 24;
+const REPLICATES: u64 = 48;
+/// Every unbiased mode of every sampler but `uniform`, which is what they are compared with.
+const UNBIASED: [&str; 7] = [
+    "variance:policy=discard",
+    "variance:policy=cross",
+    "cluster:policy=discard",
+    "cluster:policy=cross",
+    "mitchell:policy=discard",
+    "mitchell-pbrt:policy=discard",
+    "cluster-thesis",
+];
+
+fn world(scene: &str) -> Arc<World> {
+    let scene = bundled::files(scene).expect("bundled").read().expect("it reads");
+    Arc::new(World::with_resolution(&scene, [SIDE; 2]).expect("sound"))
+}
+
+/// Pictures by one sampler, each of a seed of its own.
+fn films(world: &Arc<World>, sampler: &str, spp: u64, first_seed: u64) -> Vec<Film> {
+    let stage = Stage::new(world.clone());
+    let frame = Frame::new(SIDE, SIDE).expect("a frame");
+    let film = |seed: u64| {
+        let points = registry::points("sobol", Setting { seed: first_seed + seed, spp: Some(spp) }).expect("points");
+        let mut sampler = registry::sampler(sampler, points, &stage).unwrap_or_else(|e| panic!("{e}"));
+        let limits = Limits::samples(spp * frame.pixels() as u64);
+        render(&mut *integrator(world), &mut *sampler, Needs::none(), frame, &limits, &mut NoWatch).expect("a film")
+    };
+    (0..REPLICATES).map(film).collect()
+}
+
+fn means(films: &[Film]) -> Vec<Vec<[f64; 3]>> {
+    films.iter().map(|film| (0..film.frame().pixels()).map(|i| film.mean(i)).collect()).collect()
+}
+
+fn unbiased_on(scene: &str) {
+    let world = world(scene);
+    let reference = films(&world, "uniform", 32, 1 << 40);
+    let reference_means = means(&reference);
+    // Two tests for each mode, and two scenes at most in a run.
+    let level = sidak(FAMILY, 4 * UNBIASED.len());
+    for (k, words) in UNBIASED.into_iter().enumerate() {
+        let found = films(&world, words, 8, (k as u64 + 1) << 20);
+        let test = pictures(SIDE as usize, &means(&found), &reference_means);
+        assert!(test.p() > level, "{scene}, {words}: {test:?}");
+        // Counts say nothing of values; where halves decide for each other a pixel's count is partly its other half's doing.
+        if !words.ends_with("cross") {
+            let pixels: Vec<Pixels> = found.iter().map(Pixels::of).collect();
+            let trend = count_trend(&pixels);
+            assert!(two_sided(trend) > level, "{scene}, {words}: values go with counts, {trend}");
+        }
+    }
+    // Negative control: pbrt-v2's rule as it was published, and counts that go with the values of what is kept.
+    let found = films(&world, "mitchell-pbrt:mode=threshold", 40, 1 << 30);
+    let test = pictures(SIDE as usize, &means(&found), &reference_means);
+    assert!(test.global < FAMILY && test.p() < level, "{scene}: the published rule is not caught: {test:?}");
+    let found = films(&world, "variance:radius=0,pilot=4", 8, 1 << 31);
+    let pixels: Vec<Pixels> = found.iter().map(Pixels::of).collect();
+    assert!(
+        two_sided(count_trend(&pixels)) < level,
+        "{scene}: values go with counts, unseen: {}",
+        count_trend(&pixels)
+    );
+    // Power: a bias of 3 % of the picture's mean would be seen.
+    let [a, b] = [&films(&world, UNBIASED[0], 8, 1 << 20), &reference]
+        .map(|films| films.iter().map(picture_mean).collect::<dapple_conformance::statistics::Mean>());
+    let test = a.against_estimate(&b);
+    let seen = power(0.03 * b.mean / test.standard_error, sidak(level, 12), test.degrees_of_freedom);
+    assert!(seen > 0.99, "{scene}: {seen}, standard error {} of {}", test.standard_error, b.mean);
+}
+
+#[test]
+fn a01_unbiased_modes_are_so_on_the_cornell_box() {
+    unbiased_on("cornell");
+}
+
+#[test]
+#[ignore = "T2: another scene"]
+fn a01_unbiased_modes_are_so_on_the_teapot() {
+    unbiased_on("teapot");
+}
+
+/// No sampler is silent about it: it says that its counts are decided a priori, or has a policy to choose.
+#[test]
+fn every_sampler_names_its_policy() {
+    let stage = Stage::new(world("cornell"));
+    for entry in SAMPLERS {
+        let points = registry::points("sobol", Setting { seed: 1, spp: Some(8) }).expect("points");
+        let sampler = registry::sampler(entry.name, points, &stage).expect("a sampler");
+        let policies = entry.parameters.iter().flat_map(|p| p.iter()).filter(|p| p.0 == "policy").count();
+        let says = sampler.describe().contains("policy=");
+        assert!(sampler.a_priori() || (policies == 1 && says), "{} has no policy", sampler.describe());
+        let unbiased = UNBIASED.iter().any(|words| words.split(':').next() == Some(entry.name));
+        assert!(unbiased || entry.name == "uniform", "no unbiased mode of {} is tested here", entry.name);
+    }
+}
