@@ -111,6 +111,21 @@ const RULES: &[(&str, &[&str], &[&str])] = &[
         &["clap", "indicatif", "ctrlc", "dapple-conformance"],
     ),
     (
+        "dapple-price",
+        &[
+            "dapple-core",
+            "dapple-geometry",
+            "dapple-low-discrepancy",
+            "dapple-mitchell",
+            "dapple-clustering",
+            "dapple-cluster-adaptive",
+            "dapple-reconstruction",
+            "dapple-renderer",
+            "dapple-checkpoint",
+        ],
+        &["clap", "indicatif", "ctrlc", "dapple-conformance"],
+    ),
+    (
         "dapple-cli",
         &[
             "dapple-core",
@@ -124,6 +139,7 @@ const RULES: &[(&str, &[&str], &[&str])] = &[
             "dapple-renderer",
             "dapple-study",
             "dapple-checkpoint",
+            "dapple-price",
         ],
         &["dapple-conformance"],
     ),

@@ -9,6 +9,7 @@ mod lists;
 mod machine;
 mod merge;
 mod output;
+mod price;
 mod render;
 mod scene;
 mod stop;
@@ -57,6 +58,7 @@ Examples:
   dapple compare scene.exr reference.exr
   dapple effects scene.pbrt
   dapple study teapot -o teapot-study              what accuracy costs in time: runs.jsonl, report.html
+  dapple price --quick                             what each numerical safeguard costs, and what breaks without it
 
 Results go to stdout, progress and warnings to stderr.
 Exit status: 0 done, 1 failed, 2 wrong words, 130 interrupted (what was done is saved).";
@@ -68,6 +70,7 @@ enum Command {
     Compare(compare::Options),
     Info(info::Options),
     Effects(effects::Options),
+    Price(price::Options),
     Study(Box<study::Options>),
     /// One run of a study, in a process of its own: JSON in, JSON out
     #[command(hide = true)]
@@ -87,6 +90,7 @@ fn main() -> ExitCode {
         Command::Compare(options) => compare::run(&options),
         Command::Info(options) => info::run(&options),
         Command::Effects(options) => effects::run(&options),
+        Command::Price(options) => price::run(&options),
         Command::Study(options) => study::run(&options),
         Command::StudyRun => study::run_one(),
         Command::Samplers => lists::samplers(),

@@ -62,6 +62,14 @@ pub enum RejectedReason {
     Negative,
 }
 
+impl RejectedReason {
+    /// What a film does before it takes a sample in: why this is no radiance; `None` if it is one.
+    #[inline]
+    pub fn of(radiance: [f32; 3]) -> Option<Self> {
+        reason_to_reject(radiance)
+    }
+}
+
 /// A sample that was no radiance. It counts as zero and in `n`; `sample` and the point set replay it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Rejected {

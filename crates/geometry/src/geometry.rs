@@ -3,6 +3,7 @@ use crate::frame::Frame;
 use crate::instance::Placements;
 #[cfg(test)]
 use crate::lanes::Vectors;
+use crate::safeguards::{All, Safeguards};
 use crate::shape::Quadric;
 use crate::traverse::{Best, Tree, Way};
 use crate::{Error, Hit, Instance, Placed, PrimitiveId, Ray, Shape, SurfacePoint};
@@ -28,7 +29,12 @@ impl Geometry {
     /// # Errors
     /// [`Error::TooMany`] for more shapes than a `u32` counts or more than 2^30 primitives.
     pub fn build(shapes: Vec<Shape>, preset: Preset) -> Result<Self, Error> {
-        let (tree, bounds, triangle_count) = build_tree(&shapes, preset)?;
+        Self::build_padded(shapes, preset, All::PADDING)
+    }
+
+    /// The same with boxes that grow by what rounding asks for, or do not.
+    pub(crate) fn build_padded(shapes: Vec<Shape>, preset: Preset, padded: bool) -> Result<Self, Error> {
+        let (tree, bounds, triangle_count) = build_tree(&shapes, preset, padded)?;
         Ok(Self { shapes, tree, bounds, triangle_count })
     }
 
@@ -73,17 +79,22 @@ impl Geometry {
     #[inline(always)]
     #[must_use]
     pub fn closest_at(&self, ray: &Ray, time: f32) -> Option<Hit> {
+        self.closest_with::<All>(ray, time)
+    }
+
+    #[inline(always)]
+    pub(crate) fn closest_with<S: Safeguards>(&self, ray: &Ray, time: f32) -> Option<Hit> {
         match Frame::ordinary(ray) {
-            Some(frame) => self.closest_along(&frame, 1.0, time),
-            None => Frame::rescaled(ray).and_then(|(frame, scale)| self.closest_along(&frame, scale, time)),
+            Some(frame) => self.closest_along::<S>(&frame, 1.0, time),
+            None => Frame::rescaled(ray).and_then(|(frame, scale)| self.closest_along::<S>(&frame, scale, time)),
         }
     }
 
     /// The closest hit, `t` multiplied by `scale`.
     #[inline(always)]
-    fn closest_along(&self, frame: &Frame, scale: f32, time: f32) -> Option<Hit> {
+    fn closest_along<S: Safeguards>(&self, frame: &Frame, scale: f32, time: f32) -> Option<Hit> {
         let mut best = Best::new(frame.ray.tmax);
-        self.tree.closest(frame, time, &mut best);
+        self.tree.closest::<S>(frame, time, &mut best);
         best.found.then_some(Hit {
             t: best.t * scale,
             shape: (best.key >> 32) as u32,
@@ -103,9 +114,14 @@ impl Geometry {
     #[inline(always)]
     #[must_use]
     pub fn occluded_at(&self, ray: &Ray, time: f32) -> bool {
+        self.occluded_with::<All>(ray, time)
+    }
+
+    #[inline(always)]
+    pub(crate) fn occluded_with<S: Safeguards>(&self, ray: &Ray, time: f32) -> bool {
         match Frame::ordinary(ray) {
-            Some(frame) => self.tree.occluded(&frame, time),
-            None => Frame::rescaled(ray).is_some_and(|(frame, _)| self.tree.occluded(&frame, time)),
+            Some(frame) => self.tree.occluded::<S>(&frame, time),
+            None => Frame::rescaled(ray).is_some_and(|(frame, _)| self.tree.occluded::<S>(&frame, time)),
         }
     }
 

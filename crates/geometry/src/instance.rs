@@ -11,6 +11,7 @@
 use crate::build::{Bounds, Preset, build_top};
 use crate::frame::Frame;
 use crate::mesh::{LARGEST, LOST_IN_F64, ROUNDING};
+use crate::safeguards::All;
 use crate::shape::Quadric;
 use crate::traverse::{Best, Tree, key};
 use crate::{Error, Geometry, Hit, Motion, PrimitiveId, Ray, Shape, SurfacePoint};
@@ -226,9 +227,9 @@ impl Placements {
     pub(crate) fn occluded(&self, frame: &Frame, time: f32) -> bool {
         let mut visit = |number: u32, _: &mut Best| {
             let instance = &self.instances[number as usize];
-            self.enter(instance, frame, time)
-                .and_then(|local| Frame::ordinary(&local.ray))
-                .is_some_and(|local| self.objects[instance.object as usize].geometry.tree().occluded(&local, time))
+            self.enter(instance, frame, time).and_then(|local| Frame::ordinary(&local.ray)).is_some_and(|local| {
+                self.objects[instance.object as usize].geometry.tree().occluded::<All>(&local, time)
+            })
         };
         self.top.visit::<true>(frame, &mut Best::new(frame.ray.tmax), &mut visit)
     }
@@ -241,11 +242,11 @@ impl Placements {
         }
         let Some(inner) = Frame::ordinary(&local.ray) else { return };
         let mut found = Best::new(((limit - local.start) * local.speed) as f32);
-        self.objects[instance.object as usize].geometry.tree().closest(&inner, time, &mut found);
+        self.objects[instance.object as usize].geometry.tree().closest::<All>(&inner, time, &mut found);
         if found.found {
             let t = (local.start + f64::from(found.t) / local.speed) as f32;
             let t = t.max(frame.ray.tmin.next_up()).min(frame.ray.tmax.next_down());
-            best.offer(t, found.key + key(instance.first, 0), found.weights);
+            best.offer::<All>(t, found.key + key(instance.first, 0), found.weights);
         }
     }
 

@@ -10,7 +10,7 @@ mod mesh;
 mod motion;
 mod moving;
 mod ray;
-mod safeguards;
+pub mod safeguards;
 mod shape;
 mod surface;
 mod traverse;

@@ -1,6 +1,6 @@
 //! Points on surfaces, and rays that leave and reach them without meeting them again.
 
-use crate::safeguards::OFFSETS;
+use crate::safeguards::{All, Safeguards};
 use crate::{PrimitiveId, Ray};
 use glam::Vec3;
 
@@ -26,8 +26,13 @@ pub struct SurfacePoint {
 #[inline(always)]
 #[must_use]
 pub fn offset_origin(position: Vec3, error: Vec3, normal: Vec3, direction: Vec3) -> Vec3 {
+    offset_origin_with::<All>(position, error, normal, direction)
+}
+
+#[inline(always)]
+fn offset_origin_with<S: Safeguards>(position: Vec3, error: Vec3, normal: Vec3, direction: Vec3) -> Vec3 {
     let side = 1.0_f32.copysign(normal.dot(direction));
-    if !OFFSETS {
+    if !S::OFFSETS {
         return position + normal * (FIXED * side);
     }
     let step = normal * (error.dot(normal.abs()) * (SLACK * side));
@@ -47,7 +52,12 @@ const SLACK: f32 = 1.0 + 1.0 / (1u64 << 19) as f32;
 #[inline]
 #[must_use]
 pub fn spawn_ray(from: &SurfacePoint, direction: Vec3) -> Ray {
-    let origin = offset_origin(from.position, from.error, from.normal, direction);
+    spawn_ray_with::<All>(from, direction)
+}
+
+#[inline(always)]
+pub(crate) fn spawn_ray_with<S: Safeguards>(from: &SurfacePoint, direction: Vec3) -> Ray {
+    let origin = offset_origin_with::<S>(from.position, from.error, from.normal, direction);
     Ray { ends: [from.primitive, PrimitiveId::NONE], ..Ray::new(origin, direction) }
 }
 

@@ -18,7 +18,7 @@ fn linear(mesh: &Mesh, ray: &Ray) -> Option<Hit> {
     let (frame, scale) = Frame::ordinary(ray).map(|frame| (frame, 1.0)).or_else(|| Frame::rescaled(ray))?;
     let numbers = (0..mesh.triangles().len() as u32).filter(|&n| !mesh.is_degenerate(n));
     let hits = numbers.filter_map(|n| {
-        let lanes = Triangles8::new(&[mesh.corners(n)]).intersect::<Pair>(
+        let lanes = Triangles8::new(&[mesh.corners(n)]).intersect::<crate::safeguards::All, Pair>(
             (),
             &frame,
             frame.ray.tmax,

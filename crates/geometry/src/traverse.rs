@@ -5,10 +5,11 @@ use crate::instance::Placements;
 #[cfg(target_arch = "x86_64")]
 use crate::lanes::Whole;
 use crate::lanes::{Eight, Lanes, Pair, Vectors, WIDTH, Words};
-use crate::safeguards::{PADDING, TIES};
+use crate::safeguards::{All, Safeguards};
 use crate::shape::Quadric;
 use crate::triangle::{Triangles8, lowest};
 use pulp::NullaryFnOnce;
+use std::marker::PhantomData;
 
 /// Set in a child's code if it is a leaf of triangles; the rest is its block.
 const TRIANGLES: u32 = 1 << 31;
@@ -21,7 +22,9 @@ pub(crate) const DEEPEST: usize = 256;
 
 /// A box is met if it is entered before it is left, to within this factor on the far side: three roundings a slab
 /// [after Ize 2013], seven in a sheared corner and eight in `t`, each of 2^-24, with room to spare.
-const FAR_SIDE: f32 = if PADDING { 1.0 + 1.0 / (1u64 << 18) as f32 } else { 1.0 };
+const fn far_side<S: Safeguards>() -> f32 {
+    if S::PADDING { 1.0 + 1.0 / (1u64 << 18) as f32 } else { 1.0 }
+}
 
 /// A node with up to eight children; children left over have empty boxes.
 #[derive(Clone, Copy, Debug)]
@@ -157,31 +160,32 @@ impl Way {
 }
 
 /// A walk through a tree, compiled for each kind of vectors that may be there at run time.
-struct Walk<'a, L: Lanes, V, const ANY: bool> {
+struct Walk<'a, S, L: Lanes, V, const ANY: bool> {
     token: L::Token,
     tree: &'a Tree,
     frame: &'a Frame,
     best: &'a mut Best,
     leaves: V,
+    safeguards: PhantomData<S>,
 }
 
-impl<L: Lanes, V: Leaves, const ANY: bool> NullaryFnOnce for Walk<'_, L, V, ANY> {
+impl<S: Safeguards, L: Lanes, V: Leaves, const ANY: bool> NullaryFnOnce for Walk<'_, S, L, V, ANY> {
     type Output = bool;
 
     #[inline(always)]
     fn call(self) -> bool {
-        let Self { token, tree, frame, best, mut leaves } = self;
+        let Self { token, tree, frame, best, mut leaves, .. } = self;
         match tree.stack {
-            0..=24 => tree.walk::<L, ANY, 24, _>(token, frame, best, &mut leaves),
-            25..=64 => tree.walk::<L, ANY, 64, _>(token, frame, best, &mut leaves),
-            _ => tree.walk::<L, ANY, DEEPEST, _>(token, frame, best, &mut leaves),
+            0..=24 => tree.walk::<S, L, ANY, 24, _>(token, frame, best, &mut leaves),
+            25..=64 => tree.walk::<S, L, ANY, 64, _>(token, frame, best, &mut leaves),
+            _ => tree.walk::<S, L, ANY, DEEPEST, _>(token, frame, best, &mut leaves),
         }
     }
 }
 
 /// What a walk does at a leaf: offers hits to the best so far; with `ANY` it tells whether there was one.
 trait Leaves {
-    fn test<L: Lanes, const ANY: bool>(
+    fn test<S: Safeguards, L: Lanes, const ANY: bool>(
         &mut self,
         tree: &Tree,
         token: L::Token,
@@ -198,7 +202,7 @@ struct Primitives<const MOVING: bool> {
 
 impl<const MOVING: bool> Leaves for Primitives<MOVING> {
     #[inline(always)]
-    fn test<L: Lanes, const ANY: bool>(
+    fn test<S: Safeguards, L: Lanes, const ANY: bool>(
         &mut self,
         tree: &Tree,
         token: L::Token,
@@ -207,15 +211,15 @@ impl<const MOVING: bool> Leaves for Primitives<MOVING> {
         best: &mut Best,
     ) -> bool {
         if code & TRIANGLES == 0 {
-            return tree.test_quadric::<ANY>((code & !QUADRIC) as usize, frame, best);
+            return tree.test_quadric::<S, ANY>((code & !QUADRIC) as usize, frame, best);
         }
         let block = (code & !TRIANGLES) as usize;
         let triangles = &tree.triangles[block];
         if MOVING {
             let now = triangles.toward(&tree.moved[block], self.time);
-            return tree.test_triangles::<L, ANY>(token, &now, block, frame, best);
+            return tree.test_triangles::<S, L, ANY>(token, &now, block, frame, best);
         }
-        tree.test_triangles::<L, ANY>(token, triangles, block, frame, best)
+        tree.test_triangles::<S, L, ANY>(token, triangles, block, frame, best)
     }
 }
 
@@ -227,7 +231,7 @@ struct Boxes<F>(F);
 
 impl<F: FnMut(u32, &mut Best) -> bool> Leaves for Boxes<F> {
     #[inline(always)]
-    fn test<L: Lanes, const ANY: bool>(
+    fn test<S: Safeguards, L: Lanes, const ANY: bool>(
         &mut self,
         _: &Tree,
         _: L::Token,
@@ -255,8 +259,8 @@ impl Best {
     }
 
     #[inline(always)]
-    pub(crate) fn offer(&mut self, t: f32, key: u64, weights: [f32; 2]) {
-        if t < self.t || (TIES && t == self.t && key < self.key) {
+    pub(crate) fn offer<S: Safeguards>(&mut self, t: f32, key: u64, weights: [f32; 2]) {
+        if t < self.t || (S::TIES && t == self.t && key < self.key) {
             *self = Self { t, key, weights, found: true };
         }
     }
@@ -267,35 +271,47 @@ type Aside = (f32, u32);
 
 impl Tree {
     #[inline(always)]
-    pub(crate) fn closest(&self, frame: &Frame, time: f32, best: &mut Best) {
-        self.dispatch::<false>(frame, time, best);
+    pub(crate) fn closest<S: Safeguards>(&self, frame: &Frame, time: f32, best: &mut Best) {
+        self.dispatch::<S, false>(frame, time, best);
     }
 
     #[inline(always)]
-    pub(crate) fn occluded(&self, frame: &Frame, time: f32) -> bool {
-        self.dispatch::<true>(frame, time, &mut Best::new(frame.ray.tmax))
+    pub(crate) fn occluded<S: Safeguards>(&self, frame: &Frame, time: f32) -> bool {
+        self.dispatch::<S, true>(frame, time, &mut Best::new(frame.ray.tmax))
     }
 
     #[inline(always)]
-    fn dispatch<const ANY: bool>(&self, frame: &Frame, time: f32, best: &mut Best) -> bool {
+    fn dispatch<S: Safeguards, const ANY: bool>(&self, frame: &Frame, time: f32, best: &mut Best) -> bool {
         match &self.way {
             #[cfg(target_arch = "x86_64")]
-            &Way::Whole(v3) => {
-                v3.vectorize(Walk::<Whole, _, ANY> { token: v3, tree: self, frame, best, leaves: STILL })
-            }
-            Way::Pair => Walk::<Pair, _, ANY> { token: (), tree: self, frame, best, leaves: STILL }.call(),
+            &Way::Whole(v3) => v3.vectorize(self.still::<S, Whole, ANY>(v3, frame, best)),
+            Way::Pair => self.still::<S, Pair, ANY>((), frame, best).call(),
             &Way::Moving(vectors) => self.dispatch_moving::<ANY>(vectors, frame, time, best),
             Way::Placed(placed) => self.dispatch_placed::<ANY>(placed, frame, time, best),
         }
     }
 
+    /// A walk to triangles that do not move.
+    #[inline(always)]
+    fn still<'a, S: Safeguards, L: Lanes, const ANY: bool>(
+        &'a self,
+        token: L::Token,
+        frame: &'a Frame,
+        best: &'a mut Best,
+    ) -> Walk<'a, S, L, Primitives<false>, ANY> {
+        Walk { token, tree: self, frame, best, leaves: STILL, safeguards: PhantomData }
+    }
+
     #[inline(never)]
     fn dispatch_moving<const ANY: bool>(&self, vectors: Vectors, frame: &Frame, time: f32, best: &mut Best) -> bool {
         let leaves = Primitives::<true> { time: time.clamp(0.0, 1.0) };
+        let (tree, safeguards) = (self, PhantomData::<All>);
         match vectors {
             #[cfg(target_arch = "x86_64")]
-            Vectors::Whole(v3) => v3.vectorize(Walk::<Whole, _, ANY> { token: v3, tree: self, frame, best, leaves }),
-            Vectors::Pair => Walk::<Pair, _, ANY> { token: (), tree: self, frame, best, leaves }.call(),
+            Vectors::Whole(v3) => {
+                v3.vectorize(Walk::<_, Whole, _, ANY> { token: v3, tree, frame, best, leaves, safeguards })
+            }
+            Vectors::Pair => Walk::<_, Pair, _, ANY> { token: (), tree, frame, best, leaves, safeguards }.call(),
         }
     }
 
@@ -304,10 +320,8 @@ impl Tree {
         let met = match placed.vectors {
             vectors if placed.moving => self.dispatch_moving::<ANY>(vectors, frame, time, best),
             #[cfg(target_arch = "x86_64")]
-            Vectors::Whole(v3) => {
-                v3.vectorize(Walk::<Whole, _, ANY> { token: v3, tree: self, frame, best, leaves: STILL })
-            }
-            Vectors::Pair => Walk::<Pair, _, ANY> { token: (), tree: self, frame, best, leaves: STILL }.call(),
+            Vectors::Whole(v3) => v3.vectorize(self.still::<All, Whole, ANY>(v3, frame, best)),
+            Vectors::Pair => self.still::<All, Pair, ANY>((), frame, best).call(),
         };
         if ANY {
             return met || placed.placements.occluded(frame, time);
@@ -325,15 +339,15 @@ impl Tree {
         visit: &mut dyn FnMut(u32, &mut Best) -> bool,
     ) -> bool {
         match self.stack {
-            0..=24 => self.walk::<Pair, ANY, 24, _>((), frame, best, &mut Boxes(visit)),
-            _ => self.walk::<Pair, ANY, DEEPEST, _>((), frame, best, &mut Boxes(visit)),
+            0..=24 => self.walk::<All, Pair, ANY, 24, _>((), frame, best, &mut Boxes(visit)),
+            _ => self.walk::<All, Pair, ANY, DEEPEST, _>((), frame, best, &mut Boxes(visit)),
         }
     }
 
     /// Walks the tree from near to far. With `ANY` it returns `true` at the first hit, else it leaves the closest in
     /// `best`. `STACK` is at least `self.stack`.
     #[inline(always)]
-    fn walk<L: Lanes, const ANY: bool, const STACK: usize, V: Leaves>(
+    fn walk<S: Safeguards, L: Lanes, const ANY: bool, const STACK: usize, V: Leaves>(
         &self,
         token: L::Token,
         frame: &Frame,
@@ -348,9 +362,9 @@ impl Tree {
         let mut code = 0;
         loop {
             let met = if code < QUADRIC {
-                self.enter::<L, ANY, STACK>(token, code, frame, best.t, &mut stack, &mut height)
+                self.enter::<S, L, ANY, STACK>(token, code, frame, best.t, &mut stack, &mut height)
             } else {
-                if leaves.test::<L, ANY>(self, token, code, frame, best) {
+                if leaves.test::<S, L, ANY>(self, token, code, frame, best) {
                     return true;
                 }
                 None
@@ -363,7 +377,7 @@ impl Tree {
                     }
                     height -= 1;
                     let (entry, child) = stack[height];
-                    if ANY || entry <= best.t * FAR_SIDE {
+                    if ANY || entry <= best.t * far_side::<S>() {
                         break child;
                     }
                 },
@@ -374,7 +388,7 @@ impl Tree {
     /// Tests a node's children: the nearest one met, the others go on the stack, the farthest deepest (with `ANY` as
     /// they come).
     #[inline(always)]
-    fn enter<L: Lanes, const ANY: bool, const STACK: usize>(
+    fn enter<S: Safeguards, L: Lanes, const ANY: bool, const STACK: usize>(
         &self,
         token: L::Token,
         number: u32,
@@ -392,7 +406,7 @@ impl Tree {
         ];
         let entry = x[0].max(y[0]).max(z[0].max(L::splat(token, frame.ray.tmin)));
         let exit = x[1].min(y[1]).min(z[1].min(L::splat(token, limit)));
-        let mut met = entry.at_most(exit * L::splat(token, FAR_SIDE));
+        let mut met = entry.at_most(exit * L::splat(token, far_side::<S>()));
         if met == 0 {
             return None;
         }
@@ -433,7 +447,7 @@ impl Tree {
     }
 
     #[inline(always)]
-    fn test_triangles<L: Lanes, const ANY: bool>(
+    fn test_triangles<S: Safeguards, L: Lanes, const ANY: bool>(
         &self,
         token: L::Token,
         triangles: &Triangles8,
@@ -442,7 +456,7 @@ impl Tree {
         best: &mut Best,
     ) -> bool {
         let keys = &self.triangle_keys[block];
-        let Some(hits) = triangles.intersect::<L>(token, frame, best.t, keys) else { return false };
+        let Some(hits) = triangles.intersect::<S, L>(token, frame, best.t, keys) else { return false };
         if ANY {
             return true;
         }
@@ -450,16 +464,16 @@ impl Tree {
         while mask != 0 {
             let lane = lowest(mask);
             mask &= mask - 1;
-            best.offer(hits.t[lane], keys.key(lane), hits.weights.map(|weights| weights[lane]));
+            best.offer::<S>(hits.t[lane], keys.key(lane), hits.weights.map(|weights| weights[lane]));
         }
         false
     }
 
     #[inline(never)]
-    fn test_quadric<const ANY: bool>(&self, number: usize, frame: &Frame, best: &mut Best) -> bool {
+    fn test_quadric<S: Safeguards, const ANY: bool>(&self, number: usize, frame: &Frame, best: &mut Best) -> bool {
         let Some(t) = self.quadrics[number].intersect(&frame.ray) else { return false };
         if !ANY {
-            best.offer(t, self.quadric_keys[number], [0.0; 2]);
+            best.offer::<S>(t, self.quadric_keys[number], [0.0; 2]);
         }
         ANY
     }

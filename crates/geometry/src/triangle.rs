@@ -12,7 +12,7 @@
 use crate::frame::Frame;
 use crate::lanes::{Eight, Lanes, WIDTH};
 use crate::moving::between;
-use crate::safeguards::EXACT;
+use crate::safeguards::Safeguards;
 use crate::traverse::Keys;
 use glam::Vec3;
 
@@ -95,7 +95,13 @@ impl Triangles8 {
 
     /// The lanes hit at `tmin < t < tmax` and `t <= limit`.
     #[inline(always)]
-    pub(crate) fn intersect<L: Lanes>(&self, token: L::Token, frame: &Frame, limit: f32, keys: &Keys) -> Option<Hits> {
+    pub(crate) fn intersect<S: Safeguards, L: Lanes>(
+        &self,
+        token: L::Token,
+        frame: &Frame,
+        limit: f32,
+        keys: &Keys,
+    ) -> Option<Hits> {
         let s = self.shear::<L>(token, frame);
         // Each edge function belongs to the corner opposite, whose weight it is.
         let u = s.x[2] * s.y[1] - s.y[2] * s.x[1];
@@ -110,7 +116,7 @@ impl Triangles8 {
         // Most are the triangles that the ray leaves or is aimed at: flat, so they are not met in between.
         let [from, to] = frame.ray.ends;
         let wanted = inside & !(keys.equal::<L>(token, from.0) | keys.equal::<L>(token, to.0));
-        if wanted == 0 { None } else { self.finish(token, frame, limit, wanted, &s, [u, v, w]) }
+        if wanted == 0 { None } else { self.finish::<S, L>(token, frame, limit, wanted, &s, [u, v, w]) }
     }
 
     #[inline(always)]
@@ -141,7 +147,7 @@ impl Triangles8 {
 
     /// `t` and weights of the `wanted` lanes, whose edge functions do not disagree.
     #[inline(always)]
-    fn finish<L: Lanes>(
+    fn finish<S: Safeguards, L: Lanes>(
         &self,
         token: L::Token,
         frame: &Frame,
@@ -161,7 +167,7 @@ impl Triangles8 {
         let (tmin, tmax) = (L::splat(token, frame.ray.tmin), L::splat(token, frame.ray.tmax));
         let within = tmin.less(t) & t.at_most(L::splat(token, limit)) & t.less(tmax);
         let weights = [second.to_array(), third.to_array()];
-        if !EXACT {
+        if !S::EXACT {
             let mask = within & wanted;
             return (mask != 0).then_some(Hits { mask, t: t.to_array(), weights });
         }

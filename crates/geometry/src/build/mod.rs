@@ -3,7 +3,6 @@
 mod binary;
 mod wide;
 
-use crate::safeguards::PADDING;
 use crate::shape::Quadric;
 use crate::traverse::{LIMIT, Node8, Tree, key};
 use crate::{Error, Mesh, MovingMesh, Shape};
@@ -56,6 +55,8 @@ struct Items<'a> {
     boxes: &'a [Bounds],
     /// By item: its shape and primitive, or an instance's number.
     keys: Vec<u64>,
+    /// Whether boxes grow by what rounding asks for: they do, but for measurements (see `safeguards`).
+    padded: bool,
 }
 
 /// One of the items.
@@ -69,7 +70,7 @@ enum Item<'a> {
 
 impl<'a> Items<'a> {
     /// The primitives that can be hit.
-    fn of_shapes(shapes: &'a [Shape]) -> Result<Self, Error> {
+    fn of_shapes(shapes: &'a [Shape], padded: bool) -> Result<Self, Error> {
         too_many("shapes", shapes.len(), u32::MAX as usize)?;
         let count = shapes.iter().map(|shape| shape.mesh().map_or(1, |mesh| mesh.triangles().len())).sum();
         too_many("primitives", count, LIMIT)?;
@@ -87,7 +88,7 @@ impl<'a> Items<'a> {
                 Shape::Mesh(_) | Shape::Moving(_) | Shape::Sphere(_) | Shape::Disk(_) => keys.extend(all),
             }
         }
-        Ok(Self { shapes, boxes: &[], keys })
+        Ok(Self { shapes, boxes: &[], keys, padded })
     }
 
     /// An item's key and the item.
@@ -110,11 +111,25 @@ impl<'a> Items<'a> {
     #[inline(always)]
     fn bounds(&self, number: u32) -> Bounds {
         match self.item(number) {
-            (key, Item::Triangle(mesh)) => around(mesh.corners(key as u32)),
-            (key, Item::Moving(mesh)) => union(around(mesh.corners(key as u32, 0.0)), around(mesh.ends_of(key as u32))),
-            (_, Item::Quadric(quadric)) => around_quadric(&quadric),
+            (key, Item::Triangle(mesh)) => self.around(mesh.corners(key as u32)),
+            (key, Item::Moving(mesh)) => {
+                union(self.around(mesh.corners(key as u32, 0.0)), self.around(mesh.ends_of(key as u32)))
+            }
+            (_, Item::Quadric(quadric)) => self.around_quadric(&quadric),
             (_, Item::Box(bounds)) => bounds,
         }
+    }
+
+    #[inline(always)]
+    fn around(&self, triangle: [Vec3; 3]) -> Bounds {
+        let [low, high] = enclose(triangle);
+        if self.padded { grow([low, high], (high - low).max_element() * GROWTH) } else { [low, high] }
+    }
+
+    fn around_quadric(&self, quadric: &Quadric) -> Bounds {
+        let [low, high] = quadric.bounds().map(DVec3::as_vec3);
+        // Rounding to f32 and a sphere's own growth: both within a few of its ulps.
+        if self.padded { grow([low, high], (high - low).max_element() * ULPS) } else { [low, high] }
     }
 
     /// The tree over all items, and the box around it; `None` if there are none.
@@ -159,8 +174,12 @@ const GROWTH: f32 = 1.0 / (1u64 << 14) as f32;
 const ULPS: f32 = 3.0 / (1u64 << 23) as f32;
 
 /// Builds the tree; also the bounds and the number of triangles that can be hit.
-pub(crate) fn build_tree(shapes: &[Shape], preset: Preset) -> Result<(Tree, Option<Bounds>, usize), Error> {
-    let items = Items::of_shapes(shapes)?;
+pub(crate) fn build_tree(
+    shapes: &[Shape],
+    preset: Preset,
+    padded: bool,
+) -> Result<(Tree, Option<Bounds>, usize), Error> {
+    let items = Items::of_shapes(shapes, padded)?;
     let quadrics = shapes.iter().filter(|shape| shape.mesh().is_none()).count();
     let (tree, bounds) = items.tree(preset);
     Ok((tree, bounds, items.keys.len() - quadrics))
@@ -176,7 +195,8 @@ pub(crate) fn build_top(boxes: &[(u32, [DVec3; 2])], preset: Preset) -> Result<(
             grow([low, high], (high - low).max_element() * ULPS)
         })
         .collect();
-    let items = Items { shapes: &[], boxes: &grown, keys: boxes.iter().map(|&(number, _)| number.into()).collect() };
+    let keys = boxes.iter().map(|&(number, _)| number.into()).collect();
+    let items = Items { shapes: &[], boxes: &grown, keys, padded: true };
     Ok(items.tree(preset))
 }
 
@@ -188,21 +208,7 @@ fn enclose([a, b, c]: [Vec3; 3]) -> Bounds {
     [a.min(b).min(c), a.max(b).max(c)]
 }
 
-fn around(triangle: [Vec3; 3]) -> Bounds {
-    let [low, high] = enclose(triangle);
-    grow([low, high], (high - low).max_element() * GROWTH)
-}
-
-fn around_quadric(quadric: &Quadric) -> Bounds {
-    let [low, high] = quadric.bounds().map(DVec3::as_vec3);
-    // Rounding to f32 and a sphere's own growth: both within a few of its ulps.
-    grow([low, high], (high - low).max_element() * ULPS)
-}
-
 fn grow([low, high]: Bounds, by: f32) -> Bounds {
-    if !PADDING {
-        return [low, high];
-    }
     let by = by + low.abs().max(high.abs()).max_element() * ULPS;
     [low - by, high + by]
 }

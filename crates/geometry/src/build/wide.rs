@@ -3,7 +3,7 @@
 //! Which subtrees become nodes, leaves, or are dissolved into their parent is decided by dynamic programming over the
 //! surface-area cost [after Ylitie, Karras and Laine 2017, section 3.1].
 
-use super::{Bounds, Item, Items, around, union};
+use super::{Bounds, Item, Items, union};
 use crate::Shape;
 use crate::lanes::WIDTH;
 use crate::traverse::{Child, DEEPEST, Keys, Node8, Tree, Way};
@@ -335,11 +335,11 @@ impl Wide<'_> {
             };
             corners.put(lane, from);
             if lane < items.len() {
-                bounds = union(bounds, around(from));
+                bounds = union(bounds, self.items.around(from));
             }
             if self.moves {
                 ends.put(lane, to);
-                bounds = if lane < items.len() { union(bounds, around(to)) } else { bounds };
+                bounds = if lane < items.len() { union(bounds, self.items.around(to)) } else { bounds };
             }
         }
         self.tree.triangles.push(corners);

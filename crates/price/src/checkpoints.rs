@@ -1,0 +1,128 @@
+//! Checkpoints: a render that is killed goes on where it was.
+
+use crate::pairs::{in_turn, pairs, seconds};
+use crate::picture::Picture;
+use crate::{Break, Effort, Error, Ratio, Result, Row};
+use dapple_checkpoint::{Contents, Identity, Kind, Store};
+use dapple_core::{Control, Needs, NoWatch, Snapshot, Status, Watch, resume};
+use dapple_renderer::integrator;
+use std::path::PathBuf;
+
+/// Seconds between checkpoints of `dapple render`, where nobody says otherwise.
+const EVERY: f64 = 60.0;
+
+pub(crate) fn row(effort: Effort, picture: &Picture) -> Result<Row> {
+    let count = match effort {
+        Effort::Quick => 6,
+        Effort::Full => 11,
+    };
+    let folder = Folder::new()?;
+    let store = Store::lock(&folder.0.join("render.checkpoint"))?;
+    let mut ratios = Vec::new();
+    let mut lengths = Vec::new();
+    let price = pairs(count, |number| {
+        let mut middle = Middle { store: &store, stop: false, seconds: 0.0, samples: 0, trouble: None };
+        let [with, without] = in_turn(
+            number,
+            || {
+                let mut film = Ok(());
+                let seconds = seconds(|| film = picture.render(Needs::none(), &mut middle).map(drop));
+                film.map(|()| seconds)
+            },
+            || picture.seconds(Needs::none()),
+        )?;
+        middle.trouble.map_or(Ok(()), Err)?;
+        ratios.push(with / without);
+        lengths.push(without);
+        Ok::<_, Error>(1.0 + middle.seconds / EVERY)
+    })?;
+    let [ratio, length] = [ratios, lengths].map(|all| Ratio::of(all).median);
+    let each = (price.median - 1.0) * EVERY * 1e3;
+    Ok(Row {
+        safeguard: "checkpoints",
+        does: "what is rendered is on the disk once a minute, whole at any moment",
+        price,
+        price_of: format!(
+            "one checkpoint a minute, {each:.1} ms each where nothing goes on meanwhile; with one in a render of {length:.2} s it \
+             is {ratio:.3} of {}",
+            picture.describe()
+        ),
+        breaks: vec![killed(picture, &store)?],
+    })
+}
+
+/// A folder of its own for as long as it lives.
+struct Folder(PathBuf);
+
+impl Folder {
+    fn new() -> Result<Self> {
+        let path = std::env::temp_dir().join(format!("dapple-price-{}", std::process::id()));
+        std::fs::create_dir_all(&path).map_err(|source| Error::Folder { path: path.clone(), source })?;
+        Ok(Self(path))
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        // Whatever is left is in the system's folder for what is temporary.
+        let _ = std::fs::remove_dir_all(&self.0);
+    }
+}
+
+/// Writes a checkpoint after the first slice, and may stop there.
+struct Middle<'a> {
+    store: &'a Store,
+    stop: bool,
+    /// What that took.
+    seconds: f64,
+    /// Samples traced by then.
+    samples: u64,
+    trouble: Option<Error>,
+}
+
+impl Watch for Middle<'_> {
+    fn slice(&mut self, status: &Status<'_>) -> Control {
+        if self.samples == 0 {
+            self.samples = status.samples;
+            self.seconds = seconds(|| {
+                let contents = Contents { kind: Kind::Checkpoint, identity: identity(), body: status.snapshot() };
+                self.trouble = self.store.save(&contents).err().map(Error::from);
+            });
+        }
+        if self.stop { Control::Stop } else { Control::Continue }
+    }
+}
+
+fn identity() -> Identity {
+    Identity::new([("scene", Picture::NAME)])
+}
+
+/// A render killed half-way: samples that are traced a second time to get the same picture, pixels that are not the same
+/// counted among them.
+fn killed(picture: &Picture, store: &Store) -> Result<Break> {
+    let mut middle = Middle { store, stop: true, seconds: 0.0, samples: 0, trouble: None };
+    let stopped = picture.render(Needs::none(), &mut middle)?.record().samples;
+    middle.trouble.map_or(Ok(()), Err)?;
+    let whole = picture.render(Needs::none(), &mut NoWatch)?;
+    let found = Store::read(store.path(), Kind::Checkpoint)?;
+    let snapshot = Snapshot::from_bytes(&found.contents.body)?;
+    let saved = snapshot.film().record().samples;
+    let (mut sampler, mut integrator) = (Picture::sampler(), integrator(picture.world()));
+    let limits = picture.limits();
+    let resumed =
+        resume(snapshot, &mut *integrator, &mut sampler, Needs::none(), picture.frame, &limits, &mut NoWatch)?;
+    let pixels = 0..picture.frame.pixels();
+    let bits = |value: [f64; 3]| value.map(f64::to_bits);
+    let other = pixels.filter(|&i| bits(resumed.mean(i)) != bits(whole.mean(i))).count() as u64;
+    let again = (resumed.record().samples - saved).saturating_sub(picture.samples() - stopped);
+    Ok(Break {
+        input: format!(
+            "{} killed half-way, just after a checkpoint: samples to trace again for the same bits",
+            picture.describe()
+        ),
+        seen: "the night's work is gone; with checkpoints, at most its last minute",
+        of: picture.samples(),
+        without: stopped,
+        with: again + other,
+    })
+}

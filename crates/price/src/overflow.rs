@@ -1,0 +1,47 @@
+//! Overflow checks: two builds of the program, run in turns.
+
+use crate::pairs::{in_turn, pairs};
+use crate::{Effort, Error, Result, Row};
+use serde_json::Value;
+use std::path::Path;
+use std::process::Command;
+
+/// The row of overflow checks: `without` and `with` are the program built without them and with them, otherwise alike.
+///
+/// # Errors
+///
+/// [`Error::Program`] where one does not render.
+pub fn overflow_checks(without: &Path, with: &Path, effort: Effort) -> Result<Row> {
+    let (count, words) = match effort {
+        Effort::Quick => (2, "cornell --resolution 32x32 --spp 2"),
+        Effort::Full => (15, "cornell --resolution 192x192 --spp 16"),
+    };
+    let price = pairs(count, |number| {
+        let [with, without] = in_turn(number, || trace(with, words), || trace(without, words))?;
+        Ok::<_, Error>(with / without)
+    })?;
+    Ok(Row {
+        safeguard: "overflow-checks",
+        does: "whole numbers that overflow end the program (a build of its own, with overflow-checks = true)",
+        price,
+        price_of: format!("`dapple render {words}`, tracing, one thread"),
+        breaks: Vec::new(),
+    })
+}
+
+/// Seconds of tracing that a program tells of.
+fn trace(program: &Path, words: &str) -> Result<f64> {
+    let wrong = |why: String| Error::Program { program: program.to_owned(), why };
+    // Nothing is to be kept of it: the picture goes where the system keeps what is temporary.
+    let picture = std::env::temp_dir().join(format!("dapple-price-{}.pfm", std::process::id()));
+    let mut command = Command::new(program);
+    command.arg("render").args(words.split(' ')).args(["--threads", "1", "--json", "-o"]).arg(&picture);
+    let output = command.output().map_err(|e| wrong(format!("it does not start ({e})")))?;
+    let _ = std::fs::remove_file(&picture);
+    if !output.status.success() {
+        return Err(wrong(String::from_utf8_lossy(&output.stderr).trim().to_owned()));
+    }
+    let said: Option<Value> = serde_json::from_slice(&output.stdout).ok();
+    let seconds = said.and_then(|said| said["seconds"]["trace"].as_f64());
+    seconds.filter(|s| *s > 0.0).ok_or_else(|| wrong("it says nothing of tracing".into()))
+}

@@ -1,0 +1,76 @@
+//! A bundled picture, rendered again and again.
+
+use crate::{Effort, Error, Result};
+use dapple_core::samplers::Uniform;
+use dapple_core::{Film, Frame, Limits, Needs, NoWatch, Schedule, Watch, render};
+use dapple_low_discrepancy::Sobol;
+use dapple_renderer::scene::Scene;
+use dapple_renderer::{World, bundled, integrator};
+use std::time::Instant;
+
+/// The bundled scene of this name.
+pub(crate) fn scene(name: &'static str) -> Result<Scene> {
+    let wrong = |why: String| Error::Scene { name, why };
+    let bundle = bundled::files(name).ok_or_else(|| wrong("there is none".into()))?;
+    bundle.read().map_err(|e| wrong(e.to_string()))
+}
+
+/// The same, ready for rays.
+pub(crate) fn world(name: &'static str, resolution: [u32; 2]) -> Result<World> {
+    World::with_resolution(&scene(name)?, resolution).map_err(|e| Error::Scene { name, why: e.to_string() })
+}
+
+/// The Cornell box: of the bundled scenes the one whose samples are the cheapest, so that parts weigh the most.
+pub(crate) struct Picture {
+    world: World,
+    pub(crate) frame: Frame,
+    pub(crate) spp: u64,
+}
+
+impl Picture {
+    pub(crate) const NAME: &str = "cornell";
+
+    pub(crate) fn new(effort: Effort) -> Result<Self> {
+        let (side, spp) = match effort {
+            Effort::Quick => (48, 4),
+            Effort::Full => (192, 8),
+        };
+        Ok(Self { world: world(Self::NAME, [side; 2])?, frame: Frame::new(side, side)?, spp })
+    }
+
+    pub(crate) fn world(&self) -> &World {
+        &self.world
+    }
+
+    pub(crate) fn sampler() -> Uniform<Sobol> {
+        Uniform::new(Sobol::new(7))
+    }
+
+    pub(crate) fn samples(&self) -> u64 {
+        self.spp * self.frame.pixels() as u64
+    }
+
+    /// Two slices, so that there is a middle.
+    pub(crate) fn limits(&self) -> Limits {
+        let schedule = Schedule { slice_spp: (self.spp / 2) as u32, ..Schedule::default() };
+        Limits { schedule, ..Limits::samples(self.samples()) }
+    }
+
+    pub(crate) fn render(&self, needs: Needs, watch: &mut dyn Watch) -> Result<Film> {
+        let mut integrator = integrator(&self.world);
+        Ok(render(&mut *integrator, &mut Self::sampler(), needs, self.frame, &self.limits(), watch)?)
+    }
+
+    /// Seconds of a whole render.
+    pub(crate) fn seconds(&self, needs: Needs) -> Result<f64> {
+        let start = Instant::now();
+        std::hint::black_box(self.render(needs, &mut NoWatch)?);
+        Ok(start.elapsed().as_secs_f64())
+    }
+
+    /// What it is, in words.
+    pub(crate) fn describe(&self) -> String {
+        let [width, height] = self.frame.size();
+        format!("rendering {} ({width}x{height}, {} spp, one thread)", Self::NAME, self.spp)
+    }
+}
