@@ -140,11 +140,11 @@ fn the_other_commands_run() {
         let words: Vec<&str> = line.split_whitespace().skip(1).map(|w| if w == "30" { "0.2" } else { w }).collect();
         let output = dapple()
             .args(&words)
-            .args(["--resolution", "16x12"])
             .args(match words[0] {
-                "effects" => ["--spp", "4"],
-                "study" => ["--spp", "1,2"],
-                _ => ["--max-spp", "64"],
+                "effects" => &["--resolution", "16x12", "--spp", "4"][..],
+                "study" => &["--resolution", "16x12", "--spp", "1,2"],
+                "render" => &["--resolution", "16x12", "--max-spp", "64"],
+                _ => &[],
             })
             .current_dir(folder.path())
             .output()

@@ -35,7 +35,7 @@ fn in_order(line: &str, keys: &[&str]) -> bool {
 #[test]
 fn json_holds_the_keys_and_budgets_are_exact() {
     let folder = Folder::new();
-    let line = folder.done("render tiny.pbrt --json --spp 5 --seed 9 --threads 3 -o a.pfm");
+    let line = folder.done("render tiny.pbrt --json --filter none --spp 5 --seed 9 --threads 3 -o a.pfm");
     let (_, seconds) = line.split_once("\"seconds\":").expect("seconds");
     assert!(in_order(&line, &KEYS) && in_order(seconds, &PHASES), "{line}");
     let json: serde_json::Value = serde_json::from_str(&line).unwrap();
@@ -107,8 +107,8 @@ fn the_same_words_give_the_same_bytes() {
 #[test]
 fn a_crop_is_the_whole_pictures() {
     let folder = Folder::new();
-    folder.done("render tiny.pbrt --sampler uniform --spp 4 -o whole.exr");
-    folder.done("render tiny.pbrt --sampler uniform --spp 4 -o part.exr --crop 5,3,15,11");
+    folder.done("render tiny.pbrt --sampler uniform --filter none --spp 4 -o whole.exr");
+    folder.done("render tiny.pbrt --sampler uniform --filter none --spp 4 -o part.exr --crop 5,3,15,11");
     let red = |name: &str| {
         let (size, channels) = read(&folder, name);
         (size, channels.into_iter().find(|c| c.0 == "R").expect("red").1)
@@ -123,7 +123,7 @@ fn a_crop_is_the_whole_pictures() {
 #[test]
 fn an_exr_file_tells_how_it_was_made() {
     let folder = Folder::new();
-    folder.done("render tiny.pbrt --spp 12 --seed 5 -o a.exr --maps maps");
+    folder.done("render tiny.pbrt --sampler variance --filter none --spp 12 --seed 5 -o a.exr --maps maps");
     let (size, channels) = read(&folder, "a.exr");
     assert_eq!(size, [24, 16]);
     let names: Vec<&str> = channels.iter().map(|c| c.0.as_str()).collect();
@@ -168,7 +168,7 @@ fn an_exr_file_tells_how_it_was_made() {
     assert!(value("budgets").split(',').all(|b| b == "4608") && value("seconds").contains("\"trace\":"));
     assert_eq!(common::names(&folder.path("maps")), ["albedo.png", "depth.png", "normals.png", "samples.png"]);
 
-    folder.done("render tiny.pbrt --error 0.01 -o b.exr --maps maps");
+    folder.done("render tiny.pbrt --filter none --error 0.01 -o b.exr --maps maps");
     assert!(read(&folder, "b.exr").1.iter().any(|c| c.0 == "error.Y"));
     assert!(names_of(&folder, "maps").contains(&"error.png".to_owned()));
     for (sampler, bias) in [
@@ -183,12 +183,29 @@ fn an_exr_file_tells_how_it_was_made() {
         ("mitchell:policy=discard", "none: no"),
         ("mitchell-pbrt", "biased: "),
         ("mitchell-pbrt:policy=discard", "none: no"),
+        (
+            "uniform --filter gaussian",
+            "biased: by the filter, less so with more samples; the samples by themselves none: ",
+        ),
     ] {
-        folder.done(&format!("render tiny.pbrt --sampler {sampler} --spp 12 -o c.exr"));
+        let filter = if sampler.contains("--filter") { "" } else { "--filter none" };
+        folder.done(&format!("render tiny.pbrt --sampler {sampler} {filter} --spp 12 -o c.exr"));
         let attributes = read_attributes(&folder.read("c.exr"), "c.exr").expect("attributes");
         let found = attributes.iter().find(|a| a.0 == "dapple:bias").expect("bias");
         assert!(found.1.starts_with(bias), "{sampler}: {}", found.1);
     }
+}
+
+/// The default, by its own words.
+#[test]
+fn the_default_is_the_sampler_and_filter_of_clusters() {
+    let folder = Folder::new();
+    folder.done("render tiny.pbrt --spp 8 -o a.exr");
+    folder.done("render tiny.pbrt --spp 8 -o b.exr --sampler cluster:epsilon=0.3 --filter cluster-regression");
+    let red = |name: &str| read(&folder, name).1.into_iter().find(|c| c.0 == "R").expect("red").1;
+    assert_eq!(red("a.exr"), red("b.exr"));
+    let attributes = read_attributes(&folder.read("a.exr"), "a.exr").expect("attributes");
+    assert!(attributes.iter().any(|a| a.0 == "dapple:filter" && a.1.starts_with("cluster-regression:")));
 }
 
 /// Clusters show in the map, in the EXR file, in the seconds and in the rays.
@@ -213,7 +230,7 @@ fn clusters_are_shown_and_charged() {
     assert_eq!(value("probe-rays"), (24 * 16).to_string());
     assert_eq!(json["rays"].to_string(), value("rays"));
     // The same without clusters has neither.
-    folder.done("render tiny.pbrt --sampler uniform --spp 4 --maps plain -o b.exr");
+    folder.done("render tiny.pbrt --sampler uniform --filter none --spp 4 --maps plain -o b.exr");
     assert!(!names_of(&folder, "plain").contains(&"clusters.png".to_owned()));
     assert!(!read(&folder, "b.exr").1.iter().any(|c| c.0 == "cluster.Y"));
 }

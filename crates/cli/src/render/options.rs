@@ -25,7 +25,10 @@ pub(crate) struct Options {
     pub(super) outputs: Vec<PathBuf>,
 
     /// How many samples each pixel gets; `dapple samplers` lists them
-    #[arg(long, value_name = "NAME[:key=value,…]", default_value = "cluster", value_parser = sampler)]
+    ///
+    /// By default counts follow errors relative to mean^2 + 0.3: what the default filter leaves is less so than with the
+    /// sampler's own 0.01, which is for `--filter none`.
+    #[arg(long, value_name = "NAME[:key=value,…]", default_value = "cluster:epsilon=0.3", value_parser = sampler)]
     #[arg(help_heading = "Method")]
     pub(super) sampler: String,
 

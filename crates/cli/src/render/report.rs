@@ -159,7 +159,7 @@ impl Report<'_> {
             ("probe-rays", self.probe_rays.to_string()),
             ("rejected", record.rejected.to_string()),
             ("predicted-relmse", self.film.predicted_relmse().map_or("unknown".into(), |e| e.to_string())),
-            ("bias", bias(self.film, settings, self.methods.sampler.a_priori()).to_owned()),
+            ("bias", self.bias(settings)),
             ("interrupted", record.interrupted.to_string()),
             ("threads", rayon::current_num_threads().to_string()),
             ("seconds", to_string(&self.seconds)),
@@ -168,6 +168,15 @@ impl Report<'_> {
         // A text attribute is never empty, so that every reader shows it.
         let filled = |text: String| if text.is_empty() { "none".to_owned() } else { text };
         list.into_iter().map(|(key, text)| (format!("dapple:{key}"), filled(text))).collect()
+    }
+
+    /// Of the picture: of its samples, and of what made it of them.
+    fn bias(&self, settings: &Settings) -> String {
+        let samples = bias(self.film, settings, self.methods.sampler.a_priori());
+        match self.methods.filter.name() {
+            "none" => samples.to_owned(),
+            _ => format!("biased: by the filter, less so with more samples; the samples by themselves {samples}"),
+        }
     }
 }
 

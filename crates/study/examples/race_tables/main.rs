@@ -37,10 +37,10 @@ impl Roles {
         Self {
             uniform: of("uniform", "none"),
             counts: of("cluster", "none"),
-            default: of("cluster", "cluster-regression"),
+            default: of("cluster:epsilon=0.3", "cluster-regression"),
             thesis: of("cluster-thesis", "cluster-gaussian"),
             oidn: of("uniform", "oidn"),
-            oidn_on_ours: of("cluster", "oidn"),
+            oidn_on_ours: of("cluster:epsilon=0.3", "oidn"),
             oidn_prefiltered: of("uniform", "oidn-prefiltered"),
         }
     }
