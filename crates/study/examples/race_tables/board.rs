@@ -262,6 +262,10 @@ impl Board {
                 curve.push([time.ln(), error]);
             }
         }
+        // Noise alone may keep an error from falling.
+        if curve.len() < 2 {
+            return None;
+        }
         let mut mark = Mark::Plain;
         let mut times = Vec::new();
         for error in self.errors(scene, method, At::Spp(spp), metric)?.seeds.values() {
