@@ -40,7 +40,9 @@ impl Frame {
     #[cold]
     pub(crate) fn rescaled(ray: &Ray) -> Option<(Self, f32)> {
         let longest = ray.direction.abs().max_element();
-        if !is_sane(ray) || !ray.direction.is_finite() || longest == 0.0 {
+        // Where no number lies between the limits, nothing is met between them.
+        let room = ray.tmin.max(0.0).next_up() < ray.tmax;
+        if !is_sane(ray) || !ray.direction.is_finite() || longest == 0.0 || !room {
             return None;
         }
         // Denormal components are first lifted, since 2^149 is no f32.

@@ -86,7 +86,13 @@ impl Geometry {
     pub(crate) fn closest_with<S: Safeguards>(&self, ray: &Ray, time: f32) -> Option<Hit> {
         match Frame::ordinary(ray) {
             Some(frame) => self.closest_along::<S>(&frame, 1.0, time),
-            None => Frame::rescaled(ray).and_then(|(frame, scale)| self.closest_along::<S>(&frame, scale, time)),
+            None => {
+                let (frame, scale) = Frame::rescaled(ray)?;
+                let hit = self.closest_along::<S>(&frame, scale, time)?;
+                // Rounding to the caller's scale must not leave the limits.
+                let (least, most) = (ray.tmin.max(0.0).next_up(), ray.tmax.next_down());
+                Some(Hit { t: hit.t.max(least).min(most), ..hit })
+            }
         }
     }
 

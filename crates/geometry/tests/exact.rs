@@ -201,3 +201,17 @@ fn nothing_is_hit_in_empty_geometry() {
         assert!(scene.closest(&Ray::new(Vec3::ZERO, Vec3::X)).is_none() && scene.bounds().is_none());
     }
 }
+
+/// Found by the fuzzer: a distance that is no f32 in lengths of a very long direction. It was told as 0, which is not above
+/// `tmin`.
+#[test]
+fn a_hit_closer_than_numbers_can_say_lies_within_the_limits() {
+    let triangle = (vec![[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [0.0, 1.0, 0.0]], vec![[0, 1, 2]]);
+    let scene = geometry(vec![triangle], Preset::default());
+    let ray = Ray::new(Vec3::new(0.0, 0.0, 5.5e-40), Vec3::new(0.0, 0.0, -1.1e15));
+    let hit = scene.closest(&ray).expect("a hit");
+    assert!(hit.t > ray.tmin && hit.t < 1e-40 && scene.occluded(&ray), "{hit:?}");
+    // No number lies between these limits.
+    let none = Ray { tmin: 0.0, tmax: f32::from_bits(1), ..ray };
+    assert!(scene.closest(&none).is_none() && !scene.occluded(&none));
+}
