@@ -57,7 +57,7 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     let render = Rendered::try_parse_from(words).map_err(|e| {
         Failure::new(format!("the words in the shards are not understood: {}", e.to_string().trim_end()))
     })?;
-    render::show(&render.options, film, &shard::common(&identity))
+    render::show(&render.options, film, &shard::samples(&identity))
 }
 
 /// The words of a render.

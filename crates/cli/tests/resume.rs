@@ -257,17 +257,20 @@ fn x07_shards_make_the_picture_of_one_machine() {
 fn x07_shards_that_make_no_picture() {
     let folder = Folder::new();
     let words = "render tiny.pbrt --sampler uniform --spp 2 -q";
+    let unfiltered = format!("{words} --filter none");
     for shard in ["1/3", "2/3", "3/3"] {
-        folder.done(&format!("{words} --shard {shard}"));
+        folder.done(&format!("{unfiltered} --shard {shard}"));
     }
-    folder.done(&format!("{words} --shard 2/3 --seed 9 -o foreign.shard"));
-    folder.done(&format!("{} --shard 2/3 -o more.shard", words.replace("--spp 2", "--spp 3")));
+    folder.done(&format!("{unfiltered} --shard 2/3 --seed 9 -o foreign.shard"));
+    folder.done(&format!("{} --shard 2/3 -o more.shard", unfiltered.replace("--spp 2", "--spp 3")));
+    folder.done(&format!("{words} --shard 2/3 --filter gaussian -o filtered.shard"));
     let [a, b, c] = [1, 2, 3].map(|i| format!("tiny-{i}-of-3.shard"));
     std::fs::write(folder.path("half.shard"), &folder.read(&b)[..200]).unwrap();
     for (shards, expected) in [
         (format!("{a} {c}"), "missing: shard 2/3".to_owned()),
         (format!("{a} {b} {c} {b}"), "shard 2/3 is there twice".into()),
         (format!("{a} foreign.shard {c}"), format!("foreign.shard: beside {a}: seed: 9 there, 1 here")),
+        (format!("{a} filtered.shard {c}"), format!("filtered.shard: beside {a}: filter: gaussian")),
         (format!("{a} more.shard {c}"), "with another number of samples asked for".into()),
         (format!("{a} half.shard {c}"), "half.shard: it is ".into()),
         (format!("{a} nowhere.shard {c}"), "nowhere.shard: there is no such shard".into()),

@@ -23,7 +23,7 @@ impl Noise {
         ((mix(self.0) >> 11) as f64 + 0.5) / (1u64 << 53) as f64
     }
 
-    /// Mean 0, variance 1 [Box and Muller 1958].
+    /// Mean 0, variance 1 [after Box and Muller 1958].
     fn normal(&mut self) -> f64 {
         (-2.0 * self.uniform().ln()).sqrt() * (std::f64::consts::TAU * self.uniform()).cos()
     }

@@ -63,7 +63,7 @@ fn a01_the_naive_rule_is_caught_and_meets_its_closed_form() {
     assert!(power > 0.99, "{power}: {got:?}");
 }
 
-/// Samples of mean 1 with a heavy tail: `exp(1.5 z - 1.125)` for a normal z (Box and Muller 1958).
+/// Samples of mean 1 with a heavy tail: `exp(1.5 z - 1.125)` for a normal z [after Box and Muller 1958].
 fn lognormal(_: [u32; 2], u: [f32; 4]) -> [f32; 3] {
     let z = (-2.0 * (1.0 - u[0]).ln()).sqrt() * (std::f32::consts::TAU * u[1]).cos();
     [(1.5 * z - 1.125).exp(); 3]

@@ -36,8 +36,8 @@ fn rays(count: usize, seed: u64) -> Vec<Ray> {
 
 /// Scaled by a power of two, hits are the same but for `t`, which scales.
 fn assert_scales(scale: f32, ray_count: usize) {
-    let scene = geometry(room(), Preset::Medium);
-    let other = geometry(room().iter().map(|mesh| scaled(mesh, scale)).collect(), Preset::Medium);
+    let scene = geometry(room(), Preset::default());
+    let other = geometry(room().iter().map(|mesh| scaled(mesh, scale)).collect(), Preset::default());
     for ray in rays(ray_count, 4) {
         let expected = scene.closest(&ray).map(|hit| Hit { t: hit.t * scale, ..hit });
         assert_eq!(other.closest(&scaled_ray(&ray, scale)), expected, "scale {scale:e}, {ray:?}");
@@ -68,7 +68,7 @@ fn g05_far_scales_are_traced_or_refused() {
             Ok(mesh) => {
                 assert!((1e-18..1e18).contains(&radius));
                 assert_eq!(mesh.degenerate(), 0);
-                let scene = Geometry::build(vec![mesh.into()], Preset::Medium).expect("one mesh");
+                let scene = Geometry::build(vec![mesh.into()], Preset::default()).expect("one mesh");
                 let mut rng = generator(5);
                 for _ in 0..1000 {
                     let ray = Ray::new(direction(&mut rng) * (radius * 0.3) as f32, direction(&mut rng));
@@ -102,7 +102,7 @@ fn g10_triangles_without_area_change_nothing() {
     }
     let mesh = Mesh::new(mixed.0.clone(), mixed.1.clone()).expect("valid");
     assert_eq!(mesh.degenerate(), 3 * count as usize);
-    let (clean, mixed) = (geometry(vec![clean], Preset::Medium), geometry(vec![mixed], Preset::Medium));
+    let (clean, mixed) = (geometry(vec![clean], Preset::default()), geometry(vec![mixed], Preset::default()));
     assert_eq!(mixed.triangle_count(), clean.triangle_count());
     for ray in rays(20_000, 10) {
         let ray = Ray { origin: ray.origin * 0.5, ..ray };
@@ -128,7 +128,7 @@ fn g12_duplicates_and_concentric_triangles_build_fast_and_shallow() {
     let row = soup(&mut |i, c, _| (Vec3::from_array(c) + Vec3::X * i as f32).to_array());
     let time = |soup: &Soup| {
         let start = std::time::Instant::now();
-        let scene = geometry(vec![soup.clone()], Preset::Medium);
+        let scene = geometry(vec![soup.clone()], Preset::default());
         (start.elapsed().as_secs_f64(), scene)
     };
     // Best of two: the machine may be busy.
@@ -157,7 +157,7 @@ fn g13_the_smallest_number_wins_a_tie() {
     second.1 = vec![[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]];
     let scenes: Vec<Geometry> =
         PRESETS.iter().map(|&preset| geometry(vec![first.clone(), second.clone()], preset)).collect();
-    let swapped = geometry(vec![second, first], Preset::Medium);
+    let swapped = geometry(vec![second, first], Preset::default());
     let mut rng = generator(13);
     for i in 0..10_000 {
         let target = Vec3::new(rng.random(), rng.random(), 0.0);
@@ -195,7 +195,7 @@ fn g14_one_ulp_apart_the_nearer_wall_is_met() {
 
 #[test]
 fn nothing_is_hit_in_empty_geometry() {
-    let none = Geometry::build(Vec::new(), Preset::Medium).expect("empty is fine");
+    let none = Geometry::build(Vec::new(), Preset::default()).expect("empty is fine");
     let hollow = Geometry::build(vec![Shape::from(Mesh::new(vec![], vec![]).expect("empty"))], Preset::Fastest);
     for scene in [none, hollow.expect("empty is fine")] {
         assert!(scene.closest(&Ray::new(Vec3::ZERO, Vec3::X)).is_none() && scene.bounds().is_none());

@@ -34,11 +34,11 @@ fn mesh((positions, triangles): Soup) -> Shape {
 }
 
 fn object(shapes: Vec<Shape>) -> Arc<Geometry> {
-    Arc::new(Geometry::build(shapes, Preset::Medium).expect("few shapes"))
+    Arc::new(Geometry::build(shapes, Preset::default()).expect("few shapes"))
 }
 
 fn scene(shapes: Vec<Shape>, objects: Vec<Arc<Geometry>>, instances: Vec<Instance>) -> Geometry {
-    Geometry::with_instances(shapes, objects, instances, Preset::Medium).expect("a sound scene")
+    Geometry::with_instances(shapes, objects, instances, Preset::default()).expect("a sound scene")
 }
 
 fn soup(rng: &mut Pcg64Mcg, count: u32) -> Soup {
@@ -383,7 +383,7 @@ fn ten_thousand_instances_hold_one_mesh() {
 fn what_makes_no_instance_is_refused() {
     let ball = object(vec![Sphere::new(Vec3::ZERO, 1.0).expect("valid").into()]);
     let build = |object: &Arc<Geometry>, instance| {
-        Geometry::with_instances(vec![], vec![object.clone()], vec![instance], Preset::Medium)
+        Geometry::with_instances(vec![], vec![object.clone()], vec![instance], Preset::default())
     };
     let flat = DAffine3::from_scale(DVec3::new(1.0, 1.0, 0.0));
     assert!(matches!(build(&ball, still(0, flat)), Err(Error::BadParameter { .. })));

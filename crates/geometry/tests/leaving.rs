@@ -227,7 +227,7 @@ fn g19_the_offset_is_small() {
         let scenes = [spheres.to_vec(), vec![sheet(1.0), sheet(1.0 + gap)]];
         let mut rng = generator(190);
         for (number, shapes) in scenes.into_iter().enumerate() {
-            let scene = Geometry::build(shapes, Preset::Medium).expect("two shapes");
+            let scene = Geometry::build(shapes, Preset::default()).expect("two shapes");
             for _ in 0..5000 {
                 let towards = Vec3::new(rng.random_range(-0.6..0.6), rng.random_range(-0.6..0.6), 1.0);
                 let ray = Ray::new(Vec3::ZERO, towards);
@@ -247,7 +247,7 @@ fn g19_the_offset_is_small() {
 fn spheres_and_disks_are_met_where_they_are() {
     let ball = Sphere::new(Vec3::new(0.0, 0.0, 5.0), 2.0).expect("a sphere");
     let ring = Disk::new(Vec3::new(0.0, 0.0, -4.0), Vec3::Z * 3.0, 2.0, 1.0).expect("a ring");
-    let scene = Geometry::build(vec![ball.into(), ring.into()], Preset::Medium).expect("two shapes");
+    let scene = Geometry::build(vec![ball.into(), ring.into()], Preset::default()).expect("two shapes");
     let at = |origin: Vec3, direction: Vec3| scene.closest(&Ray::new(origin, direction)).map(|hit| (hit.shape, hit.t));
     assert_eq!(at(Vec3::ZERO, Vec3::Z), Some((0, 3.0)));
     assert_eq!(at(Vec3::new(0.0, 0.0, 5.0), Vec3::Z * 4.0), Some((0, 0.5)), "from inside");

@@ -112,10 +112,10 @@ fn at_each_time_a_moving_object_is_where_it_stands() {
         Shape::from(Mesh::new(positions, triangles).expect("valid")),
         Sphere::new(Vec3::new(-1.5, 0.5, 0.0), 0.7).expect("valid").into(),
     ];
-    let object = Arc::new(Geometry::build(shapes, Preset::Medium).expect("few"));
+    let object = Arc::new(Geometry::build(shapes, Preset::default()).expect("few"));
     let scene = |motions: &[Motion]| {
         let instances = motions.iter().map(|motion| Instance { object: 0, motion: motion.clone() }).collect();
-        Geometry::with_instances(vec![], vec![object.clone()], instances, Preset::Medium).expect("sound")
+        Geometry::with_instances(vec![], vec![object.clone()], instances, Preset::default()).expect("sound")
     };
     let mut hits = 0;
     for case in 0..60 {

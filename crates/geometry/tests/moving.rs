@@ -64,7 +64,7 @@ fn hits_are_those_of_still_meshes() {
         assert!(scene.moves());
         let standing = TIMES.map(|time| {
             let mesh = Mesh::new(at(&starts, &ends, time), triangles.clone()).expect("sound");
-            Geometry::build(vec![Shape::from(mesh), others.clone()], Preset::Medium).expect("few")
+            Geometry::build(vec![Shape::from(mesh), others.clone()], Preset::default()).expect("few")
         });
         for ray in rays(&mut rng, 2.0 * size, 300) {
             for (time, still) in TIMES.iter().zip(&standing) {
@@ -88,7 +88,7 @@ fn g01_moving_spheres_have_no_gap() {
     let ends: Vec<[f32; 3]> =
         starts.iter().map(|p| p.map(|x| x * 3.0 + 0.05).map(|x| x + rng.random_range(-0.02..0.02))).collect();
     let mesh = MovingMesh::new(starts.clone(), ends.clone(), triangles.clone()).expect("sound");
-    let scene = Geometry::build(vec![Shape::from(mesh)], Preset::Medium).expect("few");
+    let scene = Geometry::build(vec![Shape::from(mesh)], Preset::default()).expect("few");
     let eye = Vec3::new(0.4, -0.5, 0.2);
     for time in TIMES {
         let now = at(&starts, &ends, time);
@@ -110,11 +110,11 @@ fn g18_rays_that_leave_what_moves_do_not_meet_it_again() {
     let mut rng = generator(63);
     let (starts, ends, triangles) = soup(&mut rng, 1.0);
     let mesh = MovingMesh::new(starts, ends, triangles).expect("sound");
-    let alone = Geometry::build(vec![Shape::from(mesh.clone())], Preset::Medium).expect("few");
+    let alone = Geometry::build(vec![Shape::from(mesh.clone())], Preset::default()).expect("few");
     let turned = DAffine3::from_axis_angle(glam::DVec3::new(0.6, 0.0, 0.8), 1.0);
     let object = Arc::new(alone.clone());
     let instance = Instance { object: 0, motion: Motion::between(DAffine3::IDENTITY, turned).expect("invertible") };
-    let placed = Geometry::with_instances(vec![], vec![object], vec![instance], Preset::Medium).expect("few");
+    let placed = Geometry::with_instances(vec![], vec![object], vec![instance], Preset::default()).expect("few");
     assert!(placed.moves());
     for scene in [&alone, &placed] {
         let (mut left, mut met) = (0, 0);

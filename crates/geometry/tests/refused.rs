@@ -51,7 +51,7 @@ fn magnitudes_out_of_range_are_refused() {
 
 #[test]
 fn g17_invalid_rays_hit_nothing() {
-    let scene = geometry(vec![lat_long(10, 1.0, DVec3::ZERO)], Preset::Medium);
+    let scene = geometry(vec![lat_long(10, 1.0, DVec3::ZERO)], Preset::default());
     let good = Ray::new(Vec3::ZERO, Vec3::new(0.3, -0.2, 0.9));
     assert!(scene.closest(&good).is_some() && scene.occluded(&good));
     let mut bad = Vec::new();

@@ -15,7 +15,7 @@ use support::*;
 fn g02_ten_million_random_rays_from_inside_never_escape() {
     let mut rng = generator(2);
     for centre in [DVec3::ZERO, DVec3::new(0.3, -0.7, 0.11), DVec3::new(148_376.0, 1_234.0, -223_423.0)] {
-        let scene = geometry(vec![lat_long(200, 2.0, centre)], Preset::Medium);
+        let scene = geometry(vec![lat_long(200, 2.0, centre)], Preset::default());
         let reach = Vec3::splat(1.0);
         let escapes = (0..10_000_000)
             .filter(|_| {
@@ -47,7 +47,7 @@ fn g12_building_takes_linear_time_on_duplicates_and_concentric_triangles() {
         let time = |shapes: &[Shape]| {
             let run = |_| {
                 let start = Instant::now();
-                let scene = Geometry::build(shapes.to_vec(), Preset::Medium).expect("few");
+                let scene = Geometry::build(shapes.to_vec(), Preset::default()).expect("few");
                 (start.elapsed().as_secs_f64(), scene)
             };
             (0..3).map(run).min_by(|a, b| a.0.total_cmp(&b.0)).expect("three")
@@ -109,7 +109,7 @@ fn g15_slivers_are_met_at_their_centroids() {
 #[ignore = "T2: timing, wants a quiet machine"]
 fn g17_invalid_rays_take_no_longer() {
     let mut rng = generator(17);
-    let scene = geometry(vec![lat_long(200, 2.0, DVec3::ZERO)], Preset::Medium);
+    let scene = geometry(vec![lat_long(200, 2.0, DVec3::ZERO)], Preset::default());
     let good: Vec<Ray> = (0..100_000).map(|_| Ray::new(Vec3::ZERO, direction(&mut rng))).collect();
     let bad: Vec<Ray> = good
         .iter()

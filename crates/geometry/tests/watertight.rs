@@ -24,7 +24,7 @@ fn g01_aimed_rays_from_inside_a_sphere_never_escape() {
     for centre in CENTRES {
         let (positions, triangles) = lat_long(50, 2.0, centre);
         let targets = targets(&positions, &triangles);
-        for preset in [Preset::Fastest, Preset::Medium] {
+        for preset in [Preset::Fastest, Preset::default()] {
             let scene = geometry(vec![(positions.clone(), triangles.clone())], preset);
             for offset in [DVec3::ZERO, DVec3::new(0.5, -0.25, 0.125), DVec3::new(-0.7, 0.9, 0.3)] {
                 let origin = (centre + offset).as_vec3();
@@ -43,7 +43,7 @@ fn g01_aimed_rays_from_inside_a_sphere_never_escape() {
 fn g02_random_rays_from_inside_a_sphere_never_escape() {
     let mut rng = generator(2);
     for centre in CENTRES {
-        let scene = geometry(vec![lat_long(100, 2.0, centre)], Preset::Medium);
+        let scene = geometry(vec![lat_long(100, 2.0, centre)], Preset::default());
         let reach = Vec3::splat(1.0);
         for _ in 0..200_000 {
             let origin = point_in(&mut rng, centre.as_vec3() - reach, centre.as_vec3() + reach);
@@ -66,7 +66,7 @@ fn g03_axis_aligned_rays_through_a_grid_hit_from_both_sides() {
         })
         .collect();
     let mesh = (positions, triangles);
-    for preset in [Preset::Fastest, Preset::Medium] {
+    for preset in [Preset::Fastest, Preset::default()] {
         let scene = geometry(vec![mesh.clone()], preset);
         for z in [7.0, -7.0] {
             // Every half step: vertices, edge midpoints and diagonal midpoints.
@@ -88,7 +88,7 @@ fn g06_walls_in_near_contact_are_found() {
     for t in [1e-2_f32, 1e-3, 2e-4, 9e-5, 1e-5, 1e-6] {
         let positions = (0..=32).flat_map(|i| [[t, -1.0, i as f32 - 15.7], [t, 1.0, i as f32 - 15.7]]).collect();
         let triangles = (0..32).flat_map(|i| [[2 * i, 2 * i + 1, 2 * i + 2], [2 * i + 1, 2 * i + 3, 2 * i + 2]]);
-        let scene = geometry(vec![(positions, triangles.collect())], Preset::Medium);
+        let scene = geometry(vec![(positions, triangles.collect())], Preset::default());
         let mut rng = generator(6);
         for _ in 0..1000 {
             let y = rng.random_range(-0.5..0.5);
@@ -116,7 +116,7 @@ fn g07_thin_far_targets_are_met_by_exact_axis_rays() {
                     p
                 };
                 let mesh = (vec![place(-1.0, -1.0), place(1.0, -1.0), place(0.0, 1.0)], vec![[0, 1, 2]]);
-                let scene = geometry(vec![mesh], Preset::Medium);
+                let scene = geometry(vec![mesh], Preset::default());
                 let mut d = Vec3::ZERO;
                 d[axis] = 1.0;
                 for direction in [d, d * 1e-30, d * 1e30, d * f32::MIN_POSITIVE / 8.0] {
@@ -153,7 +153,7 @@ fn g15_closed_fan_of_slivers_has_no_gap() {
         let triangles =
             (0..N).flat_map(|i| [[0, 2 + i, 2 + (i + 1) % N], [1, 2 + (i + 1) % N, 2 + i]]).collect::<Vec<_>>();
         let aims = targets(&positions, &triangles);
-        let scene = geometry(vec![(positions, triangles)], Preset::Medium);
+        let scene = geometry(vec![(positions, triangles)], Preset::default());
         let origin = Vec3::new(0.1, 1e-6, 0.2);
         for target in aims {
             let ray = Ray::new(origin, (target - origin.as_dvec3()).normalize().as_vec3());
@@ -164,7 +164,7 @@ fn g15_closed_fan_of_slivers_has_no_gap() {
 
 #[test]
 fn g16_edge_on_rays_miss_the_face_they_lie_in() {
-    let scene = geometry(vec![cuboid(Vec3::ZERO, Vec3::ONE)], Preset::Medium);
+    let scene = geometry(vec![cuboid(Vec3::ZERO, Vec3::ONE)], Preset::default());
     // In the plane y = 0, and along the edge y = z = 0 shared by two faces.
     for z in [0.5, 0.0] {
         let ray = Ray::new(Vec3::new(-1.0, 0.0, z), Vec3::X);
@@ -173,7 +173,7 @@ fn g16_edge_on_rays_miss_the_face_they_lie_in() {
         let beyond = Ray { tmin: 1.5, ..ray };
         assert_eq!(scene.closest(&beyond).map(|hit| hit.t), Some(2.0));
     }
-    let alone = geometry(vec![(vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], vec![[0, 1, 2]])], Preset::Medium);
+    let alone = geometry(vec![(vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], vec![[0, 1, 2]])], Preset::default());
     let mut rng = generator(16);
     for _ in 0..10_000 {
         let mut flat = direction(&mut rng);

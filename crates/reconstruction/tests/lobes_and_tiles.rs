@@ -99,8 +99,9 @@ fn splatted(pixels: u64) -> f64 {
 }
 
 /// A window of the picture, filtered by itself, is the whole picture's, bit for bit, as far from its border as the kernel
-/// reaches, whatever threads the two were cut into. Filters that look at halves take what noise there is from the whole
-/// picture, and are no function of a window: they are the same on any number of threads, over several of their tiles.
+/// reaches, whatever threads the two were cut into. Filters that look at halves were seen to differ
+/// between a window and the whole, which is taken for their noise being the whole picture's and was not traced: asked of
+/// them is that they are the same on any number of threads, over several of their tiles.
 #[test]
 fn f10_tile_invariant() {
     let frame = Frame::new(150, 131).unwrap();

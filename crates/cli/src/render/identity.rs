@@ -8,6 +8,8 @@ use dapple_renderer::scene::Scene;
 
 /// The pair that tells shards of one picture apart.
 pub(crate) const SHARD: &str = "shard";
+/// The pair with what makes the picture of the samples: of shards alone.
+pub(crate) const FILTER: &str = "filter";
 /// The pair with the words that make the same picture again; not compared.
 pub(crate) const WORDS: &str = "words";
 
@@ -39,6 +41,8 @@ pub(super) fn identity(
         ("samples per pixel", format!("{} to {}", settings.limits.min_spp, settings.limits.max_spp)),
     ];
     if let Some(shard) = options.shard {
+        // A checkpoint may end under another filter; one picture has one.
+        pairs.push((FILTER, methods.filter.describe()));
         pairs.push((SHARD, shard.to_string()));
         pairs.push((WORDS, words(options)));
     }

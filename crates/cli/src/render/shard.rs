@@ -1,7 +1,7 @@
 //! One machine's share of a picture, as a file.
 
 use super::Options;
-use super::identity::{SHARD, WORDS};
+use super::identity::{FILTER, SHARD, WORDS};
 use super::options::LightChoice;
 use crate::output::{tell, warn};
 use crate::{Failure, Result};
@@ -49,4 +49,10 @@ pub(super) fn write(path: &Path, shard: Shard, film: &Film, identity: Identity, 
 pub(crate) fn common(identity: &Identity) -> Identity {
     let pairs = identity.pairs().iter().filter(|(name, _)| name != SHARD && name != WORDS);
     Identity::new(pairs.cloned())
+}
+
+/// What their samples have in common with those of a render that is no shard.
+pub(crate) fn samples(identity: &Identity) -> Identity {
+    let common = common(identity);
+    Identity::new(common.pairs().iter().filter(|(name, _)| name != FILTER).cloned())
 }

@@ -102,7 +102,7 @@ impl Pixels {
 /// say nothing of the values.
 ///
 /// Within each pixel the logarithm of its count is taken from that count's mean over the replicates, and so is its value; what
-/// the products add up to is compared with its spread, which need not be the same for all counts [White 1980].
+/// the products add up to is compared with its spread, which need not be the same for all counts [after White 1980].
 pub fn count_trend(replicates: &[Pixels]) -> f64 {
     let pixels = replicates[0].counts.len();
     let n = replicates.len() as f64;

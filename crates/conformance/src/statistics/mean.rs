@@ -56,7 +56,7 @@ impl Mean {
         MeanTest::new(self.mean - reference, self.standard_error(), (self.n - 1) as f64)
     }
 
-    /// S1: whether two expectations are equal, whatever their variances [Welch 1947].
+    /// S1: whether two expectations are equal, whatever their variances [after Welch 1947].
     pub fn against_estimate(&self, reference: &Self) -> MeanTest {
         let [a, b] = [self, reference].map(|m| (m.standard_error().powi(2), (m.n - 1) as f64));
         let variance = a.0 + b.0;
@@ -117,7 +117,7 @@ impl MeanTest {
         2.0 * student_tail(self.t().abs(), self.degrees_of_freedom)
     }
 
-    /// A standard normal deviate about as probable as t [Wallace 1959].
+    /// A standard normal deviate about as probable as t [after Wallace 1959].
     pub fn z(&self) -> f64 {
         let (t, v) = (self.t(), self.degrees_of_freedom);
         ((8.0 * v + 1.0) / (8.0 * v + 3.0) * (v * (t * t / v).ln_1p()).sqrt()).copysign(t)

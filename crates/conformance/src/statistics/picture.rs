@@ -143,7 +143,7 @@ fn pooled(deviates: impl Iterator<Item = f64>) -> [f64; 2] {
 
 /// p-values of the pooled figures. Blocks and channels go together, by light that moves over the picture and by a budget that
 /// they share, so how the figures spread is learned from replicates drawn anew, and a scaled chi-square of that mean and
-/// variance gives the tails [Satterthwaite 1946].
+/// variance gives the tails [after Satterthwaite 1946].
 fn null(a: &Group, b: Option<&Group>, seen: [f64; 2]) -> [f64; 2] {
     let (a, b) = (a.centred(), b.map(Group::centred));
     let mut random = 0x5eed_u64;

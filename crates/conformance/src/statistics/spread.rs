@@ -3,7 +3,7 @@
 use super::mean::Mean;
 
 /// p-value of equal spread of two samples, whatever their distributions: a t-test of the distances from each one's median
-/// [Brown and Forsythe 1974], for two groups.
+/// [after Brown and Forsythe 1974], for two groups.
 pub fn brown_forsythe(a: &[f64], b: &[f64]) -> f64 {
     let distances = |values: &[f64]| -> Mean {
         let mut sorted = values.to_vec();

@@ -20,7 +20,7 @@ pub enum Preset {
     /// Little.
     VeryFast,
     /// For a picture: obvhs's fast preset with half of its reinsertion. On meshes of 7e4 and 1e6 triangles rays take what
-    /// they take with [`Medium`](Self::Medium), to the noise of measuring (docs/results/rays.md), and building two thirds.
+    /// they take with [`Medium`](Self::Medium), to the noise of measuring, and building less (docs/results/rays.md).
     #[default]
     Fast,
     /// More than usual.
