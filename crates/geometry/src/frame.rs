@@ -72,7 +72,7 @@ impl Frame {
         let components = d.to_array();
         let direction = d.extend(1.0);
         // A component of 0 (or one whose reciprocal overflows) keeps its sign and takes the largest reciprocal: boxes
-        // are grown, so no product is needed between the wall and the infinite.
+        // are grown, enough for walls to be as far as triangles can be (`build::LEAST`).
         let inverse = (Vec4::ONE / direction).clamp(Vec4::splat(-f32::MAX), Vec4::splat(f32::MAX)).to_array();
         let over_longest = (direction / Vec4::splat(components[longest])).to_array();
         Self {

@@ -75,7 +75,15 @@ impl<P: PointSet> ErrorDriven<P> {
             shared = allocate_on_ladder(scores, floors, ceiling, total, exponent, even)?;
         }
         let left = |n: f64| n.max(1.0).powf(-exponent);
-        let promised: f64 = scores.iter().zip(&shared.counts).map(|(s, &n)| s * left(f64::from(n))).sum();
+        // Neighbours mostly stand on the same rung.
+        let mut last = (0, left(0.0));
+        let left_of = |n: u32| {
+            if n != last.0 {
+                last = (n, left(f64::from(n)));
+            }
+            last.1
+        };
+        let promised: f64 = shared.counts.iter().copied().map(left_of).zip(scores).map(|(left, s)| s * left).sum();
         let uniform = scores.iter().sum::<f64>() * left(mean);
         if promised > self.options.gain * uniform {
             let alike = vec![1.0; scores.len()];

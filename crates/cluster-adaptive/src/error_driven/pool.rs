@@ -2,6 +2,7 @@
 
 use crate::{Cells, Error};
 use dapple_core::RgbMoments;
+use rayon::prelude::*;
 
 /// Over what a pixel's variance is pooled, besides its own.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -69,58 +70,89 @@ pub fn relative_variance(
         _ => return Err(Error::range("cells", "none of this size", "the cells of this picture")),
     };
     let radius = pooling.radius as usize;
-    let plane = |f: &dyn Fn(&RgbMoments) -> f64| -> Vec<f64> { moments.iter().map(f).collect() };
+    let plane = |f: &(dyn Fn(&RgbMoments) -> f64 + Sync)| -> Vec<f64> {
+        moments.par_iter().with_min_len(SERIAL).map(f).collect()
+    };
+    let box_sums = |plane: &[f64]| box_sums(plane, [w, h], radius);
     let freedom = plane(&|m| m.count.saturating_sub(1) as f64);
-    let seen = box_sums(&plane(&|m| f64::from(u8::from(m.count > 0))), w, h, radius);
+    let freedoms = if pooling.pool == Pool::Cell { Vec::new() } else { box_sums(&freedom) };
+    let seen = box_sums(&plane(&|m| f64::from(u8::from(m.count > 0))));
     let mut sums = vec![0.0; w * h];
     for c in 0..3 {
         let deviations = plane(&|m| match (m.count.saturating_sub(1) as f64, m.m2[c]) {
             (freedom, m2) if freedom > 0.0 && m2.is_finite() => freedom * power(m2.max(0.0) / freedom, pooling.power),
             _ => 0.0,
         });
-        let means = box_sums(&plane(&|m| m.mean[c]), w, h, radius);
-        let pools = pools(&deviations, &freedom, pooling, [w, h], &first, cells);
-        for (i, sum) in sums.iter_mut().enumerate() {
+        let means = box_sums(&plane(&|m| m.mean[c]));
+        let pools = match pooling.pool {
+            Pool::Cell => over_cells(&deviations, &freedom, &first, cells.map_or(0, Cells::len)),
+            Pool::Window => divided(&box_sums(&deviations), &freedoms),
+            Pool::Inside => {
+                let window = divided(&box_sums(&deviations), &freedoms);
+                inside(&window, &deviations, &freedom, pooling, [w, h], &first)
+            }
+        };
+        sums.par_iter_mut().with_min_len(SERIAL).enumerate().for_each(|(i, sum)| {
             let mean = means[i] / seen[i].max(1.0);
             let variance = match pooling.prior {
                 prior if prior == f64::INFINITY => pools[i],
                 prior => (deviations[i] + prior * pools[i]) / (freedom[i] + prior),
             };
-            *sum += power(variance, 1.0 / pooling.power) / (mean * mean + pooling.epsilon);
-        }
+            *sum += root(variance, pooling.power) / (mean * mean + pooling.epsilon);
+        });
     }
     Ok(sums)
 }
 
+/// Pixels that one task takes at least.
+const SERIAL: usize = 4096;
+
+/// Powers of 1 and 2, which are the ones in use, without a logarithm.
 fn power(x: f64, power: f64) -> f64 {
-    if power == 1.0 { x } else { x.powf(power) }
+    match power {
+        1.0 => x,
+        2.0 => x * x,
+        _ => x.powf(power),
+    }
 }
 
-/// The pooled power of the variance of each pixel.
-fn pools(
+fn root(x: f64, power: f64) -> f64 {
+    match power {
+        1.0 => x,
+        2.0 => x.sqrt(),
+        _ => x.powf(1.0 / power),
+    }
+}
+
+fn ratio(a: f64, b: f64) -> f64 {
+    if b > 0.0 { a / b } else { 0.0 }
+}
+
+fn divided(a: &[f64], b: &[f64]) -> Vec<f64> {
+    a.iter().zip(b).map(|(a, b)| ratio(*a, *b)).collect()
+}
+
+/// The power of the variance of all pixels that see the same cell first.
+fn over_cells(deviations: &[f64], freedom: &[f64], first: &[u32], cells: usize) -> Vec<f64> {
+    let mut sums = vec![[0.0; 2]; cells];
+    for (i, &cell) in first.iter().enumerate() {
+        let sum = &mut sums[cell as usize];
+        *sum = [sum[0] + deviations[i], sum[1] + freedom[i]];
+    }
+    first.iter().map(|&cell| ratio(sums[cell as usize][0], sums[cell as usize][1])).collect()
+}
+
+/// That of the window, and with half its weight that of the pixels near by that see the same cell first.
+fn inside(
+    window: &[f64],
     deviations: &[f64],
     freedom: &[f64],
     pooling: &Pooling,
     [w, h]: [usize; 2],
     first: &[u32],
-    cells: Option<&Cells>,
 ) -> Vec<f64> {
     let radius = pooling.radius as usize;
-    let ratio = |a: &f64, b: &f64| if *b > 0.0 { a / b } else { 0.0 };
-    let divide = |a: &[f64], b: &[f64]| -> Vec<f64> { a.iter().zip(b).map(|(a, b)| ratio(a, b)).collect() };
-    if pooling.pool == Pool::Cell {
-        let mut sums = vec![[0.0; 2]; cells.map_or(0, Cells::len)];
-        for (i, &cell) in first.iter().enumerate() {
-            let sum = &mut sums[cell as usize];
-            *sum = [sum[0] + deviations[i], sum[1] + freedom[i]];
-        }
-        return first.iter().map(|&cell| ratio(&sums[cell as usize][0], &sums[cell as usize][1])).collect();
-    }
-    let window = divide(&box_sums(deviations, w, h, radius), &box_sums(freedom, w, h, radius));
-    if pooling.pool == Pool::Window {
-        return window;
-    }
-    let inside = |i: usize| {
+    let of = |(i, all): (usize, &f64)| {
         let near = |at: usize, end: usize| at.saturating_sub(radius + 1)..(at + radius + 2).min(end);
         let mut sum = [0.0; 2];
         for k in near(i / w, h).flat_map(|y| near(i % w, w).map(move |x| y * w + x)) {
@@ -128,23 +160,34 @@ fn pools(
                 sum = [sum[0] + deviations[k], sum[1] + freedom[k]];
             }
         }
-        ratio(&sum[0], &sum[1])
+        (2.0 * all + ratio(sum[0], sum[1])) / 3.0
     };
-    window.iter().enumerate().map(|(i, all)| (2.0 * all + inside(i)) / 3.0).collect()
+    window.par_iter().with_min_len(SERIAL).enumerate().map(of).collect()
 }
 
-/// Sums over `2 radius + 1` pixels squared, cut off at the borders.
-fn box_sums(plane: &[f64], w: usize, h: usize, radius: usize) -> Vec<f64> {
-    let pass = |from: &[f64], length: usize, stride: usize, start: usize, to: &mut [f64]| {
-        for i in 0..length {
-            let near = i.saturating_sub(radius)..(i + radius + 1).min(length);
-            to[start + i * stride] = near.map(|k| from[start + k * stride]).sum();
+/// Sums over `2 radius + 1` pixels squared, cut off at the borders. Whole rows are added at a time, each pixel's terms in the
+/// order of rows and columns; a running sum would keep what a firefly rounded away.
+fn box_sums(plane: &[f64], [w, h]: [usize; 2], radius: usize) -> Vec<f64> {
+    let near = |at: usize, end: usize| at.saturating_sub(radius)..(at + radius + 1).min(end);
+    let mut sums = vec![0.0; plane.len()];
+    let sum_row = |column: &mut Vec<f64>, (y, sums): (usize, &mut [f64])| {
+        column.clear();
+        column.resize(w, 0.0);
+        for k in near(y, h) {
+            column.iter_mut().zip(&plane[k * w..(k + 1) * w]).for_each(|(sum, x)| *sum += x);
+        }
+        // Shifted copies added up, but where the window is cut off.
+        let whole = w.saturating_sub(2 * radius);
+        let (inner, edge) = if whole > 0 { (radius..radius + whole, radius) } else { (0..0, w) };
+        for k in 0..=2 * radius {
+            sums[inner.clone()].iter_mut().zip(&column[k.min(w)..]).for_each(|(sum, x)| *sum += x);
+        }
+        for x in (0..edge).chain(inner.end.max(edge)..w) {
+            sums[x] = column[near(x, w)].iter().sum();
         }
     };
-    let mut rows = vec![0.0; plane.len()];
-    (0..h).for_each(|y| pass(plane, w, 1, y * w, &mut rows));
-    let mut sums = vec![0.0; plane.len()];
-    (0..w).for_each(|x| pass(&rows, h, w, x, &mut sums));
+    let rows = (SERIAL / w.max(1)).max(1);
+    sums.par_chunks_mut(w.max(1)).with_min_len(rows).enumerate().for_each_init(Vec::new, sum_row);
     sums
 }
 

@@ -172,6 +172,10 @@ const GROWTH: f32 = 1.0 / (1u64 << 14) as f32;
 /// All boxes grow by this share of their largest coordinate, three ulps, one of them for the rounding of the growth
 /// itself, so that no slab is thinner than rounding.
 const ULPS: f32 = 3.0 / (1u64 << 23) as f32;
+/// And by this much. Along an axis in which a ray hardly moves, a slab is left at the way to its wall times the largest
+/// reciprocal, below 2^128; triangles lie up to 2^71 away (`frame::FARTHEST`, twice, in lengths of the shortest direction,
+/// 2^-10), and what underflow of a slope shears them by is less than 2^-80.
+const LEAST: f32 = 1.0 / (1u64 << 57) as f32;
 
 /// Builds the tree; also the bounds and the number of triangles that can be hit.
 pub(crate) fn build_tree(
@@ -209,7 +213,7 @@ fn enclose([a, b, c]: [Vec3; 3]) -> Bounds {
 }
 
 fn grow([low, high]: Bounds, by: f32) -> Bounds {
-    let by = by + low.abs().max(high.abs()).max_element() * ULPS;
+    let by = by + low.abs().max(high.abs()).max_element() * ULPS + LEAST;
     [low - by, high + by]
 }
 

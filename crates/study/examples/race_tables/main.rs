@@ -2,7 +2,7 @@
 //! seen; and every method on every scene.
 //!
 //! `cargo run --release -p dapple-study --example race_tables -- [OPTION DIR]... DIR...` reads the folders of finished
-//! studies with the same methods, budgets and seeds (`docs/results/beyond.toml`), each with scenes of its own, and writes
+//! studies of the same seeds (`docs/results/beyond.toml` and `beyond-curves.toml`), and writes
 //! Markdown to its standard output. `--long DIR`: the baseline alone at larger budgets, for the times to equal error.
 //! `--besides DIR`: other methods on the same scenes, of which the summaries speak. `--lights DIR`: scenes `room`, `room-uniform` and `room-cells`. `--foreign DIR`: the same methods against references of
 //! another renderer, and the baseline at a very large budget. `--tuned NAME,…`: scenes that settings were tuned on.
