@@ -19,7 +19,7 @@ use checkpoints::Checkpoints;
 use clap::CommandFactory;
 use clap::error::ErrorKind;
 use dapple_checkpoint::{Identity, Store};
-use dapple_core::{Error, Film, Needs, Sampler, Sharded, streams};
+use dapple_core::{Error, Film, Filter, Needs, Sampler, Sharded, Unfiltered, streams};
 use dapple_renderer::light::LightChoice;
 use dapple_renderer::scene::Scene;
 use dapple_renderer::{Effect, Effects, Stage, WorldClusters, integrator};
@@ -110,6 +110,7 @@ fn make(options: &Options, merged: Option<(Film, &Identity)>) -> Result<Outcome>
         shard::write(path, shard, &film, identity, options.quiet)?;
         return end(&film, None, resume);
     }
+    leave_filter_out(&mut methods, &film);
     let clock = Instant::now();
     let filtered = methods.filter.apply(&film).map_err(Failure::new)?;
     seconds.filter = clock.elapsed().as_secs_f64();
@@ -140,6 +141,18 @@ fn make(options: &Options, merged: Option<(Film, &Identity)>) -> Result<Outcome>
     }
     deliver(report, &files, 1.0 / world.space().scale(), options)?;
     end(&film, failure, resume)
+}
+
+/// Pixels that a filter is taken to finish in a second, one thread: what the default is held to (8 microseconds a pixel).
+const FILTERED_A_SECOND: usize = 125_000;
+
+/// Whoever stops a render wants to have it soon: a filter that would take a second or more is left out, and said to be.
+fn leave_filter_out(methods: &mut Methods, film: &Film) {
+    let patience = FILTERED_A_SECOND * rayon::current_num_threads();
+    if film.record().interrupted && methods.filter.name() != Unfiltered.name() && film.frame().pixels() > patience {
+        warn(format!("stopped: the picture is not filtered, since {} would take too long", methods.filter.name()));
+        methods.filter = Box::new(Unfiltered);
+    }
 }
 
 /// The last words, after everything is written. `resume` is the checkpoint to go on from, or why there is none.

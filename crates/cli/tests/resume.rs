@@ -207,6 +207,22 @@ fn x08_a_signal_leaves_picture_and_checkpoint() {
     }
 }
 
+/// Its filter alone would take longer than the two seconds that stopping may take.
+#[cfg(unix)]
+#[test]
+fn x08_a_large_picture_is_left_unfiltered_by_a_signal() {
+    let folder = Folder::new();
+    let child = folder.start(
+        "render tiny.pbrt --resolution 512x384 --spp 100000 --threads 1 -o a.exr --checkpoint c --checkpoint-every 0.1",
+    );
+    assert!(folder.wait_for("c", &None), "no checkpoint");
+    signal(&child, "INT");
+    let said = Said::of(child.wait_with_output().expect("it ends"));
+    assert!(said.status == Some(130) && said.err.contains("the picture is not filtered"), "{}", said.err);
+    let attributes = dapple_renderer::image::read_attributes(&folder.read("a.exr"), "a.exr").expect("a picture");
+    assert!(attributes.iter().any(|(name, text)| name == "dapple:filter" && text == "none"), "{attributes:?}");
+}
+
 #[cfg(target_os = "linux")]
 #[test]
 fn x08_a_full_disk_is_tried_again() {

@@ -1,9 +1,11 @@
-//! The two samplers that every other is measured against.
+//! Samplers that others are measured against.
 
+mod cycles;
 mod pilot;
 mod uniform;
 mod variance;
 
+pub use cycles::{Cycles, CyclesOptions, Stop};
 pub use pilot::{Pilot, PilotRound};
 pub use uniform::Uniform;
 pub use variance::{Variance, VarianceOptions};

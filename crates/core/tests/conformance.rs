@@ -4,7 +4,7 @@ mod common;
 
 use common::{Independent, Planned, mix};
 use dapple_conformance as conformance;
-use dapple_core::samplers::{Pilot, Uniform, Variance, VarianceOptions};
+use dapple_core::samplers::{Cycles, CyclesOptions, Pilot, Stop, Uniform, Variance, VarianceOptions};
 use dapple_core::{
     Error, Fate, Feedback, Film, Filter, Filtered, Needs, Plan, PointSet, Progress, Sampler, Unfiltered,
 };
@@ -23,6 +23,16 @@ fn variance_conforms_under_every_policy() {
             let options = VarianceOptions { policy, pilot, exponent, ..VarianceOptions::default() };
             conformance::sampler(|| Box::new(Variance::with_options(Independent::new(1), options).unwrap()));
         }
+    }
+}
+
+#[test]
+fn cycles_conforms_with_a_budget_and_with_a_threshold() {
+    for options in [CyclesOptions::default(), CyclesOptions { threshold: 0.01, min: 3, step: 5, ..Default::default() }]
+    {
+        conformance::sampler(|| Box::new(Cycles::with_options(Independent::new(1), options).unwrap()));
+        let options = CyclesOptions { mode: Stop::Threshold, ..options };
+        conformance::threshold_sampler(|| Box::new(Cycles::with_options(Independent::new(1), options).unwrap()));
     }
 }
 

@@ -215,3 +215,32 @@ fn a_hit_closer_than_numbers_can_say_lies_within_the_limits() {
     let none = Ray { tmin: 0.0, tmax: f32::from_bits(1), ..ray };
     assert!(scene.closest(&none).is_none() && !scene.occluded(&none));
 }
+
+/// Found by the fuzzer: boxes of tiny shapes a long way off were left, along the axes in which a ray does not move, before
+/// they were entered.
+#[test]
+fn tiny_triangles_a_long_way_off_are_met_by_level_rays() {
+    for size in [4e-34_f32, 1e-39, 1e-20, 1.0] {
+        // One far off, since meshes that are tiny as a whole are refused, and enough tiny ones to fill boxes of their own.
+        let mut corners = vec![[0.0, -1e15, 0.0], [0.0, -1e15, 1.0], [1.0, -1e15, 0.0]];
+        let square = |i: u8| [i / 8, i % 8].map(f32::from);
+        corners.extend((0..64).flat_map(|i| {
+            let [y, z] = square(i);
+            [[0.0, y * size, z * size], [0.0, (y + 0.9) * size, z * size], [0.0, y * size, (z + 0.9) * size]]
+        }));
+        let triangles = (0..corners.len() as u32 / 3).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
+        let scene = geometry(vec![(corners, triangles)], Preset::default());
+        for (far, slope) in [(1.9e15, 0.0), (1.0, 0.0), (1.9e15, 1e-4 * size), (1e18, 0.0)] {
+            for i in 0..64 {
+                let [y, z] = square(i).map(|x| (x + 0.25) * size);
+                let ray = Ray::new(Vec3::new(-far, y, z), Vec3::new(far, slope, -slope));
+                let hit = scene.closest(&ray);
+                let met = hit.is_some_and(|hit| hit.t == 1.0 && hit.primitive == u32::from(i) + 1);
+                assert!(met && scene.occluded(&ray), "{size} {far} {slope} {i}: {hit:?}");
+            }
+        }
+        // And passed by where they are not.
+        let beside = Ray::new(Vec3::new(-1.9e15, 0.75 * size, 0.75 * size), Vec3::new(1.9e15, 0.0, 0.0));
+        assert!(scene.closest(&beside).is_none() && !scene.occluded(&beside));
+    }
+}

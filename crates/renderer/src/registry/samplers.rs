@@ -7,7 +7,7 @@ use dapple_cluster_adaptive::{
     AreaVectors, CellOptions, ClusterAdaptive, ClusterSize, ErrorDriven, ErrorDrivenOptions, ErrorMap, Map, Options,
     PixelArea, Placement, Pool, ProbeSource,
 };
-use dapple_core::samplers::{Pilot, Uniform, Variance, VarianceOptions};
+use dapple_core::samplers::{Cycles, CyclesOptions, Pilot, Stop, Uniform, Variance, VarianceOptions};
 use dapple_core::{Film, Sampler};
 use dapple_mitchell::{Mitchell, MitchellOptions, Mode, PbrtAdaptive, PbrtOptions, Policy};
 use dapple_reconstruction::relative_errors;
@@ -46,6 +46,12 @@ pub const SAMPLERS: &[Entry<MakeSampler>] = &[
         about: "pbrt-v2's variant: samples that deviate from the pixel's mean, two rates",
         parameters: &[MITCHELL_PBRT],
         make: |p, points, _| mitchell_pbrt(p, points),
+    },
+    Entry {
+        name: "cycles",
+        about: "the stopping rule of Blender's Cycles: pixels whose two halves differ go on",
+        parameters: &[CYCLES],
+        make: |p, points, _| cycles(p, points),
     },
     Entry {
         name: "cluster-thesis",
@@ -108,6 +114,16 @@ const MITCHELL_PBRT: &[Parameter] = &[
     ("threshold", "0.5", "relative deviation in luminance above which a pixel is refined"),
     ("mode", "budget", "budget (largest deviation first, to the last sample) or threshold (the budget is a ceiling)"),
     ("policy", "refined", "the pilot's fate: refined (published, biased), keep (biased), discard (unbiased)"),
+];
+const CYCLES: &[Parameter] = &[
+    ("threshold", "0", "the user's threshold, of which five times counts; 0 is 1 over the mean budget, at least 0.001"),
+    (
+        "min",
+        "0",
+        "samples per pixel before any stops; 0 is 16 t^-0.3 for threshold t, with a budget at most a quarter of it",
+    ),
+    ("step", "16", "samples of an open pixel between two looks"),
+    ("mode", "budget", "budget (the threshold falls until it is spent) or threshold (the budget is a ceiling)"),
 ];
 const CLUSTER_THESIS: &[Parameter] = &[
     ("probes", "centre", "probe rays per pixel: centre (one, published), or so many jittered ones"),
@@ -204,6 +220,16 @@ fn mitchell_pbrt(p: &Parameters, points: AnyPoints) -> Result<Box<dyn Sampler>, 
         policy: policy(p)?,
     };
     Ok(Box::new(PbrtAdaptive::with_options(points, options)?))
+}
+
+fn cycles(p: &Parameters, points: AnyPoints) -> Result<Box<dyn Sampler>, RegistryError> {
+    let options = CyclesOptions {
+        threshold: p.number("threshold")?,
+        min: p.number("min")?,
+        step: p.number("step")?,
+        mode: p.choice("mode", &[Stop::Budget, Stop::Threshold].map(|m| (m.name(), m)))?,
+    };
+    Ok(Box::new(Cycles::with_options(points, options)?))
 }
 
 /// A cluster's size, as far as it can be chosen before there are clusters.

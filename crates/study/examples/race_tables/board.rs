@@ -305,3 +305,6 @@ fn median(mut values: Vec<f64>) -> Option<f64> {
     let n = values.len();
     (n > 0).then(|| 0.5 * (values[(n - 1) / 2] + values[n / 2]))
 }
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,96 @@
+//! Ratios of curves that are known.
+
+use super::*;
+use dapple_study::{Errors, Phases};
+
+const SEEDS: std::ops::RangeInclusive<u64> = 1..=8;
+
+/// A run whose error is `error` times an even or odd seed's luck, in `time` seconds.
+fn run(method: &Method, spp: u64, seed: u64, error: f64, time: f64) -> Run {
+    let e = error * if seed % 2 == 0 { 1.1 } else { 1.0 / 1.1 };
+    let errors =
+        Errors { mse: e, relmse: e, relmse_trimmed: e, smape: e, psnr: 0.0, srgb8_mse: e, flip: e, mean_ratio: 1.0 };
+    Run {
+        scene: "plain".into(),
+        method: method.clone(),
+        budget: Budget::Spp(spp),
+        seed,
+        asked: spp,
+        samples: spp,
+        spp: spp as f64,
+        rays: spp,
+        seconds: Phases::default(),
+        render_s: time,
+        cpu_s: None,
+        errors,
+        corrected: true,
+        reference_limited: false,
+        predicted_relmse: None,
+        rejected: 0,
+        load: None,
+        fresh: true,
+        picture: None,
+        sample_map: None,
+        white: None,
+    }
+}
+
+/// Uniform sampling with error 1/n in n seconds, at 4 to 64 samples; and a method with half of that error in twice the time.
+fn board() -> (Board, Method) {
+    let mut board = Board {
+        manifests: Vec::new(),
+        scenes: vec!["plain".into()],
+        methods: Vec::new(),
+        spp: vec![4, 8, 16, 32, 64],
+        uniform: Method::new("uniform", "sobol", "none"),
+        missing: 0,
+        cells: BTreeMap::new(),
+    };
+    let other = Method::new("other", "sobol", "none");
+    let curve = |spp: u64, seed| {
+        let n = spp as f64;
+        [run(&board.uniform, spp, seed, 1.0 / n, n), run(&other, spp, seed, 0.5 / n, 2.0 * n)]
+    };
+    let runs: Vec<Run> = [4, 8, 16, 32, 64]
+        .into_iter()
+        .flat_map(|spp| SEEDS.map(move |seed| (spp, seed)))
+        .flat_map(|(n, s)| curve(n, s))
+        .collect();
+    board.take(runs);
+    (board, other)
+}
+
+#[test]
+fn half_the_error_in_twice_the_time_is_a_draw_at_equal_time() {
+    let (board, other) = board();
+    let ratio = |at| board.mean(&["plain"], &other, &board.uniform, at, Metric::RelMse).unwrap();
+    let equal_spp = ratio(At::Spp(16));
+    assert!((equal_spp.value - 0.5).abs() < 1e-12 && equal_spp.mark == Mark::Plain);
+    for (spp, mark) in [(8, Mark::Plain), (16, Mark::Plain), (32, Mark::Plain), (64, Mark::Plain)] {
+        let equal_time = ratio(At::TimeOf(spp));
+        assert!((equal_time.value - 1.0).abs() < 1e-9 && equal_time.mark == mark, "{spp}: {}", equal_time.value);
+    }
+    // The least budget takes twice the time of 4 samples: told, and not followed downwards.
+    let least = ratio(At::TimeOf(4));
+    assert!((least.value - 0.5).abs() < 1e-12 && least.mark == Mark::Slower(2.0), "{}", least.value);
+}
+
+#[test]
+fn time_to_equal_error_is_that_of_the_longer_curve() {
+    let (board, other) = board();
+    // The error of 16 is uniform's at 32, which takes as long; that of 64 lies beyond the curve.
+    let within = board.time_to_error("plain", &other, 16, Metric::Srgb).unwrap();
+    assert!((within.value - 1.0).abs() < 0.01 && within.mark == Mark::Plain, "{}", within.value);
+    let beyond = board.time_to_error("plain", &other, 64, Metric::Srgb).unwrap();
+    assert!((beyond.value - 1.0).abs() < 0.01 && beyond.mark == Mark::Beyond, "{}", beyond.value);
+}
+
+#[test]
+fn a_scene_without_a_ratio_takes_the_mean_with_it() {
+    let (mut board, other) = board();
+    let mean = |board: &Board| board.mean(&["plain", "missing"], &other, &board.uniform, At::Spp(16), Metric::Flip);
+    assert!(mean(&board).is_none());
+    let copies: Vec<Run> = board.runs().map(|run| Run { scene: "missing".into(), ..run.clone() }).collect();
+    board.take(copies);
+    assert!(mean(&board).is_some());
+}
