@@ -23,6 +23,33 @@ enum What {
     Clusters,
 }
 
+impl What {
+    /// As [`Files::bytes_per_pixel`], of one file. `filtered`: whether the picture is another than the film's own.
+    fn bytes_per_pixel(self, needs: &Needs, filtered: bool) -> usize {
+        /// Red, green and blue as floats.
+        const RGB: usize = 12;
+        // What is compressed takes its own size at most.
+        let png = |channels: usize| 3 * channels;
+        match self {
+            Self::Picture(Format::Exr) => {
+                let rgb = 1 + usize::from(filtered) + usize::from(needs.variance) + 2 * usize::from(needs.features);
+                let one =
+                    1 + usize::from(needs.halves) + usize::from(needs.first_hits > 0) + usize::from(needs.features);
+                let layers = RGB * rgb + 4 * one;
+                // The picture's copy, all layers and the file; or those up to the variance, which stands beside means and
+                // a copy of its own.
+                RGB + (2 * layers).max(RGB * (rgb + 2))
+            }
+            Self::Picture(Format::Pfm) => RGB + RGB,
+            Self::Picture(_) => RGB + png(3),
+            Self::Samples => 8 + png(1),
+            Self::Error | Self::Depth => 8 + 8 + png(1),
+            Self::Albedo | Self::Normals => png(3),
+            Self::Clusters => 4 + png(3),
+        }
+    }
+}
+
 /// The files to write, each known to be writable.
 pub(super) struct Files {
     files: Vec<(What, PathBuf)>,
@@ -71,6 +98,12 @@ impl Files {
             }
         }
         needs
+    }
+
+    /// The most that making the bytes of a file takes besides film and picture, per pixel.
+    pub(super) fn bytes_per_pixel(&self, needs: &Needs, filtered: bool) -> usize {
+        let most = |what: &What| what.bytes_per_pixel(needs, filtered);
+        self.files.iter().map(|(what, _)| most(what)).max().unwrap_or(0)
     }
 
     /// Writes every file, whatever becomes of the others, and says for each what it is. `unit` as in

@@ -140,7 +140,9 @@ fn header(size: [u32; 2], channels: &[(String, &Plane<'_>)], attributes: &[(Stri
 }
 
 fn encode(header: Header, planes: &[&Plane<'_>]) -> ::exr::error::Result<Vec<u8>> {
-    let mut bytes = Cursor::new(Vec::new());
+    // As much as planes without any pattern take: a file that grows is copied, and its earlier places stay empty.
+    let raw: usize = planes.iter().map(|plane| if let Plane::F16(_) = plane { 2 } else { 4 } * plane.len()).sum();
+    let mut bytes = Cursor::new(Vec::with_capacity(raw + raw / 64));
     block::write(&mut bytes, [header].into_iter().collect(), true, |meta, writer| {
         let blocks: Vec<(usize, BlockIndex)> = enumerate_ordered_header_block_indices(&meta.headers).collect();
         // In batches, so that not everything is in memory uncompressed; in order, so that the bytes do not
