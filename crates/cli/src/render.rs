@@ -103,8 +103,7 @@ fn make(options: &Options, merged: Option<(Film, &Identity)>) -> Result<Outcome>
         None => {
             let memory = methods.memory(&settings, needs, options.shard)?;
             let keeps = store.is_some() || share.is_some();
-            let writing = files.bytes_per_pixel(&memory.needs, methods.filter.name() != "none");
-            let writing = settings.frame.bytes(writing);
+            let writing = files.memory(&settings.frame, &memory.needs, methods.filter.name() != "none");
             let expected = Expected::of_render(&foreseen, &memory, writing, keeps);
             expected.check(limit)?;
             Some(expected)

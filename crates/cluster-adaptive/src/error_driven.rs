@@ -113,7 +113,8 @@ impl<P: PointSet> Sampler for ErrorDriven<P> {
         // Counts and floors of both halves stand beside all of it.
         let across = if crosses { 12 } else { 0 };
         let bytes = size_of::<RgbMoments>() + (pooling + cells).max(map) + across;
-        let memory = SamplerMemory::planning(frame, crosses, bytes);
+        let plans = !self.options.policy.is_all(self.options.pilot, frame, limits);
+        let memory = SamplerMemory::planning(frame, crosses, if plans { bytes } else { 0 });
         if self.options.policy == Pilot::Discard { memory.with_discarded(frame, needs, limits) } else { memory }
     }
 

@@ -63,7 +63,8 @@ impl FilterMemory {
 /// The memory that a render takes, in bytes, as far as it goes with the size of the picture.
 ///
 /// Counted from the planes that each part holds at its fullest, not measured: the same on every machine. What the
-/// integrator knows of the scene comes on top, and so does what becomes of the picture afterwards.
+/// integrator knows of the scene comes on top, and so does what becomes of the picture afterwards. Under a limit of time or
+/// error it is what a render takes that goes on after its first round; one that ends with it takes less.
 ///
 /// ```
 /// # use dapple_core::*;
@@ -104,9 +105,12 @@ impl Memory {
         let needs = needs.and(sampler.needs());
         let needs = if matches!(limits.budget, Budget::Error { .. }) { needs.with_halves() } else { needs };
         let SamplerMemory { discarded, state, planning, plan } = sampler.memory(frame, &needs, limits);
+        // One sample a pixel goes to the first half; nobody writes to the other's zeros, so that they take no memory.
+        let single = matches!(limits.budget, Budget::Samples(total) if total <= frame.pixels() as u64);
+        let unwritten = if needs.halves && single { Film::bank_bytes_per_pixel(&needs) / 2 } else { 0 };
         Self {
             needs,
-            film: frame.bytes(Film::bytes_per_pixel(&needs)).saturating_add(discarded),
+            film: frame.bytes(Film::bytes_per_pixel(&needs) - unwritten).saturating_add(discarded),
             sampler: state,
             planning,
             tracing: plan,
@@ -165,6 +169,9 @@ mod tests {
         let options = VarianceOptions { policy: Pilot::Discard, ..VarianceOptions::default() };
         let discards = of(&Variance::with_options(Points, options).unwrap(), &frame, Budget::Samples(20_000));
         assert_eq!(discards.film, 5000 * 112, "a bank of its own for what is discarded");
+        let variance = |budget| of(&Variance::new(Points), &frame, Budget::Samples(budget));
+        assert_eq!(variance(20_000).planning, 5000 * 4, "the pilot is all");
+        assert!(variance(20_001).planning > 5000 * 100 && variance(40_000) == variance(20_001));
     }
 
     /// Sums that leave 64 bits are "more than there is", not little.
@@ -174,7 +181,8 @@ mod tests {
         assert_eq!(frame.pixels(), u32::MAX as usize);
         let largest = of(&Uniform::new(Points), &frame, Budget::Samples(1 << 40));
         assert_eq!(largest.film, 32 * u64::from(u32::MAX));
-        assert!(largest.peak() > largest.film);
+        let film = 32 * u64::from(u32::MAX);
+        assert_eq!(largest.peak(), film + 12 * u64::from(u32::MAX), "the picture stands beside the film");
         assert_eq!(frame.bytes(usize::MAX), u64::MAX);
         let full = Memory { film: u64::MAX, ..largest };
         assert_eq!((full.peak(), full.snapshot()), (u64::MAX, u64::MAX));

@@ -157,8 +157,8 @@ impl<P: PointSet> Sampler for Mitchell<P> {
     }
 
     fn memory(&self, frame: &Frame, needs: &Needs, limits: &Limits) -> SamplerMemory {
-        // Ranges, those of rows, those of windows, and scores.
-        self.two_rates.memory(frame, needs, limits, 3 * size_of::<[[f32; 3]; 2]>() + 8)
+        // Ranges, those of rows and those of windows.
+        self.two_rates.memory(frame, needs, limits, 3 * size_of::<[[f32; 3]; 2]>())
     }
 
     fn save(&self) -> Vec<u8> {

@@ -182,8 +182,10 @@ impl TwoRates {
 
     /// The memory of a sampler that scores with so many bytes per pixel, and whose film has these needs.
     pub(crate) fn memory(&self, frame: &Frame, needs: &Needs, limits: &Limits, scoring: usize) -> SamplerMemory {
-        // Afterwards scores, or counts and marks, beside the ranking.
-        let memory = SamplerMemory::planning(frame, false, scoring.max(12)).with_state(frame, 4);
+        // The ranking comes after the scoring, beside scores, or counts and marks.
+        const RANKING: usize = 4;
+        let planning = scoring.saturating_sub(RANKING).max(8);
+        let memory = SamplerMemory::planning(frame, false, planning).with_state(frame, RANKING);
         match self.policy {
             Policy::Keep => memory,
             Policy::Discard => memory.with_discarded(frame, needs, limits),

@@ -69,11 +69,7 @@ pub(crate) fn bytes(frame: &Frame, guides: usize) -> u64 {
     // Guides, references, sharpness; sums by rows and the result beside the tiles that they are put together from.
     let planes = 4 * guides + 3 + 3 + 8 + 6;
     let tiles = tiles(frame.size()) * (4 * 8 * HALO[0] * HALO[1]) as u64;
-    // Each thread's copies and weights of the tile that it works on.
-    let weights = guides * SIDE * SIDE * size_of::<[Row; CENTRES]>();
-    let copies = (17 + 4 + 13 + 1 + 4 * guides + 8) * 2 * ROWS * COLUMNS * 4;
-    let threads = rayon::current_num_threads() * (weights + copies);
-    frame.bytes(4 * planes).saturating_add(tiles).saturating_add(threads as u64)
+    frame.bytes(4 * planes).saturating_add(tiles)
 }
 
 /// One tile's windows; gives sums of weighted predictions and of weights, for a tile and its halo.

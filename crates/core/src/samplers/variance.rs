@@ -192,11 +192,12 @@ impl<P: PointSet> Sampler for Variance<P> {
     }
 
     fn memory(&self, frame: &Frame, needs: &Needs, limits: &Limits) -> SamplerMemory {
-        // Moments; counts in reach, scores and variances; a plane, its sums over rows and its sums.
-        let scores = size_of::<RgbMoments>() + 8 * 6;
+        // Moments; where they are known, and how often in reach; scores and variances; a plane, its sums over rows and its sums.
+        let scores = size_of::<RgbMoments>() + 8 * 7;
         // Counts and floors of both halves.
         let crosses = if self.needs_halves() { 12 } else { 0 };
-        let memory = SamplerMemory::planning(frame, self.needs_halves(), scores + crosses);
+        let plans = !self.options.policy.is_all(self.options.pilot, frame, limits);
+        let memory = SamplerMemory::planning(frame, self.needs_halves(), if plans { scores + crosses } else { 0 });
         if self.options.policy == Pilot::Discard { memory.with_discarded(frame, needs, limits) } else { memory }
     }
 
