@@ -1,6 +1,6 @@
 //! `dapple info SCENE`.
 
-use crate::output::tell;
+use crate::output::{bytes, tell};
 use crate::{Outcome, Result, scene};
 use dapple_core::{Film, Needs};
 use dapple_renderer::scene::{EnvironmentRadiance, Geometry, LightKind, MaterialKind, PixelFilter, Scene};
@@ -58,7 +58,7 @@ fn facts(scene: &Scene, world: &World) -> Vec<(&'static str, String)> {
         ("textures", scene.textures.len().to_string()),
         ("lights", lights(scene)),
         ("bounds", bounds(world)),
-        ("memory", format!("{} geometry, {film} bytes per pixel of the film", bytes(geometry.memory_bytes()))),
+        ("memory", format!("{} geometry, {film} bytes per pixel of the film", bytes(geometry.memory_bytes() as u64))),
         ("effects", Effects::of(scene).called().len().to_string()),
     ]
 }
@@ -143,12 +143,4 @@ fn bounds(world: &World) -> String {
         format!("({x:.4}, {y:.4}, {z:.4})")
     };
     format!("{} to {}", corner(low.to_array()), corner(high.to_array()))
-}
-
-fn bytes(n: usize) -> String {
-    match n as f64 {
-        n if n < 1024.0 => format!("{n} bytes"),
-        n if n < 1024.0 * 1024.0 => format!("{:.1} KiB", n / 1024.0),
-        n => format!("{:.1} MiB", n / (1024.0 * 1024.0)),
-    }
 }

@@ -3,6 +3,7 @@
 mod checkpoints;
 mod files;
 pub(crate) mod identity;
+mod memory;
 pub(crate) mod options;
 mod progress;
 mod report;
@@ -24,9 +25,10 @@ use dapple_renderer::light::LightChoice;
 use dapple_renderer::scene::Scene;
 use dapple_renderer::{Effect, Effects, Stage, WorldClusters, integrator};
 use files::Files;
+use memory::{Expected, Limit};
 use progress::Progress;
 use report::{Report, Seconds};
-use settings::{Methods, Settings};
+use settings::{Methods, Settings, no_shard};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;
@@ -54,11 +56,14 @@ fn make(options: &Options, merged: Option<(Film, &Identity)>) -> Result<Outcome>
     let store = options.checkpoint.as_ref().or(options.resume.as_ref());
     let store = store.map(|path| checkpoints::open(path, options.resume.as_ref())).transpose()?;
     let clock = Instant::now();
+    let limit = Limit::new(options);
     let (mut scene, digest) = match store.is_some() || options.shard.is_some() || merged.is_some() {
-        true => scene::read_digested(&options.scene, options.allow_unsupported)?,
-        false => (scene::read(&options.scene, options.allow_unsupported)?, String::new()),
+        true => scene::read_digested(&options.scene, options.allow_unsupported, limit.bytes())?,
+        false => (scene::read_within(&options.scene, options.allow_unsupported, limit.bytes())?, String::new()),
     };
     let mut settings = Settings::new(options, &mut scene)?;
+    let foreseen = Expected::of_scene(&scene, &settings.frame);
+    foreseen.check(limit)?;
     let share = shard::file(options, &scene.name, &settings.frame)?;
     let files = Files::new(options, &scene.name, &settings)?;
     let load = clock.elapsed().as_secs_f64();
@@ -88,6 +93,22 @@ fn make(options: &Options, merged: Option<(Film, &Identity)>) -> Result<Outcome>
     let mut methods = settings.methods(&stage)?;
     let clusters = stage.first_clusters();
     let identity = identity::identity(options, &settings, &methods, &scene, &digest);
+    let mut needs = methods.filter.needs().and(files.needs(clusters.is_some()));
+    if share.is_some() {
+        // What any picture that is made of them may show.
+        needs = needs.with_variance().with_first_hits(u8::from(clusters.is_some()));
+    }
+    let expected = match merged {
+        Some(_) => None,
+        None => {
+            let memory = methods.memory(&settings, needs, options.shard)?;
+            let keeps = store.is_some() || share.is_some();
+            let writing = files.memory(&settings.frame, &memory.needs, methods.filter.name() != "none");
+            let expected = Expected::of_render(&foreseen, &memory, writing, keeps);
+            expected.check(limit)?;
+            Some(expected)
+        }
+    };
     let traced = match merged {
         Some((film, known)) => {
             let here = shard::common(&identity);
@@ -96,11 +117,6 @@ fn make(options: &Options, merged: Option<(Film, &Identity)>) -> Result<Outcome>
         }
         None => {
             let keep = store.map(|store| Checkpoints::new(store, identity.clone(), options.checkpoint_every));
-            let mut needs = methods.filter.needs().and(files.needs(clusters.is_some()));
-            if share.is_some() {
-                // What any picture that is made of them may show.
-                needs = needs.with_variance().with_first_hits(u8::from(clusters.is_some()));
-            }
             let progress = Progress::new(options, &settings, stop, keep);
             trace(&settings, &mut methods, needs, &world, options, &identity, progress)?
         }
@@ -133,6 +149,7 @@ fn make(options: &Options, merged: Option<(Film, &Identity)>) -> Result<Outcome>
         seconds,
         cpu,
         light_choice: options.light_choice.name(),
+        expected: expected.as_ref(),
     };
     warn_of_rejected(&film, &settings);
     warn_of_clusters(clusters.as_deref(), &stage);
@@ -235,8 +252,7 @@ fn trace(
     let sampler: &mut dyn Sampler = match options.shard {
         None => &mut *methods.sampler,
         Some(shard) => {
-            share = Sharded::new(&mut *methods.sampler, shard, limits)
-                .map_err(|e| Failure::new(format!("--shard {shard}: {e} (uniform, cluster-thesis)")))?;
+            share = Sharded::new(&mut *methods.sampler, shard, limits).map_err(|e| no_shard(shard, &e))?;
             &mut share
         }
     };

@@ -1,6 +1,6 @@
 //! Scenes by name: files, or the bundled ones.
 
-use crate::output::warn;
+use crate::output::{bytes, warn};
 use crate::{Failure, Result};
 use dapple_renderer::bundled::{self, Bundle};
 use dapple_renderer::files::{Disk, Files};
@@ -22,9 +22,14 @@ pub(crate) fn read(name: &Path, allow_unsupported: bool) -> Result<Scene> {
     read_from(&Disk, name, allow_unsupported)
 }
 
-/// Reads a scene, with a digest of every byte that was read for it, wherever it lies.
-pub(crate) fn read_digested(name: &Path, allow_unsupported: bool) -> Result<(Scene, String)> {
-    let files = Recorder::default();
+/// The same, no single file being longer than `most` bytes: it would not fit.
+pub(crate) fn read_within(name: &Path, allow_unsupported: bool, most: u64) -> Result<Scene> {
+    read_from(&Bounded { most }, name, allow_unsupported)
+}
+
+/// The same, with a digest of every byte that was read for it, wherever it lies.
+pub(crate) fn read_digested(name: &Path, allow_unsupported: bool, most: u64) -> Result<(Scene, String)> {
+    let files = Recorder { files: Bounded { most }, read: RefCell::default() };
     let scene = read_from(&files, name, allow_unsupported)?;
     let mut digest = Digest::new();
     for (name, bytes) in bundle(name).iter().flat_map(|bundle| &bundle.files) {
@@ -39,15 +44,32 @@ pub(crate) fn read_digested(name: &Path, allow_unsupported: bool) -> Result<(Sce
     Ok((scene, digest.hex()))
 }
 
-/// The disk, with a digest of each file read.
-#[derive(Default)]
+/// The disk, but for what is longer than the memory that there is: files are read whole.
+struct Bounded {
+    most: u64,
+}
+
+impl Files for Bounded {
+    fn read(&self, path: &Path) -> std::io::Result<Vec<u8>> {
+        let length = std::fs::metadata(path)?.len();
+        if length > self.most {
+            let (length, most) = (bytes(length), bytes(self.most));
+            let what = format!("it is {length} long, and the limit of memory is {most} (--memory)");
+            return Err(std::io::Error::new(std::io::ErrorKind::OutOfMemory, what));
+        }
+        Disk.read(path)
+    }
+}
+
+/// Files, with a digest of each that is read.
 struct Recorder {
+    files: Bounded,
     read: RefCell<BTreeMap<PathBuf, String>>,
 }
 
 impl Files for Recorder {
     fn read(&self, path: &Path) -> std::io::Result<Vec<u8>> {
-        let bytes = Disk.read(path)?;
+        let bytes = self.files.read(path)?;
         self.read.borrow_mut().insert(path.to_owned(), Digest::of(&bytes).hex());
         Ok(bytes)
     }

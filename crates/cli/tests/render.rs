@@ -333,18 +333,6 @@ fn i09_outputs_are_whole_or_not_there() {
     assert!(folder.read(name).starts_with(b"\x89PNG"));
 }
 
-/// What there is no memory for is refused before anything is built, with the number.
-#[test]
-fn z03_pictures_without_memory_are_refused() {
-    let folder = Folder::new();
-    let clock = std::time::Instant::now();
-    let said = folder.run("render tiny.pbrt --resolution 65535x65535 --spp 1 -o a.png");
-    assert_eq!((said.status, said.out.as_str()), (Some(1), ""));
-    assert!(said.err.contains("65535x65535 takes 224 GiB") && said.err.contains("--crop"), "{}", said.err);
-    assert!(clock.elapsed() < std::time::Duration::from_secs(5));
-    assert!(folder.names().is_empty(), "{:?}", folder.names());
-}
-
 #[cfg(unix)]
 #[test]
 fn x08_a_signal_saves_what_is_done() {

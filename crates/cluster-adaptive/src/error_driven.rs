@@ -7,9 +7,9 @@ mod pool;
 pub use options::{ErrorDrivenOptions, ErrorMap, MapErrors};
 pub use pool::{Pool, Pooling, geometric_variance, relative_variance};
 
-use crate::Error;
+use crate::{Cells, Error};
 use dapple_core::samplers::Pilot;
-use dapple_core::{Feedback, Needs, Plan, PointSet, Progress, Sampler};
+use dapple_core::{Feedback, Frame, Limits, Needs, Plan, PointSet, Progress, RgbMoments, Sampler, SamplerMemory};
 
 /// Counts by error: a uniform pilot, then the counts that leave the least relative error, as far as the pilot can tell.
 ///
@@ -101,6 +101,21 @@ impl<P: PointSet> Sampler for ErrorDriven<P> {
             needs = needs.with_first_hits(HITS);
         }
         self.errors.as_ref().map_or(needs, |map| needs.and(map.needs))
+    }
+
+    fn memory(&self, frame: &Frame, needs: &Needs, limits: &Limits) -> SamplerMemory {
+        let crosses = self.options.policy == Pilot::Cross;
+        // Degrees of freedom and their sums, counts in reach, scores, deviations and their sums, means, and a pool.
+        let pooling = 8 * 8;
+        let cells = if self.options.look_at_hits() { usize::from(HITS) * Cells::BYTES_PER_HIT } else { 0 };
+        // Scores stand beside a map of errors.
+        let map = self.errors.as_ref().map_or(0, |map| 8 + map.bytes_per_pixel);
+        // Counts and floors of both halves stand beside all of it.
+        let across = if crosses { 12 } else { 0 };
+        let bytes = size_of::<RgbMoments>() + (pooling + cells).max(map) + across;
+        let plans = !self.options.policy.is_all(self.options.pilot, frame, limits);
+        let memory = SamplerMemory::planning(frame, crosses, if plans { bytes } else { 0 });
+        if self.options.policy == Pilot::Discard { memory.with_discarded(frame, needs, limits) } else { memory }
     }
 
     fn points(&self) -> &dyn PointSet {

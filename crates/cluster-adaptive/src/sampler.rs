@@ -1,9 +1,9 @@
 //! The sampler: counts from geometry alone.
 
-use crate::{ClusterSize, Error, Importance, Options, Placement, ProbeCost, ProbeHit, ProbeRay, Probes};
+use crate::{ClusterSize, Error, Importance, Options, Placement, Probe, ProbeCost, ProbeHit, ProbeRay, Probes};
 use crate::{importance, probe};
 use dapple_clustering::Cluster;
-use dapple_core::{Feedback, Frame, Plan, PointSet, Progress, Sampler, share};
+use dapple_core::{Feedback, Frame, Limits, Needs, Plan, PointSet, Progress, Sampler, SamplerMemory, share};
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// Finds the first hit of a probe: the caller's ray tracer. A pure function.
@@ -190,6 +190,15 @@ impl<P: PointSet> Sampler for ClusterAdaptive<P> {
 
     fn a_priori(&self) -> bool {
         true
+    }
+
+    fn memory(&self, frame: &Frame, _: &Needs, _: &Limits) -> SamplerMemory {
+        let k = self.placement.per_pixel() as usize;
+        // The first plan, with rates and terms of importance, is made before anything is written to the film, whose counts
+        // and means take 32 bytes; later ones hold counts, floors, and weights, shares and counts of the allocation.
+        let first = (8 * k + 24 + 8).saturating_sub(32);
+        let later = 4 + 4 + 8 + 8 + 4;
+        SamplerMemory::planning(frame, false, first.max(later)).with_state(frame, size_of::<Probe>() * k + 8)
     }
 
     fn points(&self) -> &dyn PointSet {

@@ -71,7 +71,12 @@ fn the_error_driven_sampler_conforms_in_rounds_with_cells_and_by_a_map() {
         Ok((0..film.frame().pixels()).map(|i| film.squared_error(i).map_or(f32::NAN, |e| e[0] as f32)).collect())
     };
     sampler(|| {
-        let map = ErrorMap { name: "halves".into(), needs: Needs::none().with_halves(), of: Box::new(errors) };
+        let map = ErrorMap {
+            name: "halves".into(),
+            needs: Needs::none().with_halves(),
+            of: Box::new(errors),
+            bytes_per_pixel: 4,
+        };
         Box::new(error_driven(default).with_error_map(map).unwrap())
     });
 }

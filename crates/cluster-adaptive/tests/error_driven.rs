@@ -107,7 +107,7 @@ fn what_promises_nothing_is_uniform() {
 }
 
 fn map(needs: Needs, of: impl Fn(&Film) -> Result<Vec<f32>, Error> + Send + 'static) -> ErrorMap {
-    ErrorMap { name: "made-up".into(), needs, of: Box::new(of) }
+    ErrorMap { name: "made-up".into(), needs, of: Box::new(of), bytes_per_pixel: 4 }
 }
 
 fn driven(mix: f64, of: impl Fn(&Film) -> Result<Vec<f32>, Error> + Send + 'static) -> ErrorDriven<Random> {

@@ -164,11 +164,16 @@ impl Film {
 
     /// Bytes per pixel of a film that records `needs`, before any sample is discarded.
     pub fn bytes_per_pixel(needs: &Needs) -> usize {
-        let bank = 8 + 24 + if needs.variance { 24 } else { 0 } + if needs.extrema { 32 } else { 0 };
-        bank * if needs.halves { 2 } else { 1 }
+        Self::bank_bytes_per_pixel(needs)
             + if needs.features { size_of::<FeatureMoments>() } else { 0 }
             + usize::from(needs.first_hits) * size_of::<Option<FirstHit>>()
             + if needs.cost { 8 } else { 0 }
+    }
+
+    /// Bytes per pixel of the statistics of all kept samples, or of all discarded ones.
+    pub(crate) fn bank_bytes_per_pixel(needs: &Needs) -> usize {
+        let bank = 8 + 24 + if needs.variance { 24 } else { 0 } + if needs.extrema { 32 } else { 0 };
+        bank * if needs.halves { 2 } else { 1 }
     }
 
     /// Takes in one sample by hand, as a round with `fate` kept would: for tests of samplers and
@@ -367,6 +372,9 @@ impl Film {
     /// error is, and would hide it. On the bundled scenes with 8 and more samples per pixel what is predicted is .65 to
     /// 1.05 of what is so, with the pixel's own mean .07 to 1.11 (`examples/predicted_error.rs`).
     pub fn predicted_relmse(&self) -> Option<f64> {
+        if self.kept.len() != 2 {
+            return None;
+        }
         let [width, height] = self.frame.size().map(|n| n as usize);
         let means: Vec<[f64; 3]> = (0..width * height).map(|i| self.mean(i)).collect();
         let mut sum = 0.0;

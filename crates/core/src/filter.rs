@@ -1,6 +1,6 @@
 //! From samples to a picture.
 
-use crate::{Error, Film, Needs};
+use crate::{Error, Film, FilterMemory, Frame, Needs};
 
 /// A picture made from a film.
 #[derive(Clone, Debug, PartialEq)]
@@ -32,6 +32,13 @@ pub trait Filter: Send + Sync {
         Needs::none()
     }
 
+    /// The memory that [`Filter::apply`] takes for a film of this frame with these needs. The default is that of a filter
+    /// that holds its picture only, with an error; one that works on planes of its own says more.
+    fn memory(&self, frame: &Frame, needs: &Needs) -> FilterMemory {
+        let _ = needs;
+        FilterMemory::new(frame, 0, true)
+    }
+
     /// Makes the picture. Pixels without samples are black.
     ///
     /// # Errors
@@ -47,6 +54,10 @@ pub struct Unfiltered;
 impl Filter for Unfiltered {
     fn name(&self) -> &str {
         "none"
+    }
+
+    fn memory(&self, frame: &Frame, needs: &Needs) -> FilterMemory {
+        FilterMemory::new(frame, 0, needs.halves)
     }
 
     fn apply(&self, film: &Film) -> Result<Filtered, Error> {

@@ -60,6 +60,11 @@ impl Frame {
         self.size[0] as usize * self.size[1] as usize
     }
 
+    /// So many bytes per pixel of the window, in all; `u64::MAX` where that is beyond 64 bits.
+    pub const fn bytes(&self, per_pixel: usize) -> u64 {
+        (self.size[0] as u64 * self.size[1] as u64).saturating_mul(per_pixel as u64)
+    }
+
     /// Column and row, in the full picture, of the `i`-th pixel of the window, row by row.
     pub const fn pixel(&self, i: usize) -> [u32; 2] {
         let w = self.size[0] as usize;

@@ -1,6 +1,6 @@
 //! Where samples lie and how many each pixel gets: the one thing a user swaps.
 
-use crate::{Error, Film, Frame, Needs, Plan, PointSet, Progress};
+use crate::{Error, Film, Frame, Limits, Needs, Plan, PointSet, Progress, SamplerMemory};
 
 /// What remains of the budget when a round is planned.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -67,6 +67,13 @@ pub trait Sampler: Send {
     /// What it reads of the samples; recorded only if somebody asks.
     fn needs(&self) -> Needs {
         Needs::none()
+    }
+
+    /// The memory that it takes besides the film of a render of this frame within these limits; `needs` are all that the
+    /// film records. The default is that of a sampler that fills in its plan and looks at the film for the rest.
+    fn memory(&self, frame: &Frame, needs: &Needs, limits: &Limits) -> SamplerMemory {
+        let _ = limits;
+        SamplerMemory::planning(frame, needs.halves, 0)
     }
 
     /// The coordinates in use.

@@ -6,7 +6,7 @@ use crate::snapshot::film::{put_film, size, take_film};
 use crate::snapshot::{Broken, check_head};
 use crate::{
     Budget, BudgetLeft, Error, Fate, Feedback, Film, Frame, Limits, Needs, Plan, PointSet, Progress, Record,
-    RoundRecord, Sampler,
+    RoundRecord, Sampler, SamplerMemory,
 };
 
 /// One machine's share of a picture: every `of`-th row of the window, from row `index` on.
@@ -177,6 +177,13 @@ impl Sampler for Sharded<'_> {
 
     fn points(&self) -> &dyn PointSet {
         self.inner.points()
+    }
+
+    fn memory(&self, frame: &Frame, needs: &Needs, limits: &Limits) -> SamplerMemory {
+        // The film without a picture is there for its counts; nothing else in it is ever written.
+        let memory = self.inner.memory(frame, needs, limits);
+        let ghost = frame.bytes(if needs.halves { 16 } else { 8 });
+        SamplerMemory { state: memory.state.saturating_add(ghost), ..memory }
     }
 
     fn next_round(&mut self, seen: &Feedback<'_>, plan: &mut Plan) -> Result<Progress, Error> {

@@ -3,7 +3,7 @@
 use crate::contrast::{NOTHING, contrast, windowed};
 use crate::two_rates::TwoRates;
 use crate::{Mode, Policy, Rates};
-use dapple_core::{Error, Feedback, Film, Needs, Plan, PointSet, Progress, Sampler};
+use dapple_core::{Error, Feedback, Film, Frame, Limits, Needs, Plan, PointSet, Progress, Sampler, SamplerMemory};
 
 /// The parameters of [`Mitchell`].
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -154,6 +154,11 @@ impl<P: PointSet> Sampler for Mitchell<P> {
         let options = self.options;
         let rates = |mean| options.rates(mean);
         self.two_rates.next_round(seen, plan, rates, options.least(), |film| options.scores(film))
+    }
+
+    fn memory(&self, frame: &Frame, needs: &Needs, limits: &Limits) -> SamplerMemory {
+        // Ranges, those of rows and those of windows.
+        self.two_rates.memory(frame, needs, limits, 3 * size_of::<[[f32; 3]; 2]>())
     }
 
     fn save(&self) -> Vec<u8> {

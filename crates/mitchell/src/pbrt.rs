@@ -3,7 +3,9 @@
 use crate::contrast::deviation;
 use crate::two_rates::TwoRates;
 use crate::{Mode, Policy, Rates};
-use dapple_core::{Error, Feedback, Film, Needs, Plan, PointSet, Progress, Sampler, luminance};
+use dapple_core::{
+    Error, Feedback, Film, Frame, Limits, Needs, Plan, PointSet, Progress, Sampler, SamplerMemory, luminance,
+};
 
 /// The parameters of [`PbrtAdaptive`].
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -117,6 +119,11 @@ impl<P: PointSet> Sampler for PbrtAdaptive<P> {
         let options = self.options;
         let rates = Rates { initial: options.min, additional: options.max - options.min };
         self.two_rates.next_round(seen, plan, |_| rates, 2, |film| options.scores(film))
+    }
+
+    fn memory(&self, frame: &Frame, needs: &Needs, limits: &Limits) -> SamplerMemory {
+        // Scores.
+        self.two_rates.memory(frame, needs, limits, 8)
     }
 
     fn save(&self) -> Vec<u8> {

@@ -1,7 +1,9 @@
 //! What both samplers share: a pilot, a ranking, two rates, and what becomes of the pilot.
 
 use crate::Rates;
-use dapple_core::{BudgetLeft, Error, Fate, Feedback, Film, Plan, Progress, allocate};
+use dapple_core::{
+    BudgetLeft, Error, Fate, Feedback, Film, Frame, Limits, Needs, Plan, Progress, SamplerMemory, allocate,
+};
 
 /// What ends the refinement.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -176,6 +178,23 @@ impl TwoRates {
         }
         (self.rates, self.ranking) = (rates, ranking);
         Ok(())
+    }
+
+    /// The memory of a sampler that scores with so many bytes per pixel, and whose film has these needs.
+    pub(crate) fn memory(&self, frame: &Frame, needs: &Needs, limits: &Limits, scoring: usize) -> SamplerMemory {
+        // The ranking comes after the scoring, beside scores, or counts and marks.
+        const RANKING: usize = 4;
+        let planning = scoring.saturating_sub(RANKING).max(8);
+        let memory = SamplerMemory::planning(frame, false, planning).with_state(frame, RANKING);
+        match self.policy {
+            Policy::Keep => memory,
+            Policy::Discard => memory.with_discarded(frame, needs, limits),
+            Policy::Refined => {
+                // What is withdrawn goes to a bank that is there from the second round on, with how far indices are ahead.
+                let moved = memory.with_discarded(frame, needs, limits);
+                SamplerMemory { discarded: moved.discarded.saturating_add(frame.bytes(16)), ..moved }
+            }
+        }
     }
 
     /// Whether the whole pilot is thrown away.

@@ -3,8 +3,9 @@
 use crate::planes::{Colours, Inputs, LEAST_ALBEDO, Plane};
 use crate::tile::{
     Differences, Guide, HEIGHT, LANES, Likeness, REACH, Stack, Tile, WIDTH, count_weights, exp_minus, origins,
-    sharpness, stride, vectors,
+    sharpness, stride, tiles, vectors,
 };
+use dapple_core::{FilterMemory, Frame};
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
@@ -33,6 +34,19 @@ pub(crate) fn average(
     let task = |&origin: &[usize; 2]| arch.dispatch(TileTask { inputs, values, guides, like, sharp, window, origin });
     let tiles: Vec<Sums> = origins(inputs.size).par_iter().map(task).collect();
     [0, 1].map(|half| std::array::from_fn(|c| assembled(inputs.size, &tiles, half, c)))
+}
+
+/// The memory of a filter that is one average of what [`Inputs`] hold: judged by one plane of variance or by three, and by
+/// features or not.
+pub(crate) fn memory(frame: &Frame, labels: bool, like: &Likeness, pooled: bool) -> FilterMemory {
+    let [kept, making] = Inputs::bytes_per_pixel(labels);
+    let guides = 2 * (3 + if pooled { 1 } else { 3 });
+    let sharp = if like.features.is_some() { 3 } else { 0 };
+    // Both halves' result stands beside the tiles that it is put together from.
+    let sums = tiles(frame.size()) * (size_of::<[f32; 4 * LANES]>() * place(2, 0, 0)) as u64;
+    let averaging = frame.bytes(kept + 4 * (guides + sharp + 6)).saturating_add(sums);
+    let memory = FilterMemory::new(frame, making, true);
+    FilterMemory { applying: memory.applying.max(averaging), ..memory }
 }
 
 struct TileTask<'a> {

@@ -1,12 +1,12 @@
 //! The cross-bilateral filter: near, of a similar surface, of a similar colour.
 
-use crate::averaging::{Window, average, guide};
+use crate::averaging::{Window, average, guide, memory};
 use crate::cluster_gaussian::Label;
 use crate::error_map::{Pair, filtered};
 use crate::nl_means::{NEEDS, bandwidth, out, radius};
 use crate::planes::Inputs;
 use crate::tile::{FeatureScales, Likeness, REACH};
-use dapple_core::{Error, Film, Filter, Filtered, Needs};
+use dapple_core::{Error, Film, Filter, FilterMemory, Filtered, Frame, Needs};
 use std::fmt;
 
 /// The cross-bilateral filter [after Eisemann and Durand 2004; Petschnigg 2004], with first-hit features and clusters.
@@ -115,6 +115,10 @@ impl Filter for Bilateral {
 
     fn needs(&self) -> Needs {
         if self.label.is_some() && self.outside < 1.0 { NEEDS.with_first_hits(1) } else { NEEDS }
+    }
+
+    fn memory(&self, frame: &Frame, needs: &Needs) -> FilterMemory {
+        memory(frame, self.label.is_some() && needs.first_hits > 0, &self.likeness(), true)
     }
 
     fn apply(&self, film: &Film) -> Result<Filtered, Error> {

@@ -3,7 +3,7 @@
 use crate::Gaussian;
 use crate::membership::{BACKGROUND, MOST_VOTES, Membership, Votes};
 use crate::source::{mean_and_presence, normalised, squared_error, variances};
-use dapple_core::{Error, Film, Filter, Filtered, FirstHit, Needs};
+use dapple_core::{Error, Film, Filter, FilterMemory, Filtered, FirstHit, Frame, Needs};
 use rayon::prelude::*;
 use std::fmt;
 use std::sync::Arc;
@@ -231,6 +231,17 @@ impl Filter for ClusterGaussian {
             Clusters::Map { .. } => Needs::none(),
             Clusters::Hits { k, .. } => Needs::none().with_first_hits(k),
         }
+    }
+
+    fn memory(&self, frame: &Frame, needs: &Needs) -> FilterMemory {
+        let votes = match self.clusters {
+            Clusters::Map { .. } => 0,
+            Clusters::Hits { .. } => size_of::<Votes>(),
+        };
+        let known = needs.variance || needs.halves;
+        // Means and presence, variances, and the picture with its error.
+        let planes = size_of::<[f64; 4]>() + if known { 8 + 16 } else { 12 };
+        FilterMemory::new(frame, votes + planes, known)
     }
 
     fn apply(&self, film: &Film) -> Result<Filtered, Error> {

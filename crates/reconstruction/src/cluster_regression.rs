@@ -6,9 +6,9 @@ use crate::cluster_gaussian::Label;
 use crate::error_map::{Pair, filtered, relative_weight, select};
 use crate::nl_means::{NEEDS, out};
 use crate::planes::{Inputs, Plane, box_mean};
-use crate::regression::regress;
+use crate::regression::{bytes, regress};
 use crate::tile::{FeatureScales, Guide, Likeness};
-use dapple_core::{Error, Film, Filter, Filtered, Needs};
+use dapple_core::{Error, Film, Filter, FilterMemory, Filtered, Frame, Needs};
 use rayon::prelude::*;
 use std::fmt;
 
@@ -161,6 +161,19 @@ impl Filter for ClusterRegression {
 
     fn needs(&self) -> Needs {
         if self.label.is_some() && self.outside() < 1.0 { NEEDS.with_first_hits(1) } else { NEEDS }
+    }
+
+    fn memory(&self, frame: &Frame, needs: &Needs) -> FilterMemory {
+        let [kept, making] = Inputs::bytes_per_pixel(self.label.is_some() && needs.first_hits > 0);
+        let pair = 4 * 6;
+        // The first pass has the bilateral pair beside it. The second has that, the first, the unfiltered and the chosen one,
+        // and a plane of weights: more than the choice among all of them takes.
+        let at_most = match self.passes {
+            Passes::One => frame.bytes(kept + pair).saturating_add(bytes(frame, 2)),
+            Passes::Two => frame.bytes(kept + 4 * pair + 4).saturating_add(bytes(frame, 1)),
+        };
+        let memory = FilterMemory::new(frame, making, true);
+        FilterMemory { applying: memory.applying.max(at_most), ..memory }
     }
 
     fn apply(&self, film: &Film) -> Result<Filtered, Error> {

@@ -3,7 +3,7 @@
 use crate::separable::separable;
 use crate::source::{mean_and_presence, normalised, squared_error, variances};
 use crate::weights::gaussian_weights;
-use dapple_core::{Error, Film, Filter, Filtered};
+use dapple_core::{Error, Film, Filter, FilterMemory, Filtered, Frame, Needs};
 use rayon::prelude::*;
 
 /// A Gaussian blur of the pixels' means, with weights integrated over each pixel.
@@ -96,6 +96,11 @@ impl Filter for Gaussian {
 
     fn describe(&self) -> String {
         format!("gaussian:{}", self.parameters())
+    }
+
+    fn memory(&self, frame: &Frame, needs: &Needs) -> FilterMemory {
+        // Sums of four numbers along rows, and of those along columns.
+        FilterMemory::new(frame, 2 * size_of::<[f64; 4]>(), needs.variance || needs.halves)
     }
 
     fn apply(&self, film: &Film) -> Result<Filtered, Error> {

@@ -1,10 +1,10 @@
 //! Non-local means with two halves.
 
-use crate::averaging::{Window, average, guide};
+use crate::averaging::{Window, average, guide, memory};
 use crate::error_map::{Pair, filtered};
 use crate::planes::Inputs;
 use crate::tile::{FeatureScales, Likeness, REACH};
-use dapple_core::{Error, Film, Filter, Filtered, Needs};
+use dapple_core::{Error, Film, Filter, FilterMemory, Filtered, Frame, Needs};
 
 /// What a filter that reads halves and features reads.
 pub(crate) const NEEDS: Needs = Needs::none().with_variance().with_halves().with_features();
@@ -113,6 +113,10 @@ impl Filter for NlMeans {
     fn needs(&self) -> Needs {
         let plain = Needs::none().with_variance().with_halves();
         if self.features.is_some() { plain.with_features() } else { plain }
+    }
+
+    fn memory(&self, frame: &Frame, _: &Needs) -> FilterMemory {
+        memory(frame, false, &self.likeness(), self.features.is_some())
     }
 
     fn apply(&self, film: &Film) -> Result<Filtered, Error> {

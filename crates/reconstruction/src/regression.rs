@@ -7,8 +7,9 @@ use crate::error_map::Pair;
 use crate::planes::{Colours, Inputs, Plane, box_mean};
 use crate::tile::{
     COLUMNS, Differences, Guide, HEIGHT, LANES, Likeness, LocalGuide, MARGIN, ROWS, Row, Stack, Tile, WIDTH,
-    count_weights, origins, sharpness, stride, vectors,
+    count_weights, origins, sharpness, stride, tiles, vectors,
 };
+use dapple_core::Frame;
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
@@ -61,6 +62,14 @@ pub(crate) fn regress<const G: usize>(
         .map(|&origin| arch.dispatch(TileTask { inputs, guides, like, sharp, reference: &reference, origin }))
         .collect();
     merge(inputs.size, &tiles, beside, share)
+}
+
+/// Bytes that [`regress`] takes at most with so many guides (their own included), its result included.
+pub(crate) fn bytes(frame: &Frame, guides: usize) -> u64 {
+    // Guides, references, sharpness; sums by rows and the result beside the tiles that they are put together from.
+    let planes = 4 * guides + 3 + 3 + 8 + 6;
+    let tiles = tiles(frame.size()) * (4 * 8 * HALO[0] * HALO[1]) as u64;
+    frame.bytes(4 * planes).saturating_add(tiles)
 }
 
 /// One tile's windows; gives sums of weighted predictions and of weights, for a tile and its halo.

@@ -420,6 +420,11 @@ pub(crate) fn count_weights<S: Simd>(simd: S, here: S::f32s, there: S::f32s) -> 
     simd.div_f32s(there, simd.max_f32s(simd.add_f32s(here, there), simd.splat_f32s(1.0)))
 }
 
+/// How many tiles a frame has.
+pub(crate) fn tiles([width, height]: [u32; 2]) -> u64 {
+    u64::from(width.div_ceil(WIDTH as u32)) * u64::from(height.div_ceil(HEIGHT as u32))
+}
+
 /// The corners of all tiles of a frame, row by row.
 pub(crate) fn origins([width, height]: [usize; 2]) -> Vec<[usize; 2]> {
     let rows = (0..height).step_by(HEIGHT);

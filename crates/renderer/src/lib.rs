@@ -21,6 +21,7 @@ mod integrator;
 pub mod light;
 mod material;
 pub mod medium;
+pub mod memory;
 pub mod model;
 pub mod output;
 pub mod pbrt;

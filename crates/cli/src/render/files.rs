@@ -5,9 +5,9 @@ use super::report::Report;
 use super::settings::Settings;
 use crate::output::warn;
 use crate::{Failure, Result};
-use dapple_core::Needs;
+use dapple_core::{Frame, Needs};
 use dapple_renderer::image::{Format, ImageError, Picture, check_writable, write_file};
-use dapple_renderer::image::{encode_exr, encode_pfm, encode_png};
+use dapple_renderer::image::{encode_exr, encode_pfm, encode_png, rows_at_a_time};
 use dapple_renderer::output::{self, GrayMap};
 use std::path::{Path, PathBuf};
 
@@ -21,6 +21,36 @@ enum What {
     Normals,
     Depth,
     Clusters,
+}
+
+impl What {
+    /// As [`Files::memory`], of one file.
+    fn memory(self, frame: &Frame, needs: &Needs, filtered: bool) -> u64 {
+        /// Red, green and blue as floats.
+        const RGB: usize = 12;
+        // What is compressed takes its own size at most.
+        let png = |channels: usize| 3 * channels;
+        frame.bytes(match self {
+            Self::Picture(Format::Exr) => {
+                let rgb = 1 + usize::from(filtered) + usize::from(needs.variance) + 2 * usize::from(needs.features);
+                let one =
+                    1 + usize::from(needs.halves) + usize::from(needs.first_hits > 0) + usize::from(needs.features);
+                let layers = RGB * rgb + 4 * one;
+                // The picture's copy, all layers, the file and what is on its way there; or the layers up to the variance,
+                // which stands beside means and a copy of its own.
+                let [width, height] = frame.size().map(|n| n as usize);
+                let batch =
+                    frame.bytes(layers).min((layers * width * rows_at_a_time()) as u64) / (width * height) as u64;
+                RGB + (2 * layers + batch as usize).max(RGB * (rgb + 2))
+            }
+            Self::Picture(Format::Pfm) => RGB + RGB,
+            Self::Picture(_) => RGB + png(3),
+            Self::Samples => 8 + png(1),
+            Self::Error | Self::Depth => 8 + 8 + png(1),
+            Self::Albedo | Self::Normals => png(3),
+            Self::Clusters => 4 + png(3),
+        })
+    }
 }
 
 /// The files to write, each known to be writable.
@@ -71,6 +101,12 @@ impl Files {
             }
         }
         needs
+    }
+
+    /// The most that making the bytes of a file takes besides film and picture. `filtered`: whether the picture is another
+    /// than the film's own.
+    pub(super) fn memory(&self, frame: &Frame, needs: &Needs, filtered: bool) -> u64 {
+        self.files.iter().map(|(what, _)| what.memory(frame, needs, filtered)).max().unwrap_or(0)
     }
 
     /// Writes every file, whatever becomes of the others, and says for each what it is. `unit` as in

@@ -130,6 +130,12 @@ pub(crate) struct Options {
     #[arg(conflicts_with_all = ["maps", "json", "time", "error"])]
     pub(super) shard: Option<Shard>,
 
+    /// Refuse to start what takes more memory than this, such as 2G, 500M or plain bytes [default: what there is]
+    ///
+    /// The estimate (the scene as it was read, the film, and the most of sampler, filter and files) is printed with the summary.
+    #[arg(long, value_name = "SIZE", value_parser = size)]
+    pub(super) memory: Option<u64>,
+
     /// Threads to use; 0 is one per core
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u16).range(..=1024))]
     pub(super) threads: u16,
@@ -277,6 +283,23 @@ fn output(word: &str) -> Result<PathBuf, String> {
 
 fn is_shard(path: &Path) -> bool {
     path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("shard"))
+}
+
+/// A number of bytes, or of 1024, 1024^2, … of them.
+fn size(word: &str) -> Result<u64, String> {
+    let number = word.trim_end_matches(|c: char| c.is_ascii_alphabetic());
+    let unit = match word[number.len()..].to_ascii_uppercase().as_str() {
+        "" | "B" => 1,
+        "K" | "KB" | "KIB" => 1 << 10,
+        "M" | "MB" | "MIB" => 1 << 20,
+        "G" | "GB" | "GIB" => 1 << 30,
+        "T" | "TB" | "TIB" => 1u64 << 40,
+        _ => 0,
+    };
+    match number.parse::<f64>() {
+        Ok(x) if x.is_finite() && x > 0.0 && unit > 0 => Ok((x * unit as f64) as u64),
+        _ => Err("a size above zero is wanted, such as 2G, 500M or 1000000 (1024 bytes are a K)".into()),
+    }
 }
 
 fn shard(word: &str) -> Result<Shard, String> {

@@ -1,5 +1,6 @@
 //! How it went: the JSON line, the summary, and what goes into the header of an EXR file.
 
+use super::memory::Expected;
 use super::settings::{Methods, Settings};
 use crate::info;
 use dapple_core::{Combine, Film, Filtered};
@@ -39,6 +40,8 @@ pub(super) struct Report<'a> {
     pub(super) seconds: Seconds,
     pub(super) cpu: Option<f64>,
     pub(super) light_choice: &'static str,
+    /// The memory that was expected, where it was rendered here.
+    pub(super) expected: Option<&'a Expected>,
 }
 
 /// The keys of the JSON line, in their order. What is not known is null.
@@ -123,6 +126,7 @@ impl Report<'_> {
         if let Some(relmse) = self.film.predicted_relmse() {
             lines.push(format!("predicted relMSE {relmse:.3e}"));
         }
+        lines.extend(self.expected.map(Expected::line));
         lines.join("\n")
     }
 

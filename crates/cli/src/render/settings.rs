@@ -3,7 +3,7 @@
 use super::Options;
 use super::options::PixelShape;
 use crate::{Failure, Result};
-use dapple_core::{Budget, Error, Film, Filter, Frame, Limits, Needs, PointSet, Sampler};
+use dapple_core::{Budget, Error, Filter, Frame, Limits, Memory, Needs, PointSet, Sampler, Shard, Sharded};
 use dapple_renderer::registry::{self, Setting};
 use dapple_renderer::scene::{PixelFilter, Scene};
 use dapple_renderer::{Effect, Effects, Stage};
@@ -47,7 +47,6 @@ impl Settings {
         }
         let without = without(&options.without, scene)?;
         let frame = frame(options, scene)?;
-        check_memory(&frame)?;
         let (budget, asked) = budget(options, frame.pixels() as u64);
         let mut limits = Limits::new(budget);
         limits.min_spp = options.min_spp;
@@ -83,6 +82,23 @@ impl Settings {
     }
 }
 
+impl Methods {
+    /// What a render by these methods takes, all of it or a share.
+    pub(super) fn memory(&mut self, settings: &Settings, needs: Needs, shard: Option<Shard>) -> Result<Memory> {
+        let (frame, limits) = (&settings.frame, &settings.limits);
+        let Some(shard) = shard else {
+            return Ok(Memory::of_render(&*self.sampler, &*self.filter, needs, frame, limits));
+        };
+        let sharded = Sharded::new(&mut *self.sampler, shard, limits).map_err(|e| no_shard(shard, &e))?;
+        Ok(Memory::of_render(&sharded, &*self.filter, needs, frame, limits))
+    }
+}
+
+/// Why there is no such share.
+pub(super) fn no_shard(shard: Shard, why: &Error) -> Failure {
+    Failure::new(format!("--shard {shard}: {why} (uniform, cluster-thesis)"))
+}
+
 /// Effects that the scene calls for, of those that are to be left out.
 fn without(asked: &[Effect], scene: &Scene) -> Result<Vec<Effect>> {
     let effects = Effects::of(scene);
@@ -114,18 +130,6 @@ fn frame(options: &Options, scene: &Scene) -> Result<Frame> {
         Some([x0, y0, x1, y1]) => frame.crop(x0, y0, x1, y1).map_err(Failure::new),
         None => Ok(frame),
     }
-}
-
-/// A picture for which there is no memory is refused before anything is built, rather than killed later.
-fn check_memory(frame: &Frame) -> Result<()> {
-    let bytes = frame.pixels().saturating_mul(Film::bytes_per_pixel(&Needs::none().with_variance()));
-    Vec::<u8>::new().try_reserve_exact(bytes).map_err(|_| {
-        let [w, h] = frame.size();
-        let gib = bytes as f64 / f64::from(1 << 30);
-        Failure::new(format!(
-            "a picture of {w}x{h} takes {gib:.0} GiB, more than there is: render it in crops (--crop)"
-        ))
-    })
 }
 
 fn budget(options: &Options, pixels: u64) -> (Budget, String) {

@@ -145,4 +145,6 @@ pub struct ErrorMap {
     /// One number a pixel, row by row: the squared error that is left in the picture made of this film, relative to the
     /// picture squared, in any unit. What is negative or no number counts as none.
     pub of: MapErrors,
+    /// The most memory that `of` takes, in bytes per pixel.
+    pub bytes_per_pixel: usize,
 }

@@ -1,7 +1,7 @@
 //! The stopping rule of Blender's Cycles.
 
 use super::Pilot;
-use crate::{Error, Feedback, Film, Needs, Plan, PointSet, Progress, Sampler, allocate};
+use crate::{Error, Feedback, Film, Frame, Limits, Needs, Plan, PointSet, Progress, Sampler, SamplerMemory, allocate};
 
 /// What ends the refinement of [`Cycles`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -166,6 +166,11 @@ impl<P: PointSet> Sampler for Cycles<P> {
 
     fn needs(&self) -> Needs {
         Needs::none().with_halves()
+    }
+
+    fn memory(&self, frame: &Frame, _: &Needs, _: &Limits) -> SamplerMemory {
+        // Errors, room, what is open and its neighbours, and the order of all where all are.
+        SamplerMemory::planning(frame, false, 8 + 4 + 3 + size_of::<usize>())
     }
 
     fn points(&self) -> &dyn PointSet {

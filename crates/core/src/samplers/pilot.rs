@@ -1,6 +1,6 @@
 //! The samples that a sampler looks at before its counts adapt.
 
-use crate::{Combine, Fate, Feedback, Plan, ladder_floor};
+use crate::{Budget, Combine, Fate, Feedback, Frame, Limits, Plan, ladder_floor};
 
 /// What becomes of the pilot, and so what bias the picture has.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -29,6 +29,19 @@ impl Pilot {
         }
     }
 
+    fn wanted(asked: u32, mean: u32, even: bool) -> u32 {
+        if asked > 0 { asked } else { PILOT.max(ladder_floor(mean / 4, even)) }
+    }
+
+    /// Whether these limits pay for the pilot and nothing else, so that no counts are planned: `wanted` as for
+    /// [`Pilot::begin`].
+    pub fn is_all(self, wanted: u32, frame: &Frame, limits: &Limits) -> bool {
+        let Budget::Samples(total) = limits.budget else { return false };
+        let pixels = frame.pixels() as u64;
+        let mean = clamped(total / pixels);
+        self != Self::Discard && total.is_multiple_of(pixels) && Self::wanted(wanted, mean, false) >= mean
+    }
+
     /// Begins a round: says how halves are combined, and asks for what the pilot still lacks, if it can be paid for.
     /// `wanted` samples per pixel; 0 takes 4, or the rung at a quarter of the mean budget where that is more. Where
     /// nothing is missing, `plan`'s counts are 0.
@@ -43,8 +56,7 @@ impl Pilot {
         };
         let even = seen.film.needs().halves || self == Self::Cross;
         let mean = clamped(affordable);
-        let wanted = if wanted > 0 { wanted } else { PILOT.max(ladder_floor(mean / 4, even)) };
-        let samples = match wanted.min(mean) {
+        let samples = match Self::wanted(wanted, mean, even).min(mean) {
             // One sample has no variance: nothing would be learned from what is thrown away.
             1 if self == Self::Discard => 0,
             samples => samples,

@@ -1,6 +1,6 @@
 //! The same number of samples for every pixel.
 
-use crate::{Error, Fate, Feedback, Plan, PointSet, Progress, Sampler};
+use crate::{Budget, Error, Fate, Feedback, Frame, Limits, Needs, Plan, PointSet, Progress, Sampler, SamplerMemory};
 
 /// The same number of samples for every pixel; what the budget leaves over goes to pixels picked by a
 /// hash of their number, one each.
@@ -25,6 +25,13 @@ impl<P: PointSet> Sampler for Uniform<P> {
 
     fn a_priori(&self) -> bool {
         true
+    }
+
+    fn memory(&self, frame: &Frame, _: &Needs, limits: &Limits) -> SamplerMemory {
+        // Floors, counts, scores and a copy of them, a hash and a number of each pixel; of a budget that is known, the only
+        // plan is made before anything is written to the film, which takes more.
+        let once = matches!(limits.budget, Budget::Samples(_));
+        SamplerMemory::planning(frame, false, if once { 0 } else { 40 })
     }
 
     fn points(&self) -> &dyn PointSet {

@@ -1,7 +1,10 @@
 //! Neyman allocation from a pilot whose variance is pooled over neighbours.
 
 use super::Pilot;
-use crate::{BudgetLeft, Error, Feedback, Needs, Plan, PointSet, Progress, RgbMoments, Sampler, allocate_on_ladder};
+use crate::{
+    BudgetLeft, Error, Feedback, Frame, Limits, Needs, Plan, PointSet, Progress, RgbMoments, Sampler, SamplerMemory,
+    allocate_on_ladder,
+};
 
 /// The parameters of [`Variance`].
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -186,6 +189,16 @@ impl<P: PointSet> Sampler for Variance<P> {
     fn needs(&self) -> Needs {
         let needs = Needs::none().with_variance();
         if self.needs_halves() { needs.with_halves() } else { needs }
+    }
+
+    fn memory(&self, frame: &Frame, needs: &Needs, limits: &Limits) -> SamplerMemory {
+        // Moments; where they are known, and how often in reach; scores and variances; a plane, its sums over rows and its sums.
+        let scores = size_of::<RgbMoments>() + 8 * 7;
+        // Counts and floors of both halves.
+        let crosses = if self.needs_halves() { 12 } else { 0 };
+        let plans = !self.options.policy.is_all(self.options.pilot, frame, limits);
+        let memory = SamplerMemory::planning(frame, self.needs_halves(), if plans { scores + crosses } else { 0 });
+        if self.options.policy == Pilot::Discard { memory.with_discarded(frame, needs, limits) } else { memory }
     }
 
     fn points(&self) -> &dyn PointSet {

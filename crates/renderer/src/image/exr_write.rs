@@ -139,13 +139,23 @@ fn header(size: [u32; 2], channels: &[(String, &Plane<'_>)], attributes: &[(Stri
         .with_attributes(LayerAttributes { other, ..LayerAttributes::default() })
 }
 
+/// Rows of a block of ZIP in scan lines, as the format has it.
+const BLOCK_ROWS: usize = 16;
+
+/// Rows that [`encode_exr`] compresses at a time: besides the planes and the file it holds these, compressed.
+pub fn rows_at_a_time() -> usize {
+    4 * BLOCK_ROWS * rayon::current_num_threads()
+}
+
 fn encode(header: Header, planes: &[&Plane<'_>]) -> ::exr::error::Result<Vec<u8>> {
-    let mut bytes = Cursor::new(Vec::new());
+    // As much as planes without any pattern take: a file that grows is copied, and its earlier places stay empty.
+    let raw: usize = planes.iter().map(|plane| if let Plane::F16(_) = plane { 2 } else { 4 } * plane.len()).sum();
+    let mut bytes = Cursor::new(Vec::with_capacity(raw + raw / 64));
     block::write(&mut bytes, [header].into_iter().collect(), true, |meta, writer| {
         let blocks: Vec<(usize, BlockIndex)> = enumerate_ordered_header_block_indices(&meta.headers).collect();
         // In batches, so that not everything is in memory uncompressed; in order, so that the bytes do not
         // depend on threads.
-        for batch in blocks.chunks(64) {
+        for batch in blocks.chunks(rows_at_a_time() / BLOCK_ROWS) {
             let compress = |&(number, index)| {
                 let block = pack(&meta.headers[0], index, planes)?;
                 block.compress_to_chunk(&meta.headers).map(|chunk| (number, chunk))

@@ -37,7 +37,7 @@ mod srgb;
 mod tests;
 
 pub use error::ImageError;
-pub use exr_write::{EncodedExr, Layer, encode_exr};
+pub use exr_write::{EncodedExr, Layer, encode_exr, rows_at_a_time};
 pub use file::{Format, check_writable, write_file};
 pub use openexr::{Channels, Plane, read_attributes, read_channels};
 pub use pfm::encode_pfm;

@@ -44,20 +44,27 @@ pub fn layers(film: &Film, filtered: &Filtered, unit: f64, clusters: Option<Vec<
     if let Some(clusters) = clusters {
         layers.push(one("cluster", clusters.into()));
     }
-    if let Some(features) = features(film) {
-        let albedo: Vec<[f32; 3]> = features.iter().map(|f| f.albedo).collect();
-        layers.push(rgb("albedo", &albedo));
-        let axis = |c: usize| Plane::from(features.iter().map(|f| f.normal[c]).collect::<Vec<f32>>());
-        layers.push(Layer { name: "normal".into(), channels: vec![("X", axis(0)), ("Y", axis(1)), ("Z", axis(2))] });
-        let depth = features.iter().map(|f| depth(f, unit)).collect::<Vec<f32>>();
-        layers.push(one("depth", depth.into()));
+    let channel = |of: &dyn Fn(&Features) -> f32| of_features(film, of).map(Plane::from);
+    let three = |of: fn(&Features) -> [f32; 3]| {
+        Some([channel(&|f| of(f)[0])?, channel(&|f| of(f)[1])?, channel(&|f| of(f)[2])?])
+    };
+    if let (Some([r, g, b]), Some([x, y, z])) = (three(|f| f.albedo), three(|f| f.normal)) {
+        layers.push(Layer { name: "albedo".into(), channels: vec![("R", r), ("G", g), ("B", b)] });
+        layers.push(Layer { name: "normal".into(), channels: vec![("X", x), ("Y", y), ("Z", z)] });
     }
+    layers.extend(channel(&|f| depth(f, unit)).map(|depth| one("depth", depth)));
     layers
 }
 
-/// The features of all pixels; `None` where the film does not hold them.
-pub(super) fn features(film: &Film) -> Option<Vec<Features>> {
-    (0..film.frame().pixels()).map(|i| film.features(i)).collect()
+/// Something of each pixel's features; `None` where the film does not hold them. All features at once would take more
+/// than most films.
+pub(super) fn of_features<T>(film: &Film, of: impl Fn(&Features) -> T) -> Option<Vec<T>> {
+    let pixels = film.frame().pixels();
+    film.needs().features.then(|| {
+        let mut all = Vec::with_capacity(pixels);
+        all.extend((0..pixels).filter_map(|i| film.features(i)).map(|features| of(&features)));
+        all
+    })
 }
 
 /// The distance in the file's units.

@@ -1,6 +1,6 @@
 //! Maps to look at.
 
-use super::layers::{depth, features};
+use super::layers::{depth, of_features};
 use crate::WorldClusters;
 use crate::image::{ImageError, encode_png_gray, encode_png_rgb, srgb_encode};
 use dapple_core::{Film, Filtered};
@@ -91,7 +91,7 @@ pub fn error_map(filtered: &Filtered) -> Option<GrayMap> {
 /// Distances of the first hits, black near and white far; `white` is the largest, in the file's units, and
 /// misses are white. `unit` as in [`layers`](super::layers()). `None` where the film does not hold features.
 pub fn depth_map(film: &Film, unit: f64) -> Option<GrayMap> {
-    let depths: Vec<f64> = features(film)?.iter().map(|f| f64::from(depth(f, unit))).collect();
+    let depths = of_features(film, |f| f64::from(depth(f, unit)))?;
     let white = depths.iter().copied().filter(|d| d.is_finite()).fold(0.0, f64::max);
     Some(GrayMap { size: film.frame().size(), values: shades(&depths, white), white })
 }
@@ -103,7 +103,7 @@ pub fn depth_map(film: &Film, unit: f64) -> Option<GrayMap> {
 /// [`ImageError::Encode`] where the format cannot hold it.
 pub fn albedo_map(film: &Film) -> Option<Result<Vec<u8>, ImageError>> {
     let byte = |v: f32| (255.0 * srgb_encode(f64::from(v).clamp(0.0, 1.0))).round() as u8;
-    let values: Vec<[u8; 3]> = features(film)?.iter().map(|f| f.albedo.map(byte)).collect();
+    let values = of_features(film, |f| f.albedo.map(byte))?;
     Some(encode_png_rgb(film.frame().size(), &values))
 }
 
@@ -115,7 +115,7 @@ pub fn albedo_map(film: &Film) -> Option<Result<Vec<u8>, ImageError>> {
 /// [`ImageError::Encode`] where the format cannot hold it.
 pub fn normal_map(film: &Film) -> Option<Result<Vec<u8>, ImageError>> {
     let byte = |v: f32| (127.5 + 127.5 * v.clamp(-1.0, 1.0)).round() as u8;
-    let values: Vec<[u8; 3]> = features(film)?.iter().map(|f| f.normal.map(byte)).collect();
+    let values = of_features(film, |f| f.normal.map(byte))?;
     Some(encode_png_rgb(film.frame().size(), &values))
 }
 

@@ -8,7 +8,7 @@ use dapple_cluster_adaptive::{
     PixelArea, Placement, Pool, ProbeSource,
 };
 use dapple_core::samplers::{Cycles, CyclesOptions, Pilot, Stop, Uniform, Variance, VarianceOptions};
-use dapple_core::{Film, Sampler};
+use dapple_core::{Film, Frame, Sampler};
 use dapple_mitchell::{Mitchell, MitchellOptions, Mode, PbrtAdaptive, PbrtOptions, Policy};
 use dapple_reconstruction::relative_errors;
 
@@ -187,8 +187,10 @@ fn error_map(p: &Parameters, stage: &Stage) -> Result<Option<ErrorMap>, Registry
     let quick = if name == "cluster-regression" { "cluster-regression:passes=1,outside=1" } else { name };
     let filter = super::filter(quick, stage)?;
     let (needs, epsilon) = (filter.needs(), p.number("epsilon")?);
+    let square = Frame::new(1024, 1024)?;
+    let bytes_per_pixel = (filter.memory(&square, &needs).applying / square.pixels() as u64) as usize;
     let of = move |film: &Film| relative_errors(&filter.apply(film)?, epsilon);
-    Ok(Some(ErrorMap { name: name.to_owned(), needs, of: Box::new(of) }))
+    Ok(Some(ErrorMap { name: name.to_owned(), needs, of: Box::new(of), bytes_per_pixel }))
 }
 
 fn mode(p: &Parameters) -> Result<Mode, RegistryError> {

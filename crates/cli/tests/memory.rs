@@ -1,0 +1,149 @@
+//! Z03: what does not fit is refused before it starts, with the number; and the number is true.
+
+mod common;
+
+use common::{Folder, Said};
+
+const MIB: f64 = 1024.0 * 1024.0;
+
+/// The bytes that follow `before`, as people read them.
+fn bytes_after(text: &str, before: &str) -> Option<f64> {
+    let (_, rest) = text.split_once(before)?;
+    let mut words = rest.split_whitespace();
+    let number: f64 = words.next()?.parse().ok()?;
+    let unit = words.next()?.trim_matches(|c: char| !c.is_alphabetic());
+    Some(number * MIB * if unit == "GiB" { 1024.0 } else { 1.0 })
+}
+
+#[test]
+fn z03_what_does_not_fit_is_refused_before_it_starts() {
+    let folder = Folder::new();
+    let refused = |words: &str| -> Said {
+        let clock = std::time::Instant::now();
+        let said = folder.run(&format!("render {words} -o a.exr --maps maps"));
+        assert_eq!((said.status, said.out.as_str()), (Some(1), ""), "{words}: {}", said.err);
+        assert!(clock.elapsed() < std::time::Duration::from_secs(10), "{words}");
+        assert!(folder.names().is_empty() || folder.names() == ["maps"], "{words}: {:?}", folder.names());
+        said
+    };
+    // The film alone, before the scene is built: 32 bytes a pixel at least.
+    let said = refused("tiny.pbrt --resolution 65535x65535 --spp 1 --memory 20G");
+    let film = bytes_after(&said.err, ", film ").expect("the film");
+    assert!(
+        film >= 128.0 * 1024.0 * 0.99 * MIB && said.err.contains("20.0 GiB is the limit (--memory)"),
+        "{}",
+        said.err
+    );
+    assert!(said.err.contains("--crop") && folder.names().is_empty(), "{}", said.err);
+    // The film fits, the filter does not.
+    let said = refused("tiny.pbrt --resolution 1024x1024 --spp 1 --memory 600M");
+    assert!(said.err.contains("film 276.0 MiB, filter 38") && said.err.contains("--filter none"), "{}", said.err);
+    let sum = bytes_after(&said.err, "this render takes ").expect("the sum") / MIB;
+    assert!((660.0..760.0).contains(&sum), "{}", said.err);
+    // A discarded pilot keeps statistics of its own, a checkpoint is a copy of the film.
+    let keep = refused("tiny.pbrt --resolution 1024x1024 --filter none --sampler cluster --memory 64M");
+    let discard =
+        refused("tiny.pbrt --resolution 1024x1024 --filter none --sampler cluster:policy=discard --memory 64M");
+    let [keep, discard] = [keep, discard].map(|said| bytes_after(&said.err, ", film ").expect("the film"));
+    assert_eq!(discard - keep, 56.0 * MIB);
+    let words = "render tiny.pbrt --resolution 1024x1024 --filter none --sampler uniform -o a.pfm";
+    let said = folder.run(&format!("{words} --memory 64M --checkpoint c"));
+    assert!(said.err.contains("checkpoint 40.0 MiB"), "{}", said.err);
+    // Files are read whole.
+    std::fs::write(folder.path("long.pbrt"), vec![b' '; 3 << 20]).expect("a file");
+    let said = folder.run("render long.pbrt --memory 2M");
+    assert!(said.status == Some(1) && said.err.contains("it is 3.0 MiB long"), "{}", said.err);
+    // The tree of a scene is known before it is built.
+    let said = folder.run("render terrain --memory 40M --resolution 8x8");
+    assert!(said.status == Some(1) && said.err.contains("the scene alone does not fit"), "{}", said.err);
+    // What fits is made, and no limit is needed for that.
+    folder.done("render tiny.pbrt --spp 1 --memory 2G -o a.pfm");
+    for wrong in ["0", "-1", "2X", "G", "nan"] {
+        assert_eq!(folder.run(&format!("render tiny.pbrt --memory={wrong}")).status, Some(2), "{wrong}");
+    }
+}
+
+/// Sums beyond 64 bits, and pictures of more pixels than have numbers.
+#[test]
+fn z03_sizes_that_overflow_are_refused() {
+    let folder = Folder::new();
+    for resolution in ["65537x65537", "4294967295x4294967295"] {
+        let said = folder.run(&format!("render tiny.pbrt --resolution {resolution} --memory 1000T"));
+        assert_eq!(said.status, Some(2), "{}", said.err);
+    }
+    let said = folder.run("render tiny.pbrt --resolution 65535x65537 --memory 100G");
+    assert!(said.status == Some(1) && said.err.contains("this render takes 128."), "{}", said.err);
+}
+
+/// Without a limit of the user's, what the machine has is one.
+#[cfg(target_os = "linux")]
+#[test]
+fn z03_pictures_larger_than_the_machine_are_refused() {
+    let available = std::fs::read_to_string("/proc/meminfo").unwrap_or_default();
+    let available = available.lines().find_map(|line| line.strip_prefix("MemAvailable:"));
+    let available = available.and_then(|rest| rest.trim().strip_suffix("kB")?.trim().parse::<u64>().ok());
+    if available.is_none_or(|kibibytes| kibibytes > 100 << 20) {
+        eprintln!("skipped: a machine that has room for a film of 128 GiB, or does not tell what it has");
+        return;
+    }
+    let folder = Folder::new();
+    let said = folder.run("render tiny.pbrt --resolution 65535x65535 --spp 1 -o a.png");
+    assert_eq!((said.status, said.out.as_str()), (Some(1), ""));
+    assert!(said.err.contains("is what there is (--memory SIZE") && said.err.contains("--crop"), "{}", said.err);
+    assert!(folder.names().is_empty(), "{:?}", folder.names());
+}
+
+/// What the summary of a render says of its memory, and the most that the system saw of it.
+#[cfg(target_os = "linux")]
+struct Taken {
+    line: String,
+    seen: f64,
+}
+
+#[cfg(target_os = "linux")]
+fn taken(folder: &Folder, words: &str) -> Taken {
+    use std::process::Stdio;
+    let mut child = folder.command(words).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("it starts");
+    let status = format!("/proc/{}/status", child.id());
+    let mut seen = 0.0_f64;
+    while child.try_wait().expect("a status").is_none() {
+        let text = std::fs::read_to_string(&status).unwrap_or_default();
+        let most = text.lines().find_map(|line| line.strip_prefix("VmHWM:")?.trim().strip_suffix(" kB")?.parse().ok());
+        seen = seen.max(most.unwrap_or(0.0) * 1024.0);
+        std::thread::sleep(std::time::Duration::from_millis(2));
+    }
+    let said = Said::of(child.wait_with_output().expect("its output"));
+    assert_eq!(said.status, Some(0), "{words}: {}", said.err);
+    let line = said.out.lines().find(|line| line.starts_with("memory: ")).expect("a line about memory").to_owned();
+    Taken { line, seen }
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn z03_estimates_hold_within_a_tenth() {
+    let folder = Folder::new();
+    if std::fs::read_to_string("/proc/self/status").is_err() {
+        eprintln!("skipped: no /proc here, which tells what memory a process has");
+        return;
+    }
+    let cases = [
+        ("--spp 1 --filter none --sampler uniform --resolution 1600x1200 --threads 1", "files"),
+        ("--spp 2 --resolution 640x480 --threads 1", "filter"),
+        ("--spp 2 --resolution 640x480 --threads 2", "filter"),
+        ("--filter none --error 1e-9 --max-spp 8 --resolution 800x600", "planning"),
+    ];
+    for (words, stage) in cases {
+        let Taken { line, seen } = taken(&folder, &format!("render tiny.pbrt -o a.pfm {words}"));
+        let expected = bytes_after(&line, "taken, ").expect("what was expected");
+        let own = bytes_after(&line, "memory: ").expect("what was taken");
+        assert!((0.98..1.02).contains(&(own / seen)), "{words}: it says {own}, the system {seen}");
+        let ratio = expected / seen;
+        eprintln!("{words}: {line}, {ratio:.3} of {:.1} MiB", seen / MIB);
+        assert!((0.9..1.1).contains(&ratio), "{words}: {line}, seen {seen}");
+        // Negative control: without its largest stage, or without the film, the estimate is off by more than a tenth.
+        for part in [stage, "film"] {
+            let part = bytes_after(&line, &format!("{part} ")).unwrap_or_else(|| panic!("{line} has no {part}"));
+            assert!((expected - part) / seen < 0.9, "{words}: {line} would do without {part}");
+        }
+    }
+}
