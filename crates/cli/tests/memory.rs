@@ -36,7 +36,7 @@ fn z03_what_does_not_fit_is_refused_before_it_starts() {
     );
     assert!(said.err.contains("--crop") && folder.names().is_empty(), "{}", said.err);
     // The film fits, the filter does not.
-    let said = refused("tiny.pbrt --resolution 1024x1024 --spp 1 --memory 600M");
+    let said = refused("tiny.pbrt --resolution 1024x1024 --spp 2 --memory 600M");
     assert!(said.err.contains("film 276.0 MiB, filter 38") && said.err.contains("--filter none"), "{}", said.err);
     let sum = bytes_after(&said.err, "this render takes ").expect("the sum") / MIB;
     assert!((660.0..760.0).contains(&sum), "{}", said.err);
