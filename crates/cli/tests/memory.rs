@@ -1,5 +1,7 @@
 //! Z03: what does not fit is refused before it starts, with the number; and the number is true.
 
+#![allow(clippy::print_stderr, reason = "tests say when they skip, and what they measure")]
+
 mod common;
 
 use common::{Folder, Said};
