@@ -6,7 +6,8 @@ use crate::image::Picture;
 use crate::scene::{EnvironmentRadiance, Geometry, LightKind, MeshData, Scene, Shape, TextureKind};
 use std::sync::Arc;
 
-/// Bytes of the tree per triangle: 87 to 92 were measured on meshes of 1 and 4 million triangles (docs/results/memory.md).
+/// Bytes of the tree per triangle: 87 to 92 were measured on meshes of 1 and 4 million triangles, 80 on the terrain's 131
+/// thousand (docs/results/memory.md).
 const TREE: u64 = 92;
 /// The most beside the meshes while the tree is built, per triangle: 221 to 232 were measured there.
 const BUILDING: u64 = 232;
@@ -87,7 +88,7 @@ mod tests {
     use super::*;
     use crate::{World, bundled};
 
-    /// A world's tree is what was foreseen; the smallest meshes pay for nodes that are not full.
+    /// Never more than was foreseen, and hardly less.
     #[test]
     fn z03_worlds_take_what_was_foreseen() {
         let scene = bundled::files("terrain").unwrap().read().unwrap();
@@ -95,7 +96,7 @@ mod tests {
         let triangles: u64 = meshes(&scene).map(|mesh| mesh.triangles.len() as u64).sum();
         assert_eq!(triangles, world.geometry().triangle_count() as u64);
         let (tree, foreseen) = (world.geometry().memory_bytes() as f64, (TREE * triangles) as f64);
-        assert!((0.9..1.1).contains(&(foreseen / tree)), "{foreseen} foreseen, {tree} bytes");
+        assert!((0.85..=1.0).contains(&(tree / foreseen)), "{foreseen} foreseen, {tree} bytes");
         let (meshes, world) = (of_scene(&scene), of_world(&scene));
         assert!(meshes > 24 * triangles && world.built > meshes && world.building > world.built);
     }
