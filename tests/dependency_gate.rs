@@ -214,7 +214,7 @@ fn one_version_of_what_matters() {
     }
 }
 
-/// Whether a licence expression can be met with allowed licences [SPDX 2.3, annex D]; `/` is an old way to say OR.
+/// Whether a licence expression can be met with allowed licences [after SPDX 2.3, annex D]; `/` is an old way to say OR.
 fn is_allowed(expression: &str, allowed: &[&str]) -> bool {
     let spaced = expression.replace('(', " ( ").replace(')', " ) ").replace('/', " OR ");
     let words: Vec<&str> = spaced.split_whitespace().collect();

@@ -161,7 +161,7 @@ impl<P: PointSet> Sampler for Cycles<P> {
 
     fn describe(&self) -> String {
         let CyclesOptions { threshold, min, step, mode } = self.options;
-        format!("cycles:threshold={threshold},min={min},step={step},mode={}", mode.name())
+        format!("cycles:threshold={threshold},min={min},step={step},mode={},policy=keep", mode.name())
     }
 
     fn needs(&self) -> Needs {

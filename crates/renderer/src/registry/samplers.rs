@@ -124,6 +124,7 @@ const CYCLES: &[Parameter] = &[
     ),
     ("step", "16", "samples of an open pixel between two looks"),
     ("mode", "budget", "budget (the threshold falls until it is spent) or threshold (the budget is a ceiling)"),
+    ("policy", "keep", "the samples that decide stay in the picture (biased), as published; there is no other"),
 ];
 const CLUSTER_THESIS: &[Parameter] = &[
     ("probes", "centre", "probe rays per pixel: centre (one, published), or so many jittered ones"),
@@ -225,6 +226,7 @@ fn mitchell_pbrt(p: &Parameters, points: AnyPoints) -> Result<Box<dyn Sampler>, 
 }
 
 fn cycles(p: &Parameters, points: AnyPoints) -> Result<Box<dyn Sampler>, RegistryError> {
+    p.choice("policy", &[("keep", ())])?;
     let options = CyclesOptions {
         threshold: p.number("threshold")?,
         min: p.number("min")?,

@@ -7,7 +7,7 @@ const SEEDS: std::ops::RangeInclusive<u64> = 1..=8;
 
 /// A run whose error is `error` times an even or odd seed's luck, in `time` seconds.
 fn run(method: &Method, spp: u64, seed: u64, error: f64, time: f64) -> Run {
-    let e = error * if seed % 2 == 0 { 1.1 } else { 1.0 / 1.1 };
+    let e = error * if seed.is_multiple_of(2) { 1.1 } else { 1.0 / 1.1 };
     let errors =
         Errors { mse: e, relmse: e, relmse_trimmed: e, smape: e, psnr: 0.0, srgb8_mse: e, flip: e, mean_ratio: 1.0 };
     Run {
