@@ -1,5 +1,5 @@
 //! Modes that say they are unbiased are so on scenes (STATISTICS S7 b and c), beside their closed forms in the samplers' own
-//! crates (`tests/bias.rs` there). A false alarm of the whole file has probability 1e-6 at most, its pooled figures' tails being
+//! crates (`bias.rs` of their tests). A false alarm of the whole file has probability 1e-6 at most, its pooled figures' tails being
 //! approximate.
 
 use dapple::core::{Film, Frame, Limits, Needs, NoWatch, render};

@@ -95,6 +95,8 @@ struct Place {
     module: String,
     /// The name of an integration test; none for unit tests.
     target: Option<String>,
+    /// The part of the module that the test program knows: all but its own name.
+    within: String,
 }
 
 impl Place {
@@ -105,15 +107,19 @@ impl Place {
             rest => ("dapple".to_owned(), rest),
         };
         let target = (rest[0] == "tests").then(|| rest[1].clone());
-        let module = rest[1..].iter().filter(|w| *w != "mod").cloned().collect::<Vec<_>>().join("::");
-        Self { package, module, target }
+        let path = |words: &[String]| words.iter().filter(|w| *w != "mod").cloned().collect::<Vec<_>>().join("::");
+        let within = if target.is_some() { path(&rest[2..]) } else { String::new() };
+        // A crate's one test program has its name, which need not be said twice.
+        let module = if target.as_ref() == Some(&package) { within.clone() } else { path(&rest[1..]) };
+        Self { package, module, target, within }
     }
 
     fn command(&self, function: &str, ignored: bool) -> String {
         let package = if self.package == "dapple" { "dapple".to_owned() } else { format!("dapple-{}", self.package) };
         let target = self.target.as_ref().map_or("--lib".to_owned(), |t| format!("--test {t}"));
         let ignored = if ignored { "--ignored " } else { "" };
-        format!("cargo test --release -p {package} {target} -- {ignored}{function}")
+        let within = if self.within.is_empty() { String::new() } else { format!("{}::", self.within) };
+        format!("cargo test --release -p {package} {target} -- {ignored}{within}{function}")
     }
 }
 

@@ -76,7 +76,8 @@ impl Geometry {
     }
 
     /// The closest hit at a time in `[0, 1]`.
-    #[inline(always)]
+    // Debug builds are compiled more than they run: there each crate does not compile the walk anew.
+    #[cfg_attr(not(debug_assertions), inline(always))]
     #[must_use]
     pub fn closest_at(&self, ray: &Ray, time: f32) -> Option<Hit> {
         self.closest_with::<All>(ray, time)
@@ -117,7 +118,7 @@ impl Geometry {
     }
 
     /// Whether anything is hit at a time in `[0, 1]`.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     #[must_use]
     pub fn occluded_at(&self, ray: &Ray, time: f32) -> bool {
         self.occluded_with::<All>(ray, time)

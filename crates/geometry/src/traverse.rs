@@ -280,7 +280,9 @@ impl Tree {
         self.dispatch::<S, true>(frame, time, &mut Best::new(frame.ray.tmax))
     }
 
-    #[inline(always)]
+    // Inlined at every call it takes seconds to compile; see `Geometry::closest_at`.
+    #[cfg_attr(not(debug_assertions), inline(always))]
+    #[cfg_attr(debug_assertions, inline(never))]
     fn dispatch<S: Safeguards, const ANY: bool>(&self, frame: &Frame, time: f32, best: &mut Best) -> bool {
         match &self.way {
             #[cfg(target_arch = "x86_64")]

@@ -1,4 +1,4 @@
-"""Prints the constants of tests/flip.rs, oracle.rs and statistics.rs from implementations that are not ours.
+"""Prints the constants of tests/metrics/flip.rs, oracle.rs and statistics.rs from implementations that are not ours.
 
 python3 -m venv /tmp/oracle
 /tmp/oracle/bin/pip install flip-evaluator==1.7 numpy==2.4.6 mpmath==1.3.0 scipy==1.17.1 scikit-image==0.26.0

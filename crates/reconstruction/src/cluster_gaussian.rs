@@ -33,7 +33,7 @@ enum Clusters {
 /// hits of its first samples ([`from_hits`](Self::from_hits)). In the latter case labels and values come from
 /// the same samples, so weights and values are not quite independent in mixed pixels. With one first hit
 /// the thesis' probe is met; four tell that a pixel lies on an edge, and left 0.6 times the error on a
-/// slanted edge at 64 spp (`tests/outside.rs`).
+/// slanted edge at 64 spp (`tests/reconstruction/outside.rs`).
 ///
 /// Unequal sample counts, borders, pixels without samples and [`Filtered::error`] are as with
 /// [`Gaussian`]. A pixel without samples that is cut off from every sample in reach, since `outside` is 0,
@@ -49,7 +49,7 @@ pub struct ClusterGaussian {
 impl ClusterGaussian {
     /// The weight of a pixel of another cluster, relative to one of the same, unless given.
     ///
-    /// Measured in `tests/outside.rs` on five made-up pictures (edges known to the clusters and not, gradients
+    /// Measured in `tests/reconstruction/outside.rs` on five made-up pictures (edges known to the clusters and not, gradients
     /// that the clusters cut for nothing) at 8 to 64 spp: relMSE over the best `outside` of each picture and
     /// budget, geometric means.
     ///

@@ -46,7 +46,7 @@
 //! * Pixels without samples are filled from their neighbours, and black with an infinite error where no
 //!   sample is in reach.
 //! * `NlMeans`, `Bilateral` and `ClusterRegression` are consistent: their bias vanishes as samples are added
-//!   (`tests/consistency.rs`).
+//!   (`tests/reconstruction/consistency.rs`).
 //!
 //! # Limits
 //!

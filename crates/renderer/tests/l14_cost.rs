@@ -1,7 +1,9 @@
 //! L14's price: the specialised integrator beside a loop written by hand for the simplest scene.
 #![allow(clippy::print_stderr)]
 
+#[path = "renderer/statistics/mod.rs"]
 mod statistics;
+#[path = "renderer/support/mod.rs"]
 mod support;
 
 use dapple_core::{Draws, Integrator, Observed, PointSet, SampleId};

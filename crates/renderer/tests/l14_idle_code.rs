@@ -1,6 +1,8 @@
 //! L14: code of effects that a scene does not call for changes no bit and asks for nothing.
 
+#[path = "renderer/statistics/mod.rs"]
 mod statistics;
+#[path = "renderer/support/mod.rs"]
 mod support;
 
 use dapple_core::samplers::Uniform;

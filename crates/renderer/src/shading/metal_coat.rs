@@ -17,8 +17,8 @@
 //! `P` and `Q` are tables over the cosine, fitted when the material is made to walks over a white base: the first
 //! bounce's light gives `P`, all bounces' `Q`. So the light that leaves is right for each `wo`; that the later bounces
 //! leave in a wider lobe than the first is not followed. Where both are smooth the formula is exact. Beside other
-//! walks over one metal (`cargo test -p dapple-renderer --test shading_metal_coat -- --nocapture`), the light that leaves
-//! differs by less than 3 % below a smooth coat and less than 4 % below coats of 0.1 and 0.3, by 9 % for 0.6 over 0.6
+//! walks over one metal (`cargo test -p dapple-renderer --test renderer shading_metal_coat:: -- --nocapture`), the light
+//! that leaves differs by less than 3 % below a smooth coat and less than 4 % below coats of 0.1 and 0.3, by 9 % for 0.6 over 0.6
 //! seen from above, and by up to 12 % at a cosine of 0.15 (one standard error being 0.2 to 4 %). `f` is reciprocal, and
 //! takes no random numbers.
 

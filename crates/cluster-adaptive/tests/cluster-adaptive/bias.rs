@@ -1,0 +1,71 @@
+//! Counts from geometry make no bias: against the closed form, with the naive rule as the control that
+//! must be caught [Kirk and Arvo 1991].
+
+use crate::common::*;
+use dapple_cluster_adaptive::{ClusterSize, Options, Placement};
+use dapple_conformance::statistics::{Mean, Naive, picture_mean};
+use dapple_core::{Budget, Limits, Sampler};
+use dapple_low_discrepancy::Random;
+
+const SIDE: u32 = 64;
+
+/// Lit with a probability that follows the clusters' columns, so that counts go with variance.
+fn probability([x, y]: [u32; 2]) -> f32 {
+    if y > 12 { 0.1 } else { [0.3, 0.01, 0.1][(x as f32 * 0.3) as usize % 3] }
+}
+
+fn truth() -> f64 {
+    let pixels = (0..SIDE * SIDE).map(|i| f64::from(probability([i % SIDE, i / SIDE])));
+    pixels.sum::<f64>() / f64::from(SIDE * SIDE)
+}
+
+/// Deviation of the picture's mean from the truth in standard errors, over 64 pictures: 63 degrees of
+/// freedom, so 5 is exceeded with p = 5e-6 and 10 with p < 1e-13.
+fn deviation<S: Sampler>(make: impl Fn(u64) -> S, limits: &Limits) -> f64 {
+    let at = frame(SIDE, SIDE);
+    let mean = |seed: u64| {
+        let mut field = Field(|pixel, u: [f32; 4]| f32::from(u8::from(u[0] < probability(pixel))));
+        picture_mean(&run(&mut field, &mut make(1000 + seed), at, limits).unwrap())
+    };
+    (0..64).map(mean).collect::<Mean>().deviation(truth())
+}
+
+fn ours(seed: u64) -> impl Sampler {
+    probing(seed, Placement::Centre, ClusterSize::ProjectedBox, Options::default())
+}
+
+#[test]
+fn a01_counts_from_geometry_are_unbiased() {
+    let pixels = u64::from(SIDE * SIDE);
+    for limits in [
+        Limits::samples(8 * pixels),
+        Limits::samples(5 * pixels / 2),
+        // A budget that is raised twice.
+        Limits::new(Budget::Recorded(vec![pixels, 3 * pixels, 10 * pixels])),
+    ] {
+        let z = deviation(ours, &limits);
+        assert!(z.abs() < 5.0, "{z} standard errors at {limits:?}");
+    }
+}
+
+#[test]
+fn a01_the_naive_rule_is_caught() {
+    let z = deviation(
+        |seed| Naive { points: Random::new(seed), pilot: 4, total: 64 },
+        &Limits::samples(64 * u64::from(SIDE * SIDE)),
+    );
+    assert!(z < -10.0, "{z} standard errors");
+}
+
+/// What is seen decides nothing: two pictures without anything in common, the same counts.
+#[test]
+fn counts_do_not_read_radiance() {
+    let at = frame(SIDE, SIDE);
+    let pixels = u64::from(SIDE * SIDE);
+    let limits = Limits::new(Budget::Recorded(vec![pixels, 3 * pixels + 1, 10 * pixels]));
+    let dark = run(&mut Field(|_, _| 0.0), &mut ours(1), at, &limits).unwrap();
+    let noisy = Field(|[x, y]: [u32; 2], u: [f32; 4]| if x > y { f32::NAN } else { 100.0 * u[0] });
+    let bright = run(&mut { noisy }, &mut ours(1), at, &limits).unwrap();
+    assert_eq!(dark.counts(), bright.counts());
+    assert!(dark.counts().iter().max() > dark.counts().iter().min());
+}

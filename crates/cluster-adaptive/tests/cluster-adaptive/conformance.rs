@@ -1,0 +1,117 @@
+//! The sampler passes what every sampler must, in every combination.
+
+use crate::common::*;
+use dapple_cluster_adaptive::{
+    AreaVectors, ClusterAdaptive, ClusterSize, ErrorDriven, ErrorDrivenOptions, ErrorMap, Map, Options, PixelArea,
+    Placement, Pool,
+};
+use dapple_clustering::Triangles;
+use dapple_conformance::{Spending, sampler, sampler_on_frames};
+use dapple_core::samplers::Pilot;
+use dapple_core::{Film, Needs};
+use dapple_low_discrepancy::{Random, Sobol};
+
+#[test]
+fn the_published_combination_conforms() {
+    let published = || probing(1, Placement::Centre, ClusterSize::ProjectedBox, Options::default());
+    sampler(|| Box::new(published()));
+}
+
+#[test]
+fn it_conforms_with_probes_made_beforehand() {
+    let make = |frame: &dapple_core::Frame| {
+        let made = ClusterAdaptive::published(Sobol::new(5), &probes(frame, Placement::Centre), &clusters());
+        Box::new(made.unwrap()) as Box<dyn dapple_core::Sampler>
+    };
+    sampler_on_frames(make, Spending::Exact);
+}
+
+fn area_vectors() -> ClusterSize {
+    let positions = [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+    let indices = [[0, 1, 2], [0, 1, 3], [0, 2, 3], [1, 2, 3]];
+    let triangles = Triangles { positions: &positions, indices: &indices, materials: &[] };
+    ClusterSize::ProjectedTriangles(AreaVectors::new(&triangles, &LABELS, 4).unwrap())
+}
+
+#[test]
+fn other_combinations_conform() {
+    let corrected = Options { pixel_area: PixelArea::Footprint, angle: 0.0, distance: 0.0, ..Options::default() };
+    for (placement, size, options) in [
+        (Placement::Jittered(4), ClusterSize::Hits, Options { map: Map::Identity, ..corrected }),
+        (Placement::Jittered(3), area_vectors(), Options { map: Map::Log, ..corrected }),
+        (Placement::Centre, ClusterSize::ScreenBox(LOOK), Options { min: 1, max: 0, ..corrected }),
+        (Placement::Centre, ClusterSize::ProjectedBox, Options { angle: 3.0, max: 64, ..corrected }),
+    ] {
+        sampler(|| Box::new(probing(2, placement, size.clone(), options)));
+    }
+}
+
+fn error_driven(options: ErrorDrivenOptions) -> ErrorDriven<Sobol> {
+    ErrorDriven::with_options(Sobol::new(6), options).unwrap()
+}
+
+#[test]
+fn the_error_driven_sampler_conforms() {
+    let default = ErrorDrivenOptions::default();
+    for policy in [Pilot::Keep, Pilot::Discard, Pilot::Cross] {
+        sampler(|| Box::new(error_driven(ErrorDrivenOptions { policy, ..default })));
+    }
+}
+
+#[test]
+fn the_error_driven_sampler_conforms_in_rounds_with_cells_and_by_a_map() {
+    let default = ErrorDrivenOptions::default();
+    let cells = ErrorDrivenOptions { rounds: 3, pool: Pool::Inside, geometry: 2.0, gain: 1.0, ..default };
+    sampler(|| Box::new(error_driven(cells)));
+    sampler(|| Box::new(error_driven(ErrorDrivenOptions { pool: Pool::Cell, policy: Pilot::Discard, ..default })));
+    // Halves that differ: the error of what is shown, with all that can be wrong with it.
+    let errors = |film: &Film| {
+        Ok((0..film.frame().pixels()).map(|i| film.squared_error(i).map_or(f32::NAN, |e| e[0] as f32)).collect())
+    };
+    sampler(|| {
+        let map = ErrorMap {
+            name: "halves".into(),
+            needs: Needs::none().with_halves(),
+            of: Box::new(errors),
+            bytes_per_pixel: 4,
+        };
+        Box::new(error_driven(default).with_error_map(map).unwrap())
+    });
+}
+
+#[test]
+fn it_says_what_it_is() {
+    let sampler = probing(1, Placement::Jittered(4), ClusterSize::Hits, Options::default());
+    let said = dapple_core::Sampler::describe(&sampler);
+    let wanted =
+        "cluster-thesis:probes=4,size=hits,pixel=one,map=root,angle=0.25,distance=0.25,min=0,max=0,policy=a-priori";
+    assert_eq!(said, wanted);
+}
+
+#[test]
+fn probes_of_another_frame_are_refused() {
+    let probes = probes(&frame(8, 8), Placement::Centre);
+    let mut sampler = ClusterAdaptive::published(Random::new(1), &probes, &clusters()).unwrap();
+    let refused = first_counts(&mut sampler, frame(8, 9), 1000, [1, 100]).unwrap_err().to_string();
+    assert!(refused.contains("[8, 8]") && refused.contains("[8, 9]"), "{refused}");
+    let crop = frame(16, 16).crop(0, 0, 8, 8).unwrap();
+    assert!(first_counts(&mut sampler, crop, 1000, [1, 100]).is_err(), "a window of the same size is another frame");
+}
+
+#[test]
+fn probing_later_is_probing_before() {
+    let size = frame(19, 18);
+    let mut later = probing(3, Placement::Jittered(2), ClusterSize::ProjectedBox, Options::default());
+    let handle = later.handle();
+    assert!(handle.cost().is_none());
+    let counts = first_counts(&mut later, size, 16 * 342, [1, 1000]).unwrap();
+    let cost = handle.cost().unwrap();
+    assert!(cost.rays == 2 * 342 && cost.seconds > 0.0, "{cost:?}");
+    let probes = probes(&size, Placement::Jittered(2));
+    assert_eq!(handle.probes().unwrap().all(), probes.all());
+    assert_eq!(handle.probes().unwrap().cluster_map().len(), 342);
+    let size_of = ClusterSize::ProjectedBox;
+    let mut before =
+        ClusterAdaptive::with_options(Random::new(3), &probes, &clusters(), size_of, Options::default()).unwrap();
+    assert_eq!(first_counts(&mut before, size, 16 * 342, [1, 1000]).unwrap(), counts);
+}

@@ -1,0 +1,47 @@
+//! Whether what decides shows in the mean: against the closed form, with the default's bias as the control that must be
+//! caught [Kirk and Arvo 1991].
+
+use crate::common::*;
+use dapple_cluster_adaptive::{ErrorDriven, ErrorDrivenOptions, Pool};
+use dapple_conformance::statistics::{Bernoulli, Mean, picture_mean};
+use dapple_core::Limits;
+use dapple_core::samplers::Pilot;
+use dapple_low_discrepancy::Random;
+
+const P: f32 = 0.1;
+
+/// Deviation of the picture's mean from the truth in standard errors, over 64 pictures: 63 degrees of freedom, so 5 is
+/// exceeded with p = 5e-6 and 10 with p < 1e-13.
+fn deviation(options: ErrorDrivenOptions, side: u32) -> f64 {
+    let at = frame(side, side);
+    let limits = Limits::samples(10 * at.pixels() as u64);
+    let mean = |seed: u64| {
+        let mut sampler = ErrorDriven::with_options(Random::new(700 + seed), options).unwrap();
+        picture_mean(&run(&mut Bernoulli(P), &mut sampler, at, &limits).unwrap())
+    };
+    (0..64).map(mean).collect::<Mean>().deviation(P.into())
+}
+
+/// A pixel's own variance decides, and always: where bias would be largest.
+fn alone(policy: Pilot) -> ErrorDrivenOptions {
+    ErrorDrivenOptions { policy, prior: 0.0, gain: 1.0, pilot: 4, ..ErrorDrivenOptions::default() }
+}
+
+#[test]
+fn a01_discarding_and_crossing_are_unbiased() {
+    for policy in [Pilot::Discard, Pilot::Cross] {
+        for options in [alone(policy), ErrorDrivenOptions { prior: 6.0, radius: 1, ..alone(policy) }] {
+            let z = deviation(options, 128);
+            assert!(z.abs() < 5.0, "{options:?}: {z} standard errors");
+        }
+    }
+    let cells = ErrorDrivenOptions { pool: Pool::Inside, geometry: 2.0, ..alone(Pilot::Discard) };
+    let z = deviation(cells, 64);
+    assert!(z.abs() < 5.0, "cells: {z} standard errors");
+}
+
+#[test]
+fn a01_keeping_is_biased() {
+    let z = deviation(alone(Pilot::Keep), 64);
+    assert!(z < -10.0, "{z} standard errors");
+}

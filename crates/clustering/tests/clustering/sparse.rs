@@ -1,0 +1,35 @@
+//! K06, in a process of its own, so that the peak is that of this test.
+
+use crate::support::soup;
+use dapple_clustering::{Error, Insertion, Params};
+
+/// The most memory that this process has held, in KiB.
+fn peak() -> Option<u64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find(|line| line.starts_with("VmHWM"))?;
+    line.split_whitespace().nth(1)?.parse().ok()
+}
+
+#[test]
+#[allow(clippy::print_stderr)]
+fn k06_sparse_grid() {
+    let mesh = soup(10, 0.01, 6);
+    let mesh = mesh.map(|p| p.map(|x| x.clamp(0.0, 0.95)));
+    // Pins the box to a cube.
+    let mut mesh = mesh;
+    mesh.add([[0.0; 3], [0.0; 3], [1.0; 3]]);
+    mesh.materials.push(0);
+    let params = Params { k: 1e6, clamp: 2000, ..Params::default() };
+    let clusters = mesh.cluster(&params).unwrap();
+    assert_eq!(clusters.report().requested(), 8_000_000_000);
+    assert_eq!((clusters.len(), clusters.report().occupied), (11, 11));
+    let finest = mesh.cluster(&Params { clamp: 1 << 20, ..params }).unwrap();
+    assert_eq!((finest.report().requested(), finest.len()), (1 << 60, 11));
+    // Boxes that fill the grid can't be put into all of it: an error, not 8e9 entries.
+    let boxes = mesh.cluster(&Params { insertion: Insertion::BoundingBox, ..params });
+    assert!(matches!(boxes, Err(Error::TooManyEntries { entries, .. }) if entries >= 8_000_000_000), "{boxes:?}");
+    match peak() {
+        Some(peak) => assert!(peak < 64 << 10, "{peak} KiB"),
+        None => eprintln!("skipped: no /proc/self/status to read the peak of memory from"),
+    }
+}

@@ -1,0 +1,269 @@
+//! Statistics of a film: sums that do not stall, variances that keep their digits, bad samples that
+//! do not spread.
+
+use crate::common::*;
+use dapple_core::samplers::Uniform;
+use dapple_core::{
+    Error, Film, InvalidSample, Limits, Moments, Needs, PointSet, RejectedReason, RgbMoments, SampleId, streams,
+};
+use rand::RngExt;
+
+#[test]
+fn f01_stalled_sum() {
+    let mut moments = RgbMoments::default();
+    for _ in 0..100_000_000 {
+        moments.push([0.1; 3]);
+    }
+    assert!((moments.mean[0] / f64::from(0.1f32) - 1.0).abs() < 1e-6, "{}", moments.mean[0]);
+    // Through the render loop.
+    let total = 1 << 25;
+    let limits = Limits::samples(total);
+    let ones = &mut Field(|_, _| [1.0, 1.0, 0.1]);
+    let mut sampler = Uniform::new(Constant);
+    let film = run(ones, &mut sampler, Needs::none().with_variance(), frame(1, 1), &limits).unwrap();
+    assert_eq!(film.count(0), total);
+    assert!((film.mean(0)[0] - 1.0).abs() < 1e-6 && film.moments(0).variance().unwrap()[0] == 0.0);
+    // Negative control: the sum in single precision stands still at 2^24.
+    let stalled = (0..total).fold(0f32, |sum, _| sum + 1.0);
+    assert_eq!(stalled, (1 << 24) as f32);
+}
+
+/// Costs nothing.
+struct Constant;
+
+impl PointSet for Constant {
+    fn describe(&self) -> String {
+        "constant".into()
+    }
+
+    fn block(&self, _: SampleId, _: u32) -> [f32; 4] {
+        [0.5; 4]
+    }
+
+    fn capacity(&self) -> u64 {
+        u64::MAX
+    }
+}
+
+#[test]
+fn f02_variance_far_from_zero() {
+    let mut rng = rng(1);
+    let deviations: Vec<f64> = (0..4096).map(|_| (0..12).map(|_| rng.random::<f64>()).sum::<f64>() - 6.0).collect();
+    for mean in [1e3, 1e4, 1e5] {
+        let values: Vec<f32> = deviations.iter().map(|d| (mean + d) as f32).collect();
+        // The truth in two passes over the values as rounded.
+        let centre = values.iter().map(|&x| f64::from(x)).sum::<f64>() / 4096.0;
+        let truth = values.iter().map(|&x| (f64::from(x) - centre).powi(2)).sum::<f64>() / 4095.0;
+        let mut film = Film::new(frame(1, 1), Needs::none().with_variance());
+        values.iter().for_each(|&x| film.push(0, 0, [x; 3]));
+        for variance in film.moments(0).variance().unwrap() {
+            assert!((variance / truth - 1.0).abs() < 1e-3, "mean {mean}: {variance} instead of {truth}");
+        }
+        // Negative control: sums of squares in single precision are off by more than the spread.
+        let (sum, squares) = values.iter().fold((0f32, 0f32), |(s, q), &x| (s + x, q + x * x));
+        let naive = (squares - sum * sum / 4096.0) / 4095.0;
+        assert!((f64::from(naive) / truth - 1.0).abs() > 0.5, "mean {mean}: the naive rule gives {naive}");
+    }
+}
+
+#[test]
+fn f03_merge() {
+    let mut rng = rng(2);
+    for scale in [1.0f32, 1e-3, 1e3] {
+        let values: Vec<[f32; 3]> = (0..10_000).map(|_| [rng.random::<f32>() * scale, scale, rng.random()]).collect();
+        let mut whole = RgbMoments::default();
+        values.iter().for_each(|&v| whole.push(v));
+        for _ in 0..20 {
+            let mut merged = RgbMoments::default();
+            let mut rest = &values[..];
+            while !rest.is_empty() {
+                // Parts of none and of one among them.
+                let size = rng.random_range(0..4u32).pow(rng.random_range(0..6)) as usize;
+                let (part, others) = rest.split_at(size.min(rest.len()));
+                rest = others;
+                let mut moments = RgbMoments::default();
+                part.iter().for_each(|&v| moments.push(v));
+                merged.merge(&moments);
+            }
+            assert_eq!(merged.count, whole.count);
+            for c in 0..3 {
+                assert!((merged.mean[c] / whole.mean[c] - 1.0).abs() < 1e-12);
+                assert!((merged.m2[c] - whole.m2[c]).abs() <= 1e-12 * whole.m2[c]);
+            }
+            assert_eq!(merged.m2[1], 0.0, "a constant has no variance");
+        }
+    }
+    let mut some = Moments::default();
+    [1.0, 2.0, 4.0].into_iter().for_each(|x| some.push(x));
+    let mut merged = some;
+    merged.merge(&Moments::default());
+    assert_eq!(merged, some);
+    let mut merged = Moments::default();
+    merged.merge(&some);
+    assert_eq!(merged, some);
+}
+
+#[test]
+fn f04_counts() {
+    for start in [1u64 << 24, 1 << 32, 1 << 52] {
+        let mut moments = RgbMoments { count: start - 1, mean: [1.0; 3], m2: [0.0; 3] };
+        moments.push([1.0; 3]);
+        moments.push([1.0; 3]);
+        assert_eq!(moments.count, start + 1);
+        assert_eq!(moments.mean, [1.0; 3]);
+        let twice = moments;
+        moments.merge(&twice);
+        assert_eq!(moments.count, 2 * (start + 1));
+    }
+    let mut one = RgbMoments::default();
+    assert_eq!(one.variance(), None);
+    one.push([3.0; 3]);
+    assert_eq!(one.variance(), None);
+    one.push([3.0; 3]);
+    assert_eq!(one.variance(), Some([0.0; 3]));
+    // Unknown without the need, rather than zero.
+    let mut film = Film::new(frame(1, 1), Needs::none());
+    film.push(0, 0, [1.0; 3]);
+    film.push(0, 0, [2.0; 3]);
+    assert!(film.moments(0).variance().unwrap()[0].is_nan());
+}
+
+const BAD: [(f32, RejectedReason); 4] = [
+    (f32::NAN, RejectedReason::NotFinite),
+    (f32::INFINITY, RejectedReason::NotFinite),
+    (f32::NEG_INFINITY, RejectedReason::NotFinite),
+    (-0.25, RejectedReason::Negative),
+];
+
+/// Noise, but `bad` at some samples of pixel (2, 1): those whose first coordinate is below 0.2.
+fn injected(bad: f32) -> impl Fn([u32; 2], [f32; 4]) -> [f32; 3] + Sync {
+    move |pixel, u| {
+        let mut radiance = noise(pixel, u);
+        if pixel == [2, 1] && u[0] < 0.2 {
+            radiance[1] = bad;
+        }
+        radiance
+    }
+}
+
+#[test]
+fn f05_one_bad_sample() {
+    let (size, spp, points) = (frame(5, 4), 40, Independent::new(3));
+    for needs in [Needs::none().with_variance().with_extrema(), everything()] {
+        let render = |field: &(dyn Fn([u32; 2], [f32; 4]) -> [f32; 3] + Sync), limits: &Limits| {
+            run(&mut Field(field), &mut Uniform::new(points), needs, size, limits)
+        };
+        let limits = Limits::samples(20 * spp);
+        let clean = render(&noise, &limits).unwrap();
+        let zeroed = render(&|p, u| if p == [2, 1] && u[0] < 0.2 { [0.0; 3] } else { noise(p, u) }, &limits).unwrap();
+        for (bad, reason) in BAD {
+            let field = injected(bad);
+            let film = render(&field, &limits).unwrap();
+            assert!(film.record().rejected > 2);
+            assert_eq!(film.record().rejected, film.rejected().len() as u64);
+            assert_eq!(film.counts(), clean.counts(), "a rejected sample counts in n");
+            for i in 0..20 {
+                // As if it had been zero; every other pixel as if nothing had been.
+                assert_eq!(film.moments(i).mean, zeroed.moments(i).mean);
+                assert_eq!(film.moments(i).m2, zeroed.moments(i).m2);
+                assert_eq!(film.range(i), zeroed.range(i));
+                assert_eq!(film.mean(i) == clean.mean(i), i != 7);
+            }
+            for rejected in film.rejected() {
+                assert_eq!((rejected.sample.pixel, rejected.reason), ([2, 1], reason));
+                assert!(points.block(rejected.sample, 0)[0] < 0.2, "the sample named does not replay");
+            }
+            let mut strict = limits.clone();
+            strict.invalid = InvalidSample::Fail;
+            let Err(Error::InvalidSample { sample, value, points: name }) = render(&field, &strict) else {
+                panic!("strict mode let {bad} pass")
+            };
+            let (replayed, value) = (field(sample.pixel, points.block(sample, 0)), value.map(f32::to_bits));
+            assert_eq!((replayed.map(f32::to_bits), name), (value, "independent:seed=3".into()));
+        }
+    }
+}
+
+#[test]
+fn f05_a_million_bad_samples_list_the_first_in_order() {
+    let limits = |slice_spp, tile_rows| {
+        let mut limits = Limits::samples(1_000_000);
+        (limits.schedule.slice_spp, limits.schedule.tile_rows) = (slice_spp, tile_rows);
+        limits
+    };
+    for needs in [Needs::none(), Needs::none().with_halves()] {
+        let film = |limits: &Limits| {
+            let bad = &mut Field(|_, _| [f32::NAN; 3]);
+            run(bad, &mut Uniform::new(Constant), needs, frame(10, 10), limits).unwrap()
+        };
+        let film_a = film(&limits(0, 1));
+        assert_eq!(film_a.record().rejected, 1_000_000);
+        let listed: Vec<SampleId> = film_a.rejected().iter().map(|r| r.sample).collect();
+        let stream = if needs.halves { streams::HALVES[0] } else { streams::WHOLE };
+        let first = (0..1024).map(|index| SampleId { pixel: [0, 0], stream, index });
+        assert!(listed.into_iter().eq(first));
+        assert_eq!(film_a.rejected(), film(&limits(7, 64)).rejected());
+        assert!((0..100).all(|i| film_a.mean(i) == [0.0; 3]));
+    }
+}
+
+#[test]
+fn f05_pushed_by_hand() {
+    let mut film = Film::new(frame(2, 1), Needs::none().with_variance().with_halves());
+    film.push(1, 1, [1.0; 3]);
+    film.push(1, 1, [f32::NAN, 1.0, 1.0]);
+    assert_eq!((film.count(1), film.mean(1), film.record().rejected), (2, [0.5; 3], 1));
+    let sample = SampleId { pixel: [1, 0], stream: streams::HALVES[1], index: 1 };
+    assert_eq!(film.rejected()[0].sample, sample);
+}
+
+#[test]
+fn first_hits_with_a_nan_count_as_misses() {
+    use dapple_core::{Draws, Estimate, FirstHit, Integrator, Observed};
+    struct Hits;
+    impl Integrator for Hits {
+        fn estimate(&self, draws: &Draws<'_>, _: &mut Observed) -> Estimate {
+            let depth = if draws.id().index % 3 == 1 { f32::NAN } else { 2.0 };
+            let first_hit = draws.wants_first_hit().then_some(FirstHit {
+                position: [1.0; 3],
+                geometric_normal: [0.0, 0.0, 1.0],
+                shading_normal: [0.0, 0.0, 1.0],
+                albedo: [0.5; 3],
+                depth,
+                footprint: 1.0,
+                roughness: 1.0,
+                material: 4,
+                shape: 5,
+                primitive: 6,
+            });
+            Estimate { radiance: [1.0; 3], first_hit, cost: 3 }
+        }
+    }
+    let needs = Needs::none().with_features().with_first_hits(4).with_cost();
+    let film = run(&mut Hits, &mut Uniform::new(Constant), needs, frame(1, 1), &Limits::samples(9)).unwrap();
+    let features = film.features(0).unwrap();
+    assert_eq!((features.samples, features.hits, features.depth), (9, 6, 2.0));
+    assert_eq!(features.variance, Some([0.0; 10]));
+    let hits: Vec<bool> = film.first_hits(0).iter().map(Option::is_some).collect();
+    assert_eq!((hits, film.cost(0)), (vec![true, false, true, true], Some(27)));
+    let bare = run(&mut Hits, &mut Uniform::new(Constant), Needs::none(), frame(1, 1), &Limits::samples(9)).unwrap();
+    assert_eq!((bare.features(0), bare.first_hits(0).len(), bare.cost(0)), (None, 0, None));
+}
+
+#[test]
+fn a_film_without_what_is_read_is_refused() {
+    let all = [
+        Needs::none().with_variance(),
+        Needs::none().with_extrema(),
+        Needs::none().with_halves(),
+        Needs::none().with_features(),
+        Needs::none().with_first_hits(2),
+        Needs::none().with_cost(),
+    ];
+    for (k, needs) in all.iter().enumerate() {
+        let others = all.iter().enumerate().filter(|(j, _)| *j != k).fold(Needs::none(), |sum, (_, n)| sum.and(*n));
+        let film = Film::new(frame(2, 2), others);
+        assert!(matches!(film.require("somebody", needs), Err(Error::NotRecorded { .. })), "{needs:?}");
+        assert!(film.require("somebody", &others).is_ok());
+    }
+}

@@ -1,0 +1,348 @@
+//! Renders that go on from snapshots, and pictures made in shards (HARD_CASES X03 to X08).
+
+use crate::common::{Field, Independent, everything, frame, mix, noise, on_threads, run};
+use dapple_conformance::bits;
+use dapple_core::samplers::{Uniform, Variance};
+use dapple_core::{
+    Block, Budget, Control, Draws, Error, Estimate, Film, FirstHit, Frame, Integrator, Limits, Needs, NoWatch,
+    Observations, Observed, Part, Sampler, Schedule, Shard, Sharded, Snapshot, Status, Watch, merge, render, resume,
+};
+use std::time::{Duration, Instant};
+
+/// Learns while it observes, reports first hits, and now and then gives a bad sample.
+#[derive(Default)]
+struct Everything {
+    learned: Vec<Observations>,
+}
+
+impl Integrator for Everything {
+    fn estimate(&self, draws: &Draws<'_>, observed: &mut Observed) -> Estimate {
+        let u = draws.block(Block::new(0));
+        observed.note(u64::from(draws.pixel()[0] / 5), u[0]);
+        let shift: f64 = self.learned.iter().flat_map(|o| o.entries()).map(|e| e.sum / e.count as f64).sum();
+        let value = if u[3] < 0.01 { -1.0 } else { u[1] + shift as f32 };
+        let first_hit = (u[2] > 0.2).then_some(FirstHit {
+            position: [u[0], u[1], u[2]],
+            geometric_normal: [0.0, 0.0, 1.0],
+            shading_normal: [0.0, u[3], 1.0],
+            albedo: [0.5, u[1], 0.25],
+            depth: u[0],
+            footprint: 0.1,
+            roughness: 1.0,
+            material: 3,
+            shape: 5,
+            primitive: draws.pixel()[1],
+        });
+        Estimate { radiance: [value, u[2], 0.5], first_hit, cost: 2 + draws.pixel()[0] % 3 }
+    }
+
+    fn observes(&self) -> bool {
+        self.learned.len() < 4
+    }
+
+    fn learn(&mut self, lesson: &Observations) {
+        self.learned.push(lesson.clone());
+    }
+}
+
+/// Keeps a snapshot of every slice, and of the end.
+#[derive(Default)]
+struct Keeper {
+    slices: Vec<Vec<u8>>,
+    end: Vec<u8>,
+}
+
+impl Watch for Keeper {
+    fn slice(&mut self, status: &Status<'_>) -> Control {
+        self.slices.push(status.snapshot());
+        Control::Continue
+    }
+
+    fn end(&mut self, status: &Status<'_>) {
+        self.end = status.snapshot();
+    }
+}
+
+fn uniform(seed: u64) -> Uniform<Independent> {
+    Uniform::new(Independent::new(seed))
+}
+
+/// A render's film, and its snapshots.
+fn kept(
+    integrator: &mut dyn Integrator,
+    sampler: &mut dyn Sampler,
+    needs: Needs,
+    frame: Frame,
+    limits: &Limits,
+) -> (Film, Keeper) {
+    let mut keeper = Keeper::default();
+    let film = render(integrator, sampler, needs, frame, limits, &mut keeper).unwrap();
+    (film, keeper)
+}
+
+fn go_on(
+    bytes: &[u8],
+    integrator: &mut dyn Integrator,
+    sampler: &mut dyn Sampler,
+    needs: Needs,
+    frame: Frame,
+    limits: &Limits,
+) -> Result<Film, Error> {
+    resume(Snapshot::from_bytes(bytes)?, integrator, sampler, needs, frame, limits, &mut NoWatch)
+}
+
+/// The pixels' statistics, without how they came about.
+fn pixels(film: &Film) -> String {
+    let one = |i| {
+        let halves = (film.half(0, i), film.half(1, i), film.mean(i));
+        format!(
+            "{:?} {:?} {:?} {:?} {:?}",
+            film.moments(i),
+            halves,
+            film.range(i),
+            film.features(i),
+            film.first_hits(i)
+        )
+    };
+    (0..film.frame().pixels()).map(one).collect()
+}
+
+#[test]
+fn x05_resumed_on_other_threads_in_other_slices() {
+    // Large enough that slices of a lesson go row by row.
+    let frame = frame(90, 70);
+    let mut limits = Limits::new(Budget::Recorded(vec![6300, 30_000, 30_000, 70_001]));
+    let (film, keeper) = kept(&mut Everything::default(), &mut uniform(5), everything(), frame, &limits);
+    let whole = bits(&film);
+    assert!(film.record().rejected > 100 && film.record().rounds.len() == 3);
+    let within = |bytes: &&Vec<u8>| !Snapshot::from_bytes(bytes).unwrap().film().record().samples.is_multiple_of(6300);
+    assert!(keeper.slices.iter().filter(within).count() > 2, "slices go by rows");
+    for (i, bytes) in keeper.slices.iter().chain([&keeper.end]).enumerate() {
+        let (tile_rows, slice_spp, shuffle) = [(1, 0, 0), (16, 1, 5), (33, 7, 0), (7, 0, 9)][i % 4];
+        limits.schedule = Schedule { tile_rows, slice_spp, shuffle };
+        let mut integrator = Everything::default();
+        let film = on_threads(1 + i % 4, || {
+            go_on(bytes, &mut integrator, &mut uniform(5), everything(), frame, &limits).unwrap()
+        });
+        assert!(bits(&film) == whole, "slice {i}");
+        assert_eq!(integrator.learned.len(), 4);
+    }
+    // The control: an integrator that has not learned what it had gives another picture.
+    struct Forgetful(Everything);
+    impl Integrator for Forgetful {
+        fn estimate(&self, draws: &Draws<'_>, observed: &mut Observed) -> Estimate {
+            self.0.estimate(draws, observed)
+        }
+    }
+    let last = keeper.slices.iter().rev().nth(1).unwrap();
+    let film = go_on(last, &mut Forgetful(Everything::default()), &mut uniform(5), everything(), frame, &limits);
+    assert!(bits(&film.unwrap()) != whole);
+}
+
+#[test]
+fn x06_more_samples_after_a_snapshot() {
+    let (frame, needs) = (frame(9, 8), everything());
+    let draw = |limits: &Limits| kept(&mut Field(noise), &mut uniform(5), needs, frame, limits);
+    for (first, all) in [(64 * 72, 128 * 72), (64 * 72 + 5, 128 * 72 + 61), (72, 73), (100, 130)] {
+        let (first, mut all) = (Limits::samples(first), Limits::samples(all));
+        let (at_once, _) = draw(&all);
+        let (_, keeper) = draw(&first);
+        all.schedule.slice_spp = 5;
+        for bytes in keeper.slices.iter().chain([&keeper.end]) {
+            let later = go_on(bytes, &mut Field(noise), &mut uniform(5), needs, frame, &all).unwrap();
+            assert!(pixels(&later) == pixels(&at_once));
+        }
+        // Fewer than there are is refused, not ignored.
+        let fewer = Limits::samples(71 + 1);
+        let answer = go_on(&keeper.end, &mut Field(noise), &mut uniform(5), needs, frame, &fewer);
+        match first.budget == fewer.budget {
+            true => assert!(pixels(&answer.unwrap()).len() > 1),
+            false => assert!(matches!(answer, Err(Error::OtherRender { .. }))),
+        }
+    }
+}
+
+#[test]
+fn x04_another_render_is_refused() {
+    let limits = Limits::samples(40 * 72);
+    let (_, keeper) = kept(&mut Field(noise), &mut uniform(5), Needs::none(), frame(9, 8), &limits);
+    let bytes = &keeper.slices[0];
+    let refused = |sampler: &mut dyn Sampler, needs, frame, limits: &Limits| match go_on(
+        bytes,
+        &mut Field(noise),
+        sampler,
+        needs,
+        frame,
+        limits,
+    ) {
+        Err(e @ Error::OtherRender { .. }) => e.to_string(),
+        other => panic!("{other:?}"),
+    };
+    let none = Needs::none();
+    let message = refused(&mut uniform(6), none, frame(9, 8), &limits);
+    assert!(message.contains("the point set was independent:seed=5 and is now independent:seed=6"), "{message}");
+    let message = refused(&mut Variance::new(Independent::new(5)), none, frame(9, 8), &limits);
+    assert!(
+        message.contains("the sampler was uniform and is now variance:")
+            && message.contains("the sample variance was not"),
+        "{message}"
+    );
+    let message = refused(&mut uniform(5), none, frame(8, 9), &limits);
+    assert!(message.contains("9x8 pixels at 0,0 of 9x8 and is now 8x9 pixels"), "{message}");
+    let message = refused(&mut uniform(5), none.with_halves(), frame(9, 8), &limits);
+    assert!(message.contains("was one sequence and is now two halves"), "{message}");
+    let message = refused(&mut uniform(5), none, frame(9, 8), &Limits { min_spp: 3, ..limits.clone() });
+    assert!(message.contains("was 1 to 4294967295 and is now 3 to 4294967295"), "{message}");
+    let message = refused(&mut uniform(5), none, frame(9, 8), &Limits::new(Budget::Recorded(vec![72, 2880])));
+    assert!(message.contains("not those of the record"), "{message}");
+    // The control.
+    assert!(go_on(bytes, &mut Field(noise), &mut uniform(5), none, frame(9, 8), &limits).is_ok());
+}
+
+#[test]
+fn x03_bytes_that_are_no_snapshot() {
+    let limits = Limits::new(Budget::Recorded(vec![100, 200]));
+    let mut sampler = Variance::new(Independent::new(5));
+    let (_, keeper) = kept(&mut Everything::default(), &mut sampler, everything(), frame(7, 5), &limits);
+    let part = Part::new(
+        Shard::new(0, 1).unwrap(),
+        &run(&mut Field(noise), &mut uniform(1), everything(), frame(7, 5), &limits).unwrap(),
+    )
+    .unwrap();
+    for bytes in [&keeper.slices[1], &keeper.end, &part.to_bytes()] {
+        let read = |bytes: &[u8]| Snapshot::from_bytes(bytes).map(drop).or_else(|_| Part::from_bytes(bytes).map(drop));
+        read(bytes).unwrap();
+        for length in 0..bytes.len() {
+            assert!(matches!(read(&bytes[..length]), Err(Error::BadSnapshot { .. })), "{length} bytes");
+        }
+        let longer = [&bytes[..], &[0]].concat();
+        assert!(read(&longer).is_err());
+        let mut old = bytes.clone();
+        old[8] ^= 1;
+        assert!(
+            Snapshot::from_bytes(&old).unwrap_err().to_string().contains("another version")
+                || Part::from_bytes(&old).unwrap_err().to_string().contains("another version")
+        );
+        // What a checksum would catch must do no harm without one: an error, or a render that ends.
+        for k in 0..3000_u64 {
+            let mut bytes = bytes.clone();
+            let bit = mix(k) as usize % (8 * bytes.len());
+            bytes[bit / 8] ^= 1 << (bit % 8);
+            if let Ok(snapshot) = Snapshot::from_bytes(&bytes) {
+                let frame = *snapshot.film().frame();
+                let mut sampler = Variance::new(Independent::new(5));
+                let _ = resume(
+                    snapshot,
+                    &mut Everything::default(),
+                    &mut sampler,
+                    everything(),
+                    frame,
+                    &limits,
+                    &mut NoWatch,
+                );
+            }
+            if let Ok(part) = Part::from_bytes(&bytes) {
+                let _ = merge(&[part]);
+            }
+        }
+    }
+}
+
+#[test]
+fn x07_shards_make_the_picture_of_one_machine() {
+    for (size, of, needs, total) in
+        [([23, 17], 3, everything(), 33 * 391 + 7), ([5, 4], 4, Needs::none(), 1000), ([1, 1], 1, everything(), 8)]
+    {
+        let (frame, limits) = (frame(size[0], size[1]), Limits::samples(total));
+        let field = || Field(|p: [u32; 2], u: [f32; 4]| if u[3] < 0.05 { [f32::NAN; 3] } else { noise(p, u) });
+        let whole = run(&mut field(), &mut uniform(5), needs, frame, &limits).unwrap();
+        let part = |index: u32| {
+            let shard = Shard::new(index, of).unwrap();
+            let mut inner = uniform(5);
+            let mut sampler = Sharded::new(&mut inner, shard, &limits).unwrap();
+            let (film, keeper) = kept(&mut field(), &mut sampler, needs, frame, &limits);
+            // A machine that was interrupted goes on.
+            let mut inner = uniform(5);
+            let mut sampler = Sharded::new(&mut inner, shard, &limits).unwrap();
+            let resumed = go_on(&keeper.slices[0], &mut field(), &mut sampler, needs, frame, &limits).unwrap();
+            assert!(bits(&resumed) == bits(&film));
+            let bytes = Part::new(shard, &film).unwrap().to_bytes();
+            Part::from_bytes(&bytes).unwrap()
+        };
+        let mut parts: Vec<Part> = (0..of).map(part).collect();
+        parts.rotate_left(1);
+        assert!(bits(&merge(&parts).unwrap()) == bits(&whole), "{size:?}");
+    }
+}
+
+#[test]
+fn x07_shards_that_make_no_picture() {
+    let limits = Limits::samples(8 * 12);
+    let part = |index, of, size: [u32; 2], needs, limits: &Limits| {
+        let mut inner = uniform(5);
+        let shard = Shard::new(index, of).unwrap();
+        let mut sampler = Sharded::new(&mut inner, shard, limits).unwrap();
+        let film = run(&mut Field(noise), &mut sampler, needs, frame(size[0], size[1]), limits).unwrap();
+        Part::new(shard, &film).unwrap()
+    };
+    let none = Needs::none();
+    let of = |index| part(index, 3, [3, 4], none, &limits);
+    let cases = [
+        (vec![], "there are none"),
+        (vec![of(0), of(2)], "missing: shard 2/3"),
+        (vec![of(2)], "missing: shard 1/3, 2/3"),
+        (vec![of(0), of(1), of(2), of(1)], "shard 2/3 is there twice"),
+        (vec![of(0), part(1, 2, [3, 4], none, &limits), of(2)], "shard 2/2 of another number of shards"),
+        (vec![of(0), part(1, 3, [4, 3], none, &limits), of(2)], "of another window"),
+        (vec![of(0), part(1, 3, [3, 4], none.with_variance(), &limits), of(2)], "with other statistics"),
+        (vec![of(0), part(1, 3, [3, 4], none, &Limits::samples(97)), of(2)], "with another number of samples"),
+    ];
+    for (parts, expected) in cases {
+        let message = merge(&parts).unwrap_err().to_string();
+        assert!(message.contains(expected), "{message}");
+    }
+    assert!(merge(&[of(2), of(0), of(1)]).is_ok());
+    // A sampler that looks, a limit that machines do not know, an interrupted share.
+    let shard = Shard::new(0, 2).unwrap();
+    let refused = |sampler: &mut dyn Sampler, limits: &Limits| {
+        Sharded::new(sampler, shard, limits).map(drop).unwrap_err().to_string()
+    };
+    assert!(
+        refused(&mut Variance::new(Independent::new(5)), &limits).contains("the sampler variance cannot be shared")
+    );
+    assert!(refused(&mut uniform(5), &Limits::seconds(1.0)).contains("must know the number of samples"));
+    let mut stop = |_: &Status<'_>| Control::Stop;
+    let mut slices = Limits::samples(8 * 12);
+    slices.schedule.slice_spp = 1;
+    let film = render(&mut Field(noise), &mut uniform(5), none, frame(3, 4), &slices, &mut stop).unwrap();
+    assert!(Part::new(shard, &film).unwrap_err().to_string().contains("was interrupted"));
+    assert!(Shard::new(2, 2).is_err() && Shard::new(0, 0).is_err());
+}
+
+/// Takes its time: a millisecond a sample, so that one of every pixel takes seconds.
+struct Slow;
+
+impl Integrator for Slow {
+    fn estimate(&self, _: &Draws<'_>, _: &mut Observed) -> Estimate {
+        std::thread::sleep(Duration::from_millis(1));
+        Estimate { radiance: [1.0; 3], first_hit: None, cost: 1 }
+    }
+}
+
+#[test]
+fn x08_a_slow_picture_is_stopped_within_a_pass() {
+    let start = Instant::now();
+    let (mut asked, mut longest) = (start, Duration::ZERO);
+    let mut watch = |_: &Status<'_>| {
+        longest = longest.max(asked.elapsed());
+        asked = Instant::now();
+        if start.elapsed().as_secs_f64() > 2.0 { Control::Stop } else { Control::Continue }
+    };
+    // 10 s a sample of every pixel on two threads.
+    let film = on_threads(2, || {
+        render(&mut Slow, &mut uniform(1), Needs::none(), frame(200, 100), &Limits::samples(20_000), &mut watch)
+            .unwrap()
+    });
+    assert!(film.record().interrupted && film.record().samples > 200);
+    assert!(longest < Duration::from_secs(2), "{longest:?}");
+}

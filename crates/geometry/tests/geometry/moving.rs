@@ -1,0 +1,149 @@
+//! Meshes whose vertices move: at each time they are what a still mesh of the same corners is.
+
+use crate::support::*;
+use dapple_geometry::{Error, Geometry, Instance, Mesh, Motion, MovingMesh, Preset, Ray, Shape, spawn_ray};
+use glam::{DAffine3, Vec3};
+use rand::RngExt;
+use rand_pcg::Pcg64Mcg;
+use std::sync::Arc;
+
+const TIMES: [f32; 5] = [0.0, 0.1, 0.5, 0.93, 1.0];
+
+fn point(rng: &mut Pcg64Mcg, size: f32) -> [f32; 3] {
+    std::array::from_fn(|_| rng.random_range(-size..size))
+}
+
+/// Vertices at both times, and triangles.
+type MovingSoup = (Vec<[f32; 3]>, Vec<[f32; 3]>, Vec<[u32; 3]>);
+
+/// Triangles at random that share some vertices.
+fn soup(rng: &mut Pcg64Mcg, size: f32) -> MovingSoup {
+    let vertices = 60;
+    let starts: Vec<_> = (0..vertices).map(|_| point(rng, size)).collect();
+    let ends = starts
+        .iter()
+        .map(|s| {
+            let by = point(rng, size);
+            [s[0] + by[0], s[1] + by[1], s[2] + by[2]]
+        })
+        .collect();
+    let corner = |rng: &mut Pcg64Mcg| rng.random_range(0..vertices as u32);
+    let triangles =
+        (0..100).map(|_| [corner(rng), corner(rng), corner(rng)]).filter(|[a, b, c]| a != b && b != c && a != c);
+    (starts, ends, triangles.collect())
+}
+
+/// The vertices on their way.
+fn at(starts: &[[f32; 3]], ends: &[[f32; 3]], time: f32) -> Vec<[f32; 3]> {
+    let between = |(a, b): (&[f32; 3], &[f32; 3])| std::array::from_fn(|axis| a[axis] + (b[axis] - a[axis]) * time);
+    starts.iter().zip(ends).map(between).collect()
+}
+
+fn rays(rng: &mut Pcg64Mcg, size: f32, count: usize) -> Vec<Ray> {
+    (0..count)
+        .map(|_| {
+            let (from, to) = (point(rng, 3.0 * size), point(rng, size));
+            Ray::new(Vec3::from_array(from), Vec3::from_array(to) - Vec3::from_array(from))
+        })
+        .collect()
+}
+
+#[test]
+fn hits_are_those_of_still_meshes() {
+    let mut rng = generator(61);
+    let (mut hits, mut control) = (0, 0);
+    for case in 0..20 {
+        let size = 10.0_f32.powi(case % 7 - 3);
+        let (starts, ends, triangles) = soup(&mut rng, size);
+        let still = cuboid(Vec3::splat(-0.2 * size), Vec3::splat(0.2 * size));
+        let others = Shape::from(Mesh::new(still.0, still.1).expect("a box"));
+        let moving = Shape::from(MovingMesh::new(starts.clone(), ends.clone(), triangles.clone()).expect("sound"));
+        let scene = Geometry::build(vec![moving, others.clone()], PRESETS[case as usize % 6]).expect("few");
+        assert!(scene.moves());
+        let standing = TIMES.map(|time| {
+            let mesh = Mesh::new(at(&starts, &ends, time), triangles.clone()).expect("sound");
+            Geometry::build(vec![Shape::from(mesh), others.clone()], Preset::default()).expect("few")
+        });
+        for ray in rays(&mut rng, 2.0 * size, 300) {
+            for (time, still) in TIMES.iter().zip(&standing) {
+                let (found, expected) = (scene.closest_at(&ray, *time), still.closest(&ray));
+                assert_eq!(found, expected, "case {case}, time {time}, {ray:?}");
+                assert_eq!(scene.occluded_at(&ray, *time), expected.is_some(), "case {case}, time {time}");
+                hits += usize::from(found.is_some_and(|hit| hit.shape == 0));
+                control += usize::from(found != standing[0].closest(&ray));
+            }
+        }
+    }
+    assert!(hits > 5000, "{hits} hits of what moves");
+    assert!(control > 3000, "the control: {control} hits are not those of time 0");
+}
+
+#[test]
+fn g01_moving_spheres_have_no_gap() {
+    let mut rng = generator(62);
+    let (starts, triangles) = lat_long(24, 2.0, glam::DVec3::new(0.3, -0.7, 0.11));
+    // Every vertex goes its own way, near the centre or far.
+    let ends: Vec<[f32; 3]> =
+        starts.iter().map(|p| p.map(|x| x * 3.0 + 0.05).map(|x| x + rng.random_range(-0.02..0.02))).collect();
+    let mesh = MovingMesh::new(starts.clone(), ends.clone(), triangles.clone()).expect("sound");
+    let scene = Geometry::build(vec![Shape::from(mesh)], Preset::default()).expect("few");
+    let eye = Vec3::new(0.4, -0.5, 0.2);
+    for time in TIMES {
+        let now = at(&starts, &ends, time);
+        for triangle in &triangles {
+            let [a, b, c] = triangle.map(|v| Vec3::from_array(now[v as usize]));
+            for aim in [a, b, c, (a + b) * 0.5, (b + c) * 0.5, (c + a) * 0.5] {
+                let ray = Ray::new(eye, (aim - eye).normalize());
+                assert!(
+                    scene.occluded_at(&ray, time) && scene.closest_at(&ray, time).is_some(),
+                    "time {time}, {ray:?}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn g18_rays_that_leave_what_moves_do_not_meet_it_again() {
+    let mut rng = generator(63);
+    let (starts, ends, triangles) = soup(&mut rng, 1.0);
+    let mesh = MovingMesh::new(starts, ends, triangles).expect("sound");
+    let alone = Geometry::build(vec![Shape::from(mesh.clone())], Preset::default()).expect("few");
+    let turned = DAffine3::from_axis_angle(glam::DVec3::new(0.6, 0.0, 0.8), 1.0);
+    let object = Arc::new(alone.clone());
+    let instance = Instance { object: 0, motion: Motion::between(DAffine3::IDENTITY, turned).expect("invertible") };
+    let placed = Geometry::with_instances(vec![], vec![object], vec![instance], Preset::default()).expect("few");
+    assert!(placed.moves());
+    for scene in [&alone, &placed] {
+        let (mut left, mut met) = (0, 0);
+        for ray in rays(&mut rng, 1.5, 2000) {
+            let time = rng.random();
+            let Some(hit) = scene.closest_at(&ray, time) else { continue };
+            let point = scene.surface_at(&ray, &hit, time);
+            let away = direction(&mut rng);
+            let next = spawn_ray(&point, away);
+            left += 1;
+            met += usize::from(scene.closest_at(&next, time).is_some_and(|again| again.primitive == hit.primitive));
+        }
+        assert!(left > 500 && met == 0, "{met} of {left} met again");
+    }
+}
+
+#[test]
+fn what_is_wrong_is_refused() {
+    let one = vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+    let few = MovingMesh::new(one.clone(), one[..2].to_vec(), vec![[0, 1, 2]]);
+    assert!(matches!(few, Err(Error::BadParameter { value: 2.0, .. })), "{few:?}");
+    let mut odd = one.clone();
+    odd[2][1] = f32::NAN;
+    let odd = MovingMesh::new(one.clone(), odd, vec![[0, 1, 2]]);
+    assert!(matches!(odd, Err(Error::NonFinite { triangle: 0, vertex: 2 })), "{odd:?}");
+    // Without area at both ends, but not on the way.
+    let folded = vec![[0.0; 3], [1.0, 0.0, 0.0], [0.5, 0.0, 0.0]];
+    let unfolded = vec![[0.0; 3], [0.0, 1.0, 0.0], [0.0, 0.5, 0.0]];
+    let mesh = MovingMesh::new(folded.clone(), unfolded, vec![[0, 1, 2]]).expect("sound");
+    assert_eq!(mesh.degenerate(), 1, "on a line all the time");
+    let mesh =
+        MovingMesh::new(folded, vec![[0.0; 3], [0.0, 1.0, 0.0], [0.5, 0.0, 0.0]], vec![[0, 1, 2]]).expect("sound");
+    assert_eq!(mesh.degenerate(), 0);
+}

@@ -1,0 +1,134 @@
+//! HARD_CASES group 1 at the catalogue's full size (T2):
+//! `cargo test --release -p dapple-geometry --test geometry thorough:: -- --ignored --nocapture`, quiet, two minutes.
+
+#![allow(clippy::print_stdout)] // Figures are told.
+
+use crate::support::*;
+use dapple_geometry::{Geometry, Mesh, Preset, Ray, Shape};
+use glam::{DVec3, Vec3};
+use std::time::Instant;
+
+#[test]
+#[ignore = "T2: 3e7 rays"]
+fn g02_ten_million_random_rays_from_inside_never_escape() {
+    let mut rng = generator(2);
+    for centre in [DVec3::ZERO, DVec3::new(0.3, -0.7, 0.11), DVec3::new(148_376.0, 1_234.0, -223_423.0)] {
+        let scene = geometry(vec![lat_long(200, 2.0, centre)], Preset::default());
+        let reach = Vec3::splat(1.0);
+        let escapes = (0..10_000_000)
+            .filter(|_| {
+                let origin = point_in(&mut rng, centre.as_vec3() - reach, centre.as_vec3() + reach);
+                scene.closest(&Ray::new(origin, direction(&mut rng))).is_none()
+            })
+            .count();
+        assert_eq!(escapes, 0, "centre {centre}");
+    }
+}
+
+/// `n` triangles, the i-th at `place(i, corner)`.
+fn soup(n: u32, place: impl Fn(u32, Vec3) -> Vec3) -> Vec<Shape> {
+    let corners = [Vec3::new(-0.5, -0.5, -0.25), Vec3::new(0.5, -0.5, 0.0), Vec3::new(-0.5, 0.5, 0.25)];
+    let positions = (0..n).flat_map(|i| corners.map(|c| place(i, c).to_array())).collect();
+    let triangles = (0..n).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
+    vec![Shape::from(Mesh::new(positions, triangles).expect("sound"))]
+}
+
+#[test]
+#[ignore = "T2: timing, wants a quiet machine"]
+fn g12_building_takes_linear_time_on_duplicates_and_concentric_triangles() {
+    let mut rng = generator(12);
+    for n in [1_000, 10_000, 100_000] {
+        let offsets: Vec<Vec3> = (0..n).map(|_| point_in(&mut rng, Vec3::ZERO, Vec3::splat(60.0))).collect();
+        let spread = soup(n, |i, c| c + offsets[i as usize]);
+        let same = soup(n, |_, c| c);
+        let concentric = soup(n, |i, c| c * (1.0 + i as f32));
+        let time = |shapes: &[Shape]| {
+            let run = |_| {
+                let start = Instant::now();
+                let scene = Geometry::build(shapes.to_vec(), Preset::default()).expect("few");
+                (start.elapsed().as_secs_f64(), scene)
+            };
+            (0..3).map(run).min_by(|a, b| a.0.total_cmp(&b.0)).expect("three")
+        };
+        let (usual, _) = time(&spread);
+        for (name, shapes) in [("same", &same), ("concentric", &concentric)] {
+            let (seconds, scene) = time(shapes);
+            println!("{n} {name}: {:.2} of {usual} s, stack {}", seconds / usual, scene.deepest());
+            assert!(seconds <= 4.0 * usual && scene.deepest() <= 128, "{n} {name}: {seconds} s for {usual} s");
+        }
+        // As one copy by itself.
+        let (_, many) = time(&same);
+        let (_, one) = time(&soup(1, |_, c| c));
+        for _ in 0..10_000 {
+            let aim = point_in(&mut rng, Vec3::splat(-1.0), Vec3::splat(1.0));
+            let ray = Ray::new(aim + Vec3::Z * 3.0, -Vec3::Z + direction(&mut rng) * 0.2);
+            assert_eq!(many.closest(&ray), one.closest(&ray));
+        }
+    }
+}
+
+#[test]
+#[ignore = "T2: 8e5 triangles"]
+fn g15_slivers_are_met_at_their_centroids() {
+    let mut rng = generator(15);
+    for exponent in 3..=8 {
+        let aspect = 10.0_f32.powi(exponent);
+        let (mut missed, mut odd) = (0, 0);
+        for _ in 0..10_000 {
+            let along = direction(&mut rng);
+            let across = along.cross(direction(&mut rng)).normalize() / aspect;
+            let at = point_in(&mut rng, Vec3::splat(-1.0), Vec3::splat(1.0));
+            let corners = [at - along, at + along, at + across];
+            let mesh = Mesh::new(corners.map(|c| c.to_array()).to_vec(), vec![[0, 1, 2]]).expect("sound");
+            let degenerate = mesh.degenerate() > 0;
+            let exact = corners.iter().fold(DVec3::ZERO, |sum, c| sum + c.as_dvec3()) / 3.0;
+            let scene = Geometry::build(vec![Shape::from(mesh)], Preset::Fastest).expect("one");
+            let eye = at + along.cross(across).normalize() * 2.0;
+            let ray = Ray::new(eye, (exact - eye.as_dvec3()).as_vec3());
+            match scene.closest(&ray) {
+                None => missed += usize::from(!degenerate),
+                Some(hit) => {
+                    let point = scene.surface(&ray, &hit);
+                    // The ray was rounded too, by half an ulp of its length at most.
+                    let bound = f64::from(point.error.length()) + 4.0 * f64::from(f32::EPSILON);
+                    let off = (point.position.as_dvec3() - exact).length();
+                    odd += usize::from(!hit.t.is_finite() || off.is_nan() || off > bound * f64::from(aspect).max(1.0));
+                    odd += usize::from((hit.t - 1.0).abs() > 1e-5);
+                }
+            }
+        }
+        println!("aspect 1e{exponent}: {missed} of 10000 missed, {odd} odd");
+        assert_eq!(odd, 0, "aspect {aspect}");
+        assert!(exponent > 6 || missed == 0, "aspect {aspect}: {missed} missed");
+    }
+}
+
+#[test]
+#[ignore = "T2: timing, wants a quiet machine"]
+fn g17_invalid_rays_take_no_longer() {
+    let mut rng = generator(17);
+    let scene = geometry(vec![lat_long(200, 2.0, DVec3::ZERO)], Preset::default());
+    let good: Vec<Ray> = (0..100_000).map(|_| Ray::new(Vec3::ZERO, direction(&mut rng))).collect();
+    let bad: Vec<Ray> = good
+        .iter()
+        .enumerate()
+        .map(|(i, ray)| match i % 4 {
+            0 => Ray { origin: Vec3::splat(f32::NAN), ..*ray },
+            1 => Ray { direction: Vec3::ZERO, ..*ray },
+            2 => Ray { tmax: f32::NAN, ..*ray },
+            _ => Ray { direction: Vec3::new(f32::INFINITY, 0.0, 1.0), ..*ray },
+        })
+        .collect();
+    assert!(good.iter().all(Ray::is_valid) && !bad.iter().any(Ray::is_valid));
+    let time = |rays: &[Ray]| {
+        let run = |_| {
+            let start = Instant::now();
+            let hits = rays.iter().filter(|ray| scene.closest(ray).is_some()).count();
+            (start.elapsed().as_secs_f64(), hits)
+        };
+        (0..5).map(run).min_by(|a, b| a.0.total_cmp(&b.0)).expect("five")
+    };
+    let ((usual, hits), (odd, none)) = (time(&good), time(&bad));
+    println!("invalid rays take {:.2} of the time of valid ones", odd / usual);
+    assert!(hits == good.len() && none == 0 && odd <= 2.5 * usual, "{odd} s for {usual} s");
+}

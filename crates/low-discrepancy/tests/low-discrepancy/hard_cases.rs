@@ -1,0 +1,291 @@
+//! HARD_CASES S01, S03, S04, S05, S07 and S08 for every set.
+
+use crate::common::{all_sets, id};
+use dapple_core::{PointSet, streams};
+use dapple_low_discrepancy::{Halton, LowDiscrepancy, Random, Sobol, Stratified};
+
+const BELOW_ONE: f32 = 1.0 - 1.0 / 16_777_216.0;
+
+/// `draws` coordinates of each set, over pixels, streams, blocks and indices.
+fn half_open_interval(draws: u64) {
+    for points in all_sets(3) {
+        let (mut least, mut most) = (1.0_f32, 0.0_f32);
+        for d in 0..draws / 4 {
+            let name = id([(d % 641) as u32, (d % 479) as u32], (d % 7) as u32, d >> 6);
+            for u in points.block(name, (d % 64) as u32) {
+                least = least.min(u);
+                most = most.max(u);
+            }
+        }
+        let name = points.describe();
+        assert!(least >= 0.0 && most <= BELOW_ONE, "{name}: {least:e} to 1 - {:e}", 1.0 - most);
+        // The chance of staying this far from an end is e^-20 each.
+        let reach = 20.0 / draws as f32;
+        assert!(least <= reach && 1.0 - most <= reach.max(1.2e-7), "{name}: only {least:e} to 1 - {:e}", 1.0 - most);
+    }
+}
+
+/// 10^7 draws of each set; the row's 10^9 take minutes and are below. The all-ones input, and that
+/// `floor(u n) < n` for every `n` up to 2^24, are tested where bits become coordinates, in `keys.rs`.
+#[test]
+fn s01_half_open_interval() {
+    half_open_interval(10_000_000);
+}
+
+/// `cargo test --release -p dapple-low-discrepancy --test low-discrepancy hard_cases:: -- --ignored s01`
+#[test]
+#[ignore = "T2: 10^9 draws of each set take minutes"]
+fn s01_half_open_interval_of_a_thousand_million() {
+    half_open_interval(1_000_000_000);
+}
+
+#[test]
+fn s03_random_access() {
+    for points in all_sets(11) {
+        let names: Vec<_> =
+            (0..1000_u64).map(|k| (id([(k % 13) as u32, 5], (k % 3) as u32, k * k % 301), (k % 17) as u32)).collect();
+        let read = |k: usize| points.block(names[k].0, names[k].1).map(f32::to_bits);
+        let forward: Vec<_> = (0..1000).map(read).collect();
+        for k in (0..1000).rev().chain((0..1000).map(|k| k * 333 % 1000)) {
+            assert_eq!(read(k), forward[k], "{}: {:?}", points.describe(), names[k]);
+        }
+        // A second set with the same seed is the same set.
+        let twin = all_sets(11).into_iter().find(|p| p.describe() == points.describe()).unwrap();
+        for k in 0..1000 {
+            assert_eq!(twin.block(names[k].0, names[k].1).map(f32::to_bits), forward[k]);
+        }
+    }
+}
+
+/// The bound of S04 and S08 in standard errors of a correlation.
+const BOUND: f64 = 4.5;
+
+/// Standard errors that the correlation of uniform numbers is away from 0.
+fn z(a: impl Iterator<Item = f32>, b: impl Iterator<Item = f32>) -> f64 {
+    let (mut sum, mut n) = (0.0, 0.0_f64);
+    for (a, b) in a.zip(b) {
+        sum += 12.0 * (f64::from(a) - 0.5) * (f64::from(b) - 0.5);
+        n += 1.0;
+    }
+    sum / n.sqrt()
+}
+
+/// The white box: 1000 bounces of four blocks each. 40 coordinates spread over all 16 000, each with
+/// each other, over 2^16 samples of 16 pixels.
+#[test]
+fn s04_a_thousand_bounces() {
+    for points in all_sets(1) {
+        let dimensions: Vec<u32> = (0..8).chain((0..32).map(|k| 8 + k * 516)).collect();
+        assert!(*dimensions.last().unwrap() > 15_990);
+        let columns: Vec<Vec<f32>> = dimensions
+            .iter()
+            .map(|d| {
+                let sample = |i: u64| points.block(id([(i % 16) as u32, 0], 0, i / 16), d / 4)[*d as usize % 4];
+                (0..1 << 16).map(sample).collect()
+            })
+            .collect();
+        for i in 0..dimensions.len() {
+            for j in 0..i {
+                let z = z(columns[i].iter().copied(), columns[j].iter().copied());
+                assert!(
+                    z.abs() < BOUND,
+                    "{}: coordinates {} and {}: {z:.1}",
+                    points.describe(),
+                    dimensions[j],
+                    dimensions[i]
+                );
+            }
+        }
+    }
+}
+
+/// Around 2^31, and up to 2^32, pairs of one pixel are distinct; beyond the capacity, which the render
+/// loop refuses, they are still in range and no repetition of the first ones.
+#[test]
+fn s05_index_beyond_32_bits() {
+    for points in all_sets(7) {
+        for (block, k) in [(0, 0), (0, 2), (1, 0), (1, 2)] {
+            let mut seen = Vec::new();
+            for centre in [1 << 14, 1_u64 << 31, (1 << 32) - (1 << 14), 1 << 53] {
+                for index in centre - (1 << 14)..centre + (1 << 14) {
+                    let u = points.block(id([3, 4], 0, index), block);
+                    assert!(u.iter().all(|u| (0.0..1.0).contains(u)), "{}: {u:?} at {index}", points.describe());
+                    if index < points.capacity() {
+                        seen.push((u[k].to_bits(), u[k + 1].to_bits()));
+                    }
+                }
+            }
+            let all = seen.len();
+            assert!(all >= 3 << 15);
+            seen.sort_unstable();
+            seen.dedup();
+            // 2^17 pairs of 48 bits: independent ones repeat with probability 3e-5.
+            assert_eq!(seen.len(), all, "{}: block {block}, coordinates {k} and {}", points.describe(), k + 1);
+        }
+        assert_ne!(points.block(id([3, 4], 0, 5), 0), points.block(id([3, 4], 0, 5 + (1 << 32)), 0));
+    }
+}
+
+/// The counters of a 4K picture at 1024 samples.
+#[test]
+fn s05_counters_of_a_large_picture() {
+    for points in all_sets(7) {
+        let corner = |x, y, i| points.block(id([x, y], 0, i), 3).map(f32::to_bits);
+        let corners = [
+            corner(0, 0, 0),
+            corner(3839, 0, 0),
+            corner(0, 2159, 0),
+            corner(3839, 2159, 0),
+            corner(3839, 2159, 1023),
+            corner(3839, 2159, 1024),
+        ];
+        for i in 0..corners.len() {
+            for j in 0..i {
+                assert_ne!(corners[i], corners[j], "{}", points.describe());
+            }
+        }
+    }
+}
+
+#[test]
+fn s07_batches_equal_one_go() {
+    for points in all_sets(2) {
+        let whole: Vec<_> = (0..64).map(|i| points.block(id([9, 9], 0, i), 2).map(f32::to_bits)).collect();
+        for sizes in [vec![64], vec![4; 16], vec![1; 64], vec![13, 51]] {
+            let mut drawn = Vec::new();
+            for size in sizes {
+                let start = drawn.len() as u64;
+                drawn.extend((start..start + size).map(|i| points.block(id([9, 9], 0, i), 2).map(f32::to_bits)));
+            }
+            assert_eq!(drawn, whole, "{}", points.describe());
+        }
+    }
+}
+
+/// The first 64 coordinates at five lags, over 16 384 pixels; 320 comparisons a set.
+#[test]
+fn s08_neighbouring_pixels() {
+    let side = 128_u32;
+    for points in all_sets(5) {
+        for block in 0..16 {
+            let wide = side + 64;
+            let picture: Vec<[f32; 4]> =
+                (0..wide * wide).map(|p| points.block(id([p % wide, p / wide], 0, 1), block)).collect();
+            for lag in [[1, 0], [0, 1], [1, 1], [64, 0], [16, 0]] {
+                for k in [0, 1, 2, 3] {
+                    let at = |x: u32, y: u32| picture[(y * wide + x) as usize][k];
+                    let pixels = || (0..side).flat_map(|y| (0..side).map(move |x| (x, y)));
+                    let here = pixels().map(|(x, y)| at(x, y));
+                    let there = pixels().map(|(x, y)| at(x + lag[0], y + lag[1]));
+                    let z = z(here, there);
+                    assert!(
+                        z.abs() < BOUND,
+                        "{}: lag {lag:?}, block {block}, coordinate {k}: {z:.1}",
+                        points.describe()
+                    );
+                }
+            }
+        }
+    }
+}
+
+/// Neighbouring seeds, and seeds that differ in one bit, are as good as unrelated ones.
+#[test]
+fn s08_neighbouring_seeds() {
+    for (a, b) in [(0, 1), (1, 2), (0, 1 << 32), (7, 7 | 1 << 63)] {
+        for (p, q) in all_sets(a).into_iter().zip(all_sets(b)) {
+            for (block, k) in (0..8).flat_map(|block| (0..4).map(move |k| (block, k))) {
+                let column = |s: &dyn PointSet| -> Vec<f32> {
+                    (0..1 << 14).map(|x| s.block(id([x % 128, x / 128], 0, 0), block)[k]).collect()
+                };
+                let z = z(column(&*p).into_iter(), column(&*q).into_iter());
+                assert!(
+                    z.abs() < BOUND,
+                    "{} and {}: block {block}, coordinate {k}: {z:.1}",
+                    p.describe(),
+                    q.describe()
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn s08_streams() {
+    let all = [
+        streams::WHOLE,
+        streams::HALVES[0],
+        streams::HALVES[1],
+        streams::DISCARDED,
+        streams::DISCARDED_HALVES[0],
+        streams::DISCARDED_HALVES[1],
+        streams::PROBE,
+    ];
+    for points in all_sets(5) {
+        for (i, a) in all.iter().enumerate() {
+            for b in &all[..i] {
+                for (block, k) in [(0, 0), (0, 3), (9, 1)] {
+                    let column =
+                        |s: u32| (0..1 << 14).map(move |x| points_at(x, s)).map(|name| points.block(name, block)[k]);
+                    let z = z(column(*a), column(*b));
+                    assert!(z.abs() < BOUND, "{}: streams {a} and {b}: {z:.1}", points.describe());
+                }
+            }
+        }
+    }
+}
+
+fn points_at(x: u32, stream: u32) -> dapple_core::SampleId {
+    id([x % 128, x / 128], stream, 0)
+}
+
+#[test]
+fn constructors_refuse_what_cannot_be() {
+    assert!(Stratified::new(0, 0).unwrap_err().to_string().contains("give 1 to 4096"));
+    assert!(Stratified::new(0, 4097).is_err() && Stratified::new(0, 4096).is_ok());
+    assert!(LowDiscrepancy::new(0, 0).unwrap_err().to_string().contains("give 1 to 16777216"));
+    assert!(LowDiscrepancy::new(0, (1 << 24) + 1).is_err() && LowDiscrepancy::new(0, 1 << 24).is_ok());
+    assert_eq!(LowDiscrepancy::new(0, 33).unwrap().count(), 64);
+    let largest: [Box<dyn PointSet>; 2] =
+        [Box::new(Stratified::new(0, 4096).unwrap()), Box::new(LowDiscrepancy::new(0, 1 << 24).unwrap())];
+    for points in largest {
+        for index in [0, 1 << 23, (1 << 24) - 1, u64::MAX - 1] {
+            assert!(points.block(id([0, 0], 0, index), 0).iter().all(|u| (0.0..1.0).contains(u)));
+        }
+    }
+}
+
+#[test]
+fn descriptions_are_what_the_command_line_takes() {
+    let names: Vec<String> = all_sets(7).iter().map(|p| p.describe()).collect();
+    let expected = [
+        "random:seed=7",
+        "stratified:seed=7,strata=8",
+        "halton:seed=7",
+        "sobol:seed=7",
+        "lowdiscrepancy:seed=7,count=64",
+    ];
+    assert_eq!(names, expected);
+}
+
+/// A later version that changes these values changes every picture: say so in the changelog.
+#[test]
+fn values_stay_as_they_are() {
+    let bits = |points: &dyn PointSet| points.block(id([12, 34], 1, 56), 7).map(|u| (u * 16_777_216.0) as u32);
+    let found: Vec<[u32; 4]> = all_sets(2024).iter().map(|p| bits(&**p)).collect();
+    let block0 = Halton::new(2024).block(id([12, 34], 1, 56), 0).map(|u| (u * 16_777_216.0) as u32);
+    let beyond = Sobol::new(2024).block(id([12, 34], 1, 1 << 31), 0).map(|u| (u * 16_777_216.0) as u32);
+    let large = Random::new(u64::MAX).block(id([u32::MAX; 2], u32::MAX, u64::MAX), u32::MAX);
+    let large = large.map(|u| (u * 16_777_216.0) as u32);
+    let expected: [[u32; 4]; 8] = [
+        [4926152, 1666802, 11545447, 9775277],
+        [12573813, 12959923, 2872919, 4382899],
+        [12645504, 6256060, 9494692, 15916248],
+        [3070731, 7606415, 9940855, 5678590],
+        [5689589, 1114270, 4469692, 14307097],
+        [5008581, 2827985, 6641881, 9769976],
+        [15141595, 10948197, 6629996, 6195494],
+        [2709818, 8624507, 5174487, 10292395],
+    ];
+    assert_eq!([&found[..], &[block0, beyond, large]].concat(), expected);
+}

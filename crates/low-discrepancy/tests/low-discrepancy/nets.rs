@@ -1,0 +1,203 @@
+//! HARD_CASES S02: every elementary interval holds its share of points.
+
+use crate::common::id;
+use dapple_core::PointSet;
+use dapple_low_discrepancy::{Halton, LowDiscrepancy, Random, Sobol};
+
+/// The first elementary interval shape (as the logarithm of its columns) in which the `2^k` samples
+/// from `start` do not fall into one box each.
+fn uneven_shape(points: &dyn PointSet, pixel: [u32; 2], block: u32, pair: usize, start: u64, k: u32) -> Option<u32> {
+    let samples: Vec<[f32; 2]> = (start..start + (1 << k))
+        .map(|i| {
+            let u = points.block(id(pixel, 1, i), block);
+            [u[2 * pair], u[2 * pair + 1]]
+        })
+        .collect();
+    (0..=k).find(|&columns| {
+        let mut seen = vec![false; 1 << k];
+        samples.iter().any(|[x, y]| {
+            // Exact: 24-bit fractions times powers of two.
+            let column = (x * (1 << columns) as f32) as usize;
+            let row = (y * (1 << (k - columns)) as f32) as usize;
+            std::mem::replace(&mut seen[column << (k - columns) | row], true)
+        })
+    })
+}
+
+fn check_nets(points: &dyn PointSet, k: u32, start: u64, pixels: u32) {
+    for p in 0..pixels {
+        let pixel = [p % 10 * 37, p / 10 * 53];
+        for block in [0, 1, 2, 700] {
+            for pair in 0..2 {
+                let uneven = uneven_shape(points, pixel, block, pair, start, k);
+                assert_eq!(
+                    uneven,
+                    None,
+                    "{}: pixel {pixel:?}, block {block}, pair {pair}: 2^{k} samples from {start} are no net",
+                    points.describe()
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn s02_elementary_intervals_sobol() {
+    for seed in [0, 1, 0xdead_beef_0bad_cafe] {
+        let points = Sobol::new(seed);
+        for k in 2..=10 {
+            check_nets(&points, k, 0, if k < 9 { 100 } else { 34 });
+            // Not only prefixes: any aligned power of two, as rounds that go on need it.
+            check_nets(&points, k, 5 << k, 4);
+            check_nets(&points, k, (1 << 31) - (1 << k), 2);
+        }
+    }
+    // The rest of the 100 pixels for the two largest nets, with one seed.
+    check_nets(&Sobol::new(2), 9, 0, 100);
+    check_nets(&Sobol::new(2), 10, 0, 100);
+}
+
+proptest::proptest! {
+    /// The same for any name whatever. No chance is involved: every draw must pass.
+    #[test]
+    fn s02_elementary_intervals_of_any_name(
+        seed: u64,
+        pixel: [u32; 2],
+        block: u32,
+        pair in 0_usize..2,
+        k in 2_u32..9,
+        place in 0_u64..1 << 23,
+    ) {
+        let sobol = Sobol::new(seed);
+        proptest::prop_assert_eq!(uneven_shape(&sobol, pixel, block, pair, place << k, k), None);
+        let published = LowDiscrepancy::new(seed, 1 << k).unwrap();
+        proptest::prop_assert_eq!(uneven_shape(&published, pixel, block, pair, place << k, k), None);
+    }
+}
+
+#[test]
+fn s02_elementary_intervals_lowdiscrepancy() {
+    for seed in [0, 1, 0xdead_beef_0bad_cafe] {
+        for k in 2..=10 {
+            let points = LowDiscrepancy::new(seed, 1 << k).unwrap();
+            check_nets(&points, k, 0, if k < 9 { 100 } else { 34 });
+            check_nets(&points, k, 3 << k, 4);
+        }
+    }
+    check_nets(&LowDiscrepancy::new(2, 512).unwrap(), 9, 0, 100);
+    check_nets(&LowDiscrepancy::new(2, 1024).unwrap(), 10, 0, 100);
+}
+
+/// Negative controls: random points are no net, and neither is a net whose index is off by one.
+#[test]
+fn s02_elementary_intervals_tell_nets_from_others() {
+    assert!(uneven_shape(&Random::new(0), [0, 0], 0, 0, 0, 4).is_some());
+    assert!((0..8).any(|p| uneven_shape(&Sobol::new(0), [p, 0], 0, 0, 1, 4).is_some()));
+    assert!((0..8).any(|p| uneven_shape(&Halton::new(0), [p, 0], 0, 0, 0, 4).is_some()));
+}
+
+#[test]
+fn s02_cells_of_stratified() {
+    use dapple_low_discrepancy::Stratified;
+    for strata in [1_u32, 2, 3, 7, 10, 16, 31] {
+        let points = Stratified::new(5, strata).unwrap();
+        let cells = u64::from(points.cells());
+        for p in 0..20 {
+            for (block, pair, grid) in [(0, 0, 0), (0, 1, 0), (3, 0, 7), (900, 1, 1 << 40)] {
+                let mut seen = vec![false; cells as usize];
+                for i in 0..cells {
+                    let u = points.block(id([p, 3], 0, grid * cells + i), block);
+                    // In f64 the product is exact enough: no 24-bit fraction is closer than 2^-24 / n to an edge.
+                    let [column, row] = [0, 1].map(|k| (f64::from(u[2 * pair + k]) * f64::from(strata)) as usize);
+                    assert!(
+                        !std::mem::replace(&mut seen[row * strata as usize + column], true),
+                        "{strata} strata, block {block}: two points in cell ({column}, {row})"
+                    );
+                }
+            }
+        }
+    }
+}
+
+/// Whether points fill `columns x rows` boxes once each. An edge `k / 3^b` is no `f32`: a point that
+/// lies within 2^-24 below one may count for the box above.
+fn fill_boxes(samples: &[[f32; 2]], columns: u32, rows: u32) -> bool {
+    let cells = |u: f32, n: u32| {
+        let below = (f64::from(u) * f64::from(n)) as usize;
+        let above = ((f64::from(u) + 1.0 / 16_777_216.0) * f64::from(n)) as usize;
+        [below, above.min(n as usize - 1)]
+    };
+    let mut seen = vec![false; (columns * rows) as usize];
+    let mut doubtful = Vec::new();
+    for [x, y] in samples {
+        let (c, r) = (cells(*x, columns), cells(*y, rows));
+        if c[0] == c[1] && r[0] == r[1] {
+            if std::mem::replace(&mut seen[c[0] * rows as usize + r[0]], true) {
+                return false;
+            }
+        } else {
+            doubtful.push((c, r));
+        }
+    }
+    doubtful.into_iter().all(|(c, r)| {
+        let places = c.into_iter().flat_map(|c| r.map(|r| c * rows as usize + r));
+        places.into_iter().any(|place| !std::mem::replace(&mut seen[place], true))
+    })
+}
+
+fn samples(
+    points: &dyn PointSet,
+    pixel: [u32; 2],
+    block: u32,
+    pair: usize,
+    range: std::ops::Range<u64>,
+) -> Vec<[f32; 2]> {
+    let read = |i| points.block(id(pixel, 0, i), block);
+    range.map(read).map(|u| [u[2 * pair], u[2 * pair + 1]]).collect()
+}
+
+#[test]
+fn s02_boxes_of_halton_in_bases_2_and_3_and_5_and_7() {
+    for seed in [0, 1, 0xdead_beef_0bad_cafe] {
+        let points = Halton::new(seed);
+        for p in 0..20 {
+            let pixel = [p * 17, p * 3];
+            for (pair, p, q) in [(0, 2_u32, 3_u32), (1, 5, 7)] {
+                for (a, b) in (0..=8).flat_map(|a| (0..=6).map(move |b| (a, b))) {
+                    let (columns, rows) = (u64::from(p).pow(a), u64::from(q).pow(b));
+                    if columns * rows > 1300 {
+                        continue;
+                    }
+                    for start in [0, 1000, (1 << 32) - columns * rows] {
+                        let s = samples(&points, pixel, 0, pair, start..start + columns * rows);
+                        assert!(
+                            fill_boxes(&s, columns as u32, rows as u32),
+                            "seed {seed}, pixel {pixel:?}: {p}^{a} x {q}^{b} from {start}"
+                        );
+                    }
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn s02_boxes_of_halton_in_later_pairs() {
+    for seed in [0, 1, 0xdead_beef_0bad_cafe] {
+        let points = Halton::new(seed);
+        for p in 0..25 {
+            for (block, pair) in [(1, 0), (1, 1), (800, 0)] {
+                for k in 1..=4 {
+                    let n = 6_u64.pow(k);
+                    for start in [0, 7 * n] {
+                        let s = samples(&points, [p, 9], block, pair, start..start + n);
+                        assert!(fill_boxes(&s, 2_u32.pow(k), 3_u32.pow(k)), "6^{k} samples of block {block}");
+                    }
+                }
+            }
+        }
+    }
+    // Negative control.
+    let random = samples(&Random::new(0), [0, 0], 1, 0, 0..36);
+    assert!(!fill_boxes(&random, 4, 9));
+}

@@ -1,0 +1,271 @@
+//! Who is refined: decisions on made-up films, without rendering.
+
+use crate::common::*;
+use dapple_core::{BudgetLeft, Error, Feedback, Film, Needs, Plan, Progress, Sampler};
+use dapple_low_discrepancy::Random;
+use dapple_mitchell::{Mitchell, MitchellOptions, Mode, PbrtAdaptive, PbrtOptions, Policy, contrast, deviation};
+
+/// Whether Mitchell's rule refines a pixel with these samples.
+fn mitchell_asks(samples: &[[f32; 3]]) -> bool {
+    let mut sampler = mitchell(alone(samples.len() as u32, 5, Mode::Threshold, Policy::Keep), 1);
+    let film = film(frame(1, 1), &sampler, &[samples.to_vec()]);
+    match ask(&mut sampler, &film, 100).total() {
+        0 => false,
+        5 => true,
+        other => panic!("{other} samples"),
+    }
+}
+
+fn only(channel: usize, values: &[f32]) -> Vec<[f32; 3]> {
+    values.iter().map(|&v| std::array::from_fn(|c| if c == channel { v } else { 0.0 })).collect()
+}
+
+#[test]
+fn mitchell_refines_where_a_channel_exceeds_its_threshold() {
+    assert!(mitchell_asks(&only(1, &[0.2, 0.2, 0.2, 0.8])));
+    assert!(!mitchell_asks(&only(1, &[0.5, 0.6])));
+    // Contrasts of 0.35, 0.5 and 0.65: red's threshold is 0.4, green's 0.3, blue's 0.6.
+    let contrasts = [[0.65, 1.35], [0.5, 1.5], [0.35, 1.65]];
+    let asked = |channel| contrasts.map(|values| mitchell_asks(&only(channel, &values)));
+    assert_eq!([asked(0), asked(1), asked(2)], [[false, true, true], [true, true, true], [false, false, true]]);
+    // One channel is enough, whatever the others do.
+    assert!(mitchell_asks(&[[1.0, 1.0, 0.2], [1.0, 1.0, 1.0]]));
+}
+
+/// Whether pbrt-v2's rule refines a pixel with these four samples.
+fn pbrt_asks(samples: [[f32; 3]; 4]) -> bool {
+    let mut sampler = pbrt(pbrt_options(4, 16, Mode::Threshold, Policy::Keep), 1);
+    let film = film(frame(1, 1), &sampler, &[samples.to_vec()]);
+    match ask(&mut sampler, &film, 100).total() {
+        0 => false,
+        12 => true,
+        other => panic!("{other} samples"),
+    }
+}
+
+#[test]
+fn pbrt_refines_where_luminance_leaves_the_mean() {
+    assert!(pbrt_asks([1.0, 1.0, 1.0, 1.9].map(|v| [v; 3])));
+    assert!(!pbrt_asks([1.0, 1.0, 1.0, 1.7].map(|v| [v; 3])));
+    // Luminance, not a channel: blue alone doubles it in none, and swapped channels of equal
+    // luminance are no difference at all.
+    assert!(!pbrt_asks([[1.0, 1.0, 1.0], [1.0, 1.0, 1.0], [1.0, 1.0, 1.0], [1.0, 1.0, 4.0]]));
+    let red = [0.7152 / 0.2126, 0.0, 0.0];
+    assert!(!pbrt_asks([red, [0.0, 1.0, 0.0], red, [0.0, 1.0, 0.0]]));
+    // Exactly at the threshold is not above it: the mean is 2, and 3 and 1 deviate by a half.
+    assert!(!pbrt_asks([1.0, 2.0, 2.0, 3.0].map(|v| [v; 3])));
+    // Downwards as well.
+    assert!(pbrt_asks([1.0, 1.0, 1.0, 0.25].map(|v| [v; 3])));
+}
+
+#[test]
+fn decisions_do_not_depend_on_scale() {
+    for seed in 0..200u64 {
+        let value = |k: u64| (mix(seed * 12 + k) >> 40) as f32 / (1u64 << 24) as f32 + 0.4;
+        let samples: [[f32; 3]; 4] = [0u64, 3, 6, 9].map(|k| [value(k), value(k + 1), value(k + 2)]);
+        let decision = |k: f32| {
+            let scaled = samples.map(|s| s.map(|v| v * k));
+            (mitchell_asks(&scaled), pbrt_asks(scaled))
+        };
+        // Powers of two change no bit of a contrast.
+        for k in [2f32.powi(-60), 0.5, 2f32.powi(60)] {
+            assert_eq!(decision(k), decision(1.0), "{samples:?} times {k}");
+        }
+        assert_eq!(
+            contrast([samples[0].map(|v| v * 0.25), samples[1].map(|v| v * 0.25)]),
+            contrast([samples[0], samples[1]])
+        );
+    }
+    assert_ne!(mitchell_asks(&only(1, &[0.5, 0.6])), mitchell_asks(&only(1, &[0.5, 1.6])));
+}
+
+#[test]
+fn a05_contrast_of_nothing() {
+    let (nan, inf) = (f32::NAN, f32::INFINITY);
+    assert_eq!(contrast([[0.0; 3]; 2]), [0.0; 3]);
+    assert_eq!(contrast([[0.5, 0.0, 0.2], [1.5, 0.0, 0.2]]), [0.5, 0.0, 0.0]);
+    // The naive rule, as a control.
+    let naive = |min: f32, max: f32| (max - min) / (max + min);
+    assert!(naive(0.0, 0.0).is_nan() && naive(-1.0, 0.5) < 0.0);
+    for min in [0.0, -0.0, -1.0, nan, inf, -inf, f32::MAX, f32::MIN_POSITIVE, 1e-45, 0.3] {
+        for max in [0.0, -0.0, -2.0, nan, inf, -inf, f32::MAX, f32::MIN_POSITIVE, 1e-45, 0.7] {
+            for value in contrast([[min; 3], [max; 3]]) {
+                assert!((0.0..=1.0).contains(&value), "contrast {value} of {min}, {max}");
+            }
+            for mean in [0.0, -1.0, f64::NAN, f64::INFINITY, 1e300, 1e-300, 0.5] {
+                let value = deviation([min, max], mean);
+                assert!(value >= 0.0 && !value.is_nan(), "deviation {value} of {min}, {max} from {mean}");
+            }
+        }
+    }
+    // Through a film: bad samples count as zero, so that they differ from any light.
+    for bad in [nan, inf, -inf, -1.0] {
+        assert!(mitchell_asks(&[[0.5; 3], [bad, 0.5, 0.5]]));
+        assert!(!mitchell_asks(&[[0.0; 3], [bad, 0.0, 0.0]]));
+    }
+    // A single sample, and none, differ from nothing.
+    assert_eq!(contrast([[0.4; 3]; 2]), [0.0; 3]);
+    assert_eq!(deviation([0.4; 2], 0.4), 0.0);
+    let mut sampler = mitchell(MitchellOptions { initial: 1, additional: 5, ..threshold(1) }, 1);
+    let film = film(frame(1, 1), &sampler, &[vec![[0.4; 3]]]);
+    assert_eq!(ask(&mut sampler, &film, 100).total(), 0);
+}
+
+fn threshold(radius: u32) -> MitchellOptions {
+    MitchellOptions { radius, ..alone(2, 3, Mode::Threshold, Policy::Keep) }
+}
+
+#[test]
+fn windows_are_what_brute_force_says() {
+    for (size, radius) in [([7, 5], 0), ([7, 5], 1), ([7, 5], 2), ([1, 9], 1), ([9, 1], 3), ([4, 3], 64)] {
+        let [w, h] = size;
+        let frame = frame(w, h);
+        let mut sampler = mitchell(threshold(radius), 1);
+        // Mostly flat, so that windows tell.
+        let value = |i: u64, k: u64| if mix(i * 2 + k).is_multiple_of(9) { 0.3 } else { 1.0 };
+        let samples: Vec<Vec<[f32; 3]>> =
+            (0..frame.pixels() as u64).map(|i| vec![[value(i, 0); 3], [value(i, 1); 3]]).collect();
+        let film = film(frame, &sampler, &samples);
+        let plan = ask(&mut sampler, &film, 100 * frame.pixels() as u64);
+        for (i, &count) in plan.counts.iter().enumerate() {
+            let (x, y) = ((i as u32 % w).cast_signed(), (i as u32 / w).cast_signed());
+            let near = samples.iter().enumerate().filter(|(k, _)| {
+                let (kx, ky) = ((*k as u32 % w).cast_signed(), (*k as u32 / w).cast_signed());
+                (kx - x).abs() <= radius.cast_signed() && (ky - y).abs() <= radius.cast_signed()
+            });
+            let values = near.flat_map(|(_, s)| s.iter().map(|s| s[0]));
+            let differ = values.clone().any(|v| v < 1.0) && values.clone().any(|v| v == 1.0);
+            assert_eq!(count, if differ { 3 } else { 0 }, "pixel {x}, {y} of {size:?}, radius {radius}");
+        }
+    }
+}
+
+/// Pixels in a row, each with two samples whose contrast is the given one.
+fn row(sampler: &dyn Sampler, contrasts: &[f32]) -> Film {
+    let samples: Vec<_> = contrasts.iter().map(|&c| vec![[1.0 - c; 3], [1.0 + c; 3]]).collect();
+    film(frame(contrasts.len() as u32, 1), sampler, &samples)
+}
+
+#[test]
+fn a_ceiling_goes_to_the_highest_contrast() {
+    let mut sampler = mitchell(threshold(0), 1);
+    let film = row(&sampler, &[0.1, 0.5, 0.9, 0.2, 0.4, 0.0]);
+    let mut counts = |total| ask(&mut sampler, &film, total).counts;
+    assert_eq!(counts(1000), [0, 3, 3, 0, 3, 0]);
+    assert_eq!(counts(12 + 9), [0, 3, 3, 0, 3, 0]);
+    assert_eq!(counts(12 + 8), [0, 3, 3, 0, 2, 0]);
+    assert_eq!(counts(12 + 4), [0, 1, 3, 0, 0, 0]);
+    assert_eq!(counts(12), [0; 6]);
+}
+
+#[test]
+fn a_budget_goes_down_the_ranks_and_round_again() {
+    let mut sampler = mitchell(MitchellOptions { mode: Mode::Budget, ..threshold(0) }, 1);
+    let film = row(&sampler, &[0.1, 0.5, 0.9, 0.2, 0.4, 0.0]);
+    let mut counts = |total| ask(&mut sampler, &film, total).counts;
+    assert_eq!(counts(12 + 4), [0, 1, 3, 0, 0, 0]);
+    assert_eq!(counts(12 + 13), [1, 3, 3, 3, 3, 0]);
+    assert_eq!(counts(12 + 18), [3; 6]);
+    assert_eq!(counts(12 + 18 + 7), [3, 6, 6, 3, 4, 3]);
+    assert_eq!(counts(12 + 18 * 100 + 7), [300, 303, 303, 300, 301, 300]);
+}
+
+/// pbrt-v2's policy takes refined pilots out of the picture, and pays for them.
+#[test]
+fn refined_pilots_are_withdrawn_and_paid_for() {
+    let mut sampler = mitchell(MitchellOptions { policy: Policy::Refined, ..threshold(0) }, 1);
+    let film = row(&sampler, &[0.1, 0.5, 0.9, 0.2, 0.4, 0.0]);
+    let plan = ask(&mut sampler, &film, 1000);
+    assert_eq!(plan.counts, [0, 5, 5, 0, 5, 0]);
+    assert_eq!(plan.withdraw, Some(vec![false, true, true, false, true, false]));
+    // What is left after two pixels is no step: the third keeps its pilot.
+    let plan = ask(&mut sampler, &film, 12 + 14);
+    assert_eq!(plan.counts, [0, 5, 5, 0, 4, 0]);
+    assert_eq!(plan.withdraw, Some(vec![false, true, true, false, false, false]));
+    let mut sampler = mitchell(MitchellOptions { mode: Mode::Budget, policy: Policy::Refined, ..threshold(0) }, 1);
+    let plan = ask(&mut sampler, &film, 12 + 30 + 4);
+    assert_eq!(plan.counts, [5, 6, 8, 5, 5, 5]);
+    assert_eq!(plan.withdraw, Some(vec![true; 6]));
+}
+
+/// Contrast saturates at 1, so ties are common: they must not prefer the top of the picture.
+#[test]
+fn ties_are_spread_over_the_picture() {
+    let mut sampler = mitchell(threshold(0), 1);
+    let film = row(&sampler, &[vec![1.0; 1000], vec![0.0; 24]].concat());
+    let counts = ask(&mut sampler, &film, 2 * 1024 + 3 * 500).counts;
+    let first = counts[..500].iter().filter(|&&n| n > 0).count();
+    // 500 of 1000 drawn: 250 with a standard deviation of 7.9; a fixed draw, within 4 of them.
+    assert!((first as f64 - 250.0).abs() < 32.0, "{first} of 500 refined pixels in the first half");
+    assert_eq!(counts, ask(&mut sampler, &film, 2 * 1024 + 3 * 500).counts);
+}
+
+#[test]
+fn descriptions_name_every_parameter() {
+    let described = Mitchell::new(Random::new(1)).describe();
+    assert_eq!(
+        described,
+        "mitchell:initial=0,additional=0,red=0.4,green=0.3,blue=0.6,radius=1,mode=budget,policy=keep"
+    );
+    let described = PbrtAdaptive::new(Random::new(1)).describe();
+    assert_eq!(described, "mitchell-pbrt:min=4,max=32,threshold=0.5,mode=budget,policy=refined");
+    // Rounded up to powers of two, and apart.
+    let rounded = |min, max| pbrt(pbrt_options(min, max, Mode::Threshold, Policy::Keep), 1).describe();
+    assert!(rounded(3, 17).starts_with("mitchell-pbrt:min=4,max=32,"));
+    assert!(rounded(8, 8).starts_with("mitchell-pbrt:min=8,max=16,"));
+}
+
+#[test]
+fn parameters_out_of_range_are_refused() {
+    let refused = |options: MitchellOptions| match Mitchell::with_options(Random::new(1), options) {
+        Err(Error::OutOfRange { name, .. }) => name,
+        _ => "taken",
+    };
+    let plain = MitchellOptions { initial: 4, additional: 6, ..MitchellOptions::default() };
+    assert_eq!(refused(plain), "taken");
+    assert_eq!(refused(MitchellOptions { initial: 0, ..plain }), "initial");
+    assert_eq!(refused(MitchellOptions { additional: 0, ..plain }), "additional");
+    assert_eq!(refused(MitchellOptions { additional: u32::MAX, ..plain }), "additional");
+    assert_eq!(refused(MitchellOptions { initial: 1, ..plain }), "taken");
+    assert_eq!(refused(MitchellOptions { initial: 1, radius: 0, ..plain }), "initial");
+    assert_eq!(refused(MitchellOptions { radius: 65, ..plain }), "radius");
+    for bad in [0.0, -0.1, 1.0 + 1e-9, f64::NAN, f64::INFINITY] {
+        let with = |c: usize| {
+            let mut thresholds = plain.thresholds;
+            thresholds[c] = bad;
+            refused(MitchellOptions { thresholds, ..plain })
+        };
+        assert_eq!([with(0), with(1), with(2)], ["red", "green", "blue"], "{bad}");
+    }
+    let refused = |options: PbrtOptions| match PbrtAdaptive::with_options(Random::new(1), options) {
+        Err(Error::OutOfRange { name, .. }) => name,
+        _ => "taken",
+    };
+    let plain = PbrtOptions::default();
+    assert_eq!(refused(plain), "taken");
+    assert_eq!(refused(PbrtOptions { min: 1, ..plain }), "min");
+    assert_eq!(refused(PbrtOptions { max: 3, ..plain }), "max");
+    assert_eq!(refused(PbrtOptions { max: u32::MAX, ..plain }), "max");
+    for threshold in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+        assert_eq!(refused(PbrtOptions { threshold, ..plain }), "threshold");
+    }
+}
+
+#[test]
+fn films_without_extrema_and_budgets_below_the_floor_are_refused() {
+    let without = Film::new(frame(3, 3), Needs::none().with_variance());
+    let with = Film::new(frame(3, 3), Needs::none().with_extrema());
+    for mode in [Mode::Budget, Mode::Threshold] {
+        let one = &mut mitchell(MitchellOptions { mode, ..MitchellOptions::default() }, 1);
+        let other = &mut pbrt(PbrtOptions { mode, ..PbrtOptions::default() }, 1);
+        for sampler in [one as &mut dyn Sampler, other] {
+            let mut next = |film, total| {
+                let budget = BudgetLeft { spent: 0, total, min_spp: 4, max_spp: 9 };
+                sampler.next_round(&Feedback { round: 0, film, budget }, &mut Plan::empty(9))
+            };
+            assert!(matches!(next(&without, 36), Err(Error::NotRecorded { what: "the extrema", .. })));
+            assert!(matches!(next(&with, 35), Err(Error::BudgetTooSmall { needed: 36, .. })));
+            assert!(matches!(next(&with, 36), Ok(Progress::Trace)));
+        }
+    }
+}

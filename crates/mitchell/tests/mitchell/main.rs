@@ -1,0 +1,8 @@
+//! The tests of the crate from outside: one program, which links and instantiates once what all of them use.
+
+mod bias;
+mod budget;
+mod common;
+mod conformance;
+mod decisions;
+mod noise;

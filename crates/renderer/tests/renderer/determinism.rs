@@ -1,0 +1,231 @@
+//! D01 to D03 and S8: the same picture, whatever ran it, and whatever the unit of length.
+
+use crate::support::*;
+use dapple_core::{Draws, Frame, Limits, Needs, NoWatch, Observed, PointSet, SampleId, Schedule, render, streams};
+use dapple_low_discrepancy::Sobol;
+use dapple_renderer::registry::{self, POINTS, SAMPLERS, Setting};
+use dapple_renderer::scene::{Geometry, Scene};
+use dapple_renderer::{Stage, World, blocks, bundled, integrator};
+use glam::{DAffine3, DMat3, DVec3};
+use std::collections::BTreeSet;
+use std::sync::{Arc, Mutex};
+
+const SIZE: [u32; 2] = [37, 26];
+const SPP: u64 = 12;
+
+fn points(name: &str) -> registry::AnyPoints {
+    registry::points(name, Setting { seed: 11, spp: Some(SPP) }).unwrap_or_else(|e| panic!("{e}"))
+}
+
+/// The hash of a picture with this sampler, points, schedule and number of threads.
+fn rendered(world: &World, sampler: &str, name: &str, schedule: Schedule, threads: usize) -> u64 {
+    let frame = Frame::new(SIZE[0], SIZE[1]).expect("not empty");
+    let limits = Limits { schedule, ..Limits::samples(SPP * frame.pixels() as u64) };
+    let mut sampler = registry::sampler(sampler, points(name), &Stage::new(Arc::new(world.clone())))
+        .unwrap_or_else(|e| panic!("{e}"));
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+    let needs = Needs::none().with_variance().with_features();
+    let film = pool.install(|| render(&mut *integrator(world), &mut *sampler, needs, frame, &limits, &mut NoWatch));
+    let film = film.unwrap_or_else(|e| panic!("{e}"));
+    assert_eq!(film.record().rejected, 0);
+    // Features and variance are part of what must not change.
+    let extra =
+        format!("{:?}", (0..film.frame().pixels()).map(|i| (film.moments(i), film.features(i))).collect::<Vec<_>>());
+    extra.bytes().fold(hash(&film), |h, b| (h ^ u64::from(b)).wrapping_mul(0x0100_0000_01b3))
+}
+
+fn schedule(tile_rows: u32, slice_spp: u32, shuffle: u64) -> Schedule {
+    Schedule { tile_rows, slice_spp, shuffle }
+}
+
+fn plates() -> World {
+    let scene = bundled::files("plates").expect("bundled").read().unwrap_or_else(|e| panic!("{e}"));
+    World::with_resolution(&scene, SIZE).unwrap_or_else(|e| panic!("{e}"))
+}
+
+#[test]
+fn d01_thread_count_and_d02_tiles() {
+    let worlds = [("room", world(&room(SIZE))), ("plates", plates())];
+    for sampler in SAMPLERS {
+        for points in POINTS {
+            for (scene, world) in &worlds {
+                let what = format!("{scene}, {}, {}", sampler.name, points.name);
+                let run = |s, threads| rendered(world, sampler.name, points.name, s, threads);
+                let expected = run(schedule(1, 0, 0), 1);
+                for threads in [2, 3, 7] {
+                    assert_eq!(run(schedule(1, 0, 0), threads), expected, "{what}, {threads} threads");
+                }
+                for (rows, slice, shuffle) in [(7, 0, 5), (16, 1, 0), (64, 5, 9), (1, 3, 77)] {
+                    let found = run(schedule(rows, slice, shuffle), 2);
+                    assert_eq!(found, expected, "{what}, {rows} rows, slices of {slice}, shuffle {shuffle}");
+                }
+            }
+        }
+    }
+}
+
+/// Prints the hash for [`d03_fresh_processes`].
+#[test]
+#[ignore = "run by d03_fresh_processes"]
+#[allow(clippy::print_stdout)]
+fn d03_child() {
+    println!("hash={:016x}", rendered(&plates(), "variance", "sobol", Schedule::default(), 3));
+}
+
+#[test]
+fn d03_fresh_processes() {
+    let program = std::env::current_exe().expect("a test knows its program");
+    let hashes: BTreeSet<String> = (0..6)
+        .map(|_| {
+            let arguments = ["--exact", "determinism::d03_child", "--ignored", "--nocapture", "--test-threads=1"];
+            let output = std::process::Command::new(&program).args(arguments).output().expect("it runs");
+            let text = String::from_utf8_lossy(&output.stdout).into_owned();
+            let (_, hash) = text.split_once("hash=").unwrap_or_else(|| panic!("no hash in {text}"));
+            hash[..16].to_owned()
+        })
+        .collect();
+    assert_eq!(hashes.len(), 1, "{hashes:?}");
+    let here = rendered(&plates(), "variance", "sobol", Schedule::default(), 1);
+    assert_eq!(hashes.first().map(String::as_str), Some(&*format!("{here:016x}")));
+}
+
+/// Any sample replayed alone is the one in the film: a film of n + 1 samples is one of n, and it.
+#[test]
+fn d03_one_sample_replayed_alone() {
+    let world = world(&room(SIZE));
+    let integrator = integrator(&world);
+    for entry in POINTS {
+        let points = points(entry.name);
+        let [before, after] = [5, 6].map(|spp| film_of(&world, SIZE, spp, self::points(entry.name)));
+        for i in [0, 17, 400, after.frame().pixels() - 1] {
+            let id = SampleId { pixel: after.frame().pixel(i), stream: streams::WHOLE, index: 5 };
+            let alone = integrator.estimate(&Draws::new(&points, id, false), &mut Observed::default()).radiance;
+            // Welford's step, as the film takes it.
+            let step = |m: f64, x: f32| m + (f64::from(x) - m) * (1.0 / 6.0);
+            let expected: [f64; 3] = std::array::from_fn(|c| step(before.mean(i)[c], alone[c]));
+            assert_eq!(after.mean(i), expected, "pixel {i}, {}", points.describe());
+        }
+    }
+}
+
+/// Shapes whose coordinates f32 holds exactly, also after moving by a power of two.
+fn dyadic() -> Scene {
+    let mut scene = scene(SIZE, 50.0, DVec3::new(0.0, -4.0, 0.5), DVec3::new(0.0, 0.0, 0.5));
+    let grey = add_material(&mut scene, diffuse(0.7));
+    let shiny = add_material(&mut scene, metal(0.25));
+    add(&mut scene, rectangle(DVec3::ZERO, 2.0 * DVec3::X, 2.0 * DVec3::Y), DAffine3::IDENTITY, grey, None);
+    let up = DAffine3::from_translation(DVec3::new(0.25, 0.5, 0.5));
+    add(&mut scene, Geometry::Sphere { radius: 0.5 }, up, shiny, None);
+    add(&mut scene, rectangle(DVec3::new(0.0, 0.0, 1.5), DVec3::Y, DVec3::X), DAffine3::IDENTITY, grey, Some(3.0));
+    let disk = Geometry::Disk { height: 0.25, radius: 0.5, inner_radius: 0.125 };
+    add(&mut scene, disk, DAffine3::from_translation(DVec3::new(-1.0, 0.0, 0.0)), grey, Some(1.0));
+    add_sky(&mut scene, 0.25);
+    scene
+}
+
+/// The scene and its camera under a map of the world.
+fn moved(scene: &Scene, map: DAffine3) -> Scene {
+    let mut scene = scene.clone();
+    scene.shapes.iter_mut().for_each(|s| s.to_world = map * s.to_world);
+    scene.camera.to_world = map * scene.camera.to_world;
+    scene
+}
+
+#[test]
+fn g04_scale_changes_no_bit() {
+    let scene = dyadic();
+    let expected = hash(&picture(&scene, 4, 1));
+    for exponent in [-90, -40, -13, -1, 1, 7, 40, 90] {
+        let scale = DAffine3::from_scale(DVec3::splat(f64::from(exponent).exp2()));
+        assert_eq!(hash(&picture(&moved(&scene, scale), 4, 1)), expected, "scaled by 2^{exponent}");
+    }
+}
+
+#[test]
+fn g20_far_from_the_origin() {
+    let scene = dyadic();
+    let expected = hash(&picture(&scene, 4, 1));
+    for exponent in [7, 20, 30] {
+        let far = f64::from(exponent).exp2();
+        let move_by = DAffine3::from_translation(DVec3::new(far, -far, 3.0 * far));
+        assert_eq!(hash(&picture(&moved(&scene, move_by), 4, 1)), expected, "moved by 2^{exponent}");
+    }
+}
+
+/// A mirrored world is the mirrored scene: what shines still shines to the same side.
+#[test]
+fn l12_a_mirror_turns_no_lamp_around() {
+    let scene = dyadic();
+    let mirror = DAffine3::from_mat3(DMat3::from_diagonal(DVec3::new(-1.0, 1.0, 1.0)));
+    let [plain, mirrored] = [scene.clone(), moved(&scene, mirror)].map(|s| mean(&picture(&s, 256, 1)));
+    for c in 0..3 {
+        assert!((plain[c] / mirrored[c] - 1.0).abs() < 5e-3, "{plain:?} {mirrored:?}");
+    }
+}
+
+/// Which blocks a render asks for.
+struct Recorded {
+    points: Sobol,
+    asked: Mutex<BTreeSet<u32>>,
+}
+
+impl PointSet for &Recorded {
+    fn describe(&self) -> String {
+        self.points.describe()
+    }
+
+    fn block(&self, id: SampleId, block: u32) -> [f32; 4] {
+        self.asked.lock().expect("no test panics here").insert(block);
+        self.points.block(id, block)
+    }
+
+    fn capacity(&self) -> u64 {
+        self.points.capacity()
+    }
+}
+
+/// The sets whose pairs are nets in base 2, and those that promise something else.
+const NETS: [&str; 2] = ["sobol", "lowdiscrepancy"];
+const NO_NETS: [&str; 3] = ["random", "stratified", "halton"];
+
+/// Every pair of every block that the integrator really asks for is a net, with every set of base 2.
+#[test]
+fn s02_the_integrators_pairs_are_nets() {
+    let recorded = Recorded { points: Sobol::new(1), asked: Mutex::default() };
+    film_of(&world(&room(SIZE)), SIZE, 4, &recorded);
+    let asked = recorded.asked.into_inner().expect("no test panics here");
+    let named: BTreeSet<u32> = std::iter::once(blocks::CAMERA.number())
+        .chain((0..8).flat_map(|v| [blocks::scatter(v).number(), blocks::choose(v).number()]))
+        .collect();
+    assert!(asked.is_subset(&named), "{asked:?} are not all named");
+    assert!(asked.len() >= 10, "{asked:?}");
+    let drawn = |name: &str, seed, m: u32, pixel, block| -> Vec<[f32; 4]> {
+        let setting = Setting { seed, spp: Some(1 << m) };
+        let points = registry::points(name, setting).unwrap_or_else(|e| panic!("{e}"));
+        (0..1 << m).map(|index| points.block(SampleId { pixel, stream: 0, index }, block)).collect()
+    };
+    for entry in POINTS {
+        assert!(NETS.contains(&entry.name) != NO_NETS.contains(&entry.name), "is {} a net?", entry.name);
+    }
+    for name in NETS.into_iter().filter(|name| POINTS.iter().any(|e| e.name == *name)) {
+        for (seed, pixel) in (0..4_u64).flat_map(|s| (0..25).map(move |p| (s, [p * 41 % 97, p * 17]))) {
+            for (&block, m) in asked.iter().flat_map(|b| [2, 5, 8].map(|m| (b, m))) {
+                let drawn = drawn(name, seed, m, pixel, block);
+                let nets = is_net(&drawn, 0, m) && is_net(&drawn, 2, m);
+                assert!(nets, "{name}, seed {seed}, {pixel:?}, block {block}, 2^{m}");
+            }
+        }
+    }
+    // Negative control: independent numbers are no net.
+    assert!(!is_net(&drawn("random", 1, 8, [3, 4], 1), 0, 8));
+}
+
+/// Whether coordinates `axis` and `axis + 1` put one of 2^m points in each elementary interval of every shape.
+fn is_net(drawn: &[[f32; 4]], axis: usize, m: u32) -> bool {
+    (0..=m).all(|a| {
+        let (wide, high) = ((1_u32 << a) as f32, (1_u32 << (m - a)) as f32);
+        let cell = |p: &[f32; 4]| (p[axis] * wide) as u32 * (1 << (m - a)) + (p[axis + 1] * high) as u32;
+        let mut seen = vec![false; drawn.len()];
+        drawn.iter().map(cell).all(|c| !std::mem::replace(&mut seen[c as usize], true))
+    })
+}

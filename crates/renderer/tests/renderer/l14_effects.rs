@@ -1,0 +1,161 @@
+//! L14: a scene that needs an effect never renders without it unless asked, and one that needs none pays for none.
+
+use crate::support::*;
+use dapple_core::{PointSet, SampleId};
+use dapple_low_discrepancy::Sobol;
+use dapple_renderer::scene::{
+    Color, Emission, Geometry, MaterialKind, Medium, MediumId, MediumInterface, Roughness, Scalar, Scene, Texture,
+    TextureId, TextureKind,
+};
+use dapple_renderer::{Effect, Effects, World, blocks};
+use glam::{DAffine3, DVec3};
+use std::collections::BTreeMap;
+use std::sync::Mutex;
+
+const SIZE: [u32; 2] = [16, 12];
+const SPP: u64 = 8;
+
+/// A ball on a floor under a lamp that is no larger than it must be to shine: direct light and nothing more.
+fn plain() -> Scene {
+    let mut scene = scene(SIZE, 40.0, DVec3::new(0.0, -3.0, 2.0), DVec3::new(0.0, 0.0, 0.3));
+    let grey = add_material(&mut scene, diffuse(0.5));
+    let ball = add_material(&mut scene, diffuse(0.5));
+    add(&mut scene, rectangle(DVec3::ZERO, 2.0 * DVec3::X, 2.0 * DVec3::Y), DAffine3::IDENTITY, grey, None);
+    let up = DAffine3::from_translation(DVec3::new(0.0, 0.0, 0.5));
+    add(&mut scene, Geometry::Sphere { radius: 0.5 }, up, ball, None);
+    add(&mut scene, rectangle(DVec3::new(0.0, 0.0, 3.5), DVec3::Y, DVec3::X), DAffine3::IDENTITY, grey, Some(4.0));
+    scene.max_depth = Some(1);
+    scene
+}
+
+/// The plain scene with one more effect (soft shadows it has).
+fn with(effect: Effect) -> Scene {
+    let mut scene = plain();
+    let white = Color::Constant([1.0; 3]);
+    let add_medium = |scene: &mut Scene, absorption, scattering| {
+        let name = "fog".into();
+        scene.media.push(Medium {
+            name,
+            absorption: [absorption; 3],
+            scattering: [scattering; 3],
+            g: 0.0,
+            source: line(500),
+        });
+        scene.camera.medium = Some(MediumId(0));
+        let around = MediumInterface { inside: Some(MediumId(0)), outside: Some(MediumId(0)) };
+        scene.shapes.iter_mut().for_each(|s| s.media = Some(around));
+    };
+    match effect {
+        Effect::SoftShadows => {}
+        Effect::SeveralLights => {
+            scene.shapes[1].emission = Some(Emission { radiance: [1.0; 3], two_sided: false });
+        }
+        Effect::Glossy => scene.materials[1].kind = metal(0.2),
+        Effect::Mirror => {
+            scene.materials[1].kind = metal(0.0);
+            scene.max_depth = Some(2);
+        }
+        Effect::Refraction => {
+            let roughness = Roughness::constant(0.0, 0.0, false);
+            scene.materials[1].kind =
+                MaterialKind::Dielectric { eta: 1.5, roughness, reflectance: white, transmittance: white };
+            scene.max_depth = Some(4);
+        }
+        Effect::Interreflection => scene.max_depth = Some(3),
+        Effect::Textures => {
+            let colors = [[0.2; 3], [0.8; 3]].map(Color::Constant);
+            let kind = TextureKind::Checkerboard { scale: [4.0; 2], shift: [0.0; 2], colors };
+            scene.textures.push(Texture { name: "tiles".into(), kind, source: line(300) });
+            scene.materials[0].kind = MaterialKind::Diffuse { reflectance: Color::Texture(TextureId(0)) };
+        }
+        Effect::Environment => add_sky(&mut scene, 0.3),
+        Effect::DepthOfField => (scene.camera.lens_radius, scene.camera.focal_distance) = (0.2, 1.0),
+        Effect::MotionBlur => scene.shapes[1].moves_to = Some(DAffine3::from_translation(DVec3::X)),
+        Effect::Transparency => scene.shapes[1].alpha = Some(Scalar::Constant(0.7)),
+        Effect::AbsorbingMedia => add_medium(&mut scene, 0.2, 0.0),
+        Effect::ScatteringMedia => add_medium(&mut scene, 0.0, 0.2),
+        other => panic!("a new effect needs a scene: {other}"),
+    }
+    scene
+}
+
+/// What a scene needs is done, or refused by name and line; never left out in silence. Asked to leave it out,
+/// the scene renders another picture.
+#[test]
+fn l14_needed_effects_are_done_or_refused() {
+    for effect in Effect::ALL {
+        let scene = with(effect);
+        assert!(Effects::of(&scene).has(effect), "{effect}");
+        let less = scene.without(effect).unwrap_or_else(|e| panic!("{effect}: {e}"));
+        assert!(!Effects::of(&less).has(effect), "{effect}");
+        match World::new(&scene) {
+            Err(refused) => {
+                assert!(refused.problems.iter().all(|p| p.starts_with("made.pbrt:")), "{effect}: {refused}");
+            }
+            Ok(world) => {
+                let whole = film_of(&world, SIZE, SPP, Sobol::new(1));
+                let less = World::new(&less).unwrap_or_else(|e| panic!("without {effect}: {e}"));
+                assert_ne!(hash(&whole), hash(&film_of(&less, SIZE, SPP, Sobol::new(1))), "{effect}");
+            }
+        }
+    }
+}
+
+/// An edit of what a scene does not call for is none: for every effect, in a scene with every other one.
+#[test]
+fn l14_leaving_out_what_is_not_there_changes_no_bit() {
+    for present in Effect::ALL {
+        let scene = with(present);
+        let Ok(world) = World::new(&scene) else { continue };
+        let expected = hash(&film_of(&world, SIZE, 4, Sobol::new(1)));
+        let effects = Effects::of(&scene);
+        for absent in Effect::ALL.into_iter().filter(|e| !effects.has(*e)) {
+            let same = scene.without(absent).unwrap_or_else(|e| panic!("{absent}: {e}"));
+            assert_eq!(hash(&picture(&same, 4, 1)), expected, "{present} without {absent}");
+        }
+    }
+}
+
+/// How often each block was asked for.
+struct Counted(Sobol, Mutex<BTreeMap<u32, u64>>);
+
+impl PointSet for &Counted {
+    fn describe(&self) -> String {
+        self.0.describe()
+    }
+
+    fn block(&self, id: SampleId, block: u32) -> [f32; 4] {
+        *self.1.lock().expect("no test panics here").entry(block).or_default() += 1;
+        self.0.block(id, block)
+    }
+
+    fn capacity(&self) -> u64 {
+        self.0.capacity()
+    }
+}
+
+fn asked(scene: &Scene) -> (BTreeMap<u32, u64>, u64) {
+    let counted = Counted(Sobol::new(1), Mutex::default());
+    let film = film_of(&world(scene), SIZE, SPP, &counted);
+    (counted.1.into_inner().expect("no test panics here"), film.record().rays)
+}
+
+/// The simplest scene asks for the camera's block and the first event's; choices, lens and later events cost
+/// nothing until an effect calls for them, and leaving that effect out gives back exactly what it cost.
+#[test]
+fn l14_blocks_and_rays_of_what_is_off_are_none() {
+    let scene = plain();
+    let (plain, rays) = asked(&scene);
+    assert_eq!(plain.keys().copied().collect::<Vec<_>>(), [blocks::CAMERA.number(), blocks::scatter(0).number()]);
+    for effect in [Effect::SeveralLights, Effect::Environment, Effect::Interreflection, Effect::DepthOfField] {
+        let more = with(effect);
+        let (with, with_rays) = asked(&more);
+        assert_ne!((&with, with_rays), (&plain, rays), "{effect}");
+        let less = more.without(effect).unwrap_or_else(|e| panic!("{effect}: {e}"));
+        let again = (effect != Effect::SeveralLights).then(|| asked(&less));
+        assert!(again.is_none_or(|again| again == (plain.clone(), rays)), "{effect}");
+    }
+    let (two, _) = asked(&with(Effect::SeveralLights));
+    let chosen = two.get(&blocks::choose(0).number());
+    assert!(chosen.is_some_and(|&n| n > 0) && !plain.contains_key(&blocks::choose(0).number()));
+}

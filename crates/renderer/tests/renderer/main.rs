@@ -1,0 +1,41 @@
+//! The renderer: one program, for what a test links and instantiates takes longer to compile than its own text.
+//!
+//! What measures time or the memory of a process, and the corpus of the fuzz targets, are programs of their own beside it.
+
+mod camera_rays;
+mod determinism;
+mod effects_called;
+mod effects_found;
+mod effects_without;
+mod furnace;
+mod l14_effects;
+mod lens_and_shutter;
+mod lights_cells;
+mod lights_chi_square;
+mod lights_choice;
+mod lights_closed;
+mod lights_punctual;
+mod lights_sides;
+mod medium;
+mod medium_absorbing;
+mod models;
+mod normals;
+mod odd_pictures;
+mod reader_hard;
+mod reader_materials;
+mod reader_messages;
+mod reader_old;
+mod reader_scenes;
+mod reader_words;
+mod references_own;
+mod references_pbrt;
+mod scattering;
+mod shading_bsdfs;
+mod shading_coat;
+mod shading_glass;
+mod shading_glossy;
+mod shading_metal_coat;
+mod shading_warps;
+mod statistics;
+mod support;
+mod words;

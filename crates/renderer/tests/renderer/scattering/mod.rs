@@ -1,0 +1,268 @@
+//! Samples of a BSDF against its density, cell by cell, and its albedo.
+//!
+//! Not every test program that has this uses all of it.
+#![allow(dead_code, unreachable_pub)]
+
+pub mod walk;
+
+use crate::statistics::{FAMILY, Mean, Verdict, chi_square, integrate, sidak};
+use dapple_renderer::shading::{Bsdf, BsdfSample};
+use glam::{DVec3, Vec3};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg32;
+use std::f64::consts::TAU;
+
+/// What light does on the other side of a surface.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Below {
+    /// None gets there.
+    Nothing,
+    /// It is refracted by microfacets: index of the inside over the outside's.
+    Refracted(f64),
+    /// Its lobe is that of reflection, mirrored at the surface.
+    Mirrored,
+}
+
+/// A BSDF under test.
+pub struct Case<'m> {
+    /// For messages.
+    pub name: String,
+    /// What is tested.
+    pub bsdf: Bsdf<'m>,
+    /// Widths of the narrowest lobe.
+    pub alpha: [f32; 2],
+    /// How cells below the surface are laid out.
+    pub below: Below,
+}
+
+/// Twenty outgoing directions: along the normal, 89.99 degrees, a cosine of 1e-6, below the surface.
+pub fn outgoing() -> Vec<Vec3> {
+    let at = |cos: f64, turn: f64| {
+        let sin = (1.0 - cos * cos).sqrt();
+        DVec3::new(sin * (TAU * turn).cos(), sin * (TAU * turn).sin(), cos).as_vec3()
+    };
+    let mut list = vec![Vec3::Z, -Vec3::Z, at(89.99f64.to_radians().cos(), 0.1), at(1e-6, 0.6), at(-1e-6, 0.3)];
+    for i in 0..15 {
+        let cos = 0.99 - 0.065 * f64::from(i);
+        list.push(at(if i % 5 == 4 { -cos } else { cos }, 0.377 * f64::from(i)));
+    }
+    list
+}
+
+/// Polar cells over the half vector's slopes, in units of the lobe's widths: they resolve any lobe, and any
+/// hemisphere. Above the surface first, then below.
+struct Rings {
+    /// Mirrored to lie above.
+    wo: DVec3,
+    side: f64,
+    alpha: [f64; 2],
+    below: Below,
+    /// Index below over above, as `wo` sees it.
+    eta: f64,
+}
+
+const RINGS: usize = 12;
+const SECTORS: usize = 20;
+const CELLS: usize = RINGS * SECTORS;
+/// Rings end at radius 0, `FIRST`, then in geometric progression up to `LAST / alpha`, and at infinity.
+const FIRST: f64 = 0.3;
+const LAST: f64 = 10.0;
+
+impl Rings {
+    fn new(wo: Vec3, case: &Case<'_>) -> Self {
+        let side = f64::from(wo.z.signum());
+        let eta = match case.below {
+            Below::Refracted(eta) if side > 0.0 => eta,
+            Below::Refracted(eta) => 1.0 / eta,
+            _ => 1.0,
+        };
+        Self { wo: wo.as_dvec3() * side, side, alpha: case.alpha.map(f64::from), below: case.below, eta }
+    }
+
+    /// Hemispheres with cells.
+    fn sides(&self) -> usize {
+        if self.below == Below::Nothing { 1 } else { 2 }
+    }
+
+    /// Ring number, continuous, to radius.
+    fn radius(&self, ring: f64) -> f64 {
+        let n = (RINGS - 2) as f64;
+        let last = LAST / self.alpha[0].min(self.alpha[1]);
+        if ring <= 1.0 {
+            FIRST * ring
+        } else if ring <= n + 1.0 {
+            FIRST * (last / FIRST).powf((ring - 1.0) / n)
+        } else {
+            last / (n + 2.0 - ring).max(1e-12)
+        }
+    }
+
+    fn cell(&self, wi: Vec3) -> usize {
+        let wi = wi.as_dvec3() * self.side;
+        let beyond = wi.z < 0.0;
+        let h = match self.below {
+            Below::Refracted(_) if beyond => self.wo + wi * self.eta,
+            Below::Mirrored if beyond => self.wo + wi * DVec3::new(1.0, 1.0, -1.0),
+            _ => self.wo + wi,
+        };
+        // Slopes are the same for a half vector that points down.
+        let (x, y) = (h.x / (self.alpha[0] * h.z), h.y / (self.alpha[1] * h.z));
+        let ring = (1..RINGS).find(|&i| x.hypot(y) < self.radius(i as f64)).unwrap_or(RINGS) - 1;
+        let turn = (y.atan2(x) / TAU).rem_euclid(1.0);
+        ring * SECTORS + ((turn * SECTORS as f64) as usize).min(SECTORS - 1) + if beyond { CELLS } else { 0 }
+    }
+
+    /// A density over `wi` turned into one over (ring number, sector number).
+    fn density(&self, pdf: impl Fn(Vec3) -> f32, beyond: bool, ring: f64, sector: f64) -> f64 {
+        const STEP: f64 = 1e-4;
+        let [ax, ay] = self.alpha;
+        let phi = TAU * sector / SECTORS as f64;
+        let radius = self.radius(ring);
+        let h = DVec3::new(ax * radius * phi.cos(), ay * radius * phi.sin(), 1.0);
+        let inverse = h.length_recip();
+        let cos = self.wo.dot(h) * inverse;
+        if cos <= 0.0 {
+            return 0.0;
+        }
+        // The direction for this half vector, and solid angle around it over that around the half vector.
+        let (wi, ratio) = if beyond && self.below != Below::Mirrored {
+            let eta = self.eta;
+            let sin2 = (1.0 - cos * cos) / (eta * eta);
+            if sin2 >= 1.0 {
+                return 0.0;
+            }
+            let cos_t = (1.0 - sin2).sqrt();
+            let wi = (cos / eta - cos_t) * inverse * h - self.wo / eta;
+            (wi, (self.wo + eta * wi).length_squared() / (eta * eta * cos_t))
+        } else {
+            (2.0 * cos * inverse * h - self.wo, 4.0 * cos)
+        };
+        let wi = if beyond && self.below == Below::Mirrored { wi * DVec3::new(1.0, 1.0, -1.0) } else { wi };
+        if (wi.z < 0.0) != beyond || wi.z == 0.0 {
+            return 0.0;
+        }
+        // Radius per ring, by a difference within the ring's smooth piece.
+        let (low, high) = ((ring - STEP).max(ring.floor()), (ring + STEP).min(ring.floor() + 1.0));
+        let slope = (self.radius(high) - self.radius(low)) / (high - low);
+        let area = ax * ay * radius * slope * TAU / SECTORS as f64;
+        f64::from(pdf((self.side * wi).as_vec3())) * ratio * inverse.powi(3) * area
+    }
+
+    /// Integral of a density over each cell.
+    fn integrals(&self, pdf: impl Fn(Vec3) -> f32, samples: u32) -> Vec<f64> {
+        // Halvings of a quarter cell at most: the horizon cuts the density off, and more samples see more.
+        let depth = if samples > 200_000 { 9 } else { 5 };
+        let tolerance = 0.1 / f64::from(samples);
+        let mut list = Vec::new();
+        for beyond in (0..self.sides()).map(|side| side == 1) {
+            let f = |ring: f64, sector: f64| self.density(&pdf, beyond, ring, sector);
+            for (ring, sector) in (0..RINGS).flat_map(|ring| (0..SECTORS).map(move |sector| (ring, sector))) {
+                // Started from 2 x 2 parts, lest a lobe between the nodes be missed; off the rings' seams.
+                let half = |start: usize, i: usize| {
+                    [i, i + 1].map(|i| start as f64 + (0.5 * i as f64).clamp(1e-9, 1.0 - 1e-9))
+                };
+                let parts = (0..4).map(|i| integrate(&f, half(ring, i / 2), half(sector, i % 2), tolerance, depth));
+                list.push(parts.sum());
+            }
+        }
+        list
+    }
+}
+
+/// p-value of `samples` samples against `gain * pdf`; checks each sample's pdf and weight on the way.
+pub fn chi_square_of(case: &Case<'_>, wo: Vec3, samples: u32, gain: impl Fn(Vec3) -> f32, seed: u64) -> f64 {
+    let Case { name, bsdf, .. } = case;
+    let rings = Rings::new(wo, case);
+    let mut random = Pcg32::seed_from_u64(seed);
+    let mut observed = vec![0u64; rings.sides() * CELLS + 1];
+    let refused = observed.len() - 1;
+    for _ in 0..samples {
+        let u = [random.random(), random.random()];
+        let cell = match bsdf.sample(wo, u, random.random()) {
+            Some(sample) if !sample.specular => {
+                check_sample(case, wo, &sample);
+                rings.cell(sample.wi)
+            }
+            // Refused and specular samples share a cell: what the density leaves of 1.
+            _ => refused,
+        };
+        observed[cell] += 1;
+    }
+    let n = f64::from(samples);
+    let mut expected = rings.integrals(|wi| gain(wi) * bsdf.pdf(wo, wi), samples);
+    let integral: f64 = expected.iter().sum();
+    assert!(integral <= 1.0 + 1e-3, "{name} at {wo}: pdf integrates to {integral}");
+    // The last cell is a difference, which the quadrature leaves uncertain by some 1e-6.
+    expected.push((1.0 - integral).max(5e-6));
+    expected.iter_mut().for_each(|e| *e *= n);
+    chi_square(&observed, &expected)
+}
+
+fn check_sample(case: &Case<'_>, wo: Vec3, sample: &BsdfSample) {
+    let Case { name, bsdf, below, .. } = case;
+    let BsdfSample { wi, weight, pdf, eta, .. } = *sample;
+    assert!((wi.length() - 1.0).abs() < 1e-6, "{name} at {wo}: {wi}");
+    let crossed = match below {
+        _ if wi.z * wo.z > 0.0 => 1.0,
+        Below::Nothing => panic!("{name} at {wo}: light through the surface, {wi}"),
+        Below::Refracted(index) => {
+            if wo.z > 0.0 {
+                *index
+            } else {
+                1.0 / index
+            }
+        }
+        Below::Mirrored => 1.0,
+    };
+    assert!((f64::from(eta) - crossed).abs() < 1e-6, "{name} {wo} {wi}: {eta}");
+    let again = bsdf.pdf(wo, wi);
+    assert!(pdf > 0.0 && pdf.is_finite() && (pdf - again).abs() <= 1e-4 * pdf, "{name} {wo} {wi}: {pdf} {again}");
+    let f = bsdf.evaluate(wo, wi) * (wi.z.abs() / pdf);
+    assert!((f - weight).abs().max_element() <= 1e-4 * f.max_element().max(1e-30), "{name} {wo} {wi}: {f} {weight}");
+}
+
+/// Whether f32 directions resolve the lobe: reflected within about `alpha` of the surface, half vectors are
+/// `alpha` long, their slopes of order `alpha` are known to 6e-8 / alpha^2 of themselves, and directions form
+/// a lattice of that spacing. With 10^6 samples an alpha of 0.01 shows it, too, in the tails.
+pub fn resolved(case: &Case<'_>, wo: Vec3, samples: u32) -> bool {
+    let narrowest = if samples > 200_000 { 0.02 } else { 2e-3 };
+    wo.z.abs() > 1e-3 || case.alpha[0].max(case.alpha[1]) > narrowest
+}
+
+/// Fails for directions that f32 resolves, or does not, where samples and density disagree.
+pub fn check_agreement(cases: &[Case<'_>], outgoing: &[Vec3], samples: u32, resolvable: bool) {
+    let level = sidak(FAMILY, cases.len() * outgoing.len());
+    let mut failures = Vec::new();
+    for (i, case) in cases.iter().enumerate() {
+        for (j, &wo) in outgoing.iter().enumerate() {
+            if resolved(case, wo, samples) != resolvable {
+                continue;
+            }
+            let p = chi_square_of(case, wo, samples, |_| 1.0, (1000 * i + j) as u64);
+            if p < level {
+                failures.push(format!("{} at {wo}: p = {p:e}", case.name));
+            }
+        }
+    }
+    assert!(failures.is_empty(), "{failures:#?}");
+}
+
+/// The verdict by `judge` on the mean weight, of flux: what refraction takes from radiance is given back. Samples are
+/// doubled while it is undecided.
+pub fn albedo(bsdf: &Bsdf<'_>, wo: Vec3, gain: f64, seed: u64, judge: impl Fn(&Mean) -> Verdict) -> (Verdict, Mean) {
+    let mut random = Pcg32::seed_from_u64(seed);
+    let mut mean = Mean::default();
+    for doubling in 12..=22 {
+        while mean.n < 1 << doubling {
+            let u = [random.random(), random.random()];
+            let weight =
+                bsdf.sample(wo, u, random.random()).map_or(0.0, |s| f64::from(s.weight.max_element() * s.eta * s.eta));
+            mean.add(gain * weight);
+        }
+        match judge(&mean) {
+            Verdict::Undecided => (),
+            verdict => return (verdict, mean),
+        }
+    }
+    (Verdict::Undecided, mean)
+}

@@ -1,0 +1,117 @@
+//! The report in headless Chromium, as people see it. `.ci/browser` installs what it takes.
+#![allow(clippy::print_stderr)]
+
+use crate::synthesis::{Law, Study, example};
+use dapple_study::{Draft, InProcess, ScenePlan, Sitting};
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+/// What the test needs; `None`, and says so, where something is missing.
+fn tools() -> Option<PathBuf> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/browser");
+    let answers = |program: &str| Command::new(program).arg("--version").output().is_ok_and(|o| o.status.success());
+    let chromium = std::env::var("CHROMIUM").unwrap_or_else(|_| "/usr/bin/chromium".into());
+    for (there, what) in [
+        (answers(&chromium), "Chromium"),
+        (answers("node"), "Node.js"),
+        (folder.join("node_modules/playwright-core").exists(), "playwright-core"),
+    ] {
+        if !there {
+            eprintln!("skipped: no {what}; `bash .ci/browser` installs it");
+            return None;
+        }
+    }
+    Some(folder)
+}
+
+/// Opens the page of a study. Screenshots stay in `target/tmp/NAME`.
+fn open(name: &str, study: &mut Study, pictures: bool, expected: &serde_json::Value) -> Result<(), String> {
+    let folder = folder(name);
+    study.write(&folder, pictures);
+    look(&folder, expected)
+}
+
+/// A new one.
+fn folder(name: &str) -> PathBuf {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
+    let _ = std::fs::remove_dir_all(&folder);
+    std::fs::create_dir_all(&folder).unwrap();
+    folder
+}
+
+fn look(folder: &Path, expected: &serde_json::Value) -> Result<(), String> {
+    let _ = dapple_study::write_report(folder).unwrap();
+    let Some(tools) = tools() else { return Ok(()) };
+    let wanted = folder.join("expected.json");
+    std::fs::write(&wanted, expected.to_string()).unwrap();
+    let output = Command::new("node")
+        .arg(tools.join("report.mjs"))
+        .args([&folder.join("report.html"), folder, &wanted])
+        .current_dir(&tools)
+        .output()
+        .unwrap();
+    if output.status.success() { Ok(()) } else { Err(String::from_utf8_lossy(&output.stderr).into_owned()) }
+}
+
+/// Two scenes x six methods: two charts a scene, one curve a method in each; two crops and two maps a method.
+fn whole() -> serde_json::Value {
+    serde_json::json!({
+        "scenes": 2, "charts": 4, "curves": 24, "crops": 24, "maps": 24, "bars": 12,
+        // Wins, equal spp, factorial, references; slopes, times, points of each scene.
+        "tables": 10,
+    })
+}
+
+#[test]
+fn a_whole_report_works_in_a_browser() {
+    let found = open("report-whole", &mut example(), true, &whole());
+    assert_eq!(found, Ok(()));
+}
+
+#[test]
+fn a_browser_notices_what_is_missing() {
+    if tools().is_none() {
+        return;
+    }
+    let mut study = example();
+    let _ = study.manifest.methods.pop();
+    let found = open("report-lacking", &mut study, true, &whole()).unwrap_err();
+    assert!(found.contains("curves: 20, expected 24"), "{found}");
+}
+
+/// One scene without any run, one seed, no pictures.
+#[test]
+fn an_unfinished_report_works_in_a_browser() {
+    let laws = [Law::new("uniform", "none"), Law::new("mitchell", "none")];
+    let mut study = Study::new(&["a", "b"], &laws, &[4], None, 1);
+    study.runs.retain(|run| run.scene == "a");
+    let expected = serde_json::json!({
+        "scenes": 2, "charts": 2, "curves": 4, "crops": 0, "maps": 0, "bars": 2, "tables": 5,
+    });
+    assert_eq!(open("report-unfinished", &mut study, false, &expected), Ok(()));
+}
+
+/// Not synthesised: two bundled scenes, rendered.
+#[test]
+fn a_real_study_works_in_a_browser() {
+    let words = |words: &[&str]| Some(words.iter().map(|w| (*w).to_owned()).collect());
+    let draft = Draft {
+        scenes: Some(["cornell", "teapot"].map(ScenePlan::from).to_vec()),
+        samplers: words(&["uniform", "cluster-thesis"]),
+        filters: words(&["none", "gaussian"]),
+        spp: Some(vec![1, 2, 4]),
+        seeds: Some(vec![1, 2, 3]),
+        reference_spp: Some(32),
+        resolution: Some([64, 64]),
+        ..Draft::default()
+    };
+    let folder = folder("report-real");
+    let study = dapple_study::Study::open(draft.resolve().unwrap(), &folder, &Sitting::default(), &mut ());
+    let mut study = study.unwrap().expect("nobody stops it");
+    let _ = study.run(&mut InProcess::new(|| None), &mut ()).unwrap();
+    // Four methods; times to errors and comparisons depend on the clock, tables and figures do not.
+    let expected = serde_json::json!({
+        "scenes": 2, "charts": 4, "curves": 16, "crops": 16, "maps": 16, "bars": 8, "tables": 10,
+    });
+    assert_eq!(look(&folder, &expected), Ok(()));
+}

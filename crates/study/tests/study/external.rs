@@ -1,0 +1,125 @@
+//! Filters that are programs of others: what they are given, what is taken from them, and what is said when they fail.
+#![cfg(unix)]
+
+use crate::common::{Place, in_process};
+use dapple_renderer::image::{Picture, encode_pfm, read_channels, write_file};
+use dapple_study::{Draft, External, Method, Run, StudyError};
+
+impl Place {
+    /// A program of the shell, started in this folder with the two pictures as its words.
+    fn script(&self, name: &str, text: &str) -> External {
+        std::fs::write(self.path(name), text).expect("the script");
+        let command = ["sh", name, "{input}", "{output}", "{threads}"].map(str::to_owned).to_vec();
+        External { name: name.into(), command, folder: self.path("") }
+    }
+
+    /// Uniform sampling with no filter and with each of these.
+    fn filtered(&self, external: &[External], folder: &str) -> Result<Vec<Run>, StudyError> {
+        let methods = external.iter().map(|e| Method::new("uniform", "sobol", &e.name)).collect();
+        let draft = Draft {
+            samplers: None,
+            filters: None,
+            methods: Some(methods),
+            external: Some(external.to_vec()),
+            spp: Some(vec![4]),
+            seeds: Some(vec![1]),
+            time_of: Some(0),
+            threads: Some(1),
+            ..self.draft()
+        };
+        let mut study = self.open(draft.resolve()?, folder)?;
+        study.run(&mut in_process(), &mut ())?;
+        Ok(study.runs().to_vec())
+    }
+
+    fn said(&self, text: &str, folder: &str) -> String {
+        let external = [self.script("program", text)];
+        self.filtered(&external, folder).expect_err("refused").to_string()
+    }
+}
+
+#[test]
+fn what_a_program_writes_is_measured() {
+    let place = Place::new();
+    let black = Picture::filled([8, 8], [0.0; 3]).unwrap();
+    write_file(&place.path("black.pfm"), &encode_pfm(&black).unwrap()).unwrap();
+    let runs = place
+        .filtered(&[place.script("copy", r#"cp "$1" "$2""#), place.script("black", r#"cp black.pfm "$2""#)], "study")
+        .unwrap();
+    let [none, copy, black] = &runs[..] else { panic!("{}", runs.len()) };
+    assert_eq!(copy.errors, none.errors, "the copy of the unfiltered picture is the unfiltered picture");
+    // The control.
+    assert!(black.errors.mean_ratio == 0.0 && black.errors.mse > 2.0 * none.errors.mse, "{:?}", black.errors);
+    assert!(copy.seconds.filter > 0.0 && none.cpu_s.is_none() && copy.cpu_s.is_none());
+    assert!((copy.render_s - copy.seconds.trace - copy.seconds.plan - copy.seconds.filter).abs() < 1e-9);
+}
+
+#[test]
+fn what_a_program_is_given_has_features() {
+    let place = Place::new();
+    let script = r#"cp "$1" seen.exr; cp "$1" "$2"; echo "threads $3" > threads; echo '{"seconds": 0.125}'"#;
+    let runs = place.filtered(&[place.script("look", script)], "study").unwrap();
+    assert_eq!(runs[1].seconds.filter, 0.125, "it told its time");
+    assert!(runs[1].render_s > 0.125);
+    assert_eq!(place.text("threads"), "threads 1\n");
+    let seen = read_channels(&std::fs::read(place.path("seen.exr")).unwrap(), "seen.exr").unwrap();
+    let at = |name: &str| match seen.plane(name) {
+        Some(dapple_renderer::image::Plane::F32(values)) => values[8 * 6 + 4],
+        other => panic!("{name}: {other:?}"),
+    };
+    // The floor: half of the light comes back, upwards.
+    let found = ["albedo.R", "albedo.G", "albedo.B", "normal.X", "normal.Y", "normal.Z", "coverage.Y"].map(at);
+    assert_eq!(found.map(|v| (v * 1000.0).round() / 1000.0), [0.5, 0.5, 0.5, 0.0, 1.0, 0.0, 1.0]);
+    assert!(at("depth.Y") > 1.0 && at("R") > 0.0);
+}
+
+#[test]
+fn a_process_for_each_run_knows_the_program() {
+    let place = Place::new();
+    let external = place.script("copy", r#"cp "$1" "$2""#);
+    let job = r#"{"name":"copy","command":["sh","copy","{input}","{output}","{threads}"],"folder":"#;
+    assert!(serde_json::to_string(&external).unwrap().starts_with(job));
+}
+
+#[test]
+fn what_is_wrong_is_said() {
+    let place = Place::new();
+    let small = Picture::filled([8, 7], [1.0; 3]).unwrap();
+    write_file(&place.path("small.pfm"), &encode_pfm(&small).unwrap()).unwrap();
+    let mut bad = Picture::filled([8, 8], [1.0; 3]).unwrap();
+    bad.pixels[8 * 2 + 5][1] = f32::NAN;
+    write_file(&place.path("bad.pfm"), &encode_pfm(&bad).unwrap()).unwrap();
+    let cases = [
+        (
+            "echo 'no weights' >&2; exit 3",
+            "the filter program (sh program {input} {output} {threads}) ended with exit status: 3: no weights",
+        ),
+        ("true", "wrote no picture: it is to write the one that {output} names"),
+        ("echo hello > \"$2\"", "wrote no picture: {output}"),
+        ("cp small.pfm \"$2\"", "wrote a picture of 8x7 pixels: 8x8 are wanted"),
+        ("cp bad.pfm \"$2\"", "wrote 1 pixels that are no number, the first in column 5, row 2"),
+        (r#"cp "$1" "$2"; echo '{"seconds": -1}'"#, "says that it took -1 seconds"),
+    ];
+    for (number, (script, message)) in cases.into_iter().enumerate() {
+        let said = place.said(script, &format!("study-{number}"));
+        assert!(said.contains(message) && said.starts_with("tiny, uniform/sobol/program, seed 1"), "{script}: {said}");
+    }
+    let nobody = External {
+        command: ["/nonesuch/program", "{input}", "{output}"].map(str::to_owned).to_vec(),
+        ..place.script("p", "")
+    };
+    let said = place.filtered(&[nobody], "nobody").expect_err("refused").to_string();
+    assert!(said.contains("cannot be started: "), "{said}");
+}
+
+#[test]
+fn another_program_is_another_study() {
+    let place = Place::new();
+    let [copy, other] = [place.script("copy", r#"cp "$1" "$2""#), place.script("copy", r#"cp "$1" "$2""#)];
+    place.filtered(&[copy], "study").unwrap();
+    let moved = External { folder: place.path("."), ..other.clone() };
+    assert!(place.filtered(&[moved], "study").is_ok(), "where it is started from does not matter");
+    let said = place.filtered(&[External { command: [other.command, vec!["-v".into()]].concat(), ..other }], "study");
+    let said = said.expect_err("refused").to_string();
+    assert!(said.contains("the folder holds another study") && said.contains("external: "), "{said}");
+}

@@ -1,0 +1,104 @@
+//! Studies whose outcome is known beforehand, each with a control that must come out otherwise.
+
+use crate::common::{Place, in_process};
+use dapple_metrics::{log_log_fit, ratio_interval};
+use dapple_study::{Budget, Draft, Method, Run};
+
+const SIDE: u32 = 20;
+
+impl Place {
+    /// The runs of uniform sampling with these points.
+    fn runs(&self, points: &str, spp: &[u64], seeds: std::ops::Range<u64>, folder: &str) -> Vec<Run> {
+        let method = Method::new("uniform", points, "none");
+        let draft = Draft {
+            samplers: None,
+            filters: None,
+            methods: Some(vec![method.clone()]),
+            baseline: Some(method),
+            spp: Some(spp.to_vec()),
+            seeds: Some(seeds.collect()),
+            reference_spp: Some(2048),
+            resolution: Some([SIDE; 2]),
+            time_of: Some(0),
+            ..self.draft()
+        };
+        self.study(draft.resolve().unwrap(), folder, &mut in_process()).runs().to_vec()
+    }
+}
+
+fn mse(runs: &[Run], spp: u64) -> Vec<f64> {
+    runs.iter().filter(|r| r.budget == Budget::Spp(spp)).map(|r| r.errors.mse).collect()
+}
+
+fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len() as f64
+}
+
+/// STATISTICS S5: the harness's self-test. Root mean square errors fall with slope -0.5 +- 0.03, MSE with -1 +- 0.06.
+#[test]
+fn design_s5_independent_sampling_has_slope_minus_one() {
+    let place = Place::new();
+    let spp = [4, 16, 64, 256];
+    let slope = |points: &str| {
+        let runs = place.runs(points, &spp, 1..9, points);
+        let errors = spp.map(|n| mean(&mse(&runs, n)));
+        log_log_fit(&spp.map(|n| n as f64), &errors, 0.95).unwrap().slope.value
+    };
+    let independent = slope("random");
+    assert!((independent + 1.0).abs() < 0.06, "{independent}");
+    // The control: points that are not independent converge faster.
+    let scrambled = slope("sobol");
+    assert!(scrambled < -1.06, "{scrambled}");
+}
+
+/// E (a - b)^2 = 2 var a for two independent pictures.
+#[test]
+fn two_seeds_differ_by_twice_the_variance() {
+    let place = Place::new();
+    // Against the reference: each picture's variance.
+    let spp = 16;
+    let alone = place.runs("random", &[spp, 4 * spp], 1..9, "alone");
+    let against = |file: &str| {
+        let method = Method::new("uniform", "random", "none");
+        let mut draft = Draft {
+            samplers: None,
+            filters: None,
+            methods: Some(vec![method.clone()]),
+            baseline: Some(method),
+            spp: Some(vec![spp]),
+            // The first seed's picture is the reference.
+            seeds: Some((2..9).collect()),
+            resolution: Some([SIDE; 2]),
+            time_of: Some(0),
+            ..place.draft()
+        };
+        draft.scenes.as_mut().unwrap()[0].reference = Some(place.path("alone").join(file));
+        let folder = file.replace(['/', '.'], "-");
+        let study = place.study(draft.resolve().unwrap(), &folder, &mut in_process());
+        assert!(study.runs().iter().all(|r| !r.corrected), "a picture's own variance is not known");
+        mean(&mse(study.runs(), spp))
+    };
+    let variance = mean(&mse(&alone, spp));
+    let pairs = against("pictures/tiny/spp-16-00.exr");
+    // 1200 values a picture: 7 pairs tell the ratio within some 4 %.
+    assert!((pairs / (2.0 * variance) - 1.0).abs() < 0.12, "{pairs} and {variance}");
+    // The control: a picture of four times the samples adds a quarter only.
+    let other = against("pictures/tiny/spp-64-00.exr");
+    assert!((other / (2.0 * variance) - 0.625).abs() < 0.12, "{other} and {variance}");
+}
+
+/// The interval of its ratio holds 1 (with these seeds; two intervals of 95 % miss it with one pair of sets of seeds in ten); that of half the samples does not.
+#[test]
+fn a_sampler_wins_nothing_against_itself() {
+    let place = Place::new();
+    let ours = place.runs("random", &[8, 16], 1..17, "ours");
+    let theirs = place.runs("random", &[8, 16], 101..117, "theirs");
+    let ratio = |a: u64, b: u64| ratio_interval(&mse(&ours, a), &mse(&theirs, b), 0.95).unwrap();
+    for spp in [8, 16] {
+        let same = ratio(spp, spp);
+        assert!(same.low < 1.0 && same.high > 1.0, "{same:?}");
+        assert!(same.high / same.low < 1.3, "so wide that it says nothing: {same:?}");
+    }
+    let control = ratio(16, 8);
+    assert!(control.high < 0.75 && control.low < 0.5 && control.high > 0.5, "{control:?}");
+}

@@ -1,0 +1,196 @@
+//! References: rendered once, kept, and refused where they are another's.
+
+use crate::common::{Fake, Place};
+use dapple_core::Control;
+use dapple_renderer::image::{Layer, Picture, encode_exr, encode_pfm, read_attributes, write_file};
+use dapple_study::{Draft, Lights, Onlooker, Progress, Reference, ScenePlan, Sitting, Study};
+use std::path::PathBuf;
+
+/// Whether a reference was rendered.
+#[derive(Default)]
+struct Ear {
+    rendered: bool,
+}
+
+impl Onlooker for Ear {
+    fn look(&mut self, progress: &Progress<'_>) -> Control {
+        self.rendered |= progress.doing.ends_with(": reference");
+        Control::Continue
+    }
+}
+
+impl Place {
+    /// The reference of a study in a folder of its own, and whether it was rendered for it; `shared` is a folder of
+    /// references.
+    fn reference(&self, draft: Draft, folder: &str) -> (Reference, bool) {
+        let mut ear = Ear::default();
+        let sitting = Sitting { references: Some(self.path("shared")), ..Sitting::default() };
+        let study = Study::open(draft.resolve().unwrap(), &self.path(folder), &sitting, &mut ear);
+        let study = study.unwrap().expect("nobody stopped it");
+        (study.manifest().scenes[0].reference.clone(), ear.rendered)
+    }
+
+    fn with_reference(&self, file: PathBuf) -> Draft {
+        let mut draft = self.draft();
+        draft.scenes.as_mut().unwrap()[0].reference = Some(file);
+        draft
+    }
+
+    fn refused(&self, draft: Draft) -> String {
+        self.open(draft.resolve().unwrap(), "refused").err().expect("refused").to_string()
+    }
+}
+
+#[test]
+fn a_reference_is_rendered_once() {
+    let place = Place::new();
+    let (first, rendered) = place.reference(place.draft(), "a");
+    assert!(rendered);
+    assert_eq!((first.spp, first.points.as_deref()), (Some(16), Some("halton")), "points that no method uses");
+    let relmse = first.relmse.expect("its own variance is known");
+    assert!((1e-7..1e-1).contains(&relmse), "{relmse}");
+    // Another study's methods, seeds and budgets do not matter.
+    let other =
+        Draft { spp: Some(vec![2]), seeds: Some(vec![9]), filters: Some(vec!["gaussian".into()]), ..place.draft() };
+    let (second, rendered) = place.reference(other, "b");
+    assert_eq!((second, rendered), (first.clone(), false));
+    let bytes = std::fs::read(&first.file).unwrap();
+    let attributes = read_attributes(&bytes, "reference").unwrap();
+    assert!(attributes.contains(&("dapple:study-key".into(), first.hash.clone())), "{attributes:?}");
+}
+
+#[test]
+fn whatever_matters_makes_another_reference() {
+    let place = Place::new();
+    let (first, _) = place.reference(place.draft(), "a");
+    let changes = [
+        ("b", Draft { resolution: Some([8, 7]), ..Draft::default() }),
+        ("c", Draft { reference_spp: Some(18), ..Draft::default() }),
+        ("d", Draft { max_depth: Some(1), ..Draft::default() }),
+        ("e", Draft { points: Some(vec!["halton".into(), "sobol".into()]), ..Draft::default() }),
+    ];
+    let mut hashes = vec![first.hash.clone()];
+    for (folder, change) in changes {
+        let (other, rendered) = place.reference(place.draft().overridden_by(change), folder);
+        assert!(rendered && !hashes.contains(&other.hash), "{folder}");
+        hashes.push(other.hash);
+    }
+    // An included file.
+    std::fs::write(place.path("floor.pbrt"), format!("{}# a word\n", crate::common::FLOOR)).unwrap();
+    let (other, rendered) = place.reference(place.draft(), "f");
+    assert!(rendered && !hashes.contains(&other.hash));
+    // The control: as it was.
+    std::fs::write(place.path("floor.pbrt"), crate::common::FLOOR).unwrap();
+    assert_eq!(place.reference(place.draft(), "g"), (first.clone(), false));
+    // One that is broken is made anew.
+    std::fs::write(&first.file, b"nonsense").unwrap();
+    assert_eq!(place.reference(place.draft(), "h"), (first, true));
+}
+
+#[test]
+fn a_file_of_another_size_scene_or_setting_is_refused() {
+    let place = Place::new();
+    let picture = |size: [u32; 2]| Picture::filled(size, [0.5; 3]).unwrap();
+    let exr = |name: &str, pairs: &[(&str, &str)]| {
+        let pairs: Vec<_> = pairs.iter().map(|(k, v)| (format!("dapple:{k}"), (*v).to_owned())).collect();
+        let bytes = encode_exr([8, 8], &[Layer::of_picture("", &picture([8, 8]))], &pairs).unwrap().bytes;
+        write_file(&place.path(name), &bytes).unwrap();
+        place.path(name)
+    };
+    write_file(&place.path("wide.pfm"), &encode_pfm(&picture([9, 8])).unwrap()).unwrap();
+    let cases = [
+        (place.path("wide.pfm"), "it is 9x8, and the study 8x8"),
+        (exr("scene.exr", &[("scene", "teapot")]), "its scene is teapot, and the study's tiny"),
+        (exr("depth.exr", &[("max-depth", "3")]), "its max depth is 3, and the study's"),
+        (exr("filter.exr", &[("pixel-filter", "Gaussian filter")]), "render it with --pixel-filter box"),
+        (exr("without.exr", &[("without", "glossy")]), "effects are left out"),
+        (exr("half.exr", &[("interrupted", "true")]), "it is unfinished"),
+        (exr("seed.exr", &[("points", "sobol:seed=2"), ("seed", "2")]), "render it with another seed"),
+        (exr("content.exr", &[("study-scene", "0")]), "the scene's files have other contents now"),
+        (place.path("none.exr"), "cannot read the reference"),
+        (place.path("tiny.pbrt"), "tiny.pbrt"),
+    ];
+    for (file, message) in cases {
+        let said = place.refused(place.with_reference(file.clone()));
+        assert!(said.contains(message) && said.contains(&*file.to_string_lossy()), "{message}: {said}");
+    }
+    // The control, with a header that says what is so, and one without.
+    let good = exr("good.exr", &[("scene", "tiny"), ("points", "sobol:seed=3"), ("seed", "3"), ("without", "none")]);
+    let study = place.study(place.with_reference(good).resolve().unwrap(), "good", &mut Fake::default());
+    let reference = &study.manifest().scenes[0].reference;
+    assert_eq!((reference.spp, reference.relmse), (None, None));
+    write_file(&place.path("plain.pfm"), &encode_pfm(&picture([8, 8])).unwrap()).unwrap();
+    // Where no resolution is given, it is the reference's.
+    let draft = Draft { resolution: None, ..place.with_reference(place.path("plain.pfm")) };
+    let study = place.study(draft.resolve().unwrap(), "plain", &mut Fake::default());
+    assert_eq!(study.manifest().scenes[0].resolution, [8, 8]);
+}
+
+#[test]
+fn a_study_s_own_reference_brings_its_variance_along() {
+    let place = Place::new();
+    let (made, _) = place.reference(place.draft(), "a");
+    let draft = place.with_reference(made.file.into());
+    let study = place.study(draft.resolve().unwrap(), "b", &mut crate::common::in_process());
+    assert_eq!(study.manifest().scenes[0].reference.relmse, made.relmse);
+    assert!(study.runs().iter().all(|r| r.corrected && r.reference_limited), "16 spp limit 8");
+}
+
+#[test]
+fn unknown_scenes_list_what_there_is() {
+    let place = Place::new();
+    let draft = Draft { scenes: Some(vec![ScenePlan::from("nonesuch")]), ..place.draft() };
+    let said = place.refused(draft);
+    assert!(said.contains("nonesuch: there is no such file, and no such bundled scene: those are teapot"), "{said}");
+}
+
+#[test]
+fn a_reference_of_a_multiple_of_the_size_is_averaged() {
+    let place = Place::new();
+    let file = |name: &str, size: [u32; 2], value: &dyn Fn(u32, u32) -> f32| {
+        let pixels = (0..size[0] * size[1]).map(|i| [value(i % size[0], i / size[0]); 3]).collect();
+        write_file(&place.path(name), &encode_pfm(&Picture::new(size, pixels).unwrap()).unwrap()).unwrap();
+        place.path(name)
+    };
+    // Blocks of 2x3 pixels around the same means; their values differ within.
+    let mean = |x: u32, y: u32| 0.25 + 0.01 * x as f32 + 0.02 * y as f32;
+    let small = file("small.pfm", [8, 8], &mean);
+    let large = file("large.pfm", [16, 24], &|x, y| mean(x / 2, y / 3) + if x % 2 == 0 { 0.125 } else { -0.125 });
+    let errors = |reference: PathBuf, folder: &str| {
+        let plan = Draft { time_of: Some(0), ..place.with_reference(reference) }.resolve().unwrap();
+        place
+            .study(plan, folder, &mut crate::common::in_process())
+            .runs()
+            .iter()
+            .map(|r| r.errors.mse)
+            .collect::<Vec<_>>()
+    };
+    let [a, b] = [errors(small, "a"), errors(large, "b")];
+    assert!(a.iter().zip(&b).all(|(a, b)| (a / b - 1.0).abs() < 1e-4), "{a:?} {b:?}");
+    let said = place.refused(place.with_reference(file("odd.pfm", [16, 12], &mean)));
+    assert!(said.contains("it is 16x12, and the study 8x8") && said.contains("or at a multiple of it"), "{said}");
+}
+
+#[test]
+fn ways_to_choose_lights_share_a_reference() {
+    let place = Place::new();
+    let with = |lights: Lights, name: &str| {
+        let mut draft = Draft { samplers: Some(vec!["uniform".into()]), time_of: Some(0), ..place.draft() };
+        let scene = &mut draft.scenes.as_mut().unwrap()[0];
+        *scene = ScenePlan { source: "room".into(), name: Some(name.into()), lights, ..ScenePlan::default() };
+        draft
+    };
+    let (power, rendered) = place.reference(with(Lights::Power, "power"), "a");
+    assert!(rendered);
+    let (cells, rendered) = place.reference(with(Lights::Cells, "cells"), "b");
+    assert!(!rendered && power == cells);
+    // Runs are others'.
+    let errors = |lights: Lights, folder: &str| {
+        let study = place.study(with(lights, "room").resolve().unwrap(), folder, &mut crate::common::in_process());
+        assert_eq!(study.manifest().scenes[0].lights, lights);
+        study.runs().iter().map(|r| r.errors.mse).collect::<Vec<_>>()
+    };
+    let [power, uniform, again] = [(Lights::Power, "c"), (Lights::Uniform, "d"), (Lights::Power, "e")]
+        .map(|(lights, folder)| errors(lights, folder));
+    assert!(power == again && power != uniform, "{power:?} {uniform:?}");
+}

@@ -1,0 +1,272 @@
+//! Order, resumption, and what a folder refuses.
+
+use crate::common::{Fake, Place, copy, in_process, label};
+use dapple_core::Control;
+use dapple_metrics::ratio_interval;
+use dapple_study::{Budget, Draft, Ended, Method, Onlooker, Progress, Run, ScenePlan, Store, StudyError};
+use std::io::{self, ErrorKind, Write};
+use std::path::PathBuf;
+
+#[test]
+fn methods_take_turns_run_by_run() {
+    let place = Place::new();
+    let study = place.study(place.plan(), "study", &mut Fake::default());
+    let order: Vec<String> = study.runs().iter().map(label).collect();
+    let expected = [
+        "tiny uniform/sobol/none 4 1",
+        "tiny variance/sobol/none 4 1",
+        "tiny uniform/sobol/none 8 1",
+        "tiny variance/sobol/none 8 1",
+        "tiny uniform/sobol/none 4 2",
+        "tiny variance/sobol/none 4 2",
+        "tiny uniform/sobol/none 8 2",
+        "tiny variance/sobol/none 8 2",
+        "tiny uniform/sobol/none t4 1",
+        "tiny variance/sobol/none t4 1",
+        "tiny uniform/sobol/none t4 2",
+        "tiny variance/sobol/none t4 2",
+    ];
+    assert_eq!(order, expected);
+    assert_eq!(study.runs().len(), study.expected());
+}
+
+#[test]
+fn a_study_killed_at_any_byte_ends_as_one_that_was_not() {
+    let place = Place::new();
+    place.study(place.plan(), "whole", &mut Fake::default());
+    let whole = place.text("whole/runs.jsonl");
+    let ends: Vec<usize> = whole.match_indices('\n').map(|(at, _)| at + 1).collect();
+    for (line, end) in std::iter::once(0).chain(ends.iter().copied()).enumerate() {
+        // At a line's end, within the next, and before the next one's newline.
+        let next = ends.get(line).copied().unwrap_or(end);
+        for cut in [end, end + (next - end) / 2, next.saturating_sub(1).max(end)] {
+            let name = format!("cut-{cut}");
+            copy(&place.path("whole"), &place.path(&name));
+            std::fs::write(place.path(&name).join("runs.jsonl"), &whole[..cut]).unwrap();
+            let mut fake = Fake::default();
+            place.study(place.plan(), &name, &mut fake);
+            assert_eq!(place.text(&format!("{name}/runs.jsonl")), whole, "cut at {cut}");
+            assert!(fake.asked >= ends.len() - line, "runs were made again or anew");
+            // The first run of equal time may be tried.
+            assert!(fake.asked <= ends.len() - line + 2, "{} runs for {} lines", fake.asked, ends.len() - line);
+        }
+    }
+}
+
+#[test]
+fn real_runs_are_the_same_after_a_stop() {
+    struct After(usize);
+    impl Onlooker for After {
+        fn look(&mut self, progress: &Progress<'_>) -> Control {
+            if progress.done >= self.0 { Control::Stop } else { Control::Continue }
+        }
+    }
+    let place = Place::new();
+    // Without equal time: what that takes in samples is the clock's to say.
+    let plan = || Draft { time_of: Some(0), ..place.draft() }.resolve().unwrap();
+    let whole = place.study(plan(), "whole", &mut in_process());
+    let mut first = place.open(plan(), "stopped").unwrap();
+    assert_eq!(first.run(&mut in_process(), &mut After(3)).unwrap(), Ended::Stopped);
+    assert_eq!(first.runs().len(), 3);
+    drop(first);
+    let second = place.study(plan(), "stopped", &mut in_process());
+    let found = |runs: &[Run]| runs.iter().map(|r| (label(r), r.errors, r.samples, r.rays)).collect::<Vec<_>>();
+    assert_eq!(found(second.runs()), found(whole.runs()));
+    assert!(whole.runs().iter().all(|r| r.render_s > 0.0 && r.errors.mse > 0.0 && r.corrected));
+    for (run, study) in whole.runs().iter().map(|r| (r, "whole")).chain(second.runs().iter().map(|r| (r, "stopped"))) {
+        assert_eq!(run.picture.is_some(), run.seed == 1, "pictures are of the first seed");
+        for file in run.picture.iter().chain(&run.sample_map) {
+            assert!(place.path(study).join(file).is_file(), "{file}");
+        }
+    }
+}
+
+#[test]
+fn runs_of_equal_time_take_the_time_of_the_baseline() {
+    let place = Place::new();
+    let draft =
+        Draft { filters: Some(vec!["none".into(), "gaussian".into()]), spp: Some(vec![8, 16, 32]), ..place.draft() };
+    let study = place.study(draft.resolve().unwrap(), "study", &mut Fake::default());
+    let equal: Vec<&Run> = study.runs().iter().filter(|r| r.budget == Budget::TimeOf(16)).collect();
+    assert_eq!(equal.len(), 4 * 2);
+    let baseline = 16.0 * 64.0 * 1e-6;
+    for run in &equal {
+        assert!((run.render_s / baseline - 1.0).abs() < 0.01, "{}: {}", run.method, run.render_s);
+    }
+    let spp = |method: &str| equal.iter().find(|r| r.method.to_string() == method).unwrap().spp;
+    assert_eq!(spp("uniform/sobol/none"), 16.0);
+    assert!((spp("variance/sobol/none") - 16.0 / 1.5).abs() < 0.02);
+    assert!((spp("uniform/sobol/gaussian") - (16.0 - 1e-4 / 1e-6 / 64.0)).abs() < 0.02);
+}
+
+/// Issue 5's self-test: a filter that costs time and does nothing loses, at equal time only.
+#[test]
+fn a_slow_filter_loses_at_equal_time() {
+    let place = Place::new();
+    let draft = Draft {
+        samplers: Some(vec!["uniform".into()]),
+        filters: Some(vec!["none".into(), "gaussian".into()]),
+        seeds: Some((1..=8).collect()),
+        ..place.draft()
+    };
+    let study = place.study(draft.resolve().unwrap(), "study", &mut Fake::default());
+    let of = |filter: &str, budget: Budget| -> Vec<f64> {
+        let of = |r: &&Run| r.method.filter == filter && r.budget == budget;
+        study.runs().iter().filter(of).map(|r| r.errors.relmse).collect()
+    };
+    let ratio = |budget| ratio_interval(&of("gaussian", budget), &of("none", budget), 0.95).unwrap();
+    assert!(ratio(Budget::TimeOf(4)).low > 1.1, "{:?}", ratio(Budget::TimeOf(4)));
+    let control = ratio(Budget::Spp(4));
+    assert!(control.low <= 1.0 && control.high >= 1.0, "{control:?}");
+}
+
+/// A clock that is wrong about a method is found out by the first run, and its count mended once.
+#[test]
+fn a_count_that_is_off_is_mended_once() {
+    /// From the 9th run on, `variance` takes twice as long.
+    struct Slower(Fake);
+    impl dapple_study::Runner for Slower {
+        fn run(&mut self, job: &dapple_study::Job) -> Result<Run, StudyError> {
+            let mut run = self.0.run(job)?;
+            if self.0.asked > 8 && job.method.sampler == "variance" {
+                run.seconds.trace *= 2.0;
+                run.render_s *= 2.0;
+            }
+            Ok(run)
+        }
+    }
+    let place = Place::new();
+    let mut slower = Slower(Fake::default());
+    let study = place.study(place.plan(), "study", &mut slower);
+    // 8 of given spp, the baseline's 2, and for the other: two trials, the mended one, and the second seed's.
+    assert_eq!((slower.0.asked, study.runs().len()), (14, 12));
+    let equal: Vec<&Run> = study.runs().iter().filter(|r| matches!(r.budget, Budget::TimeOf(_))).collect();
+    for run in equal {
+        assert!((run.render_s / (4.0 * 64.0 * 1e-6) - 1.0).abs() < 0.02, "{}: {}", label(run), run.render_s);
+    }
+}
+
+#[test]
+fn another_plan_in_the_folder_is_refused_with_the_difference() {
+    let place = Place::new();
+    place.study(place.plan(), "study", &mut Fake::default());
+    let before = place.text("study/runs.jsonl");
+    let tiny = || place.draft().scenes.unwrap().remove(0);
+    let changes: [(Draft, &str); 8] = [
+        (Draft { spp: Some(vec![4, 16]), ..Draft::default() }, "spp: 4 8 there, 4 16 here"),
+        (Draft { seeds: Some(vec![1]), ..Draft::default() }, "seeds: 1 2 there, 1 here"),
+        (
+            Draft { filters: Some(vec!["gaussian".into()]), ..Draft::default() },
+            "methods: uniform/sobol/none variance/sobol/none there, uniform/sobol/none uniform/sobol/gaussian",
+        ),
+        (Draft { time_of: Some(0), ..Draft::default() }, "time_of: 4 there, none here"),
+        (Draft { resolution: Some([8, 9]), ..Draft::default() }, "scene tiny.resolution: 8 8 there, 8 9 here"),
+        (Draft { reference_spp: Some(32), ..Draft::default() }, "scene tiny.reference.spp: 16 there, 32 here"),
+        (
+            Draft { scenes: Some(vec![ScenePlan { name: Some("other".into()), ..tiny() }]), ..Draft::default() },
+            "name: tiny there, other here",
+        ),
+        (Draft { fresh: Some(true), ..Draft::default() }, "fresh: false there, true here"),
+    ];
+    for (change, message) in changes {
+        let plan = place.draft().overridden_by(change).resolve().unwrap();
+        let said = place.open(plan, "study").err().expect("refused").to_string();
+        assert!(said.contains(message) && said.contains("choose another folder"), "{message}: {said}");
+    }
+    assert_eq!(place.text("study/runs.jsonl"), before);
+    // The scene itself.
+    std::fs::write(place.path("floor.pbrt"), crate::common::FLOOR.replace('9', "8")).unwrap();
+    let said = place.open(place.plan(), "study").err().expect("refused").to_string();
+    assert!(said.contains("scene tiny or its reference has changed since"), "{said}");
+    // The control: the same plan is none other, wherever the scene's file lies.
+    std::fs::write(place.path("floor.pbrt"), crate::common::FLOOR).unwrap();
+    place.open(place.plan(), "study").unwrap();
+}
+
+#[test]
+fn what_is_no_study_is_not_written_over() {
+    let place = Place::new();
+    place.study(place.plan(), "study", &mut Fake::default());
+    let file = place.path("study/runs.jsonl");
+    let whole = place.text("study/runs.jsonl");
+    let cases = [
+        (whole.replacen("\"seed\"", "\"sed\"", 1), "runs.jsonl:1: this is no run"),
+        (format!("{whole}nonsense\n"), "runs.jsonl:13: this is no run"),
+        (format!("{whole}{}\n", whole.lines().next().unwrap()), "runs.jsonl:13: this run is the 1th line's again"),
+    ];
+    for (text, message) in cases {
+        std::fs::write(&file, &text).unwrap();
+        let said = place.open(place.plan(), "study").err().expect("refused").to_string();
+        assert!(said.contains(message), "{said}");
+        assert_eq!(place.text("study/runs.jsonl"), text);
+    }
+    std::fs::write(&file, &whole).unwrap();
+    std::fs::remove_file(place.path("study/study.json")).unwrap();
+    let said = place.open(place.plan(), "study").err().expect("refused").to_string();
+    assert!(said.contains("study.json, which says of what, is missing"), "{said}");
+    assert_eq!(place.text("study/runs.jsonl"), whole);
+}
+
+#[test]
+fn one_process_at_a_time() {
+    let place = Place::new();
+    let first = place.open(place.plan(), "study").unwrap();
+    let said = place.open(place.plan(), "study").err().expect("refused").to_string();
+    assert!(said.contains("another process is at work"), "{said}");
+    drop(first);
+    place.open(place.plan(), "study").unwrap();
+}
+
+/// A disk on which so many bytes are free; what fits of a line is written. Nothing can be cut.
+struct Full {
+    file: PathBuf,
+    free: usize,
+}
+
+impl Store for Full {
+    fn append(&mut self, bytes: &[u8]) -> io::Result<()> {
+        let fits = bytes.len().min(self.free);
+        std::fs::OpenOptions::new().append(true).open(&self.file)?.write_all(&bytes[..fits])?;
+        self.free -= fits;
+        if fits < bytes.len() { Err(ErrorKind::StorageFull.into()) } else { Ok(()) }
+    }
+
+    fn cut(&mut self, _: u64) -> io::Result<()> {
+        Err(ErrorKind::StorageFull.into())
+    }
+}
+
+#[test]
+fn a_full_disk_loses_nothing_that_was_done() {
+    let place = Place::new();
+    place.study(place.plan(), "whole", &mut Fake::default());
+    let whole = place.text("whole/runs.jsonl");
+    for free in [0, 1, whole.len() / 3, whole.len() / 2, whole.len() - 1] {
+        let name = format!("full-{free}");
+        let full = Full { file: place.path(&name).join("runs.jsonl"), free };
+        let mut study = place.open(place.plan(), &name).unwrap().with_store(Box::new(full));
+        let said = study.run(&mut Fake::default(), &mut ()).unwrap_err().to_string();
+        let kept = study.runs().len();
+        let expected = format!("the {kept} runs before it are kept");
+        assert!(said.contains("cannot write down a finished run") && said.contains(&expected), "{said}");
+        assert_eq!(kept, whole[..free].matches('\n').count());
+        drop(study);
+        place.study(place.plan(), &name, &mut Fake::default());
+        assert_eq!(place.text(&format!("{name}/runs.jsonl")), whole, "{free} bytes were free");
+    }
+}
+
+#[test]
+fn scenes_of_one_name_are_told_apart() {
+    let place = Place::new();
+    let tiny = || place.draft().scenes.unwrap().remove(0);
+    let two = Draft { scenes: Some(vec![tiny(), tiny()]), seeds: Some(vec![1]), ..place.draft() };
+    let study = place.study(two.resolve().unwrap(), "study", &mut Fake::default());
+    let names: Vec<&str> = study.manifest().scenes.iter().map(|s| s.name.as_str()).collect();
+    assert_eq!(names, ["tiny", "tiny-2"]);
+    let named = |name: &str| ScenePlan { name: Some(name.into()), ..tiny() };
+    let same = Draft { scenes: Some(vec![named("a"), named("a")]), ..place.draft() };
+    let said = place.open(same.resolve().unwrap(), "other").err().expect("refused").to_string();
+    assert!(said.contains("\"a\" is no name of its own"), "{said}");
+    assert_eq!("uniform".parse::<Method>().unwrap(), study.manifest().baseline);
+}
