@@ -50,6 +50,26 @@ fn every_mutation_still_applies_and_names_a_test() {
     }
 }
 
+/// A file that the `main.rs` of its test program does not name is never compiled, and its tests never run.
+#[test]
+fn every_file_of_tests_belongs_to_its_program() {
+    let mut files = 0;
+    for entry in std::fs::read_dir(root().join("crates")).expect("crates") {
+        let entry = entry.expect("an entry");
+        let folder = entry.path().join("tests").join(entry.file_name());
+        let Ok(main) = std::fs::read_to_string(folder.join("main.rs")) else { continue };
+        for file in std::fs::read_dir(&folder).expect("a folder") {
+            let path = file.expect("an entry").path();
+            let name = path.file_stem().expect("a name").to_string_lossy();
+            if name != "main" {
+                assert!(main.contains(&format!("\nmod {name};\n")), "{}: no `mod {name};` beside it", path.display());
+                files += 1;
+            }
+        }
+    }
+    assert!(files >= 90, "{files}");
+}
+
 /// D07: no crate of ours has a way to say `unsafe`.
 #[test]
 fn d07_unsafe_is_forbidden_everywhere() {
