@@ -28,12 +28,26 @@ pub(crate) fn average(
     like: &Likeness,
     window: &Window,
 ) -> [Colours; 2] {
+    average_where(inputs, values, guides, like, window, &|_| true)
+}
+
+/// The same of those tiles, by their origin, that are `wanted`; the others keep their values.
+pub(crate) fn average_where(
+    inputs: &Inputs,
+    values: [&Colours; 2],
+    guides: &[Guide; 2],
+    like: &Likeness,
+    window: &Window,
+    wanted: &(impl Fn([usize; 2]) -> bool + Sync),
+) -> [Colours; 2] {
     let arch = Arch::new();
     let sharp = like.features.map(|scales| sharpness(&inputs.features, &scales));
     let sharp = sharp.as_ref();
-    let task = |&origin: &[usize; 2]| arch.dispatch(TileTask { inputs, values, guides, like, sharp, window, origin });
-    let tiles: Vec<Sums> = origins(inputs.size).par_iter().map(task).collect();
-    [0, 1].map(|half| std::array::from_fn(|c| assembled(inputs.size, &tiles, half, c)))
+    let task = |&origin: &[usize; 2]| {
+        wanted(origin).then(|| arch.dispatch(TileTask { inputs, values, guides, like, sharp, window, origin }))
+    };
+    let tiles: Vec<Option<Sums>> = origins(inputs.size).par_iter().map(task).collect();
+    [0, 1].map(|half| std::array::from_fn(|c| assembled(inputs.size, &tiles, &values[half][c], half, c)))
 }
 
 /// The memory of a filter that is one average of what [`Inputs`] hold: judged by one plane of variance or by three, and by
@@ -166,12 +180,15 @@ fn divide(sums: &mut Sums) {
     }
 }
 
-fn assembled([width, height]: [usize; 2], tiles: &[Sums], half: usize, c: usize) -> Plane {
+fn assembled([width, height]: [usize; 2], tiles: &[Option<Sums>], own: &[f32], half: usize, c: usize) -> Plane {
     let columns = width.div_ceil(WIDTH);
     let mut all = vec![0.0; width * height];
     all.par_chunks_mut(width).enumerate().for_each(|(y, row)| {
         for (column, row) in row.chunks_mut(WIDTH).enumerate() {
-            let tile = &tiles[y / HEIGHT * columns + column];
+            let Some(tile) = &tiles[y / HEIGHT * columns + column] else {
+                row.copy_from_slice(&own[y * width + column * WIDTH..][..row.len()]);
+                continue;
+            };
             let rows = [0, 1].map(|parity| &tile[place(half, y % HEIGHT, parity)][c * LANES..][..LANES]);
             for (x, value) in row.iter_mut().enumerate() {
                 *value = rows[x & 1][x / 2];

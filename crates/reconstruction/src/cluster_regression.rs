@@ -6,6 +6,7 @@ use crate::cluster_gaussian::Label;
 use crate::error_map::{Pair, filtered, relative_weight, select};
 use crate::nl_means::{NEEDS, out};
 use crate::planes::{Inputs, Plane, box_mean};
+use crate::prefilter::prefilter;
 use crate::regression::{bytes, regress};
 use crate::tile::{FeatureScales, Guide, Likeness};
 use dapple_core::{Error, Film, Filter, FilterMemory, Filtered, Frame, Needs};
@@ -29,17 +30,19 @@ pub enum Passes {
 ///
 /// # What it does
 ///
-/// 1. [`Bilateral`], over 9x9 pixels, makes a picture to begin with.
-/// 2. Around every second pixel of every second row a plane is fitted to the radiance of 13x13 pixels, over normal, albedo
+/// 1. Features are averaged over 9x9 pixels where they are alike but for their noise [after Rousselle 2013]: noise that lens,
+///    shutter and geometry finer than pixels leave in them is that of the radiance too, which would be regressed on it.
+/// 2. [`Bilateral`], over 9x9 pixels, makes a picture to begin with.
+/// 3. Around every second pixel of every second row a plane is fitted to the radiance of 13x13 pixels, over normal, albedo
 ///    and position [after Bitterli 2016; Moon 2014]. A pixel's weight grows with its samples and is
 ///    `exp(-max(0, d_colour)) exp(-max(0, d_features))`, times `outside` in another cluster. What the windows
 ///    predict for a pixel is averaged with the same weights; the first picture counts a little, and stands in where no
 ///    window fits. Colours are compared in the other half than the one that is filtered [after Rousselle 2012], over
 ///    3x3 pixels.
-/// 3. The two pictures and no filter at all are compared in each pixel by their estimated error over 5x5 pixels; the
+/// 4. The two pictures and no filter at all are compared in each pixel by their estimated error over 5x5 pixels; the
 ///    best ones, blended, guide a second pass, with albedo taken off and the noise that is left judged by the halves: one
 ///    guide for both, so that their windows share weights and normal equations.
-/// 4. The picture is the choice among all four by estimated error over 7x7 pixels.
+/// 5. The picture is the choice among all four by estimated error over 7x7 pixels.
 ///
 /// The recipe is that of a feasibility study (FEASIBILITY 4, steps 5, 6 and 9), with five changes that measured better
 /// on the bundled scenes (`docs/results/filters.md`): the cross-bilateral picture instead of NL-means, the choice itself
@@ -178,7 +181,8 @@ impl Filter for ClusterRegression {
 
     fn apply(&self, film: &Film) -> Result<Filtered, Error> {
         film.require(self.name(), &self.needs())?;
-        let inputs = Inputs::new(film, self.label.as_ref());
+        let mut inputs = Inputs::new(film, self.label.as_ref());
+        prefilter(&mut inputs);
         Ok(filtered(&inputs, &self.pair(&inputs)))
     }
 }

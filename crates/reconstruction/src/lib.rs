@@ -64,6 +64,7 @@ mod gaussian;
 mod membership;
 mod nl_means;
 mod planes;
+mod prefilter;
 mod regression;
 mod separable;
 mod source;

@@ -46,6 +46,8 @@ pub(crate) struct Features {
     pub(crate) mean: [Plane; FEATURES],
     /// Variances of the means of normal, albedo (each the sum over its channels) and logarithm of depth.
     pub(crate) variance: [Plane; 3],
+    /// The same of position, the sum over its coordinates.
+    pub(crate) scatter: Plane,
     /// By how much the logarithm of depth changes from pixel to pixel, the smallest of 3x3.
     pub(crate) slope: Plane,
     /// Position, relative to the mean position.
@@ -174,6 +176,7 @@ fn half(film: &Film, half: usize, level: f32, sample_variance: &Colours) -> Half
 struct Feature {
     mean: [f32; 10],
     variance: [f32; 3],
+    scatter: f32,
     depth: f32,
 }
 
@@ -193,6 +196,7 @@ fn features(film: &Film) -> Features {
     let slope = slopes(&mean[6], size);
     Features {
         variance: std::array::from_fn(|k| all.iter().map(|f| f.variance[k]).collect()),
+        scatter: all.iter().map(|f| f.scatter).collect(),
         mean,
         slope,
         position,
@@ -223,7 +227,9 @@ fn feature(film: &Film, i: usize, far: f32, middle: [f64; 3]) -> Option<Feature>
     let mean: [f32; 10] =
         std::array::from_fn(|k| if f.hits > 0 { miss[k] + share * (hit[k] - miss[k]) } else { miss[k] });
     let mut within = f.variance.unwrap_or_default();
+    let places = [within[6], within[7], within[8]];
     within[6] = within[9] / (depth * depth);
+    (0..3).for_each(|k| within[7 + k] = places[k]);
     let spread = |k: usize| {
         let gap = if f.hits > 0 { hit[k] - miss[k] } else { 0.0 };
         (share * within[k] + share * (1.0 - share) * gap * gap) / f.samples as f32
@@ -231,7 +237,8 @@ fn feature(film: &Film, i: usize, far: f32, middle: [f64; 3]) -> Option<Feature>
     let variance = [spread(0) + spread(1) + spread(2), spread(3) + spread(4) + spread(5), spread(6)];
     // What normals and albedo never reach; positions whose squares are finite.
     let within = |k: usize| if k < 6 { mean[k].clamp(-16.0, 16.0) } else { mean[k].clamp(-1e18, 1e18) };
-    Some(Feature { mean: std::array::from_fn(within), variance: variance.map(|v| v.min(UNKNOWN)), depth })
+    let scatter = (spread(7) + spread(8) + spread(9)).min(1e30);
+    Some(Feature { mean: std::array::from_fn(within), variance: variance.map(|v| v.min(UNKNOWN)), scatter, depth })
 }
 
 /// The natural logarithm of a positive normal number, to 2 units in the last place of the larger of it and 1: the same bits
@@ -259,11 +266,17 @@ fn from_neighbours(known: &[Option<Feature>], [width, height]: [usize; 2], i: us
         for f in known[row * width..][x.saturating_sub(2)..(x + 3).min(width)].iter().flatten() {
             (0..10).for_each(|k| sum.mean[k] += f.mean[k]);
             (0..3).for_each(|k| sum.variance[k] += f.variance[k]);
+            sum.scatter += f.scatter;
             sum.depth += f.depth;
             count += 1.0;
         }
     }
-    let mean = Feature { mean: sum.mean.map(|m| m / count), variance: sum.variance, depth: sum.depth / count };
+    let mean = Feature {
+        mean: sum.mean.map(|m| m / count),
+        variance: sum.variance,
+        scatter: sum.scatter,
+        depth: sum.depth / count,
+    };
     (count > 0.0).then_some(mean)
 }
 

@@ -1,0 +1,62 @@
+//! Out of focus, features are as noisy as radiance, and their noise is the same: who regresses one on the other keeps it.
+
+use dapple_core::samplers::Uniform;
+use dapple_core::{
+    Block, Draws, Estimate, Filter, FirstHit, Frame, Integrator, Limits, Needs, NoWatch, Observed, render,
+};
+use dapple_low_discrepancy::Random;
+use dapple_reconstruction::ClusterRegression;
+
+const SIDE: u32 = 48;
+
+/// A bright and a dark surface, of unlike normals, in the blur between them: each sample meets one of both.
+struct Blur;
+
+/// The share of the bright surface in column `x`.
+fn share(x: u32) -> f32 {
+    0.1 + 0.8 * (x as f32 + 0.5) / SIDE as f32
+}
+
+impl Integrator for Blur {
+    fn estimate(&self, draws: &Draws<'_>, _: &mut Observed) -> Estimate {
+        let [a, ..] = draws.block(Block::new(0));
+        let bright = a < share(draws.pixel()[0]);
+        let (radiance, normal) = if bright { (1.0, [0.0, 0.0, 1.0]) } else { (0.1, [1.0, 0.0, 0.0]) };
+        let hit = FirstHit {
+            position: if bright { [0.0; 3] } else { [5.0, 0.0, 3.0] },
+            geometric_normal: normal,
+            shading_normal: normal,
+            albedo: [radiance; 3],
+            depth: if bright { 2.0 } else { 5.0 },
+            footprint: 0.01,
+            roughness: 1.0,
+            material: u32::from(bright),
+            shape: 0,
+            primitive: 0,
+        };
+        Estimate { radiance: [radiance; 3], first_hit: draws.wants_first_hit().then_some(hit), cost: 1 }
+    }
+}
+
+/// What a filter leaves of the squared error, the mean over four seeds.
+#[test]
+fn noise_that_features_share_is_filtered() {
+    let filter = ClusterRegression::new();
+    let needs: Needs = filter.needs();
+    let frame = Frame::new(SIDE, SIDE).unwrap();
+    let (mut before, mut after) = (0.0, 0.0);
+    for seed in 1..=4 {
+        let mut sampler = Uniform::new(Random::new(seed));
+        let limits = Limits::samples(8 * frame.pixels() as u64);
+        let film = render(&mut Blur, &mut sampler, needs, frame, &limits, &mut NoWatch).unwrap();
+        let filtered = filter.apply(&film).unwrap().radiance;
+        for i in 0..frame.pixels() {
+            let truth = f64::from(0.1 + 0.9 * share(frame.pixel(i)[0]));
+            before += (film.mean(i)[0] - truth).powi(2);
+            after += (f64::from(filtered[i][0]) - truth).powi(2);
+        }
+    }
+    let left = after / before;
+    // 0.13; without the prefilter 0.99.
+    assert!(left < 0.25, "{left} of the error is left");
+}
