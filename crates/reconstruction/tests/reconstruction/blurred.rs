@@ -50,10 +50,10 @@ fn noise_that_features_share_is_filtered() {
         let limits = Limits::samples(8 * frame.pixels() as u64);
         let film = render(&mut Blur, &mut sampler, needs, frame, &limits, &mut NoWatch).unwrap();
         let filtered = filter.apply(&film).unwrap().radiance;
-        for i in 0..frame.pixels() {
+        for (i, [red, ..]) in filtered.iter().enumerate() {
             let truth = f64::from(0.1 + 0.9 * share(frame.pixel(i)[0]));
             before += (film.mean(i)[0] - truth).powi(2);
-            after += (f64::from(filtered[i][0]) - truth).powi(2);
+            after += (f64::from(*red) - truth).powi(2);
         }
     }
     let left = after / before;
