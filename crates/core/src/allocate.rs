@@ -235,6 +235,7 @@ fn share_out(
     };
     let mean = u32::try_from(total / scores.len() as u64).unwrap_or(u32::MAX - 1).max(1);
     let start = steps.gain(mean, steps.next(mean)) * scores.iter().sum::<f64>() / scores.len() as f64;
+    let start = threshold_of_some(start, &scores, floors, total, reach);
     let bracket = find_threshold(start, total, (scores.len() / 64).max(256) as u64, spend);
     let mut counts: Vec<u32> = match bracket.within {
         Some(t) => scores.iter().zip(floors).map(|(&g, &floor)| reach(g, floor, t)).collect(),
@@ -301,6 +302,29 @@ struct Bracket {
     beyond: f64,
 }
 
+/// The threshold that every so many pixels would have by themselves: where the search among all may begin, which it then ends
+/// in a few steps instead of a dozen.
+fn threshold_of_some(
+    start: f64,
+    scores: &[f64],
+    floors: &[u32],
+    total: u64,
+    reach: impl Fn(f64, u32, f64) -> u32,
+) -> f64 {
+    let stride = scores.len() / SOME;
+    if stride < 2 {
+        return start;
+    }
+    let some = || scores.iter().zip(floors).step_by(stride);
+    let share = some().count() as f64 / scores.len() as f64;
+    let spend = |threshold: f64| some().map(|(&g, &floor)| u64::from(reach(g, floor, threshold))).sum();
+    let bracket = find_threshold(start, (total as f64 * share) as u64, SOME as u64 / 64, spend);
+    bracket.within.unwrap_or(start)
+}
+
+/// Pixels that [`threshold_of_some`] looks at, about.
+const SOME: usize = 2048;
+
 /// Searches for the threshold at which the steps above it spend `total`, until at most `close`
 /// samples are left over, or only steps of nearly the same gain are (ties cannot be parted by a
 /// threshold). Spending falls with the threshold.
@@ -326,11 +350,12 @@ fn find_threshold(start: f64, total: u64, close: u64, spend: impl Fn(f64) -> u64
         if high.0 - low.0 < 1e-3 {
             break;
         }
-        // Outwards from the start in steps that double, then regula falsi on log(spent) with
-        // bisection every other step.
+        // Outwards from the start in steps that double, the first as long as it takes (spending goes with the root of
+        // the threshold at most, or nearly), then regula falsi on log(spent) with bisection every other step.
+        let outwards = |excess: f64| (4.0 * excess.abs()).clamp(0.01, 1.0) * f64::from(1u32 << step.min(10));
         guess = match (low.1.is_nan(), high.1.is_nan()) {
-            (true, _) => (high.0 - f64::from(1u32 << step.min(10))).max(least),
-            (_, true) => (low.0 + f64::from(1u32 << step.min(10))).min(most),
+            (true, _) => (high.0 - outwards(high.1)).max(least),
+            (_, true) => (low.0 + outwards(low.1)).min(most),
             _ if step % 2 == 1 => 0.5 * (low.0 + high.0),
             _ => low.0 + (high.0 - low.0) * (low.1 / (low.1 - high.1)).clamp(0.02, 0.98),
         };
@@ -385,6 +410,9 @@ fn hand_out_above(
     }
     let mut waiting = Vec::new();
     for (pixel, (&n, &score)) in counts.iter().zip(scores).enumerate() {
+        if steps.reach(threshold / score) <= n {
+            continue;
+        }
         let mut count = n;
         while count < ceiling {
             let next = steps.next(count);

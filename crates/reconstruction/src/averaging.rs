@@ -20,6 +20,10 @@ pub(crate) struct Window {
     pub(crate) falloff: f32,
 }
 
+/// Weights below this would change no sum, but make its terms subnormal numbers, which cost a hundred times as much as others: half
+/// of the time of a filter on smooth surfaces.
+pub(crate) const VANISHING: f32 = 1e-20;
+
 /// The weighted means of `values` (both halves').
 pub(crate) fn average(
     inputs: &Inputs,
@@ -32,10 +36,11 @@ pub(crate) fn average(
 }
 
 /// The same of those tiles, by their origin, that are `wanted`; the others keep their values.
-pub(crate) fn average_where(
+/// With a single guide both have the weights that it gives.
+pub(crate) fn average_where<const G: usize>(
     inputs: &Inputs,
     values: [&Colours; 2],
-    guides: &[Guide; 2],
+    guides: &[Guide; G],
     like: &Likeness,
     window: &Window,
     wanted: &(impl Fn([usize; 2]) -> bool + Sync),
@@ -63,10 +68,10 @@ pub(crate) fn memory(frame: &Frame, labels: bool, like: &Likeness, pooled: bool)
     FilterMemory { applying: memory.applying.max(averaging), ..memory }
 }
 
-struct TileTask<'a> {
+struct TileTask<'a, const G: usize> {
     inputs: &'a Inputs,
     values: [&'a Colours; 2],
-    guides: &'a [Guide; 2],
+    guides: &'a [Guide; G],
     like: &'a Likeness,
     sharp: Option<&'a [Plane; 3]>,
     window: &'a Window,
@@ -81,7 +86,7 @@ fn place(half: usize, y: usize, parity: usize) -> usize {
     (half * HEIGHT + y) * 2 + parity
 }
 
-impl WithSimd for TileTask<'_> {
+impl<const G: usize> WithSimd for TileTask<'_, G> {
     type Output = Sums;
 
     #[inline(always)]
@@ -96,11 +101,11 @@ impl WithSimd for TileTask<'_> {
     }
 }
 
-impl TileTask<'_> {
+impl<const G: usize> TileTask<'_, G> {
     #[inline(always)]
     fn run<S: Simd, const R: usize>(&self, simd: S) -> Sums {
         let tile = Tile::new(self.inputs, self.origin, self.like, self.sharp);
-        let guides = [0, 1].map(|h| tile.guide(&self.guides[h]));
+        let guides: [_; G] = std::array::from_fn(|g| tile.guide(&self.guides[g]));
         let values = [0, 1].map(|h: usize| {
             let [r, g, b] = self.values[h];
             let mut stack = Stack::new([r, g, b, &self.inputs.halves[h].count], self.inputs.size, self.origin);
@@ -108,7 +113,7 @@ impl TileTask<'_> {
             stack
         });
         let mut sums = vec![[0.0; 4 * LANES]; place(2, 0, 0)];
-        let mut differences = [Differences::new(), Differences::new()];
+        let mut differences: [Differences; G] = std::array::from_fn(|_| Differences::new());
         let side = 2 * self.window.radius + 1;
         for o in 0..side * side {
             let offset = [o % side, o / side].map(|d| d as isize - self.window.radius as isize);
@@ -127,7 +132,7 @@ impl TileTask<'_> {
         &self,
         simd: S,
         tile: &Tile,
-        differences: &mut [Differences; 2],
+        differences: &mut [Differences; G],
         values: &[Stack<4>; 2],
         offset: [isize; 2],
         sums: &mut Sums,
@@ -136,17 +141,18 @@ impl TileTask<'_> {
         let spatial = exp_minus(self.window.falloff * (dx * dx + dy * dy));
         let (spatial, cut) = (simd.splat_f32s(spatial), simd.splat_f32s(self.window.cut));
         let step = stride::<S>();
-        let mut weights = [[0.0; LANES]; 2];
+        let mut weights = [[0.0; LANES]; G];
         for y in 0..tile.extent()[0] {
             for differences in &mut *differences {
                 differences.sum_columns::<S, R>(simd, y);
             }
             for parity in 0..2 {
-                tile.weights::<S, R, 2>(simd, differences, self.like, [y, parity], offset, &mut weights);
+                tile.weights::<S, R, G>(simd, differences, self.like, [y, parity], offset, &mut weights);
                 for half in 0..2 {
                     let here = vectors::<S>(values[half].moved(y, parity, [0, 0]));
                     let there = vectors::<S>(values[half].moved(y, parity, offset));
-                    let weights = vectors::<S>(&weights[1 - half]);
+                    // The other half's, if there are two.
+                    let weights = vectors::<S>(&weights[(G - 1).saturating_sub(half)]);
                     let sums = S::as_mut_simd_f32s(&mut sums[place(half, y, parity)]).0;
                     for i in 0..LANES / S::F32_LANES {
                         let kept = simd.greater_than_or_equal_f32s(weights[i], cut);

@@ -1,6 +1,6 @@
 //! The cross-bilateral filter: near, of a similar surface, of a similar colour.
 
-use crate::averaging::{Window, average, guide, memory};
+use crate::averaging::{VANISHING, Window, average, guide, memory};
 use crate::cluster_gaussian::Label;
 use crate::error_map::{Pair, filtered};
 use crate::nl_means::{NEEDS, bandwidth, out, radius};
@@ -81,7 +81,7 @@ impl Bilateral {
     /// Both halves of a film filtered.
     pub(crate) fn pair(&self, inputs: &Inputs) -> Pair {
         let guides = [0, 1].map(|half| guide(inputs, half, true, true));
-        let window = Window { radius: self.window, cut: 0.0, falloff: self.falloff as f32 };
+        let window = Window { radius: self.window, cut: VANISHING, falloff: self.falloff as f32 };
         let values = [0, 1].map(|h: usize| &guides[h].colour);
         let mut pair = Pair(average(inputs, values, &guides, &self.likeness(), &window));
         pair.modulate(inputs);

@@ -1,6 +1,6 @@
 //! First-hit features without most of the noise that lens, shutter and geometry finer than pixels leave in them.
 
-use crate::averaging::{Window, average_where};
+use crate::averaging::{VANISHING, Window, average_where};
 use crate::planes::{Colours, Inputs, Plane, box_mean};
 use crate::tile::{Guide, HEIGHT, Likeness, WIDTH};
 
@@ -8,7 +8,7 @@ use crate::tile::{Guide, HEIGHT, Likeness, WIDTH};
 /// and 1 leave 2 and 4 % more error.
 const LIKE: Likeness = Likeness { patch: 1, colour: 0.7, features: None, outside: 1.0 };
 /// As above: 7x7 leaves 1 % more error, 11x11 and 15x15 no less.
-const WINDOW: Window = Window { radius: 4, cut: 0.0, falloff: 0.0 };
+const WINDOW: Window = Window { radius: 4, cut: VANISHING, falloff: 0.0 };
 /// Variances of the means of normal, albedo and logarithm of depth below this are no noise.
 const QUIET: f32 = 1e-5;
 
@@ -32,10 +32,10 @@ pub(crate) fn prefilter(inputs: &mut Inputs) {
     let wanted = tiles_with(inputs.size, |i| vd[i] > QUIET);
     // Nearer than a pixel is wide is the same place.
     let width = |i: usize| (1.0 / (24.0 * inputs.features.scale[i])).clamp(1e-15, 1e15).powi(2);
-    let places = [(); 2].map(|()| guide(inputs, position.clone(), &inputs.features.scatter, width));
+    let place = [guide(inputs, position, &inputs.features.scatter, width)];
     let depths: Colours = [depth.clone(), depth.clone(), depth];
-    let values = [&places[1].colour, &depths];
-    let [position, [depth, ..]] = average_where(inputs, values, &places, &LIKE, &WINDOW, &wanted);
+    let values = [&place[0].colour, &depths];
+    let [position, [depth, ..]] = average_where(inputs, values, &place, &LIKE, &WINDOW, &wanted);
     inputs.features.position = position;
     inputs.features.mean = [nx, ny, nz, r, g, b, depth];
 }

@@ -3,15 +3,20 @@
 use super::{ErrorDriven, FLOOR, Pooling, geometric_variance, relative_variance};
 use crate::Cells;
 use dapple_core::{BudgetLeft, Error, Feedback, Film, Plan, PointSet, RgbMoments, allocate_on_ladder, ladder_floor};
+use rayon::prelude::*;
+
+/// Counts up to this have their powers in a table.
+const TABLE: u32 = 4096;
 
 /// Share of the mean score that every pixel has, whatever the pilot saw.
 const SCORE_FLOOR: f64 = 0.01;
 
 impl<P: PointSet> ErrorDriven<P> {
     /// The scores of all pixels, from what `moments` says of each.
-    fn scores(&self, film: &Film, moments: impl Fn(usize) -> RgbMoments) -> Result<Vec<f64>, Error> {
+    fn scores(&self, film: &Film, moments: impl Fn(usize) -> RgbMoments + Sync + Send) -> Result<Vec<f64>, Error> {
         let o = &self.options;
-        let known: Vec<RgbMoments> = (0..film.frame().pixels()).map(moments).collect();
+        let pixels = (0..film.frame().pixels()).into_par_iter().with_min_len(4096);
+        let known: Vec<RgbMoments> = pixels.map(moments).collect();
         let cells = if o.look_at_hits() { Some(Cells::of_film(film, &o.cells)?) } else { None };
         let pooling = Pooling { pool: o.pool, radius: o.radius, prior: o.prior, power: o.power, epsilon: o.epsilon };
         let mut scores = relative_variance(&known, film.frame().size(), &pooling, cells.as_ref())?;
@@ -75,15 +80,10 @@ impl<P: PointSet> ErrorDriven<P> {
             shared = allocate_on_ladder(scores, floors, ceiling, total, exponent, even)?;
         }
         let left = |n: f64| n.max(1.0).powf(-exponent);
-        // Neighbours mostly stand on the same rung.
-        let mut last = (0, left(0.0));
-        let left_of = |n: u32| {
-            if n != last.0 {
-                last = (n, left(f64::from(n)));
-            }
-            last.1
-        };
-        let promised: f64 = shared.counts.iter().copied().map(left_of).zip(scores).map(|(left, s)| s * left).sum();
+        // There are more pixels than counts, mostly: powers once for each of these.
+        let known: Vec<f64> = (0..=cap.min(TABLE)).map(|n| left(f64::from(n))).collect();
+        let left_of = |&n: &u32| known.get(n as usize).copied().unwrap_or_else(|| left(f64::from(n)));
+        let promised: f64 = shared.counts.iter().map(left_of).zip(scores).map(|(left, s)| s * left).sum();
         let uniform = scores.iter().sum::<f64>() * left(mean);
         if promised > self.options.gain * uniform {
             let alike = vec![1.0; scores.len()];

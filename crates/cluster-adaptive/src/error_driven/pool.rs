@@ -70,20 +70,17 @@ pub fn relative_variance(
         _ => return Err(Error::range("cells", "none of this size", "the cells of this picture")),
     };
     let radius = pooling.radius as usize;
-    let plane = |f: &(dyn Fn(&RgbMoments) -> f64 + Sync)| -> Vec<f64> {
-        moments.par_iter().with_min_len(SERIAL).map(f).collect()
-    };
     let box_sums = |plane: &[f64]| box_sums(plane, [w, h], radius);
-    let freedom = plane(&|m| m.count.saturating_sub(1) as f64);
+    let freedom = plane(moments, |m| m.count.saturating_sub(1) as f64);
     let freedoms = if pooling.pool == Pool::Cell { Vec::new() } else { box_sums(&freedom) };
-    let seen = box_sums(&plane(&|m| f64::from(u8::from(m.count > 0))));
+    let seen = box_sums(&plane(moments, |m| f64::from(u8::from(m.count > 0))));
     let mut sums = vec![0.0; w * h];
     for c in 0..3 {
-        let deviations = plane(&|m| match (m.count.saturating_sub(1) as f64, m.m2[c]) {
+        let deviations = plane(moments, |m| match (m.count.saturating_sub(1) as f64, m.m2[c]) {
             (freedom, m2) if freedom > 0.0 && m2.is_finite() => freedom * power(m2.max(0.0) / freedom, pooling.power),
             _ => 0.0,
         });
-        let means = box_sums(&plane(&|m| m.mean[c]));
+        let means = box_sums(&plane(moments, |m| m.mean[c]));
         let pools = match pooling.pool {
             Pool::Cell => over_cells(&deviations, &freedom, &first, cells.map_or(0, Cells::len)),
             Pool::Window => divided(&box_sums(&deviations), &freedoms),
@@ -122,6 +119,10 @@ fn root(x: f64, power: f64) -> f64 {
         2.0 => x.sqrt(),
         _ => x.powf(1.0 / power),
     }
+}
+
+fn plane(moments: &[RgbMoments], f: impl Fn(&RgbMoments) -> f64 + Sync + Send) -> Vec<f64> {
+    moments.par_iter().with_min_len(SERIAL).map(f).collect()
 }
 
 fn ratio(a: f64, b: f64) -> f64 {
