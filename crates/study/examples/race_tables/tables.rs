@@ -48,7 +48,7 @@ pub(crate) fn head(board: &Board) -> String {
     let load = loads.iter().sum::<f64>() / loads.len().max(1) as f64;
     let limited = board.runs().filter(|run| run.reference_limited).count();
     let rejected: u64 = board.runs().map(|run| run.rejected).sum();
-    let mut text = format!(
+    let text = format!(
         "Commit {}; {} scenes, {} methods on `sobol`, {spp} spp, {seeds} seeds, {threads} thread a run; {} runs, {} missing; mean load \
          average {load:.2}; {limited} runs within 100 times the reference's own variance, which is taken out; {rejected} samples \
          rejected.\n\nRatios are over `uniform` at the same place unless said otherwise, the geometric mean over seeds, paired; [ , ] \
@@ -62,20 +62,21 @@ pub(crate) fn head(board: &Board) -> String {
         board.runs().count(),
         board.missing,
     );
-    for manifest in &board.manifests {
-        for scene in &manifest.scenes {
-            let own = scene.reference.relmse.map_or_else(|| "unknown".into(), |v| format!("{v:.1e}"));
-            let spp = scene.reference.spp.map_or_else(|| "a file".into(), |n| format!("{n} spp"));
-            text += &format!(
-                "{}{} {}x{} ({spp}, relMSE of the reference {own})",
-                if text.ends_with('\n') { "\n" } else { "; " },
-                scene.name,
-                scene.resolution[0],
-                scene.resolution[1]
-            );
+    let scenes = board.manifests.iter().flat_map(|manifest| &manifest.scenes);
+    let described = scenes.map(|scene| {
+        let own = scene.reference.relmse.map_or_else(|| "unknown".into(), |v| format!("{v:.1e}"));
+        let spp = scene.reference.spp.map_or_else(|| "a file".into(), |n| format!("{n} spp"));
+        let [width, height] = scene.resolution;
+        format!("{} {width}x{height} ({spp}, relMSE of the reference {own})", scene.name)
+    });
+    // Several studies have the same ones.
+    let mut once: Vec<String> = Vec::new();
+    described.for_each(|scene| {
+        if !once.contains(&scene) {
+            once.push(scene)
         }
-    }
-    text + "\n"
+    });
+    text + "\n" + &once.join("; ") + "\n"
 }
 
 /// How much less time than `uniform` the default takes to its own error.
