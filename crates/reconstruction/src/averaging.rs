@@ -20,7 +20,7 @@ pub(crate) struct Window {
     pub(crate) falloff: f32,
 }
 
-/// Weights below this would change no sum, but make its terms subnormal numbers, which cost a hundred times as much as others: half
+/// Weights below this would change no sum, but make its terms subnormal numbers, which cost a hundred times as much as others: a third
 /// of the time of a filter on smooth surfaces.
 pub(crate) const VANISHING: f32 = 1e-20;
 

@@ -84,7 +84,7 @@ impl Inputs {
     /// Bytes per pixel of these planes: when they are made, and the most while they are.
     pub(crate) const fn bytes_per_pixel(labels: bool) -> [usize; 2] {
         let (halves, labels) = (2 * 7, if labels { 1 } else { 0 });
-        let features = FEATURES + 3 + 1 + 3 + 1;
+        let features = FEATURES + 3 + 1 + 1 + 3 + 1;
         // Planes of features come last: depths, what is known of each pixel, and the same filled in, are still there, as are
         // the samples' pooled variances.
         let known = size_of::<Option<f32>>() + size_of::<Option<Feature>>() + size_of::<Feature>();
