@@ -20,8 +20,8 @@ pub(crate) struct Window {
     pub(crate) falloff: f32,
 }
 
-/// Weights below this would change no sum, but make its terms subnormal numbers, which cost a hundred times as much as others: a third
-/// of the time of a filter on smooth surfaces.
+/// Weights below this are too small to show in a sum, but make its terms subnormal numbers, which are slow: a third of the time
+/// of `cluster-regression` (docs/results/filters.md).
 pub(crate) const VANISHING: f32 = 1e-20;
 
 /// The weighted means of `values` (both halves').
