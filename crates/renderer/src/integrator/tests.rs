@@ -1,17 +1,20 @@
 //! What roulette, and a choice among lights that is learned, leave as they are.
 
-use super::code::{DEEP, GUIDED, SEVERAL};
+use super::code::{DEEP, GUIDED, SEVERAL, SKY};
 use super::path::PathTracer;
 use crate::World;
 use crate::camera::Pinhole;
+use crate::image::Picture;
 use crate::light::LightChoice;
 use crate::scene::{
-    Camera, Color, Emission, Geometry, Material, MaterialId, MaterialKind, Projection, Scene, Shape, Source,
+    Camera, Color, Emission, EnvironmentRadiance, Geometry, Light, LightKind, Material, MaterialId, MaterialKind,
+    Projection, Scene, Shape, Source,
 };
 use dapple_core::samplers::Uniform;
 use dapple_core::{Frame, Integrator, Limits, Needs, NoWatch, render};
 use dapple_low_discrepancy::Sobol;
 use glam::{DAffine3, DVec3};
+use std::sync::Arc;
 
 const SIZE: u32 = 16;
 const SPP: u64 = 64;
@@ -111,12 +114,45 @@ fn three_lamps() -> World {
     world
 }
 
+/// Two balls, the nearer in the light of a picture that is bright on a side and black on another.
+fn under_a_sky() -> World {
+    let mut scene = Scene { max_depth: Some(3), ..Scene::default() };
+    scene.film.resolution = [SIZE; 2];
+    scene.camera = Camera { projection: Projection::Perspective { fov: 50.0 }, ..Camera::default() };
+    let kind = MaterialKind::Diffuse { reflectance: Color::Constant([0.7; 3]) };
+    scene.materials.push(Material::new("ball", kind, Source::default()));
+    for (radius, at) in [(0.6, [0.2, 0.0, 1.6]), (0.9, [-0.8, 0.3, 3.0])] {
+        let to_world = DAffine3::from_translation(DVec3::from(at));
+        scene.shapes.push(Shape::new(Geometry::Sphere { radius }, to_world, MaterialId(0), Source::default()));
+    }
+    let value = |i: u32| match i % 16 {
+        0..3 => 0.0,
+        3..6 => 4.0,
+        _ => 0.1 + 0.2 * (i / 16) as f32,
+    };
+    let picture = Picture::new([16, 8], (0..128).map(|i| [value(i); 3]).collect()).expect("as many");
+    let radiance = EnvironmentRadiance::LatLong { picture: Arc::new(picture), scale: 1.0 };
+    let kind = LightKind::Infinite { radiance };
+    scene.lights.push(Light { kind, to_world: DAffine3::IDENTITY, source: Source::default() });
+    let mut world = World::new(&scene).unwrap_or_else(|e| panic!("{e}"));
+    world.set_light_choice(LightChoice::Cells);
+    world
+}
+
 #[test]
 fn a_learned_choice_among_lights_changes_no_mean() {
+    changes_no_mean::<SEVERAL, { SEVERAL | GUIDED }>(&three_lamps());
+}
+
+#[test]
+fn a_learned_choice_among_parts_of_a_sky_changes_no_mean() {
+    changes_no_mean::<{ SEVERAL | SKY }, { SEVERAL | SKY | GUIDED }>(&under_a_sky());
+}
+
+fn changes_no_mean<const PLAIN: u32, const LEARNING: u32>(world: &World) {
     const CRITICAL: f64 = 8.0;
-    let world = three_lamps();
-    let (by_power, _) = rendered(PathTracer::<Pinhole, SEVERAL>::new(&world));
-    let learning = || PathTracer::<Pinhole, { SEVERAL | GUIDED }>::new(&world);
+    let (by_power, _) = rendered(PathTracer::<Pinhole, PLAIN>::new(world));
+    let learning = || PathTracer::<Pinhole, LEARNING>::new(world);
     assert!(learning().guide.is_some());
     let (learned, _) = rendered(learning());
     let found = deviation(by_power, learned);

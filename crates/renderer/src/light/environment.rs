@@ -1,5 +1,9 @@
 //! Light from beyond the scene.
 
+mod parts;
+
+pub(crate) use parts::Parts;
+
 use super::{LightSample, Target, luminance, octahedral};
 use crate::image::Picture;
 use crate::scene::{EnvironmentRadiance, Source};
@@ -143,18 +147,18 @@ impl Environment {
     pub(super) fn sample(&self, u: [f32; 2]) -> Option<LightSample> {
         let (wi, radiance, pdf) = match &self.kind {
             Kind::Constant(rgb) => (warp::uniform_sphere(u), *rgb, warp::uniform_sphere_pdf()),
-            Kind::Picture(map) => {
-                // A look at a pixel nearby, or the same, brings its line into the cache while the cell is searched.
-                let (uv, density) = map.cells.sample_near(u, |i| {
-                    std::hint::black_box(map.picture.pixels[i][0]);
-                })?;
-                let (local, pdf) = map.layout.to_sphere(uv, density);
-                // Radiance and density both of the cell that was drawn: its direction may round into the next.
-                ((self.to_world * local).normalize(), map.radiance(uv), pdf)
-            }
+            Kind::Picture(map) => self.drawn(map, map.cells.sample_near(u, |i| map.look(i))?),
         };
         let shines = pdf.is_finite() && radiance != Vec3::ZERO;
         shines.then_some(LightSample { wi, radiance, pdf, target: Target::Far, delta: false })
+    }
+
+    /// Direction, radiance and density in solid angle of a point drawn in the picture.
+    #[inline(always)]
+    fn drawn(&self, map: &Map, (uv, density): ([f32; 2], f32)) -> (Vec3, Vec3, f32) {
+        let (local, pdf) = map.layout.to_sphere(uv, density);
+        // Radiance and density both of the cell that was drawn: its direction may round into the next.
+        ((self.to_world * local).normalize(), map.radiance(uv), pdf)
     }
 
     /// Density in solid angle with which directions are drawn.
@@ -169,10 +173,22 @@ impl Environment {
         match &self.kind {
             Kind::Constant(rgb) => (*rgb, warp::uniform_sphere_pdf()),
             Kind::Picture(map) => {
-                let uv = map.layout.to_uv(self.to_light * w);
-                (map.radiance(uv), map.layout.pdf(uv, map.cells.pdf(uv)))
+                let (_, radiance, pdf) = self.looked_up(map, w);
+                (radiance, pdf)
             }
         }
+    }
+
+    /// Place in the picture, radiance and density in solid angle.
+    #[inline(always)]
+    fn looked_up(&self, map: &Map, w: Vec3) -> ([f32; 2], Vec3, f32) {
+        let uv = map.layout.to_uv(self.to_light * w);
+        (uv, map.radiance(uv), map.layout.pdf(uv, map.cells.pdf(uv)))
+    }
+
+    /// As [`Light`](super::Light) has it: radiance times 4 pi, times the disk pi r^2, over pi.
+    pub(super) fn power(&self, scene_radius: f64) -> f64 {
+        4.0 * std::f64::consts::PI * scene_radius * scene_radius * self.average_luminance()
     }
 
     /// Mean luminance over the sphere.
@@ -217,11 +233,22 @@ impl Map {
     }
 
     #[inline]
-    fn radiance(&self, [u, v]: [f32; 2]) -> Vec3 {
+    fn radiance(&self, uv: [f32; 2]) -> Vec3 {
+        let [column, row] = self.texel(uv);
+        Vec3::from_array(self.picture.pixels[(row * self.picture.size[0] + column) as usize]) * self.scale
+    }
+
+    /// Column and row.
+    #[inline]
+    fn texel(&self, [u, v]: [f32; 2]) -> [u32; 2] {
         let [width, height] = self.picture.size;
-        let column = ((u * width as f32) as u32).min(width - 1);
-        let row = ((v * height as f32) as u32).min(height - 1);
-        Vec3::from_array(self.picture.pixels[(row * width + column) as usize]) * self.scale
+        [((u * width as f32) as u32).min(width - 1), ((v * height as f32) as u32).min(height - 1)]
+    }
+
+    /// A look at a pixel near the one to come, or that one, brings its line into the cache while its cell is searched.
+    #[inline(always)]
+    fn look(&self, pixel: usize) {
+        std::hint::black_box(self.picture.pixels[pixel][0]);
     }
 }
 

@@ -57,6 +57,10 @@ impl Expected {
             Light::Environment(sky) => {
                 Self::Far { towards: Vec3::ZERO, irradiance: (std::f64::consts::PI * sky.average_luminance()) as f32 }
             }
+            Light::Part(parts, part) => {
+                let (towards, irradiance) = parts.expected(*part);
+                Self::Far { towards, irradiance }
+            }
         }
     }
 

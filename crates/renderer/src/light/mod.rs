@@ -13,6 +13,7 @@ mod spherical;
 
 pub use area::{DiskLamp, MeshLamp, SphereLamp};
 pub use choice::LightChoice;
+use environment::Parts;
 pub use environment::{Environment, EnvironmentError};
 pub(crate) use expected::Expected;
 pub use punctual::{DistantLamp, PointLamp, PunctualError, SpotLamp};
@@ -21,10 +22,11 @@ use crate::shading::discrete::Discrete;
 use crate::shading::power_heuristic;
 use dapple_geometry::SurfacePoint;
 use glam::Vec3;
+use std::sync::Arc;
 
 /// One emitter: a shape that shines, something without extent, or what lies beyond the scene.
 #[derive(Clone, Debug)]
-pub enum Light {
+pub(crate) enum Light {
     /// Triangles.
     Mesh(MeshLamp),
     /// A sphere.
@@ -32,7 +34,9 @@ pub enum Light {
     /// A disk or ring.
     Disk(DiskLamp),
     /// Everything beyond the scene.
-    Environment(Environment),
+    Environment(Arc<Environment>),
+    /// A part of that.
+    Part(Arc<Parts>, u32),
     /// A point.
     Point(PointLamp),
     /// A point that shines into a cone.
@@ -100,33 +104,91 @@ pub struct Lights {
     choice: Discrete,
     pmf: Vec<f32>,
     /// Those that rays beyond the scene meet.
-    skies: Vec<u32>,
+    skies: Vec<Sky>,
+    /// How many there are with each environment in one piece.
+    whole: usize,
     has_delta: bool,
     /// Whether integrators are to learn the choice.
     learned: bool,
     scene_radius: f32,
 }
 
+/// An environment among the lights.
+#[derive(Clone, Debug)]
+struct Sky {
+    whole: Arc<Environment>,
+    /// The light that it is, or its first part.
+    light: u32,
+    /// Its parts, if it is cut up, and the light that is the second of them: the rest follow.
+    cut: Option<(Arc<Parts>, u32)>,
+}
+
+impl Sky {
+    /// Radiance from unit direction `w`, the density in solid angle with which its light draws it, and that light.
+    #[inline(always)]
+    fn find(&self, w: Vec3) -> (Vec3, f32, u32) {
+        match &self.cut {
+            None => {
+                let (radiance, pdf) = self.whole.radiance_and_pdf(w);
+                (radiance, pdf, self.light)
+            }
+            Some((parts, second)) => {
+                let (radiance, pdf, part) = parts.find(w);
+                (radiance, pdf, if part == 0 { self.light } else { second + part - 1 })
+            }
+        }
+    }
+}
+
 impl Lights {
     /// Lights, chosen by power; those that give no light must have been left out.
     pub(crate) fn new(lights: Vec<Light>, scene_radius: f32) -> Self {
-        let skies = (0..lights.len() as u32).filter(|&i| matches!(lights[i as usize], Light::Environment(_))).collect();
+        let sky = |(light, of): (usize, &Light)| match of {
+            Light::Environment(whole) => Some(Sky { whole: whole.clone(), light: light as u32, cut: None }),
+            _ => None,
+        };
+        let skies = lights.iter().enumerate().filter_map(sky).collect();
         let has_delta = lights.iter().any(|l| matches!(l, Light::Point(_) | Light::Spot(_) | Light::Distant(_)));
         let (choice, pmf) = (choice::by_power(&[]), Vec::new());
-        let mut lights = Self { lights, choice, pmf, skies, has_delta, learned: false, scene_radius };
+        let whole = lights.len();
+        let mut lights = Self { lights, choice, pmf, skies, whole, has_delta, learned: false, scene_radius };
         lights.set_choice(LightChoice::default());
         lights
     }
 
     /// Sets how a light is chosen. Whatever it is, every light has a chance.
     pub(crate) fn set_choice(&mut self, choice: LightChoice) {
+        self.learned = choice == LightChoice::Cells;
+        self.join();
+        if self.learned {
+            self.cut();
+        }
         let weight = |light: &Light| match choice {
             LightChoice::Power | LightChoice::Cells => light.power(f64::from(self.scene_radius)),
             LightChoice::Uniform => 1.0,
         };
-        self.learned = choice == LightChoice::Cells;
         self.choice = choice::by_power(&self.lights.iter().map(weight).collect::<Vec<_>>());
         self.pmf = (0..self.lights.len()).map(|i| self.choice.pmf(i)).collect();
+    }
+
+    /// Makes a light of each part of an environment, so that the choice among them can be learned.
+    fn cut(&mut self) {
+        for sky in &mut self.skies {
+            let Some(parts) = Parts::new(&sky.whole).map(Arc::new) else { continue };
+            let second = self.lights.len() as u32;
+            self.lights[sky.light as usize] = Light::Part(parts.clone(), 0);
+            self.lights.extend((1..parts.len() as u32).map(|part| Light::Part(parts.clone(), part)));
+            sky.cut = Some((parts, second));
+        }
+    }
+
+    /// Undoes that.
+    fn join(&mut self) {
+        self.lights.truncate(self.whole);
+        for sky in &mut self.skies {
+            self.lights[sky.light as usize] = Light::Environment(sky.whole.clone());
+            sky.cut = None;
+        }
     }
 
     /// What each light is expected to give.
@@ -134,7 +196,7 @@ impl Lights {
         self.lights.iter().map(Expected::of).collect()
     }
 
-    /// How many lights there are.
+    /// How many lights there are to choose among: an environment counts as its parts where the choice is learned.
     pub fn len(&self) -> usize {
         self.lights.len()
     }
@@ -173,14 +235,13 @@ impl Lights {
     #[inline(always)]
     pub(crate) fn sky_chosen(&self, direction: Vec3, last_pdf: Option<f32>, pmf: impl Fn(u32) -> f32) -> Vec3 {
         let mut sum = Vec3::ZERO;
-        for &light in &self.skies {
-            let Light::Environment(sky) = &self.lights[light as usize] else { continue };
+        for sky in &self.skies {
             sum += match last_pdf {
                 Some(last) => {
-                    let (radiance, pdf) = sky.radiance_and_pdf(direction);
+                    let (radiance, pdf, light) = sky.find(direction);
                     radiance * power_heuristic(last, pdf * pmf(light))
                 }
-                None => sky.radiance(direction),
+                None => sky.whole.radiance(direction),
             };
         }
         sum
@@ -205,6 +266,7 @@ impl Lights {
             Light::Sphere(lamp) => lamp.sample(from, u),
             Light::Disk(lamp) => lamp.sample(from, u),
             Light::Environment(sky) => sky.sample(u),
+            Light::Part(parts, part) => parts.sample(*part, u),
             Light::Point(lamp) => lamp.sample(from),
             Light::Spot(lamp) => lamp.sample(from),
             Light::Distant(lamp) => Some(lamp.sample()),
@@ -228,7 +290,7 @@ impl Lights {
             Light::Mesh(lamp) => lamp.pdf(from, point),
             Light::Sphere(lamp) => lamp.pdf(from, point),
             Light::Disk(lamp) => lamp.pdf(from, point),
-            Light::Environment(_) | Light::Point(_) | Light::Spot(_) | Light::Distant(_) => 0.0,
+            Light::Environment(_) | Light::Part(..) | Light::Point(_) | Light::Spot(_) | Light::Distant(_) => 0.0,
         };
         pdf * pmf
     }
@@ -240,7 +302,7 @@ impl Lights {
             Light::Mesh(lamp) => Some(lamp.lamp()),
             Light::Sphere(lamp) => Some(lamp.lamp()),
             Light::Disk(lamp) => Some(lamp.lamp()),
-            Light::Environment(_) | Light::Point(_) | Light::Spot(_) | Light::Distant(_) => None,
+            Light::Environment(_) | Light::Part(..) | Light::Point(_) | Light::Spot(_) | Light::Distant(_) => None,
         }
     }
 
@@ -258,10 +320,8 @@ impl Light {
             Self::Mesh(lamp) => lamp.area() * lamp.lamp().brightness(),
             Self::Sphere(lamp) => lamp.area() * lamp.lamp().brightness(),
             Self::Disk(lamp) => lamp.area() * lamp.lamp().brightness(),
-            // Radiance times 4 pi times the disk pi r^2.
-            Self::Environment(sky) => {
-                4.0 * std::f64::consts::PI * scene_radius * scene_radius * sky.average_luminance()
-            }
+            Self::Environment(sky) => sky.power(scene_radius),
+            Self::Part(parts, part) => parts.whole().power(scene_radius) * parts.share(*part),
             // Intensity times 4 pi.
             Self::Point(lamp) => 4.0 * luminance(lamp.intensity()),
             Self::Spot(lamp) => 4.0 * luminance(lamp.intensity()) * lamp.share_of_sphere(),

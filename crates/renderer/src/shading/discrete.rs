@@ -1,6 +1,9 @@
 //! Choosing one of many by weight.
 
+mod window;
+
 use super::Error;
+pub(crate) use window::Window;
 
 /// Largest coordinate below 1.
 const BELOW_ONE: f32 = 1.0 - 0.5 * f32::EPSILON;
@@ -173,13 +176,18 @@ impl PiecewiseConstant2d {
     #[inline(always)]
     pub(crate) fn sample_near(&self, u: [f32; 2], near: impl FnOnce(usize)) -> Option<([f32; 2], f32)> {
         let row = self.rows.sample(u[1])?;
-        let across = f64::from(u[0].clamp(0.0, BELOW_ONE));
+        Some(self.sample_row(row, f64::from(u[0].clamp(0.0, BELOW_ONE)), near))
+    }
+
+    /// The point of a row, and its density, that a coordinate `across` it chooses, in `[0, 1)`.
+    #[inline(always)]
+    fn sample_row(&self, row: Choice, across: f64, near: impl FnOnce(usize)) -> ([f32; 2], f32) {
         let slot = row.index * (self.slots + 1) + (across * self.slots as f64) as usize;
         let [first, last] = [self.guides[slot] as usize, self.guides[slot + 1] as usize];
         near(row.index * self.size[0] + (first + last) / 2);
         let column = invert(self.row(row.index), first, last, across);
         let uv = [place(column, self.size[0]), place(row, self.size[1])];
-        Some((uv, self.density(row.index, column.index)))
+        (uv, self.density(row.index, column.index))
     }
 
     /// The density at `(u, v)`, clamped into the unit square; the same as [`sample`](Self::sample) gave.

@@ -15,6 +15,7 @@ use crate::space::{Space, even_scale};
 use crate::texture::Textures;
 use dapple_geometry::{Disk, Geometry, Mesh, Shape, Sphere};
 use glam::{DAffine3, DVec3, Vec3};
+use std::sync::Arc;
 
 /// Everything that keeps a scene from being rendered.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -180,7 +181,8 @@ fn lights_without_shape(scene: &Scene, space: &Space, problems: &mut Problems) -
         let (to_world, at) = (light.to_world, &light.source);
         let made = match &light.kind {
             LightKind::Infinite { radiance } => {
-                problems.note(Environment::new(radiance, to_world.matrix3, at)).flatten().map(Light::Environment)
+                let sky = problems.note(Environment::new(radiance, to_world.matrix3, at)).flatten();
+                sky.map(|sky| Light::Environment(Arc::new(sky)))
             }
             LightKind::Point { intensity } => {
                 problems.note(PointLamp::new(*intensity, to_world, space, at)).flatten().map(Light::Point)

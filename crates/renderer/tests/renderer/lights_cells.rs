@@ -1,11 +1,17 @@
 //! A choice among lights that is learned per cell: what it leaves as it is, and what it is worth.
+#![allow(clippy::print_stderr)]
 
+use crate::support::{add, add_material, diffuse, line, rectangle, scene};
 use dapple_core::samplers::Uniform;
 use dapple_core::{Film, Frame, Limits, Needs, NoWatch, Sampler, Schedule, render};
 use dapple_low_discrepancy::Sobol;
+use dapple_renderer::image::Picture;
 use dapple_renderer::light::LightChoice;
 use dapple_renderer::registry::{self, Setting};
+use dapple_renderer::scene::{EnvironmentRadiance, Light, LightKind};
 use dapple_renderer::{Stage, World, bundled, integrator};
+use glam::{DAffine3, DVec3};
+use std::sync::Arc;
 
 const SIZE: [u32; 2] = [48, 32];
 
@@ -115,16 +121,63 @@ fn one_light_leaves_nothing_to_learn() {
 #[test]
 fn learned_choices_pay_in_a_room_of_many_lamps() {
     let worlds = [LightChoice::Power, LightChoice::Uniform, LightChoice::Cells].map(room);
-    let truth = uniform(&worlds[2], 999, 1024).picture();
-    let error = |world: &World| -> f64 {
-        (1..=4)
-            .map(|seed| {
-                let picture = uniform(world, seed, 8).picture();
-                let pairs = picture.iter().flatten().zip(truth.iter().flatten());
-                pairs.map(|(x, t)| f64::from((x - t).powi(2) / (t * t + 0.01))).sum::<f64>()
-            })
-            .sum()
-    };
-    let [power, by_turns, learned] = [0, 1, 2].map(|i| error(&worlds[i]));
+    let [power, by_turns, learned] = errors(worlds.each_ref());
     assert!(learned < 0.7 * by_turns.min(power), "{learned} of {by_turns} by turns, {power} by power");
+}
+
+/// Squared errors over the truth's squares at 8 samples a pixel, all pixels of four pictures summed; the truth is the last
+/// world's.
+fn errors<const N: usize>(worlds: [&World; N]) -> [f64; N] {
+    let truth = uniform(worlds[N - 1], 999, 1024).picture();
+    worlds.map(|world| {
+        let pictures = (1..=4).map(|seed| uniform(world, seed, 8).picture());
+        let error = |picture: Vec<[f32; 3]>| {
+            let pairs = picture.iter().flatten().zip(truth.iter().flatten());
+            pairs.map(|(x, t)| f64::from((x - t).powi(2) / (t * t + 0.01))).sum::<f64>()
+        };
+        pictures.map(error).sum()
+    })
+}
+
+/// A courtyard open to the sky, of which a floor sees what its walls leave: most of the light is behind one of them.
+fn courtyard(choice: LightChoice) -> World {
+    let mut scene = scene(SIZE, 60.0, DVec3::new(0.0, -2.5, 2.0), DVec3::new(0.0, 0.0, 0.2));
+    let white = add_material(&mut scene, diffuse(0.6));
+    add(&mut scene, rectangle(DVec3::ZERO, DVec3::X * 3.0, DVec3::Y * 3.0), DAffine3::IDENTITY, white, None);
+    for (at, along) in [(DVec3::X * 1.5, DVec3::Y * 3.0), (DVec3::Y * 1.5, DVec3::X * 3.0)] {
+        add(&mut scene, rectangle(at + DVec3::Z * 0.7, along, DVec3::Z * 0.7), DAffine3::IDENTITY, white, None);
+    }
+    // A low sun of a few texels behind the wall at +x, and another half as bright on the other side.
+    let value = |i: u32| match (i % 64, i / 64) {
+        (0..4, 12..14) => 60.0,
+        (32..36, 12..14) => 30.0,
+        (_, 0..16) => 0.4,
+        _ => 0.1,
+    };
+    let picture = Picture::new([64, 32], (0..64 * 32).map(|i| [value(i); 3]).collect()).expect("as many");
+    let kind = LightKind::Infinite { radiance: EnvironmentRadiance::LatLong { picture: Arc::new(picture), scale: 1.0 } };
+    scene.lights.push(Light { kind, to_world: DAffine3::IDENTITY, source: line(200) });
+    let mut world = World::new(&scene).unwrap_or_else(|e| panic!("{e}"));
+    world.set_light_choice(choice);
+    world
+}
+
+/// The parts of one sky are lights to choose among.
+#[test]
+fn learned_choices_pay_under_a_sky_half_hidden() {
+    let [whole, learned] = errors([&courtyard(LightChoice::Power), &courtyard(LightChoice::Cells)]);
+    eprintln!("{learned} of {whole}: {:.3}", learned / whole);
+    assert!(learned < 0.7 * whole, "{learned} of {whole}");
+}
+
+/// Whole again, a sky gives what it gave before.
+#[test]
+fn a_sky_cut_up_is_made_whole() {
+    let mut world = courtyard(LightChoice::Power);
+    let before = uniform(&world, 1, 2).picture();
+    assert_eq!(world.lights().len(), 1);
+    for choice in [LightChoice::Cells, LightChoice::Cells, LightChoice::Power] {
+        world.set_light_choice(choice);
+    }
+    assert!(world.lights().len() == 1 && uniform(&world, 1, 2).picture() == before);
 }
