@@ -73,7 +73,7 @@ fn make(options: &Options, merged: Option<(Film, &Identity)>) -> Result<Outcome>
 
     let clock = Instant::now();
     let mut world = scene::build(&scene, settings.frame.resolution())?;
-    match options.light_choice {
+    match options.light_choice() {
         options::LightChoice::Power => {}
         options::LightChoice::Uniform => world.set_light_choice(LightChoice::Uniform),
         options::LightChoice::Cells => world.set_light_choice(LightChoice::Cells),
@@ -148,7 +148,7 @@ fn make(options: &Options, merged: Option<(Film, &Identity)>) -> Result<Outcome>
         probe_rays: probes.rays,
         seconds,
         cpu,
-        light_choice: options.light_choice.name(),
+        light_choice: options.light_choice().name(),
         expected: expected.as_ref(),
     };
     warn_of_rejected(&film, &settings);

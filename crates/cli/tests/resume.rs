@@ -123,7 +123,7 @@ fn x04_another_render_is_refused() {
         ("--resolution 12x8", vec!["resolution: 24x16 there, 12x8 here", "window: 0,0,24,16 there, 0,0,12,8 here"]),
         ("--max-depth 2", vec!["max depth: ", " there, 2 here"]),
         ("--pixel-filter box", vec!["pixel filter: "]),
-        ("--light-choice uniform", vec!["light choice: power there, uniform here"]),
+        ("--light-choice uniform", vec!["light choice: cells there, uniform here"]),
         ("--without interreflection", vec!["without: "]),
         ("--max-spp 9", vec!["samples per pixel: 1 to 4294967295 there, 1 to 9 here"]),
     ];

@@ -105,8 +105,8 @@ impl<P: PointSet> Sampler for ErrorDriven<P> {
 
     fn memory(&self, frame: &Frame, needs: &Needs, limits: &Limits) -> SamplerMemory {
         let crosses = self.options.policy == Pilot::Cross;
-        // Degrees of freedom and their sums, counts in reach, scores, deviations and their sums, means, and a pool.
-        let pooling = 8 * 8;
+        // Scores, and eight terms each where a pool is more than a window.
+        let pooling = 8 + if self.options.pool == Pool::Window { 0 } else { 64 };
         let cells = if self.options.look_at_hits() { usize::from(HITS) * Cells::BYTES_PER_HIT } else { 0 };
         // Scores stand beside a map of errors.
         let map = self.errors.as_ref().map_or(0, |map| 8 + map.bytes_per_pixel);

@@ -54,19 +54,26 @@ pub struct LightCells {
     grid: Grid,
     lights: usize,
     options: LightCellOptions,
-    /// Per cell and light: what is expected of the root of the second moment, up to a factor.
-    expected: Vec<f32>,
-    /// Per cell and light: samples, and the sum of their squares.
-    seen: Vec<[f32; 2]>,
-    /// Per cell: the end of each light's share of the unit interval.
+    /// The row of each cell: one of its own since it was first seen, before that its neighbourhood's.
+    rows: Vec<u32>,
+    /// Row by row: the end of each light's share of the unit interval. First comes the global mix, then what is expected of
+    /// each neighbourhood, then the rows of cells that were seen.
     ends: Vec<f32>,
+    /// How many rows there are before those of cells.
+    shared: usize,
+    /// Per seen cell and light: what is expected of the root of the second moment, up to a factor.
+    expected: Vec<f32>,
+    /// Per seen cell and light: samples, and the sum of their squares.
+    seen: Vec<[f32; 2]>,
     guidance: Guidance,
 }
 
 /// Different values of a coordinate of 24 bits.
 const STEPS: f32 = (1 << 24) as f32;
-/// Most numbers in a table: 2^21 of each kind take 34 MB in all.
+/// Most numbers in a table: 2^21 of each kind take 34 MB in all, if every cell is seen.
 const MOST: usize = 1 << 21;
+/// Voxels along each side of a neighbourhood: until a cell is seen, a 27th of the rows will do.
+const NEIGHBOURHOOD: u32 = 3;
 /// Cells pay when they promise less than this share of the global mix's second moment.
 const WORTH: f64 = 0.97;
 
@@ -98,29 +105,35 @@ impl LightCells {
             return Ok(None);
         }
         let grid = Grid::new(bounds, options.resolution, MOST / lights)?;
-        let of = |(number, row): (usize, &mut [f32])| {
-            let (middle, half, axis) = grid.cell_at(number as u32);
-            for (light, value) in row.iter_mut().enumerate() {
-                let e = expected(middle, half, axis, light);
-                *value = if e > 0.0 && e.is_finite() { e } else { 0.0 };
-            }
-            // What is expected of nobody is expected of all alike.
-            let sum: f32 = row.iter().sum();
-            let scale = if sum > 0.0 && sum.is_finite() { lights as f32 / sum } else { 0.0 };
-            row.iter_mut().for_each(|v| *v = if scale > 0.0 { (*v * scale).max(1e-6) } else { 1.0 });
-        };
-        let mut values = vec![0.0; grid.cells() * lights];
-        values.par_chunks_mut(lights).enumerate().for_each(of);
+        let around = grid.coarser(NEIGHBOURHOOD);
+        let shared = 1 + around.cells();
+        let rows = (0..grid.cells() as u32).into_par_iter().map(|cell| {
+            let (middle, _, axis) = grid.cell_at(cell);
+            1 + around.cell(middle, axis)
+        });
         let mut made = Self {
-            seen: vec![[0.0; 2]; values.len()],
-            ends: vec![0.0; values.len()],
-            expected: values,
+            rows: rows.collect(),
+            ends: vec![0.0; shared * lights],
+            shared,
+            expected: Vec::new(),
+            seen: Vec::new(),
+            guidance: Guidance::Cells,
             grid,
             lights,
             options: *options,
-            guidance: Guidance::Cells,
         };
-        made.settle(true);
+        let mut ends = std::mem::take(&mut made.ends);
+        ends.par_chunks_mut(lights).enumerate().for_each_init(Mixes::default, |mixes, (row, ends)| {
+            let mut values = vec![1.0; lights];
+            if let Some(neighbourhood) = row.checked_sub(1) {
+                expect(&mut values, around.cell_at(neighbourhood as u32), &expected);
+            }
+            mixes.moments.clear();
+            mixes.moments.extend(values.iter().map(|e| f64::from(*e) * f64::from(*e)));
+            made.mix(mixes);
+            set_ends(ends, &mixes.mix);
+        });
+        made.ends = ends;
         Ok(Some(made))
     }
 
@@ -132,7 +145,7 @@ impl LightCells {
 
     /// How many cells there are.
     pub fn cells(&self) -> usize {
-        self.grid.cells()
+        self.rows.len()
     }
 
     /// How many lights there are.
@@ -161,7 +174,11 @@ impl LightCells {
 
     #[inline]
     fn row(&self, cell: u32) -> &[f32] {
-        &self.ends[cell as usize * self.lights..][..self.lights]
+        let row = match self.guidance {
+            Guidance::Cells => self.rows[cell as usize] as usize,
+            Guidance::Global => 0,
+        };
+        &self.ends[row * self.lights..][..self.lights]
     }
 
     /// The number under which to note down what a light contributed in a cell.
@@ -173,15 +190,34 @@ impl LightCells {
     /// Learns from samples: for each [`LightCells::key`], how many there were and the sum of the squares of what they
     /// contributed, not divided by the probability of the light, nor weighted by what the path before it lost. Samples
     /// that found nothing (the light was hidden) count as well. Keys out of range and sums that are no number are passed
-    /// over.
-    pub fn learn(&mut self, notes: impl Iterator<Item = (u64, u64, f64)>) {
+    /// over. `expected` is what [`LightCells::new`] was given: cells that are seen for the first time ask it.
+    pub fn learn(
+        &mut self,
+        notes: impl Iterator<Item = (u64, u64, f64)>,
+        expected: impl Fn([f32; 3], f32, [f32; 3], usize) -> f32 + Sync,
+    ) {
+        let lights = self.lights as u64;
+        let known = self.seen.len() / self.lights;
+        let mut news = Vec::new();
         for (key, count, squares) in notes {
-            let slot = usize::try_from(key).ok().and_then(|key| self.seen.get_mut(key));
-            if let Some(slot) = slot.filter(|_| squares >= 0.0 && squares < f64::from(f32::MAX)) {
-                *slot = [slot[0] + count as f32, slot[1] + squares as f32];
+            if !(squares >= 0.0 && squares < f64::from(f32::MAX)) {
+                continue;
             }
+            let (cell, light) = (key / lights, (key % lights) as usize);
+            let Some(row) = usize::try_from(cell).ok().and_then(|cell| self.rows.get_mut(cell)) else { continue };
+            if (*row as usize) < self.shared {
+                *row = (self.shared + known + news.len()) as u32;
+                news.push(cell as u32);
+                self.seen.resize(self.seen.len() + self.lights, [0.0; 2]);
+            }
+            let slot = &mut self.seen[(*row as usize - self.shared) * self.lights + light];
+            *slot = [slot[0] + count as f32, slot[1] + squares as f32];
         }
-        self.settle(false);
+        self.expected.resize(self.seen.len(), 0.0);
+        self.ends.resize(self.shared * self.lights + self.seen.len(), 0.0);
+        let of_news = self.expected[known * self.lights..].par_chunks_mut(self.lights).zip(news);
+        of_news.for_each(|(row, cell)| expect(row, self.grid.cell_at(cell), &expected));
+        self.settle();
     }
 
     /// What was found to be worth using.
@@ -189,38 +225,33 @@ impl LightCells {
         self.guidance
     }
 
-    /// Turns what was seen into probabilities, in the cells that saw anything or, with `all`, everywhere.
-    fn settle(&mut self, all: bool) {
+    /// Turns what was seen into probabilities.
+    fn settle(&mut self) {
         let ratios = self.light_ratios();
         let level = self.level(&ratios);
         let global = self.global_mix();
         let lights = self.lights;
-        let cells = || self.expected.par_chunks(lights).zip(self.seen.par_chunks(lights));
+        let mut ends = std::mem::take(&mut self.ends);
+        let (of_all, of_cells) = ends.split_at_mut(self.shared * lights);
+        set_ends(&mut of_all[..lights], &global);
+        let cells = self.expected.par_chunks(lights).zip(self.seen.par_chunks(lights));
         // Second moments that cells promise, with their own mix and with the global one.
-        let promised: Vec<[f64; 2]> = cells()
-            .filter(|(_, seen)| is_touched(seen))
-            .map(|(expected, seen)| {
+        let promised: Vec<[f64; 2]> = of_cells
+            .par_chunks_mut(lights)
+            .zip(cells)
+            .map_init(Mixes::default, |mixes, (row, (expected, seen))| {
                 let samples = f64::from(seen.iter().map(|s| s[0]).sum::<f32>());
-                let moments = self.moments(expected, seen, &ratios, level);
-                let own = self.mix(&moments);
-                let cost = |mix: &[f64]| moments.iter().zip(mix).map(|(q, p)| q / p).sum::<f64>() * samples;
-                [cost(&own), cost(&global)]
+                self.moments(expected, seen, &ratios, level, mixes);
+                self.mix(mixes);
+                set_ends(row, &mixes.mix);
+                let cost = |mix: &[f64]| mixes.moments.iter().zip(mix).map(|(q, p)| q / p).sum::<f64>() * samples;
+                [cost(&mixes.mix), cost(&global)]
             })
             .collect();
+        self.ends = ends;
         let [own, shared] = promised.iter().fold([0.0; 2], |s, p| [s[0] + p[0], s[1] + p[1]]);
         let pays = shared == 0.0 || own < WORTH * shared;
-        let guidance = if pays { Guidance::Cells } else { Guidance::Global };
-        let all = all || guidance != self.guidance || guidance == Guidance::Global;
-        self.guidance = guidance;
-        let mut ends = std::mem::take(&mut self.ends);
-        ends.par_chunks_mut(lights).zip(cells()).for_each(|(row, (expected, seen))| match guidance {
-            Guidance::Global => set_ends(row, &global),
-            Guidance::Cells if all || is_touched(seen) => {
-                set_ends(row, &self.mix(&self.moments(expected, seen, &ratios, level)));
-            }
-            Guidance::Cells => {}
-        });
-        self.ends = ends;
+        self.guidance = if pays { Guidance::Cells } else { Guidance::Global };
     }
 
     /// By how much each light's second moments differ from what was expected, relative to all lights; 1 where nothing
@@ -253,28 +284,30 @@ impl LightCells {
 
     /// A cell's second moments: what was seen, with [`LightCellOptions::prior`] samples of what was expected, at the level
     /// of what was seen in it.
-    fn moments(&self, expected: &[f32], seen: &[[f32; 2]], ratios: &[f64], level: f64) -> Vec<f64> {
+    fn moments(&self, expected: &[f32], seen: &[[f32; 2]], ratios: &[f64], level: f64, mixes: &mut Mixes) {
         let prior = f64::from(self.options.prior);
         let [found, wanted] = level_of(expected, seen, ratios);
         // The cell's own level, as far as it has samples; the picture's has a sample's weight.
         let samples: f64 = seen.iter().map(|s| f64::from(s[0])).sum();
         let own = if wanted > 0.0 { found / wanted } else { level };
         let level = (samples * own + level) / (samples + 1.0);
-        let each = expected.iter().zip(seen).zip(ratios);
-        each.map(|((&e, &[n, squares]), ratio)| {
+        let each = expected.iter().zip(seen).zip(ratios).map(|((&e, &[n, squares]), ratio)| {
             let wanted = level * ratio * f64::from(e) * f64::from(e);
             (f64::from(squares) + prior * wanted) / (f64::from(n) + prior)
-        })
-        .collect()
+        });
+        mixes.moments.clear();
+        mixes.moments.extend(each);
     }
 
     /// The best mix for second moments, with its uniform share.
-    fn mix(&self, moments: &[f64]) -> Vec<f64> {
-        let roots: Vec<f64> = moments.iter().map(|q| q.max(0.0).sqrt()).collect();
-        let sum: f64 = roots.iter().sum();
-        let (n, uniform) = (roots.len() as f64, f64::from(self.options.defensive));
+    fn mix(&self, mixes: &mut Mixes) {
+        let Mixes { moments, mix } = mixes;
+        mix.clear();
+        mix.extend(moments.iter().map(|q| q.max(0.0).sqrt()));
+        let sum: f64 = mix.iter().sum();
+        let (n, uniform) = (mix.len() as f64, f64::from(self.options.defensive));
         let of = |root: f64| if sum > 0.0 && sum.is_finite() { root / sum } else { 1.0 / n };
-        roots.into_iter().map(|root| (1.0 - uniform) * of(root) + uniform / n).collect()
+        mix.iter_mut().for_each(|p| *p = (1.0 - uniform) * of(*p) + uniform / n);
     }
 
     /// The mix for all cells together.
@@ -285,8 +318,34 @@ impl LightCells {
                 *sum = [sum[0] + f64::from(s[0]), sum[1] + f64::from(s[1])];
             }
         }
-        self.mix(&sums.iter().map(|[n, squares]| if *n > 0.0 { squares / n } else { 0.0 }).collect::<Vec<_>>())
+        let moment = |[n, squares]: [f64; 2]| if n > 0.0 { squares / n } else { 0.0 };
+        let mut mixes = Mixes { moments: sums.into_iter().map(moment).collect(), mix: Vec::new() };
+        self.mix(&mut mixes);
+        mixes.mix
     }
+}
+
+/// Second moments of a cell's lights and the mix they make: room to work in.
+#[derive(Default)]
+struct Mixes {
+    moments: Vec<f64>,
+    mix: Vec<f64>,
+}
+
+/// Fills in what is expected of a cell's lights, 1 on average.
+fn expect(
+    row: &mut [f32],
+    (middle, half, axis): ([f32; 3], f32, [f32; 3]),
+    expected: impl Fn([f32; 3], f32, [f32; 3], usize) -> f32,
+) {
+    for (light, value) in row.iter_mut().enumerate() {
+        let e = expected(middle, half, axis, light);
+        *value = if e > 0.0 && e.is_finite() { e } else { 0.0 };
+    }
+    // What is expected of nobody is expected of all alike.
+    let sum: f32 = row.iter().sum();
+    let scale = if sum > 0.0 && sum.is_finite() { row.len() as f32 / sum } else { 0.0 };
+    row.iter_mut().for_each(|v| *v = if scale > 0.0 { (*v * scale).max(1e-6) } else { 1.0 });
 }
 
 /// The sum of squares seen in a cell, and what an expectation of 1 would have made it.
@@ -296,10 +355,6 @@ fn level_of(expected: &[f32], seen: &[[f32; 2]], ratios: &[f64]) -> [f64; 2] {
         let e = f64::from(e);
         [sum[0] + f64::from(squares), sum[1] + f64::from(n) * ratio * e * e]
     })
-}
-
-fn is_touched(seen: &[[f32; 2]]) -> bool {
-    seen.iter().any(|s| s[0] > 0.0)
 }
 
 /// Sets the ends of the shares of a mix: whole multiples of 2^-24, each above the one before.

@@ -228,23 +228,35 @@ fn share_out(
     if all_equal(&scores) {
         return Ok(Allocation { counts: level(floors, ceiling, total), unspent: 0, replaced });
     }
+    let share_out = || share_out_clean(&scores, floors, ceiling, total, steps);
+    // The search asks all pixels a dozen times. From outside the pool each time would wait for a thread to wake up, which took longer
+    // than the sums.
+    let counts = if scores.len() < 2 * SERIAL { share_out() } else { rayon::scope(|_| share_out()) };
+    Ok(Allocation { counts, unspent: 0, replaced })
+}
+
+/// Pixels that one task takes at least.
+const SERIAL: usize = 4096;
+
+/// Counts for scores that are numbers above 0 and not all equal, of a total that lies between floors and ceiling.
+fn share_out_clean(scores: &[f64], floors: &[u32], ceiling: u32, total: u64, steps: &impl Steps) -> Vec<u32> {
     let reach = |g: f64, floor: u32, threshold: f64| steps.reach(threshold / g).min(ceiling).max(floor);
     let spend = |threshold: f64| -> u64 {
-        let each = scores.par_iter().zip(floors).with_min_len(4096);
+        let each = scores.par_iter().zip(floors).with_min_len(SERIAL);
         each.map(|(&g, &floor)| u64::from(reach(g, floor, threshold))).sum()
     };
     let mean = u32::try_from(total / scores.len() as u64).unwrap_or(u32::MAX - 1).max(1);
     let start = steps.gain(mean, steps.next(mean)) * scores.iter().sum::<f64>() / scores.len() as f64;
-    let start = threshold_of_some(start, &scores, floors, total, reach);
+    let start = threshold_of_some(start, scores, floors, total, reach);
     let bracket = find_threshold(start, total, (scores.len() / 64).max(256) as u64, spend);
     let mut counts: Vec<u32> = match bracket.within {
         Some(t) => scores.iter().zip(floors).map(|(&g, &floor)| reach(g, floor, t)).collect(),
         None => floors.to_vec(),
     };
     let mut left = total - counts.iter().map(|&n| u64::from(n)).sum::<u64>();
-    hand_out_above(bracket.beyond, &mut counts, &scores, ceiling, &mut left, steps);
-    hand_out(&mut counts, &scores, ceiling, left, steps);
-    Ok(Allocation { counts, unspent: 0, replaced })
+    hand_out_above(bracket.beyond, &mut counts, scores, ceiling, &mut left, steps);
+    hand_out(&mut counts, scores, ceiling, left, steps);
+    counts
 }
 
 fn all_equal(scores: &[f64]) -> bool {

@@ -126,18 +126,18 @@ impl Observation {
     }
 }
 
-/// All observations of a lesson, sorted by key. Sums were made in blocks of 16x16 pixels and added
-/// in block order, so they are the same bits for any number of threads.
+/// All observations of a lesson, sorted by key. Sums were made in blocks of 16x16 pixels, added up in order along rows
+/// of blocks, and then row by row, so they are the same bits for any number of threads.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Observations {
     entries: Vec<Observation>,
 }
 
 impl Observations {
-    /// Merges the sums of pixel blocks, which must come in block order.
-    pub(crate) fn merge(blocks: impl Iterator<Item = Vec<Observation>>) -> Self {
-        let mut entries: Vec<Observation> = blocks.flatten().collect();
-        // Stable: equal keys stay in block order. A tree would take several times as long.
+    /// Merges sums of parts of the picture, which must come in their order.
+    pub(crate) fn merge(parts: impl Iterator<Item = Vec<Observation>>) -> Self {
+        let mut entries: Vec<Observation> = parts.flatten().collect();
+        // Stable: equal keys stay in order. A tree would take several times as long.
         entries.par_sort_by_key(|e| e.key);
         entries.dedup_by(|next, kept| {
             let same = next.key == kept.key;
@@ -152,6 +152,10 @@ impl Observations {
     /// These entries, if their keys ascend.
     pub(crate) fn sorted(entries: Vec<Observation>) -> Option<Self> {
         entries.is_sorted_by(|a, b| a.key < b.key).then_some(Self { entries })
+    }
+
+    pub(crate) fn into_entries(self) -> Vec<Observation> {
+        self.entries
     }
 
     /// The entries, in ascending order of key.

@@ -30,7 +30,7 @@ pub(crate) struct Cursor {
 pub(crate) struct OpenRound {
     pub(crate) plan: Plan,
     pub(crate) cursor: Cursor,
-    /// What was observed in the rows before the cursor of a lesson that is not over, by block.
+    /// What was observed in the rows before the cursor of a lesson that is not over, by rows of blocks.
     pub(crate) pending: Vec<(usize, Vec<Observation>)>,
     /// Samples traced before it.
     pub(crate) before: u64,

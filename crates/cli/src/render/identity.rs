@@ -32,7 +32,7 @@ pub(super) fn identity(
         ("sampler", methods.sampler_described.clone()),
         ("points", settings.points_described.clone()),
         ("seed", settings.seed.to_string()),
-        ("light choice", options.light_choice.name().to_owned()),
+        ("light choice", options.light_choice().name().to_owned()),
         ("pixel filter", info::pixel_filter(&scene.film.pixel_filter)),
         ("max depth", scene.max_depth.map_or("none".into(), |d| d.to_string())),
         ("without", without.join(",")),
@@ -57,7 +57,7 @@ fn words(options: &Options) -> String {
     say("points", options.points.clone());
     say("filter", options.filter.clone());
     say("seed", options.seed.to_string());
-    say("light-choice", options.light_choice.name().to_owned());
+    say("light-choice", options.light_choice().name().to_owned());
     say("min-spp", options.min_spp.to_string());
     let pixel_filter = match options.pixel_filter {
         super::options::PixelShape::Scene => "scene",

@@ -77,9 +77,9 @@ pub(crate) struct Options {
     #[arg(long, value_name = "N", help_heading = "Picture")]
     pub(super) max_depth: Option<u32>,
 
-    /// How one of several lights is chosen
-    #[arg(long, value_name = "HOW", value_enum, default_value_t = LightChoice::Power, help_heading = "Picture")]
-    pub(super) light_choice: LightChoice,
+    /// How one of several lights is chosen, or one part of a sky that is a picture [default: cells; with --shard, power]
+    #[arg(long, value_name = "HOW", value_enum, help_heading = "Picture")]
+    pub(super) light_choice: Option<LightChoice>,
 
     /// Leave an effect out that the scene calls for; may be given again. `dapple effects` lists what it calls for
     ///
@@ -182,7 +182,7 @@ pub(super) enum LightChoice {
     Power,
     /// Each as often as any other, for studies of the choice
     Uniform,
-    /// Learned while rendering, per cell of space: for many lights of which each reaches a part of the scene
+    /// Learned while rendering, per cell of space
     Cells,
 }
 
@@ -197,6 +197,12 @@ impl LightChoice {
 }
 
 impl Options {
+    /// How one of several lights is chosen: as was learned, unless machines that do not talk to each other share the work.
+    pub(super) fn light_choice(&self) -> LightChoice {
+        let unsaid = if self.shard.is_some() { LightChoice::Power } else { LightChoice::Cells };
+        self.light_choice.unwrap_or(unsaid)
+    }
+
     /// What no single word can say.
     pub(super) fn check(&self) -> Result<(), String> {
         if let Some(max) = self.max_spp.filter(|&max| max < self.min_spp) {

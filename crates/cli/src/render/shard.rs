@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 /// Where the share goes, known to be writable; `None` without `--shard`.
 pub(super) fn file(options: &Options, scene: &str, frame: &Frame) -> Result<Option<PathBuf>> {
     let Some(shard) = options.shard else { return Ok(None) };
-    if options.light_choice == LightChoice::Cells {
+    if options.light_choice() == LightChoice::Cells {
         return Err(Failure::new(
             "--light-choice cells cannot be shared out among machines: it learns from samples of the whole picture",
         ));

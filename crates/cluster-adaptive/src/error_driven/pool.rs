@@ -3,6 +3,7 @@
 use crate::{Cells, Error};
 use dapple_core::RgbMoments;
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// Over what a pixel's variance is pooled, besides its own.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -69,36 +70,81 @@ pub fn relative_variance(
         (_, Some(cells)) if cells.pixels() == w * h => (0..w * h).map(|i| cells.of_pixel(i)[0]).collect(),
         _ => return Err(Error::range("cells", "none of this size", "the cells of this picture")),
     };
-    let radius = pooling.radius as usize;
-    let box_sums = |plane: &[f64]| box_sums(plane, [w, h], radius);
-    let freedom = plane(moments, |m| m.count.saturating_sub(1) as f64);
-    let freedoms = if pooling.pool == Pool::Cell { Vec::new() } else { box_sums(&freedom) };
-    let seen = box_sums(&plane(moments, |m| f64::from(u8::from(m.count > 0))));
-    let mut sums = vec![0.0; w * h];
-    for c in 0..3 {
-        let deviations = plane(moments, |m| match (m.count.saturating_sub(1) as f64, m.m2[c]) {
-            (freedom, m2) if freedom > 0.0 && m2.is_finite() => freedom * power(m2.max(0.0) / freedom, pooling.power),
-            _ => 0.0,
-        });
-        let means = box_sums(&plane(moments, |m| m.mean[c]));
+    // Whatever goes beyond the window's sums needs every pixel's deviations at hand.
+    let terms: Vec<Terms> = match pooling.pool {
+        Pool::Window => Vec::new(),
+        _ => moments.par_iter().with_min_len(SERIAL).map(|m| Terms::of(m, pooling.power)).collect(),
+    };
+    let of_cells = match pooling.pool {
+        Pool::Cell => over_cells(&terms, &first, cells.map_or(0, Cells::len)),
+        _ => Vec::new(),
+    };
+    let score = |i: usize, own: &Terms, sums: &Terms| {
         let pools = match pooling.pool {
-            Pool::Cell => over_cells(&deviations, &freedom, &first, cells.map_or(0, Cells::len)),
-            Pool::Window => divided(&box_sums(&deviations), &freedoms),
+            Pool::Window => sums.pooled(),
+            Pool::Cell => of_cells[first[i] as usize],
             Pool::Inside => {
-                let window = divided(&box_sums(&deviations), &freedoms);
-                inside(&window, &deviations, &freedom, pooling, [w, h], &first)
+                let (window, inside) = (sums.pooled(), inside(&terms, &first, i, [w, h], pooling.radius as usize));
+                std::array::from_fn(|c| (2.0 * window[c] + inside[c]) / 3.0)
             }
         };
-        sums.par_iter_mut().with_min_len(SERIAL).enumerate().for_each(|(i, sum)| {
-            let mean = means[i] / seen[i].max(1.0);
+        let each = pools.iter().zip(own.deviations()).zip(sums.means());
+        let relative = each.map(|((pool, deviation), mean)| {
+            let mean = mean / sums.seen().max(1.0);
             let variance = match pooling.prior {
-                prior if prior == f64::INFINITY => pools[i],
-                prior => (deviations[i] + prior * pools[i]) / (freedom[i] + prior),
+                prior if prior == f64::INFINITY => *pool,
+                prior => (deviation + prior * pool) / (own.freedom() + prior),
             };
-            *sum += root(variance, pooling.power) / (mean * mean + pooling.epsilon);
+            root(variance, pooling.power) / (mean * mean + pooling.epsilon)
         });
+        // From 0, not from the -0 of an empty sum.
+        relative.fold(0.0, |sum, x| sum + x)
+    };
+    Ok(over_windows([w, h], pooling.radius as usize, |i| Terms::of(&moments[i], pooling.power), score))
+}
+
+/// What is summed up over pixels: degrees of freedom; whether there are samples; by channel, the power of the variance times the degrees of freedom,
+/// and means. Eight numbers side by side, so that they are added in lanes.
+#[derive(Clone, Copy, Debug, Default)]
+struct Terms([f64; 8]);
+
+impl Terms {
+    #[inline]
+    fn of(m: &RgbMoments, q: f64) -> Self {
+        let freedom = m.count.saturating_sub(1) as f64;
+        let deviation = |c: usize| match m.m2[c] {
+            m2 if freedom > 0.0 && m2.is_finite() => freedom * power(m2.max(0.0) / freedom, q),
+            _ => 0.0,
+        };
+        let [r, g, b] = m.mean;
+        Self([freedom, f64::from(u8::from(m.count > 0)), deviation(0), deviation(1), deviation(2), r, g, b])
     }
-    Ok(sums)
+
+    #[inline]
+    fn add(&mut self, other: &Self) {
+        self.0.iter_mut().zip(&other.0).for_each(|(sum, x)| *sum += x);
+    }
+
+    fn freedom(&self) -> f64 {
+        self.0[0]
+    }
+
+    fn seen(&self) -> f64 {
+        self.0[1]
+    }
+
+    fn deviations(&self) -> &[f64] {
+        &self.0[2..5]
+    }
+
+    fn means(&self) -> &[f64] {
+        &self.0[5..8]
+    }
+
+    /// The power of the variance of the pixels summed up, by channel.
+    fn pooled(&self) -> [f64; 3] {
+        std::array::from_fn(|c| ratio(self.deviations()[c], self.freedom()))
+    }
 }
 
 /// Pixels that one task takes at least.
@@ -121,75 +167,64 @@ fn root(x: f64, power: f64) -> f64 {
     }
 }
 
-fn plane(moments: &[RgbMoments], f: impl Fn(&RgbMoments) -> f64 + Sync + Send) -> Vec<f64> {
-    moments.par_iter().with_min_len(SERIAL).map(f).collect()
-}
-
 fn ratio(a: f64, b: f64) -> f64 {
     if b > 0.0 { a / b } else { 0.0 }
 }
 
-fn divided(a: &[f64], b: &[f64]) -> Vec<f64> {
-    a.iter().zip(b).map(|(a, b)| ratio(*a, *b)).collect()
-}
-
-/// The power of the variance of all pixels that see the same cell first.
-fn over_cells(deviations: &[f64], freedom: &[f64], first: &[u32], cells: usize) -> Vec<f64> {
-    let mut sums = vec![[0.0; 2]; cells];
-    for (i, &cell) in first.iter().enumerate() {
-        let sum = &mut sums[cell as usize];
-        *sum = [sum[0] + deviations[i], sum[1] + freedom[i]];
+/// The power of the variance of all pixels that see the same cell first, by cell.
+fn over_cells(terms: &[Terms], first: &[u32], cells: usize) -> Vec<[f64; 3]> {
+    let mut sums = vec![Terms::default(); cells];
+    for (terms, &cell) in terms.iter().zip(first) {
+        sums[cell as usize].add(terms);
     }
-    first.iter().map(|&cell| ratio(sums[cell as usize][0], sums[cell as usize][1])).collect()
+    sums.iter().map(Terms::pooled).collect()
 }
 
-/// That of the window, and with half its weight that of the pixels near by that see the same cell first.
-fn inside(
-    window: &[f64],
-    deviations: &[f64],
-    freedom: &[f64],
-    pooling: &Pooling,
+/// That of the pixels near pixel `i`, a pixel further than the window, that see the same cell first.
+fn inside(terms: &[Terms], first: &[u32], i: usize, [w, h]: [usize; 2], radius: usize) -> [f64; 3] {
+    let mut sum = Terms::default();
+    for k in near(i / w, radius + 1, h).flat_map(|y| near(i % w, radius + 1, w).map(move |x| y * w + x)) {
+        if first[k] == first[i] {
+            sum.add(&terms[k]);
+        }
+    }
+    sum.pooled()
+}
+
+/// The places within `radius` of one, of so many in all.
+fn near(at: usize, radius: usize, end: usize) -> Range<usize> {
+    at.saturating_sub(radius)..(at + radius + 1).min(end)
+}
+
+/// The score of each pixel from its terms and their sums over `2 radius + 1` pixels squared, cut off at the borders. Terms are added in
+/// the order of rows and columns; a running sum would keep what a firefly rounded away.
+fn over_windows(
     [w, h]: [usize; 2],
-    first: &[u32],
+    radius: usize,
+    terms: impl Fn(usize) -> Terms + Sync,
+    score: impl Fn(usize, &Terms, &Terms) -> f64 + Sync,
 ) -> Vec<f64> {
-    let radius = pooling.radius as usize;
-    let of = |(i, all): (usize, &f64)| {
-        let near = |at: usize, end: usize| at.saturating_sub(radius + 1)..(at + radius + 2).min(end);
-        let mut sum = [0.0; 2];
-        for k in near(i / w, h).flat_map(|y| near(i % w, w).map(move |x| y * w + x)) {
-            if first[k] == first[i] {
-                sum = [sum[0] + deviations[k], sum[1] + freedom[k]];
+    let mut scores = vec![0.0; w * h];
+    let rows = (SERIAL / w.max(1)).max(1);
+    scores.par_chunks_mut(rows * w.max(1)).enumerate().for_each(|(task, scores)| {
+        let (first, last) = (task * rows, task * rows + scores.len() / w - 1);
+        let around = near(first, radius, h).start..near(last, radius, h).end;
+        let own: Vec<Terms> = (around.start * w..around.end * w).map(&terms).collect();
+        let row = |y: usize| &own[(y - around.start) * w..][..w];
+        let mut columns = vec![Terms::default(); w];
+        for (y, scores) in (first..).zip(scores.chunks_mut(w)) {
+            columns.fill(Terms::default());
+            for k in near(y, radius, h) {
+                columns.iter_mut().zip(row(k)).for_each(|(sum, terms)| sum.add(terms));
+            }
+            for (x, place) in scores.iter_mut().enumerate() {
+                let mut sums = Terms::default();
+                columns[near(x, radius, w)].iter().for_each(|column| sums.add(column));
+                *place = score(y * w + x, &row(y)[x], &sums);
             }
         }
-        (2.0 * all + ratio(sum[0], sum[1])) / 3.0
-    };
-    window.par_iter().with_min_len(SERIAL).enumerate().map(of).collect()
-}
-
-/// Sums over `2 radius + 1` pixels squared, cut off at the borders. Whole rows are added at a time, each pixel's terms in the
-/// order of rows and columns; a running sum would keep what a firefly rounded away.
-fn box_sums(plane: &[f64], [w, h]: [usize; 2], radius: usize) -> Vec<f64> {
-    let near = |at: usize, end: usize| at.saturating_sub(radius)..(at + radius + 1).min(end);
-    let mut sums = vec![0.0; plane.len()];
-    let sum_row = |column: &mut Vec<f64>, (y, sums): (usize, &mut [f64])| {
-        column.clear();
-        column.resize(w, 0.0);
-        for k in near(y, h) {
-            column.iter_mut().zip(&plane[k * w..(k + 1) * w]).for_each(|(sum, x)| *sum += x);
-        }
-        // Shifted copies added up, but where the window is cut off.
-        let whole = w.saturating_sub(2 * radius);
-        let (inner, edge) = if whole > 0 { (radius..radius + whole, radius) } else { (0..0, w) };
-        for k in 0..=2 * radius {
-            sums[inner.clone()].iter_mut().zip(&column[k.min(w)..]).for_each(|(sum, x)| *sum += x);
-        }
-        for x in (0..edge).chain(inner.end.max(edge)..w) {
-            sums[x] = column[near(x, w)].iter().sum();
-        }
-    };
-    let rows = (SERIAL / w.max(1)).max(1);
-    sums.par_chunks_mut(w.max(1)).with_min_len(rows).enumerate().for_each_init(Vec::new, sum_row);
-    sums
+    });
+    scores
 }
 
 /// What geometry alone says of each pixel's relative variance: the variance of albedo over its probes (THESIS D10,

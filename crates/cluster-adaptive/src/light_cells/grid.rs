@@ -33,6 +33,12 @@ impl Grid {
         Ok(Self { corner: low, edge, per_unit: 1.0 / edge, counts })
     }
 
+    /// Voxels of so many along each side instead of one, over the same box.
+    pub(super) fn coarser(&self, times: u32) -> Self {
+        let (edge, per_unit) = (self.edge * times as f32, self.per_unit / times as f32);
+        Self { corner: self.corner, edge, per_unit, counts: self.counts.map(|n| n.div_ceil(times)) }
+    }
+
     pub(super) fn cells(&self) -> usize {
         self.counts.iter().map(|c| *c as usize).product::<usize>() * AXES as usize
     }

@@ -118,7 +118,7 @@ pub(super) fn trace(
             cursor.start = cursor.end;
             let mut observed = std::mem::take(&mut open.pending);
             if observes {
-                observed.sort_by_key(|(block, _)| *block);
+                observed.sort_by_key(|(row, _)| *row);
                 let lesson = Observations::merge(observed.into_iter().map(|(_, sums)| sums));
                 integrator.learn(&lesson);
                 lessons.push(lesson);
@@ -278,23 +278,25 @@ fn trace_band(round: &Round<'_>, mut band: Band<'_>) -> Tally {
     tally
 }
 
-/// Goes through the band in blocks of 16x16 pixels, summing up what is observed in each.
+/// Goes through the band in blocks of 16x16 pixels, summing up what is observed in each, and then in each row of blocks: what
+/// is kept until the lesson is over is a few hundred thousand sums, not a few hundred for each block.
 fn trace_blocks(round: &Round<'_>, band: &mut Band<'_>, tally: &mut Tally, current: &Cell<Option<SampleId>>) {
     let width = round.width;
     let rows = band.banks[0].counts.len() / width;
     let first_row = band.first / width;
-    let blocks_wide = width.div_ceil(BLOCK);
     let mut observed = Observed::default();
     for top in (0..rows).step_by(BLOCK) {
+        let mut blocks = Vec::with_capacity(width.div_ceil(BLOCK));
         for left in (0..width).step_by(BLOCK) {
             for row in top..(top + BLOCK).min(rows) {
                 for column in left..(left + BLOCK).min(width) {
                     trace_pixel(round, band, row * width + column, tally, &mut observed, current);
                 }
             }
-            let block = (first_row + top) / BLOCK * blocks_wide + left / BLOCK;
-            tally.observations.push((block, observed.summarise()));
+            blocks.push(observed.summarise());
         }
+        let row = Observations::merge(blocks.into_iter());
+        tally.observations.push(((first_row + top) / BLOCK, row.into_entries()));
     }
 }
 

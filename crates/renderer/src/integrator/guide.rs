@@ -10,6 +10,8 @@ use glam::Vec3;
 #[derive(Debug)]
 pub(super) struct Guide {
     cells: LightCells,
+    /// What is expected of each light.
+    lights: Vec<Expected>,
     /// Lessons to come.
     lessons: u32,
     /// A mistake for a test to find: light met by chance is weighted as if nothing had been learned.
@@ -29,14 +31,12 @@ impl Guide {
     pub(super) fn new(world: &World) -> Option<Self> {
         let bounds = world.geometry.bounds().filter(|_| world.lights.is_choice_learned())?;
         let lights = world.lights.expected();
-        let expected = |middle: [f32; 3], half: f32, axis: [f32; 3], light: usize| {
-            Expected::irradiance(&lights[light], Vec3::from(middle), half, Vec3::from(axis))
-        };
         let options = LightCellOptions::default();
         // A box that is none leaves the choice as it is.
-        let cells = LightCells::new(bounds.map(|b| b.to_array()), lights.len(), &options, expected).ok()??;
+        let cells = LightCells::new(bounds.map(|b| b.to_array()), lights.len(), &options, expected(&lights)).ok()??;
         Some(Self {
             cells,
+            lights,
             lessons: LESSONS,
             #[cfg(test)]
             forgets: false,
@@ -78,7 +78,13 @@ impl Guide {
     }
 
     pub(super) fn learn(&mut self, lesson: &Observations) {
-        self.cells.learn(lesson.entries().iter().map(|e| (e.key, e.count, e.sum_of_squares)));
+        let notes = lesson.entries().iter().map(|e| (e.key, e.count, e.sum_of_squares));
+        self.cells.learn(notes, expected(&self.lights));
         self.lessons = self.lessons.saturating_sub(1);
     }
+}
+
+/// What cells expect of lights: about the irradiance in the middle of a voxel.
+fn expected(lights: &[Expected]) -> impl Fn([f32; 3], f32, [f32; 3], usize) -> f32 + Sync {
+    |middle, half, axis, light| Expected::irradiance(&lights[light], Vec3::from(middle), half, Vec3::from(axis))
 }

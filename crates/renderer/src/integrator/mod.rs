@@ -63,13 +63,16 @@ pub fn integrator_with(world: &World, idle: u32) -> Box<dyn Integrator + '_> {
     // Each form takes seconds to compile, so there is one where leaving code out pays: for light from beyond the scene, for
     // glass, for plain surfaces. A choice among lights and roulette, where they are not called for, are but a branch each.
     const MANY: u32 = SEVERAL | DEEP | VARIED;
-    // One form for all that learn a choice, so that the others carry nothing of it.
-    if wanted & GUIDED != 0 {
-        return form!(General, MANY | SKY | CLEAR | RARE | GUIDED);
-    }
-    // This crate's own unit tests make do with this one, so that the rest is not compiled twice; tests/ has the others.
-    if cfg!(test) || wanted & RARE != 0 || world.camera.is_general() {
-        return form!(General, MANY | SKY | CLEAR | RARE);
+    // This crate's own unit tests make do with two, so that the rest is not compiled twice; tests/ has the others.
+    let general = cfg!(test) || wanted & RARE != 0 || world.camera.is_general();
+    // Forms of their own for those that learn a choice, so that the others carry nothing of it.
+    match (wanted & GUIDED != 0, general) {
+        (true, true) => return form!(General, MANY | SKY | CLEAR | RARE | GUIDED),
+        (true, _) if world.camera.has_lens() => return form!(ThinLens, MANY | SKY | CLEAR | GUIDED),
+        (true, _) if wanted & CLEAR != 0 => return form!(Pinhole, MANY | SKY | CLEAR | GUIDED),
+        (true, _) => return form!(Pinhole, MANY | SKY | GUIDED),
+        (false, true) => return form!(General, MANY | SKY | CLEAR | RARE),
+        (false, false) => {}
     }
     if world.camera.has_lens() {
         return form!(ThinLens, MANY | SKY | CLEAR);

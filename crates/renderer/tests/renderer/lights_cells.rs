@@ -155,7 +155,8 @@ fn courtyard(choice: LightChoice) -> World {
         _ => 0.1,
     };
     let picture = Picture::new([64, 32], (0..64 * 32).map(|i| [value(i); 3]).collect()).expect("as many");
-    let kind = LightKind::Infinite { radiance: EnvironmentRadiance::LatLong { picture: Arc::new(picture), scale: 1.0 } };
+    let kind =
+        LightKind::Infinite { radiance: EnvironmentRadiance::LatLong { picture: Arc::new(picture), scale: 1.0 } };
     scene.lights.push(Light { kind, to_world: DAffine3::IDENTITY, source: line(200) });
     let mut world = World::new(&scene).unwrap_or_else(|e| panic!("{e}"));
     world.set_light_choice(choice);
