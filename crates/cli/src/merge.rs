@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 
 /// Make the picture of shards that several machines rendered
 ///
-/// The picture is bit for bit that of one machine with the same words. The scene is read again, from where the shards' words
+/// The picture is bit for bit that of one machine with the same words (and --light-choice power, as shards have it). The scene is read again, from where the shards' words
 /// say or from --scene: a filter may look at it, and it must be the one that was rendered.
 #[derive(clap::Args)]
 #[command(after_help = AFTER)]

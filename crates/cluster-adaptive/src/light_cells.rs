@@ -72,7 +72,7 @@ pub struct LightCells {
 const STEPS: f32 = (1 << 24) as f32;
 /// Most numbers in a table: 2^21 of each kind take 34 MB in all, if every cell is seen.
 const MOST: usize = 1 << 21;
-/// Voxels along each side of a neighbourhood: until a cell is seen, a 27th of the rows will do.
+/// Voxels along each side of a neighbourhood: until a cell is seen, a 27th of the rows will do (a ninth in a flat box).
 const NEIGHBOURHOOD: u32 = 3;
 /// Cells pay when they promise less than this share of the global mix's second moment.
 const WORTH: f64 = 0.97;

@@ -170,7 +170,7 @@ pub fn ladder_floor(n: u32, even: bool) -> u32 {
 ///
 /// # Panics
 ///
-/// When `scores` and `floors` differ in length.
+/// When `scores` and `floors` differ in length, or there are more than 2^32 - 1.
 pub fn allocate(scores: &[f64], floors: &[u32], ceiling: u32, total: u64) -> Result<Allocation, Error> {
     share_out(scores, floors, ceiling, total, &EveryCount)
 }
@@ -188,7 +188,7 @@ pub fn allocate(scores: &[f64], floors: &[u32], ceiling: u32, total: u64) -> Res
 ///
 /// # Panics
 ///
-/// When `scores` and `floors` differ in length.
+/// When `scores` and `floors` differ in length, or there are more than 2^32 - 1.
 pub fn allocate_on_ladder(
     scores: &[f64],
     floors: &[u32],
@@ -215,6 +215,7 @@ fn share_out(
     steps: &impl Steps,
 ) -> Result<Allocation, Error> {
     assert_eq!(scores.len(), floors.len(), "one floor per score");
+    assert!(u32::try_from(scores.len()).is_ok(), "pixels are numbered with 32 bits");
     let needed: u64 = floors.iter().map(|&n| u64::from(n)).sum();
     if needed > total {
         return Err(Error::BudgetTooSmall { budget: total, needed, pixels: floors.len() });
@@ -379,8 +380,8 @@ fn find_threshold(start: f64, total: u64, close: u64, spend: impl Fn(f64) -> u64
 struct Waiting {
     gain: f64,
     count: u32,
-    tie: u64,
-    pixel: usize,
+    // Sixteen bytes in all: where many scores are equal, many pixels wait.
+    pixel: u32,
 }
 
 impl Ord for Waiting {
@@ -388,8 +389,8 @@ impl Ord for Waiting {
         self.gain
             .total_cmp(&other.gain)
             .then_with(|| other.count.cmp(&self.count))
-            .then_with(|| other.tie.cmp(&self.tie))
-            .then_with(|| other.pixel.cmp(&self.pixel))
+            // The hash is a bijection.
+            .then_with(|| mix(other.pixel.into()).cmp(&mix(self.pixel.into())))
     }
 }
 
@@ -432,7 +433,7 @@ fn hand_out_above(
             if gain < threshold {
                 break;
             }
-            waiting.push(Waiting { gain, count, tie: mix(pixel as u64), pixel });
+            waiting.push(Waiting { gain, count, pixel: pixel as u32 });
             count = next;
         }
     }
@@ -445,7 +446,7 @@ fn hand_out_above(
     waiting.sort_unstable_by(|a, b| b.cmp(a));
     for Waiting { pixel, count, .. } in waiting {
         let width = u64::from(steps.next(count).min(ceiling) - count).min(*left);
-        counts[pixel] = count + width as u32;
+        counts[pixel as usize] = count + width as u32;
         *left -= width;
         if *left == 0 {
             return;
@@ -460,13 +461,14 @@ fn hand_out(counts: &mut [u32], scores: &[f64], ceiling: u32, mut left: u64, ste
     }
     let waiting = |pixel: usize, count: u32| {
         let gain = scores[pixel] * steps.gain(count, steps.next(count));
-        Waiting { gain, count, tie: mix(pixel as u64), pixel }
+        Waiting { gain, count, pixel: pixel as u32 }
     };
     let open = counts.iter().enumerate().filter(|(_, n)| **n < ceiling);
     let mut heap: BinaryHeap<Waiting> = open.map(|(pixel, &n)| waiting(pixel, n)).collect();
     while left > 0 {
         let Some(Waiting { pixel, count, .. }) = heap.pop() else { return };
         let width = u64::from(steps.next(count).min(ceiling) - count).min(left);
+        let pixel = pixel as usize;
         counts[pixel] = count + width as u32;
         left -= width;
         if counts[pixel] < ceiling {

@@ -135,10 +135,19 @@ pub struct Observations {
 
 impl Observations {
     /// Merges sums of parts of the picture, which must come in their order.
-    pub(crate) fn merge(parts: impl Iterator<Item = Vec<Observation>>) -> Self {
-        let mut entries: Vec<Observation> = parts.flatten().collect();
-        // Stable: equal keys stay in order. A tree would take several times as long.
-        entries.par_sort_by_key(|e| e.key);
+    pub(crate) fn merge(parts: &[Vec<Observation>]) -> Self {
+        Self::merged(parts, |entries| entries.par_sort_by_key(|e| e.key))
+    }
+
+    /// The same on the thread that asks: a task that waited for help would begin others meanwhile.
+    pub(crate) fn merge_here(parts: &[Vec<Observation>]) -> Self {
+        Self::merged(parts, |entries| entries.sort_by_key(|e| e.key))
+    }
+
+    /// `sort` is stable: equal keys stay in order. A tree would take several times as long.
+    fn merged(parts: &[Vec<Observation>], sort: impl FnOnce(&mut [Observation])) -> Self {
+        let mut entries = parts.concat();
+        sort(&mut entries);
         entries.dedup_by(|next, kept| {
             let same = next.key == kept.key;
             if same {
@@ -146,6 +155,8 @@ impl Observations {
             }
             same
         });
+        // Kept for long, and mostly much shorter now.
+        entries.shrink_to_fit();
         Self { entries }
     }
 

@@ -71,7 +71,7 @@ pub(crate) struct View<'a> {
 
 const MAGIC: &[u8; 8] = b"dapple-s";
 /// Changes with the layout and with what is in it.
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 
 impl View<'_> {
     pub(crate) fn write(&self) -> Vec<u8> {

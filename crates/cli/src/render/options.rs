@@ -91,7 +91,7 @@ pub(crate) struct Options {
     #[arg(long, value_name = "WxH", value_parser = resolution, help_heading = "Picture")]
     pub(super) resolution: Option<[u32; 2]>,
 
-    /// Render this window only; with --sampler uniform --filter none, the same bits as in the whole picture [default: the scene's]
+    /// Render this window only; with --sampler uniform --filter none --light-choice power, the same bits as in the whole picture [default: the scene's]
     #[arg(long, value_name = "X0,Y0,X1,Y1", value_parser = crop, help_heading = "Picture")]
     pub(super) crop: Option<[u32; 4]>,
 

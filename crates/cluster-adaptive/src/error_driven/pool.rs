@@ -205,7 +205,8 @@ fn over_windows(
     score: impl Fn(usize, &Terms, &Terms) -> f64 + Sync,
 ) -> Vec<f64> {
     let mut scores = vec![0.0; w * h];
-    let rows = (SERIAL / w.max(1)).max(1);
+    // Each task makes the terms of its own rows and of those around.
+    let rows = (SERIAL / w.max(1)).max(2 * radius).max(1);
     scores.par_chunks_mut(rows * w.max(1)).enumerate().for_each(|(task, scores)| {
         let (first, last) = (task * rows, task * rows + scores.len() / w - 1);
         let around = near(first, radius, h).start..near(last, radius, h).end;

@@ -6,6 +6,8 @@ use crate::Error;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Grid {
     corner: [f32; 3],
+    /// Where the voxels of a whole edge end.
+    end: [f32; 3],
     edge: f32,
     per_unit: f32,
     counts: [u32; 3],
@@ -30,13 +32,14 @@ impl Grid {
         let cells = |n: u32| of(n).1.iter().map(|c| *c as usize).product::<usize>() * AXES as usize;
         let n = (1..=resolution).rev().find(|&n| cells(n) <= most).unwrap_or(1);
         let (edge, counts) = of(n);
-        Ok(Self { corner: low, edge, per_unit: 1.0 / edge, counts })
+        let end = std::array::from_fn(|a| low[a] + counts[a] as f32 * edge);
+        Ok(Self { corner: low, end, edge, per_unit: 1.0 / edge, counts })
     }
 
-    /// Voxels of so many along each side instead of one, over the same box.
+    /// Voxels of so many along each side instead of one, the last ones cut off where these end.
     pub(super) fn coarser(&self, times: u32) -> Self {
         let (edge, per_unit) = (self.edge * times as f32, self.per_unit / times as f32);
-        Self { corner: self.corner, edge, per_unit, counts: self.counts.map(|n| n.div_ceil(times)) }
+        Self { edge, per_unit, counts: self.counts.map(|n| n.div_ceil(times)), ..*self }
     }
 
     pub(super) fn cells(&self) -> usize {
@@ -59,7 +62,10 @@ impl Grid {
         let (voxel, side) = (cell / AXES, cell % AXES);
         let [nx, ny, _] = self.counts;
         let at = [voxel % nx, voxel / nx % ny, voxel / nx / ny];
-        let middle = std::array::from_fn(|a| self.corner[a] + (at[a] as f32 + 0.5) * self.edge);
+        let middle = std::array::from_fn(|a| {
+            let begin = self.corner[a] + at[a] as f32 * self.edge;
+            0.5 * (begin + (begin + self.edge).min(self.end[a]))
+        });
         let mut axis = [0.0; 3];
         axis[side as usize / 2] = if side % 2 == 0 { 1.0 } else { -1.0 };
         // Half the root of 3.

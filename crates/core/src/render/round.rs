@@ -119,7 +119,8 @@ pub(super) fn trace(
             let mut observed = std::mem::take(&mut open.pending);
             if observes {
                 observed.sort_by_key(|(row, _)| *row);
-                let lesson = Observations::merge(observed.into_iter().map(|(_, sums)| sums));
+                let rows: Vec<_> = observed.into_iter().map(|(_, sums)| sums).collect();
+                let lesson = Observations::merge(&rows);
                 integrator.learn(&lesson);
                 lessons.push(lesson);
             }
@@ -279,7 +280,7 @@ fn trace_band(round: &Round<'_>, mut band: Band<'_>) -> Tally {
 }
 
 /// Goes through the band in blocks of 16x16 pixels, summing up what is observed in each, and then in each row of blocks: what
-/// is kept until the lesson is over is a few hundred thousand sums, not a few hundred for each block.
+/// is kept until the lesson is over is a sum for each key of a row, not of a block.
 fn trace_blocks(round: &Round<'_>, band: &mut Band<'_>, tally: &mut Tally, current: &Cell<Option<SampleId>>) {
     let width = round.width;
     let rows = band.banks[0].counts.len() / width;
@@ -295,7 +296,7 @@ fn trace_blocks(round: &Round<'_>, band: &mut Band<'_>, tally: &mut Tally, curre
             }
             blocks.push(observed.summarise());
         }
-        let row = Observations::merge(blocks.into_iter());
+        let row = Observations::merge_here(&blocks);
         tally.observations.push(((first_row + top) / BLOCK, row.into_entries()));
     }
 }

@@ -12,7 +12,7 @@ pub enum LightChoice {
     Uniform,
     /// With probabilities that are learned while rendering, per cell of space and orientation, from what lights
     /// contributed there ([`LightCells`](dapple_cluster_adaptive::LightCells)); by power where nothing can be learned:
-    /// inside media, and with a single light. An environment that is a picture counts as its parts, 32 or 36 lights.
+    /// inside media, and with a single light. An environment that is a picture counts as its parts, up to 32 or 36 lights.
     Cells,
 }
 

@@ -8,11 +8,11 @@ use std::f32::consts::PI;
 use std::ops::Range;
 use std::sync::Arc;
 
-/// Tiles across and down a picture in latitude and longitude: 45 degrees each.
+/// Tiles across and down a picture in latitude and longitude: 45 degrees each, where it has so many texels.
 const LONG: [usize; 2] = [8, 4];
 /// Tiles of a square.
 const SQUARE: [usize; 2] = [6, 6];
-/// The number of a tile that is black.
+/// The number of a tile that is black, or all but.
 const BLACK: u32 = u32::MAX;
 
 /// The tiles of an environment that is a picture. (Cutting a sky of one colour does not pay: docs/results/cluster.md.) Each is drawn from as the whole is, by brightness, and the parts' chances come on top: with
@@ -45,6 +45,8 @@ impl Parts {
         for tile in 0..grid[0] * grid[1] {
             let [column, row] = [tile % grid[0], tile / grid[0]];
             let window = Window::new(&map.cells, range(column, grid[0], width), range(row, grid[1], height));
+            // What is too little to be divided by is left to chance.
+            let window = window.filter(|window| window.mass() as f32 >= f32::MIN_POSITIVE);
             numbers.push(if window.is_some() { parts.len() as u32 } else { BLACK });
             parts.extend(window.map(|window| Part { share: window.mass(), window }));
         }
@@ -98,7 +100,8 @@ impl Parts {
         let directions = (0..SIDE * SIDE).filter_map(|i| self.sample(part, [place(i % SIDE), place(i / SIDE)]));
         let mean = directions.map(|sample| sample.wi).sum::<Vec3>() / (SIDE * SIDE) as f32;
         let light = 4.0 * PI * (self.whole.average_luminance() * self.share(part)) as f32;
-        (mean.normalize_or_zero(), light * mean.length())
+        // Of a tile that goes around, directions cancel: what comes from all sides gives a quarter.
+        (mean.normalize_or_zero(), light * mean.length().max(0.25))
     }
 }
 
