@@ -15,6 +15,8 @@ pub struct Case {
     pub figure: String,
     pub short: String,
     pub needs: String,
+    /// Why there is no safeguard that could be taken out.
+    pub whole: String,
 }
 
 /// One test function whose name begins with an id.
@@ -39,8 +41,8 @@ pub fn cases(root: &Path) -> Result<Vec<Case>, String> {
         for (id, row) in rows.as_table().ok_or_else(|| format!("{group} is no table"))? {
             let row = row.as_table().ok_or_else(|| format!("{id} is no table"))?;
             let word = |key: &str| row.get(key).and_then(toml::Value::as_str).unwrap_or_default().to_owned();
-            if let Some(key) = row.keys().find(|k| !["tier", "title", "figure", "short", "needs"].contains(&k.as_str()))
-            {
+            let known = ["tier", "title", "figure", "short", "needs", "whole"];
+            if let Some(key) = row.keys().find(|k| !known.contains(&k.as_str())) {
                 return Err(format!("{id}: '{key}' is no word of this list"));
             }
             found.push(Case {
@@ -51,6 +53,7 @@ pub fn cases(root: &Path) -> Result<Vec<Case>, String> {
                 figure: word("figure"),
                 short: word("short"),
                 needs: word("needs"),
+                whole: word("whole"),
             });
         }
     }
@@ -174,9 +177,10 @@ impl Status {
     }
 }
 
-/// What contradicts itself: ids without a case, T1 cases without a test or a reason, reasons beside a test.
+/// What contradicts itself: ids without a case, T1 cases without a test or a reason, reasons beside a test; tested cases whose
+/// safeguard nothing has taken out (`taken_out` are the ids of mutations), without a reason, and reasons beside one.
 #[allow(dead_code, reason = "the test asks, the program does not")]
-pub fn contradictions(cases: &[Case], tests: &[Test]) -> Vec<String> {
+pub fn contradictions(cases: &[Case], tests: &[Test], taken_out: &[String]) -> Vec<String> {
     let mut found = Vec::new();
     for test in tests.iter().filter(|t| !cases.iter().any(|c| c.id == t.id)) {
         found.push(format!("{}: there is no case {}", test.path, test.id));
@@ -190,6 +194,15 @@ pub fn contradictions(cases: &[Case], tests: &[Test]) -> Vec<String> {
             (false, false) => {
                 found.push(format!("{} has a test: take its `needs` out of docs/hard-cases.toml", case.id))
             }
+            _ => {}
+        }
+        match (own.is_empty(), taken_out.contains(&case.id), case.whole.is_empty()) {
+            (false, false, true) => found.push(format!(
+                "{} has no mutation in tests/mutations/list.toml, and docs/hard-cases.toml does not say why (`whole`)",
+                case.id
+            )),
+            (true, _, false) | (_, true, false) => found
+                .push(format!("{} has no test, or a mutation: take its `whole` out of docs/hard-cases.toml", case.id)),
             _ => {}
         }
         let runs = own.iter().any(|t| t.ignored.is_none());
@@ -257,6 +270,10 @@ pub fn page(cases: &[Case], tests: &[Test], mutations: &str) -> String {
         );
     }
     page.push_str(mutations);
+    page.push_str("\nNothing can be taken out of these:\n\n");
+    for case in cases.iter().filter(|c| !c.whole.is_empty()) {
+        let _ = writeln!(page, "* {} ({}): {}.", case.id, case.title, case.whole);
+    }
     page
 }
 

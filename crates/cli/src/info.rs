@@ -1,11 +1,12 @@
 //! `dapple info SCENE`.
 
 use crate::output::{bytes, tell};
-use crate::{Outcome, Result, scene};
-use dapple_core::{Film, Needs};
+use crate::render::foresight::Foresight;
+use crate::{Failure, Outcome, Result, scene};
 use dapple_renderer::scene::{EnvironmentRadiance, Geometry, LightKind, MaterialKind, PixelFilter, Scene};
 use dapple_renderer::{Effects, World, bundled};
 use std::path::PathBuf;
+use std::sync::Arc;
 
 /// Say what a scene holds and calls for, without rendering it
 #[derive(clap::Args)]
@@ -20,12 +21,20 @@ pub(crate) struct Options {
 }
 
 pub(crate) fn run(options: &Options) -> Result<Outcome> {
-    let scene = scene::read(&options.scene, options.allow_unsupported)?;
-    let world = scene::build(&scene, scene.film.resolution)?;
+    let mut scene = scene::read(&options.scene, options.allow_unsupported)?;
+    let foresight = Foresight::new(&options.scene, &mut scene);
+    let world = Arc::new(scene::build(&scene, scene.film.resolution)?);
     scene::warn_of(&scene, &options.scene);
     for (name, what) in facts(&scene, &world) {
         tell(format!("{name:<12}{what}"))?;
     }
+    let memory = foresight.and_then(|render| render.memory(&scene, world));
+    let memory = match memory {
+        Ok(sum) => format!("a render by default takes {sum}"),
+        Err(Failure(why)) => format!("no render by default: {}", why.join("; ")),
+    };
+    tell(format!("{:<12}{memory}", "memory"))?;
+    tell(format!("{:<12}{}", "effects", Effects::of(&scene).called().len()))?;
     for called in Effects::of(&scene).called() {
         tell(format!("  {:<18}{} ({})", called.effect.name(), called.because, called.source))?;
     }
@@ -35,7 +44,6 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
 fn facts(scene: &Scene, world: &World) -> Vec<(&'static str, String)> {
     let [w, h] = scene.film.resolution;
     let geometry = world.geometry();
-    let film = Film::bytes_per_pixel(&Needs::none().with_variance());
     let depth = scene.max_depth.map_or("unlimited".into(), |d| d.to_string());
     let triangles = match world.dropped_triangles() {
         0 => geometry.triangle_count().to_string(),
@@ -58,8 +66,7 @@ fn facts(scene: &Scene, world: &World) -> Vec<(&'static str, String)> {
         ("textures", scene.textures.len().to_string()),
         ("lights", lights(scene)),
         ("bounds", bounds(world)),
-        ("memory", format!("{} geometry, {film} bytes per pixel of the film", bytes(geometry.memory_bytes() as u64))),
-        ("effects", Effects::of(scene).called().len().to_string()),
+        ("geometry", format!("{} in memory", bytes(geometry.memory_bytes() as u64))),
     ]
 }
 

@@ -54,18 +54,10 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     let film = merge(&parts).map_err(Failure::new)?;
     drop(parts);
     let words = words(options, &identity)?;
-    let render = Rendered::try_parse_from(words).map_err(|e| {
+    let render = render::Words::try_parse_from(words).map_err(|e| {
         Failure::new(format!("the words in the shards are not understood: {}", e.to_string().trim_end()))
     })?;
     render::show(&render.options, film, &shard::samples(&identity))
-}
-
-/// The words of a render.
-#[derive(Parser)]
-#[command(no_binary_name = true)]
-struct Rendered {
-    #[command(flatten)]
-    options: render::Options,
 }
 
 /// The shards, all of one picture, and the first one's identity.

@@ -2,6 +2,7 @@
 
 mod checkpoints;
 mod files;
+pub(crate) mod foresight;
 pub(crate) mod identity;
 mod memory;
 pub(crate) mod options;
@@ -10,7 +11,7 @@ mod report;
 mod settings;
 pub(crate) mod shard;
 
-pub(crate) use options::Options;
+pub(crate) use options::{Options, Words};
 
 use crate::machine::{cpu_seconds, start_threads};
 use crate::output::{say, tell, warn};
@@ -66,6 +67,7 @@ fn make(options: &Options, merged: Option<(Film, &Identity)>) -> Result<Outcome>
     foreseen.check(limit)?;
     let share = shard::file(options, &scene.name, &settings.frame)?;
     let files = Files::new(options, &scene.name, &settings)?;
+    files.prepare(options)?;
     let load = clock.elapsed().as_secs_f64();
     warn_of(&scene, options);
     leave_out(&mut scene, &settings.without)?;
@@ -93,18 +95,11 @@ fn make(options: &Options, merged: Option<(Film, &Identity)>) -> Result<Outcome>
     let mut methods = settings.methods(&stage)?;
     let clusters = stage.first_clusters();
     let identity = identity::identity(options, &settings, &methods, &scene, &digest);
-    let mut needs = methods.filter.needs().and(files.needs(clusters.is_some()));
-    if share.is_some() {
-        // What any picture that is made of them may show.
-        needs = needs.with_variance().with_first_hits(u8::from(clusters.is_some()));
-    }
+    let needs = needs(options, &methods, &files, clusters.is_some());
     let expected = match merged {
         Some(_) => None,
         None => {
-            let memory = methods.memory(&settings, needs, options.shard)?;
-            let keeps = store.is_some() || share.is_some();
-            let writing = files.memory(&settings.frame, &memory.needs, methods.filter.name() != "none");
-            let expected = Expected::of_render(&foreseen, &memory, writing, keeps);
+            let expected = expect(options, &settings, &mut methods, &files, needs, &foreseen)?;
             expected.check(limit)?;
             Some(expected)
         }
@@ -158,6 +153,31 @@ fn make(options: &Options, merged: Option<(Film, &Identity)>) -> Result<Outcome>
     }
     deliver(report, &files, 1.0 / world.space().scale(), options)?;
     end(&film, failure, resume)
+}
+
+/// What is recorded for filter and files; the sampler's own needs come on top.
+fn needs(options: &Options, methods: &Methods, files: &Files, clusters: bool) -> Needs {
+    let needs = methods.filter.needs().and(files.needs(clusters));
+    match options.shard {
+        // What any picture that is made of them may show.
+        Some(_) => needs.with_variance().with_first_hits(u8::from(clusters)),
+        None => needs,
+    }
+}
+
+/// What the render will take, when everything is made and nothing is traced.
+fn expect(
+    options: &Options,
+    settings: &Settings,
+    methods: &mut Methods,
+    files: &Files,
+    needs: Needs,
+    foreseen: &Expected,
+) -> Result<Expected> {
+    let memory = methods.memory(settings, needs, options.shard)?;
+    let keeps = options.checkpoint.is_some() || options.resume.is_some() || options.shard.is_some();
+    let writing = files.memory(&settings.frame, &memory.needs, methods.filter.name() != "none");
+    Ok(Expected::of_render(foreseen, &memory, writing, keeps))
 }
 
 /// Pixels that a filter is taken to finish in a second, one thread: what the default is held to (8 microseconds a pixel).

@@ -245,6 +245,7 @@ fn x07_shards_make_the_picture_of_one_machine() {
     for (words, of) in [
         ("render tiny.pbrt --sampler uniform --spp 9.5 --seed 4 --max-depth 3", 3),
         ("render tiny.pbrt --sampler cluster-thesis --spp 16 --filter cluster-gaussian --crop 3,2,21,15", 4),
+        ("render room --resolution 24x16 --light-choice power --sampler uniform --spp 2", 2),
     ] {
         folder.done(&format!("{words} -q -o whole.exr -o whole.pfm -o whole.png"));
         let names: Vec<String> = (1..=of).rev().map(|i| format!("{i}.shard")).collect();

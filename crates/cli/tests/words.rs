@@ -163,6 +163,14 @@ fn lists_and_info_are_for_reading() {
     ] {
         assert!(out.lines().any(|l| l == line), "{line}: {out}");
     }
+    let render = folder.done("render tiny.pbrt");
+    let [foreseen, expected] =
+        [(&out, "memory      a render by default takes "), (&render, " taken, ")].map(|(said, before)| {
+            let sum = said.split_once(before).map(|(_, rest)| rest.lines().next().unwrap_or_default()).expect("memory");
+            // Of the picture, without the program: it may take a page more or less.
+            sum.replace(" expected", "").split_once(", film ").expect("a film").1.to_owned()
+        });
+    assert_eq!(foreseen, expected);
     // The file's own units; the tree's boxes are a little wider than what they hold.
     assert!(out.contains("\nbounds      (-9.0"), "{out}");
     let scenes = bundled::names().join(", ");

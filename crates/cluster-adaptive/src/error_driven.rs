@@ -114,7 +114,11 @@ impl<P: PointSet> Sampler for ErrorDriven<P> {
         let across = if crosses { 12 } else { 0 };
         let bytes = size_of::<RgbMoments>() + (pooling + cells).max(map) + across;
         let plans = !self.options.policy.is_all(self.options.pilot, frame, limits);
-        let memory = SamplerMemory::planning(frame, crosses, if plans { bytes } else { 0 });
+        let mut memory = SamplerMemory::planning(frame, crosses, if plans { bytes } else { 0 });
+        if plans && self.errors.is_none() {
+            let task = pool::bytes_of_task(frame.size().map(|n| n as usize), self.options.radius as usize);
+            memory.planning = memory.planning.saturating_add((task * rayon::current_num_threads()) as u64);
+        }
         if self.options.policy == Pilot::Discard { memory.with_discarded(frame, needs, limits) } else { memory }
     }
 

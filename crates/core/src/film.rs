@@ -376,21 +376,33 @@ impl Film {
             return None;
         }
         let [width, height] = self.frame.size().map(|n| n as usize);
-        let means: Vec<[f64; 3]> = (0..width * height).map(|i| self.mean(i)).collect();
+        // Three rows of means at a time: a picture of them would be as much memory again as a film of samples.
+        let mut means = vec![[0.0; 3]; 3 * width];
+        let fill = |y: usize, means: &mut [[f64; 3]]| {
+            let row = &mut means[y % 3 * width..][..width];
+            row.iter_mut().enumerate().for_each(|(x, mean)| *mean = self.mean(y * width + x));
+        };
+        fill(0, &mut means);
         let mut sum = 0.0;
-        for (y, x) in (0..height).flat_map(|y| (0..width).map(move |x| (y, x))) {
-            let error = self.squared_error(y * width + x)?;
-            let (rows, columns) = (y.saturating_sub(1)..(y + 2).min(height), x.saturating_sub(1)..(x + 2).min(width));
-            let count = (rows.len() * columns.len()) as f64;
-            let mut level = [0.0; 3];
-            for row in rows {
-                for mean in &means[row * width..][columns.clone()] {
-                    (0..3).for_each(|c| level[c] += mean[c] / count);
-                }
+        for y in 0..height {
+            if y + 1 < height {
+                fill(y + 1, &mut means);
             }
-            sum += (0..3).map(|c| error[c] / (level[c] * level[c] + 0.01)).sum::<f64>();
+            for x in 0..width {
+                let error = self.squared_error(y * width + x)?;
+                let (rows, columns) =
+                    (y.saturating_sub(1)..(y + 2).min(height), x.saturating_sub(1)..(x + 2).min(width));
+                let count = (rows.len() * columns.len()) as f64;
+                let mut level = [0.0; 3];
+                for row in rows {
+                    for mean in &means[row % 3 * width..][columns.clone()] {
+                        (0..3).for_each(|c| level[c] += mean[c] / count);
+                    }
+                }
+                sum += (0..3).map(|c| error[c] / (level[c] * level[c] + 0.01)).sum::<f64>();
+            }
         }
-        Some(sum / (3 * means.len()) as f64)
+        Some(sum / (3 * width * height) as f64)
     }
 
     /// Refuses a film that lacks something: the first line of a filter.

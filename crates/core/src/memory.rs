@@ -62,7 +62,7 @@ impl FilterMemory {
 
 /// The memory that a render takes, in bytes, as far as it goes with the size of the picture.
 ///
-/// Counted from the planes that each part holds at its fullest, not measured: the same on every machine. What the
+/// Counted from the planes that each part holds at its fullest, and not measured: the same on every machine of as many threads. What the
 /// integrator knows of the scene comes on top, and so does what becomes of the picture afterwards. Under a limit of time or
 /// error it is what a render takes that goes on after its first round; one that ends with it takes less.
 ///

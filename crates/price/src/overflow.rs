@@ -6,25 +6,31 @@ use serde_json::Value;
 use std::path::Path;
 use std::process::Command;
 
+/// One light, a sky that is a picture, and triangles by the hundred thousand.
+const SCENES: [&str; 3] = ["cornell", "teapot", "terrain"];
+
 /// The row of overflow checks: `without` and `with` are the program built without them and with them, otherwise alike.
 ///
 /// # Errors
 ///
 /// [`Error::Program`] where one does not render.
 pub fn overflow_checks(without: &Path, with: &Path, effort: Effort) -> Result<Row> {
-    let (count, words) = match effort {
-        Effort::Quick => (2, "cornell --resolution 32x32 --spp 2"),
-        Effort::Full => (15, "cornell --resolution 192x192 --spp 16"),
+    let (count, size) = match effort {
+        Effort::Quick => (3, "--resolution 32x32 --spp 2"),
+        Effort::Full => (90, "--resolution 192x192 --spp 16"),
     };
     let price = pairs(count, |number| {
-        let [with, without] = in_turn(number, || trace(with, words), || trace(without, words))?;
+        let words = format!("{} {size}", SCENES[number % SCENES.len()]);
+        // Who goes first changes when every scene has had its turn.
+        let turn = number / SCENES.len();
+        let [with, without] = in_turn(turn, || trace(with, &words), || trace(without, &words))?;
         Ok::<_, Error>(with / without)
     })?;
     Ok(Row {
         safeguard: "overflow-checks",
         does: "whole numbers that overflow end the program (a build of its own, with overflow-checks = true)",
         price,
-        price_of: format!("`dapple render {words}`, tracing, one thread"),
+        price_of: format!("`dapple render SCENE {size}`, tracing, one thread; {} in turn", SCENES.join(", ")),
         breaks: Vec::new(),
     })
 }

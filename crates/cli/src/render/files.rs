@@ -53,14 +53,14 @@ impl What {
     }
 }
 
-/// The files to write, each known to be writable.
+/// The files to write.
 pub(super) struct Files {
     files: Vec<(What, PathBuf)>,
     exposure: f32,
 }
 
 impl Files {
-    /// Decides on the files and makes sure that each can be written. Makes the folder of the maps.
+    /// Decides on the files.
     pub(super) fn new(options: &Options, scene: &str, settings: &Settings) -> Result<Self> {
         let mut files = Vec::new();
         if options.shard.is_some() {
@@ -77,13 +77,20 @@ impl Files {
             }
         }
         if let Some(folder) = &options.maps {
-            std::fs::create_dir_all(folder)
-                .map_err(|e| Failure::new(format!("{}: cannot make the folder: {e}", folder.display())))?;
             files.extend(MAPS.iter().map(|&(what, name)| (what, folder.join(name))));
         }
+        Ok(Self { files, exposure: options.exposure })
+    }
+
+    /// Makes the folder of the maps, and sure that each file can be written.
+    pub(super) fn prepare(&self, options: &Options) -> Result<()> {
+        if let Some(folder) = options.maps.as_ref().filter(|_| !self.files.is_empty()) {
+            std::fs::create_dir_all(folder)
+                .map_err(|e| Failure::new(format!("{}: cannot make the folder: {e}", folder.display())))?;
+        }
         let troubles: Vec<String> =
-            files.iter().filter_map(|(_, path)| check_writable(path).err()).map(|e| e.to_string()).collect();
-        if troubles.is_empty() { Ok(Self { files, exposure: options.exposure }) } else { Err(Failure(troubles)) }
+            self.files.iter().filter_map(|(_, path)| check_writable(path).err()).map(|e| e.to_string()).collect();
+        if troubles.is_empty() { Ok(()) } else { Err(Failure(troubles)) }
     }
 
     /// What the files show of the samples, and of `clusters` where there are some.

@@ -6,6 +6,14 @@ use dapple_renderer::image::Format;
 use dapple_renderer::{Effect, bundled, registry};
 use std::path::{Path, PathBuf};
 
+/// The words of `dapple render`, by themselves.
+#[derive(clap::Parser)]
+#[command(no_binary_name = true)]
+pub(crate) struct Words {
+    #[command(flatten)]
+    pub(crate) options: Options,
+}
+
 /// Render a picture, putting samples where it needs them
 ///
 /// SCENE is a pbrt-v4 file, a model by itself (.obj, .ply, .stl: shown under a camera and a light of our own), or

@@ -196,6 +196,17 @@ fn near(at: usize, radius: usize, end: usize) -> Range<usize> {
     at.saturating_sub(radius)..(at + radius + 1).min(end)
 }
 
+/// Rows whose scores one task makes.
+fn rows_of_task(width: usize, radius: usize) -> usize {
+    (SERIAL / width.max(1)).max(2 * radius).max(1)
+}
+
+/// Bytes that one task works with in a picture so large: the terms of its own rows and of those around.
+pub(super) fn bytes_of_task([w, h]: [usize; 2], radius: usize) -> usize {
+    let rows = (rows_of_task(w, radius) + 2 * radius).min(h);
+    w.saturating_mul(rows + 1).saturating_mul(size_of::<Terms>())
+}
+
 /// The score of each pixel from its terms and their sums over `2 radius + 1` pixels squared, cut off at the borders. Terms are added in
 /// the order of rows and columns; a running sum would keep what a firefly rounded away.
 fn over_windows(
@@ -205,8 +216,7 @@ fn over_windows(
     score: impl Fn(usize, &Terms, &Terms) -> f64 + Sync,
 ) -> Vec<f64> {
     let mut scores = vec![0.0; w * h];
-    // Each task makes the terms of its own rows and of those around.
-    let rows = (SERIAL / w.max(1)).max(2 * radius).max(1);
+    let rows = rows_of_task(w, radius);
     scores.par_chunks_mut(rows * w.max(1)).enumerate().for_each(|(task, scores)| {
         let (first, last) = (task * rows, task * rows + scores.len() / w - 1);
         let around = near(first, radius, h).start..near(last, radius, h).end;

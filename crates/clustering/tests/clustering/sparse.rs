@@ -1,4 +1,4 @@
-//! K06, in a process of its own, so that the peak is that of this test.
+//! K06: memory does not go with the number of voxels. The peak is that of the whole test program, whose other tests take little.
 
 use crate::support::soup;
 use dapple_clustering::{Error, Insertion, Params};

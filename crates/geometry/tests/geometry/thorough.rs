@@ -67,6 +67,48 @@ fn g12_building_takes_linear_time_on_duplicates_and_concentric_triangles() {
     }
 }
 
+/// A field of `2 rows columns` triangles, one unit wide: hills, or where it is rough a height of its own for each corner.
+fn field(rows: u32, columns: u32, rough: bool) -> Mesh {
+    let height = |x: u32, y: u32| match rough {
+        true => (x.wrapping_mul(7919).wrapping_add(y.wrapping_mul(104_729)) % 1013) as f32 / 1013.0,
+        false => 0.5 + 0.25 * ((x as f32 * 0.02).sin() + (y as f32 * 0.03).cos()),
+    };
+    let place = |i: u32| {
+        let (x, y) = (i % (columns + 1), i / (columns + 1));
+        [x as f32, y as f32, height(x, y)]
+    };
+    let cell = |i: u32| {
+        let a = i / columns * (columns + 1) + i % columns;
+        let b = a + columns + 1;
+        [[a, a + 1, b], [a + 1, b + 1, b]]
+    };
+    let positions = (0..(rows + 1) * (columns + 1)).map(place).collect();
+    Mesh::new(positions, (0..rows * columns).flat_map(cell).collect()).expect("sound")
+}
+
+/// Seconds that the tree takes. Its bytes are held against those that docs/results/memory.md publishes.
+fn built(mesh: Mesh) -> f64 {
+    let triangles = mesh.triangles().len();
+    let start = Instant::now();
+    let scene = Geometry::build(vec![Shape::from(mesh)], Preset::default()).expect("it fits");
+    let seconds = start.elapsed().as_secs_f64();
+    let each = scene.memory_bytes() as f64 / triangles as f64;
+    println!("{triangles} triangles: {seconds:.1} s, {each:.1} bytes each, stack {}", scene.deepest());
+    assert!(each < 125.0 && scene.deepest() <= 128, "{each} bytes a triangle");
+    let middle = scene.closest(&Ray::new(Vec3::new(500.3, 700.6, 3.0), -Vec3::Z));
+    assert!(middle.is_some_and(|hit| (2.0..=3.0).contains(&hit.t)), "{middle:?}");
+    seconds
+}
+
+#[test]
+#[ignore = "T3: 5e7 triangles in 14 GiB of memory, timing, wants a quiet machine"]
+fn z02_building_takes_linear_time_and_memory_up_to_fifty_million_triangles() {
+    for (rows, rough) in [(2500, false), (12_500, false), (2500, true)] {
+        let [half, whole] = [1, 2].map(|times| built(field(rows * times, 1000, rough)));
+        assert!(whole <= 2.3 * half, "{rows} rows take {half} s, twice as many {whole} s");
+    }
+}
+
 #[test]
 #[ignore = "T2: 8e5 triangles"]
 fn g15_slivers_are_met_at_their_centroids() {
