@@ -73,13 +73,14 @@ fn every_file_of_tests_belongs_to_its_program() {
     assert!(files >= 90, "{files}");
 }
 
-/// D07: no crate of ours has a way to say `unsafe`.
+/// D07: no crate of ours has a way to say `unsafe`, and what is released looks out for overflow.
 #[test]
 fn d07_unsafe_is_forbidden_everywhere() {
     let read = |path: &Path| std::fs::read_to_string(path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
     let manifest = |path: &Path| -> toml::Table { toml::from_str(&read(path)).expect("TOML") };
     let workspace = manifest(&root().join("Cargo.toml"));
     assert_eq!(workspace["workspace"]["lints"]["rust"]["unsafe_code"].as_str(), Some("forbid"));
+    assert_eq!(workspace["profile"]["release"]["overflow-checks"].as_bool(), Some(true));
     let crates = std::fs::read_dir(root().join("crates")).expect("crates");
     let mut manifests: Vec<_> = crates.map(|e| e.expect("an entry").path().join("Cargo.toml")).collect();
     manifests.push(root().join("Cargo.toml"));

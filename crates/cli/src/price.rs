@@ -23,9 +23,9 @@ pub(crate) struct Options {
     #[arg(long)]
     json: bool,
 
-    /// A build of this program with overflow checks: adds what they cost (docs/results/make price builds one)
+    /// A build of this program without overflow checks: adds what they cost (docs/results/make price builds one)
     #[arg(long, value_name = "PROGRAM")]
-    overflow_checks: Option<PathBuf>,
+    without_overflow_checks: Option<PathBuf>,
 }
 
 const AFTER: &str = "\
@@ -44,10 +44,10 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     };
     // First, since it is the one that somebody else's program can fail.
     let mut checked = None;
-    if let Some(program) = &options.overflow_checks {
+    if let Some(program) = &options.without_overflow_checks {
         onlooker("overflow checks");
         let itself = std::env::current_exe().map_err(|e| Failure::new(format!("cannot find this program: {e}")))?;
-        checked = Some(overflow_checks(&itself, program, effort).map_err(Failure::new)?);
+        checked = Some(overflow_checks(program, &itself, effort).map_err(Failure::new)?);
     }
     let mut rows = price(effort, &mut onlooker).map_err(Failure::new)?;
     rows.extend(checked);

@@ -18,9 +18,9 @@ fn rows(folder: &Folder, words: &str) -> Vec<Value> {
 #[test]
 fn each_safeguard_has_a_price_and_something_that_breaks_without_it() {
     let folder = Folder::new();
-    // The program with itself in the place of a build with overflow checks: only the row is looked at.
+    // The program with itself in the place of a build without overflow checks: only the row is looked at.
     let itself = assert_cmd::cargo::cargo_bin!("dapple").display().to_string();
-    let rows = rows(&folder, &format!("--overflow-checks {itself}"));
+    let rows = rows(&folder, &format!("--without-overflow-checks {itself}"));
     let names: Vec<&str> = rows.iter().filter_map(|row| row["safeguard"].as_str()).collect();
     let wanted = ["recentring", "exact", "padding", "ties", "offsets", "film", "invalid", "halves", "checkpoints"];
     assert_eq!(names, [&wanted[..], &["overflow-checks"]].concat());
@@ -45,7 +45,7 @@ fn programs_that_are_none_are_named() {
         if program.starts_with('/') && !Path::new(program).exists() {
             continue;
         }
-        let said = folder.run(&format!("price --quick --json --overflow-checks {program}"));
+        let said = folder.run(&format!("price --quick --json --without-overflow-checks {program}"));
         assert_eq!(said.status, Some(1));
         assert!(said.err.contains(program) && said.err.contains(why), "{}", said.err);
     }

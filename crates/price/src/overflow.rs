@@ -28,7 +28,7 @@ pub fn overflow_checks(without: &Path, with: &Path, effort: Effort) -> Result<Ro
     })?;
     Ok(Row {
         safeguard: "overflow-checks",
-        does: "whole numbers that overflow end the program (a build of its own, with overflow-checks = true)",
+        does: "whole numbers that overflow end the program (against a build of its own, without them; the BVH has none)",
         price,
         price_of: format!("`dapple render SCENE {size}`, tracing, one thread; {} in turn", SCENES.join(", ")),
         breaks: Vec::new(),
