@@ -80,7 +80,10 @@ fn d07_unsafe_is_forbidden_everywhere() {
     let manifest = |path: &Path| -> toml::Table { toml::from_str(&read(path)).expect("TOML") };
     let workspace = manifest(&root().join("Cargo.toml"));
     assert_eq!(workspace["workspace"]["lints"]["rust"]["unsafe_code"].as_str(), Some("forbid"));
-    assert_eq!(workspace["profile"]["release"]["overflow-checks"].as_bool(), Some(true));
+    let release = &workspace["profile"]["release"];
+    assert_eq!(release["overflow-checks"].as_bool(), Some(true));
+    let without: Vec<&str> = release["package"].as_table().expect("packages").keys().map(String::as_str).collect();
+    assert_eq!(without, ["*", "dapple-geometry"], "docs/results/price.md says which crates go without, and why");
     let crates = std::fs::read_dir(root().join("crates")).expect("crates");
     let mut manifests: Vec<_> = crates.map(|e| e.expect("an entry").path().join("Cargo.toml")).collect();
     manifests.push(root().join("Cargo.toml"));

@@ -15,7 +15,7 @@ pub struct Case {
     pub figure: String,
     pub short: String,
     pub needs: String,
-    /// Why there is no safeguard that could be taken out.
+    /// Why no safeguard was taken out.
     pub whole: String,
 }
 
@@ -270,7 +270,7 @@ pub fn page(cases: &[Case], tests: &[Test], mutations: &str) -> String {
         );
     }
     page.push_str(mutations);
-    page.push_str("\nNothing can be taken out of these:\n\n");
+    page.push_str("\nNothing was taken out of these, and why:\n\n");
     for case in cases.iter().filter(|c| !c.whole.is_empty()) {
         let _ = writeln!(page, "* {} ({}): {}.", case.id, case.title, case.whole);
     }

@@ -6,7 +6,6 @@ use crate::{Failure, Outcome, Result, scene};
 use dapple_renderer::scene::{EnvironmentRadiance, Geometry, LightKind, MaterialKind, PixelFilter, Scene};
 use dapple_renderer::{Effects, World, bundled};
 use std::path::PathBuf;
-use std::sync::Arc;
 
 /// Say what a scene holds and calls for, without rendering it
 #[derive(clap::Args)]
@@ -23,7 +22,7 @@ pub(crate) struct Options {
 pub(crate) fn run(options: &Options) -> Result<Outcome> {
     let mut scene = scene::read(&options.scene, options.allow_unsupported)?;
     let foresight = Foresight::new(&options.scene, &mut scene);
-    let world = Arc::new(scene::build(&scene, scene.film.resolution)?);
+    let world = scene::build(&scene, scene.film.resolution)?;
     scene::warn_of(&scene, &options.scene);
     for (name, what) in facts(&scene, &world) {
         tell(format!("{name:<12}{what}"))?;

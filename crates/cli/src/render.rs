@@ -24,7 +24,7 @@ use dapple_checkpoint::{Identity, Store};
 use dapple_core::{Error, Film, Filter, Needs, Sampler, Sharded, Unfiltered, streams};
 use dapple_renderer::light::LightChoice;
 use dapple_renderer::scene::Scene;
-use dapple_renderer::{Effect, Effects, Stage, WorldClusters, integrator};
+use dapple_renderer::{Effect, Effects, Stage, World, WorldClusters, integrator};
 use files::Files;
 use memory::{Expected, Limit};
 use progress::Progress;
@@ -75,11 +75,7 @@ fn make(options: &Options, merged: Option<(Film, &Identity)>) -> Result<Outcome>
 
     let clock = Instant::now();
     let mut world = scene::build(&scene, settings.frame.resolution())?;
-    match options.light_choice() {
-        options::LightChoice::Power => {}
-        options::LightChoice::Uniform => world.set_light_choice(LightChoice::Uniform),
-        options::LightChoice::Cells => world.set_light_choice(LightChoice::Cells),
-    }
+    choose_lights(&mut world, options);
     if world.dropped_triangles() > 0 {
         warn(format!("{} triangles have no area and are left out", world.dropped_triangles()));
     }
@@ -153,6 +149,15 @@ fn make(options: &Options, merged: Option<(Film, &Identity)>) -> Result<Outcome>
     }
     deliver(report, &files, 1.0 / world.space().scale(), options)?;
     end(&film, failure, resume)
+}
+
+/// Makes the world choose among its lights as the options say.
+fn choose_lights(world: &mut World, options: &Options) {
+    match options.light_choice() {
+        options::LightChoice::Power => {}
+        options::LightChoice::Uniform => world.set_light_choice(LightChoice::Uniform),
+        options::LightChoice::Cells => world.set_light_choice(LightChoice::Cells),
+    }
 }
 
 /// What is recorded for filter and files; the sampler's own needs come on top.
@@ -261,7 +266,7 @@ fn trace(
     settings: &Settings,
     methods: &mut Methods,
     needs: Needs,
-    world: &dapple_renderer::World,
+    world: &World,
     options: &Options,
     identity: &Identity,
     mut progress: Progress,

@@ -112,12 +112,14 @@ impl<P: PointSet> Sampler for ErrorDriven<P> {
         let map = self.errors.as_ref().map_or(0, |map| 8 + map.bytes_per_pixel);
         // Counts and floors of both halves stand beside all of it.
         let across = if crosses { 12 } else { 0 };
-        let bytes = size_of::<RgbMoments>() + (pooling + cells).max(map) + across;
         let plans = !self.options.policy.is_all(self.options.pilot, frame, limits);
-        let mut memory = SamplerMemory::planning(frame, crosses, if plans { bytes } else { 0 });
-        if plans && self.errors.is_none() {
-            let task = pool::bytes_of_task(frame.size().map(|n| n as usize), self.options.radius as usize);
-            memory.planning = memory.planning.saturating_add((task * rayon::current_num_threads()) as u64);
+        let always = size_of::<RgbMoments>() + across;
+        let mut memory = SamplerMemory::planning(frame, crosses, if plans { always } else { 0 });
+        if plans {
+            let size = frame.size().map(|n| n as usize);
+            let windows = pool::bytes_of_windows(size, self.options.radius as usize, rayon::current_num_threads());
+            let scoring = frame.bytes(pooling + cells).saturating_add(windows as u64);
+            memory.planning = memory.planning.saturating_add(scoring.max(frame.bytes(map)));
         }
         if self.options.policy == Pilot::Discard { memory.with_discarded(frame, needs, limits) } else { memory }
     }

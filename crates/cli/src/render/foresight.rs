@@ -3,7 +3,7 @@
 use super::files::Files;
 use super::memory::Expected;
 use super::settings::Settings;
-use super::{Options, Words, expect, needs};
+use super::{Options, Words, choose_lights, expect, needs};
 use crate::{Failure, Result};
 use clap::Parser;
 use dapple_renderer::scene::Scene;
@@ -24,7 +24,7 @@ impl Foresight {
     ///
     /// # Errors
     ///
-    /// What the render would refuse.
+    /// Where its settings make no picture.
     pub(crate) fn new(path: &Path, scene: &mut Scene) -> Result<Self> {
         let options = Words::try_parse_from([OsStr::new("--"), path.as_os_str()]).map_err(Failure::new)?.options;
         let settings = Settings::new(&options, scene)?;
@@ -32,13 +32,15 @@ impl Foresight {
         Ok(Self { options, settings, foreseen })
     }
 
-    /// The memory that it would take at its fullest, and what of it is for what. Makes clusters, as the render would.
+    /// The memory that it would take at its fullest, and what of it is for what, whether or not there is as much. Makes
+    /// clusters, as the render would.
     ///
     /// # Errors
     ///
-    /// What the render would refuse.
-    pub(crate) fn memory(mut self, scene: &Scene, world: Arc<World>) -> Result<String> {
-        let stage = Stage::new(world);
+    /// Where sampler or filter cannot be made of the world.
+    pub(crate) fn memory(mut self, scene: &Scene, mut world: World) -> Result<String> {
+        choose_lights(&mut world, &self.options);
+        let stage = Stage::new(Arc::new(world));
         let mut methods = self.settings.methods(&stage)?;
         let files = Files::new(&self.options, &scene.name, &self.settings)?;
         let needs = needs(&self.options, &methods, &files, stage.first_clusters().is_some());

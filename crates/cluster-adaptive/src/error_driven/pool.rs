@@ -201,10 +201,13 @@ fn rows_of_task(width: usize, radius: usize) -> usize {
     (SERIAL / width.max(1)).max(2 * radius).max(1)
 }
 
-/// Bytes that one task works with in a picture so large: the terms of its own rows and of those around.
-pub(super) fn bytes_of_task([w, h]: [usize; 2], radius: usize) -> usize {
-    let rows = (rows_of_task(w, radius) + 2 * radius).min(h);
-    w.saturating_mul(rows + 1).saturating_mul(size_of::<Terms>())
+/// Bytes that so many threads work with in a picture so large: each task's terms of its own rows and of those around, and sums
+/// of its columns.
+pub(super) fn bytes_of_windows([w, h]: [usize; 2], radius: usize, threads: usize) -> usize {
+    let own = rows_of_task(w, radius);
+    let around = (own + 2 * radius).min(h);
+    let task = w.saturating_mul(around + 1).saturating_mul(size_of::<Terms>());
+    task.saturating_mul(threads.min(h.div_ceil(own)))
 }
 
 /// The score of each pixel from its terms and their sums over `2 radius + 1` pixels squared, cut off at the borders. Terms are added in

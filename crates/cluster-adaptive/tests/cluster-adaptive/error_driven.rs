@@ -3,8 +3,8 @@
 use crate::common::*;
 use dapple_cluster_adaptive::{ErrorDriven, ErrorDrivenOptions, ErrorMap, Pool};
 use dapple_core::samplers::Pilot;
-use dapple_core::{BudgetLeft, Error, Feedback, Film, Limits, Needs, Plan, Progress, Sampler};
-use dapple_low_discrepancy::Random;
+use dapple_core::{BudgetLeft, Error, Feedback, Film, Frame, Limits, Needs, Plan, Progress, Sampler};
+use dapple_low_discrepancy::{Random, Sobol};
 
 const SIDE: usize = 48;
 const PILOT: u32 = 8;
@@ -229,4 +229,24 @@ fn wrong_options_are_refused() {
         assert!(ErrorDriven::with_options(Random::new(1), bad).is_err(), "{bad:?}");
     }
     assert!(ErrorDriven::with_options(Random::new(1), ErrorDrivenOptions { prior: f64::INFINITY, ..good }).is_ok());
+}
+
+/// A task of a wide window has the terms of its own rows, 128 or 4 of them, and of those around, and a row of sums, 64 bytes each;
+/// there are no more tasks than the picture's 1024 rows ask for.
+#[test]
+fn z03_what_threads_work_with_is_counted() {
+    let frame = Frame::new(4096, 1024).unwrap();
+    let planning = |radius, threads| {
+        let memory = || {
+            let options = ErrorDrivenOptions { radius, ..ErrorDrivenOptions::default() };
+            let sampler = ErrorDriven::with_options(Sobol::new(1), options).unwrap();
+            sampler.memory(&frame, &sampler.needs(), &Limits::samples(8 * frame.pixels() as u64))
+        };
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(memory).planning
+    };
+    let (wide, narrow) = (4096 * (256 + 1) * 64, 4096 * (8 + 1) * 64);
+    assert_eq!(planning(64, 1) - planning(2, 1), wide - narrow);
+    assert_eq!(planning(64, 4) - planning(64, 1), 3 * wide);
+    assert_eq!(planning(64, 8), planning(64, 20), "there are eight tasks");
 }

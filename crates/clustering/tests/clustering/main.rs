@@ -2,6 +2,5 @@
 
 mod hard_cases;
 mod soups;
-mod sparse;
 mod support;
 mod thesis;

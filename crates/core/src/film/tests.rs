@@ -54,6 +54,32 @@ fn squared_error_is_that_of_the_combined_mean() {
     }
 }
 
+/// The rows of means that are kept at a time are all that the formula asks for: bit for bit, in pictures of any height.
+#[test]
+fn predicted_errors_are_those_of_the_whole_picture() {
+    let mut rng = Pcg64Mcg::seed_from_u64(2026);
+    for [w, h] in [[1, 1], [5, 1], [1, 2], [1, 5], [2, 3], [7, 4], [6, 11]] {
+        let mut film = Film::new(Frame::new(w as u32, h as u32).expect("not empty"), Needs::none().with_halves());
+        for i in 0..w * h {
+            (0..4).for_each(|k| film.push(i, k & 1, [rng.random::<f32>() * (i + 1) as f32; 3]));
+        }
+        let mut sum = 0.0;
+        for i in 0..w * h {
+            let (x, y) = (i % w, i / w);
+            let near = |at: usize, end: usize| at.saturating_sub(1)..(at + 2).min(end);
+            let count = (near(y, h).len() * near(x, w).len()) as f64;
+            let mut level = [0.0; 3];
+            for mean in near(y, h).flat_map(|y| near(x, w).map(move |x| y * w + x)).map(|k| film.mean(k)) {
+                (0..3).for_each(|c| level[c] += mean[c] / count);
+            }
+            let error = film.squared_error(i).expect("halves");
+            sum += (0..3).map(|c| error[c] / (level[c] * level[c] + 0.01)).sum::<f64>();
+        }
+        let whole = sum / (3 * w * h) as f64;
+        assert_eq!(film.predicted_relmse().map(f64::to_bits), Some(whole.to_bits()), "{w}x{h}");
+    }
+}
+
 /// Few samples, one in ten of which carries all the light: where the error is large the pixel's own mean is large too.
 #[test]
 fn a_forecast_is_not_hidden_by_its_own_error() {

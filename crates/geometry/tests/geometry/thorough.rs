@@ -103,8 +103,13 @@ fn built(mesh: Mesh) -> f64 {
 #[test]
 #[ignore = "T3: 5e7 triangles in 14 GiB of memory, timing, wants a quiet machine"]
 fn z02_building_takes_linear_time_and_memory_up_to_fifty_million_triangles() {
-    for (rows, rough) in [(2500, false), (12_500, false), (2500, true)] {
-        let [half, whole] = [1, 2].map(|times| built(field(rows * times, 1000, rough)));
+    for (rows, rough) in [(12_500, false), (2500, false), (2500, true)] {
+        // The larger first, and the lesser of two: what it takes a machine to find memory for the first time is not the tree's.
+        let [whole, half] = [2, 1].map(|times| {
+            let seconds = |_| built(field(rows * times, 1000, rough));
+            (0..2).map(seconds).fold(f64::INFINITY, f64::min)
+        });
+        println!("{rows} rows: {half:.1} s, twice as many {whole:.1} s, {:.2} times", whole / half);
         assert!(whole <= 2.3 * half, "{rows} rows take {half} s, twice as many {whole} s");
     }
 }

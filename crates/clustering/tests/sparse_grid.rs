@@ -1,7 +1,10 @@
-//! K06: memory does not go with the number of voxels. The peak is that of the whole test program, whose other tests take little.
+//! K06, in a process of its own, so that the peak is that of this test.
 
-use crate::support::soup;
+#[path = "clustering/support/mod.rs"]
+mod support;
+
 use dapple_clustering::{Error, Insertion, Params};
+use support::soup;
 
 /// The most memory that this process has held, in KiB.
 fn peak() -> Option<u64> {
