@@ -101,7 +101,7 @@ fn built(mesh: Mesh) -> f64 {
 }
 
 #[test]
-#[ignore = "T3: 5e7 triangles in 14 GiB of memory, timing, wants a quiet machine"]
+#[ignore = "T3: 5e7 triangles in 14 GiB of memory, timing, wants a quiet machine; fails: 3.5 times, not 2.3, from 2.5e7 to 5e7"]
 fn z02_building_takes_linear_time_and_memory_up_to_fifty_million_triangles() {
     for (rows, rough) in [(12_500, false), (2500, false), (2500, true)] {
         // The larger first, and the lesser of two: what it takes a machine to find memory for the first time is not the tree's.
