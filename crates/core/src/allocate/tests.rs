@@ -24,9 +24,9 @@ fn objective(scores: &[f64], counts: &[u32], exponent: f64) -> f64 {
     scores.iter().zip(counts).map(term).sum()
 }
 
-/// Miri takes a thousand times as long, and sees as much in a hundredth of the cases.
+/// Miri takes a thousand times as long, and sees as much in a thousandth of the cases.
 pub(super) const fn cases(all: usize) -> usize {
-    if cfg!(miri) { all.div_ceil(100) } else { all }
+    if cfg!(miri) { all.div_ceil(1000) } else { all }
 }
 
 fn sum(counts: &[u32]) -> u64 {
@@ -165,7 +165,8 @@ fn a07_permuting_pixels_permutes_counts() {
 #[test]
 fn equal_scores_give_counts_that_differ_by_one() {
     for score in [0.0, 1.0, 1e300, 1e-300, f64::NAN, f64::INFINITY, -2.0] {
-        for total in [97, 98, 500, 97 * 37 + 13, 97 * 1000 - 1] {
+        let totals = [97, 98, 500, 97 * 37 + 13, 97 * 1000 - 1];
+        for &total in &totals[..if cfg!(miri) { 3 } else { 5 }] {
             let (scores, floors) = (vec![score; 97], vec![1; 97]);
             let plain = allocate(&scores, &floors, 2000, total).unwrap();
             let ladder = allocate_on_ladder(&scores, &floors, 2000, total, 1.3, true).unwrap();

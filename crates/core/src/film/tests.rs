@@ -27,6 +27,7 @@ fn bytes_per_pixel_is_what_is_allocated() {
 /// `E (A - B)^2 = var A + var B`, shared out by count: against the spread of the mean itself over
 /// 20,000 pixels. The relative deviation of either is sqrt(2 / 20000) = 1 %; 6 of them together 8 %.
 #[test]
+#[cfg_attr(miri, ignore = "statistics: too many samples for Miri")]
 fn squared_error_is_that_of_the_combined_mean() {
     for (counts, combine) in [
         ([4, 4], Combine::ByCount),
@@ -82,6 +83,7 @@ fn predicted_errors_are_those_of_the_whole_picture() {
 
 /// Few samples, one in ten of which carries all the light: where the error is large the pixel's own mean is large too.
 #[test]
+#[cfg_attr(miri, ignore = "statistics: too many samples for Miri")]
 fn a_forecast_is_not_hidden_by_its_own_error() {
     const SIDE: u32 = 64;
     const SPP: usize = 16;
