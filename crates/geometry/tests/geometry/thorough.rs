@@ -101,8 +101,9 @@ fn built(mesh: Mesh) -> f64 {
 }
 
 #[test]
-#[ignore = "T3: 5e7 triangles in 14 GiB of memory, timing, wants a quiet machine; fails: 3.5 times, not 2.3, from 2.5e7 to 5e7"]
+#[ignore = "T3: 5e7 triangles in 14 GiB of memory, timing, wants a quiet machine; fails: 3.6 times, not 2.3, from 2.5e7 to 5e7"]
 fn z02_building_takes_linear_time_and_memory_up_to_fifty_million_triangles() {
+    let mut slow = Vec::new();
     for (rows, rough) in [(12_500, false), (2500, false), (2500, true)] {
         // The larger first, and the lesser of two: what it takes a machine to find memory for the first time is not the tree's.
         let [whole, half] = [2, 1].map(|times| {
@@ -110,8 +111,11 @@ fn z02_building_takes_linear_time_and_memory_up_to_fifty_million_triangles() {
             (0..2).map(seconds).fold(f64::INFINITY, f64::min)
         });
         println!("{rows} rows: {half:.1} s, twice as many {whole:.1} s, {:.2} times", whole / half);
-        assert!(whole <= 2.3 * half, "{rows} rows take {half} s, twice as many {whole} s");
+        if whole > 2.3 * half {
+            slow.push(format!("{rows} rows take {half} s, twice as many {whole} s"));
+        }
     }
+    assert!(slow.is_empty(), "{slow:?}");
 }
 
 #[test]

@@ -72,12 +72,12 @@ fn z(a: impl Iterator<Item = f32>, b: impl Iterator<Item = f32>) -> f64 {
 }
 
 /// The white box: 1000 bounces of four blocks each. 40 coordinates spread over all 16 000, and those at powers of two, where
-/// a table would end and begin anew (1024 in pbrt-v3), each with each other: correlations of 1024 samples in each of 64
-/// pixels, which are replicates. False alarms: 1e-6 a set.
+/// a table would end and begin anew (1024 in pbrt-v3), each with each other: correlations of 512 samples in each of 256
+/// pixels, which are replicates. False alarms: 1e-6 a set; a correlation of .018 is at the bound for independent numbers.
 #[test]
 fn s04_a_thousand_bounces() {
-    const PIXELS: u32 = 64;
-    const SAMPLES: u64 = 1024;
+    const PIXELS: u32 = 256;
+    const SAMPLES: u64 = 512;
     let spread = (0..32).map(|k| 8 + k * 515);
     let dimensions: Vec<u32> = (0..8).chain(spread).chain((4..14).map(|k| 1 << k)).collect();
     assert!(*dimensions.iter().max().unwrap() > 15_970);
@@ -88,7 +88,8 @@ fn s04_a_thousand_bounces() {
             (0..u64::from(PIXELS) * SAMPLES).map(|k| f64::from(sample(k)) - 0.5).collect()
         };
         let columns: Vec<Vec<f64>> = dimensions.iter().map(column).collect();
-        // Not by the deviation of independent samples: pairs of nets have up to twice their variance.
+        // Not by the deviation of independent samples: over 4096 pixels pairs of halton's later coordinates were seen to have 2.1
+        // times their variance, sobol's 1.6, and no correlation.
         let p = |a: &[f64], b: &[f64]| {
             let mut correlation = Mean::default();
             for (a, b) in a.chunks(SAMPLES as usize).zip(b.chunks(SAMPLES as usize)) {
