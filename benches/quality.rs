@@ -11,7 +11,7 @@
 
 use criterion::measurement::{Measurement, ValueFormatter, WallTime};
 use criterion::{BenchmarkGroup, Criterion, SamplingMode, Throughput};
-use dapple::core::{Frame, Limits, Needs, NoWatch, render};
+use dapple::core::{Frame, Limits, Needs, NoMonitor, render};
 use dapple::metrics::{Pixels, compare};
 use dapple::renderer::registry::{self, Setting};
 use dapple::renderer::{Stage, World, bundled, integrator};
@@ -94,7 +94,7 @@ impl Course {
         course
     }
 
-    /// A picture and the seconds it took, clusters and planning included.
+    /// An image and the seconds it took, clusters and planning included.
     fn render(&self, sampler: &str, points: &str, spp: u64) -> (Vec<[f32; 3]>, f64) {
         let seed = self.seed.replace(self.seed.get() + 1);
         let clock = Instant::now();
@@ -102,15 +102,15 @@ impl Course {
         let mut sampler = registry::sampler(sampler, points, &Stage::new(self.world.clone())).expect("a sampler");
         let frame = Frame::new(self.side, self.side).expect("a frame");
         let limits = Limits::samples(spp * frame.pixels() as u64);
-        let film = render(&mut *integrator(&self.world), &mut *sampler, Needs::none(), frame, &limits, &mut NoWatch);
-        (film.expect("a film").picture(), clock.elapsed().as_secs_f64())
+        let film = render(&mut *integrator(&self.world), &mut *sampler, Needs::none(), frame, &limits, &mut NoMonitor);
+        (film.expect("a film").image(), clock.elapsed().as_secs_f64())
     }
 
     /// relMSE and seconds.
     fn run(&self, sampler: &str, spp: u64) -> [f64; 2] {
-        let (picture, seconds) = self.render(sampler, "sobol", spp);
+        let (image, seconds) = self.render(sampler, "sobol", spp);
         let pixels = |values| Pixels::new([self.side; 2], values).expect("pixels");
-        let found = compare(pixels(&picture), pixels(&self.reference)).expect("two pictures of a size");
+        let found = compare(pixels(&image), pixels(&self.reference)).expect("two images of a size");
         [found.rel_mse, seconds]
     }
 

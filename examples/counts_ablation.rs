@@ -15,7 +15,7 @@
 
 #![expect(clippy::print_stdout, clippy::print_stderr, reason = "a program: its table is its result")]
 
-use dapple::core::{Frame, Limits, Needs, NoWatch, render};
+use dapple::core::{Frame, Limits, Needs, NoMonitor, render};
 use dapple::metrics::{Pixels, compare};
 use dapple::renderer::light::LightChoice;
 use dapple::renderer::{Stage, World, bundled, integrator, registry, scene};
@@ -123,7 +123,7 @@ fn main() -> Result<()> {
 /// A scene with each choice among lights, and its reference.
 struct Truth {
     worlds: [Arc<World>; 3],
-    picture: Vec<[f32; 3]>,
+    image: Vec<[f32; 3]>,
 }
 
 const CHOICES: [(&str, LightChoice); 3] =
@@ -139,8 +139,8 @@ impl Truth {
             world.set_light_choice(choice);
             Arc::new(world)
         });
-        let mut truth = Self { worlds, picture: Vec::new() };
-        truth.picture = truth.render("uniform", 777, run.reference_spp, run)?;
+        let mut truth = Self { worlds, image: Vec::new() };
+        truth.image = truth.render("uniform", 777, run.reference_spp, run)?;
         eprintln!("{name}: reference made");
         Ok(truth)
     }
@@ -153,8 +153,8 @@ impl Truth {
         let mut sampler = registry::sampler(words, points, &Stage::new(world.clone()))?;
         let frame = Frame::new(run.side, run.side)?;
         let limits = Limits::samples(spp * frame.pixels() as u64);
-        let film = render(&mut *integrator(world), &mut *sampler, Needs::none(), frame, &limits, &mut NoWatch)?;
-        Ok(film.picture())
+        let film = render(&mut *integrator(world), &mut *sampler, Needs::none(), frame, &limits, &mut NoMonitor)?;
+        Ok(film.image())
     }
 
     /// sRGB MSE, relMSE and seconds, summed over seeds.
@@ -165,7 +165,7 @@ impl Truth {
             let found = self.render(words, seed, spp, run)?;
             let seconds = began.elapsed().as_secs_f64();
             let size = [run.side; 2];
-            let compared = compare(Pixels::new(size, &found)?, Pixels::new(size, &self.picture)?)?;
+            let compared = compare(Pixels::new(size, &found)?, Pixels::new(size, &self.image)?)?;
             sums = [sums[0] + compared.srgb8_mse, sums[1] + compared.rel_mse, sums[2] + seconds];
         }
         Ok(sums)

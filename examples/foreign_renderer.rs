@@ -4,22 +4,22 @@
 //! cargo run --release --example foreign_renderer -- out
 //! ```
 //!
-//! Everything from [`V3`] on is somebody else's: vectors, scene, ray tracer, integrator, picture files. Dapple is shown
+//! Everything from [`V3`] on is somebody else's: vectors, scene, ray tracer, integrator, image files. Dapple is shown
 //! slices of triangles, a closure that finds first hits, and an [`Integrator`]; no scene type, BVH, maths or image crate
 //! of Dapple's is linked. It renders uniformly and cluster-adaptively with equally many samples, filters both, and prints
-//! the errors, losses like gains. Into the folder given (else one for temporary files) go `picture.ppm`, `samples.ppm`
+//! the errors, losses like gains. Into the folder given (else one for temporary files) go `image.ppm`, `samples.ppm`
 //! (white = many) and `clusters.ppm`.
 
 #![expect(clippy::print_stdout, reason = "a program: its table is its result")]
 
-use dapple::cluster_adaptive::{BACKGROUND, ClusterAdaptive, Placement, ProbeHit, probe};
+use dapple::cluster_adaptive::{BACKGROUND, ClusterThesis, Placement, ProbeHit, probe};
 use dapple::clustering::{Params, Triangles, cluster};
 use dapple::core::samplers::Uniform;
-use dapple::core::{Block, Draws, Estimate, Film, Filter, Frame, Integrator, Limits, Needs, NoWatch};
-use dapple::core::{Observed, Sampler, Unfiltered, render};
+use dapple::core::{Block, Draws, Estimate, Film, Filter, Frame, Integrator, Limits, Needs, NoMonitor};
+use dapple::core::{Sampler, TrainingLog, Unfiltered, render};
+use dapple::denoise::{ClusterGaussian, Gaussian};
 use dapple::low_discrepancy::Sobol;
 use dapple::metrics::{Pixels, compare};
-use dapple::reconstruction::{ClusterGaussian, Gaussian};
 use std::f32::consts::{PI, TAU};
 use std::ops::{Add, Mul, Sub};
 use std::path::{Path, PathBuf};
@@ -64,8 +64,8 @@ fn main() -> Result<()> {
     ];
 
     // A reference of its own: two halves with seeds of their own, whose difference tells its error.
-    let halves = [1001, 1002].map(|seed| picture(&mut scene, &mut Uniform::new(Sobol::new(seed)), REFERENCE_SPP / 2));
-    let [first, second] = halves.map(|film| film.map(|f| f.picture()));
+    let halves = [1001, 1002].map(|seed| image(&mut scene, &mut Uniform::new(Sobol::new(seed)), REFERENCE_SPP / 2));
+    let [first, second] = halves.map(|film| film.map(|f| f.image()));
     let (first, second) = (first?, second?);
     let mean = |(a, b): (&[f32; 3], &[f32; 3])| [0, 1, 2].map(|c: usize| 0.5 * (a[c] + b[c]));
     let reference: Vec<_> = first.iter().zip(&second).map(mean).collect();
@@ -74,36 +74,34 @@ fn main() -> Result<()> {
     let mut pairs = Vec::new();
     for seed in 1..=SEEDS {
         let mut uniform = Uniform::new(Sobol::new(seed));
-        let mut adaptive = ClusterAdaptive::published(Sobol::new(seed), &probes, clusters.clusters())?;
-        pairs.push([picture(&mut scene, &mut uniform, SPP)?, picture(&mut scene, &mut adaptive, SPP)?]);
+        let mut adaptive = ClusterThesis::published(Sobol::new(seed), &probes, clusters.clusters())?;
+        pairs.push([image(&mut scene, &mut uniform, SPP)?, image(&mut scene, &mut adaptive, SPP)?]);
     }
     print_table(&filters, &pairs, &reference)?;
     let [u, a] = [0, 1].map(|which| pairs.iter().map(|pair| pair[which].record().rays).sum::<u64>());
     let more = 100.0 * ((a + SEEDS * probes.cost().rays) as f64 / u as f64 - 1.0);
-    println!(
-        "\nAdaptive pictures took {more:.1} % more rays, probes among them; a smaller gain is none at equal rays."
-    );
+    println!("\nAdaptive images took {more:.1} % more rays, probes among them; a smaller gain is none at equal rays.");
     let own = rel_mse(&first, &second)? / 4.0;
     println!("The reference, {REFERENCE_SPP} samples a pixel, has an error of {own:.1e} of its own.");
-    write_pictures(&folder, &pairs[0][1], &clusters_seen)
+    write_images(&folder, &pairs[0][1], &clusters_seen)
 }
 
-/// One picture of `spp` samples per pixel on average, exactly. The filters here read nothing but means and counts, which
+/// One image of `spp` samples per pixel on average, exactly. The filters here read nothing but means and counts, which
 /// are always recorded; others name their [`Needs`], which go in here.
-fn picture(scene: &mut Scene, sampler: &mut dyn Sampler, spp: u64) -> Result<Film> {
+fn image(scene: &mut Scene, sampler: &mut dyn Sampler, spp: u64) -> Result<Film> {
     let frame = Frame::new(SIZE[0], SIZE[1])?;
     let limits = Limits::samples(spp * frame.pixels() as u64);
-    Ok(render(scene, sampler, Needs::none(), frame, &limits, &mut NoWatch)?)
+    Ok(render(scene, sampler, Needs::none(), frame, &limits, &mut NoMonitor)?)
 }
 
-fn rel_mse(picture: &[[f32; 3]], reference: &[[f32; 3]]) -> Result<f64> {
-    Ok(compare(Pixels::new(SIZE, picture)?, Pixels::new(SIZE, reference)?)?.rel_mse)
+fn rel_mse(image: &[[f32; 3]], reference: &[[f32; 3]]) -> Result<f64> {
+    Ok(compare(Pixels::new(SIZE, image)?, Pixels::new(SIZE, reference)?)?.rel_mse)
 }
 
 /// Errors are means over seeds, ratios geometric means with a 95 % interval (paired by seed, Student's t).
 fn print_table(filters: &[Box<dyn Filter>], pairs: &[[Film; 2]], reference: &[[f32; 3]]) -> Result<()> {
     println!("relMSE, {}x{} pixels, {SPP} samples each on average, {SEEDS} seeds;", SIZE[0], SIZE[1]);
-    println!("a ratio below 1 is a gain of the adaptive picture, above 1 a loss:\n");
+    println!("a ratio below 1 is a gain of the adaptive image, above 1 a loss:\n");
     println!("| filter | uniform | cluster-adaptive | ratio |\n|---|---|---|---|");
     for filter in filters {
         let errors = |which: usize| -> Result<Vec<f64>> {
@@ -123,7 +121,7 @@ fn print_table(filters: &[Box<dyn Filter>], pairs: &[[Film; 2]], reference: &[[f
     Ok(())
 }
 
-fn write_pictures(folder: &Path, film: &Film, clusters: &[u32]) -> Result<()> {
+fn write_images(folder: &Path, film: &Film, clusters: &[u32]) -> Result<()> {
     let most = film.counts().into_iter().max().unwrap_or(1) as f32;
     let counts: Vec<[f32; 3]> = film.counts().iter().map(|&n| [n as f32 / most; 3]).collect();
     // Any colour for a number will do.
@@ -133,8 +131,8 @@ fn write_pictures(folder: &Path, film: &Film, clusters: &[u32]) -> Result<()> {
         _ => [1, 2, 3].map(|c| 0.2 + 0.8 * f32::from(byte(cluster, c)) / 255.0),
     };
     let colours = clusters.iter().map(colour).collect();
-    let display = film.picture().iter().map(|p| p.map(|x| x.powf(1.0 / 2.2))).collect();
-    for (name, pixels) in [("picture.ppm", display), ("samples.ppm", counts), ("clusters.ppm", colours)] {
+    let display = film.image().iter().map(|p| p.map(|x| x.powf(1.0 / 2.2))).collect();
+    for (name, pixels) in [("image.ppm", display), ("samples.ppm", counts), ("clusters.ppm", colours)] {
         let path = folder.join(name);
         write_ppm(&path, &pixels)?;
         println!("wrote {}", path.display());
@@ -356,7 +354,7 @@ const LIGHTS: Block = Block::new(1);
 
 /// The plug: one sample's coordinates in, its radiance out. Light of the lamp, and of the sky by one bounce.
 impl Integrator for Scene {
-    fn estimate(&self, draws: &Draws<'_>, _: &mut Observed) -> Estimate {
+    fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
         let [u, v, ..] = draws.block(FILM);
         let [x, y] = draws.pixel().map(|p| p as f32);
         let direction = self.camera_ray([x + u, y + v]);

@@ -13,9 +13,9 @@
 
 #![expect(clippy::print_stdout, reason = "a program: its table is its result")]
 
-use dapple::cluster_adaptive::{ErrorDriven, ErrorDrivenOptions, ErrorMap, MapErrors};
+use dapple::cluster_adaptive::{Adaptive, AdaptiveOptions, ErrorMap, MapErrors};
 use dapple::core::samplers::Uniform;
-use dapple::core::{Film, FirstHit, Frame, Limits, Needs, NoWatch, Sampler, luminance, render};
+use dapple::core::{Film, FirstHit, Frame, Limits, Needs, NoMonitor, Sampler, luminance, render};
 use dapple::geometry::Ray;
 use dapple::metrics::{Pixels, compare};
 use dapple::renderer::light::Target;
@@ -79,7 +79,7 @@ fn gloss(hits: &[Option<FirstHit>]) -> f64 {
 }
 
 /// A term as errors that are left: of one sample, divided by what the sampler takes for the effect of so many.
-fn term(term: Term, world: Arc<World>, options: ErrorDrivenOptions) -> ErrorMap {
+fn term(term: Term, world: Arc<World>, options: AdaptiveOptions) -> ErrorMap {
     let of: MapErrors = Box::new(move |film: &Film| {
         let value = |i: usize| {
             let hits = film.first_hits(i);
@@ -98,7 +98,7 @@ fn term(term: Term, world: Arc<World>, options: ErrorDrivenOptions) -> ErrorMap 
 struct Truth {
     world: Arc<World>,
     side: u32,
-    picture: Vec<[f32; 3]>,
+    image: Vec<[f32; 3]>,
 }
 
 impl Truth {
@@ -106,8 +106,8 @@ impl Truth {
         let mut scene = bundled::files(name).ok_or("no such bundled scene")?.read()?;
         scene.film.pixel_filter = scene::PixelFilter::default();
         let world = Arc::new(World::with_resolution(&scene, [side; 2])?);
-        let mut truth = Self { world, side, picture: Vec::new() };
-        truth.picture = truth.render(None, 777, reference_spp)?;
+        let mut truth = Self { world, side, image: Vec::new() };
+        truth.image = truth.render(None, 777, reference_spp)?;
         Ok(truth)
     }
 
@@ -117,8 +117,8 @@ impl Truth {
         let mut sampler: Box<dyn Sampler> = match by {
             None => Box::new(Uniform::new(points)),
             Some((which, mix)) => {
-                let options = ErrorDrivenOptions { mix, ..ErrorDrivenOptions::default() };
-                let sampler = ErrorDriven::with_options(points, options)?;
+                let options = AdaptiveOptions { mix, ..AdaptiveOptions::default() };
+                let sampler = Adaptive::with_options(points, options)?;
                 match which {
                     Some(which) => Box::new(sampler.with_error_map(term(which, self.world.clone(), options))?),
                     None => Box::new(sampler),
@@ -128,7 +128,7 @@ impl Truth {
         let frame = Frame::new(self.side, self.side)?;
         let limits = Limits::samples(spp * frame.pixels() as u64);
         let mut integrator = integrator(&self.world);
-        Ok(render(&mut *integrator, &mut *sampler, Needs::none(), frame, &limits, &mut NoWatch)?.picture())
+        Ok(render(&mut *integrator, &mut *sampler, Needs::none(), frame, &limits, &mut NoMonitor)?.image())
     }
 
     /// sRGB MSE and relMSE, summed over seeds.
@@ -136,7 +136,7 @@ impl Truth {
         let mut sums = [0.0; 2];
         for seed in 1..=seeds {
             let (size, found) = ([self.side; 2], self.render(by, seed, spp)?);
-            let compared = compare(Pixels::new(size, &found)?, Pixels::new(size, &self.picture)?)?;
+            let compared = compare(Pixels::new(size, &found)?, Pixels::new(size, &self.image)?)?;
             sums = [sums[0] + compared.srgb8_mse, sums[1] + compared.rel_mse];
         }
         Ok(sums)

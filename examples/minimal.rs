@@ -1,10 +1,10 @@
 //! The smallest renderer of somebody else's: spheres of its own, vectors of its own, and Dapple's samplers.
 //! `cargo run --release --example minimal -- out` writes `out/uniform.ppm`, `out/adaptive.ppm` and `out/samples.ppm`
-//! (white = many), and says how wrong either picture is. Nothing of Dapple but its core and its points is linked.
+//! (white = many), and says how wrong either image is. Nothing of Dapple but its core and its points is linked.
 #![expect(clippy::print_stdout, reason = "a program: what it says is its result")]
 
 use dapple::core::samplers::{Uniform, Variance};
-use dapple::core::{Block, Draws, Estimate, Film, Frame, Integrator, Limits, Needs, NoWatch, Observed, render};
+use dapple::core::{Block, Draws, Estimate, Film, Frame, Integrator, Limits, Needs, NoMonitor, TrainingLog, render};
 use dapple::low_discrepancy::Sobol;
 use std::f32::consts::TAU;
 
@@ -51,7 +51,7 @@ struct Balls;
 
 /// The plug: one sample's coordinates in, its radiance out.
 impl Integrator for Balls {
-    fn estimate(&self, draws: &Draws<'_>, _: &mut Observed) -> Estimate {
+    fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
         let ([u, v, lens, turn], [x, y]) = (draws.block(FILM), draws.pixel());
         let (x, y) = ((x as f32 + u) / 120.0 - 1.0, 0.4 - (y as f32 + v) / 120.0);
         // A lens of radius 0.1 in focus on the plane z = -0.6.
@@ -76,22 +76,22 @@ impl Integrator for Balls {
     }
 }
 
-fn picture(mut sampler: impl dapple::core::Sampler, spp: u64) -> Result<Film, dapple::core::Error> {
+fn image(mut sampler: impl dapple::core::Sampler, spp: u64) -> Result<Film, dapple::core::Error> {
     let (frame, limits) = (Frame::new(240, 135)?, Limits::samples(spp * 240 * 135));
-    render(&mut Balls, &mut sampler, Needs::none(), frame, &limits, &mut NoWatch)
+    render(&mut Balls, &mut sampler, Needs::none(), frame, &limits, &mut NoMonitor)
 }
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let folder = std::env::args_os().nth(1).map_or_else(std::env::temp_dir, std::path::PathBuf::from);
-    let uniform = picture(Uniform::new(Sobol::new(2)), 16)?;
-    let adaptive = picture(Variance::new(Sobol::new(2)), 16)?; // the one line that changes
-    let truth = picture(Uniform::new(Sobol::new(1)), 1024)?.picture();
+    let uniform = image(Uniform::new(Sobol::new(2)), 16)?;
+    let adaptive = image(Variance::new(Sobol::new(2)), 16)?; // the one line that changes
+    let truth = image(Uniform::new(Sobol::new(1)), 1024)?.image();
     let wrong = |(x, r): (&f32, &f32)| (x - r).powi(2) / (r * r + 0.01) / (3 * 240 * 135) as f32;
     let error = |x: &[V]| x.as_flattened().iter().zip(truth.as_flattened()).map(wrong).sum::<f32>();
-    println!("relMSE {:.2e} uniform, {:.2e} adaptive", error(&uniform.picture()), error(&adaptive.picture()));
+    println!("relMSE {:.2e} uniform, {:.2e} adaptive", error(&uniform.image()), error(&adaptive.image()));
     let most = adaptive.counts().into_iter().max().unwrap_or(1) as f32;
     let samples = adaptive.counts().iter().map(|&n| [(n as f32 / most).powf(2.2); 3]).collect();
-    for (name, pixels) in [("uniform", uniform.picture()), ("adaptive", adaptive.picture()), ("samples", samples)] {
+    for (name, pixels) in [("uniform", uniform.image()), ("adaptive", adaptive.image()), ("samples", samples)] {
         let mut file = b"P6\n240 135\n255\n".to_vec();
         file.extend(pixels.as_flattened().iter().map(|x| (255.0 * x.min(1.0).powf(1.0 / 2.2) + 0.5) as u8));
         std::fs::write(folder.join(name).with_extension("ppm"), file)?;

@@ -1,18 +1,18 @@
-//! Shared scenes beside pbrt-v4's pictures of them: ratios of means and of block means, and pairs to look at.
+//! Shared scenes beside pbrt-v4's images of them: ratios of means and of block means, and pairs to look at.
 //!
 //! ```sh
-//! cargo run --release --example references -- --full [--pictures DIR] [SCENE]... > table.md
+//! cargo run --release --example references -- --full [--images DIR] [SCENE]... > table.md
 //! ```
 //!
-//! Renders each scene of `shared/scenes/pbrt-v4` that has a picture in `shared/references` at that picture's size,
-//! with the scene's own depth, box filter and uniform `sobol`, several times with other seeds. `--pictures` writes
+//! Renders each scene of `shared/scenes/pbrt-v4` that has an image in `shared/references` at that image's size,
+//! with the scene's own depth, box filter and uniform `sobol`, several times with other seeds. `--images` writes
 //! `SCENE.png`: ours on the left, pbrt's on the right. Without `--full` a few samples show that it works.
 
 #![expect(clippy::print_stdout, clippy::print_stderr, reason = "a program: its table is its result")]
 
-use dapple::core::{Frame, Limits, Needs, NoWatch, render};
+use dapple::core::{Frame, Limits, Needs, NoMonitor, render};
 use dapple::metrics::{Pixels, block_ratios, compare};
-use dapple::renderer::image::{Encoding, Picture, encode_png, read_picture, write_file};
+use dapple::renderer::image::{Encoding, Image, encode_png, read_image, write_file};
 use dapple::renderer::{Stage, World, integrator, pbrt, registry, scene};
 use std::path::{Path, PathBuf};
 
@@ -36,11 +36,11 @@ const BLOCK: u32 = 10;
 
 fn main() -> Result<()> {
     let mut arguments = std::env::args().skip(1);
-    let (mut full, mut pictures, mut wanted) = (false, None, Vec::new());
+    let (mut full, mut images, mut wanted) = (false, None, Vec::new());
     while let Some(argument) = arguments.next() {
         match argument.as_str() {
             "--full" => full = true,
-            "--pictures" => pictures = Some(PathBuf::from(arguments.next().ok_or("--pictures needs a folder")?)),
+            "--images" => images = Some(PathBuf::from(arguments.next().ok_or("--images needs a folder")?)),
             name if SCENES.iter().any(|(known, _)| *known == name) => wanted.push(argument),
             other if Path::new(other).is_dir() => {}
             other => return Err(format!("no such scene: {other}").into()),
@@ -62,19 +62,19 @@ fn main() -> Result<()> {
             continue;
         }
         let (spp, seeds) = if full { (spp, SEEDS) } else { (1, 2) };
-        println!("{}", row(name, &file, &reference, spp, seeds, pictures.as_deref())?);
+        println!("{}", row(name, &file, &reference, spp, seeds, images.as_deref())?);
     }
     Ok(())
 }
 
-fn row(name: &str, file: &Path, reference: &Path, spp: u64, seeds: u64, pictures: Option<&Path>) -> Result<String> {
+fn row(name: &str, file: &Path, reference: &Path, spp: u64, seeds: u64, images: Option<&Path>) -> Result<String> {
     let mut scene = pbrt::read_scene(file, &pbrt::ReadOptions::default())?;
-    let reference = read_picture(&std::fs::read(reference)?, name, Encoding::Auto)?;
+    let reference = read_image(&std::fs::read(reference)?, name, Encoding::Auto)?;
     scene.film.resolution = reference.size;
     scene.film.pixel_filter = scene::PixelFilter::default();
     let world = World::new(&scene)?;
     let films: Vec<Vec<[f32; 3]>> =
-        (0..seeds).map(|seed| picture(&world, reference.size, spp, 500 + seed)).collect::<Result<_>>()?;
+        (0..seeds).map(|seed| image(&world, reference.size, spp, 500 + seed)).collect::<Result<_>>()?;
     let count = films.len() as f64;
     let mean: Vec<[f32; 3]> = (0..films[0].len())
         .map(|i| std::array::from_fn(|c| (films.iter().map(|f| f64::from(f[i][c])).sum::<f64>() / count) as f32))
@@ -88,7 +88,7 @@ fn row(name: &str, file: &Path, reference: &Path, spp: u64, seeds: u64, pictures
         let variance = means.iter().map(|m| (m - mean).powi(2)).sum::<f64>() / (count - 1.0);
         (variance / count).sqrt() / mean
     });
-    if let Some(folder) = pictures {
+    if let Some(folder) = images {
         std::fs::create_dir_all(folder)?;
         write_file(&folder.join(format!("{name}.png")), &beside(&mean, &reference)?)?;
     }
@@ -104,23 +104,23 @@ fn row(name: &str, file: &Path, reference: &Path, spp: u64, seeds: u64, pictures
     ))
 }
 
-fn picture(world: &World, size: [u32; 2], spp: u64, seed: u64) -> Result<Vec<[f32; 3]>> {
+fn image(world: &World, size: [u32; 2], spp: u64, seed: u64) -> Result<Vec<[f32; 3]>> {
     let mut integrator = integrator(world);
     let points = registry::points("sobol", registry::Setting { seed, spp: Some(spp) })?;
     let mut sampler = registry::sampler("uniform", points, &Stage::empty())?;
     let frame = Frame::new(size[0], size[1])?;
     let limits = Limits::samples(spp * u64::from(size[0]) * u64::from(size[1]));
-    let film = render(&mut *integrator, &mut *sampler, Needs::none(), frame, &limits, &mut NoWatch)?;
-    Ok(film.picture())
+    let film = render(&mut *integrator, &mut *sampler, Needs::none(), frame, &limits, &mut NoMonitor)?;
+    Ok(film.image())
 }
 
-/// Ours and theirs in one picture.
-fn beside(ours: &[[f32; 3]], theirs: &Picture) -> Result<Vec<u8>> {
+/// Ours and theirs in one image.
+fn beside(ours: &[[f32; 3]], theirs: &Image) -> Result<Vec<u8>> {
     let [width, height] = theirs.size.map(|n| n as usize);
     let mut pixels = Vec::with_capacity(2 * width * height);
     for y in 0..height {
         pixels.extend_from_slice(&ours[y * width..(y + 1) * width]);
         pixels.extend_from_slice(theirs.row(y));
     }
-    Ok(encode_png(&Picture::new([2 * theirs.size[0], theirs.size[1]], pixels)?, 0.0)?)
+    Ok(encode_png(&Image::new([2 * theirs.size[0], theirs.size[1]], pixels)?, 0.0)?)
 }

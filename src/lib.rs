@@ -1,20 +1,20 @@
-//! Dapple puts Monte Carlo samples where a picture needs them.
+//! Dapple puts Monte Carlo samples where an image needs them.
 //!
 //! This crate re-exports the parts, so that one dependency is enough:
 //!
 //! * [`core`]: the one plug. Point sets, samplers, integrators, filters, films, exact budgets, the render
 //!   loop. Depend on it alone (as `dapple-core`) to use Dapple in a renderer of your own: it knows no
-//!   geometry, no scene and no picture file.
+//!   geometry, no scene and no image file.
 //! * [`low_discrepancy`] (feature `low-discrepancy`): Owen-scrambled Sobol', Halton, (0,2), stratified and
 //!   independent points.
 //! * [`mitchell`] (feature `mitchell`): Mitchell's contrast-adaptive sampler, and pbrt-v2's.
 //! * [`clustering`] (feature `clustering`): slices of triangles in, clusters out.
 //! * [`cluster_adaptive`] (feature `cluster-adaptive`): sample counts from the projected sizes of clusters,
 //!   through a closure that finds first hits.
-//! * [`reconstruction`] (feature `reconstruction`): filters that are right under unequal sample counts.
-//! * [`metrics`] (feature `metrics`): how wrong a picture is.
+//! * [`denoise`] (feature `denoise`): filters that are right under unequal sample counts.
+//! * [`metrics`] (feature `metrics`): how wrong an image is.
 //! * [`geometry`] (feature `geometry`): watertight rays.
-//! * [`renderer`] (feature `renderer`): pbrt scenes, lights, materials, integrators, picture files.
+//! * [`renderer`] (feature `renderer`): pbrt scenes, lights, materials, integrators, image files.
 //! * `checkpoint` (feature `checkpoint`, not by default): files that survive a crash.
 //! * `study` (feature `study`, not by default): what accuracy costs in time.
 //!
@@ -28,7 +28,7 @@
 //! ```
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
 //! use dapple::core::samplers::Variance;
-//! use dapple::core::{Block, Draws, Estimate, Frame, Integrator, Limits, Needs, NoWatch, Observed, render};
+//! use dapple::core::{Block, Draws, Estimate, Frame, Integrator, Limits, Needs, NoMonitor, TrainingLog, render};
 //! use dapple::low_discrepancy::Sobol;
 //!
 //! const PLACE: Block = Block::new(0);
@@ -36,7 +36,7 @@
 //! struct Penumbra;
 //!
 //! impl Integrator for Penumbra {
-//!     fn estimate(&self, draws: &Draws<'_>, _: &mut Observed) -> Estimate {
+//!     fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
 //!         let [u, _, lamp, _] = draws.block(PLACE);
 //!         let x = draws.pixel()[0] as f32 + u;
 //!         let lit = x + 16.0 * lamp > 40.0;
@@ -47,7 +47,7 @@
 //! let frame = Frame::new(64, 16)?;
 //! let mut sampler = Variance::new(Sobol::new(7));
 //! let limits = Limits::samples(16 * 64 * 16);
-//! let film = render(&mut Penumbra, &mut sampler, Needs::none(), frame, &limits, &mut NoWatch)?;
+//! let film = render(&mut Penumbra, &mut sampler, Needs::none(), frame, &limits, &mut NoMonitor)?;
 //!
 //! assert_eq!(film.record().samples, 16 * 64 * 16);       // the budget, exactly
 //! assert!(film.count(32) > 2 * film.count(5));           // more in the penumbra than in the dark
@@ -63,6 +63,8 @@ pub use dapple_checkpoint as checkpoint;
 pub use dapple_cluster_adaptive as cluster_adaptive;
 #[cfg(feature = "clustering")]
 pub use dapple_clustering as clustering;
+#[cfg(feature = "denoise")]
+pub use dapple_denoise as denoise;
 #[cfg(feature = "geometry")]
 pub use dapple_geometry as geometry;
 #[cfg(feature = "low-discrepancy")]
@@ -71,8 +73,6 @@ pub use dapple_low_discrepancy as low_discrepancy;
 pub use dapple_metrics as metrics;
 #[cfg(feature = "mitchell")]
 pub use dapple_mitchell as mitchell;
-#[cfg(feature = "reconstruction")]
-pub use dapple_reconstruction as reconstruction;
 #[cfg(feature = "renderer")]
 pub use dapple_renderer as renderer;
 #[cfg(feature = "study")]

@@ -79,7 +79,7 @@ const RULES: &[(&str, &[&str], &[&str])] = &[
     ("dapple-mitchell", &["dapple-core"], OF_A_SCENE),
     ("dapple-clustering", &[], OF_A_SCENE),
     ("dapple-cluster-adaptive", &["dapple-core", "dapple-clustering"], OF_A_SCENE),
-    ("dapple-reconstruction", &["dapple-core"], OF_A_SCENE),
+    ("dapple-denoise", &["dapple-core"], OF_A_SCENE),
     ("dapple-metrics", &[], &["glam", "obvhs", "image", "exr", "rayon"]),
     ("dapple-checkpoint", &[], &["glam", "obvhs", "image", "exr", "rayon"]),
     ("dapple-geometry", &[], &["image", "exr", "rayon", "clap"]),
@@ -92,7 +92,7 @@ const RULES: &[(&str, &[&str], &[&str])] = &[
             "dapple-mitchell",
             "dapple-clustering",
             "dapple-cluster-adaptive",
-            "dapple-reconstruction",
+            "dapple-denoise",
         ],
         &["clap", "indicatif"],
     ),
@@ -105,7 +105,7 @@ const RULES: &[(&str, &[&str], &[&str])] = &[
             "dapple-mitchell",
             "dapple-clustering",
             "dapple-cluster-adaptive",
-            "dapple-reconstruction",
+            "dapple-denoise",
             "dapple-metrics",
             "dapple-renderer",
         ],
@@ -120,7 +120,7 @@ const RULES: &[(&str, &[&str], &[&str])] = &[
             "dapple-mitchell",
             "dapple-clustering",
             "dapple-cluster-adaptive",
-            "dapple-reconstruction",
+            "dapple-denoise",
             "dapple-renderer",
             "dapple-checkpoint",
         ],
@@ -135,7 +135,7 @@ const RULES: &[(&str, &[&str], &[&str])] = &[
             "dapple-mitchell",
             "dapple-clustering",
             "dapple-cluster-adaptive",
-            "dapple-reconstruction",
+            "dapple-denoise",
             "dapple-metrics",
             "dapple-renderer",
             "dapple-study",
@@ -146,11 +146,11 @@ const RULES: &[(&str, &[&str], &[&str])] = &[
     ),
 ];
 
-/// What knows of scenes, BVHs, vectors or picture files.
+/// What knows of scenes, BVHs, vectors or image files.
 const OF_A_SCENE: &[&str] = &["glam", "obvhs", "image", "exr", "dapple-geometry", "dapple-renderer"];
 
 /// What `examples/foreign_renderer.rs` asks for in the manifest.
-const FOREIGN: &str = "clustering,cluster-adaptive,reconstruction,low-discrepancy,metrics";
+const FOREIGN: &str = "clustering,cluster-adaptive,denoise,low-discrepancy,metrics";
 
 #[test]
 fn crates_know_only_what_they_may() {

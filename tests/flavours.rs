@@ -1,4 +1,4 @@
-//! D04: the same picture from builds of other flavours.
+//! D04: the same image from builds of other flavours.
 
 use std::path::Path;
 use std::process::Command;
@@ -9,7 +9,7 @@ use std::process::Command;
 fn d04_flavours() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let folder = tempfile::tempdir().expect("a folder");
-    let picture = |name: &str, flags: &str, level: &str, profile: &str| -> Vec<u8> {
+    let image = |name: &str, flags: &str, level: &str, profile: &str| -> Vec<u8> {
         let out = folder.path().join(format!("{name}.pfm"));
         let output = Command::new(env!("CARGO"))
             .args(["run", "--quiet", "--profile", profile, "-p", "dapple-cli", "--", "render", "cornell"])
@@ -32,12 +32,12 @@ fn d04_flavours() {
             .output()
             .expect("cargo runs");
         assert!(output.status.success(), "{name}: {}", String::from_utf8_lossy(&output.stderr));
-        std::fs::read(out).expect("a picture")
+        std::fs::read(out).expect("an image")
     };
-    let plain = picture("plain", "", "1", "dev");
-    assert!(plain == picture("release", "", "1", "release"), "release is another picture");
+    let plain = image("plain", "", "1", "dev");
+    assert!(plain == image("release", "", "1", "release"), "release is another image");
     assert!(
-        plain == picture("native", "-C target-cpu=native", "2", "dev"),
-        "this machine's processor makes another picture"
+        plain == image("native", "-C target-cpu=native", "2", "dev"),
+        "this machine's processor makes another image"
     );
 }

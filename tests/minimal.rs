@@ -16,7 +16,7 @@ fn a_hundred_lines_on_core_and_points_alone() {
 }
 
 #[test]
-fn it_draws_and_the_adaptive_picture_is_better() {
+fn it_draws_and_the_adaptive_image_is_better() {
     let folder = tempfile::tempdir().expect("a folder");
     let mut command = built().map_or_else(run_by_cargo, Command::new);
     let output = command.arg(folder.path()).output().expect("it starts");

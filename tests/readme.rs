@@ -70,12 +70,12 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     use dapple::core::*;
     struct Ramp;
     impl Integrator for Ramp {
-        fn estimate(&self, draws: &Draws<'_>, _: &mut Observed) -> Estimate {
+        fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
             Estimate { radiance: [draws.pixel()[0] as f32; 3], first_hit: None, cost: 1 }
         }
     }
     let mut sampler = Brightness::new(dapple::low_discrepancy::Sobol::new(1));
-    let film = render(&mut Ramp, &mut sampler, Needs::none(), Frame::new(8, 8)?, &Limits::samples(1000), &mut NoWatch)?;
+    let film = render(&mut Ramp, &mut sampler, Needs::none(), Frame::new(8, 8)?, &Limits::samples(1000), &mut NoMonitor)?;
     println!("{} {}", film.record().samples, film.count(7) > film.count(0));
     Ok(())
 }
@@ -110,7 +110,7 @@ fn dapple() -> Command {
 }
 
 #[test]
-fn the_render_command_makes_picture_and_map() {
+fn the_render_command_makes_image_and_map() {
     let command = commands().into_iter().find(|c| c.starts_with("cargo run")).expect("a render command");
     let words = command.strip_prefix(FIRST).expect("the program of this workspace");
     let ci = std::fs::read_to_string(root().join(".ci/run")).expect(".ci/run");

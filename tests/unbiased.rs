@@ -2,10 +2,10 @@
 //! crates (`bias.rs` of their tests). A false alarm of the whole file has probability 1e-6 at most, its pooled figures' tails being
 //! approximate.
 
-use dapple::core::{Film, Frame, Limits, Needs, NoWatch, render};
+use dapple::core::{Film, Frame, Limits, Needs, NoMonitor, render};
 use dapple::renderer::registry::{self, SAMPLERS, Setting};
 use dapple::renderer::{Stage, World, bundled, integrator};
-use dapple_conformance::statistics::{FAMILY, Pixels, count_trend, picture_mean, pictures, power, sidak, two_sided};
+use dapple_conformance::statistics::{FAMILY, Pixels, count_trend, image_mean, images, power, sidak, two_sided};
 use std::sync::Arc;
 
 const SIDE: u32 = 24;
@@ -21,7 +21,7 @@ const UNBIASED: [&str; 7] = [
     "cluster-thesis",
 ];
 
-/// Samplers without one: what decides in Cycles is the difference between the two halves of the picture itself.
+/// Samplers without one: what decides in Cycles is the difference between the two halves of the image itself.
 const BIASED: [&str; 1] = ["cycles"];
 
 fn world(scene: &str) -> Arc<World> {
@@ -29,7 +29,7 @@ fn world(scene: &str) -> Arc<World> {
     Arc::new(World::with_resolution(&scene, [SIDE; 2]).expect("sound"))
 }
 
-/// Pictures by one sampler, each of a seed of its own.
+/// Images by one sampler, each of a seed of its own.
 fn films(world: &Arc<World>, sampler: &str, spp: u64, first_seed: u64) -> Vec<Film> {
     let stage = Stage::new(world.clone());
     let frame = Frame::new(SIDE, SIDE).expect("a frame");
@@ -37,7 +37,7 @@ fn films(world: &Arc<World>, sampler: &str, spp: u64, first_seed: u64) -> Vec<Fi
         let points = registry::points("sobol", Setting { seed: first_seed + seed, spp: Some(spp) }).expect("points");
         let mut sampler = registry::sampler(sampler, points, &stage).unwrap_or_else(|e| panic!("{e}"));
         let limits = Limits::samples(spp * frame.pixels() as u64);
-        render(&mut *integrator(world), &mut *sampler, Needs::none(), frame, &limits, &mut NoWatch).expect("a film")
+        render(&mut *integrator(world), &mut *sampler, Needs::none(), frame, &limits, &mut NoMonitor).expect("a film")
     };
     (0..REPLICATES).map(film).collect()
 }
@@ -54,7 +54,7 @@ fn unbiased_on(scene: &str) {
     let level = sidak(FAMILY, 4 * UNBIASED.len());
     for (k, words) in UNBIASED.into_iter().enumerate() {
         let found = films(&world, words, 8, (k as u64 + 1) << 20);
-        let test = pictures(SIDE as usize, &means(&found), &reference_means);
+        let test = images(SIDE as usize, &means(&found), &reference_means);
         assert!(test.p() > level, "{scene}, {words}: {test:?}");
         // Counts say nothing of values; where halves decide for each other a pixel's count is partly its other half's doing.
         if !words.ends_with("cross") {
@@ -65,7 +65,7 @@ fn unbiased_on(scene: &str) {
     }
     // Negative control: pbrt-v2's rule as it was published, by its mean and by counts that go with values.
     let found = films(&world, "mitchell-pbrt:mode=threshold", 40, 1 << 30);
-    let test = pictures(SIDE as usize, &means(&found), &reference_means);
+    let test = images(SIDE as usize, &means(&found), &reference_means);
     assert!(test.global < FAMILY && test.p() < level, "{scene}: the published rule is not caught: {test:?}");
     let pixels: Vec<Pixels> = found.iter().map(Pixels::of).collect();
     assert!(
@@ -73,9 +73,9 @@ fn unbiased_on(scene: &str) {
         "{scene}: values go with counts, unseen: {}",
         count_trend(&pixels)
     );
-    // Power: a bias of 6 % of the picture's mean would be seen.
+    // Power: a bias of 6 % of the image's mean would be seen.
     let [a, b] = [&films(&world, UNBIASED[0], 8, 1 << 20), &reference]
-        .map(|films| films.iter().map(picture_mean).collect::<dapple_conformance::statistics::Mean>());
+        .map(|films| films.iter().map(image_mean).collect::<dapple_conformance::statistics::Mean>());
     let test = a.against_estimate(&b);
     let seen = power(0.06 * b.mean / test.standard_error, sidak(level, 12), test.degrees_of_freedom);
     assert!(seen > 0.99, "{scene}: {seen}, standard error {} of {}", test.standard_error, b.mean);

@@ -1,7 +1,7 @@
 //! Renders, filters, and takes errors and times.
 
 use crate::{Result, reference, statistics};
-use dapple::core::{Film, Frame, Limits, Needs, NoWatch, render};
+use dapple::core::{Film, Frame, Limits, Needs, NoMonitor, render};
 use dapple::metrics::{Pixels, compare};
 use dapple::renderer::{Stage, World, bundled, integrator, registry, scene};
 use std::collections::BTreeMap;
@@ -86,7 +86,7 @@ fn filter_words(filter: usize, k: u32) -> String {
     if filter == CLUSTER_FILTER { format!("{}:k={k}", FILTERS[filter]) } else { FILTERS[filter].to_owned() }
 }
 
-/// Wall seconds of one picture.
+/// Wall seconds of one image.
 #[derive(Clone, Copy, Default)]
 pub(crate) struct Seconds {
     pub(crate) cluster: f64,
@@ -106,7 +106,7 @@ impl Seconds {
     }
 }
 
-/// What is known of one picture.
+/// What is known of one image.
 pub(crate) struct Run {
     method: usize,
     filter: usize,
@@ -179,9 +179,9 @@ impl Results<'_> {
     }
 }
 
-/// A picture's errors, one of each kind.
-pub(crate) fn errors(side: u32, picture: &[[f32; 3]], reference: &[[f32; 3]]) -> Result<[f64; 2]> {
-    let found = compare(Pixels::new([side; 2], picture)?, Pixels::new([side; 2], reference)?)?;
+/// An image's errors, one of each kind.
+pub(crate) fn errors(side: u32, image: &[[f32; 3]], reference: &[[f32; 3]]) -> Result<[f64; 2]> {
+    let found = compare(Pixels::new([side; 2], image)?, Pixels::new([side; 2], reference)?)?;
     Ok([found.srgb8_mse, found.rel_mse])
 }
 
@@ -203,17 +203,17 @@ pub(crate) fn run<'a>(plan: &'a Plan, cache: &Path) -> Result<Results<'a>> {
             let published = |m: &Method| plan.seeds > 1 || !m.name.ends_with("4-128");
             let rendered = |m: &usize| published(&METHODS[*m]) && (!METHODS[*m].aside || seed <= plan.seeds / 2);
             for method in (0..METHODS.len()).filter(rendered) {
-                runs.extend(place.pictures(method, seed, spp, &mut uniform)?);
+                runs.extend(place.images(method, seed, spp, &mut uniform)?);
             }
         }
     }
     Ok(Results { plan, own: place.reference.own, recording, runs })
 }
 
-/// Pictures of uniform sampling, by their points.
+/// Images of uniform sampling, by their points.
 type Uniform = BTreeMap<&'static str, Vec<[f32; 3]>>;
 
-/// Where pictures are made and measured.
+/// Where images are made and measured.
 struct Place<'a> {
     plan: &'a Plan,
     world: Arc<World>,
@@ -223,8 +223,8 @@ struct Place<'a> {
 
 impl Place<'_> {
     /// One film, filtered in each way. What uniform sampling made is kept for those that come after it.
-    fn pictures(&self, method: usize, seed: u64, spp: u64, uniform: &mut Uniform) -> Result<Vec<Run>> {
-        // A stage of its own: what it counts is this picture's alone.
+    fn images(&self, method: usize, seed: u64, spp: u64, uniform: &mut Uniform) -> Result<Vec<Run>> {
+        // A stage of its own: what it counts is this image's alone.
         let stage = Stage::new(self.world.clone());
         let filters = (0..FILTERS.len()).map(|f| registry::filter(&filter_words(f, self.plan.k), &stage));
         let filters = filters.collect::<std::result::Result<Vec<_>, _>>()?;
@@ -232,7 +232,7 @@ impl Place<'_> {
         let Method { points, .. } = METHODS[method];
         let film = film(self.plan, &self.world, &stage, &METHODS[method], (seed, spp), needs)?;
         if METHODS[method].sampler == "uniform" {
-            uniform.insert(points, film.picture());
+            uniform.insert(points, film.image());
         }
         let lowest = self.lowest(&film, uniform.get(points).ok_or("uniform sampling comes first")?)?;
         let (record, probe) = (film.record(), stage.probe_cost().seconds);
@@ -240,9 +240,9 @@ impl Place<'_> {
         let mut runs = Vec::new();
         for (filter, made) in filters.iter().enumerate() {
             let began = Instant::now();
-            let picture = made.apply(&film)?;
+            let image = made.apply(&film)?;
             let filtering = began.elapsed().as_secs_f64();
-            // To whoever used them: clusters made for a filter cost a picture without it nothing.
+            // To whoever used them: clusters made for a filter cost an image without it nothing.
             let asked = METHODS[method].clusters.is_some() || filter == CLUSTER_FILTER;
             let seconds = Seconds {
                 cluster: if asked { stage.cluster_seconds() } else { 0.0 },
@@ -251,7 +251,7 @@ impl Place<'_> {
                 trace: record.trace_seconds() / if filter == CLUSTER_FILTER { 1.0 } else { self.recording },
                 filter: if filter == NONE { 0.0 } else { filtering },
             };
-            let found = errors(self.plan.side, &picture.radiance, &self.reference.pixels)?;
+            let found = errors(self.plan.side, &image.radiance, &self.reference.pixels)?;
             let errors = [0, 1].map(|i| (found[i] - self.reference.own[i]).max(1e-12));
             runs.push(Run { method, filter, spp, errors, seconds, lowest });
         }
@@ -261,12 +261,12 @@ impl Place<'_> {
     fn lowest(&self, film: &Film, uniform: &[[f32; 3]]) -> Result<Lowest> {
         let (counts, truth) = (film.counts(), &self.reference.pixels);
         let least = counts.iter().copied().min().unwrap_or(0);
-        let error = |picture: &[[f32; 3]]| errors(self.plan.side, picture, truth).map(|e| e[SRGB].max(1e-12));
-        let within = |picture: &[[f32; 3]]| {
-            let pixels = picture.iter().zip(truth).zip(&counts);
+        let error = |image: &[[f32; 3]]| errors(self.plan.side, image, truth).map(|e| e[SRGB].max(1e-12));
+        let within = |image: &[[f32; 3]]| {
+            let pixels = image.iter().zip(truth).zip(&counts);
             error(&pixels.map(|((&x, &r), &n)| if n == least { x } else { r }).collect::<Vec<_>>())
         };
-        let (mine, theirs) = (within(&film.picture())?, within(uniform)?);
+        let (mine, theirs) = (within(&film.image())?, within(uniform)?);
         let pixels = counts.iter().filter(|&&n| n == least).count() as f64 / counts.len() as f64;
         Ok(Lowest { pixels, part: theirs / error(uniform)?, loss: mine / theirs })
     }
@@ -284,7 +284,7 @@ fn film(
     let mut sampler = registry::sampler(&method.words(plan.k), points, stage)?;
     let frame = Frame::new(plan.side, plan.side)?;
     let limits = Limits::samples(spp * u64::from(plan.side * plan.side));
-    Ok(render(&mut *integrator(world), &mut *sampler, needs, frame, &limits, &mut NoWatch)?)
+    Ok(render(&mut *integrator(world), &mut *sampler, needs, frame, &limits, &mut NoMonitor)?)
 }
 
 /// Seconds of tracing with first hits recorded over seconds without: the best of five, in turns.

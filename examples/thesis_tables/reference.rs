@@ -2,8 +2,8 @@
 
 use crate::Result;
 use crate::measure::{Plan, errors};
-use dapple::core::{Frame, Limits, Needs, NoWatch, render};
-use dapple::renderer::image::{Encoding, Picture, encode_pfm, read_picture, write_file};
+use dapple::core::{Frame, Limits, Needs, NoMonitor, render};
+use dapple::renderer::image::{Encoding, Image, encode_pfm, read_image, write_file};
 use dapple::renderer::{Stage, World, bundled::Bundle, integrator, registry};
 use std::path::Path;
 
@@ -34,21 +34,21 @@ fn half(plan: &Plan, world: &World, bundle: &Bundle, seed: u64, cache: &Path) ->
     let name = path.display().to_string();
     if path.is_file() {
         eprintln!("reference: {name}");
-        let picture = read_picture(&std::fs::read(&path)?, &name, Encoding::Auto)?;
-        if picture.size != [side; 2] {
-            return Err(format!("{name} is {:?} pixels: delete it", picture.size).into());
+        let image = read_image(&std::fs::read(&path)?, &name, Encoding::Auto)?;
+        if image.size != [side; 2] {
+            return Err(format!("{name} is {:?} pixels: delete it", image.size).into());
         }
-        return Ok(picture.pixels);
+        return Ok(image.pixels);
     }
     eprintln!("reference: rendering {name}");
     let points = registry::points(POINTS, registry::Setting { seed, spp: Some(spp) })?;
     let mut sampler = registry::sampler("uniform", points, &Stage::empty())?;
     let limits = Limits::samples(spp * u64::from(side * side));
     let frame = Frame::new(side, side)?;
-    let film = render(&mut *integrator(world), &mut *sampler, Needs::none(), frame, &limits, &mut NoWatch)?;
-    let picture = Picture::new([side; 2], film.picture())?;
-    write_file(&path, &encode_pfm(&picture)?)?;
-    Ok(picture.pixels)
+    let film = render(&mut *integrator(world), &mut *sampler, Needs::none(), frame, &limits, &mut NoMonitor)?;
+    let image = Image::new([side; 2], film.image())?;
+    write_file(&path, &encode_pfm(&image)?)?;
+    Ok(image.pixels)
 }
 
 /// Of the scene's files (FNV-1a): another scene of the same name is another reference.

@@ -1,7 +1,7 @@
 //! What the fuzz target `checkpoint` does with its bytes; `crates/checkpoint/tests/fuzz_corpus.rs` does the same with the seeds.
 
 use dapple_checkpoint::Contents;
-use dapple_core::{Part, Snapshot, merge};
+use dapple_core::{ShardFilm, Snapshot, merge};
 
 /// A file with any checksum and with the right one, a snapshot, a shard.
 pub fn checkpoint(data: &[u8]) {
@@ -15,15 +15,15 @@ pub fn checkpoint(data: &[u8]) {
     match Snapshot::from_bytes(data) {
         Ok(snapshot) => {
             let film = snapshot.film();
-            assert_eq!(film.counts().len(), film.picture().len());
+            assert_eq!(film.counts().len(), film.image().len());
             let _ = (film.predicted_relmse(), film.squared_errors());
         }
         Err(e) => assert!(!e.to_string().is_empty()),
     }
-    if let Ok(part) = Part::from_bytes(data) {
+    if let Ok(part) = ShardFilm::from_bytes(data) {
         // Bytes that mean nothing may differ, once.
         let bytes = part.to_bytes();
-        assert_eq!(Part::from_bytes(&bytes).expect("what was written").to_bytes(), bytes);
+        assert_eq!(ShardFilm::from_bytes(&bytes).expect("what was written").to_bytes(), bytes);
         if let Ok(film) = merge(&[part]) {
             assert_eq!(film.counts().len(), film.frame().pixels());
         }

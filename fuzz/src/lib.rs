@@ -2,13 +2,13 @@
 
 use dapple_geometry::{Geometry, Hit, Mesh, Preset, Ray, Shape};
 use dapple_renderer::Effects;
-use dapple_renderer::image::{Encoding, read_attributes, read_channels, read_picture};
+use dapple_renderer::image::{Encoding, read_attributes, read_channels, read_image};
 use dapple_renderer::model::{read_obj, read_stl};
 use dapple_renderer::pbrt::{ReadOptions, read_scene_from};
 use dapple_renderer::ply::read_ply;
 use glam::Vec3;
 
-/// A scene file beside a mesh, a picture and a file to include.
+/// A scene file beside a mesh, an image and a file to include.
 pub fn scene(data: &[u8]) {
     let mesh = b"ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
         element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n";
@@ -50,12 +50,12 @@ pub fn stl(data: &[u8]) {
     }
 }
 
-/// A picture of any format: TGA alone goes by its name.
+/// An image of any format: TGA alone goes by its name.
 pub fn image(data: &[u8]) {
     for encoding in [Encoding::Auto, Encoding::Linear] {
-        if let Ok(picture) = read_picture(data, "a.tga", encoding) {
-            let count = picture.width() * picture.height();
-            assert!(picture.pixels.len() == count && (picture.alpha.is_empty() || picture.alpha.len() == count));
+        if let Ok(image) = read_image(data, "a.tga", encoding) {
+            let count = image.width() * image.height();
+            assert!(image.pixels.len() == count && (image.alpha.is_empty() || image.alpha.len() == count));
         }
     }
     let _ = read_channels(data, "a.exr");

@@ -17,7 +17,7 @@ const LONGEST: usize = 1 << 20;
 pub enum Kind {
     /// A render that goes on.
     Checkpoint,
-    /// A machine's share of a picture.
+    /// A machine's share of an image.
     Shard,
 }
 

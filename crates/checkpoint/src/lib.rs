@@ -1,4 +1,4 @@
-//! Files that survive a crash: checkpoints of renders, and shards of pictures that several machines make.
+//! Files that survive a crash: checkpoints of renders, and shards of images that several machines make.
 //!
 //! * [`Store::save`] writes a file beside its place, flushes it to the disk and renames it; the generation before stays
 //!   beside it. At every moment, [`Store::read`] finds a whole one.

@@ -9,8 +9,8 @@ mod target;
 use dapple_checkpoint::{Contents, Identity, Kind};
 use dapple_core::samplers::Uniform;
 use dapple_core::{
-    Block, Control, Draws, Estimate, Film, FirstHit, Frame, Integrator, Limits, Needs, Observations, Observed, Part,
-    PointSet, SampleId, Sampler, Shard, Sharded, Status, render,
+    Block, Control, Draws, Estimate, Film, FirstHit, Frame, Integrator, Limits, Needs, PointSet, SampleId, Sampler,
+    Shard, ShardFilm, Sharded, Status, TrainingData, TrainingLog, render,
 };
 use std::path::Path;
 
@@ -43,7 +43,7 @@ impl PointSet for Hashed {
 struct Field;
 
 impl Integrator for Field {
-    fn estimate(&self, draws: &Draws<'_>, observed: &mut Observed) -> Estimate {
+    fn estimate(&self, draws: &Draws<'_>, observed: &mut TrainingLog) -> Estimate {
         let u = draws.block(Block::new(0));
         observed.note((u[0] * 4.0) as u64, u[1]);
         let first_hit = (u[2] > 0.3).then_some(FirstHit {
@@ -61,21 +61,21 @@ impl Integrator for Field {
         Estimate { radiance: [u[0] - 0.05, u[1], u[3]], first_hit, cost: 2 }
     }
 
-    fn observes(&self) -> bool {
+    fn wants_training(&self) -> bool {
         true
     }
 
-    fn learn(&mut self, _: &Observations) {}
+    fn learn(&mut self, _: &TrainingData) {}
 }
 
 fn rendered(sampler: &mut dyn Sampler, needs: Needs) -> (Film, Vec<u8>) {
     let mut bytes = Vec::new();
-    let mut watch = |status: &Status<'_>| {
+    let mut monitor = |status: &Status<'_>| {
         bytes = status.snapshot();
         if status.samples > 12 { Control::Stop } else { Control::Continue }
     };
     let frame = Frame::new(5, 4).and_then(|frame| frame.crop(1, 1, 4, 3)).unwrap();
-    let film = render(&mut Field, sampler, needs, frame, &Limits::samples(19), &mut watch).unwrap();
+    let film = render(&mut Field, sampler, needs, frame, &Limits::samples(19), &mut monitor).unwrap();
     (film, bytes)
 }
 
@@ -94,7 +94,7 @@ fn seeds() -> Vec<(&'static str, Vec<u8>)> {
     let mut go_on = |_: &Status<'_>| Control::Continue;
     let frame = Frame::new(3, 2).unwrap();
     let film = render(&mut Field, &mut sampler, Needs::none().with_variance(), frame, &limits, &mut go_on).unwrap();
-    let part = Part::new(shard, &film).unwrap().to_bytes();
+    let part = ShardFilm::new(shard, &film).unwrap().to_bytes();
     vec![("file", file), ("unsigned", unsigned), ("snapshot", snapshot), ("plain", plain), ("part", part)]
 }
 
@@ -110,7 +110,7 @@ fn i01_checkpoints_bear_damage() {
     }
     let stored = made.iter().map(|(name, _)| std::fs::read(folder.join(name)).unwrap()).collect::<Vec<_>>();
     assert!(dapple_core::Snapshot::from_bytes(&stored[2]).is_ok(), "of another version: set DAPPLE_WRITE_SEEDS=1");
-    assert!(Part::from_bytes(&stored[4]).is_ok() && Contents::from_bytes(stored[0].clone()).is_ok());
+    assert!(ShardFilm::from_bytes(&stored[4]).is_ok() && Contents::from_bytes(stored[0].clone()).is_ok());
     let mut state = 1;
     let mut random = |below: usize| {
         state = mix(state + 1);

@@ -4,11 +4,11 @@ use crate::output::{tell, warn};
 use crate::{Failure, Outcome, Result};
 use dapple_metrics::{Comparison, PIXELS_PER_DEGREE, Pixels, WorstBlock, compare, flip};
 use dapple_renderer::files::{Disk, Files};
-use dapple_renderer::image::{Encoding, Picture, read_picture};
+use dapple_renderer::image::{Encoding, Image, read_image};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
-/// Compare a picture with its reference
+/// Compare an image with its reference
 ///
 /// Reads EXR, PFM, Radiance HDR, PNG, JPEG and TGA; integers are taken as sRGB. Of an EXR file the main layer
 /// counts. All figures are of linear values, unless they say display or sRGB. FLIP is the difference that is seen
@@ -16,7 +16,7 @@ use std::path::{Path, PathBuf};
 #[derive(clap::Args)]
 #[command(after_help = "Examples:\n  dapple compare scene.exr reference.exr\n  dapple compare --json a.pfm b.exr")]
 pub(crate) struct Options {
-    /// The picture
+    /// The image
     #[arg(value_name = "A")]
     image: PathBuf,
     /// The reference, of the same size
@@ -41,14 +41,14 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-fn pixels(picture: &Picture) -> Result<Pixels<'_>> {
-    Pixels::new(picture.size, &picture.pixels).map_err(Failure::new)
+fn pixels(image: &Image) -> Result<Pixels<'_>> {
+    Pixels::new(image.size, &image.pixels).map_err(Failure::new)
 }
 
-fn read(path: &Path) -> Result<Picture> {
+fn read(path: &Path) -> Result<Image> {
     let name = path.display().to_string();
     let bytes = Disk.read(path).map_err(|e| Failure::new(format!("{name}: cannot read it: {e}")))?;
-    read_picture(&bytes, &name, Encoding::Auto).map_err(Failure::new)
+    read_image(&bytes, &name, Encoding::Auto).map_err(Failure::new)
 }
 
 /// The keys of the JSON line, in their order.

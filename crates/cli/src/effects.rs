@@ -14,14 +14,14 @@ use dapple_renderer::{Effects, bundled};
 use ledger::{Ledger, Settings};
 use std::path::PathBuf;
 
-/// Longest side of the pictures where no resolution is given: the shares hardly depend on it, the wait does.
+/// Longest side of the images where no resolution is given: the shares hardly depend on it, the wait does.
 const LONGEST: u32 = 192;
 
-/// Say which effects a scene calls for, because of what, and what each costs in time and is worth in the picture
+/// Say which effects a scene calls for, because of what, and what each costs in time and is worth in the image
 ///
-/// Each effect is left out in turn, and the same picture rendered with it and without it, in turns, with as many
+/// Each effect is left out in turn, and the same image rendered with it and without it, in turns, with as many
 /// seeds as --seeds says. Shares of time are of the time that tracing takes at equal samples. Shares of the
-/// picture are relMSE of the picture without the effect against the one with it, their noise taken out, and the
+/// image are relMSE of the image without the effect against the one with it, their noise taken out, and the
 /// mean radiance that is lost. What the scene's depth cuts off is told beside them. Figures come with the half width of their 95 % interval.
 #[derive(clap::Args)]
 #[command(after_help = AFTER)]
@@ -38,12 +38,12 @@ pub(crate) struct Options {
     #[arg(long, value_name = "WxH", value_parser = resolution, conflicts_with = "list")]
     resolution: Option<[u32; 2]>,
 
-    /// Samples per pixel of each picture
+    /// Samples per pixel of each image
     #[arg(long, value_name = "N", default_value_t = 16, conflicts_with = "list")]
     #[arg(value_parser = clap::value_parser!(u32).range(1..))]
     spp: u32,
 
-    /// Independent pictures with each effect and without it
+    /// Independent images with each effect and without it
     #[arg(long, value_name = "N", default_value_t = 4, conflicts_with = "list")]
     #[arg(value_parser = clap::value_parser!(u32).range(4..=64))]
     seeds: u32,
@@ -67,7 +67,7 @@ Examples:
   dapple effects cornell
   dapple effects scene.pbrt --resolution 320x180 --spp 64 --seeds 8 --json
 
-`dapple render --without EFFECT` renders the picture without it.";
+`dapple render --without EFFECT` renders the image without it.";
 
 pub(crate) fn run(options: &Options) -> Result<Outcome> {
     let stop = Stop::listen()?;
@@ -78,7 +78,7 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     let by_chance = Effects::found_by_chance(&scene);
     let ledger = if options.list { None } else { Some(measure(options, scene.clone(), &effects, &stop)?) };
     if ledger.as_ref().is_some_and(|l| l.interrupted) {
-        say("interrupted", "an effect whose pictures were not all rendered has no figures");
+        say("interrupted", "an effect whose images were not all rendered has no figures");
     }
     let told = table::Told { scene: &scene, effects: &effects, by_chance: by_chance.as_ref(), ledger: ledger.as_ref() };
     tell(if options.json { told.json() } else { told.table() })?;
@@ -88,9 +88,9 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
 fn measure(options: &Options, mut scene: Scene, effects: &Effects, stop: &Stop) -> Result<Ledger> {
     let [width, height] = options.resolution.unwrap_or_else(|| shrink(scene.film.resolution));
     let frame = Frame::new(width, height).map_err(Failure::new)?;
-    // A window of the file's is for its own resolution; the ledger is about the whole picture.
+    // A window of the file's is for its own resolution; the ledger is about the whole image.
     if scene.film.crop.take().is_some() {
-        warn("the scene's crop window is not followed: the figures are of the whole picture");
+        warn("the scene's crop window is not followed: the figures are of the whole image");
     }
     let settings = Settings { frame, spp: options.spp, seeds: options.seeds, silent: options.json };
     Ledger::measure(&scene, effects, &settings, stop)
@@ -108,7 +108,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn pictures_keep_their_shape() {
+    fn images_keep_their_shape() {
         assert_eq!(shrink([1280, 720]), [192, 108]);
         assert_eq!(shrink([100, 50]), [100, 50]);
         assert_eq!(shrink([1, 4_000_000_000]), [1, 192]);

@@ -50,7 +50,7 @@ fn facts(scene: &Scene, world: &World) -> Vec<(&'static str, String)> {
     };
     vec![
         ("scene", scene.name.clone()),
-        ("picture", format!("{w}x{h}, {}, {}", crop(scene), pixel_filter(&scene.film.pixel_filter))),
+        ("image", format!("{w}x{h}, {}, {}", crop(scene), pixel_filter(&scene.film.pixel_filter))),
         (
             "spp",
             scene
@@ -132,7 +132,7 @@ fn lights(scene: &Scene) -> String {
     let shining = scene.shapes.iter().filter(|s| s.emission.is_some()).map(|_| "area");
     let others = scene.lights.iter().map(|light| match &light.kind {
         LightKind::Infinite { radiance: EnvironmentRadiance::Constant(_) } => "uniform environment",
-        LightKind::Infinite { .. } => "environment picture",
+        LightKind::Infinite { .. } => "environment image",
         LightKind::Point { .. } => "point",
         LightKind::Spot { .. } => "spot",
         LightKind::Distant { .. } => "distant",

@@ -1,4 +1,4 @@
-//! The program `dapple`: adaptively sampled pictures of pbrt-v4 scenes and of models.
+//! The program `dapple`: adaptively sampled images of pbrt-v4 scenes and of models.
 //!
 //! Nothing but argument parsing, progress and calls: what is done is done in the libraries.
 
@@ -43,7 +43,7 @@ impl Failure {
 
 type Result<T> = std::result::Result<T, Failure>;
 
-/// Puts Monte Carlo samples where a picture needs them.
+/// Puts Monte Carlo samples where an image needs them.
 #[derive(Parser)]
 #[command(name = "dapple", version, after_help = AFTER, arg_required_else_help = true)]
 struct Words {
@@ -79,7 +79,7 @@ enum Command {
     Samplers,
     /// List the point sets: where samples lie
     Points,
-    /// List the filters: what makes a picture of the samples
+    /// List the filters: what makes an image of the samples
     Filters,
 }
 

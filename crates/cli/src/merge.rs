@@ -4,12 +4,12 @@ use crate::render::{self, identity, shard};
 use crate::{Failure, Outcome, Result};
 use clap::Parser;
 use dapple_checkpoint::{Contents, Identity, Kind};
-use dapple_core::{Part, merge};
+use dapple_core::{ShardFilm, merge};
 use std::path::{Path, PathBuf};
 
-/// Make the picture of shards that several machines rendered
+/// Make the image of shards that several machines rendered
 ///
-/// The picture is bit for bit that of one machine with the same words (and --light-choice power, as shards have it). The scene is read again, from where the shards' words
+/// The image is bit for bit that of one machine with the same words (and --light-choice power, as shards have it). The scene is read again, from where the shards' words
 /// say or from --scene: a filter may look at it, and it must be the one that was rendered.
 #[derive(clap::Args)]
 #[command(after_help = AFTER)]
@@ -18,7 +18,7 @@ pub(crate) struct Options {
     #[arg(value_name = "SHARD", required = true)]
     shards: Vec<PathBuf>,
 
-    /// A picture, by extension: .exr, .pfm or .png; may be given again [default: as dapple render has it]
+    /// An image, by extension: .exr, .pfm or .png; may be given again [default: as dapple render has it]
     #[arg(short, long = "output", value_name = "OUT")]
     outputs: Vec<String>,
 
@@ -60,8 +60,8 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     render::show(&render.options, film, &shard::samples(&identity))
 }
 
-/// The shards, all of one picture, and the first one's identity.
-fn read(paths: &[PathBuf]) -> Result<(Vec<Part>, Identity)> {
+/// The shards, all of one image, and the first one's identity.
+fn read(paths: &[PathBuf]) -> Result<(Vec<ShardFilm>, Identity)> {
     let mut parts = Vec::new();
     let mut first: Option<(&Path, Identity)> = None;
     let mut troubles = Vec::new();
@@ -73,7 +73,7 @@ fn read(paths: &[PathBuf]) -> Result<(Vec<Part>, Identity)> {
                 continue;
             }
         };
-        match Part::from_bytes(&contents.body) {
+        match ShardFilm::from_bytes(&contents.body) {
             Ok(part) => parts.push(part),
             Err(e) => troubles.push(format!("{}: {e}", path.display())),
         }

@@ -42,7 +42,7 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     make(options, None)
 }
 
-/// Makes the picture of a film that is there already, rendered with these words: what `identity` says of it must hold here.
+/// Makes the image of a film that is there already, rendered with these words: what `identity` says of it must hold here.
 pub(crate) fn show(options: &Options, film: Film, identity: &Identity) -> Result<Outcome> {
     make(options, Some((film, identity)))
 }
@@ -164,7 +164,7 @@ fn choose_lights(world: &mut World, options: &Options) {
 fn needs(options: &Options, methods: &Methods, files: &Files, clusters: bool) -> Needs {
     let needs = methods.filter.needs().and(files.needs(clusters));
     match options.shard {
-        // What any picture that is made of them may show.
+        // What any image that is made of them may show.
         Some(_) => needs.with_variance().with_first_hits(u8::from(clusters)),
         None => needs,
     }
@@ -192,7 +192,7 @@ const FILTERED_A_SECOND: usize = 125_000;
 fn leave_filter_out(methods: &mut Methods, film: &Film) {
     let patience = FILTERED_A_SECOND * rayon::current_num_threads();
     if film.record().interrupted && methods.filter.name() != Unfiltered.name() && film.frame().pixels() > patience {
-        warn(format!("stopped: the picture is not filtered, since {} would take too long", methods.filter.name()));
+        warn(format!("stopped: the image is not filtered, since {} would take too long", methods.filter.name()));
         methods.filter = Box::new(Unfiltered);
     }
 }
@@ -212,7 +212,7 @@ fn end(film: &Film, failure: Option<Failure>, resume: Option<Result<PathBuf>>) -
     match failure {
         Some(failure) => Err(failure),
         None if interrupted => {
-            say("interrupted", "the picture is what was done until then");
+            say("interrupted", "the image is what was done until then");
             if let Some(path) = go_on {
                 say("interrupted", &format!("the same words with --resume {} go on from there", path.display()));
             }

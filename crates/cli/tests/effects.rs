@@ -41,7 +41,7 @@ fn the_ledger_has_a_row_for_each_effect() {
             assert!(figure["value"].is_f64() && figure["noise"].as_f64().is_some_and(|n| n >= 0.0), "{key}: {effect}");
         }
     }
-    // The lamp fills much of the picture and goes; a floor alone scatters nothing twice but what the lamp's body does.
+    // The lamp fills much of the image and goes; a floor alone scatters nothing twice but what the lamp's body does.
     let [shadows, depth] = [0, 1].map(|i: usize| effects[i]["radiance_lost"]["value"].as_f64().unwrap_or(f64::NAN));
     assert!(shadows > 0.1 && depth > 0.0 && depth < 0.1, "{json}");
     let table = folder.done("effects tiny.pbrt --resolution 8x8 --spp 1");
@@ -107,7 +107,7 @@ fn what_is_left_out_is_said_three_times() {
     assert_eq!(json["effects"], serde_json::json!([]));
     let header = String::from_utf8_lossy(&folder.read("a.exr")).into_owned();
     assert!(header.contains("dapple:without") && header.contains("soft-shadows,interreflection"));
-    // The control: without the word, nothing of it, and another picture.
+    // The control: without the word, nothing of it, and another image.
     let json = folder.json("tiny.pbrt --spp 4 -o b.exr");
     assert_eq!(json["without"], serde_json::json!([]));
     assert_ne!(folder.read("a.exr"), folder.read("b.exr"));

@@ -65,7 +65,7 @@ fn z03_what_does_not_fit_is_refused_before_it_starts() {
     }
 }
 
-/// Sums beyond 64 bits, and pictures of more pixels than have numbers.
+/// Sums beyond 64 bits, and images of more pixels than have numbers.
 #[test]
 fn z03_sizes_that_overflow_are_refused() {
     let folder = Folder::new();
@@ -80,7 +80,7 @@ fn z03_sizes_that_overflow_are_refused() {
 /// Without a limit of the user's, what the machine has is one.
 #[cfg(target_os = "linux")]
 #[test]
-fn z03_pictures_larger_than_the_machine_are_refused() {
+fn z03_images_larger_than_the_machine_are_refused() {
     let available = std::fs::read_to_string("/proc/meminfo").unwrap_or_default();
     let available = available.lines().find_map(|line| line.strip_prefix("MemAvailable:"));
     let available = available.and_then(|rest| rest.trim().strip_suffix("kB")?.trim().parse::<u64>().ok());

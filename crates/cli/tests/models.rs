@@ -15,7 +15,7 @@ fn a_model_is_rendered_and_described() {
     assert_eq!(json["resolution"], serde_json::json!([32, 24]));
     assert!(!folder.read("a.png").is_empty());
     let info = folder.done("info Box.OBJ");
-    assert!(info.contains("triangles   12") && info.contains("1 environment picture"), "{info}");
+    assert!(info.contains("triangles   12") && info.contains("1 environment image"), "{info}");
 }
 
 #[test]

@@ -105,9 +105,9 @@ fn the_same_words_give_the_same_bytes() {
 }
 
 /// One lamp, and eight of them: those chosen by their power, since what is learned of a crop is not what the whole
-/// picture would teach.
+/// image would teach.
 #[test]
-fn r06_a_crop_is_the_whole_pictures() {
+fn r06_a_crop_is_the_whole_images() {
     let folder = Folder::new();
     let words = "--sampler uniform --filter none --spp 4 --resolution 24x16";
     let red = |words: &str| {
@@ -165,7 +165,7 @@ fn an_exr_file_tells_how_it_was_made() {
         ("rejected", "0"),
         ("notices", "none"),
         ("interrupted", "false"),
-        ("bias", "biased: samples that are or were in the picture decided on its counts"),
+        ("bias", "biased: samples that are or were in the image decided on its counts"),
     ] {
         assert_eq!(value(key), expected, "{key}");
     }
@@ -279,7 +279,7 @@ fn floats(plane: &Plane<'_>) -> Vec<f32> {
 }
 
 #[test]
-fn without_words_about_files_there_is_a_picture_and_a_sample_map() {
+fn without_words_about_files_there_is_an_image_and_a_sample_map() {
     let folder = Folder::new();
     let out = folder.done("render tiny.pbrt --spp 8");
     assert_eq!(folder.names(), ["tiny-samples.png", "tiny.exr", "tiny.png"]);
@@ -320,14 +320,14 @@ fn i09_outputs_are_whole_or_not_there() {
         assert!(said.err.starts_with("error: /dev/full: ") && said.err.contains("free some space"), "{}", said.err);
         assert!(folder.read("old.png").starts_with(b"\x89PNG"));
         assert_eq!(folder.names(), ["full.exr", "old.png"]);
-        // The picture is not lost with the disk: it lies where temporary files do, and the message says so.
+        // The image is not lost with the disk: it lies where temporary files do, and the message says so.
         let (_, place) = said.err.split_once("instead: ").unwrap_or_else(|| panic!("{}", said.err));
         let place = std::path::Path::new(place.lines().next().expect("a path").trim());
         let saved = std::fs::read(place).unwrap_or_else(|e| panic!("{}: {e}", place.display()));
         std::fs::remove_file(place).expect("removed");
         folder.done("render tiny.pbrt --spp 1 -o there.exr");
-        let picture = |bytes: &[u8]| format!("{:?}", read_channels(bytes, "there.exr").expect("a picture"));
-        assert!(picture(&saved) == picture(&folder.read("there.exr")));
+        let image = |bytes: &[u8]| format!("{:?}", read_channels(bytes, "there.exr").expect("an image"));
+        assert!(image(&saved) == image(&folder.read("there.exr")));
     }
     // Names as people have them.
     let folder = Folder::new();
@@ -358,7 +358,7 @@ fn x08_a_signal_saves_what_is_done() {
         let said = Said::of(child.wait_with_output().expect("it ends"));
         assert_eq!(said.status, Some(130), "{}", said.err);
         assert!(asked.elapsed() < Duration::from_secs(2), "{:?}", asked.elapsed());
-        assert_eq!(said.err, "interrupted: the picture is what was done until then\n");
+        assert_eq!(said.err, "interrupted: the image is what was done until then\n");
         let json: serde_json::Value = serde_json::from_str(&said.out).expect("JSON");
         assert!(json["samples"].as_u64() > Some(0));
         let attributes = read_attributes(&folder.read("a.exr"), "a.exr").expect("a whole file");
@@ -368,7 +368,7 @@ fn x08_a_signal_saves_what_is_done() {
 }
 
 #[test]
-fn a_picture_equals_itself_and_no_other() {
+fn an_image_equals_itself_and_no_other() {
     let folder = Folder::new();
     folder.done("render tiny.pbrt --spp 2 -o a.exr -o a.pfm -o a.png");
     folder.done("render tiny.pbrt --spp 2 --seed 2 -o b.exr");
@@ -387,9 +387,9 @@ fn a_picture_equals_itself_and_no_other() {
     assert!(other["flip"].as_f64().is_some_and(|seen| seen > 0.0 && seen < 1.0));
     assert!(folder.done("compare b.exr a.exr").contains("\nFLIP            0."));
     for (words, message) in [
-        ("small.pfm a.exr", "error: the picture is 4x4 and its reference 24x16: "),
+        ("small.pfm a.exr", "error: the image is 4x4 and its reference 24x16: "),
         ("a.exr missing.exr", "error: missing.exr: cannot read it: "),
-        ("tiny.pbrt a.exr", "error: tiny.pbrt: not a picture"),
+        ("tiny.pbrt a.exr", "error: tiny.pbrt: not an image"),
     ] {
         let said = folder.run(&format!("compare {words}"));
         assert_eq!(said.status, Some(1));

@@ -1,4 +1,4 @@
-//! Renders that are killed, stopped and gone on with, and pictures made in shards, as their user meets them (HARD_CASES X01,
+//! Renders that are killed, stopped and gone on with, and images made in shards, as their user meets them (HARD_CASES X01,
 //! X04 to X08). The long test: `cargo test --release -p dapple-cli --test resume -- --ignored` (2 minutes).
 
 mod common;
@@ -184,7 +184,7 @@ fn x03_a_damaged_checkpoint_gives_way_to_the_one_before() {
 
 #[cfg(unix)]
 #[test]
-fn x08_a_signal_leaves_picture_and_checkpoint() {
+fn x08_a_signal_leaves_image_and_checkpoint() {
     for (name, first) in [("INT", "--checkpoint c"), ("TERM", "--checkpoint c --resume c")] {
         let folder = Folder::new();
         let words = "render tiny.pbrt --sampler uniform --resolution 200x150";
@@ -202,7 +202,7 @@ fn x08_a_signal_leaves_picture_and_checkpoint() {
         assert!(said.err.ends_with("interrupted: the same words with --resume c go on from there\n"), "{}", said.err);
         let size = folder.read("a.pfm").len();
         assert!(size > 12 * 200 * 150);
-        // The picture is that of the checkpoint: no sample is lost.
+        // The image is that of the checkpoint: no sample is lost.
         assert_eq!(folder.names(), ["a.pfm", "c", "c.lock", "c.previous"]);
     }
 }
@@ -210,7 +210,7 @@ fn x08_a_signal_leaves_picture_and_checkpoint() {
 /// Its filter alone would take longer than the two seconds that stopping may take.
 #[cfg(unix)]
 #[test]
-fn x08_a_large_picture_is_left_unfiltered_by_a_signal() {
+fn x08_a_large_image_is_left_unfiltered_by_a_signal() {
     let folder = Folder::new();
     let child = folder.start(
         "render tiny.pbrt --resolution 512x384 --spp 100000 --threads 1 -o a.exr --checkpoint c --checkpoint-every 0.1",
@@ -218,8 +218,8 @@ fn x08_a_large_picture_is_left_unfiltered_by_a_signal() {
     assert!(folder.wait_for("c", &None), "no checkpoint");
     signal(&child, "INT");
     let said = Said::of(child.wait_with_output().expect("it ends"));
-    assert!(said.status == Some(130) && said.err.contains("the picture is not filtered"), "{}", said.err);
-    let attributes = dapple_renderer::image::read_attributes(&folder.read("a.exr"), "a.exr").expect("a picture");
+    assert!(said.status == Some(130) && said.err.contains("the image is not filtered"), "{}", said.err);
+    let attributes = dapple_renderer::image::read_attributes(&folder.read("a.exr"), "a.exr").expect("an image");
     assert!(attributes.iter().any(|(name, text)| name == "dapple:filter" && text == "none"), "{attributes:?}");
 }
 
@@ -240,7 +240,7 @@ fn x08_a_full_disk_is_tried_again() {
 }
 
 #[test]
-fn x07_shards_make_the_picture_of_one_machine() {
+fn x07_shards_make_the_image_of_one_machine() {
     let folder = Folder::new();
     for (words, of) in [
         ("render tiny.pbrt --sampler uniform --spp 9.5 --seed 4 --max-depth 3", 3),
@@ -251,7 +251,7 @@ fn x07_shards_make_the_picture_of_one_machine() {
         let names: Vec<String> = (1..=of).rev().map(|i| format!("{i}.shard")).collect();
         for (i, name) in names.iter().enumerate() {
             let out = folder.done(&format!("{words} --threads {} --shard {}/{of} -o {name}", 1 + i % 2, of - i));
-            assert!(out.contains("dapple merge makes the picture of all"), "{out}");
+            assert!(out.contains("dapple merge makes the image of all"), "{out}");
         }
         let all = names.join(" ");
         let json = folder.done(&format!("merge {all} --json -o all.exr -o all.pfm -o all.png"));
@@ -271,7 +271,7 @@ fn x07_shards_make_the_picture_of_one_machine() {
 }
 
 #[test]
-fn x07_shards_that_make_no_picture() {
+fn x07_shards_that_make_no_image() {
     let folder = Folder::new();
     let words = "render tiny.pbrt --sampler uniform --spp 2 -q";
     let unfiltered = format!("{words} --filter none");
@@ -304,7 +304,7 @@ fn x07_shards_that_make_no_picture() {
             "the sampler variance cannot be shared out among machines: it looks at samples",
         ),
         ("--shard 1/17 --sampler uniform", 1, "a window of 16 rows has 16 shards at most"),
-        ("--shard 1/2 --sampler uniform --light-choice cells", 1, "learns from samples of the whole picture"),
+        ("--shard 1/2 --sampler uniform --light-choice cells", 1, "learns from samples of the whole image"),
         ("--shard 0/2", 2, "I/N is wanted"),
         ("--shard 3/2", 2, "I/N is wanted"),
         ("--shard 1/2 --time 3", 2, "cannot be used with"),

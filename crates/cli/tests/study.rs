@@ -46,7 +46,7 @@ fn a_study_is_made_with_one_command() {
     };
     assert!(runs.iter().any(|r| thesis(&r)), "clusters are timed");
     let first = runs.values().find(|r| r["seed"] == 1).expect("a first seed");
-    for key in ["picture", "sample_map"] {
+    for key in ["image", "sample_map"] {
         folder.read(&format!("s/{}", first[key].as_str().expect("a file")));
     }
     let manifest: serde_json::Value = serde_json::from_slice(&folder.read("s/study.json")).expect("JSON");
@@ -65,7 +65,7 @@ fn a_study_is_made_with_one_command() {
 }
 
 #[test]
-fn a_process_for_each_run_makes_the_same_pictures() {
+fn a_process_for_each_run_makes_the_same_images() {
     let folder = Folder::new();
     let words = format!("study tiny.pbrt {SMALL} --samplers uniform,variance --filters none --time-of 0");
     folder.done(&format!("{words} -o a"));

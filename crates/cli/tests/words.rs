@@ -32,7 +32,7 @@ fn i06_settings_are_refused_before_anything_is_rendered() {
         ("--resolution 4x-4", 2, "such as 640x360"),
         ("--crop 4,4,4,8", 2, "X0 < X1 and Y0 < Y1"),
         ("--crop 1,2,3", 2, "X0,Y0,X1,Y1"),
-        ("--crop 0,0,25,16", 1, "24x16 picture"),
+        ("--crop 0,0,25,16", 1, "24x16 image"),
         ("--resolution 4000000000x1 --max-depth 1 --min-spp 0 --memory 8G", 1, "crops (--crop)"),
         ("--sampler nonesuch", 2, "there is no sampler \"nonesuch\": there are variance, "),
         ("--points nonesuch", 2, "there is no point set \"nonesuch\": there are "),

@@ -5,8 +5,8 @@
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use dapple_cluster_adaptive::{
-    AreaVectors, ClusterAdaptive, ClusterSize, Map, Options, PixelArea, Placement, ProbeHit, ProbeRay, importance,
-    probe, rates,
+    AreaVectors, ClusterSize, ClusterThesis, ClusterThesisOptions, PixelArea, Placement, ProbeHit, ProbeRay, RateMap,
+    importance, probe, rates,
 };
 use dapple_clustering::{Cluster, Triangles};
 use dapple_core::{BudgetLeft, Feedback, Film, Frame, Needs, Plan, Sampler, share};
@@ -79,13 +79,14 @@ fn bench(c: &mut Criterion) {
             b.iter(|| pool.install(|| rates(black_box(&probes), &clusters, &size, PixelArea::One)));
         });
     }
-    for map in [Map::Identity, Map::Root, Map::Log] {
-        let options = Options { map, ..Options::default() };
+    for map in [RateMap::Identity, RateMap::Root, RateMap::Log] {
+        let options = ClusterThesisOptions { map, ..ClusterThesisOptions::default() };
         group.bench_function(format!("importance/{}", map.name()), |b| {
             b.iter(|| pool.install(|| importance(black_box(&probes), &clusters, &ClusterSize::ProjectedBox, &options)));
         });
     }
-    let known = importance(&probes, &clusters, &ClusterSize::ProjectedBox, &Options::default()).expect("clusters");
+    let known =
+        importance(&probes, &clusters, &ClusterSize::ProjectedBox, &ClusterThesisOptions::default()).expect("clusters");
     let weights: Vec<f64> = known.per_pixel.iter().map(|&i| f64::from(i)).collect();
     let floors = vec![0; weights.len()];
     let total = 16 * frame.pixels() as u64;
@@ -93,7 +94,7 @@ fn bench(c: &mut Criterion) {
         b.iter(|| pool.install(|| share(black_box(&weights), 12, &floors, 32, total)));
     });
     let film = Film::new(frame, Needs::none());
-    let mut sampler = ClusterAdaptive::published(points, &probes, &clusters).expect("clusters");
+    let mut sampler = ClusterThesis::published(points, &probes, &clusters).expect("clusters");
     group.bench_function("next_round", |b| {
         b.iter(|| {
             let mut plan = Plan::empty(frame.pixels());

@@ -41,7 +41,7 @@ impl CellOptions {
 /// Which patch of surface each first hit lies on.
 ///
 /// Two hits share a cell when they lie in the same cube of a grid, show the same material and a normal in the same bin
-/// of an octahedron [Engelhardt and Dachsbacher 2008], and are connected in the picture through hits of which that is
+/// of an octahedron [Engelhardt and Dachsbacher 2008], and are connected in the image through hits of which that is
 /// true as well; cubes grow with the pixel's footprint, in octaves, so that near and far cells cover as many pixels.
 /// Seams that the grid cuts through a surface are then closed again, smoothest first, as far as a cell stays within its
 /// cone and its size. What hit nothing is one cell.
@@ -71,7 +71,7 @@ struct Key {
 const PLANE: f32 = 2.0;
 
 impl Cells {
-    /// The cells of the first hits of a picture `size` pixels large: `per_pixel` a pixel, row by row; `None` for what
+    /// The cells of the first hits of an image `size` pixels large: `per_pixel` a pixel, row by row; `None` for what
     /// hit nothing.
     ///
     /// # Errors
@@ -156,7 +156,7 @@ impl Cells {
         self.hits.is_empty()
     }
 
-    /// How many pixels the picture has.
+    /// How many pixels the image has.
     pub fn pixels(&self) -> usize {
         self.labels.len() / self.per_pixel
     }

@@ -9,7 +9,7 @@ pub enum Error {
         "pixel ({}, {}): a probe hit primitive {primitive}, but there are labels for {labels} only: give one label per primitive, in the numbering of the hits", pixel[0], pixel[1]
     )]
     NoLabel {
-        /// Column and row in the full picture.
+        /// Column and row in the full image.
         pixel: [u32; 2],
         /// The primitive that was reported.
         primitive: u32,
@@ -54,7 +54,7 @@ pub enum Error {
         /// What is allowed.
         allowed: &'static str,
     },
-    /// Probes were traced for another picture.
+    /// Probes were traced for another image.
     #[error("the probes are those of {of}, but {wanted} is rendered: probe that frame, or let the sampler probe")]
     OtherFrame {
         /// What was probed.

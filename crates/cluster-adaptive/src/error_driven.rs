@@ -4,11 +4,11 @@ mod options;
 mod plan;
 mod pool;
 
-pub use options::{ErrorDrivenOptions, ErrorMap, MapErrors};
-pub use pool::{Pool, Pooling, geometric_variance, relative_variance};
+pub use options::{AdaptiveOptions, ErrorMap, MapErrors};
+pub use pool::{PoolShape, Pooling, geometric_variance, relative_variance};
 
 use crate::{Cells, Error};
-use dapple_core::samplers::Pilot;
+use dapple_core::samplers::PilotPolicy;
 use dapple_core::{Feedback, Frame, Limits, Needs, Plan, PointSet, Progress, RgbMoments, Sampler, SamplerMemory};
 
 /// Counts by error: a uniform pilot, then the counts that leave the least relative error, as far as the pilot can tell.
@@ -19,12 +19,12 @@ use dapple_core::{Feedback, Frame, Limits, Needs, Plan, PointSet, Progress, RgbM
 ///
 /// *Guarantees*: exact budget; no pixel, and so no region, below the pilot (a quarter of the mean or more), nor without a
 /// say: a hundredth of the mean score is everybody's; uniform counts where adapting promises too little. *Bias*: by
-/// default the pilot stays in the picture, and what stays also decided [Kirk and Arvo 1991]; [`Pilot::Discard`] and
-/// [`Pilot::Cross`] are exactly unbiased for a budget that is known at the start, at a price. *Weaknesses*: a light that
+/// default the pilot stays in the image, and what stays also decided [Kirk and Arvo 1991]; [`PilotPolicy::Discard`] and
+/// [`PilotPolicy::Cross`] are exactly unbiased for a budget that is known at the start, at a price. *Weaknesses*: a light that
 /// the pilot misses in a whole neighbourhood is not searched for.
-pub struct ErrorDriven<P> {
+pub struct Adaptive<P> {
     points: P,
-    options: ErrorDrivenOptions,
+    options: AdaptiveOptions,
     errors: Option<ErrorMap>,
 }
 
@@ -33,18 +33,18 @@ const HITS: u8 = 4;
 /// Least kept samples of a pixel, as a share of the mean (THESIS D13).
 const FLOOR: u64 = 4;
 
-impl<P: PointSet> ErrorDriven<P> {
+impl<P: PointSet> Adaptive<P> {
     /// With these points and the default parameters.
     pub fn new(points: P) -> Self {
-        Self { points, options: ErrorDrivenOptions::default(), errors: None }
+        Self { points, options: AdaptiveOptions::default(), errors: None }
     }
 
     /// With these points and parameters.
     ///
     /// # Errors
     ///
-    /// [`Error::OutOfRange`], as [`ErrorDrivenOptions::check`] has it.
-    pub fn with_options(points: P, options: ErrorDrivenOptions) -> Result<Self, Error> {
+    /// [`Error::OutOfRange`], as [`AdaptiveOptions::check`] has it.
+    pub fn with_options(points: P, options: AdaptiveOptions) -> Result<Self, Error> {
         options.check()?;
         Ok(Self { points, options, errors: None })
     }
@@ -55,7 +55,7 @@ impl<P: PointSet> ErrorDriven<P> {
     ///
     /// [`Error::OutOfRange`] unless the pilot is kept: a map reads both halves, and what is kept.
     pub fn with_error_map(mut self, errors: ErrorMap) -> Result<Self, Error> {
-        if self.options.policy != Pilot::Keep {
+        if self.options.policy != PilotPolicy::Keep {
             return Err(Error::range("policy", self.options.policy.name(), "keep beside a filter's error map"));
         }
         self.errors = Some(errors);
@@ -63,7 +63,7 @@ impl<P: PointSet> ErrorDriven<P> {
     }
 }
 
-impl<P: PointSet> Sampler for ErrorDriven<P> {
+impl<P: PointSet> Sampler for Adaptive<P> {
     fn name(&self) -> &str {
         "cluster"
     }
@@ -94,7 +94,7 @@ impl<P: PointSet> Sampler for ErrorDriven<P> {
 
     fn needs(&self) -> Needs {
         let mut needs = Needs::none().with_variance();
-        if self.options.policy == Pilot::Cross {
+        if self.options.policy == PilotPolicy::Cross {
             needs = needs.with_halves();
         }
         if self.options.look_at_hits() {
@@ -104,9 +104,9 @@ impl<P: PointSet> Sampler for ErrorDriven<P> {
     }
 
     fn memory(&self, frame: &Frame, needs: &Needs, limits: &Limits) -> SamplerMemory {
-        let crosses = self.options.policy == Pilot::Cross;
+        let crosses = self.options.policy == PilotPolicy::Cross;
         // Scores, and eight terms each where a pool is more than a window.
-        let pooling = 8 + if self.options.pool == Pool::Window { 0 } else { 64 };
+        let pooling = 8 + if self.options.pool == PoolShape::Window { 0 } else { 64 };
         let cells = if self.options.look_at_hits() { usize::from(HITS) * Cells::BYTES_PER_HIT } else { 0 };
         // Scores stand beside a map of errors.
         let map = self.errors.as_ref().map_or(0, |map| 8 + map.bytes_per_pixel);
@@ -121,7 +121,7 @@ impl<P: PointSet> Sampler for ErrorDriven<P> {
             let scoring = frame.bytes(pooling + cells).saturating_add(windows as u64);
             memory.planning = memory.planning.saturating_add(scoring.max(frame.bytes(map)));
         }
-        if self.options.policy == Pilot::Discard { memory.with_discarded(frame, needs, limits) } else { memory }
+        if self.options.policy == PilotPolicy::Discard { memory.with_discarded(frame, needs, limits) } else { memory }
     }
 
     fn points(&self) -> &dyn PointSet {
@@ -138,9 +138,9 @@ impl<P: PointSet> Sampler for ErrorDriven<P> {
             return Ok(Progress::Trace);
         }
         match policy {
-            Pilot::Keep => self.plan_kept(seen, pilot.samples, plan)?,
-            Pilot::Discard => self.plan_after_discarding(seen, plan)?,
-            Pilot::Cross => self.plan_across(seen, plan)?,
+            PilotPolicy::Keep => self.plan_kept(seen, pilot.samples, plan)?,
+            PilotPolicy::Discard => self.plan_after_discarding(seen, plan)?,
+            PilotPolicy::Cross => self.plan_across(seen, plan)?,
         }
         // Nothing to add where the ceiling holds every pixel.
         Ok(if plan.total() == 0 { Progress::Done } else { Progress::Trace })

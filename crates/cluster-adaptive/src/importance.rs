@@ -1,14 +1,14 @@
 //! From rates to a pixel's share of the reserved samples.
 
 use crate::probe::{BACKGROUND, Probe, Probes, dot};
-use crate::{ClusterSize, Error, Options, rates};
+use crate::{ClusterSize, ClusterThesisOptions, Error, rates};
 use dapple_clustering::Cluster;
 use rayon::prelude::*;
 
 /// The increasing map `f` from the ratio `x = SP / SC` to a sampling rate (THESIS eq. 3-3). The thesis
 /// demands one and gives none.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Map {
+pub enum RateMap {
     /// `x`: every cluster gets the same number of samples, as the thesis' prose has it.
     Identity,
     /// `sqrt(x)`: milder, the default.
@@ -19,7 +19,7 @@ pub enum Map {
     Log,
 }
 
-impl Map {
+impl RateMap {
     /// Its name: `identity`, `root` or `log`.
     pub const fn name(self) -> &'static str {
         match self {
@@ -59,7 +59,7 @@ pub struct Importance {
 ///
 /// with `share` the mean over the pixel's probes of `f(SP / SC)`, `a` that of `1 - |n . d|` (`n` the
 /// cluster's mean normal, or the surface's where normals cancel; `d` the ray), `z` that of the distance
-/// to the hit, and `< >` the mean over the picture; a term whose mean is 0 is left out. Probes that met
+/// to the hit, and `< >` the mean over the image; a term whose mean is 0 is left out. Probes that met
 /// nothing add 0 to each, but for the share with [`ClusterSize::Hits`].
 ///
 /// Nothing in it has a unit: a scene scaled by any factor has the same importance, but for what rounding
@@ -74,11 +74,11 @@ pub fn importance(
     probes: &Probes,
     clusters: &[Cluster],
     size: &ClusterSize,
-    options: &Options,
+    options: &ClusterThesisOptions,
 ) -> Result<Importance, Error> {
     options.check()?;
     let rates = rates(probes, clusters, size, options.pixel_area)?;
-    let median = if options.map == Map::Log { median(probes, &rates.values) } else { 1.0 };
+    let median = if options.map == RateMap::Log { median(probes, &rates.values) } else { 1.0 };
     let k = probes.placement().per_pixel() as usize;
     let terms = |(probes, rates): (&[Probe], &[f64])| -> [f64; 3] {
         let of = |(p, &rate): (&Probe, &f64)| {

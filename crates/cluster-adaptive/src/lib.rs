@@ -17,12 +17,12 @@ pub use area_vectors::AreaVectors;
 pub use cells::{CellOptions, Cells};
 pub use error::Error;
 pub use error_driven::{
-    ErrorDriven, ErrorDrivenOptions, ErrorMap, MapErrors, Pool, Pooling, geometric_variance, relative_variance,
+    Adaptive, AdaptiveOptions, ErrorMap, MapErrors, PoolShape, Pooling, geometric_variance, relative_variance,
 };
-pub use importance::{Importance, Map, importance};
+pub use importance::{Importance, RateMap, importance};
 pub use light_cells::{Guidance, LightCellOptions, LightCells};
-pub use options::{Options, published_bounds};
+pub use options::{ClusterThesisOptions, published_bounds};
 pub use probe::{BACKGROUND, Placement, Probe, ProbeCost, ProbeHit, ProbeRay, Probes, probe};
-pub use sampler::{ClusterAdaptive, ProbeSource, ProbesHandle, Shoot};
+pub use sampler::{ClusterThesis, ProbeSource, ProbesHandle, TraceProbe};
 pub use screen::projected_box_area;
 pub use size::{ClusterSize, PixelArea, Rates, rates};

@@ -287,7 +287,7 @@ impl LightCells {
     fn moments(&self, expected: &[f32], seen: &[[f32; 2]], ratios: &[f64], level: f64, mixes: &mut Mixes) {
         let prior = f64::from(self.options.prior);
         let [found, wanted] = level_of(expected, seen, ratios);
-        // The cell's own level, as far as it has samples; the picture's has a sample's weight.
+        // The cell's own level, as far as it has samples; the image's has a sample's weight.
         let samples: f64 = seen.iter().map(|s| f64::from(s[0])).sum();
         let own = if wanted > 0.0 { found / wanted } else { level };
         let level = (samples * own + level) / (samples + 1.0);

@@ -1,14 +1,14 @@
 //! The parameters of the published sampler.
 
-use crate::{Error, Map, PixelArea};
+use crate::{Error, PixelArea, RateMap};
 
-/// The parameters of [`ClusterAdaptive`](crate::ClusterAdaptive). The defaults are the published
+/// The parameters of [`ClusterThesis`](crate::ClusterThesis). The defaults are the published
 /// combination as far as it is published; the thesis gives no formula for `map`, nor any for the two
 /// weights.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Options {
+pub struct ClusterThesisOptions {
     /// From the ratio of areas to a rate.
-    pub map: Map,
+    pub map: RateMap,
     /// What a pixel's own area is taken to be.
     pub pixel_area: PixelArea,
     /// Weight of a large angle between cluster normal and ray, relative to the cluster's share, which
@@ -24,13 +24,13 @@ pub struct Options {
     pub max: u32,
 }
 
-impl Default for Options {
+impl Default for ClusterThesisOptions {
     fn default() -> Self {
-        Self { map: Map::default(), pixel_area: PixelArea::One, angle: 0.25, distance: 0.25, min: 0, max: 0 }
+        Self { map: RateMap::default(), pixel_area: PixelArea::One, angle: 0.25, distance: 0.25, min: 0, max: 0 }
     }
 }
 
-impl Options {
+impl ClusterThesisOptions {
     /// Says beforehand what a sampler would refuse of them.
     ///
     /// # Errors

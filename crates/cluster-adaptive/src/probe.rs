@@ -42,9 +42,9 @@ impl std::fmt::Display for Placement {
 /// A ray that the caller shoots.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ProbeRay {
-    /// Column and row in the full picture.
+    /// Column and row in the full image.
     pub pixel: [u32; 2],
-    /// Where it passes the film, in pixels of the full picture from its upper left corner; inside
+    /// Where it passes the film, in pixels of the full image from its upper left corner; inside
     /// `pixel`.
     pub film: [f32; 2],
     /// Where it passes the lens, in `[0, 1)^2` as the integrator would draw it; `[0.5, 0.5]` with
@@ -110,7 +110,7 @@ pub(crate) fn dot(a: [f32; 3], b: [f32; 3]) -> f64 {
     f64::from(a[0]) * f64::from(b[0]) + f64::from(a[1]) * f64::from(b[1]) + f64::from(a[2]) * f64::from(b[2])
 }
 
-/// What probing took: part of the price of every picture planned from it.
+/// What probing took: part of the price of every image planned from it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ProbeCost {
     /// Rays shot.

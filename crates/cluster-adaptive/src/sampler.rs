@@ -1,13 +1,15 @@
 //! The sampler: counts from geometry alone.
 
-use crate::{ClusterSize, Error, Importance, Options, Placement, Probe, ProbeCost, ProbeHit, ProbeRay, Probes};
+use crate::{
+    ClusterSize, ClusterThesisOptions, Error, Importance, Placement, Probe, ProbeCost, ProbeHit, ProbeRay, Probes,
+};
 use crate::{importance, probe};
 use dapple_clustering::Cluster;
 use dapple_core::{Feedback, Frame, Limits, Needs, Plan, PointSet, Progress, Sampler, SamplerMemory, share};
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// Finds the first hit of a probe: the caller's ray tracer. A pure function.
-pub type Shoot = Arc<dyn Fn(ProbeRay) -> Option<ProbeHit> + Send + Sync>;
+pub type TraceProbe = Arc<dyn Fn(ProbeRay) -> Option<ProbeHit> + Send + Sync>;
 
 /// What a sampler probes when it is asked for its first plan.
 #[derive(Clone)]
@@ -17,10 +19,10 @@ pub struct ProbeSource {
     /// The clusters.
     pub clusters: Arc<[Cluster]>,
     /// Finds first hits.
-    pub shoot: Shoot,
+    pub shoot: TraceProbe,
     /// Where the probes of a pixel lie.
     pub placement: Placement,
-    /// How the clusters were made, as further parameters of [`ClusterAdaptive`]'s description:
+    /// How the clusters were made, as further parameters of [`ClusterThesis`]'s description:
     /// `k=9,clamp=32`, say, or nothing.
     pub described: String,
 }
@@ -68,7 +70,7 @@ impl Prior {
 /// importance, up to a maximum, what that cuts off going to the others ([`share`]).
 ///
 /// *Guarantees*: the budget to the sample; counts are a function of geometry alone, radiance is never
-/// read, and probes are never averaged in: the picture is unbiased for every budget that is known
+/// read, and probes are never averaged in: the image is unbiased for every budget that is known
 /// beforehand, and for every sequence of them ("a-priori: unbiased"; a limit on the *error* stops by
 /// what was seen, and that is the limit's bias, not the sampler's). A budget that is raised keeps the
 /// proportions as far as what was spent allows. Equal importance gives counts that differ by at most 1.
@@ -77,24 +79,24 @@ impl Prior {
 /// gloss. As published it loses to uniform counts wherever the error sits in what it calls simple, such
 /// as a textured floor: up to `mean / minimum` times the MSE (THESIS 5.1, met by this crate's tests).
 /// Counts are not kept to well-stratified prefixes of the point set, as the thesis does not either.
-pub struct ClusterAdaptive<P> {
+pub struct ClusterThesis<P> {
     points: P,
     size: ClusterSize,
-    options: Options,
+    options: ClusterThesisOptions,
     placement: Placement,
     probed: Option<ProbeSource>,
     handle: ProbesHandle,
     prior: Option<Prior>,
 }
 
-impl<P: PointSet> ClusterAdaptive<P> {
+impl<P: PointSet> ClusterThesis<P> {
     /// The published combination, planned from these probes, for their frame only.
     ///
     /// # Errors
     ///
-    /// As [`ClusterAdaptive::with_options`].
+    /// As [`ClusterThesis::with_options`].
     pub fn published(points: P, probes: &Probes, clusters: &[Cluster]) -> Result<Self, Error> {
-        Self::with_options(points, probes, clusters, ClusterSize::ProjectedBox, Options::default())
+        Self::with_options(points, probes, clusters, ClusterSize::ProjectedBox, ClusterThesisOptions::default())
     }
 
     /// Any combination, planned from these probes, for their frame only.
@@ -108,7 +110,7 @@ impl<P: PointSet> ClusterAdaptive<P> {
         probes: &Probes,
         clusters: &[Cluster],
         size: ClusterSize,
-        options: Options,
+        options: ClusterThesisOptions,
     ) -> Result<Self, Error> {
         let importance = importance(probes, clusters, &size, &options)?;
         let prior = Some(Prior::new(*probes.frame(), importance));
@@ -117,13 +119,18 @@ impl<P: PointSet> ClusterAdaptive<P> {
     }
 
     /// Any combination, probing by itself when the first plan for a frame is asked for: for those who
-    /// make samplers before they know the frame. [`ClusterAdaptive::handle`] tells what it took.
+    /// make samplers before they know the frame. [`ClusterThesis::handle`] tells what it took.
     ///
     /// # Errors
     ///
     /// [`Error::OutOfRange`] for a weight below 0, a maximum below the minimum, or none or too many
     /// probes per pixel. What is wrong with labels and clusters shows with the first plan.
-    pub fn probing(points: P, probed: ProbeSource, size: ClusterSize, options: Options) -> Result<Self, Error> {
+    pub fn probing(
+        points: P,
+        probed: ProbeSource,
+        size: ClusterSize,
+        options: ClusterThesisOptions,
+    ) -> Result<Self, Error> {
         options.check()?;
         let placement = probed.placement;
         if !(1..=256).contains(&placement.per_pixel()) {
@@ -169,13 +176,13 @@ impl<P: PointSet> ClusterAdaptive<P> {
     }
 }
 
-impl<P: PointSet> Sampler for ClusterAdaptive<P> {
+impl<P: PointSet> Sampler for ClusterThesis<P> {
     fn name(&self) -> &str {
         "cluster-thesis"
     }
 
     fn describe(&self) -> String {
-        let Options { map, pixel_area, angle, distance, min, max } = self.options;
+        let ClusterThesisOptions { map, pixel_area, angle, distance, min, max } = self.options;
         let clusters = self.probed.as_ref().map(|p| p.described.as_str()).filter(|d| !d.is_empty());
         format!(
             "cluster-thesis:probes={},size={},pixel={},map={},angle={angle},distance={distance},min={min},max={max},policy=a-priori{}{}",

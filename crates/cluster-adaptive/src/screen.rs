@@ -5,8 +5,8 @@
 /// space, where a point with `w > 0` lies in front of the eye and is on the film if `x / w` and `y / w`
 /// are in `[-1, 1]`. The row of `z` is not read: there is no near plane but the eye's own.
 ///
-/// The part of the box in front of the eye is convex, so its picture is the convex hull of the
-/// pictures of its corners; that is cut to the film. Never negative, never more than the film: 0 for a
+/// The part of the box in front of the eye is convex, so its image is the convex hull of the
+/// images of its corners; that is cut to the film. Never negative, never more than the film: 0 for a
 /// box wholly behind the eye or beside the film, the whole film for one around the eye. A flat box seen
 /// edge-on has no area. Corners that are not finite, or in the wrong order, are no box: 0.
 pub fn projected_box_area(bounds: &[[f32; 3]; 2], world_to_clip: &[[f32; 4]; 4], resolution: [u32; 2]) -> f64 {
@@ -28,11 +28,11 @@ pub fn projected_box_area(bounds: &[[f32; 3]; 2], world_to_clip: &[[f32; 4]; 4],
     (share * film).clamp(0.0, film)
 }
 
-/// Pictures of the corners in front of the eye, and of the places where edges pass into that half
+/// Images of the corners in front of the eye, and of the places where edges pass into that half
 /// space.
 fn in_front(corners: &[[f64; 3]; 8]) -> Vec<[f64; 2]> {
     let far = corners.iter().fold(0.0, |m: f64, c| m.max(c[0].abs()).max(c[1].abs()).max(c[2].abs()));
-    // Just in front of the eye: pictures there lie a billion films away, but at finite places.
+    // Just in front of the eye: images there lie a billion films away, but at finite places.
     let near = far * 1e-9;
     let project = |c: [f64; 3]| [c[0] / c[2], c[1] / c[2]];
     let mut points: Vec<[f64; 2]> = corners.iter().filter(|c| c[2] > near).map(|&c| project(c)).collect();

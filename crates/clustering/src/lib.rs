@@ -1,6 +1,6 @@
 //! Groups a scene's triangles by place, material and normal: plain slices in, clusters out.
 //!
-//! A sampler that wants to know before rendering where a picture is hard can look at geometry alone: where many small
+//! A sampler that wants to know before rendering where an image is hard can look at geometry alone: where many small
 //! clusters crowd a pixel, it is. The method is that of \[Lan 2016\], and this crate has it as published and mended.
 //!
 //! ```

@@ -67,7 +67,7 @@ pub struct Params {
     pub k: f64,
     /// Most voxels along an axis, 1 to 2^20: 32 in the thesis, 64 in pbrt-v2. They bound the memory of an array of
     /// voxels; here only occupied voxels are stored, so any clamp is affordable. The default is 64 because of what
-    /// voxels are for: in a picture 1024 pixels wide that shows the whole scene one is then 16 pixels wide, and
+    /// voxels are for: in an image 1024 pixels wide that shows the whole scene one is then 16 pixels wide, and
     /// smaller clusters tell a sampler little that single pixels don't.
     pub clamp: u32,
     /// The angle A in degrees within which normals are alike, 0 to 90; 10 by default, as in the thesis. It is met to

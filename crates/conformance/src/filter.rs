@@ -2,7 +2,7 @@
 
 use crate::sampler::{Scene, frame, on_threads};
 use dapple_core::{
-    Error, Feedback, Film, Filter, Filtered, Frame, Limits, Needs, NoWatch, Plan, PointSet, Progress, SampleId,
+    Error, Feedback, Film, Filter, Filtered, Frame, Limits, Needs, NoMonitor, Plan, PointSet, Progress, SampleId,
     Sampler, render,
 };
 
@@ -107,40 +107,40 @@ fn mix(x: u64) -> u64 {
 fn film(mut scene: Scene, counts: Counts, needs: Needs, frame: Frame) -> Film {
     let mut limits = Limits::samples(64 * frame.pixels() as u64);
     limits.min_spp = 0;
-    render(&mut scene, &mut Hashed(counts), needs, frame, &limits, &mut NoWatch).expect("a film of the checks")
+    render(&mut scene, &mut Hashed(counts), needs, frame, &limits, &mut NoMonitor).expect("a film of the checks")
 }
 
 fn finite_and_repeatable(filter: &dyn Filter, scene: Scene, counts: Counts, frame: Frame) {
     let case = format!("{}, {scene:?}, {counts:?}, {:?}", filter.describe(), frame.size());
     let film = film(scene, counts, filter.needs(), frame);
     let apply = |threads| on_threads(threads, || filter.apply(&film)).unwrap_or_else(|e| panic!("{case}: {e}"));
-    let picture = apply(1);
-    assert_eq!(picture.size, frame.size(), "{case}: wrong size");
-    assert_eq!(picture.radiance.len(), frame.pixels(), "{case}: wrong number of pixels");
-    for (i, x) in picture.radiance.iter().enumerate() {
+    let image = apply(1);
+    assert_eq!(image.size, frame.size(), "{case}: wrong size");
+    assert_eq!(image.radiance.len(), frame.pixels(), "{case}: wrong number of pixels");
+    for (i, x) in image.radiance.iter().enumerate() {
         assert!(x.iter().all(|v| v.is_finite()), "{case}: pixel {i} is {x:?}");
     }
-    if let Some(error) = &picture.error {
+    if let Some(error) = &image.error {
         assert_eq!(error.len(), frame.pixels(), "{case}: wrong number of errors");
         // An unknown error is infinite.
         assert!(error.iter().all(|e| *e >= 0.0), "{case}: an error is negative or NaN");
     }
     for threads in [1, 2, 3, 7] {
-        assert!(bits(&apply(threads)) == bits(&picture), "{case}: {threads} threads give other bits");
+        assert!(bits(&apply(threads)) == bits(&image), "{case}: {threads} threads give other bits");
     }
 }
 
-fn bits(picture: &Filtered) -> Vec<u32> {
-    let errors = picture.error.iter().flatten();
-    picture.radiance.iter().flatten().chain(errors).map(|v| v.to_bits()).collect()
+fn bits(image: &Filtered) -> Vec<u32> {
+    let errors = image.error.iter().flatten();
+    image.radiance.iter().flatten().chain(errors).map(|v| v.to_bits()).collect()
 }
 
 /// To 1e-5 relative: what normalised `f32` weights can promise.
 fn keeps_constant(filter: &dyn Filter, frame: Frame) {
     for (scene, value) in [(Scene::Constant, 0.7f32), (Scene::Black, 0.0)] {
         let film = film(scene, Counts::Uneven, filter.needs(), frame);
-        let picture = filter.apply(&film).unwrap_or_else(|e| panic!("{}: {e}", filter.describe()));
-        for (i, x) in picture.radiance.iter().enumerate() {
+        let image = filter.apply(&film).unwrap_or_else(|e| panic!("{}: {e}", filter.describe()));
+        for (i, x) in image.radiance.iter().enumerate() {
             for (x, share) in x.iter().zip([1.0, 0.5, 0.25]) {
                 let wanted = value * share;
                 let near = (x - wanted).abs() <= 1e-5 * wanted;

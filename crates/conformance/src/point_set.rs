@@ -247,11 +247,11 @@ fn pixels_are_independent(points: &dyn PointSet) {
         for index in [0, 3].into_iter().filter(|i| *i < points.capacity()) {
             let wide = side + 64;
             let row = |y: u32| (0..wide).map(move |x| points.block(id([x, y], 0, index), block));
-            let picture: Vec<Vec<[f32; 4]>> = (0..wide).map(|y| row(y).collect()).collect();
+            let image: Vec<Vec<[f32; 4]>> = (0..wide).map(|y| row(y).collect()).collect();
             for [dx, dy] in lags {
                 let mut correlations = [Correlation::default(); 4];
                 for (y, x) in (0..side).flat_map(|y| (0..side).map(move |x| (y as usize, x as usize))) {
-                    let (a, b) = (picture[y][x], picture[y + dy][x + dx]);
+                    let (a, b) = (image[y][x], image[y + dy][x + dx]);
                     for k in 0..4 {
                         correlations[k].add(a[k], b[k]);
                     }

@@ -1,8 +1,8 @@
 //! What every sampler must pass.
 
 use dapple_core::{
-    Block, Budget, Control, Draws, Error, Estimate, Feedback, Film, FirstHit, Frame, Integrator, Limits, Needs,
-    NoWatch, Observed, Plan, Progress, Sampler, Snapshot, Status, Watch, render, resume,
+    Block, Budget, Control, Draws, Error, Estimate, Feedback, Film, FirstHit, Frame, Integrator, Limits, Monitor,
+    Needs, NoMonitor, Plan, Progress, Sampler, Snapshot, Status, TrainingLog, render, resume,
 };
 
 /// How a sampler treats its budget.
@@ -18,7 +18,7 @@ pub enum Spending {
 ///
 /// Renders made-up scenes (black, constant, an edge, noise, fireflies, invalid samples) on frames
 /// from 1x1 up and demands: the budget met to the sample; every pixel between floor and ceiling; no
-/// plan that breaks its word; finite pictures; the same bits for any number of threads, tile, slice
+/// plan that breaks its word; finite images; the same bits for any number of threads, tile, slice
 /// and order, and in a second run; the same bits where a fresh one goes on from any snapshot of a render
 /// ([`Sampler::save`]); a budget that is raised later spent as well; a name that says something. Below 16 samples per pixel a sampler may refuse with
 /// [`Error::BudgetTooSmall`](dapple_core::Error::BudgetTooSmall).
@@ -84,7 +84,7 @@ impl Scene {
 }
 
 impl Integrator for Scene {
-    fn estimate(&self, draws: &Draws<'_>, observed: &mut Observed) -> Estimate {
+    fn estimate(&self, draws: &Draws<'_>, observed: &mut TrainingLog) -> Estimate {
         let u = draws.block(Block::new(0));
         let [x, y] = draws.pixel();
         observed.note(u64::from(x / 4), u[0]);
@@ -153,7 +153,7 @@ pub(crate) fn on_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Sen
 }
 
 fn run(sampler: &mut dyn Sampler, mut scene: Scene, frame: Frame, limits: &Limits) -> Result<Film, Error> {
-    render(&mut scene, sampler, Needs::none(), frame, limits, &mut NoWatch)
+    render(&mut scene, sampler, Needs::none(), frame, limits, &mut NoMonitor)
 }
 
 fn names(make: &impl Fn(&Frame) -> Box<dyn Sampler>) {
@@ -206,7 +206,7 @@ fn spends(make: &impl Fn(&Frame) -> Box<dyn Sampler>, spending: Spending, frame:
         let Some(film) = film else { continue };
         if scene == Scene::Constant {
             let off = (0..frame.pixels()).find(|&i| (film.mean(i)[0] - f64::from(0.7f32)).abs() > 1e-6);
-            assert_eq!(off, None, "a pixel of a constant picture is not its constant");
+            assert_eq!(off, None, "a pixel of a constant image is not its constant");
         }
     }
 }
@@ -259,7 +259,7 @@ struct Keeper {
     end: Vec<u8>,
 }
 
-impl Watch for Keeper {
+impl Monitor for Keeper {
     fn slice(&mut self, status: &Status<'_>) -> Control {
         self.slices.push(status.snapshot());
         Control::Continue
@@ -284,7 +284,7 @@ fn resumes(make: &impl Fn(&Frame) -> Box<dyn Sampler>, frame: Frame, scene: Scen
         let snapshot = Snapshot::from_bytes(bytes).unwrap_or_else(|e| panic!("{case}: {e}"));
         let mut sampler = make(&frame);
         let film = on_threads(threads, || {
-            resume(snapshot, &mut { scene }, &mut *sampler, Needs::none(), frame, limits, &mut NoWatch)
+            resume(snapshot, &mut { scene }, &mut *sampler, Needs::none(), frame, limits, &mut NoMonitor)
         });
         film.unwrap_or_else(|e| panic!("{case}: it cannot be resumed: {e}"))
     };

@@ -80,7 +80,7 @@ fn a_cursor_is_rejected() {
 fn a_scramble_shared_by_pixels_is_rejected() {
     let points = |id: SampleId, block| sound(SampleId { pixel: [id.pixel[0] & !63, id.pixel[1]], ..id }, block);
     rejected(&Faulty(points), "standard errors from");
-    // Shifted by a quarter for each repetition, so that moments over the picture stay in order and only
+    // Shifted by a quarter for each repetition, so that moments over the image stay in order and only
     // the comparison of pixels can tell.
     for (period, apart) in [(2, "pixels (1, 0) apart"), (64, "pixels (64, 0) apart")] {
         let points = |id: SampleId, block| {

@@ -4,8 +4,8 @@
 //! Everything is made up and every seed is fixed. Limits on rates are 5 standard deviations of the binomial: 6e-7 each.
 
 use dapple_conformance::statistics::*;
-use dapple_core::samplers::{Pilot, Uniform, Variance, VarianceOptions};
-use dapple_core::{Film, Frame, Limits, Needs, NoWatch, PointSet, SampleId, Sampler, render};
+use dapple_core::samplers::{PilotPolicy, Uniform, Variance, VarianceOptions};
+use dapple_core::{Film, Frame, Limits, Needs, NoMonitor, PointSet, SampleId, Sampler, render};
 use dapple_metrics::{log_log_fit, ratio_interval, student_t_quantile};
 
 /// SplitMix64.
@@ -127,34 +127,34 @@ fn design_s1_sees_a_leak_of_half_a_percent() {
 const WIDTH: usize = 64;
 const PIXELS: usize = 64 * 56;
 
-/// 16 replicates of a picture 64 x 56: exponential noise of mean 1 about a gradient, some of it shared over the picture.
+/// 16 replicates of an image 64 x 56: exponential noise of mean 1 about a gradient, some of it shared over the image.
 fn made_up(seed: u64, edit: impl Fn(usize, &mut [f64; 3])) -> Vec<Vec<[f64; 3]>> {
     (0..16)
         .map(|r| {
             let mut noise = Noise(mix(seed) ^ mix(r + 99));
             let weather = 0.05 * noise.normal();
-            let mut picture: Vec<[f64; 3]> = (0..PIXELS)
+            let mut image: Vec<[f64; 3]> = (0..PIXELS)
                 .map(|i| {
                     let level = 1.0 + 0.02 * (i % WIDTH) as f64;
                     let grey = level * noise.exponential() + weather;
                     [grey, grey + 0.1 * noise.normal(), level * noise.exponential()]
                 })
                 .collect();
-            picture.iter_mut().enumerate().for_each(|(i, p)| edit(i, p));
-            picture
+            image.iter_mut().enumerate().for_each(|(i, p)| edit(i, p));
+            image
         })
         .collect()
 }
 
 #[test]
-fn design_s2_pictures() {
+fn design_s2_images() {
     let nothing = |_: usize, _: &mut [f64; 3]| {};
     let exact: Vec<[f64; 3]> = (0..PIXELS).map(|i| [1.0 + 0.02 * (i % WIDTH) as f64; 3]).collect();
     // Nothing is wrong: no alarm at a family's level, and few at 5 %.
     let mut low = [0; 2];
     for seed in 0..30 {
-        let two = pictures(WIDTH, &made_up(2 * seed, nothing), &made_up(2 * seed + 1, nothing));
-        let one = picture(WIDTH, &made_up(2 * seed, nothing), &exact);
+        let two = images(WIDTH, &made_up(2 * seed, nothing), &made_up(2 * seed + 1, nothing));
+        let one = image(WIDTH, &made_up(2 * seed, nothing), &exact);
         for (low, test) in low.iter_mut().zip([two, one]) {
             assert!(test.p() > FAMILY, "{seed}: {test:?}");
             *low += usize::from(test.p() < 0.05);
@@ -164,7 +164,7 @@ fn design_s2_pictures() {
     assert!(low.iter().all(|&low| low <= 8), "{low:?} of 30 below 5 %");
 
     let sound = made_up(1001, nothing);
-    let against = |edit: &dyn Fn(usize, &mut [f64; 3])| pictures(WIDTH, &made_up(1000, edit), &sound);
+    let against = |edit: &dyn Fn(usize, &mut [f64; 3])| images(WIDTH, &made_up(1000, edit), &sound);
     // One block of 56 is half as bright as it should be.
     let block = against(&|i, p| {
         if i % WIDTH < 8 && i / WIDTH < 8 {
@@ -178,31 +178,31 @@ fn design_s2_pictures() {
         *p = p.map(|v| v + if up { 0.14 } else { -0.14 });
     });
     assert!(chequered.spread < 1e-4 && chequered.global > 1e-3, "{chequered:?}");
-    // The same seeds on both sides: nearly nothing is left between the pictures.
-    let shared = pictures(WIDTH, &made_up(1001, |_, p| p[0] += 1e-9), &sound);
+    // The same seeds on both sides: nearly nothing is left between the images.
+    let shared = images(WIDTH, &made_up(1001, |_, p| p[0] += 1e-9), &sound);
     assert!(shared.spread < FAMILY && shared.p() < FAMILY, "{shared:?}");
     // Blocks without spread must be equal.
     let flat = vec![vec![[1.0; 3]; PIXELS]; 4];
     let mut off = flat.clone();
     off.iter_mut().for_each(|p| p[5][1] += 1e-12);
-    assert_eq!(pictures(WIDTH, &flat, &flat).blocks, 1.0);
-    assert_eq!(pictures(WIDTH, &off, &flat).p(), 0.0);
+    assert_eq!(images(WIDTH, &flat, &flat).blocks, 1.0);
+    assert_eq!(images(WIDTH, &off, &flat).p(), 0.0);
 }
 
-/// Half a percent of the light missing everywhere, which no block shows: the picture's mean does, with stated power.
+/// Half a percent of the light missing everywhere, which no block shows: the image's mean does, with stated power.
 #[test]
 fn design_s2_sees_a_leak_of_half_a_percent() {
-    let pictures_of = |leak: f64, seed: u64| -> Vec<Vec<[f64; 3]>> {
+    let images_of = |leak: f64, seed: u64| -> Vec<Vec<[f64; 3]>> {
         let mut noise = Noise(seed);
         let mut pixel = || [0; 3].map(|_| (0..64).map(|_| furnace(&mut noise, leak)).sum::<f64>() / 64.0);
         (0..64).map(|_| (0..32 * 32).map(|_| pixel()).collect()).collect()
     };
-    let [sound, other, leaking] = [(0.0, 4), (0.0, 5), (HALF_A_PERCENT, 6)].map(|(leak, seed)| pictures_of(leak, seed));
+    let [sound, other, leaking] = [(0.0, 4), (0.0, 5), (HALF_A_PERCENT, 6)].map(|(leak, seed)| images_of(leak, seed));
     let error = (2.0 * 0.5_f64 / 64.0 / 64.0 / 1024.0).sqrt();
     let power = power(0.005 / error, sidak(FAMILY, 3 * 4), 126.0);
     assert!(power > 0.999, "{power}");
-    assert!(pictures(32, &sound, &other).p() > FAMILY);
-    let seen = pictures(32, &leaking, &other);
+    assert!(images(32, &sound, &other).p() > FAMILY);
+    let seen = images(32, &leaking, &other);
     assert!(seen.global < FAMILY && seen.p() < FAMILY && seen.blocks > FAMILY, "{seen:?}");
 }
 
@@ -327,10 +327,10 @@ const P: f64 = 0.1;
 fn lit(sampler: &mut dyn Sampler, side: u32, spp: u64) -> Film {
     let frame = Frame::new(side, side).expect("a frame");
     let limits = Limits::samples(spp * frame.pixels() as u64);
-    render(&mut Bernoulli(P as f32), sampler, Needs::none(), frame, &limits, &mut NoWatch).expect("a film")
+    render(&mut Bernoulli(P as f32), sampler, Needs::none(), frame, &limits, &mut NoMonitor).expect("a film")
 }
 
-fn alone(policy: Pilot, seed: u64) -> Variance<Independent> {
+fn alone(policy: PilotPolicy, seed: u64) -> Variance<Independent> {
     let options = VarianceOptions { policy, radius: 0, pilot: 4, ..VarianceOptions::default() };
     Variance::with_options(Independent(seed), options).expect("sound options")
 }
@@ -342,7 +342,7 @@ fn design_s7_the_naive_rule_is_rejected() {
     assert!((refined(0.2, 2) - (3.0 * 0.04 - 2.0 * 0.008)).abs() < 1e-12, "3 p^2 - 2 p^3");
     let films = |make: &dyn Fn(u64) -> Box<dyn Sampler>| -> (Mean, Vec<Pixels>) {
         let films: Vec<Film> = (0..64).map(|seed| lit(&mut *make(seed), 32, 64)).collect();
-        (films.iter().map(picture_mean).collect(), films.iter().map(Pixels::of).collect())
+        (films.iter().map(image_mean).collect(), films.iter().map(Pixels::of).collect())
     };
     let (mean, pixels) = films(&|seed| Box::new(Naive { points: Independent(seed), pilot: 4, total: 64 }));
     assert!(mean.against(P).p() < 1e-12, "{mean:?}");
@@ -351,12 +351,12 @@ fn design_s7_the_naive_rule_is_rejected() {
     // Power: what is seen of a bias a twentieth as large.
     let power = power(0.05 * (closed - P) / mean.standard_error(), 1e-6, 63.0);
     assert!(power > 0.999, "{power}, standard error {}", mean.standard_error());
-    for policy in [Pilot::Discard, Pilot::Cross] {
+    for policy in [PilotPolicy::Discard, PilotPolicy::Cross] {
         let (mean, pixels) = films(&|seed| Box::new(alone(policy, 1000 + seed)));
         assert!(mean.against(f64::from(P as f32)).p() > FAMILY, "{policy:?}: {mean:?}");
         let trend = count_trend(&pixels);
         // Halves that decide for each other: a half's own samples go with the other's count, which is a part of the sum.
-        assert!(policy == Pilot::Cross || two_sided(trend) > FAMILY, "{policy:?}: {trend}");
+        assert!(policy == PilotPolicy::Cross || two_sided(trend) > FAMILY, "{policy:?}: {trend}");
     }
     let (_, pixels) = films(&|seed| Box::new(Uniform::new(Independent(2000 + seed))));
     assert_eq!(count_trend(&pixels), 0.0, "counts that never differ");
@@ -367,7 +367,7 @@ fn design_s7_the_naive_rule_is_rejected() {
 fn design_s8_metamorphic() {
     struct Scaled(f32);
     impl dapple_core::Integrator for Scaled {
-        fn estimate(&self, draws: &dapple_core::Draws<'_>, _: &mut dapple_core::Observed) -> dapple_core::Estimate {
+        fn estimate(&self, draws: &dapple_core::Draws<'_>, _: &mut dapple_core::TrainingLog) -> dapple_core::Estimate {
             let [u, v, ..] = draws.block(dapple_core::Block::new(0));
             dapple_core::Estimate { radiance: [u, u * v, v].map(|x| self.0 * x), first_hit: None, cost: 1 }
         }
@@ -376,7 +376,7 @@ fn design_s8_metamorphic() {
         let frame = Frame::new(9, 7).expect("a frame");
         let sampler = &mut Uniform::new(Independent(seed));
         let limits = Limits::samples(1000);
-        render(&mut Scaled(scale), sampler, Needs::none(), frame, &limits, &mut NoWatch).expect("a film")
+        render(&mut Scaled(scale), sampler, Needs::none(), frame, &limits, &mut NoMonitor).expect("a film")
     };
     let scaled =
         |by: f64, film: &Film| -> Vec<[u64; 3]> { (0..63).map(|i| film.mean(i).map(|x| (x * by).to_bits())).collect() };

@@ -5,8 +5,8 @@
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use dapple_core::samplers::{Uniform, Variance, VarianceOptions};
 use dapple_core::{
-    Block, BudgetLeft, Draws, Estimate, Feedback, Film, Frame, Integrator, Limits, Needs, NoWatch, Observed, Plan,
-    PointSet, SampleId, Sampler, allocate, allocate_on_ladder, render, streams,
+    Block, BudgetLeft, Draws, Estimate, Feedback, Film, Frame, Integrator, Limits, Needs, NoMonitor, Plan, PointSet,
+    SampleId, Sampler, TrainingLog, allocate, allocate_on_ladder, render, streams,
 };
 use std::hint::black_box;
 
@@ -30,7 +30,7 @@ impl PointSet for Cheap {
 struct OneBlock;
 
 impl Integrator for OneBlock {
-    fn estimate(&self, draws: &Draws<'_>, _: &mut Observed) -> Estimate {
+    fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
         let u = draws.block(Block::new(0));
         Estimate { radiance: [u[0], u[1], u[2]], first_hit: None, cost: 1 }
     }
@@ -49,7 +49,7 @@ fn on_one_thread<T: Send>(work: impl FnOnce() -> T + Send) -> T {
 
 /// The same work through the same plugs, but for the loop: dynamic calls and a sum per pixel.
 fn direct(integrator: &dyn Integrator, points: &dyn PointSet) -> f64 {
-    let mut observed = Observed::default();
+    let mut observed = TrainingLog::default();
     let mut total = 0.0;
     for y in 0..SIDE {
         for x in 0..SIDE {
@@ -76,7 +76,7 @@ fn driver(c: &mut Criterion) {
         let limits = Limits::samples(u64::from(SIDE * SIDE) * SPP);
         let once = || {
             let mut sampler = Uniform::new(Cheap);
-            on_one_thread(|| render(&mut OneBlock, &mut sampler, needs, frame(), &limits, &mut NoWatch))
+            on_one_thread(|| render(&mut OneBlock, &mut sampler, needs, frame(), &limits, &mut NoMonitor))
         };
         group.bench_function(BenchmarkId::new("render", name), |b| b.iter(|| once().expect("a film")));
     }

@@ -5,7 +5,7 @@
 //! objective is separable and convex, so handing out samples in the order of their marginal gain is
 //! exactly optimal [Fox 1966]. Most are handed out at once, to a common threshold of the gain; the
 //! rest one by one, ties to the smaller count and then by a hash of the pixel's number, so that no
-//! part of the picture is preferred.
+//! part of the image is preferred.
 
 mod share;
 
@@ -176,7 +176,7 @@ pub fn allocate(scores: &[f64], floors: &[u32], ceiling: u32, total: u64) -> Res
 }
 
 /// As [`allocate`], on the ladder of well-stratified prefixes (see [`ladder_next`]) and for errors
-/// that fall as `n^-exponent`: 1 for independent samples, about 1.3 for pictures sampled with nets.
+/// that fall as `n^-exponent`: 1 for independent samples, about 1.3 for images sampled with nets.
 /// At most one pixel whose floor is on the ladder leaves it, to meet the sum; others only where the
 /// budget fills every pixel up to the last rung below `ceiling`. When all scores are equal there is
 /// nothing to adapt to, and counts differ by at most 1 wherever floors allow.

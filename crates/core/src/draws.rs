@@ -70,7 +70,7 @@ impl<'a> Draws<'a> {
 
     /// How many blocks were asked for so far: an effect that is off asks for none.
     #[inline]
-    pub fn blocks_asked(&self) -> u32 {
+    pub fn blocks_requested(&self) -> u32 {
         self.asked.get()
     }
 }

@@ -1,4 +1,4 @@
-//! Everything that can go wrong between a sampler and a picture.
+//! Everything that can go wrong between a sampler and an image.
 
 use crate::{Film, SampleId};
 
@@ -7,24 +7,24 @@ use crate::{Film, SampleId};
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// A frame without pixels.
-    #[error("a picture of {}x{} pixels is empty: both sides must be at least 1", resolution[0], resolution[1])]
+    #[error("an image of {}x{} pixels is empty: both sides must be at least 1", resolution[0], resolution[1])]
     EmptyFrame {
         /// Width and height asked for.
         resolution: [u32; 2],
     },
     /// A frame with more pixels than are numbered.
-    #[error("a picture of {}x{} has more than 2^32 - 1 pixels: render it in crops", resolution[0], resolution[1])]
+    #[error("an image of {}x{} has more than 2^32 - 1 pixels: render it in crops", resolution[0], resolution[1])]
     FrameTooLarge {
         /// Width and height asked for.
         resolution: [u32; 2],
     },
     /// A window that is empty or outside.
-    #[error("the crop {},{},{},{} is empty or reaches outside the {}x{} picture: give X0,Y0,X1,Y1 with X0 < X1 <= width and Y0 < Y1 <= height",
+    #[error("the crop {},{},{},{} is empty or reaches outside the {}x{} image: give X0,Y0,X1,Y1 with X0 < X1 <= width and Y0 < Y1 <= height",
         crop[0], crop[1], crop[2], crop[3], resolution[0], resolution[1])]
     BadCrop {
         /// The window, x0, y0, x1, y1.
         crop: [u32; 4],
-        /// The full picture's width and height.
+        /// The full image's width and height.
         resolution: [u32; 2],
     },
     /// Fewer samples than the pixels must have.
@@ -117,8 +117,8 @@ pub enum Error {
         /// Why, and what can.
         why: &'static str,
     },
-    /// Shards that do not make a picture.
-    #[error("these shards make no picture: {what}")]
+    /// Shards that do not make an image.
+    #[error("these shards make no image: {what}")]
     BadShards {
         /// What is missing, twice there, or does not belong to the others.
         what: String,

@@ -107,7 +107,7 @@ pub struct Record {
     pub blocks: u64,
     /// Samples rejected.
     pub rejected: u64,
-    /// Whether a watch stopped the render before its limits.
+    /// Whether a monitor stopped the render before its limits.
     pub interrupted: bool,
 }
 
@@ -176,7 +176,7 @@ impl Film {
         bank * if needs.halves { 2 } else { 1 }
     }
 
-    /// Takes in one sample by hand, as a round with `fate` kept would: for tests of samplers and
+    /// Takes in one sample by hand, as a round with `retention` kept would: for tests of samplers and
     /// filters on made-up statistics. It is number `count` of its stream, and rejected if it is no
     /// radiance. `half` is ignored without halves.
     ///
@@ -208,7 +208,7 @@ impl Film {
         }
     }
 
-    /// The picture's size and window.
+    /// The image's size and window.
     pub fn frame(&self) -> &Frame {
         &self.frame
     }
@@ -326,8 +326,8 @@ impl Film {
         self.costs.get(i).copied()
     }
 
-    /// The unfiltered picture: each pixel the mean of its own samples.
-    pub fn picture(&self) -> Vec<[f32; 3]> {
+    /// The unfiltered image: each pixel the mean of its own samples.
+    pub fn image(&self) -> Vec<[f32; 3]> {
         (0..self.frame.pixels()).map(|i| self.mean(i).map(|x| x as f32)).collect()
     }
 
@@ -365,7 +365,7 @@ impl Film {
         Some((0..self.frame.pixels()).map(|i| self.squared_error(i).map_or(f32::INFINITY, mean)).collect())
     }
 
-    /// The picture's own estimate of its relMSE, `mean((x - truth)^2 / (truth^2 + 0.01))` over pixels
+    /// The image's own estimate of its relMSE, `mean((x - truth)^2 / (truth^2 + 0.01))` over pixels
     /// and channels; `None` without halves, or while a pixel lacks a sample in one of them.
     ///
     /// For the truth stands the mean of the pixel and its neighbours, 3x3 of them: a pixel's own mean is high where its
@@ -376,7 +376,7 @@ impl Film {
             return None;
         }
         let [width, height] = self.frame.size().map(|n| n as usize);
-        // Three rows of means at a time: a picture of them would be as much memory again as a film of samples.
+        // Three rows of means at a time: an image of them would be as much memory again as a film of samples.
         let mut means = vec![[0.0; 3]; 3 * width];
         let fill = |y: usize, means: &mut [[f64; 3]]| {
             let row = &mut means[y % 3 * width..][..width];
@@ -434,7 +434,7 @@ impl Film {
         }
     }
 
-    /// Takes the kept samples of the marked pixels out of the picture, to the discarded ones.
+    /// Takes the kept samples of the marked pixels out of the image, to the discarded ones.
     pub(crate) fn withdraw(&mut self, withdrawn: &[bool]) {
         self.open_discarded();
         for (kept, discarded) in self.kept.iter_mut().zip(&mut self.discarded) {

@@ -1,8 +1,8 @@
-//! From samples to a picture.
+//! From samples to an image.
 
 use crate::{Error, Film, FilterMemory, Frame, Needs};
 
-/// A picture made from a film.
+/// An image made from a film.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Filtered {
     /// Width and height of the frame's window.
@@ -13,7 +13,7 @@ pub struct Filtered {
     pub error: Option<Vec<f32>>,
 }
 
-/// Makes a picture, and an estimate of its error per pixel, from a film.
+/// Makes an image, and an estimate of its error per pixel, from a film.
 ///
 /// Each estimate belongs to one pixel: filters act on per-pixel means, with weights integrated over
 /// the pixel, so that unequal sample counts do not move edges. Implementations must pass
@@ -33,13 +33,13 @@ pub trait Filter: Send + Sync {
     }
 
     /// The memory that [`Filter::apply`] takes for a film of this frame with these needs. The default is that of a filter
-    /// that holds its picture only, with an error; one that works on planes of its own says more.
+    /// that holds its image only, with an error; one that works on planes of its own says more.
     fn memory(&self, frame: &Frame, needs: &Needs) -> FilterMemory {
         let _ = needs;
         FilterMemory::new(frame, 0, true)
     }
 
-    /// Makes the picture. Pixels without samples are black.
+    /// Makes the image. Pixels without samples are black.
     ///
     /// # Errors
     ///
@@ -61,6 +61,6 @@ impl Filter for Unfiltered {
     }
 
     fn apply(&self, film: &Film) -> Result<Filtered, Error> {
-        Ok(Filtered { size: film.frame().size(), radiance: film.picture(), error: film.squared_errors() })
+        Ok(Filtered { size: film.frame().size(), radiance: film.image(), error: film.squared_errors() })
     }
 }

@@ -1,10 +1,10 @@
-//! The size of a picture and the window that is rendered.
+//! The size of an image and the window that is rendered.
 
 use crate::Error;
 
-/// A picture's full resolution and the window of it that is rendered.
+/// An image's full resolution and the window of it that is rendered.
 ///
-/// Pixels keep their place in the full frame, so a crop is bit for bit the full picture's.
+/// Pixels keep their place in the full frame, so a crop is bit for bit the full image's.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Frame {
     resolution: [u32; 2],
@@ -13,7 +13,7 @@ pub struct Frame {
 }
 
 impl Frame {
-    /// A whole picture of `width` x `height` pixels.
+    /// A whole image of `width` x `height` pixels.
     ///
     /// # Errors
     ///
@@ -28,7 +28,7 @@ impl Frame {
         Ok(Self { resolution: [width, height], origin: [0, 0], size: [width, height] })
     }
 
-    /// The window `x0 .. x1` x `y0 .. y1` of this frame, in pixels of the full picture.
+    /// The window `x0 .. x1` x `y0 .. y1` of this frame, in pixels of the full image.
     ///
     /// # Errors
     ///
@@ -40,12 +40,12 @@ impl Frame {
         Ok(Self { origin: [x0, y0], size: [x1 - x0, y1 - y0], ..self })
     }
 
-    /// Width and height of the full picture.
+    /// Width and height of the full image.
     pub const fn resolution(&self) -> [u32; 2] {
         self.resolution
     }
 
-    /// Column and row of the window's first pixel in the full picture.
+    /// Column and row of the window's first pixel in the full image.
     pub const fn origin(&self) -> [u32; 2] {
         self.origin
     }
@@ -65,7 +65,7 @@ impl Frame {
         (self.size[0] as u64 * self.size[1] as u64).saturating_mul(per_pixel as u64)
     }
 
-    /// Column and row, in the full picture, of the `i`-th pixel of the window, row by row.
+    /// Column and row, in the full image, of the `i`-th pixel of the window, row by row.
     pub const fn pixel(&self, i: usize) -> [u32; 2] {
         let w = self.size[0] as usize;
         [self.origin[0] + (i % w) as u32, self.origin[1] + (i / w) as u32]

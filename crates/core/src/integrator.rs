@@ -53,33 +53,33 @@ pub struct Estimate {
 pub trait Integrator: Sync {
     /// One estimate of the radiance of pixel `draws.pixel()`: a pure function of the coordinates (and
     /// of what was learned in finished rounds).
-    fn estimate(&self, draws: &Draws<'_>, observed: &mut Observed) -> Estimate;
+    fn estimate(&self, draws: &Draws<'_>, observed: &mut TrainingLog) -> Estimate;
 
-    /// Whether this integrator writes to [`Observed`] and wants [`Integrator::learn`] called. Asked anew
-    /// after each lesson: one that has learned enough says so, and costs no more.
-    fn observes(&self) -> bool {
+    /// Whether this integrator writes to [`TrainingLog`] and wants [`Integrator::learn`] called. Asked anew
+    /// after each training pass: one that has learned enough says so, and costs no more.
+    fn wants_training(&self) -> bool {
         false
     }
 
-    /// Called at the barrier after a lesson with everything observed in it, merged in a fixed order:
-    /// what is learned does not depend on threads. A lesson is one sample a pixel at first, then as
+    /// Called at the barrier after a training pass with everything observed in it, merged in a fixed order:
+    /// what is learned does not depend on threads. A training pass is one sample a pixel at first, then as
     /// many as were traced before it, and at most what is left of the round: 1, 1, 2, 4, … where
     /// rounds are long.
     ///
-    /// What is learned must follow from the lessons alone: a render that is resumed from a [`Snapshot`](crate::Snapshot)
+    /// What is learned must follow from the training passes alone: a render that is resumed from a [`Snapshot`](crate::Snapshot)
     /// takes them again, in their order, without a sample traced. So there is nothing else to save.
-    fn learn(&mut self, lesson: &Observations) {
-        let _ = lesson;
+    fn learn(&mut self, pass: &TrainingData) {
+        let _ = pass;
     }
 }
 
 /// What an integrator notes down while it traces, under keys of its own.
 #[derive(Debug, Default)]
-pub struct Observed {
+pub struct TrainingLog {
     notes: Vec<(u64, f32)>,
 }
 
-impl Observed {
+impl TrainingLog {
     /// Notes a value. Non-finite values are dropped.
     #[inline]
     pub fn note(&mut self, key: u64, value: f32) {
@@ -89,12 +89,12 @@ impl Observed {
     }
 
     /// Sums the notes up by key, in the order in which they were made, and forgets them.
-    pub(crate) fn summarise(&mut self) -> Vec<Observation> {
+    pub(crate) fn summarise(&mut self) -> Vec<TrainingSum> {
         self.notes.sort_by_key(|n| n.0);
-        let mut sums: Vec<Observation> = Vec::new();
+        let mut sums: Vec<TrainingSum> = Vec::new();
         for &(key, value) in &self.notes {
             let value = f64::from(value);
-            let note = Observation { key, count: 1, sum: value, sum_of_squares: value * value };
+            let note = TrainingSum { key, count: 1, sum: value, sum_of_squares: value * value };
             match sums.last_mut() {
                 Some(last) if last.key == key => last.add(&note),
                 _ => sums.push(note),
@@ -105,9 +105,9 @@ impl Observed {
     }
 }
 
-/// Everything noted under one key in one lesson.
+/// Everything noted under one key in one training pass.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Observation {
+pub struct TrainingSum {
     /// The integrator's key.
     pub key: u64,
     /// How many values were noted.
@@ -118,34 +118,34 @@ pub struct Observation {
     pub sum_of_squares: f64,
 }
 
-impl Observation {
-    fn add(&mut self, other: &Observation) {
+impl TrainingSum {
+    fn add(&mut self, other: &TrainingSum) {
         self.count += other.count;
         self.sum += other.sum;
         self.sum_of_squares += other.sum_of_squares;
     }
 }
 
-/// All observations of a lesson, sorted by key. Sums were made in blocks of 16x16 pixels, added up in order along rows
+/// All observations of a training pass, sorted by key. Sums were made in blocks of 16x16 pixels, added up in order along rows
 /// of blocks, and then row by row, so they are the same bits for any number of threads.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Observations {
-    entries: Vec<Observation>,
+pub struct TrainingData {
+    entries: Vec<TrainingSum>,
 }
 
-impl Observations {
-    /// Merges sums of parts of the picture, which must come in their order.
-    pub(crate) fn merge(parts: &[Vec<Observation>]) -> Self {
+impl TrainingData {
+    /// Merges sums of parts of the image, which must come in their order.
+    pub(crate) fn merge(parts: &[Vec<TrainingSum>]) -> Self {
         Self::merged(parts, |entries| entries.par_sort_by_key(|e| e.key))
     }
 
     /// The same on the thread that asks: a task that waited for help would begin others meanwhile.
-    pub(crate) fn merge_here(parts: &[Vec<Observation>]) -> Self {
+    pub(crate) fn merge_here(parts: &[Vec<TrainingSum>]) -> Self {
         Self::merged(parts, |entries| entries.sort_by_key(|e| e.key))
     }
 
     /// `sort` is stable: equal keys stay in order. A tree would take several times as long.
-    fn merged(parts: &[Vec<Observation>], sort: impl FnOnce(&mut [Observation])) -> Self {
+    fn merged(parts: &[Vec<TrainingSum>], sort: impl FnOnce(&mut [TrainingSum])) -> Self {
         let mut entries = parts.concat();
         sort(&mut entries);
         entries.dedup_by(|next, kept| {
@@ -161,16 +161,16 @@ impl Observations {
     }
 
     /// These entries, if their keys ascend.
-    pub(crate) fn sorted(entries: Vec<Observation>) -> Option<Self> {
+    pub(crate) fn sorted(entries: Vec<TrainingSum>) -> Option<Self> {
         entries.is_sorted_by(|a, b| a.key < b.key).then_some(Self { entries })
     }
 
-    pub(crate) fn into_entries(self) -> Vec<Observation> {
+    pub(crate) fn into_entries(self) -> Vec<TrainingSum> {
         self.entries
     }
 
     /// The entries, in ascending order of key.
-    pub fn entries(&self) -> &[Observation] {
+    pub fn entries(&self) -> &[TrainingSum] {
         &self.entries
     }
 }

@@ -6,14 +6,14 @@
 //! * [`PointSet`]: where samples lie, a pure function of (pixel, stream, index, block);
 //! * [`Sampler`]: which points, and how many of them each pixel gets, decided between rounds;
 //! * [`Integrator`]: estimates a pixel from one sample's coordinates;
-//! * [`Filter`]: makes a picture from the [`Film`].
+//! * [`Filter`]: makes an image from the [`Film`].
 //!
 //! [`render`] drives them: round, barrier, round, … until the [`Limits`] are met. This crate knows no
 //! geometry, no colour file and no scene; everything public speaks in `[f32; 3]`, slices and ids.
 //!
 //! # Guarantees
 //!
-//! * The picture does not depend on the number of threads, on tiles, or on how a round was cut.
+//! * The image does not depend on the number of threads, on tiles, or on how a round was cut.
 //! * Sample counts add up to the budget exactly, or an [`Error`] says why they cannot.
 //! * A non-finite or negative sample is rejected, counts as zero and in `n`, and can be replayed.
 //!
@@ -47,16 +47,16 @@ pub use error::Error;
 pub use film::{Features, Film, Record, Rejected, RejectedReason, RoundRecord, luminance};
 pub use filter::{Filter, Filtered, Unfiltered};
 pub use frame::Frame;
-pub use integrator::{Estimate, FirstHit, Integrator, Observation, Observations, Observed};
+pub use integrator::{Estimate, FirstHit, Integrator, TrainingData, TrainingLog, TrainingSum};
 pub use limits::{Budget, InvalidSample, Limits, Schedule};
 pub use memory::{FilterMemory, Memory, SamplerMemory};
 pub use moments::{Moments, RgbMoments};
 pub use needs::Needs;
-pub use plan::{Combine, Fate, Plan, Progress};
+pub use plan::{Combine, Plan, Progress, Retention};
 pub use point_set::{PointSet, SampleId, streams};
-pub use render::{Control, NoWatch, Status, Watch, render, resume};
+pub use render::{Control, Monitor, NoMonitor, Status, render, resume};
 pub use sampler::{BudgetLeft, Feedback, Sampler};
-pub use shard::{Part, Shard, Sharded, merge};
+pub use shard::{Shard, ShardFilm, Sharded, merge};
 pub use snapshot::Snapshot;
 
 /// Runs the example of the README.

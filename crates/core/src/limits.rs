@@ -8,7 +8,7 @@ pub enum Budget {
     /// About so many seconds of tracing and planning. Turned into sample budgets at barriers and
     /// recorded; [`Budget::Recorded`] replays the record to the same bits.
     Seconds(f64),
-    /// Until the picture's own estimate of its relMSE is at most `relmse`, or `at_most` samples are
+    /// Until the image's own estimate of its relMSE is at most `relmse`, or `at_most` samples are
     /// spent. Asks for halves.
     Error {
         /// The relMSE to reach, `mean((x - truth)^2 / (truth^2 + 0.01))`.
@@ -31,11 +31,11 @@ pub enum InvalidSample {
     Fail,
 }
 
-/// How the work is handed to threads. Changes no bit of the picture.
+/// How the work is handed to threads. Changes no bit of the image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Schedule {
     /// Rows of pixels per task, at least 1. Rounded up to a multiple of 16 while an integrator
-    /// observes.
+    /// wants_training.
     pub tile_rows: u32,
     /// Samples per pixel and slice; 0 chooses slices of about a fifth of a second.
     pub slice_spp: u32,

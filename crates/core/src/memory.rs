@@ -7,7 +7,7 @@ use crate::{Budget, Film, Filter, Frame, Limits, Needs, Sampler};
 /// What goes with pixels is counted; a few bytes that do not are not worth it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SamplerMemory {
-    /// Statistics that the film keeps beside the picture's, because the sampler discards or withdraws samples.
+    /// Statistics that the film keeps beside the image's, because the sampler discards or withdraws samples.
     pub discarded: u64,
     /// What the sampler itself keeps from one round to the next.
     pub state: u64,
@@ -31,7 +31,7 @@ impl SamplerMemory {
     }
 
     /// The same for a sampler that discards its first rounds: the film has twice its statistics of samples. Where the
-    /// budget is known it plans the rest when all samples so far are discarded, and the picture's own counts, means and
+    /// budget is known it plans the rest when all samples so far are discarded, and the image's own counts, means and
     /// deviations are still zeros that nobody has written, so that they take no memory yet.
     #[must_use]
     pub fn with_discarded(self, frame: &Frame, needs: &Needs, limits: &Limits) -> Self {
@@ -46,24 +46,24 @@ impl SamplerMemory {
 /// Bytes that a filter takes besides the film.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct FilterMemory {
-    /// The most while it is applied, its picture included.
+    /// The most while it is applied, its image included.
     pub applying: u64,
-    /// Its picture, with the error if it knows that.
-    pub picture: u64,
+    /// Its image, with the error if it knows that.
+    pub image: u64,
 }
 
 impl FilterMemory {
     /// Of a filter that takes so many bytes per pixel at most, and knows its error or does not.
     pub fn new(frame: &Frame, applying: usize, knows_error: bool) -> Self {
-        let picture = frame.bytes(if knows_error { 16 } else { 12 });
-        Self { applying: frame.bytes(applying).max(picture), picture }
+        let image = frame.bytes(if knows_error { 16 } else { 12 });
+        Self { applying: frame.bytes(applying).max(image), image }
     }
 }
 
-/// The memory that a render takes, in bytes, as far as it goes with the size of the picture.
+/// The memory that a render takes, in bytes, as far as it goes with the size of the image.
 ///
 /// Counted from the planes that each part holds at its fullest, and not measured: the same on every machine of as many threads. What the
-/// integrator knows of the scene comes on top, and so does what becomes of the picture afterwards. Under a limit of time or
+/// integrator knows of the scene comes on top, and so does what becomes of the image afterwards. Under a limit of time or
 /// error it is what a render takes that goes on after its first round; one that ends with it takes less.
 ///
 /// ```
@@ -134,7 +134,7 @@ impl Memory {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::samplers::{Pilot, Uniform, Variance, VarianceOptions};
+    use crate::samplers::{PilotPolicy, Uniform, Variance, VarianceOptions};
     use crate::{PointSet, SampleId, Unfiltered};
 
     struct Points;
@@ -162,11 +162,11 @@ mod tests {
         let frame = Frame::new(100, 50).unwrap();
         let uniform = of(&Uniform::new(Points), &frame, Budget::Samples(20_000));
         assert_eq!(uniform.film, 5000 * 32);
-        assert_eq!(uniform.filter, FilterMemory { applying: 5000 * 12, picture: 5000 * 12 });
+        assert_eq!(uniform.filter, FilterMemory { applying: 5000 * 12, image: 5000 * 12 });
         let halves = of(&Uniform::new(Points), &frame, Budget::Error { relmse: 0.1, at_most: 20_000 });
-        assert_eq!((halves.film, halves.filter.picture), (5000 * 64, 5000 * 16));
+        assert_eq!((halves.film, halves.filter.image), (5000 * 64, 5000 * 16));
         assert_eq!(halves.snapshot(), halves.film + halves.tracing);
-        let options = VarianceOptions { policy: Pilot::Discard, ..VarianceOptions::default() };
+        let options = VarianceOptions { policy: PilotPolicy::Discard, ..VarianceOptions::default() };
         let discards = of(&Variance::with_options(Points, options).unwrap(), &frame, Budget::Samples(20_000));
         assert_eq!(discards.film, 5000 * 112, "a bank of its own for what is discarded");
         let variance = |budget| of(&Variance::new(Points), &frame, Budget::Samples(budget));
@@ -176,13 +176,13 @@ mod tests {
 
     /// Sums that leave 64 bits are "more than there is", not little.
     #[test]
-    fn z03_the_largest_picture_does_not_wrap() {
+    fn z03_the_largest_image_does_not_wrap() {
         let frame = Frame::new(65535, 65537).unwrap();
         assert_eq!(frame.pixels(), u32::MAX as usize);
         let largest = of(&Uniform::new(Points), &frame, Budget::Samples(1 << 40));
         assert_eq!(largest.film, 32 * u64::from(u32::MAX));
         let film = 32 * u64::from(u32::MAX);
-        assert_eq!(largest.peak(), film + 12 * u64::from(u32::MAX), "the picture stands beside the film");
+        assert_eq!(largest.peak(), film + 12 * u64::from(u32::MAX), "the image stands beside the film");
         assert_eq!(frame.bytes(usize::MAX), u64::MAX);
         let full = Memory { film: u64::MAX, ..largest };
         assert_eq!((full.peak(), full.snapshot()), (u64::MAX, u64::MAX));

@@ -11,8 +11,8 @@ pub enum Progress {
 
 /// What becomes of a round's samples.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Fate {
-    /// They stay in the picture. If they also decide later counts, the picture is biased
+pub enum Retention {
+    /// They stay in the image. If they also decide later counts, the image is biased
     /// [Kirk and Arvo 1991].
     #[default]
     Keep,
@@ -43,10 +43,10 @@ pub struct Plan {
     /// otherwise samples alternate between the halves. Only in renders with halves.
     pub second_half: Option<Vec<u32>>,
     /// Whether the samples are kept.
-    pub fate: Fate,
+    pub retention: Retention,
     /// How the halves are combined from this round on.
     pub combine: Combine,
-    /// Pixels, row by row over the frame's window, whose kept samples so far leave the picture before
+    /// Pixels, row by row over the frame's window, whose kept samples so far leave the image before
     /// the round is traced: they join the discarded ones, and stay spent. Such a pixel must get
     /// samples in this round, and those must be kept; their indices go on where the withdrawn ones
     /// ended. Withdrawing by what the samples themselves say is biased all the same
@@ -57,7 +57,13 @@ pub struct Plan {
 impl Plan {
     /// An empty plan for so many pixels: zero samples each, kept, halves combined by count.
     pub fn empty(pixels: usize) -> Self {
-        Self { counts: vec![0; pixels], second_half: None, fate: Fate::Keep, combine: Combine::ByCount, withdraw: None }
+        Self {
+            counts: vec![0; pixels],
+            second_half: None,
+            retention: Retention::Keep,
+            combine: Combine::ByCount,
+            withdraw: None,
+        }
     }
 
     /// Samples asked for in all.

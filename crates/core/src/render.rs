@@ -6,13 +6,14 @@ mod round;
 use crate::film::Bank;
 use crate::snapshot::{Cursor, OpenRound, View};
 use crate::{
-    Error, Fate, Film, Frame, Integrator, Limits, Needs, Observations, Plan, Progress, RoundRecord, Sampler, Snapshot,
+    Error, Film, Frame, Integrator, Limits, Needs, Plan, Progress, Retention, RoundRecord, Sampler, Snapshot,
+    TrainingData,
 };
 use budget::Meter;
 use round::Stopped;
 use std::time::Instant;
 
-/// What a watch sees between two slices of a round.
+/// What a monitor sees between two slices of a round.
 #[derive(Clone, Copy)]
 pub struct Status<'a> {
     /// What was rendered so far; every pixel's statistics are whole.
@@ -23,7 +24,7 @@ pub struct Status<'a> {
     pub samples: u64,
     /// Samples to trace in all, as far as is known.
     pub expected: u64,
-    /// Seconds of planning and tracing so far; time spent in the watch does not count.
+    /// Seconds of planning and tracing so far; time spent in the monitor does not count.
     pub seconds: f64,
     /// The time limit, if there is one.
     pub seconds_limit: Option<f64>,
@@ -47,9 +48,9 @@ pub enum Control {
     Stop,
 }
 
-/// Looks on while a picture is made: progress, previews, checkpoints, Ctrl-C. Called between slices,
+/// Looks on while an image is made: progress, previews, checkpoints, Ctrl-C. Called between slices,
 /// some five times a second.
-pub trait Watch {
+pub trait Monitor {
     /// Sees the state, and says whether to go on.
     fn slice(&mut self, status: &Status<'_>) -> Control;
 
@@ -62,15 +63,15 @@ pub trait Watch {
 
 /// Nobody looks on.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct NoWatch;
+pub struct NoMonitor;
 
-impl Watch for NoWatch {
+impl Monitor for NoMonitor {
     fn slice(&mut self, _: &Status<'_>) -> Control {
         Control::Continue
     }
 }
 
-impl<F: FnMut(&Status<'_>) -> Control> Watch for F {
+impl<F: FnMut(&Status<'_>) -> Control> Monitor for F {
     fn slice(&mut self, status: &Status<'_>) -> Control {
         self(status)
     }
@@ -93,12 +94,12 @@ pub fn render(
     needs: Needs,
     frame: Frame,
     limits: &Limits,
-    watch: &mut dyn Watch,
+    monitor: &mut dyn Monitor,
 ) -> Result<Film, Error> {
     let meter = Meter::new(limits, &frame)?;
     let needs = needs.and(sampler.needs()).and(meter.needs());
-    let state = State { film: Film::new(frame, needs), round: 0, open: None, lessons: Vec::new() };
-    drive(state, Clock::start(0.0), meter, integrator, sampler, limits, watch)
+    let state = State { film: Film::new(frame, needs), round: 0, open: None, passes: Vec::new() };
+    drive(state, Clock::start(0.0), meter, integrator, sampler, limits, monitor)
 }
 
 /// Goes on with a render where a [`Snapshot`] was taken, as [`render`] does: with a sampler and an integrator made by the same
@@ -119,12 +120,12 @@ pub fn resume(
     needs: Needs,
     frame: Frame,
     limits: &Limits,
-    watch: &mut dyn Watch,
+    monitor: &mut dyn Monitor,
 ) -> Result<Film, Error> {
     let mut meter = Meter::new(limits, &frame)?;
     let needs = needs.and(sampler.needs()).and(meter.needs());
     snapshot.check(sampler, &needs, &frame, limits)?;
-    let Snapshot { film, round, open, lessons, total, seconds, sampler_state, .. } = snapshot;
+    let Snapshot { film, round, open, passes, total, seconds, sampler_state, .. } = snapshot;
     let planned = open.as_ref().map_or(film.record.samples, |open| open.before + open.plan.total());
     meter.restore(&film, total, planned)?;
     sampler.restore(&sampler_state)?;
@@ -134,9 +135,9 @@ pub fn resume(
             check(&rest, &film, sampler, &meter.left(&film))?;
         }
     }
-    lessons.iter().for_each(|lesson| integrator.learn(lesson));
-    let state = State { film, round, open, lessons };
-    drive(state, Clock::start(seconds), meter, integrator, sampler, limits, watch)
+    passes.iter().for_each(|pass| integrator.learn(pass));
+    let state = State { film, round, open, passes };
+    drive(state, Clock::start(seconds), meter, integrator, sampler, limits, monitor)
 }
 
 /// What a render has come to.
@@ -146,7 +147,7 @@ struct State {
     /// The round to trace before any is planned.
     open: Option<OpenRound>,
     /// What the integrator learned from so far.
-    lessons: Vec<Observations>,
+    passes: Vec<TrainingData>,
 }
 
 fn drive(
@@ -156,7 +157,7 @@ fn drive(
     integrator: &mut dyn Integrator,
     sampler: &mut dyn Sampler,
     limits: &Limits,
-    watch: &mut dyn Watch,
+    monitor: &mut dyn Monitor,
 ) -> Result<Film, Error> {
     loop {
         let open = match state.open.take() {
@@ -166,20 +167,20 @@ fn drive(
         let total = meter.left(&state.film).total;
         let limit = meter.seconds();
         let mut look =
-            Look { watch, clock: &mut clock, round: state.round, expected: total, limit, sampler: &*sampler, limits };
+            Look { monitor, clock: &mut clock, round: state.round, expected: total, limit, sampler: &*sampler, limits };
         let Some(mut open) = open else {
             // Who goes on from here passes this barrier again.
             let shown = state.film.record.budgets.pop();
-            look.end(&state.film, &state.lessons);
+            look.end(&state.film, &state.passes);
             state.film.record.budgets.extend(shown);
             break;
         };
         let tracing = look.clock.seconds() - open.traced_seconds;
-        let stopped = round::trace(integrator, &mut state.film, &mut open, &mut state.lessons, tracing, &mut look)?;
+        let stopped = round::trace(integrator, &mut state.film, &mut open, &mut state.passes, tracing, &mut look)?;
         let film = &mut state.film;
         film.record.rounds.push(RoundRecord {
             samples: film.record.samples - open.before,
-            kept: open.plan.fate == Fate::Keep,
+            kept: open.plan.retention == Retention::Keep,
             plan_seconds: open.plan_seconds,
             trace_seconds: clock.seconds() - tracing,
         });
@@ -226,7 +227,7 @@ fn plan(
 
 /// Makes the film ready for a round.
 fn begin(plan: Plan, film: &mut Film, plan_seconds: f64) -> OpenRound {
-    if plan.fate == Fate::Discard {
+    if plan.retention == Retention::Discard {
         film.open_discarded();
     }
     if let Some(withdrawn) = &plan.withdraw {
@@ -237,7 +238,7 @@ fn begin(plan: Plan, film: &mut Film, plan_seconds: f64) -> OpenRound {
     OpenRound { plan, cursor, pending: Vec::new(), before, plan_seconds, traced_seconds: 0.0 }
 }
 
-/// Wall time without what the watch took.
+/// Wall time without what the monitor took.
 struct Clock {
     start: Instant,
     away: f64,
@@ -254,9 +255,9 @@ impl Clock {
     }
 }
 
-/// The watch with what it is told.
+/// The monitor with what it is told.
 struct Look<'a> {
-    watch: &'a mut dyn Watch,
+    monitor: &'a mut dyn Monitor,
     clock: &'a mut Clock,
     round: u32,
     expected: u64,
@@ -271,20 +272,20 @@ impl Look<'_> {
     }
 
     /// Between two slices; `open` knows how long it was traced.
-    fn slice(&mut self, film: &Film, open: &OpenRound, lessons: &[Observations]) -> Control {
-        self.show(film, Some(open), lessons, |watch, status| watch.slice(status))
+    fn slice(&mut self, film: &Film, open: &OpenRound, passes: &[TrainingData]) -> Control {
+        self.show(film, Some(open), passes, |monitor, status| monitor.slice(status))
     }
 
-    fn end(&mut self, film: &Film, lessons: &[Observations]) {
-        self.show(film, None, lessons, |watch, status| watch.end(status));
+    fn end(&mut self, film: &Film, passes: &[TrainingData]) {
+        self.show(film, None, passes, |monitor, status| monitor.end(status));
     }
 
     fn show<T>(
         &mut self,
         film: &Film,
         open: Option<&OpenRound>,
-        lessons: &[Observations],
-        show: impl FnOnce(&mut dyn Watch, &Status<'_>) -> T,
+        passes: &[TrainingData],
+        show: impl FnOnce(&mut dyn Monitor, &Status<'_>) -> T,
     ) -> T {
         let seconds = self.clock.seconds();
         let Self { round, expected: total, sampler, limits, .. } = *self;
@@ -295,9 +296,9 @@ impl Look<'_> {
             expected: total,
             seconds,
             seconds_limit: self.limit,
-            view: View { film, round, open, lessons, total, seconds, sampler, limits },
+            view: View { film, round, open, passes, total, seconds, sampler, limits },
         };
-        let answer = show(self.watch, &status);
+        let answer = show(self.monitor, &status);
         self.clock.away += self.clock.seconds() - seconds;
         answer
     }
@@ -321,7 +322,7 @@ fn check(plan: &Plan, film: &Film, sampler: &dyn Sampler, budget: &crate::Budget
         }
         _ => {}
     }
-    let kept = plan.fate == Fate::Keep;
+    let kept = plan.retention == Retention::Keep;
     let withdraw = plan.withdraw.as_deref();
     if withdraw.is_some_and(|w| w.len() != pixels || !kept) {
         return bad("samples are withdrawn without a mark for each pixel, or in a round that is not kept".into());

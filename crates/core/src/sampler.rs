@@ -35,7 +35,7 @@ pub struct Feedback<'a> {
 }
 
 impl Feedback<'_> {
-    /// The picture's size and window.
+    /// The image's size and window.
     pub fn frame(&self) -> &Frame {
         self.film.frame()
     }
@@ -59,7 +59,7 @@ pub trait Sampler: Send {
         self.name().to_owned()
     }
 
-    /// Whether counts are decided without a look at any sample: such a picture is unbiased, whatever the budget.
+    /// Whether counts are decided without a look at any sample: such an image is unbiased, whatever the budget.
     fn a_priori(&self) -> bool {
         false
     }

@@ -6,7 +6,7 @@ mod uniform;
 mod variance;
 
 pub use cycles::{Cycles, CyclesOptions, Stop};
-pub use pilot::{Pilot, PilotRound};
+pub use pilot::{PilotPolicy, PilotRound};
 pub use uniform::Uniform;
 pub use variance::{Variance, VarianceOptions};
 

@@ -1,18 +1,18 @@
-//! One picture by several machines that do not talk to each other.
+//! One image by several machines that do not talk to each other.
 
 use crate::film::{Bank, keep_first};
 use crate::snapshot::bytes::{Reader, Writer};
 use crate::snapshot::film::{put_film, size, take_film};
 use crate::snapshot::{Broken, check_head};
 use crate::{
-    Budget, BudgetLeft, Error, Fate, Feedback, Film, Frame, Limits, Needs, Plan, PointSet, Progress, Record,
+    Budget, BudgetLeft, Error, Feedback, Film, Frame, Limits, Needs, Plan, PointSet, Progress, Record, Retention,
     RoundRecord, Sampler, SamplerMemory,
 };
 
-/// One machine's share of a picture: every `of`-th row of the window, from row `index` on.
+/// One machine's share of an image: every `of`-th row of the window, from row `index` on.
 ///
 /// Rows far from each other cost about the same in sum, so that machines end about together. Each pixel is one
-/// machine's, so that [`merge`] adds nothing up: the picture is bit for bit that of one machine.
+/// machine's, so that [`merge`] adds nothing up: the image is bit for bit that of one machine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Shard {
     index: u32,
@@ -69,13 +69,13 @@ impl std::fmt::Display for Shard {
 
 /// A sampler's plans with all but one shard's samples left out: what a machine renders with that makes one share.
 ///
-/// Each machine plans the whole picture, as if all samples had been traced, and traces its own. That needs a sampler that
+/// Each machine plans the whole image, as if all samples had been traced, and traces its own. That needs a sampler that
 /// plans [without a look at any sample](Sampler::a_priori), and a budget that is known: every machine then comes to the
 /// same plan.
 pub struct Sharded<'a> {
     inner: &'a mut dyn Sampler,
     shard: Shard,
-    /// The whole picture's counts, without a picture.
+    /// The whole image's counts, without an image.
     ghost: Option<Film>,
     /// The budgets that it was shown, one for each plan of the whole.
     shown: Vec<BudgetLeft>,
@@ -100,7 +100,7 @@ impl<'a> Sharded<'a> {
         Ok(Self { inner, shard, ghost: None, shown: Vec::new() })
     }
 
-    /// The next plan of the whole picture; `None` where nothing more is asked for.
+    /// The next plan of the whole image; `None` where nothing more is asked for.
     fn plan_whole(&mut self, frame: &Frame, halves: bool, budget: BudgetLeft) -> Result<Option<Plan>, Error> {
         let needs = self.inner.needs();
         let needs = if halves { needs.with_halves() } else { needs };
@@ -133,12 +133,12 @@ impl<'a> Sharded<'a> {
 
 /// Takes a plan's samples for traced, as far as counts go.
 fn count(ghost: &mut Film, plan: &Plan) {
-    if plan.fate == Fate::Discard {
+    if plan.retention == Retention::Discard {
         ghost.open_discarded();
     }
     ghost.combine = plan.combine;
     ghost.record.samples += plan.total();
-    let banks = if plan.fate == Fate::Keep { &mut ghost.kept } else { &mut ghost.discarded };
+    let banks = if plan.retention == Retention::Keep { &mut ghost.kept } else { &mut ghost.discarded };
     for (i, &n) in plan.counts.iter().enumerate() {
         let n = u64::from(n);
         match (&mut banks[..], &plan.second_half) {
@@ -180,7 +180,7 @@ impl Sampler for Sharded<'_> {
     }
 
     fn memory(&self, frame: &Frame, needs: &Needs, limits: &Limits) -> SamplerMemory {
-        // The film without a picture is there for its counts; nothing else in it is ever written.
+        // The film without an image is there for its counts; nothing else in it is ever written.
         let memory = self.inner.memory(frame, needs, limits);
         let ghost = frame.bytes(if needs.halves { 16 } else { 8 });
         SamplerMemory { state: memory.state.saturating_add(ghost), ..memory }
@@ -231,13 +231,13 @@ const VERSION: u32 = 1;
 
 /// What one machine made: the statistics of its rows.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Part {
+pub struct ShardFilm {
     shard: Shard,
     /// With planes of the shard's pixels only.
     film: Film,
 }
 
-impl Part {
+impl ShardFilm {
     /// A shard's rows of a film that was rendered with [`Sharded`].
     ///
     /// # Errors
@@ -290,7 +290,7 @@ impl Part {
         to.finish()
     }
 
-    /// Reads what [`Part::to_bytes`] gave. Takes a few times the memory of the bytes at most, whatever they say.
+    /// Reads what [`ShardFilm::to_bytes`] gave. Takes a few times the memory of the bytes at most, whatever they say.
     ///
     /// # Errors
     ///
@@ -308,15 +308,15 @@ impl Part {
     }
 }
 
-/// The film of the whole picture from all its parts, in any order: bit for bit that of one machine, but for the seconds,
+/// The film of the whole image from all its parts, in any order: bit for bit that of one machine, but for the seconds,
 /// which are added up.
 ///
 /// # Errors
 ///
-/// [`Error::BadShards`], which names the parts that are missing, there twice, or of another picture: another number of
+/// [`Error::BadShards`], which names the parts that are missing, there twice, or of another image: another number of
 /// shards, another window, other budgets, other statistics recorded. That all were rendered with the same scene and
 /// settings is for the caller to make sure of.
-pub fn merge(parts: &[Part]) -> Result<Film, Error> {
+pub fn merge(parts: &[ShardFilm]) -> Result<Film, Error> {
     let parts = in_order(parts)?;
     let first = parts[0];
     let discards = parts.iter().any(|film| !film.discarded.is_empty());
@@ -356,7 +356,7 @@ fn uneven() -> Error {
 }
 
 /// The parts' films by number, if each is there once.
-fn in_order(parts: &[Part]) -> Result<Vec<&Film>, Error> {
+fn in_order(parts: &[ShardFilm]) -> Result<Vec<&Film>, Error> {
     let refuse = |what: String| Err(Error::BadShards { what });
     let Some(first) = parts.first() else { return refuse("there are none".into()) };
     for part in parts {
@@ -372,7 +372,7 @@ fn in_order(parts: &[Part]) -> Result<Vec<&Film>, Error> {
             return refuse(format!("beside shard {} there is shard {} {what}", first.shard, part.shard));
         }
     }
-    let mut sorted: Vec<&Part> = parts.iter().collect();
+    let mut sorted: Vec<&ShardFilm> = parts.iter().collect();
     sorted.sort_by_key(|part| part.shard.index);
     if let Some(twice) = sorted.windows(2).find(|pair| pair[0].shard == pair[1].shard) {
         return refuse(format!("shard {} is there twice", twice[0].shard));

@@ -3,7 +3,7 @@
 pub(crate) mod bytes;
 pub(crate) mod film;
 
-use crate::{Error, Film, Frame, Limits, Needs, Observation, Observations, Plan, Sampler};
+use crate::{Error, Film, Frame, Limits, Needs, Plan, Sampler, TrainingData, TrainingSum};
 use bytes::{Reader, Writer};
 use film::{put_combine, put_film, put_observations, take_combine, take_film, take_observations};
 
@@ -30,8 +30,8 @@ pub(crate) struct Cursor {
 pub(crate) struct OpenRound {
     pub(crate) plan: Plan,
     pub(crate) cursor: Cursor,
-    /// What was observed in the rows before the cursor of a lesson that is not over, by rows of blocks.
-    pub(crate) pending: Vec<(usize, Vec<Observation>)>,
+    /// What was observed in the rows before the cursor of a training pass that is not over, by rows of blocks.
+    pub(crate) pending: Vec<(usize, Vec<TrainingSum>)>,
     /// Samples traced before it.
     pub(crate) before: u64,
     pub(crate) plan_seconds: f64,
@@ -50,9 +50,9 @@ impl OpenRound {
         let left = |counts: &[u32]| -> Vec<u32> {
             counts.iter().enumerate().map(|(i, n)| n.saturating_sub(self.done(i / width))).collect()
         };
-        let Plan { counts, second_half, fate, combine, withdraw: _ } = &self.plan;
+        let Plan { counts, second_half, retention, combine, withdraw: _ } = &self.plan;
         let second_half = second_half.as_deref().map(left);
-        Plan { counts: left(counts), second_half, fate: *fate, combine: *combine, withdraw: None }
+        Plan { counts: left(counts), second_half, retention: *retention, combine: *combine, withdraw: None }
     }
 }
 
@@ -62,7 +62,7 @@ pub(crate) struct View<'a> {
     pub(crate) film: &'a Film,
     pub(crate) round: u32,
     pub(crate) open: Option<&'a OpenRound>,
-    pub(crate) lessons: &'a [Observations],
+    pub(crate) passes: &'a [TrainingData],
     pub(crate) total: u64,
     pub(crate) seconds: f64,
     pub(crate) sampler: &'a dyn Sampler,
@@ -87,8 +87,8 @@ impl View<'_> {
         to.number(self.seconds);
         put_film(&mut to, self.film);
         to.list(&self.sampler.save());
-        to.number(self.lessons.len() as u64);
-        self.lessons.iter().for_each(|lesson| put_observations(&mut to, lesson.entries()));
+        to.number(self.passes.len() as u64);
+        self.passes.iter().for_each(|pass| put_observations(&mut to, pass.entries()));
         to.flag(self.open.is_some());
         if let Some(open) = self.open {
             put_round(&mut to, open);
@@ -107,7 +107,7 @@ pub struct Snapshot {
     pub(crate) film: Film,
     pub(crate) round: u32,
     pub(crate) open: Option<OpenRound>,
-    pub(crate) lessons: Vec<Observations>,
+    pub(crate) passes: Vec<TrainingData>,
     pub(crate) total: u64,
     pub(crate) seconds: f64,
     pub(crate) sampler_state: Vec<u8>,
@@ -139,16 +139,16 @@ impl Snapshot {
         let film = take_film(&mut from, Frame::pixels)?;
         let sampler_state = from.list()?;
         let count = from.count(8)?;
-        let mut lessons = Vec::new();
+        let mut passes = Vec::new();
         for _ in 0..count {
-            let lesson = Observations::sorted(take_observations(&mut from)?);
-            lessons.push(lesson.ok_or(Broken("observations are out of order"))?);
+            let pass = TrainingData::sorted(take_observations(&mut from)?);
+            passes.push(pass.ok_or(Broken("observations are out of order"))?);
         }
         let open = if from.flag()? { Some(take_round(&mut from, &film)?) } else { None };
         if !from.is_empty() {
             return Err(Broken("they go on after their end"));
         }
-        Ok(Self { film, round, open, lessons, total, seconds, sampler_state, sampler, points, bounds })
+        Ok(Self { film, round, open, passes, total, seconds, sampler_state, sampler, points, bounds })
     }
 
     /// The statistics so far: every pixel's are whole.
@@ -200,8 +200,8 @@ pub(crate) fn check_head(from: &mut Reader<'_>, magic: &[u8; 8], version: u32) -
 }
 
 fn put_round(to: &mut Writer, open: &OpenRound) {
-    let Plan { counts, second_half, fate, combine, withdraw: _ } = &open.plan;
-    to.flag(*fate == crate::Fate::Discard);
+    let Plan { counts, second_half, retention, combine, withdraw: _ } = &open.plan;
+    to.flag(*retention == crate::Retention::Discard);
     put_combine(to, *combine);
     to.numbers(counts);
     to.flag(second_half.is_some());
@@ -220,7 +220,7 @@ fn put_round(to: &mut Writer, open: &OpenRound) {
 fn take_round(from: &mut Reader<'_>, film: &Film) -> Result<OpenRound, Broken> {
     let [width, height] = film.frame().size().map(|n| n as usize);
     let mut plan = Plan::empty(0);
-    plan.fate = if from.flag()? { crate::Fate::Discard } else { crate::Fate::Keep };
+    plan.retention = if from.flag()? { crate::Retention::Discard } else { crate::Retention::Keep };
     plan.combine = take_combine(from)?;
     plan.counts = from.numbers(width * height)?;
     plan.second_half = if from.flag()? { Some(from.numbers(width * height)?) } else { None };
@@ -241,7 +241,7 @@ fn take_round(from: &mut Reader<'_>, film: &Film) -> Result<OpenRound, Broken> {
     if open.plan.second_half.is_some() && film.kept.len() != 2 {
         return Err(Broken("a plan is for two halves, and there is one"));
     }
-    if open.plan.fate == crate::Fate::Discard && film.discarded.is_empty() {
+    if open.plan.retention == crate::Retention::Discard && film.discarded.is_empty() {
         return Err(Broken("samples are discarded, and there is no place for them"));
     }
     let traced = open.plan.total() - open.rest(width).total();

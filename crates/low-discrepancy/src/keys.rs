@@ -157,7 +157,7 @@ mod tests {
         assert!(worst < 6.0, "an output bit follows an input bit: {worst} standard errors");
     }
 
-    /// No two of a picture's worth of small names share a key (2^21 keys: one collision in 2^23 such tests).
+    /// No two of an image's worth of small names share a key (2^21 keys: one collision in 2^23 such tests).
     #[test]
     fn small_names_have_different_keys() {
         let mut keys = Vec::new();

@@ -4,7 +4,7 @@ use crate::compare::check;
 use crate::sum::Sum;
 use crate::{Error, Pixels};
 
-/// Means over the blocks of a picture.
+/// Means over the blocks of an image.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Blocks {
     /// Blocks across and down.
@@ -13,7 +13,7 @@ pub struct Blocks {
     pub means: Vec<[f64; 3]>,
 }
 
-/// Ratios of a picture's block means to its reference's.
+/// Ratios of an image's block means to its reference's.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BlockRatios {
     /// Per channel, the ratios of all blocks that were not too dark, ascending.
@@ -58,9 +58,9 @@ pub(crate) fn percentile(sorted: &[f64], percent: f64) -> f64 {
 /// count as 0.
 ///
 /// # Errors
-/// [`Error::Block`] where a block is empty or larger than the picture.
-pub fn block_means(picture: Pixels<'_>, block: [u32; 2]) -> Result<Blocks, Error> {
-    let size = picture.size;
+/// [`Error::Block`] where a block is empty or larger than the image.
+pub fn block_means(image: Pixels<'_>, block: [u32; 2]) -> Result<Blocks, Error> {
+    let size = image.size;
     if block.contains(&0) || block[0] > size[0] || block[1] > size[1] {
         return Err(Error::Block { block, size });
     }
@@ -68,7 +68,7 @@ pub fn block_means(picture: Pixels<'_>, block: [u32; 2]) -> Result<Blocks, Error
     let [w, h] = block.map(|b| b as usize);
     let pixels = block[0] as f64 * block[1] as f64;
     let mut means = Vec::with_capacity(count[0] as usize * count[1] as usize);
-    for band in picture.values.chunks_exact(size[0] as usize * h) {
+    for band in image.values.chunks_exact(size[0] as usize * h) {
         for x in 0..count[0] as usize {
             let mut sums = [Sum::default(); 3];
             for row in band.chunks_exact(size[0] as usize) {
@@ -108,21 +108,21 @@ pub fn block_ratios(image: Pixels<'_>, reference: Pixels<'_>, block: [u32; 2]) -
     Ok(BlockRatios { sorted })
 }
 
-/// Averages a picture to a smaller size by area: each new pixel is the mean of what it covers, old pixels that
-/// it covers in part counting by that part. The mean of the picture stays. NaN and infinities spread to the
+/// Averages an image to a smaller size by area: each new pixel is the mean of what it covers, old pixels that
+/// it covers in part counting by that part. The mean of the image stays. NaN and infinities spread to the
 /// pixels that cover them.
 ///
 /// # Errors
 /// [`Error::Target`] where a side is 0 or larger than before.
-pub fn downsample(picture: Pixels<'_>, target: [u32; 2]) -> Result<Vec<[f32; 3]>, Error> {
-    let size = picture.size;
+pub fn downsample(image: Pixels<'_>, target: [u32; 2]) -> Result<Vec<[f32; 3]>, Error> {
+    let size = image.size;
     if target.contains(&0) || target[0] > size[0] || target[1] > size[1] {
         return Err(Error::Target { size, target });
     }
     let [columns, rows] = [0, 1].map(|axis| spans(size[axis], target[axis]));
     // Rows are narrowed once, as they come; neighbouring new rows share at most one old one.
     let narrow: Vec<Vec<[f64; 3]>> =
-        picture.rows().map(|row| columns.iter().map(|span| span.mean(|x| row[x].map(f64::from))).collect()).collect();
+        image.rows().map(|row| columns.iter().map(|span| span.mean(|x| row[x].map(f64::from))).collect()).collect();
     let pixels = rows.iter().flat_map(|span| {
         let narrow = &narrow;
         (0..target[0] as usize).map(move |x| span.mean(|y| narrow[y][x]).map(|v| v as f32))

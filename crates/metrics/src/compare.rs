@@ -1,4 +1,4 @@
-//! One picture against its reference.
+//! One image against its reference.
 
 use crate::srgb::srgb_encode;
 use crate::sum::Sum;
@@ -14,7 +14,7 @@ pub const TRIMMED_SHARE: f64 = 0.001;
 /// Side of the blocks of which [`Comparison::worst_block`] is the worst, in pixels.
 pub const WORST_BLOCK_SIZE: u32 = 16;
 
-/// How far a picture x is from its reference r.
+/// How far an image x is from its reference r.
 ///
 /// Means are over pixels and the three channels unless said otherwise, of linear values, unclamped.
 /// A non-finite channel of x counts as 0 in every figure; look at [`non_finite`](Self::non_finite) first.
@@ -32,10 +32,10 @@ pub struct Comparison {
     pub smape: f64,
     /// Mean of `(s(x) - s(r))^2`, s clamping to 0..=1 and applying the sRGB curve.
     pub display_mse: f64,
-    /// `10 log10(1 / display_mse)` in dB, at most 200, which is also what equal pictures get.
+    /// `10 log10(1 / display_mse)` in dB, at most 200, which is also what equal images get.
     pub psnr: f64,
     /// `255^2 display_mse`: MSE on the scale of 8-bit sRGB files, without their rounding, which would add
-    /// up to 1/6 where the pictures differ and hide errors below half a step.
+    /// up to 1/6 where the images differ and hide errors below half a step.
     pub srgb8_mse: f64,
     /// Mean of x over mean of r, each channel: 1 where they are equal (both black, say), and a mean of r nearer
     /// to 0 than 1e-20 counts as 1e-20, so that it is always finite.
@@ -59,13 +59,13 @@ pub struct WorstBlock {
     pub rel_mse: f64,
 }
 
-/// Compares a picture with its reference.
+/// Compares an image with its reference.
 ///
 /// Squares of the largest f32 fit an f64, so that no figure overflows.
 ///
 /// # Errors
 /// [`Error::Sizes`] where the sizes differ; [`Error::NonFiniteReference`], naming the first such pixel. A
-/// picture that is not finite is no error: it is counted.
+/// image that is not finite is no error: it is counted.
 pub fn compare(image: Pixels<'_>, reference: Pixels<'_>) -> Result<Comparison, Error> {
     check(image, reference)?;
     let mut sums = Sums::default();

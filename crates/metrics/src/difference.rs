@@ -1,10 +1,10 @@
-//! How far apart two pictures are of which only noisy renders are known.
+//! How far apart two images are of which only noisy renders are known.
 
 use crate::compare::RELATIVE_EPSILON;
 use crate::sum::Sum;
 use crate::{Error, Pixels};
 
-/// Renders of each picture that [`difference`] needs at least: a pair for the numerator, and two more for the
+/// Renders of each image that [`difference`] needs at least: a pair for the numerator, and two more for the
 /// denominator.
 pub const LEAST_RENDERS: usize = 4;
 
@@ -17,11 +17,11 @@ pub struct Measured {
     pub standard_error: f64,
 }
 
-/// How far two pictures are apart, beyond the noise of their renders.
+/// How far two images are apart, beyond the noise of their renders.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Difference {
     /// Mean of `(b - a)^2 / (a^2 + 0.01)` over pixels and channels, as relMSE but of the noiseless `a` and `b` in
-    /// its numerator. Without bias there, and so below 0 by chance where the pictures hardly differ.
+    /// its numerator. Without bias there, and so below 0 by chance where the images hardly differ.
     pub rel_mse: Measured,
     /// Share of the mean radiance of `a`, all channels together, that `b` has less; below 0 where it has more.
     pub mean_lost: Measured,
@@ -116,7 +116,7 @@ mod tests {
         ((x >> 40) as f32 / (1 << 24) as f32 - 0.5) * scale
     }
 
-    /// Renders of a picture that is `value` everywhere.
+    /// Renders of an image that is `value` everywhere.
     fn renders(value: f32, n: u64, seed: u64) -> Vec<Vec<[f32; 3]>> {
         let pixel = |r: u64, p: u64| [0, 1, 2].map(|c| value + noise(((seed * 100 + r) * 1000 + p) * 3 + c, 0.2));
         (0..n).map(|r| (0..256).map(|p| pixel(r, p)).collect()).collect()
@@ -148,7 +148,7 @@ mod tests {
     }
 
     #[test]
-    fn equal_pictures_differ_by_nothing() {
+    fn equal_images_differ_by_nothing() {
         let (mut signs, mut inside) = (0, 0);
         for seed in 0..40 {
             let found = of(&renders(0.5, 4, 2 * seed), &renders(0.5, 4, 2 * seed + 1));

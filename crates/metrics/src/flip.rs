@@ -1,4 +1,4 @@
-//! LDR-FLIP: how different two pictures look to somebody who flips between them on a display.
+//! LDR-FLIP: how different two images look to somebody who flips between them on a display.
 
 mod colour;
 mod convolution;
@@ -31,7 +31,7 @@ pub struct Flip {
 /// LDR-FLIP [after Andersson 2020; values checked against the published implementation] of linear RGB as
 /// displayed: clamped to 0..=1, not rounded to bytes.
 ///
-/// `pixels_per_degree` says how the pictures are looked at ([`PIXELS_PER_DEGREE`] is usual). Symmetric. A non-finite channel of the picture counts as 0, as in [`compare`](crate::compare). A figure for
+/// `pixels_per_degree` says how the images are looked at ([`PIXELS_PER_DEGREE`] is usual). Symmetric. A non-finite channel of the image counts as 0, as in [`compare`](crate::compare). A figure for
 /// viewing: whoever judges bias or convergence needs the squared errors.
 ///
 /// # Errors
@@ -43,7 +43,7 @@ pub fn flip(image: Pixels<'_>, reference: Pixels<'_>, pixels_per_degree: f64) ->
         return Err(Error::PixelsPerDegree { value: pixels_per_degree });
     }
     let eye = Eye::new(pixels_per_degree);
-    let [image, reference] = [image, reference].map(|picture| eye.see(picture));
+    let [image, reference] = [image, reference].map(|image| eye.see(image));
     let map: Vec<f32> = (0..image.edges.len()).map(|i| difference(&image, &reference, i)).collect();
     let sum: Sum = map.iter().map(|&v| f64::from(v)).collect();
     Ok(Flip { mean: sum.value() / map.len() as f64, map })
@@ -82,7 +82,7 @@ fn compress(distance: f32) -> f32 {
     }
 }
 
-/// A picture as the eye sees it.
+/// An image as the eye sees it.
 struct Seen {
     /// Filtered by contrast sensitivity, in L*a*b* with Hunt's adjustment.
     colours: Vec<[f32; 3]>,
@@ -132,9 +132,9 @@ impl Eye {
         }
     }
 
-    fn see(&self, picture: Pixels<'_>) -> Seen {
-        let size = picture.size.map(|s| s as usize);
-        let [lightness, red_green, blue_yellow] = colour::opponent_planes(picture, size);
+    fn see(&self, image: Pixels<'_>) -> Seen {
+        let size = image.size.map(|s| s as usize);
+        let [lightness, red_green, blue_yellow] = colour::opponent_planes(image, size);
         let [edges, points] = self.features(&lightness);
         let [y, x, narrow, wide] = &self.sensitivity;
         let filter = |plane: &Plane, kernel| plane.across(kernel).down(kernel).values;

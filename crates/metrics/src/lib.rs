@@ -1,10 +1,10 @@
-//! How far a rendered picture is from its reference, and what may be said after a few seeds.
+//! How far a rendered image is from its reference, and what may be said after a few seeds.
 //!
-//! Pictures are plain data: [`Pixels`] borrows linear RGB, row by row from the top. [`compare`] gives every
+//! Images are plain data: [`Pixels`] borrows linear RGB, row by row from the top. [`compare`] gives every
 //! figure at once; [`block_means`] and [`block_ratios`] show bias where noise hides it in single pixels;
-//! [`downsample`] brings a picture to the size of its reference. [`flip`] is what an eye sees, and costs more, so
+//! [`downsample`] brings an image to the size of its reference. [`flip`] is what an eye sees, and costs more, so
 //! that it stands alone; [`compare_corrected`] takes a noisy reference's share out; [`difference`] compares two
-//! pictures of which only noisy renders are known.
+//! images of which only noisy renders are known.
 //!
 //! Figures over seeds and budgets: [`mean_interval`], [`geometric_mean_interval`], [`ratio_interval`],
 //! [`log_log_fit`], [`efficiency`].
@@ -48,31 +48,31 @@ pub use statistics::{
     geometric_mean_interval, log_log_fit, mean_interval, ratio_interval, student_t_quantile,
 };
 
-/// Why pictures cannot be compared. Each message says what to do.
+/// Why images cannot be compared. Each message says what to do.
 #[non_exhaustive]
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum Error {
-    /// A picture without pixels.
-    #[error("a picture of {}x{} has no pixels: both sides must be at least 1", size[0], size[1])]
+    /// An image without pixels.
+    #[error("an image of {}x{} has no pixels: both sides must be at least 1", size[0], size[1])]
     Empty {
         /// Width and height.
         size: [u32; 2],
     },
     /// Pixels and size disagree.
-    #[error("a picture of {}x{} needs {} pixels, not {found}", size[0], size[1], u64::from(size[0]) * u64::from(size[1]))]
+    #[error("an image of {}x{} needs {} pixels, not {found}", size[0], size[1], u64::from(size[0]) * u64::from(size[1]))]
     PixelCount {
         /// Width and height.
         size: [u32; 2],
         /// Pixels given.
         found: usize,
     },
-    /// The pictures differ in size.
+    /// The images differ in size.
     #[error(
-        "the picture is {}x{} and its reference {}x{}: render at the reference's size, or downsample the larger one",
+        "the image is {}x{} and its reference {}x{}: render at the reference's size, or downsample the larger one",
         image[0], image[1], reference[0], reference[1]
     )]
     Sizes {
-        /// Width and height of the picture.
+        /// Width and height of the image.
         image: [u32; 2],
         /// Width and height of the reference.
         reference: [u32; 2],
@@ -86,17 +86,17 @@ pub enum Error {
         value: [f32; 3],
     },
     /// Too few renders to tell noise from difference.
-    #[error("there are {} renders of one picture and {} of the other: as many of both are needed, and at least {}", renders[0], renders[1], LEAST_RENDERS)]
+    #[error("there are {} renders of one image and {} of the other: as many of both are needed, and at least {}", renders[0], renders[1], LEAST_RENDERS)]
     FewRenders {
         /// Of one, and of the other.
         renders: [usize; 2],
     },
     /// A block size that is no use.
-    #[error("blocks of {}x{} pixels do not fit a picture of {}x{}: use sides from 1 up to the picture's", block[0], block[1], size[0], size[1])]
+    #[error("blocks of {}x{} pixels do not fit an image of {}x{}: use sides from 1 up to the image's", block[0], block[1], size[0], size[1])]
     Block {
         /// Width and height of a block.
         block: [u32; 2],
-        /// Width and height of the picture.
+        /// Width and height of the image.
         size: [u32; 2],
     },
     /// A variance that is none.
@@ -113,17 +113,17 @@ pub enum Error {
         /// Pixels per degree given.
         value: f64,
     },
-    /// A target size that is empty or larger than the picture.
-    #[error("{}x{} cannot be averaged to {}x{}: each side must be from 1 up to the picture's", size[0], size[1], target[0], target[1])]
+    /// A target size that is empty or larger than the image.
+    #[error("{}x{} cannot be averaged to {}x{}: each side must be from 1 up to the image's", size[0], size[1], target[0], target[1])]
     Target {
-        /// Width and height of the picture.
+        /// Width and height of the image.
         size: [u32; 2],
         /// Width and height asked for.
         target: [u32; 2],
     },
 }
 
-/// A borrowed picture: linear RGB, row by row from the top.
+/// A borrowed image: linear RGB, row by row from the top.
 #[derive(Clone, Copy, Debug)]
 pub struct Pixels<'a> {
     size: [u32; 2],

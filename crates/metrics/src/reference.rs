@@ -8,11 +8,11 @@ use crate::{Error, Pixels};
 /// reference.
 pub const REFERENCE_LIMIT: f64 = 100.0;
 
-/// A reference, and what is known of its noise. Its samples must be independent of the picture's: another seed and,
+/// A reference, and what is known of its noise. Its samples must be independent of the image's: another seed and,
 /// better, another point set.
 #[derive(Clone, Copy, Debug)]
 pub enum NoisyReference<'a> {
-    /// Two independent pictures of equally many samples; the reference is their mean.
+    /// Two independent images of equally many samples; the reference is their mean.
     Halves([Pixels<'a>; 2]),
     /// The reference and the variance of each of its channels (of the mean, not of a sample), in squared radiance.
     Variance {
@@ -43,7 +43,7 @@ pub struct CorrectedError {
     /// Mean variance of the reference, in the same measure.
     pub reference: f64,
     /// `measured - reference`, the estimate of the error against the truth. Noise can bring it to 0 or below, where
-    /// the reference says nothing about the picture.
+    /// the reference says nothing about the image.
     pub error: f64,
 }
 
@@ -59,10 +59,10 @@ impl CorrectedError {
     }
 }
 
-/// Compares a picture with a noisy reference and takes the noise's share out: `E(x - r)^2 = E(x - t)^2 + var r` for
+/// Compares an image with a noisy reference and takes the noise's share out: `E(x - r)^2 = E(x - t)^2 + var r` for
 /// the truth t, as long as x and r are independent. Halves a and b have `var r = E(a - b)^2 / 4`.
 ///
-/// Non-finite channels of the picture count as 0.
+/// Non-finite channels of the image count as 0.
 ///
 /// # Errors
 /// [`Error::Sizes`], [`Error::NonFiniteReference`] (of a half too), [`Error::Variance`] where a variance is negative
@@ -105,6 +105,6 @@ fn check_variance(image: Pixels<'_>, variance: Pixels<'_>) -> Result<(), Error> 
     }
 }
 
-fn channels(picture: Pixels<'_>) -> impl Iterator<Item = f64> {
-    picture.values.as_flattened().iter().map(|&v| f64::from(v))
+fn channels(image: Pixels<'_>) -> impl Iterator<Item = f64> {
+    image.values.as_flattened().iter().map(|&v| f64::from(v))
 }

@@ -5,10 +5,10 @@
 //!
 //! * [`Mitchell`]: contrast `(max - min) / (max + min)` per channel over 3x3 pixels, after Mitchell
 //!   1987;
-//! * [`PbrtAdaptive`]: deviation in luminance from the pixel's own mean, as in pbrt-v2.
+//! * [`MitchellPbrt`]: deviation in luminance from the pixel's own mean, as in pbrt-v2.
 //!
 //! ```
-//! use dapple_core::{Block, Draws, Estimate, Frame, Integrator, Limits, Needs, NoWatch, Observed, render};
+//! use dapple_core::{Block, Draws, Estimate, Frame, Integrator, Limits, Needs, NoMonitor, TrainingLog, render};
 //! use dapple_low_discrepancy::Sobol;
 //! use dapple_mitchell::Mitchell;
 //!
@@ -16,7 +16,7 @@
 //! struct Edge;
 //!
 //! impl Integrator for Edge {
-//!     fn estimate(&self, draws: &Draws<'_>, _: &mut Observed) -> Estimate {
+//!     fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
 //!         let [x, y] = draws.pixel().map(|n| n as f32);
 //!         let [u, v, ..] = draws.block(Block::new(0));
 //!         let white = x + u > 8.0 + 0.3 * (y + v);
@@ -27,7 +27,7 @@
 //! let frame = Frame::new(32, 32)?;
 //! let mut sampler = Mitchell::new(Sobol::new(7));
 //! let limits = Limits::samples(8 * 32 * 32);
-//! let film = render(&mut Edge, &mut sampler, Needs::none(), frame, &limits, &mut NoWatch)?;
+//! let film = render(&mut Edge, &mut sampler, Needs::none(), frame, &limits, &mut NoMonitor)?;
 //! // Four samples in flat pixels; 4 + 6 and more at the edge, until the budget is met exactly.
 //! assert_eq!(film.record().samples, 8 * 32 * 32);
 //! assert!(film.counts().iter().all(|&n| n >= 4));
@@ -39,7 +39,7 @@
 //!
 //! * [`Mode::Budget`] meets the budget to the sample, [`Mode::Threshold`] never exceeds it; at most one
 //!   pixel leaves the two rates.
-//! * Where the budget allows it, no pixel has fewer samples in the picture than the first rate.
+//! * Where the budget allows it, no pixel has fewer samples in the image than the first rate.
 //! * [`Policy`] says what becomes of the pilot and what bias that leaves; each statement is tested
 //!   against its closed form, with the biased policies as controls that the test must reject.
 //!
@@ -60,7 +60,7 @@ mod two_rates;
 
 pub use contrast::{contrast, deviation};
 pub use mitchell::{Mitchell, MitchellOptions};
-pub use pbrt::{PbrtAdaptive, PbrtOptions};
+pub use pbrt::{MitchellPbrt, MitchellPbrtOptions};
 pub use rates::Rates;
 pub use two_rates::{Mode, Policy};
 

@@ -7,9 +7,9 @@ use dapple_core::{
     Error, Feedback, Film, Frame, Limits, Needs, Plan, PointSet, Progress, Sampler, SamplerMemory, luminance,
 };
 
-/// The parameters of [`PbrtAdaptive`].
+/// The parameters of [`MitchellPbrt`].
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct PbrtOptions {
+pub struct MitchellPbrtOptions {
     /// Samples that every pixel gets, and that decide; rounded up to a power of two, at least 2.
     pub min: u32,
     /// Samples of a refined pixel; rounded up to a power of two, and twice `min` where that makes them
@@ -24,7 +24,7 @@ pub struct PbrtOptions {
     pub policy: Policy,
 }
 
-impl Default for PbrtOptions {
+impl Default for MitchellPbrtOptions {
     fn default() -> Self {
         Self { min: 4, max: 32, threshold: 0.5, mode: Mode::Budget, policy: Policy::Refined }
     }
@@ -40,16 +40,16 @@ impl Default for PbrtOptions {
 /// pixel below that. *Weaknesses*: biased as published, `3 p^2 - 2 p^3` for a Bernoulli pixel with two
 /// pilot samples (see [`Policy`]); a black pilot deviates from nothing and is never refined; each pixel
 /// decides alone; the published form knows no budget. Its `shapeid` test is not part of this.
-pub struct PbrtAdaptive<P> {
+pub struct MitchellPbrt<P> {
     points: P,
-    options: PbrtOptions,
+    options: MitchellPbrtOptions,
     two_rates: TwoRates,
 }
 
-impl<P: PointSet> PbrtAdaptive<P> {
+impl<P: PointSet> MitchellPbrt<P> {
     /// With these points and the default parameters.
     pub fn new(points: P) -> Self {
-        let options = PbrtOptions::default();
+        let options = MitchellPbrtOptions::default();
         Self { points, options, two_rates: TwoRates::new(options.mode, options.policy) }
     }
 
@@ -59,9 +59,9 @@ impl<P: PointSet> PbrtAdaptive<P> {
     ///
     /// [`Error::OutOfRange`] for `min` below 2, `max` below `min` or above 2^31, and a threshold that is
     /// not a number above 0.
-    pub fn with_options(points: P, options: PbrtOptions) -> Result<Self, Error> {
+    pub fn with_options(points: P, options: MitchellPbrtOptions) -> Result<Self, Error> {
         let out = |name, value: String, allowed| Err(Error::OutOfRange { name, value, allowed });
-        let PbrtOptions { min, max, threshold, mode, policy } = options;
+        let MitchellPbrtOptions { min, max, threshold, mode, policy } = options;
         if min < 2 {
             return out("min", min.to_string(), "one sample deviates from nothing: 2 or more");
         }
@@ -76,12 +76,12 @@ impl<P: PointSet> PbrtAdaptive<P> {
         }
         let min = min.next_power_of_two();
         let max = max.next_power_of_two().max(2 * min);
-        let options = PbrtOptions { min, max, ..options };
+        let options = MitchellPbrtOptions { min, max, ..options };
         Ok(Self { points, options, two_rates: TwoRates::new(mode, policy) })
     }
 }
 
-impl PbrtOptions {
+impl MitchellPbrtOptions {
     /// The deviation relative to the threshold, per pixel: above 1 it asks.
     fn scores(&self, film: &Film) -> Vec<f64> {
         let score = |i| {
@@ -95,13 +95,13 @@ impl PbrtOptions {
     }
 }
 
-impl<P: PointSet> Sampler for PbrtAdaptive<P> {
+impl<P: PointSet> Sampler for MitchellPbrt<P> {
     fn name(&self) -> &str {
         "mitchell-pbrt"
     }
 
     fn describe(&self) -> String {
-        let PbrtOptions { min, max, threshold, mode, policy } = self.options;
+        let MitchellPbrtOptions { min, max, threshold, mode, policy } = self.options;
         let (mode, policy) = (mode.name(), policy.name());
         format!("mitchell-pbrt:min={min},max={max},threshold={threshold},mode={mode},policy={policy}")
     }

@@ -2,7 +2,7 @@
 
 use crate::Rates;
 use dapple_core::{
-    BudgetLeft, Error, Fate, Feedback, Film, Frame, Limits, Needs, Plan, Progress, SamplerMemory, allocate,
+    BudgetLeft, Error, Feedback, Film, Frame, Limits, Needs, Plan, Progress, Retention, SamplerMemory, allocate,
 };
 
 /// What ends the refinement.
@@ -30,13 +30,13 @@ impl Mode {
     }
 }
 
-/// What becomes of the pilot, and so what bias the picture has.
+/// What becomes of the pilot, and so what bias the image has.
 ///
 /// The closed forms are the mean of a pixel whose samples are 1 with probability `p` and else 0,
 /// with a pilot of two, which is refined where the two differ (ALGORITHMS 0.4).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Policy {
-    /// The pilot stays in the picture: least noise. Biased, since samples that are kept also decide
+    /// The pilot stays in the image: least noise. Biased, since samples that are kept also decide
     /// how many follow [Kirk and Arvo 1991]: `p^2 + 2 p (1 - p) (1 + k p) / (2 + k)` with `k`
     /// additional samples. A window of several pixels dilutes a pixel's own vote, and the bias with it.
     #[default]
@@ -121,7 +121,7 @@ impl TwoRates {
             *count = pilot.saturating_sub(clamped(done));
         }
         if plan.total() > 0 && plan.total() <= budget.left() {
-            plan.fate = if self.discards() { Fate::Discard } else { Fate::Keep };
+            plan.retention = if self.discards() { Retention::Discard } else { Retention::Keep };
             return Ok(Progress::Trace);
         }
         plan.counts.fill(0);
@@ -242,7 +242,7 @@ impl TwoRates {
 
 impl Ranking {
     fn new(pilot: u32, scores: &[f64]) -> Self {
-        // Contrast saturates at 1, so ties are common: by their plain number the top of the picture
+        // Contrast saturates at 1, so ties are common: by their plain number the top of the image
         // would take all.
         let tie = |i: u32| mix(u64::from(i));
         let mut order: Vec<u32> = (0..scores.len() as u32).collect();
@@ -262,7 +262,7 @@ struct Steps<'a> {
     now: Vec<u32>,
     max_spp: u32,
     left: u64,
-    /// Whether a pixel's first step takes its pilot out of the picture.
+    /// Whether a pixel's first step takes its pilot out of the image.
     withdraws: bool,
     withdrawn: Vec<bool>,
 }
@@ -274,7 +274,7 @@ impl<'a> Steps<'a> {
         Self { film: seen.film, plan: &mut plan.counts, now, max_spp, left: seen.budget.left(), withdraws, withdrawn }
     }
 
-    /// Samples that pixel `i` will have in the picture.
+    /// Samples that pixel `i` will have in the image.
     fn count(&self, i: usize) -> u32 {
         let before = if self.withdraws && self.withdrawn[i] { 0 } else { self.now[i] };
         before.saturating_add(self.plan[i])

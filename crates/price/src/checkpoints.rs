@@ -1,17 +1,17 @@
 //! Checkpoints: a render that is killed goes on where it was.
 
+use crate::image::Image;
 use crate::pairs::{in_turn, pairs, seconds};
-use crate::picture::Picture;
 use crate::{Break, Effort, Error, Ratio, Result, Row};
 use dapple_checkpoint::{Contents, Identity, Kind, Store};
-use dapple_core::{Control, Needs, NoWatch, Snapshot, Status, Watch, resume};
+use dapple_core::{Control, Monitor, Needs, NoMonitor, Snapshot, Status, resume};
 use dapple_renderer::integrator;
 use std::path::PathBuf;
 
 /// Seconds between checkpoints of `dapple render`, where nobody says otherwise.
 const EVERY: f64 = 60.0;
 
-pub(crate) fn row(effort: Effort, picture: &Picture) -> Result<Row> {
+pub(crate) fn row(effort: Effort, image: &Image) -> Result<Row> {
     let count = match effort {
         Effort::Quick => 6,
         Effort::Full => 11,
@@ -26,10 +26,10 @@ pub(crate) fn row(effort: Effort, picture: &Picture) -> Result<Row> {
             number,
             || {
                 let mut film = Ok(());
-                let seconds = seconds(|| film = picture.render(Needs::none(), &mut middle).map(drop));
+                let seconds = seconds(|| film = image.render(Needs::none(), &mut middle).map(drop));
                 film.map(|()| seconds)
             },
-            || picture.seconds(Needs::none()),
+            || image.seconds(Needs::none()),
         )?;
         middle.trouble.map_or(Ok(()), Err)?;
         ratios.push(with / without);
@@ -45,9 +45,9 @@ pub(crate) fn row(effort: Effort, picture: &Picture) -> Result<Row> {
         price_of: format!(
             "one checkpoint a minute, {each:.1} ms each where nothing goes on meanwhile; with one in a render of {length:.2} s it \
              is {ratio:.3} of {}",
-            picture.describe()
+            image.describe()
         ),
-        breaks: vec![killed(picture, &store)?],
+        breaks: vec![killed(image, &store)?],
     })
 }
 
@@ -80,7 +80,7 @@ struct Middle<'a> {
     trouble: Option<Error>,
 }
 
-impl Watch for Middle<'_> {
+impl Monitor for Middle<'_> {
     fn slice(&mut self, status: &Status<'_>) -> Control {
         if self.samples == 0 {
             self.samples = status.samples;
@@ -94,34 +94,34 @@ impl Watch for Middle<'_> {
 }
 
 fn identity() -> Identity {
-    Identity::new([("scene", Picture::NAME)])
+    Identity::new([("scene", Image::NAME)])
 }
 
-/// A render killed half-way: samples that are traced a second time to get the same picture, pixels that are not the same
+/// A render killed half-way: samples that are traced a second time to get the same image, pixels that are not the same
 /// counted among them.
-fn killed(picture: &Picture, store: &Store) -> Result<Break> {
+fn killed(image: &Image, store: &Store) -> Result<Break> {
     let mut middle = Middle { store, stop: true, seconds: 0.0, samples: 0, trouble: None };
-    let stopped = picture.render(Needs::none(), &mut middle)?.record().samples;
+    let stopped = image.render(Needs::none(), &mut middle)?.record().samples;
     middle.trouble.map_or(Ok(()), Err)?;
-    let whole = picture.render(Needs::none(), &mut NoWatch)?;
+    let whole = image.render(Needs::none(), &mut NoMonitor)?;
     let found = Store::read(store.path(), Kind::Checkpoint)?;
     let snapshot = Snapshot::from_bytes(&found.contents.body)?;
     let saved = snapshot.film().record().samples;
-    let (mut sampler, mut integrator) = (Picture::sampler(), integrator(picture.world()));
-    let limits = picture.limits();
+    let (mut sampler, mut integrator) = (Image::sampler(), integrator(image.world()));
+    let limits = image.limits();
     let resumed =
-        resume(snapshot, &mut *integrator, &mut sampler, Needs::none(), picture.frame, &limits, &mut NoWatch)?;
-    let pixels = 0..picture.frame.pixels();
+        resume(snapshot, &mut *integrator, &mut sampler, Needs::none(), image.frame, &limits, &mut NoMonitor)?;
+    let pixels = 0..image.frame.pixels();
     let bits = |value: [f64; 3]| value.map(f64::to_bits);
     let other = pixels.filter(|&i| bits(resumed.mean(i)) != bits(whole.mean(i))).count() as u64;
-    let again = (resumed.record().samples - saved).saturating_sub(picture.samples() - stopped);
+    let again = (resumed.record().samples - saved).saturating_sub(image.samples() - stopped);
     Ok(Break {
         input: format!(
             "{} killed half-way, just after a checkpoint: samples to trace again for the same bits",
-            picture.describe()
+            image.describe()
         ),
         seen: "the night's work is gone; with checkpoints, at most its last minute",
-        of: picture.samples(),
+        of: image.samples(),
         without: stopped,
         with: again + other,
     })

@@ -1,10 +1,11 @@
 //! Safeguards of the film: what is kept of samples, and which samples are taken.
 
+use crate::image::Image;
 use crate::pairs::{in_turn, of_whole, pairs, seconds};
-use crate::picture::Picture;
 use crate::{Break, Effort, Ratio, Result, Row};
 use dapple_core::{
-    Draws, Estimate, Frame, Integrator, Limits, Needs, NoWatch, Observed, RejectedReason, RgbMoments, SampleId, render,
+    Draws, Estimate, Frame, Integrator, Limits, Needs, NoMonitor, RejectedReason, RgbMoments, SampleId, TrainingLog,
+    render,
 };
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -50,7 +51,7 @@ fn noise() -> Vec<[f32; 3]> {
 /// The price of a part of what is done to each sample, of a whole render.
 fn of_render<A, B>(
     effort: Effort,
-    picture: &Picture,
+    image: &Image,
     mut with: impl FnMut(&[[f32; 3]]) -> A,
     mut without: impl FnMut(&[[f32; 3]]) -> B,
 ) -> Result<(Ratio, f64)> {
@@ -69,16 +70,16 @@ fn of_render<A, B>(
         )?;
         let part = (with - without) * per_sample;
         parts.push(part * 1e9);
-        Ok::<_, crate::Error>(of_whole(picture.seconds(Needs::none())? / picture.samples() as f64, part))
+        Ok::<_, crate::Error>(of_whole(image.seconds(Needs::none())? / image.samples() as f64, part))
     })?;
     Ok((ratio, Ratio::of(parts).median))
 }
 
 /// Statistics in f64, by Welford's steps, against sums in f32.
-pub(crate) fn sums(effort: Effort, picture: &Picture) -> Result<Row> {
+pub(crate) fn sums(effort: Effort, image: &Image) -> Result<Row> {
     let (price, part) = of_render(
         effort,
-        picture,
+        image,
         |samples| {
             let mut pixels = vec![RgbMoments::default(); samples.len() / SPP];
             for (pixel, samples) in pixels.iter_mut().zip(samples.chunks(SPP)) {
@@ -98,7 +99,7 @@ pub(crate) fn sums(effort: Effort, picture: &Picture) -> Result<Row> {
         safeguard: "film",
         does: "means and variances are kept in f64, by Welford's steps",
         price,
-        price_of: format!("{}: {part:.1} ns a sample more than f32 sums of values and squares", picture.describe()),
+        price_of: format!("{}: {part:.1} ns a sample more than f32 sums of values and squares", image.describe()),
         breaks: vec![variances(), means()],
     })
 }
@@ -157,10 +158,10 @@ fn means() -> Break {
 }
 
 /// Whether each sample is a radiance, asked or not.
-pub(crate) fn invalid(effort: Effort, picture: &Picture) -> Result<Row> {
+pub(crate) fn invalid(effort: Effort, image: &Image) -> Result<Row> {
     let (price, part) = of_render(
         effort,
-        picture,
+        image,
         |samples| {
             let mut pixels = vec![RgbMoments::default(); samples.len() / SPP];
             let mut rejected = 0_u64;
@@ -190,12 +191,12 @@ pub(crate) fn invalid(effort: Effort, picture: &Picture) -> Result<Row> {
         safeguard: "invalid",
         does: "samples that are NaN, infinite or negative are rejected, counted and listed",
         price,
-        price_of: format!("{}: {part:.1} ns a sample", picture.describe()),
+        price_of: format!("{}: {part:.1} ns a sample", image.describe()),
         breaks: vec![holes()?],
     })
 }
 
-/// A grey picture in which three samples are no radiance.
+/// A grey image in which three samples are no radiance.
 struct Faulty;
 
 const SIDE: u32 = 64;
@@ -212,17 +213,17 @@ impl Faulty {
 }
 
 impl Integrator for Faulty {
-    fn estimate(&self, draws: &Draws<'_>, _: &mut Observed) -> Estimate {
+    fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
         let SampleId { pixel, index, .. } = draws.id();
         Estimate { radiance: Self::radiance(pixel, index), first_hit: None, cost: 1 }
     }
 }
 
-/// Pixels that are no radiance in a picture smoothed over 5x5 pixels, by three bad samples.
+/// Pixels that are no radiance in an image smoothed over 5x5 pixels, by three bad samples.
 fn holes() -> Result<Break> {
     let frame = Frame::new(SIDE, SIDE)?;
     let limits = Limits::samples(u64::from(SIDE * SIDE) * SPP as u64);
-    let film = render(&mut Faulty, &mut Picture::sampler(), Needs::none(), frame, &limits, &mut NoWatch)?;
+    let film = render(&mut Faulty, &mut Image::sampler(), Needs::none(), frame, &limits, &mut NoMonitor)?;
     let with: Vec<[f64; 3]> = (0..frame.pixels()).map(|i| film.mean(i)).collect();
     let without: Vec<[f64; 3]> = (0..frame.pixels())
         .map(|i| {
@@ -236,19 +237,19 @@ fn holes() -> Result<Break> {
             "three bad samples (NaN, infinite, -1e6) of {}, smoothed over 5x5 pixels: pixels that are no radiance",
             SIDE * SIDE * SPP as u32
         ),
-        seen: "black or white squares in the picture; its exposure, error and denoiser see nothing else",
+        seen: "black or white squares in the image; its exposure, error and denoiser see nothing else",
         of: frame.pixels() as u64,
         without: no_radiance(&without),
         with: no_radiance(&with),
     })
 }
 
-fn no_radiance(picture: &[[f64; 3]]) -> u64 {
+fn no_radiance(image: &[[f64; 3]]) -> u64 {
     let side = SIDE as usize;
     let around = |i: usize| i.saturating_sub(2)..(i + 3).min(side);
     let wrong = |(x, y): &(usize, usize)| {
         let mut sum = [0.0; 3];
-        let window = around(*y).flat_map(|y| around(*x).map(move |x| picture[y * side + x]));
+        let window = around(*y).flat_map(|y| around(*x).map(move |x| image[y * side + x]));
         window.for_each(|value| (0..3).for_each(|c| sum[c] += value[c]));
         sum.iter().any(|s| !(s.is_finite() && *s >= 0.0))
     };

@@ -1,27 +1,27 @@
 //! Independent halves: the only honest error estimate of low-discrepancy samples.
 
+use crate::image::Image;
 use crate::pairs::{in_turn, pairs};
-use crate::picture::Picture;
 use crate::{Break, Effort, Error, Result, Row};
 use dapple_core::samplers::Uniform;
-use dapple_core::{Block, Draws, Estimate, Film, Frame, Integrator, Limits, Needs, NoWatch, Observed, render};
+use dapple_core::{Block, Draws, Estimate, Film, Frame, Integrator, Limits, Needs, NoMonitor, TrainingLog, render};
 use dapple_low_discrepancy::Sobol;
 
-pub(crate) fn row(effort: Effort, picture: &Picture) -> Result<Row> {
+pub(crate) fn row(effort: Effort, image: &Image) -> Result<Row> {
     let count = match effort {
         Effort::Quick => 6,
         Effort::Full => 15,
     };
     let price = pairs(count, |number| {
         let [with, without] =
-            in_turn(number, || picture.seconds(Needs::none().with_halves()), || picture.seconds(Needs::none()))?;
+            in_turn(number, || image.seconds(Needs::none().with_halves()), || image.seconds(Needs::none()))?;
         Ok::<_, Error>(with / without)
     })?;
     Ok(Row {
         safeguard: "halves",
         does: "errors are predicted from two independently scrambled halves, where somebody asks for them",
         price,
-        price_of: format!("{}; besides, two short sequences are less even than a long one", picture.describe()),
+        price_of: format!("{}; besides, two short sequences are less even than a long one", image.describe()),
         breaks: vec![predictions()?],
     })
 }
@@ -39,22 +39,22 @@ impl Smooth {
 }
 
 impl Integrator for Smooth {
-    fn estimate(&self, draws: &Draws<'_>, _: &mut Observed) -> Estimate {
+    fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
         let [u, v, ..] = draws.block(Block::new(0));
         let value = Self::level(draws.pixel()) as f32 * 4.0 * u * v;
         Estimate { radiance: [value; 3], first_hit: None, cost: 1 }
     }
 }
 
-/// Pictures whose predicted relMSE is off by more than a factor of 2: from halves, and from the samples' variance.
+/// Images whose predicted relMSE is off by more than a factor of 2: from halves, and from the samples' variance.
 fn predictions() -> Result<Break> {
-    const PICTURES: u64 = 16;
+    const IMAGES: u64 = 16;
     let frame = Frame::new(SIDE, SIDE)?;
     let limits = Limits::samples(SPP * frame.pixels() as u64);
     let [mut without, mut with] = [0; 2];
-    for seed in 0..PICTURES {
+    for seed in 0..IMAGES {
         let film =
-            |needs| render(&mut Smooth, &mut Uniform::new(Sobol::new(seed)), needs, frame, &limits, &mut NoWatch);
+            |needs| render(&mut Smooth, &mut Uniform::new(Sobol::new(seed)), needs, frame, &limits, &mut NoMonitor);
         let halves = film(Needs::none().with_halves())?;
         with += u64::from(is_off(halves.predicted_relmse().unwrap_or(f64::NAN), &halves));
         let whole = film(Needs::none().with_variance())?;
@@ -62,10 +62,10 @@ fn predictions() -> Result<Break> {
     }
     Ok(Break {
         input: format!(
-            "smooth pictures of {SIDE}x{SIDE} pixels, {SPP} spp of sobol: predicted relMSE off by more than a factor of 2"
+            "smooth images of {SIDE}x{SIDE} pixels, {SPP} spp of sobol: predicted relMSE off by more than a factor of 2"
         ),
-        seen: "--error renders many times as long as it must, and error maps show where the picture is bright",
-        of: PICTURES,
+        seen: "--error renders many times as long as it must, and error maps show where the image is bright",
+        of: IMAGES,
         without,
         with,
     })

@@ -3,9 +3,9 @@
 mod checkpoints;
 mod film;
 mod halves;
+mod image;
 mod overflow;
 mod pairs;
-mod picture;
 mod rays;
 mod recentring;
 mod soup;
@@ -46,7 +46,7 @@ pub struct Break {
     pub input: String,
     /// What whoever renders it sees.
     pub seen: &'static str,
-    /// How many things were tried: rays, pixels, samples, pictures.
+    /// How many things were tried: rays, pixels, samples, images.
     pub of: u64,
     /// How many of them went wrong without the safeguard.
     pub without: u64,
@@ -110,15 +110,15 @@ pub fn price(effort: Effort, onlooker: &mut (dyn FnMut(&str) + Send)) -> Result<
         onlooker("recentring");
         let mut rows = vec![recentring::row(effort)?];
         rows.extend(rays::rows(effort, onlooker)?);
-        let picture = picture::Picture::new(effort)?;
+        let image = image::Image::new(effort)?;
         onlooker("film");
-        rows.push(film::sums(effort, &picture)?);
+        rows.push(film::sums(effort, &image)?);
         onlooker("invalid samples");
-        rows.push(film::invalid(effort, &picture)?);
+        rows.push(film::invalid(effort, &image)?);
         onlooker("halves");
-        rows.push(halves::row(effort, &picture)?);
+        rows.push(halves::row(effort, &image)?);
         onlooker("checkpoints");
-        rows.push(checkpoints::row(effort, &picture)?);
+        rows.push(checkpoints::row(effort, &image)?);
         Ok(rows)
     })
 }

@@ -6,7 +6,7 @@ use serde_json::Value;
 use std::path::Path;
 use std::process::Command;
 
-/// One light, a sky that is a picture, and triangles by the hundred thousand.
+/// One light, a sky that is an image, and triangles by the hundred thousand.
 const SCENES: [&str; 3] = ["cornell", "teapot", "terrain"];
 
 /// The row of overflow checks: `without` and `with` are the program built without them and with them, otherwise alike.
@@ -38,12 +38,12 @@ pub fn overflow_checks(without: &Path, with: &Path, effort: Effort) -> Result<Ro
 /// Seconds of tracing that a program tells of.
 fn trace(program: &Path, words: &str) -> Result<f64> {
     let wrong = |why: String| Error::Program { program: program.to_owned(), why };
-    // Nothing is to be kept of it: the picture goes where the system keeps what is temporary.
-    let picture = std::env::temp_dir().join(format!("dapple-price-{}.pfm", std::process::id()));
+    // Nothing is to be kept of it: the image goes where the system keeps what is temporary.
+    let image = std::env::temp_dir().join(format!("dapple-price-{}.pfm", std::process::id()));
     let mut command = Command::new(program);
-    command.arg("render").args(words.split(' ')).args(["--threads", "1", "--json", "-o"]).arg(&picture);
+    command.arg("render").args(words.split(' ')).args(["--threads", "1", "--json", "-o"]).arg(&image);
     let output = command.output().map_err(|e| wrong(format!("it does not start ({e})")))?;
-    let _ = std::fs::remove_file(&picture);
+    let _ = std::fs::remove_file(&image);
     if !output.status.success() {
         return Err(wrong(String::from_utf8_lossy(&output.stderr).trim().to_owned()));
     }

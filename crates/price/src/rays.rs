@@ -2,8 +2,8 @@
 
 mod faults;
 
+use crate::image::world;
 use crate::pairs::{in_turn, pairs, seconds};
-use crate::picture::world;
 use crate::soup::direction;
 use crate::{Break, Effort, Error, Ratio, Result, Row};
 use dapple_geometry::safeguards::{

@@ -1,7 +1,7 @@
 //! Recentring: scenes are moved to the origin, and scaled, in f64 before they become f32.
 
+use crate::image::scene;
 use crate::pairs::{in_turn, of_whole, pairs, seconds};
-use crate::picture::scene;
 use crate::{Break, Effort, Error, Result, Row};
 use dapple_geometry::{Disk, Geometry, Mesh, Preset, Ray, Shape, Sphere};
 use dapple_renderer::scene::{Geometry as Described, Scene};

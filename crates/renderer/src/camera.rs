@@ -64,7 +64,7 @@ pub struct CameraView {
     half: Vec2,
     /// Screen units a pixel.
     step: Vec2,
-    /// Screen position of the picture's centre.
+    /// Screen position of the image's centre.
     shift: Vec2,
     /// Lens radius and focal distance in lengths of `axes`.
     lens_radius: f32,
@@ -77,7 +77,7 @@ pub struct CameraView {
 
 /// How rays leave the camera: the lens effect as a type, so that its absence costs nothing.
 pub trait Lens: Sync {
-    /// The ray through `place`, in pixels from the picture's centre with y downwards. `on_lens` in
+    /// The ray through `place`, in pixels from the image's centre with y downwards. `on_lens` in
     /// `[0, 1)^2`.
     fn ray(view: &CameraView, place: Vec2, on_lens: [f32; 2]) -> Ray;
 
@@ -106,7 +106,7 @@ impl CameraView {
     ///
     /// # Errors
     ///
-    /// When pose, angle, lens or window make no picture.
+    /// When pose, angle, lens or window make no image.
     pub fn new(camera: &Camera, resolution: [u32; 2], space: &Space) -> Result<Self, CameraError> {
         let at = || camera.source.clone();
         let pose = space.apply(camera.to_world);
@@ -201,7 +201,7 @@ impl CameraView {
         }
     }
 
-    /// The place of an offset from a pixel's centre (in pixels, y downwards), from the picture's
+    /// The place of an offset from a pixel's centre (in pixels, y downwards), from the image's
     /// centre. The pixel's number stays an integer until the halves are taken off, so a sample near
     /// the border of pixel 65535 lands where it should.
     #[inline]
@@ -251,7 +251,7 @@ impl CameraView {
         }
     }
 
-    /// Rows of the matrix that takes points `[x, y, z, 1]` to the clip space of a picture of this view's
+    /// Rows of the matrix that takes points `[x, y, z, 1]` to the clip space of an image of this view's
     /// resolution: in front of the eye `w > 0`, and on the film `x / w` and `y / w` are in `[-1, 1]`. The
     /// lens is a point to it, and a camera that moves stands where it first is. An orthographic camera's `w` is 1
     /// everywhere; the third row is above 0 in front of it.

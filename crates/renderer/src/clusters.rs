@@ -2,7 +2,7 @@
 
 use crate::World;
 use crate::registry::RegistryError;
-use dapple_cluster_adaptive::{ProbeCost, ProbeHit, ProbeRay, ProbesHandle, Shoot};
+use dapple_cluster_adaptive::{ProbeCost, ProbeHit, ProbeRay, ProbesHandle, TraceProbe};
 use dapple_clustering::{Cluster, Clusters, Params, Report, Triangles, cluster};
 use dapple_core::FirstHit;
 use glam::{Vec2, Vec3};
@@ -236,7 +236,7 @@ impl Stage {
 }
 
 /// The first hits of a world, as probes want them.
-pub(crate) fn shoot(world: Arc<World>, clusters: Arc<WorldClusters>) -> Shoot {
+pub(crate) fn shoot(world: Arc<World>, clusters: Arc<WorldClusters>) -> TraceProbe {
     Arc::new(move |probe: ProbeRay| {
         let [x, y] = probe.pixel.map(|n| n as f32 + 0.5);
         let offset = Vec2::new(probe.film[0] - x, probe.film[1] - y);

@@ -194,7 +194,7 @@ impl Effects {
     /// * Lamps with less than a hundredth of all lamps' power do not count.
     ///
     /// The solid angle is `area / distance^2`, a quarter of that for a sphere: an upper bound. Small bright parts
-    /// of an environment picture are not looked for. The reason is about the first such lamp; `objects` counts
+    /// of an environment image are not looked for. The reason is about the first such lamp; `objects` counts
     /// them.
     pub fn found_by_chance(scene: &Scene) -> Option<Called> {
         chance::found_by_chance(scene, &Used::of(scene))

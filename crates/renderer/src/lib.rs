@@ -1,5 +1,5 @@
 //! The renderer of Dapple: scene description, pbrt-v4 reader, camera, lights, materials, effects,
-//! integrators, picture files, and the registry of everything that can be chosen by name.
+//! integrators, image files, and the registry of everything that can be chosen by name.
 //!
 //! A [`scene::Scene`] is plain data with the lines it came from; [`Effects::of`] says what it calls for;
 //! [`World::new`] makes it ready for rays; [`integrator()`] gives the path tracer specialised for it, and

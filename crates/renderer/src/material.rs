@@ -44,7 +44,7 @@ pub struct Surface {
 pub(crate) struct Relief {
     /// A height, in units of the file's world space.
     pub(crate) bump: Option<TextureId>,
-    /// Normals in the tangent's space, as a picture.
+    /// Normals in the tangent's space, as an image.
     pub(crate) normal_map: Option<TextureId>,
 }
 

@@ -1,8 +1,8 @@
 //! Bytes that scenes take, and worlds before they are made: for whoever asks whether a scene fits.
 //!
-//! What goes with meshes and pictures is counted; names, materials and lights are not worth it.
+//! What goes with meshes and images is counted; names, materials and lights are not worth it.
 
-use crate::image::Picture;
+use crate::image::Image;
 use crate::scene::{EnvironmentRadiance, Geometry, LightKind, MeshData, Scene, Shape, TextureKind};
 use std::sync::Arc;
 
@@ -11,7 +11,7 @@ use std::sync::Arc;
 const TREE: u64 = 92;
 /// The most beside the meshes while the tree is built, per triangle: 221 to 232 were measured there.
 const BUILDING: u64 = 232;
-/// Tables from which an environment is sampled, per pixel of its picture.
+/// Tables from which an environment is sampled, per pixel of its image.
 const ENVIRONMENT: u64 = 16;
 
 /// What a world takes besides the scene that it is made of, in bytes.
@@ -23,13 +23,13 @@ pub struct WorldMemory {
     pub building: u64,
 }
 
-/// Bytes of a scene's meshes and pictures.
+/// Bytes of a scene's meshes and images.
 pub fn of_scene(scene: &Scene) -> u64 {
     let meshes = once(meshes(scene)).into_iter().map(|mesh| {
         of_slice(&mesh.positions) + of_slice(&mesh.normals) + of_slice(&mesh.uvs) + of_slice(&mesh.triangles)
     });
-    let pictures = once(pictures(scene)).into_iter().map(|p| of_slice(&p.pixels) + of_slice(&p.alpha));
-    meshes.chain(pictures).sum()
+    let images = once(images(scene)).into_iter().map(|p| of_slice(&p.pixels) + of_slice(&p.alpha));
+    meshes.chain(images).sum()
 }
 
 /// What [`World::new`](crate::World::new) will take for a scene, before it is made: to within a tenth for large meshes.
@@ -41,7 +41,7 @@ pub fn of_world(scene: &Scene) -> WorldMemory {
     };
     let copies: u64 = meshes(scene).map(copied).sum();
     let triangles: u64 = meshes(scene).map(|mesh| mesh.triangles.len() as u64).sum();
-    let tables: u64 = environments(scene).map(|picture| ENVIRONMENT * picture.pixels.len() as u64).sum();
+    let tables: u64 = environments(scene).map(|image| ENVIRONMENT * image.pixels.len() as u64).sum();
     let kept = copies + tables;
     WorldMemory { built: kept + TREE * triangles, building: kept + BUILDING * triangles }
 }
@@ -59,17 +59,17 @@ fn meshes(scene: &Scene) -> impl Iterator<Item = &Arc<MeshData>> {
     })
 }
 
-fn environments(scene: &Scene) -> impl Iterator<Item = &Arc<Picture>> {
+fn environments(scene: &Scene) -> impl Iterator<Item = &Arc<Image>> {
     scene.lights.iter().filter_map(|light| match &light.kind {
-        LightKind::Infinite { radiance: EnvironmentRadiance::LatLong { picture, .. } } => Some(picture),
-        LightKind::Infinite { radiance: EnvironmentRadiance::EqualArea { picture, .. } } => Some(picture),
+        LightKind::Infinite { radiance: EnvironmentRadiance::LatLong { image, .. } } => Some(image),
+        LightKind::Infinite { radiance: EnvironmentRadiance::EqualArea { image, .. } } => Some(image),
         _ => None,
     })
 }
 
-fn pictures(scene: &Scene) -> impl Iterator<Item = &Arc<Picture>> {
+fn images(scene: &Scene) -> impl Iterator<Item = &Arc<Image>> {
     let textures = scene.textures.iter().filter_map(|texture| match &texture.kind {
-        TextureKind::Image { picture, .. } => Some(picture),
+        TextureKind::Image { image, .. } => Some(image),
         _ => None,
     });
     textures.chain(environments(scene))

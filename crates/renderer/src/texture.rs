@@ -11,7 +11,7 @@ use std::sync::Arc;
 #[derive(Clone, Debug, Default)]
 pub struct Textures {
     textures: Vec<TextureKind>,
-    /// Each one's picture, where it has one of few values.
+    /// Each one's image, where it has one of few values.
     coded: Vec<Option<Arc<Coded>>>,
 }
 
@@ -25,12 +25,12 @@ impl Textures {
         let mut coded: Vec<Option<Arc<Coded>>> = Vec::with_capacity(textures.len());
         for (i, texture) in textures.iter().enumerate() {
             let same = |other: &TextureKind| match (texture, other) {
-                (TextureKind::Image { picture: a, .. }, TextureKind::Image { picture: b, .. }) => Arc::ptr_eq(a, b),
+                (TextureKind::Image { image: a, .. }, TextureKind::Image { image: b, .. }) => Arc::ptr_eq(a, b),
                 _ => false,
             };
             coded.push(match (textures[..i].iter().position(same), texture) {
                 (Some(earlier), _) => coded[earlier].clone(),
-                (None, TextureKind::Image { picture, .. }) => Coded::new(picture).map(Arc::new),
+                (None, TextureKind::Image { image, .. }) => Coded::new(image).map(Arc::new),
                 (None, _) => None,
             });
         }
@@ -52,7 +52,7 @@ impl Textures {
         }
     }
 
-    /// The colour that a texture has on the average, as near as may be had without its coordinates: a picture's mean, half
+    /// The colour that a texture has on the average, as near as may be had without its coordinates: an image's mean, half
     /// of each of a checkerboard's, products and mixes of the means. Goes over all pixels.
     pub fn mean(&self, id: TextureId) -> [f32; 3] {
         self.mean_within(id, DEEPEST).to_array()
@@ -70,12 +70,12 @@ impl Textures {
                 let [u, v] = place(scale, shift);
                 color(&colors[((parts(u).0 + parts(v).0) & 1) as usize])
             }
-            TextureKind::Image { picture, scale, shift, factor, invert, wrap } => {
-                let (size, uv) = (picture.size, place(scale, shift));
+            TextureKind::Image { image, scale, shift, factor, invert, wrap } => {
+                let (size, uv) = (image.size, place(scale, shift));
                 let value = match &self.coded[id.0 as usize] {
                     Some(coded) => bilinear(size, uv, *wrap, |column, row| coded.pixel(column, row)),
                     None => bilinear(size, uv, *wrap, |column, row| {
-                        Vec3::from_array(picture.pixels[row * size[0] as usize + column])
+                        Vec3::from_array(image.pixels[row * size[0] as usize + column])
                     }),
                 } * *factor;
                 if *invert { (Vec3::ONE - value).max(Vec3::ZERO) } else { value }
@@ -104,13 +104,13 @@ impl Textures {
         };
         match texture {
             TextureKind::Checkerboard { colors: [a, b], .. } => 0.5 * (color(a) + color(b)),
-            TextureKind::Image { picture, factor, invert, .. } => {
+            TextureKind::Image { image, factor, invert, .. } => {
                 let sum = |sum: DVec3, pixel: &[f32; 3]| {
                     let value = Vec3::from_array(*pixel) * *factor;
                     sum + if *invert { (Vec3::ONE - value).max(Vec3::ZERO) } else { value }.as_dvec3()
                 };
-                let sum = picture.pixels.iter().fold(DVec3::ZERO, sum);
-                (sum / picture.pixels.len().max(1) as f64).as_vec3()
+                let sum = image.pixels.iter().fold(DVec3::ZERO, sum);
+                (sum / image.pixels.len().max(1) as f64).as_vec3()
             }
             TextureKind::Product { factors: [a, b] } => color(a) * color(b),
             TextureKind::Mix { colors: [a, b], amount } => {
@@ -158,11 +158,11 @@ fn parts(x: f32) -> (i64, f32) {
 /// A row or column of nothing.
 const BEYOND: usize = usize::MAX;
 
-/// The rows or columns of a picture with `n` of them that stand for number `first`, a whole number, and the next.
+/// The rows or columns of an image with `n` of them that stand for number `first`, a whole number, and the next.
 #[inline]
 fn pair(first: i64, n: u32, wrap: Wrap) -> [usize; 2] {
     let n = i64::from(n);
-    // Mostly both lie in the picture: a division is dear.
+    // Mostly both lie in the image: a division is dear.
     if first >= 0 && first < n - 1 {
         return [first as usize, first as usize + 1];
     }
@@ -177,7 +177,7 @@ fn pair(first: i64, n: u32, wrap: Wrap) -> [usize; 2] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::image::Picture;
+    use crate::image::Image;
     use crate::scene::{Source, Wrap};
 
     fn textures(kinds: Vec<TextureKind>) -> Textures {
@@ -188,12 +188,12 @@ mod tests {
     fn image(invert: bool, factor: f32) -> TextureKind {
         // Top row 0.1 0.2, bottom row 0.3 0.4.
         let pixels = [0.1, 0.2, 0.3, 0.4].map(|v| [v, 2.0 * v, 0.0]).to_vec();
-        let picture = Arc::new(Picture::new([2, 2], pixels).expect("four pixels"));
-        TextureKind::Image { picture, scale: [1.0; 2], shift: [0.0; 2], factor, invert, wrap: Wrap::Repeat }
+        let image = Arc::new(Image::new([2, 2], pixels).expect("four pixels"));
+        TextureKind::Image { image, scale: [1.0; 2], shift: [0.0; 2], factor, invert, wrap: Wrap::Repeat }
     }
 
     #[test]
-    fn pictures_stand_upright_and_repeat() {
+    fn images_stand_upright_and_repeat() {
         let found = textures(vec![image(false, 1.0), image(true, 2.0)]);
         let at = |u: f32, v: f32| found.look_up(TextureId(0), [u, v]).x;
         let texels = [(0.25, 0.75, 0.1), (0.75, 0.75, 0.2), (0.25, 0.25, 0.3), (0.75, 0.25, 0.4)];
@@ -239,8 +239,8 @@ mod tests {
     #[test]
     fn products_mixes_edges_and_means() {
         let edge = |wrap| match image(false, 1.0) {
-            TextureKind::Image { picture, scale, shift, factor, invert, .. } => {
-                TextureKind::Image { picture, scale, shift, factor, invert, wrap }
+            TextureKind::Image { image, scale, shift, factor, invert, .. } => {
+                TextureKind::Image { image, scale, shift, factor, invert, wrap }
             }
             other => other,
         };

@@ -103,7 +103,7 @@ pub(crate) struct Interaction<'w> {
 }
 
 impl World {
-    /// Builds a world from a scene, for pictures of the scene's resolution.
+    /// Builds a world from a scene, for images of the scene's resolution.
     ///
     /// # Errors
     ///

@@ -10,7 +10,7 @@
 mod targets;
 
 use dapple_renderer::bundled;
-use dapple_renderer::image::{Layer, Picture, encode_exr, encode_pfm};
+use dapple_renderer::image::{Image, Layer, encode_exr, encode_pfm};
 use image::{DynamicImage, ImageFormat, Rgb, RgbImage};
 use rand::{RngExt, SeedableRng};
 use std::path::{Path, PathBuf};
@@ -109,9 +109,9 @@ fn seeds() -> Vec<Seed> {
     add("image", "a.jpg", save(image.clone(), ImageFormat::Jpeg));
     add("image", "a.tga", save(image.to_rgba8().into(), ImageFormat::Tga));
     add("image", "a.hdr", save(image.to_rgb32f().into(), ImageFormat::Hdr));
-    let picture = Picture::new([5, 3], (0..15).map(|i| [i as f32, 0.5, -1.0]).collect()).unwrap();
-    add("image", "a.pfm", encode_pfm(&picture).unwrap());
-    add("image", "a.exr", encode_exr([5, 3], &[Layer::of_picture("", &picture)], &[]).unwrap().bytes);
+    let image = Image::new([5, 3], (0..15).map(|i| [i as f32, 0.5, -1.0]).collect()).unwrap();
+    add("image", "a.pfm", encode_pfm(&image).unwrap());
+    add("image", "a.exr", encode_exr([5, 3], &[Layer::of_image("", &image)], &[]).unwrap().bytes);
     seeds
 }
 

@@ -1,11 +1,11 @@
-//! I01: what reading a picture takes in memory, measured in a process of its own for each file: 256 MiB + 16 times
+//! I01: what reading an image takes in memory, measured in a process of its own for each file: 256 MiB + 16 times
 //! the file's length, whatever its header says (the row asks for 64 MiB, which would refuse photographs of 4096 x 4096
-//! pixels, everyday textures); and pictures up to that size are read however well they are packed.
+//! pixels, everyday textures); and images up to that size are read however well they are packed.
 
 #![cfg(target_os = "linux")] // Reads /proc.
 #![allow(clippy::print_stdout, clippy::print_stderr)] // The children's figures.
 
-use dapple_renderer::image::{Encoding, ImageError, read_channels, read_picture};
+use dapple_renderer::image::{Encoding, ImageError, read_channels, read_image};
 use exr::prelude as exr;
 use image::{DynamicImage, ImageFormat, RgbImage, RgbaImage};
 use std::path::Path;
@@ -37,7 +37,7 @@ fn child() {
             Ok([0, 0])
         }
         _ if name.starts_with("channels") => read_channels(&bytes, name).map(|c| c.size),
-        _ => read_picture(&bytes, name, Encoding::Auto).map(|p| p.size),
+        _ => read_image(&bytes, name, Encoding::Auto).map(|p| p.size),
     };
     let after = status(["VmPeak", "VmHWM"]);
     let word = match &outcome {
@@ -138,7 +138,7 @@ fn flat_hdr(side: usize) -> Vec<u8> {
 }
 
 #[test]
-fn i01_reading_a_picture_takes_256_mib_and_16_times_its_file() {
+fn i01_reading_an_image_takes_256_mib_and_16_times_its_file() {
     let folder = tempfile::tempdir().expect("a folder");
     let (grown, _) = measure(folder.path(), "control", &[]);
     assert!(grown >= 300 * MIB, "the control was measured as {grown}");

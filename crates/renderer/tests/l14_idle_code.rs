@@ -6,7 +6,7 @@ mod statistics;
 mod support;
 
 use dapple_core::samplers::Uniform;
-use dapple_core::{Frame, Limits, Needs, NoWatch, render};
+use dapple_core::{Frame, Limits, Needs, NoMonitor, render};
 use dapple_low_discrepancy::Sobol;
 use dapple_renderer::{World, bundled, code, integrator_with};
 use support::*;
@@ -25,13 +25,14 @@ const CODES: [(&str, u32); 9] = [
     ("all", code::SEVERAL | code::SKY | code::DEEP | code::CLEAR | code::RARE | code::VARIED),
 ];
 
-/// The picture's bits, blocks asked for, rays cast.
+/// The image's bits, blocks asked for, rays cast.
 fn rendered(world: &World, idle: u32, seed: u64) -> (u64, u64, u64) {
     let frame = Frame::new(SIZE[0], SIZE[1]).expect("not empty");
     let limits = Limits::samples(SPP * frame.pixels() as u64);
     let mut sampler = Uniform::new(Sobol::new(seed));
     let mut integrator = integrator_with(world, idle);
-    let film = render(&mut *integrator, &mut sampler, Needs::none(), frame, &limits, &mut NoWatch).expect("it renders");
+    let film =
+        render(&mut *integrator, &mut sampler, Needs::none(), frame, &limits, &mut NoMonitor).expect("it renders");
     (hash(&film), film.record().blocks, film.record().rays)
 }
 

@@ -61,7 +61,7 @@ pub enum StudyError {
         /// The system's words.
         source: std::io::Error,
     },
-    /// A picture file that cannot be read or written.
+    /// An image file that cannot be read or written.
     #[error(transparent)]
     Image(#[from] dapple_renderer::image::ImageError),
     /// A run that failed.

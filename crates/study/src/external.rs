@@ -1,19 +1,19 @@
 //! Filters that are programs of others.
 
 use dapple_core::{Film, Filter, Filtered, Needs, Unfiltered};
-use dapple_renderer::image::{Encoding, Layer, Plane, encode_exr, read_picture};
+use dapple_renderer::image::{Encoding, Layer, Plane, encode_exr, read_image};
 use dapple_renderer::output::layers;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::time::Instant;
 
-/// A filter that is a program of somebody else's: it reads an unfiltered picture with its features, and writes a picture.
+/// A filter that is a program of somebody else's: it reads an unfiltered image with its features, and writes an image.
 ///
 /// What it reads is an OpenEXR file with the layers of [`dapple_renderer::output::layers`] that first hits fill: the main
 /// one (`R G B`, linear radiance, each pixel the mean of its own samples), `count`, `albedo` (`R G B`), `normal` (`X Y Z`,
 /// in the scene's space) and `depth`; and `coverage.Y`, the share of a pixel's samples that hit something, since features
-/// are means over those. What it writes is OpenEXR or PFM (or whatever else [`read_picture`] reads), linear, of the same
+/// are means over those. What it writes is OpenEXR or PFM (or whatever else [`read_image`] reads), linear, of the same
 /// size, without NaN.
 ///
 /// Its time is what the last line of its standard output says as JSON, `{"seconds": 0.25}`, so that starting an
@@ -23,7 +23,7 @@ pub struct External {
     /// The name under which methods have it as their filter.
     pub name: String,
     /// The program, by its name in `PATH` or its path, and its words. No shell reads them. In each word `{input}` and
-    /// `{output}` are the paths of the pictures, and `{threads}` is the number of threads of the study.
+    /// `{output}` are the paths of the images, and `{threads}` is the number of threads of the study.
     pub command: Vec<String>,
     /// The folder in which it is started: that of the plan's file. Empty: the current one.
     pub folder: PathBuf,
@@ -53,14 +53,14 @@ impl External {
         Needs::none().with_features()
     }
 
-    /// Has it make the picture, and says how many seconds that took. `unit` as in [`layers`]; 0 threads are one per core.
+    /// Has it make the image, and says how many seconds that took. `unit` as in [`layers`]; 0 threads are one per core.
     pub(crate) fn apply(&self, film: &Film, unit: f64, threads: usize) -> Result<(Filtered, f64), String> {
         let refuse = |what: String| format!("the filter {} ({}) {what}", self.name, self.command.join(" "));
         let folder = tempfile::Builder::new().prefix("dapple-").tempdir();
-        let folder = folder.map_err(|e| refuse(format!("has no temporary folder for its pictures: {e}")))?;
+        let folder = folder.map_err(|e| refuse(format!("has no temporary folder for its images: {e}")))?;
         let [input, output] = ["input.exr", "output.exr"].map(|name| folder.path().join(name));
         let written = encode(film, unit).and_then(|bytes| std::fs::write(&input, bytes).map_err(|e| e.to_string()));
-        written.map_err(|why| refuse(format!("cannot be given its picture: {why}")))?;
+        written.map_err(|why| refuse(format!("cannot be given its image: {why}")))?;
         let clock = Instant::now();
         let ended = self.start([&input, &output], threads).map_err(|e| refuse(format!("cannot be started: {e}")))?;
         let wall = clock.elapsed().as_secs_f64();
@@ -90,7 +90,7 @@ impl External {
     }
 }
 
-/// The picture with its features.
+/// The image with its features.
 fn encode(film: &Film, unit: f64) -> Result<Vec<u8>, String> {
     let unfiltered = Unfiltered.apply(film).map_err(|e| e.to_string())?;
     let mut layers = layers(film, &unfiltered, unit, None);
@@ -111,25 +111,25 @@ fn seconds(stdout: &[u8], wall: f64) -> Result<f64, String> {
     }
 }
 
-/// The picture that was written.
+/// The image that was written.
 fn read(path: &Path, [w, h]: [u32; 2]) -> Result<Vec<[f32; 3]>, String> {
     let bytes = match std::fs::read(path) {
         Ok(bytes) => bytes,
         Err(e) if e.kind() == std::io::ErrorKind::NotFound => {
-            return Err("wrote no picture: it is to write the one that {output} names".into());
+            return Err("wrote no image: it is to write the one that {output} names".into());
         }
-        Err(e) => return Err(format!("wrote a picture that cannot be read: {e}")),
+        Err(e) => return Err(format!("wrote an image that cannot be read: {e}")),
     };
-    let picture = read_picture(&bytes, "{output}", Encoding::Auto).map_err(|e| format!("wrote no picture: {e}"))?;
-    let [pw, ph] = picture.size;
+    let image = read_image(&bytes, "{output}", Encoding::Auto).map_err(|e| format!("wrote no image: {e}"))?;
+    let [pw, ph] = image.size;
     if [pw, ph] != [w, h] {
-        return Err(format!("wrote a picture of {pw}x{ph} pixels: {w}x{h} are wanted"));
+        return Err(format!("wrote an image of {pw}x{ph} pixels: {w}x{h} are wanted"));
     }
-    if let Some(found) = picture.non_finite() {
+    if let Some(found) = image.non_finite() {
         let [x, y] = found.first;
         return Err(format!("wrote {} pixels that are no number, the first in column {x}, row {y}", found.count));
     }
-    Ok(picture.pixels)
+    Ok(image.pixels)
 }
 
 /// The end of what a program complained, on one line.

@@ -228,7 +228,7 @@ impl Draft {
         let seeds = self.seeds.unwrap_or_else(|| (1..=default_seeds).collect());
         filled("seeds", &seeds)?;
         if seeds.iter().collect::<BTreeSet<_>>().len() < seeds.len() {
-            return Err(PlanError::new("seeds", "a seed is given twice: it would make the same picture again"));
+            return Err(PlanError::new("seeds", "a seed is given twice: it would make the same image again"));
         }
         let time_of = match self.time_of {
             Some(0) => None,
@@ -314,7 +314,7 @@ fn check_external(external: &[External]) -> Result<(), PlanError> {
         let told = |mark: &str| one.command.iter().skip(1).any(|word| word.contains(mark));
         if !(told("{input}") && told("{output}")) {
             return refuse(
-                "the command is to hold a program, {input} and {output}, for the pictures it reads and writes",
+                "the command is to hold a program, {input} and {output}, for the images it reads and writes",
             );
         }
     }

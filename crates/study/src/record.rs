@@ -63,13 +63,13 @@ impl Phases {
         self.cluster + self.probe + self.filter
     }
 
-    /// What a picture costs: all but load and bvh.
+    /// What an image costs: all but load and bvh.
     pub fn render(&self) -> f64 {
         self.cluster + self.probe + self.plan + self.trace + self.filter
     }
 }
 
-/// A picture against the reference, linear values unless said otherwise; as [`dapple_metrics::Comparison`] has them.
+/// An image against the reference, linear values unless said otherwise; as [`dapple_metrics::Comparison`] has them.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Errors {
     /// Mean squared error, the reference's own variance taken out where [`Run::corrected`].
@@ -112,7 +112,7 @@ pub struct Run {
     pub rays: u64,
     /// Time by phase.
     pub seconds: Phases,
-    /// Their sum but for load and bvh: what a picture costs.
+    /// Their sum but for load and bvh: what an image costs.
     pub render_s: f64,
     /// User and system seconds of the same phases, where known; of an external filter what it said of itself.
     pub cpu_s: Option<f64>,
@@ -130,8 +130,8 @@ pub struct Run {
     pub load: Option<f64>,
     /// Whether a process of its own made it.
     pub fresh: bool,
-    /// Its picture (EXR, of the first seed only), relative to the study's folder.
-    pub picture: Option<String>,
+    /// Its image (EXR, of the first seed only), relative to the study's folder.
+    pub image: Option<String>,
     /// Its sample counts (PNG, white = many), likewise.
     pub sample_map: Option<String>,
     /// The samples per pixel that are white in it.

@@ -5,8 +5,8 @@ use crate::shot::{Order, shoot};
 use crate::subject::name_of;
 use crate::truth::{About, Truth};
 use crate::{Method, Plan, Reference, ScenePlan, StudyError, Subject};
-use dapple_core::{Control, Watch};
-use dapple_renderer::image::{Layer, Picture, encode_exr, write_file};
+use dapple_core::{Control, Monitor};
+use dapple_renderer::image::{Image, Layer, encode_exr, write_file};
 use std::path::{Path, PathBuf};
 
 /// Seeds of the halves: none that a study counts up to.
@@ -106,11 +106,11 @@ fn depth(subject: &Subject) -> String {
     subject.scene.max_depth.map_or("unlimited".into(), |d| d.to_string())
 }
 
-/// Finds the reference, or renders it, and says what its own variance is; `None` where `watch` said stop.
+/// Finds the reference, or renders it, and says what its own variance is; `None` where `monitor` said stop.
 pub(crate) fn obtain(
     wanted: Wanted,
     subject: &Subject,
-    watch: &mut dyn Watch,
+    monitor: &mut dyn Monitor,
 ) -> Result<Option<Reference>, StudyError> {
     let (mut record, path) = match wanted {
         Wanted::File(record) => return Ok(Some(record)),
@@ -121,7 +121,7 @@ pub(crate) fn obtain(
     let kept = kept.filter(|(t, about)| about.says("study-key") == Some(&record.hash) && t.variance.is_some());
     let truth = match kept {
         Some((truth, _)) => Some(truth),
-        None => render(&record, subject, watch)?.map(|truth| keep(&path, truth, &record, subject)).transpose()?,
+        None => render(&record, subject, monitor)?.map(|truth| keep(&path, truth, &record, subject)).transpose()?,
     };
     let Some(truth) = truth else { return Ok(None) };
     record.relmse = truth.own_relmse();
@@ -129,7 +129,7 @@ pub(crate) fn obtain(
 }
 
 /// Two halves by two seeds.
-fn render(record: &Reference, subject: &Subject, watch: &mut dyn Watch) -> Result<Option<Truth>, StudyError> {
+fn render(record: &Reference, subject: &Subject, monitor: &mut dyn Monitor) -> Result<Option<Truth>, StudyError> {
     let pixels = subject.frame()?.pixels() as u64;
     let samples = record.spp.unwrap_or(2) / 2 * pixels;
     let method = Method::new("uniform", record.points.as_deref().unwrap_or("random"), "none");
@@ -137,7 +137,7 @@ fn render(record: &Reference, subject: &Subject, watch: &mut dyn Watch) -> Resul
     for seed in SEEDS {
         let mut stopped = false;
         let mut look = |status: &dapple_core::Status<'_>| {
-            let control = watch.slice(status);
+            let control = monitor.slice(status);
             stopped |= control == Control::Stop;
             control
         };
@@ -157,9 +157,9 @@ fn keep(path: &Path, truth: Truth, record: &Reference, subject: &Subject) -> Res
     attributes.push(("scene", subject.scene.name.clone()));
     attributes.push(("study-relmse", truth.own_relmse().unwrap_or(0.0).to_string()));
     let attributes: Vec<_> = attributes.into_iter().map(|(key, text)| (format!("dapple:{key}"), text)).collect();
-    let mut layers = vec![Layer::of_picture("", &Picture::new(truth.size, truth.mean.clone())?)];
+    let mut layers = vec![Layer::of_image("", &Image::new(truth.size, truth.mean.clone())?)];
     if let Some(variance) = &truth.variance {
-        layers.push(Layer::of_picture("variance", &Picture::new(truth.size, variance.clone())?));
+        layers.push(Layer::of_image("variance", &Image::new(truth.size, variance.clone())?));
     }
     write_file(path, &encode_exr(truth.size, &layers, &attributes)?.bytes)?;
     Ok(truth)

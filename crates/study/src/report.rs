@@ -1,9 +1,9 @@
 //! `summary.csv`, `report.html`, and `summary.md` with `plots`: what a study found, to read, to show, and for other pages.
 
 mod chart;
+mod images;
 mod markdown;
 mod page;
-mod pictures;
 mod plots;
 mod style;
 mod verdicts;
@@ -39,7 +39,7 @@ pub enum ReportError {
 /// The same records give the same bytes.
 ///
 /// # Errors
-/// [`ReportError`]. Pictures that are missing or broken are no error: the page says so.
+/// [`ReportError`]. Images that are missing or broken are no error: the page says so.
 pub fn write_report(folder: &Path) -> Result<Summary, ReportError> {
     let recorded = Recorded::read(folder)?;
     let summary = Summary::of(&recorded);

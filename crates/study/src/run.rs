@@ -5,8 +5,8 @@ use crate::shot::{Order, shoot};
 use crate::subject::View;
 use crate::truth::Truth;
 use crate::{Budget, External, Method, Run, StudyError, Subject};
-use dapple_core::NoWatch;
-use dapple_renderer::image::{Layer, Picture, encode_exr, write_file};
+use dapple_core::NoMonitor;
+use dapple_renderer::image::{Image, Layer, encode_exr, write_file};
 use dapple_renderer::output::sample_map;
 use serde::{Deserialize, Serialize};
 use std::io::Write;
@@ -35,8 +35,8 @@ pub struct Job {
     pub threads: usize,
     /// The study's folder.
     pub folder: PathBuf,
-    /// Where the picture and the sample map go, relative to the folder, without extension; if they are wanted.
-    pub picture: Option<String>,
+    /// Where the image and the sample map go, relative to the folder, without extension; if they are wanted.
+    pub image: Option<String>,
 }
 
 /// Who makes runs.
@@ -50,7 +50,7 @@ pub trait Runner {
 }
 
 /// Makes runs in this process, on the current rayon pool. A scene is read once for all its runs, and warmed up by a
-/// picture that nobody sees.
+/// image that nobody sees.
 pub struct InProcess {
     cpu: fn() -> Option<f64>,
     fresh: bool,
@@ -83,11 +83,11 @@ impl InProcess {
     }
 }
 
-/// The first pictures of a process are slower than those that follow.
+/// The first images of a process are slower than those that follow.
 fn warm_up(subject: &Subject) -> Result<(), StudyError> {
     let samples = WARM_UP_SPP * subject.frame()?.pixels() as u64;
     let method = Method::new("uniform", "sobol", "none");
-    shoot(subject, Order { seed: 0, ..Order::new(&method, samples) }, &mut NoWatch, || None).map(|_| ())
+    shoot(subject, Order { seed: 0, ..Order::new(&method, samples) }, &mut NoMonitor, || None).map(|_| ())
 }
 
 const WARM_UP_SPP: u64 = 2;
@@ -108,7 +108,7 @@ impl Runner for InProcess {
         let (cpu, fresh) = (self.cpu, self.fresh);
         let (external, threads) = (job.external.as_ref(), job.threads);
         let order = Order { seed: job.seed, external, threads, ..Order::new(&job.method, job.asked) };
-        let shot = shoot(self.subject(&job.view)?, order, &mut NoWatch, cpu)?;
+        let shot = shoot(self.subject(&job.view)?, order, &mut NoMonitor, cpu)?;
         let what = || format!("{}, {}, seed {}", job.view.name, job.method, job.seed);
         let Some((_, truth)) = &self.truth else {
             return Err(StudyError::Run { what: what(), why: "there is no reference".into() });
@@ -116,19 +116,19 @@ impl Runner for InProcess {
         let measured = truth.measure(&shot.filtered.radiance);
         let measured = measured.map_err(|e| StudyError::Run { what: what(), why: e.to_string() })?;
         let map = sample_map(&shot.film);
-        if let Some(stem) = &job.picture {
+        if let Some(stem) = &job.image {
             let file = |extension: &str| job.folder.join(format!("{stem}.{extension}"));
             if let Some(folder) = file("exr").parent() {
                 std::fs::create_dir_all(folder)
-                    .map_err(|e| StudyError::file(folder, "make the folder of pictures", e))?;
+                    .map_err(|e| StudyError::file(folder, "make the folder of images", e))?;
             }
             let filtered = &shot.filtered;
-            let picture = Layer::of_picture("", &Picture::new(filtered.size, filtered.radiance.clone())?);
-            write_file(&file("exr"), &encode_exr(filtered.size, &[picture], &attributes(job))?.bytes)?;
+            let image = Layer::of_image("", &Image::new(filtered.size, filtered.radiance.clone())?);
+            write_file(&file("exr"), &encode_exr(filtered.size, &[image], &attributes(job))?.bytes)?;
             write_file(&file("png"), &map.png()?)?;
         }
         let record = shot.film.record();
-        let named = |extension: &str| job.picture.as_ref().map(|stem| format!("{stem}.{extension}"));
+        let named = |extension: &str| job.image.as_ref().map(|stem| format!("{stem}.{extension}"));
         Ok(Run {
             scene: job.view.name.clone(),
             method: job.method.clone(),
@@ -148,14 +148,14 @@ impl Runner for InProcess {
             rejected: record.rejected,
             load,
             fresh,
-            picture: named("exr"),
+            image: named("exr"),
             sample_map: named("png"),
-            white: job.picture.is_some().then_some(map.white),
+            white: job.image.is_some().then_some(map.white),
         })
     }
 }
 
-/// How a picture was made, for its header.
+/// How an image was made, for its header.
 fn attributes(job: &Job) -> Vec<(String, String)> {
     let [w, h] = job.view.resolution;
     let list = [
@@ -213,11 +213,11 @@ pub(crate) fn load_average() -> Option<f64> {
     std::fs::read_to_string("/proc/loadavg").ok()?.split_whitespace().next()?.parse().ok()
 }
 
-/// Where a run's picture goes, relative to the study's folder, without extension. `number` is the method's.
-pub(crate) fn picture_stem(scene: &str, budget: Budget, number: usize) -> String {
+/// Where a run's image goes, relative to the study's folder, without extension. `number` is the method's.
+pub(crate) fn image_stem(scene: &str, budget: Budget, number: usize) -> String {
     let budget = match budget {
         Budget::Spp(n) => format!("spp-{n}"),
         Budget::TimeOf(n) => format!("time-of-{n}"),
     };
-    format!("pictures/{}/{budget}-{number:02}", file_name(scene))
+    format!("images/{}/{budget}-{number:02}", file_name(scene))
 }

@@ -1,12 +1,12 @@
-//! One picture by one method, with what it took.
+//! One image by one method, with what it took.
 
 use crate::{External, Method, Phases, StudyError, Subject};
-use dapple_core::{Error, Film, Filter, Filtered, Limits, Needs, Watch, render};
+use dapple_core::{Error, Film, Filter, Filtered, Limits, Monitor, Needs, render};
 use dapple_renderer::registry::{self, Setting};
 use dapple_renderer::{Stage, integrator};
 use std::time::Instant;
 
-/// What a picture is made of.
+/// What an image is made of.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Order<'a> {
     pub(crate) method: &'a Method,
@@ -26,7 +26,7 @@ impl<'a> Order<'a> {
     }
 }
 
-/// What makes the picture of a film: a filter of ours, or somebody else's.
+/// What makes the image of a film: a filter of ours, or somebody else's.
 enum Finish<'a> {
     Ours(Box<dyn Filter>),
     Theirs(&'a External),
@@ -40,7 +40,7 @@ impl Finish<'_> {
         }
     }
 
-    /// The picture, and the seconds that it took.
+    /// The image, and the seconds that it took.
     fn apply(&self, film: &Film, unit: f64, threads: usize) -> Result<(Filtered, f64), String> {
         match self {
             Self::Ours(filter) => {
@@ -53,7 +53,7 @@ impl Finish<'_> {
     }
 }
 
-/// A picture, and what it took.
+/// An image, and what it took.
 pub(crate) struct Shot {
     pub(crate) film: Film,
     pub(crate) filtered: Filtered,
@@ -63,12 +63,12 @@ pub(crate) struct Shot {
     pub(crate) cpu_s: Option<f64>,
 }
 
-/// Renders as anybody would through the public items, clusters made anew. `watch` is not counted in the times; `cpu`
+/// Renders as anybody would through the public items, clusters made anew. `monitor` is not counted in the times; `cpu`
 /// tells this process' user and system seconds so far.
 pub(crate) fn shoot(
     subject: &Subject,
     order: Order<'_>,
-    watch: &mut dyn Watch,
+    monitor: &mut dyn Monitor,
     cpu: fn() -> Option<f64>,
 ) -> Result<Shot, StudyError> {
     let Order { method, seed, samples, external, threads } = order;
@@ -89,7 +89,7 @@ pub(crate) fn shoot(
     };
     let mut integrator = integrator(&subject.world);
     let limits = Limits::samples(samples);
-    let film = render(&mut *integrator, &mut *sampler, finish.needs(), frame, &limits, watch)
+    let film = render(&mut *integrator, &mut *sampler, finish.needs(), frame, &limits, monitor)
         .map_err(|e: Error| wrong(e.to_string()))?;
     let rendered = cpu();
     let unit = 1.0 / subject.world.space().scale();

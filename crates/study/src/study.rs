@@ -5,7 +5,7 @@ mod manifest;
 
 use crate::ledger::{Ledger, Store};
 use crate::references::{Shelf, Wanted, file_name, obtain, want};
-use crate::run::{Job, Runner, picture_stem};
+use crate::run::{Job, Runner, image_stem};
 use crate::subject::{Subject, View, name_of};
 use crate::truth::Truth;
 use crate::{Budget, Manifest, Method, Plan, PlanError, Run, ScenePlan, SceneRecord, StudyError};
@@ -19,7 +19,7 @@ use std::time::Instant;
 pub enum Ended {
     /// All runs are there.
     Done,
-    /// The watch said stop; the same plan in the same folder goes on.
+    /// The monitor said stop; the same plan in the same folder goes on.
     Stopped,
 }
 
@@ -133,8 +133,8 @@ impl Study {
             let doing = format!("{}: reference", views[at].name);
             let cost = meter.of_reference(&wanted, &views[at]);
             let mut half = Half::default();
-            let mut watch = |status: &Status<'_>| onlooker.look(&meter.progress(&doing, cost * half.share(status)));
-            let Some(record) = obtain(wanted, &subject, &mut watch)? else { return Ok(None) };
+            let mut monitor = |status: &Status<'_>| onlooker.look(&meter.progress(&doing, cost * half.share(status)));
+            let Some(record) = obtain(wanted, &subject, &mut monitor)? else { return Ok(None) };
             meter.add(cost);
             manifest.scenes[at].reference = record;
         }
@@ -212,7 +212,7 @@ impl Study {
             reference: self.folder.join(&self.manifest.scenes[at].reference.file),
             threads: self.plan.threads,
             folder: self.folder.clone(),
-            picture: first.then(|| picture_stem(&view.name, budget, number)),
+            image: first.then(|| image_stem(&view.name, budget, number)),
         }
     }
 

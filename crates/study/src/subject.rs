@@ -2,7 +2,7 @@
 
 use crate::StudyError;
 use crate::digest::Digest;
-use dapple_core::{Frame, Limits, Needs, NoWatch, render};
+use dapple_core::{Frame, Limits, Needs, NoMonitor, render};
 use dapple_renderer::files::{Disk, Files};
 use dapple_renderer::light::LightChoice;
 use dapple_renderer::pbrt::ReadOptions;
@@ -124,7 +124,7 @@ impl Subject {
         self.scene.notices.iter().map(|n| format!("{}: {}", n.source, n.message)).collect()
     }
 
-    /// The whole picture.
+    /// The whole image.
     pub(crate) fn frame(&self) -> Result<Frame, StudyError> {
         let [w, h] = self.view.resolution;
         Frame::new(w, h).map_err(|e| StudyError::Scene(e.to_string()))
@@ -145,10 +145,10 @@ impl Subject {
         let mut sampler = registry::sampler("uniform", points, &Stage::empty()).map_err(|e| wrong(&e))?;
         let limits = Limits::samples(CANARY_SPP * frame.pixels() as u64);
         let mut integrator = integrator(&self.world);
-        let film = render(&mut *integrator, &mut *sampler, Needs::none(), frame, &limits, &mut NoWatch)
+        let film = render(&mut *integrator, &mut *sampler, Needs::none(), frame, &limits, &mut NoMonitor)
             .map_err(|e| wrong(&e))?;
         let mut digest = Digest::new();
-        film.picture().as_flattened().iter().for_each(|v| digest.add(&v.to_bits().to_le_bytes()));
+        film.image().as_flattened().iter().for_each(|v| digest.add(&v.to_bits().to_le_bytes()));
         Ok(digest)
     }
 }

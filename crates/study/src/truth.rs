@@ -1,14 +1,14 @@
-//! A reference in memory, and pictures against it.
+//! A reference in memory, and images against it.
 
 use crate::digest::Digest;
 use crate::{Errors, StudyError};
 use dapple_metrics::{
     NoisyReference, PIXELS_PER_DEGREE, Pixels, RELATIVE_EPSILON, compare, compare_corrected, downsample, flip,
 };
-use dapple_renderer::image::{Channels, Encoding, Plane, read_attributes, read_channels, read_picture};
+use dapple_renderer::image::{Channels, Encoding, Plane, read_attributes, read_channels, read_image};
 use std::path::Path;
 
-/// A reference picture, and its own variance where that is known.
+/// A reference image, and its own variance where that is known.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Truth {
     pub(crate) size: [u32; 2],
@@ -31,7 +31,7 @@ impl About {
     }
 }
 
-/// A picture's errors.
+/// An image's errors.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Measured {
     pub(crate) errors: Errors,
@@ -53,7 +53,7 @@ impl Truth {
     pub(crate) fn read(path: &Path) -> Result<(Self, About), StudyError> {
         let bytes = std::fs::read(path).map_err(|e| StudyError::file(path, "read the reference", e))?;
         let name = path.display().to_string();
-        let picture = read_picture(&bytes, &name, Encoding::Auto)?;
+        let image = read_image(&bytes, &name, Encoding::Auto)?;
         // Other formats say nothing of themselves.
         let attributes = read_attributes(&bytes, &name).unwrap_or_default();
         let about = About { attributes, digest: Digest::of(&bytes) };
@@ -61,7 +61,7 @@ impl Truth {
             Some(_) => variance(&read_channels(&bytes, &name)?),
             None => None,
         };
-        Ok((Self { size: picture.size, mean: picture.pixels, variance }, about))
+        Ok((Self { size: image.size, mean: image.pixels, variance }, about))
     }
 
     /// Averaged down to a size of which its own is a multiple; `None` where it is not.
@@ -104,9 +104,9 @@ impl Truth {
         Some(sum / (3 * self.mean.len()) as f64)
     }
 
-    /// A picture against it; its own variance is taken out of MSE, relMSE and sRGB MSE wherever it is known.
-    pub(crate) fn measure(&self, picture: &[[f32; 3]]) -> Result<Measured, dapple_metrics::Error> {
-        let (x, r) = (Pixels::new(self.size, picture)?, Pixels::new(self.size, &self.mean)?);
+    /// An image against it; its own variance is taken out of MSE, relMSE and sRGB MSE wherever it is known.
+    pub(crate) fn measure(&self, image: &[[f32; 3]]) -> Result<Measured, dapple_metrics::Error> {
+        let (x, r) = (Pixels::new(self.size, image)?, Pixels::new(self.size, &self.mean)?);
         let found = compare(x, r)?;
         let seen = flip(x, r, PIXELS_PER_DEGREE)?.mean;
         let mut errors = Errors {

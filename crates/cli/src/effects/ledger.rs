@@ -4,7 +4,7 @@ use crate::machine::cpu_seconds;
 use crate::stop::Stop;
 use crate::{Failure, Result, scene};
 use dapple_core::samplers::Uniform;
-use dapple_core::{Control, Film, Frame, Limits, Needs, Status, Watch, render};
+use dapple_core::{Control, Film, Frame, Limits, Monitor, Needs, Status, render};
 use dapple_metrics::{Difference, Measured, Pixels, difference};
 use dapple_renderer::registry::{self, Setting};
 use dapple_renderer::scene::Scene;
@@ -12,7 +12,7 @@ use dapple_renderer::{Effect, Effects, World, integrator};
 use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::time::{Duration, Instant};
 
-/// How the pictures are rendered.
+/// How the images are rendered.
 pub(super) struct Settings {
     pub(super) frame: Frame,
     pub(super) spp: u32,
@@ -28,10 +28,10 @@ pub(super) struct Ledger {
     pub(super) seeds: u32,
     /// In the order of [`Effects::called`]; fewer where it was interrupted.
     pub(super) rows: Vec<Row>,
-    /// What the scene's depth costs and cuts off: the picture of unlimited depth beside the scene's. `None` where no
+    /// What the scene's depth costs and cuts off: the image of unlimited depth beside the scene's. `None` where no
     /// depth is set, or no path is long enough to be cut.
     pub(super) beyond_depth: Option<Shares>,
-    /// Seconds of tracing for a picture with every effect: of all threads together where the system tells, else
+    /// Seconds of tracing for an image with every effect: of all threads together where the system tells, else
     /// by the clock on the wall. `None` where nothing was rendered.
     pub(super) seconds: Option<f64>,
     pub(super) interrupted: bool,
@@ -47,17 +47,17 @@ pub(super) struct Row {
 pub(super) struct Shares {
     /// Logarithm of the time with it over the time without it.
     pub(super) log_time: Measured,
-    pub(super) picture: Difference,
+    pub(super) image: Difference,
 }
 
-/// A picture and the seconds that tracing it took.
+/// An image and the seconds that tracing it took.
 struct Render {
     pixels: Vec<[f32; 3]>,
     seconds: f64,
 }
 
 impl Ledger {
-    /// Leaves out each effect in turn. A picture with it and one without it take turns, and which of the two is
+    /// Leaves out each effect in turn. An image with it and one without it take turns, and which of the two is
     /// first alternates with the seed, so that a machine that grows slower favours neither.
     pub(super) fn measure(whole: &Scene, effects: &Effects, settings: &Settings, stop: &Stop) -> Result<Self> {
         let endless = Scene { max_depth: None, ..whole.clone() };
@@ -76,7 +76,7 @@ impl Ledger {
         let with = scene::build(whole, settings.frame.resolution())?;
         let mut seconds = Vec::new();
         if cut || !effects.called().is_empty() {
-            // The first picture finds caches and clocks cold: it is not timed.
+            // The first image finds caches and clocks cold: it is not timed.
             ledger.interrupted = studio.render(&with, 1)?.is_none();
         }
         for called in effects.called() {
@@ -116,11 +116,11 @@ impl Ledger {
 }
 
 impl Shares {
-    /// Of pictures with something and without it.
+    /// Of images with something and without it.
     fn of(settings: &Settings, pairs: Vec<[Render; 2]>) -> Result<Self> {
         let logs: Vec<f64> = pairs.iter().map(|[a, b]| (a.seconds / b.seconds).ln()).collect();
         let (with, without): (Vec<_>, Vec<_>) = pairs.into_iter().map(|[a, b]| (a.pixels, b.pixels)).unzip();
-        Ok(Self { log_time: mean(&logs), picture: differ(settings.frame.size(), &with, &without)? })
+        Ok(Self { log_time: mean(&logs), image: differ(settings.frame.size(), &with, &without)? })
     }
 }
 
@@ -146,7 +146,7 @@ fn mean(values: &[f64]) -> Measured {
     Measured { value: mean, standard_error: (squares / (n - 1.0) / n).sqrt() }
 }
 
-/// Where pictures are rendered, with progress.
+/// Where images are rendered, with progress.
 struct Studio<'s> {
     settings: &'s Settings,
     stop: Stop,
@@ -154,15 +154,15 @@ struct Studio<'s> {
     clock: Instant,
 }
 
-/// Steps of the bar per picture.
+/// Steps of the bar per image.
 const STEPS: u64 = 100;
 
 impl<'s> Studio<'s> {
     fn new(settings: &'s Settings, effects: usize, stop: &Stop) -> Self {
         // Hidden by itself where stderr is no terminal.
         let target = if settings.silent { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr() };
-        let pictures = 1 + 2 * u64::from(settings.seeds) * effects as u64;
-        let bar = ProgressBar::with_draw_target(Some(STEPS * pictures), target);
+        let images = 1 + 2 * u64::from(settings.seeds) * effects as u64;
+        let bar = ProgressBar::with_draw_target(Some(STEPS * images), target);
         if let Ok(style) = ProgressStyle::with_template("{bar:30} {percent:>3} %  {prefix}{msg}") {
             bar.set_style(style);
         }
@@ -178,7 +178,7 @@ impl<'s> Studio<'s> {
         self.bar.inc(STEPS * 2 * u64::from(self.settings.seeds));
     }
 
-    /// Pictures of two worlds with each seed; `None` if somebody wants to stop.
+    /// Images of two worlds with each seed; `None` if somebody wants to stop.
     fn pairs(&mut self, with: &World, without: &World) -> Result<Option<Vec<[Render; 2]>>> {
         let mut pairs = Vec::new();
         for seed in 1..=u64::from(self.settings.seeds) {
@@ -207,20 +207,20 @@ impl<'s> Studio<'s> {
             return Ok(None);
         }
         let seconds = cpu.unwrap_or_else(|| film.record().trace_seconds()).max(1e-9);
-        Ok(Some(Render { pixels: film.picture(), seconds }))
+        Ok(Some(Render { pixels: film.image(), seconds }))
     }
 }
 
-impl Watch for Studio<'_> {
+impl Monitor for Studio<'_> {
     fn slice(&mut self, status: &Status<'_>) -> Control {
         if self.stop.asked() {
             return Control::Stop;
         }
         if !self.bar.is_hidden() {
             let (done, all) = (self.bar.position(), self.bar.length().unwrap_or(1));
-            let picture = done / STEPS * STEPS;
+            let image = done / STEPS * STEPS;
             let share = status.samples as f64 / status.expected.max(1) as f64;
-            let now = picture + ((share * STEPS as f64) as u64).min(STEPS - 1);
+            let now = image + ((share * STEPS as f64) as u64).min(STEPS - 1);
             self.bar.set_position(now);
             if now > 0 {
                 let left = self.clock.elapsed().as_secs_f64() * (all - now) as f64 / now as f64;

@@ -28,7 +28,7 @@ struct Line<'a> {
     interrupted: bool,
     effects: Vec<Entry<'a>>,
     found_by_chance: Option<Reason<'a>>,
-    /// Of the picture of unlimited depth, what lies beyond the scene's; null where no path is cut.
+    /// Of the image of unlimited depth, what lies beyond the scene's; null where no path is cut.
     beyond_depth: Option<Beyond>,
 }
 
@@ -53,7 +53,7 @@ struct Entry<'a> {
     effect: &'static str,
     #[serde(flatten)]
     reason: Reason<'a>,
-    /// Share of the time, 0 to 1, and the half width of its 95 % interval; below 0 where the picture takes longer
+    /// Share of the time, 0 to 1, and the half width of its 95 % interval; below 0 where the image takes longer
     /// without it.
     time_share: Option<Figure>,
     /// Time with it over time without it.
@@ -88,7 +88,7 @@ impl Figures {
         // By the slopes of exp(x) and 1 - exp(-x).
         let time_ratio = Figure { value: ratio, noise: ratio * log.noise };
         let time_share = Figure { value: 1.0 - 1.0 / ratio, noise: log.noise / ratio };
-        let (rel_mse, lost) = (figure(shares.picture.rel_mse), figure(shares.picture.mean_lost));
+        let (rel_mse, lost) = (figure(shares.image.rel_mse), figure(shares.image.mean_lost));
         Self { time_share, time_ratio, rel_mse, lost }
     }
 }
@@ -166,7 +166,7 @@ impl<'a> Told<'a> {
         }];
         if let Some(ledger) = self.ledger.filter(|l| !l.rows.is_empty()) {
             let [w, h] = ledger.resolution;
-            let seconds = ledger.seconds.map_or(String::new(), |s| format!(", {s:.3} s of tracing a picture"));
+            let seconds = ledger.seconds.map_or(String::new(), |s| format!(", {s:.3} s of tracing an image"));
             lines.push(format!(
                 "{w}x{h}, {} spp, {} seeds{seconds}; ± is half a 95 % interval",
                 ledger.spp, ledger.seeds
@@ -209,16 +209,16 @@ impl<'a> Told<'a> {
             _ => String::new(),
         };
         let by = format!("{}: {}{others}", place(&called.source), called.because);
-        let [mut time, mut ratio, mut picture, mut lost] = ["-", "-", "-", "-"].map(str::to_owned);
+        let [mut time, mut ratio, mut image, mut lost] = ["-", "-", "-", "-"].map(str::to_owned);
         if let Some(f) = self.figures(called) {
             time = percent(f.time_share);
             ratio = times(f.time_ratio);
-            picture = format!("{:.2e} ±{:.0e}", f.rel_mse.value, f.rel_mse.noise);
+            image = format!("{:.2e} ±{:.0e}", f.rel_mse.value, f.rel_mse.noise);
             lost = percent(f.lost);
         }
         let why = self.row(called).and_then(|row| row.measured.as_ref().err());
         let by = why.map_or(by.clone(), |why| format!("{by} (cannot be left out: {why})"));
-        [called.effect.name().to_owned(), by, time, ratio, picture, lost]
+        [called.effect.name().to_owned(), by, time, ratio, image, lost]
     }
 }
 

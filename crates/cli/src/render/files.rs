@@ -6,7 +6,7 @@ use super::settings::Settings;
 use crate::output::warn;
 use crate::{Failure, Result};
 use dapple_core::{Frame, Needs};
-use dapple_renderer::image::{Format, ImageError, Picture, check_writable, write_file};
+use dapple_renderer::image::{Format, Image, ImageError, check_writable, write_file};
 use dapple_renderer::image::{encode_exr, encode_pfm, encode_png, rows_at_a_time};
 use dapple_renderer::output::{self, GrayMap};
 use std::path::{Path, PathBuf};
@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 /// What a file shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum What {
-    Picture(Format),
+    Image(Format),
     Samples,
     Error,
     Albedo,
@@ -31,20 +31,20 @@ impl What {
         // What is compressed takes its own size at most.
         let png = |channels: usize| 3 * channels;
         frame.bytes(match self {
-            Self::Picture(Format::Exr) => {
+            Self::Image(Format::Exr) => {
                 let rgb = 1 + usize::from(filtered) + usize::from(needs.variance) + 2 * usize::from(needs.features);
                 let one =
                     1 + usize::from(needs.halves) + usize::from(needs.first_hits > 0) + usize::from(needs.features);
                 let layers = RGB * rgb + 4 * one;
-                // The picture's copy, all layers, the file and what is on its way there; or the layers up to the variance,
+                // The image's copy, all layers, the file and what is on its way there; or the layers up to the variance,
                 // which stands beside means and a copy of its own.
                 let [width, height] = frame.size().map(|n| n as usize);
                 let batch =
                     frame.bytes(layers).min((layers * width * rows_at_a_time()) as u64) / (width * height) as u64;
                 RGB + (2 * layers + batch as usize).max(RGB * (rgb + 2))
             }
-            Self::Picture(Format::Pfm) => RGB + RGB,
-            Self::Picture(_) => RGB + png(3),
+            Self::Image(Format::Pfm) => RGB + RGB,
+            Self::Image(_) => RGB + png(3),
             Self::Samples => 8 + png(1),
             Self::Error | Self::Depth => 8 + 8 + png(1),
             Self::Albedo | Self::Normals => png(3),
@@ -67,11 +67,11 @@ impl Files {
             return Ok(Self { files, exposure: options.exposure });
         }
         for path in &options.outputs {
-            files.push((What::Picture(Format::from_path(path).map_err(Failure::new)?), path.clone()));
+            files.push((What::Image(Format::from_path(path).map_err(Failure::new)?), path.clone()));
         }
         if files.is_empty() {
-            files.push((What::Picture(Format::Exr), PathBuf::from(format!("{scene}.exr"))));
-            files.push((What::Picture(Format::Png), PathBuf::from(format!("{scene}.png"))));
+            files.push((What::Image(Format::Exr), PathBuf::from(format!("{scene}.exr"))));
+            files.push((What::Image(Format::Png), PathBuf::from(format!("{scene}.png"))));
             if settings.adaptive {
                 files.push((What::Samples, PathBuf::from(format!("{scene}-samples.png"))));
             }
@@ -96,13 +96,13 @@ impl Files {
     /// What the files show of the samples, and of `clusters` where there are some.
     pub(super) fn needs(&self, clusters: bool) -> Needs {
         let mut needs = Needs::none();
-        let shown = |(what, _): &(What, PathBuf)| matches!(what, What::Clusters | What::Picture(Format::Exr));
+        let shown = |(what, _): &(What, PathBuf)| matches!(what, What::Clusters | What::Image(Format::Exr));
         if clusters && self.files.iter().any(shown) {
             needs = needs.with_first_hits(1);
         }
         for (what, _) in &self.files {
             match what {
-                What::Picture(Format::Exr) => needs = needs.with_variance(),
+                What::Image(Format::Exr) => needs = needs.with_variance(),
                 What::Albedo | What::Normals | What::Depth => needs = needs.with_features(),
                 _ => {}
             }
@@ -110,7 +110,7 @@ impl Files {
         needs
     }
 
-    /// The most that making the bytes of a file takes besides film and picture. `filtered`: whether the picture is another
+    /// The most that making the bytes of a file takes besides film and image. `filtered`: whether the image is another
     /// than the film's own.
     pub(super) fn memory(&self, frame: &Frame, needs: &Needs, filtered: bool) -> u64 {
         self.files.iter().map(|(what, _)| what.memory(frame, needs, filtered)).max().unwrap_or(0)
@@ -140,8 +140,8 @@ impl Files {
         let ids = || output::cluster_ids(film, report.clusters?);
         let gray = |map: GrayMap, about: String| known(map.png()?, about);
         match what {
-            What::Picture(format) => {
-                let picture = Picture::new(filtered.size, filtered.radiance.clone())?;
+            What::Image(format) => {
+                let image = Image::new(filtered.size, filtered.radiance.clone())?;
                 match format {
                     Format::Exr => {
                         let layers = output::layers(film, filtered, unit, ids());
@@ -150,10 +150,10 @@ impl Files {
                             warn(format!("{}: {} values were too large for it", path.display(), file.clamped));
                         }
                         let names: Vec<&str> = layers.iter().map(|l| l.name.as_str()).skip(1).collect();
-                        known(file.bytes, format!("the picture, with layers {}", names.join(", ")))
+                        known(file.bytes, format!("the image, with layers {}", names.join(", ")))
                     }
-                    Format::Pfm => known(encode_pfm(&picture)?, "the picture".into()),
-                    Format::Png => known(encode_png(&picture, self.exposure)?, "the picture, sRGB".into()),
+                    Format::Pfm => known(encode_pfm(&image)?, "the image".into()),
+                    Format::Png => known(encode_png(&image, self.exposure)?, "the image, sRGB".into()),
                 }
             }
             What::Samples => {

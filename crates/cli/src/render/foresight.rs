@@ -24,7 +24,7 @@ impl Foresight {
     ///
     /// # Errors
     ///
-    /// Where its settings make no picture.
+    /// Where its settings make no image.
     pub(crate) fn new(path: &Path, scene: &mut Scene) -> Result<Self> {
         let options = Words::try_parse_from([OsStr::new("--"), path.as_os_str()]).map_err(Failure::new)?.options;
         let settings = Settings::new(&options, scene)?;

@@ -6,11 +6,11 @@ use crate::info;
 use dapple_checkpoint::Identity;
 use dapple_renderer::scene::Scene;
 
-/// The pair that tells shards of one picture apart.
+/// The pair that tells shards of one image apart.
 pub(crate) const SHARD: &str = "shard";
-/// The pair with what makes the picture of the samples: of shards alone.
+/// The pair with what makes the image of the samples: of shards alone.
 pub(crate) const FILTER: &str = "filter";
-/// The pair with the words that make the same picture again; not compared.
+/// The pair with the words that make the same image again; not compared.
 pub(crate) const WORDS: &str = "words";
 
 /// Everything but the budget, which may be raised, and the number of threads, which changes nothing. `digest` is of all
@@ -41,7 +41,7 @@ pub(super) fn identity(
         ("samples per pixel", format!("{} to {}", settings.limits.min_spp, settings.limits.max_spp)),
     ];
     if let Some(shard) = options.shard {
-        // A checkpoint may end under another filter; one picture has one.
+        // A checkpoint may end under another filter; one image has one.
         pairs.push((FILTER, methods.filter.describe()));
         pairs.push((SHARD, shard.to_string()));
         pairs.push((WORDS, words(options)));
@@ -49,7 +49,7 @@ pub(super) fn identity(
     Identity::new(pairs)
 }
 
-/// The words after `dapple render` that make the same samples, and the same picture of them, as a list in JSON.
+/// The words after `dapple render` that make the same samples, and the same image of them, as a list in JSON.
 fn words(options: &Options) -> String {
     let mut words = vec![options.scene.display().to_string()];
     let mut say = |name: &str, value: String| words.extend([format!("--{name}"), value]);

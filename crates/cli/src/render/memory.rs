@@ -1,6 +1,6 @@
 //! The memory that a render will take, and the refusal of one that does not fit.
 //!
-//! Counted for whatever goes with the size of the picture ([`Memory`]); what is there already is measured where the system
+//! Counted for whatever goes with the size of the image ([`Memory`]); what is there already is measured where the system
 //! tells, and counted elsewhere. Reading a scene is bounded by the length of each of its files alone; its own memory is known
 //! when it has been read.
 
@@ -68,7 +68,7 @@ impl Expected {
 
     /// When everything is made and nothing is traced.
     ///
-    /// `files` are the bytes that making a file takes besides film and picture, `keeps` whether the film is also kept as bytes.
+    /// `files` are the bytes that making a file takes besides film and image, `keeps` whether the film is also kept as bytes.
     pub(super) fn of_render(before: &Self, memory: &Memory, files: u64, keeps: bool) -> Self {
         let [now, most] = machine::resident().unwrap_or([before.scene, 0]);
         let snapshot = if keeps { memory.snapshot() } else { 0 };
@@ -76,7 +76,7 @@ impl Expected {
             ("planning", memory.planning),
             (if keeps { "checkpoint" } else { "plan" }, memory.tracing.saturating_add(snapshot)),
             ("filter", memory.filter.applying),
-            ("files", memory.filter.picture.saturating_add(files)),
+            ("files", memory.filter.image.saturating_add(files)),
         ];
         let scene = now + THREAD * rayon::current_num_threads() as u64;
         Self { scene, film: memory.film, sampler: memory.sampler, stages, before: before.before.max(most) }

@@ -14,7 +14,7 @@ pub(crate) struct Words {
     pub(crate) options: Options,
 }
 
-/// Render a picture, putting samples where it needs them
+/// Render an image, putting samples where it needs them
 ///
 /// SCENE is a pbrt-v4 file, a model by itself (.obj, .ply, .stl: shown under a camera and a light of our own), or
 /// the name of a bundled scene: teapot (the default), terrain, cornell, furnace, plates, lens, motion, glass, room, grass. Nothing is rendered before all settings are checked and all outputs can be written.
@@ -25,7 +25,7 @@ pub(crate) struct Options {
     #[arg(value_name = "SCENE", default_value = bundled::DEFAULT)]
     pub(super) scene: PathBuf,
 
-    /// A picture, by extension: .exr (every layer, settings in the header), .pfm or .png; may be given again
+    /// An image, by extension: .exr (every layer, settings in the header), .pfm or .png; may be given again
     ///
     /// Without any, SCENE.exr and SCENE.png are written to the current folder, and the sample map
     /// SCENE-samples.png where the sampler is adaptive. Files that are there are replaced.
@@ -45,7 +45,7 @@ pub(crate) struct Options {
     #[arg(help_heading = "Method")]
     pub(super) points: String,
 
-    /// What makes the picture of the samples; `dapple filters` lists them. `none` leaves each pixel the mean of its samples
+    /// What makes the image of the samples; `dapple filters` lists them. `none` leaves each pixel the mean of its samples
     #[arg(long, value_name = "NAME[:…]", default_value = "cluster-regression", value_parser = filter)]
     #[arg(help_heading = "Method")]
     pub(super) filter: String,
@@ -54,7 +54,7 @@ pub(crate) struct Options {
     #[arg(long, value_name = "SHAPE", default_value = "scene", help_heading = "Method")]
     pub(super) pixel_filter: PixelShape,
 
-    /// Decides on all random numbers: the same seed gives the same picture, whatever the threads
+    /// Decides on all random numbers: the same seed gives the same image, whatever the threads
     #[arg(long, value_name = "N", default_value_t = 1, help_heading = "Method")]
     pub(super) seed: u64,
 
@@ -82,34 +82,34 @@ pub(crate) struct Options {
     pub(super) max_spp: Option<u32>,
 
     /// Most scattering events between camera and light [default: the scene's]
-    #[arg(long, value_name = "N", help_heading = "Picture")]
+    #[arg(long, value_name = "N", help_heading = "Image")]
     pub(super) max_depth: Option<u32>,
 
-    /// How one of several lights is chosen, or one part of a sky that is a picture [default: cells; with --shard, power]
-    #[arg(long, value_name = "HOW", value_enum, help_heading = "Picture")]
+    /// How one of several lights is chosen, or one part of a sky that is an image [default: cells; with --shard, power]
+    #[arg(long, value_name = "HOW", value_enum, help_heading = "Image")]
     pub(super) light_choice: Option<LightChoice>,
 
     /// Leave an effect out that the scene calls for; may be given again. `dapple effects` lists what it calls for
     ///
-    /// The picture is another, cheaper one: a warning says how it differs, and the file's header that it does.
-    #[arg(long, value_name = "EFFECT", help_heading = "Picture")]
+    /// The image is another, cheaper one: a warning says how it differs, and the file's header that it does.
+    #[arg(long, value_name = "EFFECT", help_heading = "Image")]
     pub(super) without: Vec<Effect>,
 
     /// Width and height in pixels [default: the scene's]
-    #[arg(long, value_name = "WxH", value_parser = resolution, help_heading = "Picture")]
+    #[arg(long, value_name = "WxH", value_parser = resolution, help_heading = "Image")]
     pub(super) resolution: Option<[u32; 2]>,
 
-    /// Render this window only; with --sampler uniform --filter none --light-choice power, the same bits as in the whole picture [default: the scene's]
-    #[arg(long, value_name = "X0,Y0,X1,Y1", value_parser = crop, help_heading = "Picture")]
+    /// Render this window only; with --sampler uniform --filter none --light-choice power, the same bits as in the whole image [default: the scene's]
+    #[arg(long, value_name = "X0,Y0,X1,Y1", value_parser = crop, help_heading = "Image")]
     pub(super) crop: Option<[u32; 4]>,
 
     /// Make PNG files brighter by this many powers of two
-    #[arg(long, value_name = "STOPS", default_value_t = 0.0, value_parser = stops, help_heading = "Picture")]
+    #[arg(long, value_name = "STOPS", default_value_t = 0.0, value_parser = stops, help_heading = "Image")]
     #[arg(allow_negative_numbers = true)]
     pub(super) exposure: f32,
 
     /// A folder for maps as PNG: samples, albedo, normals, depth, and the predicted error with --error
-    #[arg(long, value_name = "DIR", help_heading = "Picture")]
+    #[arg(long, value_name = "DIR", help_heading = "Image")]
     pub(super) maps: Option<PathBuf>,
 
     /// Keep a checkpoint in this file, now and then and at the end: --resume FILE goes on from it, whatever happened
@@ -235,7 +235,7 @@ impl Options {
         }
         let shards = self.outputs.iter().filter(|path| is_shard(path)).count();
         if self.shard.is_some() && (self.outputs.len() > 1 || shards < self.outputs.len()) {
-            return Err("with --shard there is one --output, a .shard file: dapple merge makes pictures of all".into());
+            return Err("with --shard there is one --output, a .shard file: dapple merge makes images of all".into());
         }
         if self.shard.is_none() && shards > 0 {
             return Err("a .shard file is made by --shard I/N".into());
@@ -267,7 +267,7 @@ fn above_zero(word: &str) -> Result<f64, String> {
 fn stops(word: &str) -> Result<f32, String> {
     match word.parse::<f32>() {
         Ok(x) if x.is_finite() => Ok(x),
-        _ => Err("a finite number is wanted, 0 to leave the picture as it is".into()),
+        _ => Err("a finite number is wanted, 0 to leave the image as it is".into()),
     }
 }
 

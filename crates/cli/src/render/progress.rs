@@ -4,7 +4,7 @@ use super::Options;
 use super::checkpoints::Checkpoints;
 use super::settings::Settings;
 use crate::stop::Stop;
-use dapple_core::{Budget, Control, Status, Watch};
+use dapple_core::{Budget, Control, Monitor, Status};
 use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::time::Duration;
 
@@ -17,7 +17,7 @@ pub(super) struct Progress {
     /// Where checkpoints go, if they do.
     pub(super) checkpoints: Option<Checkpoints>,
     pixels: f64,
-    /// The machines that share the picture.
+    /// The machines that share the image.
     shards: f64,
     error: Option<f64>,
     /// The predicted error at the last barrier, and the round it was asked in.
@@ -72,7 +72,7 @@ impl Progress {
     }
 }
 
-impl Watch for Progress {
+impl Monitor for Progress {
     fn slice(&mut self, status: &Status<'_>) -> Control {
         if self.stop.asked() {
             self.end(status);

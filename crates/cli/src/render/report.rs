@@ -27,7 +27,7 @@ impl Seconds {
     }
 }
 
-/// A picture with how it was made.
+/// An image with how it was made.
 pub(super) struct Report<'a> {
     pub(super) settings: &'a Settings,
     pub(super) methods: &'a Methods,
@@ -174,7 +174,7 @@ impl Report<'_> {
         list.into_iter().map(|(key, text)| (format!("dapple:{key}"), filled(text))).collect()
     }
 
-    /// Of the picture: of its samples, and of what made it of them.
+    /// Of the image: of its samples, and of what made it of them.
     fn bias(&self, settings: &Settings) -> String {
         let samples = bias(self.film, settings, self.methods.sampler.a_priori());
         match self.methods.filter.name() {
@@ -184,17 +184,17 @@ impl Report<'_> {
     }
 }
 
-/// Whether samples that are in the picture decided on its counts [Kirk and Arvo 1991].
+/// Whether samples that are in the image decided on its counts [Kirk and Arvo 1991].
 fn bias(film: &Film, settings: &Settings, a_priori: bool) -> &'static str {
     let rounds = &film.record().rounds;
     let decided = rounds.split_last().is_some_and(|(_, deciding)| deciding.iter().any(|round| round.kept));
     match film.combine() {
         _ if matches!(settings.limits.budget, dapple_core::Budget::Error { .. }) => {
-            "biased: the predicted error of the samples in the picture decided when to stop"
+            "biased: the predicted error of the samples in the image decided when to stop"
         }
-        _ if a_priori || !decided => "none: no sample of the picture decided on its counts",
+        _ if a_priori || !decided => "none: no sample of the image decided on its counts",
         Combine::Equally => "none: each half's counts were decided by the other half's samples",
-        _ => "biased: samples that are or were in the picture decided on its counts",
+        _ => "biased: samples that are or were in the image decided on its counts",
     }
 }
 

@@ -11,7 +11,7 @@ use dapple_renderer::{Effect, Effects, Stage};
 /// Mean samples per pixel at which `--error` gives up where no `--max-spp` is given.
 const ERROR_SPP: u32 = 16384;
 
-/// Everything that decides on the picture besides the scene.
+/// Everything that decides on the image besides the scene.
 pub(super) struct Settings {
     pub(super) frame: Frame,
     pub(super) limits: Limits,
@@ -75,7 +75,7 @@ impl Settings {
         let sampler = registry::sampler(&self.sampler, points, stage).map_err(Failure::new)?;
         let filter = registry::filter(&self.filter, stage).map_err(Failure::new)?;
         if let Budget::Seconds(seconds) = &mut self.limits.budget {
-            // Never to nothing: a limit below what clusters took leaves the smallest picture.
+            // Never to nothing: a limit below what clusters took leaves the smallest image.
             *seconds = (*seconds - stage.cluster_seconds()).max(1e-3);
         }
         Ok(Methods { sampler_described: sampler.describe(), sampler, filter })
@@ -121,7 +121,7 @@ fn frame(options: &Options, scene: &Scene) -> Result<Frame> {
     let [w, h] = options.resolution.unwrap_or(full);
     let frame = Frame::new(w, h).map_err(Failure::new)?;
     let scaled = scene.film.crop.map(|[x0, y0, x1, y1]| {
-        // The file's window at another resolution, as pbrt has it: a share of the picture.
+        // The file's window at another resolution, as pbrt has it: a share of the image.
         let share =
             |at: u32, from: u32, to: u32| (u64::from(at) * u64::from(to)).div_ceil(u64::from(from.max(1))) as u32;
         [share(x0, full[0], w), share(y0, full[1], h), share(x1, full[0], w), share(y1, full[1], h)]

@@ -1,4 +1,4 @@
-//! One machine's share of a picture, as a file.
+//! One machine's share of an image, as a file.
 
 use super::Options;
 use super::identity::{FILTER, SHARD, WORDS};
@@ -6,7 +6,7 @@ use super::options::LightChoice;
 use crate::output::{tell, warn};
 use crate::{Failure, Result};
 use dapple_checkpoint::{Contents, Identity, Kind};
-use dapple_core::{Film, Frame, Part, Shard};
+use dapple_core::{Film, Frame, Shard, ShardFilm};
 use dapple_renderer::image::{check_writable, write_file};
 use std::path::{Path, PathBuf};
 
@@ -15,7 +15,7 @@ pub(super) fn file(options: &Options, scene: &str, frame: &Frame) -> Result<Opti
     let Some(shard) = options.shard else { return Ok(None) };
     if options.light_choice() == LightChoice::Cells {
         return Err(Failure::new(
-            "--light-choice cells cannot be shared out among machines: it learns from samples of the whole picture",
+            "--light-choice cells cannot be shared out among machines: it learns from samples of the whole image",
         ));
     }
     let rows = frame.size()[1];
@@ -34,7 +34,7 @@ pub(super) fn write(path: &Path, shard: Shard, film: &Film, identity: Identity, 
         warn(format!("shard {shard} was interrupted, and is not written"));
         return Ok(());
     }
-    let body = Part::new(shard, film).map_err(Failure::new)?.to_bytes();
+    let body = ShardFilm::new(shard, film).map_err(Failure::new)?.to_bytes();
     let contents = Contents { kind: Kind::Shard, identity, body };
     let bytes = contents.to_bytes().map_err(Failure::new)?;
     write_file(path, &bytes).map_err(Failure::new)?;
@@ -42,10 +42,10 @@ pub(super) fn write(path: &Path, shard: Shard, film: &Film, identity: Identity, 
         return Ok(());
     }
     let samples = film.record().samples;
-    tell(format!("{}: shard {shard}, {samples} samples; dapple merge makes the picture of all", path.display()))
+    tell(format!("{}: shard {shard}, {samples} samples; dapple merge makes the image of all", path.display()))
 }
 
-/// What shards of one picture have in common.
+/// What shards of one image have in common.
 pub(crate) fn common(identity: &Identity) -> Identity {
     let pairs = identity.pairs().iter().filter(|(name, _)| name != SHARD && name != WORDS);
     Identity::new(pairs.cloned())

@@ -14,7 +14,7 @@ use std::path::PathBuf;
 /// down does so for all. Each finished run is a line of runs.jsonl in the folder DIR; a study that was stopped or
 /// killed goes on where it was when the same command is given again.
 ///
-/// All pictures are made with a box of one pixel as their pixel filter. References are rendered once, by points that
+/// All images are made with a box of one pixel as their pixel filter. References are rendered once, by points that
 /// no method uses, in two halves whose difference tells their own error.
 #[derive(clap::Args)]
 #[command(after_help = AFTER)]
@@ -54,7 +54,7 @@ pub(crate) struct Options {
     /// A filter that is a program of somebody else's, by the name under which --filters and --method have it; may be given
     /// again
     ///
-    /// It reads the unfiltered picture with albedo and normal (EXR) and writes a picture (EXR or PFM). No shell reads the
+    /// It reads the unfiltered image with albedo and normal (EXR) and writes an image (EXR or PFM). No shell reads the
     /// words. What its last line says as {"seconds": 0.25} is its time, else the wall's.
     #[arg(long, value_name = "NAME=PROGRAM {input} {output}", help_heading = "Methods")]
     external: Vec<External>,
@@ -77,7 +77,7 @@ pub(crate) struct Options {
     #[arg(long, value_name = "N", help_heading = "Budgets")]
     time_of: Option<u64>,
 
-    /// Compare with this picture; given again for each scene, in their order
+    /// Compare with this image; given again for each scene, in their order
     #[arg(long, value_name = "FILE", help_heading = "References", conflicts_with = "reference_spp")]
     reference: Vec<PathBuf>,
 

@@ -1,21 +1,21 @@
 //! The parameters of the sampler that follows the error.
 
-use super::Pool;
+use super::PoolShape;
 use crate::{CellOptions, Error};
-use dapple_core::samplers::Pilot;
+use dapple_core::samplers::PilotPolicy;
 use dapple_core::{Film, Needs};
 
-/// The parameters of [`ErrorDriven`](super::ErrorDriven).
+/// The parameters of [`Adaptive`](super::Adaptive).
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ErrorDrivenOptions {
+pub struct AdaptiveOptions {
     /// Samples per pixel of the pilot; 0 takes 4, or the rung at a quarter of the mean budget where that is more.
-    /// At least 2 otherwise, and 4 with [`Pilot::Cross`], whose halves must each know a variance.
+    /// At least 2 otherwise, and 4 with [`PilotPolicy::Cross`], whose halves must each know a variance.
     pub pilot: u32,
     /// Into how many rounds the rest of the budget is cut, each planned from all samples before it; 0 takes 3 where the
     /// pilot is kept, else 1, since more would leave nothing unbiased.
     pub rounds: u32,
     /// Over what variance is pooled.
-    pub pool: Pool,
+    pub pool: PoolShape,
     /// The window of the pool is `2 radius + 1` pixels squared.
     pub radius: u32,
     /// The pool's weight beside a pixel's own degrees of freedom.
@@ -35,18 +35,18 @@ pub struct ErrorDrivenOptions {
     /// Counts are uniform where they promise no less than this share of the error of uniform ones; 1 adapts always.
     pub gain: f64,
     /// What becomes of the pilot.
-    pub policy: Pilot,
+    pub policy: PilotPolicy,
     /// What makes a cell, where cells are asked for.
     pub cells: CellOptions,
 }
 
-impl Default for ErrorDrivenOptions {
+impl Default for AdaptiveOptions {
     /// What won by ablation on bundled scenes (docs/results/cluster.md).
     fn default() -> Self {
         Self {
             pilot: 0,
             rounds: 0,
-            pool: Pool::Window,
+            pool: PoolShape::Window,
             radius: 2,
             prior: 12.0,
             power: 2.0,
@@ -56,17 +56,17 @@ impl Default for ErrorDrivenOptions {
             cap: 6.0,
             mix: 0.5,
             gain: 0.98,
-            policy: Pilot::Keep,
+            policy: PilotPolicy::Keep,
             cells: CellOptions::default(),
         }
     }
 }
 
-impl ErrorDrivenOptions {
+impl AdaptiveOptions {
     /// Rounds after the pilot.
     pub(super) fn rounds(&self) -> u32 {
         match (self.rounds, self.policy) {
-            (0, Pilot::Keep) => 3,
+            (0, PilotPolicy::Keep) => 3,
             (0, _) => 1,
             (rounds, _) => rounds,
         }
@@ -74,7 +74,7 @@ impl ErrorDrivenOptions {
 
     /// Whether first hits are read: for cells, or for what geometry says.
     pub(super) fn look_at_hits(&self) -> bool {
-        self.pool != Pool::Window || self.geometry > 0.0
+        self.pool != PoolShape::Window || self.geometry > 0.0
     }
 
     /// Says beforehand what a sampler would refuse of them.
@@ -87,7 +87,7 @@ impl ErrorDrivenOptions {
         if self.pilot == 1 {
             return out("pilot", "1".into(), "two samples or more have a variance; 0 chooses");
         }
-        if self.policy == Pilot::Cross && self.pilot != 0 && self.pilot < 4 {
+        if self.policy == PilotPolicy::Cross && self.pilot != 0 && self.pilot < 4 {
             return out("pilot", self.pilot.to_string(), "each of the two halves needs two samples; 0 chooses");
         }
         if self.rounds > 64 {
@@ -119,14 +119,14 @@ impl ErrorDrivenOptions {
                 return out(name, share.to_string(), "a share from 0 to 1");
             }
         }
-        if self.policy != Pilot::Keep && self.rounds > 1 {
+        if self.policy != PilotPolicy::Keep && self.rounds > 1 {
             return out(
                 "rounds",
                 self.rounds.to_string(),
                 "1 unless the pilot is kept: the others would be biased too",
             );
         }
-        if self.policy == Pilot::Cross && self.look_at_hits() {
+        if self.policy == PilotPolicy::Cross && self.look_at_hits() {
             return out("policy", "cross".into(), "keep or discard beside cells: a half's hits would decide on itself");
         }
         self.cells.check()
@@ -142,8 +142,8 @@ pub struct ErrorMap {
     pub name: String,
     /// What the film must record for it.
     pub needs: Needs,
-    /// One number a pixel, row by row: the squared error that is left in the picture made of this film, relative to the
-    /// picture squared, in any unit. What is negative or no number counts as none.
+    /// One number a pixel, row by row: the squared error that is left in the image made of this film, relative to the
+    /// image squared, in any unit. What is negative or no number counts as none.
     pub of: MapErrors,
     /// The most memory that `of` takes, in bytes per pixel.
     pub bytes_per_pixel: usize,

@@ -1,6 +1,6 @@
 //! From what a film shows to counts: pure computations.
 
-use super::{ErrorDriven, FLOOR, Pooling, geometric_variance, relative_variance};
+use super::{Adaptive, FLOOR, Pooling, geometric_variance, relative_variance};
 use crate::Cells;
 use dapple_core::{BudgetLeft, Error, Feedback, Film, Plan, PointSet, RgbMoments, allocate_on_ladder, ladder_floor};
 use rayon::prelude::*;
@@ -11,7 +11,7 @@ const TABLE: u32 = 4096;
 /// Share of the mean score that every pixel has, whatever the pilot saw.
 const SCORE_FLOOR: f64 = 0.01;
 
-impl<P: PointSet> ErrorDriven<P> {
+impl<P: PointSet> Adaptive<P> {
     /// The scores of all pixels, from what `moments` says of each.
     fn scores(&self, film: &Film, moments: impl Fn(usize) -> RgbMoments + Sync + Send) -> Result<Vec<f64>, Error> {
         let o = &self.options;

@@ -7,7 +7,7 @@ use std::ops::Range;
 
 /// Over what a pixel's variance is pooled, besides its own.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Pool {
+pub enum PoolShape {
     /// The pixels around it (FEASIBILITY 1: hard to beat).
     #[default]
     Window,
@@ -17,7 +17,7 @@ pub enum Pool {
     Cell,
 }
 
-impl Pool {
+impl PoolShape {
     /// Its name: `window`, `inside` or `cell`.
     pub const fn name(self) -> &'static str {
         match self {
@@ -32,7 +32,7 @@ impl Pool {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pooling {
     /// Over what.
-    pub pool: Pool,
+    pub pool: PoolShape,
     /// The window is `2 radius + 1` pixels squared.
     pub radius: u32,
     /// The pool's weight beside a pixel's own `n - 1` degrees of freedom; infinite: the pool alone.
@@ -48,12 +48,12 @@ pub struct Pooling {
 /// `v~^q = ((n - 1) v^q + prior pool(v^q)) / (n - 1 + prior)` (FEASIBILITY 4, step 5, has `q = 1`), `v` the sample variance, `q` the power, `n` the count
 /// and `m` the mean over the window. Not negative; 0 where neither a pixel nor its pool has two samples.
 ///
-/// `moments` are row by row, for a picture `size` pixels large. A pool is the variance of its pixels weighted by their
+/// `moments` are row by row, for an image `size` pixels large. A pool is the variance of its pixels weighted by their
 /// degrees of freedom, so that pixels with less than two samples take part in none.
 ///
 /// # Errors
 ///
-/// [`Error::OutOfRange`] where `moments` do not fill the picture, or the pool asks for cells and there are none, or of
+/// [`Error::OutOfRange`] where `moments` do not fill the image, or the pool asks for cells and there are none, or of
 /// another size.
 pub fn relative_variance(
     moments: &[RgbMoments],
@@ -63,27 +63,27 @@ pub fn relative_variance(
 ) -> Result<Vec<f64>, Error> {
     let [w, h] = size.map(|n| n as usize);
     if moments.len() != w * h {
-        return Err(Error::range("moments", moments.len(), "one for each pixel of the picture"));
+        return Err(Error::range("moments", moments.len(), "one for each pixel of the image"));
     }
     let first: Vec<u32> = match (pooling.pool, cells) {
-        (Pool::Window, _) => Vec::new(),
+        (PoolShape::Window, _) => Vec::new(),
         (_, Some(cells)) if cells.pixels() == w * h => (0..w * h).map(|i| cells.of_pixel(i)[0]).collect(),
-        _ => return Err(Error::range("cells", "none of this size", "the cells of this picture")),
+        _ => return Err(Error::range("cells", "none of this size", "the cells of this image")),
     };
     // Whatever goes beyond the window's sums needs every pixel's deviations at hand.
     let terms: Vec<Terms> = match pooling.pool {
-        Pool::Window => Vec::new(),
+        PoolShape::Window => Vec::new(),
         _ => moments.par_iter().with_min_len(SERIAL).map(|m| Terms::of(m, pooling.power)).collect(),
     };
     let of_cells = match pooling.pool {
-        Pool::Cell => over_cells(&terms, &first, cells.map_or(0, Cells::len)),
+        PoolShape::Cell => over_cells(&terms, &first, cells.map_or(0, Cells::len)),
         _ => Vec::new(),
     };
     let score = |i: usize, own: &Terms, sums: &Terms| {
         let pools = match pooling.pool {
-            Pool::Window => sums.pooled(),
-            Pool::Cell => of_cells[first[i] as usize],
-            Pool::Inside => {
+            PoolShape::Window => sums.pooled(),
+            PoolShape::Cell => of_cells[first[i] as usize],
+            PoolShape::Inside => {
                 let (window, inside) = (sums.pooled(), inside(&terms, &first, i, [w, h], pooling.radius as usize));
                 std::array::from_fn(|c| (2.0 * window[c] + inside[c]) / 3.0)
             }
@@ -201,7 +201,7 @@ fn rows_of_task(width: usize, radius: usize) -> usize {
     (SERIAL / width.max(1)).max(2 * radius).max(1)
 }
 
-/// Bytes that so many threads work with in a picture so large: each task's terms of its own rows and of those around, and sums
+/// Bytes that so many threads work with in an image so large: each task's terms of its own rows and of those around, and sums
 /// of its columns.
 pub(super) fn bytes_of_windows([w, h]: [usize; 2], radius: usize, threads: usize) -> usize {
     let own = rows_of_task(w, radius);

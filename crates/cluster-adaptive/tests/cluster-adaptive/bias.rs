@@ -2,8 +2,8 @@
 //! must be caught [Kirk and Arvo 1991].
 
 use crate::common::*;
-use dapple_cluster_adaptive::{ClusterSize, Options, Placement};
-use dapple_conformance::statistics::{Mean, Naive, picture_mean};
+use dapple_cluster_adaptive::{ClusterSize, ClusterThesisOptions, Placement};
+use dapple_conformance::statistics::{Mean, Naive, image_mean};
 use dapple_core::{Budget, Limits, Sampler};
 use dapple_low_discrepancy::Random;
 
@@ -19,19 +19,19 @@ fn truth() -> f64 {
     pixels.sum::<f64>() / f64::from(SIDE * SIDE)
 }
 
-/// Deviation of the picture's mean from the truth in standard errors, over 64 pictures: 63 degrees of
+/// Deviation of the image's mean from the truth in standard errors, over 64 images: 63 degrees of
 /// freedom, so 5 is exceeded with p = 5e-6 and 10 with p < 1e-13.
 fn deviation<S: Sampler>(make: impl Fn(u64) -> S, limits: &Limits) -> f64 {
     let at = frame(SIDE, SIDE);
     let mean = |seed: u64| {
         let mut field = Field(|pixel, u: [f32; 4]| f32::from(u8::from(u[0] < probability(pixel))));
-        picture_mean(&run(&mut field, &mut make(1000 + seed), at, limits).unwrap())
+        image_mean(&run(&mut field, &mut make(1000 + seed), at, limits).unwrap())
     };
     (0..64).map(mean).collect::<Mean>().deviation(truth())
 }
 
 fn ours(seed: u64) -> impl Sampler {
-    probing(seed, Placement::Centre, ClusterSize::ProjectedBox, Options::default())
+    probing(seed, Placement::Centre, ClusterSize::ProjectedBox, ClusterThesisOptions::default())
 }
 
 #[test]
@@ -57,7 +57,7 @@ fn a01_the_naive_rule_is_caught() {
     assert!(z < -10.0, "{z} standard errors");
 }
 
-/// What is seen decides nothing: two pictures without anything in common, the same counts.
+/// What is seen decides nothing: two images without anything in common, the same counts.
 #[test]
 fn counts_do_not_read_radiance() {
     let at = frame(SIDE, SIDE);

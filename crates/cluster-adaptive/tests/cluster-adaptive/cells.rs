@@ -35,7 +35,7 @@ fn ball(x: f32, y: f32) -> Option<FirstHit> {
 }
 
 /// First hits of `per_pixel` probes along the diagonal of each pixel.
-fn picture(per_pixel: usize, surface: impl Fn(f32, f32) -> Option<FirstHit>) -> Vec<Option<FirstHit>> {
+fn image(per_pixel: usize, surface: impl Fn(f32, f32) -> Option<FirstHit>) -> Vec<Option<FirstHit>> {
     let places = (0..SIDE * SIDE).flat_map(|i| (0..per_pixel).map(move |k| (i, (k as f32 + 0.5) / per_pixel as f32)));
     places.map(|(i, offset)| surface((i % SIDE) as f32 + offset, (i / SIDE) as f32 + offset)).collect()
 }
@@ -48,7 +48,7 @@ fn cells(hits: &[Option<FirstHit>]) -> Cells {
 #[test]
 fn b_cells_are_small_at_the_limb_and_hits_add_up() {
     for per_pixel in [1, 4] {
-        let hits = picture(per_pixel, ball);
+        let hits = image(per_pixel, ball);
         let cells = cells(&hits);
         assert_eq!(cells.hits().iter().map(|&n| n as usize).sum::<usize>(), hits.len());
         assert_eq!(cells.pixels(), (SIDE * SIDE) as usize);
@@ -75,7 +75,7 @@ fn b_cells_are_small_at_the_limb_and_hits_add_up() {
 
 #[test]
 fn c_d_numbers_of_primitives_change_nothing() {
-    let hits = picture(2, ball);
+    let hits = image(2, ball);
     let renumbered: Vec<_> = (hits.iter())
         .map(|hit| hit.map(|h| FirstHit { primitive: 99 - h.primitive % 7, shape: h.primitive % 3, ..h }))
         .collect();
@@ -94,7 +94,7 @@ fn c_d_numbers_of_primitives_change_nothing() {
 
 #[test]
 fn e_the_unit_of_length_changes_nothing() {
-    let hits = picture(1, ball);
+    let hits = image(1, ball);
     for scale in [1024.0, 0.125] {
         let scaled: Vec<_> = (hits.iter())
             .map(|hit| {
@@ -128,7 +128,7 @@ fn f_odd_hits_make_cells_all_the_same() {
         let footprint = [0.0, 1e-38, 1e38, f32::INFINITY, 1.0][(y as usize) % 5];
         Some(FirstHit { footprint, ..hit([x, y, 1e30], normal, 0) })
     };
-    let hits = picture(2, edge_on);
+    let hits = image(2, edge_on);
     let cells = cells(&hits);
     assert_eq!(cells.hits().iter().map(|&n| n as usize).sum::<usize>(), hits.len());
     let nothing = Cells::new(&[None], 1, [1, 1], &CellOptions::default()).unwrap();
@@ -137,7 +137,7 @@ fn f_odd_hits_make_cells_all_the_same() {
 
 #[test]
 fn wrong_cells_are_refused() {
-    let hits = picture(1, ball);
+    let hits = image(1, ball);
     for options in [
         CellOptions { edge: 0.0, ..CellOptions::default() },
         CellOptions { edge: f32::NAN, ..CellOptions::default() },
@@ -153,7 +153,7 @@ fn wrong_cells_are_refused() {
 /// A flat floor is cut into squares of a cell's size, whose seams stay: they are all of the greatest size.
 #[test]
 fn a_floor_is_cut_into_squares() {
-    let cells = cells(&picture(1, |x, y| Some(hit([x, y, 0.0], [0.0, 0.0, 1.0], 0))));
+    let cells = cells(&image(1, |x, y| Some(hit([x, y, 0.0], [0.0, 0.0, 1.0], 0))));
     assert_eq!(cells.len(), 36, "96 pixels of 16 along each axis");
     assert!(cells.hits().iter().all(|&n| n == 256));
 }

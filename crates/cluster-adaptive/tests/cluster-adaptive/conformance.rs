@@ -2,25 +2,25 @@
 
 use crate::common::*;
 use dapple_cluster_adaptive::{
-    AreaVectors, ClusterAdaptive, ClusterSize, ErrorDriven, ErrorDrivenOptions, ErrorMap, Map, Options, PixelArea,
-    Placement, Pool,
+    Adaptive, AdaptiveOptions, AreaVectors, ClusterSize, ClusterThesis, ClusterThesisOptions, ErrorMap, PixelArea,
+    Placement, PoolShape, RateMap,
 };
 use dapple_clustering::Triangles;
 use dapple_conformance::{Spending, sampler, sampler_on_frames};
-use dapple_core::samplers::Pilot;
+use dapple_core::samplers::PilotPolicy;
 use dapple_core::{Film, Needs};
 use dapple_low_discrepancy::{Random, Sobol};
 
 #[test]
 fn the_published_combination_conforms() {
-    let published = || probing(1, Placement::Centre, ClusterSize::ProjectedBox, Options::default());
+    let published = || probing(1, Placement::Centre, ClusterSize::ProjectedBox, ClusterThesisOptions::default());
     sampler(|| Box::new(published()));
 }
 
 #[test]
 fn it_conforms_with_probes_made_beforehand() {
     let make = |frame: &dapple_core::Frame| {
-        let made = ClusterAdaptive::published(Sobol::new(5), &probes(frame, Placement::Centre), &clusters());
+        let made = ClusterThesis::published(Sobol::new(5), &probes(frame, Placement::Centre), &clusters());
         Box::new(made.unwrap()) as Box<dyn dapple_core::Sampler>
     };
     sampler_on_frames(make, Spending::Exact);
@@ -35,35 +35,42 @@ fn area_vectors() -> ClusterSize {
 
 #[test]
 fn other_combinations_conform() {
-    let corrected = Options { pixel_area: PixelArea::Footprint, angle: 0.0, distance: 0.0, ..Options::default() };
+    let corrected = ClusterThesisOptions {
+        pixel_area: PixelArea::Footprint,
+        angle: 0.0,
+        distance: 0.0,
+        ..ClusterThesisOptions::default()
+    };
     for (placement, size, options) in [
-        (Placement::Jittered(4), ClusterSize::Hits, Options { map: Map::Identity, ..corrected }),
-        (Placement::Jittered(3), area_vectors(), Options { map: Map::Log, ..corrected }),
-        (Placement::Centre, ClusterSize::ScreenBox(LOOK), Options { min: 1, max: 0, ..corrected }),
-        (Placement::Centre, ClusterSize::ProjectedBox, Options { angle: 3.0, max: 64, ..corrected }),
+        (Placement::Jittered(4), ClusterSize::Hits, ClusterThesisOptions { map: RateMap::Identity, ..corrected }),
+        (Placement::Jittered(3), area_vectors(), ClusterThesisOptions { map: RateMap::Log, ..corrected }),
+        (Placement::Centre, ClusterSize::ScreenBox(LOOK), ClusterThesisOptions { min: 1, max: 0, ..corrected }),
+        (Placement::Centre, ClusterSize::ProjectedBox, ClusterThesisOptions { angle: 3.0, max: 64, ..corrected }),
     ] {
         sampler(|| Box::new(probing(2, placement, size.clone(), options)));
     }
 }
 
-fn error_driven(options: ErrorDrivenOptions) -> ErrorDriven<Sobol> {
-    ErrorDriven::with_options(Sobol::new(6), options).unwrap()
+fn error_driven(options: AdaptiveOptions) -> Adaptive<Sobol> {
+    Adaptive::with_options(Sobol::new(6), options).unwrap()
 }
 
 #[test]
 fn the_error_driven_sampler_conforms() {
-    let default = ErrorDrivenOptions::default();
-    for policy in [Pilot::Keep, Pilot::Discard, Pilot::Cross] {
-        sampler(|| Box::new(error_driven(ErrorDrivenOptions { policy, ..default })));
+    let default = AdaptiveOptions::default();
+    for policy in [PilotPolicy::Keep, PilotPolicy::Discard, PilotPolicy::Cross] {
+        sampler(|| Box::new(error_driven(AdaptiveOptions { policy, ..default })));
     }
 }
 
 #[test]
 fn the_error_driven_sampler_conforms_in_rounds_with_cells_and_by_a_map() {
-    let default = ErrorDrivenOptions::default();
-    let cells = ErrorDrivenOptions { rounds: 3, pool: Pool::Inside, geometry: 2.0, gain: 1.0, ..default };
+    let default = AdaptiveOptions::default();
+    let cells = AdaptiveOptions { rounds: 3, pool: PoolShape::Inside, geometry: 2.0, gain: 1.0, ..default };
     sampler(|| Box::new(error_driven(cells)));
-    sampler(|| Box::new(error_driven(ErrorDrivenOptions { pool: Pool::Cell, policy: Pilot::Discard, ..default })));
+    sampler(|| {
+        Box::new(error_driven(AdaptiveOptions { pool: PoolShape::Cell, policy: PilotPolicy::Discard, ..default }))
+    });
     // Halves that differ: the error of what is shown, with all that can be wrong with it.
     let errors = |film: &Film| {
         Ok((0..film.frame().pixels()).map(|i| film.squared_error(i).map_or(f32::NAN, |e| e[0] as f32)).collect())
@@ -81,7 +88,7 @@ fn the_error_driven_sampler_conforms_in_rounds_with_cells_and_by_a_map() {
 
 #[test]
 fn it_says_what_it_is() {
-    let sampler = probing(1, Placement::Jittered(4), ClusterSize::Hits, Options::default());
+    let sampler = probing(1, Placement::Jittered(4), ClusterSize::Hits, ClusterThesisOptions::default());
     let said = dapple_core::Sampler::describe(&sampler);
     let wanted =
         "cluster-thesis:probes=4,size=hits,pixel=one,map=root,angle=0.25,distance=0.25,min=0,max=0,policy=a-priori";
@@ -91,7 +98,7 @@ fn it_says_what_it_is() {
 #[test]
 fn probes_of_another_frame_are_refused() {
     let probes = probes(&frame(8, 8), Placement::Centre);
-    let mut sampler = ClusterAdaptive::published(Random::new(1), &probes, &clusters()).unwrap();
+    let mut sampler = ClusterThesis::published(Random::new(1), &probes, &clusters()).unwrap();
     let refused = first_counts(&mut sampler, frame(8, 9), 1000, [1, 100]).unwrap_err().to_string();
     assert!(refused.contains("[8, 8]") && refused.contains("[8, 9]"), "{refused}");
     let crop = frame(16, 16).crop(0, 0, 8, 8).unwrap();
@@ -101,7 +108,7 @@ fn probes_of_another_frame_are_refused() {
 #[test]
 fn probing_later_is_probing_before() {
     let size = frame(19, 18);
-    let mut later = probing(3, Placement::Jittered(2), ClusterSize::ProjectedBox, Options::default());
+    let mut later = probing(3, Placement::Jittered(2), ClusterSize::ProjectedBox, ClusterThesisOptions::default());
     let handle = later.handle();
     assert!(handle.cost().is_none());
     let counts = first_counts(&mut later, size, 16 * 342, [1, 1000]).unwrap();
@@ -112,6 +119,7 @@ fn probing_later_is_probing_before() {
     assert_eq!(handle.probes().unwrap().cluster_map().len(), 342);
     let size_of = ClusterSize::ProjectedBox;
     let mut before =
-        ClusterAdaptive::with_options(Random::new(3), &probes, &clusters(), size_of, Options::default()).unwrap();
+        ClusterThesis::with_options(Random::new(3), &probes, &clusters(), size_of, ClusterThesisOptions::default())
+            .unwrap();
     assert_eq!(first_counts(&mut before, size, 16 * 342, [1, 1000]).unwrap(), counts);
 }

@@ -1,8 +1,8 @@
 //! What the sampler that follows the error decides, on made-up films.
 
 use crate::common::*;
-use dapple_cluster_adaptive::{ErrorDriven, ErrorDrivenOptions, ErrorMap, Pool};
-use dapple_core::samplers::Pilot;
+use dapple_cluster_adaptive::{Adaptive, AdaptiveOptions, ErrorMap, PoolShape};
+use dapple_core::samplers::PilotPolicy;
 use dapple_core::{BudgetLeft, Error, Feedback, Film, Frame, Limits, Needs, Plan, Progress, Sampler};
 use dapple_low_discrepancy::{Random, Sobol};
 
@@ -35,13 +35,13 @@ fn planned(sampler: &mut dyn Sampler, film: &Film) -> Result<Vec<u32>, Error> {
     Ok(plan.counts.iter().map(|n| n + PILOT).collect())
 }
 
-fn with(options: ErrorDrivenOptions) -> ErrorDriven<Random> {
-    ErrorDriven::with_options(Random::new(1), options).unwrap()
+fn with(options: AdaptiveOptions) -> Adaptive<Random> {
+    Adaptive::with_options(Random::new(1), options).unwrap()
 }
 
 /// All of the budget planned at once.
-fn one_round() -> ErrorDriven<Random> {
-    with(ErrorDrivenOptions { rounds: 1, ..ErrorDrivenOptions::default() })
+fn one_round() -> Adaptive<Random> {
+    with(AdaptiveOptions { rounds: 1, ..AdaptiveOptions::default() })
 }
 
 /// Share of light that a point of column `x` sees: none left, all right, a penumbra between.
@@ -62,7 +62,7 @@ fn column_mean(counts: &[u32], x: usize) -> f64 {
 #[test]
 fn a_counts_follow_a_penumbra() {
     let seen = film(Needs::none().with_variance(), penumbra);
-    let exponent = ErrorDrivenOptions::default().exponent;
+    let exponent = AdaptiveOptions::default().exponent;
     let counts = planned(&mut one_round(), &seen).unwrap();
     let wanted = |x: usize| {
         let v = lit(x);
@@ -100,7 +100,7 @@ fn what_promises_nothing_is_uniform() {
     let counts = planned(&mut one_round(), &alike).unwrap();
     assert!(counts.iter().all(|&n| n == 32), "{:?}", &counts[..50]);
     // Negative control: adapting always, it follows the pilot's noise.
-    let always = ErrorDrivenOptions { gain: 1.0, rounds: 1, ..ErrorDrivenOptions::default() };
+    let always = AdaptiveOptions { gain: 1.0, rounds: 1, ..AdaptiveOptions::default() };
     assert!(planned(&mut with(always), &alike).unwrap().iter().any(|&n| n != 32));
 }
 
@@ -108,8 +108,8 @@ fn map(needs: Needs, of: impl Fn(&Film) -> Result<Vec<f32>, Error> + Send + 'sta
     ErrorMap { name: "made-up".into(), needs, of: Box::new(of), bytes_per_pixel: 4 }
 }
 
-fn driven(mix: f64, of: impl Fn(&Film) -> Result<Vec<f32>, Error> + Send + 'static) -> ErrorDriven<Random> {
-    let options = ErrorDrivenOptions { mix, rounds: 1, ..ErrorDrivenOptions::default() };
+fn driven(mix: f64, of: impl Fn(&Film) -> Result<Vec<f32>, Error> + Send + 'static) -> Adaptive<Random> {
+    let options = AdaptiveOptions { mix, rounds: 1, ..AdaptiveOptions::default() };
     with(options).with_error_map(map(Needs::none(), of)).unwrap()
 }
 
@@ -145,10 +145,10 @@ fn bad_error_maps_do_no_harm() {
 #[test]
 fn an_error_map_gets_what_it_needs() {
     let needs = Needs::none().with_halves().with_features();
-    let sampler = ErrorDriven::new(Random::new(1)).with_error_map(map(needs, |_| Ok(vec![]))).unwrap();
+    let sampler = Adaptive::new(Random::new(1)).with_error_map(map(needs, |_| Ok(vec![]))).unwrap();
     assert_eq!(sampler.needs(), needs.with_variance());
     assert!(sampler.describe().starts_with("cluster:by=made-up,"));
-    let discard = ErrorDrivenOptions { policy: Pilot::Discard, ..ErrorDrivenOptions::default() };
+    let discard = AdaptiveOptions { policy: PilotPolicy::Discard, ..AdaptiveOptions::default() };
     assert!(with(discard).with_error_map(map(needs, |_| Ok(vec![]))).is_err());
 }
 
@@ -177,17 +177,18 @@ fn variance_pooled_inside_cells_stays_inside() {
         let pooling = Pooling { pool, radius: 2, prior: 6.0, power: 1.0, epsilon: 0.01 };
         relative_variance(&moments, [SIDE as u32; 2], &pooling, Some(&cells)).unwrap()[20 * SIDE + 23]
     };
-    let (window, inside, cell) = (at_border(Pool::Window), at_border(Pool::Inside), at_border(Pool::Cell));
+    let (window, inside, cell) =
+        (at_border(PoolShape::Window), at_border(PoolShape::Inside), at_border(PoolShape::Cell));
     assert_eq!(cell, 0.0, "the quiet cell has no variance");
     assert!(inside > 0.0 && inside < 0.75 * window, "{inside} of {window}");
-    let pooling = Pooling { pool: Pool::Cell, radius: 2, prior: 6.0, power: 1.0, epsilon: 0.01 };
+    let pooling = Pooling { pool: PoolShape::Cell, radius: 2, prior: 6.0, power: 1.0, epsilon: 0.01 };
     assert!(relative_variance(&moments, [SIDE as u32; 2], &pooling, None).is_err());
     assert!(relative_variance(&moments[1..], [SIDE as u32; 2], &pooling, Some(&cells)).is_err());
 }
 
 #[test]
 fn rounds_spend_the_budget_in_equal_steps() {
-    let mut sampler = with(ErrorDrivenOptions { rounds: 3, ..ErrorDrivenOptions::default() });
+    let mut sampler = with(AdaptiveOptions { rounds: 3, ..AdaptiveOptions::default() });
     let mut field = Field(|[x, _]: [u32; 2], u: [f32; 4]| x as f32 * u[0]);
     let at = frame(24, 24);
     let film = run(&mut field, &mut sampler, at, &Limits::samples(32 * 576)).unwrap();
@@ -198,8 +199,8 @@ fn rounds_spend_the_budget_in_equal_steps() {
 #[test]
 fn tiny_budgets_and_frames_are_met() {
     for (w, h, total) in [(1, 1, 1), (1, 1, 5), (3, 1, 4), (7, 5, 35), (7, 5, 36), (8, 8, 64 * 3 + 1)] {
-        for policy in [Pilot::Keep, Pilot::Discard, Pilot::Cross] {
-            let mut sampler = with(ErrorDrivenOptions { policy, ..ErrorDrivenOptions::default() });
+        for policy in [PilotPolicy::Keep, PilotPolicy::Discard, PilotPolicy::Cross] {
+            let mut sampler = with(AdaptiveOptions { policy, ..AdaptiveOptions::default() });
             let film =
                 run(&mut Field(|_, u: [f32; 4]| u[0]), &mut sampler, frame(w, h), &Limits::samples(total)).unwrap();
             assert_eq!(film.record().samples, total, "{w}x{h}, {total}, {policy:?}");
@@ -209,37 +210,37 @@ fn tiny_budgets_and_frames_are_met() {
 
 #[test]
 fn wrong_options_are_refused() {
-    let good = ErrorDrivenOptions::default();
+    let good = AdaptiveOptions::default();
     for bad in [
-        ErrorDrivenOptions { pilot: 1, ..good },
-        ErrorDrivenOptions { pilot: 2, policy: Pilot::Cross, ..good },
-        ErrorDrivenOptions { rounds: 65, ..good },
-        ErrorDrivenOptions { rounds: 2, policy: Pilot::Discard, ..good },
-        ErrorDrivenOptions { radius: 65, ..good },
-        ErrorDrivenOptions { prior: f64::NAN, ..good },
-        ErrorDrivenOptions { power: 0.0, ..good },
-        ErrorDrivenOptions { geometry: f64::INFINITY, ..good },
-        ErrorDrivenOptions { exponent: 0.0, ..good },
-        ErrorDrivenOptions { epsilon: 0.0, ..good },
-        ErrorDrivenOptions { cap: 0.5, ..good },
-        ErrorDrivenOptions { mix: 1.5, ..good },
-        ErrorDrivenOptions { gain: -0.1, ..good },
-        ErrorDrivenOptions { pool: Pool::Cell, policy: Pilot::Cross, ..good },
+        AdaptiveOptions { pilot: 1, ..good },
+        AdaptiveOptions { pilot: 2, policy: PilotPolicy::Cross, ..good },
+        AdaptiveOptions { rounds: 65, ..good },
+        AdaptiveOptions { rounds: 2, policy: PilotPolicy::Discard, ..good },
+        AdaptiveOptions { radius: 65, ..good },
+        AdaptiveOptions { prior: f64::NAN, ..good },
+        AdaptiveOptions { power: 0.0, ..good },
+        AdaptiveOptions { geometry: f64::INFINITY, ..good },
+        AdaptiveOptions { exponent: 0.0, ..good },
+        AdaptiveOptions { epsilon: 0.0, ..good },
+        AdaptiveOptions { cap: 0.5, ..good },
+        AdaptiveOptions { mix: 1.5, ..good },
+        AdaptiveOptions { gain: -0.1, ..good },
+        AdaptiveOptions { pool: PoolShape::Cell, policy: PilotPolicy::Cross, ..good },
     ] {
-        assert!(ErrorDriven::with_options(Random::new(1), bad).is_err(), "{bad:?}");
+        assert!(Adaptive::with_options(Random::new(1), bad).is_err(), "{bad:?}");
     }
-    assert!(ErrorDriven::with_options(Random::new(1), ErrorDrivenOptions { prior: f64::INFINITY, ..good }).is_ok());
+    assert!(Adaptive::with_options(Random::new(1), AdaptiveOptions { prior: f64::INFINITY, ..good }).is_ok());
 }
 
 /// A task of a wide window has the terms of its own rows, 128 or 4 of them, and of those around, and a row of sums, 64 bytes each;
-/// there are no more tasks than the picture's 1024 rows ask for.
+/// there are no more tasks than the image's 1024 rows ask for.
 #[test]
 fn z03_what_threads_work_with_is_counted() {
     let frame = Frame::new(4096, 1024).unwrap();
     let planning = |radius, threads| {
         let memory = || {
-            let options = ErrorDrivenOptions { radius, ..ErrorDrivenOptions::default() };
-            let sampler = ErrorDriven::with_options(Sobol::new(1), options).unwrap();
+            let options = AdaptiveOptions { radius, ..AdaptiveOptions::default() };
+            let sampler = Adaptive::with_options(Sobol::new(1), options).unwrap();
             sampler.memory(&frame, &sampler.needs(), &Limits::samples(8 * frame.pixels() as u64))
         };
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();

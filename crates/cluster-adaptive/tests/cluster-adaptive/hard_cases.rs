@@ -3,16 +3,16 @@
 
 use crate::common::*;
 use dapple_cluster_adaptive::{
-    AreaVectors, BACKGROUND, ClusterAdaptive, ClusterSize, Error, Map, Options, PixelArea, Placement, ProbeHit,
-    ProbeRay, ProbeSource, Probes, importance, probe, projected_box_area, rates,
+    AreaVectors, BACKGROUND, ClusterSize, ClusterThesis, ClusterThesisOptions, Error, PixelArea, Placement, ProbeHit,
+    ProbeRay, ProbeSource, Probes, RateMap, importance, probe, projected_box_area, rates,
 };
 use dapple_clustering::{Cluster, Params, Triangles, cluster as cluster_triangles};
 use dapple_core::Frame;
 use dapple_low_discrepancy::Random;
 
-const MAPS: [Map; 3] = [Map::Identity, Map::Root, Map::Log];
+const MAPS: [RateMap; 3] = [RateMap::Identity, RateMap::Root, RateMap::Log];
 
-/// Half of the picture sees a unit quad in the plane z = 0 from `degrees` above it, the other half a box.
+/// Half of the image sees a unit quad in the plane z = 0 from `degrees` above it, the other half a box.
 fn edge_on(degrees: f64) -> (Probes, Vec<Cluster>, ClusterSize) {
     let clusters = vec![square(1.0), cluster([0.0; 3], [0.5, 0.5, 0.5])];
     let (sin, cos) = degrees.to_radians().sin_cos();
@@ -32,14 +32,14 @@ fn edge_on(degrees: f64) -> (Probes, Vec<Cluster>, ClusterSize) {
 fn k01_edge_on_quads_have_finite_weights() {
     for map in MAPS {
         for boxes in [true, false] {
-            let options = Options { map, angle: 0.0, distance: 0.0, ..Options::default() };
+            let options = ClusterThesisOptions { map, angle: 0.0, distance: 0.0, ..ClusterThesisOptions::default() };
             let at = |degrees: f64| {
                 let (probes, clusters, triangles) = edge_on(degrees);
                 let size = if boxes { ClusterSize::ProjectedBox } else { triangles };
                 let importance = importance(&probes, &clusters, &size, &options).unwrap();
                 assert_eq!(importance.replaced, 0);
                 let mut sampler =
-                    ClusterAdaptive::with_options(Random::new(1), &probes, &clusters, size, options).unwrap();
+                    ClusterThesis::with_options(Random::new(1), &probes, &clusters, size, options).unwrap();
                 let counts = first_counts(&mut sampler, frame(8, 8), 16 * 64, [1, 1000]).unwrap();
                 assert_eq!(sum(&counts), 16 * 64);
                 assert!(counts.iter().all(|n| (12..=32).contains(n)), "{counts:?}");
@@ -127,7 +127,8 @@ fn k09_clusters_nobody_sees_take_nothing() {
     let counts = |clusters: &[Cluster], size: ClusterSize| {
         let probes = probes(&frame(19, 18), Placement::Jittered(2));
         let mut sampler =
-            ClusterAdaptive::with_options(Random::new(1), &probes, clusters, size, Options::default()).unwrap();
+            ClusterThesis::with_options(Random::new(1), &probes, clusters, size, ClusterThesisOptions::default())
+                .unwrap();
         first_counts(&mut sampler, frame(19, 18), 16 * 342 + 5, [1, 1000]).unwrap()
     };
     let mut hidden = clusters();
@@ -147,7 +148,8 @@ fn k10_each_probe_belongs_to_one_class() {
     assert_eq!(none.class_counts(0).unwrap(), [35]);
     assert!(none.cluster_map().iter().all(|&c| c == BACKGROUND));
     for size in [ClusterSize::ProjectedBox, ClusterSize::ScreenBox(LOOK), ClusterSize::Hits] {
-        let mut sampler = ClusterAdaptive::with_options(Random::new(1), &none, &[], size, Options::default()).unwrap();
+        let mut sampler =
+            ClusterThesis::with_options(Random::new(1), &none, &[], size, ClusterThesisOptions::default()).unwrap();
         let counts = first_counts(&mut sampler, frame(7, 5), 16 * 35 + 4, [1, 1000]).unwrap();
         assert_eq!(sum(&counts), 16 * 35 + 4);
         assert!(counts.iter().all(|n| (16..=17).contains(n)), "{counts:?}");
@@ -196,8 +198,8 @@ fn lists_of_the_wrong_length_are_refused_by_name() {
         refused(rates(&probes, &vec![square(1.0); 7], &size, PixelArea::One).map(|_| ()));
     }
     refused(probes.class_counts(7).map(|_| ()));
-    refused(ClusterAdaptive::published(Random::new(1), &probes, &[square(1.0); 7]).map(|_| ()));
-    assert!(ClusterAdaptive::published(Random::new(1), &probes, &[square(1.0); 8]).is_ok());
+    refused(ClusterThesis::published(Random::new(1), &probes, &[square(1.0); 7]).map(|_| ()));
+    assert!(ClusterThesis::published(Random::new(1), &probes, &[square(1.0); 8]).is_ok());
     assert!(probe(&at, Placement::Centre, &Random::new(1), &[BACKGROUND; 16], shoot).is_err());
     // A sampler that probes by itself says so with its first plan.
     let plan = |labels: &[u32], clusters: &[Cluster]| {
@@ -209,7 +211,8 @@ fn lists_of_the_wrong_length_are_refused_by_name() {
             placement: Placement::Centre,
             described: String::new(),
         };
-        let made = ClusterAdaptive::probing(Random::new(1), source, ClusterSize::ProjectedBox, Options::default());
+        let made =
+            ClusterThesis::probing(Random::new(1), source, ClusterSize::ProjectedBox, ClusterThesisOptions::default());
         first_counts(&mut made.unwrap(), at, 256, [1, 100]).map_err(|e| e.to_string())
     };
     assert!(plan(&[0; 6], &[square(1.0)]).unwrap_err().contains("primitive 6"));
@@ -218,9 +221,12 @@ fn lists_of_the_wrong_length_are_refused_by_name() {
     for k in [0, 257] {
         assert!(probe(&at, Placement::Jittered(k), &Random::new(1), &[0; 16], shoot).is_err());
     }
-    for bad in [Options { angle: -1.0, ..Options::default() }, Options { min: 5, max: 4, ..Options::default() }] {
+    for bad in [
+        ClusterThesisOptions { angle: -1.0, ..ClusterThesisOptions::default() },
+        ClusterThesisOptions { min: 5, max: 4, ..ClusterThesisOptions::default() },
+    ] {
         let size = ClusterSize::ProjectedBox;
-        assert!(ClusterAdaptive::with_options(Random::new(1), &probes, &[square(1.0); 8], size, bad).is_err());
+        assert!(ClusterThesis::with_options(Random::new(1), &probes, &[square(1.0); 8], size, bad).is_err());
     }
 }
 
@@ -232,9 +238,9 @@ fn a04_equal_importance_gives_counts_that_differ_by_one() {
     for map in MAPS {
         for total in [527, 528, 8 * 527 + 100, 100 * 527 - 1] {
             let size = ClusterSize::ProjectedBox;
-            let options = Options { map, ..Options::default() };
+            let options = ClusterThesisOptions { map, ..ClusterThesisOptions::default() };
             let mut sampler =
-                ClusterAdaptive::with_options(Random::new(1), &probes, &[square(1.0)], size, options).unwrap();
+                ClusterThesis::with_options(Random::new(1), &probes, &[square(1.0)], size, options).unwrap();
             let counts = first_counts(&mut sampler, at, total, [1, 1000]).unwrap();
             assert_eq!(sum(&counts), total);
             let (least, most) = (counts.iter().min().unwrap(), counts.iter().max().unwrap());
@@ -243,8 +249,8 @@ fn a04_equal_importance_gives_counts_that_differ_by_one() {
     }
 }
 
-fn published(frame: &Frame) -> ClusterAdaptive<Random> {
-    ClusterAdaptive::published(Random::new(1), &probes(frame, Placement::Centre), &clusters()).unwrap()
+fn published(frame: &Frame) -> ClusterThesis<Random> {
+    ClusterThesis::published(Random::new(1), &probes(frame, Placement::Centre), &clusters()).unwrap()
 }
 
 #[test]
@@ -265,7 +271,7 @@ fn a06_tiny_budgets() {
     }
     // Bounds of its own.
     let with = |min, max, total| {
-        let options = Options { min, max, ..Options::default() };
+        let options = ClusterThesisOptions { min, max, ..ClusterThesisOptions::default() };
         let mut sampler = probing(1, Placement::Centre, ClusterSize::ProjectedBox, options);
         first_counts(&mut sampler, at, total, [1, 100])
     };
@@ -308,7 +314,7 @@ fn raised_budgets_keep_the_proportions() {
 #[test]
 fn raised_budgets_stop_at_the_maximum() {
     let at = frame(19, 18);
-    let options = Options { max: 8, ..Options::default() };
+    let options = ClusterThesisOptions { max: 8, ..ClusterThesisOptions::default() };
     let mut sampler = probing(1, Placement::Centre, ClusterSize::ProjectedBox, options);
     let limits = dapple_core::Limits::new(dapple_core::Budget::Recorded(vec![4 * 342, 7 * 342, 20 * 342]));
     let film = run(&mut Field(|_, u: [f32; 4]| u[0]), &mut sampler, at, &limits).unwrap();
@@ -326,9 +332,9 @@ fn scaled_scenes_have_the_same_plan() {
         let scaled = |c: Cluster| Cluster { bounds: c.bounds.map(|p| p.map(|x| scale * x)), ..c };
         let clusters: Vec<Cluster> = clusters().into_iter().map(scaled).collect();
         let probes = probe(&at, Placement::Jittered(2), &Random::new(1), &LABELS, shoot).unwrap();
-        let options = Options { map, pixel_area, ..Options::default() };
+        let options = ClusterThesisOptions { map, pixel_area, ..ClusterThesisOptions::default() };
         let mut sampler =
-            ClusterAdaptive::with_options(Random::new(1), &probes, &clusters, size.clone(), options).unwrap();
+            ClusterThesis::with_options(Random::new(1), &probes, &clusters, size.clone(), options).unwrap();
         first_counts(&mut sampler, at, 17 * 342, [1, 1000]).unwrap()
     };
     for map in MAPS {
@@ -385,7 +391,7 @@ fn loss(counts: &[u32]) -> f64 {
 }
 
 /// The counts for 16 samples per pixel.
-fn planned(mut sampler: ClusterAdaptive<Random>, frame: Frame) -> Vec<u32> {
+fn planned(mut sampler: ClusterThesis<Random>, frame: Frame) -> Vec<u32> {
     first_counts(&mut sampler, frame, 16 * frame.pixels() as u64, [1, u32::MAX]).unwrap()
 }
 
@@ -408,8 +414,8 @@ fn k04_a_teapot_in_a_stadium_is_reported_and_costs_little() {
         };
         let probes = probe(&frame, Placement::Centre, &Random::new(1), found.labels(), from_above).unwrap();
         for size in [ClusterSize::ProjectedBox, ClusterSize::Hits] {
-            let with = Options::default();
-            let sampler = ClusterAdaptive::with_options(Random::new(2), &probes, found.clusters(), size, with).unwrap();
+            let with = ClusterThesisOptions::default();
+            let sampler = ClusterThesis::with_options(Random::new(2), &probes, found.clusters(), size, with).unwrap();
             let counts = planned(sampler, frame);
             assert!(loss(&counts) <= 1.05, "{params:?}: {}", loss(&counts));
         }
@@ -419,9 +425,9 @@ fn k04_a_teapot_in_a_stadium_is_reported_and_costs_little() {
     let frame = frame(32, 32);
     let shoot = |ray: ProbeRay| Some(hit(ray.pixel[1] * 32 + ray.pixel[0]));
     let probes = probe(&frame, Placement::Centre, &Random::new(1), &labels, shoot).unwrap();
-    let with = Options { angle: 0.0, distance: 0.0, ..Options::default() };
+    let with = ClusterThesisOptions { angle: 0.0, distance: 0.0, ..ClusterThesisOptions::default() };
     let sampler =
-        ClusterAdaptive::with_options(Random::new(2), &probes, &sizes, ClusterSize::ProjectedBox, with).unwrap();
+        ClusterThesis::with_options(Random::new(2), &probes, &sizes, ClusterSize::ProjectedBox, with).unwrap();
     let counts = planned(sampler, frame);
     assert!(loss(&counts) > 1.05, "{}", loss(&counts));
 }

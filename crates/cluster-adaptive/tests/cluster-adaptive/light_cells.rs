@@ -89,7 +89,7 @@ fn what_is_learned_goes_with_the_root_of_the_second_moment() {
     for (cell, light) in [(left, 0), (right, 1)] {
         assert!((f64::from(cells.pmf(cell, light)) - wanted).abs() < 0.01, "{} {wanted}", cells.pmf(cell, light));
     }
-    // The order of lessons of the same keys changes nothing that matters; the same notes give the same bits.
+    // The order of training passes of the same keys changes nothing that matters; the same notes give the same bits.
     let mut again = table(2, alike);
     again.learn(known.iter().copied(), alike);
     assert_eq!(again, cells);

@@ -2,8 +2,8 @@
 
 use crate::common::*;
 use dapple_cluster_adaptive::{
-    AreaVectors, ClusterAdaptive, ClusterSize, Map, Options, PixelArea, Placement, ProbeHit, ProbeRay, probe,
-    projected_box_area, published_bounds, rates,
+    AreaVectors, ClusterSize, ClusterThesis, ClusterThesisOptions, PixelArea, Placement, ProbeHit, ProbeRay, RateMap,
+    probe, projected_box_area, published_bounds, rates,
 };
 use dapple_clustering::{Cluster, Triangles};
 use dapple_core::{Film, Limits, samplers::Uniform};
@@ -222,7 +222,7 @@ fn table_4_3_is_met_and_continued() {
     }
 }
 
-/// A floor that fills 3/4 of the picture, and an ornament of clusters a millionth as large.
+/// A floor that fills 3/4 of the image, and an ornament of clusters a millionth as large.
 fn floor_and_ornament(ray: ProbeRay) -> Option<ProbeHit> {
     Some(hit(u32::from(ray.pixel[0] >= 48)))
 }
@@ -234,7 +234,7 @@ fn mse(film: &Film, truth: f64, at: impl Fn(usize) -> bool) -> f64 {
 
 /// MSE of this sampler over that of uniform counts, 8 samples per pixel, 16 seeds, where one of the two
 /// parts carries all the error.
-fn loss(options: Options, noisy: impl Fn(u32) -> bool + Sync) -> f64 {
+fn loss(options: ClusterThesisOptions, noisy: impl Fn(u32) -> bool + Sync) -> f64 {
     let at = frame(64, 64);
     let clusters = [square(1e4), square(1e-2)];
     let probes = probe(&at, Placement::Centre, &Random::new(1), &[0, 1], floor_and_ornament).unwrap();
@@ -245,7 +245,7 @@ fn loss(options: Options, noisy: impl Fn(u32) -> bool + Sync) -> f64 {
         let mut field = Field(checker);
         let size = ClusterSize::ProjectedBox;
         let mut sampler =
-            ClusterAdaptive::with_options(Random::new(2 * seed), &probes, &clusters, size, options).unwrap();
+            ClusterThesis::with_options(Random::new(2 * seed), &probes, &clusters, size, options).unwrap();
         ours += mse(&run(&mut field, &mut sampler, at, &limits).unwrap(), 0.5, |_| true);
         let mut sampler = Uniform::new(Random::new(2 * seed + 1));
         uniform += mse(&run(&mut field, &mut sampler, at, &limits).unwrap(), 0.5, |_| true);
@@ -258,15 +258,15 @@ fn loss(options: Options, noisy: impl Fn(u32) -> bool + Sync) -> f64 {
 /// ratio's standard error is .009, so .04 is more than 4 of them (false alarm below 1e-4, at fixed seeds).
 #[test]
 fn a_textured_floor_loses_by_mean_over_min() {
-    let plain = Options { angle: 0.0, distance: 0.0, ..Options::default() };
+    let plain = ClusterThesisOptions { angle: 0.0, distance: 0.0, ..ClusterThesisOptions::default() };
     let on_the_floor = |x: u32| x < 48;
     let got = loss(plain, on_the_floor);
     assert!((got - 8.0 / 6.0).abs() < 0.04, "{got}");
     // With the default weight for distance, the floor gets a little of the pool: 8 / 6.4.
-    let got = loss(Options::default(), on_the_floor);
+    let got = loss(ClusterThesisOptions::default(), on_the_floor);
     assert!((got - 1.25).abs() < 0.04, "{got}");
     // Where clusters are what is hard, as the method supposes, it wins: 8 / 14 of the error.
-    let got = loss(Options { map: Map::Identity, ..plain }, |x| x >= 48);
+    let got = loss(ClusterThesisOptions { map: RateMap::Identity, ..plain }, |x| x >= 48);
     assert!((got - 8.0 / 14.0).abs() < 0.04, "{got}");
 }
 
@@ -324,9 +324,9 @@ fn the_order_of_triangles_does_not_show() {
         let probes = probe(&frame(128, 128), Placement::Jittered(2), &Random::new(1), found.labels(), shoot).unwrap();
         let vectors = AreaVectors::new(&triangles, found.labels(), found.len()).unwrap();
         let plan = |size| {
-            let options = Options::default();
+            let options = ClusterThesisOptions::default();
             let mut sampler =
-                ClusterAdaptive::with_options(Random::new(1), &probes, found.clusters(), size, options).unwrap();
+                ClusterThesis::with_options(Random::new(1), &probes, found.clusters(), size, options).unwrap();
             let counts = first_counts(&mut sampler, frame(128, 128), 8 << 14, [1, 1000]).unwrap();
             assert_eq!(sum(&counts), 8 << 14);
             counts

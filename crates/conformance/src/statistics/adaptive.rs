@@ -1,7 +1,8 @@
 //! S7: whether deciding on samples shows in their mean.
 
 use dapple_core::{
-    Block, Draws, Error, Estimate, Fate, Feedback, Film, Integrator, Needs, Observed, Plan, PointSet, Progress, Sampler,
+    Block, Draws, Error, Estimate, Feedback, Film, Integrator, Needs, Plan, PointSet, Progress, Retention, Sampler,
+    TrainingLog,
 };
 
 /// The mean of a pixel whose samples are 1 with probability `p`, else 0, that keeps `pilot` samples and goes on to `total`
@@ -25,12 +26,12 @@ fn outcomes(p: f64, pilot: u32) -> [f64; 2] {
     [ones, 1.0 - ones - (1.0 - p).powi(pilot as i32)]
 }
 
-/// A picture whose samples are 1 with this probability and else 0, in every pixel.
+/// An image whose samples are 1 with this probability and else 0, in every pixel.
 #[derive(Clone, Copy, Debug)]
 pub struct Bernoulli(pub f32);
 
 impl Integrator for Bernoulli {
-    fn estimate(&self, draws: &Draws<'_>, _: &mut Observed) -> Estimate {
+    fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
         let [u, ..] = draws.block(Block::new(0));
         Estimate { radiance: [f32::from(u8::from(u < self.0)); 3], first_hit: None, cost: 1 }
     }
@@ -62,7 +63,7 @@ impl<P: PointSet> Sampler for Naive<P> {
     }
 
     fn next_round(&mut self, seen: &Feedback<'_>, plan: &mut Plan) -> Result<Progress, Error> {
-        plan.fate = Fate::Keep;
+        plan.retention = Retention::Keep;
         for (i, n) in plan.counts.iter_mut().enumerate() {
             *n = match seen.round {
                 0 => self.pilot,
@@ -74,8 +75,8 @@ impl<P: PointSet> Sampler for Naive<P> {
     }
 }
 
-/// The mean of a picture's first channel.
-pub fn picture_mean(film: &Film) -> f64 {
+/// The mean of an image's first channel.
+pub fn image_mean(film: &Film) -> f64 {
     let pixels = film.frame().pixels();
     (0..pixels).map(|i| film.mean(i)[0]).sum::<f64>() / pixels as f64
 }

@@ -183,10 +183,10 @@ fn equal_scores_give_counts_that_differ_by_one() {
     assert!(counts.iter().max().unwrap() - counts.iter().min().unwrap() <= 1, "{counts:?}");
 }
 
-/// Whoever the odd samples go to, no part of the picture is preferred: halves of the picture get
+/// Whoever the odd samples go to, no part of the image is preferred: halves of the image get
 /// equal shares within 6 standard errors.
 #[test]
-fn odd_samples_prefer_no_part_of_the_picture() {
+fn odd_samples_prefer_no_part_of_the_image() {
     let counts = allocate(&vec![1.0; 10_000], &vec![1; 10_000], 100, 25_000).unwrap().counts;
     let odd = |part: &[u32]| part.iter().filter(|&&n| n == 3).count() as f64;
     let (first, second) = (odd(&counts[..5000]), odd(&counts[5000..]));

@@ -55,9 +55,9 @@ fn squared_error_is_that_of_the_combined_mean() {
     }
 }
 
-/// The rows of means that are kept at a time are all that the formula asks for: bit for bit, in pictures of any height.
+/// The rows of means that are kept at a time are all that the formula asks for: bit for bit, in images of any height.
 #[test]
-fn predicted_errors_are_those_of_the_whole_picture() {
+fn predicted_errors_are_those_of_the_whole_image() {
     let mut rng = Pcg64Mcg::seed_from_u64(2026);
     for [w, h] in [[1, 1], [5, 1], [1, 2], [1, 5], [2, 3], [7, 4], [6, 11]] {
         let mut film = Film::new(Frame::new(w as u32, h as u32).expect("not empty"), Needs::none().with_halves());

@@ -128,7 +128,7 @@ impl Meter {
                 if predicted <= *relmse || spent >= *at_most {
                     return false;
                 }
-                // Errors fall about as n^-1.2 in pictures; a guess is never trusted beyond twofold.
+                // Errors fall about as n^-1.2 in images; a guess is never trusted beyond twofold.
                 let growth = (predicted / relmse).powf(1.0 / 1.2).clamp(1.125, 2.0);
                 self.total = ((spent as f64 * growth) as u64).min(*at_most);
             }

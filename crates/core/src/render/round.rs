@@ -3,11 +3,11 @@
 use super::Look;
 use crate::allocate::mix;
 use crate::film::{self, Bank, FeatureMoments, REJECTED_LISTED, index, keep_first, reason_to_reject, widen};
-use crate::integrator::Observation;
+use crate::integrator::TrainingSum;
 use crate::snapshot::{Cursor, OpenRound};
 use crate::{
-    Control, Draws, Error, Fate, Film, FirstHit, Integrator, InvalidSample, Limits, Observations, Observed, Plan,
-    PointSet, Rejected, SampleId, streams,
+    Control, Draws, Error, Film, FirstHit, Integrator, InvalidSample, Limits, Plan, PointSet, Rejected, Retention,
+    SampleId, TrainingData, TrainingLog, streams,
 };
 use rayon::prelude::*;
 use std::cell::Cell;
@@ -35,7 +35,7 @@ struct Round<'a> {
     wants_first_hit: bool,
     /// First hits kept per pixel.
     first_hits: usize,
-    observes: bool,
+    wants_training: bool,
     /// The part of each pixel's samples in this slice.
     part: [u32; 2],
 }
@@ -72,11 +72,11 @@ struct Tally {
     rejected: Vec<Rejected>,
     /// The value of the first in order of tracing.
     first_rejected: Option<(SampleId, [f32; 3])>,
-    observations: Vec<(usize, Vec<Observation>)>,
+    observations: Vec<(usize, Vec<TrainingSum>)>,
     panicked: Option<(SampleId, String)>,
 }
 
-/// Whether and where the watch stopped a round.
+/// Whether and where the monitor stopped a round.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Stopped {
     No,
@@ -92,7 +92,7 @@ pub(super) fn trace(
     integrator: &mut dyn Integrator,
     film: &mut Film,
     open: &mut OpenRound,
-    lessons: &mut Vec<Observations>,
+    passes: &mut Vec<TrainingData>,
     began: f64,
     look: &mut Look<'_>,
 ) -> Result<Stopped, Error> {
@@ -100,8 +100,8 @@ pub(super) fn trace(
     let height = film.frame.size()[1];
     let longest = longest_pixel(&open.plan);
     while open.cursor.start < longest {
-        let observes = integrator.observes();
-        let (length, rows) = next_slice(open, film, observes, look.seconds() - began, look.limits);
+        let wants_training = integrator.wants_training();
+        let (length, rows) = next_slice(open, film, wants_training, look.seconds() - began, look.limits);
         let cursor = &mut open.cursor;
         if cursor.row == 0 {
             cursor.end = cursor.start.saturating_add(length).min(longest);
@@ -117,16 +117,16 @@ pub(super) fn trace(
         if cursor.row == 0 {
             cursor.start = cursor.end;
             let mut observed = std::mem::take(&mut open.pending);
-            if observes {
+            if wants_training {
                 observed.sort_by_key(|(row, _)| *row);
                 let rows: Vec<_> = observed.into_iter().map(|(_, sums)| sums).collect();
-                let lesson = Observations::merge(&rows);
-                integrator.learn(&lesson);
-                lessons.push(lesson);
+                let pass = TrainingData::merge(&rows);
+                integrator.learn(&pass);
+                passes.push(pass);
             }
         }
         open.traced_seconds = look.seconds() - began;
-        if look.slice(film, open, lessons) == Control::Stop {
+        if look.slice(film, open, passes) == Control::Stop {
             return Ok(if open.cursor.start < longest { Stopped::Within } else { Stopped::AtEnd });
         }
     }
@@ -141,11 +141,11 @@ fn longest_pixel(plan: &Plan) -> u32 {
 /// Samples per pixel of the slice at the cursor (or of the pass over the rows that it belongs to), and its rows of pixels: by
 /// the rate of this round, which took `seconds` so far. Where a sample of every pixel takes longer than a slice should, it
 /// goes by some rows at a time.
-fn next_slice(open: &OpenRound, film: &Film, observes: bool, seconds: f64, limits: &Limits) -> (u32, u32) {
+fn next_slice(open: &OpenRound, film: &Film, wants_training: bool, seconds: f64, limits: &Limits) -> (u32, u32) {
     let height = film.frame.size()[1];
     let fixed = limits.schedule.slice_spp;
     if fixed > 0 {
-        return (if observes { lesson_length(film) } else { fixed }, height);
+        return (if wants_training { lesson_length(film) } else { fixed }, height);
     }
     let Cursor { start, end, row } = open.cursor;
     let second = open.plan.second_half.iter().flatten();
@@ -154,7 +154,7 @@ fn next_slice(open: &OpenRound, film: &Film, observes: bool, seconds: f64, limit
     // The first rows may be the quickest: what they promise is believed step by step.
     let promised = (traced / seconds.max(1e-3) * SLICE_SECONDS).min(GROWTH * traced);
     let samples = promised.max(FIRST_SLICE);
-    let length = match observes {
+    let length = match wants_training {
         true => lesson_length(film),
         false => (samples / active).clamp(1.0, 65536.0) as u32,
     };
@@ -163,11 +163,11 @@ fn next_slice(open: &OpenRound, film: &Film, observes: bool, seconds: f64, limit
         return (length, height);
     }
     let rows = (f64::from(height) / slices).clamp(1.0, f64::from(height)).round() as u32;
-    (length, if observes { rows.next_multiple_of(BLOCK as u32) } else { rows })
+    (length, if wants_training { rows.next_multiple_of(BLOCK as u32) } else { rows })
 }
 
-/// Samples per pixel until an integrator that observes learns again: as many as there were, so that it
-/// learns from a few early and from many in few lessons. Nothing but the plans decides it.
+/// Samples per pixel until an integrator that wants_training learns again: as many as there were, so that it
+/// learns from a few early and from many in few training passes. Nothing but the plans decides it.
 fn lesson_length(film: &Film) -> u32 {
     let mean = film.record.samples / film.frame.pixels() as u64;
     u32::try_from(mean).unwrap_or(u32::MAX).max(1)
@@ -190,21 +190,21 @@ fn slice(
         plan,
         width,
         origin: film.frame.origin(),
-        streams: match (plan.fate, halves) {
-            (Fate::Keep, false) => [streams::WHOLE; 2],
-            (Fate::Keep, true) => streams::HALVES,
-            (Fate::Discard, false) => [streams::DISCARDED; 2],
-            (Fate::Discard, true) => streams::DISCARDED_HALVES,
+        streams: match (plan.retention, halves) {
+            (Retention::Keep, false) => [streams::WHOLE; 2],
+            (Retention::Keep, true) => streams::HALVES,
+            (Retention::Discard, false) => [streams::DISCARDED; 2],
+            (Retention::Discard, true) => streams::DISCARDED_HALVES,
         },
         wants_first_hit: film.needs.wants_first_hit(),
         first_hits: usize::from(film.needs.first_hits),
-        observes: integrator.observes(),
+        wants_training: integrator.wants_training(),
         part,
     };
     let tile = limits.schedule.tile_rows.max(1) as usize;
-    let tile = if round.observes { tile.next_multiple_of(BLOCK) } else { tile };
+    let tile = if round.wants_training { tile.next_multiple_of(BLOCK) } else { tile };
     let [top, bottom] = rows.map(|row| row as usize * width);
-    let mut bands = bands(film, plan.fate, top..bottom, tile * width);
+    let mut bands = bands(film, plan.retention, top..bottom, tile * width);
     if limits.schedule.shuffle != 0 {
         bands.sort_by_key(|b| mix(b.first as u64 ^ limits.schedule.shuffle));
     }
@@ -215,9 +215,9 @@ fn slice(
 }
 
 /// Cuts these pixels of the film into bands of `size` pixels.
-fn bands(film: &mut Film, fate: Fate, pixels: Range<usize>, size: usize) -> Vec<Band<'_>> {
+fn bands(film: &mut Film, retention: Retention, pixels: Range<usize>, size: usize) -> Vec<Band<'_>> {
     let k = usize::from(film.needs.first_hits);
-    let banks = if fate == Fate::Keep { &mut film.kept } else { &mut film.discarded };
+    let banks = if retention == Retention::Keep { &mut film.kept } else { &mut film.discarded };
     let mut banks: Vec<_> = banks
         .iter_mut()
         .map(|Bank { counts, means, m2, ranges, ahead }| {
@@ -260,10 +260,10 @@ fn trace_band(round: &Round<'_>, mut band: Band<'_>) -> Tally {
     let mut tally = Tally::default();
     let current = Cell::new(None);
     let caught = catch_unwind(AssertUnwindSafe(|| {
-        if round.observes {
+        if round.wants_training {
             trace_blocks(round, &mut band, &mut tally, &current);
         } else {
-            let mut observed = Observed::default();
+            let mut observed = TrainingLog::default();
             for local in 0..band.banks[0].counts.len() {
                 trace_pixel(round, &mut band, local, &mut tally, &mut observed, &current);
             }
@@ -280,12 +280,12 @@ fn trace_band(round: &Round<'_>, mut band: Band<'_>) -> Tally {
 }
 
 /// Goes through the band in blocks of 16x16 pixels, summing up what is observed in each, and then in each row of blocks: what
-/// is kept until the lesson is over is a sum for each key of a row, not of a block.
+/// is kept until the training pass is over is a sum for each key of a row, not of a block.
 fn trace_blocks(round: &Round<'_>, band: &mut Band<'_>, tally: &mut Tally, current: &Cell<Option<SampleId>>) {
     let width = round.width;
     let rows = band.banks[0].counts.len() / width;
     let first_row = band.first / width;
-    let mut observed = Observed::default();
+    let mut observed = TrainingLog::default();
     for top in (0..rows).step_by(BLOCK) {
         let mut blocks = Vec::with_capacity(width.div_ceil(BLOCK));
         for left in (0..width).step_by(BLOCK) {
@@ -296,7 +296,7 @@ fn trace_blocks(round: &Round<'_>, band: &mut Band<'_>, tally: &mut Tally, curre
             }
             blocks.push(observed.summarise());
         }
-        let row = Observations::merge_here(&blocks);
+        let row = TrainingData::merge_here(&blocks);
         tally.observations.push(((first_row + top) / BLOCK, row.into_entries()));
     }
 }
@@ -308,7 +308,7 @@ fn trace_pixel(
     band: &mut Band<'_>,
     local: usize,
     tally: &mut Tally,
-    observed: &mut Observed,
+    observed: &mut TrainingLog,
     current: &Cell<Option<SampleId>>,
 ) {
     let i = band.first + local;
@@ -345,7 +345,7 @@ fn trace_sample(
     pixel: [u32; 2],
     half: usize,
     tally: &mut Tally,
-    observed: &mut Observed,
+    observed: &mut TrainingLog,
     current: &Cell<Option<SampleId>>,
 ) {
     let bank = &mut band.banks[half];
@@ -363,7 +363,7 @@ fn trace_sample(
     };
     tally.samples += 1;
     tally.rays += u64::from(estimate.cost);
-    tally.blocks += u64::from(draws.blocks_asked());
+    tally.blocks += u64::from(draws.blocks_requested());
     bank.push(local, radiance);
     if round.wants_first_hit {
         record_first_hit(band, local, round.first_hits, estimate.first_hit.as_ref());
@@ -421,7 +421,7 @@ fn record_first_hit(band: &mut Band<'_>, local: usize, k: usize, hit: Option<&Fi
     }
     if k > 0 {
         // Kept and discarded samples alike fill the places in the order in which they come; this
-        // bank's indices tell which place is next as long as one fate is used, which is the rule.
+        // bank's indices tell which place is next as long as one retention is used, which is the rule.
         let seen = band.banks.iter().map(|b| index(b.counts[local], b.ahead.get(local))).sum::<u64>() - 1;
         if seen < k as u64 {
             band.first_hits[local * k + seen as usize] = hit.copied();
@@ -435,7 +435,7 @@ fn settle(
     tallies: Vec<Tally>,
     limits: &Limits,
     points: &dyn PointSet,
-    observed: &mut Vec<(usize, Vec<Observation>)>,
+    observed: &mut Vec<(usize, Vec<TrainingSum>)>,
 ) -> Result<Option<(SampleId, String)>, Error> {
     let mut panicked = None;
     for tally in tallies {

@@ -1,6 +1,6 @@
 //! The stopping rule of Blender's Cycles.
 
-use super::Pilot;
+use super::PilotPolicy;
 use crate::{Error, Feedback, Film, Frame, Limits, Needs, Plan, PointSet, Progress, Sampler, SamplerMemory, allocate};
 
 /// What ends the refinement of [`Cycles`].
@@ -184,7 +184,7 @@ impl<P: PointSet> Sampler for Cycles<P> {
         }
         let (threshold, min) = self.options.resolved(seen.budget.total / seen.pixels() as u64);
         let first = min.max(seen.budget.min_spp).min(seen.budget.max_spp);
-        if !Pilot::Keep.begin(seen, first, plan).is_missing {
+        if !PilotPolicy::Keep.begin(seen, first, plan).is_missing {
             self.refine(seen, threshold, plan)?;
         }
         Ok(if plan.total() == 0 { Progress::Done } else { Progress::Trace })

@@ -1,11 +1,11 @@
 //! The samples that a sampler looks at before its counts adapt.
 
-use crate::{Budget, Combine, Fate, Feedback, Frame, Limits, Plan, ladder_floor};
+use crate::{Budget, Combine, Feedback, Frame, Limits, Plan, Retention, ladder_floor};
 
-/// What becomes of the pilot, and so what bias the picture has.
+/// What becomes of the pilot, and so what bias the image has.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Pilot {
-    /// The pilot stays in the picture: least noise. Biased, since samples that are kept also decide
+pub enum PilotPolicy {
+    /// The pilot stays in the image: least noise. Biased, since samples that are kept also decide
     /// how many follow [Kirk and Arvo 1991]; the bias falls with the pilot's size, and pooling over
     /// neighbours dilutes a pixel's own vote to 1/25.
     #[default]
@@ -19,7 +19,7 @@ pub enum Pilot {
     Cross,
 }
 
-impl Pilot {
+impl PilotPolicy {
     /// Its name on the command line.
     pub const fn name(self) -> &'static str {
         match self {
@@ -34,7 +34,7 @@ impl Pilot {
     }
 
     /// Whether these limits pay for the pilot and nothing else, so that no counts are planned: `wanted` as for
-    /// [`Pilot::begin`].
+    /// [`PilotPolicy::begin`].
     pub fn is_all(self, wanted: u32, frame: &Frame, limits: &Limits) -> bool {
         let Budget::Samples(total) = limits.budget else { return false };
         let pixels = frame.pixels() as u64;
@@ -67,7 +67,7 @@ impl Pilot {
         }
         let is_missing = plan.total() > 0 && plan.total() <= budget.left();
         if is_missing {
-            plan.fate = if self == Self::Discard { Fate::Discard } else { Fate::Keep };
+            plan.retention = if self == Self::Discard { Retention::Discard } else { Retention::Keep };
         } else {
             plan.counts.fill(0);
         }
@@ -84,7 +84,7 @@ pub struct PilotRound {
     pub is_missing: bool,
 }
 
-/// Pilot where nothing else is said: enough for pooling over 25 pixels, few enough for 8 spp.
+/// PilotPolicy where nothing else is said: enough for pooling over 25 pixels, few enough for 8 spp.
 const PILOT: u32 = 4;
 
 fn clamped(n: u64) -> u32 {

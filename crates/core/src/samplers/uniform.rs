@@ -1,6 +1,8 @@
 //! The same number of samples for every pixel.
 
-use crate::{Budget, Error, Fate, Feedback, Frame, Limits, Needs, Plan, PointSet, Progress, Sampler, SamplerMemory};
+use crate::{
+    Budget, Error, Feedback, Frame, Limits, Needs, Plan, PointSet, Progress, Retention, Sampler, SamplerMemory,
+};
 
 /// The same number of samples for every pixel; what the budget leaves over goes to pixels picked by a
 /// hash of their number, one each.
@@ -42,7 +44,7 @@ impl<P: PointSet> Sampler for Uniform<P> {
         if seen.budget.left() == 0 {
             return Ok(Progress::Done);
         }
-        plan.fate = Fate::Keep;
+        plan.retention = Retention::Keep;
         // Counts so far may already differ by one, from a budget that was raised: level to the total.
         let wanted = super::level(seen, seen.budget.total)?;
         for (i, (count, wanted)) in plan.counts.iter_mut().zip(wanted).enumerate() {

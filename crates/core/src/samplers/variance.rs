@@ -1,6 +1,6 @@
 //! Neyman allocation from a pilot whose variance is pooled over neighbours.
 
-use super::Pilot;
+use super::PilotPolicy;
 use crate::{
     BudgetLeft, Error, Feedback, Frame, Limits, Needs, Plan, PointSet, Progress, RgbMoments, Sampler, SamplerMemory,
     allocate_on_ladder,
@@ -10,24 +10,24 @@ use crate::{
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct VarianceOptions {
     /// Samples per pixel of the pilot; 0 takes 4, or a quarter of the mean budget where that is more.
-    /// At least 2 otherwise, and 4 with [`Pilot::Cross`], whose halves must each know a variance.
+    /// At least 2 otherwise, and 4 with [`PilotPolicy::Cross`], whose halves must each know a variance.
     pub pilot: u32,
     /// Variance and mean are pooled over `2 radius + 1` pixels squared.
     pub radius: u32,
     /// Errors are taken to fall as `n^-exponent`: 1 for independent samples; 1.3 measured best for
-    /// Owen-scrambled nets in pictures (FEASIBILITY 1).
+    /// Owen-scrambled nets in images (FEASIBILITY 1).
     pub exponent: f64,
     /// Relative errors are `error / (mean^2 + epsilon)`.
     pub epsilon: f64,
     /// No pixel gets more than this many times the mean count.
     pub cap: f64,
     /// What becomes of the pilot.
-    pub policy: Pilot,
+    pub policy: PilotPolicy,
 }
 
 impl Default for VarianceOptions {
     fn default() -> Self {
-        Self { pilot: 0, radius: 2, exponent: 1.3, epsilon: 0.01, cap: 6.0, policy: Pilot::Keep }
+        Self { pilot: 0, radius: 2, exponent: 1.3, epsilon: 0.01, cap: 6.0, policy: PilotPolicy::Keep }
     }
 }
 
@@ -37,8 +37,8 @@ impl Default for VarianceOptions {
 /// 5x5 pixels; then the counts that minimise the predicted relMSE, on a ladder of well-stratified
 /// prefixes. *Guarantees*: exact budget; no pixel below the pilot or the floor; a pixel whose pilot
 /// saw no variance still takes part with a hundredth of the mean score. *Weaknesses*: a light that
-/// the pilot of a whole neighbourhood misses is not searched for; the picture is slightly biased
-/// unless [`Pilot::Discard`] or [`Pilot::Cross`] is chosen. Raw 4-sample variances would be useless
+/// the pilot of a whole neighbourhood misses is not searched for; the image is slightly biased
+/// unless [`PilotPolicy::Discard`] or [`PilotPolicy::Cross`] is chosen. Raw 4-sample variances would be useless
 /// (1.2 to 3.3 times the error of uniform sampling); pooling repairs them nearly to the oracle.
 pub struct Variance<P> {
     points: P,
@@ -66,7 +66,7 @@ impl<P: PointSet> Variance<P> {
         if o.pilot == 1 {
             return out("pilot", "1".into(), "two samples or more have a variance; 0 chooses");
         }
-        if o.policy == Pilot::Cross && o.pilot != 0 && o.pilot < 4 {
+        if o.policy == PilotPolicy::Cross && o.pilot != 0 && o.pilot < 4 {
             return out("pilot", o.pilot.to_string(), "each of the two halves needs two samples; 0 chooses");
         }
         if !(o.exponent > 0.0 && o.exponent <= 3.0) {
@@ -85,7 +85,7 @@ impl<P: PointSet> Variance<P> {
     }
 
     fn needs_halves(&self) -> bool {
-        self.options.policy == Pilot::Cross
+        self.options.policy == PilotPolicy::Cross
     }
 
     /// The scores of all pixels: pooled relative variance, from what `moments` says of each.
@@ -198,7 +198,7 @@ impl<P: PointSet> Sampler for Variance<P> {
         let crosses = if self.needs_halves() { 12 } else { 0 };
         let plans = !self.options.policy.is_all(self.options.pilot, frame, limits);
         let memory = SamplerMemory::planning(frame, self.needs_halves(), if plans { scores + crosses } else { 0 });
-        if self.options.policy == Pilot::Discard { memory.with_discarded(frame, needs, limits) } else { memory }
+        if self.options.policy == PilotPolicy::Discard { memory.with_discarded(frame, needs, limits) } else { memory }
     }
 
     fn points(&self) -> &dyn PointSet {
@@ -214,9 +214,9 @@ impl<P: PointSet> Sampler for Variance<P> {
             return Ok(Progress::Trace);
         }
         match policy {
-            Pilot::Keep => self.plan_kept(seen, plan, even)?,
-            Pilot::Discard => self.plan_after_discarding(seen, plan, even)?,
-            Pilot::Cross => self.plan_across(seen, plan)?,
+            PilotPolicy::Keep => self.plan_kept(seen, plan, even)?,
+            PilotPolicy::Discard => self.plan_after_discarding(seen, plan, even)?,
+            PilotPolicy::Cross => self.plan_across(seen, plan)?,
         }
         // Nothing to add where the ceiling holds every pixel.
         Ok(if plan.total() == 0 { Progress::Done } else { Progress::Trace })

@@ -4,7 +4,7 @@ use super::Broken;
 use super::bytes::{Reader, Writer};
 use crate::film::{Bank, FeatureMoments, REJECTED_LISTED};
 use crate::{
-    Combine, Film, FirstHit, Frame, Needs, Observation, Record, Rejected, RejectedReason, RoundRecord, SampleId,
+    Combine, Film, FirstHit, Frame, Needs, Record, Rejected, RejectedReason, RoundRecord, SampleId, TrainingSum,
 };
 
 /// Bytes that a film takes, about.
@@ -243,7 +243,7 @@ fn take_hits(from: &mut Reader<'_>, count: usize) -> Result<Vec<Option<FirstHit>
 }
 
 /// What was observed: each entry four numbers.
-pub(crate) fn put_observations(to: &mut Writer, entries: &[Observation]) {
+pub(crate) fn put_observations(to: &mut Writer, entries: &[TrainingSum]) {
     to.number(entries.len() as u64);
     for e in entries {
         to.number([e.key, e.count]);
@@ -251,12 +251,12 @@ pub(crate) fn put_observations(to: &mut Writer, entries: &[Observation]) {
     }
 }
 
-pub(crate) fn take_observations(from: &mut Reader<'_>) -> Result<Vec<Observation>, Broken> {
+pub(crate) fn take_observations(from: &mut Reader<'_>) -> Result<Vec<TrainingSum>, Broken> {
     let count = from.count(32)?;
     let one = |from: &mut Reader<'_>| {
         let [key, count] = from.number()?;
         let [sum, sum_of_squares] = from.number()?;
-        Ok(Observation { key, count, sum, sum_of_squares })
+        Ok(TrainingSum { key, count, sum, sum_of_squares })
     };
     (0..count).map(|_| one(from)).collect()
 }

@@ -2,9 +2,9 @@
 //! the control that must be caught.
 
 use crate::common::*;
-use dapple_conformance::statistics::{Bernoulli, FAMILY, Mean, Naive, Verdict, critical, kept, picture_mean, power};
-use dapple_core::samplers::{Pilot, Variance, VarianceOptions};
-use dapple_core::{Fate, Feedback, Integrator, Limits, Needs, Plan, Progress, Sampler};
+use dapple_conformance::statistics::{Bernoulli, FAMILY, Mean, Naive, Verdict, critical, image_mean, kept, power};
+use dapple_core::samplers::{PilotPolicy, Variance, VarianceOptions};
+use dapple_core::{Feedback, Integrator, Limits, Needs, Plan, Progress, Retention, Sampler};
 
 const P: f32 = 0.1;
 
@@ -17,7 +17,7 @@ fn measure<S: Sampler>(make: impl Fn(u64) -> S, spp: u64, side: u32) -> Mean {
 fn means_of<S: Sampler>(scene: &mut dyn Integrator, make: impl Fn(u64) -> S, spp: u64, side: u32) -> Mean {
     let size = frame(side, side);
     let limits = Limits::samples(spp * size.pixels() as u64);
-    (0..64).map(|seed| picture_mean(&run(scene, &mut make(seed), Needs::none(), size, &limits).unwrap())).collect()
+    (0..64).map(|seed| image_mean(&run(scene, &mut make(seed), Needs::none(), size, &limits).unwrap())).collect()
 }
 
 /// 5 standard errors with 63 degrees of freedom: p = 5e-6 a test; 10: p < 1e-13.
@@ -25,14 +25,14 @@ fn deviation(mean: Mean) -> f64 {
     mean.deviation(f64::from(P))
 }
 
-fn variance_sampler(policy: Pilot, radius: u32, seed: u64) -> Variance<Independent> {
+fn variance_sampler(policy: PilotPolicy, radius: u32, seed: u64) -> Variance<Independent> {
     let options = VarianceOptions { policy, radius, pilot: 4, ..VarianceOptions::default() };
     Variance::with_options(Independent::new(seed), options).unwrap()
 }
 
 #[test]
 fn a01_discarding_and_crossing_are_unbiased() {
-    for policy in [Pilot::Discard, Pilot::Cross] {
+    for policy in [PilotPolicy::Discard, PilotPolicy::Cross] {
         for radius in [0, 1] {
             let got = measure(|seed| variance_sampler(policy, radius, 100 + seed), 10, 128);
             assert!(deviation(got).abs() < 5.0, "{policy:?}, radius {radius}: {got:?}");
@@ -43,7 +43,7 @@ fn a01_discarding_and_crossing_are_unbiased() {
 /// The default policy is biased, and says so: the harness must see it where a pixel decides alone.
 #[test]
 fn a01_keeping_is_biased() {
-    let got = measure(|seed| variance_sampler(Pilot::Keep, 0, 200 + seed), 10, 64);
+    let got = measure(|seed| variance_sampler(PilotPolicy::Keep, 0, 200 + seed), 10, 64);
     assert!(deviation(got) < -10.0, "{got:?}");
 }
 
@@ -56,7 +56,7 @@ fn a01_the_naive_rule_is_caught_and_meets_its_closed_form() {
     assert!(mean.against(P.into()).p() < 1e-12, "the naive rule is not caught: {mean:?}");
     assert!(mean.against(closed).p() > FAMILY, "{mean:?} instead of {closed}");
     // What the tests of the unbiased policies can see in 2^20 pixels: 3 % of the truth, where the naive rule is 61 % off.
-    let got = measure(|seed| variance_sampler(Pilot::Discard, 0, 100 + seed), 10, 128);
+    let got = measure(|seed| variance_sampler(PilotPolicy::Discard, 0, 100 + seed), 10, 128);
     let power = power(0.03 * f64::from(P) / got.standard_error(), 5e-6, 63.0);
     assert!(power > 0.99, "{power}: {got:?}");
 }
@@ -72,7 +72,7 @@ fn lognormal(_: [u32; 2], u: [f32; 4]) -> [f32; 3] {
 fn a02_heavy_tails_stop_early() {
     let stops = |seed: u64| {
         let plan = |seen: &Feedback<'_>, plan: &mut Plan| {
-            plan.fate = Fate::Keep;
+            plan.retention = Retention::Keep;
             for (i, n) in plan.counts.iter_mut().enumerate() {
                 let moments = seen.film.moments(i);
                 let count = moments.count as f64;
@@ -85,7 +85,7 @@ fn a02_heavy_tails_stop_early() {
     };
     let naive = means_of(&mut Field(lognormal), stops, 400, 16);
     assert!((0.85..0.95).contains(&naive.mean) && naive.deviation(1.0) < -10.0, "{naive:?}");
-    for policy in [Pilot::Discard, Pilot::Cross] {
+    for policy in [PilotPolicy::Discard, PilotPolicy::Cross] {
         let got = means_of(&mut Field(lognormal), |seed| variance_sampler(policy, 0, 700 + seed), 16, 64);
         assert!(got.against(1.0).p() > FAMILY, "{policy:?}: {got:?}");
     }
@@ -95,7 +95,7 @@ fn a02_heavy_tails_stop_early() {
 #[test]
 #[ignore = "T2: 6e7 samples"]
 fn a02_heavy_tails_leave_unbiased_policies_within_a_third_of_a_percent() {
-    for policy in [Pilot::Discard, Pilot::Cross] {
+    for policy in [PilotPolicy::Discard, PilotPolicy::Cross] {
         let got = means_of(&mut Field(lognormal), |seed| variance_sampler(policy, 0, 800 + seed), 32, 128);
         // Student's quantile with 63 degrees of freedom is 1.044 of the normal one.
         let verdict = got.equals(1.0, 0.003, 1.05 * critical(1e-3));
@@ -103,7 +103,7 @@ fn a02_heavy_tails_leave_unbiased_policies_within_a_third_of_a_percent() {
     }
 }
 
-/// One sample of a million in a picture of little: no pixel takes more than its cap, and the others not less than the pilot.
+/// One sample of a million in an image of little: no pixel takes more than its cap, and the others not less than the pilot.
 #[test]
 fn a12_one_firefly() {
     let firefly = |pixel: [u32; 2], u: [f32; 4]| [if pixel == [7, 9] && u[3] < 0.2 { 1e6 } else { 0.5 + u[0] }; 3];
@@ -112,7 +112,7 @@ fn a12_one_firefly() {
         let film = run(&mut Field(firefly), &mut sampler, Needs::none(), size, &Limits::samples(32 * 576)).unwrap();
         film.counts().into_iter().max().unwrap()
     };
-    for policy in [Pilot::Keep, Pilot::Discard, Pilot::Cross] {
+    for policy in [PilotPolicy::Keep, PilotPolicy::Discard, PilotPolicy::Cross] {
         for radius in [0, 2] {
             let options = VarianceOptions { policy, radius, pilot: 4, cap: 2.0, ..VarianceOptions::default() };
             for seed in 0..20 {
@@ -126,8 +126,8 @@ fn a12_one_firefly() {
             }
         }
     }
-    // Control: under a higher cap one pixel takes more, in some pictures.
-    let most = (0..20).map(|seed| most_of(variance_sampler(Pilot::Keep, 0, seed)));
+    // Control: under a higher cap one pixel takes more, in some images.
+    let most = (0..20).map(|seed| most_of(variance_sampler(PilotPolicy::Keep, 0, seed)));
     assert!(most.max() > Some(2 * 32 + 2));
 }
 
@@ -135,7 +135,7 @@ fn a12_one_firefly() {
 #[test]
 fn a01_crossing_with_weights_by_count_is_caught() {
     let by_count = |seed| {
-        let mut inner = variance_sampler(Pilot::Cross, 0, 400 + seed);
+        let mut inner = variance_sampler(PilotPolicy::Cross, 0, 400 + seed);
         let needs = inner.needs();
         let plan = move |seen: &Feedback<'_>, plan: &mut Plan| {
             let progress = inner.next_round(seen, plan).unwrap();
@@ -161,29 +161,29 @@ fn a03_zero_variance_pilot() {
                 let film = film.unwrap();
                 let alone = (0..4096).filter(|&i| film.count(i) <= 4).count();
                 assert_eq!(alone, 0, "{policy:?}: {alone} pixels were stopped by a pilot without variance");
-                picture_mean(&film)
+                image_mean(&film)
             })
             .collect();
         runs.into_iter().collect()
     };
     // Even where few pixels that saw something could take all: what saw nothing keeps a say.
-    for policy in [Pilot::Keep, Pilot::Discard, Pilot::Cross] {
+    for policy in [PilotPolicy::Keep, PilotPolicy::Discard, PilotPolicy::Cross] {
         let options = VarianceOptions { policy, pilot: 4, cap: 20.0, ..VarianceOptions::default() };
         let mut sampler = Variance::with_options(Independent::new(500), options).unwrap();
         let film = run(&mut Field(field), &mut sampler, Needs::none(), size, &Limits::samples(64 * 4096)).unwrap();
         let least = film.counts().into_iter().min().unwrap();
         assert!(least > 4, "{policy:?}: {least}");
     }
-    for policy in [Pilot::Discard, Pilot::Cross] {
+    for policy in [PilotPolicy::Discard, PilotPolicy::Cross] {
         let mean = means(policy);
         assert!(mean.deviation(1e-3).abs() < 5.0, "{policy:?}: {mean:?}");
     }
 }
 
 #[test]
-fn a04_constant_pictures_are_sampled_uniformly() {
+fn a04_constant_images_are_sampled_uniformly() {
     for value in [0.0, 0.5, 1e30] {
-        for policy in [Pilot::Keep, Pilot::Discard, Pilot::Cross] {
+        for policy in [PilotPolicy::Keep, PilotPolicy::Discard, PilotPolicy::Cross] {
             let size = frame(13, 11);
             for total in [4 * 143, 10 * 143 + 7, 33 * 143 + 1] {
                 let mut sampler = Variance::with_options(
@@ -196,10 +196,10 @@ fn a04_constant_pictures_are_sampled_uniformly() {
                 let counts = film.counts();
                 let (least, most) = (counts.iter().min().unwrap(), counts.iter().max().unwrap());
                 // A pixel's halves may each differ by one.
-                let allowed = if policy == Pilot::Cross { 2 } else { 1 };
+                let allowed = if policy == PilotPolicy::Cross { 2 } else { 1 };
                 assert!(most - least <= allowed, "{value}, {policy:?}, {total}: {least} .. {most}");
                 assert_eq!(film.record().samples, total);
-                assert!(film.picture().iter().flatten().all(|x| *x == value));
+                assert!(film.image().iter().flatten().all(|x| *x == value));
             }
         }
     }

@@ -2,9 +2,9 @@
 
 use crate::common::{Independent, Planned, mix};
 use dapple_conformance as conformance;
-use dapple_core::samplers::{Cycles, CyclesOptions, Pilot, Stop, Uniform, Variance, VarianceOptions};
+use dapple_core::samplers::{Cycles, CyclesOptions, PilotPolicy, Stop, Uniform, Variance, VarianceOptions};
 use dapple_core::{
-    Error, Fate, Feedback, Film, Filter, Filtered, Needs, Plan, PointSet, Progress, Sampler, Unfiltered,
+    Error, Feedback, Film, Filter, Filtered, Needs, Plan, PointSet, Progress, Retention, Sampler, Unfiltered,
 };
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -16,7 +16,7 @@ fn uniform_conforms() {
 
 #[test]
 fn variance_conforms_under_every_policy() {
-    for policy in [Pilot::Keep, Pilot::Discard, Pilot::Cross] {
+    for policy in [PilotPolicy::Keep, PilotPolicy::Discard, PilotPolicy::Cross] {
         for (pilot, exponent) in [(0, 1.3), (5, 1.0)] {
             let options = VarianceOptions { policy, pilot, exponent, ..VarianceOptions::default() };
             conformance::sampler(|| Box::new(Variance::with_options(Independent::new(1), options).unwrap()));
@@ -112,7 +112,7 @@ fn broken_samplers_are_rejected() {
     rejected(
         || {
             planned(|s, p| {
-                p.fate = Fate::Discard;
+                p.retention = Retention::Discard;
                 level(s, p, s.budget.total)
             })
         },
@@ -220,35 +220,35 @@ fn broken_filters_are_rejected() {
         assert!(message.contains(expected), "rejected for {message:?}, not for {expected:?}");
     };
     let scaled = |film: &Film| {
-        let mut picture = unfiltered(film);
-        picture.radiance.iter_mut().flatten().for_each(|v| *v *= 1.001);
-        picture
+        let mut image = unfiltered(film);
+        image.radiance.iter_mut().flatten().for_each(|v| *v *= 1.001);
+        image
     };
     rejected(scaled, Needs::none(), "of a constant");
     let divides = |film: &Film| {
-        let mut picture = unfiltered(film);
-        for (i, x) in picture.radiance.iter_mut().enumerate() {
+        let mut image = unfiltered(film);
+        for (i, x) in image.radiance.iter_mut().enumerate() {
             *x = x.map(|v| v * film.count(i) as f32 / film.count(i) as f32);
         }
-        picture
+        image
     };
     rejected(divides, Needs::none(), "NaN");
     let squares = |film: &Film| {
-        let mut picture = unfiltered(film);
-        picture.radiance.iter_mut().flatten().for_each(|v| *v = (*v * *v).sqrt());
-        picture
+        let mut image = unfiltered(film);
+        image.radiance.iter_mut().flatten().for_each(|v| *v = (*v * *v).sqrt());
+        image
     };
     rejected(squares, Needs::none(), "inf");
     let short = |film: &Film| {
-        let mut picture = unfiltered(film);
-        picture.radiance.pop();
-        picture
+        let mut image = unfiltered(film);
+        image.radiance.pop();
+        image
     };
     rejected(short, Needs::none(), "number of pixels");
     let threads = |film: &Film| {
-        let mut picture = unfiltered(film);
-        picture.error = Some(vec![rayon::current_num_threads() as f32; picture.radiance.len()]);
-        picture
+        let mut image = unfiltered(film);
+        image.error = Some(vec![rayon::current_num_threads() as f32; image.radiance.len()]);
+        image
     };
     rejected(threads, Needs::none(), "threads give other bits");
     rejected(unfiltered, Needs::none().with_variance(), "not refused");

@@ -2,21 +2,21 @@
 
 use crate::common::*;
 use dapple_conformance::bits;
-use dapple_core::samplers::{Pilot, Uniform, Variance, VarianceOptions};
+use dapple_core::samplers::{PilotPolicy, Uniform, Variance, VarianceOptions};
 use dapple_core::{
-    Block, Budget, Control, Draws, Error, Estimate, Fate, Feedback, Film, Frame, Integrator, Limits, Needs,
-    Observations, Observed, Plan, Progress, Schedule, Status, render, streams,
+    Block, Budget, Control, Draws, Error, Estimate, Feedback, Film, Frame, Integrator, Limits, Needs, Plan, Progress,
+    Retention, Schedule, Status, TrainingData, TrainingLog, render, streams,
 };
 use std::io::Write as _;
 use std::sync::Mutex;
 use std::time::Instant;
 
-fn adaptive(policy: Pilot) -> Variance<Independent> {
+fn adaptive(policy: PilotPolicy) -> Variance<Independent> {
     Variance::with_options(Independent::new(7), VarianceOptions { policy, ..VarianceOptions::default() }).unwrap()
 }
 
-fn picture(limits: &Limits) -> Vec<u64> {
-    let policies = [Pilot::Keep, Pilot::Discard, Pilot::Cross];
+fn image(limits: &Limits) -> Vec<u64> {
+    let policies = [PilotPolicy::Keep, PilotPolicy::Discard, PilotPolicy::Cross];
     policies
         .into_iter()
         .flat_map(|policy| {
@@ -28,9 +28,9 @@ fn picture(limits: &Limits) -> Vec<u64> {
 #[test]
 fn d01_thread_count() {
     let limits = Limits::samples(12 * 23 * 37 + 11);
-    let one = on_threads(1, || picture(&limits));
+    let one = on_threads(1, || image(&limits));
     for threads in [2, 3, 7, 16, 64] {
-        assert!(on_threads(threads, || picture(&limits)) == one, "{threads} threads");
+        assert!(on_threads(threads, || image(&limits)) == one, "{threads} threads");
     }
     // Negative control: another seed is seen.
     let film = |seed| {
@@ -51,11 +51,11 @@ fn d01_thread_count() {
 #[test]
 fn d02_tile_size_and_order() {
     let mut limits = Limits::samples(12 * 23 * 37 + 11);
-    let one = picture(&limits);
+    let one = image(&limits);
     for tile_rows in [0, 1, 7, 16, 64, u32::MAX] {
         for (slice_spp, shuffle) in [(1, 0), (13, 9), (0, 77), (u32::MAX, 1)] {
             limits.schedule = Schedule { tile_rows, slice_spp, shuffle };
-            assert!(picture(&limits) == one, "{:?}", limits.schedule);
+            assert!(image(&limits) == one, "{:?}", limits.schedule);
         }
     }
 }
@@ -69,7 +69,7 @@ fn hash(bits: &[u64]) -> u64 {
 #[test]
 fn d03_child() {
     if std::env::var_os("DAPPLE_D03_CHILD").is_some() {
-        let hash = hash(&picture(&Limits::samples(12 * 23 * 37 + 11)));
+        let hash = hash(&image(&Limits::samples(12 * 23 * 37 + 11)));
         writeln!(std::io::stdout(), "hash={hash:016x}=").unwrap();
     }
 }
@@ -87,7 +87,7 @@ fn d03_process_to_process() {
         text.split("hash=").nth(1).and_then(|t| t.split('=').next()).expect("a hash").to_owned()
     };
     let hashes: Vec<String> = (0..20).map(child).collect();
-    let here = format!("{:016x}", hash(&picture(&Limits::samples(12 * 23 * 37 + 11))));
+    let here = format!("{:016x}", hash(&image(&Limits::samples(12 * 23 * 37 + 11))));
     assert!(hashes.iter().all(|h| *h == here), "{here}: {hashes:?}");
 }
 
@@ -119,8 +119,9 @@ fn d06_panic_in_a_worker() {
 #[test]
 fn d08_odd_pools() {
     let limits = Limits::samples(5 * 21);
-    let film =
-        || bits(&run(&mut Field(noise), &mut adaptive(Pilot::Keep), Needs::none(), frame(7, 3), &limits).unwrap());
+    let film = || {
+        bits(&run(&mut Field(noise), &mut adaptive(PilotPolicy::Keep), Needs::none(), frame(7, 3), &limits).unwrap())
+    };
     let outside = film();
     for threads in [0, 1, 50] {
         assert!(on_threads(threads, film) == outside, "{threads} threads");
@@ -139,7 +140,7 @@ fn r02_sizes() {
     for [w, h] in [[1, 1], [1, 4097], [4097, 1], [7, 13]] {
         let film = run(
             &mut Field(noise),
-            &mut adaptive(Pilot::Keep),
+            &mut adaptive(PilotPolicy::Keep),
             Needs::none(),
             frame(w, h),
             &Limits::samples(u64::from(w * h) * 3 + 1),
@@ -157,9 +158,9 @@ fn r02_sizes() {
     }
 }
 
-/// Pictures of 2^32 pixels and more are refused; the last window of the largest one is the right one.
+/// Images of 2^32 pixels and more are refused; the last window of the largest one is the right one.
 #[test]
-fn z01_pictures_of_many_pixels() {
+fn z01_images_of_many_pixels() {
     assert!(matches!(Frame::new(70_000, 70_000), Err(Error::FrameTooLarge { .. })));
     let all = Frame::new(65_537, 65_535).unwrap();
     assert_eq!(all.pixels() as u64, u64::from(u32::MAX));
@@ -260,13 +261,13 @@ fn a_watch_stops_between_slices_and_leaves_whole_pixels() {
     limits.schedule.slice_spp = 13;
     let stop_after = |calls: u32, limits: &Limits| -> Film {
         let mut called = 0;
-        let mut watch = |status: &Status<'_>| {
+        let mut monitor = |status: &Status<'_>| {
             called += 1;
             assert_eq!(status.samples, status.film.counts().iter().sum::<u64>());
             if called == calls { Control::Stop } else { Control::Continue }
         };
         let mut sampler = Uniform::new(Independent::new(5));
-        render(&mut Field(noise), &mut sampler, Needs::none().with_variance(), frame(10, 10), limits, &mut watch)
+        render(&mut Field(noise), &mut sampler, Needs::none().with_variance(), frame(10, 10), limits, &mut monitor)
             .unwrap()
     };
     let film = stop_after(3, &limits);
@@ -286,7 +287,7 @@ fn a_watch_stops_between_slices_and_leaves_whole_pixels() {
 fn ids(sampler: &mut dyn dapple_core::Sampler, needs: Needs, spp: u64) -> Vec<(u32, u64)> {
     struct Spy(Mutex<Vec<(u32, u64)>>);
     impl Integrator for Spy {
-        fn estimate(&self, draws: &Draws<'_>, _: &mut Observed) -> Estimate {
+        fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
             self.0.lock().unwrap().push((draws.id().stream, draws.id().index));
             Estimate { radiance: [draws.block(Block::new(0))[0]; 3], first_hit: None, cost: 1 }
         }
@@ -305,7 +306,7 @@ fn samples_of_halves_go_to_their_streams() {
     let whole: Vec<(u32, u64)> = (0..9).map(|i| (streams::WHOLE, i)).collect();
     assert_eq!(ids(&mut Uniform::new(Independent::new(1)), Needs::none(), 9), whole);
     // Discarded samples have streams of their own; kept ones stay a prefix.
-    let traced = ids(&mut adaptive(Pilot::Discard), Needs::none(), 12);
+    let traced = ids(&mut adaptive(PilotPolicy::Discard), Needs::none(), 12);
     let kept: Vec<u64> = traced.iter().filter(|s| s.0 == streams::WHOLE).map(|s| s.1).collect();
     let discarded: Vec<u64> = traced.iter().filter(|s| s.0 == streams::DISCARDED).map(|s| s.1).collect();
     assert!(kept.iter().copied().eq(0..kept.len() as u64) && discarded.iter().copied().eq(0..4));
@@ -314,11 +315,11 @@ fn samples_of_halves_go_to_their_streams() {
 
 /// Learns the mean of what it noted, and shifts its next estimates by it.
 struct Learner {
-    learned: Vec<Observations>,
+    learned: Vec<TrainingData>,
 }
 
 impl Integrator for Learner {
-    fn estimate(&self, draws: &Draws<'_>, observed: &mut Observed) -> Estimate {
+    fn estimate(&self, draws: &Draws<'_>, observed: &mut TrainingLog) -> Estimate {
         let u = draws.block(Block::new(0));
         observed.note(u64::from(draws.pixel()[0] / 5), u[0]);
         observed.note(1000 + (u[1] * 10.0) as u64, u[2] * 0.1);
@@ -328,11 +329,11 @@ impl Integrator for Learner {
         Estimate { radiance: [u[0] + shift as f32; 3], first_hit: None, cost: 1 }
     }
 
-    fn observes(&self) -> bool {
+    fn wants_training(&self) -> bool {
         true
     }
 
-    fn learn(&mut self, round: &Observations) {
+    fn learn(&mut self, round: &TrainingData) {
         self.learned.push(round.clone());
     }
 }
@@ -349,7 +350,7 @@ fn learning_does_not_depend_on_threads_or_tiles() {
         (learner.learned, bits(&film))
     };
     let one = draw(1, Schedule::default());
-    // 1850 pixels: lessons of 1, 1 and the odd samples, then as many as there were.
+    // 1850 pixels: training passes of 1, 1 and the odd samples, then as many as there were.
     let noted: Vec<u64> = one.0.iter().map(|o| o.entries().iter().map(|e| e.count).sum()).collect();
     // Two notes a sample; what is no number is dropped.
     assert_eq!(noted[..2], [2 * 1850; 2]);
@@ -378,7 +379,7 @@ fn exhausted_points_are_refused_before_tracing() {
     assert!(draw(&mut Field(noise), halves, 128).is_ok());
     assert!(matches!(draw(&mut never, halves, 129), Err(Error::SequenceExhausted { asked: 65, .. })));
     for (spp, fits) in [(128, true), (129, false)] {
-        let mut sampler = once(points, Fate::Discard, vec![spp; 4]);
+        let mut sampler = once(points, Retention::Discard, vec![spp; 4]);
         let discarded = run(&mut Field(noise), &mut sampler, halves, frame(2, 2), &Limits::samples(1000));
         assert_eq!(discarded.is_ok(), fits, "{spp} discarded samples in two halves");
     }
@@ -397,7 +398,7 @@ fn a_plan_for_halves_needs_halves() {
     let mut sampler = Planned { points: Independent::new(1), needs: Needs::none(), plan };
     let answer = run(&mut Field(noise), &mut sampler, Needs::none(), frame(2, 2), &Limits::samples(40));
     assert!(matches!(answer, Err(Error::BadPlan { .. })));
-    let mut sampler = once(Independent::new(1), Fate::Keep, vec![0; 4]);
+    let mut sampler = once(Independent::new(1), Retention::Keep, vec![0; 4]);
     let answer = run(&mut Field(noise), &mut sampler, Needs::none(), frame(2, 2), &Limits::samples(40));
     assert!(matches!(answer, Err(Error::BadPlan { .. })));
 }
@@ -412,7 +413,7 @@ fn slow_where_bright(_: [u32; 2], u: [f32; 4]) -> [f32; 3] {
 
 #[test]
 fn a11_wall_clock_stop() {
-    for policy in [Pilot::Keep, Pilot::Cross] {
+    for policy in [PilotPolicy::Keep, PilotPolicy::Cross] {
         let start = Instant::now();
         let size = frame(24, 20);
         let film =
@@ -452,7 +453,7 @@ fn an_error_limit_ends_near_its_error() {
         let error = |x: &[f32; 3]| {
             (0..3).map(|c| (f64::from(x[c]) - truth[c]).powi(2) / (truth[c].powi(2) + 0.01)).sum::<f64>()
         };
-        let actual = film.picture().iter().map(error).sum::<f64>() / 10800.0;
+        let actual = film.image().iter().map(error).sum::<f64>() / 10800.0;
         assert!(predicted <= relmse && predicted > 0.4 * relmse, "{predicted} for {relmse}");
         // 1 / (mean^2 + 0.01) is not linear in a noisy mean: allow for its spread at few samples.
         assert!((1.0 / 1.2..1.2).contains(&(predicted / actual)), "{predicted} predicted, {actual} measured");

@@ -219,10 +219,10 @@ fn f05_pushed_by_hand() {
 
 #[test]
 fn first_hits_with_a_nan_count_as_misses() {
-    use dapple_core::{Draws, Estimate, FirstHit, Integrator, Observed};
+    use dapple_core::{Draws, Estimate, FirstHit, Integrator, TrainingLog};
     struct Hits;
     impl Integrator for Hits {
-        fn estimate(&self, draws: &Draws<'_>, _: &mut Observed) -> Estimate {
+        fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
             let depth = if draws.id().index % 3 == 1 { f32::NAN } else { 2.0 };
             let first_hit = draws.wants_first_hit().then_some(FirstHit {
                 position: [1.0; 3],

@@ -1,22 +1,23 @@
-//! Renders that go on from snapshots, and pictures made in shards (HARD_CASES X03 to X08).
+//! Renders that go on from snapshots, and images made in shards (HARD_CASES X03 to X08).
 
 use crate::common::{Field, Independent, everything, frame, mix, noise, on_threads, run};
 use dapple_conformance::bits;
 use dapple_core::samplers::{Uniform, Variance};
 use dapple_core::{
-    Block, Budget, Control, Draws, Error, Estimate, Film, FirstHit, Frame, Integrator, Limits, Needs, NoWatch,
-    Observations, Observed, Part, Sampler, Schedule, Shard, Sharded, Snapshot, Status, Watch, merge, render, resume,
+    Block, Budget, Control, Draws, Error, Estimate, Film, FirstHit, Frame, Integrator, Limits, Monitor, Needs,
+    NoMonitor, Sampler, Schedule, Shard, ShardFilm, Sharded, Snapshot, Status, TrainingData, TrainingLog, merge,
+    render, resume,
 };
 use std::time::{Duration, Instant};
 
-/// Learns while it observes, reports first hits, and now and then gives a bad sample.
+/// Learns while it wants_training, reports first hits, and now and then gives a bad sample.
 #[derive(Default)]
 struct Everything {
-    learned: Vec<Observations>,
+    learned: Vec<TrainingData>,
 }
 
 impl Integrator for Everything {
-    fn estimate(&self, draws: &Draws<'_>, observed: &mut Observed) -> Estimate {
+    fn estimate(&self, draws: &Draws<'_>, observed: &mut TrainingLog) -> Estimate {
         let u = draws.block(Block::new(0));
         observed.note(u64::from(draws.pixel()[0] / 5), u[0]);
         let shift: f64 = self.learned.iter().flat_map(|o| o.entries()).map(|e| e.sum / e.count as f64).sum();
@@ -36,12 +37,12 @@ impl Integrator for Everything {
         Estimate { radiance: [value, u[2], 0.5], first_hit, cost: 2 + draws.pixel()[0] % 3 }
     }
 
-    fn observes(&self) -> bool {
+    fn wants_training(&self) -> bool {
         self.learned.len() < 4
     }
 
-    fn learn(&mut self, lesson: &Observations) {
-        self.learned.push(lesson.clone());
+    fn learn(&mut self, pass: &TrainingData) {
+        self.learned.push(pass.clone());
     }
 }
 
@@ -52,7 +53,7 @@ struct Keeper {
     end: Vec<u8>,
 }
 
-impl Watch for Keeper {
+impl Monitor for Keeper {
     fn slice(&mut self, status: &Status<'_>) -> Control {
         self.slices.push(status.snapshot());
         Control::Continue
@@ -88,7 +89,7 @@ fn go_on(
     frame: Frame,
     limits: &Limits,
 ) -> Result<Film, Error> {
-    resume(Snapshot::from_bytes(bytes)?, integrator, sampler, needs, frame, limits, &mut NoWatch)
+    resume(Snapshot::from_bytes(bytes)?, integrator, sampler, needs, frame, limits, &mut NoMonitor)
 }
 
 /// The pixels' statistics, without how they came about.
@@ -109,7 +110,7 @@ fn pixels(film: &Film) -> String {
 
 #[test]
 fn x05_resumed_on_other_threads_in_other_slices() {
-    // Large enough that slices of a lesson go row by row.
+    // Large enough that slices of a training pass go row by row.
     let frame = frame(90, 70);
     let mut limits = Limits::new(Budget::Recorded(vec![6300, 30_000, 30_000, 70_001]));
     let (film, keeper) = kept(&mut Everything::default(), &mut uniform(5), everything(), frame, &limits);
@@ -127,10 +128,10 @@ fn x05_resumed_on_other_threads_in_other_slices() {
         assert!(bits(&film) == whole, "slice {i}");
         assert_eq!(integrator.learned.len(), 4);
     }
-    // The control: an integrator that has not learned what it had gives another picture.
+    // The control: an integrator that has not learned what it had gives another image.
     struct Forgetful(Everything);
     impl Integrator for Forgetful {
-        fn estimate(&self, draws: &Draws<'_>, observed: &mut Observed) -> Estimate {
+        fn estimate(&self, draws: &Draws<'_>, observed: &mut TrainingLog) -> Estimate {
             self.0.estimate(draws, observed)
         }
     }
@@ -204,13 +205,14 @@ fn x03_bytes_that_are_no_snapshot() {
     let limits = Limits::new(Budget::Recorded(vec![100, 200]));
     let mut sampler = Variance::new(Independent::new(5));
     let (_, keeper) = kept(&mut Everything::default(), &mut sampler, everything(), frame(7, 5), &limits);
-    let part = Part::new(
+    let part = ShardFilm::new(
         Shard::new(0, 1).unwrap(),
         &run(&mut Field(noise), &mut uniform(1), everything(), frame(7, 5), &limits).unwrap(),
     )
     .unwrap();
     for bytes in [&keeper.slices[1], &keeper.end, &part.to_bytes()] {
-        let read = |bytes: &[u8]| Snapshot::from_bytes(bytes).map(drop).or_else(|_| Part::from_bytes(bytes).map(drop));
+        let read =
+            |bytes: &[u8]| Snapshot::from_bytes(bytes).map(drop).or_else(|_| ShardFilm::from_bytes(bytes).map(drop));
         read(bytes).unwrap();
         for length in 0..bytes.len() {
             assert!(matches!(read(&bytes[..length]), Err(Error::BadSnapshot { .. })), "{length} bytes");
@@ -221,7 +223,7 @@ fn x03_bytes_that_are_no_snapshot() {
         old[8] ^= 1;
         assert!(
             Snapshot::from_bytes(&old).unwrap_err().to_string().contains("another version")
-                || Part::from_bytes(&old).unwrap_err().to_string().contains("another version")
+                || ShardFilm::from_bytes(&old).unwrap_err().to_string().contains("another version")
         );
         // What a checksum would catch must do no harm without one: an error, or a render that ends.
         for k in 0..3000_u64 {
@@ -238,10 +240,10 @@ fn x03_bytes_that_are_no_snapshot() {
                     everything(),
                     frame,
                     &limits,
-                    &mut NoWatch,
+                    &mut NoMonitor,
                 );
             }
-            if let Ok(part) = Part::from_bytes(&bytes) {
+            if let Ok(part) = ShardFilm::from_bytes(&bytes) {
                 let _ = merge(&[part]);
             }
         }
@@ -249,7 +251,7 @@ fn x03_bytes_that_are_no_snapshot() {
 }
 
 #[test]
-fn x07_shards_make_the_picture_of_one_machine() {
+fn x07_shards_make_the_image_of_one_machine() {
     for (size, of, needs, total) in
         [([23, 17], 3, everything(), 33 * 391 + 7), ([5, 4], 4, Needs::none(), 1000), ([1, 1], 1, everything(), 8)]
     {
@@ -266,24 +268,24 @@ fn x07_shards_make_the_picture_of_one_machine() {
             let mut sampler = Sharded::new(&mut inner, shard, &limits).unwrap();
             let resumed = go_on(&keeper.slices[0], &mut field(), &mut sampler, needs, frame, &limits).unwrap();
             assert!(bits(&resumed) == bits(&film));
-            let bytes = Part::new(shard, &film).unwrap().to_bytes();
-            Part::from_bytes(&bytes).unwrap()
+            let bytes = ShardFilm::new(shard, &film).unwrap().to_bytes();
+            ShardFilm::from_bytes(&bytes).unwrap()
         };
-        let mut parts: Vec<Part> = (0..of).map(part).collect();
+        let mut parts: Vec<ShardFilm> = (0..of).map(part).collect();
         parts.rotate_left(1);
         assert!(bits(&merge(&parts).unwrap()) == bits(&whole), "{size:?}");
     }
 }
 
 #[test]
-fn x07_shards_that_make_no_picture() {
+fn x07_shards_that_make_no_image() {
     let limits = Limits::samples(8 * 12);
     let part = |index, of, size: [u32; 2], needs, limits: &Limits| {
         let mut inner = uniform(5);
         let shard = Shard::new(index, of).unwrap();
         let mut sampler = Sharded::new(&mut inner, shard, limits).unwrap();
         let film = run(&mut Field(noise), &mut sampler, needs, frame(size[0], size[1]), limits).unwrap();
-        Part::new(shard, &film).unwrap()
+        ShardFilm::new(shard, &film).unwrap()
     };
     let none = Needs::none();
     let of = |index| part(index, 3, [3, 4], none, &limits);
@@ -315,7 +317,7 @@ fn x07_shards_that_make_no_picture() {
     let mut slices = Limits::samples(8 * 12);
     slices.schedule.slice_spp = 1;
     let film = render(&mut Field(noise), &mut uniform(5), none, frame(3, 4), &slices, &mut stop).unwrap();
-    assert!(Part::new(shard, &film).unwrap_err().to_string().contains("was interrupted"));
+    assert!(ShardFilm::new(shard, &film).unwrap_err().to_string().contains("was interrupted"));
     assert!(Shard::new(2, 2).is_err() && Shard::new(0, 0).is_err());
 }
 
@@ -323,24 +325,24 @@ fn x07_shards_that_make_no_picture() {
 struct Slow;
 
 impl Integrator for Slow {
-    fn estimate(&self, _: &Draws<'_>, _: &mut Observed) -> Estimate {
+    fn estimate(&self, _: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
         std::thread::sleep(Duration::from_millis(1));
         Estimate { radiance: [1.0; 3], first_hit: None, cost: 1 }
     }
 }
 
 #[test]
-fn x08_a_slow_picture_is_stopped_within_a_pass() {
+fn x08_a_slow_image_is_stopped_within_a_pass() {
     let start = Instant::now();
     let (mut asked, mut longest) = (start, Duration::ZERO);
-    let mut watch = |_: &Status<'_>| {
+    let mut monitor = |_: &Status<'_>| {
         longest = longest.max(asked.elapsed());
         asked = Instant::now();
         if start.elapsed().as_secs_f64() > 2.0 { Control::Stop } else { Control::Continue }
     };
     // 10 s a sample of every pixel on two threads.
     let film = on_threads(2, || {
-        render(&mut Slow, &mut uniform(1), Needs::none(), frame(200, 100), &Limits::samples(20_000), &mut watch)
+        render(&mut Slow, &mut uniform(1), Needs::none(), frame(200, 100), &Limits::samples(20_000), &mut monitor)
             .unwrap()
     });
     assert!(film.record().interrupted && film.record().samples > 200);

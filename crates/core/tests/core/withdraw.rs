@@ -1,20 +1,20 @@
-//! Samples that are withdrawn from the picture pixel by pixel: nothing is lost, nothing restarts.
+//! Samples that are withdrawn from the image pixel by pixel: nothing is lost, nothing restarts.
 
 use crate::common::*;
 use dapple_core::{
-    Draws, Error, Estimate, Fate, Feedback, Film, FirstHit, Integrator, Limits, Needs, Observed, Plan, Progress,
-    RgbMoments, Sampler, luminance, streams,
+    Draws, Error, Estimate, Feedback, Film, FirstHit, Integrator, Limits, Needs, Plan, Progress, Retention, RgbMoments,
+    Sampler, TrainingLog, luminance, streams,
 };
 use std::sync::Mutex;
 
-/// One round: the same count for every pixel, its fate, and whether pixel 1 is withdrawn before.
-type Round = (u32, Fate, bool);
+/// One round: the same count for every pixel, its retention, and whether pixel 1 is withdrawn before.
+type Round = (u32, Retention, bool);
 
 fn rounds(rounds: Vec<Round>, needs: Needs) -> impl Sampler {
     let plan = move |seen: &Feedback<'_>, plan: &mut Plan| {
-        let Some(&(count, fate, withdraw)) = rounds.get(seen.round as usize) else { return Progress::Done };
+        let Some(&(count, retention, withdraw)) = rounds.get(seen.round as usize) else { return Progress::Done };
         plan.counts.fill(count);
-        plan.fate = fate;
+        plan.retention = retention;
         plan.withdraw = withdraw.then(|| (0..plan.counts.len()).map(|i| i == 1).collect());
         Progress::Trace
     };
@@ -29,7 +29,7 @@ type Traced = (u32, u64, [f32; 3]);
 struct Spy(Mutex<Vec<(u32, Traced)>>);
 
 impl Integrator for Spy {
-    fn estimate(&self, draws: &Draws<'_>, _: &mut Observed) -> Estimate {
+    fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
         let [r, g, b, _] = draws.block(dapple_core::Block::new(0));
         let id = draws.id();
         self.0.lock().unwrap().push((id.pixel[0], (id.stream, id.index, [r, g, b])));
@@ -60,8 +60,8 @@ fn trace(plan: &[Round], needs: Needs) -> (Film, Vec<Traced>) {
     (film, all.into_iter().filter(|s| s.0 == 1).map(|s| s.1).collect())
 }
 
-const KEEP: Fate = Fate::Keep;
-const DISCARD: Fate = Fate::Discard;
+const KEEP: Retention = Retention::Keep;
+const DISCARD: Retention = Retention::Discard;
 const PLAN: [Round; 6] =
     [(3, DISCARD, false), (4, KEEP, false), (5, KEEP, true), (2, DISCARD, false), (1, KEEP, false), (6, KEEP, true)];
 
@@ -85,7 +85,7 @@ fn indices_go_on_in_every_stream() {
 fn withdrawn_samples_are_discarded_ones_and_nothing_is_lost() {
     for needs in [everything(), Needs::none().with_variance().with_extrema().with_first_hits(20).with_cost()] {
         let (film, traced) = trace(&PLAN, needs);
-        // The last round's six are in the picture; all else is not.
+        // The last round's six are in the image; all else is not.
         let (discarded, kept) = traced.split_at(traced.len() - 6);
         for (samples, moments, range, luminances) in [
             (kept, film.moments(1), film.range(1), film.luminance_range(1)),
@@ -116,7 +116,7 @@ fn withdrawn_samples_are_discarded_ones_and_nothing_is_lost() {
             assert_eq!(depths, (0..16).map(|k| k as f32).collect::<Vec<_>>());
         }
         // The pixel beside it has everything it would have without.
-        let without: Vec<Round> = PLAN.iter().map(|&(n, fate, _)| (n, fate, false)).collect();
+        let without: Vec<Round> = PLAN.iter().map(|&(n, retention, _)| (n, retention, false)).collect();
         let (other, _) = trace(&without, needs);
         assert_eq!((film.moments(0), film.discarded(0)), (other.moments(0), other.discarded(0)));
         assert_eq!((film.count(0), film.range(0)), (16, other.range(0)));
@@ -126,10 +126,10 @@ fn withdrawn_samples_are_discarded_ones_and_nothing_is_lost() {
 
 #[test]
 fn withdrawals_that_make_no_sense_are_refused() {
-    let refused = |mark: Option<Vec<bool>>, fate: Fate, counts: [u32; 2]| {
+    let refused = |mark: Option<Vec<bool>>, retention: Retention, counts: [u32; 2]| {
         let plan = move |_: &Feedback<'_>, plan: &mut Plan| {
             plan.counts = counts.to_vec();
-            (plan.withdraw, plan.fate) = (mark.clone(), fate);
+            (plan.withdraw, plan.retention) = (mark.clone(), retention);
             Progress::Trace
         };
         let mut sampler = Planned { points: Independent::new(1), needs: Needs::none(), plan };

@@ -115,7 +115,7 @@ pub(crate) fn shapes(soups: &[Soup]) -> Vec<Shape> {
     soups.iter().map(|(p, t)| Shape::from(Mesh::new(p.clone(), t.clone()).expect("valid"))).collect()
 }
 
-/// Primary rays of a square picture, diffuse bounces from what they hit, shadow rays to an upper light.
+/// Primary rays of a square image, diffuse bounces from what they hit, shadow rays to an upper light.
 pub(crate) fn rays(scene: &Geometry, [eye, target, light]: [Vec3; 3]) -> [Vec<Ray>; 3] {
     let mut rng = Pcg64Mcg::seed_from_u64(1);
     let forward = (target - eye).normalize();

@@ -11,7 +11,7 @@ use obvhs::BvhBuildParams;
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::node::Bvh2Node;
 
-/// How much time goes into the tree. Pictures do not depend on it, only speed does.
+/// How much time goes into the tree. Images do not depend on it, only speed does.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Preset {
@@ -19,13 +19,13 @@ pub enum Preset {
     Fastest,
     /// Little.
     VeryFast,
-    /// For a picture: obvhs's fast preset with half of its reinsertion. On meshes of 7e4 and 1e6 triangles rays take what
+    /// For an image: obvhs's fast preset with half of its reinsertion. On meshes of 7e4 and 1e6 triangles rays take what
     /// they take with [`Medium`](Self::Medium), to the noise of measuring, and building less (docs/results/rays.md).
     #[default]
     Fast,
     /// More than usual.
     Medium,
-    /// For many pictures.
+    /// For many images.
     Slow,
     /// The most.
     VerySlow,

@@ -137,9 +137,9 @@ fn s05_index_beyond_32_bits() {
     }
 }
 
-/// The counters of a 4K picture at 1024 samples.
+/// The counters of a 4K image at 1024 samples.
 #[test]
-fn s05_counters_of_a_large_picture() {
+fn s05_counters_of_a_large_image() {
     for points in all_sets(7) {
         let corner = |x, y, i| points.block(id([x, y], 0, i), 3).map(f32::to_bits);
         let corners = [
@@ -180,11 +180,11 @@ fn s08_neighbouring_pixels() {
     for points in all_sets(5) {
         for block in 0..16 {
             let wide = side + 64;
-            let picture: Vec<[f32; 4]> =
+            let image: Vec<[f32; 4]> =
                 (0..wide * wide).map(|p| points.block(id([p % wide, p / wide], 0, 1), block)).collect();
             for lag in [[1, 0], [0, 1], [1, 1], [64, 0], [16, 0]] {
                 for k in [0, 1, 2, 3] {
-                    let at = |x: u32, y: u32| picture[(y * wide + x) as usize][k];
+                    let at = |x: u32, y: u32| image[(y * wide + x) as usize][k];
                     let pixels = || (0..side).flat_map(|y| (0..side).map(move |x| (x, y)));
                     let here = pixels().map(|(x, y)| at(x, y));
                     let there = pixels().map(|(x, y)| at(x + lag[0], y + lag[1]));
@@ -279,7 +279,7 @@ fn descriptions_are_what_the_command_line_takes() {
     assert_eq!(names, expected);
 }
 
-/// A later version that changes these values changes every picture: say so in the changelog.
+/// A later version that changes these values changes every image: say so in the changelog.
 #[test]
 fn values_stay_as_they_are() {
     let bits = |points: &dyn PointSet| points.block(id([12, 34], 1, 56), 7).map(|u| (u * 16_777_216.0) as u32);

@@ -61,10 +61,10 @@ pub(super) fn opponent(rgb: [f32; 3]) -> [f32; 3] {
     [116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)]
 }
 
-/// [`opponent`] of a picture as displayed, a plane each.
-pub(super) fn opponent_planes(picture: Pixels<'_>, size: [usize; 2]) -> [Plane; 3] {
-    let mut planes = [(); 3].map(|()| Plane { size, values: Vec::with_capacity(picture.values.len()) });
-    for rgb in picture.values {
+/// [`opponent`] of an image as displayed, a plane each.
+pub(super) fn opponent_planes(image: Pixels<'_>, size: [usize; 2]) -> [Plane; 3] {
+    let mut planes = [(); 3].map(|()| Plane { size, values: Vec::with_capacity(image.values.len()) });
+    for rgb in image.values {
         let displayed = rgb.map(|v| if v.is_finite() { v.clamp(0.0, 1.0) } else { 0.0 });
         planes.iter_mut().zip(opponent(displayed)).for_each(|(plane, v)| plane.values.push(v));
     }

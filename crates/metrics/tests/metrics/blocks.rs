@@ -13,14 +13,14 @@ fn ramp(count: usize) -> Vec<[f32; 3]> {
 
 #[test]
 fn block_means_are_those_of_whole_blocks() {
-    let picture = ramp(35);
-    let blocks = block_means(pixels([7, 5], &picture), [3, 2]).unwrap();
+    let image = ramp(35);
+    let blocks = block_means(pixels([7, 5], &image), [3, 2]).unwrap();
     assert_eq!(blocks.count, [2, 2]);
     // The first: 0, 1, 2, 7, 8, 9; the next three further right, then 14 further down.
     assert_eq!(blocks.means.iter().map(|m| m[0]).collect::<Vec<_>>(), [4.5, 7.5, 18.5, 21.5]);
     assert_eq!(blocks.means[3], [21.5, 43.0, 1.0]);
     for block in [[0, 1], [8, 1], [1, 6]] {
-        assert_eq!(block_means(pixels([7, 5], &picture), block), Err(Error::Block { block, size: [7, 5] }));
+        assert_eq!(block_means(pixels([7, 5], &image), block), Err(Error::Block { block, size: [7, 5] }));
     }
 }
 
@@ -45,22 +45,22 @@ fn ratios_leave_dark_blocks_out_and_give_percentiles() {
 
 #[test]
 fn downsampling_averages_by_area() {
-    let picture = ramp(6);
+    let image = ramp(6);
     // Three columns to two: each new one holds an old one and half of the middle one.
-    let found = downsample(pixels([3, 2], &picture), [2, 1]).unwrap();
+    let found = downsample(pixels([3, 2], &image), [2, 1]).unwrap();
     // Columns hold 0, 3 | 1, 4 | 2, 5: means 1.5, 2.5, 3.5.
     assert_relative_eq!(found[0][0], (1.5 + 0.5 * 2.5) / 1.5, max_relative = 1e-6);
     assert_relative_eq!(found[1][0], (0.5 * 2.5 + 3.5) / 1.5, max_relative = 1e-6);
-    assert_eq!(downsample(pixels([3, 2], &picture), [3, 2]).unwrap(), picture);
+    assert_eq!(downsample(pixels([3, 2], &image), [3, 2]).unwrap(), image);
     for target in [[4, 2], [3, 3], [0, 1]] {
-        assert_eq!(downsample(pixels([3, 2], &picture), target), Err(Error::Target { size: [3, 2], target }));
+        assert_eq!(downsample(pixels([3, 2], &image), target), Err(Error::Target { size: [3, 2], target }));
     }
 }
 
 #[test]
 fn downsampling_by_whole_numbers_gives_block_means() {
-    let picture = ramp(12 * 6);
-    let found = downsample(pixels([12, 6], &picture), [4, 3]).unwrap();
-    let means = block_means(pixels([12, 6], &picture), [3, 2]).unwrap().means;
+    let image = ramp(12 * 6);
+    let found = downsample(pixels([12, 6], &image), [4, 3]).unwrap();
+    let means = block_means(pixels([12, 6], &image), [3, 2]).unwrap().means;
     assert_eq!(found, means.iter().map(|m| m.map(|v| v as f32)).collect::<Vec<_>>());
 }

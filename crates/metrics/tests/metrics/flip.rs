@@ -1,11 +1,11 @@
 //! FLIP against the published implementation.
 
-use crate::common::{SIZE, picture};
+use crate::common::{SIZE, test_image};
 use dapple_metrics::{Error, PIXELS_PER_DEGREE, Pixels, flip};
 
 type Row = (&'static str, &'static str, f64, f64, [f32; 5]);
 
-/// Picture, reference, pixels per degree; mean and five values of flip-evaluator 1.7, by `oracle.py` beside this
+/// Image, reference, pixels per degree; mean and five values of flip-evaluator 1.7, by `oracle.py` beside this
 /// file, whose head says how to run it.
 #[rustfmt::skip]
 #[allow(clippy::excessive_precision)]
@@ -31,7 +31,7 @@ const PUBLISHED: [Row; 16] = [
 const PLACES: [[usize; 2]; 5] = [[0, 0], [63, 47], [40, 7], [41, 9], [21, 30]];
 
 fn of(image: &str, reference: &str, pixels_per_degree: f64) -> dapple_metrics::Flip {
-    let [image, reference] = [image, reference].map(picture);
+    let [image, reference] = [image, reference].map(test_image);
     let [image, reference] = [&image, &reference].map(|p| Pixels::new(SIZE, p).unwrap());
     flip(image, reference, pixels_per_degree).unwrap()
 }
@@ -54,9 +54,9 @@ fn means_and_maps_are_those_of_the_published_implementation() {
 }
 
 #[test]
-fn other_displays_and_other_pictures_do_not_meet_those_values() {
+fn other_displays_and_other_images_do_not_meet_those_values() {
     for (image, reference, pixels_per_degree, mean, _) in PUBLISHED {
-        // Pictures of one colour, and those that are wholly different, look the same from anywhere.
+        // Images of one colour, and those that are wholly different, look the same from anywhere.
         if ["noisy", "shifted", "firefly"].contains(&image) {
             let found = of(image, reference, 0.97 * pixels_per_degree).mean;
             assert!((found - mean).abs() > 0.001 * mean, "{image}: {found} is {mean}");
@@ -73,7 +73,7 @@ fn the_default_is_the_published_one() {
 }
 
 #[test]
-fn picture_and_reference_may_change_places() {
+fn image_and_reference_may_change_places() {
     for (a, b) in [("noisy", "smooth"), ("firefly", "dark"), ("noise", "checker")] {
         let [ab, ba] = [of(a, b, PIXELS_PER_DEGREE), of(b, a, PIXELS_PER_DEGREE)];
         assert_eq!(ab, ba);
@@ -84,7 +84,7 @@ fn picture_and_reference_may_change_places() {
 }
 
 #[test]
-fn pictures_smaller_than_the_kernels_are_seen() {
+fn images_smaller_than_the_kernels_are_seen() {
     for size in [[1, 1], [1, 9], [9, 1], [2, 3]] {
         let count = (size[0] * size[1]) as usize;
         let [black, white] = [vec![[0.0; 3]; count], vec![[1.0; 3]; count]];

@@ -15,7 +15,7 @@ impl Random {
         ((z ^ z >> 31) >> 11) as f64 / (1_u64 << 53) as f64
     }
 
-    fn picture(&mut self, count: usize, value: impl Fn(f64) -> f64) -> Vec<[f32; 3]> {
+    fn image(&mut self, count: usize, value: impl Fn(f64) -> f64) -> Vec<[f32; 3]> {
         (0..count).map(|_| std::array::from_fn(|_| value(self.next()) as f32)).collect()
     }
 }
@@ -86,8 +86,8 @@ fn f11_every_figure_agrees_with_an_independent_implementation() {
     for size in [[37, 41], [100, 50], [1, 7], [16, 16]] {
         let count = (size[0] * size[1]) as usize;
         // Negative, black, dark and very bright values, and some that are no numbers.
-        let mut image = random.picture(count, |u| (8.0 * u - 4.0).exp() - 0.1);
-        let reference = random.picture(count, |u| if u < 0.1 { 0.0 } else { (8.0 * u - 4.0).exp() - 0.1 });
+        let mut image = random.image(count, |u| (8.0 * u - 4.0).exp() - 0.1);
+        let reference = random.image(count, |u| if u < 0.1 { 0.0 } else { (8.0 * u - 4.0).exp() - 0.1 });
         image[count / 2] = [f32::NAN, f32::INFINITY, 1.0];
         image[count / 3][2] = f32::NEG_INFINITY;
         let found = compare(pixels(size, &image), pixels(size, &reference)).unwrap();
@@ -99,10 +99,10 @@ fn f11_every_figure_agrees_with_an_independent_implementation() {
 }
 
 #[test]
-fn f11_a_picture_is_no_distance_from_itself() {
-    let picture = Random(1).picture(60, |u| 100.0 * u);
-    for picture in [picture, vec![[0.0; 3]; 60], vec![[f32::MAX, -1.0, 0.0]; 60]] {
-        let found = compare(pixels([10, 6], &picture), pixels([10, 6], &picture)).unwrap();
+fn f11_an_image_is_no_distance_from_itself() {
+    let image = Random(1).image(60, |u| 100.0 * u);
+    for image in [image, vec![[0.0; 3]; 60], vec![[f32::MAX, -1.0, 0.0]; 60]] {
+        let found = compare(pixels([10, 6], &image), pixels([10, 6], &image)).unwrap();
         let errors = [found.mse, found.rel_mse, found.rel_mse_trimmed, found.smape, found.display_mse, found.srgb8_mse];
         assert_eq!((errors, found.psnr, found.mean_ratio), ([0.0; 6], 200.0, 1.0));
         assert_eq!((found.channel_ratios, found.worst_block.rel_mse, found.non_finite), ([1.0; 3], 0.0, 0));
@@ -135,16 +135,16 @@ fn f11_what_cannot_be_compared_is_refused() {
     assert!(matches!(Pixels::new([0, 2], &[]), Err(Error::Empty { .. })));
 }
 
-/// The t of S1 (STATISTICS.md) for `replicates` pairs of 64x64 noise pictures of variance 1/12: mean MSE
-/// against `expected`. `shared` is how much of the first picture's noise is put into the second.
+/// The t of S1 (STATISTICS.md) for `replicates` pairs of 64x64 noise images of variance 1/12: mean MSE
+/// against `expected`. `shared` is how much of the first image's noise is put into the second.
 fn t_of_noise_pairs(seed: u64, expected: f64, shared: f64) -> f64 {
     let replicates = 64;
     let size = [64, 64];
     let mut random = Random(seed);
     let found: Vec<f64> = (0..replicates)
         .map(|_| {
-            let a = random.picture(64 * 64, |u| u);
-            let mut b = random.picture(64 * 64, |u| u);
+            let a = random.image(64 * 64, |u| u);
+            let mut b = random.image(64 * 64, |u| u);
             for (b, a) in b.iter_mut().flatten().zip(a.iter().flatten()) {
                 *b += shared as f32 * (a - 0.5);
             }
@@ -158,7 +158,7 @@ fn t_of_noise_pairs(seed: u64, expected: f64, shared: f64) -> f64 {
 }
 
 #[test]
-fn f11_two_independent_noise_pictures_are_twice_the_variance_apart() {
+fn f11_two_independent_noise_images_are_twice_the_variance_apart() {
     // Student's t with 63 degrees of freedom exceeds 5.43 either way in 9.6e-7 of all runs.
     const BOUND: f64 = 5.43;
     let t = t_of_noise_pairs(2026, 2.0 / 12.0, 0.0);

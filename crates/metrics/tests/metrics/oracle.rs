@@ -1,10 +1,10 @@
 //! Figures against scikit-image and numpy, by `oracle.py` beside this file.
 
-use crate::common::{SIZE, picture};
+use crate::common::{SIZE, test_image};
 use approx::assert_relative_eq;
 use dapple_metrics::{Pixels, compare};
 
-/// Picture, reference; MSE, PSNR and MSE of sRGB values, SMAPE.
+/// Image, reference; MSE, PSNR and MSE of sRGB values, SMAPE.
 #[allow(clippy::excessive_precision)]
 const EXPECTED: [(&str, &str, [f64; 4]); 4] = [
     ("noisy", "smooth", [1.298656066258748e-03, 29.702846712007, 1.070817176265140e-03, 9.707145595643646e-02]),
@@ -16,7 +16,7 @@ const EXPECTED: [(&str, &str, [f64; 4]); 4] = [
 #[test]
 fn figures_are_those_of_scikit_image() {
     for (image, reference, expected) in EXPECTED {
-        let [image, reference] = [image, reference].map(picture);
+        let [image, reference] = [image, reference].map(test_image);
         let found = compare(Pixels::new(SIZE, &image).unwrap(), Pixels::new(SIZE, &reference).unwrap()).unwrap();
         let found = [found.mse, found.psnr, found.display_mse, found.smape];
         assert_relative_eq!(found[..], expected[..], max_relative = 1e-12);

@@ -1,11 +1,11 @@
-//! What holds for all pictures.
+//! What holds for all images.
 
 use dapple_metrics::{Pixels, compare, downsample};
 use proptest::prelude::*;
 
 const SIZE: [u32; 2] = [9, 5];
 
-fn picture() -> impl Strategy<Value = Vec<[f32; 3]>> {
+fn image() -> impl Strategy<Value = Vec<[f32; 3]>> {
     let value = prop_oneof![-1.0_f32..4.0, Just(0.0), 1e-6_f32..1e-3, 10.0_f32..1e6];
     proptest::collection::vec([value.clone(), value.clone(), value], 45)
 }
@@ -26,14 +26,14 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(300))]
 
     #[test]
-    fn symmetric_figures_do_not_tell_picture_from_reference(a in picture(), b in picture()) {
+    fn symmetric_figures_do_not_tell_image_from_reference(a in image(), b in image()) {
         let [ab, ba] = [compare(pixels(&a), pixels(&b)).unwrap(), compare(pixels(&b), pixels(&a)).unwrap()];
         prop_assert_eq!((ab.mse, ab.smape, ab.display_mse, ab.psnr), (ba.mse, ba.smape, ba.display_mse, ba.psnr));
         prop_assert!(ab.mean_ratio == 1.0 || close(ab.mean_ratio * ba.mean_ratio, 1.0));
     }
 
     #[test]
-    fn powers_of_two_scale_exactly(a in picture(), b in picture(), k in -10_i32..10) {
+    fn powers_of_two_scale_exactly(a in image(), b in image(), k in -10_i32..10) {
         let by = 2.0_f32.powi(k);
         let plain = compare(pixels(&a), pixels(&b)).unwrap();
         let scaled = compare(pixels(&map(&a, |v| v * by)), pixels(&map(&b, |v| v * by))).unwrap();
@@ -42,7 +42,7 @@ proptest! {
     }
 
     #[test]
-    fn figures_keep_their_ranges(a in picture(), b in picture()) {
+    fn figures_keep_their_ranges(a in image(), b in image()) {
         let found = compare(pixels(&a), pixels(&b)).unwrap();
         prop_assert!(found.mse >= 0.0 && found.rel_mse >= 0.0 && (0.0..=2.0).contains(&found.smape));
         prop_assert!((0.0..=1.0).contains(&found.display_mse) && found.psnr >= 0.0);
@@ -51,7 +51,7 @@ proptest! {
     }
 
     #[test]
-    fn the_order_of_pixels_does_not_matter(a in picture(), b in picture()) {
+    fn the_order_of_pixels_does_not_matter(a in image(), b in image()) {
         let turned = |p: &[[f32; 3]]| p.iter().rev().copied().collect::<Vec<_>>();
         let plain = compare(pixels(&a), pixels(&b)).unwrap();
         let turned = compare(pixels(&turned(&a)), pixels(&turned(&b))).unwrap();
@@ -60,7 +60,7 @@ proptest! {
     }
 
     #[test]
-    fn downsampling_keeps_the_mean_and_the_range(a in picture(), w in 1_u32..=9, h in 1_u32..=5) {
+    fn downsampling_keeps_the_mean_and_the_range(a in image(), w in 1_u32..=9, h in 1_u32..=5) {
         let small = downsample(pixels(&a), [w, h]).unwrap();
         for c in 0..3 {
             let mean = |p: &[[f32; 3]]| p.iter().map(|v| f64::from(v[c])).sum::<f64>() / p.len() as f64;

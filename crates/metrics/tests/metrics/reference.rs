@@ -141,9 +141,9 @@ fn what_is_no_reference_is_refused() {
     let good = vec![[1.0; 3]; 1024];
     let small = Pixels::new([16, 16], &good[..256]).unwrap();
     let bad = |value: f32| {
-        let mut picture = good.clone();
-        picture[33][2] = value;
-        picture
+        let mut image = good.clone();
+        image[33][2] = value;
+        image
     };
     let x = pixels(&good);
     let nan = bad(f32::NAN);

@@ -6,11 +6,11 @@
 //! by chance with less than 1e-13.
 
 use crate::common::*;
-use dapple_conformance::statistics::{Mean, kept, picture_mean, refined};
+use dapple_conformance::statistics::{Mean, image_mean, kept, refined};
 use dapple_core::{Limits, Sampler};
 use dapple_mitchell::{MitchellOptions, Mode, Policy};
 
-/// Mean over the pixels of a square picture and its standard error, with budget for every pixel to be
+/// Mean over the pixels of a square image and its standard error, with budget for every pixel to be
 /// refined. A pixel's kept samples decide nothing elsewhere, or (radius 0) only in itself: pixels are
 /// uncorrelated.
 fn measure(sampler: &mut dyn Sampler, p: f64, side: u32) -> Mean {
@@ -24,7 +24,7 @@ fn deviation(mean: Mean, truth: f64) -> f64 {
     mean.deviation(truth)
 }
 
-/// The two pictures of HARD_CASES A01: probability, pilot, samples in all, what the naive rule gives.
+/// The two images of HARD_CASES A01: probability, pilot, samples in all, what the naive rule gives.
 const A01: [(f64, u32, u32, f64); 2] = [(0.1, 4, 64, 0.038575), (0.01, 16, 256, 0.002_017_58)];
 
 #[test]
@@ -97,11 +97,11 @@ fn pilots_of_two_meet_their_closed_forms() {
     assert!(deviation(got, f64::from(p as f32)).abs() < 5.0, "{got:?} for {p}");
 }
 
-/// Under a budget, counts in one picture are coupled: only the 64 replicates are independent.
+/// Under a budget, counts in one image are coupled: only the 64 replicates are independent.
 fn replicates(make: impl Fn(u64) -> Box<dyn Sampler>, side: u32) -> Mean {
     let size = frame(side, side);
     let limits = Limits::samples(10 * size.pixels() as u64);
-    (0..64).map(|seed| picture_mean(&run(&mut bernoulli(0.1), &mut *make(seed), size, &limits))).collect()
+    (0..64).map(|seed| image_mean(&run(&mut bernoulli(0.1), &mut *make(seed), size, &limits))).collect()
 }
 
 #[test]

@@ -2,9 +2,9 @@
 
 use crate::common::*;
 use dapple_core::{
-    Budget, BudgetLeft, Error, Feedback, Film, Integrator, Limits, Needs, NoWatch, Plan, Progress, Sampler, render,
+    Budget, BudgetLeft, Error, Feedback, Film, Integrator, Limits, Needs, NoMonitor, Plan, Progress, Sampler, render,
 };
-use dapple_mitchell::{MitchellOptions, Mode, PbrtOptions, Policy, Rates};
+use dapple_mitchell::{MitchellOptions, MitchellPbrtOptions, Mode, Policy, Rates};
 use proptest::prelude::*;
 
 /// A light that 1 sample in 1000 sees.
@@ -46,7 +46,8 @@ fn a03_a_dark_pilot_is_never_refined() {
         let limits = Limits::samples(10 * size.pixels() as u64);
         let film = run(&mut rare_light(), &mut mitchell(alone(4, 60, Mode::Budget, policy), 2), size, &limits);
         assert!(film.counts().iter().all(|&n| n >= 4), "{policy:?}");
-        let film = run(&mut rare_light(), &mut pbrt(PbrtOptions { policy, ..Default::default() }, 2), size, &limits);
+        let film =
+            run(&mut rare_light(), &mut pbrt(MitchellPbrtOptions { policy, ..Default::default() }, 2), size, &limits);
         assert!(film.counts().iter().all(|&n| n >= 4), "{policy:?}");
     }
 }
@@ -59,14 +60,14 @@ fn samplers(mode: Mode) -> Vec<Box<dyn Sampler>> {
             Box::new(mitchell(plain, 1)),
             Box::new(mitchell(MitchellOptions { radius: 0, ..plain }, 1)),
             Box::new(mitchell(MitchellOptions { initial: 3, additional: 5, ..plain }, 1)),
-            Box::new(pbrt(PbrtOptions { mode, policy, ..PbrtOptions::default() }, 1)),
+            Box::new(pbrt(MitchellPbrtOptions { mode, policy, ..MitchellPbrtOptions::default() }, 1)),
         ]
     };
     POLICIES.into_iter().flat_map(each).collect()
 }
 
 #[test]
-fn a04_constant_pictures_are_sampled_uniformly() {
+fn a04_constant_images_are_sampled_uniformly() {
     let size = frame(13, 11);
     for value in [0.0, 0.5, 1e30] {
         let mut field = Field(|_, _| [value; 3]);
@@ -77,7 +78,7 @@ fn a04_constant_pictures_are_sampled_uniformly() {
                 let (least, most) = (counts.iter().min().unwrap(), counts.iter().max().unwrap());
                 assert!(most - least <= 1, "{}, {value}, {total}: {least} .. {most}", sampler.describe());
                 assert_eq!(film.record().samples, total, "{}", sampler.describe());
-                assert!(film.picture().iter().flatten().all(|x| *x == value));
+                assert!(film.image().iter().flatten().all(|x| *x == value));
             }
             // By the threshold nothing asks.
             for mut sampler in samplers(Mode::Threshold) {
@@ -99,7 +100,7 @@ fn a06_tiny_budgets() {
                 limits.min_spp = min_spp;
                 let draw = || {
                     let sampler = &mut *samplers(mode).swap_remove(k);
-                    render(&mut bernoulli(0.5), sampler, Needs::none(), size, &limits, &mut NoWatch)
+                    render(&mut bernoulli(0.5), sampler, Needs::none(), size, &limits, &mut NoMonitor)
                 };
                 let counts = [draw(), draw()].map(|film| match film {
                     Ok(film) => Some((film.record().samples, film.counts())),
@@ -181,7 +182,7 @@ fn budgets_that_grow_are_spent_and_change_no_decision() {
     }
 }
 
-/// An error limit adds halves: samples enter and leave the picture by both.
+/// An error limit adds halves: samples enter and leave the image by both.
 #[test]
 fn error_limits_with_halves_are_spent() {
     let size = frame(16, 16);

@@ -2,14 +2,14 @@
 
 use dapple_conformance as conformance;
 use dapple_low_discrepancy::{Random, Sobol};
-use dapple_mitchell::{Mitchell, MitchellOptions, Mode, PbrtAdaptive, PbrtOptions, Policy};
+use dapple_mitchell::{Mitchell, MitchellOptions, MitchellPbrt, MitchellPbrtOptions, Mode, Policy};
 
 const POLICIES: [Policy; 3] = [Policy::Keep, Policy::Refined, Policy::Discard];
 
 #[test]
 fn the_defaults_conform() {
     conformance::sampler(|| Box::new(Mitchell::new(Sobol::new(1))));
-    conformance::sampler(|| Box::new(PbrtAdaptive::new(Sobol::new(1))));
+    conformance::sampler(|| Box::new(MitchellPbrt::new(Sobol::new(1))));
 }
 
 fn mitchell(options: MitchellOptions) -> Mitchell<Random> {
@@ -28,17 +28,17 @@ fn mitchell_conforms_in_either_mode_under_every_policy() {
     }
 }
 
-fn pbrt(options: PbrtOptions) -> PbrtAdaptive<Random> {
-    PbrtAdaptive::with_options(Random::new(1), options).unwrap()
+fn pbrt(options: MitchellPbrtOptions) -> MitchellPbrt<Random> {
+    MitchellPbrt::with_options(Random::new(1), options).unwrap()
 }
 
 #[test]
 fn pbrt_conforms_in_either_mode_under_every_policy() {
     for policy in POLICIES {
         for (min, max) in [(4, 32), (2, 2)] {
-            let options = PbrtOptions { min, max, policy, ..PbrtOptions::default() };
+            let options = MitchellPbrtOptions { min, max, policy, ..MitchellPbrtOptions::default() };
             conformance::sampler(|| Box::new(pbrt(options)));
-            let options = PbrtOptions { mode: Mode::Threshold, ..options };
+            let options = MitchellPbrtOptions { mode: Mode::Threshold, ..options };
             conformance::threshold_sampler(|| Box::new(pbrt(options)));
         }
     }

@@ -3,7 +3,9 @@
 use crate::common::*;
 use dapple_core::{BudgetLeft, Error, Feedback, Film, Needs, Plan, Progress, Sampler};
 use dapple_low_discrepancy::Random;
-use dapple_mitchell::{Mitchell, MitchellOptions, Mode, PbrtAdaptive, PbrtOptions, Policy, contrast, deviation};
+use dapple_mitchell::{
+    Mitchell, MitchellOptions, MitchellPbrt, MitchellPbrtOptions, Mode, Policy, contrast, deviation,
+};
 
 /// Whether Mitchell's rule refines a pixel with these samples.
 fn mitchell_asks(samples: &[[f32; 3]]) -> bool {
@@ -170,7 +172,7 @@ fn a_budget_goes_down_the_ranks_and_round_again() {
     assert_eq!(counts(12 + 18 * 100 + 7), [300, 303, 303, 300, 301, 300]);
 }
 
-/// pbrt-v2's policy takes refined pilots out of the picture, and pays for them.
+/// pbrt-v2's policy takes refined pilots out of the image, and pays for them.
 #[test]
 fn refined_pilots_are_withdrawn_and_paid_for() {
     let mut sampler = mitchell(MitchellOptions { policy: Policy::Refined, ..threshold(0) }, 1);
@@ -188,9 +190,9 @@ fn refined_pilots_are_withdrawn_and_paid_for() {
     assert_eq!(plan.withdraw, Some(vec![true; 6]));
 }
 
-/// Contrast saturates at 1, so ties are common: they must not prefer the top of the picture.
+/// Contrast saturates at 1, so ties are common: they must not prefer the top of the image.
 #[test]
-fn ties_are_spread_over_the_picture() {
+fn ties_are_spread_over_the_image() {
     let mut sampler = mitchell(threshold(0), 1);
     let film = row(&sampler, &[vec![1.0; 1000], vec![0.0; 24]].concat());
     let counts = ask(&mut sampler, &film, 2 * 1024 + 3 * 500).counts;
@@ -207,7 +209,7 @@ fn descriptions_name_every_parameter() {
         described,
         "mitchell:initial=0,additional=0,red=0.4,green=0.3,blue=0.6,radius=1,mode=budget,policy=keep"
     );
-    let described = PbrtAdaptive::new(Random::new(1)).describe();
+    let described = MitchellPbrt::new(Random::new(1)).describe();
     assert_eq!(described, "mitchell-pbrt:min=4,max=32,threshold=0.5,mode=budget,policy=refined");
     // Rounded up to powers of two, and apart.
     let rounded = |min, max| pbrt(pbrt_options(min, max, Mode::Threshold, Policy::Keep), 1).describe();
@@ -237,17 +239,17 @@ fn parameters_out_of_range_are_refused() {
         };
         assert_eq!([with(0), with(1), with(2)], ["red", "green", "blue"], "{bad}");
     }
-    let refused = |options: PbrtOptions| match PbrtAdaptive::with_options(Random::new(1), options) {
+    let refused = |options: MitchellPbrtOptions| match MitchellPbrt::with_options(Random::new(1), options) {
         Err(Error::OutOfRange { name, .. }) => name,
         _ => "taken",
     };
-    let plain = PbrtOptions::default();
+    let plain = MitchellPbrtOptions::default();
     assert_eq!(refused(plain), "taken");
-    assert_eq!(refused(PbrtOptions { min: 1, ..plain }), "min");
-    assert_eq!(refused(PbrtOptions { max: 3, ..plain }), "max");
-    assert_eq!(refused(PbrtOptions { max: u32::MAX, ..plain }), "max");
+    assert_eq!(refused(MitchellPbrtOptions { min: 1, ..plain }), "min");
+    assert_eq!(refused(MitchellPbrtOptions { max: 3, ..plain }), "max");
+    assert_eq!(refused(MitchellPbrtOptions { max: u32::MAX, ..plain }), "max");
     for threshold in [0.0, -1.0, f64::NAN, f64::INFINITY] {
-        assert_eq!(refused(PbrtOptions { threshold, ..plain }), "threshold");
+        assert_eq!(refused(MitchellPbrtOptions { threshold, ..plain }), "threshold");
     }
 }
 
@@ -257,7 +259,7 @@ fn films_without_extrema_and_budgets_below_the_floor_are_refused() {
     let with = Film::new(frame(3, 3), Needs::none().with_extrema());
     for mode in [Mode::Budget, Mode::Threshold] {
         let one = &mut mitchell(MitchellOptions { mode, ..MitchellOptions::default() }, 1);
-        let other = &mut pbrt(PbrtOptions { mode, ..PbrtOptions::default() }, 1);
+        let other = &mut pbrt(MitchellPbrtOptions { mode, ..MitchellPbrtOptions::default() }, 1);
         for sampler in [one as &mut dyn Sampler, other] {
             let mut next = |film, total| {
                 let budget = BudgetLeft { spent: 0, total, min_spp: 4, max_spp: 9 };

@@ -62,7 +62,7 @@ pub(super) fn sin_cos(turns: f64) -> [f64; 2] {
     }
 }
 
-/// The direction of a pixel's centre in a latitude-longitude picture, z up, as
+/// The direction of a pixel's centre in a latitude-longitude image, z up, as
 /// [`EnvironmentRadiance::LatLong`](crate::scene::EnvironmentRadiance::LatLong) lays it out.
 pub(crate) fn lat_long_direction(column: usize, row: usize, width: usize, height: usize) -> [f64; 3] {
     let [sin_phi, cos_phi] = sin_cos((column as f64 + 0.5) / width as f64);

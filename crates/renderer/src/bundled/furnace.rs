@@ -7,7 +7,7 @@ pub(super) fn scene() -> String {
     let mut text = opening(
         "Furnace: the inside of a sphere that reflects rho = 0.5 of all light and gives off Le = 0.5 itself.\n\
          Every ray meets radiance Le / (1 - rho) = 1; with at most D scattering events (maxdepth D) it is\n\
-         Le (1 - rho^(D+1)) / (1 - rho), here 1 - 2^-33. A picture of it is flat white, and any deviation is a fault.",
+         Le (1 - rho^(D+1)) / (1 - rho), here 1 - 2^-33. An image of it is flat white, and any deviation is a fault.",
     );
     text += r#"Film "rgb" "integer xresolution" [ 64 ] "integer yresolution" [ 64 ] "string filename" "furnace.exr"
 PixelFilter "box"

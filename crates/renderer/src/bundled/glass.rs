@@ -1,6 +1,6 @@
 //! What light passes: glass clear, rough and thin, a coloured one, mist, and leaves cut out by alpha.
 
-use super::pictures::tga_with_alpha;
+use super::images::tga_with_alpha;
 use super::{Assets, opening};
 use std::fmt::Write;
 
@@ -19,10 +19,10 @@ const LEAVES: [[f64; 4]; 11] = [
     [1.62, 315.0, 16.0, 0.32],
 ];
 
-/// Pixels along a side of the leaf's picture.
+/// Pixels along a side of the leaf's image.
 const LEAF: u16 = 96;
 
-/// A leaf that grows upwards from the middle of the picture's foot: sRGB and opacity.
+/// A leaf that grows upwards from the middle of the image's foot: sRGB and opacity.
 fn leaf(column: u16, row: u16) -> [u8; 4] {
     let unit = |i: u16| (f64::from(i) + 0.5) / f64::from(LEAF);
     let (across, along) = ((2.0 * unit(column) - 1.0).abs(), 1.0 - unit(row));

@@ -1,6 +1,6 @@
 //! Dapple's own scenes, made by the code in this module and by nothing else.
 //!
-//! Each is a pbrt-v4 scene file with the meshes and pictures it names, held in memory, so that the
+//! Each is a pbrt-v4 scene file with the meshes and images it names, held in memory, so that the
 //! program can render one with no file on disk. `cargo run --example generate_scenes` writes them to
 //! `examples/scenes`; a test holds those files to the bytes made here.
 //!
@@ -20,7 +20,7 @@
 //! Bytes are the same on every machine: what decides them uses only `+ - * /` and `sqrt` on `f64`, which
 //! IEEE 754 rounds in one way, and Rust neither fuses nor reorders them.
 //!
-//! Departures from pbrt-v4: environment maps are latitude-longitude pictures (z up; see
+//! Departures from pbrt-v4: environment maps are latitude-longitude images (z up; see
 //! [`EnvironmentRadiance::LatLong`](crate::scene::EnvironmentRadiance::LatLong)), where pbrt-v4 itself
 //! wants equal-area squares.
 //!
@@ -39,11 +39,11 @@ pub(crate) mod directions;
 mod furnace;
 mod glass;
 mod grass;
+mod images;
 mod lens;
 mod mesh;
 mod motion;
 mod noise;
-mod pictures;
 mod plates;
 mod room;
 mod teapot;

@@ -3,8 +3,8 @@
 #[cfg(test)]
 use super::directions::length;
 use super::directions::{add, cross, dot, mix, normalize, scale, smoothstep, sub};
+use super::images::{lat_long_pfm, tga};
 use super::mesh::Mesh;
-use super::pictures::{lat_long_pfm, tga};
 use super::{Assets, opening};
 
 /// Quadrilaterals along each side of a patch: 32 patches of 2 x 12 x 12 make about 9000 triangles.
@@ -238,7 +238,7 @@ fn studio(direction: [f64; 3]) -> [f64; 3] {
     SOFT_BOXES.iter().fold(wall, |sum, light| add(sum, scale(light.radiance, coverage(light, direction))))
 }
 
-/// The floor's texture, one tile of slate with a light joint, 2 x 2 shades a picture.
+/// The floor's texture, one tile of slate with a light joint, 2 x 2 shades an image.
 fn floor_tile(column: u16, row: u16) -> [u8; 3] {
     const TILE: u16 = 64;
     const JOINT: u16 = 2;

@@ -1,9 +1,9 @@
 //! Fractal mountains about a river plain, under sun and sky.
 
 use super::directions::{mix, normalize, smoothstep};
+use super::images::lat_long_pfm;
 use super::mesh::Mesh;
 use super::noise::{fbm, gradient_noise, ridged};
-use super::pictures::lat_long_pfm;
 use super::{Assets, opening};
 
 /// Cells along each side of the grid; what lies under water is left out, and about 2^17 triangles remain.
@@ -171,7 +171,7 @@ MakeNamedMaterial "water" "string type" "coateddiffuse"
          \"integer indices\" [ 0 1 2  0 2 3 ]\n"
     );
     let mut files: Assets = covers().into_iter().map(|(name, mesh)| (format!("{name}.ply"), mesh.ply())).collect();
-    // All columns are alike; eight make a picture that no reader finds odd.
+    // All columns are alike; eight make an image that no reader finds odd.
     files.push(("sky.pfm".to_owned(), lat_long_pfm(8, 256, sky)));
     (text, files)
 }

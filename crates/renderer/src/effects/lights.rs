@@ -23,8 +23,8 @@ impl Effects {
         for light in scene.lights.iter().filter(|l| shines(&l.kind)) {
             if let LightKind::Infinite { radiance } = &light.kind {
                 let because = || match radiance {
-                    EnvironmentRadiance::LatLong { picture, .. } | EnvironmentRadiance::EqualArea { picture, .. } => {
-                        format!("a picture of {}x{} surrounds the scene", picture.size[0], picture.size[1])
+                    EnvironmentRadiance::LatLong { image, .. } | EnvironmentRadiance::EqualArea { image, .. } => {
+                        format!("an image of {}x{} surrounds the scene", image.size[0], image.size[1])
                     }
                     EnvironmentRadiance::Constant(_) => "the same light comes from everywhere".into(),
                 };

@@ -1,19 +1,19 @@
-//! What goes wrong with pictures and their files.
+//! What goes wrong with images and their files.
 
 use std::path::PathBuf;
 
-/// Why a picture is refused, cannot be read or cannot be written. Each message says what to do.
+/// Why an image is refused, cannot be read or cannot be written. Each message says what to do.
 #[non_exhaustive]
 #[derive(Debug, thiserror::Error)]
 pub enum ImageError {
-    /// A picture without pixels.
-    #[error("a picture of {}x{} has no pixels: both sides must be at least 1", size[0], size[1])]
+    /// An image without pixels.
+    #[error("an image of {}x{} has no pixels: both sides must be at least 1", size[0], size[1])]
     Empty {
         /// Width and height.
         size: [u32; 2],
     },
     /// Pixels and size disagree.
-    #[error("a picture of {}x{} needs {} pixels, not {found}", size[0], size[1], u64::from(size[0]) * u64::from(size[1]))]
+    #[error("an image of {}x{} needs {} pixels, not {found}", size[0], size[1], u64::from(size[0]) * u64::from(size[1]))]
     PixelCount {
         /// Width and height.
         size: [u32; 2],
@@ -22,16 +22,14 @@ pub enum ImageError {
     },
     /// A file of a kind that is not known.
     #[error(
-        "{file}: not a picture that can be read: its first bytes are of no known format; PNG, JPEG, TGA (by its extension), Radiance HDR, OpenEXR and PFM are"
+        "{file}: not an image that can be read: its first bytes are of no known format; PNG, JPEG, TGA (by its extension), Radiance HDR, OpenEXR and PFM are"
     )]
     UnknownContent {
         /// The file.
         file: String,
     },
-    /// A file that ends before its picture does.
-    #[error(
-        "{file}: the {format} file ends at byte {offset}, before its picture is complete: copy or download it again"
-    )]
+    /// A file that ends before its image does.
+    #[error("{file}: the {format} file ends at byte {offset}, before its image is complete: copy or download it again")]
     Truncated {
         /// The file.
         file: String,
@@ -53,7 +51,7 @@ pub enum ImageError {
         what: String,
     },
     /// A file whose size field says 0.
-    #[error("{file}: the {format} file says that it is {}x{} pixels: an empty picture is of no use here", size[0], size[1])]
+    #[error("{file}: the {format} file says that it is {}x{} pixels: an empty image is of no use here", size[0], size[1])]
     EmptyFile {
         /// The file.
         file: String,
@@ -64,7 +62,7 @@ pub enum ImageError {
     },
     /// A header that claims more than its file can sensibly hold.
     #[error(
-        "{file}: the {format} header claims {}x{} pixels, which take {} MiB to read, but a file of {bytes} bytes is given {} (256 MiB and 16 times its length): if the header is right, save the picture smaller, or with less compression (as TGA, say)",
+        "{file}: the {format} header claims {}x{} pixels, which take {} MiB to read, but a file of {bytes} bytes is given {} (256 MiB and 16 times its length): if the header is right, save the image smaller, or with less compression (as TGA, say)",
         size[0], size[1], needed.div_ceil(1 << 20), limit >> 20
     )]
     TooLarge {
@@ -81,9 +79,9 @@ pub enum ImageError {
         /// Most bytes that reading a file of this length may take.
         limit: u64,
     },
-    /// A picture with values that are none, where none may be.
+    /// An image with values that are none, where none may be.
     #[error(
-        "{file}: the pixel in column {} of row {} is NaN or infinite{}: a picture that scatters or gives light must be finite, save it without",
+        "{file}: the pixel in column {} of row {} is NaN or infinite{}: an image that scatters or gives light must be finite, save it without",
         first[0], first[1], if *count > 1 { format!(", and {} more", count - 1) } else { String::new() }
     )]
     NotFinite {
@@ -113,7 +111,7 @@ pub enum ImageError {
         path: PathBuf,
     },
     /// An exposure that is no number.
-    #[error("an exposure of {stops} stops is no use: give a finite number, 0 to leave the picture as it is")]
+    #[error("an exposure of {stops} stops is no use: give a finite number, 0 to leave the image as it is")]
     Exposure {
         /// What was given.
         stops: f32,

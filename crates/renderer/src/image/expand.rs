@@ -1,4 +1,4 @@
-//! From a decoder's samples to linear RGB, in place: a picture of many megabytes is not to be held twice.
+//! From a decoder's samples to linear RGB, in place: an image of many megabytes is not to be held twice.
 
 use super::{Encoding, srgb};
 use ::image::ColorType;
@@ -12,7 +12,7 @@ pub(super) fn packed(pixels: &mut [[f32; 3]], bytes_per_pixel: usize) -> &mut [u
     &mut bytes[start..]
 }
 
-/// Opacity, where the picture has any: proportional to the file's integers.
+/// Opacity, where the image has any: proportional to the file's integers.
 pub(super) fn alpha(packed: &[u8], color: ColorType) -> Option<Vec<f32>> {
     let byte = |b: &u8| f32::from(*b) / 255.0;
     let word = |b: &[u8; 2]| f32::from(u16::from_ne_bytes(*b)) / 65535.0;

@@ -1,7 +1,7 @@
 //! OpenEXR files of any number of layers.
 
 use super::openexr::Plane;
-use super::{ImageError, Picture, check_count, read_attributes};
+use super::{Image, ImageError, check_count, read_attributes};
 use ::exr::block::writer::ChunksWriter;
 use ::exr::block::{self, BlockIndex, UncompressedBlock, enumerate_ordered_header_block_indices};
 use ::exr::meta::BlockDescription;
@@ -22,9 +22,9 @@ pub struct Layer<'a> {
 }
 
 impl Layer<'_> {
-    /// A picture's three channels as 32-bit floats.
-    pub fn of_picture(name: impl Into<String>, picture: &Picture) -> Self {
-        let channel = |c: usize| Plane::F32(picture.pixels.iter().map(|p| p[c]).collect());
+    /// An image's three channels as 32-bit floats.
+    pub fn of_image(name: impl Into<String>, image: &Image) -> Self {
+        let channel = |c: usize| Plane::F32(image.pixels.iter().map(|p| p[c]).collect());
         Self { name: name.into(), channels: vec![("R", channel(0)), ("G", channel(1)), ("B", channel(2))] }
     }
 }
@@ -47,7 +47,7 @@ const F16_MAX: f32 = 65504.0;
 ///
 /// 32-bit values survive bit for bit, NaN and infinities too. 16-bit ones are rounded to nearest, and finite
 /// values beyond 65504 are clamped and counted. `attributes` become text attributes of the header (UTF-8), so
-/// that a picture tells how it was made: [`read_attributes`] gives them back. The same input gives the same
+/// that an image tells how it was made: [`read_attributes`] gives them back. The same input gives the same
 /// bytes.
 ///
 /// # Errors
@@ -214,7 +214,7 @@ fn sort_attributes(mut bytes: Vec<u8>) -> Vec<u8> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{read_channels, read_picture};
+    use super::super::{read_channels, read_image};
     use super::*;
     use crate::image::Encoding;
 
@@ -259,8 +259,8 @@ mod tests {
         let Some(Plane::F16(halves)) = read.plane("half.Y") else { panic!("not f16") };
         assert_eq!(halves[8..], [65504.0, 65504.0, -65504.0, 65504.0, -65504.0, f32::INFINITY, f32::NEG_INFINITY]);
         assert!(halves[..3].iter().all(|v| v.is_nan()));
-        let picture = read_picture(&encoded.bytes, "a.exr", Encoding::Auto).unwrap();
-        let found: Vec<u32> = picture.pixels.iter().flatten().map(|v| v.to_bits()).collect();
+        let image = read_image(&encoded.bytes, "a.exr", Encoding::Auto).unwrap();
+        let found: Vec<u32> = image.pixels.iter().flatten().map(|v| v.to_bits()).collect();
         assert_eq!(found, values.iter().flat_map(|v| [v.to_bits(); 3]).collect::<Vec<_>>());
     }
 
@@ -278,8 +278,8 @@ mod tests {
 
     #[test]
     fn bytes_are_reproducible_and_attributes_come_back() {
-        let picture = Picture::new([2, 1], vec![[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]).unwrap();
-        let layer = Layer::of_picture("", &picture);
+        let image = Image::new([2, 1], vec![[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]).unwrap();
+        let layer = Layer::of_image("", &image);
         let given: Vec<_> =
             (0..40).map(|i| (format!("dapple:key{i}"), format!("värde {i} 🎨\nzweite Zeile"))).collect();
         let once = encode_exr([2, 1], std::slice::from_ref(&layer), &given).unwrap();
@@ -287,7 +287,7 @@ mod tests {
         assert_eq!(once, encode_exr([2, 1], &[layer], &given).unwrap());
         let read = read_attributes(&once.bytes, "a.exr").unwrap();
         assert!(given.iter().all(|pair| read.contains(pair)), "{read:?}");
-        assert_eq!(read_picture(&once.bytes, "a.exr", Encoding::Auto).unwrap(), picture);
+        assert_eq!(read_image(&once.bytes, "a.exr", Encoding::Auto).unwrap(), image);
     }
 
     #[test]

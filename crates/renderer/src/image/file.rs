@@ -7,7 +7,7 @@ use std::io::{self, ErrorKind, Write};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
 
-/// What a picture is written as.
+/// What an image is written as.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Format {
     /// OpenEXR, any number of layers: `.exr`.
@@ -99,7 +99,7 @@ impl Target {
             Err(e) if e.kind() == ErrorKind::NotFound => Place::Free,
             Err(e) => return Err(target.refuse("look at it", e)),
             Ok(found) if found.is_dir() => {
-                return Err(target.refuse("write a picture over a directory", ErrorKind::IsADirectory.into()));
+                return Err(target.refuse("write an image over a directory", ErrorKind::IsADirectory.into()));
             }
             Ok(found) if !found.is_file() => Place::Stream,
             Ok(found) if found.permissions().readonly() => {

@@ -1,25 +1,25 @@
-//! Pictures and picture files.
+//! Images and image files.
 //!
-//! [`read_picture`] turns the bytes of a PNG, JPEG, TGA, Radiance HDR, OpenEXR or PFM file into a
-//! [`Picture`]: linear RGB, top row first. It takes bytes, not a path, so that whoever reads a scene
+//! [`read_image`] turns the bytes of a PNG, JPEG, TGA, Radiance HDR, OpenEXR or PFM file into a
+//! [`Image`]: linear RGB, top row first. It takes bytes, not a path, so that whoever reads a scene
 //! decides where files may come from. Headers are not believed: nothing out of proportion to the file is
 //! allocated, and a cut file is an error.
 //!
-//! [`encode_exr`], [`encode_pfm`] and [`encode_png`] turn pictures into the bytes of files, and [`write_file`]
+//! [`encode_exr`], [`encode_pfm`] and [`encode_png`] turn images into the bytes of files, and [`write_file`]
 //! puts bytes on the disk, all or nothing; a program asks [`check_writable`] before it starts what takes long.
-//! The same picture gives the same bytes, on every machine and for any number of threads.
+//! The same image gives the same bytes, on every machine and for any number of threads.
 //!
 //! ```
-//! use dapple_renderer::image::{Encoding, Format, Layer, Picture, encode_exr, read_picture, write_file};
+//! use dapple_renderer::image::{Encoding, Format, Layer, Image, encode_exr, read_image, write_file};
 //! # let folder = tempfile::tempdir()?;
-//! # let path = folder.path().join("picture.exr");
+//! # let path = folder.path().join("image.exr");
 //! assert_eq!(Format::from_path(&path)?, Format::Exr);
-//! let picture = Picture::filled([4, 3], [0.5, 1.0, 2.0])?;
+//! let image = Image::filled([4, 3], [0.5, 1.0, 2.0])?;
 //! let counts = Layer { name: "count".into(), channels: vec![("Y", vec![16_u32; 12].into())] };
-//! let layers = [Layer::of_picture("", &picture), counts];
+//! let layers = [Layer::of_image("", &image), counts];
 //! let made = [("dapple:sampler".to_owned(), "uniform".to_owned())];
-//! write_file(&path, &encode_exr(picture.size, &layers, &made)?.bytes)?;
-//! assert_eq!(read_picture(&std::fs::read(&path)?, "picture.exr", Encoding::Auto)?, picture);
+//! write_file(&path, &encode_exr(image.size, &layers, &made)?.bytes)?;
+//! assert_eq!(read_image(&std::fs::read(&path)?, "image.exr", Encoding::Auto)?, image);
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
@@ -42,12 +42,12 @@ pub use file::{Format, check_writable, write_file};
 pub use openexr::{Channels, Plane, read_attributes, read_channels};
 pub use pfm::encode_pfm;
 pub use png::{encode_png, encode_png_gray, encode_png_rgb};
-pub use read::{Encoding, read_picture};
+pub use read::{Encoding, read_image};
 pub use srgb::{srgb_decode, srgb_encode};
 
-/// A picture in memory: linear RGB, row by row from the top.
+/// An image in memory: linear RGB, row by row from the top.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Picture {
+pub struct Image {
     /// Width and height.
     pub size: [u32; 2],
     /// `size[0] * size[1]` pixels.
@@ -57,7 +57,7 @@ pub struct Picture {
     pub alpha: Vec<f32>,
 }
 
-/// What [`Picture::non_finite`] found.
+/// What [`Image::non_finite`] found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct NonFinite {
     /// How many pixels have a NaN or an infinity in any channel; at least 1.
@@ -66,8 +66,8 @@ pub struct NonFinite {
     pub first: [u32; 2],
 }
 
-impl Picture {
-    /// A picture from its pixels, top row first.
+impl Image {
+    /// An image from its pixels, top row first.
     ///
     /// # Errors
     /// [`ImageError::Empty`] where a side is 0, [`ImageError::PixelCount`] where `pixels` is not as long as
@@ -77,7 +77,7 @@ impl Picture {
         Ok(Self { size, pixels, alpha: Vec::new() })
     }
 
-    /// The same picture with this opacity: clamped to 0..=1, NaN becomes 1; kept only where a pixel is not opaque.
+    /// The same image with this opacity: clamped to 0..=1, NaN becomes 1; kept only where a pixel is not opaque.
     ///
     /// # Errors
     /// [`ImageError::PixelCount`] where there is not one value for each pixel.
@@ -88,7 +88,7 @@ impl Picture {
         Ok(self)
     }
 
-    /// A picture of one colour; `size` is the caller's to choose with the memory in mind.
+    /// An image of one colour; `size` is the caller's to choose with the memory in mind.
     ///
     /// # Errors
     /// [`ImageError::Empty`] where a side is 0.
@@ -110,7 +110,7 @@ impl Picture {
     /// The pixel in column `x` of row `y`, row 0 being the top one.
     ///
     /// # Panics
-    /// Outside the picture, as a slice does.
+    /// Outside the image, as a slice does.
     pub fn pixel(&self, x: usize, y: usize) -> [f32; 3] {
         self.row(y)[x]
     }
@@ -118,7 +118,7 @@ impl Picture {
     /// Row `y` from the left, row 0 being the top one.
     ///
     /// # Panics
-    /// Outside the picture, as a slice does.
+    /// Outside the image, as a slice does.
     pub fn row(&self, y: usize) -> &[[f32; 3]] {
         &self.pixels[y * self.width()..(y + 1) * self.width()]
     }
@@ -132,7 +132,7 @@ impl Picture {
         Some(NonFinite { count, first: [(first % self.width()) as u32, (first / self.width()) as u32] })
     }
 
-    /// The picture, if all of it is finite; `file_name` is for the message.
+    /// The image, if all of it is finite; `file_name` is for the message.
     ///
     /// # Errors
     /// [`ImageError::NotFinite`].

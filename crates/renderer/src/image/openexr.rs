@@ -2,7 +2,7 @@
 //! its claims are allocated.
 
 use super::read::{ALPHA_BYTES, File, PIXEL_BYTES};
-use super::{ImageError, Picture};
+use super::{Image, ImageError};
 use ::exr::block::lines::LineRef;
 use ::exr::block::reader::{ChunksReader, Reader};
 use ::exr::error::Error as ExrError;
@@ -86,7 +86,7 @@ impl Channels {
 /// Every channel of an OpenEXR file in full precision. In files of several parts, names are led by the part's.
 ///
 /// # Errors
-/// As [`read_picture`](super::read_picture); and where the parts differ in size.
+/// As [`read_image`](super::read_image); and where the parts differ in size.
 pub fn read_channels(bytes: &[u8], file_name: &str) -> Result<Channels, ImageError> {
     let file = File { bytes, name: file_name };
     with_reader(&file, |open| {
@@ -112,7 +112,7 @@ pub fn read_channels(bytes: &[u8], file_name: &str) -> Result<Channels, ImageErr
 /// The text attributes in the header of an OpenEXR file's first part, by name.
 ///
 /// # Errors
-/// As [`read_picture`](super::read_picture), as far as the header goes.
+/// As [`read_image`](super::read_image), as far as the header goes.
 pub fn read_attributes(bytes: &[u8], file_name: &str) -> Result<Vec<(String, String)>, ImageError> {
     let file = File { bytes, name: file_name };
     with_reader(&file, |open| {
@@ -131,7 +131,7 @@ pub fn read_attributes(bytes: &[u8], file_name: &str) -> Result<Vec<(String, Str
     })
 }
 
-pub(super) fn read(file: &File<'_>) -> Result<Picture, ImageError> {
+pub(super) fn read(file: &File<'_>) -> Result<Image, ImageError> {
     with_reader(file, |open| {
         let reader = open()?;
         let main = main_channels(file, reader.headers())?;
@@ -151,15 +151,15 @@ pub(super) fn read(file: &File<'_>) -> Result<Picture, ImageError> {
             }
             Ok(())
         })?;
-        let picture = Picture::new([size.0 as u32, size.1 as u32], pixels)?;
-        Ok(if main.alpha.is_some() { picture.with_alpha(alpha)? } else { picture })
+        let image = Image::new([size.0 as u32, size.1 as u32], pixels)?;
+        Ok(if main.alpha.is_some() { image.with_alpha(alpha)? } else { image })
     })
 }
 
-/// Which channels, by number within their part, make the picture.
+/// Which channels, by number within their part, make the image.
 struct MainChannels {
     part: usize,
-    /// Of red, green and blue; all the same of a gray picture.
+    /// Of red, green and blue; all the same of a gray image.
     colors: [Option<usize>; 3],
     alpha: Option<usize>,
 }
@@ -219,7 +219,7 @@ fn main_channels(file: &File<'_>, headers: &[Header]) -> Result<MainChannels, Im
         }
     }
     let names: Vec<String> = headers.iter().flat_map(|h| h.channels.list.iter().map(|c| c.name.to_string())).collect();
-    let what = format!("a picture without R, G and B or Y (its channels are {})", names.join(", "));
+    let what = format!("an image without R, G and B or Y (its channels are {})", names.join(", "));
     Err(file.unsupported(FORMAT, &what, "RGB"))
 }
 
@@ -272,17 +272,17 @@ fn check_headers(file: &File<'_>, headers: &[Header]) -> Result<(), ImageError> 
         // One channel must be had, and a block; how many are kept, the caller knows.
         check_size(file, header, 4)?;
         if header.deep {
-            return Err(file.unsupported(FORMAT, "deep data", "a flat picture"));
+            return Err(file.unsupported(FORMAT, "deep data", "a flat image"));
         }
         if header.channels.list.iter().any(|c| c.sampling.0 != 1 || c.sampling.1 != 1) {
-            return Err(file.unsupported(FORMAT, "a channel of lower resolution than the picture", "RGB"));
+            return Err(file.unsupported(FORMAT, "a channel of lower resolution than the image", "RGB"));
         }
         // Eight bytes of offset table a chunk, and the reader indexes the table by its own count.
         if header.chunk_count > file.bytes.len() / 8 {
             return Err(file.truncated(FORMAT));
         }
         if header.chunk_count != header.blocks_increasing_y_order().count() {
-            let what = format!("{} chunks are not what a picture of this size has", header.chunk_count);
+            let what = format!("{} chunks are not what an image of this size has", header.chunk_count);
             return Err(file.malformed(FORMAT, file.bytes.len(), what));
         }
     }
@@ -292,7 +292,7 @@ fn check_headers(file: &File<'_>, headers: &[Header]) -> Result<(), ImageError> 
     Ok(())
 }
 
-/// Longest header that is read. Small attributes take some 30 times their bytes (an estimate); a preview picture fits.
+/// Longest header that is read. Small attributes take some 30 times their bytes (an estimate); a preview image fits.
 const MOST_HEADER: usize = 4 << 20;
 
 /// Walks the attributes: name, type, length, value; an empty name ends a part.
@@ -333,7 +333,7 @@ const BLOCK_COPIES: u64 = 5;
 fn check_size(file: &File<'_>, header: &Header, per_pixel: u64) -> Result<(), ImageError> {
     let size = [header.layer_size.0 as u64, header.layer_size.1 as u64];
     let [w, h] = match header.blocks {
-        // A tile may well be larger than a small picture.
+        // A tile may well be larger than a small image.
         BlockDescription::Tiles(tiles) => [tiles.tile_size.0 as u64, tiles.tile_size.1 as u64],
         BlockDescription::ScanLines => [size[0], (header.compression.scan_lines_per_block() as u64).min(size[1])],
     };

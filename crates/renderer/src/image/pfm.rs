@@ -2,11 +2,11 @@
 //! 32-bit floats from the bottom up; a negative scale says little-endian.
 
 use super::read::{File, PIXEL_BYTES};
-use super::{ImageError, Picture, check_count};
+use super::{Image, ImageError, check_count};
 
 const FORMAT: &str = "PFM";
 
-pub(super) fn read(file: &File<'_>) -> Result<Picture, ImageError> {
+pub(super) fn read(file: &File<'_>) -> Result<Image, ImageError> {
     let (header, start) = Header::parse(file)?;
     file.check_claim(FORMAT, header.size, PIXEL_BYTES, 0)?;
     let [width, height] = header.size.map(|s| s as usize);
@@ -17,7 +17,7 @@ pub(super) fn read(file: &File<'_>) -> Result<Picture, ImageError> {
         return Err(file.truncated(FORMAT));
     }
     if data.len() > expected {
-        let what = format!("{} bytes follow the picture of {width}x{height}", data.len() - expected);
+        let what = format!("{} bytes follow the image of {width}x{height}", data.len() - expected);
         return Err(file.malformed(FORMAT, start + expected, what));
     }
     let (floats, _) = data.as_chunks::<4>();
@@ -30,19 +30,19 @@ pub(super) fn read(file: &File<'_>) -> Result<Picture, ImageError> {
     let rows = floats.chunks_exact(width * header.channels).rev();
     let pixels = rows.flat_map(|row| row.chunks_exact(header.channels));
     let pixels = pixels.map(|p| std::array::from_fn(|i| value(p[channel(i)]))).collect();
-    Picture::new([width as u32, height as u32], pixels)
+    Image::new([width as u32, height as u32], pixels)
 }
 
-/// Encodes a picture as a PFM file: little-endian, rows from the bottom up. Every bit pattern survives, NaN
+/// Encodes an image as a PFM file: little-endian, rows from the bottom up. Every bit pattern survives, NaN
 /// and infinities too.
 ///
 /// # Errors
 /// [`ImageError::Empty`], [`ImageError::PixelCount`].
-pub fn encode_pfm(picture: &Picture) -> Result<Vec<u8>, ImageError> {
-    check_count(picture.size, picture.pixels.len())?;
-    let mut bytes = format!("PF\n{} {}\n-1.0\n", picture.size[0], picture.size[1]).into_bytes();
-    bytes.reserve(picture.pixels.len() * 12);
-    for row in picture.pixels.chunks_exact(picture.width()).rev() {
+pub fn encode_pfm(image: &Image) -> Result<Vec<u8>, ImageError> {
+    check_count(image.size, image.pixels.len())?;
+    let mut bytes = format!("PF\n{} {}\n-1.0\n", image.size[0], image.size[1]).into_bytes();
+    bytes.reserve(image.pixels.len() * 12);
+    for row in image.pixels.chunks_exact(image.width()).rev() {
         bytes.extend(row.iter().flatten().flat_map(|v| v.to_le_bytes()));
     }
     Ok(bytes)

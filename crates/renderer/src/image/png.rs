@@ -1,10 +1,10 @@
 //! 8-bit PNG.
 
-use super::{ImageError, Picture, check_count, srgb_decode};
+use super::{Image, ImageError, check_count, srgb_decode};
 use ::image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use ::image::{ExtendedColorType, ImageEncoder};
 
-/// Encodes a picture as 8-bit sRGB, made brighter by `exposure_stops` powers of two first.
+/// Encodes an image as 8-bit sRGB, made brighter by `exposure_stops` powers of two first.
 ///
 /// With v a channel times `2^exposure_stops` in f64: NaN, negatives and -∞ become 0; 1, more, and +∞
 /// become 255; the rest becomes `255 * srgb(v)` rounded to nearest. No dithering, no tone curve. The same
@@ -12,15 +12,15 @@ use ::image::{ExtendedColorType, ImageEncoder};
 ///
 /// # Errors
 /// [`ImageError::Empty`], [`ImageError::PixelCount`]; [`ImageError::Exposure`] for stops that are not finite.
-pub fn encode_png(picture: &Picture, exposure_stops: f32) -> Result<Vec<u8>, ImageError> {
-    check_count(picture.size, picture.pixels.len())?;
+pub fn encode_png(image: &Image, exposure_stops: f32) -> Result<Vec<u8>, ImageError> {
+    check_count(image.size, image.pixels.len())?;
     if !exposure_stops.is_finite() {
         return Err(ImageError::Exposure { stops: exposure_stops });
     }
     let factor = exp2(f64::from(exposure_stops));
     let quantizer = Quantizer::new();
-    let bytes: Vec<u8> = picture.pixels.iter().flatten().map(|&v| quantizer.byte(f64::from(v) * factor)).collect();
-    encode(picture.size, &bytes, ExtendedColorType::Rgb8)
+    let bytes: Vec<u8> = image.pixels.iter().flatten().map(|&v| quantizer.byte(f64::from(v) * factor)).collect();
+    encode(image.size, &bytes, ExtendedColorType::Rgb8)
 }
 
 /// Encodes bytes as they are, one a pixel, top row first: a map.
@@ -78,23 +78,23 @@ fn exp2(x: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Encoding, read_picture, srgb_encode};
+    use super::super::{Encoding, read_image, srgb_encode};
     use super::*;
 
     /// The bytes of the decoded file, by way of linear values.
     fn bytes_of(file: &[u8]) -> Vec<u8> {
-        let picture = read_picture(file, "a.png", Encoding::Linear).unwrap();
-        picture.pixels.iter().flatten().map(|v| (v * 255.0).round() as u8).collect()
+        let image = read_image(file, "a.png", Encoding::Linear).unwrap();
+        image.pixels.iter().flatten().map(|v| (v * 255.0).round() as u8).collect()
     }
 
     #[test]
     fn i08_every_float_has_its_byte_and_bytes_are_reproducible() {
         let values = [f32::NAN, -f32::NAN, f32::NEG_INFINITY, -1e30, -1.0, -0.0, 1e-45, 1.0, 1e30, f32::INFINITY];
         let expected = [0, 0, 0, 0, 0, 0, 0, 255, 255, 255];
-        let picture = Picture::new([10, 1], values.map(|v| [v; 3]).to_vec()).unwrap();
+        let image = Image::new([10, 1], values.map(|v| [v; 3]).to_vec()).unwrap();
         for stops in [0.0, 3.5, 1e30] {
-            let file = encode_png(&picture, stops).unwrap();
-            assert_eq!(file, encode_png(&picture, stops).unwrap());
+            let file = encode_png(&image, stops).unwrap();
+            assert_eq!(file, encode_png(&image, stops).unwrap());
             let mut expected = expected.map(|b| [b; 3]);
             if stops == 1e30 {
                 // The smallest denormal is bright by then.
@@ -102,10 +102,10 @@ mod tests {
             }
             assert_eq!(bytes_of(&file), expected.concat());
         }
-        let dark = encode_png(&picture, -1e30).unwrap();
+        let dark = encode_png(&image, -1e30).unwrap();
         assert_eq!(bytes_of(&dark)[..27], [0; 27]);
         for stops in [f32::NAN, f32::INFINITY] {
-            assert!(matches!(encode_png(&picture, stops), Err(ImageError::Exposure { .. })));
+            assert!(matches!(encode_png(&image, stops), Err(ImageError::Exposure { .. })));
         }
     }
 
@@ -120,18 +120,15 @@ mod tests {
     }
 
     #[test]
-    fn eight_bit_pictures_survive_decoding_and_encoding() {
+    fn eight_bit_images_survive_decoding_and_encoding() {
         let ramp: Vec<[u8; 3]> = (0..=255).map(|b| [b, 255 - b, b / 2]).collect();
         let file = encode_png_rgb([16, 16], &ramp).unwrap();
-        let picture = read_picture(&file, "a.png", Encoding::Auto).unwrap();
-        assert_eq!(encode_png(&picture, 0.0).unwrap(), file);
+        let image = read_image(&file, "a.png", Encoding::Auto).unwrap();
+        assert_eq!(encode_png(&image, 0.0).unwrap(), file);
         let gray: Vec<u8> = (0..=255).collect();
         let file = encode_png_gray([256, 1], &gray).unwrap();
-        let picture = read_picture(&file, "a.png", Encoding::Srgb).unwrap();
-        assert_eq!(
-            bytes_of(&encode_png(&picture, 0.0).unwrap()),
-            gray.iter().flat_map(|&b| [b; 3]).collect::<Vec<_>>()
-        );
+        let image = read_image(&file, "a.png", Encoding::Srgb).unwrap();
+        assert_eq!(bytes_of(&encode_png(&image, 0.0).unwrap()), gray.iter().flat_map(|&b| [b; 3]).collect::<Vec<_>>());
     }
 
     #[test]

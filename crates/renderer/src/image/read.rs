@@ -1,6 +1,6 @@
-//! From the bytes of a file to a picture.
+//! From the bytes of a file to an image.
 
-use super::{ImageError, Picture, expand, openexr, pfm};
+use super::{Image, ImageError, expand, openexr, pfm};
 use ::image::codecs::{hdr::HdrDecoder, jpeg::JpegDecoder, png::PngDecoder, tga::TgaDecoder};
 use ::image::{ImageDecoder, ImageError as Decoder, Limits};
 use std::io::{Cursor, ErrorKind};
@@ -17,7 +17,7 @@ pub enum Encoding {
     Srgb,
 }
 
-/// Reads a picture: PNG, JPEG, TGA, Radiance HDR, OpenEXR or PFM.
+/// Reads an image: PNG, JPEG, TGA, Radiance HDR, OpenEXR or PFM.
 ///
 /// The content decides on the format; only TGA, which has no signature, needs its extension. Integers of
 /// 8 or 16 bits become 0..=1, then pass the sRGB curve unless `encoding` says otherwise; alpha never does. Gray
@@ -26,19 +26,19 @@ pub enum Encoding {
 /// the magnitude of the header's scale. Of an EXR file, the main layer is read: channels `R`, `G`, `B`
 /// without a layer name, or else `Y`, or else those of the first layer that has them, or else the one channel
 /// that there is, or else as many of `R`, `G`, `B` as there are (0 for the others); `A` of the same layer is its
-/// alpha, and its pixels are those of the data window. NaN and infinities are kept: see [`Picture::non_finite`].
+/// alpha, and its pixels are those of the data window. NaN and infinities are kept: see [`Image::non_finite`].
 ///
 /// `file_name` is for messages, and for its extension.
 ///
 /// # Errors
-/// Whatever is wrong with the file, naming it and the byte where that showed. A picture whose reading would take
+/// Whatever is wrong with the file, naming it and the byte where that showed. An image whose reading would take
 /// more than 256 MiB + 16 x `bytes.len()`, the bytes themselves counted, is refused before anything is allocated:
-/// see [`ImageError::TooLarge`]. So pictures of up to 5 million pixels (12 bytes each once they are read; 4 million
+/// see [`ImageError::TooLarge`]. So images of up to 5 million pixels (12 bytes each once they are read; 4 million
 /// with alpha, 3.5 million from a progressive JPEG) are read however well they are packed.
-pub fn read_picture(bytes: &[u8], file_name: &str, encoding: Encoding) -> Result<Picture, ImageError> {
+pub fn read_image(bytes: &[u8], file_name: &str, encoding: Encoding) -> Result<Image, ImageError> {
     let file = File { bytes, name: file_name };
     let mut cursor = Cursor::new(bytes);
-    let (format, picture) = match Content::of(&file) {
+    let (format, image) = match Content::of(&file) {
         Some(Content::Exr) => return openexr::read(&file),
         Some(Content::Pfm) => return pfm::read(&file),
         Some(Content::Png) => {
@@ -56,7 +56,7 @@ pub fn read_picture(bytes: &[u8], file_name: &str, encoding: Encoding) -> Result
         Some(Content::Tga) => ("TGA", decode(&file, "TGA", encoding, tga_copy(&file), TgaDecoder::new(&mut cursor))),
         None => return Err(ImageError::UnknownContent { file: file_name.to_owned() }),
     };
-    picture.map_err(|fault| match fault {
+    image.map_err(|fault| match fault {
         Fault::Ours(error) => error,
         Fault::Decoder(Decoder::IoError(e)) if e.kind() == ErrorKind::UnexpectedEof => file.truncated(format),
         Fault::Decoder(Decoder::Unsupported(e)) => {
@@ -123,7 +123,7 @@ impl File<'_> {
         FREE_BYTES.saturating_add((self.bytes.len() as u64).saturating_mul(BYTES_PER_BYTE))
     }
 
-    /// Refuses empty pictures, and sizes out of proportion to the file: before anything is allocated. `per_pixel`
+    /// Refuses empty images, and sizes out of proportion to the file: before anything is allocated. `per_pixel`
     /// counts the bytes that a pixel takes while it is read; `besides` what else the decoder needs.
     pub(super) fn check_claim(
         &self,
@@ -183,14 +183,14 @@ impl Content {
 /// Bytes that decoders keep for each column: a row or three of the widest pixels.
 const COLUMN_BYTES: u64 = 32;
 
-/// Decodes where the picture will lie. `working` counts bytes that the decoder needs meanwhile.
+/// Decodes where the image will lie. `working` counts bytes that the decoder needs meanwhile.
 fn decode<D: ImageDecoder>(
     file: &File<'_>,
     format: &'static str,
     encoding: Encoding,
     working: u64,
     opened: ::image::ImageResult<D>,
-) -> Result<Picture, Fault> {
+) -> Result<Image, Fault> {
     let decoder = opened?;
     let (width, height) = decoder.dimensions();
     let color = decoder.color_type();
@@ -203,10 +203,10 @@ fn decode<D: ImageDecoder>(
     let alpha = expand::alpha(packed, color);
     expand::expand(&mut pixels, color, encoding)
         .map_err(|what| file.unsupported(format, what, "RGB of 8 bits per channel"))?;
-    let picture = Picture::new([width, height], pixels)?;
+    let image = Image::new([width, height], pixels)?;
     Ok(match alpha {
-        Some(alpha) => picture.with_alpha(alpha)?,
-        None => picture,
+        Some(alpha) => image.with_alpha(alpha)?,
+        None => image,
     })
 }
 
@@ -218,7 +218,7 @@ fn check_png(file: &File<'_>) -> Result<Limits, ImageError> {
         let size = [u32::from_be_bytes([a, b, c, d]).into(), u32::from_be_bytes([e, f, g, h]).into()];
         file.check_claim("PNG", size, PIXEL_BYTES, 0)?;
         let rest = file.memory_limit().saturating_sub(size[0] * size[1] * (PIXEL_BYTES + ALPHA_BYTES));
-        // A small one is for every picture to have; the decoder counts its rows, too.
+        // A small one is for every image to have; the decoder counts its rows, too.
         limits.max_alloc = Some((rest / 4).max(OWN_BYTES as u64 / 2 + size[0] * COLUMN_BYTES));
     }
     let mut rest = &file.bytes[8..];
@@ -236,7 +236,7 @@ fn check_png(file: &File<'_>) -> Result<Limits, ImageError> {
 }
 
 /// The decoder fills what a cut JPEG lacks with gray; so the end is looked for by walking the segments. Returns how
-/// many bytes a pixel the decoder needs: it keeps the coefficients of the whole picture where they do not come all at
+/// many bytes a pixel the decoder needs: it keeps the coefficients of the whole image where they do not come all at
 /// once.
 fn check_jpeg(file: &File<'_>) -> Result<u64, ImageError> {
     const END_OF_IMAGE: u8 = 0xd9;

@@ -13,8 +13,8 @@ fn save(image: DynamicImage, format: ImageFormat) -> Vec<u8> {
 }
 
 /// 5x3 pixels, all different.
-fn picture() -> Picture {
-    Picture::new([5, 3], (0..15).map(|i| [i as f32 * 0.25, 1.0 / (i + 1) as f32, -(i as f32)]).collect()).unwrap()
+fn image() -> Image {
+    Image::new([5, 3], (0..15).map(|i| [i as f32 * 0.25, 1.0 / (i + 1) as f32, -(i as f32)]).collect()).unwrap()
 }
 
 fn rgb8() -> ::image::RgbImage {
@@ -26,7 +26,7 @@ fn foreign_exr() -> Vec<u8> {
     let depth =
         exr::AnyChannels::sort([exr::AnyChannel::new("Z", exr::FlatSamples::F32(vec![7.0; 15]))].into_iter().collect());
     let color = ["R", "G", "B"].into_iter().enumerate().map(|(c, name)| {
-        let values = picture().pixels.iter().map(|p| exr::f16::from_f32(p[c])).collect();
+        let values = image().pixels.iter().map(|p| exr::f16::from_f32(p[c])).collect();
         exr::AnyChannel::new(name, exr::FlatSamples::F16(values))
     });
     let layer = |name: &str, channels| {
@@ -55,14 +55,14 @@ fn small_files() -> Vec<(&'static str, Vec<u8>)> {
         ("a.jpg", save(rgb8().into(), ImageFormat::Jpeg)),
         ("a.tga", save(rgb8().into(), ImageFormat::Tga)),
         ("a.hdr", save(floats.into(), ImageFormat::Hdr)),
-        ("a.pfm", encode_pfm(&picture()).unwrap()),
-        ("a.exr", encode_exr([5, 3], &[Layer::of_picture("", &picture())], &[]).unwrap().bytes),
+        ("a.pfm", encode_pfm(&image()).unwrap()),
+        ("a.exr", encode_exr([5, 3], &[Layer::of_image("", &image())], &[]).unwrap().bytes),
         ("foreign.exr", foreign_exr()),
     ]
 }
 
-fn read(name: &str, bytes: &[u8]) -> Result<Picture, ImageError> {
-    read_picture(bytes, name, Encoding::Auto)
+fn read(name: &str, bytes: &[u8]) -> Result<Image, ImageError> {
+    read_image(bytes, name, Encoding::Auto)
 }
 
 #[test]
@@ -70,10 +70,10 @@ fn small_files_of_every_format_are_read() {
     for (name, bytes) in small_files() {
         let found = read(name, &bytes).unwrap();
         match name {
-            "a.pfm" | "a.exr" => assert_eq!(found, picture()),
+            "a.pfm" | "a.exr" => assert_eq!(found, image()),
             "foreign.exr" => {
                 let half = |v: f32| exr::f16::from_f32(v).to_f32();
-                assert_eq!(found.pixels, picture().pixels.iter().map(|p| p.map(half)).collect::<Vec<_>>());
+                assert_eq!(found.pixels, image().pixels.iter().map(|p| p.map(half)).collect::<Vec<_>>());
             }
             "a.hdr" => {
                 assert_eq!(found.size, [9, 3]);
@@ -96,9 +96,9 @@ fn small_files_of_every_format_are_read() {
 
 #[test]
 fn encodings_are_followed_for_integers_and_ignored_for_floats() {
-    let linear = |name: &str, bytes: &[u8]| read_picture(bytes, name, Encoding::Linear).unwrap();
+    let linear = |name: &str, bytes: &[u8]| read_image(bytes, name, Encoding::Linear).unwrap();
     for (name, bytes) in small_files() {
-        let srgb = read_picture(&bytes, name, Encoding::Srgb).unwrap();
+        let srgb = read_image(&bytes, name, Encoding::Srgb).unwrap();
         assert_eq!(srgb, read(name, &bytes).unwrap());
         assert_eq!(linear(name, &bytes) == srgb, ["a.hdr", "a.pfm", "a.exr", "foreign.exr"].contains(&name), "{name}");
     }
@@ -233,10 +233,10 @@ fn i03_lying_headers_are_errors_before_they_are_allocated() {
 fn empty_and_foreign_files_are_refused_with_advice() {
     let message = |name: &str, bytes: &[u8]| read(name, bytes).unwrap_err().to_string();
     for (name, bytes) in [("a.pfm", b"PF\n0 3\n-1\n".as_slice()), ("a.hdr", b"#?RADIANCE\n\n-Y 0 +X 0\n")] {
-        assert!(message(name, bytes).contains("an empty picture"), "{}", message(name, bytes));
+        assert!(message(name, bytes).contains("an empty image"), "{}", message(name, bytes));
     }
-    assert!(message("🎨.gif", b"GIF89a").starts_with("🎨.gif: not a picture that can be read"));
-    assert!(message("a.png", b"").contains("not a picture"));
+    assert!(message("🎨.gif", b"GIF89a").starts_with("🎨.gif: not an image that can be read"));
+    assert!(message("a.png", b"").contains("not an image"));
     assert!(message("a.hdr", b"#?RADIANCE\nFORMAT=32-bit_rle_xyze\n\n-Y 1 +X 1\n0000").contains("save it as RGBE"));
     let depth = ["Z", "ZBack"].map(|name| (name, vec![1.0_f32].into()));
     let depth = encode_exr([1, 1], &[Layer { name: String::new(), channels: depth.into() }], &[]).unwrap().bytes;
@@ -291,17 +291,17 @@ fn alpha_is_kept_where_a_pixel_is_not_opaque() {
     };
     for (name, bytes) in files([51, 255]) {
         for encoding in [Encoding::Auto, Encoding::Linear] {
-            assert_eq!(read_picture(&bytes, name, encoding).unwrap().alpha, [0.2, 1.0], "{name}");
+            assert_eq!(read_image(&bytes, name, encoding).unwrap().alpha, [0.2, 1.0], "{name}");
         }
     }
     for (name, bytes) in files([255, 255]) {
         assert!(read(name, &bytes).unwrap().alpha.is_empty(), "{name}");
     }
     assert_eq!(read("a.exr", &exr([0, 0])).unwrap().pixels, [[1.0, 3.0, 5.0], [2.0, 4.0, 6.0]]);
-    let picture = Picture::filled([5, 1], [1.0; 3]).unwrap();
-    assert!(matches!(picture.clone().with_alpha(vec![1.0]), Err(ImageError::PixelCount { found: 1, .. })));
+    let image = Image::filled([5, 1], [1.0; 3]).unwrap();
+    assert!(matches!(image.clone().with_alpha(vec![1.0]), Err(ImageError::PixelCount { found: 1, .. })));
     let odd = vec![f32::NAN, -1.0, 7.0, f32::INFINITY, 0.5];
-    assert_eq!(picture.with_alpha(odd).unwrap().alpha, [1.0, 0.0, 1.0, 1.0, 0.5]);
+    assert_eq!(image.with_alpha(odd).unwrap().alpha, [1.0, 0.0, 1.0, 1.0, 0.5]);
 }
 
 #[test]
@@ -330,24 +330,21 @@ fn i07_pfm_keeps_every_bit_at_any_size() {
         let specials = [0.0, -0.0, 1e-45, 65505.0, 1e38, f32::NAN, f32::INFINITY, f32::from_bits(0xffa0_0001)];
         let pixels: Vec<[f32; 3]> = (0..count).map(|i| std::array::from_fn(|c| specials[(3 * i + c) % 8])).collect();
         let bits = |p: &[[f32; 3]]| p.iter().flatten().map(|v| v.to_bits()).collect::<Vec<_>>();
-        let file = encode_pfm(&Picture::new(size, pixels.clone()).unwrap()).unwrap();
+        let file = encode_pfm(&Image::new(size, pixels.clone()).unwrap()).unwrap();
         let found = read("a.pfm", &file).unwrap();
         assert_eq!((found.size, bits(&found.pixels)), (size, bits(&pixels)));
     }
 }
 
 #[test]
-fn pictures_check_their_length_and_find_what_is_not_finite() {
-    assert!(matches!(Picture::new([2, 2], vec![[0.0; 3]; 3]), Err(ImageError::PixelCount { found: 3, .. })));
-    assert!(matches!(Picture::filled([0, 2], [0.0; 3]), Err(ImageError::Empty { .. })));
-    let mut picture = picture();
-    assert_eq!(
-        (picture.non_finite(), picture.row(1)[2], picture.pixel(2, 1)),
-        (None, picture.pixels[7], picture.pixels[7])
-    );
-    picture.pixels[7][2] = f32::NEG_INFINITY;
-    picture.pixels[14] = [f32::NAN; 3];
-    assert_eq!(picture.non_finite(), Some(NonFinite { count: 2, first: [2, 1] }));
+fn images_check_their_length_and_find_what_is_not_finite() {
+    assert!(matches!(Image::new([2, 2], vec![[0.0; 3]; 3]), Err(ImageError::PixelCount { found: 3, .. })));
+    assert!(matches!(Image::filled([0, 2], [0.0; 3]), Err(ImageError::Empty { .. })));
+    let mut image = image();
+    assert_eq!((image.non_finite(), image.row(1)[2], image.pixel(2, 1)), (None, image.pixels[7], image.pixels[7]));
+    image.pixels[7][2] = f32::NEG_INFINITY;
+    image.pixels[14] = [f32::NAN; 3];
+    assert_eq!(image.non_finite(), Some(NonFinite { count: 2, first: [2, 1] }));
 }
 
 /// A folder of `../shared` or beside the repository; `None` (with a line saying so) where there is none.
@@ -361,16 +358,16 @@ fn shared(variable: &str, name: &str) -> Option<PathBuf> {
     None
 }
 
-fn read_path(path: &Path) -> Picture {
+fn read_path(path: &Path) -> Image {
     read(&path.display().to_string(), &std::fs::read(path).unwrap()).unwrap()
 }
 
-fn mean(picture: &Picture) -> [f64; 3] {
-    std::array::from_fn(|c| picture.pixels.iter().map(|p| f64::from(p[c])).sum::<f64>() / picture.pixels.len() as f64)
+fn mean(image: &Image) -> [f64; 3] {
+    std::array::from_fn(|c| image.pixels.iter().map(|p| f64::from(p[c])).sum::<f64>() / image.pixels.len() as f64)
 }
 
 #[test]
-fn pictures_of_the_scenes_have_the_means_that_other_readers_find() {
+fn images_of_the_scenes_have_the_means_that_other_readers_find() {
     let Some(scenes) = shared("DAPPLE_SCENES", "scenes") else { return };
     // Size and mean by Pillow, OpenEXR's own library, and a decoder in numpy for .hdr.
     for (name, size, expected) in [
@@ -384,7 +381,7 @@ fn pictures_of_the_scenes_have_the_means_that_other_readers_find() {
         ("pbrt-v4/veach-mis/TungstenRender.exr", [1280, 720], [0.6731, 0.6107, 0.5925]),
         ("pbrt-v4/dining-room/textures/Teacup.tga", [186, 300], [0.9169, 0.8885, 0.9087]),
         ("pbrt-v4/dining-room/textures/Tiles.tga", [894, 894], [0.6061, 0.4978, 0.3587]),
-        ("pbrt-v4/dining-room/textures/picture3.jpg", [1280, 1920], [0.2584, 0.1022, 0.0916]),
+        ("pbrt-v4/dining-room/textures/image3.jpg", [1280, 1920], [0.2584, 0.1022, 0.0916]),
         ("pbrt-v4/staircase2/textures/Wallpaper.tga", [512, 512], [0.8040, 0.7423, 0.5363]),
         ("pbrt-v4/staircase2/textures/wood5.jpg", [1600, 1200], [0.3782, 0.0564, 0.0017]),
         ("pbrt-v4/teapot/TungstenRender.png", [1280, 720], [0.3778, 0.3781, 0.3730]),
@@ -395,18 +392,18 @@ fn pictures_of_the_scenes_have_the_means_that_other_readers_find() {
             eprintln!("skipped: {} is not there", path.display());
             continue;
         }
-        let picture = read_path(&path);
-        assert_eq!((picture.size, picture.non_finite()), (size, None), "{name}");
+        let image = read_path(&path);
+        assert_eq!((image.size, image.non_finite()), (size, None), "{name}");
         // JPEG leaves the decoder free in how it enlarges chroma; measured 8e-4.
         let tolerance = if name.ends_with("jpg") { 1e-3 } else { 0.6e-4 };
-        for (found, listed) in mean(&picture).into_iter().zip(expected) {
+        for (found, listed) in mean(&image).into_iter().zip(expected) {
             assert!((found - listed).abs() < tolerance, "{name}: {found} {listed}");
         }
     }
 }
 
 #[test]
-fn reference_pictures_have_the_means_that_their_readme_lists() {
+fn reference_images_have_the_means_that_their_readme_lists() {
     let Some(folder) = shared("DAPPLE_REFERENCES", "references") else { return };
     for (name, size, expected) in [
         ("coffee", [256, 320], [0.1900, 0.1189, 0.0916]),
@@ -419,9 +416,9 @@ fn reference_pictures_have_the_means_that_their_readme_lists() {
         ("veach-mis", [320, 180], [1.1036, 0.8927, 0.8339]),
         ("water-caustic-rgb", [320, 320], [0.2330, 0.1427, 0.0363]),
     ] {
-        let picture = read_path(&folder.join(format!("{name}.exr")));
-        assert_eq!(picture.size, size);
-        for (found, listed) in mean(&picture).into_iter().zip(expected) {
+        let image = read_path(&folder.join(format!("{name}.exr")));
+        assert_eq!(image.size, size);
+        for (found, listed) in mean(&image).into_iter().zip(expected) {
             assert!((found - listed).abs() < 0.6e-4, "{name}: {found} {listed}");
         }
     }
@@ -445,8 +442,8 @@ fn f11_metrics_of_the_references_are_those_that_other_programs_found() {
         ),
     ];
     for (name, expected) in printed {
-        let pictures = load(name);
-        let [image, reference] = pictures.each_ref().map(|p| Pixels::new(p.size, &p.pixels).unwrap());
+        let images = load(name);
+        let [image, reference] = images.each_ref().map(|p| Pixels::new(p.size, &p.pixels).unwrap());
         let c = compare(image, reference).unwrap();
         let found = [c.mse, c.rel_mse, c.rel_mse_trimmed, c.display_mse, c.psnr, c.mean_ratio];
         approx::assert_relative_eq!(found[..], expected[..], max_relative = 1e-9);
@@ -459,8 +456,8 @@ fn f11_metrics_of_the_references_are_those_that_other_programs_found() {
         ("water-caustic", [[0.924, 0.943, 0.196], [1.000, 0.998, 0.937], [1.178, 1.045, 0.992]]),
     ];
     for (name, expected) in listed {
-        let pictures = load(name);
-        let [image, reference] = pictures.each_ref().map(|p| Pixels::new(p.size, &p.pixels).unwrap());
+        let images = load(name);
+        let [image, reference] = images.each_ref().map(|p| Pixels::new(p.size, &p.pixels).unwrap());
         let ratios = block_ratios(image, reference, [10, 10]).unwrap();
         for (percent, expected) in [5.0, 50.0, 95.0].into_iter().zip(expected) {
             approx::assert_abs_diff_eq!(ratios.percentile(percent)[..], expected[..], epsilon = 0.6e-3);

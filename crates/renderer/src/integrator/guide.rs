@@ -1,9 +1,9 @@
-//! A choice among lights that is learned while a picture is traced.
+//! A choice among lights that is learned while an image is traced.
 
 use crate::World;
 use crate::light::{Expected, Lights};
 use dapple_cluster_adaptive::{LightCellOptions, LightCells};
-use dapple_core::{Observations, Observed};
+use dapple_core::{TrainingData, TrainingLog};
 use glam::Vec3;
 
 /// The cells of a world, and how far they have learned.
@@ -13,7 +13,7 @@ pub(super) struct Guide {
     /// What is expected of each light.
     lights: Vec<Expected>,
     /// Lessons to come.
-    lessons: u32,
+    passes: u32,
     /// A mistake for a test to find: light met by chance is weighted as if nothing had been learned.
     #[cfg(test)]
     pub(super) forgets: bool,
@@ -37,7 +37,7 @@ impl Guide {
         Some(Self {
             cells,
             lights,
-            lessons: LESSONS,
+            passes: LESSONS,
             #[cfg(test)]
             forgets: false,
         })
@@ -67,20 +67,20 @@ impl Guide {
 
     /// Notes down what a light contributed in a cell.
     #[inline(always)]
-    pub(super) fn note(&self, observed: &mut Observed, cell: u32, light: u32, contribution: Vec3) {
-        if self.lessons > 0 {
+    pub(super) fn note(&self, observed: &mut TrainingLog, cell: u32, light: u32, contribution: Vec3) {
+        if self.passes > 0 {
             observed.note(self.cells.key(cell, light), contribution.element_sum() * (1.0 / 3.0));
         }
     }
 
     pub(super) fn is_learning(&self) -> bool {
-        self.lessons > 0
+        self.passes > 0
     }
 
-    pub(super) fn learn(&mut self, lesson: &Observations) {
-        let notes = lesson.entries().iter().map(|e| (e.key, e.count, e.sum_of_squares));
+    pub(super) fn learn(&mut self, pass: &TrainingData) {
+        let notes = pass.entries().iter().map(|e| (e.key, e.count, e.sum_of_squares));
         self.cells.learn(notes, expected(&self.lights));
-        self.lessons = self.lessons.saturating_sub(1);
+        self.passes = self.passes.saturating_sub(1);
     }
 }
 

@@ -36,7 +36,7 @@ pub mod code {
 /// have.
 ///
 /// One `match` chooses among the specialised forms, by [`code`] and by the lens: the least that has all that is called for. Lights and materials decide by
-/// their own kind. Pictures do not depend on the choice, as long as it has all that the world calls for: see
+/// their own kind. Images do not depend on the choice, as long as it has all that the world calls for: see
 /// [`integrator_with`].
 pub fn integrator(world: &World) -> Box<dyn Integrator + '_> {
     integrator_with(world, 0)

@@ -14,7 +14,7 @@ use crate::light::LightSample;
 use crate::material::Surface;
 use crate::shading::{Bsdf, Frame, power_heuristic, power_heuristic_over_pdf};
 use crate::world::{Interaction, NO_LIGHT, NO_MEDIUM};
-use dapple_core::{Draws, Estimate, Integrator, Observations, Observed};
+use dapple_core::{Draws, Estimate, Integrator, TrainingData, TrainingLog};
 use dapple_geometry::{Ray, spawn_ray};
 use glam::Vec3;
 use std::marker::PhantomData;
@@ -139,7 +139,7 @@ impl<'w, L: Lens, const E: u32> PathTracer<'w, L, E> {
     fn direct_guided(
         &self,
         guide: &Guide,
-        observed: &mut Observed,
+        observed: &mut TrainingLog,
         cell: u32,
         path: &mut Path,
         at: &Interaction<'_>,
@@ -203,7 +203,7 @@ impl<'w, L: Lens, const E: u32> PathTracer<'w, L, E> {
         at: &Interaction<'_>,
         surface: &Surface,
         vertex: u32,
-        observed: &mut Observed,
+        observed: &mut TrainingLog,
         cell: &mut u32,
     ) -> bool {
         let world = self.world;
@@ -268,7 +268,7 @@ impl<'w, L: Lens, const E: u32> PathTracer<'w, L, E> {
 }
 
 impl<L: Lens, const E: u32> Integrator for PathTracer<'_, L, E> {
-    fn estimate(&self, draws: &Draws<'_>, observed: &mut Observed) -> Estimate {
+    fn estimate(&self, draws: &Draws<'_>, observed: &mut TrainingLog) -> Estimate {
         let mut path = self.begin(draws);
         // Where the last light was chosen: what a ray then meets by chance is weighted against that choice.
         let mut cell = NO_CELL;
@@ -335,13 +335,13 @@ impl<L: Lens, const E: u32> Integrator for PathTracer<'_, L, E> {
         estimate
     }
 
-    fn observes(&self) -> bool {
+    fn wants_training(&self) -> bool {
         self.guide.as_ref().is_some_and(Guide::is_learning)
     }
 
-    fn learn(&mut self, lesson: &Observations) {
+    fn learn(&mut self, pass: &TrainingData) {
         if let Some(guide) = &mut self.guide {
-            guide.learn(lesson);
+            guide.learn(pass);
         }
     }
 }

@@ -4,14 +4,14 @@ use super::code::{DEEP, GUIDED, SEVERAL, SKY};
 use super::path::PathTracer;
 use crate::World;
 use crate::camera::Pinhole;
-use crate::image::Picture;
+use crate::image::Image;
 use crate::light::LightChoice;
 use crate::scene::{
     Camera, Color, Emission, EnvironmentRadiance, Geometry, Light, LightKind, Material, MaterialId, MaterialKind,
     Projection, Scene, Shape, Source,
 };
 use dapple_core::samplers::Uniform;
-use dapple_core::{Frame, Integrator, Limits, Needs, NoWatch, render};
+use dapple_core::{Frame, Integrator, Limits, Needs, NoMonitor, render};
 use dapple_low_discrepancy::Sobol;
 use glam::{DAffine3, DVec3};
 use std::sync::Arc;
@@ -39,14 +39,14 @@ fn closed(depth: u32) -> World {
     World::new(&scene).unwrap_or_else(|e| panic!("{e}"))
 }
 
-/// Mean and squared standard error of the picture's halves, left and right, and rays a sample.
+/// Mean and squared standard error of the image's halves, left and right, and rays a sample.
 fn rendered(mut integrator: impl Integrator) -> ([[f64; 2]; 2], f64) {
     let frame = Frame::new(SIZE, SIZE).expect("not empty");
     let limits = Limits::samples(SPP * frame.pixels() as u64);
     let (mut sums, mut squares, mut rays) = ([0.0; 2], [0.0; 2], 0);
     for seed in 0..REPLICATES {
         let mut sampler = Uniform::new(Sobol::new(400 + seed));
-        let film = render(&mut integrator, &mut sampler, Needs::none(), frame, &limits, &mut NoWatch);
+        let film = render(&mut integrator, &mut sampler, Needs::none(), frame, &limits, &mut NoMonitor);
         let film = film.unwrap_or_else(|e| panic!("{e}"));
         assert_eq!(film.record().rejected, 0);
         rays += film.record().rays;
@@ -114,7 +114,7 @@ fn three_lamps() -> World {
     world
 }
 
-/// Two balls, the nearer in the light of a picture that is bright on a side and black on another.
+/// Two balls, the nearer in the light of an image that is bright on a side and black on another.
 fn under_a_sky() -> World {
     let mut scene = Scene { max_depth: Some(3), ..Scene::default() };
     scene.film.resolution = [SIZE; 2];
@@ -130,8 +130,8 @@ fn under_a_sky() -> World {
         3..6 => 4.0,
         _ => 0.1 + 0.2 * (i / 16) as f32,
     };
-    let picture = Picture::new([16, 8], (0..128).map(|i| [value(i); 3]).collect()).expect("as many");
-    let radiance = EnvironmentRadiance::LatLong { picture: Arc::new(picture), scale: 1.0 };
+    let image = Image::new([16, 8], (0..128).map(|i| [value(i); 3]).collect()).expect("as many");
+    let radiance = EnvironmentRadiance::LatLong { image: Arc::new(image), scale: 1.0 };
     let kind = LightKind::Infinite { radiance };
     scene.lights.push(Light { kind, to_world: DAffine3::IDENTITY, source: Source::default() });
     let mut world = World::new(&scene).unwrap_or_else(|e| panic!("{e}"));

@@ -12,7 +12,7 @@ pub enum LightChoice {
     Uniform,
     /// With probabilities that are learned while rendering, per cell of space and orientation, from what lights
     /// contributed there ([`LightCells`](dapple_cluster_adaptive::LightCells)); by power where nothing can be learned:
-    /// inside media, and with a single light. An environment that is a picture counts as its parts, up to 32 or 36 lights.
+    /// inside media, and with a single light. An environment that is an image counts as its parts, up to 32 or 36 lights.
     Cells,
 }
 
@@ -23,7 +23,7 @@ const STEPS: u64 = 1 << 24;
 ///
 /// All probabilities are whole multiples of 2^-24, of which every light gets one before the rest is dealt out by
 /// power. A coordinate of 24 bits then chooses each light exactly as often as its probability says: a light with a
-/// share of 10^-12 would otherwise never be chosen, and its light be missing from the picture. Beyond 2^23 lights
+/// share of 10^-12 would otherwise never be chosen, and its light be missing from the image. Beyond 2^23 lights
 /// there are not enough values to go round, and shares are what they are.
 pub(super) fn by_power(powers: &[f64]) -> Discrete {
     let total: f64 = powers.iter().sum();

@@ -5,7 +5,7 @@ mod parts;
 pub(crate) use parts::Parts;
 
 use super::{LightSample, Target, luminance, octahedral};
-use crate::image::Picture;
+use crate::image::Image;
 use crate::scene::{EnvironmentRadiance, Source};
 use crate::shading::discrete::PiecewiseConstant2d;
 use crate::shading::trigonometry::{sin_cos_turn, turn_of};
@@ -29,7 +29,7 @@ pub enum EnvironmentError {
     },
     /// A texel is no radiance.
     #[error(
-        "{at}: texel ({column}, {row}) of the environment picture is {value:?}: mend the picture, its values must be finite and at least 0, also when scaled"
+        "{at}: texel ({column}, {row}) of the environment image is {value:?}: mend the image, its values must be finite and at least 0, also when scaled"
     )]
     Texel {
         /// Where it is said.
@@ -41,9 +41,9 @@ pub enum EnvironmentError {
         /// The value.
         value: [f32; 3],
     },
-    /// An equal-area picture must be a square.
+    /// An equal-area image must be a square.
     #[error(
-        "{at}: an equal-area environment picture is a square, not {} x {}: give one, or one in latitude and longitude", size[0], size[1]
+        "{at}: an equal-area environment image is a square, not {} x {}: give one, or one in latitude and longitude", size[0], size[1]
     )]
     Square {
         /// Where it is said.
@@ -52,7 +52,7 @@ pub enum EnvironmentError {
         size: [u32; 2],
     },
     /// More texels than can be chosen among.
-    #[error("{at}: an environment picture of {} x {} is too large: scale it down", size[0], size[1])]
+    #[error("{at}: an environment image of {} x {} is too large: scale it down", size[0], size[1])]
     Size {
         /// Where it is said.
         at: Source,
@@ -80,14 +80,14 @@ pub struct Environment {
 #[derive(Clone, Debug)]
 enum Kind {
     Constant(Vec3),
-    Picture(Map),
+    Image(Map),
 }
 
-/// A picture around the scene. Texels are constant, as pbrt-v4 has them, so that what is sampled is what is seen.
+/// An image around the scene. Texels are constant, as pbrt-v4 has them, so that what is sampled is what is seen.
 #[derive(Clone, Debug)]
 struct Map {
     layout: Layout,
-    picture: Arc<Picture>,
+    image: Arc<Image>,
     scale: f32,
     /// By brightness times solid angle.
     cells: PiecewiseConstant2d,
@@ -95,7 +95,7 @@ struct Map {
     average: f64,
 }
 
-/// Where a direction lies in the picture.
+/// Where a direction lies in the image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Layout {
     LatLong,
@@ -107,13 +107,13 @@ impl Environment {
     ///
     /// # Errors
     ///
-    /// When a radiance is negative or not finite, an equal-area picture is not square, or the transform is no
+    /// When a radiance is negative or not finite, an equal-area image is not square, or the transform is no
     /// rotation or scale.
     pub fn new(radiance: &EnvironmentRadiance, to_world: DMat3, at: &Source) -> Result<Option<Self>, EnvironmentError> {
         // Directions only: a uniform scale does nothing.
         let inverse = to_world.inverse();
         let sound = to_world.is_finite() && inverse.is_finite() && to_world.determinant().abs() > 0.0;
-        // Under a stretch, areas in the picture would no longer be areas on the sphere.
+        // Under a stretch, areas in the image would no longer be areas on the sphere.
         let constant = matches!(radiance, EnvironmentRadiance::Constant(_));
         if !sound || !(constant || even_scale(&to_world).is_some()) {
             return Err(EnvironmentError::Transform { at: at.clone() });
@@ -123,11 +123,11 @@ impl Environment {
                 return Err(EnvironmentError::Radiance { at: at.clone(), value: *rgb });
             }
             EnvironmentRadiance::Constant(rgb) => (*rgb != [0.0; 3]).then_some(Kind::Constant(Vec3::from_array(*rgb))),
-            EnvironmentRadiance::LatLong { picture, scale } => {
-                Map::new(Layout::LatLong, picture, *scale, at)?.map(Kind::Picture)
+            EnvironmentRadiance::LatLong { image, scale } => {
+                Map::new(Layout::LatLong, image, *scale, at)?.map(Kind::Image)
             }
-            EnvironmentRadiance::EqualArea { picture, scale } => {
-                Map::new(Layout::EqualArea, picture, *scale, at)?.map(Kind::Picture)
+            EnvironmentRadiance::EqualArea { image, scale } => {
+                Map::new(Layout::EqualArea, image, *scale, at)?.map(Kind::Image)
             }
         };
         Ok(kind.map(|kind| Self { to_light: normalized(inverse), to_world: normalized(to_world), kind }))
@@ -138,7 +138,7 @@ impl Environment {
     pub fn radiance(&self, w: Vec3) -> Vec3 {
         match &self.kind {
             Kind::Constant(rgb) => *rgb,
-            Kind::Picture(map) => map.radiance(map.layout.to_uv(self.to_light * w)),
+            Kind::Image(map) => map.radiance(map.layout.to_uv(self.to_light * w)),
         }
     }
 
@@ -147,13 +147,13 @@ impl Environment {
     pub(super) fn sample(&self, u: [f32; 2]) -> Option<LightSample> {
         let (wi, radiance, pdf) = match &self.kind {
             Kind::Constant(rgb) => (warp::uniform_sphere(u), *rgb, warp::uniform_sphere_pdf()),
-            Kind::Picture(map) => self.drawn(map, map.cells.sample_near(u, |i| map.look(i))?),
+            Kind::Image(map) => self.drawn(map, map.cells.sample_near(u, |i| map.look(i))?),
         };
         let shines = pdf.is_finite() && radiance != Vec3::ZERO;
         shines.then_some(LightSample { wi, radiance, pdf, target: Target::Far, delta: false })
     }
 
-    /// Direction, radiance and density in solid angle of a point drawn in the picture.
+    /// Direction, radiance and density in solid angle of a point drawn in the image.
     #[inline(always)]
     fn drawn(&self, map: &Map, (uv, density): ([f32; 2], f32)) -> (Vec3, Vec3, f32) {
         let (local, pdf) = map.layout.to_sphere(uv, density);
@@ -172,14 +172,14 @@ impl Environment {
     pub(super) fn radiance_and_pdf(&self, w: Vec3) -> (Vec3, f32) {
         match &self.kind {
             Kind::Constant(rgb) => (*rgb, warp::uniform_sphere_pdf()),
-            Kind::Picture(map) => {
+            Kind::Image(map) => {
                 let (_, radiance, pdf) = self.looked_up(map, w);
                 (radiance, pdf)
             }
         }
     }
 
-    /// Place in the picture, radiance and density in solid angle.
+    /// Place in the image, radiance and density in solid angle.
     #[inline(always)]
     fn looked_up(&self, map: &Map, w: Vec3) -> ([f32; 2], Vec3, f32) {
         let uv = map.layout.to_uv(self.to_light * w);
@@ -195,22 +195,22 @@ impl Environment {
     pub(super) fn average_luminance(&self) -> f64 {
         match &self.kind {
             Kind::Constant(rgb) => luminance(*rgb),
-            Kind::Picture(map) => map.average,
+            Kind::Image(map) => map.average,
         }
     }
 }
 
 impl Map {
-    fn new(layout: Layout, picture: &Arc<Picture>, scale: f32, at: &Source) -> Result<Option<Self>, EnvironmentError> {
-        let [width, height] = picture.size.map(|n| n as usize);
+    fn new(layout: Layout, image: &Arc<Image>, scale: f32, at: &Source) -> Result<Option<Self>, EnvironmentError> {
+        let [width, height] = image.size.map(|n| n as usize);
         if layout == Layout::EqualArea && width != height {
-            return Err(EnvironmentError::Square { at: at.clone(), size: picture.size });
+            return Err(EnvironmentError::Square { at: at.clone(), size: image.size });
         }
         if !(scale.is_finite() && scale >= 0.0) {
             return Err(EnvironmentError::Radiance { at: at.clone(), value: [scale; 3] });
         }
-        if let Some(i) = picture.pixels.iter().position(|p| !(valid(p) && valid(&p.map(|x| x * scale)))) {
-            let (column, row, value) = (i % width, i / width, picture.pixels[i]);
+        if let Some(i) = image.pixels.iter().position(|p| !(valid(p) && valid(&p.map(|x| x * scale)))) {
+            let (column, row, value) = (i % width, i / width, image.pixels[i]);
             return Err(EnvironmentError::Texel { at: at.clone(), column, row, value });
         }
         // Brightness of a texel times its share of the sphere, which in latitude and longitude goes with the sine.
@@ -218,10 +218,10 @@ impl Map {
             Layout::LatLong => sin_cos_turn(0.5 * (row as f32 + 0.5) / height as f32).0,
             Layout::EqualArea => 1.0,
         };
-        let brightness = |i: usize| luminance(Vec3::from_array(picture.pixels[i])) as f32;
+        let brightness = |i: usize| luminance(Vec3::from_array(image.pixels[i])) as f32;
         let weights: Vec<f32> = (0..width * height).map(|i| brightness(i) * share(i / width)).collect();
         let Ok(cells) = PiecewiseConstant2d::new(&weights, [width, height]) else {
-            return Err(EnvironmentError::Size { at: at.clone(), size: picture.size });
+            return Err(EnvironmentError::Size { at: at.clone(), size: image.size });
         };
         if cells.is_empty() || scale == 0.0 {
             return Ok(None);
@@ -229,31 +229,31 @@ impl Map {
         // The sine averages to 2/pi over rows.
         let mean_share = if layout == Layout::LatLong { std::f64::consts::FRAC_2_PI } else { 1.0 };
         let average = cells.mean() * f64::from(scale) / mean_share;
-        Ok(Some(Self { layout, picture: picture.clone(), scale, cells, average }))
+        Ok(Some(Self { layout, image: image.clone(), scale, cells, average }))
     }
 
     #[inline]
     fn radiance(&self, uv: [f32; 2]) -> Vec3 {
         let [column, row] = self.texel(uv);
-        Vec3::from_array(self.picture.pixels[(row * self.picture.size[0] + column) as usize]) * self.scale
+        Vec3::from_array(self.image.pixels[(row * self.image.size[0] + column) as usize]) * self.scale
     }
 
     /// Column and row.
     #[inline]
     fn texel(&self, [u, v]: [f32; 2]) -> [u32; 2] {
-        let [width, height] = self.picture.size;
+        let [width, height] = self.image.size;
         [((u * width as f32) as u32).min(width - 1), ((v * height as f32) as u32).min(height - 1)]
     }
 
     /// A look at a pixel near the one to come, or that one, brings its line into the cache while its cell is searched.
     #[inline(always)]
     fn look(&self, pixel: usize) {
-        std::hint::black_box(self.picture.pixels[pixel][0]);
+        std::hint::black_box(self.image.pixels[pixel][0]);
     }
 }
 
 impl Layout {
-    /// Place in the picture, `[0, 1]^2` with row 0 at `v = 0`, of a direction in the light's frame, z up.
+    /// Place in the image, `[0, 1]^2` with row 0 at `v = 0`, of a direction in the light's frame, z up.
     #[inline]
     fn to_uv(self, w: Vec3) -> [f32; 2] {
         match self {
@@ -263,7 +263,7 @@ impl Layout {
         }
     }
 
-    /// Direction at a place in the picture, and what a density there is in solid angle.
+    /// Direction at a place in the image, and what a density there is in solid angle.
     #[inline]
     fn to_sphere(self, uv: [f32; 2], density: f32) -> (Vec3, f32) {
         match self {
@@ -276,7 +276,7 @@ impl Layout {
         }
     }
 
-    /// A density in the picture as one in solid angle.
+    /// A density in the image as one in solid angle.
     #[inline]
     fn pdf(self, uv: [f32; 2], density: f32) -> f32 {
         match self {

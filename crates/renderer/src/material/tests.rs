@@ -1,7 +1,7 @@
 //! Materials ready to shade.
 
 use super::*;
-use crate::image::Picture;
+use crate::image::Image;
 use crate::scene::{Texture, TextureId, TextureKind, Wrap};
 use std::sync::Arc;
 
@@ -33,15 +33,9 @@ fn parameters_out_of_range_are_refused_by_name() {
 #[test]
 fn reflectances_lie_between_0_and_1() {
     let pixels = vec![[-0.5, 2.0, f32::NAN]];
-    let picture = Arc::new(Picture::new([1, 1], pixels).expect("one pixel"));
-    let kind = TextureKind::Image {
-        picture,
-        scale: [1.0; 2],
-        shift: [0.0; 2],
-        factor: 1.0,
-        invert: false,
-        wrap: Wrap::Repeat,
-    };
+    let image = Arc::new(Image::new([1, 1], pixels).expect("one pixel"));
+    let kind =
+        TextureKind::Image { image, scale: [1.0; 2], shift: [0.0; 2], factor: 1.0, invert: false, wrap: Wrap::Repeat };
     let textures = Textures::new(&[Texture { name: String::new(), kind, source: Source::default() }]);
     let color = Color::Texture(TextureId(0));
     let coated = MaterialKind::CoatedDiffuse { reflectance: color, coat: Coating::default() };

@@ -17,7 +17,7 @@ pub use obj::{ObjError, ObjMesh, ObjModel, read_obj};
 pub use stl::{StlError, StlMesh, read_stl};
 
 use crate::files::{Disk, Files};
-use crate::image::{Encoding, Picture, read_picture};
+use crate::image::{Encoding, Image, read_image};
 use crate::pbrt::{Problem, ReadError};
 use crate::ply::read_ply;
 use crate::scene::{
@@ -220,7 +220,7 @@ struct Materials {
     /// By name, each with its library's path.
     known: BTreeMap<String, (mtl::Material, Arc<PathBuf>)>,
     made: BTreeMap<Option<String>, MaterialId>,
-    pictures: BTreeMap<PathBuf, Option<Arc<Picture>>>,
+    images: BTreeMap<PathBuf, Option<Arc<Image>>>,
 }
 
 impl Materials {
@@ -274,12 +274,12 @@ impl Materials {
     fn color(&mut self, scene: &mut Scene, material: &mtl::Material, files: Read<'_>, source: &Source) -> Color {
         let flat = material.diffuse.map_or(GREY, Color::Constant);
         let Some(name) = &material.texture else { return flat };
-        let Some(picture) = self.picture(scene, name, files, source) else { return flat };
-        // Kd multiplies the picture; without one, or black as some programs write it, the picture stands alone.
+        let Some(image) = self.image(scene, name, files, source) else { return flat };
+        // Kd multiplies the image; without one, or black as some programs write it, the image stands alone.
         let tint = material.diffuse.filter(|c| *c != [0.0; 3]).unwrap_or([1.0; 3]);
         let even = tint[0] == tint[1] && tint[1] == tint[2];
         let (scale, shift, factor) = ([1.0; 2], [0.0; 2], if even { tint[0] } else { 1.0 });
-        let image = TextureKind::Image { picture, scale, shift, factor, invert: false, wrap: Wrap::Repeat };
+        let image = TextureKind::Image { image, scale, shift, factor, invert: false, wrap: Wrap::Repeat };
         let image = add_texture(scene, name, image, source);
         if even {
             return image;
@@ -287,28 +287,28 @@ impl Materials {
         add_texture(scene, name, TextureKind::Product { factors: [Color::Constant(tint), image] }, source)
     }
 
-    /// A picture, if it can be had; each file is read once.
-    fn picture(&mut self, scene: &mut Scene, name: &str, files: Read<'_>, source: &Source) -> Option<Arc<Picture>> {
+    /// An image, if it can be had; each file is read once.
+    fn image(&mut self, scene: &mut Scene, name: &str, files: Read<'_>, source: &Source) -> Option<Arc<Image>> {
         let path = beside(&source.file, name);
-        if let Some(known) = self.pictures.get(&path) {
+        if let Some(known) = self.images.get(&path) {
             return known.clone();
         }
         let bytes = files(&path).map_err(|e| format!("{}: {e}", path.display()));
         let read = |bytes: Vec<u8>| {
             let name = path.display().to_string();
-            let picture = read_picture(&bytes, &name, Encoding::Auto).and_then(|p| p.checked_finite(&name));
-            picture.map_err(|e| e.to_string())
+            let image = read_image(&bytes, &name, Encoding::Auto).and_then(|p| p.checked_finite(&name));
+            image.map_err(|e| e.to_string())
         };
-        let picture = match bytes.and_then(read) {
-            Ok(picture) => Some(Arc::new(picture)),
+        let image = match bytes.and_then(read) {
+            Ok(image) => Some(Arc::new(image)),
             Err(e) => {
                 let message = format!("the texture cannot be read, Kd stands for it: {e}");
                 scene.notices.push(Notice { source: source.clone(), message });
                 None
             }
         };
-        self.pictures.insert(path, picture.clone());
-        picture
+        self.images.insert(path, image.clone());
+        image
     }
 }
 

@@ -86,7 +86,7 @@ fn file_of(rest: &str) -> Option<&str> {
     (!file.is_empty() && !file.starts_with('-')).then_some(file)
 }
 
-/// Whether a statement would change the picture if it were followed.
+/// Whether a statement would change the image if it were followed.
 fn calls_for_more(keyword: &str, numbers: &[f64]) -> bool {
     let first = numbers.first().copied().unwrap_or(0.0);
     match keyword {

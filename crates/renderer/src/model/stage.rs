@@ -2,7 +2,7 @@
 
 use super::UpAxis;
 use crate::bundled::directions::{dot, lat_long_direction, mix, normalize, smoothstep};
-use crate::image::Picture;
+use crate::image::Image;
 use crate::scene::{Camera, EnvironmentRadiance, FilmSettings, Light, LightKind, Projection, Scene, Source};
 use glam::{DAffine3, DMat3, DVec3};
 use std::sync::{Arc, LazyLock};
@@ -52,7 +52,7 @@ pub(super) fn set(
     };
     scene.film = FilmSettings { resolution: RESOLUTION, ..FilmSettings::default() };
     scene.max_depth = Some(MAX_DEPTH);
-    let radiance = EnvironmentRadiance::LatLong { picture: STUDIO.clone(), scale: 1.0 };
+    let radiance = EnvironmentRadiance::LatLong { image: STUDIO.clone(), scale: 1.0 };
     // The studio turns with the camera: its x axis points to the viewer, level.
     let level = (VIEW[0] * front + VIEW[1] * right).normalize();
     let to_world = DAffine3::from_mat3(DMat3::from_cols(level, up.cross(level), up));
@@ -61,11 +61,11 @@ pub(super) fn set(
 }
 
 /// Painted once: it takes longer than a small model does.
-static STUDIO: LazyLock<Arc<Picture>> = LazyLock::new(|| Arc::new(studio()));
+static STUDIO: LazyLock<Arc<Image>> = LazyLock::new(|| Arc::new(studio()));
 
 /// Light from all sides that is brighter above, and a round lamp over the viewer's left shoulder. Its frame: z up,
 /// x to the viewer.
-fn studio() -> Picture {
+fn studio() -> Image {
     const SIZE: [u32; 2] = [512, 256];
     const FLOOR: [f64; 3] = [0.16, 0.15, 0.14];
     const HORIZON: [f64; 3] = [0.34, 0.34, 0.35];
@@ -83,7 +83,7 @@ fn studio() -> Picture {
     };
     let pixels = (0..SIZE[1] as usize).flat_map(|y| (0..SIZE[0] as usize).map(move |x| (x, y)));
     let pixels = pixels.map(|(x, y)| radiance(x, y)).collect();
-    Picture { size: SIZE, pixels, alpha: Vec::new() }
+    Image { size: SIZE, pixels, alpha: Vec::new() }
 }
 
 #[cfg(test)]
@@ -96,7 +96,7 @@ mod tests {
     }
 
     #[test]
-    fn a_cube_fills_the_picture_without_leaving_it() {
+    fn a_cube_fills_the_image_without_leaving_it() {
         let corner =
             |i: i32, scale: f64| DVec3::new(f64::from(i & 1), f64::from(i >> 1 & 1), f64::from(i >> 2)) * scale;
         for (up, scale) in [(UpAxis::Y, 1.0), (UpAxis::Z, 1e-9), (UpAxis::Y, 1e12)] {

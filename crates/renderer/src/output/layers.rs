@@ -3,15 +3,15 @@
 use crate::image::{Layer, Plane};
 use dapple_core::{Features, Film, Filtered};
 
-/// Every layer that the film can fill, the picture first:
+/// Every layer that the film can fill, the image first:
 ///
 /// | layer | channels | what |
 /// |---|---|---|
-/// | (main) | R G B | the picture, linear radiance |
+/// | (main) | R G B | the image, linear radiance |
 /// | `unfiltered` | R G B | each pixel the mean of its own samples, where a filter made something else of it |
 /// | `variance` | R G B | sample variance (of one sample, not of the mean); NaN below two samples |
 /// | `count` | Y, integers | samples per pixel |
-/// | `error` | Y | predicted squared error of the picture, mean over the channels, where the filter knows it |
+/// | `error` | Y | predicted squared error of the image, mean over the channels, where the filter knows it |
 /// | `cluster` | Y, integers | the cluster that each pixel's first sample met, 4294967295 where it met nothing |
 /// | `albedo` | R G B | mean albedo of the first hits, black where nothing is hit |
 /// | `normal` | X Y Z | mean shading normal of the first hits in the file's world space, 0 where nothing is hit |
@@ -21,7 +21,7 @@ use dapple_core::{Features, Film, Filtered};
 /// `1 / world.space().scale()`; `clusters` come from [`cluster_ids`](super::cluster_ids).
 pub fn layers(film: &Film, filtered: &Filtered, unit: f64, clusters: Option<Vec<u32>>) -> Vec<Layer<'static>> {
     let mut layers = vec![rgb("", &filtered.radiance)];
-    let means = film.picture();
+    let means = film.image();
     if means != filtered.radiance {
         layers.push(rgb("unfiltered", &means));
     }

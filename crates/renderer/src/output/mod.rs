@@ -1,4 +1,4 @@
-//! From a film to what picture files hold: the layers of an EXR file, and maps to look at.
+//! From a film to what image files hold: the layers of an EXR file, and maps to look at.
 //!
 //! Nothing is written here: [`image`](crate::image) encodes and writes.
 

@@ -1,19 +1,19 @@
-//! How bright a picture around the scene is.
+//! How bright an image around the scene is.
 
-use crate::image::Picture;
+use crate::image::Image;
 use std::f64::consts::{PI, TAU};
 
-/// What the upper half (z > 0) of an environment picture gives to a patch that looks up: the integral of
+/// What the upper half (z > 0) of an environment image gives to a patch that looks up: the integral of
 /// luminance times cosine.
-pub(super) fn illuminance_of(picture: &Picture, equal_area: bool) -> f64 {
-    let [width, height] = picture.size.map(f64::from);
+pub(super) fn illuminance_of(image: &Image, equal_area: bool) -> f64 {
+    let [width, height] = image.size.map(f64::from);
     let luminance = |p: &[f32; 3]| {
         let [r, g, b] = p.map(f64::from);
         0.212_639 * r + 0.715_169 * g + 0.072_192 * b
     };
-    let columns = picture.size[0] as usize;
+    let columns = image.size[0] as usize;
     let mut sum = 0.0;
-    for (y, row) in picture.pixels.chunks(columns).enumerate() {
+    for (y, row) in image.pixels.chunks(columns).enumerate() {
         let v = (y as f64 + 0.5) / height;
         if equal_area {
             let weight = 4.0 * PI / (width * height);
@@ -49,13 +49,13 @@ mod tests {
     #[test]
     fn white_skies() {
         for (size, equal_area, close) in [([128, 64], false, 1e-3), ([64, 64], true, 1e-3)] {
-            let picture = Picture::filled(size, [1.0; 3]).unwrap();
-            let found = illuminance_of(&picture, equal_area);
+            let image = Image::filled(size, [1.0; 3]).unwrap();
+            let found = illuminance_of(&image, equal_area);
             assert!((found / PI - 1.0).abs() < close, "{found}");
         }
         // Nothing from below.
-        let mut picture = Picture::filled([4, 4], [1.0; 3]).unwrap();
-        picture.pixels[..8].fill([0.0; 3]);
-        assert_eq!(illuminance_of(&picture, false), 0.0);
+        let mut image = Image::filled([4, 4], [1.0; 3]).unwrap();
+        image.pixels[..8].fill([0.0; 3]);
+        assert_eq!(illuminance_of(&image, false), 0.0);
     }
 }

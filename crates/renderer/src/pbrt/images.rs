@@ -1,24 +1,24 @@
-//! Pictures: textures, environments, normal maps.
+//! Images: textures, environments, normal maps.
 
 use super::params::Params;
 use super::reader::Reader;
 use super::tokens::shown;
 use super::version::Version;
-use crate::image::{Encoding, Picture, read_picture};
+use crate::image::{Encoding, Image, read_image};
 use crate::scene::Source;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// Pictures decoded so far; each file once for each use that differs.
-pub(super) type Pictures = BTreeMap<(PathBuf, Decoding, Channel), Arc<Picture>>;
+/// Images decoded so far; each file once for each use that differs.
+pub(super) type Images = BTreeMap<(PathBuf, Decoding, Channel), Arc<Image>>;
 
 /// What the integers of a file stand for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Decoding {
     Srgb,
     Linear,
-    /// This power of the number is linear; the bits of the power, so that pictures can be sorted by it.
+    /// This power of the number is linear; the bits of the power, so that images can be sorted by it.
     Gamma(u32),
 }
 
@@ -39,51 +39,51 @@ impl Channel {
         if version.is_old() { Self::Luminance } else { Self::AlphaOrMean }
     }
 
-    fn of(self, mut picture: Picture) -> Picture {
+    fn of(self, mut image: Image) -> Image {
         // What only colours need to know is not kept for numbers.
-        let alpha = if self == Self::Rgb { Vec::new() } else { std::mem::take(&mut picture.alpha) };
+        let alpha = if self == Self::Rgb { Vec::new() } else { std::mem::take(&mut image.alpha) };
         match self {
             Self::Rgb => {}
             Self::AlphaOrMean if !alpha.is_empty() => {
-                picture.pixels = alpha.into_iter().map(|a| [a; 3]).collect();
+                image.pixels = alpha.into_iter().map(|a| [a; 3]).collect();
             }
-            Self::AlphaOrMean => picture.pixels.iter_mut().for_each(|p| *p = [(p[0] + p[1] + p[2]) / 3.0; 3]),
+            Self::AlphaOrMean => image.pixels.iter_mut().for_each(|p| *p = [(p[0] + p[1] + p[2]) / 3.0; 3]),
             Self::Luminance => {
                 // The weights of pbrt-v3's RGB spectra.
                 let y = |p: &[f32; 3]| 0.212_671 * p[0] + 0.715_160 * p[1] + 0.072_169 * p[2];
-                picture.pixels.iter_mut().for_each(|p| *p = [y(p); 3]);
+                image.pixels.iter_mut().for_each(|p| *p = [y(p); 3]);
             }
         }
-        picture
+        image
     }
 }
 
 impl Reader<'_> {
-    /// A picture by its name in the scene.
-    pub(super) fn picture(
+    /// An image by its name in the scene.
+    pub(super) fn image(
         &mut self,
         name: &str,
         decoding: Decoding,
         channel: Channel,
         source: &Source,
-    ) -> Option<Arc<Picture>> {
+    ) -> Option<Arc<Image>> {
         let key = (self.resolve(name), decoding, channel);
-        if let Some(picture) = self.pictures.get(&key) {
-            return Some(picture.clone());
+        if let Some(image) = self.images.get(&key) {
+            return Some(image.clone());
         }
         let bytes = self.load(&key.0, source)?;
         let encoding = if decoding == Decoding::Srgb { Encoding::Srgb } else { Encoding::Linear };
-        match read_picture(&bytes, name, encoding).and_then(|picture| picture.checked_finite(name)) {
-            Ok(mut picture) => {
+        match read_image(&bytes, name, encoding).and_then(|image| image.checked_finite(name)) {
+            Ok(mut image) => {
                 if let Decoding::Gamma(bits) = decoding
                     && holds_integers(&bytes)
                 {
                     let gamma = f32::from_bits(bits);
-                    picture.pixels.iter_mut().for_each(|p| *p = p.map(|c| c.powf(gamma)));
+                    image.pixels.iter_mut().for_each(|p| *p = p.map(|c| c.powf(gamma)));
                 }
-                let picture = Arc::new(channel.of(picture));
-                self.pictures.insert(key, picture.clone());
-                Some(picture)
+                let image = Arc::new(channel.of(image));
+                self.images.insert(key, image.clone());
+                Some(image)
             }
             Err(e) => {
                 self.log.problem(source, e.to_string());
@@ -129,7 +129,7 @@ impl Reader<'_> {
     }
 }
 
-/// Whether a picture's values were encoded at all: OpenEXR, Radiance HDR and PFM hold them as they are.
+/// Whether an image's values were encoded at all: OpenEXR, Radiance HDR and PFM hold them as they are.
 fn holds_integers(bytes: &[u8]) -> bool {
     ![&b"\x76\x2f\x31\x01"[..], b"#?", b"PF", b"Pf"].iter().any(|magic| bytes.starts_with(magic))
 }

@@ -9,7 +9,7 @@ use super::reader::Reader;
 use super::spectra::Gamut;
 use super::state::AreaLight;
 use super::tokens::shown;
-use crate::image::Picture;
+use crate::image::Image;
 use crate::scene::{EnvironmentRadiance, Light, LightKind, Source, SpotFalloff};
 use glam::{DAffine3, DMat3, DVec3};
 use std::f64::consts::{PI, TAU};
@@ -145,7 +145,7 @@ impl Reader<'_> {
         Some((LightKind::Infinite { radiance: radiance? }, DAffine3::IDENTITY))
     }
 
-    /// The environment of a picture, tinted.
+    /// The environment of an image, tinted.
     fn environment(
         &mut self,
         file: &str,
@@ -157,24 +157,24 @@ impl Reader<'_> {
         // pbrt-v2 reads integers as they are.
         let linear = self.version == super::version::Version::V2;
         let decoding = if linear { Decoding::Linear } else { Decoding::Srgb };
-        let Some(mut picture) = self.picture(file, decoding, Channel::Rgb, source) else {
+        let Some(mut image) = self.image(file, decoding, Channel::Rgb, source) else {
             params.fail();
             return None;
         };
         let mut scale = tint[0];
         if tint != [scale; 3] {
-            let pixels = picture.pixels.iter().map(|p| std::array::from_fn(|i| p[i] * tint[i])).collect();
-            picture = Arc::new(Picture { pixels, ..(*picture).clone() });
+            let pixels = image.pixels.iter().map(|p| std::array::from_fn(|i| p[i] * tint[i])).collect();
+            image = Arc::new(Image { pixels, ..(*image).clone() });
             scale = 1.0;
         }
         // Older versions know only one layout.
-        let equal_area = picture.size[0] == picture.size[1] && !self.version.is_old();
+        let equal_area = image.size[0] == image.size[1] && !self.version.is_old();
         if let Some(wanted) = illuminance {
-            let mut found = illuminance_of(&picture, equal_area);
+            let mut found = illuminance_of(&image, equal_area);
             if equal_area {
                 // pbrt-v4 weighs the square as half a sphere (lights.cpp, the image branch of `infinite`).
                 found *= 0.5;
-                let what = "pbrt-v4 takes half of what a square picture gives for its illuminance, and so makes it \
+                let what = "pbrt-v4 takes half of what a square image gives for its illuminance, and so makes it \
                             twice as bright as asked: it is done alike";
                 params.notice(source.line, what);
             }
@@ -187,16 +187,16 @@ impl Reader<'_> {
             }
             scale = brighter([scale; 3], wanted / found, params)[0];
         }
-        let bad = picture.pixels.iter().position(|p| p.iter().any(|&c| !(0.0..f32::INFINITY).contains(&(c * scale))));
+        let bad = image.pixels.iter().position(|p| p.iter().any(|&c| !(0.0..f32::INFINITY).contains(&(c * scale))));
         if let Some(at) = bad {
-            let (x, y) = (at as u32 % picture.size[0], at as u32 / picture.size[0]);
-            let what = format!("pixel {x}, {y} of {} is negative or not finite: mend the picture", shown(file));
+            let (x, y) = (at as u32 % image.size[0], at as u32 / image.size[0]);
+            let what = format!("pixel {x}, {y} of {} is negative or not finite: mend the image", shown(file));
             params.problem(source.line, what);
             return None;
         }
         Some(match equal_area {
-            true => EnvironmentRadiance::EqualArea { picture, scale },
-            false => EnvironmentRadiance::LatLong { picture, scale },
+            true => EnvironmentRadiance::EqualArea { image, scale },
+            false => EnvironmentRadiance::LatLong { image, scale },
         })
     }
 }

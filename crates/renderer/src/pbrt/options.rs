@@ -24,7 +24,7 @@ impl Reader<'_> {
     fn read_camera(&mut self, kind: &str, source: Source, mut params: Params) {
         self.meet("Camera", &source);
         if !matches!(kind, "perspective" | "orthographic") {
-            // Another projection shows another picture, so it is never left out.
+            // Another projection shows another image, so it is never left out.
             let what =
                 format!("Camera {} is not supported: use Camera \"perspective\" or \"orthographic\"", shown(kind));
             self.log.problem(&source, what);
@@ -217,7 +217,7 @@ fn crop(params: &mut Params, resolution: [u32; 2]) -> Option<[u32; 4]> {
                 params.problem(line, "parameter pixelbounds takes whole numbers");
             }
             if [b[0], b[2], b[1], b[3]] != crop.map(f64::from) {
-                params.notice(line, "pixelbounds reach beyond the picture: cut to it");
+                params.notice(line, "pixelbounds reach beyond the image: cut to it");
             }
             (crop, line)
         }

@@ -2,7 +2,7 @@
 
 use super::ReadOptions;
 use super::directive::{Directive, Directives};
-use super::images::Pictures;
+use super::images::Images;
 use super::params::{Param, Params, Values};
 use super::report::{Log, ReadError, suggestion};
 use super::settle::Awaited;
@@ -64,7 +64,7 @@ pub(super) struct Reader<'a> {
     pub(super) awaited: Awaited,
     pub(super) textures: Textures,
     pub(super) meshes: BTreeMap<PathBuf, Arc<MeshData>>,
-    pub(super) pictures: Pictures,
+    pub(super) images: Images,
     /// Triangles made so far out of shapes that are none.
     pub(super) triangles_made: usize,
     pub(super) once: Once,
@@ -100,7 +100,7 @@ impl<'a> Reader<'a> {
             awaited: Awaited::default(),
             textures: Textures::default(),
             meshes: BTreeMap::new(),
-            pictures: Pictures::default(),
+            images: Images::default(),
             triangles_made: 0,
             once: Once::default(),
             including: Vec::new(),

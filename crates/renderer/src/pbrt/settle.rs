@@ -110,7 +110,7 @@ impl Reader<'_> {
         }
         if !self.once.places.contains_key("Film") {
             let [width, height] = self.scene.film.resolution;
-            self.log.notice(whole, format!("there is no Film: the picture is {width}x{height}"));
+            self.log.notice(whole, format!("there is no Film: the image is {width}x{height}"));
         }
         if self.shapes_met == 0 {
             self.log.problem(whole, "there are no shapes: add a Shape after WorldBegin");

@@ -220,9 +220,9 @@ impl Reader<'_> {
         };
         let decoding = self.decoding(params, &file);
         let channel = if holds == Holds::Colors { Channel::Rgb } else { Channel::of_number(self.version) };
-        match self.picture(&file, decoding, channel, &Source { line, ..source.clone() }) {
-            Some(picture) => {
-                let kind = TextureKind::Image { picture, scale, shift, factor, invert, wrap };
+        match self.image(&file, decoding, channel, &Source { line, ..source.clone() }) {
+            Some(image) => {
+                let kind = TextureKind::Image { image, scale, shift, factor, invert, wrap };
                 self.add_texture(name, kind, params, source)
             }
             None => GREY,
@@ -232,9 +232,9 @@ impl Reader<'_> {
     /// The texture of a normal map, by the name of its file.
     pub(super) fn normal_map(&mut self, params: &mut Params, source: &Source) -> Option<TextureId> {
         let (file, line) = params.text("normalmap")?;
-        let picture = self.picture(&file, Decoding::Linear, Channel::Rgb, &Source { line, ..source.clone() })?;
+        let image = self.image(&file, Decoding::Linear, Channel::Rgb, &Source { line, ..source.clone() })?;
         let (scale, shift, factor, invert, wrap) = ([1.0; 2], [0.0; 2], 1.0, false, Wrap::Repeat);
-        let kind = TextureKind::Image { picture, scale, shift, factor, invert, wrap };
+        let kind = TextureKind::Image { image, scale, shift, factor, invert, wrap };
         match self.add_texture(&file, kind, params, source) {
             Color::Texture(id) => Some(id),
             Color::Constant(_) => None,
@@ -274,8 +274,8 @@ impl Reader<'_> {
                 };
                 Some(TextureKind::Checkerboard { scale, shift, colors: [constant(colors[0])?, constant(colors[1])?] })
             }
-            TextureKind::Image { picture, scale, shift, factor, invert: false, wrap } if (factor * by).is_finite() => {
-                Some(TextureKind::Image { picture, scale, shift, factor: factor * by, invert: false, wrap })
+            TextureKind::Image { image, scale, shift, factor, invert: false, wrap } if (factor * by).is_finite() => {
+                Some(TextureKind::Image { image, scale, shift, factor: factor * by, invert: false, wrap })
             }
             _ => None,
         }

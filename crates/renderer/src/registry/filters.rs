@@ -3,7 +3,7 @@
 use super::{CLUSTERING, Entry, Parameter, Parameters, RegistryError, clustering};
 use crate::Stage;
 use dapple_core::{Filter, Unfiltered};
-use dapple_reconstruction::{Bilateral, ClusterGaussian, ClusterRegression, Gaussian, Label, NlMeans, Passes};
+use dapple_denoise::{Bilateral, ClusterGaussian, ClusterLookup, ClusterRegression, Gaussian, NlMeans, Passes};
 use std::sync::Arc;
 
 /// How a filter is made.
@@ -114,7 +114,7 @@ fn cluster_regression(p: &Parameters, stage: &Stage) -> Result<Box<dyn Filter>, 
 fn labelled<F: Filter + 'static>(
     p: &Parameters,
     stage: &Stage,
-    made: impl Fn(Label) -> Result<F, RegistryError>,
+    made: impl Fn(ClusterLookup) -> Result<F, RegistryError>,
 ) -> Result<Box<dyn Filter>, RegistryError> {
     let params = clustering(p)?;
     params.check().map_err(|e| p.refuse(e.to_string()))?;

@@ -4,13 +4,13 @@ use super::{AnyPoints, CLUSTERING, Entry, Parameter, Parameters, RegistryError, 
 use crate::Stage;
 use crate::clusters::{WorldTriangles, shoot};
 use dapple_cluster_adaptive::{
-    AreaVectors, CellOptions, ClusterAdaptive, ClusterSize, ErrorDriven, ErrorDrivenOptions, ErrorMap, Map, Options,
-    PixelArea, Placement, Pool, ProbeSource,
+    Adaptive, AdaptiveOptions, AreaVectors, CellOptions, ClusterSize, ClusterThesis, ClusterThesisOptions, ErrorMap,
+    PixelArea, Placement, PoolShape, ProbeSource, RateMap,
 };
-use dapple_core::samplers::{Cycles, CyclesOptions, Pilot, Stop, Uniform, Variance, VarianceOptions};
+use dapple_core::samplers::{Cycles, CyclesOptions, PilotPolicy, Stop, Uniform, Variance, VarianceOptions};
 use dapple_core::{Film, Frame, Sampler};
-use dapple_mitchell::{Mitchell, MitchellOptions, Mode, PbrtAdaptive, PbrtOptions, Policy};
-use dapple_reconstruction::relative_errors;
+use dapple_denoise::relative_errors;
+use dapple_mitchell::{Mitchell, MitchellOptions, MitchellPbrt, MitchellPbrtOptions, Mode, Policy};
 
 /// How a sampler is made.
 pub type MakeSampler = fn(&Parameters, AnyPoints, &Stage) -> Result<Box<dyn Sampler>, RegistryError>;
@@ -67,7 +67,11 @@ const VARIANCE: &[Parameter] = &[
     ("exponent", "1.3", "errors are taken to fall as n^-exponent; 1 for random points"),
     ("epsilon", "0.01", "errors are relative to mean^2 + epsilon"),
     ("cap", "6", "no pixel gets more than this many times the mean count"),
-    ("policy", "keep", "the pilot's fate: keep (slightly biased), discard (unbiased), cross (unbiased, two halves)"),
+    (
+        "policy",
+        "keep",
+        "the pilot's retention: keep (slightly biased), discard (unbiased), cross (unbiased, two halves)",
+    ),
 ];
 
 const CLUSTER: &[Parameter] = &[
@@ -92,7 +96,11 @@ const CLUSTER: &[Parameter] = &[
     ("cap", "6", "no pixel gets more than this many times the mean count"),
     ("mix", "0.5", "share of a filter's error map in the score"),
     ("gain", "0.98", "uniform counts where no less than this share of their error is promised; 1 adapts always"),
-    ("policy", "keep", "the pilot's fate: keep (slightly biased), discard (unbiased), cross (unbiased, two halves)"),
+    (
+        "policy",
+        "keep",
+        "the pilot's retention: keep (slightly biased), discard (unbiased), cross (unbiased, two halves)",
+    ),
     ("edge", "16", "edge of a cell in pixels, where cells are asked for"),
     ("normals", "10", "degrees within which a cell's normals lie"),
 ];
@@ -106,14 +114,14 @@ const MITCHELL: &[Parameter] = &[
 ];
 const TWO_RATES: &[Parameter] = &[
     ("mode", "budget", "budget (highest contrast first, to the last sample) or threshold (the budget is a ceiling)"),
-    ("policy", "keep", "the pilot's fate: keep or refined (both biased), discard (unbiased)"),
+    ("policy", "keep", "the pilot's retention: keep or refined (both biased), discard (unbiased)"),
 ];
 const MITCHELL_PBRT: &[Parameter] = &[
     ("min", "4", "samples per pixel that decide, rounded up to a power of two"),
     ("max", "32", "samples of a refined pixel, rounded up to a power of two"),
     ("threshold", "0.5", "relative deviation in luminance above which a pixel is refined"),
     ("mode", "budget", "budget (largest deviation first, to the last sample) or threshold (the budget is a ceiling)"),
-    ("policy", "refined", "the pilot's fate: refined (published, biased), keep (biased), discard (unbiased)"),
+    ("policy", "refined", "the pilot's retention: refined (published, biased), keep (biased), discard (unbiased)"),
 ];
 const CYCLES: &[Parameter] = &[
     ("threshold", "0", "the user's threshold, of which five times counts; 0 is 1 over the mean budget, at least 0.001"),
@@ -124,7 +132,7 @@ const CYCLES: &[Parameter] = &[
     ),
     ("step", "16", "samples of an open pixel between two looks"),
     ("mode", "budget", "budget (the threshold falls until it is spent) or threshold (the budget is a ceiling)"),
-    ("policy", "keep", "the samples that decide stay in the picture (biased), as published; there is no other"),
+    ("policy", "keep", "the samples that decide stay in the image (biased), as published; there is no other"),
 ];
 const CLUSTER_THESIS: &[Parameter] = &[
     ("probes", "centre", "probe rays per pixel: centre (one, published), or so many jittered ones"),
@@ -149,16 +157,17 @@ fn variance(p: &Parameters, points: AnyPoints) -> Result<Box<dyn Sampler>, Regis
         exponent: p.number("exponent")?,
         epsilon: p.number("epsilon")?,
         cap: p.number("cap")?,
-        policy: p.choice("policy", &[Pilot::Keep, Pilot::Discard, Pilot::Cross].map(|o| (o.name(), o)))?,
+        policy: p
+            .choice("policy", &[PilotPolicy::Keep, PilotPolicy::Discard, PilotPolicy::Cross].map(|o| (o.name(), o)))?,
     };
     Ok(Box::new(Variance::with_options(points, options)?))
 }
 
 fn cluster(p: &Parameters, points: AnyPoints, stage: &Stage) -> Result<Box<dyn Sampler>, RegistryError> {
-    let options = ErrorDrivenOptions {
+    let options = AdaptiveOptions {
         pilot: p.number("pilot")?,
         rounds: p.number("rounds")?,
-        pool: p.choice("pool", &[Pool::Window, Pool::Inside, Pool::Cell].map(|o| (o.name(), o)))?,
+        pool: p.choice("pool", &[PoolShape::Window, PoolShape::Inside, PoolShape::Cell].map(|o| (o.name(), o)))?,
         radius: p.number("radius")?,
         prior: p.number("prior")?,
         power: p.number("power")?,
@@ -168,10 +177,11 @@ fn cluster(p: &Parameters, points: AnyPoints, stage: &Stage) -> Result<Box<dyn S
         cap: p.number("cap")?,
         mix: p.number("mix")?,
         gain: p.number("gain")?,
-        policy: p.choice("policy", &[Pilot::Keep, Pilot::Discard, Pilot::Cross].map(|o| (o.name(), o)))?,
+        policy: p
+            .choice("policy", &[PilotPolicy::Keep, PilotPolicy::Discard, PilotPolicy::Cross].map(|o| (o.name(), o)))?,
         cells: CellOptions { edge: p.number("edge")?, normals: p.number("normals")? },
     };
-    let sampler = ErrorDriven::with_options(points, options).map_err(|e| p.refuse(e.to_string()))?;
+    let sampler = Adaptive::with_options(points, options).map_err(|e| p.refuse(e.to_string()))?;
     Ok(match error_map(p, stage)? {
         Some(map) => Box::new(sampler.with_error_map(map).map_err(|e| p.refuse(e.to_string()))?),
         None => Box::new(sampler),
@@ -215,14 +225,14 @@ fn mitchell(p: &Parameters, points: AnyPoints) -> Result<Box<dyn Sampler>, Regis
 }
 
 fn mitchell_pbrt(p: &Parameters, points: AnyPoints) -> Result<Box<dyn Sampler>, RegistryError> {
-    let options = PbrtOptions {
+    let options = MitchellPbrtOptions {
         min: p.number("min")?,
         max: p.number("max")?,
         threshold: p.number("threshold")?,
         mode: mode(p)?,
         policy: policy(p)?,
     };
-    Ok(Box::new(PbrtAdaptive::with_options(points, options)?))
+    Ok(Box::new(MitchellPbrt::with_options(points, options)?))
 }
 
 fn cycles(p: &Parameters, points: AnyPoints) -> Result<Box<dyn Sampler>, RegistryError> {
@@ -257,8 +267,8 @@ fn cluster_thesis(p: &Parameters, points: AnyPoints, stage: &Stage) -> Result<Bo
     }
     let sizes = [("box", Size::Box), ("triangles", Size::Triangles), ("screen", Size::Screen), ("hits", Size::Hits)];
     let size = p.choice("size", &sizes)?;
-    let options = Options {
-        map: p.choice("map", &[Map::Identity, Map::Root, Map::Log].map(|m| (m.name(), m)))?,
+    let options = ClusterThesisOptions {
+        map: p.choice("map", &[RateMap::Identity, RateMap::Root, RateMap::Log].map(|m| (m.name(), m)))?,
         pixel_area: p.choice("pixel", &[PixelArea::One, PixelArea::Footprint].map(|a| (a.name(), a)))?,
         angle: p.number("angle")?,
         distance: p.number("distance")?,
@@ -290,7 +300,7 @@ fn cluster_thesis(p: &Parameters, points: AnyPoints, stage: &Stage) -> Result<Bo
         placement,
         described: p.described(CLUSTERING),
     };
-    let sampler = ClusterAdaptive::probing(points, source, size, options).map_err(|e| p.refuse(e.to_string()))?;
+    let sampler = ClusterThesis::probing(points, source, size, options).map_err(|e| p.refuse(e.to_string()))?;
     stage.keep(sampler.handle());
     Ok(Box::new(sampler))
 }

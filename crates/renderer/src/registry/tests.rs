@@ -170,7 +170,7 @@ fn every_cluster_choice_renders() {
                     dapple_core::Needs::none(),
                     frame,
                     &dapple_core::Limits::samples(63 * 8),
-                    &mut dapple_core::NoWatch,
+                    &mut dapple_core::NoMonitor,
                 );
                 let counts = film.unwrap_or_else(|e| panic!("{words}: {e}")).counts();
                 assert_eq!(counts.iter().sum::<u64>(), 63 * 8, "{words}");

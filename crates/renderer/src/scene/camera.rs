@@ -10,7 +10,7 @@ pub struct Camera {
     pub to_world: DAffine3,
     /// Where it stands at the second of [`Scene::motion_times`](super::Scene::motion_times), if it moves.
     pub moves_to: Option<DAffine3>,
-    /// How space becomes a picture.
+    /// How space becomes an image.
     pub projection: Projection,
     /// Width over height, where the file fixes it; else the resolution's.
     pub aspect: Option<f64>,
@@ -28,7 +28,7 @@ pub struct Camera {
     pub source: Source,
 }
 
-/// How space becomes a picture.
+/// How space becomes an image.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Projection {
     /// Through a point.
@@ -66,7 +66,7 @@ pub struct FilmSettings {
     pub crop: Option<[u32; 4]>,
     /// The pixel filter; importance-sampled, so each sample still belongs to one pixel.
     pub pixel_filter: PixelFilter,
-    /// The file name that the scene suggests for its picture.
+    /// The file name that the scene suggests for its image.
     pub file_name: Option<String>,
     /// Samples per pixel that the scene suggests.
     pub spp: Option<u32>,

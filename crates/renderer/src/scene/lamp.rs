@@ -83,9 +83,8 @@ pub(crate) fn shines(kind: &LightKind) -> bool {
     match kind {
         LightKind::Infinite { radiance: EnvironmentRadiance::Constant(rgb) } => !black(rgb),
         LightKind::Infinite {
-            radiance:
-                EnvironmentRadiance::LatLong { picture, scale } | EnvironmentRadiance::EqualArea { picture, scale },
-        } => *scale != 0.0 && !picture.pixels.iter().all(black),
+            radiance: EnvironmentRadiance::LatLong { image, scale } | EnvironmentRadiance::EqualArea { image, scale },
+        } => *scale != 0.0 && !image.pixels.iter().all(black),
         LightKind::Point { intensity } | LightKind::Spot { intensity, .. } => !black(intensity),
         LightKind::Distant { irradiance } => !black(irradiance),
     }
@@ -118,15 +117,15 @@ fn power(kind: &LightKind, disk: f64) -> f64 {
         LightKind::Infinite { radiance } => {
             let mean = match radiance {
                 EnvironmentRadiance::Constant(rgb) => brightness(rgb),
-                EnvironmentRadiance::LatLong { picture, scale } => {
-                    let [w, h] = picture.size.map(|n| n as usize);
+                EnvironmentRadiance::LatLong { image, scale } => {
+                    let [w, h] = image.size.map(|n| n as usize);
                     let row = |y: usize| ((y as f64 + 0.5) / h as f64 * PI).sin();
-                    let sum: f64 = picture.pixels.iter().enumerate().map(|(i, p)| brightness(p) * row(i / w)).sum();
+                    let sum: f64 = image.pixels.iter().enumerate().map(|(i, p)| brightness(p) * row(i / w)).sum();
                     // The sines of all rows sum up to 2 h / pi.
                     f64::from(*scale) * sum / w as f64 * PI / (2.0 * h as f64)
                 }
-                EnvironmentRadiance::EqualArea { picture, scale } => {
-                    f64::from(*scale) * picture.pixels.iter().map(brightness).sum::<f64>() / picture.pixels.len() as f64
+                EnvironmentRadiance::EqualArea { image, scale } => {
+                    f64::from(*scale) * image.pixels.iter().map(brightness).sum::<f64>() / image.pixels.len() as f64
                 }
             };
             4.0 * PI * disk * mean

@@ -1,7 +1,7 @@
 //! Lights that are no shapes.
 
 use super::Source;
-use crate::image::Picture;
+use crate::image::Image;
 use glam::DAffine3;
 use std::sync::Arc;
 
@@ -62,19 +62,19 @@ pub enum SpotFalloff {
 pub enum EnvironmentRadiance {
     /// The same in all directions, linear RGB.
     Constant([f32; 3]),
-    /// A latitude-longitude picture: with `u = (column + .5) / width`, `v = (row + .5) / height`, row 0
+    /// A latitude-longitude image: with `u = (column + .5) / width`, `v = (row + .5) / height`, row 0
     /// on top, `theta = pi v`, `phi = 2 pi u`, the direction in the light's frame is
     /// `(sin theta cos phi, sin theta sin phi, cos theta)`.
     LatLong {
         /// Linear RGB, top row first.
-        picture: Arc<Picture>,
+        image: Arc<Image>,
         /// Every value is multiplied by this.
         scale: f32,
     },
-    /// A square equal-area octahedral picture [Clarberg 2008], as pbrt-v4 has it; z is up in the light's frame.
+    /// A square equal-area octahedral image [Clarberg 2008], as pbrt-v4 has it; z is up in the light's frame.
     EqualArea {
         /// Linear RGB, top row first, as many rows as columns.
-        picture: Arc<Picture>,
+        image: Arc<Image>,
         /// Every value is multiplied by this.
         scale: f32,
     },

@@ -1,7 +1,7 @@
 //! Materials and textures.
 
 use super::Source;
-use crate::image::Picture;
+use crate::image::Image;
 use std::sync::Arc;
 
 /// Number of a material in [`Scene::materials`](super::Scene::materials).
@@ -21,7 +21,7 @@ pub struct Material {
     pub kind: MaterialKind,
     /// A height over the surface, in units of the file's world space, that tilts its shading normals; the surface stays.
     pub bump: Option<Scalar>,
-    /// A picture of tangent-space normals, `2 rgb - 1`, that turns its shading normals.
+    /// An image of tangent-space normals, `2 rgb - 1`, that turns its shading normals.
     pub normal_map: Option<TextureId>,
     /// Where the file says so.
     pub source: Source,
@@ -231,10 +231,10 @@ pub enum TextureKind {
         /// Where `floor(u) + floor(v)` is even, and where it is odd.
         colors: [Color; 2],
     },
-    /// A picture, repeated, bilinear. `v = 0` is its bottom edge, `u = 0` its left one.
+    /// An image, repeated, bilinear. `v = 0` is its bottom edge, `u = 0` its left one.
     Image {
         /// Decoded to linear RGB, top row first.
-        picture: Arc<Picture>,
+        image: Arc<Image>,
         /// u and v are scaled by this, then shifted.
         scale: [f32; 2],
         /// Shift of u and v.
@@ -260,10 +260,10 @@ pub enum TextureKind {
     },
 }
 
-/// What lies beyond the edges of a picture.
+/// What lies beyond the edges of an image.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Wrap {
-    /// The picture again.
+    /// The image again.
     #[default]
     Repeat,
     /// Nothing.

@@ -11,8 +11,8 @@ use glam::{DAffine3, DMat3, DVec3};
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum WithoutError {
-    /// The picture would be black.
-    #[error("without {effect} no light is left: the picture would be black")]
+    /// The image would be black.
+    #[error("without {effect} no light is left: the image would be black")]
     NoLight {
         /// The effect.
         effect: Effect,
@@ -24,7 +24,7 @@ const FLAT: f64 = 0.9;
 
 impl Scene {
     /// The scene without an effect: an edit of the description, so that what renders the scene renders the
-    /// cheaper picture. What does not call for the effect is given back as it is.
+    /// cheaper image. What does not call for the effect is given back as it is.
     ///
     /// * [`SoftShadows`](Effect::SoftShadows): each lamp becomes a light without extent of the same power at its
     ///   area-weighted middle, where it stands first. Of a flat one-sided lamp (area `A`, radiance `L`) that is a

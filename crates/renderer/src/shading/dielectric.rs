@@ -1,6 +1,6 @@
 //! Glass: what light does at a border between two transparent media, and at a pane.
 //!
-//! The normal +z points out of the glass: `wo.z > 0` is outside. Inside, the picture is mirrored through the point, with
+//! The normal +z points out of the glass: `wo.z > 0` is outside. Inside, the image is mirrored through the point, with
 //! the reciprocal index; so every function below works with a `wo` above and an `eta` of what lies below over what
 //! lies above. Radiance is scattered, not importance: what crosses the border is divided by `eta^2`
 //! [Pharr et al. 2023, sec. 9.5.2].

@@ -125,7 +125,7 @@ pub struct PiecewiseConstant2d {
 }
 
 /// Columns to a slot of their guide. A search through a whole row waits for memory at nearly every step, and took a
-/// quarter of the time of a scene lit by a picture of 1024 x 512 (perf); from a guide that stays in the cache it waits
+/// quarter of the time of a scene lit by an image of 1024 x 512 (perf); from a guide that stays in the cache it waits
 /// once.
 const TO_A_SLOT: usize = 4;
 

@@ -1,6 +1,6 @@
-//! Pictures of few values, kept small for look-ups.
+//! Images of few values, kept small for look-ups.
 
-use crate::image::Picture;
+use crate::image::Image;
 use glam::Vec3;
 
 /// Values that a byte tells apart.
@@ -8,8 +8,8 @@ const MOST: usize = 256;
 /// Pixels along a tile's side.
 const SIDE: usize = 4;
 
-/// The pixels of a picture that has no more than 256 values, as 8-bit files have: a byte for each, exactly. Look-ups
-/// scattered over a large picture wait for memory; this takes a third of it, and four neighbours mostly lie in one
+/// The pixels of an image that has no more than 256 values, as 8-bit files have: a byte for each, exactly. Look-ups
+/// scattered over a large image wait for memory; this takes a third of it, and four neighbours mostly lie in one
 /// cache line.
 #[derive(Clone, Debug)]
 pub(super) struct Coded {
@@ -26,13 +26,13 @@ struct Tile([[u8; 4]; SIDE * SIDE]);
 
 impl Coded {
     /// `None` where there are too many values.
-    pub(super) fn new(picture: &Picture) -> Option<Self> {
-        let [width, height] = [picture.width(), picture.height()];
+    pub(super) fn new(image: &Image) -> Option<Self> {
+        let [width, height] = [image.width(), image.height()];
         let across = width.div_ceil(SIDE);
         let mut coder = Coder::default();
         let mut tiles = vec![Tile([[0; 4]; SIDE * SIDE]); across * height.div_ceil(SIDE)];
         for y in 0..height {
-            for (x, [r, g, b]) in picture.row(y).iter().enumerate() {
+            for (x, [r, g, b]) in image.row(y).iter().enumerate() {
                 let (tile, place) = locate(across, x, y);
                 tiles[tile].0[place] = [coder.code(*r)?, coder.code(*g)?, coder.code(*b)?, 0];
             }
@@ -40,7 +40,7 @@ impl Coded {
         Some(Self { tiles, across, values: Box::new(coder.values) })
     }
 
-    /// The pixel in a column of a row, both of the picture.
+    /// The pixel in a column of a row, both of the image.
     #[inline]
     pub(super) fn pixel(&self, column: usize, row: usize) -> Vec3 {
         let (tile, place) = locate(self.across, column, row);
@@ -101,21 +101,21 @@ impl Coder {
 mod tests {
     use super::*;
 
-    /// A picture with `count` values, each there.
-    fn picture(size: [u32; 2], count: u32) -> Picture {
+    /// An image with `count` values, each there.
+    fn image(size: [u32; 2], count: u32) -> Image {
         let value = |i: u32| 1.0 / (1 + i.wrapping_mul(2_654_435_761) % count) as f32;
         let pixels = (0..size[0] * size[1]).map(|i| [value(3 * i), value(3 * i + 1), -value(3 * i + 2).abs()]);
-        Picture::new(size, pixels.collect()).expect("a picture")
+        Image::new(size, pixels.collect()).expect("an image")
     }
 
     #[test]
     fn pixels_come_back_to_the_last_bit() {
         for size in [[1, 1], [4, 4], [5, 3], [37, 21]] {
-            let picture = picture(size, 100);
-            let coded = Coded::new(&picture).expect("at most 200 values");
-            for y in 0..picture.height() {
-                for x in 0..picture.width() {
-                    assert_eq!(coded.pixel(x, y).to_array(), picture.pixel(x, y), "{x} {y} of {size:?}");
+            let image = image(size, 100);
+            let coded = Coded::new(&image).expect("at most 200 values");
+            for y in 0..image.height() {
+                for x in 0..image.width() {
+                    assert_eq!(coded.pixel(x, y).to_array(), image.pixel(x, y), "{x} {y} of {size:?}");
                 }
             }
         }
@@ -123,11 +123,11 @@ mod tests {
 
     #[test]
     fn values_are_counted_by_their_bits() {
-        let row = |n: u32| Picture::new([n, 1], (0..n).map(|i| [i as f32; 3]).collect()).expect("a picture");
+        let row = |n: u32| Image::new([n, 1], (0..n).map(|i| [i as f32; 3]).collect()).expect("an image");
         assert!(Coded::new(&row(256)).is_some());
         assert!(Coded::new(&row(257)).is_none());
         let odd = [[0.0, -0.0, f32::NAN], [f32::INFINITY, f32::MIN_POSITIVE, 1.0]];
-        let coded = Coded::new(&Picture::new([2, 1], odd.to_vec()).expect("a picture")).expect("six values");
+        let coded = Coded::new(&Image::new([2, 1], odd.to_vec()).expect("an image")).expect("six values");
         for (x, pixel) in odd.iter().enumerate() {
             assert_eq!(coded.pixel(x, 0).to_array().map(f32::to_bits), pixel.map(f32::to_bits));
         }

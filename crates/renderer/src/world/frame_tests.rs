@@ -1,7 +1,7 @@
 //! L12 at hits: frames under bad vertex normals, texture coordinates and reliefs; derivatives by u and v.
 
 use super::World;
-use crate::image::Picture;
+use crate::image::Image;
 use crate::scene::{
     Color, Geometry, Material, MaterialId, MaterialKind, MeshData, Roughness, Scalar, Scene, Shape, Source, Texture,
     TextureId, TextureKind, Wrap,
@@ -34,7 +34,7 @@ fn materials(scene: &mut Scene) {
     let mut rng = Pcg64Mcg::seed_from_u64(5);
     let noise: Vec<[f32; 3]> = (0..64).map(|_| (vector(&mut rng) * 3.0).to_array()).collect();
     let image = |pixels: Vec<[f32; 3]>| TextureKind::Image {
-        picture: Arc::new(Picture::new([8, 8], pixels).expect("64 pixels")),
+        image: Arc::new(Image::new([8, 8], pixels).expect("64 pixels")),
         scale: [1.0; 2],
         shift: [0.0; 2],
         factor: 1.0,

@@ -36,8 +36,8 @@ impl World {
         let level = Frame::from_shading_normal(at.shading_normal, at.point.normal, Some(along_u));
         let uv = self.uv(at);
         let tilted = match surface.relief {
-            Relief { normal_map: Some(picture), .. } => {
-                level.to_world(2.0 * self.textures.look_up(picture, uv) - Vec3::ONE)
+            Relief { normal_map: Some(image), .. } => {
+                level.to_world(2.0 * self.textures.look_up(image, uv) - Vec3::ONE)
             }
             Relief { bump: Some(height), .. } => {
                 let height = |u: f32, v: f32| self.textures.look_up(height, [u, v]).x;

@@ -77,7 +77,7 @@ fn r01_sample_stays_in_its_pixel() {
 #[test]
 fn r02_odd_sizes() {
     for size in [[1, 1], [1, 4097], [4097, 1], [7, 13]] {
-        let film = picture(&room(size), 3, 1);
+        let film = image(&room(size), 3, 1);
         assert_eq!(film.counts(), vec![3; (size[0] * size[1]) as usize], "{size:?}");
         assert_eq!(film.record().rejected, 0, "{size:?}");
         assert!(mean(&film)[0] > 0.0, "{size:?} is black");
@@ -120,11 +120,11 @@ fn r03_degenerate_pose() {
 #[test]
 fn r03_scaled_cameras_see_the_same() {
     let scene = room([9, 7]);
-    let expected = hash(&picture(&scene, 2, 1));
+    let expected = hash(&image(&scene, 2, 1));
     for exponent in [-200, -64, -1, 1, 64, 200] {
         let mut scaled = scene.clone();
         scaled.camera.to_world.matrix3 *= f64::from(exponent).exp2();
-        assert_eq!(hash(&picture(&scaled, 2, 1)), expected, "axes scaled by 2^{exponent}");
+        assert_eq!(hash(&image(&scaled, 2, 1)), expected, "axes scaled by 2^{exponent}");
     }
 }
 
@@ -174,7 +174,7 @@ fn r05_camera_on_and_inside_things() {
         for lens in [0.0, 0.05] {
             scene.camera.to_world = look_at(eye, eye + DVec3::new(0.3, 1.0, 0.2), DVec3::Z);
             (scene.camera.lens_radius, scene.camera.focal_distance) = (lens, 2.0);
-            let film = picture(&scene, 16, 5);
+            let film = image(&scene, 16, 5);
             assert_eq!(film.record().rejected, 0, "{place}, lens {lens}");
             assert!(mean(&film).iter().all(|m| m.is_finite()), "{place}, lens {lens}");
         }
@@ -214,7 +214,7 @@ fn r07_a_lens_of_radius_0_is_none() {
         (scene.camera.lens_radius, scene.camera.focal_distance) = (radius, distance);
         World::new(&scene)
     };
-    let expected = hash(&picture(&scene, 4, 2));
+    let expected = hash(&image(&scene, 4, 2));
     for distance in [0.0, -1.0, 3.0, f64::INFINITY, f64::NAN] {
         let world = with(0.0, distance).unwrap_or_else(|e| panic!("{e}"));
         assert_eq!(hash(&film_of(&world, [12, 9], 4, Sobol::new(2))), expected, "focus at {distance}");
@@ -224,7 +224,7 @@ fn r07_a_lens_of_radius_0_is_none() {
         let message = with(radius, distance).err().unwrap_or_else(|| panic!("{radius}, {distance} is no lens"));
         assert!(message.to_string().contains("a lens of radius"), "{message}");
     }
-    // The other way round: a lens that is there changes the picture.
+    // The other way round: a lens that is there changes the image.
     let world = with(0.2, 3.0).unwrap_or_else(|e| panic!("{e}"));
     assert_ne!(hash(&film_of(&world, [12, 9], 4, Sobol::new(2))), expected);
 }

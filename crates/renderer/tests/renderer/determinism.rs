@@ -1,7 +1,7 @@
-//! D01 to D03 and S8: the same picture, whatever ran it, and whatever the unit of length.
+//! D01 to D03 and S8: the same image, whatever ran it, and whatever the unit of length.
 
 use crate::support::*;
-use dapple_core::{Draws, Frame, Limits, Needs, NoWatch, Observed, PointSet, SampleId, Schedule, render, streams};
+use dapple_core::{Draws, Frame, Limits, Needs, NoMonitor, PointSet, SampleId, Schedule, TrainingLog, render, streams};
 use dapple_low_discrepancy::Sobol;
 use dapple_renderer::registry::{self, POINTS, SAMPLERS, Setting};
 use dapple_renderer::scene::{Geometry, Scene};
@@ -17,7 +17,7 @@ fn points(name: &str) -> registry::AnyPoints {
     registry::points(name, Setting { seed: 11, spp: Some(SPP) }).unwrap_or_else(|e| panic!("{e}"))
 }
 
-/// The hash of a picture with this sampler, points, schedule and number of threads.
+/// The hash of an image with this sampler, points, schedule and number of threads.
 fn rendered(world: &World, sampler: &str, name: &str, schedule: Schedule, threads: usize) -> u64 {
     let frame = Frame::new(SIZE[0], SIZE[1]).expect("not empty");
     let limits = Limits { schedule, ..Limits::samples(SPP * frame.pixels() as u64) };
@@ -25,7 +25,7 @@ fn rendered(world: &World, sampler: &str, name: &str, schedule: Schedule, thread
         .unwrap_or_else(|e| panic!("{e}"));
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
     let needs = Needs::none().with_variance().with_features();
-    let film = pool.install(|| render(&mut *integrator(world), &mut *sampler, needs, frame, &limits, &mut NoWatch));
+    let film = pool.install(|| render(&mut *integrator(world), &mut *sampler, needs, frame, &limits, &mut NoMonitor));
     let film = film.unwrap_or_else(|e| panic!("{e}"));
     assert_eq!(film.record().rejected, 0);
     // Features and variance are part of what must not change.
@@ -99,7 +99,7 @@ fn d03_one_sample_replayed_alone() {
         let [before, after] = [5, 6].map(|spp| film_of(&world, SIZE, spp, self::points(entry.name)));
         for i in [0, 17, 400, after.frame().pixels() - 1] {
             let id = SampleId { pixel: after.frame().pixel(i), stream: streams::WHOLE, index: 5 };
-            let alone = integrator.estimate(&Draws::new(&points, id, false), &mut Observed::default()).radiance;
+            let alone = integrator.estimate(&Draws::new(&points, id, false), &mut TrainingLog::default()).radiance;
             // Welford's step, as the film takes it.
             let step = |m: f64, x: f32| m + (f64::from(x) - m) * (1.0 / 6.0);
             let expected: [f64; 3] = std::array::from_fn(|c| step(before.mean(i)[c], alone[c]));
@@ -134,21 +134,21 @@ fn moved(scene: &Scene, map: DAffine3) -> Scene {
 #[test]
 fn g04_scale_changes_no_bit() {
     let scene = dyadic();
-    let expected = hash(&picture(&scene, 4, 1));
+    let expected = hash(&image(&scene, 4, 1));
     for exponent in [-90, -40, -13, -1, 1, 7, 40, 90] {
         let scale = DAffine3::from_scale(DVec3::splat(f64::from(exponent).exp2()));
-        assert_eq!(hash(&picture(&moved(&scene, scale), 4, 1)), expected, "scaled by 2^{exponent}");
+        assert_eq!(hash(&image(&moved(&scene, scale), 4, 1)), expected, "scaled by 2^{exponent}");
     }
 }
 
 #[test]
 fn g20_far_from_the_origin() {
     let scene = dyadic();
-    let expected = hash(&picture(&scene, 4, 1));
+    let expected = hash(&image(&scene, 4, 1));
     for exponent in [7, 20, 30] {
         let far = f64::from(exponent).exp2();
         let move_by = DAffine3::from_translation(DVec3::new(far, -far, 3.0 * far));
-        assert_eq!(hash(&picture(&moved(&scene, move_by), 4, 1)), expected, "moved by 2^{exponent}");
+        assert_eq!(hash(&image(&moved(&scene, move_by), 4, 1)), expected, "moved by 2^{exponent}");
     }
 }
 
@@ -157,7 +157,7 @@ fn g20_far_from_the_origin() {
 fn l12_a_mirror_turns_no_lamp_around() {
     let scene = dyadic();
     let mirror = DAffine3::from_mat3(DMat3::from_diagonal(DVec3::new(-1.0, 1.0, 1.0)));
-    let [plain, mirrored] = [scene.clone(), moved(&scene, mirror)].map(|s| mean(&picture(&s, 256, 1)));
+    let [plain, mirrored] = [scene.clone(), moved(&scene, mirror)].map(|s| mean(&image(&s, 256, 1)));
     for c in 0..3 {
         assert!((plain[c] / mirrored[c] - 1.0).abs() < 5e-3, "{plain:?} {mirrored:?}");
     }

@@ -3,7 +3,7 @@
 use crate::support::*;
 use dapple_core::{Film, Needs, PointSet, SampleId};
 use dapple_low_discrepancy::Sobol;
-use dapple_renderer::image::Picture;
+use dapple_renderer::image::Image;
 use dapple_renderer::scene::{
     Color, Emission, EnvironmentRadiance, Geometry, Light, LightKind, Material, MaterialKind, Roughness, Scene,
     Texture, TextureId, TextureKind,
@@ -145,7 +145,7 @@ fn l14_features_change_no_bit() {
     let needs = Needs::none().with_features().with_variance().with_cost();
     let limits = dapple_core::Limits::samples(SAMPLES);
     let mut integrator = dapple_renderer::integrator(&world);
-    let full = dapple_core::render(&mut *integrator, &mut sampler, needs, frame, &limits, &mut dapple_core::NoWatch);
+    let full = dapple_core::render(&mut *integrator, &mut sampler, needs, frame, &limits, &mut dapple_core::NoMonitor);
     let full = full.expect("it renders");
     assert_eq!(hash(&plain), hash(&full));
     assert_eq!(plain.record().rays, full.record().rays);
@@ -174,7 +174,7 @@ fn l06_worthless_lights() {
     let (u, v, c) = (DVec3::Y, DVec3::X, DVec3::new(0.0, 0.0, 3.5));
     part.shapes[1].geometry = polygon(&[c - u - v, c - u - v, c + u - v, c + u + v, c - u + v]);
     assert_eq!(world(&part).dropped_triangles(), 1);
-    let (with, without) = (mean(&picture(&part, 64, 1)), mean(&picture(&plain, 64, 2)));
+    let (with, without) = (mean(&image(&part, 64, 1)), mean(&image(&plain, 64, 2)));
     assert!((with[0] / without[0] - 1.0).abs() < 5e-3, "{with:?} {without:?}");
 
     // Emission that is no number is refused by line, not rendered.
@@ -204,8 +204,8 @@ fn l06_no_light_is_black_and_an_unseen_one_too() {
     add(&mut unseen, Geometry::Sphere { radius: 0.5 }, far, grey, Some(100.0));
     unseen.max_depth = Some(5);
     for scene in [dark, unseen] {
-        let film = picture(&scene, SPP, 1);
-        assert!(film.picture().iter().all(|p| *p == [0.0; 3]));
+        let film = image(&scene, SPP, 1);
+        assert!(film.image().iter().all(|p| *p == [0.0; 3]));
         assert_eq!(film.record().rejected, 0);
     }
 }
@@ -250,11 +250,11 @@ fn effects_each_with_its_object() {
 
 type Change<'a> = &'a dyn Fn(&mut Scene);
 
-/// A scene that calls for an effect gets it: each changes the picture.
+/// A scene that calls for an effect gets it: each changes the image.
 #[test]
 fn l14_no_effect_is_skipped() {
-    let plain = hash(&picture(&direct(), 4, 1));
-    let black = Picture::filled([2, 1], [0.0; 3]).expect("not empty");
+    let plain = hash(&image(&direct(), 4, 1));
+    let black = Image::filled([2, 1], [0.0; 3]).expect("not empty");
     let changes: [(Effect, Change<'_>); 8] = [
         (Effect::SoftShadows, &|s| s.shapes[0].emission = s.shapes[1].emission),
         (Effect::SeveralLights, &|s| s.shapes[0].emission = s.shapes[1].emission),
@@ -280,13 +280,13 @@ fn l14_no_effect_is_skipped() {
         let mut scene = direct();
         change(&mut scene);
         assert!(Effects::of(&scene).has(effect), "{effect}");
-        assert_ne!(hash(&picture(&scene, 4, 1)), plain, "{effect}");
+        assert_ne!(hash(&image(&scene, 4, 1)), plain, "{effect}");
     }
-    // A picture without light is no environment.
+    // An image without light is no environment.
     let mut scene = direct();
-    let radiance = EnvironmentRadiance::LatLong { picture: Arc::new(black), scale: 1.0 };
+    let radiance = EnvironmentRadiance::LatLong { image: Arc::new(black), scale: 1.0 };
     let kind = LightKind::Infinite { radiance };
     scene.lights.push(Light { kind, to_world: DAffine3::IDENTITY, source: line(200) });
     assert!(!Effects::of(&scene).has(Effect::Environment));
-    assert_eq!(hash(&picture(&scene, 4, 1)), plain);
+    assert_eq!(hash(&image(&scene, 4, 1)), plain);
 }

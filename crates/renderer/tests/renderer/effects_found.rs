@@ -1,7 +1,7 @@
 //! Which effects a scene calls for: each with its object, and none that is there but idle.
 
 use crate::support::*;
-use dapple_renderer::image::Picture;
+use dapple_renderer::image::Image;
 use dapple_renderer::scene::{
     Coating, Color, ConductorFresnel, Emission, EnvironmentRadiance, Geometry, Instance, Light, LightKind, Material,
     MaterialId, MaterialKind, Medium, MediumId, MediumInterface, Object, ObjectId, Roughness, Scalar, Scene, Shape,
@@ -112,13 +112,13 @@ fn lights_that_give_light() {
             add_light(s, spot(0.0));
             add_light(s, LightKind::Distant { irradiance: [0.0; 3] });
             add_sky(s, 0.0);
-            let black = Picture::filled([2, 2], [0.0; 3]).expect("not empty");
-            let lit = Arc::new(Picture::filled([2, 2], [1.0; 3]).expect("not empty"));
-            let (picture, scale) = (Arc::new(black), 1.0);
+            let black = Image::filled([2, 2], [0.0; 3]).expect("not empty");
+            let lit = Arc::new(Image::filled([2, 2], [1.0; 3]).expect("not empty"));
+            let (image, scale) = (Arc::new(black), 1.0);
             for radiance in [
-                EnvironmentRadiance::LatLong { picture: picture.clone(), scale },
-                EnvironmentRadiance::EqualArea { picture, scale },
-                EnvironmentRadiance::EqualArea { picture: lit, scale: 0.0 },
+                EnvironmentRadiance::LatLong { image: image.clone(), scale },
+                EnvironmentRadiance::EqualArea { image, scale },
+                EnvironmentRadiance::EqualArea { image: lit, scale: 0.0 },
             ] {
                 add_light(s, LightKind::Infinite { radiance });
             }

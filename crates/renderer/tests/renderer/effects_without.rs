@@ -4,7 +4,7 @@ use crate::support::*;
 use dapple_core::samplers::Uniform;
 use dapple_core::{Frame, Limits};
 use dapple_low_discrepancy::Sobol;
-use dapple_renderer::image::Picture;
+use dapple_renderer::image::Image;
 use dapple_renderer::scene::{
     Color, ConductorFresnel, Emission, Geometry, LightKind, MaterialKind, Medium, MediumId, MediumInterface, Object,
     Roughness, Scalar, Scene, Shape, Texture, TextureId, TextureKind, WithoutError, Wrap,
@@ -32,7 +32,7 @@ fn without(scene: &Scene, effect: Effect) -> Scene {
     scene.without(effect).unwrap_or_else(|e| panic!("{e}"))
 }
 
-/// What the room calls for goes one by one, in any order; what is left is still a scene, and another picture.
+/// What the room calls for goes one by one, in any order; what is left is still a scene, and another image.
 #[test]
 fn each_effect_goes_alone_and_all_go_together() {
     let scene = full();
@@ -48,11 +48,11 @@ fn each_effect_goes_alone_and_all_go_together() {
         Effect::DepthOfField,
     ];
     assert_eq!(called, expected);
-    let whole = hash(&picture(&scene, 4, 1));
+    let whole = hash(&image(&scene, 4, 1));
     for &effect in &called {
         let less = without(&scene, effect);
         assert!(!Effects::of(&less).has(effect), "{effect}");
-        assert_ne!(hash(&picture(&less, 4, 1)), whole, "{effect}");
+        assert_ne!(hash(&image(&less, 4, 1)), whole, "{effect}");
     }
     // A choice among lights that are left comes last: where the sky is the strongest, no other would be.
     let others = called.iter().copied().filter(|e| *e != Effect::SeveralLights);
@@ -60,13 +60,13 @@ fn each_effect_goes_alone_and_all_go_together() {
         order.push(Effect::SeveralLights);
         let less = order.iter().fold(scene.clone(), |scene, effect| without(&scene, *effect));
         assert_eq!(Effects::of(&less).called(), [], "{order:?}");
-        assert!(mean(&picture(&less, 4, 1))[0] > 0.0);
+        assert!(mean(&image(&less, 4, 1))[0] > 0.0);
     }
 }
 
 /// L14: an effect that is not called for takes nothing away, to the bit.
 #[test]
-fn l14_without_what_is_not_called_for_is_the_same_picture() {
+fn l14_without_what_is_not_called_for_is_the_same_image() {
     let mut plain = scene(SIZE, 40.0, DVec3::new(0.0, -3.0, 2.0), DVec3::ZERO);
     let grey = add_material(&mut plain, diffuse(0.5));
     add(&mut plain, rectangle(DVec3::ZERO, DVec3::X, DVec3::Y), DAffine3::IDENTITY, grey, None);
@@ -79,17 +79,17 @@ fn l14_without_what_is_not_called_for_is_the_same_picture() {
     plain.textures.push(Texture { name: "unused".into(), kind, source: line(300) });
     add_material(&mut plain, MaterialKind::Diffuse { reflectance: Color::Texture(TextureId(0)) });
     add_sky(&mut plain, 0.0);
-    let expected = hash(&picture(&plain, 8, 1));
+    let expected = hash(&image(&plain, 8, 1));
     let idle = Effect::ALL.into_iter().filter(|e| !Effects::of(&plain).has(*e));
     let mut tried = 0;
     for effect in idle {
-        assert_eq!(hash(&picture(&without(&plain, effect), 8, 1)), expected, "{effect}");
+        assert_eq!(hash(&image(&without(&plain, effect), 8, 1)), expected, "{effect}");
         tried += 1;
     }
     assert_eq!(tried, 11, "all but soft shadows and interreflection");
     // The control.
     let less = without(&plain, Effect::Interreflection);
-    assert_ne!(hash(&picture(&less, 8, 1)), expected);
+    assert_ne!(hash(&image(&less, 8, 1)), expected);
 }
 
 #[test]
@@ -105,7 +105,7 @@ fn the_last_light_does_not_go() {
     assert!(scene.without(Effect::Environment).is_ok());
 }
 
-/// Small lights stand for lamps: the same power, and far away the same picture.
+/// Small lights stand for lamps: the same power, and far away the same image.
 #[test]
 fn lamps_become_points_of_the_same_power() {
     let far = |geometry: Geometry, to_world: DAffine3, two_sided: bool| {
@@ -117,7 +117,7 @@ fn lamps_become_points_of_the_same_power() {
         scene.max_depth = Some(1);
         let points = without(&scene, Effect::SoftShadows);
         assert_eq!(points.shapes.len(), 1, "the lamp's body goes");
-        let (lamp, point) = (mean(&picture(&scene, 256, 1)), mean(&picture(&points, 256, 1)));
+        let (lamp, point) = (mean(&image(&scene, 256, 1)), mean(&image(&points, 256, 1)));
         for c in 0..3 {
             assert!((point[c] / lamp[c] - 1.0).abs() < 0.01, "{point:?} {lamp:?}");
         }
@@ -189,7 +189,7 @@ fn what_shone_is_diffuse_and_as_bright() {
         scene.max_depth = Some(3);
         let less = without(&scene, effect);
         assert!(matches!(less.materials[0].kind, MaterialKind::Diffuse { .. }));
-        let (with, without) = (mean(&picture(&scene, 256, 1)), mean(&picture(&less, 256, 2)));
+        let (with, without) = (mean(&image(&scene, 256, 1)), mean(&image(&less, 256, 2)));
         for c in 0..3 {
             // Microfacets of alpha 0.05 lose next to nothing.
             assert!((with[c] - without[c]).abs() < 0.01, "{kind:?}: {with:?} {without:?}");
@@ -244,10 +244,10 @@ fn glass_goes_or_turns_smooth() {
 #[test]
 fn textures_become_their_means() {
     let mut scene = full();
-    let picture = Picture::new([2, 1], vec![[0.0, 0.25, 1.0], [1.0, 0.75, 1.0]]).expect("two pixels");
-    let picture = Arc::new(picture);
+    let image = Image::new([2, 1], vec![[0.0, 0.25, 1.0], [1.0, 0.75, 1.0]]).expect("two pixels");
+    let image = Arc::new(image);
     let image = |factor, invert| TextureKind::Image {
-        picture: picture.clone(),
+        image: image.clone(),
         scale: [3.0; 2],
         shift: [0.1; 2],
         factor,

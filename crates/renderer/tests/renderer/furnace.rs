@@ -4,7 +4,7 @@
 use crate::statistics::{FAMILY, Mean, Verdict, critical, sidak};
 use crate::support::*;
 use dapple_core::samplers::Uniform;
-use dapple_core::{Film, Frame, Limits, Needs, NoWatch, render};
+use dapple_core::{Film, Frame, Limits, Needs, NoMonitor, render};
 use dapple_low_discrepancy::Random;
 use dapple_renderer::integrator;
 use dapple_renderer::scene::{Geometry, MeshData, Scene};
@@ -29,7 +29,7 @@ fn equivalent(scene: &Scene, reference: f64, delta: f64, most: u64) -> Verdict {
     let z = critical(sidak(FAMILY, TESTS));
     let mut spp = 16;
     loop {
-        let found = pixel_means(&picture(scene, spp, SEED + spp));
+        let found = pixel_means(&image(scene, spp, SEED + spp));
         let verdict = found.equals(reference, delta * reference, z);
         let off = found.mean / reference - 1.0;
         eprintln!("  {spp} spp: {off:+.2e} +- {:.1e}, {verdict:?}", found.standard_error() / reference);
@@ -108,7 +108,7 @@ fn l01_bundled_furnace_is_white() {
     let scene = dapple_renderer::bundled::files("furnace").expect("bundled").read().expect("it reads");
     let mut found = Mean::default();
     for seed in 0..4 {
-        let film = picture(&scene, 16, SEED + seed);
+        let film = image(&scene, 16, SEED + seed);
         (0..film.frame().pixels()).for_each(|i| found.add(film.mean(i)[0]));
     }
     eprintln!("{:+.2e} +- {:.1e}", found.mean - 1.0, found.standard_error());
@@ -138,8 +138,8 @@ fn l02_white_body_is_invisible() {
     for (name, body) in [("convex", cube()), ("concave", open_box())] {
         eprintln!("{name}");
         assert_eq!(equivalent(&white_body(body.clone(), 1.0, 1.0), 1.0, 1e-3, 8192), Verdict::Pass, "{name}");
-        // Brighter by a power of two is the same picture, to the bit.
-        let [half, one, two] = [0.5, 1.0, 2.0].map(|sky| picture(&white_body(body.clone(), 1.0, sky), 4, SEED));
+        // Brighter by a power of two is the same image, to the bit.
+        let [half, one, two] = [0.5, 1.0, 2.0].map(|sky| image(&white_body(body.clone(), 1.0, sky), 4, SEED));
         for i in 0..one.frame().pixels() {
             assert_eq!(half.mean(i).map(|x| 2.0 * x), one.mean(i), "{name}, pixel {i}");
             assert_eq!(two.mean(i), one.mean(i).map(|x| 2.0 * x), "{name}, pixel {i}");
@@ -158,7 +158,8 @@ fn l02_no_pixel_stands_out() {
     let mut sampler = Uniform::new(Random::new(SEED));
     let needs = Needs::none().with_variance();
     let limits = Limits::samples(1024 * frame.pixels() as u64);
-    let film = render(&mut *integrator(&world), &mut sampler, needs, frame, &limits, &mut NoWatch).expect("it renders");
+    let film =
+        render(&mut *integrator(&world), &mut sampler, needs, frame, &limits, &mut NoMonitor).expect("it renders");
     let z = critical(sidak(FAMILY, frame.pixels()) / 2.0);
     let mut worst = 0.0_f64;
     for i in 0..frame.pixels() {
@@ -183,7 +184,7 @@ fn l02_no_material_makes_light() {
         let material = add_material(&mut scene, kind);
         add(&mut scene, sphere(), DAffine3::IDENTITY, material, None);
         add_sky(&mut scene, 1.0);
-        let film = picture(&scene, 64, SEED);
+        let film = image(&scene, 64, SEED);
         for c in 0..3 {
             let mut found = Mean::default();
             (0..film.frame().pixels()).for_each(|i| found.add(film.mean(i)[c]));
@@ -199,7 +200,7 @@ fn l13_endless_paths_end() {
     for inside in [sphere(), mesh()] {
         let mut scene = furnace(inside, 1.0, None);
         scene.film.resolution = [8, 8];
-        let film = picture(&scene, 16, SEED);
+        let film = image(&scene, 16, SEED);
         assert_eq!(film.record().rejected, 0);
         let length = film.record().rays as f64 / film.record().samples as f64;
         // Five events before roulette, 100 after it on average; two rays each.

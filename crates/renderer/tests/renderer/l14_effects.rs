@@ -80,7 +80,7 @@ fn with(effect: Effect) -> Scene {
 }
 
 /// What a scene needs is done, or refused by name and line; never left out in silence. Asked to leave it out,
-/// the scene renders another picture.
+/// the scene renders another image.
 #[test]
 fn l14_needed_effects_are_done_or_refused() {
     for effect in Effect::ALL {
@@ -111,7 +111,7 @@ fn l14_leaving_out_what_is_not_there_changes_no_bit() {
         let effects = Effects::of(&scene);
         for absent in Effect::ALL.into_iter().filter(|e| !effects.has(*e)) {
             let same = scene.without(absent).unwrap_or_else(|e| panic!("{absent}: {e}"));
-            assert_eq!(hash(&picture(&same, 4, 1)), expected, "{present} without {absent}");
+            assert_eq!(hash(&image(&same, 4, 1)), expected, "{present} without {absent}");
         }
     }
 }

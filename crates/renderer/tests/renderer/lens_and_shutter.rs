@@ -1,4 +1,4 @@
-//! Depth of field and motion blur beside averages of many pictures that have neither.
+//! Depth of field and motion blur beside averages of many images that have neither.
 #![allow(clippy::print_stderr)]
 
 use crate::statistics::FAMILY;
@@ -12,9 +12,9 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
 const SIZE: [u32; 2] = [48, 32];
-/// Independent pictures, or averages of pictures, on either side.
+/// Independent images, or averages of images, on either side.
 const REPLICATES: u64 = 12;
-/// Samples in a pixel of a picture with the effect, and pictures in an average: one sample in a pixel of each.
+/// Samples in a pixel of an image with the effect, and images in an average: one sample in a pixel of each.
 const SPP: u64 = 96;
 const SEED: u64 = 9300;
 
@@ -56,13 +56,13 @@ fn small(scene: &Scene) -> World {
     World::with_resolution(scene, SIZE).unwrap_or_else(|e| panic!("{e}"))
 }
 
-/// Block means of pictures as they are.
-fn pictures(scene: &Scene) -> Blocks {
+/// Block means of images as they are.
+fn images(scene: &Scene) -> Blocks {
     let world = small(scene);
     (0..REPLICATES).map(|r| block_means(&film_of(&world, SIZE, SPP, Sobol::new(SEED + r)))).collect()
 }
 
-/// Block means of averages of the pictures that `still` makes; it is given numbers below 1 that fill the unit square
+/// Block means of averages of the images that `still` makes; it is given numbers below 1 that fill the unit square
 /// evenly.
 fn averages(mut still: impl FnMut([f64; 2]) -> Scene) -> Blocks {
     let mut random = Pcg64Mcg::seed_from_u64(SEED);
@@ -83,7 +83,7 @@ fn averages(mut still: impl FnMut([f64; 2]) -> Scene) -> Blocks {
 
 /// Prints and decides.
 fn agree(name: &str, a: &Blocks, b: &Blocks) -> bool {
-    // Averages round otherwise than pictures do, which shows where nothing varies.
+    // Averages round otherwise than images do, which shows where nothing varies.
     let rounded = |blocks: &Blocks| -> Blocks {
         blocks.iter().map(|r| r.iter().map(|m| m.map(|x| f64::from(x as f32))).collect()).collect()
     };
@@ -92,7 +92,7 @@ fn agree(name: &str, a: &Blocks, b: &Blocks) -> bool {
     found.holds(FAMILY)
 }
 
-/// Every point of the lens is a pinhole, whose picture is shifted so that what is in focus stays where it is.
+/// Every point of the lens is a pinhole, whose image is shifted so that what is in focus stays where it is.
 #[test]
 fn a_lens_is_many_pinholes() {
     let mut scene = glowing(bundle("lens").read().expect("it reads"));
@@ -117,13 +117,13 @@ fn a_lens_is_many_pinholes() {
     };
     assert!(!Effects::of(&pinhole([0.5; 2])).has(Effect::DepthOfField));
     let expected = averages(pinhole);
-    assert!(agree("thin lens", &pictures(&scene), &expected));
+    assert!(agree("thin lens", &images(&scene), &expected));
     // Negative controls: focused a fifth too near; a lens too small by as much; none.
     for (name, change) in [("focus", [1.0, 0.8]), ("radius", [0.8, 1.0]), ("pinhole", [0.0, 1.0])] {
         let mut other = scene.clone();
         other.camera.lens_radius *= change[0];
         other.camera.focal_distance *= change[1];
-        assert!(!agree(name, &pictures(&other), &expected), "{name}");
+        assert!(!agree(name, &images(&other), &expected), "{name}");
     }
 }
 
@@ -165,15 +165,15 @@ fn motion_blur_is_many_stills() {
     let scene = sunlit(bundle.read().expect("it reads"));
     assert!(Effects::of(&scene).has(Effect::MotionBlur));
     assert!(!Effects::of(&still_at(&bundle, 0.5, 0.5)).has(Effect::MotionBlur));
-    let blurred = pictures(&scene);
+    let blurred = images(&scene);
     assert!(agree("motion", &blurred, &averages(|[t, _]| still_at(&bundle, t, t))));
     // Negative controls: a shutter that shuts too early by a fifth; things that do not turn; a still.
     assert!(!agree("early", &blurred, &averages(|[t, _]| still_at(&bundle, 0.8 * t, 0.8 * t))));
     assert!(!agree("unturned", &blurred, &averages(|[t, _]| still_at(&bundle, t, 0.0))));
-    assert!(!agree("still", &blurred, &pictures(&still_at(&bundle, 0.5, 0.5))));
+    assert!(!agree("still", &blurred, &images(&still_at(&bundle, 0.5, 0.5))));
 }
 
-/// All of our own scenes are read without a complaint, and small pictures of them hold light and nothing else.
+/// All of our own scenes are read without a complaint, and small images of them hold light and nothing else.
 #[test]
 fn bundled_scenes_render() {
     for name in bundled::names() {
@@ -183,8 +183,8 @@ fn bundled_scenes_render() {
         let world = World::with_resolution(&scene, size).unwrap_or_else(|e| panic!("{name}: {e}"));
         let film = film_of(&world, size, 1, Sobol::new(SEED));
         assert_eq!((film.record().rejected, world.dropped_triangles()), (0, 0), "{name}");
-        let picture = film.picture();
-        assert!(picture.iter().flatten().all(|&x| x.is_finite() && x >= 0.0), "{name}");
+        let image = film.image();
+        assert!(image.iter().flatten().all(|&x| x.is_finite() && x >= 0.0), "{name}");
         assert!(mean(&film).iter().all(|&m| m > 0.01), "{name}: {:?}", mean(&film));
     }
     for (name, effects) in [

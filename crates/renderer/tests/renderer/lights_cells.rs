@@ -3,9 +3,9 @@
 
 use crate::support::{add, add_material, diffuse, line, rectangle, scene};
 use dapple_core::samplers::Uniform;
-use dapple_core::{Film, Frame, Limits, Needs, NoWatch, Sampler, Schedule, render};
+use dapple_core::{Film, Frame, Limits, Needs, NoMonitor, Sampler, Schedule, render};
 use dapple_low_discrepancy::Sobol;
-use dapple_renderer::image::Picture;
+use dapple_renderer::image::Image;
 use dapple_renderer::light::LightChoice;
 use dapple_renderer::registry::{self, Setting};
 use dapple_renderer::scene::{EnvironmentRadiance, Light, LightKind};
@@ -26,7 +26,7 @@ fn film(world: &World, sampler: &mut dyn Sampler, spp: u64, schedule: Schedule) 
     let frame = Frame::new(SIZE[0], SIZE[1]).expect("not empty");
     let mut limits = Limits::samples(spp * frame.pixels() as u64);
     limits.schedule = schedule;
-    render(&mut *integrator(world), sampler, Needs::none(), frame, &limits, &mut NoWatch)
+    render(&mut *integrator(world), sampler, Needs::none(), frame, &limits, &mut NoMonitor)
         .unwrap_or_else(|e| panic!("{e}"))
 }
 
@@ -34,7 +34,7 @@ fn uniform(world: &World, seed: u64, spp: u64) -> Film {
     film(world, &mut Uniform::new(Sobol::new(seed)), spp, Schedule::default())
 }
 
-/// Mean and its squared standard error of each of 6 by 4 squares of the picture, over 16 seeds.
+/// Mean and its squared standard error of each of 6 by 4 squares of the image, over 16 seeds.
 fn squares(world: &World, first_seed: u64) -> Vec<[f64; 2]> {
     let mut sums = vec![[0.0; 2]; 24];
     for seed in 0..16 {
@@ -67,7 +67,7 @@ fn learned_choices_change_no_mean() {
     let learned = squares(&room(LightChoice::Cells), 200);
     let found = deviation(&by_power, &learned);
     assert!(found < CRITICAL, "{found} standard errors");
-    // Negative control: a picture that lacks a bounce is told apart.
+    // Negative control: an image that lacks a bounce is told apart.
     let mut short = room(LightChoice::Cells);
     short.set_max_depth(2);
     let found = deviation(&by_power, &squares(&short, 300));
@@ -82,7 +82,7 @@ fn learned_choices_do_not_depend_on_threads_or_tiles() {
         let mut sampler = registry::sampler(words, points, &Stage::empty()).unwrap_or_else(|e| panic!("{e}"));
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
         let film = pool.install(|| film(&world, &mut *sampler, 8, schedule));
-        film.picture().iter().flatten().map(|x| x.to_bits()).collect::<Vec<_>>()
+        film.image().iter().flatten().map(|x| x.to_bits()).collect::<Vec<_>>()
     };
     for words in ["uniform", "cluster"] {
         let one = draw(words, 1, Schedule::default());
@@ -96,7 +96,7 @@ fn learned_choices_do_not_depend_on_threads_or_tiles() {
     assert!(
         draw("uniform", 1, Schedule::default()) != {
             let power = room(LightChoice::Power);
-            uniform(&power, 3, 8).picture().iter().flatten().map(|x| x.to_bits()).collect::<Vec<_>>()
+            uniform(&power, 3, 8).image().iter().flatten().map(|x| x.to_bits()).collect::<Vec<_>>()
         }
     );
 }
@@ -106,17 +106,17 @@ fn learned_choices_do_not_depend_on_threads_or_tiles() {
 fn one_light_leaves_nothing_to_learn() {
     for name in ["cornell", "furnace"] {
         let scene = bundled::files(name).expect("bundled").read().unwrap_or_else(|e| panic!("{e}"));
-        let pictures = [LightChoice::Power, LightChoice::Cells].map(|choice| {
+        let images = [LightChoice::Power, LightChoice::Cells].map(|choice| {
             let mut world = World::with_resolution(&scene, SIZE).unwrap_or_else(|e| panic!("{e}"));
             world.set_light_choice(choice);
-            assert!(!integrator(&world).observes());
-            uniform(&world, 1, 2).picture()
+            assert!(!integrator(&world).wants_training());
+            uniform(&world, 1, 2).image()
         });
-        assert!(pictures[0] == pictures[1], "{name}");
+        assert!(images[0] == images[1], "{name}");
     }
 }
 
-/// What it is for: at 8 samples a pixel in a room of eight lamps. Larger pictures with more seeds have .26 of the error of
+/// What it is for: at 8 samples a pixel in a room of eight lamps. Larger images with more seeds have .26 of the error of
 /// choices by turns, and .23 of that by power (docs/results/cluster.md).
 #[test]
 fn learned_choices_pay_in_a_room_of_many_lamps() {
@@ -125,17 +125,17 @@ fn learned_choices_pay_in_a_room_of_many_lamps() {
     assert!(learned < 0.7 * by_turns.min(power), "{learned} of {by_turns} by turns, {power} by power");
 }
 
-/// Squared errors over the truth's squares at 8 samples a pixel, all pixels of four pictures summed; the truth is the last
+/// Squared errors over the truth's squares at 8 samples a pixel, all pixels of four images summed; the truth is the last
 /// world's.
 fn errors<const N: usize>(worlds: [&World; N]) -> [f64; N] {
-    let truth = uniform(worlds[N - 1], 999, 1024).picture();
+    let truth = uniform(worlds[N - 1], 999, 1024).image();
     worlds.map(|world| {
-        let pictures = (1..=4).map(|seed| uniform(world, seed, 8).picture());
-        let error = |picture: Vec<[f32; 3]>| {
-            let pairs = picture.iter().flatten().zip(truth.iter().flatten());
+        let images = (1..=4).map(|seed| uniform(world, seed, 8).image());
+        let error = |image: Vec<[f32; 3]>| {
+            let pairs = image.iter().flatten().zip(truth.iter().flatten());
             pairs.map(|(x, t)| f64::from((x - t).powi(2) / (t * t + 0.01))).sum::<f64>()
         };
-        pictures.map(error).sum()
+        images.map(error).sum()
     })
 }
 
@@ -154,9 +154,8 @@ fn courtyard(choice: LightChoice) -> World {
         (_, 0..16) => 0.4,
         _ => 0.1,
     };
-    let picture = Picture::new([64, 32], (0..64 * 32).map(|i| [value(i); 3]).collect()).expect("as many");
-    let kind =
-        LightKind::Infinite { radiance: EnvironmentRadiance::LatLong { picture: Arc::new(picture), scale: 1.0 } };
+    let image = Image::new([64, 32], (0..64 * 32).map(|i| [value(i); 3]).collect()).expect("as many");
+    let kind = LightKind::Infinite { radiance: EnvironmentRadiance::LatLong { image: Arc::new(image), scale: 1.0 } };
     scene.lights.push(Light { kind, to_world: DAffine3::IDENTITY, source: line(200) });
     let mut world = World::new(&scene).unwrap_or_else(|e| panic!("{e}"));
     world.set_light_choice(choice);
@@ -175,10 +174,10 @@ fn learned_choices_pay_under_a_sky_half_hidden() {
 #[test]
 fn a_sky_cut_up_is_made_whole() {
     let mut world = courtyard(LightChoice::Power);
-    let before = uniform(&world, 1, 2).picture();
+    let before = uniform(&world, 1, 2).image();
     assert_eq!(world.lights().len(), 1);
     for choice in [LightChoice::Cells, LightChoice::Cells, LightChoice::Power] {
         world.set_light_choice(choice);
     }
-    assert!(world.lights().len() == 1 && uniform(&world, 1, 2).picture() == before);
+    assert!(world.lights().len() == 1 && uniform(&world, 1, 2).image() == before);
 }

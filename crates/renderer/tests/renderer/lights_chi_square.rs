@@ -6,7 +6,7 @@ use crate::statistics::{FAMILY, sidak};
 use crate::support::*;
 use dapple_geometry::Ray;
 use dapple_renderer::World;
-use dapple_renderer::image::Picture;
+use dapple_renderer::image::Image;
 use dapple_renderer::light::{Environment, EnvironmentError, LightChoice, Target};
 use dapple_renderer::scene::{EnvironmentRadiance, Geometry, Light, LightKind, MeshData, Scene, Source};
 use glam::{DAffine3, DMat3, DVec3, Vec3};
@@ -20,17 +20,17 @@ const TESTS: usize = 128;
 /// STATISTICS asks for 10^6: fewer here, to keep the file within seconds.
 const SAMPLES: u64 = 400_000;
 
-fn picture_of(size: [u32; 2], value: impl Fn(u32, u32) -> f32) -> Arc<Picture> {
+fn image_of(size: [u32; 2], value: impl Fn(u32, u32) -> f32) -> Arc<Image> {
     let pixels = (0..size[0] * size[1]).map(|i| [value(i % size[0], i / size[0]); 3]).collect();
-    Arc::new(Picture::new(size, pixels).expect("as many"))
+    Arc::new(Image::new(size, pixels).expect("as many"))
 }
 
 fn lat_long(size: [u32; 2], value: impl Fn(u32, u32) -> f32) -> EnvironmentRadiance {
-    EnvironmentRadiance::LatLong { picture: picture_of(size, value), scale: 0.5 }
+    EnvironmentRadiance::LatLong { image: image_of(size, value), scale: 0.5 }
 }
 
 fn equal_area(side: u32, value: impl Fn(u32, u32) -> f32) -> EnvironmentRadiance {
-    EnvironmentRadiance::EqualArea { picture: picture_of([side; 2], value), scale: 0.5 }
+    EnvironmentRadiance::EqualArea { image: image_of([side; 2], value), scale: 0.5 }
 }
 
 fn add_infinite(scene: &mut Scene, radiance: EnvironmentRadiance, turn: DMat3) {
@@ -78,7 +78,7 @@ fn sky_test(
         assert!((drawn.wi.length() - 1.0).abs() < 3e-7 && drawn.radiance != Vec3::ZERO);
         Some(drawn.wi)
     };
-    // Around the picture's pole: towards it the density of a lat-long picture grows beyond all bounds.
+    // Around the image's pole: towards it the density of a lat-long image grows beyond all bounds.
     Cone::sphere((pdf_turn * DVec3::Z).normalize()).test(SAMPLES, draw, |w| sky.pdf(w))
 }
 
@@ -112,11 +112,11 @@ fn l08_chi_square_refutes_a_wrong_environment() {
         let (p, _) = sky_test(&radiance, turn, other, LightChoice::Cells, 6);
         assert!(p < level, "{name}, mirrored: p = {p:e}");
     }
-    let bumpy = picture_of([8, 8], |x, y| ((7 * x + 3 * y) % 5) as f32);
+    let bumpy = image_of([8, 8], |x, y| ((7 * x + 3 * y) % 5) as f32);
     let mut scene = empty();
-    add_infinite(&mut scene, EnvironmentRadiance::EqualArea { picture: bumpy.clone(), scale: 1.0 }, turn);
+    add_infinite(&mut scene, EnvironmentRadiance::EqualArea { image: bumpy.clone(), scale: 1.0 }, turn);
     let world = world(&scene);
-    let other = EnvironmentRadiance::LatLong { picture: bumpy, scale: 1.0 };
+    let other = EnvironmentRadiance::LatLong { image: bumpy, scale: 1.0 };
     let other = Environment::new(&other, turn, &Source::default()).expect("sound").expect("not black");
     let mut random = Pcg32::seed_from_u64(7);
     let draw = || world.lights().sample(Vec3::ZERO, 0.0, [random.random(), random.random()]).map(|s| s.wi);
@@ -185,17 +185,17 @@ fn l08_equal_area_that_is_none() {
     let make = |radiance: &EnvironmentRadiance| Environment::new(radiance, DMat3::IDENTITY, &line(7));
     for bad in [f32::NAN, f32::INFINITY, -1.0, f32::MAX] {
         let radiance = EnvironmentRadiance::EqualArea {
-            picture: picture_of([4, 4], |x, y| if (x, y) == (2, 1) { bad } else { 1.0 }),
+            image: image_of([4, 4], |x, y| if (x, y) == (2, 1) { bad } else { 1.0 }),
             scale: 2.0,
         };
         let message = make(&radiance).err().map(|e| e.to_string()).unwrap_or_default();
         assert!(message.starts_with("made.pbrt:7: texel (2, 1)"), "{message}");
     }
     assert!(make(&equal_area(3, |_, _| 0.0)).expect("sound").is_none(), "black");
-    let radiance = EnvironmentRadiance::EqualArea { picture: picture_of([4, 2], |_, _| 1.0), scale: 1.0 };
+    let radiance = EnvironmentRadiance::EqualArea { image: image_of([4, 2], |_, _| 1.0), scale: 1.0 };
     assert!(matches!(make(&radiance), Err(EnvironmentError::Square { size: [4, 2], .. })));
     for scale in [f32::NAN, -1.0, f32::INFINITY] {
-        let radiance = EnvironmentRadiance::EqualArea { picture: picture_of([2, 2], |_, _| 0.0), scale };
+        let radiance = EnvironmentRadiance::EqualArea { image: image_of([2, 2], |_, _| 0.0), scale };
         assert!(make(&radiance).is_err(), "{scale}");
     }
     let bright = equal_area(4, |x, y| if (x, y) == (0, 0) { 1e30 } else { 1.0 });

@@ -5,12 +5,12 @@ use crate::statistics::{FAMILY, Mean, Verdict, critical, sidak};
 use crate::support::*;
 use dapple_core::samplers::Uniform;
 use dapple_core::{
-    Draws, Estimate, Film, Frame, Integrator, Limits, Needs, NoWatch, Observed, PointSet, SampleId, render,
+    Draws, Estimate, Film, Frame, Integrator, Limits, Needs, NoMonitor, PointSet, SampleId, TrainingLog, render,
 };
 use dapple_geometry::{PrimitiveId, Ray, SurfacePoint, spawn_ray, spawn_ray_to, spawn_ray_to_point};
 use dapple_low_discrepancy::Sobol;
 use dapple_renderer::camera::{Lens, Pinhole};
-use dapple_renderer::image::Picture;
+use dapple_renderer::image::Image;
 use dapple_renderer::light::Target;
 use dapple_renderer::scene::{EnvironmentRadiance, Geometry, Light, LightKind, Scene};
 use dapple_renderer::shading::{Bsdf, Frame as ShadingFrame, power_heuristic};
@@ -250,24 +250,24 @@ fn l04_inside_a_sphere_light() {
     }
 }
 
-/// Four infinite lights: two constant ones, a lat-long and an equal-area picture; and the irradiance that the first
+/// Four infinite lights: two constant ones, a lat-long and an equal-area image; and the irradiance that the first
 /// three give a floor that faces up.
 fn skies() -> (Scene, f64) {
     let mut scene = scene([1, 1], 40.0, DVec3::new(0.0, -3.0, 2.0), DVec3::ZERO);
     let grey = add_material(&mut scene, diffuse(0.5));
     add(&mut scene, rectangle(DVec3::ZERO, 1e-3 * DVec3::X, 1e-3 * DVec3::Y), DAffine3::IDENTITY, grey, None);
-    let picture = |size: [u32; 2], value: &dyn Fn(u32, u32) -> f32| {
+    let image = |size: [u32; 2], value: &dyn Fn(u32, u32) -> f32| {
         let pixels = (0..size[0] * size[1]).map(|i| [value(i % size[0], i / size[0]); 3]).collect();
-        std::sync::Arc::new(Picture::new(size, pixels).expect("as many"))
+        std::sync::Arc::new(Image::new(size, pixels).expect("as many"))
     };
     // 30 degrees a row.
-    let rows = picture([4, 6], &|_, y| [4.0, 1.0, 0.5, 0.3, 0.3, 0.3][y as usize]);
-    let square = picture([8, 8], &|x, y| if x.abs_diff(7 - x) + y.abs_diff(7 - y) <= 6 { 2.0 } else { 0.5 });
+    let rows = image([4, 6], &|_, y| [4.0, 1.0, 0.5, 0.3, 0.3, 0.3][y as usize]);
+    let square = image([8, 8], &|x, y| if x.abs_diff(7 - x) + y.abs_diff(7 - y) <= 6 { 2.0 } else { 0.5 });
     let infinite = [
         EnvironmentRadiance::Constant([0.3; 3]),
-        EnvironmentRadiance::LatLong { picture: rows, scale: 0.5 },
+        EnvironmentRadiance::LatLong { image: rows, scale: 0.5 },
         EnvironmentRadiance::Constant([0.4; 3]),
-        EnvironmentRadiance::EqualArea { picture: square, scale: 0.25 },
+        EnvironmentRadiance::EqualArea { image: square, scale: 0.25 },
     ];
     for radiance in infinite {
         let kind = LightKind::Infinite { radiance };
@@ -316,7 +316,7 @@ struct Direct<'w> {
 }
 
 impl Integrator for Direct<'_> {
-    fn estimate(&self, draws: &Draws<'_>, _: &mut Observed) -> Estimate {
+    fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
         let camera = draws.block(blocks::CAMERA);
         let view = self.world.camera();
         let offset = glam::Vec2::new(camera[0] - 0.5, camera[1] - 0.5);
@@ -365,7 +365,7 @@ fn replicates(make: impl Fn(u64) -> Film) -> Vec<Film> {
     (0..REPLICATES).map(make).collect()
 }
 
-/// S1 and S2: no 8x8 block and not the whole picture differ.
+/// S1 and S2: no 8x8 block and not the whole image differ.
 #[test]
 fn l09_three_strategies_and_the_integrator_agree() {
     let scene = lamps();
@@ -376,7 +376,7 @@ fn l09_three_strategies_and_the_integrator_agree() {
             let mut sampler = Uniform::new(Sobol::new(1000 + seed));
             let limits = Limits::samples(spp * frame.pixels() as u64);
             let mut direct = Direct { world: &world, strategy };
-            render(&mut direct, &mut sampler, Needs::none(), frame, &limits, &mut NoWatch).expect("it renders")
+            render(&mut direct, &mut sampler, Needs::none(), frame, &limits, &mut NoMonitor).expect("it renders")
         })
     };
     let ours = replicates(|seed| film_of(&world, [32, 32], 16, Sobol::new(2000 + seed)));

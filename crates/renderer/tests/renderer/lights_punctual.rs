@@ -26,9 +26,9 @@ fn floor(middle: DVec3, unit: f64) -> Scene {
     scene
 }
 
-/// The irradiance of the floor's middle, red, as the picture has it.
+/// The irradiance of the floor's middle, red, as the image has it.
 fn irradiance(scene: &Scene) -> f64 {
-    mean(&picture(scene, 4, 1))[0] * PI / RHO
+    mean(&image(scene, 4, 1))[0] * PI / RHO
 }
 
 fn near(found: f64, expected: f64, what: &str) {
@@ -180,7 +180,7 @@ fn l09_lights_without_extent_have_no_partner() {
     );
 }
 
-/// The sum over three kinds of lights, in one picture.
+/// The sum over three kinds of lights, in one image.
 #[test]
 fn l03_lights_add_up() {
     let mut scene = floor(DVec3::ZERO, 1.0);

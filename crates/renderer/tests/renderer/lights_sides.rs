@@ -4,7 +4,7 @@
 use crate::support::*;
 use dapple_geometry::Ray;
 use dapple_renderer::World;
-use dapple_renderer::image::Picture;
+use dapple_renderer::image::Image;
 use dapple_renderer::light::{Environment, EnvironmentError, Target};
 use dapple_renderer::scene::{EnvironmentRadiance, Geometry, Light, LightKind, MeshData, Scene, Source};
 use glam::{DAffine3, DMat3, DVec3, Vec3};
@@ -84,7 +84,7 @@ fn l06_stretched_round_lamps_are_refused() {
 
 fn lat_long(size: [u32; 2], value: impl Fn(u32, u32) -> f32) -> EnvironmentRadiance {
     let pixels = (0..size[0] * size[1]).map(|i| [value(i % size[0], i / size[0]); 3]).collect();
-    EnvironmentRadiance::LatLong { picture: Arc::new(Picture::new(size, pixels).expect("as many")), scale: 1.0 }
+    EnvironmentRadiance::LatLong { image: Arc::new(Image::new(size, pixels).expect("as many")), scale: 1.0 }
 }
 
 fn environment(radiance: &EnvironmentRadiance, turn: DMat3) -> Result<Option<Environment>, EnvironmentError> {
@@ -157,11 +157,11 @@ fn l08_environments_that_are_none() {
     for transform in [DMat3::ZERO, DMat3::from_diagonal(DVec3::new(1.0, 2.0, 1.0)), DMat3::from_diagonal(DVec3::NAN)] {
         assert!(environment(&map, transform).is_err(), "{transform}");
     }
-    // Huge values: finite picture, nothing rejected.
+    // Huge values: finite image, nothing rejected.
     let bright = lat_long([8, 4], |x, y| if (x, y) == (1, 1) { 1e30 } else { 1.0 });
     let mut scene = sky_alone(bright, DAffine3::IDENTITY);
     let grey = add_material(&mut scene, diffuse(0.5));
     add(&mut scene, rectangle(DVec3::ZERO, DVec3::X, DVec3::Y), DAffine3::IDENTITY, grey, None);
     scene.film.resolution = [16, 16];
-    assert_eq!(picture(&scene, 16, 1).record().rejected, 0);
+    assert_eq!(image(&scene, 16, 1).record().rejected, 0);
 }

@@ -20,7 +20,7 @@ mod medium;
 mod medium_absorbing;
 mod models;
 mod normals;
-mod odd_pictures;
+mod odd_images;
 mod reader_hard;
 mod reader_materials;
 mod reader_messages;

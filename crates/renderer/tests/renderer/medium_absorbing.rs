@@ -1,4 +1,4 @@
-//! An absorbing medium in pictures: Beer and Lambert's law on the way to the camera, to a lamp and between them; and
+//! An absorbing medium in images: Beer and Lambert's law on the way to the camera, to a lamp and between them; and
 //! the short way through a medium beside the longer walk, which looks for what lets light through.
 
 use crate::statistics::{FAMILY, Mean, Verdict, critical, sidak};
@@ -59,7 +59,7 @@ fn light_through_an_absorbing_medium_is_beer_and_lamberts() {
                 add_border(scene, DVec3::new(0.0, -60.0, 0.0));
             }
         }
-        let [shell, floor] = [shell, floor].map(|scene| picture(&scene, 16, 3));
+        let [shell, floor] = [shell, floor].map(|scene| image(&scene, 16, 3));
         for (c, sigma) in ABSORPTION.map(f64::from).into_iter().enumerate() {
             let through = (-sigma * 2.5).exp();
             assert_eq!(verdict(&shell, c, through, 1e-5), Verdict::Pass, "shell, channel {c}, border {border}");
@@ -75,9 +75,9 @@ fn light_through_an_absorbing_medium_is_beer_and_lamberts() {
     }
 }
 
-/// Lamps of every kind, glossy things and several bounces in ink: the longer walk gives the same picture.
+/// Lamps of every kind, glossy things and several bounces in ink: the longer walk gives the same image.
 #[test]
-fn the_short_way_through_a_medium_gives_the_picture_of_the_longer_walk() {
+fn the_short_way_through_a_medium_gives_the_image_of_the_longer_walk() {
     let inked = |border: bool, absorption: [f32; 3]| {
         let mut scene = room([32, 24]);
         // No end of the way, no light: the sky would be black.
@@ -90,8 +90,7 @@ fn the_short_way_through_a_medium_gives_the_picture_of_the_longer_walk() {
         scene
     };
     let rooms = [false, true].map(|border| inked(border, [0.02, 0.1, 0.3]));
-    let replicates =
-        |scene: &Scene, from: u64| (from..from + 16).map(|seed| picture(scene, 4, seed)).collect::<Vec<_>>();
+    let replicates = |scene: &Scene, from: u64| (from..from + 16).map(|seed| image(scene, 4, seed)).collect::<Vec<_>>();
     let [short, long] = rooms.each_ref().map(|room| replicates(room, 0));
     // The same seeds: the same ways, and lengths that differ by rounding.
     for (a, b) in short.iter().zip(&long) {

@@ -2,7 +2,7 @@
 
 #![allow(clippy::print_stderr)] // What is skipped, and what each file holds, is told.
 
-use dapple_core::{Frame, Limits, NoWatch, render};
+use dapple_core::{Frame, Limits, NoMonitor, render};
 use dapple_geometry::{Geometry as Tree, Mesh, Preset, Ray, Shape};
 use dapple_renderer::model::{ModelOptions, UpAxis, read_model_from, read_obj, read_stl};
 use dapple_renderer::pbrt::ReadError;
@@ -345,14 +345,14 @@ fn rendered(name: &str, world: World) -> usize {
         assert!(used.len() <= clusters && used.iter().all(|&label| (label as usize) < clusters), "{name}");
         let needs = filter.needs();
         let film =
-            render(&mut *integrator(&world), &mut *sampler, needs, frame, &Limits::samples(4 * 1024), &mut NoWatch);
+            render(&mut *integrator(&world), &mut *sampler, needs, frame, &Limits::samples(4 * 1024), &mut NoMonitor);
         let film = film.unwrap_or_else(|e| panic!("{name}: {e}"));
         assert_eq!((film.record().samples, film.record().rejected), (4 * 1024, 0), "{name}");
         let filtered = filter.apply(&film).unwrap_or_else(|e| panic!("{name}: {e}"));
-        for picture in [film.picture(), filtered.radiance] {
-            assert!(picture.iter().flatten().all(|v| v.is_finite() && *v >= 0.0), "{name}: not finite");
+        for image in [film.image(), filtered.radiance] {
+            assert!(image.iter().flatten().all(|v| v.is_finite() && *v >= 0.0), "{name}: not finite");
             // A model stands before a sky of one brightness: where it is seen, it is darker.
-            let levels: BTreeSet<u32> = picture.iter().map(|p| p[1].to_bits()).collect();
+            let levels: BTreeSet<u32> = image.iter().map(|p| p[1].to_bits()).collect();
             assert!(levels.len() > 20, "{name}: {} levels", levels.len());
         }
     }

@@ -5,7 +5,7 @@ use crate::statistics::{FAMILY, critical, sidak};
 use crate::support::*;
 use dapple_core::Film;
 use dapple_low_discrepancy::Sobol;
-use dapple_renderer::image::Picture;
+use dapple_renderer::image::Image;
 use dapple_renderer::scene::{
     Color, Geometry, Light, LightKind, MaterialKind, MeshData, Roughness, Scalar, Scene, Texture, TextureId,
     TextureKind, Wrap,
@@ -16,10 +16,10 @@ use std::sync::Arc;
 
 const SEED: u64 = 12_000;
 
-fn add_picture(scene: &mut Scene, size: [u32; 2], pixels: Vec<[f32; 3]>, wrap: Wrap) -> TextureId {
-    let picture = Arc::new(Picture::new(size, pixels).expect("as many as its size"));
+fn add_image(scene: &mut Scene, size: [u32; 2], pixels: Vec<[f32; 3]>, wrap: Wrap) -> TextureId {
+    let image = Arc::new(Image::new(size, pixels).expect("as many as its size"));
     let (scale, shift) = ([1.0; 2], [0.0; 2]);
-    let kind = TextureKind::Image { picture, scale, shift, factor: 1.0, invert: false, wrap };
+    let kind = TextureKind::Image { image, scale, shift, factor: 1.0, invert: false, wrap };
     scene.textures.push(Texture { name: "relief".into(), kind, source: line(300) });
     TextureId(scene.textures.len() as u32 - 1)
 }
@@ -68,11 +68,11 @@ enum Tilt {
 fn sheet(kind: MaterialKind, tilt: Tilt, lit_from_below: bool) -> Scene {
     let mut scene = scene([16, 16], 40.0, DVec3::new(0.0, -2.0, 3.0), DVec3::ZERO);
     let material = add_material(&mut scene, kind);
-    let picture = add_picture(&mut scene, [16, 16], noise(256), Wrap::Repeat);
+    let image = add_image(&mut scene, [16, 16], noise(256), Wrap::Repeat);
     match tilt {
         Tilt::Vertices => {}
-        Tilt::Bump => scene.materials[0].bump = Some(Scalar::Texture(picture)),
-        Tilt::NormalMap => scene.materials[0].normal_map = Some(picture),
+        Tilt::Bump => scene.materials[0].bump = Some(Scalar::Texture(image)),
+        Tilt::NormalMap => scene.materials[0].normal_map = Some(image),
     }
     add(&mut scene, crumpled(), DAffine3::IDENTITY, material, None);
     let black = add_material(&mut scene, diffuse(0.0));
@@ -85,7 +85,7 @@ fn sheet(kind: MaterialKind, tilt: Tilt, lit_from_below: bool) -> Scene {
 }
 
 fn sound(film: &Film) -> bool {
-    film.record().rejected == 0 && film.picture().iter().flatten().all(|&x| x.is_finite() && x >= 0.0)
+    film.record().rejected == 0 && film.image().iter().flatten().all(|&x| x.is_finite() && x >= 0.0)
 }
 
 /// No light gets through a sheet, whatever its shading normals say; the negative control hangs the lamp above it.
@@ -93,9 +93,9 @@ fn sound(film: &Film) -> bool {
 fn l12_no_light_crosses_a_surface() {
     for kind in kinds() {
         for tilt in [Tilt::Vertices, Tilt::Bump, Tilt::NormalMap] {
-            let below = picture(&sheet(kind.clone(), tilt, true), 16, SEED);
-            assert!(sound(&below) && below.picture().iter().all(|p| *p == [0.0; 3]), "{kind:?} {tilt:?}");
-            let above = picture(&sheet(kind.clone(), tilt, false), 16, SEED);
+            let below = image(&sheet(kind.clone(), tilt, true), 16, SEED);
+            assert!(sound(&below) && below.image().iter().all(|p| *p == [0.0; 3]), "{kind:?} {tilt:?}");
+            let above = image(&sheet(kind.clone(), tilt, false), 16, SEED);
             assert!(sound(&above) && mean(&above)[0] > 1e-3, "{kind:?} {tilt:?}: {:?}", mean(&above));
         }
     }
@@ -124,7 +124,7 @@ fn l12_bad_vertices_render() {
                 let (positions, triangles) = (positions.clone(), triangles.clone());
                 let mesh = MeshData { positions, triangles, normals: normals.clone(), uvs: vec![[0.5; 2]; 81] };
                 scene.shapes[0].geometry = Geometry::Mesh(Arc::new(mesh));
-                assert!(sound(&picture(&scene, 4, SEED)), "{stretched:?} {tilt:?}");
+                assert!(sound(&image(&scene, 4, SEED)), "{stretched:?} {tilt:?}");
             }
         }
     }
@@ -149,7 +149,7 @@ fn floor(towards_light: DVec3) -> Scene {
 
 fn assert_floor(scene: &Scene, normal: DVec3, light: DVec3, what: &str) {
     let expected = 0.5 * FRAC_1_PI * PI * normal.dot(light).max(0.0);
-    let film = picture(scene, 4, SEED);
+    let film = image(scene, 4, SEED);
     for i in 0..film.frame().pixels() {
         let found = film.mean(i)[1];
         assert!((found - expected).abs() < 2e-3 * expected.max(0.1), "{what}, {light}: {found}, not {expected}");
@@ -169,15 +169,15 @@ fn l12_slopes_shade_as_their_normals_say() {
                 let [u, v] = [i % 64, 63 - i / 64].map(|x| (f64::from(x) + 0.5) / 64.0);
                 [(du * u + dv * v) as f32; 3]
             };
-            let picture = add_picture(&mut bumped, [64, 64], (0..64 * 64).map(height).collect(), Wrap::Clamp);
-            bumped.materials[0].bump = Some(Scalar::Texture(picture));
+            let image = add_image(&mut bumped, [64, 64], (0..64 * 64).map(height).collect(), Wrap::Clamp);
+            bumped.materials[0].bump = Some(Scalar::Texture(image));
             let normal = DVec3::new(-du / 4.0, -dv / 4.0, 1.0).normalize();
             assert_floor(&bumped, normal, light, "bump");
             // The same by a normal map, whose numbers are twice the normal's, less 1.
             let mut mapped = floor(light);
             let pixel = ((normal + 1.0) * 0.5).as_vec3().to_array();
-            let picture = add_picture(&mut mapped, [1, 1], vec![pixel], Wrap::Repeat);
-            mapped.materials[0].normal_map = Some(picture);
+            let image = add_image(&mut mapped, [1, 1], vec![pixel], Wrap::Repeat);
+            mapped.materials[0].normal_map = Some(image);
             assert_floor(&mapped, normal, light, "normal map");
         }
     }
@@ -200,7 +200,7 @@ fn ball(rings: u32, smooth: bool) -> Geometry {
     Geometry::Mesh(Arc::new(MeshData { triangles: triangles.collect(), positions, normals, uvs: vec![] }))
 }
 
-/// The terminator's picture is this wide.
+/// The terminator's image is this wide.
 const SIDE: u32 = 40;
 /// Rings of the coarse ball: triangles of 1.5 pixels.
 const RINGS: u32 = 40;

@@ -90,9 +90,9 @@ fn mixes_are_settled_at_the_end() {
 
 #[test]
 fn textures_of_numbers_and_colours() {
-    let image = "\"imagemap\" \"string filename\" \"wide.pfm\"";
+    let imagemap = "\"imagemap\" \"string filename\" \"wide.pfm\"";
     let text = format!(
-        "Texture \"f\" \"float\" {image} \"string wrap\" \"clamp\" \"bool invert\" true\nTexture \"c\" \"spectrum\" {image} \"float uscale\" 3\nTexture \"b\" \"float\" \"checkerboard\" \"float tex1\" .25 \"texture tex2\" \"f\"\nTexture \"m\" \"spectrum\" \"mix\" \"texture tex1\" \"c\" \"rgb tex2\" [1 0 0] \"texture amount\" \"b\"\nTexture \"p\" \"spectrum\" \"scale\" \"texture tex\" \"m\" \"texture scale\" \"f\"\nTexture \"h\" \"float\" \"scale\" \"texture tex\" \"f\" \"float scale\" -2\nMaterial \"conductor\" \"texture roughness\" \"b\" \"texture reflectance\" \"p\" \"texture displacement\" \"h\"\nShape \"disk\" \"texture alpha\" \"f\"\nMaterial \"diffuse\" \"string normalmap\" \"square.pfm\"\nShape \"disk\" \"float alpha\" .5\nShape \"disk\" \"float alpha\" 1"
+        "Texture \"f\" \"float\" {imagemap} \"string wrap\" \"clamp\" \"bool invert\" true\nTexture \"c\" \"spectrum\" {imagemap} \"float uscale\" 3\nTexture \"b\" \"float\" \"checkerboard\" \"float tex1\" .25 \"texture tex2\" \"f\"\nTexture \"m\" \"spectrum\" \"mix\" \"texture tex1\" \"c\" \"rgb tex2\" [1 0 0] \"texture amount\" \"b\"\nTexture \"p\" \"spectrum\" \"scale\" \"texture tex\" \"m\" \"texture scale\" \"f\"\nTexture \"h\" \"float\" \"scale\" \"texture tex\" \"f\" \"float scale\" -2\nMaterial \"conductor\" \"texture roughness\" \"b\" \"texture reflectance\" \"p\" \"texture displacement\" \"h\"\nShape \"disk\" \"texture alpha\" \"f\"\nMaterial \"diffuse\" \"string normalmap\" \"square.pfm\"\nShape \"disk\" \"float alpha\" .5\nShape \"disk\" \"float alpha\" 1"
     );
     let scene = world(&text);
     let texture = |name: &str| {
@@ -100,11 +100,11 @@ fn textures_of_numbers_and_colours() {
         found.unwrap_or_else(|| panic!("{name}: {:?}", scene.textures.iter().map(|t| &t.name).collect::<Vec<_>>()))
     };
     let id = |name: &str| dapple_renderer::scene::TextureId(texture(name) as u32);
-    let TextureKind::Image { picture, invert, wrap, .. } = &scene.textures[texture("f")].kind else { panic!() };
+    let TextureKind::Image { image, invert, wrap, .. } = &scene.textures[texture("f")].kind else { panic!() };
     // The mean of the channels; 4 is the first pixel of the lower row.
-    assert_eq!((picture.pixels[4], *invert, *wrap), ([4.75 / 3.0; 3], true, Wrap::Clamp));
-    let TextureKind::Image { picture, scale, .. } = &scene.textures[texture("c")].kind else { panic!() };
-    assert_eq!((picture.pixels[4], *scale), ([4.0, 0.5, 0.25], [3.0, 1.0]));
+    assert_eq!((image.pixels[4], *invert, *wrap), ([4.75 / 3.0; 3], true, Wrap::Clamp));
+    let TextureKind::Image { image, scale, .. } = &scene.textures[texture("c")].kind else { panic!() };
+    assert_eq!((image.pixels[4], *scale), ([4.0, 0.5, 0.25], [3.0, 1.0]));
     let TextureKind::Checkerboard { colors, .. } = scene.textures[texture("b")].kind else { panic!() };
     assert_eq!(colors, [Color::Constant([0.25; 3]), Color::Texture(id("f"))]);
     let TextureKind::Mix { colors, amount } = scene.textures[texture("m")].kind else { panic!() };
@@ -127,7 +127,7 @@ fn textures_of_numbers_and_colours() {
 
     let nest: String =
         (0..9).map(|i| format!("Texture \"t{}\" \"float\" \"mix\" \"texture tex1\" \"t{i}\"\n", i + 1)).collect();
-    let nested = format!("Texture \"t0\" \"float\" {image}\n{nest}");
+    let nested = format!("Texture \"t0\" \"float\" {imagemap}\n{nest}");
     assert!(
         complaint(&nested).starts_with("s.pbrt:12: textures are nested too deep: at most 8"),
         "{}",
@@ -157,29 +157,29 @@ fn textures_of_numbers_and_colours() {
     }
 }
 
-/// A picture as a texture: of numbers, then of colours.
-fn picture_of(file: &str) -> [Vec<[f32; 3]>; 2] {
+/// An image as a texture: of numbers, then of colours.
+fn image_of(file: &str) -> [Vec<[f32; 3]>; 2] {
     let image = format!("\"imagemap\" \"string filename\" \"{file}\" \"string encoding\" \"linear\"");
     let scene = world(&format!(
         "Texture \"n\" \"float\" {image}\nTexture \"c\" \"spectrum\" {image}\nMaterial \"diffuse\" \"texture reflectance\" \"c\"\nShape \"disk\" \"texture alpha\" \"n\""
     ));
     ["n", "c"].map(|name| {
         let texture = scene.textures.iter().find(|t| t.name == name).expect("it is used");
-        let TextureKind::Image { picture, .. } = &texture.kind else { panic!("{name} is an image") };
-        picture.pixels.clone()
+        let TextureKind::Image { image, .. } = &texture.kind else { panic!("{name} is an image") };
+        image.pixels.clone()
     })
 }
 
 #[test]
-fn numbers_are_opacity_where_a_picture_has_any() {
+fn numbers_are_opacity_where_an_image_has_any() {
     for file in ["leaf.png", "leaf.tga"] {
-        let [numbers, colours] = picture_of(file);
+        let [numbers, colours] = image_of(file);
         // 51 of 255, and not the mean of the colours, 120 of 255.
         assert_eq!(numbers, [[0.2; 3], [1.0; 3]], "{file}");
         let expected = [60.0, 120.0, 180.0].map(|c: f32| c / 255.0);
         assert!(close(colours[0], expected, 1e-6), "{file}: {colours:?}");
     }
     // Opaque throughout, it is as if there were none.
-    let [numbers, _] = picture_of("opaque.png");
+    let [numbers, _] = image_of("opaque.png");
     assert!(close(numbers[0], [120.0 / 255.0; 3], 1e-6) && numbers[1] == [0.0; 3], "{numbers:?}");
 }

@@ -1,6 +1,6 @@
 //! What the reader makes of files for pbrt-v2 and pbrt-v3.
 
-use dapple_renderer::image::{Picture, encode_pfm};
+use dapple_renderer::image::{Image, encode_pfm};
 use dapple_renderer::pbrt::{ReadError, ReadOptions, read_scene_from};
 use dapple_renderer::scene::{
     Color, EnvironmentRadiance, LightKind, MaterialKind, PixelFilter, Scalar, Scene, SpotFalloff, TextureKind,
@@ -9,8 +9,8 @@ use glam::DVec3;
 
 fn read(text: &str) -> Result<Scene, ReadError> {
     let pixels = (0..8).map(|i| [i as f32, 1.0, 0.0]).collect();
-    let picture = encode_pfm(&Picture::new([2, 4], pixels).unwrap()).unwrap();
-    let files: &[(&str, &[u8])] = &[("s.pbrt", text.as_bytes()), ("p.pfm", &picture)];
+    let image = encode_pfm(&Image::new([2, 4], pixels).unwrap()).unwrap();
+    let files: &[(&str, &[u8])] = &[("s.pbrt", text.as_bytes()), ("p.pfm", &image)];
     read_scene_from(files, "s.pbrt", &ReadOptions::default())
 }
 
@@ -110,13 +110,13 @@ fn old_textures_and_bumps() {
         let TextureKind::Image { scale, shift, .. } = scene.textures[0].kind else { panic!() };
         let material = &scene.materials[0];
         let Some(Scalar::Texture(bump)) = material.bump else { panic!() };
-        let TextureKind::Image { factor, picture, .. } = &scene.textures[bump.0 as usize].kind else { panic!() };
+        let TextureKind::Image { factor, image, .. } = &scene.textures[bump.0 as usize].kind else { panic!() };
         assert_eq!(*factor, -0.5);
         // Luminance, not the mean.
-        assert!((picture.pixels[0][0] - 0.71516).abs() < 1e-6);
+        assert!((image.pixels[0][0] - 0.71516).abs() < 1e-6);
         (scale, shift)
     };
-    // pbrt-v2's first row of a picture is at v = 0.
+    // pbrt-v2's first row of an image is at v = 0.
     assert_eq!(shift(2), ([1.0, -2.0], [0.0, 0.75]));
     assert_eq!(shift(3), ([1.0, 2.0], [0.0, 0.25]));
 }
@@ -127,11 +127,10 @@ fn old_lights() {
         2,
         "LightSource \"infinite\" \"string mapname\" \"p.pfm\" \"color L\" [2 1 1] \"integer nsamples\" 4\nLightSource \"spot\" \"color I\" [4 4 4] \"color scale\" [1 2 3] \"point from\" [0 1 0]\nAreaLightSource \"area\" \"color L\" [3 3 3] \"integer nsamples\" 8",
     );
-    let LightKind::Infinite { radiance: EnvironmentRadiance::LatLong { picture, scale } } = &scene.lights[0].kind
-    else {
+    let LightKind::Infinite { radiance: EnvironmentRadiance::LatLong { image, scale } } = &scene.lights[0].kind else {
         panic!()
     };
-    assert_eq!((picture.pixels[3], *scale), ([6.0, 1.0, 0.0], 1.0));
+    assert_eq!((image.pixels[3], *scale), ([6.0, 1.0, 0.0], 1.0));
     let LightKind::Spot { intensity, falloff, .. } = scene.lights[1].kind else { panic!() };
     assert_eq!((intensity, falloff), ([4.0, 8.0, 12.0], SpotFalloff::Quartic));
     assert_eq!(scene.shapes[0].emission.unwrap().radiance, [3.0; 3]);

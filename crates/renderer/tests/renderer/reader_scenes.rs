@@ -64,10 +64,10 @@ fn teapot() {
     assert_eq!((scene.shapes.len(), triangles(&scene)), (3, 126_050));
     assert_eq!((scene.film.resolution, scene.max_depth), ([1280, 720], Some(65)));
     assert_eq!((scene.lights.len(), scene.textures.len()), (1, 1));
-    let LightKind::Infinite { radiance: EnvironmentRadiance::LatLong { picture, .. } } = &scene.lights[0].kind else {
-        panic!("the environment is a picture")
+    let LightKind::Infinite { radiance: EnvironmentRadiance::LatLong { image, .. } } = &scene.lights[0].kind else {
+        panic!("the environment is an image")
     };
-    assert_eq!(picture.size, [1024, 512]);
+    assert_eq!(image.size, [1024, 512]);
     let Geometry::Mesh(mesh) = &scene.shapes[1].geometry else { panic!("a mesh") };
     assert_eq!((mesh.normals.len(), mesh.uvs.len()), (mesh.positions.len(), mesh.positions.len()));
 }

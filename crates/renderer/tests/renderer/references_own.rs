@@ -1,16 +1,16 @@
-//! Our own scenes beside committed pictures of them, made with another point set, other seeds and 4096
+//! Our own scenes beside committed images of them, made with another point set, other seeds and 4096
 //! samples per pixel (`tests/references` at the repository's root).
 //!
-//! To make them anew, after a change that is meant to change pictures, delete them; those that lack are made by
+//! To make them anew, after a change that is meant to change images, delete them; those that lack are made by
 //! `cargo test --release -p dapple-renderer --test renderer -- --ignored references_own::generate`
 #![allow(clippy::print_stderr)]
 
 use crate::statistics::FAMILY;
 use crate::support::*;
 use dapple_core::samplers::Uniform;
-use dapple_core::{Film, Frame, Limits, Needs, NoWatch, render};
+use dapple_core::{Film, Frame, Limits, Needs, NoMonitor, render};
 use dapple_low_discrepancy::{Random, Sobol};
-use dapple_renderer::image::{Layer, Picture, Plane, encode_exr, read_channels, write_file};
+use dapple_renderer::image::{Image, Layer, Plane, encode_exr, read_channels, write_file};
 use dapple_renderer::scene::{PixelFilter, Scene};
 use dapple_renderer::{World, bundled, integrator};
 use std::path::PathBuf;
@@ -44,16 +44,16 @@ fn generate() {
         let limits = Limits::samples(SPP * frame.pixels() as u64);
         let mut sampler = Uniform::new(Random::new(SEED));
         let needs = Needs::none().with_variance();
-        let film = render(&mut *integrator(&world), &mut sampler, needs, frame, &limits, &mut NoWatch);
+        let film = render(&mut *integrator(&world), &mut sampler, needs, frame, &limits, &mut NoMonitor);
         let film = film.unwrap_or_else(|e| panic!("{e}"));
         assert_eq!(film.record().rejected, 0, "{name}");
         let variance = (0..frame.pixels()).map(|i| {
             let moments = film.moments(i);
             moments.variance().expect("many samples").map(|v| (v / moments.count as f64) as f32)
         });
-        let variance = Picture::new([w, h], variance.collect()).expect("as many as its size");
-        let mean = Picture::new([w, h], film.picture()).expect("as many as its size");
-        let layers = [Layer::of_picture("", &mean), Layer::of_picture("variance", &variance)];
+        let variance = Image::new([w, h], variance.collect()).expect("as many as its size");
+        let mean = Image::new([w, h], film.image()).expect("as many as its size");
+        let layers = [Layer::of_image("", &mean), Layer::of_image("variance", &variance)];
         let commit = std::process::Command::new("git").args(["rev-parse", "HEAD"]).output();
         let commit = commit.map_or_else(|_| "unknown".into(), |o| String::from_utf8_lossy(&o.stdout).trim().to_owned());
         let made = [
@@ -100,7 +100,7 @@ fn block_sizes([w, h]: [u32; 2]) -> Vec<f64> {
     (0..h).step_by(8).flat_map(|y| (0..w).step_by(8).map(move |x| side(w, x) * side(h, y))).collect()
 }
 
-/// Largest deviations of a block and of the whole, in standard errors of both pictures.
+/// Largest deviations of a block and of the whole, in standard errors of both images.
 fn deviation(scene: &Scene, reference: &Reference, replicates: u64, spp: u64) -> Agreement {
     let world: World = world(scene);
     let films: Vec<Film> =

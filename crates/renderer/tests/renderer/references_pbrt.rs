@@ -1,4 +1,4 @@
-//! Pictures of shared scenes beside pbrt-v4's (`shared/references`, `-rgb`): same size, depth and box filter.
+//! Images of shared scenes beside pbrt-v4's (`shared/references`, `-rgb`): same size, depth and box filter.
 //!
 //! Noise is that between renders with other seeds, and the reference's own as its README states it.
 #![allow(clippy::print_stderr)]
@@ -9,7 +9,7 @@ use dapple_core::Film;
 use dapple_low_discrepancy::Sobol;
 use dapple_metrics::{Pixels, block_ratios, compare};
 use dapple_renderer::World;
-use dapple_renderer::image::{Encoding, Picture, read_picture};
+use dapple_renderer::image::{Encoding, Image, read_image};
 use dapple_renderer::pbrt::{ReadOptions, read_scene};
 use dapple_renderer::scene::{PixelFilter, Scene};
 use std::path::PathBuf;
@@ -17,7 +17,7 @@ use std::path::PathBuf;
 /// A scene with its reference.
 struct Case {
     scene: Scene,
-    reference: Picture,
+    reference: Image,
     /// The reference's relative standard errors, of its mean and of 10x10 blocks (median), and its samples per
     /// pixel (its README).
     mean_noise: f64,
@@ -39,14 +39,14 @@ fn case(name: &str) -> Option<Case> {
     let beside = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/scenes"));
     let scenes = std::env::var_os("DAPPLE_SCENES").map_or(beside, PathBuf::from);
     let file = scenes.join(format!("pbrt-v4/{name}/scene-v4.pbrt"));
-    let picture = scenes.join(format!("../references/{name}-rgb.exr"));
-    if let Some(missing) = [&file, &picture].into_iter().find(|p| !p.exists()) {
+    let image = scenes.join(format!("../references/{name}-rgb.exr"));
+    if let Some(missing) = [&file, &image].into_iter().find(|p| !p.exists()) {
         eprintln!("skipped: {} is not there", missing.display());
         return None;
     }
     let mut scene = read_scene(&file, &ReadOptions::default()).unwrap_or_else(|e| panic!("{e}"));
-    let bytes = std::fs::read(&picture).expect("it is there");
-    let reference = read_picture(&bytes, name, Encoding::Auto).unwrap_or_else(|e| panic!("{e}"));
+    let bytes = std::fs::read(&image).expect("it is there");
+    let reference = read_image(&bytes, name, Encoding::Auto).unwrap_or_else(|e| panic!("{e}"));
     name.clone_into(&mut scene.name);
     scene.film.resolution = reference.size;
     scene.film.pixel_filter = PixelFilter::default();
@@ -59,7 +59,7 @@ struct Found {
     ratio: [f64; 3],
     error: [f64; 3],
     percentiles: [[f64; 3]; 5],
-    /// Median and 95th percentile of the blocks' deviations in standard errors of both pictures.
+    /// Median and 95th percentile of the blocks' deviations in standard errors of both images.
     deviations: [f64; 2],
     relmse_trimmed: f64,
 }

@@ -281,7 +281,7 @@ impl Board {
         Figure::new(&times, mark)
     }
 
-    /// Errors of two methods against a reference that is noisy itself, without the share of it that `floor`, a picture of
+    /// Errors of two methods against a reference that is noisy itself, without the share of it that `floor`, an image of
     /// very many samples, still has.
     pub(crate) fn above_floor(&self, scene: &str, a: &Method, b: &Method, spp: u64, metric: Metric) -> Option<Figure> {
         let longest = self.budgets(scene, &self.uniform).last()?.0;

@@ -110,7 +110,7 @@ pub(crate) fn costs(board: &Board, roles: &Roles) -> String {
     };
     let rows: Vec<_> = board.scenes.iter().map(|s| seconds(s, spent, 1.0)).collect();
     let mut text =
-        table(&format!("Seconds of a picture with {spp} spp, all but reading and building the scene"), &heads, &rows);
+        table(&format!("Seconds of an image with {spp} spp, all but reading and building the scene"), &heads, &rows);
     let per_pixel = |scene: &&String| {
         let [w, h] = board.manifests.iter().flat_map(|m| &m.scenes).find(|s| s.name == **scene)?.resolution;
         Some(1e6 / (f64::from(w) * f64::from(h)))
@@ -163,7 +163,7 @@ pub(crate) fn lights(board: &Board, roles: &Roles) -> String {
     table("Choice among lights: over `room-uniform` with uniform counts and no filter", &row("", budgets), &rows)
 }
 
-/// Against pictures of another renderer.
+/// Against images of another renderer.
 pub(crate) fn foreign(foreign: &Board, own: &Board, roles: &Roles) -> String {
     let mut rows = Vec::new();
     let methods: Vec<&Method> = foreign.methods.iter().filter(|m| **m != roles.uniform).collect();
@@ -181,7 +181,7 @@ pub(crate) fn foreign(foreign: &Board, own: &Board, roles: &Roles) -> String {
         return String::new();
     }
     let heads = ["", "sRGB MSE, theirs", "ours", "relMSE, theirs", "ours"].map(str::to_owned);
-    let title = "Against references of pbrt-v4 (averaged down; what a picture of the baseline with very many samples still differs by \
+    let title = "Against references of pbrt-v4 (averaged down; what an image of the baseline with very many samples still differs by \
                  taken out) and, at the race's resolution, against our own";
     table(title, &heads, &rows)
 }

@@ -1,7 +1,7 @@
 //! The page: everything that the template shows, from the summary's rows.
 
 use super::chart::{Axis, Curve, log_log, swatch, tick_words};
-use super::pictures::{ERROR_DECADES, Embedded, Gallery, gallery};
+use super::images::{ERROR_DECADES, Embedded, Gallery, gallery};
 use super::style::{Style, names, styles};
 use super::verdicts::{Line, Sentence, Square, headline, lines, sentences, squares, tally};
 use super::words::{Cell, short};
@@ -88,7 +88,7 @@ struct PointLine {
     note: String,
 }
 
-/// Pictures of a scene.
+/// Images of a scene.
 struct View {
     budget: String,
     exposure: String,
@@ -268,7 +268,7 @@ impl Builder<'_> {
 
     /// Error against time; `None` where nothing has run yet.
     pub(super) fn over_seconds(&self, scene: &SceneRecord) -> Option<String> {
-        let seconds = Axis { title: "seconds for a picture", ticks: None };
+        let seconds = Axis { title: "seconds for an image", ticks: None };
         log_log(&self.curves(scene, "seconds"), &seconds, &Axis { title: "relMSE", ticks: None })
     }
 
@@ -373,7 +373,7 @@ impl Builder<'_> {
             let [x, y, cw, ch] = [percent(crop[0], w), percent(crop[1], h), percent(crop[2], w), percent(crop[3], h)];
             Mark { label: &label[..1], place: format!("left:{x:.2}%;top:{y:.2}%;width:{cw:.2}%;height:{ch:.2}%") }
         };
-        let tile = |tile: super::pictures::Tile| {
+        let tile = |tile: super::images::Tile| {
             let method = &manifest.methods[tile.method];
             let row = self.summary.find(&scene.name, method, &words, "relmse ratio");
             Tile {

@@ -25,9 +25,9 @@ fn tools() -> Option<PathBuf> {
 }
 
 /// Opens the page of a study. Screenshots stay in `target/tmp/NAME`.
-fn open(name: &str, study: &mut Study, pictures: bool, expected: &serde_json::Value) -> Result<(), String> {
+fn open(name: &str, study: &mut Study, images: bool, expected: &serde_json::Value) -> Result<(), String> {
     let folder = folder(name);
-    study.write(&folder, pictures);
+    study.write(&folder, images);
     look(&folder, expected)
 }
 
@@ -79,7 +79,7 @@ fn a_browser_notices_what_is_missing() {
     assert!(found.contains("curves: 20, expected 24"), "{found}");
 }
 
-/// One scene without any run, one seed, no pictures.
+/// One scene without any run, one seed, no images.
 #[test]
 fn an_unfinished_report_works_in_a_browser() {
     let laws = [Law::new("uniform", "none"), Law::new("mitchell", "none")];

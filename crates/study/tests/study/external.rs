@@ -2,11 +2,11 @@
 #![cfg(unix)]
 
 use crate::common::{Place, in_process};
-use dapple_renderer::image::{Picture, encode_pfm, read_channels, write_file};
+use dapple_renderer::image::{Image, encode_pfm, read_channels, write_file};
 use dapple_study::{Draft, External, Method, Run, StudyError};
 
 impl Place {
-    /// A program of the shell, started in this folder with the two pictures as its words.
+    /// A program of the shell, started in this folder with the two images as its words.
     fn script(&self, name: &str, text: &str) -> External {
         std::fs::write(self.path(name), text).expect("the script");
         let command = ["sh", name, "{input}", "{output}", "{threads}"].map(str::to_owned).to_vec();
@@ -41,13 +41,13 @@ impl Place {
 #[test]
 fn what_a_program_writes_is_measured() {
     let place = Place::new();
-    let black = Picture::filled([8, 8], [0.0; 3]).unwrap();
+    let black = Image::filled([8, 8], [0.0; 3]).unwrap();
     write_file(&place.path("black.pfm"), &encode_pfm(&black).unwrap()).unwrap();
     let runs = place
         .filtered(&[place.script("copy", r#"cp "$1" "$2""#), place.script("black", r#"cp black.pfm "$2""#)], "study")
         .unwrap();
     let [none, copy, black] = &runs[..] else { panic!("{}", runs.len()) };
-    assert_eq!(copy.errors, none.errors, "the copy of the unfiltered picture is the unfiltered picture");
+    assert_eq!(copy.errors, none.errors, "the copy of the unfiltered image is the unfiltered image");
     // The control.
     assert!(black.errors.mean_ratio == 0.0 && black.errors.mse > 2.0 * none.errors.mse, "{:?}", black.errors);
     assert!(copy.seconds.filter > 0.0 && none.cpu_s.is_none() && copy.cpu_s.is_none());
@@ -84,9 +84,9 @@ fn a_process_for_each_run_knows_the_program() {
 #[test]
 fn what_is_wrong_is_said() {
     let place = Place::new();
-    let small = Picture::filled([8, 7], [1.0; 3]).unwrap();
+    let small = Image::filled([8, 7], [1.0; 3]).unwrap();
     write_file(&place.path("small.pfm"), &encode_pfm(&small).unwrap()).unwrap();
-    let mut bad = Picture::filled([8, 8], [1.0; 3]).unwrap();
+    let mut bad = Image::filled([8, 8], [1.0; 3]).unwrap();
     bad.pixels[8 * 2 + 5][1] = f32::NAN;
     write_file(&place.path("bad.pfm"), &encode_pfm(&bad).unwrap()).unwrap();
     let cases = [
@@ -94,9 +94,9 @@ fn what_is_wrong_is_said() {
             "echo 'no weights' >&2; exit 3",
             "the filter program (sh program {input} {output} {threads}) ended with exit status: 3: no weights",
         ),
-        ("true", "wrote no picture: it is to write the one that {output} names"),
-        ("echo hello > \"$2\"", "wrote no picture: {output}"),
-        ("cp small.pfm \"$2\"", "wrote a picture of 8x7 pixels: 8x8 are wanted"),
+        ("true", "wrote no image: it is to write the one that {output} names"),
+        ("echo hello > \"$2\"", "wrote no image: {output}"),
+        ("cp small.pfm \"$2\"", "wrote an image of 8x7 pixels: 8x8 are wanted"),
         ("cp bad.pfm \"$2\"", "wrote 1 pixels that are no number, the first in column 5, row 2"),
         (r#"cp "$1" "$2"; echo '{"seconds": -1}'"#, "says that it took -1 seconds"),
     ];

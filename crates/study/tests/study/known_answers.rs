@@ -51,11 +51,11 @@ fn design_s5_independent_sampling_has_slope_minus_one() {
     assert!(scrambled < -1.06, "{scrambled}");
 }
 
-/// E (a - b)^2 = 2 var a for two independent pictures.
+/// E (a - b)^2 = 2 var a for two independent images.
 #[test]
 fn two_seeds_differ_by_twice_the_variance() {
     let place = Place::new();
-    // Against the reference: each picture's variance.
+    // Against the reference: each image's variance.
     let spp = 16;
     let alone = place.runs("random", &[spp, 4 * spp], 1..9, "alone");
     let against = |file: &str| {
@@ -66,7 +66,7 @@ fn two_seeds_differ_by_twice_the_variance() {
             methods: Some(vec![method.clone()]),
             baseline: Some(method),
             spp: Some(vec![spp]),
-            // The first seed's picture is the reference.
+            // The first seed's image is the reference.
             seeds: Some((2..9).collect()),
             resolution: Some([SIDE; 2]),
             time_of: Some(0),
@@ -75,15 +75,15 @@ fn two_seeds_differ_by_twice_the_variance() {
         draft.scenes.as_mut().unwrap()[0].reference = Some(place.path("alone").join(file));
         let folder = file.replace(['/', '.'], "-");
         let study = place.study(draft.resolve().unwrap(), &folder, &mut in_process());
-        assert!(study.runs().iter().all(|r| !r.corrected), "a picture's own variance is not known");
+        assert!(study.runs().iter().all(|r| !r.corrected), "an image's own variance is not known");
         mean(&mse(study.runs(), spp))
     };
     let variance = mean(&mse(&alone, spp));
-    let pairs = against("pictures/tiny/spp-16-00.exr");
-    // 1200 values a picture: 7 pairs tell the ratio within some 4 %.
+    let pairs = against("images/tiny/spp-16-00.exr");
+    // 1200 values an image: 7 pairs tell the ratio within some 4 %.
     assert!((pairs / (2.0 * variance) - 1.0).abs() < 0.12, "{pairs} and {variance}");
-    // The control: a picture of four times the samples adds a quarter only.
-    let other = against("pictures/tiny/spp-64-00.exr");
+    // The control: an image of four times the samples adds a quarter only.
+    let other = against("images/tiny/spp-64-00.exr");
     assert!((other / (2.0 * variance) - 0.625).abs() < 0.12, "{other} and {variance}");
 }
 

@@ -2,7 +2,7 @@
 
 use crate::common::{Fake, Place};
 use dapple_core::Control;
-use dapple_renderer::image::{Layer, Picture, encode_exr, encode_pfm, read_attributes, write_file};
+use dapple_renderer::image::{Image, Layer, encode_exr, encode_pfm, read_attributes, write_file};
 use dapple_study::{Draft, Lights, Onlooker, Progress, Reference, ScenePlan, Sitting, Study};
 use std::path::PathBuf;
 
@@ -90,14 +90,14 @@ fn whatever_matters_makes_another_reference() {
 #[test]
 fn a_file_of_another_size_scene_or_setting_is_refused() {
     let place = Place::new();
-    let picture = |size: [u32; 2]| Picture::filled(size, [0.5; 3]).unwrap();
+    let image = |size: [u32; 2]| Image::filled(size, [0.5; 3]).unwrap();
     let exr = |name: &str, pairs: &[(&str, &str)]| {
         let pairs: Vec<_> = pairs.iter().map(|(k, v)| (format!("dapple:{k}"), (*v).to_owned())).collect();
-        let bytes = encode_exr([8, 8], &[Layer::of_picture("", &picture([8, 8]))], &pairs).unwrap().bytes;
+        let bytes = encode_exr([8, 8], &[Layer::of_image("", &image([8, 8]))], &pairs).unwrap().bytes;
         write_file(&place.path(name), &bytes).unwrap();
         place.path(name)
     };
-    write_file(&place.path("wide.pfm"), &encode_pfm(&picture([9, 8])).unwrap()).unwrap();
+    write_file(&place.path("wide.pfm"), &encode_pfm(&image([9, 8])).unwrap()).unwrap();
     let cases = [
         (place.path("wide.pfm"), "it is 9x8, and the study 8x8"),
         (exr("scene.exr", &[("scene", "teapot")]), "its scene is teapot, and the study's tiny"),
@@ -119,7 +119,7 @@ fn a_file_of_another_size_scene_or_setting_is_refused() {
     let study = place.study(place.with_reference(good).resolve().unwrap(), "good", &mut Fake::default());
     let reference = &study.manifest().scenes[0].reference;
     assert_eq!((reference.spp, reference.relmse), (None, None));
-    write_file(&place.path("plain.pfm"), &encode_pfm(&picture([8, 8])).unwrap()).unwrap();
+    write_file(&place.path("plain.pfm"), &encode_pfm(&image([8, 8])).unwrap()).unwrap();
     // Where no resolution is given, it is the reference's.
     let draft = Draft { resolution: None, ..place.with_reference(place.path("plain.pfm")) };
     let study = place.study(draft.resolve().unwrap(), "plain", &mut Fake::default());
@@ -149,7 +149,7 @@ fn a_reference_of_a_multiple_of_the_size_is_averaged() {
     let place = Place::new();
     let file = |name: &str, size: [u32; 2], value: &dyn Fn(u32, u32) -> f32| {
         let pixels = (0..size[0] * size[1]).map(|i| [value(i % size[0], i / size[0]); 3]).collect();
-        write_file(&place.path(name), &encode_pfm(&Picture::new(size, pixels).unwrap()).unwrap()).unwrap();
+        write_file(&place.path(name), &encode_pfm(&Image::new(size, pixels).unwrap()).unwrap()).unwrap();
         place.path(name)
     };
     // Blocks of 2x3 pixels around the same means; their values differ within.

@@ -12,9 +12,9 @@ struct Written {
     table: Vec<Vec<String>>,
 }
 
-fn write(study: &mut Study, pictures: bool) -> Written {
+fn write(study: &mut Study, images: bool) -> Written {
     let folder = tempfile::tempdir().unwrap();
-    study.write(folder.path(), pictures);
+    study.write(folder.path(), images);
     read(folder.path())
 }
 
@@ -347,8 +347,8 @@ fn odd_studies_have_a_report_that_says_so() {
     study.runs.iter_mut().for_each(|run| run.errors.psnr = 1e6);
     cases.push(("exact", study, "No errors above 0 to draw"));
     let mut study = whole();
-    study.runs.iter_mut().for_each(|run| run.picture = Some("pictures/gone.exr".into()));
-    cases.push(("no pictures", study, "Not shown: pictures/gone.exr"));
+    study.runs.iter_mut().for_each(|run| run.image = Some("images/gone.exr".into()));
+    cases.push(("no images", study, "Not shown: images/gone.exr"));
     let mut study = whole();
     study.runs.iter_mut().for_each(|run| run.render_s = 0.0);
     cases.push(("no time", study, "a value is not above 0: no slope"));
@@ -373,7 +373,7 @@ fn odd_studies_have_a_report_that_says_so() {
 fn names_cannot_break_the_page() {
     let laws = [Law::new("uniform", "none"), Law::new("<script>alert(1)</script>", "\"><img src=x>")];
     let mut study = Study::new(&["a&b'<i>"], &laws, &[4, 8], Some(8), 2);
-    study.runs.iter_mut().for_each(|run| run.picture = Some("<b>gone</b>".into()));
+    study.runs.iter_mut().for_each(|run| run.image = Some("<b>gone</b>".into()));
     let found = write(&mut study, false);
     assert!(
         !found.page.contains("<script>alert") && !found.page.contains("<img src=x") && !found.page.contains("<b>gone")

@@ -74,8 +74,8 @@ fn real_runs_are_the_same_after_a_stop() {
     assert_eq!(found(second.runs()), found(whole.runs()));
     assert!(whole.runs().iter().all(|r| r.render_s > 0.0 && r.errors.mse > 0.0 && r.corrected));
     for (run, study) in whole.runs().iter().map(|r| (r, "whole")).chain(second.runs().iter().map(|r| (r, "stopped"))) {
-        assert_eq!(run.picture.is_some(), run.seed == 1, "pictures are of the first seed");
-        for file in run.picture.iter().chain(&run.sample_map) {
+        assert_eq!(run.image.is_some(), run.seed == 1, "images are of the first seed");
+        for file in run.image.iter().chain(&run.sample_map) {
             assert!(place.path(study).join(file).is_file(), "{file}");
         }
     }

@@ -2,12 +2,12 @@
 #![allow(dead_code, unreachable_pub, reason = "each test file uses its own part")]
 
 use dapple_cluster_adaptive::{
-    ClusterAdaptive, ClusterSize, Options, Placement, ProbeHit, ProbeRay, ProbeSource, Probes, probe,
+    ClusterSize, ClusterThesis, ClusterThesisOptions, Placement, ProbeHit, ProbeRay, ProbeSource, Probes, probe,
 };
 use dapple_clustering::Cluster;
 use dapple_core::{
-    Block, Draws, Error, Estimate, Film, Frame, Integrator, Limits, Needs, NoWatch, Observed, Plan, Progress, Sampler,
-    render,
+    Block, Draws, Error, Estimate, Film, Frame, Integrator, Limits, Needs, NoMonitor, Plan, Progress, Sampler,
+    TrainingLog, render,
 };
 use dapple_low_discrepancy::Random;
 
@@ -57,11 +57,16 @@ pub fn probes(frame: &Frame, placement: Placement) -> Probes {
     probe(frame, placement, &Random::new(3), &LABELS, scene).unwrap()
 }
 
-pub fn probing(seed: u64, placement: Placement, size: ClusterSize, options: Options) -> ClusterAdaptive<Random> {
+pub fn probing(
+    seed: u64,
+    placement: Placement,
+    size: ClusterSize,
+    options: ClusterThesisOptions,
+) -> ClusterThesis<Random> {
     let (labels, clusters) = (LABELS.into(), clusters().into());
     let probed =
         ProbeSource { labels, clusters, shoot: std::sync::Arc::new(scene), placement, described: String::new() };
-    ClusterAdaptive::probing(Random::new(seed), probed, size, options).unwrap()
+    ClusterThesis::probing(Random::new(seed), probed, size, options).unwrap()
 }
 
 /// Looks along -z from the origin, 90 degrees wide.
@@ -72,7 +77,7 @@ pub const LOOK: [[f32; 4]; 4] =
 pub struct Field<F>(pub F);
 
 impl<F: Fn([u32; 2], [f32; 4]) -> f32 + Sync> Integrator for Field<F> {
-    fn estimate(&self, draws: &Draws<'_>, _: &mut Observed) -> Estimate {
+    fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
         let value = (self.0)(draws.pixel(), draws.block(Block::new(0)));
         Estimate { radiance: [value; 3], first_hit: None, cost: 1 }
     }
@@ -84,7 +89,7 @@ pub fn run(
     frame: Frame,
     limits: &Limits,
 ) -> Result<Film, Error> {
-    render(integrator, sampler, Needs::none(), frame, limits, &mut NoWatch)
+    render(integrator, sampler, Needs::none(), frame, limits, &mut NoMonitor)
 }
 
 /// The counts of a first round, by [`dapple_core::render`]'s rules.

@@ -2,8 +2,8 @@
 #![allow(dead_code, unreachable_pub, reason = "each test file uses its own part")]
 
 use dapple_core::{
-    Block, Draws, Error, Estimate, Fate, Feedback, Film, Frame, Integrator, Limits, Needs, NoWatch, Observed, Plan,
-    PointSet, Progress, SampleId, Sampler, render,
+    Block, Draws, Error, Estimate, Feedback, Film, Frame, Integrator, Limits, Needs, NoMonitor, Plan, PointSet,
+    Progress, Retention, SampleId, Sampler, TrainingLog, render,
 };
 use rand::{RngExt, SeedableRng};
 
@@ -54,7 +54,7 @@ pub fn rng(seed: u64) -> rand_pcg::Pcg64 {
 pub struct Field<F>(pub F);
 
 impl<F: Fn([u32; 2], [f32; 4]) -> [f32; 3] + Sync> Integrator for Field<F> {
-    fn estimate(&self, draws: &Draws<'_>, _: &mut Observed) -> Estimate {
+    fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
         let radiance = (self.0)(draws.pixel(), draws.block(Block::new(0)));
         Estimate { radiance, first_hit: None, cost: 1 }
     }
@@ -92,18 +92,18 @@ impl<F: FnMut(&Feedback<'_>, &mut Plan) -> Progress + Send> Sampler for Planned<
 
 /// One kept round of these counts.
 pub fn counts(points: Independent, counts: Vec<u32>) -> Planned<impl FnMut(&Feedback<'_>, &mut Plan) -> Progress> {
-    once(points, Fate::Keep, counts)
+    once(points, Retention::Keep, counts)
 }
 
 /// One round of these counts.
 pub fn once(
     points: Independent,
-    fate: Fate,
+    retention: Retention,
     counts: Vec<u32>,
 ) -> Planned<impl FnMut(&Feedback<'_>, &mut Plan) -> Progress> {
     let plan = move |seen: &Feedback<'_>, plan: &mut Plan| {
         plan.counts.clone_from(&counts);
-        plan.fate = fate;
+        plan.retention = retention;
         if seen.round == 0 { Progress::Trace } else { Progress::Done }
     };
     Planned { points, needs: Needs::none(), plan }
@@ -121,7 +121,7 @@ pub fn run(
     frame: Frame,
     limits: &Limits,
 ) -> Result<Film, Error> {
-    render(integrator, sampler, needs, frame, limits, &mut NoWatch)
+    render(integrator, sampler, needs, frame, limits, &mut NoMonitor)
 }
 
 pub fn everything() -> Needs {

@@ -1,4 +1,4 @@
-//! Pictures that `oracle.py` makes too.
+//! Images that `oracle.py` makes too.
 
 pub(crate) const SIZE: [u32; 2] = [64, 48];
 
@@ -26,12 +26,12 @@ fn value(name: &str, x: i32, y: i32, c: usize) -> i32 {
         "blue" => 256 * i32::from(c == 2),
         "black" => 0,
         "white" => 256,
-        _ => panic!("no picture {name}"),
+        _ => panic!("no image {name}"),
     }
 }
 
 /// Linear RGB in steps of 1/256.
-pub(crate) fn picture(name: &str) -> Vec<[f32; 3]> {
+pub(crate) fn test_image(name: &str) -> Vec<[f32; 3]> {
     let pixels = (0..SIZE[1] as i32).flat_map(|y| (0..SIZE[0] as i32).map(move |x| (x, y)));
     pixels.map(|(x, y)| std::array::from_fn(|c| value(name, x, y, c) as f32 / 256.0)).collect()
 }

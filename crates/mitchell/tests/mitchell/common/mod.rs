@@ -1,12 +1,12 @@
-//! Made-up pictures and how to render them.
+//! Made-up images and how to render them.
 #![allow(dead_code, unreachable_pub, reason = "each test file uses its own part")]
 
 use dapple_core::{
-    Block, BudgetLeft, Draws, Estimate, Feedback, Film, Frame, Integrator, Limits, Needs, NoWatch, Observed, Plan,
-    Sampler, render,
+    Block, BudgetLeft, Draws, Estimate, Feedback, Film, Frame, Integrator, Limits, Needs, NoMonitor, Plan, Sampler,
+    TrainingLog, render,
 };
 use dapple_low_discrepancy::Random;
-use dapple_mitchell::{Mitchell, MitchellOptions, Mode, PbrtAdaptive, PbrtOptions, Policy};
+use dapple_mitchell::{Mitchell, MitchellOptions, MitchellPbrt, MitchellPbrtOptions, Mode, Policy};
 
 pub const POLICIES: [Policy; 3] = [Policy::Keep, Policy::Refined, Policy::Discard];
 
@@ -14,7 +14,7 @@ pub const POLICIES: [Policy; 3] = [Policy::Keep, Policy::Refined, Policy::Discar
 pub struct Field<F>(pub F);
 
 impl<F: Fn([u32; 2], [f32; 4]) -> [f32; 3] + Sync> Integrator for Field<F> {
-    fn estimate(&self, draws: &Draws<'_>, _: &mut Observed) -> Estimate {
+    fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
         let radiance = (self.0)(draws.pixel(), draws.block(Block::new(0)));
         Estimate { radiance, first_hit: None, cost: 1 }
     }
@@ -30,7 +30,7 @@ pub fn frame(width: u32, height: u32) -> Frame {
 }
 
 pub fn run(integrator: &mut dyn Integrator, sampler: &mut dyn Sampler, frame: Frame, limits: &Limits) -> Film {
-    render(integrator, sampler, Needs::none(), frame, limits, &mut NoWatch).unwrap()
+    render(integrator, sampler, Needs::none(), frame, limits, &mut NoMonitor).unwrap()
 }
 
 /// Mitchell's rule for one pixel alone, with these rates.
@@ -42,12 +42,12 @@ pub fn mitchell(options: MitchellOptions, seed: u64) -> Mitchell<Random> {
     Mitchell::with_options(Random::new(seed), options).unwrap()
 }
 
-pub fn pbrt(options: PbrtOptions, seed: u64) -> PbrtAdaptive<Random> {
-    PbrtAdaptive::with_options(Random::new(seed), options).unwrap()
+pub fn pbrt(options: MitchellPbrtOptions, seed: u64) -> MitchellPbrt<Random> {
+    MitchellPbrt::with_options(Random::new(seed), options).unwrap()
 }
 
-pub fn pbrt_options(min: u32, max: u32, mode: Mode, policy: Policy) -> PbrtOptions {
-    PbrtOptions { min, max, mode, policy, ..PbrtOptions::default() }
+pub fn pbrt_options(min: u32, max: u32, mode: Mode, policy: Policy) -> MitchellPbrtOptions {
+    MitchellPbrtOptions { min, max, mode, policy, ..MitchellPbrtOptions::default() }
 }
 
 /// A film on which these samples lie, pixel by pixel.

@@ -8,14 +8,14 @@ use std::f32::consts::PI;
 use std::ops::Range;
 use std::sync::Arc;
 
-/// Tiles across and down a picture in latitude and longitude: 45 degrees each, where it has so many texels.
+/// Tiles across and down an image in latitude and longitude: 45 degrees each, where it has so many texels.
 const LONG: [usize; 2] = [8, 4];
 /// Tiles of a square.
 const SQUARE: [usize; 2] = [6, 6];
 /// The number of a tile that is black, or all but.
 const BLACK: u32 = u32::MAX;
 
-/// The tiles of an environment that is a picture. (Cutting a sky of one colour does not pay: docs/results/cluster.md.) Each is drawn from as the whole is, by brightness, and the parts' chances come on top: with
+/// The tiles of an environment that is an image. (Cutting a sky of one colour does not pay: docs/results/cluster.md.) Each is drawn from as the whole is, by brightness, and the parts' chances come on top: with
 /// chances by [`Parts::share`], parts are the whole. One look-up finds what a ray that leaves the scene sees, and in which
 /// part.
 #[derive(Clone, Debug)]
@@ -37,8 +37,8 @@ struct Part {
 impl Parts {
     /// The parts of an environment; `None` where there is but one.
     pub(crate) fn new(whole: &Arc<Environment>) -> Option<Self> {
-        let Kind::Picture(map) = &whole.kind else { return None };
-        let [width, height] = map.picture.size.map(|n| n as usize);
+        let Kind::Image(map) = &whole.kind else { return None };
+        let [width, height] = map.image.size.map(|n| n as usize);
         let most = if width == height { SQUARE } else { LONG };
         let grid = [most[0].min(width), most[1].min(height)];
         let (mut parts, mut numbers) = (Vec::new(), Vec::new());
@@ -71,7 +71,7 @@ impl Parts {
     /// Draws a direction in a part, with density near the brightness.
     #[inline]
     pub(crate) fn sample(&self, part: u32, u: [f32; 2]) -> Option<LightSample> {
-        let Kind::Picture(map) = &self.whole.kind else { return None };
+        let Kind::Image(map) = &self.whole.kind else { return None };
         let Part { share, window } = &self.parts[part as usize];
         let (wi, radiance, pdf) = self.whole.drawn(map, window.sample_near(&map.cells, u, |i| map.look(i))?);
         let pdf = pdf / *share as f32;
@@ -83,10 +83,10 @@ impl Parts {
     /// directions are drawn: 0 where it is black.
     #[inline]
     pub(crate) fn find(&self, w: Vec3) -> (Vec3, f32, u32) {
-        let Kind::Picture(map) = &self.whole.kind else { return (self.whole.radiance(w), 0.0, 0) };
+        let Kind::Image(map) = &self.whole.kind else { return (self.whole.radiance(w), 0.0, 0) };
         let (uv, radiance, pdf) = self.whole.looked_up(map, w);
         let texel = map.texel(uv);
-        let of = |i: usize| tile_of(texel[i] as usize, self.grid[i], map.picture.size[i] as usize);
+        let of = |i: usize| tile_of(texel[i] as usize, self.grid[i], map.image.size[i] as usize);
         match self.numbers[of(1) * self.grid[0] + of(0)] {
             BLACK => (radiance, 0.0, 0),
             part => (radiance, pdf / self.share(part) as f32, part),

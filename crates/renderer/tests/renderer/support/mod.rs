@@ -4,7 +4,7 @@
 #![allow(dead_code, unreachable_pub)]
 
 use dapple_core::samplers::Uniform;
-use dapple_core::{Film, Frame, Limits, Needs, NoWatch, PointSet, Sampler, render};
+use dapple_core::{Film, Frame, Limits, Needs, NoMonitor, PointSet, Sampler, render};
 use dapple_low_discrepancy::Sobol;
 use dapple_renderer::scene::{
     Camera, Coating, Color, ConductorFresnel, Emission, EnvironmentRadiance, Geometry, Light, LightKind, Material,
@@ -141,11 +141,11 @@ pub fn film_of(world: &World, size: [u32; 2], spp: u64, points: impl PointSet) -
 }
 
 pub fn film_in(world: &World, frame: Frame, sampler: &mut dyn Sampler, limits: &Limits) -> Film {
-    render(&mut *integrator(world), sampler, Needs::none(), frame, limits, &mut NoWatch).expect("it renders")
+    render(&mut *integrator(world), sampler, Needs::none(), frame, limits, &mut NoMonitor).expect("it renders")
 }
 
-/// `spp` Sobol' samples in every pixel of the scene's picture.
-pub fn picture(scene: &Scene, spp: u64, seed: u64) -> Film {
+/// `spp` Sobol' samples in every pixel of the scene's image.
+pub fn image(scene: &Scene, spp: u64, seed: u64) -> Film {
     film_of(&world(scene), scene.film.resolution, spp, Sobol::new(seed))
 }
 
@@ -171,14 +171,14 @@ pub fn hash(film: &Film) -> u64 {
     hash
 }
 
-/// Largest deviations between two sets of independent pictures, in standard normal units.
+/// Largest deviations between two sets of independent images, in standard normal units.
 #[derive(Clone, Copy, Debug)]
 pub struct Agreement {
     /// Of any 8x8 block and channel.
     pub worst: f64,
     /// Blocks times channels.
     pub tests: usize,
-    /// Of the mean of the whole picture, any channel.
+    /// Of the mean of the whole image, any channel.
     pub whole: f64,
     /// Whether blocks without variance were equal to the bit.
     pub exact: bool,

@@ -3,7 +3,7 @@
 //! Not every test program that has this uses all of it.
 #![allow(dead_code, unreachable_pub)]
 
-use dapple_renderer::image::{Picture, encode_pfm};
+use dapple_renderer::image::{Image, encode_pfm};
 use dapple_renderer::pbrt::{ReadError, ReadOptions, read_scene_from};
 use dapple_renderer::scene::{LightKind, MaterialKind, Scene};
 use image::{ImageFormat, RgbaImage};
@@ -17,7 +17,7 @@ pub const TAIL: &str = "LightSource \"infinite\"\nShape \"sphere\"\n";
 
 pub fn pfm(size: [u32; 2], pixel: impl Fn(u32) -> [f32; 3]) -> Vec<u8> {
     let pixels = (0..size[0] * size[1]).map(pixel).collect();
-    encode_pfm(&Picture::new(size, pixels).unwrap()).unwrap()
+    encode_pfm(&Image::new(size, pixels).unwrap()).unwrap()
 }
 
 /// Two pixels side by side.

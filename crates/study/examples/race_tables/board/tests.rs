@@ -29,7 +29,7 @@ fn run(method: &Method, spp: u64, seed: u64, error: f64, time: f64) -> Run {
         rejected: 0,
         load: None,
         fresh: true,
-        picture: None,
+        image: None,
         sample_map: None,
         white: None,
     }

@@ -128,7 +128,7 @@ impl Runner for Fake {
             rejected: 0,
             load: None,
             fresh: false,
-            picture: job.picture.clone(),
+            image: job.image.clone(),
             sample_map: None,
             white: None,
         })

@@ -1,7 +1,7 @@
-//! Studies without rendering: what errors, times and pictures are is known, and so is what must be said of them.
+//! Studies without rendering: what errors, times and images are is known, and so is what must be said of them.
 #![allow(dead_code)]
 
-use dapple_renderer::image::{Layer, Picture, encode_exr, encode_png_gray, write_file};
+use dapple_renderer::image::{Image, Layer, encode_exr, encode_png_gray, write_file};
 use dapple_study::{Budget, Errors, Lights, Machine, Manifest, Method, Phases, Reference, Run, SceneRecord};
 use std::path::Path;
 
@@ -90,7 +90,7 @@ impl Law {
             rejected: 0,
             load: Some(0.4),
             fresh: false,
-            picture: None,
+            image: None,
             sample_map: None,
             white: None,
         }
@@ -154,17 +154,17 @@ impl Study {
         Self { manifest, runs, size }
     }
 
-    /// Of pictures.
+    /// Of images.
     pub(crate) fn resized(mut self, size: [u32; 2]) -> Self {
         self.size = size;
         self.manifest.scenes.iter_mut().for_each(|scene| scene.resolution = size);
         self
     }
 
-    /// With pictures of the first seed whose noise is as large as the error says.
-    pub(crate) fn write(&mut self, folder: &Path, pictures: bool) {
-        if pictures {
-            self.write_pictures(folder);
+    /// With images of the first seed whose noise is as large as the error says.
+    pub(crate) fn write(&mut self, folder: &Path, images: bool) {
+        if images {
+            self.write_images(folder);
         }
         let manifest = serde_json::to_vec_pretty(&self.manifest).unwrap();
         std::fs::write(folder.join("study.json"), manifest).unwrap();
@@ -172,14 +172,14 @@ impl Study {
         std::fs::write(folder.join("runs.jsonl"), lines.concat()).unwrap();
     }
 
-    fn write_pictures(&mut self, folder: &Path) {
-        for name in ["pictures", "references"] {
+    fn write_images(&mut self, folder: &Path) {
+        for name in ["images", "references"] {
             std::fs::create_dir_all(folder.join(name)).unwrap();
         }
         let size = self.size;
         let exr = |pixels: Vec<[f32; 3]>| {
-            let picture = Picture::new(size, pixels).unwrap();
-            encode_exr(size, &[Layer::of_picture("", &picture)], &[]).unwrap().bytes
+            let image = Image::new(size, pixels).unwrap();
+            encode_exr(size, &[Layer::of_image("", &image)], &[]).unwrap().bytes
         };
         for scene in &self.manifest.scenes {
             write_file(&folder.join(&scene.reference.file), &exr(truth(size))).unwrap();
@@ -200,12 +200,12 @@ impl Study {
                         as f32
                 })
             });
-            let file = format!("pictures/{index}.exr");
+            let file = format!("images/{index}.exr");
             write_file(&folder.join(&file), &exr(pixels.collect())).unwrap();
             let counts: Vec<u8> = (0..size[0] * size[1]).map(|i| ((i % size[0]) * 255 / size[0]) as u8).collect();
-            let map = format!("pictures/{index}.png");
+            let map = format!("images/{index}.png");
             write_file(&folder.join(&map), &encode_png_gray(size, &counts).unwrap()).unwrap();
-            (run.picture, run.sample_map) = (Some(file), Some(map));
+            (run.image, run.sample_map) = (Some(file), Some(map));
             run.white = Some(2.0 * run.spp);
         }
     }

@@ -4,10 +4,10 @@ use crate::folder::Recorded;
 use crate::record::{Budget, Run, SceneRecord};
 use base64::Engine;
 use dapple_metrics::{Pixels, downsample};
-use dapple_renderer::image::{Encoding, Picture, encode_png, encode_png_gray, encode_png_rgb, read_picture};
+use dapple_renderer::image::{Encoding, Image, encode_png, encode_png_gray, encode_png_rgb, read_image};
 use std::path::Path;
 
-/// What all pictures of a page may take, in bytes of the page.
+/// What all images of a page may take, in bytes of the page.
 const ROOM: f64 = 3.5e6;
 
 /// Errors at both ends of the map's colours, as powers of ten: relative squared error.
@@ -18,7 +18,7 @@ pub(super) const ERROR_DECADES: [f64; 2] = [-4.0, 0.0];
 const ERROR_COLOURS: [[f64; 3]; 5] =
     [[0.0, 0.0, 4.0], [87.0, 16.0, 110.0], [188.0, 55.0, 84.0], [249.0, 142.0, 9.0], [252.0, 255.0, 164.0]];
 
-/// A picture in the page.
+/// An image in the page.
 pub(super) struct Embedded {
     pub(super) uri: String,
     pub(super) size: [u32; 2],
@@ -31,7 +31,7 @@ pub(super) type Crop = [u32; 4];
 pub(super) struct Tile {
     /// Its place in the manifest.
     pub(super) method: usize,
-    /// One for each of [`Gallery::crops`]; none where there is no picture.
+    /// One for each of [`Gallery::crops`]; none where there is no image.
     pub(super) crops: Vec<Embedded>,
     pub(super) error_map: Option<Embedded>,
     pub(super) sample_map: Option<Embedded>,
@@ -69,18 +69,18 @@ pub(super) fn gallery(recorded: &Recorded, scene: &SceneRecord) -> Gallery {
     let runs: Vec<Option<&Run>> = (0..recorded.manifest.methods.len())
         .map(|method| budget.and_then(|budget| run(recorded, scene, method, budget)))
         .collect();
-    let same_size = |p: &Picture, r: &Picture| p.size == r.size;
-    let mut pictures: Vec<Option<Picture>> = Vec::new();
+    let same_size = |p: &Image, r: &Image| p.size == r.size;
+    let mut images: Vec<Option<Image>> = Vec::new();
     for run in &runs {
-        let file = run.and_then(|run| run.picture.as_deref());
-        let picture = file.and_then(|file| load(&recorded.folder, file, &mut problems));
-        if let (Some(picture), Some(reference), Some(file)) = (&picture, &reference, file)
-            && !same_size(picture, reference)
+        let file = run.and_then(|run| run.image.as_deref());
+        let image = file.and_then(|file| load(&recorded.folder, file, &mut problems));
+        if let (Some(image), Some(reference), Some(file)) = (&image, &reference, file)
+            && !same_size(image, reference)
         {
-            let [a, b] = [picture.size, reference.size].map(|s| format!("{}x{}", s[0], s[1]));
+            let [a, b] = [image.size, reference.size].map(|s| format!("{}x{}", s[0], s[1]));
             problems.push(format!("{file} is {a}, its reference {b}"));
         }
-        pictures.push(picture.filter(|p| reference.as_ref().is_some_and(|r| same_size(p, r))));
+        images.push(image.filter(|p| reference.as_ref().is_some_and(|r| same_size(p, r))));
     }
     let mut gallery = Gallery {
         budget,
@@ -94,7 +94,7 @@ pub(super) fn gallery(recorded: &Recorded, scene: &SceneRecord) -> Gallery {
     let mut errors: Vec<Option<Vec<f32>>> = vec![None; runs.len()];
     if let Some(reference) = &reference {
         gallery.exposure_stops = exposure(reference);
-        errors = pictures.iter().map(|p| p.as_ref().map(|p| relative_errors(p, reference))).collect();
+        errors = images.iter().map(|p| p.as_ref().map(|p| relative_errors(p, reference))).collect();
         gallery.crops = crops(reference.size, side, &errors);
         gallery.overview =
             shrink(reference, 4 * side).and_then(|p| embed(encode_png(&p, gallery.exposure_stops), p.size));
@@ -106,7 +106,7 @@ pub(super) fn gallery(recorded: &Recorded, scene: &SceneRecord) -> Gallery {
         let size = reference.as_ref().map_or([0, 0], |r| r.size);
         gallery.tiles.push(Tile {
             method,
-            crops: pictures[method].as_ref().map_or_else(Vec::new, |p| cut_all(p, &gallery)),
+            crops: images[method].as_ref().map_or_else(Vec::new, |p| cut_all(p, &gallery)),
             error_map: errors[method].as_ref().and_then(|e| error_map(e, size, side)),
             sample_map: map,
             white: run.white,
@@ -116,31 +116,31 @@ pub(super) fn gallery(recorded: &Recorded, scene: &SceneRecord) -> Gallery {
     gallery
 }
 
-/// The budget whose pictures are shown: equal time, else the most samples of which there are pictures.
+/// The budget whose images are shown: equal time, else the most samples of which there are images.
 fn budget(recorded: &Recorded, scene: &SceneRecord) -> Option<Budget> {
-    let shown = || recorded.runs.iter().filter(|run| run.scene == scene.name && run.picture.is_some());
+    let shown = || recorded.runs.iter().filter(|run| run.scene == scene.name && run.image.is_some());
     let spp = |run: &Run| if let Budget::Spp(spp) = run.budget { Some(spp) } else { None };
     let timed = shown().map(|run| run.budget).find(|b| matches!(b, Budget::TimeOf(_)));
     timed.or(shown().filter_map(spp).max().map(Budget::Spp))
 }
 
-/// The first run of it that has a picture, or else a sample map.
+/// The first run of it that has an image, or else a sample map.
 fn run<'a>(recorded: &'a Recorded, scene: &SceneRecord, method: usize, budget: Budget) -> Option<&'a Run> {
     let method = &recorded.manifest.methods[method];
     let find = |budget: Budget, has: fn(&Run) -> bool| {
         let fits = |run: &&Run| run.scene == scene.name && run.method == *method && run.budget == budget && has(run);
         recorded.runs.iter().find(fits)
     };
-    let either = |budget| find(budget, |run| run.picture.is_some()).or(find(budget, |run| run.sample_map.is_some()));
+    let either = |budget| find(budget, |run| run.image.is_some()).or(find(budget, |run| run.sample_map.is_some()));
     match budget {
         Budget::TimeOf(spp) if *method == recorded.manifest.baseline => either(budget).or(either(Budget::Spp(spp))),
         _ => either(budget),
     }
 }
 
-fn load(folder: &Path, file: &str, problems: &mut Vec<String>) -> Option<Picture> {
+fn load(folder: &Path, file: &str, problems: &mut Vec<String>) -> Option<Image> {
     let bytes = std::fs::read(folder.join(file)).map_err(|e| problems.push(format!("{file}: {e}"))).ok()?;
-    read_picture(&bytes, file, Encoding::Auto).map_err(|e| problems.push(e.to_string())).ok()
+    read_image(&bytes, file, Encoding::Auto).map_err(|e| problems.push(e.to_string())).ok()
 }
 
 fn embed(png: Result<Vec<u8>, dapple_renderer::image::ImageError>, size: [u32; 2]) -> Option<Embedded> {
@@ -148,9 +148,9 @@ fn embed(png: Result<Vec<u8>, dapple_renderer::image::ImageError>, size: [u32; 2
     Some(Embedded { uri, size })
 }
 
-/// None unless the picture is far too dark or too bright to see; then that which brings the brightest hundredth of
+/// None unless the image is far too dark or too bright to see; then that which brings the brightest hundredth of
 /// its pixels to 1, in whole stops.
-fn exposure(reference: &Picture) -> f32 {
+fn exposure(reference: &Image) -> f32 {
     let mut peaks: Vec<f32> = reference.pixels.iter().map(|p| p[0].max(p[1]).max(p[2])).collect();
     peaks.sort_by(f32::total_cmp);
     let bright = f64::from(peaks[(peaks.len() - 1) * 99 / 100]);
@@ -161,7 +161,7 @@ fn exposure(reference: &Picture) -> f32 {
 }
 
 /// Of each pixel, as relMSE takes them.
-fn relative_errors(picture: &Picture, reference: &Picture) -> Vec<f32> {
+fn relative_errors(image: &Image, reference: &Image) -> Vec<f32> {
     let error = |(x, r): (&[f32; 3], &[f32; 3])| {
         let of = |c: usize| {
             let [x, r] = [x[c], r[c]].map(|v| if v.is_finite() { f64::from(v) } else { 0.0 });
@@ -169,14 +169,14 @@ fn relative_errors(picture: &Picture, reference: &Picture) -> Vec<f32> {
         };
         ((of(0) + of(1) + of(2)) / 3.0) as f32
     };
-    picture.pixels.iter().zip(&reference.pixels).map(error).collect()
+    image.pixels.iter().zip(&reference.pixels).map(error).collect()
 }
 
-/// Below this many pixels across, a crop shows no more than the whole picture would.
+/// Below this many pixels across, a crop shows no more than the whole image would.
 const LEAST_SIDE: u32 = 24;
 
-/// Squares of this side, or half of the picture's where it is small, so that there are two apart: where the methods'
-/// errors lie furthest apart, and one where they do as usual (the median). A picture with no room for two is shown
+/// Squares of this side, or half of the image's where it is small, so that there are two apart: where the methods'
+/// errors lie furthest apart, and one where they do as usual (the median). An image with no room for two is shown
 /// whole. Deterministic: of equal ones the first, row by row.
 fn crops(size: [u32; 2], side: u32, errors: &[Option<Vec<f32>>]) -> Vec<Crop> {
     let side = side.min(size[0].min(size[1]) / 2);
@@ -222,32 +222,32 @@ fn spread(size: [u32; 2], crop: Crop, errors: &[Option<Vec<f32>>]) -> f64 {
     if means.len() < 2 { high } else { libm::log((high + 1e-3) / (low + 1e-3)) }
 }
 
-fn cut_all(picture: &Picture, gallery: &Gallery) -> Vec<Embedded> {
+fn cut_all(image: &Image, gallery: &Gallery) -> Vec<Embedded> {
     let cut = |crop: &Crop| {
-        let rows = (crop[1]..crop[1] + crop[3]).map(|y| (y * picture.size[0] + crop[0]) as usize);
-        let pixels = rows.flat_map(|start| &picture.pixels[start..start + crop[2] as usize]).copied().collect();
-        let part = Picture::new([crop[2], crop[3]], pixels).ok()?;
+        let rows = (crop[1]..crop[1] + crop[3]).map(|y| (y * image.size[0] + crop[0]) as usize);
+        let pixels = rows.flat_map(|start| &image.pixels[start..start + crop[2] as usize]).copied().collect();
+        let part = Image::new([crop[2], crop[3]], pixels).ok()?;
         embed(encode_png(&part, gallery.exposure_stops), part.size)
     };
     gallery.crops.iter().filter_map(cut).collect()
 }
 
 /// Box-averaged until its longer side is at most this.
-fn shrink(picture: &Picture, most: u32) -> Option<Picture> {
-    let [width, height] = picture.size;
+fn shrink(image: &Image, most: u32) -> Option<Image> {
+    let [width, height] = image.size;
     let longer = width.max(height);
     if longer <= most {
-        return Some(picture.clone());
+        return Some(image.clone());
     }
     let target = [width, height].map(|s| (u64::from(s) * u64::from(most) / u64::from(longer)).max(1) as u32);
-    let pixels: Vec<[f32; 3]> = picture.pixels.iter().map(|p| p.map(|v| if v.is_finite() { v } else { 0.0 })).collect();
-    let small = downsample(Pixels::new(picture.size, &pixels).ok()?, target).ok()?;
-    Picture::new(target, small).ok()
+    let pixels: Vec<[f32; 3]> = image.pixels.iter().map(|p| p.map(|v| if v.is_finite() { v } else { 0.0 })).collect();
+    let small = downsample(Pixels::new(image.size, &pixels).ok()?, target).ok()?;
+    Image::new(target, small).ok()
 }
 
 fn error_map(errors: &[f32], size: [u32; 2], side: u32) -> Option<Embedded> {
-    let picture = Picture::new(size, errors.iter().map(|&e| [e; 3]).collect()).ok()?;
-    let small = shrink(&picture, side)?;
+    let image = Image::new(size, errors.iter().map(|&e| [e; 3]).collect()).ok()?;
+    let small = shrink(&image, side)?;
     let bytes: Vec<[u8; 3]> = small.pixels.iter().map(|p| error_colour(f64::from(p[0]))).collect();
     embed(encode_png_rgb(small.size, &bytes), small.size)
 }
@@ -267,7 +267,7 @@ fn error_colour(error: f64) -> [u8; 3] {
 
 fn sample_map(folder: &Path, file: &str, side: u32, problems: &mut Vec<String>) -> Option<Embedded> {
     let bytes = std::fs::read(folder.join(file)).map_err(|e| problems.push(format!("{file}: {e}"))).ok()?;
-    let map = read_picture(&bytes, file, Encoding::Linear).map_err(|e| problems.push(e.to_string())).ok()?;
+    let map = read_image(&bytes, file, Encoding::Linear).map_err(|e| problems.push(e.to_string())).ok()?;
     let small = shrink(&map, side)?;
     let values: Vec<u8> = small.pixels.iter().map(|p| (p[0] * 255.0).round() as u8).collect();
     embed(encode_png_gray(small.size, &values), small.size)

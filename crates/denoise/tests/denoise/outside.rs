@@ -1,23 +1,23 @@
-//! What the weight of other clusters costs and gains, on made-up pictures: why
+//! What the weight of other clusters costs and gains, on made-up images: why
 //! `ClusterGaussian::DEFAULT_OUTSIDE` is what it is. The table comes with
-//! `cargo test -p dapple-reconstruction --test reconstruction outside:: -- --nocapture`.
+//! `cargo test -p dapple-denoise --test reconstruction outside:: -- --nocapture`.
 
 #![allow(clippy::print_stderr)] // The table.
 
 use dapple_core::samplers::Uniform;
 use dapple_core::{
-    Block, Draws, Estimate, Film, Filter, FirstHit, Frame, Integrator, Limits, Needs, NoWatch, Observed, Unfiltered,
-    render,
+    Block, Draws, Estimate, Film, Filter, FirstHit, Frame, Integrator, Limits, Needs, NoMonitor, TrainingLog,
+    Unfiltered, render,
 };
+use dapple_denoise::ClusterGaussian;
 use dapple_low_discrepancy::Random;
-use dapple_reconstruction::ClusterGaussian;
 use std::sync::Arc;
 
 const SIDE: u32 = 64;
 
 /// A surface seen head on: what it radiates and which cluster it is in, at each point.
 #[derive(Clone, Copy, Debug)]
-enum Picture {
+enum Image {
     /// Two clusters that differ by a factor of 4, along a slanted edge.
     Edge,
     /// The same, but for a factor of 1.25.
@@ -30,7 +30,7 @@ enum Picture {
     Shadow,
 }
 
-impl Picture {
+impl Image {
     const ALL: [Self; 5] = [Self::Edge, Self::FaintEdge, Self::Gradient, Self::Patches, Self::Shadow];
 
     fn at(self, x: f32, y: f32) -> (f32, u32) {
@@ -62,13 +62,13 @@ impl Picture {
         let frame = Frame::new(SIDE, SIDE).unwrap();
         let limits = Limits::samples(spp * u64::from(SIDE * SIDE));
         let needs = Needs::none().with_first_hits(4);
-        render(&mut self, &mut Uniform::new(Random::new(seed)), needs, frame, &limits, &mut NoWatch).unwrap()
+        render(&mut self, &mut Uniform::new(Random::new(seed)), needs, frame, &limits, &mut NoMonitor).unwrap()
     }
 }
 
-impl Integrator for Picture {
+impl Integrator for Image {
     /// Noise with a relative standard deviation of 1.
-    fn estimate(&self, draws: &Draws<'_>, _: &mut Observed) -> Estimate {
+    fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
         let [u, v, noise, _] = draws.block(Block::new(0));
         let [x, y] = draws.pixel();
         let (radiance, cluster) = self.at(x as f32 + u, y as f32 + v);
@@ -89,8 +89,8 @@ impl Integrator for Picture {
     }
 }
 
-fn rel_mse(picture: &[[f32; 3]], truth: &[f64]) -> f64 {
-    let errors = picture.iter().zip(truth).map(|(x, t)| (f64::from(x[0]) - t).powi(2) / (t * t + 0.01));
+fn rel_mse(image: &[[f32; 3]], truth: &[f64]) -> f64 {
+    let errors = image.iter().zip(truth).map(|(x, t)| (f64::from(x[0]) - t).powi(2) / (t * t + 0.01));
     errors.sum::<f64>() / truth.len() as f64
 }
 
@@ -100,12 +100,12 @@ const SPP: [u64; 4] = [8, 16, 32, 64];
 const SEEDS: u64 = 2;
 
 /// relMSE with each [`OUTSIDE`], for `k` first hits a pixel; prints a line of the table.
-fn errors(picture: Picture, k: u8, spp: u64) -> [f64; OUTSIDE.len()] {
-    let truth = picture.truth();
+fn errors(image: Image, k: u8, spp: u64) -> [f64; OUTSIDE.len()] {
+    let truth = image.truth();
     let mut found = [0.0; OUTSIDE.len()];
     let mut unfiltered = 0.0;
     for seed in 0..SEEDS {
-        let film = picture.film(spp, seed);
+        let film = image.film(spp, seed);
         unfiltered += rel_mse(&Unfiltered.apply(&film).unwrap().radiance, &truth) / SEEDS as f64;
         for (found, outside) in found.iter_mut().zip(OUTSIDE) {
             let filter = ClusterGaussian::from_hits(k, Arc::new(|hit| Some(hit.material))).unwrap();
@@ -114,7 +114,7 @@ fn errors(picture: Picture, k: u8, spp: u64) -> [f64; OUTSIDE.len()] {
         }
     }
     let cells: String = found.iter().map(|f| format!(" {f:.5}")).collect();
-    eprintln!("k={k} {picture:?} at {spp} spp: unfiltered {unfiltered:.5}, outside {OUTSIDE:?}{cells}");
+    eprintln!("k={k} {image:?} at {spp} spp: unfiltered {unfiltered:.5}, outside {OUTSIDE:?}{cells}");
     found
 }
 
@@ -130,16 +130,16 @@ fn the_default_is_close_to_the_best() {
     let default = default_position();
     for k in [1, 4] {
         let mut regret = [0.0; OUTSIDE.len()];
-        for (picture, spp) in Picture::ALL.into_iter().flat_map(|p| SPP.map(|spp| (p, spp))) {
-            let found = errors(picture, k, spp);
+        for (image, spp) in Image::ALL.into_iter().flat_map(|p| SPP.map(|spp| (p, spp))) {
+            let found = errors(image, k, spp);
             let best = found.iter().copied().fold(f64::INFINITY, f64::min);
             for (regret, found) in regret.iter_mut().zip(found) {
-                *regret += (found / best).ln() / (Picture::ALL.len() * SPP.len()) as f64;
+                *regret += (found / best).ln() / (Image::ALL.len() * SPP.len()) as f64;
             }
-            match picture {
-                Picture::Gradient => assert!(found[default] < 0.99 * found[0]),
-                Picture::Edge | Picture::Patches => assert!(found[default] < 0.8 * found[OUTSIDE.len() - 1]),
-                Picture::FaintEdge | Picture::Shadow => {}
+            match image {
+                Image::Gradient => assert!(found[default] < 0.99 * found[0]),
+                Image::Edge | Image::Patches => assert!(found[default] < 0.8 * found[OUTSIDE.len() - 1]),
+                Image::FaintEdge | Image::Shadow => {}
             }
         }
         let regret = regret.map(f64::exp);
@@ -153,6 +153,6 @@ fn the_default_is_close_to_the_best() {
 /// One sample cannot tell that its pixel lies on an edge; four can.
 #[test]
 fn several_first_hits_serve_edges_better() {
-    let [one, four] = [1, 4].map(|k| errors(Picture::Edge, k, 64)[default_position()]);
+    let [one, four] = [1, 4].map(|k| errors(Image::Edge, k, 64)[default_position()]);
     assert!(four < 0.75 * one, "{four} {one}");
 }

@@ -2,8 +2,8 @@
 
 use dapple_conformance as conformance;
 use dapple_core::Frame;
-use dapple_reconstruction::{
-    BACKGROUND, Bilateral, ClusterGaussian, ClusterRegression, Gaussian, Label, NlMeans, Passes,
+use dapple_denoise::{
+    BACKGROUND, Bilateral, ClusterGaussian, ClusterLookup, ClusterRegression, Gaussian, NlMeans, Passes,
 };
 use std::sync::Arc;
 
@@ -32,7 +32,7 @@ fn cluster_gaussian_from_a_map_conforms() {
 
 #[test]
 fn cluster_gaussian_from_hits_conforms() {
-    let label: Label = Arc::new(|hit| (hit.primitive != 1).then_some(hit.material + 10 * hit.primitive));
+    let label: ClusterLookup = Arc::new(|hit| (hit.primitive != 1).then_some(hit.material + 10 * hit.primitive));
     for (k, outside) in [(1, 0.1), (4, 0.0), (8, 0.1)] {
         let make = || ClusterGaussian::from_hits(k, label.clone()).unwrap().with_outside(outside).unwrap();
         conformance::filter(|| Box::new(make()));
@@ -47,14 +47,14 @@ fn nl_means_conform() {
 
 #[test]
 fn bilateral_conforms() {
-    let label: Label = Arc::new(|hit| Some(hit.material));
+    let label: ClusterLookup = Arc::new(|hit| Some(hit.material));
     conformance::filter(|| Box::new(Bilateral::default()));
     conformance::filter(|| Box::new(Bilateral::default().with_clusters(label.clone(), 0.0, String::new()).unwrap()));
 }
 
 #[test]
 fn cluster_regression_conforms() {
-    let label: Label = Arc::new(|hit| (hit.primitive != 1).then_some(hit.material + 10 * hit.primitive));
+    let label: ClusterLookup = Arc::new(|hit| (hit.primitive != 1).then_some(hit.material + 10 * hit.primitive));
     let made = || ClusterRegression::new().with_clusters(label.clone(), 0.2, String::new()).unwrap();
     conformance::filter(|| Box::new(made()));
     conformance::filter(|| Box::new(made().with_passes(Passes::One)));

@@ -1,5 +1,5 @@
-//! I10 and L08 through scene files: pictures of no pixel and of one, and pixels that are no numbers, in every place
-//! that a picture may have. An error that names the file, or a finite picture.
+//! I10 and L08 through scene files: images of no pixel and of one, and pixels that are no numbers, in every place
+//! that an image may have. An error that names the file, or a finite image.
 
 use crate::support::*;
 use dapple_renderer::pbrt::{ReadOptions, read_scene_from};
@@ -11,7 +11,7 @@ fn pfm(size: [u32; 2], value: impl Fn(u32) -> f32) -> Vec<u8> {
     bytes
 }
 
-/// Lines after `WorldBegin`, each with the picture in another place.
+/// Lines after `WorldBegin`, each with the image in another place.
 const PLACES: [(&str, &str); 8] = [
     (
         "colour",
@@ -38,7 +38,7 @@ const PLACES: [(&str, &str); 8] = [
     ("sky", "LightSource \"infinite\" \"string filename\" \"p.pfm\""),
 ];
 
-fn outcome(place: &str, words: &str, picture: &[u8]) -> Result<[f64; 3], String> {
+fn outcome(place: &str, words: &str, image: &[u8]) -> Result<[f64; 3], String> {
     let alpha = if place == "alpha" { " \"texture alpha\" \"t\"" } else { "" };
     let scene = format!(
         "LookAt 0 2 4  0 0 0  0 1 0\nCamera \"perspective\"\nFilm \"rgb\" \"integer xresolution\" 8 \"integer yresolution\" 8\n\
@@ -46,9 +46,9 @@ fn outcome(place: &str, words: &str, picture: &[u8]) -> Result<[f64; 3], String>
          Shape \"sphere\"{alpha}\nShape \"bilinearmesh\" \"point3 P\" [ -2 -1 -2  2 -1 -2  -2 -1 2  2 -1 2 ] \
          \"point2 uv\" [ 0 0 1 0 0 1 1 1 ]{alpha}\n"
     );
-    let files: &[(&str, &[u8])] = &[("s.pbrt", scene.as_bytes()), ("p.pfm", picture)];
+    let files: &[(&str, &[u8])] = &[("s.pbrt", scene.as_bytes()), ("p.pfm", image)];
     let scene = read_scene_from(files, "s.pbrt", &ReadOptions::default()).map_err(|e| e.to_string())?;
-    let film = crate::support::picture(&scene, 16, 1);
+    let film = crate::support::image(&scene, 16, 1);
     assert_eq!(film.record().rejected, 0, "{place}");
     let mean = mean(&film);
     assert!(mean.iter().all(|m| m.is_finite() && *m >= 0.0), "{place}: {mean:?}");
@@ -56,7 +56,7 @@ fn outcome(place: &str, words: &str, picture: &[u8]) -> Result<[f64; 3], String>
 }
 
 #[test]
-fn i10_pictures_of_one_pixel_are_read_everywhere() {
+fn i10_images_of_one_pixel_are_read_everywhere() {
     for (place, words) in PLACES {
         for value in [0.0, 1e-38, 0.5, 1.0] {
             if let Err(e) = outcome(place, words, &pfm([1, 1], |_| value)) {
@@ -72,19 +72,19 @@ fn i10_pictures_of_one_pixel_are_read_everywhere() {
             );
         }
     }
-    // What the picture says is seen: a white one is brighter than a black one.
+    // What the image says is seen: a white one is brighter than a black one.
     let [black, white] = [0.0, 1.0].map(|v| outcome(PLACES[0].0, PLACES[0].1, &pfm([1, 1], |_| v)).expect("read")[0]);
     assert!(black == 0.0 && white > 0.01, "{black} {white}");
 }
 
 #[test]
-fn i10_pictures_of_no_pixel_are_refused() {
+fn i10_images_of_no_pixel_are_refused() {
     for (place, words) in PLACES {
         for size in ["0 0", "0 4", "4 0"] {
             let file = format!("PF\n{size}\n-1.0\n").into_bytes();
             let message = outcome(place, words, &file).expect_err(place);
             assert!(message.contains("s.pbrt:6") && message.contains("p.pfm"), "{place}: {message}");
-            assert!(message.contains("empty picture"), "{place}: {message}");
+            assert!(message.contains("empty image"), "{place}: {message}");
         }
         assert!(outcome(place, words, b"").expect_err(place).contains("p.pfm"), "{place}");
     }

@@ -1,7 +1,7 @@
 //! Rows of the catalogue of hard cases that concern filters.
 
 use dapple_core::{Film, Filter, Frame, Needs};
-use dapple_reconstruction::{ClusterGaussian, Gaussian};
+use dapple_denoise::{ClusterGaussian, Gaussian};
 
 /// A generator for made-up samples: SplitMix64, one stream a seed.
 struct Noise(u64);
@@ -92,9 +92,9 @@ fn a08_unequal_counts_do_not_move_an_edge() {
     for [left, right] in COUNTS {
         let film = film([8, 5], 1, |x, _| if x < 4 { left } else { right }, |x, _, _| f32::from(u8::from(x >= 4)));
         for (filter, wanted) in a08_filters() {
-            let picture = filter.apply(&film).unwrap();
+            let image = filter.apply(&film).unwrap();
             for y in 0..5 {
-                let got = f64::from(picture.radiance[8 * y + 3][0]);
+                let got = f64::from(image.radiance[8 * y + 3][0]);
                 assert!((got - wanted).abs() < 1e-7, "{}, {left}/{right}: {got}, not {wanted}", filter.describe());
             }
         }
@@ -106,7 +106,7 @@ fn a08_unequal_counts_do_not_move_an_edge() {
     }
 }
 
-/// With noise: 4 standard errors over 300 pictures (the row's own bound; 16 tests, false alarms about
+/// With noise: 4 standard errors over 300 images (the row's own bound; 16 tests, false alarms about
 /// 1e-3 in all, seeds fixed), and the naive rule is rejected for every unequal pair.
 #[test]
 fn a08_unequal_counts_under_noise() {
@@ -138,13 +138,13 @@ fn a08_unequal_counts_under_noise() {
 /// Counts of 8 left and 512 right of the border between columns 15 and 16.
 const SEAM: [u32; 2] = [32, 16];
 
-/// The step across the border less the slope of the signal, as a mean over the rows of one picture.
-fn step(picture: &[f64], slope: f64) -> f64 {
+/// The step across the border less the slope of the signal, as a mean over the rows of one image.
+fn step(image: &[f64], slope: f64) -> f64 {
     let width = SEAM[0] as usize;
-    picture.chunks(width).map(|row| row[16] - row[15]).sum::<f64>() / f64::from(SEAM[1]) - slope
+    image.chunks(width).map(|row| row[16] - row[15]).sum::<f64>() / f64::from(SEAM[1]) - slope
 }
 
-/// Paired difference across the border over 64 pictures, a furnace (constant) and a gradient, at 4 standard
+/// Paired difference across the border over 64 images, a furnace (constant) and a gradient, at 4 standard
 /// errors (6 tests: false alarms about 4e-4, seeds fixed). The control: splatting is rejected on the
 /// gradient (on a constant it has no bias to see).
 #[test]
@@ -220,8 +220,8 @@ fn f09_gaps_are_filled_or_marked() {
     let narrow = Gaussian::new(0.5, 0.4).unwrap();
     let filters: [(&dyn Filter, usize); 3] = [(&Gaussian::default(), 4), (&map, 4), (&narrow, 0)];
     for (filter, reach) in filters {
-        let picture = filter.apply(&film).unwrap();
-        for (i, (value, error)) in picture.radiance.iter().zip(picture.error.unwrap()).enumerate() {
+        let image = filter.apply(&film).unwrap();
+        for (i, (value, error)) in image.radiance.iter().zip(image.error.unwrap()).enumerate() {
             let reached = i % 12 <= reach && i / 12 <= reach;
             let wanted = if reached { 2.0 } else { 0.0 };
             assert!(*value == [wanted; 3], "{}: pixel {i} is {value:?}", filter.describe());

@@ -1,4 +1,4 @@
-//! How wrong a filtered picture is, by its halves: for choosing between filters, and for planning counts.
+//! How wrong a filtered image is, by its halves: for choosing between filters, and for planning counts.
 
 use crate::planes::{Colours, Inputs, Plane, box_mean};
 use dapple_core::{Error, Filtered};
@@ -14,7 +14,7 @@ const HANDICAP: f32 = 2.0;
 /// Pixels that a task takes at once.
 const CHUNK: usize = 4096;
 
-/// A picture from each half.
+/// An image from each half.
 #[derive(Clone)]
 pub(crate) struct Pair(pub(crate) [Colours; 2]);
 
@@ -60,8 +60,8 @@ impl Pair {
 }
 
 /// What a squared error counts: one over the squared level of 3x3 pixels, as in relMSE.
-pub(crate) fn relative_weight(inputs: &Inputs, picture: &Pair) -> Plane {
-    let of = |c: usize, i: usize| picture.combined(inputs, c, i);
+pub(crate) fn relative_weight(inputs: &Inputs, image: &Pair) -> Plane {
+    let of = |c: usize, i: usize| image.combined(inputs, c, i);
     let grey = |i: usize| (of(0, i) + of(1, i) + of(2, i)) / 3.0;
     let grey: Plane = (0..inputs.pixels()).into_par_iter().with_min_len(1024).map(grey).collect();
     let epsilon = EPSILON / inputs.level / inputs.level;
@@ -75,7 +75,7 @@ pub(crate) fn relative_weight(inputs: &Inputs, picture: &Pair) -> Plane {
 /// variance of `B`, since the two share no sample; the variances of both are what `(A - B)^2` is on average. Half the
 /// difference of `F_A` and `F_B` is what averaging them takes off (FEASIBILITY 4, step 7, where the sample variance stood
 /// for `(A - B)^2`; that overrates the noise of low-discrepancy samples).
-pub(crate) fn raw_error(inputs: &Inputs, picture: &Pair, weight: &[f32]) -> [Plane; 2] {
+pub(crate) fn raw_error(inputs: &Inputs, image: &Pair, weight: &[f32]) -> [Plane; 2] {
     let mut planes = [vec![0.0; inputs.pixels()], vec![0.0; inputs.pixels()]];
     let [whole, variance] = &mut planes;
     let chunks = whole.par_chunks_mut(CHUNK).zip(variance.par_chunks_mut(CHUNK));
@@ -83,7 +83,7 @@ pub(crate) fn raw_error(inputs: &Inputs, picture: &Pair, weight: &[f32]) -> [Pla
         let from = chunk * CHUNK;
         let [a, b] = &inputs.halves;
         for c in 0..3 {
-            let (fa, fb) = (&picture.0[0][c][from..][..whole.len()], &picture.0[1][c][from..][..whole.len()]);
+            let (fa, fb) = (&image.0[0][c][from..][..whole.len()], &image.0[1][c][from..][..whole.len()]);
             let (ua, ub) = (&a.colour[c][from..][..whole.len()], &b.colour[c][from..][..whole.len()]);
             for i in 0..whole.len() {
                 let common = 0.25 * (fa[i] - fb[i]) * (fa[i] - fb[i]);
@@ -103,7 +103,7 @@ pub(crate) fn raw_error(inputs: &Inputs, picture: &Pair, weight: &[f32]) -> [Pla
 }
 
 /// Chooses in each pixel the candidate of least estimated error over `(2 radius + 1)^2` pixels, the first of equals, and
-/// blurs the choice over 5x5. The last candidate, the unfiltered picture, must be better by a factor of [`HANDICAP`].
+/// blurs the choice over 5x5. The last candidate, the unfiltered image, must be better by a factor of [`HANDICAP`].
 pub(crate) fn select(inputs: &Inputs, candidates: &[&Pair], weight: &[f32], radius: usize) -> Pair {
     let mut errors: Vec<Plane> =
         candidates.par_iter().map(|p| box_mean(&raw_error(inputs, p, weight)[0], inputs.size, radius)).collect();
@@ -121,14 +121,14 @@ pub(crate) fn select(inputs: &Inputs, candidates: &[&Pair], weight: &[f32], radi
     Pair::mixed(candidates, &shares)
 }
 
-/// The filtered picture in radiance, with its error.
+/// The filtered image in radiance, with its error.
 ///
 /// The estimate is smoothed: the larger of the whole error over 15x15 pixels and its variance over 5x5, but at least a
-/// twentieth of the picture's mean, relative to the squared level (FEASIBILITY 4, step 7). Infinite where no pixel in
+/// twentieth of the image's mean, relative to the squared level (FEASIBILITY 4, step 7). Infinite where no pixel in
 /// reach has samples in both halves.
-pub(crate) fn filtered(inputs: &Inputs, picture: &Pair) -> Filtered {
-    let weight = relative_weight(inputs, picture);
-    let [whole, variance] = raw_error(inputs, picture, &weight);
+pub(crate) fn filtered(inputs: &Inputs, image: &Pair) -> Filtered {
+    let weight = relative_weight(inputs, image);
+    let [whole, variance] = raw_error(inputs, image, &weight);
     let [a, b] = [0, 1].map(|h| &inputs.halves[h].count);
     let known: Plane = a.iter().zip(b).map(|(a, b)| f32::from(u8::from(*a > 0.0 && *b > 0.0))).collect();
     let near = |plane: &[f32], radius| -> Plane {
@@ -140,13 +140,13 @@ pub(crate) fn filtered(inputs: &Inputs, picture: &Pair) -> Filtered {
     let floor = 0.05 * finite().map(|e| f64::from(*e)).sum::<f64>() / finite().count().max(1) as f64;
     let square = inputs.level * inputs.level;
     let error = smooth.iter().zip(&weight).map(|(e, w)| e.max(floor as f32) / w * square).collect();
-    let of = |c: usize, i: usize| (picture.combined(inputs, c, i) * inputs.level).min(f32::MAX);
+    let of = |c: usize, i: usize| (image.combined(inputs, c, i) * inputs.level).min(f32::MAX);
     let colour = |i: usize| [of(0, i), of(1, i), of(2, i)];
     let radiance = (0..inputs.pixels()).into_par_iter().with_min_len(1024).map(colour).collect();
     Filtered { size: inputs.size.map(|n| n as u32), radiance, error: Some(error) }
 }
 
-/// For each pixel of a filtered picture its estimated squared error ([`Filtered::error`]) relative to `mean^2 + epsilon`, the
+/// For each pixel of a filtered image its estimated squared error ([`Filtered::error`]) relative to `mean^2 + epsilon`, the
 /// mean taken over 3x3 pixels and the channels: what a sampler that follows a filter's own error asks for (FEASIBILITY 4,
 /// step 7). An infinite error counts as the largest finite one, and as 1 where there is none. Row by row, finite, not
 /// negative.

@@ -1,6 +1,6 @@
 //! What the filters that look at two halves and at features read of a film: planes of one number a pixel.
 
-use crate::cluster_gaussian::Label;
+use crate::cluster_gaussian::ClusterLookup;
 use crate::membership::BACKGROUND;
 use dapple_core::Film;
 use rayon::prelude::*;
@@ -14,7 +14,7 @@ pub(crate) type Colours = [Plane; 3];
 /// Feature channels: shading normal, albedo, logarithm of depth.
 pub(crate) const FEATURES: usize = 7;
 
-/// Radiance above this, in units of the picture's level, counts as this, so that fourth powers stay `f32`.
+/// Radiance above this, in units of the image's level, counts as this, so that fourth powers stay `f32`.
 const BRIGHTEST: f32 = 1e9;
 
 /// The variance of a value of which nothing is known, in units of the squared level.
@@ -69,7 +69,7 @@ pub(crate) struct Inputs {
 
 impl Inputs {
     /// Reads a film with halves, the sample variance and features; with first hits if there is a `label`.
-    pub(crate) fn new(film: &Film, label: Option<&Label>) -> Self {
+    pub(crate) fn new(film: &Film, label: Option<&ClusterLookup>) -> Self {
         let size = film.frame().size().map(|n| n as usize);
         let level = level(film);
         let sample_variance = pooled_variance(film, level);
@@ -114,7 +114,7 @@ pub(crate) fn per_pixel<T: Send>(film: &Film, f: impl Fn(usize) -> T + Sync + Se
     (0..film.frame().pixels()).into_par_iter().with_min_len(1024).map(f).collect()
 }
 
-/// The picture's level: the mean of its channels, capped at eight times the median of pixels that are not black.
+/// The image's level: the mean of its channels, capped at eight times the median of pixels that are not black.
 fn level(film: &Film) -> f32 {
     let grey = per_pixel(film, |i| (film.mean(i).iter().sum::<f64>() / 3.0) as f32);
     let mut lit: Vec<f32> = grey.iter().copied().filter(|g| *g > 0.0).collect();

@@ -34,7 +34,7 @@ pub(crate) fn radius(name: &'static str, value: usize, most: usize) -> Result<us
 ///
 /// with `u` the pixels' means and `v` their variances: what noise alone adds to the squared difference is taken off
 /// again. The weight is `exp(-max(0, d))`, and 0 below 0.05. Weights from one half filter the other, so that noise that
-/// they follow is not noise that they keep; the picture is both halves' by their counts [after Rousselle 2012].
+/// they follow is not noise that they keep; the image is both halves' by their counts [after Rousselle 2012].
 ///
 /// Where this differs from what was published: windows are of at most 15x15 pixels (21x21 there); a pixel's variance is
 /// shrunk to that of 5x5 pixels, not scaled to that of the halves; a floor under it goes with 1 / n; each pixel counts

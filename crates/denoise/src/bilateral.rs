@@ -1,7 +1,7 @@
 //! The cross-bilateral filter: near, of a similar surface, of a similar colour.
 
 use crate::averaging::{VANISHING, Window, average, guide, memory};
-use crate::cluster_gaussian::Label;
+use crate::cluster_gaussian::ClusterLookup;
 use crate::error_map::{Pair, filtered};
 use crate::nl_means::{NEEDS, bandwidth, out, radius};
 use crate::planes::Inputs;
@@ -25,7 +25,7 @@ pub struct Bilateral {
     colour: f64,
     features: f64,
     outside: f64,
-    label: Option<Label>,
+    label: Option<ClusterLookup>,
     described: String,
 }
 
@@ -66,7 +66,7 @@ impl Bilateral {
     /// # Errors
     ///
     /// [`Error::OutOfRange`] unless `outside` is in `[0, 1]`.
-    pub fn with_clusters(self, label: Label, outside: f64, described: String) -> Result<Self, Error> {
+    pub fn with_clusters(self, label: ClusterLookup, outside: f64, described: String) -> Result<Self, Error> {
         if !(0.0..=1.0).contains(&outside) {
             return out("outside", outside, "0 (nothing crosses a border) to 1 (clusters do not matter)");
         }

@@ -2,10 +2,11 @@
 
 use dapple_core::samplers::Uniform;
 use dapple_core::{
-    Block, Draws, Error, Estimate, Film, Filter, FirstHit, Frame, Integrator, Limits, Needs, NoWatch, Observed, render,
+    Block, Draws, Error, Estimate, Film, Filter, FirstHit, Frame, Integrator, Limits, Needs, NoMonitor, TrainingLog,
+    render,
 };
+use dapple_denoise::{Bilateral, ClusterLookup, ClusterRegression, Gaussian, NlMeans, Passes, relative_errors};
 use dapple_low_discrepancy::Random;
-use dapple_reconstruction::{Bilateral, ClusterRegression, Gaussian, Label, NlMeans, Passes, relative_errors};
 use std::sync::Arc;
 
 const SIDE: [u32; 2] = [40, 24];
@@ -24,7 +25,7 @@ fn truth(x: u32, y: u32) -> f32 {
 }
 
 impl Integrator for Made {
-    fn estimate(&self, draws: &Draws<'_>, _: &mut Observed) -> Estimate {
+    fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
         let [u, v, a, b] = draws.block(Block::new(0));
         let [x, y] = draws.pixel();
         let albedo = if x >= 24 && (x / 2).is_multiple_of(2) { 0.4 } else { 0.8 };
@@ -46,7 +47,7 @@ impl Integrator for Made {
     }
 }
 
-fn label() -> Label {
+fn label() -> ClusterLookup {
     Arc::new(|hit| Some(hit.material))
 }
 
@@ -56,7 +57,7 @@ const NEEDS: Needs = Needs::none().with_halves().with_variance().with_features()
 fn film(made: &mut Made, seed: u64, spp: u64) -> Film {
     let frame = Frame::new(SIDE[0], SIDE[1]).unwrap();
     let limits = Limits::samples(spp * frame.pixels() as u64);
-    render(made, &mut Uniform::new(Random::new(seed)), NEEDS, frame, &limits, &mut NoWatch).unwrap()
+    render(made, &mut Uniform::new(Random::new(seed)), NEEDS, frame, &limits, &mut NoMonitor).unwrap()
 }
 
 fn filters() -> Vec<Box<dyn Filter>> {
@@ -73,9 +74,9 @@ fn filters() -> Vec<Box<dyn Filter>> {
 }
 
 /// Mean squared error of the first channel against the truth.
-fn squared_error(picture: &[[f32; 3]]) -> f64 {
-    let at = |i: usize| f64::from(picture[i][0] - truth(i as u32 % SIDE[0], i as u32 / SIDE[0])).powi(2);
-    (0..picture.len()).map(at).sum::<f64>() / picture.len() as f64
+fn squared_error(image: &[[f32; 3]]) -> f64 {
+    let at = |i: usize| f64::from(image[i][0] - truth(i as u32 % SIDE[0], i as u32 / SIDE[0])).powi(2);
+    (0..image.len()).map(at).sum::<f64>() / image.len() as f64
 }
 
 /// Where the unfiltered error falls like 1 / n, the filtered one must not stay behind: were there bias that stays, their
@@ -88,7 +89,7 @@ fn bias_vanishes_as_samples_grow() {
         let mut made = Made { noise: 1.0, hits };
         let [few, many] = [8, 4096].map(|spp| film(&mut made, 11, spp));
         let ratio = |filter: &dyn Filter, film: &Film| {
-            squared_error(&filter.apply(film).unwrap().radiance) / squared_error(&film.picture())
+            squared_error(&filter.apply(film).unwrap().radiance) / squared_error(&film.image())
         };
         for filter in filters() {
             let (noisy, clean) = (ratio(&*filter, &few), ratio(&*filter, &many));
@@ -126,7 +127,7 @@ fn pushed(size: [u32; 2], seed: u64, count: impl Fn(usize) -> usize, value: impl
     film
 }
 
-/// The pixels beside a step of 1 under noise in -1/2 .. 1/2, over 40 pictures: where a splat of radius 1.5 gives .153, .419,
+/// The pixels beside a step of 1 under noise in -1/2 .. 1/2, over 40 images: where a splat of radius 1.5 gives .153, .419,
 /// .920 and .0028 for one and the same edge, unequal counts move these by less than .05 from where equal ones leave them,
 /// towards the truth excepted. What equal ones leave is blur, which vanishes as samples are added.
 #[test]
@@ -140,10 +141,10 @@ fn a08_unequal_counts_do_not_move_an_edge() {
                 |i| counts[usize::from(i % 16 >= 8)],
                 |i, noise| f32::from(u8::from(i % 16 >= 8)) + noise,
             );
-            let picture = filter.apply(&film).unwrap().radiance;
+            let image = filter.apply(&film).unwrap().radiance;
             for y in 0..8 {
-                off[0] += f64::from(picture[16 * y + 7][0] - 0.5) / 320.0;
-                off[1] += f64::from(1.5 - picture[16 * y + 8][0]) / 320.0;
+                off[0] += f64::from(image[16 * y + 7][0] - 0.5) / 320.0;
+                off[1] += f64::from(1.5 - image[16 * y + 8][0]) / 320.0;
             }
         }
         off
@@ -158,15 +159,15 @@ fn a08_unequal_counts_do_not_move_an_edge() {
     }
 }
 
-/// Few samples, odd counts, one pixel, nothing to see: the picture is finite, and better than none.
+/// Few samples, odd counts, one pixel, nothing to see: the image is finite, and better than none.
 #[test]
-fn few_samples_are_enough_for_a_picture() {
+fn few_samples_are_enough_for_an_image() {
     for filter in filters() {
         for spp in [1, 2, 3] {
             let film = pushed([24, 20], 5, |_| spp, |_, noise| 0.5 + noise);
-            let picture = filter.apply(&film).unwrap().radiance;
+            let image = filter.apply(&film).unwrap().radiance;
             let spread = |values: &[[f32; 3]]| values.iter().map(|v| f64::from(v[0] - 1.0).powi(2)).sum::<f64>();
-            let ratio = spread(&picture) / spread(&film.picture());
+            let ratio = spread(&image) / spread(&film.image());
             assert!(ratio < 0.5, "{} at {spp} spp: {ratio}", filter.describe());
         }
         let alone = filter.apply(&pushed([1, 1], 5, |_| 1, |_, _| 2.0)).unwrap();
@@ -177,34 +178,34 @@ fn few_samples_are_enough_for_a_picture() {
     }
 }
 
-/// One sample of 10^6 in a picture of about 1: it stays where it is, and the pixels beyond the window do not know it.
+/// One sample of 10^6 in an image of about 1: it stays where it is, and the pixels beyond the window do not know it.
 #[test]
 fn a_firefly_does_not_spread_beyond_its_window() {
     let at = 20 * 41 + 20;
     let with =
         |spike: f32| pushed([41, 41], 3, |_| 8, |i, noise| if i == at && noise > 0.9 { spike } else { 0.5 + noise });
     for filter in filters() {
-        let picture = filter.apply(&with(1e6)).unwrap().radiance;
-        assert!(picture.iter().flatten().all(|v| v.is_finite() && *v >= 0.0), "{}", filter.describe());
+        let image = filter.apply(&with(1e6)).unwrap().radiance;
+        assert!(image.iter().flatten().all(|v| v.is_finite() && *v >= 0.0), "{}", filter.describe());
         // Two passes of windows with patches, and the choice's boxes, reach 28 pixels at most; the corners are 20.
         let far = [0, 40, 41 * 40, 41 * 41 - 1];
-        assert!(far.iter().all(|&i| (picture[i][0] - 1.0).abs() < 0.3), "{}", filter.describe());
+        assert!(far.iter().all(|&i| (image[i][0] - 1.0).abs() < 0.3), "{}", filter.describe());
     }
 }
 
-/// The forecast of the picture's mean squared error within a factor of 3 of what it is, over 10 pictures (bundled scenes: .6
-/// to 2.9); that of the unfiltered picture, the control, is not.
+/// The forecast of the image's mean squared error within a factor of 3 of what it is, over 10 images (bundled scenes: .6
+/// to 2.9); that of the unfiltered image, the control, is not.
 #[test]
 fn errors_are_about_what_they_are_said_to_be() {
     for filter in filters() {
         let (mut said, mut is, mut unfiltered) = (0.0, 0.0, 0.0);
         for seed in 1..=10 {
             let film = film(&mut Made { noise: 1.0, hits: true }, seed, 16);
-            let picture = filter.apply(&film).unwrap();
+            let image = filter.apply(&film).unwrap();
             let channels = (1.0 + 0.64 + 0.25) / 3.0;
-            said += picture.error.unwrap().iter().map(|e| f64::from(*e)).sum::<f64>() / 960.0;
-            is += squared_error(&picture.radiance) * channels;
-            unfiltered += squared_error(&film.picture()) * channels;
+            said += image.error.unwrap().iter().map(|e| f64::from(*e)).sum::<f64>() / 960.0;
+            is += squared_error(&image.radiance) * channels;
+            unfiltered += squared_error(&film.image()) * channels;
         }
         assert!((0.33..3.0).contains(&(said / is)), "{}: {said} for {is}", filter.describe());
         assert!(unfiltered / is > 3.0, "{}: the control is no control", filter.describe());
@@ -215,8 +216,8 @@ fn errors_are_about_what_they_are_said_to_be() {
 fn relative_errors_are_where_the_error_is() {
     // Noise on the right only.
     let film = pushed([32, 24], 9, |_| 8, |i, noise| if i % 32 < 16 { 1.0 } else { 0.5 + noise });
-    let picture = ClusterRegression::new().apply(&film).unwrap();
-    let errors = relative_errors(&picture, 0.01).unwrap();
+    let image = ClusterRegression::new().apply(&film).unwrap();
+    let errors = relative_errors(&image, 0.01).unwrap();
     assert!(errors.iter().all(|e| e.is_finite() && *e >= 0.0));
     let mean = |left: bool| {
         let of = (0..errors.len()).filter(|i| (i % 32 < 16) == left).map(|i| errors[i]);
@@ -225,11 +226,11 @@ fn relative_errors_are_where_the_error_is() {
     assert!(mean(false) > 4.0 * mean(true), "{} | {}", mean(true), mean(false));
     // Black, and without a single known error.
     for film in [pushed([3, 2], 1, |_| 4, |_, _| 0.0), pushed([3, 2], 1, |_| 0, |_, _| 0.0)] {
-        let picture = ClusterRegression::new().apply(&film).unwrap();
-        let errors = relative_errors(&picture, 0.01).unwrap();
+        let image = ClusterRegression::new().apply(&film).unwrap();
+        let errors = relative_errors(&image, 0.01).unwrap();
         assert!(errors.iter().all(|e| e.is_finite() && *e >= 0.0), "{errors:?}");
     }
-    let without = dapple_core::Filtered { error: None, ..picture };
+    let without = dapple_core::Filtered { error: None, ..image };
     assert!(matches!(relative_errors(&without, 0.01), Err(Error::NotRecorded { .. })));
 }
 
@@ -240,15 +241,15 @@ fn clusters_keep_what_they_know() {
         let mut sum = 0.0;
         for seed in 1..=20 {
             let film = film(&mut Faint, seed, 8);
-            let picture = filter.apply(&film).unwrap().radiance;
-            let across = |y: usize| f64::from(picture[40 * y + 12][0] - picture[40 * y + 11][0]);
+            let image = filter.apply(&film).unwrap().radiance;
+            let across = |y: usize| f64::from(image[40 * y + 12][0] - image[40 * y + 11][0]);
             sum += (4..20).map(across).sum::<f64>() / (16.0 * 20.0);
         }
         sum
     };
     struct Faint;
     impl Integrator for Faint {
-        fn estimate(&self, draws: &Draws<'_>, _: &mut Observed) -> Estimate {
+        fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
             let [a, ..] = draws.block(Block::new(0));
             let left = draws.pixel()[0] < 12;
             let hit = FirstHit {
@@ -271,7 +272,7 @@ fn clusters_keep_what_they_know() {
     fn film(faint: &mut Faint, seed: u64, spp: u64) -> Film {
         let frame = Frame::new(SIDE[0], SIDE[1]).unwrap();
         let limits = Limits::samples(spp * frame.pixels() as u64);
-        render(faint, &mut Uniform::new(Random::new(seed)), NEEDS, frame, &limits, &mut NoWatch).unwrap()
+        render(faint, &mut Uniform::new(Random::new(seed)), NEEDS, frame, &limits, &mut NoMonitor).unwrap()
     }
     let regression = || ClusterRegression::new().with_passes(Passes::One);
     let (blind, seeing) =
@@ -312,10 +313,10 @@ fn descriptions_give_every_parameter() {
 /// First hits and samples as no scene has them: features that are NaN, infinite or huge, fireflies, on any frame, at any
 /// count. What comes out is finite and not negative, and no error is NaN. The control: films do get hits and fireflies.
 #[test]
-fn features_that_make_no_sense_leave_pictures_finite() {
+fn features_that_make_no_sense_leave_images_finite() {
     struct Wild;
     impl Integrator for Wild {
-        fn estimate(&self, draws: &Draws<'_>, _: &mut Observed) -> Estimate {
+        fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
             let [a, b, c, d] = draws.block(Block::new(0));
             let odd = [0.0, 1.0, -1.0, f32::NAN, f32::INFINITY, 3e38, -3e38, 1e-38, 1e18];
             let pick = |u: f32| if u < 0.5 { u } else { odd[((u - 0.5) * 18.0) as usize % 9] };
@@ -341,16 +342,16 @@ fn features_that_make_no_sense_leave_pictures_finite() {
             let frame = Frame::new(size[0], size[1]).unwrap();
             let limits = Limits::samples(spp * frame.pixels() as u64);
             let mut sampler = Uniform::new(Random::new(spp));
-            let film = render(&mut Wild, &mut sampler, NEEDS, frame, &limits, &mut NoWatch).unwrap();
+            let film = render(&mut Wild, &mut sampler, NEEDS, frame, &limits, &mut NoMonitor).unwrap();
             if size[0] == 40 {
                 assert!((0..frame.pixels()).any(|i| film.features(i).is_some_and(|f| f.hits > 0)));
-                assert!(film.picture().iter().any(|p| p[0] > 1e20));
+                assert!(film.image().iter().any(|p| p[0] > 1e20));
             }
             for filter in filters() {
-                let picture = filter.apply(&film).unwrap();
-                let finite = picture.radiance.iter().flatten().all(|v| v.is_finite() && *v >= 0.0);
+                let image = filter.apply(&film).unwrap();
+                let finite = image.radiance.iter().flatten().all(|v| v.is_finite() && *v >= 0.0);
                 assert!(finite, "{}, {size:?} at {spp} spp", filter.describe());
-                assert!(picture.error.unwrap().iter().all(|e| !e.is_nan()), "{}, {size:?}", filter.describe());
+                assert!(image.error.unwrap().iter().all(|e| !e.is_nan()), "{}, {size:?}", filter.describe());
             }
         }
     }

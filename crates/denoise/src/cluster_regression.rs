@@ -2,7 +2,7 @@
 
 use crate::averaging::guide;
 use crate::bilateral::Bilateral;
-use crate::cluster_gaussian::Label;
+use crate::cluster_gaussian::ClusterLookup;
 use crate::error_map::{Pair, filtered, relative_weight, select};
 use crate::nl_means::{NEEDS, out};
 use crate::planes::{Inputs, Plane, box_mean};
@@ -21,7 +21,7 @@ const BESIDE: f32 = 0.5;
 pub enum Passes {
     /// One pass of regression.
     One,
-    /// Two, and the choice among them, the bilateral picture and no filter: the default.
+    /// Two, and the choice among them, the bilateral image and no filter: the default.
     #[default]
     Two,
 }
@@ -32,20 +32,20 @@ pub enum Passes {
 ///
 /// 1. Features are averaged over 9x9 pixels where they are alike but for their noise [after Rousselle 2013]: noise that lens,
 ///    shutter and geometry finer than pixels leave in them is that of the radiance too, which would be regressed on it.
-/// 2. [`Bilateral`], over 9x9 pixels, makes a picture to begin with.
+/// 2. [`Bilateral`], over 9x9 pixels, makes an image to begin with.
 /// 3. Around every second pixel of every second row a plane is fitted to the radiance of 13x13 pixels, over normal, albedo
 ///    and position [after Bitterli 2016; Moon 2014]. A pixel's weight grows with its samples and is
 ///    `exp(-max(0, d_colour)) exp(-max(0, d_features))`, times `outside` in another cluster. What the windows
-///    predict for a pixel is averaged with the same weights; the first picture counts a little, and stands in where no
+///    predict for a pixel is averaged with the same weights; the first image counts a little, and stands in where no
 ///    window fits. Colours are compared in the other half than the one that is filtered [after Rousselle 2012], over
 ///    3x3 pixels.
-/// 4. The two pictures and no filter at all are compared in each pixel by their estimated error over 5x5 pixels; the
+/// 4. The two images and no filter at all are compared in each pixel by their estimated error over 5x5 pixels; the
 ///    best ones, blended, guide a second pass, with albedo taken off and the noise that is left judged by the halves: one
 ///    guide for both, so that their windows share weights and normal equations.
-/// 5. The picture is the choice among all four by estimated error over 7x7 pixels.
+/// 5. The image is the choice among all four by estimated error over 7x7 pixels.
 ///
 /// The recipe is that of a feasibility study (FEASIBILITY 4, steps 5, 6 and 9), with five changes that measured better
-/// on the bundled scenes (`docs/results/filters.md`): the cross-bilateral picture instead of NL-means, the choice itself
+/// on the bundled scenes (`docs/results/filters.md`): the cross-bilateral image instead of NL-means, the choice itself
 /// instead of its mean with two candidates, 3x3 patches, wider bandwidths for features in the second pass, and its one guide.
 ///
 /// # What it promises
@@ -56,7 +56,7 @@ pub enum Passes {
 #[derive(Clone, Default)]
 pub struct ClusterRegression {
     passes: Passes,
-    label: Option<Label>,
+    label: Option<ClusterLookup>,
     outside: Option<f64>,
     described: String,
 }
@@ -81,7 +81,7 @@ impl ClusterRegression {
     /// # Errors
     ///
     /// [`Error::OutOfRange`] unless `outside` is in `[0, 1]`.
-    pub fn with_clusters(self, label: Label, outside: f64, described: String) -> Result<Self, Error> {
+    pub fn with_clusters(self, label: ClusterLookup, outside: f64, described: String) -> Result<Self, Error> {
         if !(0.0..=1.0).contains(&outside) {
             return out("outside", outside, "0 (nothing crosses a border) to 1 (clusters do not matter)");
         }
@@ -100,7 +100,7 @@ impl ClusterRegression {
         Pair(regress(inputs, &guides, &like, beside, BESIDE))
     }
 
-    /// Both halves again, led by a picture that has less noise.
+    /// Both halves again, led by an image that has less noise.
     fn second(&self, inputs: &Inputs, led_by: &Pair) -> Pair {
         let features = FeatureScales { bandwidth: 5.0, floors: [1e-2, 2e-2] };
         // Clusters have said most of what they know in the first pass.
@@ -123,11 +123,11 @@ impl ClusterRegression {
     }
 }
 
-/// The guide of the second pass: the filtered picture without its albedo, and the noise that is left in it, from the halves'
-/// difference over 5x5 pixels (of either half: that of the picture itself, a quarter as much, measured worse). One for both
+/// The guide of the second pass: the filtered image without its albedo, and the noise that is left in it, from the halves'
+/// difference over 5x5 pixels (of either half: that of the image itself, a quarter as much, measured worse). One for both
 /// halves, since what it keeps of a half's noise is little, and costs half as much.
-fn residual_guide(inputs: &Inputs, picture: &Pair) -> Guide {
-    let Pair([a, b]) = picture;
+fn residual_guide(inputs: &Inputs, image: &Pair) -> Guide {
+    let Pair([a, b]) = image;
     let demodulated = |plane: &Plane, c: usize, i: usize| plane[i] / inputs.divisor(c, i);
     let difference = |i: usize| {
         let apart = |c: usize| demodulated(&a[c], c, i) - demodulated(&b[c], c, i);
@@ -139,7 +139,7 @@ fn residual_guide(inputs: &Inputs, picture: &Pair) -> Guide {
     let noise = box_mean(&all, inputs.size, 2);
     let variance: Plane = noise.iter().enumerate().map(|(i, v)| v + floor(i)).collect();
     let colour = std::array::from_fn(|c| {
-        let mean = |i: usize| picture.combined(inputs, c, i) / inputs.divisor(c, i);
+        let mean = |i: usize| image.combined(inputs, c, i) / inputs.divisor(c, i);
         (0..inputs.pixels()).into_par_iter().with_min_len(1024).map(mean).collect()
     });
     Guide { colour, variance: vec![variance] }

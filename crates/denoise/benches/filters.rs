@@ -3,10 +3,10 @@
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use dapple_core::samplers::Uniform;
 use dapple_core::{
-    Block, Draws, Estimate, Film, Filter, FirstHit, Frame, Integrator, Limits, Needs, NoWatch, Observed, render,
+    Block, Draws, Estimate, Film, Filter, FirstHit, Frame, Integrator, Limits, Needs, NoMonitor, TrainingLog, render,
 };
+use dapple_denoise::{Bilateral, ClusterGaussian, ClusterRegression, Gaussian, NlMeans, Passes};
 use dapple_low_discrepancy::Random;
-use dapple_reconstruction::{Bilateral, ClusterGaussian, ClusterRegression, Gaussian, NlMeans, Passes};
 use std::hint::black_box;
 use std::sync::Arc;
 
@@ -16,7 +16,7 @@ const SIDE: u32 = 1024;
 struct Stripes;
 
 impl Integrator for Stripes {
-    fn estimate(&self, draws: &Draws<'_>, _: &mut Observed) -> Estimate {
+    fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
         let [u, v, a, _] = draws.block(Block::new(0));
         let [x, y] = draws.pixel();
         let stripe = ((x as f32 + u + 0.3 * (y as f32 + v)) / 16.0) as u32;
@@ -39,7 +39,7 @@ impl Integrator for Stripes {
 fn film(needs: Needs) -> Film {
     let frame = Frame::new(SIDE, SIDE).expect("a frame");
     let limits = Limits::samples(4 * u64::from(SIDE * SIDE));
-    render(&mut Stripes, &mut Uniform::new(Random::new(1)), needs, frame, &limits, &mut NoWatch).expect("a film")
+    render(&mut Stripes, &mut Uniform::new(Random::new(1)), needs, frame, &limits, &mut NoMonitor).expect("a film")
 }
 
 fn filters(c: &mut Criterion) {
@@ -61,7 +61,7 @@ fn filters(c: &mut Criterion) {
     ];
     for (name, film, filter) in cases {
         group.bench_function(name, |b| {
-            pool.install(|| b.iter(|| filter.apply(black_box(film)).expect("a picture")));
+            pool.install(|| b.iter(|| filter.apply(black_box(film)).expect("an image")));
         });
     }
 }
@@ -76,7 +76,7 @@ fn from_halves(c: &mut Criterion) {
     let needs = Needs::none().with_variance().with_halves().with_features().with_first_hits(1);
     let limits = Limits::samples(8 * u64::from(PART * PART));
     let film =
-        render(&mut Stripes, &mut Uniform::new(Random::new(1)), needs, frame, &limits, &mut NoWatch).expect("a film");
+        render(&mut Stripes, &mut Uniform::new(Random::new(1)), needs, frame, &limits, &mut NoMonitor).expect("a film");
     let clusters = |passes| {
         let plain = ClusterRegression::new().with_passes(passes);
         plain.with_clusters(Arc::new(|hit| Some(hit.material)), 0.2, String::new()).expect("a factor")
@@ -89,7 +89,7 @@ fn from_halves(c: &mut Criterion) {
     ];
     for (name, filter) in cases {
         group.bench_function(name, |b| {
-            pool.install(|| b.iter(|| filter.apply(black_box(&film)).expect("a picture")));
+            pool.install(|| b.iter(|| filter.apply(black_box(&film)).expect("an image")));
         });
     }
 }

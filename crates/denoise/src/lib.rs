@@ -1,4 +1,4 @@
-//! Filters from per-pixel statistics to a picture.
+//! Filters from per-pixel statistics to an image.
 //!
 //! * [`Gaussian`]: a blur, right under unequal sample counts;
 //! * [`ClusterGaussian`]: the same, kept within clusters of similar surfaces;
@@ -8,12 +8,12 @@
 //!
 //! [`relative_errors`] is what a sampler that follows a filter's own error asks for.
 //!
-//! Each is a [`Filter`](dapple_core::Filter): it reads a [`Film`](dapple_core::Film) and gives a picture and,
+//! Each is a [`Filter`](dapple_core::Filter): it reads a [`Film`](dapple_core::Film) and gives an image and,
 //! where the film knows the variance, the variance that is left.
 //!
 //! ```
 //! use dapple_core::{Film, Filter, Frame, Needs};
-//! use dapple_reconstruction::{ClusterGaussian, Gaussian};
+//! use dapple_denoise::{ClusterGaussian, Gaussian};
 //!
 //! // Dark on the left with four samples a pixel, bright on the right with two.
 //! let mut film = Film::new(Frame::new(8, 8)?, Needs::none().with_variance());
@@ -72,7 +72,7 @@ mod tile;
 mod weights;
 
 pub use bilateral::Bilateral;
-pub use cluster_gaussian::{ClusterGaussian, Label};
+pub use cluster_gaussian::{ClusterGaussian, ClusterLookup};
 pub use cluster_regression::{ClusterRegression, Passes};
 pub use error_map::relative_errors;
 pub use gaussian::Gaussian;

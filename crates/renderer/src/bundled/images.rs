@@ -1,4 +1,4 @@
-//! Picture files made here: PFM for radiance, TGA for colour.
+//! Image files made here: PFM for radiance, TGA for colour.
 
 use super::directions::lat_long_direction;
 

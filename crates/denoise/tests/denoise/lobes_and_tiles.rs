@@ -2,17 +2,17 @@
 
 use dapple_core::samplers::Uniform;
 use dapple_core::{
-    Block, Draws, Estimate, Film, Filter, FirstHit, Frame, Integrator, Limits, Needs, NoWatch, Observed, render,
+    Block, Draws, Estimate, Film, Filter, FirstHit, Frame, Integrator, Limits, Needs, NoMonitor, TrainingLog, render,
 };
+use dapple_denoise::{Bilateral, ClusterGaussian, ClusterLookup, ClusterRegression, Gaussian, NlMeans};
 use dapple_low_discrepancy::Random;
-use dapple_reconstruction::{Bilateral, ClusterGaussian, ClusterRegression, Gaussian, Label, NlMeans};
 use std::sync::Arc;
 
 /// Samples that are 0 or 1 by chance; surfaces in stripes.
 struct TwoLevels;
 
 impl Integrator for TwoLevels {
-    fn estimate(&self, draws: &Draws<'_>, _: &mut Observed) -> Estimate {
+    fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
         let [u, v, a, _] = draws.block(Block::new(0));
         let [x, y] = draws.pixel();
         let first_hit = draws.wants_first_hit().then_some(FirstHit {
@@ -36,12 +36,12 @@ const NEEDS: Needs = Needs::none().with_halves().with_variance().with_features()
 
 fn film(frame: Frame, spp: u64) -> Film {
     let limits = Limits::samples(spp * frame.pixels() as u64);
-    render(&mut TwoLevels, &mut Uniform::new(Random::new(3)), NEEDS, frame, &limits, &mut NoWatch).unwrap()
+    render(&mut TwoLevels, &mut Uniform::new(Random::new(3)), NEEDS, frame, &limits, &mut NoMonitor).unwrap()
 }
 
 /// Every filter of this crate, and how far it reaches in pixels: kernels, searches and their patches, added up.
 fn filters() -> Vec<(Box<dyn Filter>, u32)> {
-    let label: Label = Arc::new(|hit| Some(hit.material));
+    let label: ClusterLookup = Arc::new(|hit| Some(hit.material));
     vec![
         (Box::new(Gaussian::default()), 4),
         (Box::new(Gaussian::new(0.5, 3.0).unwrap()), 4),
@@ -58,8 +58,8 @@ fn f07_negative_lobes() {
     for (spp, side) in [(2, 400), (4, 160)] {
         let film = film(Frame::new(side, side).unwrap(), spp);
         for (filter, _) in filters() {
-            let picture = filter.apply(&film).unwrap();
-            let off = picture.radiance.iter().flatten().find(|v| !(-1.0..=2.0).contains(*v));
+            let image = filter.apply(&film).unwrap();
+            let off = image.radiance.iter().flatten().find(|v| !(-1.0..=2.0).contains(*v));
             assert_eq!(off, None, "{} at {spp} spp", filter.describe());
         }
     }
@@ -98,9 +98,9 @@ fn splatted(pixels: u64) -> f64 {
     (0..pixels).map(pixel).fold(0.0, f64::max)
 }
 
-/// A window of the picture, filtered by itself, is the whole picture's, bit for bit, as far from its border as the kernel
+/// A window of the image, filtered by itself, is the whole image's, bit for bit, as far from its border as the kernel
 /// reaches, whatever threads the two were cut into. Filters that look at halves were seen to differ
-/// between a window and the whole, which is taken for their noise being the whole picture's and was not traced: asked of
+/// between a window and the whole, which is taken for their noise being the whole image's and was not traced: asked of
 /// them is that they are the same on any number of threads, over several of their tiles.
 #[test]
 fn f10_tile_invariant() {

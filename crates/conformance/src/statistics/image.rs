@@ -1,4 +1,4 @@
-//! S2: pictures against pictures.
+//! S2: images against images.
 
 use super::levels::{adjusted, gamma_q};
 use super::mean::{Mean, MeanTest};
@@ -10,44 +10,44 @@ const OUTLYING: f64 = 1.96;
 /// How often replicates are drawn anew, to learn how the pooled figures spread.
 const RESAMPLES: usize = 200;
 
-/// What the tests of a picture found: p-values, each already adjusted for how many figures it is the smallest of.
+/// What the tests of an image found: p-values, each already adjusted for how many figures it is the smallest of.
 #[derive(Clone, Copy, Debug)]
-pub struct PictureTest {
+pub struct ImageTest {
     /// Of the worst 8x8 block and channel.
     pub blocks: f64,
-    /// Of the picture's mean, the worst channel.
+    /// Of the image's mean, the worst channel.
     pub global: f64,
     /// Of as many blocks above |z| = 1.96.
     pub outliers: f64,
-    /// Of the sum of squared deviates, on either side: too small a sum is two pictures that share samples.
+    /// Of the sum of squared deviates, on either side: too small a sum is two images that share samples.
     pub spread: f64,
 }
 
-impl PictureTest {
+impl ImageTest {
     /// The whole's p-value.
     pub fn p(&self) -> f64 {
         adjusted([self.blocks, self.global, self.outliers, self.spread].into_iter().fold(1.0, f64::min), 4)
     }
 }
 
-/// Whether replicates of one picture, `width` pixels wide, have the same expectation as those of another. 16 replicates of
+/// Whether replicates of one image, `width` pixels wide, have the same expectation as those of another. 16 replicates of
 /// each at least, 64 where tails are heavy; each has seeds of its own.
 ///
 /// No pixel is let off, and no floor is put under variances: blocks without any spread must be equal.
 ///
 /// # Panics
 ///
-/// For fewer than 2 replicates, and for pictures of different sizes.
-pub fn pictures(width: usize, a: &[Vec<[f64; 3]>], b: &[Vec<[f64; 3]>]) -> PictureTest {
+/// For fewer than 2 replicates, and for images of different sizes.
+pub fn images(width: usize, a: &[Vec<[f64; 3]>], b: &[Vec<[f64; 3]>]) -> ImageTest {
     test(&Group::new(width, a), Some(&Group::new(width, b)), None)
 }
 
-/// The same against a picture without noise.
+/// The same against an image without noise.
 ///
 /// # Panics
 ///
-/// As [`pictures`].
-pub fn picture(width: usize, replicates: &[Vec<[f64; 3]>], exact: &[[f64; 3]]) -> PictureTest {
+/// As [`images`].
+pub fn image(width: usize, replicates: &[Vec<[f64; 3]>], exact: &[[f64; 3]]) -> ImageTest {
     let exact = Group::new(width, std::slice::from_ref(&exact.to_vec()));
     test(&Group::new(width, replicates), None, Some(&exact.blocks[0]))
 }
@@ -61,18 +61,15 @@ struct Group {
 impl Group {
     fn new(width: usize, replicates: &[Vec<[f64; 3]>]) -> Self {
         let pixels = replicates[0].len();
-        assert!(
-            replicates.iter().all(|r| r.len() == pixels) && pixels.is_multiple_of(width),
-            "pictures differ in size"
-        );
+        assert!(replicates.iter().all(|r| r.len() == pixels) && pixels.is_multiple_of(width), "images differ in size");
         let across = width.div_ceil(BLOCK);
         let count = across * (pixels / width).div_ceil(BLOCK);
         let block = |i: usize| i / width / BLOCK * across + i % width / BLOCK;
         let mut weights = vec![0.0; count];
         (0..pixels).for_each(|i| weights[block(i)] += 1.0);
-        let means = |picture: &Vec<[f64; 3]>| {
+        let means = |image: &Vec<[f64; 3]>| {
             let mut sums = vec![0.0; 3 * count];
-            for (i, pixel) in picture.iter().enumerate() {
+            for (i, pixel) in image.iter().enumerate() {
                 (0..3).for_each(|c| sums[3 * block(i) + c] += pixel[c]);
             }
             sums.iter().enumerate().map(|(k, s)| s / weights[k / 3]).collect()
@@ -80,7 +77,7 @@ impl Group {
         Self { blocks: replicates.iter().map(means).collect(), weights }
     }
 
-    /// The picture's mean in channel `c`, one a replicate.
+    /// The image's mean in channel `c`, one a replicate.
     fn whole(&self, c: usize) -> Mean {
         let total: f64 = self.weights.iter().sum();
         let mean = |r: &Vec<f64>| self.weights.iter().enumerate().map(|(k, w)| w * r[3 * k + c]).sum::<f64>() / total;
@@ -109,13 +106,13 @@ fn compare(a: &Mean, b: Option<&Mean>, exact: Option<f64>) -> MeanTest {
     }
 }
 
-fn test(a: &Group, b: Option<&Group>, exact: Option<&Vec<f64>>) -> PictureTest {
+fn test(a: &Group, b: Option<&Group>, exact: Option<&Vec<f64>>) -> ImageTest {
     let figures = a.blocks[0].len();
     assert!(
         a.blocks.len() > 1 && b.is_none_or(|b| b.blocks.len() > 1 && b.blocks[0].len() == figures),
         "two of a size"
     );
-    assert!(exact.is_none_or(|e| e.len() == figures), "pictures differ in size");
+    assert!(exact.is_none_or(|e| e.len() == figures), "images differ in size");
     let all = |g: &Group, k| g.figure(k, 0..g.blocks.len());
     let tests: Vec<MeanTest> =
         (0..figures).map(|k| compare(&all(a, k), b.map(|b| all(b, k)).as_ref(), exact.map(|e| e[k]))).collect();
@@ -128,7 +125,7 @@ fn test(a: &Group, b: Option<&Group>, exact: Option<&Vec<f64>>) -> PictureTest {
     let seen = pooled(tests.iter().map(MeanTest::z));
     let [outliers, spread] = null(a, b, seen);
     let global = (0..3).map(whole).fold(1.0, f64::min);
-    PictureTest { blocks: adjusted(worst.p(), figures), global: adjusted(global, 3), outliers, spread }
+    ImageTest { blocks: adjusted(worst.p(), figures), global: adjusted(global, 3), outliers, spread }
 }
 
 /// Share of outlying deviates, and their sum of squares.
@@ -141,7 +138,7 @@ fn pooled(deviates: impl Iterator<Item = f64>) -> [f64; 2] {
     sums
 }
 
-/// p-values of the pooled figures. Blocks and channels go together, by light that moves over the picture and by a budget that
+/// p-values of the pooled figures. Blocks and channels go together, by light that moves over the image and by a budget that
 /// they share, so how the figures spread is learned from replicates drawn anew, and a scaled chi-square of that mean and
 /// variance gives the tails [after Satterthwaite 1946].
 fn null(a: &Group, b: Option<&Group>, seen: [f64; 2]) -> [f64; 2] {

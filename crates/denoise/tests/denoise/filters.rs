@@ -2,10 +2,11 @@
 
 use dapple_core::samplers::Uniform;
 use dapple_core::{
-    Block, Draws, Error, Estimate, Film, Filter, FirstHit, Frame, Integrator, Limits, Needs, NoWatch, Observed, render,
+    Block, Draws, Error, Estimate, Film, Filter, FirstHit, Frame, Integrator, Limits, Needs, NoMonitor, TrainingLog,
+    render,
 };
+use dapple_denoise::{BACKGROUND, ClusterGaussian, Gaussian};
 use dapple_low_discrepancy::Random;
-use dapple_reconstruction::{BACKGROUND, ClusterGaussian, Gaussian};
 use proptest::prelude::*;
 use std::sync::Arc;
 
@@ -65,7 +66,7 @@ fn descriptions_give_every_parameter() {
     assert_eq!(hits.describe(), "cluster-gaussian:alpha=2,radius=1.5,outside=0.25,hits=4");
 }
 
-/// A picture of one bright pixel is the kernel, and has its energy.
+/// An image of one bright pixel is the kernel, and has its energy.
 #[test]
 fn an_impulse_becomes_the_kernel_and_keeps_its_energy() {
     let film = film([21, 19], |i| if i == 9 * 21 + 10 { 1000.0 } else { 0.0 });
@@ -74,8 +75,8 @@ fn an_impulse_becomes_the_kernel_and_keeps_its_energy() {
         let one = ClusterGaussian::from_map([21, 19], vec![5; 399]).unwrap().with_kernel(kernel.clone());
         let filters: [&dyn Filter; 2] = [&kernel, &one];
         for filter in filters {
-            let picture = filter.apply(&film).unwrap().radiance;
-            for (i, value) in picture.iter().enumerate() {
+            let image = filter.apply(&film).unwrap().radiance;
+            for (i, value) in image.iter().enumerate() {
                 let (dx, dy) = ((i % 21).abs_diff(10), (i / 21).abs_diff(9));
                 let weight = |d: usize| if d <= n { kernel.weights()[n - d] } else { 0.0 };
                 let wanted = 1000.0 * weight(dx) * weight(dy);
@@ -84,7 +85,7 @@ fn an_impulse_becomes_the_kernel_and_keeps_its_energy() {
                     assert!((f64::from(value[0]) - wanted).abs() <= 1e-6 * wanted, "{}: {i}", filter.describe());
                 }
             }
-            let energy: f64 = picture.iter().map(|v| f64::from(v[0])).sum();
+            let energy: f64 = image.iter().map(|v| f64::from(v[0])).sum();
             // Within 2 n of the border, border pixels receive some of it, and receive too much.
             let interior = 2 * n <= 9;
             if interior {
@@ -114,9 +115,9 @@ fn radius_4_and_radius_8_differ_little() {
     assert!((0.146..0.148).contains(&largest) && difference < 3e-4 && (ratio - 1.0).abs() < 3e-3 && beyond < 7e-6);
 }
 
-/// The variance between pictures against the estimate: 400 pictures of pure noise, whose unfiltered variance is known.
+/// The variance between images against the estimate: 400 images of pure noise, whose unfiltered variance is known.
 #[test]
-fn the_error_estimate_is_the_variance_of_the_picture() {
+fn the_error_estimate_is_the_variance_of_the_image() {
     const SEEDS: u64 = 400;
     let frame = Frame::new(9, 9).unwrap();
     let map: Vec<u32> = (0..81).map(|i| u32::from(i % 9 > 4)).collect();
@@ -127,11 +128,12 @@ fn the_error_estimate_is_the_variance_of_the_picture() {
             let (mut sum, mut squares, mut predicted) = ([0.0; 81], [0.0; 81], [0.0; 81]);
             for seed in 0..SEEDS {
                 let limits = Limits::samples(8 * 81);
-                let film = render(&mut Flat, &mut Uniform::new(Random::new(seed)), needs, frame, &limits, &mut NoWatch);
-                let picture = filter.apply(&film.unwrap()).unwrap();
-                let error = picture.error.unwrap();
+                let film =
+                    render(&mut Flat, &mut Uniform::new(Random::new(seed)), needs, frame, &limits, &mut NoMonitor);
+                let image = filter.apply(&film.unwrap()).unwrap();
+                let error = image.error.unwrap();
                 for i in 0..81 {
-                    let x = f64::from(picture.radiance[i][0]);
+                    let x = f64::from(image.radiance[i][0]);
                     sum[i] += x;
                     squares[i] += x * x;
                     predicted[i] += f64::from(error[i]) / SEEDS as f64;
@@ -157,7 +159,7 @@ fn the_error_estimate_is_the_variance_of_the_picture() {
 struct Flat;
 
 impl Integrator for Flat {
-    fn estimate(&self, draws: &Draws<'_>, _: &mut Observed) -> Estimate {
+    fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
         let [u, v, ..] = draws.block(Block::new(0));
         let hit = FirstHit {
             position: [0.0; 3],
@@ -182,7 +184,7 @@ fn first_hits_and_a_map_agree_on_pure_pixels() {
     let frame = Frame::new(12, 9).unwrap();
     let needs = Needs::none().with_first_hits(8).with_variance();
     let limits = Limits::samples(8 * 108);
-    let film = render(&mut Flat, &mut Uniform::new(Random::new(3)), needs, frame, &limits, &mut NoWatch).unwrap();
+    let film = render(&mut Flat, &mut Uniform::new(Random::new(3)), needs, frame, &limits, &mut NoMonitor).unwrap();
     let kernel = Gaussian::new(0.5, 2.0).unwrap();
     let hits = |k| {
         ClusterGaussian::from_hits(k, Arc::new(|hit| Some(hit.material)))
@@ -249,13 +251,13 @@ proptest! {
         let map = map.with_kernel(kernel.clone()).with_outside(outside).unwrap();
         let filters: [&dyn Filter; 2] = [&kernel, &map];
         for filter in filters {
-            let picture = filter.apply(&film).unwrap();
-            for x in picture.radiance.iter().flatten() {
+            let image = filter.apply(&film).unwrap();
+            for x in image.radiance.iter().flatten() {
                 // Black: no sample in reach.
                 let inside = *x >= low * (1.0 - 1e-6) && *x <= high * (1.0 + 1e-6);
                 prop_assert!(inside || *x == 0.0, "{} not in {low} .. {high}", x);
             }
-            prop_assert!(picture.error.unwrap().iter().all(|e| *e >= 0.0));
+            prop_assert!(image.error.unwrap().iter().all(|e| *e >= 0.0));
         }
     }
 }

@@ -35,7 +35,7 @@ const PIVOT: f32 = 1e-5;
 const HALO: [usize; 2] = [WIDTH + 2 * REACH, HEIGHT + 2 * REACH];
 
 /// Both halves filtered: the weights of each come from the other half's guide, or of both from a single one. Where no window's centre is like a pixel
-/// (every second one is none), the picture `beside` stands in, with the weight `share`; a pixel at its window's centre
+/// (every second one is none), the image `beside` stands in, with the weight `share`; a pixel at its window's centre
 /// has 1.
 pub(crate) fn regress<const G: usize>(
     inputs: &Inputs,

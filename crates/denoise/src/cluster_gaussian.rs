@@ -9,13 +9,13 @@ use std::fmt;
 use std::sync::Arc;
 
 /// Names the cluster of a first hit; `None` for the background.
-pub type Label = Arc<dyn Fn(&FirstHit) -> Option<u32> + Send + Sync>;
+pub type ClusterLookup = Arc<dyn Fn(&FirstHit) -> Option<u32> + Send + Sync>;
 
 /// Where a pixel's cluster comes from.
 #[derive(Clone)]
 enum Clusters {
     Map { size: [u32; 2], clusters: Vec<u32> },
-    Hits { k: u8, label: Label },
+    Hits { k: u8, label: ClusterLookup },
 }
 
 /// A [`Gaussian`] in which pixels of other clusters weigh less.
@@ -49,8 +49,8 @@ pub struct ClusterGaussian {
 impl ClusterGaussian {
     /// The weight of a pixel of another cluster, relative to one of the same, unless given.
     ///
-    /// Measured in `tests/reconstruction/outside.rs` on five made-up pictures (edges known to the clusters and not, gradients
-    /// that the clusters cut for nothing) at 8 to 64 spp: relMSE over the best `outside` of each picture and
+    /// Measured in `tests/reconstruction/outside.rs` on five made-up images (edges known to the clusters and not, gradients
+    /// that the clusters cut for nothing) at 8 to 64 spp: relMSE over the best `outside` of each image and
     /// budget, geometric means.
     ///
     /// | `outside` | 0 | 0.01 | 0.03 | 0.05 | 0.07 | 0.1 | 0.2 | 1 |
@@ -86,7 +86,7 @@ impl ClusterGaussian {
     /// # Errors
     ///
     /// [`Error::OutOfRange`] unless `k` is in `1 ..= 8`.
-    pub fn from_hits(k: u8, label: Label) -> Result<Self, Error> {
+    pub fn from_hits(k: u8, label: ClusterLookup) -> Result<Self, Error> {
         if k == 0 || usize::from(k) > MOST_VOTES {
             return Err(Error::OutOfRange { name: "hits", value: k.to_string(), allowed: "1 to 8 first hits a pixel" });
         }
@@ -239,7 +239,7 @@ impl Filter for ClusterGaussian {
             Clusters::Hits { .. } => size_of::<Votes>(),
         };
         let known = needs.variance || needs.halves;
-        // Means and presence, variances, and the picture with its error.
+        // Means and presence, variances, and the image with its error.
         let planes = size_of::<[f64; 4]>() + if known { 8 + 16 } else { 12 };
         FilterMemory::new(frame, votes + planes, known)
     }

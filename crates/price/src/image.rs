@@ -1,8 +1,8 @@
-//! A bundled picture, rendered again and again.
+//! A bundled image, rendered again and again.
 
 use crate::{Effort, Error, Result};
 use dapple_core::samplers::Uniform;
-use dapple_core::{Film, Frame, Limits, Needs, NoWatch, Schedule, Watch, render};
+use dapple_core::{Film, Frame, Limits, Monitor, Needs, NoMonitor, Schedule, render};
 use dapple_low_discrepancy::Sobol;
 use dapple_renderer::scene::Scene;
 use dapple_renderer::{World, bundled, integrator};
@@ -21,13 +21,13 @@ pub(crate) fn world(name: &'static str, resolution: [u32; 2]) -> Result<World> {
 }
 
 /// The Cornell box: of the bundled scenes the one whose samples are the cheapest, so that parts weigh the most.
-pub(crate) struct Picture {
+pub(crate) struct Image {
     world: World,
     pub(crate) frame: Frame,
     pub(crate) spp: u64,
 }
 
-impl Picture {
+impl Image {
     pub(crate) const NAME: &str = "cornell";
 
     pub(crate) fn new(effort: Effort) -> Result<Self> {
@@ -56,15 +56,15 @@ impl Picture {
         Limits { schedule, ..Limits::samples(self.samples()) }
     }
 
-    pub(crate) fn render(&self, needs: Needs, watch: &mut dyn Watch) -> Result<Film> {
+    pub(crate) fn render(&self, needs: Needs, monitor: &mut dyn Monitor) -> Result<Film> {
         let mut integrator = integrator(&self.world);
-        Ok(render(&mut *integrator, &mut Self::sampler(), needs, self.frame, &self.limits(), watch)?)
+        Ok(render(&mut *integrator, &mut Self::sampler(), needs, self.frame, &self.limits(), monitor)?)
     }
 
     /// Seconds of a whole render.
     pub(crate) fn seconds(&self, needs: Needs) -> Result<f64> {
         let start = Instant::now();
-        std::hint::black_box(self.render(needs, &mut NoWatch)?);
+        std::hint::black_box(self.render(needs, &mut NoMonitor)?);
         Ok(start.elapsed().as_secs_f64())
     }
 

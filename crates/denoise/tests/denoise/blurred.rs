@@ -2,10 +2,10 @@
 
 use dapple_core::samplers::Uniform;
 use dapple_core::{
-    Block, Draws, Estimate, Filter, FirstHit, Frame, Integrator, Limits, Needs, NoWatch, Observed, render,
+    Block, Draws, Estimate, Filter, FirstHit, Frame, Integrator, Limits, Needs, NoMonitor, TrainingLog, render,
 };
+use dapple_denoise::ClusterRegression;
 use dapple_low_discrepancy::Random;
-use dapple_reconstruction::ClusterRegression;
 
 const SIDE: u32 = 48;
 
@@ -18,7 +18,7 @@ fn share(x: u32) -> f32 {
 }
 
 impl Integrator for Blur {
-    fn estimate(&self, draws: &Draws<'_>, _: &mut Observed) -> Estimate {
+    fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
         let [a, ..] = draws.block(Block::new(0));
         let bright = a < share(draws.pixel()[0]);
         let (radiance, normal) = if bright { (1.0, [0.0, 0.0, 1.0]) } else { (0.1, [1.0, 0.0, 0.0]) };
@@ -48,7 +48,7 @@ fn noise_that_features_share_is_filtered() {
     for seed in 1..=4 {
         let mut sampler = Uniform::new(Random::new(seed));
         let limits = Limits::samples(8 * frame.pixels() as u64);
-        let film = render(&mut Blur, &mut sampler, needs, frame, &limits, &mut NoWatch).unwrap();
+        let film = render(&mut Blur, &mut sampler, needs, frame, &limits, &mut NoMonitor).unwrap();
         let filtered = filter.apply(&film).unwrap().radiance;
         for (i, [red, ..]) in filtered.iter().enumerate() {
             let truth = f64::from(0.1 + 0.9 * share(frame.pixel(i)[0]));
