@@ -130,13 +130,7 @@ fn material(kind: &MaterialKind) -> &'static str {
 
 fn lights(scene: &Scene) -> String {
     let shining = scene.shapes.iter().filter(|s| s.emission.is_some()).map(|_| "area");
-    let others = scene.lights.iter().map(|light| match &light.kind {
-        LightKind::Infinite { radiance: EnvironmentRadiance::Constant(_) } => "uniform environment",
-        LightKind::Infinite { .. } => "environment image",
-        LightKind::Point { .. } => "point",
-        LightKind::Spot { .. } => "spot",
-        LightKind::Distant { .. } => "distant",
-    });
+    let others = scene.lights.iter().map(|light| light.kind.name());
     count(shining.chain(others))
 }
 

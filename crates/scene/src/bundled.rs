@@ -51,9 +51,9 @@ mod terrain;
 #[cfg(test)]
 mod tests;
 
-use crate::Scene;
 use crate::files::Files;
-use crate::pbrt::{ReadError, ReadOptions, read_scene_from};
+use crate::pbrt::{ReadOptions, read_scene_from};
+use crate::{ReadError, Scene};
 use std::io;
 use std::path::Path;
 

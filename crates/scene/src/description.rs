@@ -4,8 +4,8 @@
 //! [`World`](crate::World) builds what rays need from it.
 
 mod camera;
-pub(crate) mod lamp;
 mod light;
+pub(crate) mod light_power;
 mod material;
 mod medium;
 mod shape;

@@ -1,14 +1,14 @@
 //! What a scene calls for, and why.
 
-mod chance;
+mod caustics;
 mod lights;
 mod materials;
-mod used;
+mod visible;
 
 use crate::{Camera, MaterialKind, Scene, Source};
 use std::fmt;
 use std::str::FromStr;
-use used::Used;
+use visible::Visible;
 
 /// Something that a scene may call for, and that costs time where it does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -151,14 +151,14 @@ impl Effects {
     /// Walks the scene once.
     pub fn of(scene: &Scene) -> Self {
         let mut effects = Self { called: Vec::new(), max_depth: scene.max_depth };
-        let used = Used::of(scene);
+        let visible = Visible::of(scene);
         effects.add_lights(scene);
-        effects.add_materials(scene, &used);
-        effects.add_shapes(&used);
-        effects.add_media(scene, &used);
-        effects.add_depth(scene, &used);
+        effects.add_materials(scene, &visible);
+        effects.add_shapes(&visible);
+        effects.add_media(scene, &visible);
+        effects.add_depth(scene, &visible);
         effects.add_camera(&scene.camera);
-        effects.add_motion(scene, &used);
+        effects.add_motion(scene, &visible);
         effects.called.sort_by_key(|c| c.effect);
         effects
     }
@@ -197,7 +197,7 @@ impl Effects {
     /// of an environment image are not looked for. The reason is about the first such lamp; `objects` counts
     /// them.
     pub fn found_by_chance(scene: &Scene) -> Option<Called> {
-        chance::found_by_chance(scene, &Used::of(scene))
+        caustics::found_by_chance(scene, &Visible::of(scene))
     }
 
     /// One more object that calls for `effect`; the first one is told.
@@ -213,15 +213,15 @@ impl Effects {
         self.called.iter_mut().filter(|c| c.effect == effect).for_each(|c| c.objects = objects);
     }
 
-    fn add_shapes(&mut self, used: &Used<'_>) {
-        for shape in &used.shapes {
-            let Some(alpha) = used::holes(shape) else { continue };
+    fn add_shapes(&mut self, visible: &Visible<'_>) {
+        for shape in &visible.shapes {
+            let Some(alpha) = visible::holes(shape) else { continue };
             self.add(Effect::Transparency, || format!("a shape has an opacity of {alpha}"), &shape.source);
         }
     }
 
-    fn add_media(&mut self, scene: &Scene, used: &Used<'_>) {
-        for medium in scene.media.iter().zip(&used.media).filter_map(|(medium, used)| used.then_some(medium)) {
+    fn add_media(&mut self, scene: &Scene, visible: &Visible<'_>) {
+        for medium in scene.media.iter().zip(&visible.media).filter_map(|(medium, used)| used.then_some(medium)) {
             let because = |does, what: &[f32; 3]| format!("medium \"{}\" {does} {what:?} per unit", medium.name);
             if medium.absorption != [0.0; 3] {
                 self.add(Effect::AbsorbingMedia, || because("absorbs", &medium.absorption), &medium.source);
@@ -232,8 +232,8 @@ impl Effects {
         }
     }
 
-    fn add_depth(&mut self, scene: &Scene, used: &Used<'_>) {
-        let scatters = used.shapes.iter().any(|s| !used::is_black(scene, s)) || self.has(Effect::ScatteringMedia);
+    fn add_depth(&mut self, scene: &Scene, visible: &Visible<'_>) {
+        let scatters = visible.shapes.iter().any(|s| !visible::is_black(scene, s)) || self.has(Effect::ScatteringMedia);
         if !scatters || scene.max_depth.is_some_and(|d| d <= 1) {
             return;
         }
@@ -252,16 +252,16 @@ impl Effects {
         }
     }
 
-    fn add_motion(&mut self, scene: &Scene, used: &Used<'_>) {
+    fn add_motion(&mut self, scene: &Scene, visible: &Visible<'_>) {
         let [open, close] = scene.camera.shutter;
-        let [first, second] = used::motion_span(scene);
+        let [first, second] = visible::motion_span(scene);
         // Before and after the motion all stands still. Not a number counts as open.
         if open == close || close <= first || open >= second {
             return;
         }
         let camera = [("the camera", scene.camera.to_world, scene.camera.moves_to, &scene.camera.source)];
-        let instances = used.instances.iter().map(|i| ("an instance", i.to_world, i.moves_to, &i.source));
-        let shapes = used.shapes.iter().map(|s| ("a shape", s.to_world, s.moves_to, &s.source));
+        let instances = visible.instances.iter().map(|i| ("an instance", i.to_world, i.moves_to, &i.source));
+        let shapes = visible.shapes.iter().map(|s| ("a shape", s.to_world, s.moves_to, &s.source));
         for (what, to_world, moves_to, source) in camera.into_iter().chain(instances).chain(shapes) {
             if moves_to.is_some_and(|to| to != to_world) {
                 self.add(Effect::MotionBlur, || format!("{what} moves while the shutter is open"), source);

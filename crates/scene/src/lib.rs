@@ -14,11 +14,13 @@ mod effects;
 pub mod files;
 pub mod image;
 pub mod model;
+mod nearest;
 pub mod pbrt;
-pub mod ply;
 mod polygon;
-mod scene_file;
+mod read_error;
+mod readers;
 
 pub use description::*;
 pub use effects::{Called, Effect, Effects, UnknownEffect};
-pub use scene_file::{AnyOptions, read_any, read_any_from};
+pub use read_error::{Problem, ProblemKind, ReadError};
+pub use readers::{AnyOptions, READERS, SceneReader, read_any, read_any_from};

@@ -13,7 +13,7 @@
 //!
 //! Files of pbrt-v2 and pbrt-v3 are read by the rules of their version, which is told by the words of the
 //! file that is named (not of those that it includes): see `version`. Names of materials, media and objects
-//! may be made after their use, as in pbrt-v4, and are settled at the end (`settle`).
+//! may be made after their use, as in pbrt-v4, and are settled at the end (`late_names`).
 //!
 //! Colours are linear sRGB. A spectrum of a surface or a medium is seen under D65; one of a light counts, in
 //! pbrt-v4, by its colour at luminance 1, as does a temperature, and `scale`, `power` or `illuminance` say how
@@ -26,9 +26,11 @@
 //! directives that leaves a complete scene behind cannot be told from a shorter scene.
 
 mod colorimetry;
+mod diagnostics;
 mod directive;
 mod environments;
 mod images;
+mod late_names;
 mod lights;
 mod materials;
 mod media;
@@ -37,8 +39,6 @@ mod old_materials;
 mod options;
 mod params;
 mod reader;
-mod report;
-mod settle;
 mod shapes;
 mod spectra;
 mod spectrum_files;
@@ -50,10 +50,9 @@ mod tokens;
 mod transforms;
 mod version;
 
-pub use report::{Problem, ReadError};
-
-use crate::Scene;
 use crate::files::{Disk, Files};
+use crate::readers::{AnyOptions, SceneReader, Unsized};
+use crate::{ReadError, Scene};
 use std::path::Path;
 
 /// How a scene is read.
@@ -91,12 +90,23 @@ pub fn read_scene_from(
     path: impl AsRef<Path>,
     options: &ReadOptions,
 ) -> Result<Scene, ReadError> {
-    // A wrapper makes a trait object of whatever `Files` is, sized or not.
-    struct Any<'f, F: ?Sized>(&'f F);
-    impl<F: Files + ?Sized> Files for Any<'_, F> {
-        fn read(&self, path: &Path) -> std::io::Result<Vec<u8>> {
-            self.0.read(path)
-        }
+    reader::Reader::new(&Unsized(files), path.as_ref(), options).read()
+}
+
+/// The reader of pbrt scenes.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct PbrtReader;
+
+impl SceneReader for PbrtReader {
+    fn name(&self) -> &'static str {
+        "pbrt"
     }
-    reader::Reader::new(&Any(files), path.as_ref(), options).read()
+
+    fn extensions(&self) -> &'static [&'static str] {
+        &["pbrt", ""]
+    }
+
+    fn read(&self, files: &dyn Files, path: &Path, options: &AnyOptions) -> Result<Scene, ReadError> {
+        read_scene_from(files, path, &options.scene)
+    }
 }

@@ -2,7 +2,9 @@
 
 use super::Source;
 use crate::image::Image;
+use dapple_core::luminance;
 use glam::DAffine3;
+use std::f64::consts::PI;
 use std::sync::Arc;
 
 /// A light that is no shape.
@@ -45,6 +47,85 @@ pub enum LightKind {
         /// Irradiance of a surface that faces the light, linear RGB.
         irradiance: [f32; 3],
     },
+}
+
+impl LightKind {
+    /// Name of the kind, for lists.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::Infinite { radiance: EnvironmentRadiance::Constant(_) } => "uniform environment",
+            Self::Infinite { .. } => "environment image",
+            Self::Point { .. } => "point",
+            Self::Spot { .. } => "spot",
+            Self::Distant { .. } => "distant",
+        }
+    }
+
+    /// The environment that surrounds the scene, of an infinite light.
+    pub fn environment(&self) -> Option<&EnvironmentRadiance> {
+        match self {
+            Self::Infinite { radiance } => Some(radiance),
+            Self::Point { .. } | Self::Spot { .. } | Self::Distant { .. } => None,
+        }
+    }
+
+    /// True if the light is not black. NaN passes here; the renderer's validation rejects it later.
+    pub(crate) fn shines(&self) -> bool {
+        let black = |rgb: &[f32; 3]| *rgb == [0.0; 3];
+        match self {
+            Self::Infinite { radiance: EnvironmentRadiance::Constant(rgb) } => !black(rgb),
+            Self::Infinite {
+                radiance:
+                    EnvironmentRadiance::LatLong { image, scale } | EnvironmentRadiance::EqualArea { image, scale },
+            } => *scale != 0.0 && !image.pixels.iter().all(black),
+            Self::Point { intensity } | Self::Spot { intensity, .. } => !black(intensity),
+            Self::Distant { irradiance } => !black(irradiance),
+        }
+    }
+
+    /// Radiant power, luminance-weighted; `disk` is the area that the scene shows to light from infinitely far.
+    pub(crate) fn power(&self, disk: f64) -> f64 {
+        let brightness = |rgb: &[f32; 3]| luminance(rgb.map(f64::from));
+        match self {
+            Self::Infinite { radiance } => {
+                let mean = match radiance {
+                    EnvironmentRadiance::Constant(rgb) => brightness(rgb),
+                    EnvironmentRadiance::LatLong { image, scale } => {
+                        let [w, h] = image.size.map(|n| n as usize);
+                        let row = |y: usize| ((y as f64 + 0.5) / h as f64 * PI).sin();
+                        let sum: f64 = image.pixels.iter().enumerate().map(|(i, p)| brightness(p) * row(i / w)).sum();
+                        // The sines of all rows sum up to 2 h / pi.
+                        f64::from(*scale) * sum / w as f64 * PI / (2.0 * h as f64)
+                    }
+                    EnvironmentRadiance::EqualArea { image, scale } => {
+                        f64::from(*scale) * image.pixels.iter().map(brightness).sum::<f64>() / image.pixels.len() as f64
+                    }
+                };
+                4.0 * PI * disk * mean
+            }
+            Self::Point { intensity } => 4.0 * PI * brightness(intensity),
+            Self::Spot { intensity, cone, falloff_start, falloff } => {
+                let [edge, start] = [*cone, *falloff_start].map(|degrees| f64::from(degrees).to_radians().cos());
+                // The mean of the falloff over the cosine.
+                let mean = match falloff {
+                    SpotFalloff::Smoothstep => 0.5,
+                    SpotFalloff::Quartic => 0.2,
+                };
+                2.0 * PI * brightness(intensity) * ((1.0 - start) + (start - edge) * mean)
+            }
+            Self::Distant { irradiance } => disk * brightness(irradiance),
+        }
+    }
+}
+
+impl EnvironmentRadiance {
+    /// The image, of an environment map.
+    pub fn image(&self) -> Option<&Arc<Image>> {
+        match self {
+            Self::Constant(_) => None,
+            Self::LatLong { image, .. } | Self::EqualArea { image, .. } => Some(image),
+        }
+    }
 }
 
 /// How a spot falls off towards the edge of its cone.

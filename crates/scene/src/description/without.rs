@@ -2,7 +2,7 @@
 
 mod surfaces;
 
-use super::lamp::{LampShape, LightNumber, powers};
+use super::light_power::{LampShape, LightNumber, powers};
 use super::{Light, LightKind, Material, Scalar, Scene, Shape, SpotFalloff};
 use crate::effects::{Effect, Effects};
 use glam::{DAffine3, DMat3, DVec3};
@@ -71,7 +71,7 @@ impl Scene {
             Effect::Glossy | Effect::Mirror | Effect::Refraction => scene.replace_lobes(effect, albedo),
             Effect::Interreflection => scene.max_depth = Some(1),
             Effect::Textures => scene.flatten_textures(),
-            Effect::Environment => scene.lights.retain(|l| !matches!(l.kind, LightKind::Infinite { .. })),
+            Effect::Environment => scene.lights.retain(|l| l.kind.environment().is_none()),
             Effect::DepthOfField => scene.camera.lens_radius = 0.0,
             Effect::MotionBlur => {
                 let [open, close] = scene.camera.shutter;

@@ -1,7 +1,7 @@
 //! Effects that materials call for.
 
-use super::used::Used;
-use super::{Effect, Effects, used};
+use super::visible::Visible;
+use super::{Effect, Effects, visible};
 use crate::{
     Color, ConductorFresnel, Material, MaterialKind, Roughness, Scalar, Scene, Source, TextureId, effectively_smooth,
     roughness_to_alpha,
@@ -126,8 +126,9 @@ fn textures(material: &Material) -> Vec<(TextureId, &'static str)> {
 }
 
 impl Effects {
-    pub(super) fn add_materials(&mut self, scene: &Scene, used: &Used<'_>) {
-        let worn = scene.materials.iter().zip(&used.materials).filter_map(|(material, worn)| worn.then_some(material));
+    pub(super) fn add_materials(&mut self, scene: &Scene, visible: &Visible<'_>) {
+        let worn =
+            scene.materials.iter().zip(&visible.materials).filter_map(|(material, worn)| worn.then_some(material));
         for material in worn {
             self.add_texture(scene, &format!("material \"{}\"", material.name), &textures(material), &material.source);
             let lobes = lobes(&material.kind);
@@ -137,8 +138,8 @@ impl Effects {
                 self.add(effect, because, &material.source);
             }
         }
-        for shape in &used.shapes {
-            if let (Some(Scalar::Texture(id)), Some(_)) = (shape.alpha, used::holes(shape)) {
+        for shape in &visible.shapes {
+            if let (Some(Scalar::Texture(id)), Some(_)) = (shape.alpha, visible::holes(shape)) {
                 self.add_texture(scene, "a shape", &[(id, "opacity")], &shape.source);
             }
         }

@@ -3,10 +3,44 @@
 //! What that crate leaves open is decided here: which of the two a file is (binary ones may begin with `solid`
 //! too), files of several solids, capital letters, where a mistake is, and whether numbers are finite.
 
-use crate::{MeshData, MeshFault};
+use super::{UpAxis, add_mesh, model_scene};
+use crate::files::Files;
+use crate::readers::{AnyOptions, SceneReader};
+use crate::{MeshData, MeshFault, ReadError, Scene, Source};
 use glam::DVec3;
 use std::collections::HashMap;
 use std::io::Cursor;
+use std::path::Path;
+
+/// The reader of STL models.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct StlReader;
+
+impl SceneReader for StlReader {
+    fn name(&self) -> &'static str {
+        "STL"
+    }
+
+    fn extensions(&self) -> &'static [&'static str] {
+        &["stl"]
+    }
+
+    fn recognizes(&self, content: &[u8]) -> bool {
+        begins_with(&String::from_utf8_lossy(&content[..content.len().min(64)]), "solid")
+    }
+
+    fn read(&self, files: &dyn Files, path: &Path, options: &AnyOptions) -> Result<Scene, ReadError> {
+        let up = options.model.up.unwrap_or(UpAxis::Z);
+        model_scene(files, path, up, |scene, bytes, source| {
+            let mesh = read_stl(&bytes).map_err(|e| match e {
+                StlError::Line { line, what } => ReadError::invalid(Source { line, ..source.clone() }, what),
+                other => ReadError::invalid(source.clone(), other.to_string()),
+            })?;
+            add_mesh(scene, mesh.data, mesh.doubt, source);
+            Ok(())
+        })
+    }
+}
 
 /// A mesh that was read.
 #[derive(Clone, Debug)]

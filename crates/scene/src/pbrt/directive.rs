@@ -1,9 +1,10 @@
 //! From tokens to directives: a word with its arguments, and where it stands.
 
+use super::diagnostics::Log;
 use super::params::{Param, read_param};
-use super::report::{Log, suggestion};
 use super::tokens::{Fault, Kind, Token, Tokens, number, shown, unescape};
 use crate::Source;
+use crate::nearest::nearest;
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -207,7 +208,7 @@ fn form_of(word: &str) -> Option<Form> {
 }
 
 fn unknown(word: &str) -> String {
-    match suggestion(word, FORMS.iter().map(|f| f.0)) {
+    match nearest(word, FORMS.iter().map(|f| f.0)) {
         Some(known) => format!("unknown directive {}: did you mean {known}?", shown(word)),
         None => format!("unknown directive {}: remove it or correct its spelling", shown(word)),
     }

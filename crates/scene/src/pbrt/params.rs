@@ -1,9 +1,10 @@
 //! The parameter list of a directive: typed values by name, each asked for once.
 
-use super::report::{Log, suggestion};
+use super::diagnostics::Log;
 use super::tokens::{Fault, Kind, Token, Tokens, number, shown, unescape};
 use super::version::Version;
 use crate::Source;
+use crate::nearest::nearest;
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -161,7 +162,7 @@ fn unknown_type(name: &str) -> String {
         "blackbody",
         "texture",
     ];
-    let near = suggestion(name, NAMES).map_or(String::new(), |k| format!(": did you mean {k}?"));
+    let near = nearest(name, NAMES).map_or(String::new(), |k| format!(": did you mean {k}?"));
     format!("unknown parameter type {}{near}", shown(name))
 }
 
@@ -444,7 +445,7 @@ impl Params {
         }
         self.list.retain(|p| !p.taken && !p.inherited);
         for p in &self.list {
-            let near = suggestion(&p.name, self.asked.iter().copied());
+            let near = nearest(&p.name, self.asked.iter().copied());
             let near = near.map_or(String::new(), |k| format!("; did you mean {k}?"));
             let message = format!("{} has no parameter {}: ignored{near}", self.of, shown(&p.name));
             log.notice(&Source { file: self.file.clone(), line: p.line }, message);

@@ -1,16 +1,18 @@
 //! Carries directives out, one by one, on a graphics state.
 
 use super::ReadOptions;
+use super::diagnostics::Log;
 use super::directive::{Directive, Directives};
 use super::images::Images;
+use super::late_names::Awaited;
 use super::params::{Param, Params, Values};
-use super::report::{Log, ReadError, suggestion};
-use super::settle::Awaited;
 use super::state::{Ctm, MaterialRef, State};
 use super::textures::Textures;
 use super::tokens::shown;
 use super::version::Version;
+use crate::ReadError;
 use crate::files::Files;
+use crate::nearest::nearest;
 use crate::{MaterialId, MediumId, MeshData, ObjectId, PixelFilter, Scene, Source};
 use glam::DAffine3;
 use std::collections::BTreeMap;
@@ -380,7 +382,7 @@ pub(super) fn unknown_name<'k>(
     known: impl IntoIterator<Item = &'k String>,
     advice: &str,
 ) -> String {
-    match suggestion(name, known.into_iter().map(String::as_str)) {
+    match nearest(name, known.into_iter().map(String::as_str)) {
         Some(near) => format!("unknown {what} {}: did you mean {near}?", shown(name)),
         None => format!("unknown {what} {}: {advice}", shown(name)),
     }

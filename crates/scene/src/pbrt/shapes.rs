@@ -6,7 +6,7 @@ use super::reader::Reader;
 use super::subdivide::subdivide;
 use super::tessellate::{Patches, Round};
 use super::tokens::shown;
-use crate::ply::read_ply;
+use crate::model::read_ply;
 use crate::{Emission, Geometry, MeshData, Scalar, Shape, Source};
 use glam::{DAffine3, DVec3};
 use std::f64::consts::PI;

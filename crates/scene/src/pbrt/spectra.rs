@@ -2,9 +2,9 @@
 
 use super::colorimetry::{Sampled, blackbody, blackbody_of_peak_one, rgb_of_chromaticity, rgb_of_xyz};
 use super::params::{Params, Type, Values};
-use super::report::suggestion;
 use super::tokens::shown;
 use super::version::Version;
+use crate::nearest::nearest;
 use glam::DVec3;
 
 /// What numbers a colour may have, and what a spectrum means for it.
@@ -239,7 +239,7 @@ pub(super) fn near_name(name: &str) -> Option<String> {
     let parts = METALS.iter().flat_map(|m| ["eta", "k"].map(|part| format!("metal-{}-{part}", m.0)));
     let others = GLASSES.iter().map(|g| g.0).chain(ILLUMINANTS.iter().map(|i| i.0)).chain(["stdillum-D65"]);
     let names: Vec<String> = parts.chain(others.map(str::to_owned)).collect();
-    suggestion(name, names.iter().map(String::as_str)).map(str::to_owned)
+    nearest(name, names.iter().map(String::as_str)).map(str::to_owned)
 }
 
 #[cfg(test)]

@@ -4,11 +4,11 @@
 
 mod effects_found;
 mod models;
+mod reader_directives;
 mod reader_hard;
 mod reader_materials;
 mod reader_messages;
 mod reader_old;
 mod reader_scenes;
-mod reader_words;
+mod snippets;
 mod support;
-mod words;

@@ -1,8 +1,9 @@
 //! Models by themselves: the scenes that they make, and the errors of broken ones.
 
-use dapple_scene::model::{ModelOptions, UpAxis, read_model_from, read_obj, read_stl};
-use dapple_scene::pbrt::ReadError;
-use dapple_scene::{AnyOptions, Color, Geometry, MaterialKind, MeshData, Scene, TextureKind, read_any, read_any_from};
+use dapple_scene::model::{ModelOptions, UpAxis, read_obj, read_stl};
+use dapple_scene::{
+    AnyOptions, Color, Geometry, MaterialKind, MeshData, ReadError, Scene, TextureKind, read_any, read_any_from,
+};
 use rand::{RngExt, SeedableRng};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -14,7 +15,7 @@ fn files(named: &[(&str, &[u8])]) -> BTreeMap<PathBuf, Vec<u8>> {
 }
 
 fn read(named: &[(&str, &[u8])]) -> Result<Scene, ReadError> {
-    read_model_from(&files(named), named[0].0, &ModelOptions::default())
+    read_any_from(&files(named), named[0].0, &AnyOptions::default())
 }
 
 fn mesh(scene: &Scene, shape: usize) -> &MeshData {
@@ -65,7 +66,7 @@ fn a_model_alone_is_a_lit_scene() {
 #[test]
 fn the_up_axis_is_ys_or_zs_and_can_be_chosen() {
     let height = |name: &str, bytes: &[u8], options: ModelOptions| {
-        let scene = read_model_from(&files(&[(name, bytes)]), name, &options).unwrap();
+        let scene = read_any_from(&files(&[(name, bytes)]), name, &AnyOptions::default().with_model(options)).unwrap();
         let up = scene.camera.to_world.matrix3.y_axis;
         if up.y > up.z { 'y' } else { 'z' }
     };
@@ -234,7 +235,7 @@ fn i03_models_that_lie() {
         ("a.obj", b"\x1f\x8b\x08\x00", "gzip"),
         ("a.ply", b"\x28\xb5\x2f\xfd", "zstd"),
         ("a.stl", b"PK\x03\x04", "compressed"),
-        ("a.gltf", b"{}", "none of .obj, .ply, .stl"),
+        ("a.gltf", b"{}", "glTF (.gltf) is not supported; export pbrt, OBJ, PLY or STL"),
     ] {
         let message = read(&[(name, bytes)]).unwrap_err().to_string();
         assert!(message.starts_with(name) && message.contains(what), "{message}");
@@ -256,8 +257,8 @@ fn i10_extensions_tell_and_directories_are_refused() {
     assert_eq!(read_any_from(&given, "s.PBRT", &options).unwrap().name, "s");
     assert_eq!(read_any_from(&given, "plain", &options).unwrap().name, "plain", "no extension: a scene");
     for (name, what) in [
-        ("m.fbx", "the extension 'fbx' is none that is read: .pbrt (scenes), .obj, .ply and .stl (models)"),
-        ("m.obj.gz", "unpack the file first"),
+        ("m.fbx", "FBX (.fbx) is not supported; export pbrt, OBJ, PLY or STL"),
+        ("m.obj.gz", "are compressed; unpack the file first"),
         ("z.pbrt", "compressed by gzip"),
         ("missing.stl", "cannot read missing.stl: no such file; check the name"),
         ("missing.fbx", "cannot read missing.fbx: no such file"),

@@ -1,8 +1,8 @@
 //! Files that are cut, lie, or are noise.
 
 use dapple_scene::Scene;
+use dapple_scene::model::{PlyError, read_ply};
 use dapple_scene::pbrt::{ReadOptions, read_scene_from};
-use dapple_scene::ply::{PlyError, read_ply};
 use proptest::prelude::*;
 use std::collections::BTreeMap;
 use std::path::PathBuf;

@@ -1,6 +1,6 @@
 //! What the reader makes of pbrt-v4's materials and textures, and what it says where they are wrong.
 
-use crate::words::*;
+use crate::snippets::*;
 use dapple_scene::{Color, ConductorFresnel, MaterialKind, Scalar, TextureKind, Wrap};
 
 #[test]
@@ -53,7 +53,7 @@ fn materials_of_the_fourth_version() {
         ),
         (
             "Material \"dielectric\" \"spectrum eta\" \"stdillum-A\"",
-            "s.pbrt:4: spectrum \"stdillum-A\" as eta of Material \"dielectric\" is not supported: remove it, or allow unsupported directives",
+            "s.pbrt:4: spectrum \"stdillum-A\" as eta of Material \"dielectric\" is not supported; remove it, or allow unsupported directives",
         ),
     ] {
         assert_eq!(complaint(text), expected);
@@ -140,7 +140,7 @@ fn textures_of_numbers_and_colours() {
         ),
         (
             "Texture \"t\" \"float\" \"fbm\"\nMaterial \"conductor\" \"texture roughness\" \"t\"",
-            "s.pbrt:5: a texture of class \"fbm\" as roughness of Material \"conductor\" is not supported: remove it, or allow unsupported directives",
+            "s.pbrt:5: a texture of class \"fbm\" as roughness of Material \"conductor\" is not supported; remove it, or allow unsupported directives",
         ),
         ("Shape \"disk\" \"float alpha\" 2", "s.pbrt:4: parameter alpha of Shape \"disk\" must be within 0..=1, not 2"),
         (

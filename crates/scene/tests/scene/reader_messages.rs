@@ -1,6 +1,7 @@
 //! What the reader says about scenes that are wrong, word for word, and what it makes of right ones.
 
-use dapple_scene::pbrt::{ReadError, ReadOptions, read_scene_from};
+use dapple_scene::ReadError;
+use dapple_scene::pbrt::{ReadOptions, read_scene_from};
 use dapple_scene::{
     Color, ConductorFresnel, Emission, EnvironmentRadiance, Geometry, LightKind, MaterialKind, PixelFilter, Projection,
     Scene, TextureKind,
@@ -178,19 +179,19 @@ fn messages_about_words() {
         ),
         (
             "Material \"hair\"",
-            "s.pbrt:4: Material \"hair\" is not supported: remove it, or allow unsupported directives",
+            "s.pbrt:4: Material \"hair\" is not supported; remove it, or allow unsupported directives",
         ),
         (
             "LightSource \"goniometric\"",
-            "s.pbrt:4: LightSource \"goniometric\" is not supported: remove it, or allow unsupported directives",
+            "s.pbrt:4: LightSource \"goniometric\" is not supported; remove it, or allow unsupported directives",
         ),
         (
             "LightSource \"infinite\" \"point3 portal\" [0 0 0]",
-            "s.pbrt:4: parameter portal of LightSource \"infinite\" is not supported: remove it, or allow unsupported directives",
+            "s.pbrt:4: parameter portal of LightSource \"infinite\" is not supported; remove it, or allow unsupported directives",
         ),
         (
             "Shape \"cone\" \"float height\" 2",
-            "s.pbrt:4: Shape \"cone\" is not supported: remove it, or allow unsupported directives",
+            "s.pbrt:4: Shape \"cone\" is not supported; remove it, or allow unsupported directives",
         ),
         (
             "Shape \"disk\" \"float innerradius\" 1",
@@ -335,7 +336,7 @@ fn i06_settings() {
         ),
         (
             "PixelFilter \"mitchell\"",
-            "s.pbrt:1: PixelFilter \"mitchell\" (other than box, triangle and gaussian) is not supported: remove it, or allow unsupported directives",
+            "s.pbrt:1: PixelFilter \"mitchell\" (other than box, triangle and gaussian) is not supported; remove it, or allow unsupported directives",
         ),
         (
             "Camera \"perspective\" \"float fov\" 180",
@@ -351,7 +352,7 @@ fn i06_settings() {
         ),
         (
             "ColorSpace \"rec2020\"",
-            "s.pbrt:1: ColorSpace \"rec2020\" is not supported: remove it, or allow unsupported directives",
+            "s.pbrt:1: ColorSpace \"rec2020\" is not supported; remove it, or allow unsupported directives",
         ),
         ("Shape \"sphere\"", "s.pbrt:1: Shape belongs after WorldBegin: move it there"),
     ] {

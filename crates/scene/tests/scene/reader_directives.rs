@@ -1,6 +1,6 @@
 //! What the reader makes of pbrt-v4's words, and what it says where they are wrong.
 
-use crate::words::*;
+use crate::snippets::*;
 use dapple_scene::{
     Color, EnvironmentRadiance, Geometry, LightKind, MaterialKind, MediumInterface, Projection, SpotFalloff,
 };
@@ -132,11 +132,11 @@ fn spectra_become_colours() {
         ),
         (
             "Material \"diffuse\" \"blackbody reflectance\" 5000",
-            "s.pbrt:4: a black body as reflectance of Material \"diffuse\" is not supported: remove it, or allow unsupported directives",
+            "s.pbrt:4: a black body as reflectance of Material \"diffuse\" is not supported; remove it, or allow unsupported directives",
         ),
         (
             "LightSource \"infinite\" \"spectrum L\" \"metal-Cu-k\"",
-            "s.pbrt:4: spectrum \"metal-Cu-k\" as L of LightSource \"infinite\" is not supported: remove it, or allow unsupported directives",
+            "s.pbrt:4: spectrum \"metal-Cu-k\" as L of LightSource \"infinite\" is not supported; remove it, or allow unsupported directives",
         ),
     ] {
         // A share is cut to 1 rather than refused: the one row that is read well.
@@ -178,7 +178,7 @@ fn objects_and_instances() {
         ("ObjectBegin \"a\"", "s.pbrt:4: this ObjectBegin is never closed"),
         (
             "ObjectBegin \"a\"\nAreaLightSource \"diffuse\"\nShape \"disk\"\nObjectEnd",
-            "s.pbrt:6: an area light in an object is not supported: remove it, or allow unsupported directives",
+            "s.pbrt:6: an area light in an object is not supported; remove it, or allow unsupported directives",
         ),
     ] {
         assert_eq!(complaint(text), expected);
@@ -213,7 +213,7 @@ fn what_moves() {
     );
     assert_eq!(
         complaint("ActiveTransform EndTime\nTranslate 1 0 0\nAreaLightSource \"diffuse\"").lines().next().unwrap(),
-        "s.pbrt:8: an area light that moves is not supported: remove it, or allow unsupported directives"
+        "s.pbrt:8: an area light that moves is not supported; remove it, or allow unsupported directives"
     );
     let times = read(&format!("TransformTimes 2 2\n{HEAD}{WORLD}{TAIL}")).unwrap_err();
     assert_eq!(times.to_string(), "s.pbrt:1: TransformTimes takes a start before an end, not 2 and 2");
@@ -264,7 +264,7 @@ fn media() {
         ),
         (
             "MakeNamedMedium \"m\" \"string type\" \"homogeneous\" \"string preset\" \"Skin1\"",
-            "s.pbrt:4: parameter preset (give its sigma_a and sigma_s) of MakeNamedMedium \"m\" is not supported: remove it, or allow unsupported directives",
+            "s.pbrt:4: parameter preset (give its sigma_a and sigma_s) of MakeNamedMedium \"m\" is not supported; remove it, or allow unsupported directives",
         ),
         (
             "MakeNamedMedium \"mist\" \"string type\" \"homogeneous\"\nMediumInterface \"must\" \"\"",

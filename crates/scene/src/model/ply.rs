@@ -1,7 +1,10 @@
 //! Meshes from PLY files: ascii, and binary of either byte order [Turk 1994].
 
+use super::{UpAxis, add_mesh, model_scene};
+use crate::files::Files;
 use crate::polygon;
-use crate::{MeshData, MeshFault};
+use crate::readers::{AnyOptions, SceneReader};
+use crate::{MeshData, MeshFault, ReadError, Scene};
 use glam::dvec3;
 use ply_rs_bw::parser::{ParseError, Parser, Reader};
 use ply_rs_bw::ply::{
@@ -9,6 +12,34 @@ use ply_rs_bw::ply::{
     PropertyType, ScalarType,
 };
 use std::io::BufRead;
+use std::path::Path;
+
+/// The reader of PLY models.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct PlyReader;
+
+impl SceneReader for PlyReader {
+    fn name(&self) -> &'static str {
+        "PLY"
+    }
+
+    fn extensions(&self) -> &'static [&'static str] {
+        &["ply"]
+    }
+
+    fn recognizes(&self, content: &[u8]) -> bool {
+        content.starts_with(b"ply\n") || content.starts_with(b"ply\r")
+    }
+
+    fn read(&self, files: &dyn Files, path: &Path, options: &AnyOptions) -> Result<Scene, ReadError> {
+        let up = options.model.up.unwrap_or(UpAxis::Y);
+        model_scene(files, path, up, |scene, bytes, source| {
+            let mesh = read_ply(&bytes).map_err(|e| ReadError::invalid(source.clone(), e.to_string()))?;
+            add_mesh(scene, mesh.data, mesh.doubt.map(str::to_owned), source);
+            Ok(())
+        })
+    }
+}
 
 /// A mesh that was read.
 #[derive(Clone, Debug)]

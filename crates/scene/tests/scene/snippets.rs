@@ -3,8 +3,9 @@
 //! Not every test program that has this uses all of it.
 #![allow(dead_code, unreachable_pub)]
 
+use dapple_scene::ReadError;
 use dapple_scene::image::{Image, encode_pfm};
-use dapple_scene::pbrt::{ReadError, ReadOptions, read_scene_from};
+use dapple_scene::pbrt::{ReadOptions, read_scene_from};
 use dapple_scene::{LightKind, MaterialKind, Scene};
 use image::{ImageFormat, RgbaImage};
 use std::collections::BTreeMap;

@@ -3,7 +3,7 @@
 use crate::{Color, Instance, MaterialId, MaterialKind, MediumId, Scalar, Scene, Shape};
 
 /// What of a scene can be seen.
-pub(super) struct Used<'s> {
+pub(super) struct Visible<'s> {
     /// Shapes that stand in the world, and those of objects that do, each once.
     pub(super) shapes: Vec<&'s Shape>,
     /// Instances of objects that hold something.
@@ -14,7 +14,7 @@ pub(super) struct Used<'s> {
     pub(super) media: Vec<bool>,
 }
 
-impl<'s> Used<'s> {
+impl<'s> Visible<'s> {
     pub(super) fn of(scene: &'s Scene) -> Self {
         let object = |i: &Instance| scene.objects.get(i.object.0 as usize);
         let instances: Vec<_> =
@@ -25,25 +25,25 @@ impl<'s> Used<'s> {
         }
         let objects = scene.objects.iter().zip(stands).filter_map(|(object, stands)| stands.then_some(object));
         let shapes: Vec<_> = scene.shapes.iter().chain(objects.flat_map(|o| &o.shapes)).collect();
-        let mut used = Self {
+        let mut visible = Self {
             shapes,
             instances,
             materials: vec![false; scene.materials.len()],
             media: vec![false; scene.media.len()],
         };
-        for i in 0..used.shapes.len() {
-            let shape = used.shapes[i];
-            used.wear(scene, shape.material);
+        for i in 0..visible.shapes.len() {
+            let shape = visible.shapes[i];
+            visible.wear(scene, shape.material);
             let sides = shape.media.map(|m| [m.inside, m.outside]);
-            sides.into_iter().flatten().flatten().for_each(|m| used.border(m));
+            sides.into_iter().flatten().flatten().for_each(|m| visible.border(m));
         }
-        scene.camera.medium.into_iter().for_each(|m| used.border(m));
-        used
+        scene.camera.medium.into_iter().for_each(|m| visible.border(m));
+        visible
     }
 
     fn border(&mut self, medium: MediumId) {
-        if let Some(used) = self.media.get_mut(medium.0 as usize) {
-            *used = true;
+        if let Some(visible) = self.media.get_mut(medium.0 as usize) {
+            *visible = true;
         }
     }
 
@@ -52,7 +52,7 @@ impl<'s> Used<'s> {
         let mut waiting = vec![first];
         while let Some(id) = waiting.pop() {
             match self.materials.get_mut(id.0 as usize) {
-                Some(used) if !*used => *used = true,
+                Some(visible) if !*visible => *visible = true,
                 _ => continue,
             }
             if let MaterialKind::Mix { materials, amount } = &scene.materials[id.0 as usize].kind {
