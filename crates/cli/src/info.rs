@@ -5,7 +5,7 @@ use crate::render::foresight::Foresight;
 use crate::{Failure, Outcome, Result, scene};
 use dapple_renderer::World;
 use dapple_scene::{Effects, bundled};
-use dapple_scene::{EnvironmentRadiance, Geometry, LightKind, MaterialKind, PixelFilter, Scene};
+use dapple_scene::{Geometry, MaterialKind, PixelFilter, Scene};
 use std::path::PathBuf;
 
 /// Say what a scene holds and calls for, without rendering it

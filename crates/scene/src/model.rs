@@ -1,12 +1,12 @@
 //! Models by themselves: OBJ, PLY and STL files as scenes, under a camera and a light of our own.
 //!
-//! [`read_model`] gives a [`Scene`] that can be rendered as it stands: the meshes of the file in grey (or as an
-//! OBJ file's materials say: `Kd` and `map_Kd`), smooth only where the file has normals; a camera that sees all
+//! [`read_any`](crate::read_any) returns a [`Scene`] that can be rendered as it stands: the meshes of the file in grey (or in
+//! an OBJ file's materials: `Kd` and `map_Kd`), smooth only where the file has normals; a camera that sees all
 //! of it from the front, the right and above; an environment, brighter above than below, with a round lamp over
-//! the viewer's left shoulder. What a file says beyond that is listed in [`Scene::notices`].
+//! the viewer's left shoulder. Unsupported parts of the file are listed in [`Scene::notices`].
 //!
-//! The y axis points up in OBJ and PLY files and the z axis in STL files, as most programs write them; neither
-//! format says. [`ModelOptions::up`] overrules that.
+//! The y axis points up in OBJ and PLY files and the z axis in STL files, as most programs write them; no
+//! format records it. [`ModelOptions::up`] overrules that.
 
 mod mtl;
 mod obj;
@@ -46,7 +46,7 @@ impl UpAxis {
     }
 }
 
-/// How a model is shown.
+/// Options of the model readers.
 #[derive(Clone, Copy, Debug, Default)]
 #[non_exhaustive]
 pub struct ModelOptions {
@@ -55,7 +55,7 @@ pub struct ModelOptions {
 }
 
 impl ModelOptions {
-    /// These options with [`up`](Self::up) as said.
+    /// Sets [`up`](Self::up).
     pub fn with_up(mut self, up: UpAxis) -> Self {
         self.up = Some(up);
         self
@@ -88,7 +88,7 @@ fn mesh_of(shape: &Shape) -> Option<Arc<MeshData>> {
     }
 }
 
-/// Share of light that a surface reflects where nothing says otherwise.
+/// Reflectance of surfaces without a material.
 const GREY: Color = Color::Constant([0.5; 3]);
 
 fn add_material(scene: &mut Scene, name: &str, reflectance: Color, source: &Source) -> MaterialId {
@@ -102,5 +102,5 @@ fn add_mesh(scene: &mut Scene, data: MeshData, doubt: Option<String>, source: &S
     let material = add_material(scene, "grey", GREY, source);
     let geometry = Geometry::Mesh(Arc::new(data));
     scene.shapes.push(Shape::new(geometry, DAffine3::IDENTITY, material, source.clone()));
-    scene.notices.extend(doubt.map(|message| Notice { source: source.clone(), message }));
+    scene.notices.extend(doubt.map(|message| Notice::warning(source.clone(), message)));
 }

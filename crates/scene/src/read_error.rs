@@ -3,13 +3,13 @@
 use crate::Source;
 use std::fmt;
 
-/// The kind of a problem: decides what a user can do about it.
+/// The kind of a problem, which decides on the remedy.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum ProblemKind {
     /// The file is wrong, or cannot be read.
     Invalid,
-    /// The file is right, and asks for a feature that Dapple lacks;
+    /// The file is valid and uses a feature that Dapple lacks;
     /// [`allow_unsupported`](crate::pbrt::ReadOptions::allow_unsupported) leaves it out.
     Unsupported,
 }

@@ -10,28 +10,28 @@ use std::sync::Arc;
 /// A light that is no shape.
 #[derive(Clone, Debug)]
 pub struct Light {
-    /// What it is.
+    /// Its kind.
     pub kind: LightKind,
     /// From its space to world space.
     pub to_world: DAffine3,
-    /// Where the file says so.
+    /// File and line.
     pub source: Source,
 }
 
-/// What a light is.
+/// The kind of a light. Every match over kinds is exhaustive, so that the compiler names the places to extend.
 #[derive(Clone, Debug)]
 pub enum LightKind {
     /// Radiance from everywhere beyond the scene.
     Infinite {
-        /// What it looks like.
+        /// Its radiance by direction.
         radiance: EnvironmentRadiance,
     },
-    /// A point at the origin of the light's space that shines alike in all directions.
+    /// A point at the origin of the light's space with equal intensity in all directions.
     Point {
         /// Radiant intensity, linear RGB.
         intensity: [f32; 3],
     },
-    /// A point at the origin of the light's space that shines along +z.
+    /// A point at the origin of the light's space that points along +z.
     Spot {
         /// Radiant intensity along the axis, linear RGB.
         intensity: [f32; 3],
@@ -39,7 +39,7 @@ pub enum LightKind {
         cone: f32,
         /// Angle between the axis and where light begins to fall off, degrees; at most `cone`.
         falloff_start: f32,
-        /// How it falls off between the two.
+        /// The falloff between the two angles.
         falloff: SpotFalloff,
     },
     /// Parallel light from infinitely far, out of the direction +z of the light's space.
@@ -128,7 +128,7 @@ impl EnvironmentRadiance {
     }
 }
 
-/// How a spot falls off towards the edge of its cone.
+/// The falloff of a spot light towards the edge of its cone.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SpotFalloff {
     /// `3 x^2 - 2 x^3`, x linear in the cosine: pbrt-v4.
@@ -137,7 +137,7 @@ pub enum SpotFalloff {
     Quartic,
 }
 
-/// What an environment looks like.
+/// The radiance of an environment by direction.
 #[derive(Clone, Debug)]
 pub enum EnvironmentRadiance {
     /// The same in all directions, linear RGB.

@@ -1,16 +1,16 @@
-//! How large and how strong the lights of a description are, before anything is built from it.
+//! Sizes and powers of a description's lights.
 
 use super::{Emission, Geometry, Scene, Shape};
 use dapple_core::luminance;
 use glam::{DAffine3, DVec3};
 use std::f64::consts::PI;
 
-/// A shape that shines, as seen from afar.
+/// The size and emission of a shape that emits light.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct LampShape {
     /// The light it gives off.
     pub(crate) emission: Emission,
-    /// Area of the side that shines, in square units of the file's world space.
+    /// Area of the emitting side, in square units of the file's world space.
     pub(crate) area: f64,
     /// Its area-weighted middle.
     pub(crate) centre: DVec3,
@@ -38,7 +38,7 @@ impl LampShape {
                 (area, centre, across.normalize_or_zero() * side)
             }
         };
-        // Not a number shines, so that whoever reads it refuses it.
+        // NaN passes here; validation rejects it later.
         (area != 0.0).then_some(Self { emission, area, centre, facing })
     }
 
@@ -86,8 +86,8 @@ pub(crate) enum LightNumber {
     Light(usize),
 }
 
-/// Every light that shines, with its radiant power, luminance-weighted: what an infinitely far one sends into the
-/// scene's bounding sphere. The renderer's selection of lights by power weighs them alike, but for rounding.
+/// Every light that is not black, with its luminance-weighted radiant power. An infinitely far light counts with its
+/// power into the scene's bounding sphere. The renderer's selection of lights by power weighs them alike, but for rounding.
 pub(crate) fn powers(scene: &Scene) -> Vec<(LightNumber, f64)> {
     let lamp = |(i, shape)| LampShape::of(shape).map(|lamp| (LightNumber::Shape(i), luminance(lamp.power())));
     let mut found: Vec<_> = scene.shapes.iter().enumerate().filter_map(lamp).collect();

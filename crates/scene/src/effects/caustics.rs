@@ -1,4 +1,4 @@
-//! Light that a path tracer does not look for.
+//! Caustics of small lights, which a path tracer finds by chance only.
 
 use super::materials::lobes;
 use super::visible::Visible;

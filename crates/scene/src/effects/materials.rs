@@ -7,18 +7,18 @@ use crate::{
     roughness_to_alpha,
 };
 
-/// How a surface scatters what it does not scatter diffusely.
+/// A lobe of a material that is not diffuse.
 pub(super) struct Lobe<'m> {
-    /// What it is, for people.
+    /// Its name, for messages.
     pub(super) what: &'static str,
     /// Its microfacets; none for a perfect mirror.
     pub(super) roughness: Option<&'m Roughness>,
-    /// Whether light goes through.
+    /// True if it transmits light.
     pub(super) refracts: bool,
 }
 
 impl Lobe<'_> {
-    /// Whether it is smooth, and whether it is rough. Both may be where a texture decides.
+    /// `[smooth, rough]`; both are true for a textured roughness.
     pub(super) fn smooth_or_rough(&self) -> [bool; 2] {
         let Some(alpha) = self.roughness.map(alpha) else { return [true, false] };
         match alpha {
@@ -155,7 +155,7 @@ impl Effects {
     }
 }
 
-/// Whether a lobe calls for one of the effects of surfaces. What clear glass mirrors belongs to its refraction.
+/// True if a lobe calls for one of the effects of surfaces. Reflections of clear glass belong to its refraction.
 pub(super) fn calls_for(lobe: &Lobe<'_>, effect: Effect) -> bool {
     let [smooth, rough] = lobe.smooth_or_rough();
     match effect {

@@ -1,8 +1,8 @@
-//! What of a scene can be seen at all.
+//! The visible part of a scene.
 
 use crate::{Color, Instance, MaterialId, MaterialKind, MediumId, Scalar, Scene, Shape};
 
-/// What of a scene can be seen.
+/// The shapes, instances, materials and media that can be seen.
 pub(super) struct Visible<'s> {
     /// Shapes that stand in the world, and those of objects that do, each once.
     pub(super) shapes: Vec<&'s Shape>,
@@ -72,7 +72,7 @@ fn mixed(materials: &[MaterialId; 2], amount: Scalar) -> impl Iterator<Item = Ma
     (!without_first).then_some(first).into_iter().chain((!without_second).then_some(second))
 }
 
-/// The opacity of a shape in words, if it is not 1 throughout.
+/// The opacity of a shape as text, if it is not 1 throughout.
 pub(super) fn holes(shape: &Shape) -> Option<String> {
     match shape.alpha? {
         Scalar::Constant(alpha) if alpha >= 1.0 => None,
@@ -81,7 +81,7 @@ pub(super) fn holes(shape: &Shape) -> Option<String> {
     }
 }
 
-/// Whether a shape scatters nothing: a lamp's body, say, or a border of media.
+/// True if a shape scatters nothing: a lamp's black body, or an interface between media.
 pub(super) fn is_black(scene: &Scene, shape: &Shape) -> bool {
     match scene.materials.get(shape.material.0 as usize).map(|m| &m.kind) {
         Some(MaterialKind::Diffuse { reflectance }) => *reflectance == Color::Constant([0.0; 3]),
@@ -90,7 +90,7 @@ pub(super) fn is_black(scene: &Scene, shape: &Shape) -> bool {
     }
 }
 
-/// When what moves starts and when it arrives.
+/// The times at which motion starts and ends.
 pub(super) fn motion_span(scene: &Scene) -> [f64; 2] {
     match scene.motion_times {
         [first, second] if first == second => [first, first + 1.0],

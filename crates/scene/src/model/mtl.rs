@@ -2,16 +2,16 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-/// What a file of materials holds.
+/// The contents of an MTL file.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Library {
     /// Materials by name.
     pub(super) materials: BTreeMap<String, Material>,
-    /// What was read otherwise than written, with the line; 0 is the whole file.
+    /// Statements left out or read otherwise, each with its line; 0 is the whole file.
     pub(super) notices: Vec<(u32, String)>,
 }
 
-/// What is followed of a material.
+/// The supported part of a material.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Material {
     /// `Kd`, linear RGB within 0..=1.
@@ -45,7 +45,7 @@ pub(super) fn read_mtl(bytes: &[u8]) -> Library {
                 [r, g, b, ..] if [r, g, b].iter().all(|c| c.is_finite()) => {
                     material.diffuse = Some([r, g, b].map(|c| c.clamp(0.0, 1.0) as f32));
                 }
-                _ => library.notices.push((number, "this Kd is no colour of three numbers: left out".into())),
+                _ => library.notices.push((number, "Kd needs three numbers; left out".into())),
             },
             "map_Kd" => match file_of(rest) {
                 Some(file) => {
@@ -54,7 +54,7 @@ pub(super) fn read_mtl(bytes: &[u8]) -> Library {
                     }
                     material.texture = Some(file.to_owned());
                 }
-                None => library.notices.push((number, "this map_Kd names no file: left out".into())),
+                None => library.notices.push((number, "map_Kd names no file; left out".into())),
             },
             _ => {
                 if calls_for_more(keyword, &numbers) {
@@ -71,13 +71,13 @@ pub(super) fn read_mtl(bytes: &[u8]) -> Library {
     library
 }
 
-/// The file that a texture statement names: behind options, the last word, else everything.
+/// The file that a texture statement names: the last word after options, else the whole argument.
 fn file_of(rest: &str) -> Option<&str> {
     let file = if rest.starts_with('-') { rest.split_whitespace().next_back()? } else { rest };
     (!file.is_empty() && !file.starts_with('-')).then_some(file)
 }
 
-/// Whether a statement would change the image if it were followed.
+/// True if following the statement would change the image.
 fn calls_for_more(keyword: &str, numbers: &[f64]) -> bool {
     let first = numbers.first().copied().unwrap_or(0.0);
     match keyword {

@@ -46,7 +46,7 @@ fn add_model(scene: &mut Scene, model: ObjModel, files: &dyn Files, source: &Sou
     let mut materials = Materials::default();
     for (word, line) in model.left_out {
         let source = Source { line, ..source.clone() };
-        scene.notices.push(Notice { source, message: format!("`{word}` is no surface: left out") });
+        scene.notices.push(Notice::warning(source, format!("\"{word}\" is not a surface; left out")));
     }
     for (name, line) in model.libraries {
         materials.open(scene, &name, files, &Source { line, ..source.clone() });
@@ -58,27 +58,27 @@ fn add_model(scene: &mut Scene, model: ObjModel, files: &dyn Files, source: &Sou
     }
 }
 
-/// What an OBJ file holds.
+/// The contents of an OBJ file.
 #[derive(Clone, Debug, Default)]
 pub struct ObjModel {
     /// Meshes, one for each material and for each set of things that corners have.
     pub meshes: Vec<ObjMesh>,
     /// Files of materials that it names, and the lines where it does.
     pub libraries: Vec<(String, u32)>,
-    /// What the renderer has no use for (lines, points, curves), each with the line where it is met first.
+    /// Unsupported statements (lines, points, curves), each with the line of its first use.
     pub left_out: Vec<(String, u32)>,
 }
 
 /// The part of an OBJ file that has one material.
 #[derive(Clone, Debug)]
 pub struct ObjMesh {
-    /// Name of its material, and the line that asks for it first; `None` before the first `usemtl`.
+    /// Name of its material, and the line of its first use; `None` before the first `usemtl`.
     pub material: Option<(String, u32)>,
     /// The mesh; polygons are cut into triangles.
     pub data: MeshData,
 }
 
-/// Why an OBJ file is refused. Lines count from 1.
+/// The error of an OBJ file. Lines count from 1.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ObjError {
@@ -87,11 +87,11 @@ pub enum ObjError {
     Line {
         /// Its number.
         line: u32,
-        /// What is wrong and what to do.
+        /// The mistake and its remedy.
         what: String,
     },
     /// The file has no faces.
-    #[error("there are no faces: export a mesh, not points or curves")]
+    #[error("there are no faces; export a mesh, not points or curves")]
     NoFaces,
     /// The mesh itself is wrong.
     #[error(transparent)]
@@ -196,11 +196,11 @@ impl<'t> Iterator for Lines<'t> {
     }
 }
 
-/// What faces are sorted by: in the order of first use.
+/// The key of a group of faces; keys sort by first use.
 #[derive(Clone, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 struct Key {
     material: Option<(u32, String)>,
-    /// Whether corners have texture coordinates and normals.
+    /// True if all corners have texture coordinates, and if all have normals.
     has: [bool; 2],
 }
 
@@ -278,7 +278,7 @@ impl Parser {
             corners.push(self.corner(line, word)?);
         }
         if corners.len() < 3 {
-            return Err(format!("a face needs 3 corners or more, not {}: remove it", corners.len()));
+            return Err(format!("a face needs 3 corners or more, not {}; remove it", corners.len()));
         }
         self.key.has = [1, 2].map(|kind| corners.iter().all(|corner| corner[kind].is_some()));
         let group = match self.groups.get_mut(&self.key) {
@@ -297,16 +297,16 @@ impl Parser {
         let mut numbers = [None; 3];
         for (kind, text) in word.split('/').enumerate() {
             let Some(number) = numbers.get_mut(kind) else {
-                return Err(format!("corner '{}' has more than three numbers", shown(word)));
+                return Err(format!("corner \"{}\" has more than three numbers", shown(word)));
             };
             if text.is_empty() {
                 continue;
             }
-            let value: i64 = text.parse().map_err(|_| format!("corner '{}' is no number", shown(word)))?;
+            let value: i64 = text.parse().map_err(|_| format!("corner \"{}\" is not a number", shown(word)))?;
             let count = self.vertices.counts()[kind];
             let what = KINDS[kind];
             *number = Some(match u64::try_from(value) {
-                Ok(0) => return Err(format!("corner '{}': {what} count from 1", shown(word))),
+                Ok(0) => return Err(format!("corner \"{}\": {what} count from 1", shown(word))),
                 Ok(value) => {
                     if value > count.max(self.largest[kind].value) {
                         self.largest[kind] = Largest { value, line };
@@ -315,12 +315,12 @@ impl Parser {
                 }
                 Err(_) => match count.checked_sub(value.unsigned_abs()) {
                     Some(before) => before + 1,
-                    None => return Err(format!("corner '{}': there are only {count} {what} so far", shown(word))),
+                    None => return Err(format!("corner \"{}\": there are only {count} {what} so far", shown(word))),
                 },
             });
         }
         if numbers[0].is_none() {
-            return Err(format!("corner '{}' has no vertex", shown(word)));
+            return Err(format!("corner \"{}\" has no vertex", shown(word)));
         }
         Ok(numbers)
     }
@@ -334,7 +334,7 @@ impl Parser {
                 return Err(ObjError::Line { line: largest.line, what });
             }
             if count > u64::from(u32::MAX) {
-                let what = format!("{count} {what} are too many: split the mesh");
+                let what = format!("{count} {what} are too many; split the mesh");
                 return Err(ObjError::Line { line: 1, what });
             }
         }
@@ -367,14 +367,14 @@ fn single<const N: usize>(values: [f64; N]) -> Result<[f32; N], String> {
 }
 
 fn not_a_number(word: &str) -> String {
-    format!("'{}' is no number", shown(word))
+    format!("\"{}\" is not a number", shown(word))
 }
 
 fn not_finite(word: &str) -> String {
-    format!("'{}' is not finite: mend the mesh", shown(word))
+    format!("\"{}\" is not finite; mend the mesh", shown(word))
 }
 
-/// A word for a message, cut to a sensible length.
+/// A word of the file for a message, cut to 32 characters.
 fn shown(word: &str) -> String {
     let mut shown: String = word.chars().take(32).filter(|c| !c.is_control()).collect();
     if word.chars().nth(32).is_some() {

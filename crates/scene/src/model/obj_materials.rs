@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// The materials of an OBJ file: those that libraries hold, and those that were asked for.
+/// The materials of an OBJ file: those of its libraries, and those in use.
 #[derive(Default)]
 pub(super) struct Materials {
     /// By name, each with its library's path.
@@ -24,8 +24,8 @@ impl Materials {
         let bytes = match files.read(&path) {
             Ok(bytes) => bytes,
             Err(e) => {
-                let message = format!("the materials of {} cannot be read ({e}): grey instead", path.display());
-                scene.notices.push(Notice { source: source.clone(), message });
+                let message = format!("the materials of {} cannot be read ({e}); grey instead", path.display());
+                scene.notices.push(Notice::warning(source.clone(), message));
                 return;
             }
         };
@@ -34,7 +34,7 @@ impl Materials {
         let notices = library.notices.into_iter();
         scene
             .notices
-            .extend(notices.map(|(line, message)| Notice { source: Source { file: file.clone(), line }, message }));
+            .extend(notices.map(|(line, message)| Notice::warning(Source { file: file.clone(), line }, message)));
         for (name, material) in library.materials {
             self.known.insert(name, (material, file.clone()));
         }
@@ -62,8 +62,8 @@ impl Materials {
                 }
                 None => {
                     let source = Source { line: *line, ..source.clone() };
-                    let message = format!("there is no material '{name}': grey instead");
-                    scene.notices.push(Notice { source: source.clone(), message });
+                    let message = format!("unknown material \"{name}\"; grey instead");
+                    scene.notices.push(Notice::warning(source.clone(), message));
                     add_material(scene, name, GREY, &source)
                 }
             },
@@ -104,7 +104,7 @@ impl Materials {
             Ok(image) => Some(Arc::new(image)),
             Err(e) => {
                 let message = format!("the texture cannot be read, Kd stands for it: {e}");
-                scene.notices.push(Notice { source: source.clone(), message });
+                scene.notices.push(Notice::warning(source.clone(), message));
                 None
             }
         };

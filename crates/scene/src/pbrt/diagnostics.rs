@@ -1,13 +1,13 @@
 //! The problems and notices that a reader collects.
 
-use crate::{Notice, Problem, ProblemKind, ReadError, Source};
+use crate::{Notice, NoticeKind, Problem, ProblemKind, ReadError, Source};
 
 /// Problems that are listed; more are only counted.
 const LISTED_PROBLEMS: usize = 100;
 /// Notices that are listed; more are only counted.
 const LISTED_NOTICES: usize = 1000;
 
-/// Collects what a reader has to say.
+/// Collects problems and notices.
 #[derive(Debug, Default)]
 pub(super) struct Log {
     problems: Vec<Problem>,
@@ -35,17 +35,26 @@ impl Log {
     }
 
     pub(super) fn notice(&mut self, source: &Source, message: impl Into<String>) {
+        self.push_notice(Notice::warning(source.clone(), message));
+    }
+
+    /// Reports a setting that Dapple leaves to its user.
+    pub(super) fn ignored_setting(&mut self, source: &Source, message: String) {
+        self.push_notice(Notice { source: source.clone(), kind: NoticeKind::IgnoredSetting, message });
+    }
+
+    fn push_notice(&mut self, notice: Notice) {
         if self.notices.len() < LISTED_NOTICES {
-            self.notices.push(Notice { source: source.clone(), message: message.into() });
+            self.notices.push(notice);
         } else {
             self.more_notices += 1;
         }
     }
 
-    /// Something that the file may well say but the renderer cannot do.
+    /// Reports a valid feature that is not supported.
     pub(super) fn unsupported(&mut self, source: &Source, what: &str) {
         if self.allow_unsupported {
-            self.notice(source, format!("{what} is not supported: left out"));
+            self.notice(source, format!("{what} is not supported; left out"));
         } else {
             self.push(source, ProblemKind::Unsupported, format!("{what} is not supported"));
         }
@@ -61,7 +70,7 @@ impl Log {
         }
         if let (Some(last), more @ 1..) = (self.notices.last(), self.more_notices) {
             let source = last.source.clone();
-            self.notices.push(Notice { source, message: format!("{more} more notices are not listed") });
+            self.notices.push(Notice::warning(source, format!("{more} more notices are not listed")));
         }
         Ok(self.notices)
     }

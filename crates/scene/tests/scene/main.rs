@@ -1,4 +1,4 @@
-//! Reading and describing scenes, as one test program: what a test links takes longer to compile than its own text.
+//! Reading and describing scenes, as one test program: linking takes longer than compiling.
 //!
 //! The test of memory and the corpus of the fuzz targets are programs of their own beside it.
 

@@ -1,4 +1,4 @@
-//! The shared scenes, where they are: what the reader makes of them.
+//! Scenes of others, found through `DAPPLE_SCENES`.
 #![allow(clippy::print_stderr)]
 
 use dapple_scene::model::read_ply;
