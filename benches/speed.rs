@@ -8,7 +8,8 @@ use criterion::{BatchSize, Criterion, Throughput, criterion_group, criterion_mai
 use dapple::clustering::{Params, cluster};
 use dapple::core::{Film, Frame, Limits, Render};
 use dapple::renderer::registry::{self, Setting};
-use dapple::renderer::{Stage, World, WorldClusters, WorldTriangles, bundled, integrator};
+use dapple::renderer::{Stage, World, WorldClusters, WorldTriangles, integrator};
+use dapple_scene::bundled;
 use std::hint::black_box;
 use std::sync::Arc;
 

@@ -18,7 +18,8 @@
 use dapple::core::{Frame, Limits, Render};
 use dapple::metrics::{Pixels, compare};
 use dapple::renderer::light::LightChoice;
-use dapple::renderer::{Stage, World, bundled, integrator, registry, scene};
+use dapple::renderer::{Stage, World, integrator, registry};
+use dapple_scene::{self as scene, bundled};
 use std::sync::Arc;
 use std::time::Instant;
 

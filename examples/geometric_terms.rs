@@ -19,7 +19,8 @@ use dapple::core::{Film, FirstHit, Frame, Limits, Needs, Render, Sampler, lumina
 use dapple::geometry::Ray;
 use dapple::metrics::{Pixels, compare};
 use dapple::renderer::light::Target;
-use dapple::renderer::{World, bundled, integrator, registry, scene};
+use dapple::renderer::{World, integrator, registry};
+use dapple_scene::{self as scene, bundled};
 use glam::Vec3;
 use std::sync::Arc;
 

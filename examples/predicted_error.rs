@@ -14,7 +14,8 @@
 use dapple::core::{Film, Frame, Limits, Needs, Render};
 use dapple::metrics::{RELATIVE_EPSILON, geometric_mean_interval, student_t_quantile};
 use dapple::renderer::registry::{self, Setting};
-use dapple::renderer::{Stage, World, bundled, integrator};
+use dapple::renderer::{Stage, World, integrator};
+use dapple_scene::bundled;
 use std::sync::Arc;
 
 type Result<T> = std::result::Result<T, Box<dyn std::error::Error>>;

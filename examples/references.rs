@@ -12,8 +12,9 @@
 
 use dapple::core::{Frame, Limits, Render};
 use dapple::metrics::{Pixels, block_ratios, compare};
-use dapple::renderer::image::{Encoding, Image, encode_png, read_image, write_file};
-use dapple::renderer::{Stage, World, integrator, pbrt, registry, scene};
+use dapple::renderer::{Stage, World, integrator, registry};
+use dapple::scene::image::{Encoding, Image, encode_png, read_image, write_file};
+use dapple_scene::{self as scene, pbrt};
 use std::path::{Path, PathBuf};
 
 type Result<T> = std::result::Result<T, Box<dyn std::error::Error>>;

@@ -14,7 +14,8 @@
 //! * [`denoise`] (feature `denoise`): filters that are right under unequal sample counts.
 //! * [`metrics`] (feature `metrics`): how wrong an image is.
 //! * [`geometry`] (feature `geometry`): watertight rays.
-//! * [`renderer`] (feature `renderer`): pbrt scenes, lights, materials, integrators, image files.
+//! * [`scene`] (feature `scene`): scene descriptions, pbrt and model readers, image files, bundled scenes.
+//! * [`renderer`] (feature `renderer`): lights, materials, integrators.
 //! * `checkpoint` (feature `checkpoint`, not by default): files that survive a crash.
 //! * `study` (feature `study`, not by default): what accuracy costs in time.
 //!
@@ -75,5 +76,7 @@ pub use dapple_metrics as metrics;
 pub use dapple_mitchell as mitchell;
 #[cfg(feature = "renderer")]
 pub use dapple_renderer as renderer;
+#[cfg(feature = "scene")]
+pub use dapple_scene as scene;
 #[cfg(feature = "study")]
 pub use dapple_study as study;

@@ -84,10 +84,12 @@ const RULES: &[(&str, &[&str], &[&str])] = &[
     ("dapple-metrics", &[], &["glam", "obvhs", "image", "exr", "rayon"]),
     ("dapple-checkpoint", &[], &["glam", "obvhs", "image", "exr", "rayon"]),
     ("dapple-geometry", &[], &["image", "exr", "rayon", "clap"]),
+    ("dapple-scene", &["dapple-core"], &["obvhs", "clap", "indicatif", "dapple-geometry", "dapple-renderer"]),
     (
         "dapple-renderer",
         &[
             "dapple-core",
+            "dapple-scene",
             "dapple-geometry",
             "dapple-low-discrepancy",
             "dapple-mitchell",
@@ -108,6 +110,7 @@ const RULES: &[(&str, &[&str], &[&str])] = &[
             "dapple-cluster-adaptive",
             "dapple-denoise",
             "dapple-metrics",
+            "dapple-scene",
             "dapple-renderer",
         ],
         &["clap", "indicatif", "ctrlc", "dapple-conformance"],
@@ -122,6 +125,7 @@ const RULES: &[(&str, &[&str], &[&str])] = &[
             "dapple-clustering",
             "dapple-cluster-adaptive",
             "dapple-denoise",
+            "dapple-scene",
             "dapple-renderer",
             "dapple-checkpoint",
         ],
@@ -138,6 +142,7 @@ const RULES: &[(&str, &[&str], &[&str])] = &[
             "dapple-cluster-adaptive",
             "dapple-denoise",
             "dapple-metrics",
+            "dapple-scene",
             "dapple-renderer",
             "dapple-study",
             "dapple-checkpoint",
@@ -148,7 +153,7 @@ const RULES: &[(&str, &[&str], &[&str])] = &[
 ];
 
 /// What knows of scenes, BVHs, vectors or image files.
-const OF_A_SCENE: &[&str] = &["glam", "obvhs", "image", "exr", "dapple-geometry", "dapple-renderer"];
+const OF_A_SCENE: &[&str] = &["glam", "obvhs", "image", "exr", "dapple-geometry", "dapple-scene", "dapple-renderer"];
 
 /// What `examples/foreign_renderer.rs` asks for in the manifest.
 const FOREIGN: &str = "clustering,cluster-adaptive,denoise,low-discrepancy,metrics";

@@ -3,7 +3,8 @@
 use crate::{Result, reference, statistics};
 use dapple::core::{Film, Frame, Limits, Needs, Render};
 use dapple::metrics::{Pixels, compare};
-use dapple::renderer::{Stage, World, bundled, integrator, registry, scene};
+use dapple::renderer::{Stage, World, integrator, registry};
+use dapple_scene::{self as scene, bundled};
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;

@@ -2,8 +2,8 @@
 //!
 //! What goes with meshes and images is counted; names, materials and lights are not worth it.
 
-use crate::image::Image;
-use crate::scene::{EnvironmentRadiance, Geometry, LightKind, MeshData, Scene, Shape, TextureKind};
+use dapple_scene::image::Image;
+use dapple_scene::{EnvironmentRadiance, Geometry, LightKind, MeshData, Scene, Shape, TextureKind};
 use std::sync::Arc;
 
 /// Bytes of the tree per triangle: 87 to 92 were measured on meshes of 1 and 4 million triangles, 80 on the terrain's 131
@@ -86,7 +86,8 @@ fn once<'a, T>(all: impl Iterator<Item = &'a Arc<T>>) -> Vec<&'a Arc<T>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{World, bundled};
+    use crate::World;
+    use dapple_scene::bundled;
 
     /// Never more than was foreseen, and hardly less.
     #[test]

@@ -1,8 +1,8 @@
 //! Filters that are programs of others.
 
 use dapple_core::{Film, Filter, Filtered, Needs, Unfiltered};
-use dapple_renderer::image::{Encoding, Layer, Plane, encode_exr, read_image};
 use dapple_renderer::output::layers;
+use dapple_scene::image::{Encoding, Layer, Plane, encode_exr, read_image};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};

@@ -4,7 +4,7 @@ use super::Options;
 use super::settings::{Methods, Settings};
 use crate::info;
 use dapple_checkpoint::Identity;
-use dapple_renderer::scene::Scene;
+use dapple_scene::Scene;
 
 /// The pair that tells shards of one image apart.
 pub(crate) const SHARD: &str = "shard";

@@ -1,6 +1,7 @@
 use super::*;
-use crate::{World, bundled};
+use crate::World;
 use dapple_core::{PointSet, SampleId};
+use dapple_scene::bundled;
 use std::sync::Arc;
 
 const SETTING: Setting = Setting { seed: 5, spp: Some(16) };

@@ -3,9 +3,9 @@
 use super::build::{Problems, convert};
 use super::time::Shutter;
 use super::{Interaction, Part, World};
-use crate::scene::{MaterialId, MediumId, Scene, Shape as DescribedShape, Source};
 use crate::space::Space;
 use dapple_geometry::{Geometry, Hit, Instance, Mesh, Motion, Preset, Ray, Shape};
+use dapple_scene::{MaterialId, MediumId, Scene, Shape as DescribedShape, Source};
 use glam::{DAffine3, DVec3, Vec3};
 use std::sync::Arc;
 

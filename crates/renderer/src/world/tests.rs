@@ -1,11 +1,11 @@
 //! Instances against copies, motion against what stands still.
 
-use crate::scene::{
+use crate::{World, WorldTriangles};
+use dapple_geometry::Ray;
+use dapple_scene::{
     Camera, Color, Emission, Geometry, Instance, Material, MaterialId, MaterialKind, MeshData, Object, ObjectId, Scene,
     Shape, Source,
 };
-use crate::{World, WorldTriangles};
-use dapple_geometry::Ray;
 use glam::{DAffine3, DMat3, DVec3, Vec3};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;

@@ -1,8 +1,8 @@
 //! Which part of a motion the shutter sees.
 
 use super::World;
-use crate::scene::Scene;
 use dapple_geometry::Motion;
+use dapple_scene::Scene;
 
 /// The part of the motion during which the shutter is open.
 pub(super) struct Shutter {
