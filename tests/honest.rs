@@ -3,9 +3,10 @@
 use dapple::core::{
     Block, Draws, Estimate, Film, Frame, Integrator, Limits, Needs, NoMonitor, Sampler, TrainingLog, render,
 };
+use dapple::job::Stage;
+use dapple::job::registry::{self, Setting};
 use dapple::metrics::{ratio_interval, student_t_quantile};
-use dapple::renderer::registry::{self, Setting};
-use dapple::renderer::{Stage, World, bundled, integrator};
+use dapple::renderer::{World, bundled, integrator};
 
 /// The same noise in every pixel: exponential, of mean and variance 1.
 struct EqualNoise;

@@ -3,8 +3,9 @@
 //! approximate.
 
 use dapple::core::{Film, Frame, Limits, Needs, NoMonitor, render};
-use dapple::renderer::registry::{self, SAMPLERS, Setting};
-use dapple::renderer::{Stage, World, bundled, integrator};
+use dapple::job::Stage;
+use dapple::job::registry::{self, SAMPLERS, Setting};
+use dapple::renderer::{World, bundled, integrator};
 use dapple_conformance::statistics::{FAMILY, Pixels, count_trend, image_mean, images, power, sidak, two_sided};
 use std::sync::Arc;
 

@@ -2,8 +2,9 @@
 
 use crate::{Result, reference, statistics};
 use dapple::core::{Film, Frame, Limits, Needs, NoMonitor, render};
+use dapple::job::{Stage, registry};
 use dapple::metrics::{Pixels, compare};
-use dapple::renderer::{Stage, World, bundled, integrator, registry, scene};
+use dapple::renderer::{World, bundled, integrator, scene};
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;

@@ -3,8 +3,9 @@
 use crate::Result;
 use crate::measure::{Plan, errors};
 use dapple::core::{Frame, Limits, Needs, NoMonitor, render};
+use dapple::job::{Stage, registry};
 use dapple::renderer::image::{Encoding, Image, encode_pfm, read_image, write_file};
-use dapple::renderer::{Stage, World, bundled::Bundle, integrator, registry};
+use dapple::renderer::{World, bundled::Bundle, integrator};
 use std::path::Path;
 
 /// A point set that no method of the tables uses (asides do, with other seeds), and two seeds that none uses.

@@ -20,11 +20,12 @@ use crate::{Failure, Outcome, Result, scene};
 use checkpoints::Checkpoints;
 use clap::CommandFactory;
 use clap::error::ErrorKind;
-use dapple_checkpoint::{Identity, Store};
 use dapple_core::{Error, Film, Filter, Needs, Sampler, Sharded, Unfiltered, streams};
+use dapple_job::checkpoint::{Identity, Store};
+use dapple_job::{Stage, WorldClusters};
 use dapple_renderer::light::LightChoice;
 use dapple_renderer::scene::Scene;
-use dapple_renderer::{Effect, Effects, Stage, World, WorldClusters, integrator};
+use dapple_renderer::{Effect, Effects, World, integrator};
 use files::Files;
 use memory::{Expected, Limit};
 use progress::Progress;
@@ -222,7 +223,7 @@ fn end(film: &Film, failure: Option<Failure>, resume: Option<Result<PathBuf>>) -
     }
 }
 
-/// Writes the files and says how it went. `unit` as in [`dapple_renderer::output::layers`].
+/// Writes the files and says how it went. `unit` as in [`dapple_job::output::layers`].
 fn deliver(mut report: Report<'_>, files: &Files, unit: f64, options: &Options) -> Result<()> {
     if report.film.record().samples == 0 {
         warn("stopped before the first sample: nothing is saved");

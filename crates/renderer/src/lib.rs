@@ -1,5 +1,5 @@
 //! The renderer of Dapple: scene description, pbrt-v4 reader, camera, lights, materials, effects,
-//! integrators, image files, and the registry of everything that can be chosen by name.
+//! integrators, image files.
 //!
 //! A [`scene::Scene`] is plain data with the lines it came from; [`Effects::of`] says what it calls for;
 //! [`World::new`] makes it ready for rays; [`integrator()`] gives the path tracer specialised for it, and
@@ -13,7 +13,6 @@ struct Readme;
 pub mod blocks;
 pub mod bundled;
 pub mod camera;
-mod clusters;
 mod effects;
 pub mod files;
 pub mod image;
@@ -21,14 +20,11 @@ mod integrator;
 pub mod light;
 mod material;
 pub mod medium;
-pub mod memory;
 pub mod model;
-pub mod output;
 pub mod pbrt;
 pub mod pixel_filter;
 pub mod ply;
 mod polygon;
-pub mod registry;
 pub mod scene;
 mod scene_file;
 pub mod shading;
@@ -36,7 +32,6 @@ mod space;
 mod texture;
 mod world;
 
-pub use clusters::{Stage, WorldClusters, WorldTriangles};
 pub use effects::{Called, Effect, Effects, UnknownEffect};
 pub use integrator::{PathTracer, code, integrator, integrator_with};
 pub use material::{MaterialError, Surface};

@@ -3,12 +3,13 @@
 use crate::StudyError;
 use crate::digest::Digest;
 use dapple_core::{Frame, Limits, Needs, NoMonitor, render};
+use dapple_job::Stage;
+use dapple_job::registry::{self, Setting};
 use dapple_renderer::files::{Disk, Files};
 use dapple_renderer::light::LightChoice;
 use dapple_renderer::pbrt::ReadOptions;
-use dapple_renderer::registry::{self, Setting};
 use dapple_renderer::scene::{PixelFilter, Scene};
-use dapple_renderer::{AnyOptions, Stage, World, bundled, integrator, read_any_from};
+use dapple_renderer::{AnyOptions, World, bundled, integrator, read_any_from};
 use serde::{Deserialize, Serialize};
 use std::cell::RefCell;
 use std::collections::BTreeMap;

@@ -2,10 +2,11 @@
 
 use crate::support::*;
 use dapple_core::{Draws, Frame, Limits, Needs, NoMonitor, PointSet, SampleId, Schedule, TrainingLog, render, streams};
+use dapple_job::Stage;
+use dapple_job::registry::{self, POINTS, SAMPLERS, Setting};
 use dapple_low_discrepancy::Sobol;
-use dapple_renderer::registry::{self, POINTS, SAMPLERS, Setting};
 use dapple_renderer::scene::{Geometry, Scene};
-use dapple_renderer::{Stage, World, blocks, bundled, integrator};
+use dapple_renderer::{World, blocks, bundled, integrator};
 use glam::{DAffine3, DMat3, DVec3};
 use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex};

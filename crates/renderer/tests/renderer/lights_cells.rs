@@ -4,12 +4,13 @@
 use crate::support::{add, add_material, diffuse, line, rectangle, scene};
 use dapple_core::samplers::Uniform;
 use dapple_core::{Film, Frame, Limits, Needs, NoMonitor, Sampler, Schedule, render};
+use dapple_job::Stage;
+use dapple_job::registry::{self, Setting};
 use dapple_low_discrepancy::Sobol;
 use dapple_renderer::image::Image;
 use dapple_renderer::light::LightChoice;
-use dapple_renderer::registry::{self, Setting};
 use dapple_renderer::scene::{EnvironmentRadiance, Light, LightKind};
-use dapple_renderer::{Stage, World, bundled, integrator};
+use dapple_renderer::{World, bundled, integrator};
 use glam::{DAffine3, DVec3};
 use std::sync::Arc;
 

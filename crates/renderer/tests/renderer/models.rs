@@ -4,11 +4,12 @@
 
 use dapple_core::{Frame, Limits, NoMonitor, render};
 use dapple_geometry::{Geometry as Tree, Mesh, Preset, Ray, Shape};
+use dapple_job::Stage;
+use dapple_job::registry::{self, Setting};
 use dapple_renderer::model::{ModelOptions, UpAxis, read_model_from, read_obj, read_stl};
 use dapple_renderer::pbrt::ReadError;
-use dapple_renderer::registry::{self, Setting};
 use dapple_renderer::scene::{Color, Geometry, MaterialKind, MeshData, Scene, TextureKind};
-use dapple_renderer::{AnyOptions, Stage, World, integrator, read_any, read_any_from};
+use dapple_renderer::{AnyOptions, World, integrator, read_any, read_any_from};
 use glam::DVec3;
 use rand::{RngExt, SeedableRng};
 use std::collections::{BTreeMap, BTreeSet};

@@ -1,7 +1,7 @@
 //! The layers of an EXR file.
 
-use crate::image::{Layer, Plane};
 use dapple_core::{Features, Film, Filtered};
+use dapple_renderer::image::{Layer, Plane};
 
 /// Every layer that the film can fill, the image first:
 ///

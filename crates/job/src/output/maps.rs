@@ -2,8 +2,8 @@
 
 use super::layers::{depth, of_features};
 use crate::WorldClusters;
-use crate::image::{ImageError, encode_png_gray, encode_png_rgb, srgb_encode};
 use dapple_core::{Film, Filtered};
+use dapple_renderer::image::{ImageError, encode_png_gray, encode_png_rgb, srgb_encode};
 
 /// A map in shades of gray, with its scale.
 #[derive(Clone, Debug, PartialEq)]

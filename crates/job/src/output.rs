@@ -1,6 +1,6 @@
 //! From a film to what image files hold: the layers of an EXR file, and maps to look at.
 //!
-//! Nothing is written here: [`image`](crate::image) encodes and writes.
+//! Nothing is written here: [`image`](dapple_renderer::image) encodes and writes.
 
 mod layers;
 mod maps;

@@ -1,6 +1,6 @@
 use super::*;
-use crate::{World, bundled};
 use dapple_core::{PointSet, SampleId};
+use dapple_renderer::{World, bundled};
 use std::sync::Arc;
 
 const SETTING: Setting = Setting { seed: 5, spp: Some(16) };
@@ -165,7 +165,7 @@ fn every_cluster_choice_renders() {
                 let mut sampler = sampler(&words, points, &stage).unwrap_or_else(|e| panic!("{words}: {e}"));
                 let frame = dapple_core::Frame::new(9, 7).expect("not empty");
                 let film = dapple_core::render(
-                    &mut *crate::integrator(&world),
+                    &mut *dapple_renderer::integrator(&world),
                     &mut *sampler,
                     dapple_core::Needs::none(),
                     frame,

@@ -2,8 +2,8 @@
 //!
 //! What goes with meshes and images is counted; names, materials and lights are not worth it.
 
-use crate::image::Image;
-use crate::scene::{EnvironmentRadiance, Geometry, LightKind, MeshData, Scene, Shape, TextureKind};
+use dapple_renderer::image::Image;
+use dapple_renderer::scene::{EnvironmentRadiance, Geometry, LightKind, MeshData, Scene, Shape, TextureKind};
 use std::sync::Arc;
 
 /// Bytes of the tree per triangle: 87 to 92 were measured on meshes of 1 and 4 million triangles, 80 on the terrain's 131
@@ -32,7 +32,7 @@ pub fn of_scene(scene: &Scene) -> u64 {
     meshes.chain(images).sum()
 }
 
-/// What [`World::new`](crate::World::new) will take for a scene, before it is made: to within a tenth for large meshes.
+/// What [`World::new`](dapple_renderer::World::new) will take for a scene, before it is made: to within a tenth for large meshes.
 pub fn of_world(scene: &Scene) -> WorldMemory {
     // Positions become single, triangles and texture coordinates are copied, each triangle gets a normal.
     let copied = |mesh: &Arc<MeshData>| {
@@ -86,7 +86,7 @@ fn once<'a, T>(all: impl Iterator<Item = &'a Arc<T>>) -> Vec<&'a Arc<T>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{World, bundled};
+    use dapple_renderer::{World, bundled};
 
     /// Never more than was foreseen, and hardly less.
     #[test]
