@@ -16,7 +16,8 @@
 //! * [`geometry`] (feature `geometry`): watertight rays.
 //! * [`scene`] (feature `scene`): scene descriptions, pbrt and model readers, image files, bundled scenes.
 //! * [`renderer`] (feature `renderer`): lights, materials, integrators.
-//! * `checkpoint` (feature `checkpoint`, not by default): files that survive a crash.
+//! * [`job`] (feature `job`): one render from description to image; samplers, point sets and filters by name;
+//!   checkpoints and shards.
 //! * `study` (feature `study`, not by default): what accuracy costs in time.
 //!
 //! `examples/foreign_renderer.rs` is a renderer that shares nothing with Dapple's own but these parts.
@@ -58,8 +59,6 @@
 
 pub use dapple_core as core;
 
-#[cfg(feature = "checkpoint")]
-pub use dapple_checkpoint as checkpoint;
 #[cfg(feature = "cluster-adaptive")]
 pub use dapple_cluster_adaptive as cluster_adaptive;
 #[cfg(feature = "clustering")]
@@ -68,6 +67,8 @@ pub use dapple_clustering as clustering;
 pub use dapple_denoise as denoise;
 #[cfg(feature = "geometry")]
 pub use dapple_geometry as geometry;
+#[cfg(feature = "job")]
+pub use dapple_job as job;
 #[cfg(feature = "low-discrepancy")]
 pub use dapple_low_discrepancy as low_discrepancy;
 #[cfg(feature = "metrics")]

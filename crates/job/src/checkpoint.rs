@@ -16,8 +16,3 @@ pub use contents::{Contents, Damage, Identity, Kind};
 pub use error::Error;
 pub use file_system::{Disk, FileSystem};
 pub use store::{Found, Generation, Store};
-
-/// Runs the example of the README.
-#[cfg(doctest)]
-#[doc = include_str!("../README.md")]
-struct ReadmeExample;

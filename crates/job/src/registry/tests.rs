@@ -1,6 +1,6 @@
 use super::*;
-use crate::World;
 use dapple_core::{PointSet, SampleId};
+use dapple_renderer::World;
 use dapple_scene::bundled;
 use std::sync::Arc;
 
@@ -166,7 +166,7 @@ fn every_cluster_choice_renders() {
                 let mut sampler = sampler(&words, points, &stage).unwrap_or_else(|e| panic!("{words}: {e}"));
                 let frame = dapple_core::Frame::new(9, 7).expect("not empty");
                 let film = dapple_core::Render::new(frame, &dapple_core::Limits::samples(63 * 8))
-                    .run(&mut *crate::integrator(&world), &mut *sampler);
+                    .run(&mut *dapple_renderer::integrator(&world), &mut *sampler);
                 let counts = film.unwrap_or_else(|e| panic!("{words}: {e}")).counts();
                 assert_eq!(counts.iter().sum::<u64>(), 63 * 8, "{words}");
                 assert_ne!(counts.iter().min(), counts.iter().max(), "{words} tells nothing apart");

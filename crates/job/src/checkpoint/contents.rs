@@ -4,7 +4,7 @@
 //! everything); the pairs, each text after its length in 4 bytes; the length of the body in 8 bytes; the body; the CRC-32
 //! (IEEE 802.3) of all bytes before it.
 
-use crate::Error;
+use super::Error;
 use std::path::Path;
 
 const MAGIC: &[u8; 8] = b"dapple-c";

@@ -1,6 +1,6 @@
 //! Files under faults at every call, and damaged ones (HARD_CASES X02, X03, X08).
 
-use dapple_checkpoint::{Contents, Damage, Disk, Error, FileSystem, Generation, Identity, Kind, Store};
+use dapple_job::checkpoint::{Contents, Damage, Disk, Error, FileSystem, Generation, Identity, Kind, Store};
 use std::fs::File;
 use std::io::{self, ErrorKind, Write};
 use std::path::{Path, PathBuf};

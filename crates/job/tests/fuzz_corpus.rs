@@ -1,17 +1,17 @@
 //! The fuzz target `checkpoint` on its seeds, so that a build without `cargo fuzz` sees at once what breaks.
 //!
-//! `DAPPLE_WRITE_SEEDS=1 cargo test -p dapple-checkpoint --test fuzz_corpus` writes the seeds anew.
+//! `DAPPLE_WRITE_SEEDS=1 cargo test -p dapple-job --test fuzz_corpus` writes the seeds anew.
 
 #[allow(unreachable_pub)] // A target of its own where cargo-fuzz builds it.
 #[path = "../../../fuzz/src/checkpoint.rs"]
 mod target;
 
-use dapple_checkpoint::{Contents, Identity, Kind};
 use dapple_core::samplers::Uniform;
 use dapple_core::{
     Block, Control, Draws, Estimate, Film, FirstHit, Frame, Integrator, Limits, Needs, PointSet, Render, SampleId,
     Sampler, Shard, ShardFilm, Sharded, Status, TrainingData, TrainingLog,
 };
+use dapple_job::checkpoint::{Contents, Identity, Kind};
 use std::path::Path;
 
 /// SplitMix64's finaliser.

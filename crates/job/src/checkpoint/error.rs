@@ -1,6 +1,6 @@
 //! What can go wrong with a file.
 
-use crate::Damage;
+use super::Damage;
 use std::io;
 use std::path::PathBuf;
 

@@ -1,10 +1,10 @@
 //! A world's clusters, and what samplers and filters that look at the world are made from.
 
-use crate::World;
 use crate::registry::RegistryError;
 use dapple_cluster_adaptive::{ProbeCost, ProbeHit, ProbeRay, ProbesHandle, TraceProbe};
 use dapple_clustering::{Cluster, Clusters, Params, Report, Triangles, cluster};
 use dapple_core::FirstHit;
+use dapple_renderer::World;
 use glam::{Vec2, Vec3};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
@@ -24,7 +24,7 @@ impl WorldTriangles {
     /// Copies the triangles of all meshes, in the order of the shapes' numbers: each instance's too, as it stands when
     /// the shutter opens.
     pub fn of(world: &World) -> Self {
-        let meshes = || (0..world.geometry.shape_count()).filter_map(|number| world.geometry.shape(number).mesh());
+        let meshes = || (0..world.geometry().shape_count()).filter_map(|number| world.geometry().shape(number).mesh());
         // All at once: what has grown has been written more than once.
         let triangles = meshes().map(|mesh| mesh.triangles().len()).sum();
         let mut all = Self {
@@ -32,10 +32,10 @@ impl WorldTriangles {
             indices: Vec::with_capacity(triangles),
             materials: Vec::with_capacity(triangles),
         };
-        for number in 0..world.geometry.shape_count() {
-            let Some(mesh) = world.geometry.shape(number).mesh() else { continue };
+        for number in 0..world.geometry().shape_count() {
+            let Some(mesh) = world.geometry().shape(number).mesh() else { continue };
             let first = all.positions.len() as u32;
-            match world.geometry.to_world(number, world.time(0.0)) {
+            match world.geometry().to_world(number, world.time(0.0)) {
                 None => all.positions.extend_from_slice(mesh.positions()),
                 Some(to_world) => {
                     let moved = |p: &[f32; 3]| to_world.transform_point3(Vec3::from_array(*p).as_dvec3());
@@ -43,7 +43,7 @@ impl WorldTriangles {
                 }
             }
             all.indices.extend(mesh.triangles().iter().map(|t| t.map(|vertex| first + vertex)));
-            all.materials.resize(all.indices.len(), world.part(number).material);
+            all.materials.resize(all.indices.len(), world.shape_material(number));
         }
         all
     }
@@ -81,10 +81,10 @@ impl WorldClusters {
         let (of_triangles, in_clusters) = found.as_ref().map(Clusters::shared).unwrap_or_default();
         // Spheres and disks after them.
         let (mut labels, mut clusters) = (Vec::new(), Vec::new());
-        let mut first = Vec::with_capacity(world.geometry.shape_count() as usize);
+        let mut first = Vec::with_capacity(world.geometry().shape_count() as usize);
         let mut triangle = 0;
-        for number in 0..world.geometry.shape_count() {
-            match world.geometry.shape(number).mesh() {
+        for number in 0..world.geometry().shape_count() {
+            match world.geometry().shape(number).mesh() {
                 Some(mesh) => {
                     first.push(triangle);
                     triangle += mesh.triangles().len() as u32;
@@ -93,7 +93,7 @@ impl WorldClusters {
                     first.push((of_triangles.len() + labels.len()) as u32);
                     labels.push((in_clusters.len() + clusters.len()) as u32);
                     let group = clusters.last().or(in_clusters.last()).map_or(0, |c: &Cluster| c.group + 1);
-                    clusters.push(whole(world.shape_bounds(number), world.part(number).material, group));
+                    clusters.push(whole(world.shape_bounds(number), world.shape_material(number), group));
                 }
             }
         }
@@ -241,15 +241,15 @@ pub(crate) fn shoot(world: Arc<World>, clusters: Arc<WorldClusters>) -> TracePro
         let [x, y] = probe.pixel.map(|n| n as f32 + 0.5);
         let offset = Vec2::new(probe.film[0] - x, probe.film[1] - y);
         let time = world.time(0.0);
-        let ray = world.camera.ray_at(world.camera.place(probe.pixel, offset), probe.lens, time);
-        let at = world.closest_at(&ray, time)?;
-        let distance = (at.point.position - ray.origin).length();
+        let ray = world.camera().ray_at(world.camera().place(probe.pixel, offset), probe.lens, time);
+        let (hit, point) = world.first_surface(&ray, time)?;
+        let distance = (point.position - ray.origin).length();
         Some(ProbeHit {
-            primitive: clusters.primitive(at.hit.shape, at.hit.primitive),
+            primitive: clusters.primitive(hit.shape, hit.primitive),
             direction: ray.direction.to_array(),
             distance,
-            normal: at.point.normal.to_array(),
-            footprint: world.camera.footprint(distance),
+            normal: point.normal.to_array(),
+            footprint: world.camera().footprint(distance),
         })
     })
 }

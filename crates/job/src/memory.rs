@@ -32,7 +32,7 @@ pub fn of_scene(scene: &Scene) -> u64 {
     meshes.chain(images).sum()
 }
 
-/// What [`World::new`](crate::World::new) will take for a scene, before it is made: to within a tenth for large meshes.
+/// What [`World::new`](dapple_renderer::World::new) will take for a scene, before it is made: to within a tenth for large meshes.
 pub fn of_world(scene: &Scene) -> WorldMemory {
     // Positions become single, triangles and texture coordinates are copied, each triangle gets a normal.
     let copied = |mesh: &Arc<MeshData>| {
@@ -86,7 +86,7 @@ fn once<'a, T>(all: impl Iterator<Item = &'a Arc<T>>) -> Vec<&'a Arc<T>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::World;
+    use dapple_renderer::World;
     use dapple_scene::bundled;
 
     /// Never more than was foreseen, and hardly less.

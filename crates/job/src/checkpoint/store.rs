@@ -3,9 +3,9 @@
 //! Beside FILE: `FILE.part` while it is written, `FILE.previous` with the generation before, `FILE.lock` (empty, and left
 //! there: removing it would let two processes hold it) to keep a second writer away.
 
-use crate::Error;
-use crate::file_system::{Disk, FileSystem};
-use crate::{Contents, Kind};
+use super::Error;
+use super::file_system::{Disk, FileSystem};
+use super::{Contents, Kind};
 use std::ffi::OsString;
 use std::fs::{File, OpenOptions, TryLockError};
 use std::path::{Path, PathBuf};
