@@ -7,10 +7,12 @@
 //!   geometry, no scene and no image file.
 //! * [`low_discrepancy`] (feature `low-discrepancy`): Owen-scrambled Sobol', Halton, (0,2), stratified and
 //!   independent points.
+//! * [`adaptive`] (feature `adaptive`): the error-driven sampler, its variance preset, the stopping rule of Cycles.
 //! * [`mitchell`] (feature `mitchell`): Mitchell's contrast-adaptive sampler, and pbrt-v2's.
 //! * [`clustering`] (feature `clustering`): slices of triangles in, clusters out.
 //! * [`cluster_adaptive`] (feature `cluster-adaptive`): sample counts from the projected sizes of clusters,
 //!   through a closure that finds first hits.
+//! * [`light_selection`] (feature `light-selection`): learned probabilities of lights.
 //! * [`denoise`] (feature `denoise`): filters that are right under unequal sample counts.
 //! * [`metrics`] (feature `metrics`): how wrong an image is.
 //! * [`geometry`] (feature `geometry`): watertight rays.
@@ -27,7 +29,7 @@
 //!
 //! ```
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
-//! use dapple::core::samplers::Variance;
+//! use dapple::adaptive::Variance;
 //! use dapple::core::{Block, Draws, Estimate, Frame, Integrator, Limits, Needs, NoMonitor, TrainingLog, render};
 //! use dapple::low_discrepancy::Sobol;
 //!
@@ -57,6 +59,8 @@
 
 pub use dapple_core as core;
 
+#[cfg(feature = "adaptive")]
+pub use dapple_adaptive as adaptive;
 #[cfg(feature = "checkpoint")]
 pub use dapple_checkpoint as checkpoint;
 #[cfg(feature = "cluster-adaptive")]
@@ -67,6 +71,8 @@ pub use dapple_clustering as clustering;
 pub use dapple_denoise as denoise;
 #[cfg(feature = "geometry")]
 pub use dapple_geometry as geometry;
+#[cfg(feature = "light-selection")]
+pub use dapple_light_selection as light_selection;
 #[cfg(feature = "low-discrepancy")]
 pub use dapple_low_discrepancy as low_discrepancy;
 #[cfg(feature = "metrics")]
