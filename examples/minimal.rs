@@ -5,7 +5,7 @@
 
 use dapple::adaptive::Adaptive;
 use dapple::core::samplers::Uniform;
-use dapple::core::{Block, Draws, Estimate, Film, Frame, Integrator, Limits, Needs, NoMonitor, TrainingLog, render};
+use dapple::core::{Block, Draws, Estimate, Film, Frame, Integrator, Limits, Render, TrainingLog};
 use dapple::low_discrepancy::Sobol;
 use std::f32::consts::TAU;
 
@@ -79,7 +79,7 @@ impl Integrator for Balls {
 
 fn image(mut sampler: impl dapple::core::Sampler, spp: u64) -> Result<Film, dapple::core::Error> {
     let (frame, limits) = (Frame::new(240, 135)?, Limits::samples(spp * 240 * 135));
-    render(&mut Balls, &mut sampler, Needs::none(), frame, &limits, &mut NoMonitor)
+    Render::new(frame, &limits).run(&mut Balls, &mut sampler)
 }
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {

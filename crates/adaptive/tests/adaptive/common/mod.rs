@@ -2,8 +2,8 @@
 #![allow(dead_code, unreachable_pub, reason = "each test file uses its own part")]
 
 use dapple_core::{
-    Block, Draws, Error, Estimate, Feedback, Film, Frame, Integrator, Limits, Needs, NoMonitor, Plan, PointSet,
-    Progress, Sampler, TrainingLog, render,
+    Block, Draws, Error, Estimate, Feedback, Film, Frame, Integrator, Limits, Needs, Plan, PointSet, Progress, Render,
+    Sampler, TrainingLog,
 };
 use dapple_low_discrepancy::Random;
 
@@ -69,7 +69,7 @@ pub fn run(
     frame: Frame,
     limits: &Limits,
 ) -> Result<Film, Error> {
-    render(integrator, sampler, Needs::none(), frame, limits, &mut NoMonitor)
+    Render::new(frame, limits).run(integrator, sampler)
 }
 
 pub fn sum(counts: &[u32]) -> u64 {
