@@ -2,10 +2,11 @@
 
 #![allow(clippy::print_stderr)] // Reports skipped files, and the size of each.
 
-use dapple_core::{Frame, Limits, NoMonitor, render};
+use dapple_core::{Frame, Limits, Render};
 use dapple_geometry::{Geometry as Tree, Mesh, Preset, Ray, Shape};
-use dapple_renderer::registry::{self, Setting};
-use dapple_renderer::{Stage, World, integrator};
+use dapple_job::Stage;
+use dapple_job::registry::{self, Setting};
+use dapple_renderer::{World, integrator};
 use dapple_scene::{AnyOptions, read_any, read_any_from};
 use glam::DVec3;
 use std::collections::{BTreeMap, BTreeSet};
@@ -97,7 +98,7 @@ fn rendered(name: &str, world: World) -> usize {
         assert!(used.len() <= clusters && used.iter().all(|&label| (label as usize) < clusters), "{name}");
         let needs = filter.needs();
         let film =
-            render(&mut *integrator(&world), &mut *sampler, needs, frame, &Limits::samples(4 * 1024), &mut NoMonitor);
+            Render::new(frame, &Limits::samples(4 * 1024)).needs(needs).run(&mut *integrator(&world), &mut *sampler);
         let film = film.unwrap_or_else(|e| panic!("{name}: {e}"));
         assert_eq!((film.record().samples, film.record().rejected), (4 * 1024, 0), "{name}");
         let filtered = filter.apply(&film).unwrap_or_else(|e| panic!("{name}: {e}"));

@@ -10,7 +10,7 @@ mod made;
 pub use made::*;
 
 use dapple_core::samplers::Uniform;
-use dapple_core::{Film, Frame, Limits, Needs, NoMonitor, PointSet, Sampler, render};
+use dapple_core::{Film, Frame, Limits, PointSet, Render, Sampler};
 use dapple_low_discrepancy::Sobol;
 use dapple_renderer::{World, integrator};
 use dapple_scene::Scene;
@@ -27,7 +27,7 @@ pub fn film_of(world: &World, size: [u32; 2], spp: u64, points: impl PointSet) -
 }
 
 pub fn film_in(world: &World, frame: Frame, sampler: &mut dyn Sampler, limits: &Limits) -> Film {
-    render(&mut *integrator(world), sampler, Needs::none(), frame, limits, &mut NoMonitor).expect("it renders")
+    Render::new(frame, limits).run(&mut *integrator(world), sampler).expect("it renders")
 }
 
 /// `spp` Sobol' samples in every pixel of the scene's image.
