@@ -5,7 +5,7 @@
 //! ```
 
 use criterion::{BatchSize, Criterion, Throughput, criterion_group, criterion_main};
-use dapple::clustering::{Params, cluster};
+use dapple::clustering::{ClusterParams, cluster};
 use dapple::core::{Film, Frame, Limits, NoMonitor, render};
 use dapple::renderer::registry::{self, Setting};
 use dapple::renderer::{Stage, World, WorldClusters, WorldTriangles, bundled, integrator};
@@ -32,7 +32,7 @@ fn clustering(criterion: &mut Criterion) {
     let triangles = WorldTriangles::of(&world);
     let mut group = criterion.benchmark_group("clustering/terrain");
     group.throughput(Throughput::Elements(triangles.indices.len() as u64));
-    let params = Params::default();
+    let params = ClusterParams::default();
     group.bench_function("cluster", |b| b.iter(|| cluster(black_box(&triangles.as_slices()), &params)));
     group.bench_function("world", |b| b.iter(|| WorldClusters::new(black_box(&world), &params)));
     group.finish();

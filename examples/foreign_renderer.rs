@@ -13,7 +13,7 @@
 #![expect(clippy::print_stdout, reason = "a program: its table is its result")]
 
 use dapple::cluster_adaptive::{BACKGROUND, ClusterThesis, Placement, ProbeHit, probe};
-use dapple::clustering::{Params, Triangles, cluster};
+use dapple::clustering::{ClusterParams, Sides, Triangles, cluster};
 use dapple::core::samplers::Uniform;
 use dapple::core::{Block, Draws, Estimate, Film, Filter, Frame, Integrator, Limits, Needs, NoMonitor};
 use dapple::core::{Sampler, TrainingLog, Unfiltered, render};
@@ -43,9 +43,9 @@ fn main() -> Result<()> {
 
     // Triangles in, clusters out.
     let positions: Vec<[f32; 3]> = scene.positions.iter().map(|p| p.0).collect();
-    let triangles = Triangles { positions: &positions, indices: &scene.triangles, materials: &scene.materials };
+    let triangles = Triangles::new(&positions, &scene.triangles).with_materials(&scene.materials);
     // All triangles of a surface turn the same way here: near and far side of a small ball stay apart.
-    let clusters = cluster(&triangles, &Params { two_sided: false, ..Params::for_count(CLUSTERS) })?;
+    let clusters = cluster(&triangles, &ClusterParams::for_count(CLUSTERS).with_sides(Sides::Signed))?;
 
     // First hits in, a sample count for each pixel out, when the sampler is asked. `Centre` needs no points.
     let probes = probe(&frame, Placement::Centre, &Sobol::new(0), clusters.labels(), |ray| {
