@@ -17,7 +17,6 @@ pub struct Clusters {
 
 /// One cluster.
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[non_exhaustive]
 pub struct Cluster {
     /// The number of its triangles.
     pub triangles: u32,

@@ -22,7 +22,7 @@ pub enum Error {
     },
     /// A triangle refers to a vertex that does not exist.
     #[error(
-        "triangle {triangle} refers to vertex {vertex}, but the mesh has {vertices} vertices; indices count from 0"
+        "triangle {triangle} refers to vertex {vertex} of {vertices}: indices count from 0 and stay below {vertices}"
     )]
     IndexOutOfRange {
         /// The triangle's index in its mesh.
@@ -53,7 +53,9 @@ pub enum Error {
         limit: usize,
     },
     /// An instance refers to an object that does not exist.
-    #[error("instance {instance} refers to object {object}, but there are {objects} objects; indices count from 0")]
+    #[error(
+        "instance {instance} refers to object {object} of {objects}: indices count from 0 and stay below {objects}"
+    )]
     NoSuchObject {
         /// The instance's index.
         instance: u32,
