@@ -77,7 +77,8 @@ pub struct ClusterReport {
 impl Cluster {
     /// A cluster without triangles, for a shape of another kind such as a sphere. It has no normal.
     ///
-    /// `bounds` are the smallest and largest corner of its box. `group` continues the numbers of the groups of triangles.
+    /// `bounds` are the smallest and largest corner of its box. `group` continues the numbers of the groups of
+    /// triangles.
     pub const fn without_triangles(bounds: [[f32; 3]; 2], area: f64, material: u32, group: u32) -> Self {
         Self { triangles: 0, bounds, area, normal: [0.0; 3], cone: -1.0, material, group }
     }

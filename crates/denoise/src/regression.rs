@@ -37,7 +37,7 @@ const HALO: [usize; 2] = [WIDTH + 2 * REACH, HEIGHT + 2 * REACH];
 
 /// Filters both halves. The weights of each come from the other half's guide, or from a single guide for both.
 ///
-/// Where no window's centre resembles a pixel, the image `beside` stands in: it has the weight `share`, while a
+/// If no window's centre resembles a pixel, the image `beside` stands in: it has the weight `share`, while a
 /// window's centre has 1. Every second pixel is no centre.
 pub(crate) fn regress<const G: usize>(
     inputs: &Inputs,

@@ -12,7 +12,7 @@ pub trait Safeguards: Copy + 'static {
     const EXACT: bool = true;
     /// Boxes grow by the bounds on rounding, and their exits are slightly delayed.
     const PADDING: bool = true;
-    /// Of hits at the same distance the smallest number wins, otherwise the first one tested.
+    /// The smallest number wins among hits at the same distance, otherwise the first one tested.
     const TIES: bool = true;
     /// Rays leave surfaces by a bound on the point's error, otherwise by 1e-4 in any scene.
     const OFFSETS: bool = true;
