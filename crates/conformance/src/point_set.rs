@@ -42,7 +42,7 @@ const BOUND: f64 = 4.5;
 const BLOCKS: [u32; 20] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 100, 256, 1000, 4000];
 
 fn id(pixel: [u32; 2], stream: u32, index: u64) -> SampleId {
-    SampleId { pixel, stream, index }
+    SampleId::new(pixel, stream, index)
 }
 
 fn describes_itself(points: &dyn PointSet) {

@@ -104,19 +104,16 @@ impl Integrator for Scene {
             },
             Self::AllInvalid => f32::NAN,
         };
-        let first_hit = (draws.wants_first_hit() && y != 2).then(|| FirstHit {
-            position: [x as f32 + u[0], y as f32 + u[1], 0.0],
-            geometric_normal: [0.0, 0.0, 1.0],
-            shading_normal: if x < 9 { [0.0, 0.0, 1.0] } else { [0.0, 1.0, 0.0] },
-            albedo: [0.8, 0.5, 0.2],
-            depth: 1.0 + u[0],
-            footprint: 1.0,
-            roughness: 1.0,
-            material: x / 9,
-            shape: x / 9,
-            primitive: y / 5,
+        let first_hit = (draws.wants_first_hit() && y != 2).then(|| {
+            FirstHit::new([x as f32 + u[0], y as f32 + u[1], 0.0], [0.0, 0.0, 1.0], 1.0 + u[0])
+                .with_shading_normal(if x < 9 { [0.0, 0.0, 1.0] } else { [0.0, 1.0, 0.0] })
+                .with_albedo([0.8, 0.5, 0.2])
+                .with_footprint(1.0)
+                .with_material(x / 9)
+                .with_shape(x / 9)
+                .with_primitive(y / 5)
         });
-        Estimate { radiance: [value, 0.5 * value, 0.25 * value], first_hit, cost: 1 + x % 3 }
+        Estimate::new([value, 0.5 * value, 0.25 * value]).with_first_hit(first_hit).with_cost(1 + x % 3)
     }
 }
 
@@ -247,7 +244,8 @@ fn same_bits(make: &impl Fn(&Frame) -> Box<dyn Sampler>, frame: Frame, scene: Sc
     }
     for (tile_rows, slice_spp, shuffle) in [(7, 1, 0), (16, 13, 1), (64, 0, 2), (1, 13, 0xfeed)] {
         let mut cut = limits.clone();
-        cut.schedule = dapple_core::Schedule { tile_rows, slice_spp, shuffle };
+        cut.schedule =
+            dapple_core::Schedule::default().with_tile_rows(tile_rows).with_slice_spp(slice_spp).with_shuffle(shuffle);
         assert!(film(3, &cut) == reference, "{scene:?}: {:?} gives other bits", cut.schedule);
     }
 }
@@ -319,9 +317,9 @@ fn impossible(make: &impl Fn(&Frame) -> Box<dyn Sampler>, frame: Frame) {
     for (total, min_spp) in [(0, 1), (1, 1), (19, 1), (79, 4)] {
         let mut sampler = make(&frame);
         let film = Film::new(frame, sampler.needs());
-        let budget = dapple_core::BudgetLeft { spent: 0, total, min_spp, max_spp: u32::MAX };
+        let budget = dapple_core::BudgetLeft::new(total).with_min_spp(min_spp);
         let mut plan = Plan::empty(frame.pixels());
-        let answer = sampler.next_round(&Feedback { round: 0, film: &film, budget }, &mut plan);
+        let answer = sampler.next_round(&Feedback::new(0, &film, budget), &mut plan);
         if matches!(answer, Ok(Progress::Trace)) {
             let asked = plan.total();
             assert!(asked <= total, "{}: a plan of {asked} samples with {total} left", sampler.describe());

@@ -78,7 +78,8 @@ fn a_cursor_is_rejected() {
 
 #[test]
 fn a_scramble_shared_by_pixels_is_rejected() {
-    let points = |id: SampleId, block| sound(SampleId { pixel: [id.pixel[0] & !63, id.pixel[1]], ..id }, block);
+    let points =
+        |id: SampleId, block| sound(SampleId::new([id.pixel[0] & !63, id.pixel[1]], id.stream, id.index), block);
     rejected(&Faulty(points), "standard errors from");
     // Shifted by a quarter for each repetition, so that moments over the image stay in order and only
     // the comparison of pixels can tell.
@@ -89,7 +90,7 @@ fn a_scramble_shared_by_pixels_is_rejected() {
             } else {
                 (id.pixel[0] % period, id.pixel[0] / period % 4)
             };
-            sound(SampleId { pixel: [first, id.pixel[1]], ..id }, block)
+            sound(SampleId::new([first, id.pixel[1]], id.stream, id.index), block)
                 .map(|u| (f64::from(u) + f64::from(repetition) * 0.25).fract() as f32)
         };
         rejected(&Faulty(points), apart);
@@ -98,7 +99,7 @@ fn a_scramble_shared_by_pixels_is_rejected() {
 
 #[test]
 fn a_scramble_shared_by_streams_is_rejected() {
-    let points = |id: SampleId, block| sound(SampleId { stream: id.stream & !1, ..id }, block);
+    let points = |id: SampleId, block| sound(SampleId::new(id.pixel, id.stream & !1, id.index), block);
     rejected(&Faulty(points), "streams 0 and 1");
 }
 
@@ -121,7 +122,8 @@ fn a_common_order_is_rejected() {
 
 #[test]
 fn an_index_cut_to_32_bits_is_rejected() {
-    let points = |id: SampleId, block| sound(SampleId { index: id.index as u32 as u64 % 65_536, ..id }, block);
+    let points =
+        |id: SampleId, block| sound(SampleId::new(id.pixel, id.stream, id.index as u32 as u64 % 65_536), block);
     rejected(&Faulty(points), "repeats as");
 }
 

@@ -369,7 +369,7 @@ fn design_s8_metamorphic() {
     impl dapple_core::Integrator for Scaled {
         fn estimate(&self, draws: &dapple_core::Draws<'_>, _: &mut dapple_core::TrainingLog) -> dapple_core::Estimate {
             let [u, v, ..] = draws.block(dapple_core::Block::new(0));
-            dapple_core::Estimate { radiance: [u, u * v, v].map(|x| self.0 * x), first_hit: None, cost: 1 }
+            dapple_core::Estimate::new([u, u * v, v].map(|x| self.0 * x))
         }
     }
     let film = |scale: f32, seed: u64| {

@@ -5,8 +5,8 @@
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use dapple_core::samplers::{Uniform, Variance, VarianceOptions};
 use dapple_core::{
-    Block, BudgetLeft, Draws, Estimate, Feedback, Film, Frame, Integrator, Limits, Needs, Plan, PointSet, Render,
-    SampleId, Sampler, TrainingLog, allocate, allocate_on_ladder, streams,
+    Block, BudgetLeft, Draws, Estimate, Feedback, Film, Frame, Integrator, Ladder, Limits, Needs, Plan, PointSet,
+    Render, SampleId, Sampler, TrainingLog, allocate, streams,
 };
 use std::hint::black_box;
 
@@ -32,7 +32,7 @@ struct OneBlock;
 impl Integrator for OneBlock {
     fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
         let u = draws.block(Block::new(0));
-        Estimate { radiance: [u[0], u[1], u[2]], first_hit: None, cost: 1 }
+        Estimate::new([u[0], u[1], u[2]])
     }
 }
 
@@ -55,7 +55,7 @@ fn direct(integrator: &dyn Integrator, points: &dyn PointSet) -> f64 {
         for x in 0..SIDE {
             let mut sum = [0f64; 3];
             for index in 0..SPP {
-                let draws = Draws::new(points, SampleId { pixel: [x, y], stream: streams::WHOLE, index }, false);
+                let draws = Draws::new(points, SampleId::new([x, y], streams::WHOLE, index));
                 let estimate = integrator.estimate(&draws, &mut observed);
                 for (sum, x) in sum.iter_mut().zip(estimate.radiance) {
                     *sum += f64::from(x);
@@ -98,7 +98,7 @@ fn planning(c: &mut Criterion) {
     });
     group.bench_function("allocate_on_ladder", |b| {
         b.iter(|| {
-            pool.install(|| allocate_on_ladder(black_box(&scores), &floors, 192, total, 1.3, false)).expect("counts")
+            pool.install(|| Ladder::Whole.allocate(black_box(&scores), &floors, 192, total, 1.3)).expect("counts")
         });
     });
     // What a threshold cannot part.
@@ -113,14 +113,14 @@ fn planning(c: &mut Criterion) {
     for i in 0..pixels {
         (0..4).for_each(|k| film.push(i, 0, [hash(i + k * 7919) * (1.0 + (i % 512) as f32); 3]));
     }
-    let budget = BudgetLeft { spent: 4 * pixels as u64, total, min_spp: 1, max_spp: u32::MAX };
+    let budget = BudgetLeft::new(total).with_spent(4 * pixels as u64);
     group.bench_function("variance", |b| {
         // The pilot that the film holds: what is timed is the plan after it.
         let options = VarianceOptions { pilot: 4, ..VarianceOptions::default() };
         let mut sampler = Variance::with_options(Cheap, options).expect("options");
         b.iter(|| {
             let mut plan = Plan::empty(pixels);
-            let seen = Feedback { round: 1, film: &film, budget };
+            let seen = Feedback::new(1, &film, budget);
             pool.install(|| sampler.next_round(&seen, &mut plan)).expect("a plan");
             plan.total()
         });

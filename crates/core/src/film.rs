@@ -35,6 +35,7 @@ impl FeatureMoments {
 
 /// Mean and sample variance of the first hits of one pixel. Means are over the samples that hit
 /// something; variances are `None` below two hits.
+#[non_exhaustive]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Features {
     /// Samples seen.
@@ -54,6 +55,7 @@ pub struct Features {
 }
 
 /// Why a sample was rejected.
+#[non_exhaustive]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RejectedReason {
     /// A channel was NaN or infinite.
@@ -71,6 +73,7 @@ impl RejectedReason {
 }
 
 /// A sample that was no radiance. It counts as zero and in `n`; `sample` and the point set replay it.
+#[non_exhaustive]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Rejected {
     /// Which sample.
@@ -80,6 +83,7 @@ pub struct Rejected {
 }
 
 /// What one round asked for and took.
+#[non_exhaustive]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RoundRecord {
     /// Samples traced.
@@ -93,6 +97,7 @@ pub struct RoundRecord {
 }
 
 /// How a render went.
+#[non_exhaustive]
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Record {
     /// The budget shown at each barrier: [`Budget::Recorded`](crate::Budget::Recorded) replays it.

@@ -41,7 +41,9 @@ pub mod samplers;
 mod shard;
 mod snapshot;
 
-pub use allocate::{Allocation, allocate, allocate_on_ladder, ladder_floor, ladder_next, share};
+#[doc(hidden)]
+pub use allocate::saturating_u32;
+pub use allocate::{Allocation, Ladder, allocate, share};
 pub use draws::{Block, Draws};
 pub use error::Error;
 pub use film::{Features, Film, Record, Rejected, RejectedReason, RoundRecord, luminance};
@@ -49,7 +51,7 @@ pub use filter::{Filter, Filtered, Unfiltered};
 pub use frame::Frame;
 pub use integrator::{Estimate, FirstHit, Integrator, TrainingData, TrainingLog, TrainingSum};
 pub use limits::{Budget, InvalidSample, Limits, Schedule};
-pub use memory::{FilterMemory, Memory, SamplerMemory};
+pub use memory::{FilterMemory, ImagePlanes, Memory, SamplerMemory};
 pub use moments::{Moments, RgbMoments};
 pub use needs::Needs;
 pub use plan::{Combine, Plan, Progress, Retention};

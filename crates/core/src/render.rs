@@ -14,6 +14,7 @@ use round::Stopped;
 use std::time::Instant;
 
 /// What a monitor sees between two slices of a round.
+#[non_exhaustive]
 #[derive(Clone, Copy)]
 pub struct Status<'a> {
     /// What was rendered so far; every pixel's statistics are whole.
@@ -40,6 +41,7 @@ impl Status<'_> {
 }
 
 /// Whether to go on.
+#[non_exhaustive]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Control {
     /// Go on.
@@ -174,7 +176,7 @@ impl<'a> Render<'a> {
             };
             let total = meter.left(&state.film).total;
             let limit = meter.seconds();
-            let mut look = Look {
+            let mut context = MonitorContext {
                 monitor: &mut *monitor,
                 clock: &mut clock,
                 round: state.round,
@@ -186,12 +188,13 @@ impl<'a> Render<'a> {
             let Some(mut open) = open else {
                 // Who goes on from here passes this barrier again.
                 let shown = state.film.record.budgets.pop();
-                look.end(&state.film, &state.passes);
+                context.end(&state.film, &state.passes);
                 state.film.record.budgets.extend(shown);
                 break;
             };
-            let tracing = look.clock.seconds() - open.traced_seconds;
-            let stopped = round::trace(integrator, &mut state.film, &mut open, &mut state.passes, tracing, &mut look)?;
+            let tracing = context.clock.seconds() - open.traced_seconds;
+            let stopped =
+                round::trace(integrator, &mut state.film, &mut open, &mut state.passes, tracing, &mut context)?;
             let film = &mut state.film;
             film.record.rounds.push(RoundRecord {
                 samples: film.record.samples - open.before,
@@ -282,7 +285,7 @@ impl Clock {
 }
 
 /// The monitor with what it is told.
-struct Look<'a> {
+struct MonitorContext<'a> {
     monitor: &'a mut dyn Monitor,
     clock: &'a mut Clock,
     round: u32,
@@ -292,7 +295,7 @@ struct Look<'a> {
     limits: &'a Limits,
 }
 
-impl Look<'_> {
+impl MonitorContext<'_> {
     fn seconds(&self) -> f64 {
         self.clock.seconds()
     }
@@ -376,7 +379,7 @@ fn check(plan: &Plan, film: &Film, sampler: &dyn Sampler, budget: &crate::Budget
     let points = sampler.points();
     if deepest > points.capacity() {
         let (points, capacity) = (points.describe(), points.capacity());
-        return Err(Error::SequenceExhausted { points, capacity, asked: deepest });
+        return Err(Error::SequenceExhausted { points, capacity, requested: deepest });
     }
     Ok(())
 }

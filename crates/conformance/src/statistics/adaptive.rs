@@ -33,7 +33,7 @@ pub struct Bernoulli(pub f32);
 impl Integrator for Bernoulli {
     fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
         let [u, ..] = draws.block(Block::new(0));
-        Estimate { radiance: [f32::from(u8::from(u < self.0)); 3], first_hit: None, cost: 1 }
+        Estimate::new([f32::from(u8::from(u < self.0)); 3])
     }
 }
 

@@ -1,6 +1,6 @@
 //! Tracing one round: slices of bands of rows.
 
-use super::Look;
+use super::MonitorContext;
 use crate::allocate::mix;
 use crate::film::{self, Bank, FeatureMoments, REJECTED_LISTED, index, keep_first, reason_to_reject, widen};
 use crate::integrator::TrainingSum;
@@ -86,7 +86,7 @@ pub(super) enum Stopped {
     AtEnd,
 }
 
-/// Traces what is left of a round into the film. `began` is when, by the look's clock, it would have begun without
+/// Traces what is left of a round into the film. `began` is when, by the context's clock, it would have begun without
 /// interruption.
 pub(super) fn trace(
     integrator: &mut dyn Integrator,
@@ -94,21 +94,21 @@ pub(super) fn trace(
     open: &mut OpenRound,
     passes: &mut Vec<TrainingData>,
     began: f64,
-    look: &mut Look<'_>,
+    context: &mut MonitorContext<'_>,
 ) -> Result<Stopped, Error> {
-    let points = look.sampler.points();
+    let points = context.sampler.points();
     let height = film.frame.size()[1];
     let longest = longest_pixel(&open.plan);
     while open.cursor.start < longest {
         let wants_training = integrator.wants_training();
-        let (length, rows) = next_slice(open, film, wants_training, look.seconds() - began, look.limits);
+        let (length, rows) = next_slice(open, film, wants_training, context.seconds() - began, context.limits);
         let cursor = &mut open.cursor;
         if cursor.row == 0 {
             cursor.end = cursor.start.saturating_add(length).min(longest);
         }
         let rows = [cursor.row, cursor.row.saturating_add(rows).min(height)];
-        let tallies = slice(&*integrator, points, &open.plan, film, look.limits, [cursor.start, cursor.end], rows);
-        let panicked = settle(film, tallies, look.limits, points, &mut open.pending)?;
+        let tallies = slice(&*integrator, points, &open.plan, film, context.limits, [cursor.start, cursor.end], rows);
+        let panicked = settle(film, tallies, context.limits, points, &mut open.pending)?;
         if let Some((sample, message)) = panicked {
             let film = Box::new(std::mem::replace(film, Film::new(*film.frame(), crate::Needs::none())));
             return Err(Error::Panicked { sample, message, points: points.describe(), film });
@@ -125,8 +125,8 @@ pub(super) fn trace(
                 passes.push(pass);
             }
         }
-        open.traced_seconds = look.seconds() - began;
-        if look.slice(film, open, passes) == Control::Stop {
+        open.traced_seconds = context.seconds() - began;
+        if context.slice(film, open, passes) == Control::Stop {
             return Ok(if open.cursor.start < longest { Stopped::Within } else { Stopped::AtEnd });
         }
     }
@@ -145,7 +145,7 @@ fn next_slice(open: &OpenRound, film: &Film, wants_training: bool, seconds: f64,
     let height = film.frame.size()[1];
     let fixed = limits.schedule.slice_spp;
     if fixed > 0 {
-        return (if wants_training { lesson_length(film) } else { fixed }, height);
+        return (if wants_training { pass_length(film) } else { fixed }, height);
     }
     let Cursor { start, end, row } = open.cursor;
     let second = open.plan.second_half.iter().flatten();
@@ -155,7 +155,7 @@ fn next_slice(open: &OpenRound, film: &Film, wants_training: bool, seconds: f64,
     let promised = (traced / seconds.max(1e-3) * SLICE_SECONDS).min(GROWTH * traced);
     let samples = promised.max(FIRST_SLICE);
     let length = match wants_training {
-        true => lesson_length(film),
+        true => pass_length(film),
         false => (samples / active).clamp(1.0, 65536.0) as u32,
     };
     let slices = f64::from(if row == 0 { length } else { end - start }) * active / samples;
@@ -168,7 +168,7 @@ fn next_slice(open: &OpenRound, film: &Film, wants_training: bool, seconds: f64,
 
 /// Samples per pixel until an integrator that wants_training learns again: as many as there were, so that it
 /// learns from a few early and from many in few training passes. Nothing but the plans decides it.
-fn lesson_length(film: &Film) -> u32 {
+fn pass_length(film: &Film) -> u32 {
     let mean = film.record.samples / film.frame.pixels() as u64;
     u32::try_from(mean).unwrap_or(u32::MAX).max(1)
 }
@@ -352,7 +352,7 @@ fn trace_sample(
     let index = index(bank.counts[local], bank.ahead.get(local));
     let id = SampleId { pixel, stream: round.streams[half], index };
     current.set(Some(id));
-    let draws = Draws::new(round.points, id, round.wants_first_hit);
+    let draws = Draws::of_round(round.points, id, round.wants_first_hit);
     let estimate = round.integrator.estimate(&draws, observed);
     let radiance = match reason_to_reject(estimate.radiance) {
         None => estimate.radiance,

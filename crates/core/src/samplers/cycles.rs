@@ -170,7 +170,7 @@ impl<P: PointSet> Sampler for Cycles<P> {
 
     fn memory(&self, frame: &Frame, _: &Needs, _: &Limits) -> SamplerMemory {
         // Errors, room, what is open and its neighbours, and the order of all where all are.
-        SamplerMemory::planning(frame, false, 8 + 4 + 3 + size_of::<usize>())
+        SamplerMemory::planning(frame, 8 + 4 + 3 + size_of::<usize>())
     }
 
     fn points(&self) -> &dyn PointSet {

@@ -1,6 +1,6 @@
 //! The samples that a sampler looks at before its counts adapt.
 
-use crate::{Budget, Combine, Feedback, Frame, Limits, Plan, Retention, ladder_floor};
+use crate::{Budget, Combine, Feedback, Frame, Ladder, Limits, Plan, Retention};
 
 /// What becomes of the pilot, and so what bias the image has.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -29,8 +29,8 @@ impl PilotPolicy {
         }
     }
 
-    fn wanted(asked: u32, mean: u32, even: bool) -> u32 {
-        if asked > 0 { asked } else { PILOT.max(ladder_floor(mean / 4, even)) }
+    fn wanted(asked: u32, mean: u32, ladder: Ladder) -> u32 {
+        if asked > 0 { asked } else { PILOT.max(ladder.floor(mean / 4)) }
     }
 
     /// Whether these limits pay for the pilot and nothing else, so that no counts are planned: `wanted` as for
@@ -39,7 +39,7 @@ impl PilotPolicy {
         let Budget::Samples(total) = limits.budget else { return false };
         let pixels = frame.pixels() as u64;
         let mean = clamped(total / pixels);
-        self != Self::Discard && total.is_multiple_of(pixels) && Self::wanted(wanted, mean, false) >= mean
+        self != Self::Discard && total.is_multiple_of(pixels) && Self::wanted(wanted, mean, Ladder::Whole) >= mean
     }
 
     /// Begins a round: says how halves are combined, and asks for what the pilot still lacks, if it can be paid for.
@@ -54,9 +54,9 @@ impl PilotPolicy {
             Self::Discard => mean.saturating_sub(u64::from(budget.min_spp.max(1))).min(mean / 2),
             _ => mean,
         };
-        let even = seen.film.needs().halves || self == Self::Cross;
+        let ladder = if self == Self::Cross { Ladder::Halves } else { Ladder::of(seen.film.needs()) };
         let mean = clamped(affordable);
-        let samples = match Self::wanted(wanted, mean, even).min(mean) {
+        let samples = match Self::wanted(wanted, mean, ladder).min(mean) {
             // One sample has no variance: nothing would be learned from what is thrown away.
             1 if self == Self::Discard => 0,
             samples => samples,

@@ -2,8 +2,8 @@
 
 use super::PilotPolicy;
 use crate::{
-    BudgetLeft, Error, Feedback, Frame, Limits, Needs, Plan, PointSet, Progress, RgbMoments, Sampler, SamplerMemory,
-    allocate_on_ladder,
+    BudgetLeft, Error, Feedback, Frame, Ladder, Limits, Needs, Plan, PointSet, Progress, RgbMoments, Sampler,
+    SamplerMemory,
 };
 
 /// The parameters of [`Variance`].
@@ -115,28 +115,35 @@ impl<P: PointSet> Variance<P> {
     }
 
     /// Counts that spend `total` in all, at least `floors`, by scores.
-    fn counts(&self, scores: &[f64], floors: &[u32], total: u64, ceiling: u32, even: bool) -> Result<Vec<u32>, Error> {
+    fn counts(
+        &self,
+        scores: &[f64],
+        floors: &[u32],
+        total: u64,
+        ceiling: u32,
+        ladder: Ladder,
+    ) -> Result<Vec<u32>, Error> {
         let mean = total as f64 / scores.len() as f64;
         let cap = (self.options.cap * mean).ceil().min(f64::from(ceiling)) as u32;
-        let shared = allocate_on_ladder(scores, floors, cap, total, self.options.exponent, even)?;
+        let shared = ladder.allocate(scores, floors, cap, total, self.options.exponent)?;
         if shared.unspent == 0 {
             return Ok(shared.counts);
         }
         // The floors left too little room under the cap: only the user's ceiling counts.
-        Ok(allocate_on_ladder(scores, floors, ceiling, total, self.options.exponent, even)?.counts)
+        Ok(ladder.allocate(scores, floors, ceiling, total, self.options.exponent)?.counts)
     }
 
-    fn plan_kept(&self, seen: &Feedback<'_>, plan: &mut Plan, even: bool) -> Result<(), Error> {
+    fn plan_kept(&self, seen: &Feedback<'_>, plan: &mut Plan, ladder: Ladder) -> Result<(), Error> {
         let BudgetLeft { total, min_spp, max_spp, .. } = seen.budget;
         let scores = self.scores(seen.frame().size(), |i| seen.film.moments(i));
         let now: Vec<u32> = (0..seen.pixels()).map(|i| clamped(seen.film.count(i))).collect();
         let floors: Vec<u32> = now.iter().map(|&n| n.max(min_spp)).collect();
-        let counts = self.counts(&scores, &floors, total, max_spp, even)?;
+        let counts = self.counts(&scores, &floors, total, max_spp, ladder)?;
         plan.counts = counts.iter().zip(&now).map(|(n, now)| n - now).collect();
         Ok(())
     }
 
-    fn plan_after_discarding(&self, seen: &Feedback<'_>, plan: &mut Plan, even: bool) -> Result<(), Error> {
+    fn plan_after_discarding(&self, seen: &Feedback<'_>, plan: &mut Plan, ladder: Ladder) -> Result<(), Error> {
         let pixels = seen.pixels();
         let scores = self.scores(seen.frame().size(), |i| seen.film.discarded(i));
         let now: Vec<u32> = (0..pixels).map(|i| clamped(seen.film.count(i))).collect();
@@ -144,7 +151,7 @@ impl<P: PointSet> Variance<P> {
         let total = kept + seen.budget.left();
         let least = clamped(total / pixels as u64).min(seen.budget.min_spp.max(1));
         let floors: Vec<u32> = now.iter().map(|&n| n.max(least)).collect();
-        let counts = self.counts(&scores, &floors, total, seen.budget.max_spp, even)?;
+        let counts = self.counts(&scores, &floors, total, seen.budget.max_spp, ladder)?;
         plan.counts = counts.iter().zip(&now).map(|(n, now)| n - now).collect();
         Ok(())
     }
@@ -164,7 +171,7 @@ impl<P: PointSet> Variance<P> {
         let second = (total / 2).min(room).min(total.saturating_sub(needed[0])).max(needed[1]);
         let of = |half: usize, total: u64| -> Result<Vec<u32>, Error> {
             let scores = self.scores(seen.frame().size(), |i| moments(1 - half, i));
-            let counts = self.counts(&scores, &floors[half], total, most[half], false)?;
+            let counts = self.counts(&scores, &floors[half], total, most[half], Ladder::Whole)?;
             Ok(counts.iter().zip(&now[half]).map(|(n, now)| n - now).collect())
         };
         plan.counts = of(0, total.saturating_sub(second))?;
@@ -197,7 +204,8 @@ impl<P: PointSet> Sampler for Variance<P> {
         // Counts and floors of both halves.
         let crosses = if self.needs_halves() { 12 } else { 0 };
         let plans = !self.options.policy.is_all(self.options.pilot, frame, limits);
-        let memory = SamplerMemory::planning(frame, self.needs_halves(), if plans { scores + crosses } else { 0 });
+        let memory = SamplerMemory::planning(frame, if plans { scores + crosses } else { 0 });
+        let memory = if self.needs_halves() { memory.with_second_half(frame) } else { memory };
         if self.options.policy == PilotPolicy::Discard { memory.with_discarded(frame, needs, limits) } else { memory }
     }
 
@@ -209,13 +217,13 @@ impl<P: PointSet> Sampler for Variance<P> {
         if seen.budget.left() == 0 {
             return Ok(Progress::Done);
         }
-        let (even, policy) = (seen.film.needs().halves, self.options.policy);
+        let (ladder, policy) = (Ladder::of(seen.film.needs()), self.options.policy);
         if policy.begin(seen, self.options.pilot, plan).is_missing {
             return Ok(Progress::Trace);
         }
         match policy {
-            PilotPolicy::Keep => self.plan_kept(seen, plan, even)?,
-            PilotPolicy::Discard => self.plan_after_discarding(seen, plan, even)?,
+            PilotPolicy::Keep => self.plan_kept(seen, plan, ladder)?,
+            PilotPolicy::Discard => self.plan_after_discarding(seen, plan, ladder)?,
             PilotPolicy::Cross => self.plan_across(seen, plan)?,
         }
         // Nothing to add where the ceiling holds every pixel.

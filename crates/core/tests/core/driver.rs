@@ -54,7 +54,8 @@ fn d02_tile_size_and_order() {
     let one = image(&limits);
     for tile_rows in [0, 1, 7, 16, 64, u32::MAX] {
         for (slice_spp, shuffle) in [(1, 0), (13, 9), (0, 77), (u32::MAX, 1)] {
-            limits.schedule = Schedule { tile_rows, slice_spp, shuffle };
+            limits.schedule =
+                Schedule::default().with_tile_rows(tile_rows).with_slice_spp(slice_spp).with_shuffle(shuffle);
             assert!(image(&limits) == one, "{:?}", limits.schedule);
         }
     }
@@ -292,7 +293,7 @@ fn ids(sampler: &mut dyn dapple_core::Sampler, needs: Needs, spp: u64) -> Vec<(u
     impl Integrator for Spy {
         fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
             self.0.lock().unwrap().push((draws.id().stream, draws.id().index));
-            Estimate { radiance: [draws.block(Block::new(0))[0]; 3], first_hit: None, cost: 1 }
+            Estimate::new([draws.block(Block::new(0))[0]; 3])
         }
     }
     let mut spy = Spy(Mutex::default());
@@ -329,7 +330,7 @@ impl Integrator for Learner {
         observed.note(7, f32::NAN);
         let entries = self.learned.last().map_or(&[][..], |o| o.entries());
         let shift: f64 = entries.iter().map(|e| e.sum / e.count as f64).sum();
-        Estimate { radiance: [u[0] + shift as f32; 3], first_hit: None, cost: 1 }
+        Estimate::new([u[0] + shift as f32; 3])
     }
 
     fn wants_training(&self) -> bool {
@@ -362,7 +363,12 @@ fn learning_does_not_depend_on_threads_or_tiles() {
     assert!(one.0[0].entries().windows(2).all(|w| w[0].key < w[1].key));
     for threads in [2, 3, 7] {
         for (tile_rows, slice_spp, shuffle) in [(1, 0, 0), (16, 1, 5), (33, 7, 0), (64, 0, 9)] {
-            assert!(draw(threads, Schedule { tile_rows, slice_spp, shuffle }) == one);
+            assert!(
+                draw(
+                    threads,
+                    Schedule::default().with_tile_rows(tile_rows).with_slice_spp(slice_spp).with_shuffle(shuffle)
+                ) == one
+            );
         }
     }
 }
@@ -375,12 +381,12 @@ fn exhausted_points_are_refused_before_tracing() {
         run(integrator, &mut Uniform::new(points), needs, frame(2, 2), &Limits::samples(4 * spp))
     };
     let refused = draw(&mut never, Needs::none(), 65);
-    assert!(matches!(refused, Err(Error::SequenceExhausted { capacity: 64, asked: 65, .. })));
+    assert!(matches!(refused, Err(Error::SequenceExhausted { capacity: 64, requested: 65, .. })));
     assert!(draw(&mut Field(noise), Needs::none(), 64).is_ok());
     // Two halves have a stream each.
     let halves = Needs::none().with_halves();
     assert!(draw(&mut Field(noise), halves, 128).is_ok());
-    assert!(matches!(draw(&mut never, halves, 129), Err(Error::SequenceExhausted { asked: 65, .. })));
+    assert!(matches!(draw(&mut never, halves, 129), Err(Error::SequenceExhausted { requested: 65, .. })));
     for (spp, fits) in [(128, true), (129, false)] {
         let mut sampler = once(points, Retention::Discard, vec![spp; 4]);
         let discarded = run(&mut Field(noise), &mut sampler, halves, frame(2, 2), &Limits::samples(1000));
@@ -389,7 +395,7 @@ fn exhausted_points_are_refused_before_tracing() {
     // And over rounds.
     let limits = Limits::new(Budget::Recorded(vec![4 * 40, 4 * 65]));
     let later = run(&mut Field(noise), &mut Uniform::new(points), Needs::none(), frame(2, 2), &limits);
-    assert!(matches!(later, Err(Error::SequenceExhausted { asked: 65, .. })));
+    assert!(matches!(later, Err(Error::SequenceExhausted { requested: 65, .. })));
 }
 
 #[test]

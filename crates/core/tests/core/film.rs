@@ -106,7 +106,8 @@ fn f03_merge() {
 #[test]
 fn f04_counts() {
     for start in [1u64 << 24, 1 << 32, 1 << 52] {
-        let mut moments = RgbMoments { count: start - 1, mean: [1.0; 3], m2: [0.0; 3] };
+        let mut moments = RgbMoments::default();
+        (moments.count, moments.mean) = (start - 1, [1.0; 3]);
         moments.push([1.0; 3]);
         moments.push([1.0; 3]);
         assert_eq!(moments.count, start + 1);
@@ -200,7 +201,7 @@ fn f05_a_million_bad_samples_list_the_first_in_order() {
         assert_eq!(film_a.record().rejected, 1_000_000);
         let listed: Vec<SampleId> = film_a.rejected().iter().map(|r| r.sample).collect();
         let stream = if needs.halves { streams::HALVES[0] } else { streams::WHOLE };
-        let first = (0..1024).map(|index| SampleId { pixel: [0, 0], stream, index });
+        let first = (0..1024).map(|index| SampleId::new([0, 0], stream, index));
         assert!(listed.into_iter().eq(first));
         assert_eq!(film_a.rejected(), film(&limits(7, 64)).rejected());
         assert!((0..100).all(|i| film_a.mean(i) == [0.0; 3]));
@@ -213,7 +214,7 @@ fn f05_pushed_by_hand() {
     film.push(1, 1, [1.0; 3]);
     film.push(1, 1, [f32::NAN, 1.0, 1.0]);
     assert_eq!((film.count(1), film.mean(1), film.record().rejected), (2, [0.5; 3], 1));
-    let sample = SampleId { pixel: [1, 0], stream: streams::HALVES[1], index: 1 };
+    let sample = SampleId::new([1, 0], streams::HALVES[1], 1);
     assert_eq!(film.rejected()[0].sample, sample);
 }
 
@@ -224,19 +225,15 @@ fn first_hits_with_a_nan_count_as_misses() {
     impl Integrator for Hits {
         fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
             let depth = if draws.id().index % 3 == 1 { f32::NAN } else { 2.0 };
-            let first_hit = draws.wants_first_hit().then_some(FirstHit {
-                position: [1.0; 3],
-                geometric_normal: [0.0, 0.0, 1.0],
-                shading_normal: [0.0, 0.0, 1.0],
-                albedo: [0.5; 3],
-                depth,
-                footprint: 1.0,
-                roughness: 1.0,
-                material: 4,
-                shape: 5,
-                primitive: 6,
-            });
-            Estimate { radiance: [1.0; 3], first_hit, cost: 3 }
+            let first_hit = draws.wants_first_hit().then_some(
+                FirstHit::new([1.0; 3], [0.0, 0.0, 1.0], depth)
+                    .with_albedo([0.5; 3])
+                    .with_footprint(1.0)
+                    .with_material(4)
+                    .with_shape(5)
+                    .with_primitive(6),
+            );
+            Estimate::new([1.0; 3]).with_first_hit(first_hit).with_cost(3)
         }
     }
     let needs = Needs::none().with_features().with_first_hits(4).with_cost();

@@ -21,19 +21,16 @@ impl Integrator for Everything {
         observed.note(u64::from(draws.pixel()[0] / 5), u[0]);
         let shift: f64 = self.learned.iter().flat_map(|o| o.entries()).map(|e| e.sum / e.count as f64).sum();
         let value = if u[3] < 0.01 { -1.0 } else { u[1] + shift as f32 };
-        let first_hit = (u[2] > 0.2).then_some(FirstHit {
-            position: [u[0], u[1], u[2]],
-            geometric_normal: [0.0, 0.0, 1.0],
-            shading_normal: [0.0, u[3], 1.0],
-            albedo: [0.5, u[1], 0.25],
-            depth: u[0],
-            footprint: 0.1,
-            roughness: 1.0,
-            material: 3,
-            shape: 5,
-            primitive: draws.pixel()[1],
-        });
-        Estimate { radiance: [value, u[2], 0.5], first_hit, cost: 2 + draws.pixel()[0] % 3 }
+        let first_hit = (u[2] > 0.2).then_some(
+            FirstHit::new([u[0], u[1], u[2]], [0.0, 0.0, 1.0], u[0])
+                .with_shading_normal([0.0, u[3], 1.0])
+                .with_albedo([0.5, u[1], 0.25])
+                .with_footprint(0.1)
+                .with_material(3)
+                .with_shape(5)
+                .with_primitive(draws.pixel()[1]),
+        );
+        Estimate::new([value, u[2], 0.5]).with_first_hit(first_hit).with_cost(2 + draws.pixel()[0] % 3)
     }
 
     fn wants_training(&self) -> bool {
@@ -119,7 +116,7 @@ fn x05_resumed_on_other_threads_in_other_slices() {
     assert!(keeper.slices.iter().filter(within).count() > 2, "slices go by rows");
     for (i, bytes) in keeper.slices.iter().chain([&keeper.end]).enumerate() {
         let (tile_rows, slice_spp, shuffle) = [(1, 0, 0), (16, 1, 5), (33, 7, 0), (7, 0, 9)][i % 4];
-        limits.schedule = Schedule { tile_rows, slice_spp, shuffle };
+        limits.schedule = Schedule::default().with_tile_rows(tile_rows).with_slice_spp(slice_spp).with_shuffle(shuffle);
         let mut integrator = Everything::default();
         let film = on_threads(1 + i % 4, || {
             go_on(bytes, &mut integrator, &mut uniform(5), everything(), frame, &limits).unwrap()
@@ -191,7 +188,7 @@ fn x04_another_render_is_refused() {
     assert!(message.contains("9x8 pixels at 0,0 of 9x8 and is now 8x9 pixels"), "{message}");
     let message = refused(&mut uniform(5), none.with_halves(), frame(9, 8), &limits);
     assert!(message.contains("was one sequence and is now two halves"), "{message}");
-    let message = refused(&mut uniform(5), none, frame(9, 8), &Limits { min_spp: 3, ..limits.clone() });
+    let message = refused(&mut uniform(5), none, frame(9, 8), &limits.clone().with_min_spp(3));
     assert!(message.contains("was 1 to 4294967295 and is now 3 to 4294967295"), "{message}");
     let message = refused(&mut uniform(5), none, frame(9, 8), &Limits::new(Budget::Recorded(vec![72, 2880])));
     assert!(message.contains("not those of the record"), "{message}");
@@ -322,7 +319,7 @@ struct Slow;
 impl Integrator for Slow {
     fn estimate(&self, _: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
         std::thread::sleep(Duration::from_millis(1));
-        Estimate { radiance: [1.0; 3], first_hit: None, cost: 1 }
+        Estimate::new([1.0; 3])
     }
 }
 

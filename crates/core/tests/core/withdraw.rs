@@ -35,19 +35,8 @@ impl Integrator for Spy {
         self.0.lock().unwrap().push((id.pixel[0], (id.stream, id.index, [r, g, b])));
         let depth = id.index as f32;
         let (position, normal) = ([0.0; 3], [0.0, 0.0, 1.0]);
-        let hit = FirstHit {
-            position,
-            geometric_normal: normal,
-            shading_normal: normal,
-            albedo: [0.5; 3],
-            depth,
-            footprint: 1.0,
-            roughness: 1.0,
-            material: 0,
-            shape: 0,
-            primitive: 0,
-        };
-        Estimate { radiance: [r, g, b], first_hit: Some(hit), cost: 1 }
+        let hit = FirstHit::new(position, normal, depth).with_albedo([0.5; 3]).with_footprint(1.0);
+        Estimate::new([r, g, b]).with_first_hit(hit)
     }
 }
 
@@ -158,9 +147,9 @@ fn withdrawn_samples_use_up_points_but_no_ceiling() {
     };
     let (whole, halves) = (Needs::none(), Needs::none().with_halves());
     assert_eq!(draw(whole, 12, 7, 7).unwrap().count(0), 7);
-    assert!(matches!(draw(whole, 11, 7, 7), Err(Error::SequenceExhausted { asked: 12, .. })));
+    assert!(matches!(draw(whole, 11, 7, 7), Err(Error::SequenceExhausted { requested: 12, .. })));
     assert!(matches!(draw(whole, 12, 6, 7), Err(Error::BadPlan { .. })));
     // Halves of 3 and 2 go on with 4 and 3: 7 points of the first are used.
     assert_eq!(draw(halves, 7, 7, 7).unwrap().count(0), 7);
-    assert!(matches!(draw(halves, 6, 7, 7), Err(Error::SequenceExhausted { asked: 7, .. })));
+    assert!(matches!(draw(halves, 6, 7, 7), Err(Error::SequenceExhausted { requested: 7, .. })));
 }
