@@ -101,7 +101,7 @@ fn planning(c: &mut Criterion) {
             pool.install(|| Ladder::Whole.allocate(black_box(&scores), &floors, 192, total, 1.3)).expect("counts")
         });
     });
-    // What a threshold cannot part.
+    // Equal scores, which no threshold separates.
     let ties: Vec<f64> = scores.iter().map(|g| 4f64.powi(g.log10() as i32)).collect();
     let equal = vec![1.0; pixels];
     for (name, scores) in [("ties", &ties), ("equal", &equal)] {
@@ -115,7 +115,7 @@ fn planning(c: &mut Criterion) {
     }
     let budget = BudgetLeft::new(total).with_spent(4 * pixels as u64);
     group.bench_function("variance", |b| {
-        // The pilot that the film holds: what is timed is the plan after it.
+        // The film holds the pilot; the plan after it is timed.
         let options = VarianceOptions { pilot: 4, ..VarianceOptions::default() };
         let mut sampler = Variance::with_options(Cheap, options).expect("options");
         b.iter(|| {

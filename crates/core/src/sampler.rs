@@ -108,12 +108,11 @@ impl<'a> Feedback<'a> {
 ///         if budget.left() == 0 {
 ///             return Ok(Progress::Done);
 ///         }
-///         // Counts so far are floors; the first round is spread evenly.
-///         let now: Vec<u32> = (0..pixels).map(|i| seen.film.count(i) as u32).collect();
+///         // All is black in the first round, so that it is spread evenly. Later the counts so far are floors.
 ///         let total = if seen.round == 0 { budget.total.min(4 * pixels as u64) } else { budget.total };
+///         let now: Vec<u32> = (0..pixels).map(|i| seen.film.count(i) as u32).collect();
 ///         let weights: Vec<f64> = (0..pixels).map(|i| 0.01 + seen.film.mean(i)[1]).collect();
-///         let floors: Vec<u32> = now.iter().map(|&n| n.max(u32::from(seen.round > 0))).collect();
-///         let counts = share(&weights, &floors, budget.max_spp, total)?.counts;
+///         let counts = share(&weights, budget.min_spp, &now, budget.max_spp, total)?.counts;
 ///         plan.counts = counts.iter().zip(&now).map(|(n, now)| n - now).collect();
 ///         Ok(Progress::Trace)
 ///     }

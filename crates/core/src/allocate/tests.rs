@@ -97,7 +97,7 @@ fn wild(rng: &mut Pcg64, pixels: usize) -> (Vec<f64>, usize) {
 }
 
 #[test]
-fn a07_exact_totals() {
+fn totals_are_exact_a07() {
     let mut rng = Pcg64::seed_from_u64(3);
     for case in 0..cases(10_000) {
         let pixels = if case % 100 == 99 && !cfg!(miri) { 5000 } else { rng.random_range(1..60) };
@@ -122,7 +122,7 @@ fn a07_exact_totals() {
 }
 
 #[test]
-fn a07_budgets_below_the_floors_are_refused_and_floors_win_over_ceilings() {
+fn budgets_below_the_floors_are_refused_and_floors_win_over_ceilings_a07() {
     let refused = allocate(&[1.0; 3], &[2; 3], 9, 5);
     assert!(matches!(refused, Err(Error::BudgetTooSmall { budget: 5, needed: 6, pixels: 3 })));
     let got = allocate(&[1.0, 5.0], &[7, 1], 4, 20).unwrap();
@@ -137,7 +137,7 @@ fn a07_budgets_below_the_floors_are_refused_and_floors_win_over_ceilings() {
 }
 
 #[test]
-fn a07_permuting_pixels_permutes_counts() {
+fn permuting_pixels_permutes_counts_a07() {
     let mut rng = Pcg64::seed_from_u64(4);
     for _ in 0..cases(200) {
         let pixels = rng.random_range(2..80);
@@ -153,7 +153,7 @@ fn a07_permuting_pixels_permutes_counts() {
             vec![plain, Ladder::Whole.allocate(scores, &floors, 64, total, 1.3).unwrap()]
         };
         for (got, permuted_got) in run(&scores).into_iter().zip(run(&permuted)) {
-            // Counts may change places among equal scores only.
+            // Only pixels of equal scores may swap counts.
             let of = |scores: &[f64], counts: &[u32]| {
                 let mut pairs: Vec<_> = scores.iter().map(|g| g.to_bits()).zip(counts.iter().copied()).collect();
                 pairs.sort_unstable();
@@ -179,7 +179,7 @@ fn equal_scores_give_counts_that_differ_by_one() {
             }
         }
     }
-    // Bad scores beside zeros are zeros, and so equal.
+    // NaN beside zeros counts as zero, so all are equal.
     let mixed: Vec<f64> = (0..97).map(|i| if i % 3 == 0 { f64::NAN } else { 0.0 }).collect();
     let counts = Ladder::Whole.allocate(&mixed, &[1; 97], 2000, 97 * 10 + 5, 1.3).unwrap().counts;
     assert!(counts.iter().max().unwrap() - counts.iter().min().unwrap() <= 1, "{counts:?}");
@@ -215,7 +215,7 @@ fn all_but_one_count_are_on_the_ladder() {
         let even = ladder == Ladder::Halves;
         let mut scores: Vec<f64> = (0..pixels).map(|_| 10f64.powf(rng.random_range(-3.0..3.0))).collect();
         scores[1] = scores[0] * 2.0;
-        // A ceiling that is no rung.
+        // A ceiling off the ladder.
         let (floor, ceiling) = (if even { 2 } else { 1 }, 61);
         let total = rng.random_range(u64::from(floor) * pixels as u64..=40 * pixels as u64);
         let floors = vec![floor; pixels];

@@ -105,8 +105,8 @@ fn pixels(film: &Film) -> String {
 }
 
 #[test]
-fn x05_resumed_on_other_threads_in_other_slices() {
-    // Large enough that slices of a training pass go row by row.
+fn a_render_resumed_on_other_threads_in_other_slices_is_the_same_x05() {
+    // Large enough that slices of a training pass have some rows only.
     let frame = frame(90, 70);
     let mut limits = Limits::new(Budget::Recorded(vec![6300, 30_000, 30_000, 70_001]));
     let (film, keeper) = kept(&mut Everything::default(), &mut uniform(5), everything(), frame, &limits);
@@ -124,7 +124,7 @@ fn x05_resumed_on_other_threads_in_other_slices() {
         assert!(bits(&film) == whole, "slice {i}");
         assert_eq!(integrator.learned.len(), 4);
     }
-    // The control: an integrator that has not learned what it had gives another image.
+    // Negative control: an integrator without its training gives another image.
     struct Forgetful(Everything);
     impl Integrator for Forgetful {
         fn estimate(&self, draws: &Draws<'_>, observed: &mut TrainingLog) -> Estimate {
@@ -137,7 +137,7 @@ fn x05_resumed_on_other_threads_in_other_slices() {
 }
 
 #[test]
-fn x06_more_samples_after_a_snapshot() {
+fn a_snapshot_continues_with_a_larger_budget_x06() {
     let (frame, needs) = (frame(9, 8), everything());
     let draw = |limits: &Limits| kept(&mut Field(noise), &mut uniform(5), needs, frame, limits);
     for (first, all) in [(64 * 72, 128 * 72), (64 * 72 + 5, 128 * 72 + 61), (72, 73), (100, 130)] {
@@ -149,7 +149,7 @@ fn x06_more_samples_after_a_snapshot() {
             let later = go_on(bytes, &mut Field(noise), &mut uniform(5), needs, frame, &all).unwrap();
             assert!(pixels(&later) == pixels(&at_once));
         }
-        // Fewer than there are is refused, not ignored.
+        // A budget below the samples so far is refused, not ignored.
         let fewer = Limits::samples(71 + 1);
         let answer = go_on(&keeper.end, &mut Field(noise), &mut uniform(5), needs, frame, &fewer);
         match first.budget == fewer.budget {
@@ -160,7 +160,7 @@ fn x06_more_samples_after_a_snapshot() {
 }
 
 #[test]
-fn x04_another_render_is_refused() {
+fn a_snapshot_of_another_render_is_refused_x04() {
     let limits = Limits::samples(40 * 72);
     let (_, keeper) = kept(&mut Field(noise), &mut uniform(5), Needs::none(), frame(9, 8), &limits);
     let bytes = &keeper.slices[0];
@@ -177,27 +177,26 @@ fn x04_another_render_is_refused() {
     };
     let none = Needs::none();
     let message = refused(&mut uniform(6), none, frame(9, 8), &limits);
-    assert!(message.contains("the point set was independent:seed=5 and is now independent:seed=6"), "{message}");
+    assert!(message.contains("the point set was independent:seed=5, not independent:seed=6"), "{message}");
     let message = refused(&mut Variance::new(Independent::new(5)), none, frame(9, 8), &limits);
     assert!(
-        message.contains("the sampler was uniform and is now variance:")
-            && message.contains("the sample variance was not"),
+        message.contains("the sampler was uniform, not variance:") && message.contains("the sample variance was not"),
         "{message}"
     );
     let message = refused(&mut uniform(5), none, frame(8, 9), &limits);
-    assert!(message.contains("9x8 pixels at 0,0 of 9x8 and is now 8x9 pixels"), "{message}");
+    assert!(message.contains("9x8 pixels at 0,0 of 9x8, not 8x9 pixels"), "{message}");
     let message = refused(&mut uniform(5), none.with_halves(), frame(9, 8), &limits);
-    assert!(message.contains("was one sequence and is now two halves"), "{message}");
+    assert!(message.contains("was one sequence, not two halves"), "{message}");
     let message = refused(&mut uniform(5), none, frame(9, 8), &limits.clone().with_min_spp(3));
-    assert!(message.contains("was 1 to 4294967295 and is now 3 to 4294967295"), "{message}");
+    assert!(message.contains("was 1 to 4294967295, not 3 to 4294967295"), "{message}");
     let message = refused(&mut uniform(5), none, frame(9, 8), &Limits::new(Budget::Recorded(vec![72, 2880])));
     assert!(message.contains("not those of the record"), "{message}");
-    // The control.
+    // Positive control.
     assert!(go_on(bytes, &mut Field(noise), &mut uniform(5), none, frame(9, 8), &limits).is_ok());
 }
 
 #[test]
-fn x03_bytes_that_are_no_snapshot() {
+fn bytes_that_are_not_a_snapshot_are_refused_x03() {
     let limits = Limits::new(Budget::Recorded(vec![100, 200]));
     let mut sampler = Variance::new(Independent::new(5));
     let (_, keeper) = kept(&mut Everything::default(), &mut sampler, everything(), frame(7, 5), &limits);
@@ -221,7 +220,7 @@ fn x03_bytes_that_are_no_snapshot() {
             Snapshot::from_bytes(&old).unwrap_err().to_string().contains("another version")
                 || ShardFilm::from_bytes(&old).unwrap_err().to_string().contains("another version")
         );
-        // What a checksum would catch must do no harm without one: an error, or a render that ends.
+        // Damage that a checksum would find must do no harm without one: an error, or a render that ends.
         for k in 0..3000_u64 {
             let mut bytes = bytes.clone();
             let bit = mix(k) as usize % (8 * bytes.len());
@@ -243,7 +242,7 @@ fn x03_bytes_that_are_no_snapshot() {
 }
 
 #[test]
-fn x07_shards_make_the_image_of_one_machine() {
+fn shards_make_the_image_of_one_machine_x07() {
     for (size, of, needs, total) in
         [([23, 17], 3, everything(), 33 * 391 + 7), ([5, 4], 4, Needs::none(), 1000), ([1, 1], 1, everything(), 8)]
     {
@@ -255,7 +254,7 @@ fn x07_shards_make_the_image_of_one_machine() {
             let mut inner = uniform(5);
             let mut sampler = Sharded::new(&mut inner, shard, &limits).unwrap();
             let (film, keeper) = kept(&mut field(), &mut sampler, needs, frame, &limits);
-            // A machine that was interrupted goes on.
+            // An interrupted machine resumes.
             let mut inner = uniform(5);
             let mut sampler = Sharded::new(&mut inner, shard, &limits).unwrap();
             let resumed = go_on(&keeper.slices[0], &mut field(), &mut sampler, needs, frame, &limits).unwrap();
@@ -270,7 +269,7 @@ fn x07_shards_make_the_image_of_one_machine() {
 }
 
 #[test]
-fn x07_shards_that_make_no_image() {
+fn shards_that_do_not_make_an_image_are_refused_x07() {
     let limits = Limits::samples(8 * 12);
     let part = |index, of, size: [u32; 2], needs, limits: &Limits| {
         let mut inner = uniform(5);
@@ -282,21 +281,24 @@ fn x07_shards_that_make_no_image() {
     let none = Needs::none();
     let of = |index| part(index, 3, [3, 4], none, &limits);
     let cases = [
-        (vec![], "there are none"),
-        (vec![of(0), of(2)], "missing: shard 2/3"),
-        (vec![of(2)], "missing: shard 1/3, 2/3"),
-        (vec![of(0), of(1), of(2), of(1)], "shard 2/3 is there twice"),
-        (vec![of(0), part(1, 2, [3, 4], none, &limits), of(2)], "shard 2/2 of another number of shards"),
+        (vec![], "the list is empty"),
+        (vec![of(0), of(2)], "missing shards: 2/3"),
+        (vec![of(2)], "missing shards: 1/3, 2/3"),
+        (vec![of(0), of(1), of(2), of(1)], "shard 2/3 is given twice"),
+        (
+            vec![of(0), part(1, 2, [3, 4], none, &limits), of(2)],
+            "shard 2/2 does not belong to shard 1/3: it is of another number of shards",
+        ),
         (vec![of(0), part(1, 3, [4, 3], none, &limits), of(2)], "of another window"),
-        (vec![of(0), part(1, 3, [3, 4], none.with_variance(), &limits), of(2)], "with other statistics"),
-        (vec![of(0), part(1, 3, [3, 4], none, &Limits::samples(97)), of(2)], "with another number of samples"),
+        (vec![of(0), part(1, 3, [3, 4], none.with_variance(), &limits), of(2)], "it records other statistics"),
+        (vec![of(0), part(1, 3, [3, 4], none, &Limits::samples(97)), of(2)], "it has another budget"),
     ];
     for (parts, expected) in cases {
         let message = merge(&parts).unwrap_err().to_string();
         assert!(message.contains(expected), "{message}");
     }
     assert!(merge(&[of(2), of(0), of(1)]).is_ok());
-    // A sampler that looks, a limit that machines do not know, an interrupted share.
+    // A sampler that reads samples, a limit of time, an interrupted shard.
     let shard = Shard::new(0, 2).unwrap();
     let refused = |sampler: &mut dyn Sampler, limits: &Limits| {
         Sharded::new(sampler, shard, limits).map(drop).unwrap_err().to_string()
@@ -324,7 +326,7 @@ impl Integrator for Slow {
 }
 
 #[test]
-fn x08_a_slow_image_is_stopped_within_a_pass() {
+fn a_slow_image_is_stopped_within_a_pass_x08() {
     let start = Instant::now();
     let (mut asked, mut longest) = (start, Duration::ZERO);
     let mut monitor = |_: &Status<'_>| {
@@ -332,7 +334,7 @@ fn x08_a_slow_image_is_stopped_within_a_pass() {
         asked = Instant::now();
         if start.elapsed().as_secs_f64() > 2.0 { Control::Stop } else { Control::Continue }
     };
-    // 10 s a sample of every pixel on two threads.
+    // One sample of every pixel takes 10 s on two threads.
     let film = on_threads(2, || {
         Render::new(frame(200, 100), &Limits::samples(20_000))
             .monitor(&mut monitor)
