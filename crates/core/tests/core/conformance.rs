@@ -84,7 +84,7 @@ fn the_control_passes() {
 
 #[test]
 fn broken_samplers_are_rejected() {
-    rejected(|| planned(|s, p| level(s, p, s.budget.total - u64::from(s.budget.total > 30))), "not met exactly");
+    rejected(|| planned(|s, p| level(s, p, s.budget.total - u64::from(s.budget.total > 30))), "not spent exactly");
     rejected(|| planned(|s, p| level(s, p, s.budget.total + 1)), "made an invalid plan");
     let ends_of_scale = |s: &Feedback<'_>, p: &mut Plan| {
         if s.budget.left() == 0 {

@@ -304,7 +304,7 @@ fn shards_that_do_not_make_an_image_are_refused_x07() {
         Sharded::new(sampler, shard, limits).map(drop).unwrap_err().to_string()
     };
     assert!(
-        refused(&mut Variance::new(Independent::new(5)), &limits).contains("the sampler variance cannot be shared")
+        refused(&mut Variance::new(Independent::new(5)), &limits).contains("sampler \"variance\" cannot be split")
     );
     assert!(refused(&mut uniform(5), &Limits::seconds(1.0)).contains("must know the number of samples"));
     let mut stop = |_: &Status<'_>| Control::Stop;
