@@ -7,8 +7,8 @@ use dapple_core::{
 
 /// Checks a filter that works on frames of any size.
 ///
-/// It applies the filter to films of made-up scenes with uneven counts, pixels without samples and fireflies of 10^20 (whose
-/// square exceeds `f32`), on frames from 1x1 up, and checks that:
+/// It applies the filter to films of made-up scenes with uneven counts, pixels without samples and fireflies of 10^20
+/// (whose square exceeds `f32`), on frames from 1x1 up, and checks that:
 ///
 /// * a constant image stays constant;
 /// * radiance is finite, and errors are not negative;

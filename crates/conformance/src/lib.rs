@@ -1,7 +1,7 @@
 //! Conformance tests for every Dapple point set, sampler and filter: a dev-dependency of one line.
 //!
-//! Each function panics with a message that names the broken property, the place and the size of the fault. Call it in a
-//! `#[test]`. All inputs are fixed, so a test that passes once passes always.
+//! Each function panics with a message that names the broken property, the place and the size of the fault. Call it in
+//! a `#[test]`. All inputs are fixed, so a test that passes once passes always.
 //!
 //! ```
 //! use dapple_conformance::{filter, point_set, sampler};

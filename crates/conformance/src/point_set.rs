@@ -8,16 +8,16 @@ use rayon::prelude::*;
 /// * Range: every coordinate is in `[0, 1)`, also at the last index, the last block and far pixels.
 /// * Purity: the same bits in forward, backward and interleaved order, on several threads, and in batches of any size.
 /// * Uniformity: mean and variance of each coordinate over pixels are right, and both ends of the range are reached.
-/// * Independence: pixels at five lags, streams, and blocks up to number 4000 are uncorrelated, also in the order in which a
-///   pixel's samples run through the range.
+/// * Independence: pixels at five lags, streams, and blocks up to number 4000 are uncorrelated, also in the order in
+///   which a pixel's samples run through the range.
 /// * Distinctness: no two samples of a pixel are equal, at the start, past 2^31 and 2^32 and at the end.
 /// * `preferred_count` is at least `n`, never falls, and is its own preferred count.
 /// * `describe` is not empty and does not change.
 ///
 /// # Precision
 ///
-/// Statistical bounds are at 4.5 standard errors, which independent numbers exceed with probability 6.8e-6 each. Over all
-/// comparisons a sound set fails by chance with probability 0.01, and then always: try another seed.
+/// Statistical bounds are at 4.5 standard errors, which independent numbers exceed with probability 6.8e-6 each. Over
+/// all comparisons a sound set fails by chance with probability 0.01, and then always: try another seed.
 ///
 /// Stratification and convergence are not checked; they are the point set's own tests.
 ///

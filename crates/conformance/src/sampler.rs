@@ -225,7 +225,8 @@ fn keeps_bounds(make: &impl Fn(&Frame) -> Box<dyn Sampler>, spending: Spending, 
     ] {
         let mut limits = Limits::samples(total);
         (limits.min_spp, limits.max_spp) = (min_spp, max_spp);
-        // A sampler cannot both meet the floor and discard samples: it must refuse or discard less. `within` checks the floor.
+        // A sampler cannot both meet the floor and discard samples: it must refuse or discard less. `within` checks the
+        // floor.
         within(make, spending, scene, frame, &limits, total);
     }
     // Fewer samples than pixels, as the floor is 0.
@@ -272,8 +273,8 @@ impl Monitor for Keeper {
     }
 }
 
-/// A new sampler ends with the same bits from any snapshot. From the last, with a larger budget, it ends with the bits of a
-/// render that replays these budgets.
+/// A new sampler ends with the same bits from any snapshot. From the last, with a larger budget, it ends with the bits
+/// of a render that replays these budgets.
 fn resumes(make: &impl Fn(&Frame) -> Box<dyn Sampler>, frame: Frame, scene: Scene) {
     let pixels = frame.pixels() as u64;
     let mut limits = Limits::samples(21 * pixels + 5);

@@ -81,8 +81,8 @@ fn a_scramble_shared_by_pixels_is_rejected() {
     let points =
         |id: SampleId, block| sound(SampleId::new([id.pixel[0] & !63, id.pixel[1]], id.stream, id.index), block);
     rejected(&Faulty(points), "standard errors from");
-    // Each repetition is shifted by a quarter, so that moments over the image stay right and only the comparison of pixels
-    // fails.
+    // Each repetition is shifted by a quarter, so that moments over the image stay right and only the comparison of
+    // pixels fails.
     for (period, apart) in [(2, "pixels (1, 0) apart"), (64, "pixels (64, 0) apart")] {
         let points = |id: SampleId, block| {
             let (first, repetition) = if period == 2 {

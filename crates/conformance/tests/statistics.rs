@@ -1,5 +1,5 @@
-//! The statistical tests themselves: each passes true claims at its rate, refutes false ones with its power, and rejects its
-//! negative control.
+//! The statistical tests themselves: each passes true claims at its rate, refutes false ones with its power, and
+//! rejects its negative control.
 //!
 //! All data is made up, and all seeds are fixed. Bounds on rates are 5 standard deviations of the binomial: 6e-7 each.
 
@@ -40,8 +40,8 @@ fn is_rate(seen: usize, all: usize, p: f64) -> bool {
     (seen as f64 - n * p).abs() < 5.0 * (n * p * (1.0 - p)).sqrt() + 1.0
 }
 
-/// A path in a closed furnace of albedo 1/2 and emission 1/2, whose expectation is 1. It continues with probability 1/2, so `k`
-/// bounces give `(k + 1) / 2`. The share `leak` of the light is lost at each.
+/// A path in a closed furnace of albedo 1/2 and emission 1/2, whose expectation is 1. It continues with probability
+/// 1/2, so `k` bounces give `(k + 1) / 2`. The share `leak` of the light is lost at each.
 fn furnace(noise: &mut Noise, leak: f64) -> f64 {
     let (mut light, mut throughput) = (0.0, 1.0);
     loop {
@@ -191,7 +191,8 @@ fn images_are_tested_at_their_level() {
     assert_eq!(images(WIDTH, &off, &flat).p(), 0.0);
 }
 
-/// Half a percent of the light is missing everywhere. No block shows it, but the image's mean does, with the stated power.
+/// Half a percent of the light is missing everywhere. No block shows it, but the image's mean does, with the stated
+/// power.
 #[test]
 fn an_image_shows_a_leak_of_half_a_percent() {
     let images_of = |leak: f64, seed: u64| -> Vec<Vec<[f64; 3]>> {
@@ -235,8 +236,8 @@ fn equivalence_is_proven_or_refuted() {
         let mut noise = Noise(seed);
         decide(1.0, delta, alpha, 1000, 4 * n, || furnace(&mut noise, leak))
     };
-    // A true claim is proven with the computed number of samples (the cap leaves room for repeated tests). A value off by 0.5 % is
-    // refuted.
+    // A true claim is proven with the computed number of samples (the cap leaves room for repeated tests). A value off
+    // by 0.5 % is refuted.
     for seed in 0..20 {
         assert_eq!(of(0.0, 0.005, 100 + seed).verdict, Verdict::Pass, "{seed}");
         assert_eq!(of(HALF_A_PERCENT, 0.0025, 200 + seed).verdict, Verdict::Fail, "{seed}");

@@ -1,4 +1,4 @@
-//! What the render loop, allocation and planning cost on one thread.
+//! The cost of the render loop, of allocation and of planning on one thread.
 //!
 //! The loop's own price per sample is the time of `render/*` less that of `direct`, over 2^18 samples.
 

@@ -1,11 +1,11 @@
 //! Exact allocation of an integer budget to pixels.
 //!
-//! Both [`allocate`] and [`Ladder::allocate`] minimise `sum_p g_p f(n_p)` over integers `floor_p <= n_p <= ceiling` that
-//! add up to the budget. `g_p` is a pixel's score (its weight squared times its variance).
+//! Both [`allocate`] and [`Ladder::allocate`] minimise `sum_p g_p f(n_p)` over integers `floor_p <= n_p <= ceiling`
+//! that add up to the budget. `g_p` is a pixel's score (its weight squared times its variance).
 //!
 //! The objective is separable and convex, so handing out samples in the order of their marginal gain is exactly optimal
-//! [Fox 1966]. Most are handed out at once, down to a common threshold of the gain, the rest one by one. Ties go to the smaller
-//! count and then by a hash of the pixel's number, so that no part of the image is preferred.
+//! [Fox 1966]. Most are handed out at once, down to a common threshold of the gain, the rest one by one. Ties go to the
+//! smaller count and then by a hash of the pixel's number, so that no part of the image is preferred.
 
 mod ladder;
 mod share;
@@ -58,8 +58,8 @@ impl Steps for EveryCount {
     }
 }
 
-/// Allocates exactly `total` samples so that `sum_p scores[p] / n_p` is minimal ([Neyman 1934] in integers: `n_p` goes with
-/// the root of the score).
+/// Allocates exactly `total` samples so that `sum_p scores[p] / n_p` is minimal ([Neyman 1934] in integers: `n_p` goes
+/// with the root of the score).
 ///
 /// `floors[p] <= counts[p] <= ceiling` holds (a floor above the ceiling wins).
 ///
@@ -103,8 +103,8 @@ fn share_out(
         return Ok(Allocation { counts: level(floors, ceiling, total), unspent: 0, replaced });
     }
     let share_out = || share_out_clean(&scores, floors, ceiling, total, steps);
-    // The search sums over all pixels a dozen times. Called from outside the pool, each sum would wait for a thread to wake
-    // up, which took longer than the sum.
+    // The search sums over all pixels a dozen times. Called from outside the pool, each sum would wait for a thread to
+    // wake up, which took longer than the sum.
     let counts = if scores.len() < 2 * SERIAL { share_out() } else { rayon::scope(|_| share_out()) };
     Ok(Allocation { counts, unspent: 0, replaced })
 }
@@ -137,8 +137,8 @@ fn all_equal(scores: &[f64]) -> bool {
     scores.windows(2).all(|w| w[0] == w[1])
 }
 
-/// Counts as equal as floors and ceiling allow. The remainder goes to pixels by a hash of their number. `total` fits under
-/// the ceiling.
+/// Counts as equal as floors and ceiling allow. The remainder goes to pixels by a hash of their number. `total` fits
+/// under the ceiling.
 fn level(floors: &[u32], ceiling: u32, total: u64) -> Vec<u32> {
     let at = |level: u32, floor: u32| level.min(ceiling).max(floor);
     let spend = |level: u32| floors.iter().map(|&floor| u64::from(at(level, floor))).sum::<u64>();
@@ -160,8 +160,8 @@ fn level(floors: &[u32], ceiling: u32, total: u64) -> Vec<u32> {
     counts
 }
 
-/// Replaces NaN, negative and infinite scores. Zeros become so small that they wait until all others are at their ceiling,
-/// and then get equal shares.
+/// Replaces NaN, negative and infinite scores. Zeros become so small that they wait until all others are at their
+/// ceiling, and then get equal shares.
 fn clean(scores: &[f64]) -> (Vec<f64>, usize) {
     let largest = scores.iter().copied().filter(|g| g.is_finite()).fold(0.0, f64::max);
     let largest = if largest > 0.0 { largest } else { 1.0 };
@@ -188,7 +188,8 @@ struct Bracket {
     beyond: f64,
 }
 
-/// The threshold of a subset of pixels. The search over all starts there, and then takes a few steps instead of a dozen.
+/// The threshold of a subset of pixels. The search over all starts there, and then takes a few steps instead of a
+/// dozen.
 fn threshold_of_some(
     start: f64,
     scores: &[f64],
@@ -236,8 +237,8 @@ fn find_threshold(start: f64, total: u64, close: u64, spend: impl Fn(f64) -> u64
         if high.0 - low.0 < 1e-3 {
             break;
         }
-        // Outwards from the start in doubling steps, then regula falsi on log(spent) with bisection every other step. The first
-        // step follows from the excess: spending goes about with the root of the threshold, or slower.
+        // Outwards from the start in doubling steps, then regula falsi on log(spent) with bisection every other step.
+        // The first step follows from the excess: spending goes about with the root of the threshold, or slower.
         let outwards = |excess: f64| (4.0 * excess.abs()).clamp(0.01, 1.0) * f64::from(1u32 << step.min(10));
         guess = match (low.1.is_nan(), high.1.is_nan()) {
             (true, _) => (high.0 - outwards(high.1)).max(least),

@@ -199,8 +199,8 @@ impl Film {
         bank * if needs.halves { 2 } else { 1 }
     }
 
-    /// Adds a kept sample by hand, for tests of samplers and filters. It is number `count` of its stream, and rejected if it is
-    /// NaN, infinite or negative. Without halves, `half` is ignored.
+    /// Adds a kept sample by hand, for tests of samplers and filters. It is number `count` of its stream, and rejected
+    /// if it is NaN, infinite or negative. Without halves, `half` is ignored.
     ///
     /// # Panics
     ///
@@ -282,8 +282,8 @@ impl Film {
         }
     }
 
-    /// Count, mean and deviations of all kept samples of pixel `i`, of both halves. Without [`Needs::variance`] the deviations
-    /// are NaN.
+    /// Count, mean and deviations of all kept samples of pixel `i`, of both halves. Without [`Needs::variance`] the
+    /// deviations are NaN.
     pub fn moments(&self, i: usize) -> RgbMoments {
         merged(&self.kept, i)
     }
@@ -298,7 +298,8 @@ impl Film {
         if self.discarded.is_empty() { RgbMoments::default() } else { merged(&self.discarded, i) }
     }
 
-    /// The smallest and largest kept sample of pixel `i` per channel; `None` without samples or without [`Needs::extrema`].
+    /// The smallest and largest kept sample of pixel `i` per channel; `None` without samples or without
+    /// [`Needs::extrema`].
     pub fn range(&self, i: usize) -> Option<[[f32; 3]; 2]> {
         joined(&self.kept, i).map(colours)
     }
@@ -333,7 +334,8 @@ impl Film {
         })
     }
 
-    /// The first hits of pixel `i`'s first [`Needs::first_hits`] samples; `None` for a sample that missed or was not traced.
+    /// The first hits of pixel `i`'s first [`Needs::first_hits`] samples; `None` for a sample that missed or was not
+    /// traced.
     pub fn first_hits(&self, i: usize) -> &[Option<FirstHit>] {
         let k = usize::from(self.needs.first_hits);
         &self.first_hits[i * k..(i + 1) * k]

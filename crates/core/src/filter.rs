@@ -72,8 +72,8 @@ pub trait Filter: Send + Sync {
         Needs::none()
     }
 
-    /// The memory that [`Filter::apply`] takes for a film of this frame with these needs. The default is that of a filter
-    /// that holds nothing but its image, with an error.
+    /// The memory that [`Filter::apply`] takes for a film of this frame with these needs. The default is that of a
+    /// filter that holds nothing but its image, with an error.
     fn memory(&self, frame: &Frame, needs: &Needs) -> FilterMemory {
         let _ = needs;
         FilterMemory::new(frame, 0, ImagePlanes::RadianceAndError)

@@ -189,17 +189,17 @@ pub trait Integrator: Sync {
     /// training passes.
     fn estimate(&self, draws: &Draws<'_>, log: &mut TrainingLog) -> Estimate;
 
-    /// Returns `true` if this integrator writes to [`TrainingLog`] and expects [`Integrator::learn`]. Called before each
-    /// training pass: an integrator that has learned enough returns `false` and costs no more.
+    /// Returns `true` if this integrator writes to [`TrainingLog`] and expects [`Integrator::learn`]. Called before
+    /// each training pass: an integrator that has learned enough returns `false` and costs no more.
     fn wants_training(&self) -> bool {
         false
     }
 
-    /// Learns from a training pass, between two passes. Notes are merged in a fixed order, so the result does not depend on
-    /// threads.
+    /// Learns from a training pass, between two passes. Notes are merged in a fixed order, so the result does not
+    /// depend on threads.
     ///
-    /// A training pass is one sample per pixel at first, then as many as were traced before it, and at most the rest of the
-    /// round: 1, 1, 2, 4, … in long rounds.
+    /// A training pass is one sample per pixel at first, then as many as were traced before it, and at most the rest of
+    /// the round: 1, 1, 2, 4, … in long rounds.
     ///
     /// The learned state must follow from the training passes alone. A render resumed from a
     /// [`Snapshot`](crate::Snapshot) replays them in order without tracing a sample, so there is nothing else to save.
@@ -285,8 +285,8 @@ impl TrainingSum {
 
 /// All notes of a training pass, sorted by key.
 ///
-/// Blocks of 16x16 pixels are summed first, then rows of blocks, then all rows in order. The sums are the same bits for any
-/// number of threads.
+/// Blocks of 16x16 pixels are summed first, then rows of blocks, then all rows in order. The sums are the same bits for
+/// any number of threads.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TrainingData {
     entries: Vec<TrainingSum>,

@@ -6,19 +6,19 @@
 pub enum Budget {
     /// This many samples in all, exactly.
     Samples(u64),
-    /// About this many seconds of planning and tracing. They become sample budgets between rounds, which the film records;
-    /// [`Budget::Recorded`] replays the record to the same bits.
+    /// About this many seconds of planning and tracing. They become sample budgets between rounds, which the film
+    /// records; [`Budget::Recorded`] replays the record to the same bits.
     Seconds(f64),
-    /// Until the image's own estimate of its relMSE is at most `relmse`, or `at_most` samples are spent. Adds halves to the
-    /// film.
+    /// Until the image's own estimate of its relMSE is at most `relmse`, or `at_most` samples are spent. Adds halves to
+    /// the film.
     Error {
         /// The relMSE to reach, `mean((x - truth)^2 / (truth^2 + 0.01))`.
         relmse: f64,
         /// The number of samples after which to stop all the same.
         at_most: u64,
     },
-    /// The budgets that an earlier render recorded, one per plan. Renders with halves use other points: pass the earlier
-    /// film's [`needs`](crate::Film::needs) to get its bits.
+    /// The budgets that an earlier render recorded, one per plan. Renders with halves use other points: pass the
+    /// earlier film's [`needs`](crate::Film::needs) to get its bits.
     Recorded(Vec<u64>),
 }
 

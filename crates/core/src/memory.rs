@@ -41,8 +41,8 @@ impl SamplerMemory {
 
     /// Adds the discarded samples of its first rounds: the film then holds its statistics twice.
     ///
-    /// With a known budget, all samples so far are discarded when the rest is planned. The image's own counts, means and
-    /// deviations are still zeros that were never written, so they take no memory yet.
+    /// With a known budget, all samples so far are discarded when the rest is planned. The image's own counts, means
+    /// and deviations are still zeros that were never written, so they take no memory yet.
     #[must_use]
     pub fn with_discarded(self, frame: &Frame, needs: &Needs, limits: &Limits) -> Self {
         let discarded = frame.bytes(Film::bank_bytes_per_pixel(needs));
@@ -92,9 +92,9 @@ impl FilterMemory {
 
 /// The memory of a render in bytes, as far as it grows with the size of the image.
 ///
-/// It is counted from the planes that each part holds at its peak, not measured: machines with the same number of threads
-/// agree. The scene comes on top, and so does anything done with the image later. Under a limit of time or error it
-/// is the memory of a render that continues after its first round; one that ends there takes less.
+/// It is counted from the planes that each part holds at its peak, not measured: machines with the same number of
+/// threads agree. The scene comes on top, and so does anything done with the image later. Under a limit of time or
+/// error it is the memory of a render that continues after its first round; one that ends there takes less.
 ///
 /// ```
 /// # use dapple_core::*;
@@ -130,8 +130,8 @@ pub struct Memory {
 }
 
 impl Memory {
-    /// The memory of a [`Render`](crate::Render) with these arguments, and of `filter` on its film. `needs` are those of the
-    /// filter and other readers; those of sampler and limits are added.
+    /// The memory of a [`Render`](crate::Render) with these arguments, and of `filter` on its film. `needs` are those
+    /// of the filter and other readers; those of sampler and limits are added.
     pub fn of_render(sampler: &dyn Sampler, filter: &dyn Filter, needs: Needs, frame: &Frame, limits: &Limits) -> Self {
         let needs = needs.and(sampler.needs());
         let needs = if matches!(limits.budget, Budget::Error { .. }) { needs.with_halves() } else { needs };
@@ -149,8 +149,8 @@ impl Memory {
         }
     }
 
-    /// A snapshot of the render between two slices ([`Status::snapshot`](crate::Status::snapshot)). A resumed render holds as
-    /// many bytes beside the film at first.
+    /// A snapshot of the render between two slices ([`Status::snapshot`](crate::Status::snapshot)). A resumed render
+    /// holds as many bytes beside the film at first.
     pub fn snapshot(&self) -> u64 {
         self.film.saturating_add(self.tracing)
     }

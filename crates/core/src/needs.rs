@@ -22,8 +22,8 @@ pub struct Needs {
     pub variance: bool,
     /// Smallest and largest sample per pixel, of each channel and of luminance.
     pub extrema: bool,
-    /// Two independently scrambled halves per pixel: the only honest error estimate of low-discrepancy samples. They cost
-    /// accuracy (a net of n points beats two of n/2), so request them only if they are read.
+    /// Two independently scrambled halves per pixel: the only honest error estimate of low-discrepancy samples. They
+    /// cost accuracy (a net of n points beats two of n/2), so request them only if they are read.
     pub halves: bool,
     /// Mean and variance of the first hit's albedo, normal, depth and position.
     pub features: bool,

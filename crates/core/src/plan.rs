@@ -59,8 +59,8 @@ pub struct Plan {
     /// The rule that combines the halves from this round on.
     pub combine: Combine,
     /// A mark per pixel whose kept samples leave the image before the round is traced. They join the discarded ones and
-    /// stay spent. Such a pixel must get samples in this round, which must be kept. Their indices continue after those of the
-    /// withdrawn. Withdrawing by the samples' own values is biased all the same [Kirk and Arvo 1991].
+    /// stay spent. Such a pixel must get samples in this round, which must be kept. Their indices continue after those
+    /// of the withdrawn. Withdrawing by the samples' own values is biased all the same [Kirk and Arvo 1991].
     pub withdraw: Option<Vec<bool>>,
 }
 

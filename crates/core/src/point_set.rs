@@ -44,8 +44,8 @@ pub mod streams {
 
 /// A pure function from (seed, pixel, stream, index, block) to four coordinates.
 ///
-/// pbrt and Mitsuba call this role the sampler. Implementations hold their seed and nothing that changes; they must pass
-/// `dapple_conformance::point_set`.
+/// pbrt and Mitsuba call this role the sampler. Implementations hold their seed and nothing that changes; they must
+/// pass `dapple_conformance::point_set`.
 ///
 /// ```
 /// use dapple_core::{PointSet, SampleId};

@@ -33,8 +33,8 @@ pub struct Status<'a> {
 }
 
 impl Status<'_> {
-    /// Everything that decides the rest of this render, as bytes for [`Snapshot::from_bytes`]. They are about as many as the
-    /// film has in memory. A render resumed from them ends with the same bits as this one.
+    /// Everything that decides the rest of this render, as bytes for [`Snapshot::from_bytes`]. They are about as many
+    /// as the film has in memory. A render resumed from them ends with the same bits as this one.
     pub fn snapshot(&self) -> Vec<u8> {
         self.view.write()
     }
@@ -70,7 +70,8 @@ pub trait Monitor {
     /// Sees the state after a slice, and decides whether the render continues.
     fn slice(&mut self, status: &Status<'_>) -> Control;
 
-    /// Sees the state at the end, unless the render was stopped. A snapshot taken here can be resumed with larger limits.
+    /// Sees the state at the end, unless the render was stopped. A snapshot taken here can be resumed with larger
+    /// limits.
     fn end(&mut self, status: &Status<'_>) {
         let _ = status;
     }
@@ -94,8 +95,8 @@ impl<F: FnMut(&Status<'_>) -> Control> Monitor for F {
 
 /// A render to run or resume: the frame, its limits, the statistics to record and a monitor.
 ///
-/// The film records the statistics that the sampler needs and those of [`Render::needs`]. An error limit adds halves. Samples
-/// are traced on the current rayon pool.
+/// The film records the statistics that the sampler needs and those of [`Render::needs`]. An error limit adds halves.
+/// Samples are traced on the current rayon pool.
 ///
 /// ```
 /// # use dapple_core::{PointSet, SampleId};
@@ -161,9 +162,9 @@ impl<'a> Render<'a> {
     ///
     /// # Errors
     ///
-    /// When the limits make no sense, the sampler cannot meet them or returns an invalid plan, the point set is exhausted, a
-    /// sample is invalid under [`InvalidSample::Fail`](crate::InvalidSample), or the integrator panics ([`Error::Panicked`]
-    /// carries what was finished).
+    /// When the limits make no sense, the sampler cannot meet them or returns an invalid plan, the point set is
+    /// exhausted, a sample is invalid under [`InvalidSample::Fail`](crate::InvalidSample), or the integrator panics
+    /// ([`Error::Panicked`] carries what was finished).
     pub fn run(self, integrator: &mut dyn Integrator, sampler: &mut dyn Sampler) -> Result<Film, Error> {
         let meter = Meter::new(self.limits, &self.frame)?;
         let needs = self.needs.and(sampler.needs()).and(meter.needs());
@@ -171,17 +172,17 @@ impl<'a> Render<'a> {
         self.drive(state, Clock::start(0.0), meter, integrator, sampler)
     }
 
-    /// Resumes a render from a [`Snapshot`]. With a sampler and an integrator made with the same options, and the same frame, it
-    /// ends with the bits of the render that was never interrupted, on any number of threads.
+    /// Resumes a render from a [`Snapshot`]. With a sampler and an integrator made with the same options, and the same
+    /// frame, it ends with the bits of the render that was never interrupted, on any number of threads.
     ///
     /// The budget may differ: a larger one renders on, and a time limit counts the seconds before the snapshot too. The
-    /// statistics in [`Render::needs`] must have been recorded from the start. The caller makes sure that the integrator
-    /// is the same (scene, depth, …).
+    /// statistics in [`Render::needs`] must have been recorded from the start. The caller makes sure that the
+    /// integrator is the same (scene, depth, …).
     ///
     /// # Errors
     ///
-    /// As [`Render::run`]; [`Error::OtherRender`] where sampler, points, frame, bounds of counts or needs differ, or where
-    /// more is planned already than the budget allows; [`Error::BadSnapshot`].
+    /// As [`Render::run`]; [`Error::OtherRender`] where sampler, points, frame, bounds of counts or needs differ, or
+    /// where more is planned already than the budget allows; [`Error::BadSnapshot`].
     pub fn resume(
         self,
         snapshot: Snapshot,

@@ -15,8 +15,8 @@ use crate::{Error, Film, Frame, Limits, Needs, Plan, PointSet, Progress, Sampler
 pub struct BudgetLeft {
     /// Samples traced so far, discarded ones included.
     pub spent: u64,
-    /// Samples that may be spent in all, as far as is known now. Under a time or error limit the render loop may raise it
-    /// after [`Progress::Done`] and plan again.
+    /// Samples that may be spent in all, as far as is known now. Under a time or error limit the render loop may raise
+    /// it after [`Progress::Done`] and plan again.
     pub total: u64,
     /// The least number of kept samples per pixel.
     pub min_spp: u32,
@@ -151,8 +151,8 @@ pub trait Sampler: Send {
         Needs::none()
     }
 
-    /// The memory that it takes besides the film, in a render of this frame within these limits. `needs` are all that the
-    /// film records. The default is that of a sampler that keeps nothing but its plan.
+    /// The memory that it takes besides the film, in a render of this frame within these limits. `needs` are all that
+    /// the film records. The default is that of a sampler that keeps nothing but its plan.
     fn memory(&self, frame: &Frame, needs: &Needs, limits: &Limits) -> SamplerMemory {
         let _ = limits;
         let memory = SamplerMemory::planning(frame, 0);
@@ -162,8 +162,8 @@ pub trait Sampler: Send {
     /// The point set in use.
     fn points(&self) -> &dyn PointSet;
 
-    /// Plans a round: fills `plan`, which is empty, and returns [`Progress::Trace`], or returns [`Progress::Done`]. In round 0
-    /// the film is empty.
+    /// Plans a round: fills `plan`, which is empty, and returns [`Progress::Trace`], or returns [`Progress::Done`]. In
+    /// round 0 the film is empty.
     ///
     /// A plan has at most `seen.budget.left()` samples. A sampler that spends its budget exactly plans until nothing is
     /// left; one that stops by a threshold may stop earlier.
@@ -179,8 +179,8 @@ pub trait Sampler: Send {
         Vec::new()
     }
 
-    /// Restores the state from [`Sampler::save`]: a sampler made with the same options then plans as the saved one. Called
-    /// before the first plan of a resumed render.
+    /// Restores the state from [`Sampler::save`]: a sampler made with the same options then plans as the saved one.
+    /// Called before the first plan of a resumed render.
     ///
     /// # Errors
     ///

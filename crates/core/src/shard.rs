@@ -11,8 +11,8 @@ use crate::{
 
 /// One machine's share of an image: every `of`-th row of the window, from row `index` on.
 ///
-/// Interleaved rows cost about the same in sum, so machines end at about the same time. Each pixel belongs to one machine,
-/// so [`merge`] adds nothing up, and the image is bit for bit that of one machine.
+/// Interleaved rows cost about the same in sum, so machines end at about the same time. Each pixel belongs to one
+/// machine, so [`merge`] adds nothing up, and the image is bit for bit that of one machine.
 ///
 /// ```
 /// # use dapple_core::{PointSet, SampleId};
@@ -105,9 +105,9 @@ impl std::fmt::Display for Shard {
 
 /// A sampler that plans one shard's samples only, of the plans of another.
 ///
-/// Each machine plans the whole image, as if all samples had been traced, and traces its own rows. The inner sampler must
-/// be [a priori](Sampler::a_priori) and the budget a number of samples, so that every machine makes the same plan. For an example
-/// see [`Shard`].
+/// Each machine plans the whole image, as if all samples had been traced, and traces its own rows. The inner sampler
+/// must be [a priori](Sampler::a_priori) and the budget a number of samples, so that every machine makes the same plan.
+/// For an example see [`Shard`].
 pub struct Sharded<'a> {
     inner: &'a mut dyn Sampler,
     shard: Shard,
@@ -354,8 +354,9 @@ impl ShardFilm {
 ///
 /// # Errors
 ///
-/// [`Error::BadShards`], which names the shards that are missing, duplicate, or of another image: another number of shards,
-/// another window, other budgets or other statistics. The caller makes sure that all have the same scene and settings.
+/// [`Error::BadShards`], which names the shards that are missing, duplicate, or of another image: another number of
+/// shards, another window, other budgets or other statistics. The caller makes sure that all have the same scene and
+/// settings.
 pub fn merge(parts: &[ShardFilm]) -> Result<Film, Error> {
     let parts = in_order(parts)?;
     let first = parts[0];

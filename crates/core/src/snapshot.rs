@@ -99,9 +99,9 @@ impl View<'_> {
 
 /// A render between two slices, with everything that decides the rest of it.
 ///
-/// [`Status::snapshot`](crate::Status::snapshot) makes its bytes, and [`Render::resume`](crate::Render::resume) continues from
-/// it. This crate does no file I/O: a [`Monitor`](crate::Monitor) stores the bytes. They have a version and are checked for
-/// consistency, not for damage, so add a checksum to the file.
+/// [`Status::snapshot`](crate::Status::snapshot) makes its bytes, and [`Render::resume`](crate::Render::resume)
+/// continues from it. This crate does no file I/O: a [`Monitor`](crate::Monitor) stores the bytes. They have a version
+/// and are checked for consistency, not for damage, so add a checksum to the file.
 ///
 /// ```
 /// # use dapple_core::{PointSet, SampleId};
@@ -153,8 +153,8 @@ pub struct Snapshot {
 }
 
 impl Snapshot {
-    /// Reads the bytes of [`Status::snapshot`](crate::Status::snapshot). Takes at most a few times their memory, even for
-    /// invalid bytes.
+    /// Reads the bytes of [`Status::snapshot`](crate::Status::snapshot). Takes at most a few times their memory, even
+    /// for invalid bytes.
     ///
     /// # Errors
     ///

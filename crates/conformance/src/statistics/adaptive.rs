@@ -38,7 +38,8 @@ impl Integrator for Bernoulli {
     }
 }
 
-/// The negative control of every test of bias: a pixel stops if its pilot's samples are all equal, and all samples are kept.
+/// The negative control of every test of bias: a pixel stops if its pilot's samples are all equal, and all samples are
+/// kept.
 #[derive(Clone, Copy, Debug)]
 pub struct Naive<P> {
     /// The point set.
@@ -99,11 +100,11 @@ impl Pixels {
     }
 }
 
-/// The deviate of a trend of values with counts: standard normal if they are unrelated, negative if pixels with few samples are
-/// bright.
+/// The deviate of a trend of values with counts: standard normal if they are unrelated, negative if pixels with few
+/// samples are bright.
 ///
-/// In each pixel, the logarithm of the count and the value are centred on their means over the replicates. The sum of products
-/// is compared with its spread, which may differ between counts [after White 1980].
+/// In each pixel, the logarithm of the count and the value are centred on their means over the replicates. The sum of
+/// products is compared with its spread, which may differ between counts [after White 1980].
 pub fn count_trend(replicates: &[Pixels]) -> f64 {
     let pixels = replicates[0].counts.len();
     let n = replicates.len() as f64;

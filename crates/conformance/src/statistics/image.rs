@@ -32,8 +32,8 @@ impl ImageTest {
 
 /// Tests that replicates of two images, `width` pixels wide, have the same expectation.
 ///
-/// Take at least 16 replicates of each, 64 for heavy tails, each with seeds of its own. No pixel is excluded, and variances have
-/// no floor: blocks without any spread must be equal.
+/// Take at least 16 replicates of each, 64 for heavy tails, each with seeds of its own. No pixel is excluded, and
+/// variances have no floor: blocks without any spread must be equal.
 ///
 /// # Panics
 ///
@@ -140,8 +140,9 @@ fn pooled(deviates: impl Iterator<Item = f64>) -> [f64; 2] {
 
 /// The p-values of the pooled figures.
 ///
-/// Blocks and channels are correlated, by light that covers several and by their common budget. So the spread of the figures
-/// comes from bootstrap resamples, and a scaled chi-square of that mean and variance gives the tails [after Satterthwaite 1946].
+/// Blocks and channels are correlated, by light that covers several and by their common budget. So the spread of the
+/// figures comes from bootstrap resamples, and a scaled chi-square of that mean and variance gives the tails [after
+/// Satterthwaite 1946].
 fn null(a: &Group, b: Option<&Group>, seen: [f64; 2]) -> [f64; 2] {
     let (a, b) = (a.centred(), b.map(Group::centred));
     let mut random = 0x5eed_u64;

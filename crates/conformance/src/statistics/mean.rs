@@ -135,8 +135,8 @@ pub struct Decided {
 
 /// An equivalence test with as many samples as it needs.
 ///
-/// It starts with `first` samples and doubles them while undecided, up to `cap`, where undecided is failed. A false claim passes with
-/// probability `alpha` at most, over all tests together.
+/// It starts with `first` samples and doubles them while undecided, up to `cap`, where undecided is failed. A false
+/// claim passes with probability `alpha` at most, over all tests together.
 pub fn decide(reference: f64, delta: f64, alpha: f64, first: u64, cap: u64, mut draw: impl FnMut() -> f64) -> Decided {
     let looks = (cap / first).max(1).ilog2() as usize + 1;
     let level = sidak(alpha, looks);
@@ -156,8 +156,8 @@ pub fn decide(reference: f64, delta: f64, alpha: f64, first: u64, cap: u64, mut 
     }
 }
 
-/// The number of samples for which an equivalence test at level `alpha` passes a true claim with probability `1 - beta`:
-/// `((z_alpha + z_beta/2) spread / delta)^2`, for samples of standard deviation `spread`.
+/// The number of samples for which an equivalence test at level `alpha` passes a true claim with probability `1 -
+/// beta`: `((z_alpha + z_beta/2) spread / delta)^2`, for samples of standard deviation `spread`.
 pub fn samples_needed(spread: f64, delta: f64, alpha: f64, beta: f64) -> u64 {
     ((critical(alpha) + critical(0.5 * beta)) * spread / delta).powi(2).ceil() as u64
 }

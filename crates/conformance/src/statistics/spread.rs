@@ -2,8 +2,8 @@
 
 use super::mean::Mean;
 
-/// The p-value of equal spread of two groups, whatever their distributions: a t-test of the distances from each group's median
-/// [after Brown and Forsythe 1974].
+/// The p-value of equal spread of two groups, whatever their distributions: a t-test of the distances from each group's
+/// median [after Brown and Forsythe 1974].
 pub fn brown_forsythe(a: &[f64], b: &[f64]) -> f64 {
     let distances = |values: &[f64]| -> Mean {
         let mut sorted = values.to_vec();

@@ -3,7 +3,8 @@
 use super::{Allocation, Steps, all_equal, clean, share_out};
 use crate::{Error, Needs};
 
-/// The ladder of well-stratified counts: 1, 2, 3, 4, 6, 8, 12, 16, 24, …, where low-discrepancy points are well distributed.
+/// The ladder of well-stratified counts: 1, 2, 3, 4, 6, 8, 12, 16, 24, …, where low-discrepancy points are well
+/// distributed.
 ///
 /// ```
 /// use dapple_core::Ladder;
@@ -51,12 +52,12 @@ impl Ladder {
         rung
     }
 
-    /// As [`allocate`](super::allocate), on this ladder, for errors that fall as `n^-exponent`: 1 for independent samples,
-    /// about 1.3 for images sampled with nets.
+    /// As [`allocate`](super::allocate), on this ladder, for errors that fall as `n^-exponent`: 1 for independent
+    /// samples, about 1.3 for images sampled with nets.
     ///
-    /// At most one pixel whose floor is on the ladder leaves it, to meet the sum. Others leave it only if the budget fills every
-    /// pixel up to the last rung below `ceiling`. If all scores are equal there is nothing to adapt to, and counts differ
-    /// by at most 1 as far as floors allow.
+    /// At most one pixel whose floor is on the ladder leaves it, to meet the sum. Others leave it only if the budget
+    /// fills every pixel up to the last rung below `ceiling`. If all scores are equal there is nothing to adapt to, and
+    /// counts differ by at most 1 as far as floors allow.
     ///
     /// # Errors
     ///

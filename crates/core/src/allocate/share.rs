@@ -19,13 +19,13 @@ const MOST_ROUNDS: u32 = 64;
 /// others in proportion. Real shares become integers by largest remainder, ties by weight and then by a
 /// hash of the pixel's number.
 ///
-/// [`allocate`](crate::allocate()) takes squared errors and returns counts that go with their root. This function takes the
-/// proportions of the counts themselves, for samplers that make a map of priorities rather than of variances. Counts depend on
-/// the weights alone: permuted weights give permuted counts, except among equal ones.
+/// [`allocate`](crate::allocate()) takes squared errors and returns counts that go with their root. This function takes
+/// the proportions of the counts themselves, for samplers that make a map of priorities rather than of variances.
+/// Counts depend on the weights alone: permuted weights give permuted counts, except among equal ones.
 ///
-/// Weights that are NaN or negative count as 0, infinite ones as the largest finite weight; [`Allocation::replaced`] counts
-/// both. Zeros, and weights below 1e-60 of the largest, wait until all others are at the ceiling, and then get equal shares. If
-/// `total` does not reach `base` for all pixels, counts are as equal as the floors allow.
+/// Weights that are NaN or negative count as 0, infinite ones as the largest finite weight; [`Allocation::replaced`]
+/// counts both. Zeros, and weights below 1e-60 of the largest, wait until all others are at the ceiling, and then get
+/// equal shares. If `total` does not reach `base` for all pixels, counts are as equal as the floors allow.
 ///
 /// ```
 /// let counts = dapple_core::share(&[1.0, 2.0, 3.0], 4, &[0; 3], 100, 72)?.counts;
@@ -111,8 +111,8 @@ fn find_factor(first: f64, goal: u128, close: u128, spend: impl Fn(f64) -> u128)
             }
             (high, excess, last_low) = (guess, (spent - goal) as f64, Some(false));
         }
-        // Outwards in steps of doubling exponents, inwards by halving exponents, then regula falsi with bisection every eighth
-        // round.
+        // Outwards in steps of doubling exponents, inwards by halving exponents, then regula falsi with bisection every
+        // eighth round.
         guess = if high == f64::INFINITY || low == 0.0 {
             let step = (1u64 << (1u32 << stride).min(63)) as f64;
             stride = (stride + 1).min(5);
@@ -131,8 +131,8 @@ fn find_factor(first: f64, goal: u128, close: u128, spend: impl Fn(f64) -> u128)
     low
 }
 
-/// Adds one sample to each of the `left` pixels with the largest remainders, of those below the ceiling. Ties go to the larger
-/// weight, then by a hash.
+/// Adds one sample to each of the `left` pixels with the largest remainders, of those below the ceiling. Ties go to the
+/// larger weight, then by a hash.
 fn hand_out_remainders(shares: &[u64], weights: &[f64], counts: &mut [u32], ceiling: u32, mut left: usize) {
     if left == 0 {
         return;

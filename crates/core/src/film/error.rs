@@ -5,8 +5,8 @@ use super::Film;
 impl Film {
     /// The estimated squared error of pixel `i`'s mean, per channel; `None` without halves, or if a half is empty.
     ///
-    /// It follows from the difference of the two independently scrambled halves: `E (A - B)^2 = var A + var B`, divided by count,
-    /// for a mean `w A + (1 - w) B`. Each pixel has one degree of freedom, so average over pixels before use.
+    /// It follows from the difference of the two independently scrambled halves: `E (A - B)^2 = var A + var B`, divided
+    /// by count, for a mean `w A + (1 - w) B`. Each pixel has one degree of freedom, so average over pixels before use.
     pub fn squared_error(&self, i: usize) -> Option<[f64; 3]> {
         let [a, b] = &self.kept[..] else { return None };
         let (na, nb) = (a.counts[i] as f64, b.counts[i] as f64);
@@ -32,15 +32,15 @@ impl Film {
         Some((0..self.frame.pixels()).map(|i| self.squared_error(i).map_or(f32::INFINITY, mean)).collect())
     }
 
-    /// The image's own estimate of its relMSE, `mean((x - truth)^2 / (truth^2 + 0.01))` over pixels and channels. `None` without
-    /// halves, or while a pixel lacks a sample in one of them.
+    /// The image's own estimate of its relMSE, `mean((x - truth)^2 / (truth^2 + 0.01))` over pixels and channels.
+    /// `None` without halves, or while a pixel lacks a sample in one of them.
     ///
     /// The mean over 3x3 pixels stands for the truth. A pixel's own mean is high where its error is, and would hide it.
     ///
     /// # Precision
     ///
-    /// On the bundled scenes with 8 and more samples per pixel, the estimate is 0.65 to 1.05 of the true relMSE. With the pixel's
-    /// own mean it would be 0.07 to 1.11 (`examples/predicted_error.rs`).
+    /// On the bundled scenes with 8 and more samples per pixel, the estimate is 0.65 to 1.05 of the true relMSE. With
+    /// the pixel's own mean it would be 0.07 to 1.11 (`examples/predicted_error.rs`).
     pub fn predicted_relmse(&self) -> Option<f64> {
         if self.kept.len() != 2 {
             return None;

@@ -24,8 +24,8 @@ fn bytes_per_pixel_are_those_allocated() {
     assert_eq!(Film::bytes_per_pixel(&none.with_extrema()), 64);
 }
 
-/// `E (A - B)^2 = var A + var B`, divided by count, against the spread of the mean over 20,000 pixels. The relative deviation of
-/// either is sqrt(2 / 20000) = 1 %; 6 of both together are 8 %.
+/// `E (A - B)^2 = var A + var B`, divided by count, against the spread of the mean over 20,000 pixels. The relative
+/// deviation of either is sqrt(2 / 20000) = 1 %; 6 of both together are 8 %.
 #[test]
 #[cfg_attr(miri, ignore = "statistics: too many samples for Miri")]
 fn squared_error_is_that_of_the_combined_mean() {
@@ -98,8 +98,8 @@ fn a_predicted_error_is_not_hidden_by_the_error_itself() {
     }
     // Mean 1, variance 9.
     let truth = 9.0 / SPP as f64 / 1.01;
-    // The variance of the level adds about 3 * 9 / 144 = 0.19 to the mean of its inverse square. The pixel is one of the nine,
-    // which subtracts some.
+    // The variance of the level adds about 3 * 9 / 144 = 0.19 to the mean of its inverse square. The pixel is one of
+    // the nine, which subtracts some.
     let ratio = film.predicted_relmse().expect("halves") / truth;
     assert!((0.9..1.2).contains(&ratio), "{ratio}");
     // Negative control: the pixel's own mean stands for the truth.

@@ -17,7 +17,8 @@ use std::slice::ChunksMut;
 
 /// The side, in pixels, of the blocks in which training data is summed.
 const BLOCK: usize = 16;
-/// The aimed-at seconds per slice. A monitor is called after about this long, or after a row of pixels if that takes longer.
+/// The aimed-at seconds per slice. A monitor is called after about this long, or after a row of pixels if that takes
+/// longer.
 const SLICE_SECONDS: f64 = 0.2;
 /// Samples in the first slice: a millisecond at a microsecond per sample, a second at a thousand.
 const FIRST_SLICE: f64 = 1024.0;
@@ -86,8 +87,8 @@ pub(super) enum Stopped {
     AtEnd,
 }
 
-/// Traces the rest of a round into the film. `began` is the time by the context's clock at which the round would have begun
-/// without interruption.
+/// Traces the rest of a round into the film. `began` is the time by the context's clock at which the round would have
+/// begun without interruption.
 pub(super) fn trace(
     integrator: &mut dyn Integrator,
     film: &mut Film,
@@ -139,10 +140,11 @@ fn longest_pixel(plan: &Plan) -> u32 {
     plan.counts.iter().chain(second).copied().max().unwrap_or(0)
 }
 
-/// Samples per pixel of the slice at the cursor (or of the pass over the rows to which it belongs), and its rows of pixels.
+/// Samples per pixel of the slice at the cursor (or of the pass over the rows to which it belongs), and its rows of
+/// pixels.
 ///
-/// Both follow from the rate of this round, which took `seconds` so far. If one sample of every pixel takes longer than a
-/// slice should, the slice has some of the rows only.
+/// Both follow from the rate of this round, which took `seconds` so far. If one sample of every pixel takes longer than
+/// a slice should, the slice has some of the rows only.
 fn next_slice(open: &OpenRound, film: &Film, wants_training: bool, seconds: f64, limits: &Limits) -> (u32, u32) {
     let height = film.frame.size()[1];
     let fixed = limits.schedule.slice_spp;
@@ -168,8 +170,8 @@ fn next_slice(open: &OpenRound, film: &Film, wants_training: bool, seconds: f64,
     (length, if wants_training { rows.next_multiple_of(BLOCK as u32) } else { rows })
 }
 
-/// Samples per pixel of the next training pass: as many as there were before. So the first passes are short, and there are
-/// few. The length depends on nothing but the plans.
+/// Samples per pixel of the next training pass: as many as there were before. So the first passes are short, and there
+/// are few. The length depends on nothing but the plans.
 fn pass_length(film: &Film) -> u32 {
     let mean = film.record.samples / film.frame.pixels() as u64;
     u32::try_from(mean).unwrap_or(u32::MAX).max(1)
@@ -287,8 +289,8 @@ fn trace_band(round: &Round<'_>, mut band: Band<'_>) -> Tally {
     tally
 }
 
-/// Traces the band in blocks of 16x16 pixels, and sums the notes of each block, then of each row of blocks. Until the training
-/// pass is over, a sum per key and row is kept, not per block.
+/// Traces the band in blocks of 16x16 pixels, and sums the notes of each block, then of each row of blocks. Until the
+/// training pass is over, a sum per key and row is kept, not per block.
 fn trace_blocks(round: &Round<'_>, band: &mut Band<'_>, tally: &mut Tally, current: &Cell<Option<SampleId>>) {
     let width = round.width;
     let rows = band.banks[0].counts.len() / width;
@@ -432,8 +434,8 @@ fn record_first_hit(band: &mut Band<'_>, local: usize, k: usize, hit: Option<&Fi
         features.push(hit);
     }
     if k > 0 {
-        // Kept and discarded samples fill the places in the order of tracing. This bank's indices give the next place, as
-        // long as one retention is used, which is the rule.
+        // Kept and discarded samples fill the places in the order of tracing. This bank's indices give the next place,
+        // as long as one retention is used, which is the rule.
         let seen = band.banks.iter().map(|b| index(b.counts[local], b.ahead.get(local))).sum::<u64>() - 1;
         if seen < k as u64 {
             band.first_hits[local * k + seen as usize] = hit.copied();
