@@ -6,7 +6,7 @@ mod weights;
 use self::weights::gaussian_weights;
 use crate::parameters::out;
 use crate::pixel_means::{mean_and_presence, normalised, squared_error, variances};
-use dapple_core::{Error, Film, Filter, FilterMemory, Filtered, Frame, Needs};
+use dapple_core::{Error, Film, Filter, FilterMemory, Filtered, Frame, ImagePlanes, Needs};
 use rayon::prelude::*;
 
 /// A Gaussian blur of the pixel means, with weights integrated over each pixel.
@@ -123,7 +123,9 @@ impl Filter for Gaussian {
 
     fn memory(&self, frame: &Frame, needs: &Needs) -> FilterMemory {
         // Four sums along rows, and four along columns.
-        FilterMemory::new(frame, 2 * size_of::<[f64; 4]>(), needs.variance || needs.halves)
+        let known = needs.variance || needs.halves;
+        let image = if known { ImagePlanes::RadianceAndError } else { ImagePlanes::Radiance };
+        FilterMemory::new(frame, 2 * size_of::<[f64; 4]>(), image)
     }
 
     fn apply(&self, film: &Film) -> Result<Filtered, Error> {
@@ -135,6 +137,6 @@ impl Filter for Gaussian {
             separable(plane, &squares, |i| [variances[i]], |i, [sum]| squared_error(sum, sums[i][3]))
         });
         let radiance = sums.into_par_iter().with_min_len(1024).map(normalised).collect();
-        Ok(Filtered { size, radiance, error })
+        Ok(Filtered::new(size, radiance).with_error(error))
     }
 }

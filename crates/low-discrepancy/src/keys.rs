@@ -118,7 +118,7 @@ mod tests {
     use super::*;
 
     fn id(pixel: [u32; 2], stream: u32) -> SampleId {
-        SampleId { pixel, stream, index: 0 }
+        SampleId::new(pixel, stream, 0)
     }
 
     /// Flipping any bit of (seed, pixel, stream, block, batch) flips each bit of the key with probability 1/2.
