@@ -3,7 +3,7 @@
 use crate::pilot::Pilot;
 use crate::{AdaptiveOptions, Cells, ErrorMap, PoolShape, VarianceOptions, pool};
 use dapple_core::{
-    Error, Feedback, Frame, Limits, Needs, PilotPolicy, Plan, PointSet, Progress, RgbMoments, Sampler, SamplerMemory,
+    Error, Feedback, Frame, Limits, Needs, Options as _, PilotPolicy, Plan, PointSet, Progress, RgbMoments, Sampler, SamplerMemory,
 };
 
 /// Counts by error: a uniform pilot, then the counts that leave the least relative error, as far as the pilot can tell.
@@ -70,29 +70,10 @@ impl<P: PointSet> Sampler for Adaptive<P> {
 
     fn describe(&self) -> String {
         if let Some(preset) = &self.preset {
-            return preset.describe();
+            return format!("variance:{}", preset.describe());
         }
-        let o = &self.options;
         let by = self.errors.as_ref().map_or("variance", |map| &map.name);
-        format!(
-            "adaptive:by={by},pilot={},rounds={},pool={},radius={},prior={},power={},geometry={},exponent={},epsilon={},cap={},\
-             mix={},gain={},policy={},edge={},normals={}",
-            o.pilot,
-            o.rounds,
-            o.pool.name(),
-            o.radius,
-            o.prior,
-            o.power,
-            o.geometry,
-            o.exponent,
-            o.epsilon,
-            o.cap,
-            o.mix,
-            o.gain,
-            o.policy.name(),
-            o.cells.edge,
-            o.cells.normals
-        )
+        format!("adaptive:by={by},{}", self.options.describe())
     }
 
     fn needs(&self) -> Needs {
@@ -100,7 +81,7 @@ impl<P: PointSet> Sampler for Adaptive<P> {
         if self.options.policy == PilotPolicy::Cross {
             needs = needs.with_halves();
         }
-        if self.options.look_at_hits() {
+        if self.options.reads_hits() {
             needs = needs.with_first_hits(HITS);
         }
         self.errors.as_ref().map_or(needs, |map| needs.and(map.needs))
@@ -110,7 +91,7 @@ impl<P: PointSet> Sampler for Adaptive<P> {
         let crosses = self.options.policy == PilotPolicy::Cross;
         // Scores, and eight terms each where a pool is more than a window.
         let pooling = 8 + if self.options.pool == PoolShape::Window { 0 } else { 64 };
-        let cells = if self.options.look_at_hits() { usize::from(HITS) * Cells::BYTES_PER_HIT } else { 0 };
+        let cells = if self.options.reads_hits() { usize::from(HITS) * Cells::BYTES_PER_HIT } else { 0 };
         // Scores stand beside a map of errors.
         let map = self.errors.as_ref().map_or(0, |map| 8 + map.bytes_per_pixel);
         // Counts and floors of both halves stand beside all of it.

@@ -2,39 +2,19 @@
 
 use crate::disjoint::Disjoint;
 use crate::out_of_range;
-use dapple_core::{Error, Film, FirstHit};
+use dapple_core::{Error, Film, FirstHit, Options as _};
 
-/// What makes a cell.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct CellOptions {
-    /// Edge of a cell's cube in pixels, at the depth where it lies, rounded down to an octave: a cell covers about its
-    /// square. At least 1.
-    pub edge: f32,
-    /// Degrees within which a cell's normals lie about their mean, above 0 and at most 90.
-    pub normals: f32,
-}
-
-impl Default for CellOptions {
-    /// 16 pixels and the thesis' 10 degrees.
-    fn default() -> Self {
-        Self { edge: 16.0, normals: 10.0 }
-    }
-}
-
-impl CellOptions {
-    /// Says beforehand what [`Cells::new`] would refuse of them.
-    ///
-    /// # Errors
-    ///
-    /// [`Error::OutOfRange`].
-    pub fn check(&self) -> Result<(), Error> {
-        if !(self.edge >= 1.0 && self.edge <= 65536.0) {
-            return Err(out_of_range("edge", self.edge, "1 to 65536 pixels"));
-        }
-        if !(self.normals > 0.0 && self.normals <= 90.0) {
-            return Err(out_of_range("normals", self.normals, "above 0 and at most 90 degrees"));
-        }
-        Ok(())
+dapple_core::options! {
+    /// The parameters of [`Cells`].
+    pub struct CellOptions {
+        /// Edge of a cell's cube in pixels.
+        ///
+        /// It is measured at the depth of the cell and rounded down to an octave, so that a cell covers about its square.
+        pub edge: f32 = 16.0 => "16", |edge| (1.0..=65536.0).contains(&edge), "1 to 65536 pixels";
+        /// Degrees within which a cell's normals lie about their mean.
+        ///
+        /// 10 degrees are those of [Lan 2016].
+        pub normals: f32 = 10.0 => "10", |degrees| degrees > 0.0 && degrees <= 90.0, "above 0 and at most 90 degrees";
     }
 }
 
@@ -83,7 +63,7 @@ impl Cells {
         size: [u32; 2],
         options: &CellOptions,
     ) -> Result<Self, Error> {
-        options.check()?;
+        options.check_ranges()?;
         let [width, height] = size.map(|n| n as usize);
         if per_pixel == 0 || hits.len() != width * height * per_pixel {
             return Err(out_of_range("hits", hits.len(), "as many as pixels times probes per pixel"));

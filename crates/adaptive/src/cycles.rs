@@ -2,28 +2,25 @@
 
 use crate::pilot::{Pilot, clamped};
 use dapple_core::{
-    Error, Feedback, Film, Frame, Limits, Needs, PilotPolicy, Plan, PointSet, Progress, Sampler, SamplerMemory,
+    Error, Feedback, Film, Frame, Limits, Needs, Options as _, PilotPolicy, Plan, PointSet, Progress, Sampler, SamplerMemory,
     Stopping, allocate,
 };
 
-/// The parameters of [`Cycles`].
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct CyclesOptions {
-    /// The user's threshold, of which five times is what errors are compared with; 0 takes 1 over the mean budget, and not
-    /// below 0.001.
-    pub threshold: f64,
-    /// Samples per pixel before anything stops; 0 takes `16 t^-0.3` (4 or more) for threshold `t`, and with
-    /// [`Stopping::Budget`] no more than a quarter of the mean budget.
-    pub min: u32,
-    /// Samples of an open pixel between two looks at it.
-    pub step: u32,
-    /// What ends it.
-    pub mode: Stopping,
-}
-
-impl Default for CyclesOptions {
-    fn default() -> Self {
-        Self { threshold: 0.0, min: 0, step: 16, mode: Stopping::default() }
+dapple_core::options! {
+    /// The parameters of [`Cycles`].
+    pub struct CyclesOptions {
+        /// The user's threshold, of which five times counts; 0 is 1 over the mean budget, at least 0.001.
+        pub threshold: f64 = 0.0 => "0", |t| t >= 0.0 && t.is_finite(), "0 or above; 0 chooses";
+        /// Samples per pixel before any stops; 0 is 16 t^-0.3 for threshold t, with a budget at most a quarter of it.
+        ///
+        /// At least 4 are chosen.
+        pub min: u32 = 0, |min| min != 1, "each of the two halves needs a sample; 0 chooses";
+        /// Samples of an open pixel between two looks.
+        pub step: u32 = 16, |step| step != 0, "at least one sample";
+        /// The end: budget (the threshold falls until it is spent) or threshold (the budget is a ceiling).
+        ///
+        /// With [`Stopping::Budget`] the threshold falls to half of the largest error where all pixels have converged.
+        pub mode: Stopping = Stopping::Budget => "budget";
     }
 }
 
@@ -76,16 +73,7 @@ impl<P: PointSet> Cycles<P> {
     ///
     /// [`Error::OutOfRange`] for a threshold that is negative or not finite, a `min` of 1, and a `step` of 0.
     pub fn with_options(points: P, options: CyclesOptions) -> Result<Self, Error> {
-        let out = |name, value: String, allowed| Err(Error::OutOfRange { name, value, allowed });
-        if !(options.threshold >= 0.0 && options.threshold.is_finite()) {
-            return out("threshold", options.threshold.to_string(), "0 or above; 0 chooses");
-        }
-        if options.min == 1 {
-            return out("min", "1".into(), "each of the two halves needs a sample; 0 chooses");
-        }
-        if options.step == 0 {
-            return out("step", "0".into(), "at least one sample");
-        }
+        options.check_ranges()?;
         Ok(Self { points, options })
     }
 
@@ -142,8 +130,7 @@ impl<P: PointSet> Sampler for Cycles<P> {
     }
 
     fn describe(&self) -> String {
-        let CyclesOptions { threshold, min, step, mode } = self.options;
-        format!("cycles:threshold={threshold},min={min},step={step},mode={},policy=keep", mode.name())
+        format!("cycles:{},policy=keep", self.options.describe())
     }
 
     fn needs(&self) -> Needs {

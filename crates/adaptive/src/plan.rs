@@ -20,7 +20,7 @@ impl<P: PointSet> Adaptive<P> {
         let o = &self.options;
         let pixels = (0..film.frame().pixels()).into_par_iter().with_min_len(4096);
         let known: Vec<RgbMoments> = pixels.map(moments).collect();
-        let cells = if o.look_at_hits() { Some(Cells::of_film(film, &o.cells)?) } else { None };
+        let cells = if o.reads_hits() { Some(Cells::of_film(film, &o.cells())?) } else { None };
         let pooling = Pooling { pool: o.pool, radius: o.radius, prior: o.prior, power: o.power, epsilon: o.epsilon };
         let mut scores = relative_variance(&known, film.frame().size(), &pooling, cells.as_ref())?;
         if let (Some(cells), true) = (&cells, o.geometry > 0.0) {
@@ -103,7 +103,7 @@ impl<P: PointSet> Adaptive<P> {
         let floors: Vec<u32> = now.iter().map(|&n| n.max(min_spp)).collect();
         let needed = floors.iter().map(|&n| u64::from(n)).sum::<u64>();
         let first = (u64::from(pilot) * seen.pixels() as u64).min(total);
-        let rounds = u64::from(self.options.rounds());
+        let rounds = u64::from(self.options.rounds_after_pilot());
         let step = |k: u64| first + ((total - first) as u128 * u128::from(k) / u128::from(rounds)) as u64;
         let target = (1..=rounds).map(step).find(|&t| t > spent && t >= needed).unwrap_or(total);
         let counts = self.counts(&scores, &floors, target, max_spp, seen.film.needs().halves)?;

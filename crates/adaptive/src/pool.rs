@@ -17,16 +17,7 @@ pub enum PoolShape {
     Cell,
 }
 
-impl PoolShape {
-    /// Its name: `window`, `inside` or `cell`.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Window => "window",
-            Self::Inside => "inside",
-            Self::Cell => "cell",
-        }
-    }
-}
+dapple_core::choices!(PoolShape { Window = "window", Inside = "inside", Cell = "cell" });
 
 /// How [`relative_variance`] pools.
 #[derive(Clone, Copy, Debug, PartialEq)]

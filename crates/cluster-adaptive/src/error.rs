@@ -70,6 +70,12 @@ impl Error {
     }
 }
 
+impl From<dapple_core::OutOfRange> for Error {
+    fn from(dapple_core::OutOfRange { name, value, allowed }: dapple_core::OutOfRange) -> Self {
+        Self::OutOfRange { name, value, allowed }
+    }
+}
+
 /// The render loop knows one kind of error for what a user passed in.
 impl From<Error> for dapple_core::Error {
     fn from(error: Error) -> Self {

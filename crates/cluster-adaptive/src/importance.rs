@@ -19,16 +19,9 @@ pub enum RateMap {
     Log,
 }
 
-impl RateMap {
-    /// Its name: `identity`, `root` or `log`.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Identity => "identity",
-            Self::Root => "root",
-            Self::Log => "log",
-        }
-    }
+dapple_core::choices!(RateMap { Identity = "identity", Root = "root", Log = "log" });
 
+impl RateMap {
     /// `f(x)` for a ratio `x >= 0` and the median ratio.
     fn of(self, x: f64, median: f64) -> f64 {
         match self {
@@ -77,7 +70,7 @@ pub fn importance(
     options: &ClusterThesisOptions,
 ) -> Result<Importance, Error> {
     options.check()?;
-    let rates = rates(probes, clusters, size, options.pixel_area)?;
+    let rates = rates(probes, clusters, size, options.pixel)?;
     let median = if options.map == RateMap::Log { median(probes, &rates.values) } else { 1.0 };
     let k = probes.placement().per_pixel() as usize;
     let terms = |(probes, rates): (&[Probe], &[f64])| -> [f64; 3] {

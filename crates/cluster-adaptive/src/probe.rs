@@ -1,12 +1,10 @@
 //! First-hit probes: which cluster does a pixel see?
 
 use crate::Error;
+pub use dapple_core::BACKGROUND;
 use dapple_core::{Frame, PointSet, SampleId, streams};
 use rayon::prelude::*;
 use std::time::Instant;
-
-/// The class of probes that met nothing: the background.
-pub const BACKGROUND: u32 = u32::MAX;
 
 /// Where the probes of a pixel lie.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -5,7 +5,7 @@ use crate::{
 };
 use crate::{importance, probe};
 use dapple_clustering::Cluster;
-use dapple_core::{Feedback, Frame, Limits, Needs, Plan, PointSet, Progress, Sampler, SamplerMemory, share};
+use dapple_core::{Feedback, Frame, Limits, Needs, Options as _, Plan, PointSet, Progress, Sampler, SamplerMemory, share};
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// Finds the first hit of a probe: the caller's ray tracer. A pure function.
@@ -182,17 +182,10 @@ impl<P: PointSet> Sampler for ClusterThesis<P> {
     }
 
     fn describe(&self) -> String {
-        let ClusterThesisOptions { map, pixel_area, angle, distance, min, max } = self.options;
         let clusters = self.probed.as_ref().map(|p| p.described.as_str()).filter(|d| !d.is_empty());
-        format!(
-            "cluster-thesis:probes={},size={},pixel={},map={},angle={angle},distance={distance},min={min},max={max},policy=a-priori{}{}",
-            self.placement,
-            self.size.name(),
-            pixel_area.name(),
-            map.name(),
-            if clusters.is_some() { "," } else { "" },
-            clusters.unwrap_or_default(),
-        )
+        let (placement, size, options) = (self.placement, self.size.name(), self.options.describe());
+        let published = format!("cluster-thesis:probes={placement},size={size},{options},policy=a-priori");
+        clusters.map_or(published.clone(), |clusters| format!("{published},{clusters}"))
     }
 
     fn a_priori(&self) -> bool {

@@ -48,15 +48,7 @@ pub enum PixelArea {
     Footprint,
 }
 
-impl PixelArea {
-    /// Its name: `one` or `footprint`.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::One => "one",
-            Self::Footprint => "footprint",
-        }
-    }
-}
+dapple_core::choices!(PixelArea { One = "one", Footprint = "footprint" });
 
 /// Least projected size of a cluster, as a share of its largest face (or of its triangles' area): that
 /// of a plane turned .06 degrees off edge-on. Nearer to edge-on sizes stay as they are, so that no

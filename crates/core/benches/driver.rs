@@ -117,7 +117,7 @@ fn planning(c: &mut Criterion) {
     let budget = BudgetLeft { spent: 4 * pixels as u64, total, min_spp: 1, max_spp: u32::MAX };
     group.bench_function("variance", |b| {
         // The pilot that the film holds: what is timed is the plan after it.
-        let options = VarianceOptions { pilot: 4, ..VarianceOptions::default() };
+        let options = VarianceOptions::default().pilot(4);
         let mut sampler = Adaptive::variance_with_options(Cheap, options).expect("options");
         b.iter(|| {
             let mut plan = Plan::empty(pixels);

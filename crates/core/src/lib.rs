@@ -33,6 +33,7 @@ mod limits;
 mod memory;
 mod moments;
 mod needs;
+mod options;
 mod plan;
 mod point_set;
 mod policy;
@@ -48,11 +49,14 @@ pub use error::Error;
 pub use film::{Features, Film, Record, Rejected, RejectedReason, RoundRecord, luminance};
 pub use filter::{Filter, Filtered, Unfiltered};
 pub use frame::Frame;
-pub use integrator::{Estimate, FirstHit, Integrator, TrainingData, TrainingLog, TrainingSum};
+pub use integrator::{BACKGROUND, Estimate, FirstHit, Integrator, TrainingData, TrainingLog, TrainingSum};
 pub use limits::{Budget, InvalidSample, Limits, Schedule};
 pub use memory::{FilterMemory, Memory, SamplerMemory};
 pub use moments::{Moments, RgbMoments};
 pub use needs::Needs;
+pub use options::{
+    OptionError, OptionValue, Options, OutOfRange, Parameter, nearest_name, parse_pairs,
+};
 pub use plan::{Combine, Plan, Progress, Retention};
 pub use point_set::{PointSet, SampleId, streams};
 pub use policy::{PilotPolicy, Stopping};

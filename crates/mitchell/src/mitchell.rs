@@ -4,40 +4,36 @@ use crate::Rates;
 use crate::contrast::{NOTHING, contrast, windowed};
 use crate::two_rates::TwoRates;
 use dapple_core::{
-    Error, Feedback, Film, Frame, Limits, Needs, PilotPolicy, Plan, PointSet, Progress, Sampler, SamplerMemory,
+    Error, Feedback, Film, Frame, Limits, Needs, Options as _, PilotPolicy, Plan, PointSet, Progress, Sampler, SamplerMemory,
     Stopping,
 };
 
-/// The parameters of [`Mitchell`].
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct MitchellOptions {
-    /// Samples that every pixel gets, and that decide. 0, only together with `additional`, chooses by
-    /// [`Rates::for_mean`], and anew where the budget is raised to twice what it was.
-    pub initial: u32,
-    /// Samples that a refined pixel has besides; 0 as above.
-    pub additional: u32,
-    /// Contrast of red, green and blue above which a pixel asks to be refined, in `(0, 1]`: the eye
-    /// sees green best and blue worst (after Mitchell 1987).
-    pub thresholds: [f64; 3],
-    /// Contrast is taken over `2 radius + 1` pixels squared, at most 64 pixels: 1 is the paper's
-    /// neighbourhood, 0 the pixel alone.
-    pub radius: u32,
-    /// What ends the refinement.
-    pub mode: Stopping,
-    /// What becomes of the pilot.
-    pub policy: PilotPolicy,
-}
-
-impl Default for MitchellOptions {
-    fn default() -> Self {
-        Self {
-            initial: 0,
-            additional: 0,
-            thresholds: [0.4, 0.3, 0.6],
-            radius: 1,
-            mode: Stopping::Budget,
-            policy: PilotPolicy::Keep,
-        }
+dapple_core::options! {
+    /// The parameters of [`Mitchell`].
+    pub struct MitchellOptions {
+        /// Samples per pixel that decide; 0 with additional=0 is the thesis' table 4-2 for the mean budget.
+        ///
+        /// The table is [`Rates::for_mean`], read anew where the budget is raised to twice its size [Lan 2016].
+        pub initial: u32 = 0;
+        /// Samples of a refined pixel besides; 0 as above.
+        pub additional: u32 = 0;
+        /// Contrast of red above which a pixel is refined.
+        ///
+        /// The eye sees green best and blue worst (after Mitchell 1987).
+        pub red: f64 = 0.4, |red| red > 0.0 && red <= 1.0, "a threshold of contrast lies in (0, 1]";
+        /// Contrast of green above which a pixel is refined.
+        pub green: f64 = 0.3, |green| green > 0.0 && green <= 1.0, "a threshold of contrast lies in (0, 1]";
+        /// Contrast of blue above which a pixel is refined.
+        pub blue: f64 = 0.6, |blue| blue > 0.0 && blue <= 1.0, "a threshold of contrast lies in (0, 1]";
+        /// Contrast is taken over 2 radius + 1 pixels squared.
+        ///
+        /// 1 is the paper's neighbourhood, 0 the pixel alone.
+        pub radius: u32 = 1, |radius| radius <= 64, "at most 64 pixels";
+        /// The end: budget (highest contrast first, to the last sample) or threshold (the budget is a ceiling).
+        pub mode: Stopping = Stopping::Budget => "budget";
+        /// The pilot's retention: keep or refined (both biased), discard (unbiased).
+        pub policy: PilotPolicy = PilotPolicy::Keep => "keep",
+            |policy| !matches!(policy, PilotPolicy::Cross), "one of keep, refined, discard";
     }
 }
 
@@ -65,7 +61,7 @@ impl MitchellOptions {
             radius => windowed(&ranges, film.frame().size(), radius),
         };
         let ratio = |window| {
-            let each = contrast(window).into_iter().zip(self.thresholds);
+            let each = contrast(window).into_iter().zip([self.red, self.green, self.blue]);
             each.map(|(contrast, threshold)| contrast / threshold).fold(0.0, f64::max)
         };
         windows.into_iter().map(ratio).collect()
@@ -105,6 +101,7 @@ impl<P: PointSet> Mitchell<P> {
     /// threshold outside (0, 1] and for a radius above 64.
     pub fn with_options(points: P, options: MitchellOptions) -> Result<Self, Error> {
         let out = |name, value: String, allowed| Err(Error::OutOfRange { name, value, allowed });
+        options.check_ranges()?;
         let o = options;
         if (o.initial == 0) != (o.additional == 0) {
             let (name, allowed) = match o.initial {
@@ -119,14 +116,6 @@ impl<P: PointSet> Mitchell<P> {
         if o.initial.checked_add(o.additional).is_none() {
             return out("additional", o.additional.to_string(), "with initial at most 2^32 - 1");
         }
-        for (name, threshold) in ["red", "green", "blue"].into_iter().zip(o.thresholds) {
-            if !(threshold > 0.0 && threshold <= 1.0) {
-                return out(name, threshold.to_string(), "a threshold of contrast lies in (0, 1]");
-            }
-        }
-        if o.radius > 64 {
-            return out("radius", o.radius.to_string(), "at most 64 pixels");
-        }
         Ok(Self { points, options, two_rates: TwoRates::new(o.mode, o.policy) })
     }
 }
@@ -137,11 +126,7 @@ impl<P: PointSet> Sampler for Mitchell<P> {
     }
 
     fn describe(&self) -> String {
-        let MitchellOptions { initial, additional, thresholds: [r, g, b], radius, mode, policy } = self.options;
-        let (mode, policy) = (mode.name(), policy.name());
-        format!(
-            "mitchell:initial={initial},additional={additional},red={r},green={g},blue={b},radius={radius},mode={mode},policy={policy}"
-        )
+        format!("mitchell:{}", self.options.describe())
     }
 
     fn needs(&self) -> Needs {

@@ -23,18 +23,18 @@ fn deviation(options: AdaptiveOptions, side: u32) -> f64 {
 
 /// A pixel's own variance decides, and always: where bias would be largest.
 fn alone(policy: PilotPolicy) -> AdaptiveOptions {
-    AdaptiveOptions { policy, prior: 0.0, gain: 1.0, pilot: 4, ..AdaptiveOptions::default() }
+    options().policy(policy).prior(0.0).gain(1.0).pilot(4)
 }
 
 #[test]
 fn a01_discarding_and_crossing_are_unbiased() {
     for policy in [PilotPolicy::Discard, PilotPolicy::Cross] {
-        for options in [alone(policy), AdaptiveOptions { prior: 6.0, radius: 1, ..alone(policy) }] {
+        for options in [alone(policy), alone(policy).prior(6.0).radius(1)] {
             let z = deviation(options, 128);
             assert!(z.abs() < 5.0, "{options:?}: {z} standard errors");
         }
     }
-    let cells = AdaptiveOptions { pool: PoolShape::Inside, geometry: 2.0, ..alone(PilotPolicy::Discard) };
+    let cells = alone(PilotPolicy::Discard).pool(PoolShape::Inside).geometry(2.0);
     let z = deviation(cells, 64);
     assert!(z.abs() < 5.0, "cells: {z} standard errors");
 }

@@ -139,10 +139,10 @@ fn f_odd_hits_make_cells_all_the_same() {
 fn wrong_cells_are_refused() {
     let hits = image(1, ball);
     for options in [
-        CellOptions { edge: 0.0, ..CellOptions::default() },
-        CellOptions { edge: f32::NAN, ..CellOptions::default() },
-        CellOptions { normals: 0.0, ..CellOptions::default() },
-        CellOptions { normals: 91.0, ..CellOptions::default() },
+        CellOptions::default().edge(0.0),
+        CellOptions::default().edge(f32::NAN),
+        CellOptions::default().normals(0.0),
+        CellOptions::default().normals(91.0),
     ] {
         assert!(Cells::new(&hits, 1, [SIDE; 2], &options).is_err(), "{options:?}");
     }

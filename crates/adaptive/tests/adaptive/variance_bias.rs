@@ -27,7 +27,7 @@ fn deviation(mean: Mean) -> f64 {
 }
 
 fn variance_sampler(policy: PilotPolicy, radius: u32, seed: u64) -> Adaptive<Random> {
-    let options = VarianceOptions { policy, radius, pilot: 4, ..VarianceOptions::default() };
+    let options = VarianceOptions::default().policy(policy).radius(radius).pilot(4);
     Adaptive::variance_with_options(Random::new(seed), options).unwrap()
 }
 
@@ -115,7 +115,7 @@ fn a12_one_firefly() {
     };
     for policy in [PilotPolicy::Keep, PilotPolicy::Discard, PilotPolicy::Cross] {
         for radius in [0, 2] {
-            let options = VarianceOptions { policy, radius, pilot: 4, cap: 2.0, ..VarianceOptions::default() };
+            let options = VarianceOptions::default().policy(policy).radius(radius).pilot(4).cap(2.0);
             for seed in 0..20 {
                 let mut sampler = Adaptive::variance_with_options(Random::new(seed), options).unwrap();
                 let limits = Limits::samples(32 * 576);
@@ -169,7 +169,7 @@ fn a03_zero_variance_pilot() {
     };
     // Even where few pixels that saw something could take all: what saw nothing keeps a say.
     for policy in [PilotPolicy::Keep, PilotPolicy::Discard, PilotPolicy::Cross] {
-        let options = VarianceOptions { policy, pilot: 4, cap: 20.0, ..VarianceOptions::default() };
+        let options = VarianceOptions::default().policy(policy).pilot(4).cap(20.0);
         let mut sampler = Adaptive::variance_with_options(Random::new(500), options).unwrap();
         let film = run(&mut Field(field), &mut sampler, size, &Limits::samples(64 * 4096)).unwrap();
         let least = film.counts().into_iter().min().unwrap();
@@ -189,7 +189,7 @@ fn a04_constant_images_are_sampled_uniformly() {
             for total in [4 * 143, 10 * 143 + 7, 33 * 143 + 1] {
                 let mut sampler = Adaptive::variance_with_options(
                     Random::new(1),
-                    VarianceOptions { policy, ..VarianceOptions::default() },
+                    VarianceOptions::default().policy(policy),
                 )
                 .unwrap();
                 let limits = Limits::samples(total);

@@ -32,7 +32,7 @@ fn edge_on(degrees: f64) -> (Probes, Vec<Cluster>, ClusterSize) {
 fn k01_edge_on_quads_have_finite_weights() {
     for map in MAPS {
         for boxes in [true, false] {
-            let options = ClusterThesisOptions { map, angle: 0.0, distance: 0.0, ..ClusterThesisOptions::default() };
+            let options = ClusterThesisOptions::default().map(map).angle(0.0).distance(0.0);
             let at = |degrees: f64| {
                 let (probes, clusters, triangles) = edge_on(degrees);
                 let size = if boxes { ClusterSize::ProjectedBox } else { triangles };
@@ -222,8 +222,8 @@ fn lists_of_the_wrong_length_are_refused_by_name() {
         assert!(probe(&at, Placement::Jittered(k), &Random::new(1), &[0; 16], shoot).is_err());
     }
     for bad in [
-        ClusterThesisOptions { angle: -1.0, ..ClusterThesisOptions::default() },
-        ClusterThesisOptions { min: 5, max: 4, ..ClusterThesisOptions::default() },
+        ClusterThesisOptions::default().angle(-1.0),
+        ClusterThesisOptions::default().min(5).max(4),
     ] {
         let size = ClusterSize::ProjectedBox;
         assert!(ClusterThesis::with_options(Random::new(1), &probes, &[square(1.0); 8], size, bad).is_err());
@@ -238,7 +238,7 @@ fn a04_equal_importance_gives_counts_that_differ_by_one() {
     for map in MAPS {
         for total in [527, 528, 8 * 527 + 100, 100 * 527 - 1] {
             let size = ClusterSize::ProjectedBox;
-            let options = ClusterThesisOptions { map, ..ClusterThesisOptions::default() };
+            let options = ClusterThesisOptions::default().map(map);
             let mut sampler =
                 ClusterThesis::with_options(Random::new(1), &probes, &[square(1.0)], size, options).unwrap();
             let counts = first_counts(&mut sampler, at, total, [1, 1000]).unwrap();
@@ -271,7 +271,7 @@ fn a06_tiny_budgets() {
     }
     // Bounds of its own.
     let with = |min, max, total| {
-        let options = ClusterThesisOptions { min, max, ..ClusterThesisOptions::default() };
+        let options = ClusterThesisOptions::default().min(min).max(max);
         let mut sampler = probing(1, Placement::Centre, ClusterSize::ProjectedBox, options);
         first_counts(&mut sampler, at, total, [1, 100])
     };
@@ -314,7 +314,7 @@ fn raised_budgets_keep_the_proportions() {
 #[test]
 fn raised_budgets_stop_at_the_maximum() {
     let at = frame(19, 18);
-    let options = ClusterThesisOptions { max: 8, ..ClusterThesisOptions::default() };
+    let options = ClusterThesisOptions::default().max(8);
     let mut sampler = probing(1, Placement::Centre, ClusterSize::ProjectedBox, options);
     let limits = dapple_core::Limits::new(dapple_core::Budget::Recorded(vec![4 * 342, 7 * 342, 20 * 342]));
     let film = run(&mut Field(|_, u: [f32; 4]| u[0]), &mut sampler, at, &limits).unwrap();
@@ -332,7 +332,7 @@ fn scaled_scenes_have_the_same_plan() {
         let scaled = |c: Cluster| Cluster { bounds: c.bounds.map(|p| p.map(|x| scale * x)), ..c };
         let clusters: Vec<Cluster> = clusters().into_iter().map(scaled).collect();
         let probes = probe(&at, Placement::Jittered(2), &Random::new(1), &LABELS, shoot).unwrap();
-        let options = ClusterThesisOptions { map, pixel_area, ..ClusterThesisOptions::default() };
+        let options = ClusterThesisOptions::default().map(map).pixel(pixel_area);
         let mut sampler =
             ClusterThesis::with_options(Random::new(1), &probes, &clusters, size.clone(), options).unwrap();
         first_counts(&mut sampler, at, 17 * 342, [1, 1000]).unwrap()
@@ -425,7 +425,7 @@ fn k04_a_teapot_in_a_stadium_is_reported_and_costs_little() {
     let frame = frame(32, 32);
     let shoot = |ray: ProbeRay| Some(hit(ray.pixel[1] * 32 + ray.pixel[0]));
     let probes = probe(&frame, Placement::Centre, &Random::new(1), &labels, shoot).unwrap();
-    let with = ClusterThesisOptions { angle: 0.0, distance: 0.0, ..ClusterThesisOptions::default() };
+    let with = ClusterThesisOptions::default().angle(0.0).distance(0.0);
     let sampler =
         ClusterThesis::with_options(Random::new(2), &probes, &sizes, ClusterSize::ProjectedBox, with).unwrap();
     let counts = planned(sampler, frame);

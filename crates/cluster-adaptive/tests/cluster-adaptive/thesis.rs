@@ -258,7 +258,7 @@ fn loss(options: ClusterThesisOptions, noisy: impl Fn(u32) -> bool + Sync) -> f6
 /// ratio's standard error is .009, so .04 is more than 4 of them (false alarm below 1e-4, at fixed seeds).
 #[test]
 fn a_textured_floor_loses_by_mean_over_min() {
-    let plain = ClusterThesisOptions { angle: 0.0, distance: 0.0, ..ClusterThesisOptions::default() };
+    let plain = ClusterThesisOptions::default().angle(0.0).distance(0.0);
     let on_the_floor = |x: u32| x < 48;
     let got = loss(plain, on_the_floor);
     assert!((got - 8.0 / 6.0).abs() < 0.04, "{got}");
@@ -266,7 +266,7 @@ fn a_textured_floor_loses_by_mean_over_min() {
     let got = loss(ClusterThesisOptions::default(), on_the_floor);
     assert!((got - 1.25).abs() < 0.04, "{got}");
     // Where clusters are what is hard, as the method supposes, it wins: 8 / 14 of the error.
-    let got = loss(ClusterThesisOptions { map: RateMap::Identity, ..plain }, |x| x >= 48);
+    let got = loss(plain.map(RateMap::Identity), |x| x >= 48);
     assert!((got - 8.0 / 14.0).abs() < 0.04, "{got}");
 }
 

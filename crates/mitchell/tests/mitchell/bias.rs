@@ -33,7 +33,7 @@ fn a01_discarding_the_pilot_is_unbiased() {
         let truth = f64::from(p as f32);
         let options = alone(n0, n - n0, Stopping::Threshold, PilotPolicy::Discard);
         for radius in [0, 1] {
-            let got = measure(&mut mitchell(MitchellOptions { radius, ..options }, 1), p, 1024 >> (2 * radius));
+            let got = measure(&mut mitchell(options.radius(radius), 1), p, 1024 >> (2 * radius));
             assert!(deviation(got, truth).abs() < 5.0, "mitchell, radius {radius}: {got:?} for {truth}");
         }
         let options = pbrt_options(n0, n, Stopping::Threshold, PilotPolicy::Discard);
@@ -109,7 +109,7 @@ fn a01_budgets_leave_policies_what_they_are() {
     let truth = f64::from(0.1f32);
     for policy in POLICIES {
         for radius in [0, 1] {
-            let options = MitchellOptions { radius, ..alone(4, 8, Stopping::Budget, policy) };
+            let options = alone(4, 8, Stopping::Budget, policy).radius(radius);
             // 2^20 pixels in all where a bias would have to be found.
             let side = if policy == PilotPolicy::Discard && radius == 0 { 128 } else { 48 };
             let got = replicates(|seed| Box::new(mitchell(options, 100 + seed)), side);

@@ -18,7 +18,7 @@ fn a03_a_dark_pilot_is_never_refined() {
     let pixels = size.pixels() as f64;
     let limits = Limits::samples(1000 * size.pixels() as u64);
     for (radius, share) in [(0, 0.999f64.powi(4)), (1, 0.999f64.powi(36))] {
-        let options = MitchellOptions { radius, ..alone(4, 60, Stopping::Threshold, PilotPolicy::Keep) };
+        let options = alone(4, 60, Stopping::Threshold, PilotPolicy::Keep).radius(radius);
         let film = run(&mut rare_light(), &mut mitchell(options, 1), size, &limits);
         let stopped = film.counts().iter().filter(|&&n| n == 4).count() as f64;
         // Windows overlap: at most 9 times the variance of independent pixels. Those at the border
@@ -49,7 +49,7 @@ fn a03_a_dark_pilot_is_never_refined() {
         let film = run(&mut rare_light(), &mut mitchell(alone(4, 60, Stopping::Budget, policy), 2), size, &limits);
         assert!(film.counts().iter().all(|&n| n >= 4), "{policy:?}");
         let film =
-            run(&mut rare_light(), &mut pbrt(MitchellPbrtOptions { policy, ..Default::default() }, 2), size, &limits);
+            run(&mut rare_light(), &mut pbrt(MitchellPbrtOptions::default().policy(policy), 2), size, &limits);
         assert!(film.counts().iter().all(|&n| n >= 4), "{policy:?}");
     }
 }
@@ -57,12 +57,12 @@ fn a03_a_dark_pilot_is_never_refined() {
 /// Every sampler under test, by mode and policy.
 fn samplers(mode: Stopping) -> Vec<Box<dyn Sampler>> {
     let each = |policy| -> Vec<Box<dyn Sampler>> {
-        let plain = MitchellOptions { mode, policy, ..MitchellOptions::default() };
+        let plain = MitchellOptions::default().mode(mode).policy(policy);
         vec![
             Box::new(mitchell(plain, 1)),
-            Box::new(mitchell(MitchellOptions { radius: 0, ..plain }, 1)),
-            Box::new(mitchell(MitchellOptions { initial: 3, additional: 5, ..plain }, 1)),
-            Box::new(pbrt(MitchellPbrtOptions { mode, policy, ..MitchellPbrtOptions::default() }, 1)),
+            Box::new(mitchell(plain.radius(0), 1)),
+            Box::new(mitchell(plain.initial(3).additional(5), 1)),
+            Box::new(pbrt(MitchellPbrtOptions::default().mode(mode).policy(policy), 1)),
         ]
     };
     POLICIES.into_iter().flat_map(each).collect()
@@ -263,7 +263,7 @@ proptest! {
         let total = case.spp * pixels + case.odd.min(pixels);
         let mut limits = Limits::samples(total);
         [limits.min_spp, limits.max_spp] = case.bounds;
-        let options = MitchellOptions { radius: case.radius, ..alone(initial, additional, Stopping::Budget, case.policy) };
+        let options = alone(initial, additional, Stopping::Budget, case.policy).radius(case.radius);
         // Every pixel has another spread, and some have none.
         let mut field = Field(|[x, y]: [u32; 2], u: [f32; 4]| {
             let spread = (mix(case.seed ^ u64::from(x * 16 + y)) % 8) as f32 / 8.0;

@@ -34,7 +34,7 @@ pub fn run(integrator: &mut dyn Integrator, sampler: &mut dyn Sampler, frame: Fr
 
 /// Mitchell's rule for one pixel alone, with these rates.
 pub fn alone(initial: u32, additional: u32, mode: Stopping, policy: PilotPolicy) -> MitchellOptions {
-    MitchellOptions { initial, additional, radius: 0, mode, policy, ..MitchellOptions::default() }
+    MitchellOptions::default().initial(initial).additional(additional).radius(0).mode(mode).policy(policy)
 }
 
 pub fn mitchell(options: MitchellOptions, seed: u64) -> Mitchell<Random> {
@@ -46,7 +46,7 @@ pub fn pbrt(options: MitchellPbrtOptions, seed: u64) -> MitchellPbrt<Random> {
 }
 
 pub fn pbrt_options(min: u32, max: u32, mode: Stopping, policy: PilotPolicy) -> MitchellPbrtOptions {
-    MitchellPbrtOptions { min, max, mode, policy, ..MitchellPbrtOptions::default() }
+    MitchellPbrtOptions::default().min(min).max(max).mode(mode).policy(policy)
 }
 
 /// A film on which these samples lie, pixel by pixel.
