@@ -1,4 +1,4 @@
-//! What THESIS' a-priori terms for light (D9) and gloss (D10) are worth to the sampler `cluster`: errors over those of
+//! What THESIS' a-priori terms for light (D9) and gloss (D10) are worth to the sampler `adaptive`: errors over those of
 //! uniform counts, at equal samples.
 //!
 //! ```sh

@@ -2,8 +2,8 @@
 
 use crate::pilot::{Pilot, clamped};
 use dapple_core::{
-    Error, Feedback, Film, Frame, Limits, Needs, Options as _, PilotPolicy, Plan, PointSet, Progress, Sampler, SamplerMemory,
-    Stopping, allocate,
+    Error, Feedback, Film, Frame, Limits, Needs, Options as _, PilotPolicy, Plan, PointSet, Progress, Sampler,
+    SamplerMemory, Stopping, allocate,
 };
 
 dapple_core::options! {
@@ -25,7 +25,7 @@ dapple_core::options! {
 }
 
 impl CyclesOptions {
-    /// The user's threshold and the first samples per pixel, for a mean budget.
+    /// The threshold and the first samples per pixel, for a mean budget.
     fn resolved(&self, mean: u64) -> (f64, u32) {
         let Self { threshold, min, mode, .. } = *self;
         let threshold = if threshold > 0.0 { threshold } else { (1.0 / mean.max(1) as f64).max(LEAST_THRESHOLD) };
@@ -40,34 +40,37 @@ impl CyclesOptions {
     }
 }
 
-/// Errors are compared with so many times the user's threshold.
+/// The factor between the user's threshold and the error that it is compared with.
 const LOOSENED: f64 = 5.0;
-/// The least threshold that is chosen for the user; what keeps black pixels from dividing by zero.
+/// The least threshold that is chosen for the user.
 const LEAST_THRESHOLD: f64 = 1e-3;
+/// The term that keeps black pixels from dividing by zero.
 const BLACK: f64 = 1e-4;
 
-/// The adaptive sampling of Blender's Cycles [Cycles, `kernel/film/adaptive_sampling.h` and `scene/integrator.cpp`; after
-/// Dammertz 2010].
+/// The adaptive sampling of Blender's Cycles [Cycles, `kernel/film/adaptive_sampling.h` and `scene/integrator.cpp`;
+/// after Dammertz 2010].
 ///
-/// *What*: each pixel's mean is compared with that of half of its samples, `(|dR| + |dG| + |dB|) / (1e-4 + N(I))` with
-/// `N(I)` the root of `I = R + G + B` below 1 and `I` above; pixels whose error exceeds five times the threshold, and
-/// their eight neighbours, get another `step` samples. The halves are two independent sequences, where Cycles splits one,
-/// whose parts are no independent estimates. *Guarantees*: the budget exactly, or as a ceiling; no pixel below `min`
-/// where the budget allows it. *Bias*: all samples are kept, and decide how many follow [Kirk and Arvo 1991]: a pixel stops
-/// when its halves happen to agree. *Weaknesses*: one pixel's two halves say little about its error; the threshold
-/// is one for all brightnesses; fireflies keep a pixel open.
+/// Each pixel's mean is compared with that of half of its samples: `(|dR| + |dG| + |dB|) / (1e-4 + N(I))`, where
+/// `N(I)` is the root of `I = R + G + B` below 1 and `I` above. Pixels whose error exceeds five times the threshold,
+/// and their eight neighbours, get another `step` samples. The halves are two independent sequences; Cycles splits
+/// one sequence, whose parts are not independent estimates.
+///
+/// *Guarantees*: the budget exactly, or as a ceiling; no pixel below `min` where the budget allows it. *Bias*: all
+/// samples are kept, and decide how many follow [Kirk and Arvo 1991]: a pixel stops when its halves happen to agree.
+/// *Weaknesses*: one pixel's two halves are a poor estimate of its error; one threshold holds for all brightnesses;
+/// fireflies keep a pixel open.
 pub struct Cycles<P> {
     points: P,
     options: CyclesOptions,
 }
 
 impl<P: PointSet> Cycles<P> {
-    /// With these points and the default parameters.
+    /// A sampler with these points and the default parameters.
     pub fn new(points: P) -> Self {
         Self { points, options: CyclesOptions::default() }
     }
 
-    /// With these points and parameters.
+    /// A sampler with these points and parameters.
     ///
     /// # Errors
     ///
@@ -77,7 +80,7 @@ impl<P: PointSet> Cycles<P> {
         Ok(Self { points, options })
     }
 
-    /// One more step for open pixels, those of the largest error first where not all can have it.
+    /// Plans one more step for open pixels, those of the largest error first where the budget does not reach for all.
     fn refine(&self, seen: &Feedback<'_>, threshold: f64, plan: &mut Plan) -> Result<(), Error> {
         let errors: Vec<f64> = (0..seen.pixels()).map(|i| half_error(seen.film, i)).collect();
         let mut limit = LOOSENED * threshold;
@@ -96,7 +99,7 @@ impl<P: PointSet> Cycles<P> {
             left -= u64::from(plan.counts[i]);
         }
         if plan.total() == 0 && self.options.mode == Stopping::Budget {
-            // Nothing differs, or what differs has all that it may have: the rest is everybody's.
+            // No pixel differs, or those that do are at their ceiling: the rest is spread evenly.
             let now: Vec<u32> = (0..seen.pixels()).map(|i| seen.film.count(i) as u32).collect();
             let total = seen.film.counts().iter().sum::<u64>() + seen.budget.left();
             let shared = allocate(&vec![1.0; now.len()], &now, seen.budget.max_spp, total)?;
@@ -106,7 +109,7 @@ impl<P: PointSet> Cycles<P> {
     }
 }
 
-/// How much the mean of pixel `i` differs from that of its first half.
+/// The relative difference of the mean of pixel `i` from that of its first half.
 fn half_error(film: &Film, i: usize) -> f64 {
     let mean = film.mean(i);
     let half = film.half(0, i).unwrap_or_default().mean;
@@ -178,7 +181,7 @@ mod tests {
 
     #[test]
     fn least_samples_are_those_of_cycles() {
-        // ALGORITHMS, row 10: 32, 64 and 128 for these thresholds, to the next whole number of 16 t^-0.3.
+        // 16 t^-0.3, rounded up.
         let of = |threshold, mode| {
             let options = CyclesOptions { threshold, mode, ..CyclesOptions::default() };
             options.resolved(4096).1

@@ -8,14 +8,15 @@ dapple_core::options! {
     pub struct AdaptiveOptions {
         /// Samples per pixel before counts adapt; 0 takes 4, or a quarter of the mean budget where that is more.
         ///
-        /// A quarter is rounded down to a rung of the ladder of well-stratified counts. At least 2 otherwise, and 4 with
-        /// [`PilotPolicy::Cross`], each half of which needs a variance.
+        /// A quarter is rounded down to a rung of the ladder of well-stratified counts. At least 2 otherwise, and 4
+        /// with [`PilotPolicy::Cross`], each half of which needs a variance.
         pub pilot: u32 = 0, |pilot| pilot != 1, "two samples or more have a variance; 0 chooses";
         /// Rounds for the rest of the budget, each planned from all samples before it; 0 takes 3, or 1 without keep.
         ///
         /// With another policy than [`PilotPolicy::Keep`] more than one round would bias the image.
         pub rounds: u32 = 0, |rounds| rounds <= 64, "1 to 64; 0 chooses";
-        /// The pool of variance: window (neighbours), inside (neighbours, the same cell weighs more) or cell (all of it).
+        /// The pool of variance: window (neighbours), inside (neighbours, the same cell weighs more) or cell (all of
+        /// it).
         pub pool: PoolShape = PoolShape::Window => "window";
         /// The window of the pool is 2 radius + 1 pixels squared.
         pub radius: u32 = 2, |radius| radius <= 64, "at most 64 pixels";
@@ -37,7 +38,8 @@ dapple_core::options! {
         pub mix: f64 = 0.5, |mix| (0.0..=1.0).contains(&mix), "a share from 0 to 1";
         /// Counts are uniform if they promise no less than this share of uniform counts' error; 1 or inf: they adapt.
         ///
-        /// At 1, counts stay uniform where the ladder makes adapted counts worse than uniform ones; with infinity, never.
+        /// At 1, counts stay uniform where the ladder makes adapted counts worse than uniform ones; with infinity,
+        /// never.
         pub gain: f64 = 0.98, |gain| (0.0..=1.0).contains(&gain) || gain == f64::INFINITY, "a share from 0 to 1, or inf";
         /// The pilot's retention: keep (slightly biased), discard (unbiased), cross (unbiased, two halves).
         pub policy: PilotPolicy = PilotPolicy::Keep => "keep",

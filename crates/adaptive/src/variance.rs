@@ -48,9 +48,9 @@ impl From<VarianceOptions> for AdaptiveOptions {
 
 /// The preset `variance`: counts by Neyman's rule [Neyman 1934] from a uniform pilot.
 ///
-/// The pilot's sample variance, relative to `mean^2 + epsilon` and pooled over 5x5 pixels, decides all counts at once.
-/// Without pooling, variances of 4 samples give 1.2 to 3.3 times the error of uniform counts; pooled, they come close to
-/// known variances.
+/// The pilot's sample variance, relative to `mean^2 + epsilon` and pooled over 5x5 pixels, decides all counts at
+/// once. Without pooling, variances of 4 samples give 1.2 to 3.3 times the error of uniform counts; pooled, they come
+/// close to known variances.
 impl<P: PointSet> Adaptive<P> {
     /// The preset `variance` with these points and its default parameters.
     pub fn variance(points: P) -> Self {

@@ -23,8 +23,8 @@ dapple_core::options! {
         pub distance: f64 = 0.25, |weight| weight >= 0.0 && weight.is_finite(), "a weight of 0 or more";
         /// Samples that every pixel gets (beside --time and --error take --min-spp); 0 is the thesis' table 4-3.
         ///
-        /// The table is [`published_bounds`]. The minimum also holds under a budget that is raised later, so a time limit may
-        /// refuse it: give the limit's own floor there.
+        /// The table is [`published_bounds`]. The minimum also holds under a budget that is raised later, so a time
+        /// limit may refuse it: give the limit's own floor there.
         pub min: u32 = 0;
         /// The most samples of a pixel; 0 as above.
         pub max: u32 = 0;
@@ -45,7 +45,7 @@ impl ClusterThesisOptions {
         Ok(())
     }
 
-    /// Floor and ceiling of all counts for `mean` samples per pixel.
+    /// The floor and ceiling of all counts for `mean` samples per pixel.
     pub(crate) fn bounds(&self, mean: f64) -> [u32; 2] {
         let [low, high] = published_bounds(mean);
         match (self.min, self.max) {
@@ -57,9 +57,10 @@ impl ClusterThesisOptions {
     }
 }
 
-/// Minimum and maximum count for `mean` samples per pixel, from the thesis' table 4-3 (means 8, 16, 32,
-/// 64: minima 6, 12, 24, 56, maxima 16, 32, 48, 80): linear between its columns, in proportion below
-/// and above; the minimum rounded down, the maximum up.
+/// The minimum and maximum count for `mean` samples per pixel [Lan 2016, table 4-3].
+///
+/// The table has minima 6, 12, 24, 56 and maxima 16, 32, 48, 80 for means 8, 16, 32, 64. Bounds are linear between its
+/// columns, and in proportion below and above. The minimum is rounded down, the maximum up.
 pub fn published_bounds(mean: f64) -> [u32; 2] {
     const TABLE: [[f64; 3]; 4] = [[8.0, 6.0, 16.0], [16.0, 12.0, 32.0], [32.0, 24.0, 48.0], [64.0, 56.0, 80.0]];
     let mean = mean.clamp(0.0, f64::from(u32::MAX));

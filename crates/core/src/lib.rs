@@ -54,9 +54,7 @@ pub use limits::{Budget, InvalidSample, Limits, Schedule};
 pub use memory::{FilterMemory, Memory, SamplerMemory};
 pub use moments::{Moments, RgbMoments};
 pub use needs::Needs;
-pub use options::{
-    OptionError, OptionValue, Options, OutOfRange, Parameter, nearest_name, parse_pairs,
-};
+pub use options::{OptionError, OptionValue, Options, OutOfRange, Parameter, nearest_name, parse_pairs};
 pub use plan::{Combine, Plan, Progress, Retention};
 pub use point_set::{PointSet, SampleId, streams};
 pub use policy::{PilotPolicy, Stopping};

@@ -201,11 +201,12 @@ fn edit_distance(a: &str, b: &str) -> usize {
     row[b.len()]
 }
 
-/// Declares a struct of options: its fields, setters, defaults, ranges, table of [`Parameter`]s, parsing and description.
+/// Declares a struct of options: its fields, setters, defaults, ranges, table of [`Parameter`]s, parsing and
+/// description.
 ///
-/// A field is declared as in the example of [`Options`]. The first line of its documentation is also its line of help.
-/// After the default may stand its text (`=> "keep"`, needed where the default is not a plain number), then a closure that
-/// accepts the values in range, and the text that names the range.
+/// A field is declared as in the example of [`Options`]. The first line of its documentation is also its line of
+/// help. After the default may stand its text (`=> "keep"`, needed where the default is not a plain number), then a
+/// closure that accepts the values in range, and the text that names the range.
 ///
 /// The struct is `non_exhaustive`, and has a setter of the same name for each field.
 #[macro_export]

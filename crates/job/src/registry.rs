@@ -60,12 +60,24 @@ pub struct Setting {
 
 /// The parameters of clustering, for all that reads clusters: the published method by default.
 const CLUSTERING: &[Parameter] = &[
-    Parameter::new("k", "9", "Voxels along the longest axis: k times the cube root of the triangles; 3, 9, 30 in the thesis."),
+    Parameter::new(
+        "k",
+        "9",
+        "Voxels along the longest axis: k times the cube root of the triangles; 3, 9, 30 in the thesis.",
+    ),
     Parameter::new("clamp", "32", "The most voxels along an axis."),
     Parameter::new("normals", "10", "Degrees within which normals are alike."),
-    Parameter::new("insertion", "box", "A triangle's voxels: box (all that its box overlaps, the last one wins) or centroid."),
+    Parameter::new(
+        "insertion",
+        "box",
+        "A triangle's voxels: box (all that its box overlaps, the last one wins) or centroid.",
+    ),
     Parameter::new("grouping", "greedy", "Within a voxel: greedy, or connected (cut into connected pieces)."),
-    Parameter::new("order", "input", "The order of triangles: input (published) or canonical (independent of their order)."),
+    Parameter::new(
+        "order",
+        "input",
+        "The order of triangles: input (published) or canonical (independent of their order).",
+    ),
     Parameter::new("sides", "1", "Normals of 1 side, or of 2: opposite ones are alike."),
 ];
 

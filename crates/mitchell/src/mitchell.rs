@@ -4,8 +4,8 @@ use crate::Rates;
 use crate::contrast::{NOTHING, contrast, windowed};
 use crate::two_rates::TwoRates;
 use dapple_core::{
-    Error, Feedback, Film, Frame, Limits, Needs, Options as _, PilotPolicy, Plan, PointSet, Progress, Sampler, SamplerMemory,
-    Stopping,
+    Error, Feedback, Film, Frame, Limits, Needs, Options as _, PilotPolicy, Plan, PointSet, Progress, Sampler,
+    SamplerMemory, Stopping,
 };
 
 dapple_core::options! {
@@ -38,7 +38,7 @@ dapple_core::options! {
 }
 
 impl MitchellOptions {
-    /// Samples of one pixel that have a contrast.
+    /// The least samples of one pixel that have a contrast.
     fn least(&self) -> u32 {
         if self.radius == 0 { 2 } else { 1 }
     }
@@ -51,7 +51,7 @@ impl MitchellOptions {
         Rates { initial: rates.initial.max(self.least()), ..rates }
     }
 
-    /// The largest ratio of contrast to threshold, per pixel: above 1 it asks.
+    /// The largest ratio of contrast to threshold, per pixel: above 1 it is refined.
     fn scores(&self, film: &Film) -> Vec<f64> {
         let discards = self.policy == PilotPolicy::Discard;
         let range = |i| if discards { film.discarded_range(i) } else { film.range(i) };
@@ -70,15 +70,15 @@ impl MitchellOptions {
 
 /// Two rates by contrast, after Mitchell 1987.
 ///
-/// *What*: a base round; the contrast `(max - min) / (max + min)` of each channel over the samples of
+/// A base round; the contrast `(max - min) / (max + min)` of each channel over the samples of
 /// 3x3 pixels; pixels where one exceeds its threshold are refined to a second rate. Pixels are ranked
 /// by the largest ratio of contrast to threshold, ties by a hash of their number. The staged
-/// reconstruction of the paper is a filter's business and not part of this.
+/// reconstruction of the paper is left to filters.
 /// *Guarantees*: the budget exactly, or as a ceiling ([`Stopping`]); where the budget is at least `initial`
-/// per pixel, no pixel below that; below, it is spent evenly. What bias there is, [`PilotPolicy`] says; the
+/// per pixel, no pixel below that; below, it is spent evenly. *Bias*: that of the [`PilotPolicy`]; the
 /// default keeps the pilot and is biased.
 /// *Weaknesses*: the contrast of dark noise is 1, and contrast never falls as samples are added, so
-/// that under Monte Carlo noise nearly every pixel asks and the ranking ties; a light that the whole
+/// that under Monte Carlo noise nearly every pixel is refined and the ranking ties; a light that the whole
 /// neighbourhood's pilot misses has contrast 0 and is never searched for; two rates only.
 pub struct Mitchell<P> {
     points: P,
@@ -87,18 +87,18 @@ pub struct Mitchell<P> {
 }
 
 impl<P: PointSet> Mitchell<P> {
-    /// With these points and the default parameters.
+    /// A sampler with these points and the default parameters.
     pub fn new(points: P) -> Self {
         Self { points, options: MitchellOptions::default(), two_rates: TwoRates::default() }
     }
 
-    /// With these points and parameters.
+    /// A sampler with these points and parameters.
     ///
     /// # Errors
     ///
-    /// [`Error::OutOfRange`] when only one of the rates is chosen by itself (0), when one sample shall
-    /// have a contrast (`initial` 1 with `radius` 0), when the rates add up to more than 2^32 - 1, for a
-    /// threshold outside (0, 1] and for a radius above 64.
+    /// [`Error::OutOfRange`] when only one of the rates is chosen by itself (0), when a single sample decides
+    /// (`initial` 1 with `radius` 0), when the rates add up to more than 2^32 - 1, for a threshold outside (0, 1] and
+    /// for a radius above 64.
     pub fn with_options(points: P, options: MitchellOptions) -> Result<Self, Error> {
         let out = |name, value: String, allowed| Err(Error::OutOfRange { name, value, allowed });
         options.check_ranges()?;

@@ -4,8 +4,8 @@ use crate::Rates;
 use crate::contrast::deviation;
 use crate::two_rates::TwoRates;
 use dapple_core::{
-    Error, Feedback, Film, Frame, Limits, Needs, Options as _, PilotPolicy, Plan, PointSet, Progress, Sampler, SamplerMemory,
-    Stopping, luminance,
+    Error, Feedback, Film, Frame, Limits, Needs, Options as _, PilotPolicy, Plan, PointSet, Progress, Sampler,
+    SamplerMemory, Stopping, luminance,
 };
 
 dapple_core::options! {
@@ -31,7 +31,7 @@ dapple_core::options! {
 
 /// The `adaptive` sampler of pbrt-v2 with its `contrast` test [pbrt-v2, `src/samplers/adaptive.cpp`].
 ///
-/// *What*: `min` samples per pixel; where one deviates in luminance by more than half from their mean,
+/// `min` samples per pixel; where one deviates in luminance by more than half from their mean,
 /// `|Y - mean| / mean > 0.5`, `max` fresh ones take their place. With [`Stopping::Threshold`] and
 /// [`PilotPolicy::Refined`] this is the published rule; [`Stopping::Budget`], the default, ranks pixels by that
 /// deviation until the budget is spent. With [`PilotPolicy::Keep`] the pilot counts towards `max`.
@@ -46,13 +46,13 @@ pub struct MitchellPbrt<P> {
 }
 
 impl<P: PointSet> MitchellPbrt<P> {
-    /// With these points and the default parameters.
+    /// A sampler with these points and the default parameters.
     pub fn new(points: P) -> Self {
         let options = MitchellPbrtOptions::default();
         Self { points, options, two_rates: TwoRates::new(options.mode, options.policy) }
     }
 
-    /// With these points and parameters.
+    /// A sampler with these points and parameters.
     ///
     /// # Errors
     ///
@@ -76,7 +76,7 @@ impl<P: PointSet> MitchellPbrt<P> {
 }
 
 impl MitchellPbrtOptions {
-    /// The deviation relative to the threshold, per pixel: above 1 it asks.
+    /// The deviation relative to the threshold, per pixel: above 1 it is refined.
     fn scores(&self, film: &Film) -> Vec<f64> {
         let score = |i| {
             let (range, moments) = match self.policy {

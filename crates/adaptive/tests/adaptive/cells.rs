@@ -1,4 +1,4 @@
-//! Cells at hit points: THESIS 7, tests b to f.
+//! Cells at hit points.
 
 use dapple_adaptive::{CellOptions, Cells};
 use dapple_core::FirstHit;
@@ -46,7 +46,7 @@ fn cells(hits: &[Option<FirstHit>]) -> Cells {
 }
 
 #[test]
-fn b_cells_are_small_at_the_limb_and_hits_add_up() {
+fn cells_are_small_at_the_limb_and_hits_add_up() {
     for per_pixel in [1, 4] {
         let hits = image(per_pixel, ball);
         let cells = cells(&hits);
@@ -74,7 +74,7 @@ fn b_cells_are_small_at_the_limb_and_hits_add_up() {
 }
 
 #[test]
-fn c_d_numbers_of_primitives_change_nothing() {
+fn numbers_of_primitives_change_nothing() {
     let hits = image(2, ball);
     let renumbered: Vec<_> = (hits.iter())
         .map(|hit| hit.map(|h| FirstHit { primitive: 99 - h.primitive % 7, shape: h.primitive % 3, ..h }))
@@ -93,7 +93,7 @@ fn c_d_numbers_of_primitives_change_nothing() {
 }
 
 #[test]
-fn e_the_unit_of_length_changes_nothing() {
+fn the_unit_of_length_changes_nothing() {
     let hits = image(1, ball);
     for scale in [1024.0, 0.125] {
         let scaled: Vec<_> = (hits.iter())
@@ -121,7 +121,7 @@ fn e_the_unit_of_length_changes_nothing() {
 }
 
 #[test]
-fn f_odd_hits_make_cells_all_the_same() {
+fn odd_hits_make_cells_too() {
     let edge_on = |x: f32, y: f32| {
         let odd = (x as u32) % 5;
         let normal = [[1.0, 0.0, 0.0], [0.0; 3], [f32::NAN; 3], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]][odd as usize];

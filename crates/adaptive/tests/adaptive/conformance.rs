@@ -53,8 +53,7 @@ fn variance_conforms_under_every_policy() {
 
 #[test]
 fn cycles_conforms_with_a_budget_and_with_a_threshold() {
-    for options in [CyclesOptions::default(), CyclesOptions::default().threshold(0.01).min(3).step(5)]
-    {
+    for options in [CyclesOptions::default(), CyclesOptions::default().threshold(0.01).min(3).step(5)] {
         sampler(|| Box::new(Cycles::with_options(Random::new(1), options).unwrap()));
         let options = options.mode(Stopping::Threshold);
         threshold_sampler(|| Box::new(Cycles::with_options(Random::new(1), options).unwrap()));

@@ -1,4 +1,4 @@
-//! What the sampler that follows the error decides, on made-up films.
+//! Decisions of the error-driven sampler on made-up films.
 
 use crate::common::*;
 use dapple_adaptive::{Adaptive, AdaptiveOptions, ErrorMap, PilotPolicy, PoolShape};
@@ -56,10 +56,10 @@ fn column_mean(counts: &[u32], x: usize) -> f64 {
     (0..SIDE).map(|y| f64::from(counts[y * SIDE + x])).sum::<f64>() / SIDE as f64
 }
 
-/// THESIS 7, test a: one flat floor, and a penumbra on it. The thesis' map is constant there; counts must follow
-/// `sqrt(v (1 - v))`, here relative: the root of `v (1 - v) / (v^2 + eps)`.
+/// One flat floor with a penumbra on it. Geometry is constant there; counts must follow `sqrt(v (1 - v))`, here
+/// relative: the root of `v (1 - v) / (v^2 + eps)`.
 #[test]
-fn a_counts_follow_a_penumbra() {
+fn counts_follow_a_penumbra() {
     let seen = film(Needs::none().with_variance(), penumbra);
     let exponent = options().exponent;
     let counts = planned(&mut one_round(), &seen).unwrap();
@@ -71,7 +71,7 @@ fn a_counts_follow_a_penumbra() {
     for x in [16, 20, 26, 32] {
         assert!(column_mean(&counts, x) > 1.5 * lit_side.max(dark_side), "column {x}");
     }
-    // Rank correlation over the penumbra; 18 columns that were unrelated would reach .8 with p < 1e-4.
+    // Rank correlation over the penumbra; 18 columns that were unrelated would reach 0.8 with p < 1e-4.
     let columns: Vec<usize> = (15..33).collect();
     let rank = |f: &dyn Fn(usize) -> f64| -> Vec<f64> {
         columns.iter().map(|&a| columns.iter().filter(|&&b| f(b) < f(a)).count() as f64).collect()
@@ -87,14 +87,14 @@ fn a_counts_follow_a_penumbra() {
 fn no_region_starves() {
     let seen = film(Needs::none().with_variance(), |[x, _], u| if x < 4 { u[0] * 100.0 } else { 1.0 });
     let counts = planned(&mut one_round(), &seen).unwrap();
-    assert!(counts.iter().all(|&n| n >= PILOT), "the pilot, a quarter of the mean, is everybody's");
+    assert!(counts.iter().all(|&n| n >= PILOT), "every pixel gets the pilot, a quarter of the mean");
     assert!(counts.iter().all(|&n| n <= 6 * 32 + 1), "and no pixel gets more than the cap");
     let beyond = (0..SIDE).map(|y| counts[y * SIDE + 40]).filter(|&n| n > PILOT).count();
-    assert!(beyond > 0, "where no variance was seen something is spent all the same");
+    assert!(beyond > 0, "some samples go where no variance was seen");
 }
 
 #[test]
-fn what_promises_nothing_is_uniform() {
+fn counts_without_a_gain_are_uniform() {
     let alike = film(Needs::none().with_variance(), |_, u| u[0]);
     let counts = planned(&mut one_round(), &alike).unwrap();
     assert!(counts.iter().all(|&n| n == 32), "{:?}", &counts[..50]);
@@ -138,7 +138,7 @@ fn bad_error_maps_do_no_harm() {
     let short = planned(&mut driven(0.5, |_| Ok(vec![1.0; 3])), &seen).unwrap_err().to_string();
     assert!(short.contains("made-up") && short.contains("3 values"), "{short}");
     let refused = |_: &Film| Err(Error::Mismatch { who: "filter".into(), what: "no".into() });
-    assert!(planned(&mut driven(0.5, refused), &seen).is_err(), "its errors are handed on");
+    assert!(planned(&mut driven(0.5, refused), &seen).is_err(), "its errors are returned");
 }
 
 #[test]
@@ -151,7 +151,7 @@ fn an_error_map_gets_what_it_needs() {
     assert!(with(discard).with_error_map(map(needs, |_| Ok(vec![]))).is_err());
 }
 
-/// Cells part what a window mixes: two materials side by side, one of them noisy.
+/// Cells separate two materials that a window mixes, one of them noisy.
 #[test]
 fn variance_pooled_inside_cells_stays_inside() {
     use dapple_adaptive::{CellOptions, Cells, Pooling, relative_variance};
@@ -231,10 +231,10 @@ fn wrong_options_are_refused() {
     assert!(Adaptive::with_options(Random::new(1), good.prior(f64::INFINITY)).is_ok());
 }
 
-/// A task of a wide window has the terms of its own rows, 128 or 4 of them, and of those around, and a row of sums, 64 bytes each;
-/// there are no more tasks than the image's 1024 rows ask for.
+/// A task of a window has the terms of its own rows (128 or 4 of them) and of those around, and a row of sums, 64
+/// bytes each. There are no more tasks than the image's 1024 rows need.
 #[test]
-fn z03_what_threads_work_with_is_counted() {
+fn working_memory_of_threads_is_counted_z03() {
     let frame = Frame::new(4096, 1024).unwrap();
     let planning = |radius, threads| {
         let memory = || {

@@ -44,7 +44,7 @@ fn other_combinations_conform() {
 }
 
 #[test]
-fn it_says_what_it_is() {
+fn the_description_has_all_parameters() {
     let sampler = probing(1, Placement::Jittered(4), ClusterSize::Hits, ClusterThesisOptions::default());
     let said = dapple_core::Sampler::describe(&sampler);
     let wanted =

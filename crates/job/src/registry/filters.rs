@@ -13,10 +13,25 @@ pub type MakeFilter = fn(&Parameters, &Stage) -> Result<Box<dyn Filter>, Registr
 pub const FILTERS: &[Entry<MakeFilter>] = &[
     Entry::new("none", "each pixel the mean of its own samples", &[], |_, _| Ok(Box::new(Unfiltered))),
     Entry::new("gaussian", "a Gaussian over pixel means", &[GAUSSIAN], |p, _| Ok(Box::new(gaussian(p)?))),
-    Entry::new("cluster-gaussian", "the Gaussian, in which pixels of other clusters weigh less (Lan 2016)", &[GAUSSIAN, CLUSTER_GAUSSIAN, CLUSTERING], cluster_gaussian),
+    Entry::new(
+        "cluster-gaussian",
+        "the Gaussian, in which pixels of other clusters weigh less (Lan 2016)",
+        &[GAUSSIAN, CLUSTER_GAUSSIAN, CLUSTERING],
+        cluster_gaussian,
+    ),
     Entry::new("nlm", "non-local means with two halves (Rousselle 2012)", &[NLM], |p, _| Ok(Box::new(nl_means(p)?))),
-    Entry::new("bilateral", "cross-bilateral: near, of a similar surface and colour, in the same cluster", &[BILATERAL, CLUSTERING], bilateral),
-    Entry::new("cluster-regression", "regression on features and clusters, twice, and the best of it and others by estimated error (the default)", &[CLUSTER_REGRESSION, CLUSTERING], cluster_regression),
+    Entry::new(
+        "bilateral",
+        "cross-bilateral: near, of a similar surface and colour, in the same cluster",
+        &[BILATERAL, CLUSTERING],
+        bilateral,
+    ),
+    Entry::new(
+        "cluster-regression",
+        "regression on features and clusters, twice, and the best of it and others by estimated error (the default)",
+        &[CLUSTER_REGRESSION, CLUSTERING],
+        cluster_regression,
+    ),
 ];
 
 const GAUSSIAN: &[Parameter] = &[
@@ -31,7 +46,11 @@ const NLM: &[Parameter] = &[
     Parameter::new("window", "7", "Pixels searched to each side, 0 to 7."),
     Parameter::new("patch", "3", "Pixels compared to each side, 0 to 3."),
     Parameter::new("k", "0.45", "Differences are measured in this many standard deviations."),
-    Parameter::new("features", "none", "The same for first hits' normals, albedo and depth; none: only colours count (published)."),
+    Parameter::new(
+        "features",
+        "none",
+        "The same for first hits' normals, albedo and depth; none: only colours count (published).",
+    ),
 ];
 const BILATERAL: &[Parameter] = &[
     Parameter::new("window", "7", "Pixels averaged to each side, 0 to 7."),
@@ -42,7 +61,11 @@ const BILATERAL: &[Parameter] = &[
 ];
 const CLUSTER_REGRESSION: &[Parameter] = &[
     Parameter::new("passes", "2", "2, or 1: regression alone, without a second pass and a choice."),
-    Parameter::new("outside", "0.2", "Weight of a pixel of another cluster relative to one of the same; 1: no clusters."),
+    Parameter::new(
+        "outside",
+        "0.2",
+        "Weight of a pixel of another cluster relative to one of the same; 1: no clusters.",
+    ),
 ];
 
 fn gaussian(p: &Parameters) -> Result<Gaussian, RegistryError> {

@@ -20,7 +20,8 @@ fn mitchell(options: MitchellOptions) -> Mitchell<Random> {
 fn mitchell_conforms_in_either_mode_under_every_policy() {
     for policy in POLICIES {
         for (initial, additional, radius) in [(0, 0, 0), (0, 0, 1), (3, 5, 2)] {
-            let options = MitchellOptions::default().initial(initial).additional(additional).radius(radius).policy(policy);
+            let options =
+                MitchellOptions::default().initial(initial).additional(additional).radius(radius).policy(policy);
             conformance::sampler(|| Box::new(mitchell(options)));
             let options = options.mode(Stopping::Threshold);
             conformance::threshold_sampler(|| Box::new(mitchell(options)));

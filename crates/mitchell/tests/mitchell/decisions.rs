@@ -1,4 +1,4 @@
-//! Who is refined: decisions on made-up films, without rendering.
+//! Decisions on made-up films, without rendering.
 
 use crate::common::*;
 use dapple_core::{BudgetLeft, Error, Feedback, Film, Needs, Plan, Progress, Sampler};
@@ -7,7 +7,7 @@ use dapple_mitchell::{
     Mitchell, MitchellOptions, MitchellPbrt, MitchellPbrtOptions, PilotPolicy, Stopping, contrast, deviation,
 };
 
-/// Whether Mitchell's rule refines a pixel with these samples.
+/// True if Mitchell's rule refines a pixel with these samples.
 fn mitchell_asks(samples: &[[f32; 3]]) -> bool {
     let mut sampler = mitchell(alone(samples.len() as u32, 5, Stopping::Threshold, PilotPolicy::Keep), 1);
     let film = film(frame(1, 1), &sampler, &[samples.to_vec()]);
@@ -34,7 +34,7 @@ fn mitchell_refines_where_a_channel_exceeds_its_threshold() {
     assert!(mitchell_asks(&[[1.0, 1.0, 0.2], [1.0, 1.0, 1.0]]));
 }
 
-/// Whether pbrt-v2's rule refines a pixel with these four samples.
+/// True if pbrt-v2's rule refines a pixel with these four samples.
 fn pbrt_asks(samples: [[f32; 3]; 4]) -> bool {
     let mut sampler = pbrt(pbrt_options(4, 16, Stopping::Threshold, PilotPolicy::Keep), 1);
     let film = film(frame(1, 1), &sampler, &[samples.to_vec()]);
@@ -82,7 +82,7 @@ fn decisions_do_not_depend_on_scale() {
 }
 
 #[test]
-fn a05_contrast_of_nothing() {
+fn pixels_without_light_have_no_contrast_a05() {
     let (nan, inf) = (f32::NAN, f32::INFINITY);
     assert_eq!(contrast([[0.0; 3]; 2]), [0.0; 3]);
     assert_eq!(contrast([[0.5, 0.0, 0.2], [1.5, 0.0, 0.2]]), [0.5, 0.0, 0.0]);
@@ -184,8 +184,7 @@ fn refined_pilots_are_withdrawn_and_paid_for() {
     let plan = ask(&mut sampler, &film, 12 + 14);
     assert_eq!(plan.counts, [0, 5, 5, 0, 4, 0]);
     assert_eq!(plan.withdraw, Some(vec![false, true, true, false, false, false]));
-    let mut sampler =
-        mitchell(threshold(0).mode(Stopping::Budget).policy(PilotPolicy::Refined), 1);
+    let mut sampler = mitchell(threshold(0).mode(Stopping::Budget).policy(PilotPolicy::Refined), 1);
     let plan = ask(&mut sampler, &film, 12 + 30 + 4);
     assert_eq!(plan.counts, [5, 6, 8, 5, 5, 5]);
     assert_eq!(plan.withdraw, Some(vec![true; 6]));

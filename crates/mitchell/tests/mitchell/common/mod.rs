@@ -1,4 +1,4 @@
-//! Made-up images and how to render them.
+//! Made-up images and a way to render them.
 #![allow(dead_code, unreachable_pub, reason = "each test file uses its own part")]
 
 use dapple_core::{
@@ -58,7 +58,7 @@ pub fn film(frame: Frame, sampler: &dyn Sampler, samples: &[Vec<[f32; 3]>]) -> F
     film
 }
 
-/// What a sampler asks for after a film, with so many samples in all and no bounds.
+/// The plan of a sampler after a film, with so many samples in all and no bounds.
 pub fn ask(sampler: &mut dyn Sampler, film: &Film, total: u64) -> Plan {
     let budget = BudgetLeft { spent: film.record().samples, total, min_spp: 0, max_spp: u32::MAX };
     let mut plan = Plan::empty(film.frame().pixels());
