@@ -30,6 +30,11 @@ dapple_core::options! {
         /// 1 is the paper's neighbourhood, 0 the pixel alone.
         pub radius: u32 = 1, |radius| radius <= 64, "at most 64 pixels";
         /// The end: budget (highest contrast first, to the last sample) or threshold (the budget is a ceiling).
+        ///
+        /// With [`Stopping::Budget`] pixels are refined in the order of their contrast, above the threshold or not.
+        /// Once all are refined, further passes of the same step follow. Where all pixels have the same contrast,
+        /// counts differ by at most one. With [`Stopping::Threshold`] pixels above the threshold are refined once. In
+        /// both at most one pixel gets part of a step.
         pub mode: Stopping = Stopping::Budget => "budget";
         /// The pilot's retention: keep or refined (both biased), discard (unbiased).
         pub policy: PilotPolicy = PilotPolicy::Keep => "keep",

@@ -22,6 +22,8 @@ dapple_core::options! {
         /// It is the deviation of a sample from the pilot's mean.
         pub threshold: f64 = 0.5, |t| t > 0.0 && t.is_finite(), "a relative deviation above 0";
         /// The end: budget (largest deviation first, to the last sample) or threshold (the budget is a ceiling).
+        ///
+        /// As [`MitchellOptions::mode`](crate::MitchellOptions::mode).
         pub mode: Stopping = Stopping::Budget => "budget";
         /// The pilot's retention: refined (published, biased), keep (biased), discard (unbiased).
         pub policy: PilotPolicy = PilotPolicy::Refined => "refined",

@@ -8,7 +8,7 @@
 use crate::common::*;
 use dapple_conformance::statistics::{Mean, image_mean, kept, refined};
 use dapple_core::{Limits, Sampler};
-use dapple_mitchell::{MitchellOptions, PilotPolicy, Stopping};
+use dapple_mitchell::{PilotPolicy, Stopping};
 
 /// Mean over the pixels of a square image and its standard error, with budget for every pixel to be
 /// refined. A pixel's kept samples decide nothing elsewhere, or (radius 0) only in itself: pixels are

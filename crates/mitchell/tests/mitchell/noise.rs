@@ -2,7 +2,7 @@
 
 use crate::common::*;
 use dapple_core::Limits;
-use dapple_mitchell::{MitchellOptions, PilotPolicy, Stopping};
+use dapple_mitchell::{PilotPolicy, Stopping};
 
 /// Noise between half and three halves of its mean: a relative deviation of 29 %.
 fn noise(_: [u32; 2], u: [f32; 4]) -> [f32; 3] {
