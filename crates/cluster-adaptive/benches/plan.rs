@@ -80,7 +80,7 @@ fn bench(c: &mut Criterion) {
         });
     }
     for map in [RateMap::Identity, RateMap::Root, RateMap::Log] {
-        let options = ClusterThesisOptions { map, ..ClusterThesisOptions::default() };
+        let options = ClusterThesisOptions::default().map(map);
         group.bench_function(format!("importance/{}", map.name()), |b| {
             b.iter(|| pool.install(|| importance(black_box(&probes), &clusters, &ClusterSize::ProjectedBox, &options)));
         });

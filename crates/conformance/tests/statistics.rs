@@ -335,7 +335,7 @@ fn lit(sampler: &mut dyn Sampler, side: u32, spp: u64) -> Film {
 }
 
 fn alone(policy: PilotPolicy, seed: u64) -> Adaptive<Independent> {
-    let options = VarianceOptions { policy, radius: 0, pilot: 4, ..VarianceOptions::default() };
+    let options = VarianceOptions::default().policy(policy).radius(0).pilot(4);
     Adaptive::variance_with_options(Independent(seed), options).expect("sound options")
 }
 

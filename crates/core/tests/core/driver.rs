@@ -13,8 +13,7 @@ use std::sync::Mutex;
 use std::time::Instant;
 
 fn adaptive(policy: PilotPolicy) -> Adaptive<Independent> {
-    Adaptive::variance_with_options(Independent::new(7), VarianceOptions { policy, ..VarianceOptions::default() })
-        .unwrap()
+    Adaptive::variance_with_options(Independent::new(7), VarianceOptions::default().policy(policy)).unwrap()
 }
 
 fn image(limits: &Limits) -> Vec<u64> {
