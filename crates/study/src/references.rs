@@ -1,10 +1,10 @@
 //! References: files from elsewhere, or rendered once and kept.
 
-use crate::digest::Digest;
+use crate::content_hash::ContentHash;
+use crate::reference_image::{FileHeader, ReferenceImage};
 use crate::shot::{Order, shoot};
 use crate::subject::name_of;
-use crate::truth::{About, Truth};
-use crate::{Method, Plan, Reference, ScenePlan, StudyError, Subject};
+use crate::{Method, Plan, ReferenceRecord, ScenePlan, StudyError, Subject};
 use dapple_core::{Control, Monitor};
 use dapple_scene::image::{Image, Layer, encode_exr, write_file};
 use std::path::{Path, PathBuf};
@@ -17,28 +17,28 @@ const SEEDS: [u64; 2] = [0xda99_1e01, 0xda99_1e02];
 const POINTS: [&str; 3] = ["sobol", "halton", "random"];
 
 /// A reference that is at hand, or could be.
-pub(crate) enum Wanted {
+pub(crate) enum ReferenceSource {
     /// A file from elsewhere, looked through.
-    File(Reference),
+    File(ReferenceRecord),
     /// To be rendered, unless it was: its record but for its own variance, and where it is kept.
-    Rendered { record: Reference, path: PathBuf },
+    Rendered { record: ReferenceRecord, path: PathBuf },
 }
 
-impl Wanted {
-    pub(crate) fn record(&self) -> &Reference {
+impl ReferenceSource {
+    pub(crate) fn record(&self) -> &ReferenceRecord {
         match self {
             Self::File(record) | Self::Rendered { record, .. } => record,
         }
     }
 }
 
-/// Where a study keeps its references: in its folder, or in one that several share.
-pub(crate) struct Shelf<'a> {
-    pub(crate) folder: &'a Path,
+/// The folder of references: the study's own, or one that several studies share.
+pub(crate) struct ReferenceFolder<'a> {
+    pub(crate) study: &'a Path,
     pub(crate) shared: Option<&'a Path>,
 }
 
-impl Shelf<'_> {
+impl ReferenceFolder<'_> {
     /// The file with this name: as a study's record calls it, and where it is.
     fn place(&self, name: &str) -> Result<(String, PathBuf), StudyError> {
         let make = |folder: &Path| {
@@ -46,7 +46,7 @@ impl Shelf<'_> {
         };
         match self.shared {
             None => {
-                let folder = self.folder.join("references");
+                let folder = self.study.join("references");
                 make(&folder)?;
                 Ok((format!("references/{name}"), folder.join(name)))
             }
@@ -62,20 +62,26 @@ impl Shelf<'_> {
 }
 
 /// Says what a scene's reference is, and refuses a file that is not.
-pub(crate) fn want(plan: &Plan, scene: &ScenePlan, subject: &Subject, shelf: &Shelf<'_>) -> Result<Wanted, StudyError> {
+pub(crate) fn plan_reference(
+    plan: &Plan,
+    scene: &ScenePlan,
+    subject: &Subject,
+    folders: &ReferenceFolder<'_>,
+) -> Result<ReferenceSource, StudyError> {
     if let Some(file) = &scene.reference {
-        return Ok(Wanted::File(given(plan, file, subject)?));
+        return Ok(ReferenceSource::File(given(plan, file, subject)?));
     }
     let points = POINTS.iter().find(|p| plan.methods.iter().all(|m| kind(&m.points) != **p)).unwrap_or(&"random");
     let settings = settings(plan.reference_spp, points, subject)?;
-    let mut key = Digest::new();
+    let mut key = ContentHash::new();
     for (name, value) in &settings {
         key.text(name);
         key.text(value);
     }
     let hash = key.hex();
-    let (file, path) = shelf.place(&format!("{}-{}.exr", file_name(&name_of(&subject.view.source)), &hash[..16]))?;
-    let record = Reference {
+    let (file, path) =
+        folders.place(&format!("{}-{}.exr", safe_file_name(&name_of(&subject.view.source)), &hash[..16]))?;
+    let record = ReferenceRecord {
         file,
         spp: Some(plan.reference_spp),
         points: Some((*points).to_owned()),
@@ -83,7 +89,7 @@ pub(crate) fn want(plan: &Plan, scene: &ScenePlan, subject: &Subject, shelf: &Sh
         relmse: None,
         hash,
     };
-    Ok(Wanted::Rendered { record, path })
+    Ok(ReferenceSource::Rendered { record, path })
 }
 
 /// Everything that a rendered reference depends on.
@@ -107,18 +113,18 @@ fn depth(subject: &Subject) -> String {
 }
 
 /// Finds the reference, or renders it, and says what its own variance is; `None` where `monitor` said stop.
-pub(crate) fn obtain(
-    wanted: Wanted,
+pub(crate) fn load_or_render(
+    wanted: ReferenceSource,
     subject: &Subject,
     monitor: &mut dyn Monitor,
-) -> Result<Option<Reference>, StudyError> {
+) -> Result<Option<ReferenceRecord>, StudyError> {
     let (mut record, path) = match wanted {
-        Wanted::File(record) => return Ok(Some(record)),
-        Wanted::Rendered { record, path } => (record, path),
+        ReferenceSource::File(record) => return Ok(Some(record)),
+        ReferenceSource::Rendered { record, path } => (record, path),
     };
     // A file that is broken, or another's, is made anew.
-    let kept = Truth::read(&path).ok();
-    let kept = kept.filter(|(t, about)| about.says("study-key") == Some(&record.hash) && t.variance.is_some());
+    let kept = ReferenceImage::read(&path).ok();
+    let kept = kept.filter(|(t, about)| about.attribute("study-key") == Some(&record.hash) && t.variance.is_some());
     let truth = match kept {
         Some((truth, _)) => Some(truth),
         None => render(&record, subject, monitor)?.map(|truth| keep(&path, truth, &record, subject)).transpose()?,
@@ -129,7 +135,11 @@ pub(crate) fn obtain(
 }
 
 /// Two halves by two seeds.
-fn render(record: &Reference, subject: &Subject, monitor: &mut dyn Monitor) -> Result<Option<Truth>, StudyError> {
+fn render(
+    record: &ReferenceRecord,
+    subject: &Subject,
+    monitor: &mut dyn Monitor,
+) -> Result<Option<ReferenceImage>, StudyError> {
     let pixels = subject.frame()?.pixels() as u64;
     let samples = record.spp.unwrap_or(2) / 2 * pixels;
     let method = Method::new("uniform", record.points.as_deref().unwrap_or("random"), "none");
@@ -147,11 +157,16 @@ fn render(record: &Reference, subject: &Subject, monitor: &mut dyn Monitor) -> R
         }
         halves.push(shot.filtered.radiance);
     }
-    Ok(Some(Truth::of_halves(subject.view.resolution, [&halves[0], &halves[1]])))
+    Ok(Some(ReferenceImage::of_halves(subject.view.resolution, [&halves[0], &halves[1]])))
 }
 
 /// Writes it with all that it depends on in its header.
-fn keep(path: &Path, truth: Truth, record: &Reference, subject: &Subject) -> Result<Truth, StudyError> {
+fn keep(
+    path: &Path,
+    truth: ReferenceImage,
+    record: &ReferenceRecord,
+    subject: &Subject,
+) -> Result<ReferenceImage, StudyError> {
     let mut attributes = settings(record.spp.unwrap_or(0), record.points.as_deref().unwrap_or(""), subject)?;
     attributes.push(("study-key", record.hash.clone()));
     attributes.push(("scene", subject.scene.name.clone()));
@@ -166,8 +181,8 @@ fn keep(path: &Path, truth: Truth, record: &Reference, subject: &Subject) -> Res
 }
 
 /// A file from elsewhere: refused where its size differs, or what it says about itself.
-fn given(plan: &Plan, file: &Path, subject: &Subject) -> Result<Reference, StudyError> {
-    let (whole, about) = Truth::read(file)?;
+fn given(plan: &Plan, file: &Path, subject: &Subject) -> Result<ReferenceRecord, StudyError> {
+    let (whole, about) = ReferenceImage::read(file)?;
     let refuse = |why: String| StudyError::Reference { file: file.to_owned(), scene: subject.view.name.clone(), why };
     let ([w, h], [rw, rh]) = (subject.view.resolution, whole.size);
     let Some(truth) = whole.averaged_to([w, h]) else {
@@ -181,15 +196,15 @@ fn given(plan: &Plan, file: &Path, subject: &Subject) -> Result<Reference, Study
         return Err(refuse(format!("it is no number at column {x}, row {y}: mend or replace it")));
     }
     differences(plan, &about, subject).map_or(Ok(()), |why| Err(refuse(why)))?;
-    let number = |key: &str| about.says(key).and_then(|text| text.parse().ok());
-    let seeds = about.says("study-seeds").and_then(|text| {
+    let number = |key: &str| about.attribute(key).and_then(|text| text.parse().ok());
+    let seeds = about.attribute("study-seeds").and_then(|text| {
         let (a, b) = text.split_once(',')?;
         Some([a.parse().ok()?, b.parse().ok()?])
     });
-    Ok(Reference {
+    Ok(ReferenceRecord {
         file: std::path::absolute(file).unwrap_or_else(|_| file.to_owned()).display().to_string(),
         spp: number("study-spp"),
-        points: about.says("study-points").or(about.says("points")).map(str::to_owned),
+        points: about.attribute("study-points").or(about.attribute("points")).map(str::to_owned),
         seeds,
         relmse: truth.own_relmse(),
         hash: about.digest.hex(),
@@ -197,7 +212,7 @@ fn given(plan: &Plan, file: &Path, subject: &Subject) -> Result<Reference, Study
 }
 
 /// What the header of `dapple render` or of a study's reference says that is not so here.
-fn differences(plan: &Plan, about: &About, subject: &Subject) -> Option<String> {
+fn differences(plan: &Plan, about: &FileHeader, subject: &Subject) -> Option<String> {
     let depth = depth(subject);
     let scene = &subject.scene.name;
     let expected = [
@@ -214,13 +229,13 @@ fn differences(plan: &Plan, about: &About, subject: &Subject) -> Option<String> 
         ("pixel-filter", "box filter of radius 0.5 x 0.5".into(), "render it with --pixel-filter box, as a study does"),
     ];
     for (key, here, advice) in expected {
-        if let Some(there) = about.says(key).filter(|there| *there != here) {
+        if let Some(there) = about.attribute(key).filter(|there| *there != here) {
             return Some(format!("its {} is {there}, and the study's {here}: {advice}", key.replace('-', " ")));
         }
     }
     // A run's own samples in the reference would hide their error.
-    let points = kind(about.says("points")?);
-    let seed = about.says("seed")?.parse().ok()?;
+    let points = kind(about.attribute("points")?);
+    let seed = about.attribute("seed")?.parse().ok()?;
     let shares = plan.seeds.contains(&seed) && plan.methods.iter().any(|m| kind(&m.points) == points);
     shares.then(|| format!("its points are {points} of seed {seed}, as those of runs are: render it with another seed"))
 }
@@ -231,7 +246,7 @@ fn kind(words: &str) -> &str {
 }
 
 /// A name as part of a file name.
-pub(crate) fn file_name(name: &str) -> String {
+pub(crate) fn safe_file_name(name: &str) -> String {
     let plain = |c: char| if c.is_alphanumeric() || "-_.".contains(c) { c } else { '-' };
     name.chars().map(plain).take(80).collect()
 }

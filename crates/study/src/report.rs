@@ -1,15 +1,15 @@
 //! `summary.csv`, `report.html`, and `summary.md` with `plots`: what a study found, to read, to show, and for other pages.
 
-mod chart;
-mod images;
+mod comparison_table;
+mod gallery;
+mod html;
+mod log_log_chart;
 mod markdown;
-mod page;
+mod method_style;
 mod plots;
-mod style;
-mod verdicts;
-mod words;
+mod table_cell;
 
-use crate::folder::{FolderError, Recorded};
+use crate::recorded_study::{FolderError, RecordedStudy};
 use crate::summary::Summary;
 use dapple_scene::image::{ImageError, write_file};
 use std::path::Path;
@@ -41,11 +41,11 @@ pub enum ReportError {
 /// # Errors
 /// [`ReportError`]. Images that are missing or broken are no error: the page says so.
 pub fn write_report(folder: &Path) -> Result<Summary, ReportError> {
-    let recorded = Recorded::read(folder)?;
+    let recorded = RecordedStudy::read(folder)?;
     let summary = Summary::of(&recorded);
     let mut table = Vec::new();
     summary.write_csv(&mut table)?;
-    let page = page::render(&recorded, &summary)?;
+    let page = html::render(&recorded, &summary)?;
     write_file(&folder.join("summary.csv"), &table)?;
     write_file(&folder.join("report.html"), page.as_bytes())?;
     write_file(&folder.join("summary.md"), markdown::render(&recorded, &summary).as_bytes())?;

@@ -2,21 +2,21 @@
 
 mod comparison;
 mod factorial;
-mod figure;
-mod grid;
-mod points;
+mod per_budget;
+mod run_table;
+mod seed_statistic;
 mod slopes;
 mod time_to_error;
 
-pub use comparison::Verdict;
+pub use comparison::RatioVerdict;
 pub(crate) use comparison::{HOLDS, UNFAIR};
-pub use factorial::Part;
+pub use factorial::FactorialEffect;
 
-use crate::folder::Recorded;
-use crate::record::{Budget, Method};
-use figure::Figure;
-use grid::Grid;
-pub(crate) use points::PHASES;
+use crate::record::{Method, RunBudget};
+use crate::recorded_study::RecordedStudy;
+pub(crate) use per_budget::PHASES;
+use run_table::RunTable;
+use seed_statistic::SeedStatistic;
 use std::collections::BTreeMap;
 
 /// Of all intervals, unless a row's note says otherwise.
@@ -70,24 +70,16 @@ pub struct Summary {
     places: BTreeMap<String, usize>,
 }
 
-/// As [`Row::budget`] has it.
-pub fn budget_words(budget: Budget) -> String {
-    match budget {
-        Budget::Spp(spp) => format!("{spp} spp"),
-        Budget::TimeOf(spp) => format!("time of {spp} spp"),
-    }
-}
-
 fn key(scene: &str, method: &Method, budget: &str, metric: &str) -> String {
     [scene, &method.sampler, &method.points, &method.filter, budget, metric].join("|")
 }
 
 impl Summary {
     /// Computes them. Runs that are not there leave their figures out.
-    pub fn of(recorded: &Recorded) -> Self {
-        let grid = Grid::new(recorded);
+    pub fn of(recorded: &RecordedStudy) -> Self {
+        let grid = RunTable::new(recorded);
         let mut summary = Self::default();
-        points::add(&mut summary, &grid);
+        per_budget::add(&mut summary, &grid);
         slopes::add(&mut summary, &grid);
         time_to_error::add(&mut summary, &grid);
         comparison::add(&mut summary, &grid);
@@ -105,11 +97,18 @@ impl Summary {
         self.places.get(&key(scene, method, budget, metric)).map(|&i| &self.rows[i])
     }
 
-    fn add(&mut self, grid: &Grid<'_>, at: [usize; 2], budget: Option<Budget>, metric: &str, figure: Figure) {
+    fn add(
+        &mut self,
+        grid: &RunTable<'_>,
+        at: [usize; 2],
+        budget: Option<RunBudget>,
+        metric: &str,
+        figure: SeedStatistic,
+    ) {
         let row = Row {
             scene: grid.manifest.scenes[at[0]].name.clone(),
             method: grid.manifest.methods[at[1]].clone(),
-            budget: budget.map_or_else(String::new, budget_words),
+            budget: budget.map_or_else(String::new, |budget| budget.to_string()),
             metric: metric.to_owned(),
             value: figure.value,
             low: figure.ends.map(|e| e[0]),

@@ -2,7 +2,7 @@
 
 use crate::common::{Place, in_process};
 use dapple_metrics::{log_log_fit, ratio_interval};
-use dapple_study::{Budget, Draft, Method, Run};
+use dapple_study::{Method, Run, RunBudget};
 
 const SIDE: u32 = 20;
 
@@ -10,24 +10,23 @@ impl Place {
     /// The runs of uniform sampling with these points.
     fn runs(&self, points: &str, spp: &[u64], seeds: std::ops::Range<u64>, folder: &str) -> Vec<Run> {
         let method = Method::new("uniform", points, "none");
-        let draft = Draft {
-            samplers: None,
-            filters: None,
-            methods: Some(vec![method.clone()]),
-            baseline: Some(method),
-            spp: Some(spp.to_vec()),
-            seeds: Some(seeds.collect()),
-            reference_spp: Some(2048),
-            resolution: Some([SIDE; 2]),
-            time_of: Some(0),
-            ..self.draft()
-        };
+        let draft = self
+            .draft()
+            .samplers(None)
+            .filters(None)
+            .methods(vec![method.clone()])
+            .baseline(method)
+            .spp(spp.to_vec())
+            .seeds(seeds.collect::<Vec<_>>())
+            .reference_spp(2048)
+            .resolution([SIDE; 2])
+            .time_of(0);
         self.study(draft.resolve().unwrap(), folder, &mut in_process()).runs().to_vec()
     }
 }
 
 fn mse(runs: &[Run], spp: u64) -> Vec<f64> {
-    runs.iter().filter(|r| r.budget == Budget::Spp(spp)).map(|r| r.errors.mse).collect()
+    runs.iter().filter(|r| r.budget == RunBudget::Spp(spp)).map(|r| r.errors.mse).collect()
 }
 
 fn mean(values: &[f64]) -> f64 {
@@ -60,18 +59,17 @@ fn two_seeds_differ_by_twice_the_variance() {
     let alone = place.runs("random", &[spp, 4 * spp], 1..9, "alone");
     let against = |file: &str| {
         let method = Method::new("uniform", "random", "none");
-        let mut draft = Draft {
-            samplers: None,
-            filters: None,
-            methods: Some(vec![method.clone()]),
-            baseline: Some(method),
-            spp: Some(vec![spp]),
+        let mut draft = place
+            .draft()
+            .samplers(None)
+            .filters(None)
+            .methods(vec![method.clone()])
+            .baseline(method)
+            .spp(vec![spp])
             // The first seed's image is the reference.
-            seeds: Some((2..9).collect()),
-            resolution: Some([SIDE; 2]),
-            time_of: Some(0),
-            ..place.draft()
-        };
+            .seeds((2..9).collect::<Vec<_>>())
+            .resolution([SIDE; 2])
+            .time_of(0);
         draft.scenes.as_mut().unwrap()[0].reference = Some(place.path("alone").join(file));
         let folder = file.replace(['/', '.'], "-");
         let study = place.study(draft.resolve().unwrap(), &folder, &mut in_process());

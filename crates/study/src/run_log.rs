@@ -6,7 +6,7 @@ use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
 /// Where lines go. Each is on the disk when `append` comes back.
-pub trait Store {
+pub trait RunStore {
     /// Adds bytes at the end.
     ///
     /// # Errors
@@ -22,7 +22,7 @@ pub trait Store {
     fn cut(&mut self, length: u64) -> io::Result<()>;
 }
 
-impl Store for File {
+impl RunStore for File {
     fn append(&mut self, bytes: &[u8]) -> io::Result<()> {
         self.seek(SeekFrom::End(0))?;
         self.write_all(bytes)?;
@@ -37,21 +37,21 @@ impl Store for File {
 }
 
 /// The finished runs of a study, in memory and on disk.
-pub struct Ledger {
+pub(crate) struct RunLog {
     path: PathBuf,
-    store: Box<dyn Store>,
+    store: Box<dyn RunStore>,
     length: u64,
     runs: Vec<Run>,
 }
 
-impl Ledger {
+impl RunLog {
     /// Opens a file, or makes one, for this process alone. What stands behind the last whole line was being written
     /// when a process was killed: it is dropped.
     ///
     /// # Errors
     ///
     /// [`StudyError::Busy`], [`StudyError::Line`] for a whole line that is no run, [`StudyError::File`].
-    pub fn open(path: &Path) -> Result<Self, StudyError> {
+    pub(crate) fn open(path: &Path) -> Result<Self, StudyError> {
         let wrong = |action| move |e| StudyError::file(path, action, e);
         let file = OpenOptions::new().read(true).write(true).create(true).truncate(false).open(path);
         let mut file = file.map_err(wrong("open the file of runs"))?;
@@ -76,13 +76,13 @@ impl Ledger {
     }
 
     /// The same with another store: for tests of what happens when a disk is full.
-    pub fn with_store(mut self, store: Box<dyn Store>) -> Self {
+    pub(crate) fn with_store(mut self, store: Box<dyn RunStore>) -> Self {
         self.store = store;
         self
     }
 
     /// The finished runs, in the order in which they were finished.
-    pub fn runs(&self) -> &[Run] {
+    pub(crate) fn runs(&self) -> &[Run] {
         &self.runs
     }
 
@@ -91,7 +91,7 @@ impl Ledger {
     /// # Errors
     ///
     /// [`StudyError::File`]; the runs before it are still there, and nothing of this one.
-    pub fn append(&mut self, run: Run) -> Result<(), StudyError> {
+    pub(crate) fn append(&mut self, run: Run) -> Result<(), StudyError> {
         let refuse = |source: io::Error, kept: usize| StudyError::File {
             path: self.path.clone(),
             action: "write down a finished run",
@@ -118,9 +118,7 @@ fn parse(bytes: &[u8], path: &Path) -> Result<Vec<Run>, StudyError> {
     for (number, line) in bytes.split(|b| *b == b'\n').enumerate().filter(|(_, line)| !line.is_empty()) {
         let refuse = |why: String| StudyError::Line { file: path.to_owned(), line: number + 1, why };
         let run: Run = serde_json::from_slice(line).map_err(|e| refuse(format!("this is no run: {e}")))?;
-        let same =
-            |r: &Run| r.scene == run.scene && r.method == run.method && r.budget == run.budget && r.seed == run.seed;
-        if let Some(at) = runs.iter().position(same) {
+        if let Some(at) = runs.iter().position(|earlier| earlier.is_same_as(&run)) {
             return Err(refuse(format!("this run is the {}th line's again", at + 1)));
         }
         runs.push(run);

@@ -4,7 +4,7 @@ use crate::summary::{Row, number};
 
 /// A figure on the page: what is shown, and what `summary.csv` has.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Cell {
+pub(super) struct TableCell {
     /// [`Row::key`], so that a test finds its line.
     pub(super) key: String,
     /// As in `summary.csv`.
@@ -20,7 +20,7 @@ pub(super) struct Cell {
     pub(super) mark: &'static str,
 }
 
-impl Cell {
+impl TableCell {
     /// A dash for what is not there.
     pub(super) fn of(row: Option<&Row>) -> Self {
         Self::with(row, short)

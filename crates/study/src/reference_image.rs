@@ -1,7 +1,7 @@
 //! A reference in memory, and images against it.
 
-use crate::digest::Digest;
-use crate::{Errors, StudyError};
+use crate::content_hash::ContentHash;
+use crate::{ImageErrors, StudyError};
 use dapple_metrics::{
     NoisyReference, PIXELS_PER_DEGREE, Pixels, RELATIVE_EPSILON, compare, compare_corrected, downsample, flip,
 };
@@ -10,7 +10,7 @@ use std::path::Path;
 
 /// A reference image, and its own variance where that is known.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Truth {
+pub(crate) struct ReferenceImage {
     pub(crate) size: [u32; 2],
     pub(crate) mean: Vec<[f32; 3]>,
     /// Of the mean.
@@ -18,14 +18,14 @@ pub(crate) struct Truth {
 }
 
 /// A file's own words about itself, and its digest.
-pub(crate) struct About {
+pub(crate) struct FileHeader {
     pub(crate) attributes: Vec<(String, String)>,
-    pub(crate) digest: Digest,
+    pub(crate) digest: ContentHash,
 }
 
-impl About {
+impl FileHeader {
     /// The text of `dapple:KEY`.
-    pub(crate) fn says(&self, key: &str) -> Option<&str> {
+    pub(crate) fn attribute(&self, key: &str) -> Option<&str> {
         let known = |name: &str| name.strip_prefix("dapple:") == Some(key);
         self.attributes.iter().find(|(name, _)| known(name)).map(|(_, text)| text.as_str())
     }
@@ -33,13 +33,13 @@ impl About {
 
 /// An image's errors.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Measured {
-    pub(crate) errors: Errors,
+pub(crate) struct MeasuredErrors {
+    pub(crate) errors: ImageErrors,
     pub(crate) corrected: bool,
     pub(crate) reference_limited: bool,
 }
 
-impl Truth {
+impl ReferenceImage {
     /// Two independent halves: their mean, and its variance.
     pub(crate) fn of_halves(size: [u32; 2], [a, b]: [&[[f32; 3]]; 2]) -> Self {
         let both = |of: fn(f32, f32) -> f32| {
@@ -50,14 +50,14 @@ impl Truth {
     }
 
     /// Reads a file. Its variance is known where a study wrote it: elsewhere `variance` means a sample's.
-    pub(crate) fn read(path: &Path) -> Result<(Self, About), StudyError> {
+    pub(crate) fn read(path: &Path) -> Result<(Self, FileHeader), StudyError> {
         let bytes = std::fs::read(path).map_err(|e| StudyError::file(path, "read the reference", e))?;
         let name = path.display().to_string();
         let image = read_image(&bytes, &name, Encoding::Auto)?;
         // Other formats say nothing of themselves.
         let attributes = read_attributes(&bytes, &name).unwrap_or_default();
-        let about = About { attributes, digest: Digest::of(&bytes) };
-        let variance = match about.says("study-key") {
+        let about = FileHeader { attributes, digest: ContentHash::of(&bytes) };
+        let variance = match about.attribute("study-key") {
             Some(_) => variance(&read_channels(&bytes, &name)?),
             None => None,
         };
@@ -105,11 +105,11 @@ impl Truth {
     }
 
     /// An image against it; its own variance is taken out of MSE, relMSE and sRGB MSE wherever it is known.
-    pub(crate) fn measure(&self, image: &[[f32; 3]]) -> Result<Measured, dapple_metrics::Error> {
+    pub(crate) fn measure(&self, image: &[[f32; 3]]) -> Result<MeasuredErrors, dapple_metrics::Error> {
         let (x, r) = (Pixels::new(self.size, image)?, Pixels::new(self.size, &self.mean)?);
         let found = compare(x, r)?;
         let seen = flip(x, r, PIXELS_PER_DEGREE)?.mean;
-        let mut errors = Errors {
+        let mut errors = ImageErrors {
             mse: found.mse,
             relmse: found.rel_mse,
             relmse_trimmed: found.rel_mse_trimmed,
@@ -125,14 +125,14 @@ impl Truth {
             },
         };
         let Some(variance) = &self.variance else {
-            return Ok(Measured { errors, corrected: false, reference_limited: false });
+            return Ok(MeasuredErrors { errors, corrected: false, reference_limited: false });
         };
         let noisy = NoisyReference::Variance { mean: r, variance: Pixels::new(self.size, variance)? };
         let without = compare_corrected(x, noisy)?;
         (errors.mse, errors.relmse) = (without.mse.error, without.rel_mse.error);
         errors.srgb8_mse -= self.own_srgb8(variance)?;
         let reference_limited = without.mse.reference_limited() || without.rel_mse.reference_limited();
-        Ok(Measured { errors, corrected: true, reference_limited })
+        Ok(MeasuredErrors { errors, corrected: true, reference_limited })
     }
 }
 

@@ -1,6 +1,6 @@
 //! A study's folder, read back.
 
-use crate::record::{Budget, Manifest, Method, Run};
+use crate::record::{Manifest, Method, Run, RunBudget};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -36,7 +36,7 @@ pub enum FolderError {
 
 /// What was planned, and what of it was done.
 #[derive(Clone, Debug)]
-pub struct Recorded {
+pub struct RecordedStudy {
     /// Where it lies.
     pub folder: PathBuf,
     /// `study.json`.
@@ -51,7 +51,7 @@ pub struct Recorded {
     pub torn: bool,
 }
 
-impl Recorded {
+impl RecordedStudy {
     /// Reads `study.json` and `runs.jsonl`; no runs yet is no error.
     ///
     /// # Errors
@@ -88,7 +88,7 @@ impl Recorded {
     pub fn expected(&self) -> usize {
         let m = &self.manifest;
         let timed = |own: bool| {
-            let of_time = |run: &Run| matches!(run.budget, Budget::TimeOf(_)) && (run.method == m.baseline) == own;
+            let of_time = |run: &Run| matches!(run.budget, RunBudget::TimeOf(_)) && (run.method == m.baseline) == own;
             self.runs.iter().any(of_time)
         };
         let without = usize::from(timed(false) && !timed(true));
@@ -121,8 +121,8 @@ fn lines(path: &Path, bytes: &[u8]) -> Result<(Vec<Run>, bool), FolderError> {
 
 fn plans(manifest: &Manifest, run: &Run) -> bool {
     let budget = match run.budget {
-        Budget::Spp(spp) => manifest.spp.contains(&spp),
-        Budget::TimeOf(spp) => manifest.time_of == Some(spp),
+        RunBudget::Spp(spp) => manifest.spp.contains(&spp),
+        RunBudget::TimeOf(spp) => manifest.time_of == Some(spp),
     };
     budget
         && manifest.scenes.iter().any(|scene| scene.name == run.scene)
@@ -132,8 +132,8 @@ fn plans(manifest: &Manifest, run: &Run) -> bool {
 
 fn identity(run: &Run) -> (String, Method, (bool, u64), u64) {
     let budget = match run.budget {
-        Budget::Spp(spp) => (false, spp),
-        Budget::TimeOf(spp) => (true, spp),
+        RunBudget::Spp(spp) => (false, spp),
+        RunBudget::TimeOf(spp) => (true, spp),
     };
     (run.scene.clone(), run.method.clone(), budget, run.seed)
 }

@@ -1,10 +1,10 @@
 //! Runs: what is asked for, and who makes it.
 
-use crate::references::file_name;
+use crate::reference_image::ReferenceImage;
+use crate::references::safe_file_name;
 use crate::shot::{Order, shoot};
 use crate::subject::View;
-use crate::truth::Truth;
-use crate::{Budget, External, Method, Run, StudyError, Subject};
+use crate::{External, Method, Run, RunBudget, StudyError, Subject};
 use dapple_core::NoMonitor;
 use dapple_renderer::output::sample_map;
 use dapple_scene::image::{Image, Layer, encode_exr, write_file};
@@ -15,7 +15,7 @@ use std::process::{Command, Stdio};
 
 /// A run to be made.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Job {
+pub struct RunRequest {
     /// The scene.
     pub view: View,
     /// How.
@@ -24,7 +24,7 @@ pub struct Job {
     #[serde(default)]
     pub external: Option<External>,
     /// What it is given.
-    pub budget: Budget,
+    pub budget: RunBudget,
     /// Of its points.
     pub seed: u64,
     /// The samples that makes, in all.
@@ -43,10 +43,10 @@ pub struct Job {
 pub trait Runner {
     /// Makes one.
     ///
-    /// # Errors
+    /// # ImageErrors
     ///
     /// Whatever keeps it from being made.
-    fn run(&mut self, job: &Job) -> Result<Run, StudyError>;
+    fn run(&mut self, request: &RunRequest) -> Result<Run, StudyError>;
 }
 
 /// Makes runs in this process, on the current rayon pool. A scene is read once for all its runs, and warmed up by a
@@ -55,7 +55,7 @@ pub struct InProcess {
     cpu: fn() -> Option<f64>,
     fresh: bool,
     subject: Option<Subject>,
-    truth: Option<(PathBuf, Truth)>,
+    truth: Option<(PathBuf, ReferenceImage)>,
 }
 
 impl InProcess {
@@ -93,48 +93,48 @@ fn warm_up(subject: &Subject) -> Result<(), StudyError> {
 const WARM_UP_SPP: u64 = 2;
 
 impl Runner for InProcess {
-    fn run(&mut self, job: &Job) -> Result<Run, StudyError> {
-        if self.truth.as_ref().is_none_or(|(file, _)| *file != job.reference) {
-            self.truth = Some((job.reference.clone(), Truth::read(&job.reference)?.0));
+    fn run(&mut self, request: &RunRequest) -> Result<Run, StudyError> {
+        if self.truth.as_ref().is_none_or(|(file, _)| *file != request.reference) {
+            self.truth = Some((request.reference.clone(), ReferenceImage::read(&request.reference)?.0));
         }
-        let size = job.view.resolution;
+        let size = request.view.resolution;
         if let Some((file, truth)) = self.truth.take_if(|(_, truth)| truth.size != size) {
-            let scene = job.view.name.clone();
+            let scene = request.view.name.clone();
             let why = format!("it is not of {}x{} pixels, nor of a multiple", size[0], size[1]);
             let averaged = truth.averaged_to(size).ok_or(StudyError::Reference { file: file.clone(), scene, why })?;
             self.truth = Some((file, averaged));
         }
         let load = load_average();
         let (cpu, fresh) = (self.cpu, self.fresh);
-        let (external, threads) = (job.external.as_ref(), job.threads);
-        let order = Order { seed: job.seed, external, threads, ..Order::new(&job.method, job.asked) };
-        let shot = shoot(self.subject(&job.view)?, order, &mut NoMonitor, cpu)?;
-        let what = || format!("{}, {}, seed {}", job.view.name, job.method, job.seed);
+        let (external, threads) = (request.external.as_ref(), request.threads);
+        let order = Order { seed: request.seed, external, threads, ..Order::new(&request.method, request.asked) };
+        let shot = shoot(self.subject(&request.view)?, order, &mut NoMonitor, cpu)?;
+        let what = || format!("{}, {}, seed {}", request.view.name, request.method, request.seed);
         let Some((_, truth)) = &self.truth else {
             return Err(StudyError::Run { what: what(), why: "there is no reference".into() });
         };
         let measured = truth.measure(&shot.filtered.radiance);
         let measured = measured.map_err(|e| StudyError::Run { what: what(), why: e.to_string() })?;
         let map = sample_map(&shot.film);
-        if let Some(stem) = &job.image {
-            let file = |extension: &str| job.folder.join(format!("{stem}.{extension}"));
+        if let Some(stem) = &request.image {
+            let file = |extension: &str| request.folder.join(format!("{stem}.{extension}"));
             if let Some(folder) = file("exr").parent() {
                 std::fs::create_dir_all(folder)
                     .map_err(|e| StudyError::file(folder, "make the folder of images", e))?;
             }
             let filtered = &shot.filtered;
             let image = Layer::of_image("", &Image::new(filtered.size, filtered.radiance.clone())?);
-            write_file(&file("exr"), &encode_exr(filtered.size, &[image], &attributes(job))?.bytes)?;
+            write_file(&file("exr"), &encode_exr(filtered.size, &[image], &attributes(request))?.bytes)?;
             write_file(&file("png"), &map.png()?)?;
         }
         let record = shot.film.record();
-        let named = |extension: &str| job.image.as_ref().map(|stem| format!("{stem}.{extension}"));
+        let named = |extension: &str| request.image.as_ref().map(|stem| format!("{stem}.{extension}"));
         Ok(Run {
-            scene: job.view.name.clone(),
-            method: job.method.clone(),
-            budget: job.budget,
-            seed: job.seed,
-            asked: job.asked,
+            scene: request.view.name.clone(),
+            method: request.method.clone(),
+            budget: request.budget,
+            seed: request.seed,
+            asked: request.asked,
             samples: record.samples,
             spp: record.samples as f64 / shot.film.frame().pixels() as f64,
             rays: shot.rays,
@@ -150,29 +150,29 @@ impl Runner for InProcess {
             fresh,
             image: named("exr"),
             sample_map: named("png"),
-            white: job.image.is_some().then_some(map.white),
+            white: request.image.is_some().then_some(map.white),
         })
     }
 }
 
 /// How an image was made, for its header.
-fn attributes(job: &Job) -> Vec<(String, String)> {
-    let [w, h] = job.view.resolution;
+fn attributes(request: &RunRequest) -> Vec<(String, String)> {
+    let [w, h] = request.view.resolution;
     let list = [
         ("version", env!("CARGO_PKG_VERSION").to_owned()),
-        ("scene", job.view.name.clone()),
-        ("scene-file", job.view.source.clone()),
-        ("sampler", job.method.sampler.clone()),
-        ("points", job.method.points.clone()),
-        ("filter", job.method.filter.clone()),
-        ("seed", job.seed.to_string()),
-        ("budget", format!("{} samples", job.asked)),
+        ("scene", request.view.name.clone()),
+        ("scene-file", request.view.source.clone()),
+        ("sampler", request.method.sampler.clone()),
+        ("points", request.method.points.clone()),
+        ("filter", request.method.filter.clone()),
+        ("seed", request.seed.to_string()),
+        ("budget", format!("{} samples", request.asked)),
         ("resolution", format!("{w}x{h}")),
     ];
     list.into_iter().map(|(key, text)| (format!("dapple:{key}"), text)).collect()
 }
 
-/// Makes each run in a process of its own: a program that reads a [`Job`] as JSON from its standard input and writes
+/// Makes each run in a process of its own: a program that reads a [`RunRequest`] as JSON from its standard input and writes
 /// the [`Run`] as JSON to its standard output.
 pub struct Processes {
     program: PathBuf,
@@ -187,15 +187,16 @@ impl Processes {
 }
 
 impl Runner for Processes {
-    fn run(&mut self, job: &Job) -> Result<Run, StudyError> {
+    fn run(&mut self, request: &RunRequest) -> Result<Run, StudyError> {
         let refuse = |why: String| {
-            let what = format!("{}, {}, seed {}, in a process of its own", job.view.name, job.method, job.seed);
+            let what =
+                format!("{}, {}, seed {}, in a process of its own", request.view.name, request.method, request.seed);
             StudyError::Run { what, why }
         };
         let mut command = Command::new(&self.program);
         command.args(&self.words).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
         let mut child = command.spawn().map_err(|e| refuse(format!("{}: {e}", self.program.display())))?;
-        let words = serde_json::to_vec(job).map_err(|e| refuse(e.to_string()))?;
+        let words = serde_json::to_vec(request).map_err(|e| refuse(e.to_string()))?;
         // Closed when dropped. A child that does not listen says why itself.
         let told = child.stdin.take().map_or(Ok(()), |mut pipe| pipe.write_all(&words));
         let output = child.wait_with_output().map_err(|e| refuse(e.to_string()))?;
@@ -214,10 +215,10 @@ pub(crate) fn load_average() -> Option<f64> {
 }
 
 /// Where a run's image goes, relative to the study's folder, without extension. `number` is the method's.
-pub(crate) fn image_stem(scene: &str, budget: Budget, number: usize) -> String {
+pub(crate) fn image_stem(scene: &str, budget: RunBudget, number: usize) -> String {
     let budget = match budget {
-        Budget::Spp(n) => format!("spp-{n}"),
-        Budget::TimeOf(n) => format!("time-of-{n}"),
+        RunBudget::Spp(n) => format!("spp-{n}"),
+        RunBudget::TimeOf(n) => format!("time-of-{n}"),
     };
-    format!("images/{}/{budget}-{number:02}", file_name(scene))
+    format!("images/{}/{budget}-{number:02}", safe_file_name(scene))
 }

@@ -2,15 +2,15 @@
 
 /// FNV-1a in 128 bits, after Fowler, Noll and Vo: tells files and settings apart that nobody made to be alike.
 #[derive(Clone, Debug)]
-pub struct Digest(u128);
+pub struct ContentHash(u128);
 
-impl Default for Digest {
+impl Default for ContentHash {
     fn default() -> Self {
         Self(0x6c62_272e_07bb_0142_62b8_2175_6295_c58d)
     }
 }
 
-impl Digest {
+impl ContentHash {
     /// Of nothing.
     pub fn new() -> Self {
         Self::default()
@@ -49,11 +49,11 @@ mod tests {
     #[test]
     fn digests_are_the_published_ones() {
         // Of the test vectors published with the function: nothing, "a", "foobar".
-        assert_eq!(Digest::new().hex(), "6c62272e07bb014262b821756295c58d");
-        assert_eq!(Digest::of(b"a").hex(), "d228cb696f1a8caf78912b704e4a8964");
-        assert_eq!(Digest::of(b"foobar").hex(), "343e1662793c64bf6f0d3597ba446f18");
-        let mut parts = Digest::new();
+        assert_eq!(ContentHash::new().hex(), "6c62272e07bb014262b821756295c58d");
+        assert_eq!(ContentHash::of(b"a").hex(), "d228cb696f1a8caf78912b704e4a8964");
+        assert_eq!(ContentHash::of(b"foobar").hex(), "343e1662793c64bf6f0d3597ba446f18");
+        let mut parts = ContentHash::new();
         [&b"foo"[..], b"bar"].iter().for_each(|part| parts.add(part));
-        assert_eq!(parts.hex(), Digest::of(b"foobar").hex());
+        assert_eq!(parts.hex(), ContentHash::of(b"foobar").hex());
     }
 }
