@@ -87,7 +87,7 @@ impl ReferenceImage {
 
     /// Its own variance as displayed, on a scale of 0 to 255: a quarter of the squared difference of its halves, which
     /// mean and variance tell but for their order.
-    fn own_srgb8(&self, variance: &[[f32; 3]]) -> Result<f64, dapple_metrics::Error> {
+    fn own_srgb8(&self, variance: &[[f32; 3]]) -> Result<f64, dapple_metrics::MetricsError> {
         let half = |sign: f32| -> Vec<[f32; 3]> {
             let values = self.mean.iter().zip(variance);
             values.map(|(r, v)| std::array::from_fn(|c| r[c] + sign * v[c].sqrt())).collect()
@@ -105,7 +105,7 @@ impl ReferenceImage {
     }
 
     /// An image against it; its own variance is taken out of MSE, relMSE and sRGB MSE wherever it is known.
-    pub(crate) fn measure(&self, image: &[[f32; 3]]) -> Result<MeasuredErrors, dapple_metrics::Error> {
+    pub(crate) fn measure(&self, image: &[[f32; 3]]) -> Result<MeasuredErrors, dapple_metrics::MetricsError> {
         let (x, r) = (Pixels::new(self.size, image)?, Pixels::new(self.size, &self.mean)?);
         let found = compare(x, r)?;
         let seen = flip(x, r, PIXELS_PER_DEGREE)?.mean;
