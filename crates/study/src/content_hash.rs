@@ -1,6 +1,6 @@
-//! A short name for what a result depends on.
+//! A hash of files and settings that a result depends on.
 
-/// FNV-1a in 128 bits, after Fowler, Noll and Vo: tells files and settings apart that nobody made to be alike.
+/// The FNV-1a hash in 128 bits, by Fowler, Noll and Vo. Not cryptographic: it detects changes, not forgeries.
 #[derive(Clone, Debug)]
 pub struct ContentHash(u128);
 
@@ -11,7 +11,7 @@ impl Default for ContentHash {
 }
 
 impl ContentHash {
-    /// Of nothing.
+    /// The hash of no bytes.
     pub fn new() -> Self {
         Self::default()
     }
@@ -23,20 +23,20 @@ impl ContentHash {
         }
     }
 
-    /// Adds a text, and where it ends.
+    /// Adds a text with its length.
     pub fn text(&mut self, text: &str) {
         self.add(&(text.len() as u64).to_le_bytes());
         self.add(text.as_bytes());
     }
 
-    /// Of these bytes.
+    /// The hash of these bytes.
     pub fn of(bytes: &[u8]) -> Self {
         let mut digest = Self::new();
         digest.add(bytes);
         digest
     }
 
-    /// 32 hexadecimal digits.
+    /// The hash as 32 hexadecimal digits.
     pub fn hex(&self) -> String {
         format!("{:032x}", self.0)
     }
@@ -47,8 +47,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn digests_are_the_published_ones() {
-        // Of the test vectors published with the function: nothing, "a", "foobar".
+    fn hashes_match_the_published_test_vectors() {
+        // Test vectors published with the function: nothing, "a", "foobar".
         assert_eq!(ContentHash::new().hex(), "6c62272e07bb014262b821756295c58d");
         assert_eq!(ContentHash::of(b"a").hex(), "d228cb696f1a8caf78912b704e4a8964");
         assert_eq!(ContentHash::of(b"foobar").hex(), "343e1662793c64bf6f0d3597ba446f18");

@@ -1,4 +1,4 @@
-//! References: files from elsewhere, or rendered once and kept.
+//! References: files of the user, or rendered once and kept.
 
 use crate::content_hash::ContentHash;
 use crate::reference_image::{FileHeader, ReferenceImage};
@@ -9,18 +9,18 @@ use dapple_core::{Control, Monitor};
 use dapple_scene::image::{Image, Layer, encode_exr, write_file};
 use std::path::{Path, PathBuf};
 
-/// Seeds of the halves: none that a study counts up to.
+/// Seeds of the two halves, far above those of runs.
 const SEEDS: [u64; 2] = [0xda99_1e01, 0xda99_1e02];
 
-/// What references are made of: the first that no method uses, so that no run shares its points. On the bundled
-/// teapot and cornell at 512 spp, `halton` is as good as `sobol`, and has a quarter of the MSE of `random`.
+/// Point sets for references: the first that no method uses, so that no run shares its points. On the bundled teapot and
+/// cornell at 512 spp, `halton` is as good as `sobol`, and has a quarter of the MSE of `random`.
 const POINTS: [&str; 3] = ["sobol", "halton", "random"];
 
-/// A reference that is at hand, or could be.
+/// The source of a reference.
 pub(crate) enum ReferenceSource {
-    /// A file from elsewhere, looked through.
+    /// A checked file of the user.
     File(ReferenceRecord),
-    /// To be rendered, unless it was: its record but for its own variance, and where it is kept.
+    /// Rendered unless its file exists: the record, still without its own variance, and the path.
     Rendered { record: ReferenceRecord, path: PathBuf },
 }
 
@@ -39,7 +39,7 @@ pub(crate) struct ReferenceFolder<'a> {
 }
 
 impl ReferenceFolder<'_> {
-    /// The file with this name: as a study's record calls it, and where it is.
+    /// The path of a file as in the study's record, and on the disk.
     fn place(&self, name: &str) -> Result<(String, PathBuf), StudyError> {
         let make = |folder: &Path| {
             std::fs::create_dir_all(folder).map_err(|e| StudyError::file(folder, "make the folder of references", e))
@@ -61,7 +61,7 @@ impl ReferenceFolder<'_> {
     }
 }
 
-/// Says what a scene's reference is, and refuses a file that is not.
+/// Decides on a scene's reference, and refuses a file that does not fit.
 pub(crate) fn plan_reference(
     plan: &Plan,
     scene: &ScenePlan,
@@ -92,7 +92,7 @@ pub(crate) fn plan_reference(
     Ok(ReferenceSource::Rendered { record, path })
 }
 
-/// Everything that a rendered reference depends on.
+/// All settings that a rendered reference depends on.
 fn settings(spp: u64, points: &str, subject: &Subject) -> Result<Vec<(&'static str, String)>, StudyError> {
     let view = &subject.view;
     let [w, h] = view.resolution;
@@ -112,7 +112,7 @@ fn depth(subject: &Subject) -> String {
     subject.scene.max_depth.map_or("unlimited".into(), |d| d.to_string())
 }
 
-/// Finds the reference, or renders it, and says what its own variance is; `None` where `monitor` said stop.
+/// Loads or renders the reference and adds its own variance to the record; `None` if `monitor` stopped it.
 pub(crate) fn load_or_render(
     wanted: ReferenceSource,
     subject: &Subject,
@@ -122,7 +122,7 @@ pub(crate) fn load_or_render(
         ReferenceSource::File(record) => return Ok(Some(record)),
         ReferenceSource::Rendered { record, path } => (record, path),
     };
-    // A file that is broken, or another's, is made anew.
+    // A broken file, or one of another reference, is rendered again.
     let kept = ReferenceImage::read(&path).ok();
     let kept = kept.filter(|(t, about)| about.attribute("study-key") == Some(&record.hash) && t.variance.is_some());
     let truth = match kept {
@@ -134,7 +134,7 @@ pub(crate) fn load_or_render(
     Ok(Some(record))
 }
 
-/// Two halves by two seeds.
+/// Renders two halves by two seeds.
 fn render(
     record: &ReferenceRecord,
     subject: &Subject,
@@ -160,7 +160,7 @@ fn render(
     Ok(Some(ReferenceImage::of_halves(subject.view.resolution, [&halves[0], &halves[1]])))
 }
 
-/// Writes it with all that it depends on in its header.
+/// Writes the reference with its settings in the header.
 fn keep(
     path: &Path,
     truth: ReferenceImage,
@@ -180,7 +180,7 @@ fn keep(
     Ok(truth)
 }
 
-/// A file from elsewhere: refused where its size differs, or what it says about itself.
+/// Checks the size, the pixels and the header of a user's file.
 fn given(plan: &Plan, file: &Path, subject: &Subject) -> Result<ReferenceRecord, StudyError> {
     let (whole, about) = ReferenceImage::read(file)?;
     let refuse = |why: String| StudyError::Reference { file: file.to_owned(), scene: subject.view.name.clone(), why };
@@ -193,7 +193,7 @@ fn given(plan: &Plan, file: &Path, subject: &Subject) -> Result<ReferenceRecord,
     };
     if let Some(at) = truth.mean.iter().position(|p| !p.iter().all(|v| v.is_finite())) {
         let (x, y) = (at % w as usize, at / w as usize);
-        return Err(refuse(format!("it is no number at column {x}, row {y}: mend or replace it")));
+        return Err(refuse(format!("its pixel at column {x}, row {y} is NaN or infinite; render a finite one")));
     }
     differences(plan, &about, subject).map_or(Ok(()), |why| Err(refuse(why)))?;
     let number = |key: &str| about.attribute(key).and_then(|text| text.parse().ok());
@@ -211,16 +211,12 @@ fn given(plan: &Plan, file: &Path, subject: &Subject) -> Result<ReferenceRecord,
     })
 }
 
-/// What the header of `dapple render` or of a study's reference says that is not so here.
+/// The first difference between the header (of `dapple render` or of a study's reference) and the study.
 fn differences(plan: &Plan, about: &FileHeader, subject: &Subject) -> Option<String> {
     let depth = depth(subject);
     let scene = &subject.scene.name;
     let expected = [
-        (
-            "study-scene",
-            subject.content.hex(),
-            "the scene's files have other contents now: leave the reference out to have one rendered",
-        ),
+        ("study-scene", subject.content.hex(), "the scene's files have changed; leave the reference out to render one"),
         ("study-max-depth", depth.clone(), "render it with the study's depth, or give the study its depth"),
         ("scene", scene.clone(), "it shows another scene"),
         ("max-depth", depth, "render it with the study's depth, or give the study its depth"),
@@ -230,22 +226,22 @@ fn differences(plan: &Plan, about: &FileHeader, subject: &Subject) -> Option<Str
     ];
     for (key, here, advice) in expected {
         if let Some(there) = about.attribute(key).filter(|there| *there != here) {
-            return Some(format!("its {} is {there}, and the study's {here}: {advice}", key.replace('-', " ")));
+            return Some(format!("its {} is \"{there}\", and the study's \"{here}\"; {advice}", key.replace('-', " ")));
         }
     }
-    // A run's own samples in the reference would hide their error.
+    // Runs that share samples with the reference would show too small an error.
     let points = kind(about.attribute("points")?);
     let seed = about.attribute("seed")?.parse().ok()?;
     let shares = plan.seeds.contains(&seed) && plan.methods.iter().any(|m| kind(&m.points) == points);
-    shares.then(|| format!("its points are {points} of seed {seed}, as those of runs are: render it with another seed"))
+    shares.then(|| format!("its points are {points} of seed {seed}, as in runs; render it with another seed"))
 }
 
-/// The name without parameters.
+/// The name without its parameters.
 fn kind(words: &str) -> &str {
     words.split(':').next().unwrap_or(words).trim()
 }
 
-/// A name as part of a file name.
+/// A name with characters that are safe in a file name, at most 80.
 pub(crate) fn safe_file_name(name: &str) -> String {
     let plain = |c: char| if c.is_alphanumeric() || "-_.".contains(c) { c } else { '-' };
     name.chars().map(plain).take(80).collect()

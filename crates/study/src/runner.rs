@@ -1,4 +1,4 @@
-//! Runs: what is asked for, and who makes it.
+//! Requests for runs, and the runners that make them.
 
 use crate::reference_image::ReferenceImage;
 use crate::references::safe_file_name;
@@ -13,21 +13,22 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-/// A run to be made.
+/// A request for a run; JSON on its way to another process.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct RunRequest {
     /// The scene.
     pub view: View,
-    /// How.
+    /// The method.
     pub method: Method,
-    /// Its filter, where that is a program of somebody else's.
+    /// The external program, if the method's filter is one.
     #[serde(default)]
     pub external: Option<External>,
-    /// What it is given.
+    /// The budget.
     pub budget: RunBudget,
-    /// Of its points.
+    /// The seed of the point set.
     pub seed: u64,
-    /// The samples that makes, in all.
+    /// The samples of the budget in total.
     pub asked: u64,
     /// The reference's file.
     pub reference: PathBuf,
@@ -35,22 +36,23 @@ pub struct RunRequest {
     pub threads: usize,
     /// The study's folder.
     pub folder: PathBuf,
-    /// Where the image and the sample map go, relative to the folder, without extension; if they are wanted.
+    /// The path for image and sample map, relative to the folder, without extension; `None` writes neither.
     pub image: Option<String>,
 }
 
-/// Who makes runs.
+/// Makes runs; see [`InProcess`] and [`Processes`].
 pub trait Runner {
-    /// Makes one.
+    /// Makes a run.
     ///
     /// # ImageErrors
     ///
-    /// Whatever keeps it from being made.
+    /// Errors of the scene, the reference or the render.
     fn run(&mut self, request: &RunRequest) -> Result<Run, StudyError>;
 }
 
-/// Makes runs in this process, on the current rayon pool. A scene is read once for all its runs, and warmed up by a
-/// image that nobody sees.
+/// Makes runs in this process, on the current rayon pool.
+///
+/// A scene is read once for all its runs, and warmed up by an image that is not recorded.
 pub struct InProcess {
     cpu: fn() -> Option<f64>,
     fresh: bool,
@@ -59,19 +61,19 @@ pub struct InProcess {
 }
 
 impl InProcess {
-    /// `cpu` tells this process' user and system seconds so far, where the system does.
+    /// A runner; `cpu` returns the user and system seconds of this process so far, if the system reports them.
     pub fn new(cpu: fn() -> Option<f64>) -> Self {
         Self { cpu, fresh: false, subject: None, truth: None }
     }
 
-    /// For a process that makes one run and ends: nothing is warmed up, and the run says so.
+    /// A runner without warm-up for a process that makes a single run, which is marked as `fresh`.
     pub fn fresh(cpu: fn() -> Option<f64>) -> Self {
         Self { fresh: true, ..Self::new(cpu) }
     }
 
     fn subject(&mut self, view: &View) -> Result<&Subject, StudyError> {
         if self.subject.as_ref().is_none_or(|s| s.view != *view) {
-            // The last one's memory first.
+            // Frees the previous scene first.
             self.subject = None;
             let subject = Subject::load(view)?;
             if !self.fresh {
@@ -83,7 +85,7 @@ impl InProcess {
     }
 }
 
-/// The first images of a process are slower than those that follow.
+/// Renders an image that is not recorded: the first images of a process are slower.
 fn warm_up(subject: &Subject) -> Result<(), StudyError> {
     let samples = WARM_UP_SPP * subject.frame()?.pixels() as u64;
     let method = Method::new("uniform", "sobol", "none");
@@ -100,7 +102,7 @@ impl Runner for InProcess {
         let size = request.view.resolution;
         if let Some((file, truth)) = self.truth.take_if(|(_, truth)| truth.size != size) {
             let scene = request.view.name.clone();
-            let why = format!("it is not of {}x{} pixels, nor of a multiple", size[0], size[1]);
+            let why = format!("its size is not {}x{} pixels or a multiple; render it again", size[0], size[1]);
             let averaged = truth.averaged_to(size).ok_or(StudyError::Reference { file: file.clone(), scene, why })?;
             self.truth = Some((file, averaged));
         }
@@ -111,7 +113,7 @@ impl Runner for InProcess {
         let shot = shoot(self.subject(&request.view)?, order, &mut NoMonitor, cpu)?;
         let what = || format!("{}, {}, seed {}", request.view.name, request.method, request.seed);
         let Some((_, truth)) = &self.truth else {
-            return Err(StudyError::Run { what: what(), why: "there is no reference".into() });
+            return Err(StudyError::Run { what: what(), why: "the reference is missing; open the study again".into() });
         };
         let measured = truth.measure(&shot.filtered.radiance);
         let measured = measured.map_err(|e| StudyError::Run { what: what(), why: e.to_string() })?;
@@ -155,7 +157,7 @@ impl Runner for InProcess {
     }
 }
 
-/// How an image was made, for its header.
+/// The settings of an image, for its header.
 fn attributes(request: &RunRequest) -> Vec<(String, String)> {
     let [w, h] = request.view.resolution;
     let list = [
@@ -180,7 +182,7 @@ pub struct Processes {
 }
 
 impl Processes {
-    /// `program` with these words behind it.
+    /// A runner that starts `program` with these arguments.
     pub fn new(program: &Path, words: &[&str]) -> Self {
         Self { program: program.to_owned(), words: words.iter().map(|w| (*w).to_owned()).collect() }
     }
@@ -197,7 +199,7 @@ impl Runner for Processes {
         command.args(&self.words).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
         let mut child = command.spawn().map_err(|e| refuse(format!("{}: {e}", self.program.display())))?;
         let words = serde_json::to_vec(request).map_err(|e| refuse(e.to_string()))?;
-        // Closed when dropped. A child that does not listen says why itself.
+        // The pipe closes when dropped. If the child ends early, its own error is reported first.
         let told = child.stdin.take().map_or(Ok(()), |mut pipe| pipe.write_all(&words));
         let output = child.wait_with_output().map_err(|e| refuse(e.to_string()))?;
         if !output.status.success() {
@@ -209,12 +211,12 @@ impl Runner for Processes {
     }
 }
 
-/// The machine's load average over the last minute, where the system tells.
+/// The machine's load average over the last minute, if the system reports it.
 pub(crate) fn load_average() -> Option<f64> {
     std::fs::read_to_string("/proc/loadavg").ok()?.split_whitespace().next()?.parse().ok()
 }
 
-/// Where a run's image goes, relative to the study's folder, without extension. `number` is the method's.
+/// The path of a run's image, relative to the study's folder, without extension. `number` is the method's.
 pub(crate) fn image_stem(scene: &str, budget: RunBudget, number: usize) -> String {
     let budget = match budget {
         RunBudget::Spp(n) => format!("spp-{n}"),

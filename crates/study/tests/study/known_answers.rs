@@ -1,4 +1,4 @@
-//! Studies whose outcome is known beforehand, each with a control that must come out otherwise.
+//! Studies with known results, each with a control that must differ.
 
 use crate::common::{Place, in_process};
 use dapple_metrics::{log_log_fit, ratio_interval};
@@ -33,9 +33,9 @@ fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len() as f64
 }
 
-/// STATISTICS S5: the harness's self-test. Root mean square errors fall with slope -0.5 +- 0.03, MSE with -1 +- 0.06.
+/// The MSE of independent samples falls with slope -1 +- 0.06.
 #[test]
-fn design_s5_independent_sampling_has_slope_minus_one() {
+fn independent_sampling_has_slope_minus_one() {
     let place = Place::new();
     let spp = [4, 16, 64, 256];
     let slope = |points: &str| {
@@ -95,7 +95,7 @@ fn a_sampler_wins_nothing_against_itself() {
     for spp in [8, 16] {
         let same = ratio(spp, spp);
         assert!(same.low < 1.0 && same.high > 1.0, "{same:?}");
-        assert!(same.high / same.low < 1.3, "so wide that it says nothing: {same:?}");
+        assert!(same.high / same.low < 1.3, "too wide: {same:?}");
     }
     let control = ratio(16, 8);
     assert!(control.high < 0.75 && control.low < 0.5 && control.high > 0.5, "{control:?}");

@@ -1,4 +1,4 @@
-//! References: rendered once, kept, and refused where they are another's.
+//! References: rendered once, kept, and refused if they do not fit.
 
 use crate::common::{Fake, Place};
 use dapple_core::Control;
@@ -59,7 +59,7 @@ fn a_reference_is_rendered_once() {
 }
 
 #[test]
-fn whatever_matters_makes_another_reference() {
+fn every_setting_that_matters_gives_another_reference() {
     let place = Place::new();
     let (first, _) = place.reference(place.draft(), "a");
     let changes = [
@@ -99,13 +99,13 @@ fn a_file_of_another_size_scene_or_setting_is_refused() {
     write_file(&place.path("wide.pfm"), &encode_pfm(&image([9, 8])).unwrap()).unwrap();
     let cases = [
         (place.path("wide.pfm"), "it is 9x8, and the study 8x8"),
-        (exr("scene.exr", &[("scene", "teapot")]), "its scene is teapot, and the study's tiny"),
-        (exr("depth.exr", &[("max-depth", "3")]), "its max depth is 3, and the study's"),
+        (exr("scene.exr", &[("scene", "teapot")]), "its scene is \"teapot\", and the study's \"tiny\""),
+        (exr("depth.exr", &[("max-depth", "3")]), "its max depth is \"3\", and the study's"),
         (exr("filter.exr", &[("pixel-filter", "Gaussian filter")]), "render it with --pixel-filter box"),
         (exr("without.exr", &[("without", "glossy")]), "effects are left out"),
         (exr("half.exr", &[("interrupted", "true")]), "it is unfinished"),
         (exr("seed.exr", &[("points", "sobol:seed=2"), ("seed", "2")]), "render it with another seed"),
-        (exr("content.exr", &[("study-scene", "0")]), "the scene's files have other contents now"),
+        (exr("content.exr", &[("study-scene", "0")]), "the scene's files have changed"),
         (place.path("none.exr"), "cannot read the reference"),
         (place.path("tiny.pbrt"), "tiny.pbrt"),
     ];
@@ -126,7 +126,7 @@ fn a_file_of_another_size_scene_or_setting_is_refused() {
 }
 
 #[test]
-fn a_study_s_own_reference_brings_its_variance_along() {
+fn a_reference_of_a_study_keeps_its_variance() {
     let place = Place::new();
     let (made, _) = place.reference(place.draft(), "a");
     let draft = place.with_reference(made.file.into());
@@ -136,7 +136,7 @@ fn a_study_s_own_reference_brings_its_variance_along() {
 }
 
 #[test]
-fn unknown_scenes_list_what_there_is() {
+fn unknown_scenes_list_the_known_ones() {
     let place = Place::new();
     let draft = place.draft().scenes(vec![ScenePlan::from("nonesuch")]);
     let said = place.refused(draft);
@@ -171,7 +171,7 @@ fn a_reference_of_a_multiple_of_the_size_is_averaged() {
 }
 
 #[test]
-fn ways_to_choose_lights_share_a_reference() {
+fn light_selections_share_a_reference() {
     let place = Place::new();
     let with = |lights: Lights, name: &str| {
         let mut draft = place.draft().samplers(vec!["uniform".into()]).time_of(0);

@@ -1,4 +1,4 @@
-//! What a report says of studies whose truth is known, and whether the page and the table say the same.
+//! Reports of studies with known results; page and table agree.
 
 use crate::synthesis::{Law, Study, errors, example};
 use dapple_study::summary::{RatioVerdict, Row};
@@ -394,7 +394,7 @@ fn broken_records_are_named() {
     std::fs::write(&runs, &whole[..whole.len() - 30]).unwrap();
     assert!(read(folder.path()).page.contains("3 of 4 runs are done"));
     std::fs::write(&runs, whole.replacen("\"seed\":1", "\"seed\":x", 1)).unwrap();
-    assert!(error(folder.path()).contains("runs.jsonl line 1"));
+    assert!(error(folder.path()).contains("runs.jsonl:1: "));
     std::fs::write(&runs, whole.repeat(2)).unwrap();
     assert!(read(folder.path()).page.contains("4 runs were made twice"));
     study.manifest.baseline.filter = "other".into();

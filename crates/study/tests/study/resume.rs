@@ -8,7 +8,7 @@ use std::io::{self, ErrorKind, Write};
 use std::path::PathBuf;
 
 #[test]
-fn methods_take_turns_run_by_run() {
+fn methods_alternate_run_by_run() {
     let place = Place::new();
     let study = place.study(place.plan(), "study", &mut Fake::default());
     let order: Vec<String> = study.runs().iter().map(label).collect();
@@ -98,7 +98,7 @@ fn runs_of_equal_time_take_the_time_of_the_baseline() {
     assert!((spp("uniform/sobol/gaussian") - (16.0 - 1e-4 / 1e-6 / 64.0)).abs() < 0.02);
 }
 
-/// Issue 5's self-test: a filter that costs time and does nothing loses, at equal time only.
+/// A filter that costs time and does nothing loses, at equal time only.
 #[test]
 fn a_slow_filter_loses_at_equal_time() {
     let place = Place::new();
@@ -118,9 +118,9 @@ fn a_slow_filter_loses_at_equal_time() {
     assert!(control.low <= 1.0 && control.high >= 1.0, "{control:?}");
 }
 
-/// A clock that is wrong about a method is found out by the first run, and its count mended once.
+/// A wrong model of a method's time is detected by the first run, and the count is corrected once.
 #[test]
-fn a_count_that_is_off_is_mended_once() {
+fn a_wrong_sample_count_is_corrected_once() {
     /// From the 9th run on, `variance` takes twice as long.
     struct Slower(Fake);
     impl dapple_study::Runner for Slower {
@@ -184,15 +184,15 @@ fn another_plan_in_the_folder_is_refused_with_the_difference() {
 }
 
 #[test]
-fn what_is_no_study_is_not_written_over() {
+fn broken_records_are_not_overwritten() {
     let place = Place::new();
     place.study(place.plan(), "study", &mut Fake::default());
     let file = place.path("study/runs.jsonl");
     let whole = place.text("study/runs.jsonl");
     let cases = [
-        (whole.replacen("\"seed\"", "\"sed\"", 1), "runs.jsonl:1: this is no run"),
-        (format!("{whole}nonsense\n"), "runs.jsonl:13: this is no run"),
-        (format!("{whole}{}\n", whole.lines().next().unwrap()), "runs.jsonl:13: this run is the 1th line's again"),
+        (whole.replacen("\"seed\"", "\"sed\"", 1), "runs.jsonl:1: not a run"),
+        (format!("{whole}nonsense\n"), "runs.jsonl:13: not a run"),
+        (format!("{whole}{}\n", whole.lines().next().unwrap()), "runs.jsonl:13: the same run as line 1"),
     ];
     for (text, message) in cases {
         std::fs::write(&file, &text).unwrap();
@@ -203,12 +203,12 @@ fn what_is_no_study_is_not_written_over() {
     std::fs::write(&file, &whole).unwrap();
     std::fs::remove_file(place.path("study/study.json")).unwrap();
     let said = place.open(place.plan(), "study").err().expect("refused").to_string();
-    assert!(said.contains("study.json, which says of what, is missing"), "{said}");
+    assert!(said.contains("runs.jsonl has runs, but their study.json is missing"), "{said}");
     assert_eq!(place.text("study/runs.jsonl"), whole);
 }
 
 #[test]
-fn one_process_at_a_time() {
+fn a_folder_is_locked_for_one_process() {
     let place = Place::new();
     let first = place.open(place.plan(), "study").unwrap();
     let said = place.open(place.plan(), "study").err().expect("refused").to_string();
@@ -248,7 +248,7 @@ fn a_full_disk_loses_nothing_that_was_done() {
         let said = study.run(&mut Fake::default(), &mut ()).unwrap_err().to_string();
         let kept = study.runs().len();
         let expected = format!("the {kept} runs before it are kept");
-        assert!(said.contains("cannot write down a finished run") && said.contains(&expected), "{said}");
+        assert!(said.contains("cannot store a finished run") && said.contains(&expected), "{said}");
         assert_eq!(kept, whole[..free].matches('\n').count());
         drop(study);
         place.study(place.plan(), &name, &mut Fake::default());
@@ -257,7 +257,7 @@ fn a_full_disk_loses_nothing_that_was_done() {
 }
 
 #[test]
-fn scenes_of_one_name_are_told_apart() {
+fn scenes_of_one_name_are_numbered() {
     let place = Place::new();
     let tiny = || place.draft().scenes.unwrap().remove(0);
     let named = |name: &str| {
@@ -271,6 +271,6 @@ fn scenes_of_one_name_are_told_apart() {
     assert_eq!(names, ["tiny", "tiny-2"]);
     let same = place.draft().scenes(vec![named("a"), named("a")]);
     let said = place.open(same.resolve().unwrap(), "other").err().expect("refused").to_string();
-    assert!(said.contains("\"a\" is no name of its own"), "{said}");
+    assert!(said.contains("scene name \"a\" is empty or used twice"), "{said}");
     assert_eq!("uniform".parse::<Method>().unwrap(), study.manifest().baseline);
 }
