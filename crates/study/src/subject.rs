@@ -46,6 +46,7 @@ pub enum Lights {
     /// Each as often as any other.
     Uniform,
     /// As was learned while rendering, per cell of space and orientation.
+    #[serde(alias = "learned")]
     Cells,
 }
 

@@ -5,14 +5,14 @@ use crate::record::{Method, RunBudget};
 use crate::recorded_study::RecordedStudy;
 use crate::summary::{COMPARED, FactorialEffect, HOLDS, RatioVerdict, Row, Summary, UNFAIR};
 
-/// What may be said of one method.
+/// The verdicts on one method.
 pub(super) struct MethodVerdicts {
     pub(super) method: String,
-    /// `wins on`, and where.
+    /// Wins, losses and undecided comparisons.
     pub(super) groups: Vec<VerdictGroup>,
 }
 
-/// Scenes that a method has in common.
+/// The scenes with one verdict.
 pub(super) struct VerdictGroup {
     pub(super) class: &'static str,
     pub(super) lead: String,
@@ -27,9 +27,9 @@ pub(super) struct ComparisonLine {
     pub(super) cells: Vec<TableCell>,
     pub(super) class: &'static str,
     pub(super) verdict: String,
-    /// Whether it holds beside all others.
+    /// True if the verdict also holds together with all others.
     pub(super) together: bool,
-    /// Why an interval that excludes 1 decides nothing.
+    /// The reason why an interval that excludes 1 is undecided.
     pub(super) unfair: String,
 }
 
@@ -44,7 +44,7 @@ pub(super) fn headline(recorded: &RecordedStudy, summary: &Summary) -> Option<Ru
     manifest.time_of.map(RunBudget::TimeOf).into_iter().chain(spp).find(compared)
 }
 
-/// One sentence a method, in their order, so that none is hidden.
+/// The verdicts on each method, in the order of the study.
 pub(super) fn method_verdicts(
     recorded: &RecordedStudy,
     summary: &Summary,
@@ -83,7 +83,7 @@ pub(super) fn method_verdicts(
     method_verdicts
 }
 
-/// Wins, losses and undecided ones.
+/// The numbers of wins, losses and undecided comparisons.
 pub(super) fn tally(summary: &Summary, budget: RunBudget) -> [usize; 3] {
     let words = budget.to_string();
     let rows = || summary.rows().iter().filter(|row| row.budget == words && row.metric == "relmse ratio");
@@ -91,7 +91,7 @@ pub(super) fn tally(summary: &Summary, budget: RunBudget) -> [usize; 3] {
         .map(|verdict| rows().filter(|row| RatioVerdict::of(row) == Some(verdict)).count())
 }
 
-/// Scene by scene, each with its methods in their order.
+/// The comparisons, scene by scene and method by method.
 pub(super) fn lines(
     recorded: &RecordedStudy,
     summary: &Summary,

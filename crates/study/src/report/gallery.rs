@@ -7,7 +7,7 @@ use dapple_metrics::{Pixels, downsample};
 use dapple_scene::image::{Encoding, Image, encode_png, encode_png_gray, encode_png_rgb, read_image};
 use std::path::Path;
 
-/// What all images of a page may take, in bytes of the page.
+/// The largest total size of all images, in bytes of the page.
 const ROOM: f64 = 3.5e6;
 
 /// Errors at both ends of the map's colours, as powers of ten: relative squared error.
@@ -27,7 +27,7 @@ pub(super) struct Embedded {
 /// Left, top, width and height.
 pub(super) type Crop = [u32; 4];
 
-/// What there is to see of a method.
+/// The images of a method.
 pub(super) struct MethodImages {
     /// Its place in the manifest.
     pub(super) method: usize,
@@ -39,7 +39,7 @@ pub(super) struct MethodImages {
     pub(super) white: Option<f64>,
 }
 
-/// What there is to see of a scene.
+/// The images of a scene.
 pub(super) struct Gallery {
     pub(super) budget: Option<RunBudget>,
     /// The same for all.
@@ -49,7 +49,7 @@ pub(super) struct Gallery {
     pub(super) crops: Vec<Crop>,
     pub(super) reference_crops: Vec<Embedded>,
     pub(super) tiles: Vec<MethodImages>,
-    /// What could not be shown, and why.
+    /// Images that cannot be shown, with the reasons.
     pub(super) problems: Vec<String>,
 }
 

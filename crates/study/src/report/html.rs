@@ -1,4 +1,4 @@
-//! The page: everything that the template shows, from the summary's rows.
+//! The HTML report: the values of the template, from the rows of the summary.
 
 use super::comparison_table::{
     ComparisonLine, FactorialLine, MethodVerdicts, factorial_lines, headline, lines, method_verdicts, tally,
@@ -31,11 +31,11 @@ struct ReportPage {
     legend: Vec<LegendEntry>,
     made: Vec<(&'static str, String)>,
     references: Vec<[String; 5]>,
-    /// Both ends of the scale of error maps.
+    /// The ends of the scale of error maps.
     error_scale: [String; 2],
 }
 
-/// What is compared first.
+/// The first comparison of the report.
 struct Headline {
     timed: bool,
     budget: String,
@@ -66,7 +66,7 @@ struct SceneSection {
     view: SceneImages,
 }
 
-/// Slopes and times to errors of a method.
+/// Slopes and times to error levels of a method.
 struct Cost {
     method: String,
     swatch: String,
@@ -75,10 +75,10 @@ struct Cost {
     times: Vec<[TableCell; 2]>,
 }
 
-/// Where a method's time goes.
+/// The time of a method by phase.
 struct Times {
     method: String,
-    /// In percent of the longest.
+    /// Percent of the longest time.
     shares: Vec<(&'static str, f64)>,
     cells: Vec<TableCell>,
 }
@@ -101,7 +101,7 @@ struct SceneImages {
     problems: Vec<String>,
 }
 
-/// Where a crop lies in the overview, in percent.
+/// The place of a crop in the overview, in percent.
 struct CropMark {
     label: &'static str,
     place: String,
@@ -160,7 +160,7 @@ pub(super) fn render(recorded: &RecordedStudy, summary: &Summary) -> Result<Stri
     .render()
 }
 
-/// What is not as planned.
+/// Deviations from the plan.
 fn remarks(recorded: &RecordedStudy) -> Vec<String> {
     let mut remarks = Vec::new();
     let mut remark = |count: usize, words: &str| {
@@ -175,7 +175,7 @@ fn remarks(recorded: &RecordedStudy) -> Vec<String> {
     remark(recorded.repeated, "runs were made twice; the last one counts.");
     remark(usize::from(recorded.torn), "line of runs.jsonl was cut off at its end and was left out.");
     let rejected = recorded.runs.iter().filter(|run| run.rejected > 0).count();
-    remark(rejected, "runs had samples that were no numbers.");
+    remark(rejected, "runs had samples that were NaN or infinite.");
     remarks
 }
 
@@ -204,7 +204,7 @@ fn made(recorded: &RecordedStudy) -> Vec<(&'static str, String)> {
         ("Threads", m.machine.threads.to_string()),
         ("System", m.machine.system.clone()),
         ("Load", load),
-        ("Depth", m.max_depth.map_or_else(|| "as the scenes say".into(), |depth| format!("at most {depth}"))),
+        ("Depth", m.max_depth.map_or_else(|| "each scene's".into(), |depth| format!("at most {depth}"))),
         ("Processes", format!("{fresh} of {} runs in a process of their own", recorded.runs.len())),
         ("Seeds", m.seeds.iter().map(u64::to_string).collect::<Vec<_>>().join(", ")),
         ("Runs", format!("{} of {}", recorded.runs.len(), recorded.expected())),
@@ -227,7 +227,7 @@ fn reference(scene: &SceneRecord) -> [String; 5] {
     ]
 }
 
-/// A budget within a sentence, behind "at".
+/// A budget in a sentence, after "at".
 fn phrase(budget: RunBudget) -> String {
     match budget {
         RunBudget::Spp(spp) => format!("{spp} spp"),
@@ -250,7 +250,7 @@ impl Builder<'_> {
         let ticks = manifest.spp.iter().map(|&spp| spp as f64).collect();
         let spp = Axis { title: "samples per pixel", ticks: Some(ticks) };
         let over_spp = log_log(&self.curves(scene, "spp"), &spp, &Axis { title: "relMSE", ticks: None });
-        // Bars of another budget than the table's would not be its numbers.
+        // The bars have the budget of the table.
         let times_budget = self.budget.unwrap_or(RunBudget::Spp(manifest.spp.last().copied().unwrap_or(0)));
         SceneSection {
             id: format!("scene-{index}"),
@@ -268,13 +268,13 @@ impl Builder<'_> {
         }
     }
 
-    /// Error against time; `None` where nothing has run yet.
+    /// The chart of error against time; `None` without runs.
     pub(super) fn over_seconds(&self, scene: &SceneRecord) -> Option<String> {
         let seconds = Axis { title: "seconds for an image", ticks: None };
         log_log(&self.curves(scene, "seconds"), &seconds, &Axis { title: "relMSE", ticks: None })
     }
 
-    /// The levels of error to which times are told, as they are written.
+    /// The error levels of the table, as text.
     pub(super) fn levels(&self, scene: &SceneRecord) -> Vec<String> {
         let mut levels: Vec<String> = Vec::new();
         for row in self.summary.rows().iter().filter(|row| row.scene == scene.name) {

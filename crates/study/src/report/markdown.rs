@@ -1,4 +1,4 @@
-//! The page's tables as Markdown, for pages that are not ours.
+//! The tables of the report as Markdown.
 
 use super::comparison_table::{factorial_lines, headline, lines, tally};
 use super::html::Builder;
@@ -35,12 +35,12 @@ pub(super) fn render(recorded: &RecordedStudy, summary: &Summary) -> String {
             [line.scene, line.method, verdict].into_iter().chain(line.cells[..5].iter().map(cell)).collect()
         });
         table(&mut page, &intro, &heads, rows);
-        let heads = ["scene", "counts", "filter", "counts alone", "filter alone", "both", "interplay"];
+        let heads = ["scene", "sampler", "filter", "sampler alone", "filter alone", "both", "interaction"];
         let rows = factorial_lines(recorded, summary, budget).into_iter().map(|square| {
             let parts = square.parts.iter().map(|(part, _)| cell(part));
             [square.scene, square.sampler, square.filter].into_iter().chain(parts).collect()
         });
-        table(&mut page, &format!("{what}: what the relMSE owes to what"), &heads, rows);
+        table(&mut page, &format!("{what}: relMSE by sampler and filter"), &heads, rows);
     }
     let builder = Builder { recorded, summary, names: &names, styles: &styles, budget: None };
     for scene in &manifest.scenes {
@@ -57,8 +57,8 @@ pub(super) fn render(recorded: &RecordedStudy, summary: &Summary) -> String {
         table(&mut page, &format!("{}, {}x{}", scene.name, scene.resolution[0], scene.resolution[1]), &heads, rows);
     }
     page.push_str(
-        "\n\\*: holds when the intervals are widened until all hold together (after Šidák). †: extrapolated by a fit, at most \
-         4 times beyond what was measured. ‡: of the mean curve. §: near the reference's own noise. –: not measured.\n",
+        "\nUndecided: the 95 % interval contains 1. \\*: holds with intervals widened so that all hold together (Šidák). †: extrapolated by a fit, at most \
+         4 times beyond the measured times. ‡: of the mean curve. §: affected by the noise of the reference. –: not measured.\n",
     );
     page
 }

@@ -1,4 +1,4 @@
-//! The curves of error against time as files of their own, for pages that are not ours.
+//! The curves of error against time as SVG files.
 
 use super::html::Builder;
 use super::log_log_chart::{SIZE, swatch};

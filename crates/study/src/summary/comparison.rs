@@ -1,23 +1,24 @@
-//! Who wins against the baseline, and who loses.
+//! Comparisons with the baseline.
 
 use super::run_table::{RunTable, error};
 use super::seed_statistic::SeedStatistic;
 use super::{COMPARED, CONFIDENCE, Row, Summary, TIME_TOLERANCE};
 use crate::record::{Run, RunBudget};
 
-/// What a ratio of errors against the baseline says.
+/// The verdict of a ratio of errors to the baseline's.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[non_exhaustive]
 pub enum RatioVerdict {
     /// The whole interval lies below 1.
     Win,
-    /// The interval holds 1, or the times differ too much to call it.
+    /// The interval contains 1, or the times differ by more than [`TIME_TOLERANCE`].
     Undecided,
     /// The whole interval lies above 1.
     Loss,
 }
 
 impl RatioVerdict {
-    /// As the notes begin.
+    /// The name, with which a note begins.
     pub fn words(self) -> &'static str {
         match self {
             Self::Win => "win",
@@ -26,7 +27,7 @@ impl RatioVerdict {
         }
     }
 
-    /// Of a row that is a ratio of errors; `None` for others.
+    /// The verdict of a row with a ratio; `None` for other rows.
     pub fn of(row: &Row) -> Option<Self> {
         let first = row.note.split(';').next()?;
         [Self::Win, Self::Undecided, Self::Loss].into_iter().find(|v| v.words() == first)

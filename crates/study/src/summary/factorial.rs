@@ -1,4 +1,4 @@
-//! {uniform, adaptive} x {no filter, filter}: what is due to which.
+//! The factorial design {uniform, adaptive} x {no filter, filter}.
 
 use super::Summary;
 use super::comparison::judge;
@@ -6,16 +6,17 @@ use super::run_table::{RunTable, error};
 use super::seed_statistic::SeedStatistic;
 use crate::record::{Method, Run, RunBudget};
 
-/// What changes from one corner of the square to another.
+/// An effect of the factorial design, as a ratio of relMSE.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum FactorialEffect {
     /// The sampler, without a filter.
     Sampler,
     /// The filter, with the baseline's sampler.
     Filter,
-    /// Both.
+    /// Sampler and filter together.
     Both,
-    /// Both over the product of each alone: below 1 they help each other.
+    /// Both over the product of each alone; below 1 they reinforce each other.
     Interaction,
 }
 
