@@ -13,13 +13,14 @@
 
 #![expect(clippy::print_stdout, reason = "a program: its table is its result")]
 
-use dapple::cluster_adaptive::{Adaptive, AdaptiveOptions, ErrorMap, MapErrors};
+use dapple::adaptive::{Adaptive, AdaptiveOptions, ErrorMap, MapErrors};
 use dapple::core::samplers::Uniform;
 use dapple::core::{Film, FirstHit, Frame, Limits, Needs, Render, Sampler, luminance};
 use dapple::geometry::Ray;
+use dapple::job::registry;
 use dapple::metrics::{Pixels, compare};
 use dapple::renderer::light::Target;
-use dapple::renderer::{World, integrator, registry};
+use dapple::renderer::{World, integrator};
 use dapple_scene::{self as scene, bundled};
 use glam::Vec3;
 use std::sync::Arc;

@@ -11,8 +11,9 @@
 #![expect(clippy::print_stdout, clippy::print_stderr, reason = "a program: its table is its result")]
 
 use dapple::core::{Frame, Limits, Render};
+use dapple::job::{Stage, registry};
 use dapple::metrics::{Pixels, block_ratios, compare};
-use dapple::renderer::{Stage, World, integrator, registry};
+use dapple::renderer::{World, integrator};
 use dapple::scene::image::{Encoding, Image, encode_png, read_image, write_file};
 use dapple_scene::{self as scene, pbrt};
 use std::path::{Path, PathBuf};

@@ -1,9 +1,10 @@
 //! Whether what is said of errors is so: HARD_CASES A13 and T03.
 
 use dapple::core::{Block, Draws, Estimate, Film, Frame, Integrator, Limits, Needs, Render, Sampler, TrainingLog};
+use dapple::job::Stage;
+use dapple::job::registry::{self, Setting};
 use dapple::metrics::{ratio_interval, student_t_quantile};
-use dapple::renderer::registry::{self, Setting};
-use dapple::renderer::{Stage, World, integrator};
+use dapple::renderer::{World, integrator};
 use dapple_scene::bundled;
 
 /// The same noise in every pixel: exponential, of mean and variance 1.

@@ -3,8 +3,9 @@
 //! approximate.
 
 use dapple::core::{Film, Frame, Limits, Render};
-use dapple::renderer::registry::{self, SAMPLERS, Setting};
-use dapple::renderer::{Stage, World, integrator};
+use dapple::job::Stage;
+use dapple::job::registry::{self, SAMPLERS, Setting};
+use dapple::renderer::{World, integrator};
 use dapple_conformance::statistics::{FAMILY, Pixels, count_trend, image_mean, images, power, sidak, two_sided};
 use dapple_scene::bundled;
 use std::sync::Arc;

@@ -3,7 +3,8 @@
 use crate::Result;
 use crate::measure::{Plan, errors};
 use dapple::core::{Frame, Limits, Render};
-use dapple::renderer::{Stage, World, integrator, registry};
+use dapple::job::{Stage, registry};
+use dapple::renderer::{World, integrator};
 use dapple::scene::image::{Encoding, Image, encode_pfm, read_image, write_file};
 use dapple_scene::bundled::Bundle;
 use std::path::Path;

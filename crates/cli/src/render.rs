@@ -20,10 +20,11 @@ use crate::{Failure, Outcome, Result, scene};
 use checkpoints::Checkpoints;
 use clap::CommandFactory;
 use clap::error::ErrorKind;
-use dapple_checkpoint::{Identity, Store};
 use dapple_core::{Error, Film, Filter, Needs, Sampler, Sharded, Unfiltered, streams};
+use dapple_job::checkpoint::{Identity, Store};
+use dapple_job::{Stage, WorldClusters};
 use dapple_renderer::light::LightChoice;
-use dapple_renderer::{Stage, World, WorldClusters, integrator, without};
+use dapple_renderer::{World, integrator, without};
 use dapple_scene::Scene;
 use dapple_scene::{Effect, Effects};
 use files::Files;
@@ -223,7 +224,7 @@ fn end(film: &Film, failure: Option<Failure>, resume: Option<Result<PathBuf>>) -
     }
 }
 
-/// Writes the files and says how it went. `unit` as in [`dapple_renderer::output::layers`].
+/// Writes the files and says how it went. `unit` as in [`dapple_job::output::layers`].
 fn deliver(mut report: Report<'_>, files: &Files, unit: f64, options: &Options) -> Result<()> {
     if report.film.record().samples == 0 {
         warn("stopped before the first sample: nothing is saved");

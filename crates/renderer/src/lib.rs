@@ -1,5 +1,5 @@
 //! The renderer of Dapple: scene description, pbrt-v4 reader, camera, lights, materials, effects,
-//! integrators, image files, and the registry of everything that can be chosen by name.
+//! integrators, image files.
 //!
 //! A [`dapple_scene::Scene`] is plain data with the lines it came from; [`Effects::of`](dapple_scene::Effects::of) says what it calls for;
 //! [`World::new`] makes it ready for rays; [`integrator()`] gives the path tracer specialised for it, and
@@ -12,22 +12,17 @@ struct Readme;
 
 pub mod blocks;
 pub mod camera;
-mod clusters;
 mod integrator;
 pub mod light;
 mod material;
 pub mod medium;
-pub mod memory;
-pub mod output;
 pub mod pixel_filter;
-pub mod registry;
 pub mod shading;
 mod space;
 mod texture;
 mod without;
 mod world;
 
-pub use clusters::{Stage, WorldClusters, WorldTriangles};
 pub use integrator::{PathTracer, code, integrator, integrator_with};
 pub use material::{MaterialError, Surface};
 pub use space::Space;

@@ -4,6 +4,7 @@ mod build;
 #[cfg(test)]
 mod frame_tests;
 mod placed;
+mod query;
 mod relief;
 #[cfg(test)]
 mod tests;

@@ -1,7 +1,7 @@
 //! Filters that are external programs.
 
 use dapple_core::{Film, Filter, Filtered, Needs, Unfiltered};
-use dapple_renderer::output::layers;
+use dapple_job::output::layers;
 use dapple_scene::image::{Encoding, Layer, Plane, encode_exr, read_image};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};

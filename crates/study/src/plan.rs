@@ -9,7 +9,7 @@ pub use name_list::split_names;
 
 use crate::{External, Lights, Method};
 use dapple_core::PointSet;
-use dapple_renderer::registry::{self, Setting};
+use dapple_job::registry::{self, Setting};
 use std::collections::BTreeSet;
 use std::path::PathBuf;
 

@@ -6,7 +6,7 @@ use crate::shot::{Order, shoot};
 use crate::subject::View;
 use crate::{External, Method, Run, RunBudget, StudyError, Subject};
 use dapple_core::NoMonitor;
-use dapple_renderer::output::sample_map;
+use dapple_job::output::sample_map;
 use dapple_scene::image::{Image, Layer, encode_exr, write_file};
 use serde::{Deserialize, Serialize};
 use std::io::Write;

@@ -3,9 +3,10 @@
 use crate::StudyError;
 use crate::content_hash::ContentHash;
 use dapple_core::{Frame, Limits, Render};
+use dapple_job::Stage;
+use dapple_job::registry::{self, Setting};
 use dapple_renderer::light::LightChoice;
-use dapple_renderer::registry::{self, Setting};
-use dapple_renderer::{Stage, World, integrator};
+use dapple_renderer::{World, integrator};
 use dapple_scene::files::{Disk, Files};
 use dapple_scene::pbrt::ReadOptions;
 use dapple_scene::{AnyOptions, bundled, read_any_from};

@@ -3,7 +3,7 @@
 use super::Options;
 use super::settings::{Methods, Settings};
 use crate::info;
-use dapple_checkpoint::Identity;
+use dapple_job::checkpoint::Identity;
 use dapple_scene::Scene;
 
 /// The pair that tells shards of one image apart.

@@ -2,7 +2,7 @@
 
 use clap::{Args, ValueEnum};
 use dapple_core::Shard;
-use dapple_renderer::registry;
+use dapple_job::registry;
 use dapple_scene::image::Format;
 use dapple_scene::{Effect, bundled};
 use std::path::{Path, PathBuf};

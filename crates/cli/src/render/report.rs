@@ -4,7 +4,7 @@ use super::memory::Expected;
 use super::settings::{Methods, Settings};
 use crate::info;
 use dapple_core::{Combine, Film, Filtered};
-use dapple_renderer::WorldClusters;
+use dapple_job::WorldClusters;
 use dapple_scene::Effects;
 use dapple_scene::Scene;
 use serde::Serialize;

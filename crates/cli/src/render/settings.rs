@@ -4,8 +4,8 @@ use super::Options;
 use super::options::PixelShape;
 use crate::{Failure, Result};
 use dapple_core::{Budget, Error, Filter, Frame, Limits, Memory, Needs, PointSet, Sampler, Shard, Sharded};
-use dapple_renderer::Stage;
-use dapple_renderer::registry::{self, Setting};
+use dapple_job::Stage;
+use dapple_job::registry::{self, Setting};
 use dapple_scene::{Effect, Effects};
 use dapple_scene::{PixelFilter, Scene};
 

@@ -5,8 +5,8 @@ use super::identity::{FILTER, SHARD, WORDS};
 use super::options::LightChoice;
 use crate::output::{tell, warn};
 use crate::{Failure, Result};
-use dapple_checkpoint::{Contents, Identity, Kind};
 use dapple_core::{Film, Frame, Shard, ShardFilm};
+use dapple_job::checkpoint::{Contents, Identity, Kind};
 use dapple_scene::image::{check_writable, write_file};
 use std::path::{Path, PathBuf};
 

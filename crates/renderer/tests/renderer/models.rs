@@ -4,8 +4,9 @@
 
 use dapple_core::{Frame, Limits, Render};
 use dapple_geometry::{Geometry as Tree, Mesh, Preset, Ray, Shape};
-use dapple_renderer::registry::{self, Setting};
-use dapple_renderer::{Stage, World, integrator};
+use dapple_job::Stage;
+use dapple_job::registry::{self, Setting};
+use dapple_renderer::{World, integrator};
 use dapple_scene::{AnyOptions, read_any, read_any_from};
 use glam::DVec3;
 use std::collections::{BTreeMap, BTreeSet};

@@ -1,4 +1,4 @@
-//! Wins and losses: in method_verdicts, and as tables.
+//! Wins and losses, as sentences and as tables.
 
 use super::table_cell::TableCell;
 use crate::record::{Method, RunBudget};
