@@ -1,22 +1,22 @@
 //! Runs by scene, method, budget and seed.
 
-use crate::folder::Recorded;
-use crate::record::{Budget, Manifest, Run};
+use crate::record::{Manifest, Run, RunBudget};
+use crate::recorded_study::RecordedStudy;
 use std::collections::BTreeMap;
 
 /// Runs of one scene, method and budget by seed.
 pub(super) type Seeds<'a> = BTreeMap<u64, &'a Run>;
 
 /// All runs; scenes and methods by their places in the manifest.
-pub(super) struct Grid<'a> {
+pub(super) struct RunTable<'a> {
     pub(super) manifest: &'a Manifest,
     pub(super) baseline: usize,
     cells: BTreeMap<(usize, usize, (bool, u64)), Seeds<'a>>,
     none: Seeds<'a>,
 }
 
-impl<'a> Grid<'a> {
-    pub(super) fn new(recorded: &'a Recorded) -> Self {
+impl<'a> RunTable<'a> {
+    pub(super) fn new(recorded: &'a RecordedStudy) -> Self {
         let manifest = &recorded.manifest;
         let mut cells: BTreeMap<_, Seeds<'a>> = BTreeMap::new();
         for run in &recorded.runs {
@@ -31,10 +31,10 @@ impl<'a> Grid<'a> {
     }
 
     /// Runs by seed, maybe none. The baseline's own time is that of its samples, so that these stand for it.
-    pub(super) fn at(&self, [scene, method]: [usize; 2], budget: Budget) -> &Seeds<'a> {
+    pub(super) fn at(&self, [scene, method]: [usize; 2], budget: RunBudget) -> &Seeds<'a> {
         let found = |budget| self.cells.get(&(scene, method, order(budget)));
         let instead = match budget {
-            Budget::TimeOf(spp) if method == self.baseline => found(Budget::Spp(spp)),
+            RunBudget::TimeOf(spp) if method == self.baseline => found(RunBudget::Spp(spp)),
             _ => None,
         };
         found(budget).or(instead).unwrap_or(&self.none)
@@ -47,29 +47,29 @@ impl<'a> Grid<'a> {
     }
 
     /// Those in samples, ascending, then the one in time.
-    pub(super) fn budgets(&self) -> Vec<Budget> {
-        let timed = self.manifest.time_of.map(Budget::TimeOf);
+    pub(super) fn budgets(&self) -> Vec<RunBudget> {
+        let timed = self.manifest.time_of.map(RunBudget::TimeOf);
         self.spp_budgets().into_iter().chain(timed).collect()
     }
 
-    pub(super) fn spp_budgets(&self) -> Vec<Budget> {
+    pub(super) fn spp_budgets(&self) -> Vec<RunBudget> {
         let mut spp = self.manifest.spp.clone();
         spp.sort_unstable();
         spp.dedup();
-        spp.into_iter().map(Budget::Spp).collect()
+        spp.into_iter().map(RunBudget::Spp).collect()
     }
 
     /// What both methods have of the same seeds.
-    pub(super) fn pairs(&self, scene: usize, methods: [usize; 2], budget: Budget) -> Vec<[&'a Run; 2]> {
+    pub(super) fn pairs(&self, scene: usize, methods: [usize; 2], budget: RunBudget) -> Vec<[&'a Run; 2]> {
         let [a, b] = methods.map(|method| self.at([scene, method], budget));
         a.iter().filter_map(|(seed, run)| Some([*run, *b.get(seed)?])).collect()
     }
 }
 
-fn order(budget: Budget) -> (bool, u64) {
+fn order(budget: RunBudget) -> (bool, u64) {
     match budget {
-        Budget::Spp(spp) => (false, spp),
-        Budget::TimeOf(spp) => (true, spp),
+        RunBudget::Spp(spp) => (false, spp),
+        RunBudget::TimeOf(spp) => (true, spp),
     }
 }
 

@@ -1,28 +1,28 @@
-//! `runs.jsonl`: one line for each finished run, whole or not there.
+//! `runs.jsonl`: one line per finished run, whole or absent.
 
 use crate::{Run, StudyError};
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
-/// Where lines go. Each is on the disk when `append` comes back.
-pub trait Store {
+/// A store of lines. Each line is on the disk when `append` returns; [`std::fs::File`] is one.
+pub trait RunStore {
     /// Adds bytes at the end.
     ///
     /// # Errors
     ///
-    /// The system's; then any part of the bytes may be there.
+    /// Errors of the system; any part of the bytes may then be stored.
     fn append(&mut self, bytes: &[u8]) -> io::Result<()>;
 
-    /// Makes it as short as it was before.
+    /// Cuts the store back to a length in bytes.
     ///
     /// # Errors
     ///
-    /// The system's.
+    /// Errors of the system.
     fn cut(&mut self, length: u64) -> io::Result<()>;
 }
 
-impl Store for File {
+impl RunStore for File {
     fn append(&mut self, bytes: &[u8]) -> io::Result<()> {
         self.seek(SeekFrom::End(0))?;
         self.write_all(bytes)?;
@@ -37,21 +37,20 @@ impl Store for File {
 }
 
 /// The finished runs of a study, in memory and on disk.
-pub struct Ledger {
+pub(crate) struct RunLog {
     path: PathBuf,
-    store: Box<dyn Store>,
+    store: Box<dyn RunStore>,
     length: u64,
     runs: Vec<Run>,
 }
 
-impl Ledger {
-    /// Opens a file, or makes one, for this process alone. What stands behind the last whole line was being written
-    /// when a process was killed: it is dropped.
+impl RunLog {
+    /// Opens or creates a file for this process alone. Drops an incomplete last line, which a killed process leaves.
     ///
     /// # Errors
     ///
-    /// [`StudyError::Busy`], [`StudyError::Line`] for a whole line that is no run, [`StudyError::File`].
-    pub fn open(path: &Path) -> Result<Self, StudyError> {
+    /// [`StudyError::Busy`], [`StudyError::Line`] for a whole line that is not a run, [`StudyError::File`].
+    pub(crate) fn open(path: &Path) -> Result<Self, StudyError> {
         let wrong = |action| move |e| StudyError::file(path, action, e);
         let file = OpenOptions::new().read(true).write(true).create(true).truncate(false).open(path);
         let mut file = file.map_err(wrong("open the file of runs"))?;
@@ -61,7 +60,7 @@ impl Ledger {
                 let folder = path.parent().unwrap_or(Path::new("")).to_owned();
                 return Err(StudyError::Busy { folder });
             }
-            // A file system without locks is no reason not to study.
+            // Some file systems have no locks; the study runs without.
             Err(TryLockError::Error(_)) => {}
         }
         let mut bytes = Vec::new();
@@ -75,35 +74,35 @@ impl Ledger {
         Ok(Self { path: path.to_owned(), store: Box::new(file), length, runs })
     }
 
-    /// The same with another store: for tests of what happens when a disk is full.
-    pub fn with_store(mut self, store: Box<dyn Store>) -> Self {
+    /// The log with another store, for tests of a full disk.
+    pub(crate) fn with_store(mut self, store: Box<dyn RunStore>) -> Self {
         self.store = store;
         self
     }
 
-    /// The finished runs, in the order in which they were finished.
-    pub fn runs(&self) -> &[Run] {
+    /// The finished runs in the order of their completion.
+    pub(crate) fn runs(&self) -> &[Run] {
         &self.runs
     }
 
-    /// Writes a run down.
+    /// Appends a run.
     ///
     /// # Errors
     ///
-    /// [`StudyError::File`]; the runs before it are still there, and nothing of this one.
-    pub fn append(&mut self, run: Run) -> Result<(), StudyError> {
+    /// [`StudyError::File`]; earlier runs are kept, and nothing of this one.
+    pub(crate) fn append(&mut self, run: Run) -> Result<(), StudyError> {
         let refuse = |source: io::Error, kept: usize| StudyError::File {
             path: self.path.clone(),
-            action: "write down a finished run",
+            action: "store a finished run",
             kept: format!(
-                "the {kept} runs before it are kept: mend that (is the disk full?) and give the same command again"
+                "the {kept} runs before it are kept; free some space if the disk is full, then repeat the command"
             ),
             source,
         };
         let mut line = serde_json::to_vec(&run).map_err(|e| refuse(e.into(), self.runs.len()))?;
         line.push(b'\n');
         if let Err(e) = self.store.append(&line) {
-            // Where even that fails, the torn line is dropped by whoever opens the file next.
+            // If this fails too, `open` drops the incomplete line next time.
             let _ = self.store.cut(self.length);
             return Err(refuse(e, self.runs.len()));
         }
@@ -117,11 +116,9 @@ fn parse(bytes: &[u8], path: &Path) -> Result<Vec<Run>, StudyError> {
     let mut runs: Vec<Run> = Vec::new();
     for (number, line) in bytes.split(|b| *b == b'\n').enumerate().filter(|(_, line)| !line.is_empty()) {
         let refuse = |why: String| StudyError::Line { file: path.to_owned(), line: number + 1, why };
-        let run: Run = serde_json::from_slice(line).map_err(|e| refuse(format!("this is no run: {e}")))?;
-        let same =
-            |r: &Run| r.scene == run.scene && r.method == run.method && r.budget == run.budget && r.seed == run.seed;
-        if let Some(at) = runs.iter().position(same) {
-            return Err(refuse(format!("this run is the {}th line's again", at + 1)));
+        let run: Run = serde_json::from_slice(line).map_err(|e| refuse(format!("not a run: {e}")))?;
+        if let Some(at) = runs.iter().position(|earlier| earlier.is_same_as(&run)) {
+            return Err(refuse(format!("the same run as line {}", at + 1)));
         }
         runs.push(run);
     }

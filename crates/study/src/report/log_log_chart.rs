@@ -1,14 +1,14 @@
 //! Curves of error, as SVG whose colours are the page's.
 
-use super::style::Style;
+use super::method_style::MethodStyle;
 use plotters::coord::Shift;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 /// A method's curve.
 #[derive(Clone, Debug)]
-pub(super) struct Curve {
-    pub(super) style: Style,
+pub(super) struct PlottedCurve {
+    pub(super) style: MethodStyle,
     /// x, y, and the ends of y's interval.
     pub(super) points: Vec<(f64, f64, Option<[f64; 2]>)>,
 }
@@ -38,29 +38,29 @@ const TEXT: RGBColor = RGBColor(4, 0, 0);
 const GRID: RGBColor = RGBColor(4, 0, 1);
 const FRAME: RGBColor = RGBColor(4, 0, 2);
 
-fn line(style: Style) -> RGBColor {
+fn line_colour(style: MethodStyle) -> RGBColor {
     RGBColor(1, style.dash as u8, style.colour as u8)
 }
 
-fn area(style: Style) -> RGBColor {
+fn band_colour(style: MethodStyle) -> RGBColor {
     RGBColor(2, 0, style.colour as u8)
 }
 
-fn mark(style: Style) -> RGBColor {
+fn mark_colour(style: MethodStyle) -> RGBColor {
     RGBColor(3, 0, style.colour as u8)
 }
 
 /// Logarithmic in both directions; `None` where there is no point to draw.
-pub(super) fn log_log(curves: &[Curve], x: &Axis, y: &Axis) -> Option<String> {
+pub(super) fn log_log(curves: &[PlottedCurve], x: &Axis, y: &Axis) -> Option<String> {
     let drawn = || curves.iter().flat_map(|curve| &curve.points);
     let x_range = range(drawn().map(|p| p.0), 0.03)?;
     let y_range = range(drawn().flat_map(|p| [p.1].into_iter().chain(p.2.into_iter().flatten())), 0.04)?;
-    let frame = Frame { x: x_range, y: y_range };
+    let area = PlotArea { x: x_range, y: y_range };
     let mut svg = String::new();
     {
         let root = SVGBackend::with_string(&mut svg, SIZE).into_drawing_area();
         // Drawing into a string does not fail.
-        let _ = draw(&root, &frame, curves, [x, y]);
+        let _ = draw(&root, &area, curves, [x, y]);
         let _ = root.present();
     }
     Some(recolour(&svg))
@@ -82,12 +82,12 @@ fn range(values: impl Iterator<Item = f64>, share: f64) -> Option<[f64; 2]> {
 }
 
 /// From values to pixels.
-struct Frame {
+struct PlotArea {
     x: [f64; 2],
     y: [f64; 2],
 }
 
-impl Frame {
+impl PlotArea {
     fn place(&self, x: f64, y: f64) -> Option<(i32, i32)> {
         (x > 0.0 && y > 0.0).then(|| {
             let share = |v: f64, [low, high]: [f64; 2]| (libm::log10(v) - low) / (high - low);
@@ -106,23 +106,23 @@ fn inner() -> [f64; 2] {
 type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 type Drawn<'a> = Result<(), DrawingAreaErrorKind<<SVGBackend<'a> as DrawingBackend>::ErrorType>>;
 
-fn draw<'a>(root: &Area<'a>, frame: &Frame, curves: &[Curve], axes: [&Axis; 2]) -> Drawn<'a> {
-    draw_axes(root, frame, axes)?;
+fn draw<'a>(root: &Area<'a>, area: &PlotArea, curves: &[PlottedCurve], axes: [&Axis; 2]) -> Drawn<'a> {
+    draw_axes(root, area, axes)?;
     for curve in curves {
         let ends =
-            |end: usize| curve.points.iter().filter_map(move |p| frame.place(p.0, p.2.map_or(p.1, |ends| ends[end])));
+            |end: usize| curve.points.iter().filter_map(move |p| area.place(p.0, p.2.map_or(p.1, |ends| ends[end])));
         if curve.points.iter().any(|p| p.2.is_some()) && curve.points.len() > 1 {
             let mut outline: Vec<_> = ends(0).collect();
             let upper: Vec<_> = ends(1).collect();
             outline.extend(upper.into_iter().rev());
-            root.draw(&Polygon::new(outline, area(curve.style).mix(0.13).filled()))?;
+            root.draw(&Polygon::new(outline, band_colour(curve.style).mix(0.13).filled()))?;
         } else if let ([(_, _, Some(_))], Some(low), Some(high)) = (&curve.points[..], ends(0).next(), ends(1).next()) {
-            root.draw(&PathElement::new([low, high], mark(curve.style).stroke_width(2)))?;
+            root.draw(&PathElement::new([low, high], mark_colour(curve.style).stroke_width(2)))?;
         }
     }
     for curve in curves {
-        let places: Vec<_> = curve.points.iter().filter_map(|p| frame.place(p.0, p.1)).collect();
-        root.draw(&PathElement::new(places.clone(), line(curve.style).stroke_width(2)))?;
+        let places: Vec<_> = curve.points.iter().filter_map(|p| area.place(p.0, p.1)).collect();
+        root.draw(&PathElement::new(places.clone(), line_colour(curve.style).stroke_width(2)))?;
         for place in places {
             draw_mark(root, place, curve.style)?;
         }
@@ -130,8 +130,8 @@ fn draw<'a>(root: &Area<'a>, frame: &Frame, curves: &[Curve], axes: [&Axis; 2]) 
     Ok(())
 }
 
-fn draw_mark<'a>(root: &Area<'a>, (x, y): (i32, i32), style: Style) -> Drawn<'a> {
-    let colour = mark(style);
+fn draw_mark<'a>(root: &Area<'a>, (x, y): (i32, i32), style: MethodStyle) -> Drawn<'a> {
+    let colour = mark_colour(style);
     let polygon = |corners: &[(i32, i32)]| {
         Polygon::new(corners.iter().map(|(dx, dy)| (x + dx, y + dy)).collect::<Vec<_>>(), colour.filled())
     };
@@ -160,14 +160,14 @@ fn draw_mark<'a>(root: &Area<'a>, (x, y): (i32, i32), style: Style) -> Drawn<'a>
     }
 }
 
-fn draw_axes<'a>(root: &Area<'a>, frame: &Frame, [x, y]: [&Axis; 2]) -> Drawn<'a> {
+fn draw_axes<'a>(root: &Area<'a>, area: &PlotArea, [x, y]: [&Axis; 2]) -> Drawn<'a> {
     let [left, top] = [MARGIN.left, MARGIN.top];
     let [right, bottom] = [SIZE.0 as i32 - MARGIN.right, SIZE.1 as i32 - MARGIN.bottom];
     let text = |size: u32, anchor| ("sans-serif", size).into_font().color(&TEXT).pos(anchor);
-    let middle = 10.0_f64.powf(0.5 * (frame.y[0] + frame.y[1]));
+    let middle = 10.0_f64.powf(0.5 * (area.y[0] + area.y[1]));
     let mut room = i32::MIN;
-    for value in ticks(x, frame.x, 6) {
-        let Some((px, _)) = frame.place(value, middle) else { continue };
+    for value in ticks(x, area.x, 6) {
+        let Some((px, _)) = area.place(value, middle) else { continue };
         root.draw(&PathElement::new([(px, top), (px, bottom)], GRID.stroke_width(1)))?;
         let label = tick_words(value);
         // Digits are about .6 of their size wide.
@@ -177,9 +177,9 @@ fn draw_axes<'a>(root: &Area<'a>, frame: &Frame, [x, y]: [&Axis; 2]) -> Drawn<'a
             room = px + half + 6;
         }
     }
-    let centre = 10.0_f64.powf(0.5 * (frame.x[0] + frame.x[1]));
-    for value in ticks(y, frame.y, 7) {
-        let Some((_, py)) = frame.place(centre, value) else { continue };
+    let centre = 10.0_f64.powf(0.5 * (area.x[0] + area.x[1]));
+    for value in ticks(y, area.y, 7) {
+        let Some((_, py)) = area.place(centre, value) else { continue };
         root.draw(&PathElement::new([(left, py), (right, py)], GRID.stroke_width(1)))?;
         let label = tick_words(value);
         root.draw(&Text::new(label, (left - 6, py), text(FONT, Pos::new(HPos::Right, VPos::Center))))?;
@@ -226,13 +226,13 @@ fn recolour(svg: &str) -> String {
     for (colour, name) in [(TEXT, "ink-soft"), (GRID, "grid"), (FRAME, "frame")] {
         svg = svg.replace(&hex(colour), &format!("var(--{name})"));
     }
-    for colour in 0..super::style::COLOURS {
-        let style = |dash| Style { colour, mark: 0, dash };
-        for dash in 0..super::style::DASHES.len() {
-            let new = format!("\"var(--c{colour})\" stroke-dasharray=\"{}\"", super::style::DASHES[dash]);
-            svg = svg.replace(&format!("\"{}\"", hex(line(style(dash)))), &new);
+    for colour in 0..super::method_style::COLOURS {
+        let style = |dash| MethodStyle { colour, mark: 0, dash };
+        for dash in 0..super::method_style::DASHES.len() {
+            let new = format!("\"var(--c{colour})\" stroke-dasharray=\"{}\"", super::method_style::DASHES[dash]);
+            svg = svg.replace(&format!("\"{}\"", hex(line_colour(style(dash)))), &new);
         }
-        for old in [area(style(0)), mark(style(0))] {
+        for old in [band_colour(style(0)), mark_colour(style(0))] {
             svg = svg.replace(&hex(old), &format!("var(--c{colour})"));
         }
     }
@@ -244,14 +244,14 @@ fn hex(RGBColor(r, g, b): RGBColor) -> String {
 }
 
 /// A bit of a method's line, for legends.
-pub(super) fn swatch(style: Style) -> String {
+pub(super) fn swatch(style: MethodStyle) -> String {
     let mut svg = String::new();
     let (width, height) = (34, 16);
     {
         let root = SVGBackend::with_string(&mut svg, (width, height)).into_drawing_area();
         let middle = height as i32 / 2;
         let drawn =
-            root.draw(&PathElement::new([(1, middle), (width as i32 - 1, middle)], line(style).stroke_width(2)));
+            root.draw(&PathElement::new([(1, middle), (width as i32 - 1, middle)], line_colour(style).stroke_width(2)));
         let _ = drawn.and_then(|()| draw_mark(&root, (width as i32 / 2, middle), style));
         let _ = root.present();
     }

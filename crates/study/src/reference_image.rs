@@ -1,46 +1,46 @@
-//! A reference in memory, and images against it.
+//! Reference images and errors against them.
 
-use crate::digest::Digest;
-use crate::{Errors, StudyError};
+use crate::content_hash::ContentHash;
+use crate::{ImageErrors, StudyError};
 use dapple_metrics::{
     NoisyReference, PIXELS_PER_DEGREE, Pixels, RELATIVE_EPSILON, compare, compare_corrected, downsample, flip,
 };
 use dapple_scene::image::{Channels, Encoding, Plane, read_attributes, read_channels, read_image};
 use std::path::Path;
 
-/// A reference image, and its own variance where that is known.
+/// A reference image with its own variance, where known.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Truth {
+pub(crate) struct ReferenceImage {
     pub(crate) size: [u32; 2],
     pub(crate) mean: Vec<[f32; 3]>,
-    /// Of the mean.
+    /// Variance of `mean`, in squared radiance.
     pub(crate) variance: Option<Vec<[f32; 3]>>,
 }
 
-/// A file's own words about itself, and its digest.
-pub(crate) struct About {
+/// The header of an image file, and the hash of the file.
+pub(crate) struct FileHeader {
     pub(crate) attributes: Vec<(String, String)>,
-    pub(crate) digest: Digest,
+    pub(crate) digest: ContentHash,
 }
 
-impl About {
-    /// The text of `dapple:KEY`.
-    pub(crate) fn says(&self, key: &str) -> Option<&str> {
+impl FileHeader {
+    /// The value of the attribute `dapple:KEY`.
+    pub(crate) fn attribute(&self, key: &str) -> Option<&str> {
         let known = |name: &str| name.strip_prefix("dapple:") == Some(key);
         self.attributes.iter().find(|(name, _)| known(name)).map(|(_, text)| text.as_str())
     }
 }
 
-/// An image's errors.
+/// The errors of an image against a reference.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Measured {
-    pub(crate) errors: Errors,
+pub(crate) struct MeasuredErrors {
+    pub(crate) errors: ImageErrors,
     pub(crate) corrected: bool,
     pub(crate) reference_limited: bool,
 }
 
-impl Truth {
-    /// Two independent halves: their mean, and its variance.
+impl ReferenceImage {
+    /// The mean of two independent halves, with its variance.
     pub(crate) fn of_halves(size: [u32; 2], [a, b]: [&[[f32; 3]]; 2]) -> Self {
         let both = |of: fn(f32, f32) -> f32| {
             a.iter().zip(b).map(|(a, b)| [0, 1, 2].map(|c| of(a[c], b[c]))).collect::<Vec<[f32; 3]>>()
@@ -49,22 +49,22 @@ impl Truth {
         Self { size, mean, variance: Some(both(|a, b| 0.25 * (a - b) * (a - b))) }
     }
 
-    /// Reads a file. Its variance is known where a study wrote it: elsewhere `variance` means a sample's.
-    pub(crate) fn read(path: &Path) -> Result<(Self, About), StudyError> {
+    /// Reads a file. Its variance is known if a study wrote it; in other files `variance` is that of a sample.
+    pub(crate) fn read(path: &Path) -> Result<(Self, FileHeader), StudyError> {
         let bytes = std::fs::read(path).map_err(|e| StudyError::file(path, "read the reference", e))?;
         let name = path.display().to_string();
         let image = read_image(&bytes, &name, Encoding::Auto)?;
-        // Other formats say nothing of themselves.
+        // Formats other than OpenEXR have no attributes.
         let attributes = read_attributes(&bytes, &name).unwrap_or_default();
-        let about = About { attributes, digest: Digest::of(&bytes) };
-        let variance = match about.says("study-key") {
+        let about = FileHeader { attributes, digest: ContentHash::of(&bytes) };
+        let variance = match about.attribute("study-key") {
             Some(_) => variance(&read_channels(&bytes, &name)?),
             None => None,
         };
         Ok((Self { size: image.size, mean: image.pixels, variance }, about))
     }
 
-    /// Averaged down to a size of which its own is a multiple; `None` where it is not.
+    /// The image averaged to a size whose multiple it has; `None` if it is not a multiple.
     pub(crate) fn averaged_to(self, size: [u32; 2]) -> Option<Self> {
         if self.size == size {
             return Some(self);
@@ -76,7 +76,7 @@ impl Truth {
         let mean = averaged(&self.mean)?;
         let variance = match &self.variance {
             None => None,
-            // That of a mean of so many independent pixels.
+            // The variance of the mean of independent pixels.
             Some(variance) => {
                 let pixels = (self.size[0] / size[0] * (self.size[1] / size[1])) as f32;
                 Some(averaged(variance)?.into_iter().map(|v| v.map(|v| v / pixels)).collect())
@@ -85,9 +85,9 @@ impl Truth {
         Some(Self { size, mean, variance })
     }
 
-    /// Its own variance as displayed, on a scale of 0 to 255: a quarter of the squared difference of its halves, which
-    /// mean and variance tell but for their order.
-    fn own_srgb8(&self, variance: &[[f32; 3]]) -> Result<f64, dapple_metrics::Error> {
+    /// The reference's own variance in sRGB values from 0 to 255: a quarter of the squared difference of its halves, which
+    /// mean and variance determine up to their order.
+    fn own_srgb8(&self, variance: &[[f32; 3]]) -> Result<f64, dapple_metrics::MetricsError> {
         let half = |sign: f32| -> Vec<[f32; 3]> {
             let values = self.mean.iter().zip(variance);
             values.map(|(r, v)| std::array::from_fn(|c| r[c] + sign * v[c].sqrt())).collect()
@@ -96,7 +96,7 @@ impl Truth {
         Ok(0.25 * compare(Pixels::new(self.size, &a)?, Pixels::new(self.size, &b)?)?.srgb8_mse)
     }
 
-    /// Its own variance, as relMSE against itself.
+    /// The reference's own variance as relMSE against itself.
     pub(crate) fn own_relmse(&self) -> Option<f64> {
         let variance = self.variance.as_ref()?;
         let values = self.mean.as_flattened().iter().zip(variance.as_flattened());
@@ -104,12 +104,12 @@ impl Truth {
         Some(sum / (3 * self.mean.len()) as f64)
     }
 
-    /// An image against it; its own variance is taken out of MSE, relMSE and sRGB MSE wherever it is known.
-    pub(crate) fn measure(&self, image: &[[f32; 3]]) -> Result<Measured, dapple_metrics::Error> {
+    /// The errors of an image; the reference's own variance, where known, is subtracted from MSE, relMSE and sRGB MSE.
+    pub(crate) fn measure(&self, image: &[[f32; 3]]) -> Result<MeasuredErrors, dapple_metrics::MetricsError> {
         let (x, r) = (Pixels::new(self.size, image)?, Pixels::new(self.size, &self.mean)?);
         let found = compare(x, r)?;
         let seen = flip(x, r, PIXELS_PER_DEGREE)?.mean;
-        let mut errors = Errors {
+        let mut errors = ImageErrors {
             mse: found.mse,
             relmse: found.rel_mse,
             relmse_trimmed: found.rel_mse_trimmed,
@@ -117,7 +117,7 @@ impl Truth {
             psnr: found.psnr,
             srgb8_mse: found.srgb8_mse,
             flip: seen,
-            // A black reference has no mean to divide by; JSON has no infinity.
+            // JSON has no infinity, which a black reference would give.
             mean_ratio: match found.mean_ratio {
                 ratio if ratio.is_finite() => ratio,
                 ratio if ratio.is_nan() => 1.0,
@@ -125,14 +125,14 @@ impl Truth {
             },
         };
         let Some(variance) = &self.variance else {
-            return Ok(Measured { errors, corrected: false, reference_limited: false });
+            return Ok(MeasuredErrors { errors, corrected: false, reference_limited: false });
         };
         let noisy = NoisyReference::Variance { mean: r, variance: Pixels::new(self.size, variance)? };
         let without = compare_corrected(x, noisy)?;
         (errors.mse, errors.relmse) = (without.mse.error, without.rel_mse.error);
         errors.srgb8_mse -= self.own_srgb8(variance)?;
         let reference_limited = without.mse.reference_limited() || without.rel_mse.reference_limited();
-        Ok(Measured { errors, corrected: true, reference_limited })
+        Ok(MeasuredErrors { errors, corrected: true, reference_limited })
     }
 }
 

@@ -13,17 +13,17 @@ pub(super) const DASHES: [&str; 5] = ["none", "7 4", "2 3", "10 3 2 3", "14 4"];
 
 /// Indices of colour, marker and dash.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Style {
+pub(super) struct MethodStyle {
     pub(super) colour: usize,
     pub(super) mark: usize,
     pub(super) dash: usize,
 }
 
 /// Of all methods, in their order.
-pub(super) fn styles(methods: &[Method]) -> Vec<Style> {
+pub(super) fn styles(methods: &[Method]) -> Vec<MethodStyle> {
     let mut samplers: Vec<(&str, &str)> = Vec::new();
     let mut filters: Vec<&str> = Vec::new();
-    let of = |[sampler, filter]: [usize; 2]| Style {
+    let of = |[sampler, filter]: [usize; 2]| MethodStyle {
         colour: sampler % COLOURS,
         mark: (sampler + sampler / COLOURS) % MARKS,
         dash: filter % DASHES.len(),

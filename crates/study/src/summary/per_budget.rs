@@ -1,8 +1,8 @@
 //! What each method is at each budget.
 
 use super::Summary;
-use super::figure::Figure;
-use super::grid::{Grid, Seeds, error};
+use super::run_table::{RunTable, Seeds, error};
+use super::seed_statistic::SeedStatistic;
 use crate::record::{Phases, Run};
 
 /// Seconds of one phase.
@@ -19,7 +19,7 @@ pub(crate) const PHASES: [(&str, OfPhases); 7] = [
     ("filter", |p| p.filter),
 ];
 
-pub(super) fn add(summary: &mut Summary, grid: &Grid<'_>) {
+pub(super) fn add(summary: &mut Summary, grid: &RunTable<'_>) {
     for at in grid.all() {
         for budget in grid.budgets() {
             let runs = grid.at(at, budget);
@@ -29,21 +29,21 @@ pub(super) fn add(summary: &mut Summary, grid: &Grid<'_>) {
             let values = |of: &dyn Fn(&Run) -> f64| -> Vec<f64> { runs.values().map(|run| of(run)).collect() };
             let mut put = |metric: &str, figure| summary.add(grid, at, Some(budget), metric, figure);
             for metric in ["mse", "relmse", "relmse_trimmed", "smape", "srgb8_mse", "flip"] {
-                let figure = Figure::geometric(&values(&|run| error(run, metric)));
+                let figure = SeedStatistic::geometric(&values(&|run| error(run, metric)));
                 put(metric, if metric.ends_with("mse") { figure.noted(&marks(runs, metric)) } else { figure });
             }
             for metric in ["psnr", "mean_ratio"] {
-                put(metric, Figure::arithmetic(&values(&|run| error(run, metric))));
+                put(metric, SeedStatistic::arithmetic(&values(&|run| error(run, metric))));
             }
-            put("spp", Figure::arithmetic(&values(&|run| run.spp)));
-            put("seconds", Figure::bare(median(values(&|run| run.render_s)), runs.len()).noted("median"));
+            put("spp", SeedStatistic::arithmetic(&values(&|run| run.spp)));
+            put("seconds", SeedStatistic::bare(median(values(&|run| run.render_s)), runs.len()).noted("median"));
             for (name, phase) in PHASES {
-                let figure = Figure::arithmetic(&values(&|run| phase(&run.seconds)));
+                let figure = SeedStatistic::arithmetic(&values(&|run| phase(&run.seconds)));
                 put(&format!("seconds {name}"), figure);
             }
             let predicted: Vec<f64> = predictions(runs);
             if !predicted.is_empty() {
-                put("predicted over true relmse", Figure::geometric(&predicted));
+                put("predicted over true relmse", SeedStatistic::geometric(&predicted));
             }
         }
     }

@@ -1,32 +1,32 @@
-//! Figures as people read them.
+//! Rounded values for tables.
 
 use crate::summary::{Row, number};
 
-/// A figure on the page: what is shown, and what `summary.csv` has.
+/// A value of the report, rounded and exact.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Cell {
-    /// [`Row::key`], so that a test finds its line.
+pub(super) struct TableCell {
+    /// [`Row::key`], which names the line of `summary.csv`.
     pub(super) key: String,
-    /// As in `summary.csv`.
+    /// The value as in `summary.csv`.
     pub(super) value: String,
     pub(super) low: String,
     pub(super) high: String,
-    /// Rounded.
+    /// The rounded value.
     pub(super) text: String,
-    /// The rounded interval; empty where there is none.
+    /// The rounded interval; empty without one.
     pub(super) interval: String,
     pub(super) note: String,
-    /// What a reader has to know beside the figure.
+    /// A footnote sign.
     pub(super) mark: &'static str,
 }
 
-impl Cell {
-    /// A dash for what is not there.
+impl TableCell {
+    /// A cell of three digits; a dash without a value.
     pub(super) fn of(row: Option<&Row>) -> Self {
         Self::with(row, short)
     }
 
-    /// Of a ratio.
+    /// A cell with a ratio.
     pub(super) fn ratio(row: Option<&Row>) -> Self {
         Self::with(row, ratio)
     }
@@ -50,7 +50,7 @@ impl Cell {
     }
 }
 
-/// Signs of what must not be overlooked; the page explains them.
+/// The footnote sign of a note; the report explains it.
 fn mark(note: &str) -> &'static str {
     if note.contains("extrapolated") {
         "†"
@@ -80,7 +80,7 @@ pub(super) fn short(value: f64) -> String {
     }
 }
 
-/// Two decimals, more only where these would be none.
+/// A ratio with two decimals, more below 0.095.
 pub(super) fn ratio(value: f64) -> String {
     match value.abs() {
         s if !(0.01..999.5).contains(&s) => short(value),

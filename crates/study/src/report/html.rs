@@ -1,18 +1,20 @@
-//! The page: everything that the template shows, from the summary's rows.
+//! The HTML report: the values of the template, from the rows of the summary.
 
-use super::chart::{Axis, Curve, log_log, swatch, tick_words};
-use super::images::{ERROR_DECADES, Embedded, Gallery, gallery};
-use super::style::{Style, names, styles};
-use super::verdicts::{Line, Sentence, Square, headline, lines, sentences, squares, tally};
-use super::words::{Cell, short};
-use crate::folder::Recorded;
-use crate::record::{Budget, SceneRecord};
-use crate::summary::{PHASES, Row, Summary, budget_words, number};
+use super::comparison_table::{
+    ComparisonLine, FactorialLine, MethodVerdicts, factorial_lines, headline, lines, method_verdicts, tally,
+};
+use super::gallery::{ERROR_DECADES, Embedded, Gallery, gallery};
+use super::log_log_chart::{Axis, PlottedCurve, log_log, swatch, tick_words};
+use super::method_style::{MethodStyle, names, styles};
+use super::table_cell::{TableCell, short};
+use crate::record::{RunBudget, SceneRecord};
+use crate::recorded_study::RecordedStudy;
+use crate::summary::{PHASES, Row, Summary, number};
 use askama::Template;
 
 #[derive(Template)]
 #[template(path = "report.html")]
-struct Page {
+struct ReportPage {
     style: &'static str,
     script: &'static str,
     scene_count: usize,
@@ -24,32 +26,32 @@ struct Page {
     remarks: Vec<String>,
     baseline: String,
     headline: Option<Headline>,
-    equal_spp: Vec<Line>,
-    scenes: Vec<Scene>,
-    legend: Vec<Legend>,
+    equal_spp: Vec<ComparisonLine>,
+    scenes: Vec<SceneSection>,
+    legend: Vec<LegendEntry>,
     made: Vec<(&'static str, String)>,
     references: Vec<[String; 5]>,
-    /// Both ends of the scale of error maps.
+    /// The ends of the scale of error maps.
     error_scale: [String; 2],
 }
 
-/// What is compared first.
+/// The first comparison of the report.
 struct Headline {
     timed: bool,
     budget: String,
     spp: u64,
     tally: [usize; 3],
-    sentences: Vec<Sentence>,
-    lines: Vec<Line>,
-    squares: Vec<Square>,
+    method_verdicts: Vec<MethodVerdicts>,
+    lines: Vec<ComparisonLine>,
+    factorial_lines: Vec<FactorialLine>,
 }
 
-struct Legend {
+struct LegendEntry {
     name: String,
     swatch: String,
 }
 
-struct Scene {
+struct SceneSection {
     id: String,
     name: String,
     source: String,
@@ -61,54 +63,54 @@ struct Scene {
     times: Vec<Times>,
     times_budget: String,
     points: Vec<PointLine>,
-    view: View,
+    view: SceneImages,
 }
 
-/// Slopes and times to errors of a method.
+/// Slopes and times to error levels of a method.
 struct Cost {
     method: String,
     swatch: String,
-    slopes: [Cell; 2],
+    slopes: [TableCell; 2],
     /// Seconds and ratio, level by level.
-    times: Vec<[Cell; 2]>,
+    times: Vec<[TableCell; 2]>,
 }
 
-/// Where a method's time goes.
+/// The time of a method by phase.
 struct Times {
     method: String,
-    /// In percent of the longest.
+    /// Percent of the longest time.
     shares: Vec<(&'static str, f64)>,
-    cells: Vec<Cell>,
+    cells: Vec<TableCell>,
 }
 
 struct PointLine {
     method: String,
     budget: String,
-    cells: Vec<Cell>,
+    cells: Vec<TableCell>,
     note: String,
 }
 
 /// Images of a scene.
-struct View {
+struct SceneImages {
     budget: String,
     exposure: String,
     overview: Option<Embedded>,
-    marks: Vec<Mark>,
+    marks: Vec<CropMark>,
     reference_crops: Vec<Embedded>,
-    tiles: Vec<Tile>,
+    tiles: Vec<MethodTile>,
     problems: Vec<String>,
 }
 
-/// Where a crop lies in the overview, in percent.
-struct Mark {
+/// The place of a crop in the overview, in percent.
+struct CropMark {
     label: &'static str,
     place: String,
 }
 
-struct Tile {
+struct MethodTile {
     method: String,
     swatch: String,
-    ratio: Option<Cell>,
+    ratio: Option<TableCell>,
     baseline: bool,
     crops: Vec<(Embedded, &'static str)>,
     error_map: Option<Embedded>,
@@ -118,15 +120,15 @@ struct Tile {
 
 const CROP_LABELS: [&str; 2] = ["A: where methods differ most", "B: a typical part"];
 
-pub(super) fn render(recorded: &Recorded, summary: &Summary) -> Result<String, askama::Error> {
+pub(super) fn render(recorded: &RecordedStudy, summary: &Summary) -> Result<String, askama::Error> {
     let manifest = &recorded.manifest;
     let names = names(&manifest.methods);
     let styles = styles(&manifest.methods);
     let budget = headline(recorded, summary);
     let base = manifest.methods.iter().position(|m| *m == manifest.baseline).unwrap_or(0);
-    let spp: Vec<Budget> = manifest.spp.iter().map(|&spp| Budget::Spp(spp)).collect();
+    let spp: Vec<RunBudget> = manifest.spp.iter().map(|&spp| RunBudget::Spp(spp)).collect();
     let view = Builder { recorded, summary, names: &names, styles: &styles, budget };
-    Page {
+    ReportPage {
         style: concat!(include_str!("../../templates/palette.css"), include_str!("../../templates/report.css")),
         script: include_str!("../../templates/report.js"),
         scene_count: manifest.scenes.len(),
@@ -138,19 +140,19 @@ pub(super) fn render(recorded: &Recorded, summary: &Summary) -> Result<String, a
         remarks: remarks(recorded),
         baseline: names[base].clone(),
         headline: budget.map(|budget| Headline {
-            timed: matches!(budget, Budget::TimeOf(_)),
+            timed: matches!(budget, RunBudget::TimeOf(_)),
             budget: phrase(budget),
             spp: match budget {
-                Budget::Spp(spp) | Budget::TimeOf(spp) => spp,
+                RunBudget::Spp(spp) | RunBudget::TimeOf(spp) => spp,
             },
             tally: tally(summary, budget),
-            sentences: sentences(recorded, summary, &names, budget),
+            method_verdicts: method_verdicts(recorded, summary, &names, budget),
             lines: lines(recorded, summary, &names, &[budget]),
-            squares: squares(recorded, summary, budget),
+            factorial_lines: factorial_lines(recorded, summary, budget),
         }),
         equal_spp: lines(recorded, summary, &names, &spp),
         scenes: manifest.scenes.iter().enumerate().map(|(i, scene)| view.scene(i, scene)).collect(),
-        legend: names.iter().zip(&styles).map(|(n, s)| Legend { name: n.clone(), swatch: swatch(*s) }).collect(),
+        legend: names.iter().zip(&styles).map(|(n, s)| LegendEntry { name: n.clone(), swatch: swatch(*s) }).collect(),
         made: made(recorded),
         references: manifest.scenes.iter().map(reference).collect(),
         error_scale: ERROR_DECADES.map(|decade| tick_words(libm::pow(10.0, decade))),
@@ -158,8 +160,8 @@ pub(super) fn render(recorded: &Recorded, summary: &Summary) -> Result<String, a
     .render()
 }
 
-/// What is not as planned.
-fn remarks(recorded: &Recorded) -> Vec<String> {
+/// Deviations from the plan.
+fn remarks(recorded: &RecordedStudy) -> Vec<String> {
     let mut remarks = Vec::new();
     let mut remark = |count: usize, words: &str| {
         if count > 0 {
@@ -173,11 +175,11 @@ fn remarks(recorded: &Recorded) -> Vec<String> {
     remark(recorded.repeated, "runs were made twice; the last one counts.");
     remark(usize::from(recorded.torn), "line of runs.jsonl was cut off at its end and was left out.");
     let rejected = recorded.runs.iter().filter(|run| run.rejected > 0).count();
-    remark(rejected, "runs had samples that were no numbers.");
+    remark(rejected, "runs had samples that were NaN or infinite.");
     remarks
 }
 
-fn made(recorded: &Recorded) -> Vec<(&'static str, String)> {
+fn made(recorded: &RecordedStudy) -> Vec<(&'static str, String)> {
     let m = &recorded.manifest;
     let unknown = || "unknown".to_owned();
     let loads: Vec<f64> = recorded.runs.iter().filter_map(|run| run.load).collect();
@@ -202,7 +204,7 @@ fn made(recorded: &Recorded) -> Vec<(&'static str, String)> {
         ("Threads", m.machine.threads.to_string()),
         ("System", m.machine.system.clone()),
         ("Load", load),
-        ("Depth", m.max_depth.map_or_else(|| "as the scenes say".into(), |depth| format!("at most {depth}"))),
+        ("Depth", m.max_depth.map_or_else(|| "each scene's".into(), |depth| format!("at most {depth}"))),
         ("Processes", format!("{fresh} of {} runs in a process of their own", recorded.runs.len())),
         ("Seeds", m.seeds.iter().map(u64::to_string).collect::<Vec<_>>().join(", ")),
         ("Runs", format!("{} of {}", recorded.runs.len(), recorded.expected())),
@@ -225,32 +227,32 @@ fn reference(scene: &SceneRecord) -> [String; 5] {
     ]
 }
 
-/// A budget within a sentence, behind "at".
-fn phrase(budget: Budget) -> String {
+/// A budget in a sentence, after "at".
+fn phrase(budget: RunBudget) -> String {
     match budget {
-        Budget::Spp(spp) => format!("{spp} spp"),
-        Budget::TimeOf(spp) => format!("equal time (that of {spp} spp)"),
+        RunBudget::Spp(spp) => format!("{spp} spp"),
+        RunBudget::TimeOf(spp) => format!("equal time (that of {spp} spp)"),
     }
 }
 
 pub(super) struct Builder<'a> {
-    pub(super) recorded: &'a Recorded,
+    pub(super) recorded: &'a RecordedStudy,
     pub(super) summary: &'a Summary,
     pub(super) names: &'a [String],
-    pub(super) styles: &'a [Style],
-    pub(super) budget: Option<Budget>,
+    pub(super) styles: &'a [MethodStyle],
+    pub(super) budget: Option<RunBudget>,
 }
 
 impl Builder<'_> {
-    fn scene(&self, index: usize, scene: &SceneRecord) -> Scene {
+    fn scene(&self, index: usize, scene: &SceneRecord) -> SceneSection {
         let manifest = &self.recorded.manifest;
         let levels = self.levels(scene);
         let ticks = manifest.spp.iter().map(|&spp| spp as f64).collect();
         let spp = Axis { title: "samples per pixel", ticks: Some(ticks) };
         let over_spp = log_log(&self.curves(scene, "spp"), &spp, &Axis { title: "relMSE", ticks: None });
-        // Bars of another budget than the table's would not be its numbers.
-        let times_budget = self.budget.unwrap_or(Budget::Spp(manifest.spp.last().copied().unwrap_or(0)));
-        Scene {
+        // The bars have the budget of the table.
+        let times_budget = self.budget.unwrap_or(RunBudget::Spp(manifest.spp.last().copied().unwrap_or(0)));
+        SceneSection {
             id: format!("scene-{index}"),
             name: scene.name.clone(),
             source: scene.source.clone(),
@@ -266,13 +268,13 @@ impl Builder<'_> {
         }
     }
 
-    /// Error against time; `None` where nothing has run yet.
+    /// The chart of error against time; `None` without runs.
     pub(super) fn over_seconds(&self, scene: &SceneRecord) -> Option<String> {
         let seconds = Axis { title: "seconds for an image", ticks: None };
         log_log(&self.curves(scene, "seconds"), &seconds, &Axis { title: "relMSE", ticks: None })
     }
 
-    /// The levels of error to which times are told, as they are written.
+    /// The error levels of the table, as text.
     pub(super) fn levels(&self, scene: &SceneRecord) -> Vec<String> {
         let mut levels: Vec<String> = Vec::new();
         for row in self.summary.rows().iter().filter(|row| row.scene == scene.name) {
@@ -285,18 +287,18 @@ impl Builder<'_> {
         levels
     }
 
-    fn curves(&self, scene: &SceneRecord, x: &str) -> Vec<Curve> {
+    fn curves(&self, scene: &SceneRecord, x: &str) -> Vec<PlottedCurve> {
         let manifest = &self.recorded.manifest;
         let of = |(i, method): (usize, &crate::record::Method)| {
             let point = |&spp: &u64| {
                 let find =
-                    |metric: &str| self.summary.find(&scene.name, method, &budget_words(Budget::Spp(spp)), metric);
+                    |metric: &str| self.summary.find(&scene.name, method, &RunBudget::Spp(spp).to_string(), metric);
                 let error = find("relmse")?;
                 let [x, y] = [find(x)?.value?, error.value?];
                 let drawn = x > 0.0 && y > 0.0;
                 drawn.then(|| (x, y, error.interval().filter(|ends| ends[0] > 0.0)))
             };
-            Curve { style: self.styles[i], points: manifest.spp.iter().filter_map(point).collect() }
+            PlottedCurve { style: self.styles[i], points: manifest.spp.iter().filter_map(point).collect() }
         };
         manifest.methods.iter().enumerate().map(of).filter(|curve| !curve.points.is_empty()).collect()
     }
@@ -307,21 +309,21 @@ impl Builder<'_> {
             let slopes = ["relmse slope over spp", "relmse slope over seconds"].map(find);
             slopes[0]?;
             let time = |level: &String| {
-                let seconds = Cell::of(find(&format!("seconds to relmse {level}")));
-                [seconds, Cell::ratio(find(&format!("seconds ratio to relmse {level}")))]
+                let seconds = TableCell::of(find(&format!("seconds to relmse {level}")));
+                [seconds, TableCell::ratio(find(&format!("seconds ratio to relmse {level}")))]
             };
             Some(Cost {
                 method: self.names[i].clone(),
                 swatch: swatch(self.styles[i]),
-                slopes: slopes.map(Cell::ratio),
+                slopes: slopes.map(TableCell::ratio),
                 times: levels.iter().map(time).collect(),
             })
         };
         self.recorded.manifest.methods.iter().enumerate().filter_map(of).collect()
     }
 
-    fn times(&self, scene: &SceneRecord, budget: Budget) -> Vec<Times> {
-        let words = budget_words(budget);
+    fn times(&self, scene: &SceneRecord, budget: RunBudget) -> Vec<Times> {
+        let words = budget.to_string();
         let mut found: Vec<(usize, Vec<Option<&Row>>)> = Vec::new();
         for (i, method) in self.recorded.manifest.methods.iter().enumerate() {
             let find = |name: &str| self.summary.find(&scene.name, method, &words, &format!("seconds {name}"));
@@ -336,19 +338,19 @@ impl Builder<'_> {
         let line = |(i, rows): (usize, Vec<Option<&Row>>)| Times {
             method: self.names[i].clone(),
             shares: PHASES.iter().zip(&rows).map(|((name, _), row)| (*name, share(row))).collect(),
-            cells: rows.into_iter().map(Cell::of).collect(),
+            cells: rows.into_iter().map(TableCell::of).collect(),
         };
         found.into_iter().map(line).collect()
     }
 
     fn points(&self, scene: &SceneRecord) -> Vec<PointLine> {
         let manifest = &self.recorded.manifest;
-        let spp = manifest.spp.iter().map(|&spp| Budget::Spp(spp));
-        let budgets: Vec<Budget> = spp.chain(manifest.time_of.map(Budget::TimeOf)).collect();
+        let spp = manifest.spp.iter().map(|&spp| RunBudget::Spp(spp));
+        let budgets: Vec<RunBudget> = spp.chain(manifest.time_of.map(RunBudget::TimeOf)).collect();
         let mut lines = Vec::new();
         for (method, name) in manifest.methods.iter().zip(self.names) {
             for &budget in &budgets {
-                let words = budget_words(budget);
+                let words = budget.to_string();
                 let find = |metric: &str| self.summary.find(&scene.name, method, &words, metric);
                 let Some(row) = find("relmse") else { continue };
                 let metrics =
@@ -356,7 +358,7 @@ impl Builder<'_> {
                 lines.push(PointLine {
                     method: name.clone(),
                     budget: words.clone(),
-                    cells: metrics.iter().map(|metric| Cell::of(find(metric))).collect(),
+                    cells: metrics.iter().map(|metric| TableCell::of(find(metric))).collect(),
                     note: row.note.clone(),
                 });
             }
@@ -364,22 +366,22 @@ impl Builder<'_> {
         lines
     }
 
-    fn view(&self, scene: &SceneRecord, gallery: Gallery) -> View {
+    fn view(&self, scene: &SceneRecord, gallery: Gallery) -> SceneImages {
         let manifest = &self.recorded.manifest;
-        let words = gallery.budget.map(budget_words).unwrap_or_default();
+        let words = gallery.budget.map(|budget| budget.to_string()).unwrap_or_default();
         let percent = |part: u32, whole: u32| 100.0 * f64::from(part) / f64::from(whole.max(1));
         let mark = |(crop, label): (&[u32; 4], &&'static str)| {
             let [w, h] = scene.resolution;
             let [x, y, cw, ch] = [percent(crop[0], w), percent(crop[1], h), percent(crop[2], w), percent(crop[3], h)];
-            Mark { label: &label[..1], place: format!("left:{x:.2}%;top:{y:.2}%;width:{cw:.2}%;height:{ch:.2}%") }
+            CropMark { label: &label[..1], place: format!("left:{x:.2}%;top:{y:.2}%;width:{cw:.2}%;height:{ch:.2}%") }
         };
-        let tile = |tile: super::images::Tile| {
+        let tile = |tile: super::gallery::MethodImages| {
             let method = &manifest.methods[tile.method];
             let row = self.summary.find(&scene.name, method, &words, "relmse ratio");
-            Tile {
+            MethodTile {
                 method: self.names[tile.method].clone(),
                 swatch: swatch(self.styles[tile.method]),
-                ratio: row.map(|row| Cell::ratio(Some(row))),
+                ratio: row.map(|row| TableCell::ratio(Some(row))),
                 baseline: *method == manifest.baseline,
                 crops: tile.crops.into_iter().zip(CROP_LABELS).collect(),
                 error_map: tile.error_map,
@@ -387,7 +389,7 @@ impl Builder<'_> {
                 white: tile.white.map(|white| if white.fract() == 0.0 { number(white) } else { short(white) }),
             }
         };
-        View {
+        SceneImages {
             budget: gallery.budget.map(phrase).unwrap_or_default(),
             exposure: match gallery.exposure_stops {
                 0.0 => "as rendered".into(),

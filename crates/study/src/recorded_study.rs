@@ -1,61 +1,68 @@
-//! A study's folder, read back.
+//! A study read back from its folder.
 
-use crate::record::{Budget, Manifest, Method, Run};
+use crate::record::{Manifest, Method, Run, RunBudget};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// Why a folder gives no report. Each message says what to do.
+/// An error of reading a study. Each message names the remedy.
 #[non_exhaustive]
 #[derive(Debug, thiserror::Error)]
 pub enum FolderError {
     /// A file that cannot be read.
-    #[error("cannot read {}: {source}; give the folder that `dapple study -o` wrote to", path.display())]
+    #[error("{}: cannot be read: {source}; pass the folder that `dapple study -o` wrote to", path.display())]
     Read {
-        /// Which.
+        /// The file.
         path: PathBuf,
-        /// The system's words.
+        /// The system's error.
         source: std::io::Error,
     },
-    /// A line that is no record. The last one, if cut off, is not counted as such.
-    #[error("{} line {line} is no record of a study: {source}; mend or remove the line", path.display())]
+    /// A line that is not a record; an incomplete last line is allowed.
+    #[error("{}:{line}: not a record of a study: {source}; correct or remove the line", path.display())]
     Malformed {
-        /// Which file.
+        /// The file.
         path: PathBuf,
-        /// Which line, from 1.
+        /// The line, from 1.
         line: usize,
-        /// What is wrong with it.
+        /// The error in it.
         source: serde_json::Error,
     },
-    /// A manifest that contradicts itself.
-    #[error("{} names a baseline that is none of its methods: add it to them", path.display())]
+    /// A manifest whose baseline is not one of its methods.
+    #[error("{}: the baseline is not one of the methods; add it to them", path.display())]
     Baseline {
-        /// Which file.
+        /// The file.
         path: PathBuf,
     },
 }
 
-/// What was planned, and what of it was done.
+/// A study read back: its manifest and its finished runs.
+///
+/// ```no_run
+/// let study = dapple_study::RecordedStudy::read("results".as_ref())?;
+/// println!("{} of {} runs", study.runs.len(), study.expected());
+/// # Ok::<(), dapple_study::FolderError>(())
+/// ```
 #[derive(Clone, Debug)]
-pub struct Recorded {
-    /// Where it lies.
+#[non_exhaustive]
+pub struct RecordedStudy {
+    /// The folder.
     pub folder: PathBuf,
     /// `study.json`.
     pub manifest: Manifest,
-    /// `runs.jsonl`, in the order of its lines; of runs made twice the last one.
+    /// The runs of `runs.jsonl` in the order of its lines; of repeated runs the last one.
     pub runs: Vec<Run>,
-    /// Lines left out: of scenes, methods, budgets or seeds that the manifest does not have.
+    /// The number of skipped lines whose scene, method, budget or seed is not in the manifest.
     pub foreign: usize,
-    /// Lines left out since a later one made the same run.
+    /// The number of skipped lines that a later line repeats.
     pub repeated: usize,
-    /// Whether the last line was cut off, as a full disk leaves it, and left out.
+    /// True if the last line was incomplete, as a full disk leaves it, and was skipped.
     pub torn: bool,
 }
 
-impl Recorded {
-    /// Reads `study.json` and `runs.jsonl`; no runs yet is no error.
+impl RecordedStudy {
+    /// Reads `study.json` and `runs.jsonl`; a study without runs is not an error.
     ///
     /// # Errors
-    /// [`FolderError`], which names the file and the line.
+    /// [`FolderError`] with file and line.
     pub fn read(folder: &Path) -> Result<Self, FolderError> {
         let path = folder.join("study.json");
         let manifest: Manifest = serde_json::from_slice(&read(&path)?).map_err(|source| FolderError::Malformed {
@@ -83,12 +90,12 @@ impl Recorded {
         Ok(Self { folder: folder.to_owned(), manifest, runs, foreign, repeated, torn })
     }
 
-    /// How many runs the manifest plans. A baseline whose equal-time runs were left out, since its samples are that
-    /// time, is not asked for them.
+    /// The number of planned runs. If only the baseline has no equal-time runs, none are expected of it: its runs at that
+    /// spp take their place.
     pub fn expected(&self) -> usize {
         let m = &self.manifest;
         let timed = |own: bool| {
-            let of_time = |run: &Run| matches!(run.budget, Budget::TimeOf(_)) && (run.method == m.baseline) == own;
+            let of_time = |run: &Run| matches!(run.budget, RunBudget::TimeOf(_)) && (run.method == m.baseline) == own;
             self.runs.iter().any(of_time)
         };
         let without = usize::from(timed(false) && !timed(true));
@@ -101,7 +108,7 @@ fn read(path: &Path) -> Result<Vec<u8>, FolderError> {
     std::fs::read(path).map_err(|source| FolderError::Read { path: path.to_owned(), source })
 }
 
-/// Runs line by line, and whether the last line was cut off.
+/// The runs line by line, and true if the last line was incomplete.
 fn lines(path: &Path, bytes: &[u8]) -> Result<(Vec<Run>, bool), FolderError> {
     let mut runs = Vec::new();
     let whole = bytes.is_empty() || bytes.ends_with(b"\n");
@@ -121,8 +128,8 @@ fn lines(path: &Path, bytes: &[u8]) -> Result<(Vec<Run>, bool), FolderError> {
 
 fn plans(manifest: &Manifest, run: &Run) -> bool {
     let budget = match run.budget {
-        Budget::Spp(spp) => manifest.spp.contains(&spp),
-        Budget::TimeOf(spp) => manifest.time_of == Some(spp),
+        RunBudget::Spp(spp) => manifest.spp.contains(&spp),
+        RunBudget::TimeOf(spp) => manifest.time_of == Some(spp),
     };
     budget
         && manifest.scenes.iter().any(|scene| scene.name == run.scene)
@@ -132,8 +139,8 @@ fn plans(manifest: &Manifest, run: &Run) -> bool {
 
 fn identity(run: &Run) -> (String, Method, (bool, u64), u64) {
     let budget = match run.budget {
-        Budget::Spp(spp) => (false, spp),
-        Budget::TimeOf(spp) => (true, spp),
+        RunBudget::Spp(spp) => (false, spp),
+        RunBudget::TimeOf(spp) => (true, spp),
     };
     (run.scene.clone(), run.method.clone(), budget, run.seed)
 }

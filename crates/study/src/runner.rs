@@ -1,10 +1,10 @@
-//! Runs: what is asked for, and who makes it.
+//! Requests for runs, and the runners that make them.
 
-use crate::references::file_name;
+use crate::reference_image::ReferenceImage;
+use crate::references::safe_file_name;
 use crate::shot::{Order, shoot};
 use crate::subject::View;
-use crate::truth::Truth;
-use crate::{Budget, External, Method, Run, StudyError, Subject};
+use crate::{External, Method, Run, RunBudget, StudyError, Subject};
 use dapple_core::NoMonitor;
 use dapple_job::output::sample_map;
 use dapple_scene::image::{Image, Layer, encode_exr, write_file};
@@ -13,21 +13,22 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-/// A run to be made.
+/// A request for a run; JSON on its way to another process.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Job {
+#[non_exhaustive]
+pub struct RunRequest {
     /// The scene.
     pub view: View,
-    /// How.
+    /// The method.
     pub method: Method,
-    /// Its filter, where that is a program of somebody else's.
+    /// The external program, if the method's filter is one.
     #[serde(default)]
     pub external: Option<External>,
-    /// What it is given.
-    pub budget: Budget,
-    /// Of its points.
+    /// The budget.
+    pub budget: RunBudget,
+    /// The seed of the point set.
     pub seed: u64,
-    /// The samples that makes, in all.
+    /// The samples of the budget in total.
     pub asked: u64,
     /// The reference's file.
     pub reference: PathBuf,
@@ -35,43 +36,44 @@ pub struct Job {
     pub threads: usize,
     /// The study's folder.
     pub folder: PathBuf,
-    /// Where the image and the sample map go, relative to the folder, without extension; if they are wanted.
+    /// The path for image and sample map, relative to the folder, without extension; `None` writes neither.
     pub image: Option<String>,
 }
 
-/// Who makes runs.
+/// Makes runs; see [`InProcess`] and [`Processes`].
 pub trait Runner {
-    /// Makes one.
+    /// Makes a run.
     ///
-    /// # Errors
+    /// # ImageErrors
     ///
-    /// Whatever keeps it from being made.
-    fn run(&mut self, job: &Job) -> Result<Run, StudyError>;
+    /// Errors of the scene, the reference or the render.
+    fn run(&mut self, request: &RunRequest) -> Result<Run, StudyError>;
 }
 
-/// Makes runs in this process, on the current rayon pool. A scene is read once for all its runs, and warmed up by a
-/// image that nobody sees.
+/// Makes runs in this process, on the current rayon pool.
+///
+/// A scene is read once for all its runs, and warmed up by an image that is not recorded.
 pub struct InProcess {
     cpu: fn() -> Option<f64>,
     fresh: bool,
     subject: Option<Subject>,
-    truth: Option<(PathBuf, Truth)>,
+    truth: Option<(PathBuf, ReferenceImage)>,
 }
 
 impl InProcess {
-    /// `cpu` tells this process' user and system seconds so far, where the system does.
+    /// A runner; `cpu` returns the user and system seconds of this process so far, if the system reports them.
     pub fn new(cpu: fn() -> Option<f64>) -> Self {
         Self { cpu, fresh: false, subject: None, truth: None }
     }
 
-    /// For a process that makes one run and ends: nothing is warmed up, and the run says so.
+    /// A runner without warm-up for a process that makes a single run, which is marked as `fresh`.
     pub fn fresh(cpu: fn() -> Option<f64>) -> Self {
         Self { fresh: true, ..Self::new(cpu) }
     }
 
     fn subject(&mut self, view: &View) -> Result<&Subject, StudyError> {
         if self.subject.as_ref().is_none_or(|s| s.view != *view) {
-            // The last one's memory first.
+            // Frees the previous scene first.
             self.subject = None;
             let subject = Subject::load(view)?;
             if !self.fresh {
@@ -83,7 +85,7 @@ impl InProcess {
     }
 }
 
-/// The first images of a process are slower than those that follow.
+/// Renders an image that is not recorded: the first images of a process are slower.
 fn warm_up(subject: &Subject) -> Result<(), StudyError> {
     let samples = WARM_UP_SPP * subject.frame()?.pixels() as u64;
     let method = Method::new("uniform", "sobol", "none");
@@ -93,48 +95,48 @@ fn warm_up(subject: &Subject) -> Result<(), StudyError> {
 const WARM_UP_SPP: u64 = 2;
 
 impl Runner for InProcess {
-    fn run(&mut self, job: &Job) -> Result<Run, StudyError> {
-        if self.truth.as_ref().is_none_or(|(file, _)| *file != job.reference) {
-            self.truth = Some((job.reference.clone(), Truth::read(&job.reference)?.0));
+    fn run(&mut self, request: &RunRequest) -> Result<Run, StudyError> {
+        if self.truth.as_ref().is_none_or(|(file, _)| *file != request.reference) {
+            self.truth = Some((request.reference.clone(), ReferenceImage::read(&request.reference)?.0));
         }
-        let size = job.view.resolution;
+        let size = request.view.resolution;
         if let Some((file, truth)) = self.truth.take_if(|(_, truth)| truth.size != size) {
-            let scene = job.view.name.clone();
-            let why = format!("it is not of {}x{} pixels, nor of a multiple", size[0], size[1]);
+            let scene = request.view.name.clone();
+            let why = format!("its size is not {}x{} pixels or a multiple; render it again", size[0], size[1]);
             let averaged = truth.averaged_to(size).ok_or(StudyError::Reference { file: file.clone(), scene, why })?;
             self.truth = Some((file, averaged));
         }
         let load = load_average();
         let (cpu, fresh) = (self.cpu, self.fresh);
-        let (external, threads) = (job.external.as_ref(), job.threads);
-        let order = Order { seed: job.seed, external, threads, ..Order::new(&job.method, job.asked) };
-        let shot = shoot(self.subject(&job.view)?, order, &mut NoMonitor, cpu)?;
-        let what = || format!("{}, {}, seed {}", job.view.name, job.method, job.seed);
+        let (external, threads) = (request.external.as_ref(), request.threads);
+        let order = Order { seed: request.seed, external, threads, ..Order::new(&request.method, request.asked) };
+        let shot = shoot(self.subject(&request.view)?, order, &mut NoMonitor, cpu)?;
+        let what = || format!("{}, {}, seed {}", request.view.name, request.method, request.seed);
         let Some((_, truth)) = &self.truth else {
-            return Err(StudyError::Run { what: what(), why: "there is no reference".into() });
+            return Err(StudyError::Run { what: what(), why: "the reference is missing; open the study again".into() });
         };
         let measured = truth.measure(&shot.filtered.radiance);
         let measured = measured.map_err(|e| StudyError::Run { what: what(), why: e.to_string() })?;
         let map = sample_map(&shot.film);
-        if let Some(stem) = &job.image {
-            let file = |extension: &str| job.folder.join(format!("{stem}.{extension}"));
+        if let Some(stem) = &request.image {
+            let file = |extension: &str| request.folder.join(format!("{stem}.{extension}"));
             if let Some(folder) = file("exr").parent() {
                 std::fs::create_dir_all(folder)
                     .map_err(|e| StudyError::file(folder, "make the folder of images", e))?;
             }
             let filtered = &shot.filtered;
             let image = Layer::of_image("", &Image::new(filtered.size, filtered.radiance.clone())?);
-            write_file(&file("exr"), &encode_exr(filtered.size, &[image], &attributes(job))?.bytes)?;
+            write_file(&file("exr"), &encode_exr(filtered.size, &[image], &attributes(request))?.bytes)?;
             write_file(&file("png"), &map.png()?)?;
         }
         let record = shot.film.record();
-        let named = |extension: &str| job.image.as_ref().map(|stem| format!("{stem}.{extension}"));
+        let named = |extension: &str| request.image.as_ref().map(|stem| format!("{stem}.{extension}"));
         Ok(Run {
-            scene: job.view.name.clone(),
-            method: job.method.clone(),
-            budget: job.budget,
-            seed: job.seed,
-            asked: job.asked,
+            scene: request.view.name.clone(),
+            method: request.method.clone(),
+            budget: request.budget,
+            seed: request.seed,
+            asked: request.asked,
             samples: record.samples,
             spp: record.samples as f64 / shot.film.frame().pixels() as f64,
             rays: shot.rays,
@@ -150,29 +152,29 @@ impl Runner for InProcess {
             fresh,
             image: named("exr"),
             sample_map: named("png"),
-            white: job.image.is_some().then_some(map.white),
+            white: request.image.is_some().then_some(map.white),
         })
     }
 }
 
-/// How an image was made, for its header.
-fn attributes(job: &Job) -> Vec<(String, String)> {
-    let [w, h] = job.view.resolution;
+/// The settings of an image, for its header.
+fn attributes(request: &RunRequest) -> Vec<(String, String)> {
+    let [w, h] = request.view.resolution;
     let list = [
         ("version", env!("CARGO_PKG_VERSION").to_owned()),
-        ("scene", job.view.name.clone()),
-        ("scene-file", job.view.source.clone()),
-        ("sampler", job.method.sampler.clone()),
-        ("points", job.method.points.clone()),
-        ("filter", job.method.filter.clone()),
-        ("seed", job.seed.to_string()),
-        ("budget", format!("{} samples", job.asked)),
+        ("scene", request.view.name.clone()),
+        ("scene-file", request.view.source.clone()),
+        ("sampler", request.method.sampler.clone()),
+        ("points", request.method.points.clone()),
+        ("filter", request.method.filter.clone()),
+        ("seed", request.seed.to_string()),
+        ("budget", format!("{} samples", request.asked)),
         ("resolution", format!("{w}x{h}")),
     ];
     list.into_iter().map(|(key, text)| (format!("dapple:{key}"), text)).collect()
 }
 
-/// Makes each run in a process of its own: a program that reads a [`Job`] as JSON from its standard input and writes
+/// Makes each run in a process of its own: a program that reads a [`RunRequest`] as JSON from its standard input and writes
 /// the [`Run`] as JSON to its standard output.
 pub struct Processes {
     program: PathBuf,
@@ -180,23 +182,24 @@ pub struct Processes {
 }
 
 impl Processes {
-    /// `program` with these words behind it.
+    /// A runner that starts `program` with these arguments.
     pub fn new(program: &Path, words: &[&str]) -> Self {
         Self { program: program.to_owned(), words: words.iter().map(|w| (*w).to_owned()).collect() }
     }
 }
 
 impl Runner for Processes {
-    fn run(&mut self, job: &Job) -> Result<Run, StudyError> {
+    fn run(&mut self, request: &RunRequest) -> Result<Run, StudyError> {
         let refuse = |why: String| {
-            let what = format!("{}, {}, seed {}, in a process of its own", job.view.name, job.method, job.seed);
+            let what =
+                format!("{}, {}, seed {}, in a process of its own", request.view.name, request.method, request.seed);
             StudyError::Run { what, why }
         };
         let mut command = Command::new(&self.program);
         command.args(&self.words).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
         let mut child = command.spawn().map_err(|e| refuse(format!("{}: {e}", self.program.display())))?;
-        let words = serde_json::to_vec(job).map_err(|e| refuse(e.to_string()))?;
-        // Closed when dropped. A child that does not listen says why itself.
+        let words = serde_json::to_vec(request).map_err(|e| refuse(e.to_string()))?;
+        // The pipe closes when dropped. If the child ends early, its own error is reported first.
         let told = child.stdin.take().map_or(Ok(()), |mut pipe| pipe.write_all(&words));
         let output = child.wait_with_output().map_err(|e| refuse(e.to_string()))?;
         if !output.status.success() {
@@ -208,16 +211,16 @@ impl Runner for Processes {
     }
 }
 
-/// The machine's load average over the last minute, where the system tells.
+/// The machine's load average over the last minute, if the system reports it.
 pub(crate) fn load_average() -> Option<f64> {
     std::fs::read_to_string("/proc/loadavg").ok()?.split_whitespace().next()?.parse().ok()
 }
 
-/// Where a run's image goes, relative to the study's folder, without extension. `number` is the method's.
-pub(crate) fn image_stem(scene: &str, budget: Budget, number: usize) -> String {
+/// The path of a run's image, relative to the study's folder, without extension. `number` is the method's.
+pub(crate) fn image_stem(scene: &str, budget: RunBudget, number: usize) -> String {
     let budget = match budget {
-        Budget::Spp(n) => format!("spp-{n}"),
-        Budget::TimeOf(n) => format!("time-of-{n}"),
+        RunBudget::Spp(n) => format!("spp-{n}"),
+        RunBudget::TimeOf(n) => format!("time-of-{n}"),
     };
-    format!("images/{}/{budget}-{number:02}", file_name(scene))
+    format!("images/{}/{budget}-{number:02}", safe_file_name(scene))
 }

@@ -1,13 +1,13 @@
 //! Crops beside the reference, maps of error and of samples; all as PNG inside the page.
 
-use crate::folder::Recorded;
-use crate::record::{Budget, Run, SceneRecord};
+use crate::record::{Run, RunBudget, SceneRecord};
+use crate::recorded_study::RecordedStudy;
 use base64::Engine;
 use dapple_metrics::{Pixels, downsample};
 use dapple_scene::image::{Encoding, Image, encode_png, encode_png_gray, encode_png_rgb, read_image};
 use std::path::Path;
 
-/// What all images of a page may take, in bytes of the page.
+/// The largest total size of all images, in bytes of the page.
 const ROOM: f64 = 3.5e6;
 
 /// Errors at both ends of the map's colours, as powers of ten: relative squared error.
@@ -27,8 +27,8 @@ pub(super) struct Embedded {
 /// Left, top, width and height.
 pub(super) type Crop = [u32; 4];
 
-/// What there is to see of a method.
-pub(super) struct Tile {
+/// The images of a method.
+pub(super) struct MethodImages {
     /// Its place in the manifest.
     pub(super) method: usize,
     /// One for each of [`Gallery::crops`]; none where there is no image.
@@ -39,29 +39,29 @@ pub(super) struct Tile {
     pub(super) white: Option<f64>,
 }
 
-/// What there is to see of a scene.
+/// The images of a scene.
 pub(super) struct Gallery {
-    pub(super) budget: Option<Budget>,
+    pub(super) budget: Option<RunBudget>,
     /// The same for all.
     pub(super) exposure_stops: f32,
     pub(super) overview: Option<Embedded>,
     /// The first is where methods differ most, the second a typical one.
     pub(super) crops: Vec<Crop>,
     pub(super) reference_crops: Vec<Embedded>,
-    pub(super) tiles: Vec<Tile>,
-    /// What could not be shown, and why.
+    pub(super) tiles: Vec<MethodImages>,
+    /// Images that cannot be shown, with the reasons.
     pub(super) problems: Vec<String>,
 }
 
 /// The sides of crops and of maps, so that the page stays small. Of 80 pixels, each is seen as about two by two.
-fn side(recorded: &Recorded) -> u32 {
+fn side(recorded: &RecordedStudy) -> u32 {
     let tiles = recorded.manifest.scenes.len() * recorded.manifest.methods.len();
     // Two crops of 3 bytes a pixel that hardly shrink, two maps that do, and a third more as base64.
     let side = (ROOM / tiles.max(1) as f64 / 10.5).sqrt().clamp(32.0, 80.0);
     side as u32 / 8 * 8
 }
 
-pub(super) fn gallery(recorded: &Recorded, scene: &SceneRecord) -> Gallery {
+pub(super) fn gallery(recorded: &RecordedStudy, scene: &SceneRecord) -> Gallery {
     let side = side(recorded);
     let mut problems = Vec::new();
     let reference = load(&recorded.folder, &scene.reference.file, &mut problems);
@@ -104,7 +104,7 @@ pub(super) fn gallery(recorded: &Recorded, scene: &SceneRecord) -> Gallery {
         let Some(run) = run else { continue };
         let map = run.sample_map.as_deref().and_then(|file| sample_map(&recorded.folder, file, side, &mut problems));
         let size = reference.as_ref().map_or([0, 0], |r| r.size);
-        gallery.tiles.push(Tile {
+        gallery.tiles.push(MethodImages {
             method,
             crops: images[method].as_ref().map_or_else(Vec::new, |p| cut_all(p, &gallery)),
             error_map: errors[method].as_ref().and_then(|e| error_map(e, size, side)),
@@ -117,23 +117,25 @@ pub(super) fn gallery(recorded: &Recorded, scene: &SceneRecord) -> Gallery {
 }
 
 /// The budget whose images are shown: equal time, else the most samples of which there are images.
-fn budget(recorded: &Recorded, scene: &SceneRecord) -> Option<Budget> {
+fn budget(recorded: &RecordedStudy, scene: &SceneRecord) -> Option<RunBudget> {
     let shown = || recorded.runs.iter().filter(|run| run.scene == scene.name && run.image.is_some());
-    let spp = |run: &Run| if let Budget::Spp(spp) = run.budget { Some(spp) } else { None };
-    let timed = shown().map(|run| run.budget).find(|b| matches!(b, Budget::TimeOf(_)));
-    timed.or(shown().filter_map(spp).max().map(Budget::Spp))
+    let spp = |run: &Run| if let RunBudget::Spp(spp) = run.budget { Some(spp) } else { None };
+    let timed = shown().map(|run| run.budget).find(|b| matches!(b, RunBudget::TimeOf(_)));
+    timed.or(shown().filter_map(spp).max().map(RunBudget::Spp))
 }
 
 /// The first run of it that has an image, or else a sample map.
-fn run<'a>(recorded: &'a Recorded, scene: &SceneRecord, method: usize, budget: Budget) -> Option<&'a Run> {
+fn run<'a>(recorded: &'a RecordedStudy, scene: &SceneRecord, method: usize, budget: RunBudget) -> Option<&'a Run> {
     let method = &recorded.manifest.methods[method];
-    let find = |budget: Budget, has: fn(&Run) -> bool| {
+    let find = |budget: RunBudget, has: fn(&Run) -> bool| {
         let fits = |run: &&Run| run.scene == scene.name && run.method == *method && run.budget == budget && has(run);
         recorded.runs.iter().find(fits)
     };
     let either = |budget| find(budget, |run| run.image.is_some()).or(find(budget, |run| run.sample_map.is_some()));
     match budget {
-        Budget::TimeOf(spp) if *method == recorded.manifest.baseline => either(budget).or(either(Budget::Spp(spp))),
+        RunBudget::TimeOf(spp) if *method == recorded.manifest.baseline => {
+            either(budget).or(either(RunBudget::Spp(spp)))
+        }
         _ => either(budget),
     }
 }

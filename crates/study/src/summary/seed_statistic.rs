@@ -5,7 +5,7 @@ use dapple_metrics::{geometric_mean_interval, mean_interval, ratio_interval};
 
 /// One figure before it has its place in the summary.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(super) struct Figure {
+pub(super) struct SeedStatistic {
     pub(super) value: Option<f64>,
     pub(super) ends: Option<[f64; 2]>,
     pub(super) n: usize,
@@ -14,7 +14,7 @@ pub(super) struct Figure {
 
 const ONE_SEED: &str = "one seed: no interval";
 
-impl Figure {
+impl SeedStatistic {
     /// The geometric mean; where a value has no logarithm, the arithmetic one, and the note says so.
     pub(super) fn geometric(values: &[f64]) -> Self {
         let without = values.iter().filter(|v| **v <= 0.0).count();
