@@ -3,9 +3,8 @@
 use dapple_geometry::{Geometry, Hit, Mesh, Preset, Ray, Shape};
 use dapple_scene::Effects;
 use dapple_scene::image::{Encoding, read_attributes, read_channels, read_image};
-use dapple_scene::model::{read_obj, read_stl};
+use dapple_scene::model::{read_obj, read_ply, read_stl};
 use dapple_scene::pbrt::{ReadOptions, read_scene_from};
-use dapple_scene::ply::read_ply;
 use glam::Vec3;
 
 /// A scene file, next to a mesh, an image and a file to include.
@@ -40,7 +39,7 @@ pub fn obj(data: &[u8]) {
     if let Ok(model) = read_obj(data) {
         model.meshes.iter().for_each(|mesh| mesh.data.check().expect("what is read is whole"));
     }
-    let _ = dapple_scene::model::read_model_from(files, "m.obj", &Default::default());
+    let _ = dapple_scene::read_any_from(files, "m.obj", &Default::default());
 }
 
 /// An STL mesh.

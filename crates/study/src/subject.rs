@@ -162,7 +162,7 @@ const CANARY_SPP: u64 = 4;
 /// Reads a scene and digests every byte that was read for it.
 fn read(source: &str, allow_unsupported: bool) -> Result<(Scene, ContentHash), StudyError> {
     let path = Path::new(source);
-    let wrong = |e: dapple_scene::pbrt::ReadError| StudyError::Scene(e.to_string());
+    let wrong = |e: dapple_scene::ReadError| StudyError::Scene(e.to_string());
     if let Some(bundle) = bundle(source) {
         let mut digest = ContentHash::new();
         for (name, bytes) in &bundle.files {

@@ -1,9 +1,9 @@
-//! What of a scene can be seen at all.
+//! The visible part of a scene.
 
 use crate::{Color, Instance, MaterialId, MaterialKind, MediumId, Scalar, Scene, Shape};
 
-/// What of a scene can be seen.
-pub(super) struct Used<'s> {
+/// The shapes, instances, materials and media that can be seen.
+pub(super) struct Visible<'s> {
     /// Shapes that stand in the world, and those of objects that do, each once.
     pub(super) shapes: Vec<&'s Shape>,
     /// Instances of objects that hold something.
@@ -14,7 +14,7 @@ pub(super) struct Used<'s> {
     pub(super) media: Vec<bool>,
 }
 
-impl<'s> Used<'s> {
+impl<'s> Visible<'s> {
     pub(super) fn of(scene: &'s Scene) -> Self {
         let object = |i: &Instance| scene.objects.get(i.object.0 as usize);
         let instances: Vec<_> =
@@ -25,25 +25,25 @@ impl<'s> Used<'s> {
         }
         let objects = scene.objects.iter().zip(stands).filter_map(|(object, stands)| stands.then_some(object));
         let shapes: Vec<_> = scene.shapes.iter().chain(objects.flat_map(|o| &o.shapes)).collect();
-        let mut used = Self {
+        let mut visible = Self {
             shapes,
             instances,
             materials: vec![false; scene.materials.len()],
             media: vec![false; scene.media.len()],
         };
-        for i in 0..used.shapes.len() {
-            let shape = used.shapes[i];
-            used.wear(scene, shape.material);
+        for i in 0..visible.shapes.len() {
+            let shape = visible.shapes[i];
+            visible.wear(scene, shape.material);
             let sides = shape.media.map(|m| [m.inside, m.outside]);
-            sides.into_iter().flatten().flatten().for_each(|m| used.border(m));
+            sides.into_iter().flatten().flatten().for_each(|m| visible.border(m));
         }
-        scene.camera.medium.into_iter().for_each(|m| used.border(m));
-        used
+        scene.camera.medium.into_iter().for_each(|m| visible.border(m));
+        visible
     }
 
     fn border(&mut self, medium: MediumId) {
-        if let Some(used) = self.media.get_mut(medium.0 as usize) {
-            *used = true;
+        if let Some(visible) = self.media.get_mut(medium.0 as usize) {
+            *visible = true;
         }
     }
 
@@ -52,7 +52,7 @@ impl<'s> Used<'s> {
         let mut waiting = vec![first];
         while let Some(id) = waiting.pop() {
             match self.materials.get_mut(id.0 as usize) {
-                Some(used) if !*used => *used = true,
+                Some(visible) if !*visible => *visible = true,
                 _ => continue,
             }
             if let MaterialKind::Mix { materials, amount } = &scene.materials[id.0 as usize].kind {
@@ -72,7 +72,7 @@ fn mixed(materials: &[MaterialId; 2], amount: Scalar) -> impl Iterator<Item = Ma
     (!without_first).then_some(first).into_iter().chain((!without_second).then_some(second))
 }
 
-/// The opacity of a shape in words, if it is not 1 throughout.
+/// The opacity of a shape as text, if it is not 1 throughout.
 pub(super) fn holes(shape: &Shape) -> Option<String> {
     match shape.alpha? {
         Scalar::Constant(alpha) if alpha >= 1.0 => None,
@@ -81,7 +81,7 @@ pub(super) fn holes(shape: &Shape) -> Option<String> {
     }
 }
 
-/// Whether a shape scatters nothing: a lamp's body, say, or a border of media.
+/// True if a shape scatters nothing: a lamp's black body, or an interface between media.
 pub(super) fn is_black(scene: &Scene, shape: &Shape) -> bool {
     match scene.materials.get(shape.material.0 as usize).map(|m| &m.kind) {
         Some(MaterialKind::Diffuse { reflectance }) => *reflectance == Color::Constant([0.0; 3]),
@@ -90,7 +90,7 @@ pub(super) fn is_black(scene: &Scene, shape: &Shape) -> bool {
     }
 }
 
-/// When what moves starts and when it arrives.
+/// The times at which motion starts and ends.
 pub(super) fn motion_span(scene: &Scene) -> [f64; 2] {
     match scene.motion_times {
         [first, second] if first == second => [first, first + 1.0],

@@ -1,10 +1,10 @@
-//! Light that a path tracer does not look for.
+//! Caustics of small lights, which a path tracer finds by chance only.
 
 use super::materials::lobes;
-use super::used::Used;
+use super::visible::Visible;
 use super::{Called, Effect};
-use crate::description::lamp::{Bounds, LampShape, LightNumber, powers};
-use crate::{Geometry, LightKind, MaterialId, MaterialKind, Scene, Shape, Source};
+use crate::description::light_power::{Bounds, LampShape, LightNumber, powers};
+use crate::{Geometry, MaterialId, MaterialKind, Scene, Shape, Source};
 use glam::DVec3;
 
 /// A lamp that fills less than this, in steradians, is found by fewer than one diffusely scattered ray in 3000
@@ -13,12 +13,12 @@ const SMALL: f64 = 1e-3;
 /// Share of all power below which a lamp does not count.
 const WORTH: f64 = 0.01;
 
-pub(super) fn found_by_chance(scene: &Scene, used: &Used<'_>) -> Option<Called> {
+pub(super) fn found_by_chance(scene: &Scene, visible: &Visible<'_>) -> Option<Called> {
     // One event is the refraction, another one sends the light to the camera.
     if scene.max_depth.is_some_and(|d| d < 2) {
         return None;
     }
-    let refracting = refracting(scene, used);
+    let refracting = refracting(scene, visible);
     let lights = powers(scene);
     let least = WORTH * lights.iter().map(|(_, power)| power).sum::<f64>();
     let mut found: Option<Called> = None;
@@ -55,7 +55,7 @@ struct Glass<'s> {
     centre: DVec3,
 }
 
-fn refracting<'s>(scene: &'s Scene, used: &Used<'s>) -> Vec<Glass<'s>> {
+fn refracting<'s>(scene: &'s Scene, visible: &Visible<'s>) -> Vec<Glass<'s>> {
     let mut found = Vec::new();
     let mut look = |shape: &'s Shape, to_world| {
         let Some(name) = smooth_glass(scene, shape.material) else { return };
@@ -64,7 +64,7 @@ fn refracting<'s>(scene: &'s Scene, used: &Used<'s>) -> Vec<Glass<'s>> {
         found.push(Glass { name, source: &shape.source, centre: bounds.centre() });
     };
     scene.shapes.iter().for_each(|s| look(s, s.to_world));
-    for instance in &used.instances {
+    for instance in &visible.instances {
         let object = &scene.objects[instance.object.0 as usize];
         object.shapes.iter().for_each(|s| look(s, instance.to_world * s.to_world));
     }
@@ -94,9 +94,9 @@ fn smooth_glass(scene: &Scene, id: MaterialId) -> Option<&str> {
 /// Upper bound of the solid angle that a light fills; `None` for one that is everywhere.
 fn solid_angle(scene: &Scene, light: LightNumber, from: DVec3) -> Option<f64> {
     match light {
-        LightNumber::Light(i) => match scene.lights[i].kind {
-            LightKind::Infinite { .. } => None,
-            _ => Some(0.0),
+        LightNumber::Light(i) => match scene.lights[i].kind.environment() {
+            Some(_) => None,
+            None => Some(0.0),
         },
         LightNumber::Shape(i) => {
             let shape = &scene.shapes[i];

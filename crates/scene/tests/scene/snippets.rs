@@ -1,10 +1,9 @@
-//! Short scenes for tests of what the reader makes of pbrt-v4's words.
-//!
-//! Not every test program that has this uses all of it.
+//! Short scenes for tests of the pbrt reader.
 #![allow(dead_code, unreachable_pub)]
 
+use dapple_scene::ReadError;
 use dapple_scene::image::{Image, encode_pfm};
-use dapple_scene::pbrt::{ReadError, ReadOptions, read_scene_from};
+use dapple_scene::pbrt::{ReadOptions, read_scene_from};
 use dapple_scene::{LightKind, MaterialKind, Scene};
 use image::{ImageFormat, RgbaImage};
 use std::collections::BTreeMap;
@@ -46,7 +45,7 @@ pub fn world(text: &str) -> Scene {
     read(&format!("{HEAD}{WORLD}{text}\n{TAIL}")).unwrap_or_else(|e| panic!("{text}: {e}"))
 }
 
-/// What is said about this text in an otherwise good world; its first line is line 4.
+/// The errors of this text in an otherwise valid world; its first line is line 4.
 pub fn complaint(text: &str) -> String {
     read(&format!("{HEAD}{WORLD}{text}\n{TAIL}")).map(|_| ()).expect_err(text).to_string()
 }

@@ -1,4 +1,4 @@
-//! What a model by itself is shown with: a camera that sees all of it, and a studio of our own.
+//! The camera and the studio light that a model by itself is shown with.
 
 use super::UpAxis;
 use crate::bundled::directions::{dot, lat_long_direction, mix, normalize, smoothstep};
@@ -11,7 +11,7 @@ use std::sync::{Arc, LazyLock};
 const FOV: f64 = 35.0;
 /// Sine of half of it; the same on every machine.
 const SIN_HALF_FOV: f64 = 0.300_705_799_504_273_1;
-/// Where the camera stands, seen from the model: to the front, to the right, up.
+/// Direction of the camera from the model: front, right, up.
 const VIEW: [f64; 3] = [1.0, 0.6, 0.45];
 /// Room about the model's sphere.
 const MARGIN: f64 = 1.02;
@@ -22,7 +22,7 @@ const RESOLUTION: [u32; 2] = [960, 720];
 /// Puts camera, film and light where they belong for everything between the corners that `points` gives.
 ///
 /// # Errors
-/// What is wrong with the model, and what to do.
+/// A model without extent, or too large.
 pub(super) fn set(
     scene: &mut Scene,
     points: impl Iterator<Item = DVec3> + Clone,
@@ -34,10 +34,10 @@ pub(super) fn set(
     let centre = low + 0.5 * (high - low);
     let radius = points.map(|p| p.distance(centre)).fold(0.0, f64::max);
     if !(centre.is_finite() && radius.is_finite()) {
-        return Err("the model is too large to be seen: its size overflows; scale it down");
+        return Err("the model is too large to be seen; its size overflows; scale it down");
     }
     if radius == 0.0 {
-        return Err("all corners of the model lie in one point: there is nothing to see");
+        return Err("all corners of the model lie in one point; there is nothing to see");
     }
     let (front, right, up) = up.axes();
     let towards = (VIEW[0] * front + VIEW[1] * right + VIEW[2] * up).normalize();

@@ -1,4 +1,4 @@
-//! What can be settled only when everything is read: names made after their use, and what is missing.
+//! Names that are used before they are defined, and checks that need the whole file.
 
 use super::reader::{Reader, unknown_name};
 use super::state::{MaterialRef, MediaRef};
@@ -9,7 +9,7 @@ use std::rc::Rc;
 /// Mixes of mixes of mixes; each level costs a choice per hit.
 const DEEPEST_MIX: u32 = 8;
 
-/// What refers to names that were not made when it came.
+/// References to names that were not defined at their use.
 #[derive(Default)]
 pub(super) struct Awaited {
     /// Shapes, with the name of their material and where it was named.
@@ -18,13 +18,13 @@ pub(super) struct Awaited {
     pub(super) mixes: Vec<(MaterialId, [String; 2])>,
     /// Shapes, with the names of what fills their sides.
     media: Vec<(ShapePlace, Rc<MediaRef>)>,
-    /// What is around the camera.
+    /// The medium around the camera.
     pub(super) camera: Option<Rc<MediaRef>>,
     /// Instances, with the name of their object.
     pub(super) instances: Vec<(usize, String)>,
 }
 
-/// Where a shape is kept.
+/// The place of a shape in the scene.
 #[derive(Clone, Copy)]
 struct ShapePlace {
     object: Option<ObjectId>,
@@ -42,7 +42,7 @@ impl Reader<'_> {
     pub(super) fn keep_shape(&mut self, mut shape: Shape) {
         let place = ShapePlace { object: self.object, index: self.shapes_here().len() };
         shape.material = self.current_material(&shape.source, place);
-        // Where both sides are alike, what is there anyway goes on.
+        // With the same medium on both sides, the surrounding medium stays.
         if let Some(media) = self.state.media.as_ref().filter(|m| m.inside != m.outside) {
             self.awaited.media.push((place, media.clone()));
         }
@@ -86,7 +86,7 @@ impl Reader<'_> {
         }
     }
 
-    /// Settles everything, and says what is missing.
+    /// Resolves all names, and reports missing parts of the scene.
     pub(super) fn check_complete(&mut self, whole: &Source) {
         let awaited = std::mem::take(&mut self.awaited);
         for (place, name, at) in awaited.materials {
@@ -101,22 +101,22 @@ impl Reader<'_> {
             self.log.problem(&block.source, format!("this {} is never closed", block.begin));
         }
         if !self.once.places.contains_key("WorldBegin") {
-            self.log.problem(whole, "there is no WorldBegin: the file holds no scene, or is cut off");
+            self.log.problem(whole, "there is no WorldBegin; the file holds no scene, or is cut off");
             return;
         }
         self.check_old_transport(whole);
         if !self.once.places.contains_key("Camera") {
-            self.log.problem(whole, "there is no Camera: add one before WorldBegin, as in Camera \"perspective\"");
+            self.log.problem(whole, "there is no Camera; add one before WorldBegin, as in Camera \"perspective\"");
         }
         if !self.once.places.contains_key("Film") {
             let [width, height] = self.scene.film.resolution;
-            self.log.notice(whole, format!("there is no Film: the image is {width}x{height}"));
+            self.log.notice(whole, format!("there is no Film; the image is {width}x{height}"));
         }
         if self.shapes_met == 0 {
-            self.log.problem(whole, "there are no shapes: add a Shape after WorldBegin");
+            self.log.problem(whole, "there are no shapes; add a Shape after WorldBegin");
         }
         if self.lights_met == 0 {
-            self.log.problem(whole, "nothing gives off light: add a LightSource, or an AreaLightSource before a Shape");
+            self.log.problem(whole, "nothing gives off light; add a LightSource, or an AreaLightSource before a Shape");
         }
         if self.log.has_problems() {
             return;
@@ -124,7 +124,7 @@ impl Reader<'_> {
         // What was left out may have been all there was.
         if self.scene.shapes.is_empty() && self.scene.instances.is_empty() {
             let what = if self.scene.objects.iter().any(|o| !o.shapes.is_empty()) {
-                "no shape stands in the world: place an object by ObjectInstance"
+                "no shape stands in the world; place an object by ObjectInstance"
             } else {
                 "no shapes remain once unsupported ones are left out"
             };
@@ -132,7 +132,7 @@ impl Reader<'_> {
         }
         let shines = self.scene.shapes.iter().any(|s| s.emission.is_some());
         if self.scene.lights.is_empty() && !shines {
-            self.log.problem(whole, "no lights remain: those that there are belong to no shape, or are not supported");
+            self.log.problem(whole, "no lights remain; those that there are belong to no shape, or are not supported");
         }
     }
 
@@ -169,7 +169,7 @@ impl Reader<'_> {
             if depths[mix.0 as usize] > DEEPEST_MIX && !self.log.has_problems() {
                 let Material { name, source, .. } = &self.scene.materials[mix.0 as usize];
                 let what = format!(
-                    "material {} mixes itself, or mixes more than {DEEPEST_MIX} deep: name other materials",
+                    "material {} mixes itself, or mixes more than {DEEPEST_MIX} deep; name other materials",
                     shown(name)
                 );
                 self.log.problem(&source.clone(), what);

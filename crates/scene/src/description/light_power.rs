@@ -1,16 +1,16 @@
-//! How large and how strong the lights of a description are, before anything is built from it.
+//! Sizes and powers of a description's lights.
 
-use super::{Emission, EnvironmentRadiance, Geometry, LightKind, Scene, Shape, SpotFalloff};
+use super::{Emission, Geometry, Scene, Shape};
 use dapple_core::luminance;
 use glam::{DAffine3, DVec3};
 use std::f64::consts::PI;
 
-/// A shape that shines, as seen from afar.
+/// The size and emission of a shape that emits light.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct LampShape {
     /// The light it gives off.
     pub(crate) emission: Emission,
-    /// Area of the side that shines, in square units of the file's world space.
+    /// Area of the emitting side, in square units of the file's world space.
     pub(crate) area: f64,
     /// Its area-weighted middle.
     pub(crate) centre: DVec3,
@@ -38,7 +38,7 @@ impl LampShape {
                 (area, centre, across.normalize_or_zero() * side)
             }
         };
-        // Not a number shines, so that whoever reads it refuses it.
+        // NaN passes here; validation rejects it later.
         (area != 0.0).then_some(Self { emission, area, centre, facing })
     }
 
@@ -77,19 +77,6 @@ fn mesh(shape: &Shape) -> Option<(f64, DVec3, DVec3)> {
     (area != 0.0).then(|| (area, moment / area, facing / area))
 }
 
-/// Whether a light that is no shape gives light. A number that is none does, so that whoever reads it refuses it.
-pub(crate) fn shines(kind: &LightKind) -> bool {
-    let black = |rgb: &[f32; 3]| *rgb == [0.0; 3];
-    match kind {
-        LightKind::Infinite { radiance: EnvironmentRadiance::Constant(rgb) } => !black(rgb),
-        LightKind::Infinite {
-            radiance: EnvironmentRadiance::LatLong { image, scale } | EnvironmentRadiance::EqualArea { image, scale },
-        } => *scale != 0.0 && !image.pixels.iter().all(black),
-        LightKind::Point { intensity } | LightKind::Spot { intensity, .. } => !black(intensity),
-        LightKind::Distant { irradiance } => !black(irradiance),
-    }
-}
-
 /// One of a scene's lights, by number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum LightNumber {
@@ -99,49 +86,15 @@ pub(crate) enum LightNumber {
     Light(usize),
 }
 
-/// Every light that shines, with its radiant power, luminance-weighted: what an infinitely far one sends into the
-/// scene's bounding sphere. The renderer's selection of lights by power weighs them alike, but for rounding.
+/// Every light that is not black, with its luminance-weighted radiant power. An infinitely far light counts with its
+/// power into the scene's bounding sphere. The renderer's selection of lights by power weighs them alike, but for rounding.
 pub(crate) fn powers(scene: &Scene) -> Vec<(LightNumber, f64)> {
     let lamp = |(i, shape)| LampShape::of(shape).map(|lamp| (LightNumber::Shape(i), luminance(lamp.power())));
     let mut found: Vec<_> = scene.shapes.iter().enumerate().filter_map(lamp).collect();
     let disk = PI * radius(scene).powi(2);
-    let lights = scene.lights.iter().enumerate().filter(|(_, l)| shines(&l.kind));
-    found.extend(lights.map(|(i, light)| (LightNumber::Light(i), power(&light.kind, disk))));
+    let lights = scene.lights.iter().enumerate().filter(|(_, l)| l.kind.shines());
+    found.extend(lights.map(|(i, light)| (LightNumber::Light(i), light.kind.power(disk))));
     found
-}
-
-/// `disk` is the area that the scene shows to light from infinitely far.
-fn power(kind: &LightKind, disk: f64) -> f64 {
-    let brightness = |rgb: &[f32; 3]| luminance(rgb.map(f64::from));
-    match kind {
-        LightKind::Infinite { radiance } => {
-            let mean = match radiance {
-                EnvironmentRadiance::Constant(rgb) => brightness(rgb),
-                EnvironmentRadiance::LatLong { image, scale } => {
-                    let [w, h] = image.size.map(|n| n as usize);
-                    let row = |y: usize| ((y as f64 + 0.5) / h as f64 * PI).sin();
-                    let sum: f64 = image.pixels.iter().enumerate().map(|(i, p)| brightness(p) * row(i / w)).sum();
-                    // The sines of all rows sum up to 2 h / pi.
-                    f64::from(*scale) * sum / w as f64 * PI / (2.0 * h as f64)
-                }
-                EnvironmentRadiance::EqualArea { image, scale } => {
-                    f64::from(*scale) * image.pixels.iter().map(brightness).sum::<f64>() / image.pixels.len() as f64
-                }
-            };
-            4.0 * PI * disk * mean
-        }
-        LightKind::Point { intensity } => 4.0 * PI * brightness(intensity),
-        LightKind::Spot { intensity, cone, falloff_start, falloff } => {
-            let [edge, start] = [*cone, *falloff_start].map(|degrees| f64::from(degrees).to_radians().cos());
-            // The mean of the falloff, which is over the cosine.
-            let mean = match falloff {
-                SpotFalloff::Smoothstep => 0.5,
-                SpotFalloff::Quartic => 0.2,
-            };
-            2.0 * PI * brightness(intensity) * ((1.0 - start) + (start - edge) * mean)
-        }
-        LightKind::Distant { irradiance } => disk * brightness(irradiance),
-    }
 }
 
 /// Half the diagonal of the scene's bounds; 0 where there is nothing.

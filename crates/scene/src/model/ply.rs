@@ -1,7 +1,10 @@
 //! Meshes from PLY files: ascii, and binary of either byte order [Turk 1994].
 
+use super::{UpAxis, add_mesh, model_scene};
+use crate::files::Files;
 use crate::polygon;
-use crate::{MeshData, MeshFault};
+use crate::readers::{AnyOptions, SceneReader};
+use crate::{MeshData, MeshFault, ReadError, Scene};
 use glam::dvec3;
 use ply_rs_bw::parser::{ParseError, Parser, Reader};
 use ply_rs_bw::ply::{
@@ -9,57 +12,85 @@ use ply_rs_bw::ply::{
     PropertyType, ScalarType,
 };
 use std::io::BufRead;
+use std::path::Path;
+
+/// The reader of PLY models.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct PlyReader;
+
+impl SceneReader for PlyReader {
+    fn name(&self) -> &'static str {
+        "PLY"
+    }
+
+    fn extensions(&self) -> &'static [&'static str] {
+        &["ply"]
+    }
+
+    fn recognizes(&self, content: &[u8]) -> bool {
+        content.starts_with(b"ply\n") || content.starts_with(b"ply\r")
+    }
+
+    fn read(&self, files: &dyn Files, path: &Path, options: &AnyOptions) -> Result<Scene, ReadError> {
+        let up = options.model.up.unwrap_or(UpAxis::Y);
+        model_scene(files, path, up, |scene, bytes, source| {
+            let mesh = read_ply(&bytes).map_err(|e| ReadError::invalid(source.clone(), e.to_string()))?;
+            add_mesh(scene, mesh.data, mesh.doubt.map(str::to_owned), source);
+            Ok(())
+        })
+    }
+}
 
 /// A mesh that was read.
 #[derive(Clone, Debug)]
 pub struct PlyMesh {
     /// The mesh; polygons are cut into triangles.
     pub data: MeshData,
-    /// What makes one doubt that the file is whole, if anything does.
+    /// The reason to doubt that the file is whole, if any.
     pub doubt: Option<&'static str>,
 }
 
-/// Why a PLY file is refused. Elements count from 0.
+/// The error of a PLY file. Elements count from 0.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum PlyError {
     /// The header breaks the format's rules.
-    #[error("the PLY header cannot be read ({0}): export the mesh anew")]
+    #[error("the PLY header cannot be read ({0}); export the mesh anew")]
     Header(String),
     /// The file cannot hold what its header promises.
     #[error(
-        "the header promises {count} elements {element}, and only {bytes} bytes follow: the file is cut off or damaged"
+        "the header promises {count} elements {element}, and only {bytes} bytes follow; the file is cut off or damaged"
     )]
     TooShort {
         /// The element's name.
         element: String,
-        /// How many are promised.
+        /// Number of elements promised.
         count: usize,
-        /// How many bytes are left.
+        /// Number of bytes left.
         bytes: usize,
     },
     /// An element cannot be read.
-    #[error("{element} {index} cannot be read ({reason}): the file is cut off or damaged")]
+    #[error("{element} {index} cannot be read ({reason}); the file is cut off or damaged")]
     Element {
         /// The element's name.
         element: String,
         /// Its number.
         index: usize,
-        /// What the parser says.
+        /// The parser's message.
         reason: String,
     },
     /// No element `vertex` with x, y and z.
-    #[error("there is no element vertex with properties x, y and z: export positions too")]
+    #[error("there is no element vertex with properties x, y and z; export positions too")]
     NoPositions,
     /// No element `face` with a list of corners.
-    #[error("there is no element face with a list vertex_indices: export triangles")]
+    #[error("there is no element face with a list vertex_indices; export triangles")]
     NoFaces,
     /// A polygon that cannot be cut into triangles safely, or that has no such corners.
     #[error("face {face}: {what}")]
     Face {
         /// Its number.
         face: usize,
-        /// What is wrong and what to do.
+        /// The mistake and its remedy.
         what: String,
     },
     /// The mesh itself is wrong.
@@ -104,7 +135,7 @@ pub fn read_ply(bytes: &[u8]) -> Result<PlyMesh, PlyError> {
     cut(&faces, &mut data)?;
     data.check()?;
     let cut_line = header.encoding == Encoding::Ascii && !bytes.ends_with(b"\n");
-    let doubt = cut_line.then_some("the last line has no line break: if the file was cut off, a number may be wrong");
+    let doubt = cut_line.then_some("the last line has no line break; if the file was cut off, a number may be wrong");
     Ok(PlyMesh { data, doubt })
 }
 
@@ -128,7 +159,7 @@ fn one_line(e: &ParseError) -> String {
     }
 }
 
-/// What follows the header.
+/// The bytes after the header.
 struct Payload<'b> {
     left: &'b [u8],
     encoding: Encoding,
@@ -136,7 +167,7 @@ struct Payload<'b> {
 }
 
 impl Payload<'_> {
-    /// Refuses a count that what is left cannot hold, before anything is allocated for it.
+    /// Refuses a count that the rest of the file cannot hold, before memory is allocated.
     fn check_length(&self, def: &ElementDef) -> Result<(), PlyError> {
         let size = |ty: &PropertyType| match (self.encoding, ty) {
             // A digit and a space.
@@ -319,7 +350,7 @@ fn read_faces(payload: &mut Payload<'_>, def: &ElementDef) -> Result<Faces, PlyE
         for corner in signed {
             let corner = u32::try_from(corner).map_err(|_| PlyError::Face {
                 face,
-                what: format!("corner {corner} is negative: corners count vertices from 0"),
+                what: format!("corner {corner} is negative; corners count vertices from 0"),
             })?;
             faces.corners.push(corner);
         }
@@ -341,7 +372,7 @@ fn cut(faces: &Faces, data: &mut MeshData) -> Result<(), PlyError> {
             return Err(PlyError::Face { face, what });
         }
         if corners.len() < 3 {
-            let what = format!("a face needs 3 corners or more, not {}: remove it", corners.len());
+            let what = format!("a face needs 3 corners or more, not {}; remove it", corners.len());
             return Err(PlyError::Face { face, what });
         }
         polygon::triangulate(corners, &data.positions, &mut data.triangles)

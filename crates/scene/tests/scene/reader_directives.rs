@@ -1,6 +1,6 @@
-//! What the reader makes of pbrt-v4's words, and what it says where they are wrong.
+//! Directives of pbrt-v4: the scenes that they make, and the errors of wrong ones.
 
-use crate::words::*;
+use crate::snippets::*;
 use dapple_scene::{
     Color, EnvironmentRadiance, Geometry, LightKind, MaterialKind, MediumInterface, Projection, SpotFalloff,
 };
@@ -116,11 +116,11 @@ fn spectra_become_colours() {
     for (text, expected) in [
         (
             "Material \"conductor\" \"spectrum eta\" \"metal-Cu-et\"",
-            "s.pbrt:4: spectrum \"metal-Cu-et\" is neither known by name nor a file: did you mean metal-Cu-eta?",
+            "s.pbrt:4: spectrum \"metal-Cu-et\" is neither known by name nor a file; did you mean \"metal-Cu-eta\"?",
         ),
         (
             "Material \"conductor\" \"spectrum eta\" \"bad.spd\"",
-            "bad.spd:2: \"one\" is not a number: a spectrum file holds wavelengths and values",
+            "bad.spd:2: \"one\" is not a number; a spectrum file holds wavelengths and values",
         ),
         (
             "Material \"diffuse\" \"spectrum reflectance\" [500 1 400 1]",
@@ -132,11 +132,11 @@ fn spectra_become_colours() {
         ),
         (
             "Material \"diffuse\" \"blackbody reflectance\" 5000",
-            "s.pbrt:4: a black body as reflectance of Material \"diffuse\" is not supported: remove it, or allow unsupported directives",
+            "s.pbrt:4: a black body as reflectance of Material \"diffuse\" is not supported; remove it, or allow unsupported directives",
         ),
         (
             "LightSource \"infinite\" \"spectrum L\" \"metal-Cu-k\"",
-            "s.pbrt:4: spectrum \"metal-Cu-k\" as L of LightSource \"infinite\" is not supported: remove it, or allow unsupported directives",
+            "s.pbrt:4: spectrum \"metal-Cu-k\" as L of LightSource \"infinite\" is not supported; remove it, or allow unsupported directives",
         ),
     ] {
         // A share is cut to 1 rather than refused: the one row that is read well.
@@ -161,24 +161,24 @@ fn objects_and_instances() {
     for (text, expected) in [
         (
             "ObjectInstance \"lake\"\nObjectBegin \"late\"\nObjectEnd",
-            "s.pbrt:4: unknown object \"lake\": did you mean late?",
+            "s.pbrt:4: unknown object \"lake\"; did you mean \"late\"?",
         ),
         (
             "ObjectBegin \"a\"\nObjectEnd\nObjectBegin \"a\"\nObjectEnd",
-            "s.pbrt:6: object \"a\" is made twice (first at s.pbrt:4): rename one",
+            "s.pbrt:6: object \"a\" is made twice (first at s.pbrt:4); rename one",
         ),
         (
             "ObjectBegin \"a\"\nObjectInstance \"a\"\nObjectEnd",
-            "s.pbrt:5: ObjectInstance within an object: objects hold shapes only, so move it out",
+            "s.pbrt:5: ObjectInstance within an object; objects hold shapes only, so move it out",
         ),
         (
             "ObjectBegin \"a\"\nObjectBegin \"b\"\nObjectEnd\nObjectEnd",
-            "s.pbrt:5: ObjectBegin within object \"a\" of s.pbrt:4: close that first",
+            "s.pbrt:5: ObjectBegin within object \"a\" of s.pbrt:4; close that first",
         ),
         ("ObjectBegin \"a\"", "s.pbrt:4: this ObjectBegin is never closed"),
         (
             "ObjectBegin \"a\"\nAreaLightSource \"diffuse\"\nShape \"disk\"\nObjectEnd",
-            "s.pbrt:6: an area light in an object is not supported: remove it, or allow unsupported directives",
+            "s.pbrt:6: an area light in an object is not supported; remove it, or allow unsupported directives",
         ),
     ] {
         assert_eq!(complaint(text), expected);
@@ -187,7 +187,7 @@ fn objects_and_instances() {
         read(&format!("{HEAD}{WORLD}LightSource \"infinite\"\nObjectBegin \"o\"\nShape \"disk\"\nObjectEnd\n"));
     assert_eq!(
         unplaced.unwrap_err().to_string(),
-        "s.pbrt: no shape stands in the world: place an object by ObjectInstance"
+        "s.pbrt: no shape stands in the world; place an object by ObjectInstance"
     );
 }
 
@@ -213,11 +213,11 @@ fn what_moves() {
     );
     assert_eq!(
         complaint("ActiveTransform EndTime\nTranslate 1 0 0\nAreaLightSource \"diffuse\"").lines().next().unwrap(),
-        "s.pbrt:8: an area light that moves is not supported: remove it, or allow unsupported directives"
+        "s.pbrt:8: an area light that moves is not supported; remove it, or allow unsupported directives"
     );
     let times = read(&format!("TransformTimes 2 2\n{HEAD}{WORLD}{TAIL}")).unwrap_err();
     assert_eq!(times.to_string(), "s.pbrt:1: TransformTimes takes a start before an end, not 2 and 2");
-    assert_eq!(complaint("TransformTimes 0 1"), "s.pbrt:4: TransformTimes belongs before WorldBegin: move it there");
+    assert_eq!(complaint("TransformTimes 0 1"), "s.pbrt:4: TransformTimes belongs before WorldBegin; move it there");
     let swapped = options("Camera \"perspective\" \"float shutteropen\" 2 \"float shutterclose\" 1");
     assert_eq!(swapped.camera.shutter, [1.0, 2.0]);
     assert!(swapped.notices.iter().any(|n| n.message.contains("swapped")));
@@ -256,7 +256,7 @@ fn media() {
     for (text, expected) in [
         (
             "MakeNamedMedium \"m\"",
-            "s.pbrt:4: MakeNamedMedium \"m\" lacks its type: add \"string type\" \"homogeneous\"",
+            "s.pbrt:4: MakeNamedMedium \"m\" lacks its type; add \"string type\" \"homogeneous\"",
         ),
         (
             "MakeNamedMedium \"m\" \"string type\" \"homogeneous\" \"float g\" 1",
@@ -264,11 +264,11 @@ fn media() {
         ),
         (
             "MakeNamedMedium \"m\" \"string type\" \"homogeneous\" \"string preset\" \"Skin1\"",
-            "s.pbrt:4: parameter preset (give its sigma_a and sigma_s) of MakeNamedMedium \"m\" is not supported: remove it, or allow unsupported directives",
+            "s.pbrt:4: parameter preset (give its sigma_a and sigma_s) of MakeNamedMedium \"m\" is not supported; remove it, or allow unsupported directives",
         ),
         (
             "MakeNamedMedium \"mist\" \"string type\" \"homogeneous\"\nMediumInterface \"must\" \"\"",
-            "s.pbrt:5: unknown medium \"must\": did you mean mist?",
+            "s.pbrt:5: unknown medium \"must\"; did you mean \"mist\"?",
         ),
     ] {
         assert_eq!(complaint(text), expected);
@@ -295,19 +295,19 @@ fn made_shapes() {
     for (text, expected) in [
         (
             format!("Shape \"loopsubdiv\" \"integer levels\" 15 {tetrahedron}"),
-            "s.pbrt:4: Shape \"loopsubdiv\" would make 4294967296 triangles, after 0 made of others: at most 4194304 may be made in all",
+            "s.pbrt:4: Shape \"loopsubdiv\" would make 4294967296 triangles, after 0 made of others; at most 4194304 may be made in all",
         ),
         (
             "Shape \"loopsubdiv\" \"point3 P\" [0 0 0 1 0 0 0 1 0] \"integer indices\" [0 1 1]".into(),
-            "s.pbrt:4: Shape \"loopsubdiv\": triangle 0 has the same corner twice: remove it",
+            "s.pbrt:4: Shape \"loopsubdiv\": triangle 0 has the same corner twice; remove it",
         ),
         (
             "Shape \"bilinearmesh\" \"point3 P\" [0 0 0 1 0 0 0 1 0 1 1 0] \"integer indices\" [0 1 2 4]".into(),
-            "s.pbrt:4: patch 0 of Shape \"bilinearmesh\" has corner 4: corners are whole numbers from 0 to 3",
+            "s.pbrt:4: patch 0 of Shape \"bilinearmesh\" has corner 4; corners are whole numbers from 0 to 3",
         ),
         (
             "Shape \"cylinder\" \"float zmin\" 1".into(),
-            "s.pbrt:4: Shape \"cylinder\" has no height: zmin and zmax must differ",
+            "s.pbrt:4: Shape \"cylinder\" has no height; zmin and zmax must differ",
         ),
         (
             "Shape \"sphere\" \"float phimax\" 0".into(),
