@@ -11,7 +11,7 @@ pub use points::{AnyPoints, MakePoints, POINTS};
 pub use samplers::{MakeSampler, SAMPLERS};
 
 use crate::Stage;
-use dapple_clustering::{Grouping, Insertion, Order, Params};
+use dapple_clustering::{ClusterParams, Grouping, Insertion, Order, Sides};
 use dapple_core::{Filter, Sampler};
 
 /// A parameter: its name, its default as it would be written, and one line about it.
@@ -55,17 +55,19 @@ const CLUSTERING: &[Parameter] = &[
     ("sides", "1", "normals of 1 side, or of 2: opposite ones are alike"),
 ];
 
-fn clustering(p: &Parameters) -> Result<Params, RegistryError> {
-    Ok(Params {
-        k: p.number("k")?,
-        clamp: p.number("clamp")?,
-        angle: p.number("normals")?,
-        insertion: p.choice("insertion", &[("box", Insertion::BoundingBox), ("centroid", Insertion::Centroid)])?,
-        grouping: p.choice("grouping", &[("greedy", Grouping::Greedy), ("connected", Grouping::Connected)])?,
-        order: p.choice("order", &[("input", Order::Input), ("canonical", Order::Canonical)])?,
-        two_sided: p.choice("sides", &[("1", false), ("2", true)])?,
-        ..Params::default()
-    })
+fn clustering(p: &Parameters) -> Result<ClusterParams, RegistryError> {
+    let insertions = [("box", Insertion::BoundingBox), ("centroid", Insertion::Centroid)];
+    let groupings = [("greedy", Grouping::Greedy), ("connected", Grouping::Connected)];
+    let orders = [("input", Order::Input), ("canonical", Order::Canonical)];
+    let sides = [("1", Sides::Signed), ("2", Sides::Either)];
+    Ok(ClusterParams::default()
+        .with_k(p.number("k")?)
+        .with_clamp(p.number("clamp")?)
+        .with_angle(p.number("normals")?)
+        .with_insertion(p.choice("insertion", &insertions)?)
+        .with_grouping(p.choice("grouping", &groupings)?)
+        .with_order(p.choice("order", &orders)?)
+        .with_sides(p.choice("sides", &sides)?))
 }
 
 /// Makes the point set that `words` names: `NAME` or `NAME:key=value,…`.

@@ -26,7 +26,7 @@ fn it_conforms_with_probes_made_beforehand() {
 fn area_vectors() -> ClusterSize {
     let positions = [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
     let indices = [[0, 1, 2], [0, 1, 3], [0, 2, 3], [1, 2, 3]];
-    let triangles = Triangles { positions: &positions, indices: &indices, materials: &[] };
+    let triangles = Triangles::new(&positions, &indices);
     ClusterSize::ProjectedTriangles(AreaVectors::new(&triangles, &LABELS, 4).unwrap())
 }
 

@@ -6,7 +6,7 @@ use dapple_cluster_adaptive::{
     AreaVectors, BACKGROUND, ClusterSize, ClusterThesis, ClusterThesisOptions, Error, PixelArea, Placement, ProbeHit,
     ProbeRay, ProbeSource, Probes, RateMap, importance, probe, projected_box_area, rates,
 };
-use dapple_clustering::{Cluster, Params, Triangles, cluster as cluster_triangles};
+use dapple_clustering::{Cluster, ClusterParams, Triangles, cluster as cluster_triangles};
 use dapple_core::Frame;
 use dapple_low_discrepancy::Random;
 
@@ -24,7 +24,7 @@ fn edge_on(degrees: f64) -> (Probes, Vec<Cluster>, ClusterSize) {
     let probes = probe(&frame(8, 8), Placement::Centre, &Random::new(1), &[0, 1], shoot).unwrap();
     let positions = [[0.0; 3], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]];
     let indices = [[0, 1, 2], [0, 2, 3], [0, 1, 2], [0, 2, 3]];
-    let triangles = Triangles { positions: &positions, indices: &indices, materials: &[] };
+    let triangles = Triangles::new(&positions, &indices);
     (probes, clusters, ClusterSize::ProjectedTriangles(AreaVectors::new(&triangles, &[0, 0, 1, 1], 2).unwrap()))
 }
 
@@ -400,8 +400,8 @@ fn planned(mut sampler: ClusterThesis<Random>, frame: Frame) -> Vec<u32> {
 #[test]
 fn k04_a_teapot_in_a_stadium_is_reported_and_costs_little() {
     let (positions, indices) = stadium();
-    let triangles = Triangles { positions: &positions, indices: &indices, materials: &[] };
-    for params in [Params::published(), Params::default()] {
+    let triangles = Triangles::new(&positions, &indices);
+    for params in [ClusterParams::published(), ClusterParams::default()] {
         let found = cluster_triangles(&triangles, &params).unwrap();
         let report = found.report();
         assert!(report.is_degenerate(), "{report:?}");

@@ -141,7 +141,7 @@ fn boxes_overrate_slanted_clusters() {
         [0.0, 1.0, 0.0],
     ];
     let indices = [[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]];
-    let triangles = Triangles { positions: &positions, indices: &indices, materials: &[] };
+    let triangles = Triangles::new(&positions, &indices);
     let vectors = AreaVectors::new(&triangles, &[0, 0, 1, 1], 2).unwrap();
     let along = |degrees: f32| [degrees.to_radians().sin(), 0.0, -degrees.to_radians().cos()];
     let clusters = [cluster([0.0; 3], [1.0, 1.0, 0.0]), cluster([0.0; 3], [r, 1.0, r])];
@@ -182,7 +182,7 @@ fn projected_triangles_are_the_sum_of_triangles() {
             labels.push(label);
         }
     }
-    let triangles = Triangles { positions: &positions, indices: &indices, materials: &[] };
+    let triangles = Triangles::new(&positions, &indices);
     let vectors = AreaVectors::new(&triangles, &labels, 3).unwrap();
     let area_vector = |t: [u32; 3]| {
         let p = t.map(|v| positions[v as usize].map(f64::from));
@@ -310,8 +310,8 @@ fn the_order_of_triangles_does_not_show() {
     let n = 64 * 64 * 2;
     let counts = |order: &[usize]| {
         let (positions, indices) = hills(order);
-        let triangles = Triangles { positions: &positions, indices: &indices, materials: &[] };
-        let found = dapple_clustering::cluster(&triangles, &dapple_clustering::Params::default()).unwrap();
+        let triangles = Triangles::new(&positions, &indices);
+        let found = dapple_clustering::cluster(&triangles, &dapple_clustering::ClusterParams::default()).unwrap();
         assert!(found.len() > 100, "{} clusters", found.len());
         let mut place = vec![0; n];
         order.iter().enumerate().for_each(|(i, &t)| place[t] = i as u32);

@@ -1,14 +1,15 @@
-//! The Gaussian's weights along one axis: the kernel integrated over each pixel.
+//! The weights of the Gaussian along one axis: the kernel integrated over each pixel.
 
 use std::f64::consts::PI;
 
-/// A weight below this share of the whole changes no `f64` sum; it is dropped, so that squared weights
-/// cannot underflow to zero (and then meet an infinite variance).
+/// A weight below this share of the total changes no `f64` sum. It is dropped, so that its square cannot underflow to
+/// zero and meet an infinite variance.
 const NEGLIGIBLE: f64 = 1e-18;
 
-/// The integrals of `max(0, exp(-alpha x^2) - exp(-alpha radius^2))` over the pixels `k - 1/2 .. k + 1/2`,
-/// `k = -n ..= n`, divided by their sum. Even bit for bit; at least one entry, none of them zero.
+/// The integrals of `max(0, exp(-alpha x^2) - exp(-alpha radius^2))` over the pixels `k - 1/2 .. k + 1/2`, `k = -n ..=
+/// n`, divided by their sum.
 ///
+/// The result is symmetric bit for bit. It has at least one entry, none of them zero.
 /// `alpha` and `radius` must be finite and positive.
 pub(crate) fn gaussian_weights(alpha: f64, radius: f64) -> Vec<f64> {
     let reach = (radius + 0.5).ceil() as usize - 1;
@@ -27,15 +28,15 @@ pub(crate) fn gaussian_weights(alpha: f64, radius: f64) -> Vec<f64> {
     half[1..].iter().rev().chain(&half).copied().collect()
 }
 
-/// The integral of the kernel over `start .. end`, `0 <= start <= end <= radius`, up to a factor that
-/// depends on `alpha` and `radius` only.
+/// The integral of the kernel over `start .. end`, `0 <= start <= end <= radius`, up to a factor that depends only on
+/// `alpha` and `radius`.
 fn mass(alpha: f64, radius: f64, start: f64, end: f64) -> f64 {
     let root = alpha.sqrt();
     let drop = (root * radius) * (root * radius);
     if drop < 1.0 {
-        // A nearly flat Gaussian less its own edge: differences of erf would cancel. Over u = x / radius
-        // the kernel is exp(-drop) drop (exp(drop (1 - u^2)) - 1) / drop; the last factor tends to
-        // 1 - u^2, and is that to all digits long before 1e-30.
+        // The Gaussian is nearly flat, so differences of erf would cancel. With u = x / radius the kernel is
+        // exp(-drop) drop (exp(drop (1 - u^2)) - 1) / drop. The last factor tends to 1 - u^2 and equals it to
+        // all digits long before drop reaches 1e-30.
         let drop = drop.max(1e-30);
         gauss_legendre(start / radius, end / radius, |u| (drop * (1.0 - u * u)).exp_m1() / drop)
     } else {
@@ -44,8 +45,8 @@ fn mass(alpha: f64, radius: f64, start: f64, end: f64) -> f64 {
     }
 }
 
-/// Eight-point Gauss-Legendre quadrature, exact for polynomials of degree 15; nodes and weights after
-/// [Abramowitz and Stegun 1964, table 25.4].
+/// Eight-point Gauss-Legendre quadrature, exact for polynomials of degree 15. Nodes and weights after [Abramowitz and
+/// Stegun 1964, table 25.4].
 fn gauss_legendre(start: f64, end: f64, f: impl Fn(f64) -> f64) -> f64 {
     const NODES: [[f64; 2]; 4] = [
         [0.183_434_642_495_649_8, 0.362_683_783_378_362],
@@ -57,11 +58,12 @@ fn gauss_legendre(start: f64, end: f64, f: impl Fn(f64) -> f64) -> f64 {
     half * NODES.iter().map(|[x, w]| w * (f(middle - half * x) + f(middle + half * x))).sum::<f64>()
 }
 
-/// The complementary error function of `x >= 0`, to about 1e-15 absolute and, where it is small, 1e-13 relative.
+/// The complementary error function of `x >= 0`. Its error is about 1e-15 absolute and, where the value is small, 1e-13
+/// relative.
 fn erfc(x: f64) -> f64 {
     let gaussian = (-x * x).exp();
     if x < 3.0 {
-        // After [Abramowitz and Stegun 1964, eq. 7.1.6]: all terms positive, nothing cancels.
+        // After [Abramowitz and Stegun 1964, eq. 7.1.6]: all terms are positive, so nothing cancels.
         let (mut term, mut sum, mut n) = (x, x, 0.0);
         while term > sum * 1e-17 {
             n += 1.0;
@@ -70,8 +72,8 @@ fn erfc(x: f64) -> f64 {
         }
         1.0 - 2.0 / PI.sqrt() * gaussian * sum
     } else {
-        // After [Abramowitz and Stegun 1964, eq. 7.1.14], from the inside out; 40 levels reach the
-        // last digit at 3, fewer would further out.
+        // After [Abramowitz and Stegun 1964, eq. 7.1.14], from the inside out. 40 levels reach the last digit at 3;
+        // larger x need fewer.
         let tail = (1..=40).rev().fold(x, |tail, k| x + 0.5 * f64::from(k) / tail);
         gaussian / (PI.sqrt() * tail)
     }
@@ -81,7 +83,7 @@ fn erfc(x: f64) -> f64 {
 mod tests {
     use super::*;
 
-    /// Composite Simpson over the pixel, on 20 000 intervals.
+    /// Composite Simpson rule over the pixel with 20,000 intervals.
     fn by_simpson(alpha: f64, radius: f64, k: f64) -> f64 {
         let kernel = |x: f64| ((-alpha * x * x).exp() - (-alpha * radius * radius).exp()).max(0.0);
         let (a, b) = ((k - 0.5).max(-radius), (k + 0.5).min(radius));
@@ -105,7 +107,7 @@ mod tests {
     ];
 
     #[test]
-    fn f08_weights_are_the_integrals_of_the_kernel() {
+    fn weights_are_the_integrals_of_the_kernel_f08() {
         for [alpha, radius] in CASES {
             let weights = gaussian_weights(alpha, radius);
             let n = (weights.len() / 2) as i32;
@@ -123,7 +125,7 @@ mod tests {
     }
 
     #[test]
-    fn f08_weights_are_even_positive_end_at_the_radius_and_sum_to_one() {
+    fn weights_are_symmetric_positive_end_at_the_radius_and_sum_to_one_f08() {
         let extreme =
             [[f64::MIN_POSITIVE, 64.0], [f64::MAX, 64.0], [1.0, f64::MIN_POSITIVE], [1e-12, 3.0], [1e12, 3.0]];
         for [alpha, radius] in CASES.into_iter().chain(extreme) {
@@ -149,8 +151,8 @@ mod tests {
     }
 
     #[test]
-    fn erfc_meets_known_values() {
-        // [Abramowitz and Stegun 1964, table 7.1] for erf 0.5 and 1, and where series and fraction meet.
+    fn erfc_matches_published_values() {
+        // [Abramowitz and Stegun 1964, table 7.1] for erf 0.5 and 1; at 3 series and fraction meet.
         assert!((erfc(0.5) - (1.0 - 0.520_499_877_8)).abs() < 1e-10);
         assert!((erfc(1.0) - (1.0 - 0.842_700_792_9)).abs() < 1e-10);
         assert_eq!(erfc(0.0), 1.0);

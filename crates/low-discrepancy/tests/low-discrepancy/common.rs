@@ -1,4 +1,4 @@
-//! What several of the tests need.
+//! Integrands and statistics that several tests share.
 #![allow(dead_code, reason = "each test takes a part")]
 
 use dapple_core::{PointSet, SampleId};
@@ -8,7 +8,7 @@ pub(crate) fn id(pixel: [u32; 2], stream: u32, index: u64) -> SampleId {
     SampleId::new(pixel, stream, index)
 }
 
-/// One of each, with grids and nets of 64 samples.
+/// One of each set, with grids and nets of 64 samples.
 pub(crate) fn all_sets(seed: u64) -> Vec<Box<dyn PointSet>> {
     vec![
         Box::new(Random::new(seed)),
@@ -57,7 +57,7 @@ pub(crate) fn pair(points: &dyn PointSet, id: SampleId, block: u32, pair: usize)
     [f64::from(u[2 * pair]), f64::from(u[2 * pair + 1])]
 }
 
-/// The mean of an integrand over the first `n` samples of one stream of a pixel, second pair of block 1.
+/// The mean of an integrand over the first `n` samples of one stream of a pixel, in the second pair of block 1.
 pub(crate) fn estimate(points: &dyn PointSet, f: fn(f64, f64) -> f64, pixel: [u32; 2], stream: u32, n: u64) -> f64 {
     let sum: f64 = (0..n)
         .map(|i| {
@@ -68,7 +68,7 @@ pub(crate) fn estimate(points: &dyn PointSet, f: fn(f64, f64) -> f64, pixel: [u3
     sum / n as f64
 }
 
-/// Root mean square of numbers.
+/// The root mean square of numbers.
 pub(crate) fn rms(numbers: impl Iterator<Item = f64>) -> f64 {
     let (mut sum, mut n) = (0.0, 0.0);
     for x in numbers {
@@ -78,7 +78,7 @@ pub(crate) fn rms(numbers: impl Iterator<Item = f64>) -> f64 {
     (sum / n).sqrt()
 }
 
-/// Least-squares slope of log y against log x.
+/// The least-squares slope of log y against log x.
 pub(crate) fn log_slope(points: &[(f64, f64)]) -> f64 {
     let n = points.len() as f64;
     let logs: Vec<(f64, f64)> = points.iter().map(|(x, y)| (x.ln(), y.ln())).collect();

@@ -1,32 +1,32 @@
-//! A ray made ready for traversal: everything that depends on the ray alone, computed once.
+//! A ray prepared for traversal: all quantities that depend on the ray alone, computed once.
 
 use crate::Ray;
 use glam::{Vec3, Vec4};
 
-/// Largest origin coordinate that is traced.
+/// The largest coordinate of a traced ray's origin.
 const FARTHEST: f32 = (1u64 << 60) as f32;
-/// Directions whose largest component lies outside `1/DIRECTION..DIRECTION` are first scaled by a power of two.
+/// Directions with a largest component outside `1/DIRECTION..DIRECTION` are first scaled by a power of two.
 const DIRECTION: f32 = 1024.0;
 
 /// A valid ray with its slab and shear constants [after Woop, Benthin and Wald 2013].
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Frame {
-    /// The ray, `tmin` not negative, the direction of moderate length.
+pub(crate) struct PreparedRay {
+    /// The ray, with a non-negative `tmin` and a direction of moderate length.
     pub(crate) ray: Ray,
-    /// The origin; arrays of four, so that an axis below four is always in range.
+    /// The origin. Arrays have four entries, so that an axis below four is always in range.
     pub(crate) origin: [f32; 4],
-    /// Reciprocal direction per axis; finite, with the direction's sign.
+    /// The reciprocal direction per axis, finite and with the direction's sign.
     pub(crate) inverse: [f32; 4],
-    /// Per axis, which bound of a box the ray meets first: 0 for the lower, 1 for the upper.
+    /// The bound of a box that the ray meets first, per axis: 0 for the lower, 1 for the upper.
     pub(crate) near: [usize; 3],
-    /// Axes: the last is the one along which the direction is longest.
+    /// The axes. The direction is longest along the last one.
     pub(crate) axes: [usize; 3],
-    /// Shear: direction of the first two axes over that of the last, and the last's reciprocal.
+    /// The shear: the direction's first two axes over its last, and the reciprocal of the last.
     pub(crate) shear: [f32; 3],
 }
 
-impl Frame {
-    /// A valid ray with a direction of moderate length, ready for traversal; the caller's `t` is the frame's.
+impl PreparedRay {
+    /// Prepares a valid ray with a direction of moderate length. `t` is the caller's; `None` for other rays.
     #[inline(always)]
     pub(crate) fn ordinary(ray: &Ray) -> Option<Self> {
         let longest = ray.direction.abs().max_element();
@@ -34,18 +34,19 @@ impl Frame {
         if moderate && is_sane(ray) { Some(Self::prepare(ray)) } else { None }
     }
 
-    /// The same for a direction that is very short or very long, scaled by a power of two, which is exact but where
-    /// `t` leaves the range of f32; `None` if the ray is invalid. The second number turns the frame's `t` into the
-    /// caller's.
+    /// Prepares a ray with a very short or very long direction; `None` if it is invalid.
+    ///
+    /// The direction is scaled by a power of two, which is exact unless `t` leaves the range of f32. The second number
+    /// converts the prepared ray's `t` to the caller's.
     #[cold]
     pub(crate) fn rescaled(ray: &Ray) -> Option<(Self, f32)> {
         let longest = ray.direction.abs().max_element();
-        // Where no number lies between the limits, nothing is met between them.
+        // If no number lies between the limits, nothing can be hit.
         let room = ray.tmin.max(0.0).next_up() < ray.tmax;
         if !is_sane(ray) || !ray.direction.is_finite() || longest == 0.0 || !room {
             return None;
         }
-        // Denormal components are first lifted, since 2^149 is no f32.
+        // Denormal components are first lifted, since 2^149 is not an f32.
         let lift = if longest < f32::MIN_POSITIVE { (1u32 << 30) as f32 } else { 1.0 };
         let exponent = ((longest * lift).to_bits() >> 23) as i32 - 127;
         let scale = power_of_two(-exponent);
@@ -71,8 +72,8 @@ impl Frame {
         let axes = [NEXT[longest], NEXT[NEXT[longest]], longest];
         let components = d.to_array();
         let direction = d.extend(1.0);
-        // A component of 0 (or one whose reciprocal overflows) keeps its sign and takes the largest reciprocal: boxes
-        // are grown, enough for walls to be as far as triangles can be (`build::LEAST`).
+        // A component of 0 (or one whose reciprocal overflows) keeps its sign and takes the largest reciprocal.
+        // Boxes are grown enough for their walls to be as far away as triangles can be (`build::LEAST`).
         let inverse = (Vec4::ONE / direction).clamp(Vec4::splat(-f32::MAX), Vec4::splat(f32::MAX)).to_array();
         let over_longest = (direction / Vec4::splat(components[longest])).to_array();
         Self {
@@ -88,7 +89,7 @@ impl Frame {
 
 const NEXT: [usize; 3] = [1, 2, 0];
 
-/// Whether origin and limits are what a ray's may be.
+/// Tests the origin and limits of a ray.
 #[inline(always)]
 fn is_sane(ray: &Ray) -> bool {
     // Written so that NaN fails.
@@ -101,7 +102,7 @@ fn sign(x: f32) -> usize {
     (x.to_bits() >> 31) as usize
 }
 
-/// 2^exponent; `exponent` from -127 (a denormal) to 127.
+/// 2^exponent, with `exponent` from -127 (a denormal) to 127.
 fn power_of_two(exponent: i32) -> f32 {
     if exponent <= -127 { f32::MIN_POSITIVE / 2.0 } else { f32::from_bits(((exponent + 127) as u32) << 23) }
 }

@@ -1,4 +1,4 @@
-//! From shapes to the tree: boxes, a binary tree (obvhs's, where that is safe), eight-wide nodes.
+//! From shapes to the tree: boxes, a binary tree (obvhs's where it is safe), eight-wide nodes.
 
 mod binary;
 mod wide;
@@ -11,23 +11,23 @@ use obvhs::BvhBuildParams;
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::node::Bvh2Node;
 
-/// How much time goes into the tree. Images do not depend on it, only speed does.
+/// The effort of building the tree. It affects speed only, not images.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Preset {
-    /// The least.
+    /// The least effort.
     Fastest,
-    /// Little.
+    /// Little effort.
     VeryFast,
-    /// For an image: obvhs's fast preset with half of its reinsertion. On meshes of 7e4 and 1e6 triangles rays take what
-    /// they take with [`Medium`](Self::Medium), to the noise of measuring, and building less (docs/results/rays.md).
+    /// For one image: obvhs's fast preset with half of its reinsertion. On meshes of 7e4 and 1e6 triangles, rays are as
+    /// fast as with [`Medium`](Self::Medium) and building is faster (docs/results/rays.md).
     #[default]
     Fast,
-    /// More than usual.
+    /// More effort than usual.
     Medium,
     /// For many images.
     Slow,
-    /// The most.
+    /// The most effort.
     VerySlow,
 }
 
@@ -44,27 +44,27 @@ impl Preset {
     }
 }
 
-/// Lower and upper corner.
+/// The lower and upper corner of a box.
 pub(crate) type Bounds = [Vec3; 2];
 
-/// What a tree is built over: primitives of shapes, or boxes of instances. Boxes of primitives are computed when asked
-/// for, which is quicker than to fetch them.
+/// The items of a tree: primitives of shapes, or boxes of instances. Boxes of primitives are computed on demand, which
+/// is faster than fetching them.
 struct Items<'a> {
     shapes: &'a [Shape],
-    /// Of the instances; none where there are shapes.
+    /// The boxes of the instances; empty if there are shapes.
     boxes: &'a [Bounds],
-    /// By item: its shape and primitive, or an instance's number.
+    /// For each item its shape and primitive, or an instance's number.
     keys: Vec<u64>,
-    /// Whether boxes grow by what rounding asks for: they do, but for measurements (see `safeguards`).
+    /// Boxes allow for rounding. They always do, except for measurements (see `safeguards`).
     padded: bool,
 }
 
-/// One of the items.
+/// An item of a tree.
 enum Item<'a> {
     Triangle(&'a Mesh),
     Moving(&'a MovingMesh),
     Quadric(Quadric),
-    /// An instance.
+    /// The box of an instance.
     Box(Bounds),
 }
 
@@ -107,7 +107,7 @@ impl<'a> Items<'a> {
         (key, item)
     }
 
-    /// An item's box, grown by what rounding asks for.
+    /// An item's box, padded for rounding.
     #[inline(always)]
     fn bounds(&self, number: u32) -> Bounds {
         match self.item(number) {
@@ -128,11 +128,11 @@ impl<'a> Items<'a> {
 
     fn around_quadric(&self, quadric: &Quadric) -> Bounds {
         let [low, high] = quadric.bounds().map(DVec3::as_vec3);
-        // Rounding to f32 and a sphere's own growth: both within a few of its ulps.
+        // Rounding to f32, and the rounding of a sphere's own bounds: both within a few of its ulps.
         if self.padded { grow([low, high], (high - low).max_element() * ULPS) } else { [low, high] }
     }
 
-    /// The tree over all items, and the box around it; `None` if there are none.
+    /// The tree over all items and the box around it; `None` if there are none.
     fn tree(&self, preset: Preset) -> (Tree, Option<Bounds>) {
         let Some(bounds) = self.total() else { return (Tree::default(), None) };
         let tree = wide::collapse(&binary::by_area(self.leaves(bounds), preset.params()), self)
@@ -142,7 +142,7 @@ impl<'a> Items<'a> {
         (tree, around)
     }
 
-    /// A box around all items, of triangles without growth; `None` if there are none.
+    /// A box around all items, unpadded for triangles; `None` if there are none.
     fn total(&self) -> Option<Bounds> {
         let loose = |number: u32| match self.item(number) {
             (key, Item::Triangle(mesh)) => enclose(mesh.corners(key as u32)),
@@ -151,8 +151,8 @@ impl<'a> Items<'a> {
         (0..self.keys.len() as u32).map(loose).reduce(union)
     }
 
-    /// The items as leaves of a binary tree. Boxes are taken to unit size, so that areas neither overflow nor vanish and
-    /// the tree is the same at each scale; what rounding or the limits cut off costs nothing but time.
+    /// The items as leaves of a binary tree. Boxes are scaled to unit size, so that areas neither overflow nor vanish
+    /// and the tree is the same at each scale. Rounding and clamping cost only time.
     fn leaves(&self, bounds: Bounds) -> Vec<Bvh2Node> {
         let origin = bounds[0].as_dvec3();
         let per_extent = 1.0 / (bounds[1].as_dvec3() - origin).max_element().max(f64::MIN_POSITIVE);
@@ -166,18 +166,21 @@ impl<'a> Items<'a> {
     }
 }
 
-/// Boxes of triangles grow by this share of the triangle's extent: f32 weights of a triangle seen from the side (see
-/// `triangle::THIN`) can be off by 2^-17, for each of three corners, each up to two extents from the ray.
+/// Boxes of triangles grow by this share of the triangle's extent. The f32 weights of a triangle seen from the side
+/// (see `triangle::THIN`) can be off by 2^-17, for each of three corners, each up to two extents from the ray.
 const GROWTH: f32 = 1.0 / (1u64 << 14) as f32;
-/// All boxes grow by this share of their largest coordinate, three ulps, one of them for the rounding of the growth
-/// itself, so that no slab is thinner than rounding.
+/// All boxes grow by this share of their largest coordinate, so that no slab is thinner than rounding. It is three
+/// ulps, one of them for the rounding of the growth itself.
 const ULPS: f32 = 3.0 / (1u64 << 23) as f32;
-/// And by this much. Along an axis in which a ray hardly moves, a slab is left at the way to its wall times the largest
-/// reciprocal, below 2^128; triangles lie up to 2^71 away (`frame::FARTHEST`, twice, in lengths of the shortest direction,
-/// 2^-10), and what underflow of a slope shears them by is less than 2^-80.
+/// All boxes also grow by this absolute length.
+///
+/// Along an axis in which a ray hardly moves, a slab is left at the distance of its wall times the largest reciprocal,
+/// below 2^128.
+/// Triangles lie up to 2^71 away (twice `prepared_ray::FARTHEST`, in lengths of the shortest direction, 2^-10).
+/// Underflow of a slope shears them by less than 2^-80.
 const LEAST: f32 = 1.0 / (1u64 << 57) as f32;
 
-/// Builds the tree; also the bounds and the number of triangles that can be hit.
+/// Builds the tree. Also returns the bounds and the number of triangles that can be hit.
 pub(crate) fn build_tree(
     shapes: &[Shape],
     preset: Preset,
@@ -189,7 +192,7 @@ pub(crate) fn build_tree(
     Ok((tree, bounds, items.keys.len() - quadrics))
 }
 
-/// Builds the tree over boxes with numbers, and a box around all of them.
+/// Builds the tree over numbered boxes, and a box around all of them.
 pub(crate) fn build_top(boxes: &[(u32, [DVec3; 2])], preset: Preset) -> Result<(Tree, Option<Bounds>), Error> {
     too_many("instances", boxes.len(), LIMIT)?;
     let grown: Vec<Bounds> = boxes

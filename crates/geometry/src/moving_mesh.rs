@@ -2,11 +2,21 @@ use crate::mesh::{LOST_IN_F64, ROUNDING, has_no_area};
 use crate::{Error, Mesh};
 use glam::Vec3;
 
-/// Triangles whose vertices move: each in a straight line, from where it is at time 0 to where it is at time 1. Before
-/// and after it stands still.
+/// Triangles with moving vertices. Each vertex moves in a straight line from its place at time 0 to its place at time
+/// 1, and stands still before and after.
 ///
-/// Corners at a time are rounded to f32, the same for all triangles at a vertex: so the mesh is watertight at each time.
-/// Triangles that have no area at times 0, 1/2 and 1 have none at any time, and are never hit.
+/// Corners at a time are rounded to f32, equally for all triangles at a vertex, so the mesh is watertight at each time.
+/// Triangles without area at times 0, 1/2 and 1 have none at any time and are never hit.
+///
+/// ```
+/// use dapple_geometry::MovingMesh;
+///
+/// let start = vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+/// let end = start.iter().map(|[x, y, z]| [x + 2.0, *y, *z]).collect();
+/// let mesh = MovingMesh::new(start, end, vec![[0, 1, 2]])?;
+/// assert_eq!(mesh.corners(0, 0.5)[0].to_array(), [1.0, 0.0, 0.0]);
+/// # Ok::<(), dapple_geometry::Error>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct MovingMesh {
     start: Mesh,
@@ -16,10 +26,10 @@ pub struct MovingMesh {
 }
 
 impl MovingMesh {
-    /// Checks and takes over the vertices at both times, and the triangles (three vertex numbers each).
+    /// Checks the vertices at both times and the triangles (three vertex indices each).
     ///
     /// # Errors
-    /// As [`Mesh::new`], for either time; [`Error::BadParameter`] if there are not as many vertices at both.
+    /// The errors of [`Mesh::new`] for either time; [`Error::BadParameter`] if the numbers of vertices differ.
     pub fn new(starts: Vec<[f32; 3]>, ends: Vec<[f32; 3]>, triangles: Vec<[u32; 3]>) -> Result<Self, Error> {
         if starts.len() != ends.len() {
             let expected = "there must be as many vertices at time 1 as at time 0";
@@ -38,7 +48,7 @@ impl MovingMesh {
         Ok(mesh)
     }
 
-    /// The mesh as it stands at time 0.
+    /// The mesh at time 0.
     #[must_use]
     pub fn start(&self) -> &Mesh {
         &self.start
@@ -50,20 +60,20 @@ impl MovingMesh {
         &self.ends
     }
 
-    /// How many triangles have no area at any time and are therefore never hit.
+    /// The number of triangles without area at any time. They are never hit.
     #[must_use]
     pub fn degenerate(&self) -> usize {
         self.degenerate
     }
 
-    /// Whether this triangle has no area at any time: the area is quadratic in time, so three times tell. The number
-    /// must be below that of the triangles.
+    /// Returns true if the triangle has no area at any time. The area is quadratic in time, so three times decide. The
+    /// index must be below the number of triangles.
     #[must_use]
     pub fn is_degenerate(&self, triangle: u32) -> bool {
         [0.0, 0.5, 1.0].into_iter().all(|time| has_no_area(self.corners(triangle, time)))
     }
 
-    /// The three corners of a triangle at a time. The number must be below that of the triangles.
+    /// The three corners of a triangle at a time. The index must be below the number of triangles.
     #[inline]
     #[must_use]
     pub fn corners(&self, triangle: u32, time: f32) -> [Vec3; 3] {
@@ -80,8 +90,8 @@ impl MovingMesh {
         self.start.triangles()[triangle as usize].map(|vertex| Vec3::from_array(self.ends[vertex as usize]))
     }
 
-    /// A point of a triangle at a time from the weights of its second and third corner, with a bound on its distance from
-    /// the triangle of [`corners`](Self::corners) per axis, and the unit normal; see [`Mesh::point`].
+    /// A point of a triangle at a time, the bound on its distance from the triangle of [`corners`](Self::corners) per
+    /// axis, and the unit normal. See [`Mesh::point`].
     #[must_use]
     pub fn point(&self, triangle: u32, barycentrics: [f32; 2], time: f32) -> (Vec3, Vec3, Vec3) {
         let [a, b, c] = self.corners(triangle, time).map(Vec3::as_dvec3);
@@ -92,7 +102,7 @@ impl MovingMesh {
     }
 }
 
-/// A coordinate on its way, to the bit as the walk computes it.
+/// A coordinate at a time, with the same bits as in the walk.
 #[inline(always)]
 pub(crate) fn between(from: f32, to: f32, time: f32) -> f32 {
     from + (to - from) * time

@@ -1,31 +1,31 @@
 //! Normals, areas and boxes of triangles, a block at a time.
 //!
-//! Blocks have an array for each coordinate, so that one instruction does for several triangles, whatever its width.
+//! Blocks have one array per coordinate, so that one instruction of any width handles several triangles.
 
 use crate::Cluster;
-use crate::few::FEW;
 use crate::grid::{Bounds, Mesh};
+use crate::small_groups::MAX_SMALL;
 
-/// A triangle whose edges span less than this (the sine between them) has no normal: `f32` coordinates make one by
-/// rounding even of three points on a line, in f64 arithmetic some `2^-52`.
+/// The least sine between the edges of a triangle with a normal. `f32` coordinates of three points on a line produce a
+/// normal by rounding, about `2^-52` in f64 arithmetic.
 const FLAT: f64 = 1.0 / (1_u64 << 46) as f64;
-/// Triangles of a block: enough to fill the widest registers, few enough that all arrays stay in the nearest cache.
+/// Triangles per block: enough to fill the widest registers, few enough for the nearest cache.
 const BLOCK: usize = 16;
 
-/// A number each for the triangles of a block.
+/// A number for each triangle of a block.
 type Lanes<T> = [T; BLOCK];
 
-/// What a cluster's figures are summed up from.
+/// The terms of a cluster's sums.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Surface {
-    /// The unit normal times the doubled area, and the doubled area; zero where there is no normal.
+    /// The unit normal times twice the area, and twice the area; zero without a normal.
     pub(crate) weighted: [f64; 4],
-    /// Its box.
+    /// The box.
     pub(crate) bounds: Bounds,
 }
 
 impl Surface {
-    /// Of no triangles.
+    /// The sum over no triangles.
     pub(crate) const NOTHING: Self = Self { weighted: [0.0; 4], bounds: Bounds::NOTHING };
 
     /// Adds a triangle whose normal is on the same side.
@@ -37,7 +37,7 @@ impl Surface {
         self.bounds.unite(other.bounds);
     }
 
-    /// The same, on its other side if so said.
+    /// The surface, or its other side if `turned`.
     #[inline(always)]
     pub(crate) fn turned(&self, turned: bool) -> Self {
         let side = if turned { -1.0 } else { 1.0 };
@@ -45,12 +45,12 @@ impl Surface {
         Self { weighted: [side * x, side * y, side * z, weight], bounds: self.bounds }
     }
 
-    /// The mean normal; zero where normals cancel but for rounding.
+    /// The mean normal; zero if normals cancel up to rounding.
     #[inline(always)]
     pub(crate) fn normal(&self) -> [f32; 3] {
         let [x, y, z, weight] = self.weighted;
         let length = (x * x + y * y + z * z).sqrt();
-        // Normals are known to 2^-24 or so.
+        // Normals have an error of about 2^-24.
         const CANCELLED: f64 = 1e-6;
         if length <= CANCELLED * weight {
             return [0.0; 3];
@@ -59,14 +59,14 @@ impl Surface {
         [x, y, z].map(|x| (x * inverse) as f32)
     }
 
-    /// Box and area filled in.
+    /// Sets box and area.
     #[inline(always)]
     pub(crate) fn cluster(&self, common: Cluster) -> Cluster {
         Cluster { bounds: self.bounds.corners(), area: 0.5 * self.weighted[3], ..common }
     }
 }
 
-/// Unit normals by axis, zero where there is none, and 1 there and 0 elsewhere.
+/// Unit normals by axis, zero for flat triangles; `flat` is 1 for these and 0 otherwise.
 #[derive(Clone, Copy)]
 pub(crate) struct Normals<'a> {
     axes: [&'a [f32]; 3],
@@ -80,26 +80,26 @@ impl<'a> Normals<'a> {
         self.axes.map(|axis| axis[self.start + i])
     }
 
-    /// Whether there is none.
+    /// Tests if a triangle has no normal.
     #[inline(always)]
     pub(crate) fn is_flat(&self, i: usize) -> bool {
         self.flat[self.start + i] != 0.0
     }
 
-    /// The cosine to a unit vector; 0 where there is no normal.
+    /// The cosine to a unit vector; 0 without a normal.
     #[inline(always)]
     pub(crate) fn dot(&self, i: usize, other: [f32; 3]) -> f32 {
         let own = self.of(i);
         own[0] * other[0] + own[1] * other[1] + own[2] * other[2]
     }
 
-    /// The same and, where there is no normal that could deviate, 1.
+    /// The cosine to a unit vector; 1 without a normal, which cannot deviate.
     #[inline(always)]
     pub(crate) fn cosine(&self, i: usize, other: [f32; 3]) -> f32 {
         self.dot(i, other) + self.flat[self.start + i]
     }
 
-    /// N of them, the last ones perhaps of other groups or of none.
+    /// The first N normals. The last ones may belong to other groups or to none.
     pub(crate) fn first<const N: usize>(&self) -> Option<[&'a [f32; N]; 3]> {
         let [x, y, z] = self.axes.map(|axis| axis[self.start..].first_chunk());
         Some([x?, y?, z?])
@@ -115,18 +115,18 @@ pub(crate) struct Surfaces {
 }
 
 impl Surfaces {
-    /// The normals from some triangle on.
+    /// The normals from a triangle on.
     pub(crate) fn normals(&self, start: usize) -> Normals<'_> {
         let [x, y, z] = &self.axes;
         Normals { axes: [x, y, z], flat: &self.flat, start }
     }
 
-    /// Takes these triangles in place of those it has. Two-sided normals are turned upwards.
+    /// Replaces the triangles. Two-sided normals are turned upwards.
     #[inline(always)]
     pub(crate) fn load(&mut self, mesh: &Mesh<'_>, triangles: &[u32], two_sided: bool) {
         self.surfaces.clear();
-        // What is there before does not matter, nor what is there past the last triangle.
-        let room = triangles.len().next_multiple_of(BLOCK) + FEW;
+        // Old values do not matter, nor do those beyond the last triangle.
+        let room = triangles.len().next_multiple_of(BLOCK) + MAX_SMALL;
         for lanes in self.axes.iter_mut().chain([&mut self.flat]) {
             lanes.resize(room, 0.0);
         }
@@ -170,12 +170,12 @@ impl Edges {
     }
 }
 
-/// Cross products of edges, and what follows from them.
+/// Cross products of edges, and the figures that follow from them.
 struct Crosses {
     cross: [Lanes<f64>; 3],
     doubled: Lanes<f64>,
     unit: [Lanes<f32>; 3],
-    /// 1 where there is no normal, else 0.
+    /// 1 for triangles without a normal, else 0.
     flat: Lanes<f32>,
 }
 
@@ -206,12 +206,12 @@ impl Crosses {
         found
     }
 
-    /// Turns each normal to the side of z > 0 (or, of z = 0, y > 0, and so on).
+    /// Turns each normal to the side of z > 0 (of y > 0 if z is 0, and so on).
     #[inline(always)]
     fn turn_up(&mut self) {
         for lane in 0..BLOCK {
             let n = [self.unit[0][lane], self.unit[1][lane], self.unit[2][lane]];
-            // Without branches: of a closed surface, half the normals point either way.
+            // Without branches: on a closed surface, half the normals point either way.
             let negative = (n[2] < 0.0) | ((n[2] == 0.0) & ((n[1] < 0.0) | ((n[1] == 0.0) & (n[0] < 0.0))));
             let sign = if negative { -1.0_f32 } else { 1.0 };
             for axis in 0..3 {

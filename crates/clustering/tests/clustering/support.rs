@@ -1,7 +1,7 @@
-//! Meshes for tests, and what can be asked of a partition.
+//! Meshes and partitions for tests.
 #![allow(dead_code, unreachable_pub)]
 
-use dapple_clustering::{Clusters, Error, Params, Triangles, cluster};
+use dapple_clustering::{ClusterParams, Clusters, Error, Triangles, cluster};
 
 /// A mesh that owns its arrays.
 #[derive(Clone, Debug, Default)]
@@ -12,9 +12,9 @@ pub struct Mesh {
 }
 
 impl Mesh {
-    pub fn cluster(&self, params: &Params) -> Result<Clusters, Error> {
+    pub fn cluster(&self, params: &ClusterParams) -> Result<Clusters, Error> {
         let Self { positions, indices, materials } = self;
-        cluster(&Triangles { positions, indices, materials }, params)
+        cluster(&Triangles::new(positions, indices).with_materials(materials), params)
     }
 
     pub fn add(&mut self, corners: [[f32; 3]; 3]) {
@@ -27,12 +27,12 @@ impl Mesh {
         self.indices[triangle as usize].map(|vertex| self.positions[vertex as usize])
     }
 
-    /// Each vertex mapped.
+    /// Maps each vertex.
     pub fn map(&self, f: impl Fn([f32; 3]) -> [f32; 3]) -> Self {
         Self { positions: self.positions.iter().map(|&p| f(p)).collect(), ..self.clone() }
     }
 
-    /// Triangles and vertices in another order; `order[i]` is the old number of triangle i.
+    /// Shuffles triangles and vertices. `order[i]` is the old number of triangle i.
     pub fn shuffle(&self, random: &mut Random) -> (Self, Vec<u32>) {
         let order = random.permutation(self.indices.len());
         let places = random.permutation(self.positions.len());
@@ -49,7 +49,7 @@ impl Mesh {
     }
 }
 
-/// SplitMix64, after Steele 2014.
+/// The SplitMix64 generator [after Steele 2014].
 pub struct Random(pub u64);
 
 impl Random {
@@ -61,7 +61,7 @@ impl Random {
         z ^ z >> 31
     }
 
-    /// In [0, 1), 24 bits.
+    /// The next number in [0, 1), with 24 bits.
     pub fn unit(&mut self) -> f32 {
         (self.next() >> 40) as f32 / (1 << 24) as f32
     }
@@ -75,7 +75,7 @@ impl Random {
     }
 }
 
-/// Small triangles anywhere in the unit cube, of three materials.
+/// Small triangles anywhere in the unit cube, with three materials.
 pub fn soup(triangles: u32, size: f32, seed: u64) -> Mesh {
     let mut random = Random(seed);
     let mut mesh = Mesh::default();
@@ -87,7 +87,7 @@ pub fn soup(triangles: u32, size: f32, seed: u64) -> Mesh {
     mesh
 }
 
-/// A bumpy height field over the unit square, of two materials.
+/// A bumpy height field over the unit square, with two materials.
 pub fn hills(side: u32, seed: u64) -> Mesh {
     let mut random = Random(seed);
     let mut mesh = Mesh::default();
@@ -108,7 +108,7 @@ pub fn hills(side: u32, seed: u64) -> Mesh {
     mesh
 }
 
-/// A partition by its parts' first members: the same for the same partition, however numbered.
+/// A partition by the first members of its parts; equal partitions give equal results, however numbered.
 pub fn parts(labels: &[u32]) -> Vec<usize> {
     let mut first = vec![usize::MAX; labels.len()];
     let mut parts = Vec::new();
@@ -120,7 +120,7 @@ pub fn parts(labels: &[u32]) -> Vec<usize> {
     parts
 }
 
-/// The group that each triangle's cluster was cut from.
+/// The group of each triangle's cluster.
 pub fn groups(clusters: &Clusters) -> Vec<u32> {
     clusters.labels().iter().map(|&label| clusters.clusters()[label as usize].group).collect()
 }

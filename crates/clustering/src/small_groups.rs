@@ -1,31 +1,32 @@
-//! The default grouping of groups that are not large, without a branch for each triangle: whole numbers of lanes, and sums
-//! by class. Most groups of fine grids are small, and there a wrong guess of a branch costs more than idle lanes.
+//! The default grouping of small groups in lanes, without a branch per triangle.
+//!
+//! Most groups of fine grids are small. There a mispredicted branch costs more than idle lanes.
 
 use crate::Cluster;
 use crate::group::{Batch, Members};
-use crate::surface::Surface;
+use crate::triangle_normals::Surface;
 
-/// Most triangles of a group that is done so. Each of its classes takes a pass over all lanes, and larger groups tend to
-/// have more classes.
-pub(crate) const FEW: usize = 256;
-/// Most classes, for the same reason.
+/// The largest group that is clustered in lanes. Each of its classes takes a pass over all lanes, and larger groups
+/// tend to have more classes.
+pub(crate) const MAX_SMALL: usize = 256;
+/// The largest number of classes, for the same reason.
 const MAX_CLASSES: usize = 32;
 
-/// What one thread needs.
+/// The scratch space of one thread.
 #[derive(Default)]
-pub(crate) struct Few {
+pub(crate) struct SmallGroups {
     parts: Vec<Part>,
     sorted: Vec<u32>,
 }
 
-/// What is summed up of a class.
+/// The sums over a class.
 #[derive(Clone, Copy)]
 struct Part {
     sum: Surface,
     triangles: u32,
-    /// Where the next member goes.
+    /// The place of the next member.
     next: u32,
-    /// The first member's normal.
+    /// The normal of the first member.
     lead: [f32; 3],
     normal: [f32; 3],
     cone: f32,
@@ -36,7 +37,7 @@ impl Part {
         Self { sum: Surface::NOTHING, triangles: 0, next: 0, lead: [0.0; 3], normal: [0.0; 3], cone: 1.0 };
 }
 
-/// First fit in canonical order.
+/// The rule of first fit in canonical order.
 #[derive(Clone, Copy)]
 pub(crate) struct FirstFit {
     pub(crate) cosine: f32,
@@ -45,9 +46,9 @@ pub(crate) struct FirstFit {
     pub(crate) steep: f32,
 }
 
-impl Few {
-    /// Clusters a group of at most N triangles and adds them to a batch; false, and nothing done, if that takes another
-    /// way: some have no normal, or there are many classes.
+impl SmallGroups {
+    /// Clusters a group of at most N triangles and adds the result to a batch. Returns false and does nothing if some
+    /// triangles have no normal or there are too many classes.
     #[inline(always)]
     pub(crate) fn cluster<const N: usize>(
         &mut self,
@@ -85,7 +86,7 @@ impl Few {
         true
     }
 
-    /// Sums up the classes. Where `sides` may differ within one, they are turned to that of the first.
+    /// Sums up the classes. If `sides` may differ within a class, normals are turned to the side of the first.
     #[inline(always)]
     fn sum(&mut self, group: Members<'_>, class: &[u32], sides: bool) {
         if !sides {
@@ -106,7 +107,7 @@ impl Few {
         }
     }
 
-    /// Normals, cones, and members in the order of classes.
+    /// Computes normals and cones, and sorts members by class.
     #[inline(always)]
     fn finish(&mut self, group: Members<'_>, class: &[u32], both: bool) {
         let mut members = 0;
@@ -127,8 +128,8 @@ impl Few {
     }
 }
 
-/// First fit in canonical order: fills in the classes of the first `count` and tells how many there are, or more than
-/// [`MAX_CLASSES`].
+/// First fit in canonical order: sets the classes of the first `count`. Returns the number of classes, or a number
+/// above [`MAX_CLASSES`].
 #[inline(always)]
 fn classify<const N: usize, const TWO_SIDED: bool>(
     [x, y, z]: [&[f32; N]; 3],
@@ -136,7 +137,7 @@ fn classify<const N: usize, const TWO_SIDED: bool>(
     cosine: f32,
     class: &mut [u32; N],
 ) -> usize {
-    /// Below the key of any number: has a class.
+    /// Marks a triangle with a class; below the key of any number.
     const DONE: i32 = i32::MIN;
     // Integers in the order of z.
     let mut keys = [DONE; N];
@@ -175,7 +176,7 @@ fn classify<const N: usize, const TWO_SIDED: bool>(
     if top == DONE { classes as usize } else { usize::MAX }
 }
 
-/// An integer that is in the order of a number; the zeros are one.
+/// An integer with the order of a float. Both zeros have the same.
 #[inline(always)]
 fn key(x: f32) -> i32 {
     let bits = (x + 0.0).to_bits() as i32;
@@ -188,9 +189,9 @@ mod tests {
     use crate::greedy::{Classes, Facet, Rule};
     use crate::params::Order;
 
-    /// Against the passes that other groups take, which are tested against the published loop.
+    /// The result equals that of the passes for larger groups, which are tested against the published loop.
     #[test]
-    fn lanes_are_first_fit() {
+    fn lanes_compute_first_fit() {
         let mut state = 2016_u64;
         let mut random = |n: u64| {
             state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
@@ -198,7 +199,7 @@ mod tests {
         };
         for round in 0..600 {
             let (count, two_sided) = (1 + random(64) as usize, round % 2 == 0);
-            // Few directions, so that many are equal in z, in y too, or altogether.
+            // SmallGroups directions, so that many are equal in z, in y too, or altogether.
             let normals: Vec<[f32; 3]> = std::iter::repeat_with(|| {
                 let n = [0; 3].map(|_| random(9) as f32 - 4.0);
                 let length = n.iter().map(|x| x * x).sum::<f32>().sqrt().max(0.5);
