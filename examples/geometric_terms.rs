@@ -15,7 +15,7 @@
 
 use dapple::cluster_adaptive::{Adaptive, AdaptiveOptions, ErrorMap, MapErrors};
 use dapple::core::samplers::Uniform;
-use dapple::core::{Film, FirstHit, Frame, Limits, Needs, NoMonitor, Sampler, luminance, render};
+use dapple::core::{Film, FirstHit, Frame, Limits, Needs, Render, Sampler, luminance};
 use dapple::geometry::Ray;
 use dapple::metrics::{Pixels, compare};
 use dapple::renderer::light::Target;
@@ -128,7 +128,7 @@ impl Truth {
         let frame = Frame::new(self.side, self.side)?;
         let limits = Limits::samples(spp * frame.pixels() as u64);
         let mut integrator = integrator(&self.world);
-        Ok(render(&mut *integrator, &mut *sampler, Needs::none(), frame, &limits, &mut NoMonitor)?.image())
+        Ok(Render::new(frame, &limits).run(&mut *integrator, &mut *sampler)?.image())
     }
 
     /// sRGB MSE and relMSE, summed over seeds.

@@ -4,7 +4,7 @@
 #![expect(clippy::print_stdout, reason = "a program: what it says is its result")]
 
 use dapple::core::samplers::{Uniform, Variance};
-use dapple::core::{Block, Draws, Estimate, Film, Frame, Integrator, Limits, Needs, NoMonitor, TrainingLog, render};
+use dapple::core::{Block, Draws, Estimate, Film, Frame, Integrator, Limits, Render, TrainingLog};
 use dapple::low_discrepancy::Sobol;
 use std::f32::consts::TAU;
 
@@ -78,7 +78,7 @@ impl Integrator for Balls {
 
 fn image(mut sampler: impl dapple::core::Sampler, spp: u64) -> Result<Film, dapple::core::Error> {
     let (frame, limits) = (Frame::new(240, 135)?, Limits::samples(spp * 240 * 135));
-    render(&mut Balls, &mut sampler, Needs::none(), frame, &limits, &mut NoMonitor)
+    Render::new(frame, &limits).run(&mut Balls, &mut sampler)
 }
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {

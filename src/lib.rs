@@ -28,7 +28,7 @@
 //! ```
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
 //! use dapple::core::samplers::Variance;
-//! use dapple::core::{Block, Draws, Estimate, Frame, Integrator, Limits, Needs, NoMonitor, TrainingLog, render};
+//! use dapple::core::{Block, Draws, Estimate, Frame, Integrator, Limits, Render, TrainingLog};
 //! use dapple::low_discrepancy::Sobol;
 //!
 //! const PLACE: Block = Block::new(0);
@@ -47,7 +47,7 @@
 //! let frame = Frame::new(64, 16)?;
 //! let mut sampler = Variance::new(Sobol::new(7));
 //! let limits = Limits::samples(16 * 64 * 16);
-//! let film = render(&mut Penumbra, &mut sampler, Needs::none(), frame, &limits, &mut NoMonitor)?;
+//! let film = Render::new(frame, &limits).run(&mut Penumbra, &mut sampler)?;
 //!
 //! assert_eq!(film.record().samples, 16 * 64 * 16);       // the budget, exactly
 //! assert!(film.count(32) > 2 * film.count(5));           // more in the penumbra than in the dark

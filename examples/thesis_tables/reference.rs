@@ -2,7 +2,7 @@
 
 use crate::Result;
 use crate::measure::{Plan, errors};
-use dapple::core::{Frame, Limits, Needs, NoMonitor, render};
+use dapple::core::{Frame, Limits, Render};
 use dapple::renderer::image::{Encoding, Image, encode_pfm, read_image, write_file};
 use dapple::renderer::{Stage, World, bundled::Bundle, integrator, registry};
 use std::path::Path;
@@ -45,7 +45,7 @@ fn half(plan: &Plan, world: &World, bundle: &Bundle, seed: u64, cache: &Path) ->
     let mut sampler = registry::sampler("uniform", points, &Stage::empty())?;
     let limits = Limits::samples(spp * u64::from(side * side));
     let frame = Frame::new(side, side)?;
-    let film = render(&mut *integrator(world), &mut *sampler, Needs::none(), frame, &limits, &mut NoMonitor)?;
+    let film = Render::new(frame, &limits).run(&mut *integrator(world), &mut *sampler)?;
     let image = Image::new([side; 2], film.image())?;
     write_file(&path, &encode_pfm(&image)?)?;
     Ok(image.pixels)

@@ -9,8 +9,8 @@ mod target;
 use dapple_checkpoint::{Contents, Identity, Kind};
 use dapple_core::samplers::Uniform;
 use dapple_core::{
-    Block, Control, Draws, Estimate, Film, FirstHit, Frame, Integrator, Limits, Needs, PointSet, SampleId, Sampler,
-    Shard, ShardFilm, Sharded, Status, TrainingData, TrainingLog, render,
+    Block, Control, Draws, Estimate, Film, FirstHit, Frame, Integrator, Limits, Needs, PointSet, Render, SampleId,
+    Sampler, Shard, ShardFilm, Sharded, Status, TrainingData, TrainingLog,
 };
 use std::path::Path;
 
@@ -75,7 +75,8 @@ fn rendered(sampler: &mut dyn Sampler, needs: Needs) -> (Film, Vec<u8>) {
         if status.samples > 12 { Control::Stop } else { Control::Continue }
     };
     let frame = Frame::new(5, 4).and_then(|frame| frame.crop(1, 1, 4, 3)).unwrap();
-    let film = render(&mut Field, sampler, needs, frame, &Limits::samples(19), &mut monitor).unwrap();
+    let film =
+        Render::new(frame, &Limits::samples(19)).needs(needs).monitor(&mut monitor).run(&mut Field, sampler).unwrap();
     (film, bytes)
 }
 
@@ -93,7 +94,11 @@ fn seeds() -> Vec<(&'static str, Vec<u8>)> {
     let mut sampler = Sharded::new(&mut inner, shard, &limits).unwrap();
     let mut go_on = |_: &Status<'_>| Control::Continue;
     let frame = Frame::new(3, 2).unwrap();
-    let film = render(&mut Field, &mut sampler, Needs::none().with_variance(), frame, &limits, &mut go_on).unwrap();
+    let film = Render::new(frame, &limits)
+        .needs(Needs::none().with_variance())
+        .monitor(&mut go_on)
+        .run(&mut Field, &mut sampler)
+        .unwrap();
     let part = ShardFilm::new(shard, &film).unwrap().to_bytes();
     vec![("file", file), ("unsigned", unsigned), ("snapshot", snapshot), ("plain", plain), ("part", part)]
 }

@@ -284,14 +284,20 @@ fn trace(
     // Beside --checkpoint with the same file: the first time there is none.
     let begins = |from: &PathBuf| options.checkpoint.as_ref() == Some(from) && !Store::exists(from);
     let film = match options.resume.as_ref().filter(|from| !begins(from)) {
-        None => dapple_core::render(&mut *integrator, sampler, needs, frame, limits, &mut progress),
+        None => {
+            dapple_core::Render::new(frame, limits).needs(needs).monitor(&mut progress).run(&mut *integrator, sampler)
+        }
         Some(from) => {
             let snapshot = checkpoints::read(from, identity)?;
             let done = snapshot.film().record().samples as f64 / frame.pixels() as f64;
             if !options.quiet && !options.json {
                 say("resume", &format!("going on after {done:.2} spp"));
             }
-            dapple_core::resume(snapshot, &mut *integrator, sampler, needs, frame, limits, &mut progress)
+            dapple_core::Render::new(frame, limits).needs(needs).monitor(&mut progress).resume(
+                snapshot,
+                &mut *integrator,
+                sampler,
+            )
         }
     };
     progress.finish();

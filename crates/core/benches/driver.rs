@@ -5,8 +5,8 @@
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use dapple_core::samplers::{Uniform, Variance, VarianceOptions};
 use dapple_core::{
-    Block, BudgetLeft, Draws, Estimate, Feedback, Film, Frame, Integrator, Limits, Needs, NoMonitor, Plan, PointSet,
-    SampleId, Sampler, TrainingLog, allocate, allocate_on_ladder, render, streams,
+    Block, BudgetLeft, Draws, Estimate, Feedback, Film, Frame, Integrator, Limits, Needs, Plan, PointSet, Render,
+    SampleId, Sampler, TrainingLog, allocate, allocate_on_ladder, streams,
 };
 use std::hint::black_box;
 
@@ -76,7 +76,7 @@ fn driver(c: &mut Criterion) {
         let limits = Limits::samples(u64::from(SIDE * SIDE) * SPP);
         let once = || {
             let mut sampler = Uniform::new(Cheap);
-            on_one_thread(|| render(&mut OneBlock, &mut sampler, needs, frame(), &limits, &mut NoMonitor))
+            on_one_thread(|| Render::new(frame(), &limits).needs(needs).run(&mut OneBlock, &mut sampler))
         };
         group.bench_function(BenchmarkId::new("render", name), |b| b.iter(|| once().expect("a film")));
     }

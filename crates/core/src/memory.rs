@@ -99,7 +99,7 @@ pub struct Memory {
 }
 
 impl Memory {
-    /// Of [`render`](crate::render()) with these arguments, and of applying `filter` to the film. `needs` are those of
+    /// Of a [`Render`](crate::Render) with these arguments, and of applying `filter` to the film. `needs` are those of
     /// everybody but sampler and limits.
     pub fn of_render(sampler: &dyn Sampler, filter: &dyn Filter, needs: Needs, frame: &Frame, limits: &Limits) -> Self {
         let needs = needs.and(sampler.needs());

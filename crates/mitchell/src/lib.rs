@@ -8,7 +8,7 @@
 //! * [`MitchellPbrt`]: deviation in luminance from the pixel's own mean, as in pbrt-v2.
 //!
 //! ```
-//! use dapple_core::{Block, Draws, Estimate, Frame, Integrator, Limits, Needs, NoMonitor, TrainingLog, render};
+//! use dapple_core::{Block, Draws, Estimate, Frame, Integrator, Limits, Render, TrainingLog};
 //! use dapple_low_discrepancy::Sobol;
 //! use dapple_mitchell::Mitchell;
 //!
@@ -27,7 +27,7 @@
 //! let frame = Frame::new(32, 32)?;
 //! let mut sampler = Mitchell::new(Sobol::new(7));
 //! let limits = Limits::samples(8 * 32 * 32);
-//! let film = render(&mut Edge, &mut sampler, Needs::none(), frame, &limits, &mut NoMonitor)?;
+//! let film = Render::new(frame, &limits).run(&mut Edge, &mut sampler)?;
 //! // Four samples in flat pixels; 4 + 6 and more at the edge, until the budget is met exactly.
 //! assert_eq!(film.record().samples, 8 * 32 * 32);
 //! assert!(film.counts().iter().all(|&n| n >= 4));

@@ -2,7 +2,7 @@
 
 use crate::StudyError;
 use crate::digest::Digest;
-use dapple_core::{Frame, Limits, Needs, NoMonitor, render};
+use dapple_core::{Frame, Limits, Render};
 use dapple_renderer::files::{Disk, Files};
 use dapple_renderer::light::LightChoice;
 use dapple_renderer::pbrt::ReadOptions;
@@ -145,8 +145,7 @@ impl Subject {
         let mut sampler = registry::sampler("uniform", points, &Stage::empty()).map_err(|e| wrong(&e))?;
         let limits = Limits::samples(CANARY_SPP * frame.pixels() as u64);
         let mut integrator = integrator(&self.world);
-        let film = render(&mut *integrator, &mut *sampler, Needs::none(), frame, &limits, &mut NoMonitor)
-            .map_err(|e| wrong(&e))?;
+        let film = Render::new(frame, &limits).run(&mut *integrator, &mut *sampler).map_err(|e| wrong(&e))?;
         let mut digest = Digest::new();
         film.image().as_flattened().iter().for_each(|v| digest.add(&v.to_bits().to_le_bytes()));
         Ok(digest)

@@ -4,7 +4,7 @@ use crate::machine::cpu_seconds;
 use crate::stop::Stop;
 use crate::{Failure, Result, scene};
 use dapple_core::samplers::Uniform;
-use dapple_core::{Control, Film, Frame, Limits, Monitor, Needs, Status, render};
+use dapple_core::{Control, Film, Frame, Limits, Monitor, Status};
 use dapple_metrics::{Difference, Measured, Pixels, difference};
 use dapple_renderer::registry::{self, Setting};
 use dapple_renderer::scene::Scene;
@@ -199,7 +199,9 @@ impl<'s> Studio<'s> {
         let start = self.bar.position();
         let before = cpu_seconds();
         let frame = self.settings.frame;
-        let film: Film = render(&mut *integrator, &mut sampler, Needs::none(), frame, &limits, self)
+        let film: Film = dapple_core::Render::new(frame, &limits)
+            .monitor(self)
+            .run(&mut *integrator, &mut sampler)
             .map_err(|e| Failure::new(e.to_string()))?;
         let cpu = cpu_seconds().zip(before).map(|(after, before)| after - before);
         self.bar.set_position(start + STEPS);

@@ -5,7 +5,7 @@ use dapple_conformance::bits;
 use dapple_core::samplers::{PilotPolicy, Uniform, Variance, VarianceOptions};
 use dapple_core::{
     Block, Budget, Control, Draws, Error, Estimate, Feedback, Film, Frame, Integrator, Limits, Needs, Plan, Progress,
-    Retention, Schedule, Status, TrainingData, TrainingLog, render, streams,
+    Render, Retention, Schedule, Status, TrainingData, TrainingLog, streams,
 };
 use std::io::Write as _;
 use std::sync::Mutex;
@@ -267,7 +267,10 @@ fn a_watch_stops_between_slices_and_leaves_whole_pixels() {
             if called == calls { Control::Stop } else { Control::Continue }
         };
         let mut sampler = Uniform::new(Independent::new(5));
-        render(&mut Field(noise), &mut sampler, Needs::none().with_variance(), frame(10, 10), limits, &mut monitor)
+        Render::new(frame(10, 10), limits)
+            .needs(Needs::none().with_variance())
+            .monitor(&mut monitor)
+            .run(&mut Field(noise), &mut sampler)
             .unwrap()
     };
     let film = stop_after(3, &limits);

@@ -1,9 +1,7 @@
 //! What is spent, where, and when it is decided.
 
 use crate::common::*;
-use dapple_core::{
-    Budget, BudgetLeft, Error, Feedback, Film, Integrator, Limits, Needs, NoMonitor, Plan, Progress, Sampler, render,
-};
+use dapple_core::{Budget, BudgetLeft, Error, Feedback, Film, Integrator, Limits, Plan, Progress, Render, Sampler};
 use dapple_mitchell::{MitchellOptions, MitchellPbrtOptions, Mode, Policy, Rates};
 use proptest::prelude::*;
 
@@ -100,7 +98,7 @@ fn a06_tiny_budgets() {
                 limits.min_spp = min_spp;
                 let draw = || {
                     let sampler = &mut *samplers(mode).swap_remove(k);
-                    render(&mut bernoulli(0.5), sampler, Needs::none(), size, &limits, &mut NoMonitor)
+                    Render::new(size, &limits).run(&mut bernoulli(0.5), sampler)
                 };
                 let counts = [draw(), draw()].map(|film| match film {
                     Ok(film) => Some((film.record().samples, film.counts())),

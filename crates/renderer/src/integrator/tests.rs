@@ -11,7 +11,7 @@ use crate::scene::{
     Projection, Scene, Shape, Source,
 };
 use dapple_core::samplers::Uniform;
-use dapple_core::{Frame, Integrator, Limits, Needs, NoMonitor, render};
+use dapple_core::{Frame, Integrator, Limits, Render};
 use dapple_low_discrepancy::Sobol;
 use glam::{DAffine3, DVec3};
 use std::sync::Arc;
@@ -46,7 +46,7 @@ fn rendered(mut integrator: impl Integrator) -> ([[f64; 2]; 2], f64) {
     let (mut sums, mut squares, mut rays) = ([0.0; 2], [0.0; 2], 0);
     for seed in 0..REPLICATES {
         let mut sampler = Uniform::new(Sobol::new(400 + seed));
-        let film = render(&mut integrator, &mut sampler, Needs::none(), frame, &limits, &mut NoMonitor);
+        let film = Render::new(frame, &limits).run(&mut integrator, &mut sampler);
         let film = film.unwrap_or_else(|e| panic!("{e}"));
         assert_eq!(film.record().rejected, 0);
         rays += film.record().rays;

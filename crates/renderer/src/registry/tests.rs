@@ -164,14 +164,8 @@ fn every_cluster_choice_renders() {
                 let points = points("sobol", SETTING).unwrap_or_else(|e| panic!("{e}"));
                 let mut sampler = sampler(&words, points, &stage).unwrap_or_else(|e| panic!("{words}: {e}"));
                 let frame = dapple_core::Frame::new(9, 7).expect("not empty");
-                let film = dapple_core::render(
-                    &mut *crate::integrator(&world),
-                    &mut *sampler,
-                    dapple_core::Needs::none(),
-                    frame,
-                    &dapple_core::Limits::samples(63 * 8),
-                    &mut dapple_core::NoMonitor,
-                );
+                let film = dapple_core::Render::new(frame, &dapple_core::Limits::samples(63 * 8))
+                    .run(&mut *crate::integrator(&world), &mut *sampler);
                 let counts = film.unwrap_or_else(|e| panic!("{words}: {e}")).counts();
                 assert_eq!(counts.iter().sum::<u64>(), 63 * 8, "{words}");
                 assert_ne!(counts.iter().min(), counts.iter().max(), "{words} tells nothing apart");

@@ -1,7 +1,7 @@
 //! D01 to D03 and S8: the same image, whatever ran it, and whatever the unit of length.
 
 use crate::support::*;
-use dapple_core::{Draws, Frame, Limits, Needs, NoMonitor, PointSet, SampleId, Schedule, TrainingLog, render, streams};
+use dapple_core::{Draws, Frame, Limits, Needs, PointSet, Render, SampleId, Schedule, TrainingLog, streams};
 use dapple_low_discrepancy::Sobol;
 use dapple_renderer::registry::{self, POINTS, SAMPLERS, Setting};
 use dapple_renderer::scene::{Geometry, Scene};
@@ -25,7 +25,7 @@ fn rendered(world: &World, sampler: &str, name: &str, schedule: Schedule, thread
         .unwrap_or_else(|e| panic!("{e}"));
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
     let needs = Needs::none().with_variance().with_features();
-    let film = pool.install(|| render(&mut *integrator(world), &mut *sampler, needs, frame, &limits, &mut NoMonitor));
+    let film = pool.install(|| Render::new(frame, &limits).needs(needs).run(&mut *integrator(world), &mut *sampler));
     let film = film.unwrap_or_else(|e| panic!("{e}"));
     assert_eq!(film.record().rejected, 0);
     // Features and variance are part of what must not change.

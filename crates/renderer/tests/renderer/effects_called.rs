@@ -145,7 +145,7 @@ fn l14_features_change_no_bit() {
     let needs = Needs::none().with_features().with_variance().with_cost();
     let limits = dapple_core::Limits::samples(SAMPLES);
     let mut integrator = dapple_renderer::integrator(&world);
-    let full = dapple_core::render(&mut *integrator, &mut sampler, needs, frame, &limits, &mut dapple_core::NoMonitor);
+    let full = dapple_core::Render::new(frame, &limits).needs(needs).run(&mut *integrator, &mut sampler);
     let full = full.expect("it renders");
     assert_eq!(hash(&plain), hash(&full));
     assert_eq!(plain.record().rays, full.record().rays);

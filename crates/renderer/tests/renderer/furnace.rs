@@ -4,7 +4,7 @@
 use crate::statistics::{FAMILY, Mean, Verdict, critical, sidak};
 use crate::support::*;
 use dapple_core::samplers::Uniform;
-use dapple_core::{Film, Frame, Limits, Needs, NoMonitor, render};
+use dapple_core::{Film, Frame, Limits, Needs, Render};
 use dapple_low_discrepancy::Random;
 use dapple_renderer::integrator;
 use dapple_renderer::scene::{Geometry, MeshData, Scene};
@@ -159,7 +159,7 @@ fn l02_no_pixel_stands_out() {
     let needs = Needs::none().with_variance();
     let limits = Limits::samples(1024 * frame.pixels() as u64);
     let film =
-        render(&mut *integrator(&world), &mut sampler, needs, frame, &limits, &mut NoMonitor).expect("it renders");
+        Render::new(frame, &limits).needs(needs).run(&mut *integrator(&world), &mut sampler).expect("it renders");
     let z = critical(sidak(FAMILY, frame.pixels()) / 2.0);
     let mut worst = 0.0_f64;
     for i in 0..frame.pixels() {

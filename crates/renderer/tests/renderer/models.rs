@@ -2,7 +2,7 @@
 
 #![allow(clippy::print_stderr)] // What is skipped, and what each file holds, is told.
 
-use dapple_core::{Frame, Limits, NoMonitor, render};
+use dapple_core::{Frame, Limits, Render};
 use dapple_geometry::{Geometry as Tree, Mesh, Preset, Ray, Shape};
 use dapple_renderer::model::{ModelOptions, UpAxis, read_model_from, read_obj, read_stl};
 use dapple_renderer::pbrt::ReadError;
@@ -345,7 +345,7 @@ fn rendered(name: &str, world: World) -> usize {
         assert!(used.len() <= clusters && used.iter().all(|&label| (label as usize) < clusters), "{name}");
         let needs = filter.needs();
         let film =
-            render(&mut *integrator(&world), &mut *sampler, needs, frame, &Limits::samples(4 * 1024), &mut NoMonitor);
+            Render::new(frame, &Limits::samples(4 * 1024)).needs(needs).run(&mut *integrator(&world), &mut *sampler);
         let film = film.unwrap_or_else(|e| panic!("{name}: {e}"));
         assert_eq!((film.record().samples, film.record().rejected), (4 * 1024, 0), "{name}");
         let filtered = filter.apply(&film).unwrap_or_else(|e| panic!("{name}: {e}"));

@@ -2,8 +2,7 @@
 #![allow(dead_code, unreachable_pub, reason = "each test file uses its own part")]
 
 use dapple_core::{
-    Block, BudgetLeft, Draws, Estimate, Feedback, Film, Frame, Integrator, Limits, Needs, NoMonitor, Plan, Sampler,
-    TrainingLog, render,
+    Block, BudgetLeft, Draws, Estimate, Feedback, Film, Frame, Integrator, Limits, Plan, Render, Sampler, TrainingLog,
 };
 use dapple_low_discrepancy::Random;
 use dapple_mitchell::{Mitchell, MitchellOptions, MitchellPbrt, MitchellPbrtOptions, Mode, Policy};
@@ -30,7 +29,7 @@ pub fn frame(width: u32, height: u32) -> Frame {
 }
 
 pub fn run(integrator: &mut dyn Integrator, sampler: &mut dyn Sampler, frame: Frame, limits: &Limits) -> Film {
-    render(integrator, sampler, Needs::none(), frame, limits, &mut NoMonitor).unwrap()
+    Render::new(frame, limits).run(integrator, sampler).unwrap()
 }
 
 /// Mitchell's rule for one pixel alone, with these rates.

@@ -4,7 +4,7 @@
 #![allow(dead_code, unreachable_pub)]
 
 use dapple_core::samplers::Uniform;
-use dapple_core::{Film, Frame, Limits, Needs, NoMonitor, PointSet, Sampler, render};
+use dapple_core::{Film, Frame, Limits, PointSet, Render, Sampler};
 use dapple_low_discrepancy::Sobol;
 use dapple_renderer::scene::{
     Camera, Coating, Color, ConductorFresnel, Emission, EnvironmentRadiance, Geometry, Light, LightKind, Material,
@@ -141,7 +141,7 @@ pub fn film_of(world: &World, size: [u32; 2], spp: u64, points: impl PointSet) -
 }
 
 pub fn film_in(world: &World, frame: Frame, sampler: &mut dyn Sampler, limits: &Limits) -> Film {
-    render(&mut *integrator(world), sampler, Needs::none(), frame, limits, &mut NoMonitor).expect("it renders")
+    Render::new(frame, limits).run(&mut *integrator(world), sampler).expect("it renders")
 }
 
 /// `spp` Sobol' samples in every pixel of the scene's image.
