@@ -1,0 +1,307 @@
+//! The commands, files and links of the documentation work as they stand.
+//!
+//! Comments in the pages direct this test; they apply to the fenced block below them:
+//!
+//! * `<!-- not run: REASON -->`: a shell block that the test leaves alone;
+//! * `<!-- quick: A => B -->`: runs the block with A replaced by B, so that the test takes seconds;
+//! * `<!-- file: PATH -->`: the block is this file;
+//! * `<!-- insert: PATH after: TEXT -->`, `before: TEXT`: the block's lines go after (before) the line that contains TEXT.
+//!
+//! Shell blocks of a page run in one temporary folder, in order. It holds `scene.pbrt`, the Cornell box at 24x24 pixels. Programs in
+//! Rust are doctests of the crate `dapple` (src/lib.rs).
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::sync::OnceLock;
+
+/// The sampler of docs/ADDING-A-SAMPLER.md, compiled here so that its tests run.
+#[path = "docs/brightness.rs"]
+mod brightness;
+
+/// Pages whose shell blocks run.
+const RUN: [&str; 7] = [
+    "README.md",
+    "docs/SHARDS.md",
+    "docs/book/src/first-render.md",
+    "docs/book/src/your-scene.md",
+    "docs/book/src/maps-and-report.md",
+    "docs/book/src/writing-a-sampler.md",
+    "docs/book/src/your-renderer.md",
+];
+
+/// Pages that describe a change of this workspace.
+const ERRANDS: [&str; 5] = [
+    "docs/ADDING-A-SAMPLER.md",
+    "docs/ADDING-A-FILTER.md",
+    "docs/ADDING-A-LIGHT.md",
+    "docs/ADDING-A-SCENE-FORMAT.md",
+    "docs/ADDING-AN-INTEGRATOR.md",
+];
+
+/// A fenced block of a page, and the directives above it.
+struct Block {
+    line: usize,
+    language: String,
+    directives: Vec<String>,
+    text: String,
+}
+
+impl Block {
+    fn directive(&self, name: &str) -> Option<&str> {
+        self.directives.iter().find_map(|d| d.strip_prefix(name)?.strip_prefix(": "))
+    }
+
+    /// The block's text with the replacements of `quick`.
+    fn quick(&self) -> String {
+        self.directives.iter().filter_map(|d| d.strip_prefix("quick: ")?.split_once(" => ")).fold(
+            self.text.clone(),
+            |text, (from, to)| {
+                assert!(text.contains(from), "line {}: the block does not contain \"{from}\"", self.line);
+                text.replace(from, to)
+            },
+        )
+    }
+}
+
+fn root() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+}
+
+fn page(name: &str) -> String {
+    std::fs::read_to_string(root().join(name)).unwrap_or_else(|e| panic!("{name}: {e}"))
+}
+
+fn blocks(name: &str) -> Vec<Block> {
+    let (mut found, mut directives, mut open) = (Vec::new(), Vec::new(), None::<Block>);
+    for (i, line) in page(name).lines().enumerate() {
+        match open.take() {
+            Some(block) if line == "```" => found.push(block),
+            Some(mut block) => {
+                block.text += line;
+                block.text.push('\n');
+                open = Some(block);
+            }
+            None => {
+                if let Some(language) = line.strip_prefix("```") {
+                    let directives = std::mem::take(&mut directives);
+                    open = Some(Block { line: i + 1, language: language.to_owned(), directives, text: String::new() });
+                } else if let Some(directive) = line.strip_prefix("<!-- ").and_then(|l| l.strip_suffix(" -->")) {
+                    directives.push(directive.to_owned());
+                } else if !line.is_empty() {
+                    directives.clear();
+                }
+            }
+        }
+    }
+    assert!(open.is_none(), "{name}: a block is not closed");
+    found
+}
+
+/// Every Markdown file of the repository's own documentation.
+fn pages() -> Vec<String> {
+    let (mut found, mut folders) = (vec!["README.md".to_owned(), "CONTRIBUTING.md".into(), "CHANGELOG.md".into()], vec!["docs".to_owned()]);
+    while let Some(folder) = folders.pop() {
+        for entry in std::fs::read_dir(root().join(&folder)).expect("a folder") {
+            let entry = entry.expect("an entry");
+            let name = format!("{folder}/{}", entry.file_name().to_string_lossy());
+            match entry.path().is_dir() {
+                true => folders.push(name),
+                false if name.ends_with(".md") => found.push(name),
+                false => {}
+            }
+        }
+    }
+    found.sort();
+    found
+}
+
+/// The folder of the program `dapple`, as `cargo test --workspace` builds it for the tests of `dapple-cli`.
+fn program_folder() -> &'static Path {
+    static FOLDER: OnceLock<PathBuf> = OnceLock::new();
+    FOLDER.get_or_init(|| {
+        let mut build = Command::new(env!("CARGO"));
+        build.args(["test", "--quiet", "--offline", "--workspace", "--no-run", "--test", "words"]);
+        if !cfg!(debug_assertions) {
+            build.arg("--release");
+        }
+        let output = build.current_dir(root()).output().expect("cargo runs");
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        let test = std::env::current_exe().expect("a test is a program");
+        test.ancestors().nth(2).expect("tests lie in target/PROFILE/deps").to_owned()
+    })
+}
+
+fn small_scene() -> String {
+    let scene = std::fs::read_to_string(root().join("examples/scenes/cornell/scene.pbrt")).expect("a bundled scene");
+    assert!(scene.contains("[ 512 ]"));
+    scene.replace("[ 512 ]", "[ 24 ]").replace("cornell.exr", "scene.exr")
+}
+
+/// Writes a page's files and runs its shell blocks, in order.
+fn run_page(name: &str) {
+    let folder = tempfile::tempdir().expect("a folder");
+    std::fs::write(folder.path().join("scene.pbrt"), small_scene()).expect("a scene");
+    let path = std::env::join_paths(
+        [program_folder().to_owned()].into_iter().chain(std::env::split_paths(&std::env::var_os("PATH").unwrap_or_default())),
+    )
+    .expect("a path");
+    for block in blocks(name) {
+        if let Some(file) = block.directive("file") {
+            std::fs::write(folder.path().join(file), &block.text).expect("a file");
+        }
+        if block.language != "sh" || block.directive("not run").is_some() {
+            continue;
+        }
+        let output = Command::new("sh")
+            .args(["-e", "-c", &block.quick()])
+            .env("PATH", &path)
+            .current_dir(folder.path())
+            .output()
+            .expect("a shell");
+        assert!(output.status.success(), "{name}:{}: {}", block.line, String::from_utf8_lossy(&output.stderr));
+    }
+    // What a page says is written is there.
+    for block in blocks(name) {
+        if let Some(files) = block.directive("writes") {
+            for file in files.split(' ') {
+                assert!(folder.path().join(file).is_file(), "{name}:{}: {file} is missing", block.line);
+            }
+        }
+    }
+}
+
+#[test]
+fn the_commands_of_the_readme_run() {
+    run_page(RUN[0]);
+}
+
+#[test]
+fn the_commands_of_the_tutorial_and_of_shards_run() {
+    RUN[1..].iter().for_each(|name| run_page(name));
+}
+
+#[test]
+fn every_link_of_the_documentation_leads_to_a_file() {
+    let mut links = 0;
+    for name in pages() {
+        let text = page(&name);
+        let folder = root().join(&name);
+        for (i, line) in text.lines().enumerate() {
+            for target in line.split("](").skip(1).filter_map(|rest| rest.split(')').next()) {
+                let target = target.split('#').next().unwrap_or_default();
+                if target.is_empty() || target.contains("://") {
+                    continue;
+                }
+                links += 1;
+                let file = folder.parent().expect("a folder").join(target);
+                assert!(file.exists(), "{name}:{}: {target} is not there", i + 1);
+            }
+        }
+    }
+    assert!(links > 100, "{links} links");
+}
+
+/// Commands in pages that no test runs may still name options that are gone; those that run cannot.
+#[test]
+fn shell_blocks_that_do_not_run_give_a_reason() {
+    for name in RUN.iter().chain(&ERRANDS) {
+        for block in blocks(name).iter().filter(|b| b.directive("not run").is_some()) {
+            assert_eq!(block.language, "sh", "{name}:{}", block.line);
+        }
+    }
+}
+
+#[test]
+fn the_sampler_of_the_guide_is_the_one_that_is_tested_here() {
+    let guide = blocks(ERRANDS[0]);
+    let file = guide.iter().find(|b| b.directive("file").is_some_and(|f| f.ends_with("brightness.rs")));
+    assert_eq!(file.expect("a file").text, page("tests/docs/brightness.rs"));
+}
+
+/// A copy of the workspace without what is built, at a place that stays, so that the next run compiles less.
+fn scratch() -> PathBuf {
+    let folder = root().join("target/docs/workspace");
+    let list = Command::new("git").args(["ls-files", "-co", "--exclude-standard"]).current_dir(root()).output().expect("git");
+    assert!(list.status.success(), "{}", String::from_utf8_lossy(&list.stderr));
+    for name in String::from_utf8(list.stdout).expect("names").lines() {
+        let (from, to) = (root().join(name), folder.join(name));
+        let Ok(text) = std::fs::read(&from) else { continue };
+        if std::fs::read(&to).is_ok_and(|there| there == text) {
+            continue;
+        }
+        std::fs::create_dir_all(to.parent().expect("a folder")).expect("a folder");
+        std::fs::write(to, text).expect("a file");
+    }
+    folder
+}
+
+/// Makes the changes that a page describes, and returns how many files they touch.
+fn apply(name: &str, workspace: &Path) -> usize {
+    let mut touched = std::collections::BTreeSet::new();
+    for block in blocks(name) {
+        if let Some(file) = block.directive("file") {
+            let to = workspace.join(file);
+            std::fs::create_dir_all(to.parent().expect("a folder")).expect("a folder");
+            std::fs::write(&to, &block.text).expect("a file");
+            touched.insert(file.to_owned());
+        }
+        if let Some((file, place)) = block.directive("insert").and_then(|d| d.split_once(' ')) {
+            let path = workspace.join(file);
+            let text = std::fs::read_to_string(&path).unwrap_or_else(|e| panic!("{name}:{}: {file}: {e}", block.line));
+            let (after, anchor) = match (place.strip_prefix("after: "), place.strip_prefix("before: ")) {
+                (Some(anchor), _) => (true, anchor),
+                (_, Some(anchor)) => (false, anchor),
+                _ => panic!("{name}:{}: {place}", block.line),
+            };
+            let at = text.lines().position(|l| l.contains(anchor));
+            let at = at.unwrap_or_else(|| panic!("{name}:{}: {file} has no line with \"{anchor}\"", block.line));
+            let mut lines: Vec<&str> = text.lines().collect();
+            lines.splice(at + usize::from(after)..at + usize::from(after), block.text.lines());
+            if !text.contains(&block.text) {
+                std::fs::write(path, lines.join("\n") + "\n").expect("a file");
+            }
+            touched.insert(file.to_owned());
+        }
+    }
+    touched.len()
+}
+
+/// Files that each errand touches, its test included.
+const FILES: [usize; 5] = [3, 3, 3, 2, 2];
+
+#[test]
+fn the_places_where_the_guides_insert_lines_exist() {
+    for (name, most) in ERRANDS.iter().zip(FILES) {
+        let folder = tempfile::tempdir().expect("a folder");
+        for block in blocks(name) {
+            if let Some((file, _)) = block.directive("insert").and_then(|d| d.split_once(' ')) {
+                let to = folder.path().join(file);
+                std::fs::create_dir_all(to.parent().expect("a folder")).expect("a folder");
+                let copied = std::fs::copy(root().join(file), &to);
+                assert!(copied.is_ok(), "{name}:{}: {file} is not there", block.line);
+            }
+        }
+        assert_eq!(apply(name, folder.path()), most, "{name}: files touched");
+    }
+}
+
+#[test]
+#[ignore = "compiles a copy of the workspace: minutes; CI runs it"]
+fn the_guides_compile_and_their_tests_pass_when_followed_to_the_letter() {
+    let workspace = scratch();
+    for name in ERRANDS {
+        apply(name, &workspace);
+    }
+    for name in ERRANDS {
+        for block in blocks(name).iter().filter(|b| b.directive("then").is_some()) {
+            let output = Command::new("sh")
+                .args(["-e", "-c", &block.text])
+                .env("CARGO_TARGET_DIR", root().join("target/docs/target"))
+                .env("CARGO_NET_OFFLINE", "true")
+                .current_dir(&workspace)
+                .output()
+                .expect("a shell");
+            assert!(output.status.success(), "{name}:{}: {}", block.line, String::from_utf8_lossy(&output.stderr));
+        }
+    }
+}
