@@ -12,9 +12,11 @@
 use criterion::measurement::{Measurement, ValueFormatter, WallTime};
 use criterion::{BenchmarkGroup, Criterion, SamplingMode, Throughput};
 use dapple::core::{Frame, Limits, Render};
+use dapple::job::Stage;
+use dapple::job::registry::{self, Setting};
 use dapple::metrics::{Pixels, compare};
-use dapple::renderer::registry::{self, Setting};
-use dapple::renderer::{Stage, World, bundled, integrator};
+use dapple::renderer::{World, integrator};
+use dapple_scene::bundled;
 use std::cell::Cell;
 use std::sync::Arc;
 use std::time::{Duration, Instant};

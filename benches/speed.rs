@@ -7,8 +7,10 @@
 use criterion::{BatchSize, Criterion, Throughput, criterion_group, criterion_main};
 use dapple::clustering::{Params, cluster};
 use dapple::core::{Film, Frame, Limits, Render};
-use dapple::renderer::registry::{self, Setting};
-use dapple::renderer::{Stage, World, WorldClusters, WorldTriangles, bundled, integrator};
+use dapple::job::registry::{self, Setting};
+use dapple::job::{Stage, WorldClusters, WorldTriangles};
+use dapple::renderer::{World, integrator};
+use dapple_scene::bundled;
 use std::hint::black_box;
 use std::sync::Arc;
 

@@ -16,9 +16,11 @@
 #![expect(clippy::print_stdout, clippy::print_stderr, reason = "a program: its table is its result")]
 
 use dapple::core::{Frame, Limits, Render};
+use dapple::job::{Stage, registry};
 use dapple::metrics::{Pixels, compare};
 use dapple::renderer::light::LightChoice;
-use dapple::renderer::{Stage, World, bundled, integrator, registry, scene};
+use dapple::renderer::{World, integrator};
+use dapple_scene::{self as scene, bundled};
 use std::sync::Arc;
 use std::time::Instant;
 

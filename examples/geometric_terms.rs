@@ -17,9 +17,11 @@ use dapple::cluster_adaptive::{Adaptive, AdaptiveOptions, ErrorMap, MapErrors};
 use dapple::core::samplers::Uniform;
 use dapple::core::{Film, FirstHit, Frame, Limits, Needs, Render, Sampler, luminance};
 use dapple::geometry::Ray;
+use dapple::job::registry;
 use dapple::metrics::{Pixels, compare};
 use dapple::renderer::light::Target;
-use dapple::renderer::{World, bundled, integrator, registry, scene};
+use dapple::renderer::{World, integrator};
+use dapple_scene::{self as scene, bundled};
 use glam::Vec3;
 use std::sync::Arc;
 

@@ -11,9 +11,11 @@
 #![expect(clippy::print_stdout, clippy::print_stderr, reason = "a program: its table is its result")]
 
 use dapple::core::{Frame, Limits, Render};
+use dapple::job::{Stage, registry};
 use dapple::metrics::{Pixels, block_ratios, compare};
-use dapple::renderer::image::{Encoding, Image, encode_png, read_image, write_file};
-use dapple::renderer::{Stage, World, integrator, pbrt, registry, scene};
+use dapple::renderer::{World, integrator};
+use dapple::scene::image::{Encoding, Image, encode_png, read_image, write_file};
+use dapple_scene::{self as scene, pbrt};
 use std::path::{Path, PathBuf};
 
 type Result<T> = std::result::Result<T, Box<dyn std::error::Error>>;

@@ -14,8 +14,10 @@
 //! * [`denoise`] (feature `denoise`): filters that are right under unequal sample counts.
 //! * [`metrics`] (feature `metrics`): how wrong an image is.
 //! * [`geometry`] (feature `geometry`): watertight rays.
-//! * [`renderer`] (feature `renderer`): pbrt scenes, lights, materials, integrators, image files.
-//! * `checkpoint` (feature `checkpoint`, not by default): files that survive a crash.
+//! * [`scene`] (feature `scene`): scene descriptions, pbrt and model readers, image files, bundled scenes.
+//! * [`renderer`] (feature `renderer`): lights, materials, integrators.
+//! * [`job`] (feature `job`): one render from description to image; samplers, point sets and filters by name;
+//!   checkpoints and shards.
 //! * `study` (feature `study`, not by default): what accuracy costs in time.
 //!
 //! `examples/foreign_renderer.rs` is a renderer that shares nothing with Dapple's own but these parts.
@@ -57,8 +59,6 @@
 
 pub use dapple_core as core;
 
-#[cfg(feature = "checkpoint")]
-pub use dapple_checkpoint as checkpoint;
 #[cfg(feature = "cluster-adaptive")]
 pub use dapple_cluster_adaptive as cluster_adaptive;
 #[cfg(feature = "clustering")]
@@ -67,6 +67,8 @@ pub use dapple_clustering as clustering;
 pub use dapple_denoise as denoise;
 #[cfg(feature = "geometry")]
 pub use dapple_geometry as geometry;
+#[cfg(feature = "job")]
+pub use dapple_job as job;
 #[cfg(feature = "low-discrepancy")]
 pub use dapple_low_discrepancy as low_discrepancy;
 #[cfg(feature = "metrics")]
@@ -75,5 +77,7 @@ pub use dapple_metrics as metrics;
 pub use dapple_mitchell as mitchell;
 #[cfg(feature = "renderer")]
 pub use dapple_renderer as renderer;
+#[cfg(feature = "scene")]
+pub use dapple_scene as scene;
 #[cfg(feature = "study")]
 pub use dapple_study as study;

@@ -82,12 +82,13 @@ const RULES: &[(&str, &[&str], &[&str])] = &[
     ("dapple-cluster-adaptive", &["dapple-core", "dapple-clustering"], OF_A_SCENE),
     ("dapple-denoise", &["dapple-core"], OF_A_SCENE),
     ("dapple-metrics", &[], &["glam", "obvhs", "image", "exr", "rayon"]),
-    ("dapple-checkpoint", &[], &["glam", "obvhs", "image", "exr", "rayon"]),
     ("dapple-geometry", &[], &["image", "exr", "rayon", "clap"]),
+    ("dapple-scene", &["dapple-core"], &["obvhs", "clap", "indicatif", "dapple-geometry", "dapple-renderer"]),
     (
         "dapple-renderer",
         &[
             "dapple-core",
+            "dapple-scene",
             "dapple-geometry",
             "dapple-low-discrepancy",
             "dapple-mitchell",
@@ -96,6 +97,20 @@ const RULES: &[(&str, &[&str], &[&str])] = &[
             "dapple-denoise",
         ],
         &["clap", "indicatif"],
+    ),
+    (
+        "dapple-job",
+        &[
+            "dapple-core",
+            "dapple-geometry",
+            "dapple-low-discrepancy",
+            "dapple-mitchell",
+            "dapple-clustering",
+            "dapple-cluster-adaptive",
+            "dapple-denoise",
+            "dapple-renderer",
+        ],
+        &["clap", "indicatif", "ctrlc", "dapple-conformance"],
     ),
     (
         "dapple-study",
@@ -108,7 +123,9 @@ const RULES: &[(&str, &[&str], &[&str])] = &[
             "dapple-cluster-adaptive",
             "dapple-denoise",
             "dapple-metrics",
+            "dapple-scene",
             "dapple-renderer",
+            "dapple-job",
         ],
         &["clap", "indicatif", "ctrlc", "dapple-conformance"],
     ),
@@ -122,8 +139,9 @@ const RULES: &[(&str, &[&str], &[&str])] = &[
             "dapple-clustering",
             "dapple-cluster-adaptive",
             "dapple-denoise",
+            "dapple-scene",
             "dapple-renderer",
-            "dapple-checkpoint",
+            "dapple-job",
         ],
         &["clap", "indicatif", "ctrlc", "dapple-conformance"],
     ),
@@ -138,9 +156,10 @@ const RULES: &[(&str, &[&str], &[&str])] = &[
             "dapple-cluster-adaptive",
             "dapple-denoise",
             "dapple-metrics",
+            "dapple-scene",
             "dapple-renderer",
             "dapple-study",
-            "dapple-checkpoint",
+            "dapple-job",
             "dapple-price",
         ],
         &["dapple-conformance"],
@@ -148,7 +167,7 @@ const RULES: &[(&str, &[&str], &[&str])] = &[
 ];
 
 /// What knows of scenes, BVHs, vectors or image files.
-const OF_A_SCENE: &[&str] = &["glam", "obvhs", "image", "exr", "dapple-geometry", "dapple-renderer"];
+const OF_A_SCENE: &[&str] = &["glam", "obvhs", "image", "exr", "dapple-geometry", "dapple-scene", "dapple-renderer"];
 
 /// What `examples/foreign_renderer.rs` asks for in the manifest.
 const FOREIGN: &str = "clustering,cluster-adaptive,denoise,low-discrepancy,metrics";

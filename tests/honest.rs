@@ -1,9 +1,11 @@
 //! Whether what is said of errors is so: HARD_CASES A13 and T03.
 
 use dapple::core::{Block, Draws, Estimate, Film, Frame, Integrator, Limits, Needs, Render, Sampler, TrainingLog};
+use dapple::job::Stage;
+use dapple::job::registry::{self, Setting};
 use dapple::metrics::{ratio_interval, student_t_quantile};
-use dapple::renderer::registry::{self, Setting};
-use dapple::renderer::{Stage, World, bundled, integrator};
+use dapple::renderer::{World, integrator};
+use dapple_scene::bundled;
 
 /// The same noise in every pixel: exponential, of mean and variance 1.
 struct EqualNoise;
@@ -142,7 +144,7 @@ fn k11_one_huge_triangle() {
     const SIDE: u32 = 64;
     const SEEDS: u64 = 24;
     let files = std::collections::BTreeMap::from([(std::path::PathBuf::from("s.pbrt"), ornament().into_bytes())]);
-    let scene = dapple::renderer::pbrt::read_scene_from(&files, "s.pbrt", &Default::default()).expect("it reads");
+    let scene = dapple::scene::pbrt::read_scene_from(&files, "s.pbrt", &Default::default()).expect("it reads");
     let world = std::sync::Arc::new(World::with_resolution(&scene, [SIDE; 2]).expect("sound"));
     let stage = Stage::new(world.clone());
     let frame = Frame::new(SIDE, SIDE).expect("a frame");
@@ -199,7 +201,7 @@ fn z05_many_small_objects() {
     let seconds = |text: &str| {
         let files = std::collections::BTreeMap::from([(std::path::PathBuf::from("s.pbrt"), text.as_bytes().to_vec())]);
         let clock = std::time::Instant::now();
-        let scene = dapple::renderer::pbrt::read_scene_from(&files, "s.pbrt", &Default::default()).expect("it reads");
+        let scene = dapple::scene::pbrt::read_scene_from(&files, "s.pbrt", &Default::default()).expect("it reads");
         let world = World::with_resolution(&scene, [8, 8]).expect("sound");
         assert_eq!(world.geometry().triangle_count(), 2 * SHAPES);
         clock.elapsed().as_secs_f64()

@@ -3,9 +3,11 @@
 //! approximate.
 
 use dapple::core::{Film, Frame, Limits, Render};
-use dapple::renderer::registry::{self, SAMPLERS, Setting};
-use dapple::renderer::{Stage, World, bundled, integrator};
+use dapple::job::Stage;
+use dapple::job::registry::{self, SAMPLERS, Setting};
+use dapple::renderer::{World, integrator};
 use dapple_conformance::statistics::{FAMILY, Pixels, count_trend, image_mean, images, power, sidak, two_sided};
+use dapple_scene::bundled;
 use std::sync::Arc;
 
 const SIDE: u32 = 24;

@@ -2,8 +2,10 @@
 
 use crate::{Result, reference, statistics};
 use dapple::core::{Film, Frame, Limits, Needs, Render};
+use dapple::job::{Stage, registry};
 use dapple::metrics::{Pixels, compare};
-use dapple::renderer::{Stage, World, bundled, integrator, registry, scene};
+use dapple::renderer::{World, integrator};
+use dapple_scene::{self as scene, bundled};
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;

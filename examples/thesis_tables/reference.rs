@@ -3,8 +3,10 @@
 use crate::Result;
 use crate::measure::{Plan, errors};
 use dapple::core::{Frame, Limits, Render};
-use dapple::renderer::image::{Encoding, Image, encode_pfm, read_image, write_file};
-use dapple::renderer::{Stage, World, bundled::Bundle, integrator, registry};
+use dapple::job::{Stage, registry};
+use dapple::renderer::{World, integrator};
+use dapple::scene::image::{Encoding, Image, encode_pfm, read_image, write_file};
+use dapple_scene::bundled::Bundle;
 use std::path::Path;
 
 /// A point set that no method of the tables uses (asides do, with other seeds), and two seeds that none uses.

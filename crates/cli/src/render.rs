@@ -20,11 +20,13 @@ use crate::{Failure, Outcome, Result, scene};
 use checkpoints::Checkpoints;
 use clap::CommandFactory;
 use clap::error::ErrorKind;
-use dapple_checkpoint::{Identity, Store};
 use dapple_core::{Error, Film, Filter, Needs, Sampler, Sharded, Unfiltered, streams};
+use dapple_job::checkpoint::{Identity, Store};
+use dapple_job::{Stage, WorldClusters};
 use dapple_renderer::light::LightChoice;
-use dapple_renderer::scene::Scene;
-use dapple_renderer::{Effect, Effects, Stage, World, WorldClusters, integrator};
+use dapple_renderer::{World, integrator, without};
+use dapple_scene::Scene;
+use dapple_scene::{Effect, Effects};
 use files::Files;
 use memory::{Expected, Limit};
 use progress::Progress;
@@ -222,7 +224,7 @@ fn end(film: &Film, failure: Option<Failure>, resume: Option<Result<PathBuf>>) -
     }
 }
 
-/// Writes the files and says how it went. `unit` as in [`dapple_renderer::output::layers`].
+/// Writes the files and says how it went. `unit` as in [`dapple_job::output::layers`].
 fn deliver(mut report: Report<'_>, files: &Files, unit: f64, options: &Options) -> Result<()> {
     if report.film.record().samples == 0 {
         warn("stopped before the first sample: nothing is saved");
@@ -332,10 +334,10 @@ fn warn_of(scene: &Scene, options: &Options) {
 }
 
 /// Leaves effects out, and says so.
-fn leave_out(scene: &mut Scene, without: &[Effect]) -> Result<()> {
+fn leave_out(scene: &mut Scene, effects: &[Effect]) -> Result<()> {
     let called = Effects::of(scene);
-    for effect in without {
-        *scene = scene.without(*effect).map_err(|e| Failure::new(format!("--without {effect}: {e}")))?;
+    for effect in effects {
+        *scene = without(scene, *effect).map_err(|e| Failure::new(format!("--without {effect}: {e}")))?;
         let by = called.called().iter().find(|c| c.effect == *effect);
         let by = by.map_or_else(String::new, |c| format!("; {} calls for it ({})", c.source, c.because));
         warn(format!("without {effect}: {}{by}", effect.left_out()));

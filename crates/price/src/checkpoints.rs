@@ -3,8 +3,8 @@
 use crate::image::Image;
 use crate::pairs::{in_turn, pairs, seconds};
 use crate::{Break, Effort, Error, Ratio, Result, Row};
-use dapple_checkpoint::{Contents, Identity, Kind, Store};
 use dapple_core::{Control, Monitor, Needs, NoMonitor, Render, Snapshot, Status};
+use dapple_job::checkpoint::{Contents, Identity, Kind, Store};
 use dapple_renderer::integrator;
 use std::path::PathBuf;
 

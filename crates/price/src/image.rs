@@ -4,8 +4,9 @@ use crate::{Effort, Error, Result};
 use dapple_core::samplers::Uniform;
 use dapple_core::{Film, Frame, Limits, Monitor, Needs, NoMonitor, Render, Schedule};
 use dapple_low_discrepancy::Sobol;
-use dapple_renderer::scene::Scene;
-use dapple_renderer::{World, bundled, integrator};
+use dapple_renderer::{World, integrator};
+use dapple_scene::Scene;
+use dapple_scene::bundled;
 use std::time::Instant;
 
 /// The bundled scene of this name.

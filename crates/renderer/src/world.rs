@@ -4,6 +4,7 @@ mod build;
 #[cfg(test)]
 mod frame_tests;
 mod placed;
+mod query;
 mod relief;
 #[cfg(test)]
 mod tests;
@@ -16,11 +17,11 @@ use crate::light::{LightChoice, Lights};
 use crate::material::Surface;
 use crate::medium::Media;
 use crate::pixel_filter::FilterSampler;
-use crate::scene::{MediumInterface, Scalar, Scene};
 use crate::shading::{Bsdf, Frame};
 use crate::space::Space;
 use crate::texture::Textures;
 use dapple_geometry::{Geometry, Hit, Ray, Shape, SurfacePoint};
+use dapple_scene::{MediumInterface, Scalar, Scene};
 use glam::Vec3;
 
 /// Everything that rays need, built from a [`Scene`]: geometry in a tree, lights with their

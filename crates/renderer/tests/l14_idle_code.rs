@@ -8,7 +8,8 @@ mod support;
 use dapple_core::samplers::Uniform;
 use dapple_core::{Frame, Limits, Render};
 use dapple_low_discrepancy::Sobol;
-use dapple_renderer::{World, bundled, code, integrator_with};
+use dapple_renderer::{World, code, integrator_with};
+use dapple_scene::bundled;
 use support::*;
 
 const SIZE: [u32; 2] = [24, 16];

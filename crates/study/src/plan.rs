@@ -7,7 +7,7 @@ pub use words::split_words;
 
 use crate::{External, Lights, Method};
 use dapple_core::PointSet;
-use dapple_renderer::registry::{self, Setting};
+use dapple_job::registry::{self, Setting};
 use serde::Deserialize;
 use std::collections::BTreeSet;
 use std::path::PathBuf;

@@ -2,8 +2,9 @@
 
 use crate::{External, Method, Phases, StudyError, Subject};
 use dapple_core::{Error, Film, Filter, Filtered, Limits, Monitor, Needs, Render};
-use dapple_renderer::registry::{self, Setting};
-use dapple_renderer::{Stage, integrator};
+use dapple_job::Stage;
+use dapple_job::registry::{self, Setting};
+use dapple_renderer::integrator;
 use std::time::Instant;
 
 /// What an image is made of.

@@ -4,15 +4,15 @@ use super::code::{DEEP, GUIDED, SEVERAL, SKY};
 use super::path::PathTracer;
 use crate::World;
 use crate::camera::Pinhole;
-use crate::image::Image;
 use crate::light::LightChoice;
-use crate::scene::{
-    Camera, Color, Emission, EnvironmentRadiance, Geometry, Light, LightKind, Material, MaterialId, MaterialKind,
-    Projection, Scene, Shape, Source,
-};
 use dapple_core::samplers::Uniform;
 use dapple_core::{Frame, Integrator, Limits, Render};
 use dapple_low_discrepancy::Sobol;
+use dapple_scene::image::Image;
+use dapple_scene::{
+    Camera, Color, Emission, EnvironmentRadiance, Geometry, Light, LightKind, Material, MaterialId, MaterialKind,
+    Projection, Scene, Shape, Source,
+};
 use glam::{DAffine3, DVec3};
 use std::sync::Arc;
 

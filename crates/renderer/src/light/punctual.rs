@@ -1,8 +1,8 @@
 //! Lights without extent: points, spots, and parallel light. Only light sampling finds them.
 
 use super::{LightSample, Target};
-use crate::scene::{Source, SpotFalloff};
 use crate::space::{Space, even_scale};
+use dapple_scene::{Source, SpotFalloff};
 use glam::{DAffine3, DVec3, Vec3};
 
 /// What is wrong with a light without extent.

@@ -10,10 +10,10 @@ use crate::light::{
 use crate::material::{Surface, check_mixes};
 use crate::medium::Media;
 use crate::pixel_filter::FilterSampler;
-use crate::scene::{Emission, Geometry as Described, LightKind, MeshData, Scene, Shape as DescribedShape, Source};
 use crate::space::{Space, even_scale};
 use crate::texture::Textures;
 use dapple_geometry::{Disk, Geometry, Mesh, Shape, Sphere};
+use dapple_scene::{Emission, Geometry as Described, LightKind, MeshData, Scene, Shape as DescribedShape, Source};
 use glam::{DAffine3, DVec3, Vec3};
 use std::sync::Arc;
 

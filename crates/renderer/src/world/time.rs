@@ -1,8 +1,8 @@
 //! Which part of a motion the shutter sees.
 
 use super::World;
-use crate::scene::Scene;
 use dapple_geometry::Motion;
+use dapple_scene::Scene;
 
 /// The part of the motion during which the shutter is open.
 pub(super) struct Shutter {
@@ -47,7 +47,7 @@ impl Shutter {
 impl World {
     /// The time, as a share of the motion, that `u` in `[0, 1)` draws uniformly while the shutter is open.
     #[inline]
-    pub(crate) fn time(&self, u: f32) -> f32 {
+    pub fn time(&self, u: f32) -> f32 {
         let [opens, closes] = self.open;
         (opens + (closes - opens) * u).clamp(0.0, 1.0)
     }

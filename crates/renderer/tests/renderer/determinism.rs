@@ -2,10 +2,12 @@
 
 use crate::support::*;
 use dapple_core::{Draws, Frame, Limits, Needs, PointSet, Render, SampleId, Schedule, TrainingLog, streams};
+use dapple_job::Stage;
+use dapple_job::registry::{self, POINTS, SAMPLERS, Setting};
 use dapple_low_discrepancy::Sobol;
-use dapple_renderer::registry::{self, POINTS, SAMPLERS, Setting};
-use dapple_renderer::scene::{Geometry, Scene};
-use dapple_renderer::{Stage, World, blocks, bundled, integrator};
+use dapple_renderer::{World, blocks, integrator};
+use dapple_scene::bundled;
+use dapple_scene::{Geometry, Scene};
 use glam::{DAffine3, DMat3, DVec3};
 use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex};

@@ -7,7 +7,7 @@ use dapple_core::samplers::Uniform;
 use dapple_core::{Film, Frame, Limits, Needs, Render};
 use dapple_low_discrepancy::Random;
 use dapple_renderer::integrator;
-use dapple_renderer::scene::{Geometry, MeshData, Scene};
+use dapple_scene::{Geometry, MeshData, Scene};
 use glam::{DAffine3, DVec3};
 use std::sync::Arc;
 
@@ -105,7 +105,7 @@ fn l01_sees_a_leak_of_half_a_percent() {
 /// The bundled furnace is white, whatever the sampler's seed.
 #[test]
 fn l01_bundled_furnace_is_white() {
-    let scene = dapple_renderer::bundled::files("furnace").expect("bundled").read().expect("it reads");
+    let scene = dapple_scene::bundled::files("furnace").expect("bundled").read().expect("it reads");
     let mut found = Mean::default();
     for seed in 0..4 {
         let film = image(&scene, 16, SEED + seed);

@@ -4,12 +4,14 @@
 use crate::support::{add, add_material, diffuse, line, rectangle, scene};
 use dapple_core::samplers::Uniform;
 use dapple_core::{Film, Frame, Limits, Render, Sampler, Schedule};
+use dapple_job::Stage;
+use dapple_job::registry::{self, Setting};
 use dapple_low_discrepancy::Sobol;
-use dapple_renderer::image::Image;
 use dapple_renderer::light::LightChoice;
-use dapple_renderer::registry::{self, Setting};
-use dapple_renderer::scene::{EnvironmentRadiance, Light, LightKind};
-use dapple_renderer::{Stage, World, bundled, integrator};
+use dapple_renderer::{World, integrator};
+use dapple_scene::bundled;
+use dapple_scene::image::Image;
+use dapple_scene::{EnvironmentRadiance, Light, LightKind};
 use glam::{DAffine3, DVec3};
 use std::sync::Arc;
 

@@ -8,11 +8,11 @@ use dapple_core::{Draws, Estimate, Film, Frame, Integrator, Limits, PointSet, Re
 use dapple_geometry::{PrimitiveId, Ray, SurfacePoint, spawn_ray, spawn_ray_to, spawn_ray_to_point};
 use dapple_low_discrepancy::Sobol;
 use dapple_renderer::camera::{Lens, Pinhole};
-use dapple_renderer::image::Image;
 use dapple_renderer::light::Target;
-use dapple_renderer::scene::{EnvironmentRadiance, Geometry, Light, LightKind, Scene};
 use dapple_renderer::shading::{Bsdf, Frame as ShadingFrame, power_heuristic};
 use dapple_renderer::{World, blocks};
+use dapple_scene::image::Image;
+use dapple_scene::{EnvironmentRadiance, Geometry, Light, LightKind, Scene};
 use glam::{DAffine3, DVec3, Vec3};
 use std::f64::consts::PI;
 

@@ -10,9 +10,10 @@ use crate::support::*;
 use dapple_core::samplers::Uniform;
 use dapple_core::{Film, Frame, Limits, Needs, Render};
 use dapple_low_discrepancy::{Random, Sobol};
-use dapple_renderer::image::{Image, Layer, Plane, encode_exr, read_channels, write_file};
-use dapple_renderer::scene::{PixelFilter, Scene};
-use dapple_renderer::{World, bundled, integrator};
+use dapple_renderer::{World, integrator};
+use dapple_scene::bundled;
+use dapple_scene::image::{Image, Layer, Plane, encode_exr, read_channels, write_file};
+use dapple_scene::{PixelFilter, Scene};
 use std::path::PathBuf;
 
 const WIDTH: u32 = 64;

@@ -2,7 +2,7 @@
 
 use crate::common::{Fake, Place};
 use dapple_core::Control;
-use dapple_renderer::image::{Image, Layer, encode_exr, encode_pfm, read_attributes, write_file};
+use dapple_scene::image::{Image, Layer, encode_exr, encode_pfm, read_attributes, write_file};
 use dapple_study::{Draft, Lights, Onlooker, Progress, Reference, ScenePlan, Sitting, Study};
 use std::path::PathBuf;
 
