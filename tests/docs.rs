@@ -17,6 +17,9 @@ use std::sync::OnceLock;
 /// The sampler of docs/ADDING-A-SAMPLER.md, compiled here so that its tests run.
 #[path = "docs/brightness.rs"]
 mod brightness;
+/// The filter of docs/ADDING-A-FILTER.md.
+#[path = "docs/median.rs"]
+mod median;
 
 /// Pages whose shell blocks run.
 const RUN: [&str; 7] = [
@@ -212,10 +215,12 @@ fn shell_blocks_that_do_not_run_give_a_reason() {
 }
 
 #[test]
-fn the_sampler_of_the_guide_is_the_one_that_is_tested_here() {
-    let guide = blocks(ERRANDS[0]);
-    let file = guide.iter().find(|b| b.directive("file").is_some_and(|f| f.ends_with("brightness.rs")));
-    assert_eq!(file.expect("a file").text, page("tests/docs/brightness.rs"));
+fn the_sampler_and_the_filter_of_the_guides_are_those_that_are_tested_here() {
+    for (name, file) in [(ERRANDS[0], "brightness.rs"), (ERRANDS[1], "median.rs")] {
+        let guide = blocks(name);
+        let block = guide.iter().find(|b| b.directive("file").is_some_and(|f| f.ends_with(file)));
+        assert_eq!(block.expect("a file").text, page(&format!("tests/docs/{file}")), "{name}");
+    }
 }
 
 /// A copy of the workspace without what is built, at a place that stays, so that the next run compiles less.
