@@ -223,6 +223,47 @@ fn the_sampler_and_the_filter_of_the_guides_are_those_that_are_tested_here() {
     }
 }
 
+/// Letters of a name, without accents; "oe" and "ö" are alike.
+fn letters(text: &str) -> String {
+    let plain = text.to_lowercase().replace('ö', "o").replace(['š', 'ś'], "s").replace(['é', 'è'], "e").replace('ř', "r");
+    plain.chars().filter(char::is_ascii_alphabetic).collect::<String>().replace("oe", "o")
+}
+
+/// Citations such as `[Kirk and Arvo 1991]` or `[after Pharr et al. 2023, eq. 9.6; Veach 1997]`: first author and year.
+fn citations(text: &str) -> Vec<(String, String)> {
+    let mut found = Vec::new();
+    for inside in text.split('[').skip(1).filter_map(|rest| rest.split(['[', ']', '\n']).next()) {
+        for part in inside.split(';') {
+            let part = part.trim().trim_start_matches("after ");
+            let words: Vec<&str> = part.split([' ', ',']).collect();
+            let year = words.iter().position(|w| w.len() == 4 && w.starts_with(['1', '2']) && w.parse::<u32>().is_ok());
+            let known = |w: &&str| w.starts_with(char::is_uppercase) || matches!(**w, "and" | "et" | "al." | "van");
+            if let Some(at) = year.filter(|&at| at > 0 && words[..at].iter().all(|w| known(w)) && letters(words[0]).len() > 2) {
+                found.push((words[0].to_owned(), words[at].to_owned()));
+            }
+        }
+    }
+    found
+}
+
+#[test]
+fn every_citation_has_an_entry_in_the_bibliography() {
+    let bibliography = page("docs/references.bib");
+    let entries: Vec<(String, &str)> = bibliography.split("\n@").map(|e| (letters(e), e)).collect();
+    let list = Command::new("git").args(["ls-files", "*.rs", "*.md"]).current_dir(root()).output().expect("git");
+    let mut cited = 0;
+    for name in String::from_utf8(list.stdout).expect("names").lines() {
+        let Ok(text) = std::fs::read_to_string(root().join(name)) else { continue };
+        for (author, year) in citations(&text) {
+            let there = entries.iter().any(|(all, entry)| all.contains(&letters(&author)) && entry.contains(&year));
+            assert!(there, "{name}: [{author} {year}] has no entry in docs/references.bib");
+            cited += 1;
+        }
+    }
+    assert!(cited > 60, "{cited} citations");
+    assert_eq!(citations("[after Möller and Trumbore 1997, p. 3; Nobody 1801] [a 1999]").len(), 2);
+}
+
 /// A copy of the workspace without what is built, at a place that stays, so that the next run compiles less.
 fn scratch() -> PathBuf {
     let folder = root().join("target/docs/workspace");
