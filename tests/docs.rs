@@ -225,7 +225,7 @@ fn the_sampler_and_the_filter_of_the_guides_are_those_that_are_tested_here() {
 
 /// Letters of a name, without accents; "oe" and "ö" are alike.
 fn letters(text: &str) -> String {
-    let plain = text.to_lowercase().replace('ö', "o").replace(['š', 'ś'], "s").replace(['é', 'è'], "e").replace('ř', "r");
+    let plain = text.to_lowercase().replace('ö', "o").replace('š', "s").replace('á', "a").replace(['é', 'è'], "e").replace('ř', "r");
     plain.chars().filter(char::is_ascii_alphabetic).collect::<String>().replace("oe", "o")
 }
 
@@ -303,7 +303,7 @@ fn apply(name: &str, workspace: &Path) -> usize {
             let at = at.unwrap_or_else(|| panic!("{name}:{}: {file} has no line with \"{anchor}\"", block.line));
             let mut lines: Vec<&str> = text.lines().collect();
             lines.splice(at + usize::from(after)..at + usize::from(after), block.text.lines());
-            if !text.contains(&block.text) {
+            if !text.contains(block.text.trim()) {
                 std::fs::write(path, lines.join("\n") + "\n").expect("a file");
             }
             touched.insert(file.to_owned());
