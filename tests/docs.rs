@@ -3,6 +3,8 @@
 //! Comments in the pages direct this test; they apply to the fenced block below them:
 //!
 //! * `<!-- not run: REASON -->`: a shell block that the test leaves alone;
+//! * `<!-- not run: CI runs it -->`: so does `.ci/run`, line by line;
+//! * `<!-- writes: FILE FILE -->`: these files exist after the page's last block;
 //! * `<!-- quick: A => B -->`: runs the block with A replaced by B, so that the test takes seconds;
 //! * `<!-- file: PATH -->`: the block is this file;
 //! * `<!-- insert: PATH after: TEXT -->`, `before: TEXT`, `instead of: TEXT`: the block's lines go after (before, in place of) the first
@@ -165,7 +167,6 @@ fn run_page(name: &str) {
             .expect("a shell");
         assert!(output.status.success(), "{name}:{}: {}", block.line, String::from_utf8_lossy(&output.stderr));
     }
-    // What a page says is written is there.
     for block in blocks(name) {
         if let Some(files) = block.directive("writes") {
             for file in files.split(' ') {
@@ -208,12 +209,19 @@ fn every_link_of_the_documentation_leads_to_a_file() {
 
 /// Commands in pages that no test runs may still name options that are gone; those that run cannot.
 #[test]
-fn shell_blocks_that_do_not_run_give_a_reason() {
+fn shell_blocks_that_do_not_run_here_run_in_ci_or_give_a_reason() {
+    let ci = page(".ci/run");
+    let in_ci = |command: &str| ci.lines().any(|line| line.trim() == command);
     for name in RUN.iter().chain(&ERRANDS) {
-        for block in blocks(name).iter().filter(|b| b.directive("not run").is_some()) {
+        for block in blocks(name).iter() {
+            let Some(reason) = block.directive("not run") else { continue };
             assert_eq!(block.language, "sh", "{name}:{}", block.line);
+            if reason == "CI runs it" {
+                block.text.lines().for_each(|line| assert!(in_ci(line), "{name}:{}: .ci/run lacks {line}", block.line));
+            }
         }
     }
+    assert!(page("CONTRIBUTING.md").contains("\ncargo test --workspace\n") && in_ci("cargo test --workspace"));
 }
 
 #[test]
