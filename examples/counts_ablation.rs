@@ -85,7 +85,11 @@ impl Run {
                 "--method" => run.methods.push(value()?),
                 // CI passes a folder to every example; this one writes nothing.
                 folder if !folder.starts_with('-') => {}
-                other => return Err(format!("option \"{other}\" is unknown; the first lines of this example list all").into()),
+                other => {
+                    return Err(
+                        format!("option \"{other}\" is unknown; the first lines of this example list all").into()
+                    );
+                }
             }
         }
         if run.methods.is_empty() {

@@ -72,9 +72,7 @@ fn main() -> Result<()> {
             }
         }
     }
-    println!(
-        "\nWhere `--error` ends: true relMSE over the requested one (geometric mean, 95 % interval), and spp.\n"
-    );
+    println!("\nWhere `--error` ends: true relMSE over the requested one (geometric mean, 95 % interval), and spp.\n");
     println!("| scene | sampler | asked | true / asked | predicted / asked | spp |");
     println!("|---|---|---|---|---|---|");
     for (name, course) in &courses {

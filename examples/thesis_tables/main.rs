@@ -44,7 +44,10 @@ fn main() -> Result<()> {
             "--spp" => spp = words.next().ok_or("--spp needs a list, such as 8,16")?,
             "--cache" => cache = words.next().ok_or("--cache needs a folder")?.into(),
             flag if flag.starts_with('-') => {
-                return Err(format!("option \"{flag}\" is unknown; give --full, --thesis-sizes, --spp LIST or --cache DIR").into());
+                return Err(format!(
+                    "option \"{flag}\" is unknown; give --full, --thesis-sizes, --spp LIST or --cache DIR"
+                )
+                .into());
             }
             folder => cache = folder.into(),
         }

@@ -51,8 +51,7 @@ impl<P: PointSet> Sampler for Brightness<P> {
             return Ok(Progress::Trace);
         }
         // The rest: `allocate` hands out exactly the budget. The floor of a score keeps dark pixels alive.
-        let scores: Vec<f64> =
-            (0..seen.pixels()).map(|i| seen.film.mean(i).iter().sum::<f64>().max(1e-3)).collect();
+        let scores: Vec<f64> = (0..seen.pixels()).map(|i| seen.film.mean(i).iter().sum::<f64>().max(1e-3)).collect();
         let wanted = allocate(&scores, &now, seen.budget.max_spp, seen.budget.total)?.counts;
         plan.counts = wanted.iter().zip(&now).map(|(wanted, now)| wanted - now).collect();
         Ok(if plan.total() == 0 { Progress::Done } else { Progress::Trace })

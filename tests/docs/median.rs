@@ -21,8 +21,7 @@ impl Filter for Median {
             let rows = y.saturating_sub(1)..(y + 2).min(height);
             let columns = x.saturating_sub(1)..(x + 2).min(width);
             let pixels = rows.flat_map(|y| columns.clone().map(move |x| y * width + x));
-            let mut values: Vec<f64> =
-                pixels.filter(|&i| film.count(i) > 0).map(|i| film.mean(i)[channel]).collect();
+            let mut values: Vec<f64> = pixels.filter(|&i| film.count(i) > 0).map(|i| film.mean(i)[channel]).collect();
             values.sort_by(f64::total_cmp);
             values.get(values.len() / 2).map_or(0.0, |&v| v as f32)
         };
