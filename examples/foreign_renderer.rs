@@ -359,7 +359,7 @@ impl Integrator for Scene {
         let [x, y] = draws.pixel().map(|p| p as f32);
         let direction = self.camera_ray([x + u, y + v]);
         let Some(hit) = self.first_hit(EYE, direction, f32::INFINITY) else {
-            return Estimate { radiance: sky(direction), first_hit: None, cost: 1 };
+            return Estimate::new(sky(direction));
         };
         let albedo = ALBEDO[self.materials[hit.triangle as usize] as usize];
         let off = EYE + direction * hit.t + hit.normal * 1e-3;
@@ -375,7 +375,7 @@ impl Integrator for Scene {
         let radiance = [0, 1, 2].map(|c: usize| albedo[c] * (lamp.unwrap_or(0.0) + ambient[c]));
 
         // A filter that asks for first hits (`draws.wants_first_hit()`) would get them here.
-        Estimate { radiance, first_hit: None, cost: 2 + u32::from(lamp.is_some()) }
+        Estimate::new(radiance).with_cost(2 + u32::from(lamp.is_some()))
     }
 }
 

@@ -61,7 +61,7 @@ impl Integrator for Balls {
         let direction = unit(add(add(EYE, 5.4, [0.5 * x, 0.5 * y, 1.0]), -1.0, from));
         let sky = |d: V| [0.25, 0.35, 0.5].map(|c| c + 0.3 * (1.0 - d[1].max(0.0)));
         let Some((ball, t)) = meet(from, direction) else {
-            return Estimate { radiance: sky(direction), first_hit: None, cost: 1 };
+            return Estimate::new(sky(direction));
         };
         let (centre, _, colour) = BALLS[ball];
         let at = add(from, t, direction);
@@ -73,7 +73,7 @@ impl Integrator for Balls {
         let (z, (sin, cos)) = (1.0 - 2.0 * z, (TAU * turn).sin_cos());
         let up = unit(add(normal, 0.999, [(1.0 - z * z).sqrt() * cos, z, (1.0 - z * z).sqrt() * sin]));
         let open = if meet(at, up).is_none() { sky(up) } else { [0.0; 3] };
-        Estimate { radiance: [0, 1, 2].map(|c| colour[c] * (lit + open[c])), first_hit: None, cost: 3 }
+        Estimate::new([0, 1, 2].map(|c| colour[c] * (lit + open[c]))).with_cost(3)
     }
 }
 

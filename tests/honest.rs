@@ -13,7 +13,7 @@ struct EqualNoise;
 impl Integrator for EqualNoise {
     fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
         let [u, ..] = draws.block(Block::new(0));
-        Estimate { radiance: [-(1.0 - u).ln(); 3], first_hit: None, cost: 1 }
+        Estimate::new([-(1.0 - u).ln(); 3])
     }
 }
 

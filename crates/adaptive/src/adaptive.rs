@@ -117,7 +117,8 @@ impl<P: PointSet> Sampler for Adaptive<P> {
         let across = if crosses { 12 } else { 0 };
         let plans = !self.pilot().is_all(frame, limits);
         let always = size_of::<RgbMoments>() + across;
-        let mut memory = SamplerMemory::planning(frame, crosses, if plans { always } else { 0 });
+        let memory = SamplerMemory::planning(frame, if plans { always } else { 0 });
+        let mut memory = if crosses { memory.with_second_half(frame) } else { memory };
         if plans {
             let size = frame.size().map(|n| n as usize);
             let windows = pool::bytes_of_windows(size, self.options.radius as usize, rayon::current_num_threads());

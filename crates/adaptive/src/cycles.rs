@@ -1,9 +1,9 @@
 //! The stopping rule of Blender's Cycles.
 
-use crate::pilot::{Pilot, clamped};
+use crate::pilot::Pilot;
 use dapple_core::{
     Error, Feedback, Film, Frame, Limits, Needs, PilotPolicy, Plan, PointSet, Progress, Sampler, SamplerMemory,
-    Stopping, allocate,
+    Stopping, allocate, saturating_u32,
 };
 
 /// The parameters of [`Cycles`].
@@ -38,7 +38,7 @@ impl CyclesOptions {
         let chosen = (16.0 * threshold.powf(-0.3)).ceil().clamp(4.0, f64::from(u32::MAX)) as u32;
         match mode {
             Stopping::Threshold => (threshold, chosen),
-            Stopping::Budget => (threshold, chosen.min(clamped(mean / 4)).max(4)),
+            Stopping::Budget => (threshold, chosen.min(saturating_u32(mean / 4)).max(4)),
         }
     }
 }
@@ -104,7 +104,7 @@ impl<P: PointSet> Cycles<P> {
         order.sort_by(|&a, &b| errors[b].total_cmp(&errors[a]).then(a.cmp(&b)));
         let mut left = seen.budget.left();
         for i in order {
-            plan.counts[i] = self.options.step.min(room[i]).min(clamped(left));
+            plan.counts[i] = self.options.step.min(room[i]).min(saturating_u32(left));
             left -= u64::from(plan.counts[i]);
         }
         if plan.total() == 0 && self.options.mode == Stopping::Budget {
@@ -152,7 +152,7 @@ impl<P: PointSet> Sampler for Cycles<P> {
 
     fn memory(&self, frame: &Frame, _: &Needs, _: &Limits) -> SamplerMemory {
         // Errors, room, what is open and its neighbours, and the order of all where all are.
-        SamplerMemory::planning(frame, false, 8 + 4 + 3 + size_of::<usize>())
+        SamplerMemory::planning(frame, 8 + 4 + 3 + size_of::<usize>())
     }
 
     fn points(&self) -> &dyn PointSet {

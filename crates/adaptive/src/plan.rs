@@ -1,8 +1,7 @@
 //! From what a film shows to counts: pure computations.
 
-use crate::pilot::clamped;
 use crate::{Adaptive, Cells, Pooling, geometric_variance, relative_variance};
-use dapple_core::{BudgetLeft, Error, Feedback, Film, Plan, PointSet, RgbMoments, allocate_on_ladder, ladder_floor};
+use dapple_core::{BudgetLeft, Error, Feedback, Film, Ladder, Plan, PointSet, RgbMoments, saturating_u32};
 use rayon::prelude::*;
 
 /// Counts up to this have their powers in a table.
@@ -74,13 +73,20 @@ impl<P: PointSet> Adaptive<P> {
     }
 
     /// Counts that spend `total` in all, at least `floors`, by scores.
-    fn counts(&self, scores: &[f64], floors: &[u32], total: u64, ceiling: u32, even: bool) -> Result<Vec<u32>, Error> {
+    fn counts(
+        &self,
+        scores: &[f64],
+        floors: &[u32],
+        total: u64,
+        ceiling: u32,
+        ladder: Ladder,
+    ) -> Result<Vec<u32>, Error> {
         let (mean, exponent) = (total as f64 / scores.len() as f64, self.options.exponent);
         let cap = (self.options.cap * mean).ceil().min(f64::from(ceiling)) as u32;
-        let mut shared = allocate_on_ladder(scores, floors, cap, total, exponent, even)?;
+        let mut shared = ladder.allocate(scores, floors, cap, total, exponent)?;
         if shared.unspent > 0 {
             // The floors left too little room under the cap: only the user's ceiling counts.
-            shared = allocate_on_ladder(scores, floors, ceiling, total, exponent, even)?;
+            shared = ladder.allocate(scores, floors, ceiling, total, exponent)?;
         }
         let left = |n: f64| n.max(1.0).powf(-exponent);
         // There are more pixels than counts, mostly: powers once for each of these.
@@ -90,40 +96,40 @@ impl<P: PointSet> Adaptive<P> {
         let uniform = scores.iter().sum::<f64>() * left(mean);
         if promised > self.options.gain * uniform {
             let alike = vec![1.0; scores.len()];
-            shared = allocate_on_ladder(&alike, floors, ceiling, total, exponent, even)?;
+            shared = ladder.allocate(&alike, floors, ceiling, total, exponent)?;
         }
         Ok(shared.counts)
     }
 
     /// The next round where everything is kept: up to the next of the budget's equal steps above the pilot.
     pub(crate) fn plan_kept(&self, seen: &Feedback<'_>, pilot: u32, plan: &mut Plan) -> Result<(), Error> {
-        let BudgetLeft { spent, total, min_spp, max_spp } = seen.budget;
+        let BudgetLeft { spent, total, min_spp, max_spp, .. } = seen.budget;
         let scores = self.scores(seen.film, |i| seen.film.moments(i))?;
-        let now: Vec<u32> = (0..seen.pixels()).map(|i| clamped(seen.film.count(i))).collect();
+        let now: Vec<u32> = (0..seen.pixels()).map(|i| saturating_u32(seen.film.count(i))).collect();
         let floors: Vec<u32> = now.iter().map(|&n| n.max(min_spp)).collect();
         let needed = floors.iter().map(|&n| u64::from(n)).sum::<u64>();
         let first = (u64::from(pilot) * seen.pixels() as u64).min(total);
         let rounds = u64::from(self.options.rounds());
         let step = |k: u64| first + ((total - first) as u128 * u128::from(k) / u128::from(rounds)) as u64;
         let target = (1..=rounds).map(step).find(|&t| t > spent && t >= needed).unwrap_or(total);
-        let counts = self.counts(&scores, &floors, target, max_spp, seen.film.needs().halves)?;
+        let counts = self.counts(&scores, &floors, target, max_spp, Ladder::of(seen.film.needs()))?;
         plan.counts = counts.iter().zip(&now).map(|(n, now)| n - now).collect();
         Ok(())
     }
 
     pub(crate) fn plan_after_discarding(&self, seen: &Feedback<'_>, plan: &mut Plan) -> Result<(), Error> {
         let BudgetLeft { min_spp, max_spp, .. } = seen.budget;
-        let even = seen.film.needs().halves;
+        let ladder = Ladder::of(seen.film.needs());
         let scores = self.scores(seen.film, |i| seen.film.discarded(i))?;
-        let now: Vec<u32> = (0..seen.pixels()).map(|i| clamped(seen.film.count(i))).collect();
+        let now: Vec<u32> = (0..seen.pixels()).map(|i| saturating_u32(seen.film.count(i))).collect();
         let total = now.iter().map(|&n| u64::from(n)).sum::<u64>() + seen.budget.left();
         let mean = total / seen.pixels() as u64;
-        let share = if self.preset.is_some() { 0 } else { ladder_floor(clamped(mean / FLOOR), even) };
+        let share = if self.preset.is_some() { 0 } else { ladder.floor(saturating_u32(mean / FLOOR)) };
         let wanted = share.max(min_spp.max(1)).min(max_spp);
-        let least = clamped(mean).min(wanted);
+        let least = saturating_u32(mean).min(wanted);
         let floors: Vec<u32> = now.iter().map(|&n| n.max(least)).collect();
         let floors = if sum(&floors) <= total { floors } else { now.clone() };
-        let counts = self.counts(&scores, &floors, total, max_spp, even)?;
+        let counts = self.counts(&scores, &floors, total, max_spp, ladder)?;
         plan.counts = counts.iter().zip(&now).map(|(n, now)| n - now).collect();
         Ok(())
     }
@@ -133,8 +139,8 @@ impl<P: PointSet> Adaptive<P> {
     pub(crate) fn plan_across(&self, seen: &Feedback<'_>, plan: &mut Plan) -> Result<(), Error> {
         let BudgetLeft { total, min_spp, max_spp, .. } = seen.budget;
         let moments = |half: usize, i: usize| seen.film.half(half, i).unwrap_or_default();
-        let now =
-            [0, 1].map(|half| -> Vec<u32> { (0..seen.pixels()).map(|i| clamped(moments(half, i).count)).collect() });
+        let now = [0, 1]
+            .map(|half| -> Vec<u32> { (0..seen.pixels()).map(|i| saturating_u32(moments(half, i).count)).collect() });
         let least = [min_spp - min_spp / 2, min_spp / 2];
         let most = [max_spp - max_spp / 2, max_spp / 2];
         let floors = [0, 1].map(|half| -> Vec<u32> { now[half].iter().map(|&n| n.max(least[half])).collect() });
@@ -143,7 +149,7 @@ impl<P: PointSet> Adaptive<P> {
         let second = (total / 2).min(room).min(total.saturating_sub(needed[0])).max(needed[1]);
         let of = |half: usize, total: u64| -> Result<Vec<u32>, Error> {
             let scores = self.scores(seen.film, |i| moments(1 - half, i))?;
-            let counts = self.counts(&scores, &floors[half], total, most[half], false)?;
+            let counts = self.counts(&scores, &floors[half], total, most[half], Ladder::Whole)?;
             Ok(counts.iter().zip(&now[half]).map(|(n, now)| n - now).collect())
         };
         plan.counts = of(0, total.saturating_sub(second))?;

@@ -98,8 +98,8 @@ fn bench(c: &mut Criterion) {
     group.bench_function("next_round", |b| {
         b.iter(|| {
             let mut plan = Plan::empty(frame.pixels());
-            let budget = BudgetLeft { spent: 0, total, min_spp: 1, max_spp: u32::MAX };
-            let seen = Feedback { round: 0, film: &film, budget };
+            let budget = BudgetLeft::new(total);
+            let seen = Feedback::new(0, &film, budget);
             pool.install(|| sampler.next_round(&seen, &mut plan)).map(|_| plan)
         });
     });

@@ -70,21 +70,12 @@ impl Error {
     }
 }
 
-/// The render loop knows one kind of error for what a user passed in.
+/// Parameters keep the core's kind; all else keeps its own, as [`dapple_core::Error::Other`].
 impl From<Error> for dapple_core::Error {
     fn from(error: Error) -> Self {
         match error {
             Error::OutOfRange { name, value, allowed } => Self::OutOfRange { name, value, allowed },
-            Error::NoLabel { .. } => {
-                Self::OutOfRange { name: "probes", value: error.to_string(), allowed: "one label per primitive" }
-            }
-            Error::NoCluster { .. } => {
-                Self::OutOfRange { name: "labels", value: error.to_string(), allowed: "numbers of clusters" }
-            }
-            Error::OtherFrame { .. } => {
-                Self::OutOfRange { name: "probes", value: error.to_string(), allowed: "those of the frame rendered" }
-            }
-            _ => Self::OutOfRange { name: "triangles", value: error.to_string(), allowed: "valid triangles" },
+            error => Self::other("cluster-thesis", error),
         }
     }
 }

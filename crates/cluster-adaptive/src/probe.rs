@@ -186,7 +186,7 @@ pub fn probe(
 }
 
 fn ray(pixel: [u32; 2], index: u64, placement: Placement, points: &dyn PointSet) -> ProbeRay {
-    let sample = SampleId { pixel, stream: streams::PROBE, index };
+    let sample = SampleId::new(pixel, streams::PROBE, index);
     let u = match placement {
         Placement::Centre => [0.5; 4],
         Placement::Jittered(_) => points.block(sample, 0),

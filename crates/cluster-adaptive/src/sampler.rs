@@ -205,7 +205,7 @@ impl<P: PointSet> Sampler for ClusterThesis<P> {
         // and means take 32 bytes; later ones hold counts, floors, and weights, shares and counts of the allocation.
         let first = (8 * k + 24 + 8).saturating_sub(32);
         let later = 4 + 4 + 8 + 8 + 4;
-        SamplerMemory::planning(frame, false, first.max(later)).with_state(frame, size_of::<Probe>() * k + 8)
+        SamplerMemory::planning(frame, first.max(later)).with_state(frame, size_of::<Probe>() * k + 8)
     }
 
     fn points(&self) -> &dyn PointSet {

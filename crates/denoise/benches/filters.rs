@@ -20,19 +20,11 @@ impl Integrator for Stripes {
         let [u, v, a, _] = draws.block(Block::new(0));
         let [x, y] = draws.pixel();
         let stripe = ((x as f32 + u + 0.3 * (y as f32 + v)) / 16.0) as u32;
-        let hit = FirstHit {
-            position: [x as f32, y as f32, 0.0],
-            geometric_normal: [0.0, 0.0, 1.0],
-            shading_normal: [0.0, 0.0, 1.0],
-            albedo: [0.5; 3],
-            depth: 1.0,
-            footprint: 1.0,
-            roughness: 1.0,
-            material: stripe,
-            shape: 0,
-            primitive: 0,
-        };
-        Estimate { radiance: [a, u, v], first_hit: draws.wants_first_hit().then_some(hit), cost: 1 }
+        let hit = FirstHit::new([x as f32, y as f32, 0.0], [0.0, 0.0, 1.0], 1.0)
+            .with_albedo([0.5; 3])
+            .with_footprint(1.0)
+            .with_material(stripe);
+        Estimate::new([a, u, v]).with_first_hit(draws.wants_first_hit().then_some(hit))
     }
 }
 

@@ -5,7 +5,7 @@ use crate::tile::{
     Differences, Guide, HEIGHT, LANES, Likeness, REACH, Stack, Tile, WIDTH, count_weights, exp_minus, origins,
     sharpness, stride, tiles, vectors,
 };
-use dapple_core::{FilterMemory, Frame};
+use dapple_core::{FilterMemory, Frame, ImagePlanes};
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
@@ -64,8 +64,7 @@ pub(crate) fn memory(frame: &Frame, labels: bool, like: &Likeness, pooled: bool)
     // Both halves' result stands beside the tiles that it is put together from.
     let sums = tiles(frame.size()) * (size_of::<[f32; 4 * LANES]>() * place(2, 0, 0)) as u64;
     let averaging = frame.bytes(kept + 4 * (guides + sharp + 6)).saturating_add(sums);
-    let memory = FilterMemory::new(frame, making, true);
-    FilterMemory { applying: memory.applying.max(averaging), ..memory }
+    FilterMemory::new(frame, making, ImagePlanes::RadianceAndError).at_least(averaging)
 }
 
 struct TileTask<'a, const G: usize> {

@@ -3,7 +3,7 @@
 use crate::Gaussian;
 use crate::membership::{BACKGROUND, MOST_VOTES, Membership, Votes};
 use crate::source::{mean_and_presence, normalised, squared_error, variances};
-use dapple_core::{Error, Film, Filter, FilterMemory, Filtered, FirstHit, Frame, Needs};
+use dapple_core::{Error, Film, Filter, FilterMemory, Filtered, FirstHit, Frame, ImagePlanes, Needs};
 use rayon::prelude::*;
 use std::fmt;
 use std::sync::Arc;
@@ -152,7 +152,7 @@ impl ClusterGaussian {
             Some(error) => rows.zip(error.par_chunks_mut(width)).for_each(|((y, r), e)| row(y, r, e)),
             None => rows.for_each(|(y, r)| row(y, r, &mut [])),
         }
-        Filtered { size, radiance, error }
+        Filtered::new(size, radiance).with_error(error)
     }
 
     /// The weighted sums around pixel (x, y); without regard to clusters if it is cut off by them.
@@ -241,7 +241,8 @@ impl Filter for ClusterGaussian {
         let known = needs.variance || needs.halves;
         // Means and presence, variances, and the image with its error.
         let planes = size_of::<[f64; 4]>() + if known { 8 + 16 } else { 12 };
-        FilterMemory::new(frame, votes + planes, known)
+        let image = if known { ImagePlanes::RadianceAndError } else { ImagePlanes::Radiance };
+        FilterMemory::new(frame, votes + planes, image)
     }
 
     fn apply(&self, film: &Film) -> Result<Filtered, Error> {

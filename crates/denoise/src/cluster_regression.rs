@@ -9,7 +9,7 @@ use crate::planes::{Inputs, Plane, box_mean};
 use crate::prefilter::prefilter;
 use crate::regression::{bytes, regress};
 use crate::tile::{FeatureScales, Guide, Likeness};
-use dapple_core::{Error, Film, Filter, FilterMemory, Filtered, Frame, Needs};
+use dapple_core::{Error, Film, Filter, FilterMemory, Filtered, Frame, ImagePlanes, Needs};
 use rayon::prelude::*;
 use std::fmt;
 
@@ -175,8 +175,7 @@ impl Filter for ClusterRegression {
             Passes::One => frame.bytes(kept + pair).saturating_add(bytes(frame, 2)),
             Passes::Two => frame.bytes(kept + 4 * pair + 4).saturating_add(bytes(frame, 1)),
         };
-        let memory = FilterMemory::new(frame, making, true);
-        FilterMemory { applying: memory.applying.max(at_most), ..memory }
+        FilterMemory::new(frame, making, ImagePlanes::RadianceAndError).at_least(at_most)
     }
 
     fn apply(&self, film: &Film) -> Result<Filtered, Error> {

@@ -139,11 +139,11 @@ pub(crate) fn filtered(inputs: &Inputs, image: &Pair) -> Filtered {
     let finite = || smooth.iter().filter(|e| e.is_finite());
     let floor = 0.05 * finite().map(|e| f64::from(*e)).sum::<f64>() / finite().count().max(1) as f64;
     let square = inputs.level * inputs.level;
-    let error = smooth.iter().zip(&weight).map(|(e, w)| e.max(floor as f32) / w * square).collect();
+    let error: Vec<f32> = smooth.iter().zip(&weight).map(|(e, w)| e.max(floor as f32) / w * square).collect();
     let of = |c: usize, i: usize| (image.combined(inputs, c, i) * inputs.level).min(f32::MAX);
     let colour = |i: usize| [of(0, i), of(1, i), of(2, i)];
     let radiance = (0..inputs.pixels()).into_par_iter().with_min_len(1024).map(colour).collect();
-    Filtered { size: inputs.size.map(|n| n as u32), radiance, error: Some(error) }
+    Filtered::new(inputs.size.map(|n| n as u32), radiance).with_error(error)
 }
 
 /// For each pixel of a filtered image its estimated squared error ([`Filtered::error`]) relative to `mean^2 + epsilon`, the

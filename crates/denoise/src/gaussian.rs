@@ -3,7 +3,7 @@
 use crate::separable::separable;
 use crate::source::{mean_and_presence, normalised, squared_error, variances};
 use crate::weights::gaussian_weights;
-use dapple_core::{Error, Film, Filter, FilterMemory, Filtered, Frame, Needs};
+use dapple_core::{Error, Film, Filter, FilterMemory, Filtered, Frame, ImagePlanes, Needs};
 use rayon::prelude::*;
 
 /// A Gaussian blur of the pixels' means, with weights integrated over each pixel.
@@ -100,7 +100,9 @@ impl Filter for Gaussian {
 
     fn memory(&self, frame: &Frame, needs: &Needs) -> FilterMemory {
         // Sums of four numbers along rows, and of those along columns.
-        FilterMemory::new(frame, 2 * size_of::<[f64; 4]>(), needs.variance || needs.halves)
+        let known = needs.variance || needs.halves;
+        let image = if known { ImagePlanes::RadianceAndError } else { ImagePlanes::Radiance };
+        FilterMemory::new(frame, 2 * size_of::<[f64; 4]>(), image)
     }
 
     fn apply(&self, film: &Film) -> Result<Filtered, Error> {
@@ -112,6 +114,6 @@ impl Filter for Gaussian {
             separable(plane, &squares, |i| [variances[i]], |i, [sum]| squared_error(sum, sums[i][3]))
         });
         let radiance = sums.into_par_iter().with_min_len(1024).map(normalised).collect();
-        Ok(Filtered { size, radiance, error })
+        Ok(Filtered::new(size, radiance).with_error(error))
     }
 }

@@ -15,7 +15,7 @@ const BLOCKS: u64 = 256;
 fn read(points: &dyn PointSet, pixel: u32) -> f32 {
     let mut sum = 0.0;
     for index in 0..16 {
-        let draws = black_box(Draws::new(points, SampleId { pixel: [pixel, 7], stream: 0, index }, false));
+        let draws = black_box(Draws::new(points, SampleId::new([pixel, 7], 0, index)));
         for block in 0..16 {
             let [a, b, c, d] = draws.block(Block::new(block));
             sum += a + b + c + d;

@@ -121,7 +121,7 @@ mod tests {
     use super::*;
 
     fn id(pixel: [u32; 2], stream: u32) -> SampleId {
-        SampleId { pixel, stream, index: 0 }
+        SampleId::new(pixel, stream, 0)
     }
 
     /// Flipping any single bit of (seed, pixel, stream, block, batch) flips each bit of the key with

@@ -20,7 +20,7 @@
 //!         let [x, y] = draws.pixel().map(|n| n as f32);
 //!         let [u, v, ..] = draws.block(Block::new(0));
 //!         let white = x + u > 8.0 + 0.3 * (y + v);
-//!         Estimate { radiance: [f32::from(u8::from(white)); 3], first_hit: None, cost: 1 }
+//!         Estimate::new([f32::from(u8::from(white)); 3])
 //!     }
 //! }
 //!

@@ -3,7 +3,7 @@
 use crate::Rates;
 use dapple_core::{
     BudgetLeft, Error, Feedback, Film, Frame, Limits, Needs, PilotPolicy, Plan, Progress, Retention, SamplerMemory,
-    Stopping, allocate,
+    Stopping, allocate, saturating_u32,
 };
 
 const NOT_OURS: Error = Error::BadSnapshot { what: "they do not hold what a sampler of two rates saves" };
@@ -64,7 +64,7 @@ impl TwoRates {
         let pilot = self.pilot(&budget, mean, rates, least);
         for (i, count) in plan.counts.iter_mut().enumerate() {
             let done = if self.discards() { seen.film.discarded(i).count } else { seen.film.count(i) };
-            *count = pilot.saturating_sub(clamped(done));
+            *count = pilot.saturating_sub(saturating_u32(done));
         }
         if plan.total() > 0 && plan.total() <= budget.left() {
             plan.retention = if self.discards() { Retention::Discard } else { Retention::Keep };
@@ -89,7 +89,7 @@ impl TwoRates {
         }
         words.push(u32::from(self.ranking.is_some()));
         if let Some(Ranking { pilot, order, asking, level }) = &self.ranking {
-            words.extend([*pilot, clamped(*asking as u64), u32::from(*level)]);
+            words.extend([*pilot, saturating_u32(*asking as u64), u32::from(*level)]);
             words.extend(order);
         }
         words.into_iter().flat_map(u32::to_le_bytes).collect()
@@ -131,14 +131,15 @@ impl TwoRates {
         // The ranking comes after the scoring, beside scores, or counts and marks.
         const RANKING: usize = 4;
         let planning = scoring.saturating_sub(RANKING).max(8);
-        let memory = SamplerMemory::planning(frame, false, planning).with_state(frame, RANKING);
+        let memory = SamplerMemory::planning(frame, planning).with_state(frame, RANKING);
         match self.policy {
             PilotPolicy::Keep | PilotPolicy::Cross => memory,
             PilotPolicy::Discard => memory.with_discarded(frame, needs, limits),
             PilotPolicy::Refined => {
                 // What is withdrawn goes to a bank that is there from the second round on, with how far indices are ahead.
-                let moved = memory.with_discarded(frame, needs, limits);
-                SamplerMemory { discarded: moved.discarded.saturating_add(frame.bytes(16)), ..moved }
+                let mut moved = memory.with_discarded(frame, needs, limits);
+                moved.discarded = moved.discarded.saturating_add(frame.bytes(16));
+                moved
             }
         }
     }
@@ -152,24 +153,24 @@ impl TwoRates {
     fn pilot(&self, budget: &BudgetLeft, mean: u64, rates: Rates, least: u32) -> u32 {
         let wanted = u64::from(rates.initial);
         if !self.discards() {
-            return clamped(wanted.min(mean)).max(budget.min_spp).min(budget.max_spp);
+            return saturating_u32(wanted.min(mean)).max(budget.min_spp).min(budget.max_spp);
         }
         // It may take half of what there is, and never the floor's share.
         let affordable = mean.saturating_sub(u64::from(budget.min_spp.max(1))).min(mean / 2);
-        let pilot = clamped(wanted.min(affordable));
+        let pilot = saturating_u32(wanted.min(affordable));
         if pilot < least { 0 } else { pilot }
     }
 
     fn plan_kept(&self, seen: &Feedback<'_>, plan: &mut Plan, rates: Rates, ranking: &Ranking) -> Result<(), Error> {
         let BudgetLeft { min_spp, max_spp, .. } = seen.budget;
-        let now: Vec<u32> = (0..seen.pixels()).map(|i| clamped(seen.film.count(i))).collect();
+        let now: Vec<u32> = (0..seen.pixels()).map(|i| saturating_u32(seen.film.count(i))).collect();
         let total = now.iter().map(|&n| u64::from(n)).sum::<u64>() + seen.budget.left();
         if ranking.level && self.mode == Stopping::Budget {
             let counts = allocate(&vec![1.0; now.len()], &now, max_spp, total)?.counts;
             plan.counts = counts.iter().zip(&now).map(|(n, now)| n - now).collect();
             return Ok(());
         }
-        let floor = clamped(u64::from(rates.initial).min(total / now.len() as u64)).max(min_spp).min(max_spp);
+        let floor = saturating_u32(u64::from(rates.initial).min(total / now.len() as u64)).max(min_spp).min(max_spp);
         let mut steps = Steps::new(seen, plan, now, self.policy == PilotPolicy::Refined);
         steps.raise_all(&ranking.order, floor, false);
         match self.mode {
@@ -275,10 +276,6 @@ impl<'a> Steps<'a> {
             target = target.saturating_add(step);
         }
     }
-}
-
-fn clamped(n: u64) -> u32 {
-    u32::try_from(n).unwrap_or(u32::MAX)
 }
 
 /// A bijective 64-bit mix (the finaliser of SplitMix64, [Steele, Lea and Flood 2014]).

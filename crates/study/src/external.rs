@@ -69,7 +69,7 @@ impl External {
         }
         let seconds = seconds(&ended.stdout, wall).map_err(&refuse)?;
         let radiance = read(&output, film.frame().size()).map_err(&refuse)?;
-        Ok((Filtered { size: film.frame().size(), radiance, error: None }, seconds))
+        Ok((Filtered::new(film.frame().size(), radiance), seconds))
     }
 
     fn start(&self, [input, output]: [&Path; 2], threads: usize) -> std::io::Result<Output> {

@@ -15,7 +15,7 @@ fn film(needs: Needs, value: impl Fn([usize; 2], [f32; 4]) -> f32) -> Film {
     let mut film = Film::new(frame(SIDE as u32, SIDE as u32), needs);
     for i in 0..SIDE * SIDE {
         for index in 0..PILOT {
-            let id = SampleId { pixel: [(i % SIDE) as u32, (i / SIDE) as u32], stream: 0, index: u64::from(index) };
+            let id = SampleId::new([(i % SIDE) as u32, (i / SIDE) as u32], 0, u64::from(index));
             film.push(i, index as usize, [value([i % SIDE, i / SIDE], points.block(id, 0)); 3]);
         }
     }
@@ -26,9 +26,9 @@ fn film(needs: Needs, value: impl Fn([usize; 2], [f32; 4]) -> f32) -> Film {
 fn planned(sampler: &mut dyn Sampler, film: &Film) -> Result<Vec<u32>, Error> {
     let pixels = (SIDE * SIDE) as u64;
     let spent = u64::from(PILOT) * pixels;
-    let budget = BudgetLeft { spent, total: 32 * pixels, min_spp: 1, max_spp: 100_000 };
+    let budget = BudgetLeft::new(32 * pixels).with_spent(spent).with_max_spp(100_000);
     let mut plan = Plan::empty(SIDE * SIDE);
-    let progress = sampler.next_round(&Feedback { round: 1, film, budget }, &mut plan)?;
+    let progress = sampler.next_round(&Feedback::new(1, film, budget), &mut plan)?;
     assert_eq!(progress, Progress::Trace);
     assert_eq!(plan.total(), budget.left());
     Ok(plan.counts.iter().map(|n| n + PILOT).collect())
@@ -158,17 +158,11 @@ fn variance_pooled_inside_cells_stays_inside() {
     use dapple_core::FirstHit;
     let seen = film(Needs::none().with_variance(), |[x, _], u| if x < 24 { 0.5 } else { u[0] });
     let moments: Vec<_> = (0..SIDE * SIDE).map(|i| seen.moments(i)).collect();
-    let hit = |i: usize| FirstHit {
-        position: [(i % SIDE) as f32, (i / SIDE) as f32, 0.0],
-        geometric_normal: [0.0, 0.0, 1.0],
-        shading_normal: [0.0, 0.0, 1.0],
-        albedo: [0.5; 3],
-        depth: 1.0,
-        footprint: 1.0,
-        roughness: 1.0,
-        material: (i % SIDE / 24) as u32,
-        shape: 0,
-        primitive: 0,
+    let hit = |i: usize| {
+        FirstHit::new([(i % SIDE) as f32, (i / SIDE) as f32, 0.0], [0.0, 0.0, 1.0], 1.0)
+            .with_albedo([0.5; 3])
+            .with_footprint(1.0)
+            .with_material((i % SIDE / 24) as u32)
     };
     let hits: Vec<_> = (0..SIDE * SIDE).map(|i| Some(hit(i))).collect();
     let cells = Cells::new(&hits, 1, [SIDE as u32; 2], &CellOptions::default()).unwrap();

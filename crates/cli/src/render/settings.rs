@@ -153,7 +153,7 @@ fn check_capacity(points: &dyn PointSet, setting: Setting) -> Result<()> {
     match setting.spp {
         Some(asked) if asked > points.capacity() => {
             let (points, capacity) = (points.describe(), points.capacity());
-            Err(Failure::new(Error::SequenceExhausted { points, capacity, asked }))
+            Err(Failure::new(Error::SequenceExhausted { points, capacity, requested: asked }))
         }
         _ => Ok(()),
     }

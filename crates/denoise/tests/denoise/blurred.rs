@@ -20,19 +20,12 @@ impl Integrator for Blur {
         let [a, ..] = draws.block(Block::new(0));
         let bright = a < share(draws.pixel()[0]);
         let (radiance, normal) = if bright { (1.0, [0.0, 0.0, 1.0]) } else { (0.1, [1.0, 0.0, 0.0]) };
-        let hit = FirstHit {
-            position: if bright { [0.0; 3] } else { [5.0, 0.0, 3.0] },
-            geometric_normal: normal,
-            shading_normal: normal,
-            albedo: [radiance; 3],
-            depth: if bright { 2.0 } else { 5.0 },
-            footprint: 0.01,
-            roughness: 1.0,
-            material: u32::from(bright),
-            shape: 0,
-            primitive: 0,
-        };
-        Estimate { radiance: [radiance; 3], first_hit: draws.wants_first_hit().then_some(hit), cost: 1 }
+        let hit =
+            FirstHit::new(if bright { [0.0; 3] } else { [5.0, 0.0, 3.0] }, normal, if bright { 2.0 } else { 5.0 })
+                .with_albedo([radiance; 3])
+                .with_footprint(0.01)
+                .with_material(u32::from(bright));
+        Estimate::new([radiance; 3]).with_first_hit(draws.wants_first_hit().then_some(hit))
     }
 }
 

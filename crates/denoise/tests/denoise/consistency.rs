@@ -28,21 +28,14 @@ impl Integrator for Made {
         let [u, v, a, b] = draws.block(Block::new(0));
         let [x, y] = draws.pixel();
         let albedo = if x >= 24 && (x / 2).is_multiple_of(2) { 0.4 } else { 0.8 };
-        let hit = FirstHit {
-            position: [x as f32 + u, y as f32 + v, 0.0],
-            geometric_normal: [0.0, 0.0, 1.0],
-            shading_normal: if x < 12 { [1.0, 0.0, 0.0] } else { [0.0, 0.0, 1.0] },
-            albedo: [albedo; 3],
-            depth: 50.0,
-            footprint: 1.0,
-            roughness: 1.0,
-            material: u32::from(x < 12),
-            shape: 0,
-            primitive: 0,
-        };
+        let hit = FirstHit::new([x as f32 + u, y as f32 + v, 0.0], [0.0, 0.0, 1.0], 50.0)
+            .with_shading_normal(if x < 12 { [1.0, 0.0, 0.0] } else { [0.0, 0.0, 1.0] })
+            .with_albedo([albedo; 3])
+            .with_footprint(1.0)
+            .with_material(u32::from(x < 12));
         let value = truth(x, y) * (1.0 + self.noise * (a + b - 1.0));
         let first_hit = (self.hits && draws.wants_first_hit()).then_some(hit);
-        Estimate { radiance: [value, 0.8 * value, 0.5 * value], first_hit, cost: 1 }
+        Estimate::new([value, 0.8 * value, 0.5 * value]).with_first_hit(first_hit)
     }
 }
 
@@ -229,7 +222,7 @@ fn relative_errors_are_where_the_error_is() {
         let errors = relative_errors(&image, 0.01).unwrap();
         assert!(errors.iter().all(|e| e.is_finite() && *e >= 0.0), "{errors:?}");
     }
-    let without = dapple_core::Filtered { error: None, ..image };
+    let without = dapple_core::Filtered::new(image.size, image.radiance);
     assert!(matches!(relative_errors(&without, 0.01), Err(Error::NotRecorded { .. })));
 }
 
@@ -251,21 +244,13 @@ fn clusters_keep_what_they_know() {
         fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
             let [a, ..] = draws.block(Block::new(0));
             let left = draws.pixel()[0] < 12;
-            let hit = FirstHit {
-                position: [0.0; 3],
-                geometric_normal: [0.0, 0.0, 1.0],
-                shading_normal: [0.0, 0.0, 1.0],
-                albedo: [0.5; 3],
-                depth: 1.0,
-                footprint: 1.0,
-                roughness: 1.0,
-                material: u32::from(left),
-                shape: 0,
-                primitive: 0,
-            };
+            let hit = FirstHit::new([0.0; 3], [0.0, 0.0, 1.0], 1.0)
+                .with_albedo([0.5; 3])
+                .with_footprint(1.0)
+                .with_material(u32::from(left));
             let value = if left { 1.0 } else { 1.2 } + 2.0 * (a - 0.5);
             let first_hit = draws.wants_first_hit().then_some(hit);
-            Estimate { radiance: [value.max(0.0); 3], first_hit, cost: 1 }
+            Estimate::new([value.max(0.0); 3]).with_first_hit(first_hit)
         }
     }
     fn film(faint: &mut Faint, seed: u64, spp: u64) -> Film {
@@ -319,21 +304,13 @@ fn features_that_make_no_sense_leave_images_finite() {
             let [a, b, c, d] = draws.block(Block::new(0));
             let odd = [0.0, 1.0, -1.0, f32::NAN, f32::INFINITY, 3e38, -3e38, 1e-38, 1e18];
             let pick = |u: f32| if u < 0.5 { u } else { odd[((u - 0.5) * 18.0) as usize % 9] };
-            let hit = FirstHit {
-                position: [pick(a), pick(b), pick(c)],
-                geometric_normal: [0.0, 0.0, 1.0],
-                shading_normal: [pick(b), pick(d), 1.0],
-                albedo: [pick(c), pick(a), 0.5],
-                depth: pick(d).abs(),
-                footprint: 1.0,
-                roughness: 1.0,
-                material: 0,
-                shape: 0,
-                primitive: 0,
-            };
+            let hit = FirstHit::new([pick(a), pick(b), pick(c)], [0.0, 0.0, 1.0], pick(d).abs())
+                .with_shading_normal([pick(b), pick(d), 1.0])
+                .with_albedo([pick(c), pick(a), 0.5])
+                .with_footprint(1.0);
             let value = if a > 0.95 { 1e30 } else { b };
             let first_hit = draws.wants_first_hit().then_some(hit);
-            Estimate { radiance: [value, c, pick(d)], first_hit, cost: 1 }
+            Estimate::new([value, c, pick(d)]).with_first_hit(first_hit)
         }
     }
     for size in [[1, 1], [1, 9], [5, 3], [40, 24]] {

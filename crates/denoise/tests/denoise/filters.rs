@@ -160,20 +160,12 @@ struct Flat;
 impl Integrator for Flat {
     fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
         let [u, v, ..] = draws.block(Block::new(0));
-        let hit = FirstHit {
-            position: [0.0; 3],
-            geometric_normal: [0.0, 0.0, 1.0],
-            shading_normal: [0.0, 0.0, 1.0],
-            albedo: [0.5; 3],
-            depth: 1.0,
-            footprint: 1.0,
-            roughness: 1.0,
-            material: 1 + u32::from(draws.pixel()[0] as f32 + v > 4.3),
-            shape: 0,
-            primitive: 0,
-        };
+        let hit = FirstHit::new([0.0; 3], [0.0, 0.0, 1.0], 1.0)
+            .with_albedo([0.5; 3])
+            .with_footprint(1.0)
+            .with_material(1 + u32::from(draws.pixel()[0] as f32 + v > 4.3));
         let first_hit = (draws.wants_first_hit() && draws.pixel()[1] > 0).then_some(hit);
-        Estimate { radiance: [u; 3], first_hit, cost: 1 }
+        Estimate::new([u; 3]).with_first_hit(first_hit)
     }
 }
 

@@ -15,20 +15,16 @@ impl Integrator for TwoLevels {
     fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
         let [u, v, a, _] = draws.block(Block::new(0));
         let [x, y] = draws.pixel();
-        let first_hit = draws.wants_first_hit().then_some(FirstHit {
-            position: [x as f32 + u, y as f32 + v, 0.0],
-            geometric_normal: [0.0, 0.0, 1.0],
-            shading_normal: if x % 16 < 8 { [1.0, 0.0, 0.0] } else { [0.0, 0.0, 1.0] },
-            albedo: [if y % 12 < 6 { 0.3 } else { 0.8 }; 3],
-            depth: 50.0 + u,
-            footprint: 1.0,
-            roughness: 1.0,
-            material: x / 16 % 3,
-            shape: 0,
-            primitive: y / 6,
-        });
+        let first_hit = draws.wants_first_hit().then_some(
+            FirstHit::new([x as f32 + u, y as f32 + v, 0.0], [0.0, 0.0, 1.0], 50.0 + u)
+                .with_shading_normal(if x % 16 < 8 { [1.0, 0.0, 0.0] } else { [0.0, 0.0, 1.0] })
+                .with_albedo([if y % 12 < 6 { 0.3 } else { 0.8 }; 3])
+                .with_footprint(1.0)
+                .with_material(x / 16 % 3)
+                .with_primitive(y / 6),
+        );
         let likely = if (x / 8 + y / 8).is_multiple_of(2) { 0.1 } else { 0.7 };
-        Estimate { radiance: [f32::from(u8::from(a < likely)); 3], first_hit, cost: 1 }
+        Estimate::new([f32::from(u8::from(a < likely)); 3]).with_first_hit(first_hit)
     }
 }
 

@@ -71,20 +71,12 @@ impl Integrator for Image {
         let [u, v, noise, _] = draws.block(Block::new(0));
         let [x, y] = draws.pixel();
         let (radiance, cluster) = self.at(x as f32 + u, y as f32 + v);
-        let first_hit = FirstHit {
-            position: [0.0; 3],
-            geometric_normal: [0.0, 0.0, 1.0],
-            shading_normal: [0.0, 0.0, 1.0],
-            albedo: [0.5; 3],
-            depth: 1.0,
-            footprint: 1.0,
-            roughness: 1.0,
-            material: cluster,
-            shape: 0,
-            primitive: 0,
-        };
+        let first_hit = FirstHit::new([0.0; 3], [0.0, 0.0, 1.0], 1.0)
+            .with_albedo([0.5; 3])
+            .with_footprint(1.0)
+            .with_material(cluster);
         let radiance = [radiance * -(1.0 - noise).ln(); 3];
-        Estimate { radiance, first_hit: Some(first_hit), cost: 1 }
+        Estimate::new(radiance).with_first_hit(first_hit)
     }
 }
 

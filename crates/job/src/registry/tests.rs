@@ -21,7 +21,7 @@ fn every_entry_is_made_by_its_name() {
     for entry in POINTS {
         let points = points(entry.name, SETTING).unwrap_or_else(|e| panic!("{e}"));
         assert!(points.describe().starts_with(entry.name), "{}", points.describe());
-        let id = SampleId { pixel: [3, 4], stream: 0, index: 7 };
+        let id = SampleId::new([3, 4], 0, 7);
         assert!(points.block(id, 2).iter().all(|u| (0.0..1.0).contains(u)));
     }
     for entry in SAMPLERS {

@@ -137,9 +137,9 @@ fn a10_schedule() {
                 let mut pilots = vec![];
                 for round in 0.. {
                     let (spent, total) = (film.record().samples, 2 * u64::from(n));
-                    let budget = BudgetLeft { spent, total, min_spp: 1, max_spp: u32::MAX };
+                    let budget = BudgetLeft::new(total).with_spent(spent);
                     let mut plan = Plan::empty(2);
-                    match sampler.next_round(&Feedback { round, film: &film, budget }, &mut plan).unwrap() {
+                    match sampler.next_round(&Feedback::new(round, &film, budget), &mut plan).unwrap() {
                         Progress::Done => break,
                         Progress::Trace => assert!(plan.total() <= budget.left() && round < 2),
                     }

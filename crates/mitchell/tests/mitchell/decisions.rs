@@ -263,8 +263,8 @@ fn films_without_extrema_and_budgets_below_the_floor_are_refused() {
         let other = &mut pbrt(MitchellPbrtOptions { mode, ..MitchellPbrtOptions::default() }, 1);
         for sampler in [one as &mut dyn Sampler, other] {
             let mut next = |film, total| {
-                let budget = BudgetLeft { spent: 0, total, min_spp: 4, max_spp: 9 };
-                sampler.next_round(&Feedback { round: 0, film, budget }, &mut Plan::empty(9))
+                let budget = BudgetLeft::new(total).with_min_spp(4).with_max_spp(9);
+                sampler.next_round(&Feedback::new(0, film, budget), &mut Plan::empty(9))
             };
             assert!(matches!(next(&without, 36), Err(Error::NotRecorded { what: "the extrema", .. })));
             assert!(matches!(next(&with, 35), Err(Error::BudgetTooSmall { needed: 36, .. })));

@@ -30,7 +30,7 @@ pub struct Field<F>(pub F);
 impl<R: Radiance, F: Fn([u32; 2], [f32; 4]) -> R + Sync> Integrator for Field<F> {
     fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
         let radiance = (self.0)(draws.pixel(), draws.block(Block::new(0))).rgb();
-        Estimate { radiance, first_hit: None, cost: 1 }
+        Estimate::new(radiance)
     }
 }
 

@@ -5,7 +5,7 @@ use dapple_core::{PointSet, SampleId};
 use dapple_low_discrepancy::{Halton, LowDiscrepancy, Random, Sobol, Stratified};
 
 pub(crate) fn id(pixel: [u32; 2], stream: u32, index: u64) -> SampleId {
-    SampleId { pixel, stream, index }
+    SampleId::new(pixel, stream, index)
 }
 
 /// One of each, with grids and nets of 64 samples.

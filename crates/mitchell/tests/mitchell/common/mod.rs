@@ -15,7 +15,7 @@ pub struct Field<F>(pub F);
 impl<F: Fn([u32; 2], [f32; 4]) -> [f32; 3] + Sync> Integrator for Field<F> {
     fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
         let radiance = (self.0)(draws.pixel(), draws.block(Block::new(0)));
-        Estimate { radiance, first_hit: None, cost: 1 }
+        Estimate::new(radiance)
     }
 }
 
@@ -60,9 +60,9 @@ pub fn film(frame: Frame, sampler: &dyn Sampler, samples: &[Vec<[f32; 3]>]) -> F
 
 /// What a sampler asks for after a film, with so many samples in all and no bounds.
 pub fn ask(sampler: &mut dyn Sampler, film: &Film, total: u64) -> Plan {
-    let budget = BudgetLeft { spent: film.record().samples, total, min_spp: 0, max_spp: u32::MAX };
+    let budget = BudgetLeft::new(total).with_spent(film.record().samples).with_min_spp(0);
     let mut plan = Plan::empty(film.frame().pixels());
-    sampler.next_round(&Feedback { round: 1, film, budget }, &mut plan).unwrap();
+    sampler.next_round(&Feedback::new(1, film, budget), &mut plan).unwrap();
     plan
 }
 
