@@ -27,9 +27,9 @@ impl<P: PointSet> Sampler for Brightness<P> {
         Needs::none() // means are always recorded
     }
 
-    fn memory(&self, frame: &Frame, needs: &Needs, _: &Limits) -> SamplerMemory {
+    fn memory(&self, frame: &Frame, _: &Needs, _: &Limits) -> SamplerMemory {
         // Scores and their copy in `allocate`, 8 bytes each, and two sets of counts, 4 bytes each.
-        SamplerMemory::planning(frame, needs.halves, 24)
+        SamplerMemory::planning(frame, 24)
     }
 
     fn points(&self) -> &dyn PointSet {

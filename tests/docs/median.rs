@@ -26,8 +26,7 @@ impl Filter for Median {
             values.get(values.len() / 2).map_or(0.0, |&v| v as f32)
         };
         let radiance = (0..width * height).map(|i| [0, 1, 2].map(|channel| median(i, channel))).collect();
-        // Its error is not known.
-        Ok(Filtered { size, radiance, error: None })
+        Ok(Filtered::new(size, radiance)) // its error is not known
     }
 }
 
