@@ -4,6 +4,7 @@
 
 mod compare;
 mod effects;
+mod failure;
 mod info;
 mod lists;
 mod machine;
@@ -11,11 +12,11 @@ mod merge;
 mod output;
 mod price;
 mod render;
-mod scene;
 mod stop;
 mod study;
 
-use clap::{Parser, Subcommand};
+use clap::error::ErrorKind;
+use clap::{CommandFactory, Parser, Subcommand};
 use std::process::ExitCode;
 
 /// How the program ended, as the shell sees it.
@@ -35,6 +36,17 @@ impl Failure {
         Self(vec![line.to_string()])
     }
 
+    /// Ends the program as clap does for a wrong argument: usage, exit status 2.
+    fn usage(command: &str, wrong: impl std::fmt::Display) -> Self {
+        let mut arguments = Arguments::command();
+        arguments.build();
+        let kind = ErrorKind::ValueValidation;
+        match arguments.find_subcommand_mut(command) {
+            Some(command) => command.error(kind, wrong).exit(),
+            None => arguments.error(kind, wrong).exit(),
+        }
+    }
+
     /// One line for each line of a message, so that each stands for itself.
     fn lines(message: &impl ToString) -> Self {
         Self(message.to_string().lines().map(str::to_owned).collect())
@@ -46,7 +58,7 @@ type Result<T> = std::result::Result<T, Failure>;
 /// Puts Monte Carlo samples where an image needs them.
 #[derive(Parser)]
 #[command(name = "dapple", version, after_help = AFTER, arg_required_else_help = true)]
-struct Words {
+struct Arguments {
     #[command(subcommand)]
     command: Command,
 }
@@ -61,17 +73,17 @@ Examples:
   dapple price --quick                             what each numerical safeguard costs, and what breaks without it
 
 Results go to stdout, progress and warnings to stderr.
-Exit status: 0 done, 1 failed, 2 wrong words, 130 interrupted (what was done is saved).";
+Exit status: 0 done, 1 failed, 2 wrong arguments, 130 interrupted (what was done is saved).";
 
 #[derive(Subcommand)]
 enum Command {
-    Render(Box<render::Options>),
-    Merge(merge::Options),
-    Compare(compare::Options),
-    Info(info::Options),
-    Effects(effects::Options),
-    Price(price::Options),
-    Study(Box<study::Options>),
+    Render(Box<render::RenderArgs>),
+    Merge(merge::MergeArgs),
+    Compare(compare::CompareArgs),
+    Info(info::InfoArgs),
+    Effects(effects::EffectsArgs),
+    Price(price::PriceArgs),
+    Study(Box<study::StudyArgs>),
     /// One run of a study, in a process of its own: JSON in, JSON out
     #[command(hide = true)]
     StudyRun,
@@ -84,14 +96,14 @@ enum Command {
 }
 
 fn main() -> ExitCode {
-    let outcome = match Words::parse().command {
-        Command::Render(options) => render::run(&options),
-        Command::Merge(options) => merge::run(&options),
-        Command::Compare(options) => compare::run(&options),
-        Command::Info(options) => info::run(&options),
-        Command::Effects(options) => effects::run(&options),
-        Command::Price(options) => price::run(&options),
-        Command::Study(options) => study::run(&options),
+    let outcome = match Arguments::parse().command {
+        Command::Render(args) => render::run(&args),
+        Command::Merge(args) => merge::run(&args),
+        Command::Compare(args) => compare::run(&args),
+        Command::Info(args) => info::run(&args),
+        Command::Effects(args) => effects::run(&args),
+        Command::Price(args) => price::run(&args),
+        Command::Study(args) => study::run(&args),
         Command::StudyRun => study::run_one(),
         Command::Samplers => lists::samplers(),
         Command::Points => lists::points(),

@@ -20,13 +20,3 @@ pub(crate) fn tell(result: impl AsRef<str>) -> Result<()> {
         _ => Ok(()),
     }
 }
-
-/// So many bytes, for people.
-pub(crate) fn bytes(n: u64) -> String {
-    match n as f64 {
-        n if n < 1024.0 => format!("{n} bytes"),
-        n if n < 1024.0 * 1024.0 => format!("{:.1} KiB", n / 1024.0),
-        n if n < 1e4 * 1024.0 * 1024.0 => format!("{:.1} MiB", n / (1024.0 * 1024.0)),
-        n => format!("{:.1} GiB", n / (1024.0 * 1024.0 * 1024.0)),
-    }
-}

@@ -14,7 +14,7 @@ use std::time::Instant;
 /// breaks without it, and how many rays, pixels or samples of it go wrong: these counts are the same on every machine.
 #[derive(clap::Args)]
 #[command(after_help = AFTER)]
-pub(crate) struct Options {
+pub(crate) struct PriceArgs {
     /// Take seconds: what breaks is as true, prices say little
     #[arg(long)]
     quick: bool,
@@ -34,7 +34,7 @@ Examples:
   dapple price --quick
   dapple price --json | jq '.rows[] | {safeguard, price: .price.median}'";
 
-pub(crate) fn run(options: &Options) -> Result<Outcome> {
+pub(crate) fn run(options: &PriceArgs) -> Result<Outcome> {
     let clock = Instant::now();
     let effort = if options.quick { Effort::Quick } else { Effort::Full };
     let mut onlooker = |name: &str| {

@@ -1,9 +1,9 @@
 //! `dapple study`.
 
-mod options;
+mod args;
 mod progress;
 
-pub(crate) use options::Options;
+pub(crate) use args::StudyArgs;
 
 use crate::machine::{cpu_seconds, start_threads};
 use crate::output::{say, tell};
@@ -17,11 +17,11 @@ use std::path::Path;
 /// The hidden command that a run in a process of its own is made by.
 const ONE: &str = "study-run";
 
-pub(crate) fn run(options: &Options) -> Result<Outcome> {
+pub(crate) fn run(options: &StudyArgs) -> Result<Outcome> {
     let plan = match options.plan() {
         Ok(plan) => plan,
-        Err(options::Wrong::Words(wrong)) => options::refuse(&wrong),
-        Err(options::Wrong::File(failure)) => return Err(failure),
+        Err(args::Wrong::Words(wrong)) => return Err(Failure::usage("study", wrong)),
+        Err(args::Wrong::File(failure)) => return Err(failure),
     };
     let stop = Stop::listen()?;
     // Counted in 16 bits there, and checked in the plan.

@@ -155,6 +155,7 @@ fn whole([low, high]: [Vec3; 2], material: u32, group: u32) -> Cluster {
 pub struct Stage {
     world: Option<Arc<World>>,
     made: Arc<Mutex<Made>>,
+    used: Arc<Mutex<Option<Arc<WorldClusters>>>>,
 }
 
 #[derive(Debug, Default)]
@@ -166,7 +167,13 @@ struct Made {
 impl Stage {
     /// A stage with this world.
     pub fn new(world: Arc<World>) -> Self {
-        Self { world: Some(world), made: Arc::default() }
+        Self { world: Some(world), ..Self::default() }
+    }
+
+    /// The stage of another method on the same world: made clusters are shared, [`Stage::clusters_used`] is its own.
+    #[must_use]
+    pub fn sibling(&self) -> Self {
+        Self { used: Arc::default(), ..self.clone() }
     }
 
     /// A stage without a world, for what looks at none; the rest says so with
@@ -181,6 +188,12 @@ impl Stage {
     ///
     /// [`RegistryError::NeedsWorld`] in the name of `of` on an empty stage; parameters out of range.
     pub fn clusters(&self, of: &'static str, params: &Params) -> Result<Arc<WorldClusters>, RegistryError> {
+        let found = self.find_or_make(of, params)?;
+        self.used.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert_with(|| found.clone());
+        Ok(found)
+    }
+
+    fn find_or_make(&self, of: &'static str, params: &Params) -> Result<Arc<WorldClusters>, RegistryError> {
         let world = self.world(of)?;
         let known = |made: &Made| made.clusters.iter().find(|c| c.params == *params).cloned();
         if let Some(known) = known(&self.made()) {
@@ -198,9 +211,9 @@ impl Stage {
         Ok(found)
     }
 
-    /// The clusters made first: those that a map shows.
-    pub fn first_clusters(&self) -> Option<Arc<WorldClusters>> {
-        self.made().clusters.first().cloned()
+    /// The clusters that the method of this stage uses; its first ones, if it uses several.
+    pub fn clusters_used(&self) -> Option<Arc<WorldClusters>> {
+        self.used.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
     /// Wall seconds spent on clusters so far.

@@ -2,8 +2,12 @@
 //!
 //! Nothing is written here: [`image`](dapple_scene::image) encodes and writes.
 
+mod files;
+mod header;
 mod layers;
 mod maps;
+
+pub use files::OutputFiles;
 
 pub use layers::layers;
 pub use maps::{GrayMap, albedo_map, cluster_ids, cluster_map, depth_map, error_map, normal_map, sample_map};

@@ -108,6 +108,15 @@ pub fn check_sampler(words: &str) -> Result<(), RegistryError> {
     known_without_a_world(sampler(words, points, &Stage::empty()))
 }
 
+/// What is wrong with the name and parameters of a point set.
+///
+/// # Errors
+///
+/// As [`points`].
+pub fn check_points(words: &str) -> Result<(), RegistryError> {
+    points(words, Setting { seed: 0, spp: None }).map(|_| ())
+}
+
 /// What is wrong with the words for a filter, as far as can be told without a world.
 ///
 /// # Errors

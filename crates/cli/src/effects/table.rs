@@ -1,7 +1,7 @@
 //! The ledger for people and for programs.
 
 use super::ledger::{Ledger, Row, Shares};
-use crate::scene::chance;
+use dapple_job::found_by_chance;
 use dapple_metrics::Measured;
 use dapple_scene::{Called, Effect, Effects};
 use dapple_scene::{Scene, Source};
@@ -197,7 +197,7 @@ impl<'a> Told<'a> {
         }
         if let Some(called) = self.by_chance {
             lines.push(String::new());
-            lines.push(format!("{}: {}", called.source, chance(called)));
+            lines.push(format!("{}: {}", called.source, found_by_chance(called)));
         }
         lines.join("\n")
     }

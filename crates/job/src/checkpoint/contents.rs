@@ -8,7 +8,7 @@ use super::Error;
 use std::path::Path;
 
 const MAGIC: &[u8; 8] = b"dapple-c";
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 /// No text of an identity is longer.
 const LONGEST: usize = 1 << 20;
 
@@ -109,7 +109,7 @@ impl std::fmt::Display for Damage {
         f.write_str(match self {
             Self::Short => "it is cut short",
             Self::Foreign => "it is no file of Dapple's",
-            Self::Version => "another version of Dapple wrote it: go on with that one",
+            Self::Version => "another version of Dapple wrote it; finish it with that version, or render it again",
             Self::Checksum => "it is damaged (its checksum is wrong)",
             Self::Nonsense => "its contents make no sense",
             Self::Kind => "it is of another kind (a checkpoint is no shard, a shard no checkpoint)",

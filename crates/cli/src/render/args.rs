@@ -1,19 +1,14 @@
-//! The words of `dapple render`.
+//! The arguments of `dapple render`.
 
+use crate::{Failure, Result, failure};
 use clap::{Args, ValueEnum};
 use dapple_core::Shard;
 use dapple_job::registry;
+use dapple_job::{BudgetSpec, CheckpointOptions, CropSpec, DEFAULT_SPP, PixelFilterSpec, RenderSpec};
+use dapple_renderer::light::LightChoice;
 use dapple_scene::image::Format;
 use dapple_scene::{Effect, bundled};
 use std::path::{Path, PathBuf};
-
-/// The words of `dapple render`, by themselves.
-#[derive(clap::Parser)]
-#[command(no_binary_name = true)]
-pub(crate) struct Words {
-    #[command(flatten)]
-    pub(crate) options: Options,
-}
 
 /// Render an image, putting samples where it needs them
 ///
@@ -21,145 +16,158 @@ pub(crate) struct Words {
 /// the name of a bundled scene: teapot (the default), terrain, cornell, furnace, plates, lens, motion, glass, room, grass. Nothing is rendered before all settings are checked and all outputs can be written.
 #[derive(Args)]
 #[command(after_help = AFTER)]
-pub(crate) struct Options {
+pub(crate) struct RenderArgs {
     /// A pbrt-v4 file, a model (.obj, .ply, .stl), or a bundled scene
     #[arg(value_name = "SCENE", default_value = bundled::DEFAULT)]
-    pub(super) scene: PathBuf,
+    pub(crate) scene: PathBuf,
 
     /// An image, by extension: .exr (every layer, settings in the header), .pfm or .png; may be given again
     ///
     /// Without any, SCENE.exr and SCENE.png are written to the current folder, and the sample map
     /// SCENE-samples.png where the sampler is adaptive. Files that are there are replaced.
     #[arg(short, long = "output", value_name = "OUT", value_parser = output)]
-    pub(super) outputs: Vec<PathBuf>,
+    pub(crate) outputs: Vec<PathBuf>,
 
     /// How many samples each pixel gets; `dapple samplers` lists them
     ///
     /// By default counts follow errors relative to mean^2 + 0.3: what the default filter leaves is less so than with the
     /// sampler's own 0.01, which is for `--filter none`.
-    #[arg(long, value_name = "NAME[:key=value,…]", default_value = "cluster:epsilon=0.3", value_parser = sampler)]
+    #[arg(long, value_name = "NAME[:key=value,…]", default_value = dapple_job::DEFAULT_SAMPLER, value_parser = sampler)]
     #[arg(help_heading = "Method")]
-    pub(super) sampler: String,
+    pub(crate) sampler: String,
 
     /// Where samples lie; `dapple points` lists them
-    #[arg(long, value_name = "NAME[:…]", default_value = "sobol", value_parser = points)]
+    #[arg(long, value_name = "NAME[:…]", default_value = dapple_job::DEFAULT_POINTS, value_parser = points)]
     #[arg(help_heading = "Method")]
-    pub(super) points: String,
+    pub(crate) points: String,
 
     /// What makes the image of the samples; `dapple filters` lists them. `none` leaves each pixel the mean of its samples
-    #[arg(long, value_name = "NAME[:…]", default_value = "cluster-regression", value_parser = filter)]
+    #[arg(long, value_name = "NAME[:…]", default_value = dapple_job::DEFAULT_FILTER, value_parser = filter)]
     #[arg(help_heading = "Method")]
-    pub(super) filter: String,
+    pub(crate) filter: String,
+
+    /// How light is transported; `dapple integrators` lists the integrators
+    #[arg(long, value_name = "NAME", default_value = dapple_job::DEFAULT_INTEGRATOR, help_heading = "Method")]
+    pub(crate) integrator: String,
 
     /// The shape of a pixel: the scene's, or one pixel's box
     #[arg(long, value_name = "SHAPE", default_value = "scene", help_heading = "Method")]
-    pub(super) pixel_filter: PixelShape,
+    pub(crate) pixel_filter: PixelShape,
 
     /// Decides on all random numbers: the same seed gives the same image, whatever the threads
     #[arg(long, value_name = "N", default_value_t = 1, help_heading = "Method")]
-    pub(super) seed: u64,
+    pub(crate) seed: u64,
 
     /// Spend this many samples per pixel on average, exactly [default: 64, whatever the file suggests]
     #[arg(long, value_name = "MEAN", value_parser = above_zero, group = "budget", help_heading = "Budget (one of)")]
     #[arg(allow_negative_numbers = true)]
-    pub(super) spp: Option<f64>,
+    pub(crate) spp: Option<f64>,
 
     /// Go on until the predicted relMSE before filtering is this small, or --max-spp is spent; costs some accuracy
     #[arg(long, value_name = "RELMSE", value_parser = above_zero, group = "budget", help_heading = "Budget (one of)")]
     #[arg(allow_negative_numbers = true)]
-    pub(super) error: Option<f64>,
+    pub(crate) error: Option<f64>,
 
     /// Plan and trace for about this many seconds (reading and writing come on top)
     #[arg(long, value_name = "SECONDS", value_parser = above_zero, group = "budget", help_heading = "Budget (one of)")]
     #[arg(allow_negative_numbers = true)]
-    pub(super) time: Option<f64>,
+    pub(crate) time: Option<f64>,
 
     /// No pixel gets fewer samples
     #[arg(long, value_name = "N", default_value_t = 1, help_heading = "Bounds")]
-    pub(super) min_spp: u32,
+    pub(crate) min_spp: u32,
 
     /// No pixel gets more samples [default: no bound; with --error, 16384]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), help_heading = "Bounds")]
-    pub(super) max_spp: Option<u32>,
+    pub(crate) max_spp: Option<u32>,
 
     /// Most scattering events between camera and light [default: the scene's]
     #[arg(long, value_name = "N", help_heading = "Image")]
-    pub(super) max_depth: Option<u32>,
+    pub(crate) max_depth: Option<u32>,
 
     /// How one of several lights is chosen, or one part of a sky that is an image [default: cells; with --shard, power]
-    #[arg(long, value_name = "HOW", value_enum, help_heading = "Image")]
-    pub(super) light_choice: Option<LightChoice>,
+    #[arg(long, alias = "light-choice", value_name = "HOW", value_parser = dapple_job::light_selection)]
+    #[arg(help_heading = "Method")]
+    pub(crate) light_selection: Option<LightChoice>,
 
     /// Leave an effect out that the scene calls for; may be given again. `dapple effects` lists what it calls for
     ///
     /// The image is another, cheaper one: a warning says how it differs, and the file's header that it does.
     #[arg(long, value_name = "EFFECT", help_heading = "Image")]
-    pub(super) without: Vec<Effect>,
+    pub(crate) without: Vec<Effect>,
 
     /// Width and height in pixels [default: the scene's]
     #[arg(long, value_name = "WxH", value_parser = resolution, help_heading = "Image")]
-    pub(super) resolution: Option<[u32; 2]>,
+    pub(crate) resolution: Option<[u32; 2]>,
 
     /// Render this window only; with --sampler uniform --filter none --light-choice power, the same bits as in the whole image [default: the scene's]
     #[arg(long, value_name = "X0,Y0,X1,Y1", value_parser = crop, help_heading = "Image")]
-    pub(super) crop: Option<[u32; 4]>,
+    pub(crate) crop: Option<[u32; 4]>,
 
     /// Make PNG files brighter by this many powers of two
     #[arg(long, value_name = "STOPS", default_value_t = 0.0, value_parser = stops, help_heading = "Image")]
     #[arg(allow_negative_numbers = true)]
-    pub(super) exposure: f32,
+    pub(crate) exposure: f32,
 
     /// A folder for maps as PNG: samples, albedo, normals, depth, and the predicted error with --error
     #[arg(long, value_name = "DIR", help_heading = "Image")]
-    pub(super) maps: Option<PathBuf>,
+    pub(crate) maps: Option<PathBuf>,
 
     /// Keep a checkpoint in this file, now and then and at the end: --resume FILE goes on from it, whatever happened
     ///
     /// Written beside its place, flushed and renamed; the one before stays as FILE.previous. One process writes to it at a
     /// time (FILE.lock). A file that is there already is not written over: go on from it, or remove it.
     #[arg(long, value_name = "FILE", help_heading = "Interruption")]
-    pub(super) checkpoint: Option<PathBuf>,
+    pub(crate) checkpoint: Option<PathBuf>,
 
     /// Seconds between checkpoints [default: 60, more where they would take above 1 % of the time; the first after 1]
     #[arg(long, value_name = "SECONDS", value_parser = above_zero, help_heading = "Interruption")]
     #[arg(allow_negative_numbers = true)]
-    pub(super) checkpoint_every: Option<f64>,
+    pub(crate) checkpoint_every: Option<f64>,
 
     /// Go on from this checkpoint, to the same bits as without interruption, and keep it up to date
     ///
     /// With the same words; a larger budget goes on further, and another filter is possible if its needs were recorded. Beside
     /// --checkpoint with the same FILE, starts where there is none yet: the same command can be given again and again.
     #[arg(long, value_name = "FILE", help_heading = "Interruption")]
-    pub(super) resume: Option<PathBuf>,
+    pub(crate) resume: Option<PathBuf>,
 
     /// Render the I-th of N shares (from 1), every N-th row, for `dapple merge`: -o names a .shard file
     ///
     /// With --spp and a sampler that plans a priori (uniform, cluster-thesis): each machine comes to the same plan.
-    #[arg(long, value_name = "I/N", value_parser = shard, help_heading = "Interruption")]
+    #[arg(long, value_name = "I/N", value_parser = dapple_job::parse_shard, help_heading = "Interruption")]
     #[arg(conflicts_with_all = ["maps", "json", "time", "error"])]
-    pub(super) shard: Option<Shard>,
+    pub(crate) shard: Option<Shard>,
+
+    /// Render the description in this file, in place of SCENE and all options of Method, Budget, Bounds and Image but outputs
+    #[arg(long, value_name = "FILE", help_heading = "Description")]
+    pub(crate) spec: Option<PathBuf>,
+
+    /// Print the description of the render as JSON, for --spec, and render nothing
+    #[arg(long, help_heading = "Description")]
+    pub(crate) print_spec: bool,
 
     /// Refuse to start what takes more memory than this, such as 2G, 500M or plain bytes [default: what there is]
     ///
     /// The estimate (the scene as it was read, the film, and the most of sampler, filter and files) is printed with the summary.
     #[arg(long, value_name = "SIZE", value_parser = size)]
-    pub(super) memory: Option<u64>,
+    pub(crate) memory: Option<u64>,
 
     /// Threads to use; 0 is one per core
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u16).range(..=1024))]
-    pub(super) threads: u16,
+    pub(crate) threads: u16,
 
     /// List what the renderer cannot do as warnings, rather than refusing the scene
     #[arg(long)]
-    pub(super) allow_unsupported: bool,
+    pub(crate) allow_unsupported: bool,
 
     /// Print one line of JSON rather than a summary; no progress
     #[arg(long)]
-    pub(super) json: bool,
+    pub(crate) json: bool,
 
     /// No progress and no summary; warnings remain
     #[arg(short, long, conflicts_with = "json")]
-    pub(super) quiet: bool,
+    pub(crate) quiet: bool,
 }
 
 const AFTER: &str = "\
@@ -175,71 +183,85 @@ Examples:
 
 Ctrl-C stops and saves what is done; a second one leaves at once.";
 
+impl From<PixelShape> for PixelFilterSpec {
+    fn from(shape: PixelShape) -> Self {
+        match shape {
+            PixelShape::Scene => Self::Scene,
+            PixelShape::Box => Self::Box,
+        }
+    }
+}
+
 /// The shape of a pixel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(super) enum PixelShape {
+pub(crate) enum PixelShape {
     /// As the scene file says
     Scene,
     /// A box of one pixel
     Box,
 }
 
-/// How one of several lights is chosen.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(super) enum LightChoice {
-    /// By power
-    Power,
-    /// Each as often as any other, for studies of the choice
-    Uniform,
-    /// Learned while rendering, per cell of space
-    Cells,
-}
-
-impl LightChoice {
-    pub(super) fn name(self) -> &'static str {
-        match self {
-            Self::Power => "power",
-            Self::Uniform => "uniform",
-            Self::Cells => "cells",
-        }
-    }
-}
-
-impl Options {
-    /// How one of several lights is chosen: as was learned, unless machines that do not talk to each other share the work.
-    pub(super) fn light_choice(&self) -> LightChoice {
-        let unsaid = if self.shard.is_some() { LightChoice::Power } else { LightChoice::Cells };
-        self.light_choice.unwrap_or(unsaid)
+impl RenderArgs {
+    /// The description of the render: that of `--spec`, or of the other options.
+    pub(crate) fn spec(&self) -> Result<RenderSpec> {
+        let spec = match &self.spec {
+            Some(path) => {
+                let read = |e| Failure::new(format!("{}: cannot read the file: {e}", path.display()));
+                let json = std::fs::read_to_string(path).map_err(read)?;
+                RenderSpec::from_json(&json).map_err(|e| Failure::new(format!("{}: {e}", path.display())))?
+            }
+            None => self.described(),
+        };
+        spec.check().map_err(|e| failure::of_spec(&e))?;
+        self.check(&spec).map_err(|wrong| Failure::usage("render", wrong))?;
+        Ok(spec)
     }
 
-    /// What no single word can say.
-    pub(super) fn check(&self) -> Result<(), String> {
-        if let Some(max) = self.max_spp.filter(|&max| max < self.min_spp) {
-            return Err(format!(
-                "--min-spp {} is above --max-spp {max}: the smallest count must not exceed the largest",
-                self.min_spp
-            ));
-        }
-        let (min, most) = (self.min_spp, self.max_spp.unwrap_or(u32::MAX));
-        if let Some(spp) = self.mean_spp() {
-            if spp < f64::from(min) {
-                return Err(format!(
-                    "--spp {spp} is below --min-spp {min}: raise it, or lower --min-spp (0 is allowed)"
-                ));
-            }
-            if spp > f64::from(most) {
-                return Err(format!("--spp {spp} is above {most}, the most that a pixel may take: lower it"));
-            }
-        }
+    fn described(&self) -> RenderSpec {
+        let budget = match (self.spp, self.error, self.time) {
+            (_, Some(relmse), _) => BudgetSpec::Error(relmse),
+            (_, _, Some(seconds)) => BudgetSpec::Seconds(seconds),
+            (spp, None, None) => BudgetSpec::Spp(spp.unwrap_or(DEFAULT_SPP)),
+        };
+        let mut spec = RenderSpec::new(self.scene.to_string_lossy())
+            .sampler(&self.sampler)
+            .points(&self.points)
+            .filter(&self.filter)
+            .integrator(&self.integrator)
+            .budget(budget)
+            .bounds(self.min_spp, self.max_spp)
+            .crop(self.crop.map_or(CropSpec::Scene, CropSpec::Window))
+            .seed(self.seed)
+            .max_depth(self.max_depth)
+            .pixel_filter(self.pixel_filter.into())
+            .without(self.without.iter().copied())
+            .allow_unsupported(self.allow_unsupported)
+            .shard(self.shard);
+        spec.resolution = self.resolution;
+        spec.light_selection = self.light_selection;
+        spec
+    }
+
+    /// The checkpoints to keep and to resume from.
+    pub(crate) fn checkpoints(&self) -> CheckpointOptions {
+        let mut options = CheckpointOptions::default();
+        options.keep.clone_from(&self.checkpoint);
+        options.resume.clone_from(&self.resume);
+        options.every = self.checkpoint_every;
+        options
+    }
+
+    /// Checks the options that are not part of the description.
+    fn check(&self, spec: &RenderSpec) -> std::result::Result<(), String> {
         if self.checkpoint_every.is_some() && self.checkpoint.is_none() && self.resume.is_none() {
-            return Err("--checkpoint-every needs a --checkpoint FILE (or --resume FILE)".into());
+            return Err("--checkpoint-every needs --checkpoint FILE or --resume FILE".into());
         }
         let shards = self.outputs.iter().filter(|path| is_shard(path)).count();
-        if self.shard.is_some() && (self.outputs.len() > 1 || shards < self.outputs.len()) {
-            return Err("with --shard there is one --output, a .shard file: dapple merge makes images of all".into());
+        if spec.shard.is_some() && (self.outputs.len() > 1 || shards < self.outputs.len()) {
+            return Err("--shard takes one --output, a .shard file; dapple merge makes images of all shards".into());
         }
-        if self.shard.is_none() && shards > 0 {
-            return Err("a .shard file is made by --shard I/N".into());
+        if spec.shard.is_none() && shards > 0 {
+            return Err("--output: a .shard file needs --shard I/N".into());
         }
         let mut seen: Vec<&PathBuf> = Vec::new();
         for output in &self.outputs {
@@ -250,36 +272,30 @@ impl Options {
         }
         Ok(())
     }
-
-    /// The mean samples per pixel, where they are the budget.
-    pub(super) fn mean_spp(&self) -> Option<f64> {
-        let other = self.error.is_some() || self.time.is_some();
-        if other { None } else { Some(self.spp.unwrap_or(super::DEFAULT_SPP)) }
-    }
 }
 
-fn above_zero(word: &str) -> Result<f64, String> {
+fn above_zero(word: &str) -> std::result::Result<f64, String> {
     match word.parse::<f64>() {
         Ok(x) if x.is_finite() && x > 0.0 => Ok(x),
         _ => Err("a finite number above zero is wanted".into()),
     }
 }
 
-fn stops(word: &str) -> Result<f32, String> {
+fn stops(word: &str) -> std::result::Result<f32, String> {
     match word.parse::<f32>() {
         Ok(x) if x.is_finite() => Ok(x),
         _ => Err("a finite number is wanted, 0 to leave the image as it is".into()),
     }
 }
 
-pub(crate) fn resolution(word: &str) -> Result<[u32; 2], String> {
+pub(crate) fn resolution(word: &str) -> std::result::Result<[u32; 2], String> {
     let sides = word.split_once(['x', 'X']).and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]));
     let sides: [u32; 2] = sides.ok_or("WIDTHxHEIGHT in pixels is wanted, such as 640x360")?;
     dapple_core::Frame::new(sides[0], sides[1]).map_err(|e| e.to_string())?;
     Ok(sides)
 }
 
-fn crop(word: &str) -> Result<[u32; 4], String> {
+fn crop(word: &str) -> std::result::Result<[u32; 4], String> {
     let sides: Option<Vec<u32>> = word.split(',').map(|side| side.trim().parse().ok()).collect();
     match sides.as_deref() {
         Some(&[x0, y0, x1, y1]) if x0 < x1 && y0 < y1 => Ok([x0, y0, x1, y1]),
@@ -288,7 +304,7 @@ fn crop(word: &str) -> Result<[u32; 4], String> {
     }
 }
 
-fn output(word: &str) -> Result<PathBuf, String> {
+pub(crate) fn output(word: &str) -> std::result::Result<PathBuf, String> {
     let path = PathBuf::from(word);
     if !is_shard(&path) {
         Format::from_path(&path).map_err(|e| e.to_string())?;
@@ -301,7 +317,7 @@ fn is_shard(path: &Path) -> bool {
 }
 
 /// A number of bytes, or of 1024, 1024^2, … of them.
-fn size(word: &str) -> Result<u64, String> {
+fn size(word: &str) -> std::result::Result<u64, String> {
     let number = word.trim_end_matches(|c: char| c.is_ascii_alphabetic());
     let unit = match word[number.len()..].to_ascii_uppercase().as_str() {
         "" | "B" => 1,
@@ -317,27 +333,18 @@ fn size(word: &str) -> Result<u64, String> {
     }
 }
 
-fn shard(word: &str) -> Result<Shard, String> {
-    let numbers =
-        word.split_once('/').and_then(|(i, n)| Some((i.parse::<u32>().ok()?.checked_sub(1)?, n.parse().ok()?)));
-    let shard = numbers.and_then(|(index, of)| Shard::new(index, of).ok());
-    shard.ok_or_else(|| "I/N is wanted, the I-th of N shares, such as 1/4 to 4/4".into())
-}
-
 /// Makes it for trial: what is wrong with the words is known before anything is read.
-fn sampler(words: &str) -> Result<String, String> {
+fn sampler(words: &str) -> std::result::Result<String, String> {
     registry::check_sampler(words).map_err(|e| e.to_string())?;
     Ok(words.to_owned())
 }
 
-fn points(words: &str) -> Result<String, String> {
-    registry::points(words, TRIAL).map_err(|e| e.to_string())?;
-    Ok(words.to_owned())
+fn points(name: &str) -> std::result::Result<String, String> {
+    registry::check_points(name).map_err(|e| e.to_string())?;
+    Ok(name.to_owned())
 }
 
-fn filter(words: &str) -> Result<String, String> {
+fn filter(words: &str) -> std::result::Result<String, String> {
     registry::check_filter(words).map_err(|e| e.to_string())?;
     Ok(words.to_owned())
 }
-
-const TRIAL: registry::Setting = registry::Setting { seed: 0, spp: None };

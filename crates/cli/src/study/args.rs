@@ -1,9 +1,7 @@
-//! The words of `dapple study`.
+//! The arguments of `dapple study`.
 
-use crate::render::options::resolution;
+use crate::render::args::resolution;
 use crate::{Failure, Result};
-use clap::CommandFactory;
-use clap::error::ErrorKind;
 use dapple_study::{Draft, External, Method, Plan, ScenePlan, StudyError, split_words};
 use std::path::PathBuf;
 
@@ -18,7 +16,7 @@ use std::path::PathBuf;
 /// no method uses, in two halves whose difference tells their own error.
 #[derive(clap::Args)]
 #[command(after_help = AFTER)]
-pub(crate) struct Options {
+pub(crate) struct StudyArgs {
     /// Scene files, models, bundled scenes, or names of scenes of the plan [default: teapot terrain]
     #[arg(value_name = "SCENE")]
     scenes: Vec<String>,
@@ -149,7 +147,7 @@ pub(super) enum Wrong {
     File(Failure),
 }
 
-impl Options {
+impl StudyArgs {
     /// The plan: what the file says, and the words before it.
     pub(super) fn plan(&self) -> std::result::Result<Plan, Wrong> {
         let file = self.file().map_err(Wrong::File)?;
@@ -211,15 +209,5 @@ impl Options {
             scene.reference = Some(reference.clone());
         }
         Ok(Some(scenes))
-    }
-}
-
-/// Ends the program as clap does for a single wrong word: usage, exit status 2.
-pub(super) fn refuse(wrong: &str) -> ! {
-    let mut words = crate::Words::command();
-    words.build();
-    match words.find_subcommand_mut("study") {
-        Some(study) => study.error(ErrorKind::ValueValidation, wrong).exit(),
-        None => words.error(ErrorKind::ValueValidation, wrong).exit(),
     }
 }
