@@ -13,7 +13,7 @@
 
 #![expect(clippy::print_stdout, reason = "a program: its table is its result")]
 
-use dapple::cluster_adaptive::{Adaptive, AdaptiveOptions, ErrorMap, MapErrors};
+use dapple::adaptive::{Adaptive, AdaptiveOptions, ErrorMap, MapErrors};
 use dapple::core::samplers::Uniform;
 use dapple::core::{Film, FirstHit, Frame, Limits, Needs, Render, Sampler, luminance};
 use dapple::geometry::Ray;

@@ -3,7 +3,8 @@
 //! (white = many), and says how wrong either image is. Nothing of Dapple but its core and its points is linked.
 #![expect(clippy::print_stdout, reason = "a program: what it says is its result")]
 
-use dapple::core::samplers::{Uniform, Variance};
+use dapple::adaptive::Variance;
+use dapple::core::samplers::Uniform;
 use dapple::core::{Block, Draws, Estimate, Film, Frame, Integrator, Limits, Render, TrainingLog};
 use dapple::low_discrepancy::Sobol;
 use std::f32::consts::TAU;

@@ -7,10 +7,12 @@
 //!   geometry, no scene and no image file.
 //! * [`low_discrepancy`] (feature `low-discrepancy`): Owen-scrambled Sobol', Halton, (0,2), stratified and
 //!   independent points.
+//! * [`adaptive`] (feature `adaptive`): the error-driven sampler, its variance preset, the stopping rule of Cycles.
 //! * [`mitchell`] (feature `mitchell`): Mitchell's contrast-adaptive sampler, and pbrt-v2's.
 //! * [`clustering`] (feature `clustering`): slices of triangles in, clusters out.
 //! * [`cluster_adaptive`] (feature `cluster-adaptive`): sample counts from the projected sizes of clusters,
 //!   through a closure that finds first hits.
+//! * [`light_selection`] (feature `light-selection`): learned probabilities of lights.
 //! * [`denoise`] (feature `denoise`): filters that are right under unequal sample counts.
 //! * [`metrics`] (feature `metrics`): how wrong an image is.
 //! * [`geometry`] (feature `geometry`): watertight rays.
@@ -29,7 +31,7 @@
 //!
 //! ```
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
-//! use dapple::core::samplers::Variance;
+//! use dapple::adaptive::Variance;
 //! use dapple::core::{Block, Draws, Estimate, Frame, Integrator, Limits, Render, TrainingLog};
 //! use dapple::low_discrepancy::Sobol;
 //!
@@ -59,6 +61,8 @@
 
 pub use dapple_core as core;
 
+#[cfg(feature = "adaptive")]
+pub use dapple_adaptive as adaptive;
 #[cfg(feature = "cluster-adaptive")]
 pub use dapple_cluster_adaptive as cluster_adaptive;
 #[cfg(feature = "clustering")]
@@ -69,6 +73,8 @@ pub use dapple_denoise as denoise;
 pub use dapple_geometry as geometry;
 #[cfg(feature = "job")]
 pub use dapple_job as job;
+#[cfg(feature = "light-selection")]
+pub use dapple_light_selection as light_selection;
 #[cfg(feature = "low-discrepancy")]
 pub use dapple_low_discrepancy as low_discrepancy;
 #[cfg(feature = "metrics")]

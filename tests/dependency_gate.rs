@@ -72,101 +72,78 @@ fn reaches(graph: &BTreeMap<String, BTreeSet<String>>, from: &str) -> BTreeSet<S
     seen
 }
 
-/// Dapple crates that each may reach, and outsiders that it must not.
-const RULES: &[(&str, &[&str], &[&str])] = &[
+/// A crate, the Dapple crates that it may reach, and the outsiders that it must not.
+type Rule = (&'static str, &'static [&'static str], &'static [&'static str]);
+
+const RULES: &[Rule] = &[
     ("dapple-core", &[], &["glam", "obvhs", "image", "exr", "rand"]),
     ("dapple-low-discrepancy", &["dapple-core"], &["glam", "obvhs", "image", "exr"]),
     ("dapple-conformance", &["dapple-core", "dapple-metrics"], &["glam", "obvhs", "image", "exr"]),
+    ("dapple-adaptive", &["dapple-core"], OF_A_SCENE),
     ("dapple-mitchell", &["dapple-core"], OF_A_SCENE),
+    ("dapple-light-selection", &[], OF_A_SCENE),
     ("dapple-clustering", &[], OF_A_SCENE),
     ("dapple-cluster-adaptive", &["dapple-core", "dapple-clustering"], OF_A_SCENE),
     ("dapple-denoise", &["dapple-core"], OF_A_SCENE),
     ("dapple-metrics", &[], &["glam", "obvhs", "image", "exr", "rayon"]),
     ("dapple-geometry", &[], &["image", "exr", "rayon", "clap"]),
-    ("dapple-scene", &["dapple-core"], &["obvhs", "clap", "indicatif", "dapple-geometry", "dapple-renderer"]),
-    (
-        "dapple-renderer",
-        &[
-            "dapple-core",
-            "dapple-scene",
-            "dapple-geometry",
-            "dapple-low-discrepancy",
-            "dapple-mitchell",
-            "dapple-clustering",
-            "dapple-cluster-adaptive",
-            "dapple-denoise",
-        ],
-        &["clap", "indicatif"],
-    ),
-    (
-        "dapple-job",
-        &[
-            "dapple-core",
-            "dapple-geometry",
-            "dapple-low-discrepancy",
-            "dapple-mitchell",
-            "dapple-clustering",
-            "dapple-cluster-adaptive",
-            "dapple-denoise",
-            "dapple-renderer",
-        ],
-        &["clap", "indicatif", "ctrlc", "dapple-conformance"],
-    ),
-    (
-        "dapple-study",
-        &[
-            "dapple-core",
-            "dapple-geometry",
-            "dapple-low-discrepancy",
-            "dapple-mitchell",
-            "dapple-clustering",
-            "dapple-cluster-adaptive",
-            "dapple-denoise",
-            "dapple-metrics",
-            "dapple-scene",
-            "dapple-renderer",
-            "dapple-job",
-        ],
-        &["clap", "indicatif", "ctrlc", "dapple-conformance"],
-    ),
-    (
-        "dapple-price",
-        &[
-            "dapple-core",
-            "dapple-geometry",
-            "dapple-low-discrepancy",
-            "dapple-mitchell",
-            "dapple-clustering",
-            "dapple-cluster-adaptive",
-            "dapple-denoise",
-            "dapple-scene",
-            "dapple-renderer",
-            "dapple-job",
-        ],
-        &["clap", "indicatif", "ctrlc", "dapple-conformance"],
-    ),
-    (
-        "dapple-cli",
-        &[
-            "dapple-core",
-            "dapple-geometry",
-            "dapple-low-discrepancy",
-            "dapple-mitchell",
-            "dapple-clustering",
-            "dapple-cluster-adaptive",
-            "dapple-denoise",
-            "dapple-metrics",
-            "dapple-scene",
-            "dapple-renderer",
-            "dapple-study",
-            "dapple-job",
-            "dapple-price",
-        ],
-        &["dapple-conformance"],
-    ),
+    ("dapple-scene", &["dapple-core"], &["obvhs", "clap", "indicatif"]),
+    ("dapple-renderer", RENDERER, &["clap", "indicatif"]),
+    ("dapple-job", JOB, &["clap", "indicatif", "ctrlc"]),
+    ("dapple-study", STUDY, &["clap", "indicatif", "ctrlc"]),
+    ("dapple-price", CLI, &["clap"]),
+    ("dapple-cli", CLI, &[]),
+];
+const RENDERER: &[&str] =
+    &["dapple-core", "dapple-scene", "dapple-geometry", "dapple-low-discrepancy", "dapple-light-selection"];
+/// The renderer, every method that has a name, and clusters.
+const JOB: &[&str] = &[
+    "dapple-core",
+    "dapple-scene",
+    "dapple-geometry",
+    "dapple-low-discrepancy",
+    "dapple-light-selection",
+    "dapple-renderer",
+    "dapple-adaptive",
+    "dapple-mitchell",
+    "dapple-clustering",
+    "dapple-cluster-adaptive",
+    "dapple-denoise",
+];
+const STUDY: &[&str] = &[
+    "dapple-core",
+    "dapple-scene",
+    "dapple-geometry",
+    "dapple-low-discrepancy",
+    "dapple-light-selection",
+    "dapple-renderer",
+    "dapple-adaptive",
+    "dapple-mitchell",
+    "dapple-clustering",
+    "dapple-cluster-adaptive",
+    "dapple-denoise",
+    "dapple-metrics",
+    "dapple-job",
+];
+const CLI: &[&str] = &[
+    "dapple-core",
+    "dapple-scene",
+    "dapple-geometry",
+    "dapple-low-discrepancy",
+    "dapple-light-selection",
+    "dapple-renderer",
+    "dapple-adaptive",
+    "dapple-mitchell",
+    "dapple-clustering",
+    "dapple-cluster-adaptive",
+    "dapple-denoise",
+    "dapple-metrics",
+    "dapple-job",
+    "dapple-study",
+    "dapple-price",
 ];
 
-/// What knows of scenes, BVHs, vectors or image files.
+/// Crates that know scenes, BVHs, vectors or image files.
 const OF_A_SCENE: &[&str] = &["glam", "obvhs", "image", "exr", "dapple-geometry", "dapple-scene", "dapple-renderer"];
 
 /// What `examples/foreign_renderer.rs` asks for in the manifest.

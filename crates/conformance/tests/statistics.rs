@@ -3,8 +3,9 @@
 //!
 //! Everything is made up and every seed is fixed. Limits on rates are 5 standard deviations of the binomial: 6e-7 each.
 
+use dapple_adaptive::{PilotPolicy, Variance, VarianceOptions};
 use dapple_conformance::statistics::*;
-use dapple_core::samplers::{PilotPolicy, Uniform, Variance, VarianceOptions};
+use dapple_core::samplers::Uniform;
 use dapple_core::{Film, Frame, Limits, PointSet, Render, SampleId, Sampler};
 use dapple_metrics::{log_log_fit, ratio_interval, student_t_quantile};
 

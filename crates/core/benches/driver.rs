@@ -3,7 +3,8 @@
 //! The loop's own price per sample is the time of `render/*` less that of `direct`, over 2^18 samples.
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
-use dapple_core::samplers::{Uniform, Variance, VarianceOptions};
+use dapple_adaptive::{Variance, VarianceOptions};
+use dapple_core::samplers::Uniform;
 use dapple_core::{
     Block, BudgetLeft, Draws, Estimate, Feedback, Film, Frame, Integrator, Limits, Needs, Plan, PointSet, Render,
     SampleId, Sampler, TrainingLog, allocate, allocate_on_ladder, streams,

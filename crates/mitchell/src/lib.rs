@@ -37,10 +37,10 @@
 //!
 //! # Guarantees
 //!
-//! * [`Mode::Budget`] meets the budget to the sample, [`Mode::Threshold`] never exceeds it; at most one
+//! * [`Stopping::Budget`] meets the budget to the sample, [`Stopping::Threshold`] never exceeds it; at most one
 //!   pixel leaves the two rates.
 //! * Where the budget allows it, no pixel has fewer samples in the image than the first rate.
-//! * [`Policy`] says what becomes of the pilot and what bias that leaves; each statement is tested
+//! * [`PilotPolicy`] says what becomes of the pilot and what bias that leaves; each statement is tested
 //!   against its closed form, with the biased policies as controls that the test must reject.
 //!
 //! # Limits
@@ -58,11 +58,12 @@ mod pbrt;
 mod rates;
 mod two_rates;
 
+pub use dapple_core::{PilotPolicy, Stopping};
+
 pub use contrast::{contrast, deviation};
 pub use mitchell::{Mitchell, MitchellOptions};
 pub use pbrt::{MitchellPbrt, MitchellPbrtOptions};
 pub use rates::Rates;
-pub use two_rates::{Mode, Policy};
 
 /// Runs the example of the README.
 #[cfg(doctest)]

@@ -1,8 +1,9 @@
 //! The render loop: the same bits however the work is done, exact budgets, honest failures.
 
 use crate::common::*;
+use dapple_adaptive::{PilotPolicy, Variance, VarianceOptions};
 use dapple_conformance::bits;
-use dapple_core::samplers::{PilotPolicy, Uniform, Variance, VarianceOptions};
+use dapple_core::samplers::Uniform;
 use dapple_core::{
     Block, Budget, Control, Draws, Error, Estimate, Feedback, Film, Frame, Integrator, Limits, Needs, Plan, Progress,
     Render, Retention, Schedule, Status, TrainingData, TrainingLog, streams,

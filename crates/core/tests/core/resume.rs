@@ -1,8 +1,9 @@
 //! Renders that go on from snapshots, and images made in shards (HARD_CASES X03 to X08).
 
 use crate::common::{Field, Independent, everything, frame, mix, noise, on_threads, run};
+use dapple_adaptive::Variance;
 use dapple_conformance::bits;
-use dapple_core::samplers::{Uniform, Variance};
+use dapple_core::samplers::Uniform;
 use dapple_core::{
     Block, Budget, Control, Draws, Error, Estimate, Film, FirstHit, Frame, Integrator, Limits, Monitor, Needs, Render,
     Sampler, Schedule, Shard, ShardFilm, Sharded, Snapshot, Status, TrainingData, TrainingLog, merge,

@@ -3,14 +3,16 @@
 use super::{AnyPoints, CLUSTERING, Entry, Parameter, Parameters, RegistryError, clustering};
 use crate::Stage;
 use crate::clusters::{WorldTriangles, shoot};
-use dapple_cluster_adaptive::{
-    Adaptive, AdaptiveOptions, AreaVectors, CellOptions, ClusterSize, ClusterThesis, ClusterThesisOptions, ErrorMap,
-    PixelArea, Placement, PoolShape, ProbeSource, RateMap,
+use dapple_adaptive::{
+    Adaptive, AdaptiveOptions, CellOptions, Cycles, CyclesOptions, ErrorMap, PoolShape, Variance, VarianceOptions,
 };
-use dapple_core::samplers::{Cycles, CyclesOptions, PilotPolicy, Stop, Uniform, Variance, VarianceOptions};
-use dapple_core::{Film, Frame, Sampler};
+use dapple_cluster_adaptive::{
+    AreaVectors, ClusterSize, ClusterThesis, ClusterThesisOptions, PixelArea, Placement, ProbeSource, RateMap,
+};
+use dapple_core::samplers::Uniform;
+use dapple_core::{Film, Frame, PilotPolicy, Sampler, Stopping};
 use dapple_denoise::relative_errors;
-use dapple_mitchell::{Mitchell, MitchellOptions, MitchellPbrt, MitchellPbrtOptions, Mode, Policy};
+use dapple_mitchell::{Mitchell, MitchellOptions, MitchellPbrt, MitchellPbrtOptions};
 
 /// How a sampler is made.
 pub type MakeSampler = fn(&Parameters, AnyPoints, &Stage) -> Result<Box<dyn Sampler>, RegistryError>;
@@ -204,12 +206,12 @@ fn error_map(p: &Parameters, stage: &Stage) -> Result<Option<ErrorMap>, Registry
     Ok(Some(ErrorMap { name: name.to_owned(), needs, of: Box::new(of), bytes_per_pixel }))
 }
 
-fn mode(p: &Parameters) -> Result<Mode, RegistryError> {
-    p.choice("mode", &[Mode::Budget, Mode::Threshold].map(|m| (m.name(), m)))
+fn mode(p: &Parameters) -> Result<Stopping, RegistryError> {
+    p.choice("mode", &[Stopping::Budget, Stopping::Threshold].map(|m| (m.name(), m)))
 }
 
-fn policy(p: &Parameters) -> Result<Policy, RegistryError> {
-    p.choice("policy", &[Policy::Keep, Policy::Refined, Policy::Discard].map(|o| (o.name(), o)))
+fn policy(p: &Parameters) -> Result<PilotPolicy, RegistryError> {
+    p.choice("policy", &[PilotPolicy::Keep, PilotPolicy::Refined, PilotPolicy::Discard].map(|o| (o.name(), o)))
 }
 
 fn mitchell(p: &Parameters, points: AnyPoints) -> Result<Box<dyn Sampler>, RegistryError> {
@@ -241,7 +243,7 @@ fn cycles(p: &Parameters, points: AnyPoints) -> Result<Box<dyn Sampler>, Registr
         threshold: p.number("threshold")?,
         min: p.number("min")?,
         step: p.number("step")?,
-        mode: p.choice("mode", &[Stop::Budget, Stop::Threshold].map(|m| (m.name(), m)))?,
+        mode: mode(p)?,
     };
     Ok(Box::new(Cycles::with_options(points, options)?))
 }

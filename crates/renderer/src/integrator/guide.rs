@@ -2,8 +2,8 @@
 
 use crate::World;
 use crate::light::{Expected, Lights};
-use dapple_cluster_adaptive::{LightCellOptions, LightCells};
 use dapple_core::{TrainingData, TrainingLog};
+use dapple_light_selection::{LightCellOptions, LightCells};
 use glam::Vec3;
 
 /// The cells of a world, and how far they have learned.

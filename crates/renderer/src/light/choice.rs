@@ -11,7 +11,7 @@ pub enum LightChoice {
     /// Each as often as any other.
     Uniform,
     /// With probabilities that are learned while rendering, per cell of space and orientation, from what lights
-    /// contributed there ([`LightCells`](dapple_cluster_adaptive::LightCells)); by power where nothing can be learned:
+    /// contributed there ([`LightCells`](dapple_light_selection::LightCells)); by power where nothing can be learned:
     /// inside media, and with a single light. An environment that is an image counts as its parts, up to 32 or 36 lights.
     Cells,
 }

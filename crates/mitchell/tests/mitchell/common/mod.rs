@@ -5,9 +5,9 @@ use dapple_core::{
     Block, BudgetLeft, Draws, Estimate, Feedback, Film, Frame, Integrator, Limits, Plan, Render, Sampler, TrainingLog,
 };
 use dapple_low_discrepancy::Random;
-use dapple_mitchell::{Mitchell, MitchellOptions, MitchellPbrt, MitchellPbrtOptions, Mode, Policy};
+use dapple_mitchell::{Mitchell, MitchellOptions, MitchellPbrt, MitchellPbrtOptions, PilotPolicy, Stopping};
 
-pub const POLICIES: [Policy; 3] = [Policy::Keep, Policy::Refined, Policy::Discard];
+pub const POLICIES: [PilotPolicy; 3] = [PilotPolicy::Keep, PilotPolicy::Refined, PilotPolicy::Discard];
 
 /// An integrator from a closure of the pixel and four numbers.
 pub struct Field<F>(pub F);
@@ -33,7 +33,7 @@ pub fn run(integrator: &mut dyn Integrator, sampler: &mut dyn Sampler, frame: Fr
 }
 
 /// Mitchell's rule for one pixel alone, with these rates.
-pub fn alone(initial: u32, additional: u32, mode: Mode, policy: Policy) -> MitchellOptions {
+pub fn alone(initial: u32, additional: u32, mode: Stopping, policy: PilotPolicy) -> MitchellOptions {
     MitchellOptions { initial, additional, radius: 0, mode, policy, ..MitchellOptions::default() }
 }
 
@@ -45,7 +45,7 @@ pub fn pbrt(options: MitchellPbrtOptions, seed: u64) -> MitchellPbrt<Random> {
     MitchellPbrt::with_options(Random::new(seed), options).unwrap()
 }
 
-pub fn pbrt_options(min: u32, max: u32, mode: Mode, policy: Policy) -> MitchellPbrtOptions {
+pub fn pbrt_options(min: u32, max: u32, mode: Stopping, policy: PilotPolicy) -> MitchellPbrtOptions {
     MitchellPbrtOptions { min, max, mode, policy, ..MitchellPbrtOptions::default() }
 }
 

@@ -2,10 +2,9 @@
 //! caught [Kirk and Arvo 1991].
 
 use crate::common::*;
-use dapple_cluster_adaptive::{Adaptive, AdaptiveOptions, PoolShape};
+use dapple_adaptive::{Adaptive, AdaptiveOptions, PilotPolicy, PoolShape};
 use dapple_conformance::statistics::{Bernoulli, Mean, image_mean};
 use dapple_core::Limits;
-use dapple_core::samplers::PilotPolicy;
 use dapple_low_discrepancy::Random;
 
 const P: f32 = 0.1;

@@ -1,11 +1,9 @@
 //! The parameters of the sampler that follows the error.
 
-use super::PoolShape;
-use crate::{CellOptions, Error};
-use dapple_core::samplers::PilotPolicy;
-use dapple_core::{Film, Needs};
+use crate::{CellOptions, PoolShape};
+use dapple_core::{Error, Film, Needs, PilotPolicy};
 
-/// The parameters of [`Adaptive`](super::Adaptive).
+/// The parameters of [`Adaptive`](crate::Adaptive).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AdaptiveOptions {
     /// Samples per pixel of the pilot; 0 takes 4, or the rung at a quarter of the mean budget where that is more.
@@ -20,7 +18,7 @@ pub struct AdaptiveOptions {
     pub radius: u32,
     /// The pool's weight beside a pixel's own degrees of freedom.
     pub prior: f64,
-    /// What is pooled is this power of the variance: see [`Pooling::power`](super::Pooling::power).
+    /// What is pooled is this power of the variance: see [`Pooling::power`](crate::Pooling::power).
     pub power: f64,
     /// Weight of what geometry says, in degrees of freedom as well; 0 leaves it out.
     pub geometry: f64,
@@ -64,7 +62,7 @@ impl Default for AdaptiveOptions {
 
 impl AdaptiveOptions {
     /// Rounds after the pilot.
-    pub(super) fn rounds(&self) -> u32 {
+    pub(crate) fn rounds(&self) -> u32 {
         match (self.rounds, self.policy) {
             (0, PilotPolicy::Keep) => 3,
             (0, _) => 1,
@@ -73,7 +71,7 @@ impl AdaptiveOptions {
     }
 
     /// Whether first hits are read: for cells, or for what geometry says.
-    pub(super) fn look_at_hits(&self) -> bool {
+    pub(crate) fn look_at_hits(&self) -> bool {
         self.pool != PoolShape::Window || self.geometry > 0.0
     }
 
@@ -83,7 +81,7 @@ impl AdaptiveOptions {
     ///
     /// [`Error::OutOfRange`].
     pub fn check(&self) -> Result<(), Error> {
-        let out = |name, value: String, allowed| Err(Error::range(name, value, allowed));
+        let out = |name, value: String, allowed| Err(Error::OutOfRange { name, value, allowed });
         if self.pilot == 1 {
             return out("pilot", "1".into(), "two samples or more have a variance; 0 chooses");
         }
@@ -134,7 +132,7 @@ impl AdaptiveOptions {
 }
 
 /// Makes one number a pixel of a film: the expected squared error there, relative to what is shown.
-pub type MapErrors = Box<dyn Fn(&Film) -> Result<Vec<f32>, dapple_core::Error> + Send>;
+pub type MapErrors = Box<dyn Fn(&Film) -> Result<Vec<f32>, Error> + Send>;
 
 /// Where errors are known from besides a pixel's own variance: a filter that predicts its own.
 pub struct ErrorMap {

@@ -2,9 +2,10 @@
 //! the control that must be caught.
 
 use crate::common::*;
+use dapple_adaptive::{PilotPolicy, Variance, VarianceOptions};
 use dapple_conformance::statistics::{Bernoulli, FAMILY, Mean, Naive, Verdict, critical, image_mean, kept, power};
-use dapple_core::samplers::{PilotPolicy, Variance, VarianceOptions};
 use dapple_core::{Feedback, Integrator, Limits, Needs, Plan, Progress, Retention, Sampler};
+use dapple_low_discrepancy::Random;
 
 const P: f32 = 0.1;
 
@@ -17,7 +18,7 @@ fn measure<S: Sampler>(make: impl Fn(u64) -> S, spp: u64, side: u32) -> Mean {
 fn means_of<S: Sampler>(scene: &mut dyn Integrator, make: impl Fn(u64) -> S, spp: u64, side: u32) -> Mean {
     let size = frame(side, side);
     let limits = Limits::samples(spp * size.pixels() as u64);
-    (0..64).map(|seed| image_mean(&run(scene, &mut make(seed), Needs::none(), size, &limits).unwrap())).collect()
+    (0..64).map(|seed| image_mean(&run(scene, &mut make(seed), size, &limits).unwrap())).collect()
 }
 
 /// 5 standard errors with 63 degrees of freedom: p = 5e-6 a test; 10: p < 1e-13.
@@ -25,9 +26,9 @@ fn deviation(mean: Mean) -> f64 {
     mean.deviation(f64::from(P))
 }
 
-fn variance_sampler(policy: PilotPolicy, radius: u32, seed: u64) -> Variance<Independent> {
+fn variance_sampler(policy: PilotPolicy, radius: u32, seed: u64) -> Variance<Random> {
     let options = VarianceOptions { policy, radius, pilot: 4, ..VarianceOptions::default() };
-    Variance::with_options(Independent::new(seed), options).unwrap()
+    Variance::with_options(Random::new(seed), options).unwrap()
 }
 
 #[test]
@@ -52,7 +53,7 @@ fn a01_the_naive_rule_is_caught_and_meets_its_closed_form() {
     // STATISTICS S7.
     let closed = kept(P.into(), 4, 64);
     assert!((closed - 0.038575).abs() < 1e-6, "{closed}");
-    let mean = measure(|seed| Naive { points: Independent::new(300 + seed), pilot: 4, total: 64 }, 64, 64);
+    let mean = measure(|seed| Naive { points: Random::new(300 + seed), pilot: 4, total: 64 }, 64, 64);
     assert!(mean.against(P.into()).p() < 1e-12, "the naive rule is not caught: {mean:?}");
     assert!(mean.against(closed).p() > FAMILY, "{mean:?} instead of {closed}");
     // What the tests of the unbiased policies can see in 2^20 pixels: 3 % of the truth, where the naive rule is 61 % off.
@@ -81,7 +82,7 @@ fn a02_heavy_tails_stop_early() {
             }
             if plan.total() > 0 { Progress::Trace } else { Progress::Done }
         };
-        Planned { points: Independent::new(600 + seed), needs: Needs::none().with_variance(), plan }
+        Planned { points: Random::new(600 + seed), needs: Needs::none().with_variance(), plan }
     };
     let naive = means_of(&mut Field(lognormal), stops, 400, 16);
     assert!((0.85..0.95).contains(&naive.mean) && naive.deviation(1.0) < -10.0, "{naive:?}");
@@ -108,17 +109,17 @@ fn a02_heavy_tails_leave_unbiased_policies_within_a_third_of_a_percent() {
 fn a12_one_firefly() {
     let firefly = |pixel: [u32; 2], u: [f32; 4]| [if pixel == [7, 9] && u[3] < 0.2 { 1e6 } else { 0.5 + u[0] }; 3];
     let size = frame(24, 24);
-    let most_of = |mut sampler: Variance<Independent>| {
-        let film = run(&mut Field(firefly), &mut sampler, Needs::none(), size, &Limits::samples(32 * 576)).unwrap();
+    let most_of = |mut sampler: Variance<Random>| {
+        let film = run(&mut Field(firefly), &mut sampler, size, &Limits::samples(32 * 576)).unwrap();
         film.counts().into_iter().max().unwrap()
     };
     for policy in [PilotPolicy::Keep, PilotPolicy::Discard, PilotPolicy::Cross] {
         for radius in [0, 2] {
             let options = VarianceOptions { policy, radius, pilot: 4, cap: 2.0, ..VarianceOptions::default() };
             for seed in 0..20 {
-                let mut sampler = Variance::with_options(Independent::new(seed), options).unwrap();
+                let mut sampler = Variance::with_options(Random::new(seed), options).unwrap();
                 let limits = Limits::samples(32 * 576);
-                let film = run(&mut Field(firefly), &mut sampler, Needs::none(), size, &limits).unwrap();
+                let film = run(&mut Field(firefly), &mut sampler, size, &limits).unwrap();
                 let counts = film.counts();
                 // The cap is 2 times the mean; halves may each be one sample above.
                 assert!(counts.iter().all(|&n| (4..=2 * 32 + 2).contains(&n)), "{policy:?}, {radius}: {counts:?}");
@@ -142,7 +143,7 @@ fn a01_crossing_with_weights_by_count_is_caught() {
             plan.combine = dapple_core::Combine::ByCount;
             progress
         };
-        Planned { points: Independent::new(400 + seed), needs, plan }
+        Planned { points: Random::new(400 + seed), needs, plan }
     };
     let got = measure(by_count, 10, 64);
     assert!(deviation(got).abs() > 10.0, "{got:?}");
@@ -157,7 +158,7 @@ fn a03_zero_variance_pilot() {
         let runs: Vec<f64> = (0..32)
             .map(|seed| {
                 let mut sampler = variance_sampler(policy, 2, 500 + seed);
-                let film = run(&mut Field(field), &mut sampler, Needs::none(), size, &Limits::samples(32 * 4096));
+                let film = run(&mut Field(field), &mut sampler, size, &Limits::samples(32 * 4096));
                 let film = film.unwrap();
                 let alone = (0..4096).filter(|&i| film.count(i) <= 4).count();
                 assert_eq!(alone, 0, "{policy:?}: {alone} pixels were stopped by a pilot without variance");
@@ -169,8 +170,8 @@ fn a03_zero_variance_pilot() {
     // Even where few pixels that saw something could take all: what saw nothing keeps a say.
     for policy in [PilotPolicy::Keep, PilotPolicy::Discard, PilotPolicy::Cross] {
         let options = VarianceOptions { policy, pilot: 4, cap: 20.0, ..VarianceOptions::default() };
-        let mut sampler = Variance::with_options(Independent::new(500), options).unwrap();
-        let film = run(&mut Field(field), &mut sampler, Needs::none(), size, &Limits::samples(64 * 4096)).unwrap();
+        let mut sampler = Variance::with_options(Random::new(500), options).unwrap();
+        let film = run(&mut Field(field), &mut sampler, size, &Limits::samples(64 * 4096)).unwrap();
         let least = film.counts().into_iter().min().unwrap();
         assert!(least > 4, "{policy:?}: {least}");
     }
@@ -186,13 +187,11 @@ fn a04_constant_images_are_sampled_uniformly() {
         for policy in [PilotPolicy::Keep, PilotPolicy::Discard, PilotPolicy::Cross] {
             let size = frame(13, 11);
             for total in [4 * 143, 10 * 143 + 7, 33 * 143 + 1] {
-                let mut sampler = Variance::with_options(
-                    Independent::new(1),
-                    VarianceOptions { policy, ..VarianceOptions::default() },
-                )
-                .unwrap();
+                let mut sampler =
+                    Variance::with_options(Random::new(1), VarianceOptions { policy, ..VarianceOptions::default() })
+                        .unwrap();
                 let limits = Limits::samples(total);
-                let film = run(&mut Field(|_, _| [value; 3]), &mut sampler, Needs::none(), size, &limits).unwrap();
+                let film = run(&mut Field(|_, _| [value; 3]), &mut sampler, size, &limits).unwrap();
                 let counts = film.counts();
                 let (least, most) = (counts.iter().min().unwrap(), counts.iter().max().unwrap());
                 // A pixel's halves may each differ by one.

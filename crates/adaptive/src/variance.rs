@@ -1,9 +1,9 @@
 //! Neyman allocation from a pilot whose variance is pooled over neighbours.
 
-use super::PilotPolicy;
-use crate::{
-    BudgetLeft, Error, Feedback, Frame, Limits, Needs, Plan, PointSet, Progress, RgbMoments, Sampler, SamplerMemory,
-    allocate_on_ladder,
+use crate::pilot::{Pilot, clamped};
+use dapple_core::{
+    BudgetLeft, Error, Feedback, Frame, Limits, Needs, PilotPolicy, Plan, PointSet, Progress, RgbMoments, Sampler,
+    SamplerMemory, allocate_on_ladder,
 };
 
 /// The parameters of [`Variance`].
@@ -196,7 +196,7 @@ impl<P: PointSet> Sampler for Variance<P> {
         let scores = size_of::<RgbMoments>() + 8 * 7;
         // Counts and floors of both halves.
         let crosses = if self.needs_halves() { 12 } else { 0 };
-        let plans = !self.options.policy.is_all(self.options.pilot, frame, limits);
+        let plans = !Pilot::new(self.options.policy, self.options.pilot).is_all(frame, limits);
         let memory = SamplerMemory::planning(frame, self.needs_halves(), if plans { scores + crosses } else { 0 });
         if self.options.policy == PilotPolicy::Discard { memory.with_discarded(frame, needs, limits) } else { memory }
     }
@@ -210,21 +210,17 @@ impl<P: PointSet> Sampler for Variance<P> {
             return Ok(Progress::Done);
         }
         let (even, policy) = (seen.film.needs().halves, self.options.policy);
-        if policy.begin(seen, self.options.pilot, plan).is_missing {
+        if Pilot::new(policy, self.options.pilot).begin(seen, plan).is_missing {
             return Ok(Progress::Trace);
         }
         match policy {
-            PilotPolicy::Keep => self.plan_kept(seen, plan, even)?,
+            PilotPolicy::Keep | PilotPolicy::Refined => self.plan_kept(seen, plan, even)?,
             PilotPolicy::Discard => self.plan_after_discarding(seen, plan, even)?,
             PilotPolicy::Cross => self.plan_across(seen, plan)?,
         }
         // Nothing to add where the ceiling holds every pixel.
         Ok(if plan.total() == 0 { Progress::Done } else { Progress::Trace })
     }
-}
-
-fn clamped(n: u64) -> u32 {
-    u32::try_from(n).unwrap_or(u32::MAX)
 }
 
 /// Sums over `2 radius + 1` pixels squared, cut off at the borders, in an order that does not depend

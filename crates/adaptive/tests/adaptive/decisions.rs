@@ -1,8 +1,7 @@
 //! What the sampler that follows the error decides, on made-up films.
 
 use crate::common::*;
-use dapple_cluster_adaptive::{Adaptive, AdaptiveOptions, ErrorMap, PoolShape};
-use dapple_core::samplers::PilotPolicy;
+use dapple_adaptive::{Adaptive, AdaptiveOptions, ErrorMap, PilotPolicy, PoolShape};
 use dapple_core::{BudgetLeft, Error, Feedback, Film, Frame, Limits, Needs, Plan, Progress, Sampler};
 use dapple_low_discrepancy::{Random, Sobol};
 
@@ -155,7 +154,7 @@ fn an_error_map_gets_what_it_needs() {
 /// Cells part what a window mixes: two materials side by side, one of them noisy.
 #[test]
 fn variance_pooled_inside_cells_stays_inside() {
-    use dapple_cluster_adaptive::{CellOptions, Cells, Pooling, relative_variance};
+    use dapple_adaptive::{CellOptions, Cells, Pooling, relative_variance};
     use dapple_core::FirstHit;
     let seen = film(Needs::none().with_variance(), |[x, _], u| if x < 24 { 0.5 } else { u[0] });
     let moments: Vec<_> = (0..SIDE * SIDE).map(|i| seen.moments(i)).collect();

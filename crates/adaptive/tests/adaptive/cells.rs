@@ -1,6 +1,6 @@
 //! Cells at hit points: THESIS 7, tests b to f.
 
-use dapple_cluster_adaptive::{CellOptions, Cells};
+use dapple_adaptive::{CellOptions, Cells};
 use dapple_core::FirstHit;
 
 const SIDE: u32 = 96;

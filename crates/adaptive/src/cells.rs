@@ -1,8 +1,8 @@
 //! Cells: patches of surface around hit points, found from first hits alone.
 
-use crate::Error;
 use crate::disjoint::Disjoint;
-use dapple_core::{Film, FirstHit};
+use crate::out_of_range;
+use dapple_core::{Error, Film, FirstHit};
 
 /// What makes a cell.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -29,10 +29,10 @@ impl CellOptions {
     /// [`Error::OutOfRange`].
     pub fn check(&self) -> Result<(), Error> {
         if !(self.edge >= 1.0 && self.edge <= 65536.0) {
-            return Err(Error::range("edge", self.edge, "1 to 65536 pixels"));
+            return Err(out_of_range("edge", self.edge, "1 to 65536 pixels"));
         }
         if !(self.normals > 0.0 && self.normals <= 90.0) {
-            return Err(Error::range("normals", self.normals, "above 0 and at most 90 degrees"));
+            return Err(out_of_range("normals", self.normals, "above 0 and at most 90 degrees"));
         }
         Ok(())
     }
@@ -86,7 +86,7 @@ impl Cells {
         options.check()?;
         let [width, height] = size.map(|n| n as usize);
         if per_pixel == 0 || hits.len() != width * height * per_pixel {
-            return Err(Error::range("hits", hits.len(), "as many as pixels times probes per pixel"));
+            return Err(out_of_range("hits", hits.len(), "as many as pixels times probes per pixel"));
         }
         let keys = keys(hits, options);
         let mut sets = Disjoint::new(hits.len());
@@ -116,7 +116,7 @@ impl Cells {
     pub fn of_film(film: &Film, options: &CellOptions) -> Result<Self, Error> {
         let per_pixel = usize::from(film.needs().first_hits);
         if per_pixel == 0 {
-            return Err(Error::range("hits", 0, "first hits in the film: ask for them in needs()"));
+            return Err(out_of_range("hits", 0, "first hits in the film: ask for them in needs()"));
         }
         let hits: Vec<_> = (0..film.frame().pixels()).flat_map(|i| film.first_hits(i)).copied().collect();
         Self::new(&hits, per_pixel, film.frame().size(), options)

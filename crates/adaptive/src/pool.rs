@@ -1,7 +1,7 @@
 //! Variance per pixel from few samples: pooled over neighbours, over cells, or both.
 
-use crate::{Cells, Error};
-use dapple_core::RgbMoments;
+use crate::{Cells, out_of_range};
+use dapple_core::{Error, RgbMoments};
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -63,12 +63,12 @@ pub fn relative_variance(
 ) -> Result<Vec<f64>, Error> {
     let [w, h] = size.map(|n| n as usize);
     if moments.len() != w * h {
-        return Err(Error::range("moments", moments.len(), "one for each pixel of the image"));
+        return Err(out_of_range("moments", moments.len(), "one for each pixel of the image"));
     }
     let first: Vec<u32> = match (pooling.pool, cells) {
         (PoolShape::Window, _) => Vec::new(),
         (_, Some(cells)) if cells.pixels() == w * h => (0..w * h).map(|i| cells.of_pixel(i)[0]).collect(),
-        _ => return Err(Error::range("cells", "none of this size", "the cells of this image")),
+        _ => return Err(out_of_range("cells", "none of this size", "the cells of this image")),
     };
     // Whatever goes beyond the window's sums needs every pixel's deviations at hand.
     let terms: Vec<Terms> = match pooling.pool {
@@ -203,7 +203,7 @@ fn rows_of_task(width: usize, radius: usize) -> usize {
 
 /// Bytes that so many threads work with in an image so large: each task's terms of its own rows and of those around, and sums
 /// of its columns.
-pub(super) fn bytes_of_windows([w, h]: [usize; 2], radius: usize, threads: usize) -> usize {
+pub(crate) fn bytes_of_windows([w, h]: [usize; 2], radius: usize, threads: usize) -> usize {
     let own = rows_of_task(w, radius);
     let around = (own + 2 * radius).min(h);
     let task = w.saturating_mul(around + 1).saturating_mul(size_of::<Terms>());

@@ -1,12 +1,15 @@
 //! From what a film shows to counts: pure computations.
 
-use super::{Adaptive, FLOOR, Pooling, geometric_variance, relative_variance};
-use crate::Cells;
+use crate::pilot::clamped;
+use crate::{Adaptive, Cells, Pooling, geometric_variance, relative_variance};
 use dapple_core::{BudgetLeft, Error, Feedback, Film, Plan, PointSet, RgbMoments, allocate_on_ladder, ladder_floor};
 use rayon::prelude::*;
 
 /// Counts up to this have their powers in a table.
 const TABLE: u32 = 4096;
+
+/// Least kept samples of a pixel, as a share of the mean.
+const FLOOR: u64 = 4;
 
 /// Share of the mean score that every pixel has, whatever the pilot saw.
 const SCORE_FLOOR: f64 = 0.01;
@@ -93,7 +96,7 @@ impl<P: PointSet> Adaptive<P> {
     }
 
     /// The next round where everything is kept: up to the next of the budget's equal steps above the pilot.
-    pub(super) fn plan_kept(&self, seen: &Feedback<'_>, pilot: u32, plan: &mut Plan) -> Result<(), Error> {
+    pub(crate) fn plan_kept(&self, seen: &Feedback<'_>, pilot: u32, plan: &mut Plan) -> Result<(), Error> {
         let BudgetLeft { spent, total, min_spp, max_spp } = seen.budget;
         let scores = self.scores(seen.film, |i| seen.film.moments(i))?;
         let now: Vec<u32> = (0..seen.pixels()).map(|i| clamped(seen.film.count(i))).collect();
@@ -108,7 +111,7 @@ impl<P: PointSet> Adaptive<P> {
         Ok(())
     }
 
-    pub(super) fn plan_after_discarding(&self, seen: &Feedback<'_>, plan: &mut Plan) -> Result<(), Error> {
+    pub(crate) fn plan_after_discarding(&self, seen: &Feedback<'_>, plan: &mut Plan) -> Result<(), Error> {
         let BudgetLeft { min_spp, max_spp, .. } = seen.budget;
         let even = seen.film.needs().halves;
         let scores = self.scores(seen.film, |i| seen.film.discarded(i))?;
@@ -126,7 +129,7 @@ impl<P: PointSet> Adaptive<P> {
 
     /// Each half's counts from the other half's samples; each half spends half the budget, as far as floors and
     /// ceilings, of which the first half takes the odd sample, allow.
-    pub(super) fn plan_across(&self, seen: &Feedback<'_>, plan: &mut Plan) -> Result<(), Error> {
+    pub(crate) fn plan_across(&self, seen: &Feedback<'_>, plan: &mut Plan) -> Result<(), Error> {
         let BudgetLeft { total, min_spp, max_spp, .. } = seen.budget;
         let moments = |half: usize, i: usize| seen.film.half(half, i).unwrap_or_default();
         let now =
@@ -161,8 +164,4 @@ fn mean(values: &[f64]) -> f64 {
 
 fn sum(counts: &[u32]) -> u64 {
     counts.iter().map(|&n| u64::from(n)).sum()
-}
-
-pub(super) fn clamped(n: u64) -> u32 {
-    u32::try_from(n).unwrap_or(u32::MAX)
 }

@@ -1,15 +1,10 @@
 //! The sampler that follows the error: a pilot, then counts where more samples help most.
 
-mod options;
-mod plan;
-mod pool;
-
-pub use options::{AdaptiveOptions, ErrorMap, MapErrors};
-pub use pool::{PoolShape, Pooling, geometric_variance, relative_variance};
-
-use crate::{Cells, Error};
-use dapple_core::samplers::PilotPolicy;
-use dapple_core::{Feedback, Frame, Limits, Needs, Plan, PointSet, Progress, RgbMoments, Sampler, SamplerMemory};
+use crate::pilot::Pilot;
+use crate::{AdaptiveOptions, Cells, ErrorMap, PoolShape, pool};
+use dapple_core::{
+    Error, Feedback, Frame, Limits, Needs, PilotPolicy, Plan, PointSet, Progress, RgbMoments, Sampler, SamplerMemory,
+};
 
 /// Counts by error: a uniform pilot, then the counts that leave the least relative error, as far as the pilot can tell.
 ///
@@ -24,14 +19,12 @@ use dapple_core::{Feedback, Frame, Limits, Needs, Plan, PointSet, Progress, RgbM
 /// the pilot misses in a whole neighbourhood is not searched for.
 pub struct Adaptive<P> {
     points: P,
-    options: AdaptiveOptions,
-    errors: Option<ErrorMap>,
+    pub(crate) options: AdaptiveOptions,
+    pub(crate) errors: Option<ErrorMap>,
 }
 
 /// First hits per pixel that cells are made of.
 const HITS: u8 = 4;
-/// Least kept samples of a pixel, as a share of the mean (THESIS D13).
-const FLOOR: u64 = 4;
 
 impl<P: PointSet> Adaptive<P> {
     /// With these points and the default parameters.
@@ -56,10 +49,15 @@ impl<P: PointSet> Adaptive<P> {
     /// [`Error::OutOfRange`] unless the pilot is kept: a map reads both halves, and what is kept.
     pub fn with_error_map(mut self, errors: ErrorMap) -> Result<Self, Error> {
         if self.options.policy != PilotPolicy::Keep {
-            return Err(Error::range("policy", self.options.policy.name(), "keep beside a filter's error map"));
+            let allowed = "keep beside a filter's error map";
+            return Err(Error::OutOfRange { name: "policy", value: self.options.policy.name().into(), allowed });
         }
         self.errors = Some(errors);
         Ok(self)
+    }
+
+    fn pilot(&self) -> Pilot {
+        Pilot::new(self.options.policy, self.options.pilot)
     }
 }
 
@@ -112,7 +110,7 @@ impl<P: PointSet> Sampler for Adaptive<P> {
         let map = self.errors.as_ref().map_or(0, |map| 8 + map.bytes_per_pixel);
         // Counts and floors of both halves stand beside all of it.
         let across = if crosses { 12 } else { 0 };
-        let plans = !self.options.policy.is_all(self.options.pilot, frame, limits);
+        let plans = !self.pilot().is_all(frame, limits);
         let always = size_of::<RgbMoments>() + across;
         let mut memory = SamplerMemory::planning(frame, crosses, if plans { always } else { 0 });
         if plans {
@@ -128,17 +126,16 @@ impl<P: PointSet> Sampler for Adaptive<P> {
         &self.points
     }
 
-    fn next_round(&mut self, seen: &Feedback<'_>, plan: &mut Plan) -> Result<Progress, dapple_core::Error> {
+    fn next_round(&mut self, seen: &Feedback<'_>, plan: &mut Plan) -> Result<Progress, Error> {
         if seen.budget.left() == 0 {
             return Ok(Progress::Done);
         }
-        let policy = self.options.policy;
-        let pilot = policy.begin(seen, self.options.pilot, plan);
+        let pilot = self.pilot().begin(seen, plan);
         if pilot.is_missing {
             return Ok(Progress::Trace);
         }
-        match policy {
-            PilotPolicy::Keep => self.plan_kept(seen, pilot.samples, plan)?,
+        match self.options.policy {
+            PilotPolicy::Keep | PilotPolicy::Refined => self.plan_kept(seen, pilot.samples, plan)?,
             PilotPolicy::Discard => self.plan_after_discarding(seen, plan)?,
             PilotPolicy::Cross => self.plan_across(seen, plan)?,
         }

@@ -1,28 +1,10 @@
 //! The stopping rule of Blender's Cycles.
 
-use super::PilotPolicy;
-use crate::{Error, Feedback, Film, Frame, Limits, Needs, Plan, PointSet, Progress, Sampler, SamplerMemory, allocate};
-
-/// What ends the refinement of [`Cycles`].
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Stop {
-    /// The budget, met exactly: where all pixels have converged and samples are left, the threshold falls to half of the
-    /// largest error.
-    #[default]
-    Budget,
-    /// The threshold, as published; the budget is a ceiling.
-    Threshold,
-}
-
-impl Stop {
-    /// Its name on the command line.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Budget => "budget",
-            Self::Threshold => "threshold",
-        }
-    }
-}
+use crate::pilot::{Pilot, clamped};
+use dapple_core::{
+    Error, Feedback, Film, Frame, Limits, Needs, PilotPolicy, Plan, PointSet, Progress, Sampler, SamplerMemory,
+    Stopping, allocate,
+};
 
 /// The parameters of [`Cycles`].
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -31,17 +13,17 @@ pub struct CyclesOptions {
     /// below 0.001.
     pub threshold: f64,
     /// Samples per pixel before anything stops; 0 takes `16 t^-0.3` (4 or more) for threshold `t`, and with
-    /// [`Stop::Budget`] no more than a quarter of the mean budget.
+    /// [`Stopping::Budget`] no more than a quarter of the mean budget.
     pub min: u32,
     /// Samples of an open pixel between two looks at it.
     pub step: u32,
     /// What ends it.
-    pub mode: Stop,
+    pub mode: Stopping,
 }
 
 impl Default for CyclesOptions {
     fn default() -> Self {
-        Self { threshold: 0.0, min: 0, step: 16, mode: Stop::default() }
+        Self { threshold: 0.0, min: 0, step: 16, mode: Stopping::default() }
     }
 }
 
@@ -55,8 +37,8 @@ impl CyclesOptions {
         }
         let chosen = (16.0 * threshold.powf(-0.3)).ceil().clamp(4.0, f64::from(u32::MAX)) as u32;
         match mode {
-            Stop::Threshold => (threshold, chosen),
-            Stop::Budget => (threshold, chosen.min(u32::try_from(mean / 4).unwrap_or(u32::MAX)).max(4)),
+            Stopping::Threshold => (threshold, chosen),
+            Stopping::Budget => (threshold, chosen.min(clamped(mean / 4)).max(4)),
         }
     }
 }
@@ -111,7 +93,7 @@ impl<P: PointSet> Cycles<P> {
     fn refine(&self, seen: &Feedback<'_>, threshold: f64, plan: &mut Plan) -> Result<(), Error> {
         let errors: Vec<f64> = (0..seen.pixels()).map(|i| half_error(seen.film, i)).collect();
         let mut limit = LOOSENED * threshold;
-        if self.options.mode == Stop::Budget {
+        if self.options.mode == Stopping::Budget {
             limit = limit.min(0.5 * errors.iter().copied().fold(0.0, f64::max));
         }
         let room: Vec<u32> = (0..seen.pixels())
@@ -122,10 +104,10 @@ impl<P: PointSet> Cycles<P> {
         order.sort_by(|&a, &b| errors[b].total_cmp(&errors[a]).then(a.cmp(&b)));
         let mut left = seen.budget.left();
         for i in order {
-            plan.counts[i] = self.options.step.min(room[i]).min(u32::try_from(left).unwrap_or(u32::MAX));
+            plan.counts[i] = self.options.step.min(room[i]).min(clamped(left));
             left -= u64::from(plan.counts[i]);
         }
-        if plan.total() == 0 && self.options.mode == Stop::Budget {
+        if plan.total() == 0 && self.options.mode == Stopping::Budget {
             // Nothing differs, or what differs has all that it may have: the rest is everybody's.
             let now: Vec<u32> = (0..seen.pixels()).map(|i| seen.film.count(i) as u32).collect();
             let total = seen.film.counts().iter().sum::<u64>() + seen.budget.left();
@@ -184,7 +166,7 @@ impl<P: PointSet> Sampler for Cycles<P> {
         }
         let (threshold, min) = self.options.resolved(seen.budget.total / seen.pixels() as u64);
         let first = min.max(seen.budget.min_spp).min(seen.budget.max_spp);
-        if !PilotPolicy::Keep.begin(seen, first, plan).is_missing {
+        if !Pilot::new(PilotPolicy::Keep, first).begin(seen, plan).is_missing {
             self.refine(seen, threshold, plan)?;
         }
         Ok(if plan.total() == 0 { Progress::Done } else { Progress::Trace })
@@ -214,8 +196,8 @@ mod tests {
             let options = CyclesOptions { threshold, mode, ..CyclesOptions::default() };
             options.resolved(4096).1
         };
-        assert_eq!([0.1, 0.01, 0.001].map(|t| of(t, Stop::Threshold)), [32, 64, 128]);
-        assert_eq!(of(0.1, Stop::Budget), 32);
+        assert_eq!([0.1, 0.01, 0.001].map(|t| of(t, Stopping::Threshold)), [32, 64, 128]);
+        assert_eq!(of(0.1, Stopping::Budget), 32);
         assert_eq!(
             [8, 32, 64].map(|mean| CyclesOptions::default().resolved(mean)),
             [(0.125, 4), (1.0 / 32.0, 8), (1.0 / 64.0, 16)]

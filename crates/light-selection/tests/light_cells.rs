@@ -1,6 +1,6 @@
 //! Cells that learn which lights matter where.
 
-use dapple_cluster_adaptive::{Guidance, LightCellOptions, LightCells};
+use dapple_light_selection::{Guidance, LightCellOptions, LightCells};
 
 const BOX: [[f32; 3]; 2] = [[0.0; 3], [4.0, 2.0, 1.0]];
 const UP: [f32; 3] = [0.0, 0.0, 1.0];
