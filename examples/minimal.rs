@@ -3,7 +3,7 @@
 //! (white = many), and says how wrong either image is. Nothing of Dapple but its core and its points is linked.
 #![expect(clippy::print_stdout, reason = "a program: what it says is its result")]
 
-use dapple::adaptive::Variance;
+use dapple::adaptive::Adaptive;
 use dapple::core::samplers::Uniform;
 use dapple::core::{Block, Draws, Estimate, Film, Frame, Integrator, Limits, Render, TrainingLog};
 use dapple::low_discrepancy::Sobol;
@@ -85,7 +85,7 @@ fn image(mut sampler: impl dapple::core::Sampler, spp: u64) -> Result<Film, dapp
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let folder = std::env::args_os().nth(1).map_or_else(std::env::temp_dir, std::path::PathBuf::from);
     let uniform = image(Uniform::new(Sobol::new(2)), 16)?;
-    let adaptive = image(Variance::new(Sobol::new(2)), 16)?; // the one line that changes
+    let adaptive = image(Adaptive::variance(Sobol::new(2)), 16)?; // the one line that changes
     let truth = image(Uniform::new(Sobol::new(1)), 1024)?.image();
     let wrong = |(x, r): (&f32, &f32)| (x - r).powi(2) / (r * r + 0.01) / (3 * 240 * 135) as f32;
     let error = |x: &[V]| x.as_flattened().iter().zip(truth.as_flattened()).map(wrong).sum::<f32>();

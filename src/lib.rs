@@ -31,7 +31,7 @@
 //!
 //! ```
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
-//! use dapple::adaptive::Variance;
+//! use dapple::adaptive::Adaptive;
 //! use dapple::core::{Block, Draws, Estimate, Frame, Integrator, Limits, Render, TrainingLog};
 //! use dapple::low_discrepancy::Sobol;
 //!
@@ -49,7 +49,7 @@
 //! }
 //!
 //! let frame = Frame::new(64, 16)?;
-//! let mut sampler = Variance::new(Sobol::new(7));
+//! let mut sampler = Adaptive::variance(Sobol::new(7));
 //! let limits = Limits::samples(16 * 64 * 16);
 //! let film = Render::new(frame, &limits).run(&mut Penumbra, &mut sampler)?;
 //!

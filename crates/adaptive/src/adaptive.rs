@@ -1,7 +1,7 @@
 //! The sampler that follows the error: a pilot, then counts where more samples help most.
 
 use crate::pilot::Pilot;
-use crate::{AdaptiveOptions, Cells, ErrorMap, PoolShape, pool};
+use crate::{AdaptiveOptions, Cells, ErrorMap, PoolShape, VarianceOptions, pool};
 use dapple_core::{
     Error, Feedback, Frame, Limits, Needs, PilotPolicy, Plan, PointSet, Progress, RgbMoments, Sampler, SamplerMemory,
 };
@@ -18,8 +18,10 @@ use dapple_core::{
 /// [`PilotPolicy::Cross`] are exactly unbiased for a budget that is known at the start, at a price. *Weaknesses*: a light that
 /// the pilot misses in a whole neighbourhood is not searched for.
 pub struct Adaptive<P> {
-    points: P,
+    pub(crate) points: P,
     pub(crate) options: AdaptiveOptions,
+    /// The preset that the options come from, if any: its name and its parameters describe the sampler.
+    pub(crate) preset: Option<VarianceOptions>,
     pub(crate) errors: Option<ErrorMap>,
 }
 
@@ -29,7 +31,7 @@ const HITS: u8 = 4;
 impl<P: PointSet> Adaptive<P> {
     /// With these points and the default parameters.
     pub fn new(points: P) -> Self {
-        Self { points, options: AdaptiveOptions::default(), errors: None }
+        Self { points, options: AdaptiveOptions::default(), preset: None, errors: None }
     }
 
     /// With these points and parameters.
@@ -39,7 +41,7 @@ impl<P: PointSet> Adaptive<P> {
     /// [`Error::OutOfRange`], as [`AdaptiveOptions::check`] has it.
     pub fn with_options(points: P, options: AdaptiveOptions) -> Result<Self, Error> {
         options.check()?;
-        Ok(Self { points, options, errors: None })
+        Ok(Self { points, options, preset: None, errors: None })
     }
 
     /// This sampler, driven by a filter's error map as well.
@@ -63,14 +65,17 @@ impl<P: PointSet> Adaptive<P> {
 
 impl<P: PointSet> Sampler for Adaptive<P> {
     fn name(&self) -> &str {
-        "cluster"
+        if self.preset.is_some() { "variance" } else { "adaptive" }
     }
 
     fn describe(&self) -> String {
+        if let Some(preset) = &self.preset {
+            return preset.describe();
+        }
         let o = &self.options;
         let by = self.errors.as_ref().map_or("variance", |map| &map.name);
         format!(
-            "cluster:by={by},pilot={},rounds={},pool={},radius={},prior={},power={},geometry={},exponent={},epsilon={},cap={},\
+            "adaptive:by={by},pilot={},rounds={},pool={},radius={},prior={},power={},geometry={},exponent={},epsilon={},cap={},\
              mix={},gain={},policy={},edge={},normals={}",
             o.pilot,
             o.rounds,

@@ -112,10 +112,14 @@ impl AdaptiveOptions {
         if !(self.cap >= 1.0 && self.cap.is_finite()) {
             return out("cap", self.cap.to_string(), "at least 1");
         }
-        for (name, share) in [("mix", self.mix), ("gain", self.gain)] {
-            if !(0.0..=1.0).contains(&share) {
-                return out(name, share.to_string(), "a share from 0 to 1");
-            }
+        if !(0.0..=1.0).contains(&self.mix) {
+            return out("mix", self.mix.to_string(), "a share from 0 to 1");
+        }
+        if !(0.0..=1.0).contains(&self.gain) && self.gain != f64::INFINITY {
+            return out("gain", self.gain.to_string(), "a share from 0 to 1, or inf");
+        }
+        if self.policy == PilotPolicy::Refined {
+            return out("policy", "refined".into(), "keep, discard or cross");
         }
         if self.policy != PilotPolicy::Keep && self.rounds > 1 {
             return out(

@@ -118,7 +118,8 @@ impl<P: PointSet> Adaptive<P> {
         let now: Vec<u32> = (0..seen.pixels()).map(|i| clamped(seen.film.count(i))).collect();
         let total = now.iter().map(|&n| u64::from(n)).sum::<u64>() + seen.budget.left();
         let mean = total / seen.pixels() as u64;
-        let wanted = ladder_floor(clamped(mean / FLOOR), even).max(min_spp.max(1)).min(max_spp);
+        let share = if self.preset.is_some() { 0 } else { ladder_floor(clamped(mean / FLOOR), even) };
+        let wanted = share.max(min_spp.max(1)).min(max_spp);
         let least = clamped(mean).min(wanted);
         let floors: Vec<u32> = now.iter().map(|&n| n.max(least)).collect();
         let floors = if sum(&floors) <= total { floors } else { now.clone() };

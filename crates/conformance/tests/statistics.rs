@@ -3,7 +3,7 @@
 //!
 //! Everything is made up and every seed is fixed. Limits on rates are 5 standard deviations of the binomial: 6e-7 each.
 
-use dapple_adaptive::{PilotPolicy, Variance, VarianceOptions};
+use dapple_adaptive::{Adaptive, PilotPolicy, VarianceOptions};
 use dapple_conformance::statistics::*;
 use dapple_core::samplers::Uniform;
 use dapple_core::{Film, Frame, Limits, PointSet, Render, SampleId, Sampler};
@@ -331,9 +331,9 @@ fn lit(sampler: &mut dyn Sampler, side: u32, spp: u64) -> Film {
     Render::new(frame, &limits).run(&mut Bernoulli(P as f32), sampler).expect("a film")
 }
 
-fn alone(policy: PilotPolicy, seed: u64) -> Variance<Independent> {
+fn alone(policy: PilotPolicy, seed: u64) -> Adaptive<Independent> {
     let options = VarianceOptions { policy, radius: 0, pilot: 4, ..VarianceOptions::default() };
-    Variance::with_options(Independent(seed), options).expect("sound options")
+    Adaptive::variance_with_options(Independent(seed), options).expect("sound options")
 }
 
 #[test]

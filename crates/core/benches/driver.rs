@@ -3,7 +3,7 @@
 //! The loop's own price per sample is the time of `render/*` less that of `direct`, over 2^18 samples.
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
-use dapple_adaptive::{Variance, VarianceOptions};
+use dapple_adaptive::{Adaptive, VarianceOptions};
 use dapple_core::samplers::Uniform;
 use dapple_core::{
     Block, BudgetLeft, Draws, Estimate, Feedback, Film, Frame, Integrator, Limits, Needs, Plan, PointSet, Render,
@@ -118,7 +118,7 @@ fn planning(c: &mut Criterion) {
     group.bench_function("variance", |b| {
         // The pilot that the film holds: what is timed is the plan after it.
         let options = VarianceOptions { pilot: 4, ..VarianceOptions::default() };
-        let mut sampler = Variance::with_options(Cheap, options).expect("options");
+        let mut sampler = Adaptive::variance_with_options(Cheap, options).expect("options");
         b.iter(|| {
             let mut plan = Plan::empty(pixels);
             let seen = Feedback { round: 1, film: &film, budget };

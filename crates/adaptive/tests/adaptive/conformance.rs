@@ -1,8 +1,7 @@
 //! The samplers pass what every sampler must, with every policy.
 
 use dapple_adaptive::{
-    Adaptive, AdaptiveOptions, Cycles, CyclesOptions, ErrorMap, PilotPolicy, PoolShape, Stopping, Variance,
-    VarianceOptions,
+    Adaptive, AdaptiveOptions, Cycles, CyclesOptions, ErrorMap, PilotPolicy, PoolShape, Stopping, VarianceOptions,
 };
 use dapple_conformance::{sampler, threshold_sampler};
 use dapple_core::{Film, Needs};
@@ -46,7 +45,7 @@ fn variance_conforms_under_every_policy() {
     for policy in [PilotPolicy::Keep, PilotPolicy::Discard, PilotPolicy::Cross] {
         for (pilot, exponent) in [(0, 1.3), (5, 1.0)] {
             let options = VarianceOptions { policy, pilot, exponent, ..VarianceOptions::default() };
-            sampler(|| Box::new(Variance::with_options(Random::new(1), options).unwrap()));
+            sampler(|| Box::new(Adaptive::variance_with_options(Random::new(1), options).unwrap()));
         }
     }
 }

@@ -146,7 +146,7 @@ fn an_error_map_gets_what_it_needs() {
     let needs = Needs::none().with_halves().with_features();
     let sampler = Adaptive::new(Random::new(1)).with_error_map(map(needs, |_| Ok(vec![]))).unwrap();
     assert_eq!(sampler.needs(), needs.with_variance());
-    assert!(sampler.describe().starts_with("cluster:by=made-up,"));
+    assert!(sampler.describe().starts_with("adaptive:by=made-up,"));
     let discard = AdaptiveOptions { policy: PilotPolicy::Discard, ..AdaptiveOptions::default() };
     assert!(with(discard).with_error_map(map(needs, |_| Ok(vec![]))).is_err());
 }

@@ -2,7 +2,7 @@
 //! the control that must be caught.
 
 use crate::common::*;
-use dapple_adaptive::{PilotPolicy, Variance, VarianceOptions};
+use dapple_adaptive::{Adaptive, PilotPolicy, VarianceOptions};
 use dapple_conformance::statistics::{Bernoulli, FAMILY, Mean, Naive, Verdict, critical, image_mean, kept, power};
 use dapple_core::{Feedback, Integrator, Limits, Needs, Plan, Progress, Retention, Sampler};
 use dapple_low_discrepancy::Random;
@@ -26,9 +26,9 @@ fn deviation(mean: Mean) -> f64 {
     mean.deviation(f64::from(P))
 }
 
-fn variance_sampler(policy: PilotPolicy, radius: u32, seed: u64) -> Variance<Random> {
+fn variance_sampler(policy: PilotPolicy, radius: u32, seed: u64) -> Adaptive<Random> {
     let options = VarianceOptions { policy, radius, pilot: 4, ..VarianceOptions::default() };
-    Variance::with_options(Random::new(seed), options).unwrap()
+    Adaptive::variance_with_options(Random::new(seed), options).unwrap()
 }
 
 #[test]
@@ -109,7 +109,7 @@ fn a02_heavy_tails_leave_unbiased_policies_within_a_third_of_a_percent() {
 fn a12_one_firefly() {
     let firefly = |pixel: [u32; 2], u: [f32; 4]| [if pixel == [7, 9] && u[3] < 0.2 { 1e6 } else { 0.5 + u[0] }; 3];
     let size = frame(24, 24);
-    let most_of = |mut sampler: Variance<Random>| {
+    let most_of = |mut sampler: Adaptive<Random>| {
         let film = run(&mut Field(firefly), &mut sampler, size, &Limits::samples(32 * 576)).unwrap();
         film.counts().into_iter().max().unwrap()
     };
@@ -117,7 +117,7 @@ fn a12_one_firefly() {
         for radius in [0, 2] {
             let options = VarianceOptions { policy, radius, pilot: 4, cap: 2.0, ..VarianceOptions::default() };
             for seed in 0..20 {
-                let mut sampler = Variance::with_options(Random::new(seed), options).unwrap();
+                let mut sampler = Adaptive::variance_with_options(Random::new(seed), options).unwrap();
                 let limits = Limits::samples(32 * 576);
                 let film = run(&mut Field(firefly), &mut sampler, size, &limits).unwrap();
                 let counts = film.counts();
@@ -170,7 +170,7 @@ fn a03_zero_variance_pilot() {
     // Even where few pixels that saw something could take all: what saw nothing keeps a say.
     for policy in [PilotPolicy::Keep, PilotPolicy::Discard, PilotPolicy::Cross] {
         let options = VarianceOptions { policy, pilot: 4, cap: 20.0, ..VarianceOptions::default() };
-        let mut sampler = Variance::with_options(Random::new(500), options).unwrap();
+        let mut sampler = Adaptive::variance_with_options(Random::new(500), options).unwrap();
         let film = run(&mut Field(field), &mut sampler, size, &Limits::samples(64 * 4096)).unwrap();
         let least = film.counts().into_iter().min().unwrap();
         assert!(least > 4, "{policy:?}: {least}");
@@ -187,9 +187,11 @@ fn a04_constant_images_are_sampled_uniformly() {
         for policy in [PilotPolicy::Keep, PilotPolicy::Discard, PilotPolicy::Cross] {
             let size = frame(13, 11);
             for total in [4 * 143, 10 * 143 + 7, 33 * 143 + 1] {
-                let mut sampler =
-                    Variance::with_options(Random::new(1), VarianceOptions { policy, ..VarianceOptions::default() })
-                        .unwrap();
+                let mut sampler = Adaptive::variance_with_options(
+                    Random::new(1),
+                    VarianceOptions { policy, ..VarianceOptions::default() },
+                )
+                .unwrap();
                 let limits = Limits::samples(total);
                 let film = run(&mut Field(|_, _| [value; 3]), &mut sampler, size, &limits).unwrap();
                 let counts = film.counts();

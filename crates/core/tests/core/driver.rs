@@ -1,7 +1,7 @@
 //! The render loop: the same bits however the work is done, exact budgets, honest failures.
 
 use crate::common::*;
-use dapple_adaptive::{PilotPolicy, Variance, VarianceOptions};
+use dapple_adaptive::{Adaptive, PilotPolicy, VarianceOptions};
 use dapple_conformance::bits;
 use dapple_core::samplers::Uniform;
 use dapple_core::{
@@ -12,8 +12,9 @@ use std::io::Write as _;
 use std::sync::Mutex;
 use std::time::Instant;
 
-fn adaptive(policy: PilotPolicy) -> Variance<Independent> {
-    Variance::with_options(Independent::new(7), VarianceOptions { policy, ..VarianceOptions::default() }).unwrap()
+fn adaptive(policy: PilotPolicy) -> Adaptive<Independent> {
+    Adaptive::variance_with_options(Independent::new(7), VarianceOptions { policy, ..VarianceOptions::default() })
+        .unwrap()
 }
 
 fn image(limits: &Limits) -> Vec<u64> {

@@ -1,7 +1,7 @@
 //! Renders that go on from snapshots, and images made in shards (HARD_CASES X03 to X08).
 
 use crate::common::{Field, Independent, everything, frame, mix, noise, on_threads, run};
-use dapple_adaptive::Variance;
+use dapple_adaptive::Adaptive;
 use dapple_conformance::bits;
 use dapple_core::samplers::Uniform;
 use dapple_core::{
@@ -182,7 +182,7 @@ fn x04_another_render_is_refused() {
     let none = Needs::none();
     let message = refused(&mut uniform(6), none, frame(9, 8), &limits);
     assert!(message.contains("the point set was independent:seed=5 and is now independent:seed=6"), "{message}");
-    let message = refused(&mut Variance::new(Independent::new(5)), none, frame(9, 8), &limits);
+    let message = refused(&mut Adaptive::variance(Independent::new(5)), none, frame(9, 8), &limits);
     assert!(
         message.contains("the sampler was uniform and is now variance:")
             && message.contains("the sample variance was not"),
@@ -203,7 +203,7 @@ fn x04_another_render_is_refused() {
 #[test]
 fn x03_bytes_that_are_no_snapshot() {
     let limits = Limits::new(Budget::Recorded(vec![100, 200]));
-    let mut sampler = Variance::new(Independent::new(5));
+    let mut sampler = Adaptive::variance(Independent::new(5));
     let (_, keeper) = kept(&mut Everything::default(), &mut sampler, everything(), frame(7, 5), &limits);
     let part = ShardFilm::new(
         Shard::new(0, 1).unwrap(),
@@ -232,7 +232,7 @@ fn x03_bytes_that_are_no_snapshot() {
             bytes[bit / 8] ^= 1 << (bit % 8);
             if let Ok(snapshot) = Snapshot::from_bytes(&bytes) {
                 let frame = *snapshot.film().frame();
-                let mut sampler = Variance::new(Independent::new(5));
+                let mut sampler = Adaptive::variance(Independent::new(5));
                 let _ = Render::new(frame, &limits).needs(everything()).resume(
                     snapshot,
                     &mut Everything::default(),
@@ -306,7 +306,8 @@ fn x07_shards_that_make_no_image() {
         Sharded::new(sampler, shard, limits).map(drop).unwrap_err().to_string()
     };
     assert!(
-        refused(&mut Variance::new(Independent::new(5)), &limits).contains("the sampler variance cannot be shared")
+        refused(&mut Adaptive::variance(Independent::new(5)), &limits)
+            .contains("the sampler variance cannot be shared")
     );
     assert!(refused(&mut uniform(5), &Limits::seconds(1.0)).contains("must know the number of samples"));
     let mut stop = |_: &Status<'_>| Control::Stop;

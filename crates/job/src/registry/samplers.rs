@@ -4,7 +4,7 @@ use super::{AnyPoints, CLUSTERING, Entry, Parameter, Parameters, RegistryError, 
 use crate::Stage;
 use crate::clusters::{WorldTriangles, shoot};
 use dapple_adaptive::{
-    Adaptive, AdaptiveOptions, CellOptions, Cycles, CyclesOptions, ErrorMap, PoolShape, Variance, VarianceOptions,
+    Adaptive, AdaptiveOptions, CellOptions, Cycles, CyclesOptions, ErrorMap, PoolShape, VarianceOptions,
 };
 use dapple_cluster_adaptive::{
     AreaVectors, ClusterSize, ClusterThesis, ClusterThesisOptions, PixelArea, Placement, ProbeSource, RateMap,
@@ -162,7 +162,7 @@ fn variance(p: &Parameters, points: AnyPoints) -> Result<Box<dyn Sampler>, Regis
         policy: p
             .choice("policy", &[PilotPolicy::Keep, PilotPolicy::Discard, PilotPolicy::Cross].map(|o| (o.name(), o)))?,
     };
-    Ok(Box::new(Variance::with_options(points, options)?))
+    Ok(Box::new(Adaptive::variance_with_options(points, options)?))
 }
 
 fn cluster(p: &Parameters, points: AnyPoints, stage: &Stage) -> Result<Box<dyn Sampler>, RegistryError> {
