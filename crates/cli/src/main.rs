@@ -10,7 +10,6 @@ mod lists;
 mod machine;
 mod merge;
 mod output;
-mod price;
 mod render;
 mod stop;
 mod study;
@@ -70,7 +69,6 @@ Examples:
   dapple compare scene.exr reference.exr
   dapple effects scene.pbrt
   dapple study teapot -o teapot-study              what accuracy costs in time: runs.jsonl, report.html
-  dapple price --quick                             what each numerical safeguard costs, and what breaks without it
 
 Results go to stdout, progress and warnings to stderr.
 Exit status: 0 done, 1 failed, 2 wrong arguments, 130 interrupted (what was done is saved).";
@@ -82,7 +80,6 @@ enum Command {
     Compare(compare::CompareArgs),
     Info(info::InfoArgs),
     Effects(effects::EffectsArgs),
-    Price(price::PriceArgs),
     Study(Box<study::StudyArgs>),
     /// One run of a study, in a process of its own: JSON in, JSON out
     #[command(hide = true)]
@@ -102,7 +99,6 @@ fn main() -> ExitCode {
         Command::Compare(args) => compare::run(&args),
         Command::Info(args) => info::run(&args),
         Command::Effects(args) => effects::run(&args),
-        Command::Price(args) => price::run(&args),
         Command::Study(args) => study::run(&args),
         Command::StudyRun => study::run_one(),
         Command::Samplers => lists::samplers(),

@@ -28,25 +28,25 @@ pub(crate) struct RenderArgs {
     #[arg(short, long = "output", value_name = "OUT", value_parser = output)]
     pub(crate) outputs: Vec<PathBuf>,
 
-    /// How many samples each pixel gets; `dapple samplers` lists them
+    /// The sampler (how many samples each pixel gets); `dapple samplers` lists them
     ///
-    /// By default counts follow errors relative to mean^2 + 0.3: what the default filter leaves is less so than with the
-    /// sampler's own 0.01, which is for `--filter none`.
+    /// By default counts follow errors relative to mean^2 + epsilon with epsilon = 0.3, which suits the default filter. The
+    /// sampler's own 0.01 suits `--filter none`.
     #[arg(long, value_name = "NAME[:key=value,…]", default_value = dapple_job::DEFAULT_SAMPLER, value_parser = sampler)]
     #[arg(help_heading = "Method")]
     pub(crate) sampler: String,
 
-    /// Where samples lie; `dapple points` lists them
+    /// The point set (where samples lie; pbrt and Mitsuba call this the sampler); `dapple points` lists them
     #[arg(long, value_name = "NAME[:…]", default_value = dapple_job::DEFAULT_POINTS, value_parser = points)]
     #[arg(help_heading = "Method")]
     pub(crate) points: String,
 
-    /// What makes the image of the samples; `dapple filters` lists them. `none` leaves each pixel the mean of its samples
+    /// The filter (the denoiser); `dapple filters` lists them. `none` leaves each pixel the mean of its samples
     #[arg(long, value_name = "NAME[:…]", default_value = dapple_job::DEFAULT_FILTER, value_parser = filter)]
     #[arg(help_heading = "Method")]
     pub(crate) filter: String,
 
-    /// How light is transported; `dapple integrators` lists the integrators
+    /// The integrator (how light is transported): path
     #[arg(long, value_name = "NAME", default_value = dapple_job::DEFAULT_INTEGRATOR, help_heading = "Method")]
     pub(crate) integrator: String,
 
@@ -54,16 +54,16 @@ pub(crate) struct RenderArgs {
     #[arg(long, value_name = "SHAPE", default_value = "scene", help_heading = "Method")]
     pub(crate) pixel_filter: PixelShape,
 
-    /// Decides on all random numbers: the same seed gives the same image, whatever the threads
+    /// Seed of all random numbers; the same seed gives the same image on any number of threads
     #[arg(long, value_name = "N", default_value_t = 1, help_heading = "Method")]
     pub(crate) seed: u64,
 
-    /// Spend this many samples per pixel on average, exactly [default: 64, whatever the file suggests]
+    /// Mean samples per pixel, exactly [default: 64, whatever the file suggests]
     #[arg(long, value_name = "MEAN", value_parser = above_zero, group = "budget", help_heading = "Budget (one of)")]
     #[arg(allow_negative_numbers = true)]
     pub(crate) spp: Option<f64>,
 
-    /// Go on until the predicted relMSE before filtering is this small, or --max-spp is spent; costs some accuracy
+    /// Render until the predicted relMSE before filtering is this small, or --max-spp is spent; costs some accuracy
     #[arg(long, value_name = "RELMSE", value_parser = above_zero, group = "budget", help_heading = "Budget (one of)")]
     #[arg(allow_negative_numbers = true)]
     pub(crate) error: Option<f64>,
@@ -73,11 +73,11 @@ pub(crate) struct RenderArgs {
     #[arg(allow_negative_numbers = true)]
     pub(crate) time: Option<f64>,
 
-    /// No pixel gets fewer samples
+    /// Smallest number of samples per pixel
     #[arg(long, value_name = "N", default_value_t = 1, help_heading = "Bounds")]
     pub(crate) min_spp: u32,
 
-    /// No pixel gets more samples [default: no bound; with --error, 16384]
+    /// Largest number of samples per pixel [default: no bound; with --error, 16384]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), help_heading = "Bounds")]
     pub(crate) max_spp: Option<u32>,
 
@@ -85,14 +85,15 @@ pub(crate) struct RenderArgs {
     #[arg(long, value_name = "N", help_heading = "Image")]
     pub(crate) max_depth: Option<u32>,
 
-    /// How one of several lights is chosen, or one part of a sky that is an image [default: cells; with --shard, power]
+    /// Selection among several lights, and among parts of an environment map: power, uniform or learned
+    /// [default: learned; with --shard, power]
     #[arg(long, alias = "light-choice", value_name = "HOW", value_parser = dapple_job::light_selection)]
     #[arg(help_heading = "Method")]
     pub(crate) light_selection: Option<LightChoice>,
 
     /// Leave an effect out that the scene calls for; may be given again. `dapple effects` lists what it calls for
     ///
-    /// The image is another, cheaper one: a warning says how it differs, and the file's header that it does.
+    /// The image is another, cheaper one. A warning reports the difference, and the header of the file the effect.
     #[arg(long, value_name = "EFFECT", help_heading = "Image")]
     pub(crate) without: Vec<Effect>,
 
@@ -100,7 +101,7 @@ pub(crate) struct RenderArgs {
     #[arg(long, value_name = "WxH", value_parser = resolution, help_heading = "Image")]
     pub(crate) resolution: Option<[u32; 2]>,
 
-    /// Render this window only; with --sampler uniform --filter none --light-choice power, the same bits as in the whole image [default: the scene's]
+    /// Render this window only; with --sampler uniform --filter none --light-selection power, the same bits as in the whole image [default: the scene's]
     #[arg(long, value_name = "X0,Y0,X1,Y1", value_parser = crop, help_heading = "Image")]
     pub(crate) crop: Option<[u32; 4]>,
 
@@ -113,10 +114,10 @@ pub(crate) struct RenderArgs {
     #[arg(long, value_name = "DIR", help_heading = "Image")]
     pub(crate) maps: Option<PathBuf>,
 
-    /// Keep a checkpoint in this file, now and then and at the end: --resume FILE goes on from it, whatever happened
+    /// Keep a checkpoint in this file, now and then and at the end; --resume FILE resumes from it
     ///
     /// Written beside its place, flushed and renamed; the one before stays as FILE.previous. One process writes to it at a
-    /// time (FILE.lock). A file that is there already is not written over: go on from it, or remove it.
+    /// time (FILE.lock). Refuses to overwrite an existing checkpoint unless resuming from it.
     #[arg(long, value_name = "FILE", help_heading = "Interruption")]
     pub(crate) checkpoint: Option<PathBuf>,
 
@@ -125,16 +126,16 @@ pub(crate) struct RenderArgs {
     #[arg(allow_negative_numbers = true)]
     pub(crate) checkpoint_every: Option<f64>,
 
-    /// Go on from this checkpoint, to the same bits as without interruption, and keep it up to date
+    /// Resume from this checkpoint, to the same bits as without interruption, and keep it up to date
     ///
-    /// With the same words; a larger budget goes on further, and another filter is possible if its needs were recorded. Beside
-    /// --checkpoint with the same FILE, starts where there is none yet: the same command can be given again and again.
+    /// Takes the same arguments. The budget may be larger, and the filter another one if its needs were recorded. With
+    /// --checkpoint and the same FILE, a missing file starts the render, so that one command can be repeated.
     #[arg(long, value_name = "FILE", help_heading = "Interruption")]
     pub(crate) resume: Option<PathBuf>,
 
-    /// Render the I-th of N shares (from 1), every N-th row, for `dapple merge`: -o names a .shard file
+    /// Render the I-th of N shards (from 1), every N-th row, for `dapple merge`; -o names a .shard file
     ///
-    /// With --spp and a sampler that plans a priori (uniform, cluster-thesis): each machine comes to the same plan.
+    /// Needs --spp and a sampler that plans a priori (uniform, cluster-thesis), so that each machine has the same plan.
     #[arg(long, value_name = "I/N", value_parser = dapple_job::parse_shard, help_heading = "Interruption")]
     #[arg(conflicts_with_all = ["maps", "json", "time", "error"])]
     pub(crate) shard: Option<Shard>,
@@ -149,7 +150,7 @@ pub(crate) struct RenderArgs {
 
     /// Refuse to start what takes more memory than this, such as 2G, 500M or plain bytes [default: what there is]
     ///
-    /// The estimate (the scene as it was read, the film, and the most of sampler, filter and files) is printed with the summary.
+    /// The estimate (scene, film, and the most of sampler, filter and files) is printed with the summary.
     #[arg(long, value_name = "SIZE", value_parser = size)]
     pub(crate) memory: Option<u64>,
 
@@ -277,20 +278,20 @@ impl RenderArgs {
 fn above_zero(word: &str) -> std::result::Result<f64, String> {
     match word.parse::<f64>() {
         Ok(x) if x.is_finite() && x > 0.0 => Ok(x),
-        _ => Err("a finite number above zero is wanted".into()),
+        _ => Err("a finite number above zero is required".into()),
     }
 }
 
 fn stops(word: &str) -> std::result::Result<f32, String> {
     match word.parse::<f32>() {
         Ok(x) if x.is_finite() => Ok(x),
-        _ => Err("a finite number is wanted, 0 to leave the image as it is".into()),
+        _ => Err("a finite number is required, 0 to leave the image as it is".into()),
     }
 }
 
 pub(crate) fn resolution(word: &str) -> std::result::Result<[u32; 2], String> {
     let sides = word.split_once(['x', 'X']).and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]));
-    let sides: [u32; 2] = sides.ok_or("WIDTHxHEIGHT in pixels is wanted, such as 640x360")?;
+    let sides: [u32; 2] = sides.ok_or("WIDTHxHEIGHT in pixels is required, such as 640x360")?;
     dapple_core::Frame::new(sides[0], sides[1]).map_err(|e| e.to_string())?;
     Ok(sides)
 }
@@ -299,8 +300,8 @@ fn crop(word: &str) -> std::result::Result<[u32; 4], String> {
     let sides: Option<Vec<u32>> = word.split(',').map(|side| side.trim().parse().ok()).collect();
     match sides.as_deref() {
         Some(&[x0, y0, x1, y1]) if x0 < x1 && y0 < y1 => Ok([x0, y0, x1, y1]),
-        Some([_, _, _, _]) => Err("the window is empty: X0 < X1 and Y0 < Y1 are wanted".into()),
-        _ => Err("X0,Y0,X1,Y1 in pixels are wanted, such as 0,0,64,32".into()),
+        Some([_, _, _, _]) => Err("the window is empty: X0 < X1 and Y0 < Y1 are required".into()),
+        _ => Err("X0,Y0,X1,Y1 in pixels are required, such as 0,0,64,32".into()),
     }
 }
 
@@ -329,14 +330,14 @@ fn size(word: &str) -> std::result::Result<u64, String> {
     };
     match number.parse::<f64>() {
         Ok(x) if x.is_finite() && x > 0.0 && unit > 0 => Ok((x * unit as f64) as u64),
-        _ => Err("a size above zero is wanted, such as 2G, 500M or 1000000 (1024 bytes are a K)".into()),
+        _ => Err("a size above zero is required, such as 2G, 500M or 1000000 (1024 bytes are a K)".into()),
     }
 }
 
-/// Makes it for trial: what is wrong with the words is known before anything is read.
-fn sampler(words: &str) -> std::result::Result<String, String> {
-    registry::check_sampler(words).map_err(|e| e.to_string())?;
-    Ok(words.to_owned())
+/// Makes it for trial, so that a wrong name is reported before anything is read.
+fn sampler(name: &str) -> std::result::Result<String, String> {
+    registry::check_sampler(name).map_err(|e| e.to_string())?;
+    Ok(name.to_owned())
 }
 
 fn points(name: &str) -> std::result::Result<String, String> {
@@ -344,7 +345,7 @@ fn points(name: &str) -> std::result::Result<String, String> {
     Ok(name.to_owned())
 }
 
-fn filter(words: &str) -> std::result::Result<String, String> {
-    registry::check_filter(words).map_err(|e| e.to_string())?;
-    Ok(words.to_owned())
+fn filter(name: &str) -> std::result::Result<String, String> {
+    registry::check_filter(name).map_err(|e| e.to_string())?;
+    Ok(name.to_owned())
 }

@@ -1,8 +1,8 @@
 //! Independent halves: the only honest error estimate of low-discrepancy samples.
 
-use crate::image::Image;
-use crate::pairs::{in_turn, pairs};
-use crate::{Break, Effort, Error, Result, Row};
+use super::image::Image;
+use super::pairs::{in_turn, pairs};
+use super::{Break, Effort, Error, Result, Row};
 use dapple_core::samplers::Uniform;
 use dapple_core::{Block, Draws, Estimate, Film, Frame, Integrator, Limits, Needs, Render, TrainingLog};
 use dapple_low_discrepancy::Sobol;

@@ -2,10 +2,10 @@
 
 mod faults;
 
-use crate::image::world;
-use crate::pairs::{in_turn, pairs, seconds};
-use crate::soup::direction;
-use crate::{Break, Effort, Error, Ratio, Result, Row};
+use super::image::world;
+use super::pairs::{in_turn, pairs, seconds};
+use super::soup::direction;
+use super::{Break, Effort, Error, Ratio, Result, Row};
 use dapple_geometry::safeguards::{
     All, Safeguards, WithoutExact, WithoutOffsets, WithoutPadding, WithoutTies, build, closest, occluded, spawn_ray,
 };

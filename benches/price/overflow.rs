@@ -1,7 +1,7 @@
 //! Overflow checks: two builds of the program, run in turns.
 
-use crate::pairs::{in_turn, pairs};
-use crate::{Effort, Error, Result, Row};
+use super::pairs::{in_turn, pairs};
+use super::{Effort, Error, Result, Row};
 use serde_json::Value;
 use std::path::Path;
 use std::process::Command;

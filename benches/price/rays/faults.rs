@@ -1,8 +1,8 @@
 //! Inputs that break rays without a safeguard, the smallest of those tried.
 
+use super::super::soup::{Soup, build, direction, grid, sphere};
+use super::super::{Break, Result};
 use super::broken;
-use crate::soup::{Soup, build, direction, grid, sphere};
-use crate::{Break, Result};
 use dapple_geometry::safeguards::{
     All, Safeguards, WithoutExact, WithoutOffsets, WithoutPadding, WithoutTies, closest, occluded, spawn_ray,
 };

@@ -1,4 +1,10 @@
-#![doc = include_str!("../README.md")]
+//! The cost of each numerical safeguard, and the inputs that break without it.
+//!
+//! * A price is time with the safeguard over time without it, of pairs that run in turns in one process on one thread: the
+//!   median, and an interval that holds it with at least 95 % whatever the noise (order statistics).
+//! * Breaks are counted, not timed: the same numbers on every machine.
+//! * Rays without a safeguard are the same code, compiled without it (`dapple_geometry::safeguards`). Film, loading and
+//!   checkpoints are timed apart and compared with the whole.
 
 mod checkpoints;
 mod film;
@@ -15,7 +21,7 @@ pub use pairs::Ratio;
 
 use serde::Serialize;
 
-/// How long to look.
+/// The duration of the measurement.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Effort {
     /// Seconds: all that breaks, and prices that say little.
@@ -24,37 +30,37 @@ pub enum Effort {
     Full,
 }
 
-/// One safeguard: its price, and what it is good for.
+/// One safeguard: its price and its use.
 #[derive(Clone, Debug, Serialize)]
 pub struct Row {
-    /// A word for it.
+    /// Its name.
     pub safeguard: &'static str,
-    /// What it does.
+    /// Its effect.
     pub does: &'static str,
     /// Time with it over time without it.
     pub price: Ratio,
-    /// Time of what.
+    /// The work that was timed.
     pub price_of: String,
-    /// What goes wrong without it; empty where nothing is known to.
+    /// Inputs that break without it; empty where none is known.
     pub breaks: Vec<Break>,
 }
 
-/// An input that breaks without a safeguard: the smallest of those tried.
+/// The smallest input tried that breaks without a safeguard.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Break {
-    /// What it is.
+    /// The input.
     pub input: String,
-    /// What whoever renders it sees.
+    /// The visible defect.
     pub seen: &'static str,
-    /// How many things were tried: rays, pixels, samples, images.
+    /// Number of trials: rays, pixels, samples or images.
     pub of: u64,
-    /// How many of them went wrong without the safeguard.
+    /// Failures without the safeguard.
     pub without: u64,
-    /// How many with it.
+    /// Failures with it.
     pub with: u64,
 }
 
-/// What can go wrong: none of it should, since all inputs are our own, but for disks and programs.
+/// A measurement that failed: only disks and programs should.
 #[non_exhaustive]
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
@@ -63,7 +69,7 @@ pub enum Error {
     Scene {
         /// Its name.
         name: &'static str,
-        /// Why.
+        /// The reason.
         why: String,
     },
     /// A mesh was refused.
@@ -80,15 +86,15 @@ pub enum Error {
     Folder {
         /// The folder.
         path: std::path::PathBuf,
-        /// The system's words.
+        /// The system's error.
         source: std::io::Error,
     },
     /// A program to compare with did not render.
-    #[error("{program}: {why}; it must be a build of dapple, see docs/results/make price")]
+    #[error("{program}: {why}; it must be a build of dapple, see docs/results/price.md")]
     Program {
         /// Its path.
         program: std::path::PathBuf,
-        /// What it said.
+        /// The problem.
         why: String,
     },
     /// The thread to measure on did not start.
@@ -99,7 +105,7 @@ pub enum Error {
 type Result<T> = std::result::Result<T, Error>;
 
 /// Measures every safeguard that can be left out of this very program, in order of the chain from scene to file.
-/// `onlooker` hears the name of each before it is measured. Takes one thread.
+/// `onlooker` receives the name of each before it is measured. Takes one thread.
 ///
 /// # Errors
 ///

@@ -1,8 +1,8 @@
 //! Safeguards of the film: what is kept of samples, and which samples are taken.
 
-use crate::image::Image;
-use crate::pairs::{in_turn, of_whole, pairs, seconds};
-use crate::{Break, Effort, Ratio, Result, Row};
+use super::image::Image;
+use super::pairs::{in_turn, of_whole, pairs, seconds};
+use super::{Break, Effort, Ratio, Result, Row};
 use dapple_core::{
     Draws, Estimate, Frame, Integrator, Limits, Needs, RejectedReason, Render, RgbMoments, SampleId, TrainingLog,
 };
@@ -64,12 +64,12 @@ fn of_render<A, B>(
     let ratio = pairs(count, |number| {
         let [with, without] = in_turn(
             number,
-            || Ok::<_, crate::Error>(seconds(|| (0..runs).for_each(|_| drop(black_box(with(black_box(&samples))))))),
+            || Ok::<_, super::Error>(seconds(|| (0..runs).for_each(|_| drop(black_box(with(black_box(&samples))))))),
             || Ok(seconds(|| (0..runs).for_each(|_| drop(black_box(without(black_box(&samples))))))),
         )?;
         let part = (with - without) * per_sample;
         parts.push(part * 1e9);
-        Ok::<_, crate::Error>(of_whole(image.seconds(Needs::none())? / image.samples() as f64, part))
+        Ok::<_, super::Error>(of_whole(image.seconds(Needs::none())? / image.samples() as f64, part))
     })?;
     Ok((ratio, Ratio::of(parts).median))
 }

@@ -1,8 +1,8 @@
 //! Checkpoints: a render that is killed goes on where it was.
 
-use crate::image::Image;
-use crate::pairs::{in_turn, pairs, seconds};
-use crate::{Break, Effort, Error, Ratio, Result, Row};
+use super::image::Image;
+use super::pairs::{in_turn, pairs, seconds};
+use super::{Break, Effort, Error, Ratio, Result, Row};
 use dapple_core::{Control, Monitor, Needs, NoMonitor, Render, Snapshot, Status};
 use dapple_job::checkpoint::{Contents, Identity, Kind, Store};
 use dapple_renderer::integrator;

@@ -1,6 +1,6 @@
 //! Triangles made for breaking.
 
-use crate::Result;
+use super::Result;
 use dapple_geometry::safeguards::{self, Safeguards};
 use dapple_geometry::{Geometry, Mesh, Preset, Shape};
 use glam::{DVec3, Vec3};

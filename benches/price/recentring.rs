@@ -1,8 +1,8 @@
 //! Recentring: scenes are moved to the origin, and scaled, in f64 before they become f32.
 
-use crate::image::scene;
-use crate::pairs::{in_turn, of_whole, pairs, seconds};
-use crate::{Break, Effort, Error, Result, Row};
+use super::image::scene;
+use super::pairs::{in_turn, of_whole, pairs, seconds};
+use super::{Break, Effort, Error, Result, Row};
 use dapple_geometry::{Disk, Geometry, Mesh, Preset, Ray, Shape, Sphere};
 use dapple_renderer::{Space, World};
 use dapple_scene::{Geometry as Described, Scene};

@@ -1,6 +1,6 @@
 //! A bundled image, rendered again and again.
 
-use crate::{Effort, Error, Result};
+use super::{Effort, Error, Result};
 use dapple_core::samplers::Uniform;
 use dapple_core::{Film, Frame, Limits, Monitor, Needs, NoMonitor, Render, Schedule};
 use dapple_low_discrepancy::Sobol;
