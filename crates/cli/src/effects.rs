@@ -17,12 +17,12 @@ use std::path::PathBuf;
 /// Longest side of the images where no resolution is given: the shares hardly depend on it, the wait does.
 const LONGEST: u32 = 192;
 
-/// Say which effects a scene calls for, because of what, and what each costs in time and is worth in the image
+/// List the effects that a scene calls for, their causes, their cost in time and their share of the image
 ///
-/// Each effect is left out in turn, and the same image rendered with it and without it, in turns, with as many
-/// seeds as --seeds says. Shares of time are of the time that tracing takes at equal samples. Shares of the
-/// image are relMSE of the image without the effect against the one with it, their noise taken out, and the
-/// mean radiance that is lost. What the scene's depth cuts off is told beside them. Figures come with the half width of their 95 % interval.
+/// Each effect is left out in turn. The same image is rendered with it and without it, alternately, with --seeds seeds.
+/// Shares of time are of tracing at equal samples. Shares of the image are the relMSE of the image without the effect
+/// against the one with it, noise removed, and the lost mean radiance. The light beyond the scene's depth stands beside
+/// them. Figures have the half width of their 95 % interval.
 #[derive(clap::Args)]
 #[command(after_help = AFTER)]
 pub(crate) struct EffectsArgs {
@@ -30,7 +30,7 @@ pub(crate) struct EffectsArgs {
     #[arg(value_name = "SCENE", default_value = bundled::DEFAULT)]
     scene: PathBuf,
 
-    /// Say what the scene calls for and why, and render nothing
+    /// List the effects and their causes, and render nothing
     #[arg(long)]
     list: bool,
 

@@ -1,6 +1,6 @@
 //! The program `dapple`: adaptively sampled images of pbrt-v4 scenes and of models.
 //!
-//! Nothing but argument parsing, progress and calls: what is done is done in the libraries.
+//! Arguments, progress and printing; all work is done by the libraries.
 
 mod compare;
 mod effects;
@@ -18,15 +18,15 @@ use clap::error::ErrorKind;
 use clap::{CommandFactory, Parser, Subcommand};
 use std::process::ExitCode;
 
-/// How the program ended, as the shell sees it.
+/// The end of the program, as the shell sees it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Outcome {
     Done,
-    /// A signal ended it early; what was done is saved.
+    /// A signal ended it early; the samples until then are saved.
     Interrupted,
 }
 
-/// What went wrong: lines for stderr, each a sentence.
+/// An error: lines for stderr, each a sentence.
 #[derive(Debug)]
 struct Failure(Vec<String>);
 
@@ -68,10 +68,10 @@ Examples:
   dapple render scene.pbrt -o scene.png --time 30
   dapple compare scene.exr reference.exr
   dapple effects scene.pbrt
-  dapple study teapot -o teapot-study              what accuracy costs in time: runs.jsonl, report.html
+  dapple study teapot -o teapot-study              accuracy against time: runs.jsonl, report.html
 
 Results go to stdout, progress and warnings to stderr.
-Exit status: 0 done, 1 failed, 2 wrong arguments, 130 interrupted (what was done is saved).";
+Exit status: 0 done, 1 failed, 2 wrong arguments, 130 interrupted (the samples until then are saved).";
 
 #[derive(Subcommand)]
 enum Command {
@@ -88,7 +88,7 @@ enum Command {
     Samplers,
     /// List the point sets: where samples lie
     Points,
-    /// List the filters: what makes an image of the samples
+    /// List the filters (the denoisers): how an image is made of the samples
     Filters,
 }
 

@@ -13,7 +13,7 @@ pub(crate) fn warn(line: impl AsRef<str>) {
     say("warning", line.as_ref());
 }
 
-/// Writes a result to stdout, ending the line. Whoever stops listening (`| head`) has heard enough.
+/// Writes a result to stdout, ending the line. A closed pipe (`| head`) is not an error.
 pub(crate) fn tell(result: impl AsRef<str>) -> Result<()> {
     match writeln!(io::stdout().lock(), "{}", result.as_ref()) {
         Err(e) if e.kind() != ErrorKind::BrokenPipe => Err(Failure::new(format!("cannot write to stdout: {e}"))),

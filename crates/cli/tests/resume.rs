@@ -146,7 +146,7 @@ fn another_render_is_refused_x04() {
     std::fs::write(folder.path("tiny.pbrt"), common::TINY).unwrap();
     // What is no checkpoint, is none yet, or would be lost.
     for (word, expected) in [
-        ("--resume tiny.pbrt", "tiny.pbrt: it is no file of Dapple's"),
+        ("--resume tiny.pbrt", "tiny.pbrt: it is not a file of Dapple's"),
         ("--resume missing", "missing: there is no such checkpoint"),
         ("--checkpoint c", "c: a checkpoint exists; resume from it with --resume c"),
         ("--checkpoint d --resume missing", "missing: there is no such checkpoint"),
@@ -290,7 +290,7 @@ fn shards_that_make_no_image_x07() {
         (format!("{a} more.shard {c}"), "with another number of samples asked for".into()),
         (format!("{a} half.shard {c}"), "half.shard: it is ".into()),
         (format!("{a} nowhere.shard {c}"), "nowhere.shard: there is no such shard".into()),
-        (format!("{a} tiny.pbrt {c}"), "tiny.pbrt: it is no file of Dapple's".into()),
+        (format!("{a} tiny.pbrt {c}"), "tiny.pbrt: it is not a file of Dapple's".into()),
     ] {
         let said = folder.run(&format!("merge {shards} -q -o p.pfm"));
         assert!(said.status == Some(1) && said.err.contains(&expected), "{shards}: {}", said.err);

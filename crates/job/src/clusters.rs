@@ -1,4 +1,4 @@
-//! A world's clusters, and what samplers and filters that look at the world are made from.
+//! The clusters of a world, and the world as samplers and filters see it.
 
 use crate::registry::RegistryError;
 use dapple_cluster_adaptive::{ProbeCost, ProbeHit, ProbeRay, ProbesHandle, TraceProbe};
@@ -25,7 +25,7 @@ impl WorldTriangles {
     /// the shutter opens.
     pub fn of(world: &World) -> Self {
         let meshes = || (0..world.geometry().shape_count()).filter_map(|number| world.geometry().shape(number).mesh());
-        // All at once: what has grown has been written more than once.
+        // All at once, since growing would write everything again.
         let triangles = meshes().map(|mesh| mesh.triangles().len()).sum();
         let mut all = Self {
             positions: Vec::with_capacity(meshes().map(|mesh| mesh.positions().len()).sum()),
@@ -124,18 +124,18 @@ impl WorldClusters {
         self.labels.get(*first as usize + hit.primitive as usize).copied()
     }
 
-    /// What became of the grid; `None` in a world without triangles.
+    /// The state of the grid; `None` in a world without triangles.
     pub fn report(&self) -> Option<Report> {
         self.report
     }
 
-    /// Wall seconds that it took.
+    /// Wall seconds of clustering.
     pub fn seconds(&self) -> f64 {
         self.seconds
     }
 }
 
-/// One slice after another; where the other is empty nothing is copied.
+/// One slice after another; nothing is copied if the other is empty.
 fn joined<T: Copy>(all: Arc<[T]>, more: &[T]) -> Arc<[T]> {
     if more.is_empty() { all } else { all.iter().chain(more).copied().collect() }
 }
@@ -149,8 +149,8 @@ fn whole([low, high]: [Vec3; 2], material: u32, group: u32) -> Cluster {
     Cluster { triangles: 0, bounds, area, normal: [0.0; 3], cone: -1.0, material, group }
 }
 
-/// The world that samplers and filters may look at, and what they share: clusters are made once for each set of
-/// parameters, however many ask. Cheap to clone; clones share.
+/// The world for which samplers and filters are made. Clusters are made once per set of parameters, and shared. Cheap to
+/// clone; clones share.
 #[derive(Clone, Debug, Default)]
 pub struct Stage {
     world: Option<Arc<World>>,
@@ -176,13 +176,12 @@ impl Stage {
         Self { used: Arc::default(), ..self.clone() }
     }
 
-    /// A stage without a world, for what looks at none; the rest says so with
-    /// [`RegistryError::NeedsWorld`].
+    /// A stage without a world, for methods that need none; the others fail with [`RegistryError::NeedsWorld`].
     pub fn empty() -> Self {
         Self::default()
     }
 
-    /// The clusters with these parameters, made if they were not yet.
+    /// The clusters with these parameters, made at the first call.
     ///
     /// # Errors
     ///
@@ -199,7 +198,7 @@ impl Stage {
         if let Some(known) = known(&self.made()) {
             return Ok(known);
         }
-        // Unlocked meanwhile: clustering runs on rayon, whose workers may come by here with another task.
+        // Unlocked meanwhile: clustering runs on rayon, whose workers may enter here with another task.
         let found =
             WorldClusters::new(world, params).map_err(|e| RegistryError::Clusters { of, why: e.to_string() })?;
         let mut made = self.made();
@@ -221,7 +220,7 @@ impl Stage {
         self.made().clusters.iter().fold(0.0, |sum, c| sum + c.seconds)
     }
 
-    /// What probes took so far, of all samplers made on this stage.
+    /// The cost of probes so far, of all samplers made on this stage.
     pub fn probe_cost(&self) -> ProbeCost {
         let made = self.made();
         made.probes.iter().filter_map(ProbesHandle::cost).fold(ProbeCost::default(), |sum, cost| ProbeCost {
@@ -230,7 +229,7 @@ impl Stage {
         })
     }
 
-    /// Probes whose hit was no number and that count as background.
+    /// Probes whose hit was NaN; they count as background.
     pub fn rejected_probes(&self) -> u64 {
         self.made().probes.iter().filter_map(ProbesHandle::probes).map(|probes| probes.rejected()).sum()
     }
@@ -248,7 +247,7 @@ impl Stage {
     }
 }
 
-/// The first hits of a world, as probes want them.
+/// The first hits of a world, for probes.
 pub(crate) fn shoot(world: Arc<World>, clusters: Arc<WorldClusters>) -> TraceProbe {
     Arc::new(move |probe: ProbeRay| {
         let [x, y] = probe.pixel.map(|n| n as f32 + 0.5);

@@ -1,6 +1,6 @@
-//! From a film to what image files hold: the layers of an EXR file, and maps to look at.
+//! From a film to image files: the layers of an EXR file, its header, and maps.
 //!
-//! Nothing is written here: [`image`](dapple_scene::image) encodes and writes.
+//! [`OutputFiles`] writes them; [`image`](dapple_scene::image) encodes them.
 
 mod files;
 mod header;

@@ -210,7 +210,7 @@ fn damage_is_found_and_the_previous_generation_used_x03() {
     std::fs::write(folder.path().join("a.previous"), b"dapple").unwrap();
     let said = Store::read(&path, Kind::Checkpoint).unwrap_err().to_string();
     assert!(
-        said.contains("a: it is no file of Dapple's; and ") && said.contains("a.previous: it is cut short"),
+        said.contains("a: it is not a file of Dapple's; and ") && said.contains("a.previous: it is cut short"),
         "{said}"
     );
     let said = Store::read(&folder.path().join("b"), Kind::Checkpoint).unwrap_err().to_string();

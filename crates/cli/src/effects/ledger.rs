@@ -1,4 +1,4 @@
-//! What each effect costs, and what it is worth: rendered with it and without it.
+//! The cost of each effect and its share of the image, by renders with and without it.
 
 use crate::machine::cpu_seconds;
 use crate::stop::Stop;
@@ -17,18 +17,18 @@ pub(super) struct Settings {
     pub(super) frame: Frame,
     pub(super) spp: u32,
     pub(super) seeds: u32,
-    /// Whether progress is not shown.
+    /// Hides the progress.
     pub(super) silent: bool,
 }
 
-/// What was found out about every effect that is called for.
+/// The measurements of all effects that the scene calls for.
 pub(super) struct Ledger {
     pub(super) resolution: [u32; 2],
     pub(super) spp: u32,
     pub(super) seeds: u32,
     /// In the order of [`Effects::called`]; fewer where it was interrupted.
     pub(super) rows: Vec<Row>,
-    /// What the scene's depth costs and cuts off: the image of unlimited depth beside the scene's. `None` where no
+    /// The cost and the light of depths beyond the scene's limit: the image of unlimited depth beside the scene's. `None` where no
     /// depth is set, or no path is long enough to be cut.
     pub(super) beyond_depth: Option<Shares>,
     /// Seconds of tracing for an image with every effect: of all threads together where the system tells, else
@@ -37,13 +37,13 @@ pub(super) struct Ledger {
     pub(super) interrupted: bool,
 }
 
-/// What was found out about an effect, or why it cannot be left out.
+/// The measurement of an effect, or the reason why it cannot be left out.
 pub(super) struct Row {
     pub(super) effect: Effect,
     pub(super) measured: std::result::Result<Shares, String>,
 }
 
-/// What an effect costs, and what it is worth.
+/// The cost of an effect, and its share of the image.
 pub(super) struct Shares {
     /// Logarithm of the time with it over the time without it.
     pub(super) log_time: Measured,
@@ -146,7 +146,7 @@ fn mean(values: &[f64]) -> Measured {
     Measured { value: mean, standard_error: (squares / (n - 1.0) / n).sqrt() }
 }
 
-/// Where images are rendered, with progress.
+/// Renders images, with progress.
 struct Studio<'s> {
     settings: &'s Settings,
     stop: Stop,
@@ -178,7 +178,7 @@ impl<'s> Studio<'s> {
         self.bar.inc(STEPS * 2 * u64::from(self.settings.seeds));
     }
 
-    /// Images of two worlds with each seed; `None` if somebody wants to stop.
+    /// Images of two worlds with each seed; `None` if stopped.
     fn pairs(&mut self, with: &PreparedScene, without: &PreparedScene) -> Result<Option<Vec<[Render; 2]>>> {
         let mut pairs = Vec::new();
         for seed in 1..=u64::from(self.settings.seeds) {

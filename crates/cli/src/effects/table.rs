@@ -16,7 +16,7 @@ pub(super) struct Told<'a> {
     pub(super) ledger: Option<&'a Ledger>,
 }
 
-/// The keys of the JSON line, in their order. What was not measured is null.
+/// The keys of the JSON line, in their order. A missing measurement is null.
 #[derive(Serialize)]
 struct Line<'a> {
     scene: &'a str,

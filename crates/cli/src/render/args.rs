@@ -196,7 +196,7 @@ impl From<PixelShape> for PixelFilterSpec {
 /// The shape of a pixel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum PixelShape {
-    /// As the scene file says
+    /// The scene's pixel filter
     Scene,
     /// A box of one pixel
     Box,

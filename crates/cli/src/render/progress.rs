@@ -14,7 +14,7 @@ const STEPS: u64 = 1000;
 pub(super) struct Progress {
     bar: ProgressBar,
     stop: Stop,
-    /// Whether neither progress nor notes are shown.
+    /// Hides progress and notes.
     silent: bool,
     pixels: f64,
     /// The number of machines that share the image.

@@ -5,12 +5,12 @@ use crate::{Failure, Result};
 use dapple_study::{Draft, External, Method, Plan, ScenePlan, StudyError, split_words};
 use std::path::PathBuf;
 
-/// Measure what accuracy costs in time: samplers x filters x budgets x seeds over scenes
+/// Measure accuracy against time: samplers x filters x budgets x seeds over scenes
 ///
 /// Every combination is rendered with every seed, timed and compared with a reference: at the same numbers of samples
 /// per pixel, and in the time that the baseline takes. Methods take turns run by run, so that a machine that slows
-/// down does so for all. Each finished run is a line of runs.jsonl in the folder DIR; a study that was stopped or
-/// killed goes on where it was when the same command is given again.
+/// down does so for all. Each finished run is a line of runs.jsonl in the folder DIR. The same command resumes a study
+/// that was stopped or killed.
 ///
 /// All images are made with a box of one pixel as their pixel filter. References are rendered once, by points that
 /// no method uses, in two halves whose difference tells their own error.
@@ -21,17 +21,17 @@ pub(crate) struct StudyArgs {
     #[arg(value_name = "SCENE")]
     scenes: Vec<String>,
 
-    /// A plan in TOML, with these options as its keys; what is said here goes before it
+    /// A plan in TOML, with these options as its keys; options given here override it
     #[arg(long, value_name = "FILE")]
     plan: Option<PathBuf>,
 
-    /// The folder for everything that is found out
+    /// The folder for all results
     #[arg(short, long = "output", value_name = "DIR", default_value = "study")]
     pub(super) output: PathBuf,
 
     /// Samplers, by commas or one at a time [default: uniform,variance,cluster-thesis]
     ///
-    /// A comma before key=value belongs to the word before it: `mitchell:mode=budget,radius=2,variance` are two.
+    /// A comma before key=value belongs to the name before it: `mitchell:mode=budget,radius=2,variance` are two.
     #[arg(long, value_name = "NAME[:key=value,…],…", help_heading = "Methods")]
     samplers: Vec<String>,
 
@@ -43,21 +43,20 @@ pub(crate) struct StudyArgs {
     #[arg(long, value_name = "NAME[:…],…", help_heading = "Methods")]
     filters: Vec<String>,
 
-    /// One method, by itself; may be given again. Points sobol and filter none where not said
+    /// One method, by itself; may be given again. Points are sobol and the filter is none by default
     ///
     /// Besides those of --samplers; without these, all there are.
     #[arg(long = "method", value_name = "SAMPLER[/POINTS[/FILTER]]", help_heading = "Methods")]
     methods: Vec<Method>,
 
-    /// A filter that is a program of somebody else's, by the name under which --filters and --method have it; may be given
-    /// again
+    /// An external program as a filter, by its name for --filters and --method; may be given again
     ///
     /// It reads the unfiltered image with albedo and normal (EXR) and writes an image (EXR or PFM). No shell reads the
-    /// words. What its last line says as {"seconds": 0.25} is its time, else the wall's.
+    /// arguments. A last line {"seconds": 0.25} is its time; without one, the wall's.
     #[arg(long, value_name = "NAME=PROGRAM {input} {output}", help_heading = "Methods")]
     external: Vec<External>,
 
-    /// What the others are compared with [default: uniform/sobol/none]
+    /// The method that the others are compared with [default: uniform/sobol/none]
     #[arg(long, value_name = "SAMPLER[/POINTS[/FILTER]]", help_heading = "Methods")]
     baseline: Option<Method>,
 
@@ -65,7 +64,7 @@ pub(crate) struct StudyArgs {
     #[arg(long, value_name = "N,…", value_delimiter = ',', help_heading = "Budgets")]
     spp: Vec<u64>,
 
-    /// How many seeds; each combination is rendered with each [default: 8]
+    /// Number of seeds; each combination is rendered with each [default: 8]
     #[arg(long, value_name = "N", help_heading = "Budgets")]
     #[arg(value_parser = clap::value_parser!(u64).range(1..=100_000))]
     seeds: Option<u64>,
@@ -104,7 +103,7 @@ pub(crate) struct StudyArgs {
     #[arg(long)]
     fresh: bool,
 
-    /// A look in under a minute: 64x64 pixels, 4 seeds, 4, 8 and 16 spp, where nothing else is said
+    /// A study of under a minute: 64x64 pixels, 4 seeds, 4, 8 and 16 spp by default
     #[arg(long)]
     quick: bool,
 
@@ -136,25 +135,25 @@ A plan, every key optional:
   name = \"oidn\"
   command = \"python3 oidn.py {input} {output}\"
 
-Ctrl-C stops after the run that is being made; the same command goes on. `dapple samplers`, `points` and `filters`
+Ctrl-C stops after the current run; the same command resumes. `dapple samplers`, `points` and `filters`
 list what can be compared.";
 
-/// What keeps options from being a plan.
+/// Arguments that are not a plan.
 pub(super) enum Wrong {
-    /// Wrong words.
-    Words(String),
+    /// Wrong arguments.
+    Arguments(String),
     /// A wrong plan file.
     File(Failure),
 }
 
 impl StudyArgs {
-    /// The plan: what the file says, and the words before it.
+    /// The plan of the file, overridden by the arguments.
     pub(super) fn plan(&self) -> std::result::Result<Plan, Wrong> {
         let file = self.file().map_err(Wrong::File)?;
-        let words = self.draft(&file).map_err(Wrong::Words)?;
+        let arguments = self.draft(&file).map_err(Wrong::Arguments)?;
         // Underscores are the file's way of writing.
         let flag = |e: dapple_study::PlanError| format!("--{}: {}", e.key.replace('_', "-"), e.what);
-        file.overridden_by(words).resolve().map_err(|e| Wrong::Words(flag(e)))
+        file.overridden_by(arguments).resolve().map_err(|e| Wrong::Arguments(flag(e)))
     }
 
     fn file(&self) -> Result<Draft> {
