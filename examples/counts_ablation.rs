@@ -152,7 +152,10 @@ impl Course {
 
     fn render(&self, method: &str, seed: u64, spp: u64, run: &Run) -> Result<Vec<[f32; 3]>> {
         let (selection, sampler) = method.split_once('@').unwrap_or(("power", method));
-        let choice = CHOICES.iter().position(|(name, _)| *name == choice).ok_or("power, uniform or cells @")?;
+        let choice = CHOICES
+            .iter()
+            .position(|(name, _)| *name == selection)
+            .ok_or("a light selection is power, uniform or learned")?;
         let world = &self.worlds[choice];
         let points = registry::points("sobol", registry::Setting { seed, spp: Some(spp) })?;
         let mut sampler = registry::sampler(sampler, points, &Stage::new(world.clone()))?;
