@@ -121,7 +121,7 @@ impl Course {
         let mut sampler: Box<dyn Sampler> = match by {
             None => Box::new(Uniform::new(points)),
             Some((which, mix)) => {
-                let options = AdaptiveOptions { mix, ..AdaptiveOptions::default() };
+                let options = AdaptiveOptions::default().epsilon(0.01).mix(mix);
                 let sampler = Adaptive::with_options(points, options)?;
                 match which {
                     Some(which) => Box::new(sampler.with_error_map(term(which, self.world.clone(), options))?),

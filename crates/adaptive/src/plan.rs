@@ -1,4 +1,4 @@
-//! From what a film shows to counts: pure computations.
+//! Counts from the statistics of a film: pure computations.
 
 use crate::{Adaptive, Cells, Pooling, geometric_variance, relative_variance};
 use dapple_core::{BudgetLeft, Error, Feedback, Film, Ladder, Plan, PointSet, RgbMoments, saturating_u32};
@@ -10,22 +10,22 @@ const TABLE: u32 = 4096;
 /// Least kept samples of a pixel, as a share of the mean.
 const FLOOR: u64 = 4;
 
-/// Share of the mean score that every pixel has, whatever the pilot saw.
+/// The least score of a pixel, as a share of the mean.
 const SCORE_FLOOR: f64 = 0.01;
 
 impl<P: PointSet> Adaptive<P> {
-    /// The scores of all pixels, from what `moments` says of each.
+    /// The scores of all pixels, from the `moments` of each.
     fn scores(&self, film: &Film, moments: impl Fn(usize) -> RgbMoments + Sync + Send) -> Result<Vec<f64>, Error> {
         let o = &self.options;
         let pixels = (0..film.frame().pixels()).into_par_iter().with_min_len(4096);
         let known: Vec<RgbMoments> = pixels.map(moments).collect();
-        let cells = if o.look_at_hits() { Some(Cells::of_film(film, &o.cells)?) } else { None };
+        let cells = if o.reads_hits() { Some(Cells::of_film(film, &o.cells())?) } else { None };
         let pooling = Pooling { pool: o.pool, radius: o.radius, prior: o.prior, power: o.power, epsilon: o.epsilon };
         let mut scores = relative_variance(&known, film.frame().size(), &pooling, cells.as_ref())?;
         if let (Some(cells), true) = (&cells, o.geometry > 0.0) {
             self.blend_geometry(film, cells, &known, &mut scores);
         }
-        keep_a_say(&mut scores);
+        raise_to_floor(&mut scores);
         if let Some(map) = &self.errors {
             let errors = (map.of)(film)?;
             if errors.len() != scores.len() {
@@ -37,7 +37,7 @@ impl<P: PointSet> Adaptive<P> {
         Ok(scores)
     }
 
-    /// What geometry says, scaled to the same mean, as so many degrees of freedom beside a pixel's own.
+    /// Blends in edges and texture, scaled to the same mean, with their weight in degrees of freedom.
     fn blend_geometry(&self, film: &Film, cells: &Cells, known: &[RgbMoments], scores: &mut [f64]) {
         let hits: Vec<_> = (0..scores.len()).flat_map(|i| film.first_hits(i)).collect();
         let albedos: Vec<_> = hits.iter().map(|hit| hit.map_or([0.0; 3], |hit| hit.albedo)).collect();
@@ -54,14 +54,14 @@ impl<P: PointSet> Adaptive<P> {
         }
     }
 
-    /// The geometric mean with a map of errors, brought back to what one sample would leave.
+    /// Takes the geometric mean with a map of errors, which are first converted to the error of one sample.
     fn blend_errors(&self, errors: &[f32], film: &Film, scores: &mut [f64]) {
         let of_one = |(i, &e): (usize, &f32)| {
             let e = if e.is_finite() { f64::from(e.max(0.0)) } else { 0.0 };
             e * (film.count(i).max(1) as f64).powf(self.options.exponent)
         };
         let mut errors: Vec<f64> = errors.iter().enumerate().map(of_one).collect();
-        keep_a_say(&mut errors);
+        raise_to_floor(&mut errors);
         let (level, scale) = (mean(&errors), mean(scores));
         if !(level > 0.0 && scale > 0.0) {
             return;
@@ -89,7 +89,7 @@ impl<P: PointSet> Adaptive<P> {
             shared = ladder.allocate(scores, floors, ceiling, total, exponent)?;
         }
         let left = |n: f64| n.max(1.0).powf(-exponent);
-        // There are more pixels than counts, mostly: powers once for each of these.
+        // Most images have more pixels than different counts: one power per count.
         let known: Vec<f64> = (0..=cap.min(TABLE)).map(|n| left(f64::from(n))).collect();
         let left_of = |&n: &u32| known.get(n as usize).copied().unwrap_or_else(|| left(f64::from(n)));
         let promised: f64 = shared.counts.iter().map(left_of).zip(scores).map(|(left, s)| s * left).sum();
@@ -101,7 +101,7 @@ impl<P: PointSet> Adaptive<P> {
         Ok(shared.counts)
     }
 
-    /// The next round where everything is kept: up to the next of the budget's equal steps above the pilot.
+    /// Plans the next round where all samples are kept: up to the next of the budget's equal steps above the pilot.
     pub(crate) fn plan_kept(&self, seen: &Feedback<'_>, pilot: u32, plan: &mut Plan) -> Result<(), Error> {
         let BudgetLeft { spent, total, min_spp, max_spp, .. } = seen.budget;
         let scores = self.scores(seen.film, |i| seen.film.moments(i))?;
@@ -109,7 +109,7 @@ impl<P: PointSet> Adaptive<P> {
         let floors: Vec<u32> = now.iter().map(|&n| n.max(min_spp)).collect();
         let needed = floors.iter().map(|&n| u64::from(n)).sum::<u64>();
         let first = (u64::from(pilot) * seen.pixels() as u64).min(total);
-        let rounds = u64::from(self.options.rounds());
+        let rounds = u64::from(self.options.rounds_after_pilot());
         let step = |k: u64| first + ((total - first) as u128 * u128::from(k) / u128::from(rounds)) as u64;
         let target = (1..=rounds).map(step).find(|&t| t > spent && t >= needed).unwrap_or(total);
         let counts = self.counts(&scores, &floors, target, max_spp, Ladder::of(seen.film.needs()))?;
@@ -117,6 +117,7 @@ impl<P: PointSet> Adaptive<P> {
         Ok(())
     }
 
+    /// Plans the image after a discarded pilot.
     pub(crate) fn plan_after_discarding(&self, seen: &Feedback<'_>, plan: &mut Plan) -> Result<(), Error> {
         let BudgetLeft { min_spp, max_spp, .. } = seen.budget;
         let ladder = Ladder::of(seen.film.needs());
@@ -134,8 +135,8 @@ impl<P: PointSet> Adaptive<P> {
         Ok(())
     }
 
-    /// Each half's counts from the other half's samples; each half spends half the budget, as far as floors and
-    /// ceilings, of which the first half takes the odd sample, allow.
+    /// Plans each half's counts from the other half's samples. Each half spends half the budget, as far as floors and
+    /// ceilings allow; the first half takes the odd sample.
     pub(crate) fn plan_across(&self, seen: &Feedback<'_>, plan: &mut Plan) -> Result<(), Error> {
         let BudgetLeft { total, min_spp, max_spp, .. } = seen.budget;
         let moments = |half: usize, i: usize| seen.film.half(half, i).unwrap_or_default();
@@ -158,8 +159,8 @@ impl<P: PointSet> Adaptive<P> {
     }
 }
 
-/// Zero variance is not convergence: every pixel keeps a share of the mean.
-fn keep_a_say(scores: &mut [f64]) {
+/// Raises scores to a share of the mean: zero variance is not convergence.
+fn raise_to_floor(scores: &mut [f64]) {
     let finite = scores.iter().filter(|s| s.is_finite());
     let floor = SCORE_FLOOR * finite.sum::<f64>() / scores.len() as f64;
     scores.iter_mut().for_each(|s| *s = s.max(floor));

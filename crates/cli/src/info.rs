@@ -5,7 +5,7 @@ use crate::render::foresight::Foresight;
 use crate::{Failure, Outcome, Result, scene};
 use dapple_renderer::World;
 use dapple_scene::{Effects, bundled};
-use dapple_scene::{EnvironmentRadiance, Geometry, LightKind, MaterialKind, PixelFilter, Scene};
+use dapple_scene::{Geometry, MaterialKind, PixelFilter, Scene};
 use std::path::PathBuf;
 
 /// Say what a scene holds and calls for, without rendering it
@@ -130,13 +130,7 @@ fn material(kind: &MaterialKind) -> &'static str {
 
 fn lights(scene: &Scene) -> String {
     let shining = scene.shapes.iter().filter(|s| s.emission.is_some()).map(|_| "area");
-    let others = scene.lights.iter().map(|light| match &light.kind {
-        LightKind::Infinite { radiance: EnvironmentRadiance::Constant(_) } => "uniform environment",
-        LightKind::Infinite { .. } => "environment image",
-        LightKind::Point { .. } => "point",
-        LightKind::Spot { .. } => "spot",
-        LightKind::Distant { .. } => "distant",
-    });
+    let others = scene.lights.iter().map(|light| light.kind.name());
     count(shining.chain(others))
 }
 

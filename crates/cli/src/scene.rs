@@ -8,7 +8,7 @@ use dapple_scene::bundled::{self, Bundle};
 use dapple_scene::files::{Disk, Files};
 use dapple_scene::pbrt::ReadOptions;
 use dapple_scene::{AnyOptions, Called, Effects, read_any_from};
-use dapple_study::Digest;
+use dapple_study::ContentHash;
 use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -32,7 +32,7 @@ pub(crate) fn read_within(name: &Path, allow_unsupported: bool, most: u64) -> Re
 pub(crate) fn read_digested(name: &Path, allow_unsupported: bool, most: u64) -> Result<(Scene, String)> {
     let files = Recorder { files: Bounded { most }, read: RefCell::default() };
     let scene = read_from(&files, name, allow_unsupported)?;
-    let mut digest = Digest::new();
+    let mut digest = ContentHash::new();
     for (name, bytes) in bundle(name).iter().flat_map(|bundle| &bundle.files) {
         digest.text(name);
         digest.add(bytes);
@@ -71,7 +71,7 @@ struct Recorder {
 impl Files for Recorder {
     fn read(&self, path: &Path) -> std::io::Result<Vec<u8>> {
         let bytes = self.files.read(path)?;
-        self.read.borrow_mut().insert(path.to_owned(), Digest::of(&bytes).hex());
+        self.read.borrow_mut().insert(path.to_owned(), ContentHash::of(&bytes).hex());
         Ok(bytes)
     }
 }

@@ -51,7 +51,7 @@ fn area_vectors() -> AreaVectors {
     let tent = [[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 1]];
     let indices: Vec<[u32; 3]> = (0..CLUSTERS).flat_map(|_| tent).collect();
     let labels: Vec<u32> = (0..4 * CLUSTERS).map(|t| t / 4).collect();
-    let triangles = Triangles { positions: &positions, indices: &indices, materials: &[] };
+    let triangles = Triangles::new(&positions, &indices);
     AreaVectors::new(&triangles, &labels, CLUSTERS as usize).expect("labels that fit")
 }
 
@@ -80,7 +80,7 @@ fn bench(c: &mut Criterion) {
         });
     }
     for map in [RateMap::Identity, RateMap::Root, RateMap::Log] {
-        let options = ClusterThesisOptions { map, ..ClusterThesisOptions::default() };
+        let options = ClusterThesisOptions::default().map(map);
         group.bench_function(format!("importance/{}", map.name()), |b| {
             b.iter(|| pool.install(|| importance(black_box(&probes), &clusters, &ClusterSize::ProjectedBox, &options)));
         });

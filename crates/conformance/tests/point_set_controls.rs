@@ -152,7 +152,7 @@ impl PointSet for Counts {
 
 #[test]
 fn bad_counts_are_rejected() {
-    rejected(&Counts(|n| n / 4 * 4, "mine"), "less than asked for");
+    rejected(&Counts(|n| n / 4 * 4, "mine"), "is less than");
     rejected(&Counts(|n| if n == 5 { 100 } else { n }, "mine"), "preferred_count fell");
     rejected(&Counts(|n| n + 1, "mine"), "but preferred_count(1) = 2");
     rejected(&Counts(|n| n, " "), "describe() is empty");

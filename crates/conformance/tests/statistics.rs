@@ -101,8 +101,8 @@ fn means_are_tested_at_their_level_and_power() {
         let a: Mean = (0..16).map(|_| noise.normal() + 1.0).collect();
         seen += usize::from(a.against(0.0).p() < 0.01);
     }
-    let told = power(4.0, 0.01, 15.0);
-    assert!((told - seen as f64 / 2e3).abs() < 0.04, "{told} {seen}");
+    let power = power(4.0, 0.01, 15.0);
+    assert!((power - seen as f64 / 2e3).abs() < 0.04, "{power} {seen}");
     // Without spread, means are equal or different.
     let same: Mean = [2.0; 16].into_iter().collect();
     assert_eq!([same.against(2.0).p(), same.against(2.0 + 1e-15).p()], [1.0, 0.0]);
@@ -335,7 +335,7 @@ fn lit(sampler: &mut dyn Sampler, side: u32, spp: u64) -> Film {
 }
 
 fn alone(policy: PilotPolicy, seed: u64) -> Adaptive<Independent> {
-    let options = VarianceOptions { policy, radius: 0, pilot: 4, ..VarianceOptions::default() };
+    let options = VarianceOptions::default().policy(policy).radius(0).pilot(4);
     Adaptive::variance_with_options(Independent(seed), options).expect("sound options")
 }
 

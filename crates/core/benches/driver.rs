@@ -117,7 +117,7 @@ fn planning(c: &mut Criterion) {
     let budget = BudgetLeft::new(total).with_spent(4 * pixels as u64);
     group.bench_function("variance", |b| {
         // The film holds the pilot; the plan after it is timed.
-        let options = VarianceOptions { pilot: 4, ..VarianceOptions::default() };
+        let options = VarianceOptions::default().pilot(4);
         let mut sampler = Adaptive::variance_with_options(Cheap, options).expect("options");
         b.iter(|| {
             let mut plan = Plan::empty(pixels);

@@ -3,6 +3,9 @@
 use crate::Draws;
 use rayon::prelude::*;
 
+/// The cluster label of a ray that meets nothing.
+pub const BACKGROUND: u32 = u32::MAX;
+
 /// The first surface that a sample meets. The integrator reports it; samplers and filters read it.
 ///
 /// ```

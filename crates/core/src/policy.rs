@@ -26,18 +26,6 @@ pub enum PilotPolicy {
     Cross,
 }
 
-impl PilotPolicy {
-    /// The name on the command line.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Keep => "keep",
-            Self::Refined => "refined",
-            Self::Discard => "discard",
-            Self::Cross => "cross",
-        }
-    }
-}
-
 /// The end of refinement, for samplers that compare a measure of error with a threshold.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Stopping {
@@ -46,14 +34,4 @@ pub enum Stopping {
     Budget,
     /// At the threshold, as published: the budget is a ceiling, and the film's record has the samples spent.
     Threshold,
-}
-
-impl Stopping {
-    /// The name on the command line.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Budget => "budget",
-            Self::Threshold => "threshold",
-        }
-    }
 }

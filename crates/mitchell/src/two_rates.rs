@@ -1,4 +1,4 @@
-//! What both samplers share: a pilot, a ranking, two rates, and what becomes of the pilot.
+//! The part that both samplers share: a pilot, its retention, a ranking, and two rates.
 
 use crate::Rates;
 use dapple_core::{
@@ -6,14 +6,14 @@ use dapple_core::{
     Stopping, allocate, saturating_u32,
 };
 
-const NOT_OURS: Error = Error::BadSnapshot { what: "they do not hold what a sampler of two rates saves" };
+const NOT_OURS: Error = Error::BadSnapshot { what: "they do not hold the state of a sampler of two rates" };
 
-/// Decides by rank, in two rates.
+/// The decision by rank, in two rates.
 #[derive(Default)]
 pub(crate) struct TwoRates {
     pub(crate) mode: Stopping,
     pub(crate) policy: PilotPolicy,
-    /// Made once per pilot: later samples do not change it.
+    /// The ranking, made once per pilot: later samples do not change it.
     ranking: Option<Ranking>,
     /// The rates in use, and the mean budget that they were chosen for.
     rates: Option<(u64, Rates)>,
@@ -24,9 +24,9 @@ struct Ranking {
     /// The pilot that it was made from, in samples per pixel.
     pilot: u32,
     order: Vec<u32>,
-    /// How many of them exceed their threshold.
+    /// The number of pixels that exceed their threshold.
     asking: usize,
-    /// Whether all have the same score.
+    /// True if all have the same score.
     level: bool,
 }
 
@@ -35,10 +35,10 @@ impl TwoRates {
         Self { mode, policy, ranking: None, rates: None }
     }
 
-    /// The next round. `rates` gives the rates for a mean budget; they stay until that has doubled, so
-    /// that the last tenth of a time limit does not go to a sample more everywhere. Fewer than `least`
-    /// samples per pixel tell nothing. `scores` gives each pixel's contrast relative to its threshold,
-    /// from the pilot as far as it was traced.
+    /// Plans the next round. `rates` returns the rates for a mean budget. They stay until that has doubled, so that
+    /// the last tenth of a time limit does not go to one more sample everywhere. Fewer than `least` samples per pixel
+    /// have no contrast. `scores` returns each pixel's contrast relative to its threshold, from the pilot as far as
+    /// it is traced.
     pub(crate) fn next_round(
         &mut self,
         seen: &Feedback<'_>,
@@ -80,7 +80,7 @@ impl TwoRates {
         Ok(if plan.total() == 0 { Progress::Done } else { Progress::Trace })
     }
 
-    /// The rates and the ranking: what later films no longer show.
+    /// Saves the rates and the ranking, which later films no longer show.
     pub(crate) fn save(&self) -> Vec<u8> {
         let mut words = Vec::new();
         words.push(u32::from(self.rates.is_some()));
@@ -95,7 +95,7 @@ impl TwoRates {
         words.into_iter().flat_map(u32::to_le_bytes).collect()
     }
 
-    /// Takes back what [`TwoRates::save`] gave.
+    /// Restores the bytes of [`TwoRates::save`].
     pub(crate) fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
         let (words, rest) = saved.as_chunks();
         let words: Vec<u32> = words.iter().map(|w| u32::from_le_bytes(*w)).collect();
@@ -136,7 +136,8 @@ impl TwoRates {
             PilotPolicy::Keep | PilotPolicy::Cross => memory,
             PilotPolicy::Discard => memory.with_discarded(frame, needs, limits),
             PilotPolicy::Refined => {
-                // What is withdrawn goes to a bank that is there from the second round on, with how far indices are ahead.
+                // Withdrawn samples have statistics of their own from the second round on, and a count of skipped
+                // indices.
                 let mut moved = memory.with_discarded(frame, needs, limits);
                 moved.discarded = moved.discarded.saturating_add(frame.bytes(16));
                 moved
@@ -144,7 +145,7 @@ impl TwoRates {
         }
     }
 
-    /// Whether the whole pilot is thrown away.
+    /// True if the whole pilot is discarded.
     pub(crate) fn discards(&self) -> bool {
         self.policy == PilotPolicy::Discard
     }
@@ -155,7 +156,7 @@ impl TwoRates {
         if !self.discards() {
             return saturating_u32(wanted.min(mean)).max(budget.min_spp).min(budget.max_spp);
         }
-        // It may take half of what there is, and never the floor's share.
+        // It may take half of the budget, and never the floor's share.
         let affordable = mean.saturating_sub(u64::from(budget.min_spp.max(1))).min(mean / 2);
         let pilot = saturating_u32(wanted.min(affordable));
         if pilot < least { 0 } else { pilot }
@@ -189,8 +190,8 @@ impl TwoRates {
 
 impl Ranking {
     fn new(pilot: u32, scores: &[f64]) -> Self {
-        // Contrast saturates at 1, so ties are common: by their plain number the top of the image
-        // would take all.
+        // Contrast saturates at 1, so ties are common: in the order of their numbers the top of the image would
+        // take all samples.
         let tie = |i: u32| mix(u64::from(i));
         let mut order: Vec<u32> = (0..scores.len() as u32).collect();
         order.sort_unstable_by(|&a, &b| {
@@ -202,14 +203,14 @@ impl Ranking {
     }
 }
 
-/// A plan in the making.
+/// A plan under construction.
 struct Steps<'a> {
     film: &'a Film,
     plan: &'a mut [u32],
     now: Vec<u32>,
     max_spp: u32,
     left: u64,
-    /// Whether a pixel's first step takes its pilot out of the image.
+    /// True if a pixel's first step takes its pilot out of the image.
     withdraws: bool,
     withdrawn: Vec<bool>,
 }
@@ -221,7 +222,7 @@ impl<'a> Steps<'a> {
         Self { film: seen.film, plan: &mut plan.counts, now, max_spp, left: seen.budget.left(), withdraws, withdrawn }
     }
 
-    /// Samples that pixel `i` will have in the image.
+    /// The samples that pixel `i` will have in the image.
     fn count(&self, i: usize) -> u32 {
         let before = if self.withdraws && self.withdrawn[i] { 0 } else { self.now[i] };
         before.saturating_add(self.plan[i])

@@ -1,7 +1,7 @@
 //! A scene to be studied, read and ready for rays.
 
 use crate::StudyError;
-use crate::digest::Digest;
+use crate::content_hash::ContentHash;
 use dapple_core::{Frame, Limits, Render};
 use dapple_job::Stage;
 use dapple_job::registry::{self, Setting};
@@ -47,6 +47,7 @@ pub enum Lights {
     /// Each as often as any other.
     Uniform,
     /// As was learned while rendering, per cell of space and orientation.
+    #[serde(alias = "learned")]
     Cells,
 }
 
@@ -68,12 +69,12 @@ impl View {
 }
 
 /// A scene read and built: with a box of one pixel as its pixel filter, uncropped.
-pub struct Subject {
+pub(crate) struct Subject {
     pub(crate) view: View,
     pub(crate) scene: Scene,
     pub(crate) world: Arc<World>,
     /// Of all bytes that were read for it.
-    pub(crate) content: Digest,
+    pub(crate) content: ContentHash,
     /// Seconds of reading and of building.
     pub(crate) load: f64,
     pub(crate) bvh: f64,
@@ -101,7 +102,7 @@ impl Subject {
     /// # Errors
     ///
     /// [`StudyError::Scene`] with everything that is wrong with it.
-    pub fn load(view: &View) -> Result<Self, StudyError> {
+    pub(crate) fn load(view: &View) -> Result<Self, StudyError> {
         let clock = Instant::now();
         let (mut scene, content) = read(&view.source, view.allow_unsupported)?;
         if view.max_depth.is_some() {
@@ -119,7 +120,7 @@ impl Subject {
     }
 
     /// What was read otherwise than written, a line each; nothing of bundled scenes.
-    pub fn notices(&self) -> Vec<String> {
+    pub(crate) fn notices(&self) -> Vec<String> {
         if bundle(&self.view.source).is_some() {
             return Vec::new();
         }
@@ -134,7 +135,7 @@ impl Subject {
 
     /// A digest of the few pixels in the middle with a few samples: a renderer whose code has changed what it renders
     /// changes it, whatever its version says.
-    pub(crate) fn fingerprint(&self) -> Result<Digest, StudyError> {
+    pub(crate) fn fingerprint(&self) -> Result<ContentHash, StudyError> {
         let wrong = |e: &dyn std::fmt::Display| StudyError::Scene(format!("{}: {e}", self.view.name));
         let middle = |side: u32| {
             let first = side.saturating_sub(CANARY_SIDE) / 2;
@@ -148,7 +149,7 @@ impl Subject {
         let limits = Limits::samples(CANARY_SPP * frame.pixels() as u64);
         let mut integrator = integrator(&self.world);
         let film = Render::new(frame, &limits).run(&mut *integrator, &mut *sampler).map_err(|e| wrong(&e))?;
-        let mut digest = Digest::new();
+        let mut digest = ContentHash::new();
         film.image().as_flattened().iter().for_each(|v| digest.add(&v.to_bits().to_le_bytes()));
         Ok(digest)
     }
@@ -159,11 +160,11 @@ const CANARY_SIDE: u32 = 32;
 const CANARY_SPP: u64 = 4;
 
 /// Reads a scene and digests every byte that was read for it.
-fn read(source: &str, allow_unsupported: bool) -> Result<(Scene, Digest), StudyError> {
+fn read(source: &str, allow_unsupported: bool) -> Result<(Scene, ContentHash), StudyError> {
     let path = Path::new(source);
-    let wrong = |e: dapple_scene::pbrt::ReadError| StudyError::Scene(e.to_string());
+    let wrong = |e: dapple_scene::ReadError| StudyError::Scene(e.to_string());
     if let Some(bundle) = bundle(source) {
-        let mut digest = Digest::new();
+        let mut digest = ContentHash::new();
         for (name, bytes) in &bundle.files {
             digest.text(name);
             digest.add(bytes);
@@ -178,7 +179,7 @@ fn read(source: &str, allow_unsupported: bool) -> Result<(Scene, Digest), StudyE
     let files = Recorder::default();
     let options = ReadOptions::default().with_allow_unsupported(allow_unsupported);
     let scene = read_any_from(&files, path, &AnyOptions::default().with_scene(options)).map_err(wrong)?;
-    let mut digest = Digest::new();
+    let mut digest = ContentHash::new();
     for (file, of_bytes) in files.read.into_inner() {
         // Where the scene lies does not matter.
         let folder = path.parent().unwrap_or(Path::new(""));
@@ -197,7 +198,7 @@ struct Recorder {
 impl Files for Recorder {
     fn read(&self, path: &Path) -> io::Result<Vec<u8>> {
         let bytes = Disk.read(path)?;
-        self.read.borrow_mut().insert(path.to_owned(), Digest::of(&bytes).hex());
+        self.read.borrow_mut().insert(path.to_owned(), ContentHash::of(&bytes).hex());
         Ok(bytes)
     }
 }

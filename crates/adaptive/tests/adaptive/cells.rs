@@ -1,4 +1,4 @@
-//! Cells at hit points: THESIS 7, tests b to f.
+//! Cells at hit points.
 
 use dapple_adaptive::{CellOptions, Cells};
 use dapple_core::FirstHit;
@@ -35,7 +35,7 @@ fn cells(hits: &[Option<FirstHit>]) -> Cells {
 }
 
 #[test]
-fn b_cells_are_small_at_the_limb_and_hits_add_up() {
+fn cells_are_small_at_the_limb_and_hits_add_up() {
     for per_pixel in [1, 4] {
         let hits = image(per_pixel, ball);
         let cells = cells(&hits);
@@ -63,7 +63,7 @@ fn b_cells_are_small_at_the_limb_and_hits_add_up() {
 }
 
 #[test]
-fn c_d_numbers_of_primitives_change_nothing() {
+fn numbers_of_primitives_change_nothing() {
     let hits = image(2, ball);
     let renumbered: Vec<_> = (hits.iter())
         .map(|hit| hit.map(|h| h.with_shape(h.primitive % 3).with_primitive(99 - h.primitive % 7)))
@@ -79,7 +79,7 @@ fn c_d_numbers_of_primitives_change_nothing() {
 }
 
 #[test]
-fn e_the_unit_of_length_changes_nothing() {
+fn the_unit_of_length_changes_nothing() {
     let hits = image(1, ball);
     let scaled = |h: FirstHit, scale: f32| {
         let position = h.position.map(|x| x * scale);
@@ -105,7 +105,7 @@ fn e_the_unit_of_length_changes_nothing() {
 }
 
 #[test]
-fn f_odd_hits_make_cells_all_the_same() {
+fn odd_hits_make_cells_too() {
     let edge_on = |x: f32, y: f32| {
         let odd = (x as u32) % 5;
         let normal = [[1.0, 0.0, 0.0], [0.0; 3], [f32::NAN; 3], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]][odd as usize];
@@ -123,10 +123,10 @@ fn f_odd_hits_make_cells_all_the_same() {
 fn wrong_cells_are_refused() {
     let hits = image(1, ball);
     for options in [
-        CellOptions { edge: 0.0, ..CellOptions::default() },
-        CellOptions { edge: f32::NAN, ..CellOptions::default() },
-        CellOptions { normals: 0.0, ..CellOptions::default() },
-        CellOptions { normals: 91.0, ..CellOptions::default() },
+        CellOptions::default().edge(0.0),
+        CellOptions::default().edge(f32::NAN),
+        CellOptions::default().normals(0.0),
+        CellOptions::default().normals(91.0),
     ] {
         assert!(Cells::new(&hits, 1, [SIDE; 2], &options).is_err(), "{options:?}");
     }

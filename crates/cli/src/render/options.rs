@@ -37,7 +37,7 @@ pub(crate) struct Options {
     ///
     /// By default counts follow errors relative to mean^2 + 0.3: what the default filter leaves is less so than with the
     /// sampler's own 0.01, which is for `--filter none`.
-    #[arg(long, value_name = "NAME[:key=value,…]", default_value = "cluster:epsilon=0.3", value_parser = sampler)]
+    #[arg(long, value_name = "NAME[:key=value,…]", default_value = "adaptive", value_parser = sampler)]
     #[arg(help_heading = "Method")]
     pub(super) sampler: String,
 

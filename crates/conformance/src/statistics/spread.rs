@@ -20,7 +20,7 @@ pub fn brown_forsythe(a: &[f64], b: &[f64]) -> f64 {
 pub struct Calibration {
     held: u64,
     all: u64,
-    told: f64,
+    forecast: f64,
     real: f64,
 }
 
@@ -33,7 +33,7 @@ impl Calibration {
         let reach = (quantile * forecast.sqrt()).hypot(1.96 * noise.sqrt());
         self.held += u64::from(off.abs() <= reach);
         self.all += 1;
-        self.told += forecast;
+        self.forecast += forecast;
         self.real += off * off - noise;
     }
 
@@ -44,7 +44,7 @@ impl Calibration {
 
     /// The root of the mean forecast variance over the root of the mean squared error.
     pub fn ratio(&self) -> f64 {
-        (self.told / self.real).sqrt()
+        (self.forecast / self.real).sqrt()
     }
 
     /// Returns `true` if 95 % intervals hold 93 to 97 %, and forecasts are within a tenth of the true errors.

@@ -13,8 +13,7 @@ use std::sync::Mutex;
 use std::time::Instant;
 
 fn adaptive(policy: PilotPolicy) -> Adaptive<Independent> {
-    Adaptive::variance_with_options(Independent::new(7), VarianceOptions { policy, ..VarianceOptions::default() })
-        .unwrap()
+    Adaptive::variance_with_options(Independent::new(7), VarianceOptions::default().policy(policy)).unwrap()
 }
 
 fn image(limits: &Limits) -> Vec<u64> {
@@ -279,8 +278,8 @@ fn a_monitor_stops_between_slices_and_leaves_whole_pixels() {
     let film = stop_after(3, &limits);
     assert!(film.record().interrupted && film.counts().iter().all(|n| *n == 39));
     // The same as a render with that budget.
-    let asked = stop_after(99, &Limits::samples(3900));
-    assert!(!asked.record().interrupted && (0..100).all(|i| asked.moments(i) == film.moments(i)));
+    let whole = stop_after(99, &Limits::samples(3900));
+    assert!(!whole.record().interrupted && (0..100).all(|i| whole.moments(i) == film.moments(i)));
     // At the end of an earlier round it is an interruption, at the end of the last it is none.
     let steps = Limits::new(Budget::Recorded(vec![500, 900]));
     let film = stop_after(1, &steps);

@@ -1,4 +1,4 @@
-//! Renders that go on from snapshots, and images made in shards (HARD_CASES X03 to X08).
+//! Renders resumed from snapshots, and images made in shards.
 
 use crate::common::{Field, Independent, everything, frame, mix, noise, on_threads, run};
 use dapple_adaptive::Adaptive;
@@ -329,10 +329,10 @@ impl Integrator for Slow {
 #[test]
 fn a_slow_image_is_stopped_within_a_pass_x08() {
     let start = Instant::now();
-    let (mut asked, mut longest) = (start, Duration::ZERO);
+    let (mut last, mut longest) = (start, Duration::ZERO);
     let mut monitor = |_: &Status<'_>| {
-        longest = longest.max(asked.elapsed());
-        asked = Instant::now();
+        longest = longest.max(last.elapsed());
+        last = Instant::now();
         if start.elapsed().as_secs_f64() > 2.0 { Control::Stop } else { Control::Continue }
     };
     // One sample of every pixel takes 10 s on two threads.

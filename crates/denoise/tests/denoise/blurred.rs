@@ -1,4 +1,4 @@
-//! Out of focus, features are as noisy as radiance, and their noise is the same: who regresses one on the other keeps it.
+//! Out of focus, features share the noise of the radiance. A regression on unfiltered features would keep it.
 
 use dapple_core::samplers::Uniform;
 use dapple_core::{Block, Draws, Estimate, Filter, FirstHit, Frame, Integrator, Limits, Needs, Render, TrainingLog};
@@ -7,7 +7,7 @@ use dapple_low_discrepancy::Random;
 
 const SIDE: u32 = 48;
 
-/// A bright and a dark surface, of unlike normals, in the blur between them: each sample meets one of both.
+/// A bright and a dark surface with different normals, blurred: each sample hits one of them.
 struct Blur;
 
 /// The share of the bright surface in column `x`.
@@ -29,9 +29,9 @@ impl Integrator for Blur {
     }
 }
 
-/// What a filter leaves of the squared error, the mean over four seeds.
+/// The filter leaves less than a quarter of the squared error, on average over four seeds.
 #[test]
-fn noise_that_features_share_is_filtered() {
+fn noise_shared_with_features_is_filtered() {
     let filter = ClusterRegression::new();
     let needs: Needs = filter.needs();
     let frame = Frame::new(SIDE, SIDE).unwrap();

@@ -91,7 +91,7 @@ pub fn run(
     Render::new(frame, limits).run(integrator, sampler)
 }
 
-/// The counts of a first round, by [`dapple_core::render`]'s rules.
+/// The counts of a first round, by the rules of the render loop.
 pub fn first_counts(sampler: &mut dyn Sampler, frame: Frame, total: u64, bounds: [u32; 2]) -> Result<Vec<u32>, Error> {
     let film = Film::new(frame, sampler.needs());
     let budget = dapple_core::BudgetLeft::new(total).with_min_spp(bounds[0]).with_max_spp(bounds[1]);

@@ -14,7 +14,7 @@ fn counts(weights: &[f64], base: u32, ceiling: u32, total: u64) -> Vec<u32> {
 fn shares_go_with_weights() {
     assert_eq!(counts(&[1.0, 2.0, 3.0], 0, 100, 60), [10, 20, 30]);
     assert_eq!(counts(&[1.0, 2.0, 3.0], 4, 100, 72), [14, 24, 34]);
-    assert_eq!(counts(&[1.0, 2.0, 5.0], 0, 10, 25), [5, 10, 10], "what the ceiling cuts off goes on in proportion");
+    assert_eq!(counts(&[1.0, 2.0, 5.0], 0, 10, 25), [5, 10, 10], "the rest above the ceiling is shared in proportion");
     assert_eq!(counts(&[1.0, 1.0, 8.0], 1, 4, 10), [3, 3, 4]);
     assert_eq!(counts(&[0.0, 1.0, 1.0], 2, 8, 18), [2, 8, 8], "zeros wait");
     assert_eq!(counts(&[0.0, 0.0, 1.0], 2, 8, 18), [5, 5, 8], "and then share alike");
