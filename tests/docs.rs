@@ -14,6 +14,8 @@
 //! Shell blocks of a page run in one temporary folder, in order. It holds `scene.pbrt`, the Cornell box at 24x24 pixels. Programs in
 //! Rust are doctests of the crate `dapple` (src/lib.rs).
 
+#![allow(unreachable_pub, reason = "files of other crates, compiled as modules")]
+
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::OnceLock;

@@ -136,6 +136,15 @@ pub fn check_sampler(description: &str) -> Result<(), RegistryError> {
     without_world(sampler(description, points, &Stage::empty()))
 }
 
+/// Checks the description of a point set.
+///
+/// # Errors
+///
+/// As [`points`].
+pub fn check_points(description: &str) -> Result<(), RegistryError> {
+    points(description, Setting { seed: 0, spp: None }).map(|_| ())
+}
+
 /// Checks the description of a filter, as far as that is possible without a world.
 ///
 /// # Errors

@@ -103,7 +103,7 @@ fn seeds() -> Vec<(&'static str, Vec<u8>)> {
 /// Seeds that are stored and such as are made today (seconds are in them: no two are the same), each damaged in many ways:
 /// no panic.
 #[test]
-fn i01_checkpoints_bear_damage() {
+fn checkpoints_bear_damage_i01() {
     let folder = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../fuzz/seeds/checkpoint"));
     let made = seeds();
     if std::env::var_os("DAPPLE_WRITE_SEEDS").is_some() {

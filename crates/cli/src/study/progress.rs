@@ -1,4 +1,4 @@
-//! StudyProgress with time left, and the ear for Ctrl-C.
+//! Progress bar and Ctrl-C handling.
 
 use crate::output;
 use crate::stop::Stop;

@@ -184,7 +184,7 @@ fn clusters_are_made_once() {
     let points = points("sobol", SETTING).unwrap_or_else(|e| panic!("{e}"));
     sampler("cluster-thesis", points, &stage).unwrap_or_else(|e| panic!("{e}"));
     filter("cluster-gaussian", &stage).unwrap_or_else(|e| panic!("{e}"));
-    let first = stage.first_clusters().expect("clusters were made");
+    let first = stage.clusters_used().expect("clusters were made");
     let again =
         stage.clusters("test", &dapple_clustering::ClusterParams::published()).unwrap_or_else(|e| panic!("{e}"));
     assert!(Arc::ptr_eq(&first, &again));
