@@ -2,7 +2,7 @@
 //!
 //! ```sh
 //! cargo run --release --example counts_ablation -- --full
-//! cargo run --release --example counts_ablation -- --full --method adaptive:epsilon=0.01,prior=inf --method adaptive:epsilon=0.01,rounds=2
+//! cargo run --release --example counts_ablation -- --full --method adaptive:epsilon=0.01,prior=inf
 //! ```
 //!
 //! Bundled scenes on `sobol`, unfiltered; the reference is `sobol` of another seed with many more samples. Prints the
@@ -152,10 +152,7 @@ impl Course {
 
     fn render(&self, method: &str, seed: u64, spp: u64, run: &Run) -> Result<Vec<[f32; 3]>> {
         let (selection, sampler) = method.split_once('@').unwrap_or(("power", method));
-        let choice = CHOICES
-            .iter()
-            .position(|(name, _)| *name == selection)
-            .ok_or("a light selection is power, uniform or learned")?;
+        let choice = CHOICES.iter().position(|(name, _)| *name == choice).ok_or("power, uniform or cells @")?;
         let world = &self.worlds[choice];
         let points = registry::points("sobol", registry::Setting { seed, spp: Some(spp) })?;
         let mut sampler = registry::sampler(sampler, points, &Stage::new(world.clone()))?;

@@ -21,9 +21,11 @@ use std::process::Command;
 use std::sync::OnceLock;
 
 /// The sampler of docs/ADDING-A-SAMPLER.md, compiled here so that its tests run.
+#[allow(unreachable_pub, reason = "public in its own crate")]
 #[path = "docs/brightness.rs"]
 mod brightness;
 /// The filter of docs/ADDING-A-FILTER.md.
+#[allow(unreachable_pub, reason = "public in its own crate")]
 #[path = "docs/median.rs"]
 mod median;
 

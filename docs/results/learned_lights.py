@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """learned_lights.py STUDY...: the gain of learned light selection, from folders of `dapple study --plan docs/results/learned-lights.toml`.
 
-Prints Markdown: per scene `NAME-cells` over `NAME` (sRGB MSE / relMSE), geometric means over paired seeds; over all scenes with 95 %
+Prints Markdown: per scene `NAME-learned` over `NAME` (sRGB MSE / relMSE), geometric means over paired seeds; over all scenes with 95 %
 intervals of the seeds (Student's t), the scenes taken as they are. Times are CPU seconds.
 """
 import json
@@ -16,7 +16,7 @@ for folder in sys.argv[1:]:
     for line in open(f"{folder}/runs.jsonl"):
         run = json.loads(line)
         runs[run["scene"], run["method"]["filter"], run["budget"]["spp"]][run["seed"]] = run
-scenes = [name[: -len("-cells")] for name in dict.fromkeys(s for s, _, _ in runs) if name.endswith("-cells")]
+scenes = [name[: -len("-learned")] for name in dict.fromkeys(s for s, _, _ in runs) if name.endswith("-learned")]
 budgets = sorted({spp for _, _, spp in runs})
 
 
@@ -41,9 +41,9 @@ def interval(values):
 
 PLAIN, FILTERED = "none", "cluster-regression"
 COLUMNS = [
-    ("`uniform`, none: learned over power", "-cells", PLAIN, "", PLAIN),
-    ("default: learned over power", "-cells", FILTERED, "", FILTERED),
-    ("default, learned, over `uniform`, by power", "-cells", FILTERED, "", PLAIN),
+    ("`uniform`, none: learned over power", "-learned", PLAIN, "", PLAIN),
+    ("default: learned over power", "-learned", FILTERED, "", FILTERED),
+    ("default, learned, over `uniform`, by power", "-learned", FILTERED, "", PLAIN),
     ("default, by power, over that", "", FILTERED, "", PLAIN),
 ]
 for spp in budgets:
