@@ -9,7 +9,7 @@
 //! ratios of the mean errors over seeds, sRGB MSE and relMSE, per scene and as geometric means, and seconds over those of
 //! uniform counts. Without `--full` a small form runs in seconds, to show that it works.
 //!
-//! `--words` may begin with a choice among lights, `cells@uniform`, say; without one lights are chosen by power.
+//! `--words` may begin with a choice among lights, `learned@uniform`, say; without one lights are chosen by power.
 //! `--against` changes what all are compared with (`uniform`). Further: `--scenes` and `--spp`, lists with commas;
 //! `--seeds`, `--side`, `--reference`.
 
@@ -17,7 +17,7 @@
 
 use dapple::core::{Frame, Limits, Needs, NoMonitor, render};
 use dapple::metrics::{Pixels, compare};
-use dapple::renderer::light::LightChoice;
+use dapple::renderer::light::LightSelection;
 use dapple::renderer::{Stage, World, bundled, integrator, registry, scene};
 use std::sync::Arc;
 use std::time::Instant;
@@ -126,8 +126,8 @@ struct Truth {
     image: Vec<[f32; 3]>,
 }
 
-const CHOICES: [(&str, LightChoice); 3] =
-    [("power", LightChoice::Power), ("uniform", LightChoice::Uniform), ("cells", LightChoice::Cells)];
+const CHOICES: [(&str, LightSelection); 3] =
+    [("power", LightSelection::Power), ("uniform", LightSelection::Uniform), ("learned", LightSelection::Learned)];
 
 impl Truth {
     fn of(name: &str, run: &Run) -> Result<Self> {
@@ -136,7 +136,7 @@ impl Truth {
         let world = World::with_resolution(&scene, [run.side; 2])?;
         let worlds = CHOICES.map(|(_, choice)| {
             let mut world = world.clone();
-            world.set_light_choice(choice);
+            world.set_light_selection(choice);
             Arc::new(world)
         });
         let mut truth = Self { worlds, image: Vec::new() };
@@ -147,7 +147,7 @@ impl Truth {
 
     fn render(&self, words: &str, seed: u64, spp: u64, run: &Run) -> Result<Vec<[f32; 3]>> {
         let (choice, words) = words.split_once('@').unwrap_or(("power", words));
-        let choice = CHOICES.iter().position(|(name, _)| *name == choice).ok_or("power, uniform or cells @")?;
+        let choice = CHOICES.iter().position(|(name, _)| *name == choice).ok_or("power, uniform or learned @")?;
         let world = &self.worlds[choice];
         let points = registry::points("sobol", registry::Setting { seed, spp: Some(spp) })?;
         let mut sampler = registry::sampler(words, points, &Stage::new(world.clone()))?;

@@ -22,7 +22,6 @@ use clap::CommandFactory;
 use clap::error::ErrorKind;
 use dapple_checkpoint::{Identity, Store};
 use dapple_core::{Error, Film, Filter, Needs, Sampler, Sharded, Unfiltered, streams};
-use dapple_renderer::light::LightChoice;
 use dapple_renderer::scene::Scene;
 use dapple_renderer::{Effect, Effects, Stage, World, WorldClusters, integrator};
 use files::Files;
@@ -75,7 +74,7 @@ fn make(options: &Options, merged: Option<(Film, &Identity)>) -> Result<Outcome>
 
     let clock = Instant::now();
     let mut world = scene::build(&scene, settings.frame.resolution())?;
-    choose_lights(&mut world, options);
+    world.set_light_selection(options.light_choice());
     if world.dropped_triangles() > 0 {
         warn(format!("{} triangles have no area and are left out", world.dropped_triangles()));
     }
@@ -149,15 +148,6 @@ fn make(options: &Options, merged: Option<(Film, &Identity)>) -> Result<Outcome>
     }
     deliver(report, &files, 1.0 / world.space().scale(), options)?;
     end(&film, failure, resume)
-}
-
-/// Makes the world choose among its lights as the options say.
-fn choose_lights(world: &mut World, options: &Options) {
-    match options.light_choice() {
-        options::LightChoice::Power => {}
-        options::LightChoice::Uniform => world.set_light_choice(LightChoice::Uniform),
-        options::LightChoice::Cells => world.set_light_choice(LightChoice::Cells),
-    }
 }
 
 /// What is recorded for filter and files; the sampler's own needs come on top.

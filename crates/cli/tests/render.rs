@@ -160,7 +160,7 @@ fn an_exr_file_tells_how_it_was_made() {
         ("resolution", "24x16"),
         ("crop", "0,0,24,16"),
         ("max-depth", "5"),
-        ("light-choice", "cells"),
+        ("light-choice", "learned"),
         ("effects", "soft-shadows,interreflection"),
         ("rejected", "0"),
         ("notices", "none"),

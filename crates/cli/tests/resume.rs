@@ -123,7 +123,7 @@ fn x04_another_render_is_refused() {
         ("--resolution 12x8", vec!["resolution: 24x16 there, 12x8 here", "window: 0,0,24,16 there, 0,0,12,8 here"]),
         ("--max-depth 2", vec!["max depth: ", " there, 2 here"]),
         ("--pixel-filter box", vec!["pixel filter: "]),
-        ("--light-choice uniform", vec!["light choice: cells there, uniform here"]),
+        ("--light-choice uniform", vec!["light choice: learned there, uniform here"]),
         ("--without interreflection", vec!["without: "]),
         ("--max-spp 9", vec!["samples per pixel: 1 to 4294967295 there, 1 to 9 here"]),
     ];
@@ -304,7 +304,7 @@ fn x07_shards_that_make_no_image() {
             "the sampler variance cannot be shared out among machines: it looks at samples",
         ),
         ("--shard 1/17 --sampler uniform", 1, "a window of 16 rows has 16 shards at most"),
-        ("--shard 1/2 --sampler uniform --light-choice cells", 1, "learns from samples of the whole image"),
+        ("--shard 1/2 --sampler uniform --light-choice cells", 1, "learns from the whole image"),
         ("--shard 0/2", 2, "I/N is wanted"),
         ("--shard 3/2", 2, "I/N is wanted"),
         ("--shard 1/2 --time 3", 2, "cannot be used with"),

@@ -242,7 +242,7 @@ pub(crate) fn shoot(world: Arc<World>, clusters: Arc<WorldClusters>) -> TracePro
         let offset = Vec2::new(probe.film[0] - x, probe.film[1] - y);
         let time = world.time(0.0);
         let ray = world.camera.ray_at(world.camera.place(probe.pixel, offset), probe.lens, time);
-        let at = world.closest_at(&ray, time)?;
+        let at = world.closest_hit(&ray, time)?;
         let distance = (at.point.position - ray.origin).length();
         Some(ProbeHit {
             primitive: clusters.primitive(at.hit.shape, at.hit.primitive),

@@ -38,9 +38,12 @@ mod world;
 
 pub use clusters::{Stage, WorldClusters, WorldTriangles};
 pub use effects::{Called, Effect, Effects, UnknownEffect};
-pub use integrator::{PathTracer, code, integrator, integrator_with};
+pub use integrator::{
+    AmbientOcclusion, FixedSelector, IntegratorEntry, IntegratorError, IntegratorParameters, LearnedSelector,
+    LightSelector, PathTracer, code, integrator, integrator_with, integrators, make as make_integrator,
+};
 pub use material::{MaterialError, Surface};
 pub use scene_file::{AnyOptions, read_any, read_any_from};
 pub use space::Space;
 pub use texture::Textures;
-pub use world::{Emitter, World, WorldError};
+pub use world::{Emitter, Interaction, World, WorldError};

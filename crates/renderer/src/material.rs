@@ -20,7 +20,7 @@ use glam::Vec3;
 pub struct Surface {
     kind: Kind,
     /// What tilts its shading normals.
-    pub(crate) relief: Relief,
+    pub(crate) normal_variation: NormalVariation,
     /// Whether anything does.
     pub(crate) bumped: bool,
     /// Whether its scattering looks at texture coordinates.
@@ -41,7 +41,7 @@ pub struct Surface {
 
 /// What tilts shading normals.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(crate) struct Relief {
+pub(crate) struct NormalVariation {
     /// A height, in units of the file's world space.
     pub(crate) bump: Option<TextureId>,
     /// Normals in the tangent's space, as an image.
@@ -107,8 +107,8 @@ impl Surface {
             Some(Scalar::Constant(_)) | None => None,
             Some(Scalar::Texture(id)) => Some(id),
         };
-        surface.relief = Relief { bump, normal_map: material.normal_map };
-        surface.bumped = surface.relief != Relief::default();
+        surface.normal_variation = NormalVariation { bump, normal_map: material.normal_map };
+        surface.bumped = surface.normal_variation != NormalVariation::default();
         Ok(surface)
     }
 
@@ -197,8 +197,19 @@ impl Surface {
         };
         let (interface, mixes) = (matches!(kind, Kind::Interface), matches!(kind, Kind::Mix { .. }));
         let Scatters { textured, anisotropic, several_lobes, black, transmits } = scatters;
-        let (relief, bumped) = (Relief::default(), false);
-        Ok(Self { kind, relief, bumped, textured, anisotropic, several_lobes, black, transmits, interface, mixes })
+        let (normal_variation, bumped) = (NormalVariation::default(), false);
+        Ok(Self {
+            kind,
+            normal_variation,
+            bumped,
+            textured,
+            anisotropic,
+            several_lobes,
+            black,
+            transmits,
+            interface,
+            mixes,
+        })
     }
 
     /// Whether it scatters as Lambert says, with one colour, and is not tilted.

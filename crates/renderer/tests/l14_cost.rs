@@ -13,7 +13,7 @@ use dapple_renderer::blocks;
 use dapple_renderer::camera::{Lens, Pinhole};
 use dapple_renderer::light::Target;
 use dapple_renderer::scene::{PixelFilter, Scene};
-use dapple_renderer::shading::{Frame, power_heuristic, warp};
+use dapple_renderer::shading::{ShadingFrame, power_heuristic, warp};
 use dapple_renderer::{World, integrator};
 use glam::{DAffine3, DVec3, Vec2, Vec3};
 use std::f32::consts::FRAC_1_PI;
@@ -55,7 +55,7 @@ fn by_hand(world: &World, draws: &Draws<'_>) -> [f32; 3] {
     if hit.shape == LAMP {
         return shone(&ray, at.normal).to_array();
     }
-    let frame = Frame::from_normal(at.normal);
+    let frame = ShadingFrame::from_normal(at.normal);
     let outside = -at.normal.dot(ray.direction);
     let u = draws.block(blocks::scatter(0));
     let mut radiance = Vec3::ZERO;

@@ -62,5 +62,5 @@ pub use record::{Budget, Errors, Machine, Manifest, Method, Phases, Reference, R
 pub use report::{ReportError, write_report};
 pub use run::{InProcess, Job, Processes, Runner};
 pub use study::{Ended, Onlooker, Progress, Sitting, Study};
-pub use subject::{Lights, Subject, View};
+pub use subject::{Subject, View};
 pub use summary::Summary;

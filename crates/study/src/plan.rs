@@ -5,8 +5,9 @@ mod words;
 
 pub use words::split_words;
 
-use crate::{External, Lights, Method};
+use crate::{External, Method};
 use dapple_core::PointSet;
+use dapple_renderer::light::LightSelection;
 use dapple_renderer::registry::{self, Setting};
 use serde::Deserialize;
 use std::collections::BTreeSet;
@@ -49,7 +50,7 @@ pub struct ScenePlan {
     /// Width and height of this scene, where they are not those of the study.
     pub resolution: Option<[u32; 2]>,
     /// How a light is chosen among several.
-    pub lights: Lights,
+    pub lights: LightSelection,
 }
 
 impl From<&str> for ScenePlan {

@@ -1,6 +1,7 @@
 //! What a study writes down: one line of JSON for each finished run, and one file on how all were made.
 
-use crate::{External, Lights};
+use crate::External;
+use dapple_renderer::light::LightSelection;
 use serde::{Deserialize, Serialize};
 
 /// What is compared: a sampler over points, and a filter; words as the registry takes them, parameters included.
@@ -169,7 +170,7 @@ pub struct SceneRecord {
     pub reference: Reference,
     /// How a light is chosen among several.
     #[serde(default)]
-    pub lights: Lights,
+    pub lights: LightSelection,
 }
 
 /// Where it ran.

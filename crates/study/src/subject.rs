@@ -4,7 +4,7 @@ use crate::StudyError;
 use crate::digest::Digest;
 use dapple_core::{Frame, Limits, Needs, NoMonitor, render};
 use dapple_renderer::files::{Disk, Files};
-use dapple_renderer::light::LightChoice;
+use dapple_renderer::light::LightSelection;
 use dapple_renderer::pbrt::ReadOptions;
 use dapple_renderer::registry::{self, Setting};
 use dapple_renderer::scene::{PixelFilter, Scene};
@@ -32,36 +32,13 @@ pub struct View {
     pub allow_unsupported: bool,
     /// How a light is chosen among several.
     #[serde(default)]
-    pub lights: Lights,
-}
-
-/// How a light is chosen among several: the words of `dapple render --light-choice`.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Lights {
-    /// With probability proportional to its power.
-    #[default]
-    Power,
-    /// Each as often as any other.
-    Uniform,
-    /// As was learned while rendering, per cell of space and orientation.
-    Cells,
-}
-
-impl From<Lights> for LightChoice {
-    fn from(lights: Lights) -> Self {
-        match lights {
-            Lights::Power => Self::Power,
-            Lights::Uniform => Self::Uniform,
-            Lights::Cells => Self::Cells,
-        }
-    }
+    pub lights: LightSelection,
 }
 
 impl View {
     /// As references are rendered: they do not depend on how lights are chosen, and are shared by all ways to do so.
     pub(crate) fn by_default(&self) -> Self {
-        Self { lights: Lights::default(), ..self.clone() }
+        Self { lights: LightSelection::default(), ..self.clone() }
     }
 }
 
@@ -111,7 +88,7 @@ impl Subject {
         let load = clock.elapsed().as_secs_f64();
         let clock = Instant::now();
         let mut world = World::new(&scene).map_err(|e| StudyError::Scene(e.to_string()))?;
-        world.set_light_choice(view.lights.into());
+        world.set_light_selection(view.lights);
         let bvh = clock.elapsed().as_secs_f64();
         Ok(Self { view: view.clone(), scene, world: Arc::new(world), content, load, bvh })
     }

@@ -85,9 +85,11 @@ pub(crate) struct Options {
     #[arg(long, value_name = "N", help_heading = "Image")]
     pub(super) max_depth: Option<u32>,
 
-    /// How one of several lights is chosen, or one part of a sky that is an image [default: cells; with --shard, power]
-    #[arg(long, value_name = "HOW", value_enum, help_heading = "Image")]
-    pub(super) light_choice: Option<LightChoice>,
+    /// How one of several lights, or one tile of an environment map, is selected: power, uniform or learned
+    ///
+    /// [default: learned; with --shard, power]. Learned probabilities differ by cell of space.
+    #[arg(long, value_name = "HOW", help_heading = "Image")]
+    pub(super) light_choice: Option<LightSelection>,
 
     /// Leave an effect out that the scene calls for; may be given again. `dapple effects` lists what it calls for
     ///
@@ -183,32 +185,11 @@ pub(super) enum PixelShape {
     Box,
 }
 
-/// How one of several lights is chosen.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(super) enum LightChoice {
-    /// By power
-    Power,
-    /// Each as often as any other, for studies of the choice
-    Uniform,
-    /// Learned while rendering, per cell of space
-    Cells,
-}
-
-impl LightChoice {
-    pub(super) fn name(self) -> &'static str {
-        match self {
-            Self::Power => "power",
-            Self::Uniform => "uniform",
-            Self::Cells => "cells",
-        }
-    }
-}
-
 impl Options {
-    /// How one of several lights is chosen: as was learned, unless machines that do not talk to each other share the work.
-    pub(super) fn light_choice(&self) -> LightChoice {
-        let unsaid = if self.shard.is_some() { LightChoice::Power } else { LightChoice::Cells };
-        self.light_choice.unwrap_or(unsaid)
+    /// How one of several lights is selected: learned, unless machines that do not communicate render shards.
+    pub(super) fn light_choice(&self) -> LightSelection {
+        let default = if self.shard.is_some() { LightSelection::Power } else { LightSelection::Learned };
+        self.light_choice.unwrap_or(default)
     }
 
     /// What no single word can say.

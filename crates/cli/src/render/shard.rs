@@ -2,20 +2,20 @@
 
 use super::Options;
 use super::identity::{FILTER, SHARD, WORDS};
-use super::options::LightChoice;
 use crate::output::{tell, warn};
 use crate::{Failure, Result};
 use dapple_checkpoint::{Contents, Identity, Kind};
 use dapple_core::{Film, Frame, Shard, ShardFilm};
 use dapple_renderer::image::{check_writable, write_file};
+use dapple_renderer::light::LightSelection;
 use std::path::{Path, PathBuf};
 
 /// Where the share goes, known to be writable; `None` without `--shard`.
 pub(super) fn file(options: &Options, scene: &str, frame: &Frame) -> Result<Option<PathBuf>> {
     let Some(shard) = options.shard else { return Ok(None) };
-    if options.light_choice() == LightChoice::Cells {
+    if options.light_choice() == LightSelection::Learned {
         return Err(Failure::new(
-            "--light-choice cells cannot be shared out among machines: it learns from samples of the whole image",
+            "--light-choice learned cannot be split into shards, since it learns from the whole image; give power or uniform",
         ));
     }
     let rows = frame.size()[1];

@@ -1,6 +1,6 @@
 //! Phase functions.
 
-use crate::shading::Frame;
+use crate::shading::ShadingFrame;
 use crate::shading::trigonometry::sin_cos_turn;
 use glam::Vec3;
 use std::f32::consts::PI;
@@ -68,7 +68,7 @@ impl HenyeyGreenstein {
         let height = (2.0 * share * share * u[0] * (1.0 + g * (1.0 - u[0]))).clamp(0.0, 2.0);
         let across = (height * (2.0 - height)).sqrt();
         let (sin, cos) = sin_cos_turn(u[1]);
-        let frame = Frame::from_normal(travel * self.side);
+        let frame = ShadingFrame::from_normal(travel * self.side);
         let wi = frame.to_world(Vec3::new(across * cos, across * sin, 1.0 - height)).normalize();
         PhaseSample { wi, pdf: self.at(height) }
     }

@@ -6,7 +6,7 @@ use super::fresnel::{self, ComplexIor};
 use super::glossy::{Plastic, Substrate};
 use super::metal_coat::MetalCoat;
 use super::microfacet::{TrowbridgeReitz, half_angle_cosine};
-use super::{Frame, warp};
+use super::{ShadingFrame, warp};
 use glam::Vec3;
 use std::f32::consts::{FRAC_1_PI, PI};
 
@@ -146,7 +146,7 @@ impl<'m> Bsdf<'m> {
     /// A world-space direction in the shading frame, as far as this scattering looks at it: of Lambert's only the
     /// cosine is filled in, the rest is 0.
     #[inline(always)]
-    pub(crate) fn local(&self, frame: &Frame, v: Vec3) -> Vec3 {
+    pub(crate) fn local(&self, frame: &ShadingFrame, v: Vec3) -> Vec3 {
         match self {
             Self::Diffuse { .. } => Vec3::new(0.0, 0.0, v.dot(frame.normal)),
             _ => frame.to_local(v),

@@ -1,21 +1,19 @@
 //! From a scene to a world.
 
-use super::placed::{Placements, nothing};
-use super::time::Shutter;
+use super::instances::{Placements, empty_mesh};
+use super::shutter::Shutter;
 use super::{NO_LIGHT, NO_MEDIUM, Part, World};
+use crate::Effects;
 use crate::camera::{CameraError, CameraView};
-use crate::light::{
-    DiskLamp, DistantLamp, Environment, Lamp, Light, Lights, MeshLamp, PointLamp, SphereLamp, SpotLamp,
-};
+use crate::light::{DiskLight, Lamp, Light, Lights, MeshLight, SphereLight};
 use crate::material::{Surface, check_mixes};
 use crate::medium::Media;
 use crate::pixel_filter::FilterSampler;
-use crate::scene::{Emission, Geometry as Described, LightKind, MeshData, Scene, Shape as DescribedShape, Source};
+use crate::scene::{Emission, Geometry as Described, MeshData, Scene, Shape as DescribedShape, Source};
 use crate::space::{Space, even_scale};
 use crate::texture::Textures;
 use dapple_geometry::{Disk, Geometry, Mesh, Shape, Sphere};
 use glam::{DAffine3, DVec3, Vec3};
-use std::sync::Arc;
 
 /// Everything that keeps a scene from being rendered.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -60,7 +58,7 @@ pub(super) fn build(scene: &Scene, resolution: [u32; 2]) -> Result<World, WorldE
         problems.check_material(scene, shape);
         if shape.moves_to.is_some_and(|end| end != shape.to_world) {
             placements.add_moving(shape, &space, &shutter, &mut problems);
-            shapes.extend(nothing());
+            shapes.extend(empty_mesh());
             parts.push(part(shape));
         } else if let Some((geometry, part)) = problems.note_at(&shape.source, convert(shape, &space)) {
             shapes.push(geometry);
@@ -90,16 +88,17 @@ pub(super) fn build(scene: &Scene, resolution: [u32; 2]) -> Result<World, WorldE
     }
     let moves = moves || camera.moves();
     let (mut parts, mut object_parts) = (parts, object_parts);
-    let (mut clear, mut unusual) = (false, false);
+    let (mut has_transmission, mut has_passable_surfaces) = (false, false);
     for part in parts.iter_mut().chain(&mut object_parts) {
         let surface = &surfaces[part.material as usize];
-        part.unusual = part.alpha.is_some() || surface.mixes || surface.interface;
-        clear |= surface.transmits;
-        unusual |= part.unusual;
+        part.passable = part.alpha.is_some() || surface.mixes || surface.interface;
+        has_transmission |= surface.transmits;
+        has_passable_surfaces |= part.passable;
     }
-    // What a mix is made of is no part's own material.
-    clear |= unusual && surfaces.iter().any(|surface| surface.transmits);
+    // The materials of a mix belong to no part.
+    has_transmission |= has_passable_surfaces && surfaces.iter().any(|surface| surface.transmits);
     Ok(World {
+        effects: Effects::of(scene),
         geometry,
         parts,
         object_parts,
@@ -114,8 +113,8 @@ pub(super) fn build(scene: &Scene, resolution: [u32; 2]) -> Result<World, WorldE
         moves,
         media,
         camera_medium: scene.camera.medium.map_or(NO_MEDIUM, |medium| medium.0),
-        clear,
-        unusual,
+        has_transmission,
+        has_passable_surfaces,
         open: shutter.open,
     })
 }
@@ -137,7 +136,7 @@ fn part(shape: &DescribedShape) -> Part {
         uvs: Vec::new(),
         alpha: shape.alpha,
         media: shape.media,
-        unusual: false,
+        passable: false,
     }
 }
 
@@ -174,30 +173,9 @@ fn world_normals(mesh: &MeshData, to_world: DAffine3, sign: f32) -> Vec<Vec3> {
     mesh.normals.iter().map(unit).collect()
 }
 
-/// Lights that are no shapes, those that are black left out.
+/// Lights that are no shapes, without those that are black.
 fn lights_without_shape(scene: &Scene, space: &Space, problems: &mut Problems) -> Vec<Light> {
-    let mut found = Vec::new();
-    for light in &scene.lights {
-        let (to_world, at) = (light.to_world, &light.source);
-        let made = match &light.kind {
-            LightKind::Infinite { radiance } => {
-                let sky = problems.note(Environment::new(radiance, to_world.matrix3, at)).flatten();
-                sky.map(|sky| Light::Environment(Arc::new(sky)))
-            }
-            LightKind::Point { intensity } => {
-                problems.note(PointLamp::new(*intensity, to_world, space, at)).flatten().map(Light::Point)
-            }
-            LightKind::Spot { intensity, cone, falloff_start, falloff } => {
-                let lamp = SpotLamp::new(*intensity, [*cone, *falloff_start], *falloff, to_world, space, at);
-                problems.note(lamp).flatten().map(Light::Spot)
-            }
-            LightKind::Distant { irradiance } => {
-                problems.note(DistantLamp::new(*irradiance, to_world, at)).flatten().map(Light::Distant)
-            }
-        };
-        found.extend(made);
-    }
-    found
+    scene.lights.iter().filter_map(|light| problems.note(Light::of(light, space)).flatten()).collect()
 }
 
 fn lights(
@@ -247,19 +225,19 @@ fn light(
     let round =
         "an emitting sphere or disk must not be stretched: its transform may move, turn, mirror and scale evenly";
     Ok(match &shape.geometry {
-        Described::Mesh(_) => MeshLamp::new(geometry, number, lamp, &sides(geometry, number, part)).map(Light::Mesh),
+        Described::Mesh(_) => MeshLight::new(geometry, number, lamp, &sides(geometry, number, part)).map(Light::Mesh),
         Described::Sphere { radius } => {
             let scale = even_scale(&to_world.matrix3).ok_or(round)?;
             let radius = (radius * scale) as f32;
             (radius > 0.0)
-                .then(|| Light::Sphere(SphereLamp::new(lamp, to_world.translation.as_vec3(), radius, part.flip)))
+                .then(|| Light::Sphere(SphereLight::new(lamp, to_world.translation.as_vec3(), radius, part.flip)))
         }
         Described::Disk { height, radius, inner_radius } => {
             let scale = even_scale(&to_world.matrix3).ok_or(round)?;
             let centre = to_world.transform_point3(DVec3::new(0.0, 0.0, *height)).as_vec3();
             let normal = (to_world.matrix3.inverse().transpose() * DVec3::Z).normalize().as_vec3() * part.flip;
             let [outer, inner] = [radius, inner_radius].map(|r| (r * scale) as f32);
-            (outer > inner).then(|| Light::Disk(DiskLamp::new(lamp, centre, normal, outer, inner)))
+            (outer > inner).then(|| Light::Disk(DiskLight::new(lamp, centre, normal, outer, inner)))
         }
     })
 }

@@ -6,7 +6,7 @@ use crate::scene::{
     Color, Geometry, Material, MaterialId, MaterialKind, MeshData, Roughness, Scalar, Scene, Shape, Source, Texture,
     TextureId, TextureKind, Wrap,
 };
-use crate::shading::Frame;
+use crate::shading::ShadingFrame;
 use dapple_geometry::Ray;
 use glam::{DAffine3, DMat3, DVec3, Vec3};
 use rand::{RngExt, SeedableRng};
@@ -18,7 +18,7 @@ fn vector(rng: &mut Pcg64Mcg) -> Vec3 {
 }
 
 /// Largest deviation from an orthonormal right-handed frame.
-fn off(frame: &Frame) -> f64 {
+fn off(frame: &ShadingFrame) -> f64 {
     let axes = [frame.tangent, frame.bitangent, frame.normal].map(|v| v.as_dvec3());
     let mut worst = (axes[0].cross(axes[1]) - axes[2]).abs().max_element();
     for i in 0..3 {
@@ -122,9 +122,9 @@ fn l12_frames_of_hits() {
         for material in 0..5 {
             let world = world(geometry.clone(), DAffine3::IDENTITY, material);
             for _ in 0..200 {
-                let Some(at) = world.closest(&ray(&mut rng, &world)) else { continue };
+                let Some(at) = world.closest_hit(&ray(&mut rng, &world), 0.0) else { continue };
                 hits += 1;
-                let frame = world.frame(&at, &world.surfaces[material as usize]);
+                let frame = world.frame_of(&at, &world.surfaces[material as usize]);
                 assert!(off(&frame) <= 3e-7, "shape {number}, material {material}: {frame:?} off by {:e}", off(&frame));
                 assert!(frame.normal.dot(at.point.normal) >= -1e-6, "shape {number}, material {material}: behind");
             }
@@ -149,7 +149,7 @@ fn l12_derivatives_of_spheres_and_disks() {
         };
         let world = world(geometry, to_world, 0);
         for _ in 0..50 {
-            let Some(at) = world.closest(&ray(&mut rng, &world)) else { continue };
+            let Some(at) = world.closest_hit(&ray(&mut rng, &world), 0.0) else { continue };
             let here = world.uv(&at);
             // Not where u jumps from 1 to 0, nor near a pole, where a step is a turn.
             if !(0.02..0.98).contains(&here[0]) || !(0.1..0.9).contains(&here[1]) {

@@ -3,7 +3,7 @@
 
 use crate::support::*;
 use dapple_renderer::World;
-use dapple_renderer::light::{LightChoice, Target};
+use dapple_renderer::light::{LightSelection, Target};
 use dapple_renderer::scene::{Light, LightKind, Scene};
 use dapple_renderer::shading::Discrete;
 use glam::{DAffine3, DVec3, Vec3};
@@ -103,9 +103,9 @@ fn l07_choice_by_power_or_uniform() {
     let pmf = |world: &World| [0, 1, 2].map(|i| world.lights().pmf(i));
     let near = |a: [f32; 3], b: [f32; 3]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-6);
     assert!(near(pmf(&world), [0.125, 0.25, 0.625]), "{:?}", pmf(&world));
-    world.set_light_choice(LightChoice::Uniform);
+    world.set_light_selection(LightSelection::Uniform);
     assert!(near(pmf(&world), [1.0 / 3.0; 3]), "{:?}", pmf(&world));
-    world.set_light_choice(LightChoice::Power);
+    world.set_light_selection(LightSelection::Power);
     assert!(near(pmf(&world), [0.125, 0.25, 0.625]), "{:?}", pmf(&world));
 }
 

@@ -13,7 +13,7 @@ use dapple_renderer::camera::{Lens, Pinhole};
 use dapple_renderer::image::Image;
 use dapple_renderer::light::Target;
 use dapple_renderer::scene::{EnvironmentRadiance, Geometry, Light, LightKind, Scene};
-use dapple_renderer::shading::{Bsdf, Frame as ShadingFrame, power_heuristic};
+use dapple_renderer::shading::{Bsdf, ShadingFrame, power_heuristic};
 use dapple_renderer::{World, blocks};
 use glam::{DAffine3, DVec3, Vec3};
 use std::f64::consts::PI;
@@ -60,9 +60,12 @@ fn scattered(world: &World, at: &SurfacePoint, rho: f32, strategy: Strategy, u: 
             let found = lights.pdf(met.light, at.position, &met.point);
             let weight = if strategy == Strategy::Both { power_heuristic(sample.pdf, found) } else { 1.0 };
             sum += sample.weight.x * met.radiance.x * weight;
-        } else if lights.has_sky() && geometry.closest(&ray).is_none() {
-            let last_pdf = (strategy == Strategy::Both).then_some(sample.pdf);
-            sum += sample.weight.x * lights.sky(ray.direction, last_pdf).x;
+        } else if lights.has_environment() && geometry.closest(&ray).is_none() {
+            let radiance = match strategy {
+                Strategy::Both => lights.environment_weighted(ray.direction, sample.pdf, |light| lights.pmf(light)),
+                _ => lights.environment(ray.direction),
+            };
+            sum += sample.weight.x * radiance.x;
         }
     }
     sum
@@ -285,7 +288,7 @@ fn floor_irradiance(world: &World) -> f64 {
         let [r2, turn] = [i % side, i / side].map(|k| (f64::from(k) + 0.5) / f64::from(side));
         let (sin, cos) = (turn * 2.0 * PI).sin_cos();
         let w = DVec3::new(r2.sqrt() * cos, r2.sqrt() * sin, (1.0 - r2).sqrt()).as_vec3();
-        f64::from(world.lights().sky(w, None).x)
+        f64::from(world.lights().environment(w).x)
     };
     PI * (0..side * side).map(one).sum::<f64>() / f64::from(side * side)
 }

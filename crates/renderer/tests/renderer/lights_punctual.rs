@@ -3,7 +3,7 @@
 use crate::support::*;
 use dapple_low_discrepancy::Sobol;
 use dapple_renderer::World;
-use dapple_renderer::light::{LightChoice, Target};
+use dapple_renderer::light::{LightSelection, Target};
 use dapple_renderer::scene::{Light, LightKind, Scene, SpotFalloff};
 use glam::{DAffine3, DMat3, DVec3, Vec3};
 use std::f64::consts::PI;
@@ -160,14 +160,14 @@ fn l09_lights_without_extent_have_no_partner() {
     add_light(&mut scene, LightKind::Distant { irradiance: [1.0; 3] }, DAffine3::IDENTITY);
     let world = world(&scene);
     let lights = world.lights();
-    assert!(lights.has_delta() && !lights.has_sky());
-    assert_eq!(lights.sky(Vec3::Z, None), Vec3::ZERO, "no ray meets it");
+    assert!(lights.has_delta() && !lights.has_environment());
+    assert_eq!(lights.environment(Vec3::Z), Vec3::ZERO, "no ray meets it");
     let sample = lights.sample(Vec3::ZERO, 0.5, [0.5; 2]).expect("it shines");
     assert!(sample.delta && sample.pdf == 1.0 && sample.wi == Vec3::Z && matches!(sample.target, Target::Far));
     add_light(&mut scene, LightKind::Point { intensity: [1.0; 3] }, DAffine3::from_translation(DVec3::Z));
     add_sky(&mut scene, 1.0);
     let world = crate::support::world(&scene);
-    assert!(world.lights().has_delta() && world.lights().has_sky());
+    assert!(world.lights().has_delta() && world.lights().has_environment());
     let places = (0..100).filter_map(|i| world.lights().sample(Vec3::ZERO, i as f32 / 100.0, [0.3; 2]));
     for sample in places {
         let chosen = [0, 1, 2].map(|i| world.lights().pmf(i));
@@ -195,9 +195,9 @@ fn l03_lights_add_up() {
     add_light(&mut scene, spot, aimed(DVec3::new(0.0, 0.0, 1.5), DVec3::NEG_Z));
     add_sky(&mut scene, 0.2);
     let expected = 3.0 * 2.0 / 5.0_f64.powf(1.5) + 0.7 * 0.5_f64.sqrt() + 2.0 / 2.25 + 0.2 * PI;
-    for choice in [LightChoice::Power, LightChoice::Uniform] {
+    for choice in [LightSelection::Power, LightSelection::Uniform] {
         let mut world = world(&scene);
-        world.set_light_choice(choice);
+        world.set_light_selection(choice);
         let found = mean(&film_of(&world, [1, 1], 1 << 16, Sobol::new(3)))[0] * PI / RHO;
         assert!((found / expected - 1.0).abs() < 1e-3, "{choice:?}: {found} {expected}");
     }

@@ -126,12 +126,16 @@ fn l08_what_is_sampled_is_what_is_seen() {
                 let w = (unscaled * w).normalize();
                 let measure = 2.0 * std::f64::consts::PI.powi(2) * f64::from(theta.sin());
                 by_sphere += f64::from(sky.radiance(w).x) * measure;
-                density += f64::from(sky.pdf(w)) * measure;
+                density += f64::from(sky.direction_pdf(w)) * measure;
                 let Some(drawn) = world.lights().sample(Vec3::ZERO, 0.0, u) else { continue };
                 assert!(matches!(drawn.target, Target::Far) && (drawn.wi.length() - 1.0).abs() < 3e-7);
                 // The direction may round across a texel's border, which these coordinates stay away from.
                 assert_eq!(drawn.radiance, sky.radiance(drawn.wi));
-                assert!((drawn.pdf / sky.pdf(drawn.wi) - 1.0).abs() < 1e-3, "{name}: {drawn:?} {}", sky.pdf(drawn.wi));
+                assert!(
+                    (drawn.pdf / sky.direction_pdf(drawn.wi) - 1.0).abs() < 1e-3,
+                    "{name}: {drawn:?} {}",
+                    sky.direction_pdf(drawn.wi)
+                );
                 by_light += f64::from(drawn.radiance.x / drawn.pdf);
             }
             let n = f64::from(side * side);

@@ -2,7 +2,7 @@
 
 use crate::statistics::{FAMILY, chi_square, integrate, sidak};
 use dapple_renderer::shading::warp::*;
-use dapple_renderer::shading::{Discrete, Error, Frame, PiecewiseConstant2d, power_heuristic};
+use dapple_renderer::shading::{Discrete, Error, PiecewiseConstant2d, ShadingFrame, power_heuristic};
 use glam::{Vec2, Vec3};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg32;
@@ -296,7 +296,7 @@ fn s09_grid() {
     assert!(matches!(PiecewiseConstant2d::new(&[1.0; 5], [3, 2]), Err(Error::Shape { .. })));
 }
 
-fn worst_of(frame: &Frame) -> f64 {
+fn worst_of(frame: &ShadingFrame) -> f64 {
     let axes = [frame.tangent, frame.bitangent, frame.normal].map(|v| v.as_dvec3());
     let mut worst: f64 = (axes[0].cross(axes[1]) - axes[2]).abs().max_element();
     for i in 0..3 {
@@ -327,16 +327,16 @@ fn l12_frames() {
     normals.extend((0..100_000).map(|_| uniform_sphere([random.random(), random.random()])));
     for n in normals {
         // f32 cannot hold every unit vector; the frame may not be worse than the normal it is given.
-        let frame = Frame::from_normal(n);
+        let frame = ShadingFrame::from_normal(n);
         assert!(worst_of(&frame) <= 3e-7, "{n}: {frame:?} off by {:e}", worst_of(&frame));
         let w = uniform_sphere([random.random(), random.random()]);
         assert!((frame.to_world(frame.to_local(w)) - w).length() < 1e-6);
         for scale in [1e-30, 1.0, 1e30] {
-            let frame = Frame::from_normal_and_tangent(n, scale * w);
+            let frame = ShadingFrame::from_normal_and_tangent(n, scale * w);
             assert!(worst_of(&frame) <= 3e-7, "{n} {w}: {frame:?} off by {:e}", worst_of(&frame));
         }
         for bad in [Vec3::ZERO, n, -1e20 * n, Vec3::NAN, Vec3::INFINITY] {
-            assert!(worst_of(&Frame::from_normal_and_tangent(n, bad)) <= 3e-7, "{n} {bad}");
+            assert!(worst_of(&ShadingFrame::from_normal_and_tangent(n, bad)) <= 3e-7, "{n} {bad}");
         }
     }
 }
@@ -345,11 +345,11 @@ fn l12_frames() {
 fn l12_shading_normals() {
     let geometric = Vec3::new(0.0, 0.6, 0.8);
     for bad in [Vec3::ZERO, Vec3::splat(1e-8), Vec3::NAN, Vec3::INFINITY] {
-        assert_eq!(Frame::from_shading_normal(bad, geometric, None).normal, geometric);
+        assert_eq!(ShadingFrame::from_shading_normal(bad, geometric, None).normal, geometric);
     }
     // Behind the surface: turned around; of any length.
     for length in [1e-5, 1.0, 1e30] {
-        let frame = Frame::from_shading_normal(-length * Vec3::Z, geometric, Some(Vec3::X));
+        let frame = ShadingFrame::from_shading_normal(-length * Vec3::Z, geometric, Some(Vec3::X));
         assert_eq!(frame.normal, Vec3::Z);
         assert!(worst_of(&frame) <= 3e-7);
     }

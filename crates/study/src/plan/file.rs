@@ -1,7 +1,8 @@
 //! A plan as a TOML file.
 
 use super::{Draft, PlanError, ScenePlan, Seeds, parse_resolution};
-use crate::{External, Lights, Method, StudyError};
+use crate::{External, Method, StudyError};
+use dapple_renderer::light::LightSelection;
 use serde::Deserialize;
 use std::path::Path;
 
@@ -31,7 +32,7 @@ struct Keys {
 #[derive(Deserialize)]
 #[serde(
     untagged,
-    expecting = "a scene: \"NAME or path\", or { source = \"…\" } with name, reference, resolution, light_choice (power, uniform, cells)"
+    expecting = "a scene: \"NAME or path\", or { source = \"…\" } with name, reference, resolution, light_choice (power, uniform, learned)"
 )]
 enum Scene {
     Source(String),
@@ -46,7 +47,7 @@ struct SceneKeys {
     reference: Option<String>,
     resolution: Option<Resolution>,
     #[serde(default)]
-    light_choice: Lights,
+    light_choice: LightSelection,
 }
 
 #[derive(Deserialize)]
@@ -340,7 +341,7 @@ mod tests {
         let sized = "scenes = [{ source = \"teapot\", resolution = [5, 6], light_choice = \"cells\" }]";
         let sized = Draft::parse(sized, Path::new("plan.toml")).unwrap();
         let scene = &sized.scenes.as_ref().unwrap()[0];
-        assert_eq!((scene.resolution, scene.lights), (Some([5, 6]), Lights::Cells));
+        assert_eq!((scene.resolution, scene.lights), (Some([5, 6]), LightSelection::Learned));
         let resized = sized.overridden_by(Draft { resolution: Some([7, 8]), ..Draft::default() }).resolve().unwrap();
         assert_eq!((resized.scenes[0].resolution, resized.resolution), (None, Some([7, 8])));
         let plan = file.overridden_by(words).resolve().unwrap();

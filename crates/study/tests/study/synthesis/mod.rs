@@ -2,7 +2,8 @@
 #![allow(dead_code)]
 
 use dapple_renderer::image::{Image, Layer, encode_exr, encode_png_gray, write_file};
-use dapple_study::{Budget, Errors, Lights, Machine, Manifest, Method, Phases, Reference, Run, SceneRecord};
+use dapple_renderer::light::LightSelection;
+use dapple_study::{Budget, Errors, Machine, Manifest, Method, Phases, Reference, Run, SceneRecord};
 use std::path::Path;
 
 /// How a method behaves.
@@ -224,7 +225,7 @@ fn scene(name: &str, size: [u32; 2]) -> SceneRecord {
             relmse: Some(1.5e-6),
             hash: "0123456789abcdef0123456789abcdef".into(),
         },
-        lights: Lights::default(),
+        lights: LightSelection::default(),
     }
 }
 

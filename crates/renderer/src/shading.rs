@@ -25,7 +25,7 @@ pub use bsdf::{Bsdf, BsdfSample};
 pub use coat::{Coat, CoatOptions};
 pub use dielectric::{DiffuseTransmission, RoughDielectric, SmoothDielectric, Tint};
 pub use discrete::{Discrete, PiecewiseConstant2d};
-pub use frame::Frame;
+pub use frame::ShadingFrame;
 pub use fresnel::ComplexIor;
 pub use glossy::{Plastic, Substrate};
 pub use metal_coat::MetalCoat;

@@ -1,8 +1,8 @@
 //! Tangents of surfaces, and shading normals that bump and normal maps tilt.
 
 use super::{Interaction, World};
-use crate::material::{Relief, Surface};
-use crate::shading::Frame;
+use crate::material::{NormalVariation, Surface};
+use crate::shading::ShadingFrame;
 use dapple_geometry::{Mesh, Shape};
 use glam::Vec3;
 
@@ -25,30 +25,30 @@ impl World {
             Shape::Mesh(mesh) => of_triangle(at, mesh, mesh.corners(at.hit.primitive)),
             Shape::Moving(mesh) => of_triangle(at, mesh.start(), mesh.corners(at.hit.primitive, at.time)),
         };
-        derivatives.map(|d| self.turned(at, d))
+        derivatives.map(|d| self.direction_to_world(at, d))
     }
 
     /// The shading frame of a hit whose material has a relief: a normal map, or else a bump map. The normal lies on the
     /// side of the geometric one.
     #[inline(never)]
-    pub(super) fn frame_in_relief(&self, at: &Interaction<'_>, surface: &Surface) -> Frame {
+    pub(super) fn bumped_frame(&self, at: &Interaction<'_>, surface: &Surface) -> ShadingFrame {
         let [along_u, along_v] = self.derivatives(at);
-        let level = Frame::from_shading_normal(at.shading_normal, at.point.normal, Some(along_u));
+        let level = ShadingFrame::from_shading_normal(at.shading_normal, at.point.normal, Some(along_u));
         let uv = self.uv(at);
-        let tilted = match surface.relief {
-            Relief { normal_map: Some(image), .. } => {
+        let tilted = match surface.normal_variation {
+            NormalVariation { normal_map: Some(image), .. } => {
                 level.to_world(2.0 * self.textures.look_up(image, uv) - Vec3::ONE)
             }
-            Relief { bump: Some(height), .. } => {
+            NormalVariation { bump: Some(height), .. } => {
                 let height = |u: f32, v: f32| self.textures.look_up(height, [u, v]).x;
                 let here = height(uv[0], uv[1]);
                 let scale = self.space.scale() as f32 / STEP;
                 let rise = [height(uv[0] + STEP, uv[1]) - here, height(uv[0], uv[1] + STEP) - here].map(|h| h * scale);
                 tilt(level.normal, [along_u, along_v], rise)
             }
-            Relief { .. } => return level,
+            NormalVariation { .. } => return level,
         };
-        Frame::from_shading_normal(tilted, at.point.normal, Some(along_u))
+        ShadingFrame::from_shading_normal(tilted, at.point.normal, Some(along_u))
     }
 }
 

@@ -1,7 +1,7 @@
 //! Objects and their instances in a world, and what moves.
 
 use super::build::{Problems, convert};
-use super::time::Shutter;
+use super::shutter::Shutter;
 use super::{Interaction, Part, World};
 use crate::scene::{MaterialId, MediumId, Scene, Shape as DescribedShape, Source};
 use crate::space::Space;
@@ -119,7 +119,7 @@ impl Placements {
 }
 
 /// What stands at the number of a shape that moves.
-pub(super) fn nothing() -> Option<Shape> {
+pub(super) fn empty_mesh() -> Option<Shape> {
     Mesh::new(Vec::new(), Vec::new()).ok().map(Shape::from)
 }
 
@@ -146,7 +146,7 @@ impl World {
     /// A hit of an instance: normals are taken to the world by the inverse transpose, so that a transform that mirrors
     /// turns nothing around.
     #[inline(never)]
-    pub(super) fn placed(&self, ray: &Ray, hit: Hit, time: f32) -> Interaction<'_> {
+    pub(super) fn instance_interaction(&self, ray: &Ray, hit: Hit, time: f32) -> Interaction<'_> {
         let mut point = self.geometry.surface_at(ray, &hit, time);
         let part = self.part(hit.shape);
         point.normal *= part.flip;
@@ -170,7 +170,7 @@ impl World {
 
     /// A direction of a hit shape's space in the world.
     #[inline]
-    pub(super) fn turned(&self, at: &Interaction<'_>, direction: Vec3) -> Vec3 {
+    pub(super) fn direction_to_world(&self, at: &Interaction<'_>, direction: Vec3) -> Vec3 {
         match self.geometry.to_world(at.hit.shape, at.time) {
             None => direction,
             Some(to_world) => (to_world.matrix3 * direction.as_dvec3()).as_vec3(),
