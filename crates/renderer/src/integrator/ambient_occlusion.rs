@@ -1,4 +1,4 @@
-//! Ambient occlusion: how much of the hemisphere above each surface is open.
+//! Ambient occlusion: the open share of the hemisphere above each surface.
 
 use super::{IntegratorError, IntegratorParameters};
 use crate::World;

@@ -1,4 +1,4 @@
-//! How a path tracer selects the light that a sample aims at.
+//! The selection of the light that a sample aims at.
 
 use crate::World;
 use crate::light::{Expectation, Lights, SelectedLight};
@@ -89,13 +89,6 @@ const NO_CELL: u32 = u32::MAX;
 
 /// Training passes until enough is known: of 1, 1, 2 and 4 samples per pixel where the rounds are long enough.
 const TRAINING_PASSES: u32 = 4;
-
-impl LearnedSelector {
-    #[cfg(test)]
-    pub(super) fn has_cells(&self) -> bool {
-        self.cells.is_some()
-    }
-}
 
 impl LightSelector for LearnedSelector {
     type Place = u32;

@@ -72,7 +72,7 @@ fn deviation(a: [[f64; 2]; 2], b: [[f64; 2]; 2]) -> f64 {
     (0..2).map(|h| (a[h][0] - b[h][0]).abs() / (a[h][1] + b[h][1]).sqrt()).fold(0.0, f64::max)
 }
 
-/// S2 with two tests at 1e-6: Student's t of 15 degrees of freedom stays below 8.
+/// Two tests at 1e-6: Student's t of 15 degrees of freedom stays below 8.
 #[test]
 fn roulette_changes_no_mean_l13() {
     const CRITICAL: f64 = 8.0;
@@ -165,7 +165,7 @@ fn changes_no_mean<const CODE: u32>(world: &World) {
     assert!(found > CRITICAL, "{found} standard errors: {by_power:?}, {wrong:?}");
 }
 
-/// A lamp over a diffuse floor, seen from above, in empty space.
+/// A ball above a floor, in empty space: one pixel that shows the point of the floor below the ball.
 fn ball_over_a_floor() -> World {
     let mut scene = Scene::default();
     scene.film.resolution = [1; 2];

@@ -30,7 +30,7 @@ impl PointLight {
         if !position.is_finite() {
             return Err(PunctualError::Transform { at: at.clone() });
         }
-        // What arrives is intensity over squared distance, which must not change with the unit of length.
+        // Intensity over squared distance must not change with the unit of length.
         let intensity = (intensity.as_dvec3() * space.scale() * space.scale()).as_vec3();
         if position.abs().max_element() > FARTHEST || !intensity.is_finite() {
             return Err(PunctualError::Beyond { at: at.clone() });

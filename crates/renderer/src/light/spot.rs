@@ -19,7 +19,7 @@ pub(crate) struct SpotLight {
 }
 
 impl SpotLight {
-    /// A point at the origin of the light's space that shines along its +z; angles in degrees. `None` if it is
+    /// A point at the origin of the light's space that emits along its +z; angles in degrees. `None` if it is
     /// black.
     pub(crate) fn new(
         intensity: [f32; 3],

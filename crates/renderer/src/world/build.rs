@@ -15,15 +15,15 @@ use crate::texture::Textures;
 use dapple_geometry::{Disk, Geometry, Mesh, Shape, Sphere};
 use glam::{DAffine3, DVec3, Vec3};
 
-/// Everything that keeps a scene from being rendered.
+/// All errors that keep a scene from being rendered.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("{}", problems.join("\n"))]
 pub struct WorldError {
-    /// One sentence each, naming the object's line.
+    /// One sentence each, with the object's line.
     pub problems: Vec<String>,
 }
 
-/// Collects problems, so that all of a scene's are told at once.
+/// Collects problems, so that all of a scene are reported at once.
 #[derive(Default)]
 pub(super) struct Problems(Vec<String>);
 
@@ -119,14 +119,14 @@ pub(super) fn build(scene: &Scene, resolution: [u32; 2]) -> Result<World, WorldE
     })
 }
 
-/// The camera as the shutter sees it, at rest where it is when the shutter opens.
+/// The camera while the shutter is open; its resting pose is that of the opening.
 fn camera(scene: &Scene, resolution: [u32; 2], space: &Space, shutter: &Shutter) -> Result<CameraView, CameraError> {
     let [opens, closes] = shutter.open;
     let view = CameraView::new(&scene.camera, resolution, space)?.resting_at(opens);
     Ok(if opens == closes { view.standing() } else { view })
 }
 
-/// What belongs to a shape besides its geometry.
+/// The properties of a shape besides its geometry.
 fn part(shape: &DescribedShape) -> Part {
     Part {
         material: shape.material.0,
@@ -140,7 +140,7 @@ fn part(shape: &DescribedShape) -> Part {
     }
 }
 
-/// The shape's geometry in the renderer's space, and what belongs to it.
+/// The shape's geometry in the renderer's space, and its other properties.
 pub(super) fn convert(shape: &DescribedShape, space: &Space) -> Result<(Shape, Part), String> {
     let to_world = space.apply(shape.to_world);
     let mirrors = shape.to_world.matrix3.determinant() < 0.0;
@@ -202,17 +202,17 @@ fn lights(
     Lights::new(lights, radius)
 }
 
-/// The lamp that an emission makes; `None` if it is dark.
+/// The lamp of an emission. `None` if it is black.
 fn lamp(emission: Emission) -> Result<Option<Lamp>, String> {
     let Emission { radiance, two_sided } = emission;
     if radiance.iter().any(|x| !(x.is_finite() && *x >= 0.0)) {
-        return Err(format!("an emission of {radiance:?} is none: give finite numbers of at least 0"));
+        return Err(format!("an emission of {radiance:?} is invalid; give finite numbers of at least 0"));
     }
     let radiance = Vec3::from_array(radiance);
     Ok((radiance != Vec3::ZERO).then_some(Lamp { radiance, two_sided }))
 }
 
-/// The light of a shape; `None` if it has no area.
+/// The light of a shape. `None` if it has no area.
 fn light(
     shape: &DescribedShape,
     number: u32,
@@ -222,8 +222,7 @@ fn light(
     part: &Part,
 ) -> Result<Option<Light>, String> {
     let to_world = space.apply(shape.to_world);
-    let round =
-        "an emitting sphere or disk must not be stretched: its transform may move, turn, mirror and scale evenly";
+    let round = "an emitting sphere or disk must not be stretched; move, rotate, mirror and scale it uniformly only";
     Ok(match &shape.geometry {
         Described::Mesh(_) => MeshLight::new(geometry, number, lamp, &sides(geometry, number, part)).map(Light::Mesh),
         Described::Sphere { radius } => {
@@ -242,7 +241,7 @@ fn light(
     })
 }
 
-/// Which way each triangle's winding normal must be turned: vertex normals decide where there are any.
+/// The sign of each triangle's winding normal: vertex normals decide where there are any.
 fn sides(geometry: &Geometry, number: u32, part: &Part) -> Vec<f32> {
     let Shape::Mesh(mesh) = &geometry.shapes()[number as usize] else { return Vec::new() };
     if part.normals.is_empty() {
@@ -252,7 +251,7 @@ fn sides(geometry: &Geometry, number: u32, part: &Part) -> Vec<f32> {
         .map(|t| {
             let [a, b, c] = mesh.corners(t as u32);
             let normal = (b - a).cross(c - a) * part.flip;
-            // The middle speaks for the triangle: a lamp whose normals turn within one is no lamp of ours.
+            // The mean normal decides: lamps whose normals turn around within a triangle are not supported.
             let shading: Vec3 = mesh.triangles()[t].iter().map(|&v| part.normals[v as usize]).sum();
             if normal.dot(shading) < 0.0 { -part.flip } else { part.flip }
         })

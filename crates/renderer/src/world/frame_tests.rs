@@ -115,7 +115,7 @@ fn ray(rng: &mut Pcg64Mcg, world: &World) -> Ray {
 }
 
 #[test]
-fn l12_frames_of_hits() {
+fn frames_of_hits_are_orthonormal_l12() {
     let mut rng = Pcg64Mcg::seed_from_u64(12);
     let mut hits = 0;
     for (number, geometry) in shapes().into_iter().enumerate() {
@@ -135,7 +135,7 @@ fn l12_frames_of_hits() {
 
 /// A step along the derivative by u changes u and nothing else, and so for v; of shapes turned, stretched, mirrored.
 #[test]
-fn l12_derivatives_of_spheres_and_disks() {
+fn derivatives_of_spheres_and_disks_match_differences_l12() {
     let mut rng = Pcg64Mcg::seed_from_u64(13);
     let mut compared = 0;
     for case in 0..40 {

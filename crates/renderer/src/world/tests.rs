@@ -259,7 +259,7 @@ fn what_cannot_be_placed_is_told_with_its_line() {
     let object = |shape: Shape| scene(vec![], vec![vec![shape]], vec![(0, DAffine3::IDENTITY, None)]);
     let placed = |object, place, end| scene(vec![], vec![vec![ball()]], vec![(object, place, end)]);
     let cases = [
-        (object(Shape { emission: shines, ..ball() }), "made.pbrt:10: a shape of an object cannot shine"),
+        (object(Shape { emission: shines, ..ball() }), "made.pbrt:10: a shape of an object cannot emit light"),
         (object(Shape { moves_to, ..ball() }), "made.pbrt:10: a shape of an object cannot move"),
         (object(Shape { material: MaterialId(9), ..ball() }), "made.pbrt:10: the shape has material 9"),
         (placed(3, DAffine3::IDENTITY, None), "made.pbrt:23: the instance is one of object 3"),
@@ -267,7 +267,7 @@ fn what_cannot_be_placed_is_told_with_its_line() {
         (placed(0, DAffine3::IDENTITY, Some(mirror)), "made.pbrt:20: a motion's determinant is -1"),
         (
             scene(vec![Shape { emission: shines, moves_to, ..ball() }], vec![], vec![]),
-            "made.pbrt:10: a shape that moves cannot shine",
+            "made.pbrt:10: a shape that moves cannot emit light",
         ),
         (rolling([1.0, 0.0], [0.0, 1.0]), "the shutter is open from 0 to 1"),
         (rolling([0.0, 1.0], [0.0, f64::NAN]), "the shutter is open"),

@@ -1,4 +1,4 @@
-//! Chi-square of every light's sampling (STATISTICS S3), and L08: environments in both layouts.
+//! Chi-square tests of every light's sampling, and environments in both layouts.
 #![allow(clippy::print_stderr)]
 
 use crate::statistics::directions::Cone;
@@ -17,7 +17,7 @@ use std::sync::Arc;
 
 /// Chi-square tests in this file, at most.
 const TESTS: usize = 128;
-/// STATISTICS asks for 10^6: fewer here, to keep the file within seconds.
+/// Few enough to keep the file within seconds.
 const SAMPLES: u64 = 400_000;
 
 fn image_of(size: [u32; 2], value: impl Fn(u32, u32) -> f32) -> Arc<Image> {
@@ -83,7 +83,7 @@ fn sky_test(
 }
 
 #[test]
-fn l08_chi_square_of_environments() {
+fn environment_samples_match_their_densities_l08() {
     let turn = DMat3::from_rotation_z(0.7) * DMat3::from_rotation_x(1.1);
     let mirrored = turn * DMat3::from_diagonal(DVec3::new(2.0, -2.0, 2.0));
     for (i, (name, radiance)) in environments().into_iter().enumerate() {
@@ -101,7 +101,7 @@ fn l08_chi_square_of_environments() {
 
 /// Negative controls: a sky turned by half a degree, mirrored, or taken for the other layout is refuted.
 #[test]
-fn l08_chi_square_refutes_a_wrong_environment() {
+fn a_wrong_environment_density_is_refuted_l08() {
     let level = sidak(FAMILY, TESTS);
     let turn = DMat3::from_rotation_z(0.7);
     for (name, radiance) in environments().into_iter().filter(|(name, _)| name.contains("bright")) {
@@ -123,9 +123,9 @@ fn l08_chi_square_refutes_a_wrong_environment() {
     assert!(Cone::sphere(DVec3::Z).test(SAMPLES, draw, |w| other.direction_pdf(w)).0 < level);
 }
 
-/// What is drawn is what is seen, and its density the density, a texel's border excepted, where directions round.
+/// Samples have the radiance and density of their direction, except at texel borders, where directions round.
 #[test]
-fn l08_drawn_and_seen() {
+fn environment_samples_match_radiance_and_density_l08() {
     let choices = [LightSelection::Power, LightSelection::Learned];
     for (name, radiance, choice) in
         environments().into_iter().flat_map(|(name, radiance)| choices.map(|choice| (name, radiance.clone(), choice)))
@@ -160,7 +160,7 @@ fn l08_drawn_and_seen() {
 
 /// The equal-area layout at places told by pbrt-v4's definition: row 0 is at -y, the middle at +z.
 #[test]
-fn l08_equal_area_places() {
+fn equal_area_texels_cover_equal_solid_angles_l08() {
     let sky = |at: [u32; 2]| {
         let radiance = equal_area(5, |x, y| if [x, y] == at { 2.0 } else { 0.0 });
         Environment::new(&radiance, DMat3::IDENTITY, &Source::default()).expect("sound").expect("not black")
@@ -184,7 +184,7 @@ fn l08_equal_area_places() {
 }
 
 #[test]
-fn l08_equal_area_that_is_none() {
+fn invalid_equal_area_images_are_refused_l08() {
     let make = |radiance: &EnvironmentRadiance| Environment::new(radiance, DMat3::IDENTITY, &line(7));
     for bad in [f32::NAN, f32::INFINITY, -1.0, f32::MAX] {
         let radiance = EnvironmentRadiance::EqualArea {
@@ -277,7 +277,7 @@ fn lamp_test(world: &World, other: &World, centre: DVec3, radius: f64, seed: u64
 }
 
 #[test]
-fn l04_chi_square_of_area_lights() {
+fn area_light_samples_match_their_densities_l04() {
     for (seed, (name, geometry, to_world, centre, radius)) in area_lamps().into_iter().enumerate() {
         let world = with_lamp(&geometry, to_world);
         let (p, integral) = lamp_test(&world, &world, centre, radius, seed as u64);
@@ -289,7 +289,7 @@ fn l04_chi_square_of_area_lights() {
 
 /// Negative control: each lamp moved by 2 % of its radius is refuted.
 #[test]
-fn l04_chi_square_refutes_a_lamp_elsewhere() {
+fn a_lamp_elsewhere_is_refuted_l04() {
     for (seed, (name, geometry, to_world, centre, radius)) in area_lamps().into_iter().enumerate() {
         let moved = DAffine3::from_translation(-0.02 * radius * DVec3::new(0.6, -0.8, 0.3)) * to_world;
         let (lamp, other) = (with_lamp(&geometry, to_world), with_lamp(&geometry, moved));

@@ -42,7 +42,7 @@ fn aimed(at: DVec3, axis: DVec3) -> DAffine3 {
     DAffine3 { matrix3: DMat3::from_cols(x, y, z), translation: at }
 }
 
-/// Where the unit of length and the origin lie changes nothing that is said in the file's units.
+/// Unit of length and origin change nothing in the file's units.
 fn frames() -> [(DVec3, f64); 5] {
     [
         (DVec3::ZERO, 1.0),
@@ -54,7 +54,7 @@ fn frames() -> [(DVec3, f64); 5] {
 }
 
 #[test]
-fn l03_point_light_on_a_plane() {
+fn point_light_on_a_plane_matches_its_closed_form_l03() {
     for (middle, unit) in frames() {
         for p in [DVec3::Z, DVec3::new(2.0, 1.0, 0.5), DVec3::new(-30.0, 0.0, 40.0), DVec3::new(0.0, 0.0, 1e-2)] {
             let mut scene = floor(middle, unit);
@@ -77,7 +77,7 @@ fn l03_point_light_on_a_plane() {
 }
 
 #[test]
-fn l03_spot_light_on_a_plane() {
+fn spot_light_on_a_plane_matches_its_closed_form_l03() {
     let position = DVec3::new(0.4, -0.3, 1.2);
     for (middle, unit) in frames() {
         for (cone, start) in [(30.0_f32, 10.0_f32), (20.0, 20.0), (120.0, 0.0), (2.0, 0.5), (180.0, 0.0)] {
@@ -117,7 +117,7 @@ fn l03_spot_light_on_a_plane() {
 }
 
 #[test]
-fn l03_distant_light_on_a_plane() {
+fn distant_light_on_a_plane_matches_its_closed_form_l03() {
     for (middle, unit) in frames() {
         for w in [DVec3::Z, DVec3::new(1.0, 2.0, 0.5), DVec3::new(-1.0, 0.0, 1e-3)] {
             let mut scene = floor(middle, unit);
@@ -128,9 +128,9 @@ fn l03_distant_light_on_a_plane() {
     }
 }
 
-/// What stands between casts a shadow; what stands behind the light does not.
+/// Objects between point and light cast a shadow; objects behind the light do not.
 #[test]
-fn l03_shadows_of_lights_without_extent() {
+fn lights_without_extent_cast_shadows_l03() {
     let kinds = [
         LightKind::Point { intensity: [1.0; 3] },
         LightKind::Spot { intensity: [1.0; 3], cone: 30.0, falloff_start: 30.0, falloff: SpotFalloff::Quartic },
@@ -155,7 +155,7 @@ fn l03_shadows_of_lights_without_extent() {
 
 /// A light without extent is found by light sampling alone, and says so.
 #[test]
-fn l09_lights_without_extent_have_no_partner() {
+fn lights_without_extent_are_found_by_light_sampling_only_l09() {
     let mut scene = floor(DVec3::ZERO, 1.0);
     add_light(&mut scene, LightKind::Distant { irradiance: [1.0; 3] }, DAffine3::IDENTITY);
     let world = world(&scene);
@@ -182,7 +182,7 @@ fn l09_lights_without_extent_have_no_partner() {
 
 /// The sum over three kinds of lights, in one image.
 #[test]
-fn l03_lights_add_up() {
+fn lights_add_up_l03() {
     let mut scene = floor(DVec3::ZERO, 1.0);
     add_light(
         &mut scene,
@@ -204,7 +204,7 @@ fn l03_lights_add_up() {
 }
 
 #[test]
-fn l06_lights_without_extent_that_are_none() {
+fn invalid_lights_without_extent_are_refused_l06() {
     let refused = |kind: LightKind, to_world: DAffine3| {
         let mut scene = floor(DVec3::ZERO, 1.0);
         add_light(&mut scene, kind, to_world);
