@@ -21,14 +21,14 @@ pub struct HenyeyGreenstein {
 /// A direction drawn from a phase function, whose value is its density: the weight is 1.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PhaseSample {
-    /// The direction in which light goes on, unit length.
+    /// The direction after the event, unit length.
     pub wi: Vec3,
     /// The density in solid angle, and the phase function's value.
     pub pdf: f32,
 }
 
 impl HenyeyGreenstein {
-    /// With mean cosine `g`, above -1 and below 1 (clamped there).
+    /// The phase function of mean cosine `g`, clamped above -1 and below 1.
     pub fn new(g: f32) -> Self {
         let largest = 1.0_f32.next_down();
         Self { g: g.abs().min(largest), side: 1.0_f32.copysign(g) }

@@ -57,7 +57,7 @@ pub(super) fn build(scene: &Scene, resolution: [u32; 2]) -> Result<World, WorldE
     for shape in &scene.shapes {
         problems.check_material(scene, shape);
         if shape.moves_to.is_some_and(|end| end != shape.to_world) {
-            placements.add_moving(shape, &space, &shutter, &mut problems);
+            placements.add_moving(shape, &mut problems);
             shapes.extend(empty_mesh());
             parts.push(part(shape));
         } else if let Some((geometry, part)) = problems.note_at(&shape.source, convert(shape, &space)) {

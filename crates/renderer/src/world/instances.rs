@@ -10,8 +10,9 @@ use glam::{DAffine3, DVec3, Vec3};
 use std::sync::Arc;
 
 /// Objects, their instances, and the properties of their shapes.
-#[derive(Default)]
-pub(super) struct Placements {
+pub(super) struct Placements<'a> {
+    space: &'a Space,
+    shutter: &'a Shutter,
     objects: Vec<Arc<Geometry>>,
     instances: Vec<Instance>,
     pub(super) parts: Vec<Part>,
@@ -19,10 +20,11 @@ pub(super) struct Placements {
     pub(super) moves: bool,
 }
 
-impl Placements {
+impl<'a> Placements<'a> {
     /// The scene's objects and instances.
-    pub(super) fn of(scene: &Scene, space: &Space, shutter: &Shutter, problems: &mut Problems) -> Self {
-        let mut all = Self::default();
+    pub(super) fn of(scene: &Scene, space: &'a Space, shutter: &'a Shutter, problems: &mut Problems) -> Self {
+        let (objects, instances, parts) = (Vec::new(), Vec::new(), Vec::new());
+        let mut all = Self { space, shutter, objects, instances, parts, dropped_triangles: 0, moves: false };
         // The space of each object; none for an object with a problem.
         let mut spaces = Vec::with_capacity(scene.objects.len());
         for object in &scene.objects {
@@ -42,7 +44,7 @@ impl Placements {
                 Some(None) => {}
                 Some(Some(inner)) => {
                     let ends = (instance.to_world, instance.moves_to);
-                    all.add_instance(object, ends, inner, space, shutter, &instance.source, problems);
+                    all.add_instance(object, ends, inner, &instance.source, problems);
                 }
             }
         }
@@ -50,13 +52,7 @@ impl Placements {
     }
 
     /// Adds a shape that moves, as the only instance of an object of its own. An empty mesh takes its number.
-    pub(super) fn add_moving(
-        &mut self,
-        shape: &DescribedShape,
-        space: &Space,
-        shutter: &Shutter,
-        problems: &mut Problems,
-    ) {
+    pub(super) fn add_moving(&mut self, shape: &DescribedShape, problems: &mut Problems) {
         if shape.emission.is_some() {
             problems.add(&shape.source, "a shape that moves cannot emit light; keep it still".into());
         }
@@ -64,7 +60,7 @@ impl Placements {
         let object = self.objects.len() as u32;
         if let Some(own) = self.add_object(&[inner], &shape.source, problems) {
             let ends = (shape.to_world, shape.moves_to);
-            self.add_instance(object, ends, &own, space, shutter, &shape.source, problems);
+            self.add_instance(object, ends, &own, &shape.source, problems);
         }
     }
 
@@ -83,17 +79,15 @@ impl Placements {
         Some(own)
     }
 
-    #[expect(clippy::too_many_arguments, reason = "called twice, right above")]
     fn add_instance(
         &mut self,
         object: u32,
         (start, end): (DAffine3, Option<DAffine3>),
         inner: &Space,
-        space: &Space,
-        shutter: &Shutter,
         source: &Source,
         problems: &mut Problems,
     ) {
+        let space = self.space;
         let start = space.apply(start);
         let motion = match end {
             Some(end) => problems.note_at(source, Motion::between(start, space.apply(end))),
@@ -105,7 +99,7 @@ impl Placements {
             problems.add(source, "the transform is not finite or flattens space; check its scales".into());
             return;
         }
-        let motion = shutter.seen(motion.after(inner.inverse()));
+        let motion = self.shutter.seen(motion.after(inner.inverse()));
         self.moves |= motion.moves();
         self.instances.push(Instance { object, motion });
     }
