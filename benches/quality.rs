@@ -11,10 +11,12 @@
 
 use criterion::measurement::{Measurement, ValueFormatter, WallTime};
 use criterion::{BenchmarkGroup, Criterion, SamplingMode, Throughput};
-use dapple::core::{Frame, Limits, Needs, NoMonitor, render};
+use dapple::core::{Frame, Limits, Render};
+use dapple::job::Stage;
+use dapple::job::registry::{self, Setting};
 use dapple::metrics::{Pixels, compare};
-use dapple::renderer::registry::{self, Setting};
-use dapple::renderer::{Stage, World, bundled, integrator};
+use dapple::renderer::{World, integrator};
+use dapple_scene::bundled;
 use std::cell::Cell;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -102,7 +104,7 @@ impl Course {
         let mut sampler = registry::sampler(sampler, points, &Stage::new(self.world.clone())).expect("a sampler");
         let frame = Frame::new(self.side, self.side).expect("a frame");
         let limits = Limits::samples(spp * frame.pixels() as u64);
-        let film = render(&mut *integrator(&self.world), &mut *sampler, Needs::none(), frame, &limits, &mut NoMonitor);
+        let film = Render::new(frame, &limits).run(&mut *integrator(&self.world), &mut *sampler);
         (film.expect("a film").image(), clock.elapsed().as_secs_f64())
     }
 

@@ -6,9 +6,11 @@
 
 use criterion::{BatchSize, Criterion, Throughput, criterion_group, criterion_main};
 use dapple::clustering::{Params, cluster};
-use dapple::core::{Film, Frame, Limits, NoMonitor, render};
-use dapple::renderer::registry::{self, Setting};
-use dapple::renderer::{Stage, World, WorldClusters, WorldTriangles, bundled, integrator};
+use dapple::core::{Film, Frame, Limits, Render};
+use dapple::job::registry::{self, Setting};
+use dapple::job::{Stage, WorldClusters, WorldTriangles};
+use dapple::renderer::{World, integrator};
+use dapple_scene::bundled;
 use std::hint::black_box;
 use std::sync::Arc;
 
@@ -45,7 +47,7 @@ fn film(world: &Arc<World>, stage: &Stage, sampler: &str, filter: &str, side: u3
     let needs = registry::filter(filter, stage).expect("a filter").needs();
     let frame = Frame::new(side, side).expect("a frame");
     let limits = Limits::samples(spp * frame.pixels() as u64);
-    render(&mut *integrator(world), &mut *sampler, needs, frame, &limits, &mut NoMonitor).expect("a film")
+    Render::new(frame, &limits).needs(needs).run(&mut *integrator(world), &mut *sampler).expect("a film")
 }
 
 /// Samples a second, planning and clusters included.

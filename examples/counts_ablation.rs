@@ -15,10 +15,12 @@
 
 #![expect(clippy::print_stdout, clippy::print_stderr, reason = "a program: its table is its result")]
 
-use dapple::core::{Frame, Limits, Needs, NoMonitor, render};
+use dapple::core::{Frame, Limits, Render};
+use dapple::job::{Stage, registry};
 use dapple::metrics::{Pixels, compare};
 use dapple::renderer::light::LightSelection;
-use dapple::renderer::{Stage, World, bundled, integrator, registry, scene};
+use dapple::renderer::{World, integrator};
+use dapple_scene::{self as scene, bundled};
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -153,7 +155,7 @@ impl Truth {
         let mut sampler = registry::sampler(words, points, &Stage::new(world.clone()))?;
         let frame = Frame::new(run.side, run.side)?;
         let limits = Limits::samples(spp * frame.pixels() as u64);
-        let film = render(&mut *integrator(world), &mut *sampler, Needs::none(), frame, &limits, &mut NoMonitor)?;
+        let film = Render::new(frame, &limits).run(&mut *integrator(world), &mut *sampler)?;
         Ok(film.image())
     }
 

@@ -15,8 +15,8 @@
 use dapple::cluster_adaptive::{BACKGROUND, ClusterThesis, Placement, ProbeHit, probe};
 use dapple::clustering::{Params, Triangles, cluster};
 use dapple::core::samplers::Uniform;
-use dapple::core::{Block, Draws, Estimate, Film, Filter, Frame, Integrator, Limits, Needs, NoMonitor};
-use dapple::core::{Sampler, TrainingLog, Unfiltered, render};
+use dapple::core::{Block, Draws, Estimate, Film, Filter, Frame, Integrator, Limits};
+use dapple::core::{Render, Sampler, TrainingLog, Unfiltered};
 use dapple::denoise::{ClusterGaussian, Gaussian};
 use dapple::low_discrepancy::Sobol;
 use dapple::metrics::{Pixels, compare};
@@ -91,7 +91,7 @@ fn main() -> Result<()> {
 fn image(scene: &mut Scene, sampler: &mut dyn Sampler, spp: u64) -> Result<Film> {
     let frame = Frame::new(SIZE[0], SIZE[1])?;
     let limits = Limits::samples(spp * frame.pixels() as u64);
-    Ok(render(scene, sampler, Needs::none(), frame, &limits, &mut NoMonitor)?)
+    Ok(Render::new(frame, &limits).run(scene, sampler)?)
 }
 
 fn rel_mse(image: &[[f32; 3]], reference: &[[f32; 3]]) -> Result<f64> {

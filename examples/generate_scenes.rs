@@ -1,7 +1,7 @@
 //! Writes the bundled scenes to `examples/scenes`, or to the folder given:
 //! `cargo run --example generate_scenes [FOLDER]`. A test holds the committed files to what this writes.
 
-use dapple_renderer::bundled;
+use dapple_scene::bundled;
 use std::path::PathBuf;
 use std::{env, fs, io};
 

@@ -13,13 +13,15 @@
 
 #![expect(clippy::print_stdout, reason = "a program: its table is its result")]
 
-use dapple::cluster_adaptive::{Adaptive, AdaptiveOptions, ErrorMap, MapErrors};
+use dapple::adaptive::{Adaptive, AdaptiveOptions, ErrorMap, MapErrors};
 use dapple::core::samplers::Uniform;
-use dapple::core::{Film, FirstHit, Frame, Limits, Needs, NoMonitor, Sampler, luminance, render};
+use dapple::core::{Film, FirstHit, Frame, Limits, Needs, Render, Sampler, luminance};
 use dapple::geometry::Ray;
+use dapple::job::registry;
 use dapple::metrics::{Pixels, compare};
 use dapple::renderer::light::Target;
-use dapple::renderer::{World, bundled, integrator, registry, scene};
+use dapple::renderer::{World, integrator};
+use dapple_scene::{self as scene, bundled};
 use glam::Vec3;
 use std::sync::Arc;
 
@@ -128,7 +130,7 @@ impl Truth {
         let frame = Frame::new(self.side, self.side)?;
         let limits = Limits::samples(spp * frame.pixels() as u64);
         let mut integrator = integrator(&self.world);
-        Ok(render(&mut *integrator, &mut *sampler, Needs::none(), frame, &limits, &mut NoMonitor)?.image())
+        Ok(Render::new(frame, &limits).run(&mut *integrator, &mut *sampler)?.image())
     }
 
     /// sRGB MSE and relMSE, summed over seeds.

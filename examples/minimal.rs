@@ -3,8 +3,9 @@
 //! (white = many), and says how wrong either image is. Nothing of Dapple but its core and its points is linked.
 #![expect(clippy::print_stdout, reason = "a program: what it says is its result")]
 
-use dapple::core::samplers::{Uniform, Variance};
-use dapple::core::{Block, Draws, Estimate, Film, Frame, Integrator, Limits, Needs, NoMonitor, TrainingLog, render};
+use dapple::adaptive::Adaptive;
+use dapple::core::samplers::Uniform;
+use dapple::core::{Block, Draws, Estimate, Film, Frame, Integrator, Limits, Render, TrainingLog};
 use dapple::low_discrepancy::Sobol;
 use std::f32::consts::TAU;
 
@@ -78,13 +79,13 @@ impl Integrator for Balls {
 
 fn image(mut sampler: impl dapple::core::Sampler, spp: u64) -> Result<Film, dapple::core::Error> {
     let (frame, limits) = (Frame::new(240, 135)?, Limits::samples(spp * 240 * 135));
-    render(&mut Balls, &mut sampler, Needs::none(), frame, &limits, &mut NoMonitor)
+    Render::new(frame, &limits).run(&mut Balls, &mut sampler)
 }
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let folder = std::env::args_os().nth(1).map_or_else(std::env::temp_dir, std::path::PathBuf::from);
     let uniform = image(Uniform::new(Sobol::new(2)), 16)?;
-    let adaptive = image(Variance::new(Sobol::new(2)), 16)?; // the one line that changes
+    let adaptive = image(Adaptive::variance(Sobol::new(2)), 16)?; // the one line that changes
     let truth = image(Uniform::new(Sobol::new(1)), 1024)?.image();
     let wrong = |(x, r): (&f32, &f32)| (x - r).powi(2) / (r * r + 0.01) / (3 * 240 * 135) as f32;
     let error = |x: &[V]| x.as_flattened().iter().zip(truth.as_flattened()).map(wrong).sum::<f32>();

@@ -11,10 +11,12 @@
 
 #![expect(clippy::print_stdout, reason = "a program: its table is its result")]
 
-use dapple::core::{Film, Frame, Limits, Needs, NoMonitor, render};
+use dapple::core::{Film, Frame, Limits, Needs, Render};
+use dapple::job::Stage;
+use dapple::job::registry::{self, Setting};
 use dapple::metrics::{RELATIVE_EPSILON, geometric_mean_interval, student_t_quantile};
-use dapple::renderer::registry::{self, Setting};
-use dapple::renderer::{Stage, World, bundled, integrator};
+use dapple::renderer::{World, integrator};
+use dapple_scene::bundled;
 use std::sync::Arc;
 
 type Result<T> = std::result::Result<T, Box<dyn std::error::Error>>;
@@ -102,7 +104,7 @@ impl Course {
     fn film(&self, sampler: &str, points: &str, seed: u64, limits: Limits, needs: Needs) -> Result<Film> {
         let points = registry::points(points, Setting { seed, spp: None })?;
         let mut sampler = registry::sampler(sampler, points, &Stage::new(self.world.clone()))?;
-        Ok(render(&mut *integrator(&self.world), &mut *sampler, needs, self.frame, &limits, &mut NoMonitor)?)
+        Ok(Render::new(self.frame, &limits).needs(needs).run(&mut *integrator(&self.world), &mut *sampler)?)
     }
 
     /// The relMSE of a film, the reference's own variance taken out.

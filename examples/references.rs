@@ -10,10 +10,12 @@
 
 #![expect(clippy::print_stdout, clippy::print_stderr, reason = "a program: its table is its result")]
 
-use dapple::core::{Frame, Limits, Needs, NoMonitor, render};
+use dapple::core::{Frame, Limits, Render};
+use dapple::job::{Stage, registry};
 use dapple::metrics::{Pixels, block_ratios, compare};
-use dapple::renderer::image::{Encoding, Image, encode_png, read_image, write_file};
-use dapple::renderer::{Stage, World, integrator, pbrt, registry, scene};
+use dapple::renderer::{World, integrator};
+use dapple::scene::image::{Encoding, Image, encode_png, read_image, write_file};
+use dapple_scene::{self as scene, pbrt};
 use std::path::{Path, PathBuf};
 
 type Result<T> = std::result::Result<T, Box<dyn std::error::Error>>;
@@ -110,7 +112,7 @@ fn image(world: &World, size: [u32; 2], spp: u64, seed: u64) -> Result<Vec<[f32;
     let mut sampler = registry::sampler("uniform", points, &Stage::empty())?;
     let frame = Frame::new(size[0], size[1])?;
     let limits = Limits::samples(spp * u64::from(size[0]) * u64::from(size[1]));
-    let film = render(&mut *integrator, &mut *sampler, Needs::none(), frame, &limits, &mut NoMonitor)?;
+    let film = Render::new(frame, &limits).run(&mut *integrator, &mut *sampler)?;
     Ok(film.image())
 }
 

@@ -1,59 +1,223 @@
-//! The catalogue of hard cases is true: docs/results/hard-cases.md against the list and the tests of the tree.
+//! The catalogue of hard cases: `docs/hard-cases.toml`, the tests that cover each case, and the page made from both.
+//!
+//! A test covers a case if its name ends, or begins, with the case's id: `rays_never_leak_through_shared_edges_g01`.
+//! `DAPPLE_UPDATE=1 cargo test --test hard_cases` writes `docs/results/hard-cases.md` anew.
 
-#![allow(dead_code, unreachable_pub, reason = "modules of an example")]
+use std::collections::BTreeMap;
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
 
-#[path = "../examples/hard_cases/catalogue.rs"]
-mod catalogue;
-#[path = "../examples/hard_cases/mutations.rs"]
-mod mutations;
+/// One row of `docs/hard-cases.toml`.
+#[derive(Clone, Debug, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Case {
+    tier: String,
+    title: String,
+    /// The measured figure.
+    #[serde(default)]
+    figure: String,
+    /// The part of the case that fails, with its figure.
+    #[serde(default)]
+    short: String,
+    /// The reason why no test exists.
+    #[serde(default)]
+    needs: String,
+}
 
-use std::path::Path;
+/// A test function that covers a case.
+#[derive(Clone, Debug)]
+struct Test {
+    id: String,
+    /// `crate::file::function`.
+    path: String,
+    ignored: bool,
+}
+
+/// Groups in the order of the file; each case with its id.
+type Catalogue = Vec<(String, Vec<(String, Case)>)>;
 
 fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
 }
 
-#[test]
-fn every_case_has_its_test_or_says_what_it_needs() {
-    let (cases, tests) = (catalogue::cases(root()).expect("a list"), catalogue::tests(root()).expect("a tree"));
-    assert_eq!(cases.len(), 121);
-    assert_eq!(cases.iter().filter(|c| c.tier == "T1").count(), 95);
-    let mutations = mutations::mutations(root()).expect("a list");
-    let taken_out: Vec<String> = mutations.iter().flat_map(|m| m.cases.split(", ").map(str::to_owned)).collect();
-    let found = catalogue::contradictions(&cases, &tests, &taken_out);
-    assert!(found.is_empty(), "{found:#?}");
-    // Negative controls: a case that loses its tests, a test of no case, and safeguards that nobody has taken out.
-    let without: Vec<_> = tests.iter().filter(|t| t.id != "F01").cloned().collect();
-    assert_eq!(catalogue::contradictions(&cases, &without, &taken_out).len(), 1);
-    let fewer: Vec<_> = cases.iter().filter(|c| c.id != "T01").cloned().collect();
-    assert!(catalogue::contradictions(&fewer, &tests, &taken_out)[0].contains("there is no case T01"));
-    assert!(catalogue::contradictions(&cases, &tests, &[]).len() > 90);
+fn read(path: &Path) -> String {
+    std::fs::read_to_string(path).unwrap_or_else(|e| panic!("{}: {e}", path.display()))
 }
 
-#[test]
-fn the_page_is_up_to_date() {
-    let (cases, tests) = (catalogue::cases(root()).expect("a list"), catalogue::tests(root()).expect("a tree"));
-    let page = catalogue::page(&cases, &tests, &mutations::section(root()).expect("mutations"));
-    let there = std::fs::read_to_string(root().join("docs/results/hard-cases.md")).unwrap_or_default();
-    let off = page.lines().zip(there.lines()).find(|(a, b)| a != b);
-    assert!(page == there, "out of date: cargo run --example hard_cases -- --write\n{off:?}");
+fn catalogue() -> Catalogue {
+    let text = read(&root().join("docs/hard-cases.toml"));
+    let groups: BTreeMap<String, BTreeMap<String, Case>> = toml::from_str(&text).expect("docs/hard-cases.toml");
+    let mut groups: Catalogue = groups.into_iter().map(|(group, cases)| (group, cases.into_iter().collect())).collect();
+    groups.sort_by_key(|(group, _)| text.find(&format!("[{group}]")).or_else(|| text.find(&format!("[\"{group}\"]"))));
+    groups
 }
 
-#[test]
-fn every_mutation_still_applies_and_names_a_test() {
-    let tests = catalogue::tests(root()).expect("a tree");
-    let all = mutations::mutations(root()).expect("a list");
-    assert!(all.len() >= 20);
-    for m in &all {
-        m.applied(root()).unwrap_or_else(|e| panic!("{e}"));
-        let of_case = |id: &str| tests.iter().any(|t| t.id == id);
-        assert!(m.cases.split(", ").all(of_case), "{}: {}", m.name, m.cases);
-        let outcome = mutations::outcome(root(), &m.name).unwrap_or_else(|| panic!("{} was never run", m.name));
-        assert!(outcome.caught, "{} is not caught", m.name);
+fn rust_files(folder: &Path) -> Vec<PathBuf> {
+    let mut files = Vec::new();
+    for entry in std::fs::read_dir(folder).unwrap_or_else(|e| panic!("{}: {e}", folder.display())) {
+        let path = entry.expect("an entry").path();
+        if path.is_dir() && path.file_name().is_some_and(|name| name != "target") {
+            files.extend(rust_files(&path));
+        } else if path.extension().is_some_and(|e| e == "rs") {
+            files.push(path);
+        }
+    }
+    files.sort();
+    files
+}
+
+/// The id in a test's name: `rest_g01` and `g01_rest` cover G01.
+fn id_of(function: &str) -> Option<String> {
+    let is_id = |part: &&str| matches!(part.as_bytes(), [a, b, c] if a.is_ascii_lowercase() && b.is_ascii_digit() && c.is_ascii_digit());
+    // Types, not cases.
+    let is_id = |part: &&str| is_id(part) && !["f16", "f32", "f64"].contains(part);
+    let first = function.split('_').next().filter(is_id);
+    first.or_else(|| function.rsplit('_').next().filter(is_id)).map(str::to_ascii_uppercase)
+}
+
+/// `crate::module` of a file of tests: `crates/core/tests/core/film.rs` is `core::film`.
+fn module_of(file: &Path) -> String {
+    let parts: Vec<String> = file.with_extension("").iter().map(|part| part.to_string_lossy().into_owned()).collect();
+    let (name, rest) = if parts[0] == "crates" { (parts[1].as_str(), &parts[2..]) } else { ("dapple", &parts[..]) };
+    let rest = rest.iter().map(String::as_str).filter(|part| !["src", "tests", "mod", name].contains(part));
+    std::iter::once(name).chain(rest).collect::<Vec<_>>().join("::")
+}
+
+/// Every test with an id, in the order of files and lines.
+fn tests() -> Vec<Test> {
+    let mut found = Vec::new();
+    for file in ["crates", "tests"].iter().flat_map(|folder| rust_files(&root().join(folder))) {
+        let module = module_of(file.strip_prefix(root()).expect("a file of this tree"));
+        let (mut is_test, mut ignored) = (false, None);
+        for line in read(&file).lines().map(str::trim) {
+            if line == "#[test]" {
+                is_test = true;
+            } else if line.starts_with("#[ignore") {
+                ignored = Some(line.to_owned());
+            } else if let Some(rest) = line.strip_prefix("fn ") {
+                let function = rest.split(['(', '<']).next().unwrap_or_default();
+                // A test that another test runs in a process of its own.
+                let is_child = ignored.as_ref().is_some_and(|reason| reason.contains("\"run by "));
+                if let (true, false, Some(id)) = (is_test, is_child, id_of(function)) {
+                    found.push(Test { id, path: format!("{module}::{function}"), ignored: ignored.is_some() });
+                }
+                (is_test, ignored) = (false, None);
+            } else if !line.starts_with("#[") && !line.starts_with("//") {
+                (is_test, ignored) = (false, None);
+            }
+        }
+    }
+    found
+}
+
+fn status(case: &Case, tests: &[&Test]) -> String {
+    match tests {
+        [] => format!("missing: {}", case.needs),
+        _ if !case.short.is_empty() => format!("short: {}", case.short),
+        _ if tests.iter().all(|test| test.ignored) => "by hand".to_owned(),
+        _ => "done".to_owned(),
     }
 }
 
-/// A file that the `main.rs` of its test program does not name is never compiled, and its tests never run.
+fn of_case<'t>(id: &str, tests: &'t [Test]) -> Vec<&'t Test> {
+    tests.iter().filter(|test| test.id == id).collect()
+}
+
+/// Ids without a case, cases without a test or a reason, and reasons beside a test.
+fn contradictions(catalogue: &Catalogue, tests: &[Test]) -> Vec<String> {
+    let cases: BTreeMap<&String, &Case> =
+        catalogue.iter().flat_map(|(_, cases)| cases).map(|(id, c)| (id, c)).collect();
+    let unknown = tests.iter().filter(|test| !cases.contains_key(&test.id));
+    let mut found: Vec<String> = unknown.map(|test| format!("{}: no case {}", test.path, test.id)).collect();
+    for (id, case) in &cases {
+        let own = of_case(id, tests);
+        if own.is_empty() && case.needs.is_empty() {
+            found.push(format!("{id} has no test; add `needs` to docs/hard-cases.toml"));
+        }
+        if !own.is_empty() && !case.needs.is_empty() {
+            found.push(format!("{id} has a test; remove its `needs` from docs/hard-cases.toml"));
+        }
+        if case.tier == "T1" && !own.is_empty() && own.iter().all(|test| test.ignored) {
+            found.push(format!("{id} is T1, and all its tests are ignored"));
+        }
+        if case.title.is_empty() || !["T1", "T2", "T3", "T2/T3"].contains(&case.tier.as_str()) {
+            found.push(format!("{id} lacks a title or a tier"));
+        }
+    }
+    found
+}
+
+const INTRODUCTION: &str = "\
+# Which inputs break straightforward code, and which test covers each?
+
+This page lists 121 hard inputs, grouped by subject, with the tests that cover them.
+A test covers a case if its name contains the case's id.
+`DAPPLE_UPDATE=1 cargo test --test hard_cases` makes this page from [hard-cases.toml](../hard-cases.toml) and the tests;
+`cargo test` fails where it is out of date.
+
+* **T1** runs with `cargo test --workspace`; **T2** by hand with `cargo test --release --workspace -- --ignored`; **T3** before a release.
+* *done*: run by `cargo test`. *by hand*: every test of the case is ignored by default, because it is slow.
+  *short*: tested, and a part of the case fails. *missing*: no test yet.
+
+";
+
+fn page(catalogue: &Catalogue, tests: &[Test]) -> String {
+    let mut page = INTRODUCTION.to_owned();
+    page.push_str("| group | cases | done | by hand | short | missing |\n|---|---|---|---|---|---|\n");
+    let all: Vec<&(String, Case)> = catalogue.iter().flat_map(|(_, cases)| cases).collect();
+    let mut count = |name: &str, cases: &[&(String, Case)]| {
+        let statuses: Vec<String> = cases.iter().map(|(id, case)| status(case, &of_case(id, tests))).collect();
+        let of = |kind: &str| statuses.iter().filter(|status| status.starts_with(kind)).count();
+        let [done, by_hand, short, missing] = ["done", "by hand", "short", "missing"].map(of);
+        let _ = writeln!(page, "| {name} | {} | {done} | {by_hand} | {short} | {missing} |", cases.len());
+    };
+    for (group, cases) in catalogue {
+        count(group, &cases.iter().collect::<Vec<_>>());
+    }
+    count("**all**", &all);
+    count("T1 only", &all.iter().copied().filter(|(_, case)| case.tier == "T1").collect::<Vec<_>>());
+    for (group, cases) in catalogue {
+        let _ =
+            write!(page, "\n## {group}\n\n| id | tier | case | status | tests | figure |\n|---|---|---|---|---|---|\n");
+        for (id, case) in cases {
+            let own = of_case(id, tests);
+            let name = |test: &&Test| format!("`{}`{}", test.path, if test.ignored { " (by hand)" } else { "" });
+            let names: Vec<String> = own.iter().map(name).collect();
+            let Case { tier, title, figure, .. } = case;
+            let status = status(case, &own);
+            let _ = writeln!(page, "| {id} | {tier} | {title} | {status} | {} | {figure} |", names.join("<br>"));
+        }
+    }
+    page
+}
+
+#[test]
+fn every_case_has_a_test_or_a_reason() {
+    let (catalogue, tests) = (catalogue(), tests());
+    let cases = || catalogue.iter().flat_map(|(_, cases)| cases);
+    assert_eq!(cases().count(), 121);
+    assert_eq!(cases().filter(|(_, case)| case.tier == "T1").count(), 95);
+    let found = contradictions(&catalogue, &tests);
+    assert!(found.is_empty(), "{found:#?}");
+    // Negative controls: a case that loses its tests, and a test without a case.
+    let without: Vec<_> = tests.iter().filter(|test| test.id != "F01").cloned().collect();
+    assert_eq!(contradictions(&catalogue, &without).len(), 1);
+    let mut unknown = tests;
+    unknown[0].id = "Q99".into();
+    assert!(contradictions(&catalogue, &unknown)[0].contains("no case Q99"));
+}
+
+#[test]
+fn the_page_of_hard_cases_is_up_to_date() {
+    let path = root().join("docs/results/hard-cases.md");
+    let page = page(&catalogue(), &tests());
+    if std::env::var_os("DAPPLE_UPDATE").is_some() {
+        std::fs::write(&path, &page).expect("a page that can be written");
+    }
+    assert!(page == read(&path), "out of date: DAPPLE_UPDATE=1 cargo test --test hard_cases");
+}
+
+/// A file of tests that its program's `main.rs` does not name is never compiled.
 #[test]
 fn every_file_of_tests_belongs_to_its_program() {
     let mut files = 0;
@@ -65,7 +229,7 @@ fn every_file_of_tests_belongs_to_its_program() {
             let path = file.expect("an entry").path();
             let name = path.file_stem().expect("a name").to_string_lossy();
             if name != "main" {
-                assert!(main.contains(&format!("\nmod {name};\n")), "{}: no `mod {name};` beside it", path.display());
+                assert!(main.contains(&format!("\nmod {name};\n")), "{}: `mod {name};` is missing", path.display());
                 files += 1;
             }
         }
@@ -73,17 +237,16 @@ fn every_file_of_tests_belongs_to_its_program() {
     assert!(files >= 90, "{files}");
 }
 
-/// D07: no crate of ours has a way to say `unsafe`, and what is released looks out for overflow.
+/// Holds the workspace to `unsafe_code = "forbid"`, and release builds to overflow checks.
 #[test]
-fn d07_unsafe_is_forbidden_everywhere() {
-    let read = |path: &Path| std::fs::read_to_string(path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
+fn unsafe_is_forbidden_everywhere_d07() {
     let manifest = |path: &Path| -> toml::Table { toml::from_str(&read(path)).expect("TOML") };
     let workspace = manifest(&root().join("Cargo.toml"));
     assert_eq!(workspace["workspace"]["lints"]["rust"]["unsafe_code"].as_str(), Some("forbid"));
     let release = &workspace["profile"]["release"];
     assert_eq!(release["overflow-checks"].as_bool(), Some(true));
     let without: Vec<&str> = release["package"].as_table().expect("packages").keys().map(String::as_str).collect();
-    assert_eq!(without, ["*", "dapple-geometry"], "docs/results/price.md says which crates go without, and why");
+    assert_eq!(without, ["*", "dapple-geometry"], "docs/results/price.md gives the reason for each exception");
     let crates = std::fs::read_dir(root().join("crates")).expect("crates");
     let mut manifests: Vec<_> = crates.map(|e| e.expect("an entry").path().join("Cargo.toml")).collect();
     manifests.push(root().join("Cargo.toml"));

@@ -1,11 +1,11 @@
 //! Whether what is said of errors is so: HARD_CASES A13 and T03.
 
-use dapple::core::{
-    Block, Draws, Estimate, Film, Frame, Integrator, Limits, Needs, NoMonitor, Sampler, TrainingLog, render,
-};
+use dapple::core::{Block, Draws, Estimate, Film, Frame, Integrator, Limits, Needs, Render, Sampler, TrainingLog};
+use dapple::job::Stage;
+use dapple::job::registry::{self, Setting};
 use dapple::metrics::{ratio_interval, student_t_quantile};
-use dapple::renderer::registry::{self, Setting};
-use dapple::renderer::{Stage, World, bundled, integrator};
+use dapple::renderer::{World, integrator};
+use dapple_scene::bundled;
 
 /// The same noise in every pixel: exponential, of mean and variance 1.
 struct EqualNoise;
@@ -35,7 +35,7 @@ fn lost(words: &str) -> [f64; 3] {
     let errors = |words: &str| -> Vec<f64> {
         let run = |seed| {
             let mut sampler = sampler(words, "random", seed);
-            render(&mut EqualNoise, &mut *sampler, Needs::none(), frame, &limits, &mut NoMonitor).expect("a film")
+            Render::new(frame, &limits).run(&mut EqualNoise, &mut *sampler).expect("a film")
         };
         (1..=SEEDS).map(|seed| mse_of_one(&run(seed))).collect()
     };
@@ -60,7 +60,7 @@ fn cornell(world: &World, points: &str, seed: u64, spp: u64, needs: Needs) -> Fi
     let frame = Frame::new(SIDE, SIDE).expect("a frame");
     let limits = Limits::samples(spp * frame.pixels() as u64);
     let mut sampler = sampler("uniform", points, seed);
-    render(&mut *integrator(world), &mut *sampler, needs, frame, &limits, &mut NoMonitor).expect("a film")
+    Render::new(frame, &limits).needs(needs).run(&mut *integrator(world), &mut *sampler).expect("a film")
 }
 
 /// Share of pixels and channels whose 95 % interval holds the reference, with forecasts pooled over 8x8 pixels, and the
@@ -144,7 +144,7 @@ fn k11_one_huge_triangle() {
     const SIDE: u32 = 64;
     const SEEDS: u64 = 24;
     let files = std::collections::BTreeMap::from([(std::path::PathBuf::from("s.pbrt"), ornament().into_bytes())]);
-    let scene = dapple::renderer::pbrt::read_scene_from(&files, "s.pbrt", &Default::default()).expect("it reads");
+    let scene = dapple::scene::pbrt::read_scene_from(&files, "s.pbrt", &Default::default()).expect("it reads");
     let world = std::sync::Arc::new(World::with_resolution(&scene, [SIDE; 2]).expect("sound"));
     let stage = Stage::new(world.clone());
     let frame = Frame::new(SIDE, SIDE).expect("a frame");
@@ -152,7 +152,7 @@ fn k11_one_huge_triangle() {
         let points = registry::points("sobol", Setting { seed, spp: Some(spp) }).expect("points");
         let mut sampler = registry::sampler(words, points, &stage).expect("a sampler");
         let limits = Limits::samples(spp * frame.pixels() as u64);
-        render(&mut *integrator(&world), &mut *sampler, needs, frame, &limits, &mut NoMonitor).expect("a film")
+        Render::new(frame, &limits).needs(needs).run(&mut *integrator(&world), &mut *sampler).expect("a film")
     };
     let reference = film("uniform", 4096, 1 << 32, Needs::none().with_first_hits(1));
     // The floor is the second shape.
@@ -201,7 +201,7 @@ fn z05_many_small_objects() {
     let seconds = |text: &str| {
         let files = std::collections::BTreeMap::from([(std::path::PathBuf::from("s.pbrt"), text.as_bytes().to_vec())]);
         let clock = std::time::Instant::now();
-        let scene = dapple::renderer::pbrt::read_scene_from(&files, "s.pbrt", &Default::default()).expect("it reads");
+        let scene = dapple::scene::pbrt::read_scene_from(&files, "s.pbrt", &Default::default()).expect("it reads");
         let world = World::with_resolution(&scene, [8, 8]).expect("sound");
         assert_eq!(world.geometry().triangle_count(), 2 * SHAPES);
         clock.elapsed().as_secs_f64()

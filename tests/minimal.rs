@@ -12,7 +12,12 @@ fn a_hundred_lines_on_core_and_points_alone() {
     let longest = TEXT.lines().map(|l| l.chars().count()).max();
     assert!(longest.is_some_and(|n| n <= 120), "{longest:?}: no line hides another");
     let uses: Vec<&str> = TEXT.match_indices("dapple::").map(|(at, _)| &TEXT[at + 8..]).collect();
-    assert!(uses.len() >= 3 && uses.iter().all(|u| u.starts_with("core") || u.starts_with("low_discrepancy")));
+    assert!(
+        uses.len() >= 3
+            && uses
+                .iter()
+                .all(|u| u.starts_with("adaptive") || u.starts_with("core") || u.starts_with("low_discrepancy"))
+    );
 }
 
 #[test]

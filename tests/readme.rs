@@ -75,7 +75,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         }
     }
     let mut sampler = Brightness::new(dapple::low_discrepancy::Sobol::new(1));
-    let film = render(&mut Ramp, &mut sampler, Needs::none(), Frame::new(8, 8)?, &Limits::samples(1000), &mut NoMonitor)?;
+    let film = Render::new(Frame::new(8, 8)?, &Limits::samples(1000)).run(&mut Ramp, &mut sampler)?;
     println!("{} {}", film.record().samples, film.count(7) > film.count(0));
     Ok(())
 }

@@ -2,10 +2,12 @@
 //! crates (`bias.rs` of their tests). A false alarm of the whole file has probability 1e-6 at most, its pooled figures' tails being
 //! approximate.
 
-use dapple::core::{Film, Frame, Limits, Needs, NoMonitor, render};
-use dapple::renderer::registry::{self, SAMPLERS, Setting};
-use dapple::renderer::{Stage, World, bundled, integrator};
+use dapple::core::{Film, Frame, Limits, Render};
+use dapple::job::Stage;
+use dapple::job::registry::{self, SAMPLERS, Setting};
+use dapple::renderer::{World, integrator};
 use dapple_conformance::statistics::{FAMILY, Pixels, count_trend, image_mean, images, power, sidak, two_sided};
+use dapple_scene::bundled;
 use std::sync::Arc;
 
 const SIDE: u32 = 24;
@@ -37,7 +39,7 @@ fn films(world: &Arc<World>, sampler: &str, spp: u64, first_seed: u64) -> Vec<Fi
         let points = registry::points("sobol", Setting { seed: first_seed + seed, spp: Some(spp) }).expect("points");
         let mut sampler = registry::sampler(sampler, points, &stage).unwrap_or_else(|e| panic!("{e}"));
         let limits = Limits::samples(spp * frame.pixels() as u64);
-        render(&mut *integrator(world), &mut *sampler, Needs::none(), frame, &limits, &mut NoMonitor).expect("a film")
+        Render::new(frame, &limits).run(&mut *integrator(world), &mut *sampler).expect("a film")
     };
     (0..REPLICATES).map(film).collect()
 }

@@ -1,9 +1,11 @@
 //! Renders, filters, and takes errors and times.
 
 use crate::{Result, reference, statistics};
-use dapple::core::{Film, Frame, Limits, Needs, NoMonitor, render};
+use dapple::core::{Film, Frame, Limits, Needs, Render};
+use dapple::job::{Stage, registry};
 use dapple::metrics::{Pixels, compare};
-use dapple::renderer::{Stage, World, bundled, integrator, registry, scene};
+use dapple::renderer::{World, integrator};
+use dapple_scene::{self as scene, bundled};
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
@@ -284,7 +286,7 @@ fn film(
     let mut sampler = registry::sampler(&method.words(plan.k), points, stage)?;
     let frame = Frame::new(plan.side, plan.side)?;
     let limits = Limits::samples(spp * u64::from(plan.side * plan.side));
-    Ok(render(&mut *integrator(world), &mut *sampler, needs, frame, &limits, &mut NoMonitor)?)
+    Ok(Render::new(frame, &limits).needs(needs).run(&mut *integrator(world), &mut *sampler)?)
 }
 
 /// Seconds of tracing with first hits recorded over seconds without: the best of five, in turns.

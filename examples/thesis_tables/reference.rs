@@ -2,9 +2,11 @@
 
 use crate::Result;
 use crate::measure::{Plan, errors};
-use dapple::core::{Frame, Limits, Needs, NoMonitor, render};
-use dapple::renderer::image::{Encoding, Image, encode_pfm, read_image, write_file};
-use dapple::renderer::{Stage, World, bundled::Bundle, integrator, registry};
+use dapple::core::{Frame, Limits, Render};
+use dapple::job::{Stage, registry};
+use dapple::renderer::{World, integrator};
+use dapple::scene::image::{Encoding, Image, encode_pfm, read_image, write_file};
+use dapple_scene::bundled::Bundle;
 use std::path::Path;
 
 /// A point set that no method of the tables uses (asides do, with other seeds), and two seeds that none uses.
@@ -45,7 +47,7 @@ fn half(plan: &Plan, world: &World, bundle: &Bundle, seed: u64, cache: &Path) ->
     let mut sampler = registry::sampler("uniform", points, &Stage::empty())?;
     let limits = Limits::samples(spp * u64::from(side * side));
     let frame = Frame::new(side, side)?;
-    let film = render(&mut *integrator(world), &mut *sampler, Needs::none(), frame, &limits, &mut NoMonitor)?;
+    let film = Render::new(frame, &limits).run(&mut *integrator(world), &mut *sampler)?;
     let image = Image::new([side; 2], film.image())?;
     write_file(&path, &encode_pfm(&image)?)?;
     Ok(image.pixels)

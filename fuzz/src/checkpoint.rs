@@ -1,7 +1,7 @@
-//! What the fuzz target `checkpoint` does with its bytes; `crates/checkpoint/tests/fuzz_corpus.rs` does the same with the seeds.
+//! What the fuzz target `checkpoint` does with its bytes; `crates/job/tests/fuzz_corpus.rs` does the same with the seeds.
 
-use dapple_checkpoint::Contents;
 use dapple_core::{ShardFilm, Snapshot, merge};
+use dapple_job::checkpoint::Contents;
 
 /// A file with any checksum and with the right one, a snapshot, a shard.
 pub fn checkpoint(data: &[u8]) {

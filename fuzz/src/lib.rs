@@ -1,11 +1,11 @@
-//! What the fuzz targets do with their bytes; `crates/renderer/tests/fuzz_corpus.rs` does the same with the seeds.
+//! What the fuzz targets do with their bytes; `crates/scene/tests/fuzz_corpus.rs` does the same with the seeds.
 
 use dapple_geometry::{Geometry, Hit, Mesh, Preset, Ray, Shape};
-use dapple_renderer::Effects;
-use dapple_renderer::image::{Encoding, read_attributes, read_channels, read_image};
-use dapple_renderer::model::{read_obj, read_stl};
-use dapple_renderer::pbrt::{ReadOptions, read_scene_from};
-use dapple_renderer::ply::read_ply;
+use dapple_scene::Effects;
+use dapple_scene::image::{Encoding, read_attributes, read_channels, read_image};
+use dapple_scene::model::{read_obj, read_stl};
+use dapple_scene::pbrt::{ReadOptions, read_scene_from};
+use dapple_scene::ply::read_ply;
 use glam::Vec3;
 
 /// A scene file beside a mesh, an image and a file to include.
@@ -40,7 +40,7 @@ pub fn obj(data: &[u8]) {
     if let Ok(model) = read_obj(data) {
         model.meshes.iter().for_each(|mesh| mesh.data.check().expect("what is read is whole"));
     }
-    let _ = dapple_renderer::model::read_model_from(files, "m.obj", &Default::default());
+    let _ = dapple_scene::model::read_model_from(files, "m.obj", &Default::default());
 }
 
 /// An STL mesh.

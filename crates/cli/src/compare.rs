@@ -3,8 +3,8 @@
 use crate::output::{tell, warn};
 use crate::{Failure, Outcome, Result};
 use dapple_metrics::{Comparison, PIXELS_PER_DEGREE, Pixels, WorstBlock, compare, flip};
-use dapple_renderer::files::{Disk, Files};
-use dapple_renderer::image::{Encoding, Image, read_image};
+use dapple_scene::files::{Disk, Files};
+use dapple_scene::image::{Encoding, Image, read_image};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 

@@ -9,8 +9,8 @@ use crate::render::options::resolution;
 use crate::stop::Stop;
 use crate::{Failure, Outcome, Result, scene};
 use dapple_core::Frame;
-use dapple_renderer::scene::Scene;
-use dapple_renderer::{Effects, bundled};
+use dapple_scene::Scene;
+use dapple_scene::{Effects, bundled};
 use ledger::{Ledger, Settings};
 use std::path::PathBuf;
 

@@ -3,8 +3,9 @@
 use crate::output::{bytes, tell};
 use crate::render::foresight::Foresight;
 use crate::{Failure, Outcome, Result, scene};
-use dapple_renderer::scene::{EnvironmentRadiance, Geometry, LightKind, MaterialKind, PixelFilter, Scene};
-use dapple_renderer::{Effects, World, bundled};
+use dapple_renderer::World;
+use dapple_scene::{Effects, bundled};
+use dapple_scene::{EnvironmentRadiance, Geometry, LightKind, MaterialKind, PixelFilter, Scene};
 use std::path::PathBuf;
 
 /// Say what a scene holds and calls for, without rendering it
@@ -124,7 +125,6 @@ fn material(kind: &MaterialKind) -> &'static str {
         MaterialKind::Mirror { .. } => "mirror",
         MaterialKind::Plastic { .. } => "plastic",
         MaterialKind::Substrate { .. } => "substrate",
-        _ => "other",
     }
 }
 
@@ -136,7 +136,6 @@ fn lights(scene: &Scene) -> String {
         LightKind::Point { .. } => "point",
         LightKind::Spot { .. } => "spot",
         LightKind::Distant { .. } => "distant",
-        _ => "other",
     });
     count(shining.chain(others))
 }

@@ -2,7 +2,7 @@
 
 use crate::output::tell;
 use crate::{Outcome, Result};
-use dapple_renderer::registry::{Entry, FILTERS, POINTS, SAMPLERS};
+use dapple_job::registry::{Entry, FILTERS, POINTS, SAMPLERS};
 
 pub(crate) fn samplers() -> Result<Outcome> {
     list(SAMPLERS)

@@ -3,8 +3,8 @@
 use crate::render::{self, identity, shard};
 use crate::{Failure, Outcome, Result};
 use clap::Parser;
-use dapple_checkpoint::{Contents, Identity, Kind};
 use dapple_core::{ShardFilm, merge};
+use dapple_job::checkpoint::{Contents, Identity, Kind};
 use std::path::{Path, PathBuf};
 
 /// Make the image of shards that several machines rendered

@@ -20,10 +20,12 @@ use crate::{Failure, Outcome, Result, scene};
 use checkpoints::Checkpoints;
 use clap::CommandFactory;
 use clap::error::ErrorKind;
-use dapple_checkpoint::{Identity, Store};
 use dapple_core::{Error, Film, Filter, Needs, Sampler, Sharded, Unfiltered, streams};
-use dapple_renderer::scene::Scene;
-use dapple_renderer::{Effect, Effects, Stage, World, WorldClusters, integrator};
+use dapple_job::checkpoint::{Identity, Store};
+use dapple_job::{Stage, WorldClusters};
+use dapple_renderer::{World, integrator, without};
+use dapple_scene::Scene;
+use dapple_scene::{Effect, Effects};
 use files::Files;
 use memory::{Expected, Limit};
 use progress::Progress;
@@ -212,7 +214,7 @@ fn end(film: &Film, failure: Option<Failure>, resume: Option<Result<PathBuf>>) -
     }
 }
 
-/// Writes the files and says how it went. `unit` as in [`dapple_renderer::output::layers`].
+/// Writes the files and says how it went. `unit` as in [`dapple_job::output::layers`].
 fn deliver(mut report: Report<'_>, files: &Files, unit: f64, options: &Options) -> Result<()> {
     if report.film.record().samples == 0 {
         warn("stopped before the first sample: nothing is saved");
@@ -274,14 +276,20 @@ fn trace(
     // Beside --checkpoint with the same file: the first time there is none.
     let begins = |from: &PathBuf| options.checkpoint.as_ref() == Some(from) && !Store::exists(from);
     let film = match options.resume.as_ref().filter(|from| !begins(from)) {
-        None => dapple_core::render(&mut *integrator, sampler, needs, frame, limits, &mut progress),
+        None => {
+            dapple_core::Render::new(frame, limits).needs(needs).monitor(&mut progress).run(&mut *integrator, sampler)
+        }
         Some(from) => {
             let snapshot = checkpoints::read(from, identity)?;
             let done = snapshot.film().record().samples as f64 / frame.pixels() as f64;
             if !options.quiet && !options.json {
                 say("resume", &format!("going on after {done:.2} spp"));
             }
-            dapple_core::resume(snapshot, &mut *integrator, sampler, needs, frame, limits, &mut progress)
+            dapple_core::Render::new(frame, limits).needs(needs).monitor(&mut progress).resume(
+                snapshot,
+                &mut *integrator,
+                sampler,
+            )
         }
     };
     progress.finish();
@@ -316,10 +324,10 @@ fn warn_of(scene: &Scene, options: &Options) {
 }
 
 /// Leaves effects out, and says so.
-fn leave_out(scene: &mut Scene, without: &[Effect]) -> Result<()> {
+fn leave_out(scene: &mut Scene, effects: &[Effect]) -> Result<()> {
     let called = Effects::of(scene);
-    for effect in without {
-        *scene = scene.without(*effect).map_err(|e| Failure::new(format!("--without {effect}: {e}")))?;
+    for effect in effects {
+        *scene = without(scene, *effect).map_err(|e| Failure::new(format!("--without {effect}: {e}")))?;
         let by = called.called().iter().find(|c| c.effect == *effect);
         let by = by.map_or_else(String::new, |c| format!("; {} calls for it ({})", c.source, c.because));
         warn(format!("without {effect}: {}{by}", effect.left_out()));

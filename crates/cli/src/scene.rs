@@ -2,11 +2,12 @@
 
 use crate::output::{bytes, warn};
 use crate::{Failure, Result};
-use dapple_renderer::bundled::{self, Bundle};
-use dapple_renderer::files::{Disk, Files};
-use dapple_renderer::pbrt::ReadOptions;
-use dapple_renderer::scene::Scene;
-use dapple_renderer::{AnyOptions, Called, Effects, World, read_any_from};
+use dapple_renderer::World;
+use dapple_scene::Scene;
+use dapple_scene::bundled::{self, Bundle};
+use dapple_scene::files::{Disk, Files};
+use dapple_scene::pbrt::ReadOptions;
+use dapple_scene::{AnyOptions, Called, Effects, read_any_from};
 use dapple_study::Digest;
 use std::cell::RefCell;
 use std::collections::BTreeMap;

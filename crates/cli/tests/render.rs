@@ -3,7 +3,7 @@
 mod common;
 
 use common::{Folder, Said, names};
-use dapple_renderer::image::{Plane, read_attributes, read_channels};
+use dapple_scene::image::{Plane, read_attributes, read_channels};
 
 const KEYS: [&str; 17] = [
     "scene",

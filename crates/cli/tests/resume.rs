@@ -219,7 +219,7 @@ fn x08_a_large_image_is_left_unfiltered_by_a_signal() {
     signal(&child, "INT");
     let said = Said::of(child.wait_with_output().expect("it ends"));
     assert!(said.status == Some(130) && said.err.contains("the image is not filtered"), "{}", said.err);
-    let attributes = dapple_renderer::image::read_attributes(&folder.read("a.exr"), "a.exr").expect("an image");
+    let attributes = dapple_scene::image::read_attributes(&folder.read("a.exr"), "a.exr").expect("an image");
     assert!(attributes.iter().any(|(name, text)| name == "dapple:filter" && text == "none"), "{attributes:?}");
 }
 
@@ -259,7 +259,7 @@ fn x07_shards_make_the_image_of_one_machine() {
             folder.same(&format!("all.{extension}"), &format!("whole.{extension}"));
         }
         let channels = |name: &str| {
-            let channels = dapple_renderer::image::read_channels(&folder.read(name), name).expect("a whole file");
+            let channels = dapple_scene::image::read_channels(&folder.read(name), name).expect("a whole file");
             format!("{:?} {:?}", channels.size, channels.channels)
         };
         assert!(channels("all.exr") == channels("whole.exr"));

@@ -3,8 +3,8 @@
 mod common;
 
 use common::{Folder, TINY};
-use dapple_renderer::bundled;
-use dapple_renderer::registry::SAMPLERS;
+use dapple_job::registry::SAMPLERS;
+use dapple_scene::bundled;
 use std::time::{Duration, Instant};
 
 #[test]

@@ -2,8 +2,7 @@
 
 use crate::sampler::{Scene, frame, on_threads};
 use dapple_core::{
-    Error, Feedback, Film, Filter, Filtered, Frame, Limits, Needs, NoMonitor, Plan, PointSet, Progress, SampleId,
-    Sampler, render,
+    Error, Feedback, Film, Filter, Filtered, Frame, Limits, Needs, Plan, PointSet, Progress, Render, SampleId, Sampler,
 };
 
 /// Checks a filter that works on frames of any size.
@@ -107,7 +106,7 @@ fn mix(x: u64) -> u64 {
 fn film(mut scene: Scene, counts: Counts, needs: Needs, frame: Frame) -> Film {
     let mut limits = Limits::samples(64 * frame.pixels() as u64);
     limits.min_spp = 0;
-    render(&mut scene, &mut Hashed(counts), needs, frame, &limits, &mut NoMonitor).expect("a film of the checks")
+    Render::new(frame, &limits).needs(needs).run(&mut scene, &mut Hashed(counts)).expect("a film of the checks")
 }
 
 fn finite_and_repeatable(filter: &dyn Filter, scene: Scene, counts: Counts, frame: Frame) {

@@ -1,8 +1,8 @@
 //! What every sampler must pass.
 
 use dapple_core::{
-    Block, Budget, Control, Draws, Error, Estimate, Feedback, Film, FirstHit, Frame, Integrator, Limits, Monitor,
-    Needs, NoMonitor, Plan, Progress, Sampler, Snapshot, Status, TrainingLog, render, resume,
+    Block, Budget, Control, Draws, Error, Estimate, Feedback, Film, FirstHit, Frame, Integrator, Limits, Monitor, Plan,
+    Progress, Render, Sampler, Snapshot, Status, TrainingLog,
 };
 
 /// How a sampler treats its budget.
@@ -153,7 +153,7 @@ pub(crate) fn on_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Sen
 }
 
 fn run(sampler: &mut dyn Sampler, mut scene: Scene, frame: Frame, limits: &Limits) -> Result<Film, Error> {
-    render(&mut scene, sampler, Needs::none(), frame, limits, &mut NoMonitor)
+    Render::new(frame, limits).run(&mut scene, sampler)
 }
 
 fn names(make: &impl Fn(&Frame) -> Box<dyn Sampler>) {
@@ -278,14 +278,12 @@ fn resumes(make: &impl Fn(&Frame) -> Box<dyn Sampler>, frame: Frame, scene: Scen
     limits.schedule.slice_spp = 3;
     let (mut keeper, mut sampler) = (Keeper::default(), make(&frame));
     let case = format!("{}, {scene:?}", sampler.describe());
-    let whole = render(&mut { scene }, &mut *sampler, Needs::none(), frame, &limits, &mut keeper);
+    let whole = Render::new(frame, &limits).monitor(&mut keeper).run(&mut { scene }, &mut *sampler);
     let whole = bits(&whole.unwrap_or_else(|e| panic!("{case}: {e}")));
     let go_on = |bytes: &[u8], limits: &Limits, threads: usize| {
         let snapshot = Snapshot::from_bytes(bytes).unwrap_or_else(|e| panic!("{case}: {e}"));
         let mut sampler = make(&frame);
-        let film = on_threads(threads, || {
-            resume(snapshot, &mut { scene }, &mut *sampler, Needs::none(), frame, limits, &mut NoMonitor)
-        });
+        let film = on_threads(threads, || Render::new(frame, limits).resume(snapshot, &mut { scene }, &mut *sampler));
         film.unwrap_or_else(|e| panic!("{case}: it cannot be resumed: {e}"))
     };
     let otherwise = Limits::samples(21 * pixels + 5);

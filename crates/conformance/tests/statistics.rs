@@ -3,9 +3,10 @@
 //!
 //! Everything is made up and every seed is fixed. Limits on rates are 5 standard deviations of the binomial: 6e-7 each.
 
+use dapple_adaptive::{Adaptive, PilotPolicy, VarianceOptions};
 use dapple_conformance::statistics::*;
-use dapple_core::samplers::{PilotPolicy, Uniform, Variance, VarianceOptions};
-use dapple_core::{Film, Frame, Limits, Needs, NoMonitor, PointSet, SampleId, Sampler, render};
+use dapple_core::samplers::Uniform;
+use dapple_core::{Film, Frame, Limits, PointSet, Render, SampleId, Sampler};
 use dapple_metrics::{log_log_fit, ratio_interval, student_t_quantile};
 
 /// SplitMix64.
@@ -327,12 +328,12 @@ const P: f64 = 0.1;
 fn lit(sampler: &mut dyn Sampler, side: u32, spp: u64) -> Film {
     let frame = Frame::new(side, side).expect("a frame");
     let limits = Limits::samples(spp * frame.pixels() as u64);
-    render(&mut Bernoulli(P as f32), sampler, Needs::none(), frame, &limits, &mut NoMonitor).expect("a film")
+    Render::new(frame, &limits).run(&mut Bernoulli(P as f32), sampler).expect("a film")
 }
 
-fn alone(policy: PilotPolicy, seed: u64) -> Variance<Independent> {
+fn alone(policy: PilotPolicy, seed: u64) -> Adaptive<Independent> {
     let options = VarianceOptions { policy, radius: 0, pilot: 4, ..VarianceOptions::default() };
-    Variance::with_options(Independent(seed), options).expect("sound options")
+    Adaptive::variance_with_options(Independent(seed), options).expect("sound options")
 }
 
 #[test]
@@ -376,7 +377,7 @@ fn design_s8_metamorphic() {
         let frame = Frame::new(9, 7).expect("a frame");
         let sampler = &mut Uniform::new(Independent(seed));
         let limits = Limits::samples(1000);
-        render(&mut Scaled(scale), sampler, Needs::none(), frame, &limits, &mut NoMonitor).expect("a film")
+        Render::new(frame, &limits).run(&mut Scaled(scale), sampler).expect("a film")
     };
     let scaled =
         |by: f64, film: &Film| -> Vec<[u64; 3]> { (0..63).map(|i| film.mean(i).map(|x| (x * by).to_bits())).collect() };

@@ -3,10 +3,11 @@
 //! The loop's own price per sample is the time of `render/*` less that of `direct`, over 2^18 samples.
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
-use dapple_core::samplers::{Uniform, Variance, VarianceOptions};
+use dapple_adaptive::{Adaptive, VarianceOptions};
+use dapple_core::samplers::Uniform;
 use dapple_core::{
-    Block, BudgetLeft, Draws, Estimate, Feedback, Film, Frame, Integrator, Limits, Needs, NoMonitor, Plan, PointSet,
-    SampleId, Sampler, TrainingLog, allocate, allocate_on_ladder, render, streams,
+    Block, BudgetLeft, Draws, Estimate, Feedback, Film, Frame, Integrator, Limits, Needs, Plan, PointSet, Render,
+    SampleId, Sampler, TrainingLog, allocate, allocate_on_ladder, streams,
 };
 use std::hint::black_box;
 
@@ -76,7 +77,7 @@ fn driver(c: &mut Criterion) {
         let limits = Limits::samples(u64::from(SIDE * SIDE) * SPP);
         let once = || {
             let mut sampler = Uniform::new(Cheap);
-            on_one_thread(|| render(&mut OneBlock, &mut sampler, needs, frame(), &limits, &mut NoMonitor))
+            on_one_thread(|| Render::new(frame(), &limits).needs(needs).run(&mut OneBlock, &mut sampler))
         };
         group.bench_function(BenchmarkId::new("render", name), |b| b.iter(|| once().expect("a film")));
     }
@@ -117,7 +118,7 @@ fn planning(c: &mut Criterion) {
     group.bench_function("variance", |b| {
         // The pilot that the film holds: what is timed is the plan after it.
         let options = VarianceOptions { pilot: 4, ..VarianceOptions::default() };
-        let mut sampler = Variance::with_options(Cheap, options).expect("options");
+        let mut sampler = Adaptive::variance_with_options(Cheap, options).expect("options");
         b.iter(|| {
             let mut plan = Plan::empty(pixels);
             let seen = Feedback { round: 1, film: &film, budget };

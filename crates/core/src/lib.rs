@@ -8,7 +8,7 @@
 //! * [`Integrator`]: estimates a pixel from one sample's coordinates;
 //! * [`Filter`]: makes an image from the [`Film`].
 //!
-//! [`render`] drives them: round, barrier, round, … until the [`Limits`] are met. This crate knows no
+//! [`Render`] drives them: round, barrier, round, … until the [`Limits`] are met. This crate knows no
 //! geometry, no colour file and no scene; everything public speaks in `[f32; 3]`, slices and ids.
 //!
 //! # Guarantees
@@ -35,6 +35,7 @@ mod moments;
 mod needs;
 mod plan;
 mod point_set;
+mod policy;
 mod render;
 mod sampler;
 pub mod samplers;
@@ -54,7 +55,8 @@ pub use moments::{Moments, RgbMoments};
 pub use needs::Needs;
 pub use plan::{Combine, Plan, Progress, Retention};
 pub use point_set::{PointSet, SampleId, streams};
-pub use render::{Control, Monitor, NoMonitor, Status, render, resume};
+pub use policy::{PilotPolicy, Stopping};
+pub use render::{Control, Monitor, NoMonitor, Render, Status};
 pub use sampler::{BudgetLeft, Feedback, Sampler};
 pub use shard::{Shard, ShardFilm, Sharded, merge};
 pub use snapshot::Snapshot;

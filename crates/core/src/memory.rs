@@ -99,7 +99,7 @@ pub struct Memory {
 }
 
 impl Memory {
-    /// Of [`render`](crate::render()) with these arguments, and of applying `filter` to the film. `needs` are those of
+    /// Of a [`Render`](crate::Render) with these arguments, and of applying `filter` to the film. `needs` are those of
     /// everybody but sampler and limits.
     pub fn of_render(sampler: &dyn Sampler, filter: &dyn Filter, needs: Needs, frame: &Frame, limits: &Limits) -> Self {
         let needs = needs.and(sampler.needs());
@@ -134,7 +134,7 @@ impl Memory {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::samplers::{PilotPolicy, Uniform, Variance, VarianceOptions};
+    use crate::samplers::Uniform;
     use crate::{PointSet, SampleId, Unfiltered};
 
     struct Points;
@@ -166,12 +166,6 @@ mod tests {
         let halves = of(&Uniform::new(Points), &frame, Budget::Error { relmse: 0.1, at_most: 20_000 });
         assert_eq!((halves.film, halves.filter.image), (5000 * 64, 5000 * 16));
         assert_eq!(halves.snapshot(), halves.film + halves.tracing);
-        let options = VarianceOptions { policy: PilotPolicy::Discard, ..VarianceOptions::default() };
-        let discards = of(&Variance::with_options(Points, options).unwrap(), &frame, Budget::Samples(20_000));
-        assert_eq!(discards.film, 5000 * 112, "a bank of its own for what is discarded");
-        let variance = |budget| of(&Variance::new(Points), &frame, Budget::Samples(budget));
-        assert_eq!(variance(20_000).planning, 5000 * 4, "the pilot is all");
-        assert!(variance(20_001).planning > 5000 * 100 && variance(40_000) == variance(20_001));
     }
 
     /// Sums that leave 64 bits are "more than there is", not little.

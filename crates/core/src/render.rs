@@ -77,67 +77,143 @@ impl<F: FnMut(&Status<'_>) -> Control> Monitor for F {
     }
 }
 
-/// Renders until the limits are met: asks `sampler` for a round, traces it with `integrator` on the
-/// current rayon pool, lets the integrator learn, and asks again.
+/// A render to be started or resumed: the frame, its limits, the statistics to record and a monitor.
 ///
-/// The film records what the sampler needs and what `needs` (a filter's, say) asks for besides. An
-/// error limit adds halves.
-///
-/// # Errors
-///
-/// When the limits make no sense, the sampler cannot meet them or breaks its word, the point set is
-/// exhausted, a sample is invalid under [`InvalidSample::Fail`](crate::InvalidSample), or the
-/// integrator panics ([`Error::Panicked`] carries what was finished).
-pub fn render(
-    integrator: &mut dyn Integrator,
-    sampler: &mut dyn Sampler,
-    needs: Needs,
+/// The film records what the sampler needs and what [`Render::needs`] adds, for a filter say. An error limit adds halves.
+/// Samples are traced on the current rayon pool.
+#[must_use = "nothing is rendered before `run` or `resume`"]
+pub struct Render<'a> {
     frame: Frame,
-    limits: &Limits,
-    monitor: &mut dyn Monitor,
-) -> Result<Film, Error> {
-    let meter = Meter::new(limits, &frame)?;
-    let needs = needs.and(sampler.needs()).and(meter.needs());
-    let state = State { film: Film::new(frame, needs), round: 0, open: None, passes: Vec::new() };
-    drive(state, Clock::start(0.0), meter, integrator, sampler, limits, monitor)
+    limits: &'a Limits,
+    needs: Needs,
+    monitor: Option<&'a mut dyn Monitor>,
 }
 
-/// Goes on with a render where a [`Snapshot`] was taken, as [`render`] does: with a sampler and an integrator made by the same
-/// words, and the same frame, it ends with the bits of the render that was never interrupted, on any number of threads.
-///
-/// The budget is no part of a render's identity: one that is larger goes on further, a time limit counts the seconds
-/// of both sittings. What `needs` asks for must have been recorded from the start. That the integrator is the same (scene,
-/// depth, …) is for the caller to make sure of.
-///
-/// # Errors
-///
-/// As [`render`]; [`Error::OtherRender`] where sampler, points, frame, bounds of counts or needs differ, or where more is
-/// planned already than the budget allows; [`Error::BadSnapshot`].
-pub fn resume(
-    snapshot: Snapshot,
-    integrator: &mut dyn Integrator,
-    sampler: &mut dyn Sampler,
-    needs: Needs,
-    frame: Frame,
-    limits: &Limits,
-    monitor: &mut dyn Monitor,
-) -> Result<Film, Error> {
-    let mut meter = Meter::new(limits, &frame)?;
-    let needs = needs.and(sampler.needs()).and(meter.needs());
-    snapshot.check(sampler, &needs, &frame, limits)?;
-    let Snapshot { film, round, open, passes, total, seconds, sampler_state, .. } = snapshot;
-    let planned = open.as_ref().map_or(film.record.samples, |open| open.before + open.plan.total());
-    meter.restore(&film, total, planned)?;
-    sampler.restore(&sampler_state)?;
-    if let Some(open) = &open {
-        let rest = open.rest(frame.size()[0] as usize);
-        if rest.total() > 0 {
-            check(&rest, &film, sampler, &meter.left(&film))?;
-        }
+impl<'a> Render<'a> {
+    /// A render of `frame` within `limits`, without a monitor.
+    pub fn new(frame: Frame, limits: &'a Limits) -> Self {
+        Self { frame, limits, needs: Needs::none(), monitor: None }
     }
-    passes.iter().for_each(|pass| integrator.learn(pass));
-    let state = State { film, round, open, passes };
-    drive(state, Clock::start(seconds), meter, integrator, sampler, limits, monitor)
+
+    /// Records these statistics too.
+    pub fn needs(mut self, needs: Needs) -> Self {
+        self.needs = self.needs.and(needs);
+        self
+    }
+
+    /// Calls this monitor between slices.
+    pub fn monitor(mut self, monitor: &'a mut dyn Monitor) -> Self {
+        self.monitor = Some(monitor);
+        self
+    }
+
+    /// Renders until the limits are met: takes a plan from `sampler`, traces it with `integrator`, lets the integrator
+    /// learn, and starts again.
+    ///
+    /// # Errors
+    ///
+    /// When the limits make no sense, the sampler cannot meet them or returns an invalid plan, the point set is exhausted, a
+    /// sample is invalid under [`InvalidSample::Fail`](crate::InvalidSample), or the integrator panics ([`Error::Panicked`]
+    /// carries what was finished).
+    pub fn run(self, integrator: &mut dyn Integrator, sampler: &mut dyn Sampler) -> Result<Film, Error> {
+        let meter = Meter::new(self.limits, &self.frame)?;
+        let needs = self.needs.and(sampler.needs()).and(meter.needs());
+        let state = State { film: Film::new(self.frame, needs), round: 0, open: None, passes: Vec::new() };
+        self.drive(state, Clock::start(0.0), meter, integrator, sampler)
+    }
+
+    /// Resumes a render from a [`Snapshot`]. With a sampler and an integrator made with the same options, and the same frame, it
+    /// ends with the bits of the render that was never interrupted, on any number of threads.
+    ///
+    /// The budget may differ: a larger one renders on, and a time limit counts the seconds before the snapshot too. The
+    /// statistics in [`Render::needs`] must have been recorded from the start. The caller makes sure that the integrator
+    /// is the same (scene, depth, …).
+    ///
+    /// # Errors
+    ///
+    /// As [`Render::run`]; [`Error::OtherRender`] where sampler, points, frame, bounds of counts or needs differ, or where
+    /// more is planned already than the budget allows; [`Error::BadSnapshot`].
+    pub fn resume(
+        self,
+        snapshot: Snapshot,
+        integrator: &mut dyn Integrator,
+        sampler: &mut dyn Sampler,
+    ) -> Result<Film, Error> {
+        let mut meter = Meter::new(self.limits, &self.frame)?;
+        let needs = self.needs.and(sampler.needs()).and(meter.needs());
+        snapshot.check(sampler, &needs, &self.frame, self.limits)?;
+        let Snapshot { film, round, open, passes, total, seconds, sampler_state, .. } = snapshot;
+        let planned = open.as_ref().map_or(film.record.samples, |open| open.before + open.plan.total());
+        meter.restore(&film, total, planned)?;
+        sampler.restore(&sampler_state)?;
+        if let Some(open) = &open {
+            let rest = open.rest(self.frame.size()[0] as usize);
+            if rest.total() > 0 {
+                check(&rest, &film, sampler, &meter.left(&film))?;
+            }
+        }
+        passes.iter().for_each(|pass| integrator.learn(pass));
+        self.drive(State { film, round, open, passes }, Clock::start(seconds), meter, integrator, sampler)
+    }
+
+    fn drive(
+        self,
+        mut state: State,
+        mut clock: Clock,
+        mut meter: Meter,
+        integrator: &mut dyn Integrator,
+        sampler: &mut dyn Sampler,
+    ) -> Result<Film, Error> {
+        let limits = self.limits;
+        let mut unwatched = NoMonitor;
+        let monitor = self.monitor.unwrap_or(&mut unwatched);
+        loop {
+            let open = match state.open.take() {
+                Some(open) => Some(open),
+                None => plan(&mut state, &mut meter, sampler, &clock)?,
+            };
+            let total = meter.left(&state.film).total;
+            let limit = meter.seconds();
+            let mut look = Look {
+                monitor: &mut *monitor,
+                clock: &mut clock,
+                round: state.round,
+                expected: total,
+                limit,
+                sampler: &*sampler,
+                limits,
+            };
+            let Some(mut open) = open else {
+                // Who goes on from here passes this barrier again.
+                let shown = state.film.record.budgets.pop();
+                look.end(&state.film, &state.passes);
+                state.film.record.budgets.extend(shown);
+                break;
+            };
+            let tracing = look.clock.seconds() - open.traced_seconds;
+            let stopped = round::trace(integrator, &mut state.film, &mut open, &mut state.passes, tracing, &mut look)?;
+            let film = &mut state.film;
+            film.record.rounds.push(RoundRecord {
+                samples: film.record.samples - open.before,
+                kept: open.plan.retention == Retention::Keep,
+                plan_seconds: open.plan_seconds,
+                trace_seconds: clock.seconds() - tracing,
+            });
+            match stopped {
+                Stopped::No => state.round += 1,
+                Stopped::Within => {
+                    film.record.interrupted = true;
+                    break;
+                }
+                Stopped::AtEnd => {
+                    let spent = film.record.samples >= total;
+                    film.record.interrupted = !spent || meter.extend(film, clock.seconds());
+                    break;
+                }
+            }
+        }
+        Ok(state.film)
+    }
 }
 
 /// What a render has come to.
@@ -148,56 +224,6 @@ struct State {
     open: Option<OpenRound>,
     /// What the integrator learned from so far.
     passes: Vec<TrainingData>,
-}
-
-fn drive(
-    mut state: State,
-    mut clock: Clock,
-    mut meter: Meter,
-    integrator: &mut dyn Integrator,
-    sampler: &mut dyn Sampler,
-    limits: &Limits,
-    monitor: &mut dyn Monitor,
-) -> Result<Film, Error> {
-    loop {
-        let open = match state.open.take() {
-            Some(open) => Some(open),
-            None => plan(&mut state, &mut meter, sampler, &clock)?,
-        };
-        let total = meter.left(&state.film).total;
-        let limit = meter.seconds();
-        let mut look =
-            Look { monitor, clock: &mut clock, round: state.round, expected: total, limit, sampler: &*sampler, limits };
-        let Some(mut open) = open else {
-            // Who goes on from here passes this barrier again.
-            let shown = state.film.record.budgets.pop();
-            look.end(&state.film, &state.passes);
-            state.film.record.budgets.extend(shown);
-            break;
-        };
-        let tracing = look.clock.seconds() - open.traced_seconds;
-        let stopped = round::trace(integrator, &mut state.film, &mut open, &mut state.passes, tracing, &mut look)?;
-        let film = &mut state.film;
-        film.record.rounds.push(RoundRecord {
-            samples: film.record.samples - open.before,
-            kept: open.plan.retention == Retention::Keep,
-            plan_seconds: open.plan_seconds,
-            trace_seconds: clock.seconds() - tracing,
-        });
-        match stopped {
-            Stopped::No => state.round += 1,
-            Stopped::Within => {
-                film.record.interrupted = true;
-                break;
-            }
-            Stopped::AtEnd => {
-                let spent = film.record.samples >= total;
-                film.record.interrupted = !spent || meter.extend(film, clock.seconds());
-                break;
-            }
-        }
-    }
-    Ok(state.film)
 }
 
 /// The next round; `None` where nothing more is asked for.

@@ -1,14 +1,8 @@
-//! Samplers that others are measured against.
+//! The uniform sampler.
 
-mod cycles;
-mod pilot;
 mod uniform;
-mod variance;
 
-pub use cycles::{Cycles, CyclesOptions, Stop};
-pub use pilot::{PilotPolicy, PilotRound};
 pub use uniform::Uniform;
-pub use variance::{Variance, VarianceOptions};
 
 use crate::{Feedback, allocate};
 

@@ -98,7 +98,7 @@ impl View<'_> {
 }
 
 /// A render between two slices: everything that decides on the rest of it, made by
-/// [`Status::snapshot`](crate::Status::snapshot) and continued by [`resume`](crate::resume).
+/// [`Status::snapshot`](crate::Status::snapshot) and continued by [`Render::resume`](crate::Render::resume).
 ///
 /// Core does no file I/O: this is plain bytes, for whoever looks on to keep (`dapple-checkpoint` does so safely). The
 /// bytes have a version and are checked for sense, not for damage: add a checksum where they are stored.

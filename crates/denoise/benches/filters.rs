@@ -3,7 +3,7 @@
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use dapple_core::samplers::Uniform;
 use dapple_core::{
-    Block, Draws, Estimate, Film, Filter, FirstHit, Frame, Integrator, Limits, Needs, NoMonitor, TrainingLog, render,
+    Block, Draws, Estimate, Film, Filter, FirstHit, Frame, Integrator, Limits, Needs, Render, TrainingLog,
 };
 use dapple_denoise::{Bilateral, ClusterGaussian, ClusterRegression, Gaussian, NlMeans, Passes};
 use dapple_low_discrepancy::Random;
@@ -39,7 +39,7 @@ impl Integrator for Stripes {
 fn film(needs: Needs) -> Film {
     let frame = Frame::new(SIDE, SIDE).expect("a frame");
     let limits = Limits::samples(4 * u64::from(SIDE * SIDE));
-    render(&mut Stripes, &mut Uniform::new(Random::new(1)), needs, frame, &limits, &mut NoMonitor).expect("a film")
+    Render::new(frame, &limits).needs(needs).run(&mut Stripes, &mut Uniform::new(Random::new(1))).expect("a film")
 }
 
 fn filters(c: &mut Criterion) {
@@ -76,7 +76,7 @@ fn from_halves(c: &mut Criterion) {
     let needs = Needs::none().with_variance().with_halves().with_features().with_first_hits(1);
     let limits = Limits::samples(8 * u64::from(PART * PART));
     let film =
-        render(&mut Stripes, &mut Uniform::new(Random::new(1)), needs, frame, &limits, &mut NoMonitor).expect("a film");
+        Render::new(frame, &limits).needs(needs).run(&mut Stripes, &mut Uniform::new(Random::new(1))).expect("a film");
     let clusters = |passes| {
         let plain = ClusterRegression::new().with_passes(passes);
         plain.with_clusters(Arc::new(|hit| Some(hit.material)), 0.2, String::new()).expect("a factor")

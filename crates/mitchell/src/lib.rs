@@ -8,7 +8,7 @@
 //! * [`MitchellPbrt`]: deviation in luminance from the pixel's own mean, as in pbrt-v2.
 //!
 //! ```
-//! use dapple_core::{Block, Draws, Estimate, Frame, Integrator, Limits, Needs, NoMonitor, TrainingLog, render};
+//! use dapple_core::{Block, Draws, Estimate, Frame, Integrator, Limits, Render, TrainingLog};
 //! use dapple_low_discrepancy::Sobol;
 //! use dapple_mitchell::Mitchell;
 //!
@@ -27,7 +27,7 @@
 //! let frame = Frame::new(32, 32)?;
 //! let mut sampler = Mitchell::new(Sobol::new(7));
 //! let limits = Limits::samples(8 * 32 * 32);
-//! let film = render(&mut Edge, &mut sampler, Needs::none(), frame, &limits, &mut NoMonitor)?;
+//! let film = Render::new(frame, &limits).run(&mut Edge, &mut sampler)?;
 //! // Four samples in flat pixels; 4 + 6 and more at the edge, until the budget is met exactly.
 //! assert_eq!(film.record().samples, 8 * 32 * 32);
 //! assert!(film.counts().iter().all(|&n| n >= 4));
@@ -37,10 +37,10 @@
 //!
 //! # Guarantees
 //!
-//! * [`Mode::Budget`] meets the budget to the sample, [`Mode::Threshold`] never exceeds it; at most one
+//! * [`Stopping::Budget`] meets the budget to the sample, [`Stopping::Threshold`] never exceeds it; at most one
 //!   pixel leaves the two rates.
 //! * Where the budget allows it, no pixel has fewer samples in the image than the first rate.
-//! * [`Policy`] says what becomes of the pilot and what bias that leaves; each statement is tested
+//! * [`PilotPolicy`] says what becomes of the pilot and what bias that leaves; each statement is tested
 //!   against its closed form, with the biased policies as controls that the test must reject.
 //!
 //! # Limits
@@ -58,11 +58,12 @@ mod pbrt;
 mod rates;
 mod two_rates;
 
+pub use dapple_core::{PilotPolicy, Stopping};
+
 pub use contrast::{contrast, deviation};
 pub use mitchell::{Mitchell, MitchellOptions};
 pub use pbrt::{MitchellPbrt, MitchellPbrtOptions};
 pub use rates::Rates;
-pub use two_rates::{Mode, Policy};
 
 /// Runs the example of the README.
 #[cfg(doctest)]

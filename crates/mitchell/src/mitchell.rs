@@ -1,9 +1,12 @@
 //! Contrast in a neighbourhood, after Mitchell 1987.
 
+use crate::Rates;
 use crate::contrast::{NOTHING, contrast, windowed};
 use crate::two_rates::TwoRates;
-use crate::{Mode, Policy, Rates};
-use dapple_core::{Error, Feedback, Film, Frame, Limits, Needs, Plan, PointSet, Progress, Sampler, SamplerMemory};
+use dapple_core::{
+    Error, Feedback, Film, Frame, Limits, Needs, PilotPolicy, Plan, PointSet, Progress, Sampler, SamplerMemory,
+    Stopping,
+};
 
 /// The parameters of [`Mitchell`].
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -20,9 +23,9 @@ pub struct MitchellOptions {
     /// neighbourhood, 0 the pixel alone.
     pub radius: u32,
     /// What ends the refinement.
-    pub mode: Mode,
+    pub mode: Stopping,
     /// What becomes of the pilot.
-    pub policy: Policy,
+    pub policy: PilotPolicy,
 }
 
 impl Default for MitchellOptions {
@@ -32,8 +35,8 @@ impl Default for MitchellOptions {
             additional: 0,
             thresholds: [0.4, 0.3, 0.6],
             radius: 1,
-            mode: Mode::Budget,
-            policy: Policy::Keep,
+            mode: Stopping::Budget,
+            policy: PilotPolicy::Keep,
         }
     }
 }
@@ -54,7 +57,7 @@ impl MitchellOptions {
 
     /// The largest ratio of contrast to threshold, per pixel: above 1 it asks.
     fn scores(&self, film: &Film) -> Vec<f64> {
-        let discards = self.policy == Policy::Discard;
+        let discards = self.policy == PilotPolicy::Discard;
         let range = |i| if discards { film.discarded_range(i) } else { film.range(i) };
         let ranges: Vec<_> = (0..film.frame().pixels()).map(|i| range(i).unwrap_or(NOTHING)).collect();
         let windows = match self.radius {
@@ -75,8 +78,8 @@ impl MitchellOptions {
 /// 3x3 pixels; pixels where one exceeds its threshold are refined to a second rate. Pixels are ranked
 /// by the largest ratio of contrast to threshold, ties by a hash of their number. The staged
 /// reconstruction of the paper is a filter's business and not part of this.
-/// *Guarantees*: the budget exactly, or as a ceiling ([`Mode`]); where the budget is at least `initial`
-/// per pixel, no pixel below that; below, it is spent evenly. What bias there is, [`Policy`] says; the
+/// *Guarantees*: the budget exactly, or as a ceiling ([`Stopping`]); where the budget is at least `initial`
+/// per pixel, no pixel below that; below, it is spent evenly. What bias there is, [`PilotPolicy`] says; the
 /// default keeps the pilot and is biased.
 /// *Weaknesses*: the contrast of dark noise is 1, and contrast never falls as samples are added, so
 /// that under Monte Carlo noise nearly every pixel asks and the ranking ties; a light that the whole

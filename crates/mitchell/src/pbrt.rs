@@ -1,10 +1,11 @@
 //! The `adaptive` sampler of pbrt-v2.
 
+use crate::Rates;
 use crate::contrast::deviation;
 use crate::two_rates::TwoRates;
-use crate::{Mode, Policy, Rates};
 use dapple_core::{
-    Error, Feedback, Film, Frame, Limits, Needs, Plan, PointSet, Progress, Sampler, SamplerMemory, luminance,
+    Error, Feedback, Film, Frame, Limits, Needs, PilotPolicy, Plan, PointSet, Progress, Sampler, SamplerMemory,
+    Stopping, luminance,
 };
 
 /// The parameters of [`MitchellPbrt`].
@@ -19,26 +20,26 @@ pub struct MitchellPbrtOptions {
     /// refined; above 0.
     pub threshold: f64,
     /// What ends the refinement.
-    pub mode: Mode,
-    /// What becomes of the pilot. pbrt-v2's own is [`Policy::Refined`].
-    pub policy: Policy,
+    pub mode: Stopping,
+    /// What becomes of the pilot. pbrt-v2's own is [`PilotPolicy::Refined`].
+    pub policy: PilotPolicy,
 }
 
 impl Default for MitchellPbrtOptions {
     fn default() -> Self {
-        Self { min: 4, max: 32, threshold: 0.5, mode: Mode::Budget, policy: Policy::Refined }
+        Self { min: 4, max: 32, threshold: 0.5, mode: Stopping::Budget, policy: PilotPolicy::Refined }
     }
 }
 
 /// The `adaptive` sampler of pbrt-v2 with its `contrast` test [pbrt-v2, `src/samplers/adaptive.cpp`].
 ///
 /// *What*: `min` samples per pixel; where one deviates in luminance by more than half from their mean,
-/// `|Y - mean| / mean > 0.5`, `max` fresh ones take their place. With [`Mode::Threshold`] and
-/// [`Policy::Refined`] this is the published rule; [`Mode::Budget`], the default, ranks pixels by that
-/// deviation until the budget is spent. With [`Policy::Keep`] the pilot counts towards `max`.
+/// `|Y - mean| / mean > 0.5`, `max` fresh ones take their place. With [`Stopping::Threshold`] and
+/// [`PilotPolicy::Refined`] this is the published rule; [`Stopping::Budget`], the default, ranks pixels by that
+/// deviation until the budget is spent. With [`PilotPolicy::Keep`] the pilot counts towards `max`.
 /// *Guarantees*: the budget exactly, or as a ceiling; where the budget is at least `min` per pixel, no
 /// pixel below that. *Weaknesses*: biased as published, `3 p^2 - 2 p^3` for a Bernoulli pixel with two
-/// pilot samples (see [`Policy`]); a black pilot deviates from nothing and is never refined; each pixel
+/// pilot samples (see [`PilotPolicy`]); a black pilot deviates from nothing and is never refined; each pixel
 /// decides alone; the published form knows no budget. Its `shapeid` test is not part of this.
 pub struct MitchellPbrt<P> {
     points: P,
@@ -86,7 +87,7 @@ impl MitchellPbrtOptions {
     fn scores(&self, film: &Film) -> Vec<f64> {
         let score = |i| {
             let (range, moments) = match self.policy {
-                Policy::Discard => (film.discarded_luminance_range(i), film.discarded(i)),
+                PilotPolicy::Discard => (film.discarded_luminance_range(i), film.discarded(i)),
                 _ => (film.luminance_range(i), film.moments(i)),
             };
             range.map_or(0.0, |range| deviation(range, luminance(moments.mean)) / self.threshold)

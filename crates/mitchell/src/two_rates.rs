@@ -2,71 +2,17 @@
 
 use crate::Rates;
 use dapple_core::{
-    BudgetLeft, Error, Feedback, Film, Frame, Limits, Needs, Plan, Progress, Retention, SamplerMemory, allocate,
+    BudgetLeft, Error, Feedback, Film, Frame, Limits, Needs, PilotPolicy, Plan, Progress, Retention, SamplerMemory,
+    Stopping, allocate,
 };
-
-/// What ends the refinement.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Mode {
-    /// The budget, met exactly: pixels are refined in the order of their contrast, whether they exceed
-    /// the threshold or not, and once all are refined in further passes of the same step. At most one
-    /// pixel gets part of a step. Where all pixels have the same contrast there is nothing to rank,
-    /// and counts differ by at most one.
-    #[default]
-    Budget,
-    /// The threshold: pixels that exceed it are refined, once, and no others. The budget is a ceiling;
-    /// if more pixels ask than it allows, those of highest contrast come first, and at most one gets
-    /// part of a step. The film's record says what was spent.
-    Threshold,
-}
-
-impl Mode {
-    /// Its name on the command line.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Budget => "budget",
-            Self::Threshold => "threshold",
-        }
-    }
-}
-
-/// What becomes of the pilot, and so what bias the image has.
-///
-/// The closed forms are the mean of a pixel whose samples are 1 with probability `p` and else 0,
-/// with a pilot of two, which is refined where the two differ (ALGORITHMS 0.4).
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Policy {
-    /// The pilot stays in the image: least noise. Biased, since samples that are kept also decide
-    /// how many follow [Kirk and Arvo 1991]: `p^2 + 2 p (1 - p) (1 + k p) / (2 + k)` with `k`
-    /// additional samples. A window of several pixels dilutes a pixel's own vote, and the bias with it.
-    #[default]
-    Keep,
-    /// The pilot of refined pixels is thrown away, that of the others stays, as pbrt-v2 has it. Biased
-    /// more, not less: `3 p^2 - 2 p^3`, however many samples follow.
-    Refined,
-    /// The whole pilot is thrown away: unbiased, `p`, at the price of its samples, where the budget is
-    /// known at the start. It never takes more than half of the budget.
-    Discard,
-}
-
-impl Policy {
-    /// Its name on the command line.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Keep => "keep",
-            Self::Refined => "refined",
-            Self::Discard => "discard",
-        }
-    }
-}
 
 const NOT_OURS: Error = Error::BadSnapshot { what: "they do not hold what a sampler of two rates saves" };
 
 /// Decides by rank, in two rates.
 #[derive(Default)]
 pub(crate) struct TwoRates {
-    pub(crate) mode: Mode,
-    pub(crate) policy: Policy,
+    pub(crate) mode: Stopping,
+    pub(crate) policy: PilotPolicy,
     /// Made once per pilot: later samples do not change it.
     ranking: Option<Ranking>,
     /// The rates in use, and the mean budget that they were chosen for.
@@ -85,7 +31,7 @@ struct Ranking {
 }
 
 impl TwoRates {
-    pub(crate) fn new(mode: Mode, policy: Policy) -> Self {
+    pub(crate) fn new(mode: Stopping, policy: PilotPolicy) -> Self {
         Self { mode, policy, ranking: None, rates: None }
     }
 
@@ -187,9 +133,9 @@ impl TwoRates {
         let planning = scoring.saturating_sub(RANKING).max(8);
         let memory = SamplerMemory::planning(frame, false, planning).with_state(frame, RANKING);
         match self.policy {
-            Policy::Keep => memory,
-            Policy::Discard => memory.with_discarded(frame, needs, limits),
-            Policy::Refined => {
+            PilotPolicy::Keep | PilotPolicy::Cross => memory,
+            PilotPolicy::Discard => memory.with_discarded(frame, needs, limits),
+            PilotPolicy::Refined => {
                 // What is withdrawn goes to a bank that is there from the second round on, with how far indices are ahead.
                 let moved = memory.with_discarded(frame, needs, limits);
                 SamplerMemory { discarded: moved.discarded.saturating_add(frame.bytes(16)), ..moved }
@@ -199,7 +145,7 @@ impl TwoRates {
 
     /// Whether the whole pilot is thrown away.
     pub(crate) fn discards(&self) -> bool {
-        self.policy == Policy::Discard
+        self.policy == PilotPolicy::Discard
     }
 
     /// Samples per pixel of the pilot.
@@ -218,20 +164,20 @@ impl TwoRates {
         let BudgetLeft { min_spp, max_spp, .. } = seen.budget;
         let now: Vec<u32> = (0..seen.pixels()).map(|i| clamped(seen.film.count(i))).collect();
         let total = now.iter().map(|&n| u64::from(n)).sum::<u64>() + seen.budget.left();
-        if ranking.level && self.mode == Mode::Budget {
+        if ranking.level && self.mode == Stopping::Budget {
             let counts = allocate(&vec![1.0; now.len()], &now, max_spp, total)?.counts;
             plan.counts = counts.iter().zip(&now).map(|(n, now)| n - now).collect();
             return Ok(());
         }
         let floor = clamped(u64::from(rates.initial).min(total / now.len() as u64)).max(min_spp).min(max_spp);
-        let mut steps = Steps::new(seen, plan, now, self.policy == Policy::Refined);
+        let mut steps = Steps::new(seen, plan, now, self.policy == PilotPolicy::Refined);
         steps.raise_all(&ranking.order, floor, false);
         match self.mode {
-            Mode::Threshold => {
+            Stopping::Threshold => {
                 let target = rates.refined().max(floor).min(max_spp);
                 steps.raise_all(&ranking.order[..ranking.asking], target, true);
             }
-            Mode::Budget => steps.raise_in_passes(&ranking.order, rates),
+            Stopping::Budget => steps.raise_in_passes(&ranking.order, rates),
         }
         if steps.withdrawn.contains(&true) {
             plan.withdraw = Some(steps.withdrawn);

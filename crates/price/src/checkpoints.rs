@@ -3,8 +3,8 @@
 use crate::image::Image;
 use crate::pairs::{in_turn, pairs, seconds};
 use crate::{Break, Effort, Error, Ratio, Result, Row};
-use dapple_checkpoint::{Contents, Identity, Kind, Store};
-use dapple_core::{Control, Monitor, Needs, NoMonitor, Snapshot, Status, resume};
+use dapple_core::{Control, Monitor, Needs, NoMonitor, Render, Snapshot, Status};
+use dapple_job::checkpoint::{Contents, Identity, Kind, Store};
 use dapple_renderer::integrator;
 use std::path::PathBuf;
 
@@ -109,8 +109,7 @@ fn killed(image: &Image, store: &Store) -> Result<Break> {
     let saved = snapshot.film().record().samples;
     let (mut sampler, mut integrator) = (Image::sampler(), integrator(image.world()));
     let limits = image.limits();
-    let resumed =
-        resume(snapshot, &mut *integrator, &mut sampler, Needs::none(), image.frame, &limits, &mut NoMonitor)?;
+    let resumed = Render::new(image.frame, &limits).resume(snapshot, &mut *integrator, &mut sampler)?;
     let pixels = 0..image.frame.pixels();
     let bits = |value: [f64; 3]| value.map(f64::to_bits);
     let other = pixels.filter(|&i| bits(resumed.mean(i)) != bits(whole.mean(i))).count() as u64;

@@ -4,8 +4,7 @@ use crate::image::Image;
 use crate::pairs::{in_turn, of_whole, pairs, seconds};
 use crate::{Break, Effort, Ratio, Result, Row};
 use dapple_core::{
-    Draws, Estimate, Frame, Integrator, Limits, Needs, NoMonitor, RejectedReason, RgbMoments, SampleId, TrainingLog,
-    render,
+    Draws, Estimate, Frame, Integrator, Limits, Needs, RejectedReason, Render, RgbMoments, SampleId, TrainingLog,
 };
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -223,7 +222,7 @@ impl Integrator for Faulty {
 fn holes() -> Result<Break> {
     let frame = Frame::new(SIDE, SIDE)?;
     let limits = Limits::samples(u64::from(SIDE * SIDE) * SPP as u64);
-    let film = render(&mut Faulty, &mut Image::sampler(), Needs::none(), frame, &limits, &mut NoMonitor)?;
+    let film = Render::new(frame, &limits).run(&mut Faulty, &mut Image::sampler())?;
     let with: Vec<[f64; 3]> = (0..frame.pixels()).map(|i| film.mean(i)).collect();
     let without: Vec<[f64; 3]> = (0..frame.pixels())
         .map(|i| {

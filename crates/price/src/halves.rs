@@ -4,7 +4,7 @@ use crate::image::Image;
 use crate::pairs::{in_turn, pairs};
 use crate::{Break, Effort, Error, Result, Row};
 use dapple_core::samplers::Uniform;
-use dapple_core::{Block, Draws, Estimate, Film, Frame, Integrator, Limits, Needs, NoMonitor, TrainingLog, render};
+use dapple_core::{Block, Draws, Estimate, Film, Frame, Integrator, Limits, Needs, Render, TrainingLog};
 use dapple_low_discrepancy::Sobol;
 
 pub(crate) fn row(effort: Effort, image: &Image) -> Result<Row> {
@@ -54,7 +54,7 @@ fn predictions() -> Result<Break> {
     let [mut without, mut with] = [0; 2];
     for seed in 0..IMAGES {
         let film =
-            |needs| render(&mut Smooth, &mut Uniform::new(Sobol::new(seed)), needs, frame, &limits, &mut NoMonitor);
+            |needs| Render::new(frame, &limits).needs(needs).run(&mut Smooth, &mut Uniform::new(Sobol::new(seed)));
         let halves = film(Needs::none().with_halves())?;
         with += u64::from(is_off(halves.predicted_relmse().unwrap_or(f64::NAN), &halves));
         let whole = film(Needs::none().with_variance())?;

@@ -2,10 +2,11 @@
 
 use crate::{Effort, Error, Result};
 use dapple_core::samplers::Uniform;
-use dapple_core::{Film, Frame, Limits, Monitor, Needs, NoMonitor, Schedule, render};
+use dapple_core::{Film, Frame, Limits, Monitor, Needs, NoMonitor, Render, Schedule};
 use dapple_low_discrepancy::Sobol;
-use dapple_renderer::scene::Scene;
-use dapple_renderer::{World, bundled, integrator};
+use dapple_renderer::{World, integrator};
+use dapple_scene::Scene;
+use dapple_scene::bundled;
 use std::time::Instant;
 
 /// The bundled scene of this name.
@@ -58,7 +59,10 @@ impl Image {
 
     pub(crate) fn render(&self, needs: Needs, monitor: &mut dyn Monitor) -> Result<Film> {
         let mut integrator = integrator(&self.world);
-        Ok(render(&mut *integrator, &mut Self::sampler(), needs, self.frame, &self.limits(), monitor)?)
+        Ok(Render::new(self.frame, &self.limits())
+            .needs(needs)
+            .monitor(monitor)
+            .run(&mut *integrator, &mut Self::sampler())?)
     }
 
     /// Seconds of a whole render.

@@ -74,7 +74,7 @@ pub enum Error {
     Render(#[from] dapple_core::Error),
     /// A checkpoint was not written or read.
     #[error(transparent)]
-    Checkpoint(#[from] dapple_checkpoint::Error),
+    Checkpoint(#[from] dapple_job::checkpoint::Error),
     /// The folder for checkpoints cannot be used.
     #[error("cannot use {path} for checkpoints: {source}; set TMPDIR to a folder that can be written to")]
     Folder {

@@ -4,8 +4,8 @@ use crate::image::scene;
 use crate::pairs::{in_turn, of_whole, pairs, seconds};
 use crate::{Break, Effort, Error, Result, Row};
 use dapple_geometry::{Disk, Geometry, Mesh, Preset, Ray, Shape, Sphere};
-use dapple_renderer::scene::{Geometry as Described, Scene};
 use dapple_renderer::{Space, World};
+use dapple_scene::{Geometry as Described, Scene};
 use glam::{DAffine3, DVec3, Vec2, Vec3};
 
 /// Where time is measured: half a million corners.

@@ -1,9 +1,9 @@
 //! Cameras: from a position in a pixel to a ray.
 
-use crate::scene::{Camera, Projection, Source};
 use crate::shading::warp::concentric_disk;
 use crate::space::Space;
 use dapple_geometry::{Motion, Ray};
+use dapple_scene::{Camera, Projection, Source};
 use glam::{DAffine3, Mat3, Vec2, Vec3};
 
 /// A camera that cannot be made.

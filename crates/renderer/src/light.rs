@@ -30,11 +30,11 @@ pub use selection::{LightSelection, UnknownLightSelection};
 pub(crate) use sphere::SphereLight;
 pub(crate) use spot::SpotLight;
 
-use crate::scene::{Light as Described, LightKind};
 use crate::shading::discrete::Discrete;
 use crate::shading::power_heuristic;
 use crate::space::Space;
 use dapple_geometry::{Ray, SurfacePoint, spawn_ray, spawn_ray_to, spawn_ray_to_point};
+use dapple_scene::{Light as Described, LightKind};
 use glam::Vec3;
 use std::sync::Arc;
 

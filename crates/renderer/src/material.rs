@@ -6,13 +6,16 @@ mod tests;
 
 pub(crate) use mix::{check_mixes, interface_share, resolve};
 
-use crate::scene::{Coating, Color, ConductorFresnel, Material, MaterialKind, Roughness, Scalar, Source, TextureId};
 use crate::shading::coat::{Coat, CoatOptions};
 use crate::shading::{
     Bsdf, ComplexIor, DiffuseTransmission, MetalCoat, Plastic, RoughDielectric, SmoothDielectric, Substrate, Tint,
     TrowbridgeReitz,
 };
 use crate::texture::Textures;
+use dapple_scene::{
+    Coating, Color, ConductorFresnel, Material, MaterialKind, Roughness, Scalar, Source, TextureId, effectively_smooth,
+    roughness_to_alpha,
+};
 use glam::Vec3;
 
 /// A material ready to shade.
@@ -332,7 +335,7 @@ impl Widths {
         }
         let alpha = alpha(roughness)?;
         let microfacets = TrowbridgeReitz::new(alpha).map_err(|e| e.to_string())?;
-        Ok(match TrowbridgeReitz::effectively_smooth(alpha) {
+        Ok(match effectively_smooth(alpha) {
             true => Self::Smooth(microfacets),
             false => Self::Rough(microfacets),
         })
@@ -346,7 +349,7 @@ impl Widths {
             Self::Rough(microfacets) => Some(*microfacets),
             Self::Textured(_) => {
                 let microfacets = self.rough(textures, uv);
-                (!TrowbridgeReitz::effectively_smooth(microfacets.alpha())).then_some(microfacets)
+                (!effectively_smooth(microfacets.alpha())).then_some(microfacets)
             }
         }
     }
@@ -358,7 +361,7 @@ impl Widths {
             Self::Smooth(microfacets) | Self::Rough(microfacets) => *microfacets,
             Self::Textured(roughness) => TrowbridgeReitz::nearest([roughness.u, roughness.v].map(|r| {
                 let r = textures.look_up_scalar(r, uv);
-                if roughness.remap { TrowbridgeReitz::roughness_to_alpha(r) } else { r }
+                if roughness.remap { roughness_to_alpha(r) } else { r }
             })),
         }
     }
@@ -416,7 +419,7 @@ fn alpha(roughness: &Roughness) -> Result<[f32; 2], String> {
         .constants()
         .ok_or("the roughness of a coat, or of a metal below one, from a texture is not supported: give a number")?;
     let alpha = constants.map(|r| match roughness.remap {
-        true => TrowbridgeReitz::roughness_to_alpha(r),
+        true => roughness_to_alpha(r),
         false => r,
     });
     match constants.iter().all(|r| r.is_finite() && *r >= 0.0) {

@@ -8,7 +8,7 @@ mod phase;
 
 pub use phase::{HenyeyGreenstein, PhaseSample};
 
-use crate::scene;
+use dapple_scene as scene;
 use exponential::{depth_of, exp};
 use glam::Vec3;
 

@@ -1,6 +1,6 @@
 //! The shape of a pixel, importance-sampled: each sample belongs to one pixel and has weight 1.
 
-use crate::scene::PixelFilter;
+use dapple_scene::PixelFilter;
 use glam::Vec2;
 
 /// Samples offsets from a pixel's centre with the filter's density.

@@ -4,7 +4,7 @@
 //! overflow, so every scene is moved and scaled in f64 on the way in. The scale is a power of two,
 //! which changes no digit.
 
-use crate::scene::{Geometry, Scene, Shape};
+use dapple_scene::{Geometry, Scene, Shape};
 use glam::{DAffine3, DMat3, DVec3};
 
 /// The map from the file's world space to the renderer's.
@@ -140,7 +140,7 @@ pub(crate) fn even_scale(m: &DMat3) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::{MaterialId, Source};
+    use dapple_scene::{MaterialId, Source};
 
     fn scene(shapes: &[(Geometry, DAffine3)]) -> Scene {
         let shape = |(geometry, to_world): &(Geometry, DAffine3)| {

@@ -2,9 +2,9 @@
 
 mod coded;
 
-use crate::scene::{Color, Scalar, Texture, TextureId, TextureKind, Wrap};
 use coded::Coded;
-use glam::{DVec3, Vec3};
+use dapple_scene::{Color, Scalar, Texture, TextureId, TextureKind, Wrap};
+use glam::Vec3;
 use std::sync::Arc;
 
 /// All textures of a scene.
@@ -52,12 +52,6 @@ impl Textures {
         }
     }
 
-    /// The mean color of a texture, without its coordinates: an image's mean, half of each color of a checkerboard,
-    /// products and mixes of the means. Reads all pixels.
-    pub fn mean(&self, id: TextureId) -> [f32; 3] {
-        self.mean_within(id, DEEPEST).to_array()
-    }
-
     fn look_up_within(&self, id: TextureId, uv: [f32; 2], depth: u32) -> Vec3 {
         let Some(texture) = self.textures.get(id.0 as usize).filter(|_| depth > 0) else { return Vec3::ZERO };
         let place = |scale: &[f32; 2], shift: &[f32; 2]| [uv[0] * scale[0] + shift[0], uv[1] * scale[1] + shift[1]];
@@ -92,33 +86,6 @@ impl Textures {
                     1.0 => color(b),
                     _ => color(a).lerp(color(b), amount),
                 }
-            }
-        }
-    }
-
-    fn mean_within(&self, id: TextureId, depth: u32) -> Vec3 {
-        let Some(texture) = self.textures.get(id.0 as usize).filter(|_| depth > 0) else { return Vec3::ZERO };
-        let color = |color: &Color| match color {
-            Color::Constant(rgb) => Vec3::from_array(*rgb),
-            Color::Texture(id) => self.mean_within(*id, depth - 1),
-        };
-        match texture {
-            TextureKind::Checkerboard { colors: [a, b], .. } => 0.5 * (color(a) + color(b)),
-            TextureKind::Image { image, factor, invert, .. } => {
-                let sum = |sum: DVec3, pixel: &[f32; 3]| {
-                    let value = Vec3::from_array(*pixel) * *factor;
-                    sum + if *invert { (Vec3::ONE - value).max(Vec3::ZERO) } else { value }.as_dvec3()
-                };
-                let sum = image.pixels.iter().fold(DVec3::ZERO, sum);
-                (sum / image.pixels.len().max(1) as f64).as_vec3()
-            }
-            TextureKind::Product { factors: [a, b] } => color(a) * color(b),
-            TextureKind::Mix { colors: [a, b], amount } => {
-                let amount = match amount {
-                    Scalar::Constant(amount) => *amount,
-                    Scalar::Texture(id) => self.mean_within(*id, depth - 1).x,
-                };
-                color(a).lerp(color(b), amount)
             }
         }
     }
@@ -177,8 +144,8 @@ fn pair(first: i64, n: u32, wrap: Wrap) -> [usize; 2] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::image::Image;
-    use crate::scene::{Source, Wrap};
+    use dapple_scene::image::Image;
+    use dapple_scene::{Source, Wrap};
 
     fn textures(kinds: Vec<TextureKind>) -> Textures {
         let texture = |kind| Texture { name: String::new(), kind, source: Source::default() };
@@ -237,7 +204,7 @@ mod tests {
     }
 
     #[test]
-    fn products_mixes_edges_and_means() {
+    fn products_mixes_and_edges() {
         let edge = |wrap| match image(false, 1.0) {
             TextureKind::Image { image, scale, shift, factor, invert, .. } => {
                 TextureKind::Image { image, scale, shift, factor, invert, wrap }
@@ -264,9 +231,5 @@ mod tests {
             (found.look_up_scalar(Scalar::Constant(3.0), [0.0; 2]), found.look_up_scalar(amount, [0.25, 0.75])),
             (3.0, at(0, 0.25, 0.75))
         );
-        let means = [0.25, 0.25, 0.125, 0.4375, 0.3];
-        for (id, mean) in means.into_iter().enumerate() {
-            assert!((found.mean(TextureId(id as u32))[0] - mean).abs() < 1e-6, "{id}");
-        }
     }
 }

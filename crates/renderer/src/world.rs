@@ -12,19 +12,19 @@ mod tests;
 
 pub use build::WorldError;
 
-use crate::Effects;
 use crate::blocks;
 use crate::camera::CameraView;
 use crate::light::{LightSelection, Lights};
 use crate::material::{self, Surface};
 use crate::medium::Media;
 use crate::pixel_filter::FilterSampler;
-use crate::scene::{MediumInterface, Scalar, Scene};
 use crate::shading::{Bsdf, ShadingFrame};
 use crate::space::Space;
 use crate::texture::Textures;
 use dapple_core::Draws;
 use dapple_geometry::{Geometry, Hit, Ray, Shape, SurfacePoint};
+use dapple_scene::Effects;
+use dapple_scene::{MediumInterface, Scalar, Scene};
 use glam::Vec3;
 
 /// A scene prepared for tracing rays: geometry in a tree, lights with their probabilities, materials with their tables,
@@ -39,10 +39,11 @@ use glam::Vec3;
 /// An integrator of direct light: emission, and one light sampled at the first hit.
 ///
 /// ```
-/// use dapple_core::{Draws, Estimate, Frame, Integrator, Limits, Needs, NoMonitor, TrainingLog, render};
+/// use dapple_core::{Draws, Estimate, Frame, Integrator, Limits, Render, TrainingLog};
 /// use dapple_core::samplers::Uniform;
 /// use dapple_low_discrepancy::Sobol;
-/// use dapple_renderer::{World, blocks, bundled};
+/// use dapple_renderer::{World, blocks};
+/// use dapple_scene::bundled;
 /// use glam::Vec3;
 ///
 /// struct DirectLight<'w>(&'w World);
@@ -78,7 +79,7 @@ use glam::Vec3;
 /// let frame = Frame::new(16, 12)?;
 /// let limits = Limits::samples(4 * frame.pixels() as u64);
 /// let mut sampler = Uniform::new(Sobol::new(7));
-/// let film = render(&mut DirectLight(&world), &mut sampler, Needs::none(), frame, &limits, &mut NoMonitor)?;
+/// let film = Render::new(frame, &limits).run(&mut DirectLight(&world), &mut sampler)?;
 /// assert!((0..frame.pixels()).any(|pixel| film.mean(pixel)[1] > 0.0));
 /// # Ok(())
 /// # }
@@ -169,6 +170,12 @@ impl Interaction<'_> {
     #[inline]
     pub fn shading_normal(&self) -> Vec3 {
         self.shading_normal
+    }
+
+    /// The hit in the geometry's terms: shape, primitive and coordinates on it.
+    #[inline]
+    pub fn hit(&self) -> &Hit {
+        &self.hit
     }
 
     /// The ray parameter of the hit: its distance, for a direction of unit length.

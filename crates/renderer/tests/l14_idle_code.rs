@@ -6,9 +6,10 @@ mod statistics;
 mod support;
 
 use dapple_core::samplers::Uniform;
-use dapple_core::{Frame, Limits, Needs, NoMonitor, render};
+use dapple_core::{Frame, Limits, Render};
 use dapple_low_discrepancy::Sobol;
-use dapple_renderer::{World, bundled, code, integrator_with};
+use dapple_renderer::{World, code, integrator_with};
+use dapple_scene::bundled;
 use support::*;
 
 const SIZE: [u32; 2] = [24, 16];
@@ -31,8 +32,7 @@ fn rendered(world: &World, idle: u32, seed: u64) -> (u64, u64, u64) {
     let limits = Limits::samples(SPP * frame.pixels() as u64);
     let mut sampler = Uniform::new(Sobol::new(seed));
     let mut integrator = integrator_with(world, idle);
-    let film =
-        render(&mut *integrator, &mut sampler, Needs::none(), frame, &limits, &mut NoMonitor).expect("it renders");
+    let film = Render::new(frame, &limits).run(&mut *integrator, &mut sampler).expect("it renders");
     (hash(&film), film.record().blocks, film.record().rays)
 }
 

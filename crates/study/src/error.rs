@@ -63,7 +63,7 @@ pub enum StudyError {
     },
     /// An image file that cannot be read or written.
     #[error(transparent)]
-    Image(#[from] dapple_renderer::image::ImageError),
+    Image(#[from] dapple_scene::image::ImageError),
     /// A run that failed.
     #[error("{what}: {why}")]
     Run {

@@ -1,8 +1,8 @@
 //! Filters that are programs of others.
 
 use dapple_core::{Film, Filter, Filtered, Needs, Unfiltered};
-use dapple_renderer::image::{Encoding, Layer, Plane, encode_exr, read_image};
-use dapple_renderer::output::layers;
+use dapple_job::output::layers;
+use dapple_scene::image::{Encoding, Layer, Plane, encode_exr, read_image};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
@@ -10,7 +10,7 @@ use std::time::Instant;
 
 /// A filter that is a program of somebody else's: it reads an unfiltered image with its features, and writes an image.
 ///
-/// What it reads is an OpenEXR file with the layers of [`dapple_renderer::output::layers`] that first hits fill: the main
+/// What it reads is an OpenEXR file with the layers of [`dapple_job::output::layers`] that first hits fill: the main
 /// one (`R G B`, linear radiance, each pixel the mean of its own samples), `count`, `albedo` (`R G B`), `normal` (`X Y Z`,
 /// in the scene's space) and `depth`; and `coverage.Y`, the share of a pixel's samples that hit something, since features
 /// are means over those. What it writes is OpenEXR or PFM (or whatever else [`read_image`] reads), linear, of the same

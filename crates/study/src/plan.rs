@@ -7,8 +7,8 @@ pub use words::split_words;
 
 use crate::{External, Method};
 use dapple_core::PointSet;
+use dapple_job::registry::{self, Setting};
 use dapple_renderer::light::LightSelection;
-use dapple_renderer::registry::{self, Setting};
 use serde::Deserialize;
 use std::collections::BTreeSet;
 use std::path::PathBuf;

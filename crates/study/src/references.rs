@@ -6,7 +6,7 @@ use crate::subject::name_of;
 use crate::truth::{About, Truth};
 use crate::{Method, Plan, Reference, ScenePlan, StudyError, Subject};
 use dapple_core::{Control, Monitor};
-use dapple_renderer::image::{Image, Layer, encode_exr, write_file};
+use dapple_scene::image::{Image, Layer, encode_exr, write_file};
 use std::path::{Path, PathBuf};
 
 /// Seeds of the halves: none that a study counts up to.

@@ -11,7 +11,7 @@ mod words;
 
 use crate::folder::{FolderError, Recorded};
 use crate::summary::Summary;
-use dapple_renderer::image::{ImageError, write_file};
+use dapple_scene::image::{ImageError, write_file};
 use std::path::Path;
 
 /// Why there is no report. Each message says what to do.

@@ -1,9 +1,10 @@
 //! One image by one method, with what it took.
 
 use crate::{External, Method, Phases, StudyError, Subject};
-use dapple_core::{Error, Film, Filter, Filtered, Limits, Monitor, Needs, render};
-use dapple_renderer::registry::{self, Setting};
-use dapple_renderer::{Stage, integrator};
+use dapple_core::{Error, Film, Filter, Filtered, Limits, Monitor, Needs, Render};
+use dapple_job::Stage;
+use dapple_job::registry::{self, Setting};
+use dapple_renderer::integrator;
 use std::time::Instant;
 
 /// What an image is made of.
@@ -89,7 +90,10 @@ pub(crate) fn shoot(
     };
     let mut integrator = integrator(&subject.world);
     let limits = Limits::samples(samples);
-    let film = render(&mut *integrator, &mut *sampler, finish.needs(), frame, &limits, monitor)
+    let film = Render::new(frame, &limits)
+        .needs(finish.needs())
+        .monitor(monitor)
+        .run(&mut *integrator, &mut *sampler)
         .map_err(|e: Error| wrong(e.to_string()))?;
     let rendered = cpu();
     let unit = 1.0 / subject.world.space().scale();

@@ -10,7 +10,7 @@ use crate::subject::{Subject, View, name_of};
 use crate::truth::Truth;
 use crate::{Budget, Manifest, Method, Plan, PlanError, Run, ScenePlan, SceneRecord, StudyError};
 use dapple_core::{Control, Status};
-use dapple_renderer::image::write_file;
+use dapple_scene::image::write_file;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 

@@ -2,13 +2,15 @@
 
 use crate::StudyError;
 use crate::digest::Digest;
-use dapple_core::{Frame, Limits, Needs, NoMonitor, render};
-use dapple_renderer::files::{Disk, Files};
+use dapple_core::{Frame, Limits, Render};
+use dapple_job::Stage;
+use dapple_job::registry::{self, Setting};
 use dapple_renderer::light::LightSelection;
-use dapple_renderer::pbrt::ReadOptions;
-use dapple_renderer::registry::{self, Setting};
-use dapple_renderer::scene::{PixelFilter, Scene};
-use dapple_renderer::{AnyOptions, Stage, World, bundled, integrator, read_any_from};
+use dapple_renderer::{World, integrator};
+use dapple_scene::files::{Disk, Files};
+use dapple_scene::pbrt::ReadOptions;
+use dapple_scene::{AnyOptions, bundled, read_any_from};
+use dapple_scene::{PixelFilter, Scene};
 use serde::{Deserialize, Serialize};
 use std::cell::RefCell;
 use std::collections::BTreeMap;
@@ -122,8 +124,7 @@ impl Subject {
         let mut sampler = registry::sampler("uniform", points, &Stage::empty()).map_err(|e| wrong(&e))?;
         let limits = Limits::samples(CANARY_SPP * frame.pixels() as u64);
         let mut integrator = integrator(&self.world);
-        let film = render(&mut *integrator, &mut *sampler, Needs::none(), frame, &limits, &mut NoMonitor)
-            .map_err(|e| wrong(&e))?;
+        let film = Render::new(frame, &limits).run(&mut *integrator, &mut *sampler).map_err(|e| wrong(&e))?;
         let mut digest = Digest::new();
         film.image().as_flattened().iter().for_each(|v| digest.add(&v.to_bits().to_le_bytes()));
         Ok(digest)
@@ -137,7 +138,7 @@ const CANARY_SPP: u64 = 4;
 /// Reads a scene and digests every byte that was read for it.
 fn read(source: &str, allow_unsupported: bool) -> Result<(Scene, Digest), StudyError> {
     let path = Path::new(source);
-    let wrong = |e: dapple_renderer::pbrt::ReadError| StudyError::Scene(e.to_string());
+    let wrong = |e: dapple_scene::pbrt::ReadError| StudyError::Scene(e.to_string());
     if let Some(bundle) = bundle(source) {
         let mut digest = Digest::new();
         for (name, bytes) in &bundle.files {

@@ -5,7 +5,7 @@ use crate::{Errors, StudyError};
 use dapple_metrics::{
     NoisyReference, PIXELS_PER_DEGREE, Pixels, RELATIVE_EPSILON, compare, compare_corrected, downsample, flip,
 };
-use dapple_renderer::image::{Channels, Encoding, Plane, read_attributes, read_channels, read_image};
+use dapple_scene::image::{Channels, Encoding, Plane, read_attributes, read_channels, read_image};
 use std::path::Path;
 
 /// A reference image, and its own variance where that is known.

@@ -4,11 +4,12 @@ use crate::machine::cpu_seconds;
 use crate::stop::Stop;
 use crate::{Failure, Result, scene};
 use dapple_core::samplers::Uniform;
-use dapple_core::{Control, Film, Frame, Limits, Monitor, Needs, Status, render};
+use dapple_core::{Control, Film, Frame, Limits, Monitor, Status};
+use dapple_job::registry::{self, Setting};
 use dapple_metrics::{Difference, Measured, Pixels, difference};
-use dapple_renderer::registry::{self, Setting};
-use dapple_renderer::scene::Scene;
-use dapple_renderer::{Effect, Effects, World, integrator};
+use dapple_renderer::{World, integrator};
+use dapple_scene::Scene;
+use dapple_scene::{Effect, Effects};
 use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::time::{Duration, Instant};
 
@@ -84,7 +85,7 @@ impl Ledger {
                 break;
             }
             studio.about(called.effect);
-            let less = whole.without(called.effect).map_err(|e| e.to_string());
+            let less = dapple_renderer::without(whole, called.effect).map_err(|e| e.to_string());
             let world = less.and_then(|s| World::with_resolution(&s, settings.frame.resolution()).map_err(first_line));
             let without = match world {
                 Ok(world) => world,
@@ -199,7 +200,9 @@ impl<'s> Studio<'s> {
         let start = self.bar.position();
         let before = cpu_seconds();
         let frame = self.settings.frame;
-        let film: Film = render(&mut *integrator, &mut sampler, Needs::none(), frame, &limits, self)
+        let film: Film = dapple_core::Render::new(frame, &limits)
+            .monitor(self)
+            .run(&mut *integrator, &mut sampler)
             .map_err(|e| Failure::new(e.to_string()))?;
         let cpu = cpu_seconds().zip(before).map(|(after, before)| after - before);
         self.bar.set_position(start + STEPS);

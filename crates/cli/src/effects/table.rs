@@ -3,8 +3,8 @@
 use super::ledger::{Ledger, Row, Shares};
 use crate::scene::chance;
 use dapple_metrics::Measured;
-use dapple_renderer::scene::{Scene, Source};
-use dapple_renderer::{Called, Effect, Effects};
+use dapple_scene::{Called, Effect, Effects};
+use dapple_scene::{Scene, Source};
 use serde::Serialize;
 use std::path::Path;
 

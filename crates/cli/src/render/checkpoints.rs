@@ -2,8 +2,8 @@
 
 use crate::output::warn;
 use crate::{Failure, Result};
-use dapple_checkpoint::{Contents, Error, Generation, Identity, Kind, Store};
 use dapple_core::{Snapshot, Status};
+use dapple_job::checkpoint::{Contents, Error, Generation, Identity, Kind, Store};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::thread::JoinHandle;

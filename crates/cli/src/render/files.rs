@@ -6,9 +6,9 @@ use super::settings::Settings;
 use crate::output::warn;
 use crate::{Failure, Result};
 use dapple_core::{Frame, Needs};
-use dapple_renderer::image::{Format, Image, ImageError, check_writable, write_file};
-use dapple_renderer::image::{encode_exr, encode_pfm, encode_png, rows_at_a_time};
-use dapple_renderer::output::{self, GrayMap};
+use dapple_job::output::{self, GrayMap};
+use dapple_scene::image::{Format, Image, ImageError, check_writable, write_file};
+use dapple_scene::image::{encode_exr, encode_pfm, encode_png, rows_at_a_time};
 use std::path::{Path, PathBuf};
 
 /// What a file shows.

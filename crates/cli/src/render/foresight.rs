@@ -3,11 +3,12 @@
 use super::files::Files;
 use super::memory::Expected;
 use super::settings::Settings;
-use super::{Options, Words, choose_lights, expect, needs};
+use super::{Options, Words, expect, needs};
 use crate::{Failure, Result};
 use clap::Parser;
-use dapple_renderer::scene::Scene;
-use dapple_renderer::{Stage, World};
+use dapple_job::Stage;
+use dapple_renderer::World;
+use dapple_scene::Scene;
 use std::ffi::OsStr;
 use std::path::Path;
 use std::sync::Arc;
@@ -39,7 +40,7 @@ impl Foresight {
     ///
     /// Where sampler or filter cannot be made of the world.
     pub(crate) fn memory(mut self, scene: &Scene, mut world: World) -> Result<String> {
-        choose_lights(&mut world, &self.options);
+        world.set_light_selection(self.options.light_choice());
         let stage = Stage::new(Arc::new(world));
         let mut methods = self.settings.methods(&stage)?;
         let files = Files::new(&self.options, &scene.name, &self.settings)?;

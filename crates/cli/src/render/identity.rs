@@ -3,8 +3,8 @@
 use super::Options;
 use super::settings::{Methods, Settings};
 use crate::info;
-use dapple_checkpoint::Identity;
-use dapple_renderer::scene::Scene;
+use dapple_job::checkpoint::Identity;
+use dapple_scene::Scene;
 
 /// The pair that tells shards of one image apart.
 pub(crate) const SHARD: &str = "shard";

@@ -9,8 +9,8 @@ use crate::machine;
 use crate::output::bytes;
 use crate::{Failure, Result};
 use dapple_core::{Film, Frame, Memory, Needs};
-use dapple_renderer::memory::{WorldMemory, of_scene, of_world};
-use dapple_renderer::scene::Scene;
+use dapple_job::memory::{WorldMemory, of_scene, of_world};
+use dapple_scene::Scene;
 
 /// What each thread works with at a time, a filter's tile above all: about .6 to 1.1 MiB.
 const THREAD: u64 = 1 << 20;

@@ -2,8 +2,10 @@
 
 use clap::{Args, ValueEnum};
 use dapple_core::Shard;
-use dapple_renderer::image::Format;
-use dapple_renderer::{Effect, bundled, registry};
+use dapple_job::registry;
+use dapple_renderer::light::LightSelection;
+use dapple_scene::image::Format;
+use dapple_scene::{Effect, bundled};
 use std::path::{Path, PathBuf};
 
 /// The words of `dapple render`, by themselves.

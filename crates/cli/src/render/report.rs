@@ -4,8 +4,9 @@ use super::memory::Expected;
 use super::settings::{Methods, Settings};
 use crate::info;
 use dapple_core::{Combine, Film, Filtered};
-use dapple_renderer::scene::Scene;
-use dapple_renderer::{Effects, WorldClusters};
+use dapple_job::WorldClusters;
+use dapple_scene::Effects;
+use dapple_scene::Scene;
 use serde::Serialize;
 
 /// Wall seconds of each phase. Phases that do not exist for a sampler take none.

@@ -4,9 +4,10 @@ use super::Options;
 use super::options::PixelShape;
 use crate::{Failure, Result};
 use dapple_core::{Budget, Error, Filter, Frame, Limits, Memory, Needs, PointSet, Sampler, Shard, Sharded};
-use dapple_renderer::registry::{self, Setting};
-use dapple_renderer::scene::{PixelFilter, Scene};
-use dapple_renderer::{Effect, Effects, Stage};
+use dapple_job::Stage;
+use dapple_job::registry::{self, Setting};
+use dapple_scene::{Effect, Effects};
+use dapple_scene::{PixelFilter, Scene};
 
 /// Mean samples per pixel at which `--error` gives up where no `--max-spp` is given.
 const ERROR_SPP: u32 = 16384;

@@ -4,10 +4,10 @@ use super::Options;
 use super::identity::{FILTER, SHARD, WORDS};
 use crate::output::{tell, warn};
 use crate::{Failure, Result};
-use dapple_checkpoint::{Contents, Identity, Kind};
 use dapple_core::{Film, Frame, Shard, ShardFilm};
-use dapple_renderer::image::{check_writable, write_file};
+use dapple_job::checkpoint::{Contents, Identity, Kind};
 use dapple_renderer::light::LightSelection;
+use dapple_scene::image::{check_writable, write_file};
 use std::path::{Path, PathBuf};
 
 /// Where the share goes, known to be writable; `None` without `--shard`.

@@ -2,13 +2,10 @@
 
 use crate::common::*;
 use dapple_cluster_adaptive::{
-    Adaptive, AdaptiveOptions, AreaVectors, ClusterSize, ClusterThesis, ClusterThesisOptions, ErrorMap, PixelArea,
-    Placement, PoolShape, RateMap,
+    AreaVectors, ClusterSize, ClusterThesis, ClusterThesisOptions, PixelArea, Placement, RateMap,
 };
 use dapple_clustering::Triangles;
 use dapple_conformance::{Spending, sampler, sampler_on_frames};
-use dapple_core::samplers::PilotPolicy;
-use dapple_core::{Film, Needs};
 use dapple_low_discrepancy::{Random, Sobol};
 
 #[test]
@@ -49,41 +46,6 @@ fn other_combinations_conform() {
     ] {
         sampler(|| Box::new(probing(2, placement, size.clone(), options)));
     }
-}
-
-fn error_driven(options: AdaptiveOptions) -> Adaptive<Sobol> {
-    Adaptive::with_options(Sobol::new(6), options).unwrap()
-}
-
-#[test]
-fn the_error_driven_sampler_conforms() {
-    let default = AdaptiveOptions::default();
-    for policy in [PilotPolicy::Keep, PilotPolicy::Discard, PilotPolicy::Cross] {
-        sampler(|| Box::new(error_driven(AdaptiveOptions { policy, ..default })));
-    }
-}
-
-#[test]
-fn the_error_driven_sampler_conforms_in_rounds_with_cells_and_by_a_map() {
-    let default = AdaptiveOptions::default();
-    let cells = AdaptiveOptions { rounds: 3, pool: PoolShape::Inside, geometry: 2.0, gain: 1.0, ..default };
-    sampler(|| Box::new(error_driven(cells)));
-    sampler(|| {
-        Box::new(error_driven(AdaptiveOptions { pool: PoolShape::Cell, policy: PilotPolicy::Discard, ..default }))
-    });
-    // Halves that differ: the error of what is shown, with all that can be wrong with it.
-    let errors = |film: &Film| {
-        Ok((0..film.frame().pixels()).map(|i| film.squared_error(i).map_or(f32::NAN, |e| e[0] as f32)).collect())
-    };
-    sampler(|| {
-        let map = ErrorMap {
-            name: "halves".into(),
-            needs: Needs::none().with_halves(),
-            of: Box::new(errors),
-            bytes_per_pixel: 4,
-        };
-        Box::new(error_driven(default).with_error_map(map).unwrap())
-    });
 }
 
 #[test]

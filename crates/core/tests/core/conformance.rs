@@ -2,7 +2,7 @@
 
 use crate::common::{Independent, Planned, mix};
 use dapple_conformance as conformance;
-use dapple_core::samplers::{Cycles, CyclesOptions, PilotPolicy, Stop, Uniform, Variance, VarianceOptions};
+use dapple_core::samplers::Uniform;
 use dapple_core::{
     Error, Feedback, Film, Filter, Filtered, Needs, Plan, PointSet, Progress, Retention, Sampler, Unfiltered,
 };
@@ -12,26 +12,6 @@ use std::sync::atomic::{AtomicU32, Ordering};
 #[test]
 fn uniform_conforms() {
     conformance::sampler(|| Box::new(Uniform::new(Independent::new(1))));
-}
-
-#[test]
-fn variance_conforms_under_every_policy() {
-    for policy in [PilotPolicy::Keep, PilotPolicy::Discard, PilotPolicy::Cross] {
-        for (pilot, exponent) in [(0, 1.3), (5, 1.0)] {
-            let options = VarianceOptions { policy, pilot, exponent, ..VarianceOptions::default() };
-            conformance::sampler(|| Box::new(Variance::with_options(Independent::new(1), options).unwrap()));
-        }
-    }
-}
-
-#[test]
-fn cycles_conforms_with_a_budget_and_with_a_threshold() {
-    for options in [CyclesOptions::default(), CyclesOptions { threshold: 0.01, min: 3, step: 5, ..Default::default() }]
-    {
-        conformance::sampler(|| Box::new(Cycles::with_options(Independent::new(1), options).unwrap()));
-        let options = CyclesOptions { mode: Stop::Threshold, ..options };
-        conformance::threshold_sampler(|| Box::new(Cycles::with_options(Independent::new(1), options).unwrap()));
-    }
 }
 
 #[test]

@@ -1,18 +1,20 @@
 //! The render loop: the same bits however the work is done, exact budgets, honest failures.
 
 use crate::common::*;
+use dapple_adaptive::{Adaptive, PilotPolicy, VarianceOptions};
 use dapple_conformance::bits;
-use dapple_core::samplers::{PilotPolicy, Uniform, Variance, VarianceOptions};
+use dapple_core::samplers::Uniform;
 use dapple_core::{
     Block, Budget, Control, Draws, Error, Estimate, Feedback, Film, Frame, Integrator, Limits, Needs, Plan, Progress,
-    Retention, Schedule, Status, TrainingData, TrainingLog, render, streams,
+    Render, Retention, Schedule, Status, TrainingData, TrainingLog, streams,
 };
 use std::io::Write as _;
 use std::sync::Mutex;
 use std::time::Instant;
 
-fn adaptive(policy: PilotPolicy) -> Variance<Independent> {
-    Variance::with_options(Independent::new(7), VarianceOptions { policy, ..VarianceOptions::default() }).unwrap()
+fn adaptive(policy: PilotPolicy) -> Adaptive<Independent> {
+    Adaptive::variance_with_options(Independent::new(7), VarianceOptions { policy, ..VarianceOptions::default() })
+        .unwrap()
 }
 
 fn image(limits: &Limits) -> Vec<u64> {
@@ -267,7 +269,10 @@ fn a_watch_stops_between_slices_and_leaves_whole_pixels() {
             if called == calls { Control::Stop } else { Control::Continue }
         };
         let mut sampler = Uniform::new(Independent::new(5));
-        render(&mut Field(noise), &mut sampler, Needs::none().with_variance(), frame(10, 10), limits, &mut monitor)
+        Render::new(frame(10, 10), limits)
+            .needs(Needs::none().with_variance())
+            .monitor(&mut monitor)
+            .run(&mut Field(noise), &mut sampler)
             .unwrap()
     };
     let film = stop_after(3, &limits);

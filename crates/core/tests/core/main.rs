@@ -1,6 +1,5 @@
 //! The tests of the crate from outside: one program, which links and instantiates once what all of them use.
 
-mod bias;
 mod common;
 mod conformance;
 mod driver;

@@ -1,12 +1,12 @@
 //! Renders that go on from snapshots, and images made in shards (HARD_CASES X03 to X08).
 
 use crate::common::{Field, Independent, everything, frame, mix, noise, on_threads, run};
+use dapple_adaptive::Adaptive;
 use dapple_conformance::bits;
-use dapple_core::samplers::{Uniform, Variance};
+use dapple_core::samplers::Uniform;
 use dapple_core::{
-    Block, Budget, Control, Draws, Error, Estimate, Film, FirstHit, Frame, Integrator, Limits, Monitor, Needs,
-    NoMonitor, Sampler, Schedule, Shard, ShardFilm, Sharded, Snapshot, Status, TrainingData, TrainingLog, merge,
-    render, resume,
+    Block, Budget, Control, Draws, Error, Estimate, Film, FirstHit, Frame, Integrator, Limits, Monitor, Needs, Render,
+    Sampler, Schedule, Shard, ShardFilm, Sharded, Snapshot, Status, TrainingData, TrainingLog, merge,
 };
 use std::time::{Duration, Instant};
 
@@ -77,7 +77,7 @@ fn kept(
     limits: &Limits,
 ) -> (Film, Keeper) {
     let mut keeper = Keeper::default();
-    let film = render(integrator, sampler, needs, frame, limits, &mut keeper).unwrap();
+    let film = Render::new(frame, limits).needs(needs).monitor(&mut keeper).run(integrator, sampler).unwrap();
     (film, keeper)
 }
 
@@ -89,7 +89,7 @@ fn go_on(
     frame: Frame,
     limits: &Limits,
 ) -> Result<Film, Error> {
-    resume(Snapshot::from_bytes(bytes)?, integrator, sampler, needs, frame, limits, &mut NoMonitor)
+    Render::new(frame, limits).needs(needs).resume(Snapshot::from_bytes(bytes)?, integrator, sampler)
 }
 
 /// The pixels' statistics, without how they came about.
@@ -182,7 +182,7 @@ fn x04_another_render_is_refused() {
     let none = Needs::none();
     let message = refused(&mut uniform(6), none, frame(9, 8), &limits);
     assert!(message.contains("the point set was independent:seed=5 and is now independent:seed=6"), "{message}");
-    let message = refused(&mut Variance::new(Independent::new(5)), none, frame(9, 8), &limits);
+    let message = refused(&mut Adaptive::variance(Independent::new(5)), none, frame(9, 8), &limits);
     assert!(
         message.contains("the sampler was uniform and is now variance:")
             && message.contains("the sample variance was not"),
@@ -203,7 +203,7 @@ fn x04_another_render_is_refused() {
 #[test]
 fn x03_bytes_that_are_no_snapshot() {
     let limits = Limits::new(Budget::Recorded(vec![100, 200]));
-    let mut sampler = Variance::new(Independent::new(5));
+    let mut sampler = Adaptive::variance(Independent::new(5));
     let (_, keeper) = kept(&mut Everything::default(), &mut sampler, everything(), frame(7, 5), &limits);
     let part = ShardFilm::new(
         Shard::new(0, 1).unwrap(),
@@ -232,15 +232,11 @@ fn x03_bytes_that_are_no_snapshot() {
             bytes[bit / 8] ^= 1 << (bit % 8);
             if let Ok(snapshot) = Snapshot::from_bytes(&bytes) {
                 let frame = *snapshot.film().frame();
-                let mut sampler = Variance::new(Independent::new(5));
-                let _ = resume(
+                let mut sampler = Adaptive::variance(Independent::new(5));
+                let _ = Render::new(frame, &limits).needs(everything()).resume(
                     snapshot,
                     &mut Everything::default(),
                     &mut sampler,
-                    everything(),
-                    frame,
-                    &limits,
-                    &mut NoMonitor,
                 );
             }
             if let Ok(part) = ShardFilm::from_bytes(&bytes) {
@@ -310,13 +306,14 @@ fn x07_shards_that_make_no_image() {
         Sharded::new(sampler, shard, limits).map(drop).unwrap_err().to_string()
     };
     assert!(
-        refused(&mut Variance::new(Independent::new(5)), &limits).contains("the sampler variance cannot be shared")
+        refused(&mut Adaptive::variance(Independent::new(5)), &limits)
+            .contains("the sampler variance cannot be shared")
     );
     assert!(refused(&mut uniform(5), &Limits::seconds(1.0)).contains("must know the number of samples"));
     let mut stop = |_: &Status<'_>| Control::Stop;
     let mut slices = Limits::samples(8 * 12);
     slices.schedule.slice_spp = 1;
-    let film = render(&mut Field(noise), &mut uniform(5), none, frame(3, 4), &slices, &mut stop).unwrap();
+    let film = Render::new(frame(3, 4), &slices).monitor(&mut stop).run(&mut Field(noise), &mut uniform(5)).unwrap();
     assert!(ShardFilm::new(shard, &film).unwrap_err().to_string().contains("was interrupted"));
     assert!(Shard::new(2, 2).is_err() && Shard::new(0, 0).is_err());
 }
@@ -342,7 +339,9 @@ fn x08_a_slow_image_is_stopped_within_a_pass() {
     };
     // 10 s a sample of every pixel on two threads.
     let film = on_threads(2, || {
-        render(&mut Slow, &mut uniform(1), Needs::none(), frame(200, 100), &Limits::samples(20_000), &mut monitor)
+        Render::new(frame(200, 100), &Limits::samples(20_000))
+            .monitor(&mut monitor)
+            .run(&mut Slow, &mut uniform(1))
             .unwrap()
     });
     assert!(film.record().interrupted && film.record().samples > 200);

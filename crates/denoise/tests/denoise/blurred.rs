@@ -1,9 +1,7 @@
 //! Out of focus, features are as noisy as radiance, and their noise is the same: who regresses one on the other keeps it.
 
 use dapple_core::samplers::Uniform;
-use dapple_core::{
-    Block, Draws, Estimate, Filter, FirstHit, Frame, Integrator, Limits, Needs, NoMonitor, TrainingLog, render,
-};
+use dapple_core::{Block, Draws, Estimate, Filter, FirstHit, Frame, Integrator, Limits, Needs, Render, TrainingLog};
 use dapple_denoise::ClusterRegression;
 use dapple_low_discrepancy::Random;
 
@@ -48,7 +46,7 @@ fn noise_that_features_share_is_filtered() {
     for seed in 1..=4 {
         let mut sampler = Uniform::new(Random::new(seed));
         let limits = Limits::samples(8 * frame.pixels() as u64);
-        let film = render(&mut Blur, &mut sampler, needs, frame, &limits, &mut NoMonitor).unwrap();
+        let film = Render::new(frame, &limits).needs(needs).run(&mut Blur, &mut sampler).unwrap();
         let filtered = filter.apply(&film).unwrap().radiance;
         for (i, [red, ..]) in filtered.iter().enumerate() {
             let truth = f64::from(0.1 + 0.9 * share(frame.pixel(i)[0]));

@@ -2,8 +2,7 @@
 
 use dapple_core::samplers::Uniform;
 use dapple_core::{
-    Block, Draws, Error, Estimate, Film, Filter, FirstHit, Frame, Integrator, Limits, Needs, NoMonitor, TrainingLog,
-    render,
+    Block, Draws, Error, Estimate, Film, Filter, FirstHit, Frame, Integrator, Limits, Needs, Render, TrainingLog,
 };
 use dapple_denoise::{Bilateral, ClusterLookup, ClusterRegression, Gaussian, NlMeans, Passes, relative_errors};
 use dapple_low_discrepancy::Random;
@@ -57,7 +56,7 @@ const NEEDS: Needs = Needs::none().with_halves().with_variance().with_features()
 fn film(made: &mut Made, seed: u64, spp: u64) -> Film {
     let frame = Frame::new(SIDE[0], SIDE[1]).unwrap();
     let limits = Limits::samples(spp * frame.pixels() as u64);
-    render(made, &mut Uniform::new(Random::new(seed)), NEEDS, frame, &limits, &mut NoMonitor).unwrap()
+    Render::new(frame, &limits).needs(NEEDS).run(made, &mut Uniform::new(Random::new(seed))).unwrap()
 }
 
 fn filters() -> Vec<Box<dyn Filter>> {
@@ -272,7 +271,7 @@ fn clusters_keep_what_they_know() {
     fn film(faint: &mut Faint, seed: u64, spp: u64) -> Film {
         let frame = Frame::new(SIDE[0], SIDE[1]).unwrap();
         let limits = Limits::samples(spp * frame.pixels() as u64);
-        render(faint, &mut Uniform::new(Random::new(seed)), NEEDS, frame, &limits, &mut NoMonitor).unwrap()
+        Render::new(frame, &limits).needs(NEEDS).run(faint, &mut Uniform::new(Random::new(seed))).unwrap()
     }
     let regression = || ClusterRegression::new().with_passes(Passes::One);
     let (blind, seeing) =
@@ -342,7 +341,7 @@ fn features_that_make_no_sense_leave_images_finite() {
             let frame = Frame::new(size[0], size[1]).unwrap();
             let limits = Limits::samples(spp * frame.pixels() as u64);
             let mut sampler = Uniform::new(Random::new(spp));
-            let film = render(&mut Wild, &mut sampler, NEEDS, frame, &limits, &mut NoMonitor).unwrap();
+            let film = Render::new(frame, &limits).needs(NEEDS).run(&mut Wild, &mut sampler).unwrap();
             if size[0] == 40 {
                 assert!((0..frame.pixels()).any(|i| film.features(i).is_some_and(|f| f.hits > 0)));
                 assert!(film.image().iter().any(|p| p[0] > 1e20));

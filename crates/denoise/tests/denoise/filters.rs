@@ -2,8 +2,7 @@
 
 use dapple_core::samplers::Uniform;
 use dapple_core::{
-    Block, Draws, Error, Estimate, Film, Filter, FirstHit, Frame, Integrator, Limits, Needs, NoMonitor, TrainingLog,
-    render,
+    Block, Draws, Error, Estimate, Film, Filter, FirstHit, Frame, Integrator, Limits, Needs, Render, TrainingLog,
 };
 use dapple_denoise::{BACKGROUND, ClusterGaussian, Gaussian};
 use dapple_low_discrepancy::Random;
@@ -129,7 +128,7 @@ fn the_error_estimate_is_the_variance_of_the_image() {
             for seed in 0..SEEDS {
                 let limits = Limits::samples(8 * 81);
                 let film =
-                    render(&mut Flat, &mut Uniform::new(Random::new(seed)), needs, frame, &limits, &mut NoMonitor);
+                    Render::new(frame, &limits).needs(needs).run(&mut Flat, &mut Uniform::new(Random::new(seed)));
                 let image = filter.apply(&film.unwrap()).unwrap();
                 let error = image.error.unwrap();
                 for i in 0..81 {
@@ -184,7 +183,7 @@ fn first_hits_and_a_map_agree_on_pure_pixels() {
     let frame = Frame::new(12, 9).unwrap();
     let needs = Needs::none().with_first_hits(8).with_variance();
     let limits = Limits::samples(8 * 108);
-    let film = render(&mut Flat, &mut Uniform::new(Random::new(3)), needs, frame, &limits, &mut NoMonitor).unwrap();
+    let film = Render::new(frame, &limits).needs(needs).run(&mut Flat, &mut Uniform::new(Random::new(3))).unwrap();
     let kernel = Gaussian::new(0.5, 2.0).unwrap();
     let hits = |k| {
         ClusterGaussian::from_hits(k, Arc::new(|hit| Some(hit.material)))

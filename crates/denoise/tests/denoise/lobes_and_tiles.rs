@@ -2,7 +2,7 @@
 
 use dapple_core::samplers::Uniform;
 use dapple_core::{
-    Block, Draws, Estimate, Film, Filter, FirstHit, Frame, Integrator, Limits, Needs, NoMonitor, TrainingLog, render,
+    Block, Draws, Estimate, Film, Filter, FirstHit, Frame, Integrator, Limits, Needs, Render, TrainingLog,
 };
 use dapple_denoise::{Bilateral, ClusterGaussian, ClusterLookup, ClusterRegression, Gaussian, NlMeans};
 use dapple_low_discrepancy::Random;
@@ -36,7 +36,7 @@ const NEEDS: Needs = Needs::none().with_halves().with_variance().with_features()
 
 fn film(frame: Frame, spp: u64) -> Film {
     let limits = Limits::samples(spp * frame.pixels() as u64);
-    render(&mut TwoLevels, &mut Uniform::new(Random::new(3)), NEEDS, frame, &limits, &mut NoMonitor).unwrap()
+    Render::new(frame, &limits).needs(NEEDS).run(&mut TwoLevels, &mut Uniform::new(Random::new(3))).unwrap()
 }
 
 /// Every filter of this crate, and how far it reaches in pixels: kernels, searches and their patches, added up.

@@ -6,8 +6,7 @@
 
 use dapple_core::samplers::Uniform;
 use dapple_core::{
-    Block, Draws, Estimate, Film, Filter, FirstHit, Frame, Integrator, Limits, Needs, NoMonitor, TrainingLog,
-    Unfiltered, render,
+    Block, Draws, Estimate, Film, Filter, FirstHit, Frame, Integrator, Limits, Needs, Render, TrainingLog, Unfiltered,
 };
 use dapple_denoise::ClusterGaussian;
 use dapple_low_discrepancy::Random;
@@ -62,7 +61,7 @@ impl Image {
         let frame = Frame::new(SIDE, SIDE).unwrap();
         let limits = Limits::samples(spp * u64::from(SIDE * SIDE));
         let needs = Needs::none().with_first_hits(4);
-        render(&mut self, &mut Uniform::new(Random::new(seed)), needs, frame, &limits, &mut NoMonitor).unwrap()
+        Render::new(frame, &limits).needs(needs).run(&mut self, &mut Uniform::new(Random::new(seed))).unwrap()
     }
 }
 

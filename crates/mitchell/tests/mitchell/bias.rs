@@ -8,7 +8,7 @@
 use crate::common::*;
 use dapple_conformance::statistics::{Mean, image_mean, kept, refined};
 use dapple_core::{Limits, Sampler};
-use dapple_mitchell::{MitchellOptions, Mode, Policy};
+use dapple_mitchell::{MitchellOptions, PilotPolicy, Stopping};
 
 /// Mean over the pixels of a square image and its standard error, with budget for every pixel to be
 /// refined. A pixel's kept samples decide nothing elsewhere, or (radius 0) only in itself: pixels are
@@ -31,12 +31,12 @@ const A01: [(f64, u32, u32, f64); 2] = [(0.1, 4, 64, 0.038575), (0.01, 16, 256, 
 fn a01_discarding_the_pilot_is_unbiased() {
     for (p, n0, n, _) in A01 {
         let truth = f64::from(p as f32);
-        let options = alone(n0, n - n0, Mode::Threshold, Policy::Discard);
+        let options = alone(n0, n - n0, Stopping::Threshold, PilotPolicy::Discard);
         for radius in [0, 1] {
             let got = measure(&mut mitchell(MitchellOptions { radius, ..options }, 1), p, 1024 >> (2 * radius));
             assert!(deviation(got, truth).abs() < 5.0, "mitchell, radius {radius}: {got:?} for {truth}");
         }
-        let options = pbrt_options(n0, n, Mode::Threshold, Policy::Discard);
+        let options = pbrt_options(n0, n, Stopping::Threshold, PilotPolicy::Discard);
         let got = measure(&mut pbrt(options, 2), p, 256);
         assert!(deviation(got, truth).abs() < 5.0, "pbrt: {got:?} for {truth}");
     }
@@ -47,8 +47,8 @@ fn a01_keeping_the_pilot_is_caught_and_meets_its_closed_form() {
     for (p, n0, n, naive) in A01 {
         let closed = kept(p, n0, n);
         assert!((closed - naive).abs() < 1e-6, "{closed} for {naive}");
-        let one = &mut mitchell(alone(n0, n - n0, Mode::Threshold, Policy::Keep), 3);
-        let other = &mut pbrt(pbrt_options(n0, n, Mode::Threshold, Policy::Keep), 4);
+        let one = &mut mitchell(alone(n0, n - n0, Stopping::Threshold, PilotPolicy::Keep), 3);
+        let other = &mut pbrt(pbrt_options(n0, n, Stopping::Threshold, PilotPolicy::Keep), 4);
         for sampler in [one as &mut dyn Sampler, other] {
             let got = measure(sampler, p, 256);
             assert!(deviation(got, p) < -10.0, "{}: {got:?} is not caught", sampler.describe());
@@ -61,8 +61,8 @@ fn a01_keeping_the_pilot_is_caught_and_meets_its_closed_form() {
 fn a01_discarding_only_refined_pilots_is_caught_and_meets_its_closed_form() {
     for (p, n0, n, _) in A01 {
         let closed = refined(p, n0);
-        let one = &mut mitchell(alone(n0, n - n0, Mode::Threshold, Policy::Refined), 5);
-        let other = &mut pbrt(pbrt_options(n0, n, Mode::Threshold, Policy::Refined), 6);
+        let one = &mut mitchell(alone(n0, n - n0, Stopping::Threshold, PilotPolicy::Refined), 5);
+        let other = &mut pbrt(pbrt_options(n0, n, Stopping::Threshold, PilotPolicy::Refined), 6);
         for sampler in [one as &mut dyn Sampler, other] {
             let got = measure(sampler, p, 256);
             assert!(deviation(got, p) < -10.0, "{}: {got:?} is not caught", sampler.describe());
@@ -79,7 +79,7 @@ fn pilots_of_two_meet_their_closed_forms() {
     let published = 3.0 * p * p - 2.0 * p * p * p;
     assert!((published - 0.104).abs() < 1e-12 && (published - refined(p, 2)).abs() < 1e-12);
     for max in [4, 32] {
-        let got = measure(&mut pbrt(pbrt_options(2, max, Mode::Threshold, Policy::Refined), 7), p, 256);
+        let got = measure(&mut pbrt(pbrt_options(2, max, Stopping::Threshold, PilotPolicy::Refined), 7), p, 256);
         assert!(deviation(got, published).abs() < 5.0, "max {max}: {got:?} for {published}");
     }
     // Keeping all, k more.
@@ -87,13 +87,13 @@ fn pilots_of_two_meet_their_closed_forms() {
         let more = f64::from(k);
         let closed = p * p + 2.0 * p * (1.0 - p) * (1.0 + more * p) / (2.0 + more);
         assert!((closed - kept(p, 2, 2 + k)).abs() < 1e-12);
-        let got = measure(&mut mitchell(alone(2, k, Mode::Threshold, Policy::Keep), 8), p, 256);
+        let got = measure(&mut mitchell(alone(2, k, Stopping::Threshold, PilotPolicy::Keep), 8), p, 256);
         assert!(deviation(got, closed).abs() < 5.0, "k {k}: {got:?} for {closed}");
         if k == 8 {
             assert!((closed - 0.1232).abs() < 1e-12);
         }
     }
-    let got = measure(&mut mitchell(alone(2, 8, Mode::Threshold, Policy::Discard), 9), p, 512);
+    let got = measure(&mut mitchell(alone(2, 8, Stopping::Threshold, PilotPolicy::Discard), 9), p, 512);
     assert!(deviation(got, f64::from(p as f32)).abs() < 5.0, "{got:?} for {p}");
 }
 
@@ -109,22 +109,22 @@ fn a01_budgets_leave_policies_what_they_are() {
     let truth = f64::from(0.1f32);
     for policy in POLICIES {
         for radius in [0, 1] {
-            let options = MitchellOptions { radius, ..alone(4, 8, Mode::Budget, policy) };
+            let options = MitchellOptions { radius, ..alone(4, 8, Stopping::Budget, policy) };
             // 2^20 pixels in all where a bias would have to be found.
-            let side = if policy == Policy::Discard && radius == 0 { 128 } else { 48 };
+            let side = if policy == PilotPolicy::Discard && radius == 0 { 128 } else { 48 };
             let got = replicates(|seed| Box::new(mitchell(options, 100 + seed)), side);
             let off = deviation(got, truth);
             match (policy, radius) {
-                (Policy::Discard, _) => assert!(off.abs() < 5.0, "{options:?}: {got:?}"),
+                (PilotPolicy::Discard, _) => assert!(off.abs() < 5.0, "{options:?}: {got:?}"),
                 (_, 0) => assert!(off < -10.0, "{options:?}: {got:?} is not caught"),
                 // A window of 9 pixels dilutes the bias; it has no closed form, and no test here.
                 _ => {}
             }
         }
-        let options = pbrt_options(4, 16, Mode::Budget, policy);
+        let options = pbrt_options(4, 16, Stopping::Budget, policy);
         let got = replicates(|seed| Box::new(pbrt(options, 200 + seed)), 48);
         match policy {
-            Policy::Discard => assert!(deviation(got, truth).abs() < 5.0, "{options:?}: {got:?}"),
+            PilotPolicy::Discard => assert!(deviation(got, truth).abs() < 5.0, "{options:?}: {got:?}"),
             _ => assert!(deviation(got, truth) < -10.0, "{options:?}: {got:?} is not caught"),
         }
     }

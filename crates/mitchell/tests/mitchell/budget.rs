@@ -1,10 +1,8 @@
 //! What is spent, where, and when it is decided.
 
 use crate::common::*;
-use dapple_core::{
-    Budget, BudgetLeft, Error, Feedback, Film, Integrator, Limits, Needs, NoMonitor, Plan, Progress, Sampler, render,
-};
-use dapple_mitchell::{MitchellOptions, MitchellPbrtOptions, Mode, Policy, Rates};
+use dapple_core::{Budget, BudgetLeft, Error, Feedback, Film, Integrator, Limits, Plan, Progress, Render, Sampler};
+use dapple_mitchell::{MitchellOptions, MitchellPbrtOptions, PilotPolicy, Rates, Stopping};
 use proptest::prelude::*;
 
 /// A light that 1 sample in 1000 sees.
@@ -20,7 +18,7 @@ fn a03_a_dark_pilot_is_never_refined() {
     let pixels = size.pixels() as f64;
     let limits = Limits::samples(1000 * size.pixels() as u64);
     for (radius, share) in [(0, 0.999f64.powi(4)), (1, 0.999f64.powi(36))] {
-        let options = MitchellOptions { radius, ..alone(4, 60, Mode::Threshold, Policy::Keep) };
+        let options = MitchellOptions { radius, ..alone(4, 60, Stopping::Threshold, PilotPolicy::Keep) };
         let film = run(&mut rare_light(), &mut mitchell(options, 1), size, &limits);
         let stopped = film.counts().iter().filter(|&&n| n == 4).count() as f64;
         // Windows overlap: at most 9 times the variance of independent pixels. Those at the border
@@ -37,14 +35,18 @@ fn a03_a_dark_pilot_is_never_refined() {
             assert!((got - closed).abs() < 5.0 * (mixed / pixels).sqrt() / 64.0 * 1.1, "{got} for {closed}");
         }
     }
-    let film =
-        run(&mut rare_light(), &mut pbrt(pbrt_options(4, 64, Mode::Threshold, Policy::Refined), 1), size, &limits);
+    let film = run(
+        &mut rare_light(),
+        &mut pbrt(pbrt_options(4, 64, Stopping::Threshold, PilotPolicy::Refined), 1),
+        size,
+        &limits,
+    );
     let (stopped, share) = (film.counts().iter().filter(|&&n| n == 4).count() as f64, 0.999f64.powi(4));
     assert!((stopped - share * pixels).abs() < 5.0 * (share * (1.0 - share) * pixels).sqrt(), "pbrt: {stopped}");
     // A budget goes on to the dark pixels when the others are done, and takes nothing from them before.
     for policy in POLICIES {
         let limits = Limits::samples(10 * size.pixels() as u64);
-        let film = run(&mut rare_light(), &mut mitchell(alone(4, 60, Mode::Budget, policy), 2), size, &limits);
+        let film = run(&mut rare_light(), &mut mitchell(alone(4, 60, Stopping::Budget, policy), 2), size, &limits);
         assert!(film.counts().iter().all(|&n| n >= 4), "{policy:?}");
         let film =
             run(&mut rare_light(), &mut pbrt(MitchellPbrtOptions { policy, ..Default::default() }, 2), size, &limits);
@@ -53,7 +55,7 @@ fn a03_a_dark_pilot_is_never_refined() {
 }
 
 /// Every sampler under test, by mode and policy.
-fn samplers(mode: Mode) -> Vec<Box<dyn Sampler>> {
+fn samplers(mode: Stopping) -> Vec<Box<dyn Sampler>> {
     let each = |policy| -> Vec<Box<dyn Sampler>> {
         let plain = MitchellOptions { mode, policy, ..MitchellOptions::default() };
         vec![
@@ -72,7 +74,7 @@ fn a04_constant_images_are_sampled_uniformly() {
     for value in [0.0, 0.5, 1e30] {
         let mut field = Field(|_, _| [value; 3]);
         for total in [143, 4 * 143, 10 * 143 + 7, 33 * 143 + 1] {
-            for mut sampler in samplers(Mode::Budget) {
+            for mut sampler in samplers(Stopping::Budget) {
                 let film = run(&mut field, &mut *sampler, size, &Limits::samples(total));
                 let counts = film.counts();
                 let (least, most) = (counts.iter().min().unwrap(), counts.iter().max().unwrap());
@@ -81,7 +83,7 @@ fn a04_constant_images_are_sampled_uniformly() {
                 assert!(film.image().iter().flatten().all(|x| *x == value));
             }
             // By the threshold nothing asks.
-            for mut sampler in samplers(Mode::Threshold) {
+            for mut sampler in samplers(Stopping::Threshold) {
                 let film = run(&mut field, &mut *sampler, size, &Limits::samples(total));
                 let counts = film.counts();
                 assert!(counts.iter().all(|&n| n == counts[0] && n > 0), "{}, {total}", sampler.describe());
@@ -93,14 +95,14 @@ fn a04_constant_images_are_sampled_uniformly() {
 #[test]
 fn a06_tiny_budgets() {
     let size = frame(5, 4);
-    for mode in [Mode::Budget, Mode::Threshold] {
+    for mode in [Stopping::Budget, Stopping::Threshold] {
         for k in 0..samplers(mode).len() {
             let outcome = |total, min_spp| {
                 let mut limits = Limits::samples(total);
                 limits.min_spp = min_spp;
                 let draw = || {
                     let sampler = &mut *samplers(mode).swap_remove(k);
-                    render(&mut bernoulli(0.5), sampler, Needs::none(), size, &limits, &mut NoMonitor)
+                    Render::new(size, &limits).run(&mut bernoulli(0.5), sampler)
                 };
                 let counts = [draw(), draw()].map(|film| match film {
                     Ok(film) => Some((film.record().samples, film.counts())),
@@ -115,7 +117,7 @@ fn a06_tiny_budgets() {
             }
             for total in [1, 19, 20, 21, 39] {
                 let (spent, counts) = outcome(total, 0).unwrap();
-                assert!(if mode == Mode::Budget { spent == total } else { spent <= total });
+                assert!(if mode == Stopping::Budget { spent == total } else { spent <= total });
                 // Unsampled pixels show in the counts.
                 assert!(total >= 20 || counts.iter().filter(|&&n| n == 0).count() as u64 >= 20 - total);
             }
@@ -129,8 +131,8 @@ fn a10_schedule() {
     let size = frame(2, 1);
     for start in 2..=300u32 {
         for n in 1..=300u32 {
-            for mode in [Mode::Budget, Mode::Threshold] {
-                let mut sampler = mitchell(alone(start, 7, mode, Policy::Keep), 1);
+            for mode in [Stopping::Budget, Stopping::Threshold] {
+                let mut sampler = mitchell(alone(start, 7, mode, PilotPolicy::Keep), 1);
                 let mut film = Film::new(size, sampler.needs());
                 let mut pilots = vec![];
                 for round in 0.. {
@@ -150,8 +152,8 @@ fn a10_schedule() {
                 assert_eq!(pilots, if n > start { vec![0, pilot] } else { vec![0] }, "{start}, {n}");
                 let spent = film.record().samples;
                 match mode {
-                    Mode::Budget => assert_eq!(spent, 2 * u64::from(n), "{start}, {n}"),
-                    Mode::Threshold => assert_eq!(spent, 2 * pilot + (2 * (u64::from(n) - pilot)).min(7)),
+                    Stopping::Budget => assert_eq!(spent, 2 * u64::from(n), "{start}, {n}"),
+                    Stopping::Threshold => assert_eq!(spent, 2 * pilot + (2 * (u64::from(n) - pilot)).min(7)),
                 }
                 assert!(film.count(0) >= film.count(1) && film.count(1) >= pilot, "{start}, {n}");
             }
@@ -167,14 +169,14 @@ fn budgets_that_grow_are_spent_and_change_no_decision() {
     let field = || Field(|[x, _]: [u32; 2], u: [f32; 4]| [if x < 8 { 0.5 } else { u[0] }; 3]);
     let pixels = size.pixels() as u64;
     for policy in POLICIES {
-        let options = alone(4, 12, Mode::Threshold, policy);
+        let options = alone(4, 12, Stopping::Threshold, policy);
         let steps = [1, 8, 8, 30, 30, 60].map(|n: u64| n * pixels);
         let film = run(&mut field(), &mut mitchell(options, 1), size, &Limits::new(Budget::Recorded(steps.to_vec())));
         let at_once = run(&mut field(), &mut mitchell(options, 1), size, &Limits::samples(60 * pixels));
         assert_eq!(film.counts(), at_once.counts(), "{policy:?}");
         assert!(film.counts().iter().enumerate().all(|(i, &n)| n == 4 || n == 16 && i % 16 >= 8), "{policy:?}");
         assert!(film.counts().contains(&16));
-        for mut sampler in samplers(Mode::Budget) {
+        for mut sampler in samplers(Stopping::Budget) {
             let limits = Limits::new(Budget::Recorded(steps.map(|n| n + 7).to_vec()));
             let film = run(&mut field(), &mut *sampler, size, &limits);
             assert_eq!(film.record().samples, 60 * pixels + 7, "{}", sampler.describe());
@@ -187,7 +189,7 @@ fn budgets_that_grow_are_spent_and_change_no_decision() {
 fn error_limits_with_halves_are_spent() {
     let size = frame(16, 16);
     let pixels = size.pixels();
-    for mut sampler in [samplers(Mode::Budget), samplers(Mode::Threshold)].into_iter().flatten() {
+    for mut sampler in [samplers(Stopping::Budget), samplers(Stopping::Threshold)].into_iter().flatten() {
         let mut field = Field(|[x, _]: [u32; 2], u: [f32; 4]| [if x < 8 { 0.5 } else { u[0] }; 3]);
         let at_most = 50 * pixels as u64;
         let film = run(&mut field, &mut *sampler, size, &Limits::error(1e-9, at_most));
@@ -231,7 +233,7 @@ struct Case {
     size: [u32; 2],
     rates: [u32; 2],
     radius: u32,
-    policy: Policy,
+    policy: PilotPolicy,
     spp: u64,
     odd: u64,
     bounds: [u32; 2],
@@ -261,7 +263,7 @@ proptest! {
         let total = case.spp * pixels + case.odd.min(pixels);
         let mut limits = Limits::samples(total);
         [limits.min_spp, limits.max_spp] = case.bounds;
-        let options = MitchellOptions { radius: case.radius, ..alone(initial, additional, Mode::Budget, case.policy) };
+        let options = MitchellOptions { radius: case.radius, ..alone(initial, additional, Stopping::Budget, case.policy) };
         // Every pixel has another spread, and some have none.
         let mut field = Field(|[x, y]: [u32; 2], u: [f32; 4]| {
             let spread = (mix(case.seed ^ u64::from(x * 16 + y)) % 8) as f32 / 8.0;
@@ -273,7 +275,7 @@ proptest! {
         prop_assert!(counts.iter().all(|&n| (u64::from(limits.min_spp)..=u64::from(limits.max_spp)).contains(&n)));
         let kept = counts.iter().sum::<u64>();
         let floor = u64::from(initial).min(kept / pixels);
-        if case.policy == Policy::Keep {
+        if case.policy == PilotPolicy::Keep {
             prop_assert!(counts.iter().all(|&n| n >= floor), "{:?} below {}", counts, floor);
             prop_assert_eq!(kept, total);
         }

@@ -2,9 +2,9 @@
 
 use dapple_conformance as conformance;
 use dapple_low_discrepancy::{Random, Sobol};
-use dapple_mitchell::{Mitchell, MitchellOptions, MitchellPbrt, MitchellPbrtOptions, Mode, Policy};
+use dapple_mitchell::{Mitchell, MitchellOptions, MitchellPbrt, MitchellPbrtOptions, PilotPolicy, Stopping};
 
-const POLICIES: [Policy; 3] = [Policy::Keep, Policy::Refined, Policy::Discard];
+const POLICIES: [PilotPolicy; 3] = [PilotPolicy::Keep, PilotPolicy::Refined, PilotPolicy::Discard];
 
 #[test]
 fn the_defaults_conform() {
@@ -22,7 +22,7 @@ fn mitchell_conforms_in_either_mode_under_every_policy() {
         for (initial, additional, radius) in [(0, 0, 0), (0, 0, 1), (3, 5, 2)] {
             let options = MitchellOptions { initial, additional, radius, policy, ..MitchellOptions::default() };
             conformance::sampler(|| Box::new(mitchell(options)));
-            let options = MitchellOptions { mode: Mode::Threshold, ..options };
+            let options = MitchellOptions { mode: Stopping::Threshold, ..options };
             conformance::threshold_sampler(|| Box::new(mitchell(options)));
         }
     }
@@ -38,7 +38,7 @@ fn pbrt_conforms_in_either_mode_under_every_policy() {
         for (min, max) in [(4, 32), (2, 2)] {
             let options = MitchellPbrtOptions { min, max, policy, ..MitchellPbrtOptions::default() };
             conformance::sampler(|| Box::new(pbrt(options)));
-            let options = MitchellPbrtOptions { mode: Mode::Threshold, ..options };
+            let options = MitchellPbrtOptions { mode: Stopping::Threshold, ..options };
             conformance::threshold_sampler(|| Box::new(pbrt(options)));
         }
     }

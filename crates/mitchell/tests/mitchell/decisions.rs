@@ -4,12 +4,12 @@ use crate::common::*;
 use dapple_core::{BudgetLeft, Error, Feedback, Film, Needs, Plan, Progress, Sampler};
 use dapple_low_discrepancy::Random;
 use dapple_mitchell::{
-    Mitchell, MitchellOptions, MitchellPbrt, MitchellPbrtOptions, Mode, Policy, contrast, deviation,
+    Mitchell, MitchellOptions, MitchellPbrt, MitchellPbrtOptions, PilotPolicy, Stopping, contrast, deviation,
 };
 
 /// Whether Mitchell's rule refines a pixel with these samples.
 fn mitchell_asks(samples: &[[f32; 3]]) -> bool {
-    let mut sampler = mitchell(alone(samples.len() as u32, 5, Mode::Threshold, Policy::Keep), 1);
+    let mut sampler = mitchell(alone(samples.len() as u32, 5, Stopping::Threshold, PilotPolicy::Keep), 1);
     let film = film(frame(1, 1), &sampler, &[samples.to_vec()]);
     match ask(&mut sampler, &film, 100).total() {
         0 => false,
@@ -36,7 +36,7 @@ fn mitchell_refines_where_a_channel_exceeds_its_threshold() {
 
 /// Whether pbrt-v2's rule refines a pixel with these four samples.
 fn pbrt_asks(samples: [[f32; 3]; 4]) -> bool {
-    let mut sampler = pbrt(pbrt_options(4, 16, Mode::Threshold, Policy::Keep), 1);
+    let mut sampler = pbrt(pbrt_options(4, 16, Stopping::Threshold, PilotPolicy::Keep), 1);
     let film = film(frame(1, 1), &sampler, &[samples.to_vec()]);
     match ask(&mut sampler, &film, 100).total() {
         0 => false,
@@ -114,7 +114,7 @@ fn a05_contrast_of_nothing() {
 }
 
 fn threshold(radius: u32) -> MitchellOptions {
-    MitchellOptions { radius, ..alone(2, 3, Mode::Threshold, Policy::Keep) }
+    MitchellOptions { radius, ..alone(2, 3, Stopping::Threshold, PilotPolicy::Keep) }
 }
 
 #[test]
@@ -162,7 +162,7 @@ fn a_ceiling_goes_to_the_highest_contrast() {
 
 #[test]
 fn a_budget_goes_down_the_ranks_and_round_again() {
-    let mut sampler = mitchell(MitchellOptions { mode: Mode::Budget, ..threshold(0) }, 1);
+    let mut sampler = mitchell(MitchellOptions { mode: Stopping::Budget, ..threshold(0) }, 1);
     let film = row(&sampler, &[0.1, 0.5, 0.9, 0.2, 0.4, 0.0]);
     let mut counts = |total| ask(&mut sampler, &film, total).counts;
     assert_eq!(counts(12 + 4), [0, 1, 3, 0, 0, 0]);
@@ -175,7 +175,7 @@ fn a_budget_goes_down_the_ranks_and_round_again() {
 /// pbrt-v2's policy takes refined pilots out of the image, and pays for them.
 #[test]
 fn refined_pilots_are_withdrawn_and_paid_for() {
-    let mut sampler = mitchell(MitchellOptions { policy: Policy::Refined, ..threshold(0) }, 1);
+    let mut sampler = mitchell(MitchellOptions { policy: PilotPolicy::Refined, ..threshold(0) }, 1);
     let film = row(&sampler, &[0.1, 0.5, 0.9, 0.2, 0.4, 0.0]);
     let plan = ask(&mut sampler, &film, 1000);
     assert_eq!(plan.counts, [0, 5, 5, 0, 5, 0]);
@@ -184,7 +184,8 @@ fn refined_pilots_are_withdrawn_and_paid_for() {
     let plan = ask(&mut sampler, &film, 12 + 14);
     assert_eq!(plan.counts, [0, 5, 5, 0, 4, 0]);
     assert_eq!(plan.withdraw, Some(vec![false, true, true, false, false, false]));
-    let mut sampler = mitchell(MitchellOptions { mode: Mode::Budget, policy: Policy::Refined, ..threshold(0) }, 1);
+    let mut sampler =
+        mitchell(MitchellOptions { mode: Stopping::Budget, policy: PilotPolicy::Refined, ..threshold(0) }, 1);
     let plan = ask(&mut sampler, &film, 12 + 30 + 4);
     assert_eq!(plan.counts, [5, 6, 8, 5, 5, 5]);
     assert_eq!(plan.withdraw, Some(vec![true; 6]));
@@ -212,7 +213,7 @@ fn descriptions_name_every_parameter() {
     let described = MitchellPbrt::new(Random::new(1)).describe();
     assert_eq!(described, "mitchell-pbrt:min=4,max=32,threshold=0.5,mode=budget,policy=refined");
     // Rounded up to powers of two, and apart.
-    let rounded = |min, max| pbrt(pbrt_options(min, max, Mode::Threshold, Policy::Keep), 1).describe();
+    let rounded = |min, max| pbrt(pbrt_options(min, max, Stopping::Threshold, PilotPolicy::Keep), 1).describe();
     assert!(rounded(3, 17).starts_with("mitchell-pbrt:min=4,max=32,"));
     assert!(rounded(8, 8).starts_with("mitchell-pbrt:min=8,max=16,"));
 }
@@ -257,7 +258,7 @@ fn parameters_out_of_range_are_refused() {
 fn films_without_extrema_and_budgets_below_the_floor_are_refused() {
     let without = Film::new(frame(3, 3), Needs::none().with_variance());
     let with = Film::new(frame(3, 3), Needs::none().with_extrema());
-    for mode in [Mode::Budget, Mode::Threshold] {
+    for mode in [Stopping::Budget, Stopping::Threshold] {
         let one = &mut mitchell(MitchellOptions { mode, ..MitchellOptions::default() }, 1);
         let other = &mut pbrt(MitchellPbrtOptions { mode, ..MitchellPbrtOptions::default() }, 1);
         for sampler in [one as &mut dyn Sampler, other] {

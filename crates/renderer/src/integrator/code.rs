@@ -3,7 +3,8 @@
 //! Code whose bit is missing is not compiled. Bits, not one type parameter each: 13 forms are built of the 384 possible.
 
 use super::path::ROULETTE_FROM;
-use crate::{Effect, World};
+use crate::World;
+use dapple_scene::Effect;
 
 /// Selection among several lights.
 pub const SEVERAL_LIGHTS: u32 = 1;

@@ -2,8 +2,8 @@
 
 use crate::World;
 use crate::light::{Expectation, Lights, SelectedLight};
-use dapple_cluster_adaptive::{LightCellOptions, LightCells};
 use dapple_core::{TrainingData, TrainingLog};
+use dapple_light_selection::{LightCellOptions, LightCells};
 use glam::Vec3;
 
 /// A distribution over the lights of a world, which may depend on the place and be learned while rendering.

@@ -80,7 +80,8 @@ pub fn integrators() -> &'static [IntegratorEntry] {
 /// # Examples
 ///
 /// ```
-/// use dapple_renderer::{World, bundled, integrators, make_integrator};
+/// use dapple_renderer::{World, integrators, make_integrator};
+/// use dapple_scene::bundled;
 ///
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
 /// let scene = bundled::files("teapot").ok_or("no such scene")?.read()?;

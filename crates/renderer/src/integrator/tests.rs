@@ -4,15 +4,15 @@ use super::code::{ENVIRONMENT, ROULETTE, SEVERAL_LIGHTS};
 use super::{FixedSelector, LearnedSelector, LightSelector, PathTracer};
 use crate::World;
 use crate::camera::Pinhole;
-use crate::image::Image;
 use crate::light::LightSelection;
-use crate::scene::{
+use dapple_core::samplers::Uniform;
+use dapple_core::{Frame, Integrator, Limits, Render};
+use dapple_low_discrepancy::Sobol;
+use dapple_scene::image::Image;
+use dapple_scene::{
     Camera, Color, Emission, EnvironmentRadiance, Geometry, Light, LightKind, Material, MaterialId, MaterialKind,
     Projection, Scene, Shape, Source,
 };
-use dapple_core::samplers::Uniform;
-use dapple_core::{Frame, Integrator, Limits, Needs, NoMonitor, render};
-use dapple_low_discrepancy::Sobol;
 use glam::{DAffine3, DVec3};
 use std::sync::Arc;
 
@@ -46,7 +46,7 @@ fn rendered(mut integrator: impl Integrator) -> ([[f64; 2]; 2], f64) {
     let (mut sums, mut squares, mut rays) = ([0.0; 2], [0.0; 2], 0);
     for seed in 0..REPLICATES {
         let mut sampler = Uniform::new(Sobol::new(400 + seed));
-        let film = render(&mut integrator, &mut sampler, Needs::none(), frame, &limits, &mut NoMonitor);
+        let film = Render::new(frame, &limits).run(&mut integrator, &mut sampler);
         let film = film.unwrap_or_else(|e| panic!("{e}"));
         assert_eq!(film.record().rejected, 0);
         rays += film.record().rays;
@@ -195,7 +195,7 @@ fn ambient_occlusion_below_a_sphere_is_one_minus_its_form_factor() {
         let frame = Frame::new(1, 1).expect("not empty");
         let mut sampler = Uniform::new(Sobol::new(5));
         let limits = Limits::samples(SAMPLES);
-        let film = render(&mut *integrator, &mut sampler, Needs::none(), frame, &limits, &mut NoMonitor);
+        let film = Render::new(frame, &limits).run(&mut *integrator, &mut sampler);
         film.unwrap_or_else(|e| panic!("{e}")).mean(0)[1]
     };
     // Sobol' points: far below the 0.0034 of as many random ones.
@@ -208,7 +208,7 @@ fn ambient_occlusion_below_a_sphere_is_one_minus_its_form_factor() {
     let frame = Frame::new(SIZE, SIZE).expect("not empty");
     let limits = Limits::samples(4 * frame.pixels() as u64);
     let mut sampler = Uniform::new(Sobol::new(6));
-    let film = render(&mut integrator, &mut sampler, Needs::none(), frame, &limits, &mut NoMonitor);
+    let film = Render::new(frame, &limits).run(&mut integrator, &mut sampler);
     let film = film.unwrap_or_else(|e| panic!("{e}"));
     assert!((0..frame.pixels()).all(|pixel| film.mean(pixel) == [0.0; 3]));
 }
@@ -216,8 +216,8 @@ fn ambient_occlusion_below_a_sphere_is_one_minus_its_form_factor() {
 /// The effects of a scene call for all code that its world uses: a form without it would lose light in silence.
 #[test]
 fn effects_call_for_all_code_that_a_world_uses() {
-    for name in crate::bundled::names() {
-        let scene = crate::bundled::files(name).expect("bundled").read().expect("it reads");
+    for name in dapple_scene::bundled::names() {
+        let scene = dapple_scene::bundled::files(name).expect("bundled").read().expect("it reads");
         let world = World::new(&scene).unwrap_or_else(|e| panic!("{name}: {e}"));
         let needed = super::code::needed(&world);
         let uses = |used: bool, bit: u32| assert!(!used || needed & bit != 0, "{name}: {needed:b} lacks {bit:b}");

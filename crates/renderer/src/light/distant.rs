@@ -2,7 +2,7 @@
 
 use super::punctual::checked;
 use super::{Expectation, LightSample, LightSource, PunctualError, Target, luminance};
-use crate::scene::Source;
+use dapple_scene::Source;
 use glam::{DAffine3, DVec3, Vec3};
 
 /// Parallel light from infinitely far.

@@ -5,12 +5,12 @@ mod tiles;
 pub(crate) use tiles::{Tile, Tiles};
 
 use super::{Expectation, LightSample, LightSource, Target, luminance, octahedral};
-use crate::image::Image;
-use crate::scene::{EnvironmentRadiance, Source};
 use crate::shading::discrete::PiecewiseConstant2d;
 use crate::shading::trigonometry::{sin_cos_turn, turn_of};
 use crate::shading::warp;
 use crate::space::even_scale;
+use dapple_scene::image::Image;
+use dapple_scene::{EnvironmentRadiance, Source};
 use glam::{DMat3, Mat3, Vec3};
 use std::f32::consts::PI;
 use std::sync::Arc;

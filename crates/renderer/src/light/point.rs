@@ -2,8 +2,8 @@
 
 use super::punctual::checked;
 use super::{Expectation, LightSample, LightSource, PunctualError, Target, luminance};
-use crate::scene::Source;
 use crate::space::Space;
+use dapple_scene::Source;
 use glam::{DAffine3, Vec3};
 
 /// A point that emits the same intensity in all directions.

@@ -1,6 +1,6 @@
 //! The errors of lights without extent, which only light sampling finds.
 
-use crate::scene::Source;
+use dapple_scene::Source;
 use glam::Vec3;
 
 /// A light without extent that cannot be made.

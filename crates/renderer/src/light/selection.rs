@@ -24,7 +24,7 @@ pub enum LightSelection {
     /// Every light with the same probability.
     Uniform,
     /// Learned while rendering, per cell of space and orientation, from the contributions of lights there
-    /// ([`LightCells`](dapple_cluster_adaptive::LightCells)).
+    /// ([`LightCells`](dapple_light_selection::LightCells)).
     ///
     /// Proportional to power where nothing can be learned: inside media, and with a single light. An environment map
     /// counts as its tiles, up to 32 or 36 lights.

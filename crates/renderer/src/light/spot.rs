@@ -1,8 +1,8 @@
 //! Spot lights.
 
 use super::{Expectation, LightSample, LightSource, PointLight, PunctualError, luminance};
-use crate::scene::{Source, SpotFalloff};
 use crate::space::{Space, even_scale};
+use dapple_scene::{Source, SpotFalloff};
 use glam::{DAffine3, DVec3, Vec3};
 
 /// A point that emits into a cone.

@@ -1,8 +1,8 @@
 //! Mixes: materials that are one of two others.
 
 use super::{Kind, MaterialError, Surface};
-use crate::scene::{Material, MaterialKind, Scalar};
 use crate::texture::Textures;
+use dapple_scene::{Material, MaterialKind, Scalar};
 
 /// The deepest nesting of mixes.
 const DEEPEST: u32 = 16;

@@ -1,8 +1,8 @@
 //! Materials ready to shade.
 
 use super::*;
-use crate::image::Image;
-use crate::scene::{Texture, TextureId, TextureKind, Wrap};
+use dapple_scene::image::Image;
+use dapple_scene::{Texture, TextureId, TextureKind, Wrap};
 use std::sync::Arc;
 
 fn surface(kind: MaterialKind) -> Result<Surface, String> {
@@ -54,7 +54,7 @@ fn reflectances_lie_between_0_and_1() {
 }
 
 fn mix(parts: [u32; 2], amount: f32) -> MaterialKind {
-    MaterialKind::Mix { materials: parts.map(crate::scene::MaterialId), amount: Scalar::Constant(amount) }
+    MaterialKind::Mix { materials: parts.map(dapple_scene::MaterialId), amount: Scalar::Constant(amount) }
 }
 
 #[test]

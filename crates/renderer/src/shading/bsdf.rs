@@ -7,6 +7,7 @@ use super::glossy::{Plastic, Substrate};
 use super::metal_coat::MetalCoat;
 use super::microfacet::{TrowbridgeReitz, half_angle_cosine};
 use super::{ShadingFrame, warp};
+use dapple_scene::effectively_smooth;
 use glam::Vec3;
 use std::f32::consts::{FRAC_1_PI, PI};
 
@@ -97,18 +98,14 @@ pub struct BsdfSample {
 
 impl<'m> Bsdf<'m> {
     /// The metal with these widths: rough, or smooth where
-    /// [`TrowbridgeReitz::effectively_smooth`] returns true.
+    /// [`effectively_smooth`] returns true.
     ///
     /// # Errors
     ///
     /// As [`TrowbridgeReitz::new`].
     pub fn conductor(ior: ComplexIor, alpha: [f32; 2]) -> Result<Self, super::Error> {
         let microfacets = TrowbridgeReitz::new(alpha)?;
-        Ok(if TrowbridgeReitz::effectively_smooth(alpha) {
-            Self::SmoothConductor { ior }
-        } else {
-            Self::Conductor { ior, microfacets }
-        })
+        Ok(if effectively_smooth(alpha) { Self::SmoothConductor { ior } } else { Self::Conductor { ior, microfacets } })
     }
 
     /// A coat over a diffuse base of this reflectance, clamped to `[0, 1]`.
@@ -125,7 +122,7 @@ impl<'m> Bsdf<'m> {
     }
 
     /// Glass of this index of refraction, inside over outside: rough, or smooth where
-    /// [`TrowbridgeReitz::effectively_smooth`] returns true, or where the index is 1.
+    /// [`effectively_smooth`] returns true, or where the index is 1.
     ///
     /// # Errors
     ///
@@ -135,7 +132,7 @@ impl<'m> Bsdf<'m> {
             return Err(super::Error::Eta { value: eta });
         }
         let microfacets = TrowbridgeReitz::new(alpha)?;
-        Ok(if TrowbridgeReitz::effectively_smooth(alpha) || eta == 1.0 {
+        Ok(if effectively_smooth(alpha) || eta == 1.0 {
             Self::SmoothDielectric(SmoothDielectric { eta, tint })
         } else {
             Self::Dielectric(RoughDielectric { eta, microfacets, tint })

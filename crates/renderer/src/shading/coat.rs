@@ -20,6 +20,7 @@
 
 use super::microfacet::TrowbridgeReitz;
 use super::{Error, fresnel};
+use dapple_scene::effectively_smooth;
 use glam::Vec3;
 use std::f32::consts::FRAC_1_PI;
 
@@ -33,7 +34,7 @@ pub struct CoatOptions {
     /// Index of refraction over the outside's, in `[0.1, 10]`.
     pub eta: f32,
     /// Microfacet widths along the tangents; smooth where
-    /// [`TrowbridgeReitz::effectively_smooth`] returns true, or where `eta` is 1.
+    /// [`effectively_smooth`] returns true, or where `eta` is 1.
     pub alpha: [f32; 2],
     /// Optical thickness along the normal, from 0: light that crosses the coat at an angle with cosine `c`
     /// (inside) keeps `exp(-thickness / c)`. Where the coat scatters with an albedo, what it scatters mostly
@@ -81,7 +82,7 @@ impl Coat {
             return Err(Error::Thickness { value: thickness });
         }
         let rough = TrowbridgeReitz::new(alpha)?;
-        let smooth = TrowbridgeReitz::effectively_smooth(alpha) || eta == 1.0;
+        let smooth = effectively_smooth(alpha) || eta == 1.0;
         let interface = Interface {
             microfacets: if smooth {
                 None

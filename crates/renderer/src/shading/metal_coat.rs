@@ -29,6 +29,7 @@ use super::fresnel::{self, ComplexIor};
 use super::microfacet::{TrowbridgeReitz, half_angle_cosine};
 use dapple_core::{PointSet, SampleId};
 use dapple_low_discrepancy::Sobol;
+use dapple_scene::effectively_smooth;
 use glam::Vec3;
 
 /// Cells of the tables over the cosine.
@@ -59,7 +60,7 @@ impl MetalCoat {
     pub fn new(options: CoatOptions, alpha: [f32; 2]) -> Result<Self, Error> {
         let coat = Coat::new(options)?;
         let metal = TrowbridgeReitz::new(alpha)?;
-        let smooth = TrowbridgeReitz::effectively_smooth(alpha);
+        let smooth = effectively_smooth(alpha);
         let lobe = (!smooth || coat.microfacets().is_some()).then(|| Lobe {
             metal: if smooth { [0.0; 2] } else { metal.alpha() },
             coat: coat.microfacets().map_or([0.0; 2], TrowbridgeReitz::alpha),

@@ -6,9 +6,6 @@ use super::trigonometry::sin_cos_turn;
 use glam::Vec3;
 use std::f32::consts::PI;
 
-/// Below this alpha along both tangents a surface is treated as smooth, as in pbrt-v4.
-pub const SMOOTH_ALPHA: f32 = 1e-3;
-
 /// The Trowbridge-Reitz distribution with widths `alpha` along x and y.
 ///
 /// Directions are unit vectors in the shading frame; `w` lies on the side `z >= 0`.
@@ -35,16 +32,6 @@ impl TrowbridgeReitz {
     #[expect(clippy::manual_clamp, reason = "`max` takes the other where one is NaN")]
     pub fn nearest(alpha: [f32; 2]) -> Self {
         Self { alpha: alpha.map(|a| a.max(1e-4).min(10.0)) }
-    }
-
-    /// The width that a scene's roughness stands for: `sqrt(roughness)`, as pbrt-v4 remaps it.
-    pub fn roughness_to_alpha(roughness: f32) -> f32 {
-        roughness.max(0.0).sqrt()
-    }
-
-    /// Tells whether a surface of these widths counts as smooth.
-    pub fn effectively_smooth(alpha: [f32; 2]) -> bool {
-        alpha[0].max(alpha[1]) < SMOOTH_ALPHA
     }
 
     /// The widths.

@@ -1,6 +1,6 @@
 //! Images of few values, kept small for look-ups.
 
-use crate::image::Image;
+use dapple_scene::image::Image;
 use glam::Vec3;
 
 /// The number of values of a byte.

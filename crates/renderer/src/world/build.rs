@@ -3,16 +3,16 @@
 use super::instances::{Placements, empty_mesh};
 use super::shutter::Shutter;
 use super::{NO_LIGHT, NO_MEDIUM, Part, World};
-use crate::Effects;
 use crate::camera::{CameraError, CameraView};
 use crate::light::{DiskLight, Lamp, Light, Lights, MeshLight, SphereLight};
 use crate::material::{Surface, check_mixes};
 use crate::medium::Media;
 use crate::pixel_filter::FilterSampler;
-use crate::scene::{Emission, Geometry as Described, MeshData, Scene, Shape as DescribedShape, Source};
 use crate::space::{Space, even_scale};
 use crate::texture::Textures;
 use dapple_geometry::{Disk, Geometry, Mesh, Shape, Sphere};
+use dapple_scene::Effects;
+use dapple_scene::{Emission, Geometry as Described, MeshData, Scene, Shape as DescribedShape, Source};
 use glam::{DAffine3, DVec3, Vec3};
 
 /// All errors that keep a scene from being rendered.

@@ -1,13 +1,13 @@
 //! L12 at hits: frames under bad vertex normals, texture coordinates and reliefs; derivatives by u and v.
 
 use super::World;
-use crate::image::Image;
-use crate::scene::{
+use crate::shading::ShadingFrame;
+use dapple_geometry::Ray;
+use dapple_scene::image::Image;
+use dapple_scene::{
     Color, Geometry, Material, MaterialId, MaterialKind, MeshData, Roughness, Scalar, Scene, Shape, Source, Texture,
     TextureId, TextureKind, Wrap,
 };
-use crate::shading::ShadingFrame;
-use dapple_geometry::Ray;
 use glam::{DAffine3, DMat3, DVec3, Vec3};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;

@@ -3,9 +3,9 @@
 use super::build::{Problems, convert};
 use super::shutter::Shutter;
 use super::{Interaction, Part, World};
-use crate::scene::{MaterialId, MediumId, Scene, Shape as DescribedShape, Source};
 use crate::space::Space;
 use dapple_geometry::{Geometry, Hit, Instance, Mesh, Motion, Preset, Ray, Shape};
+use dapple_scene::{MaterialId, MediumId, Scene, Shape as DescribedShape, Source};
 use glam::{DAffine3, DVec3, Vec3};
 use std::sync::Arc;
 
@@ -129,6 +129,11 @@ fn refuse(shape: &DescribedShape, problems: &mut Problems) {
 }
 
 impl World {
+    /// The number of a shape's material.
+    pub fn shape_material(&self, shape: u32) -> u32 {
+        self.part(shape).material
+    }
+
     /// The part of a shape number.
     #[inline]
     pub(crate) fn part(&self, shape: u32) -> &Part {
@@ -172,7 +177,7 @@ impl World {
     }
 
     /// Lower and upper corner of a shape's box when the shutter opens, to within rounding.
-    pub(crate) fn shape_bounds(&self, shape: u32) -> [Vec3; 2] {
+    pub fn shape_bounds(&self, shape: u32) -> [Vec3; 2] {
         let [low, high] = self.geometry.shape(shape).bounds().unwrap_or_default();
         let Some(to_world) = self.geometry.to_world(shape, self.time(0.0)) else { return [low, high] };
         Motion::still(to_world).bounds(low.as_dvec3(), high.as_dvec3()).map(DVec3::as_vec3)

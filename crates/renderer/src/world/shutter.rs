@@ -1,8 +1,8 @@
 //! The part of a motion during which the shutter is open.
 
 use super::World;
-use crate::scene::Scene;
 use dapple_geometry::Motion;
+use dapple_scene::Scene;
 
 /// The part of the motion during which the shutter is open.
 pub(super) struct Shutter {
@@ -48,7 +48,7 @@ impl Shutter {
 impl World {
     /// A time within the motion, in `[0, 1]`, sampled by `u` in `[0, 1)` uniformly while the shutter is open.
     #[inline]
-    pub(crate) fn time(&self, u: f32) -> f32 {
+    pub fn time(&self, u: f32) -> f32 {
         let [opens, closes] = self.open;
         (opens + (closes - opens) * u).clamp(0.0, 1.0)
     }

@@ -6,8 +6,8 @@ use dapple_core::{Frame, Limits, PointSet, SampleId};
 use dapple_low_discrepancy::Sobol;
 use dapple_renderer::camera::{CameraError, CameraView, General, Lens, Pinhole, ThinLens};
 use dapple_renderer::pixel_filter::FilterSampler;
-use dapple_renderer::scene::{Camera, Geometry, PixelFilter, Projection, Scene};
 use dapple_renderer::{Space, World};
+use dapple_scene::{Camera, Geometry, PixelFilter, Projection, Scene};
 use glam::{DAffine3, DMat3, DVec3, Vec2, Vec3};
 use std::sync::Arc;
 

@@ -1,11 +1,13 @@
 //! The same image on any number of threads, in any order of tiles, in any process, and in any unit of length.
 
 use crate::support::*;
-use dapple_core::{Draws, Frame, Limits, Needs, NoMonitor, PointSet, SampleId, Schedule, TrainingLog, render, streams};
+use dapple_core::{Draws, Frame, Limits, Needs, PointSet, Render, SampleId, Schedule, TrainingLog, streams};
+use dapple_job::Stage;
+use dapple_job::registry::{self, POINTS, SAMPLERS, Setting};
 use dapple_low_discrepancy::Sobol;
-use dapple_renderer::registry::{self, POINTS, SAMPLERS, Setting};
-use dapple_renderer::scene::{Geometry, Scene};
-use dapple_renderer::{Stage, World, blocks, bundled, integrator};
+use dapple_renderer::{World, blocks, integrator};
+use dapple_scene::bundled;
+use dapple_scene::{Geometry, Scene};
 use glam::{DAffine3, DMat3, DVec3};
 use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex};
@@ -25,7 +27,7 @@ fn rendered(world: &World, sampler: &str, name: &str, schedule: Schedule, thread
         .unwrap_or_else(|e| panic!("{e}"));
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
     let needs = Needs::none().with_variance().with_features();
-    let film = pool.install(|| render(&mut *integrator(world), &mut *sampler, needs, frame, &limits, &mut NoMonitor));
+    let film = pool.install(|| Render::new(frame, &limits).needs(needs).run(&mut *integrator(world), &mut *sampler));
     let film = film.unwrap_or_else(|e| panic!("{e}"));
     assert_eq!(film.record().rejected, 0);
     // Features and variance are part of what must not change.

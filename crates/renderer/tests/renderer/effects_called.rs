@@ -3,12 +3,13 @@
 use crate::support::*;
 use dapple_core::{Film, Needs, PointSet, SampleId};
 use dapple_low_discrepancy::Sobol;
-use dapple_renderer::image::Image;
-use dapple_renderer::scene::{
+use dapple_renderer::{World, blocks};
+use dapple_scene::image::Image;
+use dapple_scene::{
     Color, Emission, EnvironmentRadiance, Geometry, Light, LightKind, Material, MaterialKind, Roughness, Scene,
     Texture, TextureId, TextureKind,
 };
-use dapple_renderer::{Effect, Effects, World, blocks};
+use dapple_scene::{Effect, Effects};
 use glam::{DAffine3, DVec3};
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
@@ -145,7 +146,7 @@ fn features_change_no_bit_l14() {
     let needs = Needs::none().with_features().with_variance().with_cost();
     let limits = dapple_core::Limits::samples(SAMPLES);
     let mut integrator = dapple_renderer::integrator(&world);
-    let full = dapple_core::render(&mut *integrator, &mut sampler, needs, frame, &limits, &mut dapple_core::NoMonitor);
+    let full = dapple_core::Render::new(frame, &limits).needs(needs).run(&mut *integrator, &mut sampler);
     let full = full.expect("it renders");
     assert_eq!(hash(&plain), hash(&full));
     assert_eq!(plain.record().rays, full.record().rays);
@@ -243,7 +244,7 @@ fn effects_each_with_its_object() {
 
     let mut textured = direct();
     unused_features(&mut textured);
-    textured.shapes[0].material = dapple_renderer::scene::MaterialId(3);
+    textured.shapes[0].material = dapple_scene::MaterialId(3);
     assert_eq!(called(&textured), [lamp, ("textures", 301)]);
     assert!(Effects::of(&textured).called()[1].because.contains("\"unused\""), "the texture by its name");
 }
@@ -268,7 +269,7 @@ fn no_effect_is_skipped_l14() {
         }),
         (Effect::Textures, &|s| {
             unused_features(s);
-            s.shapes[0].material = dapple_renderer::scene::MaterialId(3);
+            s.shapes[0].material = dapple_scene::MaterialId(3);
         }),
         (Effect::Environment, &|s| add_sky(s, 0.1)),
         (Effect::DepthOfField, &|s| {

@@ -4,12 +4,12 @@ use crate::support::*;
 use dapple_core::samplers::Uniform;
 use dapple_core::{Frame, Limits};
 use dapple_low_discrepancy::Sobol;
-use dapple_renderer::image::Image;
-use dapple_renderer::scene::{
+use dapple_scene::image::Image;
+use dapple_scene::{
     Color, ConductorFresnel, Emission, Geometry, LightKind, MaterialKind, Medium, MediumId, MediumInterface, Object,
     Roughness, Scalar, Scene, Shape, Texture, TextureId, TextureKind, WithoutError, Wrap,
 };
-use dapple_renderer::{Effect, Effects};
+use dapple_scene::{Effect, Effects};
 use glam::{DAffine3, DVec3};
 use std::f64::consts::PI;
 use std::sync::Arc;
@@ -29,7 +29,7 @@ fn full() -> Scene {
 }
 
 fn without(scene: &Scene, effect: Effect) -> Scene {
-    scene.without(effect).unwrap_or_else(|e| panic!("{e}"))
+    dapple_renderer::without(scene, effect).unwrap_or_else(|e| panic!("{e}"))
 }
 
 /// The room's effects can be left out one by one, in any order; each time another scene remains, and another image.
@@ -98,11 +98,11 @@ fn the_last_light_does_not_go() {
     let grey = add_material(&mut scene, diffuse(0.5));
     add(&mut scene, rectangle(DVec3::ZERO, DVec3::X, DVec3::Y), DAffine3::IDENTITY, grey, None);
     add_sky(&mut scene, 1.0);
-    let error = scene.without(Effect::Environment).err();
+    let error = dapple_renderer::without(&scene, Effect::Environment).err();
     assert_eq!(error, Some(WithoutError::NoLight { effect: Effect::Environment }));
     // In the dark there is none to lose.
     scene.lights.clear();
-    assert!(scene.without(Effect::Environment).is_ok());
+    assert!(dapple_renderer::without(&scene, Effect::Environment).is_ok());
 }
 
 /// Small lights stand for lamps: the same power, and far away the same image.

@@ -4,10 +4,10 @@
 use crate::statistics::{FAMILY, Mean, Verdict, critical, sidak};
 use crate::support::*;
 use dapple_core::samplers::Uniform;
-use dapple_core::{Film, Frame, Limits, Needs, NoMonitor, render};
+use dapple_core::{Film, Frame, Limits, Needs, Render};
 use dapple_low_discrepancy::Random;
 use dapple_renderer::integrator;
-use dapple_renderer::scene::{Geometry, MeshData, Scene};
+use dapple_scene::{Geometry, MeshData, Scene};
 use glam::{DAffine3, DVec3};
 use std::sync::Arc;
 
@@ -105,7 +105,7 @@ fn sees_a_leak_of_half_a_percent_l01() {
 /// The bundled furnace is white, whatever the sampler's seed.
 #[test]
 fn bundled_furnace_is_white_l01() {
-    let scene = dapple_renderer::bundled::files("furnace").expect("bundled").read().expect("it reads");
+    let scene = dapple_scene::bundled::files("furnace").expect("bundled").read().expect("it reads");
     let mut found = Mean::default();
     for seed in 0..4 {
         let film = image(&scene, 16, SEED + seed);
@@ -159,7 +159,7 @@ fn no_pixel_stands_out_l02() {
     let needs = Needs::none().with_variance();
     let limits = Limits::samples(1024 * frame.pixels() as u64);
     let film =
-        render(&mut *integrator(&world), &mut sampler, needs, frame, &limits, &mut NoMonitor).expect("it renders");
+        Render::new(frame, &limits).needs(needs).run(&mut *integrator(&world), &mut sampler).expect("it renders");
     let z = critical(sidak(FAMILY, frame.pixels()) / 2.0);
     let mut worst = 0.0_f64;
     for i in 0..frame.pixels() {

@@ -3,11 +3,12 @@
 use crate::support::*;
 use dapple_core::{PointSet, SampleId};
 use dapple_low_discrepancy::Sobol;
-use dapple_renderer::scene::{
+use dapple_renderer::{World, blocks, without};
+use dapple_scene::{
     Color, Emission, Geometry, MaterialKind, Medium, MediumId, MediumInterface, Roughness, Scalar, Scene, Texture,
     TextureId, TextureKind,
 };
-use dapple_renderer::{Effect, Effects, World, blocks};
+use dapple_scene::{Effect, Effects};
 use glam::{DAffine3, DVec3};
 use std::collections::BTreeMap;
 use std::sync::Mutex;
@@ -86,7 +87,7 @@ fn needed_effects_are_rendered_or_refused_l14() {
     for effect in Effect::ALL {
         let scene = with(effect);
         assert!(Effects::of(&scene).has(effect), "{effect}");
-        let less = scene.without(effect).unwrap_or_else(|e| panic!("{effect}: {e}"));
+        let less = without(&scene, effect).unwrap_or_else(|e| panic!("{effect}: {e}"));
         assert!(!Effects::of(&less).has(effect), "{effect}");
         match World::new(&scene) {
             Err(refused) => {
@@ -110,7 +111,7 @@ fn leaving_out_what_is_not_there_changes_no_bit_l14() {
         let expected = hash(&film_of(&world, SIZE, 4, Sobol::new(1)));
         let effects = Effects::of(&scene);
         for absent in Effect::ALL.into_iter().filter(|e| !effects.has(*e)) {
-            let same = scene.without(absent).unwrap_or_else(|e| panic!("{absent}: {e}"));
+            let same = without(&scene, absent).unwrap_or_else(|e| panic!("{absent}: {e}"));
             assert_eq!(hash(&image(&same, 4, 1)), expected, "{present} without {absent}");
         }
     }
@@ -151,7 +152,7 @@ fn absent_effects_request_no_blocks_and_no_rays_l14() {
         let more = with(effect);
         let (with, with_rays) = asked(&more);
         assert_ne!((&with, with_rays), (&plain, rays), "{effect}");
-        let less = more.without(effect).unwrap_or_else(|e| panic!("{effect}: {e}"));
+        let less = without(&more, effect).unwrap_or_else(|e| panic!("{effect}: {e}"));
         let again = (effect != Effect::SeveralLights).then(|| asked(&less));
         assert!(again.is_none_or(|again| again == (plain.clone(), rays)), "{effect}");
     }

@@ -4,9 +4,10 @@
 use crate::statistics::FAMILY;
 use crate::support::*;
 use dapple_low_discrepancy::Sobol;
-use dapple_renderer::bundled::{self, Bundle};
-use dapple_renderer::scene::{Color, Emission, Light, LightKind, MaterialKind, Projection, Scene};
-use dapple_renderer::{Effect, Effects, World};
+use dapple_renderer::World;
+use dapple_scene::bundled::{self, Bundle};
+use dapple_scene::{Color, Emission, Light, LightKind, MaterialKind, Projection, Scene};
+use dapple_scene::{Effect, Effects};
 use glam::{DAffine3, DVec3};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;

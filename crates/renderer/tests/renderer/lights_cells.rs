@@ -3,13 +3,15 @@
 
 use crate::support::{add, add_material, diffuse, line, rectangle, scene};
 use dapple_core::samplers::Uniform;
-use dapple_core::{Film, Frame, Limits, Needs, NoMonitor, Sampler, Schedule, render};
+use dapple_core::{Film, Frame, Limits, Render, Sampler, Schedule};
+use dapple_job::Stage;
+use dapple_job::registry::{self, Setting};
 use dapple_low_discrepancy::Sobol;
-use dapple_renderer::image::Image;
 use dapple_renderer::light::LightSelection;
-use dapple_renderer::registry::{self, Setting};
-use dapple_renderer::scene::{EnvironmentRadiance, Light, LightKind};
-use dapple_renderer::{Stage, World, bundled, integrator};
+use dapple_renderer::{World, integrator};
+use dapple_scene::bundled;
+use dapple_scene::image::Image;
+use dapple_scene::{EnvironmentRadiance, Light, LightKind};
 use glam::{DAffine3, DVec3};
 use std::sync::Arc;
 
@@ -26,8 +28,7 @@ fn film(world: &World, sampler: &mut dyn Sampler, spp: u64, schedule: Schedule) 
     let frame = Frame::new(SIZE[0], SIZE[1]).expect("not empty");
     let mut limits = Limits::samples(spp * frame.pixels() as u64);
     limits.schedule = schedule;
-    render(&mut *integrator(world), sampler, Needs::none(), frame, &limits, &mut NoMonitor)
-        .unwrap_or_else(|e| panic!("{e}"))
+    Render::new(frame, &limits).run(&mut *integrator(world), sampler).unwrap_or_else(|e| panic!("{e}"))
 }
 
 fn uniform(world: &World, seed: u64, spp: u64) -> Film {

@@ -4,8 +4,8 @@
 use crate::support::*;
 use dapple_renderer::World;
 use dapple_renderer::light::{LightSelection, Target};
-use dapple_renderer::scene::{Light, LightKind, Scene};
 use dapple_renderer::shading::Discrete;
+use dapple_scene::{Light, LightKind, Scene};
 use glam::{DAffine3, DVec3, Vec3};
 use rand::{Rng, RngExt, SeedableRng};
 use rand_pcg::Pcg32;
@@ -120,7 +120,7 @@ fn each_kind_of_light_has_its_power_l07() {
     let r2 = 2.0;
     add_kind(&mut scene, LightKind::Point { intensity: [1.0; 3] });
     add_kind(&mut scene, LightKind::Distant { irradiance: [1.0; 3] });
-    let falloff = dapple_renderer::scene::SpotFalloff::Quartic;
+    let falloff = dapple_scene::SpotFalloff::Quartic;
     add_kind(&mut scene, LightKind::Spot { intensity: [1.0; 3], cone: 90.0, falloff_start: 60.0, falloff });
     add_sky(&mut scene, 1.0);
     let white = add_material(&mut scene, diffuse(1.0));

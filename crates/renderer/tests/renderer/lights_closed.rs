@@ -4,17 +4,15 @@
 use crate::statistics::{FAMILY, Mean, Verdict, critical, sidak};
 use crate::support::*;
 use dapple_core::samplers::Uniform;
-use dapple_core::{
-    Draws, Estimate, Film, Frame, Integrator, Limits, Needs, NoMonitor, PointSet, SampleId, TrainingLog, render,
-};
+use dapple_core::{Draws, Estimate, Film, Frame, Integrator, Limits, PointSet, Render, SampleId, TrainingLog};
 use dapple_geometry::{PrimitiveId, Ray, SurfacePoint, spawn_ray, spawn_ray_to, spawn_ray_to_point};
 use dapple_low_discrepancy::Sobol;
 use dapple_renderer::camera::{Lens, Pinhole};
-use dapple_renderer::image::Image;
 use dapple_renderer::light::Target;
-use dapple_renderer::scene::{EnvironmentRadiance, Geometry, Light, LightKind, Scene};
 use dapple_renderer::shading::{Bsdf, ShadingFrame, power_heuristic};
 use dapple_renderer::{World, blocks};
+use dapple_scene::image::Image;
+use dapple_scene::{EnvironmentRadiance, Geometry, Light, LightKind, Scene};
 use glam::{DAffine3, DVec3, Vec3};
 use std::f64::consts::PI;
 
@@ -379,7 +377,7 @@ fn three_strategies_and_the_integrator_agree_l09() {
             let mut sampler = Uniform::new(Sobol::new(1000 + seed));
             let limits = Limits::samples(spp * frame.pixels() as u64);
             let mut direct = Direct { world: &world, strategy };
-            render(&mut direct, &mut sampler, Needs::none(), frame, &limits, &mut NoMonitor).expect("it renders")
+            Render::new(frame, &limits).run(&mut direct, &mut sampler).expect("it renders")
         })
     };
     let ours = replicates(|seed| film_of(&world, [32, 32], 16, Sobol::new(2000 + seed)));

@@ -4,7 +4,7 @@ use crate::support::*;
 use dapple_low_discrepancy::Sobol;
 use dapple_renderer::World;
 use dapple_renderer::light::{LightSelection, Target};
-use dapple_renderer::scene::{Light, LightKind, Scene, SpotFalloff};
+use dapple_scene::{Light, LightKind, Scene, SpotFalloff};
 use glam::{DAffine3, DMat3, DVec3, Vec3};
 use std::f64::consts::PI;
 

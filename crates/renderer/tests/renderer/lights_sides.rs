@@ -4,9 +4,9 @@
 use crate::support::*;
 use dapple_geometry::Ray;
 use dapple_renderer::World;
-use dapple_renderer::image::Image;
 use dapple_renderer::light::{Environment, EnvironmentError, Target};
-use dapple_renderer::scene::{EnvironmentRadiance, Geometry, Light, LightKind, MeshData, Scene, Source};
+use dapple_scene::image::Image;
+use dapple_scene::{EnvironmentRadiance, Geometry, Light, LightKind, MeshData, Scene, Source};
 use glam::{DAffine3, DMat3, DVec3, Vec3};
 use std::sync::Arc;
 

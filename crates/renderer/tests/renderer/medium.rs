@@ -5,7 +5,7 @@
 use crate::statistics::directions::Cone;
 use crate::statistics::{FAMILY, Mean, Verdict, critical, integrate, sidak};
 use dapple_renderer::medium::{HenyeyGreenstein, Media, Medium, MediumEvent};
-use dapple_renderer::scene;
+use dapple_scene as scene;
 use glam::{DVec3, Vec3};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg32;

@@ -4,7 +4,7 @@
 use crate::statistics::{FAMILY, Mean, Verdict, critical, sidak};
 use crate::support::*;
 use dapple_core::Film;
-use dapple_renderer::scene::{Geometry, Light, LightKind, MaterialKind, Medium, MediumId, Scene};
+use dapple_scene::{Geometry, Light, LightKind, MaterialKind, Medium, MediumId, Scene};
 use glam::{DAffine3, DVec3};
 use std::f64::consts::PI;
 

@@ -5,8 +5,8 @@ use crate::statistics::{FAMILY, critical, sidak};
 use crate::support::*;
 use dapple_core::Film;
 use dapple_low_discrepancy::Sobol;
-use dapple_renderer::image::Image;
-use dapple_renderer::scene::{
+use dapple_scene::image::Image;
+use dapple_scene::{
     Color, Geometry, Light, LightKind, MaterialKind, MeshData, Roughness, Scalar, Scene, Texture, TextureId,
     TextureKind, Wrap,
 };

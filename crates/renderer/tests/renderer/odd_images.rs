@@ -2,7 +2,7 @@
 //! that an image may have. An error that names the file, or a finite image.
 
 use crate::support::*;
-use dapple_renderer::pbrt::{ReadOptions, read_scene_from};
+use dapple_scene::pbrt::{ReadOptions, read_scene_from};
 
 /// A PFM file of these pixels.
 fn pfm(size: [u32; 2], value: impl Fn(u32) -> f32) -> Vec<u8> {

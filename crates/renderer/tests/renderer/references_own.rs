@@ -8,11 +8,12 @@
 use crate::statistics::FAMILY;
 use crate::support::*;
 use dapple_core::samplers::Uniform;
-use dapple_core::{Film, Frame, Limits, Needs, NoMonitor, render};
+use dapple_core::{Film, Frame, Limits, Needs, Render};
 use dapple_low_discrepancy::{Random, Sobol};
-use dapple_renderer::image::{Image, Layer, Plane, encode_exr, read_channels, write_file};
-use dapple_renderer::scene::{PixelFilter, Scene};
-use dapple_renderer::{World, bundled, integrator};
+use dapple_renderer::{World, integrator};
+use dapple_scene::bundled;
+use dapple_scene::image::{Image, Layer, Plane, encode_exr, read_channels, write_file};
+use dapple_scene::{PixelFilter, Scene};
 use std::path::PathBuf;
 
 const WIDTH: u32 = 64;
@@ -44,7 +45,7 @@ fn generate() {
         let limits = Limits::samples(SPP * frame.pixels() as u64);
         let mut sampler = Uniform::new(Random::new(SEED));
         let needs = Needs::none().with_variance();
-        let film = render(&mut *integrator(&world), &mut sampler, needs, frame, &limits, &mut NoMonitor);
+        let film = Render::new(frame, &limits).needs(needs).run(&mut *integrator(&world), &mut sampler);
         let film = film.unwrap_or_else(|e| panic!("{e}"));
         assert_eq!(film.record().rejected, 0, "{name}");
         let variance = (0..frame.pixels()).map(|i| {

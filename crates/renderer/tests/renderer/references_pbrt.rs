@@ -9,9 +9,9 @@ use dapple_core::Film;
 use dapple_low_discrepancy::Sobol;
 use dapple_metrics::{Pixels, block_ratios, compare};
 use dapple_renderer::World;
-use dapple_renderer::image::{Encoding, Image, read_image};
-use dapple_renderer::pbrt::{ReadOptions, read_scene};
-use dapple_renderer::scene::{PixelFilter, Scene};
+use dapple_scene::image::{Encoding, Image, read_image};
+use dapple_scene::pbrt::{ReadOptions, read_scene};
+use dapple_scene::{PixelFilter, Scene};
 use std::path::PathBuf;
 
 /// A scene with its reference.

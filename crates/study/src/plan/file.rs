@@ -164,7 +164,7 @@ impl Scene {
     fn plan(self, folder: &Path) -> Result<ScenePlan, PlanError> {
         // A bundled scene's name is no path, unless a file has it.
         let place = |source: String| match folder.join(&source) {
-            path if !path.exists() && dapple_renderer::bundled::names().contains(&source.as_str()) => source,
+            path if !path.exists() && dapple_scene::bundled::names().contains(&source.as_str()) => source,
             path => path.display().to_string(),
         };
         match self {

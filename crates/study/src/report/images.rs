@@ -4,7 +4,7 @@ use crate::folder::Recorded;
 use crate::record::{Budget, Run, SceneRecord};
 use base64::Engine;
 use dapple_metrics::{Pixels, downsample};
-use dapple_renderer::image::{Encoding, Image, encode_png, encode_png_gray, encode_png_rgb, read_image};
+use dapple_scene::image::{Encoding, Image, encode_png, encode_png_gray, encode_png_rgb, read_image};
 use std::path::Path;
 
 /// What all images of a page may take, in bytes of the page.
@@ -143,7 +143,7 @@ fn load(folder: &Path, file: &str, problems: &mut Vec<String>) -> Option<Image> 
     read_image(&bytes, file, Encoding::Auto).map_err(|e| problems.push(e.to_string())).ok()
 }
 
-fn embed(png: Result<Vec<u8>, dapple_renderer::image::ImageError>, size: [u32; 2]) -> Option<Embedded> {
+fn embed(png: Result<Vec<u8>, dapple_scene::image::ImageError>, size: [u32; 2]) -> Option<Embedded> {
     let uri = format!("data:image/png;base64,{}", base64::engine::general_purpose::STANDARD.encode(png.ok()?));
     Some(Embedded { uri, size })
 }

@@ -2,7 +2,7 @@
 #![cfg(unix)]
 
 use crate::common::{Place, in_process};
-use dapple_renderer::image::{Image, encode_pfm, read_channels, write_file};
+use dapple_scene::image::{Image, encode_pfm, read_channels, write_file};
 use dapple_study::{Draft, External, Method, Run, StudyError};
 
 impl Place {
@@ -64,7 +64,7 @@ fn what_a_program_is_given_has_features() {
     assert_eq!(place.text("threads"), "threads 1\n");
     let seen = read_channels(&std::fs::read(place.path("seen.exr")).unwrap(), "seen.exr").unwrap();
     let at = |name: &str| match seen.plane(name) {
-        Some(dapple_renderer::image::Plane::F32(values)) => values[8 * 6 + 4],
+        Some(dapple_scene::image::Plane::F32(values)) => values[8 * 6 + 4],
         other => panic!("{name}: {other:?}"),
     };
     // The floor: half of the light comes back, upwards.

@@ -2,8 +2,8 @@
 
 use crate::common::{Fake, Place};
 use dapple_core::Control;
-use dapple_renderer::image::{Image, Layer, encode_exr, encode_pfm, read_attributes, write_file};
 use dapple_renderer::light::LightSelection;
+use dapple_scene::image::{Image, Layer, encode_exr, encode_pfm, read_attributes, write_file};
 use dapple_study::{Draft, Onlooker, Progress, Reference, ScenePlan, Sitting, Study};
 use std::path::PathBuf;
 

@@ -6,8 +6,7 @@ use dapple_cluster_adaptive::{
 };
 use dapple_clustering::Cluster;
 use dapple_core::{
-    Block, Draws, Error, Estimate, Film, Frame, Integrator, Limits, Needs, NoMonitor, Plan, Progress, Sampler,
-    TrainingLog, render,
+    Block, Draws, Error, Estimate, Film, Frame, Integrator, Limits, Plan, Progress, Render, Sampler, TrainingLog,
 };
 use dapple_low_discrepancy::Random;
 
@@ -89,7 +88,7 @@ pub fn run(
     frame: Frame,
     limits: &Limits,
 ) -> Result<Film, Error> {
-    render(integrator, sampler, Needs::none(), frame, limits, &mut NoMonitor)
+    Render::new(frame, limits).run(integrator, sampler)
 }
 
 /// The counts of a first round, by [`dapple_core::render`]'s rules.

@@ -2,8 +2,8 @@
 #![allow(dead_code, unreachable_pub, reason = "each test file uses its own part")]
 
 use dapple_core::{
-    Block, Draws, Error, Estimate, Feedback, Film, Frame, Integrator, Limits, Needs, NoMonitor, Plan, PointSet,
-    Progress, Retention, SampleId, Sampler, TrainingLog, render,
+    Block, Draws, Error, Estimate, Feedback, Film, Frame, Integrator, Limits, Needs, Plan, PointSet, Progress, Render,
+    Retention, SampleId, Sampler, TrainingLog,
 };
 use rand::{RngExt, SeedableRng};
 
@@ -121,7 +121,7 @@ pub fn run(
     frame: Frame,
     limits: &Limits,
 ) -> Result<Film, Error> {
-    render(integrator, sampler, needs, frame, limits, &mut NoMonitor)
+    Render::new(frame, limits).needs(needs).run(integrator, sampler)
 }
 
 pub fn everything() -> Needs {

@@ -2,13 +2,12 @@
 #![allow(dead_code, unreachable_pub, reason = "each test file uses its own part")]
 
 use dapple_core::{
-    Block, BudgetLeft, Draws, Estimate, Feedback, Film, Frame, Integrator, Limits, Needs, NoMonitor, Plan, Sampler,
-    TrainingLog, render,
+    Block, BudgetLeft, Draws, Estimate, Feedback, Film, Frame, Integrator, Limits, Plan, Render, Sampler, TrainingLog,
 };
 use dapple_low_discrepancy::Random;
-use dapple_mitchell::{Mitchell, MitchellOptions, MitchellPbrt, MitchellPbrtOptions, Mode, Policy};
+use dapple_mitchell::{Mitchell, MitchellOptions, MitchellPbrt, MitchellPbrtOptions, PilotPolicy, Stopping};
 
-pub const POLICIES: [Policy; 3] = [Policy::Keep, Policy::Refined, Policy::Discard];
+pub const POLICIES: [PilotPolicy; 3] = [PilotPolicy::Keep, PilotPolicy::Refined, PilotPolicy::Discard];
 
 /// An integrator from a closure of the pixel and four numbers.
 pub struct Field<F>(pub F);
@@ -30,11 +29,11 @@ pub fn frame(width: u32, height: u32) -> Frame {
 }
 
 pub fn run(integrator: &mut dyn Integrator, sampler: &mut dyn Sampler, frame: Frame, limits: &Limits) -> Film {
-    render(integrator, sampler, Needs::none(), frame, limits, &mut NoMonitor).unwrap()
+    Render::new(frame, limits).run(integrator, sampler).unwrap()
 }
 
 /// Mitchell's rule for one pixel alone, with these rates.
-pub fn alone(initial: u32, additional: u32, mode: Mode, policy: Policy) -> MitchellOptions {
+pub fn alone(initial: u32, additional: u32, mode: Stopping, policy: PilotPolicy) -> MitchellOptions {
     MitchellOptions { initial, additional, radius: 0, mode, policy, ..MitchellOptions::default() }
 }
 
@@ -46,7 +45,7 @@ pub fn pbrt(options: MitchellPbrtOptions, seed: u64) -> MitchellPbrt<Random> {
     MitchellPbrt::with_options(Random::new(seed), options).unwrap()
 }
 
-pub fn pbrt_options(min: u32, max: u32, mode: Mode, policy: Policy) -> MitchellPbrtOptions {
+pub fn pbrt_options(min: u32, max: u32, mode: Stopping, policy: PilotPolicy) -> MitchellPbrtOptions {
     MitchellPbrtOptions { min, max, mode, policy, ..MitchellPbrtOptions::default() }
 }
 

@@ -1,8 +1,8 @@
 //! Studies without rendering: what errors, times and images are is known, and so is what must be said of them.
 #![allow(dead_code)]
 
-use dapple_renderer::image::{Image, Layer, encode_exr, encode_png_gray, write_file};
 use dapple_renderer::light::LightSelection;
+use dapple_scene::image::{Image, Layer, encode_exr, encode_png_gray, write_file};
 use dapple_study::{Budget, Errors, Machine, Manifest, Method, Phases, Reference, Run, SceneRecord};
 use std::path::Path;
 

@@ -1,0 +1,150 @@
+//! The sampler that follows the error: a pilot, then counts where more samples help most.
+
+use crate::pilot::Pilot;
+use crate::{AdaptiveOptions, Cells, ErrorMap, PoolShape, VarianceOptions, pool};
+use dapple_core::{
+    Error, Feedback, Frame, Limits, Needs, PilotPolicy, Plan, PointSet, Progress, RgbMoments, Sampler, SamplerMemory,
+};
+
+/// Counts by error: a uniform pilot, then the counts that leave the least relative error, as far as the pilot can tell.
+///
+/// *What*: the variance of the pilot's samples, pooled with its neighbours' ([`relative_variance`]), or the geometric mean
+/// of that and a filter's own [`ErrorMap`], is each pixel's score; errors are taken to fall as `n^-exponent`, and counts
+/// minimise what they add up to, on the ladder of well-stratified prefixes of one progressive sequence.
+///
+/// *Guarantees*: exact budget; no pixel, and so no region, below the pilot (a quarter of the mean or more), nor without a
+/// say: a hundredth of the mean score is everybody's; uniform counts where adapting promises too little. *Bias*: by
+/// default the pilot stays in the image, and what stays also decided [Kirk and Arvo 1991]; [`PilotPolicy::Discard`] and
+/// [`PilotPolicy::Cross`] are exactly unbiased for a budget that is known at the start, at a price. *Weaknesses*: a light that
+/// the pilot misses in a whole neighbourhood is not searched for.
+pub struct Adaptive<P> {
+    pub(crate) points: P,
+    pub(crate) options: AdaptiveOptions,
+    /// The preset that the options come from, if any: its name and its parameters describe the sampler.
+    pub(crate) preset: Option<VarianceOptions>,
+    pub(crate) errors: Option<ErrorMap>,
+}
+
+/// First hits per pixel that cells are made of.
+const HITS: u8 = 4;
+
+impl<P: PointSet> Adaptive<P> {
+    /// With these points and the default parameters.
+    pub fn new(points: P) -> Self {
+        Self { points, options: AdaptiveOptions::default(), preset: None, errors: None }
+    }
+
+    /// With these points and parameters.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::OutOfRange`], as [`AdaptiveOptions::check`] has it.
+    pub fn with_options(points: P, options: AdaptiveOptions) -> Result<Self, Error> {
+        options.check()?;
+        Ok(Self { points, options, preset: None, errors: None })
+    }
+
+    /// This sampler, driven by a filter's error map as well.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::OutOfRange`] unless the pilot is kept: a map reads both halves, and what is kept.
+    pub fn with_error_map(mut self, errors: ErrorMap) -> Result<Self, Error> {
+        if self.options.policy != PilotPolicy::Keep {
+            let allowed = "keep beside a filter's error map";
+            return Err(Error::OutOfRange { name: "policy", value: self.options.policy.name().into(), allowed });
+        }
+        self.errors = Some(errors);
+        Ok(self)
+    }
+
+    fn pilot(&self) -> Pilot {
+        Pilot::new(self.options.policy, self.options.pilot)
+    }
+}
+
+impl<P: PointSet> Sampler for Adaptive<P> {
+    fn name(&self) -> &str {
+        if self.preset.is_some() { "variance" } else { "adaptive" }
+    }
+
+    fn describe(&self) -> String {
+        if let Some(preset) = &self.preset {
+            return preset.describe();
+        }
+        let o = &self.options;
+        let by = self.errors.as_ref().map_or("variance", |map| &map.name);
+        format!(
+            "adaptive:by={by},pilot={},rounds={},pool={},radius={},prior={},power={},geometry={},exponent={},epsilon={},cap={},\
+             mix={},gain={},policy={},edge={},normals={}",
+            o.pilot,
+            o.rounds,
+            o.pool.name(),
+            o.radius,
+            o.prior,
+            o.power,
+            o.geometry,
+            o.exponent,
+            o.epsilon,
+            o.cap,
+            o.mix,
+            o.gain,
+            o.policy.name(),
+            o.cells.edge,
+            o.cells.normals
+        )
+    }
+
+    fn needs(&self) -> Needs {
+        let mut needs = Needs::none().with_variance();
+        if self.options.policy == PilotPolicy::Cross {
+            needs = needs.with_halves();
+        }
+        if self.options.look_at_hits() {
+            needs = needs.with_first_hits(HITS);
+        }
+        self.errors.as_ref().map_or(needs, |map| needs.and(map.needs))
+    }
+
+    fn memory(&self, frame: &Frame, needs: &Needs, limits: &Limits) -> SamplerMemory {
+        let crosses = self.options.policy == PilotPolicy::Cross;
+        // Scores, and eight terms each where a pool is more than a window.
+        let pooling = 8 + if self.options.pool == PoolShape::Window { 0 } else { 64 };
+        let cells = if self.options.look_at_hits() { usize::from(HITS) * Cells::BYTES_PER_HIT } else { 0 };
+        // Scores stand beside a map of errors.
+        let map = self.errors.as_ref().map_or(0, |map| 8 + map.bytes_per_pixel);
+        // Counts and floors of both halves stand beside all of it.
+        let across = if crosses { 12 } else { 0 };
+        let plans = !self.pilot().is_all(frame, limits);
+        let always = size_of::<RgbMoments>() + across;
+        let mut memory = SamplerMemory::planning(frame, crosses, if plans { always } else { 0 });
+        if plans {
+            let size = frame.size().map(|n| n as usize);
+            let windows = pool::bytes_of_windows(size, self.options.radius as usize, rayon::current_num_threads());
+            let scoring = frame.bytes(pooling + cells).saturating_add(windows as u64);
+            memory.planning = memory.planning.saturating_add(scoring.max(frame.bytes(map)));
+        }
+        if self.options.policy == PilotPolicy::Discard { memory.with_discarded(frame, needs, limits) } else { memory }
+    }
+
+    fn points(&self) -> &dyn PointSet {
+        &self.points
+    }
+
+    fn next_round(&mut self, seen: &Feedback<'_>, plan: &mut Plan) -> Result<Progress, Error> {
+        if seen.budget.left() == 0 {
+            return Ok(Progress::Done);
+        }
+        let pilot = self.pilot().begin(seen, plan);
+        if pilot.is_missing {
+            return Ok(Progress::Trace);
+        }
+        match self.options.policy {
+            PilotPolicy::Keep | PilotPolicy::Refined => self.plan_kept(seen, pilot.samples, plan)?,
+            PilotPolicy::Discard => self.plan_after_discarding(seen, plan)?,
+            PilotPolicy::Cross => self.plan_across(seen, plan)?,
+        }
+        // Nothing to add where the ceiling holds every pixel.
+        Ok(if plan.total() == 0 { Progress::Done } else { Progress::Trace })
+    }
+}

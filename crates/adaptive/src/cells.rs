@@ -1,0 +1,339 @@
+//! Cells: patches of surface around hit points, found from first hits alone.
+
+use crate::disjoint::Disjoint;
+use crate::out_of_range;
+use dapple_core::{Error, Film, FirstHit};
+
+/// What makes a cell.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CellOptions {
+    /// Edge of a cell's cube in pixels, at the depth where it lies, rounded down to an octave: a cell covers about its
+    /// square. At least 1.
+    pub edge: f32,
+    /// Degrees within which a cell's normals lie about their mean, above 0 and at most 90.
+    pub normals: f32,
+}
+
+impl Default for CellOptions {
+    /// 16 pixels and the thesis' 10 degrees.
+    fn default() -> Self {
+        Self { edge: 16.0, normals: 10.0 }
+    }
+}
+
+impl CellOptions {
+    /// Says beforehand what [`Cells::new`] would refuse of them.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::OutOfRange`].
+    pub fn check(&self) -> Result<(), Error> {
+        if !(self.edge >= 1.0 && self.edge <= 65536.0) {
+            return Err(out_of_range("edge", self.edge, "1 to 65536 pixels"));
+        }
+        if !(self.normals > 0.0 && self.normals <= 90.0) {
+            return Err(out_of_range("normals", self.normals, "above 0 and at most 90 degrees"));
+        }
+        Ok(())
+    }
+}
+
+/// Which patch of surface each first hit lies on.
+///
+/// Two hits share a cell when they lie in the same cube of a grid, show the same material and a normal in the same bin
+/// of an octahedron [Engelhardt and Dachsbacher 2008], and are connected in the image through hits of which that is
+/// true as well; cubes grow with the pixel's footprint, in octaves, so that near and far cells cover as many pixels.
+/// Seams that the grid cuts through a surface are then closed again, smoothest first, as far as a cell stays within its
+/// cone and its size. What hit nothing is one cell.
+///
+/// *Guarantees*: a function of the hits alone; numbers of shapes, primitives and materials only tell apart, so that
+/// their order changes nothing, nor does a surface cut into more triangles; the hits of all cells add up to the number
+/// of probes; no hashing, no dependence on threads. Lengths are relative to the median footprint and to the box of the
+/// hits: the unit of length changes nothing but by rounding. *Weaknesses*: a cell is known where a pixel saw it, nowhere
+/// else.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Cells {
+    labels: Vec<u32>,
+    per_pixel: usize,
+    hits: Vec<u32>,
+}
+
+/// What hits of one cube, material and bin have in common.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Key {
+    material: u32,
+    octave: i32,
+    place: [i32; 3],
+    normal: u32,
+}
+
+/// A surface continues where the planes of two neighbouring hits are this many footprints apart or less.
+const PLANE: f32 = 2.0;
+
+impl Cells {
+    /// The cells of the first hits of an image `size` pixels large: `per_pixel` a pixel, row by row; `None` for what
+    /// hit nothing.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::OutOfRange`] for options out of range, or hits that are not `per_pixel` a pixel.
+    pub fn new(
+        hits: &[Option<FirstHit>],
+        per_pixel: usize,
+        size: [u32; 2],
+        options: &CellOptions,
+    ) -> Result<Self, Error> {
+        options.check()?;
+        let [width, height] = size.map(|n| n as usize);
+        if per_pixel == 0 || hits.len() != width * height * per_pixel {
+            return Err(out_of_range("hits", hits.len(), "as many as pixels times probes per pixel"));
+        }
+        let keys = keys(hits, options);
+        let mut sets = Disjoint::new(hits.len());
+        // What shares its key, connected through neighbours; all misses are one.
+        let mut miss = None;
+        for (i, key) in keys.iter().enumerate() {
+            if key.is_none() {
+                sets.join(*miss.get_or_insert(i), i);
+            }
+        }
+        let alike = |a: usize, b: usize| keys[a].is_some() && keys[a] == keys[b];
+        for_neighbours([width, height], per_pixel, |a, b| {
+            if alike(a, b) {
+                sets.join(a, b);
+            }
+        });
+        close_seams(hits, &keys, [width, height], per_pixel, options, &mut sets);
+        Ok(Self::numbered(&mut sets, per_pixel))
+    }
+
+    /// The cells of a film that recorded first hits ([`Needs::first_hits`](dapple_core::Needs)); its samples so far
+    /// must be at least as many, or misses are made up.
+    ///
+    /// # Errors
+    ///
+    /// As [`Cells::new`]; also where the film holds no first hits.
+    pub fn of_film(film: &Film, options: &CellOptions) -> Result<Self, Error> {
+        let per_pixel = usize::from(film.needs().first_hits);
+        if per_pixel == 0 {
+            return Err(out_of_range("hits", 0, "first hits in the film: ask for them in needs()"));
+        }
+        let hits: Vec<_> = (0..film.frame().pixels()).flat_map(|i| film.first_hits(i)).copied().collect();
+        Self::new(&hits, per_pixel, film.frame().size(), options)
+    }
+
+    /// Numbers cells in the order in which probes meet them.
+    fn numbered(sets: &mut Disjoint, per_pixel: usize) -> Self {
+        const UNKNOWN: u32 = u32::MAX;
+        let probes = sets.len();
+        let mut numbers = vec![UNKNOWN; probes];
+        let mut hits: Vec<u32> = Vec::new();
+        let labels = (0..probes)
+            .map(|i| {
+                let number = &mut numbers[sets.root(i)];
+                if *number == UNKNOWN {
+                    *number = hits.len() as u32;
+                    hits.push(0);
+                }
+                hits[*number as usize] += 1;
+                *number
+            })
+            .collect();
+        Self { labels, per_pixel, hits }
+    }
+
+    /// Bytes per hit that [`Cells::of_film`] takes at most: a copy of the hit, its key, and what was measured of sets, seams
+    /// and labels (33 bytes, on a million pixels of the Cornell box).
+    pub(crate) const BYTES_PER_HIT: usize = size_of::<Option<FirstHit>>() + size_of::<Option<Key>>() + 33;
+
+    /// How many cells there are.
+    pub fn len(&self) -> usize {
+        self.hits.len()
+    }
+
+    /// Whether there are none: no pixels.
+    pub fn is_empty(&self) -> bool {
+        self.hits.is_empty()
+    }
+
+    /// How many pixels the image has.
+    pub fn pixels(&self) -> usize {
+        self.labels.len() / self.per_pixel
+    }
+
+    /// The cell of each probe, `per_pixel` a pixel.
+    pub fn labels(&self) -> &[u32] {
+        &self.labels
+    }
+
+    /// The cells that a pixel's probes met, in their order.
+    pub fn of_pixel(&self, pixel: usize) -> &[u32] {
+        &self.labels[pixel * self.per_pixel..][..self.per_pixel]
+    }
+
+    /// Probes that met each cell: its visible area, in pixels times probes per pixel.
+    pub fn hits(&self) -> &[u32] {
+        &self.hits
+    }
+}
+
+/// Calls `visit` with the probes of each pair of neighbours: within a pixel, and of a pixel with the one to its right
+/// and the one below.
+fn for_neighbours([width, height]: [usize; 2], per_pixel: usize, mut visit: impl FnMut(usize, usize)) {
+    for pixel in 0..width * height {
+        let first = pixel * per_pixel;
+        for b in 1..per_pixel {
+            (0..b).for_each(|a| visit(first + a, first + b));
+        }
+        let right = (pixel % width + 1 < width).then_some(pixel + 1);
+        let below = (pixel + width < width * height).then_some(pixel + width);
+        for other in [right, below].into_iter().flatten() {
+            for (a, b) in (0..per_pixel).flat_map(|a| (0..per_pixel).map(move |b| (a, b))) {
+                visit(first + a, other * per_pixel + b);
+            }
+        }
+    }
+}
+
+/// The key of each hit.
+fn keys(hits: &[Option<FirstHit>], options: &CellOptions) -> Vec<Option<Key>> {
+    let mut footprints: Vec<f32> = hits.iter().flatten().map(|h| h.footprint).filter(|f| *f > 0.0).collect();
+    let middle = footprints.len() / 2;
+    let reference = match footprints.is_empty() {
+        true => 1.0,
+        false => *footprints.select_nth_unstable_by(middle, f32::total_cmp).1,
+    };
+    let mut corner = [f32::INFINITY; 3];
+    for hit in hits.iter().flatten() {
+        (0..3).for_each(|a| corner[a] = corner[a].min(hit.position[a]));
+    }
+    // A bin is about as wide as a cell's cone: side^2 bins of (2 normals)^2 over 4 pi.
+    let side = (std::f32::consts::PI.sqrt() / options.normals.to_radians()).clamp(1.0, 1024.0).round();
+    let key = |hit: &FirstHit| {
+        // The exponent alone: whole octaves, the same on every machine.
+        let ratio = (hit.footprint / reference).clamp(1e-9, 1e9);
+        let octave = (ratio.to_bits() >> 23) as i32 - 127;
+        let edge = options.edge * reference * f32::from_bits(((octave + 127) as u32) << 23);
+        let place = |a: usize| ((hit.position[a] - corner[a]) / edge).floor().clamp(-2e9, 2e9) as i32;
+        let normal = bin(hit.shading_normal, side);
+        Key { material: hit.material, octave, place: [place(0), place(1), place(2)], normal }
+    };
+    hits.iter().map(|hit| hit.as_ref().map(key)).collect()
+}
+
+/// The bin of a direction on the octahedron, unfolded into a square of `side` bins squared
+/// [Engelhardt and Dachsbacher 2008].
+fn bin([x, y, z]: [f32; 3], side: f32) -> u32 {
+    let norm = x.abs() + y.abs() + z.abs();
+    if norm.is_nan() || norm == 0.0 {
+        return 0;
+    }
+    let (x, y) = (x / norm, y / norm);
+    let (x, y) = if z >= 0.0 { (x, y) } else { ((1.0 - y.abs()).copysign(x), (1.0 - x.abs()).copysign(y)) };
+    let index = |x: f32| ((x + 1.0) * 0.5 * side).min(side - 1.0) as u32;
+    index(y) * side as u32 + index(x)
+}
+
+/// A cell's normals while cells are joined.
+#[derive(Clone, Copy)]
+struct Cone {
+    sum: [f32; 3],
+    /// Least cosine to the mean.
+    cosine: f32,
+}
+
+/// Joins neighbours across the borders of cubes and bins where the surface goes on: same material, normals that differ
+/// by less than a cell's cone, each within [`PLANE`] footprints of the other's plane. The smoothest come first, and none
+/// that would make a cell wider than its cone or larger than its square.
+fn close_seams(
+    hits: &[Option<FirstHit>],
+    keys: &[Option<Key>],
+    size: [usize; 2],
+    per_pixel: usize,
+    options: &CellOptions,
+    sets: &mut Disjoint,
+) {
+    let least = cosine_of_degrees(options.normals);
+    let most = (options.edge * options.edge * per_pixel as f32) as u32;
+    let mut seams: Vec<(f32, u32, u32)> = Vec::new();
+    for_neighbours(size, per_pixel, |a, b| {
+        let (Some(p), Some(q)) = (&hits[a], &hits[b]) else { return };
+        if keys[a] == keys[b] || p.material != q.material {
+            return;
+        }
+        let cosine = dot(p.shading_normal, q.shading_normal);
+        let between = minus(p.position, q.position);
+        let apart = dot(p.geometric_normal, between).abs().max(dot(q.geometric_normal, between).abs());
+        if cosine >= least && apart <= PLANE * p.footprint.max(q.footprint) {
+            seams.push((cosine, a as u32, b as u32));
+        }
+    });
+    seams.sort_by(|a, b| b.0.total_cmp(&a.0).then((a.1, a.2).cmp(&(b.1, b.2))));
+    let mut cones = cones(hits, sets);
+    for (_, a, b) in seams {
+        let (a, b) = (sets.root(a as usize), sets.root(b as usize));
+        if a == b || sets.size(a) + sets.size(b) > most {
+            continue;
+        }
+        let joint = joint(&cones[a], &cones[b]);
+        if joint.cosine >= least {
+            let root = sets.join(a, b);
+            cones[root] = joint;
+        }
+    }
+}
+
+/// The normals of each set, kept at its root.
+fn cones(hits: &[Option<FirstHit>], sets: &mut Disjoint) -> Vec<Cone> {
+    let mut cones = vec![Cone { sum: [0.0; 3], cosine: 1.0 }; hits.len()];
+    for (i, hit) in hits.iter().enumerate() {
+        if let Some(hit) = hit {
+            let sum = &mut cones[sets.root(i)].sum;
+            (0..3).for_each(|a| sum[a] += hit.shading_normal[a]);
+        }
+    }
+    for (i, hit) in hits.iter().enumerate() {
+        if let Some(hit) = hit {
+            let cone = &mut cones[sets.root(i)];
+            cone.cosine = cone.cosine.min(dot(unit(cone.sum), hit.shading_normal));
+        }
+    }
+    cones
+}
+
+/// A cone around two.
+fn joint(a: &Cone, b: &Cone) -> Cone {
+    let sum = [a.sum[0] + b.sum[0], a.sum[1] + b.sum[1], a.sum[2] + b.sum[2]];
+    let axis = unit(sum);
+    let sine = |cosine: f32| (1.0 - cosine * cosine).max(0.0).sqrt();
+    // The cosine of the sum of two angles; beyond a right angle no cone is wanted.
+    let to = |cone: &Cone| {
+        let turned = dot(axis, unit(cone.sum));
+        if turned <= 0.0 || cone.cosine <= 0.0 { -1.0 } else { turned * cone.cosine - sine(turned) * sine(cone.cosine) }
+    };
+    Cone { sum, cosine: to(a).min(to(b)) }
+}
+
+/// The cosine of 0 to 90 degrees by its Taylor polynomial: the same bits on every machine, to 1e-7.
+fn cosine_of_degrees(degrees: f32) -> f32 {
+    let x = f64::from(degrees).to_radians();
+    let (mut term, mut sum) = (1.0, 1.0);
+    for k in 1..9 {
+        term *= -x * x / f64::from((2 * k - 1) * 2 * k);
+        sum += term;
+    }
+    sum as f32
+}
+
+fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+fn minus(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
+    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
+}
+
+fn unit(v: [f32; 3]) -> [f32; 3] {
+    let length = dot(v, v).sqrt();
+    if length > 0.0 { v.map(|x| x / length) } else { v }
+}

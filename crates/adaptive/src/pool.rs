@@ -1,0 +1,267 @@
+//! Variance per pixel from few samples: pooled over neighbours, over cells, or both.
+
+use crate::{Cells, out_of_range};
+use dapple_core::{Error, RgbMoments};
+use rayon::prelude::*;
+use std::ops::Range;
+
+/// Over what a pixel's variance is pooled, besides its own.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum PoolShape {
+    /// The pixels around it (FEASIBILITY 1: hard to beat).
+    #[default]
+    Window,
+    /// Those, and with half their weight the ones of them that see the same cell first.
+    Inside,
+    /// All pixels that see the same cell first, wherever they are (THESIS D11).
+    Cell,
+}
+
+impl PoolShape {
+    /// Its name: `window`, `inside` or `cell`.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Window => "window",
+            Self::Inside => "inside",
+            Self::Cell => "cell",
+        }
+    }
+}
+
+/// How [`relative_variance`] pools.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pooling {
+    /// Over what.
+    pub pool: PoolShape,
+    /// The window is `2 radius + 1` pixels squared.
+    pub radius: u32,
+    /// The pool's weight beside a pixel's own `n - 1` degrees of freedom; infinite: the pool alone.
+    pub prior: f64,
+    /// What is averaged is this power of the variance, above 0: 1 for variances, 2 to let the noisiest of a
+    /// neighbourhood speak for it, as it should where a few samples in many carry the error.
+    pub power: f64,
+    /// What is added to the squared mean before the variance is divided by it.
+    pub epsilon: f64,
+}
+
+/// The relative variance of each pixel's samples, summed over channels: `v~ / (m^2 + epsilon)`, with
+/// `v~^q = ((n - 1) v^q + prior pool(v^q)) / (n - 1 + prior)` (FEASIBILITY 4, step 5, has `q = 1`), `v` the sample variance, `q` the power, `n` the count
+/// and `m` the mean over the window. Not negative; 0 where neither a pixel nor its pool has two samples.
+///
+/// `moments` are row by row, for an image `size` pixels large. A pool is the variance of its pixels weighted by their
+/// degrees of freedom, so that pixels with less than two samples take part in none.
+///
+/// # Errors
+///
+/// [`Error::OutOfRange`] where `moments` do not fill the image, or the pool asks for cells and there are none, or of
+/// another size.
+pub fn relative_variance(
+    moments: &[RgbMoments],
+    size: [u32; 2],
+    pooling: &Pooling,
+    cells: Option<&Cells>,
+) -> Result<Vec<f64>, Error> {
+    let [w, h] = size.map(|n| n as usize);
+    if moments.len() != w * h {
+        return Err(out_of_range("moments", moments.len(), "one for each pixel of the image"));
+    }
+    let first: Vec<u32> = match (pooling.pool, cells) {
+        (PoolShape::Window, _) => Vec::new(),
+        (_, Some(cells)) if cells.pixels() == w * h => (0..w * h).map(|i| cells.of_pixel(i)[0]).collect(),
+        _ => return Err(out_of_range("cells", "none of this size", "the cells of this image")),
+    };
+    // Whatever goes beyond the window's sums needs every pixel's deviations at hand.
+    let terms: Vec<Terms> = match pooling.pool {
+        PoolShape::Window => Vec::new(),
+        _ => moments.par_iter().with_min_len(SERIAL).map(|m| Terms::of(m, pooling.power)).collect(),
+    };
+    let of_cells = match pooling.pool {
+        PoolShape::Cell => over_cells(&terms, &first, cells.map_or(0, Cells::len)),
+        _ => Vec::new(),
+    };
+    let score = |i: usize, own: &Terms, sums: &Terms| {
+        let pools = match pooling.pool {
+            PoolShape::Window => sums.pooled(),
+            PoolShape::Cell => of_cells[first[i] as usize],
+            PoolShape::Inside => {
+                let (window, inside) = (sums.pooled(), inside(&terms, &first, i, [w, h], pooling.radius as usize));
+                std::array::from_fn(|c| (2.0 * window[c] + inside[c]) / 3.0)
+            }
+        };
+        let each = pools.iter().zip(own.deviations()).zip(sums.means());
+        let relative = each.map(|((pool, deviation), mean)| {
+            let mean = mean / sums.seen().max(1.0);
+            let variance = match pooling.prior {
+                prior if prior == f64::INFINITY => *pool,
+                prior => (deviation + prior * pool) / (own.freedom() + prior),
+            };
+            root(variance, pooling.power) / (mean * mean + pooling.epsilon)
+        });
+        // From 0, not from the -0 of an empty sum.
+        relative.fold(0.0, |sum, x| sum + x)
+    };
+    Ok(over_windows([w, h], pooling.radius as usize, |i| Terms::of(&moments[i], pooling.power), score))
+}
+
+/// What is summed up over pixels: degrees of freedom; whether there are samples; by channel, the power of the variance times the degrees of freedom,
+/// and means. Eight numbers side by side, so that they are added in lanes.
+#[derive(Clone, Copy, Debug, Default)]
+struct Terms([f64; 8]);
+
+impl Terms {
+    #[inline]
+    fn of(m: &RgbMoments, q: f64) -> Self {
+        let freedom = m.count.saturating_sub(1) as f64;
+        let deviation = |c: usize| match m.m2[c] {
+            m2 if freedom > 0.0 && m2.is_finite() => freedom * power(m2.max(0.0) / freedom, q),
+            _ => 0.0,
+        };
+        let [r, g, b] = m.mean;
+        Self([freedom, f64::from(u8::from(m.count > 0)), deviation(0), deviation(1), deviation(2), r, g, b])
+    }
+
+    #[inline]
+    fn add(&mut self, other: &Self) {
+        self.0.iter_mut().zip(&other.0).for_each(|(sum, x)| *sum += x);
+    }
+
+    fn freedom(&self) -> f64 {
+        self.0[0]
+    }
+
+    fn seen(&self) -> f64 {
+        self.0[1]
+    }
+
+    fn deviations(&self) -> &[f64] {
+        &self.0[2..5]
+    }
+
+    fn means(&self) -> &[f64] {
+        &self.0[5..8]
+    }
+
+    /// The power of the variance of the pixels summed up, by channel.
+    fn pooled(&self) -> [f64; 3] {
+        std::array::from_fn(|c| ratio(self.deviations()[c], self.freedom()))
+    }
+}
+
+/// Pixels that one task takes at least.
+const SERIAL: usize = 4096;
+
+/// Powers of 1 and 2, which are the ones in use, without a logarithm.
+fn power(x: f64, power: f64) -> f64 {
+    match power {
+        1.0 => x,
+        2.0 => x * x,
+        _ => x.powf(power),
+    }
+}
+
+fn root(x: f64, power: f64) -> f64 {
+    match power {
+        1.0 => x,
+        2.0 => x.sqrt(),
+        _ => x.powf(1.0 / power),
+    }
+}
+
+fn ratio(a: f64, b: f64) -> f64 {
+    if b > 0.0 { a / b } else { 0.0 }
+}
+
+/// The power of the variance of all pixels that see the same cell first, by cell.
+fn over_cells(terms: &[Terms], first: &[u32], cells: usize) -> Vec<[f64; 3]> {
+    let mut sums = vec![Terms::default(); cells];
+    for (terms, &cell) in terms.iter().zip(first) {
+        sums[cell as usize].add(terms);
+    }
+    sums.iter().map(Terms::pooled).collect()
+}
+
+/// That of the pixels near pixel `i`, a pixel further than the window, that see the same cell first.
+fn inside(terms: &[Terms], first: &[u32], i: usize, [w, h]: [usize; 2], radius: usize) -> [f64; 3] {
+    let mut sum = Terms::default();
+    for k in near(i / w, radius + 1, h).flat_map(|y| near(i % w, radius + 1, w).map(move |x| y * w + x)) {
+        if first[k] == first[i] {
+            sum.add(&terms[k]);
+        }
+    }
+    sum.pooled()
+}
+
+/// The places within `radius` of one, of so many in all.
+fn near(at: usize, radius: usize, end: usize) -> Range<usize> {
+    at.saturating_sub(radius)..(at + radius + 1).min(end)
+}
+
+/// Rows whose scores one task makes.
+fn rows_of_task(width: usize, radius: usize) -> usize {
+    (SERIAL / width.max(1)).max(2 * radius).max(1)
+}
+
+/// Bytes that so many threads work with in an image so large: each task's terms of its own rows and of those around, and sums
+/// of its columns.
+pub(crate) fn bytes_of_windows([w, h]: [usize; 2], radius: usize, threads: usize) -> usize {
+    let own = rows_of_task(w, radius);
+    let around = (own + 2 * radius).min(h);
+    let task = w.saturating_mul(around + 1).saturating_mul(size_of::<Terms>());
+    task.saturating_mul(threads.min(h.div_ceil(own)))
+}
+
+/// The score of each pixel from its terms and their sums over `2 radius + 1` pixels squared, cut off at the borders. Terms are added in
+/// the order of rows and columns; a running sum would keep what a firefly rounded away.
+fn over_windows(
+    [w, h]: [usize; 2],
+    radius: usize,
+    terms: impl Fn(usize) -> Terms + Sync,
+    score: impl Fn(usize, &Terms, &Terms) -> f64 + Sync,
+) -> Vec<f64> {
+    let mut scores = vec![0.0; w * h];
+    let rows = rows_of_task(w, radius);
+    scores.par_chunks_mut(rows * w.max(1)).enumerate().for_each(|(task, scores)| {
+        let (first, last) = (task * rows, task * rows + scores.len() / w - 1);
+        let around = near(first, radius, h).start..near(last, radius, h).end;
+        let own: Vec<Terms> = (around.start * w..around.end * w).map(&terms).collect();
+        let row = |y: usize| &own[(y - around.start) * w..][..w];
+        let mut columns = vec![Terms::default(); w];
+        for (y, scores) in (first..).zip(scores.chunks_mut(w)) {
+            columns.fill(Terms::default());
+            for k in near(y, radius, h) {
+                columns.iter_mut().zip(row(k)).for_each(|(sum, terms)| sum.add(terms));
+            }
+            for (x, place) in scores.iter_mut().enumerate() {
+                let mut sums = Terms::default();
+                columns[near(x, radius, w)].iter().for_each(|column| sums.add(column));
+                *place = score(y * w + x, &row(y)[x], &sums);
+            }
+        }
+    });
+    scores
+}
+
+/// What geometry alone says of each pixel's relative variance: the variance of albedo over its probes (THESIS D10,
+/// texture, and D8, edges between materials), relative to its squared mean, and the share of pairs of probes in different
+/// cells times half the squared difference of their normals (D8, edges of shape). Not negative, without unit.
+///
+/// `albedos` and `normals` hold what the probes of `cells` met, black and zero where they met nothing.
+pub fn geometric_variance(cells: &Cells, albedos: &[[f32; 3]], normals: &[[f32; 3]], epsilon: f64) -> Vec<f64> {
+    let k = cells.labels().len() / cells.pixels().max(1);
+    let of = |pixel: usize| {
+        let probes = pixel * k..(pixel + 1) * k;
+        let mut sum = 0.0;
+        for c in 0..3 {
+            let mean = albedos[probes.clone()].iter().map(|a| f64::from(a[c])).sum::<f64>() / k as f64;
+            let squares = albedos[probes.clone()].iter().map(|a| (f64::from(a[c]) - mean).powi(2)).sum::<f64>();
+            sum += squares / (k.max(2) - 1) as f64 / (mean * mean + epsilon);
+        }
+        let pairs = probes.clone().flat_map(|a| (probes.start..a).map(move |b| (a, b)));
+        let apart = pairs.filter(|&(a, b)| cells.labels()[a] != cells.labels()[b]);
+        let difference = |(a, b): (usize, usize)| -> f64 {
+            (0..3).map(|c| f64::from(normals[a][c] - normals[b][c]).powi(2)).sum::<f64>() * 0.5
+        };
+        sum + 3.0 * apart.map(difference).sum::<f64>() / (k * (k - 1) / 2).max(1) as f64
+    };
+    (0..cells.pixels()).map(of).collect()
+}

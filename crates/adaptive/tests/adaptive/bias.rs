@@ -1,0 +1,46 @@
+//! Whether what decides shows in the mean: against the closed form, with the default's bias as the control that must be
+//! caught [Kirk and Arvo 1991].
+
+use crate::common::*;
+use dapple_adaptive::{Adaptive, AdaptiveOptions, PilotPolicy, PoolShape};
+use dapple_conformance::statistics::{Bernoulli, Mean, image_mean};
+use dapple_core::Limits;
+use dapple_low_discrepancy::Random;
+
+const P: f32 = 0.1;
+
+/// Deviation of the image's mean from the truth in standard errors, over 64 images: 63 degrees of freedom, so 5 is
+/// exceeded with p = 5e-6 and 10 with p < 1e-13.
+fn deviation(options: AdaptiveOptions, side: u32) -> f64 {
+    let at = frame(side, side);
+    let limits = Limits::samples(10 * at.pixels() as u64);
+    let mean = |seed: u64| {
+        let mut sampler = Adaptive::with_options(Random::new(700 + seed), options).unwrap();
+        image_mean(&run(&mut Bernoulli(P), &mut sampler, at, &limits).unwrap())
+    };
+    (0..64).map(mean).collect::<Mean>().deviation(P.into())
+}
+
+/// A pixel's own variance decides, and always: where bias would be largest.
+fn alone(policy: PilotPolicy) -> AdaptiveOptions {
+    AdaptiveOptions { policy, prior: 0.0, gain: 1.0, pilot: 4, ..AdaptiveOptions::default() }
+}
+
+#[test]
+fn a01_discarding_and_crossing_are_unbiased() {
+    for policy in [PilotPolicy::Discard, PilotPolicy::Cross] {
+        for options in [alone(policy), AdaptiveOptions { prior: 6.0, radius: 1, ..alone(policy) }] {
+            let z = deviation(options, 128);
+            assert!(z.abs() < 5.0, "{options:?}: {z} standard errors");
+        }
+    }
+    let cells = AdaptiveOptions { pool: PoolShape::Inside, geometry: 2.0, ..alone(PilotPolicy::Discard) };
+    let z = deviation(cells, 64);
+    assert!(z.abs() < 5.0, "cells: {z} standard errors");
+}
+
+#[test]
+fn a01_keeping_is_biased() {
+    let z = deviation(alone(PilotPolicy::Keep), 64);
+    assert!(z < -10.0, "{z} standard errors");
+}

@@ -1,0 +1,61 @@
+//! The samplers pass what every sampler must, with every policy.
+
+use dapple_adaptive::{
+    Adaptive, AdaptiveOptions, Cycles, CyclesOptions, ErrorMap, PilotPolicy, PoolShape, Stopping, VarianceOptions,
+};
+use dapple_conformance::{sampler, threshold_sampler};
+use dapple_core::{Film, Needs};
+use dapple_low_discrepancy::{Random, Sobol};
+
+fn adaptive(options: AdaptiveOptions) -> Adaptive<Sobol> {
+    Adaptive::with_options(Sobol::new(6), options).unwrap()
+}
+
+#[test]
+fn adaptive_conforms() {
+    let default = AdaptiveOptions::default();
+    for policy in [PilotPolicy::Keep, PilotPolicy::Discard, PilotPolicy::Cross] {
+        sampler(|| Box::new(adaptive(AdaptiveOptions { policy, ..default })));
+    }
+}
+
+#[test]
+fn adaptive_conforms_in_rounds_with_cells_and_by_a_map() {
+    let default = AdaptiveOptions::default();
+    let cells = AdaptiveOptions { rounds: 3, pool: PoolShape::Inside, geometry: 2.0, gain: 1.0, ..default };
+    sampler(|| Box::new(adaptive(cells)));
+    sampler(|| Box::new(adaptive(AdaptiveOptions { pool: PoolShape::Cell, policy: PilotPolicy::Discard, ..default })));
+    // Halves that differ: the error of what is shown, with all that can be wrong with it.
+    let errors = |film: &Film| {
+        Ok((0..film.frame().pixels()).map(|i| film.squared_error(i).map_or(f32::NAN, |e| e[0] as f32)).collect())
+    };
+    sampler(|| {
+        let map = ErrorMap {
+            name: "halves".into(),
+            needs: Needs::none().with_halves(),
+            of: Box::new(errors),
+            bytes_per_pixel: 4,
+        };
+        Box::new(adaptive(default).with_error_map(map).unwrap())
+    });
+}
+
+#[test]
+fn variance_conforms_under_every_policy() {
+    for policy in [PilotPolicy::Keep, PilotPolicy::Discard, PilotPolicy::Cross] {
+        for (pilot, exponent) in [(0, 1.3), (5, 1.0)] {
+            let options = VarianceOptions { policy, pilot, exponent, ..VarianceOptions::default() };
+            sampler(|| Box::new(Adaptive::variance_with_options(Random::new(1), options).unwrap()));
+        }
+    }
+}
+
+#[test]
+fn cycles_conforms_with_a_budget_and_with_a_threshold() {
+    for options in [CyclesOptions::default(), CyclesOptions { threshold: 0.01, min: 3, step: 5, ..Default::default() }]
+    {
+        sampler(|| Box::new(Cycles::with_options(Random::new(1), options).unwrap()));
+        let options = CyclesOptions { mode: Stopping::Threshold, ..options };
+        threshold_sampler(|| Box::new(Cycles::with_options(Random::new(1), options).unwrap()));
+    }
+}

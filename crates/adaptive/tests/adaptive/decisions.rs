@@ -1,0 +1,252 @@
+//! What the sampler that follows the error decides, on made-up films.
+
+use crate::common::*;
+use dapple_adaptive::{Adaptive, AdaptiveOptions, ErrorMap, PilotPolicy, PoolShape};
+use dapple_core::{BudgetLeft, Error, Feedback, Film, Frame, Limits, Needs, Plan, Progress, Sampler};
+use dapple_low_discrepancy::{Random, Sobol};
+
+const SIDE: usize = 48;
+const PILOT: u32 = 8;
+
+/// A film of `PILOT` samples a pixel; `value` of the pixel and four numbers.
+fn film(needs: Needs, value: impl Fn([usize; 2], [f32; 4]) -> f32) -> Film {
+    use dapple_core::{PointSet, SampleId};
+    let points = Random::new(9);
+    let mut film = Film::new(frame(SIDE as u32, SIDE as u32), needs);
+    for i in 0..SIDE * SIDE {
+        for index in 0..PILOT {
+            let id = SampleId { pixel: [(i % SIDE) as u32, (i / SIDE) as u32], stream: 0, index: u64::from(index) };
+            film.push(i, index as usize, [value([i % SIDE, i / SIDE], points.block(id, 0)); 3]);
+        }
+    }
+    film
+}
+
+/// The final counts, planned from this film for 32 samples a pixel.
+fn planned(sampler: &mut dyn Sampler, film: &Film) -> Result<Vec<u32>, Error> {
+    let pixels = (SIDE * SIDE) as u64;
+    let spent = u64::from(PILOT) * pixels;
+    let budget = BudgetLeft { spent, total: 32 * pixels, min_spp: 1, max_spp: 100_000 };
+    let mut plan = Plan::empty(SIDE * SIDE);
+    let progress = sampler.next_round(&Feedback { round: 1, film, budget }, &mut plan)?;
+    assert_eq!(progress, Progress::Trace);
+    assert_eq!(plan.total(), budget.left());
+    Ok(plan.counts.iter().map(|n| n + PILOT).collect())
+}
+
+fn with(options: AdaptiveOptions) -> Adaptive<Random> {
+    Adaptive::with_options(Random::new(1), options).unwrap()
+}
+
+/// All of the budget planned at once.
+fn one_round() -> Adaptive<Random> {
+    with(AdaptiveOptions { rounds: 1, ..AdaptiveOptions::default() })
+}
+
+/// Share of light that a point of column `x` sees: none left, all right, a penumbra between.
+fn lit(x: usize) -> f64 {
+    ((x as f64 - 12.0) / 24.0).clamp(0.0, 1.0)
+}
+
+fn penumbra([x, _]: [usize; 2], u: [f32; 4]) -> f32 {
+    f32::from(u8::from(f64::from(u[0]) < lit(x)))
+}
+
+fn column_mean(counts: &[u32], x: usize) -> f64 {
+    (0..SIDE).map(|y| f64::from(counts[y * SIDE + x])).sum::<f64>() / SIDE as f64
+}
+
+/// THESIS 7, test a: one flat floor, and a penumbra on it. The thesis' map is constant there; counts must follow
+/// `sqrt(v (1 - v))`, here relative: the root of `v (1 - v) / (v^2 + eps)`.
+#[test]
+fn a_counts_follow_a_penumbra() {
+    let seen = film(Needs::none().with_variance(), penumbra);
+    let exponent = AdaptiveOptions::default().exponent;
+    let counts = planned(&mut one_round(), &seen).unwrap();
+    let wanted = |x: usize| {
+        let v = lit(x);
+        (v * (1.0 - v) / (v * v + 0.01)).powf(1.0 / (1.0 + exponent))
+    };
+    let (lit_side, dark_side) = (column_mean(&counts, 44), column_mean(&counts, 3));
+    for x in [16, 20, 26, 32] {
+        assert!(column_mean(&counts, x) > 1.5 * lit_side.max(dark_side), "column {x}");
+    }
+    // Rank correlation over the penumbra; 18 columns that were unrelated would reach .8 with p < 1e-4.
+    let columns: Vec<usize> = (15..33).collect();
+    let rank = |f: &dyn Fn(usize) -> f64| -> Vec<f64> {
+        columns.iter().map(|&a| columns.iter().filter(|&&b| f(b) < f(a)).count() as f64).collect()
+    };
+    let (found, wanted) = (rank(&|x| column_mean(&counts, x)), rank(&wanted));
+    let squares: f64 = found.iter().zip(&wanted).map(|(a, b)| (a - b).powi(2)).sum();
+    let n = columns.len() as f64;
+    let correlation = 1.0 - 6.0 * squares / (n * (n * n - 1.0));
+    assert!(correlation > 0.8, "{correlation}");
+}
+
+#[test]
+fn no_region_starves() {
+    let seen = film(Needs::none().with_variance(), |[x, _], u| if x < 4 { u[0] * 100.0 } else { 1.0 });
+    let counts = planned(&mut one_round(), &seen).unwrap();
+    assert!(counts.iter().all(|&n| n >= PILOT), "the pilot, a quarter of the mean, is everybody's");
+    assert!(counts.iter().all(|&n| n <= 6 * 32 + 1), "and no pixel gets more than the cap");
+    let beyond = (0..SIDE).map(|y| counts[y * SIDE + 40]).filter(|&n| n > PILOT).count();
+    assert!(beyond > 0, "where no variance was seen something is spent all the same");
+}
+
+#[test]
+fn what_promises_nothing_is_uniform() {
+    let alike = film(Needs::none().with_variance(), |_, u| u[0]);
+    let counts = planned(&mut one_round(), &alike).unwrap();
+    assert!(counts.iter().all(|&n| n == 32), "{:?}", &counts[..50]);
+    // Negative control: adapting always, it follows the pilot's noise.
+    let always = AdaptiveOptions { gain: 1.0, rounds: 1, ..AdaptiveOptions::default() };
+    assert!(planned(&mut with(always), &alike).unwrap().iter().any(|&n| n != 32));
+}
+
+fn map(needs: Needs, of: impl Fn(&Film) -> Result<Vec<f32>, Error> + Send + 'static) -> ErrorMap {
+    ErrorMap { name: "made-up".into(), needs, of: Box::new(of), bytes_per_pixel: 4 }
+}
+
+fn driven(mix: f64, of: impl Fn(&Film) -> Result<Vec<f32>, Error> + Send + 'static) -> Adaptive<Random> {
+    let options = AdaptiveOptions { mix, rounds: 1, ..AdaptiveOptions::default() };
+    with(options).with_error_map(map(Needs::none(), of)).unwrap()
+}
+
+#[test]
+fn counts_follow_a_filters_error_map() {
+    let seen = film(Needs::none().with_variance(), |_, u| u[0]);
+    let top =
+        |film: &Film| Ok((0..film.frame().pixels()).map(|i| if i < SIDE * SIDE / 2 { 9.0 } else { 1.0 }).collect());
+    let ratio = |mix: f64| {
+        let counts = planned(&mut driven(mix, top), &seen).unwrap();
+        sum(&counts[..SIDE * SIDE / 2]) as f64 / sum(&counts[SIDE * SIDE / 2..]) as f64
+    };
+    // Nine times the error asks for 9^(1 / 2.15) = 2.8 times the samples; half of it, in the mean, for 1.67 times.
+    let (none, half, all) = (ratio(0.0), ratio(0.5), ratio(1.0));
+    assert!((none - 1.0).abs() < 0.05, "{none}");
+    assert!((half - 1.67).abs() < 0.25, "{half}");
+    assert!((all - 2.78).abs() < 0.45, "{all}");
+}
+
+#[test]
+fn bad_error_maps_do_no_harm() {
+    let seen = film(Needs::none().with_variance(), penumbra);
+    for bad in [f32::NAN, f32::INFINITY, -1.0, 0.0] {
+        let counts = planned(&mut driven(0.5, move |film| Ok(vec![bad; film.frame().pixels()])), &seen).unwrap();
+        assert_eq!(counts, planned(&mut one_round(), &seen).unwrap(), "{bad}");
+    }
+    let short = planned(&mut driven(0.5, |_| Ok(vec![1.0; 3])), &seen).unwrap_err().to_string();
+    assert!(short.contains("made-up") && short.contains("3 values"), "{short}");
+    let refused = |_: &Film| Err(Error::Mismatch { who: "filter".into(), what: "no".into() });
+    assert!(planned(&mut driven(0.5, refused), &seen).is_err(), "its errors are handed on");
+}
+
+#[test]
+fn an_error_map_gets_what_it_needs() {
+    let needs = Needs::none().with_halves().with_features();
+    let sampler = Adaptive::new(Random::new(1)).with_error_map(map(needs, |_| Ok(vec![]))).unwrap();
+    assert_eq!(sampler.needs(), needs.with_variance());
+    assert!(sampler.describe().starts_with("adaptive:by=made-up,"));
+    let discard = AdaptiveOptions { policy: PilotPolicy::Discard, ..AdaptiveOptions::default() };
+    assert!(with(discard).with_error_map(map(needs, |_| Ok(vec![]))).is_err());
+}
+
+/// Cells part what a window mixes: two materials side by side, one of them noisy.
+#[test]
+fn variance_pooled_inside_cells_stays_inside() {
+    use dapple_adaptive::{CellOptions, Cells, Pooling, relative_variance};
+    use dapple_core::FirstHit;
+    let seen = film(Needs::none().with_variance(), |[x, _], u| if x < 24 { 0.5 } else { u[0] });
+    let moments: Vec<_> = (0..SIDE * SIDE).map(|i| seen.moments(i)).collect();
+    let hit = |i: usize| FirstHit {
+        position: [(i % SIDE) as f32, (i / SIDE) as f32, 0.0],
+        geometric_normal: [0.0, 0.0, 1.0],
+        shading_normal: [0.0, 0.0, 1.0],
+        albedo: [0.5; 3],
+        depth: 1.0,
+        footprint: 1.0,
+        roughness: 1.0,
+        material: (i % SIDE / 24) as u32,
+        shape: 0,
+        primitive: 0,
+    };
+    let hits: Vec<_> = (0..SIDE * SIDE).map(|i| Some(hit(i))).collect();
+    let cells = Cells::new(&hits, 1, [SIDE as u32; 2], &CellOptions::default()).unwrap();
+    let at_border = |pool| {
+        let pooling = Pooling { pool, radius: 2, prior: 6.0, power: 1.0, epsilon: 0.01 };
+        relative_variance(&moments, [SIDE as u32; 2], &pooling, Some(&cells)).unwrap()[20 * SIDE + 23]
+    };
+    let (window, inside, cell) =
+        (at_border(PoolShape::Window), at_border(PoolShape::Inside), at_border(PoolShape::Cell));
+    assert_eq!(cell, 0.0, "the quiet cell has no variance");
+    assert!(inside > 0.0 && inside < 0.75 * window, "{inside} of {window}");
+    let pooling = Pooling { pool: PoolShape::Cell, radius: 2, prior: 6.0, power: 1.0, epsilon: 0.01 };
+    assert!(relative_variance(&moments, [SIDE as u32; 2], &pooling, None).is_err());
+    assert!(relative_variance(&moments[1..], [SIDE as u32; 2], &pooling, Some(&cells)).is_err());
+}
+
+#[test]
+fn rounds_spend_the_budget_in_equal_steps() {
+    let mut sampler = with(AdaptiveOptions { rounds: 3, ..AdaptiveOptions::default() });
+    let mut field = Field(|[x, _]: [u32; 2], u: [f32; 4]| x as f32 * u[0]);
+    let at = frame(24, 24);
+    let film = run(&mut field, &mut sampler, at, &Limits::samples(32 * 576)).unwrap();
+    let rounds: Vec<u64> = film.record().rounds.iter().map(|r| r.samples).collect();
+    assert_eq!(rounds, [8 * 576, 8 * 576, 8 * 576, 8 * 576]);
+}
+
+#[test]
+fn tiny_budgets_and_frames_are_met() {
+    for (w, h, total) in [(1, 1, 1), (1, 1, 5), (3, 1, 4), (7, 5, 35), (7, 5, 36), (8, 8, 64 * 3 + 1)] {
+        for policy in [PilotPolicy::Keep, PilotPolicy::Discard, PilotPolicy::Cross] {
+            let mut sampler = with(AdaptiveOptions { policy, ..AdaptiveOptions::default() });
+            let film =
+                run(&mut Field(|_, u: [f32; 4]| u[0]), &mut sampler, frame(w, h), &Limits::samples(total)).unwrap();
+            assert_eq!(film.record().samples, total, "{w}x{h}, {total}, {policy:?}");
+        }
+    }
+}
+
+#[test]
+fn wrong_options_are_refused() {
+    let good = AdaptiveOptions::default();
+    for bad in [
+        AdaptiveOptions { pilot: 1, ..good },
+        AdaptiveOptions { pilot: 2, policy: PilotPolicy::Cross, ..good },
+        AdaptiveOptions { rounds: 65, ..good },
+        AdaptiveOptions { rounds: 2, policy: PilotPolicy::Discard, ..good },
+        AdaptiveOptions { radius: 65, ..good },
+        AdaptiveOptions { prior: f64::NAN, ..good },
+        AdaptiveOptions { power: 0.0, ..good },
+        AdaptiveOptions { geometry: f64::INFINITY, ..good },
+        AdaptiveOptions { exponent: 0.0, ..good },
+        AdaptiveOptions { epsilon: 0.0, ..good },
+        AdaptiveOptions { cap: 0.5, ..good },
+        AdaptiveOptions { mix: 1.5, ..good },
+        AdaptiveOptions { gain: -0.1, ..good },
+        AdaptiveOptions { pool: PoolShape::Cell, policy: PilotPolicy::Cross, ..good },
+    ] {
+        assert!(Adaptive::with_options(Random::new(1), bad).is_err(), "{bad:?}");
+    }
+    assert!(Adaptive::with_options(Random::new(1), AdaptiveOptions { prior: f64::INFINITY, ..good }).is_ok());
+}
+
+/// A task of a wide window has the terms of its own rows, 128 or 4 of them, and of those around, and a row of sums, 64 bytes each;
+/// there are no more tasks than the image's 1024 rows ask for.
+#[test]
+fn z03_what_threads_work_with_is_counted() {
+    let frame = Frame::new(4096, 1024).unwrap();
+    let planning = |radius, threads| {
+        let memory = || {
+            let options = AdaptiveOptions { radius, ..AdaptiveOptions::default() };
+            let sampler = Adaptive::with_options(Sobol::new(1), options).unwrap();
+            sampler.memory(&frame, &sampler.needs(), &Limits::samples(8 * frame.pixels() as u64))
+        };
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(memory).planning
+    };
+    let (wide, narrow) = (4096 * (256 + 1) * 64, 4096 * (8 + 1) * 64);
+    assert_eq!(planning(64, 1) - planning(2, 1), wide - narrow);
+    assert_eq!(planning(64, 4) - planning(64, 1), 3 * wide);
+    assert_eq!(planning(64, 8), planning(64, 20), "there are eight tasks");
+}

@@ -1,0 +1,22 @@
+//! The forecast of a render's memory.
+
+use crate::common::*;
+use dapple_adaptive::{Adaptive, PilotPolicy, VarianceOptions};
+use dapple_core::{Budget, Frame, Limits, Memory, Needs, Sampler, Unfiltered};
+use dapple_low_discrepancy::Random;
+
+fn of(sampler: &dyn Sampler, frame: &Frame, budget: Budget) -> Memory {
+    Memory::of_render(sampler, &Unfiltered, Needs::none(), frame, &Limits::new(budget))
+}
+
+#[test]
+fn a_pilot_that_is_all_plans_nothing_and_a_discarded_one_has_a_bank() {
+    let frame = frame(100, 50);
+    let points = || Random::new(1);
+    let options = VarianceOptions { policy: PilotPolicy::Discard, ..VarianceOptions::default() };
+    let discards = of(&Adaptive::variance_with_options(points(), options).unwrap(), &frame, Budget::Samples(20_000));
+    assert_eq!(discards.film, 5000 * 112, "a bank of its own for what is discarded");
+    let variance = |budget| of(&Adaptive::variance(points()), &frame, Budget::Samples(budget));
+    assert_eq!(variance(20_000).planning, 5000 * 4, "the pilot is all");
+    assert!(variance(20_001).planning > 5000 * 100 && variance(40_000) == variance(20_001));
+}

@@ -1,0 +1,238 @@
+//! What a file holds, and how.
+//!
+//! Eight bytes of magic; the version, the kind and the number of pairs of the identity (4 bytes each, little-endian, as
+//! everything); the pairs, each text after its length in 4 bytes; the length of the body in 8 bytes; the body; the CRC-32
+//! (IEEE 802.3) of all bytes before it.
+
+use super::Error;
+use std::path::Path;
+
+const MAGIC: &[u8; 8] = b"dapple-c";
+const VERSION: u32 = 1;
+/// No text of an identity is longer.
+const LONGEST: usize = 1 << 20;
+
+/// What a file is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// A render that goes on.
+    Checkpoint,
+    /// A machine's share of an image.
+    Shard,
+}
+
+impl Kind {
+    const fn number(self) -> u32 {
+        match self {
+            Self::Checkpoint => 1,
+            Self::Shard => 2,
+        }
+    }
+
+    /// What it is called.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Checkpoint => "checkpoint",
+            Self::Shard => "shard",
+        }
+    }
+}
+
+/// What contents depend on, as pairs of name and value, in order.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Identity {
+    pairs: Vec<(String, String)>,
+}
+
+impl Identity {
+    /// These pairs.
+    pub fn new<N: Into<String>, V: Into<String>>(pairs: impl IntoIterator<Item = (N, V)>) -> Self {
+        Self { pairs: pairs.into_iter().map(|(name, value)| (name.into(), value.into())).collect() }
+    }
+
+    /// The pairs.
+    pub fn pairs(&self) -> &[(String, String)] {
+        &self.pairs
+    }
+
+    /// The value of a name.
+    pub fn value(&self, name: &str) -> Option<&str> {
+        self.pairs.iter().find(|(known, _)| known == name).map(|(_, value)| value.as_str())
+    }
+
+    /// What differs in `there` from this, a phrase each: `seed: 3 there, 4 here`.
+    pub fn differences(&self, there: &Self) -> Vec<String> {
+        let nothing = "nothing";
+        let mut differ = Vec::new();
+        for (name, here) in &self.pairs {
+            let there = there.value(name).unwrap_or(nothing);
+            if there != here {
+                differ.push(format!("{name}: {there} there, {here} here"));
+            }
+        }
+        let unknown = there.pairs.iter().filter(|(name, _)| self.value(name).is_none());
+        differ.extend(unknown.map(|(name, there)| format!("{name}: {there} there, {nothing} here")));
+        differ
+    }
+}
+
+/// What a file holds.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Contents {
+    /// What it is for.
+    pub kind: Kind,
+    /// What it depends on.
+    pub identity: Identity,
+    /// The bytes.
+    pub body: Vec<u8>,
+}
+
+/// Why bytes are no contents.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Damage {
+    /// Nothing, or the beginning only.
+    Short,
+    /// Not a file of ours.
+    Foreign,
+    /// Written by another version.
+    Version,
+    /// Bytes differ from what was written.
+    Checksum,
+    /// The checksum is right, and the contents make no sense.
+    Nonsense,
+    /// Of another kind.
+    Kind,
+}
+
+impl std::fmt::Display for Damage {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Short => "it is cut short",
+            Self::Foreign => "it is no file of Dapple's",
+            Self::Version => "another version of Dapple wrote it: go on with that one",
+            Self::Checksum => "it is damaged (its checksum is wrong)",
+            Self::Nonsense => "its contents make no sense",
+            Self::Kind => "it is of another kind (a checkpoint is no shard, a shard no checkpoint)",
+        })
+    }
+}
+
+impl Contents {
+    /// What stands before the body.
+    pub(crate) fn head(&self) -> Result<Vec<u8>, Error> {
+        let mut head = MAGIC.to_vec();
+        let pairs = &self.identity.pairs;
+        for number in [VERSION, self.kind.number(), pairs.len() as u32] {
+            head.extend(number.to_le_bytes());
+        }
+        for text in pairs.iter().flat_map(|(name, value)| [name, value]) {
+            if text.len() > LONGEST {
+                return Err(Error::LongText { bytes: text.len(), most: LONGEST });
+            }
+            head.extend((text.len() as u32).to_le_bytes());
+            head.extend(text.as_bytes());
+        }
+        head.extend((self.body.len() as u64).to_le_bytes());
+        Ok(head)
+    }
+
+    /// All bytes of a file with these contents.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::LongText`] for a text of more than a MiB in the identity.
+    pub fn to_bytes(&self) -> Result<Vec<u8>, Error> {
+        let mut bytes = self.head()?;
+        bytes.extend(&self.body);
+        bytes.extend(crc32fast::hash(&bytes).to_le_bytes());
+        Ok(bytes)
+    }
+
+    /// Reads a file of this kind.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Missing`], [`Error::Read`], or [`Error::Damaged`].
+    pub fn read(path: &Path, kind: Kind) -> Result<Self, Error> {
+        let bytes = std::fs::metadata(path).and_then(|found| match found.is_file() {
+            true => std::fs::read(path),
+            false => Err(std::io::Error::new(std::io::ErrorKind::InvalidInput, "not a regular file")),
+        });
+        let bytes = bytes.map_err(|source| match source.kind() {
+            std::io::ErrorKind::NotFound => Error::Missing { path: path.to_owned(), kind: kind.name() },
+            _ => Error::Read { path: path.to_owned(), source },
+        })?;
+        let damaged = |damage| Error::Damaged { path: path.to_owned(), damage };
+        let contents = Contents::from_bytes(bytes).map_err(damaged)?;
+        if contents.kind == kind { Ok(contents) } else { Err(damaged(Damage::Kind)) }
+    }
+
+    /// Reads what [`Contents::to_bytes`] gave. Takes no more memory than twice the bytes, whatever they say.
+    ///
+    /// # Errors
+    ///
+    /// [`Damage`]: a file that was cut short or changed in any bit is told apart from one that never was ours.
+    pub fn from_bytes(mut bytes: Vec<u8>) -> Result<Self, Damage> {
+        let begun = &bytes[..bytes.len().min(MAGIC.len())];
+        if !MAGIC.starts_with(begun) {
+            return Err(Damage::Foreign);
+        }
+        let (head, sum) = bytes.split_last_chunk::<4>().ok_or(Damage::Short)?;
+        let mut reader = Reader(head.get(MAGIC.len()..).ok_or(Damage::Short)?);
+        if reader.number()? != VERSION {
+            return Err(Damage::Version);
+        }
+        let whole = crc32fast::hash(head) == u32::from_le_bytes(*sum);
+        let (kind, identity, length) = match reader.head() {
+            Ok(read) if whole => read,
+            // What was cut off cannot be told from what was changed; only a body that ends too early can.
+            Ok((_, _, length)) if reader.0.len() as u64 != length => return Err(Damage::Short),
+            _ if !whole => return Err(Damage::Checksum),
+            _ => return Err(Damage::Nonsense),
+        };
+        let rest = reader.0.len();
+        if rest as u64 != length {
+            return Err(Damage::Nonsense);
+        }
+        let start = head.len() - rest;
+        bytes.truncate(bytes.len() - 4);
+        bytes.drain(..start);
+        Ok(Self { kind, identity, body: bytes })
+    }
+}
+
+struct Reader<'a>(&'a [u8]);
+
+impl<'a> Reader<'a> {
+    fn take(&mut self, count: usize) -> Result<&'a [u8], Damage> {
+        let (taken, rest) = self.0.split_at_checked(count).ok_or(Damage::Short)?;
+        self.0 = rest;
+        Ok(taken)
+    }
+
+    fn number(&mut self) -> Result<u32, Damage> {
+        let (number, rest) = self.0.split_first_chunk().ok_or(Damage::Short)?;
+        self.0 = rest;
+        Ok(u32::from_le_bytes(*number))
+    }
+
+    fn text(&mut self) -> Result<String, Damage> {
+        let length = self.number()? as usize;
+        let bytes = self.take(length)?;
+        std::str::from_utf8(bytes).map(str::to_owned).map_err(|_| Damage::Nonsense)
+    }
+
+    /// Kind, identity and the length of the body, which is what is left.
+    fn head(&mut self) -> Result<(Kind, Identity, u64), Damage> {
+        let number = self.number()?;
+        let kind = [Kind::Checkpoint, Kind::Shard].into_iter().find(|kind| kind.number() == number);
+        let count = self.number()?;
+        let mut pairs = Vec::new();
+        for _ in 0..count {
+            pairs.push((self.text()?, self.text()?));
+        }
+        let (length, rest) = self.0.split_first_chunk().ok_or(Damage::Short)?;
+        self.0 = rest;
+        Ok((kind.ok_or(Damage::Nonsense)?, Identity { pairs }, u64::from_le_bytes(*length)))
+    }
+}

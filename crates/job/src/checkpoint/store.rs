@@ -1,0 +1,163 @@
+//! Where a file lies, and how it gets there.
+//!
+//! Beside FILE: `FILE.part` while it is written, `FILE.previous` with the generation before, `FILE.lock` (empty, and left
+//! there: removing it would let two processes hold it) to keep a second writer away.
+
+use super::Error;
+use super::file_system::{Disk, FileSystem};
+use super::{Contents, Kind};
+use std::ffi::OsString;
+use std::fs::{File, OpenOptions, TryLockError};
+use std::path::{Path, PathBuf};
+
+/// A place for generations of one file.
+pub struct Store {
+    path: PathBuf,
+    system: Box<dyn FileSystem>,
+    /// Held as long as this lives; given up by the system if the process is killed.
+    _lock: File,
+}
+
+/// Which file was read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Generation {
+    /// The newest.
+    Newest,
+    /// The one before: the newest is missing or damaged.
+    Previous,
+}
+
+/// What was found.
+#[derive(Debug)]
+pub struct Found {
+    /// What the file holds.
+    pub contents: Contents,
+    /// Which it was.
+    pub generation: Generation,
+    /// Why it is not the newest.
+    pub trouble: Option<Error>,
+}
+
+/// Bytes between two looks at what the system says: a full disk is heard of early.
+const PIECE: usize = 1 << 20;
+
+impl Store {
+    /// The only writer to `path` from now on, and until this is dropped.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::InUse`] while another process is; [`Error::Write`] where no file can be made there. Disks that know no
+    /// locks are trusted to have one writer.
+    pub fn lock(path: &Path) -> Result<Self, Error> {
+        Self::lock_on(path, Box::new(Disk))
+    }
+
+    /// The same on another file system.
+    ///
+    /// # Errors
+    ///
+    /// As [`Store::lock`].
+    pub fn lock_on(path: &Path, system: Box<dyn FileSystem>) -> Result<Self, Error> {
+        let trouble = |source| Error::Write { path: path.to_owned(), step: "make a file beside it", source };
+        if path.is_dir() {
+            return Err(trouble(std::io::ErrorKind::IsADirectory.into()));
+        }
+        let lock = OpenOptions::new().write(true).create(true).truncate(false).open(beside(path, "lock"));
+        let lock = lock.map_err(trouble)?;
+        match lock.try_lock() {
+            Err(TryLockError::WouldBlock) => Err(Error::InUse { path: path.to_owned() }),
+            Ok(()) | Err(TryLockError::Error(_)) => Ok(Self { path: path.to_owned(), system, _lock: lock }),
+        }
+    }
+
+    /// Where it lies.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Puts these contents in the place of the newest generation, which becomes the previous one.
+    ///
+    /// Written beside, synced, renamed: a crash or an error at any moment leaves a whole file of the newest name, or,
+    /// on disks without hard links, for a moment only the previous one, which [`Store::read`] finds as well.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Write`] with the step that failed. The file that was there is as it was, and it may be tried again.
+    pub fn save(&self, contents: &Contents) -> Result<(), Error> {
+        let part = beside(&self.path, "part");
+        let outcome = self.write(&part, contents).and_then(|()| self.put_in_place(&part));
+        if outcome.is_err() {
+            // It takes space; if even that fails there is nothing more to do.
+            let _ = self.system.remove(&part);
+        }
+        outcome
+    }
+
+    fn write(&self, part: &Path, contents: &Contents) -> Result<(), Error> {
+        let head = contents.head()?;
+        let mut sum = crc32fast::Hasher::new();
+        let mut file = self.system.create(part).map_err(|e| self.trouble("make a file beside it", e))?;
+        for piece in head.chunks(PIECE).chain(contents.body.chunks(PIECE)) {
+            sum.update(piece);
+            self.system.write(&mut file, piece).map_err(|e| self.trouble("write it", e))?;
+        }
+        self.system.write(&mut file, &sum.finalize().to_le_bytes()).map_err(|e| self.trouble("write it", e))?;
+        self.system.sync(&file).map_err(|e| self.trouble("flush it to the disk", e))
+    }
+
+    fn put_in_place(&self, part: &Path) -> Result<(), Error> {
+        let previous = beside(&self.path, "previous");
+        if self.path.exists() {
+            // A second name first, then the first one changes hands: no moment without a newest file.
+            let step = |e| self.trouble("keep the generation before", e);
+            let second = beside(&self.path, "second");
+            self.system.remove(&second).map_err(step)?;
+            match self.system.link(&self.path, &second) {
+                Ok(()) => {
+                    self.system.rename(&second, &previous).map_err(step)?;
+                    // It stays where both are names of the same file, after a crash at this very place.
+                    let _ = self.system.remove(&second);
+                }
+                Err(_) => self.system.rename(&self.path, &previous).map_err(step)?,
+            }
+        }
+        self.system.rename(part, &self.path).map_err(|e| self.trouble("rename the finished file to it", e))?;
+        let folder = self.path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        self.system.sync_folder(folder).map_err(|e| self.trouble("flush its folder to the disk", e))
+    }
+
+    fn trouble(&self, step: &'static str, source: std::io::Error) -> Error {
+        Error::Write { path: self.path.clone(), step, source }
+    }
+
+    /// Reads the newest generation; the one before where it is missing or damaged. Locks nothing.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Missing`] where there is neither; [`Error::NoGeneration`], or the newest one's own where there was none
+    /// before it, where none can be used.
+    pub fn read(path: &Path, kind: Kind) -> Result<Found, Error> {
+        let newer = match Contents::read(path, kind) {
+            Ok(contents) => return Ok(Found { contents, generation: Generation::Newest, trouble: None }),
+            Err(newer) => newer,
+        };
+        match Contents::read(&beside(path, "previous"), kind) {
+            Ok(contents) => Ok(Found { contents, generation: Generation::Previous, trouble: Some(newer) }),
+            Err(Error::Missing { .. }) => Err(newer),
+            Err(older) => Err(Error::NoGeneration { newer: Box::new(newer), older: Box::new(older) }),
+        }
+    }
+
+    /// Whether there is a generation to read, whole or not.
+    pub fn exists(path: &Path) -> bool {
+        path.exists() || beside(path, "previous").exists()
+    }
+}
+
+/// `FILE.what`.
+fn beside(path: &Path, what: &str) -> PathBuf {
+    let mut name = OsString::from(path);
+    name.push(".");
+    name.push(what);
+    PathBuf::from(name)
+}

@@ -1,0 +1,256 @@
+//! A world's clusters, and what samplers and filters that look at the world are made from.
+
+use crate::registry::RegistryError;
+use dapple_cluster_adaptive::{ProbeCost, ProbeHit, ProbeRay, ProbesHandle, TraceProbe};
+use dapple_clustering::{Cluster, Clusters, Params, Report, Triangles, cluster};
+use dapple_core::FirstHit;
+use dapple_renderer::World;
+use glam::{Vec2, Vec3};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
+
+/// The triangles of a world as plain slices, mesh by mesh; places in space as hits report them.
+#[derive(Clone, Debug, Default)]
+pub struct WorldTriangles {
+    /// Vertices.
+    pub positions: Vec<[f32; 3]>,
+    /// Three vertices each.
+    pub indices: Vec<[u32; 3]>,
+    /// A material each.
+    pub materials: Vec<u32>,
+}
+
+impl WorldTriangles {
+    /// Copies the triangles of all meshes, in the order of the shapes' numbers: each instance's too, as it stands when
+    /// the shutter opens.
+    pub fn of(world: &World) -> Self {
+        let meshes = || (0..world.geometry().shape_count()).filter_map(|number| world.geometry().shape(number).mesh());
+        // All at once: what has grown has been written more than once.
+        let triangles = meshes().map(|mesh| mesh.triangles().len()).sum();
+        let mut all = Self {
+            positions: Vec::with_capacity(meshes().map(|mesh| mesh.positions().len()).sum()),
+            indices: Vec::with_capacity(triangles),
+            materials: Vec::with_capacity(triangles),
+        };
+        for number in 0..world.geometry().shape_count() {
+            let Some(mesh) = world.geometry().shape(number).mesh() else { continue };
+            let first = all.positions.len() as u32;
+            match world.geometry().to_world(number, world.time(0.0)) {
+                None => all.positions.extend_from_slice(mesh.positions()),
+                Some(to_world) => {
+                    let moved = |p: &[f32; 3]| to_world.transform_point3(Vec3::from_array(*p).as_dvec3());
+                    all.positions.extend(mesh.positions().iter().map(|p| moved(p).as_vec3().to_array()));
+                }
+            }
+            all.indices.extend(mesh.triangles().iter().map(|t| t.map(|vertex| first + vertex)));
+            all.materials.resize(all.indices.len(), world.shape_material(number));
+        }
+        all
+    }
+
+    /// The slices.
+    pub fn as_slices(&self) -> Triangles<'_> {
+        Triangles { positions: &self.positions, indices: &self.indices, materials: &self.materials }
+    }
+}
+
+/// A world's primitives in clusters: its triangles as [`dapple_clustering::cluster`] groups them; each sphere and
+/// each disk is a cluster of its own.
+#[derive(Clone, Debug)]
+pub struct WorldClusters {
+    params: Params,
+    labels: Arc<[u32]>,
+    clusters: Arc<[Cluster]>,
+    /// Number of the first primitive of each shape.
+    first: Vec<u32>,
+    report: Option<Report>,
+    seconds: f64,
+}
+
+impl WorldClusters {
+    /// Groups a world's primitives.
+    ///
+    /// # Errors
+    ///
+    /// For parameters out of range.
+    pub fn new(world: &World, params: &Params) -> Result<Self, dapple_clustering::Error> {
+        let began = Instant::now();
+        let triangles = WorldTriangles::of(world);
+        let found = (!triangles.indices.is_empty()).then(|| cluster(&triangles.as_slices(), params)).transpose()?;
+        drop(triangles);
+        let (of_triangles, in_clusters) = found.as_ref().map(Clusters::shared).unwrap_or_default();
+        // Spheres and disks after them.
+        let (mut labels, mut clusters) = (Vec::new(), Vec::new());
+        let mut first = Vec::with_capacity(world.geometry().shape_count() as usize);
+        let mut triangle = 0;
+        for number in 0..world.geometry().shape_count() {
+            match world.geometry().shape(number).mesh() {
+                Some(mesh) => {
+                    first.push(triangle);
+                    triangle += mesh.triangles().len() as u32;
+                }
+                None => {
+                    first.push((of_triangles.len() + labels.len()) as u32);
+                    labels.push((in_clusters.len() + clusters.len()) as u32);
+                    let group = clusters.last().or(in_clusters.last()).map_or(0, |c: &Cluster| c.group + 1);
+                    clusters.push(whole(world.shape_bounds(number), world.shape_material(number), group));
+                }
+            }
+        }
+        let report = found.as_ref().map(Clusters::report);
+        let (labels, clusters) = (joined(of_triangles, &labels), joined(in_clusters, &clusters));
+        Ok(Self { params: *params, labels, clusters, first, report, seconds: began.elapsed().as_secs_f64() })
+    }
+
+    /// The cluster of each primitive: triangles first, mesh by mesh, then spheres and disks.
+    pub fn labels(&self) -> &Arc<[u32]> {
+        &self.labels
+    }
+
+    /// The clusters.
+    pub fn clusters(&self) -> &Arc<[Cluster]> {
+        &self.clusters
+    }
+
+    /// The number of a shape's primitive among the labels.
+    #[inline]
+    pub fn primitive(&self, shape: u32, primitive: u32) -> u32 {
+        self.first[shape as usize] + primitive
+    }
+
+    /// The cluster of a first hit in this world.
+    pub fn label(&self, hit: &FirstHit) -> Option<u32> {
+        let first = self.first.get(hit.shape as usize)?;
+        self.labels.get(*first as usize + hit.primitive as usize).copied()
+    }
+
+    /// What became of the grid; `None` in a world without triangles.
+    pub fn report(&self) -> Option<Report> {
+        self.report
+    }
+
+    /// Wall seconds that it took.
+    pub fn seconds(&self) -> f64 {
+        self.seconds
+    }
+}
+
+/// One slice after another; where the other is empty nothing is copied.
+fn joined<T: Copy>(all: Arc<[T]>, more: &[T]) -> Arc<[T]> {
+    if more.is_empty() { all } else { all.iter().chain(more).copied().collect() }
+}
+
+/// A sphere or disk as a cluster.
+fn whole([low, high]: [Vec3; 2], material: u32, group: u32) -> Cluster {
+    let d = (high - low).as_dvec3();
+    // Of its box: a plain measure of size; projected sizes are taken from the box anyway.
+    let area = 2.0 * (d.x * d.y + d.y * d.z + d.z * d.x);
+    let bounds = [low.to_array(), high.to_array()];
+    Cluster { triangles: 0, bounds, area, normal: [0.0; 3], cone: -1.0, material, group }
+}
+
+/// The world that samplers and filters may look at, and what they share: clusters are made once for each set of
+/// parameters, however many ask. Cheap to clone; clones share.
+#[derive(Clone, Debug, Default)]
+pub struct Stage {
+    world: Option<Arc<World>>,
+    made: Arc<Mutex<Made>>,
+}
+
+#[derive(Debug, Default)]
+struct Made {
+    clusters: Vec<Arc<WorldClusters>>,
+    probes: Vec<ProbesHandle>,
+}
+
+impl Stage {
+    /// A stage with this world.
+    pub fn new(world: Arc<World>) -> Self {
+        Self { world: Some(world), made: Arc::default() }
+    }
+
+    /// A stage without a world, for what looks at none; the rest says so with
+    /// [`RegistryError::NeedsWorld`].
+    pub fn empty() -> Self {
+        Self::default()
+    }
+
+    /// The clusters with these parameters, made if they were not yet.
+    ///
+    /// # Errors
+    ///
+    /// [`RegistryError::NeedsWorld`] in the name of `of` on an empty stage; parameters out of range.
+    pub fn clusters(&self, of: &'static str, params: &Params) -> Result<Arc<WorldClusters>, RegistryError> {
+        let world = self.world(of)?;
+        let known = |made: &Made| made.clusters.iter().find(|c| c.params == *params).cloned();
+        if let Some(known) = known(&self.made()) {
+            return Ok(known);
+        }
+        // Unlocked meanwhile: clustering runs on rayon, whose workers may come by here with another task.
+        let found =
+            WorldClusters::new(world, params).map_err(|e| RegistryError::Clusters { of, why: e.to_string() })?;
+        let mut made = self.made();
+        if let Some(known) = known(&made) {
+            return Ok(known);
+        }
+        let found = Arc::new(found);
+        made.clusters.push(found.clone());
+        Ok(found)
+    }
+
+    /// The clusters made first: those that a map shows.
+    pub fn first_clusters(&self) -> Option<Arc<WorldClusters>> {
+        self.made().clusters.first().cloned()
+    }
+
+    /// Wall seconds spent on clusters so far.
+    pub fn cluster_seconds(&self) -> f64 {
+        self.made().clusters.iter().fold(0.0, |sum, c| sum + c.seconds)
+    }
+
+    /// What probes took so far, of all samplers made on this stage.
+    pub fn probe_cost(&self) -> ProbeCost {
+        let made = self.made();
+        made.probes.iter().filter_map(ProbesHandle::cost).fold(ProbeCost::default(), |sum, cost| ProbeCost {
+            rays: sum.rays + cost.rays,
+            seconds: sum.seconds + cost.seconds,
+        })
+    }
+
+    /// Probes whose hit was no number and that count as background.
+    pub fn rejected_probes(&self) -> u64 {
+        self.made().probes.iter().filter_map(ProbesHandle::probes).map(|probes| probes.rejected()).sum()
+    }
+
+    pub(crate) fn world(&self, of: &'static str) -> Result<&Arc<World>, RegistryError> {
+        self.world.as_ref().ok_or(RegistryError::NeedsWorld { of })
+    }
+
+    pub(crate) fn keep(&self, probes: ProbesHandle) {
+        self.made().probes.push(probes);
+    }
+
+    fn made(&self) -> MutexGuard<'_, Made> {
+        self.made.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// The first hits of a world, as probes want them.
+pub(crate) fn shoot(world: Arc<World>, clusters: Arc<WorldClusters>) -> TraceProbe {
+    Arc::new(move |probe: ProbeRay| {
+        let [x, y] = probe.pixel.map(|n| n as f32 + 0.5);
+        let offset = Vec2::new(probe.film[0] - x, probe.film[1] - y);
+        let time = world.time(0.0);
+        let ray = world.camera().ray_at(world.camera().place(probe.pixel, offset), probe.lens, time);
+        let at = world.closest_hit(&ray, time)?;
+        let (hit, point) = (at.hit(), at.point());
+        let distance = (point.position - ray.origin).length();
+        Some(ProbeHit {
+            primitive: clusters.primitive(hit.shape, hit.primitive),
+            direction: ray.direction.to_array(),
+            distance,
+            normal: point.normal.to_array(),
+            footprint: world.camera().footprint(distance),
+        })
+    })
+}

@@ -1,0 +1,190 @@
+use super::*;
+use dapple_core::{PointSet, SampleId};
+use dapple_renderer::World;
+use dapple_scene::bundled;
+use std::sync::Arc;
+
+const SETTING: Setting = Setting { seed: 5, spp: Some(16) };
+
+fn stage() -> Stage {
+    let scene = bundled::files("furnace").expect("bundled").read().unwrap_or_else(|e| panic!("{e}"));
+    Stage::new(Arc::new(World::new(&scene).unwrap_or_else(|e| panic!("{e}"))))
+}
+
+fn refusal<T>(made: Result<T, RegistryError>) -> String {
+    made.err().map(|e| e.to_string()).unwrap_or_default()
+}
+
+#[test]
+fn every_entry_is_made_by_its_name() {
+    let stage = stage();
+    for entry in POINTS {
+        let points = points(entry.name, SETTING).unwrap_or_else(|e| panic!("{e}"));
+        assert!(points.describe().starts_with(entry.name), "{}", points.describe());
+        let id = SampleId { pixel: [3, 4], stream: 0, index: 7 };
+        assert!(points.block(id, 2).iter().all(|u| (0.0..1.0).contains(u)));
+    }
+    for entry in SAMPLERS {
+        let points = points("random", SETTING).unwrap_or_else(|e| panic!("{e}"));
+        let sampler = sampler(entry.name, points, &stage).unwrap_or_else(|e| panic!("{e}"));
+        assert_eq!(sampler.name(), entry.name);
+        assert!(sampler.points().describe().starts_with("random"));
+    }
+    for entry in FILTERS {
+        assert_eq!(filter(entry.name, &stage).unwrap_or_else(|e| panic!("{e}")).name(), entry.name);
+    }
+    let names = [
+        POINTS.iter().map(|e| e.name).collect::<Vec<_>>(),
+        SAMPLERS.iter().map(|e| e.name).collect(),
+        FILTERS.iter().map(|e| e.name).collect(),
+    ];
+    for names in names {
+        assert!(names.iter().enumerate().all(|(i, n)| !names[..i].contains(n)), "{names:?}");
+    }
+}
+
+/// Counts that follow a filter's own error: the sampler asks for what the filter reads, and says its name.
+#[test]
+fn cluster_follows_a_filter_by_its_name() {
+    let stage = stage();
+    // A plan's regression is the quick one.
+    let quick = "cluster-regression:passes=1,outside=1";
+    for (name, read) in [("nlm", "nlm"), ("bilateral", "bilateral"), ("cluster-regression", quick)] {
+        let make = |words: &str| {
+            let points = points("sobol", SETTING).unwrap_or_else(|e| panic!("{e}"));
+            sampler(words, points, &stage).unwrap_or_else(|e| panic!("{e}"))
+        };
+        let made = make(&format!("cluster:by={name}"));
+        assert!(made.describe().starts_with(&format!("cluster:by={name},")), "{}", made.describe());
+        assert_eq!(make(&made.describe()).describe(), made.describe());
+        let wanted = filter(read, &stage).unwrap_or_else(|e| panic!("{e}")).needs();
+        assert_eq!(made.needs().and(wanted), made.needs(), "{name}");
+        assert_ne!(made.needs(), make("cluster").needs(), "{name}");
+    }
+    let points = points("sobol", SETTING).unwrap_or_else(|e| panic!("{e}"));
+    let refused = refusal(sampler("cluster:by=gaussian", points, &stage));
+    assert!(refused.contains("one of variance, nlm, bilateral, cluster-regression"), "{refused}");
+}
+
+/// What a thing says of itself can be said back, names all its parameters, and is what it is by default.
+#[test]
+fn descriptions_are_words() {
+    let stage = stage();
+    let said = |parameters: Vec<&Parameter>| -> String {
+        parameters.iter().map(|(k, v, _)| format!("{k}={v}")).collect::<Vec<_>>().join(",")
+    };
+    let keys = |words: &str| -> Vec<String> {
+        let words = words.split_once(':').map_or("", |w| w.1);
+        let mut keys: Vec<_> = words.split(',').filter_map(|p| p.split_once('=')).map(|p| p.0.to_owned()).collect();
+        keys.sort();
+        keys
+    };
+    for entry in SAMPLERS {
+        let describe = |words: &str| {
+            let points = points("sobol", SETTING).unwrap_or_else(|e| panic!("{e}"));
+            sampler(words, points, &stage).unwrap_or_else(|e| panic!("{e}")).describe()
+        };
+        let words = format!("{}:{}", entry.name, said(entry.parameters().collect()));
+        assert_eq!(describe(&words), describe(entry.name));
+        assert_eq!(describe(&describe(entry.name)), describe(entry.name));
+        assert_eq!(keys(&describe(entry.name)), keys(&words));
+    }
+    for entry in FILTERS {
+        let describe = |words: &str| filter(words, &stage).unwrap_or_else(|e| panic!("{e}")).describe();
+        let words = format!("{}:{}", entry.name, said(entry.parameters().collect()));
+        assert_eq!(describe(&words), describe(entry.name));
+        assert_eq!(describe(&describe(entry.name)), describe(entry.name));
+        assert_eq!(keys(&describe(entry.name)), keys(&words));
+    }
+}
+
+#[test]
+fn wrong_words_are_refused_with_what_there_is() {
+    let points = || points("sobol", SETTING).unwrap_or_else(|e| panic!("{e}"));
+    let sampler = |words: &str| refusal(sampler(words, points(), &Stage::empty()));
+    assert!(refusal(super::points("sobel", SETTING)).contains("there are sobol"));
+    assert!(sampler("").contains("variance, uniform"));
+    assert!(refusal(check_filter("nune")).contains("none"));
+    assert!(sampler("uniform:x=1").contains("it takes none"));
+    assert!(sampler("variance:pilots=4").contains("it takes pilot, radius"));
+    assert!(sampler("variance:pilot=4,pilot=4").contains("given twice"));
+    assert!(sampler("variance:pilot").contains("no key=value"));
+    assert!(sampler("variance:pilot=four").contains("a number is wanted"));
+    assert!(sampler("variance:policy=maybe").contains("one of keep, discard, cross"));
+    for bad in ["exponent=NaN", "epsilon=-1", "cap=0"] {
+        assert_ne!(sampler(&format!("variance:{bad}")), "", "{bad}");
+    }
+    assert_eq!(sampler("variance: pilot = 8 , policy=cross "), "", "blanks do no harm");
+}
+
+/// Also without a world: a program refuses wrong words before it reads a scene.
+#[test]
+fn wrong_cluster_words_are_refused_without_a_world() {
+    for words in [
+        "probes=0",
+        "probes=many",
+        "size=large",
+        "map=square",
+        "angle=-1",
+        "distance=NaN",
+        "min=9,max=8",
+        "k=0",
+        "k=NaN",
+        "clamp=0",
+        "normals=91",
+        "normals=-1",
+        "sides=3",
+        "policy=keep",
+    ] {
+        assert_ne!(refusal(check_sampler(&format!("cluster-thesis:{words}"))), "", "{words}");
+    }
+    for words in
+        ["by=guess", "pilot=1", "rounds=65", "pool=sea", "prior=-1", "gain=2", "edge=0", "normals=0", "policy=maybe"]
+    {
+        assert_ne!(refusal(check_sampler(&format!("cluster:{words}"))), "", "{words}");
+    }
+    for words in ["outside=2", "hits=0", "hits=9", "alpha=0", "radius=-1", "k=NaN", "order=random"] {
+        assert_ne!(refusal(check_filter(&format!("cluster-gaussian:{words}"))), "", "{words}");
+    }
+    assert!(check_sampler("cluster-thesis").is_ok() && check_filter("cluster-gaussian").is_ok());
+    let made = sampler("cluster-thesis", points("sobol", SETTING).unwrap_or_else(|e| panic!("{e}")), &Stage::empty());
+    assert!(refusal(made).contains("world"));
+}
+
+/// Every choice of the cluster sampler renders, to the exact budget.
+#[test]
+fn every_cluster_choice_renders() {
+    let scene = bundled::files("cornell").expect("bundled").read().unwrap_or_else(|e| panic!("{e}"));
+    let world = Arc::new(World::with_resolution(&scene, [9, 7]).unwrap_or_else(|e| panic!("{e}")));
+    let stage = Stage::new(world.clone());
+    let clusters = ["insertion=box,order=input", "insertion=centroid,grouping=connected,order=canonical,sides=2"];
+    for size in ["box", "triangles", "screen", "hits"] {
+        for (pixel, map) in [("one", "identity"), ("footprint", "root"), ("one", "log")] {
+            for (probes, clusters) in ["centre", "3"].into_iter().zip(clusters) {
+                let words = format!("cluster-thesis:size={size},pixel={pixel},map={map},probes={probes},{clusters}");
+                let points = points("sobol", SETTING).unwrap_or_else(|e| panic!("{e}"));
+                let mut sampler = sampler(&words, points, &stage).unwrap_or_else(|e| panic!("{words}: {e}"));
+                let frame = dapple_core::Frame::new(9, 7).expect("not empty");
+                let film = dapple_core::Render::new(frame, &dapple_core::Limits::samples(63 * 8))
+                    .run(&mut *dapple_renderer::integrator(&world), &mut *sampler);
+                let counts = film.unwrap_or_else(|e| panic!("{words}: {e}")).counts();
+                assert_eq!(counts.iter().sum::<u64>(), 63 * 8, "{words}");
+                assert_ne!(counts.iter().min(), counts.iter().max(), "{words} tells nothing apart");
+            }
+        }
+    }
+    assert_eq!(stage.probe_cost().rays, 63 * 12 * (1 + 3));
+    assert_eq!(stage.rejected_probes(), 0);
+}
+
+/// One set of clusters serves the sampler, the filter and the map.
+#[test]
+fn clusters_are_made_once() {
+    let stage = stage();
+    let points = points("sobol", SETTING).unwrap_or_else(|e| panic!("{e}"));
+    sampler("cluster-thesis", points, &stage).unwrap_or_else(|e| panic!("{e}"));
+    filter("cluster-gaussian", &stage).unwrap_or_else(|e| panic!("{e}"));
+    let first = stage.first_clusters().expect("clusters were made");
+    let again = stage.clusters("test", &dapple_clustering::Params::published()).unwrap_or_else(|e| panic!("{e}"));
+    assert!(Arc::ptr_eq(&first, &again));
+}

@@ -1,0 +1,273 @@
+//! Files under faults at every call, and damaged ones (HARD_CASES X02, X03, X08).
+
+use dapple_job::checkpoint::{Contents, Damage, Disk, Error, FileSystem, Generation, Identity, Kind, Store};
+use std::fs::File;
+use std::io::{self, ErrorKind, Write};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+fn contents(body: impl Into<Vec<u8>>) -> Contents {
+    let identity = Identity::new([("scene", "teapot"), ("seed", "7")]);
+    Contents { kind: Kind::Checkpoint, identity, body: body.into() }
+}
+
+/// Longer than a piece, so that several writes make a file.
+fn body(generation: u8) -> Vec<u8> {
+    (0..(1_u32 << 20) + 99).map(|i| (i as u8).wrapping_mul(31) ^ generation).collect()
+}
+
+/// How a call fails.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Fault {
+    /// Nothing happens.
+    Refused,
+    /// A write gets half of its bytes to the disk, which is full then; other calls are refused.
+    Full,
+    /// The call is done, the process is gone: all later calls fail.
+    KilledAfter,
+    /// Half of a write, or nothing, is done, and the process is gone.
+    KilledWithin,
+}
+
+/// A disk that fails at its `at`-th call.
+struct Faulty {
+    at: usize,
+    fault: Fault,
+    calls: Arc<AtomicUsize>,
+    links: bool,
+}
+
+impl Faulty {
+    /// `Ok(true)` if a call goes on as usual, `Ok(false)` if it is done half.
+    fn next(&self) -> io::Result<bool> {
+        let call = self.calls.fetch_add(1, Ordering::Relaxed);
+        let gone = || Err(io::Error::other("the process is gone"));
+        match (call.cmp(&self.at), self.fault) {
+            (std::cmp::Ordering::Less, _) => Ok(true),
+            (std::cmp::Ordering::Equal, Fault::Refused) => Err(ErrorKind::PermissionDenied.into()),
+            (std::cmp::Ordering::Equal, Fault::Full | Fault::KilledWithin) => Ok(false),
+            (std::cmp::Ordering::Equal, Fault::KilledAfter) => Ok(true),
+            (std::cmp::Ordering::Greater, Fault::KilledAfter | Fault::KilledWithin) => gone(),
+            (std::cmp::Ordering::Greater, _) => Ok(true),
+        }
+    }
+
+    fn whole<T>(&self, call: impl FnOnce() -> io::Result<T>) -> io::Result<T> {
+        if self.next()? { call() } else { Err(ErrorKind::StorageFull.into()) }
+    }
+}
+
+impl FileSystem for Faulty {
+    fn create(&self, path: &Path) -> io::Result<File> {
+        self.whole(|| Disk.create(path))
+    }
+
+    fn write(&self, file: &mut File, bytes: &[u8]) -> io::Result<()> {
+        if self.next()? {
+            return Disk.write(file, bytes);
+        }
+        file.write_all(&bytes[..bytes.len() / 2])?;
+        Err(ErrorKind::StorageFull.into())
+    }
+
+    fn sync(&self, file: &File) -> io::Result<()> {
+        self.whole(|| Disk.sync(file))
+    }
+
+    fn link(&self, from: &Path, to: &Path) -> io::Result<()> {
+        self.whole(|| if self.links { Disk.link(from, to) } else { Err(ErrorKind::Unsupported.into()) })
+    }
+
+    fn rename(&self, from: &Path, to: &Path) -> io::Result<()> {
+        self.whole(|| Disk.rename(from, to))
+    }
+
+    fn remove(&self, path: &Path) -> io::Result<()> {
+        self.whole(|| Disk.remove(path))
+    }
+
+    fn sync_folder(&self, folder: &Path) -> io::Result<()> {
+        self.whole(|| Disk.sync_folder(folder))
+    }
+}
+
+/// Saves the third of three generations with a fault; gives what is found afterwards, what was said, and the calls.
+fn third(at: usize, fault: Fault, links: bool) -> (Vec<u8>, Result<(), Error>, usize) {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.checkpoint");
+    for generation in [1, 2] {
+        Store::lock(&path).unwrap().save(&contents(body(generation))).unwrap();
+    }
+    let calls = Arc::new(AtomicUsize::new(0));
+    let store = Store::lock_on(&path, Box::new(Faulty { at, fault, calls: calls.clone(), links })).unwrap();
+    let outcome = store.save(&contents(body(3)));
+    let calls = calls.load(Ordering::Relaxed);
+    let found = Store::read(&path, Kind::Checkpoint).unwrap().contents.body;
+    drop(store);
+    // Whatever was left behind, the next sitting writes on.
+    let store = Store::lock(&path).unwrap();
+    store.save(&contents(body(4))).unwrap();
+    assert!(Store::read(&path, Kind::Checkpoint).unwrap().contents.body == body(4));
+    let left: Vec<PathBuf> = std::fs::read_dir(folder.path()).unwrap().map(|e| e.unwrap().path()).collect();
+    assert!(left.len() <= 3, "{left:?}");
+    (found, outcome, calls)
+}
+
+#[test]
+fn x02_a_fault_at_every_call_leaves_a_whole_file() {
+    for links in [true, false] {
+        let (found, outcome, calls) = third(usize::MAX, Fault::Refused, links);
+        assert!(outcome.is_ok() && found == body(3));
+        assert!((8..14).contains(&calls), "{calls} calls");
+        for at in 0..calls {
+            for fault in [Fault::Refused, Fault::Full, Fault::KilledAfter, Fault::KilledWithin] {
+                let (found, outcome, _) = third(at, fault, links);
+                let case = format!("{fault:?} at call {at} of {calls}, links {links}: {outcome:?}");
+                assert!(found == body(2) || found == body(3), "{case}");
+                match &outcome {
+                    // Refused links are no error: there is another way.
+                    Ok(()) => assert!(found == body(3), "{case}"),
+                    Err(e @ Error::Write { .. }) => {
+                        let said = e.to_string();
+                        assert!(said.contains("a.checkpoint: cannot ") && said.contains("is as it was"), "{said}");
+                        let last = said.contains("flush its folder");
+                        assert_eq!(found == body(3), last, "{case}");
+                    }
+                    Err(other) => panic!("{case}: {other}"),
+                }
+            }
+        }
+    }
+}
+
+/// The control: a naive writer, in place, is caught by the same faults.
+#[test]
+fn x02_writing_in_place_would_not_pass() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.checkpoint");
+    std::fs::write(&path, contents(body(2)).to_bytes().unwrap()).unwrap();
+    let faulty = Faulty { at: 1, fault: Fault::KilledWithin, calls: Arc::default(), links: true };
+    let mut file = faulty.create(&path).unwrap();
+    faulty.write(&mut file, &contents(body(3)).to_bytes().unwrap()).unwrap_err();
+    assert!(matches!(Store::read(&path, Kind::Checkpoint), Err(Error::Damaged { .. })));
+}
+
+/// SplitMix64's finaliser.
+fn mix(x: u64) -> u64 {
+    let x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    let x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    x ^ (x >> 31)
+}
+
+#[test]
+fn x03_damage_is_found_and_the_previous_generation_used() {
+    let bytes = contents([1, 2, 3, 4, 5, 6, 7, 8, 9]).to_bytes().unwrap();
+    let damage = |bytes: &[u8]| Contents::from_bytes(bytes.to_vec()).unwrap_err();
+    assert_eq!(Contents::from_bytes(bytes.clone()).unwrap(), contents([1, 2, 3, 4, 5, 6, 7, 8, 9]));
+    for bit in 0..8 * bytes.len() {
+        let mut bytes = bytes.clone();
+        bytes[bit / 8] ^= 1 << (bit % 8);
+        damage(&bytes);
+    }
+    for length in 0..bytes.len() {
+        assert!(matches!(damage(&bytes[..length]), Damage::Short | Damage::Checksum), "{length}");
+    }
+    assert_eq!(damage(&[]), Damage::Short);
+    assert_eq!(damage(b"PK\x03\x04 something else"), Damage::Foreign);
+    let mut old = bytes.clone();
+    old[8] = 0;
+    assert_eq!(damage(&old), Damage::Version);
+    // 10^4 bit flips, one or several, in a large one.
+    let large = contents(body(1)).to_bytes().unwrap();
+    for k in 0..10_000_u64 {
+        let mut state = mix(k + 1);
+        // As a flip far apart costs the same to find, only some are tried on the whole file.
+        let small = k % 50 != 0;
+        let mut flipped = if small { bytes.clone() } else { large.clone() };
+        for _ in 0..=k % 3 {
+            state = mix(state + 1);
+            let bit = state as usize % (8 * flipped.len());
+            flipped[bit / 8] ^= 1 << (bit % 8);
+        }
+        if flipped != if small { &bytes[..] } else { &large[..] } {
+            damage(&flipped);
+        }
+    }
+
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a");
+    let store = Store::lock(&path).unwrap();
+    store.save(&contents(body(1))).unwrap();
+    store.save(&contents(body(2))).unwrap();
+    let newest = std::fs::read(&path).unwrap();
+    for broken in [&newest[..newest.len() / 2], &[], b"something else"] {
+        std::fs::write(&path, broken).unwrap();
+        let found = Store::read(&path, Kind::Checkpoint).unwrap();
+        assert!(found.generation == Generation::Previous && found.contents.body == body(1));
+        assert!(found.trouble.unwrap().to_string().contains("/a: it is "));
+    }
+    std::fs::write(folder.path().join("a.previous"), b"dapple").unwrap();
+    let said = Store::read(&path, Kind::Checkpoint).unwrap_err().to_string();
+    assert!(
+        said.contains("a: it is no file of Dapple's; and ") && said.contains("a.previous: it is cut short"),
+        "{said}"
+    );
+    let said = Store::read(&folder.path().join("b"), Kind::Checkpoint).unwrap_err().to_string();
+    assert!(said.ends_with("b: there is no such checkpoint"), "{said}");
+}
+
+#[test]
+fn x03_nonsense_with_a_right_checksum() {
+    let bytes = contents([7; 30]).to_bytes().unwrap();
+    let signed = |mut bytes: Vec<u8>| {
+        let sum = crc32(&bytes);
+        bytes.extend(sum.to_le_bytes());
+        bytes
+    };
+    for at in 8..bytes.len() - 4 - 30 {
+        for value in [0, 1, 0x7f, 0xff] {
+            let mut bytes = bytes[..bytes.len() - 4].to_vec();
+            if std::mem::replace(&mut bytes[at], value) != value {
+                // Names and values may be other ones; all the rest must be seen.
+                let _ = Contents::from_bytes(signed(bytes));
+            }
+        }
+    }
+    let mut many = bytes[..16].to_vec();
+    many.extend(u32::MAX.to_le_bytes());
+    assert_eq!(Contents::from_bytes(signed(many)), Err(Damage::Nonsense));
+}
+
+/// CRC-32 bit by bit, after IEEE 802.3: what the crate's must be.
+fn crc32(bytes: &[u8]) -> u32 {
+    let step = |crc: u32, _| if crc & 1 == 1 { (crc >> 1) ^ 0xedb8_8320 } else { crc >> 1 };
+    !bytes.iter().fold(!0, |crc, byte| (0..8).fold(crc ^ u32::from(*byte), step))
+}
+
+#[test]
+fn x04_what_differs_is_listed() {
+    let here = Identity::new([("scene", "teapot"), ("seed", "4"), ("depth", "5")]);
+    let there = Identity::new([("scene", "teapot"), ("seed", "3"), ("lens", "wide")]);
+    let expected = ["seed: 3 there, 4 here", "depth: nothing there, 5 here", "lens: wide there, nothing here"];
+    assert_eq!(here.differences(&there), expected);
+    assert!(here.differences(&here).is_empty());
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a");
+    Store::lock(&path).unwrap().save(&contents([])).unwrap();
+    let said = Store::read(&path, Kind::Shard).unwrap_err().to_string();
+    assert!(said.contains("of another kind"), "{said}");
+}
+
+#[test]
+fn x08_two_writers() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a");
+    let first = Store::lock(&path).unwrap();
+    let Err(refused) = Store::lock(&path) else { panic!("two writers") };
+    assert!(refused.to_string().contains("another process is writing to it"), "{refused}");
+    drop(first);
+    assert!(Store::lock(&path).is_ok());
+    assert!(matches!(Store::lock(folder.path()), Err(Error::Write { .. })));
+    assert!(matches!(Store::lock(&folder.path().join("missing/a")), Err(Error::Write { .. })));
+}

@@ -1,0 +1,136 @@
+//! Dapple's own scenes, made by the code in this module and by nothing else.
+//!
+//! Each is a pbrt-v4 scene file with the meshes and images it names, held in memory, so that the
+//! program can render one with no file on disk. `cargo run --example generate_scenes` writes them to
+//! `examples/scenes`; a test holds those files to the bytes made here.
+//!
+//! | name | what it is | what it calls for |
+//! |---|---|---|
+//! | `teapot` | Newell's teapot in gold on a glossy tiled floor, in a studio | environment, rough metal, coat, image texture |
+//! | `terrain` | fractal mountains about a river plain under sun and sky | 2^17 triangles, soft shadows, coat, environment |
+//! | `cornell` | the Cornell box | interreflection, one area light |
+//! | `furnace` | the inside of a glowing sphere; the answer is known | interreflection, spheres |
+//! | `plates` | four rough metal plates under four sphere lights | multiple importance sampling, checkerboard |
+//! | `lens` | a row of balls, one in focus, before far lamps | depth of field, many lights |
+//! | `motion` | a mill that turns, a ball that rolls, dice that fall | motion blur, instances |
+//! | `glass` | balls of glass, dye and mist, a pane, a twig | refraction, media, alpha, instances |
+//! | `room` | two rooms and eight small lamps that few places see | many local lights, interreflection, coat |
+//! | `grass` | a meadow of 27,000 blades under a lamp and the sky | geometry below a pixel, instances |
+//!
+//! Bytes are the same on every machine: what decides them uses only `+ - * /` and `sqrt` on `f64`, which
+//! IEEE 754 rounds in one way, and Rust neither fuses nor reorders them.
+//!
+//! Departures from pbrt-v4: environment maps are latitude-longitude images (z up; see
+//! [`EnvironmentRadiance::LatLong`](crate::EnvironmentRadiance::LatLong)), where pbrt-v4 itself
+//! wants equal-area squares.
+//!
+//! ```
+//! use dapple_scene::bundled;
+//!
+//! let bundle = bundled::files(bundled::DEFAULT).expect("the default scene is bundled");
+//! let text = bundle.file(&bundle.main).expect("its main file is in the bundle");
+//! assert!(text.starts_with(b"# "));
+//! let scene = bundle.read().expect("it can be read");
+//! assert_eq!(scene.name, "teapot");
+//! ```
+
+mod cornell;
+pub(crate) mod directions;
+mod furnace;
+mod glass;
+mod grass;
+mod images;
+mod lens;
+mod mesh;
+mod motion;
+mod noise;
+mod plates;
+mod room;
+mod teapot;
+mod terrain;
+#[cfg(test)]
+mod tests;
+
+use crate::Scene;
+use crate::files::Files;
+use crate::pbrt::{ReadError, ReadOptions, read_scene_from};
+use std::io;
+use std::path::Path;
+
+/// The scene to render when nobody names one.
+pub const DEFAULT: &str = "teapot";
+
+/// A scene with every file that it needs.
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct Bundle {
+    /// The bundled scene's name.
+    pub name: &'static str,
+    /// Name of the scene file among [`files`](Self::files).
+    pub main: String,
+    /// Each file's name, relative to the scene file's folder, and its bytes; the scene file comes first.
+    pub files: Vec<(String, Vec<u8>)>,
+}
+
+impl Bundle {
+    /// The bytes of the file called `name`, if the bundle has one.
+    pub fn file(&self, name: &str) -> Option<&[u8]> {
+        self.files.iter().find(|(file, _)| file == name).map(|(_, bytes)| bytes.as_slice())
+    }
+
+    /// Reads the scene, from memory, and gives it the bundle's name.
+    ///
+    /// # Errors
+    /// None for a bundle as [`files`] made it.
+    pub fn read(&self) -> Result<Scene, ReadError> {
+        let mut scene = read_scene_from(self, &self.main, &ReadOptions::default())?;
+        self.name.clone_into(&mut scene.name);
+        Ok(scene)
+    }
+}
+
+impl Files for Bundle {
+    fn read(&self, path: &Path) -> io::Result<Vec<u8>> {
+        let found = path.to_str().and_then(|name| self.file(name));
+        found.map(<[u8]>::to_vec).ok_or_else(|| io::Error::new(io::ErrorKind::NotFound, "not in the bundle"))
+    }
+}
+
+/// The files of a scene beside its text.
+type Assets = Vec<(String, Vec<u8>)>;
+
+const NAMES: [&str; 10] =
+    ["teapot", "terrain", "cornell", "furnace", "plates", "lens", "motion", "glass", "room", "grass"];
+
+/// The names of the bundled scenes, [`DEFAULT`] first.
+pub fn names() -> &'static [&'static str] {
+    &NAMES
+}
+
+/// Makes the bundled scene called `name`; `None` if there is none. Equal bytes on each call and machine.
+pub fn files(name: &str) -> Option<Bundle> {
+    let name = NAMES.into_iter().find(|known| *known == name)?;
+    let (text, mut files): (String, Assets) = match name {
+        "teapot" => teapot::scene(),
+        "terrain" => terrain::scene(),
+        "cornell" => (cornell::scene(), Assets::new()),
+        "furnace" => (furnace::scene(), Assets::new()),
+        "plates" => (plates::scene(), Assets::new()),
+        "lens" => (lens::scene(), Assets::new()),
+        "motion" => (motion::scene(), Assets::new()),
+        "room" => (room::scene(), Assets::new()),
+        "grass" => (grass::scene(), Assets::new()),
+        _ => glass::scene(),
+    };
+    let main = "scene.pbrt".to_owned();
+    files.insert(0, (main.clone(), text.into_bytes()));
+    Some(Bundle { name, main, files })
+}
+
+/// The lines that every scene file begins with: `what` it is and how it was made, then its licence.
+fn opening(what: &str) -> String {
+    let mut text: String = what.lines().map(|line| format!("# {line}").trim_end().to_owned() + "\n").collect();
+    text += "# Generated by Dapple (crates/scene/src/bundled); change the generator, not this file.\n";
+    text += "# Made by the Dapple developers. Licence: MIT OR Apache-2.0.\n\n";
+    text
+}

@@ -1,0 +1,86 @@
+//! A scene as its file describes it: plain data, nothing built, every object with its line.
+//!
+//! Readers make it, [`Effects::of`](crate::Effects) walks it once, and
+//! [`World`](crate::World) builds what rays need from it.
+
+mod camera;
+pub(crate) mod lamp;
+mod light;
+mod material;
+mod medium;
+mod shape;
+mod texture_mean;
+mod without;
+
+pub use camera::{Camera, FilmSettings, PixelFilter, Projection};
+pub use light::{EnvironmentRadiance, Light, LightKind, SpotFalloff};
+pub use material::{
+    Coating, Color, ConductorFresnel, Material, MaterialId, MaterialKind, Roughness, SMOOTH_ALPHA, Scalar, Texture,
+    TextureId, TextureKind, Wrap, effectively_smooth, roughness_to_alpha,
+};
+pub use medium::{Medium, MediumId, MediumInterface};
+pub use shape::{Emission, Geometry, Instance, MeshData, MeshFault, Object, ObjectId, Shape};
+pub use without::{Albedo, WithoutError};
+
+use std::fmt;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+/// Where in a file something was said.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Source {
+    /// The file, as it was named.
+    pub file: Arc<PathBuf>,
+    /// The line, from 1; 0 where there is none (made by a program).
+    pub line: u32,
+}
+
+impl fmt::Display for Source {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.line {
+            0 => write!(f, "{}", self.file.display()),
+            line => write!(f, "{}:{line}", self.file.display()),
+        }
+    }
+}
+
+/// Something the reader did otherwise than the file says, or thinks worth saying.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Notice {
+    /// Where.
+    pub source: Source,
+    /// What, as one sentence.
+    pub message: String,
+}
+
+/// Everything a scene file says. All lengths are the file's; transforms lead to its world space.
+#[derive(Clone, Debug, Default)]
+pub struct Scene {
+    /// The file's stem, or the bundled scene's name.
+    pub name: String,
+    /// The camera.
+    pub camera: Camera,
+    /// Resolution, window and pixel filter.
+    pub film: FilmSettings,
+    /// Most scattering events between camera and light, as pbrt-v4 counts; `None` is unlimited.
+    pub max_depth: Option<u32>,
+    /// Shapes that stand in the world by themselves, in the file's order.
+    pub shapes: Vec<Shape>,
+    /// Groups of shapes that stand in the world only through [`Scene::instances`].
+    pub objects: Vec<Object>,
+    /// Where objects stand: as often as wanted, one object in memory.
+    pub instances: Vec<Instance>,
+    /// Materials; shapes refer to them by number.
+    pub materials: Vec<Material>,
+    /// Textures; materials refer to them by number.
+    pub textures: Vec<Texture>,
+    /// Lights that are no shapes.
+    pub lights: Vec<Light>,
+    /// What fills space; shapes and the camera refer to them by number.
+    pub media: Vec<Medium>,
+    /// The times at which what moves stands at `to_world` and at `moves_to`; before and after, it stands still.
+    /// `[0, 0]` (no time in between) means the same as `[0, 1]`.
+    pub motion_times: [f64; 2],
+    /// What was read otherwise than written: advice not followed, warnings.
+    pub notices: Vec<Notice>,
+}

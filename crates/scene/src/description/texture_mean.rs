@@ -1,0 +1,81 @@
+//! The mean of a texture.
+
+use super::{Color, Scalar, Texture, TextureId, TextureKind};
+use glam::{DVec3, Vec3};
+
+/// Deepest nesting of textures within textures; deeper ones are black.
+const DEEPEST: u32 = 8;
+
+/// The mean color of a texture over the unit square of texture coordinates.
+///
+/// A checkerboard's is half of each color, a product's the product of the means, a mix' the mix of the means. An image is
+/// averaged over all its pixels. An unknown number is black.
+pub(crate) fn texture_mean(textures: &[Texture], id: TextureId) -> [f32; 3] {
+    mean_within(textures, id, DEEPEST).to_array()
+}
+
+fn mean_within(textures: &[Texture], id: TextureId, depth: u32) -> Vec3 {
+    let Some(texture) = textures.get(id.0 as usize).filter(|_| depth > 0) else { return Vec3::ZERO };
+    let color = |color: &Color| match color {
+        Color::Constant(rgb) => Vec3::from_array(*rgb),
+        Color::Texture(id) => mean_within(textures, *id, depth - 1),
+    };
+    match &texture.kind {
+        TextureKind::Checkerboard { colors: [a, b], .. } => 0.5 * (color(a) + color(b)),
+        TextureKind::Image { image, factor, invert, .. } => {
+            let sum = |sum: DVec3, pixel: &[f32; 3]| {
+                let value = Vec3::from_array(*pixel) * *factor;
+                sum + if *invert { (Vec3::ONE - value).max(Vec3::ZERO) } else { value }.as_dvec3()
+            };
+            let sum = image.pixels.iter().fold(DVec3::ZERO, sum);
+            (sum / image.pixels.len().max(1) as f64).as_vec3()
+        }
+        TextureKind::Product { factors: [a, b] } => color(a) * color(b),
+        TextureKind::Mix { colors: [a, b], amount } => {
+            let amount = match amount {
+                Scalar::Constant(amount) => *amount,
+                Scalar::Texture(id) => mean_within(textures, *id, depth - 1).x,
+            };
+            color(a).lerp(color(b), amount)
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::image::Image;
+    use crate::{Source, Wrap};
+    use std::sync::Arc;
+
+    #[test]
+    fn means_of_nested_textures() {
+        // Top row 0.1 0.2, bottom row 0.3 0.4.
+        let pixels = [0.1, 0.2, 0.3, 0.4].map(|v| [v, 2.0 * v, 0.0]).to_vec();
+        let image = Arc::new(Image::new([2, 2], pixels).expect("four pixels"));
+        let image = |wrap| TextureKind::Image {
+            image: image.clone(),
+            scale: [1.0; 2],
+            shift: [0.0; 2],
+            factor: 1.0,
+            invert: false,
+            wrap,
+        };
+        let (half, dot) = (Color::Constant([0.5; 3]), Color::Texture(TextureId(0)));
+        let checks =
+            TextureKind::Checkerboard { scale: [1.0; 2], shift: [0.0; 2], colors: [half, Color::Constant([0.1; 3])] };
+        let kinds = [
+            image(Wrap::Clamp),
+            image(Wrap::Black),
+            TextureKind::Product { factors: [half, dot] },
+            TextureKind::Mix { colors: [half, dot], amount: Scalar::Texture(TextureId(0)) },
+            checks,
+        ];
+        let texture = |kind| Texture { name: String::new(), kind, source: Source::default() };
+        let textures: Vec<Texture> = kinds.into_iter().map(texture).collect();
+        let means = [0.25, 0.25, 0.125, 0.4375, 0.3];
+        for (id, mean) in means.into_iter().enumerate() {
+            assert!((texture_mean(&textures, TextureId(id as u32))[0] - mean).abs() < 1e-6, "{id}");
+        }
+    }
+}

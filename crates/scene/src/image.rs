@@ -1,0 +1,155 @@
+//! Images and image files.
+//!
+//! [`read_image`] turns the bytes of a PNG, JPEG, TGA, Radiance HDR, OpenEXR or PFM file into a
+//! [`Image`]: linear RGB, top row first. It takes bytes, not a path, so that whoever reads a scene
+//! decides where files may come from. Headers are not believed: nothing out of proportion to the file is
+//! allocated, and a cut file is an error.
+//!
+//! [`encode_exr`], [`encode_pfm`] and [`encode_png`] turn images into the bytes of files, and [`write_file`]
+//! puts bytes on the disk, all or nothing; a program asks [`check_writable`] before it starts what takes long.
+//! The same image gives the same bytes, on every machine and for any number of threads.
+//!
+//! ```
+//! use dapple_scene::image::{Encoding, Format, Layer, Image, encode_exr, read_image, write_file};
+//! # let folder = tempfile::tempdir()?;
+//! # let path = folder.path().join("image.exr");
+//! assert_eq!(Format::from_path(&path)?, Format::Exr);
+//! let image = Image::filled([4, 3], [0.5, 1.0, 2.0])?;
+//! let counts = Layer { name: "count".into(), channels: vec![("Y", vec![16_u32; 12].into())] };
+//! let layers = [Layer::of_image("", &image), counts];
+//! let made = [("dapple:sampler".to_owned(), "uniform".to_owned())];
+//! write_file(&path, &encode_exr(image.size, &layers, &made)?.bytes)?;
+//! assert_eq!(read_image(&std::fs::read(&path)?, "image.exr", Encoding::Auto)?, image);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+
+mod error;
+mod expand;
+mod exr_write;
+mod file;
+mod openexr;
+mod pfm;
+mod png;
+mod read;
+mod srgb;
+#[cfg(test)]
+#[allow(clippy::print_stderr)]
+mod tests;
+
+pub use error::ImageError;
+pub use exr_write::{EncodedExr, Layer, encode_exr, rows_at_a_time};
+pub use file::{Format, check_writable, write_file};
+pub use openexr::{Channels, Plane, read_attributes, read_channels};
+pub use pfm::encode_pfm;
+pub use png::{encode_png, encode_png_gray, encode_png_rgb};
+pub use read::{Encoding, read_image};
+pub use srgb::{srgb_decode, srgb_encode};
+
+/// An image in memory: linear RGB, row by row from the top.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Image {
+    /// Width and height.
+    pub size: [u32; 2],
+    /// `size[0] * size[1]` pixels.
+    pub pixels: Vec<[f32; 3]>,
+    /// How opaque each pixel is, 0 to 1, in the same order; empty where all of them are opaque. Colours are as
+    /// the file has them: OpenEXR's are multiplied by it already, those of PNG and TGA are not.
+    pub alpha: Vec<f32>,
+}
+
+/// What [`Image::non_finite`] found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct NonFinite {
+    /// How many pixels have a NaN or an infinity in any channel; at least 1.
+    pub count: u64,
+    /// Column and row of the first of them, reading order.
+    pub first: [u32; 2],
+}
+
+impl Image {
+    /// An image from its pixels, top row first.
+    ///
+    /// # Errors
+    /// [`ImageError::Empty`] where a side is 0, [`ImageError::PixelCount`] where `pixels` is not as long as
+    /// `size` says.
+    pub fn new(size: [u32; 2], pixels: Vec<[f32; 3]>) -> Result<Self, ImageError> {
+        check_count(size, pixels.len())?;
+        Ok(Self { size, pixels, alpha: Vec::new() })
+    }
+
+    /// The same image with this opacity: clamped to 0..=1, NaN becomes 1; kept only where a pixel is not opaque.
+    ///
+    /// # Errors
+    /// [`ImageError::PixelCount`] where there is not one value for each pixel.
+    pub fn with_alpha(mut self, mut alpha: Vec<f32>) -> Result<Self, ImageError> {
+        check_count(self.size, alpha.len())?;
+        alpha.iter_mut().for_each(|a| *a = if a.is_nan() { 1.0 } else { a.clamp(0.0, 1.0) });
+        self.alpha = if alpha.iter().all(|&a| a == 1.0) { Vec::new() } else { alpha };
+        Ok(self)
+    }
+
+    /// An image of one colour; `size` is the caller's to choose with the memory in mind.
+    ///
+    /// # Errors
+    /// [`ImageError::Empty`] where a side is 0.
+    pub fn filled(size: [u32; 2], color: [f32; 3]) -> Result<Self, ImageError> {
+        check_size(size)?;
+        Ok(Self { size, pixels: vec![color; size[0] as usize * size[1] as usize], alpha: Vec::new() })
+    }
+
+    /// Pixels per row.
+    pub fn width(&self) -> usize {
+        self.size[0] as usize
+    }
+
+    /// Rows.
+    pub fn height(&self) -> usize {
+        self.size[1] as usize
+    }
+
+    /// The pixel in column `x` of row `y`, row 0 being the top one.
+    ///
+    /// # Panics
+    /// Outside the image, as a slice does.
+    pub fn pixel(&self, x: usize, y: usize) -> [f32; 3] {
+        self.row(y)[x]
+    }
+
+    /// Row `y` from the left, row 0 being the top one.
+    ///
+    /// # Panics
+    /// Outside the image, as a slice does.
+    pub fn row(&self, y: usize) -> &[[f32; 3]] {
+        &self.pixels[y * self.width()..(y + 1) * self.width()]
+    }
+
+    /// NaNs and infinities, if there are any. Files may hold them; what cannot bear them (a light, a
+    /// reference) asks here and refuses.
+    pub fn non_finite(&self) -> Option<NonFinite> {
+        let bad = |p: &[f32; 3]| !p.iter().all(|c| c.is_finite());
+        let first = self.pixels.iter().position(bad)?;
+        let count = self.pixels[first..].iter().filter(|p| bad(p)).count() as u64;
+        Some(NonFinite { count, first: [(first % self.width()) as u32, (first / self.width()) as u32] })
+    }
+
+    /// The image, if all of it is finite; `file_name` is for the message.
+    ///
+    /// # Errors
+    /// [`ImageError::NotFinite`].
+    pub fn checked_finite(self, file_name: &str) -> Result<Self, ImageError> {
+        match self.non_finite() {
+            None => Ok(self),
+            Some(NonFinite { count, first }) => Err(ImageError::NotFinite { file: file_name.to_owned(), count, first }),
+        }
+    }
+}
+
+fn check_size(size: [u32; 2]) -> Result<(), ImageError> {
+    if size.contains(&0) { Err(ImageError::Empty { size }) } else { Ok(()) }
+}
+
+fn check_count(size: [u32; 2], found: usize) -> Result<(), ImageError> {
+    check_size(size)?;
+    let expected = u64::from(size[0]) * u64::from(size[1]);
+    if expected == found as u64 { Ok(()) } else { Err(ImageError::PixelCount { size, found }) }
+}

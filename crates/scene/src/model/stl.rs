@@ -1,0 +1,182 @@
+//! Meshes from STL files, binary and text, through `stl_io`.
+//!
+//! What that crate leaves open is decided here: which of the two a file is (binary ones may begin with `solid`
+//! too), files of several solids, capital letters, where a mistake is, and whether numbers are finite.
+
+use crate::{MeshData, MeshFault};
+use glam::DVec3;
+use std::collections::HashMap;
+use std::io::Cursor;
+
+/// A mesh that was read.
+#[derive(Clone, Debug)]
+pub struct StlMesh {
+    /// The mesh, without normals: its facets are flat. Corners that agree to the bit are one vertex.
+    pub data: MeshData,
+    /// What makes one doubt that the file is right, if anything does.
+    pub doubt: Option<String>,
+}
+
+/// Why an STL file is refused. Facets count from 0, lines from 1.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum StlError {
+    /// Neither kind of STL.
+    #[error("{bytes} bytes that do not begin with `solid` are no STL file: a binary one has 84 or more")]
+    Foreign {
+        /// The file's length.
+        bytes: usize,
+    },
+    /// The file cannot hold what its header promises.
+    #[error(
+        "the header promises {count} facets, and only {bytes} bytes follow where each takes 50: the file is cut off or damaged"
+    )]
+    TooShort {
+        /// How many are promised.
+        count: u32,
+        /// How many bytes are left.
+        bytes: usize,
+    },
+    /// A facet of a binary file that is no triangle.
+    #[error("facet {facet}: a corner is not finite: mend the mesh")]
+    Facet {
+        /// Its number.
+        facet: usize,
+    },
+    /// A line of a text file.
+    #[error("line {line}: {what}")]
+    Line {
+        /// Its number.
+        line: u32,
+        /// What is wrong and what to do.
+        what: String,
+    },
+    /// The mesh itself is wrong.
+    #[error(transparent)]
+    Mesh(#[from] MeshFault),
+}
+
+/// Length of a binary file's header: 80 bytes of text, and the number of facets.
+const HEADER: usize = 84;
+/// Length of a binary facet: normal, three corners, two bytes.
+const FACET: usize = 50;
+
+/// Reads a mesh. A file is text if it begins with `solid`, has no NUL byte near its beginning, and is not as
+/// long as a binary file of its number of facets would be.
+///
+/// # Errors
+/// The first thing wrong with the file.
+pub fn read_stl(bytes: &[u8]) -> Result<StlMesh, StlError> {
+    let count = bytes.get(80..HEADER).and_then(<[u8]>::first_chunk).map(|&count| u32::from_le_bytes(count));
+    let promised = count.map(|count| HEADER as u64 + FACET as u64 * u64::from(count));
+    let blanks = bytes.iter().take_while(|b| b.is_ascii_whitespace()).count();
+    let begins = bytes.get(blanks..blanks + 5).is_some_and(|word| word.eq_ignore_ascii_case(b"solid"));
+    if begins && promised != Some(bytes.len() as u64) && !bytes[..bytes.len().min(512)].contains(&0) {
+        return read_text(bytes);
+    }
+    let (Some(count), Some(promised)) = (count, promised) else {
+        return Err(StlError::Foreign { bytes: bytes.len() });
+    };
+    if promised > bytes.len() as u64 {
+        return Err(StlError::TooShort { count, bytes: bytes.len() - HEADER });
+    }
+    let mut data = read_binary(bytes)?;
+    data.check()?;
+    data.positions.shrink_to_fit();
+    let extra = bytes.len() as u64 - promised;
+    let doubt = (extra > 0).then(|| format!("{extra} bytes follow the last of {count} facets and are not read"));
+    Ok(StlMesh { data, doubt })
+}
+
+fn read_binary(bytes: &[u8]) -> Result<MeshData, StlError> {
+    // The crate takes what begins with `solid ` for text.
+    let mut bytes = bytes.to_vec();
+    bytes[0] = 0;
+    let mut file = Cursor::new(bytes);
+    let mut welder = Welder::default();
+    let unreadable = |facet: usize| StlError::Facet { facet };
+    let facets = stl_io::create_stl_reader(&mut file).map_err(|_| unreadable(0))?;
+    for (number, facet) in facets.enumerate() {
+        let corners = facet.map_err(|_| unreadable(number))?.vertices.map(|v| v.0);
+        welder.add(corners).ok_or_else(|| unreadable(number))?;
+    }
+    Ok(welder.mesh)
+}
+
+fn read_text(bytes: &[u8]) -> Result<StlMesh, StlError> {
+    let text = String::from_utf8_lossy(bytes);
+    let mut lines = (1..).zip(text.lines()).map(|(n, line)| (n, line.trim())).filter(|(_, line)| !line.is_empty());
+    let mut welder = Welder::default();
+    while let Some((first, line)) = lines.next() {
+        if !begins_with(line, "solid") {
+            let what = "outside of a solid, only `solid` can follow: the file is damaged";
+            return Err(StlError::Line { line: first, what: what.into() });
+        }
+        // One solid in the words that the crate knows, and where its lines are.
+        let mut solid = String::from("solid \n");
+        let mut numbers = Vec::new();
+        for (number, line) in lines.by_ref() {
+            solid.extend(line.chars().map(|c| c.to_ascii_lowercase()).chain(['\n']));
+            numbers.push(number);
+            if begins_with(line, "endsolid") {
+                break;
+            }
+        }
+        read_solid(solid, first, &numbers, &mut welder)?;
+    }
+    welder.mesh.check()?;
+    Ok(StlMesh { data: welder.mesh, doubt: None })
+}
+
+fn begins_with(line: &str, word: &str) -> bool {
+    line.split_whitespace().next().is_some_and(|first| first.eq_ignore_ascii_case(word))
+}
+
+fn read_solid(text: String, first: u32, lines: &[u32], welder: &mut Welder) -> Result<(), StlError> {
+    /// Lines of a facet: its normal, `outer loop`, three corners, `endloop`, `endfacet`.
+    const LINES: usize = 7;
+    let mut file = Cursor::new(text);
+    let fault = |facet: usize, what: String| {
+        let line = lines.get(facet * LINES).or(lines.last()).copied().unwrap_or(first);
+        StlError::Line { line, what }
+    };
+    let unreadable = |e: std::io::Error, facet: usize| {
+        let reason: String = e.to_string().chars().take(200).collect();
+        fault(facet, format!("the facet that should be here cannot be read ({reason}): the file is cut off or damaged"))
+    };
+    let facets = stl_io::create_stl_reader(&mut file).map_err(|e| unreadable(e, 0))?;
+    for (number, facet) in facets.enumerate() {
+        let corners = facet.map_err(|e| unreadable(e, number))?.vertices.map(|v| v.0);
+        welder
+            .add(corners)
+            .ok_or_else(|| fault(number, "a corner of this facet is not finite: mend the mesh".into()))?;
+    }
+    Ok(())
+}
+
+/// Triangles whose corners become one vertex where they agree.
+#[derive(Default)]
+struct Welder {
+    mesh: MeshData,
+    known: HashMap<[u32; 3], u32>,
+}
+
+impl Welder {
+    /// `None` where a corner is not finite.
+    fn add(&mut self, corners: [[f32; 3]; 3]) -> Option<()> {
+        if !corners.as_flattened().iter().all(|c| c.is_finite()) {
+            return None;
+        }
+        let triangle = corners.map(|corner| {
+            // A sum with 0 has no negative zero.
+            let key = corner.map(|c| (c + 0.0).to_bits());
+            let next = self.mesh.positions.len() as u32;
+            *self.known.entry(key).or_insert_with(|| {
+                self.mesh.positions.push(DVec3::from_array(corner.map(f64::from)));
+                next
+            })
+        });
+        self.mesh.triangles.push(triangle);
+        Some(())
+    }
+}

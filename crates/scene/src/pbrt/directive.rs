@@ -1,0 +1,224 @@
+//! From tokens to directives: a word with its arguments, and where it stands.
+
+use super::params::{Param, read_param};
+use super::report::{Log, suggestion};
+use super::tokens::{Fault, Kind, Token, Tokens, number, shown, unescape};
+use crate::Source;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+/// The arguments that a directive takes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Form {
+    /// Nothing.
+    Bare,
+    /// So many numbers, in brackets or not.
+    Numbers(usize),
+    /// So many quoted strings, at least and at most.
+    Texts(usize, usize),
+    /// So many quoted strings, then parameters.
+    Named(usize),
+    /// An unquoted word.
+    Word,
+}
+
+/// Every directive of pbrt-v4, and those of pbrt-v2 and pbrt-v3 that it no longer has.
+const FORMS: &[(&str, Form)] = &[
+    ("Accelerator", Form::Named(1)),
+    ("ActiveTransform", Form::Word),
+    ("AreaLightSource", Form::Named(1)),
+    ("Attribute", Form::Named(1)),
+    ("AttributeBegin", Form::Bare),
+    ("AttributeEnd", Form::Bare),
+    ("Camera", Form::Named(1)),
+    ("ColorSpace", Form::Texts(1, 1)),
+    ("ConcatTransform", Form::Numbers(16)),
+    ("CoordSysTransform", Form::Texts(1, 1)),
+    ("CoordinateSystem", Form::Texts(1, 1)),
+    ("Film", Form::Named(1)),
+    ("Identity", Form::Bare),
+    ("Import", Form::Texts(1, 1)),
+    ("Include", Form::Texts(1, 1)),
+    ("Integrator", Form::Named(1)),
+    ("LightSource", Form::Named(1)),
+    ("LookAt", Form::Numbers(9)),
+    ("MakeNamedMaterial", Form::Named(1)),
+    ("MakeNamedMedium", Form::Named(1)),
+    ("Material", Form::Named(1)),
+    ("MediumInterface", Form::Texts(1, 2)),
+    ("NamedMaterial", Form::Texts(1, 1)),
+    ("ObjectBegin", Form::Texts(1, 1)),
+    ("ObjectEnd", Form::Bare),
+    ("ObjectInstance", Form::Texts(1, 1)),
+    ("Option", Form::Named(0)),
+    ("PixelFilter", Form::Named(1)),
+    ("Renderer", Form::Named(1)),
+    ("ReverseOrientation", Form::Bare),
+    ("Rotate", Form::Numbers(4)),
+    ("Sampler", Form::Named(1)),
+    ("Scale", Form::Numbers(3)),
+    ("Shape", Form::Named(1)),
+    ("SurfaceIntegrator", Form::Named(1)),
+    ("Texture", Form::Named(3)),
+    ("Transform", Form::Numbers(16)),
+    ("TransformBegin", Form::Bare),
+    ("TransformEnd", Form::Bare),
+    ("TransformTimes", Form::Numbers(2)),
+    ("Translate", Form::Numbers(3)),
+    ("Volume", Form::Named(1)),
+    ("VolumeIntegrator", Form::Named(1)),
+    ("WorldBegin", Form::Bare),
+    ("WorldEnd", Form::Bare),
+];
+
+/// One directive with its arguments.
+#[derive(Debug)]
+pub(super) struct Directive<'t> {
+    pub(super) word: &'t str,
+    pub(super) source: Source,
+    pub(super) numbers: Vec<f64>,
+    pub(super) texts: Vec<String>,
+    pub(super) params: Vec<Param>,
+}
+
+/// Reads directives off a text; reports what is none and goes on behind it.
+pub(super) struct Directives<'t> {
+    tokens: Tokens<'t>,
+    file: Arc<PathBuf>,
+}
+
+impl<'t> Directives<'t> {
+    pub(super) fn new(text: &'t str, file: Arc<PathBuf>) -> Self {
+        Self { tokens: Tokens::new(text), file }
+    }
+
+    /// The last line of the text, once everything is read.
+    pub(super) fn here(&self) -> Source {
+        Source { file: self.file.clone(), line: self.tokens.line() }
+    }
+
+    /// The next directive whose arguments could be read.
+    pub(super) fn next(&mut self, log: &mut Log) -> Option<Directive<'t>> {
+        loop {
+            let result = match self.tokens.next()? {
+                Ok(token) if token.is_name() => self.read(token, log),
+                Ok(token) => Err((token.line, format!("a directive should stand here, not {}", shown(token.text)))),
+                Err(fault) => Err(fault),
+            };
+            match result {
+                Ok(directive) => return Some(directive),
+                Err((line, message)) => {
+                    log.problem(&Source { file: self.file.clone(), line }, message);
+                    self.skip_to_directive();
+                }
+            }
+        }
+    }
+
+    fn skip_to_directive(&mut self) {
+        while let Some(token) = self.tokens.peek() {
+            if token.as_ref().is_ok_and(|t| t.is_name() && form_of(t.text).is_some()) {
+                return;
+            }
+            self.tokens.next();
+        }
+    }
+
+    fn read(&mut self, word: Token<'t>, log: &mut Log) -> Result<Directive<'t>, Fault> {
+        let Some(form) = form_of(word.text) else { return Err((word.line, unknown(word.text))) };
+        let source = Source { file: self.file.clone(), line: word.line };
+        let mut directive =
+            Directive { word: word.text, source, numbers: Vec::new(), texts: Vec::new(), params: Vec::new() };
+        match form {
+            Form::Bare => {}
+            Form::Numbers(count) => directive.numbers = self.read_numbers(word, count)?,
+            Form::Texts(least, most) => directive.texts = self.read_texts(word, least, most)?,
+            Form::Named(count) => {
+                directive.texts = self.read_texts(word, count, count)?;
+                while self.tokens.peek_good().is_some_and(|t| t.kind == Kind::Text) {
+                    directive.params.push(read_param(&mut self.tokens, &self.file, log)?);
+                }
+            }
+            Form::Word => {
+                let token = self.argument(word, "a word")?;
+                directive.texts.push(token.text.to_owned());
+            }
+        }
+        Ok(directive)
+    }
+
+    /// The next token, which belongs to `word`.
+    fn argument(&mut self, word: Token<'t>, wanted: &str) -> Result<Token<'t>, Fault> {
+        match self.tokens.next() {
+            Some(token) => token,
+            None => Err((word.line, format!("the file ends within {}: {wanted} is missing", word.text))),
+        }
+    }
+
+    fn read_numbers(&mut self, word: Token<'t>, count: usize) -> Result<Vec<f64>, Fault> {
+        let bracketed = self.tokens.peek_good().is_some_and(|t| t.kind == Kind::Open);
+        if bracketed {
+            self.tokens.next();
+        }
+        let mut numbers = Vec::with_capacity(count);
+        loop {
+            let full = numbers.len() == count;
+            if full && !bracketed {
+                return Ok(numbers);
+            }
+            let wanted = if full { "]".to_owned() } else { format!("number {} of {count}", numbers.len() + 1) };
+            // A directive in the numbers' place is left to be read.
+            if let Some(token) = self.tokens.peek_good().filter(|t| t.is_name() || t.kind == Kind::Text) {
+                return Err((token.line, format!("{} takes {count} numbers: {wanted} is missing", word.text)));
+            }
+            let token = self.argument(word, &wanted)?;
+            match token.kind {
+                Kind::Close if bracketed && full => return Ok(numbers),
+                Kind::Word if !full => numbers.push(number(&token)?),
+                _ if full => return Err((token.line, format!("{} takes {count} numbers, not more", word.text))),
+                _ => return Err((token.line, format!("{} takes {count} numbers: {wanted} is missing", word.text))),
+            }
+        }
+    }
+
+    fn read_texts(&mut self, word: Token<'t>, least: usize, most: usize) -> Result<Vec<String>, Fault> {
+        let mut texts = Vec::with_capacity(most);
+        while texts.len() < most {
+            match self.tokens.peek() {
+                Some(Ok(token)) if token.kind == Kind::Text => texts.push(unescape(token)?),
+                Some(Err(_)) => {}
+                _ if texts.len() >= least => return Ok(texts),
+                other => {
+                    let line = other.and_then(|t| t.as_ref().ok()).map_or(word.line, |t| t.line);
+                    let what = format!("{} takes a quoted name here: write it as {} \"…\"", word.text, word.text);
+                    return Err((line, what));
+                }
+            }
+            if let Some(Err(fault)) = self.tokens.next() {
+                return Err(fault);
+            }
+        }
+        Ok(texts)
+    }
+}
+
+fn form_of(word: &str) -> Option<Form> {
+    FORMS.binary_search_by(|(name, _)| (*name).cmp(word)).ok().map(|i| FORMS[i].1)
+}
+
+fn unknown(word: &str) -> String {
+    match suggestion(word, FORMS.iter().map(|f| f.0)) {
+        Some(known) => format!("unknown directive {}: did you mean {known}?", shown(word)),
+        None => format!("unknown directive {}: remove it or correct its spelling", shown(word)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn forms_are_sorted() {
+        assert!(FORMS.is_sorted_by(|a, b| a.0 < b.0));
+    }
+}

@@ -1,0 +1,135 @@
+//! Images: textures, environments, normal maps.
+
+use super::params::Params;
+use super::reader::Reader;
+use super::tokens::shown;
+use super::version::Version;
+use crate::Source;
+use crate::image::{Encoding, Image, read_image};
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+/// Images decoded so far; each file once for each use that differs.
+pub(super) type Images = BTreeMap<(PathBuf, Decoding, Channel), Arc<Image>>;
+
+/// What the integers of a file stand for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) enum Decoding {
+    Srgb,
+    Linear,
+    /// This power of the number is linear; the bits of the power, so that images can be sorted by it.
+    Gamma(u32),
+}
+
+/// What is taken of a pixel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) enum Channel {
+    /// The colour.
+    Rgb,
+    /// One number: opacity where the file has any that is not 1, else the mean of the colour. So pbrt-v4.
+    AlphaOrMean,
+    /// One number: luminance. So pbrt-v2 and v3.
+    Luminance,
+}
+
+impl Channel {
+    /// What a texture of numbers takes.
+    pub(super) fn of_number(version: Version) -> Self {
+        if version.is_old() { Self::Luminance } else { Self::AlphaOrMean }
+    }
+
+    fn of(self, mut image: Image) -> Image {
+        // What only colours need to know is not kept for numbers.
+        let alpha = if self == Self::Rgb { Vec::new() } else { std::mem::take(&mut image.alpha) };
+        match self {
+            Self::Rgb => {}
+            Self::AlphaOrMean if !alpha.is_empty() => {
+                image.pixels = alpha.into_iter().map(|a| [a; 3]).collect();
+            }
+            Self::AlphaOrMean => image.pixels.iter_mut().for_each(|p| *p = [(p[0] + p[1] + p[2]) / 3.0; 3]),
+            Self::Luminance => {
+                // The weights of pbrt-v3's RGB spectra.
+                let y = |p: &[f32; 3]| 0.212_671 * p[0] + 0.715_160 * p[1] + 0.072_169 * p[2];
+                image.pixels.iter_mut().for_each(|p| *p = [y(p); 3]);
+            }
+        }
+        image
+    }
+}
+
+impl Reader<'_> {
+    /// An image by its name in the scene.
+    pub(super) fn image(
+        &mut self,
+        name: &str,
+        decoding: Decoding,
+        channel: Channel,
+        source: &Source,
+    ) -> Option<Arc<Image>> {
+        let key = (self.resolve(name), decoding, channel);
+        if let Some(image) = self.images.get(&key) {
+            return Some(image.clone());
+        }
+        let bytes = self.load(&key.0, source)?;
+        let encoding = if decoding == Decoding::Srgb { Encoding::Srgb } else { Encoding::Linear };
+        match read_image(&bytes, name, encoding).and_then(|image| image.checked_finite(name)) {
+            Ok(mut image) => {
+                if let Decoding::Gamma(bits) = decoding
+                    && holds_integers(&bytes)
+                {
+                    let gamma = f32::from_bits(bits);
+                    image.pixels.iter_mut().for_each(|p| *p = p.map(|c| c.powf(gamma)));
+                }
+                let image = Arc::new(channel.of(image));
+                self.images.insert(key, image.clone());
+                Some(image)
+            }
+            Err(e) => {
+                self.log.problem(source, e.to_string());
+                None
+            }
+        }
+    }
+
+    /// How the integers of an image map are to be decoded.
+    pub(super) fn decoding(&self, params: &mut Params, file: &str) -> Decoding {
+        match self.version {
+            Version::V2 => {
+                let gamma = params.float("gamma", 1.0, |v| v > 0.0, "above 0");
+                if gamma != 1.0 {
+                    params.unsupported_here("an image with a gamma other than 1 (of pbrt-v2)");
+                }
+                Decoding::Linear
+            }
+            Version::V3 => {
+                let integers = [".tga", ".png"].iter().any(|e| file.to_ascii_lowercase().ends_with(e));
+                if params.flag("gamma", integers) { Decoding::Srgb } else { Decoding::Linear }
+            }
+            Version::V4 => match params.text("encoding") {
+                None => Decoding::Srgb,
+                Some((text, line)) => match text.split_ascii_whitespace().collect::<Vec<_>>()[..] {
+                    ["sRGB"] => Decoding::Srgb,
+                    ["linear"] => Decoding::Linear,
+                    ["gamma", power] if power.parse::<f32>().is_ok_and(|p| p > 0.0 && p.is_finite()) => {
+                        Decoding::Gamma(power.parse::<f32>().unwrap_or(1.0).to_bits())
+                    }
+                    _ => {
+                        let what = format!(
+                            "parameter encoding of {} must be sRGB, linear, or gamma and a number above 0, not {}",
+                            params.of(),
+                            shown(&text)
+                        );
+                        params.problem(line, what);
+                        Decoding::Srgb
+                    }
+                },
+            },
+        }
+    }
+}
+
+/// Whether an image's values were encoded at all: OpenEXR, Radiance HDR and PFM hold them as they are.
+fn holds_integers(bytes: &[u8]) -> bool {
+    ![&b"\x76\x2f\x31\x01"[..], b"#?", b"PF", b"Pf"].iter().any(|magic| bytes.starts_with(magic))
+}

@@ -1,0 +1,257 @@
+//! Lights, and the emission of shapes.
+
+use super::directive::Directive;
+use super::environments::illuminance_of;
+use super::images::{Channel, Decoding};
+use super::old_materials::light_scale;
+use super::params::{Params, Type};
+use super::reader::Reader;
+use super::spectra::Gamut;
+use super::state::AreaLight;
+use super::tokens::shown;
+use crate::image::Image;
+use crate::{EnvironmentRadiance, Light, LightKind, Source, SpotFalloff};
+use glam::{DAffine3, DMat3, DVec3};
+use std::f64::consts::{PI, TAU};
+use std::sync::Arc;
+
+impl Reader<'_> {
+    /// Carries out `AreaLightSource`: shapes to come shine.
+    pub(super) fn set_area_light(&mut self, mut d: Directive<'_>) {
+        self.lights_met += 1;
+        let mut params = self.params(&mut d, "light");
+        let line = d.source.line;
+        let old = self.version.is_old();
+        if !(d.texts[0] == "diffuse" || old && d.texts[0] == "area") {
+            params.unsupported(line, format!("AreaLightSource {}", shown(&d.texts[0])));
+            params.ignore_rest();
+            params.finish(&mut self.log);
+            return;
+        }
+        let radiance = params.rgb("L", Gamut::Light).unwrap_or([1.0; 3]);
+        let radiance = scaled(radiance, &mut params);
+        let two_sided = params.flag("twosided", false);
+        let power = if old {
+            params.ignore(&["nsamples", "samples"]);
+            None
+        } else {
+            refuse(&mut params, &["filename"]);
+            positive(&mut params, "power")
+        };
+        if params.finish(&mut self.log) {
+            self.state.emission = Some(AreaLight { radiance, two_sided, power });
+        }
+    }
+
+    /// Carries out `LightSource`.
+    pub(super) fn add_light(&mut self, mut d: Directive<'_>) {
+        self.lights_met += 1;
+        let mut params = self.params(&mut d, "light");
+        if self.version.is_old() {
+            params.ignore(&["nsamples", "samples"]);
+        }
+        let made = match d.texts[0].as_str() {
+            "infinite" => self.infinite(&mut params, &d.source),
+            "point" => Some(self.point(&mut params)),
+            "spot" => self.spot(&mut params),
+            "distant" => self.distant(&mut params),
+            kind => {
+                params.unsupported(d.source.line, format!("LightSource {}", shown(kind)));
+                params.ignore_rest();
+                None
+            }
+        };
+        if self.state.ctm.moves_to().is_some() {
+            let what = format!("{} does not move: it stands where the motion starts, as in pbrt", params.of());
+            params.notice(d.source.line, what);
+        }
+        if params.finish(&mut self.log)
+            && let Some((kind, to_light)) = made
+        {
+            self.scene.lights.push(Light { kind, to_world: self.state.ctm.start * to_light, source: d.source });
+        }
+    }
+
+    fn point(&self, params: &mut Params) -> (LightKind, DAffine3) {
+        let intensity = params.rgb("I", Gamut::Light).unwrap_or([1.0; 3]);
+        let mut intensity = scaled(intensity, params);
+        if let Some(power) = self.power(params) {
+            intensity = brighter(intensity, power / (4.0 * PI), params);
+        }
+        (LightKind::Point { intensity }, DAffine3::from_translation(point(params, "from", DVec3::ZERO)))
+    }
+
+    fn spot(&self, params: &mut Params) -> Option<(LightKind, DAffine3)> {
+        let intensity = params.rgb("I", Gamut::Light).unwrap_or([1.0; 3]);
+        let mut intensity = scaled(intensity, params);
+        let cone = params.float32("coneangle", 30.0, |v| v > 0.0 && v <= 180.0, "above 0 and at most 180 degrees");
+        let within = |v: f64| v >= 0.0 && v <= f64::from(cone);
+        let delta = params.float32("conedeltaangle", 5.0f32.min(cone), within, "at least 0 and at most coneangle");
+        if let Some(power) = self.power(params) {
+            let [edge, start] = [cone, cone - delta].map(|angle| f64::from(angle).to_radians().cos());
+            // The solid angle that the light fills, its falloff counted half.
+            let filled = TAU * ((1.0 - start) + (start - edge) / 2.0);
+            intensity = brighter(intensity, power / filled, params);
+        }
+        let falloff = if self.version.is_old() { SpotFalloff::Quartic } else { SpotFalloff::Smoothstep };
+        let (from, to) = (point(params, "from", DVec3::ZERO), point(params, "to", DVec3::Z));
+        let frame = along(to - from, params)?;
+        let kind = LightKind::Spot { intensity, cone, falloff_start: cone - delta, falloff };
+        Some((kind, DAffine3::from_mat3_translation(frame, from)))
+    }
+
+    fn distant(&self, params: &mut Params) -> Option<(LightKind, DAffine3)> {
+        let irradiance = params.rgb("L", Gamut::Light).unwrap_or([1.0; 3]);
+        let mut irradiance = scaled(irradiance, params);
+        if !self.version.is_old()
+            && let Some(illuminance) = positive(params, "illuminance")
+        {
+            irradiance = brighter(irradiance, illuminance, params);
+        }
+        let (from, to) = (point(params, "from", DVec3::ZERO), point(params, "to", DVec3::Z));
+        let frame = along(from - to, params)?;
+        Some((LightKind::Distant { irradiance }, DAffine3::from_mat3(frame)))
+    }
+
+    /// The parameter `power`, which came with pbrt-v4.
+    fn power(&self, params: &mut Params) -> Option<f64> {
+        if self.version.is_old() { None } else { positive(params, "power") }
+    }
+
+    fn infinite(&mut self, params: &mut Params, source: &Source) -> Option<(LightKind, DAffine3)> {
+        refuse(params, &["portal"]);
+        let old = self.version.is_old();
+        let constant = params.has("L").then(|| params.rgb("L", Gamut::Light).unwrap_or([1.0; 3]));
+        let illuminance = if old { None } else { positive(params, "illuminance") };
+        let file = params.text(if old { "mapname" } else { "filename" });
+        let radiance = match file {
+            Some((_, line)) if constant.is_some() && !old => {
+                params.problem(line, format!("{} has both L and filename: remove one", params.of().to_owned()));
+                None
+            }
+            Some((file, line)) => {
+                let source = Source { line, ..source.clone() };
+                let tint = scaled(constant.unwrap_or([1.0; 3]), params);
+                self.environment(&file, tint, illuminance, &source, params)
+            }
+            None => {
+                let mut radiance = scaled(constant.unwrap_or([1.0; 3]), params);
+                if let Some(illuminance) = illuminance {
+                    radiance = brighter(radiance, illuminance / PI, params);
+                }
+                Some(EnvironmentRadiance::Constant(radiance))
+            }
+        };
+        Some((LightKind::Infinite { radiance: radiance? }, DAffine3::IDENTITY))
+    }
+
+    /// The environment of an image, tinted.
+    fn environment(
+        &mut self,
+        file: &str,
+        tint: [f32; 3],
+        illuminance: Option<f64>,
+        source: &Source,
+        params: &mut Params,
+    ) -> Option<EnvironmentRadiance> {
+        // pbrt-v2 reads integers as they are.
+        let linear = self.version == super::version::Version::V2;
+        let decoding = if linear { Decoding::Linear } else { Decoding::Srgb };
+        let Some(mut image) = self.image(file, decoding, Channel::Rgb, source) else {
+            params.fail();
+            return None;
+        };
+        let mut scale = tint[0];
+        if tint != [scale; 3] {
+            let pixels = image.pixels.iter().map(|p| std::array::from_fn(|i| p[i] * tint[i])).collect();
+            image = Arc::new(Image { pixels, ..(*image).clone() });
+            scale = 1.0;
+        }
+        // Older versions know only one layout.
+        let equal_area = image.size[0] == image.size[1] && !self.version.is_old();
+        if let Some(wanted) = illuminance {
+            let mut found = illuminance_of(&image, equal_area);
+            if equal_area {
+                // pbrt-v4 weighs the square as half a sphere (lights.cpp, the image branch of `infinite`).
+                found *= 0.5;
+                let what = "pbrt-v4 takes half of what a square image gives for its illuminance, and so makes it \
+                            twice as bright as asked: it is done alike";
+                params.notice(source.line, what);
+            }
+            if found <= 0.0 || !found.is_finite() {
+                params.problem(
+                    source.line,
+                    format!("{} gives no light from above: illuminance cannot be had", shown(file)),
+                );
+                return None;
+            }
+            scale = brighter([scale; 3], wanted / found, params)[0];
+        }
+        let bad = image.pixels.iter().position(|p| p.iter().any(|&c| !(0.0..f32::INFINITY).contains(&(c * scale))));
+        if let Some(at) = bad {
+            let (x, y) = (at as u32 % image.size[0], at as u32 / image.size[0]);
+            let what = format!("pixel {x}, {y} of {} is negative or not finite: mend the image", shown(file));
+            params.problem(source.line, what);
+            return None;
+        }
+        Some(match equal_area {
+            true => EnvironmentRadiance::EqualArea { image, scale },
+            false => EnvironmentRadiance::LatLong { image, scale },
+        })
+    }
+}
+
+/// Parameters that change the light and are not supported.
+fn refuse(params: &mut Params, names: &[&'static str]) {
+    for &name in names {
+        if let Some(param) = params.take(name) {
+            let what = format!("parameter {name} of {}", params.of());
+            params.unsupported(param.line, what);
+        }
+    }
+}
+
+/// A parameter that counts only where it is above 0, as in pbrt.
+fn positive(params: &mut Params, name: &'static str) -> Option<f64> {
+    let given = params.has(name);
+    let value = params.float(name, 0.0, |_| true, "finite");
+    (given && value > 0.0).then_some(value)
+}
+
+/// A colour of light times the parameter `scale`.
+fn scaled(color: [f32; 3], params: &mut Params) -> [f32; 3] {
+    if params.version().is_old() {
+        let scale = light_scale(params);
+        return finite(std::array::from_fn(|i| color[i] * scale[i]), params);
+    }
+    let largest = color.iter().fold(0.0f32, |a, &b| a.max(b));
+    let ok = |v: f64| v >= 0.0 && (largest * v as f32).is_finite();
+    let scale = params.float32("scale", 1.0, ok, "at least 0, and its product with L below 3.4e38");
+    color.map(|c| c * scale)
+}
+
+fn brighter(color: [f32; 3], by: f64, params: &mut Params) -> [f32; 3] {
+    finite(color.map(|c| (f64::from(c) * by) as f32), params)
+}
+
+fn finite(color: [f32; 3], params: &mut Params) -> [f32; 3] {
+    if color.iter().all(|c| c.is_finite()) {
+        return color;
+    }
+    params.problem(params.line(), format!("{} is brighter than 3.4e38: make it darker", params.of().to_owned()));
+    [0.0; 3]
+}
+
+fn point(params: &mut Params, name: &'static str, default: DVec3) -> DVec3 {
+    params.array::<3>(name, Type::Point3).map_or(default, |(p, _)| DVec3::from_array(p))
+}
+
+/// Axes whose z is this direction.
+fn along(direction: DVec3, params: &mut Params) -> Option<DMat3> {
+    let Some(z) = (direction / direction.abs().max_element()).try_normalize() else {
+        params.problem(params.line(), format!("{} needs from and to to differ", params.of().to_owned()));
+        return None;
+    };
+    let (x, y) = z.any_orthonormal_pair();
+    Some(DMat3::from_cols(x, y, z))
+}

@@ -1,0 +1,62 @@
+//! What fills space.
+
+use super::directive::Directive;
+use super::reader::Reader;
+use super::spectra::Gamut;
+use super::state::MediaRef;
+use super::tokens::shown;
+use crate::{Medium, MediumId};
+use std::rc::Rc;
+
+impl Reader<'_> {
+    /// Carries out `MakeNamedMedium`.
+    pub(super) fn make_medium(&mut self, mut d: Directive<'_>) {
+        let mut params = self.params(&mut d, "medium");
+        let name = d.texts.swap_remove(0);
+        let line = d.source.line;
+        match params.text("type") {
+            Some((kind, _)) if kind == "homogeneous" => {}
+            Some((kind, line)) => {
+                params.unsupported(line, format!("a medium of type {} (other than homogeneous)", shown(&kind)));
+                params.ignore_rest();
+            }
+            None if params.is_bad() => {}
+            None => {
+                params.problem(line, format!("{} lacks its type: add \"string type\" \"homogeneous\"", params.of()));
+            }
+        }
+        for name in ["preset", "Le", "Lescale"] {
+            if let Some(param) = params.take(name) {
+                let of = params.of().to_owned();
+                let advice = if name == "preset" { " (give its sigma_a and sigma_s)" } else { "" };
+                params.unsupported(param.line, format!("parameter {name}{advice} of {of}"));
+            }
+        }
+        // pbrt's defaults.
+        let absorption = params.rgb("sigma_a", Gamut::Unbounded).unwrap_or([0.0011, 0.0024, 0.014]);
+        let scattering = params.rgb("sigma_s", Gamut::Unbounded).unwrap_or([2.55, 3.21, 3.77]);
+        let largest = absorption.iter().chain(&scattering).fold(0.0f32, |a, &b| a.max(b));
+        let ok = |v: f64| v >= 0.0 && (largest * v as f32).is_finite();
+        let scale = params.float32("scale", 1.0, ok, "at least 0, and its product with the coefficients below 3.4e38");
+        let g = params.float32("g", 0.0, |v| v > -1.0 && v < 1.0, "between -1 and 1");
+        if let Some(&first) = self.named_media.get(&name) {
+            let first = &self.scene.media[first.0 as usize].source;
+            params.problem(line, format!("medium {} is made twice (first at {first})", shown(&name)));
+        }
+        // Made even if something is wrong, so that nothing is said about its lack.
+        let _good = params.finish(&mut self.log);
+        let id = MediumId(self.scene.media.len() as u32);
+        let [absorption, scattering] = [absorption, scattering].map(|rgb| rgb.map(|c| c * scale));
+        self.scene.media.push(Medium { name: name.clone(), absorption, scattering, g, source: d.source });
+        self.named_media.insert(name, id);
+    }
+
+    /// Carries out `MediumInterface`: what is inside and outside of shapes to come, and around the camera.
+    pub(super) fn set_media(&mut self, d: Directive<'_>) {
+        let named = |i: usize| d.texts.get(i).filter(|name| !name.is_empty()).cloned();
+        let inside = named(0);
+        // One name is for both sides, as in pbrt.
+        let outside = if d.texts.len() == 1 { inside.clone() } else { named(1) };
+        self.state.media = Some(Rc::new(MediaRef { inside, outside, source: d.source }));
+    }
+}

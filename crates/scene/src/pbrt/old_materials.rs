@@ -1,0 +1,167 @@
+//! Materials of pbrt-v2 and pbrt-v3, in terms of those that the scene description has.
+
+use super::materials::{Made, fresnel};
+use super::params::{Params, Type};
+use super::reader::Reader;
+use super::spectra::Gamut;
+use super::version::Version;
+use crate::{Color, MaterialId, MaterialKind, Roughness, Scalar};
+
+impl Reader<'_> {
+    /// A material of pbrt-v2 or v3; `None` if there is none of this type, or it is not supported.
+    pub(super) fn old_material(&self, kind: &str, params: &mut Params) -> Option<Made> {
+        let textures = &self.textures;
+        let kind = match kind {
+            "matte" => {
+                let line = params.peek("sigma").map(|p| p.line);
+                let sigma = params.scalar("sigma", 0.0, textures, |_| true, "finite");
+                if let (Some(line), true) = (line, sigma != Scalar::Constant(0.0)) {
+                    params.notice(line, format!("sigma of {} (Oren-Nayar) is read as 0 (Lambert)", params.of()));
+                }
+                MaterialKind::Diffuse { reflectance: params.color("Kd", [0.5; 3], textures) }
+            }
+            "plastic" => MaterialKind::Plastic {
+                diffuse: params.color("Kd", [0.25; 3], textures),
+                specular: params.color("Ks", [0.25; 3], textures),
+                roughness: self.old_roughness(params, 0.1),
+            },
+            "substrate" => MaterialKind::Substrate {
+                diffuse: params.color("Kd", [0.5; 3], textures),
+                specular: params.color("Ks", [0.5; 3], textures),
+                roughness: self.old_roughness(params, 0.1),
+            },
+            "metal" => MaterialKind::Conductor {
+                fresnel: fresnel(params, textures, ["", "eta", "k"]),
+                roughness: self.old_roughness(params, 0.01),
+            },
+            "mirror" => MaterialKind::Mirror { reflectance: params.color("Kr", [0.9; 3], textures) },
+            "glass" => self.glass(params),
+            "mix" => return Some(self.old_mix(params)),
+            "none" | "" if self.version == Version::V3 => MaterialKind::Interface,
+            _ => return None,
+        };
+        Some(kind.into())
+    }
+
+    fn glass(&self, params: &mut Params) -> MaterialKind {
+        let textures = &self.textures;
+        let name = if params.has("eta") && self.version == Version::V3 { "eta" } else { "index" };
+        let eta = params.constant(name, 1.5, textures, |v| v > 0.0, "above 0");
+        let roughness = match self.version {
+            Version::V3 if params.has("uroughness") || params.has("vroughness") => self.old_roughness(params, 0.0),
+            _ => {
+                params.ignore(&["uroughness", "vroughness", "remaproughness"]);
+                Roughness::constant(0.0, 0.0, false)
+            }
+        };
+        MaterialKind::Dielectric {
+            eta,
+            roughness,
+            reflectance: params.color("Kr", [1.0; 3], textures),
+            transmittance: params.color("Kt", [1.0; 3], textures),
+        }
+    }
+
+    /// The sum of two materials, weighted; `amount` is the first one's share.
+    fn old_mix(&self, params: &mut Params) -> Made {
+        let mut name = |parameter| {
+            params.text(parameter).map(|t| t.0).or_else(|| {
+                let what = format!("{} lacks \"string {parameter}\"", params.of());
+                params.problem(params.line(), what);
+                None
+            })
+        };
+        let mixes = match (name("namedmaterial1"), name("namedmaterial2")) {
+            (Some(first), Some(second)) => Some([first, second]),
+            _ => None,
+        };
+        let line = params.line();
+        let amount = match params.color("amount", [0.5; 3], &self.textures) {
+            Color::Constant([r, g, b]) if r == g && g == b => 1.0 - r,
+            _ => {
+                let what = format!("an amount that is a texture or not gray in {}", params.of());
+                params.unsupported(line, what);
+                0.5
+            }
+        };
+        Made { kind: MaterialKind::Mix { materials: [MaterialId(0); 2], amount: Scalar::Constant(amount) }, mixes }
+    }
+
+    /// Roughness as pbrt-v4 has it, `alpha` itself.
+    fn old_roughness(&self, params: &mut Params, default: f32) -> Roughness {
+        let remap = self.version == Version::V3 && params.flag("remaproughness", true);
+        let both = self.old_alpha(params, "roughness", default, remap);
+        let mut along = |name| match params.has(name) {
+            true => self.old_alpha(params, name, default, remap),
+            false => {
+                params.ignore(&[name]);
+                both
+            }
+        };
+        Roughness { u: along("uroughness"), v: along("vroughness"), remap: false }
+    }
+
+    fn old_alpha(&self, params: &mut Params, name: &'static str, default: f32, remap: bool) -> Scalar {
+        let line = params.peek(name).map(|p| p.line);
+        let roughness = params.scalar(name, default, &self.textures, |v| v >= 0.0, "at least 0");
+        match (roughness, self.version) {
+            (Scalar::Constant(r), Version::V2) => {
+                let alpha = alpha_of_blinn(r);
+                if let Some(line) = line {
+                    let what = format!(
+                        "{name} {r} of {} (Blinn) is read as Trowbridge-Reitz microfacets of alpha {alpha:.3}",
+                        params.of()
+                    );
+                    params.notice(line, what);
+                }
+                Scalar::Constant(alpha)
+            }
+            (Scalar::Constant(r), _) if remap => Scalar::Constant(alpha_of_third(r)),
+            (Scalar::Texture(_), version) if remap || version == Version::V2 => {
+                let what = format!("a texture as {name} of {} (other than as alpha itself)", params.of());
+                params.unsupported(line.unwrap_or(params.line()), what);
+                Scalar::Constant(default)
+            }
+            (scalar, _) => scalar,
+        }
+    }
+}
+
+/// The Trowbridge-Reitz alpha whose highlight is as wide as that of Blinn's distribution with exponent
+/// `1 / roughness`: `sqrt(2 / (e + 2))` [after Walter et al. 2007].
+fn alpha_of_blinn(roughness: f32) -> f32 {
+    // pbrt-v2 caps exponents at this.
+    const STEEPEST: f32 = 10_000.0;
+    let exponent = (1.0 / roughness).min(STEEPEST);
+    (2.0 / (exponent + 2.0)).sqrt()
+}
+
+/// pbrt-v3's alpha of a roughness [Pharr et al. 2016, section 8.4.2].
+fn alpha_of_third(roughness: f32) -> f32 {
+    let x = roughness.max(1e-3).ln();
+    1.62142 + x * (0.819_955 + x * (0.1734 + x * (0.017_120_1 + x * 0.000_640_711)))
+}
+
+/// The parameter `scale` of a light: a colour there, or a number.
+pub(super) fn light_scale(params: &mut Params) -> [f32; 3] {
+    if params.peek("scale").is_some_and(|p| p.ty == Type::Float) {
+        return [params.float32("scale", 1.0, |v| v >= 0.0, "at least 0"); 3];
+    }
+    params.rgb("scale", Gamut::Unbounded).unwrap_or([1.0; 3])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn roughness_of_older_versions() {
+        assert!((alpha_of_blinn(0.001) - (2.0f32 / 1002.0).sqrt()).abs() < 1e-7);
+        assert_eq!(alpha_of_blinn(0.0), alpha_of_blinn(1e-9));
+        assert!((alpha_of_blinn(f32::INFINITY) - 1.0).abs() < 1e-7);
+        // Worked out by hand at roughness 1 and 0.1.
+        assert_eq!(alpha_of_third(1.0), 1.62142);
+        assert!((alpha_of_third(0.1) - 0.4618).abs() < 2e-4, "{}", alpha_of_third(0.1));
+        assert_eq!(alpha_of_third(0.0), alpha_of_third(1e-3));
+    }
+}

@@ -1,0 +1,460 @@
+//! The parameter list of a directive: typed values by name, each asked for once.
+
+use super::report::{Log, suggestion};
+use super::tokens::{Fault, Kind, Token, Tokens, number, shown, unescape};
+use super::version::Version;
+use crate::Source;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+/// What a parameter's declaration says that it is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Type {
+    Float,
+    Integer,
+    Bool,
+    Text,
+    Point2,
+    Vector2,
+    Point3,
+    Vector3,
+    Normal,
+    Rgb,
+    Xyz,
+    Spectrum,
+    Blackbody,
+    Texture,
+}
+
+impl Type {
+    /// By its name in pbrt-v4, or in pbrt-v2 and pbrt-v3.
+    fn named(name: &str) -> Option<Self> {
+        Some(match name {
+            "float" => Self::Float,
+            "integer" => Self::Integer,
+            "bool" => Self::Bool,
+            "string" => Self::Text,
+            "point2" => Self::Point2,
+            "vector2" => Self::Vector2,
+            "point3" | "point" => Self::Point3,
+            "vector3" | "vector" => Self::Vector3,
+            "normal" | "normal3" => Self::Normal,
+            "rgb" | "color" => Self::Rgb,
+            "xyz" => Self::Xyz,
+            "spectrum" => Self::Spectrum,
+            "blackbody" => Self::Blackbody,
+            "texture" => Self::Texture,
+            _ => return None,
+        })
+    }
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::Float => "float",
+            Self::Integer => "integer",
+            Self::Bool => "bool",
+            Self::Text => "string",
+            Self::Point2 => "point2",
+            Self::Vector2 => "vector2",
+            Self::Point3 => "point3",
+            Self::Vector3 => "vector3",
+            Self::Normal => "normal",
+            Self::Rgb => "rgb",
+            Self::Xyz => "xyz",
+            Self::Spectrum => "spectrum",
+            Self::Blackbody => "blackbody",
+            Self::Texture => "texture",
+        }
+    }
+}
+
+#[derive(Clone, Debug, PartialEq)]
+pub(super) enum Values {
+    Numbers(Vec<f64>),
+    Texts(Vec<String>),
+    Bools(Vec<bool>),
+    /// Already reported.
+    Broken,
+}
+
+/// One parameter as written.
+#[derive(Clone, Debug)]
+pub(super) struct Param {
+    pub(super) ty: Type,
+    pub(super) name: String,
+    pub(super) values: Values,
+    pub(super) line: u32,
+    taken: bool,
+    /// Given by an `Attribute` directive, for whoever wants it.
+    inherited: bool,
+}
+
+/// Reads `"type name" value` or `"type name" [ values ]`. Bad values are reported and kept as broken, so
+/// that nothing is said about their lack.
+pub(super) fn read_param(tokens: &mut Tokens<'_>, file: &Arc<PathBuf>, log: &mut Log) -> Result<Param, Fault> {
+    let Some(declaration) = tokens.next() else { return Err((tokens.line(), "a parameter is missing".into())) };
+    let declaration = declaration?;
+    let words: Vec<&str> = declaration.text.split_ascii_whitespace().take(3).collect();
+    let [type_name, name] = words[..] else {
+        let what = format!(
+            "{} declares no parameter: write a type and a name, as in \"float radius\"",
+            shown(declaration.text)
+        );
+        return Err((declaration.line, what));
+    };
+    let mut report = |(line, message): Fault| log.problem(&Source { file: file.clone(), line }, message);
+    let ty = Type::named(type_name);
+    if ty.is_none() {
+        report((declaration.line, unknown_type(type_name)));
+    }
+    let mut faults = 0;
+    let mut values: Option<Values> = None;
+    let bracketed = tokens.peek_good().is_some_and(|t| t.kind == Kind::Open);
+    if bracketed {
+        tokens.next();
+    }
+    loop {
+        match tokens.peek_good() {
+            Some(t) if t.kind == Kind::Close && bracketed => {
+                tokens.next();
+                break;
+            }
+            // Nothing is a value that could begin a directive: a bracket or a value is missing.
+            Some(t) if t.is_name() || t.kind == Kind::Close || t.kind == Kind::Open => {
+                let what = if bracketed { "a ] is missing after" } else { "a value is missing after" };
+                return Err((t.line, format!("{what} {}", shown(declaration.text))));
+            }
+            _ => {}
+        }
+        let Some(token) = tokens.next() else {
+            return Err((declaration.line, format!("the file ends within the values of {}", shown(declaration.text))));
+        };
+        if let Err(fault) = push_value(&mut values, &token?, ty) {
+            faults += 1;
+            if faults <= 3 {
+                report(fault);
+            }
+        }
+        if !bracketed {
+            break;
+        }
+    }
+    let values =
+        if faults > 0 || ty.is_none() { Values::Broken } else { values.unwrap_or(Values::Numbers(Vec::new())) };
+    let name = name.to_owned();
+    Ok(Param { ty: ty.unwrap_or(Type::Float), name, values, line: declaration.line, taken: false, inherited: false })
+}
+
+fn unknown_type(name: &str) -> String {
+    const NAMES: [&str; 13] = [
+        "float",
+        "integer",
+        "bool",
+        "string",
+        "point2",
+        "vector2",
+        "point3",
+        "vector3",
+        "normal",
+        "rgb",
+        "spectrum",
+        "blackbody",
+        "texture",
+    ];
+    let near = suggestion(name, NAMES).map_or(String::new(), |k| format!(": did you mean {k}?"));
+    format!("unknown parameter type {}{near}", shown(name))
+}
+
+/// Appends what a token means for a parameter of type `ty`.
+fn push_value(values: &mut Option<Values>, token: &Token<'_>, ty: Option<Type>) -> Result<(), Fault> {
+    let wrong = |wanted: &str| {
+        let ty = ty.map_or("this type", Type::name);
+        Err((token.line, format!("a parameter of type {ty} takes {wanted}, not {}", shown(token.text))))
+    };
+    match (ty, token.kind) {
+        (None, _) => Ok(()),
+        (Some(Type::Bool), _) => {
+            let flag = match token.text {
+                "true" => true,
+                "false" => false,
+                _ => return wrong("true or false"),
+            };
+            if let Values::Bools(list) = values.get_or_insert(Values::Bools(Vec::new())) {
+                list.push(flag);
+            }
+            Ok(())
+        }
+        (Some(Type::Text | Type::Texture | Type::Spectrum), Kind::Text) => {
+            let Values::Texts(list) = values.get_or_insert(Values::Texts(Vec::new())) else {
+                return wrong("either numbers or one name");
+            };
+            list.push(unescape(token)?);
+            Ok(())
+        }
+        (Some(Type::Text | Type::Texture), _) => wrong("a quoted name"),
+        (_, Kind::Text) => wrong("numbers"),
+        (Some(_), _) => {
+            let Values::Numbers(list) = values.get_or_insert(Values::Numbers(Vec::new())) else {
+                return wrong("either numbers or one name");
+            };
+            list.push(number(token)?);
+            Ok(())
+        }
+    }
+}
+
+/// The parameters of one directive. What is asked for and cannot be had is noted, and reported by
+/// [`finish`](Self::finish) together with what nobody asked for.
+#[derive(Debug)]
+pub(super) struct Params {
+    of: String,
+    file: Arc<PathBuf>,
+    line: u32,
+    list: Vec<Param>,
+    asked: Vec<&'static str>,
+    problems: Vec<Fault>,
+    unsupported: Vec<Fault>,
+    notices: Vec<Fault>,
+    broken: bool,
+    version: Version,
+}
+
+impl Params {
+    /// The parameters of the directive `of` (as messages shall call it), then those that it inherits.
+    pub(super) fn new(of: String, source: &Source, own: Vec<Param>, inherited: &[Param], version: Version) -> Self {
+        let mut problems = Vec::new();
+        let mut by_name: Vec<(&str, u32)> = own.iter().map(|p| (p.name.as_str(), p.line)).collect();
+        by_name.sort();
+        for pair in by_name.windows(2).filter(|pair| pair[0].0 == pair[1].0) {
+            let what = format!("parameter {} of {of} is given twice: remove one", shown(pair[0].0));
+            problems.push((pair[1].1, what));
+        }
+        let mut list = own;
+        list.extend(inherited.iter().map(|p| Param { inherited: true, ..p.clone() }));
+        Self {
+            of,
+            file: source.file.clone(),
+            line: source.line,
+            list,
+            asked: Vec::new(),
+            problems,
+            unsupported: Vec::new(),
+            notices: Vec::new(),
+            broken: false,
+            version,
+        }
+    }
+
+    /// What these are the parameters of, for messages.
+    pub(super) fn of(&self) -> &str {
+        &self.of
+    }
+
+    /// The line of the directive.
+    pub(super) fn line(&self) -> u32 {
+        self.line
+    }
+
+    /// The version of the file.
+    pub(super) fn version(&self) -> Version {
+        self.version
+    }
+
+    pub(super) fn problem(&mut self, line: u32, message: impl Into<String>) {
+        self.problems.push((line, message.into()));
+    }
+
+    pub(super) fn unsupported(&mut self, line: u32, what: impl Into<String>) {
+        self.unsupported.push((line, what.into()));
+    }
+
+    /// Notes something unsupported that all parameters together ask for.
+    pub(super) fn unsupported_here(&mut self, what: &str) {
+        let line = self.line;
+        self.unsupported(line, what);
+    }
+
+    /// Makes [`finish`](Self::finish) say no; the reason has been reported.
+    pub(super) fn fail(&mut self) {
+        self.broken = true;
+    }
+
+    pub(super) fn notice(&mut self, line: u32, message: impl Into<String>) {
+        self.notices.push((line, message.into()));
+    }
+
+    /// Whether anything asked for so far was wrong.
+    pub(super) fn is_bad(&self) -> bool {
+        self.broken || !self.problems.is_empty()
+    }
+
+    /// Whether a parameter of this name was written and not yet taken.
+    pub(super) fn has(&self, name: &str) -> bool {
+        self.list.iter().any(|p| p.name == name && !p.taken)
+    }
+
+    /// The parameter of this name, left in place.
+    pub(super) fn peek(&self, name: &str) -> Option<&Param> {
+        self.list.iter().find(|p| p.name == name && !p.taken)
+    }
+
+    /// The parameter of this name, if it was written well.
+    pub(super) fn take(&mut self, name: &'static str) -> Option<Param> {
+        self.asked.push(name);
+        let index = self.list.iter().position(|p| p.name == name && !p.taken)?;
+        // Later ones of the name are duplicates, or inherited and hidden.
+        let mut taken = self.list[index].clone_head();
+        for p in self.list.iter_mut().filter(|p| p.name == name) {
+            p.taken = true;
+        }
+        taken.values = std::mem::replace(&mut self.list[index].values, Values::Broken);
+        if taken.values == Values::Broken {
+            self.broken = true;
+            return None;
+        }
+        Some(taken)
+    }
+
+    /// The same, if it is of one of `types`.
+    pub(super) fn take_typed(&mut self, name: &'static str, types: &[Type]) -> Option<Param> {
+        let param = self.take(name)?;
+        if types.contains(&param.ty) {
+            return Some(param);
+        }
+        let what = format!(
+            "parameter {name} of {} is declared {}: write \"{} {name}\"",
+            self.of,
+            param.ty.name(),
+            types[0].name()
+        );
+        self.problem(param.line, what);
+        None
+    }
+
+    fn one<T: Clone>(&mut self, name: &str, line: u32, values: &[T]) -> Option<T> {
+        if let [value] = values {
+            return Some(value.clone());
+        }
+        self.problem(line, format!("parameter {name} of {} takes one value, not {}", self.of, values.len()));
+        None
+    }
+
+    fn number(&mut self, name: &'static str, ty: Type) -> Option<(f64, u32)> {
+        let param = self.take_typed(name, &[ty])?;
+        let Values::Numbers(values) = param.values else { return None };
+        self.one(name, param.line, &values).map(|value| (value, param.line))
+    }
+
+    /// A number that `ok` accepts; `range` says in words which those are.
+    pub(super) fn float(&mut self, name: &'static str, default: f64, ok: impl Fn(f64) -> bool, range: &str) -> f64 {
+        let Some((value, line)) = self.number(name, Type::Float) else { return default };
+        if ok(value) {
+            return value;
+        }
+        self.problem(line, format!("parameter {name} of {} must be {range}, not {value}", self.of));
+        default
+    }
+
+    /// The same in single precision; what overflows it is refused.
+    pub(super) fn float32(&mut self, name: &'static str, default: f32, ok: impl Fn(f64) -> bool, range: &str) -> f32 {
+        self.float(name, f64::from(default), |v| ok(v) && (v as f32).is_finite(), range) as f32
+    }
+
+    /// A whole number within `least..=most`.
+    pub(super) fn integer(&mut self, name: &'static str, least: i32, most: i32) -> Option<i32> {
+        let (value, line) = self.number(name, Type::Integer)?;
+        if value.fract() == 0.0 && (f64::from(least)..=f64::from(most)).contains(&value) {
+            return Some(value as i32);
+        }
+        let range = if most == i32::MAX { format!("at least {least}") } else { format!("in {least}..={most}") };
+        self.problem(line, format!("parameter {name} of {} must be a whole number {range}, not {value}", self.of));
+        None
+    }
+
+    pub(super) fn flag(&mut self, name: &'static str, default: bool) -> bool {
+        let Some(Param { values: Values::Bools(values), line, .. }) = self.take_typed(name, &[Type::Bool]) else {
+            return default;
+        };
+        self.one(name, line, &values).unwrap_or(default)
+    }
+
+    /// A string and its line.
+    pub(super) fn text(&mut self, name: &'static str) -> Option<(String, u32)> {
+        let param = self.take_typed(name, &[Type::Text])?;
+        let Values::Texts(values) = param.values else { return None };
+        self.one(name, param.line, &values).map(|text| (text, param.line))
+    }
+
+    /// Numbers in groups of `group`, and their line.
+    pub(super) fn numbers(&mut self, name: &'static str, types: &[Type], group: usize) -> Option<(Vec<f64>, u32)> {
+        let param = self.take_typed(name, types)?;
+        let Values::Numbers(values) = param.values else { return None };
+        if !values.is_empty() && values.len() % group == 0 {
+            return Some((values, param.line));
+        }
+        let (of, count) = (&self.of, values.len());
+        self.problem(param.line, format!("parameter {name} of {of} takes a multiple of {group} numbers, not {count}"));
+        None
+    }
+
+    /// Exactly `N` numbers, and their line.
+    pub(super) fn array<const N: usize>(&mut self, name: &'static str, ty: Type) -> Option<([f64; N], u32)> {
+        let param = self.take_typed(name, &[ty])?;
+        let Values::Numbers(values) = param.values else { return None };
+        let array = <[f64; N]>::try_from(values.as_slice()).ok();
+        if array.is_none() {
+            let what = format!("parameter {name} of {} takes {N} numbers, not {}", self.of, values.len());
+            self.problem(param.line, what);
+        }
+        array.map(|a| (a, param.line))
+    }
+
+    /// Parameters that pbrt knows and Dapple does not follow: each that is written is listed.
+    pub(super) fn not_followed(&mut self, names: &[&'static str]) {
+        for &name in names {
+            if let Some(param) = self.take(name) {
+                self.notice(param.line, format!("parameter {name} of {} is not followed", self.of));
+            }
+        }
+    }
+
+    /// Parameters without meaning here.
+    pub(super) fn ignore(&mut self, names: &[&'static str]) {
+        for &name in names {
+            self.take(name);
+        }
+    }
+
+    /// Whatever else there is, without a word.
+    pub(super) fn ignore_rest(&mut self) {
+        self.list.iter_mut().for_each(|p| p.taken = true);
+    }
+
+    /// Reports; whether the directive can be carried out.
+    pub(super) fn finish(mut self, log: &mut Log) -> bool {
+        let source = |line| Source { file: self.file.clone(), line };
+        for (line, message) in &self.problems {
+            log.problem(&source(*line), message.clone());
+        }
+        for (line, what) in &self.unsupported {
+            log.unsupported(&source(*line), what);
+        }
+        for (line, message) in &self.notices {
+            log.notice(&source(*line), message.clone());
+        }
+        self.list.retain(|p| !p.taken && !p.inherited);
+        for p in &self.list {
+            let near = suggestion(&p.name, self.asked.iter().copied());
+            let near = near.map_or(String::new(), |k| format!("; did you mean {k}?"));
+            let message = format!("{} has no parameter {}: ignored{near}", self.of, shown(&p.name));
+            log.notice(&Source { file: self.file.clone(), line: p.line }, message);
+        }
+        !self.is_bad()
+    }
+}
+
+impl Param {
+    fn clone_head(&self) -> Self {
+        Self { name: self.name.clone(), values: Values::Broken, ..*self }
+    }
+}

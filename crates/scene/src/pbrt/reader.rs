@@ -1,0 +1,402 @@
+//! Carries directives out, one by one, on a graphics state.
+
+use super::ReadOptions;
+use super::directive::{Directive, Directives};
+use super::images::Images;
+use super::params::{Param, Params, Values};
+use super::report::{Log, ReadError, suggestion};
+use super::settle::Awaited;
+use super::state::{Ctm, MaterialRef, State};
+use super::textures::Textures;
+use super::tokens::shown;
+use super::version::Version;
+use crate::files::Files;
+use crate::{MaterialId, MediumId, MeshData, ObjectId, PixelFilter, Scene, Source};
+use glam::DAffine3;
+use std::collections::BTreeMap;
+use std::path::{Component, Path, PathBuf};
+use std::rc::Rc;
+use std::sync::Arc;
+
+/// Blocks within blocks; scenes have a handful, and each costs memory.
+const DEEPEST_BLOCK: usize = 4096;
+/// Files within files; each costs stack.
+const DEEPEST_INCLUDE: usize = 32;
+/// Files included in all, so that a few small files cannot ask for each other without end.
+const MOST_INCLUDES: usize = 10_000;
+
+/// Parameters that `Attribute` may add to one kind of directive, since each of these copies them.
+const MOST_ATTRIBUTES: usize = 64;
+
+/// A block that is open.
+pub(super) struct Block {
+    /// `AttributeBegin`, `TransformBegin` or `ObjectBegin`.
+    pub(super) begin: &'static str,
+    pub(super) source: Source,
+    saved: State,
+}
+
+/// Where the directives stand of which there should be one.
+#[derive(Default)]
+pub(super) struct Once {
+    pub(super) places: BTreeMap<&'static str, Source>,
+}
+
+/// Reads one scene.
+pub(super) struct Reader<'a> {
+    pub(super) files: &'a dyn Files,
+    folder: PathBuf,
+    path: PathBuf,
+    pub(super) log: Log,
+    pub(super) scene: Scene,
+    pub(super) state: State,
+    pub(super) version: Version,
+    pub(super) blocks: Vec<Block>,
+    /// Named coordinate systems, at both ends of the motion.
+    pub(super) spaces: BTreeMap<String, [DAffine3; 2]>,
+    /// The object that shapes now belong to.
+    pub(super) object: Option<ObjectId>,
+    pub(super) named_objects: BTreeMap<String, ObjectId>,
+    pub(super) named_materials: BTreeMap<String, MaterialId>,
+    pub(super) named_media: BTreeMap<String, MediumId>,
+    pub(super) default_material: Option<MaterialId>,
+    /// What refers to names that may be made later.
+    pub(super) awaited: Awaited,
+    pub(super) textures: Textures,
+    pub(super) meshes: BTreeMap<PathBuf, Arc<MeshData>>,
+    pub(super) images: Images,
+    /// Triangles made so far out of shapes that are none.
+    pub(super) triangles_made: usize,
+    pub(super) once: Once,
+    including: Vec<PathBuf>,
+    included: usize,
+    /// Shape directives, and directives that give light, whether or not they could be carried out.
+    pub(super) shapes_met: usize,
+    pub(super) lights_met: usize,
+    stopped: bool,
+}
+
+impl<'a> Reader<'a> {
+    pub(super) fn new(files: &'a dyn Files, path: &Path, options: &ReadOptions) -> Self {
+        let mut scene = Scene { max_depth: Some(5), motion_times: [0.0, 1.0], ..Scene::default() };
+        scene.name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        // pbrt-v4's default filter.
+        scene.film.pixel_filter = PixelFilter::Gaussian { radius: [1.5, 1.5], sigma: 0.5 };
+        Self {
+            files,
+            folder: path.parent().unwrap_or(Path::new("")).to_owned(),
+            path: path.to_owned(),
+            log: Log::new(options.allow_unsupported),
+            scene,
+            state: State::default(),
+            version: Version::default(),
+            blocks: Vec::new(),
+            spaces: BTreeMap::new(),
+            object: None,
+            named_objects: BTreeMap::new(),
+            named_materials: BTreeMap::new(),
+            named_media: BTreeMap::new(),
+            default_material: None,
+            awaited: Awaited::default(),
+            textures: Textures::default(),
+            meshes: BTreeMap::new(),
+            images: Images::default(),
+            triangles_made: 0,
+            once: Once::default(),
+            including: Vec::new(),
+            included: 0,
+            shapes_met: 0,
+            lights_met: 0,
+            stopped: false,
+        }
+    }
+
+    pub(super) fn read(mut self) -> Result<Scene, ReadError> {
+        let whole = Source { file: Arc::new(self.path.clone()), line: 0 };
+        self.read_file(&self.path.clone(), &whole);
+        if !self.stopped {
+            self.check_complete(&whole);
+        }
+        self.scene.notices = self.log.finish()?;
+        Ok(self.scene)
+    }
+
+    /// The bytes of a file that is named at `source`; problems are reported.
+    pub(super) fn load(&mut self, path: &Path, source: &Source) -> Option<Vec<u8>> {
+        match self.files.read(path) {
+            Ok(bytes) if bytes.starts_with(&[0x1f, 0x8b]) => {
+                let what = format!("{} is compressed with gzip: unpack it and name the unpacked file", path.display());
+                self.log.problem(source, what);
+                None
+            }
+            Ok(bytes) => Some(bytes),
+            Err(e) => {
+                let what = format!("cannot read {}: {e}; check the name and that the file is there", path.display());
+                self.log.problem(source, what);
+                None
+            }
+        }
+    }
+
+    /// The path of a file that a scene names.
+    pub(super) fn resolve(&self, name: &str) -> PathBuf {
+        tidy(&self.folder.join(name))
+    }
+
+    fn read_file(&mut self, path: &Path, named_at: &Source) {
+        let Some(bytes) = self.load(path, named_at) else {
+            self.stopped |= self.including.is_empty();
+            return;
+        };
+        let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&bytes);
+        let file = Arc::new(path.to_owned());
+        let text = match std::str::from_utf8(bytes) {
+            Ok(text) => text,
+            Err(e) => {
+                let good = &bytes[..e.valid_up_to()];
+                let line = 1 + good.iter().filter(|&&b| b == b'\n').count() as u32;
+                let what = format!("the byte at offset {} is not UTF-8: save the file as UTF-8", good.len());
+                self.log.problem(&Source { file, line }, what);
+                self.stopped = true;
+                return;
+            }
+        };
+        if self.including.is_empty() {
+            self.set_version(Version::of(text), named_at);
+        }
+        self.including.push(path.to_owned());
+        let mut directives = Directives::new(text, file);
+        while let Some(directive) = directives.next(&mut self.log) {
+            self.execute(directive);
+            if self.stopped {
+                return;
+            }
+        }
+        if !text.is_empty() && !text.ends_with('\n') {
+            let what = "the last line has no line break: if the file was cut off, something may be missing";
+            self.log.notice(&directives.here(), what);
+        }
+        self.including.pop();
+    }
+
+    /// Notes by which version's rules the scene is read, with that version's defaults.
+    fn set_version(&mut self, version: Version, whole: &Source) {
+        self.version = version;
+        if version.is_old() {
+            let what = format!("this file uses words of older versions: it is read by the rules of {}", version.name());
+            self.log.notice(whole, what);
+            self.scene.film.resolution = [640, 480];
+            self.scene.film.pixel_filter = PixelFilter::Box { radius: [0.5, 0.5] };
+        }
+    }
+
+    fn execute(&mut self, mut d: Directive<'_>) {
+        if self.transform(&d) {
+            return;
+        }
+        let source = d.source.clone();
+        match d.word {
+            "ReverseOrientation" if self.in_world(&d) => self.state.reversed = !self.state.reversed,
+            "WorldBegin" => self.begin_world(&source),
+            "AttributeBegin" if self.in_world(&d) => self.begin_block("AttributeBegin", source),
+            "TransformBegin" if self.version.is_old() => self.begin_block("TransformBegin", source),
+            "TransformBegin" if self.in_world(&d) => {
+                let what = "TransformBegin is read as AttributeBegin, as pbrt-v4 does; write that instead";
+                self.log.notice(&source, what);
+                self.begin_block("TransformBegin", source);
+            }
+            "ObjectBegin" if self.in_world(&d) => self.begin_object(&d),
+            "ObjectInstance" if self.in_world(&d) => self.add_instance(&d),
+            "AttributeEnd" => self.end_block("AttributeBegin", &d),
+            "TransformEnd" => self.end_block("TransformBegin", &d),
+            "ObjectEnd" => self.end_block("ObjectBegin", &d),
+            "Attribute" => self.add_attributes(d),
+            "Include" | "Import" => self.include(&d.texts[0], &source),
+            "Option" => self.read_option(d),
+            "ColorSpace" if d.texts[0] != "srgb" => {
+                self.log.unsupported(&source, &format!("ColorSpace {}", shown(&d.texts[0])));
+            }
+            "ColorSpace" => {}
+            "Camera" | "Film" | "Sampler" | "Integrator" | "PixelFilter" if self.in_options(&d) => {
+                self.read_rendering_option(d);
+            }
+            "Accelerator" => self.log.notice(&source, "Accelerator is advice that is not followed"),
+            "MakeNamedMaterial" => self.make_named_material(d),
+            "NamedMaterial" if self.in_world(&d) => {
+                self.state.material = MaterialRef::Named(d.texts.swap_remove(0).into(), Rc::new(source));
+            }
+            "Material" if self.in_world(&d) => self.set_material(d),
+            "Texture" if self.in_world(&d) => self.make_texture(d),
+            "Shape" if self.in_world(&d) => self.add_shape(d),
+            "AreaLightSource" if self.in_world(&d) => self.set_area_light(d),
+            "LightSource" if self.in_world(&d) => self.add_light(d),
+            "TransformTimes" if self.in_options(&d) => self.set_times(&d),
+            "MakeNamedMedium" => self.make_medium(d),
+            "MediumInterface" => self.set_media(d),
+            "WorldEnd" if self.version.is_old() => {}
+            "WorldEnd" => self.log.notice(&source, "WorldEnd is not needed since pbrt-v4"),
+            "Renderer" | "SurfaceIntegrator" | "VolumeIntegrator" => self.read_old_transport(d),
+            "Volume" => self.log.unsupported(&source, "Volume (of pbrt-v2)"),
+            // Out of place: already reported.
+            _ => {}
+        }
+    }
+
+    pub(super) fn in_world(&mut self, d: &Directive<'_>) -> bool {
+        let inside = self.once.places.contains_key("WorldBegin");
+        if !inside {
+            self.log.problem(&d.source, format!("{} belongs after WorldBegin: move it there", d.word));
+        }
+        inside
+    }
+
+    pub(super) fn in_options(&mut self, d: &Directive<'_>) -> bool {
+        let inside = self.once.places.contains_key("WorldBegin");
+        if inside {
+            self.log.problem(&d.source, format!("{} belongs before WorldBegin: move it there", d.word));
+        }
+        !inside
+    }
+
+    /// Notes a directive of which there should be one.
+    pub(super) fn meet(&mut self, word: &'static str, source: &Source) {
+        if let Some(first) = self.once.places.insert(word, source.clone()) {
+            self.log.notice(source, format!("a second {word} (the first is at {first}): this one counts"));
+        }
+    }
+
+    fn begin_world(&mut self, source: &Source) {
+        if let Some(first) = self.once.places.get("WorldBegin").cloned() {
+            self.log.problem(source, format!("a second WorldBegin (the first is at {first}): remove one"));
+            return;
+        }
+        self.once.places.insert("WorldBegin", source.clone());
+        self.state.ctm = Ctm::default();
+        self.spaces.insert("world".into(), [DAffine3::IDENTITY; 2]);
+    }
+
+    pub(super) fn begin_block(&mut self, begin: &'static str, source: Source) {
+        if self.blocks.len() >= DEEPEST_BLOCK {
+            let what = format!("blocks are nested too deep: at most {DEEPEST_BLOCK} may be open; the rest is not read");
+            self.log.problem(&source, what);
+            self.stopped = true;
+            return;
+        }
+        self.blocks.push(Block { begin, source, saved: self.state.clone() });
+    }
+
+    fn end_block(&mut self, begin: &'static str, d: &Directive<'_>) {
+        match self.blocks.pop() {
+            Some(block) => {
+                if block.begin != begin {
+                    let what = format!("{} closes the {} of {}: they must match", d.word, block.begin, block.source);
+                    self.log.problem(&d.source, what);
+                }
+                if block.begin == "ObjectBegin" {
+                    self.object = None;
+                }
+                if block.begin == "TransformBegin" && self.version.is_old() {
+                    // Older versions saved nothing else.
+                    self.state.ctm = block.saved.ctm;
+                } else {
+                    self.state = block.saved;
+                }
+            }
+            None => self.log.problem(&d.source, format!("{} without {begin}: remove it", d.word)),
+        }
+    }
+
+    fn add_attributes(&mut self, mut d: Directive<'_>) {
+        self.load_spectra(&mut d.params, &d.source);
+        match Rc::make_mut(&mut self.state.attributes).of_mut(&d.texts[0]) {
+            Some(list) => {
+                // Later ones hide earlier ones.
+                list.retain(|old: &Param| d.params.iter().all(|new| new.name != old.name));
+                list.extend(d.params);
+                if list.len() > MOST_ATTRIBUTES {
+                    let what =
+                        format!("more than {MOST_ATTRIBUTES} attributes of one kind: give them where they belong");
+                    self.log.problem(&d.source, what);
+                    self.stopped = true;
+                }
+            }
+            None => {
+                let what = format!(
+                    "Attribute {} is unknown: use shape, light, material, medium or texture",
+                    shown(&d.texts[0])
+                );
+                self.log.problem(&d.source, what);
+            }
+        }
+    }
+
+    fn include(&mut self, name: &str, source: &Source) {
+        let path = self.resolve(name);
+        self.included += 1;
+        if self.including.iter().any(|open| tidy(open) == path) {
+            self.log.problem(source, format!("{} includes itself: remove this Include", path.display()));
+        } else if self.including.len() > DEEPEST_INCLUDE {
+            self.log.problem(source, format!("files are included too deep: at most {DEEPEST_INCLUDE} may be open"));
+        } else if self.included > MOST_INCLUDES {
+            self.log.problem(source, format!("more than {MOST_INCLUDES} files are included: the rest is not read"));
+            self.stopped = true;
+        } else {
+            self.read_file(&path, source);
+        }
+    }
+
+    fn read_option(&mut self, d: Directive<'_>) {
+        for param in &d.params {
+            // The one option that changes what materials do.
+            if param.name == "forcediffuse" && param.values != Values::Bools(vec![false]) {
+                self.log.unsupported(&d.source, "Option forcediffuse");
+            } else {
+                self.log.notice(&d.source, format!("Option {} is not followed", shown(&param.name)));
+            }
+        }
+    }
+
+    /// The parameters of a directive; `kind` is the attribute's target that adds to them.
+    pub(super) fn params(&mut self, d: &mut Directive<'_>, kind: &str) -> Params {
+        let of = d.texts.last().map_or(d.word.to_owned(), |t| format!("{} {}", d.word, shown(t)));
+        self.load_spectra(&mut d.params, &d.source);
+        let attributes = &self.state.attributes;
+        let inherited: &[Param] = match kind {
+            "shape" => &attributes.shape,
+            "light" => &attributes.light,
+            "material" => &attributes.material,
+            "texture" => &attributes.texture,
+            "medium" => &attributes.medium,
+            _ => &[],
+        };
+        Params::new(of, &d.source, std::mem::take(&mut d.params), inherited, self.version)
+    }
+}
+
+/// That a name is unknown, with one that is close, or else with advice.
+pub(super) fn unknown_name<'k>(
+    what: &str,
+    name: &str,
+    known: impl IntoIterator<Item = &'k String>,
+    advice: &str,
+) -> String {
+    match suggestion(name, known.into_iter().map(String::as_str)) {
+        Some(near) => format!("unknown {what} {}: did you mean {near}?", shown(name)),
+        None => format!("unknown {what} {}: {advice}", shown(name)),
+    }
+}
+
+/// A path without `.`, and without `..` where what it goes back over is written out.
+fn tidy(path: &Path) -> PathBuf {
+    let mut tidy = PathBuf::new();
+    for part in path.components() {
+        match part {
+            Component::CurDir => {}
+            Component::ParentDir if matches!(tidy.components().next_back(), Some(Component::Normal(_))) => {
+                tidy.pop();
+            }
+            part => tidy.push(part),
+        }
+    }
+    tidy
+}

@@ -1,0 +1,349 @@
+//! Shapes.
+
+use super::directive::Directive;
+use super::params::{Params, Type};
+use super::reader::Reader;
+use super::subdivide::subdivide;
+use super::tessellate::{Patches, Round};
+use super::tokens::shown;
+use crate::ply::read_ply;
+use crate::{Emission, Geometry, MeshData, Scalar, Shape, Source};
+use glam::{DAffine3, DVec3};
+use std::f64::consts::PI;
+use std::sync::Arc;
+
+/// Triangles that may be made of shapes that are none, in a whole scene: some 300 MB.
+const MOST_MADE: usize = 1 << 22;
+
+impl Reader<'_> {
+    /// Carries out `Shape`.
+    pub(super) fn add_shape(&mut self, mut d: Directive<'_>) {
+        self.shapes_met += 1;
+        let mut params = self.params(&mut d, "shape");
+        let line = d.source.line;
+        let geometry = match d.texts[0].as_str() {
+            "trianglemesh" => triangle_mesh(&mut params, line),
+            "plymesh" => self.ply_mesh(&mut params, &d.source),
+            "sphere" => self.sphere(&mut params, line),
+            "disk" => self.disk(&mut params, line),
+            "cylinder" => self.cylinder(&mut params, line),
+            "bilinearmesh" => self.bilinear_mesh(&mut params, line),
+            "loopsubdiv" => self.loop_surface(&mut params, line),
+            kind => {
+                params.unsupported(line, format!("Shape {}", shown(kind)));
+                params.ignore_rest();
+                None
+            }
+        };
+        if self.version.is_old() {
+            // Of pbrt-v3's shadows alone.
+            if let Some(param) = params.take("shadowalpha") {
+                params.unsupported(param.line, format!("parameter shadowalpha of {}", params.of().to_owned()));
+            }
+        }
+        let given = params.has("alpha");
+        let alpha = params.scalar("alpha", 1.0, &self.textures, |v| (0.0..=1.0).contains(&v), "within 0..=1");
+        let alpha = Some(alpha).filter(|a| given && *a != Scalar::Constant(1.0));
+        let emission = geometry.as_ref().and_then(|g| self.emission(g, &mut params));
+        let moves_to = self.state.ctm.moves_to();
+        if moves_to.is_some() && self.object.is_some() {
+            params.unsupported(line, "a shape that moves within an object (let the instance move)");
+        }
+        let good = params.finish(&mut self.log);
+        let geometry = match geometry {
+            Some(geometry) if good => geometry,
+            // Kept, empty, so that its material is checked too; the scene is refused anyway.
+            _ if self.log.has_problems() => Geometry::Mesh(Arc::default()),
+            _ => return,
+        };
+        let mut shape = Shape::new(geometry, self.state.ctm.start, crate::MaterialId(0), d.source);
+        shape.moves_to = moves_to.filter(|_| self.object.is_none());
+        (shape.alpha, shape.emission, shape.reversed) = (alpha, emission, self.state.reversed);
+        self.keep_shape(shape);
+    }
+
+    /// What the shape gives off under the current area light.
+    fn emission(&self, geometry: &Geometry, params: &mut Params) -> Option<Emission> {
+        let light = self.state.emission?;
+        let line = params.line();
+        if self.object.is_some() {
+            params.unsupported(line, "an area light in an object");
+            return None;
+        }
+        if self.state.ctm.moves_to().is_some() {
+            params.unsupported(line, "an area light that moves");
+            return None;
+        }
+        let Some(power) = light.power else {
+            return Some(Emission { radiance: light.radiance, two_sided: light.two_sided });
+        };
+        let Some(area) = world_area(geometry, self.state.ctm.start) else {
+            params.problem(line, "the power of a stretched sphere or disk is not known: give its radiance L and scale");
+            return None;
+        };
+        if let Geometry::Mesh(mesh) = geometry
+            && mesh.triangles.len() > 1
+        {
+            let what = "the power of the light is shared by the whole mesh; pbrt-v4 gives each triangle all of it";
+            params.notice(line, what);
+        }
+        let sides = if light.two_sided { 2.0 } else { 1.0 };
+        let radiance = light.radiance.map(|c| (f64::from(c) * power / (PI * area * sides)) as f32);
+        if radiance.iter().any(|c| !c.is_finite()) {
+            params.problem(line, "the power of the light is too much for the shape's area");
+            return None;
+        }
+        Some(Emission { radiance, two_sided: light.two_sided })
+    }
+
+    fn ply_mesh(&mut self, params: &mut Params, source: &Source) -> Option<Geometry> {
+        for name in ["displacement", "edgelength"] {
+            if let Some(param) = params.take(name) {
+                params.unsupported(param.line, format!("parameter {name} of {}", params.of().to_owned()));
+            }
+        }
+        let Some((name, line)) = params.text("filename") else {
+            if !params.is_bad() {
+                params.problem(source.line, format!("{} lacks \"string filename\"", params.of().to_owned()));
+            }
+            return None;
+        };
+        let path = self.resolve(&name);
+        if let Some(mesh) = self.meshes.get(&path) {
+            return Some(Geometry::Mesh(mesh.clone()));
+        }
+        let source = Source { line, ..source.clone() };
+        // The reason has been given where this fails.
+        let Some(bytes) = self.load(&path, &source) else {
+            params.fail();
+            return None;
+        };
+        match read_ply(&bytes) {
+            Ok(mesh) => {
+                if let Some(what) = mesh.doubt {
+                    params.notice(line, format!("{}: {what}", path.display()));
+                }
+                let mesh = Arc::new(mesh.data);
+                self.meshes.insert(path, mesh.clone());
+                Some(Geometry::Mesh(mesh))
+            }
+            Err(e) => {
+                params.problem(line, format!("{}: {e}", path.display()));
+                None
+            }
+        }
+    }
+
+    fn sphere(&mut self, params: &mut Params, line: u32) -> Option<Geometry> {
+        let radius = params.float("radius", 1.0, |v| v > 0.0, "above 0");
+        let low = params.float("zmin", -radius, |_| true, "finite");
+        let high = params.float("zmax", radius, |_| true, "finite");
+        let sweep = sweep(params);
+        let (low, high) = (low.min(high).clamp(-radius, radius), low.max(high).clamp(-radius, radius));
+        if low <= -radius && high >= radius && sweep == 360.0 {
+            return Some(Geometry::Sphere { radius });
+        }
+        self.round(Round::Sphere { radius, low, high, sweep }, params, line)
+    }
+
+    fn disk(&mut self, params: &mut Params, line: u32) -> Option<Geometry> {
+        let height = params.float("height", 0.0, |_| true, "finite");
+        let radius = params.float("radius", 1.0, |v| v > 0.0, "above 0");
+        let inner = |v: f64| v >= 0.0 && v < radius;
+        let inner_radius = params.float("innerradius", 0.0, inner, "at least 0 and below radius");
+        let sweep = sweep(params);
+        if sweep == 360.0 {
+            return Some(Geometry::Disk { height, radius, inner_radius });
+        }
+        self.round(Round::Disk { height, radius, inner_radius, sweep }, params, line)
+    }
+
+    fn cylinder(&mut self, params: &mut Params, line: u32) -> Option<Geometry> {
+        let radius = params.float("radius", 1.0, |v| v > 0.0, "above 0");
+        let [a, b] = [("zmin", -1.0), ("zmax", 1.0)].map(|(name, z)| params.float(name, z, |_| true, "finite"));
+        let sweep = sweep(params);
+        if a == b {
+            params.problem(line, format!("{} has no height: zmin and zmax must differ", params.of().to_owned()));
+            return None;
+        }
+        self.round(Round::Cylinder { radius, low: a.min(b), high: a.max(b), sweep }, params, line)
+    }
+
+    fn round(&mut self, shape: Round, params: &mut Params, line: u32) -> Option<Geometry> {
+        // A sphere makes the most.
+        self.make_room(1 << 16, params, line)?;
+        let mesh = shape.mesh();
+        let what = format!("{} is made of {} triangles with smooth normals", params.of(), mesh.triangles.len());
+        params.notice(line, what);
+        self.made(mesh, params, line)
+    }
+
+    fn bilinear_mesh(&mut self, params: &mut Params, line: u32) -> Option<Geometry> {
+        if let Some(param) = params.take("emissionfilename") {
+            params.unsupported(param.line, format!("parameter emissionfilename of {}", params.of().to_owned()));
+        }
+        let (positions, normals, uvs) = vertices(params, line)?;
+        params.ignore(&["faceIndices"]);
+        let corners = match params.numbers("indices", &[Type::Integer], 4) {
+            Some((numbers, line)) => corners::<4>(params, "patch", &numbers, line, positions.len())?,
+            None if params.is_bad() => return None,
+            None if positions.len() == 4 => vec![[0, 1, 2, 3]],
+            None => return lacks_indices(params, line),
+        };
+        // Faults of the corners' values, in the words that meshes have.
+        let whole = MeshData { positions, normals, uvs, triangles: vec![[0; 3]] };
+        check(&whole, params, line)?;
+        let MeshData { positions, normals, uvs, .. } = whole;
+        self.make_room(corners.len().saturating_mul(8).saturating_add(1 << 19), params, line)?;
+        let (mesh, curved) = Patches { positions, normals, uvs, corners }.mesh();
+        if curved > 0 {
+            let what = format!("{} has {curved} curved patches: made of triangles with smooth normals", params.of());
+            params.notice(line, what);
+        }
+        self.made(mesh, params, line)
+    }
+
+    fn loop_surface(&mut self, params: &mut Params, line: u32) -> Option<Geometry> {
+        let name = if params.has("nlevels") && self.version.is_old() { "nlevels" } else { "levels" };
+        let levels = params.integer(name, 0, 20).unwrap_or(3) as u32;
+        params.ignore(&["scheme"]);
+        let positions = positions(params, line)?;
+        let Some((numbers, line)) = params.numbers("indices", &[Type::Integer], 3) else {
+            return if params.is_bad() { None } else { lacks_indices(params, line) };
+        };
+        let faces = corners::<3>(params, "triangle", &numbers, line, positions.len())?;
+        let made = 1usize.checked_shl(2 * levels).and_then(|n| faces.len().checked_mul(n)).unwrap_or(usize::MAX);
+        self.make_room(made, params, line)?;
+        match subdivide(positions, faces, levels) {
+            Ok(mesh) => self.made(mesh, params, line),
+            Err(unfit) => {
+                params.problem(line, format!("{}: {unfit}", params.of().to_owned()));
+                None
+            }
+        }
+    }
+
+    /// Says no where so many more triangles would be too many.
+    fn make_room(&self, more: usize, params: &mut Params, line: u32) -> Option<()> {
+        if self.triangles_made.saturating_add(more) <= MOST_MADE {
+            return Some(());
+        }
+        let what = format!(
+            "{} would make {more} triangles, after {} made of others: at most {MOST_MADE} may be made in all",
+            params.of(),
+            self.triangles_made
+        );
+        params.problem(line, what);
+        None
+    }
+
+    fn made(&mut self, mesh: MeshData, params: &mut Params, line: u32) -> Option<Geometry> {
+        self.triangles_made += mesh.triangles.len();
+        check(&mesh, params, line)?;
+        Some(Geometry::Mesh(Arc::new(mesh)))
+    }
+}
+
+/// The angle that a round shape fills, degrees.
+fn sweep(params: &mut Params) -> f64 {
+    params.float("phimax", 360.0, |v| v > 0.0, "above 0").min(360.0)
+}
+
+/// The area of a shape in world space; `None` of a round one that is stretched.
+fn world_area(geometry: &Geometry, to_world: DAffine3) -> Option<f64> {
+    let even = || {
+        let axes = [to_world.matrix3.x_axis, to_world.matrix3.y_axis, to_world.matrix3.z_axis];
+        let scale = axes[0].length();
+        let straight = |a: DVec3, b: DVec3| a.dot(b).abs() <= 1e-6 * scale * scale;
+        let alike = axes.iter().all(|a| (a.length() - scale).abs() <= 1e-6 * scale);
+        (alike && straight(axes[0], axes[1]) && straight(axes[1], axes[2]) && straight(axes[2], axes[0]))
+            .then_some(scale * scale)
+    };
+    let area = match geometry {
+        Geometry::Mesh(mesh) => {
+            let corner = |i: u32| to_world.transform_point3(mesh.positions[i as usize]);
+            let twice = |&[a, b, c]: &[u32; 3]| (corner(b) - corner(a)).cross(corner(c) - corner(a)).length();
+            mesh.triangles.iter().map(twice).sum::<f64>() / 2.0
+        }
+        Geometry::Sphere { radius } => 4.0 * PI * radius * radius * even()?,
+        Geometry::Disk { radius, inner_radius, .. } => PI * (radius * radius - inner_radius * inner_radius) * even()?,
+    };
+    Some(area)
+}
+
+fn triangle_mesh(params: &mut Params, line: u32) -> Option<Geometry> {
+    let (positions, normals, uvs) = vertices(params, line)?;
+    params.ignore(&["S", "faceIndices"]);
+    let triangles = match params.numbers("indices", &[Type::Integer], 3) {
+        Some((numbers, line)) => corners::<3>(params, "triangle", &numbers, line, positions.len())?,
+        None if params.is_bad() => return None,
+        None if positions.len() == 3 => vec![[0, 1, 2]],
+        None => return lacks_indices(params, line),
+    };
+    let mesh = MeshData { positions, normals, uvs, triangles };
+    check(&mesh, params, line)?;
+    Some(Geometry::Mesh(Arc::new(mesh)))
+}
+
+fn lacks_indices<T>(params: &mut Params, line: u32) -> Option<T> {
+    params.problem(line, format!("{} lacks \"integer indices\"", params.of().to_owned()));
+    None
+}
+
+fn check(mesh: &MeshData, params: &mut Params, line: u32) -> Option<()> {
+    mesh.check().map_err(|fault| params.problem(line, format!("{}: {fault}", params.of().to_owned()))).ok()
+}
+
+fn positions(params: &mut Params, line: u32) -> Option<Vec<DVec3>> {
+    let Some((points, _)) = params.numbers("P", &[Type::Point3], 3) else {
+        if !params.is_bad() {
+            params.problem(line, format!("{} lacks \"point3 P\"", params.of().to_owned()));
+        }
+        return None;
+    };
+    Some(points.chunks_exact(3).map(DVec3::from_slice).collect())
+}
+
+/// Positions, normals and texture coordinates.
+type Vertices = (Vec<DVec3>, Vec<[f32; 3]>, Vec<[f32; 2]>);
+
+fn vertices(params: &mut Params, line: u32) -> Option<Vertices> {
+    let positions = positions(params, line)?;
+    let normals = singles::<3>(params.numbers("N", &[Type::Normal], 3));
+    // pbrt-v3 also calls them st, and both it and pbrt-v2 declare them float.
+    let uv = if params.has("uv") { "uv" } else { "st" };
+    let uvs = singles::<2>(params.numbers(uv, &[Type::Point2, Type::Float], 2));
+    Some((positions, normals, uvs))
+}
+
+/// Corner numbers in groups.
+fn corners<const N: usize>(
+    params: &mut Params,
+    what: &str,
+    numbers: &[f64],
+    line: u32,
+    vertices: usize,
+) -> Option<Vec<[u32; N]>> {
+    let mut groups = Vec::with_capacity(numbers.len() / N);
+    for (i, corners) in numbers.as_chunks::<N>().0.iter().enumerate() {
+        for &c in corners {
+            if !(c.fract() == 0.0 && c >= 0.0 && c < vertices as f64 && c <= f64::from(u32::MAX)) {
+                let what = format!(
+                    "{what} {i} of {} has corner {c}: corners are whole numbers from 0 to {}",
+                    params.of(),
+                    vertices - 1
+                );
+                params.problem(line, what);
+                return None;
+            }
+        }
+        groups.push(corners.map(|c| c as u32));
+    }
+    Some(groups)
+}
+
+/// Groups of `N` numbers in single precision.
+fn singles<const N: usize>(numbers: Option<(Vec<f64>, u32)>) -> Vec<[f32; N]> {
+    let (numbers, _) = numbers.unwrap_or_default();
+    numbers.chunks_exact(N).map(|group| std::array::from_fn(|i| group[i] as f32)).collect()
+}

@@ -1,0 +1,319 @@
+//! Loop's subdivision surfaces, refined as often as asked and then pushed to their limit
+//! [Loop 1987; limit positions and tangents as in Pharr et al. 2016, section 3.8].
+
+use crate::MeshData;
+use glam::DVec3;
+use std::f64::consts::{PI, TAU};
+
+/// No face.
+const NONE: u32 = u32::MAX;
+
+/// A triangle mesh whose faces know their neighbours.
+struct Control {
+    positions: Vec<DVec3>,
+    faces: Vec<[u32; 3]>,
+    /// The face across the edge from corner `i` to corner `i + 1`.
+    neighbors: Vec<[u32; 3]>,
+    /// Of each vertex, one of its faces.
+    start: Vec<u32>,
+    /// Of each vertex, how many faces it has.
+    count: Vec<u32>,
+}
+
+/// What makes a mesh unfit for subdivision.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub(super) enum Unfit {
+    #[error("triangle {0} has the same corner twice: remove it")]
+    Collapsed(usize),
+    #[error(
+        "the triangles around vertex {0} do not follow each other: each edge must belong to one or two triangles that turn the same way"
+    )]
+    Tangled(usize),
+}
+
+/// The surface of a control mesh after so many levels, with its normals. Four times as many triangles a level.
+pub(super) fn subdivide(positions: Vec<DVec3>, faces: Vec<[u32; 3]>, levels: u32) -> Result<MeshData, Unfit> {
+    let twice = |f: &[u32; 3]| f[0] == f[1] || f[1] == f[2] || f[2] == f[0];
+    if let Some(face) = faces.iter().position(twice) {
+        return Err(Unfit::Collapsed(face));
+    }
+    let mut control = Control::new(positions, faces);
+    for _ in 0..levels {
+        control = control.refine()?;
+    }
+    control.limit()
+}
+
+fn next(i: usize) -> usize {
+    (i + 1) % 3
+}
+
+fn previous(i: usize) -> usize {
+    (i + 2) % 3
+}
+
+/// How much each neighbour counts for a vertex of so many.
+fn beta(valence: usize) -> f64 {
+    if valence == 3 { 3.0 / 16.0 } else { 3.0 / (8.0 * valence as f64) }
+}
+
+/// Neighbours of a vertex in their order, and whether it lies on a border.
+struct Ring {
+    vertices: Vec<u32>,
+    border: bool,
+}
+
+impl Control {
+    fn new(positions: Vec<DVec3>, faces: Vec<[u32; 3]>) -> Self {
+        let mut start = vec![NONE; positions.len()];
+        let mut count = vec![0; positions.len()];
+        for (number, face) in faces.iter().enumerate() {
+            for &v in face {
+                start[v as usize] = number as u32;
+                count[v as usize] += 1;
+            }
+        }
+        let neighbors = neighbors(&edges(&faces), faces.len());
+        Self { positions, faces, neighbors, start, count }
+    }
+
+    fn corner_of(&self, face: u32, vertex: u32) -> Option<usize> {
+        self.faces[face as usize].iter().position(|&v| v == vertex)
+    }
+
+    /// The neighbours of a vertex that has faces. `ring` is emptied first; walks past all faces of a vertex are
+    /// refused, since those would not end.
+    fn ring(&self, vertex: u32, ring: &mut Ring) -> Result<(), Unfit> {
+        let tangled = Unfit::Tangled(vertex as usize);
+        ring.vertices.clear();
+        let start = self.start[vertex as usize];
+        let mut face = start;
+        // Around by the next faces, until that is the first again, or there is none.
+        for _ in 0..=self.count[vertex as usize] {
+            let corner = self.corner_of(face, vertex).ok_or(tangled)?;
+            ring.vertices.push(self.faces[face as usize][next(corner)]);
+            let across = self.neighbors[face as usize][corner];
+            if across == start {
+                ring.border = false;
+                return Ok(());
+            }
+            if across == NONE {
+                return self.border_ring(vertex, face, ring).ok_or(tangled);
+            }
+            face = across;
+        }
+        Err(tangled)
+    }
+
+    /// The neighbours of a vertex on a border, whose last face this is.
+    fn border_ring(&self, vertex: u32, mut face: u32, ring: &mut Ring) -> Option<()> {
+        ring.border = true;
+        ring.vertices.clear();
+        ring.vertices.push(self.faces[face as usize][next(self.corner_of(face, vertex)?)]);
+        for _ in 0..self.count[vertex as usize] {
+            let before = previous(self.corner_of(face, vertex)?);
+            ring.vertices.push(self.faces[face as usize][before]);
+            face = self.neighbors[face as usize][before];
+            if face == NONE {
+                return Some(());
+            }
+        }
+        None
+    }
+
+    /// A vertex drawn towards its ring: inner ones by `inner` of their valence to each neighbour, those on a
+    /// border by `border` to both neighbours on it.
+    fn drawn(&self, vertex: usize, ring: &Ring, inner: fn(usize) -> f64, border: f64) -> DVec3 {
+        let (own, valence) = (self.positions[vertex], ring.vertices.len());
+        let at = |i: usize| self.positions[ring.vertices[i] as usize];
+        if ring.border {
+            return own * (1.0 - 2.0 * border) + (at(0) + at(valence - 1)) * border;
+        }
+        let weight = inner(valence);
+        own * (1.0 - valence as f64 * weight) + (0..valence).map(at).sum::<DVec3>() * weight
+    }
+
+    /// One level.
+    fn refine(&self) -> Result<Self, Unfit> {
+        let mut ring = Ring { vertices: Vec::new(), border: false };
+        let mut positions = Vec::with_capacity(self.positions.len() + 3 * self.faces.len() / 2);
+        for vertex in 0..self.positions.len() {
+            if self.start[vertex] == NONE {
+                positions.push(self.positions[vertex]);
+                continue;
+            }
+            self.ring(vertex as u32, &mut ring)?;
+            positions.push(self.drawn(vertex, &ring, beta, 1.0 / 8.0));
+        }
+        // The vertex in the middle of each edge of each face.
+        let mut middles = vec![[NONE; 3]; self.faces.len()];
+        for face in 0..self.faces.len() {
+            for edge in 0..3 {
+                if middles[face][edge] != NONE {
+                    continue;
+                }
+                let middle = positions.len() as u32;
+                let [a, b] = [self.faces[face][edge], self.faces[face][next(edge)]];
+                let far = self.faces[face][previous(edge)];
+                let [pa, pb, pc] = [a, b, far].map(|v| self.positions[v as usize]);
+                middles[face][edge] = middle;
+                let across = self.neighbors[face][edge];
+                if across == NONE {
+                    positions.push((pa + pb) * 0.5);
+                    continue;
+                }
+                let other = &self.faces[across as usize];
+                let opposite = (0..3).find(|&i| other[i] != a && other[i] != b);
+                let opposite = opposite.ok_or(Unfit::Tangled(a as usize))?;
+                middles[across as usize][next(opposite)] = middle;
+                let pd = self.positions[other[opposite] as usize];
+                positions.push((pa + pb) * (3.0 / 8.0) + (pc + pd) * (1.0 / 8.0));
+            }
+        }
+        let parts = self
+            .faces
+            .iter()
+            .zip(&middles)
+            .flat_map(|(&[a, b, c], &[ab, bc, ca])| [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]);
+        let faces = parts.collect();
+        Ok(Self::new(positions, faces))
+    }
+
+    /// The mesh with every vertex where endless subdivision would put it.
+    fn limit(mut self) -> Result<MeshData, Unfit> {
+        let mut ring = Ring { vertices: Vec::new(), border: false };
+        let gamma = |valence: usize| 1.0 / (valence as f64 + 3.0 / (8.0 * beta(valence)));
+        let mut limits = self.positions.clone();
+        for (vertex, limit) in limits.iter_mut().enumerate() {
+            if self.start[vertex] != NONE {
+                self.ring(vertex as u32, &mut ring)?;
+                *limit = self.drawn(vertex, &ring, gamma, 1.0 / 5.0);
+            }
+        }
+        self.positions = limits;
+        let mut normals = vec![[0.0; 3]; self.positions.len()];
+        for (vertex, normal) in normals.iter_mut().enumerate() {
+            if self.start[vertex] != NONE {
+                self.ring(vertex as u32, &mut ring)?;
+                *normal = self.normal(vertex, &ring).normalize_or_zero().as_vec3().to_array();
+            }
+        }
+        Ok(MeshData { positions: self.positions, normals, uvs: Vec::new(), triangles: self.faces })
+    }
+
+    /// The product of the two tangents at a vertex, in pbrt's order: it points away from the winding's side.
+    fn normal(&self, vertex: usize, ring: &Ring) -> DVec3 {
+        let own = self.positions[vertex];
+        let n = ring.vertices.len();
+        // Around the vertex itself, so that far from the origin nothing is lost.
+        let at = |i: usize| self.positions[ring.vertices[i] as usize] - own;
+        let (mut s, mut t) = (DVec3::ZERO, DVec3::ZERO);
+        if !ring.border {
+            for i in 0..n {
+                let (sin, cos) = (TAU * i as f64 / n as f64).sin_cos();
+                s += at(i) * cos;
+                t += at(i) * sin;
+            }
+            return s.cross(t);
+        }
+        s += at(n - 1) - at(0);
+        t += match n {
+            2 => at(0) + at(1),
+            3 => at(1),
+            4 => -at(0) + 2.0 * at(1) + 2.0 * at(2) - at(3),
+            _ => {
+                let theta = PI / (n - 1) as f64;
+                let ends = (at(0) + at(n - 1)) * theta.sin();
+                let inner = (1..n - 1).map(|k| at(k) * ((2.0 * theta.cos() - 2.0) * (k as f64 * theta).sin()));
+                -(ends + inner.sum::<DVec3>())
+            }
+        };
+        s.cross(t)
+    }
+}
+
+/// Edges as (lower vertex, upper vertex, face, which of its edges), sorted, so that those of one pair of
+/// vertices stand together.
+fn edges(faces: &[[u32; 3]]) -> Vec<(u32, u32, u32, u8)> {
+    let mut edges = Vec::with_capacity(3 * faces.len());
+    for (number, face) in faces.iter().enumerate() {
+        for i in 0..3 {
+            let [a, b] = [face[i], face[next(i)]];
+            edges.push((a.min(b), a.max(b), number as u32, i as u8));
+        }
+    }
+    edges.sort_unstable();
+    edges
+}
+
+/// Faces across edges: those of an edge meet in pairs, in their order.
+fn neighbors(edges: &[(u32, u32, u32, u8)], faces: usize) -> Vec<[u32; 3]> {
+    let mut neighbors = vec![[NONE; 3]; faces];
+    let mut rest = edges;
+    while let [first, others @ ..] = rest {
+        rest = others;
+        if let [second, others @ ..] = rest
+            && (first.0, first.1) == (second.0, second.1)
+        {
+            neighbors[first.2 as usize][usize::from(first.3)] = second.2;
+            neighbors[second.2 as usize][usize::from(second.3)] = first.2;
+            rest = others;
+        }
+    }
+    neighbors
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::dvec3;
+
+    fn octahedron() -> (Vec<DVec3>, Vec<[u32; 3]>) {
+        let positions = [DVec3::X, -DVec3::X, DVec3::Y, -DVec3::Y, DVec3::Z, -DVec3::Z].to_vec();
+        let faces = [[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]];
+        (positions, faces.to_vec())
+    }
+
+    /// By hand: with valence 4, gamma = 1 / (4 + 3 / (8 * 3/32)) = 1/8, and the ring of a corner of the
+    /// octahedron has its middle at the origin: the limit is half as far out.
+    #[test]
+    fn corners_of_an_octahedron() {
+        let (positions, faces) = octahedron();
+        for levels in 0..4 {
+            let mesh = subdivide(positions.clone(), faces.clone(), levels).unwrap();
+            assert_eq!(mesh.triangles.len(), 8 << (2 * levels));
+            // Closed: Euler's formula.
+            assert_eq!(mesh.positions.len(), mesh.triangles.len() / 2 + 2);
+            // The limit of a corner does not depend on the level at which it is taken.
+            assert!((mesh.positions[0] - DVec3::X * 0.5).length() < 1e-12, "{levels}: {}", mesh.positions[0]);
+            // pbrt's normals point inwards for faces that wind outwards.
+            assert!((DVec3::from_array(mesh.normals[4].map(f64::from)) + DVec3::Z).length() < 1e-6);
+            assert!(mesh.check().is_ok());
+        }
+    }
+
+    /// A flat sheet stays flat, its border where it was, and its normals are those of pbrt.
+    #[test]
+    fn sheets_stay_flat() {
+        let positions: Vec<DVec3> = (0..9).map(|i| dvec3(f64::from(i % 3), f64::from(i / 3), 7.0)).collect();
+        let cell = |i: u32| [[i, i + 1, i + 4], [i, i + 4, i + 3]];
+        let faces: Vec<[u32; 3]> = [0, 1, 3, 4].into_iter().flat_map(cell).collect();
+        let mesh = subdivide(positions, faces, 2).unwrap();
+        assert_eq!(mesh.triangles.len(), 128);
+        assert!(mesh.positions.iter().all(|p| (p.z - 7.0).abs() < 1e-12));
+        assert!(mesh.normals.iter().all(|n| (n[2] + 1.0).abs() < 1e-6), "{:?}", mesh.normals);
+        assert!((mesh.positions[4] - dvec3(1.0, 1.0, 7.0)).length() < 1e-12);
+    }
+
+    #[test]
+    fn unfit_meshes_are_refused() {
+        let points = |n: usize| (0..n).map(|i| dvec3(i as f64, (i * i) as f64, 1.0)).collect::<Vec<_>>();
+        assert_eq!(subdivide(points(3), vec![[0, 1, 1]], 1), Err(Unfit::Collapsed(0)));
+        // Two triangles that turn against each other, and three on one edge: an answer, whatever it is.
+        for faces in [vec![[0, 1, 2], [0, 1, 3]], vec![[0, 1, 2], [1, 0, 3], [0, 1, 4]], vec![[0, 1, 2]; 5]] {
+            let _ = subdivide(points(5), faces, 3);
+        }
+        // A vertex without faces stays.
+        assert_eq!(subdivide(points(4), vec![[0, 1, 2]], 0).unwrap().positions[3], points(4)[3]);
+    }
+}

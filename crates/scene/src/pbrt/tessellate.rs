@@ -1,0 +1,207 @@
+//! Curved shapes that the scene description does not have, as triangles.
+
+use crate::MeshData;
+use glam::DVec3;
+use std::f64::consts::TAU;
+
+/// Steps around a full turn: the triangles lie within 1e-4 of the radius.
+const AROUND: u32 = 256;
+/// Steps from pole to pole of a sphere.
+const ALONG: u32 = 128;
+
+/// Part of a sphere, a cylinder or a disk around the z axis; `sweep` in degrees.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Round {
+    Sphere { radius: f64, low: f64, high: f64, sweep: f64 },
+    Cylinder { radius: f64, low: f64, high: f64, sweep: f64 },
+    Disk { height: f64, radius: f64, inner_radius: f64, sweep: f64 },
+}
+
+impl Round {
+    fn sweep(&self) -> f64 {
+        let (Self::Sphere { sweep, .. } | Self::Cylinder { sweep, .. } | Self::Disk { sweep, .. }) = *self;
+        sweep.clamp(0.0, 360.0) / 360.0
+    }
+
+    /// Position and normal at texture coordinates, as pbrt places these.
+    fn at(&self, u: f64, v: f64) -> (DVec3, DVec3) {
+        let (sin, cos) = (u * self.sweep() * TAU).sin_cos();
+        match *self {
+            Self::Sphere { radius, low, high, .. } => {
+                let polar = |z: f64| (z / radius).clamp(-1.0, 1.0).acos();
+                let (sin_theta, cos_theta) = (polar(low) + (polar(high) - polar(low)) * v).sin_cos();
+                let normal = DVec3::new(sin_theta * cos, sin_theta * sin, cos_theta);
+                (normal * radius, normal)
+            }
+            Self::Cylinder { radius, low, high, .. } => {
+                (DVec3::new(radius * cos, radius * sin, low + (high - low) * v), DVec3::new(cos, sin, 0.0))
+            }
+            Self::Disk { height, radius, inner_radius, .. } => {
+                let r = radius + (inner_radius - radius) * v;
+                (DVec3::new(r * cos, r * sin, height), DVec3::Z)
+            }
+        }
+    }
+
+    /// Its triangles.
+    pub(super) fn mesh(&self) -> MeshData {
+        let around = ((f64::from(AROUND) * self.sweep()).ceil() as u32).max(4);
+        let along = if matches!(self, Self::Sphere { .. }) { ALONG } else { 1 };
+        let mut mesh = MeshData::default();
+        for row in 0..=along {
+            for column in 0..=around {
+                let (u, v) = (f64::from(column) / f64::from(around), f64::from(row) / f64::from(along));
+                let (position, normal) = self.at(u, v);
+                mesh.positions.push(position);
+                mesh.normals.push(normal.as_vec3().to_array());
+                mesh.uvs.push([u as f32, v as f32]);
+            }
+        }
+        grid_triangles(&mut mesh, 0, around, along);
+        mesh
+    }
+}
+
+/// Appends the triangles of a grid of `columns x rows` cells, whose corners begin at `first`, row by row. The
+/// winding normal is that of u to the right and v upwards.
+pub(super) fn grid_triangles(mesh: &mut MeshData, first: u32, columns: u32, rows: u32) {
+    let corner = |column: u32, row: u32| first + row * (columns + 1) + column;
+    for row in 0..rows {
+        for column in 0..columns {
+            let [a, b] = [corner(column, row), corner(column + 1, row)];
+            let [c, d] = [corner(column + 1, row + 1), corner(column, row + 1)];
+            mesh.triangles.extend([[a, b, c], [a, c, d]]);
+        }
+    }
+}
+
+/// Bilinear patches: four corner numbers each, in the order (0,0), (1,0), (0,1), (1,1) of (u, v).
+pub(super) struct Patches {
+    pub(super) positions: Vec<DVec3>,
+    /// Empty, or one per position.
+    pub(super) normals: Vec<[f32; 3]>,
+    /// Empty, or one per position.
+    pub(super) uvs: Vec<[f32; 2]>,
+    pub(super) corners: Vec<[u32; 4]>,
+}
+
+/// Cells along each side of a curved patch, at most; many patches get fewer each.
+const PATCH_CELLS: u32 = 16;
+/// Triangles of all curved patches together, about, unless there are more than a quarter as many patches.
+const PATCH_TRIANGLES: u32 = 1 << 19;
+
+impl Patches {
+    /// Their triangles, and how many patches are curved. Flat ones (parallelograms) make exactly two.
+    pub(super) fn mesh(&self) -> (MeshData, usize) {
+        let curved = self.corners.iter().filter(|c| !self.is_flat(c)).count();
+        let cells = ((PATCH_TRIANGLES / 2) as f64 / curved.max(1) as f64).sqrt() as u32;
+        let cells = cells.clamp(2, PATCH_CELLS);
+        let smooth = curved > 0 || !self.normals.is_empty();
+        let mut mesh = MeshData::default();
+        for corners in &self.corners {
+            let cells = if self.is_flat(corners) { 1 } else { cells };
+            let first = mesh.positions.len() as u32;
+            for row in 0..=cells {
+                for column in 0..=cells {
+                    let at = [column, row].map(|i| f64::from(i) / f64::from(cells));
+                    self.push_corner(&mut mesh, corners, at, smooth);
+                }
+            }
+            grid_triangles(&mut mesh, first, cells, cells);
+        }
+        (mesh, curved)
+    }
+
+    fn push_corner(&self, mesh: &mut MeshData, corners: &[u32; 4], [u, v]: [f64; 2], smooth: bool) {
+        let p = corners.map(|c| self.positions[c as usize]);
+        mesh.positions.push(p[0].lerp(p[1], u).lerp(p[2].lerp(p[3], u), v));
+        let blend = |value: [f32; 4]| {
+            let [a, b, c, d] = value.map(f64::from);
+            let low = a + (b - a) * u;
+            (low + (c + (d - c) * u - low) * v) as f32
+        };
+        if !self.normals.is_empty() {
+            let n = corners.map(|c| self.normals[c as usize]);
+            mesh.normals.push(std::array::from_fn(|i| blend(n.map(|n| n[i]))));
+        } else if smooth {
+            let along_u = (p[1] - p[0]).lerp(p[3] - p[2], v);
+            let along_v = (p[2] - p[0]).lerp(p[3] - p[1], u);
+            // Scaled, since squares of tiny lengths underflow in single precision.
+            let normal = along_u.cross(along_v);
+            mesh.normals.push(normal.normalize_or_zero().as_vec3().to_array());
+        }
+        mesh.uvs.push(if self.uvs.is_empty() {
+            [u as f32, v as f32]
+        } else {
+            let uv = corners.map(|c| self.uvs[c as usize]);
+            std::array::from_fn(|i| blend(uv.map(|t| t[i])))
+        });
+    }
+
+    /// Whether a patch is a parallelogram, its texture coordinates and normals too: two triangles are then all
+    /// of it.
+    fn is_flat(&self, corners: &[u32; 4]) -> bool {
+        let p = corners.map(|c| self.positions[c as usize]);
+        let size = (p[3] - p[0]).abs().max((p[1] - p[2]).abs()).max_element();
+        // What single precision leaves of a file's rounding.
+        let off = (p[0] + p[3] - p[1] - p[2]).abs().max_element();
+        let straight = |value: [f32; 4]| (value[0] + value[3] - value[1] - value[2]).abs() <= 1e-5;
+        let uv = corners.map(|c| self.uvs.get(c as usize).copied().unwrap_or_default());
+        let n = corners.map(|c| self.normals.get(c as usize).copied().unwrap_or_default());
+        off <= 1e-6 * size && (0..2).all(|i| straight(uv.map(|t| t[i]))) && (0..3).all(|i| straight(n.map(|n| n[i])))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn area(mesh: &MeshData) -> f64 {
+        let corner = |i: u32| mesh.positions[i as usize];
+        mesh.triangles
+            .iter()
+            .map(|&[a, b, c]| (corner(b) - corner(a)).cross(corner(c) - corner(a)).length() / 2.0)
+            .sum()
+    }
+
+    /// Areas, and that winding and normals agree with each other.
+    #[test]
+    fn round_shapes_have_their_areas() {
+        for (shape, expected) in [
+            (Round::Sphere { radius: 2.0, low: -2.0, high: 2.0, sweep: 360.0 }, 2.0 * TAU * 4.0),
+            (Round::Sphere { radius: 2.0, low: 0.0, high: 1.0, sweep: 180.0 }, TAU / 2.0 * 2.0),
+            (Round::Cylinder { radius: 0.5, low: -1.0, high: 2.0, sweep: 90.0 }, TAU / 4.0 * 0.5 * 3.0),
+            (Round::Disk { height: 1.0, radius: 2.0, inner_radius: 1.0, sweep: 360.0 }, TAU / 2.0 * 3.0),
+        ] {
+            let mesh = shape.mesh();
+            assert!((area(&mesh) / expected - 1.0).abs() < 5e-4, "{shape:?}: {} {expected}", area(&mesh));
+            assert!(mesh.check().is_ok());
+            for [a, b, c] in mesh.triangles.iter().map(|t| t.map(|i| i as usize)) {
+                let winding = (mesh.positions[b] - mesh.positions[a]).cross(mesh.positions[c] - mesh.positions[a]);
+                let normal = glam::Vec3::from(mesh.normals[a]).as_dvec3();
+                assert!(winding.length() < 1e-12 || winding.dot(normal) > 0.0, "{shape:?}");
+            }
+        }
+    }
+
+    fn patch(corner: DVec3) -> Patches {
+        let positions = vec![DVec3::ZERO, DVec3::X, DVec3::Y, corner];
+        Patches { positions, normals: Vec::new(), uvs: Vec::new(), corners: vec![[0, 1, 2, 3]] }
+    }
+
+    #[test]
+    fn flat_patches_are_two_triangles() {
+        let (mesh, curved) = patch(DVec3::new(1.0, 1.0, 0.0)).mesh();
+        assert_eq!((mesh.triangles, curved), (vec![[0, 1, 3], [0, 3, 2]], 0));
+        assert_eq!(mesh.uvs, [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]]);
+        assert!(mesh.normals.is_empty());
+        let (mesh, curved) = patch(DVec3::new(1.0, 1.0, 1.0)).mesh();
+        assert_eq!((mesh.triangles.len(), curved, mesh.normals.len()), (512, 1, 289));
+        // The middle of a bilinear patch is the mean of its corners.
+        assert!((mesh.positions[144] - DVec3::new(0.5, 0.5, 0.25)).length() < 1e-12);
+        // Texture coordinates that bend need more than two triangles.
+        let bent =
+            Patches { uvs: vec![[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [0.5, 0.5]], ..patch(DVec3::new(1.0, 1.0, 0.0)) };
+        assert_eq!(bent.mesh().1, 1);
+    }
+}

@@ -1,0 +1,174 @@
+//! The fuzz targets' functions on their seeds, so that a build without `cargo fuzz` sees at once what breaks.
+//!
+//! Seeds are made here, from our own scenes; `DAPPLE_WRITE_SEEDS=1 cargo test -p dapple-scene --test fuzz_corpus`
+//! writes them anew. Inputs that once broke something are in `fuzz/found`.
+
+#![allow(clippy::print_stderr)] // How long the slowest input took is told.
+
+#[allow(unreachable_pub)] // A library of its own where cargo-fuzz builds it.
+#[path = "../../../fuzz/src/lib.rs"]
+mod targets;
+
+use dapple_scene::bundled;
+use dapple_scene::image::{Image, Layer, encode_exr, encode_pfm};
+use image::{DynamicImage, ImageFormat, Rgb, RgbImage};
+use rand::{RngExt, SeedableRng};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+/// Name and function.
+type Target = (&'static str, fn(&[u8]));
+
+const TARGETS: [Target; 6] = [
+    ("scene", targets::scene),
+    ("ply", targets::ply),
+    ("obj", targets::obj),
+    ("stl", targets::stl),
+    ("image", targets::image),
+    ("geometry", targets::geometry),
+];
+
+fn folder(name: &str) -> PathBuf {
+    Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../fuzz")).join(name)
+}
+
+/// Target, name, bytes.
+type Seed = (&'static str, String, Vec<u8>);
+
+fn seeds() -> Vec<Seed> {
+    let mut seeds: Vec<Seed> = Vec::new();
+    let mut add = |target, name: &str, bytes: Vec<u8>| seeds.push((target, name.to_owned(), bytes));
+    for name in bundled::names() {
+        let bundle = bundled::files(name).unwrap();
+        // Those of very many lines teach a fuzzer nothing more.
+        let text = &bundle.files[0].1;
+        let end = text.iter().enumerate().filter(|(_, b)| **b == b'\n').nth(60).map_or(text.len(), |(at, _)| at + 1);
+        add("scene", name, text[..end.min(6000)].to_vec());
+    }
+    add("scene", "small", include_bytes!("scenes/small.pbrt").to_vec());
+    let header = |format: &str, count: &str| {
+        format!(
+            "ply\nformat {format} 1.0\ncomment ours\nelement vertex 4\nproperty float x\nproperty double y\nproperty short z\nproperty float nx\nproperty float ny\nproperty float nz\nproperty float u\nproperty float v\nelement face 1\nproperty list {count} vertex_indices\nend_header\n"
+        )
+        .into_bytes()
+    };
+    let corners = [[0_i16, 0], [3, 0], [1, 1], [0, 3]];
+    let vertex = |[x, y]: [i16; 2], big: bool| -> Vec<u8> {
+        let single = |v: f32| if big { v.to_be_bytes() } else { v.to_le_bytes() };
+        let y = if big { f64::from(y).to_be_bytes() } else { f64::from(y).to_le_bytes() };
+        let mut bytes = single(x.into()).to_vec();
+        bytes.extend(y);
+        bytes.extend([0, 0]);
+        [0.0, 0.0, 1.0, x.into(), 0.5].into_iter().for_each(|v| bytes.extend(single(v)));
+        bytes
+    };
+    for (name, big) in [("little", false), ("big", true)] {
+        let mut bytes = header(if big { "binary_big_endian" } else { "binary_little_endian" }, "uchar int");
+        corners.iter().for_each(|&corner| bytes.extend(vertex(corner, big)));
+        bytes.push(4);
+        (0..4_u32).for_each(|i| bytes.extend(if big { i.to_be_bytes() } else { i.to_le_bytes() }));
+        add("ply", name, bytes);
+    }
+    let mut ascii = header("ascii", "uchar uint");
+    corners.iter().for_each(|[x, y]| ascii.extend(format!("{x} {y} 0 0 0 1 {x} 0.5\n").into_bytes()));
+    ascii.extend(b"4 0 1 2 3\n");
+    add("ply", "ascii", ascii);
+    let plain = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n";
+    add("obj", "plain", plain.into());
+    let rich = "# ours\nmtllib m.mtl\nnewmtl a\nKd 1 0.5 0.25\nmap_Kd -s 1 1 1 m.pfm\no a\ng b\ns 1\nv 0 0 0 1\nv 3 0 0 1 1 1\nv 1 1 0\nv 0 3 0\nvt 0\nvt 1 0.5\nvn 0 0 1\nusemtl a\nf -4/1/1 -3/2/1 \\\n -2/1/1 -1/2/1\nusemtl b\nf 1//1 2//1 3//1\nl 1 2 3\nf 1/1 2/1 3/1 4/1\n";
+    add("obj", "rich", rich.into());
+    let text = "solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1e0 -0.5\nendloop\nendfacet\nendsolid a\nsolid b\nendsolid b\n";
+    add("stl", "text", text.into());
+    for (name, word) in [("binary", b"ours ".as_slice()), ("solid", b"solid")] {
+        let mut bytes = word.to_vec();
+        bytes.resize(80, b' ');
+        bytes.extend(1_u32.to_le_bytes());
+        bytes.resize(84 + 12, 0);
+        [0.0_f32, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, -0.5].into_iter().for_each(|v| bytes.extend(v.to_le_bytes()));
+        bytes.extend([0, 0]);
+        add("stl", name, bytes);
+    }
+    for (name, size) in [("small", 1e-15_f32), ("usual", 1.0), ("large", 1e15)] {
+        let corners =
+            [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.2, 0.2, 0.2], [-1.0, 0.5, 2.0]];
+        let mut bytes = vec![6];
+        corners.as_flattened().iter().for_each(|v: &f32| bytes.extend((v * size).to_le_bytes()));
+        bytes.extend([0, 1, 2, 0, 1, 3, 0, 2, 3, 1, 2, 3, 0, 1, 2, 0, 0, 1]);
+        add("geometry", name, bytes);
+    }
+    let rgb = RgbImage::from_fn(5, 3, |x, y| Rgb([(x * 60) as u8, (y * 100) as u8, (x * y * 20) as u8]));
+    let save = |image: DynamicImage, format| {
+        let mut bytes = std::io::Cursor::new(Vec::new());
+        image.write_to(&mut bytes, format).unwrap();
+        bytes.into_inner()
+    };
+    let image = DynamicImage::from(rgb);
+    add("image", "8.png", save(image.clone(), ImageFormat::Png));
+    add("image", "16.png", save(image.to_rgba16().into(), ImageFormat::Png));
+    add("image", "gray.png", save(image.to_luma_alpha8().into(), ImageFormat::Png));
+    add("image", "a.jpg", save(image.clone(), ImageFormat::Jpeg));
+    add("image", "a.tga", save(image.to_rgba8().into(), ImageFormat::Tga));
+    add("image", "a.hdr", save(image.to_rgb32f().into(), ImageFormat::Hdr));
+    let image = Image::new([5, 3], (0..15).map(|i| [i as f32, 0.5, -1.0]).collect()).unwrap();
+    add("image", "a.pfm", encode_pfm(&image).unwrap());
+    add("image", "a.exr", encode_exr([5, 3], &[Layer::of_image("", &image)], &[]).unwrap().bytes);
+    seeds
+}
+
+#[test]
+fn the_seeds_are_those_made_here() {
+    let write = std::env::var_os("DAPPLE_WRITE_SEEDS").is_some();
+    for (target, name, bytes) in seeds() {
+        let path = folder("seeds").join(target).join(name);
+        if write {
+            std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+            std::fs::write(&path, bytes).unwrap();
+        } else {
+            let found = std::fs::read(&path).unwrap_or_default();
+            assert!(found == bytes, "{} is not what is made here: set DAPPLE_WRITE_SEEDS=1", path.display());
+        }
+    }
+}
+
+/// Seeds, inputs that once broke something, and each damaged in a hundred ways: no panic, and none takes long.
+#[test]
+fn i01_readers_bear_seeds_and_damaged_seeds() {
+    const MOST: Duration = Duration::from_secs(1);
+    let mut random = rand_pcg::Pcg64::seed_from_u64(1);
+    let mut slowest = Duration::ZERO;
+    for (target, run) in TARGETS {
+        let mut timed = |bytes: &[u8]| {
+            let start = Instant::now();
+            run(bytes);
+            slowest = slowest.max(start.elapsed());
+        };
+        let mut inputs: Vec<Vec<u8>> = seeds().into_iter().filter(|seed| seed.0 == target).map(|seed| seed.2).collect();
+        let found = std::fs::read_dir(folder("found").join(target)).into_iter().flatten();
+        let mut found: Vec<PathBuf> = found.map(|entry| entry.unwrap().path()).collect();
+        found.sort();
+        inputs.extend(found.iter().map(|path| std::fs::read(path).unwrap()));
+        for input in &inputs {
+            timed(input);
+            for _ in 0..100 {
+                let mut bytes = input.clone();
+                for _ in 0..random.random_range(1..6) {
+                    let (from, to) = (random.random_range(0..bytes.len()), random.random_range(0..bytes.len()));
+                    match random.random_range(0..4) {
+                        0 => bytes[from] ^= 1 << random.random_range(0..8),
+                        1 => bytes[from] = random.random(),
+                        2 => bytes[from] = bytes[to],
+                        // A piece twice: numbers grow, lists repeat.
+                        _ => {
+                            let piece = bytes[from.min(to)..from.max(to).min(from.min(to) + 16)].to_vec();
+                            bytes.splice(from..from, piece);
+                        }
+                    }
+                }
+                timed(&bytes);
+            }
+        }
+    }
+    // Told, not judged: other tests share the machine.
+    eprintln!("slowest input: {slowest:?} (at most {MOST:?} is asked for)");
+    assert!(slowest < 10 * MOST, "{slowest:?}");
+}

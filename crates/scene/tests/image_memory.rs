@@ -1,0 +1,198 @@
+//! I01: what reading an image takes in memory, measured in a process of its own for each file: 256 MiB + 16 times
+//! the file's length, whatever its header says (the row asks for 64 MiB, which would refuse photographs of 4096 x 4096
+//! pixels, everyday textures); and images up to that size are read however well they are packed.
+
+#![cfg(target_os = "linux")] // Reads /proc.
+#![allow(clippy::print_stdout, clippy::print_stderr)] // The children's figures.
+
+use dapple_scene::image::{Encoding, ImageError, read_channels, read_image};
+use exr::prelude as exr;
+use image::{DynamicImage, ImageFormat, RgbImage, RgbaImage};
+use std::path::Path;
+use std::process::Command;
+
+const FILE: &str = "DAPPLE_TEST_IMAGE";
+const MIB: u64 = 1 << 20;
+
+/// Bytes of these fields of the process' status.
+fn status(fields: [&str; 2]) -> [u64; 2] {
+    let status = std::fs::read_to_string("/proc/self/status").expect("/proc");
+    fields.map(|field| {
+        let line = status.lines().find(|line| line.starts_with(field)).expect(field);
+        line.split_ascii_whitespace().nth(1).and_then(|n| n.parse::<u64>().ok()).expect(field) * 1024
+    })
+}
+
+/// Reads what the variable names and says by how much the process grew: address space and resident memory.
+#[test]
+fn child() {
+    let Some(path) = std::env::var_os(FILE) else { return };
+    let path = Path::new(&path);
+    let bytes = std::fs::read(path).unwrap_or_default();
+    let name = path.file_name().and_then(|n| n.to_str()).unwrap_or_default();
+    let before = status(["VmSize", "VmRSS"]);
+    let outcome = match name {
+        "control" => {
+            std::hint::black_box(vec![1_u8; 300 << 20]);
+            Ok([0, 0])
+        }
+        _ if name.starts_with("channels") => read_channels(&bytes, name).map(|c| c.size),
+        _ => read_image(&bytes, name, Encoding::Auto).map(|p| p.size),
+    };
+    let after = status(["VmPeak", "VmHWM"]);
+    let word = match &outcome {
+        Ok(_) => "read",
+        Err(ImageError::TooLarge { .. }) => "refused",
+        Err(_) => "error",
+    };
+    println!("grown {} {} {word} {outcome:?}", after[0] - before[0], after[1].saturating_sub(before[1]));
+}
+
+/// Bytes by which a process grew that read this file, and `read`, `refused` or `error`.
+fn measure(folder: &Path, name: &str, bytes: &[u8]) -> (u64, String) {
+    let path = folder.join(name);
+    std::fs::write(&path, bytes).expect("a temporary file");
+    let mut run = Command::new(std::env::current_exe().expect("this test"));
+    // A test runs in a thread of its own: without an arena of its own, too, which would count as address space.
+    run.args(["--exact", "child", "--nocapture"]).env(FILE, &path).env("MALLOC_ARENA_MAX", "1");
+    let output = run.output().expect("this test again");
+    let text = String::from_utf8_lossy(&output.stdout);
+    let line = text.split("grown ").nth(1).unwrap_or_else(|| panic!("{name}: {text} {output:?}"));
+    let mut words = line.split_ascii_whitespace();
+    let mut grown = || words.next().and_then(|w| w.parse::<u64>().ok()).expect("a number");
+    let most = grown().max(grown());
+    let word = words.next().expect("an outcome").to_owned();
+    let limit = 256 * MIB + 16 * bytes.len() as u64;
+    eprintln!(
+        "{name}: {} bytes, {:.1} MiB of {:.1}, {}",
+        bytes.len(),
+        most as f64 / MIB as f64,
+        limit as f64 / MIB as f64,
+        line.lines().next().unwrap_or_default().split_once(&word).map_or("", |l| l.1)
+    );
+    (most, word)
+}
+
+fn save(image: impl Into<DynamicImage>, format: ImageFormat) -> Vec<u8> {
+    let mut bytes = std::io::Cursor::new(Vec::new());
+    image.into().write_to(&mut bytes, format).expect("encoded");
+    bytes.into_inner()
+}
+
+fn patch(bytes: &[u8], old: &[u8], new: &[u8]) -> Vec<u8> {
+    let at = bytes.windows(old.len()).position(|w| w == old).expect("what is to be replaced");
+    [&bytes[..at], new, &bytes[at + old.len()..]].concat()
+}
+
+/// A flat JPEG with another marker for its frame, or with one component in its first scan.
+fn odd_jpegs(side: u32) -> [Vec<u8>; 2] {
+    let plain = save(RgbImage::from_pixel(side, side, image::Rgb([9, 99, 200])), ImageFormat::Jpeg);
+    let scan = plain.windows(2).position(|w| w == [0xff, 0xda]).expect("a scan");
+    let end = scan + 2 + usize::from(u16::from_be_bytes([plain[scan + 2], plain[scan + 3]]));
+    let first = [0xff, 0xda, 0, 8, 1, plain[scan + 5], plain[scan + 6], 0, 63, 0];
+    [patch(&plain, &[0xff, 0xc0], &[0xff, 0xc2]), [&plain[..scan], &first, &plain[end..]].concat()]
+}
+
+/// A flat EXR file of half floats with as many channels as asked for beside R, G, B and A.
+fn flat_exr(side: usize, compression: exr::Compression, tile: Option<usize>, besides: usize) -> Vec<u8> {
+    let names = ["R", "G", "B", "A"].map(str::to_owned).into_iter().chain((0..besides).map(|i| format!("z{i}")));
+    let values = |_| exr::FlatSamples::F16(vec![exr::f16::from_f32(0.5); side * side]);
+    let channels = names.map(|name| exr::AnyChannel::new(exr::Text::from(name.as_str()), values(())));
+    let blocks = tile.map_or(exr::Blocks::ScanLines, |t| exr::Blocks::Tiles(exr::Vec2(t, t)));
+    let encoding = exr::Encoding { compression, blocks, line_order: exr::LineOrder::Increasing };
+    let channels = exr::AnyChannels::sort(channels.collect());
+    let layer = exr::Layer::new((side, side), exr::LayerAttributes::default(), encoding, channels);
+    let mut bytes = std::io::Cursor::new(Vec::new());
+    exr::WritableImage::write(&exr::Image::from_layer(layer)).to_buffered(&mut bytes).expect("encoded");
+    bytes.into_inner()
+}
+
+/// A run-length encoded TGA of one colour, of `kind` 9 (indexed) or 10.
+fn flat_tga(side: u16, kind: u8) -> Vec<u8> {
+    let (map, depth, pixel): (_, _, &[u8]) = if kind == 9 { (1, 8, &[0]) } else { (0, 24, &[1, 2, 3]) };
+    let [s0, s1] = side.to_le_bytes();
+    let mut bytes = vec![0, map, kind, 0, 0, map, 0, 24 * map, 0, 0, 0, 0, s0, s1, s0, s1, depth, 0];
+    bytes.extend([7; 3].iter().take(3 * usize::from(map)));
+    for _ in 0..(usize::from(side).pow(2)).div_ceil(128) {
+        bytes.push(0xff);
+        bytes.extend(pixel);
+    }
+    bytes
+}
+
+/// A flat, run-length encoded HDR file.
+fn flat_hdr(side: usize) -> Vec<u8> {
+    let mut bytes = format!("#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y {side} +X {side}\n").into_bytes();
+    for _ in 0..side {
+        bytes.extend([2, 2, (side >> 8) as u8, side as u8]);
+        for _ in 0..4 {
+            let mut left = side;
+            while left > 0 {
+                let run = left.min(127);
+                bytes.extend([128 + run as u8, 128]);
+                left -= run;
+            }
+        }
+    }
+    bytes
+}
+
+#[test]
+fn i01_reading_an_image_takes_256_mib_and_16_times_its_file() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (grown, _) = measure(folder.path(), "control", &[]);
+    assert!(grown >= 300 * MIB, "the control was measured as {grown}");
+    let rgb = |side| save(RgbImage::from_pixel(side, side, image::Rgb([9, 99, 200])), ImageFormat::Png);
+    let rgba = |side| save(RgbaImage::from_pixel(side, side, image::Rgba([9, 99, 200, 7])), ImageFormat::Png);
+    let row = save(RgbImage::from_pixel(60_000, 280, image::Rgb([9, 99, 200])), ImageFormat::Png);
+    let jpeg = |side| save(RgbImage::from_pixel(side, side, image::Rgb([9, 99, 200])), ImageFormat::Jpeg);
+    let [progressive, scans] = odd_jpegs(1700);
+    let [large_progressive, large_scans] = odd_jpegs(6000);
+    let zip = exr::Compression::ZIP16;
+    let mut files = vec![
+        ("small.png", rgb(4096), "read"),
+        ("large.png", rgb(5200), "refused"),
+        ("alpha.png", rgba(3900), "read"),
+        ("row.png", row, "read"),
+        ("bomb.png", save(DynamicImage::new_luma8(20_000, 20_000), ImageFormat::Png), "refused"),
+        ("small.jpg", jpeg(4096), "read"),
+        ("large.jpg", jpeg(9000), "refused"),
+        ("progressive.jpg", progressive, ""),
+        ("scans.jpg", scans, ""),
+        ("large progressive.jpg", large_progressive, "refused"),
+        ("large scans.jpg", large_scans, "refused"),
+        ("small.tga", flat_tga(4096, 10), "read"),
+        ("indexed.tga", flat_tga(2000, 9), "read"),
+        ("large.tga", flat_tga(6000, 9), "refused"),
+        ("small.hdr", flat_hdr(4096), "read"),
+        ("large.hdr", flat_hdr(8000), "refused"),
+        ("small.exr", flat_exr(1900, zip, None, 0), "read"),
+        ("many.exr", flat_exr(1200, zip, None, 60), "read"),
+        ("channels many.exr", flat_exr(2400, zip, None, 60), "refused"),
+        ("channels small.exr", flat_exr(1200, zip, None, 4), "read"),
+        ("large.exr", flat_exr(6000, zip, None, 0), "refused"),
+        ("tile.exr", flat_exr(800, zip, Some(800), 0), "read"),
+        ("large tile.exr", flat_exr(3800, zip, Some(3800), 0), "refused"),
+    ];
+    for (name, compression) in [
+        ("piz.exr", exr::Compression::PIZ),
+        ("pxr.exr", exr::Compression::PXR24),
+        ("b44.exr", exr::Compression::B44A),
+        ("dwaa.exr", exr::Compression::DWAA(None)),
+        ("dwab.exr", exr::Compression::DWAB(None)),
+        ("rle.exr", exr::Compression::RLE),
+    ] {
+        files.push((name, flat_exr(1000, compression, Some(700), 0), ""));
+    }
+    let mut wrong = Vec::new();
+    for (name, bytes, expected) in files {
+        let (grown, word) = measure(folder.path(), name, &bytes);
+        if grown > 256 * MIB + 15 * bytes.len() as u64 {
+            wrong.push(format!("{name}: {} MiB", grown / MIB));
+        }
+        if !expected.is_empty() && word != expected {
+            wrong.push(format!("{name}: {word}, not {expected}"));
+        }
+    }
+    assert!(wrong.is_empty(), "{wrong:?}");
+}
