@@ -43,6 +43,15 @@ fn every_entry_is_made_by_its_name() {
     }
 }
 
+#[test]
+fn the_former_name_of_adaptive_is_understood_and_the_library_has_the_same_defaults() {
+    let points = || points("sobol", SETTING).unwrap_or_else(|e| panic!("{e}"));
+    let describe = |name: &str| sampler(name, points(), &Stage::empty()).unwrap_or_else(|e| panic!("{e}")).describe();
+    assert_eq!(describe("cluster"), describe("adaptive"));
+    assert_eq!(dapple_adaptive::Adaptive::new(points()).describe(), describe("adaptive"));
+    assert_eq!(describe("adaptive:epsilon=0.3"), describe("adaptive"));
+}
+
 /// Counts that follow a filter's own error: the sampler asks for what the filter reads, and says its name.
 #[test]
 fn cluster_follows_a_filter_by_its_name() {
