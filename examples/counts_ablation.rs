@@ -1,8 +1,8 @@
-//! What each option of the sampler `cluster` is worth: its error over that of uniform counts, at equal samples.
+//! What each option of the sampler `adaptive` is worth: its error over that of uniform counts, at equal samples.
 //!
 //! ```sh
 //! cargo run --release --example counts_ablation -- --full
-//! cargo run --release --example counts_ablation -- --full --words cluster:prior=inf --words cluster:rounds=2
+//! cargo run --release --example counts_ablation -- --full --words adaptive:epsilon=0.01,prior=inf --words adaptive:epsilon=0.01,rounds=2
 //! ```
 //!
 //! Bundled scenes on `sobol`, unfiltered; the reference is `sobol` of another seed with many more samples. Prints the
@@ -28,23 +28,23 @@ type Result<T> = std::result::Result<T, Box<dyn std::error::Error>>;
 
 const WORDS: [&str; 18] = [
     "variance",
-    "cluster",
-    "cluster:gain=1",
-    "cluster:pilot=4",
-    "cluster:pilot=16",
-    "cluster:prior=inf",
-    "cluster:prior=12",
-    "cluster:prior=3",
-    "cluster:radius=1",
-    "cluster:radius=3",
-    "cluster:exponent=1",
-    "cluster:exponent=1.3",
-    "cluster:rounds=2",
-    "cluster:rounds=3",
-    "cluster:pool=inside",
-    "cluster:pool=cell",
-    "cluster:geometry=3",
-    "cluster:policy=discard",
+    "adaptive:epsilon=0.01",
+    "adaptive:epsilon=0.01,gain=1",
+    "adaptive:epsilon=0.01,pilot=4",
+    "adaptive:epsilon=0.01,pilot=16",
+    "adaptive:epsilon=0.01,prior=inf",
+    "adaptive:epsilon=0.01,prior=12",
+    "adaptive:epsilon=0.01,prior=3",
+    "adaptive:epsilon=0.01,radius=1",
+    "adaptive:epsilon=0.01,radius=3",
+    "adaptive:epsilon=0.01,exponent=1",
+    "adaptive:epsilon=0.01,exponent=1.3",
+    "adaptive:epsilon=0.01,rounds=2",
+    "adaptive:epsilon=0.01,rounds=3",
+    "adaptive:epsilon=0.01,pool=inside",
+    "adaptive:epsilon=0.01,pool=cell",
+    "adaptive:epsilon=0.01,geometry=3",
+    "adaptive:epsilon=0.01,policy=discard",
 ];
 
 struct Run {

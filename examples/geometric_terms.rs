@@ -1,4 +1,4 @@
-//! What THESIS' a-priori terms for light (D9) and gloss (D10) are worth to the sampler `cluster`: errors over those of
+//! What THESIS' a-priori terms for light (D9) and gloss (D10) are worth to the sampler `adaptive`: errors over those of
 //! uniform counts, at equal samples.
 //!
 //! ```sh
@@ -119,7 +119,7 @@ impl Truth {
         let mut sampler: Box<dyn Sampler> = match by {
             None => Box::new(Uniform::new(points)),
             Some((which, mix)) => {
-                let options = AdaptiveOptions { mix, ..AdaptiveOptions::default() };
+                let options = AdaptiveOptions::default().epsilon(0.01).mix(mix);
                 let sampler = Adaptive::with_options(points, options)?;
                 match which {
                     Some(which) => Box::new(sampler.with_error_map(term(which, self.world.clone(), options))?),

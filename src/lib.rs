@@ -44,7 +44,7 @@
 //!         let [u, _, lamp, _] = draws.block(PLACE);
 //!         let x = draws.pixel()[0] as f32 + u;
 //!         let lit = x + 16.0 * lamp > 40.0;
-//!         Estimate { radiance: [if lit { 1.0 } else { 0.0 }; 3], first_hit: None, cost: 1 }
+//!         Estimate::new([if lit { 1.0 } else { 0.0 }; 3])
 //!     }
 //! }
 //!

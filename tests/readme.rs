@@ -71,7 +71,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     struct Ramp;
     impl Integrator for Ramp {
         fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
-            Estimate { radiance: [draws.pixel()[0] as f32; 3], first_hit: None, cost: 1 }
+            Estimate::new([draws.pixel()[0] as f32; 3])
         }
     }
     let mut sampler = Brightness::new(dapple::low_discrepancy::Sobol::new(1));

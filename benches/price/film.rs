@@ -214,7 +214,7 @@ impl Faulty {
 impl Integrator for Faulty {
     fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
         let SampleId { pixel, index, .. } = draws.id();
-        Estimate { radiance: Self::radiance(pixel, index), first_hit: None, cost: 1 }
+        Estimate::new(Self::radiance(pixel, index))
     }
 }
 

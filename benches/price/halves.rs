@@ -42,7 +42,7 @@ impl Integrator for Smooth {
     fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
         let [u, v, ..] = draws.block(Block::new(0));
         let value = Self::level(draws.pixel()) as f32 * 4.0 * u * v;
-        Estimate { radiance: [value; 3], first_hit: None, cost: 1 }
+        Estimate::new([value; 3])
     }
 }
 

@@ -53,8 +53,7 @@ impl Image {
 
     /// Two slices, so that there is a middle.
     pub(crate) fn limits(&self) -> Limits {
-        let schedule = Schedule { slice_spp: (self.spp / 2) as u32, ..Schedule::default() };
-        Limits { schedule, ..Limits::samples(self.samples()) }
+        Limits::samples(self.samples()).with_schedule(Schedule::default().with_slice_spp((self.spp / 2) as u32))
     }
 
     pub(crate) fn render(&self, needs: Needs, monitor: &mut dyn Monitor) -> Result<Film> {

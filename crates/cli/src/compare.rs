@@ -75,7 +75,7 @@ struct Block {
 }
 
 fn line(c: &Comparison, flip: f64) -> String {
-    let WorstBlock { position, size, rel_mse } = c.worst_block;
+    let WorstBlock { position, size, rel_mse, .. } = c.worst_block;
     let line = Line {
         mse: c.mse,
         relmse: c.rel_mse,

@@ -6,7 +6,7 @@ use dapple_job::memory::{MemoryEstimate, size};
 use dapple_job::{JobError, LoadOptions, LoadedScene, OutputFiles, PreparedScene, RenderSpec, Warning, pixel_filter};
 use dapple_renderer::World;
 use dapple_scene::{Effects, bundled};
-use dapple_scene::{EnvironmentRadiance, Geometry, LightKind, MaterialKind, Scene};
+use dapple_scene::{Geometry, MaterialKind, Scene};
 use std::path::PathBuf;
 
 /// Print the contents of a scene, the effects that it calls for and the memory of a render
@@ -129,13 +129,7 @@ fn material(kind: &MaterialKind) -> &'static str {
 
 fn lights(scene: &Scene) -> String {
     let shining = scene.shapes.iter().filter(|s| s.emission.is_some()).map(|_| "area");
-    let others = scene.lights.iter().map(|light| match &light.kind {
-        LightKind::Infinite { radiance: EnvironmentRadiance::Constant(_) } => "uniform environment",
-        LightKind::Infinite { .. } => "environment image",
-        LightKind::Point { .. } => "point",
-        LightKind::Spot { .. } => "spot",
-        LightKind::Distant { .. } => "distant",
-    });
+    let others = scene.lights.iter().map(|light| light.kind.name());
     count(shining.chain(others))
 }
 

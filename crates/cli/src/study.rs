@@ -9,7 +9,9 @@ use crate::machine::{cpu_seconds, start_threads};
 use crate::output::{say, tell};
 use crate::stop::Stop;
 use crate::{Failure, Outcome, Result};
-use dapple_study::{Ended, InProcess, Job, Processes, Runner, Sitting, Study, StudyError, write_report};
+use dapple_study::{
+    InProcess, Processes, RunRequest, Runner, Study, StudyError, StudyOptions, StudyStatus, write_report,
+};
 use progress::Bar;
 use std::io::Read;
 use std::path::Path;
@@ -30,10 +32,10 @@ pub(crate) fn run(options: &StudyArgs) -> Result<Outcome> {
         false => Box::new(InProcess::new(cpu_seconds)),
         true => Box::new(Processes::new(&itself()?, &[ONE])),
     };
-    let sitting = Sitting { references: options.references.clone(), command: std::env::args().collect() };
+    let session = StudyOptions::default().with_references(options.references.clone()).with_command(std::env::args());
     let mut bar = Bar::new(options.quiet, stop);
     let folder = &options.output;
-    let opened = Study::open(plan, folder, &sitting, &mut bar);
+    let opened = Study::open(plan, folder, &session, &mut bar);
     let Some(mut study) = opened.map_err(|e| told(&e, &mut bar))? else {
         bar.finish();
         say("interrupted", "before the first run: finished references are kept");
@@ -45,7 +47,7 @@ pub(crate) fn run(options: &StudyArgs) -> Result<Outcome> {
     }
     let ended = study.run(&mut *runner, &mut bar).map_err(|e| told(&e, &mut bar))?;
     bar.finish();
-    if ended == Ended::Stopped {
+    if ended == StudyStatus::Stopped {
         let (done, at) = (study.runs().len(), folder.display());
         say("interrupted", &format!("{done} of {runs} runs are in {at}; the same command resumes"));
         if done > 0 {
@@ -75,11 +77,11 @@ pub(crate) fn run_one() -> Result<Outcome> {
     let _stop = Stop::listen()?;
     let mut json = String::new();
     std::io::stdin().read_to_string(&mut json).map_err(|e| Failure::new(format!("cannot read the run: {e}")))?;
-    let job: Job = serde_json::from_str(&json).map_err(|e| {
+    let request: RunRequest = serde_json::from_str(&json).map_err(|e| {
         Failure::new(format!("this is not a run ({e}); dapple study makes runs, and starts this command by itself"))
     })?;
-    start_threads(u16::try_from(job.threads).unwrap_or(0))?;
-    let run = InProcess::fresh(cpu_seconds).run(&job).map_err(|e| Failure::lines(&e))?;
+    start_threads(u16::try_from(request.threads).unwrap_or(0))?;
+    let run = InProcess::fresh(cpu_seconds).run(&request).map_err(|e| Failure::lines(&e))?;
     tell(serde_json::to_string(&run).map_err(Failure::new)?)?;
     Ok(Outcome::Done)
 }

@@ -96,7 +96,7 @@ fn what_is_left_out_is_said_three_times() {
     let said = folder.run(words);
     assert_eq!(said.status, Some(0), "{}", said.err);
     for line in [
-        "warning: without soft-shadows: each lamp is a point of the same power, and cannot be seen; ",
+        "warning: without soft-shadows: each area light is a point light of the same power, and invisible; ",
         "warning: without interreflection: light is scattered once; ",
         "tiny.pbrt:11 calls for it (a sphere shines)",
     ] {

@@ -283,11 +283,11 @@ fn shards_that_make_no_image_x07() {
     let [a, b, c] = [1, 2, 3].map(|i| format!("tiny-{i}-of-3.shard"));
     std::fs::write(folder.path("half.shard"), &folder.read(&b)[..200]).unwrap();
     for (shards, expected) in [
-        (format!("{a} {c}"), "missing: shard 2/3".to_owned()),
-        (format!("{a} {b} {c} {b}"), "shard 2/3 is there twice".into()),
+        (format!("{a} {c}"), "missing shards: 2/3".to_owned()),
+        (format!("{a} {b} {c} {b}"), "shard 2/3 is given twice".into()),
         (format!("{a} foreign.shard {c}"), format!("foreign.shard: beside {a}: seed: 9 there, 1 here")),
         (format!("{a} filtered.shard {c}"), format!("filtered.shard: beside {a}: filter: gaussian")),
-        (format!("{a} more.shard {c}"), "with another number of samples asked for".into()),
+        (format!("{a} more.shard {c}"), "it has another budget".into()),
         (format!("{a} half.shard {c}"), "half.shard: it is ".into()),
         (format!("{a} nowhere.shard {c}"), "nowhere.shard: there is no such shard".into()),
         (format!("{a} tiny.pbrt {c}"), "tiny.pbrt: it is not a file of Dapple's".into()),
@@ -297,11 +297,7 @@ fn shards_that_make_no_image_x07() {
     }
     assert!(!folder.path("p.pfm").exists());
     for (other, status, expected) in [
-        (
-            "--shard 1/2 --sampler variance",
-            1,
-            "the sampler variance cannot be shared out among machines: it looks at samples",
-        ),
+        ("--shard 1/2 --sampler variance", 1, "sampler \"variance\" cannot be split into shards: it reads samples"),
         ("--shard 1/17 --sampler uniform", 1, "a window of 16 rows has 16 shards at most"),
         ("--shard 1/2 --sampler uniform --light-choice cells", 2, "needs samples of the whole image"),
         ("--shard 0/2", 2, "is not a shard I/N"),

@@ -45,7 +45,7 @@ fn settings_are_refused_before_anything_is_rendered_i06() {
         ("--sampler variance:policy=maybe", 2, "one of keep, discard, cross is wanted"),
         ("--sampler uniform:a=1", 2, "it takes none"),
         ("--pixel-filter round", 2, "possible values: scene, box"),
-        ("--without nonesuch", 2, "there is no effect \"nonesuch\": there are soft-shadows, several-lights, glossy, "),
+        ("--without nonesuch", 2, "unknown effect \"nonesuch\"; choose among soft-shadows, several-lights, glossy, "),
         ("--without glossy", 1, "the scene does not call for it; it calls for soft-shadows, interreflection"),
         ("--without interreflection --without glossy", 1, "--without glossy: the scene does not call for it"),
         ("--without interreflection --max-depth 1", 1, "it calls for soft-shadows\n"),

@@ -2,7 +2,7 @@
 
 use crate::registry::RegistryError;
 use dapple_cluster_adaptive::{ProbeCost, ProbeHit, ProbeRay, ProbesHandle, TraceProbe};
-use dapple_clustering::{Cluster, Clusters, Params, Report, Triangles, cluster};
+use dapple_clustering::{Cluster, ClusterParams, ClusterReport, Clusters, Triangles, cluster};
 use dapple_core::FirstHit;
 use dapple_renderer::World;
 use glam::{Vec2, Vec3};
@@ -50,7 +50,7 @@ impl WorldTriangles {
 
     /// The slices.
     pub fn as_slices(&self) -> Triangles<'_> {
-        Triangles { positions: &self.positions, indices: &self.indices, materials: &self.materials }
+        Triangles::new(&self.positions, &self.indices).with_materials(&self.materials)
     }
 }
 
@@ -58,12 +58,12 @@ impl WorldTriangles {
 /// each disk is a cluster of its own.
 #[derive(Clone, Debug)]
 pub struct WorldClusters {
-    params: Params,
+    params: ClusterParams,
     labels: Arc<[u32]>,
     clusters: Arc<[Cluster]>,
     /// Number of the first primitive of each shape.
     first: Vec<u32>,
-    report: Option<Report>,
+    report: Option<ClusterReport>,
     seconds: f64,
 }
 
@@ -73,7 +73,7 @@ impl WorldClusters {
     /// # Errors
     ///
     /// For parameters out of range.
-    pub fn new(world: &World, params: &Params) -> Result<Self, dapple_clustering::Error> {
+    pub fn new(world: &World, params: &ClusterParams) -> Result<Self, dapple_clustering::Error> {
         let began = Instant::now();
         let triangles = WorldTriangles::of(world);
         let found = (!triangles.indices.is_empty()).then(|| cluster(&triangles.as_slices(), params)).transpose()?;
@@ -125,7 +125,7 @@ impl WorldClusters {
     }
 
     /// The state of the grid; `None` in a world without triangles.
-    pub fn report(&self) -> Option<Report> {
+    pub fn report(&self) -> Option<ClusterReport> {
         self.report
     }
 
@@ -146,7 +146,7 @@ fn whole([low, high]: [Vec3; 2], material: u32, group: u32) -> Cluster {
     // Of its box: a plain measure of size; projected sizes are taken from the box anyway.
     let area = 2.0 * (d.x * d.y + d.y * d.z + d.z * d.x);
     let bounds = [low.to_array(), high.to_array()];
-    Cluster { triangles: 0, bounds, area, normal: [0.0; 3], cone: -1.0, material, group }
+    Cluster::without_triangles(bounds, area, material, group)
 }
 
 /// The world for which samplers and filters are made. Clusters are made once per set of parameters, and shared. Cheap to
@@ -186,13 +186,13 @@ impl Stage {
     /// # Errors
     ///
     /// [`RegistryError::NeedsWorld`] in the name of `of` on an empty stage; parameters out of range.
-    pub fn clusters(&self, of: &'static str, params: &Params) -> Result<Arc<WorldClusters>, RegistryError> {
+    pub fn clusters(&self, of: &'static str, params: &ClusterParams) -> Result<Arc<WorldClusters>, RegistryError> {
         let found = self.find_or_make(of, params)?;
         self.used.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert_with(|| found.clone());
         Ok(found)
     }
 
-    fn find_or_make(&self, of: &'static str, params: &Params) -> Result<Arc<WorldClusters>, RegistryError> {
+    fn find_or_make(&self, of: &'static str, params: &ClusterParams) -> Result<Arc<WorldClusters>, RegistryError> {
         let world = self.world(of)?;
         let known = |made: &Made| made.clusters.iter().find(|c| c.params == *params).cloned();
         if let Some(known) = known(&self.made()) {

@@ -5,7 +5,7 @@ use crate::registry::RegistryError;
 use crate::{SpecError, checkpoint};
 use dapple_core::Shard;
 use dapple_renderer::WorldError;
-use dapple_scene::pbrt::ReadError;
+use dapple_scene::ReadError;
 use dapple_scene::{Effect, WithoutError, bundled};
 use std::path::PathBuf;
 

@@ -13,7 +13,7 @@ struct Readme;
 
 pub mod checkpoint;
 mod clusters;
-mod digest;
+mod content_hash;
 mod error;
 mod job;
 mod load;
@@ -24,7 +24,7 @@ mod spec;
 mod warning;
 
 pub use clusters::{Stage, WorldClusters, WorldTriangles};
-pub use digest::Digest;
+pub use content_hash::ContentHash;
 pub use error::JobError;
 pub use job::{
     CheckpointOptions, Checkpoints, Job, JobMonitor, PhaseSeconds, RenderMonitor, RenderedImage, ShardSet, Traced,

@@ -2,7 +2,7 @@
 
 use crate::memory::{MemoryEstimate, MemoryLimit};
 use crate::registry::{self, Setting};
-use crate::{BudgetSpec, CropSpec, Digest, ERROR_SPP, Job, JobError, PixelFilterSpec, RenderSpec, Warning};
+use crate::{BudgetSpec, ContentHash, CropSpec, ERROR_SPP, Job, JobError, PixelFilterSpec, RenderSpec, Warning};
 use dapple_core::{Budget, Error, Frame, Limits, PointSet};
 use dapple_renderer::World;
 use dapple_scene::bundled::{self, Bundle};
@@ -51,7 +51,7 @@ impl LoadOptions {
 pub struct LoadedScene {
     spec: RenderSpec,
     scene: Arc<Scene>,
-    digest: Option<Digest>,
+    digest: Option<ContentHash>,
     frame: Frame,
     without: Vec<Effect>,
     warnings: Vec<Warning>,
@@ -65,7 +65,7 @@ pub struct PreparedScene {
     pub(crate) spec: RenderSpec,
     pub(crate) scene: Arc<Scene>,
     pub(crate) world: Arc<World>,
-    pub(crate) digest: Option<Digest>,
+    pub(crate) digest: Option<ContentHash>,
     pub(crate) without: Vec<Effect>,
     pub(crate) warnings: Vec<Warning>,
     pub(crate) expected: MemoryEstimate,
@@ -196,8 +196,8 @@ impl PreparedScene {
         &self.world
     }
 
-    /// Digest of all bytes that were read for the scene.
-    pub fn digest(&self) -> Option<&Digest> {
+    /// ContentHash of all bytes that were read for the scene.
+    pub fn digest(&self) -> Option<&ContentHash> {
         self.digest.as_ref()
     }
 
@@ -260,10 +260,10 @@ pub fn read_scene(
     name: &str,
     allow_unsupported: bool,
     options: &LoadOptions,
-) -> Result<(Scene, Option<Digest>), JobError> {
+) -> Result<(Scene, Option<ContentHash>), JobError> {
     let path = Path::new(name);
     if let Some(bundle) = bundle(name) {
-        let mut digest = Digest::new();
+        let mut digest = ContentHash::new();
         for (name, bytes) in bundle.files.iter().filter(|_| options.digest) {
             digest.text(name);
             digest.add(bytes);
@@ -277,7 +277,7 @@ pub fn read_scene(
     let files = Recorder { limit: options.limit, read: options.digest.then(RefCell::default) };
     let scene = read_any_from(&files, path, &AnyOptions::default().with_scene(read_options))?;
     let digest = files.read.map(|read| {
-        let mut digest = Digest::new();
+        let mut digest = ContentHash::new();
         // The place of the scene does not matter.
         let folder = path.parent().unwrap_or(Path::new(""));
         for (file, of_bytes) in read.into_inner() {
@@ -307,7 +307,7 @@ impl Files for Recorder {
         }
         let bytes = Disk.read(path)?;
         if let Some(read) = &self.read {
-            read.borrow_mut().insert(path.to_owned(), Digest::of(&bytes).hex());
+            read.borrow_mut().insert(path.to_owned(), ContentHash::of(&bytes).hex());
         }
         Ok(bytes)
     }
@@ -385,7 +385,7 @@ fn check_capacity(spec: &RenderSpec, frame: Frame) -> Result<(), JobError> {
     match setting.spp {
         Some(asked) if asked > points.capacity() => {
             let (points, capacity) = (points.describe(), points.capacity());
-            Err(Error::SequenceExhausted { points, capacity, asked }.into())
+            Err(Error::SequenceExhausted { points, capacity, requested: asked }.into())
         }
         _ => Ok(()),
     }

@@ -3,7 +3,7 @@
 use crate::StudyError;
 use dapple_core::Frame;
 use dapple_job::{
-    BudgetSpec, CropSpec, Digest, JobError, LoadOptions, LoadedScene, PixelFilterSpec, PreparedScene, RenderSpec,
+    BudgetSpec, ContentHash, CropSpec, JobError, LoadOptions, LoadedScene, PixelFilterSpec, PreparedScene, RenderSpec,
     Warning,
 };
 use dapple_renderer::light::LightChoice;
@@ -40,6 +40,7 @@ pub enum Lights {
     /// Each as often as any other.
     Uniform,
     /// As was learned while rendering, per cell of space and orientation.
+    #[serde(alias = "learned")]
     Cells,
 }
 
@@ -61,11 +62,11 @@ impl View {
 }
 
 /// A scene read and built: with a box of one pixel as its pixel filter, uncropped.
-pub struct Subject {
+pub(crate) struct Subject {
     pub(crate) view: View,
     pub(crate) scene: Arc<Scene>,
-    /// Digest of all bytes that were read for it.
-    pub(crate) content: Digest,
+    /// ContentHash of all bytes that were read for it.
+    pub(crate) content: ContentHash,
     prepared: PreparedScene,
 }
 
@@ -100,7 +101,7 @@ impl Subject {
     /// # Errors
     ///
     /// [`StudyError::Scene`] with everything that is wrong with it.
-    pub fn load(view: &View) -> Result<Self, StudyError> {
+    pub(crate) fn load(view: &View) -> Result<Self, StudyError> {
         let wrong = |e: JobError| StudyError::Scene(e.to_string());
         let loaded = LoadedScene::read(&view.spec(), &LoadOptions::default());
         let prepared = loaded.and_then(LoadedScene::build).map_err(wrong)?;
@@ -114,7 +115,7 @@ impl Subject {
     }
 
     /// The warnings of the reader, a line each; none of bundled scenes.
-    pub fn notices(&self) -> Vec<String> {
+    pub(crate) fn notices(&self) -> Vec<String> {
         let notices = self.prepared.warnings().iter().filter(|warning| matches!(warning, Warning::Notice(_)));
         notices.map(Warning::to_string).collect()
     }
@@ -126,7 +127,7 @@ impl Subject {
     }
 
     /// A digest of the few pixels in the middle with a few samples. It changes when the code of the renderer changes the image.
-    pub(crate) fn fingerprint(&self) -> Result<Digest, StudyError> {
+    pub(crate) fn fingerprint(&self) -> Result<ContentHash, StudyError> {
         let middle = |side: u32| {
             let first = side.saturating_sub(CANARY_SIDE) / 2;
             (first, side.min(first + CANARY_SIDE))
@@ -136,7 +137,7 @@ impl Subject {
         let spec = spec.budget(BudgetSpec::Spp(CANARY_SPP)).crop(CropSpec::Window([x0, y0, x1, y1]));
         let image = self.prepared.job(&spec).and_then(|mut job| job.render());
         let film = image.map_err(|e| StudyError::Scene(format!("{}: {e}", self.view.name)))?.film;
-        let mut digest = Digest::new();
+        let mut digest = ContentHash::new();
         film.image().as_flattened().iter().for_each(|v| digest.add(&v.to_bits().to_le_bytes()));
         Ok(digest)
     }

@@ -2,7 +2,7 @@
 
 use crate::render::args::resolution;
 use crate::{Failure, Result};
-use dapple_study::{Draft, External, Method, Plan, ScenePlan, StudyError, split_words};
+use dapple_study::{External, Method, Plan, PlanPatch, ScenePlan, StudyError, split_names};
 use std::path::PathBuf;
 
 /// Measure accuracy against time: samplers x filters x budgets x seeds over scenes
@@ -152,44 +152,43 @@ impl StudyArgs {
         let file = self.file().map_err(Wrong::File)?;
         let arguments = self.draft(&file).map_err(Wrong::Arguments)?;
         // Underscores are the file's way of writing.
-        let flag = |e: dapple_study::PlanError| format!("--{}: {}", e.key.replace('_', "-"), e.what);
-        file.overridden_by(arguments).resolve().map_err(|e| Wrong::Arguments(flag(e)))
+        let flag = |e: dapple_study::PlanError| format!("--{}: {}", e.key.replace('_', "-"), e.message);
+        file.merge(arguments).resolve().map_err(|e| Wrong::Arguments(flag(e)))
     }
 
-    fn file(&self) -> Result<Draft> {
-        let Some(file) = &self.plan else { return Ok(Draft::default()) };
-        Draft::read(file).map_err(|e: StudyError| Failure::lines(&e))
+    fn file(&self) -> Result<PlanPatch> {
+        let Some(file) = &self.plan else { return Ok(PlanPatch::default()) };
+        PlanPatch::read(file).map_err(|e: StudyError| Failure::lines(&e))
     }
 
-    fn draft(&self, file: &Draft) -> std::result::Result<Draft, String> {
+    fn draft(&self, file: &PlanPatch) -> std::result::Result<PlanPatch, String> {
         let lists = |all: &[String]| {
-            let words: Vec<String> = all.iter().flat_map(|list| split_words(list)).collect();
+            let words: Vec<String> = all.iter().flat_map(|list| split_names(list)).collect();
             (!all.is_empty()).then_some(words)
         };
         let said = |flag: bool| flag.then_some(true);
-        Ok(Draft {
-            scenes: self.scenes(file)?,
-            samplers: lists(&self.samplers),
-            points: lists(&self.points),
-            filters: lists(&self.filters),
-            methods: (!self.methods.is_empty()).then(|| self.methods.clone()),
-            external: (!self.external.is_empty()).then(|| self.external.clone()),
-            baseline: self.baseline.clone(),
-            spp: (!self.spp.is_empty()).then(|| self.spp.clone()),
-            seeds: self.seeds.map(|count| (1..=count).collect()),
-            reference_spp: self.reference_spp,
-            resolution: self.resolution,
-            max_depth: self.max_depth,
-            threads: self.threads.map(usize::from),
-            time_of: self.time_of,
-            fresh: said(self.fresh),
-            allow_unsupported: said(self.allow_unsupported),
-            quick: said(self.quick),
-        })
+        Ok(PlanPatch::default()
+            .scenes(self.scenes(file)?)
+            .samplers(lists(&self.samplers))
+            .points(lists(&self.points))
+            .filters(lists(&self.filters))
+            .methods((!self.methods.is_empty()).then(|| self.methods.clone()))
+            .external((!self.external.is_empty()).then(|| self.external.clone()))
+            .baseline(self.baseline.clone())
+            .spp((!self.spp.is_empty()).then(|| self.spp.clone()))
+            .seeds(self.seeds.map(|count| (1..=count).collect()))
+            .reference_spp(self.reference_spp)
+            .resolution(self.resolution)
+            .max_depth(self.max_depth)
+            .threads(self.threads.map(usize::from))
+            .time_of(self.time_of)
+            .fresh(said(self.fresh))
+            .allow_unsupported(said(self.allow_unsupported))
+            .quick(said(self.quick)))
     }
 
     /// The scenes named here, or the file's, with the references named here.
-    fn scenes(&self, file: &Draft) -> std::result::Result<Option<Vec<ScenePlan>>, String> {
+    fn scenes(&self, file: &PlanPatch) -> std::result::Result<Option<Vec<ScenePlan>>, String> {
         let planned = |name: &str| file.scenes.iter().flatten().find(|s| s.name.as_deref() == Some(name)).cloned();
         let named: Vec<ScenePlan> =
             self.scenes.iter().map(|s| planned(s).unwrap_or_else(|| ScenePlan::from(s.as_str()))).collect();

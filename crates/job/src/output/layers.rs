@@ -119,7 +119,7 @@ mod tests {
     fn what_a_filter_changed_is_kept_beside_it() {
         let mut film = Film::new(Frame::new(1, 1).unwrap(), Needs::none());
         film.push(0, 0, [1.0; 3]);
-        let filtered = Filtered { size: [1, 1], radiance: vec![[0.5; 3]], error: None };
+        let filtered = Filtered::new([1, 1], vec![[0.5; 3]]);
         let found = layers(&film, &filtered, 1.0, None);
         assert_eq!(names(&found), ["", "unfiltered", "count"]);
         assert_eq!(found[1].channels[0].1, vec![1.0_f32].into());

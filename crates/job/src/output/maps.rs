@@ -152,12 +152,12 @@ mod tests {
 
     #[test]
     fn errors_are_relative_and_pooled() {
-        let filtered = Filtered { size: [4, 1], radiance: vec![[3.0; 3]; 4], error: Some(vec![9.01, 0.0, 0.0, 0.0]) };
+        let filtered = Filtered::new([4, 1], vec![[3.0; 3]; 4]).with_error(vec![9.01, 0.0, 0.0, 0.0]);
         let map = error_map(&filtered).unwrap();
         // Three of four windows reach the first pixel: 1/3, 1/4, 1/4 and none.
         assert!((map.white - 0.25_f64.sqrt()).abs() < 1e-6, "{}", map.white);
         assert_eq!(map.values, [255, 255, 255, 0]);
-        assert_eq!(error_map(&Filtered { error: None, ..filtered }), None);
+        assert_eq!(error_map(&Filtered::new(filtered.size, filtered.radiance)), None);
     }
 
     #[test]

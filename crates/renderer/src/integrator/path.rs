@@ -273,7 +273,7 @@ impl<L: Lens, const E: u32> Integrator for PathTracer<'_, L, E> {
         // Where the last light was chosen: what a ray then meets by chance is weighted against that choice.
         let mut cell = NO_CELL;
         // Filled in where it is returned: a first hit takes more to move than to leave out.
-        let mut estimate = Estimate { radiance: [0.0; 3], first_hit: None, cost: 0 };
+        let mut estimate = Estimate::new([0.0; 3]).with_cost(0);
         let mut vertex = 0;
         loop {
             path.rays += 1;

@@ -106,7 +106,7 @@ impl Placements {
         }
         let motion = shutter.seen(motion.after(inner.inverse()));
         self.moves |= motion.moves();
-        self.instances.push(Instance { object, motion });
+        self.instances.push(Instance::new(object, motion));
     }
 
     /// Everything in one geometry: the fast one where there are no instances.

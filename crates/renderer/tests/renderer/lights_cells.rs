@@ -89,7 +89,11 @@ fn learned_choices_do_not_depend_on_threads_or_tiles() {
         let one = draw(words, 1, Schedule::default());
         for (threads, tile_rows, slice_spp, shuffle) in [(2, 1, 0, 0), (3, 16, 1, 5), (7, 33, 3, 9)] {
             assert!(
-                draw(words, threads, Schedule { tile_rows, slice_spp, shuffle }) == one,
+                draw(
+                    words,
+                    threads,
+                    Schedule::default().with_tile_rows(tile_rows).with_slice_spp(slice_spp).with_shuffle(shuffle)
+                ) == one,
                 "{words}, {threads} threads"
             );
         }

@@ -201,7 +201,7 @@ fn crc32(bytes: &[u8]) -> u32 {
 }
 
 #[test]
-fn i03_lying_headers_are_errors_before_they_are_allocated() {
+fn false_headers_are_errors_before_memory_is_allocated_i03() {
     const LIMITED: &str = "DAPPLE_TEST_MEMORY_LIMITED";
     for (name, bytes) in lying_files() {
         let error = read(name, &bytes).expect_err(name);
@@ -324,7 +324,7 @@ fn pfm_is_read_in_both_byte_orders_scaled_and_from_the_bottom_up() {
 }
 
 #[test]
-fn i07_pfm_keeps_every_bit_at_any_size() {
+fn pfm_keeps_every_bit_at_any_size_i07() {
     for size in [[1, 1], [3, 1], [1, 3], [7, 5]] {
         let count = (size[0] * size[1]) as usize;
         let specials = [0.0, -0.0, 1e-45, 65505.0, 1e38, f32::NAN, f32::INFINITY, f32::from_bits(0xffa0_0001)];
@@ -426,7 +426,7 @@ fn reference_images_have_the_means_that_their_readme_lists() {
 
 /// Spectral against RGB references: what imgerr.py printed for them, and the table of their README.
 #[test]
-fn f11_metrics_of_the_references_are_those_that_other_programs_found() {
+fn metrics_of_the_references_agree_with_other_programs_f11() {
     use dapple_metrics::{Pixels, block_ratios, compare};
     let Some(folder) = shared("DAPPLE_REFERENCES", "references") else { return };
     let load = |name: &str| ["", "-rgb"].map(|kind| read_path(&folder.join(format!("{name}{kind}.exr"))));
