@@ -87,3 +87,14 @@ pub use dapple_renderer as renderer;
 pub use dapple_scene as scene;
 #[cfg(feature = "study")]
 pub use dapple_study as study;
+
+/// The programs of the README and of the tutorial.
+#[cfg(all(doctest, feature = "adaptive", feature = "denoise", feature = "low-discrepancy"))]
+mod pages {
+    #[doc = include_str!("../README.md")]
+    struct Readme;
+    #[doc = include_str!("../docs/book/src/writing-a-sampler.md")]
+    struct WritingASampler;
+    #[doc = include_str!("../docs/book/src/your-renderer.md")]
+    struct YourRenderer;
+}

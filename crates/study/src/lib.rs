@@ -38,7 +38,6 @@
 #[doc = include_str!("../README.md")]
 struct Readme;
 
-mod content_hash;
 mod error;
 mod external;
 mod plan;
@@ -54,7 +53,6 @@ mod study;
 mod subject;
 pub mod summary;
 
-pub use content_hash::ContentHash;
 pub use error::StudyError;
 pub use external::External;
 pub use plan::{

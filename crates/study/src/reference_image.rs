@@ -1,7 +1,7 @@
 //! Reference images and errors against them.
 
-use crate::content_hash::ContentHash;
 use crate::{ImageErrors, StudyError};
+use dapple_job::ContentHash;
 use dapple_metrics::{
     NoisyReference, PIXELS_PER_DEGREE, Pixels, RELATIVE_EPSILON, compare, compare_corrected, downsample, flip,
 };

@@ -1,11 +1,11 @@
 //! References: files of the user, or rendered once and kept.
 
-use crate::content_hash::ContentHash;
 use crate::reference_image::{FileHeader, ReferenceImage};
 use crate::shot::{Order, shoot};
 use crate::subject::name_of;
 use crate::{Method, Plan, ReferenceRecord, ScenePlan, StudyError, Subject};
 use dapple_core::{Control, Monitor};
+use dapple_job::ContentHash;
 use dapple_scene::image::{Image, Layer, encode_exr, write_file};
 use std::path::{Path, PathBuf};
 

@@ -87,8 +87,8 @@ fn broken_samplers_are_rejected() {
         p.counts[0] += (s.budget.total - p.total()) as u32;
         Progress::Trace
     };
-    rejected(move || planned(no_ceiling), "may have");
-    rejected(|| planned(|s, p| if s.round > 0 { Progress::Done } else { level(s, p, s.budget.total) }), "not met");
+    rejected(move || planned(no_ceiling), "above max_spp");
+    rejected(|| planned(|s, p| if s.round > 0 { Progress::Done } else { level(s, p, s.budget.total) }), "not spent");
     rejected(
         || {
             planned(|s, p| {

@@ -122,7 +122,7 @@ fn one_light_leaves_nothing_to_learn() {
 }
 
 /// What it is for: at 8 samples a pixel in a room of eight lamps. Larger images with more seeds have .26 of the error of
-/// choices by turns, and .23 of that by power (docs/results/cluster.md).
+/// choices by turns, and .23 of that by power (docs/results/adaptive.md).
 #[test]
 fn learned_choices_pay_in_a_room_of_many_lamps() {
     let worlds = [LightChoice::Power, LightChoice::Uniform, LightChoice::Cells].map(room);

@@ -270,7 +270,7 @@ mod tests {
         );
         for name in ["a.jpg", "exr", ".png", "", "a."] {
             let message = of(name).unwrap_err().to_string();
-            assert!(message.contains(".exr, .pfm, .png"), "{message}");
+            assert!(message.contains(".exr, .pfm or .png"), "{message}");
         }
     }
 }

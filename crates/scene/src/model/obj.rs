@@ -245,8 +245,8 @@ impl Parser {
         match keyword {
             "v" => numbers("v", words()).map(|p| self.vertices.positions.push(DVec3::from_array(p))),
             // A texture of one dimension has one coordinate.
-            "vt" => numbers("vt", words().chain(["0"])).and_then(|uv| Ok(self.vertices.uvs.push(single(uv)?))),
-            "vn" => numbers("vn", words()).and_then(|n| Ok(self.vertices.normals.push(single(n)?))),
+            "vt" => numbers("vt", words().chain(["0"])).and_then(single).map(|uv| self.vertices.uvs.push(uv)),
+            "vn" => numbers("vn", words()).and_then(single).map(|n| self.vertices.normals.push(n)),
             "f" | "fo" => self.face(number, words()),
             "usemtl" => {
                 self.key.material = (!name.is_empty()).then(|| {

@@ -160,7 +160,7 @@ pub(super) fn unescape(token: &Token<'_>) -> Result<String, Fault> {
 /// The finite number of a token, rounded correctly to f64.
 pub(super) fn number(token: &Token<'_>) -> Result<f64, Fault> {
     let plain = |b: u8| b.is_ascii_digit() || matches!(b, b'+' | b'-' | b'.' | b'e' | b'E');
-    let bad = |advice: &str| Err((token.line, format!("{} is not a number: {advice}", shown(token.text))));
+    let bad = |advice: &str| Err((token.line, format!("{} is not a number; {advice}", shown(token.text))));
     if !token.text.bytes().all(plain) {
         return bad(match token.text {
             t if t.contains(',') => "write a point, not a comma, before decimals, and spaces between numbers",

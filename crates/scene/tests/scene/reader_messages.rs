@@ -279,7 +279,7 @@ fn messages_about_parameters() {
         ),
         (
             "Shape \"trianglemesh\" \"point3 P\" [0 0 0 1 0 0 0 1 nan]",
-            "s.pbrt:4: \"nan\" is not a number: only finite numbers are allowed",
+            "s.pbrt:4: \"nan\" is not a number; only finite numbers are allowed",
         ),
     ] {
         assert_eq!(complaint(text), expected);
@@ -289,11 +289,11 @@ fn messages_about_parameters() {
 #[test]
 fn numbers_of_scenes_are_finite_or_errors_i04() {
     let say = |value: &str| complaint(&format!("Shape \"sphere\"\n\"float radius\" [ {value} ]"));
-    assert_eq!(say("inf"), "s.pbrt:5: \"inf\" is not a number: only finite numbers are allowed");
+    assert_eq!(say("inf"), "s.pbrt:5: \"inf\" is not a number; only finite numbers are allowed");
     assert_eq!(say("1e400"), "s.pbrt:5: \"1e400\" is too large; at most 1.8e308 can be stored");
     assert_eq!(say("0x10"), "s.pbrt:5: \"0x10\" is not a number; write it as in -1.5e3");
     let comma = "write a point, not a comma, before decimals, and spaces between numbers";
-    assert_eq!(say("1,5"), format!("s.pbrt:5: \"1,5\" is not a number: {comma}"));
+    assert_eq!(say("1,5"), format!("s.pbrt:5: \"1,5\" is not a number; {comma}"));
     let long = format!("0.1{}1", "0".repeat(1000));
     let scene = world(&format!("Shape \"sphere\" \"float radius\" {long}\nShape \"sphere\" \"float radius\" 1e-50"));
     assert!(matches!(scene.shapes[0].geometry, Geometry::Sphere { radius: 0.1 }));
@@ -332,7 +332,7 @@ fn impossible_settings_are_errors_i06() {
         ),
         (
             "PixelFilter \"box\" \"float xradius\" nan",
-            "s.pbrt:1: \"nan\" is not a number: only finite numbers are allowed",
+            "s.pbrt:1: \"nan\" is not a number; only finite numbers are allowed",
         ),
         (
             "PixelFilter \"mitchell\"",

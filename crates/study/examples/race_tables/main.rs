@@ -1,12 +1,12 @@
-//! The tables of `docs/results/tables/beyond.md`: goals of the default sampler and filter beside the measured values, and
+//! The tables of `docs/results/race.md`: goals of the default sampler and filter beside the measured values, and
 //! every method on every scene.
 //!
 //! `cargo run --release -p dapple-study --example race_tables -- [OPTION DIR]... DIR...` reads folders of finished studies
-//! with the same seeds (`docs/results/beyond.toml` and `beyond-curves.toml`) and prints Markdown.
+//! with the same seeds (`docs/results/race.toml` and `race-curves.toml`) and prints Markdown.
 //!
 //! * `--long DIR`: the baseline alone at larger budgets, for times to equal error.
 //! * `--besides DIR`: other methods on the same scenes, for the summaries.
-//! * `--lights DIR`: the scenes `room`, `room-uniform` and `room-cells`.
+//! * `--lights DIR`: the scenes `room`, `room-uniform` and `room-learned`.
 //! * `--foreign DIR`: the same methods against references of another renderer, and the baseline at a very large budget.
 //! * `--tuned NAME,…`: scenes that settings were tuned on.
 //! * `--plain NAME,…`: scenes without interreflection.
@@ -39,11 +39,11 @@ impl Roles {
         let of = |sampler: &str, filter: &str| Method::new(sampler, "sobol", filter);
         Self {
             uniform: of("uniform", "none"),
-            counts: of("cluster", "none"),
-            default: of("cluster:epsilon=0.3", "cluster-regression"),
+            counts: of("adaptive:epsilon=0.01", "none"),
+            default: of("adaptive:epsilon=0.3", "cluster-regression"),
             thesis: of("cluster-thesis", "cluster-gaussian"),
             oidn: of("uniform", "oidn"),
-            oidn_on_ours: of("cluster:epsilon=0.3", "oidn"),
+            oidn_on_ours: of("adaptive:epsilon=0.3", "oidn"),
             oidn_prefiltered: of("uniform", "oidn-prefiltered"),
         }
     }

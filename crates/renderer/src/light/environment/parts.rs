@@ -15,7 +15,7 @@ const SQUARE: [usize; 2] = [6, 6];
 /// The number of a tile that is black, or all but.
 const BLACK: u32 = u32::MAX;
 
-/// The tiles of an environment that is an image. (Cutting a sky of one colour does not pay: docs/results/cluster.md.) Each is drawn from as the whole is, by brightness, and the parts' chances come on top: with
+/// The tiles of an environment that is an image. (Cutting a sky of one colour does not pay: docs/results/adaptive.md.) Each is drawn from as the whole is, by brightness, and the parts' chances come on top: with
 /// chances by [`Parts::share`], parts are the whole. One look-up finds what a ray that leaves the scene sees, and in which
 /// part.
 #[derive(Clone, Debug)]

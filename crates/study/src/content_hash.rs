@@ -1,3 +1,0 @@
-//! A short name for everything that a result depends on.
-
-pub use dapple_job::ContentHash;
