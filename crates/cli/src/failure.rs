@@ -4,15 +4,13 @@ use crate::Failure;
 use crate::render;
 use dapple_job::memory::MemoryAdvice;
 use dapple_job::{JobError, SpecError, Warning};
+use dapple_scene::{Problem, ProblemKind, ReadError};
 
 /// An error of a job, a line for each line of its message.
 pub(crate) fn of_job(error: &JobError) -> Failure {
     match error {
         JobError::Spec(error) => of_spec(error),
-        JobError::Read(error) => {
-            // The library knows no options.
-            Failure::lines(&error.to_string().replace("allow unsupported directives", "--allow-unsupported"))
-        }
+        JobError::Read(error) => of_reader(error),
         JobError::NotCalledFor { .. } | JobError::Without { .. } => Failure::new(format!("--{error}")),
         JobError::NoShard { .. } => Failure::new(format!("--{error}")),
         JobError::CheckpointExists { path } => {
@@ -40,6 +38,18 @@ pub(crate) fn of_job(error: &JobError) -> Failure {
         }
         _ => Failure::lines(error),
     }
+}
+
+/// The problems of a scene file, with the option that allows unsupported features.
+pub(crate) fn of_reader(error: &ReadError) -> Failure {
+    let line = |problem: &Problem| match problem.kind {
+        ProblemKind::Unsupported => {
+            format!("{}: {}; remove it, or --allow-unsupported", problem.source, problem.message)
+        }
+        _ => problem.to_string(),
+    };
+    let more = (error.more > 0).then(|| format!("… and {} more problems", error.more));
+    Failure(error.problems.iter().map(line).chain(more).collect())
 }
 
 /// An error of a description, as of an option.

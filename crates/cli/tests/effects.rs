@@ -97,7 +97,7 @@ fn what_is_left_out_is_said_three_times() {
     assert_eq!(said.status, Some(0), "{}", said.err);
     for line in [
         "warning: without soft-shadows: each area light is a point light of the same power, and invisible; ",
-        "warning: without interreflection: light is scattered once; ",
+        "warning: without interreflection: light scatters once; ",
         "tiny.pbrt:11 calls for it (a sphere shines)",
     ] {
         assert!(said.err.contains(line), "{}", said.err);

@@ -358,7 +358,7 @@ fn a_signal_saves_what_is_done_x08() {
         let said = Said::of(child.wait_with_output().expect("it ends"));
         assert_eq!(said.status, Some(130), "{}", said.err);
         assert!(asked.elapsed() < Duration::from_secs(2), "{:?}", asked.elapsed());
-        assert_eq!(said.err, "interrupted: the image is what was done until then\n");
+        assert_eq!(said.err, "interrupted: the image holds the samples until then\n");
         let json: serde_json::Value = serde_json::from_str(&said.out).expect("JSON");
         assert!(json["samples"].as_u64() > Some(0));
         let attributes = read_attributes(&folder.read("a.exr"), "a.exr").expect("a whole file");
@@ -387,7 +387,7 @@ fn an_image_equals_itself_and_no_other() {
     assert!(other["flip"].as_f64().is_some_and(|seen| seen > 0.0 && seen < 1.0));
     assert!(folder.done("compare b.exr a.exr").contains("\nFLIP            0."));
     for (words, message) in [
-        ("small.pfm a.exr", "error: the image is 4x4 and its reference 24x16: "),
+        ("small.pfm a.exr", "error: the image is 4x4 and its reference 24x16; "),
         ("a.exr missing.exr", "error: missing.exr: cannot read it: "),
         ("tiny.pbrt a.exr", "error: tiny.pbrt: not an image"),
     ] {

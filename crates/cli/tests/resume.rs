@@ -93,7 +93,7 @@ fn other_threads_and_filters_x05() {
     folder.done(&format!("{words} -o c.pfm --filter gaussian --resume c"));
     assert!(folder.read("c.pfm") != folder.read("b.pfm"));
     let said = folder.run(&format!("{words} -o c.pfm --filter nlm --resume c"));
-    assert!(said.status == Some(1) && said.err.contains("is now two halves"), "{}", said.err);
+    assert!(said.status == Some(1) && said.err.contains("was one sequence, not two halves"), "{}", said.err);
 }
 
 #[test]

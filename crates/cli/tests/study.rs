@@ -124,7 +124,7 @@ fn wrong_words_say_what_there_is() {
         ("--plan nowhere.toml", 1, "nowhere.toml: cannot read the plan"),
         ("--plan bad.toml", 1, "bad.toml:3: samplers: there is no sampler \"nonesuch\""),
         ("--plan key.toml", 1, "key.toml:1: samplesr: unknown field `samplesr`, expected one of `scenes`, `samplers`"),
-        ("nonesuch", 1, "nonesuch: there is no such file, and no such bundled scene: those are teapot, "),
+        ("nonesuch", 1, "nonesuch: there is no such file, and no such bundled scene; the bundled scenes are teapot, "),
         ("--reference nowhere.exr", 1, "nowhere.exr: cannot read the reference"),
         ("--resolution 13x8 --reference r.exr", 1, "it is 24x16, and the study 13x8"),
         ("--reference c.exr", 1, "its scene is \"cornell\", and the study's \"tiny\""),
@@ -188,8 +188,7 @@ fn ctrl_c_stops_between_runs_and_says_how_to_go_on() {
     assert!(std::process::Command::new("kill").args(["-INT", &pid]).status().expect("kill").success());
     let said = Said::of(child.wait_with_output().expect("an end"));
     assert_eq!(said.status, Some(130), "{}", said.err);
-    let expected =
-        format!("interrupted: {} of 480 runs are in s; the same command goes on from there", folder.lines("s"));
+    let expected = format!("interrupted: {} of 480 runs are in s; the same command resumes", folder.lines("s"));
     assert!(said.err.contains(&expected), "{}", said.err);
     let bytes = folder.read("s/runs.jsonl");
     assert_eq!(bytes.last(), Some(&b'\n'), "a whole last line");

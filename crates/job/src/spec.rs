@@ -16,7 +16,7 @@ pub const DEFAULT_SPP: f64 = 64.0;
 /// Largest mean samples per pixel of a [`BudgetSpec::Error`] without a `max_spp`.
 pub const ERROR_SPP: u32 = 16384;
 /// The sampler of [`RenderSpec::new`]. Its `epsilon` suits the default filter; without a filter, 0.01 is better.
-pub const DEFAULT_SAMPLER: &str = "cluster:epsilon=0.3";
+pub const DEFAULT_SAMPLER: &str = "adaptive";
 /// The point set of [`RenderSpec::new`].
 pub const DEFAULT_POINTS: &str = "sobol";
 /// The filter of [`RenderSpec::new`].

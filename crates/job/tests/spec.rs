@@ -58,7 +58,7 @@ fn unknown_fields_and_wrong_values_are_named() {
     let cases = [
         (r#"{"scene": "teapot"}"#, "missing field `version`"),
         (r#"{"version": 1, "scene": "teapot", "sampel": 1}"#, "unknown field `sampel`"),
-        (r#"{"version": 1, "scene": "teapot", "without": ["fog"]}"#, "there is no effect \"fog\""),
+        (r#"{"version": 1, "scene": "teapot", "without": ["fog"]}"#, "unknown effect \"fog\""),
         (r#"{"version": 1, "scene": "teapot", "light_selection": "best"}"#, "unknown variant `best`"),
         (r#"{"version": 1, "scene": "teapot", "shard": "3/2"}"#, "\"3/2\" is not a shard"),
         (r#"{"version": 1, "scene": "teapot", "sampler": "nonesuch"}"#, "sampler: there is no sampler \"nonesuch\""),

@@ -108,14 +108,14 @@ impl Parameters {
 
     pub(super) fn number<T: FromStr>(&self, key: &str) -> Result<T, RegistryError> {
         let value = self.value(key);
-        value.parse().map_err(|_| self.refuse(format!("{key} = \"{value}\": a number is wanted")))
+        value.parse().map_err(|_| self.refuse(format!("{key} = \"{value}\": a number is required")))
     }
 
     pub(super) fn choice<T: Copy>(&self, key: &str, choices: &[(&str, T)]) -> Result<T, RegistryError> {
         let value = self.value(key);
         choices.iter().find(|c| c.0 == value).map(|c| c.1).ok_or_else(|| {
             let known = choices.iter().map(|c| c.0).collect::<Vec<_>>().join(", ");
-            self.refuse(format!("{key} = \"{value}\": one of {known} is wanted"))
+            self.refuse(format!("{key} = \"{value}\": one of {known} is required"))
         })
     }
 }

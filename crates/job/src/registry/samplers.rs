@@ -118,11 +118,11 @@ fn cluster_thesis(p: &Parameters, points: AnyPoints, stage: &Stage) -> Result<Bo
     let placement = match p.value("probes") {
         "centre" => Placement::Centre,
         _ => Placement::Jittered(p.number("probes").map_err(|_| {
-            p.refuse(format!("probes = \"{}\": centre, or a number of rays per pixel, is wanted", p.value("probes")))
+            p.refuse(format!("probes = \"{}\": centre, or a number of rays per pixel, is required", p.value("probes")))
         })?),
     };
     if !(1..=256).contains(&placement.per_pixel()) {
-        return Err(p.refuse(format!("probes = \"{placement}\": 1 to 256 per pixel, or centre, are wanted")));
+        return Err(p.refuse(format!("probes = \"{placement}\": 1 to 256 per pixel, or centre, are required")));
     }
     let sizes = [("box", Size::Box), ("triangles", Size::Triangles), ("screen", Size::Screen), ("hits", Size::Hits)];
     let size = p.choice("size", &sizes)?;
