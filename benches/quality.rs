@@ -1,13 +1,14 @@
-//! Quality as criterion tracks speed: the error at an equal budget, and the time to a given error, of each sampler.
+//! Quality of the samplers, tracked by criterion: the error at an equal budget, and the time to a given error.
 //!
 //! ```sh
 //! RAYON_NUM_THREADS=1 cargo bench --bench quality -- --save-baseline before
 //! RAYON_NUM_THREADS=1 cargo bench --bench quality -- --baseline before
 //! ```
 //!
-//! Each iteration renders with a seed of its own, so that criterion sees how errors scatter and reports as a regression
-//! only what exceeds that. `relMSE` is squared error over squared reference + 0.01, the mean over iterations; the reference
-//! is of independent points and other seeds, made when the bench starts.
+//! Each iteration renders with its own seed. Criterion thus sees how errors scatter and reports only larger changes.
+//!
+//! `relMSE` is the squared error over the squared reference + 0.01, averaged over iterations. The reference has
+//! independent points and other seeds. It is rendered when the bench starts.
 
 use criterion::measurement::{Measurement, ValueFormatter, WallTime};
 use criterion::{BenchmarkGroup, Criterion, SamplingMode, Throughput};
@@ -23,11 +24,11 @@ use std::time::{Duration, Instant};
 
 const SCENES: [&str; 2] = ["cornell", "teapot"];
 const SAMPLERS: [&str; 4] = ["uniform", "variance", "mitchell", "cluster-thesis"];
-/// Of the reference; the benches' begin at 1.
+/// The seed of the reference. Those of the benches begin at 1.
 const REFERENCE_SEED: u64 = 1 << 32;
 
-/// An error instead of a time. Criterion plans its iterations in nanoseconds, so an error counts as so many of them that
-/// one iteration is always enough.
+/// A measurement of error instead of time. Criterion plans its iterations in nanoseconds; errors are scaled up so that
+/// one iteration always suffices.
 struct RelMse;
 
 const SCALE: f64 = 1e12;
@@ -80,13 +81,13 @@ struct Course {
     world: Arc<World>,
     side: u32,
     reference: Vec<[f32; 3]>,
-    /// Fresh for each render.
+    /// The seed of the next render.
     seed: Cell<u64>,
 }
 
 impl Course {
     fn new(name: &str) -> Self {
-        // With `--test`, everything once and small.
+        // With `--test`, everything runs once and small.
         let (side, spp) = if std::env::args().any(|word| word == "--test") { (16, 64) } else { (64, 2048) };
         let scene = bundled::files(name).and_then(|bundle| bundle.read().ok()).expect("a bundled scene");
         let world = Arc::new(World::with_resolution(&scene, [side; 2]).expect("a sound scene"));
@@ -96,7 +97,7 @@ impl Course {
         course
     }
 
-    /// An image and the seconds it took, clusters and planning included.
+    /// An image and its seconds, clusters and planning included.
     fn render(&self, sampler: &str, points: &str, spp: u64) -> (Vec<[f32; 3]>, f64) {
         let seed = self.seed.replace(self.seed.get() + 1);
         let clock = Instant::now();
@@ -108,7 +109,7 @@ impl Course {
         (film.expect("a film").image(), clock.elapsed().as_secs_f64())
     }
 
-    /// relMSE and seconds.
+    /// The relMSE and the seconds.
     fn run(&self, sampler: &str, spp: u64) -> [f64; 2] {
         let (image, seconds) = self.render(sampler, "sobol", spp);
         let pixels = |values| Pixels::new([self.side; 2], values).expect("pixels");
@@ -116,8 +117,10 @@ impl Course {
         [found.rel_mse, seconds]
     }
 
-    /// Seconds until the error is down to `target`: budgets are doubled until it is, and between the last two both are
-    /// taken to be powers of the budget. Infinite budgets are not tried: 2^12 samples per pixel are where it ends.
+    /// The seconds until the error reaches `target`.
+    ///
+    /// Budgets are doubled until it does, up to 2^12 samples per pixel. Between the last two budgets, error and time
+    /// are interpolated as powers of the budget.
     fn seconds_to(&self, sampler: &str, target: f64) -> f64 {
         let mut last: Option<[f64; 2]> = None;
         for power in 2..=12 {
@@ -133,7 +136,7 @@ impl Course {
     }
 }
 
-/// Ten iterations, whatever they take.
+/// Runs ten iterations, however long they take.
 fn few<M: Measurement>(group: &mut BenchmarkGroup<'_, M>) {
     let instant = Duration::from_nanos(1);
     group.sample_size(10).sampling_mode(SamplingMode::Flat).warm_up_time(instant).measurement_time(instant);
@@ -156,7 +159,7 @@ fn main() {
 
     let mut criterion: Criterion<WallTime> = Criterion::default().without_plots().configure_from_args();
     for (name, course) in &courses {
-        // What uniform counts reach with 16 samples per pixel.
+        // The error of uniform sampling with 16 samples per pixel.
         course.seed.set(1);
         let target = (0..4).map(|_| course.run("uniform", 16)[0]).sum::<f64>() / 4.0;
         let mut group = criterion.benchmark_group(format!("time to uniform's error at 16 spp/{name}"));

@@ -1,11 +1,11 @@
-//! Speed on the bundled scenes: clusters, rays, whole renders, filters. The crates' own benches time their parts alone.
+//! Speed on the bundled scenes: clusters, whole renders and filters. The benches of the crates measure single parts.
 //!
 //! ```sh
 //! RAYON_NUM_THREADS=1 cargo bench --bench speed
 //! ```
 
 use criterion::{BatchSize, Criterion, Throughput, criterion_group, criterion_main};
-use dapple::clustering::{Params, cluster};
+use dapple::clustering::{ClusterParams, cluster};
 use dapple::core::{Film, Frame, Limits, Render};
 use dapple::job::registry::{self, Setting};
 use dapple::job::{Stage, WorldClusters, WorldTriangles};
@@ -18,7 +18,7 @@ const SEED: u64 = 2016;
 const SAMPLERS: [&str; 4] = ["uniform", "variance", "mitchell", "cluster-thesis"];
 const FILTERS: [&str; 2] = ["gaussian", "cluster-gaussian"];
 
-/// With `--test`, everything once and small.
+/// Returns true with `--test`: everything then runs once and small.
 fn is_test() -> bool {
     std::env::args().any(|word| word == "--test")
 }
@@ -28,19 +28,19 @@ fn world(name: &str, side: u32) -> Arc<World> {
     Arc::new(World::with_resolution(&scene, [side; 2]).expect("a sound scene"))
 }
 
-/// Triangles a second: of `cluster` alone, again and again; and of all that a first call takes, copies included.
+/// Triangles per second, of `cluster` alone and of a whole first call with its copies.
 fn clustering(criterion: &mut Criterion) {
     let world = world("terrain", 64);
     let triangles = WorldTriangles::of(&world);
     let mut group = criterion.benchmark_group("clustering/terrain");
     group.throughput(Throughput::Elements(triangles.indices.len() as u64));
-    let params = Params::default();
+    let params = ClusterParams::default();
     group.bench_function("cluster", |b| b.iter(|| cluster(black_box(&triangles.as_slices()), &params)));
     group.bench_function("world", |b| b.iter(|| WorldClusters::new(black_box(&world), &params)));
     group.finish();
 }
 
-/// The scene, with what a film of it takes.
+/// A film of the world, recorded for the filter.
 fn film(world: &Arc<World>, stage: &Stage, sampler: &str, filter: &str, side: u32, spp: u64) -> Film {
     let points = registry::points("sobol", Setting { seed: SEED, spp: Some(spp) }).expect("points");
     let mut sampler = registry::sampler(sampler, points, stage).expect("a sampler");
@@ -50,7 +50,7 @@ fn film(world: &Arc<World>, stage: &Stage, sampler: &str, filter: &str, side: u3
     Render::new(frame, &limits).needs(needs).run(&mut *integrator(world), &mut *sampler).expect("a film")
 }
 
-/// Samples a second, planning and clusters included.
+/// Samples per second, planning and clusters included.
 fn renders(criterion: &mut Criterion) {
     let (side, spp) = if is_test() { (8, 4) } else { (64, 16) };
     for name in ["cornell", "teapot", "terrain"] {
@@ -59,7 +59,7 @@ fn renders(criterion: &mut Criterion) {
         group.sample_size(10);
         group.throughput(Throughput::Elements(spp * u64::from(side * side)));
         for sampler in SAMPLERS {
-            // A new stage each time: clusters are part of the price.
+            // A new stage each time, since clusters are part of the cost.
             let stage = || Stage::new(world.clone());
             let run = |stage: Stage| film(&world, &stage, sampler, "none", side, spp);
             group.bench_function(sampler, |b| b.iter_batched(stage, run, BatchSize::PerIteration));
@@ -68,7 +68,7 @@ fn renders(criterion: &mut Criterion) {
     }
 }
 
-/// Pixels a second.
+/// Pixels per second.
 fn filters(criterion: &mut Criterion) {
     let side = if is_test() { 16 } else { 128 };
     let world = world("teapot", side);

@@ -1,19 +1,18 @@
-//! What each option of the sampler `cluster` is worth: its error over that of uniform counts, at equal samples.
+//! The worth of each option of the sampler `adaptive`: its error over that of uniform counts, at equal samples.
 //!
 //! ```sh
 //! cargo run --release --example counts_ablation -- --full
-//! cargo run --release --example counts_ablation -- --full --words cluster:prior=inf --words cluster:rounds=2
+//! cargo run --release --example counts_ablation -- --full --method adaptive:epsilon=0.01,prior=inf
 //! ```
 //!
 //! Bundled scenes on `sobol`, unfiltered; the reference is `sobol` of another seed with many more samples. Prints the
 //! ratios of the mean errors over seeds, sRGB MSE and relMSE, per scene and as geometric means, and seconds over those of
-//! uniform counts. Without `--full` a small form runs in seconds, to show that it works.
+//! uniform counts, as Markdown (`docs/results/to_csv.py` makes CSV of it). Without `--full` a small form runs in seconds.
 //!
-//! `--words` may begin with a choice among lights, `learned@uniform`, say; without one lights are chosen by power.
-//! `--against` changes what all are compared with (`uniform`). Further: `--scenes` and `--spp`, lists with commas;
-//! `--seeds`, `--side`, `--reference`.
+//! `--method` may begin with a light selection, such as `learned@uniform`; the default is by power. `--against` names the method that
+//! all are compared with (`uniform`). Further options: `--scenes` and `--spp`, lists with commas; `--seeds`, `--side`, `--reference`.
 
-#![expect(clippy::print_stdout, clippy::print_stderr, reason = "a program: its table is its result")]
+#![expect(clippy::print_stdout, clippy::print_stderr, reason = "a program whose table is its result")]
 
 use dapple::core::{Frame, Limits, Render};
 use dapple::job::{Stage, registry};
@@ -26,25 +25,25 @@ use std::time::Instant;
 
 type Result<T> = std::result::Result<T, Box<dyn std::error::Error>>;
 
-const WORDS: [&str; 18] = [
+const METHODS: [&str; 18] = [
     "variance",
-    "cluster",
-    "cluster:gain=1",
-    "cluster:pilot=4",
-    "cluster:pilot=16",
-    "cluster:prior=inf",
-    "cluster:prior=12",
-    "cluster:prior=3",
-    "cluster:radius=1",
-    "cluster:radius=3",
-    "cluster:exponent=1",
-    "cluster:exponent=1.3",
-    "cluster:rounds=2",
-    "cluster:rounds=3",
-    "cluster:pool=inside",
-    "cluster:pool=cell",
-    "cluster:geometry=3",
-    "cluster:policy=discard",
+    "adaptive:epsilon=0.01",
+    "adaptive:epsilon=0.01,gain=1",
+    "adaptive:epsilon=0.01,pilot=4",
+    "adaptive:epsilon=0.01,pilot=16",
+    "adaptive:epsilon=0.01,prior=inf",
+    "adaptive:epsilon=0.01,prior=12",
+    "adaptive:epsilon=0.01,prior=3",
+    "adaptive:epsilon=0.01,radius=1",
+    "adaptive:epsilon=0.01,radius=3",
+    "adaptive:epsilon=0.01,exponent=1",
+    "adaptive:epsilon=0.01,exponent=1.3",
+    "adaptive:epsilon=0.01,rounds=2",
+    "adaptive:epsilon=0.01,rounds=3",
+    "adaptive:epsilon=0.01,pool=inside",
+    "adaptive:epsilon=0.01,pool=cell",
+    "adaptive:epsilon=0.01,geometry=3",
+    "adaptive:epsilon=0.01,policy=discard",
 ];
 
 struct Run {
@@ -53,7 +52,7 @@ struct Run {
     spp: Vec<u64>,
     seeds: u64,
     reference_spp: u64,
-    words: Vec<String>,
+    methods: Vec<String>,
     against: String,
 }
 
@@ -67,12 +66,12 @@ impl Run {
             spp: if full { vec![8, 32] } else { vec![8] },
             seeds: if full { 4 } else { 1 },
             reference_spp: if full { 2048 } else { 64 },
-            words: Vec::new(),
+            methods: Vec::new(),
             against: "uniform".into(),
         };
         let mut arguments = std::env::args().skip(1);
         while let Some(argument) = arguments.next() {
-            let mut value = || arguments.next().ok_or(format!("{argument} wants a value"));
+            let mut value = || arguments.next().ok_or(format!("{argument} needs a value"));
             match argument.as_str() {
                 "--full" => {}
                 "--scenes" => run.scenes = names(&value()?),
@@ -83,14 +82,18 @@ impl Run {
                     run.spp = names(&value()?).iter().map(|n| n.parse()).collect::<std::result::Result<_, _>>()?
                 }
                 "--against" => run.against = value()?,
-                "--words" => run.words.push(value()?),
-                // CI gives every example a folder; this one writes nothing.
+                "--method" => run.methods.push(value()?),
+                // CI passes a folder to every example; this one writes nothing.
                 folder if !folder.starts_with('-') => {}
-                other => return Err(format!("unknown argument {other}").into()),
+                other => {
+                    return Err(
+                        format!("option \"{other}\" is unknown; the first lines of this example list all").into()
+                    );
+                }
             }
         }
-        if run.words.is_empty() {
-            run.words = WORDS.map(str::to_owned).to_vec();
+        if run.methods.is_empty() {
+            run.methods = METHODS.map(str::to_owned).to_vec();
         }
         Ok(run)
     }
@@ -102,16 +105,16 @@ fn main() -> Result<()> {
         "{0}x{0} pixels, {1} seeds, reference {2} spp; sRGB MSE / relMSE over `{3}`, on `sobol`, unfiltered.",
         run.side, run.seeds, run.reference_spp, run.against
     );
-    let scenes: Vec<Truth> = run.scenes.iter().map(|name| Truth::of(name, &run)).collect::<Result<_>>()?;
+    let scenes: Vec<Course> = run.scenes.iter().map(|name| Course::of(name, &run)).collect::<Result<_>>()?;
     for &spp in &run.spp {
         println!("\n| {spp} spp | {} | geometric mean | time |", run.scenes.join(" | "));
         println!("|---|{}---|---|", "---|".repeat(run.scenes.len()));
         let against: Vec<[f64; 3]> = scenes.iter().map(|s| s.errors(&run.against, spp, &run)).collect::<Result<_>>()?;
-        for words in &run.words {
+        for method in &run.methods {
             let mut logs = [0.0; 3];
-            let mut row = format!("| `{words}` |");
+            let mut row = format!("| `{method}` |");
             for (scene, against) in scenes.iter().zip(&against) {
-                let found = scene.errors(words, spp, &run)?;
+                let found = scene.errors(method, spp, &run)?;
                 let ratio = [0, 1, 2].map(|k| found[k] / against[k]);
                 (0..3).for_each(|k| logs[k] += ratio[k].ln() / scenes.len() as f64);
                 row += &format!(" {:.3} / {:.3} |", ratio[0], ratio[1]);
@@ -122,8 +125,8 @@ fn main() -> Result<()> {
     Ok(())
 }
 
-/// A scene with each choice among lights, and its reference.
-struct Truth {
+/// A scene with each light selection, and its reference.
+struct Course {
     worlds: [Arc<World>; 3],
     image: Vec<[f32; 3]>,
 }
@@ -131,7 +134,7 @@ struct Truth {
 const CHOICES: [(&str, LightSelection); 3] =
     [("power", LightSelection::Power), ("uniform", LightSelection::Uniform), ("learned", LightSelection::Learned)];
 
-impl Truth {
+impl Course {
     fn of(name: &str, run: &Run) -> Result<Self> {
         let mut scene = bundled::files(name).ok_or("no such bundled scene")?.read()?;
         scene.film.pixel_filter = scene::PixelFilter::default();
@@ -141,18 +144,21 @@ impl Truth {
             world.set_light_selection(choice);
             Arc::new(world)
         });
-        let mut truth = Self { worlds, image: Vec::new() };
-        truth.image = truth.render("uniform", 777, run.reference_spp, run)?;
+        let mut course = Self { worlds, image: Vec::new() };
+        course.image = course.render("uniform", 777, run.reference_spp, run)?;
         eprintln!("{name}: reference made");
-        Ok(truth)
+        Ok(course)
     }
 
-    fn render(&self, words: &str, seed: u64, spp: u64, run: &Run) -> Result<Vec<[f32; 3]>> {
-        let (choice, words) = words.split_once('@').unwrap_or(("power", words));
-        let choice = CHOICES.iter().position(|(name, _)| *name == choice).ok_or("power, uniform or learned @")?;
+    fn render(&self, method: &str, seed: u64, spp: u64, run: &Run) -> Result<Vec<[f32; 3]>> {
+        let (selection, sampler) = method.split_once('@').unwrap_or(("power", method));
+        let choice = CHOICES
+            .iter()
+            .position(|(name, _)| *name == selection)
+            .ok_or("a light selection is power, uniform or learned")?;
         let world = &self.worlds[choice];
         let points = registry::points("sobol", registry::Setting { seed, spp: Some(spp) })?;
-        let mut sampler = registry::sampler(words, points, &Stage::new(world.clone()))?;
+        let mut sampler = registry::sampler(sampler, points, &Stage::new(world.clone()))?;
         let frame = Frame::new(run.side, run.side)?;
         let limits = Limits::samples(spp * frame.pixels() as u64);
         let film = Render::new(frame, &limits).run(&mut *integrator(world), &mut *sampler)?;
@@ -160,11 +166,11 @@ impl Truth {
     }
 
     /// sRGB MSE, relMSE and seconds, summed over seeds.
-    fn errors(&self, words: &str, spp: u64, run: &Run) -> Result<[f64; 3]> {
+    fn errors(&self, method: &str, spp: u64, run: &Run) -> Result<[f64; 3]> {
         let mut sums = [0.0; 3];
         for seed in 1..=run.seeds {
             let began = Instant::now();
-            let found = self.render(words, seed, spp, run)?;
+            let found = self.render(method, seed, spp, run)?;
             let seconds = began.elapsed().as_secs_f64();
             let size = [run.side; 2];
             let compared = compare(Pixels::new(size, &found)?, Pixels::new(size, &self.image)?)?;

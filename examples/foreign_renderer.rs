@@ -1,19 +1,21 @@
-//! Another renderer's way in: Dapple's samplers and filters behind a renderer that shares nothing with Dapple's own.
+//! Dapple in your own renderer: clusters, adaptive sampling and denoising for a renderer that shares no code with
+//! Dapple.
 //!
 //! ```sh
 //! cargo run --release --example foreign_renderer -- out
 //! ```
 //!
-//! Everything from [`V3`] on is somebody else's: vectors, scene, ray tracer, integrator, image files. Dapple is shown
-//! slices of triangles, a closure that finds first hits, and an [`Integrator`]; no scene type, BVH, maths or image crate
-//! of Dapple's is linked. It renders uniformly and cluster-adaptively with equally many samples, filters both, and prints
-//! the errors, losses like gains. Into the folder given (else one for temporary files) go `image.ppm`, `samples.ppm`
-//! (white = many) and `clusters.ppm`.
+//! Everything from [`V3`] on is the foreign renderer: vectors, scene, ray tracer, integrator and image files. It gives
+//! Dapple three things: slices of triangles, a closure that finds first hits, and an [`Integrator`].
+//!
+//! The program renders uniformly and cluster-adaptively with equally many samples, filters both images and prints their
+//! errors. It writes `image.ppm`, `samples.ppm` (white = many samples) and `clusters.ppm` to the given folder, or else
+//! to a temporary one.
 
-#![expect(clippy::print_stdout, reason = "a program: its table is its result")]
+#![expect(clippy::print_stdout, reason = "the program prints its result")]
 
 use dapple::cluster_adaptive::{BACKGROUND, ClusterThesis, Placement, ProbeHit, probe};
-use dapple::clustering::{Params, Triangles, cluster};
+use dapple::clustering::{ClusterParams, Sides, Triangles, cluster};
 use dapple::core::samplers::Uniform;
 use dapple::core::{Block, Draws, Estimate, Film, Filter, Frame, Integrator, Limits};
 use dapple::core::{Render, Sampler, TrainingLog, Unfiltered};
@@ -29,10 +31,10 @@ type Result<T> = std::result::Result<T, Box<dyn std::error::Error>>;
 const SIZE: [u32; 2] = [144, 80];
 const SPP: u64 = 16;
 const SEEDS: u64 = 5;
-/// Student's t for 95 % and one degree of freedom less than there are seeds.
+/// Student's t for 95 % and `SEEDS - 1` degrees of freedom.
 const STUDENT: f64 = 2.776;
 const REFERENCE_SPP: u64 = 256;
-/// Some triangles each, and small enough to tell one place from another.
+/// The number of clusters: each holds some triangles and is small enough to separate places.
 const CLUSTERS: u32 = 1000;
 
 fn main() -> Result<()> {
@@ -43,11 +45,11 @@ fn main() -> Result<()> {
 
     // Triangles in, clusters out.
     let positions: Vec<[f32; 3]> = scene.positions.iter().map(|p| p.0).collect();
-    let triangles = Triangles { positions: &positions, indices: &scene.triangles, materials: &scene.materials };
-    // All triangles of a surface turn the same way here: near and far side of a small ball stay apart.
-    let clusters = cluster(&triangles, &Params { two_sided: false, ..Params::for_count(CLUSTERS) })?;
+    let triangles = Triangles::new(&positions, &scene.triangles).with_materials(&scene.materials);
+    // Windings are consistent here, so signed normals separate the near and far side of a small ball.
+    let clusters = cluster(&triangles, &ClusterParams::for_count(CLUSTERS).with_sides(Sides::Signed))?;
 
-    // First hits in, a sample count for each pixel out, when the sampler is asked. `Centre` needs no points.
+    // First hits in; the sampler turns them into a sample count per pixel. `Centre` needs no points.
     let probes = probe(&frame, Placement::Centre, &Sobol::new(0), clusters.labels(), |ray| {
         let direction = scene.camera_ray(ray.film);
         let hit = scene.first_hit(EYE, direction, f32::INFINITY)?;
@@ -63,14 +65,14 @@ fn main() -> Result<()> {
         Box::new(ClusterGaussian::from_map(SIZE, clusters_seen.clone())?),
     ];
 
-    // A reference of its own: two halves with seeds of their own, whose difference tells its error.
+    // The reference: two halves with different seeds. Their difference estimates its error.
     let halves = [1001, 1002].map(|seed| image(&mut scene, &mut Uniform::new(Sobol::new(seed)), REFERENCE_SPP / 2));
     let [first, second] = halves.map(|film| film.map(|f| f.image()));
     let (first, second) = (first?, second?);
     let mean = |(a, b): (&[f32; 3], &[f32; 3])| [0, 1, 2].map(|c: usize| 0.5 * (a[c] + b[c]));
     let reference: Vec<_> = first.iter().zip(&second).map(mean).collect();
 
-    // Swapping the method is one line; all else is the same.
+    // Only the sampler differs.
     let mut pairs = Vec::new();
     for seed in 1..=SEEDS {
         let mut uniform = Uniform::new(Sobol::new(seed));
@@ -80,9 +82,11 @@ fn main() -> Result<()> {
     print_table(&filters, &pairs, &reference)?;
     let [u, a] = [0, 1].map(|which| pairs.iter().map(|pair| pair[which].record().rays).sum::<u64>());
     let more = 100.0 * ((a + SEEDS * probes.cost().rays) as f64 / u as f64 - 1.0);
-    println!("\nAdaptive images took {more:.1} % more rays, probes among them; a smaller gain is none at equal rays.");
+    println!(
+        "\nAdaptive images took {more:.1} % more rays, probes included. A gain below that vanishes at equal rays."
+    );
     let own = rel_mse(&first, &second)? / 4.0;
-    println!("The reference, {REFERENCE_SPP} samples a pixel, has an error of {own:.1e} of its own.");
+    println!("The reference, {REFERENCE_SPP} samples per pixel, has an error of {own:.1e}.");
     write_images(&folder, &pairs[0][1], &clusters_seen)
 }
 
@@ -98,10 +102,10 @@ fn rel_mse(image: &[[f32; 3]], reference: &[[f32; 3]]) -> Result<f64> {
     Ok(compare(Pixels::new(SIZE, image)?, Pixels::new(SIZE, reference)?)?.rel_mse)
 }
 
-/// Errors are means over seeds, ratios geometric means with a 95 % interval (paired by seed, Student's t).
+/// Prints errors as means over seeds, and ratios as geometric means with a 95 % interval (paired by seed, Student's t).
 fn print_table(filters: &[Box<dyn Filter>], pairs: &[[Film; 2]], reference: &[[f32; 3]]) -> Result<()> {
-    println!("relMSE, {}x{} pixels, {SPP} samples each on average, {SEEDS} seeds;", SIZE[0], SIZE[1]);
-    println!("a ratio below 1 is a gain of the adaptive image, above 1 a loss:\n");
+    println!("relMSE at {}x{} pixels, {SPP} samples per pixel on average, {SEEDS} seeds.", SIZE[0], SIZE[1]);
+    println!("A ratio below 1 is a gain of the adaptive image, above 1 a loss.\n");
     println!("| filter | uniform | cluster-adaptive | ratio |\n|---|---|---|---|");
     for filter in filters {
         let errors = |which: usize| -> Result<Vec<f64>> {
@@ -124,7 +128,7 @@ fn print_table(filters: &[Box<dyn Filter>], pairs: &[[Film; 2]], reference: &[[f
 fn write_images(folder: &Path, film: &Film, clusters: &[u32]) -> Result<()> {
     let most = film.counts().into_iter().max().unwrap_or(1) as f32;
     let counts: Vec<[f32; 3]> = film.counts().iter().map(|&n| [n as f32 / most; 3]).collect();
-    // Any colour for a number will do.
+    // A pseudo-random colour per cluster.
     let byte = |cluster: u32, c: u32| (cluster.wrapping_mul(0x9E37_79B1) >> (8 * c)) as u8;
     let colour = |&cluster: &u32| match cluster {
         BACKGROUND => [0.0; 3],
@@ -140,9 +144,9 @@ fn write_images(folder: &Path, film: &Film, clusters: &[u32]) -> Result<()> {
     Ok(())
 }
 
-// From here on: somebody else's renderer, which knows of Dapple by one `impl Integrator` only.
+// From here on: the foreign renderer. It uses Dapple only in `impl Integrator`.
 
-/// A vector type of its own.
+/// The renderer's own vector type.
 #[derive(Clone, Copy)]
 struct V3([f32; 3]);
 
@@ -188,12 +192,12 @@ impl V3 {
     }
 }
 
-/// Triangles in a leaf of the tree.
+/// Triangles per leaf of the tree.
 const LEAF: usize = 4;
 const EYE: V3 = v3(0.0, -9.0, 3.2);
-/// Width of a pixel at distance 1.
+/// The width of a pixel at distance 1.
 const PIXEL_WIDTH: f32 = 1.1 / SIZE[0] as f32;
-/// The lamp, a square that shines down; cameras do not see it.
+/// The lamp: a square that shines down, invisible to the camera.
 const LAMP: V3 = v3(3.0, -2.0, 6.0);
 const LAMP_SIDE: f32 = 2.0;
 const LAMP_RADIANCE: f32 = 16.0;
@@ -208,7 +212,7 @@ fn sky(direction: V3) -> [f32; 3] {
 struct Hit {
     t: f32,
     triangle: u32,
-    /// Unit length, on the ray's side.
+    /// The unit normal on the ray's side.
     normal: V3,
 }
 
@@ -217,8 +221,7 @@ struct Scene {
     positions: Vec<V3>,
     triangles: Vec<[u32; 3]>,
     materials: Vec<u32>,
-    /// The triangles in the order of a tree's leaves, and the box of each of its nodes: those of node `i` are halved
-    /// between `2 i + 1` and `2 i + 2`.
+    /// The triangles in the order of the tree's leaves. Those of node `i` are halved between `2 i + 1` and `2 i + 2`.
     order: Vec<u32>,
     boxes: Vec<[V3; 2]>,
 }
@@ -244,7 +247,7 @@ impl Scene {
         scene
     }
 
-    /// A surface over the unit square, two triangles a cell.
+    /// Adds a surface over the unit square, with two triangles per cell.
     fn sheet(&mut self, cells: [u32; 2], material: u32, point: impl Fn(f32, f32) -> V3) {
         let [columns, rows] = cells;
         let first = self.positions.len() as u32;
@@ -264,7 +267,7 @@ impl Scene {
         self.triangles[triangle as usize].map(|v| self.positions[v as usize])
     }
 
-    /// Halves the triangles from `start` to `end` along their box's longest axis, until few are left.
+    /// Halves the triangles from `start` to `end` along the longest axis of their box until they fit a leaf.
     fn build(&mut self, node: usize, start: usize, end: usize) {
         let mut part = self.order[start..end].to_vec();
         let corners = || part.iter().flat_map(|&t| self.corners(t));
@@ -319,7 +322,7 @@ impl Scene {
         Some(Hit { t: nearest, triangle, normal: normal * side })
     }
 
-    /// Unit direction from the eye through a place on the film, in pixels from its upper left corner.
+    /// The unit direction from the eye through a place on the film, in pixels from its upper left corner.
     fn camera_ray(&self, film: [f32; 2]) -> V3 {
         let forward = (v3(0.0, 0.0, 0.5) - EYE).unit();
         let right = forward.cross(v3(0.0, 0.0, 1.0)).unit();
@@ -327,7 +330,7 @@ impl Scene {
         (forward + right * x - right.cross(forward) * y).unit()
     }
 
-    /// Light from a point of the lamp that `place` reflects, per albedo; `None` where that takes no ray to tell.
+    /// The light from a point of the lamp that `place` reflects, per albedo; `None` if it is 0 without tracing a ray.
     fn lamp_light(&self, place: V3, normal: V3, [u, v]: [f32; 2]) -> Option<f32> {
         let to = LAMP + v3(u - 0.5, v - 0.5, 0.0) * LAMP_SIDE - place;
         let distance = to.dot(to).sqrt();
@@ -348,25 +351,26 @@ fn intersect([a, b, c]: [V3; 3], from: V3, direction: V3) -> Option<f32> {
     (u >= 0.0 && v >= 0.0 && u + v <= 1.0 && t > 0.0).then_some(t)
 }
 
-/// Which coordinates are for what.
+/// Named groups of four random numbers: for the pixel, and for the light.
 const FILM: Block = Block::new(0);
 const LIGHTS: Block = Block::new(1);
 
-/// The plug: one sample's coordinates in, its radiance out. Light of the lamp, and of the sky by one bounce.
+/// The interface to Dapple: the random numbers of one sample in, its radiance out. Direct light of the lamp and the
+/// sky.
 impl Integrator for Scene {
     fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
         let [u, v, ..] = draws.block(FILM);
         let [x, y] = draws.pixel().map(|p| p as f32);
         let direction = self.camera_ray([x + u, y + v]);
         let Some(hit) = self.first_hit(EYE, direction, f32::INFINITY) else {
-            return Estimate { radiance: sky(direction), first_hit: None, cost: 1 };
+            return Estimate::new(sky(direction));
         };
         let albedo = ALBEDO[self.materials[hit.triangle as usize] as usize];
         let off = EYE + direction * hit.t + hit.normal * 1e-3;
 
         let [lamp_u, lamp_v, u, v] = draws.block(LIGHTS);
         let lamp = self.lamp_light(off, hit.normal, [lamp_u, lamp_v]);
-        // A unit vector added to the normal makes directions in proportion to their cosine.
+        // The normal plus a random unit vector is a cosine-weighted direction.
         let (height, (sin, cos)) = (1.0 - 2.0 * u, (TAU * v).sin_cos());
         let ring = (1.0 - height * height).max(0.0).sqrt();
         let bounce = (hit.normal * 1.0001 + v3(ring * cos, ring * sin, height)).unit();
@@ -375,11 +379,11 @@ impl Integrator for Scene {
         let radiance = [0, 1, 2].map(|c: usize| albedo[c] * (lamp.unwrap_or(0.0) + ambient[c]));
 
         // A filter that asks for first hits (`draws.wants_first_hit()`) would get them here.
-        Estimate { radiance, first_hit: None, cost: 2 + u32::from(lamp.is_some()) }
+        Estimate::new(radiance).with_cost(2 + u32::from(lamp.is_some()))
     }
 }
 
-/// A binary PPM of values in `[0, 1]`; what is above is cut off.
+/// Writes a binary PPM of values in `[0, 1]`. Larger ones are clipped.
 fn write_ppm(path: &Path, pixels: &[[f32; 3]]) -> Result<()> {
     let mut file = format!("P6\n{} {}\n255\n", SIZE[0], SIZE[1]).into_bytes();
     file.extend(pixels.iter().flatten().map(|x| (255.0 * x + 0.5) as u8));

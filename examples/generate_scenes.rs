@@ -1,5 +1,9 @@
-//! Writes the bundled scenes to `examples/scenes`, or to the folder given:
-//! `cargo run --example generate_scenes [FOLDER]`. A test holds the committed files to what this writes.
+//! Writes the bundled scenes to `examples/scenes`, or to a given folder. A test compares the committed files with the
+//! result.
+//!
+//! ```sh
+//! cargo run --example generate_scenes -- [FOLDER]
+//! ```
 
 use dapple_scene::bundled;
 use std::path::PathBuf;

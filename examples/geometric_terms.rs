@@ -1,17 +1,20 @@
-//! What THESIS' a-priori terms for light (D9) and gloss (D10) are worth to the sampler `cluster`: errors over those of
-//! uniform counts, at equal samples.
+//! The worth of a-priori terms for light and gloss to the sampler `adaptive`: errors over those of uniform counts, at equal
+//! samples.
 //!
 //! ```sh
 //! cargo run --release --example geometric_terms -- --full
 //! ```
 //!
-//! Both come as an [`ErrorMap`], the place where a sampler takes what somebody else knows of each pixel: no code of the
-//! library is touched. `light`: the variance of what one sample of direct light would bring, by four shadow rays from each of a
-//! pixel's first four hits; `gloss`: how far surfaces are from diffuse. Behind the name the term's share in the score, a
-//! geometric mean with the variance of the pilot; 1 is the term alone. Shadow rays are not paid for.
-//! Without `--full` a small form runs in seconds, to show that it works.
+//! Both enter through [`ErrorMap`], the sampler's plug for errors from elsewhere; no code of the library is touched.
+//!
+//! * `light`: the variance of one sample of direct light, by four shadow rays from each of a pixel's first four hits. These rays
+//!   are not charged.
+//! * `gloss`: the distance of surfaces from diffuse.
+//!
+//! The number behind a name is the term's share in the score, a geometric mean with the pilot's variance; 1 is the term alone.
+//! Prints Markdown (`docs/results/to_csv.py` makes CSV of it). Without `--full` a small form runs in seconds.
 
-#![expect(clippy::print_stdout, reason = "a program: its table is its result")]
+#![expect(clippy::print_stdout, reason = "a program whose table is its result")]
 
 use dapple::adaptive::{Adaptive, AdaptiveOptions, ErrorMap, MapErrors};
 use dapple::core::samplers::Uniform;
@@ -27,9 +30,9 @@ use std::sync::Arc;
 
 type Result<T> = std::result::Result<T, Box<dyn std::error::Error>>;
 
-/// First hits of a pixel that are looked at.
+/// First hits used, per pixel.
 const HITS: u8 = 4;
-/// Shadow rays from each.
+/// Shadow rays per hit.
 const RAYS: u32 = 4;
 
 #[derive(Clone, Copy)]
@@ -38,13 +41,12 @@ enum Term {
     Gloss,
 }
 
-/// The variance of the direct light that one sample at one of these hits brings, relative to its squared mean; of values
-/// that belong to pixel `i`.
+/// The variance of one sample of direct light at these hits of pixel `i`, relative to its squared mean.
 fn light(world: &World, i: usize, hits: &[Option<FirstHit>], epsilon: f64) -> f64 {
     let mut values = Vec::new();
     for (k, hit) in hits.iter().enumerate() {
         for ray in 0..RAYS {
-            // A lattice, turned in each pixel.
+            // A lattice, shifted in each pixel.
             let at = (i as u64 * u64::from(HITS) + k as u64) * u64::from(RAYS) + u64::from(ray);
             let u = [1.618_033_988_749_895_f64, 1.324_717_957_244_746, 1.220_744_084_605_76]
                 .map(|step| (at as f64 / step).fract() as f32);
@@ -56,7 +58,7 @@ fn light(world: &World, i: usize, hits: &[Option<FirstHit>], epsilon: f64) -> f6
     values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1.0) / (mean * mean + epsilon)
 }
 
-/// Light from one of the lamps that a hit scatters, if it is diffuse.
+/// Light from one of the lamps that a hit scatters as a diffuse surface.
 fn arriving(world: &World, hit: &FirstHit, [choice, u, v]: [f32; 3]) -> f64 {
     let normal = Vec3::from(hit.geometric_normal);
     let from = Vec3::from(hit.position) + normal * (0.05 * hit.footprint);
@@ -74,13 +76,13 @@ fn arriving(world: &World, hit: &FirstHit, [choice, u, v]: [f32; 3]) -> f64 {
     luminance(radiance.to_array().map(f64::from))
 }
 
-/// How far from diffuse what a pixel shows is, squared; never 0, so that others keep a say.
+/// The squared distance of a pixel's surfaces from diffuse; at least 0.1, so that other terms still count.
 fn gloss(hits: &[Option<FirstHit>]) -> f64 {
     let of = |hit: &Option<FirstHit>| hit.map_or(0.0, |hit| f64::from(1.0 - hit.roughness).powi(2));
     0.1 + hits.iter().map(of).sum::<f64>() / hits.len().max(1) as f64
 }
 
-/// A term as errors that are left: of one sample, divided by what the sampler takes for the effect of so many.
+/// A term as remaining errors: that of one sample, divided by the sampler's model of convergence.
 fn term(term: Term, world: Arc<World>, options: AdaptiveOptions) -> ErrorMap {
     let of: MapErrors = Box::new(move |film: &Film| {
         let value = |i: usize| {
@@ -97,29 +99,29 @@ fn term(term: Term, world: Arc<World>, options: AdaptiveOptions) -> ErrorMap {
 }
 
 /// A scene and its reference.
-struct Truth {
+struct Course {
     world: Arc<World>,
     side: u32,
     image: Vec<[f32; 3]>,
 }
 
-impl Truth {
+impl Course {
     fn of(name: &str, side: u32, reference_spp: u64) -> Result<Self> {
         let mut scene = bundled::files(name).ok_or("no such bundled scene")?.read()?;
         scene.film.pixel_filter = scene::PixelFilter::default();
         let world = Arc::new(World::with_resolution(&scene, [side; 2])?);
-        let mut truth = Self { world, side, image: Vec::new() };
-        truth.image = truth.render(None, 777, reference_spp)?;
-        Ok(truth)
+        let mut course = Self { world, side, image: Vec::new() };
+        course.image = course.render(None, 777, reference_spp)?;
+        Ok(course)
     }
 
-    /// By a term and its share; with none of them uniform.
+    /// Renders by a term and its share; without one, uniformly.
     fn render(&self, by: Option<(Option<Term>, f64)>, seed: u64, spp: u64) -> Result<Vec<[f32; 3]>> {
         let points = registry::points("sobol", registry::Setting { seed, spp: Some(spp) })?;
         let mut sampler: Box<dyn Sampler> = match by {
             None => Box::new(Uniform::new(points)),
             Some((which, mix)) => {
-                let options = AdaptiveOptions { mix, ..AdaptiveOptions::default() };
+                let options = AdaptiveOptions::default().epsilon(0.01).mix(mix);
                 let sampler = Adaptive::with_options(points, options)?;
                 match which {
                     Some(which) => Box::new(sampler.with_error_map(term(which, self.world.clone(), options))?),
@@ -150,7 +152,7 @@ fn main() -> Result<()> {
     let (side, seeds, reference, budgets): (_, _, _, &[u64]) =
         if full { (96, 4, 1024, &[8, 32]) } else { (16, 1, 64, &[8]) };
     let names = ["teapot", "terrain", "cornell", "glass", "room"];
-    let scenes = names.map(|name| Truth::of(name, side, reference)).into_iter().collect::<Result<Vec<_>>>()?;
+    let scenes = names.map(|name| Course::of(name, side, reference)).into_iter().collect::<Result<Vec<_>>>()?;
     println!(
         "{side}x{side} pixels, {seeds} seeds, references of {reference} spp; sRGB MSE / relMSE over uniform counts."
     );

@@ -1,7 +1,7 @@
-//! The smallest renderer of somebody else's: spheres of its own, vectors of its own, and Dapple's samplers.
+//! Dapple in your own renderer, in 100 lines: a small sphere tracer that uses Dapple's samplers.
 //! `cargo run --release --example minimal -- out` writes `out/uniform.ppm`, `out/adaptive.ppm` and `out/samples.ppm`
-//! (white = many), and says how wrong either image is. Nothing of Dapple but its core and its points is linked.
-#![expect(clippy::print_stdout, reason = "a program: what it says is its result")]
+//! (white = many samples), and prints the error of both images. It uses Dapple's samplers and point sets, nothing else.
+#![expect(clippy::print_stdout, reason = "the program prints its result")]
 
 use dapple::adaptive::Adaptive;
 use dapple::core::samplers::Uniform;
@@ -23,7 +23,7 @@ fn unit(a: V) -> V {
     a.map(|x| x / dot(a, a).sqrt())
 }
 
-/// Centre, radius, colour; the last one is the ground.
+/// Centre, radius and colour. The last ball is the ground.
 const BALLS: [(V, f32, V); 4] = [
     ([-1.3, 1.0, 0.6], 1.0, [0.8, 0.3, 0.2]),
     ([0.9, 0.7, -0.6], 0.7, [0.2, 0.5, 0.8]),
@@ -33,7 +33,7 @@ const BALLS: [(V, f32, V); 4] = [
 const EYE: V = [0.0, 1.2, -6.0];
 const SUN: V = [0.5, 0.7, -0.5];
 
-/// The nearest ball that a ray meets, and how far it is.
+/// The nearest ball on a ray, and its distance.
 fn meet(from: V, direction: V) -> Option<(usize, f32)> {
     let distance = |(centre, radius, _): &(V, f32, V)| {
         let to = add(*centre, -1.0, from);
@@ -44,13 +44,13 @@ fn meet(from: V, direction: V) -> Option<(usize, f32)> {
     BALLS.iter().enumerate().filter_map(|(i, b)| Some((i, distance(b)?))).min_by(|a, b| a.1.total_cmp(&b.1))
 }
 
-/// Which coordinates are for what.
+/// Named groups of four random numbers: for the pixel and lens, and for the light.
 const FILM: Block = Block::new(0);
 const LIGHT: Block = Block::new(1);
 
 struct Balls;
 
-/// The plug: one sample's coordinates in, its radiance out.
+/// The interface to Dapple: the random numbers of one sample in, its radiance out.
 impl Integrator for Balls {
     fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
         let ([u, v, lens, turn], [x, y]) = (draws.block(FILM), draws.pixel());
@@ -61,31 +61,30 @@ impl Integrator for Balls {
         let direction = unit(add(add(EYE, 5.4, [0.5 * x, 0.5 * y, 1.0]), -1.0, from));
         let sky = |d: V| [0.25, 0.35, 0.5].map(|c| c + 0.3 * (1.0 - d[1].max(0.0)));
         let Some((ball, t)) = meet(from, direction) else {
-            return Estimate { radiance: sky(direction), first_hit: None, cost: 1 };
+            return Estimate::new(sky(direction));
         };
         let (centre, _, colour) = BALLS[ball];
         let at = add(from, t, direction);
         let normal = unit(add(at, -1.0, centre));
-        // A sun with a width, and the sky in proportion to the cosine.
+        // A square sun, and the sky by cosine-weighted directions.
         let [a, b, z, turn] = draws.block(LIGHT);
         let sun = unit(add(SUN, 0.3, [a - 0.5, 0.0, b - 0.5]));
         let lit = if meet(at, sun).is_none() { 1.1 * dot(normal, sun).max(0.0) } else { 0.0 };
         let (z, (sin, cos)) = (1.0 - 2.0 * z, (TAU * turn).sin_cos());
         let up = unit(add(normal, 0.999, [(1.0 - z * z).sqrt() * cos, z, (1.0 - z * z).sqrt() * sin]));
         let open = if meet(at, up).is_none() { sky(up) } else { [0.0; 3] };
-        Estimate { radiance: [0, 1, 2].map(|c| colour[c] * (lit + open[c])), first_hit: None, cost: 3 }
+        Estimate::new([0, 1, 2].map(|c| colour[c] * (lit + open[c]))).with_cost(3)
     }
 }
 
 fn image(mut sampler: impl dapple::core::Sampler, spp: u64) -> Result<Film, dapple::core::Error> {
-    let (frame, limits) = (Frame::new(240, 135)?, Limits::samples(spp * 240 * 135));
-    Render::new(frame, &limits).run(&mut Balls, &mut sampler)
+    Render::new(Frame::new(240, 135)?, &Limits::samples(spp * 240 * 135)).run(&mut Balls, &mut sampler)
 }
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let folder = std::env::args_os().nth(1).map_or_else(std::env::temp_dir, std::path::PathBuf::from);
     let uniform = image(Uniform::new(Sobol::new(2)), 16)?;
-    let adaptive = image(Adaptive::variance(Sobol::new(2)), 16)?; // the one line that changes
+    let adaptive = image(Adaptive::variance(Sobol::new(2)), 16)?; // the only line that differs
     let truth = image(Uniform::new(Sobol::new(1)), 1024)?.image();
     let wrong = |(x, r): (&f32, &f32)| (x - r).powi(2) / (r * r + 0.01) / (3 * 240 * 135) as f32;
     let error = |x: &[V]| x.as_flattened().iter().zip(truth.as_flattened()).map(wrong).sum::<f32>();

@@ -1,4 +1,4 @@
-//! How honest a render's own estimate of its error is, and how close `--error` comes to what was asked for.
+//! The calibration of a render's own error estimate, and of `--error`.
 //!
 //! ```sh
 //! docs/results/make predicted-error
@@ -6,10 +6,10 @@
 //!
 //! An estimate comes from two independently scrambled halves: one degree of freedom for each pixel and channel, pooled
 //! over square blocks of pixels. Its 95 % interval is that of Student's t with as many degrees of freedom as pixels; it
-//! ought to hold the reference in 95 % of pixels and channels, and to be no wider than it must. Without `--full` a small
-//! form runs in seconds, to show that it works.
+//! should hold the reference in 95 % of pixels and channels, and be no wider than it must. Prints Markdown
+//! (`docs/results/to_csv.py` makes CSV of it). Without `--full` a small form runs in seconds.
 
-#![expect(clippy::print_stdout, reason = "a program: its table is its result")]
+#![expect(clippy::print_stdout, reason = "a program whose table is its result")]
 
 use dapple::core::{Film, Frame, Limits, Needs, Render};
 use dapple::job::Stage;
@@ -23,7 +23,7 @@ type Result<T> = std::result::Result<T, Box<dyn std::error::Error>>;
 
 const SCENES: [&str; 5] = ["cornell", "teapot", "terrain", "lens", "glass"];
 const SAMPLERS: [&str; 2] = ["uniform", "variance"];
-/// Sides of the blocks that are pooled, in pixels.
+/// Sides of the pooled blocks, in pixels.
 const BLOCKS: [u32; 5] = [1, 2, 4, 8, 16];
 
 struct Size {
@@ -72,9 +72,7 @@ fn main() -> Result<()> {
             }
         }
     }
-    println!(
-        "\nWhat `--error` ends with: true relMSE over what was asked for (geometric mean, 95 % interval), and spp.\n"
-    );
+    println!("\nWhere `--error` ends: true relMSE over the requested one (geometric mean, 95 % interval), and spp.\n");
     println!("| scene | sampler | asked | true / asked | predicted / asked | spp |");
     println!("|---|---|---|---|---|---|");
     for (name, course) in &courses {

@@ -1,4 +1,4 @@
-//! Shared scenes beside pbrt-v4's images of them: ratios of means and of block means, and pairs to look at.
+//! Scenes of others beside pbrt-v4's images of them: ratios of means and of block means, and pairs of images.
 //!
 //! ```sh
 //! cargo run --release --example references -- --full [--images DIR] [SCENE]... > table.md
@@ -6,9 +6,10 @@
 //!
 //! Renders each scene of `shared/scenes/pbrt-v4` that has an image in `shared/references` at that image's size,
 //! with the scene's own depth, box filter and uniform `sobol`, several times with other seeds. `--images` writes
-//! `SCENE.png`: ours on the left, pbrt's on the right. Without `--full` a few samples show that it works.
+//! `SCENE.png`: ours on the left, pbrt's on the right. Prints Markdown (`docs/results/to_csv.py` makes CSV of it).
+//! Without `--full` a few samples show that it works.
 
-#![expect(clippy::print_stdout, clippy::print_stderr, reason = "a program: its table is its result")]
+#![expect(clippy::print_stdout, clippy::print_stderr, reason = "a program whose table is its result")]
 
 use dapple::core::{Frame, Limits, Render};
 use dapple::job::{Stage, registry};
@@ -31,7 +32,7 @@ const SCENES: [(&str, u64); 8] = [
     ("veach-bidir", 256),
     ("water-caustic", 64),
 ];
-/// Replicates, whose spread tells our own noise.
+/// Replicates; their spread is our own noise.
 const SEEDS: u64 = 8;
 /// Pixels along a block's side.
 const BLOCK: u32 = 10;
@@ -45,7 +46,7 @@ fn main() -> Result<()> {
             "--images" => images = Some(PathBuf::from(arguments.next().ok_or("--images needs a folder")?)),
             name if SCENES.iter().any(|(known, _)| *known == name) => wanted.push(argument),
             other if Path::new(other).is_dir() => {}
-            other => return Err(format!("no such scene: {other}").into()),
+            other => return Err(format!("scene \"{other}\" is unknown; the list SCENES has all").into()),
         }
     }
     let folder = std::env::var("DAPPLE_SCENES").unwrap_or_else(|_| "../shared/scenes".into());

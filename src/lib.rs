@@ -44,7 +44,7 @@
 //!         let [u, _, lamp, _] = draws.block(PLACE);
 //!         let x = draws.pixel()[0] as f32 + u;
 //!         let lit = x + 16.0 * lamp > 40.0;
-//!         Estimate { radiance: [if lit { 1.0 } else { 0.0 }; 3], first_hit: None, cost: 1 }
+//!         Estimate::new([if lit { 1.0 } else { 0.0 }; 3])
 //!     }
 //! }
 //!
@@ -87,3 +87,14 @@ pub use dapple_renderer as renderer;
 pub use dapple_scene as scene;
 #[cfg(feature = "study")]
 pub use dapple_study as study;
+
+/// The programs of the README and of the tutorial.
+#[cfg(all(doctest, feature = "adaptive", feature = "denoise", feature = "low-discrepancy"))]
+mod pages {
+    #[doc = include_str!("../README.md")]
+    struct Readme;
+    #[doc = include_str!("../docs/book/src/writing-a-sampler.md")]
+    struct WritingASampler;
+    #[doc = include_str!("../docs/book/src/your-renderer.md")]
+    struct YourRenderer;
+}

@@ -91,7 +91,6 @@ const RULES: &[Rule] = &[
     ("dapple-renderer", RENDERER, &["clap", "indicatif"]),
     ("dapple-job", JOB, &["clap", "indicatif", "ctrlc"]),
     ("dapple-study", STUDY, &["clap", "indicatif", "ctrlc"]),
-    ("dapple-price", CLI, &["clap"]),
     ("dapple-cli", CLI, &[]),
 ];
 const RENDERER: &[&str] =
@@ -140,7 +139,6 @@ const CLI: &[&str] = &[
     "dapple-metrics",
     "dapple-job",
     "dapple-study",
-    "dapple-price",
 ];
 
 /// Crates that know scenes, BVHs, vectors or image files.

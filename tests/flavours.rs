@@ -19,7 +19,7 @@ fn d04_flavours() {
                 "--spp",
                 "8",
                 "--sampler",
-                "cluster",
+                "adaptive:epsilon=0.01",
                 "--filter",
                 "cluster-regression",
                 "-o",

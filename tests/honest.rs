@@ -13,7 +13,7 @@ struct EqualNoise;
 impl Integrator for EqualNoise {
     fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
         let [u, ..] = draws.block(Block::new(0));
-        Estimate { radiance: [-(1.0 - u).ln(); 3], first_hit: None, cost: 1 }
+        Estimate::new([-(1.0 - u).ln(); 3])
     }
 }
 
@@ -135,7 +135,7 @@ fn ornament() -> String {
     text
 }
 
-/// Cluster-sized counts must not starve what one huge triangle shows: the shadow's edge on the floor. What `cluster` does; the
+/// Cluster-sized counts must not starve what one huge triangle shows: the shadow's edge on the floor. What `adaptive` does; the
 /// published `cluster-thesis` starves it by design, and its figure is printed.
 #[test]
 #[ignore = "T2: 10^5 triangles, 24 seeds"]
@@ -168,7 +168,7 @@ fn k11_one_huge_triangle() {
         };
         (1..=SEEDS).map(error).collect()
     };
-    for (words, asserted) in [("cluster", true), ("cluster-thesis", false)] {
+    for (words, asserted) in [("adaptive:epsilon=0.01", true), ("cluster-thesis", false)] {
         let [wall, whole] =
             [&floor, &all].map(|p| ratio_interval(&errors(words, p), &errors("uniform", p), 0.95).expect("seeds"));
         eprintln!("{words}: floor {:.3} ({:.3}, {:.3})", wall.value, wall.low, wall.high);

@@ -16,8 +16,8 @@ const REPLICATES: u64 = 48;
 const UNBIASED: [&str; 7] = [
     "variance:policy=discard",
     "variance:policy=cross",
-    "cluster:policy=discard",
-    "cluster:policy=cross",
+    "adaptive:epsilon=0.01,policy=discard",
+    "adaptive:epsilon=0.01,policy=cross",
     "mitchell:policy=discard",
     "mitchell-pbrt:policy=discard",
     "cluster-thesis",
@@ -101,7 +101,7 @@ fn every_sampler_names_its_policy() {
     for entry in SAMPLERS {
         let points = registry::points("sobol", Setting { seed: 1, spp: Some(8) }).expect("points");
         let sampler = registry::sampler(entry.name, points, &stage).expect("a sampler");
-        let policies = entry.parameters.iter().flat_map(|p| p.iter()).filter(|p| p.0 == "policy").count();
+        let policies = entry.parameters.iter().flat_map(|p| p.iter()).filter(|p| p.name == "policy").count();
         let says = sampler.describe().contains("policy=");
         assert!(sampler.a_priori() || (policies == 1 && says), "{} has no policy", sampler.describe());
         let unbiased = UNBIASED.iter().any(|words| words.split(':').next() == Some(entry.name));

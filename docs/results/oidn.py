@@ -1,14 +1,14 @@
 #!/usr/bin/env python3
-"""oidn.py INPUT.exr OUTPUT.exr [--threads N] [--no-features | --prefilter]: Intel's Open Image Denoise on a picture of a study.
+"""oidn.py INPUT.exr OUTPUT.exr [--threads N] [--no-features | --prefilter]: Intel's Open Image Denoise on an image of a study.
 
-An external filter of `dapple study` (see docs/results/beyond.toml). Needs Python 3.10 and, from PyPI,
+An external filter of `dapple study` (see docs/results/race.toml). Needs Python 3.10 and, from PyPI,
     pip install numpy openexr==3.5.3 pyoidn==2.5.1.0
-which brings OIDN 2.5 with its weights; `python3` in PATH is to be the one that has them.
+which installs OIDN 2.5 with its weights; `python3` in PATH must have them.
 
-OIDN gets what its manual asks for: HDR colour, albedo and normal, the better of its qualities ("high"), features
-weighted by the share of samples that hit something (as an antialiased feature is). Features are as noisy as they are;
-with --prefilter they are denoised first, each by a run of its own whose time counts, and taken as clean. The time told is that of the filter's execution alone, the shortest of three, once device, weights and
-filter are ready: starting Python, loading, and reading and writing files are not counted.
+OIDN gets HDR colour, albedo and normal at its higher quality ("high"), features weighted by the share of samples that hit something (as
+an antialiased feature is). Features keep their noise; with --prefilter they are denoised first, each by a run of its own whose time
+counts, and taken as clean. The reported time is that of the filter's execution alone, the shortest of three, once device, weights and
+filter are ready. Starting Python, loading, and reading and writing files are not counted.
 """
 import argparse
 import json

@@ -1,14 +1,13 @@
-//! The tables of the thesis behind the cluster sampler, made again: Lan Yi, "Implementation and Optimization
-//! of Monte Carlo Ray Tracing", bachelor thesis, BUPT 2016.
+//! The tables of the thesis behind the cluster sampler, repeated [Lan 2016].
 //!
 //! ```sh
 //! cargo run --release --example thesis_tables -- --full --thesis-sizes > tables.md
 //! ```
 //!
 //! Uniform, Mitchell's and the cluster sampler render our terrain and our teapot, each film is filtered in
-//! three ways, and errors are taken against references of another point set and another seed. Printed are
-//! the equivalents of the thesis' tables 4-4, 4-5 and 4-6 and of its times, with 95 % intervals and with its
-//! own numbers beside them, at equal samples and at equal time.
+//! three ways, and errors are taken against references of another point set and another seed. Prints the
+//! equivalents of the thesis' tables 4-4, 4-5 and 4-6 and of its times, with 95 % intervals and with its
+//! own numbers beside them, at equal samples and at equal time, as Markdown; `docs/results/to_csv.py` makes CSV of it.
 //!
 //! * `--full`: 256x256 pixels, 8 to 64 spp, 8 seeds, references of 10,240 spp (some forty minutes on two cores);
 //!   without it a small form runs in seconds, to show that it works.
@@ -18,7 +17,7 @@
 //!   that was killed takes them from there. Their names hold a hash of the scene; after a change of the
 //!   renderer itself, delete them.
 
-#![expect(clippy::print_stdout, clippy::print_stderr, reason = "a program: its tables are its result")]
+#![expect(clippy::print_stdout, clippy::print_stderr, reason = "a program whose tables are its result")]
 
 mod measure;
 mod published;
@@ -42,10 +41,13 @@ fn main() -> Result<()> {
         match word.as_str() {
             "--full" => full = true,
             "--thesis-sizes" => thesis_sizes = true,
-            "--spp" => spp = words.next().ok_or("--spp wants a list, such as 8,16")?,
-            "--cache" => cache = words.next().ok_or("--cache wants a folder")?.into(),
+            "--spp" => spp = words.next().ok_or("--spp needs a list, such as 8,16")?,
+            "--cache" => cache = words.next().ok_or("--cache needs a folder")?.into(),
             flag if flag.starts_with('-') => {
-                return Err(format!("{flag}: there are --full, --thesis-sizes, --spp LIST and --cache DIR").into());
+                return Err(format!(
+                    "option \"{flag}\" is unknown; give --full, --thesis-sizes, --spp LIST or --cache DIR"
+                )
+                .into());
             }
             folder => cache = folder.into(),
         }

@@ -1,4 +1,4 @@
-//! Renders, filters, and takes errors and times.
+//! Renders, filters, and measures errors and times.
 
 use crate::{Result, reference, statistics};
 use dapple::core::{Film, Frame, Limits, Needs, Render};
@@ -11,7 +11,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
 
-/// What is measured on one scene.
+/// The measurements on one scene.
 pub(crate) struct Plan {
     pub(crate) scene: &'static str,
     /// The parameter `k` of the clusters.
@@ -27,10 +27,10 @@ pub(crate) struct Plan {
 pub(crate) struct Method {
     pub(crate) name: &'static str,
     sampler: &'static str,
-    /// Further parameters, where it takes those of clusters.
+    /// Further parameters, if it takes those of clusters.
     clusters: Option<&'static str>,
     pub(crate) points: &'static str,
-    /// Beside the question: rendered with half of the seeds, and reported unfiltered.
+    /// Rendered with half of the seeds, and reported unfiltered.
     pub(crate) aside: bool,
 }
 
@@ -42,9 +42,10 @@ const fn clusters(name: &'static str, parameters: &'static str, points: &'static
     Method { name, sampler: "cluster-thesis", clusters: Some(parameters), points, aside: false }
 }
 
-/// The methods. Rates that are not given are those of tables 4-2 and 4-3. Adaptive samplers on
-/// `lowdiscrepancy`, which wants its count beforehand, get nets of the mean count, as uniform ones do: the
-/// thesis does not say what it did, and pbrt-v2 makes a net for each pixel's own count.
+/// The methods. Missing rates are those of tables 4-2 and 4-3.
+///
+/// Adaptive samplers on `lowdiscrepancy` get nets of the mean count, as uniform ones do. The thesis does not state its choice;
+/// pbrt-v2 makes a net for each pixel's own count.
 pub(crate) const METHODS: [Method; 11] = [
     method("random", "uniform", "random"),
     method("ld", "uniform", "lowdiscrepancy"),
@@ -66,7 +67,7 @@ pub(crate) const SOBOL: usize = 7;
 pub(crate) const CLUSTER_SOBOL: usize = 8;
 
 impl Method {
-    fn words(&self, k: u32) -> String {
+    fn request(&self, k: u32) -> String {
         match self.clusters {
             None => self.sampler.to_owned(),
             Some(more) => format!("{}:k={k}{more}", self.sampler),
@@ -84,7 +85,7 @@ pub(crate) const NONE: usize = 0;
 pub(crate) const GAUSSIAN: usize = 1;
 pub(crate) const CLUSTER_FILTER: usize = 2;
 
-fn filter_words(filter: usize, k: u32) -> String {
+fn filter_request(filter: usize, k: u32) -> String {
     if filter == CLUSTER_FILTER { format!("{}:k={k}", FILTERS[filter]) } else { FILTERS[filter].to_owned() }
 }
 
@@ -108,18 +109,18 @@ impl Seconds {
     }
 }
 
-/// What is known of one image.
+/// The measurements of one image.
 pub(crate) struct Run {
     method: usize,
     filter: usize,
     spp: u64,
-    /// One of each kind, the reference's own error taken out.
+    /// One of each kind; the reference's own error is subtracted.
     errors: [f64; 2],
     seconds: Seconds,
     lowest: Lowest,
 }
 
-/// About the pixels that got the fewest samples of all.
+/// The pixels with the fewest samples.
 #[derive(Clone, Copy)]
 pub(crate) struct Lowest {
     /// Their share of all pixels.
@@ -130,10 +131,10 @@ pub(crate) struct Lowest {
     pub(crate) loss: f64,
 }
 
-/// What is known of one scene.
+/// The results on one scene.
 pub(crate) struct Results<'a> {
     pub(crate) plan: &'a Plan,
-    /// Of the reference, one of each kind.
+    /// Errors of the reference, one of each kind.
     pub(crate) own: [f64; 2],
     /// Seconds of tracing with first hits recorded over seconds without.
     pub(crate) recording: f64,
@@ -175,7 +176,7 @@ impl Results<'_> {
         self.of(method, NONE, spp).map(|r| r.lowest).collect()
     }
 
-    /// Whether the method was rendered at all: not with a single seed, for those aside and the variants.
+    /// Returns true for a method that was rendered. A single seed leaves out those aside and the variants.
     pub(crate) fn has(&self, method: usize) -> bool {
         self.runs.iter().any(|r| r.method == method)
     }
@@ -215,7 +216,7 @@ pub(crate) fn run<'a>(plan: &'a Plan, cache: &Path) -> Result<Results<'a>> {
 /// Images of uniform sampling, by their points.
 type Uniform = BTreeMap<&'static str, Vec<[f32; 3]>>;
 
-/// Where images are made and measured.
+/// A scene with its reference.
 struct Place<'a> {
     plan: &'a Plan,
     world: Arc<World>,
@@ -224,11 +225,11 @@ struct Place<'a> {
 }
 
 impl Place<'_> {
-    /// One film, filtered in each way. What uniform sampling made is kept for those that come after it.
+    /// One film, filtered in each way. Keeps the image of uniform sampling for the methods after it.
     fn images(&self, method: usize, seed: u64, spp: u64, uniform: &mut Uniform) -> Result<Vec<Run>> {
-        // A stage of its own: what it counts is this image's alone.
+        // A stage of its own, so that its counters are this image's alone.
         let stage = Stage::new(self.world.clone());
-        let filters = (0..FILTERS.len()).map(|f| registry::filter(&filter_words(f, self.plan.k), &stage));
+        let filters = (0..FILTERS.len()).map(|f| registry::filter(&filter_request(f, self.plan.k), &stage));
         let filters = filters.collect::<std::result::Result<Vec<_>, _>>()?;
         let needs = filters.iter().fold(Needs::none(), |needs, f| needs.and(f.needs()));
         let Method { points, .. } = METHODS[method];
@@ -244,7 +245,7 @@ impl Place<'_> {
             let began = Instant::now();
             let image = made.apply(&film)?;
             let filtering = began.elapsed().as_secs_f64();
-            // To whoever used them: clusters made for a filter cost an image without it nothing.
+            // Clusters made for a filter cost an image without it nothing.
             let asked = METHODS[method].clusters.is_some() || filter == CLUSTER_FILTER;
             let seconds = Seconds {
                 cluster: if asked { stage.cluster_seconds() } else { 0.0 },
@@ -283,7 +284,7 @@ fn film(
     needs: Needs,
 ) -> Result<Film> {
     let points = registry::points(method.points, registry::Setting { seed, spp: Some(spp) })?;
-    let mut sampler = registry::sampler(&method.words(plan.k), points, stage)?;
+    let mut sampler = registry::sampler(&method.request(plan.k), points, stage)?;
     let frame = Frame::new(plan.side, plan.side)?;
     let limits = Limits::samples(spp * u64::from(plan.side * plan.side));
     Ok(Render::new(frame, &limits).needs(needs).run(&mut *integrator(world), &mut *sampler)?)

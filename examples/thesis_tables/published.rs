@@ -6,7 +6,7 @@ pub(crate) const SPP: [u64; 4] = [8, 16, 32, 64];
 /// Table 4-3: the fewest samples that a pixel gets.
 pub(crate) const MIN: [f64; 4] = [6.0, 12.0, 24.0, 56.0];
 
-/// Table 4-4: MSE of the teapot, Gaussian-filtered. Only the clusters had the filter that knows them.
+/// Table 4-4: MSE of the teapot, Gaussian-filtered. Only the clusters had the cluster filter.
 pub(crate) const FILTERED: [(&str, [f64; 4]); 3] = [
     ("LD, gaussian", [174.8, 132.5, 117.4, 109.8]),
     ("Mitchell, gaussian", [197.5, 192.7, 151.7, 139.9]),

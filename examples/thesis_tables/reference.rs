@@ -9,18 +9,18 @@ use dapple::scene::image::{Encoding, Image, encode_pfm, read_image, write_file};
 use dapple_scene::bundled::Bundle;
 use std::path::Path;
 
-/// A point set that no method of the tables uses (asides do, with other seeds), and two seeds that none uses.
+/// A point set that no method of the tables uses (asides do, with other seeds), and two unused seeds.
 pub(crate) const POINTS: &str = "sobol";
 const SEEDS: [u64; 2] = [1001, 1002];
 
-/// What is taken for the truth.
+/// A reference image.
 pub(crate) struct Reference {
     pub(crate) pixels: Vec<[f32; 3]>,
     /// Its own errors, one of each kind: a quarter of the squared difference of its two halves.
     pub(crate) own: [f64; 2],
 }
 
-/// Takes the halves from `cache`, or renders them and puts them there.
+/// Reads the halves from `cache`, or renders and stores them.
 pub(crate) fn of(plan: &Plan, world: &World, bundle: &Bundle, cache: &Path) -> Result<Reference> {
     let [a, b] = SEEDS.map(|seed| half(plan, world, bundle, seed, cache));
     let (a, b) = (a?, b?);
@@ -53,7 +53,7 @@ fn half(plan: &Plan, world: &World, bundle: &Bundle, seed: u64, cache: &Path) ->
     Ok(image.pixels)
 }
 
-/// Of the scene's files (FNV-1a): another scene of the same name is another reference.
+/// A hash of the scene's files (FNV-1a), so that another scene of the same name has another reference.
 fn hash(bundle: &Bundle) -> u64 {
     let bytes = bundle.files.iter().flat_map(|(_, bytes)| bytes);
     bytes.fold(0xcbf2_9ce4_8422_2325, |hash, &byte| (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3))

@@ -7,7 +7,7 @@ use crate::measure::{
 use crate::statistics::{Ratio, exponent, floor, mean, on_curve, ratio};
 use crate::{published, reference};
 
-/// What holds for all tables.
+/// Prints the conventions of all tables.
 pub(crate) fn preamble() {
     println!(
         "Methods: `random` and `ld` give each pixel the same count, on the points `random` and `lowdiscrepancy`; \
@@ -28,7 +28,7 @@ pub(crate) fn preamble() {
     );
 }
 
-/// Everything about one scene.
+/// Prints all tables of one scene.
 pub(crate) fn scene(r: &Results) {
     let plan = r.plan;
     println!("## {}, {}x{} pixels\n", plan.scene, plan.side, plan.side);
@@ -146,7 +146,7 @@ fn unfiltered(r: &Results) {
     println!();
 }
 
-/// Rows of ratios, for all samplers and filters; `of` says whether one lies beyond a measured curve.
+/// Rows of ratios, for all samplers and filters; `of` returns true with a ratio beyond a measured curve.
 fn ratios(r: &Results, of: impl Fn(usize, usize, u64) -> (Ratio, bool)) {
     for (m, f) in shown(r) {
         let cells = cells(r, |n| {

@@ -50,7 +50,7 @@ fn line(points: impl Iterator<Item = [f64; 2]> + Clone) -> [f64; 2] {
     [(y - slope * x) / n, slope]
 }
 
-/// `a` of the least-squares fit MSE = a + b / n: what no number of samples removes.
+/// `a` of the least-squares fit MSE = a + b / n: the error that no number of samples removes.
 pub(crate) fn floor(curve: &[(u64, f64)]) -> f64 {
     line(curve.iter().map(|&(n, e)| [1.0 / n as f64, e]))[0]
 }

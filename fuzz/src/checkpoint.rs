@@ -1,9 +1,9 @@
-//! What the fuzz target `checkpoint` does with its bytes; `crates/job/tests/fuzz_corpus.rs` does the same with the seeds.
+//! The body of the fuzz target `checkpoint`. `crates/job/tests/fuzz_corpus.rs` runs it on the seeds.
 
 use dapple_core::{ShardFilm, Snapshot, merge};
 use dapple_job::checkpoint::Contents;
 
-/// A file with any checksum and with the right one, a snapshot, a shard.
+/// A file with a wrong and with the right checksum, a snapshot, a shard.
 pub fn checkpoint(data: &[u8]) {
     let signed = [data, &crc32fast::hash(data).to_le_bytes()].concat();
     for bytes in [data.to_vec(), signed] {
@@ -21,7 +21,7 @@ pub fn checkpoint(data: &[u8]) {
         Err(e) => assert!(!e.to_string().is_empty()),
     }
     if let Ok(part) = ShardFilm::from_bytes(data) {
-        // Bytes that mean nothing may differ, once.
+        // Bytes without meaning may differ the first time.
         let bytes = part.to_bytes();
         assert_eq!(ShardFilm::from_bytes(&bytes).expect("what was written").to_bytes(), bytes);
         if let Ok(film) = merge(&[part]) {

@@ -1,14 +1,13 @@
-//! What the fuzz targets do with their bytes; `crates/scene/tests/fuzz_corpus.rs` does the same with the seeds.
+//! The bodies of the fuzz targets. `crates/scene/tests/fuzz_corpus.rs` runs them on the seeds.
 
 use dapple_geometry::{Geometry, Hit, Mesh, Preset, Ray, Shape};
 use dapple_scene::Effects;
 use dapple_scene::image::{Encoding, read_attributes, read_channels, read_image};
-use dapple_scene::model::{read_obj, read_stl};
+use dapple_scene::model::{read_obj, read_ply, read_stl};
 use dapple_scene::pbrt::{ReadOptions, read_scene_from};
-use dapple_scene::ply::read_ply;
 use glam::Vec3;
 
-/// A scene file beside a mesh, an image and a file to include.
+/// A scene file, next to a mesh, an image and a file to include.
 pub fn scene(data: &[u8]) {
     let mesh = b"ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
         element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n";
@@ -34,13 +33,13 @@ pub fn ply(data: &[u8]) {
     }
 }
 
-/// An OBJ mesh; its materials are read by the same bytes.
+/// An OBJ mesh whose material file has the same bytes.
 pub fn obj(data: &[u8]) {
     let files: &[(&str, &[u8])] = &[("m.obj", data), ("m.mtl", data)];
     if let Ok(model) = read_obj(data) {
         model.meshes.iter().for_each(|mesh| mesh.data.check().expect("what is read is whole"));
     }
-    let _ = dapple_scene::model::read_model_from(files, "m.obj", &Default::default());
+    let _ = dapple_scene::read_any_from(files, "m.obj", &Default::default());
 }
 
 /// An STL mesh.
@@ -50,7 +49,7 @@ pub fn stl(data: &[u8]) {
     }
 }
 
-/// An image of any format: TGA alone goes by its name.
+/// An image of any format. The name is that of a TGA, which has no signature.
 pub fn image(data: &[u8]) {
     for encoding in [Encoding::Auto, Encoding::Linear] {
         if let Ok(image) = read_image(data, "a.tga", encoding) {
@@ -62,8 +61,8 @@ pub fn image(data: &[u8]) {
     let _ = read_attributes(data, "a.exr");
 }
 
-/// Triangles and rays of any bits at all: a count of vertices, vertices, triangles of single bytes; the rays go from one
-/// vertex to another, and are what the last bytes say.
+/// Arbitrary triangles and rays: a count of vertices, vertices, and triangles of single bytes. Some rays run from
+/// vertex to vertex, others are arbitrary bits of the last bytes.
 pub fn geometry(data: &[u8]) {
     let Some((&count, rest)) = data.split_first() else { return };
     let (numbers, rest) = rest.split_at((usize::from(count) * 12).min(rest.len() / 12 * 12));
@@ -80,7 +79,7 @@ pub fn geometry(data: &[u8]) {
     });
     let wild = rest.chunks_exact(32).take(16).map(|c| {
         let [origin, direction] = [point(c), point(&c[12..])].map(Vec3::from_array);
-        Ray { tmin: float(&c[24..28]), tmax: float(&c[28..32]), ..Ray::new(origin, direction) }
+        Ray::new(origin, direction).with_limits(float(&c[24..28]), float(&c[28..32]))
     });
     for ray in between.take(32).chain(wild) {
         let found = one.closest(&ray);

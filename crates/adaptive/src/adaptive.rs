@@ -1,22 +1,35 @@
-//! The sampler that follows the error: a pilot, then counts where more samples help most.
+//! The error-driven sampler: a pilot, then counts where more samples help most.
 
 use crate::pilot::Pilot;
 use crate::{AdaptiveOptions, Cells, ErrorMap, PoolShape, VarianceOptions, pool};
 use dapple_core::{
-    Error, Feedback, Frame, Limits, Needs, PilotPolicy, Plan, PointSet, Progress, RgbMoments, Sampler, SamplerMemory,
+    Error, Feedback, Frame, Limits, Needs, Options as _, PilotPolicy, Plan, PointSet, Progress, RgbMoments, Sampler,
+    SamplerMemory,
 };
 
-/// Counts by error: a uniform pilot, then the counts that leave the least relative error, as far as the pilot can tell.
+/// The error-driven sampler: a uniform pilot, then the counts that leave the least relative error by its estimate.
 ///
-/// *What*: the variance of the pilot's samples, pooled with its neighbours' ([`relative_variance`]), or the geometric mean
-/// of that and a filter's own [`ErrorMap`], is each pixel's score; errors are taken to fall as `n^-exponent`, and counts
-/// minimise what they add up to, on the ladder of well-stratified prefixes of one progressive sequence.
+/// The score of a pixel is the variance of its samples, pooled with its neighbours'
+/// ([`relative_variance`](crate::relative_variance)), or the geometric mean of that and a filter's own [`ErrorMap`].
+/// Errors are taken to fall as `n^-exponent`. Counts minimise the sum of errors on the ladder of well-stratified
+/// prefixes of one progressive sequence.
 ///
-/// *Guarantees*: exact budget; no pixel, and so no region, below the pilot (a quarter of the mean or more), nor without a
-/// say: a hundredth of the mean score is everybody's; uniform counts where adapting promises too little. *Bias*: by
-/// default the pilot stays in the image, and what stays also decided [Kirk and Arvo 1991]; [`PilotPolicy::Discard`] and
-/// [`PilotPolicy::Cross`] are exactly unbiased for a budget that is known at the start, at a price. *Weaknesses*: a light that
-/// the pilot misses in a whole neighbourhood is not searched for.
+/// # Guarantees
+///
+/// * The budget is met exactly.
+/// * No pixel gets fewer samples than the pilot, a quarter of the mean or more.
+/// * Every pixel's score is at least 1 % of the mean.
+/// * Counts are uniform where adapted ones promise too little ([`AdaptiveOptions::gain`]).
+///
+/// # Bias
+///
+/// By default the pilot stays in the image, and samples that are kept also decide on counts [Kirk and Arvo 1991].
+/// [`PilotPolicy::Discard`] and [`PilotPolicy::Cross`] are exactly unbiased for a budget that is known at the start, at
+/// a price.
+///
+/// # Weaknesses
+///
+/// A light that the pilot misses in a whole neighbourhood is not searched for.
 pub struct Adaptive<P> {
     pub(crate) points: P,
     pub(crate) options: AdaptiveOptions,
@@ -25,30 +38,30 @@ pub struct Adaptive<P> {
     pub(crate) errors: Option<ErrorMap>,
 }
 
-/// First hits per pixel that cells are made of.
+/// First hits per pixel, of which cells are made.
 const HITS: u8 = 4;
 
 impl<P: PointSet> Adaptive<P> {
-    /// With these points and the default parameters.
+    /// A sampler with these points and the default parameters.
     pub fn new(points: P) -> Self {
         Self { points, options: AdaptiveOptions::default(), preset: None, errors: None }
     }
 
-    /// With these points and parameters.
+    /// A sampler with these points and parameters.
     ///
     /// # Errors
     ///
-    /// [`Error::OutOfRange`], as [`AdaptiveOptions::check`] has it.
+    /// [`Error::OutOfRange`], as [`AdaptiveOptions::check`].
     pub fn with_options(points: P, options: AdaptiveOptions) -> Result<Self, Error> {
         options.check()?;
         Ok(Self { points, options, preset: None, errors: None })
     }
 
-    /// This sampler, driven by a filter's error map as well.
+    /// Adds a filter's error map to the scores.
     ///
     /// # Errors
     ///
-    /// [`Error::OutOfRange`] unless the pilot is kept: a map reads both halves, and what is kept.
+    /// [`Error::OutOfRange`] unless the pilot is kept: a map reads both halves and the samples that are kept.
     pub fn with_error_map(mut self, errors: ErrorMap) -> Result<Self, Error> {
         if self.options.policy != PilotPolicy::Keep {
             let allowed = "keep beside a filter's error map";
@@ -70,29 +83,10 @@ impl<P: PointSet> Sampler for Adaptive<P> {
 
     fn describe(&self) -> String {
         if let Some(preset) = &self.preset {
-            return preset.describe();
+            return format!("variance:{}", preset.describe());
         }
-        let o = &self.options;
         let by = self.errors.as_ref().map_or("variance", |map| &map.name);
-        format!(
-            "adaptive:by={by},pilot={},rounds={},pool={},radius={},prior={},power={},geometry={},exponent={},epsilon={},cap={},\
-             mix={},gain={},policy={},edge={},normals={}",
-            o.pilot,
-            o.rounds,
-            o.pool.name(),
-            o.radius,
-            o.prior,
-            o.power,
-            o.geometry,
-            o.exponent,
-            o.epsilon,
-            o.cap,
-            o.mix,
-            o.gain,
-            o.policy.name(),
-            o.cells.edge,
-            o.cells.normals
-        )
+        format!("adaptive:by={by},{}", self.options.describe())
     }
 
     fn needs(&self) -> Needs {
@@ -100,7 +94,7 @@ impl<P: PointSet> Sampler for Adaptive<P> {
         if self.options.policy == PilotPolicy::Cross {
             needs = needs.with_halves();
         }
-        if self.options.look_at_hits() {
+        if self.options.reads_hits() {
             needs = needs.with_first_hits(HITS);
         }
         self.errors.as_ref().map_or(needs, |map| needs.and(map.needs))
@@ -110,14 +104,15 @@ impl<P: PointSet> Sampler for Adaptive<P> {
         let crosses = self.options.policy == PilotPolicy::Cross;
         // Scores, and eight terms each where a pool is more than a window.
         let pooling = 8 + if self.options.pool == PoolShape::Window { 0 } else { 64 };
-        let cells = if self.options.look_at_hits() { usize::from(HITS) * Cells::BYTES_PER_HIT } else { 0 };
+        let cells = if self.options.reads_hits() { usize::from(HITS) * Cells::BYTES_PER_HIT } else { 0 };
         // Scores stand beside a map of errors.
         let map = self.errors.as_ref().map_or(0, |map| 8 + map.bytes_per_pixel);
         // Counts and floors of both halves stand beside all of it.
         let across = if crosses { 12 } else { 0 };
         let plans = !self.pilot().is_all(frame, limits);
         let always = size_of::<RgbMoments>() + across;
-        let mut memory = SamplerMemory::planning(frame, crosses, if plans { always } else { 0 });
+        let memory = SamplerMemory::planning(frame, if plans { always } else { 0 });
+        let mut memory = if crosses { memory.with_second_half(frame) } else { memory };
         if plans {
             let size = frame.size().map(|n| n as usize);
             let windows = pool::bytes_of_windows(size, self.options.radius as usize, rayon::current_num_threads());

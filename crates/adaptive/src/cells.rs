@@ -2,55 +2,43 @@
 
 use crate::disjoint::Disjoint;
 use crate::out_of_range;
-use dapple_core::{Error, Film, FirstHit};
+use dapple_core::{Error, Film, FirstHit, Options as _};
 
-/// What makes a cell.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct CellOptions {
-    /// Edge of a cell's cube in pixels, at the depth where it lies, rounded down to an octave: a cell covers about its
-    /// square. At least 1.
-    pub edge: f32,
-    /// Degrees within which a cell's normals lie about their mean, above 0 and at most 90.
-    pub normals: f32,
-}
-
-impl Default for CellOptions {
-    /// 16 pixels and the thesis' 10 degrees.
-    fn default() -> Self {
-        Self { edge: 16.0, normals: 10.0 }
+dapple_core::options! {
+    /// The parameters of [`Cells`].
+    pub struct CellOptions {
+        /// Edge of a cell's cube in pixels.
+        ///
+        /// It is measured at the depth of the cell and rounded down to an octave, so that a cell covers about its
+        /// square.
+        pub edge: f32 = 16.0 => "16", |edge| (1.0..=65536.0).contains(&edge), "1 to 65536 pixels";
+        /// Degrees within which a cell's normals lie about their mean.
+        ///
+        /// 10 degrees are those of [Lan 2016].
+        pub normals: f32 = 10.0 => "10", |degrees| degrees > 0.0 && degrees <= 90.0, "above 0 and at most 90 degrees";
     }
 }
 
-impl CellOptions {
-    /// Says beforehand what [`Cells::new`] would refuse of them.
-    ///
-    /// # Errors
-    ///
-    /// [`Error::OutOfRange`].
-    pub fn check(&self) -> Result<(), Error> {
-        if !(self.edge >= 1.0 && self.edge <= 65536.0) {
-            return Err(out_of_range("edge", self.edge, "1 to 65536 pixels"));
-        }
-        if !(self.normals > 0.0 && self.normals <= 90.0) {
-            return Err(out_of_range("normals", self.normals, "above 0 and at most 90 degrees"));
-        }
-        Ok(())
-    }
-}
-
-/// Which patch of surface each first hit lies on.
+/// The patch of surface on which each first hit lies.
 ///
 /// Two hits share a cell when they lie in the same cube of a grid, show the same material and a normal in the same bin
 /// of an octahedron [Engelhardt and Dachsbacher 2008], and are connected in the image through hits of which that is
 /// true as well; cubes grow with the pixel's footprint, in octaves, so that near and far cells cover as many pixels.
 /// Seams that the grid cuts through a surface are then closed again, smoothest first, as far as a cell stays within its
-/// cone and its size. What hit nothing is one cell.
+/// cone and its size. All probes without a hit are one cell.
 ///
-/// *Guarantees*: a function of the hits alone; numbers of shapes, primitives and materials only tell apart, so that
-/// their order changes nothing, nor does a surface cut into more triangles; the hits of all cells add up to the number
-/// of probes; no hashing, no dependence on threads. Lengths are relative to the median footprint and to the box of the
-/// hits: the unit of length changes nothing but by rounding. *Weaknesses*: a cell is known where a pixel saw it, nowhere
-/// else.
+/// # Guarantees
+///
+/// * Cells are a function of the hits alone. Numbers of shapes, primitives and materials are only compared for
+///   equality: their order changes nothing, nor does a surface cut into more triangles.
+/// * The hits of all cells add up to the number of probes.
+/// * No hashing, no dependence on threads.
+/// * Lengths are relative to the median footprint and to the box of the hits: the unit of length matters only to
+///   rounding.
+///
+/// # Weaknesses
+///
+/// A cell is known where a pixel saw it, nowhere else.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Cells {
     labels: Vec<u32>,
@@ -58,7 +46,7 @@ pub struct Cells {
     hits: Vec<u32>,
 }
 
-/// What hits of one cube, material and bin have in common.
+/// The cube, material and bin of a hit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Key {
     material: u32,
@@ -71,8 +59,8 @@ struct Key {
 const PLANE: f32 = 2.0;
 
 impl Cells {
-    /// The cells of the first hits of an image `size` pixels large: `per_pixel` a pixel, row by row; `None` for what
-    /// hit nothing.
+    /// The cells of the first hits of an image of `size` pixels: `per_pixel` a pixel, row by row; `None` for a probe
+    /// without a hit.
     ///
     /// # Errors
     ///
@@ -83,14 +71,14 @@ impl Cells {
         size: [u32; 2],
         options: &CellOptions,
     ) -> Result<Self, Error> {
-        options.check()?;
+        options.check_ranges()?;
         let [width, height] = size.map(|n| n as usize);
         if per_pixel == 0 || hits.len() != width * height * per_pixel {
             return Err(out_of_range("hits", hits.len(), "as many as pixels times probes per pixel"));
         }
         let keys = keys(hits, options);
         let mut sets = Disjoint::new(hits.len());
-        // What shares its key, connected through neighbours; all misses are one.
+        // Hits that share a key and are connected through neighbours; all misses are one cell.
         let mut miss = None;
         for (i, key) in keys.iter().enumerate() {
             if key.is_none() {
@@ -107,12 +95,12 @@ impl Cells {
         Ok(Self::numbered(&mut sets, per_pixel))
     }
 
-    /// The cells of a film that recorded first hits ([`Needs::first_hits`](dapple_core::Needs)); its samples so far
-    /// must be at least as many, or misses are made up.
+    /// The cells of a film that recorded first hits ([`Needs::first_hits`](dapple_core::Needs)). A pixel with fewer
+    /// samples so far counts as a miss for each that it lacks.
     ///
     /// # Errors
     ///
-    /// As [`Cells::new`]; also where the film holds no first hits.
+    /// As [`Cells::new`]; also for a film without first hits.
     pub fn of_film(film: &Film, options: &CellOptions) -> Result<Self, Error> {
         let per_pixel = usize::from(film.needs().first_hits);
         if per_pixel == 0 {
@@ -142,21 +130,21 @@ impl Cells {
         Self { labels, per_pixel, hits }
     }
 
-    /// Bytes per hit that [`Cells::of_film`] takes at most: a copy of the hit, its key, and what was measured of sets, seams
-    /// and labels (33 bytes, on a million pixels of the Cornell box).
+    /// The most bytes per hit that [`Cells::of_film`] takes: a copy of the hit, its key, and sets, seams and labels
+    /// (33 bytes, measured on a million pixels of the Cornell box).
     pub(crate) const BYTES_PER_HIT: usize = size_of::<Option<FirstHit>>() + size_of::<Option<Key>>() + 33;
 
-    /// How many cells there are.
+    /// The number of cells.
     pub fn len(&self) -> usize {
         self.hits.len()
     }
 
-    /// Whether there are none: no pixels.
+    /// True if there are no cells: no pixels.
     pub fn is_empty(&self) -> bool {
         self.hits.is_empty()
     }
 
-    /// How many pixels the image has.
+    /// The number of pixels of the image.
     pub fn pixels(&self) -> usize {
         self.labels.len() / self.per_pixel
     }
@@ -177,7 +165,7 @@ impl Cells {
     }
 }
 
-/// Calls `visit` with the probes of each pair of neighbours: within a pixel, and of a pixel with the one to its right
+/// Calls `visit` with each pair of neighbouring probes: within a pixel, and of a pixel with the one to its right
 /// and the one below.
 fn for_neighbours([width, height]: [usize; 2], per_pixel: usize, mut visit: impl FnMut(usize, usize)) {
     for pixel in 0..width * height {
@@ -242,9 +230,9 @@ struct Cone {
     cosine: f32,
 }
 
-/// Joins neighbours across the borders of cubes and bins where the surface goes on: same material, normals that differ
-/// by less than a cell's cone, each within [`PLANE`] footprints of the other's plane. The smoothest come first, and none
-/// that would make a cell wider than its cone or larger than its square.
+/// Joins neighbours across the borders of cubes and bins where the surface continues: same material, normals that
+/// differ by less than a cell's cone, each within [`PLANE`] footprints of the other's plane. The smoothest are joined
+/// first. A cell never gets wider than its cone or larger than its square.
 fn close_seams(
     hits: &[Option<FirstHit>],
     keys: &[Option<Key>],
@@ -306,7 +294,7 @@ fn joint(a: &Cone, b: &Cone) -> Cone {
     let sum = [a.sum[0] + b.sum[0], a.sum[1] + b.sum[1], a.sum[2] + b.sum[2]];
     let axis = unit(sum);
     let sine = |cosine: f32| (1.0 - cosine * cosine).max(0.0).sqrt();
-    // The cosine of the sum of two angles; beyond a right angle no cone is wanted.
+    // The cosine of the sum of two angles; -1, which no cone reaches, beyond a right angle.
     let to = |cone: &Cone| {
         let turned = dot(axis, unit(cone.sum));
         if turned <= 0.0 || cone.cosine <= 0.0 { -1.0 } else { turned * cone.cosine - sine(turned) * sine(cone.cosine) }

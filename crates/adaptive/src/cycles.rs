@@ -1,34 +1,31 @@
 //! The stopping rule of Blender's Cycles.
 
-use crate::pilot::{Pilot, clamped};
+use crate::pilot::Pilot;
 use dapple_core::{
-    Error, Feedback, Film, Frame, Limits, Needs, PilotPolicy, Plan, PointSet, Progress, Sampler, SamplerMemory,
-    Stopping, allocate,
+    Error, Feedback, Film, Frame, Limits, Needs, Options as _, PilotPolicy, Plan, PointSet, Progress, Sampler,
+    SamplerMemory, Stopping, allocate, saturating_u32,
 };
 
-/// The parameters of [`Cycles`].
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct CyclesOptions {
-    /// The user's threshold, of which five times is what errors are compared with; 0 takes 1 over the mean budget, and not
-    /// below 0.001.
-    pub threshold: f64,
-    /// Samples per pixel before anything stops; 0 takes `16 t^-0.3` (4 or more) for threshold `t`, and with
-    /// [`Stopping::Budget`] no more than a quarter of the mean budget.
-    pub min: u32,
-    /// Samples of an open pixel between two looks at it.
-    pub step: u32,
-    /// What ends it.
-    pub mode: Stopping,
-}
-
-impl Default for CyclesOptions {
-    fn default() -> Self {
-        Self { threshold: 0.0, min: 0, step: 16, mode: Stopping::default() }
+dapple_core::options! {
+    /// The parameters of [`Cycles`].
+    pub struct CyclesOptions {
+        /// The user's threshold, of which five times counts; 0 is 1 over the mean budget, at least 0.001.
+        pub threshold: f64 = 0.0 => "0", |t| t >= 0.0 && t.is_finite(), "0 or above; 0 chooses";
+        /// Samples per pixel before any stops; 0 is 16 t^-0.3 for threshold t, with a budget at most a quarter of it.
+        ///
+        /// At least 4 are chosen.
+        pub min: u32 = 0, |min| min != 1, "each of the two halves needs a sample; 0 chooses";
+        /// Samples of an open pixel between two looks.
+        pub step: u32 = 16, |step| step != 0, "at least one sample";
+        /// The end: budget (the threshold falls until it is spent) or threshold (the budget is a ceiling).
+        ///
+        /// With [`Stopping::Budget`] the threshold falls to half of the largest error where all pixels have converged.
+        pub mode: Stopping = Stopping::Budget => "budget";
     }
 }
 
 impl CyclesOptions {
-    /// The user's threshold and the first samples per pixel, for a mean budget.
+    /// The threshold and the first samples per pixel, for a mean budget.
     fn resolved(&self, mean: u64) -> (f64, u32) {
         let Self { threshold, min, mode, .. } = *self;
         let threshold = if threshold > 0.0 { threshold } else { (1.0 / mean.max(1) as f64).max(LEAST_THRESHOLD) };
@@ -38,58 +35,52 @@ impl CyclesOptions {
         let chosen = (16.0 * threshold.powf(-0.3)).ceil().clamp(4.0, f64::from(u32::MAX)) as u32;
         match mode {
             Stopping::Threshold => (threshold, chosen),
-            Stopping::Budget => (threshold, chosen.min(clamped(mean / 4)).max(4)),
+            Stopping::Budget => (threshold, chosen.min(saturating_u32(mean / 4)).max(4)),
         }
     }
 }
 
-/// Errors are compared with so many times the user's threshold.
+/// The factor between the user's threshold and the error that it is compared with.
 const LOOSENED: f64 = 5.0;
-/// The least threshold that is chosen for the user; what keeps black pixels from dividing by zero.
+/// The least threshold that is chosen for the user.
 const LEAST_THRESHOLD: f64 = 1e-3;
+/// The term that keeps black pixels from dividing by zero.
 const BLACK: f64 = 1e-4;
 
-/// The adaptive sampling of Blender's Cycles [Cycles, `kernel/film/adaptive_sampling.h` and `scene/integrator.cpp`; after
-/// Dammertz 2010].
+/// The adaptive sampling of Blender's Cycles [Cycles, `kernel/film/adaptive_sampling.h` and `scene/integrator.cpp`;
+/// after Dammertz 2010].
 ///
-/// *What*: each pixel's mean is compared with that of half of its samples, `(|dR| + |dG| + |dB|) / (1e-4 + N(I))` with
-/// `N(I)` the root of `I = R + G + B` below 1 and `I` above; pixels whose error exceeds five times the threshold, and
-/// their eight neighbours, get another `step` samples. The halves are two independent sequences, where Cycles splits one,
-/// whose parts are no independent estimates. *Guarantees*: the budget exactly, or as a ceiling; no pixel below `min`
-/// where the budget allows it. *Bias*: all samples are kept, and decide how many follow [Kirk and Arvo 1991]: a pixel stops
-/// when its halves happen to agree. *Weaknesses*: one pixel's two halves say little about its error; the threshold
-/// is one for all brightnesses; fireflies keep a pixel open.
+/// Each pixel's mean is compared with that of half of its samples: `(|dR| + |dG| + |dB|) / (1e-4 + N(I))`, where
+/// `N(I)` is the root of `I = R + G + B` below 1 and `I` above. Pixels whose error exceeds five times the threshold,
+/// and their eight neighbours, get another `step` samples. The halves are two independent sequences; Cycles splits
+/// one sequence, whose parts are not independent estimates.
+///
+/// *Guarantees*: the budget exactly, or as a ceiling; no pixel below `min` where the budget allows it. *Bias*: all
+/// samples are kept, and decide how many follow [Kirk and Arvo 1991]: a pixel stops when its halves happen to agree.
+/// *Weaknesses*: one pixel's two halves are a poor estimate of its error; one threshold holds for all brightnesses;
+/// fireflies keep a pixel open.
 pub struct Cycles<P> {
     points: P,
     options: CyclesOptions,
 }
 
 impl<P: PointSet> Cycles<P> {
-    /// With these points and the default parameters.
+    /// A sampler with these points and the default parameters.
     pub fn new(points: P) -> Self {
         Self { points, options: CyclesOptions::default() }
     }
 
-    /// With these points and parameters.
+    /// A sampler with these points and parameters.
     ///
     /// # Errors
     ///
     /// [`Error::OutOfRange`] for a threshold that is negative or not finite, a `min` of 1, and a `step` of 0.
     pub fn with_options(points: P, options: CyclesOptions) -> Result<Self, Error> {
-        let out = |name, value: String, allowed| Err(Error::OutOfRange { name, value, allowed });
-        if !(options.threshold >= 0.0 && options.threshold.is_finite()) {
-            return out("threshold", options.threshold.to_string(), "0 or above; 0 chooses");
-        }
-        if options.min == 1 {
-            return out("min", "1".into(), "each of the two halves needs a sample; 0 chooses");
-        }
-        if options.step == 0 {
-            return out("step", "0".into(), "at least one sample");
-        }
+        options.check_ranges()?;
         Ok(Self { points, options })
     }
 
-    /// One more step for open pixels, those of the largest error first where not all can have it.
+    /// Plans one more step for open pixels, those of the largest error first where the budget does not reach for all.
     fn refine(&self, seen: &Feedback<'_>, threshold: f64, plan: &mut Plan) -> Result<(), Error> {
         let errors: Vec<f64> = (0..seen.pixels()).map(|i| half_error(seen.film, i)).collect();
         let mut limit = LOOSENED * threshold;
@@ -104,11 +95,11 @@ impl<P: PointSet> Cycles<P> {
         order.sort_by(|&a, &b| errors[b].total_cmp(&errors[a]).then(a.cmp(&b)));
         let mut left = seen.budget.left();
         for i in order {
-            plan.counts[i] = self.options.step.min(room[i]).min(clamped(left));
+            plan.counts[i] = self.options.step.min(room[i]).min(saturating_u32(left));
             left -= u64::from(plan.counts[i]);
         }
         if plan.total() == 0 && self.options.mode == Stopping::Budget {
-            // Nothing differs, or what differs has all that it may have: the rest is everybody's.
+            // No pixel differs, or those that do are at their ceiling: the rest is spread evenly.
             let now: Vec<u32> = (0..seen.pixels()).map(|i| seen.film.count(i) as u32).collect();
             let total = seen.film.counts().iter().sum::<u64>() + seen.budget.left();
             let shared = allocate(&vec![1.0; now.len()], &now, seen.budget.max_spp, total)?;
@@ -118,7 +109,7 @@ impl<P: PointSet> Cycles<P> {
     }
 }
 
-/// How much the mean of pixel `i` differs from that of its first half.
+/// The relative difference of the mean of pixel `i` from that of its first half.
 fn half_error(film: &Film, i: usize) -> f64 {
     let mean = film.mean(i);
     let half = film.half(0, i).unwrap_or_default().mean;
@@ -142,8 +133,7 @@ impl<P: PointSet> Sampler for Cycles<P> {
     }
 
     fn describe(&self) -> String {
-        let CyclesOptions { threshold, min, step, mode } = self.options;
-        format!("cycles:threshold={threshold},min={min},step={step},mode={},policy=keep", mode.name())
+        format!("cycles:{},policy=keep", self.options.describe())
     }
 
     fn needs(&self) -> Needs {
@@ -152,7 +142,7 @@ impl<P: PointSet> Sampler for Cycles<P> {
 
     fn memory(&self, frame: &Frame, _: &Needs, _: &Limits) -> SamplerMemory {
         // Errors, room, what is open and its neighbours, and the order of all where all are.
-        SamplerMemory::planning(frame, false, 8 + 4 + 3 + size_of::<usize>())
+        SamplerMemory::planning(frame, 8 + 4 + 3 + size_of::<usize>())
     }
 
     fn points(&self) -> &dyn PointSet {
@@ -191,7 +181,7 @@ mod tests {
 
     #[test]
     fn least_samples_are_those_of_cycles() {
-        // ALGORITHMS, row 10: 32, 64 and 128 for these thresholds, to the next whole number of 16 t^-0.3.
+        // 16 t^-0.3, rounded up.
         let of = |threshold, mode| {
             let options = CyclesOptions { threshold, mode, ..CyclesOptions::default() };
             options.resolved(4096).1

@@ -1,4 +1,4 @@
-//! Sets that grow by joining.
+//! Disjoint sets.
 
 /// Disjoint sets of numbers, by size and with halved paths [Tarjan and van Leeuwen 1984].
 pub(crate) struct Disjoint {
@@ -7,12 +7,12 @@ pub(crate) struct Disjoint {
 }
 
 impl Disjoint {
-    /// Each of `0..count` a set of its own.
+    /// A set for each of `0..count`.
     pub(crate) fn new(count: usize) -> Self {
         Self { parent: (0..count as u32).collect(), size: vec![1; count] }
     }
 
-    /// How many numbers there are.
+    /// The count of numbers.
     pub(crate) fn len(&self) -> usize {
         self.parent.len()
     }
@@ -27,12 +27,13 @@ impl Disjoint {
         i
     }
 
-    /// How many numbers the set with this root has.
+    /// The size of the set with this root.
     pub(crate) fn size(&self, root: usize) -> u32 {
         self.size[root]
     }
 
-    /// Joins the sets of `a` and `b`; the root of both. The larger set's root stays, of equals the smaller number.
+    /// Joins the sets of `a` and `b` and returns the root of both: that of the larger set, of equals the smaller
+    /// number.
     pub(crate) fn join(&mut self, a: usize, b: usize) -> usize {
         let (a, b) = (self.root(a), self.root(b));
         if a == b {

@@ -1,6 +1,6 @@
 //! The samples that a sampler looks at before its counts adapt.
 
-use dapple_core::{Budget, Combine, Feedback, Frame, Limits, PilotPolicy, Plan, Retention, ladder_floor};
+use dapple_core::{Budget, Combine, Feedback, Frame, Ladder, Limits, PilotPolicy, Plan, Retention, saturating_u32};
 
 /// A uniform pilot: its size and its retention.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -17,16 +17,16 @@ impl Pilot {
         Self { policy, samples }
     }
 
-    fn wanted(self, mean: u32, even: bool) -> u32 {
-        if self.samples > 0 { self.samples } else { LEAST.max(ladder_floor(mean / 4, even)) }
+    fn wanted(self, mean: u32, ladder: Ladder) -> u32 {
+        if self.samples > 0 { self.samples } else { LEAST.max(ladder.floor(mean / 4)) }
     }
 
     /// True if these limits pay for the pilot and nothing else, so that no counts are planned.
     pub fn is_all(self, frame: &Frame, limits: &Limits) -> bool {
         let Budget::Samples(total) = limits.budget else { return false };
         let pixels = frame.pixels() as u64;
-        let mean = clamped(total / pixels);
-        self.policy != PilotPolicy::Discard && total.is_multiple_of(pixels) && self.wanted(mean, false) >= mean
+        let mean = saturating_u32(total / pixels);
+        self.policy != PilotPolicy::Discard && total.is_multiple_of(pixels) && self.wanted(mean, Ladder::Whole) >= mean
     }
 
     /// Begins a round: sets how halves are combined, and requests the samples that the pilot still lacks, if the budget
@@ -39,16 +39,16 @@ impl Pilot {
         // A discarded pilot may take half of the budget, and never the floor's share.
         let affordable =
             if discards { mean.saturating_sub(u64::from(budget.min_spp.max(1))).min(mean / 2) } else { mean };
-        let even = seen.film.needs().halves || crosses;
-        let mean = clamped(affordable);
-        let samples = match self.wanted(mean, even).min(mean) {
+        let ladder = if crosses { Ladder::Halves } else { Ladder::of(seen.film.needs()) };
+        let mean = saturating_u32(affordable);
+        let samples = match self.wanted(mean, ladder).min(mean) {
             // One sample has no variance: a discarded one would teach nothing.
             1 if discards => 0,
             samples => samples,
         };
         for (i, count) in plan.counts.iter_mut().enumerate() {
             let done = if discards { seen.film.discarded(i).count } else { seen.film.count(i) };
-            *count = samples.saturating_sub(clamped(done));
+            *count = samples.saturating_sub(saturating_u32(done));
         }
         let is_missing = plan.total() > 0 && plan.total() <= budget.left();
         if is_missing {
@@ -71,8 +71,3 @@ pub struct PilotRound {
 
 /// The least pilot that is chosen: enough for pooling over 25 pixels, few enough for 8 spp.
 const LEAST: u32 = 4;
-
-/// A count, or `u32::MAX` for more.
-pub(crate) fn clamped(n: u64) -> u32 {
-    u32::try_from(n).unwrap_or(u32::MAX)
-}

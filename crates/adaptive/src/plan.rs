@@ -1,8 +1,7 @@
-//! From what a film shows to counts: pure computations.
+//! Counts from the statistics of a film: pure computations.
 
-use crate::pilot::clamped;
 use crate::{Adaptive, Cells, Pooling, geometric_variance, relative_variance};
-use dapple_core::{BudgetLeft, Error, Feedback, Film, Plan, PointSet, RgbMoments, allocate_on_ladder, ladder_floor};
+use dapple_core::{BudgetLeft, Error, Feedback, Film, Ladder, Plan, PointSet, RgbMoments, saturating_u32};
 use rayon::prelude::*;
 
 /// Counts up to this have their powers in a table.
@@ -11,22 +10,22 @@ const TABLE: u32 = 4096;
 /// Least kept samples of a pixel, as a share of the mean.
 const FLOOR: u64 = 4;
 
-/// Share of the mean score that every pixel has, whatever the pilot saw.
+/// The least score of a pixel, as a share of the mean.
 const SCORE_FLOOR: f64 = 0.01;
 
 impl<P: PointSet> Adaptive<P> {
-    /// The scores of all pixels, from what `moments` says of each.
+    /// The scores of all pixels, from the `moments` of each.
     fn scores(&self, film: &Film, moments: impl Fn(usize) -> RgbMoments + Sync + Send) -> Result<Vec<f64>, Error> {
         let o = &self.options;
         let pixels = (0..film.frame().pixels()).into_par_iter().with_min_len(4096);
         let known: Vec<RgbMoments> = pixels.map(moments).collect();
-        let cells = if o.look_at_hits() { Some(Cells::of_film(film, &o.cells)?) } else { None };
+        let cells = if o.reads_hits() { Some(Cells::of_film(film, &o.cells())?) } else { None };
         let pooling = Pooling { pool: o.pool, radius: o.radius, prior: o.prior, power: o.power, epsilon: o.epsilon };
         let mut scores = relative_variance(&known, film.frame().size(), &pooling, cells.as_ref())?;
         if let (Some(cells), true) = (&cells, o.geometry > 0.0) {
             self.blend_geometry(film, cells, &known, &mut scores);
         }
-        keep_a_say(&mut scores);
+        raise_to_floor(&mut scores);
         if let Some(map) = &self.errors {
             let errors = (map.of)(film)?;
             if errors.len() != scores.len() {
@@ -38,7 +37,7 @@ impl<P: PointSet> Adaptive<P> {
         Ok(scores)
     }
 
-    /// What geometry says, scaled to the same mean, as so many degrees of freedom beside a pixel's own.
+    /// Blends in edges and texture, scaled to the same mean, with their weight in degrees of freedom.
     fn blend_geometry(&self, film: &Film, cells: &Cells, known: &[RgbMoments], scores: &mut [f64]) {
         let hits: Vec<_> = (0..scores.len()).flat_map(|i| film.first_hits(i)).collect();
         let albedos: Vec<_> = hits.iter().map(|hit| hit.map_or([0.0; 3], |hit| hit.albedo)).collect();
@@ -55,14 +54,14 @@ impl<P: PointSet> Adaptive<P> {
         }
     }
 
-    /// The geometric mean with a map of errors, brought back to what one sample would leave.
+    /// Takes the geometric mean with a map of errors, which are first converted to the error of one sample.
     fn blend_errors(&self, errors: &[f32], film: &Film, scores: &mut [f64]) {
         let of_one = |(i, &e): (usize, &f32)| {
             let e = if e.is_finite() { f64::from(e.max(0.0)) } else { 0.0 };
             e * (film.count(i).max(1) as f64).powf(self.options.exponent)
         };
         let mut errors: Vec<f64> = errors.iter().enumerate().map(of_one).collect();
-        keep_a_say(&mut errors);
+        raise_to_floor(&mut errors);
         let (level, scale) = (mean(&errors), mean(scores));
         if !(level > 0.0 && scale > 0.0) {
             return;
@@ -74,67 +73,75 @@ impl<P: PointSet> Adaptive<P> {
     }
 
     /// Counts that spend `total` in all, at least `floors`, by scores.
-    fn counts(&self, scores: &[f64], floors: &[u32], total: u64, ceiling: u32, even: bool) -> Result<Vec<u32>, Error> {
+    fn counts(
+        &self,
+        scores: &[f64],
+        floors: &[u32],
+        total: u64,
+        ceiling: u32,
+        ladder: Ladder,
+    ) -> Result<Vec<u32>, Error> {
         let (mean, exponent) = (total as f64 / scores.len() as f64, self.options.exponent);
         let cap = (self.options.cap * mean).ceil().min(f64::from(ceiling)) as u32;
-        let mut shared = allocate_on_ladder(scores, floors, cap, total, exponent, even)?;
+        let mut shared = ladder.allocate(scores, floors, cap, total, exponent)?;
         if shared.unspent > 0 {
             // The floors left too little room under the cap: only the user's ceiling counts.
-            shared = allocate_on_ladder(scores, floors, ceiling, total, exponent, even)?;
+            shared = ladder.allocate(scores, floors, ceiling, total, exponent)?;
         }
         let left = |n: f64| n.max(1.0).powf(-exponent);
-        // There are more pixels than counts, mostly: powers once for each of these.
+        // Most images have more pixels than different counts: one power per count.
         let known: Vec<f64> = (0..=cap.min(TABLE)).map(|n| left(f64::from(n))).collect();
         let left_of = |&n: &u32| known.get(n as usize).copied().unwrap_or_else(|| left(f64::from(n)));
         let promised: f64 = shared.counts.iter().map(left_of).zip(scores).map(|(left, s)| s * left).sum();
         let uniform = scores.iter().sum::<f64>() * left(mean);
         if promised > self.options.gain * uniform {
             let alike = vec![1.0; scores.len()];
-            shared = allocate_on_ladder(&alike, floors, ceiling, total, exponent, even)?;
+            shared = ladder.allocate(&alike, floors, ceiling, total, exponent)?;
         }
         Ok(shared.counts)
     }
 
-    /// The next round where everything is kept: up to the next of the budget's equal steps above the pilot.
+    /// Plans the next round where all samples are kept: up to the next of the budget's equal steps above the pilot.
     pub(crate) fn plan_kept(&self, seen: &Feedback<'_>, pilot: u32, plan: &mut Plan) -> Result<(), Error> {
-        let BudgetLeft { spent, total, min_spp, max_spp } = seen.budget;
+        let BudgetLeft { spent, total, min_spp, max_spp, .. } = seen.budget;
         let scores = self.scores(seen.film, |i| seen.film.moments(i))?;
-        let now: Vec<u32> = (0..seen.pixels()).map(|i| clamped(seen.film.count(i))).collect();
+        let now: Vec<u32> = (0..seen.pixels()).map(|i| saturating_u32(seen.film.count(i))).collect();
         let floors: Vec<u32> = now.iter().map(|&n| n.max(min_spp)).collect();
         let needed = floors.iter().map(|&n| u64::from(n)).sum::<u64>();
         let first = (u64::from(pilot) * seen.pixels() as u64).min(total);
-        let rounds = u64::from(self.options.rounds());
+        let rounds = u64::from(self.options.rounds_after_pilot());
         let step = |k: u64| first + ((total - first) as u128 * u128::from(k) / u128::from(rounds)) as u64;
         let target = (1..=rounds).map(step).find(|&t| t > spent && t >= needed).unwrap_or(total);
-        let counts = self.counts(&scores, &floors, target, max_spp, seen.film.needs().halves)?;
+        let counts = self.counts(&scores, &floors, target, max_spp, Ladder::of(seen.film.needs()))?;
         plan.counts = counts.iter().zip(&now).map(|(n, now)| n - now).collect();
         Ok(())
     }
 
+    /// Plans the image after a discarded pilot.
     pub(crate) fn plan_after_discarding(&self, seen: &Feedback<'_>, plan: &mut Plan) -> Result<(), Error> {
         let BudgetLeft { min_spp, max_spp, .. } = seen.budget;
-        let even = seen.film.needs().halves;
+        let ladder = Ladder::of(seen.film.needs());
         let scores = self.scores(seen.film, |i| seen.film.discarded(i))?;
-        let now: Vec<u32> = (0..seen.pixels()).map(|i| clamped(seen.film.count(i))).collect();
+        let now: Vec<u32> = (0..seen.pixels()).map(|i| saturating_u32(seen.film.count(i))).collect();
         let total = now.iter().map(|&n| u64::from(n)).sum::<u64>() + seen.budget.left();
         let mean = total / seen.pixels() as u64;
-        let share = if self.preset.is_some() { 0 } else { ladder_floor(clamped(mean / FLOOR), even) };
+        let share = if self.preset.is_some() { 0 } else { ladder.floor(saturating_u32(mean / FLOOR)) };
         let wanted = share.max(min_spp.max(1)).min(max_spp);
-        let least = clamped(mean).min(wanted);
+        let least = saturating_u32(mean).min(wanted);
         let floors: Vec<u32> = now.iter().map(|&n| n.max(least)).collect();
         let floors = if sum(&floors) <= total { floors } else { now.clone() };
-        let counts = self.counts(&scores, &floors, total, max_spp, even)?;
+        let counts = self.counts(&scores, &floors, total, max_spp, ladder)?;
         plan.counts = counts.iter().zip(&now).map(|(n, now)| n - now).collect();
         Ok(())
     }
 
-    /// Each half's counts from the other half's samples; each half spends half the budget, as far as floors and
-    /// ceilings, of which the first half takes the odd sample, allow.
+    /// Plans each half's counts from the other half's samples. Each half spends half the budget, as far as floors and
+    /// ceilings allow; the first half takes the odd sample.
     pub(crate) fn plan_across(&self, seen: &Feedback<'_>, plan: &mut Plan) -> Result<(), Error> {
         let BudgetLeft { total, min_spp, max_spp, .. } = seen.budget;
         let moments = |half: usize, i: usize| seen.film.half(half, i).unwrap_or_default();
-        let now =
-            [0, 1].map(|half| -> Vec<u32> { (0..seen.pixels()).map(|i| clamped(moments(half, i).count)).collect() });
+        let now = [0, 1]
+            .map(|half| -> Vec<u32> { (0..seen.pixels()).map(|i| saturating_u32(moments(half, i).count)).collect() });
         let least = [min_spp - min_spp / 2, min_spp / 2];
         let most = [max_spp - max_spp / 2, max_spp / 2];
         let floors = [0, 1].map(|half| -> Vec<u32> { now[half].iter().map(|&n| n.max(least[half])).collect() });
@@ -143,7 +150,7 @@ impl<P: PointSet> Adaptive<P> {
         let second = (total / 2).min(room).min(total.saturating_sub(needed[0])).max(needed[1]);
         let of = |half: usize, total: u64| -> Result<Vec<u32>, Error> {
             let scores = self.scores(seen.film, |i| moments(1 - half, i))?;
-            let counts = self.counts(&scores, &floors[half], total, most[half], false)?;
+            let counts = self.counts(&scores, &floors[half], total, most[half], Ladder::Whole)?;
             Ok(counts.iter().zip(&now[half]).map(|(n, now)| n - now).collect())
         };
         plan.counts = of(0, total.saturating_sub(second))?;
@@ -152,8 +159,8 @@ impl<P: PointSet> Adaptive<P> {
     }
 }
 
-/// Zero variance is not convergence: every pixel keeps a share of the mean.
-fn keep_a_say(scores: &mut [f64]) {
+/// Raises scores to a share of the mean: zero variance is not convergence.
+fn raise_to_floor(scores: &mut [f64]) {
     let finite = scores.iter().filter(|s| s.is_finite());
     let floor = SCORE_FLOOR * finite.sum::<f64>() / scores.len() as f64;
     scores.iter_mut().for_each(|s| *s = s.max(floor));

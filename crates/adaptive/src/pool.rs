@@ -1,60 +1,52 @@
-//! Variance per pixel from few samples: pooled over neighbours, over cells, or both.
+//! The variance of a pixel from few samples, pooled over neighbours, over cells, or both.
 
 use crate::{Cells, out_of_range};
 use dapple_core::{Error, RgbMoments};
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Over what a pixel's variance is pooled, besides its own.
+/// The pool of a pixel's variance, besides its own samples.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum PoolShape {
-    /// The pixels around it (FEASIBILITY 1: hard to beat).
+    /// The pixels around it.
     #[default]
     Window,
-    /// Those, and with half their weight the ones of them that see the same cell first.
+    /// The pixels around it, and with half their weight those of them that see the same cell first.
     Inside,
-    /// All pixels that see the same cell first, wherever they are (THESIS D11).
+    /// All pixels that see the same cell first, anywhere in the image.
     Cell,
 }
 
-impl PoolShape {
-    /// Its name: `window`, `inside` or `cell`.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Window => "window",
-            Self::Inside => "inside",
-            Self::Cell => "cell",
-        }
-    }
-}
+dapple_core::choices!(PoolShape { Window = "window", Inside = "inside", Cell = "cell" });
 
-/// How [`relative_variance`] pools.
+/// The parameters of [`relative_variance`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pooling {
-    /// Over what.
+    /// The shape of the pool.
     pub pool: PoolShape,
     /// The window is `2 radius + 1` pixels squared.
     pub radius: u32,
     /// The pool's weight beside a pixel's own `n - 1` degrees of freedom; infinite: the pool alone.
     pub prior: f64,
-    /// What is averaged is this power of the variance, above 0: 1 for variances, 2 to let the noisiest of a
-    /// neighbourhood speak for it, as it should where a few samples in many carry the error.
+    /// The power of the variance that is averaged, above 0. 1 averages variances. 2 gives the noisiest pixels of a
+    /// neighbourhood more weight, which helps where a few samples in many carry the error.
     pub power: f64,
-    /// What is added to the squared mean before the variance is divided by it.
+    /// The number added to the squared mean before the variance is divided by it.
     pub epsilon: f64,
 }
 
-/// The relative variance of each pixel's samples, summed over channels: `v~ / (m^2 + epsilon)`, with
-/// `v~^q = ((n - 1) v^q + prior pool(v^q)) / (n - 1 + prior)` (FEASIBILITY 4, step 5, has `q = 1`), `v` the sample variance, `q` the power, `n` the count
-/// and `m` the mean over the window. Not negative; 0 where neither a pixel nor its pool has two samples.
+/// The relative variance of each pixel's samples, summed over channels: `v~ / (m^2 + epsilon)`.
 ///
-/// `moments` are row by row, for an image `size` pixels large. A pool is the variance of its pixels weighted by their
-/// degrees of freedom, so that pixels with less than two samples take part in none.
+/// Here `v~^q = ((n - 1) v^q + prior pool(v^q)) / (n - 1 + prior)`, with the sample variance `v`, the power `q`, the
+/// count `n`, and the mean `m` over the window. Not negative; 0 where neither a pixel nor its pool has two samples.
+///
+/// `moments` are row by row, for an image of `size` pixels. A pool is the mean over its pixels, weighted by their
+/// degrees of freedom, so that pixels with fewer than two samples do not take part.
 ///
 /// # Errors
 ///
-/// [`Error::OutOfRange`] where `moments` do not fill the image, or the pool asks for cells and there are none, or of
-/// another size.
+/// [`Error::OutOfRange`] where `moments` do not fill the image, or the pool needs cells and `cells` has none of this
+/// size.
 pub fn relative_variance(
     moments: &[RgbMoments],
     size: [u32; 2],
@@ -70,7 +62,7 @@ pub fn relative_variance(
         (_, Some(cells)) if cells.pixels() == w * h => (0..w * h).map(|i| cells.of_pixel(i)[0]).collect(),
         _ => return Err(out_of_range("cells", "none of this size", "the cells of this image")),
     };
-    // Whatever goes beyond the window's sums needs every pixel's deviations at hand.
+    // All pools but the window need the deviations of every pixel.
     let terms: Vec<Terms> = match pooling.pool {
         PoolShape::Window => Vec::new(),
         _ => moments.par_iter().with_min_len(SERIAL).map(|m| Terms::of(m, pooling.power)).collect(),
@@ -97,14 +89,14 @@ pub fn relative_variance(
             };
             root(variance, pooling.power) / (mean * mean + pooling.epsilon)
         });
-        // From 0, not from the -0 of an empty sum.
+        // Starts from 0: the empty sum of floats is -0.
         relative.fold(0.0, |sum, x| sum + x)
     };
     Ok(over_windows([w, h], pooling.radius as usize, |i| Terms::of(&moments[i], pooling.power), score))
 }
 
-/// What is summed up over pixels: degrees of freedom; whether there are samples; by channel, the power of the variance times the degrees of freedom,
-/// and means. Eight numbers side by side, so that they are added in lanes.
+/// The terms that are summed over pixels: degrees of freedom; 1 if there are samples; the power of the variance times
+/// the degrees of freedom, and the mean, by channel. Eight numbers side by side, so that they are added in lanes.
 #[derive(Clone, Copy, Debug, Default)]
 struct Terms([f64; 8]);
 
@@ -141,16 +133,16 @@ impl Terms {
         &self.0[5..8]
     }
 
-    /// The power of the variance of the pixels summed up, by channel.
+    /// The mean power of the variance of the summed pixels, by channel.
     fn pooled(&self) -> [f64; 3] {
         std::array::from_fn(|c| ratio(self.deviations()[c], self.freedom()))
     }
 }
 
-/// Pixels that one task takes at least.
+/// The least pixels of one task.
 const SERIAL: usize = 4096;
 
-/// Powers of 1 and 2, which are the ones in use, without a logarithm.
+/// A power. 1 and 2, which are used most, take no logarithm.
 fn power(x: f64, power: f64) -> f64 {
     match power {
         1.0 => x,
@@ -171,7 +163,7 @@ fn ratio(a: f64, b: f64) -> f64 {
     if b > 0.0 { a / b } else { 0.0 }
 }
 
-/// The power of the variance of all pixels that see the same cell first, by cell.
+/// The mean power of the variance over all pixels that see the same cell first, by cell.
 fn over_cells(terms: &[Terms], first: &[u32], cells: usize) -> Vec<[f64; 3]> {
     let mut sums = vec![Terms::default(); cells];
     for (terms, &cell) in terms.iter().zip(first) {
@@ -180,7 +172,8 @@ fn over_cells(terms: &[Terms], first: &[u32], cells: usize) -> Vec<[f64; 3]> {
     sums.iter().map(Terms::pooled).collect()
 }
 
-/// That of the pixels near pixel `i`, a pixel further than the window, that see the same cell first.
+/// The mean power of the variance over the pixels that see the same cell first as pixel `i`, up to one pixel beyond the
+/// window.
 fn inside(terms: &[Terms], first: &[u32], i: usize, [w, h]: [usize; 2], radius: usize) -> [f64; 3] {
     let mut sum = Terms::default();
     for k in near(i / w, radius + 1, h).flat_map(|y| near(i % w, radius + 1, w).map(move |x| y * w + x)) {
@@ -191,18 +184,18 @@ fn inside(terms: &[Terms], first: &[u32], i: usize, [w, h]: [usize; 2], radius: 
     sum.pooled()
 }
 
-/// The places within `radius` of one, of so many in all.
+/// The places within `radius` of `at`, of `end` in all.
 fn near(at: usize, radius: usize, end: usize) -> Range<usize> {
     at.saturating_sub(radius)..(at + radius + 1).min(end)
 }
 
-/// Rows whose scores one task makes.
+/// The rows whose scores one task makes.
 fn rows_of_task(width: usize, radius: usize) -> usize {
     (SERIAL / width.max(1)).max(2 * radius).max(1)
 }
 
-/// Bytes that so many threads work with in an image so large: each task's terms of its own rows and of those around, and sums
-/// of its columns.
+/// The working memory of so many threads in an image of this size, in bytes: each task's terms of its own rows and of
+/// those around, and sums of its columns.
 pub(crate) fn bytes_of_windows([w, h]: [usize; 2], radius: usize, threads: usize) -> usize {
     let own = rows_of_task(w, radius);
     let around = (own + 2 * radius).min(h);
@@ -210,8 +203,9 @@ pub(crate) fn bytes_of_windows([w, h]: [usize; 2], radius: usize, threads: usize
     task.saturating_mul(threads.min(h.div_ceil(own)))
 }
 
-/// The score of each pixel from its terms and their sums over `2 radius + 1` pixels squared, cut off at the borders. Terms are added in
-/// the order of rows and columns; a running sum would keep what a firefly rounded away.
+/// The score of each pixel from its terms and their sums over `2 radius + 1` pixels squared, cut off at the borders.
+///
+/// Terms are added in the order of rows and columns. A running sum would keep the rounding error of a firefly.
 fn over_windows(
     [w, h]: [usize; 2],
     radius: usize,
@@ -241,11 +235,13 @@ fn over_windows(
     scores
 }
 
-/// What geometry alone says of each pixel's relative variance: the variance of albedo over its probes (THESIS D10,
-/// texture, and D8, edges between materials), relative to its squared mean, and the share of pairs of probes in different
-/// cells times half the squared difference of their normals (D8, edges of shape). Not negative, without unit.
+/// An estimate of each pixel's relative variance from geometry alone. Not negative, without unit.
 ///
-/// `albedos` and `normals` hold what the probes of `cells` met, black and zero where they met nothing.
+/// It is the sum of two terms. For texture and edges between materials: the variance of albedo over the pixel's probes,
+/// relative to its squared mean. For edges of shape: the share of pairs of probes in different cells, times half the
+/// squared difference of their normals.
+///
+/// `albedos` and `normals` are those of the probes of `cells`: black and zero for a probe without a hit.
 pub fn geometric_variance(cells: &Cells, albedos: &[[f32; 3]], normals: &[[f32; 3]], epsilon: f64) -> Vec<f64> {
     let k = cells.labels().len() / cells.pixels().max(1);
     let of = |pixel: usize| {

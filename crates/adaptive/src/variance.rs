@@ -3,28 +3,26 @@
 use crate::{Adaptive, AdaptiveOptions};
 use dapple_core::{Error, PilotPolicy, PointSet};
 
-/// The parameters of [`Adaptive::variance`].
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct VarianceOptions {
-    /// Samples per pixel before counts adapt; 0 takes 4, or a quarter of the mean budget where that is more.
-    /// At least 2 otherwise, and 4 with [`PilotPolicy::Cross`], each half of which needs a variance.
-    pub pilot: u32,
-    /// Variance and mean are pooled over `2 radius + 1` pixels squared.
-    pub radius: u32,
-    /// Errors are taken to fall as `n^-exponent`: 1 for independent samples; 1.3 measured best for
-    /// Owen-scrambled nets in images.
-    pub exponent: f64,
-    /// Relative errors are `error / (mean^2 + epsilon)`.
-    pub epsilon: f64,
-    /// No pixel gets more than this many times the mean count.
-    pub cap: f64,
-    /// The pilot's retention; [`PilotPolicy::Refined`] is refused.
-    pub policy: PilotPolicy,
-}
-
-impl Default for VarianceOptions {
-    fn default() -> Self {
-        Self { pilot: 0, radius: 2, exponent: 1.3, epsilon: 0.01, cap: 6.0, policy: PilotPolicy::Keep }
+dapple_core::options! {
+    /// The parameters of [`Adaptive::variance`].
+    pub struct VarianceOptions {
+        /// Samples per pixel before counts adapt; 0 takes 4, or a quarter of the mean budget where that is more.
+        ///
+        /// At least 2 otherwise, and 4 with [`PilotPolicy::Cross`], each half of which needs a variance.
+        pub pilot: u32 = 0;
+        /// Variance and mean are pooled over 2 radius + 1 pixels squared.
+        pub radius: u32 = 2;
+        /// Errors are taken to fall as n^-exponent; 1 for random points.
+        ///
+        /// 1.3 measured best for Owen-scrambled nets in images.
+        pub exponent: f64 = 1.3;
+        /// Errors are relative to mean^2 + epsilon.
+        pub epsilon: f64 = 0.01;
+        /// The most samples of a pixel, in mean counts.
+        pub cap: f64 = 6.0 => "6";
+        /// The pilot's retention: keep (slightly biased), discard (unbiased), cross (unbiased, two halves).
+        pub policy: PilotPolicy = PilotPolicy::Keep => "keep",
+            |policy| !matches!(policy, PilotPolicy::Refined), "one of keep, discard, cross";
     }
 }
 
@@ -48,21 +46,11 @@ impl From<VarianceOptions> for AdaptiveOptions {
     }
 }
 
-impl VarianceOptions {
-    pub(crate) fn describe(&self) -> String {
-        let Self { pilot, radius, exponent, epsilon, cap, policy } = self;
-        let policy = policy.name();
-        format!(
-            "variance:pilot={pilot},radius={radius},exponent={exponent},epsilon={epsilon},cap={cap},policy={policy}"
-        )
-    }
-}
-
 /// The preset `variance`: counts by Neyman's rule [Neyman 1934] from a uniform pilot.
 ///
-/// The pilot's sample variance, relative to `mean^2 + epsilon` and pooled over 5x5 pixels, decides all counts at once.
-/// Without pooling, variances of 4 samples give 1.2 to 3.3 times the error of uniform counts; pooled, they come close to
-/// known variances.
+/// The pilot's sample variance, relative to `mean^2 + epsilon` and pooled over 5x5 pixels, decides all counts at
+/// once. Without pooling, variances of 4 samples give 1.2 to 3.3 times the error of uniform counts; pooled, they come
+/// close to known variances.
 impl<P: PointSet> Adaptive<P> {
     /// The preset `variance` with these points and its default parameters.
     pub fn variance(points: P) -> Self {

@@ -15,7 +15,7 @@ use std::path::{Path, PathBuf};
 /// on a display 0.7 m wide with 3840 pixels across, from 0.7 m.
 #[derive(clap::Args)]
 #[command(after_help = "Examples:\n  dapple compare scene.exr reference.exr\n  dapple compare --json a.pfm b.exr")]
-pub(crate) struct Options {
+pub(crate) struct CompareArgs {
     /// The image
     #[arg(value_name = "A")]
     image: PathBuf,
@@ -27,7 +27,7 @@ pub(crate) struct Options {
     json: bool,
 }
 
-pub(crate) fn run(options: &Options) -> Result<Outcome> {
+pub(crate) fn run(options: &CompareArgs) -> Result<Outcome> {
     let image = read(&options.image)?;
     let reference = read(&options.reference)?;
     let [x, r] = [pixels(&image)?, pixels(&reference)?];
@@ -75,7 +75,7 @@ struct Block {
 }
 
 fn line(c: &Comparison, flip: f64) -> String {
-    let WorstBlock { position, size, rel_mse } = c.worst_block;
+    let WorstBlock { position, size, rel_mse, .. } = c.worst_block;
     let line = Line {
         mse: c.mse,
         relmse: c.rel_mse,

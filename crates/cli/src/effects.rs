@@ -5,32 +5,32 @@ mod table;
 
 use crate::machine::start_threads;
 use crate::output::{say, tell, warn};
-use crate::render::options::resolution;
+use crate::render::args::resolution;
 use crate::stop::Stop;
-use crate::{Failure, Outcome, Result, scene};
+use crate::{Failure, Outcome, Result, failure};
 use dapple_core::Frame;
-use dapple_scene::Scene;
-use dapple_scene::{Effects, bundled};
+use dapple_job::{LoadOptions, LoadedScene, RenderSpec, Warning};
+use dapple_scene::{Effects, Scene, bundled};
 use ledger::{Ledger, Settings};
 use std::path::PathBuf;
 
 /// Longest side of the images where no resolution is given: the shares hardly depend on it, the wait does.
 const LONGEST: u32 = 192;
 
-/// Say which effects a scene calls for, because of what, and what each costs in time and is worth in the image
+/// List the effects that a scene calls for, their causes, their cost in time and their share of the image
 ///
-/// Each effect is left out in turn, and the same image rendered with it and without it, in turns, with as many
-/// seeds as --seeds says. Shares of time are of the time that tracing takes at equal samples. Shares of the
-/// image are relMSE of the image without the effect against the one with it, their noise taken out, and the
-/// mean radiance that is lost. What the scene's depth cuts off is told beside them. Figures come with the half width of their 95 % interval.
+/// Each effect is left out in turn. The same image is rendered with it and without it, alternately, with --seeds seeds.
+/// Shares of time are of tracing at equal samples. Shares of the image are the relMSE of the image without the effect
+/// against the one with it, noise removed, and the lost mean radiance. The light beyond the scene's depth stands beside
+/// them. Figures have the half width of their 95 % interval.
 #[derive(clap::Args)]
 #[command(after_help = AFTER)]
-pub(crate) struct Options {
+pub(crate) struct EffectsArgs {
     /// A scene file, or a bundled scene: teapot, terrain, cornell, furnace, plates, lens, motion, glass, room, grass
     #[arg(value_name = "SCENE", default_value = bundled::DEFAULT)]
     scene: PathBuf,
 
-    /// Say what the scene calls for and why, and render nothing
+    /// List the effects and their causes, and render nothing
     #[arg(long)]
     list: bool,
 
@@ -69,11 +69,16 @@ Examples:
 
 `dapple render --without EFFECT` renders the image without it.";
 
-pub(crate) fn run(options: &Options) -> Result<Outcome> {
+pub(crate) fn run(options: &EffectsArgs) -> Result<Outcome> {
     let stop = Stop::listen()?;
     start_threads(options.threads)?;
-    let scene = scene::read(&options.scene, options.allow_unsupported)?;
-    scene::warn_of(&scene, &options.scene);
+    let spec = RenderSpec::new(options.scene.to_string_lossy()).allow_unsupported(options.allow_unsupported);
+    let loaded = LoadedScene::read(&spec, &LoadOptions::default().without_digest());
+    let loaded = loaded.map_err(|e| failure::of_job(&e))?;
+    for warning in loaded.warnings().iter().filter(|warning| matches!(warning, Warning::Notice(_))) {
+        warn(failure::warning(warning));
+    }
+    let scene = loaded.scene().clone();
     let effects = Effects::of(&scene);
     let by_chance = Effects::found_by_chance(&scene);
     let ledger = if options.list { None } else { Some(measure(options, scene.clone(), &effects, &stop)?) };
@@ -85,7 +90,7 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     if ledger.is_some_and(|l| l.interrupted) { Ok(Outcome::Interrupted) } else { Ok(Outcome::Done) }
 }
 
-fn measure(options: &Options, mut scene: Scene, effects: &Effects, stop: &Stop) -> Result<Ledger> {
+fn measure(options: &EffectsArgs, mut scene: Scene, effects: &Effects, stop: &Stop) -> Result<Ledger> {
     let [width, height] = options.resolution.unwrap_or_else(|| shrink(scene.film.resolution));
     let frame = Frame::new(width, height).map_err(Failure::new)?;
     // A window of the file's is for its own resolution; the ledger is about the whole image.

@@ -1,17 +1,18 @@
 //! `dapple info SCENE`.
 
-use crate::output::{bytes, tell};
-use crate::render::foresight::Foresight;
-use crate::{Failure, Outcome, Result, scene};
+use crate::output::{tell, warn};
+use crate::{Outcome, Result, failure};
+use dapple_job::memory::{MemoryEstimate, size};
+use dapple_job::{JobError, LoadOptions, LoadedScene, OutputFiles, PreparedScene, RenderSpec, Warning, pixel_filter};
 use dapple_renderer::World;
 use dapple_scene::{Effects, bundled};
-use dapple_scene::{EnvironmentRadiance, Geometry, LightKind, MaterialKind, PixelFilter, Scene};
+use dapple_scene::{Geometry, MaterialKind, Scene};
 use std::path::PathBuf;
 
-/// Say what a scene holds and calls for, without rendering it
+/// Print the contents of a scene, the effects that it calls for and the memory of a render
 #[derive(clap::Args)]
 #[command(after_help = "Examples:\n  dapple info scene.pbrt\n  dapple info model.obj\n  dapple info terrain")]
-pub(crate) struct Options {
+pub(crate) struct InfoArgs {
     /// A pbrt-v4 file, a model (.obj, .ply, .stl), or a bundled scene: teapot, terrain, cornell, furnace, plates, lens, motion, glass, room, grass
     #[arg(value_name = "SCENE", default_value = bundled::DEFAULT)]
     scene: PathBuf,
@@ -20,25 +21,34 @@ pub(crate) struct Options {
     allow_unsupported: bool,
 }
 
-pub(crate) fn run(options: &Options) -> Result<Outcome> {
-    let mut scene = scene::read(&options.scene, options.allow_unsupported)?;
-    let foresight = Foresight::new(&options.scene, &mut scene);
-    let world = scene::build(&scene, scene.film.resolution)?;
-    scene::warn_of(&scene, &options.scene);
-    for (name, what) in facts(&scene, &world) {
+pub(crate) fn run(args: &InfoArgs) -> Result<Outcome> {
+    let spec = RenderSpec::new(args.scene.to_string_lossy()).allow_unsupported(args.allow_unsupported);
+    let loaded = LoadedScene::read(&spec, &LoadOptions::default().without_digest());
+    let prepared = loaded.and_then(LoadedScene::build).map_err(|e| failure::of_job(&e))?;
+    for warning in prepared.warnings().iter().filter(|warning| matches!(warning, Warning::Notice(_))) {
+        warn(failure::warning(warning));
+    }
+    for (name, what) in facts(prepared.scene(), prepared.world()) {
         tell(format!("{name:<12}{what}"))?;
     }
-    let memory = foresight.and_then(|render| render.memory(&scene, world));
-    let memory = match memory {
-        Ok(sum) => format!("a render by default takes {sum}"),
-        Err(Failure(why)) => format!("no render by default: {}", why.join("; ")),
+    let memory = match memory(&spec, &prepared) {
+        Ok(estimate) => format!("a render by default takes {estimate}"),
+        Err(error) => format!("no render by default: {}", failure::of_job(&error).0.join("; ")),
     };
     tell(format!("{:<12}{memory}", "memory"))?;
-    tell(format!("{:<12}{}", "effects", Effects::of(&scene).called().len()))?;
-    for called in Effects::of(&scene).called() {
+    let effects = Effects::of(prepared.scene());
+    tell(format!("{:<12}{}", "effects", effects.called().len()))?;
+    for called in effects.called() {
         tell(format!("  {:<18}{} ({})", called.effect.name(), called.because, called.source))?;
     }
     Ok(Outcome::Done)
+}
+
+/// The memory of a render with the default arguments.
+fn memory(spec: &RenderSpec, prepared: &PreparedScene) -> std::result::Result<MemoryEstimate, JobError> {
+    let mut job = prepared.job(spec)?;
+    job.set_outputs(OutputFiles::defaults(&prepared.scene().name, &spec.sampler));
+    job.memory(false)
 }
 
 fn facts(scene: &Scene, world: &World) -> Vec<(&'static str, String)> {
@@ -66,7 +76,7 @@ fn facts(scene: &Scene, world: &World) -> Vec<(&'static str, String)> {
         ("textures", scene.textures.len().to_string()),
         ("lights", lights(scene)),
         ("bounds", bounds(world)),
-        ("geometry", format!("{} in memory", bytes(geometry.memory_bytes() as u64))),
+        ("geometry", format!("{} in memory", size(geometry.memory_bytes() as u64))),
     ]
 }
 
@@ -74,17 +84,6 @@ fn crop(scene: &Scene) -> String {
     match scene.film.crop {
         Some([x0, y0, x1, y1]) => format!("crop {x0},{y0},{x1},{y1}"),
         None => "whole".into(),
-    }
-}
-
-/// The pixel filter in words.
-pub(crate) fn pixel_filter(filter: &PixelFilter) -> String {
-    match filter {
-        PixelFilter::Box { radius: [x, y] } => format!("box filter of radius {x} x {y}"),
-        PixelFilter::Triangle { radius: [x, y] } => format!("triangle filter of radius {x} x {y}"),
-        PixelFilter::Gaussian { radius: [x, y], sigma } => {
-            format!("Gaussian filter of radius {x} x {y}, sigma {sigma}")
-        }
     }
 }
 
@@ -130,13 +129,7 @@ fn material(kind: &MaterialKind) -> &'static str {
 
 fn lights(scene: &Scene) -> String {
     let shining = scene.shapes.iter().filter(|s| s.emission.is_some()).map(|_| "area");
-    let others = scene.lights.iter().map(|light| match &light.kind {
-        LightKind::Infinite { radiance: EnvironmentRadiance::Constant(_) } => "uniform environment",
-        LightKind::Infinite { .. } => "environment image",
-        LightKind::Point { .. } => "point",
-        LightKind::Spot { .. } => "spot",
-        LightKind::Distant { .. } => "distant",
-    });
+    let others = scene.lights.iter().map(|light| light.kind.name());
     count(shining.chain(others))
 }
 

@@ -20,8 +20,9 @@ pub(crate) fn filters() -> Result<Outcome> {
 fn list<Make>(entries: &[Entry<Make>]) -> Result<Outcome> {
     for entry in entries {
         tell(format!("{:<18}{}", entry.name, entry.about))?;
-        for (key, default, about) in entry.parameters() {
-            tell(format!("  {:<16}{about}", format!("{key}={default}")))?;
+        for parameter in entry.parameters() {
+            let given = format!("{}={}", parameter.name, parameter.default);
+            tell(format!("  {given:<16}{}", parameter.help))?;
         }
     }
     Ok(Outcome::Done)

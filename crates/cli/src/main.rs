@@ -1,38 +1,49 @@
 //! The program `dapple`: adaptively sampled images of pbrt-v4 scenes and of models.
 //!
-//! Nothing but argument parsing, progress and calls: what is done is done in the libraries.
+//! Arguments, progress and printing; all work is done by the libraries.
 
 mod compare;
 mod effects;
+mod failure;
 mod info;
 mod lists;
 mod machine;
 mod merge;
 mod output;
-mod price;
 mod render;
-mod scene;
 mod stop;
 mod study;
 
-use clap::{Parser, Subcommand};
+use clap::error::ErrorKind;
+use clap::{CommandFactory, Parser, Subcommand};
 use std::process::ExitCode;
 
-/// How the program ended, as the shell sees it.
+/// The end of the program, as the shell sees it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Outcome {
     Done,
-    /// A signal ended it early; what was done is saved.
+    /// A signal ended it early; the samples until then are saved.
     Interrupted,
 }
 
-/// What went wrong: lines for stderr, each a sentence.
+/// An error: lines for stderr, each a sentence.
 #[derive(Debug)]
 struct Failure(Vec<String>);
 
 impl Failure {
     fn new(line: impl ToString) -> Self {
         Self(vec![line.to_string()])
+    }
+
+    /// Ends the program as clap does for a wrong argument: usage, exit status 2.
+    fn usage(command: &str, wrong: impl std::fmt::Display) -> Self {
+        let mut arguments = Arguments::command();
+        arguments.build();
+        let kind = ErrorKind::ValueValidation;
+        match arguments.find_subcommand_mut(command) {
+            Some(command) => command.error(kind, wrong).exit(),
+            None => arguments.error(kind, wrong).exit(),
+        }
     }
 
     /// One line for each line of a message, so that each stands for itself.
@@ -46,7 +57,7 @@ type Result<T> = std::result::Result<T, Failure>;
 /// Puts Monte Carlo samples where an image needs them.
 #[derive(Parser)]
 #[command(name = "dapple", version, after_help = AFTER, arg_required_else_help = true)]
-struct Words {
+struct Arguments {
     #[command(subcommand)]
     command: Command,
 }
@@ -57,21 +68,19 @@ Examples:
   dapple render scene.pbrt -o scene.png --time 30
   dapple compare scene.exr reference.exr
   dapple effects scene.pbrt
-  dapple study teapot -o teapot-study              what accuracy costs in time: runs.jsonl, report.html
-  dapple price --quick                             what each numerical safeguard costs, and what breaks without it
+  dapple study teapot -o teapot-study              accuracy against time: runs.jsonl, report.html
 
 Results go to stdout, progress and warnings to stderr.
-Exit status: 0 done, 1 failed, 2 wrong words, 130 interrupted (what was done is saved).";
+Exit status: 0 done, 1 failed, 2 wrong arguments, 130 interrupted (the samples until then are saved).";
 
 #[derive(Subcommand)]
 enum Command {
-    Render(Box<render::Options>),
-    Merge(merge::Options),
-    Compare(compare::Options),
-    Info(info::Options),
-    Effects(effects::Options),
-    Price(price::Options),
-    Study(Box<study::Options>),
+    Render(Box<render::RenderArgs>),
+    Merge(merge::MergeArgs),
+    Compare(compare::CompareArgs),
+    Info(info::InfoArgs),
+    Effects(effects::EffectsArgs),
+    Study(Box<study::StudyArgs>),
     /// One run of a study, in a process of its own: JSON in, JSON out
     #[command(hide = true)]
     StudyRun,
@@ -79,19 +88,18 @@ enum Command {
     Samplers,
     /// List the point sets: where samples lie
     Points,
-    /// List the filters: what makes an image of the samples
+    /// List the filters (the denoisers): how an image is made of the samples
     Filters,
 }
 
 fn main() -> ExitCode {
-    let outcome = match Words::parse().command {
-        Command::Render(options) => render::run(&options),
-        Command::Merge(options) => merge::run(&options),
-        Command::Compare(options) => compare::run(&options),
-        Command::Info(options) => info::run(&options),
-        Command::Effects(options) => effects::run(&options),
-        Command::Price(options) => price::run(&options),
-        Command::Study(options) => study::run(&options),
+    let outcome = match Arguments::parse().command {
+        Command::Render(args) => render::run(&args),
+        Command::Merge(args) => merge::run(&args),
+        Command::Compare(args) => compare::run(&args),
+        Command::Info(args) => info::run(&args),
+        Command::Effects(args) => effects::run(&args),
+        Command::Study(args) => study::run(&args),
         Command::StudyRun => study::run_one(),
         Command::Samplers => lists::samplers(),
         Command::Points => lists::points(),

@@ -13,20 +13,10 @@ pub(crate) fn warn(line: impl AsRef<str>) {
     say("warning", line.as_ref());
 }
 
-/// Writes a result to stdout, ending the line. Whoever stops listening (`| head`) has heard enough.
+/// Writes a result to stdout, ending the line. A closed pipe (`| head`) is not an error.
 pub(crate) fn tell(result: impl AsRef<str>) -> Result<()> {
     match writeln!(io::stdout().lock(), "{}", result.as_ref()) {
         Err(e) if e.kind() != ErrorKind::BrokenPipe => Err(Failure::new(format!("cannot write to stdout: {e}"))),
         _ => Ok(()),
-    }
-}
-
-/// So many bytes, for people.
-pub(crate) fn bytes(n: u64) -> String {
-    match n as f64 {
-        n if n < 1024.0 => format!("{n} bytes"),
-        n if n < 1024.0 * 1024.0 => format!("{:.1} KiB", n / 1024.0),
-        n if n < 1e4 * 1024.0 * 1024.0 => format!("{:.1} MiB", n / (1024.0 * 1024.0)),
-        n => format!("{:.1} GiB", n / (1024.0 * 1024.0 * 1024.0)),
     }
 }

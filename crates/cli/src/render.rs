@@ -1,212 +1,227 @@
 //! `dapple render`.
 
-mod checkpoints;
-mod files;
-pub(crate) mod foresight;
-pub(crate) mod identity;
-mod memory;
-pub(crate) mod options;
+pub(crate) mod args;
 mod progress;
 mod report;
-mod settings;
-pub(crate) mod shard;
 
-pub(crate) use options::{Options, Words};
+pub(crate) use args::RenderArgs;
 
 use crate::machine::{cpu_seconds, start_threads};
 use crate::output::{say, tell, warn};
 use crate::stop::Stop;
-use crate::{Failure, Outcome, Result, scene};
-use checkpoints::Checkpoints;
-use clap::CommandFactory;
-use clap::error::ErrorKind;
-use dapple_core::{Error, Film, Filter, Needs, Sampler, Sharded, Unfiltered, streams};
-use dapple_job::checkpoint::{Identity, Store};
-use dapple_job::{Stage, WorldClusters};
-use dapple_renderer::{World, integrator, without};
-use dapple_scene::Scene;
-use dapple_scene::{Effect, Effects};
-use files::Files;
-use memory::{Expected, Limit};
+use crate::{Failure, Outcome, Result, failure};
+use dapple_core::Film;
+use dapple_job::memory::MemoryLimit;
+use dapple_job::{
+    Checkpoints, Job, JobError, LoadOptions, LoadedScene, OutputFiles, RenderSpec, RenderedImage, ShardSet, Traced,
+    Warning, can_be_replayed,
+};
+use dapple_scene::image::{check_writable, write_file};
 use progress::Progress;
-use report::{Report, Seconds};
-use settings::{Methods, Settings, no_shard};
-use std::path::PathBuf;
-use std::sync::Arc;
-use std::time::Instant;
+use report::Report;
+use std::path::{Path, PathBuf};
 
-/// Mean samples per pixel where no budget is given. What a scene file suggests is often one sample, for a
-/// quick look with another renderer.
-const DEFAULT_SPP: f64 = 64.0;
-
-pub(crate) fn run(options: &Options) -> Result<Outcome> {
-    make(options, None)
-}
-
-/// Makes the image of a film that is there already, rendered with these words: what `identity` says of it must hold here.
-pub(crate) fn show(options: &Options, film: Film, identity: &Identity) -> Result<Outcome> {
-    make(options, Some((film, identity)))
-}
-
-fn make(options: &Options, merged: Option<(Film, &Identity)>) -> Result<Outcome> {
-    if let Err(wrong) = options.check() {
-        refuse(&wrong);
+pub(crate) fn run(args: &RenderArgs) -> Result<Outcome> {
+    let spec = args.spec()?;
+    if args.print_spec {
+        tell(spec.to_json_pretty().map_err(Failure::new)?)?;
+        return Ok(Outcome::Done);
     }
     let stop = Stop::listen()?;
-    start_threads(options.threads)?;
-    // Before anything long: a second process learns at once that it is one.
-    let store = options.checkpoint.as_ref().or(options.resume.as_ref());
-    let store = store.map(|path| checkpoints::open(path, options.resume.as_ref())).transpose()?;
-    let clock = Instant::now();
-    let limit = Limit::new(options);
-    let (mut scene, digest) = match store.is_some() || options.shard.is_some() || merged.is_some() {
-        true => scene::read_digested(&options.scene, options.allow_unsupported, limit.bytes())?,
-        false => (scene::read_within(&options.scene, options.allow_unsupported, limit.bytes())?, String::new()),
+    start_threads(args.threads)?;
+    // Before anything long: a second process learns at once that it is the second.
+    let checkpoints = args.checkpoints().open().map_err(|e| failure::of_job(&e))?;
+    let show = Show {
+        outputs: &args.outputs,
+        maps: args.maps.as_deref(),
+        exposure: args.exposure,
+        json: args.json,
+        quiet: args.quiet,
     };
-    let mut settings = Settings::new(options, &mut scene)?;
-    let foreseen = Expected::of_scene(&scene, &settings.frame);
-    foreseen.check(limit)?;
-    let share = shard::file(options, &scene.name, &settings.frame)?;
-    let files = Files::new(options, &scene.name, &settings)?;
-    files.prepare(options)?;
-    let load = clock.elapsed().as_secs_f64();
-    warn_of(&scene, options);
-    leave_out(&mut scene, &settings.without)?;
-    crate::scene::warn_of_chance(&scene);
-
-    let clock = Instant::now();
-    let mut world = scene::build(&scene, settings.frame.resolution())?;
-    world.set_light_selection(options.light_choice());
-    if world.dropped_triangles() > 0 {
-        warn(format!("{} triangles have no area and are left out", world.dropped_triangles()));
+    let keeps = checkpoints.is_some();
+    let limit = args.memory.map_or_else(MemoryLimit::of_machine, MemoryLimit::given);
+    let options = LoadOptions::default().with_limit(limit);
+    let options = if keeps || spec.shard.is_some() { options } else { options.without_digest() };
+    let loaded = load(&spec, &options, limit)?;
+    let files = show.files(&loaded)?;
+    let shard = shard_file(args, &loaded)?;
+    warn_all(loaded.warnings(), args.spp.is_some());
+    let Some((mut job, cpu)) = prepare(loaded, files, &stop)? else { return Ok(Outcome::Interrupted) };
+    let expected = job.memory(keeps).map_err(|e| failure::of_job(&e))?;
+    expected.check(limit).map_err(|e| failure::of_job(&e))?;
+    let traced = trace(&mut job, checkpoints, Progress::new(&show, stop))?;
+    match (&shard, &traced.failure) {
+        (Some(path), None) => {
+            write_shard(path, &job, &traced.film, args.quiet)?;
+            end(traced.film.record().interrupted, None, traced.checkpoint)
+        }
+        _ => show.deliver(&job, traced, Some(&expected), cpu),
     }
-    let mut seconds = Seconds { load, bvh: clock.elapsed().as_secs_f64(), ..Seconds::default() };
+}
+
+/// Makes the image of merged shards.
+pub(crate) fn merge(shards: ShardSet, spec: &RenderSpec, show: &Show<'_>, threads: u16) -> Result<Outcome> {
+    let stop = Stop::listen()?;
+    start_threads(threads)?;
+    let limit = MemoryLimit::of_machine();
+    let loaded = load(spec, &LoadOptions::default().with_limit(limit), limit)?;
+    let files = show.files(&loaded)?;
+    warn_all(loaded.warnings(), true);
+    let Some((job, cpu)) = prepare(loaded, files, &stop)? else { return Ok(Outcome::Interrupted) };
+    let traced = job.merge(shards).map_err(|e| failure::of_job(&e))?;
+    show.deliver(&job, traced, None, cpu)
+}
+
+fn load(spec: &RenderSpec, options: &LoadOptions, limit: MemoryLimit) -> Result<LoadedScene> {
+    let loaded = LoadedScene::read(spec, options).map_err(|e| failure::of_job(&e))?;
+    loaded.memory().check(limit).map_err(|e| failure::of_job(&e))?;
+    Ok(loaded)
+}
+
+/// Makes the job, and reads the processor's clock before its clusters; `None` if it was stopped meanwhile.
+fn prepare(loaded: LoadedScene, files: OutputFiles, stop: &Stop) -> Result<Option<(Job, Option<f64>)>> {
+    let (spec, warned) = (loaded.spec().clone(), loaded.warnings().len());
+    let prepared = loaded.build().map_err(|e| failure::of_job(&e))?;
+    warn_all(&prepared.warnings()[warned..], true);
     if stop.asked() {
-        warn("stopped before the first sample: nothing is saved");
-        return Ok(Outcome::Interrupted);
+        warn(NOTHING);
+        return Ok(None);
     }
-
-    let world = Arc::new(world);
-    let stage = Stage::new(world.clone());
     let cpu = cpu_seconds();
-    let mut methods = settings.methods(&stage)?;
-    let clusters = stage.first_clusters();
-    let identity = identity::identity(options, &settings, &methods, &scene, &digest);
-    let needs = needs(options, &methods, &files, clusters.is_some());
-    let expected = match merged {
-        Some(_) => None,
-        None => {
-            let expected = expect(options, &settings, &mut methods, &files, needs, &foreseen)?;
-            expected.check(limit)?;
-            Some(expected)
+    let mut job = prepared.job(&spec).map_err(|e| failure::of_job(&e))?;
+    job.set_outputs(files);
+    Ok(Some((job, cpu)))
+}
+
+const NOTHING: &str = "stopped before the first sample: nothing is saved";
+
+fn trace(job: &mut Job, checkpoints: Option<Checkpoints>, mut progress: Progress) -> Result<Traced> {
+    progress.begin(job);
+    let traced = job.run(checkpoints, &mut progress);
+    progress.finish();
+    traced.map_err(|e| failure::of_job(&e))
+}
+
+/// Prints warnings; of suggested samples only where the user named no number.
+fn warn_all(warnings: &[Warning], has_spp: bool) {
+    let silent = |warning: &&Warning| !(has_spp && matches!(warning, Warning::SuggestedSpp { .. }));
+    warnings.iter().filter(silent).for_each(|warning| warn(failure::warning(warning)));
+}
+
+/// How an image is shown.
+pub(crate) struct Show<'a> {
+    pub(crate) outputs: &'a [PathBuf],
+    pub(crate) maps: Option<&'a Path>,
+    pub(crate) exposure: f32,
+    pub(crate) json: bool,
+    pub(crate) quiet: bool,
+}
+
+impl Show<'_> {
+    /// The files to write, which are known to be writable; none for a shard.
+    fn files(&self, loaded: &LoadedScene) -> Result<OutputFiles> {
+        if loaded.spec().shard.is_some() {
+            return Ok(OutputFiles::none());
         }
-    };
-    let traced = match merged {
-        Some((film, known)) => {
-            let here = shard::common(&identity);
-            checkpoints::refuse_other(&options.scene, &here, known)?;
-            Traced { film, failure: None, resume: None }
+        let files = match self.outputs {
+            [] => OutputFiles::defaults(&loaded.scene().name, &loaded.spec().sampler),
+            outputs => OutputFiles::images(outputs).map_err(Failure::new)?,
+        };
+        let files = self.maps.map_or(files.clone(), |folder| files.with_maps(folder)).with_exposure(self.exposure);
+        files.prepare().map_err(|e| failure::of_job(&e))?;
+        Ok(files)
+    }
+
+    /// Filters, writes the files and prints the summary.
+    fn deliver(
+        &self,
+        job: &Job,
+        traced: Traced,
+        expected: Option<&dapple_job::memory::MemoryEstimate>,
+        cpu: Option<f64>,
+    ) -> Result<Outcome> {
+        let Traced { film, failure: panicked, checkpoint } = traced;
+        let mut image = job.finish(film).map_err(|e| failure::of_job(&e))?;
+        let cpu = cpu_seconds().zip(cpu).map(|(after, before)| after - before);
+        let shown = |warning: &&Warning| panicked.is_none() || !matches!(warning, Warning::ErrorNotReached { .. });
+        image.warnings.iter().filter(shown).for_each(|warning| warn(failure::warning(warning)));
+        let interrupted = image.film.record().interrupted;
+        if image.film.record().samples == 0 {
+            warn(NOTHING);
+        } else {
+            self.write(job, &mut image, expected, cpu)?;
         }
-        None => {
-            let keep = store.map(|store| Checkpoints::new(store, identity.clone(), options.checkpoint_every));
-            let progress = Progress::new(options, &settings, stop, keep);
-            trace(&settings, &mut methods, needs, &world, options, &identity, progress)?
+        end(interrupted, panicked, checkpoint)
+    }
+
+    fn write(
+        &self,
+        job: &Job,
+        image: &mut RenderedImage,
+        expected: Option<&dapple_job::memory::MemoryEstimate>,
+        cpu: Option<f64>,
+    ) -> Result<()> {
+        let clock = std::time::Instant::now();
+        let (written, warnings) = job.outputs().write(job, image, cpu).map_err(|e| failure::of_job(&e))?;
+        warn_all(&warnings, true);
+        image.seconds.write = clock.elapsed().as_secs_f64();
+        let report = Report { job, image, cpu, expected };
+        if self.json {
+            return tell(report.json());
         }
-    };
-    let Traced { film, failure, resume } = traced;
-    if let (Some(path), Some(shard), None) = (&share, options.shard, &failure) {
-        shard::write(path, shard, &film, identity, options.quiet)?;
-        return end(&film, None, resume);
-    }
-    leave_filter_out(&mut methods, &film);
-    let clock = Instant::now();
-    let filtered = methods.filter.apply(&film).map_err(Failure::new)?;
-    seconds.filter = clock.elapsed().as_secs_f64();
-    let probes = stage.probe_cost();
-    seconds.cluster = stage.cluster_seconds();
-    seconds.probe = probes.seconds;
-    // Probes are shot when the first round is planned.
-    seconds.plan = (film.record().plan_seconds() - probes.seconds).max(0.0);
-    seconds.trace = film.record().trace_seconds();
-    let cpu = cpu_seconds().zip(cpu).map(|(after, before)| after - before);
-
-    let report = Report {
-        settings: &settings,
-        methods: &methods,
-        scene: &scene,
-        film: &film,
-        filtered: &filtered,
-        clusters: clusters.as_deref(),
-        probe_rays: probes.rays,
-        seconds,
-        cpu,
-        light_choice: options.light_choice().name(),
-        expected: expected.as_ref(),
-    };
-    warn_of_rejected(&film, &settings);
-    warn_of_clusters(clusters.as_deref(), &stage);
-    if failure.is_none() {
-        warn_of_error(&film, options);
-    }
-    deliver(report, &files, 1.0 / world.space().scale(), options)?;
-    end(&film, failure, resume)
-}
-
-/// What is recorded for filter and files; the sampler's own needs come on top.
-fn needs(options: &Options, methods: &Methods, files: &Files, clusters: bool) -> Needs {
-    let needs = methods.filter.needs().and(files.needs(clusters));
-    match options.shard {
-        // What any image that is made of them may show.
-        Some(_) => needs.with_variance().with_first_hits(u8::from(clusters)),
-        None => needs,
+        if !self.quiet {
+            tell(report.summary())?;
+            written.iter().try_for_each(tell)?;
+        }
+        Ok(())
     }
 }
 
-/// What the render will take, when everything is made and nothing is traced.
-fn expect(
-    options: &Options,
-    settings: &Settings,
-    methods: &mut Methods,
-    files: &Files,
-    needs: Needs,
-    foreseen: &Expected,
-) -> Result<Expected> {
-    let memory = methods.memory(settings, needs, options.shard)?;
-    let keeps = options.checkpoint.is_some() || options.resume.is_some() || options.shard.is_some();
-    let writing = files.memory(&settings.frame, &memory.needs, methods.filter.name() != "none");
-    Ok(Expected::of_render(foreseen, &memory, writing, keeps))
+/// The file of a shard, which is known to be writable.
+fn shard_file(args: &RenderArgs, loaded: &LoadedScene) -> Result<Option<PathBuf>> {
+    let Some(shard) = loaded.spec().shard else { return Ok(None) };
+    let named = || PathBuf::from(format!("{}-{}-of-{}.shard", loaded.scene().name, shard.index() + 1, shard.of()));
+    let path = args.outputs.first().cloned().unwrap_or_else(named);
+    check_writable(&path).map_err(Failure::new)?;
+    Ok(Some(path))
 }
 
-/// Pixels that a filter is taken to finish in a second, one thread: what the default is held to (8 microseconds a pixel).
-const FILTERED_A_SECOND: usize = 125_000;
-
-/// Whoever stops a render wants to have it soon: a filter that would take a second or more is left out, and said to be.
-fn leave_filter_out(methods: &mut Methods, film: &Film) {
-    let patience = FILTERED_A_SECOND * rayon::current_num_threads();
-    if film.record().interrupted && methods.filter.name() != Unfiltered.name() && film.frame().pixels() > patience {
-        warn(format!("stopped: the image is not filtered, since {} would take too long", methods.filter.name()));
-        methods.filter = Box::new(Unfiltered);
+fn write_shard(path: &Path, job: &Job, film: &Film, quiet: bool) -> Result<()> {
+    let Some(shard) = job.spec().shard else { return Ok(()) };
+    if film.record().interrupted {
+        warn(failure::warning(&Warning::ShardStopped(shard)));
+        return Ok(());
     }
+    let bytes = job.shard_bytes(film).map_err(|e| failure::of_job(&e))?;
+    write_file(path, &bytes).map_err(Failure::new)?;
+    if quiet {
+        return Ok(());
+    }
+    let samples = film.record().samples;
+    tell(format!("{}: shard {shard}, {samples} samples; dapple merge makes the image of all shards", path.display()))
 }
 
-/// The last words, after everything is written. `resume` is the checkpoint to go on from, or why there is none.
-fn end(film: &Film, failure: Option<Failure>, resume: Option<Result<PathBuf>>) -> Result<Outcome> {
-    let interrupted = film.record().interrupted;
-    let go_on = match resume {
-        Some(Err(trouble)) if interrupted => return Err(trouble),
-        Some(Err(Failure(lines))) => {
-            lines.iter().for_each(warn);
+/// The end of the program, after everything is written. `checkpoint` is the file to resume from, or why there is none.
+fn end(
+    interrupted: bool,
+    panicked: Option<String>,
+    checkpoint: Option<std::result::Result<PathBuf, JobError>>,
+) -> Result<Outcome> {
+    let resume = match checkpoint {
+        Some(Err(trouble)) if interrupted => return Err(failure::of_job(&trouble)),
+        Some(Err(trouble)) => {
+            warn(trouble.to_string());
             None
         }
         Some(Ok(path)) => Some(path),
         None => None,
     };
-    match failure {
-        Some(failure) => Err(failure),
+    match panicked {
+        Some(message) => Err(Failure::new(message + "; the samples before it are saved")),
         None if interrupted => {
-            say("interrupted", "the image is what was done until then");
-            if let Some(path) = go_on {
-                say("interrupted", &format!("the same words with --resume {} go on from there", path.display()));
+            say("interrupted", "the image holds the samples until then");
+            if let Some(path) = resume {
+                say("interrupted", &format!("the same command with --resume {} resumes it", path.display()));
             }
             Ok(Outcome::Interrupted)
         }
@@ -214,171 +229,10 @@ fn end(film: &Film, failure: Option<Failure>, resume: Option<Result<PathBuf>>) -
     }
 }
 
-/// Writes the files and says how it went. `unit` as in [`dapple_job::output::layers`].
-fn deliver(mut report: Report<'_>, files: &Files, unit: f64, options: &Options) -> Result<()> {
-    if report.film.record().samples == 0 {
-        warn("stopped before the first sample: nothing is saved");
-        return Ok(());
-    }
-    let clock = Instant::now();
-    let written = files.write(&report, unit)?;
-    report.seconds.write = clock.elapsed().as_secs_f64();
-    if options.json {
-        return tell(report.json());
-    }
-    if !options.quiet {
-        tell(report.summary())?;
-        written.iter().try_for_each(tell)?;
-    }
-    Ok(())
-}
-
-/// Ends the program as clap does for a single wrong word: usage, exit status 2.
-fn refuse(wrong: &str) -> ! {
-    let mut words = crate::Words::command();
-    words.build();
-    let kind = ErrorKind::ValueValidation;
-    match words.find_subcommand_mut("render") {
-        Some(render) => render.error(kind, wrong).exit(),
-        None => words.error(kind, wrong).exit(),
-    }
-}
-
-/// What came of tracing.
-struct Traced {
-    film: Film,
-    /// What an integrator's panic left is kept beside it.
-    failure: Option<Failure>,
-    /// Where to go on from, or why that is not possible; `None` without checkpoints.
-    resume: Option<Result<PathBuf>>,
-}
-
-/// Traces, from the beginning or from a checkpoint.
-fn trace(
-    settings: &Settings,
-    methods: &mut Methods,
-    needs: Needs,
-    world: &World,
-    options: &Options,
-    identity: &Identity,
-    mut progress: Progress,
-) -> Result<Traced> {
-    let mut integrator = integrator(world);
-    let (frame, limits) = (settings.frame, &settings.limits);
-    let mut share;
-    let sampler: &mut dyn Sampler = match options.shard {
-        None => &mut *methods.sampler,
-        Some(shard) => {
-            share = Sharded::new(&mut *methods.sampler, shard, limits).map_err(|e| no_shard(shard, &e))?;
-            &mut share
-        }
-    };
-    // Beside --checkpoint with the same file: the first time there is none.
-    let begins = |from: &PathBuf| options.checkpoint.as_ref() == Some(from) && !Store::exists(from);
-    let film = match options.resume.as_ref().filter(|from| !begins(from)) {
-        None => {
-            dapple_core::Render::new(frame, limits).needs(needs).monitor(&mut progress).run(&mut *integrator, sampler)
-        }
-        Some(from) => {
-            let snapshot = checkpoints::read(from, identity)?;
-            let done = snapshot.film().record().samples as f64 / frame.pixels() as f64;
-            if !options.quiet && !options.json {
-                say("resume", &format!("going on after {done:.2} spp"));
-            }
-            dapple_core::Render::new(frame, limits).needs(needs).monitor(&mut progress).resume(
-                snapshot,
-                &mut *integrator,
-                sampler,
-            )
-        }
-    };
-    progress.finish();
-    let resume = progress.checkpoints.map(|kept| {
-        let path = kept.path().to_owned();
-        kept.into_trouble().map_or(Ok(path), Err)
-    });
-    let error = match film {
-        Ok(film) => return Ok(Traced { film, failure: None, resume }),
-        Err(error) => error,
-    };
-    let message = error.to_string();
-    match error {
-        Error::Panicked { film, .. } => {
-            let failure = Some(Failure::new(message + "; what was finished before is saved"));
-            Ok(Traced { film: *film, failure, resume })
-        }
-        _ => Err(Failure::new(message)),
-    }
-}
-
-/// What was read otherwise than written.
-fn warn_of(scene: &Scene, options: &Options) {
-    crate::scene::warn_of(scene, &options.scene);
-    if let (Some(suggested), Some(spp)) = (scene.film.spp, options.mean_spp())
-        && options.spp.is_none()
-        && f64::from(suggested) != spp
-    {
-        let name = options.scene.display();
-        warn(format!("{name} suggests {suggested} spp, and {spp} are taken: --spp {suggested} follows it"));
-    }
-}
-
-/// Leaves effects out, and says so.
-fn leave_out(scene: &mut Scene, effects: &[Effect]) -> Result<()> {
-    let called = Effects::of(scene);
-    for effect in effects {
-        *scene = without(scene, *effect).map_err(|e| Failure::new(format!("--without {effect}: {e}")))?;
-        let by = called.called().iter().find(|c| c.effect == *effect);
-        let by = by.map_or_else(String::new, |c| format!("; {} calls for it ({})", c.source, c.because));
-        warn(format!("without {effect}: {}{by}", effect.left_out()));
-    }
-    Ok(())
-}
-
-/// A grid that tells nothing apart, and probes that were no numbers, make clusters useless without a word.
-fn warn_of_clusters(clusters: Option<&WorldClusters>, stage: &Stage) {
-    if let Some(report) = clusters.and_then(WorldClusters::report).filter(|report| report.is_degenerate()) {
-        let (occupied, requested) = (report.occupied, report.requested());
-        warn(format!(
-            "of {requested} voxels {occupied} hold all triangles: clusters tell little apart. Something far off stretches the \
-             scene; a larger clamp= and k= help, or leaving it out"
-        ));
-    }
-    let rejected = stage.rejected_probes();
-    if rejected > 0 {
-        warn(format!("{rejected} probes hit something at a place that is no number, and count as background"));
-    }
-}
-
-/// An error limit that was not met.
-fn warn_of_error(film: &Film, options: &Options) {
-    let Some(asked) = options.error else { return };
-    let predicted = film.predicted_relmse();
-    if film.record().interrupted || predicted.is_some_and(|predicted| predicted <= asked) {
-        return;
-    }
-    let known = predicted.map_or_else(|| "unknown".to_owned(), |predicted| format!("{predicted:.2e}"));
-    warn(format!(
-        "the predicted relMSE is {known}, not {asked}: the sampler's threshold or the highest budget ended it (--max-spp \
-         raises the latter)"
-    ));
-}
-
-fn warn_of_rejected(film: &Film, settings: &Settings) {
-    let Some(first) = film.rejected().first() else { return };
-    let (all, samples) = (film.record().rejected, film.record().samples);
-    let id = first.sample;
-    let [x, y] = id.pixel;
-    let replay = match id.stream {
-        streams::WHOLE => {
-            let (spp, right, below) = (id.index + 1, x + 1, y + 1);
-            format!(": replay it with --sampler uniform --spp {spp} --crop {x},{y},{right},{below}")
-        }
-        _ => String::new(),
-    };
-    warn(format!(
-        "{all} of {samples} samples were NaN, infinite or negative and count as 0; the first is sample {} of stream {} \
-         in pixel ({x}, {y}) with {}{replay}",
-        id.index, id.stream, settings.points_described
-    ));
+/// The advice to replay a rejected sample by itself.
+pub(crate) fn replay(first: &dapple_core::Rejected) -> Option<String> {
+    let [x, y] = first.sample.pixel;
+    let (spp, right, below) = (first.sample.index + 1, x + 1, y + 1);
+    let crop = format!("{x},{y},{right},{below}");
+    can_be_replayed(first).then(|| format!("replay it with --sampler uniform --spp {spp} --crop {crop}"))
 }

@@ -1,10 +1,10 @@
-//! Ctrl-C and SIGTERM: the first asks politely, the second leaves at once.
+//! Ctrl-C and SIGTERM: the first one stops the render and saves it, the second one ends the program at once.
 
 use crate::{Failure, Result};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Whether somebody asked to stop.
+/// The request to stop.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Stop(Arc<AtomicBool>);
 
@@ -15,7 +15,7 @@ impl Stop {
         let asked = stop.clone();
         ctrlc::set_handler(move || {
             if asked.0.swap(true, Ordering::Relaxed) {
-                // Asked a second time: whoever insists does not want to wait for files.
+                // A second signal does not wait for files.
                 #[allow(clippy::exit)]
                 std::process::exit(130);
             }

@@ -1,15 +1,17 @@
 //! `dapple study`.
 
-mod options;
+mod args;
 mod progress;
 
-pub(crate) use options::Options;
+pub(crate) use args::StudyArgs;
 
 use crate::machine::{cpu_seconds, start_threads};
 use crate::output::{say, tell};
 use crate::stop::Stop;
 use crate::{Failure, Outcome, Result};
-use dapple_study::{Ended, InProcess, Job, Processes, Runner, Sitting, Study, StudyError, write_report};
+use dapple_study::{
+    InProcess, Processes, RunRequest, Runner, Study, StudyError, StudyOptions, StudyStatus, write_report,
+};
 use progress::Bar;
 use std::io::Read;
 use std::path::Path;
@@ -17,11 +19,11 @@ use std::path::Path;
 /// The hidden command that a run in a process of its own is made by.
 const ONE: &str = "study-run";
 
-pub(crate) fn run(options: &Options) -> Result<Outcome> {
+pub(crate) fn run(options: &StudyArgs) -> Result<Outcome> {
     let plan = match options.plan() {
         Ok(plan) => plan,
-        Err(options::Wrong::Words(wrong)) => options::refuse(&wrong),
-        Err(options::Wrong::File(failure)) => return Err(failure),
+        Err(args::Wrong::Arguments(wrong)) => return Err(Failure::usage("study", wrong)),
+        Err(args::Wrong::File(failure)) => return Err(failure),
     };
     let stop = Stop::listen()?;
     // Counted in 16 bits there, and checked in the plan.
@@ -30,24 +32,24 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
         false => Box::new(InProcess::new(cpu_seconds)),
         true => Box::new(Processes::new(&itself()?, &[ONE])),
     };
-    let sitting = Sitting { references: options.references.clone(), command: std::env::args().collect() };
+    let session = StudyOptions::default().with_references(options.references.clone()).with_command(std::env::args());
     let mut bar = Bar::new(options.quiet, stop);
     let folder = &options.output;
-    let opened = Study::open(plan, folder, &sitting, &mut bar);
+    let opened = Study::open(plan, folder, &session, &mut bar);
     let Some(mut study) = opened.map_err(|e| told(&e, &mut bar))? else {
         bar.finish();
-        say("interrupted", "before the first run: nothing but finished references is kept");
+        say("interrupted", "before the first run: finished references are kept");
         return Ok(Outcome::Interrupted);
     };
     let (before, runs) = (study.runs().len(), study.expected());
     if before > 0 && before < runs {
-        bar.say(&format!("going on after {before} of {runs} runs"));
+        bar.say(&format!("resuming after {before} of {runs} runs"));
     }
     let ended = study.run(&mut *runner, &mut bar).map_err(|e| told(&e, &mut bar))?;
     bar.finish();
-    if ended == Ended::Stopped {
+    if ended == StudyStatus::Stopped {
         let (done, at) = (study.runs().len(), folder.display());
-        say("interrupted", &format!("{done} of {runs} runs are in {at}; the same command goes on from there"));
+        say("interrupted", &format!("{done} of {runs} runs are in {at}; the same command resumes"));
         if done > 0 {
             deliver(folder, options.quiet)?;
         }
@@ -56,30 +58,30 @@ pub(crate) fn run(options: &Options) -> Result<Outcome> {
     deliver(folder, options.quiet)
 }
 
-/// What is made of the runs: the one place to call the summary and the report from.
+/// Writes the summary and the report.
 fn deliver(folder: &Path, quiet: bool) -> Result<Outcome> {
     let _ = write_report(folder).map_err(Failure::new)?;
     if !quiet {
-        tell(format!("{}: what was found, to read and to show", folder.join("report.html").display()))?;
-        tell(format!("{}: every figure of it", folder.join("summary.csv").display()))?;
-        tell(format!("{}: its tables, and plots beside it, for other pages", folder.join("summary.md").display()))?;
+        tell(format!("{}: the report", folder.join("report.html").display()))?;
+        tell(format!("{}: all its figures", folder.join("summary.csv").display()))?;
+        tell(format!("{}: its tables and plots, for other pages", folder.join("summary.md").display()))?;
         tell(format!("{}: every run, a line of JSON each", folder.join("runs.jsonl").display()))?;
-        tell(format!("{}: how they were made", folder.join("study.json").display()))?;
+        tell(format!("{}: the plan and the machine", folder.join("study.json").display()))?;
     }
     Ok(Outcome::Done)
 }
 
 /// `dapple study-run`.
 pub(crate) fn run_one() -> Result<Outcome> {
-    // Whoever presses Ctrl-C stops the study between its runs; this one is finished.
+    // Ctrl-C stops the study between its runs; this one is finished.
     let _stop = Stop::listen()?;
-    let mut words = String::new();
-    std::io::stdin().read_to_string(&mut words).map_err(|e| Failure::new(format!("cannot read the run: {e}")))?;
-    let job: Job = serde_json::from_str(&words).map_err(|e| {
-        Failure::new(format!("this is no run ({e}): dapple study gives them, and calls this by itself"))
+    let mut json = String::new();
+    std::io::stdin().read_to_string(&mut json).map_err(|e| Failure::new(format!("cannot read the run: {e}")))?;
+    let request: RunRequest = serde_json::from_str(&json).map_err(|e| {
+        Failure::new(format!("this is not a run ({e}); dapple study makes runs, and starts this command by itself"))
     })?;
-    start_threads(u16::try_from(job.threads).unwrap_or(0))?;
-    let run = InProcess::fresh(cpu_seconds).run(&job).map_err(|e| Failure::lines(&e))?;
+    start_threads(u16::try_from(request.threads).unwrap_or(0))?;
+    let run = InProcess::fresh(cpu_seconds).run(&request).map_err(|e| Failure::lines(&e))?;
     tell(serde_json::to_string(&run).map_err(Failure::new)?)?;
     Ok(Outcome::Done)
 }
@@ -88,7 +90,7 @@ fn itself() -> Result<std::path::PathBuf> {
     std::env::current_exe().map_err(|e| Failure::new(format!("--fresh: cannot find this program: {e}")))
 }
 
-/// The library knows no options; here its advice has a name.
+/// The library knows no options.
 fn told(error: &StudyError, bar: &mut Bar) -> Failure {
     bar.finish();
     Failure::lines(&error.to_string().replace("allow unsupported directives", "--allow-unsupported"))

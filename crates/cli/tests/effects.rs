@@ -66,7 +66,7 @@ fn furnace(rho: f64, depth: &str) -> String {
 
 /// In a furnace of albedo rho, depth D leaves a share of rho^(D+1) of the radiance out (STATISTICS, closed references).
 #[test]
-fn l13_what_the_depth_cuts_off_is_reported() {
+fn what_the_depth_cuts_off_is_reported_l13() {
     let folder = Folder::new();
     for (rho, depth, share) in [(0.5_f64, 3, 0.0625), (0.8, 2, 0.512), (0.5, 0, 0.5)] {
         std::fs::write(folder.path("furnace.pbrt"), furnace(rho, &depth.to_string())).expect("written");
@@ -96,7 +96,7 @@ fn what_is_left_out_is_said_three_times() {
     let said = folder.run(words);
     assert_eq!(said.status, Some(0), "{}", said.err);
     for line in [
-        "warning: without soft-shadows: each lamp is a point of the same power, and cannot be seen; ",
+        "warning: without soft-shadows: each area light is a point light of the same power, and invisible; ",
         "warning: without interreflection: light is scattered once; ",
         "tiny.pbrt:11 calls for it (a sphere shines)",
     ] {

@@ -1,4 +1,4 @@
-//! Z03: what does not fit is refused before it starts, with the number; and the number is true.
+//! Renders that do not fit into memory are refused before they start, and the estimate is right (Z03).
 
 #![allow(clippy::print_stderr, reason = "tests say when they skip, and what they measure")]
 
@@ -18,7 +18,7 @@ fn bytes_after(text: &str, before: &str) -> Option<f64> {
 }
 
 #[test]
-fn z03_what_does_not_fit_is_refused_before_it_starts() {
+fn what_does_not_fit_is_refused_before_it_starts_z03() {
     let folder = Folder::new();
     let refused = |words: &str| -> Said {
         let clock = std::time::Instant::now();
@@ -67,7 +67,7 @@ fn z03_what_does_not_fit_is_refused_before_it_starts() {
 
 /// Sums beyond 64 bits, and images of more pixels than have numbers.
 #[test]
-fn z03_sizes_that_overflow_are_refused() {
+fn sizes_that_overflow_are_refused_z03() {
     let folder = Folder::new();
     for resolution in ["65537x65537", "4294967295x4294967295"] {
         let said = folder.run(&format!("render tiny.pbrt --resolution {resolution} --memory 1000T"));
@@ -80,7 +80,7 @@ fn z03_sizes_that_overflow_are_refused() {
 /// Without a limit of the user's, what the machine has is one.
 #[cfg(target_os = "linux")]
 #[test]
-fn z03_images_larger_than_the_machine_are_refused() {
+fn images_larger_than_the_machine_are_refused_z03() {
     let available = std::fs::read_to_string("/proc/meminfo").unwrap_or_default();
     let available = available.lines().find_map(|line| line.strip_prefix("MemAvailable:"));
     let available = available.and_then(|rest| rest.trim().strip_suffix("kB")?.trim().parse::<u64>().ok());
@@ -91,7 +91,7 @@ fn z03_images_larger_than_the_machine_are_refused() {
     let folder = Folder::new();
     let said = folder.run("render tiny.pbrt --resolution 65535x65535 --spp 1 -o a.png");
     assert_eq!((said.status, said.out.as_str()), (Some(1), ""));
-    assert!(said.err.contains("is what there is (--memory SIZE") && said.err.contains("--crop"), "{}", said.err);
+    assert!(said.err.contains("is all there is (--memory SIZE") && said.err.contains("--crop"), "{}", said.err);
     assert!(folder.names().is_empty(), "{:?}", folder.names());
 }
 
@@ -122,7 +122,7 @@ fn taken(folder: &Folder, words: &str) -> Taken {
 
 #[cfg(target_os = "linux")]
 #[test]
-fn z03_estimates_hold_within_a_tenth() {
+fn estimates_hold_within_a_tenth_z03() {
     let folder = Folder::new();
     if std::fs::read_to_string("/proc/self/status").is_err() {
         eprintln!("skipped: no /proc here, which tells what memory a process has");

@@ -107,7 +107,7 @@ fn the_same_words_give_the_same_bytes() {
 /// One lamp, and eight of them: those chosen by their power, since what is learned of a crop is not what the whole
 /// image would teach.
 #[test]
-fn r06_a_crop_is_the_whole_images() {
+fn a_crop_is_the_whole_images_r06() {
     let folder = Folder::new();
     let words = "--sampler uniform --filter none --spp 4 --resolution 24x16";
     let red = |words: &str| {
@@ -160,7 +160,7 @@ fn an_exr_file_tells_how_it_was_made() {
         ("resolution", "24x16"),
         ("crop", "0,0,24,16"),
         ("max-depth", "5"),
-        ("light-choice", "learned"),
+        ("light-selection", "learned"),
         ("effects", "soft-shadows,interreflection"),
         ("rejected", "0"),
         ("notices", "none"),
@@ -241,7 +241,7 @@ fn clusters_are_shown_and_charged() {
 
 /// HARD_CASES K04: adaptivity is not lost without a word.
 #[test]
-fn k04_a_far_triangle_that_spoils_the_clusters_is_told() {
+fn a_far_triangle_that_spoils_the_clusters_is_told_k04() {
     let folder = Folder::new();
     let scene = String::from_utf8(folder.read("tiny.pbrt")).expect("text");
     let strip: Vec<String> = (0..24).map(|i| format!("{} 0.1 {}", i / 2, -1 - i % 2)).collect();
@@ -305,7 +305,7 @@ fn the_default_scene_is_the_bundled_teapot() {
 }
 
 #[test]
-fn i09_outputs_are_whole_or_not_there() {
+fn outputs_are_whole_or_not_there_i09() {
     let folder = Folder::new();
     std::fs::write(folder.path("old.png"), "old").expect("written");
     let said = folder.run("render tiny.pbrt --spp 1 -o old.png -o missing/b.exr");
@@ -339,7 +339,7 @@ fn i09_outputs_are_whole_or_not_there() {
 
 #[cfg(unix)]
 #[test]
-fn x08_a_signal_saves_what_is_done() {
+fn a_signal_saves_what_is_done_x08() {
     use std::process::{Command, Stdio};
     use std::time::{Duration, Instant};
     for signal in ["INT", "TERM"] {
@@ -399,7 +399,7 @@ fn an_image_equals_itself_and_no_other() {
 
 /// What the clock says of the phases is what the program takes, but for its start and end.
 #[test]
-fn t01_phases_sum_to_the_total() {
+fn phases_sum_to_the_total_t01() {
     let folder = Folder::new();
     let words = "render tiny.pbrt --resolution 192x128 --spp 128 --sampler variance --filter gaussian --json";
     // A machine that is busy may stop the program while it starts: one of three times in a row is enough.

@@ -1,5 +1,4 @@
-//! Renders that are killed, stopped and gone on with, and images made in shards, as their user meets them (HARD_CASES X01,
-//! X04 to X08). The long test: `cargo test --release -p dapple-cli --test resume -- --ignored` (2 minutes).
+//! Renders that are killed, stopped and resumed, and images made in shards, as their user meets them (X01, X04 to X08). The long test: `cargo test --release -p dapple-cli --test resume -- --ignored` (2 minutes).
 
 mod common;
 
@@ -66,7 +65,7 @@ fn killed(words: &str, spp: u32, every: f64, moments: &[u64]) {
 }
 
 #[test]
-fn x01_killed_and_gone_on_with() {
+fn killed_and_gone_on_with_x01() {
     killed("--sampler uniform", 96, 0.02, &[3, 0]);
     killed(ADAPTIVE, 64, 0.02, &[0, 5]);
 }
@@ -74,7 +73,7 @@ fn x01_killed_and_gone_on_with() {
 /// 20 kills each of samplers with and without a state, of one that learns, and with a filter.
 #[test]
 #[ignore = "2 minutes: run it as the head of this file says"]
-fn x01_twenty_kills() {
+fn twenty_kills_x01() {
     let moments: Vec<u64> = (0..20_u64).map(|k| (k * 7919 + 13) % 41).collect();
     killed("--sampler uniform", 1500, 0.01, &moments);
     killed(ADAPTIVE, 1000, 0.01, &moments);
@@ -83,7 +82,7 @@ fn x01_twenty_kills() {
 }
 
 #[test]
-fn x05_other_threads_and_filters() {
+fn other_threads_and_filters_x05() {
     let folder = Folder::new();
     let words = "render tiny.pbrt -q --sampler variance --spp 24 --seed 3";
     folder.done(&format!("{words} --filter none -o whole.exr -o whole.pfm"));
@@ -98,7 +97,7 @@ fn x05_other_threads_and_filters() {
 }
 
 #[test]
-fn x06_64_and_64_make_128() {
+fn samples_64_and_64_make_128_x06() {
     let folder = Folder::new();
     let words = "render tiny.pbrt -q --sampler uniform";
     folder.done(&format!("{words} --spp 128 -o whole.pfm"));
@@ -111,7 +110,7 @@ fn x06_64_and_64_make_128() {
 }
 
 #[test]
-fn x04_another_render_is_refused() {
+fn another_render_is_refused_x04() {
     let folder = Folder::new();
     let words = "render tiny.pbrt --spp 2 --sampler uniform -q -o a.pfm";
     folder.done(&format!("{words} --checkpoint c"));
@@ -123,7 +122,7 @@ fn x04_another_render_is_refused() {
         ("--resolution 12x8", vec!["resolution: 24x16 there, 12x8 here", "window: 0,0,24,16 there, 0,0,12,8 here"]),
         ("--max-depth 2", vec!["max depth: ", " there, 2 here"]),
         ("--pixel-filter box", vec!["pixel filter: "]),
-        ("--light-choice uniform", vec!["light choice: learned there, uniform here"]),
+        ("--light-selection uniform", vec!["light selection: learned there, uniform here"]),
         ("--without interreflection", vec!["without: "]),
         ("--max-spp 9", vec!["samples per pixel: 1 to 4294967295 there, 1 to 9 here"]),
     ];
@@ -134,7 +133,7 @@ fn x04_another_render_is_refused() {
         let said = folder.run(&format!("{words} {other} --resume c"));
         assert_eq!(said.status, Some(1), "{other}: {}", said.err);
         assert!(
-            said.err.contains("error: c: it is of another render than the one asked for:"),
+            said.err.contains("error: c: the file is of another render than the one asked for:"),
             "{other}: {}",
             said.err
         );
@@ -147,9 +146,9 @@ fn x04_another_render_is_refused() {
     std::fs::write(folder.path("tiny.pbrt"), common::TINY).unwrap();
     // What is no checkpoint, is none yet, or would be lost.
     for (word, expected) in [
-        ("--resume tiny.pbrt", "tiny.pbrt: it is no file of Dapple's"),
+        ("--resume tiny.pbrt", "tiny.pbrt: it is not a file of Dapple's"),
         ("--resume missing", "missing: there is no such checkpoint"),
-        ("--checkpoint c", "c: there is a checkpoint already: --resume c goes on from it"),
+        ("--checkpoint c", "c: a checkpoint exists; resume from it with --resume c"),
         ("--checkpoint d --resume missing", "missing: there is no such checkpoint"),
         ("--checkpoint folder/c", "folder/c: cannot make a file beside it"),
     ] {
@@ -157,13 +156,13 @@ fn x04_another_render_is_refused() {
         assert!(said.status == Some(1) && said.err.contains(expected), "{word}: {}", said.err);
     }
     let said = folder.run(&format!("{words} --checkpoint-every 3"));
-    assert!(said.status == Some(2) && said.err.contains("needs a --checkpoint"), "{}", said.err);
+    assert!(said.status == Some(2) && said.err.contains("needs --checkpoint FILE"), "{}", said.err);
     assert_eq!(folder.read("c"), before);
     folder.done(&format!("{words} --resume c"));
 }
 
 #[test]
-fn x03_a_damaged_checkpoint_gives_way_to_the_one_before() {
+fn a_damaged_checkpoint_gives_way_to_the_one_before_x03() {
     let folder = Folder::new();
     let words = "render tiny.pbrt --spp 2 --sampler uniform -q -o a.pfm";
     folder.done(&format!("{words} --checkpoint c"));
@@ -175,7 +174,7 @@ fn x03_a_damaged_checkpoint_gives_way_to_the_one_before() {
     let said = folder.run(&format!("{} --resume c", words.replace("--spp 2", "--spp 4").replace("a.pfm", "again.pfm")));
     assert_eq!(said.status, Some(0), "{}", said.err);
     assert!(
-        said.err.contains("warning: c: it is damaged (its checksum is wrong): going on from the checkpoint before it"),
+        said.err.contains("warning: c: it is damaged (its checksum is wrong); resuming from the checkpoint before it"),
         "{}",
         said.err
     );
@@ -184,7 +183,7 @@ fn x03_a_damaged_checkpoint_gives_way_to_the_one_before() {
 
 #[cfg(unix)]
 #[test]
-fn x08_a_signal_leaves_image_and_checkpoint() {
+fn a_signal_leaves_image_and_checkpoint_x08() {
     for (name, first) in [("INT", "--checkpoint c"), ("TERM", "--checkpoint c --resume c")] {
         let folder = Folder::new();
         let words = "render tiny.pbrt --sampler uniform --resolution 200x150";
@@ -199,7 +198,7 @@ fn x08_a_signal_leaves_image_and_checkpoint() {
         let said = Said::of(child.wait_with_output().expect("it ends"));
         assert!(asked.elapsed() < Duration::from_secs(2), "{:?}", asked.elapsed());
         assert_eq!(said.status, Some(130), "{}", said.err);
-        assert!(said.err.ends_with("interrupted: the same words with --resume c go on from there\n"), "{}", said.err);
+        assert!(said.err.ends_with("interrupted: the same command with --resume c resumes it\n"), "{}", said.err);
         let size = folder.read("a.pfm").len();
         assert!(size > 12 * 200 * 150);
         // The image is that of the checkpoint: no sample is lost.
@@ -210,7 +209,7 @@ fn x08_a_signal_leaves_image_and_checkpoint() {
 /// Its filter alone would take longer than the two seconds that stopping may take.
 #[cfg(unix)]
 #[test]
-fn x08_a_large_image_is_left_unfiltered_by_a_signal() {
+fn a_large_image_is_left_unfiltered_by_a_signal_x08() {
     let folder = Folder::new();
     let child = folder.start(
         "render tiny.pbrt --resolution 512x384 --spp 100000 --threads 1 -o a.exr --checkpoint c --checkpoint-every 0.1",
@@ -225,7 +224,7 @@ fn x08_a_large_image_is_left_unfiltered_by_a_signal() {
 
 #[cfg(target_os = "linux")]
 #[test]
-fn x08_a_full_disk_is_tried_again() {
+fn a_full_disk_is_tried_again_x08() {
     let folder = Folder::new();
     std::fs::create_dir(folder.path("full")).unwrap();
     // As if the disk were full: where the part would go there is a link to a device that is.
@@ -240,7 +239,7 @@ fn x08_a_full_disk_is_tried_again() {
 }
 
 #[test]
-fn x07_shards_make_the_image_of_one_machine() {
+fn shards_make_the_image_of_one_machine_x07() {
     let folder = Folder::new();
     for (words, of) in [
         ("render tiny.pbrt --sampler uniform --spp 9.5 --seed 4 --max-depth 3", 3),
@@ -251,7 +250,7 @@ fn x07_shards_make_the_image_of_one_machine() {
         let names: Vec<String> = (1..=of).rev().map(|i| format!("{i}.shard")).collect();
         for (i, name) in names.iter().enumerate() {
             let out = folder.done(&format!("{words} --threads {} --shard {}/{of} -o {name}", 1 + i % 2, of - i));
-            assert!(out.contains("dapple merge makes the image of all"), "{out}");
+            assert!(out.contains("dapple merge makes the image of all shards"), "{out}");
         }
         let all = names.join(" ");
         let json = folder.done(&format!("merge {all} --json -o all.exr -o all.pfm -o all.png"));
@@ -271,7 +270,7 @@ fn x07_shards_make_the_image_of_one_machine() {
 }
 
 #[test]
-fn x07_shards_that_make_no_image() {
+fn shards_that_make_no_image_x07() {
     let folder = Folder::new();
     let words = "render tiny.pbrt --sampler uniform --spp 2 -q";
     let unfiltered = format!("{words} --filter none");
@@ -284,32 +283,28 @@ fn x07_shards_that_make_no_image() {
     let [a, b, c] = [1, 2, 3].map(|i| format!("tiny-{i}-of-3.shard"));
     std::fs::write(folder.path("half.shard"), &folder.read(&b)[..200]).unwrap();
     for (shards, expected) in [
-        (format!("{a} {c}"), "missing: shard 2/3".to_owned()),
-        (format!("{a} {b} {c} {b}"), "shard 2/3 is there twice".into()),
+        (format!("{a} {c}"), "missing shards: 2/3".to_owned()),
+        (format!("{a} {b} {c} {b}"), "shard 2/3 is given twice".into()),
         (format!("{a} foreign.shard {c}"), format!("foreign.shard: beside {a}: seed: 9 there, 1 here")),
         (format!("{a} filtered.shard {c}"), format!("filtered.shard: beside {a}: filter: gaussian")),
-        (format!("{a} more.shard {c}"), "with another number of samples asked for".into()),
+        (format!("{a} more.shard {c}"), "it has another budget".into()),
         (format!("{a} half.shard {c}"), "half.shard: it is ".into()),
         (format!("{a} nowhere.shard {c}"), "nowhere.shard: there is no such shard".into()),
-        (format!("{a} tiny.pbrt {c}"), "tiny.pbrt: it is no file of Dapple's".into()),
+        (format!("{a} tiny.pbrt {c}"), "tiny.pbrt: it is not a file of Dapple's".into()),
     ] {
         let said = folder.run(&format!("merge {shards} -q -o p.pfm"));
         assert!(said.status == Some(1) && said.err.contains(&expected), "{shards}: {}", said.err);
     }
     assert!(!folder.path("p.pfm").exists());
     for (other, status, expected) in [
-        (
-            "--shard 1/2 --sampler variance",
-            1,
-            "the sampler variance cannot be shared out among machines: it looks at samples",
-        ),
+        ("--shard 1/2 --sampler variance", 1, "sampler \"variance\" cannot be split into shards: it reads samples"),
         ("--shard 1/17 --sampler uniform", 1, "a window of 16 rows has 16 shards at most"),
-        ("--shard 1/2 --sampler uniform --light-choice cells", 1, "learns from the whole image"),
-        ("--shard 0/2", 2, "I/N is wanted"),
-        ("--shard 3/2", 2, "I/N is wanted"),
+        ("--shard 1/2 --sampler uniform --light-choice cells", 2, "needs samples of the whole image"),
+        ("--shard 0/2", 2, "is not a shard I/N"),
+        ("--shard 3/2", 2, "is not a shard I/N"),
         ("--shard 1/2 --time 3", 2, "cannot be used with"),
         ("--shard 1/2 -o a.png", 2, "a .shard file"),
-        ("-o a.shard", 2, "is made by --shard I/N"),
+        ("-o a.shard", 2, "needs --shard I/N"),
     ] {
         let said = folder.run(&format!("render tiny.pbrt -q {other}"));
         assert!(said.status == Some(status) && said.err.contains(expected), "{other}: {}", said.err);

@@ -8,20 +8,20 @@ use dapple_scene::bundled;
 use std::time::{Duration, Instant};
 
 #[test]
-fn i06_settings_are_refused_before_anything_is_rendered() {
+fn settings_are_refused_before_anything_is_rendered_i06() {
     let folder = Folder::new();
     // The words, and what the message must hold: the key and what is allowed.
     let cases = [
-        ("--spp 0", 2, "'--spp <MEAN>': a finite number above zero is wanted"),
-        ("--spp -3", 2, "'--spp <MEAN>': a finite number above zero is wanted"),
-        ("--spp NaN", 2, "'--spp <MEAN>': a finite number above zero is wanted"),
-        ("--spp inf", 2, "'--spp <MEAN>': a finite number above zero is wanted"),
-        ("--time nan", 2, "'--time <SECONDS>': a finite number above zero is wanted"),
-        ("--error 0", 2, "'--error <RELMSE>': a finite number above zero is wanted"),
-        ("--exposure NaN", 2, "'--exposure <STOPS>': a finite number is wanted"),
-        ("--min-spp 5 --max-spp 2", 2, "--min-spp 5 is above --max-spp 2"),
-        ("--spp 2 --min-spp 3", 2, "--spp 2 is below --min-spp 3"),
-        ("--spp 4 --max-spp 3", 2, "--spp 4 is above 3"),
+        ("--spp 0", 2, "'--spp <MEAN>': a finite number above zero is required"),
+        ("--spp -3", 2, "'--spp <MEAN>': a finite number above zero is required"),
+        ("--spp NaN", 2, "'--spp <MEAN>': a finite number above zero is required"),
+        ("--spp inf", 2, "'--spp <MEAN>': a finite number above zero is required"),
+        ("--time nan", 2, "'--time <SECONDS>': a finite number above zero is required"),
+        ("--error 0", 2, "'--error <RELMSE>': a finite number above zero is required"),
+        ("--exposure NaN", 2, "'--exposure <STOPS>': a finite number is required"),
+        ("--min-spp 5 --max-spp 2", 2, "--min-spp: 5 is above the largest number of samples per pixel, 2"),
+        ("--spp 2 --min-spp 3", 2, "--spp: 2 is below the smallest number of samples per pixel, 3"),
+        ("--spp 4 --max-spp 3", 2, "--spp: 4 is above 3"),
         ("--spp 1e12", 2, "is above 4294967295"),
         ("--spp 4 --time 1", 2, "cannot be used with"),
         ("--error 1 --time 1", 2, "cannot be used with"),
@@ -45,7 +45,7 @@ fn i06_settings_are_refused_before_anything_is_rendered() {
         ("--sampler variance:policy=maybe", 2, "one of keep, discard, cross is wanted"),
         ("--sampler uniform:a=1", 2, "it takes none"),
         ("--pixel-filter round", 2, "possible values: scene, box"),
-        ("--without nonesuch", 2, "there is no effect \"nonesuch\": there are soft-shadows, several-lights, glossy, "),
+        ("--without nonesuch", 2, "unknown effect \"nonesuch\"; choose among soft-shadows, several-lights, glossy, "),
         ("--without glossy", 1, "the scene does not call for it; it calls for soft-shadows, interreflection"),
         ("--without interreflection --without glossy", 1, "--without glossy: the scene does not call for it"),
         ("--without interreflection --max-depth 1", 1, "it calls for soft-shadows\n"),
@@ -79,7 +79,7 @@ fn wrong_words_end_with_usage() {
         ("render tiny.pbrt --sampler nonesuch", unknown.as_str()),
         (
             "render tiny.pbrt --min-spp 5 --max-spp 2",
-            "error: --min-spp 5 is above --max-spp 2: the smallest count must not exceed the largest\n\n\
+            "error: --min-spp: 5 is above the largest number of samples per pixel, 2; lower one, or raise the other\n\n\
              Usage: dapple render [OPTIONS] [SCENE]\n\nFor more information, try '--help'.\n",
         ),
         (
@@ -104,7 +104,7 @@ fn scenes_that_cannot_be_rendered_say_why() {
     std::fs::write(folder.path("broken.pbrt"), broken + "Shape \"teapotahedron\"\n").expect("written");
     std::fs::write(folder.path("empty.pbrt"), "").expect("written");
     let missing = format!(
-        "error: missing.pbrt: there is no such file, and no such bundled scene: those are {}\n",
+        "error: missing.pbrt: there is no such file, and no such bundled scene; the bundled scenes are {}\n",
         bundled::names().join(", ")
     );
     let golden = [

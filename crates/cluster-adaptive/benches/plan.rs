@@ -51,7 +51,7 @@ fn area_vectors() -> AreaVectors {
     let tent = [[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 1]];
     let indices: Vec<[u32; 3]> = (0..CLUSTERS).flat_map(|_| tent).collect();
     let labels: Vec<u32> = (0..4 * CLUSTERS).map(|t| t / 4).collect();
-    let triangles = Triangles { positions: &positions, indices: &indices, materials: &[] };
+    let triangles = Triangles::new(&positions, &indices);
     AreaVectors::new(&triangles, &labels, CLUSTERS as usize).expect("labels that fit")
 }
 
@@ -80,7 +80,7 @@ fn bench(c: &mut Criterion) {
         });
     }
     for map in [RateMap::Identity, RateMap::Root, RateMap::Log] {
-        let options = ClusterThesisOptions { map, ..ClusterThesisOptions::default() };
+        let options = ClusterThesisOptions::default().map(map);
         group.bench_function(format!("importance/{}", map.name()), |b| {
             b.iter(|| pool.install(|| importance(black_box(&probes), &clusters, &ClusterSize::ProjectedBox, &options)));
         });
@@ -98,8 +98,8 @@ fn bench(c: &mut Criterion) {
     group.bench_function("next_round", |b| {
         b.iter(|| {
             let mut plan = Plan::empty(frame.pixels());
-            let budget = BudgetLeft { spent: 0, total, min_spp: 1, max_spp: u32::MAX };
-            let seen = Feedback { round: 0, film: &film, budget };
+            let budget = BudgetLeft::new(total);
+            let seen = Feedback::new(0, &film, budget);
             pool.install(|| sampler.next_round(&seen, &mut plan)).map(|_| plan)
         });
     });

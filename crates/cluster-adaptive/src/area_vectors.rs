@@ -3,9 +3,10 @@
 use crate::Error;
 use dapple_clustering::Triangles;
 
-/// The area vectors (unit normal times area) of every cluster's triangles: what
-/// `S(d) = sum |n_t . d| A_t`, the sum of projected triangle areas (the thesis' own remedy, 3.2.2 a,
-/// against boxes that are larger than what is in them), needs for any direction.
+/// The area vectors (unit normal times area) of every cluster's triangles.
+///
+/// They give `S(d) = sum |n_t . d| A_t`, the sum of projected triangle areas, for any direction. It is the thesis'
+/// own remedy against boxes that are larger than their contents [Lan 2016, 3.2.2 a].
 ///
 /// Where a cluster's normals all lie on one side of `d`, as they do unless it is seen at a grazing
 /// angle, the sum is `|d . sum of area vectors|`: one scalar product, and exact. Otherwise it is
@@ -29,7 +30,7 @@ struct Bundle {
     area: f64,
 }
 
-/// Triangles that are summed one by one.
+/// The most triangles that are summed one by one.
 const EXACT: usize = 256;
 /// Cells along each side of the octahedron's square: 256 bundles.
 const CELLS: usize = 16;
@@ -87,18 +88,18 @@ impl AreaVectors {
         self.clusters.push(Bundle { range: start..self.vectors.len(), sum: total, axis, sine, area });
     }
 
-    /// How many clusters there are.
+    /// The number of clusters.
     pub fn len(&self) -> usize {
         self.clusters.len()
     }
 
-    /// Whether there are none.
+    /// True if there are no clusters.
     pub fn is_empty(&self) -> bool {
         self.clusters.is_empty()
     }
 
     /// The sum of the projected areas of a cluster's triangles along the unit direction `d`, in world
-    /// units; what is hidden counts too. 0 for a cluster that is not there.
+    /// units; hidden triangles count too. 0 for an unknown cluster.
     pub fn projected(&self, cluster: u32, d: [f32; 3]) -> f64 {
         let Some(bundle) = self.clusters.get(cluster as usize) else { return 0.0 };
         let d = d.map(f64::from);
@@ -108,7 +109,7 @@ impl AreaVectors {
         self.vectors[bundle.range.clone()].iter().map(|&v| dot(v, d).abs()).sum()
     }
 
-    /// The sum of the areas of a cluster's triangles; 0 for a cluster that is not there.
+    /// The sum of the areas of a cluster's triangles; 0 for an unknown cluster.
     pub fn area(&self, cluster: u32) -> f64 {
         self.clusters.get(cluster as usize).map_or(0.0, |b| b.area)
     }
@@ -138,7 +139,7 @@ fn sum(vectors: &[[f64; 3]]) -> [f64; 3] {
     vectors.iter().fold([0.0; 3], |s, v| [s[0] + v[0], s[1] + v[1], s[2] + v[2]])
 }
 
-/// The sign of an area vector means nothing: winding may flip within a surface.
+/// Turns area vectors to the side of `axis`: their sign is arbitrary, since winding may flip within a surface.
 fn turn_to(axis: [f64; 3], vectors: &mut [[f64; 3]]) {
     for v in vectors.iter_mut().filter(|v| dot(axis, **v) < 0.0) {
         *v = v.map(|x| -x);

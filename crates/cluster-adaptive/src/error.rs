@@ -1,6 +1,6 @@
-//! What can be wrong with probes, labels and parameters.
+//! Errors of probes, labels and parameters.
 
-/// Why probes, clusters or parameters are refused. Each message says what to do.
+/// Probes, clusters or parameters that are refused. Each message has a remedy.
 #[non_exhaustive]
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum Error {
@@ -13,7 +13,7 @@ pub enum Error {
         pixel: [u32; 2],
         /// The primitive that was reported.
         primitive: u32,
-        /// How many labels there are.
+        /// The number of labels.
         labels: usize,
     },
     /// A label names a cluster that is not in the list.
@@ -23,7 +23,7 @@ pub enum Error {
     NoCluster {
         /// The label.
         label: u32,
-        /// How many clusters there are.
+        /// The number of clusters.
         clusters: usize,
     },
     /// As many labels as triangles are needed.
@@ -41,7 +41,7 @@ pub enum Error {
         triangle: usize,
         /// The vertex it names.
         vertex: u32,
-        /// How many vertices there are.
+        /// The number of vertices.
         vertices: usize,
     },
     /// A parameter outside its range.
@@ -51,15 +51,15 @@ pub enum Error {
         name: &'static str,
         /// The value given.
         value: String,
-        /// What is allowed.
+        /// The range.
         allowed: &'static str,
     },
     /// Probes were traced for another image.
     #[error("the probes are those of {of}, but {wanted} is rendered: probe that frame, or let the sampler probe")]
     OtherFrame {
-        /// What was probed.
+        /// The frame that was probed.
         of: String,
-        /// What is rendered.
+        /// The frame that is rendered.
         wanted: String,
     },
 }
@@ -70,21 +70,18 @@ impl Error {
     }
 }
 
-/// The render loop knows one kind of error for what a user passed in.
+impl From<dapple_core::OutOfRange> for Error {
+    fn from(dapple_core::OutOfRange { name, value, allowed }: dapple_core::OutOfRange) -> Self {
+        Self::OutOfRange { name, value, allowed }
+    }
+}
+
+/// Parameters keep the core's kind; all else keeps its own, as [`dapple_core::Error::Other`].
 impl From<Error> for dapple_core::Error {
     fn from(error: Error) -> Self {
         match error {
             Error::OutOfRange { name, value, allowed } => Self::OutOfRange { name, value, allowed },
-            Error::NoLabel { .. } => {
-                Self::OutOfRange { name: "probes", value: error.to_string(), allowed: "one label per primitive" }
-            }
-            Error::NoCluster { .. } => {
-                Self::OutOfRange { name: "labels", value: error.to_string(), allowed: "numbers of clusters" }
-            }
-            Error::OtherFrame { .. } => {
-                Self::OutOfRange { name: "probes", value: error.to_string(), allowed: "those of the frame rendered" }
-            }
-            _ => Self::OutOfRange { name: "triangles", value: error.to_string(), allowed: "valid triangles" },
+            error => Self::other("cluster-thesis", error),
         }
     }
 }

@@ -5,11 +5,11 @@ use crate::{ClusterSize, ClusterThesisOptions, Error, rates};
 use dapple_clustering::Cluster;
 use rayon::prelude::*;
 
-/// The increasing map `f` from the ratio `x = SP / SC` to a sampling rate (THESIS eq. 3-3). The thesis
-/// demands one and gives none.
+/// The increasing map `f` from the ratio `x = SP / SC` to a sampling rate [Lan 2016, eq. 3-3]. The thesis requires
+/// one and gives none.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum RateMap {
-    /// `x`: every cluster gets the same number of samples, as the thesis' prose has it.
+    /// `x`: every cluster gets the same number of samples, as in the thesis' prose.
     Identity,
     /// `sqrt(x)`: milder, the default.
     #[default]
@@ -19,16 +19,9 @@ pub enum RateMap {
     Log,
 }
 
-impl RateMap {
-    /// Its name: `identity`, `root` or `log`.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Identity => "identity",
-            Self::Root => "root",
-            Self::Log => "log",
-        }
-    }
+dapple_core::choices!(RateMap { Identity = "identity", Root = "root", Log = "log" });
 
+impl RateMap {
     /// `f(x)` for a ratio `x >= 0` and the median ratio.
     fn of(self, x: f64, median: f64) -> f64 {
         match self {
@@ -41,7 +34,7 @@ impl RateMap {
     }
 }
 
-/// How important pixels are.
+/// The sampling importance of all pixels.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Importance {
     /// One number per pixel of the window, row by row: finite, not negative, without unit; its mean is
@@ -51,21 +44,21 @@ pub struct Importance {
     pub replaced: usize,
 }
 
-/// The sampling importance of every pixel (THESIS 2.5): "cluster share, plus weight for a large angle
-/// between cluster normal and view ray, plus weight for distance". The thesis gives no formula; this is
-/// the simplest that its words allow:
+/// The sampling importance of every pixel.
+///
+/// [Lan 2016, 2.5] calls it "cluster share, plus weight for a large angle between cluster normal and view ray, plus
+/// weight for distance", and gives no formula. This is the simplest one:
 ///
 /// `I_p = share_p / <share> + angle * a_p / <a> + distance * z_p / <z>`
 ///
-/// with `share` the mean over the pixel's probes of `f(SP / SC)`, `a` that of `1 - |n . d|` (`n` the
-/// cluster's mean normal, or the surface's where normals cancel; `d` the ray), `z` that of the distance
-/// to the hit, and `< >` the mean over the image; a term whose mean is 0 is left out. Probes that met
-/// nothing add 0 to each, but for the share with [`ClusterSize::Hits`].
+/// with `share` the mean over the pixel's probes of `f(SP / SC)`, `a` that of `1 - |n . d|` (`n` the cluster's mean
+/// normal, or the surface's where normals cancel; `d` the ray), `z` that of the distance to the hit, and `< >` the
+/// mean over the image. A term whose mean is 0 is left out. Probes without a hit add 0 to each term, except to the
+/// share with [`ClusterSize::Hits`].
 ///
-/// Nothing in it has a unit: a scene scaled by any factor has the same importance, but for what rounding
-/// did to its coordinates. (The published [`PixelArea::One`](crate::PixelArea::One) is a number of world
-/// units too, the same for all pixels, so that the mean takes it out.) Values are rounded to `f32`, so that
-/// the last digits of `f64` do not show.
+/// Importance has no unit: a scene scaled by any factor has the same importance, except for the rounding of its
+/// coordinates. (The published [`PixelArea::One`](crate::PixelArea::One) is an area in world units too, the same for
+/// all pixels, and cancels in the mean.) Values are rounded to `f32`, which hides the last digits of `f64`.
 ///
 /// # Errors
 ///
@@ -77,7 +70,7 @@ pub fn importance(
     options: &ClusterThesisOptions,
 ) -> Result<Importance, Error> {
     options.check()?;
-    let rates = rates(probes, clusters, size, options.pixel_area)?;
+    let rates = rates(probes, clusters, size, options.pixel)?;
     let median = if options.map == RateMap::Log { median(probes, &rates.values) } else { 1.0 };
     let k = probes.placement().per_pixel() as usize;
     let terms = |(probes, rates): (&[Probe], &[f64])| -> [f64; 3] {
@@ -89,7 +82,7 @@ pub fn importance(
     };
     let pixels = probes.all().par_chunks_exact(k).zip(rates.values.par_chunks_exact(k)).with_min_len(4096);
     let terms: Vec<[f64; 3]> = pixels.map(terms).collect();
-    // One after the other: a sum must not depend on threads.
+    // In order: a sum must not depend on threads.
     let sums = terms.iter().copied().fold([0.0; 3], plus);
     let scale = |sum: f64, weight: f64| if sum > 0.0 { weight * terms.len() as f64 / sum } else { 0.0 };
     let [share, angle, distance] =
@@ -102,7 +95,7 @@ fn plus(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
     [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
 }
 
-/// `1 - cos` of the angle between the ray and the normal of what it met.
+/// `1 - cos` of the angle between the ray and the normal of the surface that it met.
 fn obliquity(probe: &Probe, clusters: &[Cluster]) -> f64 {
     if probe.cluster == BACKGROUND {
         return 0.0;

@@ -1,54 +1,51 @@
 //! The parameters of the published sampler.
 
 use crate::{Error, PixelArea, RateMap};
+use dapple_core::Options as _;
 
-/// The parameters of [`ClusterThesis`](crate::ClusterThesis). The defaults are the published
-/// combination as far as it is published; the thesis gives no formula for `map`, nor any for the two
-/// weights.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ClusterThesisOptions {
-    /// From the ratio of areas to a rate.
-    pub map: RateMap,
-    /// What a pixel's own area is taken to be.
-    pub pixel_area: PixelArea,
-    /// Weight of a large angle between cluster normal and ray, relative to the cluster's share, which
-    /// weighs 1; 0 leaves it out. Default .25, a guess.
-    pub angle: f64,
-    /// Weight of distance, likewise.
-    pub distance: f64,
-    /// Samples that every pixel gets; 0 takes the thesis' minimum for the mean budget
-    /// ([`published_bounds`]). Also holds under a budget that is raised later, so a time limit may refuse
-    /// it: give the limit's own floor there.
-    pub min: u32,
-    /// Most samples that a pixel gets; 0 takes the thesis' maximum for the mean budget.
-    pub max: u32,
-}
-
-impl Default for ClusterThesisOptions {
-    fn default() -> Self {
-        Self { map: RateMap::default(), pixel_area: PixelArea::One, angle: 0.25, distance: 0.25, min: 0, max: 0 }
+dapple_core::options! {
+    /// The parameters of [`ClusterThesis`](crate::ClusterThesis).
+    ///
+    /// The defaults are the published combination as far as it is published. The thesis gives no formula for `map`, and
+    /// none for the two weights, whose default 0.25 is a guess.
+    pub struct ClusterThesisOptions {
+        /// A pixel's size beside box and triangles: one (published) or footprint.
+        pub pixel: PixelArea = PixelArea::One => "one";
+        /// From relative size to rate: identity, root or log.
+        pub map: RateMap = RateMap::Root => "root";
+        /// Weight of a large angle between normal and ray.
+        ///
+        /// It is relative to the cluster's share, which weighs 1; 0 leaves it out.
+        pub angle: f64 = 0.25, |weight| weight >= 0.0 && weight.is_finite(), "a weight of 0 or more";
+        /// Weight of distance.
+        ///
+        /// It is relative to the cluster's share, which weighs 1; 0 leaves it out.
+        pub distance: f64 = 0.25, |weight| weight >= 0.0 && weight.is_finite(), "a weight of 0 or more";
+        /// Samples that every pixel gets (beside --time and --error take --min-spp); 0 is the thesis' table 4-3.
+        ///
+        /// The table is [`published_bounds`]. The minimum also holds under a budget that is raised later, so a time
+        /// limit may refuse it: give the limit's own floor there.
+        pub min: u32 = 0;
+        /// The most samples of a pixel; 0 as above.
+        pub max: u32 = 0;
     }
 }
 
 impl ClusterThesisOptions {
-    /// Says beforehand what a sampler would refuse of them.
+    /// Checks the options without a sampler.
     ///
     /// # Errors
     ///
     /// [`Error::OutOfRange`] for a weight below 0 or not finite, or a maximum below the minimum.
     pub fn check(&self) -> Result<(), Error> {
-        for (name, weight) in [("angle", self.angle), ("distance", self.distance)] {
-            if !(weight.is_finite() && weight >= 0.0) {
-                return Err(Error::range(name, weight, "a weight of 0 or more"));
-            }
-        }
+        self.check_ranges()?;
         if self.max != 0 && self.max < self.min {
             return Err(Error::range("max", self.max, "no less than min; 0 chooses"));
         }
         Ok(())
     }
 
-    /// Floor and ceiling of all counts for `mean` samples per pixel.
+    /// The floor and ceiling of all counts for `mean` samples per pixel.
     pub(crate) fn bounds(&self, mean: f64) -> [u32; 2] {
         let [low, high] = published_bounds(mean);
         match (self.min, self.max) {
@@ -60,9 +57,10 @@ impl ClusterThesisOptions {
     }
 }
 
-/// Minimum and maximum count for `mean` samples per pixel, from the thesis' table 4-3 (means 8, 16, 32,
-/// 64: minima 6, 12, 24, 56, maxima 16, 32, 48, 80): linear between its columns, in proportion below
-/// and above; the minimum rounded down, the maximum up.
+/// The minimum and maximum count for `mean` samples per pixel [Lan 2016, table 4-3].
+///
+/// The table has minima 6, 12, 24, 56 and maxima 16, 32, 48, 80 for means 8, 16, 32, 64. Bounds are linear between its
+/// columns, and in proportion below and above. The minimum is rounded down, the maximum up.
 pub fn published_bounds(mean: f64) -> [u32; 2] {
     const TABLE: [[f64; 3]; 4] = [[8.0, 6.0, 16.0], [16.0, 12.0, 32.0], [32.0, 24.0, 48.0], [64.0, 56.0, 80.0]];
     let mean = mean.clamp(0.0, f64::from(u32::MAX));

@@ -1,22 +1,20 @@
-//! First-hit probes: which cluster does a pixel see?
+//! First-hit probes: the clusters that pixels see.
 
 use crate::Error;
+pub use dapple_core::BACKGROUND;
 use dapple_core::{Frame, PointSet, SampleId, streams};
 use rayon::prelude::*;
 use std::time::Instant;
 
-/// The class of probes that met nothing: the background.
-pub const BACKGROUND: u32 = u32::MAX;
-
-/// Where the probes of a pixel lie.
+/// The placement of a pixel's probes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Placement {
-    /// One, through the pixel's centre and the lens' centre: as published (THESIS 2.6). What it
-    /// predicts is wrong wherever the pixel sees more than one cluster.
+    /// One, through the pixel's centre and the lens' centre: as published [Lan 2016, 2.6]. Its prediction is wrong
+    /// wherever the pixel sees more than one cluster.
     #[default]
     Centre,
-    /// So many, at least 1 and at most 256, spread over pixel and lens by a point set. Each predicts the
-    /// pixel's true rate in expectation, whatever it sees.
+    /// So many, at least 1 and at most 256, spread over pixel and lens by a point set. In expectation each predicts
+    /// the pixel's true rate, whatever the pixel sees.
     Jittered(u32),
 }
 
@@ -39,19 +37,19 @@ impl std::fmt::Display for Placement {
     }
 }
 
-/// A ray that the caller shoots.
+/// A ray that the caller traces.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ProbeRay {
     /// Column and row in the full image.
     pub pixel: [u32; 2],
-    /// Where it passes the film, in pixels of the full image from its upper left corner; inside
+    /// Its point on the film, in pixels of the full image from its upper left corner; inside
     /// `pixel`.
     pub film: [f32; 2],
-    /// Where it passes the lens, in `[0, 1)^2` as the integrator would draw it; `[0.5, 0.5]` with
+    /// Its point on the lens, in `[0, 1)^2` as the integrator would sample it; `[0.5, 0.5]` with
     /// [`Placement::Centre`]. A pinhole ignores it.
     pub lens: [f32; 2],
-    /// Its name: a renderer that needs more coordinates (time, say) asks its point set for block 1 of
-    /// this sample and on. Block 0 is `film` and `lens`.
+    /// Its name. A renderer that needs more coordinates (time, say) takes blocks of this sample from 1 on; block 0 is
+    /// `film` and `lens`.
     pub sample: SampleId,
 }
 
@@ -71,7 +69,7 @@ pub struct ProbeHit {
     pub footprint: f32,
 }
 
-/// What is kept of one probe. All zero but for the class where nothing was met.
+/// The record of one probe. Without a hit all is zero except for the class.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Probe {
     /// The cluster it met, or [`BACKGROUND`].
@@ -110,10 +108,10 @@ pub(crate) fn dot(a: [f32; 3], b: [f32; 3]) -> f64 {
     f64::from(a[0]) * f64::from(b[0]) + f64::from(a[1]) * f64::from(b[1]) + f64::from(a[2]) * f64::from(b[2])
 }
 
-/// What probing took: part of the price of every image planned from it.
+/// The cost of probing: part of the cost of every image planned from it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ProbeCost {
-    /// Rays shot.
+    /// Rays traced.
     pub rays: u64,
     /// Wall seconds.
     pub seconds: f64,
@@ -129,10 +127,10 @@ pub struct Probes {
     cost: ProbeCost,
 }
 
-/// Shoots the probes of `frame`, in parallel by rows, and labels what they hit: `labels` holds one
-/// cluster per primitive. Coordinates come from `points`, as samples of
-/// [`streams::PROBE`]; [`Placement::Centre`] asks for none. The result depends neither on threads nor
-/// on their order, as long as `shoot` is a pure function.
+/// Traces the probes of `frame`, in parallel by rows, and labels their hits: `labels` holds one cluster per primitive.
+///
+/// Coordinates come from `points`, as samples of [`streams::PROBE`]; [`Placement::Centre`] needs none. The result
+/// depends neither on threads nor on their order, as long as `shoot` is a pure function.
 ///
 /// Each probe ends in exactly one class: a cluster, or the background. A hit with a NaN, an infinity,
 /// a negative length or no direction is no hit; [`Probes::rejected`] counts them.
@@ -186,7 +184,7 @@ pub fn probe(
 }
 
 fn ray(pixel: [u32; 2], index: u64, placement: Placement, points: &dyn PointSet) -> ProbeRay {
-    let sample = SampleId { pixel, stream: streams::PROBE, index };
+    let sample = SampleId::new(pixel, streams::PROBE, index);
     let u = match placement {
         Placement::Centre => [0.5; 4],
         Placement::Jittered(_) => points.block(sample, 0),
@@ -202,7 +200,7 @@ impl Probes {
         &self.frame
     }
 
-    /// Where the probes of each pixel lie.
+    /// The placement of each pixel's probes.
     pub fn placement(&self) -> Placement {
         self.placement
     }
@@ -222,12 +220,12 @@ impl Probes {
         &self.probes[i * k..(i + 1) * k]
     }
 
-    /// Hits that were none: not finite, or without direction.
+    /// The number of rejected hits: not finite, or without direction.
     pub fn rejected(&self) -> u64 {
         self.rejected
     }
 
-    /// What it took.
+    /// The cost of probing.
     pub fn cost(&self) -> ProbeCost {
         self.cost
     }
@@ -237,8 +235,7 @@ impl Probes {
         self.probes.iter().step_by(self.placement.per_pixel() as usize).map(|p| p.cluster).collect()
     }
 
-    /// Probes per class: one number per cluster, and the background's behind them. They add up to all
-    /// probes.
+    /// The number of probes per class: one per cluster, and the background's last. They add up to all probes.
     ///
     /// # Errors
     ///

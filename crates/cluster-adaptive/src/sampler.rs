@@ -5,13 +5,15 @@ use crate::{
 };
 use crate::{importance, probe};
 use dapple_clustering::Cluster;
-use dapple_core::{Feedback, Frame, Limits, Needs, Plan, PointSet, Progress, Sampler, SamplerMemory, share};
+use dapple_core::{
+    Feedback, Frame, Limits, Needs, Options as _, Plan, PointSet, Progress, Sampler, SamplerMemory, share,
+};
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// Finds the first hit of a probe: the caller's ray tracer. A pure function.
 pub type TraceProbe = Arc<dyn Fn(ProbeRay) -> Option<ProbeHit> + Send + Sync>;
 
-/// What a sampler probes when it is asked for its first plan.
+/// The labels, clusters and rays that a sampler probes for its first plan.
 #[derive(Clone)]
 pub struct ProbeSource {
     /// The cluster of each primitive.
@@ -22,13 +24,12 @@ pub struct ProbeSource {
     pub shoot: TraceProbe,
     /// Where the probes of a pixel lie.
     pub placement: Placement,
-    /// How the clusters were made, as further parameters of [`ClusterThesis`]'s description:
+    /// The parameters of clustering, as further parameters of [`ClusterThesis`]'s description:
     /// `k=9,clamp=32`, say, or nothing.
     pub described: String,
 }
 
-/// Keeps the probes of a sampler that probes by itself within reach after it went into a box: for
-/// their cost, and for maps.
+/// A handle to the probes of a boxed sampler, for their cost and for maps.
 #[derive(Clone, Debug, Default)]
 pub struct ProbesHandle(Arc<Mutex<Option<Arc<Probes>>>>);
 
@@ -38,7 +39,7 @@ impl ProbesHandle {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// What they took; `None` before the first plan.
+    /// Their cost; `None` before the first plan.
     pub fn cost(&self) -> Option<ProbeCost> {
         self.probes().map(|p| p.cost())
     }
@@ -48,7 +49,7 @@ impl ProbesHandle {
     }
 }
 
-/// What counts go by, for one frame.
+/// The weights of all pixels, for one frame.
 struct Prior {
     frame: Frame,
     weights: Vec<f64>,
@@ -64,21 +65,20 @@ impl Prior {
 
 /// The sampler of [Lan 2016]: few samples where large clusters are seen, many where small ones are.
 ///
-/// *What*: first-hit probes find the cluster that each pixel sees; its importance (see
-/// [`importance`]) goes with the ratio of the pixel's area to the cluster's projected area.
-/// Every pixel gets a minimum; the rest of the budget, the reserved pool, is shared in proportion to
-/// importance, up to a maximum, what that cuts off going to the others ([`share`]).
+/// First-hit probes find the cluster that each pixel sees. Its importance (see [`importance`]) follows the ratio of
+/// the pixel's area to the cluster's projected area. Every pixel gets a minimum. The rest of the budget is shared in
+/// proportion to importance, up to a maximum; the excess goes to the others ([`share`]).
 ///
-/// *Guarantees*: the budget to the sample; counts are a function of geometry alone, radiance is never
-/// read, and probes are never averaged in: the image is unbiased for every budget that is known
-/// beforehand, and for every sequence of them ("a-priori: unbiased"; a limit on the *error* stops by
-/// what was seen, and that is the limit's bias, not the sampler's). A budget that is raised keeps the
-/// proportions as far as what was spent allows. Equal importance gives counts that differ by at most 1.
+/// *Guarantees*: the budget to the sample. Counts are a function of geometry alone, radiance is never read, and
+/// probes are never averaged in: the image is unbiased for every budget that is known beforehand, and for every
+/// sequence of them. (A limit on the *error* stops by samples seen, and has a bias of its own.) A budget that is
+/// raised keeps the proportions as far as the samples spent allow. Equal importance gives counts that differ by at
+/// most 1.
 ///
-/// *Weaknesses*: equal samples per cluster is not least error; nothing here knows of light, texture or
-/// gloss. As published it loses to uniform counts wherever the error sits in what it calls simple, such
-/// as a textured floor: up to `mean / minimum` times the MSE (THESIS 5.1, met by this crate's tests).
-/// Counts are not kept to well-stratified prefixes of the point set, as the thesis does not either.
+/// *Weaknesses*: equal samples per cluster are not least error; the sampler knows no light, texture or gloss. As
+/// published it loses to uniform counts wherever the error sits in large clusters, such as a textured floor: up to
+/// `mean / minimum` times the MSE. Counts are not kept to well-stratified prefixes of the point set: the thesis does
+/// not either.
 pub struct ClusterThesis<P> {
     points: P,
     size: ClusterSize,
@@ -118,13 +118,13 @@ impl<P: PointSet> ClusterThesis<P> {
         Ok(Self { points, size, options, placement, probed: None, handle, prior })
     }
 
-    /// Any combination, probing by itself when the first plan for a frame is asked for: for those who
-    /// make samplers before they know the frame. [`ClusterThesis::handle`] tells what it took.
+    /// Any combination, which probes at the first plan for a frame. It can be made before the frame is known.
+    /// [`ClusterThesis::handle`] has the cost.
     ///
     /// # Errors
     ///
     /// [`Error::OutOfRange`] for a weight below 0, a maximum below the minimum, or none or too many
-    /// probes per pixel. What is wrong with labels and clusters shows with the first plan.
+    /// probes per pixel. Wrong labels and clusters are refused with the first plan.
     pub fn probing(
         points: P,
         probed: ProbeSource,
@@ -140,18 +140,18 @@ impl<P: PointSet> ClusterThesis<P> {
         Ok(Self { points, size, options, placement, probed: Some(probed), handle, prior: None })
     }
 
-    /// The probes that it shoots by itself, now or later. Stays empty where probes were given.
+    /// A handle to the probes that it traces, now or later. Stays empty where probes were given.
     pub fn handle(&self) -> ProbesHandle {
         self.handle.clone()
     }
 
-    /// Probes whose cluster has no size, and which got the largest rate of the others; 0 before the
-    /// first plan.
+    /// The number of probes whose cluster has no size, which have the largest rate of the others; 0 before the first
+    /// plan.
     pub fn replaced(&self) -> usize {
         self.prior.as_ref().map_or(0, |p| p.replaced)
     }
 
-    /// The weights of the frame's pixels, from probes shot now if need be.
+    /// The weights of the frame's pixels, from probes traced now if there are none.
     fn weights(&mut self, frame: &Frame) -> Result<&[f64], Error> {
         let fits = self.prior.as_ref().is_some_and(|p| p.frame == *frame);
         if !fits {
@@ -182,17 +182,10 @@ impl<P: PointSet> Sampler for ClusterThesis<P> {
     }
 
     fn describe(&self) -> String {
-        let ClusterThesisOptions { map, pixel_area, angle, distance, min, max } = self.options;
         let clusters = self.probed.as_ref().map(|p| p.described.as_str()).filter(|d| !d.is_empty());
-        format!(
-            "cluster-thesis:probes={},size={},pixel={},map={},angle={angle},distance={distance},min={min},max={max},policy=a-priori{}{}",
-            self.placement,
-            self.size.name(),
-            pixel_area.name(),
-            map.name(),
-            if clusters.is_some() { "," } else { "" },
-            clusters.unwrap_or_default(),
-        )
+        let (placement, size, options) = (self.placement, self.size.name(), self.options.describe());
+        let published = format!("cluster-thesis:probes={placement},size={size},{options},policy=a-priori");
+        clusters.map_or(published.clone(), |clusters| format!("{published},{clusters}"))
     }
 
     fn a_priori(&self) -> bool {
@@ -201,11 +194,12 @@ impl<P: PointSet> Sampler for ClusterThesis<P> {
 
     fn memory(&self, frame: &Frame, _: &Needs, _: &Limits) -> SamplerMemory {
         let k = self.placement.per_pixel() as usize;
-        // The first plan, with rates and terms of importance, is made before anything is written to the film, whose counts
-        // and means take 32 bytes; later ones hold counts, floors, and weights, shares and counts of the allocation.
+        // The first plan, with rates and terms of importance, is made before anything is written to the film, whose
+        // counts and means take 32 bytes; later ones hold counts, floors, and weights, shares and counts of the
+        // allocation.
         let first = (8 * k + 24 + 8).saturating_sub(32);
         let later = 4 + 4 + 8 + 8 + 4;
-        SamplerMemory::planning(frame, false, first.max(later)).with_state(frame, size_of::<Probe>() * k + 8)
+        SamplerMemory::planning(frame, first.max(later)).with_state(frame, size_of::<Probe>() * k + 8)
     }
 
     fn points(&self) -> &dyn PointSet {
@@ -223,7 +217,7 @@ impl<P: PointSet> Sampler for ClusterThesis<P> {
         let [min, max] = self.options.bounds(total as f64 / pixels as f64);
         let base = min.max(budget.min_spp);
         let ceiling = if self.options.max > 0 { max } else { max.max(base) }.min(budget.max_spp);
-        // What nobody asked for gives way; what somebody did is held, or refused.
+        // The table's bounds give way; bounds that the user gave are held, or refused.
         let asked = self.options.min.max(budget.min_spp);
         if asked > ceiling {
             let allowed = "no less than the floor of samples per pixel";

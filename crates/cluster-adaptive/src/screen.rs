@@ -1,4 +1,4 @@
-//! How much of the film a box covers, in perspective.
+//! The film area of a box, in perspective.
 
 /// The area, in pixels, that the box between the corners `bounds` covers on a film of `resolution`
 /// pixels, under the projection `world_to_clip`: rows of a matrix that takes `[x, y, z, 1]` to clip
@@ -8,7 +8,7 @@
 /// The part of the box in front of the eye is convex, so its image is the convex hull of the
 /// images of its corners; that is cut to the film. Never negative, never more than the film: 0 for a
 /// box wholly behind the eye or beside the film, the whole film for one around the eye. A flat box seen
-/// edge-on has no area. Corners that are not finite, or in the wrong order, are no box: 0.
+/// edge-on has no area. For corners that are not finite, or in the wrong order, the area is 0.
 pub fn projected_box_area(bounds: &[[f32; 3]; 2], world_to_clip: &[[f32; 4]; 4], resolution: [u32; 2]) -> f64 {
     let film = f64::from(resolution[0]) * f64::from(resolution[1]);
     let [low, high] = bounds;
@@ -28,8 +28,7 @@ pub fn projected_box_area(bounds: &[[f32; 3]; 2], world_to_clip: &[[f32; 4]; 4],
     (share * film).clamp(0.0, film)
 }
 
-/// Images of the corners in front of the eye, and of the places where edges pass into that half
-/// space.
+/// The images of the corners in front of the eye, and of the points where edges enter that half space.
 fn in_front(corners: &[[f64; 3]; 8]) -> Vec<[f64; 2]> {
     let far = corners.iter().fold(0.0, |m: f64, c| m.max(c[0].abs()).max(c[1].abs()).max(c[2].abs()));
     // Just in front of the eye: images there lie a billion films away, but at finite places.

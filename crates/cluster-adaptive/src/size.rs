@@ -1,4 +1,4 @@
-//! How large is a cluster, and so what rate does a probe that met it predict?
+//! The size of a cluster, and the rate that a probe of it predicts.
 
 use crate::probe::{BACKGROUND, Probe, Probes};
 use crate::screen::projected_box_area;
@@ -6,19 +6,18 @@ use crate::{AreaVectors, Error};
 use dapple_clustering::Cluster;
 use rayon::prelude::*;
 
-/// How the size `SC` of a cluster is measured.
+/// The measure of a cluster's size `SC`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum ClusterSize {
-    /// As published (THESIS 2.3): the cluster's axis-aligned box, projected along the probe's ray,
+    /// As published [Lan 2016, 2.3]: the cluster's axis-aligned box, projected along the probe's ray,
     /// `lx ly |dz| + lx lz |dy| + ly lz |dx|`, in world units.
     #[default]
     ProjectedBox,
-    /// The thesis' own remedy (THESIS 4, 3.2.2 a): the sum of the triangles' areas, projected along the
+    /// The thesis' own remedy [Lan 2016, 3.2.2 a]: the sum of the triangles' areas, projected along the
     /// probe's ray, in world units.
     ProjectedTriangles(AreaVectors),
-    /// The film area of the cluster's box in perspective, in pixels, as
-    /// [`projected_box_area`] has it for this matrix: what the published formula lacks (THESIS 6,
-    /// units).
+    /// The film area of the cluster's box in perspective, in pixels: [`projected_box_area`] with this matrix. The
+    /// published formula lacks perspective.
     ScreenBox([[f32; 4]; 4]),
     /// Probes that met the cluster, over probes per pixel: the pixels it covers, with occlusion,
     /// perspective and all. The background is a cluster as well.
@@ -26,7 +25,7 @@ pub enum ClusterSize {
 }
 
 impl ClusterSize {
-    /// Its name: `box`, `triangles`, `screen` or `hits`.
+    /// The name on the command line: `box`, `triangles`, `screen` or `hits`.
     pub const fn name(&self) -> &'static str {
         match self {
             Self::ProjectedBox => "box",
@@ -40,48 +39,39 @@ impl ClusterSize {
 /// The pixel's own size `SP`, where clusters are measured in world units.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum PixelArea {
-    /// As published: 1 for every pixel. The perspective factor `f^2 / d^2` is missing: a far cluster is
-    /// taken for as large as a near one.
+    /// As published: 1 for every pixel. The perspective factor `f^2 / d^2` is missing: a far cluster counts as large
+    /// as a near one.
     #[default]
     One,
     /// The footprint of the pixel at the hit, squared: `SC / SP` is then a number of pixels.
     Footprint,
 }
 
-impl PixelArea {
-    /// Its name: `one` or `footprint`.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::One => "one",
-            Self::Footprint => "footprint",
-        }
-    }
-}
+dapple_core::choices!(PixelArea { One = "one", Footprint = "footprint" });
 
-/// Least projected size of a cluster, as a share of its largest face (or of its triangles' area): that
-/// of a plane turned .06 degrees off edge-on. Nearer to edge-on sizes stay as they are, so that no
+/// The least projected size of a cluster, as a share of its largest face (or of its triangles' area): that
+/// of a plane turned 0.06 degrees off edge-on. Nearer to edge-on sizes stay as they are, so that no
 /// rate is infinite and none jumps at 0 degrees.
 const EDGE_ON: f64 = 1e-3;
 
-/// What the probes predict, one number each.
+/// The rates that probes predict, one number each.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Rates {
-    /// `SP / SC` of the cluster that each probe met, as [`Probes::all`] lists them: finite, not
-    /// negative; 0 for a probe that met nothing. In units of `SP / SC`: only proportions mean
-    /// something, but with [`PixelArea::Footprint`], [`ClusterSize::ScreenBox`] and
-    /// [`ClusterSize::Hits`], where a cluster of `n` pixels gives `1 / n`.
+    /// `SP / SC` of the cluster that each probe met, in the order of [`Probes::all`]: finite, not negative; 0 for a
+    /// probe without a hit. Only proportions matter, except with [`PixelArea::Footprint`], [`ClusterSize::ScreenBox`]
+    /// and [`ClusterSize::Hits`], where a cluster of `n` pixels gives `1 / n`.
     pub values: Vec<f64>,
     /// Probes whose cluster has no size at all (a point, a line, corners that are not finite): they
     /// get the largest rate of the others.
     pub replaced: usize,
 }
 
-/// The rate `SP / SC` (THESIS eq. 3-3, before `f`) that each probe predicts.
+/// The rate `SP / SC` that each probe predicts [Lan 2016, eq. 3-3, before `f`].
 ///
 /// `R SP / SC` is the thesis' one-ray estimate of the pixel's true rate, `R sum_i Scc_i / Sc_i` over the
 /// clusters that it sees (`Scc_i` the part of cluster `i` in it). For a probe through the pixel's centre
 /// that holds where one cluster fills the pixel. A probe placed evenly over the pixel meets `i` with
-/// probability `Scc_i / SP`, so its expectation is the true rate whatever the pixel sees (THESIS 4):
+/// probability `Scc_i / SP`, so its expectation is the true rate whatever the pixel sees:
 /// averaging [`Placement::Jittered`](crate::Placement::Jittered) probes is the remedy.
 ///
 /// # Errors
@@ -98,7 +88,7 @@ pub fn rates(probes: &Probes, clusters: &[Cluster], size: &ClusterSize, pixel_ar
         }
         ClusterSize::ScreenBox(world_to_clip) => {
             let resolution = probes.frame().resolution();
-            // Whoever is seen covers about what a probe stands for.
+            // A cluster that is seen covers at least the area of one probe.
             let area = |c: &Cluster| projected_box_area(&c.bounds, world_to_clip, resolution).max(1.0 / k);
             let seen = classes.iter().zip(clusters);
             let rates: Vec<f64> = seen.map(|(&n, c)| if n > 0 { 1.0 / area(c) } else { 0.0 }).collect();
@@ -131,7 +121,7 @@ fn pixel_size(probe: &Probe, area: PixelArea) -> f64 {
     }
 }
 
-/// What a box's projection takes, once per cluster.
+/// The terms of a box's projection, once per cluster.
 struct BoxFaces {
     areas: [f64; 3],
     least: f64,
@@ -153,7 +143,7 @@ impl BoxFaces {
     }
 }
 
-/// Rates of clusters without size, and such as are no numbers, become the largest of the others.
+/// Replaces rates of clusters without size, and NaN, by the largest of the others.
 fn replace_infinite(rates: &mut [f64]) -> usize {
     let none = |r: f64| !r.is_finite() || r < 0.0;
     let largest = rates.iter().copied().filter(|&r| !none(r)).fold(0.0, f64::max);

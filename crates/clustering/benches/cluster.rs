@@ -3,10 +3,10 @@
 //! `RAYON_NUM_THREADS=1 cargo bench -p dapple-clustering` for time on one core.
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
-use dapple_clustering::{Grouping, Insertion, Params, Triangles, cluster};
+use dapple_clustering::{ClusterParams, Grouping, Insertion, Triangles, cluster};
 use std::hint::black_box;
 
-/// A random number in [-1, 1) for a lattice point: a multiplicative hash with its high bits folded down twice.
+/// A pseudo-random number in [-1, 1) for a lattice point: a multiplicative hash with its high bits folded down twice.
 fn lattice(x: i64, y: i64) -> f64 {
     let mut h = (x as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ (y as u64).wrapping_mul(0xc2b2_ae3d_27d4_eb4f);
     h = (h ^ h >> 31).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -49,19 +49,19 @@ fn terrain(side: u32, gain: f64) -> (Vec<[f32; 3]>, Vec<[u32; 3]>) {
 #[allow(clippy::print_stderr)]
 fn clustering(criterion: &mut Criterion) {
     let side = if std::env::args().any(|word| word == "--test") { 50 } else { 708 };
-    let published = Params::published();
+    let published = ClusterParams::published();
     let variants = [
-        ("default", Params::default()),
-        ("unclamped", Params { clamp: 1 << 20, ..Params::default() }),
-        ("bounding_box", Params { insertion: Insertion::BoundingBox, ..Params::default() }),
-        ("connected", Params { grouping: Grouping::Connected, ..Params::default() }),
+        ("default", ClusterParams::default()),
+        ("unclamped", ClusterParams::default().with_clamp(1 << 20)),
+        ("bounding_box", ClusterParams::default().with_insertion(Insertion::BoundingBox)),
+        ("connected", ClusterParams::default().with_grouping(Grouping::Connected)),
         ("published", published),
     ];
-    // Eroded hills have a gain of about 0.4 per octave; at 0.5 every octave is as steep as the others, and most
-    // neighbours differ by more than the angle: as bad as a height field gets.
+    // Eroded hills have a gain of about 0.4 per octave. At 0.5 every octave is equally steep, and most neighbours
+    // differ by more than the angle: the worst case of a height field.
     for (name, gain) in [("hills", 0.4), ("crags", 0.5)] {
         let (positions, indices) = terrain(side, gain);
-        let triangles = Triangles { positions: &positions, indices: &indices, materials: &[] };
+        let triangles = Triangles::new(&positions, &indices);
         let mut group = criterion.benchmark_group(name);
         group.sample_size(10);
         group.throughput(Throughput::Elements(indices.len() as u64));

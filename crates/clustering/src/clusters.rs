@@ -1,49 +1,50 @@
-//! What becomes of the triangles.
+//! The result: clusters, their figures, and a report on the grid.
 
 use std::sync::Arc;
 
-/// What became of the triangles: a partition of them, and what is known of each part.
+/// The clusters of triangles: a partition and the figures of each part.
 ///
-/// Clusters are numbered by voxel (z, then y, then x), in a voxel by material, and among those in the order in which they
-/// were opened. Clones share what is large.
+/// Clusters are numbered by voxel (z, then y, then x), within a voxel by material, and within these in the order in
+/// which they were opened. Clones share the large arrays.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Clusters {
     pub(crate) labels: Arc<[u32]>,
     pub(crate) clusters: Arc<[Cluster]>,
     pub(crate) members: Vec<u32>,
     pub(crate) starts: Vec<u32>,
-    pub(crate) report: Report,
+    pub(crate) report: ClusterReport,
 }
 
 /// One cluster.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cluster {
-    /// Triangles in it.
+    /// The number of its triangles.
     pub triangles: u32,
-    /// Smallest and largest corner of its axis-aligned box.
+    /// The smallest and largest corner of its axis-aligned box.
     pub bounds: [[f32; 3]; 2],
-    /// Sum of its triangles' areas. Triangles without a normal count as without area.
+    /// The sum of its triangles' areas. Triangles without a normal have no area.
     pub area: f64,
-    /// Area-weighted mean normal, unit length; zero where normals cancel, or where no triangle has one.
+    /// The area-weighted mean normal, of unit length. It is zero if the normals cancel or no triangle has one.
     ///
-    /// Normals follow the winding (counter-clockwise seen from the front) where [`crate::Params::two_sided`] is false.
-    /// Where it is true, each is first turned to the side of z > 0 (of y, of x where z is 0) and then to that of the
-    /// cluster's first: the line counts, its direction means nothing.
+    /// With [`Sides::Signed`](crate::Sides::Signed), normals follow the winding (counter-clockwise seen from the
+    /// front).
+    /// With [`Sides::Either`](crate::Sides::Either), only the line of the normal has a meaning. Each normal is first
+    /// turned to the side of z > 0 (of y, of x if z is 0), then to that of the cluster's first normal.
     pub normal: [f32; 3],
-    /// Cosine of the largest angle between `normal` and a member's normal; -1 where `normal` is zero. Of two-sided
-    /// normals, of the smaller of both angles.
+    /// The cosine of the largest angle between `normal` and the normal of a member; -1 if `normal` is zero. With
+    /// [`Sides::Either`](crate::Sides::Either), the smaller of both angles counts.
     pub cone: f32,
-    /// Its material.
+    /// The material.
     pub material: u32,
-    /// Number of the group of one voxel's triangles that it was cut from: those of its material. Groups are numbered
-    /// as clusters are, from 0, those without clusters left out.
+    /// The group from which the cluster was cut: the triangles of one material in one voxel. Groups are numbered from 0
+    /// like clusters; groups without clusters have no number.
     pub group: u32,
 }
 
-/// What grid was asked for, and how much of it was used.
+/// The grid, and how much of it was used.
 ///
 /// ```
-/// # use dapple_clustering::{Params, Triangles, cluster};
+/// # use dapple_clustering::{ClusterParams, Triangles, cluster};
 /// // A row of 100 small triangles, and one a thousand times as far off as the row is long.
 /// let mut positions = Vec::new();
 /// for i in 0..101 {
@@ -51,37 +52,48 @@ pub struct Cluster {
 ///     positions.extend([[x, 0.0, 0.0], [x + 1.0, 0.0, 0.0], [x, 1.0, 0.0]]);
 /// }
 /// let indices: Vec<[u32; 3]> = (0..101).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
-/// let triangles = Triangles { positions: &positions, indices: &indices, materials: &[] };
-/// let report = cluster(&triangles, &Params::default())?.report();
+/// let report = cluster(&Triangles::new(&positions, &indices), &ClusterParams::default())?.report();
 /// assert_eq!((report.resolution, report.occupied, report.fullest), ([14, 1, 1], 2, 100));
 /// assert!(report.is_degenerate());
 /// # Ok::<(), dapple_clustering::Error>(())
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Report {
-    /// Voxels along each axis.
+#[non_exhaustive]
+pub struct ClusterReport {
+    /// The number of voxels along each axis.
     pub resolution: [u32; 3],
-    /// Voxels with a triangle, of [`Report::requested`].
+    /// The number of voxels with a triangle, of [`ClusterReport::requested`].
     pub occupied: u64,
-    /// Triangles in the fullest voxel.
+    /// The number of triangles in the fullest voxel.
     pub fullest: u32,
-    /// Triangles in all.
+    /// The number of triangles.
     pub triangles: u32,
-    /// Pairs of a triangle and a voxel it was put into: `triangles` for insertion by centroid, more for boxes.
+    /// The number of pairs of a triangle and its voxel: `triangles` for insertion by centroid, more for boxes.
     pub insertions: u64,
-    /// Clusters made of triangles that all have their cluster in another voxel; 0 for insertion by centroid.
+    /// The number of clusters whose triangles all have their cluster in another voxel; 0 for insertion by centroid.
     pub phantoms: u64,
 }
 
-impl Report {
-    /// Voxels asked for, occupied or not.
+impl Cluster {
+    /// A cluster without triangles, for a shape of another kind such as a sphere. It has no normal.
+    ///
+    /// `bounds` are the smallest and largest corner of its box. `group` continues the numbers of the groups of
+    /// triangles.
+    pub const fn without_triangles(bounds: [[f32; 3]; 2], area: f64, material: u32, group: u32) -> Self {
+        Self { triangles: 0, bounds, area, normal: [0.0; 3], cone: -1.0, material, group }
+    }
+}
+
+impl ClusterReport {
+    /// The number of voxels, occupied or not.
     pub fn requested(&self) -> u64 {
         self.resolution.iter().map(|&n| u64::from(n)).product()
     }
 
-    /// Whether the grid says little about the triangles: of more than eight voxels asked for, one holds most of more
-    /// than eight triangles. Something far off then stretches the grid ("the teapot in a stadium"); leave it out, or
-    /// cluster it apart.
+    /// Returns true if the grid hardly separates the triangles: one voxel of more than eight holds most of more than
+    /// eight triangles.
+    ///
+    /// A distant object then stretches the grid ("the teapot in a stadium"). Leave it out, or cluster it separately.
     pub fn is_degenerate(&self) -> bool {
         self.requested() > 8 && self.triangles > 8 && self.fullest > self.triangles / 2
     }
@@ -93,27 +105,27 @@ impl Clusters {
         &self.labels
     }
 
-    /// How many there are.
+    /// The number of clusters.
     pub fn len(&self) -> usize {
         self.clusters.len()
     }
 
-    /// Whether there are none: no triangles.
+    /// Returns true if there are no clusters, and so no triangles.
     pub fn is_empty(&self) -> bool {
         self.clusters.is_empty()
     }
 
-    /// The clusters, by number.
+    /// The clusters by number.
     pub fn clusters(&self) -> &[Cluster] {
         &self.clusters
     }
 
-    /// Labels and clusters for whoever keeps them, without copying.
+    /// Shared references to labels and clusters, without copying.
     pub fn shared(&self) -> (Arc<[u32]>, Arc<[Cluster]>) {
         (self.labels.clone(), self.clusters.clone())
     }
 
-    /// The triangles of a cluster, ascending; none for a number from [`Clusters::len`] on.
+    /// The triangles of a cluster, ascending; empty for numbers from [`Clusters::len`] on.
     pub fn members(&self, cluster: u32) -> &[u32] {
         let ends = (self.starts.get(cluster as usize), self.starts.get(cluster as usize + 1));
         match ends {
@@ -122,8 +134,8 @@ impl Clusters {
         }
     }
 
-    /// What grid was asked for, and how much of it was used.
-    pub fn report(&self) -> Report {
+    /// The grid, and how much of it was used.
+    pub fn report(&self) -> ClusterReport {
         self.report
     }
 }

@@ -1,4 +1,4 @@
-//! Cuts classes of triangles into connected pieces, by union-find over shared vertices [after Tarjan 1975].
+//! Connected pieces of classes of triangles, by union-find over shared vertices [after Tarjan 1975].
 
 use crate::grid::{Mesh, centroid_sum};
 use crate::params::Order;
@@ -6,20 +6,20 @@ use crate::params::Order;
 /// No triangle.
 const NONE: u32 = u32::MAX;
 
-/// Scratch space, for one thread.
+/// The scratch space of one thread.
 #[derive(Default)]
 pub(crate) struct Connector {
-    /// Open addressing: a vertex, and the first triangle seen at it.
+    /// A hash table with open addressing: a vertex and the first triangle at it.
     slots: Vec<[u32; 2]>,
     parent: Vec<u32>,
 }
 
 impl Connector {
-    /// Cuts each class of a group of triangles into its connected pieces and numbers these anew, class by class and
-    /// piece by piece; how many there are.
+    /// Cuts each class of a group into its connected pieces and renumbers these, class by class. Returns the number of
+    /// pieces.
     ///
-    /// Triangles without class (`u32::MAX`) are connected among themselves, and each such piece is then given to the
-    /// first numbered piece that it touches, or else stays one of its own.
+    /// Triangles without a class (`u32::MAX`) are connected among themselves. Each such piece joins the first numbered
+    /// piece that it touches, or stays on its own.
     pub(crate) fn cut(&mut self, group: Group<'_>, class: &mut [u32], classes: u32) -> u32 {
         let mut lists = vec![Vec::new(); classes as usize];
         let mut flat = Vec::new();
@@ -44,7 +44,8 @@ impl Connector {
         pieces
     }
 
-    /// Joins what is connected in a list and numbers the pieces from `pieces` on; the number after the last.
+    /// Joins the connected triangles of a list and numbers the pieces from `pieces` on. Returns the number after the
+    /// last.
     fn number(&mut self, group: Group<'_>, list: &[u32], class: &mut [u32], pieces: u32) -> u32 {
         self.join(group, list);
         let mut roots: Vec<u32> = Vec::new();
@@ -65,7 +66,7 @@ impl Connector {
         pieces + roots.len() as u32
     }
 
-    /// Orders pieces by their smallest centroids (x, then y, then z), which no renumbering of triangles changes.
+    /// Orders pieces by their smallest centroids (x, then y, then z), which do not depend on the order of triangles.
     fn order_by_place(&mut self, group: Group<'_>, list: &[u32], roots: &mut [u32]) {
         let mut first: Vec<(u32, [f64; 3])> = Vec::with_capacity(list.len());
         for &triangle in list {
@@ -100,7 +101,7 @@ impl Connector {
         }
     }
 
-    /// For each of the flat triangles, the lowest number of those that share a vertex with it.
+    /// For each flat triangle, the lowest number of the pieces that share a vertex with it.
     fn touched(&mut self, group: Group<'_>, numbered: &[u32], flat: &[u32], class: &[u32]) -> Vec<u32> {
         self.clear(numbered.len());
         for &triangle in numbered {
@@ -117,13 +118,13 @@ impl Connector {
         flat.iter().map(lowest).collect()
     }
 
-    /// Room for the vertices of some triangles, at most half of it to be filled.
+    /// Makes room for the vertices of some triangles. At most half of it will be filled.
     fn clear(&mut self, triangles: usize) {
         self.slots.clear();
         self.slots.resize((6 * triangles).next_power_of_two(), [NONE; 2]);
     }
 
-    /// Where a vertex is, or is to be put.
+    /// The slot of a vertex, or the empty slot for it.
     fn slot(&self, group: Group<'_>, vertex: u32) -> usize {
         let mask = self.slots.len() - 1;
         let mut slot = group.hash(vertex) as usize & mask;
@@ -142,14 +143,15 @@ impl Connector {
         triangle
     }
 
-    /// The smaller number is the root of both.
+    /// Unites two pieces. The smaller number becomes the root.
     fn unite(&mut self, a: u32, b: u32) {
         let (a, b) = (self.root(a), self.root(b));
         self.parent[a.max(b) as usize] = a.min(b);
     }
 }
 
-/// Gives pieces of flat triangles, numbered last, to the pieces that they touch; how many numbers remain.
+/// Gives the pieces of flat triangles, numbered last, to the pieces that they touch. Returns the number of pieces that
+/// remain.
 fn hand_over(flat: &[u32], touched: &[u32], class: &mut [u32], pieces: u32) -> u32 {
     let first = flat.iter().map(|&triangle| class[triangle as usize]).min().unwrap_or(pieces);
     let mut owner = vec![NONE; (pieces - first) as usize];
@@ -170,7 +172,7 @@ fn hand_over(flat: &[u32], touched: &[u32], class: &mut [u32], pieces: u32) -> u
     pieces
 }
 
-/// A voxel's triangles of one material, by their numbers in the group.
+/// The triangles of one material in a voxel, by their numbers in the group.
 #[derive(Clone, Copy)]
 pub(crate) struct Group<'a> {
     pub(crate) mesh: &'a Mesh<'a>,
@@ -188,7 +190,7 @@ impl Group<'_> {
         self.mesh.corners(self.triangles[triangle as usize])
     }
 
-    /// Whether two vertices count as one.
+    /// Tests if two vertices count as one.
     fn same(&self, a: u32, b: u32) -> bool {
         a == b || (self.weld && self.mesh.positions[a as usize] == self.mesh.positions[b as usize])
     }
@@ -198,7 +200,7 @@ impl Group<'_> {
         // under the same map.
         const SPREAD: [u64; 3] = [0x9e37_79b9_7f4a_7c15, 0xc2b2_ae3d_27d4_eb4f, 0x1656_67b1_9e37_79f9];
         let key = if self.weld {
-            // Adding 0.0 makes -0.0 the same place as 0.0.
+            // Adding 0.0 turns -0.0 into 0.0.
             let bits = self.mesh.positions[vertex as usize].map(|x| u64::from((x + 0.0).to_bits()));
             (0..3).fold(0, |key: u64, axis| (key ^ bits[axis]).wrapping_mul(SPREAD[axis]).rotate_left(29))
         } else {

@@ -1,79 +1,79 @@
-//! What [`crate::cluster`] refuses.
+//! Errors of [`crate::cluster`].
 
 use crate::params::{MAX_ANGLE, MAX_CLAMP, MAX_K};
 
-/// Why triangles cannot be clustered. Each message says what to do.
+/// The reason why triangles cannot be clustered. Each message tells what to do.
 #[non_exhaustive]
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum Error {
-    /// No triangles at all.
+    /// There are no triangles.
     #[error("there are no triangles to cluster: leave the mesh out, or give it at least one triangle")]
     Empty,
-    /// More triangles than a `u32` can number.
+    /// There are more triangles than a `u32` can number.
     #[error("{triangles} triangles are more than can be numbered: cluster at most {} at a time", u32::MAX)]
     TooManyTriangles {
-        /// Triangles given.
+        /// The number of triangles.
         triangles: usize,
     },
-    /// Materials for some of the triangles only, or for more than there are.
+    /// The number of materials is neither 0 nor that of the triangles.
     #[error("{materials} materials do not fit {triangles} triangles: give one each, or none where all are alike")]
     BadMaterials {
-        /// Materials given.
+        /// The number of materials.
         materials: usize,
-        /// Triangles given.
+        /// The number of triangles.
         triangles: usize,
     },
-    /// A corner that is no vertex.
+    /// A corner is not a vertex.
     #[error(
-        "triangle {triangle} asks for vertex {index} of {vertices}: indices count from 0 and stay below {vertices}"
+        "triangle {triangle} refers to vertex {index} of {vertices}: indices count from 0 and stay below {vertices}"
     )]
     BadIndex {
-        /// Number of the triangle.
+        /// The index of the triangle.
         triangle: u32,
-        /// The vertex it asks for.
+        /// The index of the missing vertex.
         index: u32,
-        /// Vertices given.
+        /// The number of vertices.
         vertices: usize,
     },
-    /// A corner at infinity or nowhere.
+    /// A corner is infinite or NaN.
     #[error(
-        "triangle {triangle} has a corner that is not finite (vertex {vertex}): mend the vertex or drop the triangle"
+        "triangle {triangle} has a corner that is not finite (vertex {vertex}): correct the vertex or drop the triangle"
     )]
     BadPosition {
-        /// Number of the triangle.
+        /// The index of the triangle.
         triangle: u32,
-        /// Number of the vertex.
+        /// The index of the vertex.
         vertex: u32,
     },
-    /// A factor K that asks for no voxels, or for far too many.
-    #[error("K = {k} cannot be used: give a number above 0 and up to {MAX_K} (pbrt-v2 has 3)")]
+    /// The factor K is out of range.
+    #[error("K = {k} is out of range: give a number above 0 and at most {MAX_K} (pbrt-v2 has 3)")]
     BadK {
-        /// Factor asked for.
+        /// The requested factor.
         k: f64,
     },
-    /// A bound on voxels per axis that leaves none, or more than `f32` positions can tell apart.
+    /// The bound on voxels per axis is out of range.
     #[error("a clamp of {clamp} voxels per axis cannot be used: give 1 to {MAX_CLAMP}")]
     BadClamp {
-        /// Bound asked for.
+        /// The requested bound.
         clamp: u32,
     },
-    /// An angle that is none between directions of one side.
-    #[error("an angle of {angle} degrees cannot be used: give 0 to {MAX_ANGLE} (the thesis has 10)")]
+    /// The angle is out of range.
+    #[error("an angle of {angle} degrees is out of range: give 0 to {MAX_ANGLE} (the thesis has 10)")]
     BadAngle {
-        /// Angle asked for, in degrees.
+        /// The requested angle in degrees.
         angle: f64,
     },
-    /// No clusters asked for.
+    /// The requested number of clusters is 0.
     #[error("0 clusters cannot hold triangles: ask for at least 1")]
     BadCount,
-    /// Boxes that overlap too many voxels.
+    /// The boxes of the triangles overlap too many voxels.
     #[error(
-        "the triangles' boxes overlap voxels {entries} times, at most {limit} fit: lower K or the clamp, or insert by centroid"
+        "the triangles' boxes overlap voxels {entries} times, more than the limit of {limit}: lower K or the clamp, or insert by centroid"
     )]
     TooManyEntries {
-        /// Pairs of a triangle and a voxel its box overlaps.
+        /// The number of pairs of a triangle and a voxel that its box overlaps.
         entries: u64,
-        /// Pairs allowed.
+        /// The allowed number of pairs.
         limit: u64,
     },
 }

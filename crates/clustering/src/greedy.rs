@@ -1,16 +1,16 @@
 //! The published grouping: first fit to a representative's normal.
 
-use crate::params::{Order, Params};
+use crate::params::{ClusterParams, Order};
 use std::cmp::Ordering;
 
-/// A triangle's normal, with its number in its group.
+/// The normal of a triangle, with its number in the group.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Facet {
     pub(crate) normal: [f32; 3],
     pub(crate) number: u32,
 }
 
-/// When two normals are alike, and who represents.
+/// The rule of similar normals and of the order of representatives.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Rule {
     pub(crate) cosine: f32,
@@ -19,14 +19,14 @@ pub(crate) struct Rule {
 }
 
 impl Rule {
-    pub(crate) fn new(params: &Params) -> Self {
-        Self { cosine: params.cosine(), two_sided: params.two_sided, order: params.order }
+    pub(crate) fn new(params: &ClusterParams) -> Self {
+        Self { cosine: params.cosine(), two_sided: params.two_sided(), order: params.order }
     }
 }
 
-/// Clusters taken out one by one, each in a pass over all that remain, before those are sorted.
+/// The number of passes, one per cluster over all remaining facets, before these are sorted.
 const PASSES: usize = 24;
-/// Facets worth sorting.
+/// The least number of facets worth sorting.
 const MANY: usize = 512;
 
 #[inline]
@@ -35,34 +35,34 @@ fn dot<const TWO_SIDED: bool>(a: [f32; 3], b: [f32; 3]) -> f32 {
     if TWO_SIDED { dot.abs() } else { dot }
 }
 
-/// Whether `a` represents before `b`: by z, then y, then x.
+/// Tests if `a` comes before `b` as a representative: by z, then y, then x.
 #[inline]
 fn before(a: [f32; 3], b: [f32; 3]) -> bool {
     a[2] > b[2] || (a[2] == b[2] && (a[1] > b[1] || (a[1] == b[1] && a[0] > b[0])))
 }
 
-/// Numbers in a group, class after class.
+/// Numbers in a group, class by class.
 #[derive(Debug, Default)]
 pub(crate) struct Classes {
-    /// Ascending in each class.
+    /// Ascending within each class.
     pub(crate) members: Vec<u32>,
-    /// Where each class ends.
+    /// The end of each class.
     pub(crate) ends: Vec<u32>,
 }
 
 impl Classes {
-    /// How many there are.
+    /// The number of classes.
     pub(crate) fn len(&self) -> usize {
         self.ends.len()
     }
 
-    /// The members of each.
+    /// The members of each class.
     pub(crate) fn iter(&self) -> impl Iterator<Item = &[u32]> {
         let mut start = 0;
         self.ends.iter().map(move |&end| &self.members[std::mem::replace(&mut start, end as usize)..end as usize])
     }
 
-    /// Puts numbers without class, ascending, into the first, or into one of their own if there is none.
+    /// Puts numbers without a class, ascending, into the first class, or into a new one if there is none.
     pub(crate) fn join_first(&mut self, numbers: impl Iterator<Item = usize>) {
         let (first, count) = (self.ends.first().map_or(0, |&end| end as usize), self.members.len());
         drop(self.members.splice(first..first, numbers.map(|i| i as u32)));
@@ -76,10 +76,10 @@ impl Classes {
         self.members[..first + more].sort_unstable();
     }
 
-    /// Makes them anew from the class of each number.
+    /// Rebuilds the classes from the class of each number.
     pub(crate) fn sort(&mut self, class: &[u32], classes: u32) {
         let Self { members, ends } = self;
-        // At first where each begins, in the end where it ends.
+        // At first the beginning of each class, at last its end.
         ends.clear();
         ends.resize(classes as usize, 0);
         for &class in class {
@@ -97,16 +97,17 @@ impl Classes {
         }
     }
 
-    /// Ends a class; `joined` members are in one by now.
+    /// Ends a class; `joined` members are in classes so far.
     fn end(&mut self, joined: usize) {
         self.ends.push(joined as u32);
     }
 }
 
-/// Puts each facet into a class. Takes the facets away; their numbers ascend.
+/// Sorts facets into classes and empties `facets`. The facets' numbers must ascend.
 ///
-/// First fit in an order is the same as: the first that remains represents, all that remain and are like it join, and so
-/// on. So no facet is compared with more representatives than come before its own, and nothing need be sorted.
+/// First fit in an order equals repeated passes: the first remaining facet is the representative, and all remaining
+/// facets like it join. No facet is compared with more representatives than come before its own, and sorting is not
+/// needed.
 pub(crate) fn classify(facets: &mut Vec<Facet>, rule: Rule, classes: &mut Classes) {
     classes.ends.clear();
     classes.members.resize(facets.len(), 0);
@@ -146,15 +147,15 @@ fn higher(a: f32, b: f32) -> f32 {
     if a > b { a } else { b }
 }
 
-/// The first in canonical order of facets, whose largest z is known.
+/// The first facet in canonical order, given the largest z.
 fn first_at(facets: &[Facet], top: f32) -> [f32; 3] {
     let mut tied = facets.iter().map(|facet| facet.normal).filter(|normal| normal[2] == top);
     let first = tied.next().unwrap_or([f32::NEG_INFINITY; 3]);
     tied.fold(first, |first, normal| if before(normal, first) { normal } else { first })
 }
 
-/// Moves the numbers of all facets like the representative to `room`; how many. `top` becomes the largest z of those that
-/// remain.
+/// Moves the numbers of all facets like the representative to `room` and returns how many. `top` becomes the largest z
+/// of the remaining facets.
 fn take<const TWO_SIDED: bool, const CANONICAL: bool>(
     facets: &mut Vec<Facet>,
     representative: [f32; 3],
@@ -166,7 +167,7 @@ fn take<const TWO_SIDED: bool, const CANONICAL: bool>(
     let mut highest = f32::NEG_INFINITY;
     for i in 0..facets.len() {
         let facet = facets[i];
-        // To both ends: in one it is written over later.
+        // Written to both places; one of them is overwritten later.
         room[joined] = facet.number;
         facets[i - joined] = facet;
         let joins = dot::<TWO_SIDED>(facet.normal, representative) >= cosine;
@@ -175,14 +176,15 @@ fn take<const TWO_SIDED: bool, const CANONICAL: bool>(
             highest = higher(if joins { f32::NEG_INFINITY } else { facet.normal[2] }, highest);
         }
     }
-    // A representative is like itself but for rounding, which the cosine leaves room for.
+    // A representative is like itself up to rounding, which the cosine allows for.
     debug_assert!(joined > 0);
     facets.truncate(facets.len() - joined);
     *top = highest;
     joined
 }
 
-/// The same for many facets in many classes: sorted by z, those like a representative lie within a short run.
+/// [`take`] for many facets in many classes: with facets sorted by z, those like a representative lie within a short
+/// run.
 fn sweep<const TWO_SIDED: bool>(facets: &mut Vec<Facet>, cosine: f32, classes: &mut Classes, joined: usize) {
     facets.sort_unstable_by(|a, b| {
         if before(a.normal, b.normal) {
@@ -193,10 +195,10 @@ fn sweep<const TWO_SIDED: bool>(facets: &mut Vec<Facet>, cosine: f32, classes: &
             Ordering::Equal
         }
     });
-    // Rounding of the cosine and of the normals widens the angle by less than this where it is not tiny anyway.
+    // Rounding of the cosine and of the normals widens the angle by less than this, unless it is tiny.
     const WIDEN: f32 = 1e-3;
     let angle = cosine.clamp(-1.0, 1.0).acos() + WIDEN;
-    // `next[i]`: the first facet from i on that may still be without class.
+    // `next[i]`: the first facet from i on that may still be without a class.
     let mut next: Vec<u32> = (0..=facets.len() as u32).collect();
     let mut joined = joined;
     let mut head = 0;
@@ -204,7 +206,7 @@ fn sweep<const TWO_SIDED: bool>(facets: &mut Vec<Facet>, cosine: f32, classes: &
         let representative = facets[head].normal;
         let lowest =
             (representative[2].clamp(-1.0, 1.0).acos() + angle).min(std::f32::consts::PI).cos() - WIDEN * WIDEN;
-        // Two-sided normals have z >= 0, so that the far side of a representative is within the angle only if z = 0 is.
+        // Two-sided normals have z >= 0. The far side of a representative is within the angle only if z = 0 is.
         let mut i = head;
         let start = joined;
         while i < facets.len() && facets[i].normal[2] >= lowest {
@@ -223,7 +225,7 @@ fn sweep<const TWO_SIDED: bool>(facets: &mut Vec<Facet>, cosine: f32, classes: &
     facets.clear();
 }
 
-/// The first place from `i` on that leads to itself; the way there is halved for the next one to come.
+/// The first place from `i` on that leads to itself. Halves the path for later searches.
 fn skip(next: &mut [u32], mut i: usize) -> usize {
     while next[i] as usize != i {
         next[i] = next[next[i] as usize];
@@ -235,8 +237,9 @@ fn skip(next: &mut [u32], mut i: usize) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::params::Sides;
 
-    /// The published loop, word by word: join the first cluster whose representative is alike, or else open one.
+    /// The published loop, literally: join the first cluster with a similar representative, or open one.
     fn first_fit(normals: &[[f32; 3]], rule: Rule) -> Vec<u32> {
         let mut order: Vec<usize> = (0..normals.len()).collect();
         if rule.order == Order::Canonical {
@@ -258,7 +261,8 @@ mod tests {
         class
     }
 
-    /// Directions on a sphere, by rejection; some twice, some on the equator, all in the upper half if two-sided.
+    /// Directions on a sphere by rejection. Some repeat, some lie on the equator; all are in the upper half if
+    /// two-sided.
     fn normals(count: u32, two_sided: bool) -> Vec<[f32; 3]> {
         let mut state = 2016_u64;
         let mut random = || {
@@ -283,12 +287,14 @@ mod tests {
     }
 
     #[test]
-    fn passes_and_sweep_are_first_fit() {
-        // From a single class to thousands, so that few facets, passes alone, and passes then sweep all come up.
+    fn passes_and_sweep_compute_first_fit() {
+        // From one class to thousands, so that few facets, passes alone, and passes then sweep all occur.
         for (count, angle) in [(1, 10.0), (40, 10.0), (40, 0.0), (3000, 90.0), (3000, 20.0), (3000, 2.0), (3000, 0.0)] {
-            for two_sided in [false, true] {
+            for sides in [Sides::Signed, Sides::Either] {
+                let two_sided = sides == Sides::Either;
                 for order in [Order::Canonical, Order::Input] {
-                    let rule = Rule::new(&Params { angle, two_sided, order, ..Params::default() });
+                    let rule =
+                        Rule::new(&ClusterParams::default().with_angle(angle).with_sides(sides).with_order(order));
                     let normals = normals(count, two_sided);
                     let mut facets: Vec<Facet> =
                         normals.iter().zip(0..).map(|(&normal, number)| Facet { normal, number }).collect();

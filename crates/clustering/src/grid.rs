@@ -1,22 +1,24 @@
-//! The uniform grid: how many voxels, and which one a place is in.
+//! The uniform grid: its resolution, and the voxel of a place.
 //!
-//! All in f64, where sums and products of `f32` neither overflow nor vanish, and where scaling by a power of two changes
-//! no digit.
+//! All arithmetic is f64. Sums and products of `f32` then neither overflow nor vanish, and scaling by a power of two
+//! changes no digit.
 
 use crate::{Error, Triangles};
 use rayon::prelude::*;
 
-/// Triangles handled by one task; fixed, so that the number of threads changes nothing.
+/// Triangles per task. Fixed, so that the number of threads has no effect.
 pub(crate) const CHUNK: usize = 1 << 15;
 
-/// Centroids this little below a face, relative to the largest coordinate of the axis, count as on it, and so belong to
-/// the voxel above. It is four times the rounding error of an `f32`: regular meshes have centroids exactly on faces, and
-/// scaling, say by 1000, would otherwise throw them to either side.
+/// Centroids this little below a face count as on it, and so belong to the voxel above. The unit is the largest
+/// coordinate of the axis.
+///
+/// It is four times the rounding error of an `f32`. Regular meshes have centroids exactly on faces, and scaling by
+/// 1000, say, would move them to either side.
 const FACE_WIDTH: f64 = 1.0 / (1 << 22) as f64;
-/// The same for the numbers of voxels, which are rounded at halves.
+/// The same tolerance for the numbers of voxels, which are rounded at halves.
 const HALF_WIDTH: f64 = 1.0 / (1 << 20) as f64;
 
-/// Smallest and largest corner of a box. The fourth lane is idle: with it, one instruction does for a corner.
+/// The smallest and largest corner of a box. The fourth lane is idle, so that one instruction handles a corner.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Bounds {
     low: [f32; 4],
@@ -24,16 +26,16 @@ pub(crate) struct Bounds {
 }
 
 impl Bounds {
-    /// The box of nothing.
+    /// The empty box.
     pub(crate) const NOTHING: Self = Self { low: [f32::INFINITY; 4], high: [f32::NEG_INFINITY; 4] };
 
-    /// Widens the box to hold a point.
+    /// Widens the box to contain a point.
     #[inline]
     pub(crate) fn hold(&mut self, place: [f32; 4]) {
         self.unite(Self { low: place, high: place });
     }
 
-    /// Widens the box to hold another.
+    /// Widens the box to contain another.
     #[inline]
     pub(crate) fn unite(&mut self, other: Self) {
         for lane in 0..4 {
@@ -42,7 +44,7 @@ impl Bounds {
         }
     }
 
-    /// The box of some points.
+    /// The box of three points.
     #[inline]
     pub(crate) fn of([a, b, c]: [[f32; 4]; 3]) -> Self {
         let mut bounds = Self { low: a, high: a };
@@ -51,13 +53,13 @@ impl Bounds {
         bounds
     }
 
-    /// Smallest and largest corner.
+    /// The smallest and largest corner.
     pub(crate) fn corners(&self) -> [[f32; 3]; 2] {
         [self.low, self.high].map(|[x, y, z, _]| [x, y, z])
     }
 }
 
-/// Triangles found fit for use.
+/// Triangles that passed all checks.
 #[derive(Debug)]
 pub(crate) struct Mesh<'a> {
     /// Vertices.
@@ -69,7 +71,7 @@ pub(crate) struct Mesh<'a> {
 }
 
 impl<'a> Mesh<'a> {
-    /// The first unfit triangle is named.
+    /// Checks triangles; the error names the first bad one.
     pub(crate) fn new(mesh: &Triangles<'a>) -> Result<Self, Error> {
         let triangles = mesh.indices.len();
         if triangles == 0 {
@@ -105,10 +107,10 @@ fn padded([x, y, z]: [f32; 3]) -> [f32; 4] {
     [x, y, z, 0.0]
 }
 
-/// The box of some places; none where one of them is not finite.
+/// The box of some places, or `None` if one of them is not finite.
 fn finite_bounds(places: impl Iterator<Item = [f32; 4]>) -> Option<Bounds> {
     let mut bounds = Bounds::NOTHING;
-    // Zero times a finite number is zero, times anything else NaN: one sum tells whether all were finite.
+    // Zero times a finite number is zero, times anything else NaN. So one sum checks all numbers.
     let mut zero = [0.0_f32; 4];
     for place in places {
         bounds.hold(place);
@@ -119,7 +121,7 @@ fn finite_bounds(places: impl Iterator<Item = [f32; 4]>) -> Option<Bounds> {
     (zero == [0.0; 4]).then_some(bounds)
 }
 
-/// Of some indices the largest, and whether each of six vertices is among them.
+/// The largest index, and for each of six vertices whether it occurs.
 fn look_up(indices: &[[u32; 3]], vertices: [u32; 6]) -> (u32, [bool; 6]) {
     let (mut largest, mut found) = (0, [0_u32; 6]);
     for &index in indices.as_flattened() {
@@ -132,8 +134,8 @@ fn look_up(indices: &[[u32; 3]], vertices: [u32; 6]) -> (u32, [bool; 6]) {
 }
 
 impl Triangles<'_> {
-    /// The box of all triangles without looking at each: that of all vertices, if those on its faces are in use. None if
-    /// that cannot be said so simply, or if a triangle is unfit.
+    /// The box of all vertices, if the vertices on its faces are in use. `None` if they are not or a triangle is bad.
+    /// Faster than a look at each triangle.
     fn bounds_of_vertices(&self) -> Option<Bounds> {
         let chunk_bounds = |places: &[[f32; 3]]| finite_bounds(places.iter().map(|&place| padded(place)));
         let unite = |mut a: Bounds, b| {
@@ -157,7 +159,7 @@ impl Triangles<'_> {
         ((largest as usize) < self.positions.len() && found == [true; 6]).then_some(bounds)
     }
 
-    /// The box of all triangles. The first unfit triangle is named.
+    /// The box of all triangles. The error names the first bad one.
     fn bounds_of_triangles(&self) -> Result<Bounds, Error> {
         let chunk_bounds = |chunk: &[[u32; 3]]| {
             let vertices = self.positions.len();
@@ -177,7 +179,7 @@ impl Triangles<'_> {
         Ok(bounds)
     }
 
-    /// What is wrong with the first unfit triangle from `start` on.
+    /// The error of the first bad triangle from `start` on.
     fn first_fault(&self, start: usize) -> Error {
         for (triangle, indices) in self.indices.iter().enumerate().skip(start) {
             let triangle = triangle as u32;
@@ -202,11 +204,11 @@ pub(crate) struct Grid {
     pub(crate) resolution: [u32; 3],
     /// For places.
     whole: Scale,
-    /// For thirds of places: sums of three.
+    /// For sums of three places.
     thirds: Scale,
 }
 
-/// From places to voxels; the fourth lane is idle.
+/// A map from places to voxels. The fourth lane is idle.
 #[derive(Clone, Copy, Debug, Default)]
 struct Scale {
     /// The low corner, less [`FACE_WIDTH`] or a quarter of a voxel.
@@ -216,8 +218,8 @@ struct Scale {
 }
 
 impl Grid {
-    /// A grid with about `longest` voxels along the box's longest axis, as many per unit of length along the others, and
-    /// 1 to `clamp` along each.
+    /// A grid with about `longest` voxels along the box's longest axis, the same density along the others, and 1 to
+    /// `clamp` voxels along each.
     pub(crate) fn new(bounds: Bounds, longest: f64, clamp: u32) -> Self {
         let [low, high] = bounds.corners().map(|corner| corner.map(f64::from));
         let extent: [f64; 3] = std::array::from_fn(|axis| high[axis] - low[axis]);
@@ -229,7 +231,7 @@ impl Grid {
                 resolution[axis] = (voxels.round() as u32).clamp(1, clamp);
                 whole.density[axis] = f64::from(resolution[axis]) / extent[axis];
             }
-            // Far from the origin coordinates are coarse; the shift then stays below the voxel.
+            // Coordinates far from the origin are coarse. The shift stays below a voxel there.
             let voxel = extent[axis] / f64::from(resolution[axis]);
             let shift = (FACE_WIDTH * low[axis].abs().max(high[axis].abs())).min(0.25 * voxel);
             whole.low[axis] = low[axis] - shift;
@@ -238,28 +240,28 @@ impl Grid {
         Self { resolution, whole, thirds }
     }
 
-    /// Voxels along the longest axis of a box for K, before the clamp.
+    /// The number of voxels along the longest axis for K, before the clamp.
     pub(crate) fn longest(k: f64, triangles: usize) -> f64 {
         k * (triangles as f64).cbrt()
     }
 
-    /// Voxels in all, occupied or not.
+    /// The number of voxels, occupied or not.
     pub(crate) fn voxels(&self) -> u64 {
         self.resolution.iter().map(|&n| u64::from(n)).product()
     }
 
-    /// The voxel's number: x runs fastest, z slowest.
+    /// The number of a voxel: x runs fastest, z slowest.
     #[inline]
     pub(crate) fn number(&self, [x, y, z]: [u32; 3]) -> u64 {
         let [nx, ny, _] = self.resolution.map(u64::from);
         (u64::from(z) * ny + u64::from(y)) * nx + u64::from(x)
     }
 
-    /// The voxel that holds a point of the box, given in some unit. Points on a face belong to the voxel above.
+    /// The voxel of a place in the unit of `scale`. Places on a face belong to the voxel above.
     #[inline]
     fn voxel(&self, place: [f64; 4], scale: &Scale) -> [u32; 3] {
-        // Next to 2^32 an f64's last digit is 2^-20, and below the leading one are the digits of what was added: a cast
-        // in two instructions. It counts places up to 2^-21 of a voxel below a face as on it.
+        // Next to 2^32 the last digit of an f64 is 2^-20, and the digits below the leading one are those of the addend.
+        // This casts in two instructions. Places up to 2^-21 of a voxel below a face count as on it.
         const LEADING: f64 = (1_u64 << 32) as f64;
         let voxels: [f64; 4] =
             std::array::from_fn(|lane| (place[lane] - scale.low[lane]) * scale.density[lane] + LEADING);
@@ -273,7 +275,7 @@ impl Grid {
         self.number(self.voxel(sum, &self.thirds))
     }
 
-    /// First and last voxel that a box overlaps, along each axis.
+    /// The first and last voxel that a box overlaps, along each axis.
     pub(crate) fn overlapped(&self, bounds: Bounds) -> [[u32; 3]; 2] {
         [bounds.low, bounds.high].map(|corner| self.voxel(corner.map(f64::from), &self.whole))
     }

@@ -1,30 +1,30 @@
-//! From the triangles of one voxel and material to their clusters.
+//! The clusters of the triangles of one material in one voxel.
 
 use crate::Cluster;
 use crate::connected::{Connector, Group};
-use crate::few::{FEW, Few, FirstFit};
 use crate::greedy::{Classes, Facet, Rule, classify};
 use crate::grid::Mesh;
-use crate::params::{Grouping, Insertion, Order, Params};
-use crate::surface::{Normals, Surface};
+use crate::params::{ClusterParams, Connection, Grouping, Insertion, Order};
+use crate::small_groups::{FirstFit, MAX_SMALL, SmallGroups};
+use crate::triangle_normals::{Normals, Surface};
 
-/// Clusters of some voxels, numbered from 0.
+/// The clusters of some voxels, numbered from 0.
 #[derive(Default)]
 pub(crate) struct Batch {
-    /// Triangles, cluster after cluster, ascending in each.
+    /// Triangles, cluster by cluster, ascending in each.
     pub(crate) members: Vec<u32>,
     pub(crate) clusters: Vec<Cluster>,
-    /// Groups with a cluster.
+    /// The number of groups with a cluster.
     pub(crate) groups: u32,
-    /// Voxels with a triangle.
+    /// The number of voxels with a triangle.
     pub(crate) voxels: u64,
-    /// Triangles put into the fullest voxel.
+    /// The number of triangles in the fullest voxel.
     pub(crate) fullest: u32,
-    /// Clusters that kept no triangle.
+    /// The number of clusters that kept no triangle.
     pub(crate) phantoms: u64,
 }
 
-/// A voxel's triangles of one material, ascending, and what is known of each.
+/// The triangles of one material in a voxel, ascending, with their surfaces and normals.
 #[derive(Clone, Copy)]
 pub(crate) struct Members<'a> {
     pub(crate) triangles: &'a [u32],
@@ -32,10 +32,10 @@ pub(crate) struct Members<'a> {
     pub(crate) normals: Normals<'a>,
 }
 
-/// What one thread needs to make batches: the arrays are by number in the group.
+/// The scratch space of one thread. Arrays are indexed by the number in the group.
 #[derive(Default)]
 pub(crate) struct Scratch {
-    few: Few,
+    small: SmallGroups,
     facets: Vec<Facet>,
     classes: Classes,
     class: Vec<u32>,
@@ -43,38 +43,44 @@ pub(crate) struct Scratch {
     connector: Connector,
 }
 
-/// Parameters, as groups want them.
+/// Parameters in the form that groups use.
 #[derive(Clone, Copy)]
-pub(crate) struct Plan {
+pub(crate) struct GroupRule {
     grouping: Grouping,
     weld: bool,
     rule: Rule,
     steep: f32,
-    /// Whether all triangles of a group have their clusters there.
+    /// All triangles of a group have their clusters there.
     keeps_all: bool,
 }
 
-impl Plan {
-    pub(crate) fn new(params: &Params) -> Self {
+impl GroupRule {
+    pub(crate) fn new(params: &ClusterParams) -> Self {
         let keeps_all = params.insertion == Insertion::Centroid;
         let rule = Rule::new(params);
-        Self { grouping: params.grouping, weld: params.weld, rule, steep: steep(params), keeps_all }
+        Self {
+            grouping: params.grouping,
+            weld: params.connection == Connection::Place,
+            rule,
+            steep: steep(params),
+            keeps_all,
+        }
     }
 
-    /// Whether [`Few`] will do.
+    /// Tests if [`SmallGroups`] applies.
     fn is_plain(&self) -> bool {
         self.keeps_all && self.grouping == Grouping::Greedy && self.rule.order == Order::Canonical
     }
 }
 
 impl Scratch {
-    /// Clusters a group and adds them to a batch. Only triangles that `keeps` says (by number in the group) have their
-    /// cluster here count.
+    /// Clusters a group and adds the result to a batch. Only triangles for which `keeps` returns true (by number in the
+    /// group) count.
     #[inline(always)]
     pub(crate) fn cluster(
         &mut self,
         mesh: &Mesh<'_>,
-        plan: &Plan,
+        plan: &GroupRule,
         group: Members<'_>,
         keeps: impl Fn(usize) -> bool,
         batch: &mut Batch,
@@ -84,12 +90,12 @@ impl Scratch {
         if plan.is_plain() {
             let rule = FirstFit { cosine: plan.rule.cosine, two_sided: plan.rule.two_sided, steep: plan.steep };
             let done = match count {
-                0..=8 => self.few.cluster::<8>(rule, group, common, batch),
-                9..=16 => self.few.cluster::<16>(rule, group, common, batch),
-                17..=32 => self.few.cluster::<32>(rule, group, common, batch),
-                33..=64 => self.few.cluster::<64>(rule, group, common, batch),
-                65..=128 => self.few.cluster::<128>(rule, group, common, batch),
-                129..=FEW => self.few.cluster::<FEW>(rule, group, common, batch),
+                0..=8 => self.small.cluster::<8>(rule, group, common, batch),
+                9..=16 => self.small.cluster::<16>(rule, group, common, batch),
+                17..=32 => self.small.cluster::<32>(rule, group, common, batch),
+                33..=64 => self.small.cluster::<64>(rule, group, common, batch),
+                65..=128 => self.small.cluster::<128>(rule, group, common, batch),
+                129..=MAX_SMALL => self.small.cluster::<MAX_SMALL>(rule, group, common, batch),
                 _ => false,
             };
             if done {
@@ -116,12 +122,12 @@ impl Scratch {
         batch.groups += u32::from(batch.clusters.len() > clusters);
     }
 
-    /// Fills `classes`.
-    fn classify(&mut self, mesh: &Mesh<'_>, plan: &Plan, group: Members<'_>) {
+    /// Sorts a group into `classes`.
+    fn classify(&mut self, mesh: &Mesh<'_>, plan: &GroupRule, group: Members<'_>) {
         self.facets.clear();
         let facet = |number| Facet { normal: group.normals.of(number), number: number as u32 };
         self.facets.extend((0..group.triangles.len()).map(facet));
-        // Rare, so that the loop above is without branches.
+        // Flat triangles are rare, so the loop above needs no branches.
         let flat = (0..group.triangles.len()).fold(false, |any, i| any | group.normals.is_flat(i));
         if flat {
             self.facets.retain(|facet| !group.normals.is_flat(facet.number as usize));
@@ -130,7 +136,7 @@ impl Scratch {
         if plan.grouping == Grouping::Connected {
             self.cut(Group { mesh, triangles: group.triangles, weld: plan.weld, order: plan.rule.order });
         } else if flat {
-            // No normal contradicts any: into the first cluster.
+            // Without a normal, a triangle fits the first cluster.
             self.classes.join_first((0..group.triangles.len()).filter(|&i| group.normals.is_flat(i)));
         }
     }
@@ -150,24 +156,25 @@ impl Scratch {
 }
 
 impl Cluster {
-    /// No triangles.
-    pub(crate) const NONE: Self =
-        Self { triangles: 0, bounds: [[0.0; 3]; 2], area: 0.0, normal: [0.0; 3], cone: -1.0, material: 0, group: 0 };
+    /// A cluster without triangles.
+    pub(crate) const NONE: Self = Self::without_triangles([[0.0; 3]; 2], 0.0, 0, 0);
 }
 
-/// From this z on, a two-sided normal has none of its cluster on its other side: they point upwards, and lines of a cluster
-/// are at most twice the angle apart. Infinite where no z says so; below any z where sides are told apart anyway.
-fn steep(params: &Params) -> f32 {
-    /// Room for the rounding of normals, of products and of the angle.
+/// The z from which on a two-sided normal has all normals of its cluster on its own side. They point upwards, and their
+/// angles within a cluster are at most twice the parameter.
+///
+/// It is infinite if no z suffices, and below any z for signed normals.
+fn steep(params: &ClusterParams) -> f32 {
+    /// Tolerance for the rounding of normals, of products and of the angle.
     const SLACK: f64 = 1e-3;
-    match (params.two_sided, 2.0 * params.angle.to_radians()) {
+    match (params.two_sided(), 2.0 * params.angle.to_radians()) {
         (false, _) => f32::NEG_INFINITY,
         (true, angle) if angle < std::f64::consts::FRAC_PI_2 => (angle.sin() + SLACK) as f32,
         (true, _) => f32::INFINITY,
     }
 }
 
-/// A cluster with all that is known of its members filled in.
+/// A cluster with the figures of its members.
 fn measure(group: Members<'_>, members: &[u32], steep: f32, common: Cluster) -> Cluster {
     let numbers = || members.iter().map(|&i| i as usize);
     let mut sum = Surface::NOTHING;
@@ -186,7 +193,7 @@ fn measure(group: Members<'_>, members: &[u32], steep: f32, common: Cluster) -> 
     Cluster { triangles: members.len() as u32, normal, cone, ..sum.cluster(common) }
 }
 
-/// The smallest cosine between a normal and members'; -1 where the normal is zero.
+/// The smallest cosine between a normal and those of members; -1 if the normal is zero.
 fn cone(normal: [f32; 3], cosines: impl Iterator<Item = f32>, both: bool) -> f32 {
     if normal == [0.0; 3] {
         return -1.0;

@@ -1,18 +1,19 @@
-//! Groups a scene's triangles by place, material and normal: plain slices in, clusters out.
+//! Clusters of a scene's triangles by place, material and normal: plain slices in, clusters out.
 //!
-//! A sampler that wants to know before rendering where an image is hard can look at geometry alone: where many small
-//! clusters crowd a pixel, it is. The method is that of \[Lan 2016\], and this crate has it as published and mended.
+//! An image is hard to sample where many small clusters crowd a pixel. A sampler can learn this from the geometry
+//! before rendering.
+//! The method is that of \[Lan 2016\]; this crate has it as published and in an improved form.
 //!
 //! ```
-//! use dapple_clustering::{Params, Triangles, cluster};
+//! use dapple_clustering::{ClusterParams, Triangles, cluster};
 //!
-//! // A unit square of two triangles on the floor, and one that leans against it.
+//! // A unit square of two triangles on the floor, and a triangle that leans against it.
 //! let positions = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0], [0.5, 1.0, 1.0]];
 //! let indices = [[0, 1, 2], [0, 2, 3], [3, 2, 4]];
-//! let triangles = Triangles { positions: &positions, indices: &indices, materials: &[] };
+//! let triangles = Triangles::new(&positions, &indices);
 //!
 //! // One voxel for all; by default K N^(1/3) along the longest axis.
-//! let clusters = cluster(&triangles, &Params { clamp: 1, ..Params::default() })?;
+//! let clusters = cluster(&triangles, &ClusterParams::default().with_clamp(1))?;
 //! assert_eq!(clusters.labels(), [0, 0, 1]);
 //! assert_eq!(clusters.members(0), [0, 1]);
 //! let floor = clusters.clusters()[0];
@@ -21,70 +22,96 @@
 //! # Ok::<(), dapple_clustering::Error>(())
 //! ```
 //!
-//! # What was published
+//! # The published method
 //!
-//! [`Params::published`] is the thesis' method as its code has it:
+//! [`ClusterParams::published`] is the method of the thesis, as in its code:
 //!
-//! 1. A uniform grid over all triangles, K N^(1/3) voxels along its longest axis, at most 32 \[Lan 2016, eq. 3-1, 3-2,
-//!    fig. 3-11\], after pbrt-v2's, which has K = 3 and at most 64.
+//! 1. A uniform grid over all triangles has K N^(1/3) voxels along its longest axis, at most 32 \[Lan 2016, eq. 3-1,
+//!    3-2, fig. 3-11\]. It follows pbrt-v2, which has K = 3 and at most 64.
 //! 2. Each triangle goes into every voxel that its box overlaps ([`Insertion::BoundingBox`]).
-//! 3. In each voxel, in input order ([`Order::Input`]), a triangle joins the first cluster whose first triangle has the same
-//!    material and a normal within A = 10 degrees, or else opens one ([`Grouping::Greedy`]) \[Lan 2016, fig. 3-15\].
-//! 4. A triangle stores one cluster, and so keeps that of the last voxel it was put into.
+//! 3. In each voxel, triangles are visited in input order ([`Order::Input`]). A triangle joins the first cluster whose
+//!    first triangle has the same material and a normal within A = 10 degrees. If there is none, it opens one
+//!    ([`Grouping::Greedy`]) \[Lan 2016, fig. 3-15\].
+//! 4. A triangle stores one cluster, so it keeps that of its last voxel.
 //!
-//! What follows from that is tested: the clamp makes K almost meaningless ([`Params::k`]); step 4 leaves clusters without
-//! triangles ([`Report::phantoms`]); another order of triangles makes other clusters, though the same groups of voxel and
-//! material ([`Cluster::group`]); a flipped winding cuts a surface in two. Published clusters take O(n c) time for n
-//! triangles of a voxel in c clusters.
+//! Tests confirm the consequences:
 //!
-//! Ours are the rules the thesis leaves open: triangles without a normal (see [`cluster`]), and that bounds, area and normal
-//! are those of the triangles that keep a cluster.
+//! * The clamp makes K almost meaningless ([`ClusterParams::k`]).
+//! * Step 4 leaves clusters without triangles ([`ClusterReport::phantoms`]).
+//! * Another order of triangles makes other clusters, though the same groups of voxel and material
+//!   ([`Cluster::group`]).
+//! * A flipped winding cuts a surface in two.
 //!
-//! # What is ours
+//! Published clusters take O(n c) time for n triangles of a voxel in c clusters.
 //!
-//! [`Params::default`] puts a triangle into the voxel of its centroid only, looks at triangles in an order of their normals,
-//! not of the file ([`Order::Canonical`]), and does not ask which side is the front. Labels are then a function of the set of
-//! triangles: shuffle them, and each keeps its label.
+//! The thesis leaves some rules open, and we chose them: triangles without a normal (see [`cluster`]), and that bounds,
+//! area and normal are those of the triangles that keep a cluster.
 //!
-//! [`Grouping::Connected`] cuts clusters into connected pieces, so that two sheets that cross one voxel are two clusters. It
-//! is the remedy that the thesis names in its section 3.2.2, with union-find instead of rescans: near-linear. All members of
-//! a piece are within A of one triangle's normal, so a curved strip cannot drift. Pieces end at voxel faces.
+//! # Improvements
 //!
-//! [`Params::for_count`] searches for the grid that makes about as many clusters as asked for.
+//! [`ClusterParams::default`] puts a triangle only into the voxel of its centroid, visits triangles in the order of
+//! their normals ([`Order::Canonical`]) and ignores which side is the front.
+//! Labels are then a function of the set of triangles: shuffled triangles keep their labels.
 //!
-//! # What can be relied on
+//! [`Grouping::Connected`] cuts clusters into connected pieces, so that two sheets in one voxel are two clusters.
+//! The thesis names this remedy in its section 3.2.2. Union-find replaces rescans, which takes near-linear time.
+//! All members of a piece are within A of one triangle's normal, so a curved strip cannot drift. Pieces end at voxel
+//! faces.
 //!
-//! * The same bits for any number of threads. Nothing depends on hashing order, time or addresses.
-//! * Memory O(triangles + vertices), whatever grid is asked for: voxels are sorted, not stored.
-//! * Positions are finite `f32`, of any size. Scaling a scene by a power of two changes no label, as long as no coordinate
-//!   is rounded. Other factors round coordinates: those within four roundings below a voxel's face still count as on it,
-//!   so that regular meshes, whose centroids lie on faces, keep their voxels; triangles exactly at the angle may move.
+//! [`ClusterParams::for_count`] searches for the grid with about a given number of clusters.
+//!
+//! # Guarantees
+//!
+//! * The result has the same bits on any number of threads. It does not depend on hashing order, time or addresses.
+//! * Memory is O(triangles + vertices) for any grid: voxels are sorted, not stored.
+//! * Positions are finite `f32` of any size. Scaling a scene by a power of two changes no label, as long as no
+//!   coordinate is rounded.
+//! * Other factors round coordinates. Centroids up to four roundings below a voxel's face count as on it, so regular
+//!   meshes, whose centroids lie on faces, keep their voxels. Triangles exactly at the angle may move.
 //! * Permuting axes permutes voxels. Clusters of curved surfaces may differ, since the order of normals begins with z.
 
 mod clusters;
 mod connected;
 mod error;
-mod few;
 mod greedy;
 mod grid;
 mod group;
 mod params;
 mod partition;
-mod surface;
+mod small_groups;
+mod triangle_normals;
 mod voxels;
 
-pub use clusters::{Cluster, Clusters, Report};
+pub use clusters::{Cluster, ClusterReport, Clusters};
 pub use error::Error;
-pub use params::{Grouping, Insertion, Order, Params};
+pub use params::{ClusterParams, Connection, Grouping, Insertion, Order, Sides};
 pub use partition::cluster;
 
-/// The triangles to group, as plain slices.
+/// The triangles to cluster, as plain slices.
 #[derive(Clone, Copy, Debug)]
+#[non_exhaustive]
 pub struct Triangles<'a> {
-    /// Vertices. Those that no triangle uses may be anything.
+    /// Vertices. Unused ones may have any value.
     pub positions: &'a [[f32; 3]],
-    /// Three vertices each.
+    /// Three vertices per triangle.
     pub indices: &'a [[u32; 3]],
-    /// A material each; empty where all are of one.
+    /// A material per triangle; empty if all have the same.
     pub materials: &'a [u32],
 }
+
+impl<'a> Triangles<'a> {
+    /// Triangles of one material, with three vertex indices each.
+    pub const fn new(positions: &'a [[f32; 3]], indices: &'a [[u32; 3]]) -> Self {
+        Self { positions, indices, materials: &[] }
+    }
+
+    /// Sets the material of each triangle; an empty slice gives all the same.
+    pub const fn with_materials(self, materials: &'a [u32]) -> Self {
+        Self { materials, ..self }
+    }
+}
+
+/// Runs the example of the README.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct ReadmeExample;

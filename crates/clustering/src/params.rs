@@ -1,97 +1,131 @@
-//! How triangles are grouped.
+//! Parameters of clustering.
 
 use crate::Error;
 
-/// Largest factor K: any larger one meets the largest clamp with a single triangle.
+/// The largest factor K. A larger one reaches the largest clamp with a single triangle.
 pub(crate) const MAX_K: f64 = 1_048_576.0;
-/// Most voxels along an axis: an `f32` coordinate has 24 bits, so that 2^20 leave 4 for the place in a voxel.
+/// The most voxels along an axis. An `f32` coordinate has 24 bits, so 2^20 voxels leave 4 bits for the place in a
+/// voxel.
 pub(crate) const MAX_CLAMP: u32 = 1 << 20;
-/// Widest angle in degrees: beyond a right angle, normals of one cluster could be opposed.
+/// The widest angle in degrees. Beyond a right angle, normals of one cluster could be opposed.
 pub(crate) const MAX_ANGLE: f64 = 90.0;
-/// Room for the rounding of a product of two `f32` unit vectors: `2 * 2^-24` of their lengths and `3 * 2^-24` of the sum at
-/// most. So equal normals are alike at any angle (or a representative would not join its own cluster), and an angle met
+/// The rounding error of the product of two `f32` unit vectors: at most `2 * 2^-24` from their lengths and `3 * 2^-24`
+/// from the sum.
+///
+/// Because of it, equal normals are alike at any angle (a representative joins its own cluster), and an angle met
 /// exactly counts as within.
 const COSINE_SLACK: f64 = 1.0 / (1 << 21) as f64;
 
-/// Which voxels a triangle is put into.
+/// The voxels that a triangle is put into.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Insertion {
-    /// The one that holds its centroid (ours; \[Lan 2016\] has the other).
+    /// The voxel of its centroid. \[Lan 2016\] uses the other variant.
     #[default]
     Centroid,
-    /// All that its axis-aligned box overlaps, as published: it is clustered in each, and keeps the cluster of the last
-    /// one in the order of z, then y, then x. Clusters that keep no triangle are phantoms: they are dropped, and
-    /// counted in [`crate::Report::phantoms`].
+    /// All voxels that its axis-aligned box overlaps, as published.
+    ///
+    /// The triangle is clustered in each of them and keeps the cluster of the last one in the order of z, then y, then
+    /// x.
+    /// Clusters that keep no triangle are phantoms: they are dropped and counted in [`crate::ClusterReport::phantoms`].
     BoundingBox,
 }
 
-/// What a voxel's triangles of one material are cut into.
+/// The grouping of a voxel's triangles of one material.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Grouping {
-    /// As published: a triangle joins the first cluster whose representative's normal is within the angle of its own,
-    /// or else opens one and represents it.
+    /// A triangle joins the first cluster whose representative has a normal within the angle, or else opens one and
+    /// represents it. As published.
     #[default]
     Greedy,
-    /// Greedy, then each cluster cut into its connected pieces: triangles that share a vertex, directly or through others
-    /// of the cluster. The thesis names this as a remedy and does not build it.
+    /// Greedy, then each cluster is cut into its connected pieces. Triangles are connected if they share a vertex,
+    /// directly or through others of the cluster. The thesis names this remedy but does not build it.
     Connected,
 }
 
-/// The order in which a voxel's triangles are looked at, and so which of them represent clusters.
+/// The order in which a voxel's triangles are visited. It decides which of them represent clusters.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Order {
-    /// By normal: the largest z first, then y, then x. The partition then depends on the set of normals in a voxel only,
-    /// not on the order in which triangles come, nor on how finely a flat part is cut up.
+    /// By normal: the largest z first, then y, then x. The partition depends only on the set of normals in a voxel. The
+    /// order of triangles and the subdivision of flat parts have no effect.
     #[default]
     Canonical,
-    /// As they come in, as published. Another order of the same triangles gives other clusters.
+    /// Input order, as published. Another order of the same triangles gives other clusters.
     Input,
 }
 
-/// How triangles are grouped. A plain struct: [`crate::cluster`] checks it.
+/// The comparison of opposite normals.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Sides {
+    /// Opposite normals are alike, `|n.n'|`. A flipped winding, common in meshes from several sources, then cuts no
+    /// surface in two. A sampler sees only one side anyway.
+    #[default]
+    Either,
+    /// Opposite normals differ, `n.n'`. As published.
+    Signed,
+}
+
+/// The vertices that connect triangles.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Connection {
+    /// Vertices at exactly the same place (0.0 and -0.0 are equal). Meshes cut at texture seams and triangle soups are
+    /// connected only by place.
+    #[default]
+    Place,
+    /// Vertices of the same index.
+    Vertex,
+}
+
+/// The parameters of clustering. [`crate::cluster`] checks them.
 ///
 /// ```
-/// use dapple_clustering::{Grouping, Params};
-/// let params = Params { angle: 5.0, grouping: Grouping::Connected, ..Params::default() };
+/// use dapple_clustering::{ClusterParams, Grouping};
+///
+/// let params = ClusterParams::default().with_angle(5.0).with_grouping(Grouping::Connected);
 /// assert_eq!(params.clamp, 64);
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Params {
-    /// The factor K: the grid has `K N^(1/3)` voxels along its longest axis, N being the number of triangles, and
-    /// proportionally many along the others, each rounded \[Lan 2016, eq. 3-1, 3-2\]. Above 0, up to 2^20; 3 by default,
-    /// as in pbrt-v2.
+#[non_exhaustive]
+pub struct ClusterParams {
+    /// The factor K, above 0 and at most 2^20; 3 by default, as in pbrt-v2.
     ///
-    /// With the thesis' clamp of 32 it means next to nothing: the longest axis is at its 32 voxels from 1158 triangles
-    /// on with K = 3, from 43 with K = 9 and from 2 with K = 30. Beyond that, only the shorter axes still react to K, and
-    /// voxels stop being cubes. Where K matters, raise `clamp` too.
+    /// The grid has `K N^(1/3)` voxels along its longest axis for N triangles, and proportionally many along the
+    /// others, each rounded \[Lan 2016, eq. 3-1, 3-2\].
+    ///
+    /// With the thesis' clamp of 32, K hardly matters. The longest axis has its 32 voxels from 1158 triangles on with K
+    /// = 3, from 43 with K = 9 and from 2 with K = 30.
+    /// Beyond that only the shorter axes react to K, and voxels stop being cubes. Raise `clamp` if K should matter.
     pub k: f64,
-    /// Most voxels along an axis, 1 to 2^20: 32 in the thesis, 64 in pbrt-v2. They bound the memory of an array of
-    /// voxels; here only occupied voxels are stored, so any clamp is affordable. The default is 64 because of what
-    /// voxels are for: in an image 1024 pixels wide that shows the whole scene one is then 16 pixels wide, and
-    /// smaller clusters tell a sampler little that single pixels don't.
+    /// The most voxels along an axis, 1 to 2^20: 32 in the thesis, 64 in pbrt-v2 and by default.
+    ///
+    /// In the originals the clamp bounds the memory of an array of voxels. Here only occupied voxels are stored, so any
+    /// clamp is affordable.
+    /// At 64, a voxel is 16 pixels wide in an image of the whole scene that is 1024 pixels wide. Smaller clusters tell
+    /// a sampler little more than single pixels do.
     pub clamp: u32,
-    /// The angle A in degrees within which normals are alike, 0 to 90; 10 by default, as in the thesis. It is met to
-    /// within `2^-21` in the cosine: 0.0002 degrees at 10, 0.06 at 0.
+    /// The angle A in degrees within which normals are alike, 0 to 90; 10 by default, as in the thesis. The cosine has
+    /// a tolerance of `2^-21`: 0.0002 degrees at 10, 0.06 at 0.
     pub angle: f64,
-    /// Which voxels a triangle is put into.
+    /// The voxels that a triangle is put into.
     pub insertion: Insertion,
-    /// What a voxel's triangles of one material are cut into.
+    /// The grouping of a voxel's triangles of one material.
     pub grouping: Grouping,
-    /// The order in which a voxel's triangles are looked at.
+    /// The order in which a voxel's triangles are visited.
     pub order: Order,
-    /// Whether opposite normals are alike (`|n.n'|` instead of `n.n'`). By default they are: a flipped winding, common in
-    /// meshes from many hands, would cut a surface in two, and a sampler sees but one side anyway. The thesis tells
-    /// them apart.
-    pub two_sided: bool,
-    /// Whether vertices at exactly one place count as one for [`Grouping::Connected`], whatever their numbers (0.0 and
-    /// -0.0 are one place). True by default: meshes cut at texture seams, and triangle soups, are connected by place only.
-    pub weld: bool,
-    /// How many clusters to aim at. The voxels per axis are then searched for, and `k` and `clamp` not used. See
-    /// [`Params::for_count`].
+    /// The comparison of opposite normals.
+    pub sides: Sides,
+    /// The vertices that connect triangles for [`Grouping::Connected`].
+    pub connection: Connection,
+    /// The desired number of clusters. If set, the voxels per axis are searched for, and `k` and `clamp` are unused.
+    /// See [`ClusterParams::for_count`].
     pub count: Option<u32>,
 }
 
-impl Default for Params {
+impl Default for ClusterParams {
     fn default() -> Self {
         Self {
             k: 3.0,
@@ -100,44 +134,91 @@ impl Default for Params {
             insertion: Insertion::Centroid,
             grouping: Grouping::Greedy,
             order: Order::Canonical,
-            two_sided: true,
-            weld: true,
+            sides: Sides::Either,
+            connection: Connection::Place,
             count: None,
         }
     }
 }
 
-impl Params {
-    /// The thesis' method as its code has it: K = 9, at most 32 voxels per axis, triangles in all voxels that their boxes
-    /// overlap, signed normals within 10 degrees of the first triangle's, in input order \[Lan 2016, fig. 3-11, 3-15\].
+impl ClusterParams {
+    /// The method of the thesis, as in its code: K = 9, at most 32 voxels per axis, triangles in all voxels that their
+    /// boxes overlap, signed normals within 10 degrees of the first triangle's, input order \[Lan 2016, fig. 3-11,
+    /// 3-15\].
     pub fn published() -> Self {
         Self {
             k: 9.0,
             clamp: 32,
             insertion: Insertion::BoundingBox,
             order: Order::Input,
-            two_sided: false,
+            sides: Sides::Signed,
             ..Self::default()
         }
     }
 
     /// The default, with a grid whose number of clusters comes close to `count` (at least 1).
     ///
-    /// A target, not a promise. Materials and normals keep triangles apart in a single voxel already, triangles in one
-    /// place stay together in any grid, and the number of clusters jumps between one grid and the next. What holds:
-    /// no cluster is empty, each triangle is in one, and of some dozen grids tried, from 1 to 2^20 voxels along the
-    /// longest axis, it is the one whose number of clusters is nearest to `count` by ratio (of equals, the coarsest). The
-    /// search ends within 1 %, or where grids differ by 1 %. With boxes, grids that put the average triangle into more
-    /// than 32 voxels are not tried.
+    /// The count is a target. Materials and normals separate triangles even in a single voxel, triangles in one place
+    /// stay together in any grid, and the number of clusters jumps from grid to grid.
+    ///
+    /// The search tries some dozen grids, from 1 to 2^20 voxels along the longest axis. It returns the one whose number
+    /// of clusters is nearest to `count` by ratio (the coarsest of equals).
+    /// It ends within 1 %, or when grids differ by 1 %. With boxes, grids that put the average triangle into more than
+    /// 32 voxels are not tried.
     pub fn for_count(count: u32) -> Self {
         Self { count: Some(count), ..Self::default() }
     }
 
-    /// Says beforehand what [`crate::cluster`] would refuse of them.
+    /// Sets the factor K.
+    pub const fn with_k(self, k: f64) -> Self {
+        Self { k, ..self }
+    }
+
+    /// Sets the most voxels along an axis.
+    pub const fn with_clamp(self, clamp: u32) -> Self {
+        Self { clamp, ..self }
+    }
+
+    /// Sets the angle in degrees within which normals are alike.
+    pub const fn with_angle(self, angle: f64) -> Self {
+        Self { angle, ..self }
+    }
+
+    /// Sets the voxels that a triangle is put into.
+    pub const fn with_insertion(self, insertion: Insertion) -> Self {
+        Self { insertion, ..self }
+    }
+
+    /// Sets the grouping of a voxel's triangles of one material.
+    pub const fn with_grouping(self, grouping: Grouping) -> Self {
+        Self { grouping, ..self }
+    }
+
+    /// Sets the order in which a voxel's triangles are visited.
+    pub const fn with_order(self, order: Order) -> Self {
+        Self { order, ..self }
+    }
+
+    /// Sets the comparison of opposite normals.
+    pub const fn with_sides(self, sides: Sides) -> Self {
+        Self { sides, ..self }
+    }
+
+    /// Sets the vertices that connect triangles.
+    pub const fn with_connection(self, connection: Connection) -> Self {
+        Self { connection, ..self }
+    }
+
+    /// Sets the desired number of clusters, at least 1, in place of `k` and `clamp`.
+    pub const fn with_count(self, count: u32) -> Self {
+        Self { count: Some(count), ..self }
+    }
+
+    /// Checks the parameters as [`crate::cluster`] does.
     ///
     /// # Errors
     ///
-    /// The first number out of range.
+    /// The error of the first parameter out of range.
     pub fn check(&self) -> Result<(), Error> {
         if !(self.k > 0.0 && self.k <= MAX_K) {
             return Err(Error::BadK { k: self.k });
@@ -154,7 +235,12 @@ impl Params {
         Ok(())
     }
 
-    /// Normals are alike where their dot product is at least this.
+    /// Tests if opposite normals are alike.
+    pub(crate) fn two_sided(&self) -> bool {
+        self.sides == Sides::Either
+    }
+
+    /// The least dot product of similar normals.
     pub(crate) fn cosine(&self) -> f32 {
         (self.angle.to_radians().cos() - COSINE_SLACK) as f32
     }

@@ -1,37 +1,42 @@
-//! From triangles to clusters over a grid, range by range of voxels.
+//! From triangles to clusters over a grid, in ranges of voxels.
 
 use crate::grid::{Bounds, CHUNK, Grid, Mesh};
-use crate::group::{Batch, Members, Plan, Scratch};
-use crate::params::{Insertion, MAX_CLAMP, Params};
-use crate::surface::Surfaces;
+use crate::group::{Batch, GroupRule, Members, Scratch};
+use crate::params::{ClusterParams, Insertion, MAX_CLAMP};
+use crate::triangle_normals::Surfaces;
 use crate::voxels::{Entry, Ranges, Sorted, for_ranges};
-use crate::{Cluster, Clusters, Error, Report, Triangles};
+use crate::{Cluster, ClusterReport, Clusters, Error, Triangles};
 use pulp::{Arch, NullaryFnOnce};
 use rayon::prelude::*;
 use std::sync::Arc;
 
-/// Most pairs of a triangle and a voxel: 4 GiB of them with their copy.
+/// The most pairs of a triangle and a voxel: 4 GiB with their copy.
 const MAX_ENTRIES: u64 = 1 << 28;
-/// Of these, while a grid is searched for: per triangle, and at least.
+/// The limit on pairs during the search for a grid: per triangle, and at least.
 const SEARCHED_ENTRIES: [u64; 2] = [32, 1 << 16];
-/// A number of clusters, or two grids' voxels along an axis, are near enough within this ratio.
+/// The ratio within which numbers of clusters, or the resolutions of two grids, are close enough.
 const NEAR: f64 = 1.01;
-/// Voxels from which on an entry needs more than 64 bits.
+/// The number of voxels from which on an entry needs more than 64 bits.
 const WIDE: u64 = 1 << 32;
 
-/// Groups triangles by place, material and normal. See the crate's page for the method, [`Params`] for its parameters.
+/// Clusters triangles by place, material and normal. The crate's page describes the method, [`ClusterParams`] the
+/// parameters.
 ///
-/// The result is the same to the bit for any number of threads. With [`crate::Order::Canonical`], shuffled triangles
-/// (and vertices, and materials along) get the very labels they had; only sums may then differ in their last digits.
+/// The result has the same bits on any number of threads. With [`crate::Order::Canonical`], triangles that are shuffled
+/// with their vertices and materials keep their labels; only sums may differ in their last digits.
 ///
-/// A triangle without a normal (zero area, or three corners on a line) is like any normal: it joins the first cluster of
-/// its voxel and material, or with [`crate::Grouping::Connected`] the first that it touches; where there is none, such
-/// triangles make one of their own, each connected piece apart.
+/// A triangle without a normal (zero area or three corners on a line) is like any normal. It joins the first cluster of
+/// its voxel and material, or with [`crate::Grouping::Connected`] the first that it touches.
+/// If there is none, such triangles form a cluster of their own, one per connected piece.
 ///
 /// # Errors
-/// For no triangles, a corner that is no vertex or is not finite, materials that are not one each, parameters out of
-/// range, or boxes that overlap more than 2^28 voxels in all. Unused vertices may be anything.
-pub fn cluster(triangles: &Triangles<'_>, params: &Params) -> Result<Clusters, Error> {
+///
+/// * There are no triangles.
+/// * A corner is not a vertex or not finite. Unused vertices may have any value.
+/// * The number of materials is neither 0 nor that of the triangles.
+/// * A parameter is out of range.
+/// * The boxes of the triangles overlap more than 2^28 voxels in all.
+pub fn cluster(triangles: &Triangles<'_>, params: &ClusterParams) -> Result<Clusters, Error> {
     params.check()?;
     let mesh = Mesh::new(triangles)?;
     match params.count {
@@ -43,8 +48,8 @@ pub fn cluster(triangles: &Triangles<'_>, params: &Params) -> Result<Clusters, E
     }
 }
 
-/// The grid whose number of clusters is nearest to `count`: bisection of the voxels along the longest axis, by ratio.
-fn search(mesh: &Mesh<'_>, params: &Params, count: u32) -> Result<Clusters, Error> {
+/// The clusters of the grid with nearly `count` clusters: bisection of the voxels along the longest axis, by ratio.
+fn search(mesh: &Mesh<'_>, params: &ClusterParams, count: u32) -> Result<Clusters, Error> {
     let [each, least] = SEARCHED_ENTRIES;
     let limit = (each * mesh.indices.len() as u64).clamp(least, MAX_ENTRIES);
     let at = |longest: u32| partition(mesh, params, Grid::new(mesh.bounds, f64::from(longest), MAX_CLAMP), limit);
@@ -70,7 +75,7 @@ fn search(mesh: &Mesh<'_>, params: &Params, count: u32) -> Result<Clusters, Erro
             found => found?,
         };
         let enough = found.len() >= count as usize;
-        // Nothing is left to cut where each triangle is alone.
+        // If each triangle is alone, nothing is left to cut.
         if enough || found.len() == mesh.indices.len() {
             high = next;
         } else {
@@ -85,13 +90,13 @@ fn search(mesh: &Mesh<'_>, params: &Params, count: u32) -> Result<Clusters, Erro
     Ok(best)
 }
 
-/// The geometric mean, strictly between where there is room.
+/// The geometric mean, strictly between the two if there is room.
 fn middle(low: u32, high: u32) -> u32 {
     let mean = (f64::from(low) * f64::from(high)).sqrt() as u32;
     mean.clamp(low + 1, (high - 1).max(low + 1))
 }
 
-fn partition(mesh: &Mesh<'_>, params: &Params, grid: Grid, limit: u64) -> Result<Clusters, Error> {
+fn partition(mesh: &Mesh<'_>, params: &ClusterParams, grid: Grid, limit: u64) -> Result<Clusters, Error> {
     if grid.voxels() <= WIDE {
         partition_with::<u64>(mesh, params, grid, limit)
     } else {
@@ -99,7 +104,12 @@ fn partition(mesh: &Mesh<'_>, params: &Params, grid: Grid, limit: u64) -> Result
     }
 }
 
-fn partition_with<E: Entry>(mesh: &Mesh<'_>, params: &Params, grid: Grid, limit: u64) -> Result<Clusters, Error> {
+fn partition_with<E: Entry>(
+    mesh: &Mesh<'_>,
+    params: &ClusterParams,
+    grid: Grid,
+    limit: u64,
+) -> Result<Clusters, Error> {
     let insertions = match params.insertion {
         Insertion::Centroid => mesh.indices.len() as u64,
         Insertion::BoundingBox => count_overlapped(mesh, grid, limit)?,
@@ -119,7 +129,7 @@ fn partition_with<E: Entry>(mesh: &Mesh<'_>, params: &Params, grid: Grid, limit:
     let batches =
         for_ranges(&parts, ranges, |worker: &mut Worker, entries| worker.cluster(mesh, params, grid, entries));
     drop(parts);
-    let report = Report {
+    let report = ClusterReport {
         resolution: grid.resolution,
         occupied: batches.iter().map(|batch| batch.voxels).sum(),
         fullest: batches.iter().map(|batch| batch.fullest).max().unwrap_or(0),
@@ -153,7 +163,7 @@ fn insert_boxes<E: Entry>(mesh: &Mesh<'_>, grid: Grid, chunk: usize, entries: &m
     }
 }
 
-/// How many voxels the triangles' boxes overlap in all.
+/// The number of voxels that the triangles' boxes overlap in all.
 fn count_overlapped(mesh: &Mesh<'_>, grid: Grid, limit: u64) -> Result<u64, Error> {
     let count = |triangle: u32| {
         let [first, last] = grid.overlapped(Bounds::of(mesh.corners(triangle)));
@@ -164,24 +174,24 @@ fn count_overlapped(mesh: &Mesh<'_>, grid: Grid, limit: u64) -> Result<u64, Erro
     if entries > limit { Err(Error::TooManyEntries { entries, limit }) } else { Ok(entries) }
 }
 
-/// Triangles whose surfaces are computed together: some blocks, so that few lanes are idle, and no more, so that all stay
-/// in the nearest cache until their clusters are made.
+/// Triangles whose surfaces are computed together: enough blocks to leave few lanes idle, and few enough to stay in the
+/// nearest cache until they are clustered.
 const RUN: usize = 256;
 
-/// One thread's scratch space.
+/// The scratch space of one thread.
 #[derive(Default)]
 struct Worker {
     scratch: Scratch,
     surfaces: Surfaces,
-    /// Some voxels' triangles, material by material.
+    /// The triangles of some voxels, material by material.
     triangles: Vec<u32>,
-    /// Of these, for each voxel and material: the number of the voxel, and where they end.
+    /// For each voxel and material among them: the number of the voxel, and the end of its triangles.
     groups: Vec<(u64, usize)>,
 }
 
 impl Worker {
     /// Clusters the voxels of a range.
-    fn cluster<E: Entry>(&mut self, mesh: &Mesh<'_>, params: &Params, grid: Grid, entries: &[E]) -> Batch {
+    fn cluster<E: Entry>(&mut self, mesh: &Mesh<'_>, params: &ClusterParams, grid: Grid, entries: &[E]) -> Batch {
         let mut batch = Batch::default();
         batch.members.reserve_exact(if params.insertion == Insertion::Centroid { entries.len() } else { 0 });
         for voxel in entries.chunk_by(|a, b| a.voxel() == b.voxel()) {
@@ -198,7 +208,7 @@ impl Worker {
         batch
     }
 
-    /// Splits the triangles from `first` on, which are a voxel's, into groups by material.
+    /// Splits the triangles of one voxel, from `first` on, into groups by material.
     fn split(&mut self, materials: &[u32], first: usize, voxel: u64) {
         if materials.is_empty() {
             self.groups.push((voxel, self.triangles.len()));
@@ -217,16 +227,16 @@ impl Worker {
         }
     }
 
-    /// Clusters the groups and drops them, in the widest registers there are. (Rust never fuses a product and a sum, so the
-    /// bits are the same for all.)
-    fn flush(&mut self, mesh: &Mesh<'_>, params: &Params, grid: Grid, batch: &mut Batch) {
+    /// Clusters the groups and drops them, in the widest registers of the machine. Rust never fuses a product and a
+    /// sum, so the bits are the same for all.
+    fn flush(&mut self, mesh: &Mesh<'_>, params: &ClusterParams, grid: Grid, batch: &mut Batch) {
         Arch::new().dispatch(Flush { worker: self, mesh, params, grid, batch });
     }
 
     #[inline(always)]
-    fn flush_here(&mut self, mesh: &Mesh<'_>, params: &Params, grid: Grid, batch: &mut Batch) {
-        self.surfaces.load(mesh, &self.triangles, params.two_sided);
-        let plan = Plan::new(params);
+    fn flush_here(&mut self, mesh: &Mesh<'_>, params: &ClusterParams, grid: Grid, batch: &mut Batch) {
+        self.surfaces.load(mesh, &self.triangles, params.two_sided());
+        let plan = GroupRule::new(params);
         let mut start = 0;
         for &(voxel, end) in &self.groups {
             let group = Members {
@@ -234,7 +244,7 @@ impl Worker {
                 surfaces: &self.surfaces.surfaces[start..end],
                 normals: self.surfaces.normals(start),
             };
-            // The last voxel of its box has a triangle's cluster.
+            // A triangle has the cluster of the last voxel of its box.
             let keeps = |i: usize| grid.number(grid.overlapped(group.surfaces[i].bounds)[1]) == voxel;
             self.scratch.cluster(mesh, &plan, group, keeps, batch);
             start = end;
@@ -248,7 +258,7 @@ impl Worker {
 struct Flush<'a, 'm> {
     worker: &'a mut Worker,
     mesh: &'a Mesh<'m>,
-    params: &'a Params,
+    params: &'a ClusterParams,
     grid: Grid,
     batch: &'a mut Batch,
 }
@@ -262,9 +272,9 @@ impl NullaryFnOnce for Flush<'_, '_> {
     }
 }
 
-/// Batches one after the other. Each array is written once, where it stays: the first touch of a page costs more than
-/// what is written there.
-fn join(batches: Vec<Batch>, report: Report) -> Clusters {
+/// Concatenates batches. Each array is written once, in its final place: the first touch of a page costs more than
+/// writing to it.
+fn join(batches: Vec<Batch>, report: ClusterReport) -> Clusters {
     let count = batches.iter().map(|batch| batch.clusters.len()).sum();
     let triangles = report.triangles as usize;
     let mut labels: Arc<[u32]> = std::iter::repeat_n(0, triangles).collect();
@@ -290,7 +300,7 @@ fn join(batches: Vec<Batch>, report: Report) -> Clusters {
     let mut all = batches.iter().zip(groups).flat_map(|(batch, groups)| {
         batch.clusters.iter().map(move |&cluster| Cluster { group: groups + cluster.group, ..cluster })
     });
-    // By number, so that their count is known beforehand.
+    // By number, so that their count is known in advance.
     let clusters = (0..count).map(|_| all.next().unwrap_or(Cluster::NONE)).collect();
     Clusters { labels, clusters, members, starts, report }
 }

@@ -1,10 +1,10 @@
-//! Which triangles are in which voxel: pairs sorted by voxel. Only occupied voxels take memory.
+//! Pairs of a voxel and a triangle, sorted by voxel. Only occupied voxels take memory.
 
 use rayon::prelude::*;
 
-/// A voxel's number and a triangle's, ordered by the first, then by the second.
+/// The numbers of a voxel and a triangle, ordered by the first, then by the second.
 pub(crate) trait Entry: Copy + Ord + Default + Send + Sync {
-    /// A triangle in a voxel.
+    /// Pairs a voxel with a triangle.
     fn new(voxel: u64, triangle: u32) -> Self;
     /// The voxel.
     fn voxel(self) -> u64;
@@ -44,18 +44,19 @@ impl Entry for u128 {
     }
 }
 
-/// Entries per bucket, on average: 32 KiB of them with their copy, a first-level cache.
+/// The average number of entries per bucket: 32 KiB with their copy, a first-level cache.
 const BUCKET: usize = 2048;
-/// Most buckets: counting into more of them costs more than sorting longer ones.
+/// The most buckets. Counting into more of them costs more than sorting longer ones.
 const MAX_BUCKETS: usize = 1024;
 /// Buckets with fewer entries are sorted by comparisons.
 const SMALL: usize = 64;
-/// Most bits of a voxel's number for which voxels are counted one by one: half a first-level cache of counters.
+/// The most bits of a voxel's number for which voxels are counted: half a first-level cache of counters.
 const MAX_COUNTED: u32 = 12;
-/// Voxels per entry up to which they are: clearing and adding up a counter takes a fraction of moving an entry once more.
+/// The most voxels per entry for which voxels are counted. Clearing and adding up a counter takes a fraction of moving
+/// an entry once more.
 const SPARSE: usize = 4;
 
-/// Voxels cut into ranges of equal width, a power of two.
+/// Ranges of voxels of equal width, a power of two.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Ranges {
     shift: u32,
@@ -63,7 +64,7 @@ pub(crate) struct Ranges {
 }
 
 impl Ranges {
-    /// For a number of voxels and of entries.
+    /// The ranges for a number of voxels and of entries.
     pub(crate) fn new(voxels: u64, entries: usize) -> Self {
         let wanted = (entries / BUCKET).clamp(1, MAX_BUCKETS).next_power_of_two().trailing_zeros();
         let bits = u64::BITS - (voxels - 1).leading_zeros();
@@ -71,13 +72,13 @@ impl Ranges {
         Self { shift, count: ((voxels - 1) >> shift) as usize + 1 }
     }
 
-    /// How many.
+    /// The number of ranges.
     pub(crate) fn count(&self) -> usize {
         self.count
     }
 }
 
-/// Entries ordered by range, those of a range as they came.
+/// Entries ordered by range, otherwise in their old order.
 pub(crate) struct Sorted<E> {
     entries: Vec<E>,
     starts: Vec<u32>,
@@ -108,7 +109,7 @@ impl<E: Entry> Sorted<E> {
     }
 }
 
-/// Calls `work` for each range with its entries in order; what it returns comes in the order of ranges.
+/// Calls `work` for each range with its entries in order. The results have the order of the ranges.
 pub(crate) fn for_ranges<E: Entry, S: Default, T: Send>(
     parts: &[Sorted<E>],
     ranges: Ranges,
@@ -126,7 +127,7 @@ pub(crate) fn for_ranges<E: Entry, S: Default, T: Send>(
         .collect()
 }
 
-/// One thread's room to sort in.
+/// The sorting buffers of one thread.
 struct Buffers<E> {
     entries: Vec<E>,
     spare: Vec<E>,
@@ -143,7 +144,7 @@ impl<E: Entry> Buffers<E> {
             parts().for_each(|part| self.entries.extend_from_slice(part));
             return sort(&mut self.entries, &mut self.spare, bits);
         }
-        // A counter for each voxel: sorted in one go, straight from the parts.
+        // A counter per voxel sorts straight from the parts in one pass.
         let voxel = |entry: E| entry.voxel() as usize & ((1 << bits) - 1);
         self.next.clear();
         self.next.resize(1 << bits, 0);
@@ -167,7 +168,7 @@ impl<E: Entry> Buffers<E> {
     }
 }
 
-/// Sorts entries that agree in all bits of the voxel but the low `bits`, and whose triangles ascend.
+/// Sorts entries whose voxels agree in all but the low `bits`, and whose triangles ascend.
 fn sort<E: Entry>(entries: &mut Vec<E>, spare: &mut Vec<E>, bits: u32) {
     const DIGIT: u32 = 8;
     if entries.len() < SMALL || bits > 3 * DIGIT {

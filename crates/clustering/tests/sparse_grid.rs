@@ -1,12 +1,12 @@
-//! K06, in a process of its own, so that the peak is that of this test.
+//! Memory of a sparse grid, in its own process so that the peak is that of this test.
 
-#[path = "clustering/support/mod.rs"]
+#[path = "clustering/support.rs"]
 mod support;
 
-use dapple_clustering::{Error, Insertion, Params};
+use dapple_clustering::{ClusterParams, Error, Insertion};
 use support::soup;
 
-/// The most memory that this process has held, in KiB.
+/// The peak memory of this process in KiB.
 fn peak() -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find(|line| line.starts_with("VmHWM"))?;
@@ -15,21 +15,21 @@ fn peak() -> Option<u64> {
 
 #[test]
 #[allow(clippy::print_stderr)]
-fn k06_sparse_grid() {
+fn a_sparse_grid_takes_memory_for_occupied_voxels_only_k06() {
     let mesh = soup(10, 0.01, 6);
     let mesh = mesh.map(|p| p.map(|x| x.clamp(0.0, 0.95)));
-    // Pins the box to a cube.
+    // Makes the box a cube.
     let mut mesh = mesh;
     mesh.add([[0.0; 3], [0.0; 3], [1.0; 3]]);
     mesh.materials.push(0);
-    let params = Params { k: 1e6, clamp: 2000, ..Params::default() };
+    let params = ClusterParams::default().with_k(1e6).with_clamp(2000);
     let clusters = mesh.cluster(&params).unwrap();
     assert_eq!(clusters.report().requested(), 8_000_000_000);
     assert_eq!((clusters.len(), clusters.report().occupied), (11, 11));
-    let finest = mesh.cluster(&Params { clamp: 1 << 20, ..params }).unwrap();
+    let finest = mesh.cluster(&params.with_clamp(1 << 20)).unwrap();
     assert_eq!((finest.report().requested(), finest.len()), (1 << 60, 11));
-    // Boxes that fill the grid can't be put into all of it: an error, not 8e9 entries.
-    let boxes = mesh.cluster(&Params { insertion: Insertion::BoundingBox, ..params });
+    // Boxes that fill the grid would make 8e9 entries: an error.
+    let boxes = mesh.cluster(&params.with_insertion(Insertion::BoundingBox));
     assert!(matches!(boxes, Err(Error::TooManyEntries { entries, .. }) if entries >= 8_000_000_000), "{boxes:?}");
     match peak() {
         Some(peak) => assert!(peak < 64 << 10, "{peak} KiB"),

@@ -1,4 +1,4 @@
-//! What every filter must pass.
+//! Conformance of filters.
 
 use crate::sampler::{Scene, frame, on_threads};
 use dapple_core::{
@@ -7,29 +7,33 @@ use dapple_core::{
 
 /// Checks a filter that works on frames of any size.
 ///
-/// Applies it to films of made-up scenes with uneven counts, pixels without samples and fireflies of
-/// 10^20 (whose square is no `f32`), on frames from 1x1 up, and demands: a constant stays that
-/// constant; everything finite, errors not negative; sizes right; the same bits for any number of
-/// threads; a film that lacks what the filter reads refused with
-/// [`Error::NotRecorded`](dapple_core::Error::NotRecorded).
+/// It applies the filter to films of made-up scenes with uneven counts, pixels without samples and fireflies of 10^20
+/// (whose square exceeds `f32`), on frames from 1x1 up, and checks that:
+///
+/// * a constant image stays constant;
+/// * radiance is finite, and errors are not negative;
+/// * sizes are right;
+/// * bits do not depend on the number of threads;
+/// * a film without the statistics that it reads is refused with
+///   [`Error::NotRecorded`](dapple_core::Error::NotRecorded).
 ///
 /// # Panics
 ///
-/// When the filter fails; the message says at what.
+/// If a check fails; the message names it.
 pub fn filter(make: impl Fn() -> Box<dyn Filter>) {
     filter_on_frames(|_| make());
 }
 
-/// As [`filter`], for filters that are made for one frame (from clusters of its pixels, say).
+/// As [`filter`], for filters made for one frame (from clusters of its pixels, say).
 ///
 /// # Panics
 ///
-/// When the filter fails; the message says at what.
+/// If a check fails; the message names it.
 pub fn filter_on_frames(make: impl Fn(&Frame) -> Box<dyn Filter>) {
     let first = make(&frame([19, 18]));
     let (name, description) = (first.name(), first.describe());
     let plain = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-';
-    assert!(!name.is_empty() && name.chars().all(plain), "the name {name:?} is not lower case words with hyphens");
+    assert!(!name.is_empty() && name.chars().all(plain), "the name {name:?} is not lower case with hyphens");
     assert!(description.starts_with(name), "the description {description:?} does not begin with the name {name:?}");
     let window = frame([40, 30]).crop(7, 3, 20, 8).expect("a window of the checks");
     for frame in [frame([1, 1]), frame([1, 7]), frame([7, 1]), frame([19, 37]), window] {
@@ -88,7 +92,7 @@ impl Sampler for Hashed {
                 Counts::Uneven => 2 + (hash % 39) as u32,
             };
         }
-        // A frame in which nobody won a sample.
+        // All counts may be 0 on a small frame.
         if plan.total() == 0 {
             plan.counts[0] = 1;
         }
@@ -134,7 +138,7 @@ fn bits(image: &Filtered) -> Vec<u32> {
     image.radiance.iter().flatten().chain(errors).map(|v| v.to_bits()).collect()
 }
 
-/// To 1e-5 relative: what normalised `f32` weights can promise.
+/// Constant images stay constant to 1e-5, the precision of normalised `f32` weights.
 fn keeps_constant(filter: &dyn Filter, frame: Frame) {
     for (scene, value) in [(Scene::Constant, 0.7f32), (Scene::Black, 0.0)] {
         let film = film(scene, Counts::Uneven, filter.needs(), frame);
@@ -156,5 +160,5 @@ fn refuses(filter: &dyn Filter, frame: Frame) {
     let bare = film(Scene::Noise, Counts::Uneven, Needs::none(), frame);
     let answer = filter.apply(&bare);
     let refused = matches!(answer, Err(Error::NotRecorded { .. }));
-    assert!(refused, "{}: a film without what the filter reads is not refused", filter.describe());
+    assert!(refused, "{}: a film without needs() is not refused", filter.describe());
 }

@@ -1,27 +1,29 @@
+//! Conformance of point sets.
+
 use dapple_core::{PointSet, SampleId};
 use rayon::prelude::*;
 
-/// Checks all that [`PointSet`] promises, on fixed inputs.
+/// Checks every property of a [`PointSet`] on fixed inputs.
 ///
 /// * Range: every coordinate is in `[0, 1)`, also at the last index, the last block and far pixels.
-/// * Purity: the same bits whether read forward, backward, interleaved, by several threads, or in
-///   batches of any size.
-/// * Uniformity: mean and variance of each coordinate over pixels; both ends of the range are reached.
-/// * Independence: pixels at five lags, streams, and blocks up to number 4000 share nothing, neither
-///   linearly nor in the order in which a pixel's samples run through the range.
+/// * Purity: the same bits in forward, backward and interleaved order, on several threads, and in batches of any size.
+/// * Uniformity: mean and variance of each coordinate over pixels are right, and both ends of the range are reached.
+/// * Independence: pixels at five lags, streams, and blocks up to number 4000 are uncorrelated, also in the order in
+///   which a pixel's samples run through the range.
 /// * Distinctness: no two samples of a pixel are equal, at the start, past 2^31 and 2^32 and at the end.
-/// * `preferred_count` is at least `n`, never falls, and is its own preferred count;
-///   `describe` is not empty and does not change.
+/// * `preferred_count` is at least `n`, never falls, and is its own preferred count.
+/// * `describe` is not empty and does not change.
 ///
-/// The statistical bounds are at 4.5 standard errors, which independent numbers break with probability
-/// 6.8e-6 each; with the number of comparisons made here, an innocent set fails by chance with
-/// probability 0.01, and then does so every time: another seed tells which it is.
+/// # Precision
 ///
-/// It cannot know how well points are spread: nets and convergence are the point set's own tests.
+/// Statistical bounds are at 4.5 standard errors, which independent numbers exceed with probability 6.8e-6 each. Over
+/// all comparisons a sound set fails by chance with probability 0.01, and then always: try another seed.
+///
+/// Stratification and convergence are not checked; they are the point set's own tests.
 ///
 /// # Panics
 ///
-/// If a promise is broken; the message says which.
+/// If a check fails; the message names it.
 pub fn point_set(points: &dyn PointSet) {
     describes_itself(points);
     counts(points);
@@ -35,14 +37,14 @@ pub fn point_set(points: &dyn PointSet) {
     blocks_are_independent(points);
 }
 
-/// Standard errors allowed: HARD_CASES S04 and S08.
+/// The bound of the statistical checks, in standard errors.
 const BOUND: f64 = 4.5;
 
-/// Blocks of the first 64 coordinates, and some that a long path reaches.
+/// The blocks of the first 64 coordinates, and some of long paths.
 const BLOCKS: [u32; 20] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 100, 256, 1000, 4000];
 
 fn id(pixel: [u32; 2], stream: u32, index: u64) -> SampleId {
-    SampleId { pixel, stream, index }
+    SampleId::new(pixel, stream, index)
 }
 
 fn describes_itself(points: &dyn PointSet) {
@@ -60,7 +62,7 @@ fn counts(points: &dyn PointSet) {
     let large = (12..40).flat_map(|k| [(1_u64 << k) - 1, 1 << k, (1 << k) + 1]).filter(|n| *n <= most);
     for n in (0..most.min(4096)).chain(large) {
         let count = points.preferred_count(n);
-        assert!(count >= n, "{name}: preferred_count({n}) = {count} is less than asked for");
+        assert!(count >= n, "{name}: preferred_count({n}) = {count} is less than {n}");
         assert!(count >= before, "{name}: preferred_count fell from {before} to {count} at {n}");
         let again = points.preferred_count(count);
         assert_eq!(again, count, "{name}: preferred_count({n}) = {count}, but preferred_count({count}) = {again}");
@@ -68,7 +70,7 @@ fn counts(points: &dyn PointSet) {
     }
 }
 
-/// Indices where counters have been seen to break (HARD_CASES S05), as far as the capacity reaches.
+/// Indices at which integers of usual widths overflow, up to the capacity.
 fn critical_indices(points: &dyn PointSet) -> Vec<u64> {
     let last = points.capacity() - 1;
     let mut indices: Vec<u64> = [8, 16, 24, 31, 32, 53, 63].iter().map(|k| 1_u64 << k).chain([0, last]).collect();
@@ -106,7 +108,7 @@ fn range(points: &dyn PointSet) {
     });
 }
 
-/// Equal pairs are as rare as two random ones: 2^-48 each, some 10^7 comparisons.
+/// A false alarm is rare: random pairs are equal with probability 2^-48, in about 10^7 comparisons.
 fn distinct(points: &dyn PointSet) {
     let last = points.capacity() - 1;
     let mut indices: Vec<u64> = critical_indices(points)
@@ -145,7 +147,7 @@ fn purity(points: &dyn PointSet) {
     let forward: Vec<_> = names.iter().map(read).collect();
     let mut backward: Vec<_> = names.iter().rev().map(read).collect();
     backward.reverse();
-    // A step of 7 visits everything once where it does not divide the number of names.
+    // A step of 7 visits every name once if it does not divide their number.
     let len = names.len();
     let step = if len.is_multiple_of(7) { 1 } else { 7 };
     let mut interleaved = vec![[0; 4]; len];
@@ -166,7 +168,7 @@ fn purity(points: &dyn PointSet) {
     }
 }
 
-/// A pixel's samples do not depend on how a round was cut, nor on what else was read between.
+/// A pixel's samples do not depend on batches, or on other reads between.
 fn batches(points: &dyn PointSet) {
     let n = points.capacity().min(64);
     let whole: Vec<_> = (0..n).map(|i| points.block(id([5, 5], 0, i), 1)).collect();
@@ -187,7 +189,7 @@ fn batches(points: &dyn PointSet) {
     }
 }
 
-/// Moments over pixels, whose points are independent whatever the set.
+/// Moments over pixels, whose points are independent in every set.
 fn uniform(points: &dyn PointSet) {
     let side = 160_u32;
     let n = f64::from(side * side);
@@ -212,7 +214,7 @@ fn uniform(points: &dyn PointSet) {
                 assert!(mean.abs() < BOUND, "{what}: the mean over pixels is {mean:.1} standard errors from 1/2");
                 let variance = (square[k] - n / 12.0) / (n / 180.0).sqrt();
                 assert!(variance.abs() < BOUND, "{what}: the variance is {variance:.1} standard errors from 1/12");
-                // The chance that all n miss an end by more than 20/n is e^-20.
+                // All n miss an end by more than 20/n with probability e^-20.
                 let end = (20.0 / n) as f32;
                 assert!(least[k] < end && most[k] > 1.0 - end, "{what}: only {} to {} is reached", least[k], most[k]);
             }
@@ -220,8 +222,8 @@ fn uniform(points: &dyn PointSet) {
     }
 }
 
-/// Correlation coefficient of two uniform numbers with known moments, times `sqrt(n)`: a standard
-/// normal number if they are independent.
+/// The correlation coefficient of two uniform numbers with known moments, times `sqrt(n)`: standard normal if they are
+/// independent.
 #[derive(Default, Clone, Copy)]
 struct Correlation {
     sum: f64,
@@ -287,8 +289,7 @@ fn streams_are_independent(points: &dyn PointSet) {
     }
 }
 
-/// Coordinates of different blocks, over pixels (is there a common scramble?) and within pixels (do
-/// two blocks run through their samples in a common order, whatever their scrambles?).
+/// Coordinates of different blocks share no scramble over pixels, and no order of samples within a pixel.
 fn blocks_are_independent(points: &dyn PointSet) {
     let side = 96_u32;
     let n = points.capacity().min(16);
@@ -302,7 +303,7 @@ fn blocks_are_independent(points: &dyn PointSet) {
         let mut order = [0.0_f64; 16];
         for p in 0..side * side {
             let mut within = [0.0_f64; 16];
-            // The order takes more samples of fewer pixels.
+            // The order needs more samples, of fewer pixels.
             let samples = if p % 8 == 0 { n } else { 1 };
             for index in 0..samples {
                 let [a, b] = [s, t].map(|block| points.block(id([p % side, p / side], 0, index), block));

@@ -1,31 +1,36 @@
-//! What every sampler must pass.
+//! Conformance of samplers.
 
 use dapple_core::{
     Block, Budget, Control, Draws, Error, Estimate, Feedback, Film, FirstHit, Frame, Integrator, Limits, Monitor, Plan,
     Progress, Render, Sampler, Snapshot, Status, TrainingLog,
 };
 
-/// How a sampler treats its budget.
+/// The treatment of the budget by a sampler.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Spending {
-    /// It goes on until every sample is spent.
+    /// It spends every sample.
     Exact,
-    /// It stops by a threshold of its own: the budget is a ceiling.
+    /// It stops by a threshold of its own, and the budget is a ceiling.
     AtMost,
 }
 
 /// Checks a sampler that spends its budget exactly and works on frames of any size.
 ///
-/// Renders made-up scenes (black, constant, an edge, noise, fireflies, invalid samples) on frames
-/// from 1x1 up and demands: the budget met to the sample; every pixel between floor and ceiling; no
-/// plan that breaks its word; finite images; the same bits for any number of threads, tile, slice
-/// and order, and in a second run; the same bits where a fresh one goes on from any snapshot of a render
-/// ([`Sampler::save`]); a budget that is raised later spent as well; a name that says something. Below 16 samples per pixel a sampler may refuse with
-/// [`Error::BudgetTooSmall`](dapple_core::Error::BudgetTooSmall).
+/// It renders made-up scenes (black, constant, an edge, noise, fireflies, invalid samples) on frames from 1x1 up, and
+/// checks that:
+///
+/// * the budget is spent exactly, also if it is raised later;
+/// * every pixel lies between floor and ceiling, and no plan is invalid;
+/// * images are finite;
+/// * bits do not depend on threads, tiles, slices or order, and a second run repeats them;
+/// * a render resumed from any snapshot ends with the same bits ([`Sampler::save`]);
+/// * the description begins with the name, and neither changes.
+///
+/// Below 16 samples per pixel a sampler may refuse with [`Error::BudgetTooSmall`](dapple_core::Error::BudgetTooSmall).
 ///
 /// # Panics
 ///
-/// When the sampler fails; the message says at what.
+/// If a check fails; the message names it.
 pub fn sampler(make: impl Fn() -> Box<dyn Sampler>) {
     sampler_on_frames(|_| make(), Spending::Exact);
 }
@@ -34,16 +39,16 @@ pub fn sampler(make: impl Fn() -> Box<dyn Sampler>) {
 ///
 /// # Panics
 ///
-/// When the sampler fails; the message says at what.
+/// If a check fails; the message names it.
 pub fn threshold_sampler(make: impl Fn() -> Box<dyn Sampler>) {
     sampler_on_frames(|_| make(), Spending::AtMost);
 }
 
-/// As [`sampler`], for samplers that are made for one frame (from clusters of its pixels, say).
+/// As [`sampler`], for samplers made for one frame (from clusters of its pixels, say).
 ///
 /// # Panics
 ///
-/// When the sampler fails; the message says at what.
+/// If a check fails; the message names it.
 pub fn sampler_on_frames(make: impl Fn(&Frame) -> Box<dyn Sampler>, spending: Spending) {
     names(&make);
     for size in [[1, 1], [1, 7], [9, 1], [19, 18]] {
@@ -61,7 +66,7 @@ pub fn sampler_on_frames(make: impl Fn(&Frame) -> Box<dyn Sampler>, spending: Sp
     impossible(&make, frame([5, 4]));
 }
 
-/// Made-up scenes: what a sampler or filter may meet, without geometry.
+/// Made-up scenes without geometry, as extreme as a sampler or filter may meet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Scene {
     Black,
@@ -84,10 +89,10 @@ impl Scene {
 }
 
 impl Integrator for Scene {
-    fn estimate(&self, draws: &Draws<'_>, observed: &mut TrainingLog) -> Estimate {
+    fn estimate(&self, draws: &Draws<'_>, log: &mut TrainingLog) -> Estimate {
         let u = draws.block(Block::new(0));
         let [x, y] = draws.pixel();
-        observed.note(u64::from(x / 4), u[0]);
+        log.note(u64::from(x / 4), u[0]);
         let value = match self {
             Self::Black => 0.0,
             Self::Constant => 0.7,
@@ -104,19 +109,16 @@ impl Integrator for Scene {
             },
             Self::AllInvalid => f32::NAN,
         };
-        let first_hit = (draws.wants_first_hit() && y != 2).then(|| FirstHit {
-            position: [x as f32 + u[0], y as f32 + u[1], 0.0],
-            geometric_normal: [0.0, 0.0, 1.0],
-            shading_normal: if x < 9 { [0.0, 0.0, 1.0] } else { [0.0, 1.0, 0.0] },
-            albedo: [0.8, 0.5, 0.2],
-            depth: 1.0 + u[0],
-            footprint: 1.0,
-            roughness: 1.0,
-            material: x / 9,
-            shape: x / 9,
-            primitive: y / 5,
+        let first_hit = (draws.wants_first_hit() && y != 2).then(|| {
+            FirstHit::new([x as f32 + u[0], y as f32 + u[1], 0.0], [0.0, 0.0, 1.0], 1.0 + u[0])
+                .with_shading_normal(if x < 9 { [0.0, 0.0, 1.0] } else { [0.0, 1.0, 0.0] })
+                .with_albedo([0.8, 0.5, 0.2])
+                .with_footprint(1.0)
+                .with_material(x / 9)
+                .with_shape(x / 9)
+                .with_primitive(y / 5)
         });
-        Estimate { radiance: [value, 0.5 * value, 0.25 * value], first_hit, cost: 1 + x % 3 }
+        Estimate::new([value, 0.5 * value, 0.25 * value]).with_first_hit(first_hit).with_cost(1 + x % 3)
     }
 }
 
@@ -124,7 +126,7 @@ pub(crate) fn frame(size: [u32; 2]) -> Frame {
     Frame::new(size[0], size[1]).expect("a frame of the checks")
 }
 
-/// Every statistic of a film, bit for bit: two films with equal bits are equal but for their timings.
+/// All statistics of a film as bits. Two films with equal bits differ in their timings only.
 pub fn bits(film: &Film) -> Vec<u64> {
     let record = film.record();
     let mut bits = vec![record.samples, record.rays, record.blocks, record.rejected];
@@ -138,7 +140,7 @@ pub fn bits(film: &Film) -> Vec<u64> {
         }
         bits.extend(film.mean(i).map(f64::to_bits));
         bits.extend(film.range(i).iter().flatten().flatten().map(|v| u64::from(v.to_bits())));
-        // Floats print their shortest exact form, so equal text is equal bits.
+        // Floats print their shortest exact form, so equal text means equal bits.
         let rest = format!("{:?} {:?} {:?}", film.features(i), film.first_hits(i), film.cost(i));
         bits.extend(rest.bytes().map(u64::from));
     }
@@ -146,7 +148,7 @@ pub fn bits(film: &Film) -> Vec<u64> {
     bits
 }
 
-/// Runs `work` on a pool of so many threads.
+/// Runs `work` on a pool of this many threads.
 pub(crate) fn on_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool of threads");
     pool.install(work)
@@ -160,13 +162,13 @@ fn names(make: &impl Fn(&Frame) -> Box<dyn Sampler>) {
     let one = make(&frame([19, 18]));
     let (name, description) = (one.name(), one.describe());
     let plain = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-';
-    assert!(!name.is_empty() && name.chars().all(plain), "the name {name:?} is not lower case words with hyphens");
+    assert!(!name.is_empty() && name.chars().all(plain), "the name {name:?} is not lower case with hyphens");
     assert!(description.starts_with(name), "the description {description:?} does not begin with the name {name:?}");
     assert_eq!(description, make(&frame([19, 18])).describe(), "a sampler describes itself differently each time");
     assert_eq!(one.needs(), make(&frame([19, 18])).needs(), "a sampler needs something else each time");
 }
 
-/// The film of a render that is within its limits; `None` where a small budget is refused.
+/// Renders, and checks that the film is within its limits; `None` if a small budget is refused.
 fn within(
     make: &impl Fn(&Frame) -> Box<dyn Sampler>,
     spending: Spending,
@@ -184,7 +186,7 @@ fn within(
     };
     let spent = film.record().samples;
     match spending {
-        Spending::Exact => assert_eq!(spent, total, "{case}: the budget is not met exactly"),
+        Spending::Exact => assert_eq!(spent, total, "{case}: the budget is not spent exactly"),
         Spending::AtMost => assert!(spent <= total, "{case}: {spent} samples of {total}"),
     }
     let pixels = 0..frame.pixels();
@@ -223,11 +225,11 @@ fn keeps_bounds(make: &impl Fn(&Frame) -> Box<dyn Sampler>, spending: Spending, 
     ] {
         let mut limits = Limits::samples(total);
         (limits.min_spp, limits.max_spp) = (min_spp, max_spp);
-        // A discarding sampler cannot both meet the floor and throw samples away: it must refuse or
-        // discard less, which `within` sees by the floor.
+        // A sampler cannot both meet the floor and discard samples: it must refuse or discard less. `within` checks the
+        // floor.
         within(make, spending, scene, frame, &limits, total);
     }
-    // Fewer samples than pixels, where the floor allows it.
+    // Fewer samples than pixels, as the floor is 0.
     let mut limits = Limits::samples(pixels / 3);
     limits.min_spp = 0;
     within(make, spending, scene, frame, &limits, pixels / 3);
@@ -247,12 +249,13 @@ fn same_bits(make: &impl Fn(&Frame) -> Box<dyn Sampler>, frame: Frame, scene: Sc
     }
     for (tile_rows, slice_spp, shuffle) in [(7, 1, 0), (16, 13, 1), (64, 0, 2), (1, 13, 0xfeed)] {
         let mut cut = limits.clone();
-        cut.schedule = dapple_core::Schedule { tile_rows, slice_spp, shuffle };
+        cut.schedule =
+            dapple_core::Schedule::default().with_tile_rows(tile_rows).with_slice_spp(slice_spp).with_shuffle(shuffle);
         assert!(film(3, &cut) == reference, "{scene:?}: {:?} gives other bits", cut.schedule);
     }
 }
 
-/// Keeps a snapshot of every slice, and of the end.
+/// Takes a snapshot of every slice, and of the end.
 #[derive(Default)]
 struct Keeper {
     slices: Vec<Vec<u8>>,
@@ -270,8 +273,8 @@ impl Monitor for Keeper {
     }
 }
 
-/// A fresh sampler goes on from any snapshot to the same bits; and from the last, with a larger budget, to those of a
-/// render that was shown the same budgets in one go.
+/// A new sampler ends with the same bits from any snapshot. From the last, with a larger budget, it ends with the bits
+/// of a render that replays these budgets.
 fn resumes(make: &impl Fn(&Frame) -> Box<dyn Sampler>, frame: Frame, scene: Scene) {
     let pixels = frame.pixels() as u64;
     let mut limits = Limits::samples(21 * pixels + 5);
@@ -280,21 +283,21 @@ fn resumes(make: &impl Fn(&Frame) -> Box<dyn Sampler>, frame: Frame, scene: Scen
     let case = format!("{}, {scene:?}", sampler.describe());
     let whole = Render::new(frame, &limits).monitor(&mut keeper).run(&mut { scene }, &mut *sampler);
     let whole = bits(&whole.unwrap_or_else(|e| panic!("{case}: {e}")));
-    let go_on = |bytes: &[u8], limits: &Limits, threads: usize| {
+    let resumed = |bytes: &[u8], limits: &Limits, threads: usize| {
         let snapshot = Snapshot::from_bytes(bytes).unwrap_or_else(|e| panic!("{case}: {e}"));
         let mut sampler = make(&frame);
         let film = on_threads(threads, || Render::new(frame, limits).resume(snapshot, &mut { scene }, &mut *sampler));
         film.unwrap_or_else(|e| panic!("{case}: it cannot be resumed: {e}"))
     };
-    let otherwise = Limits::samples(21 * pixels + 5);
+    let unsliced = Limits::samples(21 * pixels + 5);
     for (i, bytes) in keeper.slices.iter().chain([&keeper.end]).enumerate() {
-        let film = go_on(bytes, &otherwise, 1 + i % 3);
+        let film = resumed(bytes, &unsliced, 1 + i % 3);
         assert!(
             bits(&film) == whole,
-            "{case}: resumed after slice {i} it gives other bits: does it save all it keeps?"
+            "{case}: resumed after slice {i} it gives other bits; save() must return all state"
         );
     }
-    let later = go_on(&keeper.end, &Limits::samples(43 * pixels), 2);
+    let later = resumed(&keeper.end, &Limits::samples(43 * pixels), 2);
     let at_once = Limits::new(Budget::Recorded(later.record().budgets.clone()));
     let at_once = run(&mut *make(&frame), scene, frame, &at_once).unwrap_or_else(|e| panic!("{case}: {e}"));
     assert!(bits(&later) == bits(&at_once), "{case}: resumed with a larger budget it gives other bits");
@@ -307,24 +310,24 @@ fn budget_raised(make: &impl Fn(&Frame) -> Box<dyn Sampler>, spending: Spending,
     within(make, spending, scene, frame, &limits, 41 * pixels);
 }
 
-/// Samplers must place counts by the window, not by the full frame.
+/// Counts belong to the window, not to the full frame.
 fn crops(make: &impl Fn(&Frame) -> Box<dyn Sampler>, spending: Spending) {
     let window = frame([40, 30]).crop(7, 3, 20, 8).expect("a window of the checks");
     let total = 19 * window.pixels() as u64;
     within(make, spending, Scene::Noise, window, &Limits::samples(total), total);
 }
 
-/// Budgets that no plan can meet: a typed error, or a plan that stays within what is left.
+/// Budgets that no plan can meet: an error, or a plan within the samples left.
 fn impossible(make: &impl Fn(&Frame) -> Box<dyn Sampler>, frame: Frame) {
     for (total, min_spp) in [(0, 1), (1, 1), (19, 1), (79, 4)] {
         let mut sampler = make(&frame);
         let film = Film::new(frame, sampler.needs());
-        let budget = dapple_core::BudgetLeft { spent: 0, total, min_spp, max_spp: u32::MAX };
+        let budget = dapple_core::BudgetLeft::new(total).with_min_spp(min_spp);
         let mut plan = Plan::empty(frame.pixels());
-        let answer = sampler.next_round(&Feedback { round: 0, film: &film, budget }, &mut plan);
+        let answer = sampler.next_round(&Feedback::new(0, &film, budget), &mut plan);
         if matches!(answer, Ok(Progress::Trace)) {
-            let asked = plan.total();
-            assert!(asked <= total, "{}: a plan of {asked} samples with {total} left", sampler.describe());
+            let planned = plan.total();
+            assert!(planned <= total, "{}: a plan of {planned} samples with {total} left", sampler.describe());
         }
         let mut limits = Limits::samples(total);
         limits.min_spp = min_spp;

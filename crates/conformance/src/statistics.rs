@@ -1,22 +1,35 @@
-//! The designs S1 to S8 by which claims about images are tested, one place for all crates.
+//! Statistical tests of claims about images, in one place for all crates.
 //!
-//! | design | what it asks | here |
-//! |---|---|---|
-//! | S1 | is a mean what it should be? | [`Mean::against`], [`Mean::against_estimate`] |
-//! | S2 | are two images of the same thing? | [`images`], [`image`] |
-//! | S3 | are draws spread by their density? | [`chi_square`], [`integrate`] |
-//! | S4 | is a mean *proven* to lie close? | [`Mean::equals`], [`decide`], [`samples_needed`] |
-//! | S5 | which of two is better at equal budget? | `ratio_interval` and `log_log_fit` of dapple-metrics |
-//! | S6 | equal spread? honest forecasts? | [`brown_forsythe`], [`Calibration`] |
-//! | S7 | does deciding on samples bias them? | [`kept`], [`refined`], [`Bernoulli`], [`Naive`], [`count_trend`] |
-//! | S8 | what must not change a bit | [`bits`](crate::bits) and the checks of samplers and filters |
+//! | claim | test |
+//! |---|---|
+//! | a mean has its expectation | [`Mean::against`], [`Mean::against_estimate`] |
+//! | two images have the same expectation | [`images`], [`image`] |
+//! | samples follow their density | [`chi_square`], [`integrate`] |
+//! | a mean is *proven* close to a value | [`Mean::equals`], [`decide`], [`samples_needed`] |
+//! | one of two methods has less error at equal budget | `ratio_interval` and `log_log_fit` of dapple-metrics |
+//! | spreads are equal, error estimates are calibrated | [`brown_forsythe`], [`Calibration`] |
+//! | adaptive counts do not bias the image | [`kept`], [`refined`], [`Bernoulli`], [`Naive`], [`count_trend`] |
+//! | two images are the same bits | [`bits`](crate::bits), and the checks of samplers and filters |
 //!
-//! Seeds are fixed, and a family of tests together raises a false alarm with probability [`FAMILY`] at most: each test's level
-//! is [`sidak`]'s share of that, or p-values are [`adjusted`]. What a test sees is computed by [`power`] and asserted, since one
-//! that cannot fail is worth nothing. Variances are taken *between* replicates with seeds of their own: samples within one
-//! low-discrepancy or adaptive image are not independent.
+//! Seeds are fixed. A family of tests raises a false alarm with probability [`FAMILY`] at most: each test gets the
+//! level [`sidak`], or p-values are [`adjusted`]. [`power`] computes the faults that a test sees; assert it, since a
+//! test that cannot fail proves nothing.
 //!
-//! Everything panics on nonsense (lengths that differ, fewer than two replicates): these are tests.
+//! Take variances *between* replicates with seeds of their own. Samples within one low-discrepancy or adaptive image
+//! are not independent.
+//!
+//! ```
+//! use dapple_conformance::statistics::{FAMILY, Mean, sidak};
+//!
+//! // 32 replicates of an estimate whose expectation is 1/2.
+//! let replicates: Mean = (0..32).map(|i| 0.5 + 0.01 * f64::from(i % 8 - 4) + 0.005).collect();
+//! let test = replicates.against(0.5);
+//! assert!(test.p() > sidak(FAMILY, 100));
+//! ```
+//!
+//! # Panics
+//!
+//! All functions panic on invalid input, such as lengths that differ or fewer than two replicates.
 
 mod adaptive;
 mod chi_square;

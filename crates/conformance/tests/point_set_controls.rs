@@ -1,4 +1,4 @@
-//! Negative controls: point sets with one fault each, which the checks must reject for that fault.
+//! Negative controls: point sets with one fault each, which the checks must report.
 
 use dapple_core::{PointSet, SampleId};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -22,7 +22,7 @@ fn pixel(id: &SampleId) -> u64 {
     u64::from(id.pixel[0]) | u64::from(id.pixel[1]) << 32
 }
 
-/// A point set made of a function, with plain answers to everything else.
+/// A point set from a function, with defaults elsewhere.
 struct Faulty<F>(F);
 
 impl<F: Fn(SampleId, u32) -> [f32; 4] + Send + Sync> PointSet for Faulty<F> {
@@ -41,7 +41,7 @@ fn sound(id: SampleId, block: u32) -> [f32; 4] {
     four(key(&[pixel(&id), id.stream.into(), id.index, block.into()]))
 }
 
-/// The check must fail, and its message must name the fault.
+/// Asserts that the check fails, with a message that names the fault.
 fn rejected(points: &dyn PointSet, fault: &str) {
     let outcome = catch_unwind(AssertUnwindSafe(|| dapple_conformance::point_set(points)));
     let payload = outcome.expect_err("a broken point set was accepted");
@@ -56,15 +56,15 @@ fn a_sound_set_is_accepted() {
 }
 
 #[test]
-fn one_is_rejected() {
-    // Rounding to nearest reaches 1.0 once in 2^25 draws; here at one index, so that it does.
+fn a_coordinate_of_1_is_rejected() {
+    // Rounding to nearest reaches 1.0 once in 2^25 numbers; here at one index, so that the check meets it.
     let points =
         |id: SampleId, block| if id.index == 5 && block == 3 { [0.5, 1.0, 0.5, 0.5] } else { sound(id, block) };
     rejected(&Faulty(points), "not in [0, 1)");
 }
 
 #[test]
-fn nan_is_rejected() {
+fn a_nan_coordinate_is_rejected() {
     let points = |id: SampleId, block| if id.index >> 53 == 1 { [f32::NAN; 4] } else { sound(id, block) };
     rejected(&Faulty(points), "not in [0, 1)");
 }
@@ -78,10 +78,11 @@ fn a_cursor_is_rejected() {
 
 #[test]
 fn a_scramble_shared_by_pixels_is_rejected() {
-    let points = |id: SampleId, block| sound(SampleId { pixel: [id.pixel[0] & !63, id.pixel[1]], ..id }, block);
+    let points =
+        |id: SampleId, block| sound(SampleId::new([id.pixel[0] & !63, id.pixel[1]], id.stream, id.index), block);
     rejected(&Faulty(points), "standard errors from");
-    // Shifted by a quarter for each repetition, so that moments over the image stay in order and only
-    // the comparison of pixels can tell.
+    // Each repetition is shifted by a quarter, so that moments over the image stay right and only the comparison of
+    // pixels fails.
     for (period, apart) in [(2, "pixels (1, 0) apart"), (64, "pixels (64, 0) apart")] {
         let points = |id: SampleId, block| {
             let (first, repetition) = if period == 2 {
@@ -89,7 +90,7 @@ fn a_scramble_shared_by_pixels_is_rejected() {
             } else {
                 (id.pixel[0] % period, id.pixel[0] / period % 4)
             };
-            sound(SampleId { pixel: [first, id.pixel[1]], ..id }, block)
+            sound(SampleId::new([first, id.pixel[1]], id.stream, id.index), block)
                 .map(|u| (f64::from(u) + f64::from(repetition) * 0.25).fract() as f32)
         };
         rejected(&Faulty(points), apart);
@@ -98,7 +99,7 @@ fn a_scramble_shared_by_pixels_is_rejected() {
 
 #[test]
 fn a_scramble_shared_by_streams_is_rejected() {
-    let points = |id: SampleId, block| sound(SampleId { stream: id.stream & !1, ..id }, block);
+    let points = |id: SampleId, block| sound(SampleId::new(id.pixel, id.stream & !1, id.index), block);
     rejected(&Faulty(points), "streams 0 and 1");
 }
 
@@ -110,8 +111,7 @@ fn blocks_that_wrap_are_rejected() {
 
 #[test]
 fn a_common_order_is_rejected() {
-    // Van der Corput's points with an XOR scramble per block, but no shuffle: pbrt's fault if it
-    // forgot to decorrelate.
+    // Van der Corput's points with an XOR scramble per block, but no shuffle.
     let points = |id: SampleId, block: u32| {
         let place = key(&[pixel(&id), id.stream.into(), block.into(), id.index >> 16]);
         [0, 1, 2, 3].map(|k| (((id.index as u32).reverse_bits() ^ mix(place + k) as u32) >> 8) as f32 / 16_777_216.0)
@@ -121,7 +121,8 @@ fn a_common_order_is_rejected() {
 
 #[test]
 fn an_index_cut_to_32_bits_is_rejected() {
-    let points = |id: SampleId, block| sound(SampleId { index: id.index as u32 as u64 % 65_536, ..id }, block);
+    let points =
+        |id: SampleId, block| sound(SampleId::new(id.pixel, id.stream, id.index as u32 as u64 % 65_536), block);
     rejected(&Faulty(points), "repeats as");
 }
 
@@ -131,7 +132,7 @@ fn a_bias_is_rejected() {
     rejected(&Faulty(points), "standard errors from");
 }
 
-/// Sound points with a wrong answer elsewhere.
+/// Sound points with one wrong method.
 struct Counts(fn(u64) -> u64, &'static str);
 
 impl PointSet for Counts {
@@ -151,7 +152,7 @@ impl PointSet for Counts {
 
 #[test]
 fn bad_counts_are_rejected() {
-    rejected(&Counts(|n| n / 4 * 4, "mine"), "less than asked for");
+    rejected(&Counts(|n| n / 4 * 4, "mine"), "is less than");
     rejected(&Counts(|n| if n == 5 { 100 } else { n }, "mine"), "preferred_count fell");
     rejected(&Counts(|n| n + 1, "mine"), "but preferred_count(1) = 2");
     rejected(&Counts(|n| n, " "), "describe() is empty");

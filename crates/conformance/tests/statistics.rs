@@ -1,7 +1,7 @@
-//! The designs S1 to S8 test themselves: each passes what is true at the rate it states, sees what is false with the power it
-//! states, and rejects its negative control.
+//! The statistical tests themselves: each passes true claims at its rate, refutes false ones with its power, and
+//! rejects its negative control.
 //!
-//! Everything is made up and every seed is fixed. Limits on rates are 5 standard deviations of the binomial: 6e-7 each.
+//! All data is made up, and all seeds are fixed. Bounds on rates are 5 standard deviations of the binomial: 6e-7 each.
 
 use dapple_adaptive::{Adaptive, PilotPolicy, VarianceOptions};
 use dapple_conformance::statistics::*;
@@ -34,14 +34,14 @@ impl Noise {
     }
 }
 
-/// Whether `seen` of `all` is what a probability `p` gives, within 5 standard deviations.
+/// Returns `true` if `seen` of `all` agrees with a probability `p`, within 5 standard deviations.
 fn is_rate(seen: usize, all: usize, p: f64) -> bool {
     let n = all as f64;
     (seen as f64 - n * p).abs() < 5.0 * (n * p * (1.0 - p)).sqrt() + 1.0
 }
 
-/// A path in a closed furnace of albedo 1/2 and emission 1/2, which should bring 1: it goes on with probability 1/2, so `k`
-/// bounces bring `(k + 1) / 2`. `leak` of the light is lost at each.
+/// A path in a closed furnace of albedo 1/2 and emission 1/2, whose expectation is 1. It continues with probability
+/// 1/2, so `k` bounces give `(k + 1) / 2`. The share `leak` of the light is lost at each.
 fn furnace(noise: &mut Noise, leak: f64) -> f64 {
     let (mut light, mut throughput) = (0.0, 1.0);
     loop {
@@ -53,12 +53,13 @@ fn furnace(noise: &mut Noise, leak: f64) -> f64 {
     }
 }
 
-/// Lost at each bounce so that half a percent of the light is missing: `1/2 / (1 - (1 - leak)/2) = 1 / (1 + leak) = .995`.
+/// The loss at each bounce for which half a percent of the light is missing:
+/// `1/2 / (1 - (1 - leak)/2) = 1 / (1 + leak) = 0.995`.
 const HALF_A_PERCENT: f64 = 0.005 / 0.995;
 
 #[test]
 fn tails_agree_with_known_values() {
-    // Critical values of STATISTICS, two-sided, at 1 %.
+    // Two-sided critical values at 1 %.
     for (tests, z) in [(10_000, 4.89), (65_536, 5.25), (1920 * 1080, 5.85), (3 * 1920 * 1080, 6.03)] {
         assert!((critical(0.5 * sidak(0.01, tests)) - z).abs() < 0.006, "{tests}");
     }
@@ -83,7 +84,7 @@ fn tails_agree_with_known_values() {
 }
 
 #[test]
-fn design_s1_means() {
+fn means_are_tested_at_their_level_and_power() {
     let mut noise = Noise(1);
     let (mut false_alarms, mut welch) = (0, 0);
     for _ in 0..2000 {
@@ -94,22 +95,22 @@ fn design_s1_means() {
     }
     assert!(is_rate(false_alarms, 2000, 0.01), "{false_alarms}");
     assert!(is_rate(welch, 2000, 0.01), "{welch}");
-    // Power: as computed, where it is neither 0 nor 1.
+    // The power is as computed, if it is neither 0 nor 1.
     let mut seen = 0;
     for _ in 0..2000 {
         let a: Mean = (0..16).map(|_| noise.normal() + 1.0).collect();
         seen += usize::from(a.against(0.0).p() < 0.01);
     }
-    let told = power(4.0, 0.01, 15.0);
-    assert!((told - seen as f64 / 2e3).abs() < 0.04, "{told} {seen}");
-    // No spread: equal or not, nothing between.
+    let power = power(4.0, 0.01, 15.0);
+    assert!((power - seen as f64 / 2e3).abs() < 0.04, "{power} {seen}");
+    // Without spread, means are equal or different.
     let same: Mean = [2.0; 16].into_iter().collect();
     assert_eq!([same.against(2.0).p(), same.against(2.0 + 1e-15).p()], [1.0, 0.0]);
 }
 
-/// A furnace that loses .5 % is seen at the level of a thousand tests in a family of 1e-6, and a sound one passes.
+/// A furnace that loses 0.5 % fails at the level of a thousand tests in a family of 1e-6, and a sound one passes.
 #[test]
-fn design_s1_sees_a_leak_of_half_a_percent() {
+fn a_mean_shows_a_leak_of_half_a_percent() {
     let level = sidak(FAMILY, 1000);
     let replicates = |leak: f64, seed: u64| -> Mean {
         let mut noise = Noise(seed);
@@ -117,7 +118,7 @@ fn design_s1_sees_a_leak_of_half_a_percent() {
     };
     let sound = replicates(0.0, 2).against(1.0);
     assert!(sound.p() > level, "{sound:?}");
-    // Power, from the spread of a path: its variance is 1/2.
+    // The power, from the variance of a path, which is 1/2.
     let power = power(0.005 / (0.5_f64 / 64.0 / 5e4).sqrt(), level, 63.0);
     assert!(power > 0.999, "{power}");
     let leaking = replicates(HALF_A_PERCENT, 3).against(1.0);
@@ -128,7 +129,7 @@ fn design_s1_sees_a_leak_of_half_a_percent() {
 const WIDTH: usize = 64;
 const PIXELS: usize = 64 * 56;
 
-/// 16 replicates of an image 64 x 56: exponential noise of mean 1 about a gradient, some of it shared over the image.
+/// 16 replicates of a 64x56 image: exponential noise of mean 1 on a gradient, partly shared over the image.
 fn made_up(seed: u64, edit: impl Fn(usize, &mut [f64; 3])) -> Vec<Vec<[f64; 3]>> {
     (0..16)
         .map(|r| {
@@ -148,10 +149,10 @@ fn made_up(seed: u64, edit: impl Fn(usize, &mut [f64; 3])) -> Vec<Vec<[f64; 3]>>
 }
 
 #[test]
-fn design_s2_images() {
+fn images_are_tested_at_their_level() {
     let nothing = |_: usize, _: &mut [f64; 3]| {};
     let exact: Vec<[f64; 3]> = (0..PIXELS).map(|i| [1.0 + 0.02 * (i % WIDTH) as f64; 3]).collect();
-    // Nothing is wrong: no alarm at a family's level, and few at 5 %.
+    // Sound images raise no alarm at a family's level, and few at 5 %.
     let mut low = [0; 2];
     for seed in 0..30 {
         let two = images(WIDTH, &made_up(2 * seed, nothing), &made_up(2 * seed + 1, nothing));
@@ -161,25 +162,25 @@ fn design_s2_images() {
             *low += usize::from(test.p() < 0.05);
         }
     }
-    // The pooled figures' tails are approximate: at most twice what they say.
+    // The tails of the pooled figures are approximate: at most twice the nominal rate.
     assert!(low.iter().all(|&low| low <= 8), "{low:?} of 30 below 5 %");
 
     let sound = made_up(1001, nothing);
     let against = |edit: &dyn Fn(usize, &mut [f64; 3])| images(WIDTH, &made_up(1000, edit), &sound);
-    // One block of 56 is half as bright as it should be.
+    // One block of 56 has half its brightness.
     let block = against(&|i, p| {
         if i % WIDTH < 8 && i / WIDTH < 8 {
             *p = p.map(|v| v * 0.5);
         }
     });
     assert!(block.blocks < FAMILY && block.p() < FAMILY, "{block:?}");
-    // Every block is off by 1.5 standard errors, half up, half down: none stands out, nor does the mean.
+    // Every block is off by 1.5 standard errors, half up, half down: no block is an outlier, and the mean is right.
     let chequered = against(&|i, p| {
         let up = (i % WIDTH / 8 + i / WIDTH / 8).is_multiple_of(2);
         *p = p.map(|v| v + if up { 0.14 } else { -0.14 });
     });
     assert!(chequered.spread < 1e-4 && chequered.global > 1e-3, "{chequered:?}");
-    // The same seeds on both sides: nearly nothing is left between the images.
+    // With the same seeds on both sides the images hardly differ.
     let shared = images(WIDTH, &made_up(1001, |_, p| p[0] += 1e-9), &sound);
     assert!(shared.spread < FAMILY && shared.p() < FAMILY, "{shared:?}");
     // Blocks without spread must be equal.
@@ -190,9 +191,10 @@ fn design_s2_images() {
     assert_eq!(images(WIDTH, &off, &flat).p(), 0.0);
 }
 
-/// Half a percent of the light missing everywhere, which no block shows: the image's mean does, with stated power.
+/// Half a percent of the light is missing everywhere. No block shows it, but the image's mean does, with the stated
+/// power.
 #[test]
-fn design_s2_sees_a_leak_of_half_a_percent() {
+fn an_image_shows_a_leak_of_half_a_percent() {
     let images_of = |leak: f64, seed: u64| -> Vec<Vec<[f64; 3]>> {
         let mut noise = Noise(seed);
         let mut pixel = || [0; 3].map(|_| (0..64).map(|_| furnace(&mut noise, leak)).sum::<f64>() / 64.0);
@@ -208,8 +210,8 @@ fn design_s2_sees_a_leak_of_half_a_percent() {
 }
 
 #[test]
-fn design_s3_chi_square() {
-    // Density 2x on the unit interval: drawn as sqrt(u).
+fn samples_of_another_density_fail_the_chi_square_test() {
+    // The density 2x on the unit interval, sampled as sqrt(u).
     let expected: Vec<f64> = (0..50).map(|i| 1e4 * f64::from(2 * i + 1) / 2500.0).collect();
     let drawn = |noise: &mut Noise, power: f64| {
         let mut counts = vec![0u64; 50];
@@ -219,14 +221,14 @@ fn design_s3_chi_square() {
     let mut noise = Noise(7);
     let low = (0..1000).filter(|_| drawn(&mut noise, 0.5) < 0.05).count();
     assert!(is_rate(low, 1000, 0.05), "{low}");
-    // The controls: another density; a draw where there should be none.
+    // Negative controls: another density, and a sample where the density is 0.
     assert!(drawn(&mut noise, 0.45) < FAMILY);
     assert_eq!(chi_square(&[1, 10], &[0.0, 11.0]), 0.0);
     assert!((integrate(&|x, y| x * x * y, [0.0, 1.0], [0.0, 2.0], 1e-9, 8) - 2.0 / 3.0).abs() < 1e-9);
 }
 
 #[test]
-fn design_s4_equivalence() {
+fn equivalence_is_proven_or_refuted() {
     let alpha = 1e-3;
     let n = samples_needed(0.5_f64.sqrt(), 0.005, alpha, 1e-3);
     assert!((200_000..1_000_000).contains(&n), "{n}");
@@ -234,24 +236,25 @@ fn design_s4_equivalence() {
         let mut noise = Noise(seed);
         decide(1.0, delta, alpha, 1000, 4 * n, || furnace(&mut noise, leak))
     };
-    // What is true is proven with the samples computed (the cap leaves room for the looks), what is .5 % off is refuted.
+    // A true claim is proven with the computed number of samples (the cap leaves room for repeated tests). A value off
+    // by 0.5 % is refuted.
     for seed in 0..20 {
         assert_eq!(of(0.0, 0.005, 100 + seed).verdict, Verdict::Pass, "{seed}");
         assert_eq!(of(HALF_A_PERCENT, 0.0025, 200 + seed).verdict, Verdict::Fail, "{seed}");
     }
-    // On the border it passes no oftener than alpha says, all looks together.
+    // On the border it passes with probability alpha at most, over all tests together.
     let mut noise = Noise(8);
     let passed = (0..2000)
         .filter(|_| decide(0.0, 0.1, 0.05, 64, 1024, || 0.1 + noise.normal()).verdict == Verdict::Pass)
         .count();
     assert!(passed <= 100 + 5 * 10, "{passed} of 2000");
-    // Too few to tell is not a pass.
+    // Too few samples are not a pass.
     assert_eq!(decide(1.0, 1e-6, alpha, 100, 200, || furnace(&mut noise, 0.0)).verdict, Verdict::Fail);
 }
 
 #[test]
-fn design_s5_equal_budget() {
-    // Errors of two methods that share what makes a seed hard; the first one's are .8 of the second's.
+fn ratios_and_slopes_are_recovered_at_equal_budget() {
+    // Errors of two methods that share the difficulty of a seed. The first method's are 0.8 of the second's.
     let errors = |ratio: f64, seed: u64| -> [Vec<f64>; 2] {
         let mut noise = Noise(seed);
         (0..32)
@@ -268,7 +271,7 @@ fn design_s5_equal_budget() {
     assert!(interval(errors(0.8, 900)).high < 1.0);
     let level = interval(errors(1.0, 901));
     assert!(level.low < 1.0 && 1.0 < level.high);
-    // The harness itself: independent samples have slope -1/2, give or take .03.
+    // Independent samples have a slope of -1/2 within 0.03.
     let slopes: Vec<f64> = (0..64)
         .map(|seed| {
             let mut noise = Noise(mix(seed));
@@ -286,7 +289,7 @@ fn design_s5_equal_budget() {
 }
 
 #[test]
-fn design_s6_spread_and_calibration() {
+fn a_miscalibrated_error_is_noticed() {
     let mut noise = Noise(9);
     let mut sample = |spread: f64, n: usize| -> Vec<f64> { (0..n).map(|_| spread * noise.exponential()).collect() };
     let alarms = (0..2000).filter(|_| brown_forsythe(&sample(1.0, 64), &sample(1.0, 64)) < 0.01).count();
@@ -299,7 +302,7 @@ fn design_s6_spread_and_calibration() {
         all.is_honest()
     };
     assert!(honest(1.0));
-    // A fifth off in the standard error is noticed, on either side.
+    // A standard error off by a fifth is noticed, on either side.
     assert!(!honest(0.64) && !honest(1.44));
 }
 
@@ -332,12 +335,12 @@ fn lit(sampler: &mut dyn Sampler, side: u32, spp: u64) -> Film {
 }
 
 fn alone(policy: PilotPolicy, seed: u64) -> Adaptive<Independent> {
-    let options = VarianceOptions { policy, radius: 0, pilot: 4, ..VarianceOptions::default() };
+    let options = VarianceOptions::default().policy(policy).radius(0).pilot(4);
     Adaptive::variance_with_options(Independent(seed), options).expect("sound options")
 }
 
 #[test]
-fn design_s7_the_naive_rule_is_rejected() {
+fn the_naive_rule_is_rejected_as_biased() {
     let closed = kept(P, 4, 64);
     assert!((closed - 0.038_575).abs() < 1e-6 && (kept(0.01, 16, 256) - 0.002_017_58).abs() < 1e-8);
     assert!((refined(0.2, 2) - (3.0 * 0.04 - 2.0 * 0.008)).abs() < 1e-12, "3 p^2 - 2 p^3");
@@ -349,28 +352,28 @@ fn design_s7_the_naive_rule_is_rejected() {
     assert!(mean.against(P).p() < 1e-12, "{mean:?}");
     assert!(mean.against(closed).p() > FAMILY, "{mean:?} for {closed}");
     assert!(two_sided(count_trend(&pixels)) < 1e-12, "counts tell of values");
-    // Power: what is seen of a bias a twentieth as large.
+    // The power for a bias a twentieth as large.
     let power = power(0.05 * (closed - P) / mean.standard_error(), 1e-6, 63.0);
     assert!(power > 0.999, "{power}, standard error {}", mean.standard_error());
     for policy in [PilotPolicy::Discard, PilotPolicy::Cross] {
         let (mean, pixels) = films(&|seed| Box::new(alone(policy, 1000 + seed)));
         assert!(mean.against(f64::from(P as f32)).p() > FAMILY, "{policy:?}: {mean:?}");
         let trend = count_trend(&pixels);
-        // Halves that decide for each other: a half's own samples go with the other's count, which is a part of the sum.
+        // With halves that decide for each other, a half's samples correlate with the other's count, a part of the sum.
         assert!(policy == PilotPolicy::Cross || two_sided(trend) > FAMILY, "{policy:?}: {trend}");
     }
     let (_, pixels) = films(&|seed| Box::new(Uniform::new(Independent(2000 + seed))));
     assert_eq!(count_trend(&pixels), 0.0, "counts that never differ");
 }
 
-/// What must not change a bit: by a power of two, all does; by another number, it does not.
+/// Scaling by a power of two scales every bit of the image; scaling by another number does not.
 #[test]
-fn design_s8_metamorphic() {
+fn scaling_by_a_power_of_two_scales_every_bit() {
     struct Scaled(f32);
     impl dapple_core::Integrator for Scaled {
         fn estimate(&self, draws: &dapple_core::Draws<'_>, _: &mut dapple_core::TrainingLog) -> dapple_core::Estimate {
             let [u, v, ..] = draws.block(dapple_core::Block::new(0));
-            dapple_core::Estimate { radiance: [u, u * v, v].map(|x| self.0 * x), first_hit: None, cost: 1 }
+            dapple_core::Estimate::new([u, u * v, v].map(|x| self.0 * x))
         }
     }
     let film = |scale: f32, seed: u64| {

@@ -1,4 +1,4 @@
-//! What the render loop, allocation and planning cost on one thread.
+//! The cost of the render loop, of allocation and of planning on one thread.
 //!
 //! The loop's own price per sample is the time of `render/*` less that of `direct`, over 2^18 samples.
 
@@ -6,8 +6,8 @@ use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_m
 use dapple_adaptive::{Adaptive, VarianceOptions};
 use dapple_core::samplers::Uniform;
 use dapple_core::{
-    Block, BudgetLeft, Draws, Estimate, Feedback, Film, Frame, Integrator, Limits, Needs, Plan, PointSet, Render,
-    SampleId, Sampler, TrainingLog, allocate, allocate_on_ladder, streams,
+    Block, BudgetLeft, Draws, Estimate, Feedback, Film, Frame, Integrator, Ladder, Limits, Needs, Plan, PointSet,
+    Render, SampleId, Sampler, TrainingLog, allocate, streams,
 };
 use std::hint::black_box;
 
@@ -33,7 +33,7 @@ struct OneBlock;
 impl Integrator for OneBlock {
     fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
         let u = draws.block(Block::new(0));
-        Estimate { radiance: [u[0], u[1], u[2]], first_hit: None, cost: 1 }
+        Estimate::new([u[0], u[1], u[2]])
     }
 }
 
@@ -56,7 +56,7 @@ fn direct(integrator: &dyn Integrator, points: &dyn PointSet) -> f64 {
         for x in 0..SIDE {
             let mut sum = [0f64; 3];
             for index in 0..SPP {
-                let draws = Draws::new(points, SampleId { pixel: [x, y], stream: streams::WHOLE, index }, false);
+                let draws = Draws::new(points, SampleId::new([x, y], streams::WHOLE, index));
                 let estimate = integrator.estimate(&draws, &mut observed);
                 for (sum, x) in sum.iter_mut().zip(estimate.radiance) {
                     *sum += f64::from(x);
@@ -99,10 +99,10 @@ fn planning(c: &mut Criterion) {
     });
     group.bench_function("allocate_on_ladder", |b| {
         b.iter(|| {
-            pool.install(|| allocate_on_ladder(black_box(&scores), &floors, 192, total, 1.3, false)).expect("counts")
+            pool.install(|| Ladder::Whole.allocate(black_box(&scores), &floors, 192, total, 1.3)).expect("counts")
         });
     });
-    // What a threshold cannot part.
+    // Equal scores, which no threshold separates.
     let ties: Vec<f64> = scores.iter().map(|g| 4f64.powi(g.log10() as i32)).collect();
     let equal = vec![1.0; pixels];
     for (name, scores) in [("ties", &ties), ("equal", &equal)] {
@@ -114,14 +114,14 @@ fn planning(c: &mut Criterion) {
     for i in 0..pixels {
         (0..4).for_each(|k| film.push(i, 0, [hash(i + k * 7919) * (1.0 + (i % 512) as f32); 3]));
     }
-    let budget = BudgetLeft { spent: 4 * pixels as u64, total, min_spp: 1, max_spp: u32::MAX };
+    let budget = BudgetLeft::new(total).with_spent(4 * pixels as u64);
     group.bench_function("variance", |b| {
-        // The pilot that the film holds: what is timed is the plan after it.
-        let options = VarianceOptions { pilot: 4, ..VarianceOptions::default() };
+        // The film holds the pilot; the plan after it is timed.
+        let options = VarianceOptions::default().pilot(4);
         let mut sampler = Adaptive::variance_with_options(Cheap, options).expect("options");
         b.iter(|| {
             let mut plan = Plan::empty(pixels);
-            let seen = Feedback { round: 1, film: &film, budget };
+            let seen = Feedback::new(1, &film, budget);
             pool.install(|| sampler.next_round(&seen, &mut plan)).expect("a plan");
             plan.total()
         });

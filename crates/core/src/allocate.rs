@@ -1,14 +1,16 @@
-//! Exact integer budgets: how many samples each pixel gets when the sum is given.
+//! Exact allocation of an integer budget to pixels.
 //!
-//! Both functions minimise `sum_p g_p f(n_p)` over integers `floor_p <= n_p <= ceiling` that add up
-//! to the budget, where `g_p` is a pixel's score (its weight squared times its variance). The
-//! objective is separable and convex, so handing out samples in the order of their marginal gain is
-//! exactly optimal [Fox 1966]. Most are handed out at once, to a common threshold of the gain; the
-//! rest one by one, ties to the smaller count and then by a hash of the pixel's number, so that no
-//! part of the image is preferred.
+//! Both [`allocate`] and [`Ladder::allocate`] minimise `sum_p g_p f(n_p)` over integers `floor_p <= n_p <= ceiling`
+//! that add up to the budget. `g_p` is a pixel's score (its weight squared times its variance).
+//!
+//! The objective is separable and convex, so handing out samples in the order of their marginal gain is exactly optimal
+//! [Fox 1966]. Most are handed out at once, down to a common threshold of the gain, the rest one by one. Ties go to the
+//! smaller count and then by a hash of the pixel's number, so that no part of the image is preferred.
 
+mod ladder;
 mod share;
 
+pub use ladder::Ladder;
 pub use share::share;
 
 use crate::Error;
@@ -17,22 +19,22 @@ use std::cmp::Ordering;
 use std::collections::BinaryHeap;
 
 /// An exact allocation.
+#[non_exhaustive]
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Allocation {
     /// Samples per pixel.
     pub counts: Vec<u32>,
-    /// Samples that did not fit under the ceilings.
+    /// Samples that do not fit under the ceilings.
     pub unspent: u64,
-    /// Scores that were NaN, negative or infinite, and replaced: by 0, 0, and the largest finite one.
+    /// The number of scores that were NaN or negative (replaced by 0) or infinite (replaced by the largest finite one).
     pub replaced: usize,
 }
 
-/// `f` and the steps along which counts grow.
+/// `f`, and the steps by which counts grow.
 trait Steps: Sync {
     /// The next count after `n`.
     fn next(&self, n: u32) -> u32;
-    /// The largest count reached from 0 by steps whose gain per sample, for a score of 1, is at least
-    /// `threshold`.
+    /// The largest count reached from 0 by steps whose gain per sample, for a score of 1, is at least `threshold`.
     fn reach(&self, threshold: f64) -> u32;
     /// The gain per sample of the step from `n` to `m`, for a score of 1.
     fn gain(&self, n: u32, m: u32) -> f64;
@@ -56,155 +58,26 @@ impl Steps for EveryCount {
     }
 }
 
-/// Well-stratified prefixes only, `f(n) = n^-exponent`.
-struct Ladder {
-    rungs: Vec<u32>,
-    /// Gain per sample of the step up to each rung, falling.
-    gains: Vec<f64>,
-    /// For each bucket of thresholds (see `bucket`), how many rungs are sure to be reached.
-    sure: Vec<u8>,
-    exponent: f64,
-}
-
-/// Numbers thresholds from 2^-256 to 1, an eighth of a power of two each; below and above they share
-/// a bucket.
-fn bucket(threshold: f64) -> usize {
-    const LOWEST: u64 = (1023 - 256) << 3;
-    const HIGHEST: u64 = 1024 << 3;
-    ((threshold.to_bits() >> 49).clamp(LOWEST, HIGHEST) - LOWEST) as usize
-}
-
-impl Ladder {
-    fn new(exponent: f64, even: bool) -> Self {
-        let mut rungs = vec![];
-        let mut n = 0;
-        while let Some(next) = rung_after(n, even) {
-            rungs.push(next);
-            n = next;
-        }
-        let mut ladder = Self { rungs, gains: vec![], sure: vec![], exponent };
-        let below = std::iter::once(0).chain(ladder.rungs.iter().copied());
-        ladder.gains = below.zip(&ladder.rungs).map(|(n, &m)| ladder.compute_gain(n, m)).collect();
-        ladder.sure = vec![0; bucket(f64::MAX) + 1];
-        for gain in &ladder.gains {
-            // A gain above the whole bucket is reached by every threshold in it.
-            ladder.sure[..bucket(*gain)].iter_mut().for_each(|n| *n += 1);
-        }
-        ladder
-    }
-
-    fn compute_gain(&self, n: u32, m: u32) -> f64 {
-        if n == 0 {
-            return f64::MAX;
-        }
-        (f64::from(n).powf(-self.exponent) - f64::from(m).powf(-self.exponent)) / (f64::from(m) - f64::from(n))
-    }
-}
-
-impl Steps for Ladder {
-    fn next(&self, n: u32) -> u32 {
-        match self.rungs.partition_point(|&r| r <= n) {
-            k if k < self.rungs.len() => self.rungs[k],
-            _ => u32::MAX,
-        }
-    }
-
-    fn reach(&self, threshold: f64) -> u32 {
-        // As `partition_point` would find, in a step or two instead of six.
-        let mut k = usize::from(self.sure[bucket(threshold)]);
-        while self.gains.get(k).is_some_and(|&g| g >= threshold) {
-            k += 1;
-        }
-        if k == 0 { 0 } else { self.rungs[k - 1] }
-    }
-
-    fn gain(&self, n: u32, m: u32) -> f64 {
-        let k = self.rungs.partition_point(|&r| r <= n);
-        let below = if k == 0 { 0 } else { self.rungs[k - 1] };
-        // Two powers a pixel would cost more than all the rest.
-        match self.gains.get(k) {
-            Some(&gain) if below == n && self.rungs[k] == m => gain,
-            _ => self.compute_gain(n, m),
-        }
-    }
-}
-
-/// The smallest rung above `n` of the ladder 1, 2, 3, 4, 6, 8, 12, 16, 24, … or of its double.
-fn rung_after(n: u32, even: bool) -> Option<u32> {
-    let half = if even { n / 2 } else { n };
-    let next = if half < 3 {
-        half + 1
-    } else {
-        let power = 1u64 << half.ilog2();
-        let rung = if u64::from(half) < power + power / 2 { power + power / 2 } else { 2 * power };
-        u32::try_from(rung).ok()?
-    };
-    if even { next.checked_mul(2) } else { Some(next) }
-}
-
-/// The smallest rung above `n` of the ladder of well-stratified prefixes, 1, 2, 3, 4, 6, 8, 12, 16,
-/// 24, …, or with `even` of its double, for renders with halves. `u32::MAX` past its end.
-pub fn ladder_next(n: u32, even: bool) -> u32 {
-    rung_after(n, even).unwrap_or(u32::MAX)
-}
-
-/// The largest rung that is at most `n`; `n` itself below the first rung.
-pub fn ladder_floor(n: u32, even: bool) -> u32 {
-    let mut rung = n.min(1);
-    let mut next = ladder_next(0, even);
-    while next <= n && next != u32::MAX {
-        rung = next;
-        next = ladder_next(next, even);
-    }
-    rung
-}
-
-/// Shares out exactly `total` samples so that `sum_p scores[p] / n_p` is as small as it can be
-/// ([Neyman 1934] in integers: `n_p` goes with the root of the score).
+/// Allocates exactly `total` samples so that `sum_p scores[p] / n_p` is minimal ([Neyman 1934] in integers: `n_p` goes
+/// with the root of the score).
 ///
 /// `floors[p] <= counts[p] <= ceiling` holds (a floor above the ceiling wins).
 ///
+/// ```
+/// let counts = dapple_core::allocate(&[1.0, 4.0, 9.0], &[1; 3], 100, 60)?.counts;
+/// assert_eq!(counts, [10, 20, 30]);
+/// # Ok::<(), dapple_core::Error>(())
+/// ```
+///
 /// # Errors
 ///
-/// [`Error::BudgetTooSmall`] when the floors alone exceed `total`.
+/// [`Error::BudgetTooSmall`] if the floors alone exceed `total`.
 ///
 /// # Panics
 ///
-/// When `scores` and `floors` differ in length, or there are more than 2^32 - 1.
+/// If `scores` and `floors` differ in length, or there are more than 2^32 - 1.
 pub fn allocate(scores: &[f64], floors: &[u32], ceiling: u32, total: u64) -> Result<Allocation, Error> {
     share_out(scores, floors, ceiling, total, &EveryCount)
-}
-
-/// As [`allocate`], on the ladder of well-stratified prefixes (see [`ladder_next`]) and for errors
-/// that fall as `n^-exponent`: 1 for independent samples, about 1.3 for images sampled with nets.
-/// At most one pixel whose floor is on the ladder leaves it, to meet the sum; others only where the
-/// budget fills every pixel up to the last rung below `ceiling`. When all scores are equal there is
-/// nothing to adapt to, and counts differ by at most 1 wherever floors allow.
-///
-/// # Errors
-///
-/// [`Error::BudgetTooSmall`] when the floors alone exceed `total`;
-/// [`Error::OutOfRange`] when `exponent` is not in (0, 3].
-///
-/// # Panics
-///
-/// When `scores` and `floors` differ in length, or there are more than 2^32 - 1.
-pub fn allocate_on_ladder(
-    scores: &[f64],
-    floors: &[u32],
-    ceiling: u32,
-    total: u64,
-    exponent: f64,
-    even: bool,
-) -> Result<Allocation, Error> {
-    if !(exponent > 0.0 && exponent <= 3.0) {
-        let allowed = "the rate at which errors fall lies in (0, 3]";
-        return Err(Error::OutOfRange { name: "exponent", value: exponent.to_string(), allowed });
-    }
-    let rung = ladder_floor(ceiling, even);
-    let room = floors.iter().map(|&n| u64::from(n.max(rung))).sum::<u64>();
-    let ceiling = if room >= total && !all_equal(&clean(scores).0) { rung } else { ceiling };
-    share_out(scores, floors, ceiling, total, &Ladder::new(exponent, even))
 }
 
 fn share_out(
@@ -230,16 +103,16 @@ fn share_out(
         return Ok(Allocation { counts: level(floors, ceiling, total), unspent: 0, replaced });
     }
     let share_out = || share_out_clean(&scores, floors, ceiling, total, steps);
-    // The search asks all pixels a dozen times. From outside the pool each time would wait for a thread to wake up, which took longer
-    // than the sums.
+    // The search sums over all pixels a dozen times. Called from outside the pool, each sum would wait for a thread to
+    // wake up, which took longer than the sum.
     let counts = if scores.len() < 2 * SERIAL { share_out() } else { rayon::scope(|_| share_out()) };
     Ok(Allocation { counts, unspent: 0, replaced })
 }
 
-/// Pixels that one task takes at least.
+/// The least number of pixels per task.
 const SERIAL: usize = 4096;
 
-/// Counts for scores that are numbers above 0 and not all equal, of a total that lies between floors and ceiling.
+/// Counts for scores above 0 that are not all equal, and a total between floors and ceiling.
 fn share_out_clean(scores: &[f64], floors: &[u32], ceiling: u32, total: u64, steps: &impl Steps) -> Vec<u32> {
     let reach = |g: f64, floor: u32, threshold: f64| steps.reach(threshold / g).min(ceiling).max(floor);
     let spend = |threshold: f64| -> u64 {
@@ -264,12 +137,12 @@ fn all_equal(scores: &[f64]) -> bool {
     scores.windows(2).all(|w| w[0] == w[1])
 }
 
-/// Counts as equal as floors and ceiling allow; the odd samples go to pixels by a hash of their
-/// number. `total` fits under the ceiling.
+/// Counts as equal as floors and ceiling allow. The remainder goes to pixels by a hash of their number. `total` fits
+/// under the ceiling.
 fn level(floors: &[u32], ceiling: u32, total: u64) -> Vec<u32> {
     let at = |level: u32, floor: u32| level.min(ceiling).max(floor);
     let spend = |level: u32| floors.iter().map(|&floor| u64::from(at(level, floor))).sum::<u64>();
-    // The highest level that fits; that of 0 does, since the floors do.
+    // The highest level that fits. Level 0 does, since the floors do.
     let (mut low, mut high) = (0, ceiling);
     while low < high {
         let middle = low + (high - low).div_ceil(2);
@@ -280,15 +153,15 @@ fn level(floors: &[u32], ceiling: u32, total: u64) -> Vec<u32> {
     if left > 0 {
         let open = counts.iter().enumerate().filter(|(_, n)| **n == low);
         let mut open: Vec<(u64, usize)> = open.map(|(pixel, _)| (mix(pixel as u64), pixel)).collect();
-        // Fewer are left than are open, or the next level would have fitted.
+        // Fewer samples are left than pixels are open, or the next level would have fitted.
         open.select_nth_unstable(left);
         open[..left].iter().for_each(|&(_, pixel)| counts[pixel] += 1);
     }
     counts
 }
 
-/// Replaces scores that are none. Zeros become so small that they wait until all others are at
-/// their ceiling, but then share alike.
+/// Replaces NaN, negative and infinite scores. Zeros become so small that they wait until all others are at their
+/// ceiling, and then get equal shares.
 fn clean(scores: &[f64]) -> (Vec<f64>, usize) {
     let largest = scores.iter().copied().filter(|g| g.is_finite()).fold(0.0, f64::max);
     let largest = if largest > 0.0 { largest } else { 1.0 };
@@ -307,16 +180,16 @@ fn clean(scores: &[f64]) -> (Vec<f64>, usize) {
     (cleaned, replaced)
 }
 
-/// Two thresholds of the gain that lie close together.
+/// Two close thresholds of the gain.
 struct Bracket {
-    /// All steps that gain at least this much fit; `None` when the floors are all that fits.
+    /// All steps that gain at least this much fit; `None` if only the floors fit.
     within: Option<f64>,
     /// All steps that gain at least this much are too many.
     beyond: f64,
 }
 
-/// The threshold that every so many pixels would have by themselves: where the search among all may begin, which it then ends
-/// in a few steps instead of a dozen.
+/// The threshold of a subset of pixels. The search over all starts there, and then takes a few steps instead of a
+/// dozen.
 fn threshold_of_some(
     start: f64,
     scores: &[f64],
@@ -335,21 +208,22 @@ fn threshold_of_some(
     bracket.within.unwrap_or(start)
 }
 
-/// Pixels that [`threshold_of_some`] looks at, about.
+/// The approximate number of pixels in [`threshold_of_some`].
 const SOME: usize = 2048;
 
-/// Searches for the threshold at which the steps above it spend `total`, until at most `close`
-/// samples are left over, or only steps of nearly the same gain are (ties cannot be parted by a
-/// threshold). Spending falls with the threshold.
+/// Searches for the threshold at which the steps above it spend `total`.
+///
+/// It stops when at most `close` samples are left over, or only steps of nearly the same gain, which no threshold can
+/// separate. Spending falls with the threshold.
 fn find_threshold(start: f64, total: u64, close: u64, spend: impl Fn(f64) -> u64) -> Bracket {
-    // Gains of steps beyond the first lie between 1 (scores are relative to the largest) and
-    // 1e-60 (the smallest score) times 2^-128 (the last rung, at the steepest exponent).
+    // Gains of steps beyond the first lie between 1 (scores are relative to the largest) and 1e-60 (the smallest score)
+    // times 2^-128 (the last rung, at the steepest exponent).
     let (least, most) = (1e-120_f64.ln(), 2.0_f64.ln());
     let excess = |spent: u64| (spent.max(1) as f64).ln() - (total as f64).ln();
     let mut bracket = Bracket { within: None, beyond: 0.0 };
     let (mut low, mut high) = ((least, f64::NAN), (most, f64::NAN));
     let mut guess = start.ln().clamp(least, most);
-    // A bound: the bracket is halved at least every other step.
+    // The bracket is halved at least every other step, so the search ends earlier.
     for step in 0..120 {
         let spent = spend(guess.exp());
         if spent > total {
@@ -363,8 +237,8 @@ fn find_threshold(start: f64, total: u64, close: u64, spend: impl Fn(f64) -> u64
         if high.0 - low.0 < 1e-3 {
             break;
         }
-        // Outwards from the start in steps that double, the first as long as it takes (spending goes with the root of
-        // the threshold at most, or nearly), then regula falsi on log(spent) with bisection every other step.
+        // Outwards from the start in doubling steps, then regula falsi on log(spent) with bisection every other step.
+        // The first step follows from the excess: spending goes about with the root of the threshold, or slower.
         let outwards = |excess: f64| (4.0 * excess.abs()).clamp(0.01, 1.0) * f64::from(1u32 << step.min(10));
         guess = match (low.1.is_nan(), high.1.is_nan()) {
             (true, _) => (high.0 - outwards(high.1)).max(least),
@@ -380,7 +254,7 @@ fn find_threshold(start: f64, total: u64, close: u64, spend: impl Fn(f64) -> u64
 struct Waiting {
     gain: f64,
     count: u32,
-    // Sixteen bytes in all: where many scores are equal, many pixels wait.
+    // 32 bits keep the struct at 16 bytes: if many scores are equal, many pixels wait.
     pixel: u32,
 }
 
@@ -408,7 +282,7 @@ impl PartialEq for Waiting {
 
 impl Eq for Waiting {}
 
-/// Takes the steps that gain at least `threshold`, in the order of gains, until nothing is left.
+/// Takes the steps that gain at least `threshold`, in the order of their gains, until no sample is left.
 fn hand_out_above(
     threshold: f64,
     counts: &mut [u32],
@@ -417,7 +291,7 @@ fn hand_out_above(
     left: &mut u64,
     steps: &impl Steps,
 ) {
-    // Without a bracket from below this would list every step that there is.
+    // Without a bracket from below this would list every step.
     if threshold == 0.0 || *left == 0 {
         return;
     }
@@ -437,7 +311,7 @@ fn hand_out_above(
             count = next;
         }
     }
-    // A step is a sample or more.
+    // A step is at least one sample.
     let most = usize::try_from(*left).unwrap_or(usize::MAX);
     if waiting.len() > most {
         waiting.select_nth_unstable_by(most, |a, b| b.cmp(a));
@@ -454,7 +328,7 @@ fn hand_out_above(
     }
 }
 
-/// Hands out the rest step by step.
+/// Hands out the remaining samples step by step.
 fn hand_out(counts: &mut [u32], scores: &[f64], ceiling: u32, mut left: u64, steps: &impl Steps) {
     if left == 0 {
         return;
@@ -475,6 +349,13 @@ fn hand_out(counts: &mut [u32], scores: &[f64], ceiling: u32, mut left: u64, ste
             heap.push(waiting(pixel, counts[pixel]));
         }
     }
+}
+
+/// `n`, or `u32::MAX` if it is larger.
+#[doc(hidden)]
+#[inline]
+pub fn saturating_u32(n: u64) -> u32 {
+    u32::try_from(n).unwrap_or(u32::MAX)
 }
 
 /// A bijective 64-bit mix (the finaliser of SplitMix64, [Steele, Lea and Flood 2014]).

@@ -1,12 +1,24 @@
-//! Named blocks of coordinates, as an integrator sees them.
+//! Random numbers of one sample, by named blocks.
 
 use crate::{PointSet, SampleId};
 use std::cell::Cell;
 
-/// The name of one use of randomness: four coordinates that nobody else uses.
+/// A named group of four dimensions: one use of randomness.
 ///
-/// An integrator keeps its blocks as constants in one module and never writes a bare number at a
-/// call, so that an effect which is off shifts nobody else's numbers.
+/// An integrator keeps its blocks as constants in one module, so that an effect that is off changes no other's numbers.
+///
+/// ```
+/// use dapple_core::Block;
+///
+/// const CAMERA: Block = Block::new(0);
+/// const SCATTER: Block = Block::new(1);
+/// const LIGHT: Block = Block::new(2);
+///
+/// // Each path vertex owns two blocks.
+/// assert_eq!(SCATTER.at(3, 2).number(), 7);
+/// assert_eq!(LIGHT.at(3, 2).number(), 8);
+/// # assert_eq!(CAMERA.number(), 0);
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Block(u32);
 
@@ -16,36 +28,68 @@ impl Block {
         Self(number)
     }
 
-    /// The same use at the `k`-th repetition (path vertex, say), where each repetition owns `stride`
-    /// blocks. Wraps past 2^32 blocks, after some 10^8 vertices.
+    /// The same use at repetition `k` (a path vertex, say), where each repetition owns `stride` blocks. Wraps past 2^32
+    /// blocks, after some 10^8 vertices.
     pub const fn at(self, k: u32, stride: u32) -> Self {
         Self(self.0.wrapping_add(k.wrapping_mul(stride)))
     }
 
-    /// Its number, as [`PointSet::block`] takes it.
+    /// The number that [`PointSet::block`] takes.
     pub const fn number(self) -> u32 {
         self.0
     }
 }
 
-/// The coordinates of one sample, asked for by name.
+/// The random numbers of one sample.
+///
+/// There is no cursor that returns "the next number": each use names its [`Block`].
+///
+/// ```
+/// # use dapple_core::{Block, Draws, PointSet, SampleId};
+/// # struct Centre;
+/// # impl PointSet for Centre {
+/// #     fn describe(&self) -> String { "centre".into() }
+/// #     fn block(&self, _: SampleId, _: u32) -> [f32; 4] { [0.5; 4] }
+/// #     fn capacity(&self) -> u64 { u64::MAX }
+/// # }
+/// const LENS: Block = Block::new(0);
+///
+/// let draws = Draws::new(&Centre, SampleId::new([3, 5], 0, 12));
+/// let [x, y, u, v] = draws.block(LENS);
+/// assert_eq!((draws.pixel(), draws.blocks_requested()), ([3, 5], 1));
+/// # assert_eq!([x, y, u, v], [0.5; 4]);
+/// ```
 pub struct Draws<'a> {
     points: &'a dyn PointSet,
     id: SampleId,
     first_hit: bool,
-    asked: Cell<u32>,
+    requested: Cell<u32>,
 }
 
 impl<'a> Draws<'a> {
-    /// The coordinates of sample `id`. `first_hit` says whether anybody wants the first hit reported.
-    pub fn new(points: &'a dyn PointSet, id: SampleId, first_hit: bool) -> Self {
-        Self { points, id, first_hit, asked: Cell::new(0) }
+    /// The random numbers of sample `id`, whose first hit is not recorded.
+    #[inline]
+    pub fn new(points: &'a dyn PointSet, id: SampleId) -> Self {
+        Self { points, id, first_hit: false, requested: Cell::new(0) }
+    }
+
+    /// Requests the first hit from the integrator.
+    #[inline]
+    #[must_use]
+    pub fn with_first_hit(self) -> Self {
+        Self { first_hit: true, ..self }
+    }
+
+    /// As the render loop makes them: it knows only at run time which statistics the film records.
+    #[inline]
+    pub(crate) fn of_round(points: &'a dyn PointSet, id: SampleId, first_hit: bool) -> Self {
+        Self { points, id, first_hit, requested: Cell::new(0) }
     }
 
     /// The four coordinates of `block`, each in `[0, 1)`: two 2-D pairs.
     #[inline]
     pub fn block(&self, block: Block) -> [f32; 4] {
-        self.asked.set(self.asked.get() + 1);
+        self.requested.set(self.requested.get() + 1);
         self.points.block(self.id, block.number())
     }
 
@@ -55,22 +99,22 @@ impl<'a> Draws<'a> {
         self.id.pixel
     }
 
-    /// Which sample this is.
+    /// The sample's name.
     #[inline]
     pub fn id(&self) -> SampleId {
         self.id
     }
 
-    /// Whether somebody reads [`Estimate::first_hit`](crate::Estimate::first_hit); when nobody does,
-    /// leave it `None`.
+    /// Returns `true` if the film records first hits. Otherwise leave
+    /// [`Estimate::first_hit`](crate::Estimate::first_hit) at `None`.
     #[inline]
     pub fn wants_first_hit(&self) -> bool {
         self.first_hit
     }
 
-    /// How many blocks were asked for so far: an effect that is off asks for none.
+    /// Blocks requested so far. An effect that is off requests none.
     #[inline]
     pub fn blocks_requested(&self) -> u32 {
-        self.asked.get()
+        self.requested.get()
     }
 }

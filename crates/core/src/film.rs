@@ -1,6 +1,7 @@
-//! What a render has found out so far: planes of per-pixel statistics, and the record of how it went.
+//! Films: planes of per-pixel statistics, and the record of a render.
 
 mod bank;
+mod error;
 
 pub use bank::luminance;
 pub(crate) use bank::{Bank, Range, index, widen};
@@ -33,15 +34,15 @@ impl FeatureMoments {
     }
 }
 
-/// Mean and sample variance of the first hits of one pixel. Means are over the samples that hit
-/// something; variances are `None` below two hits.
+/// Mean and sample variance of the first hits of one pixel. Means are over the samples that hit a surface.
+#[non_exhaustive]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Features {
-    /// Samples seen.
+    /// Samples of the pixel.
     pub samples: u32,
-    /// Samples of them that hit a surface.
+    /// The number of them that hit a surface.
     pub hits: u32,
-    /// Mean shading normal (shorter than 1 where normals differ).
+    /// Mean shading normal, shorter than 1 if normals differ.
     pub normal: [f32; 3],
     /// Mean albedo.
     pub albedo: [f32; 3],
@@ -49,11 +50,12 @@ pub struct Features {
     pub position: [f32; 3],
     /// Mean depth.
     pub depth: f32,
-    /// Variance of normal (3), albedo (3), position (3) and depth, in this order.
+    /// Variance of normal (3), albedo (3), position (3) and depth, in this order; `None` below two hits.
     pub variance: Option<[f32; 10]>,
 }
 
-/// Why a sample was rejected.
+/// The reason why a sample is rejected.
+#[non_exhaustive]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RejectedReason {
     /// A channel was NaN or infinite.
@@ -63,28 +65,30 @@ pub enum RejectedReason {
 }
 
 impl RejectedReason {
-    /// What a film does before it takes a sample in: why this is no radiance; `None` if it is one.
+    /// The reason why a film rejects this radiance; `None` if it accepts it.
     #[inline]
     pub fn of(radiance: [f32; 3]) -> Option<Self> {
         reason_to_reject(radiance)
     }
 }
 
-/// A sample that was no radiance. It counts as zero and in `n`; `sample` and the point set replay it.
+/// A rejected sample. It counts as zero and in `n`; `sample` and the point set replay it.
+#[non_exhaustive]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Rejected {
-    /// Which sample.
+    /// The sample.
     pub sample: SampleId,
-    /// What was wrong with it.
+    /// The reason.
     pub reason: RejectedReason,
 }
 
-/// What one round asked for and took.
+/// The record of one round.
+#[non_exhaustive]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RoundRecord {
     /// Samples traced.
     pub samples: u64,
-    /// Whether they were kept.
+    /// `true` if they were kept.
     pub kept: bool,
     /// Wall seconds of planning.
     pub plan_seconds: f64,
@@ -92,22 +96,23 @@ pub struct RoundRecord {
     pub trace_seconds: f64,
 }
 
-/// How a render went.
+/// The record of a render.
+#[non_exhaustive]
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Record {
-    /// The budget shown at each barrier: [`Budget::Recorded`](crate::Budget::Recorded) replays it.
+    /// The budget at each plan, for [`Budget::Recorded`](crate::Budget::Recorded).
     pub budgets: Vec<u64>,
     /// The rounds.
     pub rounds: Vec<RoundRecord>,
     /// Samples traced, discarded ones included.
     pub samples: u64,
-    /// Rays cast, as the integrator counts them.
+    /// Rays, as the integrator counts them.
     pub rays: u64,
-    /// Blocks of coordinates asked for.
+    /// Blocks of random numbers requested.
     pub blocks: u64,
     /// Samples rejected.
     pub rejected: u64,
-    /// Whether a monitor stopped the render before its limits.
+    /// `true` if a monitor stopped the render before its limits.
     pub interrupted: bool,
 }
 
@@ -123,15 +128,33 @@ impl Record {
     }
 }
 
-/// Per-pixel statistics of a render, row by row over its window, and how it went.
+/// Per-pixel statistics of a render, row by row over its window, and its [`Record`].
+///
+/// Samplers and filters read films. Tests of both can fill one by hand:
+///
+/// ```
+/// use dapple_core::{Film, Frame, Needs};
+///
+/// let mut film = Film::new(Frame::new(2, 1)?, Needs::none().with_variance());
+/// film.push(0, 0, [1.0, 0.5, 0.0]);
+/// film.push(0, 0, [3.0, 0.5, 0.0]);
+/// assert_eq!(film.count(0), 2);
+/// assert_eq!(film.mean(0), [2.0, 0.5, 0.0]);
+/// assert_eq!(film.moments(0).variance(), Some([2.0, 0.0, 0.0]));
+///
+/// // A NaN is rejected, counts as zero and is listed.
+/// film.push(1, 0, [f32::NAN; 3]);
+/// assert_eq!((film.mean(1), film.rejected().len()), ([0.0; 3], 1));
+/// # Ok::<(), dapple_core::Error>(())
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Film {
     pub(crate) frame: Frame,
     pub(crate) needs: Needs,
     pub(crate) combine: Combine,
-    /// One bank, or one a half.
+    /// One bank, or one per half.
     pub(crate) kept: Vec<Bank>,
-    /// Empty until samples are discarded; then as `kept`.
+    /// As `kept`; empty until samples are discarded.
     pub(crate) discarded: Vec<Bank>,
     pub(crate) features: Vec<FeatureMoments>,
     pub(crate) first_hits: Vec<Option<FirstHit>>,
@@ -140,11 +163,11 @@ pub struct Film {
     pub(crate) record: Record,
 }
 
-/// How many rejected samples are listed; all are counted.
+/// The largest number of listed rejected samples. All are counted.
 pub(crate) const REJECTED_LISTED: usize = 1024;
 
 impl Film {
-    /// An empty film that records what `needs` asks for.
+    /// An empty film that records these statistics.
     pub fn new(frame: Frame, needs: Needs) -> Self {
         let pixels = frame.pixels();
         let halves = if needs.halves { 2 } else { 1 };
@@ -162,7 +185,7 @@ impl Film {
         }
     }
 
-    /// Bytes per pixel of a film that records `needs`, before any sample is discarded.
+    /// The bytes per pixel of a film that records these statistics, before any sample is discarded.
     pub fn bytes_per_pixel(needs: &Needs) -> usize {
         Self::bank_bytes_per_pixel(needs)
             + if needs.features { size_of::<FeatureMoments>() } else { 0 }
@@ -170,19 +193,18 @@ impl Film {
             + if needs.cost { 8 } else { 0 }
     }
 
-    /// Bytes per pixel of the statistics of all kept samples, or of all discarded ones.
+    /// The bytes per pixel of the statistics of all kept samples, or of all discarded ones.
     pub(crate) fn bank_bytes_per_pixel(needs: &Needs) -> usize {
         let bank = 8 + 24 + if needs.variance { 24 } else { 0 } + if needs.extrema { 32 } else { 0 };
         bank * if needs.halves { 2 } else { 1 }
     }
 
-    /// Takes in one sample by hand, as a round with `retention` kept would: for tests of samplers and
-    /// filters on made-up statistics. It is number `count` of its stream, and rejected if it is no
-    /// radiance. `half` is ignored without halves.
+    /// Adds a kept sample by hand, for tests of samplers and filters. It is number `count` of its stream, and rejected
+    /// if it is NaN, infinite or negative. Without halves, `half` is ignored.
     ///
     /// # Panics
     ///
-    /// When `pixel` is outside the window.
+    /// If `pixel` is outside the window.
     pub fn push(&mut self, pixel: usize, half: usize, radiance: [f32; 3]) {
         let halves = self.kept.len() == 2;
         let half = if halves { half & 1 } else { 0 };
@@ -213,34 +235,32 @@ impl Film {
         &self.frame
     }
 
-    /// What is recorded.
+    /// The recorded statistics.
     pub fn needs(&self) -> &Needs {
         &self.needs
     }
 
-    /// How it went.
+    /// The record of the render.
     pub fn record(&self) -> &Record {
         &self.record
     }
 
-    /// How the halves are combined.
+    /// The rule that combines the halves.
     pub fn combine(&self) -> Combine {
         self.combine
     }
 
-    /// Rejected samples, the first 1024 in order of pixel, stream and index;
-    /// [`Record::rejected`] counts all.
+    /// The first 1024 rejected samples in order of pixel, stream and index. [`Record::rejected`] counts all.
     pub fn rejected(&self) -> &[Rejected] {
         &self.rejected
     }
 
-    /// Kept samples of pixel `i`.
+    /// The number of kept samples of pixel `i`.
     pub fn count(&self, i: usize) -> u64 {
         self.kept.iter().map(|b| b.counts[i]).sum()
     }
 
-    /// The mean of pixel `i`'s kept samples, the halves combined as the sampler's plan says; black
-    /// without samples.
+    /// The mean of pixel `i`'s kept samples, with the halves combined by [`Film::combine`]; black without samples.
     pub fn mean(&self, i: usize) -> [f64; 3] {
         let [a, b] = match &self.kept[..] {
             [a, b] => [a, b],
@@ -262,29 +282,29 @@ impl Film {
         }
     }
 
-    /// Count, mean and deviations of all kept samples of pixel `i`, whatever half they belong to.
-    /// Without [`Needs::variance`] the deviations are NaN.
+    /// Count, mean and deviations of all kept samples of pixel `i`, of both halves. Without [`Needs::variance`] the
+    /// deviations are NaN.
     pub fn moments(&self, i: usize) -> RgbMoments {
         merged(&self.kept, i)
     }
 
-    /// The same of one half's kept samples; `None` without halves.
+    /// [`Film::moments`] of one half; `None` without halves.
     pub fn half(&self, half: usize, i: usize) -> Option<RgbMoments> {
         (self.kept.len() == 2).then(|| self.kept[half & 1].moments(i))
     }
 
-    /// The same of discarded samples, withdrawn ones included; all zero while there are none.
+    /// [`Film::moments`] of discarded samples, withdrawn ones included; zero while there are none.
     pub fn discarded(&self, i: usize) -> RgbMoments {
         if self.discarded.is_empty() { RgbMoments::default() } else { merged(&self.discarded, i) }
     }
 
-    /// Smallest and largest kept sample of pixel `i` per channel; `None` without samples or without
+    /// The smallest and largest kept sample of pixel `i` per channel; `None` without samples or without
     /// [`Needs::extrema`].
     pub fn range(&self, i: usize) -> Option<[[f32; 3]; 2]> {
         joined(&self.kept, i).map(colours)
     }
 
-    /// Smallest and largest [`luminance`] of pixel `i`'s kept samples; `None` as for [`Film::range`].
+    /// The smallest and largest [`luminance`] of pixel `i`'s kept samples; `None` as for [`Film::range`].
     pub fn luminance_range(&self, i: usize) -> Option<[f32; 2]> {
         joined(&self.kept, i).map(|range| range.map(|v| v[3]))
     }
@@ -314,14 +334,14 @@ impl Film {
         })
     }
 
-    /// The first hits of pixel `i`'s first samples, [`Needs::first_hits`] of them; `None` for a sample
-    /// that hit nothing or was not traced.
+    /// The first hits of pixel `i`'s first [`Needs::first_hits`] samples; `None` for a sample that missed or was not
+    /// traced.
     pub fn first_hits(&self, i: usize) -> &[Option<FirstHit>] {
         let k = usize::from(self.needs.first_hits);
         &self.first_hits[i * k..(i + 1) * k]
     }
 
-    /// What pixel `i` cost, in rays; `None` without [`Needs::cost`].
+    /// The cost of pixel `i`, in rays; `None` without [`Needs::cost`].
     pub fn cost(&self, i: usize) -> Option<u64> {
         self.costs.get(i).copied()
     }
@@ -331,85 +351,16 @@ impl Film {
         (0..self.frame.pixels()).map(|i| self.mean(i).map(|x| x as f32)).collect()
     }
 
-    /// Kept samples per pixel.
+    /// The number of kept samples per pixel.
     pub fn counts(&self) -> Vec<u64> {
         (0..self.frame.pixels()).map(|i| self.count(i)).collect()
     }
 
-    /// The estimated squared error of pixel `i`'s mean, per channel, from the difference of its two
-    /// independently scrambled halves: `E (A - B)^2 = var A + var B`, shared out by count, for a
-    /// mean `w A + (1 - w) B`. One degree of freedom a pixel: average over pixels before use.
-    /// `None` without halves, or where a half is empty.
-    pub fn squared_error(&self, i: usize) -> Option<[f64; 3]> {
-        let [a, b] = &self.kept[..] else { return None };
-        let (na, nb) = (a.counts[i] as f64, b.counts[i] as f64);
-        if na == 0.0 || nb == 0.0 {
-            return None;
-        }
-        let w = self.first_half_weight(i);
-        let share = w * w * (nb / (na + nb)) + (1.0 - w) * (1.0 - w) * (na / (na + nb));
-        let mut error = [0.0; 3];
-        for (c, e) in error.iter_mut().enumerate() {
-            let d = a.means[i][c] - b.means[i][c];
-            *e = d * d * share;
-        }
-        Some(error)
-    }
-
-    /// [`Film::squared_error`] of every pixel, averaged over the channels; `None` without halves.
-    pub fn squared_errors(&self) -> Option<Vec<f32>> {
-        if self.kept.len() != 2 {
-            return None;
-        }
-        let mean = |e: [f64; 3]| ((e[0] + e[1] + e[2]) / 3.0) as f32;
-        Some((0..self.frame.pixels()).map(|i| self.squared_error(i).map_or(f32::INFINITY, mean)).collect())
-    }
-
-    /// The image's own estimate of its relMSE, `mean((x - truth)^2 / (truth^2 + 0.01))` over pixels
-    /// and channels; `None` without halves, or while a pixel lacks a sample in one of them.
-    ///
-    /// For the truth stands the mean of the pixel and its neighbours, 3x3 of them: a pixel's own mean is high where its
-    /// error is, and would hide it. On the bundled scenes with 8 and more samples per pixel what is predicted is .65 to
-    /// 1.05 of what is so, with the pixel's own mean .07 to 1.11 (`examples/predicted_error.rs`).
-    pub fn predicted_relmse(&self) -> Option<f64> {
-        if self.kept.len() != 2 {
-            return None;
-        }
-        let [width, height] = self.frame.size().map(|n| n as usize);
-        // Three rows of means at a time: an image of them would be as much memory again as a film of samples.
-        let mut means = vec![[0.0; 3]; 3 * width];
-        let fill = |y: usize, means: &mut [[f64; 3]]| {
-            let row = &mut means[y % 3 * width..][..width];
-            row.iter_mut().enumerate().for_each(|(x, mean)| *mean = self.mean(y * width + x));
-        };
-        fill(0, &mut means);
-        let mut sum = 0.0;
-        for y in 0..height {
-            if y + 1 < height {
-                fill(y + 1, &mut means);
-            }
-            for x in 0..width {
-                let error = self.squared_error(y * width + x)?;
-                let (rows, columns) =
-                    (y.saturating_sub(1)..(y + 2).min(height), x.saturating_sub(1)..(x + 2).min(width));
-                let count = (rows.len() * columns.len()) as f64;
-                let mut level = [0.0; 3];
-                for row in rows {
-                    for mean in &means[row % 3 * width..][columns.clone()] {
-                        (0..3).for_each(|c| level[c] += mean[c] / count);
-                    }
-                }
-                sum += (0..3).map(|c| error[c] / (level[c] * level[c] + 0.01)).sum::<f64>();
-            }
-        }
-        Some(sum / (3 * width * height) as f64)
-    }
-
-    /// Refuses a film that lacks something: the first line of a filter.
+    /// Checks that all of `needs` are recorded: the first line of a filter.
     ///
     /// # Errors
     ///
-    /// [`Error::NotRecorded`], naming `who` and what is missing.
+    /// [`Error::NotRecorded`], with `who` and the missing statistics.
     pub fn require(&self, who: &str, needs: &Needs) -> Result<(), Error> {
         let have = &self.needs;
         let missing = [
@@ -426,7 +377,7 @@ impl Film {
         }
     }
 
-    /// Makes room for discarded samples.
+    /// Allocates planes for discarded samples, if there are none.
     pub(crate) fn open_discarded(&mut self) {
         if self.discarded.is_empty() {
             let pixels = self.frame.pixels();
@@ -434,7 +385,7 @@ impl Film {
         }
     }
 
-    /// Takes the kept samples of the marked pixels out of the image, to the discarded ones.
+    /// Moves the kept samples of the marked pixels to the discarded ones.
     pub(crate) fn withdraw(&mut self, withdrawn: &[bool]) {
         self.open_discarded();
         for (kept, discarded) in self.kept.iter_mut().zip(&mut self.discarded) {
@@ -450,7 +401,7 @@ impl Film {
     }
 }
 
-/// Why a sample is no radiance.
+/// The reason to reject a radiance.
 #[inline]
 pub(crate) fn reason_to_reject([r, g, b]: [f32; 3]) -> Option<RejectedReason> {
     if r >= 0.0 && g >= 0.0 && b >= 0.0 && r < f32::INFINITY && g < f32::INFINITY && b < f32::INFINITY {
@@ -462,7 +413,7 @@ pub(crate) fn reason_to_reject([r, g, b]: [f32; 3]) -> Option<RejectedReason> {
     }
 }
 
-/// Sorts by pixel, stream and index, and keeps as many as are listed.
+/// Sorts by pixel, stream and index, and keeps the first.
 pub(crate) fn keep_first(rejected: &mut Vec<Rejected>) {
     rejected.sort_by_key(|r| (r.sample.pixel[1], r.sample.pixel[0], r.sample.stream, r.sample.index));
     rejected.truncate(REJECTED_LISTED);
@@ -472,7 +423,7 @@ fn colours(range: Range) -> [[f32; 3]; 2] {
     range.map(|[r, g, b, _]| [r, g, b])
 }
 
-/// The range over all banks that have samples of pixel `i`.
+/// The range over all banks with samples of pixel `i`.
 fn joined(banks: &[Bank], i: usize) -> Option<Range> {
     let mut ranges = banks.iter().filter(|b| b.counts[i] > 0).filter_map(|b| b.ranges.get(i));
     let mut all = *ranges.next()?;

@@ -1,25 +1,65 @@
-//! From samples to an image.
+//! Images from films.
 
-use crate::{Error, Film, FilterMemory, Frame, Needs};
+use crate::{Error, Film, FilterMemory, Frame, ImagePlanes, Needs};
+use std::sync::Arc;
 
 /// An image made from a film.
+#[non_exhaustive]
 #[derive(Clone, Debug, PartialEq)]
 pub struct Filtered {
     /// Width and height of the frame's window.
     pub size: [u32; 2],
     /// Linear RGB radiance, row by row from the top.
     pub radiance: Vec<[f32; 3]>,
-    /// The estimated squared error of each pixel (mean over the channels), where the filter knows it.
+    /// The estimated squared error of each pixel (mean over the channels), if the filter knows it.
     pub error: Option<Vec<f32>>,
 }
 
-/// Makes an image, and an estimate of its error per pixel, from a film.
+impl Filtered {
+    /// An image of this width and height, without an estimate of its error.
+    pub fn new(size: [u32; 2], radiance: Vec<[f32; 3]>) -> Self {
+        Self { size, radiance, error: None }
+    }
+
+    /// Sets the squared error of each pixel: a `Vec`, or an `Option` of one.
+    #[must_use]
+    pub fn with_error(self, error: impl Into<Option<Vec<f32>>>) -> Self {
+        Self { error: error.into(), ..self }
+    }
+}
+
+/// A filter (the denoiser; not the pixel filter): makes an image, and an estimate of its error per pixel, from a film.
 ///
-/// Each estimate belongs to one pixel: filters act on per-pixel means, with weights integrated over
-/// the pixel, so that unequal sample counts do not move edges. Implementations must pass
-/// `dapple_conformance::filter`.
+/// Each estimate belongs to one pixel: filters act on per-pixel means, with weights integrated over the pixel, so that
+/// unequal sample counts do not move edges. Implementations must pass `dapple_conformance::filter`.
+///
+/// ```
+/// use dapple_core::{Error, Film, Filter, Filtered, Frame, Needs, Unfiltered};
+///
+/// /// Shows which share of the samples each pixel got.
+/// struct Density;
+///
+/// impl Filter for Density {
+///     fn name(&self) -> &str {
+///         "density"
+///     }
+///
+///     fn apply(&self, film: &Film) -> Result<Filtered, Error> {
+///         let all = film.record().samples.max(1) as f32;
+///         let radiance = film.counts().iter().map(|&n| [n as f32 / all; 3]).collect();
+///         Ok(Filtered::new(film.frame().size(), radiance))
+///     }
+/// }
+///
+/// let mut film = Film::new(Frame::new(2, 1)?, Needs::none());
+/// (0..3).for_each(|_| film.push(0, 0, [0.5; 3]));
+/// film.push(1, 0, [0.25; 3]);
+/// assert_eq!(Density.apply(&film)?.radiance, [[0.75; 3], [0.25; 3]]);
+/// assert_eq!(Unfiltered.apply(&film)?.radiance, [[0.5; 3], [0.25; 3]]);
+/// # Ok::<(), Error>(())
+/// ```
 pub trait Filter: Send + Sync {
-    /// Its short name, as the command line knows it.
+    /// The short name that the command line uses.
     fn name(&self) -> &str;
 
     /// The name and every parameter, for headers and reports.
@@ -27,25 +67,53 @@ pub trait Filter: Send + Sync {
         self.name().to_owned()
     }
 
-    /// What it reads of the samples.
+    /// The statistics that it reads.
     fn needs(&self) -> Needs {
         Needs::none()
     }
 
-    /// The memory that [`Filter::apply`] takes for a film of this frame with these needs. The default is that of a filter
-    /// that holds its image only, with an error; one that works on planes of its own says more.
+    /// The memory that [`Filter::apply`] takes for a film of this frame with these needs. The default is that of a
+    /// filter that holds nothing but its image, with an error.
     fn memory(&self, frame: &Frame, needs: &Needs) -> FilterMemory {
         let _ = needs;
-        FilterMemory::new(frame, 0, true)
+        FilterMemory::new(frame, 0, ImagePlanes::RadianceAndError)
     }
 
     /// Makes the image. Pixels without samples are black.
     ///
     /// # Errors
     ///
-    /// When the film lacks what the filter reads.
+    /// When the film lacks statistics that the filter reads.
     fn apply(&self, film: &Film) -> Result<Filtered, Error>;
 }
+
+macro_rules! forward {
+    ($($owner:ty),*) => {$(
+        impl<T: Filter + ?Sized> Filter for $owner {
+            fn name(&self) -> &str {
+                (**self).name()
+            }
+
+            fn describe(&self) -> String {
+                (**self).describe()
+            }
+
+            fn needs(&self) -> Needs {
+                (**self).needs()
+            }
+
+            fn memory(&self, frame: &Frame, needs: &Needs) -> FilterMemory {
+                (**self).memory(frame, needs)
+            }
+
+            fn apply(&self, film: &Film) -> Result<Filtered, Error> {
+                (**self).apply(film)
+            }
+        }
+    )*};
+}
+
+forward!(&T, Box<T>, Arc<T>);
 
 /// No filter: each pixel is the mean of its own samples.
 #[derive(Clone, Copy, Debug, Default)]
@@ -57,10 +125,11 @@ impl Filter for Unfiltered {
     }
 
     fn memory(&self, frame: &Frame, needs: &Needs) -> FilterMemory {
-        FilterMemory::new(frame, 0, needs.halves)
+        let planes = if needs.halves { ImagePlanes::RadianceAndError } else { ImagePlanes::Radiance };
+        FilterMemory::new(frame, 0, planes)
     }
 
     fn apply(&self, film: &Film) -> Result<Filtered, Error> {
-        Ok(Filtered { size: film.frame().size(), radiance: film.image(), error: film.squared_errors() })
+        Ok(Filtered::new(film.frame().size(), film.image()).with_error(film.squared_errors()))
     }
 }

@@ -1,10 +1,19 @@
-//! The size of an image and the window that is rendered.
+//! The size of an image and its rendered window.
 
 use crate::Error;
 
-/// An image's full resolution and the window of it that is rendered.
+/// An image's full resolution and its rendered window.
 ///
-/// Pixels keep their place in the full frame, so a crop is bit for bit the full image's.
+/// Pixels keep their place in the full frame, so a crop is bit for bit that part of the full image.
+///
+/// ```
+/// use dapple_core::Frame;
+///
+/// let window = Frame::new(1920, 1080)?.crop(960, 540, 1024, 604)?;
+/// assert_eq!((window.size(), window.pixels()), ([64, 64], 4096));
+/// assert_eq!(window.pixel(65), [961, 541]);
+/// # Ok::<(), dapple_core::Error>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Frame {
     resolution: [u32; 2],
@@ -17,7 +26,7 @@ impl Frame {
     ///
     /// # Errors
     ///
-    /// When either is zero, or there are more than 2^32 - 1 pixels.
+    /// [`Error::EmptyFrame`] if either is zero, [`Error::FrameTooLarge`] for more than 2^32 - 1 pixels.
     pub fn new(width: u32, height: u32) -> Result<Self, Error> {
         if width == 0 || height == 0 {
             return Err(Error::EmptyFrame { resolution: [width, height] });
@@ -32,7 +41,7 @@ impl Frame {
     ///
     /// # Errors
     ///
-    /// When it is empty or reaches outside.
+    /// [`Error::BadCrop`] if it is empty or reaches outside.
     pub fn crop(self, x0: u32, y0: u32, x1: u32, y1: u32) -> Result<Self, Error> {
         if x0 >= x1 || y0 >= y1 || x1 > self.resolution[0] || y1 > self.resolution[1] {
             return Err(Error::BadCrop { crop: [x0, y0, x1, y1], resolution: self.resolution });
@@ -55,12 +64,12 @@ impl Frame {
         self.size
     }
 
-    /// Pixels in the window.
+    /// The number of pixels in the window.
     pub const fn pixels(&self) -> usize {
         self.size[0] as usize * self.size[1] as usize
     }
 
-    /// So many bytes per pixel of the window, in all; `u64::MAX` where that is beyond 64 bits.
+    /// The bytes of a plane over the window; `u64::MAX` if they exceed 64 bits.
     pub const fn bytes(&self, per_pixel: usize) -> u64 {
         (self.size[0] as u64 * self.size[1] as u64).saturating_mul(per_pixel as u64)
     }

@@ -1,12 +1,24 @@
-//! What one sample is worth.
+//! Radiance estimates, first hits and training data of integrators.
 
 use crate::Draws;
 use rayon::prelude::*;
 
-/// The first surface a sample met. The integrator reports it; samplers and filters label it.
+/// The cluster label of a ray that meets nothing.
+pub const BACKGROUND: u32 = u32::MAX;
+
+/// The first surface that a sample meets. The integrator reports it; samplers and filters read it.
+///
+/// ```
+/// use dapple_core::FirstHit;
+///
+/// // A point on the floor, 2.5 units from the camera.
+/// let hit = FirstHit::new([0.1, 0.0, 0.7], [0.0, 1.0, 0.0], 2.5).with_albedo([0.8, 0.5, 0.2]).with_material(3);
+/// assert_eq!(hit.shading_normal, [0.0, 1.0, 0.0]);
+/// ```
+#[non_exhaustive]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FirstHit {
-    /// Where, in the integrator's own units.
+    /// The position, in the integrator's own units.
     pub position: [f32; 3],
     /// Unit normal of the geometry, on the side the ray came from.
     pub geometric_normal: [f32; 3],
@@ -16,9 +28,9 @@ pub struct FirstHit {
     pub albedo: [f32; 3],
     /// Distance along the ray, in the units of `position`.
     pub depth: f32,
-    /// Width of a pixel at the hit, in the units of `position`.
+    /// Width of a pixel at the hit, in the units of `position`; 0 if unknown.
     pub footprint: f32,
-    /// Microfacet roughness in `[0, 1]`: 0 a mirror, 1 diffuse.
+    /// Microfacet roughness in `[0, 1]`: 0 for a mirror, 1 for a diffuse surface.
     pub roughness: f32,
     /// The integrator's number for the material.
     pub material: u32,
@@ -29,7 +41,80 @@ pub struct FirstHit {
 }
 
 impl FirstHit {
-    /// Whether every number is one. A hit that is not counts as a miss.
+    /// A hit on a white diffuse surface: material, shape and primitive 0, and an unknown footprint.
+    #[inline]
+    pub const fn new(position: [f32; 3], normal: [f32; 3], depth: f32) -> Self {
+        Self {
+            position,
+            geometric_normal: normal,
+            shading_normal: normal,
+            albedo: [1.0; 3],
+            depth,
+            footprint: 0.0,
+            roughness: 1.0,
+            material: 0,
+            shape: 0,
+            primitive: 0,
+        }
+    }
+
+    /// Sets a shading normal that differs from the geometry's.
+    #[inline]
+    #[must_use]
+    pub const fn with_shading_normal(mut self, normal: [f32; 3]) -> Self {
+        self.shading_normal = normal;
+        self
+    }
+
+    /// Sets the albedo, linear RGB in `[0, 1]`.
+    #[inline]
+    #[must_use]
+    pub const fn with_albedo(mut self, albedo: [f32; 3]) -> Self {
+        self.albedo = albedo;
+        self
+    }
+
+    /// Sets the width of a pixel at the hit.
+    #[inline]
+    #[must_use]
+    pub const fn with_footprint(mut self, footprint: f32) -> Self {
+        self.footprint = footprint;
+        self
+    }
+
+    /// Sets the microfacet roughness, in `[0, 1]`.
+    #[inline]
+    #[must_use]
+    pub const fn with_roughness(mut self, roughness: f32) -> Self {
+        self.roughness = roughness;
+        self
+    }
+
+    /// Sets the number of the material.
+    #[inline]
+    #[must_use]
+    pub const fn with_material(mut self, material: u32) -> Self {
+        self.material = material;
+        self
+    }
+
+    /// Sets the number of the shape.
+    #[inline]
+    #[must_use]
+    pub const fn with_shape(mut self, shape: u32) -> Self {
+        self.shape = shape;
+        self
+    }
+
+    /// Sets the triangle within the shape.
+    #[inline]
+    #[must_use]
+    pub const fn with_primitive(mut self, primitive: u32) -> Self {
+        self.primitive = primitive;
+        self
+    }
+
+    /// Returns `true` if no number is NaN or infinite. Any other hit counts as a miss.
     pub(crate) fn is_finite(&self) -> bool {
         let Self { position, geometric_normal, shading_normal, albedo, depth, footprint, roughness, .. } = self;
         let vectors = [position, geometric_normal, shading_normal, albedo];
@@ -37,50 +122,124 @@ impl FirstHit {
     }
 }
 
-/// What one sample found.
+/// The result of one sample.
+///
+/// ```
+/// use dapple_core::Estimate;
+///
+/// let shadowed = Estimate::new([0.0; 3]);
+/// assert_eq!((shadowed.first_hit, shadowed.cost), (None, 1));
+/// let lit = Estimate::new([0.2, 0.3, 0.5]).with_cost(2);
+/// # assert_eq!(lit.cost, 2);
+/// ```
+#[non_exhaustive]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimate {
-    /// Radiance estimate, linear RGB, finite and not negative; anything else is rejected and counted.
+    /// The radiance, linear RGB, finite and not negative. The film rejects and counts anything else.
     pub radiance: [f32; 3],
-    /// The first hit, if [`Draws::wants_first_hit`] asks for it and the sample met a surface. One with
-    /// a NaN or an infinity in it counts as a miss.
+    /// The first hit, if [`Draws::wants_first_hit`] requests it and the sample met a surface. A hit with a NaN or an
+    /// infinity counts as a miss.
     pub first_hit: Option<FirstHit>,
-    /// What the sample cost, in rays.
+    /// The cost of the sample, in rays.
     pub cost: u32,
 }
 
-/// Estimates a pixel from one sample's coordinates. Knows no sampler.
-pub trait Integrator: Sync {
-    /// One estimate of the radiance of pixel `draws.pixel()`: a pure function of the coordinates (and
-    /// of what was learned in finished rounds).
-    fn estimate(&self, draws: &Draws<'_>, observed: &mut TrainingLog) -> Estimate;
+impl Estimate {
+    /// An estimate without a first hit, at the cost of one ray.
+    #[inline]
+    pub const fn new(radiance: [f32; 3]) -> Self {
+        Self { radiance, first_hit: None, cost: 1 }
+    }
 
-    /// Whether this integrator writes to [`TrainingLog`] and wants [`Integrator::learn`] called. Asked anew
-    /// after each training pass: one that has learned enough says so, and costs no more.
+    /// Sets the first hit: a [`FirstHit`], or an `Option` of one.
+    #[inline]
+    #[must_use]
+    pub fn with_first_hit(mut self, hit: impl Into<Option<FirstHit>>) -> Self {
+        self.first_hit = hit.into();
+        self
+    }
+
+    /// Sets the cost, in rays.
+    #[inline]
+    #[must_use]
+    pub const fn with_cost(mut self, rays: u32) -> Self {
+        self.cost = rays;
+        self
+    }
+}
+
+/// An integrator: estimates a pixel from one sample's random numbers. It knows no sampler.
+///
+/// ```
+/// use dapple_core::{Block, Draws, Estimate, Integrator, TrainingLog};
+///
+/// const PLACE: Block = Block::new(0);
+///
+/// /// A white disk of 20 pixels' radius around the corner.
+/// struct Disk;
+///
+/// impl Integrator for Disk {
+///     fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
+///         let [column, row] = draws.pixel();
+///         let [u, v, ..] = draws.block(PLACE);
+///         let distance = (column as f32 + u).hypot(row as f32 + v);
+///         Estimate::new(if distance < 20.0 { [1.0; 3] } else { [0.0; 3] })
+///     }
+/// }
+/// ```
+pub trait Integrator: Sync {
+    /// One estimate of the radiance of pixel `draws.pixel()`: a pure function of the random numbers and of finished
+    /// training passes.
+    fn estimate(&self, draws: &Draws<'_>, log: &mut TrainingLog) -> Estimate;
+
+    /// Returns `true` if this integrator writes to [`TrainingLog`] and expects [`Integrator::learn`]. Called before
+    /// each training pass: an integrator that has learned enough returns `false` and costs no more.
     fn wants_training(&self) -> bool {
         false
     }
 
-    /// Called at the barrier after a training pass with everything observed in it, merged in a fixed order:
-    /// what is learned does not depend on threads. A training pass is one sample a pixel at first, then as
-    /// many as were traced before it, and at most what is left of the round: 1, 1, 2, 4, … where
-    /// rounds are long.
+    /// Learns from a training pass, between two passes. Notes are merged in a fixed order, so the result does not
+    /// depend on threads.
     ///
-    /// What is learned must follow from the training passes alone: a render that is resumed from a [`Snapshot`](crate::Snapshot)
-    /// takes them again, in their order, without a sample traced. So there is nothing else to save.
+    /// A training pass is one sample per pixel at first, then as many as were traced before it, and at most the rest of
+    /// the round: 1, 1, 2, 4, … in long rounds.
+    ///
+    /// The learned state must follow from the training passes alone. A render resumed from a
+    /// [`Snapshot`](crate::Snapshot) replays them in order without tracing a sample, so there is nothing else to save.
     fn learn(&mut self, pass: &TrainingData) {
         let _ = pass;
     }
 }
 
-/// What an integrator notes down while it traces, under keys of its own.
+macro_rules! forward {
+    ($($owner:ty),*) => {$(
+        impl<T: Integrator + ?Sized> Integrator for $owner {
+            #[inline]
+            fn estimate(&self, draws: &Draws<'_>, log: &mut TrainingLog) -> Estimate {
+                (**self).estimate(draws, log)
+            }
+
+            fn wants_training(&self) -> bool {
+                (**self).wants_training()
+            }
+
+            fn learn(&mut self, pass: &TrainingData) {
+                (**self).learn(pass);
+            }
+        }
+    )*};
+}
+
+forward!(&mut T, Box<T>);
+
+/// The notes of an integrator in a training pass, under keys of its own.
 #[derive(Debug, Default)]
 pub struct TrainingLog {
     notes: Vec<(u64, f32)>,
 }
 
 impl TrainingLog {
-    /// Notes a value. Non-finite values are dropped.
+    /// Adds a value under a key. Drops NaN and infinite values.
     #[inline]
     pub fn note(&mut self, key: u64, value: f32) {
         if value.is_finite() {
@@ -88,7 +247,7 @@ impl TrainingLog {
         }
     }
 
-    /// Sums the notes up by key, in the order in which they were made, and forgets them.
+    /// Sums the notes up by key, in their order, and clears the log.
     pub(crate) fn summarise(&mut self) -> Vec<TrainingSum> {
         self.notes.sort_by_key(|n| n.0);
         let mut sums: Vec<TrainingSum> = Vec::new();
@@ -105,12 +264,13 @@ impl TrainingLog {
     }
 }
 
-/// Everything noted under one key in one training pass.
+/// The sums of all notes under one key in one training pass.
+#[non_exhaustive]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TrainingSum {
     /// The integrator's key.
     pub key: u64,
-    /// How many values were noted.
+    /// The number of values.
     pub count: u64,
     /// Their sum.
     pub sum: f64,
@@ -126,20 +286,22 @@ impl TrainingSum {
     }
 }
 
-/// All observations of a training pass, sorted by key. Sums were made in blocks of 16x16 pixels, added up in order along rows
-/// of blocks, and then row by row, so they are the same bits for any number of threads.
+/// All notes of a training pass, sorted by key.
+///
+/// Blocks of 16x16 pixels are summed first, then rows of blocks, then all rows in order. The sums are the same bits for
+/// any number of threads.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TrainingData {
     entries: Vec<TrainingSum>,
 }
 
 impl TrainingData {
-    /// Merges sums of parts of the image, which must come in their order.
+    /// Merges the sums of parts of the image, given in their order.
     pub(crate) fn merge(parts: &[Vec<TrainingSum>]) -> Self {
         Self::merged(parts, |entries| entries.par_sort_by_key(|e| e.key))
     }
 
-    /// The same on the thread that asks: a task that waited for help would begin others meanwhile.
+    /// The same on the calling thread: a task that waits for others would start new ones meanwhile.
     pub(crate) fn merge_here(parts: &[Vec<TrainingSum>]) -> Self {
         Self::merged(parts, |entries| entries.sort_by_key(|e| e.key))
     }
@@ -155,12 +317,12 @@ impl TrainingData {
             }
             same
         });
-        // Kept for long, and mostly much shorter now.
+        // Kept for the whole render, and mostly much shorter now.
         entries.shrink_to_fit();
         Self { entries }
     }
 
-    /// These entries, if their keys ascend.
+    /// These entries; `None` if their keys do not ascend.
     pub(crate) fn sorted(entries: Vec<TrainingSum>) -> Option<Self> {
         entries.is_sorted_by(|a, b| a.key < b.key).then_some(Self { entries })
     }

@@ -1,26 +1,57 @@
-//! The one plug of Dapple: where samples lie, how many each pixel gets, what one sample is worth,
-//! and what becomes of them.
+//! The core of Dapple: traits for point sets, samplers, integrators and filters, and the render loop that joins them.
 //!
-//! Four roles, each a trait with one required idea:
+//! | role | trait | decides |
+//! |---|---|---|
+//! | point set (pbrt and Mitsuba call this the sampler) | [`PointSet`] | the random numbers of a sample: a pure function of its name |
+//! | sampler | [`Sampler`] | the number of samples per pixel, between rounds |
+//! | integrator | [`Integrator`] | the radiance of one sample, and its first hit |
+//! | filter (the denoiser; not the pixel filter) | [`Filter`] | an image from a [`Film`], and its error per pixel |
 //!
-//! * [`PointSet`]: where samples lie, a pure function of (pixel, stream, index, block);
-//! * [`Sampler`]: which points, and how many of them each pixel gets, decided between rounds;
-//! * [`Integrator`]: estimates a pixel from one sample's coordinates;
-//! * [`Filter`]: makes an image from the [`Film`].
+//! [`Render`] alternates between planning and tracing until the [`Limits`] are met:
 //!
-//! [`Render`] drives them: round, barrier, round, … until the [`Limits`] are met. This crate knows no
-//! geometry, no colour file and no scene; everything public speaks in `[f32; 3]`, slices and ids.
+//! ```
+//! # use dapple_core::{PointSet, SampleId};
+//! # struct Golden;
+//! # impl PointSet for Golden {
+//! #     fn describe(&self) -> String { "golden".into() }
+//! #     fn block(&self, id: SampleId, _: u32) -> [f32; 4] { [(id.index as f32 * 0.618_034).fract(); 4] }
+//! #     fn capacity(&self) -> u64 { 1 << 20 }
+//! # }
+//! use dapple_core::samplers::Uniform;
+//! use dapple_core::{Block, Draws, Estimate, Filter, Frame, Integrator, Limits, Render, TrainingLog, Unfiltered};
+//!
+//! const PLACE: Block = Block::new(0);
+//!
+//! /// A grey image: half of each pixel is lit.
+//! struct Half;
+//!
+//! impl Integrator for Half {
+//!     fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
+//!         let [u, ..] = draws.block(PLACE);
+//!         Estimate::new(if u < 0.5 { [1.0; 3] } else { [0.0; 3] })
+//!     }
+//! }
+//!
+//! let points = Golden; // A real one is dapple_low_discrepancy::Sobol::new(7).
+//! let frame = Frame::new(16, 9)?;
+//! let film = Render::new(frame, &Limits::samples(64 * 16 * 9)).run(&mut Half, &mut Uniform::new(points))?;
+//! let image = Unfiltered.apply(&film)?;
+//! assert!(image.radiance.iter().all(|rgb| (rgb[0] - 0.5).abs() < 0.05));
+//! # Ok::<(), dapple_core::Error>(())
+//! ```
 //!
 //! # Guarantees
 //!
-//! * The image does not depend on the number of threads, on tiles, or on how a round was cut.
-//! * Sample counts add up to the budget exactly, or an [`Error`] says why they cannot.
-//! * A non-finite or negative sample is rejected, counts as zero and in `n`, and can be replayed.
+//! * The image does not depend on the number of threads, on tiles, or on the division of a round into slices.
+//! * Sample counts add up to the budget exactly, or an [`Error`] gives the reason.
+//! * A sample that is NaN, infinite or negative is rejected, counts as zero and in `n`, and can be replayed.
 //!
 //! # Limits
 //!
-//! Dapple is not a sampler of arbitrary densities and has no cursor to draw "the next number" from:
-//! every use of randomness names its [`Block`].
+//! * No geometry, scene or image file: all public items use `[f32; 3]`, slices and numbers.
+//! * No sampling of arbitrary densities, and no cursor that returns "the next number": each use of randomness names its
+//!   [`Block`].
+//! * One estimate belongs to one pixel: pixel filters wider than a pixel are sampled by the integrator.
 
 mod allocate;
 mod draws;
@@ -33,6 +64,7 @@ mod limits;
 mod memory;
 mod moments;
 mod needs;
+mod options;
 mod plan;
 mod point_set;
 mod policy;
@@ -42,17 +74,20 @@ pub mod samplers;
 mod shard;
 mod snapshot;
 
-pub use allocate::{Allocation, allocate, allocate_on_ladder, ladder_floor, ladder_next, share};
+#[doc(hidden)]
+pub use allocate::saturating_u32;
+pub use allocate::{Allocation, Ladder, allocate, share};
 pub use draws::{Block, Draws};
 pub use error::Error;
 pub use film::{Features, Film, Record, Rejected, RejectedReason, RoundRecord, luminance};
 pub use filter::{Filter, Filtered, Unfiltered};
 pub use frame::Frame;
-pub use integrator::{Estimate, FirstHit, Integrator, TrainingData, TrainingLog, TrainingSum};
+pub use integrator::{BACKGROUND, Estimate, FirstHit, Integrator, TrainingData, TrainingLog, TrainingSum};
 pub use limits::{Budget, InvalidSample, Limits, Schedule};
-pub use memory::{FilterMemory, Memory, SamplerMemory};
+pub use memory::{FilterMemory, ImagePlanes, Memory, SamplerMemory};
 pub use moments::{Moments, RgbMoments};
 pub use needs::Needs;
+pub use options::{OptionError, OptionValue, Options, OutOfRange, Parameter, nearest_name, parse_pairs};
 pub use plan::{Combine, Plan, Progress, Retention};
 pub use point_set::{PointSet, SampleId, streams};
 pub use policy::{PilotPolicy, Stopping};

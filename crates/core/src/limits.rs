@@ -1,45 +1,47 @@
-//! When a render ends.
+//! Budgets and other limits of a render.
 
-/// What a render may spend.
+/// The amount of work that a render may do.
+#[non_exhaustive]
 #[derive(Clone, Debug, PartialEq)]
 pub enum Budget {
-    /// So many samples in all, exactly.
+    /// This many samples in all, exactly.
     Samples(u64),
-    /// About so many seconds of tracing and planning. Turned into sample budgets at barriers and
-    /// recorded; [`Budget::Recorded`] replays the record to the same bits.
+    /// About this many seconds of planning and tracing. They become sample budgets between rounds, which the film
+    /// records; [`Budget::Recorded`] replays the record to the same bits.
     Seconds(f64),
-    /// Until the image's own estimate of its relMSE is at most `relmse`, or `at_most` samples are
-    /// spent. Asks for halves.
+    /// Until the image's own estimate of its relMSE is at most `relmse`, or `at_most` samples are spent. Adds halves to
+    /// the film.
     Error {
         /// The relMSE to reach, `mean((x - truth)^2 / (truth^2 + 0.01))`.
         relmse: f64,
-        /// Samples after which to stop all the same.
+        /// The number of samples after which to stop all the same.
         at_most: u64,
     },
-    /// The budgets that an earlier render recorded, one per barrier. Renders with halves use other
-    /// points: pass the earlier film's [`needs`](crate::Film::needs) to get its bits.
+    /// The budgets that an earlier render recorded, one per plan. Renders with halves use other points: pass the
+    /// earlier film's [`needs`](crate::Film::needs) to get its bits.
     Recorded(Vec<u64>),
 }
 
-/// What happens when a sample is NaN, infinite or negative.
+/// The treatment of a sample that is NaN, infinite or negative.
+#[non_exhaustive]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum InvalidSample {
-    /// It counts as zero and in `n`, is counted, and can be replayed.
+    /// It counts as zero and in `n`, is listed, and can be replayed.
     #[default]
     Reject,
-    /// The render fails, naming the sample.
+    /// The render fails and names the sample.
     Fail,
 }
 
-/// How the work is handed to threads. Changes no bit of the image.
+/// The division of work among threads. Changes no bit of the image.
+#[non_exhaustive]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Schedule {
-    /// Rows of pixels per task, at least 1. Rounded up to a multiple of 16 while an integrator
-    /// wants_training.
+    /// Rows of pixels per task, at least 1; 1 by default. Rounded up to a multiple of 16 in training passes.
     pub tile_rows: u32,
-    /// Samples per pixel and slice; 0 chooses slices of about a fifth of a second.
+    /// Samples per pixel and slice. 0, the default, makes slices of about a fifth of a second.
     pub slice_spp: u32,
-    /// Tasks are handed out in the order of a permutation by this number; 0 keeps them in order.
+    /// The seed of a permutation of tasks. 0, the default, keeps them in order.
     pub shuffle: u64,
 }
 
@@ -49,39 +51,96 @@ impl Default for Schedule {
     }
 }
 
-/// The limits of a render: its one budget, and the bounds for each pixel.
+impl Schedule {
+    /// Sets the rows of pixels per task.
+    #[must_use]
+    pub const fn with_tile_rows(self, tile_rows: u32) -> Self {
+        Self { tile_rows, ..self }
+    }
+
+    /// Sets the samples per pixel and slice; 0 chooses them by time.
+    #[must_use]
+    pub const fn with_slice_spp(self, slice_spp: u32) -> Self {
+        Self { slice_spp, ..self }
+    }
+
+    /// Permutes tasks by this seed; 0 keeps them in order.
+    #[must_use]
+    pub const fn with_shuffle(self, shuffle: u64) -> Self {
+        Self { shuffle, ..self }
+    }
+}
+
+/// The limits of a render: one budget, and bounds for each pixel.
+///
+/// ```
+/// use dapple_core::{InvalidSample, Limits};
+///
+/// let limits = Limits::samples(100_000).with_min_spp(4).with_max_spp(256).with_invalid(InvalidSample::Fail);
+/// assert_eq!((limits.min_spp, limits.max_spp), (4, 256));
+///
+/// // Or a minute, or until the predicted relMSE is 0.001.
+/// let minute = Limits::seconds(60.0);
+/// let accurate = Limits::error(0.001, 10_000_000);
+/// # assert!(minute != accurate);
+/// ```
+#[non_exhaustive]
 #[derive(Clone, Debug, PartialEq)]
 pub struct Limits {
-    /// What may be spent.
+    /// The amount of work.
     pub budget: Budget,
-    /// No pixel gets fewer samples than this (the sampler's own floor may be higher).
+    /// The least number of samples per pixel, 1 by default. A sampler's own floor may be higher.
     pub min_spp: u32,
-    /// No pixel gets more samples than this.
+    /// The largest number of samples per pixel, 2^32 - 1 by default.
     pub max_spp: u32,
-    /// What happens to samples that are no radiance.
+    /// The treatment of samples that are NaN, infinite or negative.
     pub invalid: InvalidSample,
-    /// How the work is cut.
+    /// The division of work among threads.
     pub schedule: Schedule,
 }
 
 impl Limits {
-    /// So many samples in all.
+    /// Limits of this many samples in all.
     pub fn samples(total: u64) -> Self {
         Self::new(Budget::Samples(total))
     }
 
-    /// About so many seconds.
+    /// Limits of about this many seconds.
     pub fn seconds(seconds: f64) -> Self {
         Self::new(Budget::Seconds(seconds))
     }
 
-    /// Until the predicted relMSE is at most this, or `at_most` samples are spent.
+    /// Limits that end when the predicted relMSE is at most `relmse`, or `at_most` samples are spent.
     pub fn error(relmse: f64, at_most: u64) -> Self {
         Self::new(Budget::Error { relmse, at_most })
     }
 
-    /// This budget, at least 1 and at most 2^32 - 1 samples per pixel.
+    /// Limits of this budget, with at least 1 and at most 2^32 - 1 samples per pixel.
     pub fn new(budget: Budget) -> Self {
         Self { budget, min_spp: 1, max_spp: u32::MAX, invalid: InvalidSample::Reject, schedule: Schedule::default() }
+    }
+
+    /// Sets the least number of samples per pixel.
+    #[must_use]
+    pub fn with_min_spp(self, min_spp: u32) -> Self {
+        Self { min_spp, ..self }
+    }
+
+    /// Sets the largest number of samples per pixel.
+    #[must_use]
+    pub fn with_max_spp(self, max_spp: u32) -> Self {
+        Self { max_spp, ..self }
+    }
+
+    /// Sets the treatment of samples that are NaN, infinite or negative.
+    #[must_use]
+    pub fn with_invalid(self, invalid: InvalidSample) -> Self {
+        Self { invalid, ..self }
+    }
+
+    /// Sets the division of work among threads.
+    #[must_use]
+    pub fn with_schedule(self, schedule: Schedule) -> Self {
+        Self { schedule, ..self }
     }
 }

@@ -1,38 +1,48 @@
-//! How much memory a render takes, known before it starts.
+//! The memory of a render, forecast before it starts.
 
 use crate::{Budget, Film, Filter, Frame, Limits, Needs, Sampler};
 
-/// Bytes that a sampler takes besides the film; the default is none.
+/// The bytes that a sampler takes besides the film; none by default.
 ///
-/// What goes with pixels is counted; a few bytes that do not are not worth it.
+/// It counts what grows with the number of pixels. A few bytes that do not are left out.
+#[non_exhaustive]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SamplerMemory {
-    /// Statistics that the film keeps beside the image's, because the sampler discards or withdraws samples.
+    /// Statistics of discarded or withdrawn samples, which the film keeps beside the image's.
     pub discarded: u64,
-    /// What the sampler itself keeps from one round to the next.
+    /// State that the sampler keeps from one round to the next.
     pub state: u64,
-    /// The most that planning a round takes, the plan included.
+    /// The peak of planning a round, the plan included.
     pub planning: u64,
     /// The plan alone, which lasts while its round is traced.
     pub plan: u64,
 }
 
 impl SamplerMemory {
-    /// A sampler that keeps nothing, and takes so many bytes per pixel to fill in a plan of `halves`' counts.
-    pub fn planning(frame: &Frame, halves: bool, bytes_per_pixel: usize) -> Self {
-        let plan = frame.bytes(if halves { 8 } else { 4 });
+    /// A sampler that keeps no state, and takes this many bytes per pixel besides the plan while it fills it in.
+    pub fn planning(frame: &Frame, bytes_per_pixel: usize) -> Self {
+        let plan = frame.bytes(4);
         Self { planning: plan.saturating_add(frame.bytes(bytes_per_pixel)), plan, ..Self::default() }
     }
 
-    /// The same, with so many bytes per pixel from one round to the next.
+    /// Adds the counts of a second half to the plan.
+    #[must_use]
+    pub fn with_second_half(self, frame: &Frame) -> Self {
+        let counts = frame.bytes(4);
+        let (planning, plan) = (self.planning.saturating_add(counts), self.plan.saturating_add(counts));
+        Self { planning, plan, ..self }
+    }
+
+    /// Sets the bytes per pixel that it keeps from one round to the next.
     #[must_use]
     pub fn with_state(self, frame: &Frame, bytes_per_pixel: usize) -> Self {
         Self { state: frame.bytes(bytes_per_pixel), ..self }
     }
 
-    /// The same for a sampler that discards its first rounds: the film has twice its statistics of samples. Where the
-    /// budget is known it plans the rest when all samples so far are discarded, and the image's own counts, means and
-    /// deviations are still zeros that nobody has written, so that they take no memory yet.
+    /// Adds the discarded samples of its first rounds: the film then holds its statistics twice.
+    ///
+    /// With a known budget, all samples so far are discarded when the rest is planned. The image's own counts, means
+    /// and deviations are still zeros that were never written, so they take no memory yet.
     #[must_use]
     pub fn with_discarded(self, frame: &Frame, needs: &Needs, limits: &Limits) -> Self {
         let discarded = frame.bytes(Film::bank_bytes_per_pixel(needs));
@@ -43,28 +53,48 @@ impl SamplerMemory {
     }
 }
 
-/// Bytes that a filter takes besides the film.
+/// The planes of a filter's image.
+#[non_exhaustive]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ImagePlanes {
+    /// Radiance only.
+    Radiance,
+    /// Radiance, and the estimated error.
+    RadianceAndError,
+}
+
+/// The bytes that a filter takes besides the film.
+#[non_exhaustive]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct FilterMemory {
-    /// The most while it is applied, its image included.
+    /// The peak while it is applied, its image included.
     pub applying: u64,
     /// Its image, with the error if it knows that.
     pub image: u64,
 }
 
 impl FilterMemory {
-    /// Of a filter that takes so many bytes per pixel at most, and knows its error or does not.
-    pub fn new(frame: &Frame, applying: usize, knows_error: bool) -> Self {
-        let image = frame.bytes(if knows_error { 16 } else { 12 });
-        Self { applying: frame.bytes(applying).max(image), image }
+    /// A filter that takes at most this many bytes per pixel, its image included, for an image of these planes.
+    pub fn new(frame: &Frame, bytes_per_pixel: usize, planes: ImagePlanes) -> Self {
+        let image = frame.bytes(match planes {
+            ImagePlanes::Radiance => 12,
+            ImagePlanes::RadianceAndError => 16,
+        });
+        Self { applying: frame.bytes(bytes_per_pixel).max(image), image }
+    }
+
+    /// Raises the peak to at least this many bytes.
+    #[must_use]
+    pub fn at_least(self, applying: u64) -> Self {
+        Self { applying: self.applying.max(applying), ..self }
     }
 }
 
-/// The memory that a render takes, in bytes, as far as it goes with the size of the image.
+/// The memory of a render in bytes, as far as it grows with the size of the image.
 ///
-/// Counted from the planes that each part holds at its fullest, and not measured: the same on every machine of as many threads. What the
-/// integrator knows of the scene comes on top, and so does what becomes of the image afterwards. Under a limit of time or
-/// error it is what a render takes that goes on after its first round; one that ends with it takes less.
+/// It is counted from the planes that each part holds at its peak, not measured: machines with the same number of
+/// threads agree. The scene comes on top, and so does anything done with the image later. Under a limit of time or
+/// error it is the memory of a render that continues after its first round; one that ends there takes less.
 ///
 /// ```
 /// # use dapple_core::*;
@@ -82,30 +112,31 @@ impl FilterMemory {
 /// assert!(memory.peak() < 80 << 22);
 /// # Ok::<(), Error>(())
 /// ```
+#[non_exhaustive]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Memory {
-    /// All that the film records.
+    /// All statistics that the film records.
     pub needs: Needs,
     /// The film, discarded samples included.
     pub film: u64,
-    /// What the sampler keeps.
+    /// The sampler's state.
     pub sampler: u64,
-    /// The most while a round is planned, besides the two.
+    /// The peak while a round is planned, besides film and state.
     pub planning: u64,
-    /// The plan of the round that is traced.
+    /// The plan of the round being traced.
     pub tracing: u64,
-    /// What the filter takes.
+    /// The filter.
     pub filter: FilterMemory,
 }
 
 impl Memory {
-    /// Of a [`Render`](crate::Render) with these arguments, and of applying `filter` to the film. `needs` are those of
-    /// everybody but sampler and limits.
+    /// The memory of a [`Render`](crate::Render) with these arguments, and of `filter` on its film. `needs` are those
+    /// of the filter and other readers; those of sampler and limits are added.
     pub fn of_render(sampler: &dyn Sampler, filter: &dyn Filter, needs: Needs, frame: &Frame, limits: &Limits) -> Self {
         let needs = needs.and(sampler.needs());
         let needs = if matches!(limits.budget, Budget::Error { .. }) { needs.with_halves() } else { needs };
         let SamplerMemory { discarded, state, planning, plan } = sampler.memory(frame, &needs, limits);
-        // One sample a pixel goes to the first half; nobody writes to the other's zeros, so that they take no memory.
+        // One sample per pixel goes to the first half. The other's zeros are never written, so they take no memory.
         let single = matches!(limits.budget, Budget::Samples(total) if total <= frame.pixels() as u64);
         let unwritten = if needs.halves && single { Film::bank_bytes_per_pixel(&needs) / 2 } else { 0 };
         Self {
@@ -118,13 +149,13 @@ impl Memory {
         }
     }
 
-    /// A snapshot of the render between two slices ([`Status::snapshot`](crate::Status::snapshot)); as many bytes are there
-    /// beside the film where a render goes on from one.
+    /// A snapshot of the render between two slices ([`Status::snapshot`](crate::Status::snapshot)). A resumed render
+    /// holds as many bytes beside the film at first.
     pub fn snapshot(&self) -> u64 {
         self.film.saturating_add(self.tracing)
     }
 
-    /// The most at any time, without snapshots.
+    /// The peak, without snapshots.
     pub fn peak(&self) -> u64 {
         let lasting = self.film.saturating_add(self.sampler);
         lasting.saturating_add(self.planning.max(self.tracing).max(self.filter.applying))
@@ -158,7 +189,7 @@ mod tests {
     }
 
     #[test]
-    fn a_film_counts_what_it_will_record() {
+    fn the_forecast_counts_every_recorded_statistic() {
         let frame = Frame::new(100, 50).unwrap();
         let uniform = of(&Uniform::new(Points), &frame, Budget::Samples(20_000));
         assert_eq!(uniform.film, 5000 * 32);
@@ -168,9 +199,9 @@ mod tests {
         assert_eq!(halves.snapshot(), halves.film + halves.tracing);
     }
 
-    /// Sums that leave 64 bits are "more than there is", not little.
+    /// Sums beyond 64 bits saturate instead of wrapping.
     #[test]
-    fn z03_the_largest_image_does_not_wrap() {
+    fn the_largest_image_does_not_wrap_z03() {
         let frame = Frame::new(65535, 65537).unwrap();
         assert_eq!(frame.pixels(), u32::MAX as usize);
         let largest = of(&Uniform::new(Points), &frame, Budget::Samples(1 << 40));

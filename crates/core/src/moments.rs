@@ -1,21 +1,22 @@
-//! Counts, means and variances, one value at a time.
+//! Counts, means and variances of streams of numbers.
 
 /// Count, mean and sum of squared deviations of a stream of numbers.
 ///
 /// [Welford 1962] for single values, [Chan, Golub and LeVeque 1979] for merging: never sums of
-/// squares, which lose all digits when the mean is far larger than the spread.
+/// squares, which lose all digits where the mean is far larger than the spread.
+#[non_exhaustive]
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Moments {
-    /// How many values.
+    /// The number of values.
     pub count: u64,
-    /// Their mean; 0 without values.
+    /// The mean; 0 without values.
     pub mean: f64,
-    /// The sum of their squared deviations from the mean.
+    /// The sum of squared deviations from the mean.
     pub m2: f64,
 }
 
 impl Moments {
-    /// Takes in a value.
+    /// Adds a value.
     #[inline]
     pub fn push(&mut self, value: f64) {
         self.count += 1;
@@ -24,7 +25,7 @@ impl Moments {
         self.m2 += delta * (value - self.mean);
     }
 
-    /// Takes in everything that `other` has seen.
+    /// Adds all values of `other`.
     pub fn merge(&mut self, other: &Self) {
         if other.count == 0 {
             return;
@@ -40,25 +41,26 @@ impl Moments {
         self.count += other.count;
     }
 
-    /// The unbiased sample variance; unknown below two values.
+    /// The unbiased sample variance; `None` below two values.
     pub fn variance(&self) -> Option<f64> {
         (self.count >= 2).then(|| self.m2 / (self.count - 1) as f64)
     }
 }
 
 /// [`Moments`] of three channels that share their count.
+#[non_exhaustive]
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RgbMoments {
-    /// How many values.
+    /// The number of values.
     pub count: u64,
-    /// Their mean per channel; 0 without values.
+    /// The mean per channel; 0 without values.
     pub mean: [f64; 3],
-    /// The sum of their squared deviations from the mean, per channel.
+    /// The sum of squared deviations from the mean, per channel.
     pub m2: [f64; 3],
 }
 
 impl RgbMoments {
-    /// Takes in a colour.
+    /// Adds a colour.
     #[inline]
     pub fn push(&mut self, value: [f32; 3]) {
         self.count += 1;
@@ -71,7 +73,7 @@ impl RgbMoments {
         }
     }
 
-    /// Takes in everything that `other` has seen.
+    /// Adds all values of `other`.
     pub fn merge(&mut self, other: &Self) {
         for c in 0..3 {
             let mut channel = Moments { count: self.count, mean: self.mean[c], m2: self.m2[c] };
@@ -81,7 +83,7 @@ impl RgbMoments {
         self.count += other.count;
     }
 
-    /// The unbiased sample variance per channel; unknown below two values.
+    /// The unbiased sample variance per channel; `None` below two values.
     pub fn variance(&self) -> Option<[f64; 3]> {
         (self.count >= 2).then(|| self.m2.map(|m| m / (self.count - 1) as f64))
     }

@@ -1,7 +1,20 @@
-//! What a film has to record.
+//! Statistics that a film records.
 
-/// What somebody reads of the samples. Nothing is stored that nobody asked for; sample counts and
-/// means always are.
+/// The per-pixel statistics that the film must record besides sample counts and means.
+///
+/// A film stores nothing that no sampler, filter or limit requests.
+///
+/// ```
+/// use dapple_core::{Film, Needs};
+///
+/// let sampler = Needs::none().with_variance();
+/// let filter = Needs::none().with_halves().with_features();
+/// let both = sampler.and(filter);
+/// assert!(both.variance && both.halves && both.features);
+///
+/// assert_eq!(Film::bytes_per_pixel(&Needs::none()), 32);
+/// assert_eq!(Film::bytes_per_pixel(&sampler), 56);
+/// ```
 #[non_exhaustive]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Needs {
@@ -9,15 +22,14 @@ pub struct Needs {
     pub variance: bool,
     /// Smallest and largest sample per pixel, of each channel and of luminance.
     pub extrema: bool,
-    /// Two independently scrambled halves per pixel: the only honest error estimate of
-    /// low-discrepancy samples. They cost accuracy (a net of n points beats two of n/2), so only a
-    /// sampler, a filter or an error limit that reads them should ask.
+    /// Two independently scrambled halves per pixel: the only honest error estimate of low-discrepancy samples. They
+    /// cost accuracy (a net of n points beats two of n/2), so request them only if they are read.
     pub halves: bool,
     /// Mean and variance of the first hit's albedo, normal, depth and position.
     pub features: bool,
-    /// The first hits of the first `k` samples of each pixel, kept one by one.
+    /// The first hits of this many first samples of each pixel, one by one.
     pub first_hits: u8,
-    /// What the samples of each pixel cost, in rays.
+    /// The cost of each pixel's samples, in rays.
     pub cost: bool,
 }
 
@@ -27,31 +39,36 @@ impl Needs {
         Self { variance: false, extrema: false, halves: false, features: false, first_hits: 0, cost: false }
     }
 
-    /// These, and the sample variance.
+    /// Adds the sample variance.
+    #[must_use]
     pub const fn with_variance(mut self) -> Self {
         self.variance = true;
         self
     }
 
-    /// These, and the extrema.
+    /// Adds the extrema.
+    #[must_use]
     pub const fn with_extrema(mut self) -> Self {
         self.extrema = true;
         self
     }
 
-    /// These, and two halves.
+    /// Adds two halves.
+    #[must_use]
     pub const fn with_halves(mut self) -> Self {
         self.halves = true;
         self
     }
 
-    /// These, and first-hit features with their variance.
+    /// Adds first-hit features with their variance.
+    #[must_use]
     pub const fn with_features(mut self) -> Self {
         self.features = true;
         self
     }
 
-    /// These, and the first hits of at least the first `k` samples.
+    /// Adds the first hits of at least the first `k` samples.
+    #[must_use]
     pub const fn with_first_hits(mut self, k: u8) -> Self {
         if k > self.first_hits {
             self.first_hits = k;
@@ -59,13 +76,15 @@ impl Needs {
         self
     }
 
-    /// These, and the cost per pixel.
+    /// Adds the cost per pixel.
+    #[must_use]
     pub const fn with_cost(mut self) -> Self {
         self.cost = true;
         self
     }
 
-    /// What either asks for.
+    /// The union of both.
+    #[must_use]
     pub const fn and(self, other: Self) -> Self {
         Self {
             variance: self.variance || other.variance,
@@ -77,7 +96,7 @@ impl Needs {
         }
     }
 
-    /// Whether the integrator has to report first hits.
+    /// Returns `true` if the integrator must report first hits.
     pub const fn wants_first_hit(&self) -> bool {
         self.features || self.first_hits > 0
     }

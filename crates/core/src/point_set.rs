@@ -1,19 +1,34 @@
-//! Where samples lie: coordinates as a pure function.
+//! Coordinates of samples, as a pure function.
 
-/// Names one sample of one pixel. Together with a seed, which lives in the [`PointSet`], and a block
-/// number it decides four coordinates; nothing else does, so any sample can be replayed alone.
+use std::sync::Arc;
+
+/// The name of one sample of one pixel.
+///
+/// Together with a seed, which lives in the [`PointSet`], and a block number it decides four coordinates. Nothing else
+/// does, so any sample can be replayed alone.
+#[non_exhaustive]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct SampleId {
-    /// Column and row in the full frame, also when only a crop of it is rendered.
+    /// Column and row in the full frame, also in the render of a crop.
     pub pixel: [u32; 2],
-    /// Streams are scrambled independently of each other; see [`streams`].
+    /// The stream; streams are scrambled independently of each other (see [`streams`]).
     pub stream: u32,
-    /// Goes on over rounds, never restarts. Less than [`PointSet::capacity`].
+    /// The index in the stream, less than [`PointSet::capacity`]. It counts on over rounds and never restarts.
     pub index: u64,
 }
 
-/// The streams that the render loop uses. Two streams of one pixel share nothing: their points are
-/// scrambled independently, which is what an honest error estimate from two halves needs.
+impl SampleId {
+    /// Sample `index` of `stream` in the pixel at this column and row.
+    #[inline]
+    pub const fn new(pixel: [u32; 2], stream: u32, index: u64) -> Self {
+        Self { pixel, stream, index }
+    }
+}
+
+/// The streams that the render loop uses.
+///
+/// Two streams of one pixel share nothing: their points are scrambled independently. An honest error estimate from two
+/// halves needs that.
 pub mod streams {
     /// All samples of a render without halves.
     pub const WHOLE: u32 = 0;
@@ -27,26 +42,86 @@ pub mod streams {
     pub const PROBE: u32 = 6;
 }
 
-/// Where samples lie: a pure function from (seed, pixel, stream, index, block) to four numbers.
+/// A pure function from (seed, pixel, stream, index, block) to four coordinates.
 ///
-/// Implementations hold their seed and nothing that changes. They must pass
-/// `dapple_conformance::point_set`.
+/// pbrt and Mitsuba call this role the sampler. Implementations hold their seed and nothing that changes; they must
+/// pass `dapple_conformance::point_set`.
+///
+/// ```
+/// use dapple_core::{PointSet, SampleId};
+///
+/// /// Independent random numbers: a hash of the sample's name.
+/// struct Hashed {
+///     seed: u64,
+/// }
+///
+/// impl PointSet for Hashed {
+///     fn describe(&self) -> String {
+///         format!("hashed:seed={}", self.seed)
+///     }
+///
+///     fn block(&self, id: SampleId, block: u32) -> [f32; 4] {
+///         let mut x = self.seed;
+///         for part in [id.pixel[0].into(), id.pixel[1].into(), id.stream.into(), id.index, block.into()] {
+///             x = (x ^ part).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+///             x ^= x >> 31;
+///         }
+///         std::array::from_fn(|k| {
+///             let y = (x ^ k as u64).wrapping_mul(0x94d0_49bb_1331_11eb);
+///             (y >> 40) as f32 / (1 << 24) as f32
+///         })
+///     }
+///
+///     fn capacity(&self) -> u64 {
+///         u64::MAX
+///     }
+/// }
+///
+/// let id = SampleId::new([3, 5], 0, 12);
+/// let u = Hashed { seed: 7 }.block(id, 0);
+/// assert!(u.iter().all(|x| (0.0..1.0).contains(x)));
+/// ```
 pub trait PointSet: Send + Sync {
-    /// The name and every parameter, as the command line would take them: `sobol:seed=7`.
+    /// The name and every parameter, as the command line takes them: `sobol:seed=7`.
     fn describe(&self) -> String;
 
     /// Coordinates `4 * block .. 4 * block + 4` of the sample, each in `[0, 1)`.
     ///
-    /// The four are two 2-D pairs, `[0..2]` and `[2..4]`; an integrator uses each pair together.
-    /// Must not panic for any `index < capacity()`.
+    /// The four are two 2-D pairs, `[0..2]` and `[2..4]`; an integrator uses each pair together. Must not panic for any
+    /// `index < capacity()`.
     fn block(&self, id: SampleId, block: u32) -> [f32; 4];
 
-    /// Samples per pixel and stream before the set repeats itself. A round that asks for more is
-    /// refused with [`Error::SequenceExhausted`](crate::Error::SequenceExhausted).
+    /// Samples per pixel and stream before the set repeats itself. The render loop refuses a round that needs more
+    /// with [`Error::SequenceExhausted`](crate::Error::SequenceExhausted).
     fn capacity(&self) -> u64;
 
-    /// The smallest well-stratified count that is at least `n`. The default says any count will do.
+    /// The smallest well-stratified count that is at least `n`. By default every count is.
     fn preferred_count(&self, n: u64) -> u64 {
         n
     }
 }
+
+macro_rules! forward {
+    ($($owner:ty),*) => {$(
+        impl<T: PointSet + ?Sized> PointSet for $owner {
+            fn describe(&self) -> String {
+                (**self).describe()
+            }
+
+            #[inline]
+            fn block(&self, id: SampleId, block: u32) -> [f32; 4] {
+                (**self).block(id, block)
+            }
+
+            fn capacity(&self) -> u64 {
+                (**self).capacity()
+            }
+
+            fn preferred_count(&self, n: u64) -> u64 {
+                (**self).preferred_count(n)
+            }
+        }
+    )*};
+}
+
+forward!(&T, Box<T>, Arc<T>);

@@ -1,4 +1,4 @@
-//! The render loop: round, barrier, round, …
+//! The render loop: plan a round, trace it, plan the next.
 
 mod budget;
 mod round;
@@ -13,18 +13,19 @@ use budget::Meter;
 use round::Stopped;
 use std::time::Instant;
 
-/// What a monitor sees between two slices of a round.
+/// The state of a render between two slices of a round, as a monitor sees it.
+#[non_exhaustive]
 #[derive(Clone, Copy)]
 pub struct Status<'a> {
-    /// What was rendered so far; every pixel's statistics are whole.
+    /// The statistics so far, complete for every pixel.
     pub film: &'a Film,
-    /// The round being traced.
+    /// The number of the round being traced.
     pub round: u32,
-    /// Samples traced.
+    /// Samples traced so far.
     pub samples: u64,
-    /// Samples to trace in all, as far as is known.
+    /// Samples to trace in all, as far as is known now.
     pub expected: u64,
-    /// Seconds of planning and tracing so far; time spent in the monitor does not count.
+    /// Seconds of planning and tracing so far, without the time in the monitor.
     pub seconds: f64,
     /// The time limit, if there is one.
     pub seconds_limit: Option<f64>,
@@ -32,36 +33,51 @@ pub struct Status<'a> {
 }
 
 impl Status<'_> {
-    /// Everything that decides on the rest of this render, as bytes for [`Snapshot::from_bytes`]: about as many as the film
-    /// takes. A render resumed from them ends with the same bits as this one.
+    /// Everything that decides the rest of this render, as bytes for [`Snapshot::from_bytes`]. They are about as many
+    /// as the film has in memory. A render resumed from them ends with the same bits as this one.
     pub fn snapshot(&self) -> Vec<u8> {
         self.view.write()
     }
 }
 
-/// Whether to go on.
+/// The answer of a monitor.
+#[non_exhaustive]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Control {
-    /// Go on.
+    /// Continue.
     Continue,
-    /// Stop here and return the film as it is.
+    /// Stop here, and return the film as it is.
     Stop,
 }
 
-/// Looks on while an image is made: progress, previews, checkpoints, Ctrl-C. Called between slices,
-/// some five times a second.
+/// Called between slices, about five times a second: for progress, previews, checkpoints and Ctrl-C.
+///
+/// A closure `FnMut(&Status) -> Control` is a monitor too.
+///
+/// ```
+/// use dapple_core::{Control, Monitor, Status};
+///
+/// /// Stops after a minute.
+/// struct Minute;
+///
+/// impl Monitor for Minute {
+///     fn slice(&mut self, status: &Status<'_>) -> Control {
+///         if status.seconds < 60.0 { Control::Continue } else { Control::Stop }
+///     }
+/// }
+/// ```
 pub trait Monitor {
-    /// Sees the state, and says whether to go on.
+    /// Sees the state after a slice, and decides whether the render continues.
     fn slice(&mut self, status: &Status<'_>) -> Control;
 
-    /// Sees the state when all is done, unless the render was stopped: a snapshot taken here goes on where the limits allow
-    /// more.
+    /// Sees the state at the end, unless the render was stopped. A snapshot taken here can be resumed with larger
+    /// limits.
     fn end(&mut self, status: &Status<'_>) {
         let _ = status;
     }
 }
 
-/// Nobody looks on.
+/// No monitor: the render runs to its end.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct NoMonitor;
 
@@ -77,10 +93,44 @@ impl<F: FnMut(&Status<'_>) -> Control> Monitor for F {
     }
 }
 
-/// A render to be started or resumed: the frame, its limits, the statistics to record and a monitor.
+/// A render to run or resume: the frame, its limits, the statistics to record and a monitor.
 ///
-/// The film records what the sampler needs and what [`Render::needs`] adds, for a filter say. An error limit adds halves.
+/// The film records the statistics that the sampler needs and those of [`Render::needs`]. An error limit adds halves.
 /// Samples are traced on the current rayon pool.
+///
+/// ```
+/// # use dapple_core::{PointSet, SampleId};
+/// # struct Centre;
+/// # impl PointSet for Centre {
+/// #     fn describe(&self) -> String { "centre".into() }
+/// #     fn block(&self, _: SampleId, _: u32) -> [f32; 4] { [0.5; 4] }
+/// #     fn capacity(&self) -> u64 { u64::MAX }
+/// # }
+/// use dapple_core::samplers::Uniform;
+/// use dapple_core::{Control, Draws, Estimate, Frame, Integrator, Limits, Needs, Render, Status, TrainingLog};
+///
+/// struct Ramp;
+/// impl Integrator for Ramp {
+///     fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
+///         Estimate::new([draws.pixel()[0] as f32; 3])
+///     }
+/// }
+///
+/// let frame = Frame::new(16, 9)?;
+/// let mut slices = 0;
+/// let mut progress = |_: &Status<'_>| {
+///     slices += 1;
+///     Control::Continue
+/// };
+/// let film = Render::new(frame, &Limits::samples(8 * 16 * 9))
+///     .needs(Needs::none().with_variance())
+///     .monitor(&mut progress)
+///     .run(&mut Ramp, &mut Uniform::new(Centre))?;
+/// assert_eq!(film.record().samples, 8 * 16 * 9);
+/// assert_eq!(film.moments(3).variance(), Some([0.0; 3]));
+/// assert!(slices > 0);
+/// # Ok::<(), dapple_core::Error>(())
+/// ```
 #[must_use = "nothing is rendered before `run` or `resume`"]
 pub struct Render<'a> {
     frame: Frame,
@@ -112,9 +162,9 @@ impl<'a> Render<'a> {
     ///
     /// # Errors
     ///
-    /// When the limits make no sense, the sampler cannot meet them or returns an invalid plan, the point set is exhausted, a
-    /// sample is invalid under [`InvalidSample::Fail`](crate::InvalidSample), or the integrator panics ([`Error::Panicked`]
-    /// carries what was finished).
+    /// When the limits make no sense, the sampler cannot meet them or returns an invalid plan, the point set is
+    /// exhausted, a sample is invalid under [`InvalidSample::Fail`](crate::InvalidSample), or the integrator panics
+    /// ([`Error::Panicked`] carries what was finished).
     pub fn run(self, integrator: &mut dyn Integrator, sampler: &mut dyn Sampler) -> Result<Film, Error> {
         let meter = Meter::new(self.limits, &self.frame)?;
         let needs = self.needs.and(sampler.needs()).and(meter.needs());
@@ -122,17 +172,17 @@ impl<'a> Render<'a> {
         self.drive(state, Clock::start(0.0), meter, integrator, sampler)
     }
 
-    /// Resumes a render from a [`Snapshot`]. With a sampler and an integrator made with the same options, and the same frame, it
-    /// ends with the bits of the render that was never interrupted, on any number of threads.
+    /// Resumes a render from a [`Snapshot`]. With a sampler and an integrator made with the same options, and the same
+    /// frame, it ends with the bits of the render that was never interrupted, on any number of threads.
     ///
     /// The budget may differ: a larger one renders on, and a time limit counts the seconds before the snapshot too. The
-    /// statistics in [`Render::needs`] must have been recorded from the start. The caller makes sure that the integrator
-    /// is the same (scene, depth, …).
+    /// statistics in [`Render::needs`] must have been recorded from the start. The caller makes sure that the
+    /// integrator is the same (scene, depth, …).
     ///
     /// # Errors
     ///
-    /// As [`Render::run`]; [`Error::OtherRender`] where sampler, points, frame, bounds of counts or needs differ, or where
-    /// more is planned already than the budget allows; [`Error::BadSnapshot`].
+    /// As [`Render::run`]; [`Error::OtherRender`] where sampler, points, frame, bounds of counts or needs differ, or
+    /// where more is planned already than the budget allows; [`Error::BadSnapshot`].
     pub fn resume(
         self,
         snapshot: Snapshot,
@@ -174,7 +224,7 @@ impl<'a> Render<'a> {
             };
             let total = meter.left(&state.film).total;
             let limit = meter.seconds();
-            let mut look = Look {
+            let mut context = MonitorContext {
                 monitor: &mut *monitor,
                 clock: &mut clock,
                 round: state.round,
@@ -184,14 +234,15 @@ impl<'a> Render<'a> {
                 limits,
             };
             let Some(mut open) = open else {
-                // Who goes on from here passes this barrier again.
+                // A resumed render plans this round again.
                 let shown = state.film.record.budgets.pop();
-                look.end(&state.film, &state.passes);
+                context.end(&state.film, &state.passes);
                 state.film.record.budgets.extend(shown);
                 break;
             };
-            let tracing = look.clock.seconds() - open.traced_seconds;
-            let stopped = round::trace(integrator, &mut state.film, &mut open, &mut state.passes, tracing, &mut look)?;
+            let tracing = context.clock.seconds() - open.traced_seconds;
+            let stopped =
+                round::trace(integrator, &mut state.film, &mut open, &mut state.passes, tracing, &mut context)?;
             let film = &mut state.film;
             film.record.rounds.push(RoundRecord {
                 samples: film.record.samples - open.before,
@@ -216,17 +267,17 @@ impl<'a> Render<'a> {
     }
 }
 
-/// What a render has come to.
+/// The state of a render.
 struct State {
     film: Film,
     round: u32,
     /// The round to trace before any is planned.
     open: Option<OpenRound>,
-    /// What the integrator learned from so far.
+    /// The training passes so far.
     passes: Vec<TrainingData>,
 }
 
-/// The next round; `None` where nothing more is asked for.
+/// Plans the next round; `None` at the end.
 fn plan(
     state: &mut State,
     meter: &mut Meter,
@@ -251,7 +302,7 @@ fn plan(
     }
 }
 
-/// Makes the film ready for a round.
+/// Prepares the film for a round.
 fn begin(plan: Plan, film: &mut Film, plan_seconds: f64) -> OpenRound {
     if plan.retention == Retention::Discard {
         film.open_discarded();
@@ -264,14 +315,14 @@ fn begin(plan: Plan, film: &mut Film, plan_seconds: f64) -> OpenRound {
     OpenRound { plan, cursor, pending: Vec::new(), before, plan_seconds, traced_seconds: 0.0 }
 }
 
-/// Wall time without what the monitor took.
+/// Wall time without the time in the monitor.
 struct Clock {
     start: Instant,
     away: f64,
 }
 
 impl Clock {
-    /// A clock that shows so many seconds now.
+    /// A clock that shows this many seconds now.
     fn start(seconds: f64) -> Self {
         Self { start: Instant::now(), away: -seconds }
     }
@@ -281,8 +332,8 @@ impl Clock {
     }
 }
 
-/// The monitor with what it is told.
-struct Look<'a> {
+/// The monitor, and the parts of its status that the tracing of a round does not know.
+struct MonitorContext<'a> {
     monitor: &'a mut dyn Monitor,
     clock: &'a mut Clock,
     round: u32,
@@ -292,12 +343,12 @@ struct Look<'a> {
     limits: &'a Limits,
 }
 
-impl Look<'_> {
+impl MonitorContext<'_> {
     fn seconds(&self) -> f64 {
         self.clock.seconds()
     }
 
-    /// Between two slices; `open` knows how long it was traced.
+    /// Calls the monitor between two slices.
     fn slice(&mut self, film: &Film, open: &OpenRound, passes: &[TrainingData]) -> Control {
         self.show(film, Some(open), passes, |monitor, status| monitor.slice(status))
     }
@@ -330,28 +381,28 @@ impl Look<'_> {
     }
 }
 
-/// Holds a sampler to its word, and a point set to its capacity.
+/// Checks that a plan is valid, and that the point set has enough samples.
 fn check(plan: &Plan, film: &Film, sampler: &dyn Sampler, budget: &crate::BudgetLeft) -> Result<(), Error> {
     let bad = |what: String| Err(Error::BadPlan { sampler: sampler.describe(), what });
     let pixels = film.frame.pixels();
     let second = plan.second_half.as_deref();
     if plan.counts.len() != pixels || second.is_some_and(|s| s.len() != pixels) {
-        return bad(format!("a plan of {} counts for {pixels} pixels", plan.counts.len()));
+        return bad(format!("it has {} counts for {pixels} pixels", plan.counts.len()));
     }
     if second.is_some() && film.kept.len() != 2 {
-        return bad("a plan for two halves without asking for halves".into());
+        return bad("it has a second half, but needs() has no halves".into());
     }
     match plan.total() {
-        0 => return bad("a round without samples".into()),
+        0 => return bad("it has no samples".into()),
         total if total > budget.left() => {
-            return bad(format!("a round of {total} samples with {} left", budget.left()));
+            return bad(format!("it has {total} samples, but {} are left", budget.left()));
         }
         _ => {}
     }
     let kept = plan.retention == Retention::Keep;
     let withdraw = plan.withdraw.as_deref();
     if withdraw.is_some_and(|w| w.len() != pixels || !kept) {
-        return bad("samples are withdrawn without a mark for each pixel, or in a round that is not kept".into());
+        return bad("it withdraws samples without a mark for each pixel, or in a round that is not kept".into());
     }
     let banks = if kept { &film.kept } else { &film.discarded };
     let mut deepest = 0;
@@ -360,11 +411,11 @@ fn check(plan: &Plan, film: &Film, sampler: &dyn Sampler, budget: &crate::Budget
         let more = first + others.unwrap_or(0);
         let withdrawn = withdraw.is_some_and(|w| w[i]);
         if withdrawn && more == 0 {
-            return bad("all samples of a pixel are withdrawn and none are traced".into());
+            return bad("it withdraws all samples of a pixel and traces none".into());
         }
         let before = if withdrawn { 0 } else { film.count(i) };
         if kept && more > 0 && before + more > u64::from(budget.max_spp) {
-            return bad(format!("{} samples in a pixel that may have {}", before + more, budget.max_spp));
+            return bad(format!("a pixel gets {} samples, above max_spp = {}", before + more, budget.max_spp));
         }
         let more = match others {
             Some(others) => Planned::Halves(first, others),
@@ -376,20 +427,19 @@ fn check(plan: &Plan, film: &Film, sampler: &dyn Sampler, budget: &crate::Budget
     let points = sampler.points();
     if deepest > points.capacity() {
         let (points, capacity) = (points.describe(), points.capacity());
-        return Err(Error::SequenceExhausted { points, capacity, asked: deepest });
+        return Err(Error::SequenceExhausted { points, capacity, requested: deepest });
     }
     Ok(())
 }
 
-/// A pixel's samples of a round, by the halves they go to.
+/// A pixel's samples of a round, by half.
 enum Planned {
     Whole(u64),
     Alternating(u64),
     Halves(u64, u64),
 }
 
-/// Points of either stream that pixel `i` will have used after `more` samples have followed what `banks`
-/// hold of it.
+/// The points of either stream that pixel `i` will have used after `more` samples beyond those in `banks`.
 fn used_after(banks: &[Bank], i: usize, more: Planned, withdrawn: bool) -> u64 {
     let used = |half: usize| banks.get(half).map_or(0, |b| b.next_index(i));
     let counted = |half: usize| banks.get(half).filter(|_| !withdrawn).map_or(0, |b| b.counts[i]);

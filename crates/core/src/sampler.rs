@@ -1,57 +1,139 @@
-//! Where samples lie and how many each pixel gets: the one thing a user swaps.
+//! Sample counts per pixel, planned round by round.
 
 use crate::{Error, Film, Frame, Limits, Needs, Plan, PointSet, Progress, SamplerMemory};
 
-/// What remains of the budget when a round is planned.
+/// The budget, when a round is planned.
+///
+/// ```
+/// use dapple_core::BudgetLeft;
+///
+/// let budget = BudgetLeft::new(1000).with_spent(400).with_min_spp(1).with_max_spp(64);
+/// assert_eq!(budget.left(), 600);
+/// ```
+#[non_exhaustive]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BudgetLeft {
     /// Samples traced so far, discarded ones included.
     pub spent: u64,
-    /// Samples that may be spent in all, as far as is known now. Under a time or error limit the
-    /// render loop may raise it later and ask again after [`Progress::Done`].
+    /// Samples that may be spent in all, as far as is known now. Under a time or error limit the render loop may raise
+    /// it after [`Progress::Done`] and plan again.
     pub total: u64,
-    /// No pixel should end below this many kept samples.
+    /// The least number of kept samples per pixel.
     pub min_spp: u32,
-    /// No pixel may end above this many kept samples.
+    /// The largest number of kept samples per pixel.
     pub max_spp: u32,
 }
 
 impl BudgetLeft {
-    /// Samples that may still be asked for.
+    /// A budget of this many samples, none of them spent, from 1 to 2^32 - 1 per pixel.
+    pub const fn new(total: u64) -> Self {
+        Self { spent: 0, total, min_spp: 1, max_spp: u32::MAX }
+    }
+
+    /// Sets the samples traced so far.
+    #[must_use]
+    pub const fn with_spent(self, spent: u64) -> Self {
+        Self { spent, ..self }
+    }
+
+    /// Sets the least number of kept samples per pixel.
+    #[must_use]
+    pub const fn with_min_spp(self, min_spp: u32) -> Self {
+        Self { min_spp, ..self }
+    }
+
+    /// Sets the largest number of kept samples per pixel.
+    #[must_use]
+    pub const fn with_max_spp(self, max_spp: u32) -> Self {
+        Self { max_spp, ..self }
+    }
+
+    /// Samples that may still be planned.
     pub const fn left(&self) -> u64 {
         self.total.saturating_sub(self.spent)
     }
 }
 
-/// What a sampler sees: finished rounds only.
+/// The state of a render between two rounds, as a sampler sees it.
+#[non_exhaustive]
 #[derive(Clone, Copy)]
 pub struct Feedback<'a> {
-    /// How many rounds were traced before this one.
+    /// The number of rounds traced so far.
     pub round: u32,
-    /// What was rendered so far, as far as [`Sampler::needs`] asked for it.
+    /// The statistics so far, as far as [`Sampler::needs`] requests them.
     pub film: &'a Film,
-    /// What may still be spent.
+    /// The budget.
     pub budget: BudgetLeft,
 }
 
-impl Feedback<'_> {
+impl<'a> Feedback<'a> {
+    /// The state after this many rounds.
+    pub const fn new(round: u32, film: &'a Film, budget: BudgetLeft) -> Self {
+        Self { round, film, budget }
+    }
+
     /// The image's size and window.
     pub fn frame(&self) -> &Frame {
         self.film.frame()
     }
 
-    /// The number of pixels, the length of every plan.
+    /// The number of pixels, which is the length of every plan.
     pub fn pixels(&self) -> usize {
         self.film.frame().pixels()
     }
 }
 
-/// Where samples lie and how many each pixel gets.
+/// A sampler: how many samples each pixel gets, decided between rounds.
 ///
-/// Deciding is a pure computation on [`Feedback`], tested on made-up films without rendering.
-/// Implementations must pass `dapple_conformance::sampler`.
+/// Planning is a pure computation on [`Feedback`] and can be tested on made-up films without rendering. Implementations
+/// must pass `dapple_conformance::sampler`.
+///
+/// ```
+/// use dapple_core::{Error, Feedback, Plan, PointSet, Progress, Sampler, share};
+///
+/// /// Samples in proportion to brightness, after a first round of four samples per pixel.
+/// struct Brightness<P>(P);
+///
+/// impl<P: PointSet> Sampler for Brightness<P> {
+///     fn name(&self) -> &str {
+///         "brightness"
+///     }
+///
+///     fn points(&self) -> &dyn PointSet {
+///         &self.0
+///     }
+///
+///     fn next_round(&mut self, seen: &Feedback<'_>, plan: &mut Plan) -> Result<Progress, Error> {
+///         let (pixels, budget) = (seen.pixels(), seen.budget);
+///         if budget.left() == 0 {
+///             return Ok(Progress::Done);
+///         }
+///         // All is black in the first round, so that it is spread evenly. Later the counts so far are floors.
+///         let total = if seen.round == 0 { budget.total.min(4 * pixels as u64) } else { budget.total };
+///         let now: Vec<u32> = (0..pixels).map(|i| seen.film.count(i) as u32).collect();
+///         let weights: Vec<f64> = (0..pixels).map(|i| 0.01 + seen.film.mean(i)[1]).collect();
+///         let counts = share(&weights, budget.min_spp, &now, budget.max_spp, total)?.counts;
+///         plan.counts = counts.iter().zip(&now).map(|(n, now)| n - now).collect();
+///         Ok(Progress::Trace)
+///     }
+/// }
+///
+/// # struct Half;
+/// # impl PointSet for Half {
+/// #     fn describe(&self) -> String { "half".into() }
+/// #     fn block(&self, _: dapple_core::SampleId, _: u32) -> [f32; 4] { [0.5; 4] }
+/// #     fn capacity(&self) -> u64 { u64::MAX }
+/// # }
+/// # use dapple_core::{BudgetLeft, Film, Frame, Needs};
+/// # let film = Film::new(Frame::new(4, 2)?, Needs::none());
+/// # let mut plan = Plan::empty(8);
+/// # let seen = Feedback::new(0, &film, BudgetLeft::new(100));
+/// # assert_eq!(Brightness(Half).next_round(&seen, &mut plan)?, Progress::Trace);
+/// # assert_eq!(plan.counts, [4; 8]);
+/// # Ok::<(), Error>(())
+/// ```
 pub trait Sampler: Send {
-    /// Its short name, as the command line knows it.
+    /// The short name that the command line uses.
     fn name(&self) -> &str;
 
     /// The name and every parameter that matters, for headers and reports: `variance:pilot=4`.
@@ -59,53 +141,98 @@ pub trait Sampler: Send {
         self.name().to_owned()
     }
 
-    /// Whether counts are decided without a look at any sample: such an image is unbiased, whatever the budget.
+    /// Returns `true` if counts never depend on samples. Such an image is unbiased, whatever the budget.
     fn a_priori(&self) -> bool {
         false
     }
 
-    /// What it reads of the samples; recorded only if somebody asks.
+    /// The statistics that it reads.
     fn needs(&self) -> Needs {
         Needs::none()
     }
 
-    /// The memory that it takes besides the film of a render of this frame within these limits; `needs` are all that the
-    /// film records. The default is that of a sampler that fills in its plan and looks at the film for the rest.
+    /// The memory that it takes besides the film, in a render of this frame within these limits. `needs` are all that
+    /// the film records. The default is that of a sampler that keeps nothing but its plan.
     fn memory(&self, frame: &Frame, needs: &Needs, limits: &Limits) -> SamplerMemory {
         let _ = limits;
-        SamplerMemory::planning(frame, needs.halves, 0)
+        let memory = SamplerMemory::planning(frame, 0);
+        if needs.halves { memory.with_second_half(frame) } else { memory }
     }
 
-    /// The coordinates in use.
+    /// The point set in use.
     fn points(&self) -> &dyn PointSet;
 
-    /// Plans a round: fills `plan` (handed over empty) and says [`Progress::Trace`], or says
-    /// [`Progress::Done`]. Round 0 has seen nothing: it is the a-priori plan.
+    /// Plans a round: fills `plan`, which is empty, and returns [`Progress::Trace`], or returns [`Progress::Done`]. In
+    /// round 0 the film is empty.
     ///
-    /// Asks for at most `seen.budget.left()` samples. A sampler that spends its budget exactly goes
-    /// on until nothing is left; one that stops by a threshold may stop earlier.
+    /// A plan has at most `seen.budget.left()` samples. A sampler that spends its budget exactly plans until nothing is
+    /// left; one that stops by a threshold may stop earlier.
     ///
     /// # Errors
     ///
-    /// When the budget cannot be met: below `min_spp` for every pixel, say.
+    /// When the budget cannot be met: if it is below `min_spp` for every pixel, say.
     fn next_round(&mut self, seen: &Feedback<'_>, plan: &mut Plan) -> Result<Progress, Error>;
 
-    /// What it keeps from one round to the next and could not derive anew from the film: plain bytes, for
-    /// [`Sampler::restore`]. Nothing by default: most samplers look at the film again.
+    /// State that it keeps between rounds and cannot derive from the film, as bytes for [`Sampler::restore`]. Empty by
+    /// default: most samplers read the film again.
     fn save(&self) -> Vec<u8> {
         Vec::new()
     }
 
-    /// Takes back what [`Sampler::save`] gave: a sampler made with the same words then plans as the one that was saved.
-    /// Called before the first plan of a render that goes on.
+    /// Restores the state from [`Sampler::save`]: a sampler made with the same options then plans as the saved one.
+    /// Called before the first plan of a resumed render.
     ///
     /// # Errors
     ///
-    /// [`Error::BadSnapshot`] for bytes that its `save` does not give.
+    /// [`Error::BadSnapshot`] for bytes that its `save` does not write.
     fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
         match saved {
             [] => Ok(()),
-            _ => Err(Error::BadSnapshot { what: "they hold the state of a sampler, and this one has none" }),
+            _ => Err(Error::BadSnapshot { what: "they hold the state of a sampler, and this sampler has none" }),
         }
     }
 }
+
+macro_rules! forward {
+    ($($owner:ty),*) => {$(
+        impl<T: Sampler + ?Sized> Sampler for $owner {
+            fn name(&self) -> &str {
+                (**self).name()
+            }
+
+            fn describe(&self) -> String {
+                (**self).describe()
+            }
+
+            fn a_priori(&self) -> bool {
+                (**self).a_priori()
+            }
+
+            fn needs(&self) -> Needs {
+                (**self).needs()
+            }
+
+            fn memory(&self, frame: &Frame, needs: &Needs, limits: &Limits) -> SamplerMemory {
+                (**self).memory(frame, needs, limits)
+            }
+
+            fn points(&self) -> &dyn PointSet {
+                (**self).points()
+            }
+
+            fn next_round(&mut self, seen: &Feedback<'_>, plan: &mut Plan) -> Result<Progress, Error> {
+                (**self).next_round(seen, plan)
+            }
+
+            fn save(&self) -> Vec<u8> {
+                (**self).save()
+            }
+
+            fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
+                (**self).restore(saved)
+            }
+        }
+    )*};
+}
+
+forward!(&mut T, Box<T>);

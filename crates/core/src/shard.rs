@@ -1,4 +1,4 @@
-//! One image by several machines that do not talk to each other.
+//! Shards: one image by several machines that do not communicate.
 
 use crate::film::{Bank, keep_first};
 use crate::snapshot::bytes::{Reader, Writer};
@@ -6,13 +6,49 @@ use crate::snapshot::film::{put_film, size, take_film};
 use crate::snapshot::{Broken, check_head};
 use crate::{
     Budget, BudgetLeft, Error, Feedback, Film, Frame, Limits, Needs, Plan, PointSet, Progress, Record, Retention,
-    RoundRecord, Sampler, SamplerMemory,
+    RoundRecord, Sampler, SamplerMemory, saturating_u32,
 };
 
 /// One machine's share of an image: every `of`-th row of the window, from row `index` on.
 ///
-/// Rows far from each other cost about the same in sum, so that machines end about together. Each pixel is one
-/// machine's, so that [`merge`] adds nothing up: the image is bit for bit that of one machine.
+/// Interleaved rows cost about the same in sum, so machines end at about the same time. Each pixel belongs to one
+/// machine, so [`merge`] adds nothing up, and the image is bit for bit that of one machine.
+///
+/// ```
+/// # use dapple_core::{PointSet, SampleId};
+/// # struct Centre;
+/// # impl PointSet for Centre {
+/// #     fn describe(&self) -> String { "centre".into() }
+/// #     fn block(&self, _: SampleId, _: u32) -> [f32; 4] { [0.5; 4] }
+/// #     fn capacity(&self) -> u64 { u64::MAX }
+/// # }
+/// # use dapple_core::{Draws, Estimate, Integrator, TrainingLog};
+/// # struct Ramp;
+/// # impl Integrator for Ramp {
+/// #     fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
+/// #         Estimate::new([draws.pixel()[0] as f32; 3])
+/// #     }
+/// # }
+/// use dapple_core::samplers::Uniform;
+/// use dapple_core::{Frame, Limits, Render, Shard, ShardFilm, Sharded, merge};
+///
+/// let frame = Frame::new(8, 6)?;
+/// let limits = Limits::samples(4 * 8 * 6);
+///
+/// // On each machine, one of two shards; the bytes travel.
+/// let machine = |index| -> Result<Vec<u8>, dapple_core::Error> {
+///     let shard = Shard::new(index, 2)?;
+///     let mut uniform = Uniform::new(Centre);
+///     let mut sampler = Sharded::new(&mut uniform, shard, &limits)?;
+///     let film = Render::new(frame, &limits).run(&mut Ramp, &mut sampler)?;
+///     Ok(ShardFilm::new(shard, &film)?.to_bytes())
+/// };
+/// let parts = [ShardFilm::from_bytes(&machine(0)?)?, ShardFilm::from_bytes(&machine(1)?)?];
+///
+/// let whole = Render::new(frame, &limits).run(&mut Ramp, &mut Uniform::new(Centre))?;
+/// assert_eq!(merge(&parts)?.image(), whole.image());
+/// # Ok::<(), dapple_core::Error>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Shard {
     index: u32,
@@ -20,7 +56,7 @@ pub struct Shard {
 }
 
 impl Shard {
-    /// Share number `index` of `of`, counted from 0.
+    /// Shard number `index` of `of`, counted from 0.
     ///
     /// # Errors
     ///
@@ -29,21 +65,21 @@ impl Shard {
         if index < of {
             return Ok(Self { index, of });
         }
-        let allowed = "a number from 0 and below how many there are";
+        let allowed = "a number from 0 to below the number of shards";
         Err(Error::OutOfRange { name: "shard", value: format!("{index} of {of}"), allowed })
     }
 
-    /// Its number, from 0.
+    /// The number, from 0.
     pub const fn index(&self) -> u32 {
         self.index
     }
 
-    /// How many there are.
+    /// The number of shards.
     pub const fn of(&self) -> u32 {
         self.of
     }
 
-    /// Whether a row of the window, counted from 0, belongs to it.
+    /// Returns `true` if a row of the window, counted from 0, belongs to it.
     pub const fn owns(&self, row: usize) -> bool {
         row % self.of as usize == self.index as usize
     }
@@ -53,7 +89,7 @@ impl Shard {
         width as usize * height.saturating_sub(self.index).div_ceil(self.of) as usize
     }
 
-    /// The share of a plane with `width` values a row.
+    /// This shard's rows of a plane with `width` values per row.
     fn cut<T: Copy>(&self, plane: &[T], width: usize) -> Vec<T> {
         let rows = plane.chunks(width.max(1)).enumerate().filter(|(row, _)| self.owns(*row));
         rows.flat_map(|(_, values)| values).copied().collect()
@@ -61,46 +97,47 @@ impl Shard {
 }
 
 impl std::fmt::Display for Shard {
-    /// As people count: `1/4` is the first of four.
+    /// Counted from 1: `1/4` is the first of four.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "{}/{}", self.index + 1, self.of)
     }
 }
 
-/// A sampler's plans with all but one shard's samples left out: what a machine renders with that makes one share.
+/// A sampler that plans one shard's samples only, of the plans of another.
 ///
-/// Each machine plans the whole image, as if all samples had been traced, and traces its own. That needs a sampler that
-/// plans [without a look at any sample](Sampler::a_priori), and a budget that is known: every machine then comes to the
-/// same plan.
+/// Each machine plans the whole image, as if all samples had been traced, and traces its own rows. The inner sampler
+/// must be [a priori](Sampler::a_priori) and the budget a number of samples, so that every machine makes the same plan.
+/// For an example see [`Shard`].
 pub struct Sharded<'a> {
     inner: &'a mut dyn Sampler,
     shard: Shard,
-    /// The whole image's counts, without an image.
+    /// A film of the whole image with counts only.
     ghost: Option<Film>,
-    /// The budgets that it was shown, one for each plan of the whole.
+    /// The budgets so far, one for each plan of the whole image.
     shown: Vec<BudgetLeft>,
 }
 
 impl<'a> Sharded<'a> {
-    /// This share of what `inner` plans within `limits`.
+    /// This shard of the plans of `inner` within `limits`.
     ///
     /// # Errors
     ///
-    /// [`Error::NoShards`] for a sampler that looks at samples, and for a limit of time or error.
+    /// [`Error::NoShards`] for a sampler that reads samples, and for a limit of time or error.
     pub fn new(inner: &'a mut dyn Sampler, shard: Shard, limits: &Limits) -> Result<Self, Error> {
         let refuse = |who: String, why| Err(Error::NoShards { who, why });
         if !inner.a_priori() {
-            let why = "it looks at samples that other machines have; take one that plans a priori";
-            return refuse(format!("the sampler {}", inner.name()), why);
+            let why =
+                "it reads samples that other machines have; take a sampler with fixed counts, such as \"uniform\"";
+            return refuse(format!("sampler \"{}\"", inner.name()), why);
         }
         if !matches!(limits.budget, Budget::Samples(_)) {
-            let why = "every machine must know the number of samples beforehand";
+            let why = "every machine must know the number of samples in advance; give a number of samples";
             return refuse("a limit of time or error".into(), why);
         }
         Ok(Self { inner, shard, ghost: None, shown: Vec::new() })
     }
 
-    /// The next plan of the whole image; `None` where nothing more is asked for.
+    /// The next plan of the whole image; `None` at the end.
     fn plan_whole(&mut self, frame: &Frame, halves: bool, budget: BudgetLeft) -> Result<Option<Plan>, Error> {
         let needs = self.inner.needs();
         let needs = if halves { needs.with_halves() } else { needs };
@@ -115,23 +152,23 @@ impl<'a> Sharded<'a> {
         let broken = |what: &str| Err(Error::BadPlan { sampler: self.inner.describe(), what: what.into() });
         let lengths = |counts: &Vec<u32>| counts.len() == frame.pixels();
         if plan.withdraw.is_some() {
-            return broken("it takes samples back without having seen any");
+            return broken("an a-priori plan withdraws samples");
         }
         if !lengths(&plan.counts) || !plan.second_half.as_ref().is_none_or(lengths) {
-            return broken("a plan of another number of pixels");
+            return broken("its length is not the number of pixels");
         }
         if plan.second_half.is_some() && !halves {
-            return broken("a plan for two halves without asking for halves");
+            return broken("it has a second half, but needs() has no halves");
         }
         if plan.total() == 0 || plan.total() > budget.left() {
-            return broken("a round without samples, or of more than are left");
+            return broken("it has no samples, or more than are left");
         }
         count(ghost, &plan);
         Ok(Some(plan))
     }
 }
 
-/// Takes a plan's samples for traced, as far as counts go.
+/// Adds a plan's samples to the counts.
 fn count(ghost: &mut Film, plan: &Plan) {
     if plan.retention == Retention::Discard {
         ghost.open_discarded();
@@ -148,7 +185,7 @@ fn count(ghost: &mut Film, plan: &Plan) {
                 second.counts[i] += u64::from(others[i]);
             }
             ([first, second], None) => {
-                // As the render loop does: to the half with fewer, until both are level.
+                // As in the render loop: to the half with fewer samples, until both are level.
                 let (a, b) = (first.counts[i], second.counts[i]);
                 first.counts[i] = (a + b + n).div_ceil(2).clamp(a, a + n);
                 second.counts[i] = a + b + n - first.counts[i];
@@ -180,7 +217,7 @@ impl Sampler for Sharded<'_> {
     }
 
     fn memory(&self, frame: &Frame, needs: &Needs, limits: &Limits) -> SamplerMemory {
-        // The film without an image is there for its counts; nothing else in it is ever written.
+        // The film of the whole image holds counts; nothing else in it is ever written.
         let memory = self.inner.memory(frame, needs, limits);
         let ghost = frame.bytes(if needs.halves { 16 } else { 8 });
         SamplerMemory { state: memory.state.saturating_add(ghost), ..memory }
@@ -189,7 +226,7 @@ impl Sampler for Sharded<'_> {
     fn next_round(&mut self, seen: &Feedback<'_>, plan: &mut Plan) -> Result<Progress, Error> {
         let (frame, halves) = (seen.frame(), seen.film.needs().halves);
         if self.ghost.is_none() {
-            // Restored: what was planned is planned once more.
+            // Restored: repeat the plans so far.
             for budget in std::mem::take(&mut self.shown) {
                 self.plan_whole(frame, halves, budget)?;
             }
@@ -217,9 +254,12 @@ impl Sampler for Sharded<'_> {
 
     fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
         let shown: Vec<[u64; 3]> = Reader::new(saved).list()?;
-        let clamped = |n| u32::try_from(n).unwrap_or(u32::MAX);
-        let budget =
-            |[total, min, max]: [u64; 3]| BudgetLeft { spent: 0, total, min_spp: clamped(min), max_spp: clamped(max) };
+        let budget = |[total, min, max]: [u64; 3]| BudgetLeft {
+            spent: 0,
+            total,
+            min_spp: saturating_u32(min),
+            max_spp: saturating_u32(max),
+        };
         self.ghost = None;
         self.shown = shown.into_iter().map(budget).collect();
         Ok(())
@@ -229,11 +269,11 @@ impl Sampler for Sharded<'_> {
 const MAGIC: &[u8; 8] = b"dapple-p";
 const VERSION: u32 = 1;
 
-/// What one machine made: the statistics of its rows.
+/// The film of one shard: the statistics of its rows. For an example see [`Shard`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct ShardFilm {
     shard: Shard,
-    /// With planes of the shard's pixels only.
+    /// Its planes hold the shard's pixels only.
     film: Film,
 }
 
@@ -245,7 +285,7 @@ impl ShardFilm {
     /// [`Error::BadShards`] for a film that was interrupted.
     pub fn new(shard: Shard, film: &Film) -> Result<Self, Error> {
         if film.record.interrupted {
-            return Err(Error::BadShards { what: format!("shard {shard} was interrupted: go on with it first") });
+            return Err(Error::BadShards { what: format!("shard {shard} was interrupted; resume it first") });
         }
         let width = film.frame.size()[0] as usize;
         let cut = |bank: &Bank| Bank {
@@ -270,17 +310,17 @@ impl ShardFilm {
         Ok(Self { shard, film })
     }
 
-    /// Whose it is.
+    /// The shard.
     pub fn shard(&self) -> Shard {
         self.shard
     }
 
-    /// How it went on that machine.
+    /// The record of that machine's render.
     pub fn record(&self) -> &Record {
         &self.film.record
     }
 
-    /// The part as bytes, as many as the film has for so many pixels.
+    /// The film as bytes, about as many as it has in memory.
     pub fn to_bytes(&self) -> Vec<u8> {
         let mut to = Writer::with_capacity(size(&self.film));
         to.raw(MAGIC);
@@ -290,11 +330,11 @@ impl ShardFilm {
         to.finish()
     }
 
-    /// Reads what [`ShardFilm::to_bytes`] gave. Takes a few times the memory of the bytes at most, whatever they say.
+    /// Reads the bytes of [`ShardFilm::to_bytes`]. Takes at most a few times their memory, even for invalid bytes.
     ///
     /// # Errors
     ///
-    /// [`Error::BadSnapshot`] for bytes that are none, of another version, cut short or that contradict themselves.
+    /// [`Error::BadSnapshot`] for bytes of another kind or version, cut short or inconsistent.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, Error> {
         let mut from = Reader::new(bytes);
         check_head(&mut from, MAGIC, VERSION)?;
@@ -302,20 +342,21 @@ impl ShardFilm {
         let shard = Shard::new(index, of).map_err(|_| Broken("the number of a shard is out of range"))?;
         let film = take_film(&mut from, |frame| shard.pixels(frame))?;
         if !from.is_empty() {
-            return Err(Broken("they go on after their end").into());
+            return Err(Broken("there are bytes after the end").into());
         }
         Ok(Self { shard, film })
     }
 }
 
-/// The film of the whole image from all its parts, in any order: bit for bit that of one machine, but for the seconds,
-/// which are added up.
+/// Merges the films of all shards, in any order, into that of the whole image.
+///
+/// It is bit for bit the film of one machine, except for the seconds, which are summed. For an example see [`Shard`].
 ///
 /// # Errors
 ///
-/// [`Error::BadShards`], which names the parts that are missing, there twice, or of another image: another number of
-/// shards, another window, other budgets, other statistics recorded. That all were rendered with the same scene and
-/// settings is for the caller to make sure of.
+/// [`Error::BadShards`], which names the shards that are missing, duplicate, or of another image: another number of
+/// shards, another window, other budgets or other statistics. The caller makes sure that all have the same scene and
+/// settings.
 pub fn merge(parts: &[ShardFilm]) -> Result<Film, Error> {
     let parts = in_order(parts)?;
     let first = parts[0];
@@ -355,27 +396,27 @@ fn uneven() -> Error {
     Error::BadShards { what: "they do not hold the same statistics".into() }
 }
 
-/// The parts' films by number, if each is there once.
+/// The films in the order of their shards, if each shard is there once.
 fn in_order(parts: &[ShardFilm]) -> Result<Vec<&Film>, Error> {
     let refuse = |what: String| Err(Error::BadShards { what });
-    let Some(first) = parts.first() else { return refuse("there are none".into()) };
+    let Some(first) = parts.first() else { return refuse("the list is empty".into()) };
     for part in parts {
         let (a, b) = (&first.film, &part.film);
         let what = [
-            (first.shard.of == part.shard.of, "of another number of shards"),
-            (a.frame == b.frame, "of another window"),
-            (a.needs == b.needs, "with other statistics recorded"),
-            (a.combine == b.combine, "with halves combined otherwise"),
-            (a.record.budgets == b.record.budgets, "with another number of samples asked for"),
+            (first.shard.of == part.shard.of, "it is of another number of shards"),
+            (a.frame == b.frame, "it is of another window"),
+            (a.needs == b.needs, "it records other statistics"),
+            (a.combine == b.combine, "it combines halves by another rule"),
+            (a.record.budgets == b.record.budgets, "it has another budget"),
         ];
         if let Some((_, what)) = what.iter().find(|(same, _)| !same) {
-            return refuse(format!("beside shard {} there is shard {} {what}", first.shard, part.shard));
+            return refuse(format!("shard {} does not belong to shard {}: {what}", part.shard, first.shard));
         }
     }
     let mut sorted: Vec<&ShardFilm> = parts.iter().collect();
     sorted.sort_by_key(|part| part.shard.index);
     if let Some(twice) = sorted.windows(2).find(|pair| pair[0].shard == pair[1].shard) {
-        return refuse(format!("shard {} is there twice", twice[0].shard));
+        return refuse(format!("shard {} is given twice", twice[0].shard));
     }
     let is_there = |index: &u32| sorted.binary_search_by_key(index, |part| part.shard.index).is_ok();
     let of = first.shard.of;
@@ -383,12 +424,12 @@ fn in_order(parts: &[ShardFilm]) -> Result<Vec<&Film>, Error> {
         (0..of).filter(|index| !is_there(index)).take(10).map(|index| Shard { index, of }.to_string()).collect();
     match missing.len() {
         0 => Ok(sorted.into_iter().map(|part| &part.film).collect()),
-        10 => refuse(format!("shards {} and perhaps more are missing", missing.join(", "))),
-        _ => refuse(format!("missing: shard {}", missing.join(", "))),
+        10 => refuse(format!("missing shards: {}, and maybe more", missing.join(", "))),
+        _ => refuse(format!("missing shards: {}", missing.join(", "))),
     }
 }
 
-/// A plane of all rows from those of the parts, `each` values a pixel; none if none was recorded.
+/// A plane of all rows from those of the shards, `each` values per pixel; empty if it is not recorded.
 fn join<'p, T: Copy + 'p>(first: &Film, each: usize, planes: impl Iterator<Item = &'p [T]>) -> Result<Vec<T>, Error> {
     let planes: Vec<&[T]> = planes.collect();
     if planes.iter().all(|plane| plane.is_empty()) {

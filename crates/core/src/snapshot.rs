@@ -1,13 +1,13 @@
-//! A render between two slices, as plain bytes: what checkpoints and shards are made of.
+//! Snapshots: a render between two slices, as bytes.
 
 pub(crate) mod bytes;
 pub(crate) mod film;
 
 use crate::{Error, Film, Frame, Limits, Needs, Plan, Sampler, TrainingData, TrainingSum};
 use bytes::{Reader, Writer};
-use film::{put_combine, put_film, put_observations, take_combine, take_film, take_observations};
+use film::{put_combine, put_film, put_training, take_combine, take_film, take_training};
 
-/// Why bytes are no snapshot: the end of a sentence.
+/// The reason why bytes are not a snapshot: the end of a sentence.
 #[derive(Debug)]
 pub(crate) struct Broken(pub(crate) &'static str);
 
@@ -17,7 +17,7 @@ impl From<Broken> for Error {
     }
 }
 
-/// How far a round is traced: rows before `row` have their samples before `end`, the others those before `start`.
+/// The progress within a round: rows before `row` have their samples before `end`, the others those before `start`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Cursor {
     pub(crate) start: u32,
@@ -30,22 +30,22 @@ pub(crate) struct Cursor {
 pub(crate) struct OpenRound {
     pub(crate) plan: Plan,
     pub(crate) cursor: Cursor,
-    /// What was observed in the rows before the cursor of a training pass that is not over, by rows of blocks.
+    /// The sums of an unfinished training pass in the rows before the cursor, by rows of blocks.
     pub(crate) pending: Vec<(usize, Vec<TrainingSum>)>,
     /// Samples traced before it.
     pub(crate) before: u64,
     pub(crate) plan_seconds: f64,
-    /// Seconds of tracing it in earlier sittings.
+    /// Seconds of tracing this round before the snapshot.
     pub(crate) traced_seconds: f64,
 }
 
 impl OpenRound {
-    /// Samples of the pixels of a row, in this round's order, that are traced.
+    /// The number of traced samples of each pixel in a row.
     pub(crate) fn done(&self, row: usize) -> u32 {
         if row < self.cursor.row as usize { self.cursor.end } else { self.cursor.start }
     }
 
-    /// What is left to trace, as a plan of its own: withdrawals are done.
+    /// The rest of the round as a plan. Withdrawals are done.
     pub(crate) fn rest(&self, width: usize) -> Plan {
         let left = |counts: &[u32]| -> Vec<u32> {
             counts.iter().enumerate().map(|(i, n)| n.saturating_sub(self.done(i / width))).collect()
@@ -56,7 +56,7 @@ impl OpenRound {
     }
 }
 
-/// Everything that decides on the rest of a render, where it is.
+/// References to everything that decides the rest of a render.
 #[derive(Clone, Copy)]
 pub(crate) struct View<'a> {
     pub(crate) film: &'a Film,
@@ -70,7 +70,7 @@ pub(crate) struct View<'a> {
 }
 
 const MAGIC: &[u8; 8] = b"dapple-s";
-/// Changes with the layout and with what is in it.
+/// Changes with the layout and the contents.
 const VERSION: u32 = 2;
 
 impl View<'_> {
@@ -88,7 +88,7 @@ impl View<'_> {
         put_film(&mut to, self.film);
         to.list(&self.sampler.save());
         to.number(self.passes.len() as u64);
-        self.passes.iter().for_each(|pass| put_observations(&mut to, pass.entries()));
+        self.passes.iter().for_each(|pass| put_training(&mut to, pass.entries()));
         to.flag(self.open.is_some());
         if let Some(open) = self.open {
             put_round(&mut to, open);
@@ -97,11 +97,47 @@ impl View<'_> {
     }
 }
 
-/// A render between two slices: everything that decides on the rest of it, made by
-/// [`Status::snapshot`](crate::Status::snapshot) and continued by [`Render::resume`](crate::Render::resume).
+/// A render between two slices, with everything that decides the rest of it.
 ///
-/// Core does no file I/O: this is plain bytes, for whoever looks on to keep (`dapple-checkpoint` does so safely). The
-/// bytes have a version and are checked for sense, not for damage: add a checksum where they are stored.
+/// [`Status::snapshot`](crate::Status::snapshot) makes its bytes, and [`Render::resume`](crate::Render::resume)
+/// continues from it. This crate does no file I/O: a [`Monitor`](crate::Monitor) stores the bytes. They have a version
+/// and are checked for consistency, not for damage, so add a checksum to the file.
+///
+/// ```
+/// # use dapple_core::{PointSet, SampleId};
+/// # struct Centre;
+/// # impl PointSet for Centre {
+/// #     fn describe(&self) -> String { "centre".into() }
+/// #     fn block(&self, _: SampleId, _: u32) -> [f32; 4] { [0.5; 4] }
+/// #     fn capacity(&self) -> u64 { u64::MAX }
+/// # }
+/// # use dapple_core::{Draws, Estimate, Integrator, TrainingLog};
+/// # struct Ramp;
+/// # impl Integrator for Ramp {
+/// #     fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
+/// #         Estimate::new([draws.pixel()[0] as f32; 3])
+/// #     }
+/// # }
+/// use dapple_core::samplers::Uniform;
+/// use dapple_core::{Control, Frame, Limits, Render, Schedule, Snapshot, Status};
+///
+/// let frame = Frame::new(8, 6)?;
+/// let limits = Limits::samples(4 * 8 * 6).with_schedule(Schedule::default().with_slice_spp(1));
+///
+/// // Stop after the first slice of one sample per pixel.
+/// let mut saved = Vec::new();
+/// let mut stop = |status: &Status<'_>| {
+///     saved = status.snapshot();
+///     Control::Stop
+/// };
+/// let part = Render::new(frame, &limits).monitor(&mut stop).run(&mut Ramp, &mut Uniform::new(Centre))?;
+/// assert_eq!(part.record().samples, 8 * 6);
+///
+/// let snapshot = Snapshot::from_bytes(&saved)?;
+/// let whole = Render::new(frame, &limits).resume(snapshot, &mut Ramp, &mut Uniform::new(Centre))?;
+/// assert_eq!(whole.record().samples, 4 * 8 * 6);
+/// # Ok::<(), dapple_core::Error>(())
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Snapshot {
     pub(crate) film: Film,
@@ -117,12 +153,12 @@ pub struct Snapshot {
 }
 
 impl Snapshot {
-    /// Reads what [`Status::snapshot`](crate::Status::snapshot) gave. Takes a few times the memory of the bytes at most,
-    /// whatever they say.
+    /// Reads the bytes of [`Status::snapshot`](crate::Status::snapshot). Takes at most a few times their memory, even
+    /// for invalid bytes.
     ///
     /// # Errors
     ///
-    /// [`Error::BadSnapshot`] for bytes that are none, of another version, cut short or that contradict themselves.
+    /// [`Error::BadSnapshot`] for bytes of another kind or version, cut short or inconsistent.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, Error> {
         Ok(Self::read(bytes)?)
     }
@@ -134,29 +170,29 @@ impl Snapshot {
         let bounds = from.number()?;
         let (round, total, seconds) = (from.number()?, from.number()?, from.number::<f64>()?);
         if !(seconds.is_finite() && seconds >= 0.0) {
-            return Err(Broken("a time is no number"));
+            return Err(Broken("a time is not a number of seconds"));
         }
         let film = take_film(&mut from, Frame::pixels)?;
         let sampler_state = from.list()?;
         let count = from.count(8)?;
         let mut passes = Vec::new();
         for _ in 0..count {
-            let pass = TrainingData::sorted(take_observations(&mut from)?);
-            passes.push(pass.ok_or(Broken("observations are out of order"))?);
+            let pass = TrainingData::sorted(take_training(&mut from)?);
+            passes.push(pass.ok_or(Broken("training data is out of order"))?);
         }
         let open = if from.flag()? { Some(take_round(&mut from, &film)?) } else { None };
         if !from.is_empty() {
-            return Err(Broken("they go on after their end"));
+            return Err(Broken("there are bytes after the end"));
         }
         Ok(Self { film, round, open, passes, total, seconds, sampler_state, sampler, points, bounds })
     }
 
-    /// The statistics so far: every pixel's are whole.
+    /// The statistics so far, complete for every pixel.
     pub fn film(&self) -> &Film {
         &self.film
     }
 
-    /// Refuses to go on as another render than this one.
+    /// Refuses to resume as another render than this one.
     pub(crate) fn check(
         &self,
         sampler: &dyn Sampler,
@@ -167,7 +203,7 @@ impl Snapshot {
         let mut differ = Vec::new();
         let mut compare = |what: &str, was: &str, is: &str| {
             if was != is {
-                differ.push(format!("the {what} was {was} and is now {is}"));
+                differ.push(format!("the {what} was {was}, not {is}"));
             }
         };
         compare("sampler", &self.sampler, &sampler.describe());
@@ -183,7 +219,7 @@ impl Snapshot {
         compare("kind of samples", halves(self.film.needs().halves), halves(needs.halves));
         let missing = Needs { halves: false, ..*needs };
         if let Err(Error::NotRecorded { what, .. }) = self.film.require("", &missing) {
-            differ.push(format!("{what} was not recorded and is now asked for"));
+            differ.push(format!("{what} was not recorded and is now needed"));
         }
         if differ.is_empty() { Ok(()) } else { Err(Error::OtherRender { what: differ.join("; ") }) }
     }
@@ -191,10 +227,10 @@ impl Snapshot {
 
 pub(crate) fn check_head(from: &mut Reader<'_>, magic: &[u8; 8], version: u32) -> Result<(), Broken> {
     if from.raw(magic.len())? != magic {
-        return Err(Broken("they begin otherwise"));
+        return Err(Broken("they start with another signature"));
     }
     if from.number::<u32>()? != version {
-        return Err(Broken("they are of another version of dapple-core: go on with the one that wrote them"));
+        return Err(Broken("another version of dapple-core wrote them; resume with that version"));
     }
     Ok(())
 }
@@ -213,7 +249,7 @@ fn put_round(to: &mut Writer, open: &OpenRound) {
     to.number(open.pending.len() as u64);
     for (block, observed) in &open.pending {
         to.number(*block as u64);
-        put_observations(to, observed);
+        put_training(to, observed);
     }
 }
 
@@ -231,22 +267,22 @@ fn take_round(from: &mut Reader<'_>, film: &Film) -> Result<OpenRound, Broken> {
     let mut pending = Vec::with_capacity(count);
     for _ in 0..count {
         let block = usize::try_from(from.number::<u64>()?).map_err(|_| Broken("a block is out of range"))?;
-        pending.push((block, take_observations(from)?));
+        pending.push((block, take_training(from)?));
     }
     let cursor = Cursor { start, end, row };
     let open = OpenRound { plan, cursor, pending, before, plan_seconds, traced_seconds };
     if end < start || row as usize >= height || !(plan_seconds.is_finite() && traced_seconds.is_finite()) {
-        return Err(Broken("a round is at an impossible place"));
+        return Err(Broken("the place within a round is out of range"));
     }
     if open.plan.second_half.is_some() && film.kept.len() != 2 {
-        return Err(Broken("a plan is for two halves, and there is one"));
+        return Err(Broken("a plan is for two halves, but the film has one"));
     }
     if open.plan.retention == crate::Retention::Discard && film.discarded.is_empty() {
-        return Err(Broken("samples are discarded, and there is no place for them"));
+        return Err(Broken("a round discards samples, but the film has no place for them"));
     }
     let traced = open.plan.total() - open.rest(width).total();
     if before.checked_add(traced) != Some(film.record.samples) {
-        return Err(Broken("a round is at an impossible place"));
+        return Err(Broken("the place within a round is out of range"));
     }
     Ok(open)
 }

@@ -1,4 +1,4 @@
-//! What the filters cost per pixel on one thread, at their default radius of 4: time over 2^20 pixels.
+//! Cost of the filters per pixel on one thread, at their default radius of 4 pixels: time over 2^20 pixels.
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use dapple_core::samplers::Uniform;
@@ -12,7 +12,7 @@ use std::sync::Arc;
 
 const SIDE: u32 = 1024;
 
-/// Noise on slanted stripes, each a material of its own.
+/// Noise on slanted stripes, each with its own material.
 struct Stripes;
 
 impl Integrator for Stripes {
@@ -20,19 +20,11 @@ impl Integrator for Stripes {
         let [u, v, a, _] = draws.block(Block::new(0));
         let [x, y] = draws.pixel();
         let stripe = ((x as f32 + u + 0.3 * (y as f32 + v)) / 16.0) as u32;
-        let hit = FirstHit {
-            position: [x as f32, y as f32, 0.0],
-            geometric_normal: [0.0, 0.0, 1.0],
-            shading_normal: [0.0, 0.0, 1.0],
-            albedo: [0.5; 3],
-            depth: 1.0,
-            footprint: 1.0,
-            roughness: 1.0,
-            material: stripe,
-            shape: 0,
-            primitive: 0,
-        };
-        Estimate { radiance: [a, u, v], first_hit: draws.wants_first_hit().then_some(hit), cost: 1 }
+        let hit = FirstHit::new([x as f32, y as f32, 0.0], [0.0, 0.0, 1.0], 1.0)
+            .with_albedo([0.5; 3])
+            .with_footprint(1.0)
+            .with_material(stripe);
+        Estimate::new([a, u, v]).with_first_hit(draws.wants_first_hit().then_some(hit))
     }
 }
 
@@ -66,7 +58,7 @@ fn filters(c: &mut Criterion) {
     }
 }
 
-/// Those that look at halves and first hits, on a quarter of the pixels.
+/// Filters over halves and first hits, on a quarter of the pixels.
 fn from_halves(c: &mut Criterion) {
     const PART: u32 = SIDE / 2;
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a pool");
@@ -79,7 +71,7 @@ fn from_halves(c: &mut Criterion) {
         Render::new(frame, &limits).needs(needs).run(&mut Stripes, &mut Uniform::new(Random::new(1))).expect("a film");
     let clusters = |passes| {
         let plain = ClusterRegression::new().with_passes(passes);
-        plain.with_clusters(Arc::new(|hit| Some(hit.material)), 0.2, String::new()).expect("a factor")
+        plain.with_clusters(Arc::new(|hit| Some(hit.material)), 0.2, "").expect("a factor")
     };
     let cases: [(&str, Box<dyn Filter>); 4] = [
         ("bilateral", Box::new(Bilateral::default())),

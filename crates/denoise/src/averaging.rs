@@ -1,30 +1,30 @@
-//! Weighted means over windows, both halves at once, the weights of each from the other half's guide.
+//! Weighted means over windows, both halves at once. The weights of each half come from the other half's guide.
 
 use crate::planes::{Colours, Inputs, LEAST_ALBEDO, Plane};
 use crate::tile::{
     Differences, Guide, HEIGHT, LANES, Likeness, REACH, Stack, Tile, WIDTH, count_weights, exp_minus, origins,
     sharpness, stride, tiles, vectors,
 };
-use dapple_core::{FilterMemory, Frame};
+use dapple_core::{FilterMemory, Frame, ImagePlanes};
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
-/// A window, and which of its pixels count.
+/// A window and the weights in it.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Window {
-    /// Pixels to each side, at most [`REACH`].
+    /// The radius in pixels, at most [`REACH`].
     pub(crate) radius: usize,
-    /// Weights below this count for nothing.
+    /// Weights below this count as 0.
     pub(crate) cut: f32,
     /// The spatial weight is `exp(-falloff r^2)`.
     pub(crate) falloff: f32,
 }
 
-/// Weights below this are too small to show in a sum, but make its terms subnormal numbers, which are slow: a third of the time
-/// of `cluster-regression` (docs/results/filters.md).
+/// Weights below this vanish in a sum, but their products are slow subnormal numbers. Dropping them saves a third of
+/// the time of `cluster-regression` (docs/results/filters.md).
 pub(crate) const VANISHING: f32 = 1e-20;
 
-/// The weighted means of `values` (both halves').
+/// The weighted means of `values`, the two halves.
 pub(crate) fn average(
     inputs: &Inputs,
     values: [&Colours; 2],
@@ -35,8 +35,7 @@ pub(crate) fn average(
     average_where(inputs, values, guides, like, window, &|_| true)
 }
 
-/// The same of those tiles, by their origin, that are `wanted`; the others keep their values.
-/// With a single guide both have the weights that it gives.
+/// [`average`] of the tiles whose origin is `wanted`; the others keep their values. A single guide weighs both halves.
 pub(crate) fn average_where<const G: usize>(
     inputs: &Inputs,
     values: [&Colours; 2],
@@ -55,17 +54,16 @@ pub(crate) fn average_where<const G: usize>(
     [0, 1].map(|half| std::array::from_fn(|c| assembled(inputs.size, &tiles, &values[half][c], half, c)))
 }
 
-/// The memory of a filter that is one average of what [`Inputs`] hold: judged by one plane of variance or by three, and by
-/// features or not.
+/// The memory of a filter that is one average over [`Inputs`]. `pooled` guides have one plane of variance instead of
+/// three.
 pub(crate) fn memory(frame: &Frame, labels: bool, like: &Likeness, pooled: bool) -> FilterMemory {
     let [kept, making] = Inputs::bytes_per_pixel(labels);
     let guides = 2 * (3 + if pooled { 1 } else { 3 });
     let sharp = if like.features.is_some() { 3 } else { 0 };
-    // Both halves' result stands beside the tiles that it is put together from.
+    // The result of both halves stands beside the tiles that it is assembled from.
     let sums = tiles(frame.size()) * (size_of::<[f32; 4 * LANES]>() * place(2, 0, 0)) as u64;
     let averaging = frame.bytes(kept + 4 * (guides + sharp + 6)).saturating_add(sums);
-    let memory = FilterMemory::new(frame, making, true);
-    FilterMemory { applying: memory.applying.max(averaging), ..memory }
+    FilterMemory::new(frame, making, ImagePlanes::RadianceAndError).at_least(averaging)
 }
 
 struct TileTask<'a, const G: usize> {
@@ -78,7 +76,7 @@ struct TileTask<'a, const G: usize> {
     origin: [usize; 2],
 }
 
-/// For either half rows, of each the even and the odd columns, of these red, green, blue and weight.
+/// The rows of both halves, even and odd columns apart: each holds red, green, blue and weight.
 type Sums = Vec<[f32; 4 * LANES]>;
 
 #[inline(always)]
@@ -91,7 +89,7 @@ impl<const G: usize> WithSimd for TileTask<'_, G> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) -> Sums {
-        // Each with its sums over patches written out.
+        // Each radius has its own unrolled sums over patches.
         match self.like.patch {
             0 => self.run::<S, 0>(simd),
             1 => self.run::<S, 1>(simd),
@@ -126,7 +124,7 @@ impl<const G: usize> TileTask<'_, G> {
         sums
     }
 
-    /// Adds the pixels that lie `offset` from the tile's.
+    /// Adds the pixels at `offset` from the tile's.
     #[inline(always)]
     fn gather<S: Simd, const R: usize>(
         &self,
@@ -151,7 +149,7 @@ impl<const G: usize> TileTask<'_, G> {
                 for half in 0..2 {
                     let here = vectors::<S>(values[half].moved(y, parity, [0, 0]));
                     let there = vectors::<S>(values[half].moved(y, parity, offset));
-                    // The other half's, if there are two.
+                    // The weights of the other half, if there are two guides.
                     let weights = vectors::<S>(&weights[(G - 1).saturating_sub(half)]);
                     let sums = S::as_mut_simd_f32s(&mut sums[place(half, y, parity)]).0;
                     for i in 0..LANES / S::F32_LANES {
@@ -172,7 +170,7 @@ impl<const G: usize> TileTask<'_, G> {
     }
 }
 
-/// Black where no sample is in reach.
+/// Divides the sums by their weights; black where no sample is in reach.
 #[inline(always)]
 fn divide(sums: &mut Sums) {
     for row in sums {
@@ -204,7 +202,7 @@ fn assembled([width, height]: [usize; 2], tiles: &[Option<Sums>], own: &[f32], h
     all
 }
 
-/// A guide of a half's own means; three variances of it, or one for all channels together.
+/// A guide from the means of one half, with three variances or one pooled variance.
 pub(crate) fn guide(inputs: &Inputs, half: usize, pooled: bool, demodulated: bool) -> Guide {
     let own = &inputs.halves[half];
     let divided = |c: usize, plane: &Plane, power: u32| -> Plane {

@@ -1,9 +1,9 @@
-//! The cross-bilateral filter: near, of a similar surface, of a similar colour.
+//! The cross-bilateral filter over distance, features, colours and clusters.
 
 use crate::averaging::{VANISHING, Window, average, guide, memory};
 use crate::cluster_gaussian::ClusterLookup;
 use crate::error_map::{Pair, filtered};
-use crate::nl_means::{NEEDS, bandwidth, out, radius};
+use crate::parameters::{NEEDS, bandwidth, out, outside_weight, radius};
 use crate::planes::Inputs;
 use crate::tile::{FeatureScales, Likeness, REACH};
 use dapple_core::{Error, Film, Filter, FilterMemory, Filtered, Frame, Needs};
@@ -11,13 +11,38 @@ use std::fmt;
 
 /// The cross-bilateral filter [after Eisemann and Durand 2004; Petschnigg 2004], with first-hit features and clusters.
 ///
-/// A pixel's weight is a Gaussian of its distance, times `exp(-max(0, d))` for the differences of features (the largest of
-/// those of normal, albedo and depth, in `features` standard deviations) and of colours (over 3x3 pixels, in `colour`
-/// standard deviations), their noise taken off as in [`NlMeans`](crate::NlMeans), times `outside` where clusters differ.
-/// Colours are compared without their albedo, in the other half than the one that is filtered. Colour makes it
-/// consistent: what differs by more than noise does not mix, however many samples show it.
+/// The weight of a pixel is the product of
 ///
-/// [`Filtered::error`] is an estimate of the whole squared error, bias included, from the halves.
+/// * a Gaussian of its distance, `exp(-falloff r^2)`;
+/// * `exp(-max(0, d_features))`, with the largest difference of normal, albedo and depth in `features` standard
+///   deviations;
+/// * `exp(-max(0, d_colour))`, with the difference of 3x3 pixels in `colour` standard deviations;
+/// * `outside` if the pixels lie in different clusters.
+///
+/// The expected difference due to noise is subtracted as in [`NlMeans`](crate::NlMeans).
+/// Colours are compared without their albedo, in the half of the samples that is not being filtered.
+/// The colour term makes the filter consistent: pixels that differ by more than noise do not mix, however many samples
+/// they have.
+///
+/// [`Filtered::error`] estimates the whole squared error from the halves, bias included.
+///
+/// ```
+/// use dapple_core::{Film, Filter, Frame};
+/// use dapple_denoise::Bilateral;
+/// use std::sync::Arc;
+///
+/// // A pixel of another material counts half.
+/// let filter = Bilateral::default().with_clusters(Arc::new(|hit| Some(hit.material)), 0.5, "")?;
+/// let mut film = Film::new(Frame::new(16, 16)?, filter.needs());
+/// for pixel in 0..256 {
+///     for sample in 0..4 {
+///         film.push(pixel, sample % 2, [if (pixel + sample / 2) % 2 == 0 { 0.5 } else { 1.5 }; 3]);
+///     }
+/// }
+/// let image = filter.apply(&film)?;
+/// assert!(image.radiance.iter().all(|[red, ..]| (red - 1.0).abs() < 0.1));
+/// # Ok::<(), dapple_core::Error>(())
+/// ```
 #[derive(Clone)]
 pub struct Bilateral {
     window: usize,
@@ -37,7 +62,7 @@ impl Default for Bilateral {
 }
 
 impl Bilateral {
-    /// Windows of `window` pixels to each side, the spatial weight `exp(-falloff r^2)`.
+    /// Windows of `window` pixels to each side with the spatial weight `exp(-falloff r^2)`, `r` in pixels.
     ///
     /// # Errors
     ///
@@ -49,7 +74,7 @@ impl Bilateral {
         Ok(Self { window: radius("window", window, REACH)?, falloff, ..Self::default() })
     }
 
-    /// The same, differences of colours and of features measured in so many standard deviations.
+    /// Sets the bandwidths: differences of colours and of features are measured in this many standard deviations.
     ///
     /// # Errors
     ///
@@ -60,25 +85,27 @@ impl Bilateral {
         Ok(Self { colour, features, ..self })
     }
 
-    /// The same, pixels whose first sample lies in another cluster weighing `outside` of what they would; what follows the
-    /// comma describes how clusters are made.
+    /// Multiplies the weight of a pixel by `outside` if its first sample lies in another cluster. `described` is
+    /// appended to the filter's description; it tells how the clusters are made, such as `k=9,clamp=32`.
     ///
     /// # Errors
     ///
     /// [`Error::OutOfRange`] unless `outside` is in `[0, 1]`.
-    pub fn with_clusters(self, label: ClusterLookup, outside: f64, described: String) -> Result<Self, Error> {
-        if !(0.0..=1.0).contains(&outside) {
-            return out("outside", outside, "0 (nothing crosses a border) to 1 (clusters do not matter)");
-        }
-        Ok(Self { label: Some(label), outside, described, ..self })
+    pub fn with_clusters(
+        self,
+        label: ClusterLookup,
+        outside: f64,
+        described: impl Into<String>,
+    ) -> Result<Self, Error> {
+        Ok(Self { label: Some(label), outside: outside_weight(outside)?, described: described.into(), ..self })
     }
 
-    /// What a regression begins with: as good there as the default, and at a third of its cost.
+    /// The first candidate of a regression: as good there as the default, at a third of its cost.
     pub(crate) fn candidate() -> Self {
         Self { window: 4, falloff: 0.06, colour: 0.75, features: 1.25, ..Self::default() }
     }
 
-    /// Both halves of a film filtered.
+    /// Filters both halves of a film.
     pub(crate) fn pair(&self, inputs: &Inputs) -> Pair {
         let guides = [0, 1].map(|half| guide(inputs, half, true, true));
         let window = Window { radius: self.window, cut: VANISHING, falloff: self.falloff as f32 };

@@ -2,16 +2,17 @@
 
 use crate::Gaussian;
 use crate::membership::{BACKGROUND, MOST_VOTES, Membership, Votes};
-use crate::source::{mean_and_presence, normalised, squared_error, variances};
-use dapple_core::{Error, Film, Filter, FilterMemory, Filtered, FirstHit, Frame, Needs};
+use crate::parameters::{out, outside_weight};
+use crate::pixel_means::{mean_and_presence, normalised, squared_error, variances};
+use dapple_core::{Error, Film, Filter, FilterMemory, Filtered, FirstHit, Frame, ImagePlanes, Needs};
 use rayon::prelude::*;
 use std::fmt;
 use std::sync::Arc;
 
-/// Names the cluster of a first hit; `None` for the background.
+/// A function from a first hit to its cluster; `None` for the background.
 pub type ClusterLookup = Arc<dyn Fn(&FirstHit) -> Option<u32> + Send + Sync>;
 
-/// Where a pixel's cluster comes from.
+/// The source of a pixel's clusters.
 #[derive(Clone)]
 enum Clusters {
     Map { size: [u32; 2], clusters: Vec<u32> },
@@ -20,24 +21,43 @@ enum Clusters {
 
 /// A [`Gaussian`] in which pixels of other clusters weigh less.
 ///
-/// The cluster-adaptive thesis says that its Gaussian was "modified to favour same-cluster pixels" and gives no
-/// formula. Here the Gaussian's weight is multiplied by
+/// The weight of the Gaussian is multiplied by
 ///
 /// `outside + (1 - outside) overlap`
 ///
-/// where `overlap` is what the two pixels have in common: 1 in the same cluster, 0 in different ones, and
-/// between pixels of several clusters the sum over the clusters of the smaller of their two shares. With
-/// `outside` 1 it is the plain Gaussian, with 0 nothing crosses a cluster's border.
+/// where `overlap` is the share that the two pixels have in common. It is 1 in the same cluster and 0 in different
+/// ones.
+/// Between pixels of several clusters it is the sum over the clusters of the smaller share.
+/// With `outside` 1 the filter is the plain Gaussian; with 0 nothing crosses a cluster's border.
 ///
-/// A pixel's clusters come from a map made beforehand ([`from_map`](Self::from_map)) or from the first
-/// hits of its first samples ([`from_hits`](Self::from_hits)). In the latter case labels and values come from
-/// the same samples, so weights and values are not quite independent in mixed pixels. With one first hit
-/// the thesis' probe is met; four tell that a pixel lies on an edge, and left 0.6 times the error on a
-/// slanted edge at 64 spp (`tests/reconstruction/outside.rs`).
+/// The cluster-adaptive thesis "modified [its Gaussian] to favour same-cluster pixels" without a formula; this one is
+/// our choice.
 ///
-/// Unequal sample counts, borders, pixels without samples and [`Filtered::error`] are as with
-/// [`Gaussian`]. A pixel without samples that is cut off from every sample in reach, since `outside` is 0,
-/// is filled as by the plain Gaussian.
+/// # Clusters
+///
+/// They come from a map ([`from_map`](Self::from_map)) or from the first hits of a pixel's first samples
+/// ([`from_hits`](Self::from_hits)).
+/// One first hit corresponds to the probe of the thesis. Four first hits reveal that a pixel lies on an edge.
+/// They leave 0.6 times the error on a slanted edge at 64 spp (`tests/denoise/outside.rs`).
+///
+/// With first hits, labels and values come from the same samples. In mixed pixels weights and values are therefore not
+/// quite independent.
+///
+/// Unequal sample counts, borders, pixels without samples and [`Filtered::error`] are as with [`Gaussian`].
+/// If `outside` is 0 and a pixel without samples is cut off from every sample in reach, the plain Gaussian fills it.
+///
+/// ```
+/// use dapple_core::{Film, Filter, Frame, Needs};
+/// use dapple_denoise::ClusterGaussian;
+///
+/// let mut film = Film::new(Frame::new(4, 1)?, Needs::none());
+/// for (pixel, value) in [0.0, 0.0, 1.0, 1.0].into_iter().enumerate() {
+///     film.push(pixel, 0, [value; 3]);
+/// }
+/// let filter = ClusterGaussian::from_map([4, 1], vec![7, 7, 9, 9])?.with_outside(0.0)?;
+/// assert_eq!(filter.apply(&film)?.radiance, film.image(), "nothing crosses the border");
+/// # Ok::<(), dapple_core::Error>(())
+/// ```
 #[derive(Clone)]
 pub struct ClusterGaussian {
     kernel: Gaussian,
@@ -47,48 +67,46 @@ pub struct ClusterGaussian {
 }
 
 impl ClusterGaussian {
-    /// The weight of a pixel of another cluster, relative to one of the same, unless given.
+    /// The default weight of a pixel in another cluster, relative to one in the same cluster.
     ///
-    /// Measured in `tests/reconstruction/outside.rs` on five made-up images (edges known to the clusters and not, gradients
-    /// that the clusters cut for nothing) at 8 to 64 spp: relMSE over the best `outside` of each image and
-    /// budget, geometric means.
+    /// The table shows relMSE over that of the best `outside` of each image and budget, as geometric means
+    /// (`tests/denoise/outside.rs`: five synthetic images at 8 to 64 spp).
+    /// In some images the clusters miss edges, in others they cut smooth gradients.
     ///
     /// | `outside` | 0 | 0.01 | 0.03 | 0.05 | 0.07 | 0.1 | 0.2 | 1 |
     /// |---|---|---|---|---|---|---|---|---|
     /// | 1 first hit | 1.124 | 1.117 | 1.108 | 1.103 | 1.100 | 1.101 | 1.130 | 1.608 |
     /// | 4 first hits | 1.101 | 1.098 | 1.095 | 1.094 | 1.097 | 1.105 | 1.156 | 1.704 |
     ///
-    /// The optimum is flat. Over 4 to 256 spp it moves to 0.01 or 0.02: the less noise, the more a leak costs.
+    /// The optimum is flat. Over 4 to 256 spp it moves to 0.01 or 0.02, since leaks cost more when there is less noise.
     pub const DEFAULT_OUTSIDE: f64 = 0.05;
 
-    /// Takes each pixel's cluster from `clusters`, row by row from the top of a film's window of `size`
-    /// (width, height); [`BACKGROUND`] is one more cluster.
+    /// Takes the cluster of each pixel from `clusters`, row by row from the top of a film window of `size` (width,
+    /// height). Any number may stand for the background, such as `u32::MAX`.
     ///
     /// # Errors
     ///
-    /// [`Error::OutOfRange`] when there are not `size[0] * size[1]` of them.
+    /// [`Error::OutOfRange`] unless there are `size[0] * size[1]` clusters.
     pub fn from_map(size: [u32; 2], clusters: Vec<u32>) -> Result<Self, Error> {
         let [width, height] = size;
         if u64::from(width) * u64::from(height) != clusters.len() as u64 {
-            return Err(Error::OutOfRange {
-                name: "clusters",
-                value: format!("{} of them for {width}x{height} pixels", clusters.len()),
-                allowed: "give one cluster for each pixel of the film's window, row by row",
-            });
+            let value = format!("{} of them for {width}x{height} pixels", clusters.len());
+            return out("clusters", value, "give one cluster for each pixel of the film's window, row by row");
         }
         Ok(Self::new(Clusters::Map { size, clusters }))
     }
 
-    /// Takes each pixel's clusters from the first hits of its first `k` samples, which the film has to
-    /// record: each sample is one vote for the cluster that `label` gives it, a miss or `None` one for
-    /// the background. With `k` 1 one sample decides for the pixel, as published.
+    /// Takes the clusters of each pixel from the first hits of its first `k` samples, which the film must record.
+    ///
+    /// Each sample is a vote for the cluster that `label` returns. A miss or `None` is a vote for the background. With
+    /// `k` 1, one sample decides for the pixel, as published.
     ///
     /// # Errors
     ///
     /// [`Error::OutOfRange`] unless `k` is in `1 ..= 8`.
     pub fn from_hits(k: u8, label: ClusterLookup) -> Result<Self, Error> {
         if k == 0 || usize::from(k) > MOST_VOTES {
-            return Err(Error::OutOfRange { name: "hits", value: k.to_string(), allowed: "1 to 8 first hits a pixel" });
+            return out("hits", k, "1 to 8 first hits per pixel");
         }
         Ok(Self::new(Clusters::Hits { k, label }))
     }
@@ -97,27 +115,23 @@ impl ClusterGaussian {
         Self { kernel: Gaussian::default(), outside: Self::DEFAULT_OUTSIDE, clusters, described: String::new() }
     }
 
-    /// The same with another kernel.
+    /// Replaces the kernel.
     pub fn with_kernel(self, kernel: Gaussian) -> Self {
         Self { kernel, ..self }
     }
 
-    /// The same with another weight of pixels of other clusters, relative to those of the same.
+    /// Sets the weight of pixels in other clusters, relative to those in the same cluster.
     ///
     /// # Errors
     ///
     /// [`Error::OutOfRange`] unless it is in `[0, 1]`.
     pub fn with_outside(self, outside: f64) -> Result<Self, Error> {
-        if !(0.0..=1.0).contains(&outside) {
-            let allowed = "0 (nothing crosses a border) to 1 (the plain Gaussian)";
-            return Err(Error::OutOfRange { name: "outside", value: outside.to_string(), allowed });
-        }
-        Ok(Self { outside, ..self })
+        Ok(Self { outside: outside_weight(outside)?, ..self })
     }
 
-    /// The same, describing itself with how its clusters were made, as further parameters: `k=9,clamp=32`, say.
-    pub fn with_described(self, described: String) -> Self {
-        Self { described, ..self }
+    /// Appends `described` to the filter's description; it tells how the clusters are made, such as `k=9,clamp=32`.
+    pub fn with_described(self, described: impl Into<String>) -> Self {
+        Self { described: described.into(), ..self }
     }
 
     /// The kernel.
@@ -125,7 +139,7 @@ impl ClusterGaussian {
         &self.kernel
     }
 
-    /// The weight of a pixel of another cluster, relative to one of the same.
+    /// The weight of a pixel in another cluster, relative to one in the same cluster.
     pub fn outside(&self) -> f64 {
         self.outside
     }
@@ -152,10 +166,10 @@ impl ClusterGaussian {
             Some(error) => rows.zip(error.par_chunks_mut(width)).for_each(|((y, r), e)| row(y, r, e)),
             None => rows.for_each(|(y, r)| row(y, r, &mut [])),
         }
-        Filtered { size, radiance, error }
+        Filtered::new(size, radiance).with_error(error)
     }
 
-    /// The weighted sums around pixel (x, y); without regard to clusters if it is cut off by them.
+    /// The weighted sums around pixel (x, y). If its clusters cut it off, they are ignored.
     #[inline]
     fn gather<M: Membership>(&self, plane: &Plane<'_, M>, x: usize, y: usize) -> ([f64; 4], f64) {
         // The factor is 0 or at least 2^-53, however small `outside`: its square does not underflow.
@@ -165,7 +179,7 @@ impl ClusterGaussian {
     }
 }
 
-/// What is read of a film, row by row.
+/// The film's means, variances and clusters, row by row.
 struct Plane<'a, M> {
     size: [usize; 2],
     means: Vec<[f64; 4]>,
@@ -193,7 +207,7 @@ impl<M: Membership> Plane<'_, M> {
                 for (sum, mean) in sum.iter_mut().zip(mean) {
                     *sum += weight * mean;
                 }
-                // An unknown variance is infinite: times no weight it would be NaN.
+                // An unknown variance is infinite; times a weight of 0 it would be NaN.
                 if let Some(variances) = &self.variances
                     && weight > 0.0
                 {
@@ -241,7 +255,8 @@ impl Filter for ClusterGaussian {
         let known = needs.variance || needs.halves;
         // Means and presence, variances, and the image with its error.
         let planes = size_of::<[f64; 4]>() + if known { 8 + 16 } else { 12 };
-        FilterMemory::new(frame, votes + planes, known)
+        let image = if known { ImagePlanes::RadianceAndError } else { ImagePlanes::Radiance };
+        FilterMemory::new(frame, votes + planes, image)
     }
 
     fn apply(&self, film: &Film) -> Result<Filtered, Error> {
@@ -252,7 +267,7 @@ impl Filter for ClusterGaussian {
                 if *size != [width, height] {
                     let [w, h] = size;
                     let what = format!(
-                        "its map of clusters is of {w}x{h} pixels and the film of {width}x{height}; make the map for the window that is rendered"
+                        "its cluster map has {w}x{h} pixels, the film {width}x{height}; make the map for the rendered window"
                     );
                     return Err(Error::Mismatch { who: self.name().to_owned(), what });
                 }

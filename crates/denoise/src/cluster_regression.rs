@@ -1,58 +1,77 @@
-//! First-order regression on features and clusters, twice, and a choice among what it and others make.
+//! First-order regression on features and clusters, in two passes with a choice by estimated error.
 
 use crate::averaging::guide;
 use crate::bilateral::Bilateral;
 use crate::cluster_gaussian::ClusterLookup;
 use crate::error_map::{Pair, filtered, relative_weight, select};
-use crate::nl_means::{NEEDS, out};
+use crate::parameters::{NEEDS, outside_weight};
 use crate::planes::{Inputs, Plane, box_mean};
 use crate::prefilter::prefilter;
 use crate::regression::{bytes, regress};
 use crate::tile::{FeatureScales, Guide, Likeness};
-use dapple_core::{Error, Film, Filter, FilterMemory, Filtered, Frame, Needs};
+use dapple_core::{Error, Film, Filter, FilterMemory, Filtered, Frame, ImagePlanes, Needs};
 use rayon::prelude::*;
 use std::fmt;
 
-/// The weight of what stands beside a regression, where a pixel at its window's centre has 1: 0.1 to 2 measured alike.
+/// The weight of the image beside a regression, relative to 1 for a window's centre. 0.1 to 2 gave equal errors.
 const BESIDE: f32 = 0.5;
 
-/// How far the filter goes.
+/// The number of passes of a [`ClusterRegression`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Passes {
     /// One pass of regression.
     One,
-    /// Two, and the choice among them, the bilateral image and no filter: the default.
+    /// Two passes, and the choice among them, the bilateral image and the unfiltered image. The default.
     #[default]
     Two,
 }
 
 /// Regression on first-hit features, in windows that follow clusters, features and colours.
 ///
-/// # What it does
+/// ```
+/// use dapple_core::{Film, Filter, Frame};
+/// use dapple_denoise::{ClusterRegression, Passes};
+/// use std::sync::Arc;
 ///
-/// 1. Features are averaged over 9x9 pixels where they are alike but for their noise [after Rousselle 2013]: noise that lens,
-///    shutter and geometry finer than pixels leave in them is that of the radiance too, which would be regressed on it.
-/// 2. [`Bilateral`], over 9x9 pixels, makes an image to begin with.
-/// 3. Around every second pixel of every second row a plane is fitted to the radiance of 13x13 pixels, over normal, albedo
-///    and position [after Bitterli 2016; Moon 2014]. A pixel's weight grows with its samples and is
-///    `exp(-max(0, d_colour)) exp(-max(0, d_features))`, times `outside` in another cluster. What the windows
-///    predict for a pixel is averaged with the same weights; the first image counts a little, and stands in where no
-///    window fits. Colours are compared in the other half than the one that is filtered [after Rousselle 2012], over
-///    3x3 pixels.
-/// 4. The two images and no filter at all are compared in each pixel by their estimated error over 5x5 pixels; the
-///    best ones, blended, guide a second pass, with albedo taken off and the noise that is left judged by the halves: one
-///    guide for both, so that their windows share weights and normal equations.
-/// 5. The image is the choice among all four by estimated error over 7x7 pixels.
+/// let filter = ClusterRegression::new().with_passes(Passes::One);
+/// let filter = filter.with_clusters(Arc::new(|hit| Some(hit.material)), ClusterRegression::DEFAULT_OUTSIDE, "")?;
+/// let mut film = Film::new(Frame::new(16, 16)?, filter.needs());
+/// for pixel in 0..256 {
+///     for sample in 0..4 {
+///         film.push(pixel, sample % 2, [if (pixel + sample / 2) % 2 == 0 { 0.5 } else { 1.5 }; 3]);
+///     }
+/// }
+/// let image = filter.apply(&film)?;
+/// assert!(image.radiance.iter().all(|[red, ..]| (red - 1.0).abs() < 0.1));
+/// assert!(image.error.is_some());
+/// # Ok::<(), dapple_core::Error>(())
+/// ```
 ///
-/// The recipe is that of a feasibility study (FEASIBILITY 4, steps 5, 6 and 9), with five changes that measured better
-/// on the bundled scenes (`docs/results/filters.md`): the cross-bilateral image instead of NL-means, the choice itself
-/// instead of its mean with two candidates, 3x3 patches, wider bandwidths for features in the second pass, and its one guide.
+/// # Algorithm
 ///
-/// # What it promises
+/// 1. Features are averaged over 9x9 pixels where they are equal up to their noise [after Rousselle 2013].
+///    Noise of lens, shutter and subpixel geometry is also in the radiance; regression on it would keep it.
+/// 2. [`Bilateral`] over 9x9 pixels makes a first image.
+/// 3. A plane is fitted to the radiance of 13x13 pixels around every second pixel of every second row.
+///    The regressors are normal, albedo and position [after Bitterli 2016; Moon 2014].
+///    * A pixel's weight grows with its samples and is `exp(-max(0, d_colour)) exp(-max(0, d_features))`. In another
+///      cluster it is multiplied by `outside`.
+///    * Colours of 3x3 pixels are compared in the half that is not being filtered [after Rousselle 2012].
+///    * The predictions of all windows for a pixel are averaged with the same weights. The first image has a small
+///      weight too, and stands in where no window fits.
+/// 4. The two images and the unfiltered image are compared in each pixel by their estimated error over 5x5 pixels.
+///    The blend of the best ones guides a second pass, without albedo. The halves give its remaining noise.
+///    Both halves share this guide, and so their weights and normal equations.
+/// 5. The result is the choice among all four images by estimated error over 7x7 pixels.
 ///
-/// Bias vanishes as samples are added: what differs by more than noise does not mix. Without clusters the factor is 1;
-/// where first hits are missing only colours count. [`Filtered::error`] is an estimate of the whole squared error, bias
-/// included, from the halves; [`relative_errors`](crate::relative_errors) makes of it what counts can follow.
+/// # Guarantees
+///
+/// Bias vanishes as samples are added: pixels that differ by more than noise do not mix.
+/// Without clusters, `outside` is 1. Where first hits are missing, only colours count.
+///
+/// [`Filtered::error`] estimates the whole squared error from the halves, bias included.
+/// [`relative_errors`](crate::relative_errors) turns it into scores for a sampler.
 #[derive(Clone, Default)]
 pub struct ClusterRegression {
     passes: Passes,
@@ -62,37 +81,40 @@ pub struct ClusterRegression {
 }
 
 impl ClusterRegression {
-    /// The weight of a pixel of another cluster, relative to one of the same, unless given (FEASIBILITY 4, step 6).
+    /// The default weight of a pixel in another cluster, relative to one in the same cluster.
     pub const DEFAULT_OUTSIDE: f64 = 0.2;
 
-    /// Without clusters.
+    /// A regression without clusters, in two passes.
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// The same with one pass or two.
+    /// Sets the number of passes.
     pub fn with_passes(self, passes: Passes) -> Self {
         Self { passes, ..self }
     }
 
-    /// The same, pixels whose first sample lies in another cluster weighing `outside` of what they would in the first pass;
-    /// `described` says how clusters are made, as further parameters.
+    /// Multiplies the weight of a pixel in the first pass by `outside` if its first sample lies in another cluster.
+    /// `described` is appended to the filter's description; it tells how the clusters are made, such as `k=9,clamp=32`.
     ///
     /// # Errors
     ///
     /// [`Error::OutOfRange`] unless `outside` is in `[0, 1]`.
-    pub fn with_clusters(self, label: ClusterLookup, outside: f64, described: String) -> Result<Self, Error> {
-        if !(0.0..=1.0).contains(&outside) {
-            return out("outside", outside, "0 (nothing crosses a border) to 1 (clusters do not matter)");
-        }
-        Ok(Self { label: Some(label), outside: Some(outside), described, ..self })
+    pub fn with_clusters(
+        self,
+        label: ClusterLookup,
+        outside: f64,
+        described: impl Into<String>,
+    ) -> Result<Self, Error> {
+        let outside = Some(outside_weight(outside)?);
+        Ok(Self { label: Some(label), outside, described: described.into(), ..self })
     }
 
     fn outside(&self) -> f64 {
         self.outside.unwrap_or(1.0)
     }
 
-    /// Both halves through the first pass.
+    /// Filters both halves in the first pass.
     fn first(&self, inputs: &Inputs, beside: &Pair) -> Pair {
         let guides = [0, 1].map(|half| guide(inputs, half, true, false));
         let features = FeatureScales { bandwidth: 1.5, floors: [1e-2, 2e-3] };
@@ -100,13 +122,13 @@ impl ClusterRegression {
         Pair(regress(inputs, &guides, &like, beside, BESIDE))
     }
 
-    /// Both halves again, led by an image that has less noise.
-    fn second(&self, inputs: &Inputs, led_by: &Pair) -> Pair {
+    /// Filters both halves in the second pass, guided by an image with less noise.
+    fn second(&self, inputs: &Inputs, guide: &Pair) -> Pair {
         let features = FeatureScales { bandwidth: 5.0, floors: [1e-2, 2e-2] };
-        // Clusters have said most of what they know in the first pass.
+        // The first pass has used most of the information in the clusters.
         let outside = self.outside().max(0.5) as f32;
         let like = Likeness { patch: 1, colour: 1.5, features: Some(features), outside };
-        Pair(regress(inputs, &[residual_guide(inputs, led_by)], &like, led_by, BESIDE))
+        Pair(regress(inputs, &[residual_guide(inputs, guide)], &like, guide, BESIDE))
     }
 
     fn pair(&self, inputs: &Inputs) -> Pair {
@@ -123,9 +145,11 @@ impl ClusterRegression {
     }
 }
 
-/// The guide of the second pass: the filtered image without its albedo, and the noise that is left in it, from the halves'
-/// difference over 5x5 pixels (of either half: that of the image itself, a quarter as much, measured worse). One for both
-/// halves, since what it keeps of a half's noise is little, and costs half as much.
+/// The guide of the second pass: the filtered image without its albedo, and its remaining noise from the difference of
+/// the halves over 5x5 pixels.
+///
+/// The variance is that of either half; that of the whole image, a quarter as much, left more error. One guide serves
+/// both halves. It keeps little of their noise and costs half as much as two.
 fn residual_guide(inputs: &Inputs, image: &Pair) -> Guide {
     let Pair([a, b]) = image;
     let demodulated = |plane: &Plane, c: usize, i: usize| plane[i] / inputs.divisor(c, i);
@@ -134,7 +158,7 @@ fn residual_guide(inputs: &Inputs, image: &Pair) -> Guide {
         0.5 * (apart(0) * apart(0) + apart(1) * apart(1) + apart(2) * apart(2))
     };
     let all: Plane = (0..inputs.pixels()).into_par_iter().with_min_len(1024).map(difference).collect();
-    // The floor under the variance, as in the first pass: consistent, and not 0.
+    // The floor under the variance, as in the first pass: it is not 0 and keeps the filter consistent.
     let floor = |i: usize| 3.0 * 4e-4 / (inputs.halves[0].count[i] + inputs.halves[1].count[i]).max(1.0);
     let noise = box_mean(&all, inputs.size, 2);
     let variance: Plane = noise.iter().enumerate().map(|(i, v)| v + floor(i)).collect();
@@ -169,14 +193,13 @@ impl Filter for ClusterRegression {
     fn memory(&self, frame: &Frame, needs: &Needs) -> FilterMemory {
         let [kept, making] = Inputs::bytes_per_pixel(self.label.is_some() && needs.first_hits > 0);
         let pair = 4 * 6;
-        // The first pass has the bilateral pair beside it. The second has that, the first, the unfiltered and the chosen one,
-        // and a plane of weights: more than the choice among all of them takes.
+        // The first pass stands beside the bilateral pair. The second stands beside the bilateral, first, unfiltered
+        // and chosen pairs and a plane of weights. That is more than the final choice takes.
         let at_most = match self.passes {
             Passes::One => frame.bytes(kept + pair).saturating_add(bytes(frame, 2)),
             Passes::Two => frame.bytes(kept + 4 * pair + 4).saturating_add(bytes(frame, 1)),
         };
-        let memory = FilterMemory::new(frame, making, true);
-        FilterMemory { applying: memory.applying.max(at_most), ..memory }
+        FilterMemory::new(frame, making, ImagePlanes::RadianceAndError).at_least(at_most)
     }
 
     fn apply(&self, film: &Film) -> Result<Filtered, Error> {

@@ -1,36 +1,36 @@
-//! How wrong a filtered image is, by its halves: for choosing between filters, and for planning counts.
+//! Error estimates of filtered images from two halves, for choosing between filters and planning counts.
 
 use crate::planes::{Colours, Inputs, Plane, box_mean};
 use dapple_core::{Error, Filtered};
 use rayon::prelude::*;
 
-/// relMSE's own epsilon.
+/// The epsilon of relMSE.
 const EPSILON: f32 = 0.01;
 
-/// The error of no filter counts as so much more in a choice: its estimate is never negative, those of others scatter about
-/// theirs, and where all are small the scatter would choose noise.
+/// Factor on the unfiltered image's error when candidates are compared. Its estimate is never negative; the others
+/// scatter around theirs. Without the factor, that scatter would select noise where all errors are small.
 const HANDICAP: f32 = 2.0;
 
-/// Pixels that a task takes at once.
+/// Pixels per task.
 const CHUNK: usize = 4096;
 
-/// An image from each half.
+/// An image from each half of the samples.
 #[derive(Clone)]
 pub(crate) struct Pair(pub(crate) [Colours; 2]);
 
 impl Pair {
-    /// The halves' own means.
+    /// The unfiltered halves.
     pub(crate) fn unfiltered(inputs: &Inputs) -> Self {
         Self([0, 1].map(|h| inputs.halves[h].colour.clone()))
     }
 
-    /// Both halves together, by their counts.
+    /// The mean of both halves, weighted by their counts.
     pub(crate) fn combined(&self, inputs: &Inputs, c: usize, i: usize) -> f32 {
         let (a, b) = (self.0[0][c][i], self.0[1][c][i]);
         b + inputs.first_share(i) * (a - b)
     }
 
-    /// Multiplies by the albedo.
+    /// Multiplies the image by the albedo.
     pub(crate) fn modulate(&mut self, inputs: &Inputs) {
         self.each(|c, i, value| value * inputs.divisor(c, i));
     }
@@ -43,7 +43,7 @@ impl Pair {
         }
     }
 
-    /// The weighted sum of several, with a weight a pixel for each.
+    /// The sum of several pairs with a weight per pixel for each.
     pub(crate) fn mixed(pairs: &[&Self], weights: &[Plane]) -> Self {
         let mix = |half: usize, c: usize| -> Plane {
             let mut sum = vec![0.0; pairs[0].0[half][c].len()];
@@ -59,7 +59,7 @@ impl Pair {
     }
 }
 
-/// What a squared error counts: one over the squared level of 3x3 pixels, as in relMSE.
+/// The weight of squared errors: one over the squared level of 3x3 pixels, as in relMSE.
 pub(crate) fn relative_weight(inputs: &Inputs, image: &Pair) -> Plane {
     let of = |c: usize, i: usize| image.combined(inputs, c, i);
     let grey = |i: usize| (of(0, i) + of(1, i) + of(2, i)) / 3.0;
@@ -69,12 +69,13 @@ pub(crate) fn relative_weight(inputs: &Inputs, image: &Pair) -> Plane {
     mean.into_par_iter().with_min_len(1024).map(|m| 1.0 / (m * m + epsilon).max(1e-30)).collect()
 }
 
-/// The estimated weighted squared error of each pixel, unsmoothed, and its part that is variance; 0 where a half is empty.
+/// The estimated weighted squared error of each pixel, unsmoothed, and its variance part; 0 where a half is empty.
 ///
-/// With `F_A`, `F_B` the filtered and `A`, `B` the unfiltered halves, `E (F_A - B)^2` is the error of `F_A` and the
-/// variance of `B`, since the two share no sample; the variances of both are what `(A - B)^2` is on average. Half the
-/// difference of `F_A` and `F_B` is what averaging them takes off (FEASIBILITY 4, step 7, where the sample variance stood
-/// for `(A - B)^2`; that overrates the noise of low-discrepancy samples).
+/// Let `F_A`, `F_B` be the filtered and `A`, `B` the unfiltered halves. `A` and `B` share no sample.
+/// So `E (F_A - B)^2` is the error of `F_A` plus the variance of `B`, and `E (A - B)^2` is the sum of both variances.
+/// Averaging `F_A` and `F_B` removes the square of half their difference.
+///
+/// The sample variance in place of `(A - B)^2` would overrate the noise of low-discrepancy samples.
 pub(crate) fn raw_error(inputs: &Inputs, image: &Pair, weight: &[f32]) -> [Plane; 2] {
     let mut planes = [vec![0.0; inputs.pixels()], vec![0.0; inputs.pixels()]];
     let [whole, variance] = &mut planes;
@@ -102,8 +103,9 @@ pub(crate) fn raw_error(inputs: &Inputs, image: &Pair, weight: &[f32]) -> [Plane
     planes
 }
 
-/// Chooses in each pixel the candidate of least estimated error over `(2 radius + 1)^2` pixels, the first of equals, and
-/// blurs the choice over 5x5. The last candidate, the unfiltered image, must be better by a factor of [`HANDICAP`].
+/// Selects per pixel the candidate with the least estimated error over `(2 radius + 1)^2` pixels, the first of equals.
+/// The selection is blurred over 5x5 pixels. The last candidate is the unfiltered image; it must be better by a factor
+/// of [`HANDICAP`].
 pub(crate) fn select(inputs: &Inputs, candidates: &[&Pair], weight: &[f32], radius: usize) -> Pair {
     let mut errors: Vec<Plane> =
         candidates.par_iter().map(|p| box_mean(&raw_error(inputs, p, weight)[0], inputs.size, radius)).collect();
@@ -123,9 +125,9 @@ pub(crate) fn select(inputs: &Inputs, candidates: &[&Pair], weight: &[f32], radi
 
 /// The filtered image in radiance, with its error.
 ///
-/// The estimate is smoothed: the larger of the whole error over 15x15 pixels and its variance over 5x5, but at least a
-/// twentieth of the image's mean, relative to the squared level (FEASIBILITY 4, step 7). Infinite where no pixel in
-/// reach has samples in both halves.
+/// The error is the larger of two smoothed estimates: the whole error over 7x7 pixels and the variance over 5x5.
+/// It is at least 5 % of the image's mean error, relative to the squared level.
+/// It is infinite where no pixel in reach has samples in both halves.
 pub(crate) fn filtered(inputs: &Inputs, image: &Pair) -> Filtered {
     let weight = relative_weight(inputs, image);
     let [whole, variance] = raw_error(inputs, image, &weight);
@@ -139,17 +141,27 @@ pub(crate) fn filtered(inputs: &Inputs, image: &Pair) -> Filtered {
     let finite = || smooth.iter().filter(|e| e.is_finite());
     let floor = 0.05 * finite().map(|e| f64::from(*e)).sum::<f64>() / finite().count().max(1) as f64;
     let square = inputs.level * inputs.level;
-    let error = smooth.iter().zip(&weight).map(|(e, w)| e.max(floor as f32) / w * square).collect();
+    let error: Vec<f32> = smooth.iter().zip(&weight).map(|(e, w)| e.max(floor as f32) / w * square).collect();
     let of = |c: usize, i: usize| (image.combined(inputs, c, i) * inputs.level).min(f32::MAX);
     let colour = |i: usize| [of(0, i), of(1, i), of(2, i)];
     let radiance = (0..inputs.pixels()).into_par_iter().with_min_len(1024).map(colour).collect();
-    Filtered { size: inputs.size.map(|n| n as u32), radiance, error: Some(error) }
+    Filtered::new(inputs.size.map(|n| n as u32), radiance).with_error(error)
 }
 
-/// For each pixel of a filtered image its estimated squared error ([`Filtered::error`]) relative to `mean^2 + epsilon`, the
-/// mean taken over 3x3 pixels and the channels: what a sampler that follows a filter's own error asks for (FEASIBILITY 4,
-/// step 7). An infinite error counts as the largest finite one, and as 1 where there is none. Row by row, finite, not
-/// negative.
+/// The estimated squared error of each filtered pixel relative to `mean^2 + epsilon`, row by row.
+///
+/// The error is [`Filtered::error`]. The mean is taken over 3x3 pixels and the channels.
+/// An infinite error counts as the largest finite one, or as 1 if none is finite. Values are finite and not negative.
+/// They serve as scores for a sampler that follows the error of a filter.
+///
+/// ```
+/// use dapple_core::Filtered;
+/// use dapple_denoise::relative_errors;
+///
+/// let image = Filtered { size: [2, 1], radiance: vec![[1.0; 3]; 2], error: Some(vec![0.5, f32::INFINITY]) };
+/// assert_eq!(relative_errors(&image, 0.0)?, [0.5, 0.5]);
+/// # Ok::<(), dapple_core::Error>(())
+/// ```
 ///
 /// # Errors
 ///

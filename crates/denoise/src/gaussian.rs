@@ -1,41 +1,65 @@
 //! The Gaussian filter.
 
 use crate::separable::separable;
-use crate::source::{mean_and_presence, normalised, squared_error, variances};
-use crate::weights::gaussian_weights;
-use dapple_core::{Error, Film, Filter, FilterMemory, Filtered, Frame, Needs};
+mod weights;
+
+use self::weights::gaussian_weights;
+use crate::parameters::out;
+use crate::pixel_means::{mean_and_presence, normalised, squared_error, variances};
+use dapple_core::{Error, Film, Filter, FilterMemory, Filtered, Frame, ImagePlanes, Needs};
 use rayon::prelude::*;
 
-/// A Gaussian blur of the pixels' means, with weights integrated over each pixel.
+/// A Gaussian blur of the pixel means, with weights integrated over each pixel.
 ///
-/// # The kernel
+/// ```
+/// use dapple_core::{Film, Filter, Frame, Needs};
+/// use dapple_denoise::Gaussian;
 ///
-/// Along each axis `max(0, exp(-alpha x^2) - exp(-alpha radius^2))`, `x` in pixels, the form of pbrt's
-/// Gaussian filter [after Pharr and Humphreys 2010, chapter 7]; in two dimensions the product. The weight
-/// of pixel `j` in the result of pixel `i` is the integral of the kernel, centred on `i`'s centre, over
-/// `j`'s square, and weights are divided by their sum over the pixels that exist and have samples. The
-/// result is what splatting infinitely many samples, spread evenly over every pixel, would give. It
-/// depends on the sample counts through their noise only: an edge stays where it is, however unequally
-/// the samples lie on its two sides. (Splatting the samples there are, `sum(w f) / sum(w)`, moves it.)
+/// let filter = Gaussian::new(0.5, 4.0)?; // the default
+/// let mut film = Film::new(Frame::new(9, 9)?, Needs::none());
+/// film.push(40, 0, [1.0; 3]); // the only sample of the image
+/// let image = filter.apply(&film)?;
+/// assert_eq!(image.radiance[0], [1.0; 3], "empty pixels are filled");
+/// # Ok::<(), dapple_core::Error>(())
+/// ```
 ///
-/// # The default
+/// # Kernel
 ///
-/// `alpha` 0.5 and `radius` 4: "kernel 0.5, width 8 px" of the cluster-adaptive thesis, read as a full
-/// support of 8 pixels. pbrt-v2's parameter `xwidth` is the half-width, by which 8 would be the radius. The
-/// two readings are nearly the same filter: no weight differs by more than 0.0003, of a largest weight of
-/// 0.147, the wider one's weights beyond 4.5 pixels add up to 7e-6 an axis, and the noise variance that is
-/// left differs by 0.3 %. The narrower one has 9 weights an axis, the wider one 17.
+/// Along each axis the kernel is `max(0, exp(-alpha x^2) - exp(-alpha radius^2))` with `x` in pixels.
+/// This is the form of pbrt's Gaussian filter [after Pharr and Humphreys 2010, chapter 7]. In two dimensions it is the
+/// product.
+///
+/// The weight of pixel `j` in the result of pixel `i` is the integral of the kernel over the square of `j`.
+/// The kernel is centred on the centre of `i`. Weights are normalised over the pixels that exist and have samples.
+///
+/// The result equals splatting infinitely many samples, spread evenly over every pixel.
+/// Sample counts affect only its noise: an edge stays in place even if its two sides have different counts.
+/// Splatting the actual samples, `sum(w f) / sum(w)`, would move the edge.
+///
+/// # Default
+///
+/// `alpha` is 0.5 and `radius` is 4 pixels. This reads "kernel 0.5, width 8 px" of the cluster-adaptive thesis as a
+/// full support of 8 pixels.
+/// The `xwidth` of pbrt-v2 is a half-width, which would make the radius 8. The two filters are nearly the same:
+///
+/// * No weight differs by more than 0.0003, of a largest weight of 0.147.
+/// * The wider kernel's weights beyond 4.5 pixels add up to 7e-6 per axis.
+/// * The remaining noise variance differs by 0.3 %.
+/// * The narrower kernel has 9 weights per axis, the wider one 17.
 ///
 /// # Pixels without samples
 ///
-/// are filled from their neighbours; black, with an infinite error, if no pixel in reach has samples.
+/// They are filled from their neighbours. If no pixel in reach has samples, they are black with an infinite error.
 ///
-/// # Errors of the result
+/// # Error
 ///
-/// [`Filtered::error`] is the sum of squared normalised weights times the variances of the pixels' means,
-/// from the film's halves or else its sample variance; `None` if the film has neither. It is the variance
-/// alone: **what the blur does to edges is bias, and not in it**. It takes the noise of different pixels
-/// as independent, and is infinite where a pixel in reach has samples but an unknown variance.
+/// [`Filtered::error`] is the sum of squared normalised weights times the variances of the pixel means.
+/// The variances come from the film's halves, or else from its sample variance. The error is `None` if the film has
+/// neither.
+///
+/// It is the variance only: **the blur of edges is bias and not included**. It treats the noise of different pixels as
+/// independent.
+/// It is infinite where a pixel in reach has samples but an unknown variance.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Gaussian {
     alpha: f64,
@@ -50,14 +74,13 @@ impl Default for Gaussian {
 }
 
 impl Gaussian {
-    /// A Gaussian with the falloff `alpha`, per square pixel (a standard deviation of
-    /// `sqrt(0.5 / alpha)` pixels), cut off at `radius` pixels from the centre, per axis.
+    /// A Gaussian with the falloff `alpha` per square pixel, cut off `radius` pixels from the centre along each axis.
+    /// The standard deviation is `sqrt(0.5 / alpha)` pixels.
     ///
     /// # Errors
     ///
     /// [`Error::OutOfRange`] unless `alpha` is finite and positive and `radius` in `(0, 64]`.
     pub fn new(alpha: f64, radius: f64) -> Result<Self, Error> {
-        let out = |name, value: f64, allowed| Err(Error::OutOfRange { name, value: value.to_string(), allowed });
         if !(alpha > 0.0 && alpha.is_finite()) {
             return out("alpha", alpha, "a finite number above 0; 0.5 is usual");
         }
@@ -67,23 +90,23 @@ impl Gaussian {
         Ok(Self { alpha, radius, weights: gaussian_weights(alpha, radius) })
     }
 
-    /// The falloff, per square pixel.
+    /// The falloff per square pixel.
     pub fn alpha(&self) -> f64 {
         self.alpha
     }
 
-    /// Where the kernel ends, in pixels from the centre along each axis.
+    /// The distance from the centre to the end of the kernel along each axis, in pixels.
     pub fn radius(&self) -> f64 {
         self.radius
     }
 
-    /// The weights of the pixels along one axis, `2 n + 1` of them, the pixel itself in the middle. They
-    /// are positive, even and sum to 1; a pixel's weight is the product of its column's and its row's.
+    /// The weights of the pixels along one axis: `2 n + 1` of them, the pixel itself in the middle. They are positive,
+    /// symmetric and sum to 1. A pixel's weight is the product of its column's and its row's.
     pub fn weights(&self) -> &[f64] {
         &self.weights
     }
 
-    /// The parameters, as descriptions give them.
+    /// The parameters, as in descriptions.
     pub(crate) fn parameters(&self) -> String {
         format!("alpha={},radius={}", self.alpha, self.radius)
     }
@@ -99,8 +122,10 @@ impl Filter for Gaussian {
     }
 
     fn memory(&self, frame: &Frame, needs: &Needs) -> FilterMemory {
-        // Sums of four numbers along rows, and of those along columns.
-        FilterMemory::new(frame, 2 * size_of::<[f64; 4]>(), needs.variance || needs.halves)
+        // Four sums along rows, and four along columns.
+        let known = needs.variance || needs.halves;
+        let image = if known { ImagePlanes::RadianceAndError } else { ImagePlanes::Radiance };
+        FilterMemory::new(frame, 2 * size_of::<[f64; 4]>(), image)
     }
 
     fn apply(&self, film: &Film) -> Result<Filtered, Error> {
@@ -112,6 +137,6 @@ impl Filter for Gaussian {
             separable(plane, &squares, |i| [variances[i]], |i, [sum]| squared_error(sum, sums[i][3]))
         });
         let radiance = sums.into_par_iter().with_min_len(1024).map(normalised).collect();
-        Ok(Filtered { size, radiance, error })
+        Ok(Filtered::new(size, radiance).with_error(error))
     }
 }

@@ -1,15 +1,15 @@
-//! Filters from per-pixel statistics to an image.
+//! Denoising filters: from per-pixel statistics to an image and its error, correct under unequal sample counts.
 //!
-//! * [`Gaussian`]: a blur, right under unequal sample counts;
-//! * [`ClusterGaussian`]: the same, kept within clusters of similar surfaces;
-//! * [`NlMeans`]: means of pixels whose surroundings look alike, the weights of each half from the other;
-//! * [`Bilateral`]: means of near pixels of a similar surface and colour;
-//! * [`ClusterRegression`]: planes fitted over first-hit features, twice, and the best of what it and others make.
+//! * [`Gaussian`]: a blur of the pixel means.
+//! * [`ClusterGaussian`]: the same, kept within clusters of similar surfaces.
+//! * [`NlMeans`]: non-local means. Each half of the samples is weighted by the other half.
+//! * [`Bilateral`]: a cross-bilateral filter over first-hit features, colours and clusters.
+//! * [`ClusterRegression`]: two passes of regression on first-hit features, and a choice by estimated error.
 //!
-//! [`relative_errors`] is what a sampler that follows a filter's own error asks for.
+//! [`relative_errors`] turns a filter's error estimate into scores for an adaptive sampler.
 //!
-//! Each is a [`Filter`](dapple_core::Filter): it reads a [`Film`](dapple_core::Film) and gives an image and,
-//! where the film knows the variance, the variance that is left.
+//! Each type is a [`Filter`](dapple_core::Filter). It reads a [`Film`](dapple_core::Film) and returns an image.
+//! If the film recorded variance, it also returns the error that is left.
 //!
 //! ```
 //! use dapple_core::{Film, Filter, Frame, Needs};
@@ -39,22 +39,23 @@
 //!
 //! # Guarantees
 //!
-//! * Filters act on per-pixel means: unequal counts do not move edges.
-//! * A constant stays that constant, at borders and beside pixels without samples too.
-//! * Each sum is taken by one task in a fixed order, and nothing is fused: the same bits for any number of threads, and on
-//!   any machine.
-//! * Pixels without samples are filled from their neighbours, and black with an infinite error where no
-//!   sample is in reach.
+//! * Unequal sample counts do not move edges.
+//! * A constant image stays that constant, also at borders and beside pixels without samples.
+//! * The result has the same bits on any number of threads and on any machine. Each sum is taken by one task in a fixed
+//!   order, without fused operations.
+//! * Pixels without samples are filled from their neighbours. If no sample is in reach, they are black with an infinite
+//!   error.
 //! * `NlMeans`, `Bilateral` and `ClusterRegression` are consistent: their bias vanishes as samples are added
-//!   (`tests/reconstruction/consistency.rs`).
+//!   (`tests/denoise/consistency.rs`).
 //!
 //! # Limits
 //!
-//! What the two Gaussians blur is bias, which stays however many samples are spent, and is not in their
-//! [`Filtered::error`](dapple_core::Filtered::error), which is variance only. The other three need two halves, whose
-//! difference shows their whole error, bias included; that estimate is smoothed over 15x15 pixels.
+//! The blur of the two Gaussians is bias. It stays however many samples are spent.
+//! Their [`Filtered::error`](dapple_core::Filtered::error) is the variance only.
+//!
+//! The other three filters need two halves of the samples.
+//! The difference between the halves shows the whole error, bias included. That estimate is smoothed over 7x7 pixels.
 
-// One file per filter; what several of them share is beside them.
 mod averaging;
 mod bilateral;
 mod cluster_gaussian;
@@ -63,20 +64,19 @@ mod error_map;
 mod gaussian;
 mod membership;
 mod nl_means;
+mod parameters;
+mod pixel_means;
 mod planes;
 mod prefilter;
 mod regression;
 mod separable;
-mod source;
 mod tile;
-mod weights;
 
 pub use bilateral::Bilateral;
 pub use cluster_gaussian::{ClusterGaussian, ClusterLookup};
 pub use cluster_regression::{ClusterRegression, Passes};
 pub use error_map::relative_errors;
 pub use gaussian::Gaussian;
-pub use membership::BACKGROUND;
 pub use nl_means::NlMeans;
 
 /// Runs the example of the README.

@@ -1,18 +1,17 @@
-//! Which clusters a pixel belongs to, and how far two pixels belong together.
+//! The clusters of a pixel, and the share that two pixels have in common.
 
-/// The class of what hit nothing or has no label.
-pub const BACKGROUND: u32 = u32::MAX;
+pub(crate) use dapple_core::BACKGROUND;
 
-/// How many samples of a pixel may vote on its clusters.
+/// The number of samples per pixel that may vote on its clusters.
 pub(crate) const MOST_VOTES: usize = 8;
 
-/// What a pixel belongs to.
+/// The clusters of a pixel.
 pub(crate) trait Membership: Sync {
     /// The share that two pixels have in common: 1 for the same cluster, 0 for different ones.
     fn overlap(&self, other: &Self) -> f64;
 }
 
-/// One cluster a pixel.
+/// One cluster per pixel.
 impl Membership for u32 {
     #[inline]
     fn overlap(&self, other: &Self) -> f64 {
@@ -20,10 +19,10 @@ impl Membership for u32 {
     }
 }
 
-/// The clusters of a pixel's first samples, by how many of them are in each.
+/// The clusters of a pixel's first samples, with the number of samples in each.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Votes {
-    /// Ascending; `len` of them count.
+    /// Ascending. The first `len` entries are used.
     clusters: [u32; MOST_VOTES],
     counts: [u8; MOST_VOTES],
     len: u8,
@@ -31,7 +30,7 @@ pub(crate) struct Votes {
 }
 
 impl Votes {
-    /// Counts the votes, the first eight of them.
+    /// Counts the first eight votes.
     pub(crate) fn count(labels: impl Iterator<Item = u32>) -> Self {
         let mut votes = [0; MOST_VOTES];
         let mut samples = 0;
@@ -50,10 +49,10 @@ impl Votes {
         counted
     }
 
-    /// The merge of two sorted lists, for pixels that are not pure.
+    /// The overlap of two sorted lists, for pixels of several clusters.
     #[inline(never)]
     fn merge(&self, other: &Self) -> f64 {
-        // A pixel of which nothing is known goes with everything.
+        // A pixel without samples matches every pixel.
         if self.samples == 0 || other.samples == 0 {
             return 1.0;
         }

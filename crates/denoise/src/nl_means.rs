@@ -1,49 +1,55 @@
-//! Non-local means with two halves.
+//! Non-local means over two halves of the samples.
 
 use crate::averaging::{Window, average, guide, memory};
 use crate::error_map::{Pair, filtered};
+use crate::parameters::{bandwidth, radius};
 use crate::planes::Inputs;
 use crate::tile::{FeatureScales, Likeness, REACH};
 use dapple_core::{Error, Film, Filter, FilterMemory, Filtered, Frame, Needs};
 
-/// What a filter that reads halves and features reads.
-pub(crate) const NEEDS: Needs = Needs::none().with_variance().with_halves().with_features();
-
-/// A parameter out of range.
-pub(crate) fn out<T>(name: &'static str, value: impl ToString, allowed: &'static str) -> Result<T, Error> {
-    Err(Error::OutOfRange { name, value: value.to_string(), allowed })
-}
-
-/// Refuses a bandwidth that is no number above 0.
-pub(crate) fn bandwidth(name: &'static str, value: f64) -> Result<f32, Error> {
-    let range = 1e-3..=1e3;
-    if range.contains(&value) { Ok(value as f32) } else { out(name, value, "0.001 to 1000 standard deviations") }
-}
-
-/// Refuses a radius that is too large.
-pub(crate) fn radius(name: &'static str, value: usize, most: usize) -> Result<usize, Error> {
-    let allowed = if most == REACH { "0 to 7 pixels to each side" } else { "0 to 3 pixels to each side" };
-    if value <= most { Ok(value) } else { out(name, value, allowed) }
-}
-
-/// Non-local means: each pixel the mean of pixels whose surroundings look alike.
+/// Non-local means: each pixel becomes the mean of pixels with similar surroundings.
 ///
-/// Two pixels' patches (`patch` to each side, 7x7 pixels by default) are compared by the mean over pixels and channels of
+/// The patches around two pixels `p` and `q` are compared by the mean over pixels and channels of
 ///
 /// `((u_p - u_q)^2 - (v_p + min(v_p, v_q))) / (k^2 (v_p + v_q))`
 ///
-/// with `u` the pixels' means and `v` their variances: what noise alone adds to the squared difference is taken off
-/// again. The weight is `exp(-max(0, d))`, and 0 below 0.05. Weights from one half filter the other, so that noise that
-/// they follow is not noise that they keep; the image is both halves' by their counts [after Rousselle 2012].
+/// where `u` is a pixel's mean and `v` its variance. The subtrahend is the squared difference that noise alone causes.
+/// The weight is `exp(-max(0, d))` of that mean `d`, and 0 below 0.05.
 ///
-/// Where this differs from what was published: windows are of at most 15x15 pixels (21x21 there); a pixel's variance is
-/// shrunk to that of 5x5 pixels, not scaled to that of the halves; a floor under it goes with 1 / n; each pixel counts
-/// by its samples; and there is one pass, without the adaptive sampling.
+/// Weights from one half of the samples filter the other half, so the filter does not keep the noise that its weights
+/// follow.
+/// The image is the mean of both halves, weighted by their counts [after Rousselle 2012].
 ///
-/// [`NlMeans::with_features`] compares first hits too, and colours without their albedo.
+/// [`NlMeans::with_features`] also compares first hits, and compares colours without their albedo.
 ///
-/// Pixels without samples are filled from their window, black if that has none. [`Filtered::error`] is an estimate of the
-/// whole squared error, bias included, from the halves.
+/// ```
+/// use dapple_core::{Film, Filter, Frame};
+/// use dapple_denoise::NlMeans;
+///
+/// let filter = NlMeans::new(5, 2, 0.6)?; // 11x11 windows, 5x5 patches
+/// let mut film = Film::new(Frame::new(16, 16)?, filter.needs());
+/// for pixel in 0..256 {
+///     for sample in 0..4 {
+///         // Samples go to the two halves in turns.
+///         film.push(pixel, sample % 2, [if (pixel + sample / 2) % 2 == 0 { 0.5 } else { 1.5 }; 3]);
+///     }
+/// }
+/// let image = filter.apply(&film)?;
+/// assert!(image.radiance.iter().all(|[red, ..]| (red - 1.0).abs() < 1e-5));
+/// # Ok::<(), dapple_core::Error>(())
+/// ```
+///
+/// # Differences from the paper
+///
+/// * Windows have at most 15x15 pixels, not 21x21.
+/// * A pixel's variance is shrunk to that of 5x5 pixels, not scaled to that of the halves. Its floor goes with 1 / n.
+/// * Each pixel counts by its samples.
+/// * There is one pass, without adaptive sampling.
+///
+/// # Result
+///
+/// Pixels without samples are filled from their window, or black if the window is empty.
+/// [`Filtered::error`] estimates the whole squared error from the halves, bias included.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NlMeans {
     window: usize,
@@ -53,14 +59,15 @@ pub struct NlMeans {
 }
 
 impl Default for NlMeans {
-    /// `k` 0.45 and patches of 7x7 pixels as published, windows of 15x15.
+    /// `k` 0.45 and patches of 7x7 pixels as published; windows of 15x15 pixels.
     fn default() -> Self {
         Self { window: REACH, patch: 3, k: 0.45, features: None }
     }
 }
 
 impl NlMeans {
-    /// Windows and patches of so many pixels to each side, differences measured in `k` standard deviations.
+    /// Windows and patches with this many pixels to each side. Colour differences are measured in `k` standard
+    /// deviations.
     ///
     /// # Errors
     ///
@@ -70,7 +77,7 @@ impl NlMeans {
         Ok(Self { window: radius("window", window, REACH)?, patch: radius("patch", patch, 3)?, k, features: None })
     }
 
-    /// The same; first hits' normals, albedo and depth weigh too, measured in `k` standard deviations.
+    /// Also compares the normals, albedo and depth of first hits, in units of `k` standard deviations.
     ///
     /// # Errors
     ///
@@ -85,7 +92,7 @@ impl NlMeans {
         Likeness { patch: self.patch, colour: self.k as f32, features: self.features.map(scales), outside: 1.0 }
     }
 
-    /// Both halves of a film filtered.
+    /// Filters both halves of a film.
     pub(crate) fn pair(&self, inputs: &Inputs) -> Pair {
         let demodulated = self.features.is_some();
         let guides = [0, 1].map(|half| guide(inputs, half, demodulated, demodulated));

@@ -1,33 +1,33 @@
-//! What the filters that look at two halves and at features read of a film: planes of one number a pixel.
+//! The planes that filters over halves and features read of a film.
 
 use crate::cluster_gaussian::ClusterLookup;
 use crate::membership::BACKGROUND;
 use dapple_core::Film;
 use rayon::prelude::*;
 
-/// One number a pixel, row by row.
+/// One value per pixel, row by row.
 pub(crate) type Plane = Vec<f32>;
 
-/// A colour a pixel.
+/// A colour per pixel.
 pub(crate) type Colours = [Plane; 3];
 
 /// Feature channels: shading normal, albedo, logarithm of depth.
 pub(crate) const FEATURES: usize = 7;
 
-/// Radiance above this, in units of the image's level, counts as this, so that fourth powers stay `f32`.
+/// The largest radiance in units of the image's level. Its fourth power fits `f32`.
 const BRIGHTEST: f32 = 1e9;
 
-/// The variance of a value of which nothing is known, in units of the squared level.
+/// The variance of an unknown value, in squared levels.
 const UNKNOWN: f32 = 1e6;
 
-/// A floor under the variance of a sample, in squared levels: 2 % of the level count for nothing at one sample, and less
-/// with more samples, so that filters stay consistent. Half of what 8 spp need for FEASIBILITY's 1e-4.
+/// The floor under the variance of a sample, in squared levels. It makes 2 % of the level negligible at one sample, and
+/// less with more samples, so filters stay consistent.
 const FLOOR: f32 = 4e-4;
 
-/// Albedo below this counts as this where colours are divided by it.
+/// The least albedo that colours are divided by.
 pub(crate) const LEAST_ALBEDO: f32 = 0.02;
 
-/// The samples' own variance counts as its `n - 1` degrees of freedom, that of 5x5 pixels as this many.
+/// The degrees of freedom of the variance of 5x5 pixels; the pixel's own variance has `n - 1`.
 const POOLED: f32 = 6.0;
 
 /// One half of a film.
@@ -36,39 +36,39 @@ pub(crate) struct Half {
     pub(crate) colour: Colours,
     /// Pooled variances of these means.
     pub(crate) variance: Colours,
-    /// Samples.
+    /// Sample counts.
     pub(crate) count: Plane,
 }
 
-/// First-hit features; those of misses are a zero normal, an albedo of 1, and far away.
+/// First-hit features. A miss has a zero normal, an albedo of 1 and a large depth.
 pub(crate) struct Features {
     /// Normal (3), albedo (3), logarithm of depth.
     pub(crate) mean: [Plane; FEATURES],
-    /// Variances of the means of normal, albedo (each the sum over its channels) and logarithm of depth.
+    /// Variances of the mean normal, albedo (each summed over its channels) and logarithm of depth.
     pub(crate) variance: [Plane; 3],
-    /// The same of position, the sum over its coordinates.
+    /// The variance of the mean position, summed over its coordinates.
     pub(crate) scatter: Plane,
-    /// By how much the logarithm of depth changes from pixel to pixel, the smallest of 3x3.
+    /// The change of the log depth from pixel to pixel, the smallest of 3x3.
     pub(crate) slope: Plane,
     /// Position, relative to the mean position.
     pub(crate) position: Colours,
-    /// One over the width of 24 pixels there.
+    /// The reciprocal width of 24 pixels at this depth.
     pub(crate) scale: Plane,
 }
 
 /// A film as planes.
 pub(crate) struct Inputs {
     pub(crate) size: [usize; 2],
-    /// Radiance of 1 here.
+    /// The radiance that counts as 1 here.
     pub(crate) level: f32,
     pub(crate) halves: [Half; 2],
     pub(crate) features: Features,
-    /// Each pixel's cluster, if there are clusters: only compared, so 24 bits of its number will do.
+    /// The cluster of each pixel, if there are clusters. Labels are only compared, so 24 bits suffice.
     pub(crate) labels: Option<Plane>,
 }
 
 impl Inputs {
-    /// Reads a film with halves, the sample variance and features; with first hits if there is a `label`.
+    /// Reads a film with halves, sample variance and features; with first hits if there is a `label`.
     pub(crate) fn new(film: &Film, label: Option<&ClusterLookup>) -> Self {
         let size = film.frame().size().map(|n| n as usize);
         let level = level(film);
@@ -81,12 +81,12 @@ impl Inputs {
         Self { size, level, halves, features: features(film), labels }
     }
 
-    /// Bytes per pixel of these planes: when they are made, and the most while they are.
+    /// The bytes per pixel of these planes: those kept, and the maximum while they are made.
     pub(crate) const fn bytes_per_pixel(labels: bool) -> [usize; 2] {
         let (halves, labels) = (2 * 7, if labels { 1 } else { 0 });
         let features = FEATURES + 3 + 1 + 1 + 3 + 1;
-        // Planes of features come last: depths, what is known of each pixel, and the same filled in, are still there, as are
-        // the samples' pooled variances.
+        // The planes of features are made last. Depths, known and filled features, and the pooled variances still exist
+        // then.
         let known = size_of::<Option<f32>>() + size_of::<Option<Feature>>() + size_of::<Feature>();
         let kept = halves + features + labels;
         [4 * kept, 4 * (kept + 3) + known]
@@ -97,19 +97,19 @@ impl Inputs {
         self.size[0] * self.size[1]
     }
 
-    /// The share of the first half in pixel `i`; one half where the pixel has no samples.
+    /// The share of the first half in the samples of pixel `i`; one half if it has none.
     pub(crate) fn first_share(&self, i: usize) -> f32 {
         let (a, b) = (self.halves[0].count[i], self.halves[1].count[i]);
         if a + b > 0.0 { a / (a + b) } else { 0.5 }
     }
 
-    /// Each pixel's albedo channel, as far from zero as a division wants it.
+    /// The albedo of a pixel, bounded away from zero for a division.
     pub(crate) fn divisor(&self, channel: usize, i: usize) -> f32 {
         self.features.mean[3 + channel][i].max(LEAST_ALBEDO)
     }
 }
 
-/// Computes something for every pixel.
+/// Computes a value for every pixel.
 pub(crate) fn per_pixel<T: Send>(film: &Film, f: impl Fn(usize) -> T + Sync + Send) -> Vec<T> {
     (0..film.frame().pixels()).into_par_iter().with_min_len(1024).map(f).collect()
 }
@@ -124,11 +124,11 @@ fn level(film: &Film) -> f32 {
     let middle = lit.len() / 2;
     let cap = 8.0 * *lit.select_nth_unstable_by(middle, f32::total_cmp).1;
     let mean = grey.iter().map(|g| f64::from(g.min(cap))).sum::<f64>() / grey.len() as f64;
-    // Not so small that dividing by it is not finite.
+    // Not so small that a division by it overflows.
     (mean as f32).clamp(1e-18, 1e18)
 }
 
-/// The variance of one sample in each pixel, its own shrunk to that of its surroundings, in squared levels.
+/// The variance of one sample in each pixel, shrunk towards that of its surroundings, in squared levels.
 fn pooled_variance(film: &Film, level: f32) -> Colours {
     let size = film.frame().size().map(|n| n as usize);
     let unit = 1.0 / f64::from(level);
@@ -156,7 +156,7 @@ fn half(film: &Film, half: usize, level: f32, sample_variance: &Colours) -> Half
     let unit = 1.0 / f64::from(level);
     let of = |i: usize| {
         let moments = film.half(half, i).unwrap_or_default();
-        // What is missing is taken from the other half: its variance says what that is worth.
+        // A missing half takes the film's mean. Its variance is UNKNOWN.
         let [r, g, b] = if moments.count > 0 { moments.mean } else { film.mean(i) };
         let value = |x: f64| ((x * unit) as f32).min(BRIGHTEST);
         [value(r), value(g), value(b), moments.count as f32]
@@ -171,7 +171,7 @@ fn half(film: &Film, half: usize, level: f32, sample_variance: &Colours) -> Half
     Half { colour, variance, count }
 }
 
-/// Features of one pixel: means (normal, albedo, logarithm of depth, position), depth, variances of means, presence.
+/// The features of one pixel: means (normal, albedo, logarithm of depth, position), their variances, depth.
 #[derive(Clone, Copy, Default)]
 struct Feature {
     mean: [f32; 10],
@@ -204,7 +204,7 @@ fn features(film: &Film) -> Features {
     }
 }
 
-/// The mean of all positions, in f64: they may lie far from the origin.
+/// The mean of all positions, in f64 because they may lie far from the origin.
 fn centre(film: &Film) -> [f64; 3] {
     let (mut sum, mut count) = ([0.0; 3], 0.0);
     for feature in (0..film.frame().pixels()).filter_map(|i| film.features(i)).filter(|f| f.hits > 0) {
@@ -214,7 +214,7 @@ fn centre(film: &Film) -> [f64; 3] {
     sum.map(|s| s / f64::max(count, 1.0))
 }
 
-/// Pixel `i`, its misses blended in; `None` without samples.
+/// The features of pixel `i` with its misses blended in; `None` without samples.
 fn feature(film: &Film, i: usize, far: f32, middle: [f64; 3]) -> Option<Feature> {
     let f = film.features(i).filter(|f| f.samples > 0)?;
     let share = f.hits as f32 / f.samples as f32;
@@ -235,19 +235,19 @@ fn feature(film: &Film, i: usize, far: f32, middle: [f64; 3]) -> Option<Feature>
         (share * within[k] + share * (1.0 - share) * gap * gap) / f.samples as f32
     };
     let variance = [spread(0) + spread(1) + spread(2), spread(3) + spread(4) + spread(5), spread(6)];
-    // What normals and albedo never reach; positions whose squares are finite.
+    // Bounds that valid normals and albedos never reach; positions keep finite squares.
     let within = |k: usize| if k < 6 { mean[k].clamp(-16.0, 16.0) } else { mean[k].clamp(-1e18, 1e18) };
     let scatter = (spread(7) + spread(8) + spread(9)).min(1e30);
     Some(Feature { mean: std::array::from_fn(within), variance: variance.map(|v| v.min(UNKNOWN)), scatter, depth })
 }
 
-/// The natural logarithm of a positive normal number, to 2 units in the last place of the larger of it and 1: the same bits
-/// on every machine, which those of the standard library need not be.
+/// The natural logarithm of a positive normal number, with the same bits on every machine (the standard library's may
+/// differ). Its error is at most 2 units in the last place of `max(1, |ln x|)`.
 ///
-/// `x = 2^e m` with `m` in about 0.7 .. 1.4, and `ln m = 2 artanh((m - 1) / (m + 1))`; what its series leaves out after the
-/// ninth power is below 1e-9.
+/// `x = 2^e m` with `m` in about 0.7 .. 1.4, and `ln m = 2 artanh((m - 1) / (m + 1))`. The series ends after the ninth
+/// power; the remainder is below 1e-9.
 fn ln(x: f32) -> f32 {
-    /// The bits of the square root of 1/2: the least mantissa.
+    /// The bits of the square root of 1/2, the least mantissa.
     const LEAST: u32 = 0x3f35_04f3;
     let exponent = (x.to_bits().wrapping_sub(LEAST) as i32) >> 23;
     let m = f32::from_bits(x.to_bits().wrapping_sub((exponent << 23) as u32));
@@ -257,7 +257,7 @@ fn ln(x: f32) -> f32 {
     exponent as f32 * std::f32::consts::LN_2 + series
 }
 
-/// The mean of the known pixels of 5x5.
+/// The mean of the known pixels among 5x5.
 fn from_neighbours(known: &[Option<Feature>], [width, height]: [usize; 2], i: usize) -> Option<Feature> {
     let (x, y) = (i % width, i / width);
     let mut sum = Feature::default();
@@ -280,7 +280,7 @@ fn from_neighbours(known: &[Option<Feature>], [width, height]: [usize; 2], i: us
     (count > 0.0).then_some(mean)
 }
 
-/// How wide a pixel is at a distance of 1, about: the lower quartile of what positions change from pixel to pixel.
+/// The approximate width of a pixel at distance 1: the lower quartile of the steps between neighbouring positions.
 fn pixel_angle(position: &Colours, all: &[Feature], [width, _]: [usize; 2]) -> f32 {
     let step = |i: usize| {
         let apart = position.iter().map(|p| (p[i + 1] - p[i]).powi(2)).sum::<f32>().sqrt();
@@ -313,7 +313,7 @@ fn slopes(depth: &[f32], size: [usize; 2]) -> Plane {
     (0..depth.len()).into_par_iter().with_min_len(1024).map(smallest).collect()
 }
 
-/// The mean over `(2 radius + 1)^2` pixels; the border's pixels stand for those beyond it.
+/// The mean over `(2 radius + 1)^2` pixels. The border repeats beyond the frame.
 pub(crate) fn box_mean(plane: &[f32], [width, height]: [usize; 2], radius: usize) -> Plane {
     let share = 1.0 / (2 * radius + 1) as f32;
     let mut across = vec![0.0; plane.len()];
@@ -344,7 +344,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn logarithms_are_logarithms() {
+    fn logarithms_are_accurate() {
         let near_one = (0..20_000).map(|k| 0.5 + k as f32 * 1e-4);
         let all =
             (-59..=59).map(|e| 2.0f32.powi(e) * 1.1).chain(near_one).chain([1e-18, 1e18, 2e18, f32::MIN_POSITIVE]);

@@ -1,5 +1,6 @@
-//! Weighted first-order regression on features, in windows around every second pixel of every second row; what each
-//! window predicts for its pixels is averaged (collaborative, after [Bitterli 2016]).
+//! Weighted first-order regression on features, in windows around every second pixel of every second row.
+//!
+//! The predictions of all windows for a pixel are averaged (collaborative regression, after [Bitterli 2016]).
 
 #![expect(clippy::needless_range_loop, reason = "several arrays run along, as in the formulas")]
 
@@ -13,30 +14,31 @@ use dapple_core::Frame;
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
-/// What is regressed on: normal (3), albedo (3), position (3).
+/// The regressors: normal (3), albedo (3), position (3).
 const REGRESSORS: usize = 9;
-/// These and three colour channels of either half.
+/// The regressors and three colour channels of either half.
 const VALUES: usize = REGRESSORS + 6;
-/// Radius of the patches that are compared.
+/// The radius of the compared patches.
 const PATCH: usize = 1;
-/// Pixels of a window to each side.
+/// The radius of a window in pixels.
 const REACH: usize = 6;
-/// Pixels along a window.
+/// The width of a window in pixels.
 const SIDE: usize = 2 * REACH + 1;
-/// Rows of a tile that have windows' centres.
+/// The rows of window centres in a tile.
 const CENTRES: usize = HEIGHT / 2;
-/// Weights below this count for nothing.
+/// Weights below this count as 0.
 const NEGLIGIBLE: f32 = 1e-3;
-/// A share of the weights' sum on the diagonal of the normal equations (FEASIBILITY 4, step 6).
+/// The share of the total weight that is added to the diagonal of the normal equations.
 const RIDGE: f32 = 1e-3;
-/// Least pivot, relative to its diagonal: directions of which rounding leaves less are dropped.
+/// The least pivot relative to its diagonal. Directions below it are lost to rounding and dropped.
 const PIVOT: f32 = 1e-5;
-/// What windows give away to either side of a tile.
+/// The size of a tile and the surroundings that its windows predict.
 const HALO: [usize; 2] = [WIDTH + 2 * REACH, HEIGHT + 2 * REACH];
 
-/// Both halves filtered: the weights of each come from the other half's guide, or of both from a single one. Where no window's centre is like a pixel
-/// (every second one is none), the image `beside` stands in, with the weight `share`; a pixel at its window's centre
-/// has 1.
+/// Filters both halves. The weights of each come from the other half's guide, or from a single guide for both.
+///
+/// If no window's centre resembles a pixel, the image `beside` stands in: it has the weight `share`, while a
+/// window's centre has 1. Every second pixel is no centre.
 pub(crate) fn regress<const G: usize>(
     inputs: &Inputs,
     guides: &[Guide; G],
@@ -48,7 +50,7 @@ pub(crate) fn regress<const G: usize>(
         let of = |i: usize| {
             let share = inputs.first_share(i);
             let [a, b] = [0, 1].map(|h| inputs.halves[h].colour[c][i]);
-            // Not so far from everything else that subtracting it loses digits.
+            // Bounded, so that subtracting it loses no digits.
             (b + share * (a - b)).min(8.0)
         };
         box_mean(&(0..inputs.pixels()).map(of).collect::<Plane>(), inputs.size, 1)
@@ -64,15 +66,15 @@ pub(crate) fn regress<const G: usize>(
     merge(inputs.size, &tiles, beside, share)
 }
 
-/// Bytes that [`regress`] takes at most with so many guides (their own included), its result included.
+/// The memory of [`regress`] in bytes at most, with so many guides; includes the guides and the result.
 pub(crate) fn bytes(frame: &Frame, guides: usize) -> u64 {
-    // Guides, references, sharpness; sums by rows and the result beside the tiles that they are put together from.
+    // Guides, references, sharpness; sums by rows and the result, beside the tiles that they are assembled from.
     let planes = 4 * guides + 3 + 3 + 8 + 6;
     let tiles = tiles(frame.size()) * (4 * 8 * HALO[0] * HALO[1]) as u64;
     frame.bytes(4 * planes).saturating_add(tiles)
 }
 
-/// One tile's windows; gives sums of weighted predictions and of weights, for a tile and its halo.
+/// The windows of one tile. Its result is the sums of weighted predictions and of weights for the tile and its halo.
 struct TileTask<'a, const G: usize> {
     inputs: &'a Inputs,
     guides: &'a [Guide; G],
@@ -82,15 +84,15 @@ struct TileTask<'a, const G: usize> {
     origin: [usize; 2],
 }
 
-/// A tile's copies of what is regressed: the regressors, the colours and counts of both halves.
+/// A tile's copies of the regressors and of the colours and counts of both halves.
 type Data = Stack<17>;
-/// Where the first half's colours begin, and counts.
+/// The first plane of the first half's colours. [`COUNTS`] is that of the counts.
 const COLOURS: usize = REGRESSORS;
 const COUNTS: usize = REGRESSORS + 6;
-/// What belongs to windows' centres: one over the width of 24 pixels there, and reference colours.
+/// The planes of window centres: the reciprocal width of 24 pixels there, and the reference colour.
 type Centres = Stack<4>;
 
-/// Weights by one guide: by offset, then row of centres.
+/// The weights by one guide, by offset and row of centres.
 type Weights = Vec<[Row; CENTRES]>;
 
 impl<const G: usize> WithSimd for TileTask<'_, G> {
@@ -107,7 +109,7 @@ impl<const G: usize> WithSimd for TileTask<'_, G> {
         for row in 0..rows.div_ceil(2) {
             for block in 0..columns.div_ceil(S::F32_LANES) {
                 let at = [2 * row, block];
-                // No closures: what they hold would not be compiled for this machine's vectors.
+                // No closures: their bodies would not be compiled for this machine's vectors.
                 let fits = fit(simd, &data, &centres, &weights, at);
                 predict(simd, &data, &centres, &weights, &fits, at, &mut sums);
             }
@@ -168,13 +170,13 @@ fn weigh<S: Simd, const G: usize>(simd: S, tile: &Tile, guides: &[LocalGuide; G]
     weights
 }
 
-/// A window's plane: the intercept at its centre and the slopes of each channel.
+/// The plane fitted in a window: the intercept at its centre and the slopes of each channel.
 struct Fit<S: Simd> {
     intercept: [S::f32s; 3],
     slopes: [[S::f32s; 3]; REGRESSORS],
 }
 
-/// The regressors at the pixels that lie `offset` from the centres, relative to these.
+/// The regressors of the pixels at an offset from the window centres, relative to these.
 #[inline(always)]
 fn regressors<S: Simd>(
     simd: S,
@@ -205,10 +207,10 @@ fn centre<S: Simd>(simd: S, data: &Data, [y, block]: [usize; 2]) -> [S::f32s; RE
     values
 }
 
-/// The sums that make the normal equations: `[a][b]` of regressor `a - 1` (1 for `a` 0) times value `b`.
+/// The sums of the normal equations: `[a][b]` of regressor `a - 1` (1 for `a` 0) times value `b`.
 type Sums<S> = [[<S as Simd>::f32s; VALUES]; REGRESSORS + 1];
 
-/// Fits both halves' colours in the windows of as many centres as there are lanes.
+/// Fits the colours of both halves in as many windows as there are lanes.
 #[inline(always)]
 fn fit<S: Simd, const G: usize>(
     simd: S,
@@ -241,7 +243,7 @@ fn fit<S: Simd, const G: usize>(
             let number: [S::f32s; G] = counts(simd, there, block);
             for g in 0..G {
                 let count = count_weights(simd, own[g], number[g]);
-                // The other half's, if there are two.
+                // The weights of the other half, if there are two guides.
                 let weight = vectors::<S>(&weights[G - 1 - g][down * SIDE + across][y / 2])[block];
                 let weight = simd.mul_f32s(weight, count);
                 total[g] = simd.add_f32s(total[g], weight);
@@ -276,7 +278,7 @@ fn fit<S: Simd, const G: usize>(
     ]
 }
 
-/// The samples that the weights by each guide stand for: one half's, or both halves' together.
+/// The sample counts behind the weights of each guide: those of one half, or of both together.
 #[inline(always)]
 fn counts<S: Simd, const G: usize>(simd: S, row: &[S::f32s], block: usize) -> [S::f32s; G] {
     let step = stride::<S>();
@@ -299,7 +301,7 @@ fn accumulate<S: Simd>(
     sums: &mut Sums<S>,
 ) {
     for a in 0..=REGRESSORS {
-        // Sums left of the diagonal are not read; where groups begin there, they cost less than their absence.
+        // Sums left of the diagonal are not read. Skipping them would cost more than the groups that begin there.
         for b in [0, 3, 6] {
             if a <= b + 3 {
                 add_products(simd, &weighted[a], [&apart[b], &apart[b + 1], &apart[b + 2]], &mut sums[a], b);
@@ -338,7 +340,8 @@ fn covariance<S: Simd>(
     simd.sub_f32s(simd.mul_f32s(sums[a + 1][b], share), simd.mul_f32s(mean[a], mean[b]))
 }
 
-/// Solves the normal equations, centred at the weighted means, by `L D L^T`, for the colours that begin at value `colours`.
+/// Solves the normal equations, centred at the weighted means, by `L D L^T`. The right-hand sides are the colours that
+/// begin at value `colours`.
 #[inline(always)]
 fn solve<S: Simd>(simd: S, total: S::f32s, sums: &Sums<S>, colours: usize, reference: &[S::f32s; 3]) -> Fit<S> {
     let (zero, one) = (simd.splat_f32s(0.0), simd.splat_f32s(1.0));
@@ -391,8 +394,8 @@ fn solve<S: Simd>(simd: S, total: S::f32s, sums: &Sums<S>, colours: usize, refer
     Fit { intercept, slopes: right }
 }
 
-/// Gives what both halves' windows predict to the pixels in them. A row of `sums` has red, green, blue and weight of
-/// either half, one after the other.
+/// Adds the predictions of both halves' windows to the pixels in them. A row of `sums` holds red, green, blue and
+/// weight of the first half, then of the second.
 #[inline(always)]
 fn predict<S: Simd, const G: usize>(
     simd: S,
@@ -431,7 +434,7 @@ fn predict<S: Simd, const G: usize>(
     }
 }
 
-/// The sums of a tile and its halo, eight a pixel.
+/// The sums of a tile and its halo, eight per pixel.
 fn cropped(sums: &[[f32; 8 * COLUMNS]]) -> Vec<f32> {
     let [width, height] = HALO;
     let skip = MARGIN - REACH;
@@ -446,7 +449,7 @@ fn cropped(sums: &[[f32; 8 * COLUMNS]]) -> Vec<f32> {
     all
 }
 
-/// Adds the tiles up, in their order, and divides.
+/// Adds up the tiles in their order and divides by the weights.
 fn merge([width, height]: [usize; 2], tiles: &[Vec<f32>], beside: &Pair, share: f32) -> [Colours; 2] {
     let columns = width.div_ceil(WIDTH);
     let row = |y: usize| -> Vec<f32> {
@@ -480,7 +483,7 @@ fn merge([width, height]: [usize; 2], tiles: &[Vec<f32>], beside: &Pair, share: 
         std::array::from_fn(|c| {
             let finish = |row: &Vec<f32>| -> Vec<f32> {
                 let [values, weights] = [c, 3].map(|plane| &row[(4 * half + plane) * width..][..width]);
-                // Without a weight there is no sample in reach.
+                // Without a weight no sample is in reach.
                 let mean = |(v, w): (&f32, &f32)| if *w > 0.0 { (v / w).max(0.0) } else { 0.0 };
                 values.iter().zip(weights).map(mean).collect()
             };

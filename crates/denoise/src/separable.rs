@@ -2,11 +2,13 @@
 
 use rayon::prelude::*;
 
-/// For each pixel of a `width` x `height` plane, the sum of `read(i)` over its surroundings with weight
-/// `weights[dx + n] weights[dy + n]` (`weights` has `2 n + 1` entries); pixels outside count as zeros.
-/// `finish` makes the result from the pixel's number and its sums.
+/// The sum of `read(i)` over the surroundings of each pixel of a `width` x `height` plane, with the weight `weights[dx
+/// + n] weights[dy + n]`.
 ///
-/// Rows run in parallel; each sum is taken by one task in a fixed order.
+/// `weights` has `2 n + 1` entries. Pixels outside the plane count as zeros.
+/// `finish` turns a pixel's index and its sums into the result.
+///
+/// Rows run in parallel. Each sum is taken by one task in a fixed order.
 pub(crate) fn separable<const N: usize, T: Send + Default + Clone>(
     [width, height]: [usize; 2],
     weights: &[f64],

@@ -1,8 +1,10 @@
-//! Weights between pixels of a tile and the pixels around them, many at once.
+//! Weights between the pixels of a tile and the pixels around them, computed many at once.
 //!
-//! A tile's planes are copied with a margin, even and odd columns apart: what belongs to every second pixel then lies
-//! side by side, and loops over it become vectors. Nothing here adds up over pixels in an order of the compiler's
-//! choice, and nothing is fused, so that every machine gets the same bits.
+//! A tile's planes are copied with a margin, even and odd columns apart. Data of every second pixel is then contiguous,
+//! and loops over it become vectors.
+//!
+//! No sum over pixels leaves its order to the compiler and no operation is fused, so every machine computes the same
+//! bits.
 
 #![expect(clippy::needless_range_loop, reason = "several arrays run along, as in the formulas")]
 
@@ -13,7 +15,7 @@ use pulp::Simd;
 pub(crate) const WIDTH: usize = 64;
 /// Height of a tile in pixels.
 pub(crate) const HEIGHT: usize = 16;
-/// Pixels to each side from which windows (7) and the patches in them (3) read; even.
+/// Pixels to each side that windows (7) and their patches (3) read; even.
 pub(crate) const MARGIN: usize = 10;
 /// The largest radius of a window.
 pub(crate) const REACH: usize = 7;
@@ -23,18 +25,18 @@ pub(crate) const COLUMNS: usize = 48;
 pub(crate) const ROWS: usize = HEIGHT + 2 * MARGIN;
 /// Pixels of one parity in a row of a tile.
 pub(crate) const LANES: usize = WIDTH / 2;
-/// Columns of one parity for which differences are computed: `LANES` and what patches read beside them.
+/// Columns of one parity for which differences are computed: `LANES` and the columns that patches read beside them.
 const SPAN: usize = 40;
 
-/// One number for each of a row's pixels of one parity.
+/// One value for each pixel of one parity in a row.
 pub(crate) type Row = [f32; LANES];
 
-/// Planes of a tile: of each row the even columns of all of them, one after the other, then the odd ones. So one place
-/// leads to all planes of a pixel.
+/// Planes of a tile. Each row holds the even columns of all planes, one plane after the other, then the odd ones. One
+/// index leads to all planes of a pixel.
 pub(crate) struct Stack<const P: usize>(Vec<f32>);
 
 impl<const P: usize> Stack<P> {
-    /// Copies the surroundings of the tile at `origin`; pixels beyond the frame are those of the border.
+    /// Copies the surroundings of the tile at `origin`. Pixels beyond the frame repeat the border.
     pub(crate) fn new(planes: [&[f32]; P], size: [usize; 2], origin: [usize; 2]) -> Self {
         let mut stack = Self(vec![0.0; 2 * ROWS * P * COLUMNS]);
         for (k, plane) in planes.into_iter().enumerate() {
@@ -45,7 +47,7 @@ impl<const P: usize> Stack<P> {
 
     fn fill(&mut self, k: usize, plane: &[f32], [width, height]: [usize; 2], origin: [usize; 2]) {
         let mut padded = [0.0; WIDTH + 2 * MARGIN];
-        // Columns beyond the frame on the left, the first one in it, and how many are in it.
+        // Columns beyond the frame on the left, the first one inside, and the number inside.
         let before = MARGIN.saturating_sub(origin[0]);
         let first = origin[0] + before - MARGIN;
         let within = (padded.len() - before).min(width - first);
@@ -77,14 +79,14 @@ impl<const P: usize> Stack<P> {
         }
     }
 
-    /// `count` columns of each plane from column `start` of row `y` and a parity on, in the margin's count: plane `k`
-    /// begins at `k * COLUMNS`.
+    /// `count` columns of each plane, from a row, a parity and a first column on. The indices include the margin. Plane
+    /// `k` begins at `k * COLUMNS`.
     #[inline(always)]
     fn from(&self, [y, parity, start]: [usize; 3], count: usize) -> &[f32] {
         &self.0[(2 * y + parity) * P * COLUMNS + start..][..(P - 1) * COLUMNS + count]
     }
 
-    /// The pixels of the tile in row `y` whose columns are of `parity`, moved by (dx, dy).
+    /// The tile's pixels in row `y` with columns of one parity, moved by (dx, dy).
     #[inline(always)]
     pub(crate) fn moved(&self, y: usize, parity: usize, [dx, dy]: [isize; 2]) -> &[f32] {
         let (parity, shift) = moved(parity, dx);
@@ -93,24 +95,24 @@ impl<const P: usize> Stack<P> {
     }
 }
 
-/// Vectors from the start of one plane of a [`Stack`] to that of the next.
+/// The number of vectors from the start of one plane of a [`Stack`] to the start of the next.
 #[inline(always)]
 pub(crate) const fn stride<S: Simd>() -> usize {
     COLUMNS / S::F32_LANES
 }
 
-/// The parity of a column moved by `dx`, and by how many columns of that parity it moves.
+/// The parity of a column moved by `dx`, and the shift in columns of that parity.
 #[inline(always)]
 fn moved(parity: usize, dx: isize) -> (usize, isize) {
     let column = parity as isize + dx;
     ((column & 1) as usize, column >> 1)
 }
 
-/// What pixels' likeness is judged by: a colour and its variance (the sum over the channels, or one each).
+/// A colour and its variance, by which pixels are compared.
 pub(crate) struct Guide {
     /// Colour.
     pub(crate) colour: Colours,
-    /// One plane: channels are pooled. Three: each is judged by itself [after Rousselle 2012].
+    /// One plane pools the channels. Three planes judge each channel by itself [after Rousselle 2012].
     pub(crate) variance: Vec<Plane>,
 }
 
@@ -122,39 +124,39 @@ pub(crate) enum LocalGuide {
     Each(Stack<6>),
 }
 
-/// Scales of squared feature differences below which they count for little, whatever their variance.
+/// The scales of squared feature differences. Smaller differences count little, whatever their variance.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct FeatureScales {
-    /// The bandwidth: differences are measured in this many standard deviations.
+    /// The bandwidth in standard deviations.
     pub(crate) bandwidth: f32,
     /// Floors under the variances of normal and albedo.
     pub(crate) floors: [f32; 2],
 }
 
-/// Which pixels a window compares, and how.
+/// The rules by which the pixels of a window are compared.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Likeness {
-    /// Radius of the patches that are compared.
+    /// The radius of the compared patches in pixels.
     pub(crate) patch: usize,
-    /// Differences of colours are measured in this many standard deviations.
+    /// The bandwidth of colour differences in standard deviations.
     pub(crate) colour: f32,
-    /// The same of features; `None` for none.
+    /// The scales of feature differences; `None` to ignore features.
     pub(crate) features: Option<FeatureScales>,
     /// The factor for pixels of another cluster.
     pub(crate) outside: f32,
 }
 
-/// One tile: where it is, and its copies of what weights are made of.
+/// A tile: its place and its copies of the planes that weights are computed from.
 pub(crate) struct Tile {
     pub(crate) origin: [usize; 2],
     size: [usize; 2],
-    /// Means (7), variances of normal, albedo, depth, and one over the scales of their squared differences.
+    /// Means (7), variances of normal, albedo and depth, and the reciprocal scales of their squared differences.
     features: Option<Stack<13>>,
     labels: Option<Stack<1>>,
 }
 
 impl Tile {
-    /// The tile at `origin`; `sharpness` as [`sharpness`] gives it.
+    /// The tile at `origin`, with the planes that [`sharpness`] returns.
     pub(crate) fn new(inputs: &Inputs, origin: [usize; 2], like: &Likeness, sharpness: Option<&[Plane; 3]>) -> Self {
         let size = inputs.size;
         let features = sharpness.map(|sharp| {
@@ -168,7 +170,7 @@ impl Tile {
         Self { origin, size, features, labels }
     }
 
-    /// Rows and, of either parity, columns of the tile that are in the frame; the latter rounded up.
+    /// The tile's rows inside the frame, and its columns of either parity, rounded up.
     #[inline(always)]
     pub(crate) fn extent(&self) -> [usize; 2] {
         let [width, height] = [0, 1].map(|k| self.size[k] - self.origin[k]);
@@ -185,7 +187,7 @@ impl Tile {
     }
 }
 
-/// One over the scales of squared differences of normal, albedo and depth.
+/// The reciprocal scales of squared differences of normal, albedo and depth.
 pub(crate) fn sharpness(features: &Features, scales: &FeatureScales) -> [Plane; 3] {
     let square = scales.bandwidth * scales.bandwidth;
     std::array::from_fn(|k| {
@@ -196,8 +198,8 @@ pub(crate) fn sharpness(features: &Features, scales: &FeatureScales) -> [Plane; 
 }
 
 impl LocalGuide {
-    /// Differences between `SPAN` columns and as many others, each from a row, a parity and a first column on: in units of
-    /// their variance, what that alone makes of them taken off.
+    /// Differences between two runs of `SPAN` columns, each from a row, a parity and a first column on. They are in
+    /// units of their variance, less the expected difference due to noise.
     #[inline(always)]
     fn differences<S: Simd>(&self, simd: S, here: [usize; 3], there: [usize; 3], out: &mut [f32; SPAN]) {
         let out = S::as_mut_simd_f32s(out).0;
@@ -231,20 +233,20 @@ impl LocalGuide {
     }
 }
 
-/// A row's vectors.
+/// The vectors of a row.
 #[inline(always)]
 pub(crate) fn vectors<S: Simd>(row: &[f32]) -> &[S::f32s] {
     S::as_simd_f32s(row).0
 }
 
-/// By how much a squared difference exceeds what the variances alone make of it, in units of these.
+/// The excess of a squared difference over its expectation from the variances, in units of the variances.
 #[inline(always)]
 fn excess<S: Simd>(simd: S, square: S::f32s, vp: S::f32s, vq: S::f32s) -> S::f32s {
     let expected = simd.add_f32s(vp, simd.min_f32s(vp, vq));
     simd.div_f32s(simd.sub_f32s(square, expected), simd.add_f32s(vp, vq))
 }
 
-/// Room for the differences of one guide at one offset, and their sums over patches.
+/// Buffers for the differences of one guide at one offset, and for their sums over patches.
 pub(crate) struct Differences {
     pointwise: Vec<[f32; COLUMNS]>,
     column_sums: [[f32; COLUMNS]; 2],
@@ -255,7 +257,7 @@ impl Differences {
         Self { pointwise: vec![[0.0; COLUMNS]; 2 * ROWS], column_sums: [[0.0; COLUMNS]; 2] }
     }
 
-    /// Compares the tile's first `rows` rows and those that patches of radius `R` reach with what lies `offset` from them.
+    /// Compares the tile's first `rows` rows, and those that patches of radius `R` reach, with the pixels at `offset`.
     #[inline(always)]
     pub(crate) fn compare<S: Simd, const R: usize>(
         &mut self,
@@ -276,7 +278,7 @@ impl Differences {
         }
     }
 
-    /// Sums the compared columns around row `y` of the tile: before [`Differences::patches`].
+    /// Sums the compared columns around row `y` of the tile, for [`Differences::columns`].
     #[inline(always)]
     pub(crate) fn sum_columns<S: Simd, const R: usize>(&mut self, simd: S, y: usize) {
         for parity in 0..2 {
@@ -292,7 +294,7 @@ impl Differences {
         }
     }
 
-    /// The columns that patches around a row's pixels of `parity` sum up.
+    /// The columns that patches around the row's pixels of one parity sum up.
     #[inline(always)]
     fn columns<S: Simd, const R: usize>(&self, parity: usize) -> [&[S::f32s]; 7] {
         let mut columns: [&[S::f32s]; 7] = [&[]; 7];
@@ -306,8 +308,8 @@ impl Differences {
 }
 
 impl Tile {
-    /// The weights of the pixels that lie `offset` from those of `parity` in row `y`, by each guide: from distances of
-    /// patches, whose columns are summed, and of features.
+    /// The weights of the pixels at `offset` from those of one parity in row `y`, by each guide. They follow from the
+    /// differences of patches and of features.
     #[inline(always)]
     pub(crate) fn weights<S: Simd, const R: usize, const G: usize>(
         &self,
@@ -353,7 +355,7 @@ impl Tile {
     }
 }
 
-/// The largest distance of normal, albedo and depth, at least 0, between the `i`-th vectors of two rows of features.
+/// The largest difference of normal, albedo and depth, at least 0, between the `i`-th vectors of two rows of features.
 #[inline(always)]
 fn feature_distance<S: Simd>(simd: S, p: &[S::f32s], q: &[S::f32s], i: usize) -> S::f32s {
     let step = stride::<S>();
@@ -376,7 +378,7 @@ fn feature_distance<S: Simd>(simd: S, p: &[S::f32s], q: &[S::f32s], i: usize) ->
     most
 }
 
-/// [`exp_minus`] of several.
+/// [`exp_minus`] of a vector.
 #[inline(always)]
 fn exp_minus_all<S: Simd>(simd: S, x: S::f32s) -> S::f32s {
     let (round, one) = (simd.splat_f32s(ROUND), simd.splat_f32s(1.0));
@@ -393,16 +395,17 @@ fn exp_minus_all<S: Simd>(simd: S, x: S::f32s) -> S::f32s {
     simd.transmute_f32s_u32s(simd.add_u32s(simd.transmute_u32s_f32s(power), bits))
 }
 
-/// 1.5 * 2^23: adding it rounds to a whole number in the low bits.
+/// 1.5 * 2^23. Adding it leaves the rounded integer in the low bits.
 const ROUND: f32 = 12_582_912.0;
 
 /// Taylor coefficients of the exponential function, from the fifth down to the second.
 const EXPONENTIAL: [f32; 4] = [1.0 / 120.0, 1.0 / 24.0, 1.0 / 6.0, 0.5];
 
-/// `exp(-x)` for `x >= 0` to 3e-6 relative, the same bits everywhere; below `exp(-80)` about that.
+/// `exp(-x)` for `x >= 0` with a relative error of 3e-6 and the same bits on every machine. Beyond 80 it stays at about
+/// `exp(-80)`.
 ///
-/// `2^f` by a polynomial of degree 5 for `f` in -1/2 .. 1/2 (its Taylor coefficients; the remainder is below 2.5e-6), the
-/// whole part added to the exponent.
+/// `2^f` for `f` in -1/2 .. 1/2 is the Taylor polynomial of degree 5; the remainder is below 2.5e-6. The integer part
+/// is added to the exponent.
 #[inline(always)]
 pub(crate) fn exp_minus(x: f32) -> f32 {
     let [fifth, fourth, third, second] = EXPONENTIAL;
@@ -413,14 +416,15 @@ pub(crate) fn exp_minus(x: f32) -> f32 {
     f32::from_bits(power.to_bits().wrapping_add(rounded.to_bits() << 23))
 }
 
-/// What pixels with `there` samples count for those with `here`: more samples count more, but at most twice what as many
-/// count. In proportion to samples, a leak across an edge would go with how unequal they are.
+/// The weight of pixels with `there` samples for pixels with `here` samples. More samples weigh more, but at most twice
+/// as much as equal counts. Weights in proportion to samples would make leaks across edges grow with the ratio of the
+/// counts.
 #[inline(always)]
 pub(crate) fn count_weights<S: Simd>(simd: S, here: S::f32s, there: S::f32s) -> S::f32s {
     simd.div_f32s(there, simd.max_f32s(simd.add_f32s(here, there), simd.splat_f32s(1.0)))
 }
 
-/// How many tiles a frame has.
+/// The number of tiles of a frame.
 pub(crate) fn tiles([width, height]: [u32; 2]) -> u64 {
     u64::from(width.div_ceil(WIDTH as u32)) * u64::from(height.div_ceil(HEIGHT as u32))
 }
@@ -436,7 +440,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn exponentials_are_exponentials() {
+    fn exponentials_are_accurate() {
         for k in 0..80_000 {
             let x = k as f32 * 1e-3;
             let (got, wanted) = (f64::from(exp_minus(x)), (-f64::from(x)).exp());
@@ -448,7 +452,7 @@ mod tests {
     }
 
     #[test]
-    fn moved_rows_are_where_they_should_be() {
+    fn moved_rows_hold_the_moved_pixels() {
         let size = [150, 40];
         let plane: Plane = (0..6000).map(|i| i as f32).collect();
         let tile = Stack::new([&plane, &plane], size, [64, 16]);

@@ -1,11 +1,11 @@
-//! Rays beside Embree's: the same triangles, the same rays, one thread each, in turns.
+//! A comparison with Embree: the same triangles and rays, one thread each, in turns.
 //!
 //! ```sh
 //! cargo run --release -p dapple-geometry --example beside_embree -- --full
 //! ```
 //!
-//! Needs a C++ compiler and Embree 3 (Debian's `libembree-dev`); says so where they are missing, and then prints only our
-//! own figures. Without `--full` the smallest scene once, to show that it works. Prints Markdown.
+//! It needs a C++ compiler and Embree 3 (Debian's `libembree-dev`). Without them it prints a message and only our own
+//! figures. Without `--full` it runs the smallest scene once, as a test. Prints Markdown.
 
 #![expect(clippy::print_stdout, reason = "a program: its table is its result")]
 
@@ -21,7 +21,7 @@ use std::time::Instant;
 
 type Result<T> = std::result::Result<T, Box<dyn std::error::Error>>;
 
-/// What one of the tracers did: seconds to build, nanoseconds a ray, hits.
+/// The result of a tracer: seconds to build, nanoseconds per ray, hits.
 #[derive(Clone, Copy)]
 struct Run {
     build: f64,
@@ -57,7 +57,7 @@ fn main() -> Result<()> {
     Ok(())
 }
 
-/// Prints the lines of a scene, and returns that of its building.
+/// Prints the lines of a scene and returns that of its build.
 fn measure(scene: &Scene, folder: &Path, embree: Option<&Path>, rounds: usize, repeats: usize) -> Result<String> {
     let soup = folder.join("soup");
     write_soup(&soup, &scene.soups)?;
@@ -170,13 +170,13 @@ fn write_rays(path: &Path, rays: &[Ray]) -> Result<()> {
     Ok(file.flush()?)
 }
 
-/// Least, middle and most.
+/// The least, middle and largest value.
 fn median(mut all: Vec<f64>) -> Option<[f64; 3]> {
     all.sort_by(f64::total_cmp);
     Some([*all.first()?, *all.get(all.len() / 2)?, *all.last()?])
 }
 
-/// A folder that goes when it is done with.
+/// A folder that is deleted when dropped.
 struct Folder(PathBuf);
 
 impl Folder {

@@ -1,69 +1,73 @@
-/// Why shapes were refused. Nothing is ever dropped silently, and nothing panics.
+/// The reason why shapes were refused. Nothing is dropped silently, and nothing panics.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
     /// A corner of a triangle is NaN or infinite.
     #[error("vertex {vertex} of triangle {triangle} is not finite; repair the mesh or leave the triangle out")]
     NonFinite {
-        /// The triangle's number in its mesh.
+        /// The triangle's index in its mesh.
         triangle: u32,
-        /// The vertex's number in its mesh.
+        /// The vertex's index in its mesh.
         vertex: u32,
     },
-    /// A coordinate or a whole shape lies outside the range in which rays are exact.
+    /// A coordinate or a whole shape lies outside the range of exact rays.
     #[error(
         "{what} {value:e} is out of range: magnitudes must lie in 1e-18..5e17; scale the scene by a power of two first"
     )]
     ScaleOutOfRange {
-        /// What was out of range.
+        /// The quantity out of range.
         what: &'static str,
         /// Its value.
         value: f64,
     },
-    /// A triangle names a vertex that does not exist.
-    #[error("triangle {triangle} refers to vertex {vertex}, but the mesh has {vertices} vertices")]
+    /// A triangle refers to a vertex that does not exist.
+    #[error(
+        "triangle {triangle} refers to vertex {vertex} of {vertices}: indices count from 0 and stay below {vertices}"
+    )]
     IndexOutOfRange {
-        /// The triangle's number in its mesh.
+        /// The triangle's index in its mesh.
         triangle: u32,
-        /// The number that it names.
+        /// The index of the missing vertex.
         vertex: u32,
-        /// How many vertices there are.
+        /// The number of vertices.
         vertices: usize,
     },
-    /// A parameter of a sphere or disk makes no surface.
+    /// A parameter of a shape or a motion is invalid.
     #[error("{what} is {value}; {expected}")]
     BadParameter {
-        /// Which parameter.
+        /// The parameter.
         what: &'static str,
         /// Its value.
         value: f64,
-        /// What it must be.
+        /// The requirement on it.
         expected: &'static str,
     },
-    /// More triangles, shapes or nodes than 32-bit numbers can count.
+    /// There are more triangles, shapes or nodes than 32-bit numbers can count.
     #[error("{count} {what} are too many, at most {limit} can be numbered; split the scene")]
     TooMany {
-        /// What is counted.
+        /// The things counted.
         what: &'static str,
-        /// How many there are.
+        /// Their number.
         count: usize,
-        /// How many there may be.
+        /// The largest possible number.
         limit: usize,
     },
-    /// An instance names an object that does not exist.
-    #[error("instance {instance} refers to object {object}, but there are {objects} objects")]
+    /// An instance refers to an object that does not exist.
+    #[error(
+        "instance {instance} refers to object {object} of {objects}: indices count from 0 and stay below {objects}"
+    )]
     NoSuchObject {
-        /// The instance's number.
+        /// The instance's index.
         instance: u32,
-        /// The number that it names.
+        /// The index of the missing object.
         object: u32,
-        /// How many objects there are.
+        /// The number of objects.
         objects: usize,
     },
-    /// An object holds instances itself.
+    /// An object contains instances itself.
     #[error("object {object} is made of instances; only one level is supported: put its instances into the scene")]
     Nested {
-        /// The object's number.
+        /// The object's index.
         object: u32,
     },
 }

@@ -1,19 +1,34 @@
 use crate::build::{Preset, build_tree, union};
-use crate::frame::Frame;
 use crate::instance::Placements;
 #[cfg(test)]
 use crate::lanes::Vectors;
+use crate::prepared_ray::PreparedRay;
 use crate::safeguards::{All, Safeguards};
 use crate::shape::Quadric;
-use crate::traverse::{Best, Tree, Way};
-use crate::{Error, Hit, Instance, Placed, PrimitiveId, Ray, Shape, SurfacePoint};
+use crate::traverse::{Best, Tree, WalkKind};
+use crate::{Error, Hit, Instance, PlacedShape, PrimitiveId, Ray, Shape, SurfacePoint};
 use glam::{DAffine3, Vec3};
 use std::sync::Arc;
 
-/// Shapes, and the tree that finds which of them a ray meets; and objects made of shapes, which stand in the scene as
-/// often as there are instances of them.
+/// A scene: shapes and the tree that finds their intersections with rays. Objects made of shapes may stand in it any
+/// number of times, as instances.
 ///
-/// Shape numbers: first the base shapes in their order, then the shapes of each instance in the order of instances.
+/// Shapes are numbered: first the base shapes in their order, then the shapes of each instance in the order of
+/// instances.
+///
+/// ```
+/// use dapple_geometry::{Geometry, Preset, Ray, Shape, Sphere};
+/// use glam::Vec3;
+///
+/// let ball = Sphere::new(Vec3::new(0.0, 0.0, 5.0), 1.0)?;
+/// let scene = Geometry::build(vec![Shape::from(ball)], Preset::default())?;
+/// let ray = Ray::new(Vec3::ZERO, Vec3::Z);
+/// let hit = scene.closest(&ray).expect("the ball lies ahead");
+/// assert_eq!(hit.t, 4.0);
+/// assert_eq!(scene.surface(&ray, &hit).normal, Vec3::NEG_Z);
+/// assert!(!scene.occluded(&Ray::new(Vec3::ZERO, Vec3::X)));
+/// # Ok::<(), dapple_geometry::Error>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct Geometry {
     shapes: Vec<Shape>,
@@ -23,8 +38,8 @@ pub struct Geometry {
 }
 
 impl Geometry {
-    /// Builds the tree over all shapes. A shape's number in hits is its place in the list. No shapes, or shapes
-    /// without triangles, are fine: every ray misses.
+    /// Builds the tree over all shapes. The index of a shape is its number in hits. Without shapes or triangles, every
+    /// ray misses.
     ///
     /// # Errors
     /// [`Error::TooMany`] for more shapes than a `u32` counts or more than 2^30 primitives.
@@ -32,23 +47,26 @@ impl Geometry {
         Self::build_padded(shapes, preset, All::PADDING)
     }
 
-    /// The same with boxes that grow by what rounding asks for, or do not.
+    /// [`build`](Self::build) with boxes that allow for rounding (`padded`), or without.
     pub(crate) fn build_padded(shapes: Vec<Shape>, preset: Preset, padded: bool) -> Result<Self, Error> {
         let (tree, bounds, triangle_count) = build_tree(&shapes, preset, padded)?;
         Ok(Self { shapes, tree, bounds, triangle_count })
     }
 
-    /// The same with instances: of each object there is one in memory, however often it stands in the scene. Objects
-    /// without shapes and objects that stand nowhere are fine. A single shape that moves is the moving instance of an
-    /// object of one shape.
+    /// Builds a scene with instances of objects. Each object is in memory once, however often it stands in the scene.
     ///
-    /// A mesh is as watertight in an instance as it is by itself. Between instances, and between them and the base,
-    /// rays may pass where surfaces only touch, in a gap as wide as rounding in f32 makes it.
+    /// Objects may be without shapes or instances. A single moving shape is a moving instance of an object of one
+    /// shape.
+    ///
+    /// A mesh in an instance is as watertight as by itself. Where surfaces of different instances, or of an instance
+    /// and the base, only touch, rays may pass through a gap as wide as rounding in f32.
     ///
     /// # Errors
-    /// As [`build`](Self::build), and [`Error::NoSuchObject`]; [`Error::Nested`] for an object that holds instances
-    /// itself; [`Error::BadParameter`] for a map that is not finite or not invertible; [`Error::ScaleOutOfRange`] for
-    /// an instance that reaches farther than a [`Mesh`](crate::Mesh) may.
+    /// * The errors of [`build`](Self::build).
+    /// * [`Error::NoSuchObject`] for an instance of a missing object.
+    /// * [`Error::Nested`] for an object that contains instances.
+    /// * [`Error::BadParameter`] for a map that is not finite or not invertible.
+    /// * [`Error::ScaleOutOfRange`] for an instance that reaches farther than a [`Mesh`](crate::Mesh) may.
     pub fn with_instances(
         shapes: Vec<Shape>,
         objects: Vec<Arc<Self>>,
@@ -63,12 +81,12 @@ impl Geometry {
             (base, placed) => base.or(placed),
         };
         let moving = scene.base_moves();
-        scene.tree.way = Way::placed(placements, moving);
+        scene.tree.way = WalkKind::placed(placements, moving);
         Ok(scene)
     }
 
-    /// The closest hit with `tmin < t < tmax`. Of hits at the same `t` the smallest (shape, primitive) is returned,
-    /// whatever the preset and the order of traversal. What moves stands where it is at time 0.
+    /// The closest hit with `tmin < t < tmax` at time 0. Of hits at the same `t`, the one with the smallest (shape,
+    /// primitive) is returned, for any preset and order of traversal.
     #[inline(always)]
     #[must_use]
     pub fn closest(&self, ray: &Ray) -> Option<Hit> {
@@ -76,7 +94,7 @@ impl Geometry {
     }
 
     /// The closest hit at a time in `[0, 1]`.
-    // Debug builds are compiled more than they run: there each crate does not compile the walk anew.
+    // Debug builds are compiled more often than they run, so crates do not inline the walk there.
     #[cfg_attr(not(debug_assertions), inline(always))]
     #[must_use]
     pub fn closest_at(&self, ray: &Ray, time: f32) -> Option<Hit> {
@@ -85,11 +103,11 @@ impl Geometry {
 
     #[inline(always)]
     pub(crate) fn closest_with<S: Safeguards>(&self, ray: &Ray, time: f32) -> Option<Hit> {
-        match Frame::ordinary(ray) {
-            Some(frame) => self.closest_along::<S>(&frame, 1.0, time),
+        match PreparedRay::ordinary(ray) {
+            Some(prepared) => self.closest_along::<S>(&prepared, 1.0, time),
             None => {
-                let (frame, scale) = Frame::rescaled(ray)?;
-                let hit = self.closest_along::<S>(&frame, scale, time)?;
+                let (prepared, scale) = PreparedRay::rescaled(ray)?;
+                let hit = self.closest_along::<S>(&prepared, scale, time)?;
                 // Rounding to the caller's scale must not leave the limits.
                 let (least, most) = (ray.tmin.max(0.0).next_up(), ray.tmax.next_down());
                 Some(Hit { t: hit.t.max(least).min(most), ..hit })
@@ -99,9 +117,9 @@ impl Geometry {
 
     /// The closest hit, `t` multiplied by `scale`.
     #[inline(always)]
-    fn closest_along<S: Safeguards>(&self, frame: &Frame, scale: f32, time: f32) -> Option<Hit> {
-        let mut best = Best::new(frame.ray.tmax);
-        self.tree.closest::<S>(frame, time, &mut best);
+    fn closest_along<S: Safeguards>(&self, prepared: &PreparedRay, scale: f32, time: f32) -> Option<Hit> {
+        let mut best = Best::new(prepared.ray.tmax);
+        self.tree.closest::<S>(prepared, time, &mut best);
         best.found.then_some(Hit {
             t: best.t * scale,
             shape: (best.key >> 32) as u32,
@@ -110,14 +128,15 @@ impl Geometry {
         })
     }
 
-    /// Whether anything is hit with `tmin < t < tmax`: exactly whether [`closest`](Self::closest) finds a hit, sooner.
+    /// Returns true if anything is hit with `tmin < t < tmax` at time 0. Faster than [`closest`](Self::closest), with
+    /// the same answer.
     #[inline(always)]
     #[must_use]
     pub fn occluded(&self, ray: &Ray) -> bool {
         self.occluded_at(ray, 0.0)
     }
 
-    /// Whether anything is hit at a time in `[0, 1]`.
+    /// Returns true if anything is hit at a time in `[0, 1]`.
     #[cfg_attr(not(debug_assertions), inline(always))]
     #[must_use]
     pub fn occluded_at(&self, ray: &Ray, time: f32) -> bool {
@@ -126,24 +145,24 @@ impl Geometry {
 
     #[inline(always)]
     pub(crate) fn occluded_with<S: Safeguards>(&self, ray: &Ray, time: f32) -> bool {
-        match Frame::ordinary(ray) {
-            Some(frame) => self.tree.occluded::<S>(&frame, time),
-            None => Frame::rescaled(ray).is_some_and(|(frame, _)| self.tree.occluded::<S>(&frame, time)),
+        match PreparedRay::ordinary(ray) {
+            Some(prepared) => self.tree.occluded::<S>(&prepared, time),
+            None => PreparedRay::rescaled(ray).is_some_and(|(prepared, _)| self.tree.occluded::<S>(&prepared, time)),
         }
     }
 
-    /// The point that was hit, with its error and normal. `hit` must come from [`closest`](Self::closest) of this
-    /// geometry with this ray.
+    /// The point of a hit, with its error and normal. `hit` must come from [`closest`](Self::closest) of this geometry
+    /// and ray.
     #[inline(always)]
     #[must_use]
     pub fn surface(&self, ray: &Ray, hit: &Hit) -> SurfacePoint {
         self.surface_at(ray, hit, 0.0)
     }
 
-    /// The same for a hit of [`closest_at`](Self::closest_at) with this ray at this time.
+    /// The point of a hit of [`closest_at`](Self::closest_at) with this ray and time.
     ///
-    /// An instance's normals are its object's, taken to the world by the inverse transpose: a map that mirrors does
-    /// not turn them around.
+    /// Normals of an instance are those of its object, transformed by the inverse transpose. A mirroring map does not
+    /// flip them.
     #[inline(always)]
     #[must_use]
     pub fn surface_at(&self, ray: &Ray, hit: &Hit, time: f32) -> SurfacePoint {
@@ -164,14 +183,16 @@ impl Geometry {
         }
     }
 
-    /// The surface's parameters at a point of it: a triangle's [`Hit::barycentrics`]; for spheres and disks the
-    /// `(u, v)` of pbrt-v4, in `[0, 1]`: around the axis, and from the lower pole up or from the rim inwards.
+    /// The surface parameters of a point: a triangle's [`Hit::barycentrics`], or pbrt-v4's `(u, v)` in `[0, 1]` of a
+    /// sphere or disk.
+    ///
+    /// `u` runs around the axis. `v` runs from the lower pole up, or from the rim inwards.
     #[must_use]
     pub fn parametric(&self, hit: &Hit, position: Vec3) -> [f32; 2] {
         self.parametric_at(hit, position, 0.0)
     }
 
-    /// The same for a point that was hit at this time.
+    /// The surface parameters of a point that was hit at this time.
     #[must_use]
     pub fn parametric_at(&self, hit: &Hit, position: Vec3, time: f32) -> [f32; 2] {
         match self.shapes.get(hit.shape as usize) {
@@ -182,23 +203,23 @@ impl Geometry {
         }
     }
 
-    /// What stands behind a shape number beyond the base shapes; `None` for a base shape, and for numbers that no
-    /// shape has.
+    /// The instance of a shape number beyond the base shapes; `None` for base shapes and unused numbers.
     #[inline]
     #[must_use]
-    pub fn placed(&self, shape: u32) -> Option<Placed> {
+    pub fn placed(&self, shape: u32) -> Option<PlacedShape> {
         self.instances()?.placed(shape)
     }
 
-    /// A shape's number where every object counts once: base shapes keep theirs, the objects' shapes follow, object
-    /// by object. The number must be below [`shape_count`](Self::shape_count).
+    /// The shape's number if every object counts once. Base shapes keep their numbers; the shapes of objects follow,
+    /// object by object. The number must be below [`shape_count`](Self::shape_count).
     #[inline]
     #[must_use]
     pub fn original(&self, shape: u32) -> u32 {
         if (shape as usize) < self.shapes.len() { shape } else { self.placements().original(shape) }
     }
 
-    /// The shape with a number below [`shape_count`](Self::shape_count); an instance's in its object's space.
+    /// The shape with a number below [`shape_count`](Self::shape_count). An instance's shape is in the space of its
+    /// object.
     #[inline]
     #[must_use]
     pub fn shape(&self, number: u32) -> &Shape {
@@ -208,30 +229,31 @@ impl Geometry {
         }
     }
 
-    /// The map from a shape's space to the world at a time in `[0, 1]`: none for base shapes, which are in the world.
+    /// The map from a shape's space to the world at a time in `[0, 1]`; `None` for base shapes, which are in world
+    /// space.
     #[must_use]
     pub fn to_world(&self, shape: u32, time: f32) -> Option<DAffine3> {
         ((shape as usize) >= self.shapes.len()).then(|| self.placements().to_world(shape, time))
     }
 
-    /// How many shape numbers there are: base shapes, and the shapes of each instance.
+    /// The number of shapes: base shapes, and the shapes of each instance.
     #[must_use]
     pub fn shape_count(&self) -> u32 {
         self.instances().map_or(self.shapes.len() as u32, |placed| placed.shape_count())
     }
 
-    /// The objects, as given.
+    /// The objects in their order.
     pub fn objects(&self) -> impl Iterator<Item = &Arc<Self>> {
         self.instances().into_iter().flat_map(|placed| placed.objects.iter().map(|object| &object.geometry))
     }
 
-    /// Whether there are instances, or objects for them.
+    /// Returns true if there are instances, or objects for them.
     #[must_use]
     pub fn has_instances(&self) -> bool {
         self.instances().is_some()
     }
 
-    /// Whether an instance moves, or the vertices of a mesh.
+    /// Returns true if an instance or the vertices of a mesh move.
     #[must_use]
     pub fn moves(&self) -> bool {
         self.base_moves() || self.instances().is_some_and(|placed| placed.moves)
@@ -241,7 +263,7 @@ impl Geometry {
         !self.tree.moved.is_empty()
     }
 
-    /// The most nodes and leaves that a ray can have to put aside at once: at most 256, whatever the triangles.
+    /// The most nodes and leaves on a ray's stack at once, at most 256 for any triangles.
     #[must_use]
     pub fn deepest(&self) -> usize {
         self.tree.stack
@@ -252,42 +274,41 @@ impl Geometry {
     }
 
     fn instances(&self) -> Option<&Placements> {
-        if let Way::Placed(placed) = &self.tree.way { Some(&placed.placements) } else { None }
+        if let WalkKind::Placed(placed) = &self.tree.way { Some(&placed.placements) } else { None }
     }
 
-    /// Only asked about shapes that are none of the base.
+    /// The instances. Called only for numbers beyond the base shapes.
     #[inline]
     fn placements(&self) -> &Placements {
         self.instances().expect("a shape number of this geometry")
     }
 
-    /// The same without AVX2, whatever the machine has.
+    /// The same scene without AVX2 on any machine.
     #[cfg(test)]
     pub(crate) fn in_pairs(mut self) -> Self {
-        self.tree.way = if self.base_moves() { Way::Moving(Vectors::Pair) } else { Way::Pair };
+        self.tree.way = if self.base_moves() { WalkKind::Moving(Vectors::Pair) } else { WalkKind::Pair };
         self
     }
 
-    /// The base shapes, as given.
+    /// The base shapes in their order.
     #[must_use]
     pub fn shapes(&self) -> &[Shape] {
         &self.shapes
     }
 
-    /// Lower and upper corner of a box around everything that can be hit, at any time; `None` if nothing can.
+    /// The lower and upper corner of a box around everything that can be hit, at any time; `None` if nothing can.
     #[must_use]
     pub fn bounds(&self) -> Option<[Vec3; 2]> {
         self.bounds
     }
 
-    /// Bytes of the tree and its leaves, of the objects' and of what there is per instance; without the shapes
-    /// themselves.
+    /// The bytes of the tree, its leaves, the objects' trees and the instances. Excludes the shapes themselves.
     #[must_use]
     pub fn memory_bytes(&self) -> usize {
         self.tree.memory_bytes() + self.instances().map_or(0, |placed| placed.memory_bytes())
     }
 
-    /// Triangles in memory that can be hit: those with an area, an object's once.
+    /// The number of triangles in memory that can be hit: those with an area. An object counts once.
     #[must_use]
     pub fn triangle_count(&self) -> usize {
         self.triangle_count

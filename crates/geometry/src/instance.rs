@@ -1,16 +1,20 @@
-//! Objects that stand in a scene once or often: one in memory, each with a map of its own.
+//! Instances: an object is in memory once and stands in the scene any number of times, each with its own map.
 //!
-//! A ray is taken to an object's space in f64. There it starts anew, where it enters the object's box: so the f32 of its
-//! origin has the object's precision, however far the ray has come. Its direction is given unit length. With `start`
-//! where it entered and `speed` the length of the mapped direction, the object's `t'` is `(t - start) speed`. An
-//! object's hits within its own limits are hits; their `t` is rounded once, and kept within the limits.
+//! A ray is transformed to the object's space in f64. There it begins where it enters the object's box, so the f32 of
+//! its
+//! origin has the precision of the object, however far the ray has come. Its direction gets unit length.
 //!
-//! What rounding the mapped ray to f32 does to where it passes is of the order of an ulp of the object's size.
-//! [`Placements::surface`] adds it to the error of points, so that rays leave them beyond it.
+//! Let `start` be the ray's parameter at the entry and `speed` the length of the mapped direction. Then the object's
+//! `t'` is
+//! `(t - start) speed`. Hits within the object's limits are hits; their `t` is rounded once and kept within the limits.
+//!
+//! Rounding the mapped ray to f32 moves it by about an ulp of the object's size. [`Placements::surface`] adds that to
+//! the
+//! error of points, so that rays leave them beyond it.
 
 use crate::build::{Bounds, Preset, build_top};
-use crate::frame::Frame;
 use crate::mesh::{LARGEST, LOST_IN_F64, ROUNDING};
+use crate::prepared_ray::PreparedRay;
 use crate::safeguards::All;
 use crate::shape::Quadric;
 use crate::traverse::{Best, Tree, key};
@@ -18,33 +22,56 @@ use crate::{Error, Geometry, Hit, Motion, PrimitiveId, Ray, Shape, SurfacePoint}
 use glam::{DAffine3, DMat3, DVec3, Vec3};
 use std::sync::Arc;
 
-/// An object that stands somewhere.
+/// An object placed in a scene.
+///
+/// ```
+/// use dapple_geometry::{Geometry, Instance, Motion, Preset, Ray, Shape, Sphere};
+/// use glam::{DAffine3, DVec3, Vec3};
+/// use std::sync::Arc;
+///
+/// let ball = Geometry::build(vec![Shape::from(Sphere::new(Vec3::ZERO, 1.0)?)], Preset::default())?;
+/// let at = |x| Instance::new(0, Motion::still(DAffine3::from_translation(DVec3::X * x)));
+/// let row = Geometry::with_instances(Vec::new(), vec![Arc::new(ball)], vec![at(5.0), at(10.0)], Preset::default())?;
+/// let hit = row.closest(&Ray::new(Vec3::ZERO, Vec3::X)).expect("the first ball lies ahead");
+/// assert_eq!((hit.shape, row.shape_count()), (0, 2));
+/// # Ok::<(), dapple_geometry::Error>(())
+/// ```
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Instance {
-    /// Its place in the list of objects.
+    /// The index of the object.
     pub object: u32,
-    /// From the object's space to world space.
+    /// The map from the object's space to world space.
     pub motion: Motion,
 }
 
-/// What a shape number that is none of the base shapes stands for.
+impl Instance {
+    /// Places the object with this index by a motion from its space to world space.
+    #[must_use]
+    pub const fn new(object: u32, motion: Motion) -> Self {
+        Self { object, motion }
+    }
+}
+
+/// The instance, object and shape of a shape number beyond the base shapes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Placed {
-    /// The instance's place in its list.
+#[non_exhaustive]
+pub struct PlacedShape {
+    /// The index of the instance.
     pub instance: u32,
-    /// The object's place in its list.
+    /// The index of the object.
     pub object: u32,
-    /// The shape's place in the object.
+    /// The index of the shape in the object.
     pub shape: u32,
 }
 
 /// All instances, and the tree over their boxes.
 #[derive(Clone, Debug)]
 pub(crate) struct Placements {
-    /// How many shapes stand by themselves: instances' shapes are numbered from here.
+    /// The number of base shapes. The shapes of instances are numbered from here.
     base: u32,
     pub(crate) objects: Vec<Object>,
-    instances: Vec<Standing>,
+    instances: Vec<PlacedObject>,
     /// The instance of each shape number from `base` on.
     instance_of: Vec<u32>,
     top: Tree,
@@ -52,37 +79,38 @@ pub(crate) struct Placements {
     pub(crate) moves: bool,
 }
 
-/// An object, with what a ray asks first.
+/// An object with the data of the first test against a ray.
 #[derive(Clone, Debug)]
 pub(crate) struct Object {
     pub(crate) geometry: Arc<Geometry>,
-    /// Its box, grown so that its surfaces lie inside and not on it; nothing if nothing can be hit.
+    /// Its box, grown so that its surfaces lie strictly inside; `None` if nothing can be hit.
     bounds: Option<[DVec3; 2]>,
-    /// How far rounding can move a ray within the box, per axis.
+    /// The most that rounding can move a ray within the box, per axis.
     reach: f64,
-    /// Shapes of the base and of the objects before it.
+    /// The number of shapes in the base and in earlier objects.
     first: u32,
 }
 
 #[derive(Clone, Debug)]
-struct Standing {
+struct PlacedObject {
     object: u32,
     /// The number of its first shape.
     first: u32,
-    place: Place,
+    place: Pose,
 }
 
 #[derive(Clone, Debug)]
-enum Place {
+enum Pose {
     Still(Map),
     Moving(Motion),
 }
 
-/// From an object to the world and back.
+/// The map from an object to the world and back.
 #[derive(Clone, Copy, Debug)]
 struct Map {
     to_world: DAffine3,
-    /// The inverse of its matrix; the translation is taken off first, which loses nothing far from the world's origin.
+    /// The inverse of its matrix. The translation is subtracted first, which loses no precision far from the world's
+    /// origin.
     to_object: DMat3,
 }
 
@@ -93,11 +121,11 @@ struct Local {
     speed: f64,
 }
 
-/// Boxes of objects grow by this share of their extent, and by this share of their largest coordinate: far above what
-/// f32 loses of a ray's origin, far below what would cost time.
+/// Boxes of objects grow by this share of their extent, and by [`GROWTH_FAR`] of their largest coordinate. That is far
+/// above the rounding of a ray's origin and far below a measurable cost.
 const GROWTH: f64 = 1.0 / (1u64 << 10) as f64;
 const GROWTH_FAR: f64 = 1.0 / (1u64 << 20) as f64;
-/// Hits this much farther than the best so far are still looked at, since rounding may bring them nearer.
+/// Hits this much farther than the best so far are still tested, since rounding may bring them nearer.
 const BEYOND: f64 = 1.0 + 1.0 / (1u64 << 20) as f64;
 
 impl Object {
@@ -115,7 +143,7 @@ impl Object {
     }
 }
 
-impl Place {
+impl Pose {
     #[inline]
     fn at(&self, time: f32) -> Map {
         match self {
@@ -137,7 +165,7 @@ impl Map {
     /// The part of a ray within a box, in the object's space.
     fn enter(&self, ray: &Ray, [low, high]: [DVec3; 2]) -> Option<Local> {
         let (origin, direction) = (self.point(ray.origin), self.to_object * ray.direction.as_dvec3());
-        // As in `Frame`: finite, so that no product of zero and infinity is formed.
+        // As in `PreparedRay`: finite, so that no product of zero and infinity is formed.
         let inverse = direction.recip().clamp(DVec3::splat(-f64::MAX), DVec3::splat(f64::MAX));
         let (a, b) = ((low - origin) * inverse, (high - origin) * inverse);
         let start = a.min(b).max_element().max(ray.tmin.into());
@@ -186,7 +214,7 @@ impl Placements {
         Ok(all)
     }
 
-    /// Takes an instance in; its box, if there is anything in it.
+    /// Adds an instance and returns its box, if it contains anything.
     fn place(&mut self, number: u32, Instance { object, motion }: Instance) -> Result<Option<[DVec3; 2]>, Error> {
         let objects = self.objects.len();
         let known =
@@ -209,53 +237,53 @@ impl Placements {
         }
         self.instance_of.resize(self.instance_of.len() + shapes, number);
         self.moves |= motion.moves() || known.geometry.moves();
-        let place = if motion.moves() { Place::Moving(motion) } else { Place::Still(start) };
-        self.instances.push(Standing { object, first, place });
+        let place = if motion.moves() { Pose::Moving(motion) } else { Pose::Still(start) };
+        self.instances.push(PlacedObject { object, first, place });
         Ok(bounds)
     }
 
     #[inline(never)]
-    pub(crate) fn closest(&self, frame: &Frame, time: f32, best: &mut Best) {
+    pub(crate) fn closest(&self, prepared: &PreparedRay, time: f32, best: &mut Best) {
         let mut visit = |number: u32, best: &mut Best| {
-            self.closest_of(&self.instances[number as usize], frame, time, best);
+            self.closest_of(&self.instances[number as usize], prepared, time, best);
             false
         };
-        self.top.visit::<false>(frame, best, &mut visit);
+        self.top.visit::<false>(prepared, best, &mut visit);
     }
 
     #[inline(never)]
-    pub(crate) fn occluded(&self, frame: &Frame, time: f32) -> bool {
+    pub(crate) fn occluded(&self, prepared: &PreparedRay, time: f32) -> bool {
         let mut visit = |number: u32, _: &mut Best| {
             let instance = &self.instances[number as usize];
-            self.enter(instance, frame, time).and_then(|local| Frame::ordinary(&local.ray)).is_some_and(|local| {
-                self.objects[instance.object as usize].geometry.tree().occluded::<All>(&local, time)
-            })
+            self.enter(instance, prepared, time).and_then(|local| PreparedRay::ordinary(&local.ray)).is_some_and(
+                |local| self.objects[instance.object as usize].geometry.tree().occluded::<All>(&local, time),
+            )
         };
-        self.top.visit::<true>(frame, &mut Best::new(frame.ray.tmax), &mut visit)
+        self.top.visit::<true>(prepared, &mut Best::new(prepared.ray.tmax), &mut visit)
     }
 
-    fn closest_of(&self, instance: &Standing, frame: &Frame, time: f32, best: &mut Best) {
-        let Some(local) = self.enter(instance, frame, time) else { return };
+    fn closest_of(&self, instance: &PlacedObject, prepared: &PreparedRay, time: f32, best: &mut Best) {
+        let Some(local) = self.enter(instance, prepared, time) else { return };
         let limit = f64::from(best.t) * BEYOND;
         if local.start > limit {
             return;
         }
-        let Some(inner) = Frame::ordinary(&local.ray) else { return };
+        let Some(inner) = PreparedRay::ordinary(&local.ray) else { return };
         let mut found = Best::new(((limit - local.start) * local.speed) as f32);
         self.objects[instance.object as usize].geometry.tree().closest::<All>(&inner, time, &mut found);
         if found.found {
             let t = (local.start + f64::from(found.t) / local.speed) as f32;
-            let t = t.max(frame.ray.tmin.next_up()).min(frame.ray.tmax.next_down());
+            let t = t.max(prepared.ray.tmin.next_up()).min(prepared.ray.tmax.next_down());
             best.offer::<All>(t, found.key + key(instance.first, 0), found.weights);
         }
     }
 
-    /// The ray in the instance's object.
-    fn enter(&self, instance: &Standing, frame: &Frame, time: f32) -> Option<Local> {
+    /// The ray in the space of the instance's object.
+    fn enter(&self, instance: &PlacedObject, prepared: &PreparedRay, time: f32) -> Option<Local> {
         let object = &self.objects[instance.object as usize];
-        let mut local = instance.place.at(time).enter(&frame.ray, object.bounds?)?;
+        let mut local = instance.place.at(time).enter(&prepared.ray, object.bounds?)?;
         let shapes = object.geometry.shapes().len() as u64;
-        for (inner, outer) in local.ray.ends.iter_mut().zip(frame.ray.ends) {
+        for (inner, outer) in local.ray.ends.iter_mut().zip(prepared.ray.ends) {
             let inside = outer.0.wrapping_sub(key(instance.first, 0));
             if inside >> 32 < shapes {
                 *inner = PrimitiveId(inside);
@@ -264,18 +292,18 @@ impl Placements {
         Some(local)
     }
 
-    pub(crate) fn placed(&self, number: u32) -> Option<Placed> {
+    pub(crate) fn placed(&self, number: u32) -> Option<PlacedShape> {
         let instance = *self.instance_of.get(number.checked_sub(self.base)? as usize)?;
-        let Standing { object, first, .. } = self.instances[instance as usize];
-        Some(Placed { instance, object, shape: number - first })
+        let PlacedObject { object, first, .. } = self.instances[instance as usize];
+        Some(PlacedShape { instance, object, shape: number - first })
     }
 
     pub(crate) fn shape_count(&self) -> u32 {
         self.base + self.instance_of.len() as u32
     }
 
-    /// The instance, object and shape of a number that a hit of this scene has.
-    fn resolve(&self, number: u32) -> (&Standing, &Object, u32) {
+    /// The instance, object and shape of a shape number.
+    fn resolve(&self, number: u32) -> (&PlacedObject, &Object, u32) {
         let instance = &self.instances[self.instance_of[(number - self.base) as usize] as usize];
         (instance, &self.objects[instance.object as usize], number - instance.first)
     }
@@ -308,7 +336,7 @@ impl Placements {
         let (point, error, normal, primitive) = match shape {
             Shape::Mesh(mesh) => {
                 let (point, error, _) = mesh.point(hit.primitive, hit.barycentrics);
-                // Not the one in f32, whose rounding a map that is nearly flat would magnify.
+                // The f32 normal would not do: a nearly flat map magnifies its rounding.
                 let [a, b, c] = mesh.corners(hit.primitive).map(Vec3::as_dvec3);
                 let primitive = PrimitiveId::triangle(hit.shape, hit.primitive);
                 (point, error, (b - a).cross(c - a).normalize_or_zero(), primitive)
@@ -340,7 +368,7 @@ impl Placements {
     pub(crate) fn memory_bytes(&self) -> usize {
         let objects: usize = self.objects.iter().map(|object| object.geometry.memory_bytes()).sum();
         let path =
-            |instance: &Standing| if matches!(instance.place, Place::Moving(_)) { Motion::PATH_BYTES } else { 0 };
+            |instance: &PlacedObject| if matches!(instance.place, Pose::Moving(_)) { Motion::PATH_BYTES } else { 0 };
         objects
             + size_of_val(&*self.objects)
             + size_of_val(&*self.instances)
@@ -350,10 +378,10 @@ impl Placements {
     }
 }
 
-/// A point of a sphere or disk in its object's space, its error and the surface's normal.
+/// A point of a sphere or disk in its object's space, with its error and normal.
 fn on_quadric(quadric: &Quadric, map: &Map, ray: &Ray, t: f32) -> (Vec3, Vec3, DVec3, PrimitiveId) {
     let (origin, direction) = (map.point(ray.origin), map.to_object * ray.direction.as_dvec3());
-    // Seen from where it was hit, near `t` = 0.
+    // Seen from the hit itself, near `t` = 0.
     let origin = (origin + direction * f64::from(t)).as_vec3();
     let point = quadric.surface(&Ray::new(origin, direction.normalize_or(DVec3::Z).as_vec3()), 0.0);
     (point.position, point.error, point.normal.as_dvec3(), PrimitiveId::NONE)

@@ -1,27 +1,27 @@
-//! Eight numbers at once, in the widest vectors that the machine has: the same bits in all of them.
+//! Eight numbers at once, in the widest vectors of the machine and with the same bits in all of them.
 
 use glam::Vec4;
 use std::ops::{Add, Div, Mul, Sub};
 
-/// How many.
+/// The number of lanes.
 pub(crate) const WIDTH: usize = 8;
 
-/// An array that vectors are loaded from.
+/// An aligned array that vectors are loaded from.
 #[derive(Clone, Copy, Debug, Default)]
 #[repr(align(32))]
 pub(crate) struct Eight(pub(crate) [f32; WIDTH]);
 
-/// The same of whole numbers.
+/// An aligned array of integers.
 #[derive(Clone, Copy, Debug)]
 #[repr(align(32))]
 pub(crate) struct Words(pub(crate) [u32; WIDTH]);
 
-/// Eight `f32`, operated on lane by lane. Comparisons give a bit per lane; `min` and `max` of a NaN and a number are
-/// not specified.
+/// Eight `f32` with lane-wise operations. Comparisons return a bit per lane. `min` and `max` of a NaN and a number are
+/// unspecified.
 pub(crate) trait Lanes:
     Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Div<Output = Self>
 {
-    /// What shows that the machine has these vectors.
+    /// The proof that the machine has these vectors.
     type Token: Copy;
 
     fn splat(token: Self::Token, value: f32) -> Self;
@@ -36,18 +36,18 @@ pub(crate) trait Lanes:
     fn equal(token: Self::Token, words: &Words, word: u32) -> u32;
 }
 
-/// The vectors that this machine's processor has.
+/// The vectors of this machine's processor.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Vectors {
     /// AVX2.
     #[cfg(target_arch = "x86_64")]
     Whole(pulp::x86::V3),
-    /// What every processor of its kind has.
+    /// The baseline of the architecture.
     Pair,
 }
 
 impl Default for Vectors {
-    /// The widest. Asked once for each tree: it takes a moment.
+    /// The widest. Detected once per tree, since it takes a moment.
     fn default() -> Self {
         #[cfg(target_arch = "x86_64")]
         if let Some(v3) = pulp::x86::V3::try_new() {
@@ -134,7 +134,7 @@ impl Lanes for Pair {
     }
 }
 
-/// One vector of eight: AVX2, where the machine turns out to have it.
+/// One vector of eight: AVX2, if the machine has it.
 #[cfg(target_arch = "x86_64")]
 mod avx {
     use super::{Add, Div, Eight, Lanes, Mul, Sub, WIDTH, Words};

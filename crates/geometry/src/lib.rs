@@ -2,13 +2,13 @@
 
 mod build;
 mod error;
-mod frame;
 mod geometry;
 mod instance;
 mod lanes;
 mod mesh;
 mod motion;
-mod moving;
+mod moving_mesh;
+mod prepared_ray;
 mod ray;
 pub mod safeguards;
 mod shape;
@@ -22,10 +22,10 @@ mod tests;
 pub use build::Preset;
 pub use error::Error;
 pub use geometry::Geometry;
-pub use instance::{Instance, Placed};
+pub use instance::{Instance, PlacedShape};
 pub use mesh::Mesh;
 pub use motion::Motion;
-pub use moving::MovingMesh;
+pub use moving_mesh::MovingMesh;
 pub use ray::{Hit, PrimitiveId, Ray};
 pub use shape::{Disk, Shape, Sphere};
 pub use surface::{SurfacePoint, offset_origin, spawn_ray, spawn_ray_to, spawn_ray_to_point};

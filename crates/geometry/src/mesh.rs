@@ -1,36 +1,47 @@
 use crate::Error;
 use glam::{DVec3, Vec3};
 
-/// Largest magnitude of a coordinate or a ray's origin: products of two differences stay finite in f32.
+/// The largest magnitude of a coordinate or a ray's origin. Products of two differences stay finite in f32.
 pub(crate) const LARGEST: f32 = (1u64 << 59) as f32;
-/// Smallest magnitude that a shape's largest coordinate may have, unless it is 0.
+/// The least magnitude of a shape's largest coordinate, unless that is 0.
 pub(crate) const SMALLEST: f32 = 1.0 / (1u64 << 60) as f32;
-/// A triangle has no area if the sine of its angle at the first corner is below this: it cannot be told from 0
-/// in f64, in which the cross product of exact f32 corners is taken.
+/// A triangle has no area if the sine of its angle at the first corner is below this. The f64 cross product of exact
+/// f32 corners cannot tell it from 0.
 const SINE_OF_NOTHING: f64 = 1.0 / (1u64 << 48) as f64;
 
-/// Indexed triangles, checked.
+/// Indexed triangles that passed all checks.
 ///
-/// A triangle faces the side from which its corners run counter-clockwise. Triangles without area keep their numbers,
+/// A triangle faces the side from which its corners run counter-clockwise. Triangles without area keep their indices,
 /// are never hit and are counted by [`degenerate`](Self::degenerate).
+///
+/// ```
+/// use dapple_geometry::{Error, Mesh};
+///
+/// let mesh = Mesh::new(vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], vec![[0, 1, 2], [0, 0, 1]])?;
+/// assert_eq!((mesh.triangles().len(), mesh.degenerate()), (2, 1));
+/// let error = Mesh::new(vec![[0.0; 3]], vec![[0, 0, 7]]).unwrap_err();
+/// assert!(matches!(error, Error::IndexOutOfRange { triangle: 0, vertex: 7, .. }));
+/// # Ok::<(), Error>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct Mesh {
     positions: Vec<[f32; 3]>,
     triangles: Vec<[u32; 3]>,
-    /// Unit, per triangle; zero where there is no area.
+    /// The unit normal of each triangle; zero without area.
     normals: Vec<Vec3>,
     degenerate: usize,
-    /// What f64 loses in a sum of corners: relative to the largest coordinate, so that no hit has to work it out.
+    /// The error of an f64 sum of corners, from the largest coordinate; stored so that hits need not compute it.
     lost: f32,
 }
 
 impl Mesh {
-    /// Checks and takes over vertices and triangles (three vertex numbers each). Vertices that no triangle uses are
-    /// not looked at.
+    /// Checks vertices and triangles (three vertex indices each). Unused vertices are not checked.
     ///
     /// # Errors
-    /// [`Error::IndexOutOfRange`], [`Error::NonFinite`]; [`Error::ScaleOutOfRange`] if a coordinate exceeds 2^59
-    /// (5.8e17) or if all of them are below 2^-60 (8.7e-19) but not 0; [`Error::TooMany`] for 2^32 triangles.
+    /// * [`Error::IndexOutOfRange`] or [`Error::NonFinite`] for a bad vertex.
+    /// * [`Error::ScaleOutOfRange`] if a coordinate exceeds 2^59 (5.8e17), or if all are below 2^-60 (8.7e-19) but not
+    ///   0.
+    /// * [`Error::TooMany`] for 2^32 triangles.
     pub fn new(positions: Vec<[f32; 3]>, triangles: Vec<[u32; 3]>) -> Result<Self, Error> {
         let limit = u32::MAX as usize;
         if triangles.len() >= limit {
@@ -56,42 +67,42 @@ impl Mesh {
         Ok(mesh)
     }
 
-    /// The vertices, as given.
+    /// The vertices.
     #[must_use]
     pub fn positions(&self) -> &[[f32; 3]] {
         &self.positions
     }
 
-    /// The triangles, as given.
+    /// The triangles.
     #[must_use]
     pub fn triangles(&self) -> &[[u32; 3]] {
         &self.triangles
     }
 
-    /// How many triangles have no area and are therefore never hit.
+    /// The number of triangles without area. They are never hit.
     #[must_use]
     pub fn degenerate(&self) -> usize {
         self.degenerate
     }
 
-    /// Whether this triangle has no area. The number must be below `triangles().len()`.
+    /// Returns true if the triangle has no area. The index must be below `triangles().len()`.
     #[must_use]
     pub fn is_degenerate(&self, triangle: u32) -> bool {
         has_no_area(self.corners(triangle))
     }
 
-    /// The three corners of a triangle. The number must be below `triangles().len()`.
+    /// The three corners of a triangle. The index must be below `triangles().len()`.
     #[inline]
     #[must_use]
     pub fn corners(&self, triangle: u32) -> [Vec3; 3] {
         self.triangles[triangle as usize].map(|vertex| Vec3::from_array(self.positions[vertex as usize]))
     }
 
-    /// A point of a triangle from the weights of its second and third corner, with a bound on its distance from the
-    /// exact triangle per axis, and the unit normal.
+    /// A point of a triangle, the bound on its distance from the exact triangle per axis, and the unit normal.
+    /// `barycentrics` are the weights of the second and third corner.
     ///
-    /// The weights are taken as exact and the sum is formed in f64, so that the bound is the last rounding to f32
-    /// (half an ulp, doubled for slack) and what f64 loses; pbrt's bound in f32 is `gamma_7` times the sum of
+    /// The weights are taken as exact and the sum is formed in f64. The bound is therefore the last rounding to f32
+    /// (half an ulp, doubled for slack) plus the error of f64. In f32, pbrt's bound is `gamma_7` times the sum of
     /// magnitudes [Pharr 2023, eq. 6.26].
     #[inline(always)]
     #[must_use]
@@ -107,10 +118,10 @@ impl Mesh {
 
 /// One ulp of f32, relative: twice the largest rounding error.
 pub(crate) const ROUNDING: f64 = 1.0 / (1u64 << 23) as f64;
-/// Sixteen ulps of f64, relative to the magnitudes that enter a sum.
+/// Sixteen ulps of f64, relative to the magnitudes in a sum.
 pub(crate) const LOST_IN_F64: f64 = 16.0 * f64::EPSILON;
 
-/// Whether corners are those of a triangle without area.
+/// Tests if a triangle has no area.
 pub(crate) fn has_no_area(corners: [Vec3; 3]) -> bool {
     let [a, b, c] = corners.map(Vec3::as_dvec3);
     let (ab, ac) = (b - a, c - a);
@@ -118,7 +129,7 @@ pub(crate) fn has_no_area(corners: [Vec3; 3]) -> bool {
     area <= SINE_OF_NOTHING * ab.length() * ac.length() || a == b || a == c || b == c
 }
 
-/// Largest magnitude among a vertex's coordinates.
+/// The largest magnitude among a vertex's coordinates.
 fn magnitude(positions: &[[f32; 3]], triangle: u32, vertex: u32) -> Result<f32, Error> {
     let vertices = positions.len();
     let position = positions.get(vertex as usize).ok_or(Error::IndexOutOfRange { triangle, vertex, vertices })?;
@@ -128,7 +139,7 @@ fn magnitude(positions: &[[f32; 3]], triangle: u32, vertex: u32) -> Result<f32, 
     Ok(position.iter().fold(0.0, |largest, x| largest.max(x.abs())))
 }
 
-/// Unit normal of the side from which `a`, `b`, `c` run counter-clockwise.
+/// The unit normal of the side from which `a`, `b`, `c` run counter-clockwise.
 fn unit_normal(a: DVec3, b: DVec3, c: DVec3) -> Vec3 {
     (b - a).cross(c - a).normalize_or_zero().as_vec3()
 }

@@ -1,41 +1,52 @@
-//! Where something stands in the course of time.
+//! Affine maps that change over time.
 
 use crate::Error;
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 
 /// An affine map that stands still, or moves from one map at time 0 to another at time 1.
 ///
-/// A moving map is taken apart into a stretch, a rotation and a translation (polar decomposition), and these are
-/// interpolated: stretch and translation linearly, the rotation with constant speed around one axis, the shorter way
-/// round [after Shoemake and Duff 1992]. Before 0 and after 1 it stands still.
+/// A moving map is decomposed into a stretch, a rotation and a translation (polar decomposition), which are
+/// interpolated.
+/// Stretch and translation change linearly. The rotation has constant speed around one axis, the shorter way round
+/// [after Shoemake and Duff 1992].
+/// Before 0 and after 1 the map stands still.
+///
+/// ```
+/// use dapple_geometry::Motion;
+/// use glam::{DAffine3, DVec3};
+///
+/// let motion = Motion::between(DAffine3::IDENTITY, DAffine3::from_translation(DVec3::X))?;
+/// assert_eq!(motion.at(0.5).translation, DVec3::X * 0.5);
+/// # Ok::<(), dapple_geometry::Error>(())
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Motion {
-    /// At times 0 and 1, without `first`.
+    /// The maps at times 0 and 1, without `first`.
     ends: [DAffine3; 2],
-    /// How it gets from one to the other; nothing if it stands still.
+    /// The path from one to the other; `None` if the map stands still.
     path: Option<Box<Path>>,
-    /// What comes before it.
+    /// The map that is applied before.
     first: DAffine3,
 }
 
-/// A map in parts: `x -> rotation (stretch x) + translation`.
+/// A decomposed map: `x -> rotation (stretch x) + translation`.
 #[derive(Clone, Debug, PartialEq)]
 struct Path {
     translation: [DVec3; 2],
     stretch: [DMat3; 2],
-    /// At time 0; then it goes on around `axis` by `angle`, 0 to pi.
+    /// The rotation at time 0. It continues around `axis` by `angle`, 0 to pi.
     rotation: DQuat,
     axis: DVec3,
     angle: f64,
 }
 
-/// Pieces of a rotating path that are boxed each by itself.
+/// The number of pieces of a rotating path, each with its own box.
 const PIECES: u32 = 32;
-/// Below this angle one piece will do.
+/// Below this angle one piece suffices.
 const HARDLY_TURNED: f64 = 1e-9;
 
 impl Motion {
-    /// What a moving map keeps beside itself.
+    /// The additional bytes of a moving map.
     pub(crate) const PATH_BYTES: usize = size_of::<Path>();
 
     /// A map that stands still.
@@ -47,8 +58,8 @@ impl Motion {
     /// A map that moves from `start` at time 0 to `end` at time 1; still if they are equal.
     ///
     /// # Errors
-    /// [`Error::BadParameter`] if one of them is not finite or not invertible, or if only one of them mirrors: on the
-    /// way from one to the other there would be a time at which everything is flat.
+    /// [`Error::BadParameter`] if a map is not finite or not invertible, or if only one of them mirrors: everything
+    /// would be flat at some time in between.
     pub fn between(start: DAffine3, end: DAffine3) -> Result<Self, Error> {
         if start == end {
             return Ok(Self::still(start));
@@ -73,27 +84,27 @@ impl Motion {
         Ok(Self { ends: [start, end], path: Some(Box::new(path)), first: DAffine3::IDENTITY })
     }
 
-    /// The same motion of something that `first` has been applied to.
+    /// The same motion after applying `first`.
     #[must_use]
     pub fn after(mut self, first: DAffine3) -> Self {
         self.first *= first;
         self
     }
 
-    /// Whether it moves at all.
+    /// Returns true if the map moves.
     #[inline]
     #[must_use]
     pub fn moves(&self) -> bool {
         self.path.is_some()
     }
 
-    /// The map at a time; times outside `[0, 1]` are those at its ends.
+    /// The map at a time. Times outside `[0, 1]` count as its ends.
     #[must_use]
     pub fn at(&self, time: f32) -> DAffine3 {
         self.at_exactly(time.into()) * self.first
     }
 
-    /// Without what comes first.
+    /// The map without `first`.
     fn at_exactly(&self, time: f64) -> DAffine3 {
         match &self.path {
             Some(path) if time > 0.0 && time < 1.0 => path.at(time),
@@ -102,11 +113,13 @@ impl Motion {
         }
     }
 
-    /// A box that holds the image of a box at all times.
+    /// A box that contains the image of a box at all times.
     ///
-    /// The path of a point of the box is a mean of the paths of the box's corners. A corner's path is cut into pieces;
-    /// between the ends of a piece of duration `h` it stays within `h^2 / 8` times its largest acceleration of the
-    /// straight line between them, which with angular speed `w` is at most `w^2 |S p| + 2 w |S' p|`.
+    /// The path of a point of the box is a mean of the paths of the box's corners, and a corner's path is cut into
+    /// pieces.
+    /// A piece of duration `h` stays within `h^2 / 8` times its largest acceleration of the straight line between its
+    /// ends.
+    /// With the angular speed `w`, that acceleration is at most `w^2 |S p| + 2 w |S' p|`.
     #[must_use]
     pub fn bounds(&self, low: DVec3, high: DVec3) -> [DVec3; 2] {
         let corners = (0..8_u32).map(|k| {
@@ -138,7 +151,7 @@ impl Path {
         }
     }
 
-    /// How far a point can stray from the straight lines between the ends of so many pieces of its path.
+    /// The largest distance of a point's path from the straight lines between the ends of its pieces.
     fn sagitta(&self, point: DVec3, pieces: u32) -> f64 {
         let [start, end] = self.stretch.map(|stretch| stretch * point);
         let acceleration = self.angle * (self.angle * start.length().max(end.length()) + 2.0 * (end - start).length());
@@ -146,11 +159,11 @@ impl Path {
     }
 }
 
-/// Steps of the iteration below; it takes about ten, and a few more for maps that are nearly flat.
+/// The most steps of the iteration. It takes about ten, and a few more for nearly flat maps.
 const STEPS: usize = 100;
 
-/// The rotation and the stretch (symmetric; negative where the map mirrors) whose product a map's matrix is, by
-/// Newton's iteration towards the nearest rotation with scaled steps [after Higham 1986].
+/// The rotation and the symmetric stretch (negative if the map mirrors) whose product is the matrix of a map. Newton's
+/// iteration towards the nearest rotation with scaled steps [after Higham 1986].
 fn polar(map: &DAffine3) -> Result<(DQuat, DMat3), Error> {
     let matrix = map.matrix3;
     let determinant = matrix.determinant();
@@ -160,7 +173,7 @@ fn polar(map: &DAffine3) -> Result<(DQuat, DMat3), Error> {
     if !map.is_finite() || determinant == 0.0 || !determinant.is_finite() {
         return Err(wrong);
     }
-    // The nearest orthogonal matrix of one that mirrors is no rotation; that of its negative is.
+    // The nearest orthogonal matrix of a mirroring one is not a rotation; that of its negative is.
     let mut rotation = matrix * (largest.recip() * determinant.signum());
     for _ in 0..STEPS {
         let inverse = rotation.inverse().transpose();

@@ -1,27 +1,41 @@
-use crate::frame::Frame;
+use crate::prepared_ray::PreparedRay;
 use glam::Vec3;
 
-/// A half-line, or a piece of one: the points `origin + t direction` with `tmin < t < tmax`.
+/// A half-line or a segment: the points `origin + t direction` with `tmin < t < tmax`.
 ///
-/// `direction` need not have unit length; `t` counts in its lengths. A ray is invalid, and hits nothing, if its
-/// direction is zero, if a number of it is NaN or (but for `tmax`) infinite, if a coordinate of the origin exceeds
-/// 2^60, or if `tmin >= tmax`. A negative `tmin` counts as 0.
+/// `direction` need not have unit length; `t` counts in its lengths. A negative `tmin` counts as 0.
+///
+/// A ray is invalid and hits nothing if
+///
+/// * its direction is zero,
+/// * one of its numbers is NaN or (except `tmax`) infinite,
+/// * a coordinate of the origin exceeds 2^60, or
+/// * `tmin >= tmax`.
+///
+/// ```
+/// use dapple_geometry::Ray;
+/// use glam::Vec3;
+///
+/// let ray = Ray::new(Vec3::ZERO, Vec3::X).with_limits(0.0, 10.0);
+/// assert_eq!(ray.at(2.0), Vec3::new(2.0, 0.0, 0.0));
+/// assert!(ray.is_valid() && !Ray::new(Vec3::ZERO, Vec3::ZERO).is_valid());
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ray {
-    /// Where it starts.
+    /// The start.
     pub origin: Vec3,
-    /// Where it goes; any length but 0.
+    /// The direction, of any length but 0.
     pub direction: Vec3,
     /// Hits lie strictly beyond this parameter.
     pub tmin: f32,
-    /// Hits lie strictly before this parameter; may be infinite.
+    /// Hits lie strictly before this parameter. It may be infinite.
     pub tmax: f32,
-    /// Flat primitives that the ray starts or ends on and so cannot meet in between. They may be told, to spare
-    /// deciding in f64 that they lie beyond `tmin` or `tmax`; hits are the same if they are not.
+    /// Flat primitives on which the ray starts or ends, so that it cannot meet them in between. Hits are the same
+    /// without them, but they save the f64 test against `tmin` and `tmax`.
     pub ends: [PrimitiveId; 2],
 }
 
-/// A triangle of a scene, or nothing.
+/// A triangle of a scene, or none.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PrimitiveId(pub(crate) u64);
 
@@ -29,15 +43,15 @@ impl PrimitiveId {
     /// No primitive.
     pub const NONE: Self = Self(u64::MAX);
 
-    /// Triangle `primitive` of shape `shape`. For spheres and disks take [`NONE`](Self::NONE): a ray may meet what
-    /// it starts on again.
+    /// Triangle `primitive` of shape `shape`. Use [`NONE`](Self::NONE) for spheres and disks, which a ray may meet
+    /// again.
     #[inline]
     #[must_use]
     pub const fn triangle(shape: u32, primitive: u32) -> Self {
         Self((shape as u64) << 32 | primitive as u64)
     }
 
-    /// The triangle's number in its mesh; nothing of use of [`NONE`](Self::NONE).
+    /// The triangle's index in its mesh; meaningless for [`NONE`](Self::NONE).
     #[inline]
     #[must_use]
     pub const fn number(self) -> u32 {
@@ -46,22 +60,36 @@ impl PrimitiveId {
 }
 
 impl Ray {
-    /// The whole half-line.
+    /// The whole half-line, `t` from 0 to infinity.
     #[inline]
     #[must_use]
     pub fn new(origin: Vec3, direction: Vec3) -> Self {
         Self { origin, direction, tmin: 0.0, tmax: f32::INFINITY, ends: [PrimitiveId::NONE; 2] }
     }
 
-    /// Whether it is a ray at all; one that is not hits nothing. Whoever makes rays may want to count the others.
+    /// Sets the limits: hits lie strictly between `tmin` and `tmax`.
+    #[inline]
+    #[must_use]
+    pub const fn with_limits(self, tmin: f32, tmax: f32) -> Self {
+        Self { tmin, tmax, ..self }
+    }
+
+    /// Sets the flat primitives on which the ray starts and ends.
+    #[inline]
+    #[must_use]
+    pub const fn with_ends(self, ends: [PrimitiveId; 2]) -> Self {
+        Self { ends, ..self }
+    }
+
+    /// Returns true if the ray is valid. Invalid rays hit nothing.
     #[inline]
     #[must_use]
     pub fn is_valid(&self) -> bool {
-        self.direction.is_finite() && (Frame::ordinary(self).is_some() || Frame::rescaled(self).is_some())
+        self.direction.is_finite() && (PreparedRay::ordinary(self).is_some() || PreparedRay::rescaled(self).is_some())
     }
 
-    /// The point at parameter `t`. Points on surfaces are better had from
-    /// [`Geometry::surface`](crate::Geometry::surface).
+    /// The point at parameter `t`. [`Geometry::surface`](crate::Geometry::surface) is more exact for points on
+    /// surfaces.
     #[inline]
     #[must_use]
     pub fn at(&self, t: f32) -> Vec3 {
@@ -69,16 +97,16 @@ impl Ray {
     }
 }
 
-/// Where a ray first meets a surface.
+/// The first intersection of a ray with a surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hit {
-    /// Parameter along the ray, in lengths of its direction.
+    /// The parameter along the ray, in lengths of its direction.
     pub t: f32,
-    /// The shape's number: its place in the list given to [`Geometry::build`](crate::Geometry::build).
+    /// The shape's number: its index in the list given to [`Geometry::build`](crate::Geometry::build).
     pub shape: u32,
-    /// The triangle's number in its mesh; 0 for spheres and disks.
+    /// The triangle's index in its mesh; 0 for spheres and disks.
     pub primitive: u32,
-    /// Weights of the triangle's second and third corner, each in `[0, 1]`; the first has the rest.
-    /// Zero for spheres and disks.
+    /// The weights of the triangle's second and third corner, each in `[0, 1]`; the first has the rest. Zero for
+    /// spheres and disks.
     pub barycentrics: [f32; 2],
 }

@@ -1,24 +1,24 @@
-//! What keeps rays right, and rays without one of it: to see what it costs and what it is good for.
+//! The safeguards that keep rays exact, and rays without one of them to measure its cost and effect.
 //!
-//! [`Geometry`] has all of them. The functions here are the same code with a safeguard left out at compile time; nobody
-//! who does not call them has any of it. `dapple price` measures with them. Instances and meshes that move keep all.
+//! [`Geometry`] has all safeguards. The functions here are the same code with one left out at compile time; unused,
+//! they cost nothing. Instances and moving meshes keep all.
 
 use crate::{Error, Geometry, Hit, Preset, Ray, Shape, SurfacePoint, surface};
 use glam::Vec3;
 
-/// Which safeguards there are: all, unless a type says otherwise.
+/// A set of safeguards: all, unless a type leaves some out.
 pub trait Safeguards: Copy + 'static {
     /// Triangles are finished in f64 where f32 cannot tell.
     const EXACT: bool = true;
-    /// Boxes grow by what rounding asks for, and are left a little later than computed.
+    /// Boxes grow by the bounds on rounding, and their exits are slightly delayed.
     const PADDING: bool = true;
-    /// Of hits at the same distance the smallest number wins; else the one that is met first.
+    /// The smallest number wins among hits at the same distance, otherwise the first one tested.
     const TIES: bool = true;
-    /// Rays leave surfaces by a bound on the point's error; else by 1e-4, whatever the scene.
+    /// Rays leave surfaces by a bound on the point's error, otherwise by 1e-4 in any scene.
     const OFFSETS: bool = true;
 }
 
-/// What everybody has.
+/// All safeguards, as [`Geometry`] has them.
 #[derive(Clone, Copy, Debug)]
 pub struct All;
 
@@ -56,10 +56,10 @@ impl Safeguards for WithoutOffsets {
     const OFFSETS: bool = false;
 }
 
-/// [`Geometry::build`], with boxes padded or not.
+/// [`Geometry::build`], with padded boxes or without.
 ///
 /// # Errors
-/// As [`Geometry::build`].
+/// The errors of [`Geometry::build`].
 pub fn build<S: Safeguards>(shapes: Vec<Shape>, preset: Preset) -> Result<Geometry, Error> {
     Geometry::build_padded(shapes, preset, S::PADDING)
 }

@@ -1,4 +1,4 @@
-//! What geometry is made of: meshes, spheres, disks.
+//! The shapes of a geometry: meshes, spheres and disks.
 
 use crate::mesh::{LARGEST, LOST_IN_F64, ROUNDING, SMALLEST};
 use crate::{Error, Mesh, MovingMesh, PrimitiveId, Ray, SurfacePoint};
@@ -6,21 +6,21 @@ use glam::{DAffine3, DMat3, DVec3, Vec3};
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
 
-/// One shape of a [`Geometry`](crate::Geometry).
+/// A shape of a [`Geometry`](crate::Geometry).
 #[derive(Clone, Debug)]
 pub enum Shape {
-    /// Triangles; shared, not copied.
+    /// Triangles, shared without copying.
     Mesh(Arc<Mesh>),
-    /// Triangles whose vertices move; shared, not copied.
+    /// Triangles with moving vertices, shared without copying.
     Moving(Arc<MovingMesh>),
-    /// A whole sphere, or what an affine map makes of it.
+    /// A whole sphere, transformed by an affine map.
     Sphere(Sphere),
-    /// A whole disk or ring, or what an affine map makes of it.
+    /// A whole disk or ring, transformed by an affine map.
     Disk(Disk),
 }
 
 impl Shape {
-    /// Its triangles, of a moving mesh as they stand at time 0; `None` for spheres and disks.
+    /// The triangles, at time 0 if they move; `None` for spheres and disks.
     #[must_use]
     pub fn mesh(&self) -> Option<&Mesh> {
         match self {
@@ -30,7 +30,8 @@ impl Shape {
         }
     }
 
-    /// Lower and upper corner of its axis-aligned box at all times, to within rounding; `None` for a mesh without triangles.
+    /// The lower and upper corner of the axis-aligned box at all times, up to rounding; `None` for a mesh without
+    /// triangles.
     #[must_use]
     pub fn bounds(&self) -> Option<[Vec3; 2]> {
         let quadric = |quadric: Quadric| Some(quadric.bounds().map(DVec3::as_vec3));
@@ -77,7 +78,7 @@ impl From<Disk> for Shape {
     }
 }
 
-/// A sphere around the origin of its own space, mapped to the world. Computed in f64 throughout.
+/// A sphere around the origin of its own space, transformed to the world. Computed in f64.
 #[derive(Clone, Copy, Debug)]
 pub struct Sphere {
     space: Space,
@@ -88,16 +89,16 @@ impl Sphere {
     /// A sphere in world space.
     ///
     /// # Errors
-    /// As [`transformed`](Self::transformed).
+    /// The errors of [`transformed`](Self::transformed).
     pub fn new(centre: Vec3, radius: f32) -> Result<Self, Error> {
         Self::transformed(DAffine3::from_translation(centre.as_dvec3()), radius.into())
     }
 
-    /// A sphere of this radius around the origin, mapped to the world; any invertible affine map will do.
+    /// A sphere around the origin, transformed to the world by any invertible affine map.
     ///
     /// # Errors
-    /// [`Error::BadParameter`] if the radius is not positive or the map is not invertible;
-    /// [`Error::ScaleOutOfRange`] outside the range of [`Mesh::new`].
+    /// [`Error::BadParameter`] if the radius is not positive or the map is not invertible; [`Error::ScaleOutOfRange`]
+    /// outside the range of [`Mesh::new`].
     pub fn transformed(to_world: DAffine3, radius: f64) -> Result<Self, Error> {
         positive("a sphere's radius", radius)?;
         let sphere = Self { space: Space::new(to_world)?, radius };
@@ -105,10 +106,10 @@ impl Sphere {
         Ok(sphere)
     }
 
-    /// Parameters of both intersections of the whole line, nearer first.
+    /// The parameters of both intersections of the whole line, the nearer one first.
     ///
     /// The discriminant comes from the line's point nearest to the centre, and the root near 0 from the product of
-    /// both, so that neither cancels [after Haines et al., Ray Tracing Gems 2019, chapter 7].
+    /// both. Neither cancels [after Haines et al., Ray Tracing Gems 2019, chapter 7].
     #[inline]
     fn roots(&self, ray: &Ray) -> Option<[f64; 2]> {
         let (o, d) = self.space.ray_to_object(ray);
@@ -140,8 +141,8 @@ impl Sphere {
         [longitude(p), (1.0 - (p.z / p.length()).clamp(-1.0, 1.0).acos() / PI) as f32]
     }
 
-    /// How a point of the sphere moves with its `(u, v)`, those of [`Geometry::parametric`](crate::Geometry::parametric);
-    /// at the poles u has no direction.
+    /// The derivatives of a point by its `(u, v)` of [`Geometry::parametric`](crate::Geometry::parametric). At the
+    /// poles that of u is zero.
     #[must_use]
     pub fn derivatives(&self, point: Vec3) -> [Vec3; 2] {
         let p = self.space.point_to_object(point);
@@ -154,7 +155,7 @@ impl Sphere {
     }
 }
 
-/// A disk or ring in a plane of constant z of its own space, mapped to the world. Computed in f64 throughout.
+/// A disk or ring in a plane of constant z of its own space, transformed to the world. Computed in f64.
 #[derive(Clone, Copy, Debug)]
 pub struct Disk {
     space: Space,
@@ -164,10 +165,10 @@ pub struct Disk {
 }
 
 impl Disk {
-    /// A disk in world space. `inner_radius` is that of its hole, 0 for none; `normal` need not have unit length.
+    /// A disk in world space. `inner_radius` is the radius of its hole, 0 for none. `normal` need not have unit length.
     ///
     /// # Errors
-    /// As [`transformed`](Self::transformed), and [`Error::BadParameter`] for a normal without a direction.
+    /// The errors of [`transformed`](Self::transformed), and [`Error::BadParameter`] for a normal without a direction.
     pub fn new(centre: Vec3, normal: Vec3, radius: f32, inner_radius: f32) -> Result<Self, Error> {
         let normal = normal.as_dvec3();
         let length = normal.length();
@@ -178,11 +179,11 @@ impl Disk {
         Self::transformed(to_world, 0.0, radius.into(), inner_radius.into())
     }
 
-    /// The disk at `z = height` around the z axis, facing +z, mapped to the world by any invertible affine map.
+    /// The disk at `z = height` around the z axis, facing +z, transformed to the world by any invertible affine map.
     ///
     /// # Errors
-    /// [`Error::BadParameter`] if `0 <= inner_radius < radius` does not hold, the height is not finite or the map is
-    /// not invertible; [`Error::ScaleOutOfRange`] outside the range of [`Mesh::new`].
+    /// [`Error::BadParameter`] unless `0 <= inner_radius < radius`, the height is finite and the map is invertible;
+    /// [`Error::ScaleOutOfRange`] outside the range of [`Mesh::new`].
     pub fn transformed(to_world: DAffine3, height: f64, radius: f64, inner_radius: f64) -> Result<Self, Error> {
         positive("a disk's radius", radius)?;
         if !(0.0..radius).contains(&inner_radius) {
@@ -222,8 +223,8 @@ impl Disk {
         [longitude(p), v.clamp(0.0, 1.0) as f32]
     }
 
-    /// How a point of the disk moves with its `(u, v)`, those of [`Geometry::parametric`](crate::Geometry::parametric);
-    /// in the middle they have no direction.
+    /// The derivatives of a point by its `(u, v)` of [`Geometry::parametric`](crate::Geometry::parametric). In the
+    /// middle they are zero.
     #[must_use]
     pub fn derivatives(&self, point: Vec3) -> [Vec3; 2] {
         let p = self.space.point_to_object(point);
@@ -233,7 +234,7 @@ impl Disk {
     }
 }
 
-/// A shape that is not made of triangles, in the acceleration structure.
+/// A shape without triangles, in the acceleration structure.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Quadric {
     Sphere(Sphere),
@@ -241,11 +242,11 @@ pub(crate) enum Quadric {
 }
 
 impl Quadric {
-    /// Smallest parameter with `tmin < t < tmax`.
+    /// The smallest parameter with `tmin < t < tmax`.
     #[inline]
     pub(crate) fn intersect(&self, ray: &Ray) -> Option<f32> {
         let (tmin, tmax) = (f64::from(ray.tmin), f64::from(ray.tmax));
-        // Both as found and as rounded: what is reported must obey the limits too.
+        // Exact and rounded: the reported parameter must obey the limits too.
         let within = |t: f64| {
             let rounded = t as f32;
             (t > tmin && t < tmax && rounded > ray.tmin && rounded < ray.tmax).then_some(rounded)
@@ -283,7 +284,7 @@ impl Quadric {
     }
 }
 
-/// An object's space and the way there and back.
+/// An object's space, with the maps to the world and back.
 #[derive(Clone, Copy, Debug)]
 struct Space {
     to_world: DAffine3,
@@ -303,7 +304,7 @@ impl Space {
 
     #[inline]
     fn ray_to_object(&self, ray: &Ray) -> (DVec3, DVec3) {
-        // Subtracting first is exact, which the inverse's own translation would not be far from the world's origin.
+        // Subtracting first is exact. The inverse's own translation would not be, far from the world's origin.
         let origin = self.point_to_object(ray.origin);
         (origin, self.to_object.matrix3 * ray.direction.as_dvec3())
     }
@@ -313,12 +314,12 @@ impl Space {
         self.to_object.matrix3 * (point.as_dvec3() - self.to_world.translation)
     }
 
-    /// Derivatives of a point, in the world.
+    /// The derivatives of a point in world space.
     fn derivatives(&self, of: [DVec3; 2]) -> [Vec3; 2] {
         of.map(|d| (self.to_world.matrix3 * d).as_vec3())
     }
 
-    /// World bounds of the ellipsoid with these half axes around a centre of object space (exact), or of a disk.
+    /// The exact world bounds of the ellipsoid or disk with these half axes around a centre in object space.
     fn bounds(&self, half: DVec3, centre: DVec3) -> [DVec3; 2] {
         let m = self.to_world.matrix3;
         let centre = self.to_world.transform_point3(centre);
@@ -327,7 +328,7 @@ impl Space {
         [centre - reach, centre + reach]
     }
 
-    /// The world's point and normal for those of object space.
+    /// The world point and normal of those in object space.
     fn surface(&self, point: DVec3, normal: DVec3) -> SurfacePoint {
         let m = self.to_world.matrix3;
         let exact = m * point + self.to_world.translation;
@@ -344,7 +345,7 @@ impl Space {
     }
 }
 
-/// Angle around the z axis from +x, as a share of the full turn in `[0, 1)`.
+/// The angle around the z axis from +x as a share of the full turn, in `[0, 1)`.
 fn longitude(p: DVec3) -> f32 {
     let turns = p.y.atan2(p.x) / TAU;
     let share = (if turns < 0.0 { turns + 1.0 } else { turns }) as f32;

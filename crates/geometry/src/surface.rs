@@ -4,25 +4,25 @@ use crate::safeguards::{All, Safeguards};
 use crate::{PrimitiveId, Ray};
 use glam::Vec3;
 
-/// A point on a surface, known to within an error.
+/// A point on a surface with a bound on its error.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SurfacePoint {
     /// The point, recomputed on the surface (not `origin + t direction`).
     pub position: Vec3,
-    /// Per axis, no less than the distance from `position` to the exact surface.
+    /// A bound on the distance from `position` to the exact surface, per axis.
     pub error: Vec3,
-    /// Unit geometric normal: of the side from which a triangle's corners run counter-clockwise, outward for a
-    /// sphere, the transformed +z side for a disk.
+    /// The unit geometric normal. It is on the side from which a triangle's corners run counter-clockwise, outward for
+    /// a sphere, and the transformed +z side for a disk.
     pub normal: Vec3,
-    /// The triangle it lies on; nothing on spheres and disks.
+    /// The triangle of the point; none on spheres and disks.
     pub primitive: PrimitiveId,
 }
 
-/// Moves a point off its surface, to the side to which `direction` leads, by little more than its error asks for.
+/// Moves a point off its surface to the side of `direction`, by little more than its error.
 ///
-/// `error` bounds the point's error per axis and `normal` is the surface's unit normal; the step along the normal is
-/// `error . |normal|`, and the sum is moved on by the rounding of its last place, away from the surface
-/// [after Pharr 2023, section 6.8.6].
+/// `error` bounds the point's error per axis and `normal` is the surface's unit normal. The step along the normal is
+/// `error . |normal|`. The sum is moved on by the rounding of its last place, away from the surface [after Pharr 2023,
+/// section 6.8.6].
 #[inline(always)]
 #[must_use]
 pub fn offset_origin(position: Vec3, error: Vec3, normal: Vec3, direction: Vec3) -> Vec3 {
@@ -42,13 +42,13 @@ fn offset_origin_with<S: Safeguards>(position: Vec3, error: Vec3, normal: Vec3, 
     moved + Vec3::select(step.cmpeq(Vec3::ZERO), Vec3::ZERO, away)
 }
 
-/// What is often taken in place of a bound.
+/// The common fixed offset in place of a bound.
 const FIXED: f32 = 1e-4;
 
-/// Covers the rounding of a unit normal, of the dot product with it and of the step, a few ulps of f32.
+/// Allows for the rounding of a unit normal, of the dot product with it and of the step: a few ulps of f32.
 const SLACK: f32 = 1.0 + 1.0 / (1u64 << 19) as f32;
 
-/// A ray that leaves a surface and does not meet it again where it started. The direction is kept as it is.
+/// A ray that leaves a surface and does not meet it again at its start. The direction stays unchanged.
 #[inline]
 #[must_use]
 pub fn spawn_ray(from: &SurfacePoint, direction: Vec3) -> Ray {
@@ -61,10 +61,9 @@ pub(crate) fn spawn_ray_with<S: Safeguards>(from: &SurfacePoint, direction: Vec3
     Ray { ends: [from.primitive, PrimitiveId::NONE], ..Ray::new(origin, direction) }
 }
 
-/// A ray between two surfaces that meets neither of them at its ends: `t` runs from 0 to 1.
+/// A ray between two surfaces that meets neither of them at its ends. `t` runs from 0 to 1.
 ///
-/// Both ends are moved towards each other by their errors; the far one also by what the rounding of `direction`
-/// can move it.
+/// Both ends are moved towards each other by their errors, the far one also by the rounding of `direction`.
 #[inline(always)]
 #[must_use]
 pub fn spawn_ray_to(from: &SurfacePoint, to: &SurfacePoint) -> Ray {
@@ -73,15 +72,15 @@ pub fn spawn_ray_to(from: &SurfacePoint, to: &SurfacePoint) -> Ray {
     Ray { ends: [from.primitive, to.primitive], ..aim(from, target, 1.0) }
 }
 
-/// A ray from a surface to a point in space: `t` runs from 0 to just below 1.
+/// A ray from a surface to a point in space. `t` runs from 0 to just below 1.
 #[inline]
 #[must_use]
 pub fn spawn_ray_to_point(from: &SurfacePoint, target: Vec3) -> Ray {
     aim(from, target, 1.0_f32.next_down())
 }
 
-/// A ray from a surface to a point. If the point lies nearer to the surface's plane than the offset, the ray runs
-/// along the plane instead of back into it.
+/// A ray from a surface to a point. If the point is nearer to the surface's plane than the offset, the ray runs along
+/// the plane and not back into it.
 #[inline(always)]
 fn aim(from: &SurfacePoint, target: Vec3, tmax: f32) -> Ray {
     let wanted = target - from.position;
@@ -93,7 +92,7 @@ fn aim(from: &SurfacePoint, target: Vec3, tmax: f32) -> Ray {
     Ray { origin, direction, tmin: 0.0, tmax, ends: [from.primitive, PrimitiveId::NONE] }
 }
 
-/// How far the end of a ray can lie from where it was aimed: `target - origin` is rounded once per axis.
+/// The largest distance of a ray's end from its target: `target - origin` is rounded once per axis.
 #[inline(always)]
 fn aim_error(target: Vec3, origin: Vec3) -> Vec3 {
     (target - origin).abs() * f32::EPSILON

@@ -1,7 +1,7 @@
-//! The tree against a plain loop over the same triangle test, and that test against f64 (HARD_CASES G08, G09).
+//! The tree compared with a plain loop over the same triangle test, and that test compared with f64.
 
-use crate::frame::Frame;
 use crate::lanes::{Pair, WIDTH};
+use crate::prepared_ray::PreparedRay;
 use crate::traverse::{Keys, key};
 use crate::triangle::Triangles8;
 use crate::{Geometry, Hit, Mesh, Preset, Ray};
@@ -13,15 +13,16 @@ use rand_pcg::Pcg64Mcg;
 const PRESETS: [Preset; 6] =
     [Preset::Fastest, Preset::VeryFast, Preset::Fast, Preset::Medium, Preset::Slow, Preset::VerySlow];
 
-/// Every triangle in turn, by the tree's own test.
+/// Tests every triangle in turn, with the tree's own test.
 fn linear(mesh: &Mesh, ray: &Ray) -> Option<Hit> {
-    let (frame, scale) = Frame::ordinary(ray).map(|frame| (frame, 1.0)).or_else(|| Frame::rescaled(ray))?;
+    let (prepared, scale) =
+        PreparedRay::ordinary(ray).map(|prepared| (prepared, 1.0)).or_else(|| PreparedRay::rescaled(ray))?;
     let numbers = (0..mesh.triangles().len() as u32).filter(|&n| !mesh.is_degenerate(n));
     let hits = numbers.filter_map(|n| {
         let lanes = Triangles8::new(&[mesh.corners(n)]).intersect::<crate::safeguards::All, Pair>(
             (),
-            &frame,
-            frame.ray.tmax,
+            &prepared,
+            prepared.ray.tmax,
             &Keys::new([0; WIDTH]),
         )?;
         let barycentrics = lanes.weights.map(|w| w[0]);
@@ -34,8 +35,8 @@ fn geometry(mesh: &Mesh, preset: Preset) -> Geometry {
     Geometry::build(vec![mesh.clone().into()], preset).expect("one mesh")
 }
 
-/// The first hit in f64 [Moeller and Trumbore 1997], and whether it is clear: no edge, no other hit and no end of the
-/// ray so near that f32 may decide otherwise.
+/// The first hit in f64 [Moeller and Trumbore 1997], and whether it is clear. A hit is clear if no edge, other hit or
+/// end of the ray is so near that f32 may decide otherwise.
 fn reference(mesh: &Mesh, ray: &Ray) -> (Option<(f64, u32)>, bool) {
     let (o, d) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
     let (mut hits, mut clear) = (Vec::new(), true);
@@ -47,7 +48,7 @@ fn reference(mesh: &Mesh, ray: &Ray) -> (Option<(f64, u32)>, bool) {
         let q = (o - a).cross(ab);
         let (u, v) = ((o - a).dot(p) / determinant, d.dot(q) / determinant);
         let t = ac.dot(q) / determinant;
-        // What a corner moved by a few f32 roundings does to the weights.
+        // The effect of moving a corner by a few f32 roundings on the weights.
         let size = ab.length().max(ac.length());
         let reach = (o - a).length().max((o - b).length()).max((o - c).length());
         let flatness = determinant.abs() / (d.length() * size);
@@ -71,7 +72,7 @@ fn wild(rng: &mut Pcg64Mcg, exponent: f64) -> f32 {
     (if rng.random() { size } else { -size }) as f32
 }
 
-/// A soup whose coordinates are uniform (`exponent` 0, at `scale`) or span 10^±exponent, and rays aimed into it.
+/// A soup with uniform coordinates (`exponent` 0, at `scale`) or coordinates over 10^±exponent, and rays aimed into it.
 fn soup(rng: &mut Pcg64Mcg, count: usize, exponent: f64, scale: f32) -> Mesh {
     let mut coordinate = || if exponent > 0.0 { wild(rng, exponent) } else { rng.random_range(-1.0..1.0) };
     let positions: Vec<[f32; 3]> = (0..3 * count).map(|_| std::array::from_fn(|_| coordinate() * scale)).collect();
@@ -94,7 +95,7 @@ fn aimed_ray(rng: &mut Pcg64Mcg, mesh: &Mesh, exponent: f64, scale: f32) -> Ray 
 }
 
 #[test]
-fn g08_the_tree_agrees_with_a_loop_bit_for_bit() {
+fn the_tree_agrees_with_a_loop_bit_for_bit_g08() {
     let mut rng = Pcg64Mcg::seed_from_u64(8);
     let mut hits = 0;
     for i in 0..120 {
@@ -104,7 +105,7 @@ fn g08_the_tree_agrees_with_a_loop_bit_for_bit() {
         let scale = if scale == 0.0 { 1.0 } else { scale };
         let mesh = soup(&mut rng, count, exponent, scale);
         let scenes = PRESETS.map(|preset| geometry(&mesh, preset));
-        // The walk in pairs of four lanes is the one that machines without AVX2 take.
+        // The walk in pairs of four lanes is that of machines without AVX2.
         let scenes = scenes.into_iter().flat_map(|scene| [scene.clone(), scene.in_pairs()]).collect::<Vec<_>>();
         for _ in 0..150 {
             let ray = aimed_ray(&mut rng, &mesh, exponent, scale);
@@ -120,7 +121,7 @@ fn g08_the_tree_agrees_with_a_loop_bit_for_bit() {
 }
 
 #[test]
-fn g08_the_triangle_test_agrees_with_f64() {
+fn the_triangle_test_agrees_with_f64_g08() {
     let mut rng = Pcg64Mcg::seed_from_u64(80);
     let (mut hits, mut doubtful) = (0, 0);
     for i in 0..60 {
@@ -150,7 +151,7 @@ fn g08_the_triangle_test_agrees_with_f64() {
 }
 
 #[test]
-fn g09_barycentrics_are_those_of_the_corners() {
+fn barycentrics_are_those_of_the_corners_g09() {
     let mut rng = Pcg64Mcg::seed_from_u64(9);
     for k in -6..=6 {
         let leg = 10.0_f32.powi(k);
@@ -205,7 +206,7 @@ proptest! {
     }
 }
 
-/// A number for a tree, node for node and leaf for leaf.
+/// A hash of a tree, node by node and leaf by leaf.
 fn hash_of(geometry: &Geometry) -> u64 {
     let tree = geometry.tree();
     let nodes = tree.nodes.iter().flat_map(|node| {
@@ -216,17 +217,17 @@ fn hash_of(geometry: &Geometry) -> u64 {
     nodes.chain(keys).fold(0xcbf2_9ce4_8422_2325, |hash, word| (hash ^ u64::from(word)).wrapping_mul(0x0100_0000_01b3))
 }
 
-/// One thread builds a tree, and many may build one at once: always the same, node for node.
+/// Trees are the same node by node, built alone or many at once.
 #[test]
-fn d05_parallel_builds() {
+fn parallel_builds_make_equal_trees_d05() {
     let all = [Preset::Fastest, Preset::Fast, Preset::Medium, Preset::VerySlow];
     let hashes = built_side_by_side(9000, &all, &[2, 4, 8]);
-    // Control: another preset is another tree, and it shows.
+    // Control: another preset makes another tree.
     assert_ne!(hashes[0], hashes[3]);
     built_side_by_side(600_000, &all[..2], &[4]);
 }
 
-/// The tree of so many triangles by preset, the same whether it is built alone or so many times at once.
+/// The tree of so many triangles for each preset, equal whether built alone or many times at once.
 fn built_side_by_side(count: u32, presets: &[Preset], builders: &[usize]) -> Vec<u64> {
     let mut rng = Pcg64Mcg::seed_from_u64(5);
     let mut point = || [0; 3].map(|_| rng.random_range(-10.0_f32..10.0));

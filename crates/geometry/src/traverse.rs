@@ -1,36 +1,37 @@
-//! The tree that rays walk, and the walk.
+//! The tree, and the walk of rays through it.
 
-use crate::frame::Frame;
 use crate::instance::Placements;
 #[cfg(target_arch = "x86_64")]
 use crate::lanes::Whole;
 use crate::lanes::{Eight, Lanes, Pair, Vectors, WIDTH, Words};
+use crate::prepared_ray::PreparedRay;
 use crate::safeguards::{All, Safeguards};
 use crate::shape::Quadric;
 use crate::triangle::{Triangles8, lowest};
 use pulp::NullaryFnOnce;
 use std::marker::PhantomData;
 
-/// Set in a child's code if it is a leaf of triangles; the rest is its block.
+/// The bit of a child's code for a leaf of triangles; the rest is its block.
 const TRIANGLES: u32 = 1 << 31;
-/// Set in a child's code if it is a sphere or disk; the rest is its number.
+/// The bit of a child's code for a sphere or disk; the rest is its number.
 const QUADRIC: u32 = 1 << 30;
 /// Codes below this are nodes.
 pub(crate) const LIMIT: usize = QUADRIC as usize;
-/// The deepest stack that is traced; a tree that would need more is built anew by medians.
+/// The deepest stack of a walk. A tree that needs more is rebuilt by medians.
 pub(crate) const DEEPEST: usize = 256;
 
-/// A box is met if it is entered before it is left, to within this factor on the far side: three roundings a slab
-/// [after Ize 2013], seven in a sheared corner and eight in `t`, each of 2^-24, with room to spare.
+/// The tolerance on the far side of a box: it is met if it is entered before it is left, within this factor. There are
+/// three roundings per slab [after Ize 2013], seven in a sheared corner and eight in `t`, each of 2^-24; the rest is
+/// slack.
 const fn far_side<S: Safeguards>() -> f32 {
     if S::PADDING { 1.0 + 1.0 / (1u64 << 18) as f32 } else { 1.0 }
 }
 
-/// A node with up to eight children; children left over have empty boxes.
+/// A node with up to eight children. Unused children have empty boxes.
 #[derive(Clone, Copy, Debug)]
 #[repr(align(64))]
 pub(crate) struct Node8 {
-    /// Per axis the children's lower and upper bounds.
+    /// The children's lower and upper bounds per axis.
     pub(crate) bounds: [[Eight; 2]; 3],
     pub(crate) children: [u32; WIDTH],
 }
@@ -39,11 +40,12 @@ impl Node8 {
     pub(crate) const EMPTY: Self =
         Self { bounds: [[Eight([f32::INFINITY; WIDTH]), Eight([f32::NEG_INFINITY; WIDTH])]; 3], children: [0; WIDTH] };
 
-    /// Where the ray enters and leaves the children's slabs along an axis; `near` is the bound that it meets first.
+    /// The entry and exit of the children's slabs along an axis. `near` is the bound that the ray meets first.
     #[inline(always)]
-    fn slab<L: Lanes>(&self, token: L::Token, frame: &Frame, axis: usize, near: usize) -> [L; 2] {
+    fn slab<L: Lanes>(&self, token: L::Token, prepared: &PreparedRay, axis: usize, near: usize) -> [L; 2] {
         let bounds = &self.bounds[axis];
-        let (origin, inverse) = (L::splat(token, frame.origin[axis & 3]), L::splat(token, frame.inverse[axis & 3]));
+        let (origin, inverse) =
+            (L::splat(token, prepared.origin[axis & 3]), L::splat(token, prepared.inverse[axis & 3]));
         [
             (L::load(token, &bounds[near & 1]) - origin) * inverse,
             (L::load(token, &bounds[near & 1 ^ 1]) - origin) * inverse,
@@ -51,13 +53,13 @@ impl Node8 {
     }
 }
 
-/// What a child is.
+/// A child of a node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Child {
     Node(u32),
     Triangles(u32),
     Quadric(u32),
-    /// In a tree over boxes: the number of one.
+    /// The number of a box, in a tree over boxes.
     Box(u32),
 }
 
@@ -71,7 +73,7 @@ impl Child {
     }
 }
 
-/// Shape and primitive of the triangles of a leaf.
+/// The shapes and primitives of a leaf's triangles.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Keys {
     pub(crate) shapes: Words,
@@ -95,7 +97,7 @@ impl Keys {
     }
 }
 
-/// Shape and primitive number in one, ordered as ties are decided.
+/// The shape and primitive number in one, in the order that decides ties.
 #[inline(always)]
 pub(crate) fn key(shape: u32, primitive: u32) -> u64 {
     u64::from(shape) << 32 | u64::from(primitive)
@@ -106,19 +108,19 @@ pub(crate) fn key(shape: u32, primitive: u32) -> u64 {
 pub(crate) struct Tree {
     pub(crate) nodes: Vec<Node8>,
     pub(crate) triangles: Vec<Triangles8>,
-    /// The same at time 1; none where no vertex moves.
+    /// The triangles at time 1; empty if no vertex moves.
     pub(crate) moved: Vec<Triangles8>,
     pub(crate) triangle_keys: Vec<Keys>,
     pub(crate) quadrics: Vec<Quadric>,
     pub(crate) quadric_keys: Vec<u64>,
-    /// Most entries that the stack can hold at once.
+    /// The most entries on the stack at once.
     pub(crate) stack: usize,
-    pub(crate) way: Way,
+    pub(crate) way: WalkKind,
 }
 
-/// How a tree is walked: one question, so that a scene without instances pays nothing for those that others have.
+/// The walk of a tree. One branch selects it, so scenes without instances do not pay for them.
 #[derive(Clone, Debug)]
-pub(crate) enum Way {
+pub(crate) enum WalkKind {
     /// In the widest vectors.
     #[cfg(target_arch = "x86_64")]
     Whole(pulp::x86::V3),
@@ -126,20 +128,20 @@ pub(crate) enum Way {
     Pair,
     /// To triangles that move.
     Moving(Vectors),
-    /// And after it, what stands in the scene as instances.
-    Placed(Box<Placed>),
+    /// Followed by the instances of the scene.
+    Placed(Box<PlacedTree>),
 }
 
-/// Instances, and the vectors to walk the tree in.
+/// Instances, and the vectors for the walk.
 #[derive(Clone, Debug)]
-pub(crate) struct Placed {
+pub(crate) struct PlacedTree {
     pub(crate) placements: Placements,
     vectors: Vectors,
-    /// Whether the tree's own triangles move.
+    /// The tree's own triangles move.
     moving: bool,
 }
 
-impl Default for Way {
+impl Default for WalkKind {
     fn default() -> Self {
         match Vectors::default() {
             #[cfg(target_arch = "x86_64")]
@@ -149,9 +151,9 @@ impl Default for Way {
     }
 }
 
-impl Way {
+impl WalkKind {
     pub(crate) fn placed(placements: Placements, moving: bool) -> Self {
-        Self::Placed(Box::new(Placed { placements, vectors: Vectors::default(), moving }))
+        Self::Placed(Box::new(PlacedTree { placements, vectors: Vectors::default(), moving }))
     }
 
     pub(crate) fn moving() -> Self {
@@ -159,11 +161,11 @@ impl Way {
     }
 }
 
-/// A walk through a tree, compiled for each kind of vectors that may be there at run time.
+/// A walk through a tree, compiled for each kind of vectors.
 struct Walk<'a, S, L: Lanes, V, const ANY: bool> {
     token: L::Token,
     tree: &'a Tree,
-    frame: &'a Frame,
+    prepared: &'a PreparedRay,
     best: &'a mut Best,
     leaves: V,
     safeguards: PhantomData<S>,
@@ -174,28 +176,28 @@ impl<S: Safeguards, L: Lanes, V: Leaves, const ANY: bool> NullaryFnOnce for Walk
 
     #[inline(always)]
     fn call(self) -> bool {
-        let Self { token, tree, frame, best, mut leaves, .. } = self;
+        let Self { token, tree, prepared, best, mut leaves, .. } = self;
         match tree.stack {
-            0..=24 => tree.walk::<S, L, ANY, 24, _>(token, frame, best, &mut leaves),
-            25..=64 => tree.walk::<S, L, ANY, 64, _>(token, frame, best, &mut leaves),
-            _ => tree.walk::<S, L, ANY, DEEPEST, _>(token, frame, best, &mut leaves),
+            0..=24 => tree.walk::<S, L, ANY, 24, _>(token, prepared, best, &mut leaves),
+            25..=64 => tree.walk::<S, L, ANY, 64, _>(token, prepared, best, &mut leaves),
+            _ => tree.walk::<S, L, ANY, DEEPEST, _>(token, prepared, best, &mut leaves),
         }
     }
 }
 
-/// What a walk does at a leaf: offers hits to the best so far; with `ANY` it tells whether there was one.
+/// The test at a leaf. It offers hits to the best so far; with `ANY` it returns true if there was one.
 trait Leaves {
     fn test<S: Safeguards, L: Lanes, const ANY: bool>(
         &mut self,
         tree: &Tree,
         token: L::Token,
         code: u32,
-        frame: &Frame,
+        prepared: &PreparedRay,
         best: &mut Best,
     ) -> bool;
 }
 
-/// Leaves are triangles, spheres and disks; with `MOVING`, triangles stand where they are at a time in `[0, 1]`.
+/// Leaves of triangles, spheres and disks. With `MOVING`, triangles are taken at a time in `[0, 1]`.
 struct Primitives<const MOVING: bool> {
     time: f32,
 }
@@ -207,26 +209,26 @@ impl<const MOVING: bool> Leaves for Primitives<MOVING> {
         tree: &Tree,
         token: L::Token,
         code: u32,
-        frame: &Frame,
+        prepared: &PreparedRay,
         best: &mut Best,
     ) -> bool {
         if code & TRIANGLES == 0 {
-            return tree.test_quadric::<S, ANY>((code & !QUADRIC) as usize, frame, best);
+            return tree.test_quadric::<S, ANY>((code & !QUADRIC) as usize, prepared, best);
         }
         let block = (code & !TRIANGLES) as usize;
         let triangles = &tree.triangles[block];
         if MOVING {
             let now = triangles.toward(&tree.moved[block], self.time);
-            return tree.test_triangles::<S, L, ANY>(token, &now, block, frame, best);
+            return tree.test_triangles::<S, L, ANY>(token, &now, block, prepared, best);
         }
-        tree.test_triangles::<S, L, ANY>(token, triangles, block, frame, best)
+        tree.test_triangles::<S, L, ANY>(token, triangles, block, prepared, best)
     }
 }
 
-/// Where nothing moves, no time is looked at.
+/// Leaves that do not move and need no time.
 const STILL: Primitives<false> = Primitives { time: 0.0 };
 
-/// Leaves are boxes, and the function knows what is in them.
+/// Leaves that are boxes; the function tests their contents.
 struct Boxes<F>(F);
 
 impl<F: FnMut(u32, &mut Best) -> bool> Leaves for Boxes<F> {
@@ -236,7 +238,7 @@ impl<F: FnMut(u32, &mut Best) -> bool> Leaves for Boxes<F> {
         _: &Tree,
         _: L::Token,
         code: u32,
-        _: &Frame,
+        _: &PreparedRay,
         best: &mut Best,
     ) -> bool {
         (self.0)(code & !QUADRIC, best)
@@ -254,7 +256,7 @@ pub(crate) struct Best {
 
 impl Best {
     pub(crate) fn new(tmax: f32) -> Self {
-        // No key is below 0, so that a tie with tmax never wins.
+        // No key is below 0, so a tie with tmax never wins.
         Self { t: tmax, key: 0, weights: [0.0; 2], found: false }
     }
 
@@ -266,30 +268,30 @@ impl Best {
     }
 }
 
-/// A child put aside, and where the ray enters it.
+/// A child on the stack, and the ray's entry into it.
 type Aside = (f32, u32);
 
 impl Tree {
     #[inline(always)]
-    pub(crate) fn closest<S: Safeguards>(&self, frame: &Frame, time: f32, best: &mut Best) {
-        self.dispatch::<S, false>(frame, time, best);
+    pub(crate) fn closest<S: Safeguards>(&self, prepared: &PreparedRay, time: f32, best: &mut Best) {
+        self.dispatch::<S, false>(prepared, time, best);
     }
 
     #[inline(always)]
-    pub(crate) fn occluded<S: Safeguards>(&self, frame: &Frame, time: f32) -> bool {
-        self.dispatch::<S, true>(frame, time, &mut Best::new(frame.ray.tmax))
+    pub(crate) fn occluded<S: Safeguards>(&self, prepared: &PreparedRay, time: f32) -> bool {
+        self.dispatch::<S, true>(prepared, time, &mut Best::new(prepared.ray.tmax))
     }
 
-    // Inlined at every call it takes seconds to compile; see `Geometry::closest_at`.
+    // Inlining at every call takes seconds to compile; see `Geometry::closest_at`.
     #[cfg_attr(not(debug_assertions), inline(always))]
     #[cfg_attr(debug_assertions, inline(never))]
-    fn dispatch<S: Safeguards, const ANY: bool>(&self, frame: &Frame, time: f32, best: &mut Best) -> bool {
+    fn dispatch<S: Safeguards, const ANY: bool>(&self, prepared: &PreparedRay, time: f32, best: &mut Best) -> bool {
         match &self.way {
             #[cfg(target_arch = "x86_64")]
-            &Way::Whole(v3) => v3.vectorize(self.still::<S, Whole, ANY>(v3, frame, best)),
-            Way::Pair => self.still::<S, Pair, ANY>((), frame, best).call(),
-            &Way::Moving(vectors) => self.dispatch_moving::<ANY>(vectors, frame, time, best),
-            Way::Placed(placed) => self.dispatch_placed::<ANY>(placed, frame, time, best),
+            &WalkKind::Whole(v3) => v3.vectorize(self.still::<S, Whole, ANY>(v3, prepared, best)),
+            WalkKind::Pair => self.still::<S, Pair, ANY>((), prepared, best).call(),
+            &WalkKind::Moving(vectors) => self.dispatch_moving::<ANY>(vectors, prepared, time, best),
+            WalkKind::Placed(placed) => self.dispatch_placed::<ANY>(placed, prepared, time, best),
         }
     }
 
@@ -298,61 +300,73 @@ impl Tree {
     fn still<'a, S: Safeguards, L: Lanes, const ANY: bool>(
         &'a self,
         token: L::Token,
-        frame: &'a Frame,
+        prepared: &'a PreparedRay,
         best: &'a mut Best,
     ) -> Walk<'a, S, L, Primitives<false>, ANY> {
-        Walk { token, tree: self, frame, best, leaves: STILL, safeguards: PhantomData }
+        Walk { token, tree: self, prepared, best, leaves: STILL, safeguards: PhantomData }
     }
 
     #[inline(never)]
-    fn dispatch_moving<const ANY: bool>(&self, vectors: Vectors, frame: &Frame, time: f32, best: &mut Best) -> bool {
+    fn dispatch_moving<const ANY: bool>(
+        &self,
+        vectors: Vectors,
+        prepared: &PreparedRay,
+        time: f32,
+        best: &mut Best,
+    ) -> bool {
         let leaves = Primitives::<true> { time: time.clamp(0.0, 1.0) };
         let (tree, safeguards) = (self, PhantomData::<All>);
         match vectors {
             #[cfg(target_arch = "x86_64")]
             Vectors::Whole(v3) => {
-                v3.vectorize(Walk::<_, Whole, _, ANY> { token: v3, tree, frame, best, leaves, safeguards })
+                v3.vectorize(Walk::<_, Whole, _, ANY> { token: v3, tree, prepared, best, leaves, safeguards })
             }
-            Vectors::Pair => Walk::<_, Pair, _, ANY> { token: (), tree, frame, best, leaves, safeguards }.call(),
+            Vectors::Pair => Walk::<_, Pair, _, ANY> { token: (), tree, prepared, best, leaves, safeguards }.call(),
         }
     }
 
     #[inline(never)]
-    fn dispatch_placed<const ANY: bool>(&self, placed: &Placed, frame: &Frame, time: f32, best: &mut Best) -> bool {
+    fn dispatch_placed<const ANY: bool>(
+        &self,
+        placed: &PlacedTree,
+        prepared: &PreparedRay,
+        time: f32,
+        best: &mut Best,
+    ) -> bool {
         let met = match placed.vectors {
-            vectors if placed.moving => self.dispatch_moving::<ANY>(vectors, frame, time, best),
+            vectors if placed.moving => self.dispatch_moving::<ANY>(vectors, prepared, time, best),
             #[cfg(target_arch = "x86_64")]
-            Vectors::Whole(v3) => v3.vectorize(self.still::<All, Whole, ANY>(v3, frame, best)),
-            Vectors::Pair => self.still::<All, Pair, ANY>((), frame, best).call(),
+            Vectors::Whole(v3) => v3.vectorize(self.still::<All, Whole, ANY>(v3, prepared, best)),
+            Vectors::Pair => self.still::<All, Pair, ANY>((), prepared, best).call(),
         };
         if ANY {
-            return met || placed.placements.occluded(frame, time);
+            return met || placed.placements.occluded(prepared, time);
         }
-        placed.placements.closest(frame, time, best);
+        placed.placements.closest(prepared, time, best);
         false
     }
 
-    /// Walks a tree over boxes: `visit` is given the numbers of those that are met, the nearest first, and the best so
-    /// far; with `ANY` the walk ends when it returns `true`.
+    /// Walks a tree over boxes and calls `visit` with the numbers of those met, the nearest first, and the best so far.
+    /// With `ANY` the walk ends when it returns true.
     pub(crate) fn visit<const ANY: bool>(
         &self,
-        frame: &Frame,
+        prepared: &PreparedRay,
         best: &mut Best,
         visit: &mut dyn FnMut(u32, &mut Best) -> bool,
     ) -> bool {
         match self.stack {
-            0..=24 => self.walk::<All, Pair, ANY, 24, _>((), frame, best, &mut Boxes(visit)),
-            _ => self.walk::<All, Pair, ANY, DEEPEST, _>((), frame, best, &mut Boxes(visit)),
+            0..=24 => self.walk::<All, Pair, ANY, 24, _>((), prepared, best, &mut Boxes(visit)),
+            _ => self.walk::<All, Pair, ANY, DEEPEST, _>((), prepared, best, &mut Boxes(visit)),
         }
     }
 
-    /// Walks the tree from near to far. With `ANY` it returns `true` at the first hit, else it leaves the closest in
+    /// Walks the tree from near to far. With `ANY` it returns true at the first hit, otherwise it leaves the closest in
     /// `best`. `STACK` is at least `self.stack`.
     #[inline(always)]
     fn walk<S: Safeguards, L: Lanes, const ANY: bool, const STACK: usize, V: Leaves>(
         &self,
         token: L::Token,
-        frame: &Frame,
+        prepared: &PreparedRay,
         best: &mut Best,
         leaves: &mut V,
     ) -> bool {
@@ -364,9 +378,9 @@ impl Tree {
         let mut code = 0;
         loop {
             let met = if code < QUADRIC {
-                self.enter::<S, L, ANY, STACK>(token, code, frame, best.t, &mut stack, &mut height)
+                self.enter::<S, L, ANY, STACK>(token, code, prepared, best.t, &mut stack, &mut height)
             } else {
-                if leaves.test::<S, L, ANY>(self, token, code, frame, best) {
+                if leaves.test::<S, L, ANY>(self, token, code, prepared, best) {
                     return true;
                 }
                 None
@@ -387,26 +401,26 @@ impl Tree {
         }
     }
 
-    /// Tests a node's children: the nearest one met, the others go on the stack, the farthest deepest (with `ANY` as
-    /// they come).
+    /// Tests a node's children and returns the nearest one met. The others go on the stack, the farthest deepest
+    /// (unsorted with `ANY`).
     #[inline(always)]
     fn enter<S: Safeguards, L: Lanes, const ANY: bool, const STACK: usize>(
         &self,
         token: L::Token,
         number: u32,
-        frame: &Frame,
+        prepared: &PreparedRay,
         limit: f32,
         stack: &mut [Aside; STACK],
         height: &mut usize,
     ) -> Option<u32> {
         let node = &self.nodes[number as usize];
-        let [x, y, z] = frame.near;
+        let [x, y, z] = prepared.near;
         let [x, y, z] = [
-            node.slab::<L>(token, frame, 0, x),
-            node.slab::<L>(token, frame, 1, y),
-            node.slab::<L>(token, frame, 2, z),
+            node.slab::<L>(token, prepared, 0, x),
+            node.slab::<L>(token, prepared, 1, y),
+            node.slab::<L>(token, prepared, 2, z),
         ];
-        let entry = x[0].max(y[0]).max(z[0].max(L::splat(token, frame.ray.tmin)));
+        let entry = x[0].max(y[0]).max(z[0].max(L::splat(token, prepared.ray.tmin)));
         let exit = x[1].min(y[1]).min(z[1].min(L::splat(token, limit)));
         let mut met = entry.at_most(exit * L::splat(token, far_side::<S>()));
         if met == 0 {
@@ -418,7 +432,7 @@ impl Tree {
             return Some(node.children[first]);
         }
         if ANY {
-            // Any hit will do, so sorting is not worth its time.
+            // Any hit will do, so sorting does not pay.
             while met != 0 {
                 stack[*height] = (0.0, node.children[lowest(met)]);
                 met &= met - 1;
@@ -436,7 +450,7 @@ impl Tree {
             if next.0 < near.0 {
                 std::mem::swap(&mut next, &mut near);
             }
-            // Insertion among this node's own, nearest on top.
+            // Insertion sort among this node's children, nearest on top.
             let mut place = *height;
             while place > base && stack[place - 1].0 < next.0 {
                 stack[place] = stack[place - 1];
@@ -454,11 +468,11 @@ impl Tree {
         token: L::Token,
         triangles: &Triangles8,
         block: usize,
-        frame: &Frame,
+        prepared: &PreparedRay,
         best: &mut Best,
     ) -> bool {
         let keys = &self.triangle_keys[block];
-        let Some(hits) = triangles.intersect::<S, L>(token, frame, best.t, keys) else { return false };
+        let Some(hits) = triangles.intersect::<S, L>(token, prepared, best.t, keys) else { return false };
         if ANY {
             return true;
         }
@@ -472,8 +486,13 @@ impl Tree {
     }
 
     #[inline(never)]
-    fn test_quadric<S: Safeguards, const ANY: bool>(&self, number: usize, frame: &Frame, best: &mut Best) -> bool {
-        let Some(t) = self.quadrics[number].intersect(&frame.ray) else { return false };
+    fn test_quadric<S: Safeguards, const ANY: bool>(
+        &self,
+        number: usize,
+        prepared: &PreparedRay,
+        best: &mut Best,
+    ) -> bool {
+        let Some(t) = self.quadrics[number].intersect(&prepared.ray) else { return false };
         if !ANY {
             best.offer::<S>(t, self.quadric_keys[number], [0.0; 2]);
         }

@@ -2,8 +2,8 @@
 //!
 //! * [`Store::save`] writes a file beside its place, flushes it to the disk and renames it; the generation before stays
 //!   beside it. At every moment, [`Store::read`] finds a whole one.
-//! * [`Contents`] go with an [`Identity`], what they depend on, and a checksum over every byte.
-//! * [`FileSystem`] is what all this asks of the operating system: tests let each call fail.
+//! * [`Contents`] have an [`Identity`] (everything that they depend on) and a checksum over every byte.
+//! * [`FileSystem`] holds the calls to the operating system; tests let each call fail.
 //!
 //! It knows no film and no scene: contents are bytes, such as those of `dapple_core::Status::snapshot`.
 

@@ -1,8 +1,8 @@
-//! A world's clusters, and what samplers and filters that look at the world are made from.
+//! The clusters of a world, and the world as samplers and filters see it.
 
 use crate::registry::RegistryError;
 use dapple_cluster_adaptive::{ProbeCost, ProbeHit, ProbeRay, ProbesHandle, TraceProbe};
-use dapple_clustering::{Cluster, Clusters, Params, Report, Triangles, cluster};
+use dapple_clustering::{Cluster, ClusterParams, ClusterReport, Clusters, Triangles, cluster};
 use dapple_core::FirstHit;
 use dapple_renderer::World;
 use glam::{Vec2, Vec3};
@@ -25,7 +25,7 @@ impl WorldTriangles {
     /// the shutter opens.
     pub fn of(world: &World) -> Self {
         let meshes = || (0..world.geometry().shape_count()).filter_map(|number| world.geometry().shape(number).mesh());
-        // All at once: what has grown has been written more than once.
+        // All at once, since growing would write everything again.
         let triangles = meshes().map(|mesh| mesh.triangles().len()).sum();
         let mut all = Self {
             positions: Vec::with_capacity(meshes().map(|mesh| mesh.positions().len()).sum()),
@@ -50,7 +50,7 @@ impl WorldTriangles {
 
     /// The slices.
     pub fn as_slices(&self) -> Triangles<'_> {
-        Triangles { positions: &self.positions, indices: &self.indices, materials: &self.materials }
+        Triangles::new(&self.positions, &self.indices).with_materials(&self.materials)
     }
 }
 
@@ -58,12 +58,12 @@ impl WorldTriangles {
 /// each disk is a cluster of its own.
 #[derive(Clone, Debug)]
 pub struct WorldClusters {
-    params: Params,
+    params: ClusterParams,
     labels: Arc<[u32]>,
     clusters: Arc<[Cluster]>,
     /// Number of the first primitive of each shape.
     first: Vec<u32>,
-    report: Option<Report>,
+    report: Option<ClusterReport>,
     seconds: f64,
 }
 
@@ -73,7 +73,7 @@ impl WorldClusters {
     /// # Errors
     ///
     /// For parameters out of range.
-    pub fn new(world: &World, params: &Params) -> Result<Self, dapple_clustering::Error> {
+    pub fn new(world: &World, params: &ClusterParams) -> Result<Self, dapple_clustering::Error> {
         let began = Instant::now();
         let triangles = WorldTriangles::of(world);
         let found = (!triangles.indices.is_empty()).then(|| cluster(&triangles.as_slices(), params)).transpose()?;
@@ -124,18 +124,18 @@ impl WorldClusters {
         self.labels.get(*first as usize + hit.primitive as usize).copied()
     }
 
-    /// What became of the grid; `None` in a world without triangles.
-    pub fn report(&self) -> Option<Report> {
+    /// The state of the grid; `None` in a world without triangles.
+    pub fn report(&self) -> Option<ClusterReport> {
         self.report
     }
 
-    /// Wall seconds that it took.
+    /// Wall seconds of clustering.
     pub fn seconds(&self) -> f64 {
         self.seconds
     }
 }
 
-/// One slice after another; where the other is empty nothing is copied.
+/// One slice after another; nothing is copied if the other is empty.
 fn joined<T: Copy>(all: Arc<[T]>, more: &[T]) -> Arc<[T]> {
     if more.is_empty() { all } else { all.iter().chain(more).copied().collect() }
 }
@@ -146,15 +146,16 @@ fn whole([low, high]: [Vec3; 2], material: u32, group: u32) -> Cluster {
     // Of its box: a plain measure of size; projected sizes are taken from the box anyway.
     let area = 2.0 * (d.x * d.y + d.y * d.z + d.z * d.x);
     let bounds = [low.to_array(), high.to_array()];
-    Cluster { triangles: 0, bounds, area, normal: [0.0; 3], cone: -1.0, material, group }
+    Cluster::without_triangles(bounds, area, material, group)
 }
 
-/// The world that samplers and filters may look at, and what they share: clusters are made once for each set of
-/// parameters, however many ask. Cheap to clone; clones share.
+/// The world for which samplers and filters are made. Clusters are made once per set of parameters, and shared. Cheap to
+/// clone; clones share.
 #[derive(Clone, Debug, Default)]
 pub struct Stage {
     world: Option<Arc<World>>,
     made: Arc<Mutex<Made>>,
+    used: Arc<Mutex<Option<Arc<WorldClusters>>>>,
 }
 
 #[derive(Debug, Default)]
@@ -166,27 +167,38 @@ struct Made {
 impl Stage {
     /// A stage with this world.
     pub fn new(world: Arc<World>) -> Self {
-        Self { world: Some(world), made: Arc::default() }
+        Self { world: Some(world), ..Self::default() }
     }
 
-    /// A stage without a world, for what looks at none; the rest says so with
-    /// [`RegistryError::NeedsWorld`].
+    /// The stage of another method on the same world: made clusters are shared, [`Stage::clusters_used`] is its own.
+    #[must_use]
+    pub fn sibling(&self) -> Self {
+        Self { used: Arc::default(), ..self.clone() }
+    }
+
+    /// A stage without a world, for methods that need none; the others fail with [`RegistryError::NeedsWorld`].
     pub fn empty() -> Self {
         Self::default()
     }
 
-    /// The clusters with these parameters, made if they were not yet.
+    /// The clusters with these parameters, made at the first call.
     ///
     /// # Errors
     ///
     /// [`RegistryError::NeedsWorld`] in the name of `of` on an empty stage; parameters out of range.
-    pub fn clusters(&self, of: &'static str, params: &Params) -> Result<Arc<WorldClusters>, RegistryError> {
+    pub fn clusters(&self, of: &'static str, params: &ClusterParams) -> Result<Arc<WorldClusters>, RegistryError> {
+        let found = self.find_or_make(of, params)?;
+        self.used.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert_with(|| found.clone());
+        Ok(found)
+    }
+
+    fn find_or_make(&self, of: &'static str, params: &ClusterParams) -> Result<Arc<WorldClusters>, RegistryError> {
         let world = self.world(of)?;
         let known = |made: &Made| made.clusters.iter().find(|c| c.params == *params).cloned();
         if let Some(known) = known(&self.made()) {
             return Ok(known);
         }
-        // Unlocked meanwhile: clustering runs on rayon, whose workers may come by here with another task.
+        // Unlocked meanwhile: clustering runs on rayon, whose workers may enter here with another task.
         let found =
             WorldClusters::new(world, params).map_err(|e| RegistryError::Clusters { of, why: e.to_string() })?;
         let mut made = self.made();
@@ -198,9 +210,9 @@ impl Stage {
         Ok(found)
     }
 
-    /// The clusters made first: those that a map shows.
-    pub fn first_clusters(&self) -> Option<Arc<WorldClusters>> {
-        self.made().clusters.first().cloned()
+    /// The clusters that the method of this stage uses; its first ones, if it uses several.
+    pub fn clusters_used(&self) -> Option<Arc<WorldClusters>> {
+        self.used.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
     /// Wall seconds spent on clusters so far.
@@ -208,7 +220,7 @@ impl Stage {
         self.made().clusters.iter().fold(0.0, |sum, c| sum + c.seconds)
     }
 
-    /// What probes took so far, of all samplers made on this stage.
+    /// The cost of probes so far, of all samplers made on this stage.
     pub fn probe_cost(&self) -> ProbeCost {
         let made = self.made();
         made.probes.iter().filter_map(ProbesHandle::cost).fold(ProbeCost::default(), |sum, cost| ProbeCost {
@@ -217,7 +229,7 @@ impl Stage {
         })
     }
 
-    /// Probes whose hit was no number and that count as background.
+    /// Probes whose hit was NaN; they count as background.
     pub fn rejected_probes(&self) -> u64 {
         self.made().probes.iter().filter_map(ProbesHandle::probes).map(|probes| probes.rejected()).sum()
     }
@@ -235,7 +247,7 @@ impl Stage {
     }
 }
 
-/// The first hits of a world, as probes want them.
+/// The first hits of a world, for probes.
 pub(crate) fn shoot(world: Arc<World>, clusters: Arc<WorldClusters>) -> TraceProbe {
     Arc::new(move |probe: ProbeRay| {
         let [x, y] = probe.pixel.map(|n| n as f32 + 0.5);

@@ -13,8 +13,27 @@ struct Readme;
 
 pub mod checkpoint;
 mod clusters;
+mod content_hash;
+mod error;
+mod job;
+mod load;
 pub mod memory;
 pub mod output;
 pub mod registry;
+mod spec;
+mod warning;
 
 pub use clusters::{Stage, WorldClusters, WorldTriangles};
+pub use content_hash::ContentHash;
+pub use error::JobError;
+pub use job::{
+    CheckpointOptions, Checkpoints, Job, JobMonitor, PhaseSeconds, RenderMonitor, RenderedImage, ShardSet, Traced,
+    pixel_filter,
+};
+pub use load::{LoadOptions, LoadedScene, PreparedScene, read_scene};
+pub use output::OutputFiles;
+pub use spec::{
+    BudgetSpec, CropSpec, DEFAULT_FILTER, DEFAULT_INTEGRATOR, DEFAULT_POINTS, DEFAULT_SAMPLER, DEFAULT_SPP, ERROR_SPP,
+    PixelFilterSpec, RenderSpec, SPEC_VERSION, SpecError, parse_shard,
+};
+pub use warning::{Warning, can_be_replayed, found_by_chance};

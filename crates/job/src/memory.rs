@@ -1,25 +1,31 @@
-//! Bytes that scenes take, and worlds before they are made: for whoever asks whether a scene fits.
+//! The memory of scenes, worlds and renders, before they exist.
 //!
-//! What goes with meshes and images is counted; names, materials and lights are not worth it.
+//! Meshes and images are counted; names, materials and lights are too small to matter.
+
+mod estimate;
+mod process;
+
+pub use estimate::{MemoryAdvice, MemoryEstimate, MemoryLimit, size};
+pub use process::{available, resident};
 
 use dapple_scene::image::Image;
 use dapple_scene::{EnvironmentRadiance, Geometry, LightKind, MeshData, Scene, Shape, TextureKind};
 use std::sync::Arc;
 
-/// Bytes of the tree per triangle: 87 to 92 were measured on meshes of 1 and 4 million triangles, 80 on the terrain's 131
+/// Bytes of the tree per triangle. Measured: 87 to 92 on meshes of 1 and 4 million triangles, 80 on the terrain's 131
 /// thousand (docs/results/memory.md).
 const TREE: u64 = 92;
-/// The most beside the meshes while the tree is built, per triangle: 221 to 232 were measured there.
+/// Largest number of bytes per triangle while the tree is built, besides the meshes. Measured: 221 to 232.
 const BUILDING: u64 = 232;
-/// Tables from which an environment is sampled, per pixel of its image.
+/// Bytes per pixel of the tables from which an environment map is sampled.
 const ENVIRONMENT: u64 = 16;
 
-/// What a world takes besides the scene that it is made of, in bytes.
+/// The memory of a world besides its scene, in bytes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct WorldMemory {
-    /// The world.
+    /// The finished world.
     pub built: u64,
-    /// The most while it is made.
+    /// The most while it is built.
     pub building: u64,
 }
 
@@ -32,7 +38,7 @@ pub fn of_scene(scene: &Scene) -> u64 {
     meshes.chain(images).sum()
 }
 
-/// What [`World::new`](dapple_renderer::World::new) will take for a scene, before it is made: to within a tenth for large meshes.
+/// The memory that [`World::new`](dapple_renderer::World::new) will take for a scene, to within 10 % for large meshes.
 pub fn of_world(scene: &Scene) -> WorldMemory {
     // Positions become single, triangles and texture coordinates are copied, each triangle gets a normal.
     let copied = |mesh: &Arc<MeshData>| {
@@ -75,7 +81,7 @@ fn images(scene: &Scene) -> impl Iterator<Item = &Arc<Image>> {
     textures.chain(environments(scene))
 }
 
-/// What several share, once.
+/// Shared values once each.
 fn once<'a, T>(all: impl Iterator<Item = &'a Arc<T>>) -> Vec<&'a Arc<T>> {
     let mut all: Vec<&Arc<T>> = all.collect();
     all.sort_by_key(|one| Arc::as_ptr(one));
@@ -89,15 +95,14 @@ mod tests {
     use dapple_renderer::World;
     use dapple_scene::bundled;
 
-    /// Never more than was foreseen, and hardly less.
     #[test]
-    fn z03_worlds_take_what_was_foreseen() {
+    fn worlds_take_the_estimated_memory_z03() {
         let scene = bundled::files("terrain").unwrap().read().unwrap();
         let world = World::new(&scene).unwrap();
         let triangles: u64 = meshes(&scene).map(|mesh| mesh.triangles.len() as u64).sum();
         assert_eq!(triangles, world.geometry().triangle_count() as u64);
         let (tree, foreseen) = (world.geometry().memory_bytes() as f64, (TREE * triangles) as f64);
-        assert!((0.85..=1.0).contains(&(tree / foreseen)), "{foreseen} foreseen, {tree} bytes");
+        assert!((0.85..=1.0).contains(&(tree / foreseen)), "{foreseen} estimated, {tree} bytes");
         let (meshes, world) = (of_scene(&scene), of_world(&scene));
         assert!(meshes > 24 * triangles && world.built > meshes && world.building > world.built);
     }

@@ -1,27 +1,27 @@
-//! Every sampler, point set and filter by name: one line each, in the file of its kind.
+//! Every sampler, point set and filter by name: a few lines each, in the file of its kind.
 
 mod filters;
 mod parameters;
 mod points;
 mod samplers;
 
+pub use dapple_core::Parameter;
 pub use filters::{FILTERS, MakeFilter};
 pub use parameters::{Parameters, RegistryError};
 pub use points::{AnyPoints, MakePoints, POINTS};
 pub use samplers::{MakeSampler, SAMPLERS};
 
 use crate::Stage;
-use dapple_clustering::{Grouping, Insertion, Order, Params};
+use dapple_clustering::{ClusterParams, Grouping, Insertion, Order, Sides};
 use dapple_core::{Filter, Sampler};
 
-/// A parameter: its name, its default as it would be written, and one line about it.
-pub type Parameter = (&'static str, &'static str, &'static str);
-
-/// One entry: its name, one line about it, its parameters, and how it is made.
+/// One entry: its name, one line about it, its parameters, and its constructor.
 pub struct Entry<Make> {
     /// The name on the command line.
     pub name: &'static str,
-    /// What it is, in one line.
+    /// Former names, which are still understood.
+    pub aliases: &'static [&'static str],
+    /// One line of description.
     pub about: &'static str,
     /// Its parameters, in groups.
     pub parameters: &'static [&'static [Parameter]],
@@ -29,95 +29,132 @@ pub struct Entry<Make> {
 }
 
 impl<Make> Entry<Make> {
+    const fn new(
+        name: &'static str,
+        about: &'static str,
+        parameters: &'static [&'static [Parameter]],
+        make: Make,
+    ) -> Self {
+        Self { name, aliases: &[], about, parameters, make }
+    }
+
     /// Its parameters.
     pub fn parameters(&self) -> impl Iterator<Item = &'static Parameter> + use<Make> {
         self.parameters.iter().copied().flatten()
     }
+
+    /// True if `name` is its name or a former one.
+    pub fn is_called(&self, name: &str) -> bool {
+        self.name == name || self.aliases.contains(&name)
+    }
 }
 
-/// What a point set is made from besides its parameters.
+/// The seed and the budget, which point sets are made from besides their parameters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Setting {
     /// The seed.
     pub seed: u64,
-    /// The mean number of samples per pixel asked for, where it is known: some sets want it beforehand.
+    /// The mean number of samples per pixel, if it is known: some sets need it beforehand.
     pub spp: Option<u64>,
 }
 
-/// How triangles are grouped, for whatever looks at clusters: the published method by default.
+/// The parameters of clustering, for all that reads clusters: the published method by default.
 const CLUSTERING: &[Parameter] = &[
-    ("k", "9", "voxels along the longest axis: k times the cube root of the triangles; 3, 9 and 30 in the thesis"),
-    ("clamp", "32", "most voxels along an axis"),
-    ("normals", "10", "degrees within which normals are alike"),
-    ("insertion", "box", "a triangle's voxels: box (all that its box overlaps, the last one wins) or centroid"),
-    ("grouping", "greedy", "within a voxel: greedy, or connected (cut into connected pieces)"),
-    ("order", "input", "the order of triangles: input (published) or canonical (independent of their order)"),
-    ("sides", "1", "normals of 1 side, or of 2: opposite ones are alike"),
+    Parameter::new(
+        "k",
+        "9",
+        "Voxels along the longest axis: k times the cube root of the triangles; 3, 9, 30 in the thesis.",
+    ),
+    Parameter::new("clamp", "32", "The most voxels along an axis."),
+    Parameter::new("normals", "10", "Degrees within which normals are alike."),
+    Parameter::new(
+        "insertion",
+        "box",
+        "A triangle's voxels: box (all that its box overlaps, the last one wins) or centroid.",
+    ),
+    Parameter::new("grouping", "greedy", "Within a voxel: greedy, or connected (cut into connected pieces)."),
+    Parameter::new(
+        "order",
+        "input",
+        "The order of triangles: input (published) or canonical (independent of their order).",
+    ),
+    Parameter::new("sides", "1", "Normals of 1 side, or of 2: opposite ones are alike."),
 ];
 
-fn clustering(p: &Parameters) -> Result<Params, RegistryError> {
-    Ok(Params {
-        k: p.number("k")?,
-        clamp: p.number("clamp")?,
-        angle: p.number("normals")?,
-        insertion: p.choice("insertion", &[("box", Insertion::BoundingBox), ("centroid", Insertion::Centroid)])?,
-        grouping: p.choice("grouping", &[("greedy", Grouping::Greedy), ("connected", Grouping::Connected)])?,
-        order: p.choice("order", &[("input", Order::Input), ("canonical", Order::Canonical)])?,
-        two_sided: p.choice("sides", &[("1", false), ("2", true)])?,
-        ..Params::default()
-    })
+fn clustering(p: &Parameters) -> Result<ClusterParams, RegistryError> {
+    let insertions = [("box", Insertion::BoundingBox), ("centroid", Insertion::Centroid)];
+    let groupings = [("greedy", Grouping::Greedy), ("connected", Grouping::Connected)];
+    let orders = [("input", Order::Input), ("canonical", Order::Canonical)];
+    let sides = [("1", Sides::Signed), ("2", Sides::Either)];
+    Ok(ClusterParams::default()
+        .with_k(p.number("k")?)
+        .with_clamp(p.number("clamp")?)
+        .with_angle(p.number("normals")?)
+        .with_insertion(p.choice("insertion", &insertions)?)
+        .with_grouping(p.choice("grouping", &groupings)?)
+        .with_order(p.choice("order", &orders)?)
+        .with_sides(p.choice("sides", &sides)?))
 }
 
-/// Makes the point set that `words` names: `NAME` or `NAME:key=value,…`.
+/// Makes a point set from its description: `NAME` or `NAME:key=value,…`.
 ///
 /// # Errors
 ///
-/// For an unknown name or key, which lists what there is, and for a value out of range.
-pub fn points(words: &str, setting: Setting) -> Result<AnyPoints, RegistryError> {
-    let (entry, parameters) = parameters::find("point set", POINTS, words)?;
+/// For an unknown name or key, with those there are, and for a value out of range.
+pub fn points(description: &str, setting: Setting) -> Result<AnyPoints, RegistryError> {
+    let (entry, parameters) = parameters::find("point set", POINTS, description)?;
     Ok(AnyPoints::new((entry.make)(&parameters, setting)?))
 }
 
-/// Makes the sampler that `words` names, with these points, for the world on `stage`.
+/// Makes a sampler from its description, with these points, for the world on `stage`.
 ///
 /// # Errors
 ///
-/// As [`points`]; [`RegistryError::NeedsWorld`] where it looks at the world and `stage` is empty.
-pub fn sampler(words: &str, points: AnyPoints, stage: &Stage) -> Result<Box<dyn Sampler>, RegistryError> {
-    let (entry, parameters) = parameters::find("sampler", SAMPLERS, words)?;
+/// As [`points`]; [`RegistryError::NeedsWorld`] if it reads the world and `stage` is empty.
+pub fn sampler(description: &str, points: AnyPoints, stage: &Stage) -> Result<Box<dyn Sampler>, RegistryError> {
+    let (entry, parameters) = parameters::find("sampler", SAMPLERS, description)?;
     (entry.make)(&parameters, points, stage)
 }
 
-/// Makes the filter that `words` names, for the world on `stage`.
+/// Makes a filter from its description, for the world on `stage`.
 ///
 /// # Errors
 ///
 /// As [`sampler`].
-pub fn filter(words: &str, stage: &Stage) -> Result<Box<dyn Filter>, RegistryError> {
-    let (entry, parameters) = parameters::find("filter", FILTERS, words)?;
+pub fn filter(description: &str, stage: &Stage) -> Result<Box<dyn Filter>, RegistryError> {
+    let (entry, parameters) = parameters::find("filter", FILTERS, description)?;
     (entry.make)(&parameters, stage)
 }
 
-/// What is wrong with the words for a sampler, as far as can be told without a world.
+/// Checks the description of a sampler, as far as that is possible without a world.
 ///
 /// # Errors
 ///
 /// As [`sampler`], but for [`RegistryError::NeedsWorld`].
-pub fn check_sampler(words: &str) -> Result<(), RegistryError> {
+pub fn check_sampler(description: &str) -> Result<(), RegistryError> {
     let points = points("random", Setting { seed: 0, spp: None })?;
-    known_without_a_world(sampler(words, points, &Stage::empty()))
+    without_world(sampler(description, points, &Stage::empty()))
 }
 
-/// What is wrong with the words for a filter, as far as can be told without a world.
+/// Checks the description of a point set.
+///
+/// # Errors
+///
+/// As [`points`].
+pub fn check_points(description: &str) -> Result<(), RegistryError> {
+    points(description, Setting { seed: 0, spp: None }).map(|_| ())
+}
+
+/// Checks the description of a filter, as far as that is possible without a world.
 ///
 /// # Errors
 ///
 /// As [`filter`], but for [`RegistryError::NeedsWorld`].
-pub fn check_filter(words: &str) -> Result<(), RegistryError> {
-    known_without_a_world(filter(words, &Stage::empty()))
+pub fn check_filter(description: &str) -> Result<(), RegistryError> {
+    without_world(filter(description, &Stage::empty()))
 }
 
-fn known_without_a_world<T>(made: Result<T, RegistryError>) -> Result<(), RegistryError> {
+fn without_world<T>(made: Result<T, RegistryError>) -> Result<(), RegistryError> {
     match made {
         Err(RegistryError::NeedsWorld { .. }) => Ok(()),
         made => made.map(|_| ()),

@@ -115,7 +115,7 @@ fn third(at: usize, fault: Fault, links: bool) -> (Vec<u8>, Result<(), Error>, u
 }
 
 #[test]
-fn x02_a_fault_at_every_call_leaves_a_whole_file() {
+fn a_fault_at_every_call_leaves_a_whole_file_x02() {
     for links in [true, false] {
         let (found, outcome, calls) = third(usize::MAX, Fault::Refused, links);
         assert!(outcome.is_ok() && found == body(3));
@@ -143,7 +143,7 @@ fn x02_a_fault_at_every_call_leaves_a_whole_file() {
 
 /// The control: a naive writer, in place, is caught by the same faults.
 #[test]
-fn x02_writing_in_place_would_not_pass() {
+fn writing_in_place_would_not_pass_x02() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.checkpoint");
     std::fs::write(&path, contents(body(2)).to_bytes().unwrap()).unwrap();
@@ -161,7 +161,7 @@ fn mix(x: u64) -> u64 {
 }
 
 #[test]
-fn x03_damage_is_found_and_the_previous_generation_used() {
+fn damage_is_found_and_the_previous_generation_used_x03() {
     let bytes = contents([1, 2, 3, 4, 5, 6, 7, 8, 9]).to_bytes().unwrap();
     let damage = |bytes: &[u8]| Contents::from_bytes(bytes.to_vec()).unwrap_err();
     assert_eq!(Contents::from_bytes(bytes.clone()).unwrap(), contents([1, 2, 3, 4, 5, 6, 7, 8, 9]));
@@ -210,7 +210,7 @@ fn x03_damage_is_found_and_the_previous_generation_used() {
     std::fs::write(folder.path().join("a.previous"), b"dapple").unwrap();
     let said = Store::read(&path, Kind::Checkpoint).unwrap_err().to_string();
     assert!(
-        said.contains("a: it is no file of Dapple's; and ") && said.contains("a.previous: it is cut short"),
+        said.contains("a: it is not a file of Dapple's; and ") && said.contains("a.previous: it is cut short"),
         "{said}"
     );
     let said = Store::read(&folder.path().join("b"), Kind::Checkpoint).unwrap_err().to_string();
@@ -218,7 +218,7 @@ fn x03_damage_is_found_and_the_previous_generation_used() {
 }
 
 #[test]
-fn x03_nonsense_with_a_right_checksum() {
+fn nonsense_with_a_right_checksum_x03() {
     let bytes = contents([7; 30]).to_bytes().unwrap();
     let signed = |mut bytes: Vec<u8>| {
         let sum = crc32(&bytes);
@@ -246,7 +246,7 @@ fn crc32(bytes: &[u8]) -> u32 {
 }
 
 #[test]
-fn x04_what_differs_is_listed() {
+fn what_differs_is_listed_x04() {
     let here = Identity::new([("scene", "teapot"), ("seed", "4"), ("depth", "5")]);
     let there = Identity::new([("scene", "teapot"), ("seed", "3"), ("lens", "wide")]);
     let expected = ["seed: 3 there, 4 here", "depth: nothing there, 5 here", "lens: wide there, nothing here"];
@@ -260,7 +260,7 @@ fn x04_what_differs_is_listed() {
 }
 
 #[test]
-fn x08_two_writers() {
+fn two_writers_x08() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a");
     let first = Store::lock(&path).unwrap();

@@ -46,19 +46,16 @@ impl Integrator for Field {
     fn estimate(&self, draws: &Draws<'_>, observed: &mut TrainingLog) -> Estimate {
         let u = draws.block(Block::new(0));
         observed.note((u[0] * 4.0) as u64, u[1]);
-        let first_hit = (u[2] > 0.3).then_some(FirstHit {
-            position: [u[0]; 3],
-            geometric_normal: [0.0, 0.0, 1.0],
-            shading_normal: [0.0, 1.0, 0.0],
-            albedo: [0.5; 3],
-            depth: 1.0,
-            footprint: 0.1,
-            roughness: 1.0,
-            material: 1,
-            shape: 2,
-            primitive: 3,
-        });
-        Estimate { radiance: [u[0] - 0.05, u[1], u[3]], first_hit, cost: 2 }
+        let first_hit = (u[2] > 0.3).then_some(
+            FirstHit::new([u[0]; 3], [0.0, 0.0, 1.0], 1.0)
+                .with_shading_normal([0.0, 1.0, 0.0])
+                .with_albedo([0.5; 3])
+                .with_footprint(0.1)
+                .with_material(1)
+                .with_shape(2)
+                .with_primitive(3),
+        );
+        Estimate::new([u[0] - 0.05, u[1], u[3]]).with_first_hit(first_hit).with_cost(2)
     }
 
     fn wants_training(&self) -> bool {
@@ -106,7 +103,7 @@ fn seeds() -> Vec<(&'static str, Vec<u8>)> {
 /// Seeds that are stored and such as are made today (seconds are in them: no two are the same), each damaged in many ways:
 /// no panic.
 #[test]
-fn i01_checkpoints_bear_damage() {
+fn checkpoints_bear_damage_i01() {
     let folder = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../fuzz/seeds/checkpoint"));
     let made = seeds();
     if std::env::var_os("DAPPLE_WRITE_SEEDS").is_some() {

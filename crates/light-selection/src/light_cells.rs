@@ -1,4 +1,4 @@
-//! Which of many lights a point is worth asking: learned per cell of space and orientation.
+//! Probabilities of lights, learned per cell of space and orientation.
 
 mod grid;
 
@@ -6,62 +6,62 @@ use crate::Error;
 use grid::Grid;
 use rayon::prelude::*;
 
-/// Parameters of [`LightCells`].
+/// The parameters of [`LightCells`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LightCellOptions {
     /// Voxels along the longest side of the box; fewer where there are many lights.
     pub resolution: u32,
-    /// Weight of what is expected beforehand, in samples.
+    /// Weight of the expectation, in samples.
     pub prior: f32,
-    /// Share of choices that are uniform whatever was learned: no weight is above one over this times the number of
-    /// lights.
+    /// Share of uniform selection in every distribution: no weight is above one over this times the number of lights.
     pub defensive: f32,
 }
 
 impl Default for LightCellOptions {
-    /// FEASIBILITY 2's: 24 voxels, 4 samples, a tenth.
+    /// 24 voxels, 4 samples, a tenth.
     fn default() -> Self {
         Self { resolution: 24, prior: 4.0, defensive: 0.1 }
     }
 }
 
-/// What was found to be worth using.
+/// The distributions in use.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Guidance {
-    /// A mix of lights per cell.
+    /// One distribution per cell.
     Cells,
-    /// One mix for all: cells differ too little.
+    /// One distribution for all: cells differ too little.
     Global,
 }
 
-/// Probabilities of lights, one distribution for each cell of space (a voxel) and orientation (the axis that the normal
-/// is nearest to): the clusters of [Lan 2016] evaluated at the point that is lit.
+/// Probabilities of lights: one distribution for each cell of space (a voxel) and orientation (the axis nearest to the
+/// normal).
 ///
-/// The variance of a light chosen with probability `p_e` is least for `p_e` in proportion to the root of the second
-/// moment `E[X_e^2]` of what light `e` then contributes (before division by `p_e`). Moments are learned from samples that
-/// are traced anyway, shrunk to what is expected of the cell and, over all cells, of the light; a tenth of the choices is
-/// uniform. A table is read-only while samples are traced, and learns between ([`LightCells::learn`]).
+/// The variance of light `e`, chosen with probability `p_e`, is least for `p_e` in proportion to the root of the
+/// second moment `E[X_e^2]` of its contribution `X_e` (before division by `p_e`). Moments are learned from samples
+/// that are traced anyway. They are shrunk to the expectation for the cell and, over all cells, for the light. A
+/// tenth of the selection is uniform. A table is read-only while samples are traced, and learns in between
+/// ([`LightCells::learn`]).
 ///
 /// *Guarantees*: each light has a probability of at least a tenth of its uniform share in every cell, so that an
-/// estimator that divides by [`LightCells::pmf`] is unbiased whatever was learned; probabilities are whole multiples of
-/// 2^-24, so that coordinates of 24 bits choose exactly as often; learning is deterministic. *Weaknesses*: a cell knows
-/// nothing of the view (gloss), and what straddles a border (a wall thinner than a voxel, seen from both sides with the
-/// same normal) is mixed.
+/// estimator that divides by [`LightCells::pmf`] is unbiased whatever the table has learned. Probabilities are whole
+/// multiples of 2^-24: coordinates of 24 bits select exactly as often. Learning is deterministic. *Weaknesses*: a
+/// cell does not know the direction of view (gloss). Two sides of a wall thinner than a voxel share a cell where
+/// normals agree.
 ///
-/// Nothing here knows a light, a scene or a ray: another renderer passes plain numbers.
+/// The table takes plain numbers, so that any renderer can use it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LightCells {
     grid: Grid,
     lights: usize,
     options: LightCellOptions,
-    /// The row of each cell: one of its own since it was first seen, before that its neighbourhood's.
+    /// The row of each cell: its own since it was first seen, before that its neighbourhood's.
     rows: Vec<u32>,
-    /// Row by row: the end of each light's share of the unit interval. First comes the global mix, then what is expected of
-    /// each neighbourhood, then the rows of cells that were seen.
+    /// Row by row: the end of each light's share of the unit interval. First comes the global mix, then the
+    /// expectation for each neighbourhood, then the rows of cells that were seen.
     ends: Vec<f32>,
-    /// How many rows there are before those of cells.
+    /// The number of rows before those of cells.
     shared: usize,
-    /// Per seen cell and light: what is expected of the root of the second moment, up to a factor.
+    /// Per seen cell and light: the expected root of the second moment, up to a factor.
     expected: Vec<f32>,
     /// Per seen cell and light: samples, and the sum of their squares.
     seen: Vec<[f32; 2]>,
@@ -70,22 +70,23 @@ pub struct LightCells {
 
 /// Different values of a coordinate of 24 bits.
 const STEPS: f32 = (1 << 24) as f32;
-/// Most numbers in a table: 2^21 of each kind take 34 MB in all, if every cell is seen.
+/// The most numbers in a table: 2^21 of each kind take 34 MB in all, if every cell is seen.
 const MOST: usize = 1 << 21;
 /// Voxels along each side of a neighbourhood: until a cell is seen, a 27th of the rows will do (a ninth in a flat box).
 const NEIGHBOURHOOD: u32 = 3;
-/// Cells pay when they promise less than this share of the global mix's second moment.
+/// Cells are used if they promise less than this share of the global mix's second moment.
 const WORTH: f64 = 0.97;
 
 impl LightCells {
-    /// A table for the points inside `bounds` (those outside belong to the nearest cell) and so many lights, of which
-    /// `expected` says beforehand, for the middle of a voxel, half its diagonal, a cell's axis (a unit vector) and a
-    /// light, about how much it contributes, in any unit: `|..| 1.0` if nothing is known. `None` where a choice cannot
-    /// pay or be stored: with fewer than two lights, or more than 2^16.
+    /// A table for the points inside `bounds` and so many lights. Points outside belong to the nearest cell.
+    ///
+    /// `expected` takes the middle of a voxel, half its diagonal, a cell's axis (a unit vector) and a light. It
+    /// returns the light's approximate contribution there, in any unit: `|..| 1.0` if nothing is known. The result is
+    /// `None` with fewer than two lights, which need no selection, or more than 2^16, which no table can store.
     ///
     /// # Errors
     ///
-    /// [`Error::OutOfRange`] for options out of range, or bounds that are none.
+    /// [`Error::OutOfRange`] for options out of range, or for bounds that are not finite or not in order.
     pub fn new(
         bounds: [[f32; 3]; 2],
         lights: usize,
@@ -143,21 +144,21 @@ impl LightCells {
         self.grid.cell(position, normal)
     }
 
-    /// How many cells there are.
+    /// The number of cells.
     pub fn cells(&self) -> usize {
         self.rows.len()
     }
 
-    /// How many lights there are.
+    /// The number of lights.
     pub fn lights(&self) -> usize {
         self.lights
     }
 
-    /// The light that `u` in `[0, 1)` chooses in a cell, and its probability there.
+    /// The light that `u` in `[0, 1)` selects in a cell, and its probability there.
     #[inline]
     pub fn sample(&self, cell: u32, u: f32) -> (u32, f32) {
         let row = self.row(cell);
-        // The last end is 1, but `u` may be no number below it.
+        // The last end is 1, but `u` may be NaN or 1.
         let light = match row.len() {
             0..=8 => row.iter().map(|end| usize::from(u >= *end)).sum(),
             _ => row.partition_point(|end| u >= *end),
@@ -181,16 +182,17 @@ impl LightCells {
         &self.ends[row * self.lights..][..self.lights]
     }
 
-    /// The number under which to note down what a light contributed in a cell.
+    /// The key under which a light's contribution in a cell is noted.
     #[inline]
     pub fn key(&self, cell: u32, light: u32) -> u64 {
         u64::from(cell) * self.lights as u64 + u64::from(light)
     }
 
-    /// Learns from samples: for each [`LightCells::key`], how many there were and the sum of the squares of what they
-    /// contributed, not divided by the probability of the light, nor weighted by what the path before it lost. Samples
-    /// that found nothing (the light was hidden) count as well. Keys out of range and sums that are no number are passed
-    /// over. `expected` is what [`LightCells::new`] was given: cells that are seen for the first time ask it.
+    /// Learns from samples: for each [`LightCells::key`], their number and the sum of their squared contributions.
+    ///
+    /// Contributions are neither divided by the probability of the light nor weighted by the throughput of the path
+    /// before it. Samples of a hidden light count as well. Keys out of range and sums that are NaN are skipped.
+    /// `expected` is that of [`LightCells::new`]: cells that are seen for the first time call it.
     pub fn learn(
         &mut self,
         notes: impl Iterator<Item = (u64, u64, f64)>,
@@ -217,16 +219,16 @@ impl LightCells {
         self.ends.resize(self.shared * self.lights + self.seen.len(), 0.0);
         let of_news = self.expected[known * self.lights..].par_chunks_mut(self.lights).zip(news);
         of_news.for_each(|(row, cell)| expect(row, self.grid.cell_at(cell), &expected));
-        self.settle();
+        self.update_distributions();
     }
 
-    /// What was found to be worth using.
+    /// The distributions in use.
     pub fn guidance(&self) -> Guidance {
         self.guidance
     }
 
-    /// Turns what was seen into probabilities.
-    fn settle(&mut self) {
+    /// Turns learned moments into probabilities.
+    fn update_distributions(&mut self) {
         let ratios = self.light_ratios();
         let level = self.level(&ratios);
         let global = self.global_mix();
@@ -254,8 +256,8 @@ impl LightCells {
         self.guidance = if pays { Guidance::Cells } else { Guidance::Global };
     }
 
-    /// By how much each light's second moments differ from what was expected, relative to all lights; 1 where nothing
-    /// was seen of one.
+    /// The ratio of each light's second moments to the expected ones, relative to all lights; 1 for a light without
+    /// samples.
     fn light_ratios(&self) -> Vec<f64> {
         let mut sums = vec![[0.0; 2]; self.lights];
         for (expected, seen) in self.expected.chunks(self.lights).zip(self.seen.chunks(self.lights)) {
@@ -266,7 +268,7 @@ impl LightCells {
         }
         let all = sums.iter().fold([0.0; 2], |a, s| [a[0] + s[0], a[1] + s[1]]);
         let mean = if all[0] > 0.0 { all[1] / all[0] } else { 0.0 };
-        // A light that nobody saw so far may yet be seen: within bounds.
+        // A light without contributions so far may yet contribute: within bounds.
         let ratio =
             |[found, expected]: [f64; 2]| if expected > 0.0 && mean > 0.0 { found / expected * mean } else { 1.0 };
         sums.into_iter().map(|s| ratio(s).clamp(1e-4, 1e4)).collect()
@@ -282,12 +284,12 @@ impl LightCells {
         if sums[0] > 0.0 { sums[0] / sums[1] } else { 1.0 }
     }
 
-    /// A cell's second moments: what was seen, with [`LightCellOptions::prior`] samples of what was expected, at the level
-    /// of what was seen in it.
+    /// A cell's second moments: those seen, with [`LightCellOptions::prior`] samples of those expected, at the cell's
+    /// level.
     fn moments(&self, expected: &[f32], seen: &[[f32; 2]], ratios: &[f64], level: f64, mixes: &mut Mixes) {
         let prior = f64::from(self.options.prior);
         let [found, wanted] = level_of(expected, seen, ratios);
-        // The cell's own level, as far as it has samples; the image's has a sample's weight.
+        // The cell's own level, weighted by its samples; the image's has the weight of one sample.
         let samples: f64 = seen.iter().map(|s| f64::from(s[0])).sum();
         let own = if wanted > 0.0 { found / wanted } else { level };
         let level = (samples * own + level) / (samples + 1.0);
@@ -325,14 +327,14 @@ impl LightCells {
     }
 }
 
-/// Second moments of a cell's lights and the mix they make: room to work in.
+/// Working memory: second moments of a cell's lights, and their mix.
 #[derive(Default)]
 struct Mixes {
     moments: Vec<f64>,
     mix: Vec<f64>,
 }
 
-/// Fills in what is expected of a cell's lights, 1 on average.
+/// Fills in the expectation for a cell's lights, 1 on average.
 fn expect(
     row: &mut [f32],
     (middle, half, axis): ([f32; 3], f32, [f32; 3]),
@@ -342,13 +344,13 @@ fn expect(
         let e = expected(middle, half, axis, light);
         *value = if e > 0.0 && e.is_finite() { e } else { 0.0 };
     }
-    // What is expected of nobody is expected of all alike.
+    // Without any expectation all lights are alike.
     let sum: f32 = row.iter().sum();
     let scale = if sum > 0.0 && sum.is_finite() { row.len() as f32 / sum } else { 0.0 };
     row.iter_mut().for_each(|v| *v = if scale > 0.0 { (*v * scale).max(1e-6) } else { 1.0 });
 }
 
-/// The sum of squares seen in a cell, and what an expectation of 1 would have made it.
+/// The sum of squares seen in a cell, and that of an expectation of 1.
 fn level_of(expected: &[f32], seen: &[[f32; 2]], ratios: &[f64]) -> [f64; 2] {
     let each = expected.iter().zip(seen).zip(ratios);
     each.fold([0.0; 2], |sum, ((&e, &[n, squares]), ratio)| {
@@ -363,7 +365,7 @@ fn set_ends(row: &mut [f32], mix: &[f64]) {
     let last = mix.len() - 1;
     for (i, (end, p)) in row.iter_mut().zip(mix).enumerate() {
         sum += p;
-        // Room is left for the lights to come: a step each.
+        // Leaves one step for each of the remaining lights.
         let most = STEPS - (last - i) as f32;
         let steps = ((sum * f64::from(STEPS)).round() as f32).clamp(before + 1.0, most);
         before = if i == last { STEPS } else { steps };

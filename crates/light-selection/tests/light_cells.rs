@@ -1,4 +1,4 @@
-//! Cells that learn which lights matter where.
+//! Learned light selection.
 
 use dapple_light_selection::{Guidance, LightCellOptions, LightCells};
 
@@ -10,7 +10,7 @@ fn table(lights: usize, expected: impl Fn([f32; 3], f32, [f32; 3], usize) -> f32
     LightCells::new(BOX, lights, &options, expected).unwrap().unwrap()
 }
 
-/// Nothing is known of any light.
+/// An expectation that is the same for all lights.
 fn alike(_: [f32; 3], _: f32, _: [f32; 3], _: usize) -> f32 {
     1.0
 }
@@ -63,7 +63,7 @@ fn choices_come_as_often_as_they_say() {
     }
 }
 
-/// Left, only light 0 gives anything; right, only light 1.
+/// Light 0 contributes on the left only, light 1 on the right only.
 fn notes(cells: &LightCells) -> Vec<(u64, u64, f64)> {
     let mut notes = Vec::new();
     for x in 0..8 {
@@ -95,7 +95,7 @@ fn what_is_learned_goes_with_the_root_of_the_second_moment() {
     assert_eq!(again, cells);
 }
 
-/// Until it is seen, a cell shares what is expected of three voxels each way; from then on it has its own.
+/// Until it is seen, a cell shares the expectation of three voxels each way; then it has its own.
 #[test]
 fn a_cell_begins_with_what_is_expected() {
     let expected = |middle: [f32; 3], _: f32, axis: [f32; 3], light: usize| match light {

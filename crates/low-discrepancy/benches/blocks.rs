@@ -1,21 +1,21 @@
-//! Nanoseconds per block of four coordinates, read through `Draws` and `&dyn PointSet` as a render does.
-//! Criterion's throughput is in blocks.
+//! Nanoseconds per block of four coordinates, read through `Draws` and `&dyn PointSet` as in a render. Criterion's
+//! throughput is in blocks.
 //!
-//! `cargo bench -p dapple-low-discrepancy`; `RUSTFLAGS="-C target-cpu=native"` for what AVX2 would give.
+//! Run `cargo bench -p dapple-low-discrepancy`, and the same with `RUSTFLAGS="-C target-cpu=native"` for AVX2.
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use dapple_core::{Block, Draws, PointSet, SampleId};
 use dapple_low_discrepancy::{Halton, LowDiscrepancy, Random, Sobol, Stratified};
 use std::hint::black_box;
 
-/// Blocks read in one iteration: 16 samples of 16 blocks.
+/// Blocks per iteration: 16 samples of 16 blocks.
 const BLOCKS: u64 = 256;
 
 /// The sum of all coordinates, so that none is optimised away.
 fn read(points: &dyn PointSet, pixel: u32) -> f32 {
     let mut sum = 0.0;
     for index in 0..16 {
-        let draws = black_box(Draws::new(points, SampleId { pixel: [pixel, 7], stream: 0, index }, false));
+        let draws = black_box(Draws::new(points, SampleId::new([pixel, 7], 0, index)));
         for block in 0..16 {
             let [a, b, c, d] = draws.block(Block::new(block));
             sum += a + b + c + d;
@@ -44,7 +44,7 @@ fn blocks(criterion: &mut Criterion) {
             });
         });
     }
-    // The oracle, with a seed per pixel and block as its documentation advises for padding.
+    // The reference, with a seed per pixel and block as its documentation advises for padding.
     let mut pixel = 0_u32;
     group.bench_function("sobol_burley::sample_4d", |b| {
         b.iter(|| {

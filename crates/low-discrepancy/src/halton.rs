@@ -4,23 +4,39 @@ use crate::keys::{Seed, halves, next_state, nth_key, unit};
 use crate::sobol::owen_reversed;
 use dapple_core::{PointSet, SampleId};
 
-/// Halton's sequence, after [Halton 1960], with nested (Owen) scrambling in every base, per pixel and pair.
+/// The Halton sequence [after Halton 1960] with nested (Owen) scrambling in every base, per pixel and pair.
 ///
-/// Which bases a coordinate gets:
+/// ```
+/// use dapple_core::{PointSet, SampleId};
+/// use dapple_low_discrepancy::Halton;
 ///
-/// * block 0: bases 2 and 3 for the first pair, 5 and 7 for the second, with the index as it is;
-/// * every later pair: bases 2 and 3 again, with the index shuffled by a nested scramble in base 6 of
-///   its own. Larger primes never appear: a pair of bases `p` and `q` is no better than random before
-///   `p q` samples, 667 of them for 23 and 29.
+/// let points = Halton::new(7);
+/// let [x, y, ..] = points.block(SampleId { pixel: [3, 4], stream: 0, index: 5 }, 0);
+/// assert!((0.0..1.0).contains(&x) && (0.0..1.0).contains(&y));
+/// assert_eq!(points.preferred_count(7), 12);
+/// ```
 ///
-/// So among any `2^a 3^b` consecutive samples the first pair has exactly one point in each of the
-/// `2^a x 3^b` boxes (`5^a x 7^b` for the second), and a later pair has one in each of `2^k x 3^k` for
-/// `6^k` samples from a multiple of `6^k` on. Every prefix is usable; [`PointSet::preferred_count`] says
-/// which are best.
+/// # Bases
 ///
-/// Weaknesses: slower than [`Sobol`](crate::Sobol), whose nets are finer at equal counts; and powers of
-/// two, which everything else likes, are not its best counts. A box's edge in bases 3, 5 and 7 is no
-/// `f32`, so within 2^-24 below an edge a point may be rounded into the neighbouring box.
+/// * Block 0 has bases 2 and 3 in its first pair and 5 and 7 in its second.
+/// * Every later pair has bases 2 and 3 again. A nested scramble in base 6 shuffles its index.
+///
+/// Larger primes are not used: a pair of bases `p` and `q` is no better than random before `p q` samples, which is 667
+/// for 23 and 29.
+///
+/// # Stratification
+///
+/// Among any `2^a 3^b` consecutive samples, the first pair has exactly one point in each of the `2^a x 3^b` boxes (`5^a
+/// x 7^b` for the second pair).
+/// A later pair has one point in each of `2^k x 3^k` boxes for `6^k` samples that begin at a multiple of `6^k`.
+/// Every prefix is usable; [`PointSet::preferred_count`] returns the best ones.
+///
+/// # Limits
+///
+/// * It is slower than [`Sobol`](crate::Sobol), whose nets are finer at equal counts.
+/// * Powers of two are not its best counts.
+/// * Box edges in bases 3, 5 and 7 are not `f32` numbers. A point within 2^-24 below an edge may be rounded into the
+///   next box.
 ///
 /// Name: `halton`. Parameters: `seed`.
 #[derive(Clone, Copy, Debug)]
@@ -29,7 +45,7 @@ pub struct Halton {
 }
 
 impl Halton {
-    /// The sequence with this seed.
+    /// The sequence of a seed.
     pub const fn new(seed: u64) -> Self {
         Self { seed: Seed::new(seed) }
     }
@@ -54,14 +70,14 @@ impl PointSet for Halton {
         [a, b, c, d]
     }
 
-    /// `2^32`; then a freshly scrambled sequence begins. Up to there the exact points of a pair differ:
-    /// no two share a `2^32 x 3^21` box.
+    /// `2^32` samples; after them a newly scrambled sequence begins. Until then the exact points of a pair differ: no
+    /// two share a `2^32 x 3^21` box.
     fn capacity(&self) -> u64 {
         1 << 32
     }
 
-    /// The next `m 6^k` with `m` from 1 to 6: 1, 2, …, 6, 12, 18, 24, 30, 36, 72, … Of these the first
-    /// pair and the shuffled ones have equally many points in each box of `2^k x 3^k`.
+    /// The next `m 6^k` with `m` from 1 to 6: 1, 2, …, 6, 12, 18, 24, 30, 36, 72, … With these counts the first pair
+    /// and the shuffled pairs have equally many points in each box of `2^k x 3^k`.
     fn preferred_count(&self, n: u64) -> u64 {
         let mut step = 1_u64;
         while step <= u64::MAX / 36 && n > 6 * step {
@@ -75,19 +91,19 @@ impl PointSet for Halton {
 #[inline]
 fn pair23(index: u64, key: u64) -> [f32; 2] {
     let [base2, _] = halves(key);
-    // Reversed, the digits of van der Corput's number are the index; more than 32 of them fit no f32.
+    // The digits of the van der Corput number, reversed, are the index. An f32 cannot hold more than 32 of them.
     let x = owen_reversed(index as u32, base2).reverse_bits();
     [unit(x), unit(nested::<3, 21>(index, nth_key(key, 0)))]
 }
 
-/// The radical inverse of `index` in base `BASE` as a fraction of 2^32, rounded down, each digit
-/// permuted by a random affine map that depends on all digits before it.
+/// The scrambled radical inverse of `index` in base `BASE` as a fraction of 2^32, rounded down. A random affine map
+/// permutes each digit; it depends on all digits before it.
 ///
-/// Affine maps `a d + c` with `a` not 0 act on a prime number of digits so that any two different ones
-/// go to any two different ones equally often. Pairs are all that Owen's variance depends on, so it is
-/// the same as with all permutations, after [Matousek 1998].
+/// Affine maps `a d + c` with `a` not 0 act on a prime number of digits. They map any two different digits to any two
+/// different digits equally often.
+/// Owen's variance depends only on pairs, so it is the same as with all permutations [after Matousek 1998].
 ///
-/// `DIGITS` are enough for an index below 2^32, and for more than the 24 bits of an `f32`.
+/// `DIGITS` suffice for an index below 2^32 and for the 24 bits of an `f32`.
 #[inline]
 fn nested<const BASE: u64, const DIGITS: u32>(mut index: u64, key: u64) -> u32 {
     let mut state = key;
@@ -95,7 +111,7 @@ fn nested<const BASE: u64, const DIGITS: u32>(mut index: u64, key: u64) -> u32 {
     for _ in 0..DIGITS {
         let digit = index % BASE;
         index /= BASE;
-        // The high bits of the state are its best; two draws below 2^32 each.
+        // The high bits of the state are its best. Two random numbers below 2^32.
         let factor = 1 + below(state >> 32, BASE - 1);
         let shift = below(state & 0xffff_ffff, BASE);
         fraction = fraction * BASE + (digit * factor + shift) % BASE;
@@ -105,10 +121,10 @@ fn nested<const BASE: u64, const DIGITS: u32>(mut index: u64, key: u64) -> u32 {
     (((fraction << 30) / BASE.pow(DIGITS)) as u32) << 2
 }
 
-/// A nested scramble of an index in base 6: blocks of `6^k`, and within them halves of thirds, change
-/// places, so that an aligned block stays an aligned block.
+/// A nested scramble of an index in base 6. It permutes blocks of `6^k`, and halves of thirds within them, so that
+/// aligned blocks stay aligned.
 ///
-/// 12 digits: indices from 6^12 = 2.2e9 on keep their place among blocks of that size.
+/// It has 12 digits: indices from 6^12 = 2.2e9 on keep their place among blocks of that size.
 #[inline]
 fn shuffled(index: u32, key: u64) -> u64 {
     const TOP: u32 = 6_u32.pow(12);
@@ -128,7 +144,7 @@ fn shuffled(index: u32, key: u64) -> u64 {
     result
 }
 
-/// A number below `n` from 32 random bits; its bias is below `n / 2^32`.
+/// A number below `n` from 32 random bits, with a bias below `n / 2^32`.
 #[inline(always)]
 fn below(bits: u64, n: u64) -> u64 {
     (bits * n) >> 32
@@ -139,7 +155,7 @@ mod tests {
     use super::*;
     use crate::keys::mix64;
 
-    /// Exact boxes of the unrounded digits: any `BASE^k` consecutive indices give each value once.
+    /// Exact boxes of the unrounded digits: any `BASE^k` consecutive indices yield each value once.
     #[test]
     fn digits_are_permuted() {
         fn check<const BASE: u64, const DIGITS: u32>() {
@@ -149,7 +165,7 @@ mod tests {
                     for start in [0, 17, 123_456_789] {
                         let mut seen = vec![false; n as usize];
                         for i in start..start + n {
-                            // Up again, by the four steps that it was rounded down.
+                            // Undoes the rounding down by up to four steps.
                             let x = (f64::from(nested::<BASE, DIGITS>(i, key)) + 3.99) / 4_294_967_296.0;
                             let cell = (x * n as f64) as usize;
                             assert!(!std::mem::replace(&mut seen[cell], true), "base {BASE}, key {key}");

@@ -1,17 +1,16 @@
-//! From the name of a sample to random bits: the only place where numbers are hashed.
+//! Random bits from the coordinates of a sample: all hashing of this crate.
 
 use dapple_core::SampleId;
 
-/// The odd number nearest to 2^64 / golden ratio: the step between the keys of one block
-/// after [Steele 2014].
+/// The odd number nearest to 2^64 / golden ratio: the step between the keys of one block [after Steele 2014].
 const STEP: u64 = 0x9e37_79b9_7f4a_7c15;
 
-/// Another odd constant, the first 16 hexadecimal digits of the fraction of pi, made odd.
+/// Another odd constant: the first 16 hexadecimal digits of the fraction of pi, made odd.
 const HIGH_STEP: u64 = 0x243f_6a88_85a3_08d3;
 
-/// Mixes 64 bits so that every input bit reaches every output bit; a bijection.
+/// A bijective hash of 64 bits. Every input bit affects every output bit.
 ///
-/// The constants are variant 13 of Stafford's search, as in SplitMix64, after [Steele 2014].
+/// The constants are variant 13 of Stafford's search, as in SplitMix64 [after Steele 2014].
 #[inline(always)]
 pub(crate) const fn mix64(mut z: u64) -> u64 {
     z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -19,8 +18,8 @@ pub(crate) const fn mix64(mut z: u64) -> u64 {
     z ^ (z >> 31)
 }
 
-/// A user's seed, spread over two words that enter at both rounds of [`Seed::key`]: neighbouring
-/// seeds share nothing, and no seed is another one shifted by some pixels.
+/// A user's seed, spread over two words that enter both rounds of [`Seed::key`]. Neighbouring seeds share nothing, and
+/// no seed is another one shifted by some pixels.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Seed {
     given: u64,
@@ -38,19 +37,18 @@ impl Seed {
         self.given
     }
 
-    /// 64 random bits for one pixel, stream and block, and for one `batch` of a point set that
-    /// starts afresh after some samples.
+    /// 64 random bits for a pixel, stream and block. `batch` counts the fresh starts of a point set.
     #[inline(always)]
     pub(crate) fn key(&self, id: &SampleId, block: u32, batch: u64) -> u64 {
         let pixel = u64::from(id.pixel[0]) | u64::from(id.pixel[1]) << 32;
         let place = u64::from(id.stream) | u64::from(block) << 32;
         let here = mix64(pixel ^ self.words[0]);
-        // Batches enter by multiplication so that low bits of streams and batches cannot cancel.
+        // Batches enter by multiplication, so that low bits of streams and batches cannot cancel.
         mix64(here.wrapping_add(place ^ self.words[1]) ^ batch.wrapping_mul(HIGH_STEP))
     }
 }
 
-/// The `n`th further key drawn from `key`; `n = 0` is not `key` itself.
+/// The `n`th further key from `key`. `n = 0` is not `key` itself.
 #[inline(always)]
 pub(crate) const fn nth_key(key: u64, n: u64) -> u64 {
     mix64(key.wrapping_add(STEP.wrapping_mul(n + 1)))
@@ -62,24 +60,24 @@ pub(crate) const fn halves(key: u64) -> [u32; 2] {
     [key as u32, (key >> 32) as u32]
 }
 
-/// The largest f32 below or at `bits / 2^32`: 24 bits, so never 1 [HARD_CASES S01].
+/// The largest f32 at or below `bits / 2^32`. It has 24 bits, so it is never 1.
 #[inline(always)]
 pub(crate) fn unit(bits: u32) -> f32 {
     // Both steps are exact: 24 bits fit an f32, and the factor is a power of two.
     (bits >> 8) as f32 * (1.0 / 16_777_216.0)
 }
 
-/// Where `i < n` goes in a random permutation of `0..n` chosen by `key`. `1 <= n <= 2^31`.
+/// The image of `i < n` under a random permutation of `0..n` chosen by `key`, for `1 <= n <= 2^31`.
 ///
-/// A bijection on the next power of two, walked until it falls below `n`, after [Kensler 2013]; the bijection
-/// is a Feistel network of our own on the number's high and low bits. It has five double rounds because
-/// its words are short: with four, the test of neighbours below fails.
+/// A bijection on the next power of two is repeated until its value is below `n` [after Kensler 2013].
+/// The bijection is our own Feistel network on the high and low bits of the number.
+/// Its words are short, so it needs five double rounds: with four, `permutations_are_uniform` fails.
 #[inline]
 pub(crate) fn permute(i: u32, n: u32, key: u64) -> u32 {
     debug_assert!(i < n && n <= 1 << 31);
     let bits = 32 - (n - 1).leading_zeros();
     if bits < 2 {
-        // Nothing, or two numbers that keep their places or change them.
+        // One number, or two that keep or exchange their places.
         return if n == 2 { i ^ (key >> 63) as u32 } else { 0 };
     }
     let (low, high) = (bits / 2, bits - bits / 2);
@@ -101,15 +99,14 @@ pub(crate) fn permute(i: u32, n: u32, key: u64) -> u32 {
     }
 }
 
-/// The node below in a tree of random numbers, by the way `digit`: cheaper than a full mix, for scrambles
-/// that need many.
+/// The child `digit` of a node in a tree of random numbers. Cheaper than a full mix, for scrambles that need many.
 #[inline(always)]
 pub(crate) fn next_state(state: u64, digit: u64) -> u64 {
     let s = (state ^ state >> 29).wrapping_add(digit + 1).wrapping_mul(0x94d0_49bb_1331_11eb);
     s ^ s >> 32
 }
 
-/// A cheap random function of a short number: the middle of a product by a random odd number.
+/// A cheap random function of a short number: the middle of its product with a random odd number.
 #[inline(always)]
 fn noise(x: u32, key: u64) -> u32 {
     let product = (u64::from(x) ^ key).wrapping_mul(key.rotate_left(29) | 1);
@@ -121,12 +118,13 @@ mod tests {
     use super::*;
 
     fn id(pixel: [u32; 2], stream: u32) -> SampleId {
-        SampleId { pixel, stream, index: 0 }
+        SampleId::new(pixel, stream, 0)
     }
 
-    /// Flipping any single bit of (seed, pixel, stream, block, batch) flips each bit of the key with
-    /// probability 1/2: 256 input bits x 64 output bits over 4096 inputs, bound 6 standard errors
-    /// (false alarm 2e-9 each, 3e-5 over all; the inputs are fixed).
+    /// Flipping any bit of (seed, pixel, stream, block, batch) flips each bit of the key with probability 1/2.
+    ///
+    /// 256 input bits x 64 output bits over 4096 fixed inputs. The bound of 6 standard errors has a false alarm rate of
+    /// 2e-9 each, 3e-5 in all.
     #[test]
     fn every_input_bit_reaches_every_key_bit() {
         let trials = 4096;
@@ -157,7 +155,7 @@ mod tests {
         assert!(worst < 6.0, "an output bit follows an input bit: {worst} standard errors");
     }
 
-    /// No two of an image's worth of small names share a key (2^21 keys: one collision in 2^23 such tests).
+    /// No two of 2^21 samples with small coordinates share a key. One collision is expected in 2^23 such tests.
     #[test]
     fn small_names_have_different_keys() {
         let mut keys = Vec::new();
@@ -191,8 +189,8 @@ mod tests {
         }
     }
 
-    /// Each place goes to each place equally often, and so does each pair of neighbours. Chi-square
-    /// over 64 and over 240 cells, 10^6 fixed keys, bound at 6 standard deviations.
+    /// Each number goes to each place equally often, and so does each pair of neighbours. Chi-square over 64 and over
+    /// 240 cells, 10^6 fixed keys, bound at 6 standard deviations.
     #[test]
     fn permutations_are_uniform() {
         for n in [8_usize, 16] {
@@ -221,7 +219,7 @@ mod tests {
     }
 
     #[test]
-    fn s01_all_ones_stay_below_one() {
+    fn all_ones_stay_below_one_s01() {
         assert_eq!(unit(u32::MAX), 1.0 - 1.0 / 16_777_216.0);
         assert_eq!(unit(0), 0.0);
         for n in 1..=1_u32 << 24 {

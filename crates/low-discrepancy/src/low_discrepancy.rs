@@ -5,18 +5,33 @@ use crate::keys::{Seed, halves, nth_key, permute, unit};
 use crate::sobol::sobol1_reversed;
 use dapple_core::{PointSet, SampleId};
 
-/// The `lowdiscrepancy` sampler of pbrt's second edition, as published in its source, after
-/// [Kollig 2002]: van der Corput's sequence and Sobol's second dimension, each XOR-scrambled by a random number
-/// per pixel and pair, in an order shuffled independently for each pair.
+/// The `lowdiscrepancy` sampler of pbrt's second edition, as in its source, after [Kollig 2002].
 ///
-/// Each pair of each `count` samples is a (0,k,2)-net. As published it needs its count beforehand and
-/// rounds it up to a power of two ([`LowDiscrepancy::count`] says what it became); samples beyond it
-/// begin another net with fresh scrambles.
+/// Its pairs are van der Corput's sequence and the second dimension of Sobol's.
+/// Each is XOR-scrambled by a random number per pixel and pair, and shuffled independently for each pair.
 ///
-/// Weaknesses, which [`Sobol`](crate::Sobol) has not: the first few of `count` samples are in random
-/// order, so a prefix is no better than independent numbers; twice `count` samples are two independent
-/// nets, not one of twice the size; XOR scrambling keeps the net's regular structure, which
-/// Owen scrambling turns into a lower variance for smooth integrands.
+/// Each `count` samples of a pair are a (0,k,2)-net. The count must be known beforehand and is rounded up to a power of
+/// two, as published ([`LowDiscrepancy::count`]).
+/// Further samples begin another net with fresh scrambles.
+///
+/// ```
+/// use dapple_core::{PointSet, SampleId};
+/// use dapple_low_discrepancy::LowDiscrepancy;
+///
+/// let points = LowDiscrepancy::new(7, 33)?;
+/// assert_eq!(points.count(), 64);
+/// let [x, y, ..] = points.block(SampleId { pixel: [3, 4], stream: 0, index: 5 }, 0);
+/// assert!((0.0..1.0).contains(&x) && (0.0..1.0).contains(&y));
+/// # Ok::<(), dapple_low_discrepancy::Error>(())
+/// ```
+///
+/// # Limits
+///
+/// [`Sobol`](crate::Sobol) has none of these:
+///
+/// * The first few of `count` samples are in random order, so a prefix is no better than independent numbers.
+/// * Twice `count` samples are two independent nets, not one of twice the size.
+/// * XOR scrambling keeps the regular structure of the net. Owen scrambling has a lower variance for smooth integrands.
 ///
 /// Name: `lowdiscrepancy`. Parameters: `seed`, `count`.
 #[derive(Clone, Copy, Debug)]
@@ -26,7 +41,7 @@ pub struct LowDiscrepancy {
 }
 
 impl LowDiscrepancy {
-    /// The largest net: an `f32` tells so many points apart along one axis.
+    /// The size of the largest net: an `f32` cannot distinguish more points along one axis.
     pub const MAX_COUNT: u32 = 1 << 24;
 
     /// Nets of `count` samples, rounded up to a power of two.
@@ -41,7 +56,7 @@ impl LowDiscrepancy {
         Ok(Self { seed: Seed::new(seed), log2_count: count.next_power_of_two().trailing_zeros() })
     }
 
-    /// Samples in one net: a power of two.
+    /// The number of samples in one net, a power of two.
     pub const fn count(&self) -> u32 {
         1 << self.log2_count
     }
@@ -68,7 +83,7 @@ impl PointSet for LowDiscrepancy {
         [a, b, c, d]
     }
 
-    /// `u64::MAX`: each further net is scrambled afresh.
+    /// `u64::MAX`: each further net is scrambled anew.
     fn capacity(&self) -> u64 {
         u64::MAX
     }

@@ -1,16 +1,26 @@
-//! Independent uniform numbers: the baseline.
+//! Independent uniform numbers, the baseline.
 
 use crate::keys::{Seed, halves, mix64, unit};
 use dapple_core::{PointSet, SampleId};
 use rand::Rng;
 use rand_pcg::Pcg64Mcg;
 
-/// Independent uniform random numbers: plain Monte Carlo, the baseline that every other set must beat.
+/// Independent uniform random numbers: plain Monte Carlo, the baseline of all other point sets.
 ///
-/// A [`Pcg64Mcg`] (after [O'Neill 2014]) whose 128 bits of state are hashed from (seed, pixel, stream, index,
-/// block), so that any sample can be had without those before it.
+/// The generator is [`Pcg64Mcg`] [after O'Neill 2014]. Its 128 bits of state are hashed from (seed, pixel, stream,
+/// index, block), so any sample can be computed alone.
 ///
-/// Weakness: the variance of `n` samples falls as `1 / n`, never faster.
+/// ```
+/// use dapple_core::{PointSet, SampleId};
+/// use dapple_low_discrepancy::Random;
+///
+/// let points = Random::new(7);
+/// let id = SampleId { pixel: [3, 4], stream: 0, index: 5 };
+/// assert_eq!(points.block(id, 0), Random::new(7).block(id, 0));
+/// assert_ne!(points.block(id, 0), Random::new(8).block(id, 0));
+/// ```
+///
+/// Its limit: the variance of `n` samples falls as `1 / n`, never faster.
 ///
 /// Name: `random`. Parameters: `seed`.
 #[derive(Clone, Copy, Debug)]
@@ -19,7 +29,7 @@ pub struct Random {
 }
 
 impl Random {
-    /// The numbers with this seed.
+    /// The numbers of a seed.
     pub const fn new(seed: u64) -> Self {
         Self { seed: Seed::new(seed) }
     }

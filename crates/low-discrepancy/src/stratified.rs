@@ -4,13 +4,27 @@ use crate::Error;
 use crate::keys::{Seed, halves, nth_key, permute, unit};
 use dapple_core::{PointSet, SampleId};
 
-/// Jittered sampling: each 2-D pair has one random point in every cell of a `strata x strata` grid,
-/// after [Cook 1986], and each pair visits its cells in a random order of its own.
+/// Jittered sampling: each 2-D pair has one random point in every cell of a `strata x strata` grid [after Cook 1986].
+/// Each pair visits the cells in its own random order.
 ///
-/// Weaknesses: the whole count must be known beforehand, since an unfinished grid is a random subset of
-/// it, hardly better than [`Random`](crate::Random) for few of its cells; and projections on one axis
-/// have only `strata` strata. Samples beyond `strata²` start another grid with its own order and jitter,
-/// so that whole multiples of `strata²` are stratified again, but no finer.
+/// ```
+/// use dapple_core::{PointSet, SampleId};
+/// use dapple_low_discrepancy::Stratified;
+///
+/// let points = Stratified::new(7, 8)?;
+/// assert_eq!((points.cells(), points.preferred_count(65)), (64, 128));
+/// let [x, y, ..] = points.block(SampleId { pixel: [3, 4], stream: 0, index: 5 }, 0);
+/// assert!((0.0..1.0).contains(&x) && (0.0..1.0).contains(&y));
+/// # Ok::<(), dapple_low_discrepancy::Error>(())
+/// ```
+///
+/// # Limits
+///
+/// * The count must be known beforehand. An unfinished grid is a random subset of its cells, hardly better than
+///   [`Random`](crate::Random) if it is small.
+/// * Projections on one axis have only `strata` strata.
+/// * Samples beyond `strata²` start another grid with its own order and jitter. Multiples of `strata²` are stratified,
+///   but no finer.
 ///
 /// Name: `stratified`. Parameters: `seed`, `strata` (along each axis).
 #[derive(Clone, Copy, Debug)]
@@ -20,7 +34,7 @@ pub struct Stratified {
 }
 
 impl Stratified {
-    /// The finest grid: each cell still holds 2^12 x 2^12 different points.
+    /// The finest grid. Each cell still holds 2^12 x 2^12 different points.
     pub const MAX_STRATA: u32 = 1 << 12;
 
     /// Grids of `strata x strata` cells.
@@ -35,12 +49,12 @@ impl Stratified {
         Ok(Self { seed: Seed::new(seed), strata })
     }
 
-    /// Samples in one grid: `strata²`.
+    /// The number of samples in one grid: `strata²`.
     pub const fn cells(&self) -> u32 {
         self.strata * self.strata
     }
 
-    /// The point of cell `cell` with random bits `jitter`.
+    /// The point of a cell with the random bits `jitter`.
     #[inline]
     fn point(&self, cell: u32, jitter: u64) -> [f32; 2] {
         let [jx, jy] = halves(jitter);
@@ -50,8 +64,8 @@ impl Stratified {
     }
 }
 
-/// Stratum `k` of `n` of the 24-bit numbers, and the place in it that `jitter` names; 8 more bits so
-/// that it reads as a fraction of 2^32. Integers throughout: a point never rounds into the next cell.
+/// The number in stratum `k` of `n` that `jitter` selects, as a fraction of 2^32 with 24 significant bits. Integer
+/// arithmetic keeps points from rounding into the next cell.
 #[inline]
 fn in_stratum(k: u32, n: u32, jitter: u32) -> u32 {
     let start = (u64::from(k) << 24).div_ceil(u64::from(n));
@@ -71,7 +85,7 @@ impl PointSet for Stratified {
         let (grid, within) = (id.index / cells, (id.index % cells) as u32);
         let key = self.seed.key(&id, block, grid);
         let order = [nth_key(key, 0), nth_key(key, 1)];
-        // The jitter belongs to the sample, so its number in the grid enters beside the key.
+        // The jitter belongs to the sample, so its index in the grid enters beside the key.
         let jitter = nth_key(key, 2);
         let jitter = [nth_key(jitter, 2 * u64::from(within)), nth_key(jitter, 2 * u64::from(within) + 1)];
         let [a, b] = self.point(permute(within, self.cells(), order[0]), jitter[0]);

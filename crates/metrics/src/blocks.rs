@@ -1,44 +1,45 @@
-//! Means over blocks of pixels, where bias shows that single pixels hide in noise; and averaging to a smaller size.
+//! Means over blocks of pixels, and averaging to a smaller size.
 
 use crate::compare::check;
 use crate::sum::Sum;
-use crate::{Error, Pixels};
+use crate::{MetricsError, Pixels};
 
-/// Means over the blocks of an image.
+/// Means over the blocks of an image, from [`block_means`].
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Blocks {
     /// Blocks across and down.
     pub count: [u32; 2],
-    /// Mean of each, row by row from the top.
+    /// Mean RGB of each block, row by row from the top.
     pub means: Vec<[f64; 3]>,
 }
 
-/// Ratios of an image's block means to its reference's.
+/// Ratios of an image's block means to its reference's, from [`block_ratios`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct BlockRatios {
-    /// Per channel, the ratios of all blocks that were not too dark, ascending.
+    /// Per channel, the ratios of all blocks that are bright enough, ascending.
     sorted: [Vec<f64>; 3],
 }
 
 impl BlockRatios {
-    /// How many blocks of a channel (0..3) took part.
+    /// The number of blocks that are bright enough in a channel (0..3).
     ///
     /// # Panics
-    /// For a channel above 2, as a slice does.
+    /// For a channel above 2.
     pub fn count(&self, channel: usize) -> usize {
         self.sorted[channel].len()
     }
 
-    /// The ratios of a channel (0..3), ascending.
+    /// The ratios of a channel (0..3), ascending; 1 is no bias.
     ///
     /// # Panics
-    /// For a channel above 2, as a slice does.
+    /// For a channel above 2.
     pub fn sorted(&self, channel: usize) -> &[f64] {
         &self.sorted[channel]
     }
 
-    /// The percentile (0..=100) of each channel, linear between neighbours as in `numpy.percentile`; NaN where
-    /// no block took part.
+    /// The percentile (0..=100) of each channel, linear between neighbours as in `numpy.percentile`. NaN if no block
+    /// is bright enough.
     pub fn percentile(&self, percent: f64) -> [f64; 3] {
         self.sorted.each_ref().map(|sorted| percentile(sorted, percent))
     }
@@ -53,16 +54,25 @@ pub(crate) fn percentile(sorted: &[f64], percent: f64) -> f64 {
     sorted[below] + (sorted[above] - sorted[below]) * (at - below as f64)
 }
 
-/// Means over whole blocks of `block` pixels (width, height), from the upper left corner; pixels to the right
-/// and below that fill no whole block are left out, so that all means are equally noisy. Non-finite channels
+/// Means over whole blocks of `block` pixels (width, height), from the upper left corner.
+///
+/// Incomplete blocks at the right and lower edge are left out, so that all means are equally noisy. Non-finite channels
 /// count as 0.
 ///
+/// ```
+/// # use dapple_metrics::{Pixels, block_means};
+/// let image: Vec<[f32; 3]> = (0..8).map(|i| [i as f32; 3]).collect();
+/// let blocks = block_means(Pixels::new([4, 2], &image)?, [2, 2])?;
+/// assert_eq!((blocks.count, blocks.means[0]), ([2, 1], [2.5; 3]));
+/// # Ok::<(), dapple_metrics::MetricsError>(())
+/// ```
+///
 /// # Errors
-/// [`Error::Block`] where a block is empty or larger than the image.
-pub fn block_means(image: Pixels<'_>, block: [u32; 2]) -> Result<Blocks, Error> {
+/// [`MetricsError::Block`] if a block is empty or larger than the image.
+pub fn block_means(image: Pixels<'_>, block: [u32; 2]) -> Result<Blocks, MetricsError> {
     let size = image.size;
     if block.contains(&0) || block[0] > size[0] || block[1] > size[1] {
-        return Err(Error::Block { block, size });
+        return Err(MetricsError::Block { block, size });
     }
     let count = [size[0] / block[0], size[1] / block[1]];
     let [w, h] = block.map(|b| b as usize);
@@ -86,13 +96,23 @@ fn finite(value: f32) -> f64 {
     if value.is_finite() { value.into() } else { 0.0 }
 }
 
-/// Ratios of block means, image over reference, channel by channel. A block's channel whose reference is darker
-/// than 2 % of the median (over all blocks and channels of the reference) is left out: a ratio of two near zeros
-/// says nothing.
+/// Ratios of block means, image over reference, channel by channel: bias that the noise of single pixels hides.
+///
+/// A channel of a block counts only if its reference is at least 2 % of the median over all blocks and channels of the
+/// reference.
+///
+/// ```
+/// # use dapple_metrics::{Pixels, block_ratios};
+/// let (image, reference) = (vec![[0.55; 3]; 64], vec![[0.5; 3]; 64]);
+/// let ratios = block_ratios(Pixels::new([8, 8], &image)?, Pixels::new([8, 8], &reference)?, [4, 4])?;
+/// assert_eq!(ratios.count(0), 4);
+/// assert!((ratios.percentile(50.0)[0] - 1.1).abs() < 1e-6);
+/// # Ok::<(), dapple_metrics::MetricsError>(())
+/// ```
 ///
 /// # Errors
-/// [`Error::Sizes`], [`Error::NonFiniteReference`], [`Error::Block`].
-pub fn block_ratios(image: Pixels<'_>, reference: Pixels<'_>, block: [u32; 2]) -> Result<BlockRatios, Error> {
+/// [`MetricsError::Sizes`], [`MetricsError::NonFiniteReference`], [`MetricsError::Block`].
+pub fn block_ratios(image: Pixels<'_>, reference: Pixels<'_>, block: [u32; 2]) -> Result<BlockRatios, MetricsError> {
     check(image, reference)?;
     let [image, reference] = [block_means(image, block)?, block_means(reference, block)?];
     let mut levels: Vec<f64> = reference.means.iter().flatten().copied().collect();
@@ -100,7 +120,7 @@ pub fn block_ratios(image: Pixels<'_>, reference: Pixels<'_>, block: [u32; 2]) -
     let least = 0.02 * percentile(&levels, 50.0);
     let sorted = std::array::from_fn(|c| {
         let pairs = image.means.iter().zip(&reference.means).map(|(x, r)| (x[c], r[c]));
-        // A median of 0 lets nothing black through either.
+        // With a median of 0, `r > 0` keeps black blocks out.
         let mut ratios: Vec<f64> = pairs.filter(|&(_, r)| r > 0.0 && r >= least).map(|(x, r)| x / r).collect();
         ratios.sort_unstable_by(f64::total_cmp);
         ratios
@@ -108,19 +128,27 @@ pub fn block_ratios(image: Pixels<'_>, reference: Pixels<'_>, block: [u32; 2]) -
     Ok(BlockRatios { sorted })
 }
 
-/// Averages an image to a smaller size by area: each new pixel is the mean of what it covers, old pixels that
-/// it covers in part counting by that part. The mean of the image stays. NaN and infinities spread to the
-/// pixels that cover them.
+/// Averages an image to a smaller size by area.
+///
+/// Each new pixel is the mean of the old pixels that it covers, weighted by the covered area. The mean of the image
+/// stays the same. NaN and infinities spread to the new pixels that cover them.
+///
+/// ```
+/// # use dapple_metrics::{Pixels, downsample};
+/// let image = [[0.0; 3], [1.0; 3], [2.0; 3], [3.0; 3]];
+/// assert_eq!(downsample(Pixels::new([4, 1], &image)?, [2, 1])?, [[0.5; 3], [2.5; 3]]);
+/// # Ok::<(), dapple_metrics::MetricsError>(())
+/// ```
 ///
 /// # Errors
-/// [`Error::Target`] where a side is 0 or larger than before.
-pub fn downsample(image: Pixels<'_>, target: [u32; 2]) -> Result<Vec<[f32; 3]>, Error> {
+/// [`MetricsError::Target`] if a side is 0 or larger than before.
+pub fn downsample(image: Pixels<'_>, target: [u32; 2]) -> Result<Vec<[f32; 3]>, MetricsError> {
     let size = image.size;
     if target.contains(&0) || target[0] > size[0] || target[1] > size[1] {
-        return Err(Error::Target { size, target });
+        return Err(MetricsError::Target { size, target });
     }
     let [columns, rows] = [0, 1].map(|axis| spans(size[axis], target[axis]));
-    // Rows are narrowed once, as they come; neighbouring new rows share at most one old one.
+    // Each row is narrowed once; neighbouring new rows share at most one old row.
     let narrow: Vec<Vec<[f64; 3]>> =
         image.rows().map(|row| columns.iter().map(|span| span.mean(|x| row[x].map(f64::from))).collect()).collect();
     let pixels = rows.iter().flat_map(|span| {
@@ -130,10 +158,10 @@ pub fn downsample(image: Pixels<'_>, target: [u32; 2]) -> Result<Vec<[f32; 3]>, 
     Ok(pixels.collect())
 }
 
-/// What one new pixel covers along an axis.
+/// The old pixels that a new pixel covers along an axis.
 struct Span {
     first: usize,
-    /// Parts of the old pixels from `first` on, in units of `1 / target`.
+    /// Covered lengths of the old pixels from `first` on, in units of `1 / target`.
     weights: Vec<u64>,
 }
 
@@ -148,8 +176,8 @@ impl Span {
     }
 }
 
-/// The new pixels of an axis, exactly: in units of `1 / target` of an old pixel, an old one is `target` wide and
-/// a new one `size`.
+/// The new pixels of an axis in integers. The unit is `1 / target` of an old pixel: an old pixel is `target` wide, a new
+/// one `size`.
 fn spans(size: u32, target: u32) -> Vec<Span> {
     let [size, target] = [u64::from(size), u64::from(target)];
     let span = |i: u64| {

@@ -1,59 +1,59 @@
-//! One image against its reference.
+//! Errors of an image against its reference.
 
 use crate::srgb::srgb_encode;
 use crate::sum::Sum;
-use crate::{Error, Pixels};
+use crate::{MetricsError, Pixels};
 
-/// What is added to the squared reference in relMSE, so that black pixels do not decide: 0.01, after
-/// Rousselle et al. 2011.
+/// The constant added to the squared reference in relMSE, so that black pixels do not dominate [after Rousselle 2011].
 pub const RELATIVE_EPSILON: f64 = 0.01;
 
-/// The share of pixels, the worst ones, that [`Comparison::rel_mse_trimmed`] leaves out.
+/// The share of pixels, the worst ones, that [`Comparison::rel_mse_trimmed`] leaves out: 0.1 %.
 pub const TRIMMED_SHARE: f64 = 0.001;
 
-/// Side of the blocks of which [`Comparison::worst_block`] is the worst, in pixels.
+/// Side of the blocks that [`Comparison::worst_block`] is chosen from, in pixels.
 pub const WORST_BLOCK_SIZE: u32 = 16;
 
-/// How far an image x is from its reference r.
+/// Errors of an image x against its reference r, from [`compare`].
 ///
-/// Means are over pixels and the three channels unless said otherwise, of linear values, unclamped.
-/// A non-finite channel of x counts as 0 in every figure; look at [`non_finite`](Self::non_finite) first.
+/// Unless noted, means are over pixels and the three channels, of linear values without clamping. A non-finite channel
+/// of x counts as 0 everywhere, so check [`non_finite`](Self::non_finite) first.
 #[non_exhaustive]
 #[derive(Clone, Debug, PartialEq)]
 pub struct Comparison {
-    /// Mean of `(x - r)^2`.
+    /// Mean of `(x - r)^2`, in squared radiance.
     pub mse: f64,
-    /// Mean of `(x - r)^2 / (r^2 + 0.01)`; 0.01 is [`RELATIVE_EPSILON`].
+    /// Mean of `(x - r)^2 / (r^2 + 0.01)` [after Rousselle 2011]; 0.01 is [`RELATIVE_EPSILON`].
     pub rel_mse: f64,
-    /// relMSE of the pixels that remain when the worst 0.1 % ([`TRIMMED_SHARE`]) are left out, a pixel's
-    /// error being the mean over its channels: of n pixels the `round(0.999 n)` best, at least one.
+    /// relMSE without the worst 0.1 % of pixels ([`TRIMMED_SHARE`]). A pixel's error is the mean over its channels; of n
+    /// pixels the best `round(0.999 n)` remain, at least one.
     pub rel_mse_trimmed: f64,
-    /// Mean of `|x - r| / ((|x| + |r|) / 2)`, 0..=2, and 0 where both are 0: symmetric.
+    /// Mean of `|x - r| / ((|x| + |r|) / 2)`, 0..=2, and 0 where both are 0. Symmetric in x and r.
     pub smape: f64,
-    /// Mean of `(s(x) - s(r))^2`, s clamping to 0..=1 and applying the sRGB curve.
+    /// Mean of `(s(x) - s(r))^2`, 0..=1. s clamps to 0..=1 and applies the sRGB curve [IEC 61966-2-1].
     pub display_mse: f64,
-    /// `10 log10(1 / display_mse)` in dB, at most 200, which is also what equal images get.
+    /// `10 log10(1 / display_mse)` in dB, at most 200, the value of equal images.
     pub psnr: f64,
-    /// `255^2 display_mse`: MSE on the scale of 8-bit sRGB files, without their rounding, which would add
-    /// up to 1/6 where the images differ and hide errors below half a step.
+    /// `255^2 display_mse`: MSE on the scale of 8-bit sRGB files, without their rounding. Rounding would add up to 1/6
+    /// and hide errors below half a step.
     pub srgb8_mse: f64,
-    /// Mean of x over mean of r, each channel: 1 where they are equal (both black, say), and a mean of r nearer
-    /// to 0 than 1e-20 counts as 1e-20, so that it is always finite.
+    /// Mean of x over mean of r for each channel; 1 if they are equal, even if both are 0. A mean of r nearer to 0 than
+    /// 1e-20 counts as 1e-20, so that the ratio is finite.
     pub channel_ratios: [f64; 3],
-    /// The same for all channels together.
+    /// Mean of x over mean of r, all channels together.
     pub mean_ratio: f64,
     /// Channels of x (not pixels) that are NaN or infinite.
     pub non_finite: u64,
-    /// Where relMSE is worst.
+    /// The block with the largest relMSE.
     pub worst_block: WorstBlock,
 }
 
-/// A block of at most 16x16 pixels ([`WORST_BLOCK_SIZE`]); those at the right and lower edge are smaller.
+/// A block of 16x16 pixels ([`WORST_BLOCK_SIZE`]); smaller at the right and lower edge.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct WorstBlock {
     /// Column and row of its upper left pixel.
     pub position: [u32; 2],
-    /// Width and height.
+    /// Width and height in pixels.
     pub size: [u32; 2],
     /// relMSE of its pixels.
     pub rel_mse: f64,
@@ -61,12 +61,21 @@ pub struct WorstBlock {
 
 /// Compares an image with its reference.
 ///
-/// Squares of the largest f32 fit an f64, so that no figure overflows.
+/// Sums are in f64, which holds the square of the largest f32: nothing overflows.
+///
+/// ```
+/// # use dapple_metrics::{Pixels, compare};
+/// let (image, reference) = ([[0.5, 0.0, 1.0]], [[0.0, 0.0, 1.0]]);
+/// let errors = compare(Pixels::new([1, 1], &image)?, Pixels::new([1, 1], &reference)?)?;
+/// assert_eq!(errors.mse, 0.25 / 3.0);
+/// assert_eq!(errors.channel_ratios[2], 1.0);
+/// # Ok::<(), dapple_metrics::MetricsError>(())
+/// ```
 ///
 /// # Errors
-/// [`Error::Sizes`] where the sizes differ; [`Error::NonFiniteReference`], naming the first such pixel. A
-/// image that is not finite is no error: it is counted.
-pub fn compare(image: Pixels<'_>, reference: Pixels<'_>) -> Result<Comparison, Error> {
+/// [`MetricsError::Sizes`] if the sizes differ; [`MetricsError::NonFiniteReference`] with the first such pixel. NaN in
+/// the image is counted, not an error.
+pub fn compare(image: Pixels<'_>, reference: Pixels<'_>) -> Result<Comparison, MetricsError> {
     check(image, reference)?;
     let mut sums = Sums::default();
     let mut relative = Vec::with_capacity(reference.values.len());
@@ -93,13 +102,13 @@ pub fn compare(image: Pixels<'_>, reference: Pixels<'_>) -> Result<Comparison, E
     })
 }
 
-pub(crate) fn check(image: Pixels<'_>, reference: Pixels<'_>) -> Result<(), Error> {
+pub(crate) fn check(image: Pixels<'_>, reference: Pixels<'_>) -> Result<(), MetricsError> {
     if image.size != reference.size {
-        return Err(Error::Sizes { image: image.size, reference: reference.size });
+        return Err(MetricsError::Sizes { image: image.size, reference: reference.size });
     }
     match reference.values.iter().position(|r| !r.iter().all(|v| v.is_finite())) {
         None => Ok(()),
-        Some(at) => Err(Error::NonFiniteReference { pixel: reference.place(at), value: reference.values[at] }),
+        Some(at) => Err(MetricsError::NonFiniteReference { pixel: reference.place(at), value: reference.values[at] }),
     }
 }
 
@@ -114,7 +123,7 @@ struct Sums {
 }
 
 impl Sums {
-    /// Adds a pixel and gives its relative squared error, the mean over its channels.
+    /// Adds a pixel and returns its relative squared error, the mean over its channels.
     fn add(&mut self, image: &[f32; 3], reference: &[f32; 3]) -> f64 {
         let mut relative = 0.0;
         for c in 0..3 {
@@ -127,7 +136,7 @@ impl Sums {
             relative += squared / (r * r + RELATIVE_EPSILON);
             let size = (x.abs() + r.abs()) / 2.0;
             self.symmetric.add(if size > 0.0 { (x - r).abs() / size } else { 0.0 });
-            // The curve costs most of the time, and equal values need none of it.
+            // The sRGB curve takes most of the time; equal values do not need it.
             if x != r {
                 let display = srgb_encode(x) - srgb_encode(r);
                 self.display.add(display * display);
@@ -152,14 +161,14 @@ fn mean(values: &[f64]) -> f64 {
 }
 
 fn trimmed_mean(mut values: Vec<f64>) -> f64 {
-    // As imgerr does: half to even, at least one.
+    // Rounded half to even; at least one.
     let kept = (values.len() as f64 * (1.0 - TRIMMED_SHARE)).round_ties_even().max(1.0) as usize;
-    // Sorted rather than partitioned, so that the sum's order is no accident of the algorithm.
+    // Sorted, not partitioned, so that the order of the sum is defined.
     values.sort_unstable_by(f64::total_cmp);
     mean(&values[..kept])
 }
 
-/// The first of the worst, in reading order.
+/// The block with the largest relMSE; of equal ones the first in reading order.
 fn worst_block(relative: &[f64], size: [u32; 2]) -> WorstBlock {
     let side = WORST_BLOCK_SIZE;
     let mut worst: Option<WorstBlock> = None;
@@ -177,6 +186,6 @@ fn worst_block(relative: &[f64], size: [u32; 2]) -> WorstBlock {
             }
         }
     }
-    // `Pixels` has at least one pixel, so there is a block.
+    // `Pixels` has at least one pixel, hence one block.
     worst.unwrap_or(WorstBlock { position: [0, 0], size, rel_mse: 0.0 })
 }

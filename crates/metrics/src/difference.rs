@@ -1,52 +1,62 @@
-//! How far apart two images are of which only noisy renders are known.
+//! The difference of two images that are known by noisy renders only.
 
 use crate::compare::RELATIVE_EPSILON;
 use crate::sum::Sum;
-use crate::{Error, Pixels};
+use crate::{MetricsError, Pixels};
 
-/// Renders of each image that [`difference`] needs at least: a pair for the numerator, and two more for the
-/// denominator.
+/// The fewest renders of each image that [`difference`] takes: a pair for the numerator, two more for the denominator.
 pub const LEAST_RENDERS: usize = 4;
 
-/// A figure estimated from independent renders.
+/// An estimate from independent renders, with its standard error.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Measured {
     /// The estimate.
     pub value: f64,
-    /// Its standard error, by the jackknife over renders: one degree of freedom less than there are renders.
+    /// Its standard error by the jackknife over n renders, with n - 1 degrees of freedom [after Tukey 1958].
     pub standard_error: f64,
 }
 
-/// How far two images are apart, beyond the noise of their renders.
+/// The difference of two images without the noise of their renders, from [`difference`].
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Difference {
-    /// Mean of `(b - a)^2 / (a^2 + 0.01)` over pixels and channels, as relMSE but of the noiseless `a` and `b` in
-    /// its numerator. Without bias there, and so below 0 by chance where the images hardly differ.
+    /// Mean of `(b - a)^2 / (a^2 + 0.01)` over pixels and channels, as relMSE but of the noiseless `a` and `b`. The
+    /// numerator is unbiased, so the estimate can be below 0 if the images hardly differ.
     pub rel_mse: Measured,
-    /// Share of the mean radiance of `a`, all channels together, that `b` has less; below 0 where it has more.
+    /// The share of the mean radiance of `a`, all channels together, that `b` lacks; below 0 if `b` is brighter.
     pub mean_lost: Measured,
 }
 
-/// How far `b` is from `a`, from independent renders of each: `a[i]` and `b[i]` may have a seed in common (which
-/// takes noise out of their difference), `a[i]` and `a[j]` must not.
+/// Estimates the difference of images `a` and `b` from independent renders of each.
 ///
-/// The square of `b - a` is taken as the product of two renders' differences, and the `a` of its denominator as the
-/// mean of all other renders, averaged over all pairs of renders: the noise of each is independent, so that none
-/// adds up. (With `a` from all renders, numerator and denominator share noise: at a tenth of difference and a
-/// quarter of noise, a fifth of the figure was missing.) What is left is the curvature of the denominator: at a
-/// relative noise `s` of that mean, a share of about `3 s^2` too much. A channel that is NaN or infinite counts
-/// as 0.
+/// `a[i]` and `b[i]` may share a seed, which takes noise out of their difference. `a[i]` and `a[j]` must not.
+///
+/// The square of `b - a` is estimated by the product of two renders' differences. The `a` of the denominator is the
+/// mean of all other renders. Averaged over all pairs, independent noise cancels. (With `a` from all renders, numerator
+/// and denominator share noise: at a difference of a tenth and noise of a quarter, a fifth of the value was missing.)
+/// The curvature of the denominator remains: at a relative noise `s` of that mean, the value is too large by about
+/// `3 s^2`. A non-finite channel counts as 0.
+///
+/// ```
+/// # use dapple_metrics::{Pixels, difference};
+/// let noisy = |value: f32| [-0.01, 0.01, 0.02, -0.02].map(|noise| vec![[value + noise; 3]; 16]);
+/// let [a, b] = [noisy(0.5), noisy(0.4)];
+/// let pixels = |renders: &'_ [Vec<[f32; 3]>]| renders.iter().map(|r| Pixels::new([4, 4], r)).collect::<Result<Vec<_>, _>>();
+/// let found = difference(&pixels(&a)?, &pixels(&b)?)?;
+/// assert!((found.mean_lost.value - 0.2).abs() < 1e-6);
+/// # Ok::<(), dapple_metrics::MetricsError>(())
+/// ```
 ///
 /// # Errors
-/// [`Error::FewRenders`] below [`LEAST_RENDERS`], or where there are not as many of both; [`Error::Sizes`] where
+/// [`MetricsError::FewRenders`] below [`LEAST_RENDERS`] or for different numbers of renders; [`MetricsError::Sizes`] if
 /// any two differ in size.
-pub fn difference(a: &[Pixels<'_>], b: &[Pixels<'_>]) -> Result<Difference, Error> {
+pub fn difference(a: &[Pixels<'_>], b: &[Pixels<'_>]) -> Result<Difference, MetricsError> {
     let n = a.len();
     if n < LEAST_RENDERS || b.len() != n {
-        return Err(Error::FewRenders { renders: [n, b.len()] });
+        return Err(MetricsError::FewRenders { renders: [n, b.len()] });
     }
     if let Some(other) = a.iter().chain(b).find(|p| p.size != a[0].size) {
-        return Err(Error::Sizes { image: other.size, reference: a[0].size });
+        return Err(MetricsError::Sizes { image: other.size, reference: a[0].size });
     }
     let channels = 3 * a[0].values.len();
     let mut products = vec![Sum::default(); n * n];
@@ -85,13 +95,13 @@ pub fn difference(a: &[Pixels<'_>], b: &[Pixels<'_>]) -> Result<Difference, Erro
     Ok(Difference { rel_mse: jackknife(&rel_mse), mean_lost: jackknife(&mean_lost) })
 }
 
-/// All pairs of `n` renders, but for those with one of them.
+/// All pairs of `n` renders without `skip`.
 fn pairs(n: usize, skip: usize) -> impl Iterator<Item = (usize, usize)> {
     let kept = move |k: &usize| *k != skip;
     (0..n).filter(kept).flat_map(move |s| (s + 1..n).filter(kept).map(move |t| (s, t)))
 }
 
-/// The estimate without each render, and last the one from all [after Tukey 1958].
+/// The jackknife [after Tukey 1958]; `estimates` leave out one render each, and the last uses all.
 fn jackknife(estimates: &[f64]) -> Measured {
     let (without, all) = (&estimates[..estimates.len() - 1], estimates[estimates.len() - 1]);
     let n = without.len() as f64;
@@ -116,7 +126,7 @@ mod tests {
         ((x >> 40) as f32 / (1 << 24) as f32 - 0.5) * scale
     }
 
-    /// Renders of an image that is `value` everywhere.
+    /// Noisy renders of an image that is `value` everywhere.
     fn renders(value: f32, n: u64, seed: u64) -> Vec<Vec<[f32; 3]>> {
         let pixel = |r: u64, p: u64| [0, 1, 2].map(|c| value + noise(((seed * 100 + r) * 1000 + p) * 3 + c, 0.2));
         (0..n).map(|r| (0..256).map(|p| pixel(r, p)).collect()).collect()
@@ -128,7 +138,7 @@ mod tests {
     }
 
     #[test]
-    fn noise_drops_out() {
+    fn noise_cancels() {
         let truth = 0.1 * 0.1 / (0.5 * 0.5 + 0.01);
         let (mut inside, mut mean, runs) = (0, 0.0, 40);
         for seed in 0..runs {
@@ -141,14 +151,14 @@ mod tests {
         assert!((mean / truth - 1.018).abs() < 0.01, "{mean} {truth}");
         // 95 % of 40, and by chance never below 32 (p < 1e-3).
         assert!(inside >= 32, "{inside}");
-        // The control: the plain figure has the noise of both in it.
+        // The control: the plain relMSE contains the noise of both.
         let (a, b) = (&renders(0.5, 1, 0)[0], &renders(0.4, 1, 1)[0]);
         let plain = compare(Pixels { size: SIZE, values: b }, Pixels { size: SIZE, values: a }).expect("one size");
         assert!(plain.rel_mse > 1.3 * truth, "{}", plain.rel_mse);
     }
 
     #[test]
-    fn equal_images_differ_by_nothing() {
+    fn equal_images_have_no_difference() {
         let (mut signs, mut inside) = (0, 0);
         for seed in 0..40 {
             let found = of(&renders(0.5, 4, 2 * seed), &renders(0.5, 4, 2 * seed + 1));
@@ -162,13 +172,13 @@ mod tests {
     }
 
     #[test]
-    fn what_is_lost_is_a_share() {
+    fn mean_lost_is_a_share_of_the_mean() {
         let a = vec![vec![[2.0, 1.0, 1.0]; 256]; 4];
         let b = vec![vec![[2.0, 0.0, 1.0]; 256]; 4];
         let found = of(&a, &b);
         assert!((found.mean_lost.value - 0.25).abs() < 1e-12 && found.mean_lost.standard_error == 0.0);
         assert!((found.rel_mse.value - 1.0 / 1.01 / 3.0).abs() < 1e-12, "{found:?}");
-        // More is less than nothing; nothing to lose is nothing lost.
+        // A brighter image lost less than 0; a black one has nothing to lose.
         assert!((of(&b, &a).mean_lost.value + 1.0 / 3.0).abs() < 1e-12);
         let black = vec![vec![[0.0; 3]; 256]; 4];
         assert_eq!(of(&black, &black).mean_lost.value, 0.0);
@@ -177,15 +187,15 @@ mod tests {
     }
 
     #[test]
-    fn too_few_or_unlike_are_refused() {
+    fn too_few_renders_and_different_sizes_are_refused() {
         let values = vec![[0.0; 3]; 4];
         let square = Pixels::new([2, 2], &values).expect("four pixels");
         let line = Pixels::new([4, 1], &values).expect("four pixels");
         let few = |a: usize, b: usize| difference(&vec![square; a], &vec![square; b]).err();
-        assert_eq!(few(3, 3), Some(Error::FewRenders { renders: [3, 3] }));
-        assert_eq!(few(4, 3), Some(Error::FewRenders { renders: [4, 3] }));
+        assert_eq!(few(3, 3), Some(MetricsError::FewRenders { renders: [3, 3] }));
+        assert_eq!(few(4, 3), Some(MetricsError::FewRenders { renders: [4, 3] }));
         assert_eq!(few(4, 4), None);
         let unlike = difference(&[square; 4], &[square, square, line, square]).err();
-        assert_eq!(unlike, Some(Error::Sizes { image: [4, 1], reference: [2, 2] }));
+        assert_eq!(unlike, Some(MetricsError::Sizes { image: [4, 1], reference: [2, 2] }));
     }
 }

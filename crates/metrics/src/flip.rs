@@ -1,50 +1,57 @@
-//! LDR-FLIP: how different two images look to somebody who flips between them on a display.
+//! LDR-FLIP: the visible difference of two images that alternate on a display.
 
 mod colour;
 mod convolution;
 
 use crate::compare::check;
 use crate::sum::Sum;
-use crate::{Error, Pixels};
+use crate::{MetricsError, Pixels};
 use convolution::{Kernel, Plane};
 use std::f64::consts::PI;
 
-/// Pixels per degree of visual angle of a display 0.7 m wide with 3840 pixels across, seen from 0.7 m: what the
-/// published implementation takes by default [after Andersson 2020].
+/// Pixels per degree of visual angle of a display 0.7 m wide with 3840 pixels across, seen from 0.7 m: the default of
+/// the published implementation [after Andersson 2020].
 ///
-/// Of a display `w` metres wide with `n` pixels across, seen from `d` metres, it is `d n / w * pi / 180`.
+/// For a display `w` metres wide with `n` pixels across, seen from `d` metres, it is `d n / w * pi / 180`.
 pub const PIXELS_PER_DEGREE: f64 = 3840.0 * PI / 180.0;
 
-/// The fewest and most pixels per degree that [`flip`] takes: the eye tells about 60 apart, and kernels grow with
-/// them.
+/// The pixels per degree that [`flip`] takes. The eye resolves about 60; kernels grow with them.
 const PIXELS_PER_DEGREE_RANGE: std::ops::RangeInclusive<f64> = 1.0..=1000.0;
 
-/// What [`flip`] finds.
+/// A difference map and its mean, from [`flip`].
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Flip {
-    /// Mean of the map.
+    /// Mean of the map, 0 to 1.
     pub mean: f64,
-    /// The difference seen at each pixel, 0 (none) to 1, row by row from the top.
+    /// The visible difference at each pixel, 0 (none) to 1, row by row from the top.
     pub map: Vec<f32>,
 }
 
-/// LDR-FLIP [after Andersson 2020; values checked against the published implementation] of linear RGB as
-/// displayed: clamped to 0..=1, not rounded to bytes.
+/// LDR-FLIP of linear RGB, clamped to 0..=1 and not rounded to bytes [after Andersson 2020].
 ///
-/// `pixels_per_degree` says how the images are looked at ([`PIXELS_PER_DEGREE`] is usual). Symmetric. A non-finite channel of the image counts as 0, as in [`compare`](crate::compare). A figure for
-/// viewing: whoever judges bias or convergence needs the squared errors.
+/// Tested against the published implementation. Symmetric. `pixels_per_degree` describes the display and its distance
+/// ([`PIXELS_PER_DEGREE`] is usual). A non-finite channel of the image counts as 0, as in [`compare`](crate::compare).
+/// FLIP measures visibility; use squared errors for bias and convergence.
+///
+/// ```
+/// # use dapple_metrics::{PIXELS_PER_DEGREE, Pixels, flip};
+/// let (black, white) = ([[0.0; 3]; 4], [[1.0; 3]; 4]);
+/// let found = flip(Pixels::new([2, 2], &white)?, Pixels::new([2, 2], &black)?, PIXELS_PER_DEGREE)?;
+/// assert!((found.mean - 0.967).abs() < 1e-3);
+/// # Ok::<(), dapple_metrics::MetricsError>(())
+/// ```
 ///
 /// # Errors
-/// [`Error::Sizes`], [`Error::NonFiniteReference`]; [`Error::PixelsPerDegree`] where those are not
-/// within 1..=1000.
-pub fn flip(image: Pixels<'_>, reference: Pixels<'_>, pixels_per_degree: f64) -> Result<Flip, Error> {
+/// [`MetricsError::Sizes`]; [`MetricsError::NonFiniteReference`]; [`MetricsError::PixelsPerDegree`] outside 1..=1000.
+pub fn flip(image: Pixels<'_>, reference: Pixels<'_>, pixels_per_degree: f64) -> Result<Flip, MetricsError> {
     check(image, reference)?;
     if !PIXELS_PER_DEGREE_RANGE.contains(&pixels_per_degree) {
-        return Err(Error::PixelsPerDegree { value: pixels_per_degree });
+        return Err(MetricsError::PixelsPerDegree { value: pixels_per_degree });
     }
-    let eye = Eye::new(pixels_per_degree);
-    let [image, reference] = [image, reference].map(|image| eye.see(image));
-    let map: Vec<f32> = (0..image.edges.len()).map(|i| difference(&image, &reference, i)).collect();
+    let kernels = VisionKernels::new(pixels_per_degree);
+    let [image, reference] = [image, reference].map(|image| kernels.apply(image));
+    let map: Vec<f32> = (0..image.edges.len()).map(|i| pixel_difference(&image, &reference, i)).collect();
     let sum: Sum = map.iter().map(|&v| f64::from(v)).collect();
     Ok(Flip { mean: sum.value() / map.len() as f64, map })
 }
@@ -52,15 +59,15 @@ pub fn flip(image: Pixels<'_>, reference: Pixels<'_>, pixels_per_degree: f64) ->
 /// Exponent that compresses colour differences [after Andersson 2020].
 const COLOUR_EXPONENT: f32 = 0.7;
 
-/// The share of the largest colour difference from which differences are compressed further, and what that share is
-/// mapped to [after Andersson 2020].
+/// The knee of the compression: a share of the largest colour difference, and its compressed value
+/// [after Andersson 2020].
 const COLOUR_KNEE: [f32; 2] = [0.4, 0.95];
 
 /// Exponent of feature differences [after Andersson 2020].
 const FEATURE_EXPONENT: f32 = 0.5;
 
-/// [after Andersson 2020]: a feature difference raises the colour difference.
-fn difference(image: &Seen, reference: &Seen, at: usize) -> f32 {
+/// The difference of two pixels: a feature difference raises the colour difference [after Andersson 2020].
+fn pixel_difference(image: &PerceivedImage, reference: &PerceivedImage, at: usize) -> f32 {
     let colour = compress(colour::hyab(image.colours[at], reference.colours[at]));
     let edges = (image.edges[at] - reference.edges[at]).abs();
     let points = (image.points[at] - reference.points[at]).abs();
@@ -68,9 +75,9 @@ fn difference(image: &Seen, reference: &Seen, at: usize) -> f32 {
     if colour > 0.0 { libm::powf(colour, 1.0 - feature.min(1.0)) } else { 0.0 }
 }
 
-/// A colour distance to 0..=1, large ones taking little of that range.
+/// Maps a colour distance to 0..=1 and compresses large ones.
 fn compress(distance: f32) -> f32 {
-    // The largest distance of displayed colours lies between green and blue.
+    // The largest distance of displayed colours, that of green and blue.
     let largest = libm::powf(colour::LARGEST_DISTANCE, COLOUR_EXPONENT);
     let distance = libm::powf(distance, COLOUR_EXPONENT);
     let [share, value] = COLOUR_KNEE;
@@ -82,19 +89,19 @@ fn compress(distance: f32) -> f32 {
     }
 }
 
-/// An image as the eye sees it.
-struct Seen {
+/// An image after the filters of human vision.
+struct PerceivedImage {
     /// Filtered by contrast sensitivity, in L*a*b* with Hunt's adjustment.
     colours: Vec<[f32; 3]>,
     /// Strength of edges in the unfiltered lightness.
     edges: Vec<f32>,
-    /// Strength of points, in the same way.
+    /// Strength of points in the unfiltered lightness.
     points: Vec<f32>,
 }
 
-/// The kernels that belong to a way of looking at a display.
-struct Eye {
-    /// Contrast sensitivity of lightness, red-green, and blue-yellow's narrow and wide part; the last two add up.
+/// The kernels for one number of pixels per degree.
+struct VisionKernels {
+    /// Contrast sensitivity of lightness, red-green, and the narrow and wide part of blue-yellow; the last two add up.
     sensitivity: [Kernel; 4],
     /// Smoothing across a feature; first and second derivative along it.
     smooth: Kernel,
@@ -102,16 +109,16 @@ struct Eye {
     point: Kernel,
 }
 
-impl Eye {
+impl VisionKernels {
     fn new(pixels_per_degree: f64) -> Self {
-        // Weight and width of each Gaussian [after Andersson 2020]; lightness and red-green have one only.
+        // Weight and width of each Gaussian [after Andersson 2020]; lightness and red-green have one each.
         let [lightness, red_green, narrow, wide] = [(1.0, 0.0047), (1.0, 0.0053), (34.1, 0.04), (13.5, 0.025)];
         // Three standard deviations of the widest.
         let radius = (3.0 * (0.04 / (2.0 * PI * PI)).sqrt() * pixels_per_degree).ceil() as i32;
         let gaussian = |(_, b): (f64, f64)| {
             Kernel::sample(radius, |i| libm::exp(-(PI * PI / b) * (f64::from(i) / pixels_per_degree).powi(2)))
         };
-        // In two dimensions the parts weigh a sqrt(pi / b) times the squared sum of their taps.
+        // In two dimensions a part weighs a sqrt(pi / b) times the squared sum of its taps.
         let weight = |(a, b), kernel: &Kernel| a * f64::sqrt(PI / b) * kernel.sum().powi(2);
         let [mut one, mut other] = [gaussian(narrow), gaussian(wide)];
         let [first, second] = [weight(narrow, &one), weight(wide, &other)];
@@ -132,23 +139,23 @@ impl Eye {
         }
     }
 
-    fn see(&self, image: Pixels<'_>) -> Seen {
+    fn apply(&self, image: Pixels<'_>) -> PerceivedImage {
         let size = image.size.map(|s| s as usize);
         let [lightness, red_green, blue_yellow] = colour::opponent_planes(image, size);
         let [edges, points] = self.features(&lightness);
         let [y, x, narrow, wide] = &self.sensitivity;
         let filter = |plane: &Plane, kernel| plane.across(kernel).down(kernel).values;
-        let mut blue_yellow_seen = filter(&blue_yellow, narrow);
-        blue_yellow_seen.iter_mut().zip(filter(&blue_yellow, wide)).for_each(|(sum, v)| *sum += v);
+        let mut blue_yellow_filtered = filter(&blue_yellow, narrow);
+        blue_yellow_filtered.iter_mut().zip(filter(&blue_yellow, wide)).for_each(|(sum, v)| *sum += v);
         let [lightness, red_green] = [filter(&lightness, y), filter(&red_green, x)];
-        let opponents = lightness.into_iter().zip(red_green).zip(blue_yellow_seen);
+        let opponents = lightness.into_iter().zip(red_green).zip(blue_yellow_filtered);
         let colours = opponents.map(|((y, cx), cz)| colour::perceived([y, cx, cz])).collect();
-        Seen { colours, edges, points }
+        PerceivedImage { colours, edges, points }
     }
 
-    /// Lengths of the gradient and of its counterpart for points.
+    /// Lengths of the gradient (edges) and of the second derivatives (points).
     fn features(&self, lightness: &Plane) -> [Vec<f32>; 2] {
-        // Lightness 0..=1 instead of -16..=100; the derivatives do not see the shift.
+        // The division by 116 scales lightness from -16..=100 to a range of 1; derivatives ignore the shift.
         let smooth = lightness.across(&self.smooth);
         [&self.edge, &self.point].map(|derivative| {
             let across = lightness.across(derivative).down(&self.smooth).values;

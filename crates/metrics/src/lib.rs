@@ -1,34 +1,41 @@
-//! How far a rendered image is from its reference, and what may be said after a few seeds.
+//! Error metrics for rendered images, and confidence intervals over seeds.
 //!
-//! Images are plain data: [`Pixels`] borrows linear RGB, row by row from the top. [`compare`] gives every
-//! figure at once; [`block_means`] and [`block_ratios`] show bias where noise hides it in single pixels;
-//! [`downsample`] brings an image to the size of its reference. [`flip`] is what an eye sees, and costs more, so
-//! that it stands alone; [`compare_corrected`] takes a noisy reference's share out; [`difference`] compares two
-//! images of which only noisy renders are known.
+//! Images are plain data: [`Pixels`] borrows linear RGB, row by row from the top.
 //!
-//! Figures over seeds and budgets: [`mean_interval`], [`geometric_mean_interval`], [`ratio_interval`],
-//! [`log_log_fit`], [`efficiency`].
+//! | function | result |
+//! |---|---|
+//! | [`compare`] | MSE, relMSE, SMAPE, PSNR, sRGB MSE and ratios of means |
+//! | [`compare_corrected`] | MSE and relMSE without the noise of the reference |
+//! | [`flip`] | the visible difference, LDR-FLIP |
+//! | [`block_means`], [`block_ratios`] | bias that the noise of single pixels hides |
+//! | [`difference`] | the difference of two images that are known by noisy renders only |
+//! | [`downsample`] | an image averaged to a smaller size |
+//! | [`mean_interval`], [`geometric_mean_interval`], [`ratio_interval`] | confidence intervals over seeds |
+//! | [`log_log_fit`], [`efficiency`], [`student_t_quantile`] | slopes, efficiency, quantiles |
 //!
 //! ```
-//! use dapple_metrics::{Pixels, compare};
+//! use dapple_metrics::{Pixels, compare, ratio_interval};
 //! let reference = vec![[0.5, 1.0, 0.0]; 12];
 //! let mut image = reference.clone();
 //! image[5] = [0.75, 1.0, 0.0];
-//! let found = compare(Pixels::new([4, 3], &image)?, Pixels::new([4, 3], &reference)?)?;
-//! assert_eq!(found.mse, 0.25 * 0.25 / 36.0);
-//! assert_eq!(found.rel_mse_trimmed, found.rel_mse, "of 12 pixels, 0.1 % is none");
-//! assert_eq!(found.worst_block.position, [0, 0]);
-//! # Ok::<(), dapple_metrics::Error>(())
+//! let errors = compare(Pixels::new([4, 3], &image)?, Pixels::new([4, 3], &reference)?)?;
+//! assert_eq!(errors.mse, 0.25 * 0.25 / 36.0);
+//! assert_eq!(errors.rel_mse_trimmed, errors.rel_mse, "0.1 % of 12 pixels is none");
+//! assert_eq!(errors.worst_block.position, [0, 0]);
+//! // Errors of two methods for the same three seeds.
+//! let ratio = ratio_interval(&[2.1e-3, 1.9e-3, 2.4e-3], &[4.0e-3, 3.9e-3, 4.9e-3], 0.95)?;
+//! assert!(ratio.high < 1.0);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
-//! All sums are compensated and in f64, taken in reading order, so that a figure has the same bits for any
-//! number of threads. Which figure to trust for what is in the crate's README.
+//! All sums are compensated f64 sums in reading order: the same input gives the same bits for any number of threads.
+//! The crate's README lists the definition and the purpose of each metric.
 
 mod blocks;
 mod compare;
 mod difference;
 mod flip;
-mod reference;
+mod noisy_reference;
 mod srgb;
 mod statistics;
 mod sum;
@@ -42,24 +49,24 @@ pub use blocks::{BlockRatios, Blocks, block_means, block_ratios, downsample};
 pub use compare::{Comparison, RELATIVE_EPSILON, TRIMMED_SHARE, WORST_BLOCK_SIZE, WorstBlock, compare};
 pub use difference::{Difference, LEAST_RENDERS, Measured, difference};
 pub use flip::{Flip, PIXELS_PER_DEGREE, flip};
-pub use reference::{Corrected, CorrectedError, NoisyReference, REFERENCE_LIMIT, compare_corrected};
+pub use noisy_reference::{Corrected, CorrectedError, NoisyReference, REFERENCE_LIMIT, compare_corrected};
 pub use statistics::{
-    BOOTSTRAP_MIN_COUNT, BOOTSTRAP_RESAMPLES, Interval, LogLogFit, Method, StatisticsError, efficiency,
+    BOOTSTRAP_MIN_COUNT, BOOTSTRAP_RESAMPLES, Interval, IntervalMethod, LogLogFit, StatisticsError, efficiency,
     geometric_mean_interval, log_log_fit, mean_interval, ratio_interval, student_t_quantile,
 };
 
-/// Why images cannot be compared. Each message says what to do.
+/// An error of an image metric. Each message names the remedy.
 #[non_exhaustive]
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum Error {
+pub enum MetricsError {
     /// An image without pixels.
-    #[error("an image of {}x{} has no pixels: both sides must be at least 1", size[0], size[1])]
+    #[error("an image of {}x{} has no pixels; both sides must be at least 1", size[0], size[1])]
     Empty {
         /// Width and height.
         size: [u32; 2],
     },
-    /// Pixels and size disagree.
-    #[error("an image of {}x{} needs {} pixels, not {found}", size[0], size[1], u64::from(size[0]) * u64::from(size[1]))]
+    /// A number of pixels that does not match the size.
+    #[error("an image of {}x{} has {} pixels, but {found} are given; pass width times height pixels", size[0], size[1], u64::from(size[0]) * u64::from(size[1]))]
     PixelCount {
         /// Width and height.
         size: [u32; 2],
@@ -68,7 +75,7 @@ pub enum Error {
     },
     /// The images differ in size.
     #[error(
-        "the image is {}x{} and its reference {}x{}: render at the reference's size, or downsample the larger one",
+        "the image is {}x{} and its reference {}x{}; render at the reference's size, or downsample the larger one",
         image[0], image[1], reference[0], reference[1]
     )]
     Sizes {
@@ -77,53 +84,60 @@ pub enum Error {
         /// Width and height of the reference.
         reference: [u32; 2],
     },
-    /// A reference that is no number somewhere.
-    #[error("the reference is {value:?} at column {}, row {}: a reference must be finite, so mend or replace it", pixel[0], pixel[1])]
+    /// A reference with NaN or infinity.
+    #[error("the reference is {value:?} at column {}, row {}; render a finite one", pixel[0], pixel[1])]
     NonFiniteReference {
         /// Column and row of the first such pixel.
         pixel: [u32; 2],
         /// Its value.
         value: [f32; 3],
     },
-    /// Too few renders to tell noise from difference.
-    #[error("there are {} renders of one image and {} of the other: as many of both are needed, and at least {}", renders[0], renders[1], LEAST_RENDERS)]
+    /// Too few renders to separate noise from difference.
+    #[error("there are {} renders of one image and {} of the other; use as many of both, at least {}", renders[0], renders[1], LEAST_RENDERS)]
     FewRenders {
-        /// Of one, and of the other.
+        /// Renders of the one image, and of the other.
         renders: [usize; 2],
     },
-    /// A block size that is no use.
-    #[error("blocks of {}x{} pixels do not fit an image of {}x{}: use sides from 1 up to the image's", block[0], block[1], size[0], size[1])]
+    /// A block that is empty or larger than the image.
+    #[error("blocks of {}x{} pixels do not fit an image of {}x{}; use sides from 1 to the image's", block[0], block[1], size[0], size[1])]
     Block {
         /// Width and height of a block.
         block: [u32; 2],
         /// Width and height of the image.
         size: [u32; 2],
     },
-    /// A variance that is none.
-    #[error("the variance is {value:?} at column {}, row {}: give finite variances of the reference, 0 or more", pixel[0], pixel[1])]
+    /// A variance that is negative, NaN or infinite.
+    #[error("the variance is {value:?} at column {}, row {}; pass finite variances of 0 or more", pixel[0], pixel[1])]
     Variance {
         /// Column and row of the first such pixel.
         pixel: [u32; 2],
         /// Its value.
         value: [f32; 3],
     },
-    /// A way of looking at a display that is none.
-    #[error("{value} pixels per degree of visual angle: use from 1 to 1000; 67 is usual")]
+    /// Pixels per degree out of range.
+    #[error("{value} pixels per degree of visual angle are out of range; use 1 to 1000; 67 is usual")]
     PixelsPerDegree {
         /// Pixels per degree given.
         value: f64,
     },
     /// A target size that is empty or larger than the image.
-    #[error("{}x{} cannot be averaged to {}x{}: each side must be from 1 up to the image's", size[0], size[1], target[0], target[1])]
+    #[error("{}x{} cannot be averaged to {}x{}; use sides from 1 to the image's", size[0], size[1], target[0], target[1])]
     Target {
         /// Width and height of the image.
         size: [u32; 2],
-        /// Width and height asked for.
+        /// Width and height requested.
         target: [u32; 2],
     },
 }
 
 /// A borrowed image: linear RGB, row by row from the top.
+///
+/// ```
+/// # use dapple_metrics::Pixels;
+/// let values = vec![[0.0, 0.5, 1.0]; 4 * 3];
+/// assert_eq!(Pixels::new([4, 3], &values)?.size(), [4, 3]);
+/// # Ok::<(), dapple_metrics::MetricsError>(())
+/// ```
 #[derive(Clone, Copy, Debug)]
 pub struct Pixels<'a> {
     size: [u32; 2],
@@ -131,16 +145,16 @@ pub struct Pixels<'a> {
 }
 
 impl<'a> Pixels<'a> {
-    /// `size` is width and height; `values` are `size[0] * size[1]` pixels.
+    /// An image of `size` (width and height) with `size[0] * size[1]` pixels.
     ///
     /// # Errors
-    /// [`Error::Empty`] where a side is 0, [`Error::PixelCount`] where the length is another.
-    pub fn new(size: [u32; 2], values: &'a [[f32; 3]]) -> Result<Self, Error> {
+    /// [`MetricsError::Empty`] if a side is 0; [`MetricsError::PixelCount`] if the length does not match.
+    pub fn new(size: [u32; 2], values: &'a [[f32; 3]]) -> Result<Self, MetricsError> {
         if size.contains(&0) {
-            return Err(Error::Empty { size });
+            return Err(MetricsError::Empty { size });
         }
         if u64::from(size[0]) * u64::from(size[1]) != values.len() as u64 {
-            return Err(Error::PixelCount { size, found: values.len() });
+            return Err(MetricsError::PixelCount { size, found: values.len() });
         }
         Ok(Self { size, values })
     }

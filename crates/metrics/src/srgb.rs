@@ -1,13 +1,13 @@
-//! The sRGB transfer curve, from IEEE-exact operations only, so that figures are the same on every machine.
+//! The sRGB transfer curve from IEEE-exact operations only: the same bits on every machine.
 
-/// sRGB value of a linear intensity [IEC 61966-2-1], clamped to 0..=1 first; x is finite.
+/// The sRGB value, 0..=1, of a finite linear intensity, which is clamped to 0..=1 first [IEC 61966-2-1].
 pub(crate) fn srgb_encode(x: f64) -> f64 {
     let x = x.clamp(0.0, 1.0);
     if x <= 0.003_130_8 {
         return 12.92 * x;
     }
-    // x^(1/2.4) = ((x^(1/4))^(1/3))^5; the cube root of t in 0.23..=1 by Newton's iteration, which libm's `pow`,
-    // different on every platform, is not needed for.
+    // x^(1/2.4) = ((x^(1/4))^(1/3))^5, the cube root of t in 0.23..=1 by Newton's iteration. `pow` of the platform's
+    // libm would differ between machines.
     let t = x.sqrt().sqrt();
     let mut root = (t + 2.0) / 3.0;
     for _ in 0..6 {
@@ -21,7 +21,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_curve_is_the_standards_within_1e_14() {
+    fn the_curve_matches_the_standard_within_1e_14() {
         for i in -10..=100_010 {
             let x = f64::from(i) / 100_000.0;
             let c = x.clamp(0.0, 1.0);

@@ -1,4 +1,4 @@
-//! What may be said of a method after a few seeds: efficiencies, intervals, slopes.
+//! Efficiencies, confidence intervals and slopes from a few seeds.
 
 mod bootstrap;
 mod interval;
@@ -7,33 +7,33 @@ mod student;
 
 pub use bootstrap::BOOTSTRAP_RESAMPLES;
 pub use interval::{
-    BOOTSTRAP_MIN_COUNT, Interval, Method, efficiency, geometric_mean_interval, mean_interval, ratio_interval,
+    BOOTSTRAP_MIN_COUNT, Interval, IntervalMethod, efficiency, geometric_mean_interval, mean_interval, ratio_interval,
 };
 pub use slope::{LogLogFit, log_log_fit};
 pub use student::student_t_quantile;
 
 use crate::sum::Sum;
 
-/// Why numbers give no statistic. Each message says what to do.
+/// An error of a statistic. Each message names the remedy.
 #[non_exhaustive]
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum StatisticsError {
     /// Too few values for an interval.
-    #[error("{found} values give no interval: take at least {needed}, by more seeds or budgets")]
+    #[error("{found} values are too few for an interval; use at least {needed} seeds or budgets")]
     TooFew {
         /// Values given.
         found: usize,
-        /// The fewest that do.
+        /// The fewest needed.
         needed: usize,
     },
-    /// Series that should go together pair by pair.
-    #[error("series of {} and {} values cannot be paired: give both the same seeds or budgets", lengths[0], lengths[1])]
+    /// Series of different lengths that should be paired.
+    #[error("series of {} and {} values cannot be paired; use the same seeds or budgets for both", lengths[0], lengths[1])]
     Lengths {
-        /// Their lengths.
+        /// The lengths of the two series.
         lengths: [usize; 2],
     },
-    /// A value that is no number.
-    #[error("value {index} is {value}: leave it out, and say so, or mend what made it")]
+    /// A value that is NaN or infinite.
+    #[error("value {index} is {value}; correct its source, or leave it out and report that")]
     NotFinite {
         /// Its place in its series, from 0.
         index: usize,
@@ -41,23 +41,23 @@ pub enum StatisticsError {
         value: f64,
     },
     /// A value without a logarithm.
-    #[error("value {index} is {value}, but ratios, efficiencies and slopes need finite values above 0")]
+    #[error("value {index} is {value}; ratios, efficiencies and slopes need finite values above 0")]
     NotPositive {
         /// Its place in its series, from 0.
         index: usize,
         /// The value.
         value: f64,
     },
-    /// A confidence that is none.
-    #[error("a confidence of {value}: use one between 0 and 1, both excluded; .95 is usual")]
+    /// A confidence outside 0 to 1.
+    #[error("a confidence of {value} is out of range; use one between 0 and 1, such as 0.95")]
     Confidence {
         /// The value.
         value: f64,
     },
-    /// Points above one another have no slope.
-    #[error("all points are at x = {x}: a slope needs at least two budgets")]
+    /// Points with equal abscissas, which have no slope.
+    #[error("all points are at x = {x}; use at least two budgets for a slope")]
     SameAbscissa {
-        /// Where all points are.
+        /// The common abscissa.
         x: f64,
     },
 }
@@ -87,7 +87,7 @@ fn mean(values: &[f64]) -> f64 {
     values.iter().copied().collect::<Sum>().value() / values.len() as f64
 }
 
-/// Sum of products of two series' distances from their means.
+/// Sum of the products of two series' deviations from their means.
 fn scatter(a: &[f64], b: &[f64]) -> f64 {
     let means = [mean(a), mean(b)];
     a.iter().zip(b).map(|(x, y)| (x - means[0]) * (y - means[1])).collect::<Sum>().value()

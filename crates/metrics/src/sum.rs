@@ -1,6 +1,6 @@
 //! Compensated sums.
 
-/// A sum whose error does not grow with the number of terms [Neumaier 1974].
+/// A sum whose error does not grow with the number of terms [after Neumaier 1974].
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Sum {
     sum: f64,
@@ -15,7 +15,7 @@ impl Sum {
     }
 
     pub(crate) fn value(self) -> f64 {
-        // After an overflow there is nothing to compensate.
+        // After an overflow the compensation is NaN.
         if self.sum.is_finite() { self.sum + self.lost } else { self.sum }
     }
 }

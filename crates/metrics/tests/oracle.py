@@ -1,4 +1,4 @@
-"""Prints the constants of tests/metrics/flip.rs, oracle.rs and statistics.rs from implementations that are not ours.
+"""Prints the constants of tests/metrics/flip.rs, oracle.rs, statistics.rs and student.rs from published implementations.
 
 python3 -m venv /tmp/oracle
 /tmp/oracle/bin/pip install flip-evaluator==1.7 numpy==2.4.6 mpmath==1.3.0 scipy==1.17.1 scikit-image==0.26.0
@@ -15,8 +15,8 @@ W, H = 64, 48
 X, Y = np.meshgrid(np.arange(W), np.arange(H))
 
 
-def picture(value):
-    """Linear RGB in steps of 1/256, the same in tests/common/mod.rs."""
+def image(value):
+    """Linear RGB in steps of 1/256, the same as in tests/metrics/common/mod.rs."""
     return np.stack([value(X, Y, c) for c in range(3)], axis=2).astype(np.float32) / np.float32(256)
 
 
@@ -28,7 +28,7 @@ def noise(x, y, c):
     return (x * 73 + y * 151 + c * 199 + x * y * 7 + x * x * 11) % 256
 
 
-PICTURES = {
+IMAGES = {
     "smooth": smooth,
     "noisy": lambda x, y, c: np.clip(smooth(x, y, c) + (noise(x, y, c) - 128) // 8, 0, 256),
     "brighter": lambda x, y, c: np.minimum(smooth(x, y, c) + 10, 256),
@@ -52,7 +52,7 @@ PIXELS = [(0, 0), (63, 47), (40, 7), (41, 9), (21, 30)]
 print("// test, reference, pixels per degree, mean, values at", PIXELS)
 for test, reference in PAIRS:
     for ppd in [67.0206, 25.0, 110.0] if test in ("noisy", "firefly", "inverse") else [67.0206]:
-        a, b = picture(PICTURES[test]), picture(PICTURES[reference])
+        a, b = image(IMAGES[test]), image(IMAGES[reference])
         error, mean, _ = flip_evaluator.evaluate(
             b, a, "LDR", inputsRGB=False, applyMagma=False, parameters={"ppd": ppd}
         )
@@ -61,7 +61,7 @@ for test, reference in PAIRS:
 
 print("// test, reference, MSE, PSNR and squared distance of sRGB, SMAPE")
 for test, reference in PAIRS[:4]:
-    a, b = (picture(PICTURES[n]).astype(np.float64) for n in (test, reference))
+    a, b = (image(IMAGES[n]).astype(np.float64) for n in (test, reference))
     encode = lambda v: np.where(v <= 0.0031308, 12.92 * v, 1.055 * np.maximum(v, 1e-9) ** (1 / 2.4) - 0.055)
     mse = metrics.mean_squared_error(b, a)
     psnr = metrics.peak_signal_noise_ratio(encode(b), encode(a), data_range=1.0)
@@ -74,7 +74,7 @@ print("// probability, degrees of freedom, quantile of Student's t")
 mpmath.mp.dps = 40
 for p in ["1e-300", "1e-12", "0.025", "0.3", "0.4999999999", "0.75", "0.995"]:
     for v in ["0.3", "1", "2.5", "7", "30", "39.9", "40.1", "1000", "99999", "100000", "1e9", "inf"]:
-        # As f64 has them: what is asked is the quantile of that number.
+        # The f64 next to the decimal: the quantile of that number is expected.
         q = mpmath.mpf(float(p))
         low = min(q, 1 - q)
         if v == "inf":

@@ -1,4 +1,4 @@
-//! How much the samples of a pixel, or of a window of pixels, differ.
+//! The contrast of a pixel's or a window's samples.
 
 /// Contrast per channel of samples between `min` and `max`, `(max - min) / (max + min)`
 /// (after Mitchell 1987), in `[0, 1]`.
@@ -25,7 +25,7 @@ pub fn contrast([min, max]: [[f32; 3]; 2]) -> [f64; 3] {
 /// largest sample: no sample between them deviates more.
 ///
 /// 0 where the mean is 0 (pbrt-v2 divides by it and compares with NaN, so that it does not refine
-/// either) or no number, and where all samples are equal.
+/// either) or NaN, and where all samples are equal.
 ///
 /// ```
 /// // {1, 1, 1, 1.9}

@@ -1,7 +1,7 @@
 //! Mitchell's contrast-adaptive sampler, and the one that pbrt-v2 made of it.
 //!
-//! Both sample every pixel at a first rate, ask how much its samples differ, and sample those pixels
-//! at a second rate where they differ most:
+//! Both sample every pixel at a first rate, measure how much its samples differ, and sample at a second rate the pixels
+//! where they differ most:
 //!
 //! * [`Mitchell`]: contrast `(max - min) / (max + min)` per channel over 3x3 pixels, after Mitchell
 //!   1987;
@@ -20,7 +20,7 @@
 //!         let [x, y] = draws.pixel().map(|n| n as f32);
 //!         let [u, v, ..] = draws.block(Block::new(0));
 //!         let white = x + u > 8.0 + 0.3 * (y + v);
-//!         Estimate { radiance: [f32::from(u8::from(white)); 3], first_hit: None, cost: 1 }
+//!         Estimate::new([f32::from(u8::from(white)); 3])
 //!     }
 //! }
 //!
@@ -40,16 +40,16 @@
 //! * [`Stopping::Budget`] meets the budget to the sample, [`Stopping::Threshold`] never exceeds it; at most one
 //!   pixel leaves the two rates.
 //! * Where the budget allows it, no pixel has fewer samples in the image than the first rate.
-//! * [`PilotPolicy`] says what becomes of the pilot and what bias that leaves; each statement is tested
-//!   against its closed form, with the biased policies as controls that the test must reject.
+//! * [`PilotPolicy`] documents the bias of each retention of the pilot. Each closed form is tested, with the biased
+//!   policies as controls that the test must reject.
 //!
 //! # Limits
 //!
-//! * Contrast is no measure of error: it never falls as samples are added. Of pixels with uniform noise
-//!   of 29 % (`[0.5, 1.5]` times the mean) 18 % ask with 2 samples each, and 99.4 % with 16; over 3x3
-//!   pixels of 4 samples all do. Then what is left is uniform sampling with a few pixels short.
-//! * A pilot that sees no light says that all is well: a light that 1 sample in 1000 sees is missed by
-//!   99.6 % of pilots of 4, and in 96.5 % of windows of 3x3.
+//! * Contrast is no measure of error: it never falls as samples are added. Of pixels with uniform noise of 29 %
+//!   (`[0.5, 1.5]` times the mean), 18 % are refined with 2 samples each, 99.4 % with 16, and all over 3x3 pixels of
+//!   4 samples. The result is then uniform sampling with a few pixels short.
+//! * A pilot that sees no light has no contrast: a light that 1 sample in 1000 sees is missed by 99.6 % of pilots of 4,
+//!   and in 96.5 % of windows of 3x3.
 //! * The staged filters of Mitchell's paper, and pbrt-v2's `shapeid` test, are not here.
 
 mod contrast;

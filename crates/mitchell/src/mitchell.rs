@@ -4,45 +4,46 @@ use crate::Rates;
 use crate::contrast::{NOTHING, contrast, windowed};
 use crate::two_rates::TwoRates;
 use dapple_core::{
-    Error, Feedback, Film, Frame, Limits, Needs, PilotPolicy, Plan, PointSet, Progress, Sampler, SamplerMemory,
-    Stopping,
+    Error, Feedback, Film, Frame, Limits, Needs, Options as _, PilotPolicy, Plan, PointSet, Progress, Sampler,
+    SamplerMemory, Stopping,
 };
 
-/// The parameters of [`Mitchell`].
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct MitchellOptions {
-    /// Samples that every pixel gets, and that decide. 0, only together with `additional`, chooses by
-    /// [`Rates::for_mean`], and anew where the budget is raised to twice what it was.
-    pub initial: u32,
-    /// Samples that a refined pixel has besides; 0 as above.
-    pub additional: u32,
-    /// Contrast of red, green and blue above which a pixel asks to be refined, in `(0, 1]`: the eye
-    /// sees green best and blue worst (after Mitchell 1987).
-    pub thresholds: [f64; 3],
-    /// Contrast is taken over `2 radius + 1` pixels squared, at most 64 pixels: 1 is the paper's
-    /// neighbourhood, 0 the pixel alone.
-    pub radius: u32,
-    /// What ends the refinement.
-    pub mode: Stopping,
-    /// What becomes of the pilot.
-    pub policy: PilotPolicy,
-}
-
-impl Default for MitchellOptions {
-    fn default() -> Self {
-        Self {
-            initial: 0,
-            additional: 0,
-            thresholds: [0.4, 0.3, 0.6],
-            radius: 1,
-            mode: Stopping::Budget,
-            policy: PilotPolicy::Keep,
-        }
+dapple_core::options! {
+    /// The parameters of [`Mitchell`].
+    pub struct MitchellOptions {
+        /// Samples per pixel that decide; 0 with additional=0 is the thesis' table 4-2 for the mean budget.
+        ///
+        /// The table is [`Rates::for_mean`], read anew where the budget is raised to twice its size [Lan 2016].
+        pub initial: u32 = 0;
+        /// Samples of a refined pixel besides; 0 as above.
+        pub additional: u32 = 0;
+        /// Contrast of red above which a pixel is refined.
+        ///
+        /// The eye sees green best and blue worst (after Mitchell 1987).
+        pub red: f64 = 0.4, |red| red > 0.0 && red <= 1.0, "a threshold of contrast lies in (0, 1]";
+        /// Contrast of green above which a pixel is refined.
+        pub green: f64 = 0.3, |green| green > 0.0 && green <= 1.0, "a threshold of contrast lies in (0, 1]";
+        /// Contrast of blue above which a pixel is refined.
+        pub blue: f64 = 0.6, |blue| blue > 0.0 && blue <= 1.0, "a threshold of contrast lies in (0, 1]";
+        /// Contrast is taken over 2 radius + 1 pixels squared.
+        ///
+        /// 1 is the paper's neighbourhood, 0 the pixel alone.
+        pub radius: u32 = 1, |radius| radius <= 64, "at most 64 pixels";
+        /// The end: budget (highest contrast first, to the last sample) or threshold (the budget is a ceiling).
+        ///
+        /// With [`Stopping::Budget`] pixels are refined in the order of their contrast, above the threshold or not.
+        /// Once all are refined, further passes of the same step follow. Where all pixels have the same contrast,
+        /// counts differ by at most one. With [`Stopping::Threshold`] pixels above the threshold are refined once. In
+        /// both at most one pixel gets part of a step.
+        pub mode: Stopping = Stopping::Budget => "budget";
+        /// The pilot's retention: keep or refined (both biased), discard (unbiased).
+        pub policy: PilotPolicy = PilotPolicy::Keep => "keep",
+            |policy| !matches!(policy, PilotPolicy::Cross), "one of keep, refined, discard";
     }
 }
 
 impl MitchellOptions {
-    /// Samples of one pixel that have a contrast.
+    /// The least samples of one pixel that have a contrast.
     fn least(&self) -> u32 {
         if self.radius == 0 { 2 } else { 1 }
     }
@@ -55,7 +56,7 @@ impl MitchellOptions {
         Rates { initial: rates.initial.max(self.least()), ..rates }
     }
 
-    /// The largest ratio of contrast to threshold, per pixel: above 1 it asks.
+    /// The largest ratio of contrast to threshold, per pixel: above 1 it is refined.
     fn scores(&self, film: &Film) -> Vec<f64> {
         let discards = self.policy == PilotPolicy::Discard;
         let range = |i| if discards { film.discarded_range(i) } else { film.range(i) };
@@ -65,7 +66,7 @@ impl MitchellOptions {
             radius => windowed(&ranges, film.frame().size(), radius),
         };
         let ratio = |window| {
-            let each = contrast(window).into_iter().zip(self.thresholds);
+            let each = contrast(window).into_iter().zip([self.red, self.green, self.blue]);
             each.map(|(contrast, threshold)| contrast / threshold).fold(0.0, f64::max)
         };
         windows.into_iter().map(ratio).collect()
@@ -74,15 +75,15 @@ impl MitchellOptions {
 
 /// Two rates by contrast, after Mitchell 1987.
 ///
-/// *What*: a base round; the contrast `(max - min) / (max + min)` of each channel over the samples of
+/// A base round; the contrast `(max - min) / (max + min)` of each channel over the samples of
 /// 3x3 pixels; pixels where one exceeds its threshold are refined to a second rate. Pixels are ranked
 /// by the largest ratio of contrast to threshold, ties by a hash of their number. The staged
-/// reconstruction of the paper is a filter's business and not part of this.
+/// reconstruction of the paper is left to filters.
 /// *Guarantees*: the budget exactly, or as a ceiling ([`Stopping`]); where the budget is at least `initial`
-/// per pixel, no pixel below that; below, it is spent evenly. What bias there is, [`PilotPolicy`] says; the
+/// per pixel, no pixel below that; below, it is spent evenly. *Bias*: that of the [`PilotPolicy`]; the
 /// default keeps the pilot and is biased.
 /// *Weaknesses*: the contrast of dark noise is 1, and contrast never falls as samples are added, so
-/// that under Monte Carlo noise nearly every pixel asks and the ranking ties; a light that the whole
+/// that under Monte Carlo noise nearly every pixel is refined and the ranking ties; a light that the whole
 /// neighbourhood's pilot misses has contrast 0 and is never searched for; two rates only.
 pub struct Mitchell<P> {
     points: P,
@@ -91,20 +92,21 @@ pub struct Mitchell<P> {
 }
 
 impl<P: PointSet> Mitchell<P> {
-    /// With these points and the default parameters.
+    /// A sampler with these points and the default parameters.
     pub fn new(points: P) -> Self {
         Self { points, options: MitchellOptions::default(), two_rates: TwoRates::default() }
     }
 
-    /// With these points and parameters.
+    /// A sampler with these points and parameters.
     ///
     /// # Errors
     ///
-    /// [`Error::OutOfRange`] when only one of the rates is chosen by itself (0), when one sample shall
-    /// have a contrast (`initial` 1 with `radius` 0), when the rates add up to more than 2^32 - 1, for a
-    /// threshold outside (0, 1] and for a radius above 64.
+    /// [`Error::OutOfRange`] when only one of the rates is chosen by itself (0), when a single sample decides
+    /// (`initial` 1 with `radius` 0), when the rates add up to more than 2^32 - 1, for a threshold outside (0, 1] and
+    /// for a radius above 64.
     pub fn with_options(points: P, options: MitchellOptions) -> Result<Self, Error> {
         let out = |name, value: String, allowed| Err(Error::OutOfRange { name, value, allowed });
+        options.check_ranges()?;
         let o = options;
         if (o.initial == 0) != (o.additional == 0) {
             let (name, allowed) = match o.initial {
@@ -119,14 +121,6 @@ impl<P: PointSet> Mitchell<P> {
         if o.initial.checked_add(o.additional).is_none() {
             return out("additional", o.additional.to_string(), "with initial at most 2^32 - 1");
         }
-        for (name, threshold) in ["red", "green", "blue"].into_iter().zip(o.thresholds) {
-            if !(threshold > 0.0 && threshold <= 1.0) {
-                return out(name, threshold.to_string(), "a threshold of contrast lies in (0, 1]");
-            }
-        }
-        if o.radius > 64 {
-            return out("radius", o.radius.to_string(), "at most 64 pixels");
-        }
         Ok(Self { points, options, two_rates: TwoRates::new(o.mode, o.policy) })
     }
 }
@@ -137,11 +131,7 @@ impl<P: PointSet> Sampler for Mitchell<P> {
     }
 
     fn describe(&self) -> String {
-        let MitchellOptions { initial, additional, thresholds: [r, g, b], radius, mode, policy } = self.options;
-        let (mode, policy) = (mode.name(), policy.name());
-        format!(
-            "mitchell:initial={initial},additional={additional},red={r},green={g},blue={b},radius={radius},mode={mode},policy={policy}"
-        )
+        format!("mitchell:{}", self.options.describe())
     }
 
     fn needs(&self) -> Needs {

@@ -4,36 +4,36 @@ use crate::Rates;
 use crate::contrast::deviation;
 use crate::two_rates::TwoRates;
 use dapple_core::{
-    Error, Feedback, Film, Frame, Limits, Needs, PilotPolicy, Plan, PointSet, Progress, Sampler, SamplerMemory,
-    Stopping, luminance,
+    Error, Feedback, Film, Frame, Limits, Needs, Options as _, PilotPolicy, Plan, PointSet, Progress, Sampler,
+    SamplerMemory, Stopping, luminance,
 };
 
-/// The parameters of [`MitchellPbrt`].
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct MitchellPbrtOptions {
-    /// Samples that every pixel gets, and that decide; rounded up to a power of two, at least 2.
-    pub min: u32,
-    /// Samples of a refined pixel; rounded up to a power of two, and twice `min` where that makes them
-    /// equal.
-    pub max: u32,
-    /// Relative deviation of a sample's luminance from the pilot's mean above which a pixel asks to be
-    /// refined; above 0.
-    pub threshold: f64,
-    /// What ends the refinement.
-    pub mode: Stopping,
-    /// What becomes of the pilot. pbrt-v2's own is [`PilotPolicy::Refined`].
-    pub policy: PilotPolicy,
-}
-
-impl Default for MitchellPbrtOptions {
-    fn default() -> Self {
-        Self { min: 4, max: 32, threshold: 0.5, mode: Stopping::Budget, policy: PilotPolicy::Refined }
+dapple_core::options! {
+    /// The parameters of [`MitchellPbrt`].
+    pub struct MitchellPbrtOptions {
+        /// Samples per pixel that decide, rounded up to a power of two.
+        pub min: u32 = 4, |min| min >= 2, "one sample deviates from nothing: 2 or more";
+        /// Samples of a refined pixel, rounded up to a power of two.
+        ///
+        /// Twice `min` where rounding makes them equal.
+        pub max: u32 = 32;
+        /// Relative deviation in luminance above which a pixel is refined.
+        ///
+        /// It is the deviation of a sample from the pilot's mean.
+        pub threshold: f64 = 0.5, |t| t > 0.0 && t.is_finite(), "a relative deviation above 0";
+        /// The end: budget (largest deviation first, to the last sample) or threshold (the budget is a ceiling).
+        ///
+        /// As [`MitchellOptions::mode`](crate::MitchellOptions::mode).
+        pub mode: Stopping = Stopping::Budget => "budget";
+        /// The pilot's retention: refined (published, biased), keep (biased), discard (unbiased).
+        pub policy: PilotPolicy = PilotPolicy::Refined => "refined",
+            |policy| !matches!(policy, PilotPolicy::Cross), "one of refined, keep, discard";
     }
 }
 
 /// The `adaptive` sampler of pbrt-v2 with its `contrast` test [pbrt-v2, `src/samplers/adaptive.cpp`].
 ///
-/// *What*: `min` samples per pixel; where one deviates in luminance by more than half from their mean,
+/// `min` samples per pixel; where one deviates in luminance by more than half from their mean,
 /// `|Y - mean| / mean > 0.5`, `max` fresh ones take their place. With [`Stopping::Threshold`] and
 /// [`PilotPolicy::Refined`] this is the published rule; [`Stopping::Budget`], the default, ranks pixels by that
 /// deviation until the budget is spent. With [`PilotPolicy::Keep`] the pilot counts towards `max`.
@@ -48,13 +48,13 @@ pub struct MitchellPbrt<P> {
 }
 
 impl<P: PointSet> MitchellPbrt<P> {
-    /// With these points and the default parameters.
+    /// A sampler with these points and the default parameters.
     pub fn new(points: P) -> Self {
         let options = MitchellPbrtOptions::default();
         Self { points, options, two_rates: TwoRates::new(options.mode, options.policy) }
     }
 
-    /// With these points and parameters.
+    /// A sampler with these points and parameters.
     ///
     /// # Errors
     ///
@@ -62,18 +62,13 @@ impl<P: PointSet> MitchellPbrt<P> {
     /// not a number above 0.
     pub fn with_options(points: P, options: MitchellPbrtOptions) -> Result<Self, Error> {
         let out = |name, value: String, allowed| Err(Error::OutOfRange { name, value, allowed });
-        let MitchellPbrtOptions { min, max, threshold, mode, policy } = options;
-        if min < 2 {
-            return out("min", min.to_string(), "one sample deviates from nothing: 2 or more");
-        }
+        options.check_ranges()?;
+        let MitchellPbrtOptions { min, max, mode, policy, .. } = options;
         if max < min {
             return out("max", max.to_string(), "at least min");
         }
         if max > 1 << 31 || min > 1 << 30 {
             return out("max", max.to_string(), "at most 2^31, and min at most 2^30");
-        }
-        if !(threshold > 0.0 && threshold.is_finite()) {
-            return out("threshold", threshold.to_string(), "a relative deviation above 0");
         }
         let min = min.next_power_of_two();
         let max = max.next_power_of_two().max(2 * min);
@@ -83,7 +78,7 @@ impl<P: PointSet> MitchellPbrt<P> {
 }
 
 impl MitchellPbrtOptions {
-    /// The deviation relative to the threshold, per pixel: above 1 it asks.
+    /// The deviation relative to the threshold, per pixel: above 1 it is refined.
     fn scores(&self, film: &Film) -> Vec<f64> {
         let score = |i| {
             let (range, moments) = match self.policy {
@@ -102,9 +97,7 @@ impl<P: PointSet> Sampler for MitchellPbrt<P> {
     }
 
     fn describe(&self) -> String {
-        let MitchellPbrtOptions { min, max, threshold, mode, policy } = self.options;
-        let (mode, policy) = (mode.name(), policy.name());
-        format!("mitchell-pbrt:min={min},max={max},threshold={threshold},mode={mode},policy={policy}")
+        format!("mitchell-pbrt:{}", self.options.describe())
     }
 
     fn needs(&self) -> Needs {

@@ -9,7 +9,7 @@ pub struct Rates {
     pub additional: u32,
 }
 
-/// Mean budget, initial, additional [Lan 2016, table 4-2].
+/// Mean budget, initial and additional samples [Lan 2016, table 4-2].
 const PRESETS: [[u64; 3]; 4] = [[8, 4, 6], [16, 4, 16], [32, 12, 24], [64, 16, 54]];
 
 impl Rates {

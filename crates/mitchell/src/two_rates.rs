@@ -1,19 +1,19 @@
-//! What both samplers share: a pilot, a ranking, two rates, and what becomes of the pilot.
+//! The part that both samplers share: a pilot, its retention, a ranking, and two rates.
 
 use crate::Rates;
 use dapple_core::{
     BudgetLeft, Error, Feedback, Film, Frame, Limits, Needs, PilotPolicy, Plan, Progress, Retention, SamplerMemory,
-    Stopping, allocate,
+    Stopping, allocate, saturating_u32,
 };
 
-const NOT_OURS: Error = Error::BadSnapshot { what: "they do not hold what a sampler of two rates saves" };
+const NOT_OURS: Error = Error::BadSnapshot { what: "they do not hold the state of a sampler of two rates" };
 
-/// Decides by rank, in two rates.
+/// The decision by rank, in two rates.
 #[derive(Default)]
 pub(crate) struct TwoRates {
     pub(crate) mode: Stopping,
     pub(crate) policy: PilotPolicy,
-    /// Made once per pilot: later samples do not change it.
+    /// The ranking, made once per pilot: later samples do not change it.
     ranking: Option<Ranking>,
     /// The rates in use, and the mean budget that they were chosen for.
     rates: Option<(u64, Rates)>,
@@ -24,9 +24,9 @@ struct Ranking {
     /// The pilot that it was made from, in samples per pixel.
     pilot: u32,
     order: Vec<u32>,
-    /// How many of them exceed their threshold.
+    /// The number of pixels that exceed their threshold.
     asking: usize,
-    /// Whether all have the same score.
+    /// True if all have the same score.
     level: bool,
 }
 
@@ -35,10 +35,10 @@ impl TwoRates {
         Self { mode, policy, ranking: None, rates: None }
     }
 
-    /// The next round. `rates` gives the rates for a mean budget; they stay until that has doubled, so
-    /// that the last tenth of a time limit does not go to a sample more everywhere. Fewer than `least`
-    /// samples per pixel tell nothing. `scores` gives each pixel's contrast relative to its threshold,
-    /// from the pilot as far as it was traced.
+    /// Plans the next round. `rates` returns the rates for a mean budget. They stay until that has doubled, so that
+    /// the last tenth of a time limit does not go to one more sample everywhere. Fewer than `least` samples per pixel
+    /// have no contrast. `scores` returns each pixel's contrast relative to its threshold, from the pilot as far as
+    /// it is traced.
     pub(crate) fn next_round(
         &mut self,
         seen: &Feedback<'_>,
@@ -64,7 +64,7 @@ impl TwoRates {
         let pilot = self.pilot(&budget, mean, rates, least);
         for (i, count) in plan.counts.iter_mut().enumerate() {
             let done = if self.discards() { seen.film.discarded(i).count } else { seen.film.count(i) };
-            *count = pilot.saturating_sub(clamped(done));
+            *count = pilot.saturating_sub(saturating_u32(done));
         }
         if plan.total() > 0 && plan.total() <= budget.left() {
             plan.retention = if self.discards() { Retention::Discard } else { Retention::Keep };
@@ -80,7 +80,7 @@ impl TwoRates {
         Ok(if plan.total() == 0 { Progress::Done } else { Progress::Trace })
     }
 
-    /// The rates and the ranking: what later films no longer show.
+    /// Saves the rates and the ranking, which later films no longer show.
     pub(crate) fn save(&self) -> Vec<u8> {
         let mut words = Vec::new();
         words.push(u32::from(self.rates.is_some()));
@@ -89,13 +89,13 @@ impl TwoRates {
         }
         words.push(u32::from(self.ranking.is_some()));
         if let Some(Ranking { pilot, order, asking, level }) = &self.ranking {
-            words.extend([*pilot, clamped(*asking as u64), u32::from(*level)]);
+            words.extend([*pilot, saturating_u32(*asking as u64), u32::from(*level)]);
             words.extend(order);
         }
         words.into_iter().flat_map(u32::to_le_bytes).collect()
     }
 
-    /// Takes back what [`TwoRates::save`] gave.
+    /// Restores the bytes of [`TwoRates::save`].
     pub(crate) fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
         let (words, rest) = saved.as_chunks();
         let words: Vec<u32> = words.iter().map(|w| u32::from_le_bytes(*w)).collect();
@@ -131,19 +131,21 @@ impl TwoRates {
         // The ranking comes after the scoring, beside scores, or counts and marks.
         const RANKING: usize = 4;
         let planning = scoring.saturating_sub(RANKING).max(8);
-        let memory = SamplerMemory::planning(frame, false, planning).with_state(frame, RANKING);
+        let memory = SamplerMemory::planning(frame, planning).with_state(frame, RANKING);
         match self.policy {
             PilotPolicy::Keep | PilotPolicy::Cross => memory,
             PilotPolicy::Discard => memory.with_discarded(frame, needs, limits),
             PilotPolicy::Refined => {
-                // What is withdrawn goes to a bank that is there from the second round on, with how far indices are ahead.
-                let moved = memory.with_discarded(frame, needs, limits);
-                SamplerMemory { discarded: moved.discarded.saturating_add(frame.bytes(16)), ..moved }
+                // Withdrawn samples have statistics of their own from the second round on, and a count of skipped
+                // indices.
+                let mut moved = memory.with_discarded(frame, needs, limits);
+                moved.discarded = moved.discarded.saturating_add(frame.bytes(16));
+                moved
             }
         }
     }
 
-    /// Whether the whole pilot is thrown away.
+    /// True if the whole pilot is discarded.
     pub(crate) fn discards(&self) -> bool {
         self.policy == PilotPolicy::Discard
     }
@@ -152,24 +154,24 @@ impl TwoRates {
     fn pilot(&self, budget: &BudgetLeft, mean: u64, rates: Rates, least: u32) -> u32 {
         let wanted = u64::from(rates.initial);
         if !self.discards() {
-            return clamped(wanted.min(mean)).max(budget.min_spp).min(budget.max_spp);
+            return saturating_u32(wanted.min(mean)).max(budget.min_spp).min(budget.max_spp);
         }
-        // It may take half of what there is, and never the floor's share.
+        // It may take half of the budget, and never the floor's share.
         let affordable = mean.saturating_sub(u64::from(budget.min_spp.max(1))).min(mean / 2);
-        let pilot = clamped(wanted.min(affordable));
+        let pilot = saturating_u32(wanted.min(affordable));
         if pilot < least { 0 } else { pilot }
     }
 
     fn plan_kept(&self, seen: &Feedback<'_>, plan: &mut Plan, rates: Rates, ranking: &Ranking) -> Result<(), Error> {
         let BudgetLeft { min_spp, max_spp, .. } = seen.budget;
-        let now: Vec<u32> = (0..seen.pixels()).map(|i| clamped(seen.film.count(i))).collect();
+        let now: Vec<u32> = (0..seen.pixels()).map(|i| saturating_u32(seen.film.count(i))).collect();
         let total = now.iter().map(|&n| u64::from(n)).sum::<u64>() + seen.budget.left();
         if ranking.level && self.mode == Stopping::Budget {
             let counts = allocate(&vec![1.0; now.len()], &now, max_spp, total)?.counts;
             plan.counts = counts.iter().zip(&now).map(|(n, now)| n - now).collect();
             return Ok(());
         }
-        let floor = clamped(u64::from(rates.initial).min(total / now.len() as u64)).max(min_spp).min(max_spp);
+        let floor = saturating_u32(u64::from(rates.initial).min(total / now.len() as u64)).max(min_spp).min(max_spp);
         let mut steps = Steps::new(seen, plan, now, self.policy == PilotPolicy::Refined);
         steps.raise_all(&ranking.order, floor, false);
         match self.mode {
@@ -188,8 +190,8 @@ impl TwoRates {
 
 impl Ranking {
     fn new(pilot: u32, scores: &[f64]) -> Self {
-        // Contrast saturates at 1, so ties are common: by their plain number the top of the image
-        // would take all.
+        // Contrast saturates at 1, so ties are common: in the order of their numbers the top of the image would
+        // take all samples.
         let tie = |i: u32| mix(u64::from(i));
         let mut order: Vec<u32> = (0..scores.len() as u32).collect();
         order.sort_unstable_by(|&a, &b| {
@@ -201,14 +203,14 @@ impl Ranking {
     }
 }
 
-/// A plan in the making.
+/// A plan under construction.
 struct Steps<'a> {
     film: &'a Film,
     plan: &'a mut [u32],
     now: Vec<u32>,
     max_spp: u32,
     left: u64,
-    /// Whether a pixel's first step takes its pilot out of the image.
+    /// True if a pixel's first step takes its pilot out of the image.
     withdraws: bool,
     withdrawn: Vec<bool>,
 }
@@ -220,7 +222,7 @@ impl<'a> Steps<'a> {
         Self { film: seen.film, plan: &mut plan.counts, now, max_spp, left: seen.budget.left(), withdraws, withdrawn }
     }
 
-    /// Samples that pixel `i` will have in the image.
+    /// The samples that pixel `i` will have in the image.
     fn count(&self, i: usize) -> u32 {
         let before = if self.withdraws && self.withdrawn[i] { 0 } else { self.now[i] };
         before.saturating_add(self.plan[i])
@@ -275,10 +277,6 @@ impl<'a> Steps<'a> {
             target = target.saturating_add(step);
         }
     }
-}
-
-fn clamped(n: u64) -> u32 {
-    u32::try_from(n).unwrap_or(u32::MAX)
 }
 
 /// A bijective 64-bit mix (the finaliser of SplitMix64, [Steele, Lea and Flood 2014]).

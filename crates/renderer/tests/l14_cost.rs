@@ -92,7 +92,7 @@ fn walk(samples: u64, mut estimate: impl FnMut(&Draws<'_>) -> [f32; 3]) {
     let points = Sobol::new(3);
     for index in 0..samples {
         let pixel = [index as u32 % SIZE[0], index as u32 / SIZE[0] % SIZE[1]];
-        let draws = Draws::new(&points, SampleId { pixel, stream: 0, index: index / 1024 }, false);
+        let draws = Draws::new(&points, SampleId::new(pixel, 0, index / 1024));
         black_box(estimate(&draws));
     }
 }
@@ -109,7 +109,7 @@ fn the_hand_written_loop_is_the_same_estimator_l14() {
     let mut bright = 0;
     for index in 0..16 {
         for pixel in (0..SIZE[0] * SIZE[1]).map(|i| [i % SIZE[0], i / SIZE[0]]) {
-            let draws = Draws::new(points, SampleId { pixel, stream: 0, index }, false);
+            let draws = Draws::new(points, SampleId::new(pixel, 0, index));
             let (hand, ours) = (by_hand(&world, &draws), ours(&*integrator, &draws));
             assert!((hand[0] - ours[0]).abs() <= 1e-5 * hand[0].max(1e-3), "{pixel:?} {index}: {hand:?} {ours:?}");
             bright += u32::from(hand[0] > 0.0);

@@ -4,7 +4,7 @@
 //! program can render one with no file on disk. `cargo run --example generate_scenes` writes them to
 //! `examples/scenes`; a test holds those files to the bytes made here.
 //!
-//! | name | what it is | what it calls for |
+//! | name | contents | effects |
 //! |---|---|---|
 //! | `teapot` | Newell's teapot in gold on a glossy tiled floor, in a studio | environment, rough metal, coat, image texture |
 //! | `terrain` | fractal mountains about a river plain under sun and sky | 2^17 triangles, soft shadows, coat, environment |
@@ -51,13 +51,13 @@ mod terrain;
 #[cfg(test)]
 mod tests;
 
-use crate::Scene;
 use crate::files::Files;
-use crate::pbrt::{ReadError, ReadOptions, read_scene_from};
+use crate::pbrt::{ReadOptions, read_scene_from};
+use crate::{ReadError, Scene};
 use std::io;
 use std::path::Path;
 
-/// The scene to render when nobody names one.
+/// The default scene.
 pub const DEFAULT: &str = "teapot";
 
 /// A scene with every file that it needs.
@@ -107,7 +107,7 @@ pub fn names() -> &'static [&'static str] {
     &NAMES
 }
 
-/// Makes the bundled scene called `name`; `None` if there is none. Equal bytes on each call and machine.
+/// Makes the bundled scene called `name`; `None` for an unknown name. The bytes are the same on every machine.
 pub fn files(name: &str) -> Option<Bundle> {
     let name = NAMES.into_iter().find(|known| *known == name)?;
     let (text, mut files): (String, Assets) = match name {

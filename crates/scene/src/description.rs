@@ -4,8 +4,8 @@
 //! [`World`](crate::World) builds what rays need from it.
 
 mod camera;
-pub(crate) mod lamp;
 mod light;
+pub(crate) mod light_power;
 mod material;
 mod medium;
 mod shape;
@@ -26,12 +26,12 @@ use std::fmt;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// Where in a file something was said.
+/// A place in a file.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Source {
     /// The file, as it was named.
     pub file: Arc<PathBuf>,
-    /// The line, from 1; 0 where there is none (made by a program).
+    /// The line, from 1; 0 for the whole file, or for a scene made by a program.
     pub line: u32,
 }
 
@@ -44,16 +44,35 @@ impl fmt::Display for Source {
     }
 }
 
-/// Something the reader did otherwise than the file says, or thinks worth saying.
+/// A deviation of the reader from the file, or a warning.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Notice {
-    /// Where.
+    /// File and line.
     pub source: Source,
-    /// What, as one sentence.
+    /// Its kind.
+    pub kind: NoticeKind,
+    /// One sentence.
     pub message: String,
 }
 
-/// Everything a scene file says. All lengths are the file's; transforms lead to its world space.
+/// The kind of a notice.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum NoticeKind {
+    /// The image may differ from the one that the file describes.
+    Warning,
+    /// A setting that Dapple leaves to its user, such as the sampler, was ignored.
+    IgnoredSetting,
+}
+
+impl Notice {
+    /// A notice of kind [`NoticeKind::Warning`].
+    pub fn warning(source: Source, message: impl Into<String>) -> Self {
+        Self { source, kind: NoticeKind::Warning, message: message.into() }
+    }
+}
+
+/// A scene: everything that its file describes. All lengths are the file's; transforms lead to its world space.
 #[derive(Clone, Debug, Default)]
 pub struct Scene {
     /// The file's stem, or the bundled scene's name.
@@ -68,7 +87,7 @@ pub struct Scene {
     pub shapes: Vec<Shape>,
     /// Groups of shapes that stand in the world only through [`Scene::instances`].
     pub objects: Vec<Object>,
-    /// Where objects stand: as often as wanted, one object in memory.
+    /// Placed objects. Many instances share one object in memory.
     pub instances: Vec<Instance>,
     /// Materials; shapes refer to them by number.
     pub materials: Vec<Material>,
@@ -76,11 +95,11 @@ pub struct Scene {
     pub textures: Vec<Texture>,
     /// Lights that are no shapes.
     pub lights: Vec<Light>,
-    /// What fills space; shapes and the camera refer to them by number.
+    /// Media; shapes and the camera refer to them by number.
     pub media: Vec<Medium>,
     /// The times at which what moves stands at `to_world` and at `moves_to`; before and after, it stands still.
     /// `[0, 0]` (no time in between) means the same as `[0, 1]`.
     pub motion_times: [f64; 2],
-    /// What was read otherwise than written: advice not followed, warnings.
+    /// Deviations from the file: ignored settings, warnings.
     pub notices: Vec<Notice>,
 }

@@ -1,16 +1,17 @@
-//! What a scene calls for, and why.
+//! Effects that a scene calls for, with the reason for each.
 
-mod chance;
+mod caustics;
 mod lights;
 mod materials;
-mod used;
+mod visible;
 
+use crate::nearest::nearest;
 use crate::{Camera, MaterialKind, Scene, Source};
 use std::fmt;
 use std::str::FromStr;
-use used::Used;
+use visible::Visible;
 
-/// Something that a scene may call for, and that costs time where it does.
+/// A feature that costs time in scenes that call for it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[non_exhaustive]
 pub enum Effect {
@@ -28,22 +29,22 @@ pub enum Effect {
     Interreflection,
     /// Anything that varies over a surface: reflectances, roughness, bumps, shares of a mix, holes.
     Textures,
-    /// Light from beyond the scene.
+    /// Light from an environment.
     Environment,
     /// A lens with an opening.
     DepthOfField,
-    /// Something moves while the shutter is open.
+    /// Motion while the shutter is open.
     MotionBlur,
     /// Surfaces with holes: an opacity below 1.
     Transparency,
-    /// Media that swallow light.
+    /// Media that absorb light.
     AbsorbingMedia,
     /// Media that scatter light.
     ScatteringMedia,
 }
 
 impl Effect {
-    /// Every effect, in the order in which they are told.
+    /// Every effect, in the order of reports.
     pub const ALL: [Self; 13] = [
         Self::SoftShadows,
         Self::SeveralLights,
@@ -79,22 +80,22 @@ impl Effect {
         }
     }
 
-    /// What a scene is without it, as a short phrase: what [`Scene::without`] makes of it.
+    /// The scene without it, as a short phrase: the result of [`Scene::without`].
     pub const fn left_out(self) -> &'static str {
         match self {
-            Self::SoftShadows => "each lamp is a point of the same power, and cannot be seen",
+            Self::SoftShadows => "each area light is a point light of the same power, and invisible",
             Self::SeveralLights => "only the most powerful light shines",
-            Self::Glossy => "what is rough is diffuse and as bright, rough glass is clear",
-            Self::Mirror => "what mirrors is diffuse and as bright",
-            Self::Refraction => "light goes straight through glass, and none is reflected",
-            Self::Interreflection => "light is scattered once",
-            Self::Textures => "every texture is its mean, and nothing is bumpy",
-            Self::Environment => "no light comes from beyond the scene",
+            Self::Glossy => "rough surfaces are diffuse and equally bright, rough glass is clear",
+            Self::Mirror => "mirrors are diffuse and equally bright",
+            Self::Refraction => "light passes straight through glass, without reflection",
+            Self::Interreflection => "light scatters once",
+            Self::Textures => "every texture is its mean, and bumps are gone",
+            Self::Environment => "the environment is black",
             Self::DepthOfField => "the lens is a pinhole",
-            Self::MotionBlur => "everything stands where it is at the middle of the exposure",
-            Self::Transparency => "what has holes has none, and what is mostly hole is gone",
-            Self::AbsorbingMedia => "media swallow nothing",
-            Self::ScatteringMedia => "media scatter nothing",
+            Self::MotionBlur => "everything stands still, at its place in the middle of the exposure",
+            Self::Transparency => "partly transparent surfaces are opaque, mostly transparent ones are gone",
+            Self::AbsorbingMedia => "media do not absorb",
+            Self::ScatteringMedia => "media do not scatter",
         }
     }
 }
@@ -105,18 +106,27 @@ impl fmt::Display for Effect {
     }
 }
 
-/// A word that is no effect's name.
+/// The error of an unknown effect name.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("there is no effect \"{word}\": there are {}", Effect::ALL.map(Effect::name).join(", "))]
+#[error("unknown effect \"{name}\"; {}", advice(name))]
 pub struct UnknownEffect {
-    word: String,
+    name: String,
+}
+
+/// The nearest name, or all names.
+fn advice(name: &str) -> String {
+    let known = Effect::ALL.map(Effect::name);
+    match nearest(name, known) {
+        Some(near) => format!("did you mean \"{near}\"?"),
+        None => format!("choose among {}", known.join(", ")),
+    }
 }
 
 impl FromStr for Effect {
     type Err = UnknownEffect;
 
-    fn from_str(word: &str) -> Result<Self, UnknownEffect> {
-        Self::ALL.into_iter().find(|e| e.name() == word).ok_or_else(|| UnknownEffect { word: word.to_owned() })
+    fn from_str(name: &str) -> Result<Self, UnknownEffect> {
+        Self::ALL.into_iter().find(|e| e.name() == name).ok_or_else(|| UnknownEffect { name: name.to_owned() })
     }
 }
 
@@ -126,21 +136,29 @@ impl FromStr for Effect {
 pub struct Called {
     /// The effect.
     pub effect: Effect,
-    /// Why, as a short phrase about the first object that calls for it.
+    /// The reason, as a short phrase about the first object that calls for it.
     pub because: String,
-    /// Where the first object that calls for it is.
+    /// File and line of the first object that calls for it.
     pub source: Source,
-    /// How many objects do: lamps, lights, materials, shapes, media, things that move. At least 1.
+    /// Number of objects that call for it (lamps, lights, materials, shapes, media, moving things); at least 1.
     pub objects: usize,
 }
 
-/// The effects that a scene calls for, each once, with the first object that does.
+/// The effects that a scene calls for, each once, with the first object that calls for it.
 ///
-/// Only what can be seen counts: a material that no shape wears, an object that stands nowhere, a light without
-/// light, a medium that does nothing, an opacity of 1, a shutter that opens and closes at once call for nothing.
-/// What cannot be decided from the description (a number out of range, what a texture looks like) counts as
-/// called for. A sheet of paper ([`DiffuseTransmission`](crate::MaterialKind::DiffuseTransmission)) and a
-/// border of media are no effects of their own.
+/// Only visible and effective objects count. A material on no shape, an object without instances, a black light, a medium
+/// without coefficients, an opacity of 1 and a shutter without duration call for nothing. An undecidable case (a number
+/// out of range, a texture's values) counts. Diffuse transmission
+/// ([`DiffuseTransmission`](crate::MaterialKind::DiffuseTransmission)) and interfaces between media are not effects.
+///
+/// ```
+/// use dapple_scene::{Effect, Effects, bundled};
+///
+/// let scene = bundled::files("cornell").expect("a bundled scene").read()?;
+/// let effects = Effects::of(&scene);
+/// assert!(effects.has(Effect::SoftShadows) && !effects.has(Effect::Refraction));
+/// # Ok::<(), dapple_scene::ReadError>(())
+/// ```
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Effects {
     called: Vec<Called>,
@@ -148,22 +166,22 @@ pub struct Effects {
 }
 
 impl Effects {
-    /// Walks the scene once.
+    /// The effects of a scene, in one walk.
     pub fn of(scene: &Scene) -> Self {
         let mut effects = Self { called: Vec::new(), max_depth: scene.max_depth };
-        let used = Used::of(scene);
+        let visible = Visible::of(scene);
         effects.add_lights(scene);
-        effects.add_materials(scene, &used);
-        effects.add_shapes(&used);
-        effects.add_media(scene, &used);
-        effects.add_depth(scene, &used);
+        effects.add_materials(scene, &visible);
+        effects.add_shapes(&visible);
+        effects.add_media(scene, &visible);
+        effects.add_depth(scene, &visible);
         effects.add_camera(&scene.camera);
-        effects.add_motion(scene, &used);
+        effects.add_motion(scene, &visible);
         effects.called.sort_by_key(|c| c.effect);
         effects
     }
 
-    /// Whether the scene calls for an effect.
+    /// True if the scene calls for an effect.
     pub fn has(&self, effect: Effect) -> bool {
         self.called.iter().any(|c| c.effect == effect)
     }
@@ -178,29 +196,24 @@ impl Effects {
         self.max_depth
     }
 
-    /// Light that a path tracer finds by chance only: it comes from lamps so small that hardly a path runs into
-    /// them, through glass or water so smooth that no other way leads there.
+    /// Caustics that a path tracer finds by chance only, if the scene has any: light of small lamps through smooth glass.
     ///
-    /// A path tracer aims at lamps, but not through a surface that bends light: whatever lies behind it (a
-    /// caustic, a glass' shadow) is lit only where a scattered ray happens to leave through it and to meet the
-    /// lamp. After a diffuse event that has probability (solid angle of the lamp) / pi at most. The scene is told
-    /// apart where
-    /// * a shape can be seen whose material refracts and is smooth (alpha below
-    ///   [`effectively_smooth`](crate::effectively_smooth), which no light sample can go through; or rough by a
-    ///   texture, which may be), and paths may be scattered twice,
-    /// * and a lamp, seen from the middle of that shape, fills less than 1e-3 sr: fewer than one scattered ray in
-    ///   3000 finds it, so that a pixel of some hundred samples sees none of its light, or a speck. Points, spots
-    ///   and distant lights fill nothing, and what they send through glass is not found at all.
-    /// * Lamps with less than a hundredth of all lamps' power do not count.
+    /// A path tracer samples lamps directly, but not through a surface that refracts. Behind such a surface, light arrives
+    /// only along scattered rays that happen to leave through it and to hit the lamp. After a diffuse event their
+    /// probability is at most the solid angle of the lamp over pi. A scene has such caustics if
+    /// * a visible shape refracts and is smooth (see [`effectively_smooth`](crate::effectively_smooth)) or has a textured
+    ///   roughness, and paths may scatter twice,
+    /// * and a lamp covers less than 1e-3 sr, seen from the middle of that shape. Fewer than one scattered ray in 3000 finds
+    ///   it. Points, spots and distant lights cover nothing, and are never found through glass.
+    /// * Lamps with less than 0.01 of the power of all lamps do not count.
     ///
-    /// The solid angle is `area / distance^2`, a quarter of that for a sphere: an upper bound. Small bright parts
-    /// of an environment image are not looked for. The reason is about the first such lamp; `objects` counts
-    /// them.
+    /// The solid angle is the upper bound `area / distance^2`, a quarter of that for a sphere. Small bright parts of an
+    /// environment map are not searched. The reason names the first such lamp; `objects` counts them.
     pub fn found_by_chance(scene: &Scene) -> Option<Called> {
-        chance::found_by_chance(scene, &Used::of(scene))
+        caustics::found_by_chance(scene, &Visible::of(scene))
     }
 
-    /// One more object that calls for `effect`; the first one is told.
+    /// Counts one more object that calls for `effect`; the first one is reported.
     fn add(&mut self, effect: Effect, because: impl FnOnce() -> String, source: &Source) {
         match self.called.iter_mut().find(|c| c.effect == effect) {
             Some(called) => called.objects += 1,
@@ -208,20 +221,20 @@ impl Effects {
         }
     }
 
-    /// Says how many objects call for an effect, where each alone would not.
+    /// Sets the number of objects of an effect that only several objects together call for.
     fn count(&mut self, effect: Effect, objects: usize) {
         self.called.iter_mut().filter(|c| c.effect == effect).for_each(|c| c.objects = objects);
     }
 
-    fn add_shapes(&mut self, used: &Used<'_>) {
-        for shape in &used.shapes {
-            let Some(alpha) = used::holes(shape) else { continue };
+    fn add_shapes(&mut self, visible: &Visible<'_>) {
+        for shape in &visible.shapes {
+            let Some(alpha) = visible::holes(shape) else { continue };
             self.add(Effect::Transparency, || format!("a shape has an opacity of {alpha}"), &shape.source);
         }
     }
 
-    fn add_media(&mut self, scene: &Scene, used: &Used<'_>) {
-        for medium in scene.media.iter().zip(&used.media).filter_map(|(medium, used)| used.then_some(medium)) {
+    fn add_media(&mut self, scene: &Scene, visible: &Visible<'_>) {
+        for medium in scene.media.iter().zip(&visible.media).filter_map(|(medium, used)| used.then_some(medium)) {
             let because = |does, what: &[f32; 3]| format!("medium \"{}\" {does} {what:?} per unit", medium.name);
             if medium.absorption != [0.0; 3] {
                 self.add(Effect::AbsorbingMedia, || because("absorbs", &medium.absorption), &medium.source);
@@ -232,8 +245,8 @@ impl Effects {
         }
     }
 
-    fn add_depth(&mut self, scene: &Scene, used: &Used<'_>) {
-        let scatters = used.shapes.iter().any(|s| !used::is_black(scene, s)) || self.has(Effect::ScatteringMedia);
+    fn add_depth(&mut self, scene: &Scene, visible: &Visible<'_>) {
+        let scatters = visible.shapes.iter().any(|s| !visible::is_black(scene, s)) || self.has(Effect::ScatteringMedia);
         if !scatters || scene.max_depth.is_some_and(|d| d <= 1) {
             return;
         }
@@ -252,16 +265,16 @@ impl Effects {
         }
     }
 
-    fn add_motion(&mut self, scene: &Scene, used: &Used<'_>) {
+    fn add_motion(&mut self, scene: &Scene, visible: &Visible<'_>) {
         let [open, close] = scene.camera.shutter;
-        let [first, second] = used::motion_span(scene);
+        let [first, second] = visible::motion_span(scene);
         // Before and after the motion all stands still. Not a number counts as open.
         if open == close || close <= first || open >= second {
             return;
         }
         let camera = [("the camera", scene.camera.to_world, scene.camera.moves_to, &scene.camera.source)];
-        let instances = used.instances.iter().map(|i| ("an instance", i.to_world, i.moves_to, &i.source));
-        let shapes = used.shapes.iter().map(|s| ("a shape", s.to_world, s.moves_to, &s.source));
+        let instances = visible.instances.iter().map(|i| ("an instance", i.to_world, i.moves_to, &i.source));
+        let shapes = visible.shapes.iter().map(|s| ("a shape", s.to_world, s.moves_to, &s.source));
         for (what, to_world, moves_to, source) in camera.into_iter().chain(instances).chain(shapes) {
             if moves_to.is_some_and(|to| to != to_world) {
                 self.add(Effect::MotionBlur, || format!("{what} moves while the shutter is open"), source);
@@ -270,7 +283,7 @@ impl Effects {
     }
 }
 
-/// Whether a material, seen by itself, calls for one of the effects of surfaces (glossy, mirror, refraction).
+/// True if a material by itself calls for one of the effects of surfaces (glossy, mirror, refraction).
 pub(crate) fn surface_calls_for(kind: &MaterialKind, effect: Effect) -> bool {
     materials::lobes(kind).iter().any(|lobe| materials::calls_for(lobe, effect))
 }
@@ -280,12 +293,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn names_are_told_apart_and_read_back() {
+    fn names_are_distinct_and_parse() {
         for (i, effect) in Effect::ALL.into_iter().enumerate() {
             assert_eq!(effect.name().parse(), Ok(effect));
             assert_eq!(effect as usize, i, "in the order of ALL");
         }
+        let near = "soft-shadow".parse::<Effect>().map_err(|e| e.to_string());
+        assert_eq!(near, Err("unknown effect \"soft-shadow\"; did you mean \"soft-shadows\"?".into()));
         let wrong = "soft".parse::<Effect>().map_err(|e| e.to_string());
-        assert!(wrong.is_err_and(|e| e.starts_with("there is no effect \"soft\": there are soft-shadows, several")));
+        assert!(wrong.is_err_and(|e| e.starts_with("unknown effect \"soft\"; choose among soft-shadows, several")));
     }
 }

@@ -1,4 +1,4 @@
-//! Where a reader's bytes come from: the disk, or memory.
+//! Sources of a reader's bytes: disk or memory.
 
 use std::collections::BTreeMap;
 use std::io;
@@ -9,7 +9,7 @@ pub trait Files {
     /// All bytes of one file.
     ///
     /// # Errors
-    /// Whatever kept the file from being read; [`io::ErrorKind::NotFound`] where there is none.
+    /// The error of the system; [`io::ErrorKind::NotFound`] for a missing file.
     fn read(&self, path: &Path) -> io::Result<Vec<u8>>;
 }
 

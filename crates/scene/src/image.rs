@@ -1,12 +1,12 @@
 //! Images and image files.
 //!
 //! [`read_image`] turns the bytes of a PNG, JPEG, TGA, Radiance HDR, OpenEXR or PFM file into a
-//! [`Image`]: linear RGB, top row first. It takes bytes, not a path, so that whoever reads a scene
-//! decides where files may come from. Headers are not believed: nothing out of proportion to the file is
-//! allocated, and a cut file is an error.
+//! [`Image`]: linear RGB, top row first. It takes bytes, not a path, so that
+//! the caller decides where files come from. Headers are not trusted: memory stays in proportion to the length
+//! of the file, and a truncated file is an error.
 //!
 //! [`encode_exr`], [`encode_pfm`] and [`encode_png`] turn images into the bytes of files, and [`write_file`]
-//! puts bytes on the disk, all or nothing; a program asks [`check_writable`] before it starts what takes long.
+//! writes all bytes or none. [`check_writable`] tests a path before a long computation starts.
 //! The same image gives the same bytes, on every machine and for any number of threads.
 //!
 //! ```
@@ -52,15 +52,15 @@ pub struct Image {
     pub size: [u32; 2],
     /// `size[0] * size[1]` pixels.
     pub pixels: Vec<[f32; 3]>,
-    /// How opaque each pixel is, 0 to 1, in the same order; empty where all of them are opaque. Colours are as
+    /// Opacity of each pixel, 0 to 1, in the same order; empty if all are opaque. Colors are as
     /// the file has them: OpenEXR's are multiplied by it already, those of PNG and TGA are not.
     pub alpha: Vec<f32>,
 }
 
-/// What [`Image::non_finite`] found.
+/// The result of [`Image::non_finite`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct NonFinite {
-    /// How many pixels have a NaN or an infinity in any channel; at least 1.
+    /// Number of pixels with a NaN or an infinity in any channel; at least 1.
     pub count: u64,
     /// Column and row of the first of them, reading order.
     pub first: [u32; 2],
@@ -70,8 +70,7 @@ impl Image {
     /// An image from its pixels, top row first.
     ///
     /// # Errors
-    /// [`ImageError::Empty`] where a side is 0, [`ImageError::PixelCount`] where `pixels` is not as long as
-    /// `size` says.
+    /// [`ImageError::Empty`] if a side is 0, [`ImageError::PixelCount`] if `pixels` and `size` disagree.
     pub fn new(size: [u32; 2], pixels: Vec<[f32; 3]>) -> Result<Self, ImageError> {
         check_count(size, pixels.len())?;
         Ok(Self { size, pixels, alpha: Vec::new() })
@@ -123,8 +122,7 @@ impl Image {
         &self.pixels[y * self.width()..(y + 1) * self.width()]
     }
 
-    /// NaNs and infinities, if there are any. Files may hold them; what cannot bear them (a light, a
-    /// reference) asks here and refuses.
+    /// NaNs and infinities, if there are any. Files may hold them; lights and references must not.
     pub fn non_finite(&self) -> Option<NonFinite> {
         let bad = |p: &[f32; 3]| !p.iter().all(|c| c.is_finite());
         let first = self.pixels.iter().position(bad)?;

@@ -1,7 +1,7 @@
 //! Scenes as plain data: description, effects, readers, image files and bundled scenes.
 //!
 //! A reader ([`read_any`], [`pbrt`], [`model`]) turns a file into a [`Scene`]. [`Effects::of`] reports the effects that the
-//! scene calls for. Nothing here traces a ray: a renderer builds from the description what it needs.
+//! scene calls for. This crate traces no rays: a renderer builds its world from the description.
 
 /// The README's example is tested.
 #[cfg(doctest)]
@@ -14,11 +14,13 @@ mod effects;
 pub mod files;
 pub mod image;
 pub mod model;
+mod nearest;
 pub mod pbrt;
-pub mod ply;
 mod polygon;
-mod scene_file;
+mod read_error;
+mod readers;
 
 pub use description::*;
 pub use effects::{Called, Effect, Effects, UnknownEffect};
-pub use scene_file::{AnyOptions, read_any, read_any_from};
+pub use read_error::{Problem, ProblemKind, ReadError};
+pub use readers::{AnyOptions, READERS, SceneReader, read_any, read_any_from};

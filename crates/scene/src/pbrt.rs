@@ -1,5 +1,5 @@
 //! Reads scenes in the format of pbrt-v4 [Pharr et al. 2023; pbrt-v4 input file format], and of pbrt-v3 and v2
-//! [Pharr et al. 2016; 2010] as far as what they say can be rendered.
+//! [Pharr et al. 2016; 2010] as far as Dapple can render them.
 //!
 //! [`read_scene`] reads from disk, [`read_scene_from`] from any [`Files`]. Either gives the whole
 //! [`Scene`] or every problem found, each with file and line; nothing is left out silently. What is read
@@ -11,24 +11,26 @@
 //! what each kind of directive means. A new directive is a line in `directive::FORMS` and an arm in
 //! `Reader::execute`; a new shape, material, texture or light an arm in its module.
 //!
-//! Files of pbrt-v2 and pbrt-v3 are read by the rules of their version, which is told by the words of the
-//! file that is named (not of those that it includes): see `version`. Names of materials, media and objects
-//! may be made after their use, as in pbrt-v4, and are settled at the end (`settle`).
+//! Files of pbrt-v2 and pbrt-v3 are read by the rules of their version, which is derived from the directives of the
+//! named file (not of those that it includes): see `version`. Names of materials, media and objects
+//! may be made after their use, as in pbrt-v4, and are settled at the end (`late_names`).
 //!
 //! Colours are linear sRGB. A spectrum of a surface or a medium is seen under D65; one of a light counts, in
-//! pbrt-v4, by its colour at luminance 1, as does a temperature, and `scale`, `power` or `illuminance` say how
-//! bright it is; in pbrt-v2 and v3 as it is. Named metals and glasses are what `spectra` lists. Cylinders,
+//! pbrt-v4, by its colour at luminance 1, as does a temperature, and `scale`, `power` or `illuminance` set
+//! its brightness; in pbrt-v2 and v3 as it is. Named metals and glasses are what `spectra` lists. Cylinders,
 //! parts of spheres and disks, curved bilinear patches and subdivision surfaces become triangles, with a
 //! notice where that is not exact.
 //!
 //! A file that was cut off is noticed where something is then missing: a value, a bracket, an
 //! `AttributeEnd`, the camera, all shapes, all lights, or the last line's end. A cut between two
-//! directives that leaves a complete scene behind cannot be told from a shorter scene.
+//! directives that leaves a complete scene behind looks like a shorter scene.
 
 mod colorimetry;
+mod diagnostics;
 mod directive;
 mod environments;
 mod images;
+mod late_names;
 mod lights;
 mod materials;
 mod media;
@@ -37,8 +39,6 @@ mod old_materials;
 mod options;
 mod params;
 mod reader;
-mod report;
-mod settle;
 mod shapes;
 mod spectra;
 mod spectrum_files;
@@ -50,23 +50,22 @@ mod tokens;
 mod transforms;
 mod version;
 
-pub use report::{Problem, ReadError};
-
-use crate::Scene;
 use crate::files::{Disk, Files};
+use crate::readers::{AnyOptions, SceneReader, Unsized};
+use crate::{ReadError, Scene};
 use std::path::Path;
 
-/// How a scene is read.
+/// Options of the pbrt reader.
 #[derive(Clone, Debug, Default)]
 #[non_exhaustive]
 pub struct ReadOptions {
-    /// Whether what the renderer cannot do is left out and listed as a notice, rather than an error:
+    /// Leaves unsupported features out with a notice, instead of an error:
     /// an unknown material becomes diffuse, an unknown texture grey, other objects are dropped.
     pub allow_unsupported: bool,
 }
 
 impl ReadOptions {
-    /// These options with [`allow_unsupported`](Self::allow_unsupported) as said.
+    /// Sets [`allow_unsupported`](Self::allow_unsupported).
     pub fn with_allow_unsupported(mut self, allow: bool) -> Self {
         self.allow_unsupported = allow;
         self
@@ -76,7 +75,7 @@ impl ReadOptions {
 /// Reads a scene from disk.
 ///
 /// # Errors
-/// Everything wrong with it.
+/// All problems of the file, each with its line.
 pub fn read_scene(path: impl AsRef<Path>, options: &ReadOptions) -> Result<Scene, ReadError> {
     read_scene_from(&Disk, path, options)
 }
@@ -85,18 +84,29 @@ pub fn read_scene(path: impl AsRef<Path>, options: &ReadOptions) -> Result<Scene
 /// are mentioned, as in pbrt.
 ///
 /// # Errors
-/// Everything wrong with it.
+/// All problems of the file, each with its line.
 pub fn read_scene_from(
     files: &(impl Files + ?Sized),
     path: impl AsRef<Path>,
     options: &ReadOptions,
 ) -> Result<Scene, ReadError> {
-    // A wrapper makes a trait object of whatever `Files` is, sized or not.
-    struct Any<'f, F: ?Sized>(&'f F);
-    impl<F: Files + ?Sized> Files for Any<'_, F> {
-        fn read(&self, path: &Path) -> std::io::Result<Vec<u8>> {
-            self.0.read(path)
-        }
+    reader::Reader::new(&Unsized(files), path.as_ref(), options).read()
+}
+
+/// The reader of pbrt scenes.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct PbrtReader;
+
+impl SceneReader for PbrtReader {
+    fn name(&self) -> &'static str {
+        "pbrt"
     }
-    reader::Reader::new(&Any(files), path.as_ref(), options).read()
+
+    fn extensions(&self) -> &'static [&'static str] {
+        &["pbrt", ""]
+    }
+
+    fn read(&self, files: &dyn Files, path: &Path, options: &AnyOptions) -> Result<Scene, ReadError> {
+        read_scene_from(files, path, &options.scene)
+    }
 }

@@ -11,7 +11,7 @@ const MOST_EARS: usize = 2048;
 /// else ear by ear [Meisters 1975]. Corners are below `positions.len()`; there are at least three.
 ///
 /// # Errors
-/// What is wrong with it and what to do, of a polygon that crosses itself or has very many corners.
+/// A polygon that crosses itself or has very many corners.
 pub(crate) fn triangulate(
     corners: &[u32],
     positions: &[DVec3],
@@ -27,15 +27,15 @@ pub(crate) fn triangulate(
         return Ok(());
     }
     if corners.len() > MOST_EARS {
-        return Err("a concave polygon of more than 2048 corners is not cut up: triangulate the mesh");
+        return Err("a concave polygon of more than 2048 corners is not cut up; triangulate the mesh");
     }
-    let flat = flatten(corners, positions).ok_or("this polygon crosses itself: triangulate the mesh")?;
+    let flat = flatten(corners, positions).ok_or("this polygon crosses itself; triangulate the mesh")?;
     let start = triangles.len();
     if Ears::new(&flat).cut(|ear| triangles.push(ear.map(|i| corners[i]))) {
         return Ok(());
     }
     triangles.truncate(start);
-    Err("this polygon crosses itself: triangulate the mesh")
+    Err("this polygon crosses itself; triangulate the mesh")
 }
 
 /// Twice the polygon's area vector.
@@ -65,7 +65,7 @@ fn flatten(corners: &[u32], positions: &[DVec3]) -> Option<Vec<DVec2>> {
     Some(flat.map(|p| DVec2::new(p[u], p[v])).collect())
 }
 
-/// What is left of a polygon while ears are cut off: a ring, and which of its corners are ears.
+/// The rest of a polygon while ears are cut off: a ring, and the corners that are ears.
 struct Ears<'p> {
     points: &'p [DVec2],
     next: Vec<usize>,
@@ -121,7 +121,7 @@ impl<'p> Ears<'p> {
         (self.points[b] - self.points[a]).perp_dot(self.points[c] - self.points[a])
     }
 
-    /// Whether a corner turns left, or not at all, and no other corner lies within its triangle.
+    /// True if a corner does not turn right and no other corner lies within its triangle.
     fn can_be_cut(&self, corner: usize) -> bool {
         let (before, after) = (self.previous[corner], self.next[corner]);
         let [a, b, c] = [before, corner, after].map(|i| self.points[i]);
@@ -167,7 +167,7 @@ mod tests {
     }
 
     #[test]
-    fn i05_polygons_are_covered_once() {
+    fn triangles_cover_a_polygon_once_i05() {
         let comb: Vec<[f64; 2]> = (0..40)
             .map(|i| [f64::from(i / 2), if i % 4 < 2 { 5.0 } else { 1.0 }])
             .chain([[19.0, 0.0], [0.0, 0.0]])
@@ -192,7 +192,7 @@ mod tests {
         for polygon in [&comb[..], &square, &dart, &ring, &straight] {
             cut(polygon).unwrap();
         }
-        // Negative control: a bow tie is none.
+        // Negative control: a bow tie is not simple.
         assert!(cut(&[[0.0, 0.0], [2.0, 2.0], [2.0, 0.0], [0.0, 1.0]]).is_err());
     }
 }

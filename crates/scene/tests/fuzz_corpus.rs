@@ -1,4 +1,4 @@
-//! The fuzz targets' functions on their seeds, so that a build without `cargo fuzz` sees at once what breaks.
+//! The fuzz targets' functions on their seeds, so that a build without `cargo fuzz` sees failures at once.
 //!
 //! Seeds are made here, from our own scenes; `DAPPLE_WRITE_SEEDS=1 cargo test -p dapple-scene --test fuzz_corpus`
 //! writes them anew. Inputs that once broke something are in `fuzz/found`.
@@ -132,7 +132,7 @@ fn the_seeds_are_those_made_here() {
 
 /// Seeds, inputs that once broke something, and each damaged in a hundred ways: no panic, and none takes long.
 #[test]
-fn i01_readers_bear_seeds_and_damaged_seeds() {
+fn readers_survive_seeds_and_damaged_seeds_i01() {
     const MOST: Duration = Duration::from_secs(1);
     let mut random = rand_pcg::Pcg64::seed_from_u64(1);
     let mut slowest = Duration::ZERO;

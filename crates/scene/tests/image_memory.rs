@@ -1,6 +1,7 @@
-//! I01: what reading an image takes in memory, measured in a process of its own for each file: 256 MiB + 16 times
-//! the file's length, whatever its header says (the row asks for 64 MiB, which would refuse photographs of 4096 x 4096
-//! pixels, everyday textures); and images up to that size are read however well they are packed.
+//! The memory of reading an image, measured in a process of its own for each file.
+//!
+//! At most 256 MiB + 16 times the file's length, under any header. Photographs of 4096 x 4096 pixels, everyday textures,
+//! need more than the 64 MiB of the hard-case catalogue; they are read however well they are packed.
 
 #![cfg(target_os = "linux")] // Reads /proc.
 #![allow(clippy::print_stdout, clippy::print_stderr)] // The children's figures.
@@ -23,7 +24,7 @@ fn status(fields: [&str; 2]) -> [u64; 2] {
     })
 }
 
-/// Reads what the variable names and says by how much the process grew: address space and resident memory.
+/// Reads the named file and prints the growth of the process: address space and resident memory.
 #[test]
 fn child() {
     let Some(path) = std::env::var_os(FILE) else { return };
@@ -138,7 +139,7 @@ fn flat_hdr(side: usize) -> Vec<u8> {
 }
 
 #[test]
-fn i01_reading_an_image_takes_256_mib_and_16_times_its_file() {
+fn reading_an_image_takes_256_mib_and_16_times_its_file_i01() {
     let folder = tempfile::tempdir().expect("a folder");
     let (grown, _) = measure(folder.path(), "control", &[]);
     assert!(grown >= 300 * MIB, "the control was measured as {grown}");

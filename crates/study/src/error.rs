@@ -1,52 +1,52 @@
-//! What can go wrong between a plan and its last run.
+//! Errors of a study.
 
 use std::path::{Path, PathBuf};
 
-/// Why a study cannot be planned, begun or continued. Each message says what to do.
+/// An error that keeps a study from starting or resuming. Each message names the remedy.
 #[non_exhaustive]
 #[derive(Debug, thiserror::Error)]
 pub enum StudyError {
-    /// Something in the plan.
+    /// An error in the plan.
     #[error(transparent)]
     Plan(#[from] crate::PlanError),
     /// A scene that cannot be read or built.
     #[error("{0}")]
     Scene(String),
-    /// A reference that is not of this scene, at this size, with these settings; or that cannot be read.
+    /// A reference of another scene, size or setting, or one that cannot be read.
     #[error("{file}: not a reference for {scene}: {why}", file = file.display())]
     Reference {
         /// The file.
         file: PathBuf,
         /// The scene's name.
         scene: String,
-        /// The difference, and what to do.
+        /// The difference and the remedy.
         why: String,
     },
-    /// The folder holds another study.
+    /// A folder that holds another study.
     #[error(
-        "{}: the folder holds another study; choose another folder, or give the words of the one that is there\n{}",
+        "{}: the folder holds another study; choose another folder, or use the settings of that study\n{}",
         folder.display(), differences.join("\n")
     )]
     AnotherStudy {
         /// The study's folder.
         folder: PathBuf,
-        /// One for each setting that differs.
+        /// The settings that differ, one line each.
         differences: Vec<String>,
     },
-    /// Somebody else is at work in the folder.
-    #[error("{}: another process is at work on the study in this folder: wait for it, or choose another folder", folder.display())]
+    /// A folder that another process is using.
+    #[error("{}: another process is at work on the study in this folder; wait for it, or choose another folder", folder.display())]
     Busy {
         /// The study's folder.
         folder: PathBuf,
     },
-    /// A line that is no finished run.
-    #[error("{}:{line}: {why}; remove the line to have that run made again", file.display())]
+    /// A line that is not a finished run.
+    #[error("{}:{line}: {why}; remove the line to repeat that run", file.display())]
     Line {
         /// `runs.jsonl`.
         file: PathBuf,
         /// From 1.
         line: usize,
-        /// What is wrong with it.
+        /// The error in it.
         why: String,
     },
     /// A file or folder that cannot be read or written.
@@ -54,11 +54,11 @@ pub enum StudyError {
     File {
         /// The file or folder.
         path: PathBuf,
-        /// What was tried.
+        /// The action that failed.
         action: &'static str,
-        /// What is still there and what to do.
+        /// The remedy, and what is kept.
         kept: String,
-        /// The system's words.
+        /// The system's error.
         source: std::io::Error,
     },
     /// An image file that cannot be read or written.
@@ -67,9 +67,9 @@ pub enum StudyError {
     /// A run that failed.
     #[error("{what}: {why}")]
     Run {
-        /// Which.
+        /// Scene, method, seed and samples.
         what: String,
-        /// What went wrong.
+        /// The cause.
         why: String,
     },
 }
@@ -78,7 +78,7 @@ impl StudyError {
     pub(crate) fn file(path: &Path, action: &'static str, source: std::io::Error) -> Self {
         let kept = match source.kind() {
             std::io::ErrorKind::StorageFull | std::io::ErrorKind::QuotaExceeded => "free some space and try again",
-            std::io::ErrorKind::NotFound => "is the name right?",
+            std::io::ErrorKind::NotFound => "check the name",
             std::io::ErrorKind::PermissionDenied => "choose another path, or change the permissions",
             _ => "choose another path, or try again",
         };

@@ -1,4 +1,4 @@
-//! Filters that are programs of others.
+//! Filters that are external programs.
 
 use dapple_core::{Film, Filter, Filtered, Needs, Unfiltered};
 use dapple_job::output::layers;
@@ -8,68 +8,90 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::time::Instant;
 
-/// A filter that is a program of somebody else's: it reads an unfiltered image with its features, and writes an image.
+/// A filter that is an external program: it reads an unfiltered image with its features, and writes an image.
 ///
-/// What it reads is an OpenEXR file with the layers of [`dapple_job::output::layers`] that first hits fill: the main
-/// one (`R G B`, linear radiance, each pixel the mean of its own samples), `count`, `albedo` (`R G B`), `normal` (`X Y Z`,
-/// in the scene's space) and `depth`; and `coverage.Y`, the share of a pixel's samples that hit something, since features
-/// are means over those. What it writes is OpenEXR or PFM (or whatever else [`read_image`] reads), linear, of the same
-/// size, without NaN.
+/// * Input: OpenEXR. The main layer has `R G B`, linear radiance, each pixel the mean of its own samples. Further
+///   layers: `count`, `albedo` (`R G B`), `normal` (`X Y Z`, in scene space), `depth` and `coverage`. Features are means
+///   over the samples that hit something; `coverage.Y` is the share of those samples.
+/// * Output: OpenEXR or PFM, linear, of the same size, without NaN.
+/// * Time: the wall seconds of the process. If its last line is JSON such as `{"seconds": 0.25}`, that number instead,
+///   so that start-up and file reading need not count.
 ///
-/// Its time is what the last line of its standard output says as JSON, `{"seconds": 0.25}`, so that starting an
-/// interpreter and reading files need not count; else the wall seconds of the process.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+/// ```
+/// # use dapple_study::External;
+/// let oidn = External::new("oidn", &["python3", "oidn.py", "{input}", "{output}", "--threads", "{threads}"]);
+/// assert_eq!("oidn=python3 oidn.py {input} {output} --threads {threads}".parse(), Ok(oidn));
+/// ```
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct External {
-    /// The name under which methods have it as their filter.
+    /// The name that methods use as their filter.
     pub name: String,
-    /// The program, by its name in `PATH` or its path, and its words. No shell reads them. In each word `{input}` and
-    /// `{output}` are the paths of the images, and `{threads}` is the number of threads of the study.
+    /// The program (a path, or a name in `PATH`) and its arguments; no shell is involved. In each argument `{input}` and
+    /// `{output}` stand for the paths of the images, `{threads}` for the study's number of threads.
     pub command: Vec<String>,
-    /// The folder in which it is started: that of the plan's file. Empty: the current one.
+    /// The working folder: that of the plan's file. Empty: the current one.
     pub folder: PathBuf,
 }
 
-/// `NAME=PROGRAM WORD…`, words divided by blanks; started in the current folder.
+/// Reads `NAME=PROGRAM ARGUMENT…`, arguments separated by spaces; the working folder is the current one.
 impl std::str::FromStr for External {
     type Err = String;
 
-    fn from_str(words: &str) -> Result<Self, String> {
-        let (name, command) =
-            words.split_once('=').ok_or("NAME=COMMAND is wanted, such as \"mine=program {input} {output}\"")?;
+    fn from_str(text: &str) -> Result<Self, String> {
+        let Some((name, command)) = text.split_once('=') else {
+            return Err(format!(
+                "\"{text}\" has no \"=\"; write NAME=COMMAND, such as \"mine=program {{input}} {{output}}\""
+            ));
+        };
         let command = command.split_whitespace().map(str::to_owned).collect();
         Ok(Self { name: name.trim().to_owned(), command, folder: PathBuf::new() })
     }
 }
 
-/// The last line of a program that tells its time itself.
+/// The last line of a program that reports its own time.
 #[derive(Deserialize)]
-struct Told {
+struct ReportedTime {
     seconds: f64,
 }
 
 impl External {
-    /// What is recorded for it.
+    /// A program with its arguments, started in the current folder.
+    pub fn new(name: &str, command: &[&str]) -> Self {
+        let command = command.iter().map(|argument| (*argument).to_owned()).collect();
+        Self { name: name.to_owned(), command, folder: PathBuf::new() }
+    }
+
+    /// The same program, started in another folder.
+    #[must_use]
+    pub fn started_in(self, folder: &Path) -> Self {
+        Self { folder: folder.to_owned(), ..self }
+    }
+
+    /// The statistics that the film must record.
     pub(crate) fn needs(&self) -> Needs {
         Needs::none().with_features()
     }
 
-    /// Has it make the image, and says how many seconds that took. `unit` as in [`layers`]; 0 threads are one per core.
+    /// Filters the film; returns the image and the seconds. `unit` is that of [`layers`]; 0 threads are one per core.
     pub(crate) fn apply(&self, film: &Film, unit: f64, threads: usize) -> Result<(Filtered, f64), String> {
-        let refuse = |what: String| format!("the filter {} ({}) {what}", self.name, self.command.join(" "));
+        let refuse = |what: String| format!("the filter \"{}\" ({}) {what}", self.name, self.command.join(" "));
         let folder = tempfile::Builder::new().prefix("dapple-").tempdir();
-        let folder = folder.map_err(|e| refuse(format!("has no temporary folder for its images: {e}")))?;
+        let folder = folder.map_err(|e| refuse(format!("needs a temporary folder, which cannot be made: {e}")))?;
         let [input, output] = ["input.exr", "output.exr"].map(|name| folder.path().join(name));
         let written = encode(film, unit).and_then(|bytes| std::fs::write(&input, bytes).map_err(|e| e.to_string()));
-        written.map_err(|why| refuse(format!("cannot be given its image: {why}")))?;
+        written.map_err(|why| refuse(format!("needs its input image, which cannot be written: {why}")))?;
         let clock = Instant::now();
-        let ended = self.start([&input, &output], threads).map_err(|e| refuse(format!("cannot be started: {e}")))?;
+        let ended = self
+            .start([&input, &output], threads)
+            .map_err(|e| refuse(format!("cannot be started: {e}; check the program's name and the plan's folder")))?;
         let wall = clock.elapsed().as_secs_f64();
         if !ended.status.success() {
             return Err(refuse(format!("ended with {}: {}", ended.status, last_lines(&ended.stderr))));
         }
         let seconds = seconds(&ended.stdout, wall).map_err(&refuse)?;
         let radiance = read(&output, film.frame().size()).map_err(&refuse)?;
-        Ok((Filtered { size: film.frame().size(), radiance, error: None }, seconds))
+        Ok((Filtered::new(film.frame().size(), radiance), seconds))
     }
 
     fn start(&self, [input, output]: [&Path; 2], threads: usize) -> std::io::Result<Output> {
@@ -90,7 +112,7 @@ impl External {
     }
 }
 
-/// The image with its features.
+/// The input image with its features.
 fn encode(film: &Film, unit: f64) -> Result<Vec<u8>, String> {
     let unfiltered = Unfiltered.apply(film).map_err(|e| e.to_string())?;
     let mut layers = layers(film, &unfiltered, unit, None);
@@ -100,44 +122,48 @@ fn encode(film: &Film, unit: f64) -> Result<Vec<u8>, String> {
     encode_exr(film.frame().size(), &layers, &[]).map(|exr| exr.bytes).map_err(|e| e.to_string())
 }
 
-/// What the program said of its time, else the wall's.
+/// The time that the program reports, else the wall seconds.
 fn seconds(stdout: &[u8], wall: f64) -> Result<f64, String> {
     let text = String::from_utf8_lossy(stdout);
     let Some(last) = text.lines().rev().find(|line| !line.trim().is_empty()) else { return Ok(wall) };
-    match serde_json::from_str::<Told>(last) {
-        Ok(Told { seconds }) if seconds.is_finite() && seconds >= 0.0 => Ok(seconds),
-        Ok(Told { seconds }) => Err(format!("says that it took {seconds} seconds: a number from 0 on is wanted")),
+    match serde_json::from_str::<ReportedTime>(last) {
+        Ok(ReportedTime { seconds }) if seconds.is_finite() && seconds >= 0.0 => Ok(seconds),
+        Ok(ReportedTime { seconds }) => Err(format!("reports {seconds} seconds; print 0 or more")),
         Err(_) => Ok(wall),
     }
 }
 
-/// The image that was written.
+/// Reads the output image.
 fn read(path: &Path, [w, h]: [u32; 2]) -> Result<Vec<[f32; 3]>, String> {
     let bytes = match std::fs::read(path) {
         Ok(bytes) => bytes,
         Err(e) if e.kind() == std::io::ErrorKind::NotFound => {
-            return Err("wrote no image: it is to write the one that {output} names".into());
+            return Err("wrote no image; write it to the path that {output} stands for".into());
         }
         Err(e) => return Err(format!("wrote an image that cannot be read: {e}")),
     };
-    let image = read_image(&bytes, "{output}", Encoding::Auto).map_err(|e| format!("wrote no image: {e}"))?;
+    let image = read_image(&bytes, "{output}", Encoding::Auto)
+        .map_err(|e| format!("wrote an image that cannot be read: {e}"))?;
     let [pw, ph] = image.size;
     if [pw, ph] != [w, h] {
-        return Err(format!("wrote an image of {pw}x{ph} pixels: {w}x{h} are wanted"));
+        return Err(format!("wrote an image of {pw}x{ph} pixels; write {w}x{h}"));
     }
     if let Some(found) = image.non_finite() {
         let [x, y] = found.first;
-        return Err(format!("wrote {} pixels that are no number, the first in column {x}, row {y}", found.count));
+        return Err(format!(
+            "wrote {} pixels that are NaN or infinite, the first at column {x}, row {y}; write finite values",
+            found.count
+        ));
     }
     Ok(image.pixels)
 }
 
-/// The end of what a program complained, on one line.
+/// The last three lines of a program's errors, on one line.
 fn last_lines(stderr: &[u8]) -> String {
     let text = String::from_utf8_lossy(stderr);
     let lines: Vec<&str> = text.lines().map(str::trim).filter(|line| !line.is_empty()).collect();
     match lines.len() {
-        0 => "it did not say why".into(),
+        0 => "it printed no error".into(),
         n => lines[n.saturating_sub(3)..].join(" | "),
     }
 }
@@ -147,24 +173,24 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_program_may_tell_its_time() {
+    fn a_program_may_report_its_own_time() {
         let cases = [
             ("", Some(7.0)),
             ("hello\n", Some(7.0)),
             ("{\"seconds\": 0.25}\n", Some(0.25)),
             ("loading\n{\"seconds\": 2, \"device\": \"CPU\"}\n\n", Some(2.0)),
-            // Only the last line is asked.
+            // Only the last line counts.
             ("{\"seconds\": 2}\ndone", Some(7.0)),
             ("{\"seconds\": -1}", None),
         ];
-        for (said, expected) in cases {
-            assert_eq!(seconds(said.as_bytes(), 7.0).ok(), expected, "{said}");
+        for (printed, expected) in cases {
+            assert_eq!(seconds(printed.as_bytes(), 7.0).ok(), expected, "{printed}");
         }
     }
 
     #[test]
-    fn complaints_are_short() {
+    fn errors_of_programs_are_cut_to_three_lines() {
         assert_eq!(last_lines(b"a\nb\n\nc\nd\n"), "b | c | d");
-        assert_eq!(last_lines(b"\n"), "it did not say why");
+        assert_eq!(last_lines(b"\n"), "it printed no error");
     }
 }

@@ -1,30 +1,34 @@
-//! What accuracy costs in time: samplers x filters x budgets x seeds over scenes, with intervals, and a report.
+//! Studies of error against render time: samplers x point sets x filters x budgets x seeds over scenes.
 //!
-//! A [`Draft`] says what is wanted, from words or a TOML file; [`Draft::resolve`] makes a checked [`Plan`] of it. A
-//! [`Study`] makes the plan's runs in a folder: each is the public [`dapple_core::render`] and a filter, timed without
-//! anybody looking on, and measured against a reference. Each finished [`Run`] is a line of `runs.jsonl`, on the disk
-//! before the next begins; a study that was killed goes on where it was when it is opened again with the same plan.
-//! [`write_report`] makes `summary.csv` and `report.html` of what is there, finished or not.
+//! A sampler decides how many samples each pixel gets. A point set decides where they lie (pbrt and Mitsuba call this
+//! the sampler). A filter is a denoiser. The three together are a [`Method`].
+//!
+//! 1. [`PlanPatch`] takes settings, from code or a TOML file; [`PlanPatch::resolve`] checks them and adds the defaults.
+//! 2. [`Study`] makes the runs of the [`Plan`] in a folder. Each [`Run`] is [`dapple_core::Render`] and a filter, timed
+//!    without progress reports and compared with a reference.
+//! 3. Each finished run is a line of `runs.jsonl`, on the disk before the next begins. A study that was stopped resumes
+//!    when it is opened again with the same plan.
+//! 4. [`write_report`] makes `summary.csv`, `summary.md` and `report.html`, of a finished study or an unfinished one.
 //!
 //! ```
-//! use dapple_study::{Draft, InProcess, ScenePlan, Sitting, Study};
+//! use dapple_study::{InProcess, PlanPatch, ScenePlan, Study, StudyOptions, write_report};
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
 //! # let folder = tempfile::tempdir()?;
-//! let draft = Draft {
-//!     scenes: Some(vec![ScenePlan::from("cornell")]),
-//!     samplers: Some(vec!["variance".into()]),
-//!     filters: Some(vec!["none".into()]),
-//!     spp: Some(vec![2, 4]),
-//!     seeds: Some(vec![1, 2]),
-//!     reference_spp: Some(16),
-//!     resolution: Some([8, 8]),
-//!     ..Draft::default()
-//! };
-//! let plan = draft.resolve()?;
-//! let mut study = Study::open(plan, folder.path(), &Sitting::default(), &mut ())?.expect("nobody stopped it");
+//! let plan = PlanPatch::default()
+//!     .scenes(vec![ScenePlan::from("cornell")])
+//!     .samplers(vec!["variance".into()])
+//!     .filters(vec!["none".into()])
+//!     .spp(vec![2, 4])
+//!     .seeds(vec![1, 2])
+//!     .reference_spp(16)
+//!     .resolution([8, 8])
+//!     .resolve()?;
+//! let mut study = Study::open(plan, folder.path(), &StudyOptions::default(), &mut ())?.expect("not stopped");
 //! study.run(&mut InProcess::new(|| None), &mut ())?;
-//! // Two methods, the baseline uniform/sobol/none being added; two budgets and the time of one of them; two seeds.
+//! // Two methods, as the baseline uniform/sobol/none is added; two budgets and one equal time; two seeds.
 //! assert_eq!(study.runs().len(), 2 * 3 * 2);
+//! let summary = write_report(folder.path())?;
+//! assert!(folder.path().join("report.html").is_file() && !summary.rows().is_empty());
 //! # Ok(())
 //! # }
 //! ```
@@ -34,33 +38,33 @@
 #[doc = include_str!("../README.md")]
 struct Readme;
 
-mod digest;
 mod error;
 mod external;
-pub mod folder;
-mod ledger;
 mod plan;
-pub mod record;
+mod record;
+mod recorded_study;
+mod reference_image;
 mod references;
-pub mod report;
-mod run;
+mod report;
+mod run_log;
+mod runner;
 mod shot;
 mod study;
 mod subject;
 pub mod summary;
-mod truth;
 
-pub use digest::Digest;
 pub use error::StudyError;
 pub use external::External;
-pub use ledger::{Ledger, Store};
 pub use plan::{
     DEFAULT_FILTERS, DEFAULT_REFERENCE_SPP, DEFAULT_SAMPLERS, DEFAULT_SCENES, DEFAULT_SEEDS, DEFAULT_SIDE, DEFAULT_SPP,
-    Draft, Plan, PlanError, ScenePlan, split_words,
+    Plan, PlanError, PlanPatch, ScenePlan, split_names,
 };
-pub use record::{Budget, Errors, Machine, Manifest, Method, Phases, Reference, Run, SceneRecord};
+pub use record::{ImageErrors, Machine, Manifest, Method, Phases, ReferenceRecord, Run, RunBudget, SceneRecord};
+pub use recorded_study::{FolderError, RecordedStudy};
 pub use report::{ReportError, write_report};
-pub use run::{InProcess, Job, Processes, Runner};
-pub use study::{Ended, Onlooker, Progress, Sitting, Study};
-pub use subject::{Subject, View};
+pub use run_log::RunStore;
+pub use runner::{InProcess, Processes, RunRequest, Runner};
+pub use study::{Study, StudyMonitor, StudyOptions, StudyProgress, StudyStatus};
+pub(crate) use subject::Subject;
+pub use subject::View;
 pub use summary::Summary;

@@ -1,180 +1,235 @@
-//! What a study writes down: one line of JSON for each finished run, and one file on how all were made.
+//! The records of a study: one JSON line per finished run, and one file about the whole study.
 
 use crate::External;
 use dapple_renderer::light::LightSelection;
 use serde::{Deserialize, Serialize};
+use std::fmt;
 
-/// What is compared: a sampler over points, and a filter; words as the registry takes them, parameters included.
+/// A method: a sampler, its point set and a filter, by the names that the registry takes, parameters included.
+///
+/// ```
+/// # use dapple_study::Method;
+/// assert_eq!("mitchell:radius=2/halton".parse::<Method>()?, Method::new("mitchell:radius=2", "halton", "none"));
+/// # Ok::<(), dapple_study::PlanError>(())
+/// ```
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct Method {
-    /// Such as `uniform` or `mitchell:mode=budget`.
+    /// The sampler, such as `uniform` or `mitchell:mode=budget`.
     pub sampler: String,
-    /// Such as `sobol`.
+    /// The point set, such as `sobol`.
     pub points: String,
-    /// Such as `none`.
+    /// The filter (denoiser), such as `none`.
     pub filter: String,
 }
 
-/// What a run was given to spend.
+/// The budget of a run.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Budget {
+#[non_exhaustive]
+pub enum RunBudget {
     /// Mean samples per pixel.
     Spp(u64),
-    /// As many samples as take as long as the baseline's with so many samples per pixel.
+    /// The time that the baseline takes with this many samples per pixel.
     TimeOf(u64),
 }
 
-/// Wall seconds of each phase; those that a method does not have take none.
+impl Default for RunBudget {
+    fn default() -> Self {
+        Self::Spp(0)
+    }
+}
+
+/// `16 spp`, or `time of 16 spp`.
+impl fmt::Display for RunBudget {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Spp(spp) => write!(f, "{spp} spp"),
+            Self::TimeOf(spp) => write!(f, "time of {spp} spp"),
+        }
+    }
+}
+
+/// Wall seconds of each phase; 0 for a phase that the method does not have.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct Phases {
-    /// Reading the scene: once for all runs of a process.
+    /// Reading the scene, once for all runs of a process.
     pub load: f64,
-    /// Building its trees: likewise.
+    /// Building the bounding volume hierarchy, once for all runs of a process.
     pub bvh: f64,
-    /// Clusters.
+    /// Clustering.
     pub cluster: f64,
     /// Probe rays.
     pub probe: f64,
-    /// Deciding on counts, probes left out.
+    /// Planning sample counts, without probe rays.
     pub plan: f64,
     /// Tracing.
     pub trace: f64,
-    /// The filter.
+    /// Filtering.
     pub filter: f64,
 }
 
 impl Method {
-    /// A method by its words.
+    /// A method by its names.
     pub fn new(sampler: &str, points: &str, filter: &str) -> Self {
         Self { sampler: sampler.into(), points: points.into(), filter: filter.into() }
     }
 }
 
+/// `uniform/sobol/none`.
+impl Default for Method {
+    fn default() -> Self {
+        Self::new("uniform", "sobol", "none")
+    }
+}
+
 /// `SAMPLER/POINTS/FILTER`.
-impl std::fmt::Display for Method {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+impl fmt::Display for Method {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}/{}/{}", self.sampler, self.points, self.filter)
     }
 }
 
 impl Phases {
-    /// What does not grow with the samples: clusters, probes and the filter.
+    /// Seconds that do not grow with the samples: clustering, probes and filter.
     pub fn fixed(&self) -> f64 {
         self.cluster + self.probe + self.filter
     }
 
-    /// What an image costs: all but load and bvh.
+    /// Seconds of an image: all phases but load and bvh.
     pub fn render(&self) -> f64 {
         self.cluster + self.probe + self.plan + self.trace + self.filter
     }
 }
 
-/// An image against the reference, linear values unless said otherwise; as [`dapple_metrics::Comparison`] has them.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Errors {
-    /// Mean squared error, the reference's own variance taken out where [`Run::corrected`].
+/// Errors of an image against its reference, of linear values unless noted; defined as in
+/// [`dapple_metrics::Comparison`].
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
+pub struct ImageErrors {
+    /// Mean squared error, without the reference's own variance where [`Run::corrected`].
     pub mse: f64,
-    /// Over the squared reference + 0.01; corrected likewise.
+    /// Mean squared error over the squared reference + 0.01; corrected like `mse`.
     pub relmse: f64,
-    /// Without the worst 0.1 % of pixels; never corrected.
+    /// `relmse` without the worst 0.1 % of pixels; never corrected.
     pub relmse_trimmed: f64,
-    /// 0 to 2.
+    /// Symmetric mean absolute percentage error, 0 to 2.
     pub smape: f64,
-    /// Decibels, as displayed.
+    /// Peak signal-to-noise ratio of sRGB values, in decibels.
     pub psnr: f64,
-    /// As displayed, on a scale of 0 to 255; corrected as `mse`.
+    /// Mean squared error of sRGB values from 0 to 255; corrected like `mse`.
     pub srgb8_mse: f64,
-    /// 0 to 1.
+    /// Mean LDR-FLIP, 0 to 1.
     pub flip: f64,
-    /// Mean over the reference's.
+    /// Mean of the image over the mean of the reference.
     pub mean_ratio: f64,
 }
 
 /// One finished run: a line of `runs.jsonl`.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct Run {
     /// The scene's name in the study.
     pub scene: String,
-    /// How.
+    /// The method.
     pub method: Method,
-    /// What it was given.
-    pub budget: Budget,
-    /// Of its points.
+    /// The budget.
+    pub budget: RunBudget,
+    /// The seed of the point set.
     pub seed: u64,
-    /// Samples asked for in all; a method that stops by itself spends fewer.
+    /// Samples requested in total; a method that stops by itself takes fewer.
     #[serde(default)]
     pub asked: u64,
-    /// Samples spent, separate probes left out.
+    /// Samples taken in total, without separate probes.
     pub samples: u64,
-    /// The same per pixel.
+    /// Samples taken per pixel.
     pub spp: f64,
-    /// Rays, probes included.
+    /// Rays traced, probes included.
     pub rays: u64,
-    /// Time by phase.
+    /// Wall seconds by phase.
     pub seconds: Phases,
-    /// Their sum but for load and bvh: what an image costs.
+    /// Wall seconds of the image: the sum of all phases but load and bvh.
     pub render_s: f64,
-    /// User and system seconds of the same phases, where known; of an external filter what it said of itself.
+    /// User and system seconds of the same phases, where known; for an external filter the time that it reports.
     pub cpu_s: Option<f64>,
-    /// Against the reference.
-    pub errors: Errors,
-    /// Whether the reference's own variance was taken out of mse, relmse and srgb8_mse.
+    /// Errors against the reference.
+    pub errors: ImageErrors,
+    /// True if the reference's own variance was subtracted from `mse`, `relmse` and `srgb8_mse`.
     pub corrected: bool,
-    /// Whether the error is within 100 times the reference's own variance.
+    /// True if the error is within 100 times the reference's own variance.
     pub reference_limited: bool,
-    /// The render's own estimate, where it makes one.
+    /// The render's own estimate of its relMSE, if the sampler makes one.
     pub predicted_relmse: Option<f64>,
-    /// Samples that were no numbers.
+    /// Samples rejected as NaN or infinite.
     pub rejected: u64,
     /// The machine's load average over the minute before.
     pub load: Option<f64>,
-    /// Whether a process of its own made it.
+    /// True if the run had a process of its own.
     pub fresh: bool,
-    /// Its image (EXR, of the first seed only), relative to the study's folder.
+    /// The image (EXR, first seed only), relative to the study's folder.
     pub image: Option<String>,
-    /// Its sample counts (PNG, white = many), likewise.
+    /// The map of sample counts (PNG, white is most), relative to the study's folder.
     pub sample_map: Option<String>,
-    /// The samples per pixel that are white in it.
+    /// Samples per pixel that are white in the sample map.
     #[serde(default)]
     pub white: Option<f64>,
 }
 
-/// A scene's reference.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Reference {
-    /// Its file (EXR), relative to the study's folder or absolute.
+impl Run {
+    /// A run without results; a [`Runner`](crate::Runner) sets the other fields.
+    pub fn new(scene: &str, method: Method, budget: RunBudget, seed: u64) -> Self {
+        Self { scene: scene.to_owned(), method, budget, seed, ..Self::default() }
+    }
+
+    /// True if both are the same run: equal scene, method, budget and seed.
+    pub(crate) fn is_same_as(&self, other: &Self) -> bool {
+        self.is_of(&other.scene, &other.method, other.budget, other.seed)
+    }
+
+    pub(crate) fn is_of(&self, scene: &str, method: &Method, budget: RunBudget, seed: u64) -> bool {
+        self.scene == scene && self.method == *method && self.budget == budget && self.seed == seed
+    }
+}
+
+/// A scene's reference image.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
+pub struct ReferenceRecord {
+    /// The file, relative to the study's folder or absolute.
     pub file: String,
-    /// Mean samples per pixel; `None` for a file from elsewhere.
+    /// Mean samples per pixel; `None` if unknown.
     pub spp: Option<u64>,
-    /// Words of its points.
+    /// The point set; `None` if unknown.
     pub points: Option<String>,
-    /// Seeds of its two halves.
+    /// Seeds of the two halves; `None` if unknown.
     pub seeds: Option<[u64; 2]>,
-    /// Its own variance, as relMSE against itself; `None` where unknown.
+    /// The reference's own variance as relMSE against itself; `None` if unknown.
     pub relmse: Option<f64>,
-    /// Of everything that it depends on.
+    /// A hash of everything that the reference depends on.
     pub hash: String,
 }
 
 /// A scene of a study.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct SceneRecord {
-    /// Its name in the study.
+    /// The scene's name in the study.
     pub name: String,
-    /// Bundled name or path.
+    /// The name of a bundled scene, or a path.
     pub source: String,
     /// Width and height in pixels.
     pub resolution: [u32; 2],
-    /// What it is compared with.
-    pub reference: Reference,
-    /// How a light is chosen among several.
+    /// The reference that runs are compared with.
+    pub reference: ReferenceRecord,
+    /// Selection among several lights.
     #[serde(default)]
     pub lights: LightSelection,
 }
 
-/// Where it ran.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+/// The machine that a study ran on.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct Machine {
     /// The processor's name, where known.
     pub processor: Option<String>,
@@ -184,38 +239,39 @@ pub struct Machine {
     pub system: String,
 }
 
-/// How a study was made: `study.json`.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+/// The settings and circumstances of a study: `study.json`.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct Manifest {
     /// Version of Dapple.
     pub version: String,
-    /// Commit it was built from, where known; `+` behind it for a dirty tree.
+    /// Commit of the build, where known; a `+` at the end marks uncommitted changes.
     pub commit: Option<String>,
-    /// The command, word by word.
+    /// The command line, argument by argument.
     pub command: Vec<String>,
-    /// When it began, UTC, RFC 3339.
+    /// Time of the start: UTC, RFC 3339.
     pub began: String,
-    /// Where.
+    /// The machine.
     pub machine: Machine,
     /// Scenes in their order.
     pub scenes: Vec<SceneRecord>,
     /// Methods in their order.
     pub methods: Vec<Method>,
-    /// Filters of theirs that are programs of others.
+    /// External programs that methods name as their filter.
     #[serde(default)]
     pub external: Vec<External>,
-    /// What others are compared with, one of `methods`.
+    /// The method that the others are compared with, one of `methods`.
     pub baseline: Method,
     /// Budgets in samples per pixel, ascending.
     pub spp: Vec<u64>,
-    /// Of the baseline: what equal-time runs have the time of.
+    /// The budget of `spp` whose time equal-time runs get; `None` leaves them out.
     pub time_of: Option<u64>,
-    /// Seeds of each point.
+    /// Seeds of each method and budget.
     pub seeds: Vec<u64>,
-    /// Most scattering events between camera and light, whatever the scenes say; `None` follows them.
+    /// Most scattering events between camera and light; `None` follows each scene.
     #[serde(default)]
     pub max_depth: Option<u32>,
-    /// Whether a process of its own made each run.
+    /// True if each run had a process of its own.
     #[serde(default)]
     pub fresh: bool,
 }

@@ -1,52 +1,52 @@
-//! References: files from elsewhere, or rendered once and kept.
+//! References: files of the user, or rendered once and kept.
 
-use crate::digest::Digest;
+use crate::reference_image::{FileHeader, ReferenceImage};
 use crate::shot::{Order, shoot};
 use crate::subject::name_of;
-use crate::truth::{About, Truth};
-use crate::{Method, Plan, Reference, ScenePlan, StudyError, Subject};
+use crate::{Method, Plan, ReferenceRecord, ScenePlan, StudyError, Subject};
 use dapple_core::{Control, Monitor};
+use dapple_job::ContentHash;
 use dapple_scene::image::{Image, Layer, encode_exr, write_file};
 use std::path::{Path, PathBuf};
 
-/// Seeds of the halves: none that a study counts up to.
+/// Seeds of the two halves, far above those of runs.
 const SEEDS: [u64; 2] = [0xda99_1e01, 0xda99_1e02];
 
-/// What references are made of: the first that no method uses, so that no run shares its points. On the bundled
-/// teapot and cornell at 512 spp, `halton` is as good as `sobol`, and has a quarter of the MSE of `random`.
+/// Point sets for references: the first that no method uses, so that no run shares its points. On the bundled teapot and
+/// cornell at 512 spp, `halton` is as good as `sobol`, and has a quarter of the MSE of `random`.
 const POINTS: [&str; 3] = ["sobol", "halton", "random"];
 
-/// A reference that is at hand, or could be.
-pub(crate) enum Wanted {
-    /// A file from elsewhere, looked through.
-    File(Reference),
-    /// To be rendered, unless it was: its record but for its own variance, and where it is kept.
-    Rendered { record: Reference, path: PathBuf },
+/// The source of a reference.
+pub(crate) enum ReferenceSource {
+    /// A checked file of the user.
+    File(ReferenceRecord),
+    /// Rendered unless its file exists: the record, still without its own variance, and the path.
+    Rendered { record: ReferenceRecord, path: PathBuf },
 }
 
-impl Wanted {
-    pub(crate) fn record(&self) -> &Reference {
+impl ReferenceSource {
+    pub(crate) fn record(&self) -> &ReferenceRecord {
         match self {
             Self::File(record) | Self::Rendered { record, .. } => record,
         }
     }
 }
 
-/// Where a study keeps its references: in its folder, or in one that several share.
-pub(crate) struct Shelf<'a> {
-    pub(crate) folder: &'a Path,
+/// The folder of references: the study's own, or one that several studies share.
+pub(crate) struct ReferenceFolder<'a> {
+    pub(crate) study: &'a Path,
     pub(crate) shared: Option<&'a Path>,
 }
 
-impl Shelf<'_> {
-    /// The file with this name: as a study's record calls it, and where it is.
+impl ReferenceFolder<'_> {
+    /// The path of a file as in the study's record, and on the disk.
     fn place(&self, name: &str) -> Result<(String, PathBuf), StudyError> {
         let make = |folder: &Path| {
             std::fs::create_dir_all(folder).map_err(|e| StudyError::file(folder, "make the folder of references", e))
         };
         match self.shared {
             None => {
-                let folder = self.folder.join("references");
+                let folder = self.study.join("references");
                 make(&folder)?;
                 Ok((format!("references/{name}"), folder.join(name)))
             }
@@ -61,21 +61,27 @@ impl Shelf<'_> {
     }
 }
 
-/// Says what a scene's reference is, and refuses a file that is not.
-pub(crate) fn want(plan: &Plan, scene: &ScenePlan, subject: &Subject, shelf: &Shelf<'_>) -> Result<Wanted, StudyError> {
+/// Decides on a scene's reference, and refuses a file that does not fit.
+pub(crate) fn plan_reference(
+    plan: &Plan,
+    scene: &ScenePlan,
+    subject: &Subject,
+    folders: &ReferenceFolder<'_>,
+) -> Result<ReferenceSource, StudyError> {
     if let Some(file) = &scene.reference {
-        return Ok(Wanted::File(given(plan, file, subject)?));
+        return Ok(ReferenceSource::File(given(plan, file, subject)?));
     }
     let points = POINTS.iter().find(|p| plan.methods.iter().all(|m| kind(&m.points) != **p)).unwrap_or(&"random");
     let settings = settings(plan.reference_spp, points, subject)?;
-    let mut key = Digest::new();
+    let mut key = ContentHash::new();
     for (name, value) in &settings {
         key.text(name);
         key.text(value);
     }
     let hash = key.hex();
-    let (file, path) = shelf.place(&format!("{}-{}.exr", file_name(&name_of(&subject.view.source)), &hash[..16]))?;
-    let record = Reference {
+    let (file, path) =
+        folders.place(&format!("{}-{}.exr", safe_file_name(&name_of(&subject.view.source)), &hash[..16]))?;
+    let record = ReferenceRecord {
         file,
         spp: Some(plan.reference_spp),
         points: Some((*points).to_owned()),
@@ -83,10 +89,10 @@ pub(crate) fn want(plan: &Plan, scene: &ScenePlan, subject: &Subject, shelf: &Sh
         relmse: None,
         hash,
     };
-    Ok(Wanted::Rendered { record, path })
+    Ok(ReferenceSource::Rendered { record, path })
 }
 
-/// Everything that a rendered reference depends on.
+/// All settings that a rendered reference depends on.
 fn settings(spp: u64, points: &str, subject: &Subject) -> Result<Vec<(&'static str, String)>, StudyError> {
     let view = &subject.view;
     let [w, h] = view.resolution;
@@ -106,19 +112,19 @@ fn depth(subject: &Subject) -> String {
     subject.scene.max_depth.map_or("unlimited".into(), |d| d.to_string())
 }
 
-/// Finds the reference, or renders it, and says what its own variance is; `None` where `monitor` said stop.
-pub(crate) fn obtain(
-    wanted: Wanted,
+/// Loads or renders the reference and adds its own variance to the record; `None` if `monitor` stopped it.
+pub(crate) fn load_or_render(
+    wanted: ReferenceSource,
     subject: &Subject,
     monitor: &mut dyn Monitor,
-) -> Result<Option<Reference>, StudyError> {
+) -> Result<Option<ReferenceRecord>, StudyError> {
     let (mut record, path) = match wanted {
-        Wanted::File(record) => return Ok(Some(record)),
-        Wanted::Rendered { record, path } => (record, path),
+        ReferenceSource::File(record) => return Ok(Some(record)),
+        ReferenceSource::Rendered { record, path } => (record, path),
     };
-    // A file that is broken, or another's, is made anew.
-    let kept = Truth::read(&path).ok();
-    let kept = kept.filter(|(t, about)| about.says("study-key") == Some(&record.hash) && t.variance.is_some());
+    // A broken file, or one of another reference, is rendered again.
+    let kept = ReferenceImage::read(&path).ok();
+    let kept = kept.filter(|(t, about)| about.attribute("study-key") == Some(&record.hash) && t.variance.is_some());
     let truth = match kept {
         Some((truth, _)) => Some(truth),
         None => render(&record, subject, monitor)?.map(|truth| keep(&path, truth, &record, subject)).transpose()?,
@@ -128,8 +134,12 @@ pub(crate) fn obtain(
     Ok(Some(record))
 }
 
-/// Two halves by two seeds.
-fn render(record: &Reference, subject: &Subject, monitor: &mut dyn Monitor) -> Result<Option<Truth>, StudyError> {
+/// Renders two halves by two seeds.
+fn render(
+    record: &ReferenceRecord,
+    subject: &Subject,
+    monitor: &mut dyn Monitor,
+) -> Result<Option<ReferenceImage>, StudyError> {
     let pixels = subject.frame()?.pixels() as u64;
     let samples = record.spp.unwrap_or(2) / 2 * pixels;
     let method = Method::new("uniform", record.points.as_deref().unwrap_or("random"), "none");
@@ -147,11 +157,16 @@ fn render(record: &Reference, subject: &Subject, monitor: &mut dyn Monitor) -> R
         }
         halves.push(shot.filtered.radiance);
     }
-    Ok(Some(Truth::of_halves(subject.view.resolution, [&halves[0], &halves[1]])))
+    Ok(Some(ReferenceImage::of_halves(subject.view.resolution, [&halves[0], &halves[1]])))
 }
 
-/// Writes it with all that it depends on in its header.
-fn keep(path: &Path, truth: Truth, record: &Reference, subject: &Subject) -> Result<Truth, StudyError> {
+/// Writes the reference with its settings in the header.
+fn keep(
+    path: &Path,
+    truth: ReferenceImage,
+    record: &ReferenceRecord,
+    subject: &Subject,
+) -> Result<ReferenceImage, StudyError> {
     let mut attributes = settings(record.spp.unwrap_or(0), record.points.as_deref().unwrap_or(""), subject)?;
     attributes.push(("study-key", record.hash.clone()));
     attributes.push(("scene", subject.scene.name.clone()));
@@ -165,9 +180,9 @@ fn keep(path: &Path, truth: Truth, record: &Reference, subject: &Subject) -> Res
     Ok(truth)
 }
 
-/// A file from elsewhere: refused where its size differs, or what it says about itself.
-fn given(plan: &Plan, file: &Path, subject: &Subject) -> Result<Reference, StudyError> {
-    let (whole, about) = Truth::read(file)?;
+/// Checks the size, the pixels and the header of a user's file.
+fn given(plan: &Plan, file: &Path, subject: &Subject) -> Result<ReferenceRecord, StudyError> {
+    let (whole, about) = ReferenceImage::read(file)?;
     let refuse = |why: String| StudyError::Reference { file: file.to_owned(), scene: subject.view.name.clone(), why };
     let ([w, h], [rw, rh]) = (subject.view.resolution, whole.size);
     let Some(truth) = whole.averaged_to([w, h]) else {
@@ -178,34 +193,30 @@ fn given(plan: &Plan, file: &Path, subject: &Subject) -> Result<Reference, Study
     };
     if let Some(at) = truth.mean.iter().position(|p| !p.iter().all(|v| v.is_finite())) {
         let (x, y) = (at % w as usize, at / w as usize);
-        return Err(refuse(format!("it is no number at column {x}, row {y}: mend or replace it")));
+        return Err(refuse(format!("its pixel at column {x}, row {y} is NaN or infinite; render a finite one")));
     }
     differences(plan, &about, subject).map_or(Ok(()), |why| Err(refuse(why)))?;
-    let number = |key: &str| about.says(key).and_then(|text| text.parse().ok());
-    let seeds = about.says("study-seeds").and_then(|text| {
+    let number = |key: &str| about.attribute(key).and_then(|text| text.parse().ok());
+    let seeds = about.attribute("study-seeds").and_then(|text| {
         let (a, b) = text.split_once(',')?;
         Some([a.parse().ok()?, b.parse().ok()?])
     });
-    Ok(Reference {
+    Ok(ReferenceRecord {
         file: std::path::absolute(file).unwrap_or_else(|_| file.to_owned()).display().to_string(),
         spp: number("study-spp"),
-        points: about.says("study-points").or(about.says("points")).map(str::to_owned),
+        points: about.attribute("study-points").or(about.attribute("points")).map(str::to_owned),
         seeds,
         relmse: truth.own_relmse(),
         hash: about.digest.hex(),
     })
 }
 
-/// What the header of `dapple render` or of a study's reference says that is not so here.
-fn differences(plan: &Plan, about: &About, subject: &Subject) -> Option<String> {
+/// The first difference between the header (of `dapple render` or of a study's reference) and the study.
+fn differences(plan: &Plan, about: &FileHeader, subject: &Subject) -> Option<String> {
     let depth = depth(subject);
     let scene = &subject.scene.name;
     let expected = [
-        (
-            "study-scene",
-            subject.content.hex(),
-            "the scene's files have other contents now: leave the reference out to have one rendered",
-        ),
+        ("study-scene", subject.content.hex(), "the scene's files have changed; leave the reference out to render one"),
         ("study-max-depth", depth.clone(), "render it with the study's depth, or give the study its depth"),
         ("scene", scene.clone(), "it shows another scene"),
         ("max-depth", depth, "render it with the study's depth, or give the study its depth"),
@@ -214,24 +225,24 @@ fn differences(plan: &Plan, about: &About, subject: &Subject) -> Option<String> 
         ("pixel-filter", "box filter of radius 0.5 x 0.5".into(), "render it with --pixel-filter box, as a study does"),
     ];
     for (key, here, advice) in expected {
-        if let Some(there) = about.says(key).filter(|there| *there != here) {
-            return Some(format!("its {} is {there}, and the study's {here}: {advice}", key.replace('-', " ")));
+        if let Some(there) = about.attribute(key).filter(|there| *there != here) {
+            return Some(format!("its {} is \"{there}\", and the study's \"{here}\"; {advice}", key.replace('-', " ")));
         }
     }
-    // A run's own samples in the reference would hide their error.
-    let points = kind(about.says("points")?);
-    let seed = about.says("seed")?.parse().ok()?;
+    // Runs that share samples with the reference would show too small an error.
+    let points = kind(about.attribute("points")?);
+    let seed = about.attribute("seed")?.parse().ok()?;
     let shares = plan.seeds.contains(&seed) && plan.methods.iter().any(|m| kind(&m.points) == points);
-    shares.then(|| format!("its points are {points} of seed {seed}, as those of runs are: render it with another seed"))
+    shares.then(|| format!("its points are {points} of seed {seed}, as in runs; render it with another seed"))
 }
 
-/// The name without parameters.
+/// The name without its parameters.
 fn kind(words: &str) -> &str {
     words.split(':').next().unwrap_or(words).trim()
 }
 
-/// A name as part of a file name.
-pub(crate) fn file_name(name: &str) -> String {
+/// A name with characters that are safe in a file name, at most 80.
+pub(crate) fn safe_file_name(name: &str) -> String {
     let plain = |c: char| if c.is_alphanumeric() || "-_.".contains(c) { c } else { '-' };
     name.chars().map(plain).take(80).collect()
 }

@@ -1,30 +1,30 @@
-//! `summary.csv`, `report.html`, and `summary.md` with `plots`: what a study found, to read, to show, and for other pages.
+//! The report of a study: `report.html`, `summary.csv`, `summary.md` and `plots`.
 
-mod chart;
-mod images;
+mod comparison_table;
+mod gallery;
+mod html;
+mod log_log_chart;
 mod markdown;
-mod page;
+mod method_style;
 mod plots;
-mod style;
-mod verdicts;
-mod words;
+mod table_cell;
 
-use crate::folder::{FolderError, Recorded};
+use crate::recorded_study::{FolderError, RecordedStudy};
 use crate::summary::Summary;
 use dapple_scene::image::{ImageError, write_file};
 use std::path::Path;
 
-/// Why there is no report. Each message says what to do.
+/// An error of writing a report. Each message names the remedy.
 #[non_exhaustive]
 #[derive(Debug, thiserror::Error)]
 pub enum ReportError {
     /// The study cannot be read.
     #[error(transparent)]
     Folder(#[from] FolderError),
-    /// The summary cannot be written down.
+    /// An error of the CSV writer.
     #[error("summary.csv: {0}")]
     Csv(#[from] csv::Error),
-    /// The page cannot be written down.
+    /// An error of the HTML template.
     #[error("report.html: {0}")]
     Page(#[from] askama::Error),
     /// A file cannot be written; an older one is left as it was.
@@ -32,24 +32,29 @@ pub enum ReportError {
     Write(#[from] ImageError),
 }
 
-/// Reads a study's folder, finished or not, and writes `summary.csv` and `report.html` there, each whole or not at
-/// all. The page is one file that needs nothing else, neither network nor the folder. For other people's pages there
-/// are `summary.md`, its tables, and `plots/SCENE.svg`, its curves of error against time.
+/// Reads a study, finished or not, and writes its report into the same folder.
 ///
-/// The same records give the same bytes.
+/// | file | contents |
+/// |---|---|
+/// | `report.html` | the report: one file that needs neither network nor folder |
+/// | `summary.csv` | every value of the report |
+/// | `summary.md` | the tables as Markdown |
+/// | `plots/SCENE.svg` | error against time |
+///
+/// Each file is written completely or not at all. Equal records give equal bytes.
 ///
 /// # Errors
-/// [`ReportError`]. Images that are missing or broken are no error: the page says so.
+/// [`ReportError`]. Missing or broken images are no error; the report lists them.
 pub fn write_report(folder: &Path) -> Result<Summary, ReportError> {
-    let recorded = Recorded::read(folder)?;
+    let recorded = RecordedStudy::read(folder)?;
     let summary = Summary::of(&recorded);
     let mut table = Vec::new();
     summary.write_csv(&mut table)?;
-    let page = page::render(&recorded, &summary)?;
+    let page = html::render(&recorded, &summary)?;
     write_file(&folder.join("summary.csv"), &table)?;
     write_file(&folder.join("report.html"), page.as_bytes())?;
     write_file(&folder.join("summary.md"), markdown::render(&recorded, &summary).as_bytes())?;
-    // If this fails, so does the first file there, and its error has a name.
+    // If this fails, so does the first file there, with a clear error.
     let _ = std::fs::create_dir_all(folder.join("plots"));
     for (name, plot) in plots::plots(&recorded, &summary) {
         write_file(&folder.join("plots").join(name), plot.as_bytes())?;

@@ -1,208 +1,217 @@
-//! A study from its first run to its last, through as many sittings as it takes.
+//! A study from its first run to its last, over as many sessions as it takes.
 
 mod equal_time;
 mod manifest;
 
-use crate::ledger::{Ledger, Store};
-use crate::references::{Shelf, Wanted, file_name, obtain, want};
-use crate::run::{Job, Runner, image_stem};
+use crate::reference_image::ReferenceImage;
+use crate::references::{ReferenceFolder, ReferenceSource, load_or_render, plan_reference, safe_file_name};
+use crate::run_log::{RunLog, RunStore};
+use crate::runner::{RunRequest, Runner, image_stem};
 use crate::subject::{Subject, View, name_of};
-use crate::truth::Truth;
-use crate::{Budget, Manifest, Method, Plan, PlanError, Run, ScenePlan, SceneRecord, StudyError};
+use crate::{Manifest, Method, Plan, PlanError, Run, RunBudget, ScenePlan, SceneRecord, StudyError};
 use dapple_core::{Control, Status};
 use dapple_scene::image::write_file;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// How a study went on.
+/// The state in which [`Study::run`] ends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Ended {
-    /// All runs are there.
+#[non_exhaustive]
+pub enum StudyStatus {
+    /// All runs are finished.
     Done,
-    /// The monitor said stop; the same plan in the same folder goes on.
+    /// The monitor stopped the study; the same plan in the same folder resumes it.
     Stopped,
 }
 
-/// How far a study is.
+/// The progress of a study.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
-pub struct Progress<'a> {
-    /// What is about to be done, or being done.
+pub struct StudyProgress<'a> {
+    /// The run or reference that is next or in progress.
     pub doing: &'a str,
-    /// Runs finished, those of earlier sittings included.
+    /// Runs finished, those of earlier sessions included.
     pub done: usize,
-    /// Runs in all.
+    /// Runs of the whole study.
     pub runs: usize,
-    /// How much of this sitting's work is done, 0 to 1, by samples.
+    /// The finished share of this session's samples, 0 to 1.
     pub share: f64,
-    /// Seconds until the end, if the rest goes as this sitting went; `None` at its beginning.
+    /// Estimated seconds left; `None` before anything is finished.
     pub left: Option<f64>,
 }
 
-/// Looks on between runs, and a few times a second while a reference is rendered; never while a run is timed.
-pub trait Onlooker {
-    /// Sees how far it is, and says whether to go on.
-    fn look(&mut self, progress: &Progress<'_>) -> Control;
+/// Receives progress and can stop a study.
+///
+/// Called between runs, and several times a second while a reference is rendered; never while a run is timed. `()` is
+/// a monitor that ignores everything.
+///
+/// ```
+/// use dapple_core::Control;
+/// use dapple_study::{StudyMonitor, StudyProgress};
+/// struct StopAfter(usize);
+/// impl StudyMonitor for StopAfter {
+///     fn progress(&mut self, progress: &StudyProgress<'_>) -> Control {
+///         if progress.done >= self.0 { Control::Stop } else { Control::Continue }
+///     }
+/// }
+/// ```
+pub trait StudyMonitor {
+    /// Receives the progress, and returns [`Control::Stop`] to stop.
+    fn progress(&mut self, progress: &StudyProgress<'_>) -> Control;
 
-    /// Hears what was read otherwise than written.
-    fn hear(&mut self, _notice: &str) {}
+    /// Receives a warning, such as a directive of a scene that was approximated.
+    fn warning(&mut self, _warning: &str) {}
 }
 
-/// Nobody looks on.
-impl Onlooker for () {
-    fn look(&mut self, _: &Progress<'_>) -> Control {
+impl StudyMonitor for () {
+    fn progress(&mut self, _: &StudyProgress<'_>) -> Control {
         Control::Continue
     }
 }
 
-/// Settings of a sitting that change no run.
+/// Settings of a session that change no run.
 #[derive(Clone, Debug, Default)]
-pub struct Sitting {
-    /// A folder of references that several studies share; else they are kept in the study's.
+#[non_exhaustive]
+pub struct StudyOptions {
+    /// A folder of references that several studies share; default the study's own.
     pub references: Option<PathBuf>,
-    /// The command, word by word, for the record.
+    /// The command line for the record, argument by argument.
     pub command: Vec<String>,
 }
 
-/// A study in its folder.
+impl StudyOptions {
+    /// Keeps rendered references in a folder that several studies share.
+    #[must_use]
+    pub fn with_references(self, folder: impl Into<Option<PathBuf>>) -> Self {
+        Self { references: folder.into(), ..self }
+    }
+
+    /// Records the command line.
+    #[must_use]
+    pub fn with_command(self, arguments: impl IntoIterator<Item = String>) -> Self {
+        Self { command: arguments.into_iter().collect(), ..self }
+    }
+}
+
+/// A study in its folder; the example is on the [front page](crate).
 pub struct Study {
     plan: Plan,
     folder: PathBuf,
     manifest: Manifest,
     views: Vec<View>,
-    ledger: Ledger,
-    meter: Meter,
+    log: RunLog,
+    meter: WorkMeter,
 }
 
 impl Study {
-    /// Begins a study in a folder, or finds the one that is there: reads the scenes, checks the plan against the
-    /// folder's, makes the references. `None` where `onlooker` said stop while they were made.
+    /// Begins a study in a folder, or resumes the one that is there. Reads the scenes, compares the plan with the
+    /// folder's and renders missing references. `None` if `monitor` stopped it meanwhile.
     ///
     /// # Errors
     ///
-    /// [`StudyError::AnotherStudy`] with the difference, scenes and references that are none, whatever the disk refuses.
+    /// [`StudyError::AnotherStudy`] with the differences; a scene or reference that cannot be used; errors of the disk.
     pub fn open(
         plan: Plan,
         folder: &Path,
-        sitting: &Sitting,
-        onlooker: &mut dyn Onlooker,
+        options: &StudyOptions,
+        monitor: &mut dyn StudyMonitor,
     ) -> Result<Option<Self>, StudyError> {
         std::fs::create_dir_all(folder).map_err(|e| StudyError::file(folder, "make the folder", e))?;
         let file = folder.join("study.json");
-        let there = manifest::read(&file)?;
+        let earlier = manifest::read(&file)?;
         let runs = folder.join("runs.jsonl");
-        if there.is_none() && runs.metadata().is_ok_and(|m| m.len() > 0) {
-            let differences = vec!["it has runs (runs.jsonl), and study.json, which says of what, is missing".into()];
+        if earlier.is_none() && runs.metadata().is_ok_and(|m| m.len() > 0) {
+            let differences = vec!["runs.jsonl has runs, but their study.json is missing".into()];
             return Err(StudyError::AnotherStudy { folder: folder.to_owned(), differences });
         }
-        let ledger = Ledger::open(&runs)?;
+        let log = RunLog::open(&runs)?;
         let views = views(&plan)?;
-        let shelf = Shelf { folder, shared: sitting.references.as_deref() };
-        let mut wanted = Vec::new();
-        // The last one read is kept: mostly it is the only one.
-        let mut last: Option<Subject> = None;
-        for (view, scene) in views.iter().zip(&plan.scenes) {
-            drop(last.take());
-            let subject = Subject::load(&view.by_default())?;
-            subject.notices().iter().for_each(|notice| onlooker.hear(notice));
-            wanted.push(want(&plan, scene, &subject, &shelf)?);
-            last = Some(subject);
-        }
-        let scenes = views.iter().zip(&wanted).map(|(view, wanted)| SceneRecord {
+        let (sources, last) = reference_sources(&plan, &views, folder, options, monitor)?;
+        let scenes = views.iter().zip(&sources).map(|(view, source)| SceneRecord {
             name: view.name.clone(),
             source: view.source.clone(),
             resolution: view.resolution,
-            reference: wanted.record().clone(),
+            reference: source.record().clone(),
             lights: view.lights,
         });
-        let mut manifest = manifest::new(&plan, scenes.collect(), &sitting.command);
-        if let Some(there) = &there {
-            let differences = manifest::differences(there, &manifest);
+        let mut manifest = manifest::new(&plan, scenes.collect(), &options.command);
+        if let Some(earlier) = &earlier {
+            let differences = manifest::differences(earlier, &manifest);
             if !differences.is_empty() {
                 return Err(StudyError::AnotherStudy { folder: folder.to_owned(), differences });
             }
         }
-        let mut meter = Meter::new(&plan, &views, &wanted, &ledger);
-        for (at, wanted) in wanted.into_iter().enumerate() {
-            let view = views[at].by_default();
-            let subject = match last.take().filter(|s| s.view == view) {
-                Some(subject) => subject,
-                // Only where there is something to render.
-                None => Subject::load(&view)?,
-            };
-            let doing = format!("{}: reference", views[at].name);
-            let cost = meter.of_reference(&wanted, &views[at]);
-            let mut half = Half::default();
-            let mut monitor = |status: &Status<'_>| onlooker.look(&meter.progress(&doing, cost * half.share(status)));
-            let Some(record) = obtain(wanted, &subject, &mut monitor)? else { return Ok(None) };
-            meter.add(cost);
-            manifest.scenes[at].reference = record;
+        let mut meter = WorkMeter::new(&plan, &views, &sources, &log);
+        if !load_references(&mut manifest, sources, &views, last, &mut meter, monitor)? {
+            return Ok(None);
         }
-        if let Some(there) = there {
-            // When it began, and by which command, stay.
-            manifest = Manifest { began: there.began, command: there.command, ..manifest };
+        if let Some(earlier) = earlier {
+            // A resumed study keeps its start and its command.
+            manifest = Manifest { began: earlier.began, command: earlier.command, ..manifest };
         }
         write_file(&file, &manifest::bytes(&manifest))?;
-        Ok(Some(Self { plan, folder: folder.to_owned(), manifest, views, ledger, meter }))
+        Ok(Some(Self { plan, folder: folder.to_owned(), manifest, views, log, meter }))
     }
 
-    /// How it was made, as `study.json` says.
+    /// The settings and circumstances, as in `study.json`.
     pub fn manifest(&self) -> &Manifest {
         &self.manifest
     }
 
     /// The finished runs.
     pub fn runs(&self) -> &[Run] {
-        self.ledger.runs()
+        self.log.runs()
     }
 
-    /// How many runs there will be.
+    /// The number of runs of the whole study.
     pub fn expected(&self) -> usize {
         self.plan.runs()
     }
 
-    /// Writes finished runs to another store: for tests of what happens when a disk is full.
-    pub fn with_store(mut self, store: Box<dyn Store>) -> Self {
-        self.ledger = self.ledger.with_store(store);
+    /// The study with another store for finished runs, for tests of a full disk.
+    pub fn with_store(mut self, store: Box<dyn RunStore>) -> Self {
+        self.log = self.log.with_store(store);
         self
     }
 
-    /// Makes all runs that are not there yet: scene by scene; seed by seed, budget by budget, method by method, so that
-    /// a machine that grows slower does so for all; then, seed by seed and method by method, those of equal time.
+    /// Makes all runs that are missing.
+    ///
+    /// Methods alternate run by run, so that a machine that slows down does so for all of them: scene by scene, then
+    /// seed by seed, budget by budget and method by method. A scene's equal-time runs come last.
     ///
     /// # Errors
     ///
-    /// Whatever keeps a run from being made or written down. What was done is kept.
-    pub fn run(&mut self, runner: &mut dyn Runner, onlooker: &mut dyn Onlooker) -> Result<Ended, StudyError> {
+    /// An error of a run or of the disk. Finished runs are kept.
+    pub fn run(&mut self, runner: &mut dyn Runner, monitor: &mut dyn StudyMonitor) -> Result<StudyStatus, StudyError> {
         for at in 0..self.views.len() {
             let pixels = pixels(&self.views[at]);
             for seed in self.plan.seeds.clone() {
                 for spp in self.plan.spp.clone() {
                     for method in self.plan.methods.clone() {
-                        let job = self.job(at, &method, Budget::Spp(spp), seed, spp * pixels);
-                        if self.find(&job).is_some() {
+                        let request = self.request(at, &method, RunBudget::Spp(spp), seed, spp * pixels);
+                        if self.find(&request).is_some() {
                             continue;
                         }
-                        if self.look(&job, onlooker) == Control::Stop {
-                            return Ok(Ended::Stopped);
+                        if self.announce(&request, monitor) == Control::Stop {
+                            return Ok(StudyStatus::Stopped);
                         }
-                        let run = runner.run(&job)?;
+                        let run = runner.run(&request)?;
                         self.keep(run)?;
                     }
                 }
             }
-            if self.equal_time(at, runner, onlooker)? == Ended::Stopped {
-                return Ok(Ended::Stopped);
+            if self.equal_time(at, runner, monitor)? == StudyStatus::Stopped {
+                return Ok(StudyStatus::Stopped);
             }
         }
-        Ok(Ended::Done)
+        Ok(StudyStatus::Done)
     }
 
-    fn job(&self, at: usize, method: &Method, budget: Budget, seed: u64, asked: u64) -> Job {
+    fn request(&self, at: usize, method: &Method, budget: RunBudget, seed: u64, asked: u64) -> RunRequest {
         let view = &self.views[at];
         let number = self.plan.methods.iter().position(|m| m == method).unwrap_or(0);
         let first = self.plan.seeds.first() == Some(&seed);
-        Job {
+        RunRequest {
             view: view.clone(),
             method: method.clone(),
             external: self.plan.external.iter().find(|e| e.name == method.filter).cloned(),
@@ -216,43 +225,86 @@ impl Study {
         }
     }
 
-    /// The finished run of a job.
-    fn find(&self, job: &Job) -> Option<&Run> {
-        let same = |r: &&Run| {
-            r.scene == job.view.name && r.method == job.method && r.budget == job.budget && r.seed == job.seed
-        };
-        self.ledger.runs().iter().find(same)
+    /// The finished run of a request, if there is one.
+    fn find(&self, request: &RunRequest) -> Option<&Run> {
+        let RunRequest { view, method, budget, seed, .. } = request;
+        self.log.runs().iter().find(|run| run.is_of(&view.name, method, *budget, *seed))
     }
 
-    fn look(&self, job: &Job, onlooker: &mut dyn Onlooker) -> Control {
-        let budget = match job.budget {
-            Budget::Spp(n) => format!("{n} spp"),
-            Budget::TimeOf(n) => format!("time of {n} spp"),
-        };
-        let doing = format!("{}, {}, {budget}, seed {}", job.view.name, job.method, job.seed);
-        onlooker.look(&Progress { done: self.ledger.runs().len(), ..self.meter.progress(&doing, 0.0) })
+    fn announce(&self, request: &RunRequest, monitor: &mut dyn StudyMonitor) -> Control {
+        let RunRequest { view, method, budget, seed, .. } = request;
+        let doing = format!("{}, {method}, {budget}, seed {seed}", view.name);
+        monitor.progress(&StudyProgress { done: self.log.runs().len(), ..self.meter.progress(&doing, 0.0) })
     }
 
     fn keep(&mut self, run: Run) -> Result<(), StudyError> {
         let cost = run.asked as f64;
-        self.ledger.append(run)?;
+        self.log.append(run)?;
         self.meter.add(cost);
         Ok(())
     }
+}
+
+/// The reference of each scene, and the scene read last: often it is the only one.
+fn reference_sources(
+    plan: &Plan,
+    views: &[View],
+    folder: &Path,
+    options: &StudyOptions,
+    monitor: &mut dyn StudyMonitor,
+) -> Result<(Vec<ReferenceSource>, Option<Subject>), StudyError> {
+    let folders = ReferenceFolder { study: folder, shared: options.references.as_deref() };
+    let mut sources = Vec::new();
+    let mut last: Option<Subject> = None;
+    for (view, scene) in views.iter().zip(&plan.scenes) {
+        // Frees its memory before the next scene is read.
+        drop(last.take());
+        let subject = Subject::load(&view.by_default())?;
+        subject.notices().iter().for_each(|notice| monitor.warning(notice));
+        sources.push(plan_reference(plan, scene, &subject, &folders)?);
+        last = Some(subject);
+    }
+    Ok((sources, last))
+}
+
+/// Loads or renders the references into the manifest; false if the monitor stopped it.
+fn load_references(
+    manifest: &mut Manifest,
+    sources: Vec<ReferenceSource>,
+    views: &[View],
+    mut last: Option<Subject>,
+    meter: &mut WorkMeter,
+    monitor: &mut dyn StudyMonitor,
+) -> Result<bool, StudyError> {
+    for (at, source) in sources.into_iter().enumerate() {
+        let view = views[at].by_default();
+        let subject = match last.take().filter(|s| s.view == view) {
+            Some(subject) => subject,
+            None => Subject::load(&view)?,
+        };
+        let doing = format!("{}: reference", views[at].name);
+        let cost = meter.of_reference(&source, &views[at]);
+        let mut halves = HalvesProgress::default();
+        let mut look = |status: &Status<'_>| monitor.progress(&meter.progress(&doing, cost * halves.share(status)));
+        let Some(record) = load_or_render(source, &subject, &mut look)? else { return Ok(false) };
+        meter.add(cost);
+        manifest.scenes[at].reference = record;
+    }
+    Ok(true)
 }
 
 fn pixels(view: &View) -> u64 {
     u64::from(view.resolution[0]) * u64::from(view.resolution[1])
 }
 
-/// Names and resolutions of the scenes.
+/// The scenes with their names and resolutions decided.
 fn views(plan: &Plan) -> Result<Vec<View>, StudyError> {
     let mut views: Vec<View> = Vec::new();
     for scene in &plan.scenes {
-        let taken = |name: &str| views.iter().any(|v| file_name(&v.name) == file_name(name));
+        let taken = |name: &str| views.iter().any(|v| safe_file_name(&v.name) == safe_file_name(name));
         let name = match &scene.name {
             Some(name) if name.trim().is_empty() || taken(name) => {
-                let what = format!("{name:?} is no name of its own: give each scene another");
+                let what = format!("scene name {name:?} is empty or used twice; give each scene its own name");
                 return Err(PlanError::new("scenes", what).into());
             }
             Some(name) => name.clone(),
@@ -277,19 +329,19 @@ fn views(plan: &Plan) -> Result<Vec<View>, StudyError> {
 fn resolution(plan: &Plan, scene: &ScenePlan) -> Result<[u32; 2], StudyError> {
     match (scene.resolution.or(plan.resolution), &scene.reference) {
         (Some(resolution), _) => Ok(resolution),
-        (None, Some(file)) => Ok(Truth::read(file)?.0.size),
+        (None, Some(file)) => Ok(ReferenceImage::read(file)?.0.size),
         (None, None) => Ok([plan.side; 2]),
     }
 }
 
-/// The share of a reference that is rendered, over its two halves.
+/// The rendered share of a reference, over its two halves.
 #[derive(Default)]
-struct Half {
+struct HalvesProgress {
     second: bool,
     before: f64,
 }
 
-impl Half {
+impl HalvesProgress {
     fn share(&mut self, status: &Status<'_>) -> f64 {
         let now = status.samples as f64 / status.expected.max(1) as f64;
         self.second |= now < self.before;
@@ -298,8 +350,8 @@ impl Half {
     }
 }
 
-/// Work by samples: done in this sitting, and to be done.
-struct Meter {
+/// Samples of this session: taken, and in total.
+struct WorkMeter {
     began: Instant,
     done: f64,
     all: f64,
@@ -307,22 +359,24 @@ struct Meter {
     runs: usize,
 }
 
-impl Meter {
-    fn new(plan: &Plan, views: &[View], wanted: &[Wanted], ledger: &Ledger) -> Self {
+impl WorkMeter {
+    fn new(plan: &Plan, views: &[View], wanted: &[ReferenceSource], log: &RunLog) -> Self {
         let spp: u64 = plan.spp.iter().sum::<u64>() + plan.time_of.unwrap_or(0);
         let of_scene = |view: &View| (spp * pixels(view)) as f64 * (plan.methods.len() * plan.seeds.len()) as f64;
         let mut meter = Self { began: Instant::now(), done: 0.0, all: 0.0, finished: 0, runs: plan.runs() };
         let references: f64 = wanted.iter().zip(views).map(|(w, view)| meter.of_reference(w, view)).sum();
-        let finished: f64 = ledger.runs().iter().map(|r| r.asked as f64).sum();
+        let finished: f64 = log.runs().iter().map(|r| r.asked as f64).sum();
         meter.all = (views.iter().map(of_scene).sum::<f64>() + references - finished).max(1.0);
-        meter.finished = ledger.runs().len();
+        meter.finished = log.runs().len();
         meter
     }
 
-    /// The samples of a reference that is not there yet.
-    fn of_reference(&self, wanted: &Wanted, view: &View) -> f64 {
+    /// The samples of a reference that is still to be rendered; 0 for others.
+    fn of_reference(&self, wanted: &ReferenceSource, view: &View) -> f64 {
         match wanted {
-            Wanted::Rendered { path, record } if !path.exists() => (record.spp.unwrap_or(0) * pixels(view)) as f64,
+            ReferenceSource::Rendered { path, record } if !path.exists() => {
+                (record.spp.unwrap_or(0) * pixels(view)) as f64
+            }
             _ => 0.0,
         }
     }
@@ -331,9 +385,9 @@ impl Meter {
         self.done += samples;
     }
 
-    fn progress<'a>(&self, doing: &'a str, within: f64) -> Progress<'a> {
+    fn progress<'a>(&self, doing: &'a str, within: f64) -> StudyProgress<'a> {
         let share = ((self.done + within) / self.all).clamp(0.0, 1.0);
         let left = (share > 0.0).then(|| self.began.elapsed().as_secs_f64() * (1.0 - share) / share);
-        Progress { doing, done: self.finished, runs: self.runs, share, left }
+        StudyProgress { doing, done: self.finished, runs: self.runs, share, left }
     }
 }

@@ -1,81 +1,74 @@
-//! The numbers of a study: one source for `summary.csv` and for the page.
+//! The values of a study: the source of `summary.csv` and of the report.
 
 mod comparison;
 mod factorial;
-mod figure;
-mod grid;
-mod points;
+mod per_budget;
+mod run_table;
+mod seed_statistic;
 mod slopes;
 mod time_to_error;
 
-pub use comparison::Verdict;
+pub use comparison::RatioVerdict;
 pub(crate) use comparison::{HOLDS, UNFAIR};
-pub use factorial::Part;
+pub use factorial::FactorialEffect;
 
-use crate::folder::Recorded;
-use crate::record::{Budget, Method};
-use figure::Figure;
-use grid::Grid;
-pub(crate) use points::PHASES;
+use crate::record::{Method, RunBudget};
+use crate::recorded_study::RecordedStudy;
+pub(crate) use per_budget::PHASES;
+use run_table::RunTable;
+use seed_statistic::SeedStatistic;
 use std::collections::BTreeMap;
 
-/// Of all intervals, unless a row's note says otherwise.
+/// The confidence of all intervals, unless a row's note gives another.
 pub const CONFIDENCE: f64 = 0.95;
 
-/// Equal time is taken as such within this share: beyond it a win or a loss is not called one.
+/// The largest relative difference of equal times; beyond it a comparison is undecided.
 pub const TIME_TOLERANCE: f64 = 0.1;
 
-/// Errors of which ratios are taken, by their names in [`Row::metric`].
+/// The errors that are compared with the baseline, by their names in [`Row::metric`].
 pub const COMPARED: [&str; 4] = ["relmse", "relmse_trimmed", "srgb8_mse", "flip"];
 
-/// One figure: a line of `summary.csv`.
+/// One value: a line of `summary.csv`.
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Row {
     /// The scene's name in the study.
     pub scene: String,
-    /// Which method.
+    /// The method.
     pub method: Method,
-    /// What its runs were given: `16 spp`, `time of 16 spp`, or nothing for figures over all budgets.
+    /// The budget: `16 spp`, `time of 16 spp`, or empty for values over all budgets.
     pub budget: String,
-    /// Which figure; [`Summary::write_csv`] lists them.
+    /// The metric; [`Summary::write_csv`] lists them.
     pub metric: String,
-    /// The figure, where there is one; the note says why not.
+    /// The value; `None` for the reason in the note.
     pub value: Option<f64>,
-    /// The lower end of its 95 % interval, where there is one.
+    /// The lower end of the 95 % interval, if there is one.
     pub low: Option<f64>,
-    /// The upper end.
+    /// The upper end of the interval.
     pub high: Option<f64>,
-    /// How many seeds it is made of.
+    /// The number of seeds.
     pub n: usize,
-    /// What else to know.
+    /// Remarks, separated by `; `.
     pub note: String,
 }
 
 impl Row {
-    /// What identifies it.
+    /// The unique key: scene, method, budget and metric.
     pub fn key(&self) -> String {
         key(&self.scene, &self.method, &self.budget, &self.metric)
     }
 
-    /// Both ends of the interval.
+    /// The ends of the interval.
     pub fn interval(&self) -> Option<[f64; 2]> {
         Some([self.low?, self.high?])
     }
 }
 
-/// All figures of a study.
+/// All values of a study.
 #[derive(Clone, Debug, Default)]
 pub struct Summary {
     rows: Vec<Row>,
     places: BTreeMap<String, usize>,
-}
-
-/// As [`Row::budget`] has it.
-pub fn budget_words(budget: Budget) -> String {
-    match budget {
-        Budget::Spp(spp) => format!("{spp} spp"),
-        Budget::TimeOf(spp) => format!("time of {spp} spp"),
-    }
 }
 
 fn key(scene: &str, method: &Method, budget: &str, metric: &str) -> String {
@@ -83,11 +76,11 @@ fn key(scene: &str, method: &Method, budget: &str, metric: &str) -> String {
 }
 
 impl Summary {
-    /// Computes them. Runs that are not there leave their figures out.
-    pub fn of(recorded: &Recorded) -> Self {
-        let grid = Grid::new(recorded);
+    /// Computes all values for which there are runs.
+    pub fn of(recorded: &RecordedStudy) -> Self {
+        let grid = RunTable::new(recorded);
         let mut summary = Self::default();
-        points::add(&mut summary, &grid);
+        per_budget::add(&mut summary, &grid);
         slopes::add(&mut summary, &grid);
         time_to_error::add(&mut summary, &grid);
         comparison::add(&mut summary, &grid);
@@ -105,11 +98,18 @@ impl Summary {
         self.places.get(&key(scene, method, budget, metric)).map(|&i| &self.rows[i])
     }
 
-    fn add(&mut self, grid: &Grid<'_>, at: [usize; 2], budget: Option<Budget>, metric: &str, figure: Figure) {
+    fn add(
+        &mut self,
+        grid: &RunTable<'_>,
+        at: [usize; 2],
+        budget: Option<RunBudget>,
+        metric: &str,
+        figure: SeedStatistic,
+    ) {
         let row = Row {
             scene: grid.manifest.scenes[at[0]].name.clone(),
             method: grid.manifest.methods[at[1]].clone(),
-            budget: budget.map_or_else(String::new, budget_words),
+            budget: budget.map_or_else(String::new, |budget| budget.to_string()),
             metric: metric.to_owned(),
             value: figure.value,
             low: figure.ends.map(|e| e[0]),

@@ -1,5 +1,5 @@
 'use strict';
-// One slider moves the edge in all crops of a scene; a click on a crop and the button flip between the ends.
+// One slider moves the edge in all crops of a scene. A click on a crop, or the button, flips between the ends.
 for (const view of document.querySelectorAll('.view')) {
   const slider = view.querySelector('input[type=range]');
   if (!slider) continue;

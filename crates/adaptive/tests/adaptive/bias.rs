@@ -1,5 +1,5 @@
-//! Whether what decides shows in the mean: against the closed form, with the default's bias as the control that must be
-//! caught [Kirk and Arvo 1991].
+//! The bias of each policy of the error-driven sampler, against the closed form. The default's bias is the control
+//! that must be caught [Kirk and Arvo 1991].
 
 use crate::common::*;
 use dapple_adaptive::{Adaptive, AdaptiveOptions, PilotPolicy, PoolShape};
@@ -9,8 +9,8 @@ use dapple_low_discrepancy::Random;
 
 const P: f32 = 0.1;
 
-/// Deviation of the image's mean from the truth in standard errors, over 64 images: 63 degrees of freedom, so 5 is
-/// exceeded with p = 5e-6 and 10 with p < 1e-13.
+/// The deviation of the image's mean from the expected value in standard errors, over 64 images: 63 degrees of
+/// freedom, so 5 is exceeded with p = 5e-6 and 10 with p < 1e-13.
 fn deviation(options: AdaptiveOptions, side: u32) -> f64 {
     let at = frame(side, side);
     let limits = Limits::samples(10 * at.pixels() as u64);
@@ -21,26 +21,26 @@ fn deviation(options: AdaptiveOptions, side: u32) -> f64 {
     (0..64).map(mean).collect::<Mean>().deviation(P.into())
 }
 
-/// A pixel's own variance decides, and always: where bias would be largest.
+/// Options with the largest bias: a pixel's own variance decides, and counts always adapt.
 fn alone(policy: PilotPolicy) -> AdaptiveOptions {
-    AdaptiveOptions { policy, prior: 0.0, gain: 1.0, pilot: 4, ..AdaptiveOptions::default() }
+    options().policy(policy).prior(0.0).gain(1.0).pilot(4)
 }
 
 #[test]
-fn a01_discarding_and_crossing_are_unbiased() {
+fn discarding_and_crossing_are_unbiased_a01() {
     for policy in [PilotPolicy::Discard, PilotPolicy::Cross] {
-        for options in [alone(policy), AdaptiveOptions { prior: 6.0, radius: 1, ..alone(policy) }] {
+        for options in [alone(policy), alone(policy).prior(6.0).radius(1)] {
             let z = deviation(options, 128);
             assert!(z.abs() < 5.0, "{options:?}: {z} standard errors");
         }
     }
-    let cells = AdaptiveOptions { pool: PoolShape::Inside, geometry: 2.0, ..alone(PilotPolicy::Discard) };
+    let cells = alone(PilotPolicy::Discard).pool(PoolShape::Inside).geometry(2.0);
     let z = deviation(cells, 64);
     assert!(z.abs() < 5.0, "cells: {z} standard errors");
 }
 
 #[test]
-fn a01_keeping_is_biased() {
+fn keeping_is_biased_a01() {
     let z = deviation(alone(PilotPolicy::Keep), 64);
     assert!(z < -10.0, "{z} standard errors");
 }

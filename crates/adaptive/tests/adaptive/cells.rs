@@ -1,4 +1,4 @@
-//! Cells at hit points: THESIS 7, tests b to f.
+//! Cells at hit points.
 
 use dapple_adaptive::{CellOptions, Cells};
 use dapple_core::FirstHit;
@@ -6,18 +6,7 @@ use dapple_core::FirstHit;
 const SIDE: u32 = 96;
 
 fn hit(position: [f32; 3], normal: [f32; 3], material: u32) -> FirstHit {
-    FirstHit {
-        position,
-        geometric_normal: normal,
-        shading_normal: normal,
-        albedo: [0.5; 3],
-        depth: 1.0,
-        footprint: 1.0,
-        roughness: 1.0,
-        material,
-        shape: 0,
-        primitive: 0,
-    }
+    FirstHit::new(position, normal, 1.0).with_albedo([0.5; 3]).with_footprint(1.0).with_material(material)
 }
 
 /// Seen from above, a pixel a unit wide: a ball of radius 40 on a floor of another material; black beyond column 90.
@@ -28,7 +17,7 @@ fn ball(x: f32, y: f32) -> Option<FirstHit> {
         None
     } else if inside > 0.0 {
         let z = inside.sqrt();
-        Some(FirstHit { primitive: (x + 3.0 * y) as u32, ..hit([u, v, z], [u / 40.0, v / 40.0, z / 40.0], 1) })
+        Some(hit([u, v, z], [u / 40.0, v / 40.0, z / 40.0], 1).with_primitive((x + 3.0 * y) as u32))
     } else {
         Some(hit([u, v, -40.0], [0.0, 0.0, 1.0], 0))
     }
@@ -46,7 +35,7 @@ fn cells(hits: &[Option<FirstHit>]) -> Cells {
 }
 
 #[test]
-fn b_cells_are_small_at_the_limb_and_hits_add_up() {
+fn cells_are_small_at_the_limb_and_hits_add_up() {
     for per_pixel in [1, 4] {
         let hits = image(per_pixel, ball);
         let cells = cells(&hits);
@@ -74,46 +63,41 @@ fn b_cells_are_small_at_the_limb_and_hits_add_up() {
 }
 
 #[test]
-fn c_d_numbers_of_primitives_change_nothing() {
+fn numbers_of_primitives_change_nothing() {
     let hits = image(2, ball);
     let renumbered: Vec<_> = (hits.iter())
-        .map(|hit| hit.map(|h| FirstHit { primitive: 99 - h.primitive % 7, shape: h.primitive % 3, ..h }))
+        .map(|hit| hit.map(|h| h.with_shape(h.primitive % 3).with_primitive(99 - h.primitive % 7)))
         .collect();
     assert_eq!(cells(&hits), cells(&renumbered));
-    let other_materials: Vec<_> =
-        hits.iter().map(|hit| hit.map(|h| FirstHit { material: 7 - 3 * h.material, ..h })).collect();
+    let other_materials: Vec<_> = hits.iter().map(|hit| hit.map(|h| h.with_material(7 - 3 * h.material))).collect();
     assert_eq!(cells(&hits), cells(&other_materials));
     // Negative control: which material is where does matter.
-    let one_material: Vec<_> = hits.iter().map(|hit| hit.map(|h| FirstHit { material: 0, ..h })).collect();
-    let marble: Vec<_> = one_material
-        .iter()
-        .map(|hit| hit.map(|h| FirstHit { material: u32::from(h.position[0] > 3.0), ..h }))
-        .collect();
+    let one_material: Vec<_> = hits.iter().map(|hit| hit.map(|h| h.with_material(0))).collect();
+    let marble: Vec<_> =
+        one_material.iter().map(|hit| hit.map(|h| h.with_material(u32::from(h.position[0] > 3.0)))).collect();
     assert_ne!(cells(&one_material), cells(&marble));
 }
 
 #[test]
-fn e_the_unit_of_length_changes_nothing() {
+fn the_unit_of_length_changes_nothing() {
     let hits = image(1, ball);
+    let scaled = |h: FirstHit, scale: f32| {
+        let position = h.position.map(|x| x * scale);
+        FirstHit::new(position, h.geometric_normal, h.depth * scale)
+            .with_shading_normal(h.shading_normal)
+            .with_albedo(h.albedo)
+            .with_footprint(h.footprint * scale)
+            .with_roughness(h.roughness)
+            .with_material(h.material)
+            .with_shape(h.shape)
+            .with_primitive(h.primitive)
+    };
     for scale in [1024.0, 0.125] {
-        let scaled: Vec<_> = (hits.iter())
-            .map(|hit| {
-                hit.map(|h| FirstHit {
-                    position: h.position.map(|x| x * scale),
-                    footprint: h.footprint * scale,
-                    depth: h.depth * scale,
-                    ..h
-                })
-            })
-            .collect();
+        let scaled: Vec<_> = hits.iter().map(|hit| hit.map(|h| scaled(h, scale))).collect();
         assert_eq!(cells(&hits), cells(&scaled), "by {scale}, exact in binary");
     }
     // A thousand rounds: next to no pixel changes its neighbours' cell.
-    let thousand: Vec<_> = (hits.iter())
-        .map(|hit| {
-            hit.map(|h| FirstHit { position: h.position.map(|x| x * 1000.0), footprint: h.footprint * 1000.0, ..h })
-        })
-        .collect();
+    let thousand: Vec<_> = hits.iter().map(|hit| hit.map(|h| scaled(h, 1000.0))).collect();
     let (a, b) = (cells(&hits), cells(&thousand));
     let border = |cells: &Cells, i: usize| cells.of_pixel(i) == cells.of_pixel(i + 1);
     let differ = (0..a.pixels() - 1).filter(|&i| border(&a, i) != border(&b, i)).count();
@@ -121,12 +105,12 @@ fn e_the_unit_of_length_changes_nothing() {
 }
 
 #[test]
-fn f_odd_hits_make_cells_all_the_same() {
+fn odd_hits_make_cells_too() {
     let edge_on = |x: f32, y: f32| {
         let odd = (x as u32) % 5;
         let normal = [[1.0, 0.0, 0.0], [0.0; 3], [f32::NAN; 3], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]][odd as usize];
         let footprint = [0.0, 1e-38, 1e38, f32::INFINITY, 1.0][(y as usize) % 5];
-        Some(FirstHit { footprint, ..hit([x, y, 1e30], normal, 0) })
+        Some(hit([x, y, 1e30], normal, 0).with_footprint(footprint))
     };
     let hits = image(2, edge_on);
     let cells = cells(&hits);
@@ -139,10 +123,10 @@ fn f_odd_hits_make_cells_all_the_same() {
 fn wrong_cells_are_refused() {
     let hits = image(1, ball);
     for options in [
-        CellOptions { edge: 0.0, ..CellOptions::default() },
-        CellOptions { edge: f32::NAN, ..CellOptions::default() },
-        CellOptions { normals: 0.0, ..CellOptions::default() },
-        CellOptions { normals: 91.0, ..CellOptions::default() },
+        CellOptions::default().edge(0.0),
+        CellOptions::default().edge(f32::NAN),
+        CellOptions::default().normals(0.0),
+        CellOptions::default().normals(91.0),
     ] {
         assert!(Cells::new(&hits, 1, [SIDE; 2], &options).is_err(), "{options:?}");
     }

@@ -1,5 +1,6 @@
 //! The samplers pass what every sampler must, with every policy.
 
+use crate::common::options;
 use dapple_adaptive::{
     Adaptive, AdaptiveOptions, Cycles, CyclesOptions, ErrorMap, PilotPolicy, PoolShape, Stopping, VarianceOptions,
 };
@@ -13,18 +14,18 @@ fn adaptive(options: AdaptiveOptions) -> Adaptive<Sobol> {
 
 #[test]
 fn adaptive_conforms() {
-    let default = AdaptiveOptions::default();
+    let default = options();
     for policy in [PilotPolicy::Keep, PilotPolicy::Discard, PilotPolicy::Cross] {
-        sampler(|| Box::new(adaptive(AdaptiveOptions { policy, ..default })));
+        sampler(|| Box::new(adaptive(default.policy(policy))));
     }
 }
 
 #[test]
 fn adaptive_conforms_in_rounds_with_cells_and_by_a_map() {
-    let default = AdaptiveOptions::default();
-    let cells = AdaptiveOptions { rounds: 3, pool: PoolShape::Inside, geometry: 2.0, gain: 1.0, ..default };
+    let default = options();
+    let cells = default.rounds(3).pool(PoolShape::Inside).geometry(2.0).gain(1.0);
     sampler(|| Box::new(adaptive(cells)));
-    sampler(|| Box::new(adaptive(AdaptiveOptions { pool: PoolShape::Cell, policy: PilotPolicy::Discard, ..default })));
+    sampler(|| Box::new(adaptive(default.pool(PoolShape::Cell).policy(PilotPolicy::Discard))));
     // Halves that differ: the error of what is shown, with all that can be wrong with it.
     let errors = |film: &Film| {
         Ok((0..film.frame().pixels()).map(|i| film.squared_error(i).map_or(f32::NAN, |e| e[0] as f32)).collect())
@@ -44,7 +45,7 @@ fn adaptive_conforms_in_rounds_with_cells_and_by_a_map() {
 fn variance_conforms_under_every_policy() {
     for policy in [PilotPolicy::Keep, PilotPolicy::Discard, PilotPolicy::Cross] {
         for (pilot, exponent) in [(0, 1.3), (5, 1.0)] {
-            let options = VarianceOptions { policy, pilot, exponent, ..VarianceOptions::default() };
+            let options = VarianceOptions::default().policy(policy).pilot(pilot).exponent(exponent);
             sampler(|| Box::new(Adaptive::variance_with_options(Random::new(1), options).unwrap()));
         }
     }
@@ -52,10 +53,9 @@ fn variance_conforms_under_every_policy() {
 
 #[test]
 fn cycles_conforms_with_a_budget_and_with_a_threshold() {
-    for options in [CyclesOptions::default(), CyclesOptions { threshold: 0.01, min: 3, step: 5, ..Default::default() }]
-    {
+    for options in [CyclesOptions::default(), CyclesOptions::default().threshold(0.01).min(3).step(5)] {
         sampler(|| Box::new(Cycles::with_options(Random::new(1), options).unwrap()));
-        let options = CyclesOptions { mode: Stopping::Threshold, ..options };
+        let options = options.mode(Stopping::Threshold);
         threshold_sampler(|| Box::new(Cycles::with_options(Random::new(1), options).unwrap()));
     }
 }

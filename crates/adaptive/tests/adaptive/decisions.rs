@@ -1,4 +1,4 @@
-//! What the sampler that follows the error decides, on made-up films.
+//! Decisions of the error-driven sampler on made-up films.
 
 use crate::common::*;
 use dapple_adaptive::{Adaptive, AdaptiveOptions, ErrorMap, PilotPolicy, PoolShape};
@@ -15,7 +15,7 @@ fn film(needs: Needs, value: impl Fn([usize; 2], [f32; 4]) -> f32) -> Film {
     let mut film = Film::new(frame(SIDE as u32, SIDE as u32), needs);
     for i in 0..SIDE * SIDE {
         for index in 0..PILOT {
-            let id = SampleId { pixel: [(i % SIDE) as u32, (i / SIDE) as u32], stream: 0, index: u64::from(index) };
+            let id = SampleId::new([(i % SIDE) as u32, (i / SIDE) as u32], 0, u64::from(index));
             film.push(i, index as usize, [value([i % SIDE, i / SIDE], points.block(id, 0)); 3]);
         }
     }
@@ -26,9 +26,9 @@ fn film(needs: Needs, value: impl Fn([usize; 2], [f32; 4]) -> f32) -> Film {
 fn planned(sampler: &mut dyn Sampler, film: &Film) -> Result<Vec<u32>, Error> {
     let pixels = (SIDE * SIDE) as u64;
     let spent = u64::from(PILOT) * pixels;
-    let budget = BudgetLeft { spent, total: 32 * pixels, min_spp: 1, max_spp: 100_000 };
+    let budget = BudgetLeft::new(32 * pixels).with_spent(spent).with_max_spp(100_000);
     let mut plan = Plan::empty(SIDE * SIDE);
-    let progress = sampler.next_round(&Feedback { round: 1, film, budget }, &mut plan)?;
+    let progress = sampler.next_round(&Feedback::new(1, film, budget), &mut plan)?;
     assert_eq!(progress, Progress::Trace);
     assert_eq!(plan.total(), budget.left());
     Ok(plan.counts.iter().map(|n| n + PILOT).collect())
@@ -40,7 +40,7 @@ fn with(options: AdaptiveOptions) -> Adaptive<Random> {
 
 /// All of the budget planned at once.
 fn one_round() -> Adaptive<Random> {
-    with(AdaptiveOptions { rounds: 1, ..AdaptiveOptions::default() })
+    with(options().rounds(1))
 }
 
 /// Share of light that a point of column `x` sees: none left, all right, a penumbra between.
@@ -56,12 +56,12 @@ fn column_mean(counts: &[u32], x: usize) -> f64 {
     (0..SIDE).map(|y| f64::from(counts[y * SIDE + x])).sum::<f64>() / SIDE as f64
 }
 
-/// THESIS 7, test a: one flat floor, and a penumbra on it. The thesis' map is constant there; counts must follow
-/// `sqrt(v (1 - v))`, here relative: the root of `v (1 - v) / (v^2 + eps)`.
+/// One flat floor with a penumbra on it. Geometry is constant there; counts must follow `sqrt(v (1 - v))`, here
+/// relative: the root of `v (1 - v) / (v^2 + eps)`.
 #[test]
-fn a_counts_follow_a_penumbra() {
+fn counts_follow_a_penumbra() {
     let seen = film(Needs::none().with_variance(), penumbra);
-    let exponent = AdaptiveOptions::default().exponent;
+    let exponent = options().exponent;
     let counts = planned(&mut one_round(), &seen).unwrap();
     let wanted = |x: usize| {
         let v = lit(x);
@@ -71,7 +71,7 @@ fn a_counts_follow_a_penumbra() {
     for x in [16, 20, 26, 32] {
         assert!(column_mean(&counts, x) > 1.5 * lit_side.max(dark_side), "column {x}");
     }
-    // Rank correlation over the penumbra; 18 columns that were unrelated would reach .8 with p < 1e-4.
+    // Rank correlation over the penumbra; 18 columns that were unrelated would reach 0.8 with p < 1e-4.
     let columns: Vec<usize> = (15..33).collect();
     let rank = |f: &dyn Fn(usize) -> f64| -> Vec<f64> {
         columns.iter().map(|&a| columns.iter().filter(|&&b| f(b) < f(a)).count() as f64).collect()
@@ -87,19 +87,19 @@ fn a_counts_follow_a_penumbra() {
 fn no_region_starves() {
     let seen = film(Needs::none().with_variance(), |[x, _], u| if x < 4 { u[0] * 100.0 } else { 1.0 });
     let counts = planned(&mut one_round(), &seen).unwrap();
-    assert!(counts.iter().all(|&n| n >= PILOT), "the pilot, a quarter of the mean, is everybody's");
+    assert!(counts.iter().all(|&n| n >= PILOT), "every pixel gets the pilot, a quarter of the mean");
     assert!(counts.iter().all(|&n| n <= 6 * 32 + 1), "and no pixel gets more than the cap");
     let beyond = (0..SIDE).map(|y| counts[y * SIDE + 40]).filter(|&n| n > PILOT).count();
-    assert!(beyond > 0, "where no variance was seen something is spent all the same");
+    assert!(beyond > 0, "some samples go where no variance was seen");
 }
 
 #[test]
-fn what_promises_nothing_is_uniform() {
+fn counts_without_a_gain_are_uniform() {
     let alike = film(Needs::none().with_variance(), |_, u| u[0]);
     let counts = planned(&mut one_round(), &alike).unwrap();
     assert!(counts.iter().all(|&n| n == 32), "{:?}", &counts[..50]);
     // Negative control: adapting always, it follows the pilot's noise.
-    let always = AdaptiveOptions { gain: 1.0, rounds: 1, ..AdaptiveOptions::default() };
+    let always = options().gain(1.0).rounds(1);
     assert!(planned(&mut with(always), &alike).unwrap().iter().any(|&n| n != 32));
 }
 
@@ -108,7 +108,7 @@ fn map(needs: Needs, of: impl Fn(&Film) -> Result<Vec<f32>, Error> + Send + 'sta
 }
 
 fn driven(mix: f64, of: impl Fn(&Film) -> Result<Vec<f32>, Error> + Send + 'static) -> Adaptive<Random> {
-    let options = AdaptiveOptions { mix, rounds: 1, ..AdaptiveOptions::default() };
+    let options = options().mix(mix).rounds(1);
     with(options).with_error_map(map(Needs::none(), of)).unwrap()
 }
 
@@ -138,7 +138,7 @@ fn bad_error_maps_do_no_harm() {
     let short = planned(&mut driven(0.5, |_| Ok(vec![1.0; 3])), &seen).unwrap_err().to_string();
     assert!(short.contains("made-up") && short.contains("3 values"), "{short}");
     let refused = |_: &Film| Err(Error::Mismatch { who: "filter".into(), what: "no".into() });
-    assert!(planned(&mut driven(0.5, refused), &seen).is_err(), "its errors are handed on");
+    assert!(planned(&mut driven(0.5, refused), &seen).is_err(), "its errors are returned");
 }
 
 #[test]
@@ -147,28 +147,22 @@ fn an_error_map_gets_what_it_needs() {
     let sampler = Adaptive::new(Random::new(1)).with_error_map(map(needs, |_| Ok(vec![]))).unwrap();
     assert_eq!(sampler.needs(), needs.with_variance());
     assert!(sampler.describe().starts_with("adaptive:by=made-up,"));
-    let discard = AdaptiveOptions { policy: PilotPolicy::Discard, ..AdaptiveOptions::default() };
+    let discard = options().policy(PilotPolicy::Discard);
     assert!(with(discard).with_error_map(map(needs, |_| Ok(vec![]))).is_err());
 }
 
-/// Cells part what a window mixes: two materials side by side, one of them noisy.
+/// Cells separate two materials that a window mixes, one of them noisy.
 #[test]
 fn variance_pooled_inside_cells_stays_inside() {
     use dapple_adaptive::{CellOptions, Cells, Pooling, relative_variance};
     use dapple_core::FirstHit;
     let seen = film(Needs::none().with_variance(), |[x, _], u| if x < 24 { 0.5 } else { u[0] });
     let moments: Vec<_> = (0..SIDE * SIDE).map(|i| seen.moments(i)).collect();
-    let hit = |i: usize| FirstHit {
-        position: [(i % SIDE) as f32, (i / SIDE) as f32, 0.0],
-        geometric_normal: [0.0, 0.0, 1.0],
-        shading_normal: [0.0, 0.0, 1.0],
-        albedo: [0.5; 3],
-        depth: 1.0,
-        footprint: 1.0,
-        roughness: 1.0,
-        material: (i % SIDE / 24) as u32,
-        shape: 0,
-        primitive: 0,
+    let hit = |i: usize| {
+        FirstHit::new([(i % SIDE) as f32, (i / SIDE) as f32, 0.0], [0.0, 0.0, 1.0], 1.0)
+            .with_albedo([0.5; 3])
+            .with_footprint(1.0)
+            .with_material((i % SIDE / 24) as u32)
     };
     let hits: Vec<_> = (0..SIDE * SIDE).map(|i| Some(hit(i))).collect();
     let cells = Cells::new(&hits, 1, [SIDE as u32; 2], &CellOptions::default()).unwrap();
@@ -187,7 +181,7 @@ fn variance_pooled_inside_cells_stays_inside() {
 
 #[test]
 fn rounds_spend_the_budget_in_equal_steps() {
-    let mut sampler = with(AdaptiveOptions { rounds: 3, ..AdaptiveOptions::default() });
+    let mut sampler = with(options().rounds(3));
     let mut field = Field(|[x, _]: [u32; 2], u: [f32; 4]| x as f32 * u[0]);
     let at = frame(24, 24);
     let film = run(&mut field, &mut sampler, at, &Limits::samples(32 * 576)).unwrap();
@@ -199,7 +193,7 @@ fn rounds_spend_the_budget_in_equal_steps() {
 fn tiny_budgets_and_frames_are_met() {
     for (w, h, total) in [(1, 1, 1), (1, 1, 5), (3, 1, 4), (7, 5, 35), (7, 5, 36), (8, 8, 64 * 3 + 1)] {
         for policy in [PilotPolicy::Keep, PilotPolicy::Discard, PilotPolicy::Cross] {
-            let mut sampler = with(AdaptiveOptions { policy, ..AdaptiveOptions::default() });
+            let mut sampler = with(options().policy(policy));
             let film =
                 run(&mut Field(|_, u: [f32; 4]| u[0]), &mut sampler, frame(w, h), &Limits::samples(total)).unwrap();
             assert_eq!(film.record().samples, total, "{w}x{h}, {total}, {policy:?}");
@@ -209,36 +203,36 @@ fn tiny_budgets_and_frames_are_met() {
 
 #[test]
 fn wrong_options_are_refused() {
-    let good = AdaptiveOptions::default();
+    let good = options();
     for bad in [
-        AdaptiveOptions { pilot: 1, ..good },
-        AdaptiveOptions { pilot: 2, policy: PilotPolicy::Cross, ..good },
-        AdaptiveOptions { rounds: 65, ..good },
-        AdaptiveOptions { rounds: 2, policy: PilotPolicy::Discard, ..good },
-        AdaptiveOptions { radius: 65, ..good },
-        AdaptiveOptions { prior: f64::NAN, ..good },
-        AdaptiveOptions { power: 0.0, ..good },
-        AdaptiveOptions { geometry: f64::INFINITY, ..good },
-        AdaptiveOptions { exponent: 0.0, ..good },
-        AdaptiveOptions { epsilon: 0.0, ..good },
-        AdaptiveOptions { cap: 0.5, ..good },
-        AdaptiveOptions { mix: 1.5, ..good },
-        AdaptiveOptions { gain: -0.1, ..good },
-        AdaptiveOptions { pool: PoolShape::Cell, policy: PilotPolicy::Cross, ..good },
+        good.pilot(1),
+        good.pilot(2).policy(PilotPolicy::Cross),
+        good.rounds(65),
+        good.rounds(2).policy(PilotPolicy::Discard),
+        good.radius(65),
+        good.prior(f64::NAN),
+        good.power(0.0),
+        good.geometry(f64::INFINITY),
+        good.exponent(0.0),
+        good.epsilon(0.0),
+        good.cap(0.5),
+        good.mix(1.5),
+        good.gain(-0.1),
+        good.pool(PoolShape::Cell).policy(PilotPolicy::Cross),
     ] {
         assert!(Adaptive::with_options(Random::new(1), bad).is_err(), "{bad:?}");
     }
-    assert!(Adaptive::with_options(Random::new(1), AdaptiveOptions { prior: f64::INFINITY, ..good }).is_ok());
+    assert!(Adaptive::with_options(Random::new(1), good.prior(f64::INFINITY)).is_ok());
 }
 
-/// A task of a wide window has the terms of its own rows, 128 or 4 of them, and of those around, and a row of sums, 64 bytes each;
-/// there are no more tasks than the image's 1024 rows ask for.
+/// A task of a window has the terms of its own rows (128 or 4 of them) and of those around, and a row of sums, 64
+/// bytes each. There are no more tasks than the image's 1024 rows need.
 #[test]
-fn z03_what_threads_work_with_is_counted() {
+fn working_memory_of_threads_is_counted_z03() {
     let frame = Frame::new(4096, 1024).unwrap();
     let planning = |radius, threads| {
         let memory = || {
-            let options = AdaptiveOptions { radius, ..AdaptiveOptions::default() };
+            let options = options().radius(radius);
             let sampler = Adaptive::with_options(Sobol::new(1), options).unwrap();
             sampler.memory(&frame, &sampler.needs(), &Limits::samples(8 * frame.pixels() as u64))
         };

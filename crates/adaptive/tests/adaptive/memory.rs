@@ -13,9 +13,9 @@ fn of(sampler: &dyn Sampler, frame: &Frame, budget: Budget) -> Memory {
 fn a_pilot_that_is_all_plans_nothing_and_a_discarded_one_has_a_bank() {
     let frame = frame(100, 50);
     let points = || Random::new(1);
-    let options = VarianceOptions { policy: PilotPolicy::Discard, ..VarianceOptions::default() };
+    let options = VarianceOptions::default().policy(PilotPolicy::Discard);
     let discards = of(&Adaptive::variance_with_options(points(), options).unwrap(), &frame, Budget::Samples(20_000));
-    assert_eq!(discards.film, 5000 * 112, "a bank of its own for what is discarded");
+    assert_eq!(discards.film, 5000 * 112, "discarded samples have statistics of their own");
     let variance = |budget| of(&Adaptive::variance(points()), &frame, Budget::Samples(budget));
     assert_eq!(variance(20_000).planning, 5000 * 4, "the pilot is all");
     assert!(variance(20_001).planning > 5000 * 100 && variance(40_000) == variance(20_001));

@@ -1,13 +1,12 @@
-//! What each effect costs, and what it is worth: rendered with it and without it.
+//! The cost of each effect and its share of the image, by renders with and without it.
 
 use crate::machine::cpu_seconds;
 use crate::stop::Stop;
-use crate::{Failure, Result, scene};
-use dapple_core::samplers::Uniform;
-use dapple_core::{Control, Film, Frame, Limits, Monitor, Status};
-use dapple_job::registry::{self, Setting};
+use crate::{Failure, Result, failure};
+use dapple_core::{Control, Frame, Status};
+use dapple_job::{BudgetSpec, CropSpec, JobError, JobMonitor, LoadedScene, PreparedScene, RenderSpec};
 use dapple_metrics::{Difference, Measured, Pixels, difference};
-use dapple_renderer::{World, integrator};
+use dapple_renderer::light::LightSelection;
 use dapple_scene::Scene;
 use dapple_scene::{Effect, Effects};
 use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressStyle};
@@ -18,18 +17,18 @@ pub(super) struct Settings {
     pub(super) frame: Frame,
     pub(super) spp: u32,
     pub(super) seeds: u32,
-    /// Whether progress is not shown.
+    /// Hides the progress.
     pub(super) silent: bool,
 }
 
-/// What was found out about every effect that is called for.
+/// The measurements of all effects that the scene calls for.
 pub(super) struct Ledger {
     pub(super) resolution: [u32; 2],
     pub(super) spp: u32,
     pub(super) seeds: u32,
     /// In the order of [`Effects::called`]; fewer where it was interrupted.
     pub(super) rows: Vec<Row>,
-    /// What the scene's depth costs and cuts off: the image of unlimited depth beside the scene's. `None` where no
+    /// The cost and the light of depths beyond the scene's limit: the image of unlimited depth beside the scene's. `None` where no
     /// depth is set, or no path is long enough to be cut.
     pub(super) beyond_depth: Option<Shares>,
     /// Seconds of tracing for an image with every effect: of all threads together where the system tells, else
@@ -38,13 +37,13 @@ pub(super) struct Ledger {
     pub(super) interrupted: bool,
 }
 
-/// What was found out about an effect, or why it cannot be left out.
+/// The measurement of an effect, or the reason why it cannot be left out.
 pub(super) struct Row {
     pub(super) effect: Effect,
     pub(super) measured: std::result::Result<Shares, String>,
 }
 
-/// What an effect costs, and what it is worth.
+/// The cost of an effect, and its share of the image.
 pub(super) struct Shares {
     /// Logarithm of the time with it over the time without it.
     pub(super) log_time: Measured,
@@ -74,7 +73,7 @@ impl Ledger {
             seconds: None,
             interrupted: false,
         };
-        let with = scene::build(whole, settings.frame.resolution())?;
+        let with = prepare(whole, settings).map_err(|e| failure::of_job(&e))?;
         let mut seconds = Vec::new();
         if cut || !effects.called().is_empty() {
             // The first image finds caches and clocks cold: it is not timed.
@@ -86,7 +85,7 @@ impl Ledger {
             }
             studio.about(called.effect);
             let less = dapple_renderer::without(whole, called.effect).map_err(|e| e.to_string());
-            let world = less.and_then(|s| World::with_resolution(&s, settings.frame.resolution()).map_err(first_line));
+            let world = less.and_then(|s| prepare(&s, settings).map_err(first_line));
             let without = match world {
                 Ok(world) => world,
                 Err(why) => {
@@ -104,7 +103,7 @@ impl Ledger {
         }
         if cut && !ledger.interrupted {
             studio.bar.set_prefix("beyond the depth");
-            let endless = scene::build(&endless, settings.frame.resolution())?;
+            let endless = prepare(&endless, settings).map_err(|e| failure::of_job(&e))?;
             match studio.pairs(&endless, &with)? {
                 Some(pairs) => ledger.beyond_depth = Some(Shares::of(settings, pairs)?),
                 None => ledger.interrupted = true,
@@ -147,7 +146,7 @@ fn mean(values: &[f64]) -> Measured {
     Measured { value: mean, standard_error: (squares / (n - 1.0) / n).sqrt() }
 }
 
-/// Where images are rendered, with progress.
+/// Renders images, with progress.
 struct Studio<'s> {
     settings: &'s Settings,
     stop: Stop,
@@ -179,8 +178,8 @@ impl<'s> Studio<'s> {
         self.bar.inc(STEPS * 2 * u64::from(self.settings.seeds));
     }
 
-    /// Images of two worlds with each seed; `None` if somebody wants to stop.
-    fn pairs(&mut self, with: &World, without: &World) -> Result<Option<Vec<[Render; 2]>>> {
+    /// Images of two worlds with each seed; `None` if stopped.
+    fn pairs(&mut self, with: &PreparedScene, without: &PreparedScene) -> Result<Option<Vec<[Render; 2]>>> {
         let mut pairs = Vec::new();
         for seed in 1..=u64::from(self.settings.seeds) {
             let turned = seed % 2 == 0;
@@ -192,18 +191,11 @@ impl<'s> Studio<'s> {
         Ok(Some(pairs))
     }
 
-    fn render(&mut self, world: &World, seed: u64) -> Result<Option<Render>> {
-        let setting = Setting { seed, spp: Some(u64::from(self.settings.spp)) };
-        let points = registry::points("sobol", setting).map_err(Failure::new)?;
-        let limits = Limits::samples(u64::from(self.settings.spp) * self.settings.frame.pixels() as u64);
-        let (mut integrator, mut sampler) = (integrator(world), Uniform::new(points));
+    fn render(&mut self, prepared: &PreparedScene, seed: u64) -> Result<Option<Render>> {
+        let mut job = prepared.job(&spec(self.settings).seed(seed)).map_err(|e| failure::of_job(&e))?;
         let start = self.bar.position();
         let before = cpu_seconds();
-        let frame = self.settings.frame;
-        let film: Film = dapple_core::Render::new(frame, &limits)
-            .monitor(self)
-            .run(&mut *integrator, &mut sampler)
-            .map_err(|e| Failure::new(e.to_string()))?;
+        let film = job.run(None, self).map_err(|e| failure::of_job(&e))?.film;
         let cpu = cpu_seconds().zip(before).map(|(after, before)| after - before);
         self.bar.set_position(start + STEPS);
         if film.record().interrupted {
@@ -214,7 +206,24 @@ impl<'s> Studio<'s> {
     }
 }
 
-impl Monitor for Studio<'_> {
+/// The render of an image with or without an effect: uniform sampling, unfiltered.
+fn spec(settings: &Settings) -> RenderSpec {
+    let [w, h] = settings.frame.resolution();
+    RenderSpec::new("effects")
+        .sampler("uniform")
+        .points("sobol")
+        .filter("none")
+        .light_selection(LightSelection::Power)
+        .budget(BudgetSpec::Spp(f64::from(settings.spp)))
+        .resolution(w, h)
+        .crop(CropSpec::Whole)
+}
+
+fn prepare(scene: &Scene, settings: &Settings) -> std::result::Result<PreparedScene, JobError> {
+    LoadedScene::from_scene(&spec(settings), scene.clone())?.build()
+}
+
+impl JobMonitor for Studio<'_> {
     fn slice(&mut self, status: &Status<'_>) -> Control {
         if self.stop.asked() {
             return Control::Stop;

@@ -1,7 +1,7 @@
 //! The ledger for people and for programs.
 
 use super::ledger::{Ledger, Row, Shares};
-use crate::scene::chance;
+use dapple_job::found_by_chance;
 use dapple_metrics::Measured;
 use dapple_scene::{Called, Effect, Effects};
 use dapple_scene::{Scene, Source};
@@ -16,7 +16,7 @@ pub(super) struct Told<'a> {
     pub(super) ledger: Option<&'a Ledger>,
 }
 
-/// The keys of the JSON line, in their order. What was not measured is null.
+/// The keys of the JSON line, in their order. A missing measurement is null.
 #[derive(Serialize)]
 struct Line<'a> {
     scene: &'a str,
@@ -197,7 +197,7 @@ impl<'a> Told<'a> {
         }
         if let Some(called) = self.by_chance {
             lines.push(String::new());
-            lines.push(format!("{}: {}", called.source, chance(called)));
+            lines.push(format!("{}: {}", called.source, found_by_chance(called)));
         }
         lines.join("\n")
     }

@@ -1,10 +1,10 @@
-//! Progress with time left, the ear for Ctrl-C, and the hand that gives checkpoints away.
+//! Progress bar and Ctrl-C handling.
 
-use super::Options;
-use super::checkpoints::Checkpoints;
-use super::settings::Settings;
+use super::Show;
+use crate::output;
 use crate::stop::Stop;
-use dapple_core::{Budget, Control, Monitor, Status};
+use dapple_core::{Budget, Control, Status};
+use dapple_job::{Job, JobMonitor, Warning};
 use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::time::Duration;
 
@@ -14,32 +14,36 @@ const STEPS: u64 = 1000;
 pub(super) struct Progress {
     bar: ProgressBar,
     stop: Stop,
-    /// Where checkpoints go, if they do.
-    pub(super) checkpoints: Option<Checkpoints>,
+    /// Hides progress and notes.
+    silent: bool,
     pixels: f64,
-    /// The machines that share the image.
+    /// The number of machines that share the image.
     shards: f64,
     error: Option<f64>,
-    /// The predicted error at the last barrier, and the round it was asked in.
+    /// The predicted error at the last barrier, and its round.
     predicted: (u32, Option<f64>),
 }
 
 impl Progress {
-    pub(super) fn new(options: &Options, settings: &Settings, stop: Stop, checkpoints: Option<Checkpoints>) -> Self {
+    pub(super) fn new(show: &Show<'_>, stop: Stop) -> Self {
+        let silent = show.json || show.quiet;
         // Hidden by itself where stderr is no terminal.
-        let target =
-            if options.json || options.quiet { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr() };
+        let target = if silent { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr() };
         let bar = ProgressBar::with_draw_target(Some(STEPS), target);
         if let Ok(style) = ProgressStyle::with_template("{bar:30} {percent:>3} %  {msg}") {
             bar.set_style(style);
         }
-        let error = match settings.limits.budget {
+        Self { bar, stop, silent, pixels: 1.0, shards: 1.0, error: None, predicted: (u32::MAX, None) }
+    }
+
+    /// Takes the size and the goal of a job.
+    pub(super) fn begin(&mut self, job: &Job) {
+        self.pixels = job.frame().pixels() as f64;
+        self.shards = f64::from(job.spec().shard.map_or(1, |shard| shard.of()));
+        self.error = match job.limits().budget {
             Budget::Error { relmse, .. } => Some(relmse),
             _ => None,
         };
-        let (pixels, predicted) = (settings.frame.pixels() as f64, (u32::MAX, None));
-        let shards = f64::from(options.shard.map_or(1, |shard| shard.of()));
-        Self { bar, stop, checkpoints, pixels, shards, error, predicted }
     }
 
     pub(super) fn finish(&self) {
@@ -53,14 +57,14 @@ impl Progress {
         };
         let share = share.clamp(0.0, 1.0);
         let mut message = format!("{:.1} spp, round {}", status.samples as f64 / self.pixels, status.round + 1);
-        if let Some(wanted) = self.error {
-            // A walk over the whole film: once a round is enough.
+        if let Some(goal) = self.error {
+            // It reads the whole film: once per round is enough.
             if self.predicted.0 != status.round {
                 self.predicted = (status.round, status.film.predicted_relmse());
             }
             match self.predicted.1 {
-                Some(now) => message += &format!(", relMSE {now:.2e} of {wanted:.2e}"),
-                None => message += &format!(", relMSE {wanted:.2e} wanted"),
+                Some(now) => message += &format!(", relMSE {now:.2e} of {goal:.2e}"),
+                None => message += &format!(", the goal is relMSE {goal:.2e}"),
             }
         } else if share > 0.0 {
             let left = status.seconds * (1.0 - share) / share;
@@ -72,14 +76,10 @@ impl Progress {
     }
 }
 
-impl Monitor for Progress {
+impl JobMonitor for Progress {
     fn slice(&mut self, status: &Status<'_>) -> Control {
         if self.stop.asked() {
-            self.end(status);
             return Control::Stop;
-        }
-        if let Some(checkpoints) = &mut self.checkpoints {
-            checkpoints.slice(status);
         }
         if !self.bar.is_hidden() {
             self.show(status);
@@ -87,9 +87,13 @@ impl Monitor for Progress {
         Control::Continue
     }
 
-    fn end(&mut self, status: &Status<'_>) {
-        if let Some(checkpoints) = &mut self.checkpoints {
-            checkpoints.finish(status);
+    fn warn(&mut self, warning: Warning) {
+        self.bar.suspend(|| output::warn(warning.to_string()));
+    }
+
+    fn resumed(&mut self, spp: f64) {
+        if !self.silent {
+            self.bar.suspend(|| output::say("resume", &format!("resuming after {spp:.2} spp")));
         }
     }
 }

@@ -1,9 +1,9 @@
-//! Progress with time left, and the ear for Ctrl-C.
+//! Progress bar and Ctrl-C handling.
 
 use crate::output;
 use crate::stop::Stop;
 use dapple_core::Control;
-use dapple_study::{Onlooker, Progress};
+use dapple_study::{StudyMonitor, StudyProgress};
 use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::time::Duration;
 
@@ -36,8 +36,8 @@ impl Bar {
     }
 }
 
-impl Onlooker for Bar {
-    fn look(&mut self, progress: &Progress<'_>) -> Control {
+impl StudyMonitor for Bar {
+    fn progress(&mut self, progress: &StudyProgress<'_>) -> Control {
         if self.stop.asked() {
             return Control::Stop;
         }
@@ -51,7 +51,7 @@ impl Onlooker for Bar {
         Control::Continue
     }
 
-    fn hear(&mut self, notice: &str) {
-        self.bar.suspend(|| output::warn(notice));
+    fn warning(&mut self, warning: &str) {
+        self.bar.suspend(|| output::warn(warning));
     }
 }

@@ -1,4 +1,4 @@
-//! Counts from geometry make no bias: against the closed form, with the naive rule as the control that
+//! Counts from geometry are unbiased: against the closed form, with the naive rule as the control that
 //! must be caught [Kirk and Arvo 1991].
 
 use crate::common::*;
@@ -19,7 +19,7 @@ fn truth() -> f64 {
     pixels.sum::<f64>() / f64::from(SIDE * SIDE)
 }
 
-/// Deviation of the image's mean from the truth in standard errors, over 64 images: 63 degrees of
+/// The deviation of the image's mean from the expected value in standard errors, over 64 images: 63 degrees of
 /// freedom, so 5 is exceeded with p = 5e-6 and 10 with p < 1e-13.
 fn deviation<S: Sampler>(make: impl Fn(u64) -> S, limits: &Limits) -> f64 {
     let at = frame(SIDE, SIDE);
@@ -35,7 +35,7 @@ fn ours(seed: u64) -> impl Sampler {
 }
 
 #[test]
-fn a01_counts_from_geometry_are_unbiased() {
+fn counts_from_geometry_are_unbiased_a01() {
     let pixels = u64::from(SIDE * SIDE);
     for limits in [
         Limits::samples(8 * pixels),
@@ -49,7 +49,7 @@ fn a01_counts_from_geometry_are_unbiased() {
 }
 
 #[test]
-fn a01_the_naive_rule_is_caught() {
+fn the_naive_rule_is_caught_a01() {
     let z = deviation(
         |seed| Naive { points: Random::new(seed), pilot: 4, total: 64 },
         &Limits::samples(64 * u64::from(SIDE * SIDE)),
@@ -57,7 +57,7 @@ fn a01_the_naive_rule_is_caught() {
     assert!(z < -10.0, "{z} standard errors");
 }
 
-/// What is seen decides nothing: two images without anything in common, the same counts.
+/// Radiance decides nothing: two images with nothing in common have the same counts.
 #[test]
 fn counts_do_not_read_radiance() {
     let at = frame(SIDE, SIDE);

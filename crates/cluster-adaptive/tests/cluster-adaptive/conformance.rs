@@ -26,30 +26,25 @@ fn it_conforms_with_probes_made_beforehand() {
 fn area_vectors() -> ClusterSize {
     let positions = [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
     let indices = [[0, 1, 2], [0, 1, 3], [0, 2, 3], [1, 2, 3]];
-    let triangles = Triangles { positions: &positions, indices: &indices, materials: &[] };
+    let triangles = Triangles::new(&positions, &indices);
     ClusterSize::ProjectedTriangles(AreaVectors::new(&triangles, &LABELS, 4).unwrap())
 }
 
 #[test]
 fn other_combinations_conform() {
-    let corrected = ClusterThesisOptions {
-        pixel_area: PixelArea::Footprint,
-        angle: 0.0,
-        distance: 0.0,
-        ..ClusterThesisOptions::default()
-    };
+    let corrected = ClusterThesisOptions::default().pixel(PixelArea::Footprint).angle(0.0).distance(0.0);
     for (placement, size, options) in [
-        (Placement::Jittered(4), ClusterSize::Hits, ClusterThesisOptions { map: RateMap::Identity, ..corrected }),
-        (Placement::Jittered(3), area_vectors(), ClusterThesisOptions { map: RateMap::Log, ..corrected }),
-        (Placement::Centre, ClusterSize::ScreenBox(LOOK), ClusterThesisOptions { min: 1, max: 0, ..corrected }),
-        (Placement::Centre, ClusterSize::ProjectedBox, ClusterThesisOptions { angle: 3.0, max: 64, ..corrected }),
+        (Placement::Jittered(4), ClusterSize::Hits, corrected.map(RateMap::Identity)),
+        (Placement::Jittered(3), area_vectors(), corrected.map(RateMap::Log)),
+        (Placement::Centre, ClusterSize::ScreenBox(LOOK), corrected.min(1).max(0)),
+        (Placement::Centre, ClusterSize::ProjectedBox, corrected.angle(3.0).max(64)),
     ] {
         sampler(|| Box::new(probing(2, placement, size.clone(), options)));
     }
 }
 
 #[test]
-fn it_says_what_it_is() {
+fn the_description_has_all_parameters() {
     let sampler = probing(1, Placement::Jittered(4), ClusterSize::Hits, ClusterThesisOptions::default());
     let said = dapple_core::Sampler::describe(&sampler);
     let wanted =

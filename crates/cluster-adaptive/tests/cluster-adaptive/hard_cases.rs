@@ -1,12 +1,11 @@
-//! Hard cases K01, K08, K09, K10, A04, A06, A07 and the thesis' own tests e, f, g: names begin with the
-//! row.
+//! Hard cases of clusters, probes and budgets.
 
 use crate::common::*;
 use dapple_cluster_adaptive::{
     AreaVectors, BACKGROUND, ClusterSize, ClusterThesis, ClusterThesisOptions, Error, PixelArea, Placement, ProbeHit,
     ProbeRay, ProbeSource, Probes, RateMap, importance, probe, projected_box_area, rates,
 };
-use dapple_clustering::{Cluster, Params, Triangles, cluster as cluster_triangles};
+use dapple_clustering::{Cluster, ClusterParams, Triangles, cluster as cluster_triangles};
 use dapple_core::Frame;
 use dapple_low_discrepancy::Random;
 
@@ -24,15 +23,15 @@ fn edge_on(degrees: f64) -> (Probes, Vec<Cluster>, ClusterSize) {
     let probes = probe(&frame(8, 8), Placement::Centre, &Random::new(1), &[0, 1], shoot).unwrap();
     let positions = [[0.0; 3], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]];
     let indices = [[0, 1, 2], [0, 2, 3], [0, 1, 2], [0, 2, 3]];
-    let triangles = Triangles { positions: &positions, indices: &indices, materials: &[] };
+    let triangles = Triangles::new(&positions, &indices);
     (probes, clusters, ClusterSize::ProjectedTriangles(AreaVectors::new(&triangles, &[0, 0, 1, 1], 2).unwrap()))
 }
 
 #[test]
-fn k01_edge_on_quads_have_finite_weights() {
+fn edge_on_quads_have_finite_weights_k01() {
     for map in MAPS {
         for boxes in [true, false] {
-            let options = ClusterThesisOptions { map, angle: 0.0, distance: 0.0, ..ClusterThesisOptions::default() };
+            let options = ClusterThesisOptions::default().map(map).angle(0.0).distance(0.0);
             let at = |degrees: f64| {
                 let (probes, clusters, triangles) = edge_on(degrees);
                 let size = if boxes { ClusterSize::ProjectedBox } else { triangles };
@@ -57,7 +56,7 @@ fn k01_edge_on_quads_have_finite_weights() {
 }
 
 #[test]
-fn k01_clusters_without_any_size_are_replaced_and_counted() {
+fn clusters_without_any_size_are_replaced_and_counted_k01() {
     let clusters = [square(4.0), cluster([1.0; 3], [1.0; 3]), cluster([f32::NAN; 3], [1.0; 3])];
     let shoot = |ray: ProbeRay| Some(hit(ray.pixel[0] % 3));
     let probes = probe(&frame(9, 2), Placement::Centre, &Random::new(1), &[0, 1, 2], shoot).unwrap();
@@ -67,7 +66,7 @@ fn k01_clusters_without_any_size_are_replaced_and_counted() {
 }
 
 #[test]
-fn k08_boxes_behind_and_around_the_camera() {
+fn boxes_behind_and_around_the_camera_have_an_area_k08() {
     let film = [200, 100];
     let area = |low: [f32; 3], high: [f32; 3]| projected_box_area(&[low, high], &LOOK, film);
     // Behind, beside, above; touching the eye's plane from behind.
@@ -90,9 +89,9 @@ fn k08_boxes_behind_and_around_the_camera() {
     assert_eq!(area([1.0; 3], [-1.0; 3]), 0.0);
 }
 
-/// Against counting: how many points of the film does the ray from the eye through them meet the box.
+/// Compared with counting the points of the film through which the ray from the eye meets the box.
 #[test]
-fn k08_areas_of_random_boxes_are_those_that_rays_see() {
+fn areas_of_random_boxes_are_those_that_rays_see_k08() {
     let mut number = 1u64;
     let mut next = || {
         number = number.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
@@ -123,7 +122,7 @@ fn k08_areas_of_random_boxes_are_those_that_rays_see() {
 }
 
 #[test]
-fn k09_clusters_nobody_sees_take_nothing() {
+fn unseen_clusters_take_no_samples_k09() {
     let counts = |clusters: &[Cluster], size: ClusterSize| {
         let probes = probes(&frame(19, 18), Placement::Jittered(2));
         let mut sampler =
@@ -142,7 +141,7 @@ fn k09_clusters_nobody_sees_take_nothing() {
 }
 
 #[test]
-fn k10_each_probe_belongs_to_one_class() {
+fn each_probe_belongs_to_one_class_k10() {
     let nothing = |_: ProbeRay| None;
     let none = probe(&frame(7, 5), Placement::Centre, &Random::new(1), &[], nothing).unwrap();
     assert_eq!(none.class_counts(0).unwrap(), [35]);
@@ -221,24 +220,21 @@ fn lists_of_the_wrong_length_are_refused_by_name() {
     for k in [0, 257] {
         assert!(probe(&at, Placement::Jittered(k), &Random::new(1), &[0; 16], shoot).is_err());
     }
-    for bad in [
-        ClusterThesisOptions { angle: -1.0, ..ClusterThesisOptions::default() },
-        ClusterThesisOptions { min: 5, max: 4, ..ClusterThesisOptions::default() },
-    ] {
+    for bad in [ClusterThesisOptions::default().angle(-1.0), ClusterThesisOptions::default().min(5).max(4)] {
         let size = ClusterSize::ProjectedBox;
         assert!(ClusterThesis::with_options(Random::new(1), &probes, &[square(1.0); 8], size, bad).is_err());
     }
 }
 
 #[test]
-fn a04_equal_importance_gives_counts_that_differ_by_one() {
+fn equal_importance_gives_counts_that_differ_by_one_a04() {
     let shoot = |_: ProbeRay| Some(hit(0));
     let at = frame(31, 17);
     let probes = probe(&at, Placement::Centre, &Random::new(1), &[0], shoot).unwrap();
     for map in MAPS {
         for total in [527, 528, 8 * 527 + 100, 100 * 527 - 1] {
             let size = ClusterSize::ProjectedBox;
-            let options = ClusterThesisOptions { map, ..ClusterThesisOptions::default() };
+            let options = ClusterThesisOptions::default().map(map);
             let mut sampler =
                 ClusterThesis::with_options(Random::new(1), &probes, &[square(1.0)], size, options).unwrap();
             let counts = first_counts(&mut sampler, at, total, [1, 1000]).unwrap();
@@ -254,7 +250,7 @@ fn published(frame: &Frame) -> ClusterThesis<Random> {
 }
 
 #[test]
-fn a06_tiny_budgets() {
+fn tiny_budgets_are_met_or_refused_a06() {
     let at = frame(9, 16);
     let pixels = 144;
     // Nothing to spend: nothing asked for.
@@ -271,7 +267,7 @@ fn a06_tiny_budgets() {
     }
     // Bounds of its own.
     let with = |min, max, total| {
-        let options = ClusterThesisOptions { min, max, ..ClusterThesisOptions::default() };
+        let options = ClusterThesisOptions::default().min(min).max(max);
         let mut sampler = probing(1, Placement::Centre, ClusterSize::ProjectedBox, options);
         first_counts(&mut sampler, at, total, [1, 100])
     };
@@ -281,9 +277,9 @@ fn a06_tiny_budgets() {
     assert_eq!(with(0, 8, 8 * pixels).unwrap(), [8; 144]);
 }
 
-/// THESIS 7 g: budgets from 1 to 100 samples per pixel, within table 4-3's bounds.
+/// Budgets from 1 to 100 samples per pixel, within table 4-3's bounds.
 #[test]
-fn a07_sums_are_exact_within_the_published_bounds() {
+fn sums_are_exact_within_the_published_bounds_a07() {
     let at = frame(19, 18);
     let mut sampler = published(&at);
     for total in (342..342 * 100).step_by(1017) {
@@ -294,7 +290,7 @@ fn a07_sums_are_exact_within_the_published_bounds() {
     }
 }
 
-/// A raised budget keeps what was spent and ends where a single round would, but for rounding.
+/// A raised budget keeps the samples spent and ends where a single round would, except for rounding.
 #[test]
 fn raised_budgets_keep_the_proportions() {
     let at = frame(19, 18);
@@ -310,18 +306,18 @@ fn raised_budgets_keep_the_proportions() {
     assert!(off <= 1, "{off} samples apart");
 }
 
-/// A maximum of one's own holds in later rounds too: what goes beyond is not asked for.
+/// A maximum that the user gives holds in later rounds too.
 #[test]
 fn raised_budgets_stop_at_the_maximum() {
     let at = frame(19, 18);
-    let options = ClusterThesisOptions { max: 8, ..ClusterThesisOptions::default() };
+    let options = ClusterThesisOptions::default().max(8);
     let mut sampler = probing(1, Placement::Centre, ClusterSize::ProjectedBox, options);
     let limits = dapple_core::Limits::new(dapple_core::Budget::Recorded(vec![4 * 342, 7 * 342, 20 * 342]));
     let film = run(&mut Field(|_, u: [f32; 4]| u[0]), &mut sampler, at, &limits).unwrap();
     assert_eq!(film.counts(), vec![8; 342]);
 }
 
-/// THESIS 7 e: units do not matter.
+/// Units do not matter.
 #[test]
 fn scaled_scenes_have_the_same_plan() {
     let at = frame(19, 18);
@@ -332,7 +328,7 @@ fn scaled_scenes_have_the_same_plan() {
         let scaled = |c: Cluster| Cluster { bounds: c.bounds.map(|p| p.map(|x| scale * x)), ..c };
         let clusters: Vec<Cluster> = clusters().into_iter().map(scaled).collect();
         let probes = probe(&at, Placement::Jittered(2), &Random::new(1), &LABELS, shoot).unwrap();
-        let options = ClusterThesisOptions { map, pixel_area, ..ClusterThesisOptions::default() };
+        let options = ClusterThesisOptions::default().map(map).pixel(pixel_area);
         let mut sampler =
             ClusterThesis::with_options(Random::new(1), &probes, &clusters, size.clone(), options).unwrap();
         first_counts(&mut sampler, at, 17 * 342, [1, 1000]).unwrap()
@@ -398,10 +394,10 @@ fn planned(mut sampler: ClusterThesis<Random>, frame: Frame) -> Vec<u32> {
 /// The grid has one voxel left for all that is seen. That is reported, and costs at most 5 % of equal-spp error.
 /// Control: sizes that differ by chance cost more, so the bound can be missed.
 #[test]
-fn k04_a_teapot_in_a_stadium_is_reported_and_costs_little() {
+fn a_teapot_in_a_stadium_is_reported_and_costs_little_k04() {
     let (positions, indices) = stadium();
-    let triangles = Triangles { positions: &positions, indices: &indices, materials: &[] };
-    for params in [Params::published(), Params::default()] {
+    let triangles = Triangles::new(&positions, &indices);
+    for params in [ClusterParams::published(), ClusterParams::default()] {
         let found = cluster_triangles(&triangles, &params).unwrap();
         let report = found.report();
         assert!(report.is_degenerate(), "{report:?}");
@@ -425,7 +421,7 @@ fn k04_a_teapot_in_a_stadium_is_reported_and_costs_little() {
     let frame = frame(32, 32);
     let shoot = |ray: ProbeRay| Some(hit(ray.pixel[1] * 32 + ray.pixel[0]));
     let probes = probe(&frame, Placement::Centre, &Random::new(1), &labels, shoot).unwrap();
-    let with = ClusterThesisOptions { angle: 0.0, distance: 0.0, ..ClusterThesisOptions::default() };
+    let with = ClusterThesisOptions::default().angle(0.0).distance(0.0);
     let sampler =
         ClusterThesis::with_options(Random::new(2), &probes, &sizes, ClusterSize::ProjectedBox, with).unwrap();
     let counts = planned(sampler, frame);

@@ -1,4 +1,4 @@
-//! What the thesis says of its own method, and what is true of it (THESIS 4, 5.1 and 7).
+//! The claims of [Lan 2016] about its own method, checked.
 
 use crate::common::*;
 use dapple_cluster_adaptive::{
@@ -108,7 +108,7 @@ fn case_d_clusters_that_tile_the_pixel() {
     unequal.check_jittered();
 }
 
-/// (e): where nearly all pixels lie within one cluster, a ray each will do.
+/// Where nearly all pixels lie within one cluster, one ray per pixel is enough.
 #[test]
 fn case_e_mostly_covered_pixels() {
     // A border through one pixel column of 100, between clusters of 50 and 200 pixels.
@@ -125,7 +125,7 @@ fn case_e_mostly_covered_pixels() {
     assert_eq!(wrong, 1);
 }
 
-/// 3.2.2 (i): boxes are larger than what is in them, and not all alike.
+/// Boxes are larger than their contents, by factors that differ [Lan 2016, 3.2.2 i].
 #[test]
 fn boxes_overrate_slanted_clusters() {
     // Unit squares: one facing z, one at 45 degrees whose box is a cuboid, both seen along z.
@@ -141,7 +141,7 @@ fn boxes_overrate_slanted_clusters() {
         [0.0, 1.0, 0.0],
     ];
     let indices = [[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]];
-    let triangles = Triangles { positions: &positions, indices: &indices, materials: &[] };
+    let triangles = Triangles::new(&positions, &indices);
     let vectors = AreaVectors::new(&triangles, &[0, 0, 1, 1], 2).unwrap();
     let along = |degrees: f32| [degrees.to_radians().sin(), 0.0, -degrees.to_radians().cos()];
     let clusters = [cluster([0.0; 3], [1.0, 1.0, 0.0]), cluster([0.0; 3], [r, 1.0, r])];
@@ -182,7 +182,7 @@ fn projected_triangles_are_the_sum_of_triangles() {
             labels.push(label);
         }
     }
-    let triangles = Triangles { positions: &positions, indices: &indices, materials: &[] };
+    let triangles = Triangles::new(&positions, &indices);
     let vectors = AreaVectors::new(&triangles, &labels, 3).unwrap();
     let area_vector = |t: [u32; 3]| {
         let p = t.map(|v| positions[v as usize].map(f64::from));
@@ -253,12 +253,12 @@ fn loss(options: ClusterThesisOptions, noisy: impl Fn(u32) -> bool + Sync) -> f6
     ours / uniform
 }
 
-/// THESIS 7 i: the thesis' negative result. All error sits in pixels at the floor of counts, so the
+/// The thesis' negative result. All error sits in pixels at the floor of counts, so the
 /// MSE grows by `mean / min` = 8 / 6 = 1.333 (its table 4-6 has 1.347 at 8 spp). 16 x 3072 pixels: the
-/// ratio's standard error is .009, so .04 is more than 4 of them (false alarm below 1e-4, at fixed seeds).
+/// ratio's standard error is 0.009, so 0.04 is more than 4 of them (false alarm below 1e-4, at fixed seeds).
 #[test]
 fn a_textured_floor_loses_by_mean_over_min() {
-    let plain = ClusterThesisOptions { angle: 0.0, distance: 0.0, ..ClusterThesisOptions::default() };
+    let plain = ClusterThesisOptions::default().angle(0.0).distance(0.0);
     let on_the_floor = |x: u32| x < 48;
     let got = loss(plain, on_the_floor);
     assert!((got - 8.0 / 6.0).abs() < 0.04, "{got}");
@@ -266,11 +266,11 @@ fn a_textured_floor_loses_by_mean_over_min() {
     let got = loss(ClusterThesisOptions::default(), on_the_floor);
     assert!((got - 1.25).abs() < 0.04, "{got}");
     // Where clusters are what is hard, as the method supposes, it wins: 8 / 14 of the error.
-    let got = loss(ClusterThesisOptions { map: RateMap::Identity, ..plain }, |x| x >= 48);
+    let got = loss(plain.map(RateMap::Identity), |x| x >= 48);
     assert!((got - 8.0 / 14.0).abs() < 0.04, "{got}");
 }
 
-/// THESIS 6, units: perspective is missing from the published size, and present in two others.
+/// Perspective is missing from the published size, and present in two others.
 #[test]
 fn only_perspective_sizes_fall_with_distance() {
     let boxes = [[[-1.0, -1.0, -4.0], [1.0, 1.0, -4.0]], [[-1.0, -1.0, -8.0], [1.0, 1.0, -8.0]]];
@@ -303,15 +303,15 @@ fn hills(order: &[usize]) -> (Vec<[f32; 3]>, Vec<[u32; 3]>) {
     (positions, order.iter().map(|&t| of(t)).collect())
 }
 
-/// THESIS 7 c, on real clusters, from triangles to counts: the order of triangles does not matter where
-/// clustering does not let it.
+/// On real clusters, from triangles to counts: the order of triangles does not matter where clustering is independent
+/// of it.
 #[test]
 fn the_order_of_triangles_does_not_show() {
     let n = 64 * 64 * 2;
     let counts = |order: &[usize]| {
         let (positions, indices) = hills(order);
-        let triangles = Triangles { positions: &positions, indices: &indices, materials: &[] };
-        let found = dapple_clustering::cluster(&triangles, &dapple_clustering::Params::default()).unwrap();
+        let triangles = Triangles::new(&positions, &indices);
+        let found = dapple_clustering::cluster(&triangles, &dapple_clustering::ClusterParams::default()).unwrap();
         assert!(found.len() > 100, "{} clusters", found.len());
         let mut place = vec![0; n];
         order.iter().enumerate().for_each(|(i, &t)| place[t] = i as u32);

@@ -1,10 +1,10 @@
-//! Rows of the catalogue of hard cases, by their ids.
+//! Hard cases of clustering. Test names end with their catalogue ids.
 
 use crate::support::{Mesh, Random, groups, hills, parts, soup};
-use dapple_clustering::{Clusters, Error, Grouping, Insertion, Order, Params};
+use dapple_clustering::{ClusterParams, Clusters, Error, Grouping, Insertion, Order, Sides};
 
-fn connected() -> Params {
-    Params { grouping: Grouping::Connected, ..Params::default() }
+fn connected() -> ClusterParams {
+    ClusterParams::default().with_grouping(Grouping::Connected)
 }
 
 /// Every triangle is in one cluster and no cluster is empty.
@@ -27,13 +27,13 @@ fn assert_partition(mesh: &Mesh, clusters: &Clusters) {
 const AXES: [[usize; 3]; 6] = [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]];
 
 #[test]
-fn k02_flat_scenes() {
+fn flat_scenes_have_clusters_k02() {
     let solid = soup(600, 0.1, 2);
-    // In a plane, on a line, in a point, each at 0 and off it; the axes that are left tell triangles apart as before.
+    // In a plane, on a line and in a point, each at 0 and off it. The remaining axes separate triangles as before.
     for flat in 1..=3 {
         for off in [0.0, 5.0, -3e30] {
             let mesh = solid.map(|p| std::array::from_fn(|axis| if axis >= 3 - flat { off } else { p[axis] }));
-            for params in [Params::default(), connected(), Params::published()] {
+            for params in [ClusterParams::default(), connected(), ClusterParams::published()] {
                 let clusters = mesh.cluster(&params).unwrap();
                 assert_partition(&mesh, &clusters);
                 let used = clusters.report().resolution.map(|n| n > 1);
@@ -42,7 +42,7 @@ fn k02_flat_scenes() {
                     let turned = mesh.map(|p| order.map(|axis| p[axis]));
                     let turned_clusters = turned.cluster(&params).unwrap();
                     let last_wins = params.insertion == Insertion::BoundingBox;
-                    // The published "last voxel" is one by z, then y, then x: there only the numbers agree.
+                    // The published "last voxel" is ordered by z, then y, then x, so only the numbers agree.
                     if !last_wins {
                         assert_eq!(parts(turned_clusters.labels()), parts(clusters.labels()), "{flat} {off} {order:?}");
                     }
@@ -51,55 +51,55 @@ fn k02_flat_scenes() {
             }
         }
     }
-    // What z is does not matter where it is the same for all.
-    let [zero, five] = [0.0, 5.0].map(|z| solid.map(|[x, y, _]| [x, y, z]).cluster(&Params::default()).unwrap());
+    // A z that is the same for all has no effect.
+    let [zero, five] = [0.0, 5.0].map(|z| solid.map(|[x, y, _]| [x, y, z]).cluster(&ClusterParams::default()).unwrap());
     assert_eq!(zero.labels(), five.labels());
     assert!(zero.report().occupied > 100);
 }
 
 #[test]
-fn k03_few_things() {
-    assert_eq!(Mesh::default().cluster(&Params::default()), Err(Error::Empty));
+fn few_triangles_have_clusters_k03() {
+    assert_eq!(Mesh::default().cluster(&ClusterParams::default()), Err(Error::Empty));
     for n in [1, 2, 100] {
         let mesh = soup(n, 0.1, 3);
-        for params in [Params::default(), connected(), Params::published()] {
+        for params in [ClusterParams::default(), connected(), ClusterParams::published()] {
             let clusters = mesh.cluster(&params).unwrap();
             assert_partition(&mesh, &clusters);
             assert!(!clusters.is_empty());
         }
-        assert_eq!(mesh.cluster(&Params::for_count(0)), Err(Error::BadCount));
+        assert_eq!(mesh.cluster(&ClusterParams::for_count(0)), Err(Error::BadCount));
         for count in [1, 2, n, n + 1, 1_000_000] {
-            for params in [Params::for_count(count), Params { count: Some(count), ..connected() }] {
+            for params in [ClusterParams::for_count(count), connected().with_count(count)] {
                 let clusters = mesh.cluster(&params).unwrap();
                 assert_partition(&mesh, &clusters);
-                // Each triangle here has a place and a normal of its own.
+                // Each triangle here has its own place and normal.
                 if count >= n {
                     assert_eq!(clusters.len() as u32, n);
                 }
             }
         }
     }
-    // Fewer than its materials and normals make of one voxel can't be had: that voxel then is the answer.
+    // The materials and normals of one voxel are the lower bound.
     let mesh = hills(100, 3);
-    let fewest = mesh.cluster(&Params { clamp: 1, ..Params::default() }).unwrap();
+    let fewest = mesh.cluster(&ClusterParams::default().with_clamp(1)).unwrap();
     assert!(fewest.len() > 10);
-    assert_eq!(mesh.cluster(&Params::for_count(10)).unwrap(), fewest);
-    // More can, within a factor of 1.5 on this surface.
+    assert_eq!(mesh.cluster(&ClusterParams::for_count(10)).unwrap(), fewest);
+    // Larger counts are met within a factor of 1.5 on this surface.
     for count in [100, 1000, 5000] {
-        let made = mesh.cluster(&Params::for_count(count)).unwrap().len() as f64 / f64::from(count);
+        let made = mesh.cluster(&ClusterParams::for_count(count)).unwrap().len() as f64 / f64::from(count);
         assert!((1.0 / 1.5..1.5).contains(&made), "{count}: {made}");
     }
 }
 
 #[test]
-fn k04_teapot_in_a_stadium() {
+fn a_distant_triangle_degenerates_the_grid_k04() {
     let mut mesh = hills(50, 4);
-    let healthy = mesh.cluster(&Params::default()).unwrap();
+    let healthy = mesh.cluster(&ClusterParams::default()).unwrap();
     assert!(!healthy.report().is_degenerate());
     assert!(healthy.report().occupied > 500);
     mesh.add([[1e6, 0.0, 0.0], [1e6, 1.0, 0.0], [1e6, 0.0, 1.0]]);
     mesh.materials.push(0);
-    for params in [Params::default(), connected(), Params::published()] {
+    for params in [ClusterParams::default(), connected(), ClusterParams::published()] {
         let report = mesh.cluster(&params).unwrap().report();
         assert!(report.is_degenerate(), "{report:?}");
         assert!(report.occupied <= 2 && report.requested() >= 32, "{report:?}");
@@ -107,14 +107,14 @@ fn k04_teapot_in_a_stadium() {
     }
 }
 
-/// Pairs of triangles whose centroids are on the corners of the voxels of an 8^3 grid over [0, 8]^3, 8 included.
+/// Pairs of triangles with centroids on the corners of the voxels of an 8^3 grid over [0, 8]^3, including 8.
 fn on_faces() -> (Mesh, Vec<[u32; 3]>) {
     let mut mesh = Mesh::default();
     let mut voxels = Vec::new();
     for number in 0..9_u32.pow(3) {
         let corner = [number % 9, number / 9 % 9, number / 81];
         let centre = corner.map(|x| x as f32);
-        // The outermost are points, so that the box is not widened.
+        // The outermost are points, so that the box does not grow.
         let size = if corner.iter().all(|x| (1..8).contains(x)) { 0.25 } else { 0.0 };
         for z in [0.0, size] {
             let offsets = [[size, 0.0, z], [-size, size, 0.0], [0.0, -size, -z]];
@@ -126,9 +126,9 @@ fn on_faces() -> (Mesh, Vec<[u32; 3]>) {
 }
 
 #[test]
-fn k05_centroids_on_faces_at_any_scale() {
+fn centroids_on_faces_keep_their_voxels_at_any_scale_k05() {
     let (mesh, voxels) = on_faces();
-    let params = Params { clamp: 8, angle: 90.0, ..Params::default() };
+    let params = ClusterParams::default().with_clamp(8).with_angle(90.0);
     let clusters = mesh.cluster(&params).unwrap();
     assert_eq!(clusters.report().resolution, [8; 3]);
     let numbers: Vec<u32> = voxels.iter().map(|[x, y, z]| (z * 8 + y) * 8 + x).collect();
@@ -138,17 +138,17 @@ fn k05_centroids_on_faces_at_any_scale() {
         let scale = 2_f64.powi(k);
         let scaled = mesh.map(|p| p.map(|x| (f64::from(x) * scale) as f32));
         assert_eq!(scaled.cluster(&params).unwrap().labels(), clusters.labels(), "2^{k}");
-        let all = Params { angle: 10.0, ..connected() };
+        let all = connected().with_angle(10.0);
         assert_eq!(scaled.cluster(&all).unwrap().labels(), mesh.cluster(&all).unwrap().labels(), "2^{k}");
     }
 }
 
 #[test]
-fn k05_soup_at_any_scale() {
+fn a_soup_keeps_its_clusters_at_any_scale_k05() {
     let mesh = soup(2000, 0.05, 5);
-    for params in [Params::default(), connected(), Params::published()] {
+    for params in [ClusterParams::default(), connected(), ClusterParams::published()] {
         let clusters = mesh.cluster(&params).unwrap();
-        // Down to where the soup's last digit, 2^-24 or so of 1, would be lost.
+        // Down to where the last digit of the soup, about 2^-24 of 1, would be lost.
         for k in [-100, -37, -1, 1, 10, 64, 126] {
             let scaled = mesh.map(|p| p.map(|x| x * 2_f32.powi(k)));
             let scaled = scaled.cluster(&params).unwrap();
@@ -159,28 +159,28 @@ fn k05_soup_at_any_scale() {
     }
 }
 
-/// 2^20 times as far from the origin as it is wide: 16 places along each axis are left, each in a voxel of its own.
+/// 2^20 times as far from the origin as it is wide: 16 places are left along each axis, each in its own voxel.
 #[test]
-fn k05_far_from_the_origin() {
+fn a_scene_far_from_the_origin_has_clusters_k05() {
     let mut mesh = Mesh::default();
     for i in 0..16_u32.pow(2) {
         let place = [(1 << 23) + i % 16, (1 << 23) + i / 16].map(|x| x as f32);
         mesh.add([[place[0], place[1], 0.0]; 3]);
     }
-    let clusters = mesh.cluster(&Params { k: 100.0, clamp: 15, ..Params::default() }).unwrap();
-    // 15 voxels: the last place is on the upper bound, with the one before it.
+    let clusters = mesh.cluster(&ClusterParams::default().with_k(100.0).with_clamp(15)).unwrap();
+    // 15 voxels: the last place is on the upper bound, together with the one before it.
     assert_eq!((clusters.report().resolution, clusters.len()), ([15, 15, 1], 225));
 }
 
-/// The extremes of `f32`, at once: nothing overflows, nothing vanishes.
+/// The extremes of `f32` together: nothing overflows and nothing vanishes.
 #[test]
-fn k05_huge_and_tiny() {
+fn huge_and_tiny_triangles_have_clusters_k05() {
     let mut mesh = Mesh::default();
     let (huge, tiny) = (f32::MAX, f32::from_bits(1));
     mesh.add([[-huge, -huge, 0.0], [huge, -huge, 0.0], [0.0, huge, 0.0]]);
     mesh.add([[0.0, 0.0, 0.0], [tiny, 0.0, 0.0], [0.0, tiny, 0.0]]);
     mesh.add([[huge, huge, huge], [-huge, -huge, -huge], [huge, -huge, huge]]);
-    for params in [Params::default(), connected(), Params::published()] {
+    for params in [ClusterParams::default(), connected(), ClusterParams::published()] {
         let clusters = mesh.cluster(&params).unwrap();
         assert_partition(&mesh, &clusters);
         for cluster in clusters.clusters() {
@@ -192,10 +192,10 @@ fn k05_huge_and_tiny() {
 }
 
 #[test]
-fn k07_order_and_threads() {
+fn order_and_threads_change_no_label_k07() {
     for (number, mesh) in [hills(60, 7), soup(4000, 0.1, 7), soup(500, 0.5, 8)].into_iter().enumerate() {
-        let boxes = Params { insertion: Insertion::BoundingBox, ..Params::default() };
-        for params in [Params::default(), connected(), boxes, Params { two_sided: false, ..connected() }] {
+        let boxes = ClusterParams::default().with_insertion(Insertion::BoundingBox);
+        for params in [ClusterParams::default(), connected(), boxes, connected().with_sides(Sides::Signed)] {
             let clusters = mesh.cluster(&params).unwrap();
             let mut random = Random(number as u64);
             for _ in 0..20 {
@@ -211,9 +211,9 @@ fn k07_order_and_threads() {
             }
         }
     }
-    // More than one chunk of triangles and many ranges of voxels, so that threads have something to share.
+    // More than one chunk of triangles and many ranges of voxels, so that threads share work.
     let mesh = hills(200, 7);
-    for params in [Params::default(), connected(), Params::published()] {
+    for params in [ClusterParams::default(), connected(), ClusterParams::published()] {
         let with = |threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             pool.install(|| mesh.cluster(&params).unwrap())
@@ -225,11 +225,11 @@ fn k07_order_and_threads() {
     }
 }
 
-/// First fit in input order is no function of the set of triangles: what holds, and what does not.
+/// First fit in input order is not a function of the set of triangles. Only its groups are.
 #[test]
-fn k07_published_greedy_depends_on_order() {
+fn published_clusters_depend_on_the_order_of_triangles_k07() {
     let mesh = hills(60, 7);
-    for params in [Params { order: Order::Input, ..Params::default() }, Params::published()] {
+    for params in [ClusterParams::default().with_order(Order::Input), ClusterParams::published()] {
         let clusters = mesh.cluster(&params).unwrap();
         let mut random = Random(7);
         let mut differ = 0;
@@ -243,7 +243,7 @@ fn k07_published_greedy_depends_on_order() {
                 }
                 old
             };
-            // Where a phantom takes a group's last triangle the numbers shift, not the parts.
+            // Where a phantom takes a group's last triangle, numbers shift but parts stay.
             assert_eq!(parts(&back(&groups(&found))), parts(&groups(&clusters)), "voxels and materials hold");
             differ += u32::from(parts(&back(found.labels())) != parts(clusters.labels()));
         }

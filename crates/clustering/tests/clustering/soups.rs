@@ -1,10 +1,10 @@
-//! What holds for any triangles.
+//! Properties of clusters of any triangles.
 
 use crate::support::Mesh;
-use dapple_clustering::{Clusters, Grouping, Insertion, Order, Params};
+use dapple_clustering::{ClusterParams, Clusters, Connection, Grouping, Insertion, Order, Sides};
 use proptest::prelude::*;
 
-/// Coordinates from a few values, so that vertices, edges, planes and faces of voxels coincide, and from many.
+/// Coordinates from few values, so that vertices, edges, planes and voxel faces coincide, or from many.
 fn coordinate() -> impl Strategy<Value = f32> {
     prop_oneof![
         3 => (-4_i32..=4).prop_map(|i| i as f32 * 0.5),
@@ -26,21 +26,22 @@ fn mesh() -> impl Strategy<Value = Mesh> {
     })
 }
 
-fn params() -> impl Strategy<Value = Params> {
+fn params() -> impl Strategy<Value = ClusterParams> {
     let choices = [any::<bool>(), any::<bool>(), any::<bool>(), any::<bool>(), any::<bool>()];
     let counts = prop_oneof![4 => Just(None), 1 => (1_u32..200).prop_map(Some)];
     (0.01_f64..20.0, 1_u32..40, 0.0_f64..=90.0, choices, counts).prop_map(
-        |(k, clamp, angle, [boxes, connected, input, two_sided, weld], count)| Params {
-            k,
-            // Boxes as large as the grid go into all of its voxels.
-            clamp: if boxes { clamp.div_ceil(4) } else { clamp },
-            angle,
-            insertion: if boxes { Insertion::BoundingBox } else { Insertion::Centroid },
-            grouping: if connected { Grouping::Connected } else { Grouping::Greedy },
-            order: if input { Order::Input } else { Order::Canonical },
-            two_sided,
-            weld,
-            count,
+        |(k, clamp, angle, [boxes, connected, input, two_sided, weld], count)| {
+            let params = ClusterParams::default()
+                .with_k(k)
+                // Boxes as large as the grid go into all of its voxels.
+                .with_clamp(if boxes { clamp.div_ceil(4) } else { clamp })
+                .with_angle(angle)
+                .with_insertion(if boxes { Insertion::BoundingBox } else { Insertion::Centroid })
+                .with_grouping(if connected { Grouping::Connected } else { Grouping::Greedy })
+                .with_order(if input { Order::Input } else { Order::Canonical })
+                .with_sides(if two_sided { Sides::Either } else { Sides::Signed })
+                .with_connection(if weld { Connection::Place } else { Connection::Vertex });
+            count.map_or(params, |count| params.with_count(count))
         },
     )
 }
@@ -60,10 +61,10 @@ fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
     (0..3).map(|axis| a[axis] * b[axis]).sum()
 }
 
-/// Every triangle in one cluster; members, bounds, areas, cones and materials are true of it.
-fn check(mesh: &Mesh, params: &Params, clusters: &Clusters) -> Result<(), TestCaseError> {
+/// Every triangle is in one cluster whose members, bounds, areas, cones and materials are correct.
+fn check(mesh: &Mesh, params: &ClusterParams, clusters: &Clusters) -> Result<(), TestCaseError> {
     let mut seen = vec![0; mesh.indices.len()];
-    // Of triangles with a normal for sure, and of all.
+    // Sums over triangles that certainly have a normal, and over all.
     let (mut certain, mut possible, mut areas) = (0.0, 0.0, 0.0);
     for (number, cluster) in clusters.clusters().iter().enumerate() {
         let members = clusters.members(number as u32);
@@ -93,7 +94,7 @@ fn check(mesh: &Mesh, params: &Params, clusters: &Clusters) -> Result<(), TestCa
             }
         }
         let normal = cluster.normal.map(f64::from);
-        let alike = |a, b| if params.two_sided { dot(a, b).abs() } else { dot(a, b) };
+        let alike = |a, b| if params.sides == Sides::Either { dot(a, b).abs() } else { dot(a, b) };
         for &a in &directions {
             prop_assert!(alike(a, normal) >= f64::from(cluster.cone) - 1e-6 || cluster.cone == -1.0);
             // Within the angle of one representative, so within twice the angle of each other.
@@ -111,13 +112,13 @@ fn check(mesh: &Mesh, params: &Params, clusters: &Clusters) -> Result<(), TestCa
     Ok(())
 }
 
-/// Whether some triangles hang together by shared places (or numbers, where these are not welded).
-fn is_connected(mesh: &Mesh, members: &[u32], weld: bool) -> bool {
+/// Tests if some triangles are connected by shared places, or by vertex numbers without welding.
+fn is_connected(mesh: &Mesh, members: &[u32], connection: Connection) -> bool {
     let share = |a: u32, b: u32| {
         let vertices = |triangle: u32| mesh.indices[triangle as usize];
         vertices(a).iter().any(|&v| {
             let at = mesh.positions[v as usize];
-            vertices(b).iter().any(|&w| v == w || (weld && at == mesh.positions[w as usize]))
+            vertices(b).iter().any(|&w| v == w || (connection == Connection::Place && at == mesh.positions[w as usize]))
         })
     };
     let mut reached = vec![members[0]];
@@ -136,7 +137,7 @@ proptest! {
     #![proptest_config(ProptestConfig { cases: 400, failure_persistence: None, rng_seed: proptest::test_runner::RngSeed::Fixed(2016), ..ProptestConfig::default() })]
 
     #[test]
-    fn a_true_partition(mesh in mesh(), params in params()) {
+    fn every_triangle_is_in_one_correct_cluster(mesh in mesh(), params in params()) {
         let clusters = mesh.cluster(&params).unwrap();
         check(&mesh, &params, &clusters)?;
         let report = clusters.report();
@@ -146,15 +147,15 @@ proptest! {
             prop_assert_eq!((report.insertions, report.phantoms), (u64::from(report.triangles), 0));
             if params.grouping == Grouping::Connected {
                 for number in 0..clusters.len() as u32 {
-                    prop_assert!(is_connected(&mesh, clusters.members(number), params.weld));
+                    prop_assert!(is_connected(&mesh, clusters.members(number), params.connection));
                 }
             }
         }
     }
 
     #[test]
-    fn canonical_order_forgets_the_input(mesh in mesh(), params in params(), seed in any::<u64>()) {
-        let params = Params { order: Order::Canonical, ..params };
+    fn canonical_order_ignores_the_input_order(mesh in mesh(), params in params(), seed in any::<u64>()) {
+        let params = params.with_order(Order::Canonical);
         let clusters = mesh.cluster(&params).unwrap();
         let (shuffled, order) = mesh.shuffle(&mut crate::support::Random(seed));
         let found = shuffled.cluster(&params).unwrap();

@@ -1,51 +1,52 @@
-//! S7: whether deciding on samples shows in their mean.
+//! The bias of adaptive counts that depend on the kept samples.
 
 use dapple_core::{
     Block, Draws, Error, Estimate, Feedback, Film, Integrator, Needs, Plan, PointSet, Progress, Retention, Sampler,
     TrainingLog,
 };
 
-/// The mean of a pixel whose samples are 1 with probability `p`, else 0, that keeps `pilot` samples and goes on to `total`
-/// where they differ, keeping all: `p^n + (n p - n p^n + (N - n) p Pmix) / N`, `Pmix = 1 - p^n - (1 - p)^n`
-/// (after Kirk and Arvo 1991).
+/// The expectation of a pixel that continues from `pilot` to `total` samples if the pilot's differ, and keeps all.
+///
+/// Samples are 1 with probability `p`, else 0. It is `p^n + (n p - n p^n + (N - n) p Pmix) / N` with
+/// `Pmix = 1 - p^n - (1 - p)^n` [after Kirk and Arvo 1991].
 pub fn kept(p: f64, pilot: u32, total: u32) -> f64 {
     let (first, all) = (f64::from(pilot), f64::from(total));
     let [ones, mixed] = outcomes(p, pilot);
     ones + (first * p - first * ones + (all - first) * p * mixed) / all
 }
 
-/// The same where a mixed pilot is thrown away, and an even one stays, as pbrt-v2 has it.
+/// The same if a mixed pilot is discarded and an even one is kept, as in pbrt-v2.
 pub fn refined(p: f64, pilot: u32) -> f64 {
     let [ones, mixed] = outcomes(p, pilot);
     ones + mixed * p
 }
 
-/// Probabilities of a pilot of ones only, and of a mixed one.
+/// The probabilities of a pilot of ones only, and of a mixed one.
 fn outcomes(p: f64, pilot: u32) -> [f64; 2] {
     let ones = p.powi(pilot as i32);
     [ones, 1.0 - ones - (1.0 - p).powi(pilot as i32)]
 }
 
-/// An image whose samples are 1 with this probability and else 0, in every pixel.
+/// An image whose samples are 1 with this probability, else 0, in every pixel.
 #[derive(Clone, Copy, Debug)]
 pub struct Bernoulli(pub f32);
 
 impl Integrator for Bernoulli {
     fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
         let [u, ..] = draws.block(Block::new(0));
-        Estimate { radiance: [f32::from(u8::from(u < self.0)); 3], first_hit: None, cost: 1 }
+        Estimate::new([f32::from(u8::from(u < self.0)); 3])
     }
 }
 
-/// The negative control of every test of unbiasedness: a pixel stops where its pilot's samples are all equal, else it goes on,
-/// and all samples are kept.
+/// The negative control of every test of bias: a pixel stops if its pilot's samples are all equal, and all samples are
+/// kept.
 #[derive(Clone, Copy, Debug)]
 pub struct Naive<P> {
-    /// Where samples lie.
+    /// The point set.
     pub points: P,
     /// Samples of the pilot.
     pub pilot: u32,
-    /// Samples in all of a pixel that goes on.
+    /// Samples of a pixel that continues.
     pub total: u32,
 }
 
@@ -81,7 +82,7 @@ pub fn image_mean(film: &Film) -> f64 {
     (0..pixels).map(|i| film.mean(i)[0]).sum::<f64>() / pixels as f64
 }
 
-/// One replicate as [`count_trend`] reads it: pixels' final counts, and their values.
+/// One replicate for [`count_trend`]: the final counts of pixels, and their values.
 #[derive(Clone, Debug, Default)]
 pub struct Pixels {
     /// Kept samples.
@@ -91,7 +92,7 @@ pub struct Pixels {
 }
 
 impl Pixels {
-    /// Of a film, the mean over the channels.
+    /// The counts and channel means of a film.
     pub fn of(film: &Film) -> Self {
         let pixels = 0..film.frame().pixels();
         let value = |i| film.mean(i).iter().sum::<f64>() / 3.0;
@@ -99,11 +100,11 @@ impl Pixels {
     }
 }
 
-/// Whether values go with counts: the deviate (negative where few samples mean a bright pixel), standard normal where counts
-/// say nothing of the values.
+/// The deviate of a trend of values with counts: standard normal if they are unrelated, negative if pixels with few
+/// samples are bright.
 ///
-/// Within each pixel the logarithm of its count is taken from that count's mean over the replicates, and so is its value; what
-/// the products add up to is compared with its spread, which need not be the same for all counts [after White 1980].
+/// In each pixel, the logarithm of the count and the value are centred on their means over the replicates. The sum of
+/// products is compared with its spread, which may differ between counts [after White 1980].
 pub fn count_trend(replicates: &[Pixels]) -> f64 {
     let pixels = replicates[0].counts.len();
     let n = replicates.len() as f64;
@@ -121,6 +122,6 @@ pub fn count_trend(replicates: &[Pixels]) -> f64 {
             square += product * product;
         }
     }
-    // A value's distance from its own pixel's mean is short by one degree of freedom.
+    // The distance of a value from its own pixel's mean lacks one degree of freedom.
     if sum == 0.0 { 0.0 } else { sum / (square * n / (n - 1.0)).sqrt() }
 }

@@ -1,48 +1,48 @@
-//! S2: images against images.
+//! Tests of images against images.
 
 use super::levels::{adjusted, gamma_q};
 use super::mean::{Mean, MeanTest};
 
-/// Side of a block in pixels: means of so many pixels are nearly normal.
+/// The side of a block in pixels. Means of so many pixels are nearly normal.
 const BLOCK: usize = 8;
-/// A block whose |z| is above this stands out; 5 % do.
+/// The |z| above which a block is an outlier, as 5 % are.
 const OUTLYING: f64 = 1.96;
-/// How often replicates are drawn anew, to learn how the pooled figures spread.
+/// The number of bootstrap resamples for the spread of the pooled figures.
 const RESAMPLES: usize = 200;
 
-/// What the tests of an image found: p-values, each already adjusted for how many figures it is the smallest of.
+/// The p-values of an image test. Each is adjusted for the number of figures of which it is the smallest.
 #[derive(Clone, Copy, Debug)]
 pub struct ImageTest {
-    /// Of the worst 8x8 block and channel.
+    /// The p-value of the worst 8x8 block and channel.
     pub blocks: f64,
-    /// Of the image's mean, the worst channel.
+    /// The p-value of the image's mean in the worst channel.
     pub global: f64,
-    /// Of as many blocks above |z| = 1.96.
+    /// The p-value of the number of blocks above |z| = 1.96.
     pub outliers: f64,
-    /// Of the sum of squared deviates, on either side: too small a sum is two images that share samples.
+    /// The two-sided p-value of the sum of squared deviates. Too small a sum means that two images share samples.
     pub spread: f64,
 }
 
 impl ImageTest {
-    /// The whole's p-value.
+    /// The p-value of the whole test.
     pub fn p(&self) -> f64 {
         adjusted([self.blocks, self.global, self.outliers, self.spread].into_iter().fold(1.0, f64::min), 4)
     }
 }
 
-/// Whether replicates of one image, `width` pixels wide, have the same expectation as those of another. 16 replicates of
-/// each at least, 64 where tails are heavy; each has seeds of its own.
+/// Tests that replicates of two images, `width` pixels wide, have the same expectation.
 ///
-/// No pixel is let off, and no floor is put under variances: blocks without any spread must be equal.
+/// Take at least 16 replicates of each, 64 for heavy tails, each with seeds of its own. No pixel is excluded, and
+/// variances have no floor: blocks without any spread must be equal.
 ///
 /// # Panics
 ///
-/// For fewer than 2 replicates, and for images of different sizes.
+/// If there are fewer than 2 replicates, or sizes differ.
 pub fn images(width: usize, a: &[Vec<[f64; 3]>], b: &[Vec<[f64; 3]>]) -> ImageTest {
     test(&Group::new(width, a), Some(&Group::new(width, b)), None)
 }
 
-/// The same against an image without noise.
+/// Tests replicates against an image without noise.
 ///
 /// # Panics
 ///
@@ -77,7 +77,7 @@ impl Group {
         Self { blocks: replicates.iter().map(means).collect(), weights }
     }
 
-    /// The image's mean in channel `c`, one a replicate.
+    /// The image's mean in channel `c`, one value per replicate.
     fn whole(&self, c: usize) -> Mean {
         let total: f64 = self.weights.iter().sum();
         let mean = |r: &Vec<f64>| self.weights.iter().enumerate().map(|(k, w)| w * r[3 * k + c]).sum::<f64>() / total;
@@ -89,7 +89,7 @@ impl Group {
         chosen.map(|r| self.blocks[r][k]).collect()
     }
 
-    /// The group about its own means: what replicates would be without any difference.
+    /// The group centred on its own means.
     fn centred(&self) -> Self {
         let n = self.blocks.len() as f64;
         let mean = |k: usize| self.blocks.iter().map(|r| r[k]).sum::<f64>() / n;
@@ -128,7 +128,7 @@ fn test(a: &Group, b: Option<&Group>, exact: Option<&Vec<f64>>) -> ImageTest {
     ImageTest { blocks: adjusted(worst.p(), figures), global: adjusted(global, 3), outliers, spread }
 }
 
-/// Share of outlying deviates, and their sum of squares.
+/// The number of outlying deviates, and the sum of all squares.
 fn pooled(deviates: impl Iterator<Item = f64>) -> [f64; 2] {
     let mut sums = [0.0; 2];
     for z in deviates {
@@ -138,9 +138,11 @@ fn pooled(deviates: impl Iterator<Item = f64>) -> [f64; 2] {
     sums
 }
 
-/// p-values of the pooled figures. Blocks and channels go together, by light that moves over the image and by a budget that
-/// they share, so how the figures spread is learned from replicates drawn anew, and a scaled chi-square of that mean and
-/// variance gives the tails [after Satterthwaite 1946].
+/// The p-values of the pooled figures.
+///
+/// Blocks and channels are correlated, by light that covers several and by their common budget. So the spread of the
+/// figures comes from bootstrap resamples, and a scaled chi-square of that mean and variance gives the tails [after
+/// Satterthwaite 1946].
 fn null(a: &Group, b: Option<&Group>, seen: [f64; 2]) -> [f64; 2] {
     let (a, b) = (a.centred(), b.map(Group::centred));
     let mut random = 0x5eed_u64;
@@ -161,7 +163,7 @@ fn null(a: &Group, b: Option<&Group>, seen: [f64; 2]) -> [f64; 2] {
         let deviate = |k: usize| {
             let reference = other.as_ref().map(|(b, chosen)| b.figure(k, chosen.iter().copied()));
             let test = compare(&a.figure(k, chosen.iter().copied()), reference.as_ref(), Some(0.0));
-            // A block without spread has nothing to say here.
+            // A block without spread does not count here.
             if test.standard_error > 0.0 { test.z() } else { 0.0 }
         };
         let sums = pooled((0..a.blocks[0].len()).map(deviate));
@@ -174,7 +176,7 @@ fn null(a: &Group, b: Option<&Group>, seen: [f64; 2]) -> [f64; 2] {
         let mean = found[i].mean;
         let variance = squares[i].mean - mean * mean;
         if mean == 0.0 || variance <= 0.0 {
-            // Nothing has any spread.
+            // No block has any spread.
             return if seen[i] == 0.0 { [1.0, 1.0] } else { [0.0, 1.0] };
         }
         let scale = variance / (2.0 * mean);

@@ -1,11 +1,11 @@
-//! Levels, critical values and tails, as p-values of 1e-6 and far below need them.
+//! Levels, critical values and tails, accurate for p-values of 1e-6 and far below.
 
 use dapple_metrics::student_t_quantile;
 
-/// False-alarm rate of a whole family of tests.
+/// The false-alarm rate of a whole family of tests.
 pub const FAMILY: f64 = 1e-6;
 
-/// The level at which each of `tests` tests errs, for a family rate `alpha` (Sidak).
+/// The level of each of `tests` tests for a family rate `alpha` (Sidak).
 pub fn sidak(alpha: f64, tests: usize) -> f64 {
     -((-alpha).ln_1p() / tests as f64).exp_m1()
 }
@@ -57,7 +57,7 @@ pub fn gamma_q(a: f64, x: f64) -> f64 {
     front * h
 }
 
-/// One-sided critical value of the normal distribution: `P(Z > z) = alpha`, by bisection on [`normal_tail`].
+/// The one-sided critical value of the normal distribution, `P(Z > z) = alpha`, by bisection on [`normal_tail`].
 pub fn critical(alpha: f64) -> f64 {
     let (mut low, mut high) = (0.0, 40.0);
     for _ in 0..100 {
@@ -78,7 +78,7 @@ pub fn student_tail(t: f64, degrees_of_freedom: f64) -> f64 {
     if t.is_nan() || t <= 0.0 {
         return if t <= 0.0 { 0.5 } else { f64::NAN };
     }
-    // In logarithms, since tails are compared with levels of any size; by the Illinois variant of false position.
+    // In logarithms, since levels have any size, by the Illinois variant of false position.
     let excess = |log_p: f64| -student_t_quantile(log_p.exp(), degrees_of_freedom) / t - 1.0;
     let (mut low, mut high) = ((-690.0, excess(-690.0)), (-0.7, excess(-0.7)));
     if low.1 <= 0.0 {
@@ -106,18 +106,18 @@ pub fn student_tail(t: f64, degrees_of_freedom: f64) -> f64 {
     (0.5 * (low.0 + high.0)).exp()
 }
 
-/// Two-sided p-value of a standard normal deviate.
+/// The two-sided p-value of a standard normal deviate.
 pub fn two_sided(z: f64) -> f64 {
     2.0 * normal_tail(z.abs())
 }
 
-/// What the smallest of `tests` p-values is worth: the probability that one of so many is as small (Sidak).
+/// The p-value of the smallest of `tests` p-values: the probability that one of so many is as small (Sidak).
 pub fn adjusted(smallest: f64, tests: usize) -> f64 {
     if smallest >= 1.0 { 1.0 } else { -(tests as f64 * (-smallest).ln_1p()).exp_m1() }
 }
 
-/// With which probability a two-sided t-test at level `alpha` sees a shift of so many standard errors
-/// [after AbramowitzStegun 1964, 26.7.10].
+/// The power of a two-sided t-test at level `alpha` for a shift of this many standard errors
+/// [after Abramowitz and Stegun 1964, 26.7.10].
 pub fn power(shift: f64, alpha: f64, degrees_of_freedom: f64) -> f64 {
     let v = degrees_of_freedom;
     let limit = student_t_quantile(1.0 - 0.5 * alpha, v);

@@ -1,12 +1,12 @@
-//! S1 and S4: means, and whether they are what they should be.
+//! Tests of means.
 
 use super::levels::{critical, sidak, student_tail};
 use dapple_metrics::student_t_quantile;
 
-/// What an equivalence test found.
+/// The outcome of an equivalence test.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verdict {
-    /// The claim holds at the level asked for.
+    /// The claim holds at the level of the test.
     Pass,
     /// The claim is refuted at that level.
     Fail,
@@ -14,12 +14,12 @@ pub enum Verdict {
     Undecided,
 }
 
-/// Mean and its standard error, by Welford's recurrence.
+/// A mean and its standard error, by Welford's recurrence.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Mean {
-    /// How many.
+    /// The number of values.
     pub n: u64,
-    /// Their mean.
+    /// The mean.
     pub mean: f64,
     m2: f64,
 }
@@ -33,7 +33,7 @@ impl FromIterator<f64> for Mean {
 }
 
 impl Mean {
-    /// Takes in one value.
+    /// Adds a value.
     pub fn add(&mut self, x: f64) {
         self.n += 1;
         let d = x - self.mean;
@@ -41,22 +41,22 @@ impl Mean {
         self.m2 += d * (x - self.mean);
     }
 
-    /// Standard error of the mean.
+    /// The standard error of the mean.
     pub fn standard_error(&self) -> f64 {
         (self.m2 / (self.n - 1) as f64 / self.n as f64).sqrt()
     }
 
-    /// By how many standard errors the mean exceeds `reference`.
+    /// The mean less `reference`, in standard errors.
     pub fn deviation(&self, reference: f64) -> f64 {
         (self.mean - reference) / self.standard_error()
     }
 
-    /// S1: whether the values' expectation is `reference`, which is exact.
+    /// Tests that the expectation is `reference`, which is exact.
     pub fn against(&self, reference: f64) -> MeanTest {
         MeanTest::new(self.mean - reference, self.standard_error(), (self.n - 1) as f64)
     }
 
-    /// S1: whether two expectations are equal, whatever their variances [after Welch 1947].
+    /// Tests that two expectations are equal, whatever their variances [after Welch 1947].
     pub fn against_estimate(&self, reference: &Self) -> MeanTest {
         let [a, b] = [self, reference].map(|m| (m.standard_error().powi(2), (m.n - 1) as f64));
         let variance = a.0 + b.0;
@@ -65,7 +65,7 @@ impl Mean {
         MeanTest::new(self.mean - reference.mean, variance.sqrt(), degrees)
     }
 
-    /// Whether the mean is below `bound`, with `z` standard errors to spare.
+    /// Tests that the mean is below `bound`, by `z` standard errors.
     pub fn below(&self, bound: f64, z: f64) -> Verdict {
         let slack = z * self.standard_error();
         if self.mean + slack < bound {
@@ -77,7 +77,7 @@ impl Mean {
         }
     }
 
-    /// S4: whether the mean lies within `delta` of `reference` (two one-sided tests).
+    /// Tests that the mean lies within `delta` of `reference` (two one-sided tests).
     pub fn equals(&self, reference: f64, delta: f64, z: f64) -> Verdict {
         let slack = z * self.standard_error();
         let distance = (self.mean - reference).abs();
@@ -91,14 +91,14 @@ impl Mean {
     }
 }
 
-/// What a test of means found.
+/// The outcome of a test of means.
 #[derive(Clone, Copy, Debug)]
 pub struct MeanTest {
-    /// Mean less reference.
+    /// The mean less the reference.
     pub difference: f64,
-    /// Of the difference.
+    /// The standard error of the difference.
     pub standard_error: f64,
-    /// Of its t.
+    /// The degrees of freedom of t.
     pub degrees_of_freedom: f64,
 }
 
@@ -107,12 +107,12 @@ impl MeanTest {
         Self { difference, standard_error, degrees_of_freedom }
     }
 
-    /// The difference in standard errors; without any spread 0 where the means are equal, else infinite.
+    /// The difference in standard errors. Without any spread it is 0 if the means are equal, else infinite.
     pub fn t(&self) -> f64 {
         if self.difference == 0.0 { 0.0 } else { self.difference / self.standard_error }
     }
 
-    /// Two-sided p-value.
+    /// The two-sided p-value.
     pub fn p(&self) -> f64 {
         2.0 * student_tail(self.t().abs(), self.degrees_of_freedom)
     }
@@ -124,17 +124,19 @@ impl MeanTest {
     }
 }
 
-/// Samples that let S4 decide: how many, and what was found.
+/// The outcome of [`decide`].
 #[derive(Clone, Copy, Debug)]
 pub struct Decided {
-    /// Undecided at the cap is [`Verdict::Fail`].
+    /// The verdict; [`Verdict::Fail`] if the cap leaves it undecided.
     pub verdict: Verdict,
-    /// Of all samples drawn.
+    /// The mean of all samples.
     pub mean: Mean,
 }
 
-/// S4 with samples as needed: `first` of them, and twice as many while undecided, up to `cap`, where undecided is failed.
-/// The claim is wrongly passed with probability `alpha` at most, all looks together.
+/// An equivalence test with as many samples as it needs.
+///
+/// It starts with `first` samples and doubles them while undecided, up to `cap`, where undecided is failed. A false
+/// claim passes with probability `alpha` at most, over all tests together.
 pub fn decide(reference: f64, delta: f64, alpha: f64, first: u64, cap: u64, mut draw: impl FnMut() -> f64) -> Decided {
     let looks = (cap / first).max(1).ilog2() as usize + 1;
     let level = sidak(alpha, looks);
@@ -154,8 +156,8 @@ pub fn decide(reference: f64, delta: f64, alpha: f64, first: u64, cap: u64, mut 
     }
 }
 
-/// How many samples S4 needs to pass what is true with probability `1 - beta` at level `alpha`, for a standard deviation
-/// `spread` of a sample: `((z_alpha + z_beta/2) spread / delta)^2`.
+/// The number of samples for which an equivalence test at level `alpha` passes a true claim with probability `1 -
+/// beta`: `((z_alpha + z_beta/2) spread / delta)^2`, for samples of standard deviation `spread`.
 pub fn samples_needed(spread: f64, delta: f64, alpha: f64, beta: f64) -> u64 {
     ((critical(alpha) + critical(0.5 * beta)) * spread / delta).powi(2).ceil() as u64
 }

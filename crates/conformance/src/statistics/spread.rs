@@ -1,9 +1,9 @@
-//! S6: spread, and whether what was forecast of it is so.
+//! Tests of spread, and of error estimates.
 
 use super::mean::Mean;
 
-/// p-value of equal spread of two samples, whatever their distributions: a t-test of the distances from each one's median
-/// [after Brown and Forsythe 1974], for two groups.
+/// The p-value of equal spread of two groups, whatever their distributions: a t-test of the distances from each group's
+/// median [after Brown and Forsythe 1974].
 pub fn brown_forsythe(a: &[f64], b: &[f64]) -> f64 {
     let distances = |values: &[f64]| -> Mean {
         let mut sorted = values.to_vec();
@@ -15,38 +15,39 @@ pub fn brown_forsythe(a: &[f64], b: &[f64]) -> f64 {
     distances(a).against_estimate(&distances(b)).p()
 }
 
-/// Forecasts of error beside errors, over many pixels and seeds.
+/// Error estimates and true errors, over many pixels and seeds.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Calibration {
     held: u64,
     all: u64,
-    told: f64,
+    forecast: f64,
     real: f64,
 }
 
 impl Calibration {
-    /// Takes in an estimate, the variance that was forecast for it, the truth, known but for `noise` (a variance), and the
-    /// quantile that makes the interval: 1.96 for 95 %, or Student's where the forecast has few degrees of freedom.
+    /// Adds an estimate, its forecast variance, and the truth, which has a variance of `noise`.
+    ///
+    /// The quantile makes the interval: 1.96 for 95 %, or Student's if the forecast has few degrees of freedom.
     pub fn add(&mut self, estimate: f64, forecast: f64, truth: f64, noise: f64, quantile: f64) {
         let off = estimate - truth;
         let reach = (quantile * forecast.sqrt()).hypot(1.96 * noise.sqrt());
         self.held += u64::from(off.abs() <= reach);
         self.all += 1;
-        self.told += forecast;
+        self.forecast += forecast;
         self.real += off * off - noise;
     }
 
-    /// Share of intervals that held the truth.
+    /// The share of intervals that hold the truth.
     pub fn coverage(&self) -> f64 {
         self.held as f64 / self.all as f64
     }
 
-    /// Root of the mean variance forecast over that of the mean squared error.
+    /// The root of the mean forecast variance over the root of the mean squared error.
     pub fn ratio(&self) -> f64 {
-        (self.told / self.real).sqrt()
+        (self.forecast / self.real).sqrt()
     }
 
-    /// Whether 95 % intervals hold 93 to 97 %, and forecasts are within a tenth of what is so.
+    /// Returns `true` if 95 % intervals hold 93 to 97 %, and forecasts are within a tenth of the true errors.
     pub fn is_honest(&self) -> bool {
         (0.93..=0.97).contains(&self.coverage()) && (0.9..=1.1).contains(&self.ratio())
     }

@@ -1,16 +1,16 @@
-//! Exact integer budgets in proportion to weights.
+//! Exact allocation of an integer budget in proportion to weights.
 
 use super::{Allocation, clean, level, mix};
 use crate::Error;
 use rayon::prelude::*;
 use std::cmp::Ordering;
 
-/// Real shares are held in 2^-20 of a sample: integers, whose sums do not depend on their order.
+/// Fractional shares are integers in units of 2^-20 samples, so that sums do not depend on their order.
 const QUANTUM_BITS: u32 = 20;
 const QUANTA: f64 = (1u64 << QUANTUM_BITS) as f64;
-/// Pixels per partial sum: 2048 shares below 2^52 quanta fit into 64 bits.
+/// Pixels per partial sum: 2048 shares below 2^52 units fit into 64 bits.
 const CHUNK: usize = 2048;
-/// Rounds of redistribution, at most; about ten where weights span a few decades.
+/// The largest number of rounds of redistribution; about ten suffice if weights span a few decades.
 const MOST_ROUNDS: u32 = 64;
 
 /// Shares out exactly `total` samples in proportion to `weights`: pixel `p` gets
@@ -19,23 +19,27 @@ const MOST_ROUNDS: u32 = 64;
 /// others in proportion. Real shares become integers by largest remainder, ties by weight and then by a
 /// hash of the pixel's number.
 ///
-/// Unlike [`allocate`](crate::allocate()), which takes squared errors and gives counts that go with
-/// their root, this takes the counts' proportions themselves, for samplers that make a map of
-/// priorities rather than of variances. Counts go with the weights alone: permuted weights give
-/// permuted counts, except among equal ones.
+/// [`allocate`](crate::allocate()) takes squared errors and returns counts that go with their root. This function takes
+/// the proportions of the counts themselves, for samplers that make a map of priorities rather than of variances.
+/// Counts depend on the weights alone: permuted weights give permuted counts, except among equal ones.
 ///
-/// Weights that are NaN or negative count as 0, infinite ones as the largest finite; both are counted
-/// in [`Allocation::replaced`]. Zeros, and what is below 1e-60 of the largest, wait until all others
-/// are at the ceiling, and then share alike. Where `total` does not even reach `base` for all, counts
-/// are as equal as the floors allow.
+/// Weights that are NaN or negative count as 0, infinite ones as the largest finite weight; [`Allocation::replaced`]
+/// counts both. Zeros, and weights below 1e-60 of the largest, wait until all others are at the ceiling, and then get
+/// equal shares. If `total` does not reach `base` for all pixels, counts are as equal as the floors allow.
+///
+/// ```
+/// let counts = dapple_core::share(&[1.0, 2.0, 3.0], 4, &[0; 3], 100, 72)?.counts;
+/// assert_eq!(counts, [14, 24, 34]);
+/// # Ok::<(), dapple_core::Error>(())
+/// ```
 ///
 /// # Errors
 ///
-/// [`Error::BudgetTooSmall`] when the floors alone exceed `total`.
+/// [`Error::BudgetTooSmall`] if the floors alone exceed `total`.
 ///
 /// # Panics
 ///
-/// When `weights` and `floors` differ in length.
+/// If `weights` and `floors` differ in length.
 pub fn share(weights: &[f64], base: u32, floors: &[u32], ceiling: u32, total: u64) -> Result<Allocation, Error> {
     assert_eq!(weights.len(), floors.len(), "one floor per weight");
     let sum_at_least = |n: u32| floors.iter().map(|&floor| u64::from(floor.max(n))).sum::<u64>();
@@ -56,7 +60,7 @@ pub fn share(weights: &[f64], base: u32, floors: &[u32], ceiling: u32, total: u6
     }
     let (base, most) = (f64::from(base), f64::from(ceiling));
     let quanta = |weight: f64, floor: u32, factor: f64| -> u64 {
-        // Added to 2^52 a smaller number is rounded to an integer, in the low bits.
+        // Adding 2^52 rounds a smaller number to an integer in the low bits.
         const INTEGERS: f64 = (1u64 << 52) as f64;
         let share = (base + factor * weight).min(most).max(f64::from(floor));
         (share * QUANTA + INTEGERS).to_bits() - INTEGERS.to_bits()
@@ -65,7 +69,7 @@ pub fn share(weights: &[f64], base: u32, floors: &[u32], ceiling: u32, total: u6
         let chunks = weights.par_chunks(CHUNK).zip(floors.par_chunks(CHUNK)).with_min_len(2);
         chunks.map(|(w, f)| u128::from(w.iter().zip(f).map(|(&w, &f)| quanta(w, f, factor)).sum::<u64>())).sum()
     };
-    // The factor if no bound took part. The sum is one of integers, so that no order shows.
+    // The factor without any bound. Integers are summed, so the order does not matter.
     let sum: u128 = weights.iter().map(|w| u128::from((w * (1u64 << 40) as f64) as u64)).sum();
     let first = (total - lowest) as f64 / (sum.max(1) as f64 / (1u64 << 40) as f64);
     let factor = find_factor(first, u128::from(total) << QUANTUM_BITS, weights.len() as u128, spend);
@@ -75,15 +79,16 @@ pub fn share(weights: &[f64], base: u32, floors: &[u32], ceiling: u32, total: u6
     let left = total - counts.iter().map(|&n| u64::from(n)).sum::<u64>();
     let open = counts.iter().filter(|n| **n < ceiling).count();
     if left > open as u64 {
-        // The search was cut off far from its end, by weights that differ by tens of decades.
+        // Weights that differ by tens of decades cut the search off far from its end.
         return Ok(Allocation { counts: level(&counts, ceiling, total), unspent: 0, replaced });
     }
     hand_out_remainders(&shares, &weights, &mut counts, ceiling, left as usize);
     Ok(Allocation { counts, unspent: 0, replaced })
 }
 
-/// The largest factor, nearly, at which `spend` does not exceed `goal`: at most `close` quanta below
-/// it, unless a step of `spend` is wider. Spending grows with the factor.
+/// The largest factor, nearly, at which `spend` does not exceed `goal`.
+///
+/// It ends at most `close` units below, unless a step of `spend` is wider. Spending grows with the factor.
 fn find_factor(first: f64, goal: u128, close: u128, spend: impl Fn(f64) -> u128) -> f64 {
     let (mut low, mut missing) = (0.0, 0.0);
     let (mut high, mut excess) = (f64::INFINITY, 0.0);
@@ -92,7 +97,7 @@ fn find_factor(first: f64, goal: u128, close: u128, spend: impl Fn(f64) -> u128)
     for round in 0..MOST_ROUNDS {
         let spent = spend(guess);
         if spent <= goal {
-            // Illinois: an end that stays put twice counts half.
+            // Illinois variant: an end that stays twice counts half.
             if last_low == Some(true) {
                 excess *= 0.5;
             }
@@ -106,8 +111,8 @@ fn find_factor(first: f64, goal: u128, close: u128, spend: impl Fn(f64) -> u128)
             }
             (high, excess, last_low) = (guess, (spent - goal) as f64, Some(false));
         }
-        // Outwards in steps whose exponents double, inwards by halving exponents, then regula falsi
-        // with bisection every eighth round.
+        // Outwards in steps of doubling exponents, inwards by halving exponents, then regula falsi with bisection every
+        // eighth round.
         guess = if high == f64::INFINITY || low == 0.0 {
             let step = (1u64 << (1u32 << stride).min(63)) as f64;
             stride = (stride + 1).min(5);
@@ -126,15 +131,15 @@ fn find_factor(first: f64, goal: u128, close: u128, spend: impl Fn(f64) -> u128)
     low
 }
 
-/// One more for each of the `left` pixels with the largest remainders, of those below the ceiling.
-/// Equal remainders go by weight, equal weights by a hash.
+/// Adds one sample to each of the `left` pixels with the largest remainders, of those below the ceiling. Ties go to the
+/// larger weight, then by a hash.
 fn hand_out_remainders(shares: &[u64], weights: &[f64], counts: &mut [u32], ceiling: u32, mut left: usize) {
     if left == 0 {
         return;
     }
     let bucket = |share: u64| (share >> (QUANTUM_BITS - 10)) as usize & 1023;
     let remainder = |share: u64| share & ((1 << QUANTUM_BITS) - 1);
-    // All above some bucket of remainders get one; only the bucket's own must be compared.
+    // All pixels above some bucket of remainders get one. Only those in the bucket are compared.
     let mut open = [0usize; 1024];
     counts.iter().zip(shares).filter(|(n, _)| **n < ceiling).for_each(|(_, &s)| open[bucket(s)] += 1);
     let mut last = 1023;

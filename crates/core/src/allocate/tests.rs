@@ -97,7 +97,7 @@ fn wild(rng: &mut Pcg64, pixels: usize) -> (Vec<f64>, usize) {
 }
 
 #[test]
-fn a07_exact_totals() {
+fn totals_are_exact_a07() {
     let mut rng = Pcg64::seed_from_u64(3);
     for case in 0..cases(10_000) {
         let pixels = if case % 100 == 99 && !cfg!(miri) { 5000 } else { rng.random_range(1..60) };
@@ -108,7 +108,9 @@ fn a07_exact_totals() {
         let exponent = [None, Some(1.0), Some(1.3), Some(3.0)][case % 4];
         let got = match exponent {
             None => allocate(&scores, &floors, ceiling, total),
-            Some(e) => allocate_on_ladder(&scores, &floors, ceiling, total, e, case % 8 > 3),
+            Some(e) => {
+                if case % 8 > 3 { Ladder::Halves } else { Ladder::Whole }.allocate(&scores, &floors, ceiling, total, e)
+            }
         };
         let got = got.unwrap();
         assert_eq!(sum(&got.counts) + got.unspent, total, "case {case}");
@@ -120,14 +122,14 @@ fn a07_exact_totals() {
 }
 
 #[test]
-fn a07_budgets_below_the_floors_are_refused_and_floors_win_over_ceilings() {
+fn budgets_below_the_floors_are_refused_and_floors_win_over_ceilings_a07() {
     let refused = allocate(&[1.0; 3], &[2; 3], 9, 5);
     assert!(matches!(refused, Err(Error::BudgetTooSmall { budget: 5, needed: 6, pixels: 3 })));
     let got = allocate(&[1.0, 5.0], &[7, 1], 4, 20).unwrap();
     assert_eq!((got.counts, got.unspent), (vec![7, 4], 9));
     for exponent in [0.0, -1.0, f64::NAN, 3.1] {
         assert!(matches!(
-            allocate_on_ladder(&[1.0], &[1], 9, 5, exponent, false),
+            Ladder::Whole.allocate(&[1.0], &[1], 9, 5, exponent),
             Err(Error::OutOfRange { name: "exponent", .. })
         ));
     }
@@ -135,7 +137,7 @@ fn a07_budgets_below_the_floors_are_refused_and_floors_win_over_ceilings() {
 }
 
 #[test]
-fn a07_permuting_pixels_permutes_counts() {
+fn permuting_pixels_permutes_counts_a07() {
     let mut rng = Pcg64::seed_from_u64(4);
     for _ in 0..cases(200) {
         let pixels = rng.random_range(2..80);
@@ -148,10 +150,10 @@ fn a07_permuting_pixels_permutes_counts() {
         let run = |scores: &[f64]| -> Vec<Allocation> {
             let floors = vec![1; pixels];
             let plain = allocate(scores, &floors, 64, total).unwrap();
-            vec![plain, allocate_on_ladder(scores, &floors, 64, total, 1.3, false).unwrap()]
+            vec![plain, Ladder::Whole.allocate(scores, &floors, 64, total, 1.3).unwrap()]
         };
         for (got, permuted_got) in run(&scores).into_iter().zip(run(&permuted)) {
-            // Counts may change places among equal scores only.
+            // Only pixels of equal scores may swap counts.
             let of = |scores: &[f64], counts: &[u32]| {
                 let mut pairs: Vec<_> = scores.iter().map(|g| g.to_bits()).zip(counts.iter().copied()).collect();
                 pairs.sort_unstable();
@@ -169,7 +171,7 @@ fn equal_scores_give_counts_that_differ_by_one() {
         for &total in &totals[..if cfg!(miri) { 3 } else { 5 }] {
             let (scores, floors) = (vec![score; 97], vec![1; 97]);
             let plain = allocate(&scores, &floors, 2000, total).unwrap();
-            let ladder = allocate_on_ladder(&scores, &floors, 2000, total, 1.3, true).unwrap();
+            let ladder = Ladder::Halves.allocate(&scores, &floors, 2000, total, 1.3).unwrap();
             for counts in [plain.counts, ladder.counts] {
                 let (least, most) = (counts.iter().min().unwrap(), counts.iter().max().unwrap());
                 assert!(most - least <= 1, "score {score}, total {total}: {least} .. {most}");
@@ -177,14 +179,13 @@ fn equal_scores_give_counts_that_differ_by_one() {
             }
         }
     }
-    // Bad scores beside zeros are zeros, and so equal.
+    // NaN beside zeros counts as zero, so all are equal.
     let mixed: Vec<f64> = (0..97).map(|i| if i % 3 == 0 { f64::NAN } else { 0.0 }).collect();
-    let counts = allocate_on_ladder(&mixed, &[1; 97], 2000, 97 * 10 + 5, 1.3, false).unwrap().counts;
+    let counts = Ladder::Whole.allocate(&mixed, &[1; 97], 2000, 97 * 10 + 5, 1.3).unwrap().counts;
     assert!(counts.iter().max().unwrap() - counts.iter().min().unwrap() <= 1, "{counts:?}");
 }
 
-/// Whoever the odd samples go to, no part of the image is preferred: halves of the image get
-/// equal shares within 6 standard errors.
+/// Halves of the image get equal shares of the odd samples within 6 standard errors.
 #[test]
 fn odd_samples_prefer_no_part_of_the_image() {
     let counts = allocate(&vec![1.0; 10_000], &vec![1; 10_000], 100, 25_000).unwrap().counts;
@@ -210,57 +211,57 @@ fn all_but_one_count_are_on_the_ladder() {
     let mut rng = Pcg64::seed_from_u64(6);
     for case in 0..cases(500) {
         let pixels = rng.random_range(2..200usize);
-        let even = case % 2 == 0;
+        let ladder = if case % 2 == 0 { Ladder::Halves } else { Ladder::Whole };
+        let even = ladder == Ladder::Halves;
         let mut scores: Vec<f64> = (0..pixels).map(|_| 10f64.powf(rng.random_range(-3.0..3.0))).collect();
         scores[1] = scores[0] * 2.0;
-        // A ceiling that is no rung.
+        // A ceiling off the ladder.
         let (floor, ceiling) = (if even { 2 } else { 1 }, 61);
         let total = rng.random_range(u64::from(floor) * pixels as u64..=40 * pixels as u64);
         let floors = vec![floor; pixels];
-        let counts = allocate_on_ladder(&scores, &floors, ceiling, total, 1.3, even).unwrap().counts;
+        let counts = ladder.allocate(&scores, &floors, ceiling, total, 1.3).unwrap().counts;
         assert_eq!(sum(&counts), total);
-        let off = counts.iter().filter(|&&n| ladder_floor(n, even) != n || (even && n % 2 == 1)).count();
+        let off = counts.iter().filter(|&&n| ladder.floor(n) != n || (even && n % 2 == 1)).count();
         assert!(off <= 1, "case {case}: {off} counts are off the ladder: {counts:?}");
     }
 }
 
-/// Rungs are handed out by gain: no swap of one step between two pixels improves the objective by
-/// more than the one odd pixel can explain.
+/// No swap of one step between two pixels improves the objective by more than the one odd pixel can explain.
 #[test]
 fn ladder_steps_are_in_the_order_of_gains() {
     let mut rng = Pcg64::seed_from_u64(7);
     for _ in 0..cases(100) {
         let scores: Vec<f64> = (0..60).map(|_| 10f64.powf(rng.random_range(-3.0..3.0))).collect();
         let total = rng.random_range(60..1200);
-        let counts = allocate_on_ladder(&scores, &[1; 60], u32::MAX, total, 1.3, false).unwrap().counts;
-        let on: Vec<usize> = (0..60).filter(|&p| ladder_floor(counts[p], false) == counts[p]).collect();
+        let counts = Ladder::Whole.allocate(&scores, &[1; 60], u32::MAX, total, 1.3).unwrap().counts;
+        let on: Vec<usize> = (0..60).filter(|&p| Ladder::Whole.floor(counts[p]) == counts[p]).collect();
         let f = |n: u32| f64::from(n).powf(-1.3);
         let per_sample = |p: usize, n: u32, m: u32| scores[p] * (f(n) - f(m)) / f64::from(m - n);
-        let below = |n: u32| ladder_floor(n - 1, false);
+        let below = |n: u32| Ladder::Whole.floor(n - 1);
         let taken = on.iter().filter(|&&p| counts[p] > 1).map(|&p| per_sample(p, below(counts[p]), counts[p]));
-        let open = on.iter().map(|&p| per_sample(p, counts[p], ladder_next(counts[p], false)));
+        let open = on.iter().map(|&p| per_sample(p, counts[p], Ladder::Whole.next(counts[p])));
         let (taken, open) = (taken.fold(f64::INFINITY, f64::min), open.fold(0.0, f64::max));
         assert!(open <= taken * (1.0 + 1e-9), "a step worth {open} was left out for one worth {taken}");
     }
 }
 
 #[test]
-fn ladder_tables() {
-    let climb = |even: bool| std::iter::successors(Some(0), move |&n| Some(ladder_next(n, even)));
-    assert_eq!(climb(false).take(13).collect::<Vec<_>>(), [0, 1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64]);
-    assert_eq!(climb(true).take(12).collect::<Vec<_>>(), [0, 2, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96]);
-    for even in [false, true] {
-        let rungs: Vec<u32> = climb(even).take_while(|&n| n < u32::MAX).collect();
+fn the_ladder_has_its_published_rungs() {
+    let climb = |ladder: Ladder| std::iter::successors(Some(0), move |&n| Some(ladder.next(n)));
+    assert_eq!(climb(Ladder::Whole).take(13).collect::<Vec<_>>(), [0, 1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64]);
+    assert_eq!(climb(Ladder::Halves).take(12).collect::<Vec<_>>(), [0, 2, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96]);
+    for ladder in [Ladder::Whole, Ladder::Halves] {
+        let rungs: Vec<u32> = climb(ladder).take_while(|&n| n < u32::MAX).collect();
         assert!(*rungs.last().unwrap() >= 3 << 30, "the ladder ends early");
         for n in 1..2000 {
             let next = *rungs.iter().find(|&&r| r > n).unwrap();
             let floor = *rungs.iter().rev().find(|&&r| r <= n).unwrap();
-            assert_eq!(ladder_next(n, even), next, "after {n}");
+            assert_eq!(ladder.next(n), next, "after {n}");
             // Below the first rung, `n` itself.
-            assert_eq!(ladder_floor(n, even), if floor == 0 { n } else { floor }, "under {n}");
+            assert_eq!(ladder.floor(n), if floor == 0 { n } else { floor }, "under {n}");
         }
-        assert_eq!((ladder_floor(0, even), ladder_next(u32::MAX, even)), (0, u32::MAX));
-        assert_eq!(ladder_floor(u32::MAX, even), *rungs.last().unwrap());
+        assert_eq!((ladder.floor(0), ladder.next(u32::MAX)), (0, u32::MAX));
+        assert_eq!(ladder.floor(u32::MAX), *rungs.last().unwrap());
     }
 }
 
@@ -270,7 +271,7 @@ fn threads_change_no_count() {
     let scores: Vec<f64> = (0..50_000).map(|_| 10f64.powf(rng.random_range(-3.0..3.0))).collect();
     let run = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| allocate_on_ladder(&scores, &vec![4; 50_000], 200, 1_600_001, 1.3, false).unwrap())
+        pool.install(|| Ladder::Whole.allocate(&scores, &vec![4; 50_000], 200, 1_600_001, 1.3).unwrap())
     };
     let one = run(1);
     assert!([2, 3, 7].into_iter().all(|threads| run(threads) == one));

@@ -14,15 +14,14 @@ pub fn luminance([r, g, b]: [f64; 3]) -> f64 {
     0.2126 * r + 0.7152 * g + 0.0722 * b
 }
 
-/// Which statistics of a pixel: of kept or of discarded samples, of one half or of all.
+/// The statistics of all pixels: of kept or of discarded samples, of one half or of all.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Bank {
     pub(crate) counts: Vec<u64>,
     pub(crate) means: Vec<[f64; 3]>,
     pub(crate) m2: Vec<[f64; 3]>,
     pub(crate) ranges: Vec<Range>,
-    /// By how much the index of a pixel's next sample differs from its count: by the samples that
-    /// were withdrawn. Empty until some are.
+    /// The index of a pixel's next sample less its count: the samples that were withdrawn. Empty until some are.
     pub(crate) ahead: Vec<i64>,
 }
 
@@ -41,13 +40,12 @@ impl Bank {
         RgbMoments { count: self.counts[i], mean: self.means[i], m2: self.m2.get(i).copied().unwrap_or([f64::NAN; 3]) }
     }
 
-    /// The index that pixel `i`'s next sample has in its stream.
+    /// The index of pixel `i`'s next sample in its stream.
     pub(crate) fn next_index(&self, i: usize) -> u64 {
         index(self.counts[i], self.ahead.get(i))
     }
 
-    /// Takes the samples of the pixels that `withdrawn` marks out of this bank and into `other`.
-    /// Indices go on in both.
+    /// Moves the samples of the marked pixels from this bank to `other`. Indices continue in both.
     pub(super) fn withdraw_into(&mut self, other: &mut Self, withdrawn: &[bool]) {
         let pixels = self.counts.len();
         for bank in [&mut *self, &mut *other] {
@@ -72,13 +70,13 @@ impl Bank {
     }
 }
 
-/// The index of the sample that follows `count` samples of a bank.
+/// The index of the sample after `count` samples of a bank.
 #[inline]
 pub(crate) fn index(count: u64, ahead: Option<&i64>) -> u64 {
     count.wrapping_add_signed(ahead.copied().unwrap_or(0))
 }
 
-/// Takes a sample into a range.
+/// Extends a range by a sample.
 #[inline]
 pub(crate) fn widen(range: &mut Range, radiance: [f32; 3]) {
     let [r, g, b] = radiance;
@@ -86,7 +84,7 @@ pub(crate) fn widen(range: &mut Range, radiance: [f32; 3]) {
     join(range, &[value, value]);
 }
 
-/// Takes a range into a range.
+/// Extends a range by another.
 pub(super) fn join(range: &mut Range, other: &Range) {
     for c in 0..4 {
         range[0][c] = range[0][c].min(other[0][c]);

@@ -2,13 +2,13 @@ use super::*;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
-/// What a plane really holds: its capacity, not its length.
+/// The allocated bytes of a plane: its capacity, not its length.
 fn bytes<T>(plane: &Vec<T>) -> usize {
     plane.capacity() * size_of::<T>()
 }
 
 #[test]
-fn bytes_per_pixel_is_what_is_allocated() {
+fn bytes_per_pixel_are_those_allocated() {
     let none = Needs::none();
     let all = none.with_variance().with_extrema().with_halves().with_features().with_first_hits(3).with_cost();
     let each = [none.with_variance(), none.with_extrema(), none.with_halves(), none.with_features(), none.with_cost()];
@@ -19,13 +19,13 @@ fn bytes_per_pixel_is_what_is_allocated() {
         let rest = bytes(&film.features) + bytes(&film.first_hits) + bytes(&film.costs);
         assert_eq!(banks + rest, 37 * 11 * Film::bytes_per_pixel(&needs), "{needs:?}");
     }
-    // Published figures: a change here is a change of the README's promise.
+    // The README promises these figures.
     assert_eq!([Film::bytes_per_pixel(&none), Film::bytes_per_pixel(&none.with_variance())], [32, 56]);
     assert_eq!(Film::bytes_per_pixel(&none.with_extrema()), 64);
 }
 
-/// `E (A - B)^2 = var A + var B`, shared out by count: against the spread of the mean itself over
-/// 20,000 pixels. The relative deviation of either is sqrt(2 / 20000) = 1 %; 6 of them together 8 %.
+/// `E (A - B)^2 = var A + var B`, divided by count, against the spread of the mean over 20,000 pixels. The relative
+/// deviation of either is sqrt(2 / 20000) = 1 %; 6 of both together are 8 %.
 #[test]
 #[cfg_attr(miri, ignore = "statistics: too many samples for Miri")]
 fn squared_error_is_that_of_the_combined_mean() {
@@ -55,7 +55,7 @@ fn squared_error_is_that_of_the_combined_mean() {
     }
 }
 
-/// The rows of means that are kept at a time are all that the formula asks for: bit for bit, in images of any height.
+/// Keeping three rows of means at a time gives the bits of the formula over the whole image, for any height.
 #[test]
 fn predicted_errors_are_those_of_the_whole_image() {
     let mut rng = Pcg64Mcg::seed_from_u64(2026);
@@ -81,10 +81,10 @@ fn predicted_errors_are_those_of_the_whole_image() {
     }
 }
 
-/// Few samples, one in ten of which carries all the light: where the error is large the pixel's own mean is large too.
+/// One sample in ten carries all the light, so a pixel's own mean is large where its error is.
 #[test]
 #[cfg_attr(miri, ignore = "statistics: too many samples for Miri")]
-fn a_forecast_is_not_hidden_by_its_own_error() {
+fn a_predicted_error_is_not_hidden_by_the_error_itself() {
     const SIDE: u32 = 64;
     const SPP: usize = 16;
     let frame = Frame::new(SIDE, SIDE).expect("not empty");
@@ -98,11 +98,11 @@ fn a_forecast_is_not_hidden_by_its_own_error() {
     }
     // Mean 1, variance 9.
     let truth = 9.0 / SPP as f64 / 1.01;
-    // What the level scatters adds some 3 * 9 / 144 = .19 to the mean of its inverse square; that the pixel is one of nine
-    // takes some away again.
+    // The variance of the level adds about 3 * 9 / 144 = 0.19 to the mean of its inverse square. The pixel is one of
+    // the nine, which subtracts some.
     let ratio = film.predicted_relmse().expect("halves") / truth;
     assert!((0.9..1.2).contains(&ratio), "{ratio}");
-    // Negative control: with the pixel's own mean for the truth.
+    // Negative control: the pixel's own mean stands for the truth.
     let own: f64 = (0..frame.pixels())
         .map(|i| film.squared_error(i).expect("halves")[0] / (film.mean(i)[0] * film.mean(i)[0] + 0.01))
         .sum();

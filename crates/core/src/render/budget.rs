@@ -1,21 +1,21 @@
-//! How time and error become samples.
+//! Budgets of time and error as numbers of samples.
 
 use crate::{Budget, BudgetLeft, Error, Film, Frame, Limits, Needs};
 
-/// Shows the sampler a budget at each barrier, and decides after it is spent whether there is more.
+/// The budget of a render. It decides the budget of each plan, and after it is spent, the next.
 pub(super) struct Meter {
     budget: Budget,
     pixels: u64,
     min_spp: u32,
     max_spp: u32,
     total: u64,
-    /// Barriers passed, for replaying a record.
+    /// The number of plans so far, for replaying a record.
     barrier: usize,
 }
 
-/// Share of the time that the first guess leaves for a last, better informed round.
+/// The share of the time that the first guess leaves for a last round, whose rate is known better.
 const RESERVE: f64 = 0.1;
-/// Time below which no further round is worth its barrier, as a share of the limit.
+/// The least time for another round, as a share of the limit.
 const ENOUGH: f64 = 0.03;
 
 impl Meter {
@@ -23,7 +23,7 @@ impl Meter {
         let Limits { min_spp, max_spp, .. } = *limits;
         if min_spp > max_spp || max_spp == 0 {
             let value = format!("{min_spp} .. {max_spp}");
-            let allowed = "the smallest count must not exceed the largest, which must be at least 1";
+            let allowed = "the least count must not exceed the largest, which must be at least 1";
             return Err(Error::OutOfRange { name: "samples per pixel", value, allowed });
         }
         let out = |name, value: f64, allowed| Err(Error::OutOfRange { name, value: value.to_string(), allowed });
@@ -34,7 +34,7 @@ impl Meter {
             Budget::Error { relmse, .. } if !(relmse.is_finite() && *relmse > 0.0) => {
                 return out("relmse", *relmse, "an error above zero");
             }
-            // One sample a pixel tells what they cost; four in two halves tell what they are worth.
+            // One sample per pixel shows the cost of samples; four in two halves show their error.
             Budget::Seconds(_) => pixels * u64::from(min_spp.max(1)),
             Budget::Error { at_most, .. } => (pixels * u64::from(min_spp.max(4))).min(*at_most),
             Budget::Recorded(totals) => totals.first().copied().unwrap_or(0),
@@ -63,38 +63,38 @@ impl Meter {
         }
     }
 
-    /// Goes on where a snapshot was taken: with the budget shown there, if this one's kind is raised on the way.
+    /// Continues from a snapshot. A budget of time or error continues with the number of samples there.
     pub(super) fn restore(&mut self, film: &Film, total: u64, planned: u64) -> Result<(), Error> {
         let shown = &film.record().budgets;
         self.barrier = shown.len();
         match &self.budget {
             Budget::Recorded(totals) if !totals.starts_with(shown) => {
-                let what = "the budgets that it was shown are not those of the record".into();
+                let what = "its budgets are not those of the record".into();
                 return Err(Error::OtherRender { what });
             }
             Budget::Samples(_) => {}
             _ => self.total = total,
         }
         if self.total < planned {
-            let what = format!("{planned} samples are traced or planned already, and {} are asked for", self.total);
+            let what = format!("{planned} samples are traced or planned already, and the budget is {}", self.total);
             return Err(Error::OtherRender { what });
         }
         Ok(())
     }
 
-    /// The budget as it was shown last.
+    /// The budget of the last plan.
     pub(super) fn left(&self, film: &Film) -> BudgetLeft {
         let spent = film.record().samples;
         BudgetLeft { spent, total: self.total, min_spp: self.min_spp, max_spp: self.max_spp }
     }
 
-    /// The budget at this barrier.
+    /// The budget of the next plan.
     pub(super) fn show(&mut self, film: &Film, round: u32, seconds: f64) -> BudgetLeft {
         match &self.budget {
             Budget::Recorded(totals) => {
                 self.total = totals.get(self.barrier).copied().unwrap_or(self.total);
             }
-            // The first round told what samples cost: plan the rest in one go.
+            // The first round showed the cost of samples: plan the rest at once.
             Budget::Seconds(limit) if round == 1 => {
                 let left = (limit - seconds) * (1.0 - RESERVE);
                 self.total = self.total.max(self.affordable(film, seconds, left));
@@ -105,7 +105,7 @@ impl Meter {
         self.left(film)
     }
 
-    /// Called when the sampler has nothing more to ask for; raises the budget if it may be raised.
+    /// Raises the budget, if its kind allows, when the sampler is done. Returns `true` if another plan may follow.
     pub(super) fn extend(&mut self, film: &Film, seconds: f64) -> bool {
         let spent = film.record().samples;
         let before = self.total;
@@ -118,7 +118,7 @@ impl Meter {
                     return false;
                 }
                 self.total = self.affordable(film, seconds, left);
-                // A handful of samples is not worth a barrier.
+                // A few samples are not worth another round.
                 if self.total < spent + self.pixels.div_ceil(8) {
                     return false;
                 }
@@ -128,12 +128,12 @@ impl Meter {
                 if predicted <= *relmse || spent >= *at_most {
                     return false;
                 }
-                // Errors fall about as n^-1.2 in images; a guess is never trusted beyond twofold.
+                // Errors fall about as n^-1.2 in images. The guess is limited to twice the samples.
                 let growth = (predicted / relmse).powf(1.0 / 1.2).clamp(1.125, 2.0);
                 self.total = ((spent as f64 * growth) as u64).min(*at_most);
             }
         }
-        // A sampler that stops by a threshold of its own has no use for more.
+        // A sampler that stops by a threshold needs no more.
         self.total = self.total.min(self.pixels * u64::from(self.max_spp));
         spent >= before && self.total > spent
     }

@@ -1,6 +1,6 @@
 //! Tracing one round: slices of bands of rows.
 
-use super::Look;
+use super::MonitorContext;
 use crate::allocate::mix;
 use crate::film::{self, Bank, FeatureMoments, REJECTED_LISTED, index, keep_first, reason_to_reject, widen};
 use crate::integrator::TrainingSum;
@@ -15,16 +15,17 @@ use std::ops::Range;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::slice::ChunksMut;
 
-/// What an integrator observed is summed up in blocks of this many pixels squared.
+/// The side, in pixels, of the blocks in which training data is summed.
 const BLOCK: usize = 16;
-/// How long a slice should take: a Ctrl-C is heard after about this many seconds, or a row of pixels.
+/// The aimed-at seconds per slice. A monitor is called after about this long, or after a row of pixels if that takes
+/// longer.
 const SLICE_SECONDS: f64 = 0.2;
-/// Samples in a slice before anything is known: a millisecond where a sample takes one of the usual microseconds, a second where it takes a thousand.
+/// Samples in the first slice: a millisecond at a microsecond per sample, a second at a thousand.
 const FIRST_SLICE: f64 = 1024.0;
-/// No slice is longer than so many times what the round has traced.
+/// The largest length of a slice, as a multiple of the samples traced in the round.
 const GROWTH: f64 = 8.0;
 
-/// What does not change during a round.
+/// The constants of a slice.
 struct Round<'a> {
     integrator: &'a dyn Integrator,
     points: &'a dyn PointSet,
@@ -36,11 +37,11 @@ struct Round<'a> {
     /// First hits kept per pixel.
     first_hits: usize,
     wants_training: bool,
-    /// The part of each pixel's samples in this slice.
+    /// The range of each pixel's samples in this slice.
     part: [u32; 2],
 }
 
-/// One bank's share of a band of rows.
+/// The rows of one bank in a band.
 struct BankRows<'a> {
     counts: &'a mut [u64],
     means: &'a mut [[f64; 3]],
@@ -50,9 +51,9 @@ struct BankRows<'a> {
     ahead: &'a [i64],
 }
 
-/// A band of rows: what one task writes to.
+/// A band of rows: the pixels that one task writes.
 struct Band<'a> {
-    /// Number of its first pixel.
+    /// The number of its first pixel.
     first: usize,
     banks: Vec<BankRows<'a>>,
     features: &'a mut [FeatureMoments],
@@ -60,55 +61,56 @@ struct Band<'a> {
     costs: &'a mut [u64],
 }
 
-/// What a task hands back besides pixels.
+/// The results of a task besides pixels.
 #[derive(Default)]
 struct Tally {
     samples: u64,
     rays: u64,
     blocks: u64,
-    /// How many samples were rejected.
+    /// The number of rejected samples.
     rejections: u64,
-    /// The first of them: enough that the film can list the first of all.
+    /// The first of them, enough for the film's list.
     rejected: Vec<Rejected>,
-    /// The value of the first in order of tracing.
+    /// The first in the order of tracing, with its value.
     first_rejected: Option<(SampleId, [f32; 3])>,
-    observations: Vec<(usize, Vec<TrainingSum>)>,
+    training: Vec<(usize, Vec<TrainingSum>)>,
     panicked: Option<(SampleId, String)>,
 }
 
-/// Whether and where the monitor stopped a round.
+/// The place at which a monitor stopped a round.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Stopped {
     No,
     /// With samples of the round still to trace.
     Within,
-    /// After its last slice: the round is whole.
+    /// After its last slice, with the round complete.
     AtEnd,
 }
 
-/// Traces what is left of a round into the film. `began` is when, by the look's clock, it would have begun without
-/// interruption.
+/// Traces the rest of a round into the film. `began` is the time by the context's clock at which the round would have
+/// begun without interruption.
 pub(super) fn trace(
     integrator: &mut dyn Integrator,
     film: &mut Film,
     open: &mut OpenRound,
     passes: &mut Vec<TrainingData>,
     began: f64,
-    look: &mut Look<'_>,
+    context: &mut MonitorContext<'_>,
 ) -> Result<Stopped, Error> {
-    let points = look.sampler.points();
+    let points = context.sampler.points();
     let height = film.frame.size()[1];
     let longest = longest_pixel(&open.plan);
     while open.cursor.start < longest {
         let wants_training = integrator.wants_training();
-        let (length, rows) = next_slice(open, film, wants_training, look.seconds() - began, look.limits);
+        let (length, rows) = next_slice(open, film, wants_training, context.seconds() - began, context.limits);
         let cursor = &mut open.cursor;
         if cursor.row == 0 {
             cursor.end = cursor.start.saturating_add(length).min(longest);
         }
         let rows = [cursor.row, cursor.row.saturating_add(rows).min(height)];
-        let tallies = slice(&*integrator, points, &open.plan, film, look.limits, [cursor.start, cursor.end], rows);
-        let panicked = settle(film, tallies, look.limits, points, &mut open.pending)?;
+        let range = Slice { samples: [cursor.start, cursor.end], rows };
+        let tallies = slice(&*integrator, points, &open.plan, film, context.limits, range);
+        let panicked = add_up(film, tallies, context.limits, points, &mut open.pending)?;
         if let Some((sample, message)) = panicked {
             let film = Box::new(std::mem::replace(film, Film::new(*film.frame(), crate::Needs::none())));
             return Err(Error::Panicked { sample, message, points: points.describe(), film });
@@ -116,17 +118,17 @@ pub(super) fn trace(
         cursor.row = rows[1] % height;
         if cursor.row == 0 {
             cursor.start = cursor.end;
-            let mut observed = std::mem::take(&mut open.pending);
+            let mut pending = std::mem::take(&mut open.pending);
             if wants_training {
-                observed.sort_by_key(|(row, _)| *row);
-                let rows: Vec<_> = observed.into_iter().map(|(_, sums)| sums).collect();
+                pending.sort_by_key(|(row, _)| *row);
+                let rows: Vec<_> = pending.into_iter().map(|(_, sums)| sums).collect();
                 let pass = TrainingData::merge(&rows);
                 integrator.learn(&pass);
                 passes.push(pass);
             }
         }
-        open.traced_seconds = look.seconds() - began;
-        if look.slice(film, open, passes) == Control::Stop {
+        open.traced_seconds = context.seconds() - began;
+        if context.slice(film, open, passes) == Control::Stop {
             return Ok(if open.cursor.start < longest { Stopped::Within } else { Stopped::AtEnd });
         }
     }
@@ -138,24 +140,26 @@ fn longest_pixel(plan: &Plan) -> u32 {
     plan.counts.iter().chain(second).copied().max().unwrap_or(0)
 }
 
-/// Samples per pixel of the slice at the cursor (or of the pass over the rows that it belongs to), and its rows of pixels: by
-/// the rate of this round, which took `seconds` so far. Where a sample of every pixel takes longer than a slice should, it
-/// goes by some rows at a time.
+/// Samples per pixel of the slice at the cursor (or of the pass over the rows to which it belongs), and its rows of
+/// pixels.
+///
+/// Both follow from the rate of this round, which took `seconds` so far. If one sample of every pixel takes longer than
+/// a slice should, the slice has some of the rows only.
 fn next_slice(open: &OpenRound, film: &Film, wants_training: bool, seconds: f64, limits: &Limits) -> (u32, u32) {
     let height = film.frame.size()[1];
     let fixed = limits.schedule.slice_spp;
     if fixed > 0 {
-        return (if wants_training { lesson_length(film) } else { fixed }, height);
+        return (if wants_training { pass_length(film) } else { fixed }, height);
     }
     let Cursor { start, end, row } = open.cursor;
     let second = open.plan.second_half.iter().flatten();
     let active = open.plan.counts.iter().chain(second).filter(|&&n| n > start).count() as f64;
     let traced = (film.record.samples - open.before) as f64;
-    // The first rows may be the quickest: what they promise is believed step by step.
+    // The first rows may be the quickest, so the length grows step by step.
     let promised = (traced / seconds.max(1e-3) * SLICE_SECONDS).min(GROWTH * traced);
     let samples = promised.max(FIRST_SLICE);
     let length = match wants_training {
-        true => lesson_length(film),
+        true => pass_length(film),
         false => (samples / active).clamp(1.0, 65536.0) as u32,
     };
     let slices = f64::from(if row == 0 { length } else { end - start }) * active / samples;
@@ -166,11 +170,18 @@ fn next_slice(open: &OpenRound, film: &Film, wants_training: bool, seconds: f64,
     (length, if wants_training { rows.next_multiple_of(BLOCK as u32) } else { rows })
 }
 
-/// Samples per pixel until an integrator that wants_training learns again: as many as there were, so that it
-/// learns from a few early and from many in few training passes. Nothing but the plans decides it.
-fn lesson_length(film: &Film) -> u32 {
+/// Samples per pixel of the next training pass: as many as there were before. So the first passes are short, and there
+/// are few. The length depends on nothing but the plans.
+fn pass_length(film: &Film) -> u32 {
     let mean = film.record.samples / film.frame.pixels() as u64;
     u32::try_from(mean).unwrap_or(u32::MAX).max(1)
+}
+
+/// The samples of each pixel, and the rows of pixels, that are traced between two calls of the monitor.
+#[derive(Clone, Copy)]
+struct Slice {
+    samples: [u32; 2],
+    rows: [u32; 2],
 }
 
 fn slice(
@@ -179,8 +190,7 @@ fn slice(
     plan: &Plan,
     film: &mut Film,
     limits: &Limits,
-    part: [u32; 2],
-    rows: [u32; 2],
+    Slice { samples: part, rows }: Slice,
 ) -> Vec<Tally> {
     let [width, _] = film.frame.size().map(|n| n as usize);
     let halves = film.kept.len() == 2;
@@ -250,7 +260,7 @@ fn bands(film: &mut Film, retention: Retention, pixels: Range<usize>, size: usiz
         .collect()
 }
 
-/// A plane's share of these pixels in chunks; none of a plane that is not recorded.
+/// These pixels of a plane in chunks; none if the plane is not recorded.
 fn chunks<'a, T>(plane: &'a mut [T], pixels: &Range<usize>, size: usize) -> ChunksMut<'a, T> {
     let share = if plane.is_empty() { plane } else { &mut plane[pixels.clone()] };
     share.chunks_mut(size)
@@ -263,9 +273,9 @@ fn trace_band(round: &Round<'_>, mut band: Band<'_>) -> Tally {
         if round.wants_training {
             trace_blocks(round, &mut band, &mut tally, &current);
         } else {
-            let mut observed = TrainingLog::default();
+            let mut log = TrainingLog::default();
             for local in 0..band.banks[0].counts.len() {
-                trace_pixel(round, &mut band, local, &mut tally, &mut observed, &current);
+                trace_pixel(round, &mut band, local, &mut tally, &mut log, &current);
             }
         }
     }));
@@ -273,42 +283,42 @@ fn trace_band(round: &Round<'_>, mut band: Band<'_>) -> Tally {
         let message = (payload.downcast_ref::<String>().cloned())
             .or_else(|| payload.downcast_ref::<&str>().map(|s| (*s).to_owned()))
             .unwrap_or_else(|| "no message".into());
-        let nowhere = SampleId { pixel: [0; 2], stream: 0, index: 0 };
+        let nowhere = SampleId::new([0; 2], 0, 0);
         tally.panicked = Some((current.get().unwrap_or(nowhere), message));
     }
     tally
 }
 
-/// Goes through the band in blocks of 16x16 pixels, summing up what is observed in each, and then in each row of blocks: what
-/// is kept until the training pass is over is a sum for each key of a row, not of a block.
+/// Traces the band in blocks of 16x16 pixels, and sums the notes of each block, then of each row of blocks. Until the
+/// training pass is over, a sum per key and row is kept, not per block.
 fn trace_blocks(round: &Round<'_>, band: &mut Band<'_>, tally: &mut Tally, current: &Cell<Option<SampleId>>) {
     let width = round.width;
     let rows = band.banks[0].counts.len() / width;
     let first_row = band.first / width;
-    let mut observed = TrainingLog::default();
+    let mut log = TrainingLog::default();
     for top in (0..rows).step_by(BLOCK) {
         let mut blocks = Vec::with_capacity(width.div_ceil(BLOCK));
         for left in (0..width).step_by(BLOCK) {
             for row in top..(top + BLOCK).min(rows) {
                 for column in left..(left + BLOCK).min(width) {
-                    trace_pixel(round, band, row * width + column, tally, &mut observed, current);
+                    trace_pixel(round, band, row * width + column, tally, &mut log, current);
                 }
             }
-            blocks.push(observed.summarise());
+            blocks.push(log.summarise());
         }
         let row = TrainingData::merge_here(&blocks);
-        tally.observations.push(((first_row + top) / BLOCK, row.into_entries()));
+        tally.training.push(((first_row + top) / BLOCK, row.into_entries()));
     }
 }
 
-/// All samples of one pixel in this slice, in index order, by one task.
+/// Traces all samples of one pixel in this slice, in index order.
 #[inline]
 fn trace_pixel(
     round: &Round<'_>,
     band: &mut Band<'_>,
     local: usize,
     tally: &mut Tally,
-    observed: &mut TrainingLog,
+    log: &mut TrainingLog,
     current: &Cell<Option<SampleId>>,
 ) {
     let i = band.first + local;
@@ -324,36 +334,41 @@ fn trace_pixel(
     for step in start..last {
         if alternate {
             let half = usize::from(band.banks[1].counts[local] < band.banks[0].counts[local]);
-            trace_sample(round, band, local, pixel, half, tally, observed, current);
+            trace_sample(round, band, Place { local, pixel, half }, tally, log, current);
         } else {
             if step < first {
-                trace_sample(round, band, local, pixel, 0, tally, observed, current);
+                trace_sample(round, band, Place { local, pixel, half: 0 }, tally, log, current);
             }
             if step < second {
-                trace_sample(round, band, local, pixel, 1, tally, observed, current);
+                trace_sample(round, band, Place { local, pixel, half: 1 }, tally, log, current);
             }
         }
     }
 }
 
-#[inline]
-#[expect(clippy::too_many_arguments, reason = "the innermost loop, kept flat")]
-fn trace_sample(
-    round: &Round<'_>,
-    band: &mut Band<'_>,
+/// The pixel of a sample in its band and in the full frame, and its half.
+#[derive(Clone, Copy)]
+struct Place {
     local: usize,
     pixel: [u32; 2],
     half: usize,
+}
+
+#[inline]
+fn trace_sample(
+    round: &Round<'_>,
+    band: &mut Band<'_>,
+    Place { local, pixel, half }: Place,
     tally: &mut Tally,
-    observed: &mut TrainingLog,
+    log: &mut TrainingLog,
     current: &Cell<Option<SampleId>>,
 ) {
     let bank = &mut band.banks[half];
     let index = index(bank.counts[local], bank.ahead.get(local));
-    let id = SampleId { pixel, stream: round.streams[half], index };
+    let id = SampleId::new(pixel, round.streams[half], index);
     current.set(Some(id));
-    let draws = Draws::new(round.points, id, round.wants_first_hit);
-    let estimate = round.integrator.estimate(&draws, observed);
+    let draws = Draws::of_round(round.points, id, round.wants_first_hit);
+    let estimate = round.integrator.estimate(&draws, log);
     let radiance = match reason_to_reject(estimate.radiance) {
         None => estimate.radiance,
         Some(reason) => {
@@ -374,8 +389,7 @@ fn trace_sample(
 }
 
 impl Tally {
-    /// Outlined: it hardly ever happens. Holds no more than twice what a film lists, however many
-    /// samples are bad.
+    /// Outlined because it is rare. Holds at most twice as many samples as a film lists.
     #[cold]
     #[inline(never)]
     fn reject(&mut self, rejected: Rejected, value: [f32; 3]) {
@@ -411,17 +425,17 @@ impl BankRows<'_> {
     }
 }
 
-/// Outlined: most renders record no first hits.
+/// Outlined because most renders record no first hits.
 #[inline(never)]
 fn record_first_hit(band: &mut Band<'_>, local: usize, k: usize, hit: Option<&FirstHit>) {
-    // A hit with a number that is none counts as a miss, or it would spread through every mean.
+    // A NaN would spread through every mean, so such a hit counts as a miss.
     let hit = hit.filter(|h| h.is_finite());
     if let Some(features) = band.features.get_mut(local) {
         features.push(hit);
     }
     if k > 0 {
-        // Kept and discarded samples alike fill the places in the order in which they come; this
-        // bank's indices tell which place is next as long as one retention is used, which is the rule.
+        // Kept and discarded samples fill the places in the order of tracing. This bank's indices give the next place,
+        // as long as one retention is used, which is the rule.
         let seen = band.banks.iter().map(|b| index(b.counts[local], b.ahead.get(local))).sum::<u64>() - 1;
         if seen < k as u64 {
             band.first_hits[local * k + seen as usize] = hit.copied();
@@ -429,13 +443,13 @@ fn record_first_hit(band: &mut Band<'_>, local: usize, k: usize, hit: Option<&Fi
     }
 }
 
-/// Adds up what tasks hand back, in the order of the bands.
-fn settle(
+/// Adds up the results of tasks, in the order of the bands.
+fn add_up(
     film: &mut Film,
     tallies: Vec<Tally>,
     limits: &Limits,
     points: &dyn PointSet,
-    observed: &mut Vec<(usize, Vec<TrainingSum>)>,
+    pending: &mut Vec<(usize, Vec<TrainingSum>)>,
 ) -> Result<Option<(SampleId, String)>, Error> {
     let mut panicked = None;
     for tally in tallies {
@@ -450,7 +464,7 @@ fn settle(
         if tally.rejections > 0 {
             film.list_rejected(tally.rejections, tally.rejected);
         }
-        observed.extend(tally.observations);
+        pending.extend(tally.training);
         panicked = panicked.or(tally.panicked);
     }
     Ok(panicked)

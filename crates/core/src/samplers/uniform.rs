@@ -1,20 +1,47 @@
-//! The same number of samples for every pixel.
+//! Uniform sampling: the same number of samples for every pixel.
 
 use crate::{
     Budget, Error, Feedback, Frame, Limits, Needs, Plan, PointSet, Progress, Retention, Sampler, SamplerMemory,
+    saturating_u32,
 };
 
-/// The same number of samples for every pixel; what the budget leaves over goes to pixels picked by a
-/// hash of their number, one each.
+/// Uniform sampling: the same number of samples for every pixel.
 ///
-/// *Guarantees*: unbiased, exact, independent of what is seen. *Weaknesses*: spends as much on a
+/// The remainder of the budget goes to pixels picked by a hash of their number, one sample each.
+///
+/// *Guarantees*: unbiased, the exact budget, counts that do not depend on samples. *Weaknesses*: spends as much on a
 /// constant wall as on its shadow.
+///
+/// ```
+/// # use dapple_core::{PointSet, SampleId};
+/// # struct Centre;
+/// # impl PointSet for Centre {
+/// #     fn describe(&self) -> String { "centre".into() }
+/// #     fn block(&self, _: SampleId, _: u32) -> [f32; 4] { [0.5; 4] }
+/// #     fn capacity(&self) -> u64 { u64::MAX }
+/// # }
+/// use dapple_core::samplers::Uniform;
+/// use dapple_core::{Block, Draws, Estimate, Frame, Integrator, Limits, Render, TrainingLog};
+///
+/// struct Grey;
+/// impl Integrator for Grey {
+///     fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
+///         Estimate::new([draws.block(Block::new(0))[0]; 3])
+///     }
+/// }
+///
+/// // Two samples per pixel, and one more for two of the six.
+/// let frame = Frame::new(3, 2)?;
+/// let film = Render::new(frame, &Limits::samples(14)).run(&mut Grey, &mut Uniform::new(Centre))?;
+/// assert_eq!(film.counts().iter().filter(|&&n| n == 3).count(), 2);
+/// # Ok::<(), dapple_core::Error>(())
+/// ```
 pub struct Uniform<P> {
     points: P,
 }
 
 impl<P: PointSet> Uniform<P> {
-    /// With these points.
+    /// A uniform sampler of this point set.
     pub fn new(points: P) -> Self {
         Self { points }
     }
@@ -30,10 +57,10 @@ impl<P: PointSet> Sampler for Uniform<P> {
     }
 
     fn memory(&self, frame: &Frame, _: &Needs, limits: &Limits) -> SamplerMemory {
-        // Floors, counts, scores and a copy of them, a hash and a number of each pixel; of a budget that is known, the only
-        // plan is made before anything is written to the film, which takes more.
+        // Per pixel: floor, count, score and its copy, hash and number. With a known budget the only plan is made
+        // before anything is written to the film, which takes more.
         let once = matches!(limits.budget, Budget::Samples(_));
-        SamplerMemory::planning(frame, false, if once { 0 } else { 40 })
+        SamplerMemory::planning(frame, if once { 0 } else { 40 })
     }
 
     fn points(&self) -> &dyn PointSet {
@@ -45,12 +72,12 @@ impl<P: PointSet> Sampler for Uniform<P> {
             return Ok(Progress::Done);
         }
         plan.retention = Retention::Keep;
-        // Counts so far may already differ by one, from a budget that was raised: level to the total.
+        // After a raised budget, counts may already differ by one: level them to the new total.
         let wanted = super::level(seen, seen.budget.total)?;
         for (i, (count, wanted)) in plan.counts.iter_mut().zip(wanted).enumerate() {
-            *count = wanted.saturating_sub(u32::try_from(seen.film.count(i)).unwrap_or(u32::MAX));
+            *count = wanted.saturating_sub(saturating_u32(seen.film.count(i)));
         }
-        // Nothing to add where the ceiling holds every pixel.
+        // Nothing is left to add if every pixel is at its ceiling.
         Ok(if plan.total() == 0 { Progress::Done } else { Progress::Trace })
     }
 }

@@ -1,4 +1,4 @@
-//! Numbers to bytes and back: little-endian, in the order in which they are written, nothing between.
+//! Numbers as little-endian bytes, without padding.
 
 use super::Broken;
 
@@ -73,7 +73,7 @@ impl Writer {
         self.bytes.push(u8::from(value));
     }
 
-    /// Numbers whose count the reader knows.
+    /// Numbers of a count that the reader knows.
     pub(crate) fn numbers<T: Number>(&mut self, values: &[T]) {
         let start = self.bytes.len();
         self.bytes.resize(start + values.len() * T::SIZE, 0);
@@ -93,7 +93,7 @@ impl Writer {
     }
 }
 
-/// Bytes being read. Nothing is allocated that the bytes at hand do not fill.
+/// Bytes being read. Allocates no more than the bytes fill.
 pub(crate) struct Reader<'a> {
     rest: &'a [u8],
 }
@@ -113,7 +113,7 @@ impl<'a> Reader<'a> {
         Ok(taken)
     }
 
-    /// A reader of the next `count` things of `each` bytes.
+    /// A reader of the next `count` records of `each` bytes.
     pub(crate) fn part(&mut self, count: usize, each: usize) -> Result<Self, Broken> {
         let size = count.checked_mul(each).ok_or(Broken("they end too early"))?;
         Ok(Self::new(self.raw(size)?))
@@ -127,7 +127,7 @@ impl<'a> Reader<'a> {
         match self.number::<u8>()? {
             0 => Ok(false),
             1 => Ok(true),
-            _ => Err(Broken("a yes or no is neither")),
+            _ => Err(Broken("a flag is neither 0 nor 1")),
         }
     }
 
@@ -135,7 +135,7 @@ impl<'a> Reader<'a> {
         Ok(self.part(count, T::SIZE)?.rest.chunks_exact(T::SIZE).map(T::take).collect())
     }
 
-    /// The count of what follows, each at least so many bytes.
+    /// The count of the records that follow, each of at least this many bytes.
     pub(crate) fn count(&mut self, each: usize) -> Result<usize, Broken> {
         let count = usize::try_from(self.number::<u64>()?).map_err(|_| Broken("they end too early"))?;
         match count.checked_mul(each) {

@@ -7,7 +7,7 @@ use crate::{
     Combine, Film, FirstHit, Frame, Needs, Record, Rejected, RejectedReason, RoundRecord, SampleId, TrainingSum,
 };
 
-/// Bytes that a film takes, about.
+/// The approximate number of bytes of a film.
 pub(crate) fn size(film: &Film) -> usize {
     let discarded = if film.discarded.is_empty() { 0 } else { Film::bytes_per_pixel(&film.needs) };
     let pixels = film.kept[0].counts.len();
@@ -59,7 +59,7 @@ pub(crate) fn take_film(from: &mut Reader<'_>, pixels: impl FnOnce(&Frame) -> us
     Ok(film)
 }
 
-/// What every film keeps to, and code that reads one relies on.
+/// Checks the properties that every reader of a film relies on.
 fn check(film: &Film) -> Result<(), Broken> {
     let mut samples = 0_u64;
     for bank in film.kept.iter().chain(&film.discarded) {
@@ -72,7 +72,7 @@ fn check(film: &Film) -> Result<(), Broken> {
         }
         let sums = bank.means.iter().chain(&bank.m2).flatten();
         if !sums.into_iter().all(|v| v.is_finite()) {
-            return Err(Broken("a mean is no number"));
+            return Err(Broken("a mean is NaN or infinite"));
         }
     }
     if samples != film.record.samples {
@@ -124,7 +124,7 @@ pub(crate) fn take_combine(from: &mut Reader<'_>) -> Result<Combine, Broken> {
         0 => Ok(Combine::ByCount),
         1 => Ok(Combine::Equally),
         2 if weight.is_finite() => Ok(Combine::Fixed(weight)),
-        _ => Err(Broken("halves are combined in no known way")),
+        _ => Err(Broken("the rule to combine halves is unknown")),
     }
 }
 
@@ -148,7 +148,7 @@ fn take_record(from: &mut Reader<'_>) -> Result<Record, Broken> {
         let (samples, kept) = (from.number()?, from.flag()?);
         let [plan_seconds, trace_seconds] = from.number::<[f64; 2]>()?;
         if !(plan_seconds.is_finite() && trace_seconds.is_finite()) {
-            return Err(Broken("a time is no number"));
+            return Err(Broken("a time is not a number of seconds"));
         }
         rounds.push(RoundRecord { samples, kept, plan_seconds, trace_seconds });
     }
@@ -159,7 +159,7 @@ fn take_record(from: &mut Reader<'_>) -> Result<Record, Broken> {
 fn take_rejected(from: &mut Reader<'_>) -> Result<Vec<Rejected>, Broken> {
     let count = from.count(21)?;
     if count > REJECTED_LISTED {
-        return Err(Broken("more rejected samples are listed than ever are"));
+        return Err(Broken("the list of rejected samples is too long"));
     }
     let one = |from: &mut Reader<'_>| {
         let sample = SampleId { pixel: from.number()?, stream: from.number()?, index: from.number()? };
@@ -202,7 +202,7 @@ fn take_features(from: &mut Reader<'_>, pixels: usize) -> Result<Vec<FeatureMome
     (0..pixels).map(|_| one()).collect()
 }
 
-/// A flag and 18 numbers, whether there is a hit or not, so that places are known.
+/// A flag and 18 numbers, for hits and misses alike, so that every record has the same size.
 fn put_hit(to: &mut Writer, hit: Option<&FirstHit>) {
     to.flag(hit.is_some());
     let Some(h) = hit else {
@@ -235,15 +235,15 @@ fn take_hits(from: &mut Reader<'_>, count: usize) -> Result<Vec<Option<FirstHit>
             primitive,
         };
         if !hit.is_finite() {
-            return Err(Broken("a first hit is no place"));
+            return Err(Broken("a first hit is NaN or infinite"));
         }
         hits.push(there.then_some(hit));
     }
     Ok(hits)
 }
 
-/// What was observed: each entry four numbers.
-pub(crate) fn put_observations(to: &mut Writer, entries: &[TrainingSum]) {
+/// Training data: four numbers per entry.
+pub(crate) fn put_training(to: &mut Writer, entries: &[TrainingSum]) {
     to.number(entries.len() as u64);
     for e in entries {
         to.number([e.key, e.count]);
@@ -251,7 +251,7 @@ pub(crate) fn put_observations(to: &mut Writer, entries: &[TrainingSum]) {
     }
 }
 
-pub(crate) fn take_observations(from: &mut Reader<'_>) -> Result<Vec<TrainingSum>, Broken> {
+pub(crate) fn take_training(from: &mut Reader<'_>) -> Result<Vec<TrainingSum>, Broken> {
     let count = from.count(32)?;
     let one = |from: &mut Reader<'_>| {
         let [key, count] = from.number()?;

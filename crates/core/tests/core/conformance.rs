@@ -64,14 +64,14 @@ fn the_control_passes() {
 
 #[test]
 fn broken_samplers_are_rejected() {
-    rejected(|| planned(|s, p| level(s, p, s.budget.total - u64::from(s.budget.total > 30))), "not met exactly");
-    rejected(|| planned(|s, p| level(s, p, s.budget.total + 1)), "broke its word");
+    rejected(|| planned(|s, p| level(s, p, s.budget.total - u64::from(s.budget.total > 30))), "not spent exactly");
+    rejected(|| planned(|s, p| level(s, p, s.budget.total + 1)), "made an invalid plan");
     let ends_of_scale = |s: &Feedback<'_>, p: &mut Plan| {
         if s.budget.left() == 0 {
             return Progress::Done;
         }
         level(s, p, s.budget.total);
-        // Everything of the first pixel goes to the last.
+        // All samples of the first pixel go to the last.
         let last = p.counts.len() - 1;
         let moved = std::mem::take(&mut p.counts[0]);
         p.counts[last] += moved;
@@ -87,8 +87,8 @@ fn broken_samplers_are_rejected() {
         p.counts[0] += (s.budget.total - p.total()) as u32;
         Progress::Trace
     };
-    rejected(move || planned(no_ceiling), "may have");
-    rejected(|| planned(|s, p| if s.round > 0 { Progress::Done } else { level(s, p, s.budget.total) }), "not met");
+    rejected(move || planned(no_ceiling), "above max_spp");
+    rejected(|| planned(|s, p| if s.round > 0 { Progress::Done } else { level(s, p, s.budget.total) }), "not spent");
     rejected(
         || {
             planned(|s, p| {
@@ -100,7 +100,7 @@ fn broken_samplers_are_rejected() {
     );
 }
 
-/// What it keeps from its first look at the film it does not save.
+/// A sampler that does not save its state from the first round.
 #[test]
 fn a_sampler_that_does_not_save_its_state_is_rejected() {
     let forgetful = || {
@@ -123,9 +123,9 @@ fn a_sampler_that_does_not_save_its_state_is_rejected() {
     rejected(forgetful, "resumed");
 }
 
-/// Counts that depend on something other than what was seen.
+/// Counts that depend on something besides the film.
 #[test]
-fn moody_samplers_are_rejected() {
+fn samplers_with_counts_that_vary_from_run_to_run_are_rejected() {
     static RUNS: AtomicU32 = AtomicU32::new(0);
     let moody = || {
         let mood = RUNS.fetch_add(1, Ordering::Relaxed) as usize;

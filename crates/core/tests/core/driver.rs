@@ -13,8 +13,7 @@ use std::sync::Mutex;
 use std::time::Instant;
 
 fn adaptive(policy: PilotPolicy) -> Adaptive<Independent> {
-    Adaptive::variance_with_options(Independent::new(7), VarianceOptions { policy, ..VarianceOptions::default() })
-        .unwrap()
+    Adaptive::variance_with_options(Independent::new(7), VarianceOptions::default().policy(policy)).unwrap()
 }
 
 fn image(limits: &Limits) -> Vec<u64> {
@@ -28,13 +27,13 @@ fn image(limits: &Limits) -> Vec<u64> {
 }
 
 #[test]
-fn d01_thread_count() {
+fn the_number_of_threads_changes_no_bit_d01() {
     let limits = Limits::samples(12 * 23 * 37 + 11);
     let one = on_threads(1, || image(&limits));
     for threads in [2, 3, 7, 16, 64] {
         assert!(on_threads(threads, || image(&limits)) == one, "{threads} threads");
     }
-    // Negative control: another seed is seen.
+    // Negative control: another seed gives other bits.
     let film = |seed| {
         bits(
             &run(
@@ -51,12 +50,13 @@ fn d01_thread_count() {
 }
 
 #[test]
-fn d02_tile_size_and_order() {
+fn tile_size_and_order_change_no_bit_d02() {
     let mut limits = Limits::samples(12 * 23 * 37 + 11);
     let one = image(&limits);
     for tile_rows in [0, 1, 7, 16, 64, u32::MAX] {
         for (slice_spp, shuffle) in [(1, 0), (13, 9), (0, 77), (u32::MAX, 1)] {
-            limits.schedule = Schedule { tile_rows, slice_spp, shuffle };
+            limits.schedule =
+                Schedule::default().with_tile_rows(tile_rows).with_slice_spp(slice_spp).with_shuffle(shuffle);
             assert!(image(&limits) == one, "{:?}", limits.schedule);
         }
     }
@@ -67,9 +67,9 @@ fn hash(bits: &[u64]) -> u64 {
     bits.iter().fold(0xcbf2_9ce4_8422_2325, |h, b| (h ^ b).wrapping_mul(0x0100_0000_01b3))
 }
 
-/// Not a test of its own: what `d03_process_to_process` runs in fresh processes.
+/// Not a test of its own: `fresh_processes_give_the_same_bits_d03` runs it in fresh processes.
 #[test]
-fn d03_child() {
+fn child_process_d03() {
     if std::env::var_os("DAPPLE_D03_CHILD").is_some() {
         let hash = hash(&image(&Limits::samples(12 * 23 * 37 + 11)));
         writeln!(std::io::stdout(), "hash={hash:016x}=").unwrap();
@@ -77,11 +77,11 @@ fn d03_child() {
 }
 
 #[test]
-fn d03_process_to_process() {
+fn fresh_processes_give_the_same_bits_d03() {
     let child = |_| {
         let mut command = std::process::Command::new(std::env::current_exe().unwrap());
         let out = command
-            .args(["driver::d03_child", "--exact", "--nocapture"])
+            .args(["driver::child_process_d03", "--exact", "--nocapture"])
             .env("DAPPLE_D03_CHILD", "1")
             .output()
             .unwrap();
@@ -94,7 +94,7 @@ fn d03_process_to_process() {
 }
 
 #[test]
-fn d06_panic_in_a_worker() {
+fn a_panic_in_a_worker_names_its_sample_d06() {
     for threads in [1, 2, 7] {
         let mut bomb = Field(|pixel: [u32; 2], u: [f32; 4]| {
             assert!(pixel != [5, 3] || u[0] < 0.99, "a bomb");
@@ -111,7 +111,7 @@ fn d06_panic_in_a_worker() {
         assert!(message.contains("a bomb"));
         use dapple_core::PointSet as _;
         assert!(Independent::new(3).block(sample, 0)[0] >= 0.99, "the sample named does not replay");
-        // What was finished: the bad pixel up to that sample, all of the rows of others.
+        // Finished samples: the bad pixel's up to that sample, and all of the other rows.
         assert_eq!(film.count(3 * 8 + 5), sample.index);
         assert!(film.record().samples >= 56 * 100);
         assert_eq!(film.record().samples, film.counts().iter().sum::<u64>());
@@ -119,7 +119,7 @@ fn d06_panic_in_a_worker() {
 }
 
 #[test]
-fn d08_odd_pools() {
+fn odd_thread_pools_change_no_bit_d08() {
     let limits = Limits::samples(5 * 21);
     let film = || {
         bits(&run(&mut Field(noise), &mut adaptive(PilotPolicy::Keep), Needs::none(), frame(7, 3), &limits).unwrap())
@@ -138,7 +138,7 @@ fn d08_odd_pools() {
 }
 
 #[test]
-fn r02_sizes() {
+fn images_of_all_sizes_render_r02() {
     for [w, h] in [[1, 1], [1, 4097], [4097, 1], [7, 13]] {
         let film = run(
             &mut Field(noise),
@@ -160,9 +160,9 @@ fn r02_sizes() {
     }
 }
 
-/// Images of 2^32 pixels and more are refused; the last window of the largest one is the right one.
+/// Images of 2^32 pixels and more are refused. The last window of the largest image is correct.
 #[test]
-fn z01_images_of_many_pixels() {
+fn images_of_2_32_pixels_are_refused_z01() {
     assert!(matches!(Frame::new(70_000, 70_000), Err(Error::FrameTooLarge { .. })));
     let all = Frame::new(65_537, 65_535).unwrap();
     assert_eq!(all.pixels() as u64, u64::from(u32::MAX));
@@ -171,7 +171,7 @@ fn z01_images_of_many_pixels() {
         [[65_536, 65_534], [(1u32 << 31) % 65_537, (1 << 31) / 65_537]]
     );
     let last = all.crop(65_530, 65_530, 65_537, 65_535).unwrap();
-    // Each pixel shows where it is: seven columns of f32 that are exact.
+    // Each pixel shows its place: seven columns of exact f32.
     let place = |[x, y]: [u32; 2], _: [f32; 4]| [x as f32, y as f32, 0.0];
     let sampler = &mut Uniform::new(Independent::new(1));
     let film = run(&mut Field(place), sampler, Needs::none(), last, &Limits::samples(35 * 3)).unwrap();
@@ -181,7 +181,7 @@ fn z01_images_of_many_pixels() {
 }
 
 #[test]
-fn r06_crops_are_the_full_frame() {
+fn crops_are_the_full_frame_r06() {
     let draw = |size: Frame| {
         run(
             &mut Field(noise),
@@ -204,7 +204,7 @@ fn r06_crops_are_the_full_frame() {
 }
 
 #[test]
-fn x06_more_samples_later() {
+fn a_larger_budget_continues_the_smaller_x06() {
     for needs in [Needs::none().with_variance(), everything()] {
         let draw = |budget| {
             run(&mut Field(noise), &mut Uniform::new(Independent::new(5)), needs, frame(9, 8), &Limits::new(budget))
@@ -222,7 +222,7 @@ fn x06_more_samples_later() {
 }
 
 #[test]
-fn a06_tiny_budgets() {
+fn tiny_budgets_are_spent_or_refused_a06() {
     let pixels = 12;
     let draw = |total, min_spp| {
         let mut limits = Limits::samples(total);
@@ -235,7 +235,7 @@ fn a06_tiny_budgets() {
     for total in [1, 5, pixels - 1] {
         let film = draw(total, 0).unwrap();
         assert_eq!(film.counts().iter().sum::<u64>(), total);
-        assert!(film.counts().iter().all(|n| *n <= 1), "the count map tells which are unsampled");
+        assert!(film.counts().iter().all(|n| *n <= 1), "the count map shows the pixels without samples");
         assert_eq!(film.counts(), draw(total, 0).unwrap().counts());
     }
     let mut limits = Limits::samples(pixels * 9 + 1);
@@ -258,7 +258,7 @@ fn a06_tiny_budgets() {
 }
 
 #[test]
-fn a_watch_stops_between_slices_and_leaves_whole_pixels() {
+fn a_monitor_stops_between_slices_and_leaves_whole_pixels() {
     let mut limits = Limits::samples(64 * 100);
     limits.schedule.slice_spp = 13;
     let stop_after = |calls: u32, limits: &Limits| -> Film {
@@ -277,10 +277,10 @@ fn a_watch_stops_between_slices_and_leaves_whole_pixels() {
     };
     let film = stop_after(3, &limits);
     assert!(film.record().interrupted && film.counts().iter().all(|n| *n == 39));
-    // The same as if so many had been asked for.
-    let asked = stop_after(99, &Limits::samples(3900));
-    assert!(!asked.record().interrupted && (0..100).all(|i| asked.moments(i) == film.moments(i)));
-    // At the end of a round, too: of an earlier one, an interruption; of the last, none.
+    // The same as a render with that budget.
+    let whole = stop_after(99, &Limits::samples(3900));
+    assert!(!whole.record().interrupted && (0..100).all(|i| whole.moments(i) == film.moments(i)));
+    // At the end of an earlier round it is an interruption, at the end of the last it is none.
     let steps = Limits::new(Budget::Recorded(vec![500, 900]));
     let film = stop_after(1, &steps);
     assert_eq!((film.record().interrupted, film.record().samples), (true, 500));
@@ -294,7 +294,7 @@ fn ids(sampler: &mut dyn dapple_core::Sampler, needs: Needs, spp: u64) -> Vec<(u
     impl Integrator for Spy {
         fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
             self.0.lock().unwrap().push((draws.id().stream, draws.id().index));
-            Estimate { radiance: [draws.block(Block::new(0))[0]; 3], first_hit: None, cost: 1 }
+            Estimate::new([draws.block(Block::new(0))[0]; 3])
         }
     }
     let mut spy = Spy(Mutex::default());
@@ -331,7 +331,7 @@ impl Integrator for Learner {
         observed.note(7, f32::NAN);
         let entries = self.learned.last().map_or(&[][..], |o| o.entries());
         let shift: f64 = entries.iter().map(|e| e.sum / e.count as f64).sum();
-        Estimate { radiance: [u[0] + shift as f32; 3], first_hit: None, cost: 1 }
+        Estimate::new([u[0] + shift as f32; 3])
     }
 
     fn wants_training(&self) -> bool {
@@ -355,16 +355,21 @@ fn learning_does_not_depend_on_threads_or_tiles() {
         (learner.learned, bits(&film))
     };
     let one = draw(1, Schedule::default());
-    // 1850 pixels: training passes of 1, 1 and the odd samples, then as many as there were.
+    // 1850 pixels: training passes of 1, 1 and the remainder, then as many samples as before.
     let noted: Vec<u64> = one.0.iter().map(|o| o.entries().iter().map(|e| e.count).sum()).collect();
-    // Two notes a sample; what is no number is dropped.
+    // Two notes per sample; NaN is dropped.
     assert_eq!(noted[..2], [2 * 1850; 2]);
     assert_eq!(noted.iter().sum::<u64>(), 2 * 20_000);
     assert!((5..8).contains(&noted.len()), "{noted:?}");
     assert!(one.0[0].entries().windows(2).all(|w| w[0].key < w[1].key));
     for threads in [2, 3, 7] {
         for (tile_rows, slice_spp, shuffle) in [(1, 0, 0), (16, 1, 5), (33, 7, 0), (64, 0, 9)] {
-            assert!(draw(threads, Schedule { tile_rows, slice_spp, shuffle }) == one);
+            assert!(
+                draw(
+                    threads,
+                    Schedule::default().with_tile_rows(tile_rows).with_slice_spp(slice_spp).with_shuffle(shuffle)
+                ) == one
+            );
         }
     }
 }
@@ -377,21 +382,21 @@ fn exhausted_points_are_refused_before_tracing() {
         run(integrator, &mut Uniform::new(points), needs, frame(2, 2), &Limits::samples(4 * spp))
     };
     let refused = draw(&mut never, Needs::none(), 65);
-    assert!(matches!(refused, Err(Error::SequenceExhausted { capacity: 64, asked: 65, .. })));
+    assert!(matches!(refused, Err(Error::SequenceExhausted { capacity: 64, requested: 65, .. })));
     assert!(draw(&mut Field(noise), Needs::none(), 64).is_ok());
     // Two halves have a stream each.
     let halves = Needs::none().with_halves();
     assert!(draw(&mut Field(noise), halves, 128).is_ok());
-    assert!(matches!(draw(&mut never, halves, 129), Err(Error::SequenceExhausted { asked: 65, .. })));
+    assert!(matches!(draw(&mut never, halves, 129), Err(Error::SequenceExhausted { requested: 65, .. })));
     for (spp, fits) in [(128, true), (129, false)] {
         let mut sampler = once(points, Retention::Discard, vec![spp; 4]);
         let discarded = run(&mut Field(noise), &mut sampler, halves, frame(2, 2), &Limits::samples(1000));
         assert_eq!(discarded.is_ok(), fits, "{spp} discarded samples in two halves");
     }
-    // And over rounds.
+    // The same over several rounds.
     let limits = Limits::new(Budget::Recorded(vec![4 * 40, 4 * 65]));
     let later = run(&mut Field(noise), &mut Uniform::new(points), Needs::none(), frame(2, 2), &limits);
-    assert!(matches!(later, Err(Error::SequenceExhausted { asked: 65, .. })));
+    assert!(matches!(later, Err(Error::SequenceExhausted { requested: 65, .. })));
 }
 
 #[test]
@@ -417,7 +422,7 @@ fn slow_where_bright(_: [u32; 2], u: [f32; 4]) -> [f32; 3] {
 }
 
 #[test]
-fn a11_wall_clock_stop() {
+fn a_time_limit_stops_near_its_time_a11() {
     for policy in [PilotPolicy::Keep, PilotPolicy::Cross] {
         let start = Instant::now();
         let size = frame(24, 20);

@@ -9,7 +9,7 @@ use dapple_core::{
 use rand::RngExt;
 
 #[test]
-fn f01_stalled_sum() {
+fn sums_do_not_stall_at_2_24_samples_f01() {
     let mut moments = RgbMoments::default();
     for _ in 0..100_000_000 {
         moments.push([0.1; 3]);
@@ -23,7 +23,7 @@ fn f01_stalled_sum() {
     let film = run(ones, &mut sampler, Needs::none().with_variance(), frame(1, 1), &limits).unwrap();
     assert_eq!(film.count(0), total);
     assert!((film.mean(0)[0] - 1.0).abs() < 1e-6 && film.moments(0).variance().unwrap()[0] == 0.0);
-    // Negative control: the sum in single precision stands still at 2^24.
+    // Negative control: a sum in single precision stalls at 2^24.
     let stalled = (0..total).fold(0f32, |sum, _| sum + 1.0);
     assert_eq!(stalled, (1 << 24) as f32);
 }
@@ -46,12 +46,12 @@ impl PointSet for Constant {
 }
 
 #[test]
-fn f02_variance_far_from_zero() {
+fn variance_far_from_zero_keeps_its_digits_f02() {
     let mut rng = rng(1);
     let deviations: Vec<f64> = (0..4096).map(|_| (0..12).map(|_| rng.random::<f64>()).sum::<f64>() - 6.0).collect();
     for mean in [1e3, 1e4, 1e5] {
         let values: Vec<f32> = deviations.iter().map(|d| (mean + d) as f32).collect();
-        // The truth in two passes over the values as rounded.
+        // The true variance, in two passes over the rounded values.
         let centre = values.iter().map(|&x| f64::from(x)).sum::<f64>() / 4096.0;
         let truth = values.iter().map(|&x| (f64::from(x) - centre).powi(2)).sum::<f64>() / 4095.0;
         let mut film = Film::new(frame(1, 1), Needs::none().with_variance());
@@ -67,7 +67,7 @@ fn f02_variance_far_from_zero() {
 }
 
 #[test]
-fn f03_merge() {
+fn merged_moments_are_those_of_all_values_f03() {
     let mut rng = rng(2);
     for scale in [1.0f32, 1e-3, 1e3] {
         let values: Vec<[f32; 3]> = (0..10_000).map(|_| [rng.random::<f32>() * scale, scale, rng.random()]).collect();
@@ -77,7 +77,7 @@ fn f03_merge() {
             let mut merged = RgbMoments::default();
             let mut rest = &values[..];
             while !rest.is_empty() {
-                // Parts of none and of one among them.
+                // Some parts have no value or one.
                 let size = rng.random_range(0..4u32).pow(rng.random_range(0..6)) as usize;
                 let (part, others) = rest.split_at(size.min(rest.len()));
                 rest = others;
@@ -104,9 +104,10 @@ fn f03_merge() {
 }
 
 #[test]
-fn f04_counts() {
+fn counts_beyond_32_bits_are_right_f04() {
     for start in [1u64 << 24, 1 << 32, 1 << 52] {
-        let mut moments = RgbMoments { count: start - 1, mean: [1.0; 3], m2: [0.0; 3] };
+        let mut moments = RgbMoments::default();
+        (moments.count, moments.mean) = (start - 1, [1.0; 3]);
         moments.push([1.0; 3]);
         moments.push([1.0; 3]);
         assert_eq!(moments.count, start + 1);
@@ -121,7 +122,7 @@ fn f04_counts() {
     assert_eq!(one.variance(), None);
     one.push([3.0; 3]);
     assert_eq!(one.variance(), Some([0.0; 3]));
-    // Unknown without the need, rather than zero.
+    // NaN rather than zero if variance is not recorded.
     let mut film = Film::new(frame(1, 1), Needs::none());
     film.push(0, 0, [1.0; 3]);
     film.push(0, 0, [2.0; 3]);
@@ -147,7 +148,7 @@ fn injected(bad: f32) -> impl Fn([u32; 2], [f32; 4]) -> [f32; 3] + Sync {
 }
 
 #[test]
-fn f05_one_bad_sample() {
+fn one_bad_sample_is_rejected_and_replayed_f05() {
     let (size, spp, points) = (frame(5, 4), 40, Independent::new(3));
     for needs in [Needs::none().with_variance().with_extrema(), everything()] {
         let render = |field: &(dyn Fn([u32; 2], [f32; 4]) -> [f32; 3] + Sync), limits: &Limits| {
@@ -163,7 +164,7 @@ fn f05_one_bad_sample() {
             assert_eq!(film.record().rejected, film.rejected().len() as u64);
             assert_eq!(film.counts(), clean.counts(), "a rejected sample counts in n");
             for i in 0..20 {
-                // As if it had been zero; every other pixel as if nothing had been.
+                // The pixel is as if the sample were zero, and every other pixel is unchanged.
                 assert_eq!(film.moments(i).mean, zeroed.moments(i).mean);
                 assert_eq!(film.moments(i).m2, zeroed.moments(i).m2);
                 assert_eq!(film.range(i), zeroed.range(i));
@@ -185,7 +186,7 @@ fn f05_one_bad_sample() {
 }
 
 #[test]
-fn f05_a_million_bad_samples_list_the_first_in_order() {
+fn a_million_bad_samples_list_the_first_in_order_f05() {
     let limits = |slice_spp, tile_rows| {
         let mut limits = Limits::samples(1_000_000);
         (limits.schedule.slice_spp, limits.schedule.tile_rows) = (slice_spp, tile_rows);
@@ -200,7 +201,7 @@ fn f05_a_million_bad_samples_list_the_first_in_order() {
         assert_eq!(film_a.record().rejected, 1_000_000);
         let listed: Vec<SampleId> = film_a.rejected().iter().map(|r| r.sample).collect();
         let stream = if needs.halves { streams::HALVES[0] } else { streams::WHOLE };
-        let first = (0..1024).map(|index| SampleId { pixel: [0, 0], stream, index });
+        let first = (0..1024).map(|index| SampleId::new([0, 0], stream, index));
         assert!(listed.into_iter().eq(first));
         assert_eq!(film_a.rejected(), film(&limits(7, 64)).rejected());
         assert!((0..100).all(|i| film_a.mean(i) == [0.0; 3]));
@@ -208,12 +209,12 @@ fn f05_a_million_bad_samples_list_the_first_in_order() {
 }
 
 #[test]
-fn f05_pushed_by_hand() {
+fn bad_samples_pushed_by_hand_are_rejected_f05() {
     let mut film = Film::new(frame(2, 1), Needs::none().with_variance().with_halves());
     film.push(1, 1, [1.0; 3]);
     film.push(1, 1, [f32::NAN, 1.0, 1.0]);
     assert_eq!((film.count(1), film.mean(1), film.record().rejected), (2, [0.5; 3], 1));
-    let sample = SampleId { pixel: [1, 0], stream: streams::HALVES[1], index: 1 };
+    let sample = SampleId::new([1, 0], streams::HALVES[1], 1);
     assert_eq!(film.rejected()[0].sample, sample);
 }
 
@@ -224,19 +225,15 @@ fn first_hits_with_a_nan_count_as_misses() {
     impl Integrator for Hits {
         fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
             let depth = if draws.id().index % 3 == 1 { f32::NAN } else { 2.0 };
-            let first_hit = draws.wants_first_hit().then_some(FirstHit {
-                position: [1.0; 3],
-                geometric_normal: [0.0, 0.0, 1.0],
-                shading_normal: [0.0, 0.0, 1.0],
-                albedo: [0.5; 3],
-                depth,
-                footprint: 1.0,
-                roughness: 1.0,
-                material: 4,
-                shape: 5,
-                primitive: 6,
-            });
-            Estimate { radiance: [1.0; 3], first_hit, cost: 3 }
+            let first_hit = draws.wants_first_hit().then_some(
+                FirstHit::new([1.0; 3], [0.0, 0.0, 1.0], depth)
+                    .with_albedo([0.5; 3])
+                    .with_footprint(1.0)
+                    .with_material(4)
+                    .with_shape(5)
+                    .with_primitive(6),
+            );
+            Estimate::new([1.0; 3]).with_first_hit(first_hit).with_cost(3)
         }
     }
     let needs = Needs::none().with_features().with_first_hits(4).with_cost();
@@ -251,7 +248,7 @@ fn first_hits_with_a_nan_count_as_misses() {
 }
 
 #[test]
-fn a_film_without_what_is_read_is_refused() {
+fn a_film_without_needed_statistics_is_refused() {
     let all = [
         Needs::none().with_variance(),
         Needs::none().with_extrema(),

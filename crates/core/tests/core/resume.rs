@@ -1,4 +1,4 @@
-//! Renders that go on from snapshots, and images made in shards (HARD_CASES X03 to X08).
+//! Renders resumed from snapshots, and images made in shards.
 
 use crate::common::{Field, Independent, everything, frame, mix, noise, on_threads, run};
 use dapple_adaptive::Adaptive;
@@ -22,19 +22,16 @@ impl Integrator for Everything {
         observed.note(u64::from(draws.pixel()[0] / 5), u[0]);
         let shift: f64 = self.learned.iter().flat_map(|o| o.entries()).map(|e| e.sum / e.count as f64).sum();
         let value = if u[3] < 0.01 { -1.0 } else { u[1] + shift as f32 };
-        let first_hit = (u[2] > 0.2).then_some(FirstHit {
-            position: [u[0], u[1], u[2]],
-            geometric_normal: [0.0, 0.0, 1.0],
-            shading_normal: [0.0, u[3], 1.0],
-            albedo: [0.5, u[1], 0.25],
-            depth: u[0],
-            footprint: 0.1,
-            roughness: 1.0,
-            material: 3,
-            shape: 5,
-            primitive: draws.pixel()[1],
-        });
-        Estimate { radiance: [value, u[2], 0.5], first_hit, cost: 2 + draws.pixel()[0] % 3 }
+        let first_hit = (u[2] > 0.2).then_some(
+            FirstHit::new([u[0], u[1], u[2]], [0.0, 0.0, 1.0], u[0])
+                .with_shading_normal([0.0, u[3], 1.0])
+                .with_albedo([0.5, u[1], 0.25])
+                .with_footprint(0.1)
+                .with_material(3)
+                .with_shape(5)
+                .with_primitive(draws.pixel()[1]),
+        );
+        Estimate::new([value, u[2], 0.5]).with_first_hit(first_hit).with_cost(2 + draws.pixel()[0] % 3)
     }
 
     fn wants_training(&self) -> bool {
@@ -109,8 +106,8 @@ fn pixels(film: &Film) -> String {
 }
 
 #[test]
-fn x05_resumed_on_other_threads_in_other_slices() {
-    // Large enough that slices of a training pass go row by row.
+fn a_render_resumed_on_other_threads_in_other_slices_is_the_same_x05() {
+    // Large enough that slices of a training pass have some rows only.
     let frame = frame(90, 70);
     let mut limits = Limits::new(Budget::Recorded(vec![6300, 30_000, 30_000, 70_001]));
     let (film, keeper) = kept(&mut Everything::default(), &mut uniform(5), everything(), frame, &limits);
@@ -120,7 +117,7 @@ fn x05_resumed_on_other_threads_in_other_slices() {
     assert!(keeper.slices.iter().filter(within).count() > 2, "slices go by rows");
     for (i, bytes) in keeper.slices.iter().chain([&keeper.end]).enumerate() {
         let (tile_rows, slice_spp, shuffle) = [(1, 0, 0), (16, 1, 5), (33, 7, 0), (7, 0, 9)][i % 4];
-        limits.schedule = Schedule { tile_rows, slice_spp, shuffle };
+        limits.schedule = Schedule::default().with_tile_rows(tile_rows).with_slice_spp(slice_spp).with_shuffle(shuffle);
         let mut integrator = Everything::default();
         let film = on_threads(1 + i % 4, || {
             go_on(bytes, &mut integrator, &mut uniform(5), everything(), frame, &limits).unwrap()
@@ -128,7 +125,7 @@ fn x05_resumed_on_other_threads_in_other_slices() {
         assert!(bits(&film) == whole, "slice {i}");
         assert_eq!(integrator.learned.len(), 4);
     }
-    // The control: an integrator that has not learned what it had gives another image.
+    // Negative control: an integrator without its training gives another image.
     struct Forgetful(Everything);
     impl Integrator for Forgetful {
         fn estimate(&self, draws: &Draws<'_>, observed: &mut TrainingLog) -> Estimate {
@@ -141,7 +138,7 @@ fn x05_resumed_on_other_threads_in_other_slices() {
 }
 
 #[test]
-fn x06_more_samples_after_a_snapshot() {
+fn a_snapshot_continues_with_a_larger_budget_x06() {
     let (frame, needs) = (frame(9, 8), everything());
     let draw = |limits: &Limits| kept(&mut Field(noise), &mut uniform(5), needs, frame, limits);
     for (first, all) in [(64 * 72, 128 * 72), (64 * 72 + 5, 128 * 72 + 61), (72, 73), (100, 130)] {
@@ -153,7 +150,7 @@ fn x06_more_samples_after_a_snapshot() {
             let later = go_on(bytes, &mut Field(noise), &mut uniform(5), needs, frame, &all).unwrap();
             assert!(pixels(&later) == pixels(&at_once));
         }
-        // Fewer than there are is refused, not ignored.
+        // A budget below the samples so far is refused, not ignored.
         let fewer = Limits::samples(71 + 1);
         let answer = go_on(&keeper.end, &mut Field(noise), &mut uniform(5), needs, frame, &fewer);
         match first.budget == fewer.budget {
@@ -164,7 +161,7 @@ fn x06_more_samples_after_a_snapshot() {
 }
 
 #[test]
-fn x04_another_render_is_refused() {
+fn a_snapshot_of_another_render_is_refused_x04() {
     let limits = Limits::samples(40 * 72);
     let (_, keeper) = kept(&mut Field(noise), &mut uniform(5), Needs::none(), frame(9, 8), &limits);
     let bytes = &keeper.slices[0];
@@ -181,27 +178,26 @@ fn x04_another_render_is_refused() {
     };
     let none = Needs::none();
     let message = refused(&mut uniform(6), none, frame(9, 8), &limits);
-    assert!(message.contains("the point set was independent:seed=5 and is now independent:seed=6"), "{message}");
+    assert!(message.contains("the point set was independent:seed=5, not independent:seed=6"), "{message}");
     let message = refused(&mut Adaptive::variance(Independent::new(5)), none, frame(9, 8), &limits);
     assert!(
-        message.contains("the sampler was uniform and is now variance:")
-            && message.contains("the sample variance was not"),
+        message.contains("the sampler was uniform, not variance:") && message.contains("the sample variance was not"),
         "{message}"
     );
     let message = refused(&mut uniform(5), none, frame(8, 9), &limits);
-    assert!(message.contains("9x8 pixels at 0,0 of 9x8 and is now 8x9 pixels"), "{message}");
+    assert!(message.contains("9x8 pixels at 0,0 of 9x8, not 8x9 pixels"), "{message}");
     let message = refused(&mut uniform(5), none.with_halves(), frame(9, 8), &limits);
-    assert!(message.contains("was one sequence and is now two halves"), "{message}");
-    let message = refused(&mut uniform(5), none, frame(9, 8), &Limits { min_spp: 3, ..limits.clone() });
-    assert!(message.contains("was 1 to 4294967295 and is now 3 to 4294967295"), "{message}");
+    assert!(message.contains("was one sequence, not two halves"), "{message}");
+    let message = refused(&mut uniform(5), none, frame(9, 8), &limits.clone().with_min_spp(3));
+    assert!(message.contains("was 1 to 4294967295, not 3 to 4294967295"), "{message}");
     let message = refused(&mut uniform(5), none, frame(9, 8), &Limits::new(Budget::Recorded(vec![72, 2880])));
     assert!(message.contains("not those of the record"), "{message}");
-    // The control.
+    // Positive control.
     assert!(go_on(bytes, &mut Field(noise), &mut uniform(5), none, frame(9, 8), &limits).is_ok());
 }
 
 #[test]
-fn x03_bytes_that_are_no_snapshot() {
+fn bytes_that_are_not_a_snapshot_are_refused_x03() {
     let limits = Limits::new(Budget::Recorded(vec![100, 200]));
     let mut sampler = Adaptive::variance(Independent::new(5));
     let (_, keeper) = kept(&mut Everything::default(), &mut sampler, everything(), frame(7, 5), &limits);
@@ -225,7 +221,7 @@ fn x03_bytes_that_are_no_snapshot() {
             Snapshot::from_bytes(&old).unwrap_err().to_string().contains("another version")
                 || ShardFilm::from_bytes(&old).unwrap_err().to_string().contains("another version")
         );
-        // What a checksum would catch must do no harm without one: an error, or a render that ends.
+        // Damage that a checksum would find must do no harm without one: an error, or a render that ends.
         for k in 0..3000_u64 {
             let mut bytes = bytes.clone();
             let bit = mix(k) as usize % (8 * bytes.len());
@@ -247,7 +243,7 @@ fn x03_bytes_that_are_no_snapshot() {
 }
 
 #[test]
-fn x07_shards_make_the_image_of_one_machine() {
+fn shards_make_the_image_of_one_machine_x07() {
     for (size, of, needs, total) in
         [([23, 17], 3, everything(), 33 * 391 + 7), ([5, 4], 4, Needs::none(), 1000), ([1, 1], 1, everything(), 8)]
     {
@@ -259,7 +255,7 @@ fn x07_shards_make_the_image_of_one_machine() {
             let mut inner = uniform(5);
             let mut sampler = Sharded::new(&mut inner, shard, &limits).unwrap();
             let (film, keeper) = kept(&mut field(), &mut sampler, needs, frame, &limits);
-            // A machine that was interrupted goes on.
+            // An interrupted machine resumes.
             let mut inner = uniform(5);
             let mut sampler = Sharded::new(&mut inner, shard, &limits).unwrap();
             let resumed = go_on(&keeper.slices[0], &mut field(), &mut sampler, needs, frame, &limits).unwrap();
@@ -274,7 +270,7 @@ fn x07_shards_make_the_image_of_one_machine() {
 }
 
 #[test]
-fn x07_shards_that_make_no_image() {
+fn shards_that_do_not_make_an_image_are_refused_x07() {
     let limits = Limits::samples(8 * 12);
     let part = |index, of, size: [u32; 2], needs, limits: &Limits| {
         let mut inner = uniform(5);
@@ -286,28 +282,30 @@ fn x07_shards_that_make_no_image() {
     let none = Needs::none();
     let of = |index| part(index, 3, [3, 4], none, &limits);
     let cases = [
-        (vec![], "there are none"),
-        (vec![of(0), of(2)], "missing: shard 2/3"),
-        (vec![of(2)], "missing: shard 1/3, 2/3"),
-        (vec![of(0), of(1), of(2), of(1)], "shard 2/3 is there twice"),
-        (vec![of(0), part(1, 2, [3, 4], none, &limits), of(2)], "shard 2/2 of another number of shards"),
+        (vec![], "the list is empty"),
+        (vec![of(0), of(2)], "missing shards: 2/3"),
+        (vec![of(2)], "missing shards: 1/3, 2/3"),
+        (vec![of(0), of(1), of(2), of(1)], "shard 2/3 is given twice"),
+        (
+            vec![of(0), part(1, 2, [3, 4], none, &limits), of(2)],
+            "shard 2/2 does not belong to shard 1/3: it is of another number of shards",
+        ),
         (vec![of(0), part(1, 3, [4, 3], none, &limits), of(2)], "of another window"),
-        (vec![of(0), part(1, 3, [3, 4], none.with_variance(), &limits), of(2)], "with other statistics"),
-        (vec![of(0), part(1, 3, [3, 4], none, &Limits::samples(97)), of(2)], "with another number of samples"),
+        (vec![of(0), part(1, 3, [3, 4], none.with_variance(), &limits), of(2)], "it records other statistics"),
+        (vec![of(0), part(1, 3, [3, 4], none, &Limits::samples(97)), of(2)], "it has another budget"),
     ];
     for (parts, expected) in cases {
         let message = merge(&parts).unwrap_err().to_string();
         assert!(message.contains(expected), "{message}");
     }
     assert!(merge(&[of(2), of(0), of(1)]).is_ok());
-    // A sampler that looks, a limit that machines do not know, an interrupted share.
+    // A sampler that reads samples, a limit of time, an interrupted shard.
     let shard = Shard::new(0, 2).unwrap();
     let refused = |sampler: &mut dyn Sampler, limits: &Limits| {
         Sharded::new(sampler, shard, limits).map(drop).unwrap_err().to_string()
     };
     assert!(
-        refused(&mut Adaptive::variance(Independent::new(5)), &limits)
-            .contains("the sampler variance cannot be shared")
+        refused(&mut Adaptive::variance(Independent::new(5)), &limits).contains("sampler \"variance\" cannot be split")
     );
     assert!(refused(&mut uniform(5), &Limits::seconds(1.0)).contains("must know the number of samples"));
     let mut stop = |_: &Status<'_>| Control::Stop;
@@ -324,20 +322,20 @@ struct Slow;
 impl Integrator for Slow {
     fn estimate(&self, _: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
         std::thread::sleep(Duration::from_millis(1));
-        Estimate { radiance: [1.0; 3], first_hit: None, cost: 1 }
+        Estimate::new([1.0; 3])
     }
 }
 
 #[test]
-fn x08_a_slow_image_is_stopped_within_a_pass() {
+fn a_slow_image_is_stopped_within_a_pass_x08() {
     let start = Instant::now();
-    let (mut asked, mut longest) = (start, Duration::ZERO);
+    let (mut last, mut longest) = (start, Duration::ZERO);
     let mut monitor = |_: &Status<'_>| {
-        longest = longest.max(asked.elapsed());
-        asked = Instant::now();
+        longest = longest.max(last.elapsed());
+        last = Instant::now();
         if start.elapsed().as_secs_f64() > 2.0 { Control::Stop } else { Control::Continue }
     };
-    // 10 s a sample of every pixel on two threads.
+    // One sample of every pixel takes 10 s on two threads.
     let film = on_threads(2, || {
         Render::new(frame(200, 100), &Limits::samples(20_000))
             .monitor(&mut monitor)

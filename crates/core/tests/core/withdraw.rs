@@ -35,19 +35,8 @@ impl Integrator for Spy {
         self.0.lock().unwrap().push((id.pixel[0], (id.stream, id.index, [r, g, b])));
         let depth = id.index as f32;
         let (position, normal) = ([0.0; 3], [0.0, 0.0, 1.0]);
-        let hit = FirstHit {
-            position,
-            geometric_normal: normal,
-            shading_normal: normal,
-            albedo: [0.5; 3],
-            depth,
-            footprint: 1.0,
-            roughness: 1.0,
-            material: 0,
-            shape: 0,
-            primitive: 0,
-        };
-        Estimate { radiance: [r, g, b], first_hit: Some(hit), cost: 1 }
+        let hit = FirstHit::new(position, normal, depth).with_albedo([0.5; 3]).with_footprint(1.0);
+        Estimate::new([r, g, b]).with_first_hit(hit)
     }
 }
 
@@ -66,7 +55,7 @@ const PLAN: [Round; 6] =
     [(3, DISCARD, false), (4, KEEP, false), (5, KEEP, true), (2, DISCARD, false), (1, KEEP, false), (6, KEEP, true)];
 
 #[test]
-fn indices_go_on_in_every_stream() {
+fn indices_continue_in_every_stream() {
     let indices =
         |traced: &[Traced], stream: u32| -> Vec<u64> { traced.iter().filter(|s| s.0 == stream).map(|s| s.1).collect() };
     let (_, traced) = trace(&PLAN, Needs::none());
@@ -85,7 +74,7 @@ fn indices_go_on_in_every_stream() {
 fn withdrawn_samples_are_discarded_ones_and_nothing_is_lost() {
     for needs in [everything(), Needs::none().with_variance().with_extrema().with_first_hits(20).with_cost()] {
         let (film, traced) = trace(&PLAN, needs);
-        // The last round's six are in the image; all else is not.
+        // Only the last round's six are in the image.
         let (discarded, kept) = traced.split_at(traced.len() - 6);
         for (samples, moments, range, luminances) in [
             (kept, film.moments(1), film.range(1), film.luminance_range(1)),
@@ -111,11 +100,11 @@ fn withdrawn_samples_are_discarded_ones_and_nothing_is_lost() {
             assert_eq!(film.features(1).unwrap().samples, 21);
         }
         if needs.first_hits == 20 {
-            // Kept samples fill the places by their index, so that a withdrawal overwrites none.
+            // Kept samples fill the places by index, so a withdrawal overwrites none.
             let depths: Vec<f32> = film.first_hits(1)[..16].iter().map(|h| h.unwrap().depth).collect();
             assert_eq!(depths, (0..16).map(|k| k as f32).collect::<Vec<_>>());
         }
-        // The pixel beside it has everything it would have without.
+        // The next pixel is the same as without withdrawals.
         let without: Vec<Round> = PLAN.iter().map(|&(n, retention, _)| (n, retention, false)).collect();
         let (other, _) = trace(&without, needs);
         assert_eq!((film.moments(0), film.discarded(0)), (other.moments(0), other.discarded(0)));
@@ -125,7 +114,7 @@ fn withdrawn_samples_are_discarded_ones_and_nothing_is_lost() {
 }
 
 #[test]
-fn withdrawals_that_make_no_sense_are_refused() {
+fn invalid_withdrawals_are_refused() {
     let refused = |mark: Option<Vec<bool>>, retention: Retention, counts: [u32; 2]| {
         let plan = move |_: &Feedback<'_>, plan: &mut Plan| {
             plan.counts = counts.to_vec();
@@ -140,7 +129,7 @@ fn withdrawals_that_make_no_sense_are_refused() {
     };
     assert!(refused(Some(vec![true]), KEEP, [1, 1]).contains("mark for each pixel"));
     assert!(refused(Some(vec![true; 2]), DISCARD, [1, 1]).contains("not kept"));
-    assert!(refused(Some(vec![true; 2]), KEEP, [2, 0]).contains("none are traced"));
+    assert!(refused(Some(vec![true; 2]), KEEP, [2, 0]).contains("traces none"));
 }
 
 #[test]
@@ -158,9 +147,9 @@ fn withdrawn_samples_use_up_points_but_no_ceiling() {
     };
     let (whole, halves) = (Needs::none(), Needs::none().with_halves());
     assert_eq!(draw(whole, 12, 7, 7).unwrap().count(0), 7);
-    assert!(matches!(draw(whole, 11, 7, 7), Err(Error::SequenceExhausted { asked: 12, .. })));
+    assert!(matches!(draw(whole, 11, 7, 7), Err(Error::SequenceExhausted { requested: 12, .. })));
     assert!(matches!(draw(whole, 12, 6, 7), Err(Error::BadPlan { .. })));
-    // Halves of 3 and 2 go on with 4 and 3: 7 points of the first are used.
+    // Halves of 3 and 2 continue with 4 and 3, so 7 points of the first are used.
     assert_eq!(draw(halves, 7, 7, 7).unwrap().count(0), 7);
-    assert!(matches!(draw(halves, 6, 7, 7), Err(Error::SequenceExhausted { asked: 7, .. })));
+    assert!(matches!(draw(halves, 6, 7, 7), Err(Error::SequenceExhausted { requested: 7, .. })));
 }

@@ -1,4 +1,4 @@
-//! Out of focus, features are as noisy as radiance, and their noise is the same: who regresses one on the other keeps it.
+//! Out of focus, features share the noise of the radiance. A regression on unfiltered features would keep it.
 
 use dapple_core::samplers::Uniform;
 use dapple_core::{Block, Draws, Estimate, Filter, FirstHit, Frame, Integrator, Limits, Needs, Render, TrainingLog};
@@ -7,7 +7,7 @@ use dapple_low_discrepancy::Random;
 
 const SIDE: u32 = 48;
 
-/// A bright and a dark surface, of unlike normals, in the blur between them: each sample meets one of both.
+/// A bright and a dark surface with different normals, blurred: each sample hits one of them.
 struct Blur;
 
 /// The share of the bright surface in column `x`.
@@ -20,25 +20,18 @@ impl Integrator for Blur {
         let [a, ..] = draws.block(Block::new(0));
         let bright = a < share(draws.pixel()[0]);
         let (radiance, normal) = if bright { (1.0, [0.0, 0.0, 1.0]) } else { (0.1, [1.0, 0.0, 0.0]) };
-        let hit = FirstHit {
-            position: if bright { [0.0; 3] } else { [5.0, 0.0, 3.0] },
-            geometric_normal: normal,
-            shading_normal: normal,
-            albedo: [radiance; 3],
-            depth: if bright { 2.0 } else { 5.0 },
-            footprint: 0.01,
-            roughness: 1.0,
-            material: u32::from(bright),
-            shape: 0,
-            primitive: 0,
-        };
-        Estimate { radiance: [radiance; 3], first_hit: draws.wants_first_hit().then_some(hit), cost: 1 }
+        let hit =
+            FirstHit::new(if bright { [0.0; 3] } else { [5.0, 0.0, 3.0] }, normal, if bright { 2.0 } else { 5.0 })
+                .with_albedo([radiance; 3])
+                .with_footprint(0.01)
+                .with_material(u32::from(bright));
+        Estimate::new([radiance; 3]).with_first_hit(draws.wants_first_hit().then_some(hit))
     }
 }
 
-/// What a filter leaves of the squared error, the mean over four seeds.
+/// The filter leaves less than a quarter of the squared error, on average over four seeds.
 #[test]
-fn noise_that_features_share_is_filtered() {
+fn noise_shared_with_features_is_filtered() {
     let filter = ClusterRegression::new();
     let needs: Needs = filter.needs();
     let frame = Frame::new(SIDE, SIDE).unwrap();

@@ -1,10 +1,10 @@
-//! What the two filters promise beyond what every filter must.
+//! Properties of the two Gaussians beyond conformance.
 
 use dapple_core::samplers::Uniform;
 use dapple_core::{
     Block, Draws, Error, Estimate, Film, Filter, FirstHit, Frame, Integrator, Limits, Needs, Render, TrainingLog,
 };
-use dapple_denoise::{BACKGROUND, ClusterGaussian, Gaussian};
+use dapple_denoise::{ClusterGaussian, Gaussian};
 use dapple_low_discrepancy::Random;
 use proptest::prelude::*;
 use std::sync::Arc;
@@ -65,7 +65,7 @@ fn descriptions_give_every_parameter() {
     assert_eq!(hits.describe(), "cluster-gaussian:alpha=2,radius=1.5,outside=0.25,hits=4");
 }
 
-/// An image of one bright pixel is the kernel, and has its energy.
+/// The image of one bright pixel is the kernel and has its energy.
 #[test]
 fn an_impulse_becomes_the_kernel_and_keeps_its_energy() {
     let film = film([21, 19], |i| if i == 9 * 21 + 10 { 1000.0 } else { 0.0 });
@@ -79,7 +79,7 @@ fn an_impulse_becomes_the_kernel_and_keeps_its_energy() {
                 let (dx, dy) = ((i % 21).abs_diff(10), (i / 21).abs_diff(9));
                 let weight = |d: usize| if d <= n { kernel.weights()[n - d] } else { 0.0 };
                 let wanted = 1000.0 * weight(dx) * weight(dy);
-                // Near the frame's border weights are shared among fewer pixels.
+                // Near the frame's border fewer pixels share the weights.
                 if (n..21 - n).contains(&(i % 21)) && (n..19 - n).contains(&(i / 21)) {
                     assert!((f64::from(value[0]) - wanted).abs() <= 1e-6 * wanted, "{}: {i}", filter.describe());
                 }
@@ -114,7 +114,7 @@ fn radius_4_and_radius_8_differ_little() {
     assert!((0.146..0.148).contains(&largest) && difference < 3e-4 && (ratio - 1.0).abs() < 3e-3 && beyond < 7e-6);
 }
 
-/// The variance between images against the estimate: 400 images of pure noise, whose unfiltered variance is known.
+/// The variance between 400 images of pure noise, whose unfiltered variance is known, meets the estimate.
 #[test]
 fn the_error_estimate_is_the_variance_of_the_image() {
     const SEEDS: u64 = 400;
@@ -141,8 +141,8 @@ fn the_error_estimate_is_the_variance_of_the_image() {
             let n = SEEDS as f64;
             for i in 0..81 {
                 let variance = (squares[i] - sum[i] * sum[i] / n) / (n - 1.0);
-                // A variance of 400 values has a relative standard error of sqrt(2 / 399) = 7 %; 5 of them
-                // over 324 correlated tests alarm falsely with a chance below 2e-4.
+                // The variance of 400 values has a relative standard error of sqrt(2 / 399) = 7 %. At 5 of them
+                // the 324 correlated tests raise a false alarm with a probability below 2e-4.
                 let ratio = variance / predicted[i];
                 assert!((ratio - 1.0).abs() < 0.36, "{}: pixel {i}: {ratio}", filter.describe());
             }
@@ -153,31 +153,23 @@ fn the_error_estimate_is_the_variance_of_the_image() {
     }
 }
 
-/// A uniform value in every channel alike; the pixel's left part is material 1, from 0.3 on material 2,
-/// in row 0 nothing.
+/// A uniform random value, equal in every channel. The left part of the frame is material 1, the right part material 2.
+/// Row 0 hits nothing.
 struct Flat;
 
 impl Integrator for Flat {
     fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
         let [u, v, ..] = draws.block(Block::new(0));
-        let hit = FirstHit {
-            position: [0.0; 3],
-            geometric_normal: [0.0, 0.0, 1.0],
-            shading_normal: [0.0, 0.0, 1.0],
-            albedo: [0.5; 3],
-            depth: 1.0,
-            footprint: 1.0,
-            roughness: 1.0,
-            material: 1 + u32::from(draws.pixel()[0] as f32 + v > 4.3),
-            shape: 0,
-            primitive: 0,
-        };
+        let hit = FirstHit::new([0.0; 3], [0.0, 0.0, 1.0], 1.0)
+            .with_albedo([0.5; 3])
+            .with_footprint(1.0)
+            .with_material(1 + u32::from(draws.pixel()[0] as f32 + v > 4.3));
         let first_hit = (draws.wants_first_hit() && draws.pixel()[1] > 0).then_some(hit);
-        Estimate { radiance: [u; 3], first_hit, cost: 1 }
+        Estimate::new([u; 3]).with_first_hit(first_hit)
     }
 }
 
-/// Pure pixels from first hits are what a map of the same clusters gives; the mixed column lies between.
+/// Pure pixels from first hits equal those from a map of the same clusters. The mixed column lies between.
 #[test]
 fn first_hits_and_a_map_agree_on_pure_pixels() {
     let frame = Frame::new(12, 9).unwrap();
@@ -192,7 +184,7 @@ fn first_hits_and_a_map_agree_on_pure_pixels() {
             .apply(&film)
             .unwrap()
     };
-    let cluster = |i: usize| if i < 12 { BACKGROUND } else { 1 + u32::from(i % 12 > 4) };
+    let cluster = |i: usize| if i < 12 { u32::MAX } else { 1 + u32::from(i % 12 > 4) };
     let map = ClusterGaussian::from_map([12, 9], (0..108).map(cluster).collect()).unwrap();
     let map = map.with_kernel(kernel.clone()).apply(&film).unwrap();
     let (one, eight) = (hits(1), hits(8));
@@ -203,7 +195,7 @@ fn first_hits_and_a_map_agree_on_pure_pixels() {
         assert_eq!(map.error.as_ref().unwrap()[i], eight.error.as_ref().unwrap()[i], "pixel {i}");
     }
     assert_ne!(one.radiance, eight.radiance, "mixed pixels blend");
-    // A film with fewer first hits, or none, is refused.
+    // A film with too few first hits is refused.
     let poor = ClusterGaussian::from_hits(8, Arc::new(|_| None)).unwrap();
     let bare = self::film([12, 9], |_| 1.0);
     assert!(matches!(poor.apply(&bare), Err(Error::NotRecorded { .. })));
@@ -211,7 +203,7 @@ fn first_hits_and_a_map_agree_on_pure_pixels() {
 
 /// With `outside` 1 clusters do not matter; with 0 nothing crosses.
 #[test]
-fn outside_goes_from_the_gaussian_to_a_wall() {
+fn outside_ranges_from_the_plain_gaussian_to_a_hard_border() {
     let film = film([16, 10], |i| if i % 16 < 6 { 1.0 + (i % 7) as f32 } else { 1000.0 + (i % 5) as f32 });
     let map: Vec<u32> = (0..160).map(|i| u32::from(i % 16 < 6)).collect();
     let with = |outside| {
@@ -228,7 +220,7 @@ fn outside_goes_from_the_gaussian_to_a_wall() {
 }
 
 proptest! {
-    /// No result leaves the range of the means it is made of; nothing is NaN, whatever the counts.
+    /// No result leaves the range of the means that it is made of, and none is NaN, whatever the counts.
     #[test]
     fn results_stay_within_the_range(
         alpha in prop_oneof![1e-9..1e-3, 1e-3..10.0, 10.0..1e9],

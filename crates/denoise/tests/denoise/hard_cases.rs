@@ -1,21 +1,10 @@
-//! Rows of the catalogue of hard cases that concern filters.
+//! Hard cases of filters. Test names end with their catalogue ids.
 
+use crate::support::Noise;
 use dapple_core::{Film, Filter, Frame, Needs};
 use dapple_denoise::{ClusterGaussian, Gaussian};
 
-/// A generator for made-up samples: SplitMix64, one stream a seed.
-struct Noise(u64);
-
-impl Noise {
-    fn next(&mut self) -> f32 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let x = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        let x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((x ^ (x >> 31)) >> 40) as f32 / (1 << 24) as f32
-    }
-}
-
-/// A film of `size` pixels with `count(x, y)` samples a pixel of `signal(x, y)` plus noise in 0 .. 1.
+/// A film of `size` pixels with `count(x, y)` samples per pixel of `signal(x, y)` plus noise in 0 .. 1.
 fn film(
     size: [u32; 2],
     seed: u64,
@@ -24,7 +13,7 @@ fn film(
 ) -> Film {
     let frame = Frame::new(size[0], size[1]).unwrap();
     let mut film = Film::new(frame, Needs::none().with_variance());
-    let mut noise = Noise(seed.wrapping_mul(0xd134_2543_de82_ef95));
+    let mut noise = Noise::new(seed);
     for i in 0..frame.pixels() {
         let [x, y] = frame.pixel(i);
         for _ in 0..count(x, y) {
@@ -35,8 +24,8 @@ fn film(
     film
 }
 
-/// What A08 and A09 warn of: every sample splatted with the kernel's weight, `sum(w f) / sum(w)`, in
-/// the limit of samples spread evenly over their pixels. A weighted mean with weights `count w`.
+/// The wrong rule, as control: splatting every sample with the kernel's weight, `sum(w f) / sum(w)`, for samples spread
+/// evenly over their pixels. This is a weighted mean with weights `count w`.
 fn splatted(film: &Film, weights: &[f64]) -> Vec<f64> {
     let [width, height] = film.frame().size().map(|n| n as isize);
     let n = (weights.len() / 2) as isize;
@@ -64,14 +53,16 @@ fn mean_and_error(values: &[f64]) -> (f64, f64) {
     (mean, (variance / n).sqrt())
 }
 
-/// The last dark pixel beside the edge. Along x the kernel is `exp(-2 x^2) - exp(-4.5)`, `|x| <= 1.5`, and the
-/// bright pixel next to it covers 1/2 .. 3/2; those after that are out of reach. So the pixel is
-/// `integral(1/2 .. 3/2) / integral(-3/2 .. 3/2)` = 0.186_045 / 1.216_610 = 0.152_921, along y nothing
-/// changes. (The catalogue's .15295 differs by 3e-5, less than any test here can see.)
+/// The last dark pixel beside the edge.
+///
+/// Along x the kernel is `exp(-2 x^2) - exp(-4.5)`, `|x| <= 1.5`. The bright pixel next to it covers 1/2 .. 3/2; the
+/// others are out of reach.
+/// So the pixel is `integral(1/2 .. 3/2) / integral(-3/2 .. 3/2)` = 0.186_045 / 1.216_610 = 0.152_921. Nothing changes
+/// along y.
 const EDGE: f64 = 0.152_920_846_231_744;
 const COUNTS: [[u32; 2]; 4] = [[4, 4], [4, 16], [4, 256], [256, 4]];
 
-fn a08_filters() -> [(Box<dyn Filter>, f64); 4] {
+fn edge_filters() -> [(Box<dyn Filter>, f64); 4] {
     let kernel = Gaussian::new(2.0, 1.5).unwrap();
     let map = |clusters: Vec<u32>| ClusterGaussian::from_map([8, 5], clusters).unwrap().with_kernel(kernel.clone());
     let one = map(vec![9; 40]);
@@ -85,13 +76,13 @@ fn a08_filters() -> [(Box<dyn Filter>, f64); 4] {
     ]
 }
 
-/// Without noise: the counts do not enter at all.
+/// Without noise, the counts have no effect.
 #[test]
-fn a08_unequal_counts_do_not_move_an_edge() {
+fn unequal_counts_do_not_move_an_edge_a08() {
     let mut naive = Vec::new();
     for [left, right] in COUNTS {
         let film = film([8, 5], 1, |x, _| if x < 4 { left } else { right }, |x, _, _| f32::from(u8::from(x >= 4)));
-        for (filter, wanted) in a08_filters() {
+        for (filter, wanted) in edge_filters() {
             let image = filter.apply(&film).unwrap();
             for y in 0..5 {
                 let got = f64::from(image.radiance[8 * y + 3][0]);
@@ -100,16 +91,16 @@ fn a08_unequal_counts_do_not_move_an_edge() {
         }
         naive.push(splatted(&film, Gaussian::new(2.0, 1.5).unwrap().weights())[19]);
     }
-    // The control is the rule that the catalogue describes.
+    // The control moves the edge.
     for (got, wanted) in naive.iter().zip([EDGE, 0.419, 0.920, 0.0028]) {
         assert!((got - wanted).abs() < 5e-4, "{got}, not {wanted}");
     }
 }
 
-/// With noise: 4 standard errors over 300 images (the row's own bound; 16 tests, false alarms about
-/// 1e-3 in all, seeds fixed), and the naive rule is rejected for every unequal pair.
+/// With noise: within 4 standard errors over 300 images. The 16 tests raise a false alarm with a probability of about
+/// 1e-3; seeds are fixed. The control is rejected for every unequal pair.
 #[test]
-fn a08_unequal_counts_under_noise() {
+fn unequal_counts_do_not_move_an_edge_under_noise_a08() {
     const SEEDS: u64 = 300;
     for [left, right] in COUNTS {
         let films: Vec<Film> = (0..SEEDS)
@@ -118,7 +109,7 @@ fn a08_unequal_counts_under_noise() {
                 film([8, 5], 1 + seed, count, |x, _, noise| f32::from(u8::from(x >= 4)) + noise.next())
             })
             .collect();
-        for (filter, wanted) in a08_filters() {
+        for (filter, wanted) in edge_filters() {
             let values: Vec<f64> =
                 films.iter().map(|f| f64::from(filter.apply(f).unwrap().radiance[19][0]) - 0.5).collect();
             let (mean, se) = mean_and_error(&values);
@@ -138,17 +129,19 @@ fn a08_unequal_counts_under_noise() {
 /// Counts of 8 left and 512 right of the border between columns 15 and 16.
 const SEAM: [u32; 2] = [32, 16];
 
-/// The step across the border less the slope of the signal, as a mean over the rows of one image.
+/// The step across the border less the slope of the signal, averaged over the rows of one image.
 fn step(image: &[f64], slope: f64) -> f64 {
     let width = SEAM[0] as usize;
     image.chunks(width).map(|row| row[16] - row[15]).sum::<f64>() / f64::from(SEAM[1]) - slope
 }
 
-/// Paired difference across the border over 64 images, a furnace (constant) and a gradient, at 4 standard
-/// errors (6 tests: false alarms about 4e-4, seeds fixed). The control: splatting is rejected on the
-/// gradient (on a constant it has no bias to see).
+/// The paired difference across the border over 64 images of a constant and of a gradient is 0 within 4 standard
+/// errors.
+///
+/// The 6 tests raise a false alarm with a probability of about 4e-4; seeds are fixed. Splatting, the control, is
+/// rejected on the gradient. On a constant it has no bias.
 #[test]
-fn a09_no_seam_where_counts_jump() {
+fn sample_counts_that_jump_leave_no_seam_a09() {
     let map: Vec<u32> = (0..SEAM[0] * SEAM[1]).map(|i| u32::from(i % SEAM[0] >= 16)).collect();
     let cluster = ClusterGaussian::from_map(SEAM, vec![1; map.len()]).unwrap();
     let border = ClusterGaussian::from_map(SEAM, map).unwrap().with_outside(0.0).unwrap();
@@ -168,8 +161,8 @@ fn a09_no_seam_where_counts_jump() {
         let radiance = |filter: &dyn Filter, film: &Film| -> Vec<f64> {
             filter.apply(film).unwrap().radiance.iter().map(|c| c[0].into()).collect()
         };
-        // Straight through a gradient a symmetric kernel keeps the slope; a border with `outside` 0 bends it
-        // by design, so that filter is asked on the constant only.
+        // A symmetric kernel keeps the slope of a gradient. A border with `outside` 0 bends it by design, so that
+        // filter is tested on the constant only.
         let filters: [&dyn Filter; 3] = [&Gaussian::default(), &cluster, &border];
         for filter in &filters[..if slope == 0.0 { 3 } else { 2 }] {
             let z = z(&|film| radiance(*filter, film));
@@ -183,9 +176,9 @@ fn a09_no_seam_where_counts_jump() {
     }
 }
 
-/// F06: 1 +- 2e-6 everywhere, for radii 0.3 to 4, 1 to 64 samples, borders, corners and a crop.
+/// 1 +- 2e-6 everywhere, for radii 0.3 to 4, 1 to 64 samples, borders, corners and a crop.
 #[test]
-fn f06_constant_in_constant_out() {
+fn a_constant_image_stays_constant_f06() {
     let whole = Frame::new(40, 30).unwrap();
     for frame in [whole, whole.crop(7, 3, 20, 8).unwrap(), whole.crop(39, 29, 40, 30).unwrap()] {
         for value in [1.0f32, 0.1, 3e-30, 7e30, 0.0] {
@@ -209,10 +202,10 @@ fn f06_constant_in_constant_out() {
     }
 }
 
-/// F09: pixels without samples are filled from pixels in reach, and black with an infinite error if there are
-/// none; a kernel inside its own pixel fills nothing.
+/// Pixels without samples are filled from pixels in reach. Without any in reach they are black with an infinite error.
+/// A kernel inside its own pixel fills nothing.
 #[test]
-fn f09_gaps_are_filled_or_marked() {
+fn pixels_without_samples_are_filled_or_marked_f09() {
     // One sampled pixel in the corner; the kernel reaches 4 pixels.
     let film = film([12, 12], 3, |x, y| if x + y == 0 { 4 } else { 0 }, |_, _, _| 2.0);
     let clusters = (0..144).collect();
@@ -230,10 +223,9 @@ fn f09_gaps_are_filled_or_marked() {
     }
 }
 
-/// F05: a sample that is no radiance counts as 0 and in n, and no NaN comes of it; pixels out of the
-/// kernel's reach keep their bits.
+/// An invalid sample counts as 0 and in n, and causes no NaN. Pixels out of the kernel's reach keep their bits.
 #[test]
-fn f05_a_bad_sample_does_not_spread() {
+fn an_invalid_sample_does_not_spread_f05() {
     let good = film([16, 3], 9, |_, _| 5, |_, _, noise| noise.next());
     for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, -1.0] {
         let (mut with, mut zero) = (good.clone(), good.clone());

@@ -1,4 +1,4 @@
-//! F07 and F10: what filters with negative lobes do, and what tiles do.
+//! Filters have no runaway negative weights, and their result does not depend on tiles.
 
 use dapple_core::samplers::Uniform;
 use dapple_core::{
@@ -8,27 +8,23 @@ use dapple_denoise::{Bilateral, ClusterGaussian, ClusterLookup, ClusterRegressio
 use dapple_low_discrepancy::Random;
 use std::sync::Arc;
 
-/// Samples that are 0 or 1 by chance; surfaces in stripes.
+/// Samples that are 0 or 1 at random, on surfaces in stripes.
 struct TwoLevels;
 
 impl Integrator for TwoLevels {
     fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
         let [u, v, a, _] = draws.block(Block::new(0));
         let [x, y] = draws.pixel();
-        let first_hit = draws.wants_first_hit().then_some(FirstHit {
-            position: [x as f32 + u, y as f32 + v, 0.0],
-            geometric_normal: [0.0, 0.0, 1.0],
-            shading_normal: if x % 16 < 8 { [1.0, 0.0, 0.0] } else { [0.0, 0.0, 1.0] },
-            albedo: [if y % 12 < 6 { 0.3 } else { 0.8 }; 3],
-            depth: 50.0 + u,
-            footprint: 1.0,
-            roughness: 1.0,
-            material: x / 16 % 3,
-            shape: 0,
-            primitive: y / 6,
-        });
+        let first_hit = draws.wants_first_hit().then_some(
+            FirstHit::new([x as f32 + u, y as f32 + v, 0.0], [0.0, 0.0, 1.0], 50.0 + u)
+                .with_shading_normal(if x % 16 < 8 { [1.0, 0.0, 0.0] } else { [0.0, 0.0, 1.0] })
+                .with_albedo([if y % 12 < 6 { 0.3 } else { 0.8 }; 3])
+                .with_footprint(1.0)
+                .with_material(x / 16 % 3)
+                .with_primitive(y / 6),
+        );
         let likely = if (x / 8 + y / 8).is_multiple_of(2) { 0.1 } else { 0.7 };
-        Estimate { radiance: [f32::from(u8::from(a < likely)); 3], first_hit, cost: 1 }
+        Estimate::new([f32::from(u8::from(a < likely)); 3]).with_first_hit(first_hit)
     }
 }
 
@@ -39,7 +35,7 @@ fn film(frame: Frame, spp: u64) -> Film {
     Render::new(frame, &limits).needs(NEEDS).run(&mut TwoLevels, &mut Uniform::new(Random::new(3))).unwrap()
 }
 
-/// Every filter of this crate, and how far it reaches in pixels: kernels, searches and their patches, added up.
+/// Every filter of this crate with its reach in pixels: kernels, windows and patches added up.
 fn filters() -> Vec<(Box<dyn Filter>, u32)> {
     let label: ClusterLookup = Arc::new(|hit| Some(hit.material));
     vec![
@@ -48,13 +44,13 @@ fn filters() -> Vec<(Box<dyn Filter>, u32)> {
         (Box::new(ClusterGaussian::from_hits(1, label.clone()).unwrap()), 4),
         (Box::new(NlMeans::default()), 24),
         (Box::new(Bilateral::default()), 24),
-        (Box::new(ClusterRegression::new().with_clusters(label, 0.2, String::new()).unwrap()), 32),
+        (Box::new(ClusterRegression::new().with_clusters(label, 0.2, "").unwrap()), 32),
     ]
 }
 
-/// Two levels stay within [-1, 2]: no sum of weights comes near 0, and no slope runs away.
+/// An image of two levels stays within [-1, 2]: no sum of weights comes near 0 and no slope runs away.
 #[test]
-fn f07_negative_lobes() {
+fn two_levels_stay_in_range_f07() {
     for (spp, side) in [(2, 400), (4, 160)] {
         let film = film(Frame::new(side, side).unwrap(), spp);
         for (filter, _) in filters() {
@@ -63,11 +59,12 @@ fn f07_negative_lobes() {
             assert_eq!(off, None, "{} at {spp} spp", filter.describe());
         }
     }
-    // Control: Mitchell's and Netravali's kernel, weighed by where one sample a pixel happens to lie, runs away.
+    // Control: the kernel of Mitchell and Netravali runs away when one random sample per pixel weighs it.
     assert!(splatted(200_000) > 2.0);
 }
 
-/// The largest pixel of a row of two levels, one sample a pixel, splatted with the cubic of B = 0, C = 1/2 of radius 1.
+/// The largest pixel of a row of two levels, one sample per pixel, splatted with the cubic kernel of B = 0, C = 1/2 and
+/// radius 1.
 fn splatted(pixels: u64) -> f64 {
     let kernel = |x: f64| {
         let x = 2.0 * x.abs();
@@ -98,12 +95,13 @@ fn splatted(pixels: u64) -> f64 {
     (0..pixels).map(pixel).fold(0.0, f64::max)
 }
 
-/// A window of the image, filtered by itself, is the whole image's, bit for bit, as far from its border as the kernel
-/// reaches, whatever threads the two were cut into. Filters that look at halves were seen to differ
-/// between a window and the whole, which is taken for their noise being the whole image's and was not traced: asked of
-/// them is that they are the same on any number of threads, over several of their tiles.
+/// A window of the image filtered by itself equals the whole image bit for bit, beyond the kernel's reach of its
+/// border, on any number of threads.
+///
+/// Filters over halves use statistics of the whole image, so a window may differ. They are tested for equal results on
+/// any number of threads.
 #[test]
-fn f10_tile_invariant() {
+fn results_do_not_depend_on_tiles_f10() {
     let frame = Frame::new(150, 131).unwrap();
     let whole = film(frame, 4);
     let on = |threads: usize, filter: &dyn Filter, film: &Film| {

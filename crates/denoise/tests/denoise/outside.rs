@@ -1,6 +1,6 @@
-//! What the weight of other clusters costs and gains, on made-up images: why
-//! `ClusterGaussian::DEFAULT_OUTSIDE` is what it is. The table comes with
-//! `cargo test -p dapple-denoise --test reconstruction outside:: -- --nocapture`.
+//! The weight of other clusters on synthetic images: the measurement behind `ClusterGaussian::DEFAULT_OUTSIDE`.
+//!
+//! The table comes from `cargo test -p dapple-denoise --test denoise outside:: -- --nocapture`.
 
 #![allow(clippy::print_stderr)] // The table.
 
@@ -14,18 +14,18 @@ use std::sync::Arc;
 
 const SIDE: u32 = 64;
 
-/// A surface seen head on: what it radiates and which cluster it is in, at each point.
+/// A surface seen head on, with a radiance and a cluster at each point.
 #[derive(Clone, Copy, Debug)]
 enum Image {
     /// Two clusters that differ by a factor of 4, along a slanted edge.
     Edge,
-    /// The same, but for a factor of 1.25.
+    /// Two clusters that differ by a factor of 1.25, along the same edge.
     FaintEdge,
-    /// A smooth gradient, cut into clusters of 8x8 pixels for nothing.
+    /// A smooth gradient, needlessly cut into clusters of 8x8 pixels.
     Gradient,
-    /// Patches of 8x8 pixels, each a cluster, each of its own brightness.
+    /// Patches of 8x8 pixels, each its own cluster and brightness.
     Patches,
-    /// The gradient and its clusters, with a shadow's edge that no cluster knows of.
+    /// The gradient and its clusters, with the edge of a shadow that no cluster knows.
     Shadow,
 }
 
@@ -45,7 +45,7 @@ impl Image {
         }
     }
 
-    /// Each pixel's mean, by 16x16 points.
+    /// The mean of each pixel over 16x16 points.
     fn truth(self) -> Vec<f64> {
         let pixel = |i: u32| {
             let points = (0..256).map(|k| {
@@ -71,20 +71,12 @@ impl Integrator for Image {
         let [u, v, noise, _] = draws.block(Block::new(0));
         let [x, y] = draws.pixel();
         let (radiance, cluster) = self.at(x as f32 + u, y as f32 + v);
-        let first_hit = FirstHit {
-            position: [0.0; 3],
-            geometric_normal: [0.0, 0.0, 1.0],
-            shading_normal: [0.0, 0.0, 1.0],
-            albedo: [0.5; 3],
-            depth: 1.0,
-            footprint: 1.0,
-            roughness: 1.0,
-            material: cluster,
-            shape: 0,
-            primitive: 0,
-        };
+        let first_hit = FirstHit::new([0.0; 3], [0.0, 0.0, 1.0], 1.0)
+            .with_albedo([0.5; 3])
+            .with_footprint(1.0)
+            .with_material(cluster);
         let radiance = [radiance * -(1.0 - noise).ln(); 3];
-        Estimate { radiance, first_hit: Some(first_hit), cost: 1 }
+        Estimate::new(radiance).with_first_hit(first_hit)
     }
 }
 
@@ -94,11 +86,11 @@ fn rel_mse(image: &[[f32; 3]], truth: &[f64]) -> f64 {
 }
 
 const OUTSIDE: [f64; 8] = [0.0, 0.01, 0.03, 0.05, 0.07, 0.1, 0.2, 1.0];
-/// The thesis' budgets.
+/// The budgets of the thesis.
 const SPP: [u64; 4] = [8, 16, 32, 64];
 const SEEDS: u64 = 2;
 
-/// relMSE with each [`OUTSIDE`], for `k` first hits a pixel; prints a line of the table.
+/// The relMSE with each [`OUTSIDE`] for `k` first hits per pixel. Prints a line of the table.
 fn errors(image: Image, k: u8, spp: u64) -> [f64; OUTSIDE.len()] {
     let truth = image.truth();
     let mut found = [0.0; OUTSIDE.len()];
@@ -121,9 +113,9 @@ fn default_position() -> usize {
     OUTSIDE.iter().position(|o| *o == ClusterGaussian::DEFAULT_OUTSIDE).unwrap()
 }
 
-/// Seeds are fixed, so the figures are; the bounds leave room for other point sets. The controls: a wall (0)
-/// is worse where clusters cut a gradient for nothing, no clusters (1) is worse where they are edges, and
-/// by far the worst overall.
+/// The default is close to the best weight. Seeds are fixed; the bounds leave room for other point sets.
+///
+/// The controls: 0 is worse where clusters cut a gradient, 1 is worse at edges and by far the worst overall.
 #[test]
 fn the_default_is_close_to_the_best() {
     let default = default_position();
@@ -149,9 +141,9 @@ fn the_default_is_close_to_the_best() {
     }
 }
 
-/// One sample cannot tell that its pixel lies on an edge; four can.
+/// One sample cannot reveal that its pixel lies on an edge; four can.
 #[test]
-fn several_first_hits_serve_edges_better() {
+fn four_first_hits_leave_less_error_at_edges_than_one() {
     let [one, four] = [1, 4].map(|k| errors(Image::Edge, k, 64)[default_position()]);
     assert!(four < 0.75 * one, "{four} {one}");
 }

@@ -1,5 +1,5 @@
 #![allow(dead_code, reason = "shared by a bench and examples, each of which uses a part")]
-//! Scenes and rays of the benches: a box of 36 triangles, a displaced sphere of 70 thousand in a room and a terrain of a
+//! Scenes and rays of the benches: a box of 36 triangles, a displaced sphere of 70,000 in a room and a terrain of a
 //! million; primary, bounce and shadow rays.
 
 use dapple_geometry::{Geometry, Mesh, Ray, Shape, spawn_ray, spawn_ray_to};
@@ -45,7 +45,7 @@ pub(crate) fn sphere(n: u32, radius: f64, centre: DVec3) -> Soup {
         let (theta, phi) = (v * std::f64::consts::PI, u * std::f64::consts::TAU);
         centre + DVec3::new(theta.sin() * phi.cos(), theta.sin() * phi.sin(), theta.cos()) * radius
     });
-    // The seam is there twice, and the poles are many: corners that are one place become one vertex.
+    // The seam and the poles occur more than once: corners at one place become one vertex.
     for j in 0..=n {
         let row = (j * (2 * n + 1)) as usize;
         positions[row + 2 * n as usize] = positions[row];
@@ -71,7 +71,7 @@ pub(crate) fn grid(n: u32, m: u32, place: impl Fn(f64, f64) -> DVec3) -> Soup {
     (positions.collect(), triangles.collect())
 }
 
-/// Sums of sines of growing frequency and falling height.
+/// A sum of sines of growing frequency and falling height.
 fn ripples(p: DVec3, octaves: i32) -> f64 {
     (0..octaves)
         .map(|k| {
@@ -96,7 +96,7 @@ fn terrain() -> Soup {
     })
 }
 
-/// A room around a mesh, as for the figures of other tracers.
+/// A room around a mesh, as in published figures of other tracers.
 fn enclosed(soup: Soup) -> Vec<Soup> {
     let mut soups = vec![soup];
     for axis in 0..3 {
@@ -115,7 +115,7 @@ pub(crate) fn shapes(soups: &[Soup]) -> Vec<Shape> {
     soups.iter().map(|(p, t)| Shape::from(Mesh::new(p.clone(), t.clone()).expect("valid"))).collect()
 }
 
-/// Primary rays of a square image, diffuse bounces from what they hit, shadow rays to an upper light.
+/// Primary rays of a square image, diffuse bounces from their hits, shadow rays to a light above.
 pub(crate) fn rays(scene: &Geometry, [eye, target, light]: [Vec3; 3]) -> [Vec<Ray>; 3] {
     let mut rng = Pcg64Mcg::seed_from_u64(1);
     let forward = (target - eye).normalize();
@@ -148,14 +148,14 @@ pub(crate) fn rays(scene: &Geometry, [eye, target, light]: [Vec3; 3]) -> [Vec<Ra
     [primary, bounce, shadow]
 }
 
-/// A scene by name: triangles, and where eye, target and light are.
+/// A scene by name: triangles, and the positions of eye, target and light.
 pub(crate) struct Scene {
     pub(crate) name: &'static str,
     pub(crate) soups: Vec<Soup>,
     pub(crate) views: [Vec3; 3],
 }
 
-/// All of them.
+/// The names of all scenes.
 pub(crate) fn scenes() -> [Scene; 3] {
     let box_views = [Vec3::new(2.75, 2.75, -8.0), Vec3::new(2.75, 2.75, 0.0), Vec3::new(2.75, 5.4, 2.8)];
     let views = [Vec3::new(1.0, 1.6, -3.2), Vec3::ZERO, Vec3::new(1.0, 3.5, -1.0)];

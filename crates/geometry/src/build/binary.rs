@@ -1,7 +1,7 @@
-//! Binary trees over leaves of one item each, in obvhs's nodes: children lie side by side, the root first.
+//! Binary trees over leaves of one item each, in obvhs's nodes: siblings are adjacent and the root is first.
 //!
-//! obvhs needs quadratic time, and makes chains, where many boxes share a centre (see [`by_area`]); its input here is
-//! finite, of moderate size and never empty, which is what else it asks for.
+//! obvhs takes quadratic time and makes chains if many boxes share a centre (see [`by_area`]). Its other requirements
+//! hold here: the input is finite, of moderate size and not empty.
 
 use glam::Vec3A;
 use obvhs::BvhBuildParams;
@@ -12,13 +12,15 @@ use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
 use obvhs::ploc::{PlocBuilder, PlocSearchDistance};
 use std::cmp::Ordering;
 
-/// Centres are compared on a grid of this many cells along the longest axis of the scene.
+/// The number of grid cells along the longest axis of the scene on which centres are compared.
 const CELLS: f32 = (1u32 << 20) as f32;
-/// So many boxes with their centre in one cell are left to obvhs; more are split by medians of our own.
+/// At most this many boxes with their centre in one cell go to obvhs; more are split at our own medians.
 const CROWD: usize = 8;
 
-/// A tree of small expected cost: obvhs's PLOC and reinsertion over boxes with different centres, medians below where
-/// many share one. The leaf of item `n` is the `n`th of `leaves`, in the unit cube. Children may come before their parent.
+/// A tree of small expected cost: obvhs's PLOC and reinsertion over boxes with different centres, and medians where
+/// many share one.
+///
+/// The leaf of item `n` is the `n`th of `leaves`, in the unit cube. Children may come before their parent.
 pub(super) fn by_area(leaves: Vec<Bvh2Node>, params: BvhBuildParams) -> Vec<Bvh2Node> {
     match Groups::new(&leaves) {
         None => obvhs_tree(leaves, params),
@@ -36,7 +38,7 @@ pub(super) fn by_area(leaves: Vec<Bvh2Node>, params: BvhBuildParams) -> Vec<Bvh2
     }
 }
 
-/// A balanced tree: splits at the median along the longest axis of the centres.
+/// A balanced tree, split at the median along the longest axis of the centres.
 pub(super) fn by_median(leaves: Vec<Bvh2Node>) -> Vec<Bvh2Node> {
     let mut nodes = Vec::with_capacity(2 * leaves.len());
     let mut numbers: Vec<u32> = (0..leaves.len() as u32).collect();
@@ -47,17 +49,17 @@ pub(super) fn by_median(leaves: Vec<Bvh2Node>) -> Vec<Bvh2Node> {
     nodes
 }
 
-/// Items in groups: those whose centre shares a crowded cell together, all others alone.
+/// Groups of items. Items with their centre in the same crowded cell form a group, all others are alone.
 struct Groups {
     members: Vec<u32>,
-    /// Where each group starts in the list of members, and where the last one ends.
+    /// The start of each group in the list of members, and the end of the last.
     starts: Vec<u32>,
 }
 
 impl Groups {
-    /// `None` if there is no crowd.
+    /// Groups the items; `None` if no cell is crowded.
     fn new(leaves: &[Bvh2Node]) -> Option<Self> {
-        // 21 bits an axis.
+        // 21 bits per axis.
         let cell = |leaf: &Bvh2Node| {
             let [x, y, z] = (centre(leaf) * CELLS).as_uvec3().to_array().map(u64::from);
             x << 42 | y << 21 | z
@@ -91,18 +93,19 @@ impl Groups {
         &mut self.members[start..end]
     }
 
-    /// One leaf a group.
+    /// One leaf per group.
     fn leaves(&mut self, leaves: &[Bvh2Node]) -> Vec<Bvh2Node> {
         let groups = 0..self.len() as u32;
         groups.map(|group| Bvh2Node::new(around(leaves, self.members(group)), 1, group)).collect()
     }
 }
 
-/// Whether more than [`CROWD`] cells are equal. Only those are sorted of whose hash there are so many: sorting all takes
-/// longer than all else here.
+/// Tests if more than [`CROWD`] cells are equal. Only cells whose hash occurs that often are sorted: sorting all would
+/// take longer than everything else here.
 fn is_crowded(cells: impl Iterator<Item = u64> + Clone, count: usize) -> bool {
     let bits = (2 * count).next_power_of_two().trailing_zeros().max(1);
-    // The finalizer of SplitMix64 [Steele, Lea and Flood 2014, figure 16]: regular grids collide under less.
+    // The finalizer of SplitMix64 [Steele, Lea and Flood 2014, figure 16]: regular grids would collide with less
+    // mixing.
     let slot = |cell: u64| {
         let mixed = (cell ^ cell >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
         let mixed = (mixed ^ mixed >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
@@ -123,11 +126,11 @@ fn is_crowded(cells: impl Iterator<Item = u64> + Clone, count: usize) -> bool {
     suspects.chunk_by(|a, b| a == b).any(|equal| equal.len() > CROWD)
 }
 
-/// obvhs's tree over these leaves.
+/// The tree of obvhs over these leaves.
 fn obvhs_tree(leaves: Vec<Bvh2Node>, params: BvhBuildParams) -> Vec<Bvh2Node> {
     let Some(all) = leaves.iter().map(|leaf| *leaf.aabb()).reduce(|a, b| a.union(&b)) else { return leaves };
     let mut tree = Bvh2::zeroed(leaves.len());
-    // Leaves become the builder's own: `PlocBuilder::build` would have them twice.
+    // The leaves move to the builder: `PlocBuilder::build` would copy them.
     let mut builder = PlocBuilder::with_capacity(leaves.len());
     builder.current_nodes = leaves;
     let (precision, threshold) = (params.sort_precision, params.search_depth_threshold);
@@ -168,7 +171,7 @@ fn split_by_median(leaves: &[Bvh2Node], numbers: &mut [u32], nodes: &mut Vec<Bvh
     }
 }
 
-/// By centre along the axis on which centres differ most, then by size, then by number.
+/// The order by centre along the axis on which centres differ most, then by size, then by number.
 fn median_order<'a>(leaves: &'a [Bvh2Node], numbers: &[u32]) -> impl Fn(&u32, &u32) -> Ordering + use<'a> {
     let centre_of = |number: u32| centre(&leaves[number as usize]);
     let start = centre_of(numbers[0]);
@@ -195,9 +198,9 @@ fn around(leaves: &[Bvh2Node], numbers: &[u32]) -> Aabb {
 mod tests {
     use super::*;
 
-    /// Two triangles of each square share a cell: no crowd, though hashes that mix less take it for one.
+    /// Two triangles of each square share a cell: no crowd, though weaker hashes would report one.
     #[test]
-    fn only_crowds_are_crowds() {
+    fn only_crowded_cells_are_detected() {
         let grid = (0..512_u64).flat_map(|x| (0..512_u64).flat_map(move |z| [x << 53 | z << 11; 2]));
         assert!(!is_crowded(grid.clone(), 2 << 18));
         let nine = grid.chain([5 << 53 | 7 << 11; CROWD - 1]);

@@ -1,71 +1,71 @@
 //! From a binary tree to eight-wide nodes and leaves of up to eight triangles, at the least expected cost.
 //!
-//! Which subtrees become nodes, leaves, or are dissolved into their parent is decided by dynamic programming over the
-//! surface-area cost [after Ylitie, Karras and Laine 2017, section 3.1].
+//! Dynamic programming over the surface-area cost decides which subtrees become nodes or leaves, and which dissolve
+//! into their parent [after Ylitie, Karras and Laine 2017, section 3.1].
 
 use super::{Bounds, Item, Items, union};
 use crate::Shape;
 use crate::lanes::WIDTH;
-use crate::traverse::{Child, DEEPEST, Keys, Node8, Tree, Way};
+use crate::traverse::{Child, DEEPEST, Keys, Node8, Tree, WalkKind};
 use crate::triangle::Triangles8;
 use glam::Vec3;
 use obvhs::bvh2::node::Bvh2Node;
 
-/// Expected time of testing eight boxes, eight triangles, and one sphere or disk. Of 0.6, 1.2 and 2 for triangles, 0.6
-/// gave the fastest rays and the smallest tree in each scene of benches/rays.rs, by 1 to 5 %.
+/// The expected time of testing eight boxes; below, of eight triangles and of one sphere or disk. Of 0.6, 1.2 and 2 for
+/// triangles, 0.6 gave the fastest rays and the smallest tree in each scene of benches/rays.rs, by 1 to 5 %.
 const NODE_COST: f32 = 1.0;
 const TRIANGLES_COST: f32 = 0.6;
 const QUADRIC_COST: f32 = 2.5;
-/// Of an instance: a guess, taking a ray to its space and a few nodes there.
+/// The expected time of an instance: a guess, for transforming a ray and a few nodes there.
 const BOX_COST: f32 = 10.0;
 
-/// What is known of two siblings together, in 32 bytes: there is one for each primitive.
+/// The costs of two siblings together, in 32 bytes: there is one for each primitive.
 #[derive(Clone, Copy, Debug, Default)]
 struct Pair {
-    /// Least cost of both as at most 2, 3, … 8 children of some node.
+    /// The least cost of both as at most 2, 3, … 8 children of a node.
     cost: [f32; WIDTH - 1],
-    /// Triangles below, [`MANY`] if there are more than a leaf takes, or anything else among them. 0 while the rest is not
-    /// known.
+    /// The number of triangles below, or [`MANY`] if a leaf cannot take them or other items are among them. 0 until the
+    /// rest is known.
     triangles: u32,
 }
 
 const MANY: u32 = WIDTH as u32 + 1;
 
-/// What is known of a binary subtree.
+/// The costs of a binary subtree.
 #[derive(Clone, Copy, Debug)]
-struct Plan {
-    /// Least cost as at most 1, 2, … 7 children of some node.
+struct SubtreePlan {
+    /// The least cost as at most 1, 2, … 7 children of a node.
     cost: [f32; WIDTH - 1],
     /// As [`Pair::triangles`].
     triangles: u32,
-    /// Whether, as one child, it is cheapest as a leaf.
+    /// As one child, it is cheapest as a leaf.
     leaf: bool,
 }
 
-/// The eight-wide tree; `None` if it is empty or needs too deep a stack.
+/// Builds the eight-wide tree; `None` if it is empty or needs too deep a stack.
 pub(super) fn collapse(nodes: &[Bvh2Node], items: &Items<'_>) -> Option<Tree> {
     let moves = items.shapes.iter().any(|shape| matches!(shape, Shape::Moving(_)));
-    let plans = Plans::new(nodes, items);
+    let plans = SubtreePlans::new(nodes, items);
     let mut tree = Wide { nodes, items, moves, plans, tree: Tree::default() }.emit();
     if moves {
-        tree.way = Way::moving();
+        tree.way = WalkKind::moving();
     }
     tree.stack = enclose(&mut tree.nodes);
     (!nodes.is_empty() && tree.stack <= DEEPEST).then_some(tree)
 }
 
-struct Plans<'a> {
+struct SubtreePlans<'a> {
     nodes: &'a [Bvh2Node],
     items: &'a Items<'a>,
-    /// Whether there is nothing but triangles, so that items need not be fetched to know it.
+    /// There are only triangles, so items need not be fetched to check it.
     triangles: bool,
-    /// Of the last two nodes, those before, and so on.
+    /// The pairs in reverse: of the last two nodes, of those before, and so on.
     pairs: Vec<Pair>,
 }
 
-impl<'a> Plans<'a> {
-    /// Plans of all nodes, those below first. Almost all come after their parent in the list; the few that obvhs put
-    /// elsewhere and what is above them wait until the rest is done.
+impl<'a> SubtreePlans<'a> {
+    /// Plans all nodes, from below. Almost all children come after their parent in the list. The few that obvhs put
+    /// elsewhere, and their ancestors, wait until the rest is done.
     fn new(nodes: &'a [Bvh2Node], items: &'a Items<'a>) -> Self {
         let count = nodes.len() / 2;
         let triangles = items.boxes.is_empty() && items.shapes.iter().all(|shape| shape.mesh().is_some());
@@ -95,7 +95,7 @@ impl<'a> Plans<'a> {
         plans
     }
 
-    /// `None` as long as one of the pairs below has none.
+    /// The costs of a pair; `None` while those of a pair below are unknown.
     #[inline(always)]
     fn pair(&self, number: usize) -> Option<Pair> {
         let first = self.nodes.len() - 2 * (number + 1);
@@ -108,7 +108,7 @@ impl<'a> Plans<'a> {
     }
 
     #[inline(always)]
-    fn plan(&self, number: usize) -> Plan {
+    fn plan(&self, number: usize) -> SubtreePlan {
         let node = &self.nodes[number];
         let area = node.aabb().half_area();
         if node.is_leaf() {
@@ -121,7 +121,7 @@ impl<'a> Plans<'a> {
                     Item::Box(_) => (BOX_COST, MANY),
                 }
             };
-            return Plan { cost: [area * cost; WIDTH - 1], triangles, leaf: true };
+            return SubtreePlan { cost: [area * cost; WIDTH - 1], triangles, leaf: true };
         }
         let Pair { cost: below, triangles } = *self.pairs.get(self.pair_of(node)).unwrap_or(&Pair::default());
         let as_node = area * NODE_COST + below[WIDTH - 2];
@@ -130,7 +130,7 @@ impl<'a> Plans<'a> {
         for slots in 2..WIDTH {
             cost[slots - 1] = cost[slots - 2].min(below[slots - 2]);
         }
-        Plan { cost, triangles, leaf: as_leaf <= as_node }
+        SubtreePlan { cost, triangles, leaf: as_leaf <= as_node }
     }
 
     /// The number of the pair below an inner node.
@@ -140,11 +140,11 @@ impl<'a> Plans<'a> {
     }
 }
 
-/// The least costs of both with 2, 3, … 8 children, in whatever way they share them. For all numbers at once, so that
-/// compilers make vectors of it.
+/// The least costs of both with 2, 3, … 8 children, over all distributions. For all numbers at once, so that compilers
+/// vectorise it.
 #[inline(always)]
-fn shares(left: &Plan, right: &Plan) -> [f32; WIDTH - 1] {
-    // The right side's with less than one child in front.
+fn shares(left: &SubtreePlan, right: &SubtreePlan) -> [f32; WIDTH - 1] {
+    // The right side's costs, preceded by those of less than one child.
     let mut rights = [f32::INFINITY; 2 * WIDTH];
     rights[WIDTH..2 * WIDTH - 1].copy_from_slice(&right.cost);
     let mut least = [f32::INFINITY; WIDTH];
@@ -157,8 +157,8 @@ fn shares(left: &Plan, right: &Plan) -> [f32; WIDTH - 1] {
     std::array::from_fn(|slots| least[slots])
 }
 
-/// How many of `slots` children the left side gets at the least cost.
-fn share(left: &Plan, right: &Plan, slots: usize) -> usize {
+/// The number of `slots` children for the left side at the least cost.
+fn share(left: &SubtreePlan, right: &SubtreePlan, slots: usize) -> usize {
     let mut best = (1, f32::INFINITY);
     for i in 1..slots {
         let cost = left.cost[i - 1] + right.cost[slots - i - 1];
@@ -169,13 +169,13 @@ fn share(left: &Plan, right: &Plan, slots: usize) -> usize {
     best.0
 }
 
-/// A few things without an allocation.
-struct Few<T> {
+/// A list of up to eight values without an allocation.
+struct UpToEight<T> {
     all: [T; WIDTH],
     count: usize,
 }
 
-impl<T: Copy> Few<T> {
+impl<T: Copy> UpToEight<T> {
     fn push(&mut self, one: T) {
         self.all[self.count] = one;
         self.count += 1;
@@ -185,9 +185,9 @@ impl<T: Copy> Few<T> {
 struct Wide<'a> {
     nodes: &'a [Bvh2Node],
     items: &'a Items<'a>,
-    /// Whether one of their shapes does.
+    /// One of the shapes moves.
     moves: bool,
-    plans: Plans<'a>,
+    plans: SubtreePlans<'a>,
     tree: Tree,
 }
 
@@ -196,29 +196,29 @@ struct Wide<'a> {
 struct Chosen {
     node: u32,
     leaf: bool,
-    /// Whether a leaf is of triangles.
+    /// The leaf holds triangles.
     triangles: bool,
 }
 
-/// A leaf of triangles that is to be packed: the binary subtree, and whose child it is.
+/// A leaf of triangles to be packed: the binary subtree, and its place in a wide node.
 struct Loose {
     binary: u32,
     wide: u32,
     lane: usize,
 }
 
-/// So many leaves are unpacked at once: reading nodes of several subtrees in turns, processors wait for memory less.
+/// The number of leaves unpacked at once. Reading nodes of several subtrees in turns hides the latency of memory.
 const BATCH: usize = 64;
 
 impl Wide<'_> {
-    /// All nodes and leaves; boxes of nodes are left empty.
+    /// Creates all nodes and leaves; boxes of nodes stay empty.
     fn emit(mut self) -> Tree {
         if self.nodes.is_empty() {
             return self.tree;
         }
         let mut open = Vec::new();
         let mut loose = Vec::new();
-        // Mostly enough, and costs no memory as long as nothing is written there; growing moves them all.
+        // Mostly enough, and unused memory costs nothing until written; growing would move all nodes.
         self.tree.nodes.reserve(self.nodes.len() / 32);
         self.tree.nodes.push(Node8::EMPTY);
         let plan = self.plans.plan(0);
@@ -229,7 +229,7 @@ impl Wide<'_> {
             open.push((self.nodes[0].first_index, 0));
         }
         while let Some((below, wide)) = open.pop() {
-            let mut children = Few { all: [root; WIDTH], count: 0 };
+            let mut children = UpToEight { all: [root; WIDTH], count: 0 };
             self.divide(below, WIDTH, &mut children);
             for lane in 0..children.count {
                 self.place(children.all[lane], wide, lane, &mut open, &mut loose);
@@ -239,8 +239,8 @@ impl Wide<'_> {
         self.tree
     }
 
-    /// The binary nodes that become up to `slots` children in place of this one and the next.
-    fn divide(&self, below: u32, slots: usize, children: &mut Few<Chosen>) {
+    /// Collects the binary nodes that become up to `slots` children in place of `below` and the next one.
+    fn divide(&self, below: u32, slots: usize, children: &mut UpToEight<Chosen>) {
         let (left, right) = (self.plans.plan(below as usize), self.plans.plan(below as usize + 1));
         let lefts = share(&left, &right, slots);
         for (child, plan, slots) in [(below, &left, lefts), (below + 1, &right, slots - lefts)] {
@@ -255,7 +255,7 @@ impl Wide<'_> {
         }
     }
 
-    /// Makes a subtree the child of a node; what is below it waits in `open` or `loose`.
+    /// Makes a subtree a child of a node. Its contents wait in `open` or `loose`.
     fn place(&mut self, it: Chosen, wide: u32, lane: usize, open: &mut Vec<(u32, u32)>, loose: &mut Vec<Loose>) {
         let first = self.nodes[it.node as usize].first_index;
         let (child, bounds) = if !it.leaf {
@@ -281,16 +281,16 @@ impl Wide<'_> {
         self.tree.nodes[wide as usize].put(lane, child, bounds);
     }
 
-    /// Packs leaves of triangles, in this order, and gives them their boxes.
+    /// Packs leaves of triangles in this order and sets their boxes.
     fn pack(&mut self, loose: &[Loose]) {
         self.tree.triangles.reserve_exact(loose.len());
         self.tree.triangle_keys.reserve_exact(loose.len());
         let (mut open, mut next) = (Vec::new(), Vec::new());
         for (batch, leaves) in loose.chunks(BATCH).enumerate() {
-            let mut members: [Few<u32>; BATCH] = std::array::from_fn(|_| Few { all: [0; WIDTH], count: 0 });
+            let mut members: [UpToEight<u32>; BATCH] = std::array::from_fn(|_| UpToEight { all: [0; WIDTH], count: 0 });
             open.extend((0..).zip(leaves).map(|(leaf, &Loose { binary, .. })| (leaf, binary)));
             while !open.is_empty() {
-                // Counted first, without branches, so that memory is asked for all of them before one is waited for.
+                // Counted first, without branches, so that all memory is requested before any is waited for.
                 let inner = open.iter().filter(|&&(_, number)| !self.nodes[number as usize].is_leaf()).count();
                 next.reserve(2 * inner);
                 for &(leaf, number) in &open {
@@ -312,15 +312,15 @@ impl Wide<'_> {
         }
     }
 
-    /// Packs a leaf of 1 to 8 triangles; the box around it.
+    /// Packs a leaf of 1 to 8 triangles and returns its box.
     fn leaf(&mut self, items: &[u32]) -> Bounds {
         let mut bounds = NOTHING;
         let mut keys = [0; WIDTH];
         let mut corners = Triangles8::default();
-        // Where they are at time 1.
+        // The corners at time 1.
         let mut ends = Triangles8::default();
         for lane in 0..WIDTH {
-            // Lanes left over repeat the first.
+            // Unused lanes repeat the first.
             let number = items[if lane < items.len() { lane } else { 0 }];
             let (key, item) = self.items.item(number);
             keys[lane] = key;
@@ -351,7 +351,7 @@ impl Wide<'_> {
     }
 }
 
-/// The box around nothing.
+/// The empty box.
 const NOTHING: Bounds = [Vec3::INFINITY, Vec3::NEG_INFINITY];
 
 impl Node8 {
@@ -371,11 +371,11 @@ impl Node8 {
     }
 }
 
-/// Gives nodes their boxes, from what is below them; the most children that can be put aside at once: all but one on each
-/// level of some path.
+/// Sets the boxes of nodes from those below. Returns the most children on the stack at once: all but one on each level
+/// of some path.
 fn enclose(nodes: &mut [Node8]) -> usize {
     let mut needs = vec![0_usize; nodes.len()];
-    // Children come after their parent, and the box of one is empty until it is set here.
+    // Children come after their parent. The box of a node is empty until it is set here.
     for number in (0..nodes.len()).rev() {
         let mut most = None;
         let mut used = 0;

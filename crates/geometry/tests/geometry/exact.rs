@@ -1,4 +1,4 @@
-//! Results that must be equal bit for bit: over scales, presets and orders (HARD_CASES G04, G05, G10, G12, G13, G14).
+//! Results that are equal bit for bit over scales, presets and orders.
 
 use crate::support::{PRESETS, Soup, cuboid, direction, generator, geometry, lat_long, point_in, scaled_ray};
 use dapple_geometry::{Error, Geometry, Hit, Mesh, Preset, Ray, Shape};
@@ -9,7 +9,7 @@ fn scaled((positions, triangles): &Soup, scale: f32) -> Soup {
     (positions.iter().map(|p| p.map(|x| x * scale)).collect(), triangles.clone())
 }
 
-/// A room with two boxes in it, and a sphere.
+/// A room with two boxes and a sphere in it.
 fn room() -> Vec<Soup> {
     let mut ball = lat_long(12, 0.8, DVec3::new(1.1, 0.9, -1.3));
     ball.0.iter_mut().for_each(|p| p[1] += 0.05);
@@ -32,14 +32,14 @@ fn rays(count: usize, seed: u64) -> Vec<Ray> {
         .collect()
 }
 
-/// Scaled by a power of two, hits are the same but for `t`, which scales.
+/// Scaled by a power of two, hits are equal except `t`, which scales.
 fn assert_scales(scale: f32, ray_count: usize) {
     let scene = geometry(room(), Preset::default());
     let other = geometry(room().iter().map(|mesh| scaled(mesh, scale)).collect(), Preset::default());
     for ray in rays(ray_count, 4) {
         let expected = scene.closest(&ray).map(|hit| Hit { t: hit.t * scale, ..hit });
         assert_eq!(other.closest(&scaled_ray(&ray, scale)), expected, "scale {scale:e}, {ray:?}");
-        // A longer direction, the same scene.
+        // A longer direction in the same scene.
         let short = Ray { direction: ray.direction * scale, tmin: ray.tmin / scale, ..ray };
         let expected = scene.closest(&ray).map(|hit| Hit { t: hit.t / scale, ..hit });
         assert_eq!(scene.closest(&short), expected, "direction times {scale:e}, {ray:?}");
@@ -47,19 +47,19 @@ fn assert_scales(scale: f32, ray_count: usize) {
 }
 
 #[test]
-fn g04_hits_scale_bit_for_bit() {
+fn hits_scale_bit_for_bit_g04() {
     for k in -40..=40 {
         assert_scales(2.0_f32.powi(k), 1000);
     }
 }
 
 #[test]
-fn g04_negative_control_a_scale_that_is_no_power_of_two_shows() {
+fn negative_control_a_scale_that_is_no_power_of_two_shows_g04() {
     assert!(std::panic::catch_unwind(|| assert_scales(3.1, 1000)).is_err());
 }
 
 #[test]
-fn g05_far_scales_are_traced_or_refused() {
+fn far_scales_are_traced_or_refused_g05() {
     for radius in [1e-30, 1e-20, 1e-15, 1e-9, 1e9, 1e15, 1e30] {
         let (positions, triangles) = lat_long(20, radius, DVec3::ZERO);
         match Mesh::new(positions, triangles) {
@@ -84,7 +84,7 @@ fn g05_far_scales_are_traced_or_refused() {
 }
 
 #[test]
-fn g10_triangles_without_area_change_nothing() {
+fn triangles_without_area_change_nothing_g10() {
     let clean = lat_long(20, 1.0, DVec3::ZERO);
     let mut mixed = clean.clone();
     let mut rng = generator(10);
@@ -92,7 +92,7 @@ fn g10_triangles_without_area_change_nothing() {
     for _ in 0..count {
         let a = rng.random_range(0..clean.0.len() as u32);
         let b = rng.random_range(0..clean.0.len() as u32);
-        // The midpoint is rounded, so make the segment one along an axis: then all three are exactly in line.
+        // The midpoint is rounded. On a segment along an axis all three points are exactly in line.
         let [x, y, z] = clean.0[a as usize];
         let new = mixed.0.len() as u32;
         mixed.0.extend([[x + 0.5, y, z], [x + 0.25, y, z], [x, y, z]]);
@@ -109,7 +109,7 @@ fn g10_triangles_without_area_change_nothing() {
 }
 
 #[test]
-fn g12_duplicates_and_concentric_triangles_build_fast_and_shallow() {
+fn duplicates_and_concentric_triangles_build_fast_and_shallow_g12() {
     let n: u32 = 20_000;
     let mut rng = generator(12);
     let corners = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.25], [0.0, 1.0, 0.5]];
@@ -129,7 +129,7 @@ fn g12_duplicates_and_concentric_triangles_build_fast_and_shallow() {
         let scene = geometry(vec![soup.clone()], Preset::default());
         (start.elapsed().as_secs_f64(), scene)
     };
-    // Best of two: the machine may be busy.
+    // Best of two, since the machine may be busy.
     let budget = 4.0 * time(&spread).0.max(time(&spread).0);
     let soups =
         [("same", &same, 0.3), ("concentric", &concentric, -0.1), ("nested", &nested, -0.1), ("row", &row, 0.3)];
@@ -146,8 +146,8 @@ fn g12_duplicates_and_concentric_triangles_build_fast_and_shallow() {
 }
 
 #[test]
-fn g13_the_smallest_number_wins_a_tie() {
-    // Two tessellations of one square: the first along one diagonal, the second in a fan around its centre.
+fn the_smallest_number_wins_a_tie_g13() {
+    // Two tessellations of one square: along one diagonal, and as a fan around its centre.
     let first: Soup =
         (vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]], vec![[0, 1, 2], [0, 2, 3]]);
     let mut second = first.clone();
@@ -173,7 +173,7 @@ fn g13_the_smallest_number_wins_a_tie() {
 }
 
 #[test]
-fn g14_one_ulp_apart_the_nearer_wall_is_met() {
+fn one_ulp_apart_the_nearer_wall_is_met_g14() {
     let wall = |z: f32| -> Soup {
         (vec![[-1.0, -1.0, z], [1.0, -1.0, z], [1.0, 1.0, z], [-1.0, 1.0, z]], vec![[0, 1, 2], [0, 2, 3]])
     };
@@ -200,10 +200,10 @@ fn nothing_is_hit_in_empty_geometry() {
     }
 }
 
-/// Found by the fuzzer: a distance that is no f32 in lengths of a very long direction. It was told as 0, which is not above
-/// `tmin`.
+/// Found by the fuzzer: a distance that no f32 represents in lengths of a very long direction. It was reported as 0,
+/// which is not above `tmin`.
 #[test]
-fn a_hit_closer_than_numbers_can_say_lies_within_the_limits() {
+fn a_hit_closer_than_f32_can_represent_lies_within_the_limits() {
     let triangle = (vec![[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [0.0, 1.0, 0.0]], vec![[0, 1, 2]]);
     let scene = geometry(vec![triangle], Preset::default());
     let ray = Ray::new(Vec3::new(0.0, 0.0, 5.5e-40), Vec3::new(0.0, 0.0, -1.1e15));
@@ -214,12 +214,13 @@ fn a_hit_closer_than_numbers_can_say_lies_within_the_limits() {
     assert!(scene.closest(&none).is_none() && !scene.occluded(&none));
 }
 
-/// Found by the fuzzer: boxes of tiny shapes a long way off were left, along the axes in which a ray does not move, before
-/// they were entered.
+/// Found by the fuzzer: boxes of tiny distant shapes were left before they were entered, along the axes in which a ray
+/// does not move.
 #[test]
-fn tiny_triangles_a_long_way_off_are_met_by_level_rays() {
+fn tiny_distant_triangles_are_met_by_axis_aligned_rays() {
     for size in [4e-34_f32, 1e-39, 1e-20, 1.0] {
-        // One far off, since meshes that are tiny as a whole are refused, and enough tiny ones to fill boxes of their own.
+        // One distant triangle, since meshes that are tiny as a whole are refused, and enough tiny ones to fill boxes
+        // of their own.
         let mut corners = vec![[0.0, -1e15, 0.0], [0.0, -1e15, 1.0], [1.0, -1e15, 0.0]];
         let square = |i: u8| [i / 8, i % 8].map(f32::from);
         corners.extend((0..64).flat_map(|i| {
@@ -237,7 +238,7 @@ fn tiny_triangles_a_long_way_off_are_met_by_level_rays() {
                 assert!(met && scene.occluded(&ray), "{size} {far} {slope} {i}: {hit:?}");
             }
         }
-        // And passed by where they are not.
+        // And rays beside them miss.
         let beside = Ray::new(Vec3::new(-1.9e15, 0.75 * size, 0.75 * size), Vec3::new(1.9e15, 0.0, 0.0));
         assert!(scene.closest(&beside).is_none() && !scene.occluded(&beside));
     }

@@ -1,9 +1,9 @@
-//! Objects that stand in a scene as instances.
+//! Instances of objects.
 
 use crate::support::*;
 use dapple_geometry::{
-    Disk, Error, Geometry, Hit, Instance, Mesh, Motion, Placed, Preset, PrimitiveId, Ray, Shape, Sphere, SurfacePoint,
-    spawn_ray, spawn_ray_to,
+    Disk, Error, Geometry, Hit, Instance, Mesh, Motion, PlacedShape, Preset, PrimitiveId, Ray, Shape, Sphere,
+    SurfacePoint, spawn_ray, spawn_ray_to,
 };
 use glam::{DAffine3, DMat3, DVec3, Vec3};
 use rand::RngExt;
@@ -11,7 +11,8 @@ use rand_pcg::Pcg64Mcg;
 use std::f64::consts::PI;
 use std::sync::Arc;
 
-/// Any turn and stretch, scales of 10^±3 (within 10^±1 of each other), every other one mirrored, moved by up to `far`.
+/// A random rotation and stretch with scales of 10^±3 (within 10^±1 of each other), every other one mirrored, moved by
+/// up to `far`.
 fn map(rng: &mut Pcg64Mcg, far: f64) -> DAffine3 {
     let turn =
         |rng: &mut Pcg64Mcg| DMat3::from_axis_angle(direction(rng).as_dvec3().normalize(), rng.random_range(-PI..PI));
@@ -24,7 +25,7 @@ fn map(rng: &mut Pcg64Mcg, far: f64) -> DAffine3 {
 }
 
 fn still(object: u32, map: DAffine3) -> Instance {
-    Instance { object, motion: Motion::still(map) }
+    Instance::new(object, Motion::still(map))
 }
 
 fn mesh((positions, triangles): Soup) -> Shape {
@@ -44,7 +45,7 @@ fn soup(rng: &mut Pcg64Mcg, count: u32) -> Soup {
     (positions, (0..count).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect())
 }
 
-/// `n` x `n` quads in the plane z = 0 over the square of half width 1 around `centre`, bent nowhere.
+/// `n` x `n` quads in the plane z = 0 over the square of half width 1 around `centre`.
 fn sheet(n: u32, centre: Vec3) -> Soup {
     let at = |i: u32| -1.0 + 2.0 * i as f32 / n as f32;
     let positions = (0..=n).flat_map(|j| (0..=n).map(move |i| (i, j)));
@@ -54,8 +55,8 @@ fn sheet(n: u32, centre: Vec3) -> Soup {
     (positions, triangles)
 }
 
-/// The first hit of triangles in f64 [Moeller and Trumbore 1997], and whether it is clear: no edge and no other hit so
-/// near that rounding may decide otherwise.
+/// The first hit of triangles in f64 [Moeller and Trumbore 1997], and whether it is clear: no edge and no other hit is
+/// so near that rounding may decide otherwise.
 fn reference(triangles: &[[DVec3; 3]], ray: &Ray) -> (Option<(f64, usize)>, bool) {
     let (o, d) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
     let (mut hits, mut clear) = (Vec::new(), true);
@@ -67,7 +68,7 @@ fn reference(triangles: &[[DVec3; 3]], ray: &Ray) -> (Option<(f64, usize)>, bool
         let (u, v, t) = ((o - a).dot(p) / determinant, d.dot(q) / determinant, ac.dot(q) / determinant);
         let size = ab.length().max(ac.length());
         let flatness = determinant.abs() / (d.length() * size * size);
-        // Sixteen roundings of everything that enters, objects being a few triangles large.
+        // Sixteen roundings of all inputs; objects are a few triangles large.
         let rounding = f64::from(f32::EPSILON) * 8.0 * (o.length() + a.length() + b.length() + c.length() + 8.0 * size);
         let slack = rounding / (size * flatness);
         let margin = u.min(v).min(1.0 - u - v);
@@ -127,7 +128,7 @@ fn instances_agree_with_brute_force_in_f64() {
                 let off = (point.position.as_dvec3() - exact).dot(normal);
                 assert!(off.abs() <= error.dot(normal.abs()), "{off} off, {error} allowed");
                 let slant = normal.dot(ray.direction.as_dvec3()).abs();
-                // In between its limits, `t` is found in f32, to within sixteen roundings.
+                // Between its limits `t` is an f32, within sixteen roundings.
                 let allowed = 16.0 * error.dot(normal.abs()) / slant + t * 1e-6;
                 assert!((f64::from(hit.t) - t).abs() <= allowed, "{} for {t}, {allowed} allowed", hit.t);
             }
@@ -136,7 +137,7 @@ fn instances_agree_with_brute_force_in_f64() {
     assert!(hits > 8000 && doubtful < 8000, "{hits} hits, {doubtful} doubtful");
 }
 
-/// Hits obey the limits, and do not depend on the tree.
+/// Hits obey the limits and do not depend on the tree.
 #[test]
 fn hits_lie_within_the_ray_whatever_the_preset() {
     let mut rng = generator(102);
@@ -168,7 +169,7 @@ fn hits_lie_within_the_ray_whatever_the_preset() {
 }
 
 #[test]
-fn of_instances_in_one_place_the_first_is_met() {
+fn the_first_of_instances_at_one_place_is_met() {
     let mut rng = generator(103);
     let ball = object(vec![mesh(lat_long(8, 1.0, DVec3::ZERO))]);
     for _ in 0..20 {
@@ -216,7 +217,7 @@ fn hit_from(rng: &mut Pcg64Mcg, scene: &Geometry, target: DVec3, distance: f64) 
     scene.closest(&ray).map(|hit| (ray, hit))
 }
 
-/// Rays that leave a sheet, or a ball outwards, have nothing in their way. `forget` leaves out the bound on the error.
+/// Rays that leave a sheet, or a ball outwards, are unobstructed. `forget` omits the bound on the error.
 fn meets_again(seed: u64, forget: bool) -> (usize, usize) {
     let mut rng = generator(seed);
     let (mut again, mut rays) = (0, 0);
@@ -248,7 +249,7 @@ fn meets_again(seed: u64, forget: bool) -> (usize, usize) {
                 if wanted.dot(point.normal).abs() < 1e-6 || (case % 3 == 1 && wanted.dot(point.normal) < 0.0) {
                     continue;
                 }
-                // What the ray starts on is not told: the offset has to do.
+                // The primitive at the start is omitted, so the offset must suffice.
                 let ray = Ray { ends: [PrimitiveId::NONE; 2], ..spawn_ray(&point, wanted) };
                 rays += 1;
                 again += usize::from(scene.closest(&ray).is_some());
@@ -259,7 +260,7 @@ fn meets_again(seed: u64, forget: bool) -> (usize, usize) {
 }
 
 #[test]
-fn g18_rays_that_leave_an_instance_do_not_meet_it_again() {
+fn rays_that_leave_an_instance_do_not_meet_it_again_g18() {
     let (again, rays) = meets_again(105, false);
     assert!(again == 0 && rays > 100_000, "{again} of {rays} rays met what they left");
     // The negative control.
@@ -267,9 +268,9 @@ fn g18_rays_that_leave_an_instance_do_not_meet_it_again() {
     assert!(again > rays / 100, "without the error only {again} of {rays} rays met what they left");
 }
 
-/// Rays between two instances are free of both, from wherever.
+/// Rays between two instances meet neither, from any point.
 #[test]
-fn g18_rays_between_instances_meet_neither() {
+fn rays_between_instances_meet_neither_g18() {
     let mut rng = generator(106);
     let sheets = object(vec![mesh(sheet(4, Vec3::ZERO))]);
     let mut rays = 0;
@@ -319,10 +320,10 @@ fn normals_are_taken_by_the_inverse_transpose() {
         let (ray, hit) = hit_from(&mut rng, &scene, middle, size).expect("it is aimed at");
         let point = scene.surface(&ray, &hit);
         assert!((point.normal.as_dvec3() - expected).length() < 1e-6, "{} for {expected}", point.normal);
-        // The winding in the world says otherwise where the map mirrors.
+        // The winding in world space is the opposite if the map mirrors.
         let [a, b, c] = [a, b, c].map(|p| place.transform_point3(p));
         mirrored += usize::from((b - a).cross(c - a).dot(expected) < 0.0);
-        // A ball's points outward, mirrored or not.
+        // A ball's normals point outwards, mirrored or not.
         let scene = self::scene(vec![], objects.clone(), vec![still(1, place)]);
         let (ray, hit) = hit_from(&mut rng, &scene, place.translation, size * 40.0).expect("it is aimed at");
         assert!(scene.surface(&ray, &hit).normal.dot(ray.direction) < 0.0);
@@ -338,13 +339,14 @@ fn shapes_of_instances_are_numbered_after_the_base() {
     let instances = vec![still(2, up(1.0)), still(1, up(9.0)), still(0, up(2.0)), still(0, up(3.0))];
     let scene = scene(vec![ball(0.0), ball(1.0)], objects, instances);
     assert_eq!(scene.shape_count(), 7);
-    let placed = |instance, object, shape| Some(Placed { instance, object, shape });
+    let placed = |instance: u32, object: u32, shape: u32| Some((instance, object, shape));
     let expected = [None, None, placed(0, 2, 0), placed(2, 0, 0), placed(2, 0, 1), placed(3, 0, 0), placed(3, 0, 1)];
     let originals = [0, 1, 4, 2, 3, 2, 3];
     let places = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [0.0, 2.0], [1.0, 2.0], [0.0, 3.0], [1.0, 3.0]];
     for number in 0..7 {
         let index = number as usize;
-        assert_eq!((scene.placed(number), scene.original(number)), (expected[index], originals[index]));
+        let found = scene.placed(number).map(|it: PlacedShape| (it.instance, it.object, it.shape));
+        assert_eq!((found, scene.original(number)), (expected[index], originals[index]));
         let [x, y] = places[index];
         let hit = scene.closest(&Ray::new(Vec3::new(x, y, -5.0), Vec3::Z)).expect("a ball is there");
         assert_eq!(hit.shape, number);
@@ -378,7 +380,7 @@ fn ten_thousand_instances_hold_one_mesh() {
 }
 
 #[test]
-fn what_makes_no_instance_is_refused() {
+fn invalid_instances_are_refused() {
     let ball = object(vec![Sphere::new(Vec3::ZERO, 1.0).expect("valid").into()]);
     let build = |object: &Arc<Geometry>, instance| {
         Geometry::with_instances(vec![], vec![object.clone()], vec![instance], Preset::default())
@@ -390,7 +392,7 @@ fn what_makes_no_instance_is_refused() {
     let far = DAffine3::from_translation(DVec3::X * 1e18);
     assert!(matches!(build(&ball, still(0, far)), Err(Error::ScaleOutOfRange { .. })));
     let unknown = build(&ball, still(1, DAffine3::IDENTITY)).expect_err("there is one object");
-    assert_eq!(unknown.to_string(), "instance 0 refers to object 1, but there are 1 objects");
+    assert_eq!(unknown.to_string(), "instance 0 refers to object 1 of 1: indices count from 0 and stay below 1");
     let nested = Arc::new(build(&ball, still(0, DAffine3::IDENTITY)).expect("sound"));
     assert_eq!(build(&nested, still(0, DAffine3::IDENTITY)).err(), Some(Error::Nested { object: 0 }));
 }

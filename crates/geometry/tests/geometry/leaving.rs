@@ -1,4 +1,4 @@
-//! Rays that leave surfaces, and shadow rays between them (HARD_CASES G18, G19), for every shape.
+//! Rays that leave surfaces, and shadow rays between them, for every shape.
 
 use crate::support::{direction, generator, lat_long, point_in, wild};
 use dapple_geometry::{
@@ -30,9 +30,9 @@ fn hit_somewhere(scene: &Geometry, aims: impl Fn(&mut Pcg64Mcg) -> Vec3, rng: &m
     })
 }
 
-/// Leaves the point `count` times; returns how often the (flat) shape is met again.
+/// Leaves the point `count` times and returns how often the flat shape is met again.
 fn met_again(scene: &Geometry, point: &SurfacePoint, count: usize, rng: &mut Pcg64Mcg) -> usize {
-    // It is the offset that is tested: the ray is not told where it starts.
+    // The primitive at the start is omitted, since the offset is tested.
     let point = &SurfacePoint { primitive: PrimitiveId::NONE, ..*point };
     let reach = scene.bounds().map_or(Vec3::ONE, |[low, high]| (high - low) * 3.0);
     (0..count)
@@ -46,7 +46,7 @@ fn met_again(scene: &Geometry, point: &SurfacePoint, count: usize, rng: &mut Pcg
 }
 
 #[test]
-fn g18_triangles_just_left_are_not_met_again() {
+fn triangles_just_left_are_not_met_again_g18() {
     let mut rng = generator(18);
     let (mut tried, mut again) = (0, 0);
     for i in 0..1000 {
@@ -69,7 +69,7 @@ fn g18_triangles_just_left_are_not_met_again() {
 }
 
 #[test]
-fn g18_negative_control_without_the_offset_surfaces_are_met_again() {
+fn negative_control_without_the_offset_surfaces_are_met_again_g18() {
     let mut rng = generator(180);
     let corners = [Vec3::new(0.1, 0.7, -0.4), Vec3::new(3.3, -0.2, 0.9), Vec3::new(-1.7, 0.35, 2.6)];
     let scene = triangle(corners).expect("a good triangle");
@@ -91,7 +91,7 @@ fn affine(rng: &mut Pcg64Mcg, scale: f64) -> DAffine3 {
 }
 
 #[test]
-fn g18_spheres_and_disks_just_left_are_not_met_again() {
+fn spheres_and_disks_just_left_are_not_met_again_g18() {
     let mut rng = generator(181);
     for i in 0..400 {
         let scale = 2.0_f64.powi(i % 81 - 40);
@@ -174,7 +174,7 @@ fn shadow_rays_between_surfaces_meet_neither() {
         for (from, to, first) in [(a, b, 0), (b, a, 3)] {
             let ray = spawn_ray_to(&from, &to);
             tried += 1;
-            // Where the two triangles cut each other they may well be in the way: only the ends are claimed.
+            // Where the two triangles cross they may be in the way; only the ends are tested.
             if let Some(hit) = scene.closest(&ray) {
                 let ends = hit.t < 1e-4 || hit.t > 1.0 - 1e-4;
                 let own = hit.primitive == first / 3;
@@ -187,7 +187,7 @@ fn shadow_rays_between_surfaces_meet_neither() {
 
 #[test]
 fn shadow_rays_reach_a_wall_from_everywhere() {
-    // A closed ball: every segment between two of its inner points is free.
+    // A closed ball: every segment between two inner points is free.
     for (radius, centre) in [(1.0, DVec3::ZERO), (1.0, DVec3::new(1000.0, -300.0, 77.0)), (1e-6, DVec3::ZERO)] {
         let (positions, triangles) = lat_long(24, radius, centre);
         let mesh = alone(Mesh::new(positions, triangles).expect("valid").into());
@@ -202,7 +202,7 @@ fn shadow_rays_reach_a_wall_from_everywhere() {
             for _ in 0..20_000 {
                 let (a, b) = (inner(), inner());
                 let ray = spawn_ray_to(&a, &b);
-                // Two points of one flat triangle see each other edge on: light arrives at no angle at all.
+                // Two points of one flat triangle see each other edge on, and no light arrives.
                 let grazing = ray.direction.normalize().dot(a.normal).abs() < 1e-3;
                 assert!(grazing || !scene.occluded(&ray), "{ray:?} {a:?} {b:?}");
             }
@@ -211,7 +211,7 @@ fn shadow_rays_reach_a_wall_from_everywhere() {
 }
 
 #[test]
-fn g19_the_offset_is_small() {
+fn the_offset_is_small_g19() {
     for k in [-20, 0, 20] {
         let scale = 2.0_f32.powi(k);
         // Concentric spheres, exact and as meshes.
@@ -242,7 +242,7 @@ fn g19_the_offset_is_small() {
 }
 
 #[test]
-fn spheres_and_disks_are_met_where_they_are() {
+fn spheres_and_disks_are_met_at_their_surface() {
     let ball = Sphere::new(Vec3::new(0.0, 0.0, 5.0), 2.0).expect("a sphere");
     let ring = Disk::new(Vec3::new(0.0, 0.0, -4.0), Vec3::Z * 3.0, 2.0, 1.0).expect("a ring");
     let scene = Geometry::build(vec![ball.into(), ring.into()], Preset::default()).expect("two shapes");

@@ -1,4 +1,4 @@
-//! Rays against shapes: one program, for each that instantiates the trees takes as long to compile as all do.
+//! Integration tests in one program, since each program that instantiates the trees takes long to compile.
 
 mod exact;
 mod instances;

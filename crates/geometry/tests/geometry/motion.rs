@@ -1,4 +1,4 @@
-//! Motions: what lies between their ends, and boxes around all of it.
+//! Motions between their ends, and the boxes around them.
 
 use crate::support::*;
 use dapple_geometry::{Error, Geometry, Instance, Mesh, Motion, Preset, Ray, Shape, Sphere};
@@ -8,7 +8,7 @@ use rand_pcg::Pcg64Mcg;
 use std::f64::consts::{FRAC_PI_2, PI};
 use std::sync::Arc;
 
-/// Turned, stretched, moved; mirrored if asked.
+/// A random rotation, stretch and translation; mirrored if requested.
 fn map(rng: &mut Pcg64Mcg, mirror: bool) -> DAffine3 {
     let mut matrix = DMat3::from_axis_angle(direction(rng).as_dvec3().normalize(), rng.random_range(-PI..PI));
     let mut scale = || 10.0_f64.powf(rng.random_range(-1.0..1.0));
@@ -22,7 +22,7 @@ fn close(a: DAffine3, b: DAffine3, tolerance: f64) -> bool {
 }
 
 #[test]
-fn boxes_hold_what_moves_at_all_times() {
+fn boxes_contain_moving_objects_at_all_times() {
     let mut rng = generator(91);
     let (mut outside_of_ends, mut tightest) = (0, f64::INFINITY);
     for case in 0..500 {
@@ -35,7 +35,7 @@ fn boxes_hold_what_moves_at_all_times() {
         let naive = [ends[0][0].min(ends[1][0]), ends[0][1].max(ends[1][1])];
         let (mut seen_low, mut seen_high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
         for _ in 0..200 {
-            // Corners are where a box is left.
+            // A path leaves its box at the corners first.
             let corner = rng.random_range(0..2) == 0;
             let pick = |rng: &mut Pcg64Mcg, axis: usize| {
                 let u = if corner { f64::from(rng.random_range(0..2)) } else { rng.random() };
@@ -49,7 +49,7 @@ fn boxes_hold_what_moves_at_all_times() {
         }
         tightest = tightest.min(((seen_high - seen_low) / (most - least)).max_element());
     }
-    // The negative control: the ends alone do not hold it. And boxes are no larger than they need be.
+    // The negative control: the box of the ends alone is too small. And boxes are not larger than necessary.
     assert!(outside_of_ends > 1000, "{outside_of_ends} of 100000 points outside the boxes of both ends");
     assert!(tightest > 0.6, "{tightest}");
 }
@@ -72,14 +72,14 @@ fn motions_pass_through_their_ends_and_turn_the_shorter_way() {
     let half = |from: f64, to: f64| Motion::between(turn(from), turn(to)).expect("rotations").at(0.5);
     assert!(close(half(0.0, FRAC_PI_2), turn(FRAC_PI_2 / 2.0), 1e-15));
     assert!(close(half(0.0, 1.5 * PI), turn(-PI / 4.0), 1e-15));
-    // A stretch and a turn at once do not disturb each other.
+    // A stretch and a rotation at once do not disturb each other.
     let stretched = DAffine3 { matrix3: turn(1.0).matrix3 * 3.0, translation: DVec3::X };
     let middle = Motion::between(DAffine3::IDENTITY, stretched).expect("sound").at(0.5);
     assert!(close(middle, DAffine3 { matrix3: turn(0.5).matrix3 * 2.0, translation: DVec3::X * 0.5 }, 1e-14));
 }
 
 #[test]
-fn an_ordinary_part_of_a_path_is_the_same_path() {
+fn a_part_of_a_path_is_the_same_path() {
     let mut rng = generator(93);
     for _ in 0..50 {
         let whole = Motion::between(map(&mut rng, false), map(&mut rng, false)).expect("sound");
@@ -101,9 +101,9 @@ fn motions_through_flatness_are_refused() {
     assert!(!Motion::between(mirror, mirror).expect("it stands still").moves());
 }
 
-/// What moves is met where a still copy at that time is.
+/// A moving object is met where a still copy at that time is.
 #[test]
-fn at_each_time_a_moving_object_is_where_it_stands() {
+fn a_moving_object_is_met_where_a_still_copy_is() {
     let mut rng = generator(94);
     let (positions, triangles) = lat_long(6, 1.0, DVec3::new(2.0, 0.0, 0.0));
     let shapes = vec![
@@ -112,7 +112,7 @@ fn at_each_time_a_moving_object_is_where_it_stands() {
     ];
     let object = Arc::new(Geometry::build(shapes, Preset::default()).expect("few"));
     let scene = |motions: &[Motion]| {
-        let instances = motions.iter().map(|motion| Instance { object: 0, motion: motion.clone() }).collect();
+        let instances = motions.iter().map(|motion| Instance::new(0, motion.clone())).collect();
         Geometry::with_instances(vec![], vec![object.clone()], instances, Preset::default()).expect("sound")
     };
     let mut hits = 0;

@@ -1,4 +1,4 @@
-//! Meshes whose vertices move: at each time they are what a still mesh of the same corners is.
+//! Meshes with moving vertices equal a still mesh of the same corners at each time.
 
 use crate::support::*;
 use dapple_geometry::{Error, Geometry, Instance, Mesh, Motion, MovingMesh, Preset, Ray, Shape, spawn_ray};
@@ -16,7 +16,7 @@ fn point(rng: &mut Pcg64Mcg, size: f32) -> [f32; 3] {
 /// Vertices at both times, and triangles.
 type MovingSoup = (Vec<[f32; 3]>, Vec<[f32; 3]>, Vec<[u32; 3]>);
 
-/// Triangles at random that share some vertices.
+/// Random triangles that share some vertices.
 fn soup(rng: &mut Pcg64Mcg, size: f32) -> MovingSoup {
     let vertices = 60;
     let starts: Vec<_> = (0..vertices).map(|_| point(rng, size)).collect();
@@ -33,7 +33,7 @@ fn soup(rng: &mut Pcg64Mcg, size: f32) -> MovingSoup {
     (starts, ends, triangles.collect())
 }
 
-/// The vertices on their way.
+/// The vertices at a time.
 fn at(starts: &[[f32; 3]], ends: &[[f32; 3]], time: f32) -> Vec<[f32; 3]> {
     let between = |(a, b): (&[f32; 3], &[f32; 3])| std::array::from_fn(|axis| a[axis] + (b[axis] - a[axis]) * time);
     starts.iter().zip(ends).map(between).collect()
@@ -49,7 +49,7 @@ fn rays(rng: &mut Pcg64Mcg, size: f32, count: usize) -> Vec<Ray> {
 }
 
 #[test]
-fn hits_are_those_of_still_meshes() {
+fn hits_equal_those_of_still_meshes() {
     let mut rng = generator(61);
     let (mut hits, mut control) = (0, 0);
     for case in 0..20 {
@@ -79,10 +79,10 @@ fn hits_are_those_of_still_meshes() {
 }
 
 #[test]
-fn g01_moving_spheres_have_no_gap() {
+fn moving_spheres_have_no_gap_g01() {
     let mut rng = generator(62);
     let (starts, triangles) = lat_long(24, 2.0, glam::DVec3::new(0.3, -0.7, 0.11));
-    // Every vertex goes its own way, near the centre or far.
+    // Every vertex moves on its own, near the centre or far from it.
     let ends: Vec<[f32; 3]> =
         starts.iter().map(|p| p.map(|x| x * 3.0 + 0.05).map(|x| x + rng.random_range(-0.02..0.02))).collect();
     let mesh = MovingMesh::new(starts.clone(), ends.clone(), triangles.clone()).expect("sound");
@@ -104,14 +104,14 @@ fn g01_moving_spheres_have_no_gap() {
 }
 
 #[test]
-fn g18_rays_that_leave_what_moves_do_not_meet_it_again() {
+fn rays_that_leave_a_moving_mesh_do_not_meet_it_again_g18() {
     let mut rng = generator(63);
     let (starts, ends, triangles) = soup(&mut rng, 1.0);
     let mesh = MovingMesh::new(starts, ends, triangles).expect("sound");
     let alone = Geometry::build(vec![Shape::from(mesh.clone())], Preset::default()).expect("few");
     let turned = DAffine3::from_axis_angle(glam::DVec3::new(0.6, 0.0, 0.8), 1.0);
     let object = Arc::new(alone.clone());
-    let instance = Instance { object: 0, motion: Motion::between(DAffine3::IDENTITY, turned).expect("invertible") };
+    let instance = Instance::new(0, Motion::between(DAffine3::IDENTITY, turned).expect("invertible"));
     let placed = Geometry::with_instances(vec![], vec![object], vec![instance], Preset::default()).expect("few");
     assert!(placed.moves());
     for scene in [&alone, &placed] {
@@ -130,7 +130,7 @@ fn g18_rays_that_leave_what_moves_do_not_meet_it_again() {
 }
 
 #[test]
-fn what_is_wrong_is_refused() {
+fn invalid_moving_meshes_are_refused() {
     let one = vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
     let few = MovingMesh::new(one.clone(), one[..2].to_vec(), vec![[0, 1, 2]]);
     assert!(matches!(few, Err(Error::BadParameter { value: 2.0, .. })), "{few:?}");
@@ -138,7 +138,7 @@ fn what_is_wrong_is_refused() {
     odd[2][1] = f32::NAN;
     let odd = MovingMesh::new(one.clone(), odd, vec![[0, 1, 2]]);
     assert!(matches!(odd, Err(Error::NonFinite { triangle: 0, vertex: 2 })), "{odd:?}");
-    // Without area at both ends, but not on the way.
+    // Without area at both ends, but not in between.
     let folded = vec![[0.0; 3], [1.0, 0.0, 0.0], [0.5, 0.0, 0.0]];
     let unfolded = vec![[0.0; 3], [0.0, 1.0, 0.0], [0.0, 0.5, 0.0]];
     let mesh = MovingMesh::new(folded.clone(), unfolded, vec![[0, 1, 2]]).expect("sound");

@@ -1,7 +1,9 @@
-//! HARD_CASES group 1 at the catalogue's full size (T2):
-//! `cargo test --release -p dapple-geometry --test geometry thorough:: -- --ignored --nocapture`, quiet, two minutes.
+//! Hard cases of rays at their full size.
+//!
+//! `cargo test --release -p dapple-geometry --test geometry thorough:: -- --ignored --nocapture` on a quiet machine
+//! takes two minutes.
 
-#![allow(clippy::print_stdout)] // Figures are told.
+#![allow(clippy::print_stdout)] // Prints figures.
 
 use crate::support::*;
 use dapple_geometry::{Geometry, Mesh, Preset, Ray, Shape};
@@ -10,7 +12,7 @@ use std::time::Instant;
 
 #[test]
 #[ignore = "T2: 3e7 rays"]
-fn g02_ten_million_random_rays_from_inside_never_escape() {
+fn ten_million_random_rays_from_inside_never_escape_g02() {
     let mut rng = generator(2);
     for centre in [DVec3::ZERO, DVec3::new(0.3, -0.7, 0.11), DVec3::new(148_376.0, 1_234.0, -223_423.0)] {
         let scene = geometry(vec![lat_long(200, 2.0, centre)], Preset::default());
@@ -35,7 +37,7 @@ fn soup(n: u32, place: impl Fn(u32, Vec3) -> Vec3) -> Vec<Shape> {
 
 #[test]
 #[ignore = "T2: timing, wants a quiet machine"]
-fn g12_building_takes_linear_time_on_duplicates_and_concentric_triangles() {
+fn building_takes_linear_time_on_duplicates_and_concentric_triangles_g12() {
     let mut rng = generator(12);
     for n in [1_000, 10_000, 100_000] {
         let offsets: Vec<Vec3> = (0..n).map(|_| point_in(&mut rng, Vec3::ZERO, Vec3::splat(60.0))).collect();
@@ -56,7 +58,7 @@ fn g12_building_takes_linear_time_on_duplicates_and_concentric_triangles() {
             println!("{n} {name}: {:.2} of {usual} s, stack {}", seconds / usual, scene.deepest());
             assert!(seconds <= 4.0 * usual && scene.deepest() <= 128, "{n} {name}: {seconds} s for {usual} s");
         }
-        // As one copy by itself.
+        // Compared with one copy by itself.
         let (_, many) = time(&same);
         let (_, one) = time(&soup(1, |_, c| c));
         for _ in 0..10_000 {
@@ -67,7 +69,7 @@ fn g12_building_takes_linear_time_on_duplicates_and_concentric_triangles() {
     }
 }
 
-/// A field of `2 rows columns` triangles, one unit wide: hills, or where it is rough a height of its own for each corner.
+/// A field of `2 rows columns` triangles, one unit wide: hills, or if rough an independent height for each corner.
 fn field(rows: u32, columns: u32, rough: bool) -> Mesh {
     let height = |x: u32, y: u32| match rough {
         true => (x.wrapping_mul(7919).wrapping_add(y.wrapping_mul(104_729)) % 1013) as f32 / 1013.0,
@@ -86,7 +88,7 @@ fn field(rows: u32, columns: u32, rough: bool) -> Mesh {
     Mesh::new(positions, (0..rows * columns).flat_map(cell).collect()).expect("sound")
 }
 
-/// Seconds that the tree takes. Its bytes are held against those that docs/results/memory.md publishes.
+/// The seconds to build the tree. Its bytes are compared with those in docs/results/memory.md.
 fn built(mesh: Mesh) -> f64 {
     let triangles = mesh.triangles().len();
     let start = Instant::now();
@@ -102,10 +104,10 @@ fn built(mesh: Mesh) -> f64 {
 
 #[test]
 #[ignore = "T3: 5e7 triangles in 14 GiB of memory, timing, wants a quiet machine; fails: 3.6 times, not 2.3, from 2.5e7 to 5e7"]
-fn z02_building_takes_linear_time_and_memory_up_to_fifty_million_triangles() {
+fn building_takes_linear_time_and_memory_up_to_fifty_million_triangles_z02() {
     let mut slow = Vec::new();
     for (rows, rough) in [(12_500, false), (2500, false), (2500, true)] {
-        // The larger first, and the lesser of two: what it takes a machine to find memory for the first time is not the tree's.
+        // The larger first, and the lesser of two: a machine's first search for memory is not the tree's time.
         let [whole, half] = [2, 1].map(|times| {
             let seconds = |_| built(field(rows * times, 1000, rough));
             (0..2).map(seconds).fold(f64::INFINITY, f64::min)
@@ -120,7 +122,7 @@ fn z02_building_takes_linear_time_and_memory_up_to_fifty_million_triangles() {
 
 #[test]
 #[ignore = "T2: 8e5 triangles"]
-fn g15_slivers_are_met_at_their_centroids() {
+fn slivers_are_met_at_their_centroids_g15() {
     let mut rng = generator(15);
     for exponent in 3..=8 {
         let aspect = 10.0_f32.powi(exponent);
@@ -140,7 +142,7 @@ fn g15_slivers_are_met_at_their_centroids() {
                 None => missed += usize::from(!degenerate),
                 Some(hit) => {
                     let point = scene.surface(&ray, &hit);
-                    // The ray was rounded too, by half an ulp of its length at most.
+                    // The ray is rounded too, by at most half an ulp of its length.
                     let bound = f64::from(point.error.length()) + 4.0 * f64::from(f32::EPSILON);
                     let off = (point.position.as_dvec3() - exact).length();
                     odd += usize::from(!hit.t.is_finite() || off.is_nan() || off > bound * f64::from(aspect).max(1.0));
@@ -156,7 +158,7 @@ fn g15_slivers_are_met_at_their_centroids() {
 
 #[test]
 #[ignore = "T2: timing, wants a quiet machine"]
-fn g17_invalid_rays_take_no_longer() {
+fn invalid_rays_take_no_longer_g17() {
     let mut rng = generator(17);
     let scene = geometry(vec![lat_long(200, 2.0, DVec3::ZERO)], Preset::default());
     let good: Vec<Ray> = (0..100_000).map(|_| Ray::new(Vec3::ZERO, direction(&mut rng))).collect();

@@ -1,4 +1,4 @@
-//! What a file holds, and how.
+//! The contents of a file, and their format.
 //!
 //! Eight bytes of magic; the version, the kind and the number of pairs of the identity (4 bytes each, little-endian, as
 //! everything); the pairs, each text after its length in 4 bytes; the length of the body in 8 bytes; the body; the CRC-32
@@ -8,16 +8,16 @@ use super::Error;
 use std::path::Path;
 
 const MAGIC: &[u8; 8] = b"dapple-c";
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 /// No text of an identity is longer.
 const LONGEST: usize = 1 << 20;
 
-/// What a file is for.
+/// The purpose of a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
-    /// A render that goes on.
+    /// A render to be resumed.
     Checkpoint,
-    /// A machine's share of an image.
+    /// A shard of an image.
     Shard,
 }
 
@@ -29,7 +29,7 @@ impl Kind {
         }
     }
 
-    /// What it is called.
+    /// Its name.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Checkpoint => "checkpoint",
@@ -38,7 +38,7 @@ impl Kind {
     }
 }
 
-/// What contents depend on, as pairs of name and value, in order.
+/// Everything that contents depend on, as pairs of name and value, in order.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Identity {
     pairs: Vec<(String, String)>,
@@ -60,7 +60,7 @@ impl Identity {
         self.pairs.iter().find(|(known, _)| known == name).map(|(_, value)| value.as_str())
     }
 
-    /// What differs in `there` from this, a phrase each: `seed: 3 there, 4 here`.
+    /// The differences of `there` from this, a phrase each: `seed: 3 there, 4 here`.
     pub fn differences(&self, there: &Self) -> Vec<String> {
         let nothing = "nothing";
         let mut differ = Vec::new();
@@ -76,18 +76,18 @@ impl Identity {
     }
 }
 
-/// What a file holds.
+/// The contents of a file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Contents {
-    /// What it is for.
+    /// The purpose.
     pub kind: Kind,
-    /// What it depends on.
+    /// Everything that the body depends on.
     pub identity: Identity,
     /// The bytes.
     pub body: Vec<u8>,
 }
 
-/// Why bytes are no contents.
+/// The reason why bytes are not contents.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Damage {
     /// Nothing, or the beginning only.
@@ -108,17 +108,17 @@ impl std::fmt::Display for Damage {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(match self {
             Self::Short => "it is cut short",
-            Self::Foreign => "it is no file of Dapple's",
-            Self::Version => "another version of Dapple wrote it: go on with that one",
+            Self::Foreign => "it is not a file of Dapple's",
+            Self::Version => "another version of Dapple wrote it; finish it with that version, or render it again",
             Self::Checksum => "it is damaged (its checksum is wrong)",
             Self::Nonsense => "its contents make no sense",
-            Self::Kind => "it is of another kind (a checkpoint is no shard, a shard no checkpoint)",
+            Self::Kind => "it is of another kind: a checkpoint is not a shard",
         })
     }
 }
 
 impl Contents {
-    /// What stands before the body.
+    /// The bytes before the body.
     pub(crate) fn head(&self) -> Result<Vec<u8>, Error> {
         let mut head = MAGIC.to_vec();
         let pairs = &self.identity.pairs;

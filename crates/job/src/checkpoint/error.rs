@@ -1,21 +1,21 @@
-//! What can go wrong with a file.
+//! Errors of checkpoint files.
 
 use super::Damage;
 use std::io;
 use std::path::PathBuf;
 
-/// Why a file was not written or read. Each message names the file and says what to do.
+/// A file that was not written or read. Each message names the file and the remedy.
 #[non_exhaustive]
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
-    /// A step of writing failed. The file that was there is as it was.
-    #[error("{}: cannot {step}: {source}; what was there before is as it was. Free some space, or choose another place", path.display())]
+    /// A step of writing failed. An existing file is unchanged.
+    #[error("{}: cannot {step}: {source}; an existing file is unchanged; free some space, or choose another place", path.display())]
     Write {
         /// The file.
         path: PathBuf,
-        /// What was tried.
+        /// The step.
         step: &'static str,
-        /// The system's words.
+        /// The system's error.
         source: io::Error,
     },
     /// Another process writes to it.
@@ -24,36 +24,36 @@ pub enum Error {
         /// The file.
         path: PathBuf,
     },
-    /// There is none.
+    /// A missing file.
     #[error("{}: there is no such {kind}", path.display())]
     Missing {
         /// The file.
         path: PathBuf,
-        /// What it should be.
+        /// The kind of file.
         kind: &'static str,
     },
-    /// The system does not give its bytes.
+    /// A file that the system cannot read.
     #[error("{}: cannot read it: {source}", path.display())]
     Read {
         /// The file.
         path: PathBuf,
-        /// The system's words.
+        /// The system's error.
         source: io::Error,
     },
-    /// It is not whole, or not what it should be.
+    /// A damaged file, or one of another kind.
     #[error("{}: {damage}", path.display())]
     Damaged {
         /// The file.
         path: PathBuf,
-        /// What is wrong with it.
+        /// The damage.
         damage: Damage,
     },
     /// Neither generation can be used.
     #[error("{newer}; and {older}")]
     NoGeneration {
-        /// What is wrong with the newer one.
+        /// The error of the newer one.
         newer: Box<Error>,
-        /// What is wrong with the one before.
+        /// The error of the one before.
         older: Box<Error>,
     },
     /// A text that cannot be stored.

@@ -1,13 +1,13 @@
-//! What writing asks of the operating system.
+//! The calls to the operating system that write a file.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, ErrorKind, Write};
 use std::path::Path;
 
-/// The calls by which a file comes to be. Each may fail at any time; [`Store::save`](crate::Store::save) leaves a whole
-/// file behind whichever does. Tests bring one that fails on purpose.
+/// The calls that write a file. Each may fail at any time; [`Store::save`](super::Store::save) leaves a whole
+/// file all the same. Tests pass one that fails on purpose.
 pub trait FileSystem: Send + Sync {
-    /// Makes a file, empty, whether there was one or not.
+    /// Makes an empty file, in place of an existing one.
     ///
     /// # Errors
     /// The system's.
@@ -34,12 +34,12 @@ pub trait FileSystem: Send + Sync {
     /// Gives a file a second name.
     ///
     /// # Errors
-    /// The system's; [`ErrorKind::Unsupported`] and others where the disk knows no second names.
+    /// The system's; [`ErrorKind::Unsupported`] and others on disks without second names.
     fn link(&self, from: &Path, to: &Path) -> io::Result<()> {
         fs::hard_link(from, to)
     }
 
-    /// Gives a file another name, in place of what had it before.
+    /// Gives a file another name, in place of its former owner.
     ///
     /// # Errors
     /// The system's.

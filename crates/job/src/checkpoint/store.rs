@@ -1,4 +1,4 @@
-//! Where a file lies, and how it gets there.
+//! The place of a file, and how it is written.
 //!
 //! Beside FILE: `FILE.part` while it is written, `FILE.previous` with the generation before, `FILE.lock` (empty, and left
 //! there: removing it would let two processes hold it) to keep a second writer away.
@@ -10,15 +10,15 @@ use std::ffi::OsString;
 use std::fs::{File, OpenOptions, TryLockError};
 use std::path::{Path, PathBuf};
 
-/// A place for generations of one file.
+/// The generations of one file.
 pub struct Store {
     path: PathBuf,
     system: Box<dyn FileSystem>,
-    /// Held as long as this lives; given up by the system if the process is killed.
+    /// Held as long as this value; released by the system if the process is killed.
     _lock: File,
 }
 
-/// Which file was read.
+/// The generation that was read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Generation {
     /// The newest.
@@ -27,22 +27,22 @@ pub enum Generation {
     Previous,
 }
 
-/// What was found.
+/// The result of reading.
 #[derive(Debug)]
 pub struct Found {
-    /// What the file holds.
+    /// The contents of the file.
     pub contents: Contents,
-    /// Which it was.
+    /// The generation.
     pub generation: Generation,
-    /// Why it is not the newest.
+    /// The error of the newest one, if this is not it.
     pub trouble: Option<Error>,
 }
 
-/// Bytes between two looks at what the system says: a full disk is heard of early.
+/// Bytes between two checks for errors, so that a full disk is noticed early.
 const PIECE: usize = 1 << 20;
 
 impl Store {
-    /// The only writer to `path` from now on, and until this is dropped.
+    /// Locks `path` for this process until the value is dropped.
     ///
     /// # Errors
     ///
@@ -70,7 +70,7 @@ impl Store {
         }
     }
 
-    /// Where it lies.
+    /// The path of the file.
     pub fn path(&self) -> &Path {
         &self.path
     }
@@ -82,7 +82,7 @@ impl Store {
     ///
     /// # Errors
     ///
-    /// [`Error::Write`] with the step that failed. The file that was there is as it was, and it may be tried again.
+    /// [`Error::Write`] with the step that failed. An existing file is unchanged, and the call may be repeated.
     pub fn save(&self, contents: &Contents) -> Result<(), Error> {
         let part = beside(&self.path, "part");
         let outcome = self.write(&part, contents).and_then(|()| self.put_in_place(&part));
@@ -148,7 +148,7 @@ impl Store {
         }
     }
 
-    /// Whether there is a generation to read, whole or not.
+    /// Returns true if there is a generation to read, whole or not.
     pub fn exists(path: &Path) -> bool {
         path.exists() || beside(path, "previous").exists()
     }

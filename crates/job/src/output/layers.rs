@@ -5,13 +5,13 @@ use dapple_scene::image::{Layer, Plane};
 
 /// Every layer that the film can fill, the image first:
 ///
-/// | layer | channels | what |
+/// | layer | channels | contents |
 /// |---|---|---|
 /// | (main) | R G B | the image, linear radiance |
-/// | `unfiltered` | R G B | each pixel the mean of its own samples, where a filter made something else of it |
+/// | `unfiltered` | R G B | the mean of each pixel's own samples, where a filter changed it |
 /// | `variance` | R G B | sample variance (of one sample, not of the mean); NaN below two samples |
 /// | `count` | Y, integers | samples per pixel |
-/// | `error` | Y | predicted squared error of the image, mean over the channels, where the filter knows it |
+/// | `error` | Y | predicted squared error of the image, mean over the channels, if the filter knows it |
 /// | `cluster` | Y, integers | the cluster that each pixel's first sample met, 4294967295 where it met nothing |
 /// | `albedo` | R G B | mean albedo of the first hits, black where nothing is hit |
 /// | `normal` | X Y Z | mean shading normal of the first hits in the file's world space, 0 where nothing is hit |
@@ -56,8 +56,8 @@ pub fn layers(film: &Film, filtered: &Filtered, unit: f64, clusters: Option<Vec<
     layers
 }
 
-/// Something of each pixel's features; `None` where the film does not hold them. All features at once would take more
-/// than most films.
+/// One value of each pixel's features; `None` if the film has none. All features at once would take more memory than most
+/// films.
 pub(super) fn of_features<T>(film: &Film, of: impl Fn(&Features) -> T) -> Option<Vec<T>> {
     let pixels = film.frame().pixels();
     film.needs().features.then(|| {
@@ -119,7 +119,7 @@ mod tests {
     fn what_a_filter_changed_is_kept_beside_it() {
         let mut film = Film::new(Frame::new(1, 1).unwrap(), Needs::none());
         film.push(0, 0, [1.0; 3]);
-        let filtered = Filtered { size: [1, 1], radiance: vec![[0.5; 3]], error: None };
+        let filtered = Filtered::new([1, 1], vec![[0.5; 3]]);
         let found = layers(&film, &filtered, 1.0, None);
         assert_eq!(names(&found), ["", "unfiltered", "count"]);
         assert_eq!(found[1].channels[0].1, vec![1.0_f32].into());

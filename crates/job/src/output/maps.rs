@@ -1,4 +1,4 @@
-//! Maps to look at.
+//! Maps for people.
 
 use super::layers::{depth, of_features};
 use crate::WorldClusters;
@@ -12,7 +12,7 @@ pub struct GrayMap {
     pub size: [u32; 2],
     /// Row by row from the top, 0 black, 255 white.
     pub values: Vec<u8>,
-    /// What white stands for.
+    /// The value of white.
     pub white: f64,
 }
 
@@ -64,7 +64,7 @@ pub fn sample_map(film: &Film) -> GrayMap {
 const POOLED: usize = 2;
 
 /// Predicted relative error: the root of squared error over squared value + 0.01, either pooled over 5x5
-/// pixels. White is the largest of the smallest 99 %, black none, proportional in between. `None` where the
+/// pixels. White is the largest of the smallest 99 %, black none, proportional in between. `None` if the
 /// filter does not know its error.
 pub fn error_map(filtered: &Filtered) -> Option<GrayMap> {
     let error = filtered.error.as_ref()?;
@@ -125,7 +125,7 @@ fn window(at: usize, length: usize) -> std::ops::Range<usize> {
 }
 
 fn shades(values: &[f64], white: f64) -> Vec<u8> {
-    // What is not known is white, as is what is too large.
+    // NaN is white, as are values that are too large.
     let shade = |v: &f64| match v / white {
         _ if *v == 0.0 => 0,
         share if share < 1.0 => (255.0 * share).round() as u8,
@@ -152,12 +152,12 @@ mod tests {
 
     #[test]
     fn errors_are_relative_and_pooled() {
-        let filtered = Filtered { size: [4, 1], radiance: vec![[3.0; 3]; 4], error: Some(vec![9.01, 0.0, 0.0, 0.0]) };
+        let filtered = Filtered::new([4, 1], vec![[3.0; 3]; 4]).with_error(vec![9.01, 0.0, 0.0, 0.0]);
         let map = error_map(&filtered).unwrap();
         // Three of four windows reach the first pixel: 1/3, 1/4, 1/4 and none.
         assert!((map.white - 0.25_f64.sqrt()).abs() < 1e-6, "{}", map.white);
         assert_eq!(map.values, [255, 255, 255, 0]);
-        assert_eq!(error_map(&Filtered { error: None, ..filtered }), None);
+        assert_eq!(error_map(&Filtered::new(filtered.size, filtered.radiance)), None);
     }
 
     #[test]

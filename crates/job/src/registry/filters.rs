@@ -6,73 +6,66 @@ use dapple_core::{Filter, Unfiltered};
 use dapple_denoise::{Bilateral, ClusterGaussian, ClusterLookup, ClusterRegression, Gaussian, NlMeans, Passes};
 use std::sync::Arc;
 
-/// How a filter is made.
+/// The constructor of a filter.
 pub type MakeFilter = fn(&Parameters, &Stage) -> Result<Box<dyn Filter>, RegistryError>;
 
 /// The filters.
 pub const FILTERS: &[Entry<MakeFilter>] = &[
-    Entry {
-        name: "none",
-        about: "each pixel the mean of its own samples",
-        parameters: &[],
-        make: |_, _| Ok(Box::new(Unfiltered)),
-    },
-    Entry {
-        name: "gaussian",
-        about: "a Gaussian over pixel means",
-        parameters: &[GAUSSIAN],
-        make: |p, _| Ok(Box::new(gaussian(p)?)),
-    },
-    Entry {
-        name: "cluster-gaussian",
-        about: "the Gaussian, in which pixels of other clusters weigh less (Lan 2016)",
-        parameters: &[GAUSSIAN, CLUSTER_GAUSSIAN, CLUSTERING],
-        make: cluster_gaussian,
-    },
-    Entry {
-        name: "nlm",
-        about: "non-local means with two halves (Rousselle 2012)",
-        parameters: &[NLM],
-        make: |p, _| Ok(Box::new(nl_means(p)?)),
-    },
-    Entry {
-        name: "bilateral",
-        about: "cross-bilateral: near, of a similar surface and colour, in the same cluster",
-        parameters: &[BILATERAL, CLUSTERING],
-        make: bilateral,
-    },
-    Entry {
-        name: "cluster-regression",
-        about: "regression on features and clusters, twice, and the best of it and others by estimated error (the default)",
-        parameters: &[CLUSTER_REGRESSION, CLUSTERING],
-        make: cluster_regression,
-    },
+    Entry::new("none", "each pixel the mean of its own samples", &[], |_, _| Ok(Box::new(Unfiltered))),
+    Entry::new("gaussian", "a Gaussian over pixel means", &[GAUSSIAN], |p, _| Ok(Box::new(gaussian(p)?))),
+    Entry::new(
+        "cluster-gaussian",
+        "the Gaussian, in which pixels of other clusters weigh less (Lan 2016)",
+        &[GAUSSIAN, CLUSTER_GAUSSIAN, CLUSTERING],
+        cluster_gaussian,
+    ),
+    Entry::new("nlm", "non-local means with two halves (Rousselle 2012)", &[NLM], |p, _| Ok(Box::new(nl_means(p)?))),
+    Entry::new(
+        "bilateral",
+        "cross-bilateral: near, of a similar surface and colour, in the same cluster",
+        &[BILATERAL, CLUSTERING],
+        bilateral,
+    ),
+    Entry::new(
+        "cluster-regression",
+        "regression on features and clusters, twice, and the best of it and others by estimated error (the default)",
+        &[CLUSTER_REGRESSION, CLUSTERING],
+        cluster_regression,
+    ),
 ];
 
 const GAUSSIAN: &[Parameter] = &[
-    ("alpha", "0.5", "the kernel is exp(-alpha r^2) - exp(-alpha radius^2) along each axis"),
-    ("radius", "4", "half its width in pixels"),
+    Parameter::new("alpha", "0.5", "The kernel is exp(-alpha r^2) - exp(-alpha radius^2) along each axis."),
+    Parameter::new("radius", "4", "Half its width in pixels."),
 ];
 const CLUSTER_GAUSSIAN: &[Parameter] = &[
-    ("outside", "0.05", "weight of a pixel of another cluster relative to one of the same"),
-    ("hits", "1", "first hits that tell a pixel's clusters, 1 (published) to 8"),
+    Parameter::new("outside", "0.05", "Weight of a pixel of another cluster relative to one of the same."),
+    Parameter::new("hits", "1", "First hits that tell a pixel's clusters, 1 (published) to 8."),
 ];
 const NLM: &[Parameter] = &[
-    ("window", "7", "pixels searched to each side, 0 to 7"),
-    ("patch", "3", "pixels compared to each side, 0 to 3"),
-    ("k", "0.45", "differences are measured in this many standard deviations"),
-    ("features", "none", "the same for first hits' normals, albedo and depth; none: only colours count (published)"),
+    Parameter::new("window", "7", "Pixels searched to each side, 0 to 7."),
+    Parameter::new("patch", "3", "Pixels compared to each side, 0 to 3."),
+    Parameter::new("k", "0.45", "Differences are measured in this many standard deviations."),
+    Parameter::new(
+        "features",
+        "none",
+        "The same for first hits' normals, albedo and depth; none: only colours count (published).",
+    ),
 ];
 const BILATERAL: &[Parameter] = &[
-    ("window", "7", "pixels averaged to each side, 0 to 7"),
-    ("falloff", "0.03", "the spatial weight is exp(-falloff r^2)"),
-    ("colour", "0.8", "differences of colours are measured in this many standard deviations"),
-    ("features", "1", "the same for first hits' normals, albedo and depth"),
-    ("outside", "1", "weight of a pixel of another cluster relative to one of the same; 1: no clusters"),
+    Parameter::new("window", "7", "Pixels averaged to each side, 0 to 7."),
+    Parameter::new("falloff", "0.03", "The spatial weight is exp(-falloff r^2)."),
+    Parameter::new("colour", "0.8", "Differences of colours are measured in this many standard deviations."),
+    Parameter::new("features", "1", "The same for first hits' normals, albedo and depth."),
+    Parameter::new("outside", "1", "Weight of a pixel of another cluster relative to one of the same; 1: no clusters."),
 ];
 const CLUSTER_REGRESSION: &[Parameter] = &[
-    ("passes", "2", "2, or 1: regression alone, without a second pass and a choice"),
-    ("outside", "0.2", "weight of a pixel of another cluster relative to one of the same; 1: no clusters"),
+    Parameter::new("passes", "2", "2, or 1: regression alone, without a second pass and a choice."),
+    Parameter::new(
+        "outside",
+        "0.2",
+        "Weight of a pixel of another cluster relative to one of the same; 1: no clusters.",
+    ),
 ];
 
 fn gaussian(p: &Parameters) -> Result<Gaussian, RegistryError> {

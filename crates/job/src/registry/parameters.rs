@@ -1,32 +1,35 @@
-//! `NAME:key=value,…`, checked against what an entry takes.
+//! `NAME:key=value,…`, checked against an entry's parameters.
 
 use super::{Entry, Parameter};
+use dapple_core::{Options, nearest_name, parse_pairs};
 use std::str::FromStr;
 
-/// Why words name nothing that can be made.
+/// A description that names nothing that can be made.
 #[non_exhaustive]
 #[derive(Debug, thiserror::Error)]
 pub enum RegistryError {
     /// An unknown name.
-    #[error("there is no {kind} \"{name}\": there are {known}")]
+    #[error("there is no {kind} \"{name}\"{}: there are {known}", nearest.map_or(String::new(), |n| format!(", did you mean \"{n}\"?")))]
     Unknown {
         /// Sampler, point set or filter.
         kind: &'static str,
         /// The name asked for.
         name: String,
+        /// The known name closest to it, if one is close.
+        nearest: Option<&'static str>,
         /// The names there are.
         known: String,
     },
-    /// Words that are no `key=value`, an unknown key, a key twice, or a value that is none.
+    /// An item that is no `key=value`, an unknown key, a key twice, or a wrong value.
     #[error("{of}: {what}")]
     Parameter {
         /// The entry.
         of: &'static str,
-        /// What is wrong, and what to do.
+        /// The fault, and the remedy.
         what: String,
     },
-    /// It looks at the world, and there is none.
-    #[error("{of} looks at the scene's triangles: give it a stage with a world")]
+    /// The entry reads the world, and there is none.
+    #[error("{of} reads the scene's triangles: give it a stage with a world")]
     NeedsWorld {
         /// The entry.
         of: &'static str,
@@ -36,7 +39,7 @@ pub enum RegistryError {
     Clusters {
         /// The entry.
         of: &'static str,
-        /// What is wrong, and what to do.
+        /// The fault, and the remedy.
         why: String,
     },
     /// A value that the sampler refuses.
@@ -44,7 +47,7 @@ pub enum RegistryError {
     Core(#[from] dapple_core::Error),
 }
 
-/// The parameters of one entry: what was said, else the default.
+/// The parameters of one entry: those given, and the defaults of the others.
 #[derive(Clone, Debug)]
 pub struct Parameters {
     of: &'static str,
@@ -54,31 +57,21 @@ pub struct Parameters {
 pub(super) fn find<'a, Make>(
     kind: &'static str,
     entries: &'a [Entry<Make>],
-    words: &str,
+    description: &str,
 ) -> Result<(&'a Entry<Make>, Parameters), RegistryError> {
-    let (name, said) = words.split_once(':').unwrap_or((words, ""));
-    let Some(entry) = entries.iter().find(|e| e.name == name.trim()) else {
-        let known = entries.iter().map(|e| e.name).collect::<Vec<_>>().join(", ");
-        return Err(RegistryError::Unknown { kind, name: name.trim().to_owned(), known });
+    let (name, given) = description.split_once(':').unwrap_or((description, ""));
+    let name = name.trim();
+    let Some(entry) = entries.iter().find(|entry| entry.is_called(name)) else {
+        let names = entries.iter().map(|entry| entry.name);
+        let (nearest, known) = (nearest_name(name, names.clone()), names.collect::<Vec<_>>().join(", "));
+        return Err(RegistryError::Unknown { kind, name: name.to_owned(), nearest, known });
     };
     let mut parameters = Parameters { of: entry.name, values: Vec::new() };
-    for pair in said.split(',').map(str::trim).filter(|p| !p.is_empty()) {
-        let Some((key, value)) = pair.split_once('=') else {
-            return Err(parameters.refuse(format!("\"{pair}\" is no key=value")));
-        };
-        let Some(&(key, ..)) = entry.parameters().find(|p| p.0 == key.trim()) else {
-            let known = entry.parameters().map(|p| p.0).collect::<Vec<_>>().join(", ");
-            let known = if known.is_empty() { "it takes none".into() } else { format!("it takes {known}") };
-            return Err(parameters.refuse(format!("there is no parameter \"{}\": {known}", key.trim())));
-        };
-        if parameters.values.iter().any(|v| v.0 == key) {
-            return Err(parameters.refuse(format!("{key} is given twice")));
-        }
-        parameters.values.push((key, value.trim().to_owned()));
-    }
-    for &(key, default, _) in entry.parameters() {
-        if !parameters.values.iter().any(|v| v.0 == key) {
-            parameters.values.push((key, default.to_owned()));
+    let given = parse_pairs(given, entry.parameters()).map_err(|e| parameters.refuse(e.to_string()))?;
+    parameters.values.extend(given.into_iter().map(|(name, value)| (name, value.to_owned())));
+    for parameter in entry.parameters() {
+        if !parameters.values.iter().any(|v| v.0 == parameter.name) {
+            parameters.values.push((parameter.name, parameter.default.to_owned()));
         }
     }
     Ok((entry, parameters))
@@ -94,9 +87,19 @@ impl Parameters {
         self.of
     }
 
-    /// The parameters of a group, as words.
+    /// The values of the parameters that these options declare.
+    pub(super) fn options<T: Options>(&self) -> Result<T, RegistryError> {
+        let mut options = T::default();
+        for parameter in T::PARAMETERS {
+            options.set(parameter.name, self.value(parameter.name)).map_err(|e| self.refuse(e.to_string()))?;
+        }
+        options.check_ranges().map_err(|e| self.refuse(e.to_string()))?;
+        Ok(options)
+    }
+
+    /// The parameters of a group, as text.
     pub(super) fn described(&self, group: &[Parameter]) -> String {
-        group.iter().map(|(key, ..)| format!("{key}={}", self.value(key))).collect::<Vec<_>>().join(",")
+        group.iter().map(|p| format!("{}={}", p.name, self.value(p.name))).collect::<Vec<_>>().join(",")
     }
 
     pub(super) fn value(&self, key: &str) -> &str {
@@ -105,14 +108,14 @@ impl Parameters {
 
     pub(super) fn number<T: FromStr>(&self, key: &str) -> Result<T, RegistryError> {
         let value = self.value(key);
-        value.parse().map_err(|_| self.refuse(format!("{key}={value}: a number is wanted")))
+        value.parse().map_err(|_| self.refuse(format!("{key} = \"{value}\": a number is wanted")))
     }
 
     pub(super) fn choice<T: Copy>(&self, key: &str, choices: &[(&str, T)]) -> Result<T, RegistryError> {
         let value = self.value(key);
         choices.iter().find(|c| c.0 == value).map(|c| c.1).ok_or_else(|| {
             let known = choices.iter().map(|c| c.0).collect::<Vec<_>>().join(", ");
-            self.refuse(format!("{key}={value}: one of {known} is wanted"))
+            self.refuse(format!("{key} = \"{value}\": one of {known} is wanted"))
         })
     }
 }

@@ -1,7 +1,7 @@
 //! The point sets.
 
-use super::{Entry, Parameter, Parameters, RegistryError, Setting};
-use dapple_core::{PointSet, SampleId};
+use super::{Entry, Parameters, RegistryError, Setting};
+use dapple_core::{Options as _, PointSet, SampleId};
 use dapple_low_discrepancy::{Halton, LowDiscrepancy, Random, Sobol, Stratified};
 
 /// Any point set.
@@ -33,45 +33,45 @@ impl PointSet for AnyPoints {
     }
 }
 
-/// How a point set is made.
+/// The constructor of a point set.
 pub type MakePoints = fn(&Parameters, Setting) -> Result<Box<dyn PointSet>, RegistryError>;
 
 /// The point sets.
 pub const POINTS: &[Entry<MakePoints>] = &[
-    Entry {
-        name: "sobol",
-        about: "Owen-scrambled Sobol' pairs, any prefix is good (the default)",
-        parameters: &[],
-        make: |_, s| Ok(Box::new(Sobol::new(s.seed))),
-    },
-    Entry {
-        name: "lowdiscrepancy",
-        about: "pbrt-v2's scrambled and shuffled (0,2) points, made for a given count",
-        parameters: &[LOW_DISCREPANCY],
-        make: low_discrepancy,
-    },
-    Entry {
-        name: "halton",
-        about: "scrambled Halton points",
-        parameters: &[],
-        make: |_, s| Ok(Box::new(Halton::new(s.seed))),
-    },
-    Entry { name: "stratified", about: "jittered cells", parameters: &[STRATIFIED], make: stratified },
-    Entry {
-        name: "random",
-        about: "independent random numbers (PCG), the baseline",
-        parameters: &[],
-        make: |_, s| Ok(Box::new(Random::new(s.seed))),
-    },
+    Entry::new("sobol", "Owen-scrambled Sobol' pairs, any prefix is good (the default)", &[], |_, s| {
+        Ok(Box::new(Sobol::new(s.seed)))
+    }),
+    Entry::new(
+        "lowdiscrepancy",
+        "pbrt-v2's scrambled and shuffled (0,2) points, made for a given count",
+        &[LowDiscrepancyOptions::PARAMETERS],
+        low_discrepancy,
+    ),
+    Entry::new("halton", "scrambled Halton points", &[], |_, s| Ok(Box::new(Halton::new(s.seed)))),
+    Entry::new("stratified", "jittered cells", &[StratifiedOptions::PARAMETERS], stratified),
+    Entry::new("random", "independent random numbers (PCG), the baseline", &[], |_, s| {
+        Ok(Box::new(Random::new(s.seed)))
+    }),
 ];
 
-const LOW_DISCREPANCY: &[Parameter] =
-    &[("count", "0", "samples per pixel, rounded up to a power of two; 0 takes the mean budget, else 16")];
-const STRATIFIED: &[Parameter] =
-    &[("strata", "0", "cells along each axis; 0 takes the root of the mean budget, else 4")];
+dapple_core::options! {
+    /// The parameters of `lowdiscrepancy`.
+    struct LowDiscrepancyOptions {
+        /// Samples per pixel, rounded up to a power of two; 0 takes the mean budget, else 16.
+        pub count: u64 = 0;
+    }
+}
+
+dapple_core::options! {
+    /// The parameters of `stratified`.
+    struct StratifiedOptions {
+        /// Cells along each axis; 0 takes the root of the mean budget, else 4.
+        pub strata: u32 = 0;
+    }
+}
 
 fn low_discrepancy(p: &Parameters, s: Setting) -> Result<Box<dyn PointSet>, RegistryError> {
-    let count = match p.number::<u64>("count")? {
+    let count = match p.options::<LowDiscrepancyOptions>()?.count {
         0 => s.spp.unwrap_or(16),
         count => count,
     };
@@ -80,7 +80,7 @@ fn low_discrepancy(p: &Parameters, s: Setting) -> Result<Box<dyn PointSet>, Regi
 }
 
 fn stratified(p: &Parameters, s: Setting) -> Result<Box<dyn PointSet>, RegistryError> {
-    let strata = match p.number::<u32>("strata")? {
+    let strata = match p.options::<StratifiedOptions>()?.strata {
         0 => s.spp.map_or(4, |n| (n as f64).sqrt().ceil().clamp(1.0, 4096.0) as u32),
         strata => strata,
     };

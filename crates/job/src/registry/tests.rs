@@ -21,7 +21,7 @@ fn every_entry_is_made_by_its_name() {
     for entry in POINTS {
         let points = points(entry.name, SETTING).unwrap_or_else(|e| panic!("{e}"));
         assert!(points.describe().starts_with(entry.name), "{}", points.describe());
-        let id = SampleId { pixel: [3, 4], stream: 0, index: 7 };
+        let id = SampleId::new([3, 4], 0, 7);
         assert!(points.block(id, 2).iter().all(|u| (0.0..1.0).contains(u)));
     }
     for entry in SAMPLERS {
@@ -43,6 +43,15 @@ fn every_entry_is_made_by_its_name() {
     }
 }
 
+#[test]
+fn the_former_name_of_adaptive_is_understood_and_the_library_has_the_same_defaults() {
+    let points = || points("sobol", SETTING).unwrap_or_else(|e| panic!("{e}"));
+    let describe = |name: &str| sampler(name, points(), &Stage::empty()).unwrap_or_else(|e| panic!("{e}")).describe();
+    assert_eq!(describe("cluster"), describe("adaptive"));
+    assert_eq!(dapple_adaptive::Adaptive::new(points()).describe(), describe("adaptive"));
+    assert_eq!(describe("adaptive:epsilon=0.3"), describe("adaptive"));
+}
+
 /// Counts that follow a filter's own error: the sampler asks for what the filter reads, and says its name.
 #[test]
 fn cluster_follows_a_filter_by_its_name() {
@@ -54,15 +63,15 @@ fn cluster_follows_a_filter_by_its_name() {
             let points = points("sobol", SETTING).unwrap_or_else(|e| panic!("{e}"));
             sampler(words, points, &stage).unwrap_or_else(|e| panic!("{e}"))
         };
-        let made = make(&format!("cluster:by={name}"));
-        assert!(made.describe().starts_with(&format!("cluster:by={name},")), "{}", made.describe());
+        let made = make(&format!("adaptive:by={name}"));
+        assert!(made.describe().starts_with(&format!("adaptive:by={name},")), "{}", made.describe());
         assert_eq!(make(&made.describe()).describe(), made.describe());
         let wanted = filter(read, &stage).unwrap_or_else(|e| panic!("{e}")).needs();
         assert_eq!(made.needs().and(wanted), made.needs(), "{name}");
-        assert_ne!(made.needs(), make("cluster").needs(), "{name}");
+        assert_ne!(made.needs(), make("adaptive").needs(), "{name}");
     }
     let points = points("sobol", SETTING).unwrap_or_else(|e| panic!("{e}"));
-    let refused = refusal(sampler("cluster:by=gaussian", points, &stage));
+    let refused = refusal(sampler("adaptive:by=gaussian", points, &stage));
     assert!(refused.contains("one of variance, nlm, bilateral, cluster-regression"), "{refused}");
 }
 
@@ -71,7 +80,7 @@ fn cluster_follows_a_filter_by_its_name() {
 fn descriptions_are_words() {
     let stage = stage();
     let said = |parameters: Vec<&Parameter>| -> String {
-        parameters.iter().map(|(k, v, _)| format!("{k}={v}")).collect::<Vec<_>>().join(",")
+        parameters.iter().map(|p| format!("{}={}", p.name, p.default)).collect::<Vec<_>>().join(",")
     };
     let keys = |words: &str| -> Vec<String> {
         let words = words.split_once(':').map_or("", |w| w.1);
@@ -141,7 +150,7 @@ fn wrong_cluster_words_are_refused_without_a_world() {
     for words in
         ["by=guess", "pilot=1", "rounds=65", "pool=sea", "prior=-1", "gain=2", "edge=0", "normals=0", "policy=maybe"]
     {
-        assert_ne!(refusal(check_sampler(&format!("cluster:{words}"))), "", "{words}");
+        assert_ne!(refusal(check_sampler(&format!("adaptive:{words}"))), "", "{words}");
     }
     for words in ["outside=2", "hits=0", "hits=9", "alpha=0", "radius=-1", "k=NaN", "order=random"] {
         assert_ne!(refusal(check_filter(&format!("cluster-gaussian:{words}"))), "", "{words}");
@@ -184,7 +193,8 @@ fn clusters_are_made_once() {
     let points = points("sobol", SETTING).unwrap_or_else(|e| panic!("{e}"));
     sampler("cluster-thesis", points, &stage).unwrap_or_else(|e| panic!("{e}"));
     filter("cluster-gaussian", &stage).unwrap_or_else(|e| panic!("{e}"));
-    let first = stage.first_clusters().expect("clusters were made");
-    let again = stage.clusters("test", &dapple_clustering::Params::published()).unwrap_or_else(|e| panic!("{e}"));
+    let first = stage.clusters_used().expect("clusters were made");
+    let again =
+        stage.clusters("test", &dapple_clustering::ClusterParams::published()).unwrap_or_else(|e| panic!("{e}"));
     assert!(Arc::ptr_eq(&first, &again));
 }

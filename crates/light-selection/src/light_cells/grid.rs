@@ -6,7 +6,7 @@ use crate::Error;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Grid {
     corner: [f32; 3],
-    /// Where the voxels of a whole edge end.
+    /// The end of the last voxel along each axis.
     end: [f32; 3],
     edge: f32,
     per_unit: f32,
@@ -36,7 +36,7 @@ impl Grid {
         Ok(Self { corner: low, end, edge, per_unit: 1.0 / edge, counts })
     }
 
-    /// Voxels of so many along each side instead of one, the last ones cut off where these end.
+    /// The grid of voxels that are `times` as wide, the last ones cut off at the end of these.
     pub(super) fn coarser(&self, times: u32) -> Self {
         let (edge, per_unit) = (self.edge * times as f32, self.per_unit / times as f32);
         Self { edge, per_unit, counts: self.counts.map(|n| n.div_ceil(times)), ..*self }
@@ -48,7 +48,7 @@ impl Grid {
 
     #[inline]
     pub(super) fn cell(&self, position: [f32; 3], normal: [f32; 3]) -> u32 {
-        // What is below 0, or no number, becomes 0.
+        // Negative numbers and NaN become 0.
         let at = |a: usize| (((position[a] - self.corner[a]) * self.per_unit) as u32).min(self.counts[a] - 1);
         let [x, y, z] = normal.map(f32::abs);
         let axis = if x >= y && x >= z { 0 } else { 1 + usize::from(y < z) };

@@ -1,4 +1,4 @@
-//! Every set passes what the core asks of a point set, for several seeds.
+//! Every set passes the conformance tests of the core for several seeds.
 
 use dapple_conformance::point_set;
 use dapple_low_discrepancy::{Halton, LowDiscrepancy, Random, Sobol, Stratified};

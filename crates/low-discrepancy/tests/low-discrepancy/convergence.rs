@@ -1,4 +1,4 @@
-//! How fast errors fall, how honest halves are, and what prefixes are worth.
+//! Convergence rates, error estimates from two streams, and the quality of prefixes.
 
 #![allow(clippy::print_stderr, reason = "tests print what they measure")]
 #![allow(clippy::needless_range_loop, reason = "n is a count of points as well as an index")]
@@ -7,7 +7,7 @@ use crate::common::{Integrand, estimate, id, integrands, log_slope, pair, rms};
 use dapple_core::{PointSet, streams};
 use dapple_low_discrepancy::{Halton, LowDiscrepancy, Random, Sobol, Stratified};
 
-/// Root mean square error over `scrambles` pixels.
+/// The root mean square error over `scrambles` pixels.
 fn rmse(points: &dyn PointSet, g: &Integrand, n: u64, scrambles: u32) -> f64 {
     rms((0..scrambles).map(|p| estimate(points, g.f, [p % 64, p / 64], 0, n) - g.mean))
 }
@@ -17,12 +17,13 @@ fn slope(points: &dyn PointSet, g: &Integrand) -> f64 {
     log_slope(&errors)
 }
 
-/// Variance of the mean of `x y` over an Owen-scrambled (0,m,2)-net of `n = 2^m` points, exactly.
+/// The exact variance of the mean of `x y` over an Owen-scrambled (0,m,2)-net of `n = 2^m` points.
 ///
-/// The Haar components of `x` at level `k` have variance `2^-(2k+4)`, those of `x y` are products of
-/// them. Of a component at levels `(j, k)` of both axes a net removes all if `j + k + 2 <= m`, doubles it
-/// if `j + k = m - 1` (two points in the box, in opposite quarters), and leaves it otherwise; of one axis
-/// it removes levels below `m`: the gain coefficients after [Owen 1997], worked out here for this case.
+/// The Haar components of `x` at level `k` have variance `2^-(2k+4)`; those of `x y` are their products.
+/// A net removes a component at levels `(j, k)` of both axes if `j + k + 2 <= m`.
+/// It doubles the component if `j + k = m - 1` (two points in the box, in opposite quarters) and leaves it otherwise.
+/// On one axis it removes levels below `m`. These are the gain coefficients of [Owen 1997], worked out here for this
+/// case.
 fn owen_variance_of_product(m: i32) -> f64 {
     let both = |levels: i32| f64::from(levels + 1) * 2.0_f64.powi(-2 * levels - 8);
     let finer: f64 = (m..m + 60).map(both).sum();
@@ -30,10 +31,10 @@ fn owen_variance_of_product(m: i32) -> f64 {
     (2.0 * both(m - 1) + finer + one_axis) / 2.0_f64.powi(m)
 }
 
-/// The hash is as good as full Owen scrambling where theory gives a number: RMSE on `x y` within 4.5
-/// standard errors (1.1 % with 4000 scrambles).
+/// The hash is as good as full Owen scrambling where theory has a number: the RMSE on `x y` is within 4.5 standard
+/// errors (1.1 % with 4000 scrambles).
 #[test]
-fn the_error_of_a_product_is_owens() {
+fn the_error_of_a_product_equals_owens_formula() {
     for m in 2..=8 {
         let found = rmse(&Sobol::new(3), &integrands()[0], 1 << m, 4000);
         let ratio = found / owen_variance_of_product(m).sqrt();
@@ -42,12 +43,13 @@ fn the_error_of_a_product_is_owens() {
     }
 }
 
-/// ALGORITHMS row 40. On `x y` the RMSE falls as `n^-1.5 sqrt(log n)`, which from 8 to 512 samples is a
-/// slope of -1.40 (of the closed form above; -1.5 is its limit), on the edge of a disk as `n^-0.75`.
-/// With 600 scrambles and seven counts a slope has a standard error of 0.015. Independent numbers,
-/// `n^-0.5`, check the harness.
+/// On `x y` the RMSE falls as `n^-1.5 sqrt(log n)`. From 8 to 512 samples this is a slope of -1.40 in closed form; the
+/// limit is -1.5. On the edge of a disk it falls as `n^-0.75`.
+///
+/// With 600 scrambles and seven counts a slope has a standard error of 0.015. Independent numbers, `n^-0.5`, check the
+/// test itself.
 #[test]
-fn slopes() {
+fn errors_converge_at_the_published_rates() {
     let [product, disk, ..] = integrands();
     let exact: Vec<(f64, f64)> = (3..=9).map(|m| (f64::from(1 << m), owen_variance_of_product(m).sqrt())).collect();
     let limit: Vec<(f64, f64)> = (300..=306).map(|m| (2.0_f64.powi(m), owen_variance_of_product(m).sqrt())).collect();
@@ -64,10 +66,10 @@ fn slopes() {
     }
 }
 
-/// Jittering makes `n^-1` of `x y` and `n^-0.75` of an edge [ALGORITHMS row 33]. For pbrt-v2's points at
-/// their own counts there is no published slope of an edge: they must not be worse.
+/// Jittering converges as `n^-1` on `x y` and `n^-0.75` on an edge. pbrt-v2's points have no published slope on an edge
+/// at their own counts; they must not be worse.
 #[test]
-fn slopes_of_sets_that_know_their_count() {
+fn errors_of_sets_with_a_fixed_count_converge() {
     let [product, disk, ..] = integrands();
     for (g, jittered) in [(&product, -1.0), (&disk, -0.75)] {
         let mut errors = [Vec::new(), Vec::new()];
@@ -86,10 +88,10 @@ fn slopes_of_sets_that_know_their_count() {
     }
 }
 
-/// Halton's at its own counts, 6 to 216 samples: there is no published slope for the shuffled pairs, but
-/// they must beat jittering's on `x y`, and not fall behind it on an edge.
+/// Halton's sequence at its own counts, 6 to 216 samples. The shuffled pairs have no published slope. They must beat
+/// jittering on `x y` and be no worse on an edge.
 #[test]
-fn slopes_of_halton() {
+fn errors_of_halton_converge() {
     let [product, disk, ..] = integrands();
     for (g, at_most) in [(&product, -1.07), (&disk, -0.68)] {
         let errors: Vec<(f64, f64)> =
@@ -100,8 +102,8 @@ fn slopes_of_halton() {
     }
 }
 
-/// The oracle: nets scrambled by `sobol_burley` are as good as ours. Ratio of two RMSEs over 2000
-/// scrambles: standard error 2.3 %, bound 4.5 of them, 16 comparisons.
+/// Nets scrambled by `sobol_burley` are as good as ours. A ratio of two RMSEs over 2000 scrambles has a standard error
+/// of 2.3 %; the bound is 4.5 of them for 16 comparisons.
 #[test]
 fn errors_equal_those_of_sobol_burley() {
     for g in &integrands()[..4] {
@@ -117,7 +119,7 @@ fn errors_equal_those_of_sobol_burley() {
     }
 }
 
-/// Root mean square of the estimated error over that of the true error, of the mean of two halves.
+/// The RMS of the estimated error over that of the true error, for the mean of two halves.
 fn honesty(halves: impl Fn(u32) -> [f64; 2], mean: f64) -> f64 {
     let pairs: Vec<[f64; 2]> = (0..4000).map(halves).collect();
     let estimated = rms(pairs.iter().map(|[a, b]| 0.5 * (a - b)));
@@ -125,10 +127,10 @@ fn honesty(halves: impl Fn(u32) -> [f64; 2], mean: f64) -> f64 {
     estimated / truth
 }
 
-/// ALGORITHMS 0.1: two independently scrambled streams estimate their error honestly, the even and odd
-/// samples of one stream far too high. 4000 pixels: standard error 1.6 %, bound 4.5 of them.
+/// Two independently scrambled streams estimate their error correctly. The even and odd samples of one stream estimate
+/// it far too high. With 4000 pixels the standard error is 1.6 %; the bound is 4.5 of them.
 #[test]
-fn two_streams_estimate_their_error() {
+fn two_streams_estimate_their_error_correctly() {
     let points = Sobol::new(4);
     let [product, disk, ..] = integrands();
     for (g, split_is_at_least) in [(&product, 10.0), (&disk, 2.0)] {
@@ -150,19 +152,19 @@ fn two_streams_estimate_their_error() {
     }
 }
 
-/// HARD_CASES S06 in full: 4096 scrambles, every n up to 300. Unbiased at each, and at powers of two
-/// within Owen's bound of e times the variance of independent numbers. Prints the ratio at other n.
+/// 4096 scrambles and every n up to 300: unbiased at each. At powers of two the variance is within Owen's bound of e
+/// times that of independent numbers. Prints the ratio at other n.
 ///
 /// `cargo test --release -p dapple-low-discrepancy --test low-discrepancy convergence:: -- --ignored s06 --nocapture`
 #[test]
 #[ignore = "T2: 4096 scrambles of 300 samples of each set"]
-fn s06_prefixes() {
+fn every_prefix_is_unbiased_s06() {
     prefixes(4096, true);
 }
 
 /// The same with 512 scrambles.
 #[test]
-fn s06_prefixes_in_short() {
+fn every_prefix_is_unbiased_in_short_s06() {
     prefixes(512, false);
 }
 
@@ -194,7 +196,7 @@ fn prefixes(scrambles: u32, print: bool) {
             let ratios: Vec<f64> =
                 sums.iter().zip(&gs).map(|([_, square], g)| square / count / (g.variance / n as f64)).collect();
             for ((ratio, [sum, square]), g) in ratios.iter().zip(sums).zip(&gs) {
-                // 2400 means of each set; 5.5 is passed by chance once in 10^4 runs.
+                // 2400 means of each set; 5.5 is exceeded by chance once in 10^4 runs.
                 let bias = (sum / count).abs() / (square / count / count).sqrt();
                 worst_bias = worst_bias.max(bias);
                 assert!(bias < 5.5, "{}: {} at n = {n} is biased: {bias:.1}", points.describe(), g.name);

@@ -1,8 +1,9 @@
-//! Is a 4-D group better than two padded pairs? The design asks; this measures.
+//! A 4-D group compared with two padded pairs.
 //!
-//! The group is the first four dimensions of Sobol's sequence with the direction numbers of [Joe 2008],
-//! Owen-scrambled: `sobol_burley::sample(i, 0..4, seed)`. Run
-//! `cargo test --release -p dapple-low-discrepancy --test low-discrepancy four_dimensions:: -- --nocapture`.
+//! The group is the first four dimensions of Sobol's sequence with the direction numbers of [Joe 2008], Owen-scrambled:
+//! `sobol_burley::sample(i, 0..4, seed)`.
+//!
+//! `cargo test --release -p dapple-low-discrepancy --test low-discrepancy four_dimensions:: -- --nocapture`
 
 #![allow(clippy::print_stderr, reason = "tests print what they measure")]
 
@@ -16,7 +17,7 @@ fn one_if(inside: bool) -> f64 {
     f64::from(u8::from(inside))
 }
 
-/// As a renderer has them: (x, y) on the pixel, (z, w) on a lens or a light.
+/// Functions of (x, y) on the pixel and (z, w) on a lens or a light.
 const INTEGRANDS: [Integrand4; 8] = [
     ("second pair, smooth: z w", |u| u[2] * u[3], 0.25),
     ("second pair, disk edge", |u| one_if(u[2] * u[2] + u[3] * u[3] < 1.0), std::f64::consts::FRAC_PI_4),
@@ -33,7 +34,7 @@ const INTEGRANDS: [Integrand4; 8] = [
 ];
 
 #[test]
-fn padded_pairs_beside_a_group_of_four() {
+fn padded_pairs_serve_a_single_pair_better_than_a_group_of_four() {
     let points = Sobol::new(8);
     let scrambles = 1000;
     eprintln!("RMSE of two padded pairs over that of one 4-D group (above 1: the group is better)");
@@ -53,14 +54,14 @@ fn padded_pairs_beside_a_group_of_four() {
             .collect();
         let cells: String = ratios.iter().map(|r| format!(" {r:>7.2}")).collect();
         eprintln!("{name:>36}{cells}");
-        // What the pairs are for: the pair by itself must not be worse (standard error 3 %).
+        // The advantage of pairs: an integrand of one pair must not be worse (standard error 3 %).
         assert!(!name.starts_with("second pair") || ratios.iter().all(|r| *r < 1.14), "{name}: {ratios:?}");
     }
 }
 
-/// Why the group is no default: its second pair is no net.
+/// The reason against the group as default: its second pair is not a net.
 #[test]
-fn the_second_pair_of_the_group_is_no_net() {
+fn the_second_pair_of_the_group_is_not_a_net() {
     // The first 8 points, in boxes of 2 x 4 and 4 x 2.
     let uneven = (0..20).any(|seed| {
         [[2.0, 4.0], [4.0, 2.0]].into_iter().any(|shape: [f32; 2]| {

@@ -1,4 +1,4 @@
-//! HARD_CASES S01, S03, S04, S05, S07 and S08 for every set.
+//! Hard cases for every point set. Test names end with their catalogue ids.
 
 use crate::common::{all_sets, id};
 use dapple_conformance::statistics::{Mean, sidak};
@@ -7,7 +7,7 @@ use dapple_low_discrepancy::{Halton, LowDiscrepancy, Random, Sobol, Stratified};
 
 const BELOW_ONE: f32 = 1.0 - 1.0 / 16_777_216.0;
 
-/// `draws` coordinates of each set, over pixels, streams, blocks and indices.
+/// Coordinates of each set, `draws` of them, over pixels, streams, blocks and indices.
 fn half_open_interval(draws: u64) {
     for points in all_sets(3) {
         let (mut least, mut most) = (1.0_f32, 0.0_f32);
@@ -20,28 +20,28 @@ fn half_open_interval(draws: u64) {
         }
         let name = points.describe();
         assert!(least >= 0.0 && most <= BELOW_ONE, "{name}: {least:e} to 1 - {:e}", 1.0 - most);
-        // The chance of staying this far from an end is e^-20 each.
+        // Either end is missed this far with probability e^-20.
         let reach = 20.0 / draws as f32;
         assert!(least <= reach && 1.0 - most <= reach.max(1.2e-7), "{name}: only {least:e} to 1 - {:e}", 1.0 - most);
     }
 }
 
-/// 10^7 draws of each set; the row's 10^9 take minutes and are below. The all-ones input, and that
-/// `floor(u n) < n` for every `n` up to 2^24, are tested where bits become coordinates, in `keys.rs`.
+/// 10^7 coordinates of each set; 10^9 take minutes and are tested below. The unit tests of `keys.rs` cover the input of
+/// all ones, and `floor(u n) < n` for every `n` up to 2^24.
 #[test]
-fn s01_half_open_interval() {
+fn coordinates_lie_in_the_half_open_interval_s01() {
     half_open_interval(10_000_000);
 }
 
 /// `cargo test --release -p dapple-low-discrepancy --test low-discrepancy hard_cases:: -- --ignored s01`
 #[test]
 #[ignore = "T2: 10^9 draws of each set take minutes"]
-fn s01_half_open_interval_of_a_thousand_million() {
+fn a_thousand_million_coordinates_lie_in_the_half_open_interval_s01() {
     half_open_interval(1_000_000_000);
 }
 
 #[test]
-fn s03_random_access() {
+fn any_sample_can_be_computed_alone_s03() {
     for points in all_sets(11) {
         let names: Vec<_> =
             (0..1000_u64).map(|k| (id([(k % 13) as u32, 5], (k % 3) as u32, k * k % 301), (k % 17) as u32)).collect();
@@ -58,10 +58,10 @@ fn s03_random_access() {
     }
 }
 
-/// The bound of S08 in standard errors of a correlation.
+/// The bound on a correlation of neighbours, in standard errors.
 const BOUND: f64 = 4.5;
 
-/// Standard errors that the correlation of uniform numbers is away from 0.
+/// The deviation of the correlation of uniform numbers from 0, in standard errors.
 fn z(a: impl Iterator<Item = f32>, b: impl Iterator<Item = f32>) -> f64 {
     let (mut sum, mut n) = (0.0, 0.0_f64);
     for (a, b) in a.zip(b) {
@@ -71,11 +71,13 @@ fn z(a: impl Iterator<Item = f32>, b: impl Iterator<Item = f32>) -> f64 {
     sum / n.sqrt()
 }
 
-/// The white box: 1000 bounces of four blocks each. 40 coordinates spread over all 16 000, and those at powers of two, where
-/// a table would end and begin anew (1024 in pbrt-v3), each with each other: correlations of 512 samples in each of 256
-/// pixels, which are replicates. False alarms: 1e-6 a set; a correlation of .018 is at the bound for independent numbers.
+/// Coordinates of 1000 bounces with four blocks each are uncorrelated.
+///
+/// 40 coordinates are spread over all 16,000 and over powers of two, where a table would wrap around (1024 in pbrt-v3).
+/// Every two are correlated over 512 samples in each of 256 pixels, which are replicates. The false alarm rate is 1e-6
+/// per set. The bound for independent numbers is a correlation of 0.018.
 #[test]
-fn s04_a_thousand_bounces() {
+fn a_thousand_bounces_are_uncorrelated_s04() {
     const PIXELS: u32 = 256;
     const SAMPLES: u64 = 512;
     let spread = (0..32).map(|k| 8 + k * 515);
@@ -88,8 +90,8 @@ fn s04_a_thousand_bounces() {
             (0..u64::from(PIXELS) * SAMPLES).map(|k| f64::from(sample(k)) - 0.5).collect()
         };
         let columns: Vec<Vec<f64>> = dimensions.iter().map(column).collect();
-        // Not by the deviation of independent samples: over 4096 pixels pairs of halton's later coordinates were seen to have 2.1
-        // times their variance, sobol's 1.6, and no correlation.
+        // The deviation of independent samples does not apply. Over 4096 pixels, pairs of later coordinates have 2.1
+        // times its variance for halton and 1.6 times for sobol, without correlation.
         let p = |a: &[f64], b: &[f64]| {
             let mut correlation = Mean::default();
             for (a, b) in a.chunks(SAMPLES as usize).zip(b.chunks(SAMPLES as usize)) {
@@ -110,10 +112,10 @@ fn s04_a_thousand_bounces() {
     }
 }
 
-/// Around 2^31, and up to 2^32, pairs of one pixel are distinct; beyond the capacity, which the render
-/// loop refuses, they are still in range and no repetition of the first ones.
+/// Pairs of one pixel are distinct around 2^31 and up to 2^32. Beyond the capacity, which the render loop refuses, they
+/// stay in range and do not repeat the first ones.
 #[test]
-fn s05_index_beyond_32_bits() {
+fn indices_up_to_32_bits_are_distinct_s05() {
     for points in all_sets(7) {
         for (block, k) in [(0, 0), (0, 2), (1, 0), (1, 2)] {
             let mut seen = Vec::new();
@@ -139,7 +141,7 @@ fn s05_index_beyond_32_bits() {
 
 /// The counters of a 4K image at 1024 samples.
 #[test]
-fn s05_counters_of_a_large_image() {
+fn counters_of_a_large_image_do_not_overflow_s05() {
     for points in all_sets(7) {
         let corner = |x, y, i| points.block(id([x, y], 0, i), 3).map(f32::to_bits);
         let corners = [
@@ -159,7 +161,7 @@ fn s05_counters_of_a_large_image() {
 }
 
 #[test]
-fn s07_batches_equal_one_go() {
+fn batches_equal_one_go_s07() {
     for points in all_sets(2) {
         let whole: Vec<_> = (0..64).map(|i| points.block(id([9, 9], 0, i), 2).map(f32::to_bits)).collect();
         for sizes in [vec![64], vec![4; 16], vec![1; 64], vec![13, 51]] {
@@ -173,9 +175,9 @@ fn s07_batches_equal_one_go() {
     }
 }
 
-/// The first 64 coordinates at five lags, over 16 384 pixels; 320 comparisons a set.
+/// The first 64 coordinates at five lags, over 16,384 pixels: 320 comparisons per set.
 #[test]
-fn s08_neighbouring_pixels() {
+fn neighbouring_pixels_are_uncorrelated_s08() {
     let side = 128_u32;
     for points in all_sets(5) {
         for block in 0..16 {
@@ -202,7 +204,7 @@ fn s08_neighbouring_pixels() {
 
 /// Neighbouring seeds, and seeds that differ in one bit, are as good as unrelated ones.
 #[test]
-fn s08_neighbouring_seeds() {
+fn neighbouring_seeds_are_uncorrelated_s08() {
     for (a, b) in [(0, 1), (1, 2), (0, 1 << 32), (7, 7 | 1 << 63)] {
         for (p, q) in all_sets(a).into_iter().zip(all_sets(b)) {
             for (block, k) in (0..8).flat_map(|block| (0..4).map(move |k| (block, k))) {
@@ -222,7 +224,7 @@ fn s08_neighbouring_seeds() {
 }
 
 #[test]
-fn s08_streams() {
+fn streams_are_uncorrelated_s08() {
     let all = [
         streams::WHOLE,
         streams::HALVES[0],
@@ -251,7 +253,7 @@ fn points_at(x: u32, stream: u32) -> dapple_core::SampleId {
 }
 
 #[test]
-fn constructors_refuse_what_cannot_be() {
+fn constructors_refuse_parameters_out_of_range() {
     assert!(Stratified::new(0, 0).unwrap_err().to_string().contains("give 1 to 4096"));
     assert!(Stratified::new(0, 4097).is_err() && Stratified::new(0, 4096).is_ok());
     assert!(LowDiscrepancy::new(0, 0).unwrap_err().to_string().contains("give 1 to 16777216"));
@@ -267,7 +269,7 @@ fn constructors_refuse_what_cannot_be() {
 }
 
 #[test]
-fn descriptions_are_what_the_command_line_takes() {
+fn descriptions_match_the_command_line() {
     let names: Vec<String> = all_sets(7).iter().map(|p| p.describe()).collect();
     let expected = [
         "random:seed=7",
@@ -279,9 +281,9 @@ fn descriptions_are_what_the_command_line_takes() {
     assert_eq!(names, expected);
 }
 
-/// A later version that changes these values changes every image: say so in the changelog.
+/// A change of these values changes every image and belongs in the changelog.
 #[test]
-fn values_stay_as_they_are() {
+fn values_never_change() {
     let bits = |points: &dyn PointSet| points.block(id([12, 34], 1, 56), 7).map(|u| (u * 16_777_216.0) as u32);
     let found: Vec<[u32; 4]> = all_sets(2024).iter().map(|p| bits(&**p)).collect();
     let block0 = Halton::new(2024).block(id([12, 34], 1, 56), 0).map(|u| (u * 16_777_216.0) as u32);

@@ -1,11 +1,11 @@
-//! HARD_CASES S02: every elementary interval holds its share of points.
+//! Every elementary interval holds its share of points.
 
 use crate::common::id;
 use dapple_core::PointSet;
 use dapple_low_discrepancy::{Halton, LowDiscrepancy, Random, Sobol};
 
-/// The first elementary interval shape (as the logarithm of its columns) in which the `2^k` samples
-/// from `start` do not fall into one box each.
+/// The first shape of elementary intervals (the logarithm of its columns) in which the `2^k` samples from `start` on do
+/// not fall into one box each.
 fn uneven_shape(points: &dyn PointSet, pixel: [u32; 2], block: u32, pair: usize, start: u64, k: u32) -> Option<u32> {
     let samples: Vec<[f32; 2]> = (start..start + (1 << k))
         .map(|i| {
@@ -42,12 +42,12 @@ fn check_nets(points: &dyn PointSet, k: u32, start: u64, pixels: u32) {
 }
 
 #[test]
-fn s02_elementary_intervals_sobol() {
+fn elementary_intervals_of_sobol_hold_one_point_each_s02() {
     for seed in [0, 1, 0xdead_beef_0bad_cafe] {
         let points = Sobol::new(seed);
         for k in 2..=10 {
             check_nets(&points, k, 0, if k < 9 { 100 } else { 34 });
-            // Not only prefixes: any aligned power of two, as rounds that go on need it.
+            // Also aligned powers of two beyond the prefix, as later rounds need them.
             check_nets(&points, k, 5 << k, 4);
             check_nets(&points, k, (1 << 31) - (1 << k), 2);
         }
@@ -58,9 +58,9 @@ fn s02_elementary_intervals_sobol() {
 }
 
 proptest::proptest! {
-    /// The same for any name whatever. No chance is involved: every draw must pass.
+    /// The same for arbitrary samples. No chance is involved: every one must pass.
     #[test]
-    fn s02_elementary_intervals_of_any_name(
+    fn elementary_intervals_of_any_sample_hold_one_point_each_s02(
         seed: u64,
         pixel: [u32; 2],
         block: u32,
@@ -76,7 +76,7 @@ proptest::proptest! {
 }
 
 #[test]
-fn s02_elementary_intervals_lowdiscrepancy() {
+fn elementary_intervals_of_lowdiscrepancy_hold_one_point_each_s02() {
     for seed in [0, 1, 0xdead_beef_0bad_cafe] {
         for k in 2..=10 {
             let points = LowDiscrepancy::new(seed, 1 << k).unwrap();
@@ -88,16 +88,16 @@ fn s02_elementary_intervals_lowdiscrepancy() {
     check_nets(&LowDiscrepancy::new(2, 1024).unwrap(), 10, 0, 100);
 }
 
-/// Negative controls: random points are no net, and neither is a net whose index is off by one.
+/// Negative controls: random points are not a net, and neither is a net whose index is off by one.
 #[test]
-fn s02_elementary_intervals_tell_nets_from_others() {
+fn elementary_intervals_tell_nets_from_other_points_s02() {
     assert!(uneven_shape(&Random::new(0), [0, 0], 0, 0, 0, 4).is_some());
     assert!((0..8).any(|p| uneven_shape(&Sobol::new(0), [p, 0], 0, 0, 1, 4).is_some()));
     assert!((0..8).any(|p| uneven_shape(&Halton::new(0), [p, 0], 0, 0, 0, 4).is_some()));
 }
 
 #[test]
-fn s02_cells_of_stratified() {
+fn cells_of_stratified_hold_one_point_each_s02() {
     use dapple_low_discrepancy::Stratified;
     for strata in [1_u32, 2, 3, 7, 10, 16, 31] {
         let points = Stratified::new(5, strata).unwrap();
@@ -119,8 +119,8 @@ fn s02_cells_of_stratified() {
     }
 }
 
-/// Whether points fill `columns x rows` boxes once each. An edge `k / 3^b` is no `f32`: a point that
-/// lies within 2^-24 below one may count for the box above.
+/// A test that points fill `columns x rows` boxes once each. An edge `k / 3^b` is not an `f32` number, so a point
+/// within 2^-24 below it may count for the box above.
 fn fill_boxes(samples: &[[f32; 2]], columns: u32, rows: u32) -> bool {
     let cells = |u: f32, n: u32| {
         let below = (f64::from(u) * f64::from(n)) as usize;
@@ -157,7 +157,7 @@ fn samples(
 }
 
 #[test]
-fn s02_boxes_of_halton_in_bases_2_and_3_and_5_and_7() {
+fn boxes_of_halton_hold_one_point_each_in_bases_2_and_3_and_5_and_7_s02() {
     for seed in [0, 1, 0xdead_beef_0bad_cafe] {
         let points = Halton::new(seed);
         for p in 0..20 {
@@ -182,7 +182,7 @@ fn s02_boxes_of_halton_in_bases_2_and_3_and_5_and_7() {
 }
 
 #[test]
-fn s02_boxes_of_halton_in_later_pairs() {
+fn boxes_of_halton_hold_one_point_each_in_later_pairs_s02() {
     for seed in [0, 1, 0xdead_beef_0bad_cafe] {
         let points = Halton::new(seed);
         for p in 0..25 {

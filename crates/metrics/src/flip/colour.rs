@@ -1,16 +1,16 @@
-//! The colour spaces of FLIP.
+//! Colour spaces of FLIP.
 
 use super::convolution::Plane;
 use crate::Pixels;
 
-/// CIE XYZ of linear sRGB, as the published implementation rounds it.
+/// Linear sRGB to CIE XYZ, rounded as in the published implementation.
 const XYZ: [[f64; 3]; 3] = [
     [10_135_552.0 / 24_577_794.0, 8_788_810.0 / 24_577_794.0, 4_435_075.0 / 24_577_794.0],
     [2_613_072.0 / 12_288_897.0, 8_788_810.0 / 12_288_897.0, 887_015.0 / 12_288_897.0],
     [1_425_312.0 / 73_733_382.0, 8_788_810.0 / 73_733_382.0, 70_074_185.0 / 73_733_382.0],
 ];
 
-/// XYZ over that of white: rows add up to 1.
+/// Linear sRGB to XYZ relative to white: rows add up to 1.
 const RELATIVE_XYZ: [[f32; 3]; 3] = {
     let mut rows = [[0.0; 3]; 3];
     let mut i = 0;
@@ -22,7 +22,7 @@ const RELATIVE_XYZ: [[f32; 3]; 3] = {
     rows
 };
 
-/// Linear sRGB of XYZ over that of white: the inverse of the matrix above, by cofactors.
+/// XYZ relative to white to linear sRGB: the inverse of [`RELATIVE_XYZ`], by cofactors.
 const RGB: [[f32; 3]; 3] = {
     let m = RELATIVE_XYZ;
     let mut inverse = [[0.0; 3]; 3];
@@ -30,7 +30,7 @@ const RGB: [[f32; 3]; 3] = {
     let mut i = 0;
     while i < 9 {
         let [row, c] = [i / 3, i % 3];
-        // Rows and columns taken in a circle make the signs right.
+        // Cyclic rows and columns give cofactors with their signs.
         let [r1, r2, c1, c2] = [(row + 1) % 3, (row + 2) % 3, (c + 1) % 3, (c + 2) % 3];
         let cofactor = m[r1][c1] as f64 * m[r2][c2] as f64 - m[r1][c2] as f64 * m[r2][c1] as f64;
         if row == 0 {
@@ -48,7 +48,7 @@ const RGB: [[f32; 3]; 3] = {
     rounded
 };
 
-/// [`hyab`] of displayed green and blue as [`perceived`]; tested below.
+/// The [`hyab`] distance of [`perceived`] green and blue; tested below.
 pub(super) const LARGEST_DISTANCE: f32 = 203.301_62;
 
 fn times(matrix: &[[f32; 3]; 3], v: [f32; 3]) -> [f32; 3] {
@@ -61,7 +61,7 @@ pub(super) fn opponent(rgb: [f32; 3]) -> [f32; 3] {
     [116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)]
 }
 
-/// [`opponent`] of an image as displayed, a plane each.
+/// The three [`opponent`] planes of an image, clamped to 0..=1.
 pub(super) fn opponent_planes(image: Pixels<'_>, size: [usize; 2]) -> [Plane; 3] {
     let mut planes = [(); 3].map(|()| Plane { size, values: Vec::with_capacity(image.values.len()) });
     for rgb in image.values {
@@ -71,8 +71,8 @@ pub(super) fn opponent_planes(image: Pixels<'_>, size: [usize; 2]) -> [Plane; 3]
     planes
 }
 
-/// L*a*b* of an opponent colour, brought into what a display shows, its chroma scaled with its lightness (Hunt's
-/// effect) [after Andersson 2020].
+/// L*a*b* of an opponent colour, clamped to the display's gamut, with chroma scaled by lightness (the Hunt effect)
+/// [after Andersson 2020].
 pub(super) fn perceived([lightness, red_green, blue_yellow]: [f32; 3]) -> [f32; 3] {
     let y = (lightness + 16.0) / 116.0;
     let rgb = times(&RGB, [y + red_green / 500.0, y, y - blue_yellow / 200.0]);
@@ -88,7 +88,7 @@ fn response(t: f32) -> f32 {
     if t > KNEE * KNEE * KNEE { libm::cbrtf(t) } else { t / (3.0 * KNEE * KNEE) + 4.0 / 29.0 }
 }
 
-/// Distance of colours that are far apart: city block between lightness and chroma, Euclidean within chroma
+/// The HyAB distance for colours far apart: city block between lightness and chroma, Euclidean within chroma
 /// [after Abasi 2020].
 pub(super) fn hyab(a: [f32; 3], b: [f32; 3]) -> f32 {
     let [lightness, red_green, blue_yellow] = std::array::from_fn(|c| a[c] - b[c]);

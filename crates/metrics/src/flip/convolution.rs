@@ -1,4 +1,4 @@
-//! Separable convolution of planes, pixels beyond the edge being those at the edge.
+//! Separable convolution of planes; pixels beyond the edge repeat the edge.
 
 /// Taps at the offsets `-radius..=radius`.
 pub(super) struct Kernel {
@@ -18,7 +18,7 @@ impl Kernel {
         self.taps.iter_mut().for_each(|tap| *tap *= by);
     }
 
-    /// Positive taps that add up to 1, and negative ones, where there are any, to -1.
+    /// The kernel scaled so that positive taps add up to 1 and negative ones to -1.
     pub(super) fn normalised(mut self) -> Self {
         let sum = |sign: f64| self.taps.iter().map(|tap| (tap * sign).max(0.0)).sum::<f64>();
         let [positive, negative] = [sum(1.0), sum(-1.0)];
@@ -32,15 +32,14 @@ impl Kernel {
         self.taps.len() / 2
     }
 
-    /// Taps that f32 sums notice, with their places counted from the first; what a kernel for all widths has of
-    /// zeros is not worth the time.
+    /// Taps that change an f32 sum, with their offsets from the first; the others are skipped to save time.
     fn effective(&self) -> impl Iterator<Item = (usize, f32)> {
         let largest = self.taps.iter().fold(0.0, |m: f64, t| m.max(t.abs()));
         self.taps.iter().map(|&t| t as f32).enumerate().filter(move |(_, t)| f64::from(t.abs()) > 1e-12 * largest)
     }
 }
 
-/// One number a pixel, row by row.
+/// One value per pixel, row by row.
 pub(super) struct Plane {
     pub(super) size: [usize; 2],
     pub(super) values: Vec<f32>,

@@ -1,25 +1,26 @@
-//! Intervals over seeds.
+//! Confidence intervals over seeds.
 
 use super::bootstrap::bootstrap;
 use super::{
     StatisticsError, check_confidence, check_count, check_lengths, logarithms, mean, scatter, student_t_quantile,
 };
 
-/// From this many values on, intervals are bootstrapped: fewer show too little of their distribution.
+/// The fewest values for a bootstrap interval; fewer show too little of their distribution.
 pub const BOOTSTRAP_MIN_COUNT: usize = 32;
 
-/// How an interval was made.
+/// The method that an interval was computed by.
 #[non_exhaustive]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Method {
-    /// Student's t: the values are taken as normal.
+pub enum IntervalMethod {
+    /// Student's t, which assumes normal values.
     Student,
-    /// Bias-corrected and accelerated bootstrap.
+    /// The bias-corrected and accelerated bootstrap.
     Bootstrap,
 }
 
-/// An estimate, and where the true value is to be expected.
+/// An estimate with its confidence interval.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Interval {
     /// The estimate.
     pub value: f64,
@@ -27,12 +28,12 @@ pub struct Interval {
     pub low: f64,
     /// The upper end.
     pub high: f64,
-    /// How the ends were found.
-    pub method: Method,
+    /// The method that the ends were computed by.
+    pub method: IntervalMethod,
 }
 
 impl Interval {
-    /// Whether x lies in it, ends included: of a ratio that contains 1 nothing is won or lost.
+    /// True if x lies in the interval, ends included. A ratio whose interval contains 1 is undecided.
     pub fn contains(&self, x: f64) -> bool {
         (self.low..=self.high).contains(&x)
     }
@@ -42,12 +43,16 @@ impl Interval {
     }
 }
 
-/// `1 / (error * seconds)`, which for independent samples does not depend on how many there are; the error is a
-/// squared one, MSE or relMSE.
+/// The efficiency `1 / (error * seconds)` for a squared error, MSE or relMSE. With independent samples it does not depend
+/// on their number.
+///
+/// ```
+/// assert_eq!(dapple_metrics::efficiency(0.25, 8.0), Ok(0.5));
+/// ```
 ///
 /// # Errors
-/// [`StatisticsError::NotPositive`] where the error (index 0) or the time (index 1) is not above 0, and for a
-/// product beyond the range of an f64.
+/// [`StatisticsError::NotPositive`] if the error (index 0) or the time (index 1) is not above 0, or their product is out
+/// of the range of an f64.
 pub fn efficiency(error: f64, seconds: f64) -> Result<f64, StatisticsError> {
     logarithms(&[error, seconds])?;
     let found = 1.0 / (error * seconds);
@@ -58,8 +63,16 @@ pub fn efficiency(error: f64, seconds: f64) -> Result<f64, StatisticsError> {
     }
 }
 
-/// The mean of independent values (one a seed) with its interval of `confidence`, .95 say: Student's t with n - 1
-/// degrees of freedom, from 32 values ([`BOOTSTRAP_MIN_COUNT`]) on the bootstrap.
+/// The mean of independent values, one per seed, with its interval of a confidence such as 0.95.
+///
+/// Student's t with n - 1 degrees of freedom; the bootstrap from 32 values ([`BOOTSTRAP_MIN_COUNT`]) on.
+///
+/// ```
+/// # use dapple_metrics::mean_interval;
+/// let found = mean_interval(&[2.1, 1.9, 2.4, 2.0, 2.2, 1.8, 2.3, 2.1], 0.95)?;
+/// assert!((found.value - 2.1).abs() < 1e-12 && found.contains(2.0) && !found.contains(1.9));
+/// # Ok::<(), dapple_metrics::StatisticsError>(())
+/// ```
 ///
 /// # Errors
 /// [`StatisticsError::TooFew`] below two values, [`StatisticsError::NotFinite`], [`StatisticsError::Confidence`].
@@ -78,14 +91,21 @@ pub fn mean_interval(values: &[f64], confidence: f64) -> Result<Interval, Statis
     Ok(student_interval(value, deviation, n - 1.0, confidence))
 }
 
-/// Around an estimate whose standard deviation was estimated with so many degrees of freedom.
+/// Student's interval around a value with an estimated standard deviation.
 pub(super) fn student_interval(value: f64, deviation: f64, degrees_of_freedom: f64, confidence: f64) -> Interval {
     let half = deviation * student_t_quantile(0.5 + 0.5 * confidence, degrees_of_freedom);
-    Interval { value, low: value - half, high: value + half, method: Method::Student }
+    Interval { value, low: value - half, high: value + half, method: IntervalMethod::Student }
 }
 
-/// The geometric mean of independent values above 0, and its interval: [`mean_interval`] of their logarithms, whose
-/// lower end is above 0. What bands on logarithmic axes are made of.
+/// The geometric mean of independent values above 0, with its interval: [`mean_interval`] of their logarithms.
+///
+/// The lower end is above 0, as bands on logarithmic axes need it.
+///
+/// ```
+/// let found = dapple_metrics::geometric_mean_interval(&[1.0, 4.0, 2.0], 0.95)?;
+/// assert!((found.value - 2.0).abs() < 1e-12 && found.low > 0.0);
+/// # Ok::<(), dapple_metrics::StatisticsError>(())
+/// ```
 ///
 /// # Errors
 /// [`StatisticsError::NotPositive`], and those of [`mean_interval`].
@@ -93,10 +113,17 @@ pub fn geometric_mean_interval(values: &[f64], confidence: f64) -> Result<Interv
     Ok(mean_interval(&logarithms(values)?, confidence)?.map(libm::exp))
 }
 
-/// How many times as large as `b` is `a`: the geometric mean of `a[i] / b[i]`, with its interval. Both at an index
-/// share what makes them vary together (the seed, the scene), which the pairing takes out.
+/// The geometric mean of `a[i] / b[i]` with its interval.
 ///
-/// Of two methods' errors at equal time, a ratio whose interval lies below 1 says that the first one wins.
+/// Values of one index share a seed or a scene. Pairing takes the variation that they have in common out. For errors of
+/// two methods at equal time, an interval below 1 means that the first method wins.
+///
+/// ```
+/// # use dapple_metrics::ratio_interval;
+/// let ratio = ratio_interval(&[2.1e-3, 1.9e-3, 2.4e-3], &[4.0e-3, 3.9e-3, 4.9e-3], 0.95)?;
+/// assert!(ratio.high < 1.0, "the first method wins");
+/// # Ok::<(), dapple_metrics::StatisticsError>(())
+/// ```
 ///
 /// # Errors
 /// [`StatisticsError::Lengths`], [`StatisticsError::NotPositive`], [`StatisticsError::TooFew`] below two pairs,

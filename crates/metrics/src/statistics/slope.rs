@@ -1,37 +1,43 @@
-//! How fast an error falls.
+//! The slope of an error over samples or time.
 
 use super::interval::{Interval, student_interval};
 use super::{StatisticsError, check_confidence, check_count, check_lengths, logarithms, mean, scatter};
 
-/// A straight line on logarithmic axes: `y = scale * x^slope`.
+/// A straight line on logarithmic axes, `y = scale * x^slope`, from [`log_log_fit`].
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct LogLogFit {
-    /// The exponent. Of MSE over samples it is -1 for independent samples.
+    /// The exponent with its interval; -1 for MSE over the number of independent samples.
     pub slope: Interval,
-    /// y at x = 1.
+    /// The value of y at x = 1.
     pub scale: f64,
-    /// Standard deviation of ln y about the line.
+    /// The standard deviation of ln y about the line.
     pub deviation: f64,
 }
 
 impl LogLogFit {
-    /// The line's y at x, which is above 0.
+    /// The line's y at an x above 0.
     pub fn predict(&self, x: f64) -> f64 {
         self.scale * libm::pow(x, self.slope.value)
     }
 
-    /// Where the line has y, which is above 0: the time to reach an error, say. Infinite or 0 where the line is
-    /// level and passes elsewhere.
+    /// The x at which the line has a y above 0, such as the time to reach an error. Infinite or 0 if the line is level
+    /// at another y.
     pub fn solve(&self, y: f64) -> f64 {
         libm::exp(libm::log(y / self.scale) / self.slope.value)
     }
 }
 
-/// Fits a line to points on logarithmic axes by least squares; its slope's interval is Student's, with n - 2 degrees
-/// of freedom.
+/// Fits a line to points on logarithmic axes by least squares.
 ///
-/// The interval takes the points as independent. Errors of one seed at growing budgets are not: fit each seed, and
-/// take [`mean_interval`](super::mean_interval) of the slopes.
+/// The slope's interval is Student's with n - 2 degrees of freedom and assumes independent points. Errors of one seed at
+/// growing budgets are dependent: fit each seed, then take [`mean_interval`](super::mean_interval) of the slopes.
+///
+/// ```
+/// let fit = dapple_metrics::log_log_fit(&[4.0, 8.0, 16.0], &[0.25, 0.125, 0.0625], 0.95)?;
+/// assert!((fit.slope.value + 1.0).abs() < 1e-12 && (fit.solve(0.01) - 100.0).abs() < 1e-9);
+/// # Ok::<(), dapple_metrics::StatisticsError>(())
+/// ```
 ///
 /// # Errors
 /// [`StatisticsError::TooFew`] below three points, [`StatisticsError::SameAbscissa`], [`StatisticsError::Lengths`],
@@ -41,7 +47,7 @@ pub fn log_log_fit(x: &[f64], y: &[f64], confidence: f64) -> Result<LogLogFit, S
     check_lengths(x, y)?;
     check_count(x.len(), 3)?;
     let [log_x, log_y] = [logarithms(x)?, logarithms(y)?];
-    // Neighbouring numbers can have equal logarithms.
+    // Different numbers can have equal logarithms.
     if log_x.iter().all(|&other| other == log_x[0]) {
         return Err(StatisticsError::SameAbscissa { x: x[0] });
     }

@@ -1,7 +1,7 @@
 //! Block means, their ratios, and averaging to another size.
 
 use approx::assert_relative_eq;
-use dapple_metrics::{Error, Pixels, block_means, block_ratios, downsample};
+use dapple_metrics::{MetricsError, Pixels, block_means, block_ratios, downsample};
 
 fn pixels(size: [u32; 2], values: &[[f32; 3]]) -> Pixels<'_> {
     Pixels::new(size, values).unwrap()
@@ -16,16 +16,16 @@ fn block_means_are_those_of_whole_blocks() {
     let image = ramp(35);
     let blocks = block_means(pixels([7, 5], &image), [3, 2]).unwrap();
     assert_eq!(blocks.count, [2, 2]);
-    // The first: 0, 1, 2, 7, 8, 9; the next three further right, then 14 further down.
+    // The first block: 0, 1, 2, 7, 8, 9; the next is 3 to the right, then 14 down.
     assert_eq!(blocks.means.iter().map(|m| m[0]).collect::<Vec<_>>(), [4.5, 7.5, 18.5, 21.5]);
     assert_eq!(blocks.means[3], [21.5, 43.0, 1.0]);
     for block in [[0, 1], [8, 1], [1, 6]] {
-        assert_eq!(block_means(pixels([7, 5], &image), block), Err(Error::Block { block, size: [7, 5] }));
+        assert_eq!(block_means(pixels([7, 5], &image), block), Err(MetricsError::Block { block, size: [7, 5] }));
     }
 }
 
 #[test]
-fn ratios_leave_dark_blocks_out_and_give_percentiles() {
+fn dark_blocks_do_not_count_in_ratios_and_percentiles() {
     // Blocks of one pixel. The median is 2; 2 % of it is 0.04, so 0 and 0.03 do not count, 0.05 does.
     let reference = [0.0, 0.03, 0.05, 2.0, 2.0, 4.0, 8.0].map(|v| [v; 3]);
     let image = [9.0, 9.0, 0.05, 1.0, 2.0, 6.0, 16.0].map(|v| [v, v, 0.0]);
@@ -53,7 +53,7 @@ fn downsampling_averages_by_area() {
     assert_relative_eq!(found[1][0], (0.5 * 2.5 + 3.5) / 1.5, max_relative = 1e-6);
     assert_eq!(downsample(pixels([3, 2], &image), [3, 2]).unwrap(), image);
     for target in [[4, 2], [3, 3], [0, 1]] {
-        assert_eq!(downsample(pixels([3, 2], &image), target), Err(Error::Target { size: [3, 2], target }));
+        assert_eq!(downsample(pixels([3, 2], &image), target), Err(MetricsError::Target { size: [3, 2], target }));
     }
 }
 

@@ -1,12 +1,12 @@
 //! FLIP against the published implementation.
 
 use crate::common::{SIZE, test_image};
-use dapple_metrics::{Error, PIXELS_PER_DEGREE, Pixels, flip};
+use dapple_metrics::{MetricsError, PIXELS_PER_DEGREE, Pixels, flip};
 
 type Row = (&'static str, &'static str, f64, f64, [f32; 5]);
 
-/// Image, reference, pixels per degree; mean and five values of flip-evaluator 1.7, by `oracle.py` beside this
-/// file, whose head says how to run it.
+/// Image, reference, pixels per degree; mean and five values of flip-evaluator 1.7, printed by `oracle.py` in the folder
+/// above.
 #[rustfmt::skip]
 #[allow(clippy::excessive_precision)]
 const PUBLISHED: [Row; 16] = [
@@ -36,12 +36,12 @@ fn of(image: &str, reference: &str, pixels_per_degree: f64) -> dapple_metrics::F
     flip(image, reference, pixels_per_degree).unwrap()
 }
 
-/// Of two f32 implementations. Where features are nearly equal, the square root of their difference makes
-/// 3e-4 of a rounding of 1e-7; the largest distance seen is 9.3e-5 in a map and 5.7e-5 in a mean.
+/// The tolerance between two f32 implementations. For nearly equal features, the square root turns a rounding of 1e-7
+/// into 3e-4. The largest difference found is 9.3e-5 in a map and 5.7e-5 in a mean.
 const TOLERANCE: f64 = 1e-4;
 
 #[test]
-fn means_and_maps_are_those_of_the_published_implementation() {
+fn means_and_maps_match_the_published_implementation() {
     for (image, reference, pixels_per_degree, mean, values) in PUBLISHED {
         let found = of(image, reference, pixels_per_degree);
         let pair = format!("{image} against {reference} at {pixels_per_degree}");
@@ -54,9 +54,9 @@ fn means_and_maps_are_those_of_the_published_implementation() {
 }
 
 #[test]
-fn other_displays_and_other_images_do_not_meet_those_values() {
+fn other_displays_and_other_images_do_not_match() {
     for (image, reference, pixels_per_degree, mean, _) in PUBLISHED {
-        // Images of one colour, and those that are wholly different, look the same from anywhere.
+        // Images of one colour, or with no likeness, look the same at every distance.
         if ["noisy", "shifted", "firefly"].contains(&image) {
             let found = of(image, reference, 0.97 * pixels_per_degree).mean;
             assert!((found - mean).abs() > 0.001 * mean, "{image}: {found} is {mean}");
@@ -73,7 +73,7 @@ fn the_default_is_the_published_one() {
 }
 
 #[test]
-fn image_and_reference_may_change_places() {
+fn flip_is_symmetric() {
     for (a, b) in [("noisy", "smooth"), ("firefly", "dark"), ("noise", "checker")] {
         let [ab, ba] = [of(a, b, PIXELS_PER_DEGREE), of(b, a, PIXELS_PER_DEGREE)];
         assert_eq!(ab, ba);
@@ -84,7 +84,7 @@ fn image_and_reference_may_change_places() {
 }
 
 #[test]
-fn images_smaller_than_the_kernels_are_seen() {
+fn images_may_be_smaller_than_the_kernels() {
     for size in [[1, 1], [1, 9], [9, 1], [2, 3]] {
         let count = (size[0] * size[1]) as usize;
         let [black, white] = [vec![[0.0; 3]; count], vec![[1.0; 3]; count]];
@@ -99,7 +99,7 @@ fn images_smaller_than_the_kernels_are_seen() {
 }
 
 #[test]
-fn what_a_display_cannot_show_is_clamped_and_what_is_no_number_is_black() {
+fn values_out_of_gamut_are_clamped_and_nan_is_black() {
     let pixels = |values: &'static [[f32; 3]; 4]| Pixels::new([2, 2], values).unwrap();
     let reference = pixels(&[[0.5; 3], [1.0, 0.0, 0.0], [0.0; 3], [1.0; 3]]);
     let image = flip(pixels(&[[f32::NAN; 3], [0.0; 3], [0.0; 3], [1.0; 3]]), reference, 67.0).unwrap();
@@ -109,15 +109,18 @@ fn what_a_display_cannot_show_is_clamped_and_what_is_no_number_is_black() {
 }
 
 #[test]
-fn what_cannot_be_seen_is_refused() {
+fn sizes_references_and_displays_out_of_range_are_refused() {
     let values = vec![[0.0; 3]; 6];
     let [wide, high] = [[3, 2], [2, 3]].map(|size| Pixels::new(size, &values).unwrap());
-    assert!(matches!(flip(wide, high, 67.0), Err(Error::Sizes { .. })));
+    assert!(matches!(flip(wide, high, 67.0), Err(MetricsError::Sizes { .. })));
     let nan = vec![[f32::NAN; 3]; 6];
     let nan = Pixels::new([3, 2], &nan).unwrap();
-    assert!(matches!(flip(wide, nan, 67.0), Err(Error::NonFiniteReference { pixel: [0, 0], .. })));
+    assert!(matches!(flip(wide, nan, 67.0), Err(MetricsError::NonFiniteReference { pixel: [0, 0], .. })));
     for value in [0.0, 0.99, -67.0, f64::NAN, f64::INFINITY, 1000.1] {
         let error = flip(wide, wide, value).unwrap_err();
-        assert!(matches!(error, Error::PixelsPerDegree { .. }) && error.to_string().contains("67 is usual"), "{error}");
+        assert!(
+            matches!(error, MetricsError::PixelsPerDegree { .. }) && error.to_string().contains("67 is usual"),
+            "{error}"
+        );
     }
 }

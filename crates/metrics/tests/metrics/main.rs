@@ -1,4 +1,4 @@
-//! The tests of the crate from outside: one program, which links and instantiates once what all of them use.
+//! Integration tests of the crate in one program, which links their dependencies once.
 
 mod blocks;
 mod common;

@@ -1,9 +1,9 @@
-//! Every figure against closed forms, an independent implementation and statistics.
+//! Every metric against closed forms, an independent implementation and statistics.
 
 use approx::assert_relative_eq;
-use dapple_metrics::{Comparison, Error, Pixels, WORST_BLOCK_SIZE, compare};
+use dapple_metrics::{Comparison, MetricsError, Pixels, WORST_BLOCK_SIZE, compare};
 
-/// Uniform numbers in [0, 1) by SplitMix64 [Steele 2014].
+/// Uniform numbers in [0, 1) by SplitMix64 [after Steele 2014].
 struct Random(u64);
 
 impl Random {
@@ -29,7 +29,7 @@ fn figures(c: &Comparison) -> [f64; 9] {
     [c.mse, c.rel_mse, c.rel_mse_trimmed, c.smape, c.display_mse, c.psnr, c.srgb8_mse, c.mean_ratio, worst]
 }
 
-/// Written apart from the crate: plain sums, `powf`, planes instead of pixels.
+/// An independent implementation: plain sums, `powf`, planes instead of pixels.
 fn oracle(size: [u32; 2], image: &[[f32; 3]], reference: &[[f32; 3]]) -> ([f64; 9], [f64; 3]) {
     let plane = |p: &[[f32; 3]], c: usize| -> Vec<f64> {
         p.iter().map(|v| if v[c].is_finite() { f64::from(v[c]) } else { 0.0 }).collect()
@@ -81,11 +81,11 @@ fn oracle(size: [u32; 2], image: &[[f32; 3]], reference: &[[f32; 3]]) -> ([f64; 
 }
 
 #[test]
-fn f11_every_figure_agrees_with_an_independent_implementation() {
+fn every_metric_agrees_with_an_independent_implementation_f11() {
     let mut random = Random(11);
     for size in [[37, 41], [100, 50], [1, 7], [16, 16]] {
         let count = (size[0] * size[1]) as usize;
-        // Negative, black, dark and very bright values, and some that are no numbers.
+        // Negative, black, dark and very bright values, and some NaN and infinities.
         let mut image = random.image(count, |u| (8.0 * u - 4.0).exp() - 0.1);
         let reference = random.image(count, |u| if u < 0.1 { 0.0 } else { (8.0 * u - 4.0).exp() - 0.1 });
         image[count / 2] = [f32::NAN, f32::INFINITY, 1.0];
@@ -99,7 +99,7 @@ fn f11_every_figure_agrees_with_an_independent_implementation() {
 }
 
 #[test]
-fn f11_an_image_is_no_distance_from_itself() {
+fn an_image_has_no_error_against_itself_f11() {
     let image = Random(1).image(60, |u| 100.0 * u);
     for image in [image, vec![[0.0; 3]; 60], vec![[f32::MAX, -1.0, 0.0]; 60]] {
         let found = compare(pixels([10, 6], &image), pixels([10, 6], &image)).unwrap();
@@ -110,7 +110,7 @@ fn f11_an_image_is_no_distance_from_itself() {
 }
 
 #[test]
-fn f11_a_black_reference_gives_finite_figures() {
+fn metrics_against_a_black_reference_are_finite_f11() {
     for value in [0.5, f32::MAX, f32::MIN_POSITIVE, -1.0, f32::NAN] {
         let found = compare(pixels([3, 1], &[[value; 3]; 3]), pixels([3, 1], &[[0.0; 3]; 3])).unwrap();
         assert!(figures(&found).iter().chain(&found.channel_ratios).all(|f| f.is_finite()), "{value}: {found:?}");
@@ -121,22 +121,22 @@ fn f11_a_black_reference_gives_finite_figures() {
 }
 
 #[test]
-fn f11_what_cannot_be_compared_is_refused() {
+fn different_sizes_and_non_finite_references_are_refused_f11() {
     let mut reference = vec![[0.0; 3]; 6];
     let wide = compare(pixels([3, 2], &reference), pixels([2, 3], &reference)).unwrap_err();
-    assert_eq!(wide, Error::Sizes { image: [3, 2], reference: [2, 3] });
+    assert_eq!(wide, MetricsError::Sizes { image: [3, 2], reference: [2, 3] });
     assert!(wide.to_string().contains("3x2") && wide.to_string().contains("2x3"));
     reference[4][1] = f32::NAN;
     reference[5][0] = f32::INFINITY;
     let error = compare(pixels([3, 2], &[[0.0; 3]; 6]), pixels([3, 2], &reference)).unwrap_err();
-    assert!(matches!(error, Error::NonFiniteReference { pixel: [1, 1], .. }), "{error}");
+    assert!(matches!(error, MetricsError::NonFiniteReference { pixel: [1, 1], .. }), "{error}");
     assert!(error.to_string().contains("column 1, row 1"));
-    assert!(matches!(Pixels::new([3, 2], &reference[1..]), Err(Error::PixelCount { found: 5, .. })));
-    assert!(matches!(Pixels::new([0, 2], &[]), Err(Error::Empty { .. })));
+    assert!(matches!(Pixels::new([3, 2], &reference[1..]), Err(MetricsError::PixelCount { found: 5, .. })));
+    assert!(matches!(Pixels::new([0, 2], &[]), Err(MetricsError::Empty { .. })));
 }
 
-/// The t of S1 (STATISTICS.md) for `replicates` pairs of 64x64 noise images of variance 1/12: mean MSE
-/// against `expected`. `shared` is how much of the first image's noise is put into the second.
+/// Student's t of the mean MSE of 64 pairs of 64x64 noise images of variance 1/12 against `expected`. `shared` is the
+/// share of the first image's noise in the second.
 fn t_of_noise_pairs(seed: u64, expected: f64, shared: f64) -> f64 {
     let replicates = 64;
     let size = [64, 64];
@@ -158,7 +158,7 @@ fn t_of_noise_pairs(seed: u64, expected: f64, shared: f64) -> f64 {
 }
 
 #[test]
-fn f11_two_independent_noise_images_are_twice_the_variance_apart() {
+fn the_mse_of_two_independent_noise_images_is_twice_their_variance_f11() {
     // Student's t with 63 degrees of freedom exceeds 5.43 either way in 9.6e-7 of all runs.
     const BOUND: f64 = 5.43;
     let t = t_of_noise_pairs(2026, 2.0 / 12.0, 0.0);
@@ -171,7 +171,7 @@ fn f11_two_independent_noise_images_are_twice_the_variance_apart() {
 }
 
 #[test]
-fn trimming_leaves_out_the_worst_thousandth_of_pixels() {
+fn trimming_leaves_out_the_worst_0_1_percent_of_pixels() {
     let reference = vec![[1.0; 3]; 3000];
     let mut image = reference.clone();
     image[0] = [1.1; 3];

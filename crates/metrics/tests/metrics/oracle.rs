@@ -1,4 +1,4 @@
-//! Figures against scikit-image and numpy, by `oracle.py` beside this file.
+//! Metrics against scikit-image and numpy; `oracle.py` in the folder above prints the expected values.
 
 use crate::common::{SIZE, test_image};
 use approx::assert_relative_eq;
@@ -14,7 +14,7 @@ const EXPECTED: [(&str, &str, [f64; 4]); 4] = [
 ];
 
 #[test]
-fn figures_are_those_of_scikit_image() {
+fn metrics_match_scikit_image() {
     for (image, reference, expected) in EXPECTED {
         let [image, reference] = [image, reference].map(test_image);
         let found = compare(Pixels::new(SIZE, &image).unwrap(), Pixels::new(SIZE, &reference).unwrap()).unwrap();

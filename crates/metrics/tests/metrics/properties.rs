@@ -1,4 +1,4 @@
-//! What holds for all images.
+//! Properties that hold for all images.
 
 use dapple_metrics::{Pixels, compare, downsample};
 use proptest::prelude::*;
@@ -26,7 +26,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(300))]
 
     #[test]
-    fn symmetric_figures_do_not_tell_image_from_reference(a in image(), b in image()) {
+    fn symmetric_metrics_do_not_depend_on_the_order_of_the_images(a in image(), b in image()) {
         let [ab, ba] = [compare(pixels(&a), pixels(&b)).unwrap(), compare(pixels(&b), pixels(&a)).unwrap()];
         prop_assert_eq!((ab.mse, ab.smape, ab.display_mse, ab.psnr), (ba.mse, ba.smape, ba.display_mse, ba.psnr));
         prop_assert!(ab.mean_ratio == 1.0 || close(ab.mean_ratio * ba.mean_ratio, 1.0));
@@ -42,7 +42,7 @@ proptest! {
     }
 
     #[test]
-    fn figures_keep_their_ranges(a in image(), b in image()) {
+    fn metrics_stay_in_their_ranges(a in image(), b in image()) {
         let found = compare(pixels(&a), pixels(&b)).unwrap();
         prop_assert!(found.mse >= 0.0 && found.rel_mse >= 0.0 && (0.0..=2.0).contains(&found.smape));
         prop_assert!((0.0..=1.0).contains(&found.display_mse) && found.psnr >= 0.0);
@@ -51,7 +51,7 @@ proptest! {
     }
 
     #[test]
-    fn the_order_of_pixels_does_not_matter(a in image(), b in image()) {
+    fn metrics_do_not_depend_on_the_order_of_pixels(a in image(), b in image()) {
         let turned = |p: &[[f32; 3]]| p.iter().rev().copied().collect::<Vec<_>>();
         let plain = compare(pixels(&a), pixels(&b)).unwrap();
         let turned = compare(pixels(&turned(&a)), pixels(&turned(&b))).unwrap();

@@ -1,9 +1,9 @@
-//! What a noisy reference adds, and that it is taken out.
+//! The variance of a noisy reference, and its subtraction.
 
 use approx::assert_relative_eq;
-use dapple_metrics::{Corrected, Error, NoisyReference, Pixels, compare, compare_corrected};
+use dapple_metrics::{Corrected, MetricsError, NoisyReference, Pixels, compare, compare_corrected};
 
-/// Uniform numbers of mean 0 and variance 1, by SplitMix64 [Steele 2014].
+/// Uniform numbers of mean 0 and variance 1, by SplitMix64 [after Steele 2014].
 struct Random(u64);
 
 impl Random {
@@ -22,7 +22,7 @@ fn pixels(values: &[[f32; 3]]) -> Pixels<'_> {
     Pixels::new(SIZE, values).unwrap()
 }
 
-/// A truth with a wide range, and noise of a tenth of it.
+/// A noiseless image with a wide range.
 fn truth() -> Vec<[f32; 3]> {
     (0..1024).map(|i| [0, 1, 2].map(|c| 0.2 * 1.005_f32.powi((i * 7 + c * 300) % 1024))).collect()
 }
@@ -32,7 +32,7 @@ fn noisy(truth: &[[f32; 3]], random: &mut Random, level: f32) -> Vec<[f32; 3]> {
 }
 
 #[test]
-fn known_answers() {
+fn corrected_errors_have_known_answers() {
     let [x, a, b] = [[0.5; 3], [1.0; 3], [2.0; 3]].map(|v| vec![v; 1024]);
     let halves = NoisyReference::Halves([pixels(&a), pixels(&b)]);
     let found = compare_corrected(pixels(&x), halves).unwrap();
@@ -60,7 +60,7 @@ fn an_exact_reference_changes_nothing() {
 }
 
 #[test]
-fn t02_the_mark_is_set_within_100_times_the_references_variance() {
+fn errors_within_100_times_the_references_variance_are_marked_t02() {
     let [x, r] = [[1.5; 3], [1.0; 3]].map(|v| vec![v; 1024]);
     let marked = |variance: f32| {
         let variance = vec![[variance; 3]; 1024];
@@ -68,14 +68,15 @@ fn t02_the_mark_is_set_within_100_times_the_references_variance() {
         let found = compare_corrected(pixels(&x), known).unwrap();
         [found.mse.reference_limited(), found.rel_mse.reference_limited()]
     };
-    // .25 - v < 100 v from v = .25 / 101 on.
+    // 0.25 - v < 100 v from v = 0.25 / 101 on.
     assert_eq!(marked(0.0), [false; 2]);
     assert_eq!(marked(0.99 * 0.25 / 101.0), [false; 2]);
     assert_eq!(marked(1.01 * 0.25 / 101.0), [true; 2]);
-    assert_eq!(marked(1.0), [true; 2], "the correction is larger than what was measured");
+    assert_eq!(marked(1.0), [true; 2], "the correction is larger than the measured error");
 }
 
-/// Student's t of 200 seeds of some figure about the error against the truth, for MSE and relMSE.
+/// Student's t over 200 seeds of the difference between a corrected error and the error against the noiseless image,
+/// for MSE and relMSE.
 fn t_of_seeds(figure: impl Fn(&Corrected) -> [f64; 2], known: bool) -> [f64; 2] {
     let truth = truth();
     let differences: Vec<[f64; 2]> = (0..200)
@@ -102,7 +103,7 @@ fn t_of_seeds(figure: impl Fn(&Corrected) -> [f64; 2], known: bool) -> [f64; 2] 
 }
 
 #[test]
-fn t02_the_corrected_error_is_that_against_the_truth() {
+fn the_corrected_error_is_that_against_a_noiseless_reference_t02() {
     // Student's t with 199 degrees of freedom exceeds 5.05 either way in 1e-6 of all runs. MSE only: the next test
     // is relMSE's, whose denominator keeps a bias of second order.
     const BOUND: f64 = 5.05;
@@ -119,7 +120,7 @@ fn t02_the_corrected_error_is_that_against_the_truth() {
 }
 
 #[test]
-fn the_corrected_relative_error_is_off_by_no_more_than_its_denominator_makes_it() {
+fn the_bias_of_the_corrected_relmse_is_that_of_its_denominator() {
     let truth = truth();
     let mut sums = [0.0; 3];
     for seed in 0..200 {
@@ -130,14 +131,14 @@ fn the_corrected_relative_error_is_off_by_no_more_than_its_denominator_makes_it(
         sums[1] += found.error;
         sums[2] += found.measured;
     }
-    // v = .01 / 2 and e = .01 make 3 v (1 + 2 v / e) = .03; five standard errors of 200 x 3072 terms are .01.
+    // v = 0.01 / 2 and e = 0.01 make 3 v (1 + 2 v / e) = 0.03; five standard errors of 200 x 3072 terms are 0.01.
     let [bias, uncorrected] = [1, 2].map(|i| sums[i] / sums[0] - 1.0);
     assert!(bias > -0.01 && bias < 0.03 + 0.01, "{bias}");
     assert!(uncorrected > 0.4, "the control: {uncorrected}");
 }
 
 #[test]
-fn what_is_no_reference_is_refused() {
+fn references_that_differ_in_size_or_are_not_finite_are_refused() {
     let good = vec![[1.0; 3]; 1024];
     let small = Pixels::new([16, 16], &good[..256]).unwrap();
     let bad = |value: f32| {
@@ -149,18 +150,18 @@ fn what_is_no_reference_is_refused() {
     let nan = bad(f32::NAN);
     for pair in [[pixels(&nan), x], [x, pixels(&nan)]] {
         let error = compare_corrected(x, NoisyReference::Halves(pair)).unwrap_err();
-        assert!(matches!(error, Error::NonFiniteReference { pixel: [1, 1], .. }), "{error}");
+        assert!(matches!(error, MetricsError::NonFiniteReference { pixel: [1, 1], .. }), "{error}");
     }
     for pair in [[small, x], [x, small]] {
-        assert!(matches!(compare_corrected(x, NoisyReference::Halves(pair)), Err(Error::Sizes { .. })));
+        assert!(matches!(compare_corrected(x, NoisyReference::Halves(pair)), Err(MetricsError::Sizes { .. })));
         let known = NoisyReference::Variance { mean: pair[0], variance: pair[1] };
-        assert!(matches!(compare_corrected(x, known), Err(Error::Sizes { .. })));
+        assert!(matches!(compare_corrected(x, known), Err(MetricsError::Sizes { .. })));
     }
     for value in [-1e-9, f32::NAN, f32::INFINITY] {
         let variance = bad(value);
         let known = NoisyReference::Variance { mean: x, variance: pixels(&variance) };
         let error = compare_corrected(x, known).unwrap_err();
-        assert!(matches!(error, Error::Variance { pixel: [1, 1], .. }), "{error}");
+        assert!(matches!(error, MetricsError::Variance { pixel: [1, 1], .. }), "{error}");
         assert!(error.to_string().contains("column 1, row 1"));
     }
 }

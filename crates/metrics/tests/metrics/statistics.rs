@@ -1,10 +1,10 @@
-//! Intervals and slopes against scipy, closed forms and statistics.
+//! Intervals and slopes against scipy, closed forms and simulation.
 
 #![allow(clippy::excessive_precision)]
 
 use approx::assert_relative_eq;
 use dapple_metrics::{
-    BOOTSTRAP_MIN_COUNT, Interval, Method, StatisticsError, efficiency, geometric_mean_interval, log_log_fit,
+    BOOTSTRAP_MIN_COUNT, Interval, IntervalMethod, StatisticsError, efficiency, geometric_mean_interval, log_log_fit,
     mean_interval, ratio_interval, student_t_quantile,
 };
 
@@ -12,7 +12,7 @@ const A: [f64; 8] = [3.1e-3, 2.7e-3, 4.4e-3, 3.9e-3, 2.2e-3, 3.3e-3, 2.9e-3, 5.1
 const B: [f64; 8] = [4.0e-3, 2.9e-3, 5.9e-3, 4.1e-3, 3.5e-3, 3.6e-3, 3.0e-3, 6.6e-3];
 const N: [f64; 8] = [1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0];
 
-/// Numbers like normal ones: sums of twelve uniform ones of SplitMix64 [Steele 2014].
+/// Nearly normal numbers: sums of twelve uniform ones by SplitMix64 [after Steele 2014].
 struct Normal(u64);
 
 impl Normal {
@@ -31,12 +31,12 @@ impl Normal {
 
 fn assert_interval(found: Interval, expected: [f64; 3]) {
     assert_relative_eq!([found.value, found.low, found.high][..], expected[..], max_relative = 1e-12);
-    assert_eq!(found.method, Method::Student);
+    assert_eq!(found.method, IntervalMethod::Student);
 }
 
-/// Expected by scipy 1.17.1, as `oracle.py` beside this file has it.
+/// Expected values are of scipy 1.17.1, printed by `oracle.py` in the folder above.
 #[test]
-fn student_intervals_are_those_of_scipy() {
+fn student_intervals_match_scipy() {
     let mean = [3.450000000000000e-03, 2.650611101172849e-03, 4.249388898827151e-03];
     assert_interval(mean_interval(&A, 0.95).unwrap(), mean);
     let geometric = [-5.702309518467060_f64, -5.931128639682400, -5.473490397251720].map(f64::exp);
@@ -46,29 +46,29 @@ fn student_intervals_are_those_of_scipy() {
 }
 
 #[test]
-fn a_fit_is_that_of_scipy() {
+fn the_fit_matches_scipy() {
     let fit = log_log_fit(&N, &A, 0.95).unwrap();
     assert_interval(fit.slope, [4.133318556965924e-02, -1.143171129733980e-01, 1.969834841127164e-01]);
     assert_relative_eq!(fit.scale.ln(), -5.802584452111156, max_relative = 1e-12);
 }
 
 #[test]
-fn the_bootstrap_is_that_of_scipy() {
+fn the_bootstrap_matches_scipy() {
     let values: Vec<f64> = (1..=40).map(|k| f64::from(k * 37 % 41) / 41.0).map(|u| u.powi(3)).collect();
     let found = mean_interval(&values, 0.95).unwrap();
-    // scipy with 2,000,000 resamples: .16853 and .33980, give or take .0001. An end of ours has a standard deviation
-    // of .0435 (that of the mean) * .027, and four of them are .0047.
-    assert_eq!(found.method, Method::Bootstrap);
+    // scipy with 2,000,000 resamples: 0.16853 and 0.33980, each +- 0.0001. An end here has a standard deviation of
+    // 0.0435 (that of the mean) * 0.027; four of them are 0.0047.
+    assert_eq!(found.method, IntervalMethod::Bootstrap);
     assert_relative_eq!(found.value, 0.2439024390243903, max_relative = 1e-14);
     let close = |ends: [f64; 2]| (found.low - ends[0]).abs().max((found.high - ends[1]).abs()) < 0.0047;
     assert!(close([0.16853, 0.33980]), "{found:?}");
-    // Negative control: the plain percentile interval, which does not know the skewness.
+    // Negative control: the plain percentile interval, which ignores the skewness.
     assert!(!close([0.16281, 0.33186]), "{found:?}");
     assert_eq!(mean_interval(&values, 0.95).unwrap(), found, "the seed is fixed");
 }
 
 #[test]
-fn nobody_wins_against_himself() {
+fn a_method_does_not_win_against_itself() {
     for count in [2, 8, BOOTSTRAP_MIN_COUNT, 100] {
         let errors: Vec<f64> = (0..count).map(|i| 1e-3 * (1.0 + (i as f64).sin() / 2.0)).collect();
         let found = ratio_interval(&errors, &errors, 0.95).unwrap();
@@ -78,17 +78,17 @@ fn nobody_wins_against_himself() {
 }
 
 #[test]
-fn a_ratio_turned_over_is_its_reciprocal() {
+fn swapping_the_methods_inverts_the_ratio() {
     let [ab, ba] = [ratio_interval(&A, &B, 0.9).unwrap(), ratio_interval(&B, &A, 0.9).unwrap()];
     let turned = [1.0 / ba.value, 1.0 / ba.high, 1.0 / ba.low];
     assert_relative_eq!([ab.value, ab.low, ab.high][..], turned[..], max_relative = 1e-12);
-    // Pairing takes the seeds' common part out: unpaired, the interval would hold 1.
+    // Pairing removes the seeds' common variation: unpaired, the interval would contain 1.
     assert!(!ab.contains(1.0));
     let [a, b] = [A, B].map(|errors| geometric_mean_interval(&errors, 0.9).unwrap());
     assert!(a.high > b.low);
 }
 
-/// How many intervals of `count` values hold `truth`; the values are 1 and noise, skewed where asked.
+/// The number of intervals of `count` values that contain `truth`; the values are 1 plus noise.
 fn covered(count: usize, truth: f64, skewed: bool, trials: u64) -> u64 {
     let holds = |trial: &u64| {
         let mut random = Normal(trial * 7919 + count as u64);
@@ -100,8 +100,8 @@ fn covered(count: usize, truth: f64, skewed: bool, trials: u64) -> u64 {
 }
 
 #[test]
-fn student_intervals_hold_the_truth_in_95_of_100_cases() {
-    // Binomial of 4000 and .95: mean 3800, standard deviation 13.8; 4.9 of them (1e-6 both ways) are 67.
+fn student_intervals_contain_the_truth_in_95_of_100_cases() {
+    // Binomial of 4000 and 0.95: mean 3800, standard deviation 13.8; 4.9 of them (1e-6 both ways) are 67.
     for count in [2, 3, 8, 31] {
         let found = covered(count, 1.0, false, 4000);
         assert!(found.abs_diff(3800) < 67, "{count}: {found}");
@@ -118,10 +118,10 @@ fn student_intervals_hold_the_truth_in_95_of_100_cases() {
 }
 
 #[test]
-fn bootstrap_intervals_hold_the_truth_in_95_of_100_cases() {
-    // The bootstrap is exact for many values only. Of 32 normal ones it holds the truth in .937: the share for a z
-    // of 1.96 sqrt(31/32) under Student's t. Of 100 exponential ones BCa is taken to be within .02 of .95, as its
-    // error falls like 1/n. Beyond that, 4.9 standard deviations (1e-6 both ways) of a binomial of 400, .0109 each.
+fn bootstrap_intervals_contain_the_truth_in_95_of_100_cases() {
+    // The bootstrap is exact for many values only. For 32 normal ones it contains the truth in 0.937: the share for a z
+    // of 1.96 sqrt(31/32) under Student's t. For 100 exponential ones BCa is taken to be within 0.02 of 0.95, as its
+    // error falls like 1/n. Beyond that, 4.9 standard deviations (1e-6 both ways) of a binomial of 400, 0.0109 each.
     let [normal, exponential] =
         [(32, false), (100, true)].map(|(n, skewed)| covered(n, 1.0, skewed, 400) as f64 / 400.0);
     assert!((normal - 0.937).abs() < 0.0534 + 0.005, "{normal}");
@@ -166,7 +166,7 @@ fn twice_the_time_for_the_same_error_is_half_as_efficient() {
 }
 
 #[test]
-fn what_gives_no_statistic_is_refused() {
+fn input_without_a_statistic_is_refused() {
     use StatisticsError as E;
     assert_eq!(mean_interval(&[1.0], 0.95), Err(E::TooFew { found: 1, needed: 2 }));
     assert!(mean_interval(&[], 0.95).unwrap_err().to_string().contains("at least 2"));

@@ -2,7 +2,7 @@
 
 use dapple_metrics::student_t_quantile;
 
-/// Probability, degrees of freedom, quantile: 40 digits of mpmath rounded to 17, by `oracle.py` beside this file.
+/// Probability, degrees of freedom, quantile: 40 digits of mpmath rounded to 17, printed by `oracle.py` in the folder above.
 #[rustfmt::skip]
 #[allow(clippy::excessive_precision)]
 const EXPECTED: [(f64, f64, f64); 81] = [
@@ -90,7 +90,7 @@ const EXPECTED: [(f64, f64, f64); 81] = [
 ];
 
 #[test]
-fn quantiles_are_good_to_1e_12() {
+fn quantiles_are_accurate_to_1e_12() {
     for (probability, degrees, expected) in EXPECTED {
         let found = student_t_quantile(probability, degrees);
         let error = ((found - expected) / expected).abs();
@@ -128,7 +128,7 @@ fn quantiles_are_symmetric_and_rise_with_probability_and_fall_with_degrees() {
 }
 
 #[test]
-fn what_has_no_quantile_is_nan_and_ends_are_infinite() {
+fn invalid_arguments_give_nan_and_ends_are_infinite() {
     for (p, v) in [(-0.1, 3.0), (1.1, 3.0), (f64::NAN, 3.0), (0.5, 0.0), (0.5, -1.0), (0.5, f64::NAN)] {
         assert!(student_t_quantile(p, v).is_nan(), "{p} {v}");
     }

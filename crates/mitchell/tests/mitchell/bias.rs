@@ -1,5 +1,5 @@
-//! What each policy does to the mean: against closed forms, with the biased policies as the controls
-//! that the test of unbiasedness must reject.
+//! The mean under each policy, against closed forms. The biased policies are the controls that the test of unbiasedness
+//! must reject.
 //!
 //! Seeds are fixed. A test within 5 standard errors fails by chance with probability 6e-7 (5e-6 where
 //! the error comes from 64 replicates), and there are some twenty of them; a control beyond 10 passes
@@ -8,7 +8,7 @@
 use crate::common::*;
 use dapple_conformance::statistics::{Mean, image_mean, kept, refined};
 use dapple_core::{Limits, Sampler};
-use dapple_mitchell::{MitchellOptions, PilotPolicy, Stopping};
+use dapple_mitchell::{PilotPolicy, Stopping};
 
 /// Mean over the pixels of a square image and its standard error, with budget for every pixel to be
 /// refined. A pixel's kept samples decide nothing elsewhere, or (radius 0) only in itself: pixels are
@@ -19,21 +19,21 @@ fn measure(sampler: &mut dyn Sampler, p: f64, side: u32) -> Mean {
     (0..size.pixels()).map(|i| film.mean(i)[0]).collect()
 }
 
-/// By how many standard errors the mean misses the truth.
+/// The deviation of the mean from the expected value, in standard errors.
 fn deviation(mean: Mean, truth: f64) -> f64 {
     mean.deviation(truth)
 }
 
-/// The two images of HARD_CASES A01: probability, pilot, samples in all, what the naive rule gives.
+/// Two images: probability, pilot, samples in all, and the mean under the naive rule.
 const A01: [(f64, u32, u32, f64); 2] = [(0.1, 4, 64, 0.038575), (0.01, 16, 256, 0.002_017_58)];
 
 #[test]
-fn a01_discarding_the_pilot_is_unbiased() {
+fn discarding_the_pilot_is_unbiased_a01() {
     for (p, n0, n, _) in A01 {
         let truth = f64::from(p as f32);
         let options = alone(n0, n - n0, Stopping::Threshold, PilotPolicy::Discard);
         for radius in [0, 1] {
-            let got = measure(&mut mitchell(MitchellOptions { radius, ..options }, 1), p, 1024 >> (2 * radius));
+            let got = measure(&mut mitchell(options.radius(radius), 1), p, 1024 >> (2 * radius));
             assert!(deviation(got, truth).abs() < 5.0, "mitchell, radius {radius}: {got:?} for {truth}");
         }
         let options = pbrt_options(n0, n, Stopping::Threshold, PilotPolicy::Discard);
@@ -43,7 +43,7 @@ fn a01_discarding_the_pilot_is_unbiased() {
 }
 
 #[test]
-fn a01_keeping_the_pilot_is_caught_and_meets_its_closed_form() {
+fn keeping_the_pilot_is_caught_and_meets_its_closed_form_a01() {
     for (p, n0, n, naive) in A01 {
         let closed = kept(p, n0, n);
         assert!((closed - naive).abs() < 1e-6, "{closed} for {naive}");
@@ -58,7 +58,7 @@ fn a01_keeping_the_pilot_is_caught_and_meets_its_closed_form() {
 }
 
 #[test]
-fn a01_discarding_only_refined_pilots_is_caught_and_meets_its_closed_form() {
+fn discarding_only_refined_pilots_is_caught_and_meets_its_closed_form_a01() {
     for (p, n0, n, _) in A01 {
         let closed = refined(p, n0);
         let one = &mut mitchell(alone(n0, n - n0, Stopping::Threshold, PilotPolicy::Refined), 5);
@@ -71,7 +71,7 @@ fn a01_discarding_only_refined_pilots_is_caught_and_meets_its_closed_form() {
     }
 }
 
-/// ALGORITHMS 0.4: a pilot of two, `p = 0.2`.
+/// The closed forms for a pilot of two and `p = 0.2`.
 #[test]
 fn pilots_of_two_meet_their_closed_forms() {
     let p = 0.2_f64;
@@ -105,11 +105,11 @@ fn replicates(make: impl Fn(u64) -> Box<dyn Sampler>, side: u32) -> Mean {
 }
 
 #[test]
-fn a01_budgets_leave_policies_what_they_are() {
+fn policies_keep_their_bias_under_a_budget_a01() {
     let truth = f64::from(0.1f32);
     for policy in POLICIES {
         for radius in [0, 1] {
-            let options = MitchellOptions { radius, ..alone(4, 8, Stopping::Budget, policy) };
+            let options = alone(4, 8, Stopping::Budget, policy).radius(radius);
             // 2^20 pixels in all where a bias would have to be found.
             let side = if policy == PilotPolicy::Discard && radius == 0 { 128 } else { 48 };
             let got = replicates(|seed| Box::new(mitchell(options, 100 + seed)), side);

@@ -1,4 +1,4 @@
-//! What is spent, where, and when it is decided.
+//! The samples spent: how many, where, and when that is decided.
 
 use crate::common::*;
 use dapple_core::{Budget, BudgetLeft, Error, Feedback, Film, Integrator, Limits, Plan, Progress, Render, Sampler};
@@ -10,15 +10,15 @@ fn rare_light() -> impl Integrator {
     bernoulli(1e-3)
 }
 
-/// As published, whatever a pilot does not see is never looked for: these samplers fail this row by
-/// design. The figures are binomial, within 5 standard deviations.
+/// As published, light that the pilot misses is never searched for: these samplers fail this case by design. The
+/// figures are binomial, within 5 standard deviations.
 #[test]
-fn a03_a_dark_pilot_is_never_refined() {
+fn a_dark_pilot_is_never_refined_a03() {
     let size = frame(128, 128);
     let pixels = size.pixels() as f64;
     let limits = Limits::samples(1000 * size.pixels() as u64);
     for (radius, share) in [(0, 0.999f64.powi(4)), (1, 0.999f64.powi(36))] {
-        let options = MitchellOptions { radius, ..alone(4, 60, Stopping::Threshold, PilotPolicy::Keep) };
+        let options = alone(4, 60, Stopping::Threshold, PilotPolicy::Keep).radius(radius);
         let film = run(&mut rare_light(), &mut mitchell(options, 1), size, &limits);
         let stopped = film.counts().iter().filter(|&&n| n == 4).count() as f64;
         // Windows overlap: at most 9 times the variance of independent pixels. Those at the border
@@ -26,7 +26,7 @@ fn a03_a_dark_pilot_is_never_refined() {
         let allowed = 5.0 * (9.0 * share * (1.0 - share) * pixels).sqrt();
         assert!((stopped - share * pixels).abs() < allowed, "radius {radius}: {stopped} of {}", share * pixels);
         if radius == 0 {
-            // STATISTICS S7 with n0 = 4, N = 64: 93 % of the light is missing, with 1000 spp allowed.
+            // A pilot of 4, 64 samples in all: 93 % of the light is missing, with 1000 spp allowed.
             let got = (0..size.pixels()).map(|i| film.mean(i)[0]).sum::<f64>() / pixels;
             let (p, mixed) = (1e-3f64, 1.0 - 1e-3f64.powi(4) - 0.999f64.powi(4));
             let closed = (4.0 * p + 60.0 * p * mixed) / 64.0;
@@ -48,8 +48,7 @@ fn a03_a_dark_pilot_is_never_refined() {
         let limits = Limits::samples(10 * size.pixels() as u64);
         let film = run(&mut rare_light(), &mut mitchell(alone(4, 60, Stopping::Budget, policy), 2), size, &limits);
         assert!(film.counts().iter().all(|&n| n >= 4), "{policy:?}");
-        let film =
-            run(&mut rare_light(), &mut pbrt(MitchellPbrtOptions { policy, ..Default::default() }, 2), size, &limits);
+        let film = run(&mut rare_light(), &mut pbrt(MitchellPbrtOptions::default().policy(policy), 2), size, &limits);
         assert!(film.counts().iter().all(|&n| n >= 4), "{policy:?}");
     }
 }
@@ -57,19 +56,19 @@ fn a03_a_dark_pilot_is_never_refined() {
 /// Every sampler under test, by mode and policy.
 fn samplers(mode: Stopping) -> Vec<Box<dyn Sampler>> {
     let each = |policy| -> Vec<Box<dyn Sampler>> {
-        let plain = MitchellOptions { mode, policy, ..MitchellOptions::default() };
+        let plain = MitchellOptions::default().mode(mode).policy(policy);
         vec![
             Box::new(mitchell(plain, 1)),
-            Box::new(mitchell(MitchellOptions { radius: 0, ..plain }, 1)),
-            Box::new(mitchell(MitchellOptions { initial: 3, additional: 5, ..plain }, 1)),
-            Box::new(pbrt(MitchellPbrtOptions { mode, policy, ..MitchellPbrtOptions::default() }, 1)),
+            Box::new(mitchell(plain.radius(0), 1)),
+            Box::new(mitchell(plain.initial(3).additional(5), 1)),
+            Box::new(pbrt(MitchellPbrtOptions::default().mode(mode).policy(policy), 1)),
         ]
     };
     POLICIES.into_iter().flat_map(each).collect()
 }
 
 #[test]
-fn a04_constant_images_are_sampled_uniformly() {
+fn constant_images_are_sampled_uniformly_a04() {
     let size = frame(13, 11);
     for value in [0.0, 0.5, 1e30] {
         let mut field = Field(|_, _| [value; 3]);
@@ -93,7 +92,7 @@ fn a04_constant_images_are_sampled_uniformly() {
 }
 
 #[test]
-fn a06_tiny_budgets() {
+fn tiny_budgets_are_met_or_refused_a06() {
     let size = frame(5, 4);
     for mode in [Stopping::Budget, Stopping::Threshold] {
         for k in 0..samplers(mode).len() {
@@ -127,7 +126,7 @@ fn a06_tiny_budgets() {
 
 /// Decided once, after exactly `initial` samples (or what there is), and never a sample too many.
 #[test]
-fn a10_schedule() {
+fn refinement_is_decided_once_after_the_pilot_a10() {
     let size = frame(2, 1);
     for start in 2..=300u32 {
         for n in 1..=300u32 {
@@ -137,9 +136,9 @@ fn a10_schedule() {
                 let mut pilots = vec![];
                 for round in 0.. {
                     let (spent, total) = (film.record().samples, 2 * u64::from(n));
-                    let budget = BudgetLeft { spent, total, min_spp: 1, max_spp: u32::MAX };
+                    let budget = BudgetLeft::new(total).with_spent(spent);
                     let mut plan = Plan::empty(2);
-                    match sampler.next_round(&Feedback { round, film: &film, budget }, &mut plan).unwrap() {
+                    match sampler.next_round(&Feedback::new(round, &film, budget), &mut plan).unwrap() {
                         Progress::Done => break,
                         Progress::Trace => assert!(plan.total() <= budget.left() && round < 2),
                     }
@@ -161,7 +160,7 @@ fn a10_schedule() {
     }
 }
 
-/// Under a time limit the first budget is 1 spp, and later ones are guesses: what was decided stays.
+/// Under a time limit the first budget is 1 spp, and later ones are estimates: decisions stay.
 #[test]
 fn budgets_that_grow_are_spent_and_change_no_decision() {
     let size = frame(16, 16);
@@ -207,8 +206,8 @@ fn error_limits_with_halves_are_spent() {
     }
 }
 
-/// Rates that follow the budget stay until it has doubled: the last tenth of a time limit goes to
-/// further steps, not to a sample more everywhere.
+/// Rates that follow the budget stay until it has doubled: the last tenth of a time limit goes to further steps, not
+/// to one more sample everywhere.
 #[test]
 fn rates_by_the_budget_stay_while_it_grows_a_little() {
     let size = frame(16, 16);
@@ -263,7 +262,7 @@ proptest! {
         let total = case.spp * pixels + case.odd.min(pixels);
         let mut limits = Limits::samples(total);
         [limits.min_spp, limits.max_spp] = case.bounds;
-        let options = MitchellOptions { radius: case.radius, ..alone(initial, additional, Stopping::Budget, case.policy) };
+        let options = alone(initial, additional, Stopping::Budget, case.policy).radius(case.radius);
         // Every pixel has another spread, and some have none.
         let mut field = Field(|[x, y]: [u32; 2], u: [f32; 4]| {
             let spread = (mix(case.seed ^ u64::from(x * 16 + y)) % 8) as f32 / 8.0;

@@ -20,9 +20,10 @@ fn mitchell(options: MitchellOptions) -> Mitchell<Random> {
 fn mitchell_conforms_in_either_mode_under_every_policy() {
     for policy in POLICIES {
         for (initial, additional, radius) in [(0, 0, 0), (0, 0, 1), (3, 5, 2)] {
-            let options = MitchellOptions { initial, additional, radius, policy, ..MitchellOptions::default() };
+            let options =
+                MitchellOptions::default().initial(initial).additional(additional).radius(radius).policy(policy);
             conformance::sampler(|| Box::new(mitchell(options)));
-            let options = MitchellOptions { mode: Stopping::Threshold, ..options };
+            let options = options.mode(Stopping::Threshold);
             conformance::threshold_sampler(|| Box::new(mitchell(options)));
         }
     }
@@ -36,9 +37,9 @@ fn pbrt(options: MitchellPbrtOptions) -> MitchellPbrt<Random> {
 fn pbrt_conforms_in_either_mode_under_every_policy() {
     for policy in POLICIES {
         for (min, max) in [(4, 32), (2, 2)] {
-            let options = MitchellPbrtOptions { min, max, policy, ..MitchellPbrtOptions::default() };
+            let options = MitchellPbrtOptions::default().min(min).max(max).policy(policy);
             conformance::sampler(|| Box::new(pbrt(options)));
-            let options = MitchellPbrtOptions { mode: Stopping::Threshold, ..options };
+            let options = options.mode(Stopping::Threshold);
             conformance::threshold_sampler(|| Box::new(pbrt(options)));
         }
     }

@@ -1,4 +1,4 @@
-//! Who is refined: decisions on made-up films, without rendering.
+//! Decisions on made-up films, without rendering.
 
 use crate::common::*;
 use dapple_core::{BudgetLeft, Error, Feedback, Film, Needs, Plan, Progress, Sampler};
@@ -7,7 +7,7 @@ use dapple_mitchell::{
     Mitchell, MitchellOptions, MitchellPbrt, MitchellPbrtOptions, PilotPolicy, Stopping, contrast, deviation,
 };
 
-/// Whether Mitchell's rule refines a pixel with these samples.
+/// True if Mitchell's rule refines a pixel with these samples.
 fn mitchell_asks(samples: &[[f32; 3]]) -> bool {
     let mut sampler = mitchell(alone(samples.len() as u32, 5, Stopping::Threshold, PilotPolicy::Keep), 1);
     let film = film(frame(1, 1), &sampler, &[samples.to_vec()]);
@@ -34,7 +34,7 @@ fn mitchell_refines_where_a_channel_exceeds_its_threshold() {
     assert!(mitchell_asks(&[[1.0, 1.0, 0.2], [1.0, 1.0, 1.0]]));
 }
 
-/// Whether pbrt-v2's rule refines a pixel with these four samples.
+/// True if pbrt-v2's rule refines a pixel with these four samples.
 fn pbrt_asks(samples: [[f32; 3]; 4]) -> bool {
     let mut sampler = pbrt(pbrt_options(4, 16, Stopping::Threshold, PilotPolicy::Keep), 1);
     let film = film(frame(1, 1), &sampler, &[samples.to_vec()]);
@@ -82,7 +82,7 @@ fn decisions_do_not_depend_on_scale() {
 }
 
 #[test]
-fn a05_contrast_of_nothing() {
+fn pixels_without_light_have_no_contrast_a05() {
     let (nan, inf) = (f32::NAN, f32::INFINITY);
     assert_eq!(contrast([[0.0; 3]; 2]), [0.0; 3]);
     assert_eq!(contrast([[0.5, 0.0, 0.2], [1.5, 0.0, 0.2]]), [0.5, 0.0, 0.0]);
@@ -108,13 +108,13 @@ fn a05_contrast_of_nothing() {
     // A single sample, and none, differ from nothing.
     assert_eq!(contrast([[0.4; 3]; 2]), [0.0; 3]);
     assert_eq!(deviation([0.4; 2], 0.4), 0.0);
-    let mut sampler = mitchell(MitchellOptions { initial: 1, additional: 5, ..threshold(1) }, 1);
+    let mut sampler = mitchell(threshold(1).initial(1).additional(5), 1);
     let film = film(frame(1, 1), &sampler, &[vec![[0.4; 3]]]);
     assert_eq!(ask(&mut sampler, &film, 100).total(), 0);
 }
 
 fn threshold(radius: u32) -> MitchellOptions {
-    MitchellOptions { radius, ..alone(2, 3, Stopping::Threshold, PilotPolicy::Keep) }
+    alone(2, 3, Stopping::Threshold, PilotPolicy::Keep).radius(radius)
 }
 
 #[test]
@@ -162,7 +162,7 @@ fn a_ceiling_goes_to_the_highest_contrast() {
 
 #[test]
 fn a_budget_goes_down_the_ranks_and_round_again() {
-    let mut sampler = mitchell(MitchellOptions { mode: Stopping::Budget, ..threshold(0) }, 1);
+    let mut sampler = mitchell(threshold(0).mode(Stopping::Budget), 1);
     let film = row(&sampler, &[0.1, 0.5, 0.9, 0.2, 0.4, 0.0]);
     let mut counts = |total| ask(&mut sampler, &film, total).counts;
     assert_eq!(counts(12 + 4), [0, 1, 3, 0, 0, 0]);
@@ -175,7 +175,7 @@ fn a_budget_goes_down_the_ranks_and_round_again() {
 /// pbrt-v2's policy takes refined pilots out of the image, and pays for them.
 #[test]
 fn refined_pilots_are_withdrawn_and_paid_for() {
-    let mut sampler = mitchell(MitchellOptions { policy: PilotPolicy::Refined, ..threshold(0) }, 1);
+    let mut sampler = mitchell(threshold(0).policy(PilotPolicy::Refined), 1);
     let film = row(&sampler, &[0.1, 0.5, 0.9, 0.2, 0.4, 0.0]);
     let plan = ask(&mut sampler, &film, 1000);
     assert_eq!(plan.counts, [0, 5, 5, 0, 5, 0]);
@@ -184,8 +184,7 @@ fn refined_pilots_are_withdrawn_and_paid_for() {
     let plan = ask(&mut sampler, &film, 12 + 14);
     assert_eq!(plan.counts, [0, 5, 5, 0, 4, 0]);
     assert_eq!(plan.withdraw, Some(vec![false, true, true, false, false, false]));
-    let mut sampler =
-        mitchell(MitchellOptions { mode: Stopping::Budget, policy: PilotPolicy::Refined, ..threshold(0) }, 1);
+    let mut sampler = mitchell(threshold(0).mode(Stopping::Budget).policy(PilotPolicy::Refined), 1);
     let plan = ask(&mut sampler, &film, 12 + 30 + 4);
     assert_eq!(plan.counts, [5, 6, 8, 5, 5, 5]);
     assert_eq!(plan.withdraw, Some(vec![true; 6]));
@@ -224,21 +223,17 @@ fn parameters_out_of_range_are_refused() {
         Err(Error::OutOfRange { name, .. }) => name,
         _ => "taken",
     };
-    let plain = MitchellOptions { initial: 4, additional: 6, ..MitchellOptions::default() };
+    let plain = MitchellOptions::default().initial(4).additional(6);
     assert_eq!(refused(plain), "taken");
-    assert_eq!(refused(MitchellOptions { initial: 0, ..plain }), "initial");
-    assert_eq!(refused(MitchellOptions { additional: 0, ..plain }), "additional");
-    assert_eq!(refused(MitchellOptions { additional: u32::MAX, ..plain }), "additional");
-    assert_eq!(refused(MitchellOptions { initial: 1, ..plain }), "taken");
-    assert_eq!(refused(MitchellOptions { initial: 1, radius: 0, ..plain }), "initial");
-    assert_eq!(refused(MitchellOptions { radius: 65, ..plain }), "radius");
+    assert_eq!(refused(plain.initial(0)), "initial");
+    assert_eq!(refused(plain.additional(0)), "additional");
+    assert_eq!(refused(plain.additional(u32::MAX)), "additional");
+    assert_eq!(refused(plain.initial(1)), "taken");
+    assert_eq!(refused(plain.initial(1).radius(0)), "initial");
+    assert_eq!(refused(plain.radius(65)), "radius");
     for bad in [0.0, -0.1, 1.0 + 1e-9, f64::NAN, f64::INFINITY] {
-        let with = |c: usize| {
-            let mut thresholds = plain.thresholds;
-            thresholds[c] = bad;
-            refused(MitchellOptions { thresholds, ..plain })
-        };
-        assert_eq!([with(0), with(1), with(2)], ["red", "green", "blue"], "{bad}");
+        let refused = [plain.red(bad), plain.green(bad), plain.blue(bad)].map(refused);
+        assert_eq!(refused, ["red", "green", "blue"], "{bad}");
     }
     let refused = |options: MitchellPbrtOptions| match MitchellPbrt::with_options(Random::new(1), options) {
         Err(Error::OutOfRange { name, .. }) => name,
@@ -246,11 +241,11 @@ fn parameters_out_of_range_are_refused() {
     };
     let plain = MitchellPbrtOptions::default();
     assert_eq!(refused(plain), "taken");
-    assert_eq!(refused(MitchellPbrtOptions { min: 1, ..plain }), "min");
-    assert_eq!(refused(MitchellPbrtOptions { max: 3, ..plain }), "max");
-    assert_eq!(refused(MitchellPbrtOptions { max: u32::MAX, ..plain }), "max");
+    assert_eq!(refused(plain.min(1)), "min");
+    assert_eq!(refused(plain.max(3)), "max");
+    assert_eq!(refused(plain.max(u32::MAX)), "max");
     for threshold in [0.0, -1.0, f64::NAN, f64::INFINITY] {
-        assert_eq!(refused(MitchellPbrtOptions { threshold, ..plain }), "threshold");
+        assert_eq!(refused(plain.threshold(threshold)), "threshold");
     }
 }
 
@@ -259,12 +254,12 @@ fn films_without_extrema_and_budgets_below_the_floor_are_refused() {
     let without = Film::new(frame(3, 3), Needs::none().with_variance());
     let with = Film::new(frame(3, 3), Needs::none().with_extrema());
     for mode in [Stopping::Budget, Stopping::Threshold] {
-        let one = &mut mitchell(MitchellOptions { mode, ..MitchellOptions::default() }, 1);
-        let other = &mut pbrt(MitchellPbrtOptions { mode, ..MitchellPbrtOptions::default() }, 1);
+        let one = &mut mitchell(MitchellOptions::default().mode(mode), 1);
+        let other = &mut pbrt(MitchellPbrtOptions::default().mode(mode), 1);
         for sampler in [one as &mut dyn Sampler, other] {
             let mut next = |film, total| {
-                let budget = BudgetLeft { spent: 0, total, min_spp: 4, max_spp: 9 };
-                sampler.next_round(&Feedback { round: 0, film, budget }, &mut Plan::empty(9))
+                let budget = BudgetLeft::new(total).with_min_spp(4).with_max_spp(9);
+                sampler.next_round(&Feedback::new(0, film, budget), &mut Plan::empty(9))
             };
             assert!(matches!(next(&without, 36), Err(Error::NotRecorded { what: "the extrema", .. })));
             assert!(matches!(next(&with, 35), Err(Error::BudgetTooSmall { needed: 36, .. })));

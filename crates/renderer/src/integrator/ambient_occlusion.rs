@@ -39,7 +39,7 @@ impl Integrator for AmbientOcclusion<'_> {
         let world = self.world;
         let (ray, time) = world.camera_ray(draws);
         let Some(at) = world.closest_hit(&ray, time) else {
-            return Estimate { radiance: [0.0; 3], first_hit: None, cost: 1 };
+            return Estimate::new([0.0; 3]);
         };
         let [.., u, v] = draws.block(blocks::scatter(0));
         // The side of the geometric normal that the camera sees.
@@ -50,6 +50,6 @@ impl Integrator for AmbientOcclusion<'_> {
         // Directions are drawn with the density of the cosine, which cancels: the share is the mean of 0 and 1.
         let open = if world.occluded(&probe, time) { 0.0 } else { 1.0 };
         let first_hit = draws.wants_first_hit().then(|| world.first_hit(&ray, &at, 0.0));
-        Estimate { radiance: [open; 3], first_hit, cost: 2 }
+        Estimate::new([open; 3]).with_first_hit(first_hit).with_cost(2)
     }
 }

@@ -276,7 +276,7 @@ impl<L: Lens, S: LightSelector, const E: u32> Integrator for PathTracer<'_, L, S
     fn estimate(&self, draws: &Draws<'_>, training: &mut TrainingLog) -> Estimate {
         let mut path = self.begin(draws);
         // Filled in where it is returned: moving a first hit takes more instructions than leaving it out.
-        let mut estimate = Estimate { radiance: [0.0; 3], first_hit: None, cost: 0 };
+        let mut estimate = Estimate::new([0.0; 3]).with_cost(0);
         loop {
             path.rays += 1;
             // A copy to point at: a path that is pointed at would live in memory, not in registers.

@@ -310,7 +310,7 @@ impl Walks<'_> {
         let wo = Vec3::new(((1.0 - mu) * (1.0 + mu)).sqrt(), 0.0, mu);
         let mut total = [0.0; 2];
         for index in 0..WALKS {
-            let numbers = |block: u32| points.block(SampleId { pixel: [0; 2], stream: 0, index }, block);
+            let numbers = |block: u32| points.block(SampleId::new([0; 2], 0, index), block);
             let u = numbers(0);
             let [_, Some((mut w, mut weight))] = self.border(wo, eta, [u[0], u[1]]) else { continue };
             for bounce in 0..self.options.max_depth.div_ceil(2).min(32) {
@@ -371,7 +371,7 @@ impl Walks<'_> {
         let Some(inner) = refracted(wo, eta) else { return Vec::new() };
         let drawn = lobe.seen(eta, [wo, inner], [wo, inner]);
         let links = (0..WALKS).filter_map(|index| {
-            let u = points.block(SampleId { pixel: [0; 2], stream: 1, index }, 0);
+            let u = points.block(SampleId::new([0; 2], 1, index), 0);
             let up = mirror(inner, drawn.sample_visible(inner, [u[0], u[1]]));
             let leaves = refracted(up, 1.0 / eta).filter(|_| up.z > 0.0)?;
             let (cell, t) = place(leaves.z);

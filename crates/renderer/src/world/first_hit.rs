@@ -23,17 +23,13 @@ impl World {
         let shading = self.frame_of(&at, surface).normal;
         let emits = at.part.light != NO_LIGHT;
         let depth = (at.point.position - ray.origin).length();
-        FirstHit {
-            position: at.point.position.to_array(),
-            geometric_normal: (at.point.normal * side).to_array(),
-            shading_normal: (shading * side).to_array(),
-            albedo: if emits { [1.0; 3] } else { bsdf.albedo().to_array() },
-            depth,
-            footprint: self.camera.footprint(depth),
-            roughness: bsdf.roughness(),
-            material: at.part.material,
-            shape: at.hit.shape,
-            primitive: at.hit.primitive,
-        }
+        FirstHit::new(at.point.position.to_array(), (at.point.normal * side).to_array(), depth)
+            .with_shading_normal((shading * side).to_array())
+            .with_albedo(if emits { [1.0; 3] } else { bsdf.albedo().to_array() })
+            .with_footprint(self.camera.footprint(depth))
+            .with_roughness(bsdf.roughness())
+            .with_material(at.part.material)
+            .with_shape(at.hit.shape)
+            .with_primitive(at.hit.primitive)
     }
 }

@@ -101,7 +101,7 @@ impl<'a> Placements<'a> {
         }
         let motion = self.shutter.seen(motion.after(inner.inverse()));
         self.moves |= motion.moves();
-        self.instances.push(Instance { object, motion });
+        self.instances.push(Instance::new(object, motion));
     }
 
     /// Everything in one geometry: the fast one where there are no instances.

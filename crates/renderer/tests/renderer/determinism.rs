@@ -22,7 +22,7 @@ fn points(name: &str) -> registry::AnyPoints {
 /// The hash of an image with this sampler, points, schedule and number of threads.
 fn rendered(world: &World, sampler: &str, name: &str, schedule: Schedule, threads: usize) -> u64 {
     let frame = Frame::new(SIZE[0], SIZE[1]).expect("not empty");
-    let limits = Limits { schedule, ..Limits::samples(SPP * frame.pixels() as u64) };
+    let limits = Limits::samples(SPP * frame.pixels() as u64).with_schedule(schedule);
     let mut sampler = registry::sampler(sampler, points(name), &Stage::new(Arc::new(world.clone())))
         .unwrap_or_else(|e| panic!("{e}"));
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
@@ -37,7 +37,7 @@ fn rendered(world: &World, sampler: &str, name: &str, schedule: Schedule, thread
 }
 
 fn schedule(tile_rows: u32, slice_spp: u32, shuffle: u64) -> Schedule {
-    Schedule { tile_rows, slice_spp, shuffle }
+    Schedule::default().with_tile_rows(tile_rows).with_slice_spp(slice_spp).with_shuffle(shuffle)
 }
 
 fn plates() -> World {
@@ -101,8 +101,8 @@ fn one_sample_replayed_alone_is_the_same_d03() {
         let points = points(entry.name);
         let [before, after] = [5, 6].map(|spp| film_of(&world, SIZE, spp, self::points(entry.name)));
         for i in [0, 17, 400, after.frame().pixels() - 1] {
-            let id = SampleId { pixel: after.frame().pixel(i), stream: streams::WHOLE, index: 5 };
-            let alone = integrator.estimate(&Draws::new(&points, id, false), &mut TrainingLog::default()).radiance;
+            let id = SampleId::new(after.frame().pixel(i), streams::WHOLE, 5);
+            let alone = integrator.estimate(&Draws::new(&points, id), &mut TrainingLog::default()).radiance;
             // Welford's step, as the film takes it.
             let step = |m: f64, x: f32| m + (f64::from(x) - m) * (1.0 / 6.0);
             let expected: [f64; 3] = std::array::from_fn(|c| step(before.mean(i)[c], alone[c]));
@@ -205,7 +205,7 @@ fn the_integrators_pairs_are_nets_s02() {
     let drawn = |name: &str, seed, m: u32, pixel, block| -> Vec<[f32; 4]> {
         let setting = Setting { seed, spp: Some(1 << m) };
         let points = registry::points(name, setting).unwrap_or_else(|e| panic!("{e}"));
-        (0..1 << m).map(|index| points.block(SampleId { pixel, stream: 0, index }, block)).collect()
+        (0..1 << m).map(|index| points.block(SampleId::new(pixel, 0, index), block)).collect()
     };
     for entry in POINTS {
         assert!(NETS.contains(&entry.name) != NO_NETS.contains(&entry.name), "is {} a net?", entry.name);

@@ -89,7 +89,11 @@ fn learned_choices_do_not_depend_on_threads_or_tiles() {
         let one = draw(words, 1, Schedule::default());
         for (threads, tile_rows, slice_spp, shuffle) in [(2, 1, 0, 0), (3, 16, 1, 5), (7, 33, 3, 9)] {
             assert!(
-                draw(words, threads, Schedule { tile_rows, slice_spp, shuffle }) == one,
+                draw(
+                    words,
+                    threads,
+                    Schedule::default().with_tile_rows(tile_rows).with_slice_spp(slice_spp).with_shuffle(shuffle)
+                ) == one,
                 "{words}, {threads} threads"
             );
         }
@@ -118,7 +122,7 @@ fn one_light_leaves_nothing_to_learn() {
 }
 
 /// The benefit: at 8 samples a pixel in a room of eight lamps. Larger images with more seeds have 0.26 of the error of
-/// choices by turns, and .23 of that by power (docs/results/cluster.md).
+/// choices by turns, and 0.23 of that by power (docs/results/adaptive.md).
 #[test]
 fn learned_choices_pay_in_a_room_of_many_lamps() {
     let worlds = [LightSelection::Power, LightSelection::Uniform, LightSelection::Learned].map(room);

@@ -80,7 +80,7 @@ fn irradiance(scene: &Scene, strategy: Strategy, seed: u64, samples: u64) -> Mea
     for replicate in 0..64 {
         let mut sum = 0.0;
         for index in 0..samples {
-            let id = SampleId { pixel: [replicate, 0], stream: 0, index };
+            let id = SampleId::new([replicate, 0], 0, index);
             let u = points.block(id, blocks::scatter(0).number());
             let choice = points.block(id, blocks::choose(0).number())[0];
             sum += f64::from(scattered(&world, &at, 1.0, strategy, u, choice)) * PI;
@@ -331,7 +331,7 @@ impl Integrator for Direct<'_> {
             let choice = draws.block(blocks::choose(0))[0];
             radiance += scattered(self.world, &at, RHO, self.strategy, draws.block(blocks::scatter(0)), choice);
         }
-        Estimate { radiance: [radiance; 3], first_hit: None, cost: 0 }
+        Estimate::new([radiance; 3]).with_cost(0)
     }
 }
 

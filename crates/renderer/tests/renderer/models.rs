@@ -92,7 +92,7 @@ fn rendered(name: &str, world: World) -> usize {
         let points = registry::points("sobol", Setting { seed: 1, spp: Some(2) }).unwrap();
         let mut sampler = registry::sampler(sampler, points, &stage).unwrap_or_else(|e| panic!("{name}: {e}"));
         let filter = registry::filter("cluster-gaussian", &stage).unwrap_or_else(|e| panic!("{name}: {e}"));
-        let made = stage.first_clusters().expect("made by now");
+        let made = stage.clusters_used().expect("made by now");
         let used: BTreeSet<u32> = made.labels().iter().copied().collect();
         clusters = made.clusters().len();
         assert!(used.len() <= clusters && used.iter().all(|&label| (label as usize) < clusters), "{name}");

@@ -1,4 +1,4 @@
-//! What light passes: glass clear, rough and thin, a coloured one, mist, and leaves cut out by alpha.
+//! Transmission: clear, rough and thin glass, colored glass, mist, and leaves cut out by alpha.
 
 use super::images::tga_with_alpha;
 use super::{Assets, opening};

@@ -6,7 +6,7 @@ use std::fmt::Write;
 
 const CAMERA: [f64; 3] = [0.0, -9.0, 3.2];
 const TARGET: [f64; 3] = [0.0, 0.6, 1.55];
-/// Where the row of lights is centred; the plates are tilted to mirror this point to the camera.
+/// Centre of the row of lights; the plates are tilted so that they mirror it to the camera.
 const LIGHTS: [f64; 3] = [0.0, 3.4, 4.2];
 
 /// Centre's y and z, and roughness (alpha), from the nearest plate to the farthest.

@@ -53,7 +53,7 @@ const PANELS: [(&str, [f64; 3], Quad); 4] = [
         [[1.1, 5.66, 1.39], [1.1, 5.7, 1.39], [3.1, 5.7, 1.39], [3.1, 5.66, 1.39]],
     ),
     (
-        "image on the partition",
+        "picture on the partition",
         [0.5, 0.9, 1.6],
         [[4.99, 3.0, 1.2], [4.99, 3.0, 1.8], [4.99, 4.0, 1.8], [4.99, 4.0, 1.2]],
     ),
@@ -103,7 +103,7 @@ fn books() -> [Vec<Quad>; 3] {
 pub(super) fn scene() -> String {
     let mut text = opening(
         "A room and what is seen of another through the gap beside a partition, with eight lamps of very different\n\
-         power: two panels, a strip under a shelf, an image that glows, two bulbs in shades, a night light behind a chest\n\
+         power: two panels, a strip under a shelf, a picture that glows, two bulbs in shades, a night light behind a chest\n\
          and a candle behind a screen. Metres, z up.",
     );
     text += r#"Film "rgb" "integer xresolution" [ 600 ] "integer yresolution" [ 400 ] "string filename" "room.exr"

@@ -115,7 +115,7 @@ fn tube(sections: &[Section]) -> Part {
         .collect()
 }
 
-/// Where the cubic pieces begin in a list of `points` control points of which neighbours share one.
+/// First control points of the cubic pieces in a row of `points`, of which neighbours share one.
 fn pieces(points: usize) -> impl Iterator<Item = usize> {
     (0..points - 1).step_by(3)
 }
@@ -141,7 +141,7 @@ fn patch_point(patch: &Patch, s: f64, t: f64) -> [[f64; 3]; 3] {
     [point, along_s, along_t]
 }
 
-/// Whether a row of control points lies in one point, so that the patch ends in a tip.
+/// True if all control points of a row coincide, so that the patch ends in a tip.
 fn is_point(row: &[[f64; 3]; 4]) -> bool {
     row.iter().all(|point| *point == row[0])
 }
@@ -210,7 +210,7 @@ const SOFT_BOXES: [SoftBox; 3] = [
     SoftBox { centre: [0.35, 0.9, 0.55], half: [0.5, 0.2], radiance: [1.2, 1.4, 1.8], bar: 0.0 },
 ];
 
-/// How much of a soft box is seen in a direction, 0 to 1, its edge softened over `EDGE`.
+/// Visible share of a soft box in a direction, 0 to 1, with its edge softened over `EDGE`.
 fn coverage(light: &SoftBox, direction: [f64; 3]) -> f64 {
     const EDGE: f64 = 0.03;
     let centre = normalize(light.centre);

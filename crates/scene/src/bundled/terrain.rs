@@ -43,7 +43,7 @@ fn place(column: f64, row: f64) -> [f64; 2] {
     [x, y]
 }
 
-/// How far the smoothed ground's normal points up at a place: 1 where it is flat.
+/// Upward component of the smoothed ground's normal at a place; 1 where it is flat.
 fn flatness([x, y]: [f64; 2]) -> f64 {
     const STEP: f64 = 0.08;
     let slope_x = height([x + STEP, y], COARSE_OCTAVES) - height([x - STEP, y], COARSE_OCTAVES);
@@ -72,7 +72,7 @@ pub(super) fn ground() -> Mesh {
     mesh.part(|triangle| mesh.corners(triangle).iter().any(|point| point[2] > DEPTH_KEPT))
 }
 
-/// What the ground is made of, in the order of [`MATERIALS`].
+/// The materials of the ground, in the order of [`MATERIALS`].
 #[derive(Clone, Copy, PartialEq)]
 pub(super) enum Cover {
     Grass,

@@ -8,9 +8,9 @@ use glam::DAffine3;
 pub struct Camera {
     /// From camera space (x right, y up, z forward, as pbrt has it) to world space. May mirror.
     pub to_world: DAffine3,
-    /// Where it stands at the second of [`Scene::motion_times`](super::Scene::motion_times), if it moves.
+    /// Its transform at the second of [`Scene::motion_times`](super::Scene::motion_times), if it moves.
     pub moves_to: Option<DAffine3>,
-    /// How space becomes an image.
+    /// The projection.
     pub projection: Projection,
     /// Width over height, where the file fixes it; else the resolution's.
     pub aspect: Option<f64>,
@@ -20,15 +20,15 @@ pub struct Camera {
     pub lens_radius: f64,
     /// Distance of the plane in focus, in units of camera space.
     pub focal_distance: f64,
-    /// When the shutter opens and when it closes.
+    /// The times at which the shutter opens and closes.
     pub shutter: [f64; 2],
-    /// What fills space around it; `None` is nothing.
+    /// The medium around it; `None` is vacuum.
     pub medium: Option<MediumId>,
-    /// Where the file says so.
+    /// File and line.
     pub source: Source,
 }
 
-/// How space becomes an image.
+/// The projection of a camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Projection {
     /// Through a point.
@@ -57,7 +57,7 @@ impl Default for Camera {
     }
 }
 
-/// What the film section says.
+/// The film: resolution, crop window and pixel filter.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FilmSettings {
     /// Width and height in pixels.

@@ -2,34 +2,36 @@
 
 use super::Source;
 use crate::image::Image;
+use dapple_core::luminance;
 use glam::DAffine3;
+use std::f64::consts::PI;
 use std::sync::Arc;
 
 /// A light that is no shape.
 #[derive(Clone, Debug)]
 pub struct Light {
-    /// What it is.
+    /// Its kind.
     pub kind: LightKind,
     /// From its space to world space.
     pub to_world: DAffine3,
-    /// Where the file says so.
+    /// File and line.
     pub source: Source,
 }
 
-/// What a light is.
+/// The kind of a light. Every match over kinds is exhaustive, so that the compiler names the places to extend.
 #[derive(Clone, Debug)]
 pub enum LightKind {
     /// Radiance from everywhere beyond the scene.
     Infinite {
-        /// What it looks like.
+        /// Its radiance by direction.
         radiance: EnvironmentRadiance,
     },
-    /// A point at the origin of the light's space that shines alike in all directions.
+    /// A point at the origin of the light's space with equal intensity in all directions.
     Point {
         /// Radiant intensity, linear RGB.
         intensity: [f32; 3],
     },
-    /// A point at the origin of the light's space that shines along +z.
+    /// A point at the origin of the light's space that points along +z.
     Spot {
         /// Radiant intensity along the axis, linear RGB.
         intensity: [f32; 3],
@@ -37,7 +39,7 @@ pub enum LightKind {
         cone: f32,
         /// Angle between the axis and where light begins to fall off, degrees; at most `cone`.
         falloff_start: f32,
-        /// How it falls off between the two.
+        /// The falloff between the two angles.
         falloff: SpotFalloff,
     },
     /// Parallel light from infinitely far, out of the direction +z of the light's space.
@@ -47,7 +49,86 @@ pub enum LightKind {
     },
 }
 
-/// How a spot falls off towards the edge of its cone.
+impl LightKind {
+    /// Name of the kind, for lists.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::Infinite { radiance: EnvironmentRadiance::Constant(_) } => "uniform environment",
+            Self::Infinite { .. } => "environment image",
+            Self::Point { .. } => "point",
+            Self::Spot { .. } => "spot",
+            Self::Distant { .. } => "distant",
+        }
+    }
+
+    /// The environment that surrounds the scene, of an infinite light.
+    pub fn environment(&self) -> Option<&EnvironmentRadiance> {
+        match self {
+            Self::Infinite { radiance } => Some(radiance),
+            Self::Point { .. } | Self::Spot { .. } | Self::Distant { .. } => None,
+        }
+    }
+
+    /// True if the light is not black. NaN passes here; the renderer's validation rejects it later.
+    pub(crate) fn shines(&self) -> bool {
+        let black = |rgb: &[f32; 3]| *rgb == [0.0; 3];
+        match self {
+            Self::Infinite { radiance: EnvironmentRadiance::Constant(rgb) } => !black(rgb),
+            Self::Infinite {
+                radiance:
+                    EnvironmentRadiance::LatLong { image, scale } | EnvironmentRadiance::EqualArea { image, scale },
+            } => *scale != 0.0 && !image.pixels.iter().all(black),
+            Self::Point { intensity } | Self::Spot { intensity, .. } => !black(intensity),
+            Self::Distant { irradiance } => !black(irradiance),
+        }
+    }
+
+    /// Radiant power, luminance-weighted; `disk` is the area that the scene shows to light from infinitely far.
+    pub(crate) fn power(&self, disk: f64) -> f64 {
+        let brightness = |rgb: &[f32; 3]| luminance(rgb.map(f64::from));
+        match self {
+            Self::Infinite { radiance } => {
+                let mean = match radiance {
+                    EnvironmentRadiance::Constant(rgb) => brightness(rgb),
+                    EnvironmentRadiance::LatLong { image, scale } => {
+                        let [w, h] = image.size.map(|n| n as usize);
+                        let row = |y: usize| ((y as f64 + 0.5) / h as f64 * PI).sin();
+                        let sum: f64 = image.pixels.iter().enumerate().map(|(i, p)| brightness(p) * row(i / w)).sum();
+                        // The sines of all rows sum up to 2 h / pi.
+                        f64::from(*scale) * sum / w as f64 * PI / (2.0 * h as f64)
+                    }
+                    EnvironmentRadiance::EqualArea { image, scale } => {
+                        f64::from(*scale) * image.pixels.iter().map(brightness).sum::<f64>() / image.pixels.len() as f64
+                    }
+                };
+                4.0 * PI * disk * mean
+            }
+            Self::Point { intensity } => 4.0 * PI * brightness(intensity),
+            Self::Spot { intensity, cone, falloff_start, falloff } => {
+                let [edge, start] = [*cone, *falloff_start].map(|degrees| f64::from(degrees).to_radians().cos());
+                // The mean of the falloff over the cosine.
+                let mean = match falloff {
+                    SpotFalloff::Smoothstep => 0.5,
+                    SpotFalloff::Quartic => 0.2,
+                };
+                2.0 * PI * brightness(intensity) * ((1.0 - start) + (start - edge) * mean)
+            }
+            Self::Distant { irradiance } => disk * brightness(irradiance),
+        }
+    }
+}
+
+impl EnvironmentRadiance {
+    /// The image, of an environment map.
+    pub fn image(&self) -> Option<&Arc<Image>> {
+        match self {
+            Self::Constant(_) => None,
+            Self::LatLong { image, .. } | Self::EqualArea { image, .. } => Some(image),
+        }
+    }
+}
+
+/// The falloff of a spot light towards the edge of its cone.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SpotFalloff {
     /// `3 x^2 - 2 x^3`, x linear in the cosine: pbrt-v4.
@@ -56,7 +137,7 @@ pub enum SpotFalloff {
     Quartic,
 }
 
-/// What an environment looks like.
+/// The radiance of an environment by direction.
 #[derive(Clone, Debug)]
 pub enum EnvironmentRadiance {
     /// The same in all directions, linear RGB.

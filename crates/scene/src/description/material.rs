@@ -17,13 +17,13 @@ pub struct TextureId(pub u32);
 pub struct Material {
     /// Its name, or a made-up one.
     pub name: String,
-    /// What it does.
+    /// Its scattering.
     pub kind: MaterialKind,
     /// A height over the surface, in units of the file's world space, that tilts its shading normals; the surface stays.
     pub bump: Option<Scalar>,
     /// An image of tangent-space normals, `2 rgb - 1`, that turns its shading normals.
     pub normal_map: Option<TextureId>,
-    /// Where the file says so.
+    /// File and line.
     pub source: Source,
 }
 
@@ -34,7 +34,7 @@ impl Material {
     }
 }
 
-/// What a material does. Parameters as pbrt-v4 has them, those of older versions as these have them.
+/// The scattering of a material. Parameters are pbrt-v4's; those of older versions are theirs.
 #[derive(Clone, Debug, PartialEq)]
 pub enum MaterialKind {
     /// Lambert.
@@ -62,9 +62,9 @@ pub enum MaterialKind {
         eta: f32,
         /// Its microfacets.
         roughness: Roughness,
-        /// What reflected light is multiplied by; white since pbrt-v4.
+        /// Factor of reflected light; white since pbrt-v4.
         reflectance: Color,
-        /// What transmitted light is multiplied by; white since pbrt-v4.
+        /// Factor of transmitted light; white since pbrt-v4.
         transmittance: Color,
     },
     /// A pane of glass, both of whose faces are one shape: light goes straight through or is mirrored.
@@ -76,7 +76,7 @@ pub enum MaterialKind {
     CoatedDiffuse {
         /// The base's reflectance.
         reflectance: Color,
-        /// What lies over it.
+        /// The coat.
         coat: Coating,
     },
     /// A dielectric coat over a metal.
@@ -85,12 +85,12 @@ pub enum MaterialKind {
         fresnel: ConductorFresnel,
         /// The metal's microfacets.
         roughness: Roughness,
-        /// What lies over it.
+        /// The coat.
         coat: Coating,
     },
-    /// Here one material, there another.
+    /// A blend of two materials.
     Mix {
-        /// Where `amount` is 0, and where it is 1.
+        /// The materials at `amount` 0 and at `amount` 1.
         materials: [MaterialId; 2],
         /// Share of the second.
         amount: Scalar,
@@ -106,7 +106,7 @@ pub enum MaterialKind {
     Plastic {
         /// Share of light reflected diffusely.
         diffuse: Color,
-        /// What the glossy reflection is multiplied by.
+        /// Factor of the glossy reflection.
         specular: Color,
         /// Microfacets of the glossy reflection.
         roughness: Roughness,
@@ -122,7 +122,7 @@ pub enum MaterialKind {
     },
 }
 
-/// How a metal's Fresnel term is given.
+/// The Fresnel term of a metal.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ConductorFresnel {
     /// Complex index of refraction, per channel.
@@ -170,7 +170,7 @@ pub struct Roughness {
     pub u: Scalar,
     /// Along v.
     pub v: Scalar,
-    /// Whether `alpha = sqrt(roughness)`; else `alpha = roughness`.
+    /// True for `alpha = sqrt(roughness)`, false for `alpha = roughness`.
     pub remap: bool,
 }
 
@@ -227,13 +227,13 @@ pub enum Scalar {
 pub struct Texture {
     /// Its name.
     pub name: String,
-    /// What it does.
+    /// Its kind.
     pub kind: TextureKind,
-    /// Where the file says so.
+    /// File and line.
     pub source: Source,
 }
 
-/// What a texture does.
+/// The kind of a texture.
 #[derive(Clone, Debug)]
 pub enum TextureKind {
     /// Squares in texture space.
@@ -242,7 +242,7 @@ pub enum TextureKind {
         scale: [f32; 2],
         /// Shift of u and v.
         shift: [f32; 2],
-        /// Where `floor(u) + floor(v)` is even, and where it is odd.
+        /// The colors where `floor(u) + floor(v)` is even, and where it is odd.
         colors: [Color; 2],
     },
     /// An image, repeated, bilinear. `v = 0` is its bottom edge, `u = 0` its left one.
@@ -255,9 +255,9 @@ pub enum TextureKind {
         shift: [f32; 2],
         /// Every value is multiplied by this.
         factor: f32,
-        /// Whether every value is then subtracted from 1; what falls below 0 becomes 0.
+        /// True if every value is then subtracted from 1, with negative results set to 0.
         invert: bool,
-        /// What lies beyond its edges.
+        /// The values beyond its edges.
         wrap: Wrap,
     },
     /// Two textures, multiplied.
@@ -265,16 +265,16 @@ pub enum TextureKind {
         /// The factors.
         factors: [Color; 2],
     },
-    /// Something between two textures.
+    /// An interpolation between two textures.
     Mix {
-        /// Where `amount` is 0, and where it is 1.
+        /// The colors at `amount` 0 and at `amount` 1.
         colors: [Color; 2],
         /// Share of the second.
         amount: Scalar,
     },
 }
 
-/// What lies beyond the edges of an image.
+/// The values of an image beyond its edges.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Wrap {
     /// The image again.

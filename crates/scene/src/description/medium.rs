@@ -1,4 +1,4 @@
-//! What fills space.
+//! Participating media.
 
 use super::Source;
 
@@ -17,11 +17,11 @@ pub struct Medium {
     pub scattering: [f32; 3],
     /// Asymmetry of the Henyey-Greenstein phase function, -1 to 1 (exclusive).
     pub g: f32,
-    /// Where the file says so.
+    /// File and line.
     pub source: Source,
 }
 
-/// What fills space on both sides of a shape; `None` is nothing.
+/// The media on both sides of a shape; `None` is vacuum.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct MediumInterface {
     /// On the side away from the normal.

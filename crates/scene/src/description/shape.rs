@@ -4,9 +4,9 @@ use super::{MaterialId, MediumInterface, Scalar, Source};
 use glam::{DAffine3, DVec3};
 use std::sync::Arc;
 
-/// One shape with what it is made of.
+/// A shape: geometry, material, emission and media.
 ///
-/// Its geometric normal, which tells the side that shines, is as in pbrt-v4:
+/// Its geometric normal, on whose side it emits, is as in pbrt-v4:
 /// * In the shape's own space: `(p1 - p0) x (p2 - p0)` of a triangle, outwards of a sphere, +z of a disk.
 /// * It is brought to world space as a normal (by the inverse transpose), so that a transform that mirrors
 ///   does not turn it around; then it is negated if [`reversed`](Self::reversed).
@@ -27,11 +27,11 @@ pub struct Shape {
     pub emission: Option<Emission>,
     /// Opacity, where it is not 1 throughout: 0 is a hole.
     pub alpha: Option<Scalar>,
-    /// What fills space on both sides; `None` where both sides have what is there anyway.
+    /// The media on both sides; `None` keeps the medium that surrounds the shape.
     pub media: Option<MediumInterface>,
-    /// Whether the file turned its orientation around (`ReverseOrientation`).
+    /// True if the file reversed its orientation (`ReverseOrientation`).
     pub reversed: bool,
-    /// Where the file says so.
+    /// File and line.
     pub source: Source,
 }
 
@@ -73,28 +73,28 @@ pub struct ObjectId(pub u32);
 pub struct Object {
     /// Its name in the file.
     pub name: String,
-    /// What it is made of. None of it shines.
+    /// Its shapes. None of them emits light.
     pub shapes: Vec<Shape>,
-    /// Where the file says so.
+    /// File and line.
     pub source: Source,
 }
 
 /// An object that stands somewhere.
 #[derive(Clone, Debug)]
 pub struct Instance {
-    /// Which.
+    /// The object.
     pub object: ObjectId,
     /// From the object's space to world space.
     pub to_world: DAffine3,
     /// The same at the second of [`Scene::motion_times`](super::Scene::motion_times), if it moves.
     pub moves_to: Option<DAffine3>,
-    /// Where the file says so.
+    /// File and line.
     pub source: Source,
 }
 
 impl MeshData {
-    /// Whether positions, normals and texture coordinates are finite and as many as they should be, and
-    /// all corners exist. Triangles without area are no fault.
+    /// Checks that positions, normals and texture coordinates are finite and of matching number, and that
+    /// all corners exist. Triangles without area are allowed.
     ///
     /// # Errors
     /// The first fault found.
@@ -124,45 +124,45 @@ impl MeshData {
     }
 }
 
-/// What is wrong with a mesh. Vertices and triangles count from 0.
+/// The error of a mesh. Vertices and triangles count from 0.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum MeshFault {
     /// There is nothing to see.
-    #[error("the mesh has no triangles: remove it")]
+    #[error("the mesh has no triangles; remove it")]
     Empty,
     /// A vertex is nowhere.
-    #[error("the position of vertex {vertex} is not finite: mend the mesh")]
+    #[error("the position of vertex {vertex} is not finite; mend the mesh")]
     Position {
-        /// Which.
+        /// Number of the vertex.
         vertex: usize,
     },
     /// A normal or texture coordinate is NaN or infinite, in single precision.
-    #[error("the {of} of vertex {vertex} is not finite: mend the mesh")]
+    #[error("the {of} of vertex {vertex} is not finite; mend the mesh")]
     Attribute {
-        /// What.
+        /// Name of the attribute.
         of: &'static str,
-        /// Whose.
+        /// Number of the vertex.
         vertex: usize,
     },
     /// Not one per vertex.
-    #[error("there are {count} {of} for {vertices} vertices: give one for each, or none")]
+    #[error("there are {count} {of} for {vertices} vertices; give one for each, or none")]
     Count {
         /// Of what.
         of: &'static str,
-        /// How many there are.
+        /// Number of values.
         count: usize,
-        /// How many there should be.
+        /// Number of vertices.
         vertices: usize,
     },
     /// A corner that is no vertex.
-    #[error("triangle {triangle} has corner {corner}: corners are whole numbers from 0 to {}", vertices.saturating_sub(1))]
+    #[error("triangle {triangle} has corner {corner}; corners are whole numbers from 0 to {}", vertices.saturating_sub(1))]
     Corner {
-        /// Whose.
+        /// Number of the triangle.
         triangle: usize,
-        /// Which.
+        /// The corner.
         corner: u32,
-        /// How many there are.
+        /// Number of vertices.
         vertices: usize,
     },
 }
@@ -185,6 +185,6 @@ pub struct MeshData {
 pub struct Emission {
     /// Radiance, linear RGB, every scale and power factor multiplied in.
     pub radiance: [f32; 3],
-    /// Whether it shines from both sides; else from the side its normal points to.
+    /// True for emission from both sides, false for the side that the normal points to.
     pub two_sided: bool,
 }

@@ -2,17 +2,17 @@
 
 mod surfaces;
 
-use super::lamp::{LampShape, LightNumber, powers};
+use super::light_power::{LampShape, LightNumber, powers};
 use super::{Light, LightKind, Material, Scalar, Scene, Shape, SpotFalloff};
 use crate::effects::{Effect, Effects};
 use glam::{DAffine3, DMat3, DVec3};
 
-/// Why a scene cannot do without an effect.
+/// The error of a scene that cannot do without an effect.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum WithoutError {
     /// The image would be black.
-    #[error("without {effect} no light is left: the image would be black")]
+    #[error("without {effect} no light is left, and the image would be black; keep the effect")]
     NoLight {
         /// The effect.
         effect: Effect,
@@ -22,18 +22,18 @@ pub enum WithoutError {
 /// The albedo at normal incidence of a material without textures, or `None`: see [`Scene::without`].
 pub type Albedo<'a> = dyn Fn(&Material) -> Option<[f32; 3]> + 'a;
 
-/// From this length of its mean normal on, a lamp is flat: what shines to one side only.
+/// Least length of the mean normal of a flat lamp, which emits to one side only.
 const FLAT: f64 = 0.9;
 
 impl Scene {
-    /// The scene without an effect: an edit of the description, so that what renders the scene renders the
-    /// cheaper image. What does not call for the effect is given back as it is.
+    /// The scene without an effect: an edit of the description, so that a renderer needs no switch. A scene that
+    /// does not call for the effect is returned unchanged.
     ///
     /// * [`SoftShadows`](Effect::SoftShadows): each lamp becomes a light without extent of the same power at its
     ///   area-weighted middle, where it stands first. Of a flat one-sided lamp (area `A`, radiance `L`) that is a
     ///   spot of 90 degrees along its normal with intensity `A L` on the axis and a smooth-step falloff, which has
     ///   the lamp's intensity `A L` on the axis and, like its cosine, the power `pi A L`; of a flat two-sided
-    ///   lamp two of them, back to back; of any other (a sphere, a lamp that turns) a point that shines alike in
+    ///   lamp two of them, back to back; of any other (a sphere, a lamp that turns) a point of equal intensity in
     ///   all directions, `power / 4 pi`. The lamp's shape goes: it would shut the point in.
     /// * [`SeveralLights`](Effect::SeveralLights): only the light of the highest power shines (the first of
     ///   equals); other lamps stay as dark bodies.
@@ -71,7 +71,7 @@ impl Scene {
             Effect::Glossy | Effect::Mirror | Effect::Refraction => scene.replace_lobes(effect, albedo),
             Effect::Interreflection => scene.max_depth = Some(1),
             Effect::Textures => scene.flatten_textures(),
-            Effect::Environment => scene.lights.retain(|l| !matches!(l.kind, LightKind::Infinite { .. })),
+            Effect::Environment => scene.lights.retain(|l| l.kind.environment().is_none()),
             Effect::DepthOfField => scene.camera.lens_radius = 0.0,
             Effect::MotionBlur => {
                 let [open, close] = scene.camera.shutter;

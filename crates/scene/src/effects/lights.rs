@@ -1,8 +1,8 @@
 //! Effects that lights call for.
 
 use super::{Effect, Effects};
-use crate::description::lamp::{LampShape, shines};
-use crate::{EnvironmentRadiance, Geometry, LightKind, Scene};
+use crate::description::light_power::LampShape;
+use crate::{Geometry, Scene};
 
 impl Effects {
     pub(super) fn add_lights(&mut self, scene: &Scene) {
@@ -20,13 +20,11 @@ impl Effects {
             self.add(Effect::SoftShadows, because, &shape.source);
             sources.push(&shape.source);
         }
-        for light in scene.lights.iter().filter(|l| shines(&l.kind)) {
-            if let LightKind::Infinite { radiance } = &light.kind {
-                let because = || match radiance {
-                    EnvironmentRadiance::LatLong { image, .. } | EnvironmentRadiance::EqualArea { image, .. } => {
-                        format!("an image of {}x{} surrounds the scene", image.size[0], image.size[1])
-                    }
-                    EnvironmentRadiance::Constant(_) => "the same light comes from everywhere".into(),
+        for light in scene.lights.iter().filter(|l| l.kind.shines()) {
+            if let Some(radiance) = light.kind.environment() {
+                let because = || match radiance.image() {
+                    Some(image) => format!("an image of {}x{} surrounds the scene", image.size[0], image.size[1]),
+                    None => "the same light comes from everywhere".into(),
                 };
                 self.add(Effect::Environment, because, &light.source);
             }

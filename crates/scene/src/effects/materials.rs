@@ -1,24 +1,24 @@
 //! Effects that materials call for.
 
-use super::used::Used;
-use super::{Effect, Effects, used};
+use super::visible::Visible;
+use super::{Effect, Effects, visible};
 use crate::{
     Color, ConductorFresnel, Material, MaterialKind, Roughness, Scalar, Scene, Source, TextureId, effectively_smooth,
     roughness_to_alpha,
 };
 
-/// How a surface scatters what it does not scatter diffusely.
+/// A lobe of a material that is not diffuse.
 pub(super) struct Lobe<'m> {
-    /// What it is, for people.
+    /// Its name, for messages.
     pub(super) what: &'static str,
     /// Its microfacets; none for a perfect mirror.
     pub(super) roughness: Option<&'m Roughness>,
-    /// Whether light goes through.
+    /// True if it transmits light.
     pub(super) refracts: bool,
 }
 
 impl Lobe<'_> {
-    /// Whether it is smooth, and whether it is rough. Both may be where a texture decides.
+    /// `[smooth, rough]`; both are true for a textured roughness.
     pub(super) fn smooth_or_rough(&self) -> [bool; 2] {
         let Some(alpha) = self.roughness.map(alpha) else { return [true, false] };
         match alpha {
@@ -126,8 +126,9 @@ fn textures(material: &Material) -> Vec<(TextureId, &'static str)> {
 }
 
 impl Effects {
-    pub(super) fn add_materials(&mut self, scene: &Scene, used: &Used<'_>) {
-        let worn = scene.materials.iter().zip(&used.materials).filter_map(|(material, worn)| worn.then_some(material));
+    pub(super) fn add_materials(&mut self, scene: &Scene, visible: &Visible<'_>) {
+        let worn =
+            scene.materials.iter().zip(&visible.materials).filter_map(|(material, worn)| worn.then_some(material));
         for material in worn {
             self.add_texture(scene, &format!("material \"{}\"", material.name), &textures(material), &material.source);
             let lobes = lobes(&material.kind);
@@ -137,8 +138,8 @@ impl Effects {
                 self.add(effect, because, &material.source);
             }
         }
-        for shape in &used.shapes {
-            if let (Some(Scalar::Texture(id)), Some(_)) = (shape.alpha, used::holes(shape)) {
+        for shape in &visible.shapes {
+            if let (Some(Scalar::Texture(id)), Some(_)) = (shape.alpha, visible::holes(shape)) {
                 self.add_texture(scene, "a shape", &[(id, "opacity")], &shape.source);
             }
         }
@@ -154,7 +155,7 @@ impl Effects {
     }
 }
 
-/// Whether a lobe calls for one of the effects of surfaces. What clear glass mirrors belongs to its refraction.
+/// True if a lobe calls for one of the effects of surfaces. Reflections of clear glass belong to its refraction.
 pub(super) fn calls_for(lobe: &Lobe<'_>, effect: Effect) -> bool {
     let [smooth, rough] = lobe.smooth_or_rough();
     match effect {

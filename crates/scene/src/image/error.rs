@@ -1,13 +1,13 @@
-//! What goes wrong with images and their files.
+//! Errors of images and image files.
 
 use std::path::PathBuf;
 
-/// Why an image is refused, cannot be read or cannot be written. Each message says what to do.
+/// The error of an image that is refused, unreadable or unwritable. Each message gives a remedy.
 #[non_exhaustive]
 #[derive(Debug, thiserror::Error)]
 pub enum ImageError {
     /// An image without pixels.
-    #[error("an image of {}x{} has no pixels: both sides must be at least 1", size[0], size[1])]
+    #[error("an image of {}x{} has no pixels; both sides must be at least 1", size[0], size[1])]
     Empty {
         /// Width and height.
         size: [u32; 2],
@@ -22,20 +22,20 @@ pub enum ImageError {
     },
     /// A file of a kind that is not known.
     #[error(
-        "{file}: not an image that can be read: its first bytes are of no known format; PNG, JPEG, TGA (by its extension), Radiance HDR, OpenEXR and PFM are"
+        "{file}: unknown image format; convert it to PNG, JPEG, TGA (by its extension), Radiance HDR, OpenEXR or PFM"
     )]
     UnknownContent {
         /// The file.
         file: String,
     },
     /// A file that ends before its image does.
-    #[error("{file}: the {format} file ends at byte {offset}, before its image is complete: copy or download it again")]
+    #[error("{file}: the {format} file ends at byte {offset}, before its image is complete; copy or download it again")]
     Truncated {
         /// The file.
         file: String,
         /// Its format.
         format: &'static str,
-        /// How many bytes it has.
+        /// Length of the file in bytes.
         offset: u64,
     },
     /// A file that contradicts its format or itself.
@@ -45,13 +45,13 @@ pub enum ImageError {
         file: String,
         /// Its format.
         format: &'static str,
-        /// How far it had been read.
+        /// Number of bytes read before.
         offset: u64,
-        /// What is wrong.
+        /// The mistake.
         what: String,
     },
-    /// A file whose size field says 0.
-    #[error("{file}: the {format} file says that it is {}x{} pixels: an empty image is of no use here", size[0], size[1])]
+    /// A file with a size of 0.
+    #[error("{file}: the {format} file has {}x{} pixels; both sides must be at least 1", size[0], size[1])]
     EmptyFile {
         /// The file.
         file: String,
@@ -87,13 +87,13 @@ pub enum ImageError {
     NotFinite {
         /// The file.
         file: String,
-        /// How many pixels are not finite.
+        /// Number of pixels that are not finite.
         count: u64,
         /// Column and row of the first, from 0, from the top.
         first: [u32; 2],
     },
     /// A feature of a format that is not read.
-    #[error("{file}: {what} in {format} files is not supported: save it as {instead}")]
+    #[error("{file}: {what} in {format} files is not supported; save it as {instead}")]
     Unsupported {
         /// The file.
         file: String,
@@ -101,25 +101,25 @@ pub enum ImageError {
         format: &'static str,
         /// The feature.
         what: String,
-        /// What to do.
+        /// The remedy.
         instead: &'static str,
     },
     /// An output name that names no format.
-    #[error("{}: the file name's extension tells the format, and it is none of .exr, .pfm, .png: rename the output", path.display())]
+    #[error("{}: unknown image format; name the output .exr, .pfm or .png", path.display())]
     UnknownExtension {
         /// The path.
         path: PathBuf,
     },
-    /// An exposure that is no number.
-    #[error("an exposure of {stops} stops is no use: give a finite number, 0 to leave the image as it is")]
+    /// An exposure that is not finite.
+    #[error("an exposure of {stops} stops is not finite; give a finite number (0 changes nothing)")]
     Exposure {
-        /// What was given.
+        /// The value given.
         stops: f32,
     },
-    /// What the output format cannot hold: a name, an attribute, a size.
+    /// A name, attribute or size that the output format cannot hold.
     #[error("{what}")]
     Encode {
-        /// What is wrong and what to do.
+        /// The mistake and its remedy.
         what: String,
     },
     /// The file system refused.
@@ -129,9 +129,9 @@ pub enum ImageError {
         path: PathBuf,
         /// The step that failed.
         action: &'static str,
-        /// What to do.
+        /// The remedy.
         advice: &'static str,
-        /// The system's words.
+        /// The system's error.
         source: std::io::Error,
     },
 }

@@ -27,7 +27,7 @@ pub(super) fn alpha(packed: &[u8], color: ColorType) -> Option<Vec<f32>> {
     })
 }
 
-/// Turns what lies in [`packed`] into linear RGB. Errs, saying what was found, on what no reader of ours gives.
+/// Expands the samples in [`packed`] to linear RGB. The error names a color type that no reader gives.
 pub(super) fn expand(pixels: &mut [[f32; 3]], color: ColorType, encoding: Encoding) -> Result<(), &'static str> {
     let linear = encoding == Encoding::Linear;
     let table = |srgb: fn() -> Vec<f32>, most: f64| {

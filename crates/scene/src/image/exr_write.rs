@@ -46,12 +46,12 @@ const F16_MAX: f32 = 65504.0;
 /// in a single part (the main layer's without a layer name), since that is what every viewer reads.
 ///
 /// 32-bit values survive bit for bit, NaN and infinities too. 16-bit ones are rounded to nearest, and finite
-/// values beyond 65504 are clamped and counted. `attributes` become text attributes of the header (UTF-8), so
-/// that an image tells how it was made: [`read_attributes`] gives them back. The same input gives the same
+/// values beyond 65504 are clamped and counted. `attributes` become text attributes of the header (UTF-8), which
+/// [`read_attributes`] reads: a record of how the image was made. The same input gives the same
 /// bytes.
 ///
 /// # Errors
-/// [`ImageError::Empty`]; [`ImageError::PixelCount`] for a plane that is not as long as `size` says;
+/// [`ImageError::Empty`]; [`ImageError::PixelCount`] for a plane whose length disagrees with `size`;
 /// [`ImageError::Encode`] for no channels at all, for names that are empty, longer than 255 bytes, given twice
 /// or contain NUL, and for attribute names that OpenEXR keeps for itself.
 pub fn encode_exr(
@@ -71,7 +71,7 @@ pub fn encode_exr(
     if channels.is_empty() {
         return Err(refuse("an EXR file needs at least one channel".to_owned()));
     }
-    // The order that the format asks for.
+    // The order that the format requires.
     channels.sort_by(|a, b| a.0.as_bytes().cmp(b.0.as_bytes()));
     check_names("channel", channels.iter().map(|(name, _)| name.as_str()))?;
     check_names("attribute", attributes.iter().map(|(name, _)| name.as_str()))?;
@@ -89,7 +89,7 @@ fn refuse(what: String) -> ImageError {
 
 fn check_name(kind: &str, name: &str) -> Result<(), ImageError> {
     if name.is_empty() || name.len() > 255 || name.contains('\0') {
-        return Err(refuse(format!("{kind} name {name:?}: an EXR file takes names of 1 to 255 bytes without NUL")));
+        return Err(refuse(format!("{kind} name {name:?}; an EXR file takes names of 1 to 255 bytes without NUL")));
     }
     Ok(())
 }
@@ -99,7 +99,7 @@ fn check_names<'a>(kind: &str, names: impl Iterator<Item = &'a str>) -> Result<(
     for name in names {
         check_name(kind, name)?;
         if !seen.insert(name) {
-            return Err(refuse(format!("{kind} name {name:?} is given twice: rename one")));
+            return Err(refuse(format!("{kind} name {name:?} is given twice; rename one")));
         }
     }
     Ok(())
@@ -237,7 +237,7 @@ mod tests {
     }
 
     #[test]
-    fn i07_f32_and_u32_survive_bit_for_bit_and_f16_clamps_with_a_count() {
+    fn f32_and_u32_survive_bit_for_bit_and_f16_clamps_with_a_count_i07() {
         let values = extremes();
         let counts: Vec<u32> = (0..15).map(|i| u32::MAX - i * 0x0123_4567).collect();
         let layers = [
@@ -254,7 +254,7 @@ mod tests {
             assert_eq!(bits(read.plane(channel).unwrap()), values.iter().map(|v| v.to_bits()).collect::<Vec<_>>());
         }
         assert_eq!(bits(read.plane("count.Y").unwrap()), counts);
-        // 65505, -65505, 1e38, -1e38; infinities and NaN are what they were.
+        // 65505, -65505, 1e38, -1e38; infinities and NaN survive.
         assert_eq!(encoded.clamped, 4);
         let Some(Plane::F16(halves)) = read.plane("half.Y") else { panic!("not f16") };
         assert_eq!(halves[8..], [65504.0, 65504.0, -65504.0, 65504.0, -65504.0, f32::INFINITY, f32::NEG_INFINITY]);

@@ -7,7 +7,7 @@ use std::io::{self, ErrorKind, Write};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
 
-/// What an image is written as.
+/// The format of an output image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Format {
     /// OpenEXR, any number of layers: `.exr`.
@@ -19,7 +19,7 @@ pub enum Format {
 }
 
 impl Format {
-    /// The format that a file name's extension tells, capitals or not.
+    /// The format of a file name's extension, in capital or small letters.
     ///
     /// # Errors
     /// [`ImageError::UnknownExtension`], which lists what there is.
@@ -41,7 +41,7 @@ impl Format {
 /// alone.
 ///
 /// # Errors
-/// [`ImageError::Write`], with the path, the step, the system's words and what to do.
+/// [`ImageError::Write`], with the path, the step, the system's message and a remedy.
 pub fn write_file(path: &Path, bytes: &[u8]) -> Result<(), ImageError> {
     let target = Target::of(path)?;
     if let Place::Stream = target.place {
@@ -86,7 +86,7 @@ enum Place {
     Stream,
 }
 
-/// Where the bytes go, links followed.
+/// The final path, with links followed.
 struct Target {
     path: PathBuf,
     place: Place,
@@ -270,7 +270,7 @@ mod tests {
         );
         for name in ["a.jpg", "exr", ".png", "", "a."] {
             let message = of(name).unwrap_err().to_string();
-            assert!(message.contains(".exr, .pfm, .png"), "{message}");
+            assert!(message.contains(".exr, .pfm or .png"), "{message}");
         }
     }
 }

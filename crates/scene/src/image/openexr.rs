@@ -61,13 +61,13 @@ impl Plane<'_> {
         }
     }
 
-    /// Whether there are none.
+    /// True if there are none.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 }
 
-/// What [`read_channels`] found.
+/// The result of [`read_channels`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct Channels {
     /// Width and height of every channel.
@@ -156,7 +156,7 @@ pub(super) fn read(file: &File<'_>) -> Result<Image, ImageError> {
     })
 }
 
-/// Which channels, by number within their part, make the image.
+/// The channels that make the image, by number within their part.
 struct MainChannels {
     part: usize,
     /// Of red, green and blue; all the same of a gray image.
@@ -312,7 +312,7 @@ fn check_header_length(file: &File<'_>) -> Result<(), ImageError> {
     };
     let several = file.bytes.get(5).is_some_and(|flags| flags & 0x10 != 0);
     let (mut at, mut ended) = (8, false);
-    // What is damaged, the decoder has words for.
+    // The decoder reports damage itself.
     while let Some((end, next)) = attribute(at) {
         if next > MOST_HEADER {
             return Err(file.malformed(FORMAT, at, "its header takes more than 4 MiB"));
@@ -329,7 +329,7 @@ fn check_header_length(file: &File<'_>) -> Result<(), ImageError> {
 /// kind of compression keeps the bound (`tests/image_memory.rs`).
 const BLOCK_COPIES: u64 = 5;
 
-/// Whether a part may be read of which every pixel takes so many bytes, and a block of it decompressed.
+/// Checks that a part whose pixels take `per_pixel` bytes, and one decompressed block of it, fit the memory limit.
 fn check_size(file: &File<'_>, header: &Header, per_pixel: u64) -> Result<(), ImageError> {
     let size = [header.layer_size.0 as u64, header.layer_size.1 as u64];
     let [w, h] = match header.blocks {

@@ -1,5 +1,5 @@
 //! Portable float maps (after P. Debevec's description): `PF` or `Pf`, width, height, scale, then rows of
-//! 32-bit floats from the bottom up; a negative scale says little-endian.
+//! 32-bit floats from the bottom up; a negative scale means little-endian.
 
 use super::read::{File, PIXEL_BYTES};
 use super::{Image, ImageError, check_count};
@@ -74,7 +74,7 @@ impl Header {
     }
 }
 
-/// The next word of the header; `at` is left on the white space that ends it.
+/// The next field of the header; `at` is left on the white space that ends it.
 fn next_word<'a>(file: &File<'a>, at: &mut usize, name: &str) -> Result<&'a str, ImageError> {
     let blanks = file.bytes[*at..].iter().take_while(|b| b.is_ascii_whitespace()).count();
     if blanks == 0 && *at < file.bytes.len() {
@@ -93,5 +93,6 @@ fn next_word<'a>(file: &File<'a>, at: &mut usize, name: &str) -> Result<&'a str,
         });
     };
     *at = start + length;
-    std::str::from_utf8(&rest[..length]).map_err(|_| file.malformed(FORMAT, start, format!("the {name} is no number")))
+    std::str::from_utf8(&rest[..length])
+        .map_err(|_| file.malformed(FORMAT, start, format!("the {name} is not a number")))
 }

@@ -88,7 +88,7 @@ mod tests {
     }
 
     #[test]
-    fn i08_every_float_has_its_byte_and_bytes_are_reproducible() {
+    fn every_float_has_its_byte_and_bytes_are_reproducible_i08() {
         let values = [f32::NAN, -f32::NAN, f32::NEG_INFINITY, -1e30, -1.0, -0.0, 1e-45, 1.0, 1e30, f32::INFINITY];
         let expected = [0, 0, 0, 0, 0, 0, 0, 255, 255, 255];
         let image = Image::new([10, 1], values.map(|v| [v; 3]).to_vec()).unwrap();

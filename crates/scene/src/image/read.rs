@@ -5,7 +5,7 @@ use ::image::codecs::{hdr::HdrDecoder, jpeg::JpegDecoder, png::PngDecoder, tga::
 use ::image::{ImageDecoder, ImageError as Decoder, Limits};
 use std::io::{Cursor, ErrorKind};
 
-/// How the integers of a file encode intensities. Floating-point files are linear whatever is asked for.
+/// The encoding of a file's integers. Floating-point files are linear under any choice.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Encoding {
     /// Integers are sRGB.
@@ -20,8 +20,8 @@ pub enum Encoding {
 /// Reads an image: PNG, JPEG, TGA, Radiance HDR, OpenEXR or PFM.
 ///
 /// The content decides on the format; only TGA, which has no signature, needs its extension. Integers of
-/// 8 or 16 bits become 0..=1, then pass the sRGB curve unless `encoding` says otherwise; alpha never does. Gray
-/// becomes RGB. Colour profiles, EXIF orientation and EXR's display window are not looked at; an animated PNG
+/// 8 or 16 bits become 0..=1, then pass the sRGB curve unless `encoding` is linear; alpha never does. Gray
+/// becomes RGB. Color profiles, EXIF orientation and EXR's display window are ignored; an animated PNG
 /// gives its first frame. HDR files are taken as they stand (no EXPOSURE), PFM values are multiplied by
 /// the magnitude of the header's scale. Of an EXR file, the main layer is read: channels `R`, `G`, `B`
 /// without a layer name, or else `Y`, or else those of the first layer that has them, or else the one channel
@@ -92,11 +92,11 @@ pub(super) struct File<'a> {
     pub(super) name: &'a str,
 }
 
-/// What reading any file may take: textures of 4096 x 4096 pixels, which are 201 MB in memory, are read however well they
+/// Memory that any file may take: enough for textures of 4096 x 4096 pixels (201 MB), however well they
 /// are packed.
 const FREE_BYTES: u64 = 256 << 20;
-/// What each byte of a file may claim besides. A good texture holds below 10 samples a byte; what holds more, the free
-/// bytes are for.
+/// Memory that each byte of a file may take in addition. A good texture holds below 10 samples a byte; others use the free
+/// bytes.
 const BYTES_PER_BYTE: u64 = 16;
 /// Tables, windows and whatever else a decoder needs for itself whatever the size.
 const OWN_BYTES: u128 = 1 << 20;
@@ -210,8 +210,8 @@ fn decode<D: ImageDecoder>(
     })
 }
 
-/// Checks the size, since the decoder's own words on it say little, and the end: the decoder gives what it has
-/// of a PNG that lacks it. Returns what is left for texts and colour profiles, which may be packed, too.
+/// Checks the size, for which the decoder has no clear error, and the end: the decoder accepts a truncated PNG.
+/// Returns the memory limits for texts and color profiles, which may be compressed.
 fn check_png(file: &File<'_>) -> Result<Limits, ImageError> {
     let mut limits = Limits::no_limits();
     if let Some(&[.., a, b, c, d, e, f, g, h]) = file.bytes.first_chunk::<24>() {
@@ -235,9 +235,9 @@ fn check_png(file: &File<'_>) -> Result<Limits, ImageError> {
     Err(file.truncated("PNG"))
 }
 
-/// The decoder fills what a cut JPEG lacks with gray; so the end is looked for by walking the segments. Returns how
-/// many bytes a pixel the decoder needs: it keeps the coefficients of the whole image where they do not come all at
-/// once.
+/// Finds the end by walking the segments, since the decoder fills the rest of a truncated JPEG with gray.
+///
+/// Returns the decoder's bytes per pixel: it keeps the coefficients of the whole image if they come in several scans.
 fn check_jpeg(file: &File<'_>) -> Result<u64, ImageError> {
     const END_OF_IMAGE: u8 = 0xd9;
     const START_OF_SCAN: u8 = 0xda;
@@ -280,7 +280,7 @@ fn check_jpeg(file: &File<'_>) -> Result<u64, ImageError> {
     Err(file.truncated("JPEG"))
 }
 
-/// What is indexed is copied once while a TGA is read: two bytes a pixel at most.
+/// Memory of the index copy of a TGA: two bytes a pixel at most.
 fn tga_copy(file: &File<'_>) -> u64 {
     match file.bytes.first_chunk::<16>() {
         Some(&[.., w0, w1, h0, h1]) => {

@@ -47,7 +47,7 @@ pub(super) fn decode_table_8() -> Vec<f32> {
     (0..256).map(|i| srgb_decode(f64::from(i) / 255.0) as f32).collect()
 }
 
-/// Linear values of the 65536 words.
+/// Linear values of the 65536 codes.
 pub(super) fn decode_table_16() -> Vec<f32> {
     (0..65536).map(|i| srgb_decode(f64::from(i) / 65535.0) as f32).collect()
 }

@@ -201,12 +201,12 @@ fn crc32(bytes: &[u8]) -> u32 {
 }
 
 #[test]
-fn i03_lying_headers_are_errors_before_they_are_allocated() {
+fn false_headers_are_errors_before_memory_is_allocated_i03() {
     const LIMITED: &str = "DAPPLE_TEST_MEMORY_LIMITED";
     for (name, bytes) in lying_files() {
         let error = read(name, &bytes).expect_err(name);
         if !name.starts_with("exr") {
-            // The HDR decoder refuses sizes that overflow in its own words.
+            // The HDR decoder reports sizes that overflow itself.
             assert!(matches!(error, ImageError::TooLarge { .. } | ImageError::Unsupported { .. }), "{name}: {error}");
         }
         assert!(read_channels(&bytes, name).is_err());
@@ -216,7 +216,7 @@ fn i03_lying_headers_are_errors_before_they_are_allocated() {
         assert!(Vec::<[f32; 3]>::new().try_reserve_exact(40_000 * 40_000).is_err());
     } else if cfg!(target_os = "linux") {
         // The same once more in a process that has 400 MB of address space.
-        let limited = "ulimit -v 400000 && exec \"$0\" --exact image::tests::i03_lying_headers_are_errors_before_they_are_allocated";
+        let limited = "ulimit -v 400000 && exec \"$0\" --exact image::tests::false_headers_are_errors_before_memory_is_allocated_i03";
         let mut run = std::process::Command::new("sh");
         run.args(["-c", limited]).arg(std::env::current_exe().unwrap()).env(LIMITED, "1").env("RUST_TEST_THREADS", "1");
         let output = run.output().unwrap();
@@ -233,10 +233,10 @@ fn i03_lying_headers_are_errors_before_they_are_allocated() {
 fn empty_and_foreign_files_are_refused_with_advice() {
     let message = |name: &str, bytes: &[u8]| read(name, bytes).unwrap_err().to_string();
     for (name, bytes) in [("a.pfm", b"PF\n0 3\n-1\n".as_slice()), ("a.hdr", b"#?RADIANCE\n\n-Y 0 +X 0\n")] {
-        assert!(message(name, bytes).contains("an empty image"), "{}", message(name, bytes));
+        assert!(message(name, bytes).contains("both sides must be at least 1"), "{}", message(name, bytes));
     }
-    assert!(message("🎨.gif", b"GIF89a").starts_with("🎨.gif: not an image that can be read"));
-    assert!(message("a.png", b"").contains("not an image"));
+    assert!(message("🎨.gif", b"GIF89a").starts_with("🎨.gif: unknown image format; convert it to PNG"));
+    assert!(message("a.png", b"").contains("unknown image format"));
     assert!(message("a.hdr", b"#?RADIANCE\nFORMAT=32-bit_rle_xyze\n\n-Y 1 +X 1\n0000").contains("save it as RGBE"));
     let depth = ["Z", "ZBack"].map(|name| (name, vec![1.0_f32].into()));
     let depth = encode_exr([1, 1], &[Layer { name: String::new(), channels: depth.into() }], &[]).unwrap().bytes;
@@ -324,7 +324,7 @@ fn pfm_is_read_in_both_byte_orders_scaled_and_from_the_bottom_up() {
 }
 
 #[test]
-fn i07_pfm_keeps_every_bit_at_any_size() {
+fn pfm_keeps_every_bit_at_any_size_i07() {
     for size in [[1, 1], [3, 1], [1, 3], [7, 5]] {
         let count = (size[0] * size[1]) as usize;
         let specials = [0.0, -0.0, 1e-45, 65505.0, 1e38, f32::NAN, f32::INFINITY, f32::from_bits(0xffa0_0001)];
@@ -426,7 +426,7 @@ fn reference_images_have_the_means_that_their_readme_lists() {
 
 /// Spectral against RGB references: what imgerr.py printed for them, and the table of their README.
 #[test]
-fn f11_metrics_of_the_references_are_those_that_other_programs_found() {
+fn metrics_of_the_references_agree_with_other_programs_f11() {
     use dapple_metrics::{Pixels, block_ratios, compare};
     let Some(folder) = shared("DAPPLE_REFERENCES", "references") else { return };
     let load = |name: &str| ["", "-rgb"].map(|kind| read_path(&folder.join(format!("{name}{kind}.exr"))));

@@ -1,20 +1,17 @@
-//! Materials of OBJ files through `tobj`.
-//!
-//! That crate panics on a colour of two numbers and gives up a whole file at one bad line; so only lines that
-//! are good and followed reach it.
+//! Materials of OBJ files.
 
 use std::collections::{BTreeMap, BTreeSet};
 
-/// What a file of materials holds.
+/// The contents of an MTL file.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Library {
     /// Materials by name.
     pub(super) materials: BTreeMap<String, Material>,
-    /// What was read otherwise than written, with the line; 0 is the whole file.
+    /// Statements left out or read otherwise, each with its line; 0 is the whole file.
     pub(super) notices: Vec<(u32, String)>,
 }
 
-/// What is followed of a material.
+/// The supported part of a material.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Material {
     /// `Kd`, linear RGB within 0..=1.
@@ -29,33 +26,35 @@ pub(super) struct Material {
 pub(super) fn read_mtl(bytes: &[u8]) -> Library {
     let text = String::from_utf8_lossy(bytes);
     let mut library = Library::default();
-    let mut good = String::new();
-    let mut lines = BTreeMap::new();
+    // Statements before the first `newmtl` count for none.
+    let mut ownerless = Material::default();
+    let mut name = None;
     let mut unheeded = BTreeSet::new();
     for (number, line) in (1..).zip(text.lines()) {
         let line = line.trim();
         let keyword = line.split_whitespace().next().unwrap_or("");
         let rest = line[keyword.len()..].trim();
         let numbers: Vec<f64> = rest.split_whitespace().map_while(|w| w.parse().ok()).collect();
+        let material = name.as_ref().and_then(|name| library.materials.get_mut(name)).unwrap_or(&mut ownerless);
         match keyword {
             "newmtl" if !rest.is_empty() => {
-                lines.insert(rest.to_owned(), number);
-                good.extend(["newmtl ", rest, "\n"]);
+                library.materials.insert(rest.to_owned(), Material { line: number, ..Material::default() });
+                name = Some(rest.to_owned());
             }
             "Kd" => match numbers[..] {
                 [r, g, b, ..] if [r, g, b].iter().all(|c| c.is_finite()) => {
-                    good.push_str(&format!("Kd {r} {g} {b}\n"));
+                    material.diffuse = Some([r, g, b].map(|c| c.clamp(0.0, 1.0) as f32));
                 }
-                _ => library.notices.push((number, "this Kd is no colour of three numbers: left out".into())),
+                _ => library.notices.push((number, "Kd needs three numbers; left out".into())),
             },
             "map_Kd" => match file_of(rest) {
                 Some(file) => {
                     if rest.starts_with('-') {
                         library.notices.push((number, "the options of map_Kd are not followed".into()));
                     }
-                    good.extend(["map_Kd ", file, "\n"]);
+                    material.texture = Some(file.to_owned());
                 }
-                None => library.notices.push((number, "this map_Kd names no file: left out".into())),
+                None => library.notices.push((number, "map_Kd names no file; left out".into())),
             },
             _ => {
                 if calls_for_more(keyword, &numbers) {
@@ -69,24 +68,16 @@ pub(super) fn read_mtl(bytes: &[u8]) -> Library {
         let what = format!("materials are diffuse, by Kd and map_Kd: {} not followed", unheeded.join(", "));
         library.notices.push((0, what));
     }
-    // What was filtered cannot fail; if it did, there would be no materials, which is noted where they are used.
-    let (materials, _) = tobj::load_mtl_buf(&mut good.as_bytes()).unwrap_or_default();
-    for material in materials {
-        let line = lines.get(&material.name).copied().unwrap_or(0);
-        let diffuse = material.diffuse.map(|rgb| rgb.map(|c| c.clamp(0.0, 1.0) as f32));
-        let found = Material { diffuse, texture: material.diffuse_texture, line };
-        library.materials.insert(material.name, found);
-    }
     library
 }
 
-/// The file that a texture statement names: behind options, the last word, else everything.
+/// The file that a texture statement names: the last word after options, else the whole argument.
 fn file_of(rest: &str) -> Option<&str> {
     let file = if rest.starts_with('-') { rest.split_whitespace().next_back()? } else { rest };
     (!file.is_empty() && !file.starts_with('-')).then_some(file)
 }
 
-/// Whether a statement would change the image if it were followed.
+/// True if following the statement would change the image.
 fn calls_for_more(keyword: &str, numbers: &[f64]) -> bool {
     let first = numbers.first().copied().unwrap_or(0.0);
     match keyword {

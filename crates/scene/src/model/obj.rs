@@ -1,38 +1,84 @@
-//! Meshes from OBJ files through `tobj`.
+//! Meshes from OBJ files.
 //!
-//! That crate gives no line with its errors, panics or reads on with wrong numbers at some mistakes, and knows
-//! neither continued lines nor faces that mix corners with and without texture coordinates. So every line is
-//! checked first, and `tobj` is handed what was found good: vertices, then faces with absolute numbers, sorted
-//! by material and by what their corners have.
+//! Read without a library: `tobj` reports no lines with its errors, panics or reads wrong numbers at some mistakes, and
+//! knows neither continued lines nor faces that mix corners with and without texture coordinates.
 
+use super::obj_materials::Materials;
+use super::{UpAxis, model_scene};
+use crate::files::Files;
 use crate::polygon;
-use crate::{MeshData, MeshFault};
-use glam::DVec3;
-use std::collections::BTreeMap;
-use std::fmt::Write;
-use tobj::{LoadOptions, Mesh, load_obj_buf};
+use crate::readers::{AnyOptions, SceneReader};
+use crate::{Geometry, MeshData, MeshFault, Notice, ReadError, Scene, Shape, Source};
+use glam::{DAffine3, DVec3};
+use std::collections::{BTreeMap, HashMap};
+use std::path::Path;
+use std::sync::Arc;
 
-/// What an OBJ file holds.
+/// The reader of OBJ models.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct ObjReader;
+
+impl SceneReader for ObjReader {
+    fn name(&self) -> &'static str {
+        "OBJ"
+    }
+
+    fn extensions(&self) -> &'static [&'static str] {
+        &["obj"]
+    }
+
+    fn read(&self, files: &dyn Files, path: &Path, options: &AnyOptions) -> Result<Scene, ReadError> {
+        let up = options.model.up.unwrap_or(UpAxis::Y);
+        model_scene(files, path, up, |scene, bytes, source| {
+            let model = read_obj(&bytes).map_err(|e| match e {
+                ObjError::Line { line, what } => ReadError::invalid(Source { line, ..source.clone() }, what),
+                other => ReadError::invalid(source.clone(), other.to_string()),
+            })?;
+            drop(bytes);
+            add_model(scene, model, files, source);
+            Ok(())
+        })
+    }
+}
+
+/// Adds shapes and materials of a file to a scene.
+fn add_model(scene: &mut Scene, model: ObjModel, files: &dyn Files, source: &Source) {
+    let mut materials = Materials::default();
+    for (word, line) in model.left_out {
+        let source = Source { line, ..source.clone() };
+        scene.notices.push(Notice::warning(source, format!("\"{word}\" is not a surface; left out")));
+    }
+    for (name, line) in model.libraries {
+        materials.open(scene, &name, files, &Source { line, ..source.clone() });
+    }
+    for mesh in model.meshes {
+        let material = materials.of(scene, mesh.material.as_ref(), files, source);
+        let geometry = Geometry::Mesh(Arc::new(mesh.data));
+        scene.shapes.push(Shape::new(geometry, DAffine3::IDENTITY, material, source.clone()));
+    }
+}
+
+/// The contents of an OBJ file.
 #[derive(Clone, Debug, Default)]
 pub struct ObjModel {
     /// Meshes, one for each material and for each set of things that corners have.
     pub meshes: Vec<ObjMesh>,
     /// Files of materials that it names, and the lines where it does.
     pub libraries: Vec<(String, u32)>,
-    /// What the renderer has no use for (lines, points, curves), each with the line where it is met first.
+    /// Unsupported statements (lines, points, curves), each with the line of its first use.
     pub left_out: Vec<(String, u32)>,
 }
 
 /// The part of an OBJ file that has one material.
 #[derive(Clone, Debug)]
 pub struct ObjMesh {
-    /// Name of its material, and the line that asks for it first; `None` before the first `usemtl`.
+    /// Name of its material, and the line of its first use; `None` before the first `usemtl`.
     pub material: Option<(String, u32)>,
     /// The mesh; polygons are cut into triangles.
     pub data: MeshData,
 }
 
-/// Why an OBJ file is refused. Lines count from 1.
+/// The error of an OBJ file. Lines count from 1.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ObjError {
@@ -41,74 +87,85 @@ pub enum ObjError {
     Line {
         /// Its number.
         line: u32,
-        /// What is wrong and what to do.
+        /// The mistake and its remedy.
         what: String,
     },
     /// The file has no faces.
-    #[error("there are no faces: export a mesh, not points or curves")]
+    #[error("there are no faces; export a mesh, not points or curves")]
     NoFaces,
-    /// The parser's own words.
-    #[error("the file cannot be read ({0}): export the mesh anew")]
-    Parser(String),
     /// The mesh itself is wrong.
     #[error(transparent)]
     Mesh(#[from] MeshFault),
 }
 
-/// Reads the meshes of a file. Negative numbers count back from the last vertex so far; polygons are cut into
-/// triangles; `w` and colours of vertices are skipped. Bytes that are no UTF-8 are taken for names.
+/// Reads the meshes of a file.
+///
+/// Negative numbers count back from the last vertex so far. Polygons become triangles. Colors and `w` of vertices are
+/// skipped. Bytes that are not UTF-8 are allowed in names.
 ///
 /// # Errors
-/// The first thing wrong with the file.
+/// The first mistake in the file.
 pub fn read_obj(bytes: &[u8]) -> Result<ObjModel, ObjError> {
     let text = String::from_utf8_lossy(bytes);
-    let mut checked = Checked::default();
+    let mut parser = Parser::default();
     let lines = Lines { rest: &text, number: 0 };
     for (number, line) in lines {
-        checked.line(number, &line).map_err(|what| ObjError::Line { line: number, what })?;
+        parser.line(number, &line).map_err(|what| ObjError::Line { line: number, what })?;
     }
-    checked.check_ranges()?;
-    let Checked { vertices, groups, libraries, left_out, .. } = checked;
-    let parsed = parse(vertices, groups.values())?;
+    parser.check_ranges()?;
+    let Parser { vertices, groups, libraries, left_out, .. } = parser;
     let mut meshes = Vec::with_capacity(groups.len());
-    for ((key, group), mesh) in groups.into_iter().zip(parsed) {
-        let data = cut(mesh, &group.lines)?;
+    for (key, group) in groups {
+        let data = vertices.mesh(&group, key.has)?;
         meshes.push(ObjMesh { material: key.material.map(|(line, name)| (name, line)), data });
     }
     if meshes.is_empty() { Err(ObjError::NoFaces) } else { Ok(ObjModel { meshes, libraries, left_out }) }
 }
 
-/// Vertices and the groups of faces through `tobj`: a mesh for each group.
-fn parse<'g>(mut text: String, groups: impl Iterator<Item = &'g Group>) -> Result<Vec<Mesh>, ObjError> {
-    for group in groups {
-        text.push_str("g\n");
-        text.push_str(&group.faces);
-    }
-    let options = LoadOptions { single_index: true, ..LoadOptions::default() };
-    let no_materials = |_: &std::path::Path| Err(tobj::LoadError::OpenFileFailed);
-    let parsed = load_obj_buf(&mut text.as_bytes(), &options, no_materials);
-    let (models, _) = parsed.map_err(|e| ObjError::Parser(e.to_string()))?;
-    Ok(models.into_iter().map(|model| model.mesh).collect())
+/// Positions, texture coordinates and normals of the whole file.
+#[derive(Debug, Default)]
+struct Vertices {
+    positions: Vec<DVec3>,
+    uvs: Vec<[f32; 2]>,
+    normals: Vec<[f32; 3]>,
 }
 
-/// Polygons into triangles.
-fn cut(mesh: Mesh, lines: &[u32]) -> Result<MeshData, ObjError> {
-    let mut data = MeshData {
-        positions: mesh.positions.chunks_exact(3).map(DVec3::from_slice).collect(),
-        normals: mesh.normals.chunks_exact(3).map(|n| [0, 1, 2].map(|i| n[i] as f32)).collect(),
-        uvs: mesh.texcoords.chunks_exact(2).map(|t| [0, 1].map(|i| t[i] as f32)).collect(),
-        triangles: Vec::new(),
-    };
-    let mut rest = &mesh.indices[..];
-    for (face, &line) in lines.iter().enumerate() {
-        let arity = mesh.face_arities.get(face).map_or(3, |&n| n as usize);
-        let Some((corners, after)) = rest.split_at_checked(arity) else { break };
-        rest = after;
-        polygon::triangulate(corners, &data.positions, &mut data.triangles)
-            .map_err(|what| ObjError::Line { line, what: what.into() })?;
+impl Vertices {
+    /// Counts, in the order of [`KINDS`].
+    fn counts(&self) -> [u64; 3] {
+        [self.positions.len(), self.uvs.len(), self.normals.len()].map(|n| n as u64)
     }
-    data.check()?;
-    Ok(data)
+
+    /// The triangles of a group, with one vertex for each distinct corner, in the order of first use.
+    fn mesh(&self, group: &Group, [has_uv, has_normal]: [bool; 2]) -> Result<MeshData, ObjError> {
+        let mut data = MeshData::default();
+        let mut known: HashMap<Corner, u32> = HashMap::new();
+        let mut polygon = Vec::new();
+        let mut start = 0;
+        for &(line, end) in &group.faces {
+            polygon.clear();
+            for &corner in &group.corners[start..end] {
+                let next = known.len() as u32;
+                polygon.push(*known.entry(corner).or_insert_with(|| {
+                    // Faces may precede their vertices: `check_ranges` has compared the numbers, which count from 1.
+                    let [position, uv, normal] = corner.map(|number| number.map_or(0, |n| n as usize - 1));
+                    data.positions.push(self.positions[position]);
+                    if has_uv {
+                        data.uvs.push(self.uvs[uv]);
+                    }
+                    if has_normal {
+                        data.normals.push(self.normals[normal]);
+                    }
+                    next
+                }));
+            }
+            start = end;
+            polygon::triangulate(&polygon, &data.positions, &mut data.triangles)
+                .map_err(|what| ObjError::Line { line, what: what.into() })?;
+        }
+        data.check()?;
+        Ok(data)
+    }
 }
 
 /// Lines with their numbers; a backslash at the end continues a line.
@@ -139,19 +196,23 @@ impl<'t> Iterator for Lines<'t> {
     }
 }
 
-/// What faces are sorted by: in the order of first use.
+/// The key of a group of faces; keys sort by first use.
 #[derive(Clone, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 struct Key {
     material: Option<(u32, String)>,
-    /// Whether corners have texture coordinates and normals.
+    /// True if all corners have texture coordinates, and if all have normals.
     has: [bool; 2],
 }
 
-/// Faces of one key in plain words, and the line of each.
+/// Numbers of a corner's position, texture coordinates and normal, from 1.
+type Corner = [Option<u64>; 3];
+
+/// Faces of one key.
 #[derive(Debug, Default)]
 struct Group {
-    faces: String,
-    lines: Vec<u32>,
+    corners: Vec<Corner>,
+    /// Line of each face, and the end of its corners.
+    faces: Vec<(u32, usize)>,
 }
 
 /// A number that a corner gives, where vertices were too few when it did.
@@ -163,12 +224,10 @@ struct Largest {
 
 const KINDS: [&str; 3] = ["vertices", "texture coordinates", "normals"];
 
-/// What was read so far.
+/// Everything read so far.
 #[derive(Default)]
-struct Checked {
-    /// Vertices, texture coordinates and normals in plain words.
-    vertices: String,
-    counts: [u64; 3],
+struct Parser {
+    vertices: Vertices,
     largest: [Largest; 3],
     groups: BTreeMap<Key, Group>,
     key: Key,
@@ -177,17 +236,17 @@ struct Checked {
     left_out: Vec<(String, u32)>,
 }
 
-impl Checked {
+impl Parser {
     fn line(&mut self, number: u32, line: &str) -> Result<(), String> {
         // A comment may stand behind anything but a name.
         let words = || line.split('#').next().unwrap_or("").split_whitespace().skip(1);
         let Some(keyword) = line.split_whitespace().next() else { return Ok(()) };
         let name = line.trim_start()[keyword.len()..].trim();
         match keyword {
-            "v" => self.vertex(0, "v", words().take(3), 3),
-            // A texture of one dimension has one.
-            "vt" => self.vertex(1, "vt", words().chain(["0"]).take(2), 2),
-            "vn" => self.vertex(2, "vn", words().take(3), 3),
+            "v" => numbers("v", words()).map(|p| self.vertices.positions.push(DVec3::from_array(p))),
+            // A texture of one dimension has one coordinate.
+            "vt" => numbers("vt", words().chain(["0"])).and_then(single).map(|uv| self.vertices.uvs.push(uv)),
+            "vn" => numbers("vn", words()).and_then(single).map(|n| self.vertices.normals.push(n)),
             "f" | "fo" => self.face(number, words()),
             "usemtl" => {
                 self.key.material = (!name.is_empty()).then(|| {
@@ -213,71 +272,41 @@ impl Checked {
         }
     }
 
-    fn vertex<'w>(
-        &mut self,
-        kind: usize,
-        keyword: &str,
-        words: impl Iterator<Item = &'w str>,
-        wanted: usize,
-    ) -> Result<(), String> {
-        self.vertices.push_str(keyword);
-        let mut found = 0;
-        for word in words {
-            let value: f64 = word.parse().map_err(|_| format!("'{}' is no number", shown(word)))?;
-            // Positions are kept in double precision, the others are not.
-            if !value.is_finite() || kind > 0 && !(value as f32).is_finite() {
-                return Err(format!("'{}' is not finite: mend the mesh", shown(word)));
-            }
-            self.vertices.push(' ');
-            self.vertices.push_str(word);
-            found += 1;
-        }
-        self.vertices.push('\n');
-        self.counts[kind] += 1;
-        if found == wanted { Ok(()) } else { Err(format!("{keyword} needs {wanted} numbers, not {found}")) }
-    }
-
     fn face<'w>(&mut self, line: u32, words: impl Iterator<Item = &'w str>) -> Result<(), String> {
         let mut corners = Vec::new();
         for word in words {
             corners.push(self.corner(line, word)?);
         }
         if corners.len() < 3 {
-            return Err(format!("a face needs 3 corners or more, not {}: remove it", corners.len()));
+            return Err(format!("a face needs 3 corners or more, not {}; remove it", corners.len()));
         }
         self.key.has = [1, 2].map(|kind| corners.iter().all(|corner| corner[kind].is_some()));
         let group = match self.groups.get_mut(&self.key) {
             Some(group) => group,
             None => self.groups.entry(self.key.clone()).or_default(),
         };
-        group.lines.push(line);
-        group.faces.push('f');
-        let text = |number: Option<u64>, has: bool| number.filter(|_| has).map_or(String::new(), |n| n.to_string());
-        for [position, uv, normal] in corners {
-            let [has_uv, has_normal] = self.key.has;
-            let [position, uv, normal] = [text(position, true), text(uv, has_uv), text(normal, has_normal)];
-            // Writing to a string does not fail.
-            let _ = write!(group.faces, " {position}/{uv}/{normal}");
-        }
-        group.faces.push('\n');
+        let [has_uv, has_normal] = self.key.has;
+        let kept = |[position, uv, normal]: Corner| [position, uv.filter(|_| has_uv), normal.filter(|_| has_normal)];
+        group.corners.extend(corners.into_iter().map(kept));
+        group.faces.push((line, group.corners.len()));
         Ok(())
     }
 
     /// The numbers of a corner, counted from 1.
-    fn corner(&mut self, line: u32, word: &str) -> Result<[Option<u64>; 3], String> {
+    fn corner(&mut self, line: u32, word: &str) -> Result<Corner, String> {
         let mut numbers = [None; 3];
         for (kind, text) in word.split('/').enumerate() {
             let Some(number) = numbers.get_mut(kind) else {
-                return Err(format!("corner '{}' has more than three numbers", shown(word)));
+                return Err(format!("corner \"{}\" has more than three numbers", shown(word)));
             };
             if text.is_empty() {
                 continue;
             }
-            let value: i64 = text.parse().map_err(|_| format!("corner '{}' is no number", shown(word)))?;
-            let count = self.counts[kind];
+            let value: i64 = text.parse().map_err(|_| format!("corner \"{}\" is not a number", shown(word)))?;
+            let count = self.vertices.counts()[kind];
             let what = KINDS[kind];
             *number = Some(match u64::try_from(value) {
-                Ok(0) => return Err(format!("corner '{}': {what} count from 1", shown(word))),
+                Ok(0) => return Err(format!("corner \"{}\": {what} count from 1", shown(word))),
                 Ok(value) => {
                     if value > count.max(self.largest[kind].value) {
                         self.largest[kind] = Largest { value, line };
@@ -286,12 +315,12 @@ impl Checked {
                 }
                 Err(_) => match count.checked_sub(value.unsigned_abs()) {
                     Some(before) => before + 1,
-                    None => return Err(format!("corner '{}': there are only {count} {what} so far", shown(word))),
+                    None => return Err(format!("corner \"{}\": there are only {count} {what} so far", shown(word))),
                 },
             });
         }
         if numbers[0].is_none() {
-            return Err(format!("corner '{}' has no vertex", shown(word)));
+            return Err(format!("corner \"{}\" has no vertex", shown(word)));
         }
         Ok(numbers)
     }
@@ -299,13 +328,13 @@ impl Checked {
     /// Faces may come before their vertices; in the end all must be there.
     fn check_ranges(&self) -> Result<(), ObjError> {
         for (kind, largest) in self.largest.iter().enumerate() {
-            let (count, what) = (self.counts[kind], KINDS[kind]);
+            let (count, what) = (self.vertices.counts()[kind], KINDS[kind]);
             if largest.value > count {
                 let what = format!("a corner has number {}, but there are only {count} {what}", largest.value);
                 return Err(ObjError::Line { line: largest.line, what });
             }
             if count > u64::from(u32::MAX) {
-                let what = format!("{count} {what} are too many: split the mesh");
+                let what = format!("{count} {what} are too many; split the mesh");
                 return Err(ObjError::Line { line: 1, what });
             }
         }
@@ -313,7 +342,39 @@ impl Checked {
     }
 }
 
-/// A word for a message, cut to a sensible length.
+/// The first `N` numbers of a statement.
+fn numbers<'w, const N: usize>(keyword: &str, words: impl Iterator<Item = &'w str>) -> Result<[f64; N], String> {
+    let mut values = [0.0; N];
+    let mut found = 0;
+    for word in words.take(N) {
+        let value: f64 = word.parse().map_err(|_| not_a_number(word))?;
+        if !value.is_finite() {
+            return Err(not_finite(word));
+        }
+        values[found] = value;
+        found += 1;
+    }
+    if found == N { Ok(values) } else { Err(format!("{keyword} needs {N} numbers, not {found}")) }
+}
+
+/// Numbers in single precision.
+fn single<const N: usize>(values: [f64; N]) -> Result<[f32; N], String> {
+    let rounded = values.map(|v| v as f32);
+    match rounded.iter().position(|v| !v.is_finite()) {
+        Some(at) => Err(not_finite(&values[at].to_string())),
+        None => Ok(rounded),
+    }
+}
+
+fn not_a_number(word: &str) -> String {
+    format!("\"{}\" is not a number", shown(word))
+}
+
+fn not_finite(word: &str) -> String {
+    format!("\"{}\" is not finite; mend the mesh", shown(word))
+}
+
+/// A word of the file for a message, cut to 32 characters.
 fn shown(word: &str) -> String {
     let mut shown: String = word.chars().take(32).filter(|c| !c.is_control()).collect();
     if word.chars().nth(32).is_some() {

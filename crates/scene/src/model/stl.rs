@@ -1,44 +1,78 @@
 //! Meshes from STL files, binary and text, through `stl_io`.
 //!
-//! What that crate leaves open is decided here: which of the two a file is (binary ones may begin with `solid`
-//! too), files of several solids, capital letters, where a mistake is, and whether numbers are finite.
+//! That crate leaves open: text or binary (binary files may begin with `solid` too), files of several solids, capital
+//! letters, lines of mistakes, and numbers that are not finite. This module decides them.
 
-use crate::{MeshData, MeshFault};
+use super::{UpAxis, add_mesh, model_scene};
+use crate::files::Files;
+use crate::readers::{AnyOptions, SceneReader};
+use crate::{MeshData, MeshFault, ReadError, Scene, Source};
 use glam::DVec3;
 use std::collections::HashMap;
 use std::io::Cursor;
+use std::path::Path;
+
+/// The reader of STL models.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct StlReader;
+
+impl SceneReader for StlReader {
+    fn name(&self) -> &'static str {
+        "STL"
+    }
+
+    fn extensions(&self) -> &'static [&'static str] {
+        &["stl"]
+    }
+
+    fn recognizes(&self, content: &[u8]) -> bool {
+        begins_with(&String::from_utf8_lossy(&content[..content.len().min(64)]), "solid")
+    }
+
+    fn read(&self, files: &dyn Files, path: &Path, options: &AnyOptions) -> Result<Scene, ReadError> {
+        let up = options.model.up.unwrap_or(UpAxis::Z);
+        model_scene(files, path, up, |scene, bytes, source| {
+            let mesh = read_stl(&bytes).map_err(|e| match e {
+                StlError::Line { line, what } => ReadError::invalid(Source { line, ..source.clone() }, what),
+                other => ReadError::invalid(source.clone(), other.to_string()),
+            })?;
+            add_mesh(scene, mesh.data, mesh.doubt, source);
+            Ok(())
+        })
+    }
+}
 
 /// A mesh that was read.
 #[derive(Clone, Debug)]
 pub struct StlMesh {
     /// The mesh, without normals: its facets are flat. Corners that agree to the bit are one vertex.
     pub data: MeshData,
-    /// What makes one doubt that the file is right, if anything does.
+    /// The reason to doubt the file, if any.
     pub doubt: Option<String>,
 }
 
-/// Why an STL file is refused. Facets count from 0, lines from 1.
+/// The error of an STL file. Facets count from 0, lines from 1.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum StlError {
     /// Neither kind of STL.
-    #[error("{bytes} bytes that do not begin with `solid` are no STL file: a binary one has 84 or more")]
+    #[error("{bytes} bytes that do not begin with `solid` are no STL file; a binary one has 84 or more")]
     Foreign {
         /// The file's length.
         bytes: usize,
     },
     /// The file cannot hold what its header promises.
     #[error(
-        "the header promises {count} facets, and only {bytes} bytes follow where each takes 50: the file is cut off or damaged"
+        "the header promises {count} facets, and only {bytes} bytes follow where each takes 50; the file is cut off or damaged"
     )]
     TooShort {
-        /// How many are promised.
+        /// Number of facets promised.
         count: u32,
-        /// How many bytes are left.
+        /// Number of bytes left.
         bytes: usize,
     },
     /// A facet of a binary file that is no triangle.
-    #[error("facet {facet}: a corner is not finite: mend the mesh")]
+    #[error("facet {facet}: a corner is not finite; mend the mesh")]
     Facet {
         /// Its number.
         facet: usize,
@@ -48,7 +82,7 @@ pub enum StlError {
     Line {
         /// Its number.
         line: u32,
-        /// What is wrong and what to do.
+        /// The mistake and its remedy.
         what: String,
     },
     /// The mesh itself is wrong.
@@ -109,10 +143,10 @@ fn read_text(bytes: &[u8]) -> Result<StlMesh, StlError> {
     let mut welder = Welder::default();
     while let Some((first, line)) = lines.next() {
         if !begins_with(line, "solid") {
-            let what = "outside of a solid, only `solid` can follow: the file is damaged";
+            let what = "outside of a solid, only `solid` can follow; the file is damaged";
             return Err(StlError::Line { line: first, what: what.into() });
         }
-        // One solid in the words that the crate knows, and where its lines are.
+        // One solid in the spelling of the crate, and its line numbers.
         let mut solid = String::from("solid \n");
         let mut numbers = Vec::new();
         for (number, line) in lines.by_ref() {
@@ -142,14 +176,14 @@ fn read_solid(text: String, first: u32, lines: &[u32], welder: &mut Welder) -> R
     };
     let unreadable = |e: std::io::Error, facet: usize| {
         let reason: String = e.to_string().chars().take(200).collect();
-        fault(facet, format!("the facet that should be here cannot be read ({reason}): the file is cut off or damaged"))
+        fault(facet, format!("the facet that should be here cannot be read ({reason}); the file is cut off or damaged"))
     };
     let facets = stl_io::create_stl_reader(&mut file).map_err(|e| unreadable(e, 0))?;
     for (number, facet) in facets.enumerate() {
         let corners = facet.map_err(|e| unreadable(e, number))?.vertices.map(|v| v.0);
         welder
             .add(corners)
-            .ok_or_else(|| fault(number, "a corner of this facet is not finite: mend the mesh".into()))?;
+            .ok_or_else(|| fault(number, "a corner of this facet is not finite; mend the mesh".into()))?;
     }
     Ok(())
 }

@@ -111,7 +111,7 @@ impl Sampled {
     /// From wavelengths and values in turn.
     ///
     /// # Errors
-    /// What is wrong with them, to follow the name of a parameter.
+    /// The mistake, to follow the name of a parameter.
     pub(super) fn new(numbers: &[f64]) -> Result<Self, String> {
         let (pairs, rest) = numbers.as_chunks::<2>();
         if pairs.is_empty() || !rest.is_empty() {

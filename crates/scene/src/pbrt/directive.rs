@@ -1,9 +1,10 @@
-//! From tokens to directives: a word with its arguments, and where it stands.
+//! From tokens to directives: a name with its arguments and its place.
 
+use super::diagnostics::Log;
 use super::params::{Param, read_param};
-use super::report::{Log, suggestion};
 use super::tokens::{Fault, Kind, Token, Tokens, number, shown, unescape};
 use crate::Source;
+use crate::nearest::nearest;
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -12,11 +13,11 @@ use std::sync::Arc;
 enum Form {
     /// Nothing.
     Bare,
-    /// So many numbers, in brackets or not.
+    /// This many numbers, in brackets or not.
     Numbers(usize),
-    /// So many quoted strings, at least and at most.
+    /// Quoted strings: the least and the largest number of them.
     Texts(usize, usize),
-    /// So many quoted strings, then parameters.
+    /// This many quoted strings, then parameters.
     Named(usize),
     /// An unquoted word.
     Word,
@@ -81,7 +82,7 @@ pub(super) struct Directive<'t> {
     pub(super) params: Vec<Param>,
 }
 
-/// Reads directives off a text; reports what is none and goes on behind it.
+/// Reads directives off a text; reports malformed ones and continues behind them.
 pub(super) struct Directives<'t> {
     tokens: Tokens<'t>,
     file: Arc<PathBuf>,
@@ -190,7 +191,7 @@ impl<'t> Directives<'t> {
                 _ if texts.len() >= least => return Ok(texts),
                 other => {
                     let line = other.and_then(|t| t.as_ref().ok()).map_or(word.line, |t| t.line);
-                    let what = format!("{} takes a quoted name here: write it as {} \"…\"", word.text, word.text);
+                    let what = format!("{} takes a quoted name here; write it as {} \"…\"", word.text, word.text);
                     return Err((line, what));
                 }
             }
@@ -207,9 +208,9 @@ fn form_of(word: &str) -> Option<Form> {
 }
 
 fn unknown(word: &str) -> String {
-    match suggestion(word, FORMS.iter().map(|f| f.0)) {
-        Some(known) => format!("unknown directive {}: did you mean {known}?", shown(word)),
-        None => format!("unknown directive {}: remove it or correct its spelling", shown(word)),
+    match nearest(word, FORMS.iter().map(|f| f.0)) {
+        Some(known) => format!("unknown directive {}; did you mean \"{known}\"?", shown(word)),
+        None => format!("unknown directive {}; remove it or correct its spelling", shown(word)),
     }
 }
 

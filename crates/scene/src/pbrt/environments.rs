@@ -1,9 +1,9 @@
-//! How bright an image around the scene is.
+//! The illuminance of environment maps.
 
 use crate::image::Image;
 use std::f64::consts::{PI, TAU};
 
-/// What the upper half (z > 0) of an environment image gives to a patch that looks up: the integral of
+/// The illuminance of an upward patch under the upper half (z > 0) of an environment map: the integral of
 /// luminance times cosine.
 pub(super) fn illuminance_of(image: &Image, equal_area: bool) -> f64 {
     let [width, height] = image.size.map(f64::from);

@@ -13,7 +13,7 @@ use std::sync::Arc;
 /// Images decoded so far; each file once for each use that differs.
 pub(super) type Images = BTreeMap<(PathBuf, Decoding, Channel), Arc<Image>>;
 
-/// What the integers of a file stand for.
+/// The meaning of a file's integers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Decoding {
     Srgb,
@@ -22,7 +22,7 @@ pub(super) enum Decoding {
     Gamma(u32),
 }
 
-/// What is taken of a pixel.
+/// The part of a pixel that a texture reads.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Channel {
     /// The colour.
@@ -34,7 +34,7 @@ pub(super) enum Channel {
 }
 
 impl Channel {
-    /// What a texture of numbers takes.
+    /// The number that a float texture reads.
     pub(super) fn of_number(version: Version) -> Self {
         if version.is_old() { Self::Luminance } else { Self::AlphaOrMean }
     }
@@ -92,7 +92,7 @@ impl Reader<'_> {
         }
     }
 
-    /// How the integers of an image map are to be decoded.
+    /// The decoding of an image map's integers.
     pub(super) fn decoding(&self, params: &mut Params, file: &str) -> Decoding {
         match self.version {
             Version::V2 => {
@@ -129,7 +129,7 @@ impl Reader<'_> {
     }
 }
 
-/// Whether an image's values were encoded at all: OpenEXR, Radiance HDR and PFM hold them as they are.
+/// True if an image's values were encoded: OpenEXR, Radiance HDR and PFM hold them as they are.
 fn holds_integers(bytes: &[u8]) -> bool {
     ![&b"\x76\x2f\x31\x01"[..], b"#?", b"PF", b"Pf"].iter().any(|magic| bytes.starts_with(magic))
 }

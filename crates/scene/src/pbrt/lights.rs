@@ -16,7 +16,7 @@ use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
 
 impl Reader<'_> {
-    /// Carries out `AreaLightSource`: shapes to come shine.
+    /// Carries out `AreaLightSource`: later shapes emit light.
     pub(super) fn set_area_light(&mut self, mut d: Directive<'_>) {
         self.lights_met += 1;
         let mut params = self.params(&mut d, "light");
@@ -62,7 +62,7 @@ impl Reader<'_> {
             }
         };
         if self.state.ctm.moves_to().is_some() {
-            let what = format!("{} does not move: it stands where the motion starts, as in pbrt", params.of());
+            let what = format!("{} does not move; it stands where the motion starts, as in pbrt", params.of());
             params.notice(d.source.line, what);
         }
         if params.finish(&mut self.log)
@@ -126,7 +126,7 @@ impl Reader<'_> {
         let file = params.text(if old { "mapname" } else { "filename" });
         let radiance = match file {
             Some((_, line)) if constant.is_some() && !old => {
-                params.problem(line, format!("{} has both L and filename: remove one", params.of().to_owned()));
+                params.problem(line, format!("{} has both L and filename; remove one", params.of().to_owned()));
                 None
             }
             Some((file, line)) => {
@@ -181,7 +181,7 @@ impl Reader<'_> {
             if found <= 0.0 || !found.is_finite() {
                 params.problem(
                     source.line,
-                    format!("{} gives no light from above: illuminance cannot be had", shown(file)),
+                    format!("{} gives no light from above; illuminance cannot be had", shown(file)),
                 );
                 return None;
             }
@@ -190,7 +190,7 @@ impl Reader<'_> {
         let bad = image.pixels.iter().position(|p| p.iter().any(|&c| !(0.0..f32::INFINITY).contains(&(c * scale))));
         if let Some(at) = bad {
             let (x, y) = (at as u32 % image.size[0], at as u32 / image.size[0]);
-            let what = format!("pixel {x}, {y} of {} is negative or not finite: mend the image", shown(file));
+            let what = format!("pixel {x}, {y} of {} is negative or not finite; mend the image", shown(file));
             params.problem(source.line, what);
             return None;
         }
@@ -238,7 +238,7 @@ fn finite(color: [f32; 3], params: &mut Params) -> [f32; 3] {
     if color.iter().all(|c| c.is_finite()) {
         return color;
     }
-    params.problem(params.line(), format!("{} is brighter than 3.4e38: make it darker", params.of().to_owned()));
+    params.problem(params.line(), format!("{} is brighter than 3.4e38; make it darker", params.of().to_owned()));
     [0.0; 3]
 }
 

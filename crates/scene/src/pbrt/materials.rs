@@ -14,7 +14,7 @@ pub(super) fn default_kind() -> MaterialKind {
     MaterialKind::Diffuse { reflectance: Color::Constant([0.5; 3]) }
 }
 
-/// What a directive makes, before it has a number.
+/// The result of a material directive, before it has a number.
 pub(super) struct Made {
     pub(super) kind: MaterialKind,
     /// Of a mix: the names of both parts.
@@ -43,7 +43,7 @@ impl Reader<'_> {
         let name = d.texts.swap_remove(0);
         let kind = params.text("type");
         if kind.is_none() && !params.is_bad() {
-            params.problem(d.source.line, format!("{} lacks its type: add \"string type\" \"diffuse\"", params.of()));
+            params.problem(d.source.line, format!("{} lacks its type; add \"string type\" \"diffuse\"", params.of()));
         }
         if let Some(&first) = self.named_materials.get(&name) {
             let first = &self.scene.materials[first.0 as usize].source;
@@ -71,7 +71,7 @@ impl Reader<'_> {
             .filter(|bump| matches!(bump, Scalar::Texture(_)));
         let normal_map = (shades && !self.version.is_old()).then(|| self.normal_map(&mut params, &source)).flatten();
         if let (Some(_), Some(_)) = (bump, normal_map) {
-            let what = format!("{} has both displacement and normalmap: remove one", params.of());
+            let what = format!("{} has both displacement and normalmap; remove one", params.of());
             params.problem(line, what);
         }
         let textures = &self.textures;
@@ -92,7 +92,7 @@ impl Reader<'_> {
     }
 }
 
-/// A material of pbrt-v4; `None` if there is none of this type.
+/// A material of pbrt-v4; `None` for an unknown type.
 fn new_material(kind: &str, params: &mut Params, textures: &Textures) -> Option<Made> {
     let kind = match kind {
         "diffuse" => MaterialKind::Diffuse { reflectance: params.color("reflectance", [0.5; 3], textures) },
@@ -146,7 +146,7 @@ fn diffuse_transmission(params: &mut Params, textures: &Textures) -> MaterialKin
             let what = format!("{}: reflectance and transmittance, scaled, must not be above 1", params.of());
             params.problem(params.line(), what);
         } else if (0..3).any(|i| r[i] + t[i] > 1.0) {
-            let what = format!("{} gives back more light than it gets: the sum of both is above 1", params.of());
+            let what = format!("{} gives back more light than it gets; the sum of both is above 1", params.of());
             params.notice(params.line(), what);
         }
     }
@@ -209,7 +209,7 @@ pub(super) fn fresnel(params: &mut Params, textures: &Textures, names: [&'static
         let reflectance = params.color(reflectance_name, [0.5; 3], textures);
         for name in [eta, k] {
             if let Some(param) = params.take(name) {
-                let what = format!("{} has both {reflectance_name} and {name}: remove one", params.of());
+                let what = format!("{} has both {reflectance_name} and {name}; remove one", params.of());
                 params.problem(param.line, what);
             }
         }

@@ -1,4 +1,4 @@
-//! What fills space.
+//! Participating media.
 
 use super::directive::Directive;
 use super::reader::Reader;
@@ -22,7 +22,7 @@ impl Reader<'_> {
             }
             None if params.is_bad() => {}
             None => {
-                params.problem(line, format!("{} lacks its type: add \"string type\" \"homogeneous\"", params.of()));
+                params.problem(line, format!("{} lacks its type; add \"string type\" \"homogeneous\"", params.of()));
             }
         }
         for name in ["preset", "Le", "Lescale"] {
@@ -43,7 +43,7 @@ impl Reader<'_> {
             let first = &self.scene.media[first.0 as usize].source;
             params.problem(line, format!("medium {} is made twice (first at {first})", shown(&name)));
         }
-        // Made even if something is wrong, so that nothing is said about its lack.
+        // Made even after an error, so that its uses cause no further errors.
         let _good = params.finish(&mut self.log);
         let id = MediumId(self.scene.media.len() as u32);
         let [absorption, scattering] = [absorption, scattering].map(|rgb| rgb.map(|c| c * scale));
@@ -51,7 +51,7 @@ impl Reader<'_> {
         self.named_media.insert(name, id);
     }
 
-    /// Carries out `MediumInterface`: what is inside and outside of shapes to come, and around the camera.
+    /// Carries out `MediumInterface`: the media of later shapes, and around the camera.
     pub(super) fn set_media(&mut self, d: Directive<'_>) {
         let named = |i: usize| d.texts.get(i).filter(|name| !name.is_empty()).cloned();
         let inside = named(0);

@@ -10,13 +10,13 @@ impl Reader<'_> {
     pub(super) fn begin_object(&mut self, d: &Directive<'_>) {
         if let Some(open) = self.object {
             let open = &self.scene.objects[open.0 as usize];
-            let what = format!("ObjectBegin within object {} of {}: close that first", shown(&open.name), open.source);
+            let what = format!("ObjectBegin within object {} of {}; close that first", shown(&open.name), open.source);
             self.log.problem(&d.source, what);
         }
         let name = d.texts[0].clone();
         if let Some(first) = self.named_objects.get(&name) {
             let first = &self.scene.objects[first.0 as usize].source;
-            let what = format!("object {} is made twice (first at {first}): rename one", shown(&name));
+            let what = format!("object {} is made twice (first at {first}); rename one", shown(&name));
             self.log.problem(&d.source, what);
         }
         self.begin_block("ObjectBegin", d.source.clone());
@@ -29,7 +29,7 @@ impl Reader<'_> {
     /// Carries out `ObjectInstance`.
     pub(super) fn add_instance(&mut self, d: &Directive<'_>) {
         if self.object.is_some() {
-            let what = "ObjectInstance within an object: objects hold shapes only, so move it out";
+            let what = "ObjectInstance within an object; objects hold shapes only, so move it out";
             self.log.problem(&d.source, what);
             return;
         }

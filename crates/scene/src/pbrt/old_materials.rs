@@ -8,7 +8,7 @@ use super::version::Version;
 use crate::{Color, MaterialId, MaterialKind, Roughness, Scalar};
 
 impl Reader<'_> {
-    /// A material of pbrt-v2 or v3; `None` if there is none of this type, or it is not supported.
+    /// A material of pbrt-v2 or v3; `None` for an unknown or unsupported type.
     pub(super) fn old_material(&self, kind: &str, params: &mut Params) -> Option<Made> {
         let textures = &self.textures;
         let kind = match kind {

@@ -1,4 +1,4 @@
-//! What stands before `WorldBegin`: camera, film, filter, sampler, integrator.
+//! Directives before `WorldBegin`: camera, film, filter, sampler, integrator.
 
 use super::directive::Directive;
 use super::params::{Params, Type};
@@ -26,7 +26,7 @@ impl Reader<'_> {
         if !matches!(kind, "perspective" | "orthographic") {
             // Another projection shows another image, so it is never left out.
             let what =
-                format!("Camera {} is not supported: use Camera \"perspective\" or \"orthographic\"", shown(kind));
+                format!("Camera {} is not supported; use Camera \"perspective\" or \"orthographic\"", shown(kind));
             self.log.problem(&source, what);
             return;
         }
@@ -51,7 +51,7 @@ impl Reader<'_> {
         let mut shutter = [("shutteropen", 0.0), ("shutterclose", 1.0)]
             .map(|(name, default)| params.float(name, default, |_| true, "finite"));
         if shutter[0] > shutter[1] {
-            params.notice(line, "the shutter closes before it opens: both times are swapped, as in pbrt");
+            params.notice(line, "the shutter closes before it opens; both times are swapped, as in pbrt");
             shutter.swap(0, 1);
         }
         let ctm = self.state.ctm;
@@ -105,13 +105,13 @@ impl Reader<'_> {
 
     fn read_sampler(&mut self, source: &Source, mut params: Params) {
         self.meet("Sampler", source);
-        let what = format!("{} is advice: which samples are taken is for the user to choose", params.of());
-        self.log.notice(source, what);
+        let what = format!("{} is ignored; choose sampler and point set yourself", params.of());
+        self.log.ignored_setting(source, what);
         let spp = params.integer("pixelsamples", 1, i32::MAX);
         let strata = [params.integer("xsamples", 1, i32::MAX), params.integer("ysamples", 1, i32::MAX)];
         self.scene.film.spp = match (spp, strata) {
             (Some(spp), _) => Some(spp as u32),
-            // pbrt-v4's stratified sampler: 4 x 4 where only one of them is said.
+            // pbrt-v4's stratified sampler: 4 x 4 if only one of them is given.
             (None, [Some(x), y]) => (x as u32).checked_mul(y.unwrap_or(4) as u32),
             (None, [None, Some(y)]) => (y as u32).checked_mul(4),
             (None, [None, None]) => None,
@@ -123,8 +123,8 @@ impl Reader<'_> {
     fn read_integrator(&mut self, kind: &str, source: &Source, mut params: Params) {
         self.meet("Integrator", source);
         if kind != "path" {
-            let what = format!("Integrator {} is advice: light is transported by path tracing", shown(kind));
-            self.log.notice(source, what);
+            let what = format!("Integrator {} is ignored; light is transported by path tracing", shown(kind));
+            self.log.ignored_setting(source, what);
         }
         // pbrt-v4's default is 5.
         self.scene.max_depth = Some(params.integer("maxdepth", 0, i32::MAX).unwrap_or(5) as u32);
@@ -139,8 +139,8 @@ impl Reader<'_> {
     /// `Integrator`.
     pub(super) fn read_old_transport(&mut self, mut d: Directive<'_>) {
         let mut params = self.params(&mut d, "");
-        let what = format!("{} is advice (of pbrt-v2): light is transported by path tracing", params.of());
-        self.log.notice(&d.source, what);
+        let what = format!("{} (of pbrt-v2) is ignored; light is transported by path tracing", params.of());
+        self.log.ignored_setting(&d.source, what);
         let kind = d.texts[0].as_str();
         let depth = match d.word {
             "SurfaceIntegrator" => {
@@ -217,14 +217,14 @@ fn crop(params: &mut Params, resolution: [u32; 2]) -> Option<[u32; 4]> {
                 params.problem(line, "parameter pixelbounds takes whole numbers");
             }
             if [b[0], b[2], b[1], b[3]] != crop.map(f64::from) {
-                params.notice(line, "pixelbounds reach beyond the image: cut to it");
+                params.notice(line, "pixelbounds reach beyond the image; cut to it");
             }
             (crop, line)
         }
         (None, None) => return None,
     };
     if crop[0] >= crop[2] || crop[1] >= crop[3] {
-        params.problem(line, "the crop window holds no pixel: give it as x0 x1 y0 y1 with x0 < x1 and y0 < y1");
+        params.problem(line, "the crop window holds no pixel; give it as x0 x1 y0 y1 with x0 < x1 and y0 < y1");
         return None;
     }
     Some(crop)

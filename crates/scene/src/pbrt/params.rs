@@ -1,13 +1,14 @@
-//! The parameter list of a directive: typed values by name, each asked for once.
+//! The parameter list of a directive: typed values by name, each taken once.
 
-use super::report::{Log, suggestion};
+use super::diagnostics::Log;
 use super::tokens::{Fault, Kind, Token, Tokens, number, shown, unescape};
 use super::version::Version;
 use crate::Source;
+use crate::nearest::nearest;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// What a parameter's declaration says that it is.
+/// The type in a parameter's declaration.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Type {
     Float,
@@ -85,19 +86,19 @@ pub(super) struct Param {
     pub(super) values: Values,
     pub(super) line: u32,
     taken: bool,
-    /// Given by an `Attribute` directive, for whoever wants it.
+    /// Given by an `Attribute` directive, for later directives.
     inherited: bool,
 }
 
 /// Reads `"type name" value` or `"type name" [ values ]`. Bad values are reported and kept as broken, so
-/// that nothing is said about their lack.
+/// that they do not count as missing.
 pub(super) fn read_param(tokens: &mut Tokens<'_>, file: &Arc<PathBuf>, log: &mut Log) -> Result<Param, Fault> {
     let Some(declaration) = tokens.next() else { return Err((tokens.line(), "a parameter is missing".into())) };
     let declaration = declaration?;
     let words: Vec<&str> = declaration.text.split_ascii_whitespace().take(3).collect();
     let [type_name, name] = words[..] else {
         let what = format!(
-            "{} declares no parameter: write a type and a name, as in \"float radius\"",
+            "{} declares no parameter; write a type and a name, as in \"float radius\"",
             shown(declaration.text)
         );
         return Err((declaration.line, what));
@@ -161,11 +162,11 @@ fn unknown_type(name: &str) -> String {
         "blackbody",
         "texture",
     ];
-    let near = suggestion(name, NAMES).map_or(String::new(), |k| format!(": did you mean {k}?"));
+    let near = nearest(name, NAMES).map_or(String::new(), |k| format!("; did you mean \"{k}\"?"));
     format!("unknown parameter type {}{near}", shown(name))
 }
 
-/// Appends what a token means for a parameter of type `ty`.
+/// Appends the value of a token to a parameter of type `ty`.
 fn push_value(values: &mut Option<Values>, token: &Token<'_>, ty: Option<Type>) -> Result<(), Fault> {
     let wrong = |wanted: &str| {
         let ty = ty.map_or("this type", Type::name);
@@ -203,8 +204,7 @@ fn push_value(values: &mut Option<Values>, token: &Token<'_>, ty: Option<Type>) 
     }
 }
 
-/// The parameters of one directive. What is asked for and cannot be had is noted, and reported by
-/// [`finish`](Self::finish) together with what nobody asked for.
+/// The parameters of one directive. [`finish`](Self::finish) reports wrong parameters, and those that were not taken.
 #[derive(Debug)]
 pub(super) struct Params {
     of: String,
@@ -226,7 +226,7 @@ impl Params {
         let mut by_name: Vec<(&str, u32)> = own.iter().map(|p| (p.name.as_str(), p.line)).collect();
         by_name.sort();
         for pair in by_name.windows(2).filter(|pair| pair[0].0 == pair[1].0) {
-            let what = format!("parameter {} of {of} is given twice: remove one", shown(pair[0].0));
+            let what = format!("parameter {} of {of} is given twice; remove one", shown(pair[0].0));
             problems.push((pair[1].1, what));
         }
         let mut list = own;
@@ -245,7 +245,7 @@ impl Params {
         }
     }
 
-    /// What these are the parameters of, for messages.
+    /// The directive that these are the parameters of, for messages.
     pub(super) fn of(&self) -> &str {
         &self.of
     }
@@ -274,7 +274,7 @@ impl Params {
         self.unsupported(line, what);
     }
 
-    /// Makes [`finish`](Self::finish) say no; the reason has been reported.
+    /// Makes [`finish`](Self::finish) return false; the reason has been reported.
     pub(super) fn fail(&mut self) {
         self.broken = true;
     }
@@ -283,12 +283,12 @@ impl Params {
         self.notices.push((line, message.into()));
     }
 
-    /// Whether anything asked for so far was wrong.
+    /// True if a parameter read so far was wrong.
     pub(super) fn is_bad(&self) -> bool {
         self.broken || !self.problems.is_empty()
     }
 
-    /// Whether a parameter of this name was written and not yet taken.
+    /// True if a parameter of this name was given and is not taken yet.
     pub(super) fn has(&self, name: &str) -> bool {
         self.list.iter().any(|p| p.name == name && !p.taken)
     }
@@ -322,7 +322,7 @@ impl Params {
             return Some(param);
         }
         let what = format!(
-            "parameter {name} of {} is declared {}: write \"{} {name}\"",
+            "parameter {name} of {} is declared {}; write \"{} {name}\"",
             self.of,
             param.ty.name(),
             types[0].name()
@@ -345,7 +345,7 @@ impl Params {
         self.one(name, param.line, &values).map(|value| (value, param.line))
     }
 
-    /// A number that `ok` accepts; `range` says in words which those are.
+    /// A number that `ok` accepts; `range` describes the range in a message.
     pub(super) fn float(&mut self, name: &'static str, default: f64, ok: impl Fn(f64) -> bool, range: &str) -> f64 {
         let Some((value, line)) = self.number(name, Type::Float) else { return default };
         if ok(value) {
@@ -425,7 +425,7 @@ impl Params {
         }
     }
 
-    /// Whatever else there is, without a word.
+    /// Drops all other parameters without a notice.
     pub(super) fn ignore_rest(&mut self) {
         self.list.iter_mut().for_each(|p| p.taken = true);
     }
@@ -444,9 +444,9 @@ impl Params {
         }
         self.list.retain(|p| !p.taken && !p.inherited);
         for p in &self.list {
-            let near = suggestion(&p.name, self.asked.iter().copied());
-            let near = near.map_or(String::new(), |k| format!("; did you mean {k}?"));
-            let message = format!("{} has no parameter {}: ignored{near}", self.of, shown(&p.name));
+            let near = nearest(&p.name, self.asked.iter().copied());
+            let near = near.map_or(String::new(), |k| format!("; did you mean \"{k}\"?"));
+            let message = format!("{} has no parameter {}; ignored{near}", self.of, shown(&p.name));
             log.notice(&Source { file: self.file.clone(), line: p.line }, message);
         }
         !self.is_bad()

@@ -1,16 +1,18 @@
 //! Carries directives out, one by one, on a graphics state.
 
 use super::ReadOptions;
+use super::diagnostics::Log;
 use super::directive::{Directive, Directives};
 use super::images::Images;
+use super::late_names::Awaited;
 use super::params::{Param, Params, Values};
-use super::report::{Log, ReadError, suggestion};
-use super::settle::Awaited;
 use super::state::{Ctm, MaterialRef, State};
 use super::textures::Textures;
 use super::tokens::shown;
 use super::version::Version;
+use crate::ReadError;
 use crate::files::Files;
+use crate::nearest::nearest;
 use crate::{MaterialId, MediumId, MeshData, ObjectId, PixelFilter, Scene, Source};
 use glam::DAffine3;
 use std::collections::BTreeMap;
@@ -36,7 +38,7 @@ pub(super) struct Block {
     saved: State,
 }
 
-/// Where the directives stand of which there should be one.
+/// Places of the directives that may occur once.
 #[derive(Default)]
 pub(super) struct Once {
     pub(super) places: BTreeMap<&'static str, Source>,
@@ -60,7 +62,7 @@ pub(super) struct Reader<'a> {
     pub(super) named_materials: BTreeMap<String, MaterialId>,
     pub(super) named_media: BTreeMap<String, MediumId>,
     pub(super) default_material: Option<MaterialId>,
-    /// What refers to names that may be made later.
+    /// References to names that may be defined later.
     pub(super) awaited: Awaited,
     pub(super) textures: Textures,
     pub(super) meshes: BTreeMap<PathBuf, Arc<MeshData>>,
@@ -125,7 +127,7 @@ impl<'a> Reader<'a> {
     pub(super) fn load(&mut self, path: &Path, source: &Source) -> Option<Vec<u8>> {
         match self.files.read(path) {
             Ok(bytes) if bytes.starts_with(&[0x1f, 0x8b]) => {
-                let what = format!("{} is compressed with gzip: unpack it and name the unpacked file", path.display());
+                let what = format!("{} is compressed with gzip; unpack it and name the unpacked file", path.display());
                 self.log.problem(source, what);
                 None
             }
@@ -155,7 +157,7 @@ impl<'a> Reader<'a> {
             Err(e) => {
                 let good = &bytes[..e.valid_up_to()];
                 let line = 1 + good.iter().filter(|&&b| b == b'\n').count() as u32;
-                let what = format!("the byte at offset {} is not UTF-8: save the file as UTF-8", good.len());
+                let what = format!("the byte at offset {} is not UTF-8; save the file as UTF-8", good.len());
                 self.log.problem(&Source { file, line }, what);
                 self.stopped = true;
                 return;
@@ -173,7 +175,7 @@ impl<'a> Reader<'a> {
             }
         }
         if !text.is_empty() && !text.ends_with('\n') {
-            let what = "the last line has no line break: if the file was cut off, something may be missing";
+            let what = "the last line has no line break; if the file was cut off, something may be missing";
             self.log.notice(&directives.here(), what);
         }
         self.including.pop();
@@ -183,7 +185,8 @@ impl<'a> Reader<'a> {
     fn set_version(&mut self, version: Version, whole: &Source) {
         self.version = version;
         if version.is_old() {
-            let what = format!("this file uses words of older versions: it is read by the rules of {}", version.name());
+            let what =
+                format!("this file is written for an older version; it is read by the rules of {}", version.name());
             self.log.notice(whole, what);
             self.scene.film.resolution = [640, 480];
             self.scene.film.pixel_filter = PixelFilter::Box { radius: [0.5, 0.5] };
@@ -245,7 +248,7 @@ impl<'a> Reader<'a> {
     pub(super) fn in_world(&mut self, d: &Directive<'_>) -> bool {
         let inside = self.once.places.contains_key("WorldBegin");
         if !inside {
-            self.log.problem(&d.source, format!("{} belongs after WorldBegin: move it there", d.word));
+            self.log.problem(&d.source, format!("{} belongs after WorldBegin; move it there", d.word));
         }
         inside
     }
@@ -253,7 +256,7 @@ impl<'a> Reader<'a> {
     pub(super) fn in_options(&mut self, d: &Directive<'_>) -> bool {
         let inside = self.once.places.contains_key("WorldBegin");
         if inside {
-            self.log.problem(&d.source, format!("{} belongs before WorldBegin: move it there", d.word));
+            self.log.problem(&d.source, format!("{} belongs before WorldBegin; move it there", d.word));
         }
         !inside
     }
@@ -261,13 +264,13 @@ impl<'a> Reader<'a> {
     /// Notes a directive of which there should be one.
     pub(super) fn meet(&mut self, word: &'static str, source: &Source) {
         if let Some(first) = self.once.places.insert(word, source.clone()) {
-            self.log.notice(source, format!("a second {word} (the first is at {first}): this one counts"));
+            self.log.notice(source, format!("a second {word} (the first is at {first}); this one counts"));
         }
     }
 
     fn begin_world(&mut self, source: &Source) {
         if let Some(first) = self.once.places.get("WorldBegin").cloned() {
-            self.log.problem(source, format!("a second WorldBegin (the first is at {first}): remove one"));
+            self.log.problem(source, format!("a second WorldBegin (the first is at {first}); remove one"));
             return;
         }
         self.once.places.insert("WorldBegin", source.clone());
@@ -277,7 +280,7 @@ impl<'a> Reader<'a> {
 
     pub(super) fn begin_block(&mut self, begin: &'static str, source: Source) {
         if self.blocks.len() >= DEEPEST_BLOCK {
-            let what = format!("blocks are nested too deep: at most {DEEPEST_BLOCK} may be open; the rest is not read");
+            let what = format!("blocks are nested too deep; at most {DEEPEST_BLOCK} may be open; the rest is not read");
             self.log.problem(&source, what);
             self.stopped = true;
             return;
@@ -289,7 +292,7 @@ impl<'a> Reader<'a> {
         match self.blocks.pop() {
             Some(block) => {
                 if block.begin != begin {
-                    let what = format!("{} closes the {} of {}: they must match", d.word, block.begin, block.source);
+                    let what = format!("{} closes the {} of {}; they must match", d.word, block.begin, block.source);
                     self.log.problem(&d.source, what);
                 }
                 if block.begin == "ObjectBegin" {
@@ -302,7 +305,7 @@ impl<'a> Reader<'a> {
                     self.state = block.saved;
                 }
             }
-            None => self.log.problem(&d.source, format!("{} without {begin}: remove it", d.word)),
+            None => self.log.problem(&d.source, format!("{} without {begin}; remove it", d.word)),
         }
     }
 
@@ -315,14 +318,14 @@ impl<'a> Reader<'a> {
                 list.extend(d.params);
                 if list.len() > MOST_ATTRIBUTES {
                     let what =
-                        format!("more than {MOST_ATTRIBUTES} attributes of one kind: give them where they belong");
+                        format!("more than {MOST_ATTRIBUTES} attributes of one kind; give them where they belong");
                     self.log.problem(&d.source, what);
                     self.stopped = true;
                 }
             }
             None => {
                 let what = format!(
-                    "Attribute {} is unknown: use shape, light, material, medium or texture",
+                    "Attribute {} is unknown; use shape, light, material, medium or texture",
                     shown(&d.texts[0])
                 );
                 self.log.problem(&d.source, what);
@@ -334,11 +337,11 @@ impl<'a> Reader<'a> {
         let path = self.resolve(name);
         self.included += 1;
         if self.including.iter().any(|open| tidy(open) == path) {
-            self.log.problem(source, format!("{} includes itself: remove this Include", path.display()));
+            self.log.problem(source, format!("{} includes itself; remove this Include", path.display()));
         } else if self.including.len() > DEEPEST_INCLUDE {
-            self.log.problem(source, format!("files are included too deep: at most {DEEPEST_INCLUDE} may be open"));
+            self.log.problem(source, format!("files are included too deep; at most {DEEPEST_INCLUDE} may be open"));
         } else if self.included > MOST_INCLUDES {
-            self.log.problem(source, format!("more than {MOST_INCLUDES} files are included: the rest is not read"));
+            self.log.problem(source, format!("more than {MOST_INCLUDES} files are included; the rest is not read"));
             self.stopped = true;
         } else {
             self.read_file(&path, source);
@@ -373,20 +376,20 @@ impl<'a> Reader<'a> {
     }
 }
 
-/// That a name is unknown, with one that is close, or else with advice.
+/// The message for an unknown name: suggests the nearest known name, or else gives `advice`.
 pub(super) fn unknown_name<'k>(
     what: &str,
     name: &str,
     known: impl IntoIterator<Item = &'k String>,
     advice: &str,
 ) -> String {
-    match suggestion(name, known.into_iter().map(String::as_str)) {
-        Some(near) => format!("unknown {what} {}: did you mean {near}?", shown(name)),
-        None => format!("unknown {what} {}: {advice}", shown(name)),
+    match nearest(name, known.into_iter().map(String::as_str)) {
+        Some(near) => format!("unknown {what} {}; did you mean \"{near}\"?", shown(name)),
+        None => format!("unknown {what} {}; {advice}", shown(name)),
     }
 }
 
-/// A path without `.`, and without `..` where what it goes back over is written out.
+/// A path without `.`, and without `..` after a named folder.
 fn tidy(path: &Path) -> PathBuf {
     let mut tidy = PathBuf::new();
     for part in path.components() {

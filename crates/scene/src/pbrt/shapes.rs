@@ -6,7 +6,7 @@ use super::reader::Reader;
 use super::subdivide::subdivide;
 use super::tessellate::{Patches, Round};
 use super::tokens::shown;
-use crate::ply::read_ply;
+use crate::model::read_ply;
 use crate::{Emission, Geometry, MeshData, Scalar, Shape, Source};
 use glam::{DAffine3, DVec3};
 use std::f64::consts::PI;
@@ -62,7 +62,7 @@ impl Reader<'_> {
         self.keep_shape(shape);
     }
 
-    /// What the shape gives off under the current area light.
+    /// The emission of a shape under the current area light.
     fn emission(&self, geometry: &Geometry, params: &mut Params) -> Option<Emission> {
         let light = self.state.emission?;
         let line = params.line();
@@ -78,7 +78,7 @@ impl Reader<'_> {
             return Some(Emission { radiance: light.radiance, two_sided: light.two_sided });
         };
         let Some(area) = world_area(geometry, self.state.ctm.start) else {
-            params.problem(line, "the power of a stretched sphere or disk is not known: give its radiance L and scale");
+            params.problem(line, "the power of a stretched sphere or disk is not known; give its radiance L and scale");
             return None;
         };
         if let Geometry::Mesh(mesh) = geometry
@@ -163,7 +163,7 @@ impl Reader<'_> {
         let [a, b] = [("zmin", -1.0), ("zmax", 1.0)].map(|(name, z)| params.float(name, z, |_| true, "finite"));
         let sweep = sweep(params);
         if a == b {
-            params.problem(line, format!("{} has no height: zmin and zmax must differ", params.of().to_owned()));
+            params.problem(line, format!("{} has no height; zmin and zmax must differ", params.of().to_owned()));
             return None;
         }
         self.round(Round::Cylinder { radius, low: a.min(b), high: a.max(b), sweep }, params, line)
@@ -190,14 +190,14 @@ impl Reader<'_> {
             None if positions.len() == 4 => vec![[0, 1, 2, 3]],
             None => return lacks_indices(params, line),
         };
-        // Faults of the corners' values, in the words that meshes have.
+        // Faults of the corners' values, with the messages of meshes.
         let whole = MeshData { positions, normals, uvs, triangles: vec![[0; 3]] };
         check(&whole, params, line)?;
         let MeshData { positions, normals, uvs, .. } = whole;
         self.make_room(corners.len().saturating_mul(8).saturating_add(1 << 19), params, line)?;
         let (mesh, curved) = Patches { positions, normals, uvs, corners }.mesh();
         if curved > 0 {
-            let what = format!("{} has {curved} curved patches: made of triangles with smooth normals", params.of());
+            let what = format!("{} has {curved} curved patches; made of triangles with smooth normals", params.of());
             params.notice(line, what);
         }
         self.made(mesh, params, line)
@@ -229,7 +229,7 @@ impl Reader<'_> {
             return Some(());
         }
         let what = format!(
-            "{} would make {more} triangles, after {} made of others: at most {MOST_MADE} may be made in all",
+            "{} would make {more} triangles, after {} made of others; at most {MOST_MADE} may be made in all",
             params.of(),
             self.triangles_made
         );
@@ -329,7 +329,7 @@ fn corners<const N: usize>(
         for &c in corners {
             if !(c.fract() == 0.0 && c >= 0.0 && c < vertices as f64 && c <= f64::from(u32::MAX)) {
                 let what = format!(
-                    "{what} {i} of {} has corner {c}: corners are whole numbers from 0 to {}",
+                    "{what} {i} of {} has corner {c}; corners are whole numbers from 0 to {}",
                     params.of(),
                     vertices - 1
                 );

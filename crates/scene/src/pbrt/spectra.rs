@@ -2,12 +2,12 @@
 
 use super::colorimetry::{Sampled, blackbody, blackbody_of_peak_one, rgb_of_chromaticity, rgb_of_xyz};
 use super::params::{Params, Type, Values};
-use super::report::suggestion;
 use super::tokens::shown;
 use super::version::Version;
+use crate::nearest::nearest;
 use glam::DVec3;
 
-/// What numbers a colour may have, and what a spectrum means for it.
+/// The range and the illuminant of a color.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Gamut {
     /// Shares: from 0 to 1. A spectrum is seen under D65.
@@ -86,7 +86,7 @@ impl Params {
                 return Err("takes a temperature above 0 (kelvin) and a scale of at least 0".into());
             }
             _ if self.version() == Version::V2 => {
-                return Err("is a black body, which is read in files of pbrt-v3 and v4 only: give its rgb".into());
+                return Err("is a black body, which is read in files of pbrt-v3 and v4 only; give its rgb".into());
             }
             _ => return Err("takes one temperature above 0 (kelvin)".into()),
         };
@@ -101,7 +101,7 @@ impl Params {
         let rgb = match gamut {
             _ if constant.is_some() => constant.unwrap_or_default(),
             Gamut::Light if self.version() == Version::V4 => {
-                spectrum.rgb_of_luminance_one().ok_or("is not visible: give values above 0 from 380 to 780 nm")?
+                spectrum.rgb_of_luminance_one().ok_or("is not visible; give values above 0 from 380 to 780 nm")?
             }
             Gamut::Light | Gamut::Index => spectrum.rgb(),
             Gamut::Reflectance => spectrum.rgb_under_d65().min(DVec3::ONE),
@@ -149,7 +149,7 @@ impl Params {
     }
 }
 
-/// The colour in single precision, or else in words what it should be.
+/// The color in single precision, or the error that follows the name of a parameter.
 fn in_range(rgb: [f64; 3], gamut: Gamut) -> Result<[f32; 3], &'static str> {
     let most = if gamut == Gamut::Reflectance { 1.0 } else { f64::from(f32::MAX) };
     match rgb.iter().all(|c| (0.0..=most).contains(c)) {
@@ -229,7 +229,7 @@ fn illuminant(name: &str) -> Option<[f32; 3]> {
     Some(rgb_of_chromaticity(*chromaticity).max(DVec3::ZERO).as_vec3().to_array())
 }
 
-/// Whether pbrt-v4 knows a spectrum by this name.
+/// True if pbrt-v4 knows a spectrum by this name.
 pub(super) fn is_named(name: &str) -> bool {
     metal(name).is_some() || glass(name).is_some() || illuminant(name).is_some()
 }
@@ -239,7 +239,7 @@ pub(super) fn near_name(name: &str) -> Option<String> {
     let parts = METALS.iter().flat_map(|m| ["eta", "k"].map(|part| format!("metal-{}-{part}", m.0)));
     let others = GLASSES.iter().map(|g| g.0).chain(ILLUMINANTS.iter().map(|i| i.0)).chain(["stdillum-D65"]);
     let names: Vec<String> = parts.chain(others.map(str::to_owned)).collect();
-    suggestion(name, names.iter().map(String::as_str)).map(str::to_owned)
+    nearest(name, names.iter().map(String::as_str)).map(str::to_owned)
 }
 
 #[cfg(test)]

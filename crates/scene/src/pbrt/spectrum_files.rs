@@ -26,12 +26,12 @@ impl Reader<'_> {
         let path = self.resolve(name);
         match self.files.read(&path) {
             Err(e) if e.kind() == ErrorKind::NotFound => {
-                let near = near_name(name).map_or(String::new(), |n| format!(": did you mean {n}?"));
+                let near = near_name(name).map_or(String::new(), |n| format!("; did you mean \"{n}\"?"));
                 let what = format!("spectrum {} is neither known by name nor a file{near}", shown(name));
                 self.log.problem(at, what);
                 return None;
             }
-            // Read again, by whoever words the message.
+            // Read again, for the message.
             Err(_) => {
                 self.load(&path, at);
                 return None;
@@ -59,7 +59,7 @@ fn numbers(bytes: &[u8]) -> Result<Vec<f64>, (u32, String)> {
             match word.parse::<f64>() {
                 Ok(value) if value.is_finite() => numbers.push(value),
                 _ => {
-                    let what = format!("{} is not a number: a spectrum file holds wavelengths and values", shown(word));
+                    let what = format!("{} is not a number; a spectrum file holds wavelengths and values", shown(word));
                     return Err((line_number, what));
                 }
             }

@@ -5,7 +5,7 @@ use crate::{MaterialId, Source};
 use glam::{DAffine3, DMat3, DVec3};
 use std::rc::Rc;
 
-/// What `AttributeBegin` saves and `AttributeEnd` restores.
+/// The state that `AttributeBegin` saves and `AttributeEnd` restores.
 #[derive(Clone, Debug)]
 pub(super) struct State {
     /// The current transformation matrix: from the current space to world space (to camera space, before
@@ -36,7 +36,7 @@ impl Default for State {
 pub(super) struct Ctm {
     pub(super) start: DAffine3,
     pub(super) end: DAffine3,
-    /// Which of them transforms change.
+    /// The transforms that directives change: at the start, at the end.
     pub(super) active: [bool; 2],
 }
 
@@ -47,13 +47,13 @@ impl Default for Ctm {
 }
 
 impl Ctm {
-    /// Where what is at [`start`](Self::start) moves to, if it moves.
+    /// The transform at the end of the motion, if it differs from [`start`](Self::start).
     pub(super) fn moves_to(&self) -> Option<DAffine3> {
         (self.end != self.start).then_some(self.end)
     }
 }
 
-/// What `AreaLightSource` says.
+/// The arguments of `AreaLightSource`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct AreaLight {
     /// Linear RGB, scaled.
@@ -63,7 +63,7 @@ pub(super) struct AreaLight {
     pub(super) power: Option<f64>,
 }
 
-/// What `MediumInterface` says. pbrt looks names up when everything is read.
+/// The arguments of `MediumInterface`. As in pbrt, names are looked up at the end of the file.
 #[derive(Clone, Debug)]
 pub(super) struct MediaRef {
     pub(super) inside: Option<String>,
@@ -105,7 +105,7 @@ impl Attributes {
 /// The transform of 16 numbers, column by column.
 pub(super) fn matrix(m: &[f64]) -> Result<DAffine3, String> {
     if m[3] != 0.0 || m[7] != 0.0 || m[11] != 0.0 || m[15] == 0.0 {
-        return Err("this transform is projective: every fourth number must be 0, the last one 1".into());
+        return Err("this transform is projective; every fourth number must be 0, the last one 1".into());
     }
     let column = |c: usize| DVec3::new(m[c], m[c + 1], m[c + 2]) / m[15];
     Ok(DAffine3::from_mat3_translation(DMat3::from_cols(column(0), column(4), column(8)), column(12)))
@@ -117,7 +117,7 @@ pub(super) fn rotation(degrees: f64, axis: DVec3) -> Result<DAffine3, String> {
     let axis = axis / axis.abs().max_element();
     match axis.try_normalize() {
         Some(axis) => Ok(DAffine3::from_axis_angle(axis, degrees.to_radians())),
-        None => Err("Rotate needs an axis: its last three numbers must not all be 0".into()),
+        None => Err("Rotate needs an axis; its last three numbers must not all be 0".into()),
     }
 }
 
@@ -133,7 +133,7 @@ pub(super) fn look_at(eye: DVec3, target: DVec3, up: DVec3) -> Result<DAffine3, 
     Ok(DAffine3::from_mat3_translation(DMat3::from_cols(right, up, forward), eye).inverse())
 }
 
-/// Whether a transform is finite and can be inverted.
+/// True if a transform is finite and can be inverted.
 pub(super) fn is_invertible(transform: &DAffine3) -> bool {
     let determinant = transform.matrix3.determinant();
     transform.is_finite() && determinant.is_finite() && determinant != 0.0 && transform.inverse().is_finite()

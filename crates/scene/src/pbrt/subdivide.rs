@@ -1,4 +1,4 @@
-//! Loop's subdivision surfaces, refined as often as asked and then pushed to their limit
+//! Loop's subdivision surfaces, refined to the given level and then moved to their limit
 //! [Loop 1987; limit positions and tangents as in Pharr et al. 2016, section 3.8].
 
 use crate::MeshData;
@@ -20,13 +20,13 @@ struct Control {
     count: Vec<u32>,
 }
 
-/// What makes a mesh unfit for subdivision.
+/// The error of a mesh that cannot be subdivided.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub(super) enum Unfit {
-    #[error("triangle {0} has the same corner twice: remove it")]
+    #[error("triangle {0} has the same corner twice; remove it")]
     Collapsed(usize),
     #[error(
-        "the triangles around vertex {0} do not follow each other: each edge must belong to one or two triangles that turn the same way"
+        "the triangles around vertex {0} do not follow each other; each edge must belong to one or two triangles that turn the same way"
     )]
     Tangled(usize),
 }
@@ -52,7 +52,7 @@ fn previous(i: usize) -> usize {
     (i + 2) % 3
 }
 
-/// How much each neighbour counts for a vertex of so many.
+/// Weight of each neighbour of a vertex with `valence` of them.
 fn beta(valence: usize) -> f64 {
     if valence == 3 { 3.0 / 16.0 } else { 3.0 / (8.0 * valence as f64) }
 }

@@ -138,7 +138,7 @@ impl Patches {
         });
     }
 
-    /// Whether a patch is a parallelogram, its texture coordinates and normals too: two triangles are then all
+    /// True if a patch is a parallelogram, its texture coordinates and normals too: two triangles are then all
     /// of it.
     fn is_flat(&self, corners: &[u32; 4]) -> bool {
         let p = corners.map(|c| self.positions[c as usize]);

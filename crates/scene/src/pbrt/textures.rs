@@ -1,4 +1,4 @@
-//! Textures, by name; what is constant is folded.
+//! Textures by name; constant ones are folded.
 
 use super::directive::Directive;
 use super::images::{Channel, Decoding};
@@ -10,7 +10,7 @@ use super::version::Version;
 use crate::{Color, Scalar, Source, Texture, TextureId, TextureKind, Wrap};
 use std::collections::BTreeMap;
 
-/// What stands for a texture that is not supported, where that is allowed.
+/// Stand-in for an unsupported texture under `allow_unsupported`.
 const GREY: Color = Color::Constant([0.5; 3]);
 
 /// Textures of textures of textures; a look-up goes through all of them.
@@ -22,7 +22,7 @@ pub(super) struct Textures {
     spectra: BTreeMap<String, Color>,
     /// Those of numbers: one of a kind that is not supported has the name of its kind.
     floats: BTreeMap<String, Result<Scalar, String>>,
-    /// How many textures deep each of the scene's textures is.
+    /// Nesting depth of each of the scene's textures.
     depths: Vec<u32>,
 }
 
@@ -52,7 +52,7 @@ impl Textures {
     }
 }
 
-/// What a texture holds.
+/// The values of a texture.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Holds {
     Colors,
@@ -82,7 +82,7 @@ impl Reader<'_> {
         };
         match made {
             true if self.version.is_old() => params.notice(line, format!("texture {} is made anew", shown(name))),
-            true => params.problem(line, format!("{ty} texture {} is made twice: rename one", shown(name))),
+            true => params.problem(line, format!("{ty} texture {} is made twice; rename one", shown(name))),
             false => {}
         }
         let color = self.texture_color(name, class, holds, &mut params, &d.source);
@@ -96,7 +96,7 @@ impl Reader<'_> {
                 }
                 self.textures.spectra.insert(name.clone(), color.unwrap_or(GREY));
             }
-            // Whoever uses one that is not supported will say so.
+            // The use of an unsupported texture is reported.
             Holds::Numbers => {
                 let value = color.map(scalar_of).ok_or_else(|| class.clone());
                 self.textures.floats.insert(name.clone(), value);
@@ -105,7 +105,7 @@ impl Reader<'_> {
         params.finish(&mut self.log);
     }
 
-    /// What a texture of this class is; `None` if the class is not supported.
+    /// The texture of a class; `None` if the class is not supported.
     fn texture_color(
         &mut self,
         name: &str,
@@ -168,7 +168,7 @@ impl Reader<'_> {
         };
         let depth = below.unwrap_or(0) + 1;
         if depth > DEEPEST_TEXTURE {
-            let what = format!("textures are nested too deep: at most {DEEPEST_TEXTURE} may be made of each other");
+            let what = format!("textures are nested too deep; at most {DEEPEST_TEXTURE} may be made of each other");
             params.problem(source.line, what);
             return GREY;
         }
@@ -241,7 +241,7 @@ impl Reader<'_> {
         }
     }
 
-    /// Two factors, multiplied; a number is multiplied into what it scales.
+    /// A product of two factors; a constant factor is folded into an image.
     fn product(&mut self, name: &str, a: Color, b: Color, params: &mut Params, source: &Source) -> Color {
         let gray = |c: [f32; 3]| (c[0] == c[1] && c[1] == c[2]).then_some(c[0]);
         let folded = match (a, b) {
@@ -250,7 +250,7 @@ impl Reader<'_> {
                 if product.iter().all(|c| c.is_finite()) {
                     return Color::Constant(product);
                 }
-                params.problem(source.line, format!("{} is above 3.4e38: scale it less", params.of().to_owned()));
+                params.problem(source.line, format!("{} is above 3.4e38; scale it less", params.of().to_owned()));
                 return GREY;
             }
             (Color::Texture(id), Color::Constant(c)) | (Color::Constant(c), Color::Texture(id)) => {
@@ -298,7 +298,7 @@ fn scalar_of(color: Color) -> Scalar {
     }
 }
 
-/// How u and v are scaled, then shifted.
+/// Scale and shift of u and v.
 fn mapping(params: &mut Params) -> ([f32; 2], [f32; 2]) {
     if let Some((mapping, line)) = params.text("mapping").filter(|t| t.0 != "uv") {
         params.unsupported(line, format!("mapping {}", shown(&mapping)));

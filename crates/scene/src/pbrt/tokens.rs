@@ -23,7 +23,7 @@ pub(super) enum Kind {
 }
 
 impl Token<'_> {
-    /// Whether this could begin a directive.
+    /// True if this could begin a directive.
     pub(super) fn is_name(&self) -> bool {
         self.kind == Kind::Word
             && self.text.starts_with(|c: char| c.is_ascii_alphabetic())
@@ -121,7 +121,7 @@ impl<'t> Tokens<'t> {
                 Some(b'\\') if bytes.get(end + 1).is_some_and(|&b| b != b'\n') => end += 2,
                 None | Some(b'\n') => {
                     self.at = end;
-                    return Err((self.line, "a string lacks its closing quote: add \" on this line".into()));
+                    return Err((self.line, "a string lacks its closing quote; add \" on this line".into()));
                 }
                 Some(_) => end += 1,
             }
@@ -131,7 +131,7 @@ impl<'t> Tokens<'t> {
     }
 }
 
-/// What a quoted string means: `\n`, `\t`, `\"` and their like are replaced.
+/// The text of a quoted string, with escapes such as `\n`, `\t` and `\"` replaced.
 pub(super) fn unescape(token: &Token<'_>) -> Result<String, Fault> {
     let mut text = String::with_capacity(token.text.len());
     let mut chars = token.text.chars();
@@ -149,7 +149,7 @@ pub(super) fn unescape(token: &Token<'_>) -> Result<String, Fault> {
             Some(c @ ('\\' | '"' | '\'')) => c,
             other => {
                 let escape = other.map_or(String::new(), |c| c.to_string());
-                let what = format!("unknown escape \\{escape} in a string: write \\\\ for a backslash");
+                let what = format!("unknown escape \\{escape} in a string; write \\\\ for a backslash");
                 return Err((token.line, what));
             }
         });
@@ -157,10 +157,10 @@ pub(super) fn unescape(token: &Token<'_>) -> Result<String, Fault> {
     Ok(text)
 }
 
-/// The finite number that a word stands for, rounded correctly to f64.
+/// The finite number of a token, rounded correctly to f64.
 pub(super) fn number(token: &Token<'_>) -> Result<f64, Fault> {
     let plain = |b: u8| b.is_ascii_digit() || matches!(b, b'+' | b'-' | b'.' | b'e' | b'E');
-    let bad = |advice: &str| Err((token.line, format!("{} is not a number: {advice}", shown(token.text))));
+    let bad = |advice: &str| Err((token.line, format!("{} is not a number; {advice}", shown(token.text))));
     if !token.text.bytes().all(plain) {
         return bad(match token.text {
             t if t.contains(',') => "write a point, not a comma, before decimals, and spaces between numbers",
@@ -172,7 +172,7 @@ pub(super) fn number(token: &Token<'_>) -> Result<f64, Fault> {
     }
     match token.text.parse::<f64>() {
         Ok(value) if value.is_finite() => Ok(value),
-        Ok(_) => Err((token.line, format!("{} is too large: at most 1.8e308 can be stored", shown(token.text)))),
+        Ok(_) => Err((token.line, format!("{} is too large; at most 1.8e308 can be stored", shown(token.text)))),
         Err(_) => bad("write it as in -1.5e3"),
     }
 }
@@ -225,7 +225,7 @@ mod tests {
     }
 
     #[test]
-    fn i04_numbers() {
+    fn numbers_round_correctly_or_are_errors_i04() {
         let read = |text: &str| number(&Token { kind: Kind::Word, text, line: 3 });
         for (text, value) in [("1", 1.0), ("-0", -0.0), (".5", 0.5), ("+1.", 1.0), ("1e-50", 1e-50), ("1E+3", 1000.0)] {
             assert_eq!(read(text).unwrap().to_bits(), f64::to_bits(value), "{text}");

@@ -74,7 +74,7 @@ impl Reader<'_> {
                 if is_invertible(&changed.start) && is_invertible(&changed.end) {
                     self.state.ctm = changed;
                 } else {
-                    let what = "with this, the transform flattens space or overflows: it must have an inverse";
+                    let what = "with this, the transform flattens space or overflows; it must have an inverse";
                     self.log.problem(source, what);
                 }
             }

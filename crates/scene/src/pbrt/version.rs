@@ -1,8 +1,8 @@
-//! Which version of pbrt a file was written for.
+//! The pbrt version that a file was written for.
 
 use super::tokens::{Kind, Tokens};
 
-/// A version of the format. What a word means depends on it.
+/// A version of the format, on which the meaning of directives depends.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Version {
     V2,
@@ -39,7 +39,7 @@ const NEW_MATERIALS: &[&str] = &[
     "thindielectric",
 ];
 
-/// What speaks for which version in a file.
+/// The directives and types that identify a version.
 #[derive(Default)]
 struct Marks {
     new: bool,
@@ -51,8 +51,10 @@ struct Marks {
 }
 
 impl Version {
-    /// The version whose words a file uses. Files do not name it. One word of pbrt-v4 is enough for it; words
-    /// that only older ones had speak for pbrt-v3 where there is an `Integrator` or a medium, else for pbrt-v2.
+    /// The version of a file, which files do not name.
+    ///
+    /// One directive or type of pbrt-v4 is enough for it. Those of older versions stand for pbrt-v3 if there is an
+    /// `Integrator` or a medium, else for pbrt-v2.
     pub(super) fn of(text: &str) -> Self {
         let mut marks = Marks::default();
         let mut tokens = Tokens::new(text);
@@ -81,7 +83,7 @@ impl Version {
         }
     }
 
-    /// Whether this is a version before pbrt-v4.
+    /// True for versions before pbrt-v4.
     pub(super) fn is_old(self) -> bool {
         self < Self::V4
     }
@@ -144,7 +146,7 @@ mod tests {
             ("Integrator \"path\"\nFilm \"rgb\"\nWorldBegin\nMaterial \"diffuse\"", Version::V4),
             ("SurfaceIntegrator \"path\"", Version::V2),
             ("MakeNamedMaterial \"m\" \"string type\" [\"uber\"] MakeNamedMedium \"x\"", Version::V3),
-            // One word of the newest counts more than those left over.
+            // One mark of the newest version outweighs the older ones.
             ("Film \"rgb\"\nWorldBegin\nMaterial \"matte\"\nWorldEnd", Version::V4),
             ("MakeNamedMaterial \"matte\" \"string type\" [\"diffuse\"]", Version::V4),
             ("MakeNamedMaterial \"matte\"", Version::V4),

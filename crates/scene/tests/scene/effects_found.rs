@@ -1,4 +1,4 @@
-//! Which effects a scene calls for: each with its object, and none that is there but idle.
+//! Effects of a scene: each is found with its object, and idle objects call for none.
 
 use crate::support::*;
 use dapple_scene::image::Image;

@@ -1,14 +1,14 @@
-//! Reading and describing scenes, as one test program: what a test links takes longer to compile than its own text.
+//! Reading and describing scenes, as one test program: linking takes longer than compiling.
 //!
 //! The test of memory and the corpus of the fuzz targets are programs of their own beside it.
 
 mod effects_found;
 mod models;
+mod reader_directives;
 mod reader_hard;
 mod reader_materials;
 mod reader_messages;
 mod reader_old;
 mod reader_scenes;
-mod reader_words;
+mod snippets;
 mod support;
-mod words;

@@ -1,8 +1,9 @@
 //! Models by themselves: the scenes that they make, and the errors of broken ones.
 
-use dapple_scene::model::{ModelOptions, UpAxis, read_model_from, read_obj, read_stl};
-use dapple_scene::pbrt::ReadError;
-use dapple_scene::{AnyOptions, Color, Geometry, MaterialKind, MeshData, Scene, TextureKind, read_any, read_any_from};
+use dapple_scene::model::{ModelOptions, UpAxis, read_obj, read_stl};
+use dapple_scene::{
+    AnyOptions, Color, Geometry, MaterialKind, MeshData, ReadError, Scene, TextureKind, read_any, read_any_from,
+};
 use rand::{RngExt, SeedableRng};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -14,7 +15,7 @@ fn files(named: &[(&str, &[u8])]) -> BTreeMap<PathBuf, Vec<u8>> {
 }
 
 fn read(named: &[(&str, &[u8])]) -> Result<Scene, ReadError> {
-    read_model_from(&files(named), named[0].0, &ModelOptions::default())
+    read_any_from(&files(named), named[0].0, &AnyOptions::default())
 }
 
 fn mesh(scene: &Scene, shape: usize) -> &MeshData {
@@ -65,7 +66,7 @@ fn a_model_alone_is_a_lit_scene() {
 #[test]
 fn the_up_axis_is_ys_or_zs_and_can_be_chosen() {
     let height = |name: &str, bytes: &[u8], options: ModelOptions| {
-        let scene = read_model_from(&files(&[(name, bytes)]), name, &options).unwrap();
+        let scene = read_any_from(&files(&[(name, bytes)]), name, &AnyOptions::default().with_model(options)).unwrap();
         let up = scene.camera.to_world.matrix3.y_axis;
         if up.y > up.z { 'y' } else { 'z' }
     };
@@ -90,7 +91,7 @@ fn stl_text_and_binary_agree_whatever_the_header_says() {
 }
 
 #[test]
-fn i05_obj_corners() {
+fn obj_corners_resolve_or_are_errors_with_lines_i05() {
     let faces = |text: &str| read_obj(format!("v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n{text}").as_bytes());
     let corners = |text: &str| {
         let model = faces(text).unwrap();
@@ -119,13 +120,13 @@ fn i05_obj_corners() {
         ("f 1 2 5", "only 4 vertices"),
         ("f 1 2 -5", "only 4 vertices so far"),
         ("f 1 2 2147483648", "only 4 vertices"),
-        ("f 1 2 99999999999999999999", "is no number"),
+        ("f 1 2 99999999999999999999", "is not a number"),
         ("f 1/7 2/7 3/7", "only 0 texture coordinates"),
         ("f 1//-9223372036854775808 2 3", "only 0 normals so far"),
         ("f 1/1/1/1 2 3", "more than three"),
         ("f //1 2 3", "has no vertex"),
         ("f 1 2", "3 corners or more, not 2"),
-        ("f 1 2 x", "'x' is no number"),
+        ("f 1 2 x", "\"x\" is not a number"),
     ] {
         let message = faces(text).unwrap_err().to_string();
         assert!(message.starts_with("line 5: ") && message.contains(what), "{text}: {message}");
@@ -134,15 +135,15 @@ fn i05_obj_corners() {
 }
 
 #[test]
-fn i04_numbers_of_models() {
+fn numbers_of_models_are_finite_or_errors_with_lines_i04() {
     for (line, what) in [
         ("v nan 0 0", "not finite"),
         ("v 0 inf 0", "not finite"),
         ("v 1e400 0 0", "not finite"),
         ("vn 1e39 0 0", "not finite"),
         ("vt nan", "not finite"),
-        ("v 1,5 0 0", "'1,5' is no number"),
-        ("v 0x10 0 0", "is no number"),
+        ("v 1,5 0 0", "\"1,5\" is not a number"),
+        ("v 0x10 0 0", "is not a number"),
         ("v 1 2", "needs 3 numbers, not 2"),
         ("vt", "needs 2 numbers"),
     ] {
@@ -154,7 +155,7 @@ fn i04_numbers_of_models() {
     let mut facets = FACETS;
     facets[1][2][0] = f32::NAN;
     let message = read(&[("bad.stl", &binary_stl(&[0; 80], &facets))]).unwrap_err().to_string();
-    assert_eq!(message, "bad.stl: facet 1: a corner is not finite: mend the mesh");
+    assert_eq!(message, "bad.stl: facet 1: a corner is not finite; mend the mesh");
     let message = read(&[("bad.stl", TEXT_STL.replace("1E0", "nan").as_bytes())]).unwrap_err().to_string();
     assert!(message.starts_with("bad.stl:12: "), "{message}");
     // Too far apart to be seen, and nothing to be seen.
@@ -165,7 +166,7 @@ fn i04_numbers_of_models() {
 }
 
 #[test]
-fn materials_of_obj_files() {
+fn materials_of_obj_files_are_diffuse_with_notices() {
     let obj = format!(
         "mtllib m.mtl\n{}usemtl odd\nf 1 2 3\nusemtl\nf 1 2 3\n",
         TETRAHEDRON.replace("f 1 2 4", "usemtl red\nf 1 2 4").replace("f 1 4 3", "usemtl wood\nf 1 4 3")
@@ -179,7 +180,7 @@ fn materials_of_obj_files() {
     assert!(matches!(scene.textures[id.0 as usize].kind, TextureKind::Image { factor: 0.5, .. }));
     let notices: Vec<String> = scene.notices.iter().map(|n| format!("{}: {}", n.source, n.message)).collect();
     assert!(notices[0].starts_with("d/m.mtl: ") && notices[0].contains("Ks not followed"), "{notices:?}");
-    assert_eq!(notices[1], "d/a.obj:12: there is no material 'odd': grey instead");
+    assert_eq!(notices[1], "d/a.obj:12: unknown material \"odd\"; grey instead");
     // Nothing but the model: grey, and said.
     let alone = read(&[("d/a.obj", obj.as_bytes())]).unwrap();
     assert!(alone.notices[0].message.contains("d/m.mtl cannot be read"), "{:?}", alone.notices);
@@ -189,7 +190,7 @@ fn materials_of_obj_files() {
 }
 
 #[test]
-fn i02_models_cut_at_any_byte() {
+fn models_cut_at_any_byte_are_errors_or_shorter_meshes_i02() {
     // A cut behind a whole facet or face leaves a shorter mesh that nothing tells from one that was meant in OBJ
     // files; STL files tell.
     let stl = TEXT_STL.as_bytes();
@@ -222,7 +223,7 @@ fn i02_models_cut_at_any_byte() {
 }
 
 #[test]
-fn i03_models_that_lie() {
+fn models_with_false_headers_are_errors_i03() {
     let mut lie = binary_stl(&[0; 80], &FACETS);
     lie[80..84].copy_from_slice(&u32::MAX.to_le_bytes());
     assert!(read_stl(&lie).unwrap_err().to_string().contains("promises 4294967295 facets, and only 100 bytes"));
@@ -234,7 +235,7 @@ fn i03_models_that_lie() {
         ("a.obj", b"\x1f\x8b\x08\x00", "gzip"),
         ("a.ply", b"\x28\xb5\x2f\xfd", "zstd"),
         ("a.stl", b"PK\x03\x04", "compressed"),
-        ("a.gltf", b"{}", "none of .obj, .ply, .stl"),
+        ("a.gltf", b"{}", "glTF (.gltf) is not supported; export pbrt, OBJ, PLY or STL"),
     ] {
         let message = read(&[(name, bytes)]).unwrap_err().to_string();
         assert!(message.starts_with(name) && message.contains(what), "{message}");
@@ -242,22 +243,26 @@ fn i03_models_that_lie() {
 }
 
 #[test]
-fn i10_extensions_tell_and_directories_are_refused() {
+fn extensions_decide_and_directories_are_refused_i10() {
     let options = AnyOptions::default();
     let given = files(&[
         ("m.Obj", TETRAHEDRON.as_bytes()),
         ("s.PBRT", b"Camera \"perspective\"\nWorldBegin\nLightSource \"infinite\"\nShape \"sphere\"\n"),
         ("z.pbrt", b"\x1f\x8b\x08 not text"),
         ("m.fbx", b""),
+        ("m.foo", b"?"),
+        ("scan.dat", TEXT_STL.as_bytes()),
         ("plain", b"Camera \"perspective\"\nWorldBegin\nLightSource \"infinite\"\nShape \"sphere\"\n"),
         ("m.obj.gz", b""),
     ]);
     assert_eq!(read_any_from(&given, "m.Obj", &options).unwrap().name, "m");
     assert_eq!(read_any_from(&given, "s.PBRT", &options).unwrap().name, "s");
+    assert_eq!(read_any_from(&given, "scan.dat", &options).unwrap().name, "scan", "content decides");
     assert_eq!(read_any_from(&given, "plain", &options).unwrap().name, "plain", "no extension: a scene");
     for (name, what) in [
-        ("m.fbx", "the extension 'fbx' is none that is read: .pbrt (scenes), .obj, .ply and .stl (models)"),
-        ("m.obj.gz", "unpack the file first"),
+        ("m.fbx", "FBX (.fbx) is not supported; export pbrt, OBJ, PLY or STL"),
+        ("m.foo", "extension \".foo\" is unknown; export pbrt, OBJ, PLY or STL, or rename the file to one of"),
+        ("m.obj.gz", "are compressed; unpack the file first"),
         ("z.pbrt", "compressed by gzip"),
         ("missing.stl", "cannot read missing.stl: no such file; check the name"),
         ("missing.fbx", "cannot read missing.fbx: no such file"),

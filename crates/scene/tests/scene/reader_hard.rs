@@ -1,8 +1,8 @@
-//! Files that are cut, lie, or are noise.
+//! Files that are truncated, inconsistent or noise.
 
 use dapple_scene::Scene;
+use dapple_scene::model::{PlyError, read_ply};
 use dapple_scene::pbrt::{ReadOptions, read_scene_from};
-use dapple_scene::ply::{PlyError, read_ply};
 use proptest::prelude::*;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -17,7 +17,7 @@ fn read(text: &[u8]) -> Result<Scene, String> {
 /// The scene's blocks close in its last line, so every cut is noticed; a cut of only the last line break
 /// leaves the same scene.
 #[test]
-fn i02_truncated_scenes() {
+fn truncated_scenes_are_errors_or_noticed_i02() {
     let whole = format!("{:?}", read(SMALL.as_bytes()).unwrap().shapes);
     for end in 0..SMALL.len() {
         match read(&SMALL.as_bytes()[..end]) {
@@ -34,7 +34,7 @@ fn i02_truncated_scenes() {
 /// Without blocks around it, a cut between two lines leaves a shorter scene that nothing tells from one
 /// that was meant; any other cut is an error or leaves a notice.
 #[test]
-fn i02_truncated_scenes_without_blocks() {
+fn truncated_scenes_without_blocks_are_errors_or_noticed_i02() {
     let text = "Film \"rgb\"\nCamera \"perspective\"\nWorldBegin\nLightSource \"infinite\"\nShape \"sphere\"\nTranslate 0 0 123\nShape \"disk\"\n";
     for end in 0..text.len() {
         if let Ok(scene) = read(&text.as_bytes()[..end])
@@ -81,7 +81,7 @@ fn meshes_in_three_encodings() {
 }
 
 #[test]
-fn i02_truncated_meshes() {
+fn truncated_meshes_are_errors_i02() {
     for bytes in samples() {
         let whole = read_ply(&bytes).unwrap().data;
         for end in 0..bytes.len() {
@@ -94,7 +94,7 @@ fn i02_truncated_meshes() {
 }
 
 #[test]
-fn i03_lying_headers() {
+fn false_mesh_headers_are_errors_i03() {
     let lie =
         |element: &str| format!("ply\nformat binary_little_endian 1.0\n{element}end_header\nabcdefgh").into_bytes();
     let vertices = "property float x\nproperty float y\nproperty float z\n";
@@ -121,16 +121,16 @@ fn names_declared_twice_are_refused() {
 }
 
 #[test]
-fn i03_deep_nesting() {
+fn deep_nesting_is_an_error_i03() {
     let deep = format!("Camera \"perspective\"\nWorldBegin\n{}", "AttributeBegin\n".repeat(1_000_000));
     let error = read(deep.as_bytes()).unwrap_err();
-    assert_eq!(error, "s.pbrt:4099: blocks are nested too deep: at most 4096 may be open; the rest is not read");
+    assert_eq!(error, "s.pbrt:4099: blocks are nested too deep; at most 4096 may be open; the rest is not read");
     let brackets = format!("Shape \"sphere\" \"float radius\" {}", "[".repeat(1_000_000));
     assert!(read(brackets.as_bytes()).is_err());
 }
 
 #[test]
-fn i03_includes_without_end() {
+fn endless_includes_are_errors_i03() {
     let name = |i: usize| PathBuf::from(format!("{i}.pbrt"));
     // Each file includes the next one often: 10^40 files in all.
     let text = |i: usize| format!("Include \"{}.pbrt\"\n", i + 1).repeat(10).into_bytes();
@@ -146,7 +146,7 @@ fn i03_includes_without_end() {
 }
 
 #[test]
-fn i05_faces() {
+fn invalid_faces_are_errors_with_their_number_i05() {
     let faces = |positions: &str, faces: &str| {
         let count = |text: &str| text.lines().count();
         let text = format!(
@@ -164,16 +164,16 @@ fn i05_faces() {
     );
     assert_eq!(
         faces(square, "3 0 1 2\n3 0 1 -1\n").unwrap_err(),
-        "face 1: corner -1 is negative: corners count vertices from 0"
+        "face 1: corner -1 is negative; corners count vertices from 0"
     );
-    assert_eq!(faces(square, "2 0 1\n").unwrap_err(), "face 0: a face needs 3 corners or more, not 2: remove it");
-    assert_eq!(faces(square, "").unwrap_err(), "the mesh has no triangles: remove it");
+    assert_eq!(faces(square, "2 0 1\n").unwrap_err(), "face 0: a face needs 3 corners or more, not 2; remove it");
+    assert_eq!(faces(square, "").unwrap_err(), "the mesh has no triangles; remove it");
     assert!(faces("0 0 0\n1 0 0\nnan 1 0\n", "3 0 1 2\n").is_err());
     // A dart: only a fan around its notch or its tip covers it.
     assert_eq!(faces("0 0 0\n4 4 0\n0 1 0\n-4 4 0\n", "4 1 2 3 0\n").unwrap(), [[2, 3, 0], [2, 0, 1]]);
 }
 
-/// What a file of the format is made of, and some that it is not.
+/// Tokens of the format, and some foreign ones.
 const WORDS: &[&str] = &[
     "Shape",
     "\"sphere\"",
@@ -267,13 +267,13 @@ proptest! {
     #![proptest_config(ProptestConfig { cases: 2000, failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
-    fn i01_noise_never_panics(bytes in prop::collection::vec(any::<u8>(), 0..400)) {
+    fn noise_never_panics_i01(bytes in prop::collection::vec(any::<u8>(), 0..400)) {
         let _ = read(&bytes);
         let _ = read_ply(&bytes);
     }
 
     #[test]
-    fn i01_soup_never_panics(words in prop::collection::vec(prop::sample::select(WORDS), 0..120), allow in any::<bool>()) {
+    fn random_directives_never_panic_i01(words in prop::collection::vec(prop::sample::select(WORDS), 0..120), allow in any::<bool>()) {
         let text = format!("Camera \"perspective\"\nWorldBegin\n{}", words.join(" "));
         let files: &[(&str, &[u8])] = &[("s.pbrt", text.as_bytes())];
         let options = ReadOptions::default().with_allow_unsupported(allow);
@@ -282,14 +282,14 @@ proptest! {
 
     /// The same without the words that make it a scene of pbrt-v4.
     #[test]
-    fn i01_old_soup_never_panics(words in prop::collection::vec(prop::sample::select(WORDS), 0..120), second in any::<bool>()) {
+    fn random_old_directives_never_panic_i01(words in prop::collection::vec(prop::sample::select(WORDS), 0..120), second in any::<bool>()) {
         let mark = if second { "Renderer \"sampler\"" } else { "Integrator \"path\"" };
         let text = format!("{mark} Film \"image\" Camera \"perspective\"\nWorldBegin\n{}", words.join(" "));
         let _ = read(text.as_bytes());
     }
 
     #[test]
-    fn i02_flipped_bits_never_panic(at in 0usize..SMALL.len(), bit in 0u32..8, which in 0usize..3) {
+    fn flipped_bits_never_panic_i02(at in 0usize..SMALL.len(), bit in 0u32..8, which in 0usize..3) {
         let mut text = SMALL.as_bytes().to_vec();
         text[at] ^= 1 << bit;
         let _ = read(&text);

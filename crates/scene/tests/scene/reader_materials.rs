@@ -1,6 +1,6 @@
-//! What the reader makes of pbrt-v4's materials and textures, and what it says where they are wrong.
+//! Materials and textures of pbrt-v4: the descriptions that they make, and the errors of wrong ones.
 
-use crate::words::*;
+use crate::snippets::*;
 use dapple_scene::{Color, ConductorFresnel, MaterialKind, Scalar, TextureKind, Wrap};
 
 #[test]
@@ -45,7 +45,7 @@ fn materials_of_the_fourth_version() {
         ),
         (
             "Material \"coatedconductor\" \"rgb reflectance\" [1 1 1] \"rgb conductor.k\" [1 1 1]",
-            "s.pbrt:4: Material \"coatedconductor\" has both reflectance and conductor.k: remove one",
+            "s.pbrt:4: Material \"coatedconductor\" has both reflectance and conductor.k; remove one",
         ),
         (
             "Material \"diffusetransmission\" \"float scale\" 9",
@@ -53,7 +53,7 @@ fn materials_of_the_fourth_version() {
         ),
         (
             "Material \"dielectric\" \"spectrum eta\" \"stdillum-A\"",
-            "s.pbrt:4: spectrum \"stdillum-A\" as eta of Material \"dielectric\" is not supported: remove it, or allow unsupported directives",
+            "s.pbrt:4: spectrum \"stdillum-A\" as eta of Material \"dielectric\" is not supported; remove it, or allow unsupported directives",
         ),
     ] {
         assert_eq!(complaint(text), expected);
@@ -72,7 +72,7 @@ fn mixes_are_settled_at_the_end() {
     for (text, expected) in [
         (
             "MakeNamedMaterial \"m\" \"string type\" \"mix\" \"string materials\" [\"m\" \"m\"]",
-            "s.pbrt:4: material \"m\" mixes itself, or mixes more than 8 deep: name other materials",
+            "s.pbrt:4: material \"m\" mixes itself, or mixes more than 8 deep; name other materials",
         ),
         (
             "MakeNamedMaterial \"n\" \"string type\" \"mix\" \"string materials\" \"n\"",
@@ -81,7 +81,7 @@ fn mixes_are_settled_at_the_end() {
         ("Material \"mix\"", "s.pbrt:4: Material \"mix\" lacks \"string materials\" with two names"),
         (
             "Material \"mix\" \"string materials\" [\"x\" \"y\"]",
-            "s.pbrt:4: unknown material \"x\": make it by MakeNamedMaterial\ns.pbrt:4: unknown material \"y\": make it by MakeNamedMaterial",
+            "s.pbrt:4: unknown material \"x\"; make it by MakeNamedMaterial\ns.pbrt:4: unknown material \"y\"; make it by MakeNamedMaterial",
         ),
     ] {
         assert_eq!(complaint(text), expected);
@@ -129,7 +129,7 @@ fn textures_of_numbers_and_colours() {
         (0..9).map(|i| format!("Texture \"t{}\" \"float\" \"mix\" \"texture tex1\" \"t{i}\"\n", i + 1)).collect();
     let nested = format!("Texture \"t0\" \"float\" {imagemap}\n{nest}");
     assert!(
-        complaint(&nested).starts_with("s.pbrt:12: textures are nested too deep: at most 8"),
+        complaint(&nested).starts_with("s.pbrt:12: textures are nested too deep; at most 8"),
         "{}",
         complaint(&nested)
     );
@@ -140,12 +140,12 @@ fn textures_of_numbers_and_colours() {
         ),
         (
             "Texture \"t\" \"float\" \"fbm\"\nMaterial \"conductor\" \"texture roughness\" \"t\"",
-            "s.pbrt:5: a texture of class \"fbm\" as roughness of Material \"conductor\" is not supported: remove it, or allow unsupported directives",
+            "s.pbrt:5: a texture of class \"fbm\" as roughness of Material \"conductor\" is not supported; remove it, or allow unsupported directives",
         ),
         ("Shape \"disk\" \"float alpha\" 2", "s.pbrt:4: parameter alpha of Shape \"disk\" must be within 0..=1, not 2"),
         (
             "Shape \"disk\" \"texture alpha\" \"t\"",
-            "s.pbrt:4: unknown texture \"t\": make it by Texture above this line",
+            "s.pbrt:4: unknown texture \"t\"; make it by Texture above this line",
         ),
         ("Texture \"t\" \"color\" \"constant\"", "s.pbrt:4: a texture is of type spectrum or float, not \"color\""),
         (

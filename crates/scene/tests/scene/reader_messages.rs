@@ -1,6 +1,7 @@
-//! What the reader says about scenes that are wrong, word for word, and what it makes of right ones.
+//! Errors of wrong scenes, word for word, and the descriptions of right ones.
 
-use dapple_scene::pbrt::{ReadError, ReadOptions, read_scene_from};
+use dapple_scene::ReadError;
+use dapple_scene::pbrt::{ReadOptions, read_scene_from};
 use dapple_scene::{
     Color, ConductorFresnel, Emission, EnvironmentRadiance, Geometry, LightKind, MaterialKind, PixelFilter, Projection,
     Scene, TextureKind,
@@ -34,12 +35,12 @@ fn world(text: &str) -> Scene {
     read(&format!("{HEAD}{text}\n{TAIL}")).unwrap_or_else(|e| panic!("{text}: {e}"))
 }
 
-/// What is said about this text in an otherwise good world; its first line is line 4.
+/// The errors of this text in an otherwise valid world; its first line is line 4.
 fn complaint(text: &str) -> String {
     read(&format!("{HEAD}{text}\n{TAIL}")).map(|_| ()).expect_err(text).to_string()
 }
 
-/// What is said about this text before an otherwise good world; its first line is line 1.
+/// The errors of this text before an otherwise valid world; its first line is line 1.
 fn option_complaint(text: &str) -> String {
     let head = if text.contains("Film") { "Camera \"perspective\"\nWorldBegin\n" } else { HEAD };
     read(&format!("{text}\n{head}{TAIL}")).map(|_| ()).expect_err(text).to_string()
@@ -102,7 +103,7 @@ fn names_are_looked_up_at_the_end() {
     assert_eq!(scene.materials[scene.shapes[0].material.0 as usize].name, "late");
     assert_eq!(
         complaint("MakeNamedMaterial \"late\" \"string type\" \"diffuse\"\nNamedMaterial \"lade\""),
-        "s.pbrt:5: unknown material \"lade\": did you mean late?"
+        "s.pbrt:5: unknown material \"lade\"; did you mean \"late\"?"
     );
 }
 
@@ -151,46 +152,46 @@ fn crop_windows_round_up() {
 #[test]
 fn messages_about_words() {
     for (text, expected) in [
-        ("Shap \"sphere\"", "s.pbrt:4: unknown directive \"Shap\": did you mean Shape?"),
-        ("Frobnicate 1 2", "s.pbrt:4: unknown directive \"Frobnicate\": remove it or correct its spelling"),
+        ("Shap \"sphere\"", "s.pbrt:4: unknown directive \"Shap\"; did you mean \"Shape\"?"),
+        ("Frobnicate 1 2", "s.pbrt:4: unknown directive \"Frobnicate\"; remove it or correct its spelling"),
         ("\n17", "s.pbrt:5: a directive should stand here, not \"17\""),
         ("Translate 1 2", "s.pbrt:5: Translate takes 3 numbers: number 3 of 3 is missing"),
-        ("Scale 1 0 1", "s.pbrt:4: with this, the transform flattens space or overflows: it must have an inverse"),
-        ("Rotate 1 0 0 0", "s.pbrt:4: Rotate needs an axis: its last three numbers must not all be 0"),
+        ("Scale 1 0 1", "s.pbrt:4: with this, the transform flattens space or overflows; it must have an inverse"),
+        ("Rotate 1 0 0 0", "s.pbrt:4: Rotate needs an axis; its last three numbers must not all be 0"),
         ("AttributeBegin", "s.pbrt:4: this AttributeBegin is never closed"),
-        ("AttributeEnd", "s.pbrt:4: AttributeEnd without AttributeBegin: remove it"),
+        ("AttributeEnd", "s.pbrt:4: AttributeEnd without AttributeBegin; remove it"),
         (
             "AttributeBegin\nTransformEnd",
-            "s.pbrt:5: TransformEnd closes the AttributeBegin of s.pbrt:4: they must match",
+            "s.pbrt:5: TransformEnd closes the AttributeBegin of s.pbrt:4; they must match",
         ),
-        ("CoordSysTransform \"word\"", "s.pbrt:4: unknown coordinate system \"word\": did you mean world?"),
-        ("Camera \"perspective\"", "s.pbrt:4: Camera belongs before WorldBegin: move it there"),
-        ("WorldBegin", "s.pbrt:4: a second WorldBegin (the first is at s.pbrt:3): remove one"),
+        ("CoordSysTransform \"word\"", "s.pbrt:4: unknown coordinate system \"word\"; did you mean \"world\"?"),
+        ("Camera \"perspective\"", "s.pbrt:4: Camera belongs before WorldBegin; move it there"),
+        ("WorldBegin", "s.pbrt:4: a second WorldBegin (the first is at s.pbrt:3); remove one"),
         (
             "Include \"none.pbrt\"",
             "s.pbrt:4: cannot read none.pbrt: no such file; check the name and that the file is there",
         ),
-        ("Include \"loop-a.pbrt\"", "loop-b.pbrt:1: loop-a.pbrt includes itself: remove this Include"),
+        ("Include \"loop-a.pbrt\"", "loop-b.pbrt:1: loop-a.pbrt includes itself; remove this Include"),
         ("Include \"broken.pbrt\"", "broken.pbrt:1: parameter radius of Shape \"sphere\" must be above 0, not -1"),
         (
             "MediumInterface \"a\" \"b\"",
-            "s.pbrt:4: unknown medium \"a\": make it by MakeNamedMedium\ns.pbrt:4: unknown medium \"b\": make it by MakeNamedMedium",
+            "s.pbrt:4: unknown medium \"a\"; make it by MakeNamedMedium\ns.pbrt:4: unknown medium \"b\"; make it by MakeNamedMedium",
         ),
         (
             "Material \"hair\"",
-            "s.pbrt:4: Material \"hair\" is not supported: remove it, or allow unsupported directives",
+            "s.pbrt:4: Material \"hair\" is not supported; remove it, or allow unsupported directives",
         ),
         (
             "LightSource \"goniometric\"",
-            "s.pbrt:4: LightSource \"goniometric\" is not supported: remove it, or allow unsupported directives",
+            "s.pbrt:4: LightSource \"goniometric\" is not supported; remove it, or allow unsupported directives",
         ),
         (
             "LightSource \"infinite\" \"point3 portal\" [0 0 0]",
-            "s.pbrt:4: parameter portal of LightSource \"infinite\" is not supported: remove it, or allow unsupported directives",
+            "s.pbrt:4: parameter portal of LightSource \"infinite\" is not supported; remove it, or allow unsupported directives",
         ),
         (
             "Shape \"cone\" \"float height\" 2",
-            "s.pbrt:4: Shape \"cone\" is not supported: remove it, or allow unsupported directives",
+            "s.pbrt:4: Shape \"cone\" is not supported; remove it, or allow unsupported directives",
         ),
         (
             "Shape \"disk\" \"float innerradius\" 1",
@@ -206,12 +207,12 @@ fn messages_about_parameters() {
     for (text, expected) in [
         (
             "Shape \"sphere\" \"string radius\" \"1\"",
-            "s.pbrt:4: parameter radius of Shape \"sphere\" is declared string: write \"float radius\"",
+            "s.pbrt:4: parameter radius of Shape \"sphere\" is declared string; write \"float radius\"",
         ),
-        ("Shape \"sphere\" \"flaot radius\" 1", "s.pbrt:4: unknown parameter type \"flaot\": did you mean float?"),
+        ("Shape \"sphere\" \"flaot radius\" 1", "s.pbrt:4: unknown parameter type \"flaot\"; did you mean \"float\"?"),
         (
             "Shape \"sphere\" \"radius\" 1",
-            "s.pbrt:4: \"radius\" declares no parameter: write a type and a name, as in \"float radius\"",
+            "s.pbrt:4: \"radius\" declares no parameter; write a type and a name, as in \"float radius\"",
         ),
         (
             "Shape \"sphere\" \"float radius\" [1 2]",
@@ -223,7 +224,7 @@ fn messages_about_parameters() {
         ),
         (
             "Shape \"sphere\"\n\"float radius\" 1\n\"float radius\" 2",
-            "s.pbrt:6: parameter \"radius\" of Shape \"sphere\" is given twice: remove one",
+            "s.pbrt:6: parameter \"radius\" of Shape \"sphere\" is given twice; remove one",
         ),
         ("Shape \"sphere\" \"float radius\" [ 1\nIdentity", "s.pbrt:5: a ] is missing after \"float radius\""),
         ("Shape \"sphere\" \"float radius\" \"1\"", "s.pbrt:4: a parameter of type float takes numbers, not \"1\""),
@@ -241,7 +242,7 @@ fn messages_about_parameters() {
         ),
         (
             "Material \"diffuse\" \"texture reflectance\" \"wood\"",
-            "s.pbrt:4: unknown texture \"wood\": make it by Texture above this line",
+            "s.pbrt:4: unknown texture \"wood\"; make it by Texture above this line",
         ),
         (
             "Texture \"t\" \"spectrum\" \"imagemap\" \"string filename\" \"t.png\"",
@@ -253,16 +254,16 @@ fn messages_about_parameters() {
         ),
         (
             "Shape \"plymesh\" \"string filename\" \"packed.ply\"",
-            "s.pbrt:4: packed.ply is compressed with gzip: unpack it and name the unpacked file",
+            "s.pbrt:4: packed.ply is compressed with gzip; unpack it and name the unpacked file",
         ),
         ("Shape \"plymesh\"", "s.pbrt:4: Shape \"plymesh\" lacks \"string filename\""),
         (
             "Shape \"trianglemesh\" \"point3 P\" [0 0 0 1 0 0 0 1 0]\n\"integer indices\" [0 1 2 0 1 3]",
-            "s.pbrt:5: triangle 1 of Shape \"trianglemesh\" has corner 3: corners are whole numbers from 0 to 2",
+            "s.pbrt:5: triangle 1 of Shape \"trianglemesh\" has corner 3; corners are whole numbers from 0 to 2",
         ),
         (
             "Shape \"trianglemesh\" \"point3 P\" [0 0 0 1 0 0 0 1 0] \"integer indices\" [0 1 -1]",
-            "s.pbrt:4: triangle 0 of Shape \"trianglemesh\" has corner -1: corners are whole numbers from 0 to 2",
+            "s.pbrt:4: triangle 0 of Shape \"trianglemesh\" has corner -1; corners are whole numbers from 0 to 2",
         ),
         (
             "Shape \"trianglemesh\" \"point3 P\" [0 0 0 1 0 0 0 1] \"integer indices\" [0 1 2]",
@@ -270,15 +271,15 @@ fn messages_about_parameters() {
         ),
         (
             "Shape \"trianglemesh\" \"point3 P\" [0 0 0 1 0 0 0 1 0] \"normal N\" [0 0 1]",
-            "s.pbrt:4: Shape \"trianglemesh\": there are 1 normals for 3 vertices: give one for each, or none",
+            "s.pbrt:4: Shape \"trianglemesh\": there are 1 normals for 3 vertices; give one for each, or none",
         ),
         (
             "Shape \"trianglemesh\" \"point3 P\" [0 0 0 1 0 0 0 1 0] \"point2 uv\" [0 0]",
-            "s.pbrt:4: Shape \"trianglemesh\": there are 1 texture coordinates for 3 vertices: give one for each, or none",
+            "s.pbrt:4: Shape \"trianglemesh\": there are 1 texture coordinates for 3 vertices; give one for each, or none",
         ),
         (
             "Shape \"trianglemesh\" \"point3 P\" [0 0 0 1 0 0 0 1 nan]",
-            "s.pbrt:4: \"nan\" is not a number: only finite numbers are allowed",
+            "s.pbrt:4: \"nan\" is not a number; only finite numbers are allowed",
         ),
     ] {
         assert_eq!(complaint(text), expected);
@@ -286,24 +287,24 @@ fn messages_about_parameters() {
 }
 
 #[test]
-fn i04_numbers_in_scenes() {
+fn numbers_of_scenes_are_finite_or_errors_i04() {
     let say = |value: &str| complaint(&format!("Shape \"sphere\"\n\"float radius\" [ {value} ]"));
-    assert_eq!(say("inf"), "s.pbrt:5: \"inf\" is not a number: only finite numbers are allowed");
-    assert_eq!(say("1e400"), "s.pbrt:5: \"1e400\" is too large: at most 1.8e308 can be stored");
-    assert_eq!(say("0x10"), "s.pbrt:5: \"0x10\" is not a number: write it as in -1.5e3");
+    assert_eq!(say("inf"), "s.pbrt:5: \"inf\" is not a number; only finite numbers are allowed");
+    assert_eq!(say("1e400"), "s.pbrt:5: \"1e400\" is too large; at most 1.8e308 can be stored");
+    assert_eq!(say("0x10"), "s.pbrt:5: \"0x10\" is not a number; write it as in -1.5e3");
     let comma = "write a point, not a comma, before decimals, and spaces between numbers";
-    assert_eq!(say("1,5"), format!("s.pbrt:5: \"1,5\" is not a number: {comma}"));
+    assert_eq!(say("1,5"), format!("s.pbrt:5: \"1,5\" is not a number; {comma}"));
     let long = format!("0.1{}1", "0".repeat(1000));
     let scene = world(&format!("Shape \"sphere\" \"float radius\" {long}\nShape \"sphere\" \"float radius\" 1e-50"));
     assert!(matches!(scene.shapes[0].geometry, Geometry::Sphere { radius: 0.1 }));
     assert!(matches!(scene.shapes[1].geometry, Geometry::Sphere { radius: 1e-50 }));
     let files: &[(&str, &[u8])] = &[("s.pbrt", b"# a\nFilm \"rgb\" # \xe9\n")];
     let error = read_scene_from(files, "s.pbrt", &ReadOptions::default()).map(|_| ()).unwrap_err();
-    assert_eq!(error.to_string(), "s.pbrt:2: the byte at offset 17 is not UTF-8: save the file as UTF-8");
+    assert_eq!(error.to_string(), "s.pbrt:2: the byte at offset 17 is not UTF-8; save the file as UTF-8");
 }
 
 #[test]
-fn i06_settings() {
+fn impossible_settings_are_errors_i06() {
     for (text, expected) in [
         (
             "Sampler \"sobol\" \"integer pixelsamples\" 0",
@@ -323,7 +324,7 @@ fn i06_settings() {
         ),
         (
             "Film \"rgb\" \"float cropwindow\" [1 1 0 1]",
-            "s.pbrt:1: the crop window holds no pixel: give it as x0 x1 y0 y1 with x0 < x1 and y0 < y1",
+            "s.pbrt:1: the crop window holds no pixel; give it as x0 x1 y0 y1 with x0 < x1 and y0 < y1",
         ),
         (
             "PixelFilter \"box\" \"float xradius\" 0",
@@ -331,11 +332,11 @@ fn i06_settings() {
         ),
         (
             "PixelFilter \"box\" \"float xradius\" nan",
-            "s.pbrt:1: \"nan\" is not a number: only finite numbers are allowed",
+            "s.pbrt:1: \"nan\" is not a number; only finite numbers are allowed",
         ),
         (
             "PixelFilter \"mitchell\"",
-            "s.pbrt:1: PixelFilter \"mitchell\" (other than box, triangle and gaussian) is not supported: remove it, or allow unsupported directives",
+            "s.pbrt:1: PixelFilter \"mitchell\" (other than box, triangle and gaussian) is not supported; remove it, or allow unsupported directives",
         ),
         (
             "Camera \"perspective\" \"float fov\" 180",
@@ -343,7 +344,7 @@ fn i06_settings() {
         ),
         (
             "Camera \"spherical\"",
-            "s.pbrt:1: Camera \"spherical\" is not supported: use Camera \"perspective\" or \"orthographic\"",
+            "s.pbrt:1: Camera \"spherical\" is not supported; use Camera \"perspective\" or \"orthographic\"",
         ),
         (
             "Integrator \"path\" \"integer maxdepth\" -1",
@@ -351,39 +352,39 @@ fn i06_settings() {
         ),
         (
             "ColorSpace \"rec2020\"",
-            "s.pbrt:1: ColorSpace \"rec2020\" is not supported: remove it, or allow unsupported directives",
+            "s.pbrt:1: ColorSpace \"rec2020\" is not supported; remove it, or allow unsupported directives",
         ),
-        ("Shape \"sphere\"", "s.pbrt:1: Shape belongs after WorldBegin: move it there"),
+        ("Shape \"sphere\"", "s.pbrt:1: Shape belongs after WorldBegin; move it there"),
     ] {
         assert_eq!(option_complaint(text), expected);
     }
     let none = read("Film \"rgb\"\nWorldBegin\n").map(|_| ()).unwrap_err().to_string();
     assert_eq!(
         none,
-        "s.pbrt: there is no Camera: add one before WorldBegin, as in Camera \"perspective\"\ns.pbrt: there are no shapes: add a Shape after WorldBegin\ns.pbrt: nothing gives off light: add a LightSource, or an AreaLightSource before a Shape"
+        "s.pbrt: there is no Camera; add one before WorldBegin, as in Camera \"perspective\"\ns.pbrt: there are no shapes; add a Shape after WorldBegin\ns.pbrt: nothing gives off light; add a LightSource, or an AreaLightSource before a Shape"
     );
     let empty = read("").map(|_| ()).unwrap_err().to_string();
-    assert_eq!(empty, "s.pbrt: there is no WorldBegin: the file holds no scene, or is cut off");
+    assert_eq!(empty, "s.pbrt: there is no WorldBegin; the file holds no scene, or is cut off");
     // The light belongs to no shape.
     let lost = read(&format!("{HEAD}AttributeBegin\nAreaLightSource \"diffuse\"\nAttributeEnd\nShape \"sphere\"\n"));
     assert!(lost.map(|_| ()).unwrap_err().to_string().starts_with("s.pbrt: no lights remain"));
 }
 
 #[test]
-fn i06_what_is_read_otherwise_is_listed() {
+fn deviations_from_the_file_are_listed_i06() {
     let unknown = notices("Shape \"sphere\" \"float raduis\" 2");
-    assert_eq!(unknown, ["s.pbrt:4: Shape \"sphere\" has no parameter \"raduis\": ignored; did you mean radius?"]);
+    assert_eq!(unknown, ["s.pbrt:4: Shape \"sphere\" has no parameter \"raduis\"; ignored; did you mean \"radius\"?"]);
     let cameras = format!("Camera \"perspective\" \"float fov\" 20\n{HEAD}{TAIL}");
     let scene = read(&cameras).unwrap();
-    assert_eq!(scene.notices[0].message, "a second Camera (the first is at s.pbrt:1): this one counts");
+    assert_eq!(scene.notices[0].message, "a second Camera (the first is at s.pbrt:1); this one counts");
     assert_eq!(scene.camera.projection, Projection::Perspective { fov: 90.0 });
     let scene = read(&format!("Integrator \"bdpt\" \"integer maxdepth\" 9\nSampler \"halton\"\n{HEAD}{TAIL}")).unwrap();
     let said: Vec<&str> = scene.notices.iter().map(|n| n.message.as_str()).collect();
     assert_eq!(
         said,
         [
-            "Integrator \"bdpt\" is advice: light is transported by path tracing",
-            "Sampler \"halton\" is advice: which samples are taken is for the user to choose",
+            "Integrator \"bdpt\" is ignored; light is transported by path tracing",
+            "Sampler \"halton\" is ignored; choose sampler and point set yourself",
         ]
     );
     assert_eq!((scene.max_depth, scene.film.spp), (Some(9), None));
@@ -400,7 +401,7 @@ fn unsupported_things_can_be_left_out() {
     assert_eq!((scene.notices.len(), scene.shapes.len(), scene.lights.len()), (5, 2, 1));
     assert_eq!(
         scene.notices[0].message,
-        "a medium of type \"cloud\" (other than homogeneous) is not supported: left out"
+        "a medium of type \"cloud\" (other than homogeneous) is not supported; left out"
     );
     assert_eq!(scene.materials[scene.shapes[0].material.0 as usize].name, "m");
 }

@@ -1,7 +1,8 @@
-//! What the reader makes of files for pbrt-v2 and pbrt-v3.
+//! Files of pbrt-v2 and pbrt-v3.
 
+use dapple_scene::ReadError;
 use dapple_scene::image::{Image, encode_pfm};
-use dapple_scene::pbrt::{ReadError, ReadOptions, read_scene_from};
+use dapple_scene::pbrt::{ReadOptions, read_scene_from};
 use dapple_scene::{
     Color, EnvironmentRadiance, LightKind, MaterialKind, PixelFilter, Scalar, Scene, SpotFalloff, TextureKind,
 };
@@ -39,7 +40,7 @@ fn defaults_of_older_versions() {
         assert_eq!(scene.film.resolution, [640, 480]);
         assert_eq!(scene.film.pixel_filter, PixelFilter::Box { radius: [0.5, 0.5] });
         assert!(said(&scene).starts_with(&format!(
-            "s.pbrt: this file uses words of older versions: it is read by the rules of pbrt-v{version}\n"
+            "s.pbrt: this file is written for an older version; it is read by the rules of pbrt-v{version}\n"
         )));
         // pbrt-v2's path tracer lights one vertex more.
         assert_eq!(scene.max_depth, Some(if version == 2 { 6 } else { 5 }));
@@ -97,7 +98,7 @@ fn old_materials() {
     for kind in ["uber", "translucent", "shinymetal", "disney"] {
         let text = format!("Film \"image\"\nCamera \"perspective\"\nWorldBegin\nMaterial \"{kind}\"\n{TAIL}");
         let expected =
-            format!("s.pbrt:4: Material \"{kind}\" is not supported: remove it, or allow unsupported directives");
+            format!("s.pbrt:4: Material \"{kind}\" is not supported; remove it, or allow unsupported directives");
         assert_eq!(read(&text).unwrap_err().to_string(), expected);
     }
 }

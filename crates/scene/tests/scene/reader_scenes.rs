@@ -1,8 +1,8 @@
-//! The shared scenes, where they are: what the reader makes of them.
+//! Scenes of others, found through `DAPPLE_SCENES`.
 #![allow(clippy::print_stderr)]
 
+use dapple_scene::model::read_ply;
 use dapple_scene::pbrt::{ReadOptions, read_scene};
-use dapple_scene::ply::read_ply;
 use dapple_scene::{
     ConductorFresnel, EnvironmentRadiance, Geometry, Light, LightKind, MaterialKind, Projection, Scene,
 };

@@ -1,8 +1,8 @@
 //! Runs of several studies on one board, and what can be asked of it.
 
 use dapple_metrics::{Interval, geometric_mean_interval, ratio_interval};
-use dapple_study::folder::{FolderError, Recorded};
-use dapple_study::{Budget, Manifest, Method, Run};
+use dapple_study::{FolderError, RecordedStudy};
+use dapple_study::{Manifest, Method, Run, RunBudget};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
@@ -126,7 +126,7 @@ impl Board {
             cells: BTreeMap::new(),
         };
         for folder in folders {
-            let recorded = Recorded::read(folder)?;
+            let recorded = RecordedStudy::read(folder)?;
             let manifest = &recorded.manifest;
             let new = |scene: &&String| !board.scenes.contains(scene);
             let scenes: Vec<String> = manifest.scenes.iter().map(|s| &s.name).filter(new).cloned().collect();
@@ -144,14 +144,14 @@ impl Board {
         board.spp.sort_unstable();
         board.spp.dedup();
         for folder in more {
-            board.take(Recorded::read(folder)?.runs);
+            board.take(RecordedStudy::read(folder)?.runs);
         }
         Ok(board)
     }
 
     fn take(&mut self, runs: Vec<Run>) {
         for run in runs {
-            if let Budget::Spp(spp) = run.budget {
+            if let RunBudget::Spp(spp) = run.budget {
                 let key = (run.scene.clone(), run.method.clone(), spp);
                 let _ = self.cells.entry(key).or_default().entry(run.seed).or_insert(run);
             }

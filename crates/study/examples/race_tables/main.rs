@@ -1,12 +1,15 @@
-//! The tables of `docs/results/tables/beyond.md`: what issue 7 asks of the default sampler and filter, beside what was
-//! seen; and every method on every scene.
+//! The tables of `docs/results/race.md`: goals of the default sampler and filter beside the measured values, and
+//! every method on every scene.
 //!
-//! `cargo run --release -p dapple-study --example race_tables -- [OPTION DIR]... DIR...` reads the folders of finished
-//! studies of the same seeds (`docs/results/beyond.toml` and `beyond-curves.toml`), and writes
-//! Markdown to its standard output. `--long DIR`: the baseline alone at larger budgets, for the times to equal error.
-//! `--besides DIR`: other methods on the same scenes, of which the summaries speak. `--lights DIR`: scenes `room`, `room-uniform` and `room-cells`. `--foreign DIR`: the same methods against references of
-//! another renderer, and the baseline at a very large budget. `--tuned NAME,…`: scenes that settings were tuned on.
-//! `--plain NAME,…`: scenes without interreflection.
+//! `cargo run --release -p dapple-study --example race_tables -- [OPTION DIR]... DIR...` reads folders of finished studies
+//! with the same seeds (`docs/results/race.toml` and `race-curves.toml`) and prints Markdown.
+//!
+//! * `--long DIR`: the baseline alone at larger budgets, for times to equal error.
+//! * `--besides DIR`: other methods on the same scenes, for the summaries.
+//! * `--lights DIR`: the scenes `room`, `room-uniform` and `room-learned`.
+//! * `--foreign DIR`: the same methods against references of another renderer, and the baseline at a very large budget.
+//! * `--tuned NAME,…`: scenes that settings were tuned on.
+//! * `--plain NAME,…`: scenes without interreflection.
 
 // A report is printed.
 #![allow(clippy::print_stdout, clippy::print_stderr)]
@@ -20,7 +23,7 @@ use dapple_study::Method;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// Who is compared.
+/// The methods that are compared.
 pub(crate) struct Roles {
     pub(crate) uniform: Method,
     pub(crate) counts: Method,
@@ -36,11 +39,11 @@ impl Roles {
         let of = |sampler: &str, filter: &str| Method::new(sampler, "sobol", filter);
         Self {
             uniform: of("uniform", "none"),
-            counts: of("cluster", "none"),
-            default: of("cluster:epsilon=0.3", "cluster-regression"),
+            counts: of("adaptive:epsilon=0.01", "none"),
+            default: of("adaptive:epsilon=0.3", "cluster-regression"),
             thesis: of("cluster-thesis", "cluster-gaussian"),
             oidn: of("uniform", "oidn"),
-            oidn_on_ours: of("cluster:epsilon=0.3", "oidn"),
+            oidn_on_ours: of("adaptive:epsilon=0.3", "oidn"),
             oidn_prefiltered: of("uniform", "oidn-prefiltered"),
         }
     }
@@ -60,7 +63,7 @@ impl Options {
     fn parse(mut words: impl Iterator<Item = String>) -> Result<Self, String> {
         let mut options = Self::default();
         while let Some(word) = words.next() {
-            let mut value = || words.next().ok_or_else(|| format!("{word}: a value is wanted behind it"));
+            let mut value = || words.next().ok_or_else(|| format!("{word} needs a value after it"));
             let names = |list: String| list.split(',').map(|name| name.trim().to_owned()).collect();
             match word.as_str() {
                 // Their runs are taken where the studies themselves have none.
@@ -69,12 +72,14 @@ impl Options {
                 "--foreign" => options.foreign.push(value()?.into()),
                 "--tuned" => options.tuned = names(value()?),
                 "--plain" => options.plain = names(value()?),
-                option if option.starts_with('-') => return Err(format!("there is no option {option}")),
+                option if option.starts_with('-') => {
+                    return Err(format!("unknown option \"{option}\"; see the head of this example"));
+                }
                 folder => options.studies.push(folder.into()),
             }
         }
         if options.studies.is_empty() {
-            return Err("the folder of at least one study is wanted".into());
+            return Err("no study; pass the folder of at least one".into());
         }
         Ok(options)
     }
@@ -100,7 +105,7 @@ fn page() -> Result<String, String> {
     let lights = read(&options.lights, &[])?;
     let foreign = read(&options.foreign, &[])?;
     let named = |names: &[String]| match names.iter().find(|name| !board.scenes.contains(name)) {
-        Some(name) => Err(format!("there is no scene {name}: there are {}", board.scenes.join(", "))),
+        Some(name) => Err(format!("unknown scene \"{name}\"; the scenes are {}", board.scenes.join(", "))),
         None => Ok(()),
     };
     named(&options.tuned)?;

@@ -1,15 +1,15 @@
-//! What issue 7 asks for, beside what was seen.
+//! Goals beside measured values.
 
 use crate::board::{At, Board, Figure, Metric};
 use crate::tables::{cell, number, table};
 use crate::{Groups, Roles};
 use dapple_study::Method;
 
-/// A line of the table: what, and at most what.
+/// A line of the table: a quantity and its limits.
 struct Line {
     what: String,
-    must: f64,
-    aim: f64,
+    required: f64,
+    goal: f64,
     /// Equal samples and equal time, over all scenes.
     seen: [Option<Figure>; 2],
     /// Equal samples, scenes that were tuned on and those that were not.
@@ -23,8 +23,8 @@ fn verdict(line: &Line, seen: Option<&Figure>) -> &'static str {
     let Some(value) = seen.map(|f| f.value) else { return "" };
     let within = |limit: f64| if line.more { value >= limit } else { value <= limit };
     match () {
-        () if within(line.aim) => "aim met",
-        () if within(line.must) => "must met",
+        () if within(line.goal) => "goal met",
+        () if within(line.required) => "required met",
         () => "**missed**",
     }
 }
@@ -37,13 +37,13 @@ struct Ask<'a> {
 
 impl Ask<'_> {
     /// The geometric mean of `a` over `b`, at equal samples and in equal time.
-    fn mean(&mut self, what: &str, a: &Method, b: &Method, spp: u64, metric: Metric, [must, aim]: [f64; 2]) {
+    fn mean(&mut self, what: &str, a: &Method, b: &Method, spp: u64, metric: Metric, [required, goal]: [f64; 2]) {
         let of = |scenes: &[&str], at| self.board.mean(scenes, a, b, at, metric);
         let (all, equal) = (&self.groups.all, At::Spp(spp));
         self.lines.push(Line {
             what: format!("{what}, {spp} spp, {}", metric.name()),
-            must,
-            aim,
+            required,
+            goal,
             seen: [of(all, equal), of(all, At::TimeOf(spp))],
             apart: [of(&self.groups.tuned, equal), of(&self.groups.held_out, equal)],
             more: false,
@@ -51,7 +51,7 @@ impl Ask<'_> {
     }
 
     /// The scene on which `a` over `b` is largest.
-    fn worst(&mut self, what: &str, a: &Method, b: &Method, spp: u64, [must, aim]: [f64; 2]) {
+    fn worst(&mut self, what: &str, a: &Method, b: &Method, spp: u64, [required, goal]: [f64; 2]) {
         let worst = |scenes: &[&str], at| {
             let ratio = |s: &&str| Some((self.board.ratio((s, a), (s, b), at, Metric::RelMse)?, (*s).to_owned()));
             scenes.iter().filter_map(ratio).max_by(|x, y| x.0.value.total_cmp(&y.0.value))
@@ -62,8 +62,8 @@ impl Ask<'_> {
             |found: &Option<(Figure, String)>| found.as_ref().map_or_else(String::new, |(_, name)| name.clone());
         self.lines.push(Line {
             what: format!("{what}, {spp} spp, relMSE ({}; at equal time {})", scene(&samples), scene(&time)),
-            must,
-            aim,
+            required,
+            goal,
             seen: [samples.map(|s| s.0), time.map(|s| s.0)],
             apart: [&self.groups.tuned, &self.groups.held_out].map(|group| worst(group, equal).map(|s| s.0)),
             more: false,
@@ -71,7 +71,7 @@ impl Ask<'_> {
     }
 
     /// Time to equal error, over scenes with interreflection.
-    fn time(&mut self, what: &str, method: &Method, metric: Metric, [must, aim]: [f64; 2]) {
+    fn time(&mut self, what: &str, method: &Method, metric: Metric, [required, goal]: [f64; 2]) {
         let mean = |group: &[&str]| {
             let indirect = group.iter().filter(|s| self.groups.indirect.contains(s));
             let times: Option<Vec<Figure>> =
@@ -86,8 +86,8 @@ impl Ask<'_> {
         let seen = mean(&self.groups.all);
         self.lines.push(Line {
             what: format!("{what}, {}", metric.name()),
-            must,
-            aim,
+            required,
+            goal,
             seen: [None, seen],
             apart: [mean(&self.groups.tuned), mean(&self.groups.held_out)],
             more: true,
@@ -110,8 +110,8 @@ pub(crate) fn seen(board: &Board, lights: &Board, roles: &Roles, groups: &Groups
                     "light cells over uniform choice, room, {spp} spp, {} (by power: {power})",
                     metric.name()
                 ),
-                must: limits[0],
-                aim: limits[1],
+                required: limits[0],
+                goal: limits[1],
                 seen: [over("room-cells"), None],
                 apart: [None, None],
                 more: false,
@@ -132,7 +132,7 @@ pub(crate) fn seen(board: &Board, lights: &Board, roles: &Roles, groups: &Groups
     for spp in [8, 16, 32, 64] {
         ask.worst("default, worst scene", default, uniform, spp, [1.05, 1.0]);
     }
-    let heads = ["target", "must", "aim", "equal spp", "", "equal time", "", "equal spp, tuned on", "held out"];
+    let heads = ["target", "required", "goal", "equal spp", "", "equal time", "", "equal spp, tuned on", "held out"];
     let rows: Vec<Vec<String>> = ask.lines.iter().map(words).collect();
     let heads = heads.map(str::to_owned);
     table("Targets", &heads, &rows) + &besides(board, roles, groups)
@@ -144,10 +144,10 @@ fn words(line: &Line) -> Vec<String> {
     let said = |figure: Option<&Figure>| [cell(figure), verdict(line, figure).to_owned()];
     let [a, b] = said(samples);
     let [c, d] = said(time);
-    vec![line.what.clone(), number(line.must), number(line.aim), a, b, c, d, tuned, held_out]
+    vec![line.what.clone(), number(line.required), number(line.goal), a, b, c, d, tuned, held_out]
 }
 
-/// What nobody asked for in numbers: OIDN on our samples, and other errors of the default.
+/// Comparisons without a goal: OIDN on our samples, and other errors of the default.
 fn besides(board: &Board, roles: &Roles, groups: &Groups<'_>) -> String {
     let pairs = [
         ("default over OIDN on the same counts", &roles.default, &roles.oidn_on_ours),

@@ -1,15 +1,15 @@
-//! The page's tables as Markdown, for pages that are not ours.
+//! The tables of the report as Markdown.
 
-use super::page::Builder;
-use super::style::{names, styles};
-use super::verdicts::{headline, lines, squares, tally};
-use super::words::Cell;
-use crate::folder::Recorded;
-use crate::record::Budget;
+use super::comparison_table::{factorial_lines, headline, lines, tally};
+use super::html::Builder;
+use super::method_style::{names, styles};
+use super::table_cell::TableCell;
+use crate::record::RunBudget;
+use crate::recorded_study::RecordedStudy;
 use crate::summary::Summary;
 use std::fmt::Write;
 
-pub(super) fn render(recorded: &Recorded, summary: &Summary) -> String {
+pub(super) fn render(recorded: &RecordedStudy, summary: &Summary) -> String {
     let manifest = &recorded.manifest;
     let (names, styles) = (names(&manifest.methods), styles(&manifest.methods));
     let base = manifest.methods.iter().position(|m| *m == manifest.baseline).map_or("", |i| &names[i]);
@@ -25,8 +25,8 @@ pub(super) fn render(recorded: &Recorded, summary: &Summary) -> String {
     if let Some(budget) = headline(recorded, summary) {
         let [won, lost, open] = tally(summary, budget);
         let what = match budget {
-            Budget::TimeOf(spp) => format!("At equal time, that of {base} with {spp} spp"),
-            Budget::Spp(spp) => format!("At {spp} spp"),
+            RunBudget::TimeOf(spp) => format!("At equal time, that of {base} with {spp} spp"),
+            RunBudget::Spp(spp) => format!("At {spp} spp"),
         };
         let heads = ["scene", "method", "verdict", "relMSE", "trimmed relMSE", "sRGB MSE", "FLIP", "time"];
         let intro = format!("{what}, over {base}: {won} won, {lost} lost, {open} undecided");
@@ -35,12 +35,12 @@ pub(super) fn render(recorded: &Recorded, summary: &Summary) -> String {
             [line.scene, line.method, verdict].into_iter().chain(line.cells[..5].iter().map(cell)).collect()
         });
         table(&mut page, &intro, &heads, rows);
-        let heads = ["scene", "counts", "filter", "counts alone", "filter alone", "both", "interplay"];
-        let rows = squares(recorded, summary, budget).into_iter().map(|square| {
+        let heads = ["scene", "sampler", "filter", "sampler alone", "filter alone", "both", "interaction"];
+        let rows = factorial_lines(recorded, summary, budget).into_iter().map(|square| {
             let parts = square.parts.iter().map(|(part, _)| cell(part));
             [square.scene, square.sampler, square.filter].into_iter().chain(parts).collect()
         });
-        table(&mut page, &format!("{what}: what the relMSE owes to what"), &heads, rows);
+        table(&mut page, &format!("{what}: relMSE by sampler and filter"), &heads, rows);
     }
     let builder = Builder { recorded, summary, names: &names, styles: &styles, budget: None };
     for scene in &manifest.scenes {
@@ -50,15 +50,15 @@ pub(super) fn render(recorded: &Recorded, summary: &Summary) -> String {
         let heads: Vec<&str> = heads.iter().map(String::as_str).collect();
         let rows = manifest.methods.iter().zip(&names).map(|(method, name)| {
             let find = |metric: &str| summary.find(&scene.name, method, "", metric);
-            let slopes = ["relmse slope over spp", "relmse slope over seconds"].map(|m| cell(&Cell::of(find(m))));
-            let times = levels.iter().map(|l| cell(&Cell::ratio(find(&format!("seconds ratio to relmse {l}")))));
+            let slopes = ["relmse slope over spp", "relmse slope over seconds"].map(|m| cell(&TableCell::of(find(m))));
+            let times = levels.iter().map(|l| cell(&TableCell::ratio(find(&format!("seconds ratio to relmse {l}")))));
             [name.clone()].into_iter().chain(slopes).chain(times).collect()
         });
         table(&mut page, &format!("{}, {}x{}", scene.name, scene.resolution[0], scene.resolution[1]), &heads, rows);
     }
     page.push_str(
-        "\n\\*: holds when the intervals are widened until all hold together (after Šidák). †: extrapolated by a fit, at most \
-         4 times beyond what was measured. ‡: of the mean curve. §: near the reference's own noise. –: not measured.\n",
+        "\nUndecided: the 95 % interval contains 1. \\*: holds with intervals widened so that all hold together (Šidák). †: extrapolated by a fit, at most \
+         4 times beyond the measured times. ‡: of the mean curve. §: affected by the noise of the reference. –: not measured.\n",
     );
     page
 }
@@ -74,7 +74,7 @@ fn table(page: &mut String, title: &str, heads: &[&str], rows: impl Iterator<Ite
 }
 
 /// `0.86 [0.83, 0.90]`.
-fn cell(cell: &Cell) -> String {
+fn cell(cell: &TableCell) -> String {
     let parts = [cell.text.as_str(), &cell.interval].into_iter().filter(|part| !part.is_empty());
     format!("{}{}", parts.collect::<Vec<_>>().join(" "), cell.mark)
 }

@@ -1,21 +1,21 @@
-//! The curves of error against time as files of their own, for pages that are not ours.
+//! The curves of error against time as SVG files.
 
-use super::chart::{SIZE, swatch};
-use super::page::Builder;
-use super::style::{names, styles};
-use crate::folder::Recorded;
-use crate::references::file_name;
+use super::html::Builder;
+use super::log_log_chart::{SIZE, swatch};
+use super::method_style::{names, styles};
+use crate::recorded_study::RecordedStudy;
+use crate::references::safe_file_name;
 use crate::summary::Summary;
 
 /// Of each scene the name of a file, and SVG that brings its colours along, for light and for dark.
-pub(super) fn plots(recorded: &Recorded, summary: &Summary) -> Vec<(String, String)> {
+pub(super) fn plots(recorded: &RecordedStudy, summary: &Summary) -> Vec<(String, String)> {
     let methods = &recorded.manifest.methods;
     let (names, styles) = (names(methods), styles(methods));
     let builder = Builder { recorded, summary, names: &names, styles: &styles, budget: None };
     let plot = |scene: &crate::record::SceneRecord| {
         let chart = builder.over_seconds(scene)?;
         let legend = names.iter().zip(&styles).enumerate().map(|(i, (name, style))| entry(i, name, &swatch(*style)));
-        Some((format!("{}.svg", file_name(&scene.name)), whole(&scene.name, &chart, &legend.collect::<String>())))
+        Some((format!("{}.svg", safe_file_name(&scene.name)), whole(&scene.name, &chart, &legend.collect::<String>())))
     };
     recorded.manifest.scenes.iter().filter_map(plot).collect()
 }

@@ -1,33 +1,33 @@
 //! Runs that take as long as the baseline's.
 //!
-//! How many samples they get: from the medians over seeds of the runs of given spp, a method's time is
-//! `fixed + rate * samples`, fixed being clusters, probes and filter, and the rate that of its nearest spp; that is
-//! solved for the median time of the baseline with `time_of` spp. The first seed's run tries it beside the baseline's
-//! own run of this pass. Where it is off by more than 5 % it is made again, and where both are, the sample count is
-//! mended once by the nearer of them. Then all seeds get the same count, which the file of runs says; a study that goes
-//! on takes it from there.
+//! 1. A method's time is modelled as `fixed + rate * samples`, from medians over seeds at the nearest spp. `fixed` is
+//!    clustering, probes and filter.
+//! 2. The model is solved for the baseline's median time with `time_of` spp.
+//! 3. The first seed's run is compared with the baseline's own run of this pass. If it is off by more than 5 %, it is
+//!    made again. If both are off, the count is corrected once, by the nearer of the two.
+//! 4. All seeds get the same count. It is in `runs.jsonl`, from which a resumed study takes it.
 
-use super::{Ended, Study, pixels};
-use crate::run::{Job, Runner};
-use crate::{Budget, Method, Run, StudyError, study::Onlooker};
+use super::{Study, StudyStatus, pixels};
+use crate::runner::{RunRequest, Runner};
+use crate::{Method, Run, RunBudget, StudyError, study::StudyMonitor};
 use dapple_core::Control;
 
-/// What a time may be off by.
+/// The largest relative difference of times that counts as equal.
 const TOLERANCE: f64 = 0.05;
 
 impl Study {
-    /// Makes a scene's runs of equal time, the baseline first.
+    /// Makes a scene's equal-time runs, the baseline first.
     pub(super) fn equal_time(
         &mut self,
         at: usize,
         runner: &mut dyn Runner,
-        onlooker: &mut dyn Onlooker,
-    ) -> Result<Ended, StudyError> {
-        let Some(time_of) = self.plan.time_of else { return Ok(Ended::Done) };
+        monitor: &mut dyn StudyMonitor,
+    ) -> Result<StudyStatus, StudyError> {
+        let Some(time_of) = self.plan.time_of else { return Ok(StudyStatus::Done) };
         let baseline = self.plan.baseline.clone();
         let others = self.plan.methods.iter().filter(|m| **m != baseline).cloned();
         let methods: Vec<Method> = std::iter::once(baseline.clone()).chain(others).collect();
-        let budget = Budget::TimeOf(time_of);
+        let budget = RunBudget::TimeOf(time_of);
         for seed in self.plan.seeds.clone() {
             let mut target = None;
             for method in &methods {
@@ -37,42 +37,42 @@ impl Study {
                     None if *method == baseline => time_of * pixels(&self.views[at]),
                     None => self.solve(at, method, time_of),
                 };
-                let job = self.job(at, method, budget, seed, asked);
-                if let Some(run) = self.find(&job) {
+                let request = self.request(at, method, budget, seed, asked);
+                if let Some(run) = self.find(&request) {
                     target = target.or(Some(run.render_s));
                     continue;
                 }
-                if self.look(&job, onlooker) == Control::Stop {
-                    return Ok(Ended::Stopped);
+                if self.announce(&request, monitor) == Control::Stop {
+                    return Ok(StudyStatus::Stopped);
                 }
                 let run = match target {
-                    Some(target) if found.is_none() => try_out(job, target, runner)?,
-                    _ => runner.run(&job)?,
+                    Some(target) if found.is_none() => first_run(request, target, runner)?,
+                    _ => runner.run(&request)?,
                 };
-                // The first is the baseline's.
+                // The first run of a seed is the baseline's.
                 target = target.or(Some(run.render_s));
                 self.keep(run)?;
             }
         }
-        Ok(Ended::Done)
+        Ok(StudyStatus::Done)
     }
 
-    fn of_method<'a>(&'a self, at: usize, method: &'a Method, budget: Budget) -> impl Iterator<Item = &'a Run> {
+    fn of_method<'a>(&'a self, at: usize, method: &'a Method, budget: RunBudget) -> impl Iterator<Item = &'a Run> {
         let scene = &self.views[at].name;
         self.runs().iter().filter(move |r| r.scene == *scene && r.method == *method && r.budget == budget)
     }
 
-    /// The samples with which a method takes as long as the baseline with `time_of` spp.
+    /// The number of samples that takes a method as long as the baseline with `time_of` spp.
     fn solve(&self, at: usize, method: &Method, time_of: u64) -> u64 {
         let pixels = pixels(&self.views[at]);
-        let target = median(self.of_method(at, &self.plan.baseline, Budget::Spp(time_of)).map(|r| r.render_s));
+        let target = median(self.of_method(at, &self.plan.baseline, RunBudget::Spp(time_of)).map(|r| r.render_s));
         let mut spp = time_of as f64;
         let mut asked = time_of * pixels;
-        // By the spp nearest to the answer, as soon as that is known.
+        // The second time by the spp nearest to the first answer.
         for _ in 0..2 {
             let distance = |n: &&u64| (**n as f64 / spp).ln().abs();
             let nearest = self.plan.spp.iter().min_by(|a, b| distance(a).total_cmp(&distance(b)));
-            let budget = Budget::Spp(nearest.copied().unwrap_or(time_of));
+            let budget = RunBudget::Spp(nearest.copied().unwrap_or(time_of));
             let fixed = median(self.of_method(at, method, budget).map(|r| r.seconds.fixed()));
             let rate = self.of_method(at, method, budget).map(|r| (r.render_s - r.seconds.fixed()) / r.asked as f64);
             asked = samples(target, fixed, median(rate), pixels);
@@ -82,30 +82,30 @@ impl Study {
     }
 }
 
-/// Makes the first run of a method: with the samples of the job, or mended by what they took.
-fn try_out(job: Job, target: f64, runner: &mut dyn Runner) -> Result<Run, StudyError> {
+/// Makes the first run of a method, with the samples of the request or a corrected count.
+fn first_run(request: RunRequest, target: f64, runner: &mut dyn Runner) -> Result<Run, StudyError> {
     let off = |run: &Run| (run.render_s / target).ln().abs();
     let near = |run: &Run| off(run) <= TOLERANCE.ln_1p();
-    let first = runner.run(&job)?;
+    let first = runner.run(&request)?;
     if near(&first) {
         return Ok(first);
     }
-    let second = runner.run(&job)?;
+    let second = runner.run(&request)?;
     if near(&second) {
         return Ok(second);
     }
     let nearer = if off(&first) < off(&second) { first } else { second };
     let fixed = nearer.seconds.fixed();
     let rate = (nearer.render_s - fixed) / nearer.asked as f64;
-    let pixels = u64::from(job.view.resolution[0]) * u64::from(job.view.resolution[1]);
+    let pixels = u64::from(request.view.resolution[0]) * u64::from(request.view.resolution[1]);
     let asked = samples(target, fixed, rate, pixels);
-    if asked == job.asked {
+    if asked == request.asked {
         return Ok(nearer);
     }
-    runner.run(&Job { asked, ..job })
+    runner.run(&RunRequest { asked, ..request })
 }
 
-/// How many samples take this long: at least one per pixel, however long that is.
+/// The number of samples that fill the time, at least one per pixel.
 fn samples(target: f64, fixed: f64, rate: f64, pixels: u64) -> u64 {
     let samples = (target - fixed) / rate;
     if samples.is_finite() { (samples as u64).max(pixels) } else { pixels }
@@ -128,7 +128,7 @@ mod tests {
     #[test]
     fn samples_fill_the_time() {
         assert_eq!(samples(1.0, 0.2, 0.01, 10), 80);
-        assert_eq!(samples(1.0, 2.0, 0.01, 10), 10, "what is never fast enough gets the least there is");
+        assert_eq!(samples(1.0, 2.0, 0.01, 10), 10, "a method that is too slow gets one sample per pixel");
         assert_eq!(samples(f64::NAN, 0.0, 0.01, 10), 10);
         assert_eq!(median([3.0, 1.0, 2.0].into_iter()), 2.0);
         assert_eq!(median([4.0, 1.0, 2.0, 3.0].into_iter()), 2.5);

@@ -1,4 +1,4 @@
-//! `study.json`: how a study was made, and whether another one is the same.
+//! `study.json`: the settings of a study, and their comparison.
 
 use crate::{Machine, Manifest, Method, Plan, SceneRecord, StudyError};
 use serde::Deserialize;
@@ -6,11 +6,11 @@ use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
-/// The commit that this was built from, as `DAPPLE_COMMIT` said when it was compiled: a build that nobody told knows
-/// none, and says so rather than asking a repository that may be another's.
+/// The commit of the build: the value of `DAPPLE_COMMIT` when it was compiled. Without it the commit is unknown; the
+/// current repository may be another one.
 const COMMIT: Option<&str> = option_env!("DAPPLE_COMMIT");
 
-/// The manifest of a study that begins now, here.
+/// The manifest of a study that begins now.
 pub(super) fn new(plan: &Plan, scenes: Vec<SceneRecord>, command: &[String]) -> Manifest {
     Manifest {
         version: env!("CARGO_PKG_VERSION").to_owned(),
@@ -43,10 +43,10 @@ fn machine(threads: usize) -> Machine {
     }
 }
 
-/// Seconds since 1970 as RFC 3339 has them; days into dates after Howard Hinnant's `civil_from_days`.
+/// Seconds since 1970 in RFC 3339; dates by Howard Hinnant's `civil_from_days`.
 fn utc(seconds: u64) -> String {
     let (days, second) = (seconds / 86_400, seconds % 86_400);
-    // Years from 1 March: the day that leap years add is their last.
+    // Years begin on 1 March, so that the leap day is the last.
     let day = days + 719_468;
     let (era, of_era) = (day / 146_097, day % 146_097);
     let year_of_era = (of_era - of_era / 1460 + of_era / 36_524 - of_era / 146_096) / 365;
@@ -57,18 +57,18 @@ fn utc(seconds: u64) -> String {
     format!("{year:04}-{month:02}-{date:02}T{:02}:{:02}:{:02}Z", second / 3600, second / 60 % 60, second % 60)
 }
 
-/// The manifest in a file, if there is one.
+/// The manifest of a file, if it exists.
 pub(super) fn read(file: &Path) -> Result<Option<Manifest>, StudyError> {
     let bytes = match std::fs::read(file) {
         Ok(bytes) => bytes,
         Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(None),
-        Err(e) => return Err(StudyError::file(file, "read how the study was made", e)),
+        Err(e) => return Err(StudyError::file(file, "read the study's settings", e)),
     };
     let refuse = |e: serde_json::Error| StudyError::Line { file: file.to_owned(), line: e.line(), why: e.to_string() };
     serde_json::from_slice(&bytes).map(Some).map_err(refuse)
 }
 
-/// As it is written.
+/// The text of `study.json`.
 pub(super) fn bytes(manifest: &Manifest) -> Vec<u8> {
     // Plain numbers and text cannot fail.
     let mut bytes = serde_json::to_vec_pretty(manifest).unwrap_or_default();
@@ -76,8 +76,7 @@ pub(super) fn bytes(manifest: &Manifest) -> Vec<u8> {
     bytes
 }
 
-/// What keeps the runs of one from standing beside the other's: all but when and by which words they began, where
-/// references lie, and what was found out of them.
+/// The settings that differ. Start, command line, paths and the variance of references do not count.
 pub(super) fn differences(there: &Manifest, here: &Manifest) -> Vec<String> {
     let plain = |manifest: &Manifest| {
         let mut plain = manifest.clone();
@@ -94,7 +93,7 @@ pub(super) fn differences(there: &Manifest, here: &Manifest) -> Vec<String> {
     found
 }
 
-/// Walks two values; of lists that differ in length or hold plain words, the whole is shown.
+/// Compares two values recursively; lists are shown as a whole.
 fn compare(place: &str, there: &Value, here: &Value, found: &mut Vec<String>) {
     if there == here {
         return;
@@ -108,7 +107,7 @@ fn compare(place: &str, there: &Value, here: &Value, found: &mut Vec<String>) {
         }
         (Value::Array(a), Value::Array(b)) if place == "scenes" && a.len() == b.len() => {
             for (a, b) in a.iter().zip(b) {
-                let place = format!("scene {}", words(&a["name"]));
+                let place = format!("scene {}", readable(&a["name"]));
                 compare(&place, a, b, found);
             }
         }
@@ -116,19 +115,19 @@ fn compare(place: &str, there: &Value, here: &Value, found: &mut Vec<String>) {
             let scene = place.trim_end_matches(".reference.hash");
             found.push(format!("{scene} or its reference has changed since"));
         }
-        _ => found.push(format!("{place}: {} there, {} here", words(there), words(here))),
+        _ => found.push(format!("{place}: {} there, {} here", readable(there), readable(here))),
     }
 }
 
-/// A value as somebody would say it.
-fn words(value: &Value) -> String {
+/// A value as readable text.
+fn readable(value: &Value) -> String {
     match value {
         Value::Null => "none".into(),
         Value::String(text) => text.clone(),
         Value::Array(list) if list.is_empty() => "none".into(),
-        Value::Array(list) => list.iter().map(words).collect::<Vec<_>>().join(" "),
+        Value::Array(list) => list.iter().map(readable).collect::<Vec<_>>().join(" "),
         Value::Object(all) => match (all.get("name"), Method::deserialize(value)) {
-            (Some(name), _) => words(name),
+            (Some(name), _) => readable(name),
             (None, Ok(method)) => method.to_string(),
             (None, Err(_)) => value.to_string(),
         },
@@ -141,7 +140,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn dates_are_those_of_the_calendar() {
+    fn dates_match_the_calendar() {
         // From GNU date -u -d @N.
         assert_eq!(utc(0), "1970-01-01T00:00:00Z");
         assert_eq!(utc(951_782_400), "2000-02-29T00:00:00Z");

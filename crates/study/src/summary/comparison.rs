@@ -1,23 +1,24 @@
-//! Who wins against the baseline, and who loses.
+//! Comparisons with the baseline.
 
-use super::figure::Figure;
-use super::grid::{Grid, error};
+use super::run_table::{RunTable, error};
+use super::seed_statistic::SeedStatistic;
 use super::{COMPARED, CONFIDENCE, Row, Summary, TIME_TOLERANCE};
-use crate::record::{Budget, Run};
+use crate::record::{Run, RunBudget};
 
-/// What a ratio of errors against the baseline says.
+/// The verdict of a ratio of errors to the baseline's.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Verdict {
+#[non_exhaustive]
+pub enum RatioVerdict {
     /// The whole interval lies below 1.
     Win,
-    /// The interval holds 1, or the times differ too much to call it.
+    /// The interval contains 1, or the times differ by more than [`TIME_TOLERANCE`].
     Undecided,
     /// The whole interval lies above 1.
     Loss,
 }
 
-impl Verdict {
-    /// As the notes begin.
+impl RatioVerdict {
+    /// The name, with which a note begins.
     pub fn words(self) -> &'static str {
         match self {
             Self::Win => "win",
@@ -26,7 +27,7 @@ impl Verdict {
         }
     }
 
-    /// Of a row that is a ratio of errors; `None` for others.
+    /// The verdict of a row with a ratio; `None` for other rows.
     pub fn of(row: &Row) -> Option<Self> {
         let first = row.note.split(';').next()?;
         [Self::Win, Self::Undecided, Self::Loss].into_iter().find(|v| v.words() == first)
@@ -39,7 +40,7 @@ pub(crate) const HOLDS: &str = "holds for all together";
 /// In a row's note: it would be a win or a loss, were the times equal.
 pub(crate) const UNFAIR: &str = "times the time";
 
-pub(super) fn add(summary: &mut Summary, grid: &Grid<'_>) {
+pub(super) fn add(summary: &mut Summary, grid: &RunTable<'_>) {
     for budget in grid.budgets() {
         let compared: Vec<[usize; 2]> = grid
             .all()
@@ -55,51 +56,54 @@ pub(super) fn add(summary: &mut Summary, grid: &Grid<'_>) {
     }
 }
 
-fn compare(summary: &mut Summary, grid: &Grid<'_>, at: [usize; 2], budget: Budget, together: f64) {
+fn compare(summary: &mut Summary, grid: &RunTable<'_>, at: [usize; 2], budget: RunBudget, together: f64) {
     let pairs = grid.pairs(at[0], [at[1], grid.baseline], budget);
     let of =
         |value: &dyn Fn(&Run) -> f64| -> Vec<(f64, f64)> { pairs.iter().map(|[a, b]| (value(a), value(b))).collect() };
-    let seconds = Figure::ratio(&of(&|run| run.render_s));
-    let timed = matches!(budget, Budget::TimeOf(_)).then_some(seconds.value).flatten();
+    let seconds = SeedStatistic::ratio(&of(&|run| run.render_s));
+    let timed = matches!(budget, RunBudget::TimeOf(_)).then_some(seconds.value).flatten();
     for metric in COMPARED {
         let values = of(&|run| error(run, metric));
         let limited = metric == "relmse" && pairs.iter().any(|pair| pair.iter().any(|run| run.reference_limited));
-        let wide = Figure::ratio_at(&values, together);
-        let figure =
-            judge(Figure::ratio(&values), wide.ends, timed).noted(if limited { "reference-limited" } else { "" });
+        let wide = SeedStatistic::ratio_at(&values, together);
+        let figure = judge(SeedStatistic::ratio(&values), wide.ends, timed).noted(if limited {
+            "reference-limited"
+        } else {
+            ""
+        });
         summary.add(grid, at, Some(budget), &format!("{metric} ratio"), figure);
     }
     summary.add(grid, at, Some(budget), "seconds ratio", seconds);
-    let cost = judge(Figure::ratio(&of(&|run| run.errors.relmse * run.render_s)), None, None);
+    let cost = judge(SeedStatistic::ratio(&of(&|run| run.errors.relmse * run.render_s)), None, None);
     summary.add(grid, at, Some(budget), "relmse x seconds ratio", cost);
 }
 
 /// Puts the verdict before the note.
-pub(super) fn judge(figure: Figure, wide: Option<[f64; 2]>, seconds: Option<f64>) -> Figure {
+pub(super) fn judge(figure: SeedStatistic, wide: Option<[f64; 2]>, seconds: Option<f64>) -> SeedStatistic {
     let side = |ends: [f64; 2]| match ends {
-        [_, high] if high < 1.0 => Verdict::Win,
-        [low, _] if low > 1.0 => Verdict::Loss,
-        _ => Verdict::Undecided,
+        [_, high] if high < 1.0 => RatioVerdict::Win,
+        [low, _] if low > 1.0 => RatioVerdict::Loss,
+        _ => RatioVerdict::Undecided,
     };
     let Some(ends) = figure.ends else {
-        return with_first(figure, Verdict::Undecided.words().to_owned());
+        return with_first(figure, RatioVerdict::Undecided.words().to_owned());
     };
     let verdict = side(ends);
     let unfair = seconds.is_some_and(|ratio| match verdict {
-        Verdict::Win => ratio > 1.0 + TIME_TOLERANCE,
-        Verdict::Loss => ratio < 1.0 / (1.0 + TIME_TOLERANCE),
-        Verdict::Undecided => false,
+        RatioVerdict::Win => ratio > 1.0 + TIME_TOLERANCE,
+        RatioVerdict::Loss => ratio < 1.0 / (1.0 + TIME_TOLERANCE),
+        RatioVerdict::Undecided => false,
     });
-    let mut notes = vec![if unfair { Verdict::Undecided } else { verdict }.words().to_owned()];
+    let mut notes = vec![if unfair { RatioVerdict::Undecided } else { verdict }.words().to_owned()];
     if unfair {
         notes.push(format!("it took {:.2} {UNFAIR}", seconds.unwrap_or(1.0)));
-    } else if verdict != Verdict::Undecided && wide.is_some_and(|wide| side(wide) == verdict) {
+    } else if verdict != RatioVerdict::Undecided && wide.is_some_and(|wide| side(wide) == verdict) {
         notes.push(HOLDS.to_owned());
     }
     with_first(figure, notes.join("; "))
 }
 
-fn with_first(figure: Figure, first: String) -> Figure {
+fn with_first(figure: SeedStatistic, first: String) -> SeedStatistic {
     let rest = figure.note;
-    Figure { note: first, ..figure }.noted(&rest)
+    SeedStatistic { note: first, ..figure }.noted(&rest)
 }

@@ -1,35 +1,36 @@
-//! {uniform, adaptive} x {no filter, filter}: what is due to which.
+//! The factorial design {uniform, adaptive} x {no filter, filter}.
 
 use super::Summary;
 use super::comparison::judge;
-use super::figure::Figure;
-use super::grid::{Grid, error};
-use crate::record::{Budget, Method, Run};
+use super::run_table::{RunTable, error};
+use super::seed_statistic::SeedStatistic;
+use crate::record::{Method, Run, RunBudget};
 
-/// What changes from one corner of the square to another.
+/// An effect of the factorial design, as a ratio of relMSE.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Part {
+#[non_exhaustive]
+pub enum FactorialEffect {
     /// The sampler, without a filter.
-    Counts,
+    Sampler,
     /// The filter, with the baseline's sampler.
     Filter,
-    /// Both.
+    /// Sampler and filter together.
     Both,
-    /// Both over the product of each alone: below 1 they help each other.
-    Interplay,
+    /// Both over the product of each alone; below 1 they reinforce each other.
+    Interaction,
 }
 
-impl Part {
+impl FactorialEffect {
     /// In the order of the table.
-    pub const ALL: [Self; 4] = [Self::Counts, Self::Filter, Self::Both, Self::Interplay];
+    pub const ALL: [Self; 4] = [Self::Sampler, Self::Filter, Self::Both, Self::Interaction];
 
     /// Its metric.
     pub fn metric(self) -> &'static str {
         match self {
-            Self::Counts => "relmse part of counts",
+            Self::Sampler => "relmse part of counts",
             Self::Filter => "relmse part of filter",
             Self::Both => "relmse part of both",
-            Self::Interplay => "relmse part of their interplay",
+            Self::Interaction => "relmse part of their interplay",
         }
     }
 }
@@ -52,7 +53,7 @@ pub(crate) fn corners(methods: &[Method], baseline: &Method, method: &Method) ->
     ])
 }
 
-pub(super) fn add(summary: &mut Summary, grid: &Grid<'_>) {
+pub(super) fn add(summary: &mut Summary, grid: &RunTable<'_>) {
     let manifest = grid.manifest;
     for at in grid.all() {
         let Some(corners) = corners(&manifest.methods, &manifest.baseline, &manifest.methods[at[1]]) else { continue };
@@ -61,28 +62,28 @@ pub(super) fn add(summary: &mut Summary, grid: &Grid<'_>) {
             if complete.is_empty() {
                 continue;
             }
-            for part in Part::ALL {
+            for part in FactorialEffect::ALL {
                 let pairs: Vec<(f64, f64)> = complete.iter().map(|runs| sides(part, runs)).collect();
-                summary.add(grid, at, Some(budget), part.metric(), judge(Figure::ratio(&pairs), None, None));
+                summary.add(grid, at, Some(budget), part.metric(), judge(SeedStatistic::ratio(&pairs), None, None));
             }
         }
     }
 }
 
 /// Seeds that all four corners have.
-fn complete<'a>(grid: &Grid<'a>, scene: usize, corners: [usize; 4], budget: Budget) -> Vec<[&'a Run; 4]> {
+fn complete<'a>(grid: &RunTable<'a>, scene: usize, corners: [usize; 4], budget: RunBudget) -> Vec<[&'a Run; 4]> {
     let runs = corners.map(|method| grid.at([scene, method], budget));
     let with = |seed: &u64| Some([*runs[0].get(seed)?, *runs[1].get(seed)?, *runs[2].get(seed)?, *runs[3].get(seed)?]);
     runs[3].keys().filter_map(with).collect()
 }
 
 /// What is divided by what.
-fn sides(part: Part, runs: &[&Run; 4]) -> (f64, f64) {
+fn sides(part: FactorialEffect, runs: &[&Run; 4]) -> (f64, f64) {
     let [base, counts, filter, both] = runs.map(|run| error(run, "relmse"));
     match part {
-        Part::Counts => (counts, base),
-        Part::Filter => (filter, base),
-        Part::Both => (both, base),
-        Part::Interplay => (both * base, counts * filter),
+        FactorialEffect::Sampler => (counts, base),
+        FactorialEffect::Filter => (filter, base),
+        FactorialEffect::Both => (both, base),
+        FactorialEffect::Interaction => (both * base, counts * filter),
     }
 }

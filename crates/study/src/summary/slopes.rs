@@ -1,7 +1,7 @@
 //! How fast errors fall.
 
-use super::figure::Figure;
-use super::grid::{Grid, error};
+use super::run_table::{RunTable, error};
+use super::seed_statistic::SeedStatistic;
 use super::{CONFIDENCE, Summary};
 use crate::record::Run;
 use dapple_metrics::log_log_fit;
@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 /// What a run spent.
 type OfRun = fn(&Run) -> f64;
 
-pub(super) fn add(summary: &mut Summary, grid: &Grid<'_>) {
+pub(super) fn add(summary: &mut Summary, grid: &RunTable<'_>) {
     let over: [(&str, OfRun); 2] =
         [("relmse slope over spp", |run| run.spp), ("relmse slope over seconds", |run| run.render_s)];
     for at in grid.all() {
@@ -28,7 +28,7 @@ pub(super) fn add(summary: &mut Summary, grid: &Grid<'_>) {
 pub(super) type Curve<'a> = Vec<&'a Run>;
 
 /// Curves by seed, of the budgets in samples that the seed has.
-pub(super) fn curves<'a>(grid: &Grid<'a>, at: [usize; 2]) -> BTreeMap<u64, Curve<'a>> {
+pub(super) fn curves<'a>(grid: &RunTable<'a>, at: [usize; 2]) -> BTreeMap<u64, Curve<'a>> {
     let mut curves: BTreeMap<u64, Curve<'a>> = BTreeMap::new();
     for budget in grid.spp_budgets() {
         for (&seed, &run) in grid.at(at, budget) {
@@ -39,10 +39,10 @@ pub(super) fn curves<'a>(grid: &Grid<'a>, at: [usize; 2]) -> BTreeMap<u64, Curve
 }
 
 /// The mean of each seed's slope: errors of one seed at growing budgets are not independent, those of several are.
-fn slope(curves: &BTreeMap<u64, Curve<'_>>, x: OfRun) -> Figure {
+fn slope(curves: &BTreeMap<u64, Curve<'_>>, x: OfRun) -> SeedStatistic {
     let longest = curves.values().map(Vec::len).max().unwrap_or(0);
     if longest < 2 {
-        return Figure::missing(curves.len(), "one budget: no slope");
+        return SeedStatistic::missing(curves.len(), "one budget: no slope");
     }
     // Of a study cut short, seeds that lack budgets would mix slopes of different ranges.
     let whole: Vec<_> = curves.values().filter(|curve| curve.len() == longest).collect();
@@ -51,18 +51,19 @@ fn slope(curves: &BTreeMap<u64, Curve<'_>>, x: OfRun) -> Figure {
         .map(|curve| [curve.iter().map(|run| x(run)).collect(), curve.iter().map(|run| error(run, "relmse")).collect()])
         .collect();
     if series.iter().flatten().flatten().any(|v| *v <= 0.0) {
-        return Figure::missing(series.len(), "a value is not above 0: no slope");
+        return SeedStatistic::missing(series.len(), "a value is not above 0: no slope");
     }
     if let [[x, y]] = &series[..]
         && longest > 2
     {
         let fit = log_log_fit(x, y, CONFIDENCE).map(|fit| fit.slope);
-        return Figure::from_interval(fit, 1).noted("one seed: interval of the fit, whose points are not independent");
+        return SeedStatistic::from_interval(fit, 1)
+            .noted("one seed: interval of the fit, whose points are not independent");
     }
     let slopes: Result<Vec<f64>, _> = series.iter().map(|[x, y]| slope_of(x, y)).collect();
     match slopes {
-        Ok(slopes) => Figure::arithmetic(&slopes),
-        Err(error) => Figure::missing(series.len(), &error.to_string()),
+        Ok(slopes) => SeedStatistic::arithmetic(&slopes),
+        Err(error) => SeedStatistic::missing(series.len(), &error.to_string()),
     }
 }
 

@@ -7,8 +7,8 @@
 //! either, there is no figure but a bound, or, from three budgets on and up to [`REACH`] times beyond what was
 //! measured, the fitted line's time, marked as extrapolated.
 
-use super::figure::Figure;
-use super::grid::{Grid, error};
+use super::run_table::{RunTable, error};
+use super::seed_statistic::SeedStatistic;
 use super::slopes::{Curve, curves};
 use super::{CONFIDENCE, Summary, number};
 use dapple_metrics::log_log_fit;
@@ -20,7 +20,7 @@ const REACH: f64 = 4.0;
 /// How many levels at most.
 const LEVELS: usize = 3;
 
-pub(super) fn add(summary: &mut Summary, grid: &Grid<'_>) {
+pub(super) fn add(summary: &mut Summary, grid: &RunTable<'_>) {
     for scene in 0..grid.manifest.scenes.len() {
         let base = curves(grid, [scene, grid.baseline]);
         let levels = levels(&mean_curve(&base));
@@ -95,7 +95,7 @@ struct Times {
     /// Of each seed, where all have one.
     seeds: BTreeMap<u64, f64>,
     measured: bool,
-    figure: Figure,
+    figure: SeedStatistic,
 }
 
 fn times(curves: &BTreeMap<u64, Curve<'_>>, level: f64) -> Times {
@@ -107,22 +107,22 @@ fn times(curves: &BTreeMap<u64, Curve<'_>>, level: f64) -> Times {
         return Times {
             seeds: found,
             measured: true,
-            figure: Figure::geometric(&values).noted("interpolated by seed"),
+            figure: SeedStatistic::geometric(&values).noted("interpolated by seed"),
         };
     }
     let mean = mean_curve(curves);
-    let without = |figure: Figure, measured| Times { seeds: BTreeMap::new(), measured, figure };
+    let without = |figure: SeedStatistic, measured| Times { seeds: BTreeMap::new(), measured, figure };
     if let Some(time) = crossing(&mean, level) {
         let note = format!("interpolated on the mean curve: {} of {n} seeds cross the level", found.len());
-        return without(Figure::bare(time, n).noted(&note), true);
+        return without(SeedStatistic::bare(time, n).noted(&note), true);
     }
     without(beyond(&mean, level, n), false)
 }
 
 /// A level that was not crossed.
-fn beyond(mean: &[Point], level: f64, n: usize) -> Figure {
+fn beyond(mean: &[Point], level: f64, n: usize) -> SeedStatistic {
     let (Some(first), Some(last)) = (mean.first(), mean.last()) else {
-        return Figure::missing(n, "no errors above 0");
+        return SeedStatistic::missing(n, "no errors above 0");
     };
     let below = first[1] < level;
     let bound = if below {
@@ -140,11 +140,11 @@ fn beyond(mean: &[Point], level: f64, n: usize) -> Figure {
                 (last[0]..last[0] * REACH).contains(&time)
             };
             if near {
-                return Figure::bare(time, n).noted(&format!("extrapolated by a fit: {bound}"));
+                return SeedStatistic::bare(time, n).noted(&format!("extrapolated by a fit: {bound}"));
             }
-            Figure::missing(n, &bound)
+            SeedStatistic::missing(n, &bound)
         }
-        _ => Figure::missing(n, &bound),
+        _ => SeedStatistic::missing(n, &bound),
     }
 }
 
@@ -153,18 +153,18 @@ fn seconds(time: f64) -> String {
     if time < 0.1 { format!("{:.3} ms", 1000.0 * time) } else { format!("{time:.3} s") }
 }
 
-fn ratio(mine: &Times, theirs: &Times) -> Figure {
+fn ratio(mine: &Times, theirs: &Times) -> SeedStatistic {
     let pairs: Vec<(f64, f64)> =
         mine.seeds.iter().filter_map(|(seed, time)| Some((*time, *theirs.seeds.get(seed)?))).collect();
     if !pairs.is_empty() {
-        return Figure::ratio(&pairs).noted("paired by seed");
+        return SeedStatistic::ratio(&pairs).noted("paired by seed");
     }
     match (mine.figure.value, theirs.figure.value) {
         (Some(a), Some(b)) if mine.measured && theirs.measured => {
-            Figure::bare(a / b, mine.figure.n).noted("of the mean curves")
+            SeedStatistic::bare(a / b, mine.figure.n).noted("of the mean curves")
         }
-        (Some(a), Some(b)) => Figure::bare(a / b, mine.figure.n).noted("extrapolated by a fit"),
-        _ => Figure::missing(
+        (Some(a), Some(b)) => SeedStatistic::bare(a / b, mine.figure.n).noted("extrapolated by a fit"),
+        _ => SeedStatistic::missing(
             mine.figure.n,
             if mine.figure.value.is_none() { &mine.figure.note } else { &theirs.figure.note },
         ),

@@ -2,7 +2,7 @@
 #![allow(clippy::print_stderr)]
 
 use crate::synthesis::{Law, Study, example};
-use dapple_study::{Draft, InProcess, ScenePlan, Sitting};
+use dapple_study::{InProcess, PlanPatch, ScenePlan, StudyOptions};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -95,18 +95,16 @@ fn an_unfinished_report_works_in_a_browser() {
 #[test]
 fn a_real_study_works_in_a_browser() {
     let words = |words: &[&str]| Some(words.iter().map(|w| (*w).to_owned()).collect());
-    let draft = Draft {
-        scenes: Some(["cornell", "teapot"].map(ScenePlan::from).to_vec()),
-        samplers: words(&["uniform", "cluster-thesis"]),
-        filters: words(&["none", "gaussian"]),
-        spp: Some(vec![1, 2, 4]),
-        seeds: Some(vec![1, 2, 3]),
-        reference_spp: Some(32),
-        resolution: Some([64, 64]),
-        ..Draft::default()
-    };
+    let draft = PlanPatch::default()
+        .scenes(["cornell", "teapot"].map(ScenePlan::from).to_vec())
+        .samplers(words(&["uniform", "cluster-thesis"]))
+        .filters(words(&["none", "gaussian"]))
+        .spp(vec![1, 2, 4])
+        .seeds(vec![1, 2, 3])
+        .reference_spp(32)
+        .resolution([64, 64]);
     let folder = folder("report-real");
-    let study = dapple_study::Study::open(draft.resolve().unwrap(), &folder, &Sitting::default(), &mut ());
+    let study = dapple_study::Study::open(draft.resolve().unwrap(), &folder, &StudyOptions::default(), &mut ());
     let mut study = study.unwrap().expect("nobody stops it");
     let _ = study.run(&mut InProcess::new(|| None), &mut ()).unwrap();
     // Four methods; times to errors and comparisons depend on the clock, tables and figures do not.

@@ -1,45 +1,43 @@
-//! Filters that are programs of others: what they are given, what is taken from them, and what is said when they fail.
+//! External filters: their input, their output, and the errors when they fail.
 #![cfg(unix)]
 
 use crate::common::{Place, in_process};
 use dapple_scene::image::{Image, encode_pfm, read_channels, write_file};
-use dapple_study::{Draft, External, Method, Run, StudyError};
+use dapple_study::{External, Method, Run, StudyError};
 
 impl Place {
-    /// A program of the shell, started in this folder with the two images as its words.
+    /// A shell script, started in this folder with the two images as its arguments.
     fn script(&self, name: &str, text: &str) -> External {
         std::fs::write(self.path(name), text).expect("the script");
-        let command = ["sh", name, "{input}", "{output}", "{threads}"].map(str::to_owned).to_vec();
-        External { name: name.into(), command, folder: self.path("") }
+        External::new(name, &["sh", name, "{input}", "{output}", "{threads}"]).started_in(&self.path(""))
     }
 
     /// Uniform sampling with no filter and with each of these.
     fn filtered(&self, external: &[External], folder: &str) -> Result<Vec<Run>, StudyError> {
-        let methods = external.iter().map(|e| Method::new("uniform", "sobol", &e.name)).collect();
-        let draft = Draft {
-            samplers: None,
-            filters: None,
-            methods: Some(methods),
-            external: Some(external.to_vec()),
-            spp: Some(vec![4]),
-            seeds: Some(vec![1]),
-            time_of: Some(0),
-            threads: Some(1),
-            ..self.draft()
-        };
+        let methods = external.iter().map(|e| Method::new("uniform", "sobol", &e.name)).collect::<Vec<_>>();
+        let draft = self
+            .draft()
+            .samplers(None)
+            .filters(None)
+            .methods(methods)
+            .external(external.to_vec())
+            .spp(vec![4])
+            .seeds(vec![1])
+            .time_of(0)
+            .threads(1);
         let mut study = self.open(draft.resolve()?, folder)?;
         study.run(&mut in_process(), &mut ())?;
         Ok(study.runs().to_vec())
     }
 
-    fn said(&self, text: &str, folder: &str) -> String {
+    fn message_of(&self, text: &str, folder: &str) -> String {
         let external = [self.script("program", text)];
         self.filtered(&external, folder).expect_err("refused").to_string()
     }
 }
 
 #[test]
-fn what_a_program_writes_is_measured() {
+fn the_output_of_an_external_filter_is_measured() {
     let place = Place::new();
     let black = Image::filled([8, 8], [0.0; 3]).unwrap();
     write_file(&place.path("black.pfm"), &encode_pfm(&black).unwrap()).unwrap();
@@ -55,11 +53,11 @@ fn what_a_program_writes_is_measured() {
 }
 
 #[test]
-fn what_a_program_is_given_has_features() {
+fn the_input_of_an_external_filter_has_features() {
     let place = Place::new();
     let script = r#"cp "$1" seen.exr; cp "$1" "$2"; echo "threads $3" > threads; echo '{"seconds": 0.125}'"#;
     let runs = place.filtered(&[place.script("look", script)], "study").unwrap();
-    assert_eq!(runs[1].seconds.filter, 0.125, "it told its time");
+    assert_eq!(runs[1].seconds.filter, 0.125, "it reported its time");
     assert!(runs[1].render_s > 0.125);
     assert_eq!(place.text("threads"), "threads 1\n");
     let seen = read_channels(&std::fs::read(place.path("seen.exr")).unwrap(), "seen.exr").unwrap();
@@ -74,15 +72,15 @@ fn what_a_program_is_given_has_features() {
 }
 
 #[test]
-fn a_process_for_each_run_knows_the_program() {
+fn an_external_filter_is_part_of_the_request_to_a_process() {
     let place = Place::new();
     let external = place.script("copy", r#"cp "$1" "$2""#);
-    let job = r#"{"name":"copy","command":["sh","copy","{input}","{output}","{threads}"],"folder":"#;
-    assert!(serde_json::to_string(&external).unwrap().starts_with(job));
+    let json = r#"{"name":"copy","command":["sh","copy","{input}","{output}","{threads}"],"folder":"#;
+    assert!(serde_json::to_string(&external).unwrap().starts_with(json));
 }
 
 #[test]
-fn what_is_wrong_is_said() {
+fn failures_of_an_external_filter_are_explained() {
     let place = Place::new();
     let small = Image::filled([8, 7], [1.0; 3]).unwrap();
     write_file(&place.path("small.pfm"), &encode_pfm(&small).unwrap()).unwrap();
@@ -92,34 +90,36 @@ fn what_is_wrong_is_said() {
     let cases = [
         (
             "echo 'no weights' >&2; exit 3",
-            "the filter program (sh program {input} {output} {threads}) ended with exit status: 3: no weights",
+            "the filter \"program\" (sh program {input} {output} {threads}) ended with exit status: 3: no weights",
         ),
-        ("true", "wrote no image: it is to write the one that {output} names"),
-        ("echo hello > \"$2\"", "wrote no image: {output}"),
-        ("cp small.pfm \"$2\"", "wrote an image of 8x7 pixels: 8x8 are wanted"),
-        ("cp bad.pfm \"$2\"", "wrote 1 pixels that are no number, the first in column 5, row 2"),
-        (r#"cp "$1" "$2"; echo '{"seconds": -1}'"#, "says that it took -1 seconds"),
+        ("true", "wrote no image; write it to the path that {output} stands for"),
+        ("echo hello > \"$2\"", "wrote an image that cannot be read: {output}"),
+        ("cp small.pfm \"$2\"", "wrote an image of 8x7 pixels; write 8x8"),
+        ("cp bad.pfm \"$2\"", "wrote 1 pixels that are NaN or infinite, the first at column 5, row 2"),
+        (r#"cp "$1" "$2"; echo '{"seconds": -1}'"#, "reports -1 seconds"),
     ];
     for (number, (script, message)) in cases.into_iter().enumerate() {
-        let said = place.said(script, &format!("study-{number}"));
-        assert!(said.contains(message) && said.starts_with("tiny, uniform/sobol/program, seed 1"), "{script}: {said}");
+        let found = place.message_of(script, &format!("study-{number}"));
+        assert!(
+            found.contains(message) && found.starts_with("tiny, uniform/sobol/program, seed 1"),
+            "{script}: {found}"
+        );
     }
-    let nobody = External {
-        command: ["/nonesuch/program", "{input}", "{output}"].map(str::to_owned).to_vec(),
-        ..place.script("p", "")
-    };
-    let said = place.filtered(&[nobody], "nobody").expect_err("refused").to_string();
-    assert!(said.contains("cannot be started: "), "{said}");
+    let nobody = External::new("p", &["/nonesuch/program", "{input}", "{output}"]);
+    let found = place.filtered(&[nobody], "nobody").expect_err("refused").to_string();
+    assert!(found.contains("cannot be started: "), "{found}");
 }
 
 #[test]
-fn another_program_is_another_study() {
+fn a_changed_external_filter_is_another_study() {
     let place = Place::new();
     let [copy, other] = [place.script("copy", r#"cp "$1" "$2""#), place.script("copy", r#"cp "$1" "$2""#)];
     place.filtered(&[copy], "study").unwrap();
-    let moved = External { folder: place.path("."), ..other.clone() };
-    assert!(place.filtered(&[moved], "study").is_ok(), "where it is started from does not matter");
-    let said = place.filtered(&[External { command: [other.command, vec!["-v".into()]].concat(), ..other }], "study");
-    let said = said.expect_err("refused").to_string();
-    assert!(said.contains("the folder holds another study") && said.contains("external: "), "{said}");
+    let moved = other.clone().started_in(&place.path("."));
+    assert!(place.filtered(&[moved], "study").is_ok(), "the working folder does not matter");
+    let mut changed = other;
+    changed.command.push("-v".into());
+    let found = place.filtered(&[changed], "study");
+    let found = found.expect_err("refused").to_string();
+    assert!(found.contains("the folder holds another study") && found.contains("external: "), "{found}");
 }

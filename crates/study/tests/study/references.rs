@@ -1,10 +1,10 @@
-//! References: rendered once, kept, and refused where they are another's.
+//! References: rendered once, kept, and refused if they do not fit.
 
 use crate::common::{Fake, Place};
 use dapple_core::Control;
 use dapple_renderer::light::LightSelection;
 use dapple_scene::image::{Image, Layer, encode_exr, encode_pfm, read_attributes, write_file};
-use dapple_study::{Draft, Onlooker, Progress, Reference, ScenePlan, Sitting, Study};
+use dapple_study::{PlanPatch, ReferenceRecord, ScenePlan, Study, StudyMonitor, StudyOptions, StudyProgress};
 use std::path::PathBuf;
 
 /// Whether a reference was rendered.
@@ -13,8 +13,8 @@ struct Ear {
     rendered: bool,
 }
 
-impl Onlooker for Ear {
-    fn look(&mut self, progress: &Progress<'_>) -> Control {
+impl StudyMonitor for Ear {
+    fn progress(&mut self, progress: &StudyProgress<'_>) -> Control {
         self.rendered |= progress.doing.ends_with(": reference");
         Control::Continue
     }
@@ -23,21 +23,21 @@ impl Onlooker for Ear {
 impl Place {
     /// The reference of a study in a folder of its own, and whether it was rendered for it; `shared` is a folder of
     /// references.
-    fn reference(&self, draft: Draft, folder: &str) -> (Reference, bool) {
+    fn reference(&self, draft: PlanPatch, folder: &str) -> (ReferenceRecord, bool) {
         let mut ear = Ear::default();
-        let sitting = Sitting { references: Some(self.path("shared")), ..Sitting::default() };
-        let study = Study::open(draft.resolve().unwrap(), &self.path(folder), &sitting, &mut ear);
+        let options = StudyOptions::default().with_references(self.path("shared"));
+        let study = Study::open(draft.resolve().unwrap(), &self.path(folder), &options, &mut ear);
         let study = study.unwrap().expect("nobody stopped it");
         (study.manifest().scenes[0].reference.clone(), ear.rendered)
     }
 
-    fn with_reference(&self, file: PathBuf) -> Draft {
+    fn with_reference(&self, file: PathBuf) -> PlanPatch {
         let mut draft = self.draft();
         draft.scenes.as_mut().unwrap()[0].reference = Some(file);
         draft
     }
 
-    fn refused(&self, draft: Draft) -> String {
+    fn refused(&self, draft: PlanPatch) -> String {
         self.open(draft.resolve().unwrap(), "refused").err().expect("refused").to_string()
     }
 }
@@ -51,8 +51,7 @@ fn a_reference_is_rendered_once() {
     let relmse = first.relmse.expect("its own variance is known");
     assert!((1e-7..1e-1).contains(&relmse), "{relmse}");
     // Another study's methods, seeds and budgets do not matter.
-    let other =
-        Draft { spp: Some(vec![2]), seeds: Some(vec![9]), filters: Some(vec!["gaussian".into()]), ..place.draft() };
+    let other = place.draft().spp(vec![2]).seeds(vec![9]).filters(vec!["gaussian".into()]);
     let (second, rendered) = place.reference(other, "b");
     assert_eq!((second, rendered), (first.clone(), false));
     let bytes = std::fs::read(&first.file).unwrap();
@@ -61,18 +60,18 @@ fn a_reference_is_rendered_once() {
 }
 
 #[test]
-fn whatever_matters_makes_another_reference() {
+fn every_setting_that_matters_gives_another_reference() {
     let place = Place::new();
     let (first, _) = place.reference(place.draft(), "a");
     let changes = [
-        ("b", Draft { resolution: Some([8, 7]), ..Draft::default() }),
-        ("c", Draft { reference_spp: Some(18), ..Draft::default() }),
-        ("d", Draft { max_depth: Some(1), ..Draft::default() }),
-        ("e", Draft { points: Some(vec!["halton".into(), "sobol".into()]), ..Draft::default() }),
+        ("b", PlanPatch::default().resolution([8, 7])),
+        ("c", PlanPatch::default().reference_spp(18)),
+        ("d", PlanPatch::default().max_depth(1)),
+        ("e", PlanPatch::default().points(vec!["halton".into(), "sobol".into()])),
     ];
     let mut hashes = vec![first.hash.clone()];
     for (folder, change) in changes {
-        let (other, rendered) = place.reference(place.draft().overridden_by(change), folder);
+        let (other, rendered) = place.reference(place.draft().merge(change), folder);
         assert!(rendered && !hashes.contains(&other.hash), "{folder}");
         hashes.push(other.hash);
     }
@@ -101,13 +100,13 @@ fn a_file_of_another_size_scene_or_setting_is_refused() {
     write_file(&place.path("wide.pfm"), &encode_pfm(&image([9, 8])).unwrap()).unwrap();
     let cases = [
         (place.path("wide.pfm"), "it is 9x8, and the study 8x8"),
-        (exr("scene.exr", &[("scene", "teapot")]), "its scene is teapot, and the study's tiny"),
-        (exr("depth.exr", &[("max-depth", "3")]), "its max depth is 3, and the study's"),
+        (exr("scene.exr", &[("scene", "teapot")]), "its scene is \"teapot\", and the study's \"tiny\""),
+        (exr("depth.exr", &[("max-depth", "3")]), "its max depth is \"3\", and the study's"),
         (exr("filter.exr", &[("pixel-filter", "Gaussian filter")]), "render it with --pixel-filter box"),
         (exr("without.exr", &[("without", "glossy")]), "effects are left out"),
         (exr("half.exr", &[("interrupted", "true")]), "it is unfinished"),
         (exr("seed.exr", &[("points", "sobol:seed=2"), ("seed", "2")]), "render it with another seed"),
-        (exr("content.exr", &[("study-scene", "0")]), "the scene's files have other contents now"),
+        (exr("content.exr", &[("study-scene", "0")]), "the scene's files have changed"),
         (place.path("none.exr"), "cannot read the reference"),
         (place.path("tiny.pbrt"), "tiny.pbrt"),
     ];
@@ -122,13 +121,13 @@ fn a_file_of_another_size_scene_or_setting_is_refused() {
     assert_eq!((reference.spp, reference.relmse), (None, None));
     write_file(&place.path("plain.pfm"), &encode_pfm(&image([8, 8])).unwrap()).unwrap();
     // Where no resolution is given, it is the reference's.
-    let draft = Draft { resolution: None, ..place.with_reference(place.path("plain.pfm")) };
+    let draft = place.with_reference(place.path("plain.pfm")).resolution(None);
     let study = place.study(draft.resolve().unwrap(), "plain", &mut Fake::default());
     assert_eq!(study.manifest().scenes[0].resolution, [8, 8]);
 }
 
 #[test]
-fn a_study_s_own_reference_brings_its_variance_along() {
+fn a_reference_of_a_study_keeps_its_variance() {
     let place = Place::new();
     let (made, _) = place.reference(place.draft(), "a");
     let draft = place.with_reference(made.file.into());
@@ -138,9 +137,9 @@ fn a_study_s_own_reference_brings_its_variance_along() {
 }
 
 #[test]
-fn unknown_scenes_list_what_there_is() {
+fn unknown_scenes_list_the_known_ones() {
     let place = Place::new();
-    let draft = Draft { scenes: Some(vec![ScenePlan::from("nonesuch")]), ..place.draft() };
+    let draft = place.draft().scenes(vec![ScenePlan::from("nonesuch")]);
     let said = place.refused(draft);
     assert!(said.contains("nonesuch: there is no such file, and no such bundled scene: those are teapot"), "{said}");
 }
@@ -158,7 +157,7 @@ fn a_reference_of_a_multiple_of_the_size_is_averaged() {
     let small = file("small.pfm", [8, 8], &mean);
     let large = file("large.pfm", [16, 24], &|x, y| mean(x / 2, y / 3) + if x % 2 == 0 { 0.125 } else { -0.125 });
     let errors = |reference: PathBuf, folder: &str| {
-        let plan = Draft { time_of: Some(0), ..place.with_reference(reference) }.resolve().unwrap();
+        let plan = place.with_reference(reference).time_of(0).resolve().unwrap();
         place
             .study(plan, folder, &mut crate::common::in_process())
             .runs()
@@ -173,12 +172,13 @@ fn a_reference_of_a_multiple_of_the_size_is_averaged() {
 }
 
 #[test]
-fn ways_to_choose_lights_share_a_reference() {
+fn light_selections_share_a_reference() {
     let place = Place::new();
     let with = |lights: LightSelection, name: &str| {
-        let mut draft = Draft { samplers: Some(vec!["uniform".into()]), time_of: Some(0), ..place.draft() };
+        let mut draft = place.draft().samplers(vec!["uniform".into()]).time_of(0);
         let scene = &mut draft.scenes.as_mut().unwrap()[0];
-        *scene = ScenePlan { source: "room".into(), name: Some(name.into()), lights, ..ScenePlan::default() };
+        *scene = ScenePlan::from("room");
+        (scene.name, scene.lights) = (Some(name.into()), lights);
         draft
     };
     let (power, rendered) = place.reference(with(LightSelection::Power, "power"), "a");

@@ -1,8 +1,8 @@
-//! What a report says of studies whose truth is known, and whether the page and the table say the same.
+//! Reports of studies with known results; page and table agree.
 
 use crate::synthesis::{Law, Study, errors, example};
-use dapple_study::summary::{Row, Verdict, budget_words};
-use dapple_study::{Budget, Summary, write_report};
+use dapple_study::summary::{RatioVerdict, Row};
+use dapple_study::{RunBudget, Summary, write_report};
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -79,20 +79,20 @@ fn half_unit(number: &str) -> f64 {
     0.5 * 10.0_f64.powi(exponent.parse::<i32>().unwrap() - decimals)
 }
 
-fn row<'a>(found: &'a Written, study: &Study, method: usize, budget: Option<Budget>, metric: &str) -> &'a Row {
-    let words = budget.map_or_else(String::new, budget_words);
+fn row<'a>(found: &'a Written, study: &Study, method: usize, budget: Option<RunBudget>, metric: &str) -> &'a Row {
+    let words = budget.map_or_else(String::new, |budget| budget.to_string());
     let scene = &study.manifest.scenes[0].name;
     let method = &study.manifest.methods[method];
     let row = found.summary.find(scene, method, &words, metric);
     row.unwrap_or_else(|| panic!("no {metric} of {method:?} at {words}"))
 }
 
-fn verdict(found: &Written, study: &Study, method: usize, budget: Budget, metric: &str) -> Verdict {
-    Verdict::of(row(found, study, method, Some(budget), metric)).unwrap()
+fn verdict(found: &Written, study: &Study, method: usize, budget: RunBudget, metric: &str) -> RatioVerdict {
+    RatioVerdict::of(row(found, study, method, Some(budget), metric)).unwrap()
 }
 
 const SPP: [u64; 4] = [4, 8, 16, 32];
-const TIMED: Budget = Budget::TimeOf(16);
+const TIMED: RunBudget = RunBudget::TimeOf(16);
 
 #[test]
 fn the_page_and_the_table_say_the_same() {
@@ -184,14 +184,14 @@ fn a_slowed_filter_loses_at_equal_time() {
     let mut study = Study::new(&["a"], &laws, &SPP, Some(16), 16);
     let found = write(&mut study, false);
     for metric in ["relmse ratio", "relmse_trimmed ratio", "srgb8_mse ratio", "flip ratio"] {
-        assert_eq!(verdict(&found, &study, 1, TIMED, metric), Verdict::Loss, "{metric}");
-        assert_eq!(verdict(&found, &study, 2, TIMED, metric), Verdict::Undecided, "{metric}");
+        assert_eq!(verdict(&found, &study, 1, TIMED, metric), RatioVerdict::Loss, "{metric}");
+        assert_eq!(verdict(&found, &study, 2, TIMED, metric), RatioVerdict::Undecided, "{metric}");
     }
     let ratio = row(&found, &study, 1, Some(TIMED), "relmse ratio");
     assert!((ratio.value.unwrap() - 2.0).abs() < 0.15, "{ratio:?}");
     // At equal samples nothing is lost in error, and all in error times time.
-    assert_eq!(verdict(&found, &study, 1, Budget::Spp(16), "relmse ratio"), Verdict::Undecided);
-    assert_eq!(verdict(&found, &study, 1, Budget::Spp(16), "relmse x seconds ratio"), Verdict::Loss);
+    assert_eq!(verdict(&found, &study, 1, RunBudget::Spp(16), "relmse ratio"), RatioVerdict::Undecided);
+    assert_eq!(verdict(&found, &study, 1, RunBudget::Spp(16), "relmse x seconds ratio"), RatioVerdict::Loss);
     let [time] = study_level(&found, &study, 1);
     assert!((time - 2.0).abs() < 0.15, "{time}");
     assert!(found.page.contains("loses on"));
@@ -221,9 +221,9 @@ fn unequal_time_wins_nothing() {
         run.render_s *= 2.0;
     }
     let found = write(&mut study, false);
-    assert_eq!(verdict(&found, &study, 1, TIMED, "relmse ratio"), Verdict::Undecided);
+    assert_eq!(verdict(&found, &study, 1, TIMED, "relmse ratio"), RatioVerdict::Undecided);
     assert!(row(&found, &study, 1, Some(TIMED), "relmse ratio").note.contains("2.00 times the time"));
-    assert_eq!(verdict(&found, &study, 2, TIMED, "relmse ratio"), Verdict::Win);
+    assert_eq!(verdict(&found, &study, 2, TIMED, "relmse ratio"), RatioVerdict::Win);
     assert!(row(&found, &study, 2, Some(TIMED), "relmse ratio").note.contains("holds for all together"));
 }
 
@@ -242,17 +242,17 @@ fn a_sampler_against_itself_wins_nothing() {
     };
     let twin = of(1);
     assert_eq!(twin.len(), 120);
-    let undecided = twin.iter().filter(|r| Verdict::of(r) == Some(Verdict::Undecided)).count();
+    let undecided = twin.iter().filter(|r| RatioVerdict::of(r) == Some(RatioVerdict::Undecided)).count();
     assert!((106..120).contains(&undecided), "{undecided} of 120");
     assert!(twin.iter().all(|r| !r.note.contains("holds for all together")));
-    assert!(of(2).iter().filter(|r| Verdict::of(r) == Some(Verdict::Loss)).count() > 100);
+    assert!(of(2).iter().filter(|r| RatioVerdict::of(r) == Some(RatioVerdict::Loss)).count() > 100);
     // The very same numbers: a ratio of exactly 1.
     let itself = [laws[0].clone(), Law { method: laws[1].method.clone(), ..laws[0].clone() }];
     let mut study = Study::new(&["a"], &itself, &SPP, Some(16), 4);
     let found = write(&mut study, false);
     let row = row(&found, &study, 1, Some(TIMED), "relmse ratio");
     assert_eq!((row.value, row.low, row.high), (Some(1.0), Some(1.0), Some(1.0)));
-    assert_eq!(Verdict::of(row), Some(Verdict::Undecided));
+    assert_eq!(RatioVerdict::of(row), Some(RatioVerdict::Undecided));
 }
 
 /// Counts .8, filter .5, both .3: the parts are found, and what they do together beyond the product, .75.
@@ -270,7 +270,7 @@ fn the_factorial_says_what_is_due_to_what() {
     let found = write(&mut study, false);
     let parts = [("counts", 0.8), ("filter", 0.5), ("both", 0.3), ("their interplay", 0.75)];
     for (part, expected) in parts {
-        let row = row(&found, &study, 3, Some(Budget::TimeOf(4)), &format!("relmse part of {part}"));
+        let row = row(&found, &study, 3, Some(RunBudget::TimeOf(4)), &format!("relmse part of {part}"));
         assert!((row.value.unwrap() - expected).abs() < 1e-12, "{row:?}");
     }
     let lonely = &study.manifest.methods[4];
@@ -304,7 +304,7 @@ fn time_to_an_error_is_interpolated_and_nothing_else_passes_for_it() {
     assert!(hopeless.note.contains("not reached by 0.32"), "{hopeless:?}");
 }
 
-/// Half of the seeds do not reach the level: the others alone would flatter.
+/// HalvesProgress of the seeds do not reach the level: the others alone would flatter.
 #[test]
 fn seeds_that_do_not_reach_an_error_are_not_left_out() {
     let laws = [Law::new("uniform", "none").deviation(0.0), Law::new("uneven", "none").deviation(0.0)];
@@ -394,7 +394,7 @@ fn broken_records_are_named() {
     std::fs::write(&runs, &whole[..whole.len() - 30]).unwrap();
     assert!(read(folder.path()).page.contains("3 of 4 runs are done"));
     std::fs::write(&runs, whole.replacen("\"seed\":1", "\"seed\":x", 1)).unwrap();
-    assert!(error(folder.path()).contains("runs.jsonl line 1"));
+    assert!(error(folder.path()).contains("runs.jsonl:1: "));
     std::fs::write(&runs, whole.repeat(2)).unwrap();
     assert!(read(folder.path()).page.contains("4 runs were made twice"));
     study.manifest.baseline.filter = "other".into();
@@ -410,7 +410,7 @@ fn other_pages_get_tables_and_plots() {
     let found = read(folder.path());
     let tables = std::fs::read_to_string(folder.path().join("summary.md")).unwrap();
     // The page's figures, which are the table's, in the order of their lines.
-    let timed = budget_words(Budget::TimeOf(study.manifest.time_of.unwrap()));
+    let timed = RunBudget::TimeOf(study.manifest.time_of.unwrap()).to_string();
     let of_page: Vec<String> = figures(&found.page)
         .into_iter()
         .filter(|f| f[0].ends_with(&format!("|{timed}|relmse ratio")))

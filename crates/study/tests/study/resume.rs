@@ -3,12 +3,12 @@
 use crate::common::{Fake, Place, copy, in_process, label};
 use dapple_core::Control;
 use dapple_metrics::ratio_interval;
-use dapple_study::{Budget, Draft, Ended, Method, Onlooker, Progress, Run, ScenePlan, Store, StudyError};
+use dapple_study::{Method, PlanPatch, Run, RunBudget, RunStore, StudyError, StudyMonitor, StudyProgress, StudyStatus};
 use std::io::{self, ErrorKind, Write};
 use std::path::PathBuf;
 
 #[test]
-fn methods_take_turns_run_by_run() {
+fn methods_alternate_run_by_run() {
     let place = Place::new();
     let study = place.study(place.plan(), "study", &mut Fake::default());
     let order: Vec<String> = study.runs().iter().map(label).collect();
@@ -56,17 +56,17 @@ fn a_study_killed_at_any_byte_ends_as_one_that_was_not() {
 #[test]
 fn real_runs_are_the_same_after_a_stop() {
     struct After(usize);
-    impl Onlooker for After {
-        fn look(&mut self, progress: &Progress<'_>) -> Control {
+    impl StudyMonitor for After {
+        fn progress(&mut self, progress: &StudyProgress<'_>) -> Control {
             if progress.done >= self.0 { Control::Stop } else { Control::Continue }
         }
     }
     let place = Place::new();
     // Without equal time: what that takes in samples is the clock's to say.
-    let plan = || Draft { time_of: Some(0), ..place.draft() }.resolve().unwrap();
+    let plan = || place.draft().time_of(0).resolve().unwrap();
     let whole = place.study(plan(), "whole", &mut in_process());
     let mut first = place.open(plan(), "stopped").unwrap();
-    assert_eq!(first.run(&mut in_process(), &mut After(3)).unwrap(), Ended::Stopped);
+    assert_eq!(first.run(&mut in_process(), &mut After(3)).unwrap(), StudyStatus::Stopped);
     assert_eq!(first.runs().len(), 3);
     drop(first);
     let second = place.study(plan(), "stopped", &mut in_process());
@@ -84,10 +84,9 @@ fn real_runs_are_the_same_after_a_stop() {
 #[test]
 fn runs_of_equal_time_take_the_time_of_the_baseline() {
     let place = Place::new();
-    let draft =
-        Draft { filters: Some(vec!["none".into(), "gaussian".into()]), spp: Some(vec![8, 16, 32]), ..place.draft() };
+    let draft = place.draft().filters(vec!["none".into(), "gaussian".into()]).spp(vec![8, 16, 32]);
     let study = place.study(draft.resolve().unwrap(), "study", &mut Fake::default());
-    let equal: Vec<&Run> = study.runs().iter().filter(|r| r.budget == Budget::TimeOf(16)).collect();
+    let equal: Vec<&Run> = study.runs().iter().filter(|r| r.budget == RunBudget::TimeOf(16)).collect();
     assert_eq!(equal.len(), 4 * 2);
     let baseline = 16.0 * 64.0 * 1e-6;
     for run in &equal {
@@ -99,36 +98,35 @@ fn runs_of_equal_time_take_the_time_of_the_baseline() {
     assert!((spp("uniform/sobol/gaussian") - (16.0 - 1e-4 / 1e-6 / 64.0)).abs() < 0.02);
 }
 
-/// Issue 5's self-test: a filter that costs time and does nothing loses, at equal time only.
+/// A filter that costs time and does nothing loses, at equal time only.
 #[test]
 fn a_slow_filter_loses_at_equal_time() {
     let place = Place::new();
-    let draft = Draft {
-        samplers: Some(vec!["uniform".into()]),
-        filters: Some(vec!["none".into(), "gaussian".into()]),
-        seeds: Some((1..=8).collect()),
-        ..place.draft()
-    };
+    let draft = place
+        .draft()
+        .samplers(vec!["uniform".into()])
+        .filters(vec!["none".into(), "gaussian".into()])
+        .seeds((1..=8).collect::<Vec<u64>>());
     let study = place.study(draft.resolve().unwrap(), "study", &mut Fake::default());
-    let of = |filter: &str, budget: Budget| -> Vec<f64> {
+    let of = |filter: &str, budget: RunBudget| -> Vec<f64> {
         let of = |r: &&Run| r.method.filter == filter && r.budget == budget;
         study.runs().iter().filter(of).map(|r| r.errors.relmse).collect()
     };
     let ratio = |budget| ratio_interval(&of("gaussian", budget), &of("none", budget), 0.95).unwrap();
-    assert!(ratio(Budget::TimeOf(4)).low > 1.1, "{:?}", ratio(Budget::TimeOf(4)));
-    let control = ratio(Budget::Spp(4));
+    assert!(ratio(RunBudget::TimeOf(4)).low > 1.1, "{:?}", ratio(RunBudget::TimeOf(4)));
+    let control = ratio(RunBudget::Spp(4));
     assert!(control.low <= 1.0 && control.high >= 1.0, "{control:?}");
 }
 
-/// A clock that is wrong about a method is found out by the first run, and its count mended once.
+/// A wrong model of a method's time is detected by the first run, and the count is corrected once.
 #[test]
-fn a_count_that_is_off_is_mended_once() {
+fn a_wrong_sample_count_is_corrected_once() {
     /// From the 9th run on, `variance` takes twice as long.
     struct Slower(Fake);
     impl dapple_study::Runner for Slower {
-        fn run(&mut self, job: &dapple_study::Job) -> Result<Run, StudyError> {
-            let mut run = self.0.run(job)?;
-            if self.0.asked > 8 && job.method.sampler == "variance" {
+        fn run(&mut self, request: &dapple_study::RunRequest) -> Result<Run, StudyError> {
+            let mut run = self.0.run(request)?;
+            if self.0.asked > 8 && request.method.sampler == "variance" {
                 run.seconds.trace *= 2.0;
                 run.render_s *= 2.0;
             }
@@ -140,7 +138,7 @@ fn a_count_that_is_off_is_mended_once() {
     let study = place.study(place.plan(), "study", &mut slower);
     // 8 of given spp, the baseline's 2, and for the other: two trials, the mended one, and the second seed's.
     assert_eq!((slower.0.asked, study.runs().len()), (14, 12));
-    let equal: Vec<&Run> = study.runs().iter().filter(|r| matches!(r.budget, Budget::TimeOf(_))).collect();
+    let equal: Vec<&Run> = study.runs().iter().filter(|r| matches!(r.budget, RunBudget::TimeOf(_))).collect();
     for run in equal {
         assert!((run.render_s / (4.0 * 64.0 * 1e-6) - 1.0).abs() < 0.02, "{}: {}", label(run), run.render_s);
     }
@@ -152,24 +150,26 @@ fn another_plan_in_the_folder_is_refused_with_the_difference() {
     place.study(place.plan(), "study", &mut Fake::default());
     let before = place.text("study/runs.jsonl");
     let tiny = || place.draft().scenes.unwrap().remove(0);
-    let changes: [(Draft, &str); 8] = [
-        (Draft { spp: Some(vec![4, 16]), ..Draft::default() }, "spp: 4 8 there, 4 16 here"),
-        (Draft { seeds: Some(vec![1]), ..Draft::default() }, "seeds: 1 2 there, 1 here"),
+    let named = |name: &str| {
+        let mut scene = tiny();
+        scene.name = Some(name.into());
+        scene
+    };
+    let changes: [(PlanPatch, &str); 8] = [
+        (PlanPatch::default().spp(vec![4, 16]), "spp: 4 8 there, 4 16 here"),
+        (PlanPatch::default().seeds(vec![1]), "seeds: 1 2 there, 1 here"),
         (
-            Draft { filters: Some(vec!["gaussian".into()]), ..Draft::default() },
+            PlanPatch::default().filters(vec!["gaussian".into()]),
             "methods: uniform/sobol/none variance/sobol/none there, uniform/sobol/none uniform/sobol/gaussian",
         ),
-        (Draft { time_of: Some(0), ..Draft::default() }, "time_of: 4 there, none here"),
-        (Draft { resolution: Some([8, 9]), ..Draft::default() }, "scene tiny.resolution: 8 8 there, 8 9 here"),
-        (Draft { reference_spp: Some(32), ..Draft::default() }, "scene tiny.reference.spp: 16 there, 32 here"),
-        (
-            Draft { scenes: Some(vec![ScenePlan { name: Some("other".into()), ..tiny() }]), ..Draft::default() },
-            "name: tiny there, other here",
-        ),
-        (Draft { fresh: Some(true), ..Draft::default() }, "fresh: false there, true here"),
+        (PlanPatch::default().time_of(0), "time_of: 4 there, none here"),
+        (PlanPatch::default().resolution([8, 9]), "scene tiny.resolution: 8 8 there, 8 9 here"),
+        (PlanPatch::default().reference_spp(32), "scene tiny.reference.spp: 16 there, 32 here"),
+        (PlanPatch::default().scenes(vec![named("other")]), "name: tiny there, other here"),
+        (PlanPatch::default().fresh(true), "fresh: false there, true here"),
     ];
     for (change, message) in changes {
-        let plan = place.draft().overridden_by(change).resolve().unwrap();
+        let plan = place.draft().merge(change).resolve().unwrap();
         let said = place.open(plan, "study").err().expect("refused").to_string();
         assert!(said.contains(message) && said.contains("choose another folder"), "{message}: {said}");
     }
@@ -184,15 +184,15 @@ fn another_plan_in_the_folder_is_refused_with_the_difference() {
 }
 
 #[test]
-fn what_is_no_study_is_not_written_over() {
+fn broken_records_are_not_overwritten() {
     let place = Place::new();
     place.study(place.plan(), "study", &mut Fake::default());
     let file = place.path("study/runs.jsonl");
     let whole = place.text("study/runs.jsonl");
     let cases = [
-        (whole.replacen("\"seed\"", "\"sed\"", 1), "runs.jsonl:1: this is no run"),
-        (format!("{whole}nonsense\n"), "runs.jsonl:13: this is no run"),
-        (format!("{whole}{}\n", whole.lines().next().unwrap()), "runs.jsonl:13: this run is the 1th line's again"),
+        (whole.replacen("\"seed\"", "\"sed\"", 1), "runs.jsonl:1: not a run"),
+        (format!("{whole}nonsense\n"), "runs.jsonl:13: not a run"),
+        (format!("{whole}{}\n", whole.lines().next().unwrap()), "runs.jsonl:13: the same run as line 1"),
     ];
     for (text, message) in cases {
         std::fs::write(&file, &text).unwrap();
@@ -203,12 +203,12 @@ fn what_is_no_study_is_not_written_over() {
     std::fs::write(&file, &whole).unwrap();
     std::fs::remove_file(place.path("study/study.json")).unwrap();
     let said = place.open(place.plan(), "study").err().expect("refused").to_string();
-    assert!(said.contains("study.json, which says of what, is missing"), "{said}");
+    assert!(said.contains("runs.jsonl has runs, but their study.json is missing"), "{said}");
     assert_eq!(place.text("study/runs.jsonl"), whole);
 }
 
 #[test]
-fn one_process_at_a_time() {
+fn a_folder_is_locked_for_one_process() {
     let place = Place::new();
     let first = place.open(place.plan(), "study").unwrap();
     let said = place.open(place.plan(), "study").err().expect("refused").to_string();
@@ -223,7 +223,7 @@ struct Full {
     free: usize,
 }
 
-impl Store for Full {
+impl RunStore for Full {
     fn append(&mut self, bytes: &[u8]) -> io::Result<()> {
         let fits = bytes.len().min(self.free);
         std::fs::OpenOptions::new().append(true).open(&self.file)?.write_all(&bytes[..fits])?;
@@ -248,7 +248,7 @@ fn a_full_disk_loses_nothing_that_was_done() {
         let said = study.run(&mut Fake::default(), &mut ()).unwrap_err().to_string();
         let kept = study.runs().len();
         let expected = format!("the {kept} runs before it are kept");
-        assert!(said.contains("cannot write down a finished run") && said.contains(&expected), "{said}");
+        assert!(said.contains("cannot store a finished run") && said.contains(&expected), "{said}");
         assert_eq!(kept, whole[..free].matches('\n').count());
         drop(study);
         place.study(place.plan(), &name, &mut Fake::default());
@@ -257,16 +257,20 @@ fn a_full_disk_loses_nothing_that_was_done() {
 }
 
 #[test]
-fn scenes_of_one_name_are_told_apart() {
+fn scenes_of_one_name_are_numbered() {
     let place = Place::new();
     let tiny = || place.draft().scenes.unwrap().remove(0);
-    let two = Draft { scenes: Some(vec![tiny(), tiny()]), seeds: Some(vec![1]), ..place.draft() };
+    let named = |name: &str| {
+        let mut scene = tiny();
+        scene.name = Some(name.into());
+        scene
+    };
+    let two = place.draft().scenes(vec![tiny(), tiny()]).seeds(vec![1]);
     let study = place.study(two.resolve().unwrap(), "study", &mut Fake::default());
     let names: Vec<&str> = study.manifest().scenes.iter().map(|s| s.name.as_str()).collect();
     assert_eq!(names, ["tiny", "tiny-2"]);
-    let named = |name: &str| ScenePlan { name: Some(name.into()), ..tiny() };
-    let same = Draft { scenes: Some(vec![named("a"), named("a")]), ..place.draft() };
+    let same = place.draft().scenes(vec![named("a"), named("a")]);
     let said = place.open(same.resolve().unwrap(), "other").err().expect("refused").to_string();
-    assert!(said.contains("\"a\" is no name of its own"), "{said}");
+    assert!(said.contains("scene name \"a\" is empty or used twice"), "{said}");
     assert_eq!("uniform".parse::<Method>().unwrap(), study.manifest().baseline);
 }

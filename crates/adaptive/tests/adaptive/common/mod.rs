@@ -1,6 +1,7 @@
 //! Integrators and samplers of the tests' own.
 #![allow(dead_code, unreachable_pub, reason = "each test file uses its own part")]
 
+use dapple_adaptive::AdaptiveOptions;
 use dapple_core::{
     Block, Draws, Error, Estimate, Feedback, Film, Frame, Integrator, Limits, Needs, Plan, PointSet, Progress, Render,
     Sampler, TrainingLog,
@@ -30,7 +31,7 @@ pub struct Field<F>(pub F);
 impl<R: Radiance, F: Fn([u32; 2], [f32; 4]) -> R + Sync> Integrator for Field<F> {
     fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
         let radiance = (self.0)(draws.pixel(), draws.block(Block::new(0))).rgb();
-        Estimate { radiance, first_hit: None, cost: 1 }
+        Estimate::new(radiance)
     }
 }
 
@@ -57,6 +58,11 @@ impl<F: FnMut(&Feedback<'_>, &mut Plan) -> Progress + Send> Sampler for Planned<
     fn next_round(&mut self, seen: &Feedback<'_>, plan: &mut Plan) -> Result<Progress, Error> {
         Ok((self.plan)(seen, plan))
     }
+}
+
+/// Options for images that are compared as they are, without a denoiser.
+pub fn options() -> AdaptiveOptions {
+    AdaptiveOptions::default().epsilon(0.01)
 }
 
 pub fn frame(width: u32, height: u32) -> Frame {

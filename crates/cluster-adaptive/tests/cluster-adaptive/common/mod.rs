@@ -78,7 +78,7 @@ pub struct Field<F>(pub F);
 impl<F: Fn([u32; 2], [f32; 4]) -> f32 + Sync> Integrator for Field<F> {
     fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
         let value = (self.0)(draws.pixel(), draws.block(Block::new(0)));
-        Estimate { radiance: [value; 3], first_hit: None, cost: 1 }
+        Estimate::new([value; 3])
     }
 }
 
@@ -91,12 +91,12 @@ pub fn run(
     Render::new(frame, limits).run(integrator, sampler)
 }
 
-/// The counts of a first round, by [`dapple_core::render`]'s rules.
+/// The counts of a first round, by the rules of the render loop.
 pub fn first_counts(sampler: &mut dyn Sampler, frame: Frame, total: u64, bounds: [u32; 2]) -> Result<Vec<u32>, Error> {
     let film = Film::new(frame, sampler.needs());
-    let budget = dapple_core::BudgetLeft { spent: 0, total, min_spp: bounds[0], max_spp: bounds[1] };
+    let budget = dapple_core::BudgetLeft::new(total).with_min_spp(bounds[0]).with_max_spp(bounds[1]);
     let mut plan = Plan::empty(frame.pixels());
-    match sampler.next_round(&dapple_core::Feedback { round: 0, film: &film, budget }, &mut plan)? {
+    match sampler.next_round(&dapple_core::Feedback::new(0, &film, budget), &mut plan)? {
         Progress::Trace => Ok(plan.counts),
         Progress::Done => Ok(vec![0; frame.pixels()]),
     }

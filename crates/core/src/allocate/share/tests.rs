@@ -14,7 +14,7 @@ fn counts(weights: &[f64], base: u32, ceiling: u32, total: u64) -> Vec<u32> {
 fn shares_go_with_weights() {
     assert_eq!(counts(&[1.0, 2.0, 3.0], 0, 100, 60), [10, 20, 30]);
     assert_eq!(counts(&[1.0, 2.0, 3.0], 4, 100, 72), [14, 24, 34]);
-    assert_eq!(counts(&[1.0, 2.0, 5.0], 0, 10, 25), [5, 10, 10], "what the ceiling cuts off goes on in proportion");
+    assert_eq!(counts(&[1.0, 2.0, 5.0], 0, 10, 25), [5, 10, 10], "the rest above the ceiling is shared in proportion");
     assert_eq!(counts(&[1.0, 1.0, 8.0], 1, 4, 10), [3, 3, 4]);
     assert_eq!(counts(&[0.0, 1.0, 1.0], 2, 8, 18), [2, 8, 8], "zeros wait");
     assert_eq!(counts(&[0.0, 0.0, 1.0], 2, 8, 18), [5, 5, 8], "and then share alike");
@@ -64,7 +64,7 @@ fn is_none(w: f64) -> bool {
 }
 
 #[test]
-fn a07_exact_totals() {
+fn totals_are_exact_a07() {
     let mut rng = rng(0xa07);
     for case in 0..cases(10_000) {
         // Few large cases: 10 of 2^20, the others small.
@@ -103,12 +103,12 @@ fn larger_weights_get_no_fewer() {
 }
 
 #[test]
-fn a07_permutation_invariant() {
+fn permuting_weights_permutes_counts_a07() {
     let mut rng = rng(0x9e37);
     for case in 0..cases(500) {
         let n = rng.random_range(2..300);
         let weights: Vec<f64> = (0..n).map(|_| weight(&mut rng)).collect();
-        // Below the base nothing goes by weight.
+        // Below the base, weights do not matter.
         let total = rng.random_range(3 * n as u64..40 * n as u64);
         let sorted = |order: &[usize]| {
             let permuted: Vec<f64> = order.iter().map(|&i| weights[i]).collect();
@@ -121,7 +121,7 @@ fn a07_permutation_invariant() {
         let mut order: Vec<usize> = (0..n).collect();
         let reference = sorted(&order);
         order.shuffle(&mut rng);
-        // What counts as the largest, or as nothing, may swap among its equals.
+        // Weights that count as the largest, or as zero, may swap among equals.
         let largest = weights.iter().copied().filter(|w| w.is_finite()).fold(0.0, f64::max);
         let distinct = |pairs: Vec<(u64, u32)>| -> Vec<(u64, u32)> {
             let between = largest * 1e-59..largest;
@@ -147,7 +147,7 @@ fn the_search_ends_within_its_rounds() {
     }
 }
 
-/// Far-off remainders take a whole sample each, never more.
+/// A remainder adds at most one sample.
 #[test]
 fn counts_stay_within_one_of_their_share() {
     let mut rng = rng(11);

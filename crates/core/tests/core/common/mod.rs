@@ -56,7 +56,7 @@ pub struct Field<F>(pub F);
 impl<F: Fn([u32; 2], [f32; 4]) -> [f32; 3] + Sync> Integrator for Field<F> {
     fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
         let radiance = (self.0)(draws.pixel(), draws.block(Block::new(0)));
-        Estimate { radiance, first_hit: None, cost: 1 }
+        Estimate::new(radiance)
     }
 }
 
@@ -65,7 +65,7 @@ pub fn noise([x, _]: [u32; 2], u: [f32; 4]) -> [f32; 3] {
     [0.1 + 0.05 * x as f32 * u[0], u[1], u[2] * u[3]]
 }
 
-/// Counts from a closure of the round and what was seen; done where it gives `None`.
+/// Counts from a closure of the state; done if it returns `None`.
 pub struct Planned<F> {
     pub points: Independent,
     pub needs: Needs,
@@ -113,7 +113,7 @@ pub fn frame(width: u32, height: u32) -> Frame {
     Frame::new(width, height).unwrap()
 }
 
-/// Renders without anybody looking on.
+/// Renders without a monitor.
 pub fn run(
     integrator: &mut dyn Integrator,
     sampler: &mut dyn Sampler,

@@ -1,4 +1,4 @@
-//! Images that `oracle.py` makes too.
+//! The same images as in `oracle.py`.
 
 pub(crate) const SIZE: [u32; 2] = [64, 48];
 

@@ -1,4 +1,4 @@
-//! Made-up images and how to render them.
+//! Made-up images and a way to render them.
 #![allow(dead_code, unreachable_pub, reason = "each test file uses its own part")]
 
 use dapple_core::{
@@ -15,7 +15,7 @@ pub struct Field<F>(pub F);
 impl<F: Fn([u32; 2], [f32; 4]) -> [f32; 3] + Sync> Integrator for Field<F> {
     fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
         let radiance = (self.0)(draws.pixel(), draws.block(Block::new(0)));
-        Estimate { radiance, first_hit: None, cost: 1 }
+        Estimate::new(radiance)
     }
 }
 
@@ -34,7 +34,7 @@ pub fn run(integrator: &mut dyn Integrator, sampler: &mut dyn Sampler, frame: Fr
 
 /// Mitchell's rule for one pixel alone, with these rates.
 pub fn alone(initial: u32, additional: u32, mode: Stopping, policy: PilotPolicy) -> MitchellOptions {
-    MitchellOptions { initial, additional, radius: 0, mode, policy, ..MitchellOptions::default() }
+    MitchellOptions::default().initial(initial).additional(additional).radius(0).mode(mode).policy(policy)
 }
 
 pub fn mitchell(options: MitchellOptions, seed: u64) -> Mitchell<Random> {
@@ -46,7 +46,7 @@ pub fn pbrt(options: MitchellPbrtOptions, seed: u64) -> MitchellPbrt<Random> {
 }
 
 pub fn pbrt_options(min: u32, max: u32, mode: Stopping, policy: PilotPolicy) -> MitchellPbrtOptions {
-    MitchellPbrtOptions { min, max, mode, policy, ..MitchellPbrtOptions::default() }
+    MitchellPbrtOptions::default().min(min).max(max).mode(mode).policy(policy)
 }
 
 /// A film on which these samples lie, pixel by pixel.
@@ -58,11 +58,11 @@ pub fn film(frame: Frame, sampler: &dyn Sampler, samples: &[Vec<[f32; 3]>]) -> F
     film
 }
 
-/// What a sampler asks for after a film, with so many samples in all and no bounds.
+/// The plan of a sampler after a film, with so many samples in all and no bounds.
 pub fn ask(sampler: &mut dyn Sampler, film: &Film, total: u64) -> Plan {
-    let budget = BudgetLeft { spent: film.record().samples, total, min_spp: 0, max_spp: u32::MAX };
+    let budget = BudgetLeft::new(total).with_spent(film.record().samples).with_min_spp(0);
     let mut plan = Plan::empty(film.frame().pixels());
-    sampler.next_round(&Feedback { round: 1, film, budget }, &mut plan).unwrap();
+    sampler.next_round(&Feedback::new(1, film, budget), &mut plan).unwrap();
     plan
 }
 

@@ -42,8 +42,8 @@ impl Scene {
     }
 }
 
-/// The color of a diffuse surface as bright as a material at normal incidence. `None` for a material that is
-/// none: whoever builds it says why.
+/// The color of a diffuse surface as bright as a material at normal incidence. `None` for an invalid
+/// material, which the renderer reports later.
 fn diffuse_color(material: &Material, textures: &mut Vec<Texture>, albedo: &Albedo<'_>) -> Option<Color> {
     if let MaterialKind::Mirror { reflectance } = &material.kind {
         return Some(*reflectance);

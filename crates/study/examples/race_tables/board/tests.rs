@@ -1,37 +1,42 @@
 //! Ratios of curves that are known.
 
 use super::*;
-use dapple_study::{Errors, Phases};
+use dapple_study::{ImageErrors, Phases};
 
 const SEEDS: std::ops::RangeInclusive<u64> = 1..=8;
 
 /// A run whose error is `error` times an even or odd seed's luck, in `time` seconds.
 fn run(method: &Method, spp: u64, seed: u64, error: f64, time: f64) -> Run {
     let e = error * if seed.is_multiple_of(2) { 1.1 } else { 1.0 / 1.1 };
-    let errors =
-        Errors { mse: e, relmse: e, relmse_trimmed: e, smape: e, psnr: 0.0, srgb8_mse: e, flip: e, mean_ratio: 1.0 };
-    Run {
-        scene: "plain".into(),
-        method: method.clone(),
-        budget: Budget::Spp(spp),
-        seed,
-        asked: spp,
-        samples: spp,
-        spp: spp as f64,
-        rays: spp,
-        seconds: Phases::default(),
-        render_s: time,
-        cpu_s: None,
-        errors,
-        corrected: true,
-        reference_limited: false,
-        predicted_relmse: None,
-        rejected: 0,
-        load: None,
-        fresh: true,
-        image: None,
-        sample_map: None,
-        white: None,
+    let errors = {
+        let mut image_errors = ImageErrors::default();
+        image_errors.mse = e;
+        image_errors.relmse = e;
+        image_errors.relmse_trimmed = e;
+        image_errors.smape = e;
+        image_errors.psnr = 0.0;
+        image_errors.srgb8_mse = e;
+        image_errors.flip = e;
+        image_errors.mean_ratio = 1.0;
+        image_errors
+    };
+    {
+        let mut run = Run::default();
+        run.scene = "plain".into();
+        run.method = method.clone();
+        run.budget = RunBudget::Spp(spp);
+        run.seed = seed;
+        run.asked = spp;
+        run.samples = spp;
+        run.spp = spp as f64;
+        run.rays = spp;
+        run.seconds = Phases::default();
+        run.render_s = time;
+        run.errors = errors;
+        run.corrected = true;
+        run.rejected = 0;
+        run.fresh = true;
+        run
     }
 }
 
@@ -90,7 +95,14 @@ fn a_scene_without_a_ratio_takes_the_mean_with_it() {
     let (mut board, other) = board();
     let mean = |board: &Board| board.mean(&["plain", "missing"], &other, &board.uniform, At::Spp(16), Metric::Flip);
     assert!(mean(&board).is_none());
-    let copies: Vec<Run> = board.runs().map(|run| Run { scene: "missing".into(), ..run.clone() }).collect();
+    let copies: Vec<Run> = board
+        .runs()
+        .map(|run| {
+            let mut run = run.clone();
+            run.scene = "missing".into();
+            run
+        })
+        .collect();
     board.take(copies);
     assert!(mean(&board).is_some());
 }

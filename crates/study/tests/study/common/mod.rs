@@ -2,7 +2,8 @@
 #![allow(dead_code)] // Each test file uses its share.
 
 use dapple_study::{
-    Budget, Draft, Errors, InProcess, Job, Method, Phases, Plan, Run, Runner, ScenePlan, Sitting, Study, StudyError,
+    ImageErrors, InProcess, Method, Phases, Plan, PlanPatch, Run, RunBudget, RunRequest, Runner, ScenePlan, Study,
+    StudyError, StudyOptions,
 };
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;
@@ -44,17 +45,15 @@ impl Place {
     }
 
     /// Two budgets, two seeds, two methods, 8x8 pixels; a reference of few samples.
-    pub(crate) fn draft(&self) -> Draft {
-        Draft {
-            scenes: Some(vec![ScenePlan::from(self.path("tiny.pbrt").to_str().expect("UTF-8"))]),
-            samplers: Some(vec!["uniform".into(), "variance".into()]),
-            filters: Some(vec!["none".into()]),
-            spp: Some(vec![4, 8]),
-            seeds: Some(vec![1, 2]),
-            reference_spp: Some(16),
-            resolution: Some([8, 8]),
-            ..Draft::default()
-        }
+    pub(crate) fn draft(&self) -> PlanPatch {
+        PlanPatch::default()
+            .scenes(vec![ScenePlan::from(self.path("tiny.pbrt").to_str().expect("UTF-8"))])
+            .samplers(vec!["uniform".into(), "variance".into()])
+            .filters(vec!["none".into()])
+            .spp(vec![4, 8])
+            .seeds(vec![1, 2])
+            .reference_spp(16)
+            .resolution([8, 8])
     }
 
     pub(crate) fn plan(&self) -> Plan {
@@ -62,7 +61,7 @@ impl Place {
     }
 
     pub(crate) fn open(&self, plan: Plan, name: &str) -> Result<Study, StudyError> {
-        let study = Study::open(plan, &self.path(name), &Sitting::default(), &mut ());
+        let study = Study::open(plan, &self.path(name), &StudyOptions::default(), &mut ());
         study.map(|study| study.expect("nobody stops it"))
     }
 
@@ -78,7 +77,7 @@ pub(crate) fn in_process() -> InProcess {
     InProcess::new(|| None)
 }
 
-/// Makes up runs: times and errors are functions of the job.
+/// Makes up runs: times and errors are functions of the request.
 #[derive(Default)]
 pub(crate) struct Fake {
     /// How often it was asked.
@@ -90,47 +89,49 @@ pub(crate) struct Fake {
 fn phases(method: &Method, samples: u64) -> Phases {
     let rate = if method.sampler.starts_with("variance") { 1.5e-6 } else { 1e-6 };
     let filter = if method.filter == "none" { 0.0 } else { 1e-4 };
-    Phases { trace: rate * samples as f64, filter, ..Phases::default() }
+    {
+        let mut phases = Phases::default();
+        phases.trace = rate * samples as f64;
+        phases.filter = filter;
+        phases
+    }
 }
 
 impl Runner for Fake {
-    fn run(&mut self, job: &Job) -> Result<Run, StudyError> {
+    fn run(&mut self, request: &RunRequest) -> Result<Run, StudyError> {
         self.asked += 1;
-        let seconds = phases(&job.method, job.asked);
-        let pixels = f64::from(job.view.resolution[0]) * f64::from(job.view.resolution[1]);
+        let seconds = phases(&request.method, request.asked);
+        let pixels = f64::from(request.view.resolution[0]) * f64::from(request.view.resolution[1]);
         // A seed's luck, the same for all methods.
-        let error = (1.0 + 0.01 * job.seed as f64) / job.asked as f64;
-        Ok(Run {
-            scene: job.view.name.clone(),
-            method: job.method.clone(),
-            budget: job.budget,
-            seed: job.seed,
-            asked: job.asked,
-            samples: job.asked,
-            spp: job.asked as f64 / pixels,
-            rays: 3 * job.asked,
-            seconds,
-            render_s: seconds.render(),
-            cpu_s: None,
-            errors: Errors {
-                mse: error,
-                relmse: 2.0 * error,
-                relmse_trimmed: error,
-                smape: error,
-                psnr: 30.0,
-                srgb8_mse: error,
-                flip: error,
-                mean_ratio: 1.0,
-            },
-            corrected: true,
-            reference_limited: false,
-            predicted_relmse: None,
-            rejected: 0,
-            load: None,
-            fresh: false,
-            image: job.image.clone(),
-            sample_map: None,
-            white: None,
+        let error = (1.0 + 0.01 * request.seed as f64) / request.asked as f64;
+        Ok({
+            let mut run = Run::default();
+            run.scene = request.view.name.clone();
+            run.method = request.method.clone();
+            run.budget = request.budget;
+            run.seed = request.seed;
+            run.asked = request.asked;
+            run.samples = request.asked;
+            run.spp = request.asked as f64 / pixels;
+            run.rays = 3 * request.asked;
+            run.seconds = seconds;
+            run.render_s = seconds.render();
+            run.errors = {
+                let mut image_errors = ImageErrors::default();
+                image_errors.mse = error;
+                image_errors.relmse = 2.0 * error;
+                image_errors.relmse_trimmed = error;
+                image_errors.smape = error;
+                image_errors.psnr = 30.0;
+                image_errors.srgb8_mse = error;
+                image_errors.flip = error;
+                image_errors.mean_ratio = 1.0;
+                image_errors
+            };
+            run.corrected = true;
+            run.rejected = 0;
+            run.image = request.image.clone();
+            run
         })
     }
 }
@@ -138,8 +139,9 @@ impl Runner for Fake {
 /// What tells runs apart.
 pub(crate) fn label(run: &Run) -> String {
     let budget = match run.budget {
-        Budget::Spp(n) => format!("{n}"),
-        Budget::TimeOf(n) => format!("t{n}"),
+        RunBudget::Spp(n) => format!("{n}"),
+        RunBudget::TimeOf(n) => format!("t{n}"),
+        other => panic!("{other}: a budget that the tests do not know"),
     };
     format!("{} {} {budget} {}", run.scene, run.method, run.seed)
 }

@@ -3,7 +3,7 @@
 
 use dapple_renderer::light::LightSelection;
 use dapple_scene::image::{Image, Layer, encode_exr, encode_png_gray, write_file};
-use dapple_study::{Budget, Errors, Machine, Manifest, Method, Phases, Reference, Run, SceneRecord};
+use dapple_study::{ImageErrors, Machine, Manifest, Method, Phases, ReferenceRecord, Run, RunBudget, SceneRecord};
 use std::path::Path;
 
 /// How a method behaves.
@@ -50,50 +50,50 @@ impl Law {
     }
 
     /// A run: errors and seconds follow the law, the error apart from its seed's noise.
-    pub(crate) fn run(&self, scene: &str, budget: Budget, seed: u64, base: &Law) -> Run {
+    pub(crate) fn run(&self, scene: &str, budget: RunBudget, seed: u64, base: &Law) -> Run {
         let spp = match budget {
-            Budget::Spp(spp) => spp as f64,
-            Budget::TimeOf(spp) => (base.cost(spp as f64) - self.overhead).max(0.2 * self.seconds) / self.seconds,
+            RunBudget::Spp(spp) => spp as f64,
+            RunBudget::TimeOf(spp) => (base.cost(spp as f64) - self.overhead).max(0.2 * self.seconds) / self.seconds,
+            other => panic!("{other}: a budget that the tests do not know"),
         };
         let of_budget = match budget {
-            Budget::Spp(spp) => spp,
-            Budget::TimeOf(spp) => 1000 + spp,
+            RunBudget::Spp(spp) => spp,
+            RunBudget::TimeOf(spp) => 1000 + spp,
+            other => panic!("{other}: a budget that the tests do not know"),
         };
         let place = scene.bytes().fold(self.stream ^ mix(seed) ^ of_budget, |h, b| mix(h ^ u64::from(b)));
         let relmse = self.scale * spp.powf(self.slope) * (self.deviation * normal(place)).exp();
         let filter = if self.method.filter == "none" { 0.0 } else { 0.25 * self.overhead };
         let trace = spp * self.seconds;
-        let seconds = Phases {
-            load: 0.012,
-            bvh: 0.02,
-            cluster: 0.5 * self.overhead,
-            probe: 0.2 * self.overhead,
-            plan: 0.3 * self.overhead - filter,
-            trace,
-            filter,
+        let seconds = {
+            let mut phases = Phases::default();
+            phases.load = 0.012;
+            phases.bvh = 0.02;
+            phases.cluster = 0.5 * self.overhead;
+            phases.probe = 0.2 * self.overhead;
+            phases.plan = 0.3 * self.overhead - filter;
+            phases.trace = trace;
+            phases.filter = filter;
+            phases
         };
-        Run {
-            scene: scene.into(),
-            method: self.method.clone(),
-            budget,
-            seed,
-            asked: (spp * 4096.0) as u64,
-            samples: (spp * 4096.0) as u64,
-            spp,
-            rays: (spp * 12288.0) as u64,
-            seconds,
-            render_s: seconds.render(),
-            cpu_s: None,
-            errors: errors(relmse),
-            corrected: true,
-            reference_limited: false,
-            predicted_relmse: (self.method.sampler != "uniform").then_some(1.1 * relmse),
-            rejected: 0,
-            load: Some(0.4),
-            fresh: false,
-            image: None,
-            sample_map: None,
-            white: None,
+        {
+            let mut run = Run::default();
+            run.scene = scene.into();
+            run.method = self.method.clone();
+            run.budget = budget;
+            run.seed = seed;
+            run.asked = (spp * 4096.0) as u64;
+            run.samples = (spp * 4096.0) as u64;
+            run.spp = spp;
+            run.rays = (spp * 12288.0) as u64;
+            run.seconds = seconds;
+            run.render_s = seconds.render();
+            run.errors = errors(relmse);
+            run.corrected = true;
+            run.predicted_relmse = (self.method.sampler != "uniform").then_some(1.1 * relmse);
+            run.rejected = 0;
+            run.load = Some(0.4);
+            run
         }
     }
 
@@ -102,16 +102,18 @@ impl Law {
     }
 }
 
-pub(crate) fn errors(relmse: f64) -> Errors {
-    Errors {
-        mse: 0.3 * relmse,
-        relmse,
-        relmse_trimmed: 0.9 * relmse,
-        smape: relmse.sqrt().min(2.0),
-        psnr: -10.0 * (0.3 * relmse).log10(),
-        srgb8_mse: 900.0 * relmse,
-        flip: (0.5 * relmse.sqrt()).min(1.0),
-        mean_ratio: 1.0 + 0.01 * relmse,
+pub(crate) fn errors(relmse: f64) -> ImageErrors {
+    {
+        let mut image_errors = ImageErrors::default();
+        image_errors.mse = 0.3 * relmse;
+        image_errors.relmse = relmse;
+        image_errors.relmse_trimmed = 0.9 * relmse;
+        image_errors.smape = relmse.sqrt().min(2.0);
+        image_errors.psnr = -10.0 * (0.3 * relmse).log10();
+        image_errors.srgb8_mse = 900.0 * relmse;
+        image_errors.flip = (0.5 * relmse.sqrt()).min(1.0);
+        image_errors.mean_ratio = 1.0 + 0.01 * relmse;
+        image_errors
     }
 }
 
@@ -127,23 +129,29 @@ impl Study {
     /// The first law is the baseline.
     pub(crate) fn new(scenes: &[&str], laws: &[Law], spp: &[u64], time_of: Option<u64>, seeds: u64) -> Self {
         let size = [256, 160];
-        let manifest = Manifest {
-            version: "0.1.0".into(),
-            commit: Some("0123abc+".into()),
-            command: ["dapple", "study", "a scene.pbrt", "--spp", "4,8"].map(String::from).to_vec(),
-            began: "2026-11-21T12:00:00Z".into(),
-            machine: Machine { processor: Some("A & B <fast>".into()), threads: 2, system: "linux x86_64".into() },
-            scenes: scenes.iter().map(|name| scene(name, size)).collect(),
-            methods: laws.iter().map(|law| law.method.clone()).collect(),
-            external: Vec::new(),
-            baseline: laws[0].method.clone(),
-            spp: spp.to_vec(),
-            time_of,
-            seeds: (1..=seeds).collect(),
-            max_depth: None,
-            fresh: false,
+        let manifest = {
+            let mut manifest = Manifest::default();
+            manifest.version = "0.1.0".into();
+            manifest.commit = Some("0123abc+".into());
+            manifest.command = ["dapple", "study", "a scene.pbrt", "--spp", "4,8"].map(String::from).to_vec();
+            manifest.began = "2026-11-21T12:00:00Z".into();
+            manifest.machine = {
+                let mut machine = Machine::default();
+                machine.processor = Some("A & B <fast>".into());
+                machine.threads = 2;
+                machine.system = "linux x86_64".into();
+                machine
+            };
+            manifest.scenes = scenes.iter().map(|name| scene(name, size)).collect();
+            manifest.methods = laws.iter().map(|law| law.method.clone()).collect();
+            manifest.external = Vec::new();
+            manifest.baseline = laws[0].method.clone();
+            manifest.spp = spp.to_vec();
+            manifest.time_of = time_of;
+            manifest.seeds = (1..=seeds).collect();
+            manifest
         };
-        let budgets = spp.iter().map(|&s| Budget::Spp(s)).chain(time_of.map(Budget::TimeOf));
+        let budgets = spp.iter().map(|&s| RunBudget::Spp(s)).chain(time_of.map(RunBudget::TimeOf));
         let mut runs = Vec::new();
         for scene in scenes {
             for budget in budgets.clone() {
@@ -187,8 +195,8 @@ impl Study {
         }
         let first = self.manifest.seeds[0];
         // Of those that a page shows.
-        let last = Budget::Spp(self.manifest.spp.iter().copied().max().unwrap_or(0));
-        let shown = |run: &Run| run.seed == first && (run.budget == last || matches!(run.budget, Budget::TimeOf(_)));
+        let last = RunBudget::Spp(self.manifest.spp.iter().copied().max().unwrap_or(0));
+        let shown = |run: &Run| run.seed == first && (run.budget == last || matches!(run.budget, RunBudget::TimeOf(_)));
         for (index, run) in self.runs.iter_mut().enumerate().filter(|(_, run)| shown(run)) {
             let noise = run.errors.relmse.sqrt();
             // An adaptive method's noise lies elsewhere.
@@ -213,19 +221,23 @@ impl Study {
 }
 
 fn scene(name: &str, size: [u32; 2]) -> SceneRecord {
-    SceneRecord {
-        name: name.into(),
-        source: format!("bundled {name}"),
-        resolution: size,
-        reference: Reference {
-            file: format!("references/{name}.exr"),
-            spp: Some(65536),
-            points: Some("random".into()),
-            seeds: Some([901, 902]),
-            relmse: Some(1.5e-6),
-            hash: "0123456789abcdef0123456789abcdef".into(),
-        },
-        lights: LightSelection::default(),
+    {
+        let mut record = SceneRecord::default();
+        record.name = name.into();
+        record.source = format!("bundled {name}");
+        record.resolution = size;
+        record.reference = {
+            let mut reference = ReferenceRecord::default();
+            reference.file = format!("references/{name}.exr");
+            reference.spp = Some(65536);
+            reference.points = Some("random".into());
+            reference.seeds = Some([901, 902]);
+            reference.relmse = Some(1.5e-6);
+            reference.hash = "0123456789abcdef0123456789abcdef".into();
+            reference
+        };
+        record.lights = LightSelection::default();
+        record
     }
 }
 

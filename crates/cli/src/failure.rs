@@ -1,0 +1,73 @@
+//! Errors and warnings of jobs, with the program's options in their advice.
+
+use crate::Failure;
+use crate::render;
+use dapple_job::memory::MemoryAdvice;
+use dapple_job::{JobError, SpecError, Warning};
+
+/// An error of a job, a line for each line of its message.
+pub(crate) fn of_job(error: &JobError) -> Failure {
+    match error {
+        JobError::Spec(error) => of_spec(error),
+        JobError::Read(error) => {
+            // The library knows no options.
+            Failure::lines(&error.to_string().replace("allow unsupported directives", "--allow-unsupported"))
+        }
+        JobError::NotCalledFor { .. } | JobError::Without { .. } => Failure::new(format!("--{error}")),
+        JobError::NoShard { .. } => Failure::new(format!("--{error}")),
+        JobError::CheckpointExists { path } => {
+            let path = path.display();
+            Failure::new(format!(
+                "{path}: a checkpoint exists; resume from it with --resume {path}, or remove it and {path}.previous"
+            ))
+        }
+        JobError::Memory { estimate, limit, advice } => {
+            let advice = match advice {
+                MemoryAdvice::Scene => "the scene alone does not fit; simplify it, or use a machine with more memory",
+                MemoryAdvice::Filter => "lower --resolution, use --filter none, or render crops (--crop)",
+                MemoryAdvice::AddressSpace => {
+                    return Failure::new(format!("this render takes {estimate}; smaller crops (--crop) fit"));
+                }
+                _ => "lower --resolution, or render crops (--crop)",
+            };
+            let of = if limit.is_given() {
+                "the limit (--memory)"
+            } else {
+                "all there is (--memory SIZE sets another limit)"
+            };
+            let limit = limit.bytes().map_or_else(String::new, dapple_job::memory::size);
+            Failure::new(format!("this render takes {estimate}, and {limit} is {of}; {advice}"))
+        }
+        _ => Failure::lines(error),
+    }
+}
+
+/// An error of a description, as of an option.
+pub(crate) fn of_spec(error: &SpecError) -> Failure {
+    match error {
+        SpecError::Field { .. } => Failure::usage("render", option(error)),
+        _ => Failure::lines(error),
+    }
+}
+
+/// The option of a field, and its problem.
+fn option(error: &SpecError) -> String {
+    match error {
+        SpecError::Field { field: "seconds", what } => format!("--time: {what}"),
+        SpecError::Field { field, what } => format!("--{}: {what}", field.replace('_', "-")),
+        _ => error.to_string(),
+    }
+}
+
+/// A warning with advice for the command line.
+pub(crate) fn warning(warning: &Warning) -> String {
+    match warning {
+        Warning::SuggestedSpp { suggested, .. } => format!("{warning}; --spp {suggested} follows the file"),
+        Warning::ErrorNotReached { .. } => format!("{warning}; --max-spp raises the latter"),
+        Warning::RejectedSamples { first, .. } => match render::replay(first) {
+            Some(advice) => format!("{warning}; {advice}"),
+            None => warning.to_string(),
+        },
+        _ => warning.to_string(),
+    }
+}

@@ -1,0 +1,235 @@
+//! The default grouping of small groups in lanes, without a branch per triangle.
+//!
+//! Most groups of fine grids are small. There a mispredicted branch costs more than idle lanes.
+
+use crate::Cluster;
+use crate::group::{Batch, Members};
+use crate::triangle_normals::Surface;
+
+/// The largest group that is clustered in lanes. Each of its classes takes a pass over all lanes, and larger groups
+/// tend to have more classes.
+pub(crate) const MAX_SMALL: usize = 256;
+/// The largest number of classes, for the same reason.
+const MAX_CLASSES: usize = 32;
+
+/// The scratch space of one thread.
+#[derive(Default)]
+pub(crate) struct SmallGroups {
+    parts: Vec<Part>,
+    sorted: Vec<u32>,
+}
+
+/// The sums over a class.
+#[derive(Clone, Copy)]
+struct Part {
+    sum: Surface,
+    triangles: u32,
+    /// The place of the next member.
+    next: u32,
+    /// The normal of the first member.
+    lead: [f32; 3],
+    normal: [f32; 3],
+    cone: f32,
+}
+
+impl Part {
+    const NOTHING: Self =
+        Self { sum: Surface::NOTHING, triangles: 0, next: 0, lead: [0.0; 3], normal: [0.0; 3], cone: 1.0 };
+}
+
+/// The rule of first fit in canonical order.
+#[derive(Clone, Copy)]
+pub(crate) struct FirstFit {
+    pub(crate) cosine: f32,
+    pub(crate) two_sided: bool,
+    /// A cluster whose first normal has at least this z has all normals on one side.
+    pub(crate) steep: f32,
+}
+
+impl SmallGroups {
+    /// Clusters a group of at most N triangles and adds the result to a batch. Returns false and does nothing if some
+    /// triangles have no normal or there are too many classes.
+    #[inline(always)]
+    pub(crate) fn cluster<const N: usize>(
+        &mut self,
+        rule: FirstFit,
+        group: Members<'_>,
+        common: Cluster,
+        batch: &mut Batch,
+    ) -> bool {
+        let count = group.triangles.len();
+        let Some(axes) = group.normals.first::<N>() else { return false };
+        if (0..count).fold(false, |any, i| any | group.normals.is_flat(i)) {
+            return false;
+        }
+        let mut class = [0; N];
+        let classes = if rule.two_sided {
+            classify::<N, true>(axes, count, rule.cosine, &mut class)
+        } else {
+            classify::<N, false>(axes, count, rule.cosine, &mut class)
+        };
+        if classes > MAX_CLASSES {
+            return false;
+        }
+        self.parts.clear();
+        self.parts.resize(classes, Part::NOTHING);
+        let lowest = axes[2][..count].iter().fold(f32::INFINITY, |low, &z| if z < low { z } else { low });
+        self.sum(group, &class[..count], lowest < rule.steep);
+        self.finish(group, &class[..count], rule.two_sided);
+        batch.members.extend_from_slice(&self.sorted);
+        batch.clusters.extend(self.parts.iter().map(|part| {
+            let zero = part.normal == [0.0; 3];
+            let cone = if zero { -1.0 } else { part.cone.max(-1.0) };
+            Cluster { triangles: part.triangles, normal: part.normal, cone, ..part.sum.cluster(common) }
+        }));
+        batch.groups += 1;
+        true
+    }
+
+    /// Sums up the classes. If `sides` may differ within a class, normals are turned to the side of the first.
+    #[inline(always)]
+    fn sum(&mut self, group: Members<'_>, class: &[u32], sides: bool) {
+        if !sides {
+            for (surface, &class) in group.surfaces.iter().zip(class) {
+                let part = &mut self.parts[class as usize];
+                part.triangles += 1;
+                part.sum.add(surface);
+            }
+            return;
+        }
+        for (i, (surface, &class)) in group.surfaces.iter().zip(class).enumerate() {
+            let part = &mut self.parts[class as usize];
+            if part.triangles == 0 {
+                part.lead = group.normals.of(i);
+            }
+            part.triangles += 1;
+            part.sum.add(&surface.turned(group.normals.dot(i, part.lead) < 0.0));
+        }
+    }
+
+    /// Computes normals and cones, and sorts members by class.
+    #[inline(always)]
+    fn finish(&mut self, group: Members<'_>, class: &[u32], both: bool) {
+        let mut members = 0;
+        for part in &mut self.parts {
+            part.normal = part.sum.normal();
+            part.next = members;
+            members += part.triangles;
+        }
+        self.sorted.resize(class.len(), 0);
+        for (i, &class) in class.iter().enumerate() {
+            let part = &mut self.parts[class as usize];
+            let dot = group.normals.dot(i, part.normal);
+            let cosine = if both { dot.abs() } else { dot };
+            part.cone = if cosine < part.cone { cosine } else { part.cone };
+            self.sorted[part.next as usize] = group.triangles[i];
+            part.next += 1;
+        }
+    }
+}
+
+/// First fit in canonical order: sets the classes of the first `count`. Returns the number of classes, or a number
+/// above [`MAX_CLASSES`].
+#[inline(always)]
+fn classify<const N: usize, const TWO_SIDED: bool>(
+    [x, y, z]: [&[f32; N]; 3],
+    count: usize,
+    cosine: f32,
+    class: &mut [u32; N],
+) -> usize {
+    /// Marks a triangle with a class; below the key of any number.
+    const DONE: i32 = i32::MIN;
+    // Integers in the order of z.
+    let mut keys = [DONE; N];
+    let mut top = DONE;
+    for i in 0..N {
+        keys[i] = if i < count { key(z[i]) } else { DONE };
+        top = top.max(keys[i]);
+    }
+    let mut classes = 0;
+    while top != DONE && (classes as usize) < MAX_CLASSES {
+        let (mut at, mut ties) = (i32::MAX, 0);
+        for (i, &key) in (0..).zip(&keys) {
+            at = at.min(if key == top { i } else { i32::MAX });
+            ties += i32::from(key == top);
+        }
+        let mut at = at as usize % N;
+        if ties > 1 {
+            for i in at + 1..N {
+                if keys[i] == top && (y[i] > y[at] || (y[i] == y[at] && x[i] > x[at])) {
+                    at = i;
+                }
+            }
+        }
+        let n = [x[at], y[at], z[at]];
+        top = DONE;
+        for i in 0..N {
+            let dot = x[i] * n[0] + y[i] * n[1] + z[i] * n[2];
+            let dot = if TWO_SIDED { dot.abs() } else { dot };
+            let joins = (dot >= cosine) & (keys[i] != DONE);
+            class[i] = if joins { classes } else { class[i] };
+            keys[i] = if joins { DONE } else { keys[i] };
+            top = top.max(keys[i]);
+        }
+        classes += 1;
+    }
+    if top == DONE { classes as usize } else { usize::MAX }
+}
+
+/// An integer with the order of a float. Both zeros have the same.
+#[inline(always)]
+fn key(x: f32) -> i32 {
+    let bits = (x + 0.0).to_bits() as i32;
+    bits ^ ((bits >> 31) as u32 >> 1) as i32
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::greedy::{Classes, Facet, Rule};
+    use crate::params::Order;
+
+    /// The result equals that of the passes for larger groups, which are tested against the published loop.
+    #[test]
+    fn lanes_compute_first_fit() {
+        let mut state = 2016_u64;
+        let mut random = |n: u64| {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 33) % n
+        };
+        for round in 0..600 {
+            let (count, two_sided) = (1 + random(64) as usize, round % 2 == 0);
+            // SmallGroups directions, so that many are equal in z, in y too, or altogether.
+            let normals: Vec<[f32; 3]> = std::iter::repeat_with(|| {
+                let n = [0; 3].map(|_| random(9) as f32 - 4.0);
+                let length = n.iter().map(|x| x * x).sum::<f32>().sqrt().max(0.5);
+                let side = if two_sided && n[2] < 0.0 { -1.0 } else { 1.0 };
+                n.map(|x| side * x / length)
+            })
+            .filter(|n| n != &[0.0; 3])
+            .take(64)
+            .collect();
+            let axes: [[f32; 64]; 3] = std::array::from_fn(|axis| std::array::from_fn(|i| normals[i][axis]));
+            let cosine = [0.99, 0.9, 0.5][round % 3];
+            let (axes, mut class) = (axes.each_ref(), [0; 64]);
+            let classes = if two_sided {
+                classify::<64, true>(axes, count, cosine, &mut class)
+            } else {
+                classify::<64, false>(axes, count, cosine, &mut class)
+            };
+            let mut facets: Vec<Facet> =
+                normals[..count].iter().zip(0..).map(|(&normal, number)| Facet { normal, number }).collect();
+            let mut expected = Classes::default();
+            let rule = Rule { cosine, two_sided, order: Order::Canonical };
+            crate::greedy::classify(&mut facets, rule, &mut expected);
+            if expected.len() > MAX_CLASSES {
+                assert_eq!(classes, usize::MAX);
+                continue;
+            }
+            assert_eq!(classes, expected.len());
+            for (number, members) in (0..).zip(expected.iter()) {
+                assert!(members.iter().all(|&member| class[member as usize] == number), "round {round}");
+            }
+        }
+    }
+}

@@ -1,0 +1,223 @@
+//! Normals, areas and boxes of triangles, a block at a time.
+//!
+//! Blocks have one array per coordinate, so that one instruction of any width handles several triangles.
+
+use crate::Cluster;
+use crate::grid::{Bounds, Mesh};
+use crate::small_groups::MAX_SMALL;
+
+/// The least sine between the edges of a triangle with a normal. `f32` coordinates of three points on a line produce a
+/// normal by rounding, about `2^-52` in f64 arithmetic.
+const FLAT: f64 = 1.0 / (1_u64 << 46) as f64;
+/// Triangles per block: enough to fill the widest registers, few enough for the nearest cache.
+const BLOCK: usize = 16;
+
+/// A number for each triangle of a block.
+type Lanes<T> = [T; BLOCK];
+
+/// The terms of a cluster's sums.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Surface {
+    /// The unit normal times twice the area, and twice the area; zero without a normal.
+    pub(crate) weighted: [f64; 4],
+    /// The box.
+    pub(crate) bounds: Bounds,
+}
+
+impl Surface {
+    /// The sum over no triangles.
+    pub(crate) const NOTHING: Self = Self { weighted: [0.0; 4], bounds: Bounds::NOTHING };
+
+    /// Adds a triangle whose normal is on the same side.
+    #[inline(always)]
+    pub(crate) fn add(&mut self, other: &Self) {
+        for lane in 0..4 {
+            self.weighted[lane] += other.weighted[lane];
+        }
+        self.bounds.unite(other.bounds);
+    }
+
+    /// The surface, or its other side if `turned`.
+    #[inline(always)]
+    pub(crate) fn turned(&self, turned: bool) -> Self {
+        let side = if turned { -1.0 } else { 1.0 };
+        let [x, y, z, weight] = self.weighted;
+        Self { weighted: [side * x, side * y, side * z, weight], bounds: self.bounds }
+    }
+
+    /// The mean normal; zero if normals cancel up to rounding.
+    #[inline(always)]
+    pub(crate) fn normal(&self) -> [f32; 3] {
+        let [x, y, z, weight] = self.weighted;
+        let length = (x * x + y * y + z * z).sqrt();
+        // Normals have an error of about 2^-24.
+        const CANCELLED: f64 = 1e-6;
+        if length <= CANCELLED * weight {
+            return [0.0; 3];
+        }
+        let inverse = 1.0 / length;
+        [x, y, z].map(|x| (x * inverse) as f32)
+    }
+
+    /// Sets box and area.
+    #[inline(always)]
+    pub(crate) fn cluster(&self, common: Cluster) -> Cluster {
+        Cluster { bounds: self.bounds.corners(), area: 0.5 * self.weighted[3], ..common }
+    }
+}
+
+/// Unit normals by axis, zero for flat triangles; `flat` is 1 for these and 0 otherwise.
+#[derive(Clone, Copy)]
+pub(crate) struct Normals<'a> {
+    axes: [&'a [f32]; 3],
+    flat: &'a [f32],
+    start: usize,
+}
+
+impl<'a> Normals<'a> {
+    #[inline(always)]
+    pub(crate) fn of(&self, i: usize) -> [f32; 3] {
+        self.axes.map(|axis| axis[self.start + i])
+    }
+
+    /// Tests if a triangle has no normal.
+    #[inline(always)]
+    pub(crate) fn is_flat(&self, i: usize) -> bool {
+        self.flat[self.start + i] != 0.0
+    }
+
+    /// The cosine to a unit vector; 0 without a normal.
+    #[inline(always)]
+    pub(crate) fn dot(&self, i: usize, other: [f32; 3]) -> f32 {
+        let own = self.of(i);
+        own[0] * other[0] + own[1] * other[1] + own[2] * other[2]
+    }
+
+    /// The cosine to a unit vector; 1 without a normal, which cannot deviate.
+    #[inline(always)]
+    pub(crate) fn cosine(&self, i: usize, other: [f32; 3]) -> f32 {
+        self.dot(i, other) + self.flat[self.start + i]
+    }
+
+    /// The first N normals. The last ones may belong to other groups or to none.
+    pub(crate) fn first<const N: usize>(&self) -> Option<[&'a [f32; N]; 3]> {
+        let [x, y, z] = self.axes.map(|axis| axis[self.start..].first_chunk());
+        Some([x?, y?, z?])
+    }
+}
+
+/// Surfaces and normals of triangles, in their order.
+#[derive(Default)]
+pub(crate) struct Surfaces {
+    pub(crate) surfaces: Vec<Surface>,
+    axes: [Vec<f32>; 3],
+    flat: Vec<f32>,
+}
+
+impl Surfaces {
+    /// The normals from a triangle on.
+    pub(crate) fn normals(&self, start: usize) -> Normals<'_> {
+        let [x, y, z] = &self.axes;
+        Normals { axes: [x, y, z], flat: &self.flat, start }
+    }
+
+    /// Replaces the triangles. Two-sided normals are turned upwards.
+    #[inline(always)]
+    pub(crate) fn load(&mut self, mesh: &Mesh<'_>, triangles: &[u32], two_sided: bool) {
+        self.surfaces.clear();
+        // Old values do not matter, nor do those beyond the last triangle.
+        let room = triangles.len().next_multiple_of(BLOCK) + MAX_SMALL;
+        for lanes in self.axes.iter_mut().chain([&mut self.flat]) {
+            lanes.resize(room, 0.0);
+        }
+        let mut edges = Edges::default();
+        let mut bounds = [Bounds::NOTHING; BLOCK];
+        for (number, block) in triangles.chunks(BLOCK).enumerate() {
+            for (lane, &triangle) in block.iter().enumerate() {
+                let corners = mesh.corners(triangle);
+                bounds[lane] = Bounds::of(corners);
+                edges.put(lane, corners);
+            }
+            let found = Crosses::of(&edges, two_sided);
+            self.surfaces.extend((0..block.len()).map(|lane| Surface {
+                weighted: [found.cross[0][lane], found.cross[1][lane], found.cross[2][lane], found.doubled[lane]],
+                bounds: bounds[lane],
+            }));
+            let lanes = number * BLOCK..number * BLOCK + BLOCK;
+            for (axis, unit) in self.axes.iter_mut().zip(&found.unit) {
+                axis[lanes.clone()].copy_from_slice(unit);
+            }
+            self.flat[lanes].copy_from_slice(&found.flat);
+        }
+    }
+}
+
+/// The edges of triangles from their first corners on, by axis.
+#[derive(Default)]
+struct Edges {
+    u: [Lanes<f64>; 3],
+    v: [Lanes<f64>; 3],
+}
+
+impl Edges {
+    #[inline(always)]
+    fn put(&mut self, lane: usize, corners: [[f32; 4]; 3]) {
+        let [a, b, c] = corners.map(|corner| corner.map(f64::from));
+        for axis in 0..3 {
+            self.u[axis][lane] = b[axis] - a[axis];
+            self.v[axis][lane] = c[axis] - a[axis];
+        }
+    }
+}
+
+/// Cross products of edges, and the figures that follow from them.
+struct Crosses {
+    cross: [Lanes<f64>; 3],
+    doubled: Lanes<f64>,
+    unit: [Lanes<f32>; 3],
+    /// 1 for triangles without a normal, else 0.
+    flat: Lanes<f32>,
+}
+
+impl Crosses {
+    #[inline(always)]
+    fn of(edges: &Edges, two_sided: bool) -> Self {
+        let mut found =
+            Self { cross: [[0.0; BLOCK]; 3], doubled: [0.0; BLOCK], unit: [[0.0; BLOCK]; 3], flat: [0.0; BLOCK] };
+        for lane in 0..BLOCK {
+            let u = [edges.u[0][lane], edges.u[1][lane], edges.u[2][lane]];
+            let v = [edges.v[0][lane], edges.v[1][lane], edges.v[2][lane]];
+            let n = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
+            let square = |a: [f64; 3]| a[0] * a[0] + a[1] * a[1] + a[2] * a[2];
+            let squared = square(n);
+            let flat = squared <= FLAT * FLAT * (square(u) * square(v));
+            let length = squared.sqrt();
+            let inverse = if flat { 0.0 } else { 1.0 / length };
+            found.doubled[lane] = if flat { 0.0 } else { length };
+            found.flat[lane] = if flat { 1.0 } else { 0.0 };
+            for (axis, n) in n.into_iter().enumerate() {
+                found.cross[axis][lane] = if flat { 0.0 } else { n };
+                found.unit[axis][lane] = (n * inverse) as f32;
+            }
+        }
+        if two_sided {
+            found.turn_up();
+        }
+        found
+    }
+
+    /// Turns each normal to the side of z > 0 (of y > 0 if z is 0, and so on).
+    #[inline(always)]
+    fn turn_up(&mut self) {
+        for lane in 0..BLOCK {
+            let n = [self.unit[0][lane], self.unit[1][lane], self.unit[2][lane]];
+            // Without branches: on a closed surface, half the normals point either way.
+            let negative = (n[2] < 0.0) | ((n[2] == 0.0) & ((n[1] < 0.0) | ((n[1] == 0.0) & (n[0] < 0.0))));
+            let sign = if negative { -1.0_f32 } else { 1.0 };
+            for axis in 0..3 {
+                self.unit[axis][lane] *= sign;
+                self.cross[axis][lane] *= f64::from(sign);
+            }
+        }
+    }
+}

@@ -1,0 +1,171 @@
+//! The ladder of well-stratified counts.
+
+use super::{Allocation, Steps, all_equal, clean, share_out};
+use crate::{Error, Needs};
+
+/// The ladder of well-stratified counts: 1, 2, 3, 4, 6, 8, 12, 16, 24, …, where low-discrepancy points are well
+/// distributed.
+///
+/// ```
+/// use dapple_core::Ladder;
+///
+/// assert_eq!(Ladder::Whole.next(8), 12);
+/// assert_eq!(Ladder::Whole.floor(11), 8);
+/// assert_eq!(Ladder::Halves.next(8), 12);
+/// assert_eq!(Ladder::Halves.floor(11), 8);
+/// assert_eq!((Ladder::Whole.next(4), Ladder::Halves.next(2)), (6, 4));
+///
+/// // Exactly 100 samples for three pixels, most of them where the score is largest.
+/// let counts = Ladder::Whole.allocate(&[1.0, 4.0, 30.0], &[1; 3], u32::MAX, 100, 1.3)?.counts;
+/// assert_eq!(counts.iter().sum::<u32>(), 100);
+/// assert!(counts[0] < counts[1] && counts[1] < counts[2]);
+/// # Ok::<(), dapple_core::Error>(())
+/// ```
+#[non_exhaustive]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Ladder {
+    /// The counts of one sequence per pixel.
+    Whole,
+    /// Twice these counts, for renders with halves.
+    Halves,
+}
+
+impl Ladder {
+    /// The ladder for a film that records these statistics.
+    pub const fn of(needs: &Needs) -> Self {
+        if needs.halves { Self::Halves } else { Self::Whole }
+    }
+
+    /// The smallest rung above `n`; `u32::MAX` past the end.
+    pub fn next(self, n: u32) -> u32 {
+        self.rung_after(n).unwrap_or(u32::MAX)
+    }
+
+    /// The largest rung that is at most `n`; `n` itself below the first rung.
+    pub fn floor(self, n: u32) -> u32 {
+        let mut rung = n.min(1);
+        let mut next = self.next(0);
+        while next <= n && next != u32::MAX {
+            rung = next;
+            next = self.next(next);
+        }
+        rung
+    }
+
+    /// As [`allocate`](super::allocate), on this ladder, for errors that fall as `n^-exponent`: 1 for independent
+    /// samples, about 1.3 for images sampled with nets.
+    ///
+    /// At most one pixel whose floor is on the ladder leaves it, to meet the sum. Others leave it only if the budget
+    /// fills every pixel up to the last rung below `ceiling`. If all scores are equal there is nothing to adapt to, and
+    /// counts differ by at most 1 as far as floors allow.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::BudgetTooSmall`] if the floors alone exceed `total`;
+    /// [`Error::OutOfRange`] if `exponent` is not in (0, 3].
+    ///
+    /// # Panics
+    ///
+    /// If `scores` and `floors` differ in length, or there are more than 2^32 - 1.
+    pub fn allocate(
+        self,
+        scores: &[f64],
+        floors: &[u32],
+        ceiling: u32,
+        total: u64,
+        exponent: f64,
+    ) -> Result<Allocation, Error> {
+        if !(exponent > 0.0 && exponent <= 3.0) {
+            return Err(Error::out_of_range("exponent", exponent, "the rate at which errors fall lies in (0, 3]"));
+        }
+        let rung = self.floor(ceiling);
+        let room = floors.iter().map(|&n| u64::from(n.max(rung))).sum::<u64>();
+        let ceiling = if room >= total && !all_equal(&clean(scores).0) { rung } else { ceiling };
+        share_out(scores, floors, ceiling, total, &Rungs::new(exponent, self))
+    }
+
+    fn rung_after(self, n: u32) -> Option<u32> {
+        let halves = self == Self::Halves;
+        let half = if halves { n / 2 } else { n };
+        let next = if half < 3 {
+            half + 1
+        } else {
+            let power = 1u64 << half.ilog2();
+            let rung = if u64::from(half) < power + power / 2 { power + power / 2 } else { 2 * power };
+            u32::try_from(rung).ok()?
+        };
+        if halves { next.checked_mul(2) } else { Some(next) }
+    }
+}
+
+/// The steps of a ladder, `f(n) = n^-exponent`.
+struct Rungs {
+    rungs: Vec<u32>,
+    /// Gain per sample of the step up to each rung, falling.
+    gains: Vec<f64>,
+    /// The number of rungs that every threshold in a bucket reaches (see `bucket`).
+    sure: Vec<u8>,
+    exponent: f64,
+}
+
+/// The bucket of a threshold: an eighth of a power of two each from 2^-256 to 1, and one each below and above.
+fn bucket(threshold: f64) -> usize {
+    const LOWEST: u64 = (1023 - 256) << 3;
+    const HIGHEST: u64 = 1024 << 3;
+    ((threshold.to_bits() >> 49).clamp(LOWEST, HIGHEST) - LOWEST) as usize
+}
+
+impl Rungs {
+    fn new(exponent: f64, ladder: Ladder) -> Self {
+        let mut rungs = vec![];
+        let mut n = 0;
+        while let Some(next) = ladder.rung_after(n) {
+            rungs.push(next);
+            n = next;
+        }
+        let mut steps = Self { rungs, gains: vec![], sure: vec![], exponent };
+        let below = std::iter::once(0).chain(steps.rungs.iter().copied());
+        steps.gains = below.zip(&steps.rungs).map(|(n, &m)| steps.compute_gain(n, m)).collect();
+        steps.sure = vec![0; bucket(f64::MAX) + 1];
+        for gain in &steps.gains {
+            // A gain above the whole bucket is reached by every threshold in it.
+            steps.sure[..bucket(*gain)].iter_mut().for_each(|n| *n += 1);
+        }
+        steps
+    }
+
+    fn compute_gain(&self, n: u32, m: u32) -> f64 {
+        if n == 0 {
+            return f64::MAX;
+        }
+        (f64::from(n).powf(-self.exponent) - f64::from(m).powf(-self.exponent)) / (f64::from(m) - f64::from(n))
+    }
+}
+
+impl Steps for Rungs {
+    fn next(&self, n: u32) -> u32 {
+        match self.rungs.partition_point(|&r| r <= n) {
+            k if k < self.rungs.len() => self.rungs[k],
+            _ => u32::MAX,
+        }
+    }
+
+    fn reach(&self, threshold: f64) -> u32 {
+        // The result of `partition_point`, in a step or two instead of six.
+        let mut k = usize::from(self.sure[bucket(threshold)]);
+        while self.gains.get(k).is_some_and(|&g| g >= threshold) {
+            k += 1;
+        }
+        if k == 0 { 0 } else { self.rungs[k - 1] }
+    }
+
+    fn gain(&self, n: u32, m: u32) -> f64 {
+        let k = self.rungs.partition_point(|&r| r <= n);
+        let below = if k == 0 { 0 } else { self.rungs[k - 1] };
+        // Two calls of `powf` per pixel would cost more than all the rest.
+        match self.gains.get(k) {
+            Some(&gain) if below == n && self.rungs[k] == m => gain,
+            _ => self.compute_gain(n, m),
+        }
+    }
+}

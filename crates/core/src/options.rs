@@ -1,0 +1,387 @@
+//! One declaration per parameter: the struct, its defaults, parsing, ranges, help and description.
+
+mod value;
+
+pub use value::OptionValue;
+
+/// A parameter: its name, its default as text, and one line of help.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Parameter {
+    /// The name, as in `name=value`.
+    pub name: &'static str,
+    /// The default, as it would be given.
+    pub default: &'static str,
+    /// One line of help.
+    pub help: &'static str,
+}
+
+impl Parameter {
+    /// A parameter without a declaration by [`options!`](crate::options).
+    pub const fn new(name: &'static str, default: &'static str, help: &'static str) -> Self {
+        Self { name, default, help }
+    }
+}
+
+/// A value outside its parameter's range.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{name} = {value} is out of range: {allowed}")]
+pub struct OutOfRange {
+    /// The parameter.
+    pub name: &'static str,
+    /// The value given.
+    pub value: String,
+    /// The range.
+    pub allowed: &'static str,
+}
+
+impl From<OutOfRange> for crate::Error {
+    fn from(OutOfRange { name, value, allowed }: OutOfRange) -> Self {
+        Self::OutOfRange { name, value, allowed }
+    }
+}
+
+/// Text that is not a valid list of `name=value`.
+#[non_exhaustive]
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum OptionError {
+    /// An item without `=`.
+    #[error("\"{item}\" is no key=value")]
+    NotAPair {
+        /// The item.
+        item: String,
+    },
+    /// An unknown name.
+    #[error("there is no parameter \"{name}\"{}: it takes {known}", nearest.map_or(String::new(), |n| format!(", did you mean \"{n}\"?")))]
+    Unknown {
+        /// The name given.
+        name: String,
+        /// The known name closest to it, if one is close.
+        nearest: Option<&'static str>,
+        /// The known names.
+        known: String,
+    },
+    /// A name given twice.
+    #[error("\"{name}\" is given twice")]
+    Twice {
+        /// The name.
+        name: &'static str,
+    },
+    /// A value of the wrong kind.
+    #[error("{name} = \"{value}\": {wanted} is wanted")]
+    Value {
+        /// The parameter.
+        name: &'static str,
+        /// The value given.
+        value: String,
+        /// The values that parse.
+        wanted: String,
+    },
+    /// A value outside its range.
+    #[error(transparent)]
+    OutOfRange(#[from] OutOfRange),
+}
+
+/// Options that are parsed from, and described as, `name=value,name=value`.
+///
+/// [`options!`](crate::options) declares a struct with this trait.
+///
+/// ```
+/// use dapple_core::Options;
+///
+/// dapple_core::options! {
+///     /// The parameters of a blur.
+///     pub struct BlurOptions {
+///         /// Half the width of the kernel in pixels.
+///         pub radius: u32 = 4, |radius| radius <= 64, "at most 64 pixels";
+///         /// The kernel's falloff.
+///         pub alpha: f64 = 0.5, |alpha| alpha > 0.0, "above 0";
+///     }
+/// }
+///
+/// let options = BlurOptions::parse("radius=2")?;
+/// assert_eq!(options, BlurOptions::default().radius(2));
+/// assert_eq!(options.describe(), "radius=2,alpha=0.5");
+/// assert_eq!(BlurOptions::PARAMETERS[1].help, "The kernel's falloff.");
+/// let error = BlurOptions::parse("radios=2").unwrap_err().to_string();
+/// assert!(error.contains("did you mean \"radius\"?"), "{error}");
+/// assert!(BlurOptions::parse("radius=65").is_err());
+/// # Ok::<(), dapple_core::OptionError>(())
+/// ```
+pub trait Options: Default {
+    /// The parameters, in the order of the struct's fields.
+    const PARAMETERS: &'static [Parameter];
+
+    /// Sets a parameter from text, without a check of its range. Returns false for an unknown name.
+    ///
+    /// # Errors
+    ///
+    /// [`OptionError::Value`] for text of the wrong kind.
+    fn set(&mut self, name: &str, value: &str) -> Result<bool, OptionError>;
+
+    /// Checks each parameter against its range.
+    ///
+    /// # Errors
+    ///
+    /// The first parameter that is out of range.
+    fn check_ranges(&self) -> Result<(), OutOfRange>;
+
+    /// All parameters as `name=value,name=value`, in order.
+    fn describe(&self) -> String;
+
+    /// Parses `name=value,name=value`; parameters that are not given have their defaults.
+    ///
+    /// # Errors
+    ///
+    /// [`OptionError`].
+    fn parse(text: &str) -> Result<Self, OptionError> {
+        let mut options = Self::default();
+        for (name, value) in parse_pairs(text, Self::PARAMETERS)? {
+            options.set(name, value)?;
+        }
+        options.check_ranges()?;
+        Ok(options)
+    }
+}
+
+/// Splits `name=value,name=value` and looks every name up among `known`.
+///
+/// # Errors
+///
+/// [`OptionError::NotAPair`], [`OptionError::Unknown`] and [`OptionError::Twice`].
+pub fn parse_pairs<'t, 'p>(
+    text: &'t str,
+    known: impl IntoIterator<Item = &'p Parameter>,
+) -> Result<Vec<(&'static str, &'t str)>, OptionError> {
+    let known: Vec<&'static str> = known.into_iter().map(|parameter| parameter.name).collect();
+    let mut pairs: Vec<(&'static str, &str)> = Vec::new();
+    for item in text.split(',').map(str::trim).filter(|item| !item.is_empty()) {
+        let (name, value) = item.split_once('=').ok_or_else(|| OptionError::NotAPair { item: item.to_owned() })?;
+        let (name, value) = (name.trim(), value.trim());
+        let Some(&name) = known.iter().find(|k| **k == name) else {
+            let nearest = nearest_name(name, known.iter().copied());
+            let known = if known.is_empty() { "none".into() } else { known.join(", ") };
+            return Err(OptionError::Unknown { name: name.to_owned(), nearest, known });
+        };
+        if pairs.iter().any(|pair| pair.0 == name) {
+            return Err(OptionError::Twice { name });
+        }
+        pairs.push((name, value));
+    }
+    Ok(pairs)
+}
+
+/// The known name closest to `name`, if an edit or a few separate them.
+///
+/// ```
+/// assert_eq!(dapple_core::nearest_name("sobel", ["halton", "sobol"]), Some("sobol"));
+/// assert_eq!(dapple_core::nearest_name("sphere", ["halton", "sobol"]), None);
+/// ```
+pub fn nearest_name<'k>(name: &str, known: impl IntoIterator<Item = &'k str>) -> Option<&'k str> {
+    // A name longer than any real one is not worth the quadratic time.
+    if name.len() > 64 {
+        return None;
+    }
+    let most = (1 + name.chars().count() / 4).min(3);
+    known.into_iter().map(|k| (edit_distance(name, k), k)).filter(|&(d, _)| d <= most).min().map(|(_, k)| k)
+}
+
+/// Insertions, deletions and replacements of ASCII-case-folded characters that turn `a` into `b` [Levenshtein 1966].
+fn edit_distance(a: &str, b: &str) -> usize {
+    let b: Vec<char> = b.chars().map(|c| c.to_ascii_lowercase()).collect();
+    let mut row: Vec<usize> = (0..=b.len()).collect();
+    for (i, x) in a.chars().map(|c| c.to_ascii_lowercase()).enumerate() {
+        let mut diagonal = row[0];
+        row[0] = i + 1;
+        for (j, &y) in b.iter().enumerate() {
+            let replaced = diagonal + usize::from(x != y);
+            diagonal = row[j + 1];
+            row[j + 1] = replaced.min(diagonal + 1).min(row[j] + 1);
+        }
+    }
+    row[b.len()]
+}
+
+/// Declares a struct of options: its fields, setters, defaults, ranges, table of [`Parameter`]s, parsing and
+/// description.
+///
+/// A field is declared as in the example of [`Options`]. The first line of its documentation is also its line of
+/// help. After the default may stand its text (`=> "keep"`, needed where the default is not a plain number), then a
+/// closure that accepts the values in range, and the text that names the range.
+///
+/// The struct is `non_exhaustive`, and has a setter of the same name for each field.
+#[macro_export]
+macro_rules! options {
+    (
+        $(#[$meta:meta])*
+        $vis:vis struct $Name:ident {
+            $(
+                #[doc = $help:literal]
+                $(#[doc = $more:literal])*
+                pub $field:ident: $Type:ty = $default:expr $(=> $text:literal)?
+                    $(, |$value:ident| $holds:expr, $allowed:literal)?;
+            )*
+        }
+    ) => {
+        $(#[$meta])*
+        #[derive(Clone, Copy, Debug, PartialEq)]
+        #[non_exhaustive]
+        $vis struct $Name {
+            $(
+                #[doc = $help]
+                $(#[doc = $more])*
+                #[doc = concat!("\n\nDefault: `", $crate::options!(@text $default $(=> $text)?), "`.")]
+                pub $field: $Type,
+            )*
+        }
+
+        impl Default for $Name {
+            fn default() -> Self {
+                Self { $($field: $default,)* }
+            }
+        }
+
+        #[allow(dead_code, reason = "options that only the registry reads need no setters")]
+        impl $Name {
+            $(
+                #[doc = concat!("Sets [`", stringify!($field), "`](Self::", stringify!($field), ").")]
+                #[must_use]
+                $vis const fn $field(mut self, $field: $Type) -> Self {
+                    self.$field = $field;
+                    self
+                }
+            )*
+        }
+
+        impl $crate::Options for $Name {
+            const PARAMETERS: &'static [$crate::Parameter] = &[
+                $($crate::Parameter {
+                    name: stringify!($field),
+                    default: $crate::options!(@text $default $(=> $text)?),
+                    help: $help.trim_ascii(),
+                },)*
+            ];
+
+            fn set(&mut self, name: &str, value: &str) -> Result<bool, $crate::OptionError> {
+                match name {
+                    $(stringify!($field) => self.$field = $crate::OptionValue::parse_as(stringify!($field), value, {
+                        #[allow(unused_mut, unused_assignments, reason = "not every parameter has a range")]
+                        let mut allowed: Option<&str> = None;
+                        $(allowed = Some($allowed);)?
+                        allowed
+                    })?,)*
+                    _ => return Ok(false),
+                }
+                Ok(true)
+            }
+
+            fn check_ranges(&self) -> Result<(), $crate::OutOfRange> {
+                $($(
+                    let $value = self.$field;
+                    if !($holds) {
+                        let value = $crate::OptionValue::text(&self.$field);
+                        return Err($crate::OutOfRange { name: stringify!($field), value, allowed: $allowed });
+                    }
+                )?)*
+                Ok(())
+            }
+
+            fn describe(&self) -> String {
+                let values: &[String] =
+                    &[$(format!(concat!(stringify!($field), "={}"), $crate::OptionValue::text(&self.$field)),)*];
+                values.join(",")
+            }
+        }
+    };
+    (@text $default:expr) => { stringify!($default) };
+    (@text $default:expr => $text:literal) => { $text };
+}
+
+/// Declares the names of an enum's variants: `name()` and parsing as an [`OptionValue`](crate::OptionValue).
+#[macro_export]
+macro_rules! choices {
+    ($Type:ident { $($variant:ident = $name:literal),* $(,)? }) => {
+        #[allow(unreachable_pub, reason = "the enum may be private")]
+        impl $Type {
+            /// The name on the command line.
+            pub const fn name(self) -> &'static str {
+                match self {
+                    $(Self::$variant => $name,)*
+                }
+            }
+        }
+
+        impl $crate::OptionValue for $Type {
+            fn from_text(text: &str) -> Option<Self> {
+                match text {
+                    $($name => Some(Self::$variant),)*
+                    _ => None,
+                }
+            }
+
+            fn text(&self) -> String {
+                self.name().to_owned()
+            }
+
+            fn wanted(allowed: Option<&str>) -> String {
+                allowed.map_or_else(|| format!("one of {}", [$($name),*].join(", ")), str::to_owned)
+            }
+        }
+    };
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    enum Shape {
+        Round,
+        Square,
+    }
+
+    choices!(Shape { Round = "round", Square = "square" });
+
+    options! {
+        /// Options of a test.
+        struct TestOptions {
+            /// A count.
+            ///
+            /// More about it.
+            pub count: u32 = 3, |count| count < 10, "below 10";
+            /// A shape.
+            pub shape: Shape = Shape::Round => "round";
+            /// A weight, or none.
+            pub weight: Option<f32> = None => "none", |weight| weight.is_none_or(|w| w > 0.0), "above 0, or none";
+        }
+    }
+
+    #[test]
+    fn a_declaration_makes_defaults_table_and_description() {
+        let names: Vec<_> = TestOptions::PARAMETERS.iter().map(|p| (p.name, p.default, p.help)).collect();
+        assert_eq!(
+            names,
+            [("count", "3", "A count."), ("shape", "round", "A shape."), ("weight", "none", "A weight, or none.")]
+        );
+        assert_eq!(TestOptions::default().describe(), "count=3,shape=round,weight=none");
+        let all = TestOptions::default().count(9).shape(Shape::Square).weight(Some(0.5));
+        assert_eq!(TestOptions::parse(&all.describe()), Ok(all));
+        assert_eq!(TestOptions::parse(" count = 9 ,, weight=0.5,shape=square"), Ok(all), "blanks do no harm");
+    }
+
+    #[test]
+    fn wrong_text_is_refused_with_the_nearest_name_and_the_range() {
+        let refused = |text: &str| TestOptions::parse(text).unwrap_err().to_string();
+        assert_eq!(
+            refused("cuont=3"),
+            "there is no parameter \"cuont\", did you mean \"count\"?: it takes count, shape, weight"
+        );
+        assert_eq!(refused("zzzzzz=3"), "there is no parameter \"zzzzzz\": it takes count, shape, weight");
+        assert_eq!(refused("count"), "\"count\" is no key=value");
+        assert_eq!(refused("count=1,count=2"), "\"count\" is given twice");
+        assert_eq!(refused("count=many"), "count = \"many\": a number (below 10) is wanted");
+        assert_eq!(refused("count=10"), "count = 10 is out of range: below 10");
+        assert_eq!(refused("shape=oval"), "shape = \"oval\": one of round, square is wanted");
+        assert_eq!(refused("weight=NaN"), "weight = NaN is out of range: above 0, or none");
+        assert_eq!(TestOptions::default().set("other", "1"), Ok(false));
+    }
+}

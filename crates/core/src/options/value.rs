@@ -1,0 +1,63 @@
+//! The values that options have.
+
+use crate::{OptionError, PilotPolicy, Stopping};
+
+/// A value that is parsed from text and written back as text.
+pub trait OptionValue: Sized {
+    /// The value of this text; `None` for text of the wrong kind.
+    fn from_text(text: &str) -> Option<Self>;
+
+    /// The text of this value, which [`OptionValue::from_text`] reads back.
+    fn text(&self) -> String;
+
+    /// The values that parse, for messages; `allowed` is the declared range.
+    fn wanted(allowed: Option<&str>) -> String;
+
+    /// Parses the value of the parameter `name`.
+    ///
+    /// # Errors
+    ///
+    /// [`OptionError::Value`].
+    fn parse_as(name: &'static str, value: &str, allowed: Option<&str>) -> Result<Self, OptionError> {
+        let wrong = || OptionError::Value { name, value: value.to_owned(), wanted: Self::wanted(allowed) };
+        Self::from_text(value).ok_or_else(wrong)
+    }
+}
+
+macro_rules! numbers {
+    ($($Type:ty),*) => {$(
+        impl OptionValue for $Type {
+            fn from_text(text: &str) -> Option<Self> {
+                text.parse().ok()
+            }
+
+            fn text(&self) -> String {
+                self.to_string()
+            }
+
+            fn wanted(allowed: Option<&str>) -> String {
+                allowed.map_or_else(|| "a number".into(), |allowed| format!("a number ({allowed})"))
+            }
+        }
+    )*};
+}
+
+numbers!(u32, u64, usize, i32, f32, f64);
+
+/// `none`, or a value.
+impl<T: OptionValue> OptionValue for Option<T> {
+    fn from_text(text: &str) -> Option<Self> {
+        if text == "none" { Some(None) } else { T::from_text(text).map(Some) }
+    }
+
+    fn text(&self) -> String {
+        self.as_ref().map_or_else(|| "none".into(), T::text)
+    }
+
+    fn wanted(allowed: Option<&str>) -> String {
+        format!("none, or {}", T::wanted(allowed))
+    }
+}
+
+crate::choices!(PilotPolicy { Keep = "keep", Refined = "refined", Discard = "discard", Cross = "cross" });
+crate::choices!(Stopping { Budget = "budget", Threshold = "threshold" });

@@ -1,0 +1,53 @@
+//! Pixel means and their variances, as the two Gaussians read them.
+
+use dapple_core::Film;
+use rayon::prelude::*;
+
+/// The mean of pixel `i` followed by 1, or zeros if the pixel has no samples. Weighted sums of these are the numerator
+/// and denominator of a mean over the pixels with samples.
+#[inline]
+pub(crate) fn mean_and_presence(film: &Film, i: usize) -> [f64; 4] {
+    if film.count(i) == 0 {
+        return [0.0; 4];
+    }
+    let [r, g, b] = film.mean(i);
+    [r, g, b, 1.0]
+}
+
+/// The estimated variance of each pixel's mean, averaged over the channels; `None` if the film recorded none.
+///
+/// It comes from the halves if the film has them, since only these are valid for low-discrepancy samples.
+/// Otherwise it comes from the sample variance. It is infinite where unknown and 0 in pixels without samples, which no
+/// sum includes.
+pub(crate) fn variances(film: &Film) -> Option<Vec<f64>> {
+    let needs = film.needs();
+    if !needs.halves && !needs.variance {
+        return None;
+    }
+    let variance = |i| {
+        if film.count(i) == 0 {
+            return 0.0;
+        }
+        let known = if needs.halves {
+            film.squared_error(i)
+        } else {
+            let moments = film.moments(i);
+            moments.variance().map(|v| v.map(|v| v / moments.count as f64))
+        };
+        known.map_or(f64::INFINITY, |[r, g, b]| (r + g + b) / 3.0)
+    };
+    Some((0..film.frame().pixels()).into_par_iter().with_min_len(1024).map(variance).collect())
+}
+
+/// The weighted mean from summed [`mean_and_presence`]; black if no sample is in reach.
+#[inline]
+pub(crate) fn normalised([r, g, b, weight]: [f64; 4]) -> [f32; 3] {
+    if weight > 0.0 { [r, g, b].map(|x| (x / weight) as f32) } else { [0.0; 3] }
+}
+
+/// The squared error of a weighted mean, from the sum of squared weights times variances and the sum of weights.
+/// Infinite if no sample is in reach.
+#[inline]
+pub(crate) fn squared_error(sum: f64, weight: f64) -> f32 {
+    if weight > 0.0 { (sum / (weight * weight)) as f32 } else { f32::INFINITY }
+}

@@ -1,0 +1,225 @@
+//! From shapes to the tree: boxes, a binary tree (obvhs's where it is safe), eight-wide nodes.
+
+mod binary;
+mod wide;
+
+use crate::shape::Quadric;
+use crate::traverse::{LIMIT, Node8, Tree, key};
+use crate::{Error, Mesh, MovingMesh, Shape};
+use glam::{DVec3, Vec3, Vec3A};
+use obvhs::BvhBuildParams;
+use obvhs::aabb::Aabb;
+use obvhs::bvh2::node::Bvh2Node;
+
+/// The effort of building the tree. It affects speed only, not images.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Preset {
+    /// The least effort.
+    Fastest,
+    /// Little effort.
+    VeryFast,
+    /// For one image: obvhs's fast preset with half of its reinsertion. On meshes of 7e4 and 1e6 triangles, rays are as
+    /// fast as with [`Medium`](Self::Medium) and building is faster (docs/results/rays.md).
+    #[default]
+    Fast,
+    /// More effort than usual.
+    Medium,
+    /// For many images.
+    Slow,
+    /// The most effort.
+    VerySlow,
+}
+
+impl Preset {
+    fn params(self) -> BvhBuildParams {
+        match self {
+            Self::Fastest => BvhBuildParams::fastest_build(),
+            Self::VeryFast => BvhBuildParams::very_fast_build(),
+            Self::Fast => BvhBuildParams { reinsertion_batch_ratio: 0.01, ..BvhBuildParams::fast_build() },
+            Self::Medium => BvhBuildParams::medium_build(),
+            Self::Slow => BvhBuildParams::slow_build(),
+            Self::VerySlow => BvhBuildParams::very_slow_build(),
+        }
+    }
+}
+
+/// The lower and upper corner of a box.
+pub(crate) type Bounds = [Vec3; 2];
+
+/// The items of a tree: primitives of shapes, or boxes of instances. Boxes of primitives are computed on demand, which
+/// is faster than fetching them.
+struct Items<'a> {
+    shapes: &'a [Shape],
+    /// The boxes of the instances; empty if there are shapes.
+    boxes: &'a [Bounds],
+    /// For each item its shape and primitive, or an instance's number.
+    keys: Vec<u64>,
+    /// Boxes allow for rounding. They always do, except for measurements (see `safeguards`).
+    padded: bool,
+}
+
+/// An item of a tree.
+enum Item<'a> {
+    Triangle(&'a Mesh),
+    Moving(&'a MovingMesh),
+    Quadric(Quadric),
+    /// The box of an instance.
+    Box(Bounds),
+}
+
+impl<'a> Items<'a> {
+    /// The primitives that can be hit.
+    fn of_shapes(shapes: &'a [Shape], padded: bool) -> Result<Self, Error> {
+        too_many("shapes", shapes.len(), u32::MAX as usize)?;
+        let count = shapes.iter().map(|shape| shape.mesh().map_or(1, |mesh| mesh.triangles().len())).sum();
+        too_many("primitives", count, LIMIT)?;
+        let mut keys = Vec::with_capacity(count);
+        for (number, shape) in (0..).zip(shapes) {
+            let triangles = 0..shape.mesh().map_or(1, |mesh| mesh.triangles().len()) as u32;
+            let all = triangles.clone().map(|n| key(number, n));
+            match shape {
+                Shape::Mesh(mesh) if mesh.degenerate() > 0 => {
+                    keys.extend(triangles.filter(|&n| !mesh.is_degenerate(n)).map(|n| key(number, n)));
+                }
+                Shape::Moving(mesh) if mesh.degenerate() > 0 => {
+                    keys.extend(triangles.filter(|&n| !mesh.is_degenerate(n)).map(|n| key(number, n)));
+                }
+                Shape::Mesh(_) | Shape::Moving(_) | Shape::Sphere(_) | Shape::Disk(_) => keys.extend(all),
+            }
+        }
+        Ok(Self { shapes, boxes: &[], keys, padded })
+    }
+
+    /// An item's key and the item.
+    #[inline(always)]
+    fn item(&self, number: u32) -> (u64, Item<'a>) {
+        let key = self.keys[number as usize];
+        if !self.boxes.is_empty() {
+            return (key, Item::Box(self.boxes[number as usize]));
+        }
+        let item = match &self.shapes[(key >> 32) as usize] {
+            Shape::Mesh(mesh) => Item::Triangle(mesh),
+            Shape::Moving(mesh) => Item::Moving(mesh),
+            Shape::Sphere(sphere) => Item::Quadric(Quadric::Sphere(*sphere)),
+            Shape::Disk(disk) => Item::Quadric(Quadric::Disk(*disk)),
+        };
+        (key, item)
+    }
+
+    /// An item's box, padded for rounding.
+    #[inline(always)]
+    fn bounds(&self, number: u32) -> Bounds {
+        match self.item(number) {
+            (key, Item::Triangle(mesh)) => self.around(mesh.corners(key as u32)),
+            (key, Item::Moving(mesh)) => {
+                union(self.around(mesh.corners(key as u32, 0.0)), self.around(mesh.ends_of(key as u32)))
+            }
+            (_, Item::Quadric(quadric)) => self.around_quadric(&quadric),
+            (_, Item::Box(bounds)) => bounds,
+        }
+    }
+
+    #[inline(always)]
+    fn around(&self, triangle: [Vec3; 3]) -> Bounds {
+        let [low, high] = enclose(triangle);
+        if self.padded { grow([low, high], (high - low).max_element() * GROWTH) } else { [low, high] }
+    }
+
+    fn around_quadric(&self, quadric: &Quadric) -> Bounds {
+        let [low, high] = quadric.bounds().map(DVec3::as_vec3);
+        // Rounding to f32, and the rounding of a sphere's own bounds: both within a few of its ulps.
+        if self.padded { grow([low, high], (high - low).max_element() * ULPS) } else { [low, high] }
+    }
+
+    /// The tree over all items and the box around it; `None` if there are none.
+    fn tree(&self, preset: Preset) -> (Tree, Option<Bounds>) {
+        let Some(bounds) = self.total() else { return (Tree::default(), None) };
+        let tree = wide::collapse(&binary::by_area(self.leaves(bounds), preset.params()), self)
+            .or_else(|| wide::collapse(&binary::by_median(self.leaves(bounds)), self))
+            .unwrap_or_default();
+        let around = tree.nodes.first().map(Node8::around);
+        (tree, around)
+    }
+
+    /// A box around all items, unpadded for triangles; `None` if there are none.
+    fn total(&self) -> Option<Bounds> {
+        let loose = |number: u32| match self.item(number) {
+            (key, Item::Triangle(mesh)) => enclose(mesh.corners(key as u32)),
+            _ => self.bounds(number),
+        };
+        (0..self.keys.len() as u32).map(loose).reduce(union)
+    }
+
+    /// The items as leaves of a binary tree. Boxes are scaled to unit size, so that areas neither overflow nor vanish
+    /// and the tree is the same at each scale. Rounding and clamping cost only time.
+    fn leaves(&self, bounds: Bounds) -> Vec<Bvh2Node> {
+        let origin = bounds[0].as_dvec3();
+        let per_extent = 1.0 / (bounds[1].as_dvec3() - origin).max_element().max(f64::MIN_POSITIVE);
+        let scaled =
+            |p: Vec3| Vec3A::from(((p.as_dvec3() - origin) * per_extent).as_vec3()).clamp(Vec3A::ZERO, Vec3A::ONE);
+        let leaf = |number: u32| {
+            let [low, high] = self.bounds(number);
+            Bvh2Node::new(Aabb::new(scaled(low), scaled(high)), 1, number)
+        };
+        (0..self.keys.len() as u32).map(leaf).collect()
+    }
+}
+
+/// Boxes of triangles grow by this share of the triangle's extent. The f32 weights of a triangle seen from the side
+/// (see `triangle::THIN`) can be off by 2^-17, for each of three corners, each up to two extents from the ray.
+const GROWTH: f32 = 1.0 / (1u64 << 14) as f32;
+/// All boxes grow by this share of their largest coordinate, so that no slab is thinner than rounding. It is three
+/// ulps, one of them for the rounding of the growth itself.
+const ULPS: f32 = 3.0 / (1u64 << 23) as f32;
+/// All boxes also grow by this absolute length.
+///
+/// Along an axis in which a ray hardly moves, a slab is left at the distance of its wall times the largest reciprocal,
+/// below 2^128.
+/// Triangles lie up to 2^71 away (twice `prepared_ray::FARTHEST`, in lengths of the shortest direction, 2^-10).
+/// Underflow of a slope shears them by less than 2^-80.
+const LEAST: f32 = 1.0 / (1u64 << 57) as f32;
+
+/// Builds the tree. Also returns the bounds and the number of triangles that can be hit.
+pub(crate) fn build_tree(
+    shapes: &[Shape],
+    preset: Preset,
+    padded: bool,
+) -> Result<(Tree, Option<Bounds>, usize), Error> {
+    let items = Items::of_shapes(shapes, padded)?;
+    let quadrics = shapes.iter().filter(|shape| shape.mesh().is_none()).count();
+    let (tree, bounds) = items.tree(preset);
+    Ok((tree, bounds, items.keys.len() - quadrics))
+}
+
+/// Builds the tree over numbered boxes, and a box around all of them.
+pub(crate) fn build_top(boxes: &[(u32, [DVec3; 2])], preset: Preset) -> Result<(Tree, Option<Bounds>), Error> {
+    too_many("instances", boxes.len(), LIMIT)?;
+    let grown: Vec<Bounds> = boxes
+        .iter()
+        .map(|&(_, [low, high])| {
+            let [low, high] = [low.as_vec3(), high.as_vec3()];
+            grow([low, high], (high - low).max_element() * ULPS)
+        })
+        .collect();
+    let keys = boxes.iter().map(|&(number, _)| number.into()).collect();
+    let items = Items { shapes: &[], boxes: &grown, keys, padded: true };
+    Ok(items.tree(preset))
+}
+
+fn too_many(what: &'static str, count: usize, limit: usize) -> Result<(), Error> {
+    if count < limit { Ok(()) } else { Err(Error::TooMany { what, count, limit }) }
+}
+
+fn enclose([a, b, c]: [Vec3; 3]) -> Bounds {
+    [a.min(b).min(c), a.max(b).max(c)]
+}
+
+fn grow([low, high]: Bounds, by: f32) -> Bounds {
+    let by = by + low.abs().max(high.abs()).max_element() * ULPS + LEAST;
+    [low - by, high + by]
+}
+
+pub(crate) fn union(a: Bounds, b: Bounds) -> Bounds {
+    [a[0].min(b[0]), a[1].max(b[1])]
+}

@@ -1,0 +1,109 @@
+use crate::mesh::{LOST_IN_F64, ROUNDING, has_no_area};
+use crate::{Error, Mesh};
+use glam::Vec3;
+
+/// Triangles with moving vertices. Each vertex moves in a straight line from its place at time 0 to its place at time
+/// 1, and stands still before and after.
+///
+/// Corners at a time are rounded to f32, equally for all triangles at a vertex, so the mesh is watertight at each time.
+/// Triangles without area at times 0, 1/2 and 1 have none at any time and are never hit.
+///
+/// ```
+/// use dapple_geometry::MovingMesh;
+///
+/// let start = vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+/// let end = start.iter().map(|[x, y, z]| [x + 2.0, *y, *z]).collect();
+/// let mesh = MovingMesh::new(start, end, vec![[0, 1, 2]])?;
+/// assert_eq!(mesh.corners(0, 0.5)[0].to_array(), [1.0, 0.0, 0.0]);
+/// # Ok::<(), dapple_geometry::Error>(())
+/// ```
+#[derive(Clone, Debug)]
+pub struct MovingMesh {
+    start: Mesh,
+    ends: Vec<[f32; 3]>,
+    degenerate: usize,
+    lost: f32,
+}
+
+impl MovingMesh {
+    /// Checks the vertices at both times and the triangles (three vertex indices each).
+    ///
+    /// # Errors
+    /// The errors of [`Mesh::new`] for either time; [`Error::BadParameter`] if the numbers of vertices differ.
+    pub fn new(starts: Vec<[f32; 3]>, ends: Vec<[f32; 3]>, triangles: Vec<[u32; 3]>) -> Result<Self, Error> {
+        if starts.len() != ends.len() {
+            let expected = "there must be as many vertices at time 1 as at time 0";
+            return Err(Error::BadParameter {
+                what: "a moving mesh's vertices at time 1",
+                value: ends.len() as f64,
+                expected,
+            });
+        }
+        let end = Mesh::new(ends, triangles.clone())?;
+        let start = Mesh::new(starts, triangles)?;
+        let largest = |mesh: &Mesh| mesh.positions().iter().flatten().fold(0.0_f32, |most, x| most.max(x.abs()));
+        let lost = (3.0 * f64::from(largest(&start).max(largest(&end))) * LOST_IN_F64) as f32;
+        let mut mesh = Self { start, ends: end.positions().to_vec(), degenerate: 0, lost };
+        mesh.degenerate = (0..mesh.start.triangles().len() as u32).filter(|&n| mesh.is_degenerate(n)).count();
+        Ok(mesh)
+    }
+
+    /// The mesh at time 0.
+    #[must_use]
+    pub fn start(&self) -> &Mesh {
+        &self.start
+    }
+
+    /// The vertices at time 1.
+    #[must_use]
+    pub fn ends(&self) -> &[[f32; 3]] {
+        &self.ends
+    }
+
+    /// The number of triangles without area at any time. They are never hit.
+    #[must_use]
+    pub fn degenerate(&self) -> usize {
+        self.degenerate
+    }
+
+    /// Returns true if the triangle has no area at any time. The area is quadratic in time, so three times decide. The
+    /// index must be below the number of triangles.
+    #[must_use]
+    pub fn is_degenerate(&self, triangle: u32) -> bool {
+        [0.0, 0.5, 1.0].into_iter().all(|time| has_no_area(self.corners(triangle, time)))
+    }
+
+    /// The three corners of a triangle at a time. The index must be below the number of triangles.
+    #[inline]
+    #[must_use]
+    pub fn corners(&self, triangle: u32, time: f32) -> [Vec3; 3] {
+        let time = time.clamp(0.0, 1.0);
+        self.start.triangles()[triangle as usize].map(|vertex| {
+            let [from, to] =
+                [&self.start.positions()[vertex as usize], &self.ends[vertex as usize]].map(|p| Vec3::from_array(*p));
+            Vec3::new(between(from.x, to.x, time), between(from.y, to.y, time), between(from.z, to.z, time))
+        })
+    }
+
+    /// The corners at time 1 themselves, which rounding may keep [`corners`](Self::corners) from reaching.
+    pub(crate) fn ends_of(&self, triangle: u32) -> [Vec3; 3] {
+        self.start.triangles()[triangle as usize].map(|vertex| Vec3::from_array(self.ends[vertex as usize]))
+    }
+
+    /// A point of a triangle at a time, the bound on its distance from the triangle of [`corners`](Self::corners) per
+    /// axis, and the unit normal. See [`Mesh::point`].
+    #[must_use]
+    pub fn point(&self, triangle: u32, barycentrics: [f32; 2], time: f32) -> (Vec3, Vec3, Vec3) {
+        let [a, b, c] = self.corners(triangle, time).map(Vec3::as_dvec3);
+        let [second, third] = barycentrics.map(f64::from);
+        let position = (a + (b - a) * second + (c - a) * third).as_vec3();
+        let error = position.abs() * ROUNDING as f32 + Vec3::splat(self.lost);
+        (position, error, (b - a).cross(c - a).normalize_or_zero().as_vec3())
+    }
+}
+
+/// A coordinate at a time, with the same bits as in the walk.
+#[inline(always)]
+pub(crate) fn between(from: f32, to: f32, time: f32) -> f32 {
+    from + (to - from) * time
+}

@@ -1,0 +1,138 @@
+//! Errors of jobs.
+
+use crate::memory::{MemoryAdvice, MemoryEstimate, MemoryLimit, size};
+use crate::registry::RegistryError;
+use crate::{SpecError, checkpoint};
+use dapple_core::Shard;
+use dapple_renderer::WorldError;
+use dapple_scene::ReadError;
+use dapple_scene::{Effect, WithoutError, bundled};
+use std::path::PathBuf;
+
+/// A job that cannot be prepared, run, resumed or merged.
+#[non_exhaustive]
+#[derive(Debug, thiserror::Error)]
+pub enum JobError {
+    /// A description that is not valid.
+    #[error(transparent)]
+    Spec(#[from] SpecError),
+    /// Neither a file nor a bundled scene.
+    #[error("{name}: there is no such file, and no such bundled scene; the bundled scenes are {}", bundled::names().join(", "))]
+    NoScene {
+        /// The name of the scene.
+        name: String,
+    },
+    /// A scene that cannot be read.
+    #[error(transparent)]
+    Read(#[from] ReadError),
+    /// A scene that is not a world.
+    #[error(transparent)]
+    World(#[from] WorldError),
+    /// A sampler, a point set or a filter that cannot be made.
+    #[error(transparent)]
+    Registry(#[from] RegistryError),
+    /// The render itself.
+    #[error(transparent)]
+    Core(#[from] dapple_core::Error),
+    /// An effect that cannot be left out.
+    #[error("without {effect}: {source}")]
+    Without {
+        /// The effect.
+        effect: Effect,
+        /// The reason.
+        source: WithoutError,
+    },
+    /// An effect to leave out that the scene does not call for.
+    #[error("without {effect}: the scene does not call for it; it calls for {}", list(called))]
+    NotCalledFor {
+        /// The effect.
+        effect: Effect,
+        /// The effects that the scene calls for.
+        called: Vec<Effect>,
+    },
+    /// More memory than there is.
+    #[error("{}", refusal(estimate, *limit, *advice))]
+    Memory {
+        /// The estimate.
+        estimate: Box<MemoryEstimate>,
+        /// The limit.
+        limit: MemoryLimit,
+        /// The remedy.
+        advice: MemoryAdvice,
+    },
+    /// A checkpoint or a shard that cannot be read or written.
+    #[error(transparent)]
+    Checkpoint(#[from] checkpoint::Error),
+    /// An existing checkpoint where a render would begin anew.
+    #[error("{path}: a checkpoint exists; resume from it, or remove it and {path}.previous", path = path.display())]
+    CheckpointExists {
+        /// The file.
+        path: PathBuf,
+    },
+    /// A checkpoint, or shards, of another render.
+    #[error("{}", other_render(path, differences))]
+    OtherRender {
+        /// The file.
+        path: PathBuf,
+        /// The differences, a phrase each.
+        differences: Vec<String>,
+    },
+    /// Snapshot bytes that make no sense.
+    #[error("{}: {source}", path.display())]
+    Snapshot {
+        /// The file.
+        path: PathBuf,
+        /// The reason.
+        source: dapple_core::Error,
+    },
+    /// Shards that do not belong together, or cannot be read: a line each.
+    #[error("{}", .0.join("\n"))]
+    Shards(Vec<String>),
+    /// The integrator panicked.
+    #[error("{0}")]
+    Panicked(String),
+    /// A shard file of a job that renders the whole image.
+    #[error("the description names no shard; set one, such as 1/4")]
+    NotAShard,
+    /// An image that cannot be sharded.
+    #[error("shard {shard}: {why}")]
+    NoShard {
+        /// The shard.
+        shard: Shard,
+        /// The reason.
+        why: String,
+    },
+    /// A description of another world than the prepared one.
+    #[error("the description asks for another scene, image or light selection than was prepared; prepare it anew")]
+    OtherWorld,
+    /// A checkpoint or shard of a scene that was read without a digest.
+    #[error("checkpoints and shards need a digest of the scene; load it with one")]
+    NoDigest,
+    /// Image files that cannot be written: a line each.
+    #[error("{}", .0.join("\n"))]
+    Files(Vec<String>),
+}
+
+fn list(effects: &[Effect]) -> String {
+    let names: Vec<&str> = effects.iter().map(|effect| effect.name()).collect();
+    if names.is_empty() { "nothing".into() } else { names.join(", ") }
+}
+
+fn refusal(estimate: &MemoryEstimate, limit: MemoryLimit, advice: MemoryAdvice) -> String {
+    let advice = match advice {
+        MemoryAdvice::Scene => "the scene alone does not fit; simplify it, or use a machine with more memory",
+        MemoryAdvice::Filter => "lower the resolution, leave the filter out, or render crops",
+        MemoryAdvice::Image => "lower the resolution, or render crops",
+        MemoryAdvice::AddressSpace => return format!("this render takes {estimate}; smaller crops fit"),
+    };
+    let of = if limit.is_given() { "the limit" } else { "all there is" };
+    let limit = limit.bytes().map_or_else(|| "the address space".to_owned(), size);
+    format!("this render takes {estimate}, and {limit} is {of}; {advice}")
+}
+
+fn other_render(path: &std::path::Path, differences: &[String]) -> String {
+    let path = path.display();
+    let mut lines = vec![format!("{path}: the file is of another render than the one asked for:")];
+    lines.extend(differences.iter().map(|line| format!("{path}: {line}")));
+    lines.join("\n")
+}

@@ -1,0 +1,73 @@
+//! The pairs that a render's samples depend on: those of its description and the digest of its scene.
+
+use super::Job;
+use crate::JobError;
+use crate::checkpoint::Identity;
+use dapple_scene::PixelFilter;
+
+/// The pair that tells shards of one image apart.
+pub(super) const SHARD: &str = "shard";
+/// The pair with the filter, for shards alone: a checkpoint may end under another filter.
+pub(super) const FILTER: &str = "filter";
+/// The pair with the description as JSON; not compared.
+pub(super) const SPEC: &str = "spec";
+
+/// Everything but the budget, which may be raised, and the number of threads, which changes nothing.
+pub(super) fn identity(job: &Job) -> Result<Identity, JobError> {
+    let (spec, scene, frame) = (&job.spec, &job.prepared.scene, &job.frame);
+    let digest = job.prepared.digest.as_ref().ok_or(JobError::NoDigest)?;
+    let [[w, h], [x, y], [cw, ch]] = [frame.resolution(), frame.origin(), frame.size()];
+    let without: Vec<&str> = job.prepared.without.iter().map(|effect| effect.name()).collect();
+    let mut pairs = vec![
+        ("version", env!("CARGO_PKG_VERSION").to_owned()),
+        ("scene", scene.name.clone()),
+        ("scene files", digest.hex()),
+        ("sampler", job.described.clone()),
+        ("points", job.points.clone()),
+        ("integrator", spec.integrator.clone()),
+        ("seed", spec.seed.to_string()),
+        ("light selection", spec.selection().name().to_owned()),
+        ("pixel filter", pixel_filter(&scene.film.pixel_filter)),
+        ("max depth", scene.max_depth.map_or("none".into(), |depth| depth.to_string())),
+        ("without", without.join(",")),
+        ("resolution", format!("{w}x{h}")),
+        ("window", format!("{x},{y},{},{}", x + cw, y + ch)),
+        ("samples per pixel", format!("{} to {}", job.limits.min_spp, job.limits.max_spp)),
+        (SPEC, spec.to_json()?),
+    ];
+    if let Some(shard) = spec.shard {
+        pairs.push((FILTER, job.filter.describe()));
+        pairs.push((SHARD, shard.to_string()));
+    }
+    Ok(Identity::new(pairs))
+}
+
+/// The pairs that two checkpoints of one render have in common.
+pub(super) fn compared(identity: &Identity) -> Identity {
+    without(identity, &[SPEC])
+}
+
+/// The pairs that the shards of one image have in common.
+pub(super) fn common(identity: &Identity) -> Identity {
+    without(identity, &[SPEC, SHARD])
+}
+
+/// The pairs that the samples of shards have in common with those of a whole render.
+pub(super) fn samples(identity: &Identity) -> Identity {
+    without(identity, &[SPEC, SHARD, FILTER])
+}
+
+fn without(identity: &Identity, names: &[&str]) -> Identity {
+    Identity::new(identity.pairs().iter().filter(|(name, _)| !names.contains(&name.as_str())).cloned())
+}
+
+/// The pixel filter as a phrase.
+pub fn pixel_filter(filter: &PixelFilter) -> String {
+    match filter {
+        PixelFilter::Box { radius: [x, y] } => format!("box filter of radius {x} x {y}"),
+        PixelFilter::Triangle { radius: [x, y] } => format!("triangle filter of radius {x} x {y}"),
+        PixelFilter::Gaussian { radius: [x, y], sigma } => {
+            format!("Gaussian filter of radius {x} x {y}, sigma {sigma}")
+        }
+    }
+}

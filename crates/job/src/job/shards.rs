@@ -1,0 +1,94 @@
+//! Shards: images that several machines render together, every N-th row each.
+
+use super::identity::{SPEC, common, samples};
+use super::{Job, Traced};
+use crate::checkpoint::{Contents, Identity, Kind};
+use crate::{JobError, RenderSpec};
+use dapple_core::{Error, Film, Shard, ShardFilm, merge};
+use std::path::{Path, PathBuf};
+
+/// All shards of one image.
+pub struct ShardSet {
+    spec: RenderSpec,
+    identity: Identity,
+    film: Film,
+    first: PathBuf,
+}
+
+/// The error of a sampler that cannot be sharded.
+pub(super) fn refused(shard: Shard, why: &Error) -> JobError {
+    JobError::NoShard { shard, why: format!("{why} (uniform, cluster-thesis)") }
+}
+
+impl Job {
+    /// The bytes of a shard file.
+    ///
+    /// # Errors
+    ///
+    /// [`JobError::NoDigest`]; [`JobError::NotAShard`] for a job without a shard; [`JobError::Core`] for a stopped film.
+    pub fn shard_bytes(&self, film: &Film) -> Result<Vec<u8>, JobError> {
+        let shard = self.spec.shard.ok_or(JobError::NotAShard)?;
+        let body = ShardFilm::new(shard, film)?.to_bytes();
+        Ok(Contents { kind: Kind::Shard, identity: self.identity()?, body }.to_bytes()?)
+    }
+
+    /// Takes the film of merged shards as this job's own.
+    ///
+    /// # Errors
+    ///
+    /// [`JobError::OtherRender`] where the shards are of another render than this job.
+    pub fn merge(&self, shards: ShardSet) -> Result<Traced, JobError> {
+        let differences = samples(&self.identity()?).differences(&samples(&shards.identity));
+        if !differences.is_empty() {
+            return Err(JobError::OtherRender { path: shards.first, differences });
+        }
+        Ok(Traced { film: shards.film, failure: None, checkpoint: None })
+    }
+}
+
+impl ShardSet {
+    /// Reads the files of all shards of one image, in any order.
+    ///
+    /// # Errors
+    ///
+    /// [`JobError::Shards`] with a line for each file that cannot be read or does not belong to the others;
+    /// [`JobError::Core`] where a shard is missing or there twice; [`JobError::Spec`] for a description of another version.
+    pub fn read(paths: &[PathBuf]) -> Result<Self, JobError> {
+        let (mut films, mut troubles) = (Vec::new(), Vec::new());
+        let mut first: Option<(&Path, Identity)> = None;
+        for path in paths {
+            let contents = match Contents::read(path, Kind::Shard) {
+                Ok(contents) => contents,
+                Err(e) => {
+                    troubles.push(e.to_string());
+                    continue;
+                }
+            };
+            match ShardFilm::from_bytes(&contents.body) {
+                Ok(film) => films.push(film),
+                Err(e) => troubles.push(format!("{}: {e}", path.display())),
+            }
+            match &first {
+                None => first = Some((path, contents.identity)),
+                Some((of, identity)) => {
+                    let differ = common(identity).differences(&common(&contents.identity));
+                    let of = of.display();
+                    troubles.extend(differ.into_iter().map(|d| format!("{}: beside {of}: {d}", path.display())));
+                }
+            }
+        }
+        let Some((first, identity)) = first.filter(|_| troubles.is_empty()) else {
+            return Err(JobError::Shards(troubles));
+        };
+        let film = merge(&films)?;
+        let spec = RenderSpec::from_json(identity.value(SPEC).unwrap_or_default())?;
+        // The default selection of a shard is that of the whole image, too.
+        let spec = RenderSpec { light_selection: Some(spec.selection()), shard: None, ..spec };
+        Ok(Self { spec, first: first.to_owned(), identity, film })
+    }
+
+    /// The description of the whole image.
+    pub fn spec(&self) -> &RenderSpec {
+        &self.spec
+    }
+}

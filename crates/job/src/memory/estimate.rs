@@ -1,0 +1,161 @@
+//! The memory of a render before it starts, and the refusal of one that does not fit.
+//!
+//! Everything that grows with the image is counted ([`Memory`]); memory that is taken already is measured where the
+//! system tells, and counted elsewhere. Reading a scene is bounded by the length of each of its files alone.
+
+use super::{WorldMemory, of_scene, of_world, resident};
+use crate::JobError;
+use dapple_core::{Film, Frame, Memory, Needs};
+use dapple_scene::Scene;
+use std::fmt;
+
+/// Working memory of a thread, mostly a filter's tile: about 0.6 to 1.1 MiB.
+const THREAD: u64 = 1 << 20;
+/// The program by itself, where the system does not tell.
+const PROGRAM: u64 = 16 << 20;
+
+/// The memory that a render may take.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct MemoryLimit {
+    bytes: u64,
+    given: bool,
+}
+
+impl MemoryLimit {
+    /// No limit.
+    pub const fn none() -> Self {
+        Self { bytes: u64::MAX, given: false }
+    }
+
+    /// A limit in bytes.
+    pub const fn given(bytes: u64) -> Self {
+        Self { bytes, given: true }
+    }
+
+    /// The memory of this machine, where the system tells; else no limit.
+    pub fn of_machine() -> Self {
+        Self { bytes: super::available().unwrap_or(u64::MAX), given: false }
+    }
+
+    /// The limit; `None` where there is none.
+    pub fn bytes(self) -> Option<u64> {
+        (self.bytes < u64::MAX).then_some(self.bytes)
+    }
+
+    /// Whether the limit was given, rather than the machine's.
+    pub const fn is_given(self) -> bool {
+        self.given
+    }
+}
+
+/// A remedy for a render that does not fit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum MemoryAdvice {
+    /// The scene alone is too large.
+    Scene,
+    /// The filter needs most, and the film would fit.
+    Filter,
+    /// The image is too large.
+    Image,
+    /// The system has no such address space.
+    AddressSpace,
+}
+
+/// The memory of a render at its fullest, in bytes.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct MemoryEstimate {
+    /// The program and its threads with the scene and its world.
+    scene: u64,
+    film: u64,
+    /// The sampler's state.
+    sampler: u64,
+    /// Stages that follow each other, each after the end of the one before.
+    stages: Vec<(&'static str, u64)>,
+    /// The most before the film exists.
+    before: u64,
+}
+
+impl MemoryEstimate {
+    /// Of a scene that is not a world yet, with the smallest film.
+    pub fn of_scene(scene: &Scene, frame: &Frame) -> Self {
+        let WorldMemory { built, building } = of_world(scene);
+        let now = resident().map_or_else(|| PROGRAM + of_scene(scene), |[now, _]| now);
+        let film = frame.bytes(Film::bytes_per_pixel(&Needs::none()));
+        Self { scene: now + built, film, sampler: 0, stages: Vec::new(), before: now + building }
+    }
+
+    /// Of a render with everything made and nothing traced. `files` are the bytes of making a file besides film and image,
+    /// `keeps` is whether the film is also kept as bytes.
+    pub(crate) fn of_render(before: &Self, memory: &Memory, files: u64, keeps: bool) -> Self {
+        let [now, most] = resident().unwrap_or([before.scene, 0]);
+        let snapshot = if keeps { memory.snapshot() } else { 0 };
+        let stages = vec![
+            ("planning", memory.planning),
+            (if keeps { "checkpoint" } else { "plan" }, memory.tracing.saturating_add(snapshot)),
+            ("filter", memory.filter.applying),
+            ("files", memory.filter.image.saturating_add(files)),
+        ];
+        let scene = now + THREAD * rayon::current_num_threads() as u64;
+        Self { scene, film: memory.film, sampler: memory.sampler, stages, before: before.before.max(most) }
+    }
+
+    /// Refuses a render that does not fit.
+    ///
+    /// # Errors
+    ///
+    /// [`JobError::Memory`] with a remedy.
+    pub fn check(&self, limit: MemoryLimit) -> Result<(), JobError> {
+        let refused = |advice| Err(JobError::Memory { estimate: Box::new(self.clone()), limit, advice });
+        if self.peak() <= limit.bytes {
+            // Without a limit, the system refuses at once what it can never have.
+            let fits = usize::try_from(self.film).is_ok_and(|film| Vec::<u8>::new().try_reserve_exact(film).is_ok());
+            return if fits { Ok(()) } else { refused(MemoryAdvice::AddressSpace) };
+        }
+        let with_film = self.scene.saturating_add(self.film);
+        refused(match self.largest_stage() {
+            _ if self.before.max(self.scene) > limit.bytes => MemoryAdvice::Scene,
+            Some((name, _)) if name == "filter" && with_film <= limit.bytes => MemoryAdvice::Filter,
+            _ => MemoryAdvice::Image,
+        })
+    }
+
+    /// All of it.
+    pub fn peak(&self) -> u64 {
+        let lasting = self.scene.saturating_add(self.film).saturating_add(self.sampler);
+        lasting.saturating_add(self.largest_stage().map_or(0, |(_, bytes)| bytes)).max(self.before)
+    }
+
+    fn largest_stage(&self) -> Option<(&'static str, u64)> {
+        self.stages.iter().copied().max_by_key(|&(_, bytes)| bytes)
+    }
+}
+
+impl fmt::Display for MemoryEstimate {
+    /// The sum, then its parts: `80.1 MiB (scene 12.0 MiB, film 60.0 MiB, filter 8.1 MiB)`.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let peak = self.peak();
+        if peak == self.before {
+            return write!(f, "{} (reading the scene and building its tree)", size(peak));
+        }
+        write!(f, "{} (scene {}, film {}", size(peak), size(self.scene), size(self.film))?;
+        if self.sampler > 0 {
+            write!(f, ", sampler {}", size(self.sampler))?;
+        }
+        if let Some((name, bytes)) = self.largest_stage() {
+            write!(f, ", {name} {}", size(bytes))?;
+        }
+        f.write_str(")")
+    }
+}
+
+/// A number of bytes for people: `12 bytes`, `1.5 MiB`.
+pub fn size(bytes: u64) -> String {
+    const KIB: f64 = 1024.0;
+    match bytes as f64 {
+        n if n < KIB => format!("{n} bytes"),
+        n if n < KIB * KIB => format!("{:.1} KiB", n / KIB),
+        n if n < 1e4 * KIB * KIB => format!("{:.1} MiB", n / (KIB * KIB)),
+        n => format!("{:.1} GiB", n / (KIB * KIB * KIB)),
+    }
+}

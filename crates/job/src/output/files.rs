@@ -1,0 +1,258 @@
+//! The image files of a render, and writing them.
+
+use super::header::attributes;
+use super::{self as output, GrayMap};
+use crate::{Job, JobError, RenderedImage, Warning, WorldClusters};
+use dapple_core::{Frame, Needs};
+use dapple_scene::image::{Format, Image, ImageError, check_writable, write_file};
+use dapple_scene::image::{encode_exr, encode_pfm, encode_png, rows_at_a_time};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// The contents of a file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Contents {
+    Image(Format),
+    Samples,
+    Error,
+    Albedo,
+    Normals,
+    Depth,
+    Clusters,
+}
+
+impl Contents {
+    /// As [`OutputFiles::memory`], of one file.
+    fn memory(self, frame: &Frame, needs: &Needs, filtered: bool) -> u64 {
+        /// Red, green and blue as floats.
+        const RGB: usize = 12;
+        // What is compressed takes its own size at most.
+        let png = |channels: usize| 3 * channels;
+        frame.bytes(match self {
+            Self::Image(Format::Exr) => {
+                let rgb = 1 + usize::from(filtered) + usize::from(needs.variance) + 2 * usize::from(needs.features);
+                let one =
+                    1 + usize::from(needs.halves) + usize::from(needs.first_hits > 0) + usize::from(needs.features);
+                let layers = RGB * rgb + 4 * one;
+                // The image's copy, all layers, the file and what is on its way there; or the layers up to the variance,
+                // which stands beside means and a copy of its own.
+                let [width, height] = frame.size().map(|n| n as usize);
+                let batch =
+                    frame.bytes(layers).min((layers * width * rows_at_a_time()) as u64) / (width * height) as u64;
+                RGB + (2 * layers + batch as usize).max(RGB * (rgb + 2))
+            }
+            Self::Image(Format::Pfm) => RGB + RGB,
+            Self::Image(_) => RGB + png(3),
+            Self::Samples => 8 + png(1),
+            Self::Error | Self::Depth => 8 + 8 + png(1),
+            Self::Albedo | Self::Normals => png(3),
+            Self::Clusters => 4 + png(3),
+        })
+    }
+}
+
+/// The files that an image is written to.
+#[derive(Clone, Debug, Default)]
+pub struct OutputFiles {
+    files: Vec<(Contents, PathBuf)>,
+    maps: Option<PathBuf>,
+    exposure: f32,
+}
+
+impl OutputFiles {
+    /// No files.
+    pub fn none() -> Self {
+        Self::default()
+    }
+
+    /// The default files of a scene in the current folder: `NAME.exr`, `NAME.png`, and `NAME-samples.png` for an adaptive
+    /// sampler.
+    pub fn defaults(scene: &str, sampler: &str) -> Self {
+        let mut files = vec![
+            (Contents::Image(Format::Exr), PathBuf::from(format!("{scene}.exr"))),
+            (Contents::Image(Format::Png), PathBuf::from(format!("{scene}.png"))),
+        ];
+        if sampler.split(':').next().is_none_or(|name| name.trim() != "uniform") {
+            files.push((Contents::Samples, PathBuf::from(format!("{scene}-samples.png"))));
+        }
+        Self { files, ..Self::default() }
+    }
+
+    /// Images in the formats of their extensions.
+    ///
+    /// # Errors
+    ///
+    /// [`ImageError`] for an unknown extension.
+    pub fn images(paths: &[PathBuf]) -> Result<Self, ImageError> {
+        let image = |path: &PathBuf| Ok((Contents::Image(Format::from_path(path)?), path.clone()));
+        Ok(Self { files: paths.iter().map(image).collect::<Result<_, ImageError>>()?, ..Self::default() })
+    }
+
+    /// Adds maps in a folder.
+    #[must_use]
+    pub fn with_maps(mut self, folder: &Path) -> Self {
+        self.files.extend(MAPS.iter().map(|&(what, name)| (what, folder.join(name))));
+        self.maps = Some(folder.to_owned());
+        self
+    }
+
+    /// Makes PNG files brighter by this many powers of two.
+    #[must_use]
+    pub fn with_exposure(self, exposure: f32) -> Self {
+        Self { exposure, ..self }
+    }
+
+    /// Makes the folder of the maps, and checks that each file can be written.
+    ///
+    /// # Errors
+    ///
+    /// [`JobError::Files`] with a line for each file that cannot.
+    pub fn prepare(&self) -> Result<(), JobError> {
+        if let Some(folder) = &self.maps {
+            let cannot = |e| JobError::Files(vec![format!("{}: cannot make the folder: {e}", folder.display())]);
+            std::fs::create_dir_all(folder).map_err(cannot)?;
+        }
+        let troubles: Vec<String> =
+            self.files.iter().filter_map(|(_, path)| check_writable(path).err()).map(|e| e.to_string()).collect();
+        if troubles.is_empty() { Ok(()) } else { Err(JobError::Files(troubles)) }
+    }
+
+    /// The statistics that the files show, of `clusters` too where there are some.
+    pub fn needs(&self, clusters: bool) -> Needs {
+        let mut needs = Needs::none();
+        let shown = |(what, _): &(Contents, PathBuf)| matches!(what, Contents::Clusters | Contents::Image(Format::Exr));
+        if clusters && self.files.iter().any(shown) {
+            needs = needs.with_first_hits(1);
+        }
+        for (what, _) in &self.files {
+            match what {
+                Contents::Image(Format::Exr) => needs = needs.with_variance(),
+                Contents::Albedo | Contents::Normals | Contents::Depth => needs = needs.with_features(),
+                _ => {}
+            }
+        }
+        needs
+    }
+
+    /// The most memory for the bytes of a file, besides film and image. `filtered` is whether a filter made the image.
+    pub(crate) fn memory(&self, frame: &Frame, needs: &Needs, filtered: bool) -> u64 {
+        self.files.iter().map(|(what, _)| what.memory(frame, needs, filtered)).max().unwrap_or(0)
+    }
+
+    /// Writes every file, whether or not the others can be written. Returns a line about each, and warnings.
+    ///
+    /// `cpu` are the processor's seconds, for the header.
+    ///
+    /// # Errors
+    ///
+    /// [`JobError::Files`] with a line for each file that was not written.
+    pub fn write(
+        &self,
+        job: &Job,
+        image: &RenderedImage,
+        cpu: Option<f64>,
+    ) -> Result<(Vec<String>, Vec<Warning>), JobError> {
+        let report = Report { job, image, cpu, clusters: job.clusters() };
+        let (mut lines, mut troubles, mut warnings) = (Vec::new(), Vec::new(), Vec::new());
+        for (what, path) in &self.files {
+            match self.encode(*what, path, &report, &mut warnings) {
+                Ok(None) => {}
+                Ok(Some((bytes, about))) => match write_file(path, &bytes) {
+                    Ok(()) => lines.push(format!("{}: {about}", path.display())),
+                    Err(e) => troubles.push(write_elsewhere(path, &bytes, e.to_string())),
+                },
+                Err(e) => troubles.push(format!("{}: {e}", path.display())),
+            }
+        }
+        if troubles.is_empty() { Ok((lines, warnings)) } else { Err(JobError::Files(troubles)) }
+    }
+
+    /// The bytes of a file and a phrase about it; `None` for what the film does not hold.
+    fn encode(&self, what: Contents, path: &Path, report: &Report<'_>, warnings: &mut Vec<Warning>) -> Encoded {
+        let (film, filtered) = (&report.image.film, &report.image.filtered);
+        let unit = 1.0 / report.job.world().space().scale();
+        let known = |bytes: Vec<u8>, about: String| Ok(Some((bytes, about)));
+        let ids = || output::cluster_ids(film, report.clusters.as_deref()?);
+        let gray = |map: GrayMap, about: String| known(map.png()?, about);
+        match what {
+            Contents::Image(format) => {
+                let image = Image::new(filtered.size, filtered.radiance.clone())?;
+                match format {
+                    Format::Exr => {
+                        let layers = output::layers(film, filtered, unit, ids());
+                        let file =
+                            encode_exr(filtered.size, &layers, &attributes(report.job, report.image, report.cpu))?;
+                        if file.clamped > 0 {
+                            warnings.push(Warning::Clamped { path: path.to_owned(), values: file.clamped });
+                        }
+                        let names: Vec<&str> = layers.iter().map(|l| l.name.as_str()).skip(1).collect();
+                        known(file.bytes, format!("the image, with layers {}", names.join(", ")))
+                    }
+                    Format::Pfm => known(encode_pfm(&image)?, "the image".into()),
+                    Format::Png => known(encode_png(&image, self.exposure)?, "the image, sRGB".into()),
+                }
+            }
+            Contents::Samples => {
+                let map = output::sample_map(film);
+                let about = format!("the sample map; white is {} samples per pixel", map.white);
+                gray(map, about)
+            }
+            Contents::Clusters => match ids() {
+                Some(ids) => known(output::cluster_map(filtered.size, &ids)?, "clusters, a colour each".into()),
+                None => Ok(None),
+            },
+            Contents::Error => match output::error_map(filtered) {
+                Some(map) => {
+                    let about = format!("the predicted relative error over 5x5 pixels; white is {:.3}", map.white);
+                    gray(map, about)
+                }
+                None => Ok(None),
+            },
+            Contents::Depth => match output::depth_map(film, unit) {
+                Some(map) => {
+                    let about = format!("distances; white is {:.4}, or nothing hit", map.white);
+                    gray(map, about)
+                }
+                None => Ok(None),
+            },
+            Contents::Albedo => match output::albedo_map(film) {
+                Some(png) => known(png?, "albedo, sRGB".into()),
+                None => Ok(None),
+            },
+            Contents::Normals => match output::normal_map(film) {
+                Some(png) => known(png?, "shading normals; -1 is black, 1 is white".into()),
+                None => Ok(None),
+            },
+        }
+    }
+}
+
+/// Saves an image whose disk failed: tries the folder of temporary files, and adds its place to the error.
+fn write_elsewhere(path: &Path, bytes: &[u8], trouble: String) -> String {
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    let elsewhere = std::env::temp_dir().join(format!("dapple-{}-{name}", std::process::id()));
+    match write_file(&elsewhere, bytes) {
+        Ok(()) => format!("{trouble}; it was written there instead: {}", elsewhere.display()),
+        Err(_) => trouble,
+    }
+}
+
+/// An image with all that its header and layers show.
+struct Report<'a> {
+    job: &'a Job,
+    image: &'a RenderedImage,
+    cpu: Option<f64>,
+    clusters: Option<Arc<WorldClusters>>,
+}
+
+type Encoded = std::result::Result<Option<(Vec<u8>, String)>, ImageError>;
+
+/// The maps, with their names; clusters where a sampler or a filter made some.
+const MAPS: [(Contents, &str); 6] = [
+    (Contents::Samples, "samples.png"),
+    (Contents::Error, "error.png"),
+    (Contents::Albedo, "albedo.png"),
+    (Contents::Normals, "normals.png"),
+    (Contents::Depth, "depth.png"),
+    (Contents::Clusters, "clusters.png"),
+];

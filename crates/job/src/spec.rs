@@ -1,0 +1,426 @@
+//! The description of a render.
+
+mod names;
+
+pub use names::parse_shard;
+
+use dapple_core::Shard;
+use dapple_renderer::light::LightSelection;
+use dapple_scene::Effect;
+use serde::{Deserialize, Serialize};
+
+/// The version of the format that [`RenderSpec::to_json`] writes.
+pub const SPEC_VERSION: u32 = 1;
+/// Mean samples per pixel of [`RenderSpec::new`].
+pub const DEFAULT_SPP: f64 = 64.0;
+/// Largest mean samples per pixel of a [`BudgetSpec::Error`] without a `max_spp`.
+pub const ERROR_SPP: u32 = 16384;
+/// The sampler of [`RenderSpec::new`]. Its `epsilon` suits the default filter; without a filter, 0.01 is better.
+pub const DEFAULT_SAMPLER: &str = "cluster:epsilon=0.3";
+/// The point set of [`RenderSpec::new`].
+pub const DEFAULT_POINTS: &str = "sobol";
+/// The filter of [`RenderSpec::new`].
+pub const DEFAULT_FILTER: &str = "cluster-regression";
+/// The integrator of [`RenderSpec::new`].
+pub const DEFAULT_INTEGRATOR: &str = "path";
+
+/// Everything that decides on the pixels of an image.
+///
+/// Shards and checkpoints carry it as JSON, and `dapple render --spec FILE` reads it. Paths are text. Fields that are
+/// left out of the JSON have the values of [`RenderSpec::new`]; unknown fields are refused.
+///
+/// ```
+/// use dapple_job::{BudgetSpec, RenderSpec};
+///
+/// let spec = RenderSpec::new("teapot").sampler("uniform").budget(BudgetSpec::Spp(16.0)).seed(7);
+/// assert_eq!(RenderSpec::from_json(&spec.to_json()?)?, spec);
+/// # Ok::<(), dapple_job::SpecError>(())
+/// ```
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+#[non_exhaustive]
+pub struct RenderSpec {
+    /// The version of the format: [`SPEC_VERSION`].
+    pub version: u32,
+    /// A scene file, a model, or the name of a bundled scene.
+    pub scene: String,
+    /// The sampler, `NAME` or `NAME:key=value,…`.
+    #[serde(default = "names::sampler")]
+    pub sampler: String,
+    /// The point set, in the same form.
+    #[serde(default = "names::points")]
+    pub points: String,
+    /// The filter, in the same form; `none` leaves each pixel the mean of its samples.
+    #[serde(default = "names::filter")]
+    pub filter: String,
+    /// The integrator.
+    #[serde(default = "names::integrator")]
+    pub integrator: String,
+    /// The selection among several lights. `None` is [`RenderSpec::selection`]'s default.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub light_selection: Option<LightSelection>,
+    /// When the render ends.
+    #[serde(default)]
+    pub budget: BudgetSpec,
+    /// Smallest number of samples per pixel.
+    #[serde(default = "names::one")]
+    pub min_spp: u32,
+    /// Largest number of samples per pixel; `None` is no bound, or [`ERROR_SPP`] for an error budget.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub max_spp: Option<u32>,
+    /// Width and height in pixels; `None` is the scene's.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub resolution: Option<[u32; 2]>,
+    /// The window that is rendered.
+    #[serde(default)]
+    pub crop: CropSpec,
+    /// Seed of all random numbers.
+    #[serde(default = "names::seed")]
+    pub seed: u64,
+    /// Most scattering events between camera and light; `None` is the scene's limit.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub max_depth: Option<u32>,
+    /// The pixel filter.
+    #[serde(default)]
+    pub pixel_filter: PixelFilterSpec,
+    /// Effects that are left out of the scene.
+    #[serde(default, with = "names::effects", skip_serializing_if = "Vec::is_empty")]
+    pub without: Vec<Effect>,
+    /// Reads a scene with unsupported directives, and reports them as warnings.
+    #[serde(default)]
+    pub allow_unsupported: bool,
+    /// The shard of the image that is rendered; `None` renders all of it.
+    #[serde(default, with = "names::shard", skip_serializing_if = "Option::is_none")]
+    pub shard: Option<Shard>,
+}
+
+/// When a render ends.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum BudgetSpec {
+    /// Mean samples per pixel, exactly.
+    Spp(f64),
+    /// Samples in all, exactly.
+    Samples(u64),
+    /// A predicted relMSE before filtering.
+    Error(f64),
+    /// Seconds of clustering, planning and tracing, approximately.
+    Seconds(f64),
+}
+
+impl BudgetSpec {
+    /// The name of its kind in the JSON.
+    pub const fn field(self) -> &'static str {
+        match self {
+            Self::Spp(_) => "spp",
+            Self::Samples(_) => "samples",
+            Self::Error(_) => "error",
+            Self::Seconds(_) => "seconds",
+        }
+    }
+}
+
+impl Default for BudgetSpec {
+    fn default() -> Self {
+        Self::Spp(DEFAULT_SPP)
+    }
+}
+
+/// The window of an image that is rendered.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum CropSpec {
+    /// The scene's window.
+    #[default]
+    Scene,
+    /// The whole image.
+    Whole,
+    /// From the first pixel `[x0, y0, _, _]` to before `[_, _, x1, y1]`.
+    Window([u32; 4]),
+}
+
+/// The pixel filter of an image.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum PixelFilterSpec {
+    /// The scene's pixel filter.
+    #[default]
+    Scene,
+    /// A box of one pixel.
+    Box,
+}
+
+/// A description that is not valid.
+#[non_exhaustive]
+#[derive(Debug, thiserror::Error)]
+pub enum SpecError {
+    /// Not JSON, a missing or unknown field, or a value of another type.
+    #[error("the render's description cannot be read: {0}")]
+    Json(#[from] serde_json::Error),
+    /// A format of another version.
+    #[error(
+        "the render's description has version {found}, and this Dapple reads version {SPEC_VERSION}; use the version of \
+         Dapple that wrote it, or describe the render again"
+    )]
+    Version {
+        /// The version in the description.
+        found: u64,
+    },
+    /// A value out of range, or two that contradict each other.
+    #[error("{field}: {what}")]
+    Field {
+        /// The name of the field.
+        field: &'static str,
+        /// The problem and the remedy.
+        what: String,
+    },
+}
+
+impl RenderSpec {
+    /// A scene with the default methods, 64 samples per pixel and seed 1.
+    pub fn new(scene: impl Into<String>) -> Self {
+        Self {
+            version: SPEC_VERSION,
+            scene: scene.into(),
+            sampler: names::sampler(),
+            points: names::points(),
+            filter: names::filter(),
+            integrator: names::integrator(),
+            light_selection: None,
+            budget: BudgetSpec::default(),
+            min_spp: 1,
+            max_spp: None,
+            resolution: None,
+            crop: CropSpec::Scene,
+            seed: names::seed(),
+            max_depth: None,
+            pixel_filter: PixelFilterSpec::Scene,
+            without: Vec::new(),
+            allow_unsupported: false,
+            shard: None,
+        }
+    }
+
+    /// Sets the sampler.
+    #[must_use]
+    pub fn sampler(self, sampler: impl Into<String>) -> Self {
+        Self { sampler: sampler.into(), ..self }
+    }
+
+    /// Sets the point set.
+    #[must_use]
+    pub fn points(self, points: impl Into<String>) -> Self {
+        Self { points: points.into(), ..self }
+    }
+
+    /// Sets the filter.
+    #[must_use]
+    pub fn filter(self, filter: impl Into<String>) -> Self {
+        Self { filter: filter.into(), ..self }
+    }
+
+    /// Sets the integrator.
+    #[must_use]
+    pub fn integrator(self, integrator: impl Into<String>) -> Self {
+        Self { integrator: integrator.into(), ..self }
+    }
+
+    /// Sets the selection among several lights.
+    #[must_use]
+    pub fn light_selection(self, selection: LightSelection) -> Self {
+        Self { light_selection: Some(selection), ..self }
+    }
+
+    /// Sets when the render ends.
+    #[must_use]
+    pub fn budget(self, budget: BudgetSpec) -> Self {
+        Self { budget, ..self }
+    }
+
+    /// Sets the smallest and the largest number of samples per pixel.
+    #[must_use]
+    pub fn bounds(self, min_spp: u32, max_spp: Option<u32>) -> Self {
+        Self { min_spp, max_spp, ..self }
+    }
+
+    /// Sets width and height in pixels.
+    #[must_use]
+    pub fn resolution(self, width: u32, height: u32) -> Self {
+        Self { resolution: Some([width, height]), ..self }
+    }
+
+    /// Sets the window that is rendered.
+    #[must_use]
+    pub fn crop(self, crop: CropSpec) -> Self {
+        Self { crop, ..self }
+    }
+
+    /// Sets the seed.
+    #[must_use]
+    pub fn seed(self, seed: u64) -> Self {
+        Self { seed, ..self }
+    }
+
+    /// Sets the limit of scattering events; `None` is the scene's.
+    #[must_use]
+    pub fn max_depth(self, max_depth: Option<u32>) -> Self {
+        Self { max_depth, ..self }
+    }
+
+    /// Sets the pixel filter.
+    #[must_use]
+    pub fn pixel_filter(self, pixel_filter: PixelFilterSpec) -> Self {
+        Self { pixel_filter, ..self }
+    }
+
+    /// Sets the effects that are left out.
+    #[must_use]
+    pub fn without(self, without: impl IntoIterator<Item = Effect>) -> Self {
+        Self { without: without.into_iter().collect(), ..self }
+    }
+
+    /// Sets how unsupported directives are read.
+    #[must_use]
+    pub fn allow_unsupported(self, allow: bool) -> Self {
+        Self { allow_unsupported: allow, ..self }
+    }
+
+    /// Sets the shard that is rendered.
+    #[must_use]
+    pub fn shard(self, shard: Option<Shard>) -> Self {
+        Self { shard, ..self }
+    }
+
+    /// The selection among several lights: learned by default, by power for a shard.
+    ///
+    /// A shard cannot learn, because training needs samples of the whole image.
+    pub fn selection(&self) -> LightSelection {
+        let default = if self.shard.is_some() { LightSelection::Power } else { LightSelection::Learned };
+        self.light_selection.unwrap_or(default)
+    }
+
+    /// The description as one line of JSON.
+    ///
+    /// # Errors
+    ///
+    /// [`SpecError::Json`] for a number that JSON cannot hold (NaN, infinity).
+    pub fn to_json(&self) -> Result<String, SpecError> {
+        Ok(serde_json::to_string(self)?)
+    }
+
+    /// The description as JSON for people, with indents.
+    ///
+    /// # Errors
+    ///
+    /// As [`RenderSpec::to_json`].
+    pub fn to_json_pretty(&self) -> Result<String, SpecError> {
+        Ok(serde_json::to_string_pretty(self)?)
+    }
+
+    /// Reads a description.
+    ///
+    /// # Errors
+    ///
+    /// [`SpecError::Version`] for another version, before any other error; [`SpecError::Json`] for unknown fields and wrong
+    /// types; [`SpecError::Field`] as [`RenderSpec::check`].
+    pub fn from_json(json: &str) -> Result<Self, SpecError> {
+        #[derive(Deserialize)]
+        struct Version {
+            version: u64,
+        }
+        let Version { version } = serde_json::from_str(json)?;
+        if version != u64::from(SPEC_VERSION) {
+            return Err(SpecError::Version { found: version });
+        }
+        let spec: Self = serde_json::from_str(json)?;
+        spec.check()?;
+        Ok(spec)
+    }
+
+    /// Checks what needs no scene: the ranges of numbers, and the names of the methods.
+    ///
+    /// # Errors
+    ///
+    /// [`SpecError::Field`] for the first wrong field.
+    pub fn check(&self) -> Result<(), SpecError> {
+        let wrong = |field, what| Err(SpecError::Field { field, what });
+        let (min, most) = (self.min_spp, self.max_spp.unwrap_or(u32::MAX));
+        if min > most {
+            return wrong(
+                "min_spp",
+                format!(
+                    "{min} is above the largest number of samples per pixel, {most}; lower one, or raise the other"
+                ),
+            );
+        }
+        let field = self.budget.field();
+        match self.budget {
+            BudgetSpec::Spp(x) | BudgetSpec::Error(x) | BudgetSpec::Seconds(x) if !(x.is_finite() && x > 0.0) => {
+                return wrong(field, format!("{x} is not a finite number above zero"));
+            }
+            BudgetSpec::Samples(0) => return wrong(field, "0 samples make no image; give at least 1".into()),
+            BudgetSpec::Spp(spp) if spp < f64::from(min) => {
+                return wrong(
+                    field,
+                    format!("{spp} is below the smallest number of samples per pixel, {min}; raise it"),
+                );
+            }
+            BudgetSpec::Spp(spp) if spp > f64::from(most) => {
+                return wrong(
+                    field,
+                    format!("{spp} is above {most}, the largest number of samples per pixel; lower it"),
+                );
+            }
+            _ => {}
+        }
+        if let Some([w, h]) = self.resolution
+            && let Err(e) = dapple_core::Frame::new(w, h)
+        {
+            return wrong("resolution", e.to_string());
+        }
+        let named = [
+            ("sampler", crate::registry::check_sampler(&self.sampler)),
+            ("points", crate::registry::check_points(&self.points)),
+            ("filter", crate::registry::check_filter(&self.filter)),
+        ];
+        for (field, checked) in named {
+            if let Err(e) = checked {
+                return wrong(field, e.to_string());
+            }
+        }
+        if self.integrator != DEFAULT_INTEGRATOR {
+            let name = &self.integrator;
+            return wrong("integrator", format!("there is no integrator \"{name}\"; there is {DEFAULT_INTEGRATOR}"));
+        }
+        if self.shard.is_some() && self.selection() == LightSelection::Learned {
+            let what = "learned light selection needs samples of the whole image, and cannot be sharded; use power";
+            return wrong("light_selection", what.into());
+        }
+        if self.shard.is_some() && matches!(self.budget, BudgetSpec::Error(_) | BudgetSpec::Seconds(_)) {
+            return wrong(field, "a shard needs a number of samples; give spp".into());
+        }
+        Ok(())
+    }
+
+    /// The mean samples per pixel, where they are the budget.
+    pub fn mean_spp(&self) -> Option<f64> {
+        match self.budget {
+            BudgetSpec::Spp(spp) => Some(spp),
+            _ => None,
+        }
+    }
+
+    /// Whether two descriptions call for the same world.
+    pub(crate) fn has_world_of(&self, other: &Self) -> bool {
+        let world = |spec: &Self| Self {
+            light_selection: Some(spec.selection()),
+            max_depth: spec.max_depth,
+            pixel_filter: spec.pixel_filter,
+            resolution: spec.resolution,
+            without: spec.without.clone(),
+            allow_unsupported: spec.allow_unsupported,
+            ..Self::new(spec.scene.clone())
+        };
+        world(self) == world(other)
+    }
+}

@@ -1,0 +1,72 @@
+//! Default values, and values that are written as names.
+
+use super::{DEFAULT_FILTER, DEFAULT_INTEGRATOR, DEFAULT_POINTS, DEFAULT_SAMPLER};
+use dapple_core::Shard;
+
+pub(super) fn sampler() -> String {
+    DEFAULT_SAMPLER.into()
+}
+
+pub(super) fn points() -> String {
+    DEFAULT_POINTS.into()
+}
+
+pub(super) fn filter() -> String {
+    DEFAULT_FILTER.into()
+}
+
+pub(super) fn integrator() -> String {
+    DEFAULT_INTEGRATOR.into()
+}
+
+pub(super) const fn one() -> u32 {
+    1
+}
+
+pub(super) const fn seed() -> u64 {
+    1
+}
+
+/// The shard that `I/N` names, I from 1.
+///
+/// # Errors
+///
+/// A sentence with examples, for any other text.
+pub fn parse_shard(text: &str) -> Result<Shard, String> {
+    let numbers =
+        text.split_once('/').and_then(|(i, n)| Some((i.parse::<u32>().ok()?.checked_sub(1)?, n.parse().ok()?)));
+    let shard = numbers.and_then(|(index, of)| Shard::new(index, of).ok());
+    shard.ok_or_else(|| format!("\"{text}\" is not a shard I/N, the I-th of N; examples are 1/4 and 4/4"))
+}
+
+/// Effects as a list of their names.
+pub(super) mod effects {
+    use dapple_scene::Effect;
+    use serde::{Deserialize, Deserializer, Serializer, de::Error};
+
+    pub(crate) fn serialize<S: Serializer>(effects: &[Effect], to: S) -> Result<S::Ok, S::Error> {
+        to.collect_seq(effects.iter().map(|effect| effect.name()))
+    }
+
+    pub(crate) fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Vec<Effect>, D::Error> {
+        Vec::<String>::deserialize(from)?.iter().map(|name| name.parse().map_err(D::Error::custom)).collect()
+    }
+}
+
+/// A shard as `I/N`, I from 1.
+pub(super) mod shard {
+    use dapple_core::Shard;
+    use serde::{Deserialize, Deserializer, Serializer, de::Error};
+
+    pub(crate) fn serialize<S: Serializer>(shard: &Option<Shard>, to: S) -> Result<S::Ok, S::Error> {
+        match shard {
+            Some(shard) => to.serialize_some(&shard.to_string()),
+            None => to.serialize_none(),
+        }
+    }
+
+    pub(crate) fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Option<Shard>, D::Error> {
+        let text = Option::<String>::deserialize(from)?;
+        text.map(|text| super::super::parse_shard(&text).map_err(D::Error::custom)).transpose()
+    }
+}

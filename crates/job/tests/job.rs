@@ -1,0 +1,117 @@
+//! Renders as jobs: the same bits however they are cut, saved and merged.
+
+use dapple_core::{Control, NoMonitor, Shard, Status};
+use dapple_job::checkpoint::{Contents, Identity, Kind};
+use dapple_job::{
+    BudgetSpec, CheckpointOptions, Job, JobError, JobMonitor, LoadOptions, LoadedScene, PixelFilterSpec, RenderSpec,
+    ShardSet,
+};
+use std::path::{Path, PathBuf};
+
+fn spec() -> RenderSpec {
+    RenderSpec::new("cornell").sampler("uniform").filter("none").resolution(16, 12).budget(BudgetSpec::Spp(6.0))
+}
+
+fn render(spec: &RenderSpec) -> Vec<[f32; 3]> {
+    let image = Job::prepare(spec).and_then(|mut job| job.render());
+    image.unwrap_or_else(|e| panic!("{e}")).filtered.radiance
+}
+
+fn shards(folder: &Path, spec: &RenderSpec, of: u32) -> Vec<PathBuf> {
+    let shard = |index| {
+        let spec = spec.clone().shard(Some(Shard::new(index, of).expect("a shard")));
+        let mut job = Job::prepare(&spec).unwrap_or_else(|e| panic!("{e}"));
+        let film = job.run(None, &mut NoMonitor).unwrap_or_else(|e| panic!("{e}")).film;
+        let path = folder.join(format!("{index}.shard"));
+        std::fs::write(&path, job.shard_bytes(&film).unwrap_or_else(|e| panic!("{e}"))).expect("written");
+        path
+    };
+    (0..of).map(shard).collect()
+}
+
+#[test]
+fn merged_shards_have_the_bits_of_one_machine() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let set = ShardSet::read(&shards(folder.path(), &spec(), 3)).unwrap_or_else(|e| panic!("{e}"));
+    let job = Job::prepare(set.spec()).unwrap_or_else(|e| panic!("{e}"));
+    let whole = render(set.spec());
+    let image = job.merge(set).and_then(|traced| job.finish(traced.film)).unwrap_or_else(|e| panic!("{e}"));
+    assert_eq!(image.filtered.radiance, whole);
+}
+
+/// The file holds the description, and no argument of a command line.
+#[test]
+fn a_shard_carries_the_description_as_json() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = &shards(folder.path(), &spec(), 2)[1];
+    let contents = Contents::read(path, Kind::Shard).unwrap_or_else(|e| panic!("{e}"));
+    let json = contents.identity.value("spec").expect("a description");
+    let expected = spec().shard(Some(Shard::new(1, 2).expect("a shard")));
+    assert_eq!(RenderSpec::from_json(json).unwrap_or_else(|e| panic!("{e}")), expected);
+    let text: Vec<&String> = contents.identity.pairs().iter().map(|(_, value)| value).collect();
+    assert!(text.iter().all(|value| !value.contains("--")), "{text:?}");
+}
+
+#[test]
+fn shards_with_a_description_of_another_version_are_refused() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let paths = shards(folder.path(), &spec(), 1);
+    let mut contents = Contents::read(&paths[0], Kind::Shard).unwrap_or_else(|e| panic!("{e}"));
+    let newer = |(name, value): &(String, String)| (name.clone(), value.replace("\"version\":1", "\"version\":9"));
+    contents.identity = Identity::new(contents.identity.pairs().iter().map(newer));
+    std::fs::write(&paths[0], contents.to_bytes().unwrap_or_else(|e| panic!("{e}"))).expect("written");
+    let error = ShardSet::read(&paths).err().expect("another version").to_string();
+    assert!(error.contains("version 9"), "{error}");
+}
+
+/// Stops after some slices.
+struct Impatient(u32);
+
+impl JobMonitor for Impatient {
+    fn slice(&mut self, _: &Status<'_>) -> Control {
+        self.0 = self.0.saturating_sub(1);
+        if self.0 == 0 { Control::Stop } else { Control::Continue }
+    }
+}
+
+#[test]
+fn a_resumed_render_has_the_bits_of_one_that_was_not_stopped() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("c");
+    let spec = spec().sampler("variance").budget(BudgetSpec::Spp(12.0));
+    let open = || CheckpointOptions::default().keep(&path).resume(&path).open().unwrap_or_else(|e| panic!("{e}"));
+    let mut job = Job::prepare(&spec).unwrap_or_else(|e| panic!("{e}"));
+    let stopped = job.run(open(), &mut Impatient(1)).unwrap_or_else(|e| panic!("{e}"));
+    assert!(stopped.film.record().interrupted && stopped.checkpoint.is_some_and(|saved| saved.is_ok()));
+    // What was stopped is refused to another render, with the difference.
+    let mut other = Job::prepare(&spec.clone().seed(2)).unwrap_or_else(|e| panic!("{e}"));
+    let refused = other.run(open(), &mut NoMonitor).err().expect("another render");
+    assert!(matches!(refused, JobError::OtherRender { .. }) && refused.to_string().contains("seed: 1 there, 2 here"));
+    let mut job = Job::prepare(&spec).unwrap_or_else(|e| panic!("{e}"));
+    let film = job.run(open(), &mut NoMonitor).unwrap_or_else(|e| panic!("{e}")).film;
+    assert_eq!(film.image(), render(&spec));
+}
+
+#[test]
+fn jobs_share_a_prepared_scene_and_refuse_another() {
+    let loaded = LoadedScene::read(&spec(), &LoadOptions::default());
+    let prepared = loaded.and_then(LoadedScene::build).unwrap_or_else(|e| panic!("{e}"));
+    let other = spec().seed(5).points("random");
+    let image = prepared.job(&other).and_then(|mut job| job.render()).unwrap_or_else(|e| panic!("{e}"));
+    assert_eq!(image.filtered.radiance, render(&other));
+    let elsewhere = prepared.job(&spec().pixel_filter(PixelFilterSpec::Box).max_depth(Some(1)));
+    assert!(matches!(elsewhere.err(), Some(JobError::OtherWorld)));
+}
+
+#[test]
+fn the_clusters_of_a_render_are_those_of_its_sampler_before_those_of_its_filter() {
+    let clusters = |sampler: &str, filter: &str| {
+        let job = Job::prepare(&spec().sampler(sampler).filter(filter)).unwrap_or_else(|e| panic!("{e}"));
+        job.clusters().map(|clusters| clusters.clusters().len())
+    };
+    assert_eq!(clusters("uniform", "none"), None);
+    let by_filter = clusters("uniform", "cluster-gaussian:sides=2");
+    let by_sampler = clusters("cluster-thesis:normals=90", "none");
+    assert!(by_filter.is_some() && by_sampler.is_some());
+    assert_eq!(clusters("cluster-thesis:normals=90", "cluster-gaussian:sides=2"), by_sampler);
+}

@@ -1,0 +1,190 @@
+//! Sizes and powers of a description's lights.
+
+use super::{Emission, Geometry, Scene, Shape};
+use dapple_core::luminance;
+use glam::{DAffine3, DVec3};
+use std::f64::consts::PI;
+
+/// The size and emission of a shape that emits light.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct LampShape {
+    /// The light it gives off.
+    pub(crate) emission: Emission,
+    /// Area of the emitting side, in square units of the file's world space.
+    pub(crate) area: f64,
+    /// Its area-weighted middle.
+    pub(crate) centre: DVec3,
+    /// Area-weighted mean of its unit normals: length 1 for something flat, 0 for something closed.
+    pub(crate) facing: DVec3,
+}
+
+impl LampShape {
+    /// The lamp that a shape makes, where it stands first; `None` if it gives no light or has no area.
+    pub(crate) fn of(shape: &Shape) -> Option<Self> {
+        let emission = shape.emission.filter(|e| e.radiance != [0.0; 3])?;
+        let (area, centre, facing) = match &shape.geometry {
+            Geometry::Mesh(_) => mesh(shape)?,
+            Geometry::Sphere { radius } => {
+                // A stretched one is refused elsewhere.
+                let scale = shape.to_world.matrix3.determinant().abs().cbrt();
+                (4.0 * PI * (radius * scale).powi(2), shape.to_world.translation, DVec3::ZERO)
+            }
+            Geometry::Disk { height, radius, inner_radius } => {
+                let matrix = shape.to_world.matrix3;
+                let across = matrix.x_axis.cross(matrix.y_axis);
+                let area = PI * (radius * radius - inner_radius * inner_radius) * across.length();
+                let side = side(shape) * matrix.determinant().signum();
+                let centre = shape.to_world.transform_point3(DVec3::new(0.0, 0.0, *height));
+                (area, centre, across.normalize_or_zero() * side)
+            }
+        };
+        // NaN passes here; validation rejects it later.
+        (area != 0.0).then_some(Self { emission, area, centre, facing })
+    }
+
+    /// Radiant power: `pi area radiance` a side.
+    pub(crate) fn power(&self) -> [f64; 3] {
+        let sides = if self.emission.two_sided { 2.0 } else { 1.0 };
+        self.emission.radiance.map(|l| PI * self.area * f64::from(l) * sides)
+    }
+}
+
+fn side(shape: &Shape) -> f64 {
+    if shape.reversed { -1.0 } else { 1.0 }
+}
+
+/// Area, middle and mean normal of a mesh; `None` without area.
+fn mesh(shape: &Shape) -> Option<(f64, DVec3, DVec3)> {
+    let Geometry::Mesh(mesh) = &shape.geometry else { return None };
+    let (mut area, mut moment, mut facing) = (0.0, DVec3::ZERO, DVec3::ZERO);
+    // A mirroring transform turns the winding around, and not the normal.
+    let side = side(shape) * shape.to_world.matrix3.determinant().signum();
+    let turn = shape.to_world.matrix3.inverse().transpose();
+    for triangle in &mesh.triangles {
+        let corner = |i: usize| mesh.positions.get(triangle[i] as usize).copied().unwrap_or(DVec3::NAN);
+        let [a, b, c] = [0, 1, 2].map(|i| shape.to_world.transform_point3(corner(i)));
+        let mut normal = (b - a).cross(c - a) * 0.5 * side;
+        let shading = triangle.iter().filter_map(|&v| mesh.normals.get(v as usize));
+        let shading: DVec3 = shading.map(|n| turn * DVec3::from(n.map(f64::from)) * self::side(shape)).sum();
+        if normal.dot(shading) < 0.0 {
+            normal = -normal;
+        }
+        let size = normal.length();
+        area += size;
+        moment += (a + b + c) / 3.0 * size;
+        facing += normal;
+    }
+    (area != 0.0).then(|| (area, moment / area, facing / area))
+}
+
+/// One of a scene's lights, by number.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum LightNumber {
+    /// Of [`Scene::shapes`].
+    Shape(usize),
+    /// Of [`Scene::lights`].
+    Light(usize),
+}
+
+/// Every light that is not black, with its luminance-weighted radiant power. An infinitely far light counts with its
+/// power into the scene's bounding sphere. The renderer's selection of lights by power weighs them alike, but for rounding.
+pub(crate) fn powers(scene: &Scene) -> Vec<(LightNumber, f64)> {
+    let lamp = |(i, shape)| LampShape::of(shape).map(|lamp| (LightNumber::Shape(i), luminance(lamp.power())));
+    let mut found: Vec<_> = scene.shapes.iter().enumerate().filter_map(lamp).collect();
+    let disk = PI * radius(scene).powi(2);
+    let lights = scene.lights.iter().enumerate().filter(|(_, l)| l.kind.shines());
+    found.extend(lights.map(|(i, light)| (LightNumber::Light(i), light.kind.power(disk))));
+    found
+}
+
+/// Half the diagonal of the scene's bounds; 0 where there is nothing.
+fn radius(scene: &Scene) -> f64 {
+    let mut bounds = Bounds::default();
+    scene.shapes.iter().for_each(|s| bounds.grow(&s.geometry, s.to_world));
+    for instance in &scene.instances {
+        let shapes = scene.objects.get(instance.object.0 as usize).into_iter().flat_map(|o| &o.shapes);
+        shapes.for_each(|s| bounds.grow(&s.geometry, instance.to_world * s.to_world));
+    }
+    bounds.diagonal() * 0.5
+}
+
+/// A box along the axes.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Bounds {
+    low: DVec3,
+    high: DVec3,
+}
+
+impl Default for Bounds {
+    fn default() -> Self {
+        Self { low: DVec3::INFINITY, high: DVec3::NEG_INFINITY }
+    }
+}
+
+impl Bounds {
+    /// Takes a shape in.
+    pub(crate) fn grow(&mut self, geometry: &Geometry, to_world: DAffine3) {
+        let mut take = |p: DVec3| {
+            let p = to_world.transform_point3(p);
+            (self.low, self.high) = (self.low.min(p), self.high.max(p));
+        };
+        let (half, height) = match geometry {
+            Geometry::Mesh(mesh) => return mesh.positions.iter().for_each(|&p| take(p)),
+            Geometry::Sphere { radius } => (DVec3::splat(*radius), 0.0),
+            Geometry::Disk { height, radius, .. } => (DVec3::new(*radius, *radius, 0.0), *height),
+        };
+        for corner in 0..8 {
+            let sign = |bit: u32| if corner >> bit & 1 == 1 { 1.0 } else { -1.0 };
+            take(half * DVec3::new(sign(0), sign(1), sign(2)) + DVec3::new(0.0, 0.0, height));
+        }
+    }
+
+    /// Its middle.
+    pub(crate) fn centre(&self) -> DVec3 {
+        (self.low + self.high) * 0.5
+    }
+
+    fn diagonal(&self) -> f64 {
+        let diagonal = (self.high - self.low).length();
+        if diagonal.is_finite() { diagonal } else { 0.0 }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{MaterialId, MeshData, Source};
+    use std::sync::Arc;
+
+    fn lamp(geometry: Geometry, to_world: DAffine3) -> LampShape {
+        let mut shape = Shape::new(geometry, to_world, MaterialId(0), Source::default());
+        assert_eq!(LampShape::of(&shape), None, "dark");
+        shape.emission = Some(Emission { radiance: [1.0, 2.0, 3.0], two_sided: false });
+        LampShape::of(&shape).expect("it shines")
+    }
+
+    #[test]
+    fn areas_middles_and_sides() {
+        let at = DAffine3::from_translation(DVec3::new(1.0, 2.0, 3.0)) * DAffine3::from_scale(DVec3::splat(2.0));
+        let sphere = lamp(Geometry::Sphere { radius: 0.5 }, at);
+        assert!((sphere.area - 4.0 * PI).abs() < 1e-12 && sphere.facing == DVec3::ZERO);
+        assert_eq!(sphere.centre, DVec3::new(1.0, 2.0, 3.0));
+        let disk = lamp(Geometry::Disk { height: 1.0, radius: 0.5, inner_radius: 0.25 }, at);
+        assert!((disk.area - PI * (1.0 - 0.25)).abs() < 1e-12, "{disk:?}");
+        assert_eq!((disk.centre, disk.facing), (DVec3::new(1.0, 2.0, 5.0), DVec3::Z));
+
+        // Two triangles of areas 2 and 1, of which the middle is nearer to the larger.
+        let positions = [[0.0, 0.0], [2.0, 0.0], [0.0, 2.0], [3.0, 0.0], [4.0, 0.0], [3.0, 2.0]];
+        let positions = positions.map(|[x, y]| DVec3::new(x, y, 0.0)).to_vec();
+        let triangles = vec![[0, 1, 2], [3, 4, 5]];
+        let mesh = Geometry::Mesh(Arc::new(MeshData { positions, triangles, ..MeshData::default() }));
+        let flat = lamp(mesh.clone(), DAffine3::IDENTITY);
+        assert!((flat.area - 3.0).abs() < 1e-12 && (flat.facing - DVec3::Z).length() < 1e-12, "{flat:?}");
+        let middle = (2.0 * DVec3::new(2.0, 2.0, 0.0) + DVec3::new(10.0, 2.0, 0.0)) / 9.0;
+        assert!((flat.centre - middle).length() < 1e-12, "{flat:?}");
+        // A mirror does not turn the side.
+        let mirrored = lamp(mesh, DAffine3::from_scale(DVec3::new(-1.0, 1.0, 1.0)));
+        assert!((mirrored.facing - DVec3::Z).length() < 1e-12, "{mirrored:?}");
+        assert!((flat.power()[1] - 6.0 * PI).abs() < 1e-12);
+    }
+}

@@ -1,0 +1,99 @@
+//! The visible part of a scene.
+
+use crate::{Color, Instance, MaterialId, MaterialKind, MediumId, Scalar, Scene, Shape};
+
+/// The shapes, instances, materials and media that can be seen.
+pub(super) struct Visible<'s> {
+    /// Shapes that stand in the world, and those of objects that do, each once.
+    pub(super) shapes: Vec<&'s Shape>,
+    /// Instances of objects that hold something.
+    pub(super) instances: Vec<&'s Instance>,
+    /// By number: whether a shape wears the material, or one that is mixed of it.
+    pub(super) materials: Vec<bool>,
+    /// By number: whether a shape borders on the medium, or the camera stands in it.
+    pub(super) media: Vec<bool>,
+}
+
+impl<'s> Visible<'s> {
+    pub(super) fn of(scene: &'s Scene) -> Self {
+        let object = |i: &Instance| scene.objects.get(i.object.0 as usize);
+        let instances: Vec<_> =
+            scene.instances.iter().filter(|i| object(i).is_some_and(|o| !o.shapes.is_empty())).collect();
+        let mut stands = vec![false; scene.objects.len()];
+        for instance in &instances {
+            stands[instance.object.0 as usize] = true;
+        }
+        let objects = scene.objects.iter().zip(stands).filter_map(|(object, stands)| stands.then_some(object));
+        let shapes: Vec<_> = scene.shapes.iter().chain(objects.flat_map(|o| &o.shapes)).collect();
+        let mut visible = Self {
+            shapes,
+            instances,
+            materials: vec![false; scene.materials.len()],
+            media: vec![false; scene.media.len()],
+        };
+        for i in 0..visible.shapes.len() {
+            let shape = visible.shapes[i];
+            visible.wear(scene, shape.material);
+            let sides = shape.media.map(|m| [m.inside, m.outside]);
+            sides.into_iter().flatten().flatten().for_each(|m| visible.border(m));
+        }
+        scene.camera.medium.into_iter().for_each(|m| visible.border(m));
+        visible
+    }
+
+    fn border(&mut self, medium: MediumId) {
+        if let Some(visible) = self.media.get_mut(medium.0 as usize) {
+            *visible = true;
+        }
+    }
+
+    /// Marks a material and those that it is mixed of. What was marked before ends the walk, also in a circle.
+    fn wear(&mut self, scene: &Scene, first: MaterialId) {
+        let mut waiting = vec![first];
+        while let Some(id) = waiting.pop() {
+            match self.materials.get_mut(id.0 as usize) {
+                Some(visible) if !*visible => *visible = true,
+                _ => continue,
+            }
+            if let MaterialKind::Mix { materials, amount } = &scene.materials[id.0 as usize].kind {
+                waiting.extend(mixed(materials, *amount));
+            }
+        }
+    }
+}
+
+/// Those of two materials that a share lets through.
+fn mixed(materials: &[MaterialId; 2], amount: Scalar) -> impl Iterator<Item = MaterialId> {
+    let [without_first, without_second] = match amount {
+        Scalar::Constant(amount) => [amount >= 1.0, amount <= 0.0],
+        Scalar::Texture(_) => [false; 2],
+    };
+    let [first, second] = *materials;
+    (!without_first).then_some(first).into_iter().chain((!without_second).then_some(second))
+}
+
+/// The opacity of a shape as text, if it is not 1 throughout.
+pub(super) fn holes(shape: &Shape) -> Option<String> {
+    match shape.alpha? {
+        Scalar::Constant(alpha) if alpha >= 1.0 => None,
+        Scalar::Constant(alpha) => Some(alpha.to_string()),
+        Scalar::Texture(_) => Some("a texture".into()),
+    }
+}
+
+/// True if a shape scatters nothing: a lamp's black body, or an interface between media.
+pub(super) fn is_black(scene: &Scene, shape: &Shape) -> bool {
+    match scene.materials.get(shape.material.0 as usize).map(|m| &m.kind) {
+        Some(MaterialKind::Diffuse { reflectance }) => *reflectance == Color::Constant([0.0; 3]),
+        Some(MaterialKind::Interface) => true,
+        _ => false,
+    }
+}
+
+/// The times at which motion starts and ends.
+pub(super) fn motion_span(scene: &Scene) -> [f64; 2] {
+    match scene.motion_times {
+        [first, second] if first == second => [first, first + 1.0],
+        span => span,
+    }
+}

@@ -1,0 +1,125 @@
+//! Materials of an OBJ model: its libraries, and the images that these name.
+
+use super::mtl::{Material as MtlMaterial, read_mtl};
+use super::{GREY, add_material};
+use crate::files::Files;
+use crate::image::{Encoding, Image, read_image};
+use crate::{Color, MaterialId, Notice, Scene, Source, Texture, TextureId, TextureKind, Wrap};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// The materials of an OBJ file: those of its libraries, and those in use.
+#[derive(Default)]
+pub(super) struct Materials {
+    /// By name, each with its library's path.
+    known: BTreeMap<String, (MtlMaterial, Arc<PathBuf>)>,
+    made: BTreeMap<Option<String>, MaterialId>,
+    images: BTreeMap<PathBuf, Option<Arc<Image>>>,
+}
+
+impl Materials {
+    pub(super) fn open(&mut self, scene: &mut Scene, name: &str, files: &dyn Files, source: &Source) {
+        let path = beside(&source.file, name);
+        let bytes = match files.read(&path) {
+            Ok(bytes) => bytes,
+            Err(e) => {
+                let message = format!("the materials of {} cannot be read ({e}); grey instead", path.display());
+                scene.notices.push(Notice::warning(source.clone(), message));
+                return;
+            }
+        };
+        let library = read_mtl(&bytes);
+        let file = Arc::new(path);
+        let notices = library.notices.into_iter();
+        scene
+            .notices
+            .extend(notices.map(|(line, message)| Notice::warning(Source { file: file.clone(), line }, message)));
+        for (name, material) in library.materials {
+            self.known.insert(name, (material, file.clone()));
+        }
+    }
+
+    /// The material that the meshes with this `usemtl` have.
+    pub(super) fn of(
+        &mut self,
+        scene: &mut Scene,
+        asked: Option<&(String, u32)>,
+        files: &dyn Files,
+        source: &Source,
+    ) -> MaterialId {
+        let name = asked.map(|(name, _)| name.clone());
+        if let Some(id) = self.made.get(&name) {
+            return *id;
+        }
+        let id = match asked {
+            None => add_material(scene, "grey", GREY, source),
+            Some((name, line)) => match self.known.get(name).cloned() {
+                Some((material, file)) => {
+                    let source = Source { line: material.line, file };
+                    let color = self.color(scene, &material, files, &source);
+                    add_material(scene, name, color, &source)
+                }
+                None => {
+                    let source = Source { line: *line, ..source.clone() };
+                    let message = format!("unknown material \"{name}\"; grey instead");
+                    scene.notices.push(Notice::warning(source.clone(), message));
+                    add_material(scene, name, GREY, &source)
+                }
+            },
+        };
+        self.made.insert(name, id);
+        id
+    }
+
+    fn color(&mut self, scene: &mut Scene, material: &MtlMaterial, files: &dyn Files, source: &Source) -> Color {
+        let flat = material.diffuse.map_or(GREY, Color::Constant);
+        let Some(name) = &material.texture else { return flat };
+        let Some(image) = self.image(scene, name, files, source) else { return flat };
+        // Kd multiplies the image; without one, or black as some programs write it, the image stands alone.
+        let tint = material.diffuse.filter(|c| *c != [0.0; 3]).unwrap_or([1.0; 3]);
+        let even = tint[0] == tint[1] && tint[1] == tint[2];
+        let (scale, shift, factor) = ([1.0; 2], [0.0; 2], if even { tint[0] } else { 1.0 });
+        let image = TextureKind::Image { image, scale, shift, factor, invert: false, wrap: Wrap::Repeat };
+        let image = add_texture(scene, name, image, source);
+        if even {
+            return image;
+        }
+        add_texture(scene, name, TextureKind::Product { factors: [Color::Constant(tint), image] }, source)
+    }
+
+    /// An image, if it can be had; each file is read once.
+    fn image(&mut self, scene: &mut Scene, name: &str, files: &dyn Files, source: &Source) -> Option<Arc<Image>> {
+        let path = beside(&source.file, name);
+        if let Some(known) = self.images.get(&path) {
+            return known.clone();
+        }
+        let bytes = files.read(&path).map_err(|e| format!("{}: {e}", path.display()));
+        let read = |bytes: Vec<u8>| {
+            let name = path.display().to_string();
+            let image = read_image(&bytes, &name, Encoding::Auto).and_then(|p| p.checked_finite(&name));
+            image.map_err(|e| e.to_string())
+        };
+        let image = match bytes.and_then(read) {
+            Ok(image) => Some(Arc::new(image)),
+            Err(e) => {
+                let message = format!("the texture cannot be read, Kd stands for it: {e}");
+                scene.notices.push(Notice::warning(source.clone(), message));
+                None
+            }
+        };
+        self.images.insert(path, image.clone());
+        image
+    }
+}
+
+fn add_texture(scene: &mut Scene, name: &str, kind: TextureKind, source: &Source) -> Color {
+    let id = TextureId(scene.textures.len() as u32);
+    scene.textures.push(Texture { name: name.to_owned(), kind, source: source.clone() });
+    Color::Texture(id)
+}
+
+/// The path of a file that `file` names; backslashes are Windows' way to write it.
+fn beside(file: &Path, name: &str) -> PathBuf {
+    file.parent().unwrap_or(Path::new("")).join(name.replace('\\', "/"))
+}

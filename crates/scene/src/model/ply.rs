@@ -1,0 +1,382 @@
+//! Meshes from PLY files: ascii, and binary of either byte order [Turk 1994].
+
+use super::{UpAxis, add_mesh, model_scene};
+use crate::files::Files;
+use crate::polygon;
+use crate::readers::{AnyOptions, SceneReader};
+use crate::{MeshData, MeshFault, ReadError, Scene};
+use glam::dvec3;
+use ply_rs_bw::parser::{ParseError, Parser, Reader};
+use ply_rs_bw::ply::{
+    BeginList, DefaultElement, ElementDef, Encoding, Header, Property, PropertyAccess, PropertyAccessResult,
+    PropertyType, ScalarType,
+};
+use std::io::BufRead;
+use std::path::Path;
+
+/// The reader of PLY models.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct PlyReader;
+
+impl SceneReader for PlyReader {
+    fn name(&self) -> &'static str {
+        "PLY"
+    }
+
+    fn extensions(&self) -> &'static [&'static str] {
+        &["ply"]
+    }
+
+    fn recognizes(&self, content: &[u8]) -> bool {
+        content.starts_with(b"ply\n") || content.starts_with(b"ply\r")
+    }
+
+    fn read(&self, files: &dyn Files, path: &Path, options: &AnyOptions) -> Result<Scene, ReadError> {
+        let up = options.model.up.unwrap_or(UpAxis::Y);
+        model_scene(files, path, up, |scene, bytes, source| {
+            let mesh = read_ply(&bytes).map_err(|e| ReadError::invalid(source.clone(), e.to_string()))?;
+            add_mesh(scene, mesh.data, mesh.doubt.map(str::to_owned), source);
+            Ok(())
+        })
+    }
+}
+
+/// A mesh that was read.
+#[derive(Clone, Debug)]
+pub struct PlyMesh {
+    /// The mesh; polygons are cut into triangles.
+    pub data: MeshData,
+    /// The reason to doubt that the file is whole, if any.
+    pub doubt: Option<&'static str>,
+}
+
+/// The error of a PLY file. Elements count from 0.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum PlyError {
+    /// The header breaks the format's rules.
+    #[error("the PLY header cannot be read ({0}); export the mesh anew")]
+    Header(String),
+    /// The file cannot hold what its header promises.
+    #[error(
+        "the header promises {count} elements {element}, and only {bytes} bytes follow; the file is cut off or damaged"
+    )]
+    TooShort {
+        /// The element's name.
+        element: String,
+        /// Number of elements promised.
+        count: usize,
+        /// Number of bytes left.
+        bytes: usize,
+    },
+    /// An element cannot be read.
+    #[error("{element} {index} cannot be read ({reason}); the file is cut off or damaged")]
+    Element {
+        /// The element's name.
+        element: String,
+        /// Its number.
+        index: usize,
+        /// The parser's message.
+        reason: String,
+    },
+    /// No element `vertex` with x, y and z.
+    #[error("there is no element vertex with properties x, y and z; export positions too")]
+    NoPositions,
+    /// No element `face` with a list of corners.
+    #[error("there is no element face with a list vertex_indices; export triangles")]
+    NoFaces,
+    /// A polygon that cannot be cut into triangles safely, or that has no such corners.
+    #[error("face {face}: {what}")]
+    Face {
+        /// Its number.
+        face: usize,
+        /// The mistake and its remedy.
+        what: String,
+    },
+    /// The mesh itself is wrong.
+    #[error(transparent)]
+    Mesh(#[from] MeshFault),
+}
+
+/// Reads a mesh. Texture coordinates may be called `u v`, `s t`, `texture_u texture_v` or
+/// `texture_s texture_t`; other properties and elements are skipped.
+///
+/// Memory is bounded by a small multiple of `bytes.len()`, whatever the header claims.
+///
+/// # Errors
+/// The first thing wrong with the file.
+pub fn read_ply(bytes: &[u8]) -> Result<PlyMesh, PlyError> {
+    let mut reader = Reader::new(bytes);
+    let header =
+        Parser::<DefaultElement>::new().read_header(&mut reader).map_err(|e| PlyError::Header(one_line(&e)))?;
+    let left = reader.into_inner();
+    check_unique(&bytes[..bytes.len() - left.len()], &header)?;
+    let mut payload = Payload { left, encoding: header.encoding, line: String::new() };
+    let mut data = MeshData::default();
+    let (mut has_positions, mut faces) = (false, None);
+    for def in header.elements.values() {
+        payload.check_length(def)?;
+        match def.name.as_str() {
+            "vertex" => {
+                has_positions = ["x", "y", "z"].iter().all(|name| def.properties.contains_key(*name));
+                read_vertices(&mut payload, def, &mut data)?;
+            }
+            "face" => faces = Some(read_faces(&mut payload, def)?),
+            _ => (0..def.count).try_for_each(|i| payload.read::<Skipped>(def, i).map(|_| ()))?,
+        }
+    }
+    if !has_positions {
+        return Err(PlyError::NoPositions);
+    }
+    let faces = faces.ok_or(PlyError::NoFaces)?;
+    if let Some(vertex) = data.positions.iter().position(|p| !p.is_finite()) {
+        return Err(MeshFault::Position { vertex }.into());
+    }
+    cut(&faces, &mut data)?;
+    data.check()?;
+    let cut_line = header.encoding == Encoding::Ascii && !bytes.ends_with(b"\n");
+    let doubt = cut_line.then_some("the last line has no line break; if the file was cut off, a number may be wrong");
+    Ok(PlyMesh { data, doubt })
+}
+
+/// Refuses names that are declared twice: the parser keeps one of them, and what follows would be read askew.
+fn check_unique(text: &[u8], header: &Header) -> Result<(), PlyError> {
+    let lines = |word: &[u8]| text.split(|&b| b == b'\n').filter(|line| line.starts_with(word)).count();
+    let properties: usize = header.elements.values().map(|def| def.properties.len()).sum();
+    if lines(b"element") == header.elements.len() && lines(b"property") == properties {
+        return Ok(());
+    }
+    Err(PlyError::Header("an element or property is declared twice".into()))
+}
+
+fn one_line(e: &ParseError) -> String {
+    let text = e.to_string();
+    let words: Vec<&str> = text.split_whitespace().collect();
+    let text = words.join(" ");
+    match text.char_indices().nth(200) {
+        Some((end, _)) => format!("{}…", &text[..end]),
+        None => text,
+    }
+}
+
+/// The bytes after the header.
+struct Payload<'b> {
+    left: &'b [u8],
+    encoding: Encoding,
+    line: String,
+}
+
+impl Payload<'_> {
+    /// Refuses a count that the rest of the file cannot hold, before memory is allocated.
+    fn check_length(&self, def: &ElementDef) -> Result<(), PlyError> {
+        let size = |ty: &PropertyType| match (self.encoding, ty) {
+            // A digit and a space.
+            (Encoding::Ascii, _) => 2,
+            (_, PropertyType::Scalar(scalar) | PropertyType::List(scalar, _)) => bytes_of(scalar),
+        };
+        let least: usize = def.properties.values().map(|p| size(&p.data_type)).sum();
+        // The last line may lack its end.
+        let bytes = self.left.len();
+        let fits = least > 0 && def.count.checked_mul(least).is_some_and(|total| total <= bytes + 1);
+        if fits || def.count == 0 {
+            return Ok(());
+        }
+        Err(PlyError::TooShort { element: def.name.clone(), count: def.count, bytes })
+    }
+
+    fn read<E: PropertyAccess>(&mut self, def: &ElementDef, index: usize) -> Result<E, PlyError> {
+        let parser = Parser::<E>::new();
+        let result = match self.encoding {
+            Encoding::BinaryLittleEndian => parser.read_little_endian_element(&mut self.left, def),
+            Encoding::BinaryBigEndian => parser.read_big_endian_element(&mut self.left, def),
+            Encoding::Ascii => {
+                self.line.clear();
+                match self.left.read_line(&mut self.line) {
+                    Ok(_) => parser.read_ascii_element(&self.line, def),
+                    Err(e) => Err(e.into()),
+                }
+            }
+        };
+        let element = &def.name;
+        result.map_err(|e| PlyError::Element { element: element.clone(), index, reason: one_line(&e) })
+    }
+}
+
+fn bytes_of(scalar: &ScalarType) -> usize {
+    match scalar {
+        ScalarType::Char | ScalarType::UChar => 1,
+        ScalarType::Short | ScalarType::UShort => 2,
+        ScalarType::Int | ScalarType::UInt | ScalarType::Float => 4,
+        ScalarType::Double => 8,
+    }
+}
+
+fn scalar(property: &Property) -> Option<f64> {
+    Some(match property {
+        Property::Char(v) => f64::from(*v),
+        Property::UChar(v) => f64::from(*v),
+        Property::Short(v) => f64::from(*v),
+        Property::UShort(v) => f64::from(*v),
+        Property::Int(v) => f64::from(*v),
+        Property::UInt(v) => f64::from(*v),
+        Property::Float(v) => f64::from(*v),
+        Property::Double(v) => *v,
+        _ => return None,
+    })
+}
+
+struct Skipped;
+
+impl PropertyAccess for Skipped {
+    fn new() -> Self {
+        Self
+    }
+}
+
+/// One vertex: x, y, z, nx, ny, nz, u, v.
+struct Vertex([f64; 8]);
+
+impl PropertyAccess for Vertex {
+    fn new() -> Self {
+        Self([0.0; 8])
+    }
+
+    fn set_float(&mut self, name: &str, value: f32) -> PropertyAccessResult {
+        self.set_double(name, f64::from(value))
+    }
+
+    fn set_double(&mut self, name: &str, value: f64) -> PropertyAccessResult {
+        match slot(name) {
+            Some(slot) => self.0[slot] = value,
+            None => return PropertyAccessResult::Ignored,
+        }
+        PropertyAccessResult::Set
+    }
+
+    fn set_property(&mut self, name: &str, property: Property) -> PropertyAccessResult {
+        match (slot(name), scalar(&property)) {
+            (Some(_), Some(value)) => self.set_double(name, value),
+            (Some(_), None) => PropertyAccessResult::UnsupportedType,
+            (None, _) => PropertyAccessResult::Ignored,
+        }
+    }
+}
+
+fn slot(name: &str) -> Option<usize> {
+    Some(match name {
+        "x" => 0,
+        "y" => 1,
+        "z" => 2,
+        "nx" => 3,
+        "ny" => 4,
+        "nz" => 5,
+        "u" | "s" | "texture_u" | "texture_s" => 6,
+        "v" | "t" | "texture_v" | "texture_t" => 7,
+        _ => return None,
+    })
+}
+
+fn read_vertices(payload: &mut Payload<'_>, def: &ElementDef, data: &mut MeshData) -> Result<(), PlyError> {
+    let has = |names: &[&str]| names.iter().all(|name| def.properties.contains_key(*name));
+    let pairs = [["u", "v"], ["s", "t"], ["texture_u", "texture_v"], ["texture_s", "texture_t"]];
+    let (normals, uvs) = (has(&["nx", "ny", "nz"]), pairs.iter().any(|pair| has(pair)));
+    data.positions.reserve_exact(def.count);
+    data.normals.reserve_exact(if normals { def.count } else { 0 });
+    data.uvs.reserve_exact(if uvs { def.count } else { 0 });
+    for i in 0..def.count {
+        let Vertex([x, y, z, nx, ny, nz, u, v]) = payload.read(def, i)?;
+        data.positions.push(dvec3(x, y, z));
+        if normals {
+            data.normals.push([nx as f32, ny as f32, nz as f32]);
+        }
+        if uvs {
+            data.uvs.push([u as f32, v as f32]);
+        }
+    }
+    Ok(())
+}
+
+/// The corners of one polygon, whichever of the two the file's type is.
+#[derive(Default)]
+struct Face {
+    signed: Vec<i32>,
+    unsigned: Vec<u32>,
+}
+
+fn is_corners(name: &str) -> bool {
+    matches!(name, "vertex_indices" | "vertex_index")
+}
+
+impl PropertyAccess for Face {
+    fn new() -> Self {
+        Self::default()
+    }
+
+    fn begin_list_int(&mut self, name: &str, _: usize) -> BeginList<'_, i32> {
+        if is_corners(name) { BeginList::Fill(&mut self.signed) } else { BeginList::UseSetter }
+    }
+
+    fn begin_list_uint(&mut self, name: &str, _: usize) -> BeginList<'_, u32> {
+        if is_corners(name) { BeginList::Fill(&mut self.unsigned) } else { BeginList::UseSetter }
+    }
+
+    fn set_property(&mut self, name: &str, property: Property) -> PropertyAccessResult {
+        if !is_corners(name) {
+            return PropertyAccessResult::Ignored;
+        }
+        match property.to_u32_list() {
+            Some(list) => self.unsigned = list,
+            None => return PropertyAccessResult::UnsupportedType,
+        }
+        PropertyAccessResult::Set
+    }
+}
+
+/// All polygons' corners in one list, and where each ends.
+#[derive(Default)]
+struct Faces {
+    corners: Vec<u32>,
+    ends: Vec<usize>,
+}
+
+fn read_faces(payload: &mut Payload<'_>, def: &ElementDef) -> Result<Faces, PlyError> {
+    if !def.properties.values().any(|p| is_corners(&p.name) && matches!(p.data_type, PropertyType::List(..))) {
+        return Err(PlyError::NoFaces);
+    }
+    let mut faces = Faces::default();
+    for face in 0..def.count {
+        let Face { signed, unsigned } = payload.read(def, face)?;
+        faces.corners.extend(unsigned);
+        for corner in signed {
+            let corner = u32::try_from(corner).map_err(|_| PlyError::Face {
+                face,
+                what: format!("corner {corner} is negative; corners count vertices from 0"),
+            })?;
+            faces.corners.push(corner);
+        }
+        faces.ends.push(faces.corners.len());
+    }
+    Ok(faces)
+}
+
+/// Cuts polygons into triangles.
+fn cut(faces: &Faces, data: &mut MeshData) -> Result<(), PlyError> {
+    let vertices = data.positions.len();
+    data.triangles.reserve(faces.corners.len().saturating_sub(2 * faces.ends.len()));
+    let mut start = 0;
+    for (face, &end) in faces.ends.iter().enumerate() {
+        let corners = &faces.corners[start..end];
+        start = end;
+        if let Some(corner) = corners.iter().find(|&&c| c as usize >= vertices) {
+            let what = format!("corner {corner} is beyond the last of {vertices} vertices, which count from 0");
+            return Err(PlyError::Face { face, what });
+        }
+        if corners.len() < 3 {
+            let what = format!("a face needs 3 corners or more, not {}; remove it", corners.len());
+            return Err(PlyError::Face { face, what });
+        }
+        polygon::triangulate(corners, &data.positions, &mut data.triangles)
+            .map_err(|what| PlyError::Face { face, what: what.into() })?;
+    }
+    Ok(())
+}

@@ -1,0 +1,77 @@
+//! The problems and notices that a reader collects.
+
+use crate::{Notice, NoticeKind, Problem, ProblemKind, ReadError, Source};
+
+/// Problems that are listed; more are only counted.
+const LISTED_PROBLEMS: usize = 100;
+/// Notices that are listed; more are only counted.
+const LISTED_NOTICES: usize = 1000;
+
+/// Collects problems and notices.
+#[derive(Debug, Default)]
+pub(super) struct Log {
+    problems: Vec<Problem>,
+    more: usize,
+    notices: Vec<Notice>,
+    more_notices: usize,
+    allow_unsupported: bool,
+}
+
+impl Log {
+    pub(super) fn new(allow_unsupported: bool) -> Self {
+        Self { allow_unsupported, ..Self::default() }
+    }
+
+    pub(super) fn problem(&mut self, source: &Source, message: impl Into<String>) {
+        self.push(source, ProblemKind::Invalid, message.into());
+    }
+
+    fn push(&mut self, source: &Source, kind: ProblemKind, message: String) {
+        if self.problems.len() < LISTED_PROBLEMS {
+            self.problems.push(Problem { source: source.clone(), kind, message });
+        } else {
+            self.more += 1;
+        }
+    }
+
+    pub(super) fn notice(&mut self, source: &Source, message: impl Into<String>) {
+        self.push_notice(Notice::warning(source.clone(), message));
+    }
+
+    /// Reports a setting that Dapple leaves to its user.
+    pub(super) fn ignored_setting(&mut self, source: &Source, message: String) {
+        self.push_notice(Notice { source: source.clone(), kind: NoticeKind::IgnoredSetting, message });
+    }
+
+    fn push_notice(&mut self, notice: Notice) {
+        if self.notices.len() < LISTED_NOTICES {
+            self.notices.push(notice);
+        } else {
+            self.more_notices += 1;
+        }
+    }
+
+    /// Reports a valid feature that is not supported.
+    pub(super) fn unsupported(&mut self, source: &Source, what: &str) {
+        if self.allow_unsupported {
+            self.notice(source, format!("{what} is not supported; left out"));
+        } else {
+            self.push(source, ProblemKind::Unsupported, format!("{what} is not supported"));
+        }
+    }
+
+    pub(super) fn has_problems(&self) -> bool {
+        !self.problems.is_empty()
+    }
+
+    pub(super) fn finish(mut self) -> Result<Vec<Notice>, ReadError> {
+        if self.has_problems() {
+            return Err(ReadError { problems: self.problems, more: self.more });
+        }
+        if let (Some(last), more @ 1..) = (self.notices.last(), self.more_notices) {
+            let source = last.source.clone();
+            self.notices.push(Notice::warning(source, format!("{more} more notices are not listed")));
+        }
+        Ok(self.notices)
+    }
+}

@@ -1,0 +1,162 @@
+//! Wins and losses, as sentences and as tables.
+
+use super::table_cell::TableCell;
+use crate::record::{Method, RunBudget};
+use crate::recorded_study::RecordedStudy;
+use crate::summary::{COMPARED, FactorialEffect, HOLDS, RatioVerdict, Row, Summary, UNFAIR};
+
+/// The verdicts on one method.
+pub(super) struct MethodVerdicts {
+    pub(super) method: String,
+    /// Wins, losses and undecided comparisons.
+    pub(super) groups: Vec<VerdictGroup>,
+}
+
+/// The scenes with one verdict.
+pub(super) struct VerdictGroup {
+    pub(super) class: &'static str,
+    pub(super) lead: String,
+    pub(super) scenes: Vec<(String, TableCell)>,
+}
+
+/// A line of a table of comparisons.
+pub(super) struct ComparisonLine {
+    pub(super) scene: String,
+    pub(super) method: String,
+    pub(super) budget: String,
+    pub(super) cells: Vec<TableCell>,
+    pub(super) class: &'static str,
+    pub(super) verdict: String,
+    /// True if the verdict also holds together with all others.
+    pub(super) together: bool,
+    /// The reason why an interval that excludes 1 is undecided.
+    pub(super) unfair: String,
+}
+
+/// The budget at which methods are compared first: equal time where there is one, else the most samples.
+pub(super) fn headline(recorded: &RecordedStudy, summary: &Summary) -> Option<RunBudget> {
+    let manifest = &recorded.manifest;
+    let compared = |budget: &RunBudget| {
+        let words = budget.to_string();
+        summary.rows().iter().any(|row| row.budget == words && row.metric == "relmse ratio")
+    };
+    let spp = manifest.spp.iter().rev().map(|&spp| RunBudget::Spp(spp));
+    manifest.time_of.map(RunBudget::TimeOf).into_iter().chain(spp).find(compared)
+}
+
+/// The verdicts on each method, in the order of the study.
+pub(super) fn method_verdicts(
+    recorded: &RecordedStudy,
+    summary: &Summary,
+    names: &[String],
+    budget: RunBudget,
+) -> Vec<MethodVerdicts> {
+    let manifest = &recorded.manifest;
+    let words = budget.to_string();
+    let mut method_verdicts = Vec::new();
+    for (method, name) in manifest.methods.iter().zip(names) {
+        if *method == manifest.baseline {
+            continue;
+        }
+        let rows: Vec<(&str, &Row)> = manifest
+            .scenes
+            .iter()
+            .filter_map(|scene| Some((scene.name.as_str(), summary.find(&scene.name, method, &words, "relmse ratio")?)))
+            .collect();
+        let group = |verdict: RatioVerdict| -> Option<VerdictGroup> {
+            let scenes: Vec<(String, TableCell)> = rows
+                .iter()
+                .filter(|(_, row)| RatioVerdict::of(row) == Some(verdict))
+                .map(|(scene, row)| ((*scene).to_owned(), TableCell::ratio(Some(row))))
+                .collect();
+            let lead = match verdict {
+                RatioVerdict::Win => "wins on",
+                RatioVerdict::Loss => "loses on",
+                RatioVerdict::Undecided => "is undecided on",
+            };
+            (!scenes.is_empty()).then(|| VerdictGroup { class: verdict.words(), lead: lead.to_owned(), scenes })
+        };
+        let groups: Vec<VerdictGroup> =
+            [RatioVerdict::Win, RatioVerdict::Loss, RatioVerdict::Undecided].into_iter().filter_map(group).collect();
+        method_verdicts.push(MethodVerdicts { method: name.clone(), groups });
+    }
+    method_verdicts
+}
+
+/// The numbers of wins, losses and undecided comparisons.
+pub(super) fn tally(summary: &Summary, budget: RunBudget) -> [usize; 3] {
+    let words = budget.to_string();
+    let rows = || summary.rows().iter().filter(|row| row.budget == words && row.metric == "relmse ratio");
+    [RatioVerdict::Win, RatioVerdict::Loss, RatioVerdict::Undecided]
+        .map(|verdict| rows().filter(|row| RatioVerdict::of(row) == Some(verdict)).count())
+}
+
+/// The comparisons, scene by scene and method by method.
+pub(super) fn lines(
+    recorded: &RecordedStudy,
+    summary: &Summary,
+    names: &[String],
+    budgets: &[RunBudget],
+) -> Vec<ComparisonLine> {
+    let manifest = &recorded.manifest;
+    let mut lines = Vec::new();
+    for scene in &manifest.scenes {
+        for (method, name) in manifest.methods.iter().zip(names) {
+            for &budget in budgets {
+                let words = budget.to_string();
+                let find = |metric: &str| summary.find(&scene.name, method, &words, metric);
+                let Some(row) = find("relmse ratio") else { continue };
+                let verdict = RatioVerdict::of(row);
+                let errors = COMPARED.iter().map(|metric| TableCell::ratio(find(&format!("{metric} ratio"))));
+                let costs =
+                    ["seconds ratio", "relmse x seconds ratio"].iter().map(|metric| TableCell::ratio(find(metric)));
+                lines.push(ComparisonLine {
+                    scene: scene.name.clone(),
+                    method: name.clone(),
+                    budget: words.clone(),
+                    cells: errors.chain(costs).collect(),
+                    class: verdict.map_or("", RatioVerdict::words),
+                    verdict: row.note.clone(),
+                    together: row.note.contains(HOLDS),
+                    unfair: row.note.split("; ").find(|n| n.contains(UNFAIR)).unwrap_or_default().to_owned(),
+                });
+            }
+        }
+    }
+    lines
+}
+
+/// A line of the factorial table.
+pub(super) struct FactorialLine {
+    pub(super) scene: String,
+    pub(super) sampler: String,
+    pub(super) filter: String,
+    /// As [`FactorialEffect::ALL`], with the classes of their verdicts.
+    pub(super) parts: Vec<(TableCell, &'static str)>,
+}
+
+pub(super) fn factorial_lines(recorded: &RecordedStudy, summary: &Summary, budget: RunBudget) -> Vec<FactorialLine> {
+    let manifest = &recorded.manifest;
+    let words = budget.to_string();
+    let several = manifest.methods.iter().any(|m| m.points != manifest.baseline.points);
+    let sampler = |m: &Method| if several { format!("{} / {}", m.sampler, m.points) } else { m.sampler.clone() };
+    let mut factorial_lines = Vec::new();
+    for scene in &manifest.scenes {
+        for method in &manifest.methods {
+            let rows = FactorialEffect::ALL.map(|part| summary.find(&scene.name, method, &words, part.metric()));
+            if rows[0].is_none() {
+                continue;
+            }
+            let part = |row: &Option<&Row>| {
+                (TableCell::ratio(*row), row.and_then(RatioVerdict::of).map_or("", RatioVerdict::words))
+            };
+            factorial_lines.push(FactorialLine {
+                scene: scene.name.clone(),
+                sampler: sampler(method),
+                filter: method.filter.clone(),
+                parts: rows.iter().map(part).collect(),
+            });
+        }
+    }
+    factorial_lines
+}

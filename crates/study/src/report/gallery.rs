@@ -1,0 +1,276 @@
+//! Crops beside the reference, maps of error and of samples; all as PNG inside the page.
+
+use crate::record::{Run, RunBudget, SceneRecord};
+use crate::recorded_study::RecordedStudy;
+use base64::Engine;
+use dapple_metrics::{Pixels, downsample};
+use dapple_scene::image::{Encoding, Image, encode_png, encode_png_gray, encode_png_rgb, read_image};
+use std::path::Path;
+
+/// The largest total size of all images, in bytes of the page.
+const ROOM: f64 = 3.5e6;
+
+/// Errors at both ends of the map's colours, as powers of ten: relative squared error.
+pub(super) const ERROR_DECADES: [f64; 2] = [-4.0, 0.0];
+
+/// Colours of errors, evenly spaced; rising in lightness, so that they survive print and colour blindness [after
+/// van der Walt 2015, matplotlib's `inferno` at quarters].
+const ERROR_COLOURS: [[f64; 3]; 5] =
+    [[0.0, 0.0, 4.0], [87.0, 16.0, 110.0], [188.0, 55.0, 84.0], [249.0, 142.0, 9.0], [252.0, 255.0, 164.0]];
+
+/// An image in the page.
+pub(super) struct Embedded {
+    pub(super) uri: String,
+    pub(super) size: [u32; 2],
+}
+
+/// Left, top, width and height.
+pub(super) type Crop = [u32; 4];
+
+/// The images of a method.
+pub(super) struct MethodImages {
+    /// Its place in the manifest.
+    pub(super) method: usize,
+    /// One for each of [`Gallery::crops`]; none where there is no image.
+    pub(super) crops: Vec<Embedded>,
+    pub(super) error_map: Option<Embedded>,
+    pub(super) sample_map: Option<Embedded>,
+    /// Samples per pixel that are white in it.
+    pub(super) white: Option<f64>,
+}
+
+/// The images of a scene.
+pub(super) struct Gallery {
+    pub(super) budget: Option<RunBudget>,
+    /// The same for all.
+    pub(super) exposure_stops: f32,
+    pub(super) overview: Option<Embedded>,
+    /// The first is where methods differ most, the second a typical one.
+    pub(super) crops: Vec<Crop>,
+    pub(super) reference_crops: Vec<Embedded>,
+    pub(super) tiles: Vec<MethodImages>,
+    /// Images that cannot be shown, with the reasons.
+    pub(super) problems: Vec<String>,
+}
+
+/// The sides of crops and of maps, so that the page stays small. Of 80 pixels, each is seen as about two by two.
+fn side(recorded: &RecordedStudy) -> u32 {
+    let tiles = recorded.manifest.scenes.len() * recorded.manifest.methods.len();
+    // Two crops of 3 bytes a pixel that hardly shrink, two maps that do, and a third more as base64.
+    let side = (ROOM / tiles.max(1) as f64 / 10.5).sqrt().clamp(32.0, 80.0);
+    side as u32 / 8 * 8
+}
+
+pub(super) fn gallery(recorded: &RecordedStudy, scene: &SceneRecord) -> Gallery {
+    let side = side(recorded);
+    let mut problems = Vec::new();
+    let reference = load(&recorded.folder, &scene.reference.file, &mut problems);
+    let budget = budget(recorded, scene);
+    let runs: Vec<Option<&Run>> = (0..recorded.manifest.methods.len())
+        .map(|method| budget.and_then(|budget| run(recorded, scene, method, budget)))
+        .collect();
+    let same_size = |p: &Image, r: &Image| p.size == r.size;
+    let mut images: Vec<Option<Image>> = Vec::new();
+    for run in &runs {
+        let file = run.and_then(|run| run.image.as_deref());
+        let image = file.and_then(|file| load(&recorded.folder, file, &mut problems));
+        if let (Some(image), Some(reference), Some(file)) = (&image, &reference, file)
+            && !same_size(image, reference)
+        {
+            let [a, b] = [image.size, reference.size].map(|s| format!("{}x{}", s[0], s[1]));
+            problems.push(format!("{file} is {a}, its reference {b}"));
+        }
+        images.push(image.filter(|p| reference.as_ref().is_some_and(|r| same_size(p, r))));
+    }
+    let mut gallery = Gallery {
+        budget,
+        exposure_stops: 0.0,
+        overview: None,
+        crops: Vec::new(),
+        reference_crops: Vec::new(),
+        tiles: Vec::new(),
+        problems: Vec::new(),
+    };
+    let mut errors: Vec<Option<Vec<f32>>> = vec![None; runs.len()];
+    if let Some(reference) = &reference {
+        gallery.exposure_stops = exposure(reference);
+        errors = images.iter().map(|p| p.as_ref().map(|p| relative_errors(p, reference))).collect();
+        gallery.crops = crops(reference.size, side, &errors);
+        gallery.overview =
+            shrink(reference, 4 * side).and_then(|p| embed(encode_png(&p, gallery.exposure_stops), p.size));
+        gallery.reference_crops = cut_all(reference, &gallery);
+    }
+    for (method, run) in runs.iter().enumerate() {
+        let Some(run) = run else { continue };
+        let map = run.sample_map.as_deref().and_then(|file| sample_map(&recorded.folder, file, side, &mut problems));
+        let size = reference.as_ref().map_or([0, 0], |r| r.size);
+        gallery.tiles.push(MethodImages {
+            method,
+            crops: images[method].as_ref().map_or_else(Vec::new, |p| cut_all(p, &gallery)),
+            error_map: errors[method].as_ref().and_then(|e| error_map(e, size, side)),
+            sample_map: map,
+            white: run.white,
+        });
+    }
+    gallery.problems = problems;
+    gallery
+}
+
+/// The budget whose images are shown: equal time, else the most samples of which there are images.
+fn budget(recorded: &RecordedStudy, scene: &SceneRecord) -> Option<RunBudget> {
+    let shown = || recorded.runs.iter().filter(|run| run.scene == scene.name && run.image.is_some());
+    let spp = |run: &Run| if let RunBudget::Spp(spp) = run.budget { Some(spp) } else { None };
+    let timed = shown().map(|run| run.budget).find(|b| matches!(b, RunBudget::TimeOf(_)));
+    timed.or(shown().filter_map(spp).max().map(RunBudget::Spp))
+}
+
+/// The first run of it that has an image, or else a sample map.
+fn run<'a>(recorded: &'a RecordedStudy, scene: &SceneRecord, method: usize, budget: RunBudget) -> Option<&'a Run> {
+    let method = &recorded.manifest.methods[method];
+    let find = |budget: RunBudget, has: fn(&Run) -> bool| {
+        let fits = |run: &&Run| run.scene == scene.name && run.method == *method && run.budget == budget && has(run);
+        recorded.runs.iter().find(fits)
+    };
+    let either = |budget| find(budget, |run| run.image.is_some()).or(find(budget, |run| run.sample_map.is_some()));
+    match budget {
+        RunBudget::TimeOf(spp) if *method == recorded.manifest.baseline => {
+            either(budget).or(either(RunBudget::Spp(spp)))
+        }
+        _ => either(budget),
+    }
+}
+
+fn load(folder: &Path, file: &str, problems: &mut Vec<String>) -> Option<Image> {
+    let bytes = std::fs::read(folder.join(file)).map_err(|e| problems.push(format!("{file}: {e}"))).ok()?;
+    read_image(&bytes, file, Encoding::Auto).map_err(|e| problems.push(e.to_string())).ok()
+}
+
+fn embed(png: Result<Vec<u8>, dapple_scene::image::ImageError>, size: [u32; 2]) -> Option<Embedded> {
+    let uri = format!("data:image/png;base64,{}", base64::engine::general_purpose::STANDARD.encode(png.ok()?));
+    Some(Embedded { uri, size })
+}
+
+/// None unless the image is far too dark or too bright to see; then that which brings the brightest hundredth of
+/// its pixels to 1, in whole stops.
+fn exposure(reference: &Image) -> f32 {
+    let mut peaks: Vec<f32> = reference.pixels.iter().map(|p| p[0].max(p[1]).max(p[2])).collect();
+    peaks.sort_by(f32::total_cmp);
+    let bright = f64::from(peaks[(peaks.len() - 1) * 99 / 100]);
+    if !(bright > 0.0 && bright.is_finite()) || (0.25..=4.0).contains(&bright) {
+        return 0.0;
+    }
+    -libm::round(libm::log2(bright)) as f32
+}
+
+/// Of each pixel, as relMSE takes them.
+fn relative_errors(image: &Image, reference: &Image) -> Vec<f32> {
+    let error = |(x, r): (&[f32; 3], &[f32; 3])| {
+        let of = |c: usize| {
+            let [x, r] = [x[c], r[c]].map(|v| if v.is_finite() { f64::from(v) } else { 0.0 });
+            (x - r) * (x - r) / (r * r + dapple_metrics::RELATIVE_EPSILON)
+        };
+        ((of(0) + of(1) + of(2)) / 3.0) as f32
+    };
+    image.pixels.iter().zip(&reference.pixels).map(error).collect()
+}
+
+/// Below this many pixels across, a crop shows no more than the whole image would.
+const LEAST_SIDE: u32 = 24;
+
+/// Squares of this side, or half of the image's where it is small, so that there are two apart: where the methods'
+/// errors lie furthest apart, and one where they do as usual (the median). An image with no room for two is shown
+/// whole. Deterministic: of equal ones the first, row by row.
+fn crops(size: [u32; 2], side: u32, errors: &[Option<Vec<f32>>]) -> Vec<Crop> {
+    let side = side.min(size[0].min(size[1]) / 2);
+    if side < LEAST_SIDE {
+        return vec![[0, 0, size[0], size[1]]];
+    }
+    let [width, height] = [side; 2];
+    let starts = |whole: u32, part: u32| {
+        let last = whole - part;
+        let count = last.div_ceil((part / 2).max(1)).max(1);
+        (0..=count).map(move |i| last * i / count)
+    };
+    let mut places: Vec<(f64, Crop)> = Vec::new();
+    for y in starts(size[1], height) {
+        for x in starts(size[0], width) {
+            let crop = [x, y, width, height];
+            if places.iter().all(|(_, other)| *other != crop) {
+                places.push((spread(size, crop, errors), crop));
+            }
+        }
+    }
+    let most = places.iter().copied().fold(places[0], |best, one| if one.0 > best.0 { one } else { best });
+    let apart = |crop: &Crop| (0..2).any(|axis| crop[axis].abs_diff(most.1[axis]) >= most.1[2 + axis]);
+    let mut others: Vec<_> = places.iter().copied().filter(|(_, crop)| apart(crop)).collect();
+    others.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let typical = (!others.is_empty()).then(|| others[(others.len() - 1) / 2].1);
+    [Some(most.1), typical].into_iter().flatten().collect()
+}
+
+/// How far methods are apart within a crop: the logarithm of worst over best mean error; of one method, its error.
+fn spread(size: [u32; 2], crop: Crop, errors: &[Option<Vec<f32>>]) -> f64 {
+    let means: Vec<f64> = errors
+        .iter()
+        .flatten()
+        .map(|errors| {
+            let rows = (crop[1]..crop[1] + crop[3]).map(|y| (y * size[0] + crop[0]) as usize);
+            let sum: f64 = rows.flat_map(|start| &errors[start..start + crop[2] as usize]).map(|&e| f64::from(e)).sum();
+            sum / f64::from(crop[2] * crop[3])
+        })
+        .collect();
+    let [low, high] = [means.iter().copied().fold(f64::INFINITY, f64::min), means.iter().copied().fold(0.0, f64::max)];
+    // Differences that nobody sees do not count: errors below a thousandth.
+    if means.len() < 2 { high } else { libm::log((high + 1e-3) / (low + 1e-3)) }
+}
+
+fn cut_all(image: &Image, gallery: &Gallery) -> Vec<Embedded> {
+    let cut = |crop: &Crop| {
+        let rows = (crop[1]..crop[1] + crop[3]).map(|y| (y * image.size[0] + crop[0]) as usize);
+        let pixels = rows.flat_map(|start| &image.pixels[start..start + crop[2] as usize]).copied().collect();
+        let part = Image::new([crop[2], crop[3]], pixels).ok()?;
+        embed(encode_png(&part, gallery.exposure_stops), part.size)
+    };
+    gallery.crops.iter().filter_map(cut).collect()
+}
+
+/// Box-averaged until its longer side is at most this.
+fn shrink(image: &Image, most: u32) -> Option<Image> {
+    let [width, height] = image.size;
+    let longer = width.max(height);
+    if longer <= most {
+        return Some(image.clone());
+    }
+    let target = [width, height].map(|s| (u64::from(s) * u64::from(most) / u64::from(longer)).max(1) as u32);
+    let pixels: Vec<[f32; 3]> = image.pixels.iter().map(|p| p.map(|v| if v.is_finite() { v } else { 0.0 })).collect();
+    let small = downsample(Pixels::new(image.size, &pixels).ok()?, target).ok()?;
+    Image::new(target, small).ok()
+}
+
+fn error_map(errors: &[f32], size: [u32; 2], side: u32) -> Option<Embedded> {
+    let image = Image::new(size, errors.iter().map(|&e| [e; 3]).collect()).ok()?;
+    let small = shrink(&image, side)?;
+    let bytes: Vec<[u8; 3]> = small.pixels.iter().map(|p| error_colour(f64::from(p[0]))).collect();
+    embed(encode_png_rgb(small.size, &bytes), small.size)
+}
+
+fn error_colour(error: f64) -> [u8; 3] {
+    let [low, high] = ERROR_DECADES;
+    let last = ERROR_COLOURS.len() - 1;
+    let share = if error > 0.0 { ((libm::log10(error) - low) / (high - low)).clamp(0.0, 1.0) } else { 0.0 };
+    let place = share * last as f64;
+    let below = (place as usize).min(last - 1);
+    let t = place - below as f64;
+    std::array::from_fn(|c| {
+        let [a, b] = [ERROR_COLOURS[below][c], ERROR_COLOURS[below + 1][c]];
+        (a + t * (b - a)).round() as u8
+    })
+}
+
+fn sample_map(folder: &Path, file: &str, side: u32, problems: &mut Vec<String>) -> Option<Embedded> {
+    let bytes = std::fs::read(folder.join(file)).map_err(|e| problems.push(format!("{file}: {e}"))).ok()?;
+    let map = read_image(&bytes, file, Encoding::Linear).map_err(|e| problems.push(e.to_string())).ok()?;
+    let small = shrink(&map, side)?;
+    let values: Vec<u8> = small.pixels.iter().map(|p| (p[0] * 255.0).round() as u8).collect();
+    embed(encode_png_gray(small.size, &values), small.size)
+}

@@ -1,0 +1,226 @@
+//! Requests for runs, and the runners that make them.
+
+use crate::reference_image::ReferenceImage;
+use crate::references::safe_file_name;
+use crate::shot::{Order, shoot};
+use crate::subject::View;
+use crate::{External, Method, Run, RunBudget, StudyError, Subject};
+use dapple_core::NoMonitor;
+use dapple_job::output::sample_map;
+use dapple_scene::image::{Image, Layer, encode_exr, write_file};
+use serde::{Deserialize, Serialize};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+/// A request for a run; JSON on its way to another process.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
+pub struct RunRequest {
+    /// The scene.
+    pub view: View,
+    /// The method.
+    pub method: Method,
+    /// The external program, if the method's filter is one.
+    #[serde(default)]
+    pub external: Option<External>,
+    /// The budget.
+    pub budget: RunBudget,
+    /// The seed of the point set.
+    pub seed: u64,
+    /// The samples of the budget in total.
+    pub asked: u64,
+    /// The reference's file.
+    pub reference: PathBuf,
+    /// Threads; 0 is one per core.
+    pub threads: usize,
+    /// The study's folder.
+    pub folder: PathBuf,
+    /// The path for image and sample map, relative to the folder, without extension; `None` writes neither.
+    pub image: Option<String>,
+}
+
+/// Makes runs; see [`InProcess`] and [`Processes`].
+pub trait Runner {
+    /// Makes a run.
+    ///
+    /// # ImageErrors
+    ///
+    /// Errors of the scene, the reference or the render.
+    fn run(&mut self, request: &RunRequest) -> Result<Run, StudyError>;
+}
+
+/// Makes runs in this process, on the current rayon pool.
+///
+/// A scene is read once for all its runs, and warmed up by an image that is not recorded.
+pub struct InProcess {
+    cpu: fn() -> Option<f64>,
+    fresh: bool,
+    subject: Option<Subject>,
+    truth: Option<(PathBuf, ReferenceImage)>,
+}
+
+impl InProcess {
+    /// A runner; `cpu` returns the user and system seconds of this process so far, if the system reports them.
+    pub fn new(cpu: fn() -> Option<f64>) -> Self {
+        Self { cpu, fresh: false, subject: None, truth: None }
+    }
+
+    /// A runner without warm-up for a process that makes a single run, which is marked as `fresh`.
+    pub fn fresh(cpu: fn() -> Option<f64>) -> Self {
+        Self { fresh: true, ..Self::new(cpu) }
+    }
+
+    fn subject(&mut self, view: &View) -> Result<&Subject, StudyError> {
+        if self.subject.as_ref().is_none_or(|s| s.view != *view) {
+            // Frees the previous scene first.
+            self.subject = None;
+            let subject = Subject::load(view)?;
+            if !self.fresh {
+                warm_up(&subject)?;
+            }
+            self.subject = Some(subject);
+        }
+        self.subject.as_ref().ok_or_else(|| StudyError::Scene(view.source.clone()))
+    }
+}
+
+/// Renders an image that is not recorded: the first images of a process are slower.
+fn warm_up(subject: &Subject) -> Result<(), StudyError> {
+    let samples = WARM_UP_SPP * subject.frame()?.pixels() as u64;
+    let method = Method::new("uniform", "sobol", "none");
+    shoot(subject, Order { seed: 0, ..Order::new(&method, samples) }, &mut NoMonitor, || None).map(|_| ())
+}
+
+const WARM_UP_SPP: u64 = 2;
+
+impl Runner for InProcess {
+    fn run(&mut self, request: &RunRequest) -> Result<Run, StudyError> {
+        if self.truth.as_ref().is_none_or(|(file, _)| *file != request.reference) {
+            self.truth = Some((request.reference.clone(), ReferenceImage::read(&request.reference)?.0));
+        }
+        let size = request.view.resolution;
+        if let Some((file, truth)) = self.truth.take_if(|(_, truth)| truth.size != size) {
+            let scene = request.view.name.clone();
+            let why = format!("its size is not {}x{} pixels or a multiple; render it again", size[0], size[1]);
+            let averaged = truth.averaged_to(size).ok_or(StudyError::Reference { file: file.clone(), scene, why })?;
+            self.truth = Some((file, averaged));
+        }
+        let load = load_average();
+        let (cpu, fresh) = (self.cpu, self.fresh);
+        let (external, threads) = (request.external.as_ref(), request.threads);
+        let order = Order { seed: request.seed, external, threads, ..Order::new(&request.method, request.asked) };
+        let shot = shoot(self.subject(&request.view)?, order, &mut NoMonitor, cpu)?;
+        let what = || format!("{}, {}, seed {}", request.view.name, request.method, request.seed);
+        let Some((_, truth)) = &self.truth else {
+            return Err(StudyError::Run { what: what(), why: "the reference is missing; open the study again".into() });
+        };
+        let measured = truth.measure(&shot.filtered.radiance);
+        let measured = measured.map_err(|e| StudyError::Run { what: what(), why: e.to_string() })?;
+        let map = sample_map(&shot.film);
+        if let Some(stem) = &request.image {
+            let file = |extension: &str| request.folder.join(format!("{stem}.{extension}"));
+            if let Some(folder) = file("exr").parent() {
+                std::fs::create_dir_all(folder)
+                    .map_err(|e| StudyError::file(folder, "make the folder of images", e))?;
+            }
+            let filtered = &shot.filtered;
+            let image = Layer::of_image("", &Image::new(filtered.size, filtered.radiance.clone())?);
+            write_file(&file("exr"), &encode_exr(filtered.size, &[image], &attributes(request))?.bytes)?;
+            write_file(&file("png"), &map.png()?)?;
+        }
+        let record = shot.film.record();
+        let named = |extension: &str| request.image.as_ref().map(|stem| format!("{stem}.{extension}"));
+        Ok(Run {
+            scene: request.view.name.clone(),
+            method: request.method.clone(),
+            budget: request.budget,
+            seed: request.seed,
+            asked: request.asked,
+            samples: record.samples,
+            spp: record.samples as f64 / shot.film.frame().pixels() as f64,
+            rays: shot.rays,
+            seconds: shot.seconds,
+            render_s: shot.seconds.render(),
+            cpu_s: shot.cpu_s,
+            errors: measured.errors,
+            corrected: measured.corrected,
+            reference_limited: measured.reference_limited,
+            predicted_relmse: shot.film.predicted_relmse().filter(|e| e.is_finite()),
+            rejected: record.rejected,
+            load,
+            fresh,
+            image: named("exr"),
+            sample_map: named("png"),
+            white: request.image.is_some().then_some(map.white),
+        })
+    }
+}
+
+/// The settings of an image, for its header.
+fn attributes(request: &RunRequest) -> Vec<(String, String)> {
+    let [w, h] = request.view.resolution;
+    let list = [
+        ("version", env!("CARGO_PKG_VERSION").to_owned()),
+        ("scene", request.view.name.clone()),
+        ("scene-file", request.view.source.clone()),
+        ("sampler", request.method.sampler.clone()),
+        ("points", request.method.points.clone()),
+        ("filter", request.method.filter.clone()),
+        ("seed", request.seed.to_string()),
+        ("budget", format!("{} samples", request.asked)),
+        ("resolution", format!("{w}x{h}")),
+    ];
+    list.into_iter().map(|(key, text)| (format!("dapple:{key}"), text)).collect()
+}
+
+/// Makes each run in a process of its own: a program that reads a [`RunRequest`] as JSON from its standard input and writes
+/// the [`Run`] as JSON to its standard output.
+pub struct Processes {
+    program: PathBuf,
+    words: Vec<String>,
+}
+
+impl Processes {
+    /// A runner that starts `program` with these arguments.
+    pub fn new(program: &Path, words: &[&str]) -> Self {
+        Self { program: program.to_owned(), words: words.iter().map(|w| (*w).to_owned()).collect() }
+    }
+}
+
+impl Runner for Processes {
+    fn run(&mut self, request: &RunRequest) -> Result<Run, StudyError> {
+        let refuse = |why: String| {
+            let what =
+                format!("{}, {}, seed {}, in a process of its own", request.view.name, request.method, request.seed);
+            StudyError::Run { what, why }
+        };
+        let mut command = Command::new(&self.program);
+        command.args(&self.words).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        let mut child = command.spawn().map_err(|e| refuse(format!("{}: {e}", self.program.display())))?;
+        let words = serde_json::to_vec(request).map_err(|e| refuse(e.to_string()))?;
+        // The pipe closes when dropped. If the child ends early, its own error is reported first.
+        let told = child.stdin.take().map_or(Ok(()), |mut pipe| pipe.write_all(&words));
+        let output = child.wait_with_output().map_err(|e| refuse(e.to_string()))?;
+        if !output.status.success() {
+            let said = String::from_utf8_lossy(&output.stderr);
+            return Err(refuse(format!("it ended with {}: {}", output.status, said.trim())));
+        }
+        told.map_err(|e| refuse(e.to_string()))?;
+        serde_json::from_slice(&output.stdout).map_err(|e| refuse(format!("it did not answer with a run: {e}")))
+    }
+}
+
+/// The machine's load average over the last minute, if the system reports it.
+pub(crate) fn load_average() -> Option<f64> {
+    std::fs::read_to_string("/proc/loadavg").ok()?.split_whitespace().next()?.parse().ok()
+}
+
+/// The path of a run's image, relative to the study's folder, without extension. `number` is the method's.
+pub(crate) fn image_stem(scene: &str, budget: RunBudget, number: usize) -> String {
+    let budget = match budget {
+        RunBudget::Spp(n) => format!("spp-{n}"),
+        RunBudget::TimeOf(n) => format!("time-of-{n}"),
+    };
+    format!("images/{}/{budget}-{number:02}", safe_file_name(scene))
+}

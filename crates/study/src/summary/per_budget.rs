@@ -1,0 +1,80 @@
+//! What each method is at each budget.
+
+use super::Summary;
+use super::run_table::{RunTable, Seeds, error};
+use super::seed_statistic::SeedStatistic;
+use crate::record::{Phases, Run};
+
+/// Seconds of one phase.
+pub(crate) type OfPhases = fn(&Phases) -> f64;
+
+/// Names of phases and how to read them, in the order in which they happen.
+pub(crate) const PHASES: [(&str, OfPhases); 7] = [
+    ("load", |p| p.load),
+    ("bvh", |p| p.bvh),
+    ("cluster", |p| p.cluster),
+    ("probe", |p| p.probe),
+    ("plan", |p| p.plan),
+    ("trace", |p| p.trace),
+    ("filter", |p| p.filter),
+];
+
+pub(super) fn add(summary: &mut Summary, grid: &RunTable<'_>) {
+    for at in grid.all() {
+        for budget in grid.budgets() {
+            let runs = grid.at(at, budget);
+            if runs.is_empty() {
+                continue;
+            }
+            let values = |of: &dyn Fn(&Run) -> f64| -> Vec<f64> { runs.values().map(|run| of(run)).collect() };
+            let mut put = |metric: &str, figure| summary.add(grid, at, Some(budget), metric, figure);
+            for metric in ["mse", "relmse", "relmse_trimmed", "smape", "srgb8_mse", "flip"] {
+                let figure = SeedStatistic::geometric(&values(&|run| error(run, metric)));
+                put(metric, if metric.ends_with("mse") { figure.noted(&marks(runs, metric)) } else { figure });
+            }
+            for metric in ["psnr", "mean_ratio"] {
+                put(metric, SeedStatistic::arithmetic(&values(&|run| error(run, metric))));
+            }
+            put("spp", SeedStatistic::arithmetic(&values(&|run| run.spp)));
+            put("seconds", SeedStatistic::bare(median(values(&|run| run.render_s)), runs.len()).noted("median"));
+            for (name, phase) in PHASES {
+                let figure = SeedStatistic::arithmetic(&values(&|run| phase(&run.seconds)));
+                put(&format!("seconds {name}"), figure);
+            }
+            let predicted: Vec<f64> = predictions(runs);
+            if !predicted.is_empty() {
+                put("predicted over true relmse", SeedStatistic::geometric(&predicted));
+            }
+        }
+    }
+}
+
+/// What the runs themselves expected, over what was found.
+fn predictions(runs: &Seeds<'_>) -> Vec<f64> {
+    let ratio = |run: &&Run| {
+        let found = run.predicted_relmse? / run.errors.relmse;
+        found.is_finite().then_some(found)
+    };
+    runs.values().filter_map(ratio).collect()
+}
+
+/// Whether the reference's own noise shows.
+fn marks(runs: &Seeds<'_>, metric: &str) -> String {
+    let count = |of: fn(&Run) -> bool| runs.values().filter(|run| of(run)).count();
+    let [limited, corrected] = [count(|run| run.reference_limited), count(|run| run.corrected)];
+    let mut notes = Vec::new();
+    if limited > 0 {
+        notes.push(format!("reference-limited in {limited} of {}", runs.len()));
+    }
+    if corrected > 0 && ["mse", "relmse"].contains(&metric) {
+        notes.push(format!("corrected for the reference in {corrected} of {}", runs.len()));
+    }
+    notes.join("; ")
+}
+
+/// The middle one, or the mean of the two in the middle; of at least one value.
+fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    let n = values.len();
+    0.5 * (values[(n - 1) / 2] + values[n / 2])
+}
