@@ -70,11 +70,11 @@ struct LastScatter<P> {
 
 /// A point of a surface where a path scatters.
 ///
-/// Borrows hit and BSDF: structs that functions point at live in memory, the rest of a vertex stays in registers.
+/// Borrows hit, BSDF and frame: structs that functions point at live in memory, the rest of a vertex stays in registers.
 struct Vertex<'a> {
     at: &'a Interaction<'a>,
     bsdf: &'a Bsdf<'a>,
-    frame: ShadingFrame,
+    frame: &'a ShadingFrame,
     /// The direction back along the path, in the shading frame.
     wo: Vec3,
     /// Cosine of that direction with the geometric normal.
@@ -179,7 +179,7 @@ impl<'w, L: Lens, S: LightSelector, const E: u32> PathTracer<'w, L, S, E> {
         let bsdf = if varied { world.bsdf_of(at, surface) } else { surface.plain() };
         let frame = if varied { world.frame_of(at, surface) } else { ShadingFrame::from_normal(at.point.normal) };
         let wo = bsdf.local(&frame, -path.ray.direction);
-        let vertex = Vertex { at, bsdf: &bsdf, frame, wo, outside: -at.point.normal.dot(path.ray.direction) };
+        let vertex = Vertex { at, bsdf: &bsdf, frame: &frame, wo, outside: -at.point.normal.dot(path.ray.direction) };
         let roulette = Self::HAS_ROULETTE && path.depth >= ROULETTE_FROM;
         let several_lights = Self::HAS_SEVERAL_LIGHTS && world.lights.len() > 1;
         let chooses = several_lights || varied && surface.several_lobes || roulette;
@@ -192,7 +192,7 @@ impl<'w, L: Lens, S: LightSelector, const E: u32> PathTracer<'w, L, S, E> {
             path.radiance += path.throughput * direct;
         }
         let Some(sample) = bsdf.sample(wo, [u[2], u[3]], choices[1]) else { return false };
-        let wi = vertex.frame.to_world(sample.wi);
+        let wi = frame.to_world(sample.wi);
         let reflected = !Self::HAS_TRANSMISSION || sample.wi.z * wo.z > 0.0;
         if vertex.is_same_side(wi) != reflected {
             return false;
@@ -244,7 +244,7 @@ impl<'w, L: Lens, S: LightSelector, const E: u32> PathTracer<'w, L, S, E> {
         if !Self::HAS_TRANSMISSION && !same_side {
             return Vec3::ZERO;
         }
-        let wi = bsdf.local(&vertex.frame, light.wi);
+        let wi = bsdf.local(vertex.frame, light.wi);
         if Self::HAS_TRANSMISSION && same_side != (wo.z * wi.z > 0.0) {
             return Vec3::ZERO;
         }

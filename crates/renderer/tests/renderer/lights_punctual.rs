@@ -220,12 +220,12 @@ fn invalid_lights_without_extent_are_refused_l06() {
         let value = [1.0, bad, 1.0];
         for kind in [LightKind::Point { intensity: value }, LightKind::Distant { irradiance: value }] {
             let message = refused(kind, DAffine3::IDENTITY).unwrap_or_default();
-            assert!(message.starts_with("made.pbrt:200: a light's intensity of"), "{message}");
+            assert!(message.starts_with("made.pbrt:200: the light's intensity"), "{message}");
         }
     }
     for (cone, start) in [(0.0, 0.0), (-5.0, -6.0), (30.0, 31.0), (181.0, 10.0), (f32::NAN, 1.0), (30.0, f32::NAN)] {
         let message = refused(spot(cone, start), DAffine3::IDENTITY).unwrap_or_default();
-        assert!(message.starts_with("made.pbrt:200: a spot's cone"), "{cone} {start}: {message}");
+        assert!(message.starts_with("made.pbrt:200: the spot's cone"), "{cone} {start}: {message}");
     }
     let transforms = [
         DAffine3::from_mat3(DMat3::ZERO),
