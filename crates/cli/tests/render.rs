@@ -389,7 +389,7 @@ fn an_image_equals_itself_and_no_other() {
     for (words, message) in [
         ("small.pfm a.exr", "error: the image is 4x4 and its reference 24x16; "),
         ("a.exr missing.exr", "error: missing.exr: cannot read it: "),
-        ("tiny.pbrt a.exr", "error: tiny.pbrt: not an image"),
+        ("tiny.pbrt a.exr", "error: tiny.pbrt: unknown image format"),
     ] {
         let said = folder.run(&format!("compare {words}"));
         assert_eq!(said.status, Some(1));
