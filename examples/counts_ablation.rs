@@ -17,7 +17,7 @@
 use dapple::core::{Frame, Limits, Render};
 use dapple::job::{Stage, registry};
 use dapple::metrics::{Pixels, compare};
-use dapple::renderer::light::LightChoice;
+use dapple::renderer::light::LightSelection;
 use dapple::renderer::{World, integrator};
 use dapple_scene::{self as scene, bundled};
 use std::sync::Arc;
@@ -131,8 +131,8 @@ struct Course {
     image: Vec<[f32; 3]>,
 }
 
-const CHOICES: [(&str, LightChoice); 3] =
-    [("power", LightChoice::Power), ("uniform", LightChoice::Uniform), ("cells", LightChoice::Cells)];
+const CHOICES: [(&str, LightSelection); 3] =
+    [("power", LightSelection::Power), ("uniform", LightSelection::Uniform), ("learned", LightSelection::Learned)];
 
 impl Course {
     fn of(name: &str, run: &Run) -> Result<Self> {
@@ -141,7 +141,7 @@ impl Course {
         let world = World::with_resolution(&scene, [run.side; 2])?;
         let worlds = CHOICES.map(|(_, choice)| {
             let mut world = world.clone();
-            world.set_light_choice(choice);
+            world.set_light_selection(choice);
             Arc::new(world)
         });
         let mut course = Self { worlds, image: Vec::new() };
@@ -152,7 +152,10 @@ impl Course {
 
     fn render(&self, method: &str, seed: u64, spp: u64, run: &Run) -> Result<Vec<[f32; 3]>> {
         let (selection, sampler) = method.split_once('@').unwrap_or(("power", method));
-        let choice = CHOICES.iter().position(|(name, _)| *name == choice).ok_or("power, uniform or cells @")?;
+        let choice = CHOICES
+            .iter()
+            .position(|(name, _)| *name == selection)
+            .ok_or("a light selection is power, uniform or learned")?;
         let world = &self.worlds[choice];
         let points = registry::points("sobol", registry::Setting { seed, spp: Some(spp) })?;
         let mut sampler = registry::sampler(sampler, points, &Stage::new(world.clone()))?;

@@ -1,7 +1,6 @@
 //! The clusters of a pixel, and the share that two pixels have in common.
 
-/// The cluster of pixels that hit nothing or have no label.
-pub(crate) const BACKGROUND: u32 = u32::MAX;
+pub(crate) use dapple_core::BACKGROUND;
 
 /// The number of samples per pixel that may vote on its clusters.
 pub(crate) const MOST_VOTES: usize = 8;

@@ -254,7 +254,8 @@ pub(crate) fn shoot(world: Arc<World>, clusters: Arc<WorldClusters>) -> TracePro
         let offset = Vec2::new(probe.film[0] - x, probe.film[1] - y);
         let time = world.time(0.0);
         let ray = world.camera().ray_at(world.camera().place(probe.pixel, offset), probe.lens, time);
-        let (hit, point) = world.first_surface(&ray, time)?;
+        let at = world.closest_hit(&ray, time)?;
+        let (hit, point) = (at.hit(), at.point());
         let distance = (point.position - ray.origin).length();
         Some(ProbeHit {
             primitive: clusters.primitive(hit.shape, hit.primitive),

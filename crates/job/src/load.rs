@@ -166,7 +166,7 @@ impl LoadedScene {
     pub fn build(self) -> Result<PreparedScene, JobError> {
         let clock = Instant::now();
         let mut world = World::with_resolution(&self.scene, self.frame.resolution())?;
-        world.set_light_choice(self.spec.selection());
+        world.set_light_selection(self.spec.selection());
         let mut warnings = self.warnings;
         if world.dropped_triangles() > 0 {
             warnings.push(Warning::DroppedTriangles(world.dropped_triangles()));

@@ -2,10 +2,11 @@
 
 mod names;
 
-pub use names::{light_selection, light_selection_name, parse_shard};
+pub use names::parse_shard;
 
 use dapple_core::Shard;
-use dapple_renderer::light::LightChoice;
+use dapple_renderer::integrators;
+use dapple_renderer::light::LightSelection;
 use dapple_scene::Effect;
 use serde::{Deserialize, Serialize};
 
@@ -53,12 +54,12 @@ pub struct RenderSpec {
     /// The filter, in the same form; `none` leaves each pixel the mean of its samples.
     #[serde(default = "names::filter")]
     pub filter: String,
-    /// The integrator.
+    /// The integrator, in the same form.
     #[serde(default = "names::integrator")]
     pub integrator: String,
     /// The selection among several lights. `None` is [`RenderSpec::selection`]'s default.
-    #[serde(default, with = "names::light_selection", skip_serializing_if = "Option::is_none")]
-    pub light_selection: Option<LightChoice>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub light_selection: Option<LightSelection>,
     /// When the render ends.
     #[serde(default)]
     pub budget: BudgetSpec,
@@ -227,7 +228,7 @@ impl RenderSpec {
 
     /// Sets the selection among several lights.
     #[must_use]
-    pub fn light_selection(self, selection: LightChoice) -> Self {
+    pub fn light_selection(self, selection: LightSelection) -> Self {
         Self { light_selection: Some(selection), ..self }
     }
 
@@ -294,8 +295,8 @@ impl RenderSpec {
     /// The selection among several lights: learned by default, by power for a shard.
     ///
     /// A shard cannot learn, because training needs samples of the whole image.
-    pub fn selection(&self) -> LightChoice {
-        let default = if self.shard.is_some() { LightChoice::Power } else { LightChoice::Cells };
+    pub fn selection(&self) -> LightSelection {
+        let default = if self.shard.is_some() { LightSelection::Power } else { LightSelection::Learned };
         self.light_selection.unwrap_or(default)
     }
 
@@ -388,11 +389,12 @@ impl RenderSpec {
                 return wrong(field, e.to_string());
             }
         }
-        if self.integrator != DEFAULT_INTEGRATOR {
-            let name = &self.integrator;
-            return wrong("integrator", format!("there is no integrator \"{name}\"; there is {DEFAULT_INTEGRATOR}"));
+        let name = self.integrator.split(':').next().unwrap_or_default().trim();
+        if integrators().iter().all(|entry| entry.name != name) {
+            let known: Vec<&str> = integrators().iter().map(|entry| entry.name).collect();
+            return wrong("integrator", format!("there is no integrator \"{name}\"; there are {}", known.join(", ")));
         }
-        if self.shard.is_some() && self.selection() == LightChoice::Cells {
+        if self.shard.is_some() && self.selection() == LightSelection::Learned {
             let what = "learned light selection needs samples of the whole image, and cannot be sharded; use power";
             return wrong("light_selection", what.into());
         }

@@ -1,7 +1,8 @@
 //! Descriptions of renders as files.
 
 use dapple_core::Shard;
-use dapple_job::{BudgetSpec, CropSpec, PixelFilterSpec, RenderSpec, SpecError, light_selection};
+use dapple_job::{BudgetSpec, CropSpec, PixelFilterSpec, RenderSpec, SpecError};
+use dapple_renderer::light::LightSelection;
 use dapple_scene::Effect;
 
 fn full() -> RenderSpec {
@@ -10,7 +11,7 @@ fn full() -> RenderSpec {
         .points("halton")
         .filter("gaussian")
         .integrator("path")
-        .light_selection(light_selection("uniform").expect("a name"))
+        .light_selection(LightSelection::Uniform)
         .budget(BudgetSpec::Spp(0.1 + 0.2))
         .bounds(0, Some(99))
         .resolution(64, 48)
@@ -58,10 +59,13 @@ fn unknown_fields_and_wrong_values_are_named() {
         (r#"{"scene": "teapot"}"#, "missing field `version`"),
         (r#"{"version": 1, "scene": "teapot", "sampel": 1}"#, "unknown field `sampel`"),
         (r#"{"version": 1, "scene": "teapot", "without": ["fog"]}"#, "unknown effect \"fog\""),
-        (r#"{"version": 1, "scene": "teapot", "light_selection": "best"}"#, "there are power, uniform, learned"),
+        (r#"{"version": 1, "scene": "teapot", "light_selection": "best"}"#, "unknown variant `best`"),
         (r#"{"version": 1, "scene": "teapot", "shard": "3/2"}"#, "\"3/2\" is not a shard"),
         (r#"{"version": 1, "scene": "teapot", "sampler": "nonesuch"}"#, "sampler: there is no sampler \"nonesuch\""),
-        (r#"{"version": 1, "scene": "teapot", "integrator": "bdpt"}"#, "there is no integrator \"bdpt\""),
+        (
+            r#"{"version": 1, "scene": "teapot", "integrator": "bdpt"}"#,
+            "there is no integrator \"bdpt\"; there are path, ambient-occlusion",
+        ),
         (r#"{"version": 1, "scene": "teapot", "min_spp": 5, "max_spp": 2}"#, "min_spp: 5 is above"),
         (r#"{"version": 1, "scene": "teapot", "budget": {"spp": -1.0}}"#, "spp: -1 is not a finite number above zero"),
         (r#"{"version": 1, "scene": "teapot", "shard": "1/2", "light_selection": "learned"}"#, "cannot be sharded"),

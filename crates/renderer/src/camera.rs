@@ -1,4 +1,4 @@
-//! From a place in a pixel to a ray.
+//! Cameras: from a position in a pixel to a ray.
 
 use crate::shading::warp::concentric_disk;
 use crate::space::Space;
@@ -6,32 +6,32 @@ use dapple_geometry::{Motion, Ray};
 use dapple_scene::{Camera, Projection, Source};
 use glam::{DAffine3, Mat3, Vec2, Vec3};
 
-/// What is wrong with a camera.
+/// A camera that cannot be made.
 #[non_exhaustive]
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum CameraError {
     /// The angle of view.
-    #[error("{at}: a field of view of {fov} degrees shows nothing: give an angle above 0 and below 180")]
+    #[error("{at}: a field of view of {fov} degrees is invalid; give an angle above 0 and below 180")]
     Fov {
-        /// Where it is said.
+        /// The line of the scene file.
         at: Source,
         /// The angle.
         fov: f64,
     },
     /// The pose.
     #[error(
-        "{at}: the camera's transform is not finite or flattens space: check LookAt (eye and target must differ, up must not lie along the view) and scales"
+        "{at}: the camera's transform is not finite or flattens space; check LookAt (eye and target must differ, up must not lie along the view) and scales"
     )]
     Pose {
-        /// Where it is said.
+        /// The line of the scene file.
         at: Source,
     },
     /// The lens.
     #[error(
-        "{at}: a lens of radius {radius} focused at {distance} is none: give a radius of at least 0 and a finite distance above 0"
+        "{at}: a lens of radius {radius} focused at {distance} is invalid; give a radius of at least 0 and a finite distance above 0"
     )]
     Lens {
-        /// Where it is said.
+        /// The line of the scene file.
         at: Source,
         /// The radius.
         radius: f64,
@@ -39,17 +39,17 @@ pub enum CameraError {
         distance: f64,
     },
     /// The second pose.
-    #[error("{at}: the camera cannot move to where it is told to: {why}")]
+    #[error("{at}: the camera's motion is invalid: {why}")]
     Motion {
-        /// Where it is said.
+        /// The line of the scene file.
         at: Source,
-        /// What is wrong.
+        /// The problem.
         why: String,
     },
     /// The window on the screen.
     #[error("{at}: the screen window or aspect ratio is empty or not finite")]
     Window {
-        /// Where it is said.
+        /// The line of the scene file.
         at: Source,
     },
 }
@@ -75,7 +75,7 @@ pub struct CameraView {
     motion: Option<Box<(Motion, f64)>>,
 }
 
-/// How rays leave the camera: the lens effect as a type, so that its absence costs nothing.
+/// The lens of a camera, as a type, so that an absent lens costs nothing.
 pub trait Lens: Sync {
     /// The ray through `place`, in pixels from the image's centre with y downwards. `on_lens` in
     /// `[0, 1)^2`.
@@ -97,7 +97,7 @@ pub struct Pinhole;
 #[derive(Clone, Copy, Debug)]
 pub struct ThinLens;
 
-/// Whatever the camera is: orthographic, moving, with or without a lens.
+/// Any camera: orthographic, moving, with or without a lens.
 #[derive(Clone, Copy, Debug)]
 pub struct General;
 
@@ -125,7 +125,7 @@ impl CameraView {
         }
         // Lens and focus are lengths of camera space, as in pbrt-v4; the axes have taken its scale.
         let length = space.scale() * size;
-        // What a unit of the screen window is, at distance 1 or everywhere.
+        // The length of a unit of the screen window, at distance 1 or everywhere.
         let (unit, orthographic) = match camera.projection {
             Projection::Perspective { fov } if fov > 0.0 && fov < 180.0 => ((fov.to_radians() * 0.5).tan(), false),
             Projection::Perspective { fov } => return Err(CameraError::Fov { at: at(), fov }),
@@ -149,7 +149,7 @@ impl CameraView {
         }
         let step = Vec2::new(((x1 - x0) / width * unit) as f32, ((y1 - y0) / height * unit) as f32);
         let shift = Vec2::new(((x0 + x1) * 0.5 * unit) as f32, ((y0 + y1) * 0.5 * unit) as f32);
-        // Corners whose squares f32 holds: beyond, directions would be no numbers.
+        // Corners whose squares f32 holds: beyond, directions would be NaN.
         let corner = [x0, x1, y0, y1].map(|w| (w * unit).abs()).into_iter().fold(0.0, f64::max);
         if corner >= 1e15 {
             return Err(CameraError::Window { at: at() });
@@ -183,7 +183,7 @@ impl CameraView {
         self
     }
 
-    /// The same camera, standing where it rests.
+    /// The same camera, at its resting pose.
     pub(crate) fn standing(self) -> Self {
         Self { motion: None, ..self }
     }
@@ -221,28 +221,27 @@ impl CameraView {
         if self.orthographic { self.pixel_width() * self.axes.x_axis.length() } else { distance * self.pixel_width() }
     }
 
-    /// Whether the lens is more than a point.
+    /// Returns true if the lens is more than a point.
     pub fn has_lens(&self) -> bool {
         self.lens_radius > 0.0
     }
 
-    /// Whether it moves.
+    /// Returns true if the camera moves.
     pub fn moves(&self) -> bool {
         self.motion.is_some()
     }
 
-    /// Whether neither [`Pinhole`] nor [`ThinLens`] makes its rays, but [`General`] does.
+    /// Returns true if only [`General`] makes its rays, not [`Pinhole`] or [`ThinLens`].
     pub fn is_general(&self) -> bool {
         self.orthographic || self.moves()
     }
 
-    /// The ray through an offset from a pixel's centre, `on_lens` in `[0, 1)^2`, whatever the camera, at time 0: for
-    /// callers whose inner loop it is not.
+    /// The ray of any camera through an offset from a pixel's centre at time 0, `on_lens` in `[0, 1)^2`.
     pub fn ray(&self, pixel: [u32; 2], offset: Vec2, on_lens: [f32; 2]) -> Ray {
         self.ray_at(self.place(pixel, offset), on_lens, 0.0)
     }
 
-    /// The ray through a [`place`](Self::place) at a time in `[0, 1]`, `on_lens` in `[0, 1)^2`, whatever the camera.
+    /// The ray through a [`place`](Self::place) at a time in `[0, 1]`, `on_lens` in `[0, 1)^2`, of any camera.
     pub fn ray_at(&self, place: Vec2, on_lens: [f32; 2], time: f32) -> Ray {
         match (self.is_general(), self.has_lens()) {
             (true, _) => General::ray_at(self, place, on_lens, time),
@@ -303,7 +302,7 @@ impl Lens for General {
     fn ray_at(view: &CameraView, place: Vec2, on_lens: [f32; 2], time: f32) -> Ray {
         let (origin, axes) = view.pose(time);
         let screen = view.screen(place);
-        // Where the ray starts without a lens, and the way from there on to distance 1.
+        // The start of the ray without a lens, and the vector from there to distance 1.
         let (start, forward) =
             if view.orthographic { (Vec3::new(screen.x, screen.y, 0.0), Vec3::Z) } else { (Vec3::ZERO, screen) };
         if !view.has_lens() {

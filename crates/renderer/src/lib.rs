@@ -1,9 +1,8 @@
-//! The renderer of Dapple: scene description, pbrt-v4 reader, camera, lights, materials, effects,
-//! integrators, image files.
+//! The example renderer of Dapple: cameras, lights, materials, media and integrators.
 //!
-//! A [`dapple_scene::Scene`] is plain data with the lines it came from; [`Effects::of`](dapple_scene::Effects::of) says what it calls for;
-//! [`World::new`] makes it ready for rays; [`integrator()`] gives the path tracer specialised for it, and
-//! [`dapple_core::render`] does the rest.
+//! [`World::new`] prepares a [`dapple_scene::Scene`] for tracing rays, and keeps its [`Effects`](dapple_scene::Effects).
+//! [`integrator()`] returns the path tracer specialised for these effects; [`make_integrator`] returns any integrator by
+//! name. [`dapple_core::Render`] renders with it.
 
 /// The README's example is tested.
 #[cfg(doctest)]
@@ -23,9 +22,12 @@ mod texture;
 mod without;
 mod world;
 
-pub use integrator::{PathTracer, code, integrator, integrator_with};
+pub use integrator::{
+    AmbientOcclusion, FixedSelector, IntegratorEntry, IntegratorError, IntegratorParameters, LearnedSelector,
+    LightSelector, PathTracer, code, integrator, integrator_with, integrators, make as make_integrator,
+};
 pub use material::{MaterialError, Surface};
 pub use space::Space;
 pub use texture::Textures;
 pub use without::without;
-pub use world::{Emitter, World, WorldError};
+pub use world::{Emitter, Interaction, World, WorldError};

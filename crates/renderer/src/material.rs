@@ -22,29 +22,29 @@ use glam::Vec3;
 #[derive(Clone, Debug)]
 pub struct Surface {
     kind: Kind,
-    /// What tilts its shading normals.
-    pub(crate) relief: Relief,
-    /// Whether anything does.
+    /// Bump or normal map.
+    pub(crate) normal_variation: NormalVariation,
+    /// True if there is either.
     pub(crate) bumped: bool,
-    /// Whether its scattering looks at texture coordinates.
+    /// True if scattering depends on texture coordinates.
     pub(crate) textured: bool,
-    /// Whether the direction of u on the surface matters to its scattering.
+    /// True if scattering depends on the direction of u on the surface.
     pub(crate) anisotropic: bool,
-    /// Whether there is a lobe to choose.
+    /// True if one of several lobes is sampled.
     pub(crate) several_lobes: bool,
-    /// Whether nothing is ever scattered: a lamp's body, say.
+    /// True if nothing is ever scattered: for the body of a lamp.
     pub(crate) black: bool,
-    /// Whether light may come through.
+    /// True if light may be transmitted.
     pub(crate) transmits: bool,
-    /// Whether it is but a border between media, which scatters nothing and stops nothing.
+    /// True for a border between media, which scatters nothing and stops nothing.
     pub(crate) interface: bool,
-    /// Whether it stands for one of two others: [`resolve`] tells which.
+    /// True for a mix of two others: [`resolve`] selects one.
     pub(crate) mixes: bool,
 }
 
-/// What tilts shading normals.
+/// The maps that tilt shading normals.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(crate) struct Relief {
+pub(crate) struct NormalVariation {
     /// A height, in units of the file's world space.
     pub(crate) bump: Option<TextureId>,
     /// Normals in the tangent's space, as an image.
@@ -78,7 +78,7 @@ enum Widths {
     Textured(Roughness),
 }
 
-/// What is wrong with a material.
+/// A material that cannot be prepared.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("{at}: material \"{name}\": {what}")]
 pub struct MaterialError {
@@ -104,14 +104,14 @@ impl Surface {
         let mut surface = Self::of_kind(&material.kind).map_err(&wrong)?;
         let bump = match material.bump {
             Some(Scalar::Constant(height)) if !height.is_finite() => {
-                return Err(wrong(format!("a bump of {height} is none: give a finite height")));
+                return Err(wrong(format!("a bump of {height} is invalid; give a finite height")));
             }
             // The same height everywhere tilts nothing.
             Some(Scalar::Constant(_)) | None => None,
             Some(Scalar::Texture(id)) => Some(id),
         };
-        surface.relief = Relief { bump, normal_map: material.normal_map };
-        surface.bumped = surface.relief != Relief::default();
+        surface.normal_variation = NormalVariation { bump, normal_map: material.normal_map };
+        surface.bumped = surface.normal_variation != NormalVariation::default();
         Ok(surface)
     }
 
@@ -200,11 +200,22 @@ impl Surface {
         };
         let (interface, mixes) = (matches!(kind, Kind::Interface), matches!(kind, Kind::Mix { .. }));
         let Scatters { textured, anisotropic, several_lobes, black, transmits } = scatters;
-        let (relief, bumped) = (Relief::default(), false);
-        Ok(Self { kind, relief, bumped, textured, anisotropic, several_lobes, black, transmits, interface, mixes })
+        let (normal_variation, bumped) = (NormalVariation::default(), false);
+        Ok(Self {
+            kind,
+            normal_variation,
+            bumped,
+            textured,
+            anisotropic,
+            several_lobes,
+            black,
+            transmits,
+            interface,
+            mixes,
+        })
     }
 
-    /// Whether it scatters as Lambert says, with one colour, and is not tilted.
+    /// Returns true for Lambert's reflection of one color, without bump and normal map.
     pub(crate) fn is_plain(&self) -> bool {
         matches!(self.kind, Kind::Diffuse(Color::Constant(_))) && !self.bumped
     }
@@ -277,7 +288,7 @@ impl Surface {
     }
 }
 
-/// What an integrator may leave out.
+/// The features of a material that integrators may leave out.
 #[derive(Clone, Copy, Default)]
 struct Scatters {
     textured: bool,
@@ -366,7 +377,7 @@ fn conductor(fresnel: &ConductorFresnel) -> Result<Metal, String> {
     Ok(match fresnel {
         ConductorFresnel::EtaK { eta, k } => {
             if eta.iter().chain(k).any(|x| !(x.is_finite() && *x >= 0.0)) {
-                return Err(format!("a metal of eta {eta:?}, k {k:?} is none: give numbers of at least 0"));
+                return Err(format!("a metal of eta {eta:?}, k {k:?} is invalid; give numbers of at least 0"));
             }
             Metal::Known(ComplexIor { eta: Vec3::from_array(*eta), k: Vec3::from_array(*k) })
         }
@@ -381,7 +392,7 @@ fn conductor(fresnel: &ConductorFresnel) -> Result<Metal, String> {
 fn share(color: &Color) -> Result<Color, String> {
     match color {
         Color::Constant(rgb) if rgb.iter().any(|x| !(x.is_finite() && *x >= 0.0)) => {
-            Err(format!("a reflectance of {rgb:?} is none: give numbers of at least 0"))
+            Err(format!("a reflectance of {rgb:?} is invalid; give numbers of at least 0"))
         }
         Color::Constant(rgb) => Ok(Color::Constant(rgb.map(|c| c.clamp(0.0, 1.0)))),
         texture => Ok(*texture),
@@ -391,7 +402,7 @@ fn share(color: &Color) -> Result<Color, String> {
 fn index(eta: f32) -> Result<f32, String> {
     match (0.1..=10.0).contains(&eta) {
         true => Ok(eta),
-        false => Err(format!("an index of refraction of {eta} is none: give one from 0.1 to 10 (glass has 1.5)")),
+        false => Err(format!("an index of refraction of {eta} is invalid; give one from 0.1 to 10 (glass has 1.5)")),
     }
 }
 
@@ -413,6 +424,8 @@ fn alpha(roughness: &Roughness) -> Result<[f32; 2], String> {
     });
     match constants.iter().all(|r| r.is_finite() && *r >= 0.0) {
         true => Ok(alpha),
-        false => Err(format!("a roughness of {}, {} is none: give numbers of at least 0", constants[0], constants[1])),
+        false => {
+            Err(format!("a roughness of {}, {} is invalid; give numbers of at least 0", constants[0], constants[1]))
+        }
     }
 }

@@ -1,6 +1,6 @@
-//! What fills space: homogeneous media that absorb and scatter.
+//! Homogeneous media that absorb and scatter.
 
-// `!(x > 0.0)` is meant: it turns away what is not a number, too.
+// `!(x > 0.0)` is meant: NaN is rejected, too.
 #![allow(clippy::neg_cmp_op_on_partial_ord)]
 
 pub mod exponential;
@@ -12,34 +12,34 @@ use dapple_scene as scene;
 use exponential::{depth_of, exp};
 use glam::Vec3;
 
-/// What is wrong with a medium.
+/// A medium that cannot be made.
 #[non_exhaustive]
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum MediumError {
     /// A coefficient.
-    #[error("{at}: the {what} {value:?} of medium \"{name}\" is none: give finite numbers of at least 0")]
+    #[error("{at}: the {what} {value:?} of medium \"{name}\" is invalid; give finite numbers of at least 0")]
     Coefficient {
-        /// Where it is said.
+        /// The line of the scene file.
         at: scene::Source,
         /// The medium.
         name: String,
-        /// Which coefficient.
+        /// The name of the coefficient.
         what: &'static str,
         /// The value.
         value: [f32; 3],
     },
-    /// Beside the size of the scene, single precision cannot hold a coefficient.
-    #[error("{at}: medium \"{name}\" is too dense for a scene of this size: give it smaller coefficients")]
+    /// A coefficient that single precision cannot hold beside the size of the scene.
+    #[error("{at}: medium \"{name}\" is too dense for a scene of this size; give smaller coefficients")]
     Beyond {
-        /// Where it is said.
+        /// The line of the scene file.
         at: scene::Source,
         /// The medium.
         name: String,
     },
     /// The phase function's asymmetry.
-    #[error("{at}: the asymmetry g = {g} of medium \"{name}\" is none: give a number above -1 and below 1")]
+    #[error("{at}: the asymmetry g = {g} of medium \"{name}\" is invalid; give a number above -1 and below 1")]
     Asymmetry {
-        /// Where it is said.
+        /// The line of the scene file.
         at: scene::Source,
         /// The medium.
         name: String,
@@ -64,17 +64,17 @@ pub struct Medium {
     phase: HenyeyGreenstein,
 }
 
-/// What becomes of light on its way through a medium. Throughput is multiplied by the weight.
+/// The end of a ray's way through a medium. The path's throughput is multiplied by the weight.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum MediumEvent {
-    /// It is scattered.
+    /// Light is scattered.
     Scatter {
-        /// After this distance, below the limit.
+        /// The distance, below the limit.
         t: f32,
         /// Scattering coefficient times transmittance over the density of `t`.
         weight: Vec3,
     },
-    /// It reaches the limit.
+    /// Light reaches the limit.
     Pass {
         /// Transmittance over the probability to get there.
         weight: Vec3,
@@ -99,17 +99,17 @@ impl Media {
         if errors.is_empty() { Ok(Self { media: made }) } else { Err(errors) }
     }
 
-    /// How many there are.
+    /// The number of media.
     pub fn len(&self) -> usize {
         self.media.len()
     }
 
-    /// Whether there are none.
+    /// Returns true if there are none.
     pub fn is_empty(&self) -> bool {
         self.media.is_empty()
     }
 
-    /// Whether any of them scatters.
+    /// Returns true if any medium scatters.
     pub fn scatter(&self) -> bool {
         self.media.iter().any(|m| m.scatters)
     }
@@ -137,7 +137,7 @@ impl Medium {
         if !(-1.0 < g && g < 1.0) {
             return Err(MediumError::Asymmetry { at: at.clone(), name: name.clone(), g });
         }
-        // Per unit of length: what multiplies lengths divides them.
+        // Per unit of length: coefficients are divided by the scale of lengths.
         let [absorption, scattering] =
             [medium.absorption, medium.scattering].map(|c| Vec3::from_array(c).as_dvec3() / scale);
         let (extinction, scattering) = ((absorption + scattering).as_vec3(), scattering.as_vec3());
@@ -148,8 +148,9 @@ impl Medium {
         Ok(Self { extinction, scattering, scatters, phase: HenyeyGreenstein::new(g) })
     }
 
-    /// Whether it scatters; if not, light passes with the [`transmittance`](Self::transmittance) as its weight, and
-    /// nothing needs to be drawn.
+    /// Returns true if it scatters.
+    ///
+    /// If not, light passes with the [`transmittance`](Self::transmittance) as its weight, without a random number.
     #[inline]
     pub fn scatters(&self) -> bool {
         self.scatters
@@ -161,11 +162,11 @@ impl Medium {
         &self.phase
     }
 
-    /// Share of light that gets through `distance` (0 to infinity): `exp(-extinction distance)`
+    /// The share of light that crosses `distance` (0 to infinity): `exp(-extinction distance)`
     /// [Beer 1852, Bouguer 1729].
     #[inline]
     pub fn transmittance(&self, distance: f32) -> Vec3 {
-        // Nothing, however far, takes nothing away.
+        // No extinction: the product with an infinite distance would be NaN.
         let through = |extinction: f32| if extinction > 0.0 { exp(-extinction * distance) } else { 1.0 };
         let Vec3 { x, y, z } = self.extinction;
         if x == y && y == z {
@@ -174,10 +175,10 @@ impl Medium {
         Vec3::new(through(x), through(y), through(z))
     }
 
-    /// Draws how far light gets, up to `limit` (above 0, perhaps infinite), in a medium that scatters.
+    /// Samples the distance that light travels, up to `limit` (above 0, perhaps infinite), in a medium that scatters.
     ///
-    /// Distances follow the extinction of one channel, chosen by `u_channel` in proportion to the path's
-    /// `throughput`; `u_distance` draws the distance. All channels then share the sample by the balance heuristic
+    /// Distances follow the extinction of one channel, selected by `u_channel` in proportion to the path's
+    /// `throughput`; `u_distance` samples the distance. All channels then share the sample by the balance heuristic
     /// [Veach 1997, sec. 9.2.2; after Wilkie et al. 2014], whose density is the channels' mean. No channel of the
     /// product of weight and throughput exceeds the throughput's sum (and 0.2 %); in a gray medium the weight is the
     /// albedo, or 1.
@@ -185,7 +186,7 @@ impl Medium {
     pub fn sample(&self, limit: f32, u_channel: f32, u_distance: f32, throughput: Vec3) -> MediumEvent {
         let share = shares(throughput);
         let channel = usize::from(u_channel >= share.x) + usize::from(u_channel >= share.x + share.y);
-        // A channel without extinction goes on for ever.
+        // Infinite in a channel without extinction.
         let t = depth_of(u_distance) / self.extinction[channel.min(2)];
         if !(t < limit) {
             return MediumEvent::Pass { weight: self.balance(share, limit, Vec3::ONE, Vec3::ONE) };

@@ -3,7 +3,7 @@
 use dapple_scene::PixelFilter;
 use glam::Vec2;
 
-/// Draws offsets from a pixel's centre with the filter's density.
+/// Samples offsets from a pixel's centre with the filter's density.
 #[derive(Clone, Debug)]
 pub struct FilterSampler {
     kind: Kind,
@@ -27,8 +27,7 @@ enum Kind {
 const STEPS: usize = 1024;
 
 impl FilterSampler {
-    /// For a filter whose radii are above zero and finite (the readers see to that); others are taken
-    /// as the box of one pixel.
+    /// A sampler of a filter. Radii that are not finite and above 0, which readers refuse, count as the box of one pixel.
     pub fn new(filter: &PixelFilter) -> Self {
         let usable = |r: &[f64; 2]| r.iter().all(|r| r.is_finite() && *r > 0.0);
         let vec = |r: [f64; 2]| Vec2::new(r[0] as f32, r[1] as f32);
@@ -78,12 +77,12 @@ fn gaussian_inverse(radius: f64, sigma: f64) -> Vec<f32> {
     }
     let mut cell = 0;
     let inverse = |k: usize| {
-        let wanted = total * k as f64 / STEPS as f64;
-        while cell + 1 < cells && cumulative[cell + 1] < wanted {
+        let target = total * k as f64 / STEPS as f64;
+        while cell + 1 < cells && cumulative[cell + 1] < target {
             cell += 1;
         }
         let step = cumulative[cell + 1] - cumulative[cell];
-        let inside = if step > 0.0 { ((wanted - cumulative[cell]) / step).clamp(0.0, 1.0) } else { 0.0 };
+        let inside = if step > 0.0 { ((target - cumulative[cell]) / step).clamp(0.0, 1.0) } else { 0.0 };
         (-radius + (cell as f64 + inside) * width) as f32
     };
     (0..=STEPS).map(inverse).collect()

@@ -7,7 +7,7 @@
 use dapple_scene::{Geometry, Scene, Shape};
 use glam::{DAffine3, DMat3, DVec3};
 
-/// From the file's world space to the renderer's own.
+/// The map from the file's world space to the renderer's.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Space {
     centre: DVec3,
@@ -71,12 +71,12 @@ impl Space {
         (world - self.centre) * self.scale
     }
 
-    /// Where a point of the renderer's space lies in the file's world space.
+    /// The point of the file's world space for one of the renderer's space.
     pub fn world(&self, point: [f32; 3]) -> [f64; 3] {
         (DVec3::from_array(point.map(f64::from)) / self.scale + self.centre).to_array()
     }
 
-    /// What lengths are multiplied by: a power of two.
+    /// The factor of lengths, from the file's space to the renderer's: a power of two.
     pub fn scale(&self) -> f64 {
         self.scale
     }

@@ -11,11 +11,11 @@ use std::sync::Arc;
 #[derive(Clone, Debug, Default)]
 pub struct Textures {
     textures: Vec<TextureKind>,
-    /// Each one's image, where it has one of few values.
+    /// The image of each texture, where it has few values.
     coded: Vec<Option<Arc<Coded>>>,
 }
 
-/// Textures may be made of textures; deeper nesting than this is read as black.
+/// The deepest nesting of textures; deeper ones are black.
 const DEEPEST: u32 = 8;
 
 impl Textures {
@@ -37,7 +37,7 @@ impl Textures {
         Self { textures, coded }
     }
 
-    /// The colour at `uv`: a point look-up, whose footprint is what the samples of a pixel cover.
+    /// The color at `uv`, unfiltered: the samples of a pixel filter it.
     #[inline]
     pub fn look_up(&self, id: TextureId, uv: [f32; 2]) -> Vec3 {
         self.look_up_within(id, uv, DEEPEST)

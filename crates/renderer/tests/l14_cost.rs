@@ -12,7 +12,7 @@ use dapple_low_discrepancy::Sobol;
 use dapple_renderer::blocks;
 use dapple_renderer::camera::{Lens, Pinhole};
 use dapple_renderer::light::Target;
-use dapple_renderer::shading::{Frame, power_heuristic, warp};
+use dapple_renderer::shading::{ShadingFrame, power_heuristic, warp};
 use dapple_renderer::{World, integrator};
 use dapple_scene::{PixelFilter, Scene};
 use glam::{DAffine3, DVec3, Vec2, Vec3};
@@ -55,7 +55,7 @@ fn by_hand(world: &World, draws: &Draws<'_>) -> [f32; 3] {
     if hit.shape == LAMP {
         return shone(&ray, at.normal).to_array();
     }
-    let frame = Frame::from_normal(at.normal);
+    let frame = ShadingFrame::from_normal(at.normal);
     let outside = -at.normal.dot(ray.direction);
     let u = draws.block(blocks::scatter(0));
     let mut radiance = Vec3::ZERO;
@@ -102,7 +102,7 @@ fn ours(integrator: &dyn Integrator, draws: &Draws<'_>) -> [f32; 3] {
 }
 
 #[test]
-fn l14_the_hand_written_loop_is_the_same_estimator() {
+fn the_hand_written_loop_is_the_same_estimator_l14() {
     let world = World::new(&simplest()).expect("sound");
     let integrator = integrator(&world);
     let points: &dyn PointSet = &Sobol::new(3);
@@ -118,14 +118,14 @@ fn l14_the_hand_written_loop_is_the_same_estimator() {
     assert!(bright > 5000, "{bright} samples see light");
 }
 
-/// Which loop, and how often, this process is to run under callgrind.
+/// The loop that this process runs under callgrind, and the number of times.
 const ROLE: &str = "DAPPLE_L14";
 
 /// Instructions a sample, the start of the process taken out.
 fn instructions(role: &str) -> Option<f64> {
     const SAMPLES: u64 = 20_000;
     let counted = |samples: u64| {
-        let test = "l14_costs_at_most_a_hundredth_more";
+        let test = "idle_effects_cost_at_most_one_percent_l14";
         let output = Command::new("valgrind")
             .args(["--tool=callgrind", "--callgrind-out-file=/dev/null"])
             .arg(std::env::current_exe().ok()?)
@@ -142,7 +142,7 @@ fn instructions(role: &str) -> Option<f64> {
 
 #[test]
 #[ignore = "needs valgrind: cargo test --release -p dapple-renderer --test l14_cost -- --ignored --nocapture"]
-fn l14_costs_at_most_a_hundredth_more() {
+fn idle_effects_cost_at_most_one_percent_l14() {
     let world = World::new(&simplest()).expect("sound");
     let integrator = integrator(&world);
     if let Ok(role) = std::env::var(ROLE) {

@@ -1,4 +1,4 @@
-//! L14: code of effects that a scene does not call for changes no bit and asks for nothing.
+//! Code of effects that a scene does not need changes no bit and requests no random numbers.
 
 #[path = "renderer/statistics/mod.rs"]
 mod statistics;
@@ -16,17 +16,17 @@ const SIZE: [u32; 2] = [24, 16];
 const SPP: u64 = 2;
 const CODES: [(&str, u32); 9] = [
     ("none", 0),
-    ("several", code::SEVERAL),
-    ("sky", code::SKY),
-    ("deep", code::DEEP),
-    ("clear", code::CLEAR),
+    ("several lights", code::SEVERAL_LIGHTS),
+    ("environment", code::ENVIRONMENT),
+    ("roulette", code::ROULETTE),
+    ("transmission", code::TRANSMISSION),
     ("rare", code::RARE),
     ("varied", code::VARIED),
-    ("guided", code::GUIDED),
-    ("all", code::SEVERAL | code::SKY | code::DEEP | code::CLEAR | code::RARE | code::VARIED),
+    ("learned selection", code::LEARNED_SELECTION),
+    ("all", code::SEVERAL_LIGHTS | code::ENVIRONMENT | code::ROULETTE | code::TRANSMISSION | code::RARE | code::VARIED),
 ];
 
-/// The image's bits, blocks asked for, rays cast.
+/// A hash of the image, blocks requested, and rays traced.
 fn rendered(world: &World, idle: u32, seed: u64) -> (u64, u64, u64) {
     let frame = Frame::new(SIZE[0], SIZE[1]).expect("not empty");
     let limits = Limits::samples(SPP * frame.pixels() as u64);
@@ -37,7 +37,7 @@ fn rendered(world: &World, idle: u32, seed: u64) -> (u64, u64, u64) {
 }
 
 #[test]
-fn l14_idle_code_changes_no_bit() {
+fn idle_code_changes_no_bit_l14() {
     for name in bundled::names() {
         let scene = bundled::files(name).expect("bundled").read().expect("it reads");
         let world = World::with_resolution(&scene, SIZE).unwrap_or_else(|e| panic!("{name}: {e}"));

@@ -66,5 +66,5 @@ pub use run_log::RunStore;
 pub use runner::{InProcess, Processes, RunRequest, Runner};
 pub use study::{Study, StudyMonitor, StudyOptions, StudyProgress, StudyStatus};
 pub(crate) use subject::Subject;
-pub use subject::{Lights, View};
+pub use subject::View;
 pub use summary::Summary;

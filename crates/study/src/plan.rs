@@ -7,9 +7,10 @@ mod toml_file;
 pub use keys::{Plan, PlanPatch};
 pub use name_list::split_names;
 
-use crate::{External, Lights, Method};
+use crate::{External, Method};
 use dapple_core::PointSet;
 use dapple_job::registry::{self, Setting};
+use dapple_renderer::light::LightSelection;
 use std::collections::BTreeSet;
 use std::path::PathBuf;
 
@@ -57,7 +58,7 @@ pub struct ScenePlan {
     /// Width and height of this scene in pixels; default the study's.
     pub resolution: Option<[u32; 2]>,
     /// Selection among several lights.
-    pub lights: Lights,
+    pub lights: LightSelection,
 }
 
 impl From<&str> for ScenePlan {

@@ -1,6 +1,7 @@
 //! The records of a study: one JSON line per finished run, and one file about the whole study.
 
-use crate::{External, Lights};
+use crate::External;
+use dapple_renderer::light::LightSelection;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
@@ -223,7 +224,7 @@ pub struct SceneRecord {
     pub reference: ReferenceRecord,
     /// Selection among several lights.
     #[serde(default)]
-    pub lights: Lights,
+    pub lights: LightSelection,
 }
 
 /// The machine that a study ran on.

@@ -6,7 +6,7 @@ use dapple_job::{
     BudgetSpec, ContentHash, CropSpec, JobError, LoadOptions, LoadedScene, PixelFilterSpec, PreparedScene, RenderSpec,
     Warning,
 };
-use dapple_renderer::light::LightChoice;
+use dapple_renderer::light::LightSelection;
 use dapple_scene::Scene;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -27,37 +27,13 @@ pub struct View {
     pub allow_unsupported: bool,
     /// How a light is chosen among several.
     #[serde(default)]
-    pub lights: Lights,
-}
-
-/// How a light is chosen among several: the words of `dapple render --light-choice`.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Lights {
-    /// With probability proportional to its power.
-    #[default]
-    Power,
-    /// Each as often as any other.
-    Uniform,
-    /// As was learned while rendering, per cell of space and orientation.
-    #[serde(alias = "learned")]
-    Cells,
-}
-
-impl From<Lights> for LightChoice {
-    fn from(lights: Lights) -> Self {
-        match lights {
-            Lights::Power => Self::Power,
-            Lights::Uniform => Self::Uniform,
-            Lights::Cells => Self::Cells,
-        }
-    }
+    pub lights: LightSelection,
 }
 
 impl View {
     /// As references are rendered: they do not depend on how lights are chosen, and are shared by all ways to do so.
     pub(crate) fn by_default(&self) -> Self {
-        Self { lights: Lights::default(), ..self.clone() }
+        Self { lights: LightSelection::default(), ..self.clone() }
     }
 }
 
@@ -91,7 +67,7 @@ impl View {
             .pixel_filter(PixelFilterSpec::Box)
             .max_depth(self.max_depth)
             .allow_unsupported(self.allow_unsupported)
-            .light_selection(self.lights.into())
+            .light_selection(self.lights)
     }
 }
 

@@ -6,7 +6,7 @@ use crate::{Failure, Result, failure};
 use dapple_core::{Control, Frame, Status};
 use dapple_job::{BudgetSpec, CropSpec, JobError, JobMonitor, LoadedScene, PreparedScene, RenderSpec};
 use dapple_metrics::{Difference, Measured, Pixels, difference};
-use dapple_renderer::light::LightChoice;
+use dapple_renderer::light::LightSelection;
 use dapple_scene::Scene;
 use dapple_scene::{Effect, Effects};
 use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressStyle};
@@ -213,7 +213,7 @@ fn spec(settings: &Settings) -> RenderSpec {
         .sampler("uniform")
         .points("sobol")
         .filter("none")
-        .light_selection(LightChoice::Power)
+        .light_selection(LightSelection::Power)
         .budget(BudgetSpec::Spp(f64::from(settings.spp)))
         .resolution(w, h)
         .crop(CropSpec::Whole)

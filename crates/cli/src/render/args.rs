@@ -5,7 +5,7 @@ use clap::{Args, ValueEnum};
 use dapple_core::Shard;
 use dapple_job::registry;
 use dapple_job::{BudgetSpec, CheckpointOptions, CropSpec, DEFAULT_SPP, PixelFilterSpec, RenderSpec};
-use dapple_renderer::light::LightChoice;
+use dapple_renderer::light::LightSelection;
 use dapple_scene::image::Format;
 use dapple_scene::{Effect, bundled};
 use std::path::{Path, PathBuf};
@@ -46,7 +46,7 @@ pub(crate) struct RenderArgs {
     #[arg(help_heading = "Method")]
     pub(crate) filter: String,
 
-    /// The integrator (how light is transported): path
+    /// The integrator (how light is transported); `dapple integrators` lists them
     #[arg(long, value_name = "NAME", default_value = dapple_job::DEFAULT_INTEGRATOR, help_heading = "Method")]
     pub(crate) integrator: String,
 
@@ -87,9 +87,9 @@ pub(crate) struct RenderArgs {
 
     /// Selection among several lights, and among parts of an environment map: power, uniform or learned
     /// [default: learned; with --shard, power]
-    #[arg(long, alias = "light-choice", value_name = "HOW", value_parser = dapple_job::light_selection)]
+    #[arg(long, alias = "light-choice", value_name = "HOW", value_parser = light_selection)]
     #[arg(help_heading = "Method")]
-    pub(crate) light_selection: Option<LightChoice>,
+    pub(crate) light_selection: Option<LightSelection>,
 
     /// Leave an effect out that the scene calls for; may be given again. `dapple effects` lists what it calls for
     ///
@@ -273,6 +273,10 @@ impl RenderArgs {
         }
         Ok(())
     }
+}
+
+fn light_selection(name: &str) -> std::result::Result<LightSelection, String> {
+    name.parse().map_err(|e: dapple_renderer::light::UnknownLightSelection| e.to_string())
 }
 
 fn above_zero(word: &str) -> std::result::Result<f64, String> {

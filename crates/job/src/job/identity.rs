@@ -1,8 +1,8 @@
 //! The pairs that a render's samples depend on: those of its description and the digest of its scene.
 
 use super::Job;
+use crate::JobError;
 use crate::checkpoint::Identity;
-use crate::{JobError, light_selection_name};
 use dapple_scene::PixelFilter;
 
 /// The pair that tells shards of one image apart.
@@ -26,7 +26,7 @@ pub(super) fn identity(job: &Job) -> Result<Identity, JobError> {
         ("points", job.points.clone()),
         ("integrator", spec.integrator.clone()),
         ("seed", spec.seed.to_string()),
-        ("light selection", light_selection_name(spec.selection()).to_owned()),
+        ("light selection", spec.selection().name().to_owned()),
         ("pixel filter", pixel_filter(&scene.film.pixel_filter)),
         ("max depth", scene.max_depth.map_or("none".into(), |depth| depth.to_string())),
         ("without", without.join(",")),

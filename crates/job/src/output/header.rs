@@ -1,6 +1,6 @@
 //! The header of an OpenEXR file: every setting of the render, and its outcome.
 
-use crate::{BudgetSpec, Job, RenderedImage, light_selection_name, pixel_filter};
+use crate::{BudgetSpec, Job, RenderedImage, pixel_filter};
 use dapple_core::{Combine, Film};
 use dapple_scene::Effects;
 
@@ -30,7 +30,7 @@ pub(super) fn attributes(job: &Job, image: &RenderedImage, cpu: Option<f64>) -> 
         ("resolution", format!("{w}x{h}")),
         ("crop", format!("{x},{y},{},{}", x + cw, y + ch)),
         ("max-depth", scene.max_depth.map_or("unlimited".into(), |d| d.to_string())),
-        ("light-selection", light_selection_name(spec.selection()).to_owned()),
+        ("light-selection", spec.selection().name().to_owned()),
         ("effects", effects.join(",")),
         ("without", without.join(",")),
         ("notices", notices.join("\n")),

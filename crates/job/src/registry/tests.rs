@@ -43,6 +43,15 @@ fn every_entry_is_made_by_its_name() {
     }
 }
 
+#[test]
+fn the_former_name_of_adaptive_is_understood_and_the_library_has_the_same_defaults() {
+    let points = || points("sobol", SETTING).unwrap_or_else(|e| panic!("{e}"));
+    let describe = |name: &str| sampler(name, points(), &Stage::empty()).unwrap_or_else(|e| panic!("{e}")).describe();
+    assert_eq!(describe("cluster"), describe("adaptive"));
+    assert_eq!(dapple_adaptive::Adaptive::new(points()).describe(), describe("adaptive"));
+    assert_eq!(describe("adaptive:epsilon=0.3"), describe("adaptive"));
+}
+
 /// Counts that follow a filter's own error: the sampler asks for what the filter reads, and says its name.
 #[test]
 fn cluster_follows_a_filter_by_its_name() {
@@ -109,7 +118,7 @@ fn wrong_words_are_refused_with_what_there_is() {
     assert!(sampler("variance:pilots=4").contains("it takes pilot, radius"));
     assert!(sampler("variance:pilot=4,pilot=4").contains("given twice"));
     assert!(sampler("variance:pilot").contains("no key=value"));
-    assert!(sampler("variance:pilot=four").contains("a number is required"));
+    assert!(sampler("variance:pilot=four").contains("a number"));
     assert!(sampler("variance:policy=maybe").contains("one of keep, discard, cross"));
     for bad in ["exponent=NaN", "epsilon=-1", "cap=0"] {
         assert_ne!(sampler(&format!("variance:{bad}")), "", "{bad}");

@@ -2,7 +2,6 @@
 
 use super::{DEFAULT_FILTER, DEFAULT_INTEGRATOR, DEFAULT_POINTS, DEFAULT_SAMPLER};
 use dapple_core::Shard;
-use dapple_renderer::light::LightChoice;
 
 pub(super) fn sampler() -> String {
     DEFAULT_SAMPLER.into()
@@ -28,29 +27,6 @@ pub(super) const fn seed() -> u64 {
     1
 }
 
-/// The name of a way to select among lights.
-pub const fn light_selection_name(selection: LightChoice) -> &'static str {
-    match selection {
-        LightChoice::Power => "power",
-        LightChoice::Uniform => "uniform",
-        LightChoice::Cells => "learned",
-    }
-}
-
-/// The way to select among lights of a name: `power`, `uniform`, or `learned` (alias `cells`).
-///
-/// # Errors
-///
-/// A sentence that lists the names, for any other.
-pub fn light_selection(name: &str) -> Result<LightChoice, String> {
-    match name {
-        "power" => Ok(LightChoice::Power),
-        "uniform" => Ok(LightChoice::Uniform),
-        "learned" | "cells" => Ok(LightChoice::Cells),
-        _ => Err(format!("there is no light selection \"{name}\"; there are power, uniform, learned")),
-    }
-}
-
 /// The shard that `I/N` names, I from 1.
 ///
 /// # Errors
@@ -74,25 +50,6 @@ pub(super) mod effects {
 
     pub(crate) fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Vec<Effect>, D::Error> {
         Vec::<String>::deserialize(from)?.iter().map(|name| name.parse().map_err(D::Error::custom)).collect()
-    }
-}
-
-/// The selection among lights by its name.
-pub(super) mod light_selection {
-    use super::super::{light_selection, light_selection_name};
-    use dapple_renderer::light::LightChoice;
-    use serde::{Deserialize, Deserializer, Serializer, de::Error};
-
-    pub(crate) fn serialize<S: Serializer>(selection: &Option<LightChoice>, to: S) -> Result<S::Ok, S::Error> {
-        match selection {
-            Some(selection) => to.serialize_some(light_selection_name(*selection)),
-            None => to.serialize_none(),
-        }
-    }
-
-    pub(crate) fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Option<LightChoice>, D::Error> {
-        let name = Option::<String>::deserialize(from)?;
-        name.map(|name| light_selection(&name).map_err(D::Error::custom)).transpose()
     }
 }
 

@@ -1,264 +1,269 @@
 //! Path tracing with next-event estimation, multiple importance sampling and Russian roulette
 //! [Kajiya 1986; Veach 1997, ch. 9 and 10].
 
-#![allow(clippy::neg_cmp_op_on_partial_ord, reason = "a survival that is no number ends the path")]
+#![allow(clippy::neg_cmp_op_on_partial_ord, reason = "a survival probability that is NaN ends the path")]
 
-use super::code::{CLEAR, DEEP, GUIDED, RARE, SEVERAL, SKY, VARIED};
-use super::guide::{Guide, NO_CELL};
-use super::passage::{Met, Way, beyond, shadow_ray};
-use super::report::report;
+mod transmission;
+
+use super::code;
+use super::light_selector::LightSelector;
 use crate::World;
 use crate::blocks;
 use crate::camera::Lens;
 use crate::light::LightSample;
 use crate::material::Surface;
-use crate::shading::{Bsdf, Frame, power_heuristic, power_heuristic_over_pdf};
+use crate::shading::{Bsdf, ShadingFrame, power_heuristic, power_heuristic_over_pdf};
 use crate::world::{Interaction, NO_LIGHT, NO_MEDIUM};
 use dapple_core::{Draws, Estimate, Integrator, TrainingData, TrainingLog};
 use dapple_geometry::{Ray, spawn_ray};
 use glam::Vec3;
 use std::marker::PhantomData;
+use transmission::MediumEnd;
 
 /// Roulette starts after this many scattering events: before, nearly every path is worth its cost.
 pub(super) const ROULETTE_FROM: u32 = 4;
-/// No path survives more surely than this, so that endless ones end. The variance of an endless path is
-/// finite only while albedo^2 < SURVIVAL, so 0.95 would lose closed rooms of albedo 0.98.
+/// The highest survival probability, so that endless paths end.
+///
+/// The variance of an endless path is finite only while albedo^2 < SURVIVAL: 0.95 would lose closed rooms of albedo 0.98.
 const SURVIVAL: f32 = 0.99;
 
-/// A path tracer for worlds with a lens `L`, with the code that the bits `E` of [`code`](super::code) name.
+/// A path tracer for worlds with a lens `L` and lights selected by `S`, with the bits `E` of [`code`](super::code).
 #[derive(Debug)]
-pub struct PathTracer<'w, L, const E: u32> {
-    pub(super) world: &'w World,
-    /// What is learned of the choice among lights.
-    pub(super) guide: Option<Guide>,
+pub struct PathTracer<'w, L, S, const E: u32> {
+    world: &'w World,
+    pub(super) selector: S,
     lens: PhantomData<fn() -> L>,
 }
 
-/// Where a path stands.
-pub(super) struct Path {
-    pub(super) ray: Ray,
-    pub(super) throughput: Vec3,
-    pub(super) radiance: Vec3,
+/// The state of a path: its next ray, and what it has gathered.
+struct Path<P> {
+    ray: Ray,
+    throughput: Vec3,
+    radiance: Vec3,
     /// The last scattering event, if light sampling could have found what the ray meets.
-    pub(super) last: Option<LastScatter>,
-    pub(super) rays: u32,
-    /// Product of the squared indices of refraction crossed: what refraction did to the throughput is
-    /// undone when the path comes out again, and no reason to end it.
-    spread: f32,
-    /// Rays so far that lead to where the path stands, surfaces passed included.
-    pub(super) segments: u32,
-    /// What fills space around the ray's origin.
-    pub(super) medium: u32,
-    /// When, as a share of the motion's time.
-    pub(super) time: f32,
+    last: Option<LastScatter<P>>,
+    /// Scattering events so far.
+    depth: u32,
+    /// Rays so far, shadow rays included.
+    rays: u32,
+    /// Product of the squared indices of refraction crossed.
+    ///
+    /// Roulette ignores what refraction did to the throughput: it is undone when the path comes out again.
+    eta_squared: f32,
+    /// Rays so far that lead to the path's end, those through passed surfaces included.
+    segments: u32,
+    /// The medium around the ray's origin.
+    medium: u32,
+    /// The time within the motion, in `[0, 1]`.
+    time: f32,
 }
 
+/// A scattering event that sampled a light.
 #[derive(Clone, Copy)]
-pub(super) struct LastScatter {
-    pub(super) position: Vec3,
-    /// Density with which the ray's direction was drawn.
-    pub(super) pdf: f32,
+struct LastScatter<P> {
+    position: Vec3,
+    /// The place whose light distribution was sampled.
+    place: P,
+    /// Solid-angle density of the direction that was sampled.
+    pdf: f32,
 }
 
-impl<'w, L: Lens, const E: u32> PathTracer<'w, L, E> {
+/// A point of a surface where a path scatters.
+///
+/// Borrows hit and BSDF: structs that functions point at live in memory, the rest of a vertex stays in registers.
+struct Vertex<'a> {
+    at: &'a Interaction<'a>,
+    bsdf: &'a Bsdf<'a>,
+    frame: ShadingFrame,
+    /// The direction back along the path, in the shading frame.
+    wo: Vec3,
+    /// Cosine of that direction with the geometric normal.
+    outside: f32,
+}
+
+impl Vertex<'_> {
+    /// Tells whether a direction leaves on the side of the geometric surface that the path came from.
+    #[inline(always)]
+    fn is_same_side(&self, wi: Vec3) -> bool {
+        self.at.point.normal.dot(wi) * self.outside > 0.0
+    }
+}
+
+impl<'w, L: Lens, S: LightSelector, const E: u32> PathTracer<'w, L, S, E> {
+    const HAS_SEVERAL_LIGHTS: bool = E & code::SEVERAL_LIGHTS != 0;
+    const HAS_ENVIRONMENT: bool = E & code::ENVIRONMENT != 0;
+    const HAS_ROULETTE: bool = E & code::ROULETTE != 0;
+    const HAS_TRANSMISSION: bool = E & code::TRANSMISSION != 0;
+    const HAS_RARE_EFFECTS: bool = E & code::RARE != 0;
+    const HAS_VARIED_SURFACES: bool = E & code::VARIED != 0;
+
     pub(super) fn new(world: &'w World) -> Self {
-        let guide = if E & GUIDED != 0 { Guide::new(world) } else { None };
-        Self { world, guide, lens: PhantomData }
+        Self { world, selector: S::of(world), lens: PhantomData }
     }
 
-    /// The path at its camera.
+    /// The path at the camera.
     #[inline(always)]
-    fn begin(&self, draws: &Draws<'_>) -> Path {
+    fn begin(&self, draws: &Draws<'_>) -> Path<S::Place> {
         let world = self.world;
         let u = draws.block(blocks::CAMERA);
         let offset = world.filter.sample([u[0], u[1]]);
-        let time = if E & RARE != 0 && world.moves { world.time(draws.block(blocks::TIME)[0]) } else { 0.0 };
+        let moves = Self::HAS_RARE_EFFECTS && world.moves;
+        let time = if moves { world.time(draws.block(blocks::TIME)[0]) } else { 0.0 };
         let view = &world.camera;
-        let ray = L::ray_at(view, view.place(draws.pixel(), offset), [u[2], u[3]], time);
-        let medium = if E & RARE != 0 { world.camera_medium } else { NO_MEDIUM };
-        let (throughput, radiance) = (Vec3::ONE, Vec3::ZERO);
-        Path { ray, throughput, radiance, last: None, rays: 0, spread: 1.0, segments: 0, medium, time }
+        Path {
+            ray: L::ray_at(view, view.place(draws.pixel(), offset), [u[2], u[3]], time),
+            throughput: Vec3::ONE,
+            radiance: Vec3::ZERO,
+            last: None,
+            depth: 0,
+            rays: 0,
+            eta_squared: 1.0,
+            segments: 0,
+            medium: if Self::HAS_RARE_EFFECTS { world.camera_medium } else { NO_MEDIUM },
+            time,
+        }
     }
 
     /// The closest hit of a ray.
     #[inline(always)]
-    fn closest(&self, ray: &Ray, time: f32) -> Option<Interaction<'w>> {
-        match E & (RARE | VARIED) {
-            0 => self.world.closest_plain(ray),
-            VARIED => self.world.closest(ray),
-            _ => self.world.closest_at(ray, time),
+    fn closest_hit(&self, ray: &Ray, time: f32) -> Option<Interaction<'w>> {
+        match (Self::HAS_RARE_EFFECTS, Self::HAS_VARIED_SURFACES) {
+            (false, false) => self.world.closest_hit_plain(ray),
+            (false, true) => self.world.closest_hit(ray, 0.0),
+            (true, _) => self.world.closest_hit(ray, time),
         }
     }
 
-    /// Light that a hit lamp gives off towards the ray's origin, weighted against light sampling.
+    /// Radiance from beyond the scene, weighted against light sampling.
     #[inline(always)]
-    fn emitted(&self, path: &Path, at: &Interaction<'_>, cell: u32) -> Vec3 {
-        let lights = &self.world.lights;
-        let Some(lamp) = lights.lamp(at.part.light) else { return Vec3::ZERO };
+    fn environment(&self, path: &Path<S::Place>) -> Vec3 {
+        let (lights, direction) = (&self.world.lights, path.ray.direction);
+        match path.last {
+            Some(LastScatter { place, pdf, .. }) => {
+                lights.environment_weighted(direction, pdf, |light| self.selector.pmf(lights, place, light))
+            }
+            None => lights.environment(direction),
+        }
+    }
+
+    /// Radiance that a hit lamp emits towards the ray's origin, weighted against light sampling.
+    #[inline(always)]
+    fn emitted(&self, path: &Path<S::Place>, at: &Interaction<'_>) -> Vec3 {
+        let (lights, light) = (&self.world.lights, at.part.light);
+        let Some(lamp) = lights.lamp(light) else { return Vec3::ZERO };
         let radiance = lamp.radiance(-at.point.normal.dot(path.ray.direction));
         match path.last {
-            Some(last) if radiance != Vec3::ZERO => {
-                let found = match &self.guide {
-                    Some(guide) if E & GUIDED != 0 => {
-                        let pmf = guide.pmf(lights, cell, at.part.light);
-                        lights.pdf_chosen(at.part.light, pmf, last.position, &at.point)
-                    }
-                    _ => lights.pdf(at.part.light, last.position, &at.point),
-                };
-                radiance * power_heuristic(last.pdf, found)
+            Some(LastScatter { position, place, pdf }) if radiance != Vec3::ZERO => {
+                let light_pdf =
+                    lights.direction_pdf(light, position, &at.point) * self.selector.pmf(lights, place, light);
+                radiance * power_heuristic(pdf, light_pdf)
             }
             _ => radiance,
         }
     }
 
-    /// Next-event estimation: light that arrives at a hit straight from a lamp, and is scattered towards
-    /// `wo`.
+    /// One scattering event: gathers direct light and turns the ray. Returns false where the path ends.
     #[inline(always)]
-    #[expect(clippy::too_many_arguments, reason = "the innermost loop, kept flat")]
+    fn scatter(
+        &self,
+        draws: &Draws<'_>,
+        training: &mut TrainingLog,
+        path: &mut Path<S::Place>,
+        at: &Interaction<'w>,
+        surface: &Surface,
+    ) -> bool {
+        let (world, varied) = (self.world, Self::HAS_VARIED_SURFACES);
+        if surface.black {
+            return false;
+        }
+        let bsdf = if varied { world.bsdf_of(at, surface) } else { surface.plain() };
+        let frame = if varied { world.frame_of(at, surface) } else { ShadingFrame::from_normal(at.point.normal) };
+        let wo = bsdf.local(&frame, -path.ray.direction);
+        let vertex = Vertex { at, bsdf: &bsdf, frame, wo, outside: -at.point.normal.dot(path.ray.direction) };
+        let roulette = Self::HAS_ROULETTE && path.depth >= ROULETTE_FROM;
+        let several_lights = Self::HAS_SEVERAL_LIGHTS && world.lights.len() > 1;
+        let chooses = several_lights || varied && surface.several_lobes || roulette;
+        let choices = if chooses { draws.block(blocks::choose(path.depth)) } else { [0.0; 4] };
+        let u = draws.block(blocks::scatter(path.depth));
+        let mut place = S::NOWHERE;
+        if !bsdf.is_specular() && !world.lights.is_empty() {
+            place = self.selector.place(at.point.position, at.point.normal * vertex.outside);
+            let direct = self.direct(training, path, &vertex, place, [choices[0], u[0], u[1]]);
+            path.radiance += path.throughput * direct;
+        }
+        let Some(sample) = bsdf.sample(wo, [u[2], u[3]], choices[1]) else { return false };
+        let wi = vertex.frame.to_world(sample.wi);
+        let reflected = !Self::HAS_TRANSMISSION || sample.wi.z * wo.z > 0.0;
+        if vertex.is_same_side(wi) != reflected {
+            return false;
+        }
+        path.throughput *= sample.weight;
+        if Self::HAS_TRANSMISSION {
+            path.eta_squared *= sample.eta * sample.eta;
+        }
+        if roulette && !self.survives(path, choices[2]) {
+            return false;
+        }
+        let position = at.point.position;
+        path.last = (!sample.specular).then_some(LastScatter { position, place, pdf: sample.pdf });
+        path.ray = spawn_ray(&at.point, wi);
+        if Self::HAS_RARE_EFFECTS {
+            path.medium = at.medium_beyond(wi, path.medium);
+        }
+        path.throughput.max_element() > 0.0
+    }
+
+    /// Next-event estimation: light of a lamp that arrives at a vertex and is scattered along the path.
+    ///
+    /// `u` selects the light (0) and a direction to it (1, 2).
+    #[inline(always)]
     fn direct(
         &self,
-        path: &mut Path,
-        at: &Interaction<'_>,
-        frame: &Frame,
-        bsdf: &Bsdf<'_>,
-        wo: Vec3,
-        outside: f32,
-        choice: f32,
-        u: [f32; 2],
+        training: &mut TrainingLog,
+        path: &mut Path<S::Place>,
+        vertex: &Vertex<'_>,
+        place: S::Place,
+        u: [f32; 3],
     ) -> Vec3 {
-        let Some(light) = self.world.lights.sample(at.point.position, choice, u) else {
-            return Vec3::ZERO;
-        };
-        self.arriving(path, at, frame, bsdf, wo, outside, &light)
-    }
-
-    /// The same with a light chosen by what was learned, in the cell that the path is now in; notes down what it was
-    /// worth.
-    #[inline(always)]
-    #[expect(clippy::too_many_arguments, reason = "as above")]
-    fn direct_guided(
-        &self,
-        guide: &Guide,
-        observed: &mut TrainingLog,
-        cell: u32,
-        path: &mut Path,
-        at: &Interaction<'_>,
-        frame: &Frame,
-        bsdf: &Bsdf<'_>,
-        wo: Vec3,
-        outside: f32,
-        choice: f32,
-        u: [f32; 2],
-    ) -> Vec3 {
-        let (index, pmf) = guide.choose(cell, choice);
-        let arrived = match self.world.lights.sample_one(index as usize, pmf, at.point.position, u) {
-            Some(light) => self.arriving(path, at, frame, bsdf, wo, outside, &light),
+        let lights = &self.world.lights;
+        let Some(selected) = self.selector.select(lights, place, u[0]) else { return Vec3::ZERO };
+        let scattered = match lights.sample_selected(selected, vertex.at.point.position, [u[1], u[2]]) {
+            Some(light) => self.scattered(path, vertex, &light),
             None => Vec3::ZERO,
         };
-        guide.note(observed, cell, index, arrived * pmf);
-        arrived
+        self.selector.record(training, place, selected, scattered * selected.pmf);
+        scattered
     }
 
-    /// What arrives from a light, if nothing is in between, and is scattered.
+    /// Light of a sample that reaches a vertex and is scattered along the path, weighted against BSDF sampling.
     #[inline(always)]
-    #[expect(clippy::too_many_arguments, reason = "as above")]
-    fn arriving(
-        &self,
-        path: &mut Path,
-        at: &Interaction<'_>,
-        frame: &Frame,
-        bsdf: &Bsdf<'_>,
-        wo: Vec3,
-        outside: f32,
-        light: &LightSample,
-    ) -> Vec3 {
-        // No light through the geometric surface, whatever the shading normal says.
-        let same_side = at.point.normal.dot(light.wi) * outside > 0.0;
-        if E & CLEAR == 0 && !same_side {
+    fn scattered(&self, path: &mut Path<S::Place>, vertex: &Vertex<'_>, light: &LightSample) -> Vec3 {
+        let Vertex { at, bsdf, wo, .. } = vertex;
+        // No light through the geometric surface, whatever the shading normal.
+        let same_side = vertex.is_same_side(light.wi);
+        if !Self::HAS_TRANSMISSION && !same_side {
             return Vec3::ZERO;
         }
-        let wi = bsdf.local(frame, light.wi);
-        if E & CLEAR != 0 && same_side != (wo.z * wi.z > 0.0) {
+        let wi = bsdf.local(&vertex.frame, light.wi);
+        if Self::HAS_TRANSMISSION && same_side != (wo.z * wi.z > 0.0) {
             return Vec3::ZERO;
         }
-        let (f, pdf) = bsdf.evaluate_and_pdf(wo, wi);
+        let (f, pdf) = bsdf.evaluate_and_pdf(*wo, wi);
         if f == Vec3::ZERO {
             return Vec3::ZERO;
         }
-        let ray = shadow_ray(&at.point, light);
-        let medium = if E & RARE != 0 { beyond(at, light.wi, path.medium) } else { NO_MEDIUM };
+        let ray = light.shadow_ray(&at.point);
+        let medium = if Self::HAS_RARE_EFFECTS { at.medium_beyond(light.wi, path.medium) } else { NO_MEDIUM };
         let Some(share) = self.transmittance(ray, &light.target, path, medium) else { return Vec3::ZERO };
         let weight = if light.delta { light.pdf.recip() } else { power_heuristic_over_pdf(light.pdf, pdf) };
         share * f * light.radiance * (wi.z.abs() * weight)
     }
 
-    /// The scattering event number `vertex`: gathers direct light and turns the ray. Returns whether the
-    /// path goes on.
-    #[inline(always)]
-    #[expect(clippy::too_many_arguments, reason = "the innermost loop, kept flat")]
-    fn scatter(
-        &self,
-        draws: &Draws<'_>,
-        path: &mut Path,
-        at: &Interaction<'_>,
-        surface: &Surface,
-        vertex: u32,
-        observed: &mut TrainingLog,
-        cell: &mut u32,
-    ) -> bool {
-        let world = self.world;
-        if surface.black {
-            return false;
-        }
-        let varied = E & VARIED != 0;
-        let bsdf = if varied { world.bsdf(at, surface) } else { surface.plain() };
-        let frame = if varied { world.frame(at, surface) } else { Frame::from_normal(at.point.normal) };
-        let wo = bsdf.local(&frame, -path.ray.direction);
-        let outside = -at.point.normal.dot(path.ray.direction);
-        let roulette = E & DEEP != 0 && vertex >= ROULETTE_FROM;
-        let chooses = E & SEVERAL != 0 && world.lights.len() > 1 || varied && surface.several_lobes || roulette;
-        let choices = if chooses { draws.block(blocks::choose(vertex)) } else { [0.0; 4] };
-        let u = draws.block(blocks::scatter(vertex));
-        if !bsdf.is_specular() && !world.lights.is_empty() {
-            let on_light = [u[0], u[1]];
-            let direct = match &self.guide {
-                Some(guide) if E & GUIDED != 0 => {
-                    *cell = guide.cell(at.point.position, at.point.normal * outside);
-                    self.direct_guided(
-                        guide, observed, *cell, path, at, &frame, &bsdf, wo, outside, choices[0], on_light,
-                    )
-                }
-                _ => self.direct(path, at, &frame, &bsdf, wo, outside, choices[0], on_light),
-            };
-            path.radiance += path.throughput * direct;
-        }
-        let Some(sample) = bsdf.sample(wo, [u[2], u[3]], choices[1]) else { return false };
-        let wi = frame.to_world(sample.wi);
-        let same_side = at.point.normal.dot(wi) * outside > 0.0;
-        let reflected = E & CLEAR == 0 || sample.wi.z * wo.z > 0.0;
-        if same_side != reflected {
-            return false;
-        }
-        path.throughput *= sample.weight;
-        if E & CLEAR != 0 {
-            path.spread *= sample.eta * sample.eta;
-        }
-        if roulette && !self.survives(path, choices[2]) {
-            return false;
-        }
-        path.last = (!sample.specular).then_some(LastScatter { position: at.point.position, pdf: sample.pdf });
-        path.ray = spawn_ray(&at.point, wi);
-        if E & RARE != 0 {
-            path.medium = beyond(at, wi, path.medium);
-        }
-        path.throughput.max_element() > 0.0
-    }
-
     /// Russian roulette.
     #[inline(always)]
-    pub(super) fn survives(&self, path: &mut Path, u: f32) -> bool {
-        let spread = if E & CLEAR != 0 { path.spread } else { 1.0 };
-        let survival = (path.throughput.max_element() * spread).min(SURVIVAL);
+    fn survives(&self, path: &mut Path<S::Place>, u: f32) -> bool {
+        let eta_squared = if Self::HAS_TRANSMISSION { path.eta_squared } else { 1.0 };
+        let survival = (path.throughput.max_element() * eta_squared).min(SURVIVAL);
         if !(u < survival) {
             return false;
         }
@@ -267,68 +272,49 @@ impl<'w, L: Lens, const E: u32> PathTracer<'w, L, E> {
     }
 }
 
-impl<L: Lens, const E: u32> Integrator for PathTracer<'_, L, E> {
-    fn estimate(&self, draws: &Draws<'_>, observed: &mut TrainingLog) -> Estimate {
+impl<L: Lens, S: LightSelector, const E: u32> Integrator for PathTracer<'_, L, S, E> {
+    fn estimate(&self, draws: &Draws<'_>, training: &mut TrainingLog) -> Estimate {
         let mut path = self.begin(draws);
-        // Where the last light was chosen: what a ray then meets by chance is weighted against that choice.
-        let mut cell = NO_CELL;
-        // Filled in where it is returned: a first hit takes more to move than to leave out.
+        // Filled in where it is returned: moving a first hit takes more instructions than leaving it out.
         let mut estimate = Estimate::new([0.0; 3]).with_cost(0);
-        let mut vertex = 0;
         loop {
             path.rays += 1;
             // A copy to point at: a path that is pointed at would live in memory, not in registers.
             let ray = path.ray;
-            let found = self.closest(&ray, path.time);
-            if E & RARE != 0 {
+            let hit = self.closest_hit(&ray, path.time);
+            if Self::HAS_RARE_EFFECTS {
                 path.segments += 1;
                 if path.medium != NO_MEDIUM {
-                    let distance = found.as_ref().map_or(f32::INFINITY, |at| at.hit.t);
-                    match self.cross(draws, &mut path, distance, vertex) {
-                        Way::Passed => {}
-                        Way::Scattered => {
-                            cell = NO_CELL;
-                            vertex += 1;
-                            continue;
-                        }
-                        Way::Ended => break,
+                    let distance = hit.as_ref().map_or(f32::INFINITY, |at| at.hit.t);
+                    match self.cross_medium(draws, &mut path, distance) {
+                        MediumEnd::Crossed => {}
+                        MediumEnd::Scattered => continue,
+                        MediumEnd::Absorbed => break,
                     }
                 }
             }
-            let Some(at) = found else {
-                if E & SKY != 0 {
-                    let last = path.last.map(|last| last.pdf);
-                    let lights = &self.world.lights;
-                    path.radiance += path.throughput
-                        * match &self.guide {
-                            Some(guide) if E & GUIDED != 0 => {
-                                let pmf = |light| guide.pmf(lights, cell, light);
-                                lights.sky_chosen(path.ray.direction, last, pmf)
-                            }
-                            _ => lights.sky(path.ray.direction, last),
-                        };
+            let Some(at) = hit else {
+                if Self::HAS_ENVIRONMENT {
+                    path.radiance += path.throughput * self.environment(&path);
                 }
                 break;
             };
-            let Met::Surface(surface) = self.meet(draws, &mut path, &at) else {
+            let Some(surface) = self.surface_at(draws, &mut path, &at) else {
                 if path.throughput == Vec3::ZERO {
                     break;
                 }
                 continue;
             };
             if at.part.light != NO_LIGHT {
-                path.radiance += path.throughput * self.emitted(&path, &at, cell);
+                path.radiance += path.throughput * self.emitted(&path, &at);
             }
-            if vertex == 0 && draws.wants_first_hit() {
-                estimate.first_hit = Some(report(self.world, ray, at, surface));
+            if path.depth == 0 && draws.wants_first_hit() {
+                estimate.first_hit = Some(self.world.first_hit_of(ray, at, surface));
             }
-            if vertex >= self.world.max_depth {
+            if path.depth >= self.world.max_depth || !self.scatter(draws, training, &mut path, &at, surface) {
                 break;
             }
-            if !self.scatter(draws, &mut path, &at, surface, vertex, observed, &mut cell) {
-                break;
-            }
-            vertex += 1;
+            path.depth += 1;
         }
         estimate.radiance = path.radiance.to_array();
         estimate.cost = path.rays;
@@ -336,12 +322,10 @@ impl<L: Lens, const E: u32> Integrator for PathTracer<'_, L, E> {
     }
 
     fn wants_training(&self) -> bool {
-        self.guide.as_ref().is_some_and(Guide::is_learning)
+        self.selector.wants_training()
     }
 
     fn learn(&mut self, pass: &TrainingData) {
-        if let Some(guide) = &mut self.guide {
-            guide.learn(pass);
-        }
+        self.selector.learn(pass);
     }
 }

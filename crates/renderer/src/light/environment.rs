@@ -1,10 +1,10 @@
 //! Light from beyond the scene.
 
-mod parts;
+mod tiles;
 
-pub(crate) use parts::Parts;
+pub(crate) use tiles::{Tile, Tiles};
 
-use super::{LightSample, Target, luminance, octahedral};
+use super::{Expectation, LightSample, LightSource, Target, luminance, octahedral};
 use crate::shading::discrete::PiecewiseConstant2d;
 use crate::shading::trigonometry::{sin_cos_turn, turn_of};
 use crate::shading::warp;
@@ -15,24 +15,24 @@ use glam::{DMat3, Mat3, Vec3};
 use std::f32::consts::PI;
 use std::sync::Arc;
 
-/// What is wrong with an environment.
+/// An environment that cannot be made.
 #[non_exhaustive]
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum EnvironmentError {
-    /// Its radiance is none.
-    #[error("{at}: the environment's radiance {value:?} is none: give finite numbers of at least 0")]
+    /// A radiance that is negative or not finite.
+    #[error("{at}: the environment's radiance {value:?} is invalid; give finite numbers of at least 0")]
     Radiance {
-        /// Where it is said.
+        /// The line of the scene file.
         at: Source,
         /// The value.
         value: [f32; 3],
     },
-    /// A texel is no radiance.
+    /// A texel that is negative or not finite.
     #[error(
-        "{at}: texel ({column}, {row}) of the environment image is {value:?}: mend the image, its values must be finite and at least 0, also when scaled"
+        "{at}: texel ({column}, {row}) of the environment image is {value:?}; repair the image: values must be finite and at least 0, also when scaled"
     )]
     Texel {
-        /// Where it is said.
+        /// The line of the scene file.
         at: Source,
         /// From the left, from 0.
         column: usize,
@@ -43,28 +43,28 @@ pub enum EnvironmentError {
     },
     /// An equal-area image must be a square.
     #[error(
-        "{at}: an equal-area environment image is a square, not {} x {}: give one, or one in latitude and longitude", size[0], size[1]
+        "{at}: an equal-area environment image must be square, not {} x {}; use a square image, or one in latitude and longitude", size[0], size[1]
     )]
     Square {
-        /// Where it is said.
+        /// The line of the scene file.
         at: Source,
         /// Width and height.
         size: [u32; 2],
     },
-    /// More texels than can be chosen among.
-    #[error("{at}: an environment image of {} x {} is too large: scale it down", size[0], size[1])]
+    /// More texels than a distribution holds.
+    #[error("{at}: an environment image of {} x {} is too large; scale it down", size[0], size[1])]
     Size {
-        /// Where it is said.
+        /// The line of the scene file.
         at: Source,
         /// Width and height.
         size: [u32; 2],
     },
-    /// Its transform.
+    /// A transform that no environment can have.
     #[error(
-        "{at}: the environment's transform flattens or stretches space, or is not finite: it may turn, mirror and scale evenly"
+        "{at}: the environment's transform flattens or stretches space, or is not finite; rotate, mirror and scale uniformly only"
     )]
     Transform {
-        /// Where it is said.
+        /// The line of the scene file.
         at: Source,
     },
 }
@@ -83,7 +83,7 @@ enum Kind {
     Image(Map),
 }
 
-/// An image around the scene. Texels are constant, as pbrt-v4 has them, so that what is sampled is what is seen.
+/// An image around the scene. Its texels are constant, as in pbrt-v4, so that sampling matches evaluation.
 #[derive(Clone, Debug)]
 struct Map {
     layout: Layout,
@@ -95,7 +95,7 @@ struct Map {
     average: f64,
 }
 
-/// Where a direction lies in the image.
+/// The map from directions to the image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Layout {
     LatLong,
@@ -142,18 +142,7 @@ impl Environment {
         }
     }
 
-    /// Draws a direction with density near the brightness.
-    #[inline]
-    pub(super) fn sample(&self, u: [f32; 2]) -> Option<LightSample> {
-        let (wi, radiance, pdf) = match &self.kind {
-            Kind::Constant(rgb) => (warp::uniform_sphere(u), *rgb, warp::uniform_sphere_pdf()),
-            Kind::Image(map) => self.drawn(map, map.cells.sample_near(u, |i| map.look(i))?),
-        };
-        let shines = pdf.is_finite() && radiance != Vec3::ZERO;
-        shines.then_some(LightSample { wi, radiance, pdf, target: Target::Far, delta: false })
-    }
-
-    /// Direction, radiance and density in solid angle of a point drawn in the image.
+    /// Direction, radiance and solid-angle density of a point drawn in the image.
     #[inline(always)]
     fn drawn(&self, map: &Map, (uv, density): ([f32; 2], f32)) -> (Vec3, Vec3, f32) {
         let (local, pdf) = map.layout.to_sphere(uv, density);
@@ -161,13 +150,13 @@ impl Environment {
         ((self.to_world * local).normalize(), map.radiance(uv), pdf)
     }
 
-    /// Density in solid angle with which directions are drawn.
+    /// Solid-angle density with which light sampling draws direction `w`.
     #[inline]
-    pub fn pdf(&self, w: Vec3) -> f32 {
+    pub fn direction_pdf(&self, w: Vec3) -> f32 {
         self.radiance_and_pdf(w).1
     }
 
-    /// Both, for the price of one.
+    /// [`Self::radiance`] and [`Self::direction_pdf`], by one look-up.
     #[inline]
     pub(super) fn radiance_and_pdf(&self, w: Vec3) -> (Vec3, f32) {
         match &self.kind {
@@ -179,16 +168,11 @@ impl Environment {
         }
     }
 
-    /// Place in the image, radiance and density in solid angle.
+    /// Position in the image, radiance, and solid-angle density.
     #[inline(always)]
     fn looked_up(&self, map: &Map, w: Vec3) -> ([f32; 2], Vec3, f32) {
         let uv = map.layout.to_uv(self.to_light * w);
         (uv, map.radiance(uv), map.layout.pdf(uv, map.cells.pdf(uv)))
-    }
-
-    /// As [`Light`](super::Light) has it: radiance times 4 pi, times the disk pi r^2, over pi.
-    pub(super) fn power(&self, scene_radius: f64) -> f64 {
-        4.0 * std::f64::consts::PI * scene_radius * scene_radius * self.average_luminance()
     }
 
     /// Mean luminance over the sphere.
@@ -197,6 +181,29 @@ impl Environment {
             Kind::Constant(rgb) => luminance(*rgb),
             Kind::Image(map) => map.average,
         }
+    }
+}
+
+impl LightSource for Environment {
+    /// A direction with density near proportional to brightness.
+    #[inline]
+    fn sample(&self, _: Vec3, u: [f32; 2]) -> Option<LightSample> {
+        let (wi, radiance, pdf) = match &self.kind {
+            Kind::Constant(rgb) => (warp::uniform_sphere(u), *rgb, warp::uniform_sphere_pdf()),
+            Kind::Image(map) => self.drawn(map, map.cells.sample_near(u, |i| map.look(i))?),
+        };
+        let shines = pdf.is_finite() && radiance != Vec3::ZERO;
+        shines.then_some(LightSample { wi, radiance, pdf, target: Target::Far, delta: false })
+    }
+
+    /// Radiance times 4 pi, times the disk pi r^2, over pi.
+    fn power(&self, scene_radius: f64) -> f64 {
+        4.0 * std::f64::consts::PI * scene_radius * scene_radius * self.average_luminance()
+    }
+
+    fn expectation(&self) -> Expectation {
+        let irradiance = (std::f64::consts::PI * self.average_luminance()) as f32;
+        Expectation::Far { towards: Vec3::ZERO, irradiance }
     }
 }
 
@@ -245,7 +252,7 @@ impl Map {
         [((u * width as f32) as u32).min(width - 1), ((v * height as f32) as u32).min(height - 1)]
     }
 
-    /// A look at a pixel near the one to come, or that one, brings its line into the cache while its cell is searched.
+    /// Loads the cache line of a pixel that is needed soon.
     #[inline(always)]
     fn look(&self, pixel: usize) {
         std::hint::black_box(self.image.pixels[pixel][0]);
@@ -253,7 +260,7 @@ impl Map {
 }
 
 impl Layout {
-    /// Place in the image, `[0, 1]^2` with row 0 at `v = 0`, of a direction in the light's frame, z up.
+    /// Position in the image, `[0, 1]^2` with row 0 at `v = 0`, of a direction in the light's frame, z up.
     #[inline]
     fn to_uv(self, w: Vec3) -> [f32; 2] {
         match self {
@@ -263,7 +270,7 @@ impl Layout {
         }
     }
 
-    /// Direction at a place in the image, and what a density there is in solid angle.
+    /// The direction of a position in the image, and a density there converted to solid angle.
     #[inline]
     fn to_sphere(self, uv: [f32; 2], density: f32) -> (Vec3, f32) {
         match self {
@@ -276,7 +283,7 @@ impl Layout {
         }
     }
 
-    /// A density in the image as one in solid angle.
+    /// A density in the image converted to solid angle.
     #[inline]
     fn pdf(self, uv: [f32; 2], density: f32) -> f32 {
         match self {
@@ -289,7 +296,7 @@ impl Layout {
     }
 }
 
-/// Whether a radiance is one.
+/// Tells whether a radiance is finite and not negative.
 fn valid(rgb: &[f32; 3]) -> bool {
     rgb.iter().all(|x| x.is_finite() && *x >= 0.0)
 }

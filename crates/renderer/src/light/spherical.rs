@@ -1,11 +1,11 @@
-//! Triangles as they are seen: directions uniform over the solid angle that one fills.
+//! Triangles seen from a point, sampled uniformly by solid angle.
 //!
-//! In f64: near a lamp, where this is used, differences of nearly equal numbers decide.
+//! In f64, since this is used near lamps, where differences of nearly equal numbers decide.
 
 use glam::DVec3;
 use std::f64::consts::PI;
 
-/// What a triangle covers of the unit sphere around a point.
+/// The part of the unit sphere around a point that a triangle covers.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SphericalTriangle {
     /// Unit vectors to the corners.
@@ -15,15 +15,16 @@ pub(super) struct SphericalTriangle {
     pub(super) solid_angle: f64,
 }
 
-/// Solid angles below this are left to sampling by area, which is as good there: pbrt-v4 has 3e-4.
+/// Smaller solid angles are sampled by area, which is as good there: pbrt-v4 has 3e-4.
 const LEAST: f64 = 1e-3;
 /// Points less than so many edge lengths from the triangle's plane may be on either side of it, since their
 /// coordinates were rounded to 24 bits.
 const FLAT: f64 = 1e-9;
 
 impl SphericalTriangle {
-    /// The triangle with these corners seen from the origin; `None` where it fills next to nothing, or the origin
-    /// lies in its plane.
+    /// The triangle with these corners seen from the origin.
+    ///
+    /// `None` where it covers next to nothing, or the origin lies in its plane.
     pub(super) fn new(corners: [DVec3; 3]) -> Option<Self> {
         let [a, b, c] = corners.map(DVec3::normalize_or_zero);
         let triple = a.dot(b.cross(c));
@@ -33,7 +34,7 @@ impl SphericalTriangle {
         (triple.abs() > FLAT && solid_angle > LEAST).then_some(Self { corners: [a, b, c], triple, solid_angle })
     }
 
-    /// Whether the origin is where the normal `(b - a) x (c - a)` points to.
+    /// Returns true if the normal `(b - a) x (c - a)` points to the side of the origin.
     pub(super) fn seen_from_above(&self) -> bool {
         self.triple < 0.0
     }
@@ -53,7 +54,7 @@ impl SphericalTriangle {
         let t = cos_area * cos_alpha + sin_area * sin_alpha;
         let (p, q) = (t - cos_alpha, s + sin_alpha * cos_arc);
         let cos_side = ((q * t - p * s) * cos_alpha - q) / ((q * s + p * t) * sin_alpha);
-        // Not a number where nothing is cut off.
+        // NaN where nothing is cut off.
         let cos_side = if cos_side.is_finite() { cos_side.clamp(-1.0, 1.0) } else { 1.0 };
         let third = towards(a, c, cos_side);
         let z = 1.0 - u[1] * (1.0 - third.dot(b));

@@ -4,12 +4,13 @@ use super::{Kind, MaterialError, Surface};
 use crate::texture::Textures;
 use dapple_scene::{Material, MaterialKind, Scalar};
 
-/// Mixes may be mixed; deeper than this they are refused.
+/// The deepest nesting of mixes.
 const DEEPEST: u32 = 16;
 
-/// The surface that stands at a point for the one with number `index`, and its number: itself, or where it is a mix what
-/// `choice` in `[0, 1)` picks, by the shares there. One coordinate serves all levels: what it has not spent on one is a
-/// coordinate for the next.
+/// The surface at a point whose material is number `index`, and its number: of a mix, one of its materials.
+///
+/// `choice` in `[0, 1)` selects it by the shares there. One random number serves all levels: each uses the remainder of
+/// the last.
 ///
 /// The materials must have passed [`check_mixes`].
 #[inline]
@@ -34,8 +35,7 @@ pub(crate) fn resolve<'w>(
     (surface, index)
 }
 
-/// The chance that [`resolve`] comes to an interface, from 0 to 1; asks for texture coordinates only where there is a
-/// mix.
+/// The probability that [`resolve`] returns an interface. Computes texture coordinates for mixes only.
 pub(crate) fn interface_share(
     surfaces: &[Surface],
     index: u32,
@@ -58,12 +58,12 @@ fn share_within(surfaces: &[Surface], index: u32, textures: &Textures, uv: [f32;
 }
 
 #[inline]
-#[expect(clippy::manual_clamp, reason = "what is no number counts as 0, which `clamp` would let through")]
+#[expect(clippy::manual_clamp, reason = "NaN counts as 0, which `clamp` would let through")]
 fn share_of_second(textures: &Textures, amount: Scalar, uv: [f32; 2]) -> f32 {
     textures.look_up_scalar(amount, uv).max(0.0).min(1.0)
 }
 
-/// What is wrong with mixes: parts that are not there, mixes of themselves, and mixes nested beyond all measure.
+/// The errors of mixes: parts that do not exist, mixes of themselves, and mixes nested too deeply.
 pub(crate) fn check_mixes(materials: &[Material]) -> Vec<MaterialError> {
     let mut wrong = Vec::new();
     let parts: Vec<Vec<usize>> = materials

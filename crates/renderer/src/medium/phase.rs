@@ -1,6 +1,6 @@
 //! Phase functions.
 
-use crate::shading::Frame;
+use crate::shading::ShadingFrame;
 use crate::shading::trigonometry::sin_cos_turn;
 use glam::Vec3;
 use std::f32::consts::PI;
@@ -21,14 +21,14 @@ pub struct HenyeyGreenstein {
 /// A direction drawn from a phase function, whose value is its density: the weight is 1.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PhaseSample {
-    /// The direction in which light goes on, unit length.
+    /// The direction after the event, unit length.
     pub wi: Vec3,
     /// The density in solid angle, and the phase function's value.
     pub pdf: f32,
 }
 
 impl HenyeyGreenstein {
-    /// With mean cosine `g`, above -1 and below 1 (clamped there).
+    /// The phase function of mean cosine `g`, clamped above -1 and below 1.
     pub fn new(g: f32) -> Self {
         let largest = 1.0_f32.next_down();
         Self { g: g.abs().min(largest), side: 1.0_f32.copysign(g) }
@@ -68,7 +68,7 @@ impl HenyeyGreenstein {
         let height = (2.0 * share * share * u[0] * (1.0 + g * (1.0 - u[0]))).clamp(0.0, 2.0);
         let across = (height * (2.0 - height)).sqrt();
         let (sin, cos) = sin_cos_turn(u[1]);
-        let frame = Frame::from_normal(travel * self.side);
+        let frame = ShadingFrame::from_normal(travel * self.side);
         let wi = frame.to_world(Vec3::new(across * cos, across * sin, 1.0 - height)).normalize();
         PhaseSample { wi, pdf: self.at(height) }
     }

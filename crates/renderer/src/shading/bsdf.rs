@@ -1,4 +1,4 @@
-//! What a surface does with light at one point.
+//! The scattering of light at one point of a surface.
 
 use super::coat::Coat;
 use super::dielectric::{self, DiffuseTransmission, RoughDielectric, SmoothDielectric, Tint};
@@ -6,7 +6,7 @@ use super::fresnel::{self, ComplexIor};
 use super::glossy::{Plastic, Substrate};
 use super::metal_coat::MetalCoat;
 use super::microfacet::{TrowbridgeReitz, half_angle_cosine};
-use super::{Frame, warp};
+use super::{ShadingFrame, warp};
 use dapple_scene::effectively_smooth;
 use glam::Vec3;
 use std::f32::consts::{FRAC_1_PI, PI};
@@ -17,13 +17,13 @@ use std::f32::consts::{FRAC_1_PI, PI};
 /// material is made. Opaque surfaces scatter on both sides: a `wo` below the surface is mirrored through
 /// the point, as pbrt-v4 does, and no light passes from one side to the other.
 ///
-/// All directions are unit vectors in the shading frame, pointing away from the surface. The caller sees to
-/// light leaking through the *geometric* surface where the shading normal differs.
+/// All directions are unit vectors in the shading frame, pointing away from the surface. The caller prevents
+/// light from leaking through the *geometric* surface where the shading normal differs.
 #[derive(Clone, Copy, Debug)]
 pub enum Bsdf<'m> {
     /// Lambert's reflection.
     Diffuse {
-        /// Share of light reflected, per channel.
+        /// The share of light reflected, per channel.
         reflectance: Vec3,
     },
     /// A rough metal.
@@ -68,7 +68,7 @@ pub enum Bsdf<'m> {
     DiffuseTransmission(DiffuseTransmission),
     /// A mirror without a Fresnel term.
     Mirror {
-        /// Share of light reflected, per channel.
+        /// The share of light reflected, per channel.
         reflectance: Vec3,
     },
     /// Lambert's reflection and a glossy one, added.
@@ -80,16 +80,15 @@ pub enum Bsdf<'m> {
 /// A direction drawn from a [`Bsdf`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BsdfSample {
-    /// Where the light comes from, shading frame. Light comes through the surface where its z has the other sign than
-    /// that of `wo`.
+    /// The direction that light comes from, in the shading frame. Transmitted light has a z of the other sign than `wo`.
     pub wi: Vec3,
-    /// `f |cos| / pdf`: what the path's throughput is multiplied by.
+    /// `f |cos| / pdf`: the factor of the path's throughput.
     pub weight: Vec3,
     /// Solid-angle density of `wi`, the same as [`Bsdf::pdf`]; for a specular sample the probability of its
     /// lobe.
     pub pdf: f32,
-    /// Whether `wi` is the only direction its lobe can give, so that [`Bsdf::evaluate`] and [`Bsdf::pdf`]
-    /// know nothing of it and light sampling cannot meet it.
+    /// True if `wi` is the only direction of its lobe: [`Bsdf::evaluate`] and [`Bsdf::pdf`] do not include it, and light
+    /// sampling cannot find it.
     pub specular: bool,
     /// Index of refraction on the side of `wi` over that on the side of `wo`; 1 but for refraction. The weight has been
     /// divided by its square, which leaving the glass takes back: multiply by `eta^2` along a path what Russian roulette
@@ -99,7 +98,7 @@ pub struct BsdfSample {
 
 impl<'m> Bsdf<'m> {
     /// The metal with these widths: rough, or smooth where
-    /// [`effectively_smooth`] says so.
+    /// [`effectively_smooth`] returns true.
     ///
     /// # Errors
     ///
@@ -123,7 +122,7 @@ impl<'m> Bsdf<'m> {
     }
 
     /// Glass of this index of refraction, inside over outside: rough, or smooth where
-    /// [`effectively_smooth`] says so, or where the index is 1.
+    /// [`effectively_smooth`] returns true, or where the index is 1.
     ///
     /// # Errors
     ///
@@ -143,7 +142,7 @@ impl<'m> Bsdf<'m> {
     /// A world-space direction in the shading frame, as far as this scattering looks at it: of Lambert's only the
     /// cosine is filled in, the rest is 0.
     #[inline(always)]
-    pub(crate) fn local(&self, frame: &Frame, v: Vec3) -> Vec3 {
+    pub(crate) fn local(&self, frame: &ShadingFrame, v: Vec3) -> Vec3 {
         match self {
             Self::Diffuse { .. } => Vec3::new(0.0, 0.0, v.dot(frame.normal)),
             _ => frame.to_local(v),
@@ -264,7 +263,7 @@ impl<'m> Bsdf<'m> {
         if wi.z > 0.0 { drawn(wi, found) } else { None }
     }
 
-    /// Whether every lobe is specular, so that light sampling is useless.
+    /// Returns true if every lobe is specular, so that light sampling is useless.
     #[inline]
     pub fn is_specular(&self) -> bool {
         match self {
@@ -277,7 +276,7 @@ impl<'m> Bsdf<'m> {
         }
     }
 
-    /// Whether light may come through the surface: then `wi` of a sample, or of a light, may lie on the other side.
+    /// Returns true if the surface may transmit light, so that `wi` may lie on the other side than `wo`.
     #[inline]
     pub fn transmits(&self) -> bool {
         matches!(
@@ -370,7 +369,7 @@ impl<'m> Bsdf<'m> {
     }
 }
 
-/// What a coat over Lambert's reflection does with light from one direction.
+/// A coat over Lambert's reflection, for light from one direction.
 struct CoatSeen {
     transmittance: f32,
     /// Probability of sampling the coat's lobe rather than the base's: its share of the light reflected.

@@ -34,7 +34,7 @@ pub struct CoatOptions {
     /// Index of refraction over the outside's, in `[0.1, 10]`.
     pub eta: f32,
     /// Microfacet widths along the tangents; smooth where
-    /// [`effectively_smooth`] says so, or where `eta` is 1.
+    /// [`effectively_smooth`] returns true, or where `eta` is 1.
     pub alpha: [f32; 2],
     /// Optical thickness along the normal, from 0: light that crosses the coat at an angle with cosine `c`
     /// (inside) keeps `exp(-thickness / c)`. Where the coat scatters with an albedo, what it scatters mostly
@@ -51,7 +51,7 @@ impl Default for CoatOptions {
     }
 }
 
-/// What a coat does, computed once per material: some 10 ms (0.3 ms if smooth) and 2 KiB. The base's reflectance may
+/// A coat over a diffuse base, tabulated once per material: some 10 ms (0.3 ms if smooth) and 2 KiB. The base's reflectance may
 /// vary from hit to hit.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Coat {

@@ -10,12 +10,12 @@ use super::fresnel;
 use super::microfacet::{TrowbridgeReitz, half_angle_cosine};
 use glam::Vec3;
 
-/// What light of a glass is multiplied by: white in nature.
+/// The colors that light of a glass is multiplied by: white in nature.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tint {
-    /// Where it is reflected.
+    /// Of reflected light.
     pub reflectance: Vec3,
-    /// Where it is transmitted.
+    /// Of transmitted light.
     pub transmittance: Vec3,
 }
 
@@ -42,7 +42,7 @@ impl Tint {
 pub struct SmoothDielectric {
     /// Index of refraction of the inside over that of the outside.
     pub eta: f32,
-    /// What light is multiplied by.
+    /// The colors that light is multiplied by.
     pub tint: Tint,
 }
 
@@ -79,7 +79,7 @@ pub struct RoughDielectric {
     pub eta: f32,
     /// Its microfacets.
     pub microfacets: TrowbridgeReitz,
-    /// What light is multiplied by.
+    /// The colors that light is multiplied by.
     pub tint: Tint,
 }
 

@@ -1,4 +1,4 @@
-//! Choosing one of many by weight.
+//! Sampling of items in proportion to weights.
 
 mod window;
 
@@ -10,13 +10,12 @@ const BELOW_ONE: f32 = 1.0 - 0.5 * f32::EPSILON;
 /// Most rows or columns: cells stay wide enough to hold several f32 values.
 const MAX_SIDE: usize = 1 << 20;
 
-/// Items chosen with probability proportional to their weights.
+/// Items sampled with probability proportional to their weights.
 ///
-/// Inverts the cumulative distribution, so that neighbouring coordinates choose neighbouring items and a
-/// well-distributed set of coordinates is a well-distributed set of choices (an alias table would break
-/// that up); a guide table [Chen and Asau 1974] finds the item in constant expected time. Sums are f64.
+/// Inverts the cumulative distribution, so that well-distributed coordinates give well-distributed items: an alias table
+/// would break that up. A guide table [Chen and Asau 1974] finds the item in constant expected time. Sums are f64.
 ///
-/// A distribution whose weights are all 0, or that has none, is *empty*: it chooses nothing.
+/// A distribution whose weights are all 0, or that has none, is *empty*: nothing is sampled.
 ///
 /// A coordinate of 24 bits gives an item a multiple of 2^-24 of probability: with 10^6 items single
 /// frequencies are off by some percent, though sums over neighbours are not.
@@ -29,14 +28,14 @@ pub struct Discrete {
     total: f64,
 }
 
-/// An item chosen from a [`Discrete`].
+/// An item sampled from a [`Discrete`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Choice {
-    /// Which item.
+    /// The number of the item.
     pub index: usize,
     /// Its probability, above 0, as [`Discrete::pmf`] gives it.
     pub pmf: f32,
-    /// The coordinate's place within the item, uniform in `[0, 1)` again.
+    /// The coordinate's position within the item, uniform in `[0, 1)` again.
     pub u: f32,
 }
 
@@ -45,7 +44,7 @@ impl Discrete {
     ///
     /// # Errors
     ///
-    /// [`Error::Weight`] for a weight that is negative, infinite or not a number; [`Error::TooMany`].
+    /// [`Error::Weight`] for a weight that is negative, infinite or NaN; [`Error::TooMany`].
     pub fn new(weights: &[f32]) -> Result<Self, Error> {
         if u32::try_from(weights.len()).is_err() {
             return Err(Error::TooMany { count: weights.len(), most: u32::MAX as usize });
@@ -84,7 +83,7 @@ impl Discrete {
         Some(invert(&self.ends, first, last, u))
     }
 
-    /// The probability of an item. An item so light beside the others that it is never chosen has 0.
+    /// The probability of an item. An item so light beside the others that it is never sampled has 0.
     ///
     /// # Panics
     ///
@@ -94,12 +93,12 @@ impl Discrete {
         if self.total > 0.0 { (self.ends[index] - start(&self.ends, index)) as f32 } else { 0.0 }
     }
 
-    /// How many items there are, those of weight 0 included.
+    /// The number of items, those of weight 0 included.
     pub fn len(&self) -> usize {
         self.ends.len()
     }
 
-    /// Whether nothing can be chosen: no item has a positive weight.
+    /// Returns true if no item has a positive weight.
     pub fn is_empty(&self) -> bool {
         !(self.total > 0.0)
     }
@@ -171,15 +170,16 @@ impl PiecewiseConstant2d {
         self.sample_near(u, |_| ())
     }
 
-    /// The same; `near` is told early on the number, row by row, of a cell that is the one drawn or not far from it, so
-    /// that what the caller keeps for the cells can be fetched meanwhile.
+    /// [`Self::sample`] that calls `near` early with the number, row by row, of a cell at or near the sampled one.
+    ///
+    /// The caller can prefetch data of the cell meanwhile.
     #[inline(always)]
     pub(crate) fn sample_near(&self, u: [f32; 2], near: impl FnOnce(usize)) -> Option<([f32; 2], f32)> {
         let row = self.rows.sample(u[1])?;
         Some(self.sample_row(row, f64::from(u[0].clamp(0.0, BELOW_ONE)), near))
     }
 
-    /// The point of a row, and its density, that a coordinate `across` it chooses, in `[0, 1)`.
+    /// The point that a coordinate `across` a row selects, in `[0, 1)`, and its density.
     #[inline(always)]
     fn sample_row(&self, row: Choice, across: f64, near: impl FnOnce(usize)) -> ([f32; 2], f32) {
         let slot = row.index * (self.slots + 1) + (across * self.slots as f64) as usize;
@@ -199,7 +199,7 @@ impl PiecewiseConstant2d {
         self.density(cell(uv[1], self.size[1]), cell(uv[0], self.size[0]))
     }
 
-    /// Whether nothing can be sampled.
+    /// Returns true if no cell has a positive weight.
     pub fn is_empty(&self) -> bool {
         self.rows.is_empty()
     }

@@ -4,7 +4,7 @@ use glam::Vec3;
 
 /// A right-handed orthonormal frame; its z axis is the normal.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Frame {
+pub struct ShadingFrame {
     /// The x axis.
     pub tangent: Vec3,
     /// The y axis.
@@ -13,7 +13,7 @@ pub struct Frame {
     pub normal: Vec3,
 }
 
-impl Frame {
+impl ShadingFrame {
     /// A frame around a unit normal, without branches [Duff et al. 2017]. Orthonormal within 3e-7 for any
     /// unit normal, `(0, 0, -1)` and a z of -0.0 included.
     #[inline]
@@ -30,7 +30,7 @@ impl Frame {
     }
 
     /// A frame whose x axis leans towards `direction` (a surface's derivative along u, say), for
-    /// anisotropic materials; [`Frame::from_normal`] where `direction` is zero, along the normal, or not
+    /// anisotropic materials; [`ShadingFrame::from_normal`] where `direction` is zero, along the normal, or not
     /// finite.
     #[inline]
     pub fn from_normal_and_tangent(normal: Vec3, direction: Vec3) -> Self {
@@ -50,7 +50,7 @@ impl Frame {
 
     /// The shading frame of a hit: around the interpolated normal `shading` (of any length), or around the
     /// unit geometric normal where `shading` is zero or not finite (opposed vertex normals cancel); turned
-    /// to the side of the geometric normal. `tangent` as in [`Frame::from_normal_and_tangent`].
+    /// to the side of the geometric normal. `tangent` as in [`ShadingFrame::from_normal_and_tangent`].
     #[inline]
     pub fn from_shading_normal(shading: Vec3, geometric: Vec3, tangent: Option<Vec3>) -> Self {
         let longest = shading.abs().max_element();

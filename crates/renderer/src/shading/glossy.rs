@@ -16,7 +16,7 @@ const PLASTIC_ETA: f32 = 1.5;
 pub struct Plastic {
     /// Share of light reflected diffusely, per channel.
     pub diffuse: Vec3,
-    /// What the glossy reflection, Fresnel's for an index of 1.5, is multiplied by.
+    /// The factor of the glossy reflection, which is Fresnel's for an index of 1.5.
     pub specular: Vec3,
     /// Microfacets of the glossy reflection.
     pub microfacets: TrowbridgeReitz,

@@ -39,7 +39,7 @@ const WALKS: u64 = 1024;
 /// Smallest cosine that is walked from, in place of 0.
 const GRAZING: f32 = 1e-3;
 
-/// What a coat over a metal does, computed once per material: some 0.2 s, and none if both are smooth. The metal's own
+/// A coat over a metal, tabulated once per material: some 0.2 s, or none if both are smooth. The metal's own
 /// reflectance may vary from hit to hit.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MetalCoat {
@@ -78,7 +78,7 @@ impl MetalCoat {
         ComplexIor { eta: ior.eta / self.coat.eta(), k: ior.k / self.coat.eta() }
     }
 
-    /// Whether both the coat and the metal are mirrors.
+    /// Returns true if both the coat and the metal are mirrors.
     #[inline]
     pub(super) fn is_specular(&self) -> bool {
         self.lobe.is_none()
@@ -335,7 +335,7 @@ impl Walks<'_> {
         total
     }
 
-    /// What becomes of light that meets the coat from the side `w.z > 0`, at one facet: the direction that it is
+    /// Light that meets the coat from the side `w.z > 0`, at one facet: the direction that it is
     /// mirrored in, and the one beyond, each with its share.
     fn border(&self, w: Vec3, eta: f32, u: [f32; 2]) -> [Option<(Vec3, f32)>; 2] {
         let microfacets = self.coat.microfacets();
@@ -364,7 +364,7 @@ impl Walks<'_> {
         (-self.options.thickness / cos).exp()
     }
 
-    /// Where light of the lobe leaves to from `mu`, and how much of it.
+    /// The direction and the share of the lobe's light that leaves from `mu`.
     fn links(&self, mu: f32, lobe: &Lobe, points: &Sobol) -> Vec<Link> {
         let eta = self.coat.eta();
         let wo = Vec3::new(((1.0 - mu) * (1.0 + mu)).sqrt(), 0.0, mu);

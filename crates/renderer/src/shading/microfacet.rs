@@ -19,7 +19,7 @@ impl TrowbridgeReitz {
     ///
     /// # Errors
     ///
-    /// [`Error::Roughness`] for a width outside `[0, 10]` or not a number.
+    /// [`Error::Roughness`] for a width outside `[0, 10]`, or NaN.
     pub fn new(alpha: [f32; 2]) -> Result<Self, Error> {
         match alpha.into_iter().find(|a| !(0.0..=10.0).contains(a)) {
             Some(value) => Err(Error::Roughness { value }),
@@ -27,9 +27,9 @@ impl TrowbridgeReitz {
         }
     }
 
-    /// The distribution with the widths nearest to these that there are; no number is the smallest.
+    /// The distribution with the nearest valid widths. NaN becomes the smallest.
     #[inline]
-    #[expect(clippy::manual_clamp, reason = "`max` takes the other where one is no number")]
+    #[expect(clippy::manual_clamp, reason = "`max` takes the other where one is NaN")]
     pub fn nearest(alpha: [f32; 2]) -> Self {
         Self { alpha: alpha.map(|a| a.max(1e-4).min(10.0)) }
     }

@@ -5,7 +5,7 @@
 ///
 /// In `[0, 1]` for any two non-negative densities, and `power_heuristic(a, b) + power_heuristic(b, a)` is 1
 /// within rounding unless both are 0. Ratios are squared, never densities, so nothing overflows. Two
-/// infinite densities share equally; a density of 0 has weight 0, and so has one that is not a number.
+/// infinite densities share equally; a density of 0 has weight 0, and so has NaN.
 #[inline]
 pub fn power_heuristic(pdf: f32, other: f32) -> f32 {
     if !(pdf > 0.0) {

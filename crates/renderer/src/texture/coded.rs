@@ -3,7 +3,7 @@
 use dapple_scene::image::Image;
 use glam::Vec3;
 
-/// Values that a byte tells apart.
+/// The number of values of a byte.
 const MOST: usize = 256;
 /// Pixels along a tile's side.
 const SIDE: usize = 4;

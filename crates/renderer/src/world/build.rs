@@ -1,31 +1,29 @@
 //! From a scene to a world.
 
-use super::placed::{Placements, nothing};
-use super::time::Shutter;
+use super::instances::{Placements, empty_mesh};
+use super::shutter::Shutter;
 use super::{NO_LIGHT, NO_MEDIUM, Part, World};
 use crate::camera::{CameraError, CameraView};
-use crate::light::{
-    DiskLamp, DistantLamp, Environment, Lamp, Light, Lights, MeshLamp, PointLamp, SphereLamp, SpotLamp,
-};
+use crate::light::{DiskLight, Lamp, Light, Lights, MeshLight, SphereLight};
 use crate::material::{Surface, check_mixes};
 use crate::medium::Media;
 use crate::pixel_filter::FilterSampler;
 use crate::space::{Space, even_scale};
 use crate::texture::Textures;
 use dapple_geometry::{Disk, Geometry, Mesh, Shape, Sphere};
-use dapple_scene::{Emission, Geometry as Described, LightKind, MeshData, Scene, Shape as DescribedShape, Source};
+use dapple_scene::Effects;
+use dapple_scene::{Emission, Geometry as Described, MeshData, Scene, Shape as DescribedShape, Source};
 use glam::{DAffine3, DVec3, Vec3};
-use std::sync::Arc;
 
-/// Everything that keeps a scene from being rendered.
+/// All errors that keep a scene from being rendered.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("{}", problems.join("\n"))]
 pub struct WorldError {
-    /// One sentence each, naming the object's line.
+    /// One sentence each, with the object's line.
     pub problems: Vec<String>,
 }
 
-/// Collects problems, so that all of a scene's are told at once.
+/// Collects problems, so that all of a scene are reported at once.
 #[derive(Default)]
 pub(super) struct Problems(Vec<String>);
 
@@ -59,8 +57,8 @@ pub(super) fn build(scene: &Scene, resolution: [u32; 2]) -> Result<World, WorldE
     for shape in &scene.shapes {
         problems.check_material(scene, shape);
         if shape.moves_to.is_some_and(|end| end != shape.to_world) {
-            placements.add_moving(shape, &space, &shutter, &mut problems);
-            shapes.extend(nothing());
+            placements.add_moving(shape, &mut problems);
+            shapes.extend(empty_mesh());
             parts.push(part(shape));
         } else if let Some((geometry, part)) = problems.note_at(&shape.source, convert(shape, &space)) {
             shapes.push(geometry);
@@ -90,16 +88,17 @@ pub(super) fn build(scene: &Scene, resolution: [u32; 2]) -> Result<World, WorldE
     }
     let moves = moves || camera.moves();
     let (mut parts, mut object_parts) = (parts, object_parts);
-    let (mut clear, mut unusual) = (false, false);
+    let (mut has_transmission, mut has_passable_surfaces) = (false, false);
     for part in parts.iter_mut().chain(&mut object_parts) {
         let surface = &surfaces[part.material as usize];
-        part.unusual = part.alpha.is_some() || surface.mixes || surface.interface;
-        clear |= surface.transmits;
-        unusual |= part.unusual;
+        part.passable = part.alpha.is_some() || surface.mixes || surface.interface;
+        has_transmission |= surface.transmits;
+        has_passable_surfaces |= part.passable;
     }
-    // What a mix is made of is no part's own material.
-    clear |= unusual && surfaces.iter().any(|surface| surface.transmits);
+    // The materials of a mix belong to no part.
+    has_transmission |= has_passable_surfaces && surfaces.iter().any(|surface| surface.transmits);
     Ok(World {
+        effects: Effects::of(scene),
         geometry,
         parts,
         object_parts,
@@ -114,20 +113,20 @@ pub(super) fn build(scene: &Scene, resolution: [u32; 2]) -> Result<World, WorldE
         moves,
         media,
         camera_medium: scene.camera.medium.map_or(NO_MEDIUM, |medium| medium.0),
-        clear,
-        unusual,
+        has_transmission,
+        has_passable_surfaces,
         open: shutter.open,
     })
 }
 
-/// The camera as the shutter sees it, at rest where it is when the shutter opens.
+/// The camera while the shutter is open; its resting pose is that of the opening.
 fn camera(scene: &Scene, resolution: [u32; 2], space: &Space, shutter: &Shutter) -> Result<CameraView, CameraError> {
     let [opens, closes] = shutter.open;
     let view = CameraView::new(&scene.camera, resolution, space)?.resting_at(opens);
     Ok(if opens == closes { view.standing() } else { view })
 }
 
-/// What belongs to a shape besides its geometry.
+/// The properties of a shape besides its geometry.
 fn part(shape: &DescribedShape) -> Part {
     Part {
         material: shape.material.0,
@@ -137,11 +136,11 @@ fn part(shape: &DescribedShape) -> Part {
         uvs: Vec::new(),
         alpha: shape.alpha,
         media: shape.media,
-        unusual: false,
+        passable: false,
     }
 }
 
-/// The shape's geometry in the renderer's space, and what belongs to it.
+/// The shape's geometry in the renderer's space, and its other properties.
 pub(super) fn convert(shape: &DescribedShape, space: &Space) -> Result<(Shape, Part), String> {
     let to_world = space.apply(shape.to_world);
     let mirrors = shape.to_world.matrix3.determinant() < 0.0;
@@ -174,30 +173,9 @@ fn world_normals(mesh: &MeshData, to_world: DAffine3, sign: f32) -> Vec<Vec3> {
     mesh.normals.iter().map(unit).collect()
 }
 
-/// Lights that are no shapes, those that are black left out.
+/// Lights that are no shapes, without those that are black.
 fn lights_without_shape(scene: &Scene, space: &Space, problems: &mut Problems) -> Vec<Light> {
-    let mut found = Vec::new();
-    for light in &scene.lights {
-        let (to_world, at) = (light.to_world, &light.source);
-        let made = match &light.kind {
-            LightKind::Infinite { radiance } => {
-                let sky = problems.note(Environment::new(radiance, to_world.matrix3, at)).flatten();
-                sky.map(|sky| Light::Environment(Arc::new(sky)))
-            }
-            LightKind::Point { intensity } => {
-                problems.note(PointLamp::new(*intensity, to_world, space, at)).flatten().map(Light::Point)
-            }
-            LightKind::Spot { intensity, cone, falloff_start, falloff } => {
-                let lamp = SpotLamp::new(*intensity, [*cone, *falloff_start], *falloff, to_world, space, at);
-                problems.note(lamp).flatten().map(Light::Spot)
-            }
-            LightKind::Distant { irradiance } => {
-                problems.note(DistantLamp::new(*irradiance, to_world, at)).flatten().map(Light::Distant)
-            }
-        };
-        found.extend(made);
-    }
-    found
+    scene.lights.iter().filter_map(|light| problems.note(Light::of(light, space)).flatten()).collect()
 }
 
 fn lights(
@@ -224,17 +202,17 @@ fn lights(
     Lights::new(lights, radius)
 }
 
-/// The lamp that an emission makes; `None` if it is dark.
+/// The lamp of an emission. `None` if it is black.
 fn lamp(emission: Emission) -> Result<Option<Lamp>, String> {
     let Emission { radiance, two_sided } = emission;
     if radiance.iter().any(|x| !(x.is_finite() && *x >= 0.0)) {
-        return Err(format!("an emission of {radiance:?} is none: give finite numbers of at least 0"));
+        return Err(format!("an emission of {radiance:?} is invalid; give finite numbers of at least 0"));
     }
     let radiance = Vec3::from_array(radiance);
     Ok((radiance != Vec3::ZERO).then_some(Lamp { radiance, two_sided }))
 }
 
-/// The light of a shape; `None` if it has no area.
+/// The light of a shape. `None` if it has no area.
 fn light(
     shape: &DescribedShape,
     number: u32,
@@ -244,27 +222,26 @@ fn light(
     part: &Part,
 ) -> Result<Option<Light>, String> {
     let to_world = space.apply(shape.to_world);
-    let round =
-        "an emitting sphere or disk must not be stretched: its transform may move, turn, mirror and scale evenly";
+    let round = "an emitting sphere or disk must not be stretched; move, rotate, mirror and scale it uniformly only";
     Ok(match &shape.geometry {
-        Described::Mesh(_) => MeshLamp::new(geometry, number, lamp, &sides(geometry, number, part)).map(Light::Mesh),
+        Described::Mesh(_) => MeshLight::new(geometry, number, lamp, &sides(geometry, number, part)).map(Light::Mesh),
         Described::Sphere { radius } => {
             let scale = even_scale(&to_world.matrix3).ok_or(round)?;
             let radius = (radius * scale) as f32;
             (radius > 0.0)
-                .then(|| Light::Sphere(SphereLamp::new(lamp, to_world.translation.as_vec3(), radius, part.flip)))
+                .then(|| Light::Sphere(SphereLight::new(lamp, to_world.translation.as_vec3(), radius, part.flip)))
         }
         Described::Disk { height, radius, inner_radius } => {
             let scale = even_scale(&to_world.matrix3).ok_or(round)?;
             let centre = to_world.transform_point3(DVec3::new(0.0, 0.0, *height)).as_vec3();
             let normal = (to_world.matrix3.inverse().transpose() * DVec3::Z).normalize().as_vec3() * part.flip;
             let [outer, inner] = [radius, inner_radius].map(|r| (r * scale) as f32);
-            (outer > inner).then(|| Light::Disk(DiskLamp::new(lamp, centre, normal, outer, inner)))
+            (outer > inner).then(|| Light::Disk(DiskLight::new(lamp, centre, normal, outer, inner)))
         }
     })
 }
 
-/// Which way each triangle's winding normal must be turned: vertex normals decide where there are any.
+/// The sign of each triangle's winding normal: vertex normals decide where there are any.
 fn sides(geometry: &Geometry, number: u32, part: &Part) -> Vec<f32> {
     let Shape::Mesh(mesh) = &geometry.shapes()[number as usize] else { return Vec::new() };
     if part.normals.is_empty() {
@@ -274,7 +251,7 @@ fn sides(geometry: &Geometry, number: u32, part: &Part) -> Vec<f32> {
         .map(|t| {
             let [a, b, c] = mesh.corners(t as u32);
             let normal = (b - a).cross(c - a) * part.flip;
-            // The middle speaks for the triangle: a lamp whose normals turn within one is no lamp of ours.
+            // The mean normal decides: lamps whose normals turn around within a triangle are not supported.
             let shading: Vec3 = mesh.triangles()[t].iter().map(|&v| part.normals[v as usize]).sum();
             if normal.dot(shading) < 0.0 { -part.flip } else { part.flip }
         })

@@ -1,7 +1,7 @@
 //! L12 at hits: frames under bad vertex normals, texture coordinates and reliefs; derivatives by u and v.
 
 use super::World;
-use crate::shading::Frame;
+use crate::shading::ShadingFrame;
 use dapple_geometry::Ray;
 use dapple_scene::image::Image;
 use dapple_scene::{
@@ -18,7 +18,7 @@ fn vector(rng: &mut Pcg64Mcg) -> Vec3 {
 }
 
 /// Largest deviation from an orthonormal right-handed frame.
-fn off(frame: &Frame) -> f64 {
+fn off(frame: &ShadingFrame) -> f64 {
     let axes = [frame.tangent, frame.bitangent, frame.normal].map(|v| v.as_dvec3());
     let mut worst = (axes[0].cross(axes[1]) - axes[2]).abs().max_element();
     for i in 0..3 {
@@ -115,16 +115,16 @@ fn ray(rng: &mut Pcg64Mcg, world: &World) -> Ray {
 }
 
 #[test]
-fn l12_frames_of_hits() {
+fn frames_of_hits_are_orthonormal_l12() {
     let mut rng = Pcg64Mcg::seed_from_u64(12);
     let mut hits = 0;
     for (number, geometry) in shapes().into_iter().enumerate() {
         for material in 0..5 {
             let world = world(geometry.clone(), DAffine3::IDENTITY, material);
             for _ in 0..200 {
-                let Some(at) = world.closest(&ray(&mut rng, &world)) else { continue };
+                let Some(at) = world.closest_hit(&ray(&mut rng, &world), 0.0) else { continue };
                 hits += 1;
-                let frame = world.frame(&at, &world.surfaces[material as usize]);
+                let frame = world.frame_of(&at, &world.surfaces[material as usize]);
                 assert!(off(&frame) <= 3e-7, "shape {number}, material {material}: {frame:?} off by {:e}", off(&frame));
                 assert!(frame.normal.dot(at.point.normal) >= -1e-6, "shape {number}, material {material}: behind");
             }
@@ -135,7 +135,7 @@ fn l12_frames_of_hits() {
 
 /// A step along the derivative by u changes u and nothing else, and so for v; of shapes turned, stretched, mirrored.
 #[test]
-fn l12_derivatives_of_spheres_and_disks() {
+fn derivatives_of_spheres_and_disks_match_differences_l12() {
     let mut rng = Pcg64Mcg::seed_from_u64(13);
     let mut compared = 0;
     for case in 0..40 {
@@ -149,7 +149,7 @@ fn l12_derivatives_of_spheres_and_disks() {
         };
         let world = world(geometry, to_world, 0);
         for _ in 0..50 {
-            let Some(at) = world.closest(&ray(&mut rng, &world)) else { continue };
+            let Some(at) = world.closest_hit(&ray(&mut rng, &world), 0.0) else { continue };
             let here = world.uv(&at);
             // Not where u jumps from 1 to 0, nor near a pole, where a step is a turn.
             if !(0.02..0.98).contains(&here[0]) || !(0.1..0.9).contains(&here[1]) {

@@ -84,8 +84,8 @@ fn assert_alike(rng: &mut Pcg64Mcg, one: &World, other: &World, [a, b]: [f32; 2]
     for _ in 0..rays {
         let origin = vector(rng).as_vec3() * 0.8;
         let ray = Ray::new(origin, (vector(rng).as_vec3() * 0.3 - origin).normalize());
-        let (found, expected) = (one.closest_at(&ray, a), other.closest_at(&ray, b));
-        assert_eq!(one.occluded_at(&ray, a), found.is_some());
+        let (found, expected) = (one.closest_hit(&ray, a), other.closest_hit(&ray, b));
+        assert_eq!(one.occluded(&ray, a), found.is_some());
         let (Some(found), Some(expected)) = (found, expected) else {
             // Only a ray along an edge may be decided otherwise.
             hits += u32::from(found.is_some() != expected.is_some()) << 16;
@@ -171,8 +171,8 @@ fn what_moves_stands_where_its_time_says() {
                     let [from, to] = [origin, target].map(|p| space.point(p).as_vec3());
                     Ray::new(from, to - from)
                 };
-                let found = moving.closest_at(&ray(here), time);
-                let expected = seen.closest(&ray(there));
+                let found = moving.closest_hit(&ray(here), time);
+                let expected = seen.closest_hit(&ray(there), 0.0);
                 let [t, s] = [&found, &expected].map(|at| at.map_or(-1.0, |at| at.hit.t));
                 if (t - s).abs() < 1e-4 && t > 0.0 {
                     hits += 1;
@@ -203,7 +203,7 @@ fn rolling(motion_times: [f64; 2], shutter: [f64; 2]) -> Scene {
 fn ball_at(world: &World, time: f32) -> f64 {
     let middle = |x: f64| {
         let from = world.space().point(DVec3::new(x, 0.0, -20.0)).as_vec3();
-        world.closest_at(&Ray::new(from, Vec3::Z), time).is_some()
+        world.closest_hit(&Ray::new(from, Vec3::Z), time).is_some()
     };
     let met: Vec<f64> = (-100..=1000).map(|i| f64::from(i) * 0.01).filter(|&x| middle(x)).collect();
     met.iter().sum::<f64>() / met.len() as f64
@@ -253,7 +253,7 @@ fn what_cannot_be_placed_is_told_with_its_line() {
     let object = |shape: Shape| scene(vec![], vec![vec![shape]], vec![(0, DAffine3::IDENTITY, None)]);
     let placed = |object, place, end| scene(vec![], vec![vec![ball()]], vec![(object, place, end)]);
     let cases = [
-        (object(Shape { emission: shines, ..ball() }), "made.pbrt:10: a shape of an object cannot shine"),
+        (object(Shape { emission: shines, ..ball() }), "made.pbrt:10: a shape of an object cannot emit light"),
         (object(Shape { moves_to, ..ball() }), "made.pbrt:10: a shape of an object cannot move"),
         (object(Shape { material: MaterialId(9), ..ball() }), "made.pbrt:10: the shape has material 9"),
         (placed(3, DAffine3::IDENTITY, None), "made.pbrt:23: the instance is one of object 3"),
@@ -261,7 +261,7 @@ fn what_cannot_be_placed_is_told_with_its_line() {
         (placed(0, DAffine3::IDENTITY, Some(mirror)), "made.pbrt:20: a motion's determinant is -1"),
         (
             scene(vec![Shape { emission: shines, moves_to, ..ball() }], vec![], vec![]),
-            "made.pbrt:10: a shape that moves cannot shine",
+            "made.pbrt:10: a shape that moves cannot emit light",
         ),
         (rolling([1.0, 0.0], [0.0, 1.0]), "the shutter is open from 0 to 1"),
         (rolling([0.0, 1.0], [0.0, f64::NAN]), "the shutter is open"),
@@ -272,5 +272,5 @@ fn what_cannot_be_placed_is_told_with_its_line() {
     }
     // Objects that stand nowhere, and empty ones, are fine.
     let spare = scene(vec![ball()], vec![vec![ball()], vec![]], vec![(1, DAffine3::IDENTITY, None)]);
-    assert!(world(&spare).closest(&Ray::new(Vec3::ZERO, Vec3::X)).is_some());
+    assert!(world(&spare).closest_hit(&Ray::new(Vec3::ZERO, Vec3::X), 0.0).is_some());
 }

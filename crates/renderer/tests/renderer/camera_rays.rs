@@ -55,7 +55,7 @@ fn clip_space_undoes_camera_rays() {
 }
 
 #[test]
-fn r01_sample_stays_in_its_pixel() {
+fn sample_stays_in_its_pixel_r01() {
     let view = view(&Camera::default(), [65536, 3]).expect("a sound camera");
     let filter = FilterSampler::new(&PixelFilter::default());
     for u in [0.0, 0.5, BELOW_ONE] {
@@ -75,7 +75,7 @@ fn r01_sample_stays_in_its_pixel() {
 }
 
 #[test]
-fn r02_odd_sizes() {
+fn odd_image_sizes_cover_every_pixel_r02() {
     for size in [[1, 1], [1, 4097], [4097, 1], [7, 13]] {
         let film = image(&room(size), 3, 1);
         assert_eq!(film.counts(), vec![3; (size[0] * size[1]) as usize], "{size:?}");
@@ -87,7 +87,7 @@ fn r02_odd_sizes() {
 }
 
 #[test]
-fn r03_degenerate_pose() {
+fn degenerate_poses_are_refused_r03() {
     let sound = room([8, 8]);
     let error = |change: &dyn Fn(&mut Camera)| {
         let mut scene = sound.clone();
@@ -118,7 +118,7 @@ fn r03_degenerate_pose() {
 }
 
 #[test]
-fn r03_scaled_cameras_see_the_same() {
+fn scaled_cameras_see_the_same_r03() {
     let scene = room([9, 7]);
     let expected = hash(&image(&scene, 2, 1));
     for exponent in [-200, -64, -1, 1, 64, 200] {
@@ -129,7 +129,7 @@ fn r03_scaled_cameras_see_the_same() {
 }
 
 #[test]
-fn r04_mirror_symmetry() {
+fn a_mirrored_scene_renders_a_mirrored_image_r04() {
     for size in [[7, 5], [1, 1], [641, 479]] {
         let view = view(&Camera { projection: Projection::Perspective { fov: 50.0 }, ..Camera::default() }, size)
             .expect("a sound camera");
@@ -153,7 +153,7 @@ fn r04_mirror_symmetry() {
 }
 
 #[test]
-fn r05_camera_on_and_inside_things() {
+fn cameras_on_and_inside_surfaces_render_r05() {
     let mut scene = room([16, 16]);
     let shade = add_material(&mut scene, diffuse(0.5));
     let shell = DAffine3::from_translation(DVec3::new(0.0, -5.0, 3.0));
@@ -182,7 +182,7 @@ fn r05_camera_on_and_inside_things() {
 }
 
 #[test]
-fn r06_a_crop_is_a_part_of_the_full_frame() {
+fn a_crop_is_a_part_of_the_full_frame_r06() {
     let filters = [
         PixelFilter::default(),
         PixelFilter::Gaussian { radius: [2.0, 2.0], sigma: 0.7 },
@@ -207,7 +207,7 @@ fn r06_a_crop_is_a_part_of_the_full_frame() {
 }
 
 #[test]
-fn r07_a_lens_of_radius_0_is_none() {
+fn a_lens_of_radius_0_is_a_pinhole_r07() {
     let scene = room([12, 9]);
     let with = |radius: f64, distance: f64| {
         let mut scene = scene.clone();
@@ -232,7 +232,7 @@ fn r07_a_lens_of_radius_0_is_none() {
 /// Rays of one pixel meet in the focal plane, and the ray through the middle of the lens is the pinhole's;
 /// also under a camera that is scaled or stretched, where pbrt-v4 measures lens and focus in camera space.
 #[test]
-fn r07_lens_rays_meet_in_focus() {
+fn lens_rays_meet_in_focus_r07() {
     for scale in [DVec3::ONE, DVec3::splat(0.25), DVec3::new(1.0, 2.0, 0.5)] {
         let to_world = look_at(DVec3::new(1.0, 2.0, 3.0), DVec3::ZERO, DVec3::Z) * DAffine3::from_scale(scale);
         let camera = Camera {
@@ -247,7 +247,7 @@ fn r07_lens_rays_meet_in_focus() {
             let place = view.place(pixel, Vec2::splat(0.2));
             let middle = ThinLens::ray(&view, place, [0.5; 2]);
             assert_eq!(middle.direction, Pinhole::ray(&view, place, [0.5; 2]).direction);
-            // Where the plane in focus is, seen along the view.
+            // The distance of the focal plane along the view.
             let back = to_world.inverse();
             let in_focus = |u: [f32; 2]| {
                 let ray = ThinLens::ray(&view, place, u);
@@ -264,7 +264,7 @@ fn r07_lens_rays_meet_in_focus() {
 
 /// The general camera makes the same rays, bit for bit, where one of the two others would do.
 #[test]
-fn r07_the_general_camera_agrees_with_the_special_ones() {
+fn the_general_camera_agrees_with_the_special_ones_r07() {
     let to_world = DAffine3::from_mat3_translation(DMat3::from_rotation_x(0.4) * 0.7, DVec3::new(1.0, 2.0, -3.0));
     for lens_radius in [0.0, 0.1] {
         let camera = Camera { to_world, lens_radius, focal_distance: 3.0, ..Camera::default() };

@@ -1,4 +1,4 @@
-//! D01 to D03 and S8: the same image, whatever ran it, and whatever the unit of length.
+//! The same image on any number of threads, in any order of tiles, in any process, and in any unit of length.
 
 use crate::support::*;
 use dapple_core::{Draws, Frame, Limits, Needs, PointSet, Render, SampleId, Schedule, TrainingLog, streams};
@@ -46,7 +46,7 @@ fn plates() -> World {
 }
 
 #[test]
-fn d01_thread_count_and_d02_tiles() {
+fn d01_thread_count_and_tiles_change_no_bit_d02() {
     let worlds = [("room", world(&room(SIZE))), ("plates", plates())];
     for sampler in SAMPLERS {
         for points in POINTS {
@@ -66,20 +66,21 @@ fn d01_thread_count_and_d02_tiles() {
     }
 }
 
-/// Prints the hash for [`d03_fresh_processes`].
+/// Prints the hash for [`fresh_processes_render_the_same_bits_d03`].
 #[test]
-#[ignore = "run by d03_fresh_processes"]
+#[ignore = "run by fresh_processes_render_the_same_bits_d03"]
 #[allow(clippy::print_stdout)]
-fn d03_child() {
+fn fresh_processes_child_d03() {
     println!("hash={:016x}", rendered(&plates(), "variance", "sobol", Schedule::default(), 3));
 }
 
 #[test]
-fn d03_fresh_processes() {
+fn fresh_processes_render_the_same_bits_d03() {
     let program = std::env::current_exe().expect("a test knows its program");
     let hashes: BTreeSet<String> = (0..6)
         .map(|_| {
-            let arguments = ["--exact", "determinism::d03_child", "--ignored", "--nocapture", "--test-threads=1"];
+            let arguments =
+                ["--exact", "determinism::fresh_processes_child_d03", "--ignored", "--nocapture", "--test-threads=1"];
             let output = std::process::Command::new(&program).args(arguments).output().expect("it runs");
             let text = String::from_utf8_lossy(&output.stdout).into_owned();
             let (_, hash) = text.split_once("hash=").unwrap_or_else(|| panic!("no hash in {text}"));
@@ -93,7 +94,7 @@ fn d03_fresh_processes() {
 
 /// Any sample replayed alone is the one in the film: a film of n + 1 samples is one of n, and it.
 #[test]
-fn d03_one_sample_replayed_alone() {
+fn one_sample_replayed_alone_is_the_same_d03() {
     let world = world(&room(SIZE));
     let integrator = integrator(&world);
     for entry in POINTS {
@@ -134,7 +135,7 @@ fn moved(scene: &Scene, map: DAffine3) -> Scene {
 }
 
 #[test]
-fn g04_scale_changes_no_bit() {
+fn scale_changes_no_bit_g04() {
     let scene = dyadic();
     let expected = hash(&image(&scene, 4, 1));
     for exponent in [-90, -40, -13, -1, 1, 7, 40, 90] {
@@ -144,7 +145,7 @@ fn g04_scale_changes_no_bit() {
 }
 
 #[test]
-fn g20_far_from_the_origin() {
+fn a_scene_far_from_the_origin_renders_the_same_g20() {
     let scene = dyadic();
     let expected = hash(&image(&scene, 4, 1));
     for exponent in [7, 20, 30] {
@@ -156,7 +157,7 @@ fn g20_far_from_the_origin() {
 
 /// A mirrored world is the mirrored scene: what shines still shines to the same side.
 #[test]
-fn l12_a_mirror_turns_no_lamp_around() {
+fn a_mirror_turns_no_lamp_around_l12() {
     let scene = dyadic();
     let mirror = DAffine3::from_mat3(DMat3::from_diagonal(DVec3::new(-1.0, 1.0, 1.0)));
     let [plain, mirrored] = [scene.clone(), moved(&scene, mirror)].map(|s| mean(&image(&s, 256, 1)));
@@ -165,7 +166,7 @@ fn l12_a_mirror_turns_no_lamp_around() {
     }
 }
 
-/// Which blocks a render asks for.
+/// The blocks that a render requests.
 struct Recorded {
     points: Sobol,
     asked: Mutex<BTreeSet<u32>>,
@@ -192,7 +193,7 @@ const NO_NETS: [&str; 3] = ["random", "stratified", "halton"];
 
 /// Every pair of every block that the integrator really asks for is a net, with every set of base 2.
 #[test]
-fn s02_the_integrators_pairs_are_nets() {
+fn the_integrators_pairs_are_nets_s02() {
     let recorded = Recorded { points: Sobol::new(1), asked: Mutex::default() };
     film_of(&world(&room(SIZE)), SIZE, 4, &recorded);
     let asked = recorded.asked.into_inner().expect("no test panics here");
@@ -222,7 +223,7 @@ fn s02_the_integrators_pairs_are_nets() {
     assert!(!is_net(&drawn("random", 1, 8, [3, 4], 1), 0, 8));
 }
 
-/// Whether coordinates `axis` and `axis + 1` put one of 2^m points in each elementary interval of every shape.
+/// Returns true if dimensions `axis` and `axis + 1` put one of 2^m points in each elementary interval.
 fn is_net(drawn: &[[f32; 4]], axis: usize, m: u32) -> bool {
     (0..=m).all(|a| {
         let (wide, high) = ((1_u32 << a) as f32, (1_u32 << (m - a)) as f32);

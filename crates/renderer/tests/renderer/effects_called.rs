@@ -27,7 +27,7 @@ fn direct() -> Scene {
     scene
 }
 
-/// How often each block was asked for.
+/// The number of requests of each block.
 struct Counted {
     points: Sobol,
     asked: Mutex<BTreeMap<u32, u64>>,
@@ -59,7 +59,7 @@ fn counted(scene: &Scene) -> (Film, BTreeMap<u32, u64>) {
 const SAMPLES: u64 = SIZE[0] as u64 * SIZE[1] as u64 * SPP;
 
 #[test]
-fn l14_direct_light_asks_for_two_blocks_and_three_rays() {
+fn direct_light_requests_two_blocks_and_three_rays_l14() {
     let (film, asked) = counted(&direct());
     let expected = BTreeMap::from([(blocks::CAMERA.number(), SAMPLES), (blocks::scatter(0).number(), SAMPLES)]);
     assert_eq!(asked, expected);
@@ -69,7 +69,7 @@ fn l14_direct_light_asks_for_two_blocks_and_three_rays() {
 }
 
 #[test]
-fn l14_without_scattering_or_hits_one_block_and_one_ray() {
+fn without_scattering_or_hits_a_sample_takes_one_block_and_one_ray_l14() {
     let mut unlit = direct();
     unlit.max_depth = Some(0);
     let mut empty = direct();
@@ -83,7 +83,7 @@ fn l14_without_scattering_or_hits_one_block_and_one_ray() {
 }
 
 #[test]
-fn l14_each_effect_asks_for_its_own() {
+fn each_effect_requests_its_own_blocks_l14() {
     // Half of the view misses: those samples ask for nothing more.
     let mut half = direct();
     half.camera.to_world = look_at(DVec3::new(0.0, -30.0, 1.0), DVec3::new(0.0, 0.0, 1.0), DVec3::Z);
@@ -125,7 +125,7 @@ fn unused_features(scene: &mut Scene) {
 }
 
 #[test]
-fn l14_unused_features_change_no_bit() {
+fn unused_features_change_no_bit_l14() {
     let plain = direct();
     let mut more = plain.clone();
     unused_features(&mut more);
@@ -137,7 +137,7 @@ fn l14_unused_features_change_no_bit() {
 
 /// First hits are reported only where somebody asks, and asking changes no bit.
 #[test]
-fn l14_features_change_no_bit() {
+fn features_change_no_bit_l14() {
     let scene = room(SIZE);
     let world = world(&scene);
     let plain = film_of(&world, SIZE, SPP, Sobol::new(1));
@@ -153,9 +153,9 @@ fn l14_features_change_no_bit() {
     assert_eq!(plain.record().blocks, full.record().blocks);
 }
 
-/// L06: lights that give none, or are none.
+/// Lights that emit nothing, have no area, or are invalid.
 #[test]
-fn l06_worthless_lights() {
+fn lights_without_light_change_nothing_l06() {
     let plain = direct();
     let expected = counted(&plain);
 
@@ -193,7 +193,7 @@ fn l06_worthless_lights() {
 }
 
 #[test]
-fn l06_no_light_is_black_and_an_unseen_one_too() {
+fn no_light_is_black_and_an_unseen_one_too_l06() {
     let mut dark = direct();
     dark.shapes[1].emission = None;
     dark.max_depth = None;
@@ -253,7 +253,7 @@ type Change<'a> = &'a dyn Fn(&mut Scene);
 
 /// A scene that calls for an effect gets it: each changes the image.
 #[test]
-fn l14_no_effect_is_skipped() {
+fn no_effect_is_skipped_l14() {
     let plain = hash(&image(&direct(), 4, 1));
     let black = Image::filled([2, 1], [0.0; 3]).expect("not empty");
     let changes: [(Effect, Change<'_>); 8] = [

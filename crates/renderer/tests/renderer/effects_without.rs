@@ -32,7 +32,7 @@ fn without(scene: &Scene, effect: Effect) -> Scene {
     dapple_renderer::without(scene, effect).unwrap_or_else(|e| panic!("{e}"))
 }
 
-/// What the room calls for goes one by one, in any order; what is left is still a scene, and another image.
+/// The room's effects can be left out one by one, in any order; each time another scene remains, and another image.
 #[test]
 fn each_effect_goes_alone_and_all_go_together() {
     let scene = full();
@@ -66,7 +66,7 @@ fn each_effect_goes_alone_and_all_go_together() {
 
 /// L14: an effect that is not called for takes nothing away, to the bit.
 #[test]
-fn l14_without_what_is_not_called_for_is_the_same_image() {
+fn leaving_out_absent_effects_changes_no_bit_l14() {
     let mut plain = scene(SIZE, 40.0, DVec3::new(0.0, -3.0, 2.0), DVec3::ZERO);
     let grey = add_material(&mut plain, diffuse(0.5));
     add(&mut plain, rectangle(DVec3::ZERO, DVec3::X, DVec3::Y), DAffine3::IDENTITY, grey, None);

@@ -24,7 +24,7 @@ fn pixel_means(film: &Film) -> Mean {
     mean
 }
 
-/// S4: within `delta` of `reference`, relatively; samples are doubled while undecided, up to `most` spp.
+/// Equivalence within `delta` of `reference`, relatively; samples are doubled while undecided, up to `most` spp.
 fn equivalent(scene: &Scene, reference: f64, delta: f64, most: u64) -> Verdict {
     let z = critical(sidak(FAMILY, TESTS));
     let mut spp = 16;
@@ -74,9 +74,9 @@ fn check_furnace(cases: &[(f32, Option<u32>, f64)], most: u64) {
     }
 }
 
-/// Where roulette makes noise, 0.1 % takes minutes: those cases get 0.4 to 10 % here and 0.1 % in the slow test.
+/// Tolerances of noisy cases: with roulette, 0.1 % takes minutes, so these get 0.4 to 10 %, and 0.1 % in the slow test.
 #[test]
-fn l01_closed_furnace() {
+fn closed_furnace_has_its_closed_form_l01() {
     let exact = [0.0, 0.5, 0.9, 0.99].into_iter().flat_map(|rho| [0, 1, 3].map(|d| (rho, Some(d), 1e-3)));
     let noisy =
         [(0.5, Some(12), 4e-3), (0.5, None, 4e-3), (0.9, Some(30), 3e-2), (0.9, None, 3e-2), (0.99, None, 1e-1)];
@@ -85,14 +85,14 @@ fn l01_closed_furnace() {
 
 #[test]
 #[ignore = "half an hour: cargo test --release -p dapple-renderer --test renderer -- --ignored furnace::l01"]
-fn l01_closed_furnace_to_a_thousandth() {
+fn closed_furnace_to_a_thousandth_l01() {
     check_furnace(&[(0.5, Some(12), 1e-3), (0.5, None, 1e-3), (0.9, Some(30), 1e-3), (0.9, None, 1e-3)], 1 << 16);
     check_furnace(&[(0.99, None, 5e-3)], 1 << 16);
 }
 
 /// Negative control: half a percent of what is reflected gets lost, and the test must see it.
 #[test]
-fn l01_sees_a_leak_of_half_a_percent() {
+fn sees_a_leak_of_half_a_percent_l01() {
     for inside in [sphere(), mesh()] {
         let leaking = furnace(inside.clone(), 0.4975, Some(3));
         assert_eq!(equivalent(&leaking, closed_form(0.5, Some(3)), 1e-3, 1024), Verdict::Fail);
@@ -104,7 +104,7 @@ fn l01_sees_a_leak_of_half_a_percent() {
 
 /// The bundled furnace is white, whatever the sampler's seed.
 #[test]
-fn l01_bundled_furnace_is_white() {
+fn bundled_furnace_is_white_l01() {
     let scene = dapple_scene::bundled::files("furnace").expect("bundled").read().expect("it reads");
     let mut found = Mean::default();
     for seed in 0..4 {
@@ -134,7 +134,7 @@ fn open_box() -> MeshData {
 }
 
 #[test]
-fn l02_white_body_is_invisible() {
+fn white_body_is_invisible_l02() {
     for (name, body) in [("convex", cube()), ("concave", open_box())] {
         eprintln!("{name}");
         assert_eq!(equivalent(&white_body(body.clone(), 1.0, 1.0), 1.0, 1e-3, 8192), Verdict::Pass, "{name}");
@@ -151,7 +151,7 @@ fn l02_white_body_is_invisible() {
 
 /// No pixel may stand out either: independent samples, so that each pixel knows its own error.
 #[test]
-fn l02_no_pixel_stands_out() {
+fn no_pixel_stands_out_l02() {
     let scene = white_body(open_box(), 1.0, 1.0);
     let world = world(&scene);
     let frame = Frame::new(24, 24).expect("not empty");
@@ -175,7 +175,7 @@ fn l02_no_pixel_stands_out() {
 
 /// Metals and coats under a sky of 1 give back no more than they get.
 #[test]
-fn l02_no_material_makes_light() {
+fn no_material_makes_light_l02() {
     let mut kinds = vec![("coat, smooth", coated(1.0, 0.0)), ("coat, rough", coated(1.0, 0.4))];
     kinds.extend([0.0, 0.05, 0.3, 1.0].map(|alpha| ("metal", metal(alpha))));
     let z = critical(sidak(FAMILY, TESTS));
@@ -196,7 +196,7 @@ fn l02_no_material_makes_light() {
 
 /// No exit, albedo 1, unlimited depth: paths end all the same.
 #[test]
-fn l13_endless_paths_end() {
+fn endless_paths_end_l13() {
     for inside in [sphere(), mesh()] {
         let mut scene = furnace(inside, 1.0, None);
         scene.film.resolution = [8, 8];

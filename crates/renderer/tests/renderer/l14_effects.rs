@@ -80,10 +80,10 @@ fn with(effect: Effect) -> Scene {
     scene
 }
 
-/// What a scene needs is done, or refused by name and line; never left out in silence. Asked to leave it out,
+/// Effects of a scene are rendered, or refused by name and line; never left out in silence. Asked to leave it out,
 /// the scene renders another image.
 #[test]
-fn l14_needed_effects_are_done_or_refused() {
+fn needed_effects_are_rendered_or_refused_l14() {
     for effect in Effect::ALL {
         let scene = with(effect);
         assert!(Effects::of(&scene).has(effect), "{effect}");
@@ -104,7 +104,7 @@ fn l14_needed_effects_are_done_or_refused() {
 
 /// An edit of what a scene does not call for is none: for every effect, in a scene with every other one.
 #[test]
-fn l14_leaving_out_what_is_not_there_changes_no_bit() {
+fn leaving_out_what_is_not_there_changes_no_bit_l14() {
     for present in Effect::ALL {
         let scene = with(present);
         let Ok(world) = World::new(&scene) else { continue };
@@ -117,7 +117,7 @@ fn l14_leaving_out_what_is_not_there_changes_no_bit() {
     }
 }
 
-/// How often each block was asked for.
+/// The number of requests of each block.
 struct Counted(Sobol, Mutex<BTreeMap<u32, u64>>);
 
 impl PointSet for &Counted {
@@ -144,7 +144,7 @@ fn asked(scene: &Scene) -> (BTreeMap<u32, u64>, u64) {
 /// The simplest scene asks for the camera's block and the first event's; choices, lens and later events cost
 /// nothing until an effect calls for them, and leaving that effect out gives back exactly what it cost.
 #[test]
-fn l14_blocks_and_rays_of_what_is_off_are_none() {
+fn absent_effects_request_no_blocks_and_no_rays_l14() {
     let scene = plain();
     let (plain, rays) = asked(&scene);
     assert_eq!(plain.keys().copied().collect::<Vec<_>>(), [blocks::CAMERA.number(), blocks::scatter(0).number()]);

@@ -7,7 +7,7 @@ use dapple_core::{Film, Frame, Limits, Render, Sampler, Schedule};
 use dapple_job::Stage;
 use dapple_job::registry::{self, Setting};
 use dapple_low_discrepancy::Sobol;
-use dapple_renderer::light::LightChoice;
+use dapple_renderer::light::LightSelection;
 use dapple_renderer::{World, integrator};
 use dapple_scene::bundled;
 use dapple_scene::image::Image;
@@ -17,10 +17,10 @@ use std::sync::Arc;
 
 const SIZE: [u32; 2] = [48, 32];
 
-fn room(choice: LightChoice) -> World {
+fn room(choice: LightSelection) -> World {
     let scene = bundled::files("room").expect("bundled").read().unwrap_or_else(|e| panic!("{e}"));
     let mut world = World::with_resolution(&scene, SIZE).unwrap_or_else(|e| panic!("{e}"));
-    world.set_light_choice(choice);
+    world.set_light_selection(choice);
     world
 }
 
@@ -64,12 +64,12 @@ fn learned_choices_change_no_mean() {
         let each = a.iter().zip(b).map(|(a, b)| (a[0] - b[0]).abs() / (a[1] + b[1]).sqrt());
         each.fold(0.0, f64::max)
     };
-    let by_power = squares(&room(LightChoice::Power), 100);
-    let learned = squares(&room(LightChoice::Cells), 200);
+    let by_power = squares(&room(LightSelection::Power), 100);
+    let learned = squares(&room(LightSelection::Learned), 200);
     let found = deviation(&by_power, &learned);
     assert!(found < CRITICAL, "{found} standard errors");
     // Negative control: an image that lacks a bounce is told apart.
-    let mut short = room(LightChoice::Cells);
+    let mut short = room(LightSelection::Learned);
     short.set_max_depth(2);
     let found = deviation(&by_power, &squares(&short, 300));
     assert!(found > CRITICAL, "{found} standard errors");
@@ -77,7 +77,7 @@ fn learned_choices_change_no_mean() {
 
 #[test]
 fn learned_choices_do_not_depend_on_threads_or_tiles() {
-    let world = room(LightChoice::Cells);
+    let world = room(LightSelection::Learned);
     let draw = |words: &str, threads, schedule| {
         let points = registry::points("sobol", Setting { seed: 3, spp: Some(8) }).unwrap_or_else(|e| panic!("{e}"));
         let mut sampler = registry::sampler(words, points, &Stage::empty()).unwrap_or_else(|e| panic!("{e}"));
@@ -100,7 +100,7 @@ fn learned_choices_do_not_depend_on_threads_or_tiles() {
     }
     assert!(
         draw("uniform", 1, Schedule::default()) != {
-            let power = room(LightChoice::Power);
+            let power = room(LightSelection::Power);
             uniform(&power, 3, 8).image().iter().flatten().map(|x| x.to_bits()).collect::<Vec<_>>()
         }
     );
@@ -111,9 +111,9 @@ fn learned_choices_do_not_depend_on_threads_or_tiles() {
 fn one_light_leaves_nothing_to_learn() {
     for name in ["cornell", "furnace"] {
         let scene = bundled::files(name).expect("bundled").read().unwrap_or_else(|e| panic!("{e}"));
-        let images = [LightChoice::Power, LightChoice::Cells].map(|choice| {
+        let images = [LightSelection::Power, LightSelection::Learned].map(|choice| {
             let mut world = World::with_resolution(&scene, SIZE).unwrap_or_else(|e| panic!("{e}"));
-            world.set_light_choice(choice);
+            world.set_light_selection(choice);
             assert!(!integrator(&world).wants_training());
             uniform(&world, 1, 2).image()
         });
@@ -121,11 +121,11 @@ fn one_light_leaves_nothing_to_learn() {
     }
 }
 
-/// What it is for: at 8 samples a pixel in a room of eight lamps. Larger images with more seeds have .26 of the error of
-/// choices by turns, and .23 of that by power (docs/results/adaptive.md).
+/// The benefit: at 8 samples a pixel in a room of eight lamps. Larger images with more seeds have 0.26 of the error of
+/// choices by turns, and 0.23 of that by power (docs/results/adaptive.md).
 #[test]
 fn learned_choices_pay_in_a_room_of_many_lamps() {
-    let worlds = [LightChoice::Power, LightChoice::Uniform, LightChoice::Cells].map(room);
+    let worlds = [LightSelection::Power, LightSelection::Uniform, LightSelection::Learned].map(room);
     let [power, by_turns, learned] = errors(worlds.each_ref());
     assert!(learned < 0.7 * by_turns.min(power), "{learned} of {by_turns} by turns, {power} by power");
 }
@@ -145,7 +145,7 @@ fn errors<const N: usize>(worlds: [&World; N]) -> [f64; N] {
 }
 
 /// A courtyard open to the sky, of which a floor sees what its walls leave: most of the light is behind one of them.
-fn courtyard(choice: LightChoice) -> World {
+fn courtyard(choice: LightSelection) -> World {
     let mut scene = scene(SIZE, 60.0, DVec3::new(0.0, -2.5, 2.0), DVec3::new(0.0, 0.0, 0.2));
     let white = add_material(&mut scene, diffuse(0.6));
     add(&mut scene, rectangle(DVec3::ZERO, DVec3::X * 3.0, DVec3::Y * 3.0), DAffine3::IDENTITY, white, None);
@@ -163,14 +163,14 @@ fn courtyard(choice: LightChoice) -> World {
     let kind = LightKind::Infinite { radiance: EnvironmentRadiance::LatLong { image: Arc::new(image), scale: 1.0 } };
     scene.lights.push(Light { kind, to_world: DAffine3::IDENTITY, source: line(200) });
     let mut world = World::new(&scene).unwrap_or_else(|e| panic!("{e}"));
-    world.set_light_choice(choice);
+    world.set_light_selection(choice);
     world
 }
 
 /// The parts of one sky are lights to choose among.
 #[test]
 fn learned_choices_pay_under_a_sky_half_hidden() {
-    let [whole, learned] = errors([&courtyard(LightChoice::Power), &courtyard(LightChoice::Cells)]);
+    let [whole, learned] = errors([&courtyard(LightSelection::Power), &courtyard(LightSelection::Learned)]);
     eprintln!("{learned} of {whole}: {:.3}", learned / whole);
     assert!(learned < 0.7 * whole, "{learned} of {whole}");
 }
@@ -178,11 +178,11 @@ fn learned_choices_pay_under_a_sky_half_hidden() {
 /// Whole again, a sky gives what it gave before.
 #[test]
 fn a_sky_cut_up_is_made_whole() {
-    let mut world = courtyard(LightChoice::Power);
+    let mut world = courtyard(LightSelection::Power);
     let before = uniform(&world, 1, 2).image();
     assert_eq!(world.lights().len(), 1);
-    for choice in [LightChoice::Cells, LightChoice::Cells, LightChoice::Power] {
-        world.set_light_choice(choice);
+    for choice in [LightSelection::Learned, LightSelection::Learned, LightSelection::Power] {
+        world.set_light_selection(choice);
     }
     assert!(world.lights().len() == 1 && uniform(&world, 1, 2).image() == before);
 }

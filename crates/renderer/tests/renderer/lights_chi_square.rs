@@ -1,4 +1,4 @@
-//! Chi-square of every light's sampling (STATISTICS S3), and L08: environments in both layouts.
+//! Chi-square tests of every light's sampling, and environments in both layouts.
 #![allow(clippy::print_stderr)]
 
 use crate::statistics::directions::Cone;
@@ -6,7 +6,7 @@ use crate::statistics::{FAMILY, sidak};
 use crate::support::*;
 use dapple_geometry::Ray;
 use dapple_renderer::World;
-use dapple_renderer::light::{Environment, EnvironmentError, LightChoice, Target};
+use dapple_renderer::light::{Environment, EnvironmentError, LightSelection, Target};
 use dapple_scene::image::Image;
 use dapple_scene::{EnvironmentRadiance, Geometry, Light, LightKind, MeshData, Scene, Source};
 use glam::{DAffine3, DMat3, DVec3, Vec3};
@@ -17,7 +17,7 @@ use std::sync::Arc;
 
 /// Chi-square tests in this file, at most.
 const TESTS: usize = 128;
-/// STATISTICS asks for 10^6: fewer here, to keep the file within seconds.
+/// Few enough to keep the file within seconds.
 const SAMPLES: u64 = 400_000;
 
 fn image_of(size: [u32; 2], value: impl Fn(u32, u32) -> f32) -> Arc<Image> {
@@ -63,13 +63,13 @@ fn sky_test(
     radiance: &EnvironmentRadiance,
     turn: DMat3,
     pdf_turn: DMat3,
-    choice: LightChoice,
+    choice: LightSelection,
     seed: u64,
 ) -> (f64, f64) {
     let mut scene = empty();
     add_infinite(&mut scene, radiance.clone(), turn);
     let mut world = world(&scene);
-    world.set_light_choice(choice);
+    world.set_light_selection(choice);
     let sky = Environment::new(radiance, pdf_turn, &Source::default()).expect("sound").expect("not black");
     let mut random = Pcg32::seed_from_u64(seed);
     let draw = || {
@@ -79,17 +79,17 @@ fn sky_test(
         Some(drawn.wi)
     };
     // Around the image's pole: towards it the density of a lat-long image grows beyond all bounds.
-    Cone::sphere((pdf_turn * DVec3::Z).normalize()).test(SAMPLES, draw, |w| sky.pdf(w))
+    Cone::sphere((pdf_turn * DVec3::Z).normalize()).test(SAMPLES, draw, |w| sky.direction_pdf(w))
 }
 
 #[test]
-fn l08_chi_square_of_environments() {
+fn environment_samples_match_their_densities_l08() {
     let turn = DMat3::from_rotation_z(0.7) * DMat3::from_rotation_x(1.1);
     let mirrored = turn * DMat3::from_diagonal(DVec3::new(2.0, -2.0, 2.0));
     for (i, (name, radiance)) in environments().into_iter().enumerate() {
         for (j, map) in [DMat3::IDENTITY, turn, mirrored].into_iter().enumerate() {
             // In one piece; and in parts, which by power make up the whole.
-            for choice in [LightChoice::Power, LightChoice::Cells] {
+            for choice in [LightSelection::Power, LightSelection::Learned] {
                 let (p, integral) = sky_test(&radiance, map, map, choice, (10 * i + j) as u64);
                 eprintln!("{name}, map {j}, {choice:?}: p = {p:.2e}, integral {integral:.5}");
                 assert!((integral - 1.0).abs() < 1e-3, "{name}, map {j}, {choice:?}: {integral}");
@@ -101,15 +101,15 @@ fn l08_chi_square_of_environments() {
 
 /// Negative controls: a sky turned by half a degree, mirrored, or taken for the other layout is refuted.
 #[test]
-fn l08_chi_square_refutes_a_wrong_environment() {
+fn a_wrong_environment_density_is_refuted_l08() {
     let level = sidak(FAMILY, TESTS);
     let turn = DMat3::from_rotation_z(0.7);
     for (name, radiance) in environments().into_iter().filter(|(name, _)| name.contains("bright")) {
         let off = turn * DMat3::from_rotation_x(0.5_f64.to_radians());
-        let (p, _) = sky_test(&radiance, turn, off, LightChoice::Power, 5);
+        let (p, _) = sky_test(&radiance, turn, off, LightSelection::Power, 5);
         assert!(p < level, "{name}, off by half a degree: p = {p:e}");
         let other = turn * DMat3::from_diagonal(DVec3::new(-1.0, 1.0, 1.0));
-        let (p, _) = sky_test(&radiance, turn, other, LightChoice::Cells, 6);
+        let (p, _) = sky_test(&radiance, turn, other, LightSelection::Learned, 6);
         assert!(p < level, "{name}, mirrored: p = {p:e}");
     }
     let bumpy = image_of([8, 8], |x, y| ((7 * x + 3 * y) % 5) as f32);
@@ -120,13 +120,13 @@ fn l08_chi_square_refutes_a_wrong_environment() {
     let other = Environment::new(&other, turn, &Source::default()).expect("sound").expect("not black");
     let mut random = Pcg32::seed_from_u64(7);
     let draw = || world.lights().sample(Vec3::ZERO, 0.0, [random.random(), random.random()]).map(|s| s.wi);
-    assert!(Cone::sphere(DVec3::Z).test(SAMPLES, draw, |w| other.pdf(w)).0 < level);
+    assert!(Cone::sphere(DVec3::Z).test(SAMPLES, draw, |w| other.direction_pdf(w)).0 < level);
 }
 
-/// What is drawn is what is seen, and its density the density, a texel's border excepted, where directions round.
+/// Samples have the radiance and density of their direction, except at texel borders, where directions round.
 #[test]
-fn l08_drawn_and_seen() {
-    let choices = [LightChoice::Power, LightChoice::Cells];
+fn environment_samples_match_radiance_and_density_l08() {
+    let choices = [LightSelection::Power, LightSelection::Learned];
     for (name, radiance, choice) in
         environments().into_iter().flat_map(|(name, radiance)| choices.map(|choice| (name, radiance.clone(), choice)))
     {
@@ -134,21 +134,24 @@ fn l08_drawn_and_seen() {
         let mut scene = empty();
         add_infinite(&mut scene, radiance.clone(), turn);
         let mut world = world(&scene);
-        world.set_light_choice(choice);
+        world.set_light_selection(choice);
         let sky = Environment::new(&radiance, turn, &Source::default()).expect("sound").expect("not black");
         let mut random = Pcg32::seed_from_u64(3);
         let (mut differ, samples) = (0, 200_000);
         for _ in 0..samples {
             let u = [random.random(), random.random()];
             let Some(drawn) = world.lights().sample(Vec3::ZERO, random.random(), u) else { continue };
-            let same = drawn.radiance == sky.radiance(drawn.wi) && (drawn.pdf / sky.pdf(drawn.wi) - 1.0).abs() < 1e-3;
+            let same = drawn.radiance == sky.radiance(drawn.wi)
+                && (drawn.pdf / sky.direction_pdf(drawn.wi) - 1.0).abs() < 1e-3;
             differ += i32::from(!same);
             // One light alone: the weight is the power heuristic of the two densities.
-            let all = world.lights().sky(drawn.wi, None);
+            let all = world.lights().environment(drawn.wi);
             assert_eq!(all, sky.radiance(drawn.wi), "{name}");
-            let even = world.lights().sky(drawn.wi, Some(sky.pdf(drawn.wi)));
+            let even = world
+                .lights()
+                .environment_weighted(drawn.wi, sky.direction_pdf(drawn.wi), |light| world.lights().pmf(light));
             // Chances of parts are whole multiples of 2^-24, at most two off from a share of a hundredth or more.
-            let tolerance = if choice == LightChoice::Cells { 2e-5 } else { 1e-6 };
+            let tolerance = if choice == LightSelection::Learned { 2e-5 } else { 1e-6 };
             assert!((even - 0.5 * all).abs().max_element() <= tolerance * all.max_element(), "{name}: {even} {all}");
         }
         assert!(differ < samples / 5_000, "{name}: {differ} of {samples}");
@@ -157,7 +160,7 @@ fn l08_drawn_and_seen() {
 
 /// The equal-area layout at places told by pbrt-v4's definition: row 0 is at -y, the middle at +z.
 #[test]
-fn l08_equal_area_places() {
+fn equal_area_texels_cover_equal_solid_angles_l08() {
     let sky = |at: [u32; 2]| {
         let radiance = equal_area(5, |x, y| if [x, y] == at { 2.0 } else { 0.0 });
         Environment::new(&radiance, DMat3::IDENTITY, &Source::default()).expect("sound").expect("not black")
@@ -175,13 +178,13 @@ fn l08_equal_area_places() {
     ] {
         assert_eq!(sky(at).radiance(w.normalize()).x, 1.0, "{at:?}");
         // A texel of 25 fills 4 pi / 25, wherever it lies.
-        let density = sky(at).pdf(w.normalize());
+        let density = sky(at).direction_pdf(w.normalize());
         assert!((density * 4.0 * std::f32::consts::PI / 25.0 - 1.0).abs() < 1e-6, "{at:?}: {density}");
     }
 }
 
 #[test]
-fn l08_equal_area_that_is_none() {
+fn invalid_equal_area_images_are_refused_l08() {
     let make = |radiance: &EnvironmentRadiance| Environment::new(radiance, DMat3::IDENTITY, &line(7));
     for bad in [f32::NAN, f32::INFINITY, -1.0, f32::MAX] {
         let radiance = EnvironmentRadiance::EqualArea {
@@ -200,7 +203,7 @@ fn l08_equal_area_that_is_none() {
     }
     let bright = equal_area(4, |x, y| if (x, y) == (0, 0) { 1e30 } else { 1.0 });
     let sky = make(&bright).expect("sound").expect("not black");
-    assert!(sky.pdf(Vec3::NEG_Z).is_finite());
+    assert!(sky.direction_pdf(Vec3::NEG_Z).is_finite());
 }
 
 /// A flat square `[-1, 1]^2` at z = 0, facing down, of 32 uneven triangles.
@@ -274,7 +277,7 @@ fn lamp_test(world: &World, other: &World, centre: DVec3, radius: f64, seed: u64
 }
 
 #[test]
-fn l04_chi_square_of_area_lights() {
+fn area_light_samples_match_their_densities_l04() {
     for (seed, (name, geometry, to_world, centre, radius)) in area_lamps().into_iter().enumerate() {
         let world = with_lamp(&geometry, to_world);
         let (p, integral) = lamp_test(&world, &world, centre, radius, seed as u64);
@@ -286,7 +289,7 @@ fn l04_chi_square_of_area_lights() {
 
 /// Negative control: each lamp moved by 2 % of its radius is refuted.
 #[test]
-fn l04_chi_square_refutes_a_lamp_elsewhere() {
+fn a_lamp_elsewhere_is_refuted_l04() {
     for (seed, (name, geometry, to_world, centre, radius)) in area_lamps().into_iter().enumerate() {
         let moved = DAffine3::from_translation(-0.02 * radius * DVec3::new(0.6, -0.8, 0.3)) * to_world;
         let (lamp, other) = (with_lamp(&geometry, to_world), with_lamp(&geometry, moved));

@@ -3,7 +3,7 @@
 
 use crate::support::*;
 use dapple_renderer::World;
-use dapple_renderer::light::{LightChoice, Target};
+use dapple_renderer::light::{LightSelection, Target};
 use dapple_renderer::shading::Discrete;
 use dapple_scene::{Light, LightKind, Scene};
 use glam::{DAffine3, DVec3, Vec3};
@@ -76,19 +76,19 @@ fn no_light_is_lost(intensities: &[f32]) {
 }
 
 #[test]
-fn l07_extreme_light_mix_of_100_000() {
+fn extreme_mix_of_100_000_lights_keeps_the_weakest_l07() {
     mixes(100_000).iter().for_each(|mix| no_light_is_lost(mix));
 }
 
 #[test]
 #[ignore = "nightly (T2): 10^6 lights"]
-fn l07_extreme_light_mix_of_1_000_000() {
+fn extreme_mix_of_1_000_000_lights_keeps_the_weakest_l07() {
     mixes(1_000_000).iter().for_each(|mix| no_light_is_lost(mix));
 }
 
 /// Negative control: chosen by power and nothing else, most of the lights are never chosen by 24 bits.
 #[test]
-fn l07_power_alone_loses_lights() {
+fn power_alone_loses_lights_l07() {
     let mix = &mixes(100_000)[0];
     let choice = Discrete::new(mix).expect("sound");
     let mut seen = vec![false; mix.len()];
@@ -98,20 +98,20 @@ fn l07_power_alone_loses_lights() {
 }
 
 #[test]
-fn l07_choice_by_power_or_uniform() {
+fn lights_are_selected_by_power_or_uniformly_l07() {
     let (mut world, _) = points(&[1.0, 2.0, 5.0]);
     let pmf = |world: &World| [0, 1, 2].map(|i| world.lights().pmf(i));
     let near = |a: [f32; 3], b: [f32; 3]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-6);
     assert!(near(pmf(&world), [0.125, 0.25, 0.625]), "{:?}", pmf(&world));
-    world.set_light_choice(LightChoice::Uniform);
+    world.set_light_selection(LightSelection::Uniform);
     assert!(near(pmf(&world), [1.0 / 3.0; 3]), "{:?}", pmf(&world));
-    world.set_light_choice(LightChoice::Power);
+    world.set_light_selection(LightSelection::Power);
     assert!(near(pmf(&world), [0.125, 0.25, 0.625]), "{:?}", pmf(&world));
 }
 
 /// Powers of all kinds of lights beside each other, in watts worked out by hand (over pi).
 #[test]
-fn l07_power_of_each_kind() {
+fn each_kind_of_light_has_its_power_l07() {
     let mut scene = ground();
     let add_kind = |scene: &mut Scene, kind: LightKind| {
         scene.lights.push(Light { kind, to_world: DAffine3::from_translation(DVec3::Z), source: line(200) });
@@ -214,13 +214,13 @@ fn triangle_samples_are_sound(triangles: u64, seed: u64) {
 }
 
 #[test]
-fn l05_triangle_light_any_receiver_small() {
+fn triangle_light_matches_its_closed_form_at_a_few_receivers_l05() {
     triangle_samples_are_sound(400, 1);
 }
 
 #[test]
 #[ignore = "nightly (T2): 10^8 pairs"]
-fn l05_triangle_light_any_receiver() {
+fn triangle_light_matches_its_closed_form_at_any_receiver_l05() {
     triangle_samples_are_sound(310_000, 2);
 }
 
@@ -235,7 +235,7 @@ fn solid_angle_found(corners: [DVec3; 3], from: DVec3, side: u32) -> f64 {
 }
 
 #[test]
-fn l05_solid_angle_of_triangles() {
+fn solid_angles_of_triangles_match_their_closed_form_l05() {
     let mut random = Pcg32::seed_from_u64(5);
     for _ in 0..200 {
         let corners = [corner(&mut random), corner(&mut random), corner(&mut random)];
@@ -258,7 +258,7 @@ fn l05_solid_angle_of_triangles() {
 /// Right above a triangle few samples of its area matter (a ratio of 0.842 at a height of 1e-3): so its solid angle is
 /// sampled.
 #[test]
-fn l05_solid_angle_right_above_a_triangle() {
+fn solid_angle_right_above_a_triangle_is_exact_l05() {
     let corners = [DVec3::ZERO, DVec3::X, DVec3::Y];
     for height in [1e-1, 1e-2, 1e-3, 1e-4, 1e-6] {
         let ratio = solid_angle_found(corners, DVec3::new(0.3, 0.3, height), 256);

@@ -9,7 +9,7 @@ use dapple_geometry::{PrimitiveId, Ray, SurfacePoint, spawn_ray, spawn_ray_to, s
 use dapple_low_discrepancy::Sobol;
 use dapple_renderer::camera::{Lens, Pinhole};
 use dapple_renderer::light::Target;
-use dapple_renderer::shading::{Bsdf, Frame as ShadingFrame, power_heuristic};
+use dapple_renderer::shading::{Bsdf, ShadingFrame, power_heuristic};
 use dapple_renderer::{World, blocks};
 use dapple_scene::image::Image;
 use dapple_scene::{EnvironmentRadiance, Geometry, Light, LightKind, Scene};
@@ -58,9 +58,12 @@ fn scattered(world: &World, at: &SurfacePoint, rho: f32, strategy: Strategy, u: 
             let found = lights.pdf(met.light, at.position, &met.point);
             let weight = if strategy == Strategy::Both { power_heuristic(sample.pdf, found) } else { 1.0 };
             sum += sample.weight.x * met.radiance.x * weight;
-        } else if lights.has_sky() && geometry.closest(&ray).is_none() {
-            let last_pdf = (strategy == Strategy::Both).then_some(sample.pdf);
-            sum += sample.weight.x * lights.sky(ray.direction, last_pdf).x;
+        } else if lights.has_environment() && geometry.closest(&ray).is_none() {
+            let radiance = match strategy {
+                Strategy::Both => lights.environment_weighted(ray.direction, sample.pdf, |light| lights.pmf(light)),
+                _ => lights.environment(ray.direction),
+            };
+            sum += sample.weight.x * radiance.x;
         }
     }
     sum
@@ -87,7 +90,7 @@ fn irradiance(scene: &Scene, strategy: Strategy, seed: u64, samples: u64) -> Mea
     mean
 }
 
-/// S4 with `delta`, samples doubled while undecided.
+/// A sequential test of equivalence within `delta`: samples are doubled while undecided.
 fn verdict(name: &str, scene: &Scene, strategy: Strategy, reference: f64, delta: f64, most: u64) -> Verdict {
     // One-sided 1e-6 over all tests; with 63 degrees of freedom Student's t at this level is 1.2 times as far out.
     let z = 1.2 * critical(sidak(FAMILY, TESTS));
@@ -105,7 +108,7 @@ fn verdict(name: &str, scene: &Scene, strategy: Strategy, reference: f64, delta:
 }
 
 /// Irradiance at the origin, normal +z, from a planar polygon of radiance 1: Lambert's formula on what is
-/// above the horizon [Lambert 1760; STATISTICS, closed references].
+/// above the horizon [Lambert 1760].
 fn polygon_irradiance(corners: &[DVec3]) -> f64 {
     let mut above = Vec::new();
     for (i, &a) in corners.iter().enumerate() {
@@ -141,7 +144,7 @@ fn rectangle_lamp(centre: DVec3, u: DVec3, v: DVec3) -> (Scene, f64) {
 /// all light comes from a spot as small as the height.
 type Placement = (&'static str, DVec3, DVec3, DVec3, bool);
 
-/// S4 within 0.1 %. A cosine-weighted direction that meets the lamp less than once in 20 times cannot meet
+/// Equivalence within 0.1 %. A cosine-weighted direction that meets the lamp less than once in 20 times cannot meet
 /// that in a CI run: its 3 10^5 samples must not refute the closed form; and where fewer than 1000 of them
 /// would meet the lamp, there is nothing to test.
 fn check(name: &str, scene: &Scene, strategy: Strategy, reference: f64) {
@@ -178,7 +181,7 @@ fn placements() -> Vec<Placement> {
 }
 
 #[test]
-fn l03_rectangle_light() {
+fn rectangle_light_matches_its_closed_form_l03() {
     let (_, centred) = rectangle_lamp(DVec3::Z, DVec3::X, DVec3::Y);
     assert!((centred - 1.740_839_5).abs() < 1e-7, "{centred}");
     for (name, centre, u, v, light) in placements() {
@@ -191,7 +194,7 @@ fn l03_rectangle_light() {
 
 /// Negative controls: a reference half a percent off is refuted, and so is a lamp that faces away.
 #[test]
-fn l03_refutes_a_wrong_reference() {
+fn a_wrong_reference_is_refuted_l03() {
     let (mut scene, reference) = rectangle_lamp(DVec3::Z, DVec3::X, DVec3::Y);
     for strategy in STRATEGIES {
         assert_eq!(verdict("wrong", &scene, strategy, 1.005 * reference, 1e-3, 1 << 16), Verdict::Fail);
@@ -217,7 +220,7 @@ fn sphere_lamp(d: f64, towards: DVec3) -> (Scene, f64) {
 }
 
 #[test]
-fn l04_sphere_light() {
+fn sphere_light_matches_its_closed_form_l04() {
     let slanted = DVec3::new(0.6, 0.0, 0.8);
     for d in [1.0 + 1e-4, 1.001, 1.1, 2.0, 10.0, 1e2, 1e3, 1e4, 1e5, 1e6] {
         for towards in [DVec3::Z, slanted] {
@@ -235,7 +238,7 @@ fn l04_sphere_light() {
 
 /// Points inside a sphere, and on it, that shines inwards: everything around shines, E = pi L.
 #[test]
-fn l04_inside_a_sphere_light() {
+fn inside_a_sphere_light_matches_its_closed_form_l04() {
     for at in [DVec3::ZERO, DVec3::new(0.3, 0.5, -0.2), DVec3::new(0.0, 0.0, -0.999), DVec3::NEG_Z] {
         let mut scene = scene([1, 1], 40.0, DVec3::new(0.0, -3.0, 2.0), DVec3::ZERO);
         let grey = add_material(&mut scene, diffuse(0.5));
@@ -283,7 +286,7 @@ fn floor_irradiance(world: &World) -> f64 {
         let [r2, turn] = [i % side, i / side].map(|k| (f64::from(k) + 0.5) / f64::from(side));
         let (sin, cos) = (turn * 2.0 * PI).sin_cos();
         let w = DVec3::new(r2.sqrt() * cos, r2.sqrt() * sin, (1.0 - r2).sqrt()).as_vec3();
-        f64::from(world.lights().sky(w, None).x)
+        f64::from(world.lights().environment(w).x)
     };
     PI * (0..side * side).map(one).sum::<f64>() / f64::from(side * side)
 }
@@ -291,7 +294,7 @@ fn floor_irradiance(world: &World) -> f64 {
 /// Several infinite lights in all layouts: their radiances add up, each weighted for itself. Half a percent: of four
 /// lights light sampling sees one, half of which is below the floor.
 #[test]
-fn l09_several_skies() {
+fn several_environments_add_up_l09() {
     const DELTA: f64 = 5e-3;
     let (mut scene, without_square) = skies();
     let reference = floor_irradiance(&world(&scene));
@@ -363,9 +366,9 @@ fn replicates(make: impl Fn(u64) -> Film) -> Vec<Film> {
     (0..REPLICATES).map(make).collect()
 }
 
-/// S1 and S2: no 8x8 block and not the whole image differ.
+/// Neither 8x8 blocks nor the whole image differ.
 #[test]
-fn l09_three_strategies_and_the_integrator_agree() {
+fn three_strategies_and_the_integrator_agree_l09() {
     let scene = lamps();
     let world = world(&scene);
     let with = |strategy: Strategy, spp: u64| {

@@ -3,7 +3,7 @@
 use crate::support::*;
 use dapple_low_discrepancy::Sobol;
 use dapple_renderer::World;
-use dapple_renderer::light::{LightChoice, Target};
+use dapple_renderer::light::{LightSelection, Target};
 use dapple_scene::{Light, LightKind, Scene, SpotFalloff};
 use glam::{DAffine3, DMat3, DVec3, Vec3};
 use std::f64::consts::PI;
@@ -42,7 +42,7 @@ fn aimed(at: DVec3, axis: DVec3) -> DAffine3 {
     DAffine3 { matrix3: DMat3::from_cols(x, y, z), translation: at }
 }
 
-/// Where the unit of length and the origin lie changes nothing that is said in the file's units.
+/// Unit of length and origin change nothing in the file's units.
 fn frames() -> [(DVec3, f64); 5] {
     [
         (DVec3::ZERO, 1.0),
@@ -54,7 +54,7 @@ fn frames() -> [(DVec3, f64); 5] {
 }
 
 #[test]
-fn l03_point_light_on_a_plane() {
+fn point_light_on_a_plane_matches_its_closed_form_l03() {
     for (middle, unit) in frames() {
         for p in [DVec3::Z, DVec3::new(2.0, 1.0, 0.5), DVec3::new(-30.0, 0.0, 40.0), DVec3::new(0.0, 0.0, 1e-2)] {
             let mut scene = floor(middle, unit);
@@ -77,7 +77,7 @@ fn l03_point_light_on_a_plane() {
 }
 
 #[test]
-fn l03_spot_light_on_a_plane() {
+fn spot_light_on_a_plane_matches_its_closed_form_l03() {
     let position = DVec3::new(0.4, -0.3, 1.2);
     for (middle, unit) in frames() {
         for (cone, start) in [(30.0_f32, 10.0_f32), (20.0, 20.0), (120.0, 0.0), (2.0, 0.5), (180.0, 0.0)] {
@@ -117,7 +117,7 @@ fn l03_spot_light_on_a_plane() {
 }
 
 #[test]
-fn l03_distant_light_on_a_plane() {
+fn distant_light_on_a_plane_matches_its_closed_form_l03() {
     for (middle, unit) in frames() {
         for w in [DVec3::Z, DVec3::new(1.0, 2.0, 0.5), DVec3::new(-1.0, 0.0, 1e-3)] {
             let mut scene = floor(middle, unit);
@@ -128,9 +128,9 @@ fn l03_distant_light_on_a_plane() {
     }
 }
 
-/// What stands between casts a shadow; what stands behind the light does not.
+/// Objects between point and light cast a shadow; objects behind the light do not.
 #[test]
-fn l03_shadows_of_lights_without_extent() {
+fn lights_without_extent_cast_shadows_l03() {
     let kinds = [
         LightKind::Point { intensity: [1.0; 3] },
         LightKind::Spot { intensity: [1.0; 3], cone: 30.0, falloff_start: 30.0, falloff: SpotFalloff::Quartic },
@@ -155,19 +155,19 @@ fn l03_shadows_of_lights_without_extent() {
 
 /// A light without extent is found by light sampling alone, and says so.
 #[test]
-fn l09_lights_without_extent_have_no_partner() {
+fn lights_without_extent_are_found_by_light_sampling_only_l09() {
     let mut scene = floor(DVec3::ZERO, 1.0);
     add_light(&mut scene, LightKind::Distant { irradiance: [1.0; 3] }, DAffine3::IDENTITY);
     let world = world(&scene);
     let lights = world.lights();
-    assert!(lights.has_delta() && !lights.has_sky());
-    assert_eq!(lights.sky(Vec3::Z, None), Vec3::ZERO, "no ray meets it");
+    assert!(lights.has_delta() && !lights.has_environment());
+    assert_eq!(lights.environment(Vec3::Z), Vec3::ZERO, "no ray meets it");
     let sample = lights.sample(Vec3::ZERO, 0.5, [0.5; 2]).expect("it shines");
     assert!(sample.delta && sample.pdf == 1.0 && sample.wi == Vec3::Z && matches!(sample.target, Target::Far));
     add_light(&mut scene, LightKind::Point { intensity: [1.0; 3] }, DAffine3::from_translation(DVec3::Z));
     add_sky(&mut scene, 1.0);
     let world = crate::support::world(&scene);
-    assert!(world.lights().has_delta() && world.lights().has_sky());
+    assert!(world.lights().has_delta() && world.lights().has_environment());
     let places = (0..100).filter_map(|i| world.lights().sample(Vec3::ZERO, i as f32 / 100.0, [0.3; 2]));
     for sample in places {
         let chosen = [0, 1, 2].map(|i| world.lights().pmf(i));
@@ -182,7 +182,7 @@ fn l09_lights_without_extent_have_no_partner() {
 
 /// The sum over three kinds of lights, in one image.
 #[test]
-fn l03_lights_add_up() {
+fn lights_add_up_l03() {
     let mut scene = floor(DVec3::ZERO, 1.0);
     add_light(
         &mut scene,
@@ -195,16 +195,16 @@ fn l03_lights_add_up() {
     add_light(&mut scene, spot, aimed(DVec3::new(0.0, 0.0, 1.5), DVec3::NEG_Z));
     add_sky(&mut scene, 0.2);
     let expected = 3.0 * 2.0 / 5.0_f64.powf(1.5) + 0.7 * 0.5_f64.sqrt() + 2.0 / 2.25 + 0.2 * PI;
-    for choice in [LightChoice::Power, LightChoice::Uniform] {
+    for choice in [LightSelection::Power, LightSelection::Uniform] {
         let mut world = world(&scene);
-        world.set_light_choice(choice);
+        world.set_light_selection(choice);
         let found = mean(&film_of(&world, [1, 1], 1 << 16, Sobol::new(3)))[0] * PI / RHO;
         assert!((found / expected - 1.0).abs() < 1e-3, "{choice:?}: {found} {expected}");
     }
 }
 
 #[test]
-fn l06_lights_without_extent_that_are_none() {
+fn invalid_lights_without_extent_are_refused_l06() {
     let refused = |kind: LightKind, to_world: DAffine3| {
         let mut scene = floor(DVec3::ZERO, 1.0);
         add_light(&mut scene, kind, to_world);

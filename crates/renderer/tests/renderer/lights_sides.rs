@@ -1,4 +1,4 @@
-//! Which side of a shape shines: pbrt-v4's rules of normals, mirrors and `ReverseOrientation`, as
+//! The side that a shape emits from: pbrt-v4's rules of normals, mirrors and `ReverseOrientation`, as
 //! `scene::Shape` states them. And environments: what is seen is what is sampled.
 
 use crate::support::*;
@@ -39,7 +39,7 @@ fn up(normals: Option<f32>) -> Geometry {
 }
 
 #[test]
-fn l12_sides_that_shine() {
+fn shapes_emit_from_the_side_of_their_normal_l12() {
     let plain = DAffine3::IDENTITY;
     // A mirror across the lamp's plane turns its normal with it; one along the plane does not.
     let across = DAffine3::from_scale(DVec3::new(1.0, 1.0, -1.0));
@@ -68,7 +68,7 @@ fn l12_sides_that_shine() {
 }
 
 #[test]
-fn l06_stretched_round_lamps_are_refused() {
+fn stretched_round_lamps_are_refused_l06() {
     for geometry in [Geometry::Sphere { radius: 1.0 }, Geometry::Disk { height: 0.5, radius: 1.0, inner_radius: 0.0 }] {
         let mut scene = scene([1, 1], 40.0, DVec3::new(0.0, -3.0, 2.0), DVec3::ZERO);
         let grey = add_material(&mut scene, diffuse(0.5));
@@ -99,7 +99,7 @@ fn sky_alone(radiance: EnvironmentRadiance, to_world: DAffine3) -> Scene {
 
 /// Sampled and looked at, an environment is the same; its density integrates to 1 and finds all its light.
 #[test]
-fn l08_what_is_sampled_is_what_is_seen() {
+fn environment_samples_match_evaluation_l08() {
     let turn = DMat3::from_rotation_z(0.7) * DMat3::from_rotation_x(1.1);
     let mirrored = turn * DMat3::from_diagonal(DVec3::new(1.0, -3.0, 1.0));
     let mirrored = DMat3::from_cols(mirrored.x_axis * 3.0, mirrored.y_axis, mirrored.z_axis * 3.0);
@@ -126,12 +126,16 @@ fn l08_what_is_sampled_is_what_is_seen() {
                 let w = (unscaled * w).normalize();
                 let measure = 2.0 * std::f64::consts::PI.powi(2) * f64::from(theta.sin());
                 by_sphere += f64::from(sky.radiance(w).x) * measure;
-                density += f64::from(sky.pdf(w)) * measure;
+                density += f64::from(sky.direction_pdf(w)) * measure;
                 let Some(drawn) = world.lights().sample(Vec3::ZERO, 0.0, u) else { continue };
                 assert!(matches!(drawn.target, Target::Far) && (drawn.wi.length() - 1.0).abs() < 3e-7);
                 // The direction may round across a texel's border, which these coordinates stay away from.
                 assert_eq!(drawn.radiance, sky.radiance(drawn.wi));
-                assert!((drawn.pdf / sky.pdf(drawn.wi) - 1.0).abs() < 1e-3, "{name}: {drawn:?} {}", sky.pdf(drawn.wi));
+                assert!(
+                    (drawn.pdf / sky.direction_pdf(drawn.wi) - 1.0).abs() < 1e-3,
+                    "{name}: {drawn:?} {}",
+                    sky.direction_pdf(drawn.wi)
+                );
                 by_light += f64::from(drawn.radiance.x / drawn.pdf);
             }
             let n = f64::from(side * side);
@@ -143,7 +147,7 @@ fn l08_what_is_sampled_is_what_is_seen() {
 }
 
 #[test]
-fn l08_environments_that_are_none() {
+fn invalid_environments_are_refused_l08() {
     let refused = |radiance: &EnvironmentRadiance| environment(radiance, DMat3::IDENTITY).err().map(|e| e.to_string());
     for bad in [f32::NAN, f32::INFINITY, -1.0] {
         let map = lat_long([4, 3], |x, y| if (x, y) == (2, 1) { bad } else { 1.0 });

@@ -1,6 +1,6 @@
 //! The renderer: one program, for what a test links and instantiates takes longer to compile than its own text.
 //!
-//! What measures time or the memory of a process, and the corpus of the fuzz targets, are programs of their own beside it.
+//! Tests that measure time or memory, and the corpus of the fuzz targets, are programs of their own beside it.
 
 mod camera_rays;
 mod determinism;

@@ -22,7 +22,7 @@ fn medium(absorption: [f32; 3], scattering: [f32; 3], g: f32) -> Medium {
     *Media::new(&[described(absorption, scattering, g)], 1.0).expect("sound").medium(0)
 }
 
-/// S4 of a channel's mean, one-sided 1e-6 over all tests of this file.
+/// Equivalence of a channel's mean, one-sided 1e-6 over all tests of this file.
 fn check(name: &str, found: &Mean, reference: f64, delta: f64) {
     let verdict = found.equals(reference, delta, critical(sidak(FAMILY, TESTS)));
     eprintln!("{name}: {:.6} +- {:.1e} of {reference:.6}: {verdict:?}", found.mean, found.standard_error());
@@ -51,7 +51,7 @@ fn transmittance_is_exact() {
     assert!((gray.transmittance(2.0) - Vec3::splat((-1.0_f32).exp())).abs().max_element() < 2e-7);
 }
 
-/// Where distances fall: the share that passes, and what scatters before the middle and after, channel by channel.
+/// Shares of distances that pass, scatter before the middle, and scatter after it, channel by channel.
 #[test]
 fn distances_add_up() {
     let cases = [

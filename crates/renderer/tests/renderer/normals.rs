@@ -56,7 +56,7 @@ fn crumpled() -> Geometry {
     }))
 }
 
-/// What tilts the normals of the sheet, besides its vertices.
+/// The maps that tilt the normals of the sheet, besides its vertices.
 #[derive(Clone, Copy, Debug)]
 enum Tilt {
     Vertices,
@@ -90,7 +90,7 @@ fn sound(film: &Film) -> bool {
 
 /// No light gets through a sheet, whatever its shading normals say; the negative control hangs the lamp above it.
 #[test]
-fn l12_no_light_crosses_a_surface() {
+fn no_light_crosses_a_surface_l12() {
     for kind in kinds() {
         for tilt in [Tilt::Vertices, Tilt::Bump, Tilt::NormalMap] {
             let below = image(&sheet(kind.clone(), tilt, true), 16, SEED);
@@ -103,7 +103,7 @@ fn l12_no_light_crosses_a_surface() {
 
 /// Opposed, missing and equal: what files have.
 #[test]
-fn l12_bad_vertices_render() {
+fn bad_vertices_render_l12() {
     let MeshData { positions, triangles, .. } = match crumpled() {
         Geometry::Mesh(mesh) => mesh.as_ref().clone(),
         _ => unreachable!("it is a mesh"),
@@ -158,7 +158,7 @@ fn assert_floor(scene: &Scene, normal: DVec3, light: DVec3, what: &str) {
 
 /// A slope that is the same everywhere shades as its normal says.
 #[test]
-fn l12_slopes_shade_as_their_normals_say() {
+fn slopes_shade_like_their_normals_l12() {
     for light in [DVec3::new(0.3, 0.2, 1.0), DVec3::new(-0.6, 0.1, 0.7), DVec3::new(0.1, -0.8, 0.5)] {
         let light = light.normalize();
         assert_floor(&floor(light), DVec3::Z, light, "level");
@@ -240,7 +240,7 @@ fn deviation(a: &[Film], b: &[Film]) -> (f64, usize) {
 /// A coarse ball with smooth normals looks round: no specks of black where its triangles turn from the light before
 /// their normals do, beyond a band of two pixels. Without the normals it does not, which the test must see.
 #[test]
-fn l12_terminator_of_a_coarse_ball() {
+fn the_terminator_of_a_coarse_ball_shows_no_facets_l12() {
     let fine = lit(Geometry::Sphere { radius: 1.0 });
     let [smooth, flat] = [true, false].map(|smooth| lit(ball(RINGS, smooth)));
     assert!(smooth.iter().all(sound));

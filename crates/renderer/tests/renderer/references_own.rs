@@ -134,7 +134,7 @@ fn level() -> f64 {
     FAMILY / bundled::names().len() as f64
 }
 
-/// S2.
+/// A t-test of image means between replicates.
 #[test]
 fn own_scenes_look_as_they_did() {
     for name in bundled::names() {

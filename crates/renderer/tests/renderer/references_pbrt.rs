@@ -23,7 +23,7 @@ struct Case {
     mean_noise: f64,
     block_noise: f64,
     spp: f64,
-    /// How far the means may be off.
+    /// The tolerance of means.
     bound: f64,
 }
 
@@ -54,7 +54,7 @@ fn case(name: &str) -> Option<Case> {
     Some(Case { scene, reference, mean_noise, block_noise, spp, bound })
 }
 
-/// What was found: per channel the ratio of means, its standard error, and ratios of 10x10 blocks.
+/// The result: per channel the ratio of means, its standard error, and ratios of 10x10 blocks.
 struct Found {
     ratio: [f64; 3],
     error: [f64; 3],
@@ -101,7 +101,7 @@ fn render(case: &Case, replicates: u64, spp: u64) -> Found {
     found
 }
 
-/// How far 8x8 blocks are off, in standard errors. Ours is that between replicates; the reference's is taken
+/// The deviation of 8x8 blocks in standard errors. Ours is that between replicates; the reference's is taken
 /// to be like ours, for as many samples as it has, and at least what its README states (for 10x10 blocks).
 fn deviations(case: &Case, films: &[Film], spp: u64) -> [f64; 2] {
     let size = case.reference.size.map(|n| n as usize);

@@ -49,32 +49,32 @@ fn coats() -> Vec<(f32, Coat)> {
 }
 
 #[test]
-fn l10_diffuse_and_conductors_agree_with_their_pdf() {
+fn diffuse_and_conductors_agree_with_their_pdf_l10() {
     check_agreement(&conductors(), &outgoing(), 100_000, true);
 }
 
 #[test]
-fn l10_coats_agree_with_their_pdf() {
+fn coats_agree_with_their_pdf_l10() {
     check_agreement(&coated(&coats()), &outgoing(), 100_000, true);
 }
 
 #[test]
 #[ignore = "nightly: 10^6 samples a direction, some four minutes"]
-fn l10_all_agree_with_their_pdf_with_many_samples() {
+fn all_agree_with_their_pdf_with_many_samples_l10() {
     check_agreement(&conductors(), &outgoing(), 1_000_000, true);
     check_agreement(&coated(&coats()), &outgoing(), 1_000_000, true);
 }
 
 #[test]
 #[ignore = "not met: alpha 1e-3 at cosines 1.7e-4 and 1e-6, p = 0: f32 directions are a lattice wider than 3 % of the lobe"]
-fn l10_narrow_lobes_at_grazing_angles_agree_with_their_pdf() {
+fn narrow_lobes_at_grazing_angles_agree_with_their_pdf_l10() {
     check_agreement(&conductors(), &outgoing(), 100_000, false);
     check_agreement(&coated(&coats()), &outgoing(), 100_000, false);
 }
 
 /// Negative control: a density tilted by 5 % across the lobe must be seen, for each BSDF.
 #[test]
-fn l10_a_wrong_pdf_is_rejected() {
+fn a_wrong_pdf_is_rejected_l10() {
     let coats = coats();
     let wo = Vec3::new(0.6, 0.0, 0.8);
     for case in conductors().iter().chain(&coated(&coats)) {
@@ -89,7 +89,7 @@ fn l10_a_wrong_pdf_is_rejected() {
 }
 
 #[test]
-fn l10_specular_lobes() {
+fn specular_lobes_have_no_density_l10() {
     let mirror = Bsdf::conductor(gold(), [9.9e-4, 1e-4]).unwrap();
     assert!(mirror.is_specular() && mirror.roughness() == 0.0);
     for wo in outgoing() {
@@ -102,7 +102,7 @@ fn l10_specular_lobes() {
 }
 
 #[test]
-fn l10_no_light_through_the_surface() {
+fn opaque_surfaces_transmit_nothing_l10() {
     let coats = coats();
     let nowhere = [Vec3::X, Vec3::new(1.0, 0.0, -0.0), Vec3::NAN];
     for case in conductors().iter().chain(&coated(&coats)) {
@@ -118,7 +118,7 @@ fn l10_no_light_through_the_surface() {
 }
 
 #[test]
-fn l11_energy() {
+fn surfaces_conserve_energy_l11() {
     let coats = coats();
     let cases: Vec<_> = conductors().into_iter().chain(coated(&coats)).collect();
     // Doubling looks at the data up to 11 times; each look is a test.
@@ -136,7 +136,7 @@ fn l11_energy() {
 /// A coat that absorbs nothing over a white base is a furnace: all light comes back. With 0.5 % of gain, the
 /// negative control, it must be refused.
 #[test]
-fn l11_furnace_and_its_negative_control() {
+fn furnace_and_its_negative_control_l11() {
     let lossless = CoatOptions { thickness: 0.0, max_depth: u32::MAX, ..Default::default() };
     let z = critical(sidak(FAMILY, 2 * 3 * 5 * 11));
     for (alpha, tolerance) in [(0.0, 1e-3), (1e-3, 1e-3)] {
@@ -155,7 +155,7 @@ fn l11_furnace_and_its_negative_control() {
 }
 
 #[test]
-fn l11_reciprocity() {
+fn surfaces_are_reciprocal_l11() {
     let coats = coats();
     let mut random = Pcg32::seed_from_u64(11);
     let mut direction = || {

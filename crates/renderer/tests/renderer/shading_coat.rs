@@ -29,7 +29,7 @@ fn closed_form(coat: &Coat, reflectance: f32, wo: Vec3, bin: usize) -> f64 {
         .sum()
 }
 
-/// What [`compare`] found for one roughness, relative to the closed form.
+/// The deviation of one roughness, relative to the closed form.
 #[derive(Debug)]
 struct Differences {
     /// Of all the base's light, largest over outgoing directions.

@@ -1,4 +1,4 @@
-//! What lets light through: sampling, density and value agree on both sides (L10); energy and reciprocity (L11).
+//! Transmitting surfaces: sampling, density and value agree on both sides; energy and reciprocity.
 // A test says what it measured.
 #![allow(clippy::print_stderr)]
 
@@ -40,7 +40,7 @@ fn both_sides() -> Vec<Vec3> {
 }
 
 #[test]
-fn l10_glass_agrees_with_its_pdf() {
+fn glass_agrees_with_its_pdf_l10() {
     // Half of the directions, the extreme ones among them.
     let outgoing: Vec<Vec3> = both_sides().into_iter().enumerate().filter(|(i, _)| i % 4 < 2).map(|(_, w)| w).collect();
     check_agreement(&cases(), &outgoing, 100_000, true);
@@ -48,14 +48,14 @@ fn l10_glass_agrees_with_its_pdf() {
 
 #[test]
 #[ignore = "nightly: all directions, 10^6 samples each, minutes"]
-fn l10_glass_agrees_with_its_pdf_with_many_samples() {
+fn glass_agrees_with_its_pdf_with_many_samples_l10() {
     check_agreement(&cases(), &both_sides(), 1_000_000, true);
 }
 
 /// Negative controls: a density that favours one half of the lobe by 5 %, and one that has 10 % too
 /// little for transmitted light.
 #[test]
-fn l10_a_wrong_pdf_is_rejected() {
+fn a_wrong_pdf_is_rejected_l10() {
     for wo in [Vec3::new(0.6, 0.0, 0.8), Vec3::new(0.6, 0.0, -0.8)] {
         for case in cases() {
             let tilted = |wi: Vec3| if wi.x > -0.6 { 0.95 } else { 0.9 };
@@ -74,7 +74,7 @@ fn l10_a_wrong_pdf_is_rejected() {
 }
 
 #[test]
-fn l10_specular_lobes() {
+fn specular_lobes_have_no_density_l10() {
     let smooth = Bsdf::dielectric(1.5, [9e-4, 1e-4], Tint::WHITE).unwrap();
     let empty = Bsdf::dielectric(1.0, [0.5; 2], Tint::WHITE).unwrap();
     let pane = Bsdf::ThinDielectric { eta: 1.5 };
@@ -115,7 +115,7 @@ fn l10_specular_lobes() {
 }
 
 #[test]
-fn l10_nothing_comes_of_directions_that_are_none() {
+fn invalid_directions_scatter_nothing_l10() {
     let nowhere = [Vec3::X, Vec3::new(1.0, 0.0, -0.0), Vec3::NAN];
     for case in cases() {
         for wo in both_sides() {
@@ -131,7 +131,7 @@ fn l10_nothing_comes_of_directions_that_are_none() {
 }
 
 #[test]
-fn l11_energy_of_glass() {
+fn glass_conserves_energy_l11() {
     let cases = cases();
     let z = critical(sidak(FAMILY, cases.len() * 64 * 11));
     for (i, case) in cases.iter().enumerate() {
@@ -147,7 +147,7 @@ fn l11_energy_of_glass() {
 
 /// Smooth glass and panes lose nothing: each lobe's flux is exactly its probability.
 #[test]
-fn l11_smooth_glass_is_a_furnace() {
+fn smooth_glass_is_a_furnace_l11() {
     for eta in [1.0, 1.33, 1.5, 2.4, 0.5] {
         for bsdf in [Bsdf::dielectric(eta, [0.0; 2], Tint::WHITE).unwrap(), Bsdf::ThinDielectric { eta }] {
             for wo in both_sides() {
@@ -164,7 +164,7 @@ fn l11_smooth_glass_is_a_furnace() {
 /// Rough glass loses what would be scattered by a second facet: nothing where it is nearly smooth, more than 0.5 % of
 /// gain, the negative control, is refused.
 #[test]
-fn l11_nearly_smooth_glass_is_a_furnace() {
+fn nearly_smooth_glass_is_a_furnace_l11() {
     let z = critical(sidak(FAMILY, 60));
     let bsdf = glass(1.5, [2e-3; 2], Tint::WHITE).bsdf;
     for cos in [1.0, 0.8, 0.5, 0.2, -0.2, -0.5, -0.8, -1.0f32] {
@@ -191,7 +191,7 @@ fn losses_of_rough_glass() {
 
 /// Refraction is symmetric but for the square of the index crossed; the rest to the last digits.
 #[test]
-fn l11_reciprocity_of_glass() {
+fn glass_is_reciprocal_l11() {
     let mut random = Pcg32::seed_from_u64(11);
     let mut direction = || {
         let z: f32 = 1.0 - 2.0 * random.random::<f32>();

@@ -51,20 +51,20 @@ fn cases(coats: &[(String, f32, MetalCoat)]) -> Vec<Case<'_>> {
 }
 
 #[test]
-fn l10_glossy_agrees_with_its_pdf() {
+fn glossy_agrees_with_its_pdf_l10() {
     check_agreement(&cases(&coats()), &outgoing(), 100_000, true);
 }
 
 #[test]
 #[ignore = "nightly: 10^6 samples a direction, minutes"]
-fn l10_glossy_agrees_with_its_pdf_with_many_samples() {
+fn glossy_agrees_with_its_pdf_with_many_samples_l10() {
     check_agreement(&cases(&coats()), &outgoing(), 1_000_000, true);
 }
 
 /// Negative control: a density tilted by 5 % across the lobe must be seen, for each BSDF; by 15 % where most light stays
 /// within, below a smooth coat over the roughest metal.
 #[test]
-fn l10_a_wrong_pdf_is_rejected() {
+fn a_wrong_pdf_is_rejected_l10() {
     let wo = Vec3::new(0.6, 0.0, 0.8);
     for case in cases(&coats()) {
         let by = if case.alpha[0] == 1.0 { 0.15 } else { 0.05 };
@@ -75,7 +75,7 @@ fn l10_a_wrong_pdf_is_rejected() {
 }
 
 #[test]
-fn l11_energy_of_glossy() {
+fn glossy_surfaces_conserve_energy_l11() {
     let coats = coats();
     let cases = cases(&coats);
     let z = critical(sidak(FAMILY, cases.len() * 64 * 11));
@@ -91,7 +91,7 @@ fn l11_energy_of_glossy() {
 
 /// A mirror below a smooth coat that absorbs nothing, of a metal that reflects all: a furnace, exactly.
 #[test]
-fn l11_mirrors_are_a_furnace() {
+fn mirrors_are_a_furnace_l11() {
     let lossless = CoatOptions { thickness: 0.0, max_depth: u32::MAX, ..Default::default() };
     let coat = MetalCoat::new(lossless, [0.0; 2]).unwrap();
     let all = Bsdf::coated_conductor(&coat, ComplexIor { eta: Vec3::ZERO, k: Vec3::splat(3.0) });
@@ -107,7 +107,7 @@ fn l11_mirrors_are_a_furnace() {
 }
 
 #[test]
-fn l11_reciprocity_of_glossy() {
+fn glossy_surfaces_are_reciprocal_l11() {
     let coats = coats();
     let mut random = Pcg32::seed_from_u64(11);
     let mut direction = || {

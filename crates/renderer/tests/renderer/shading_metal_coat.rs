@@ -29,7 +29,7 @@ fn compare(coat: f32, metal: f32, cos: f64, walks: u64) -> Found {
     let (made, ior) = (MetalCoat::new(options, [metal; 2]).unwrap(), [0.92, 2.45]);
     let splat = ior.map(|x| Vec3::splat(x as f32));
     let bsdf = Bsdf::coated_conductor(&made, ComplexIor { eta: splat[0], k: splat[1] });
-    // What the coat alone reflects: the same over a metal that reflects nothing.
+    // The coat's own reflection: that over a metal that reflects nothing.
     let dark = Bsdf::coated_conductor(&made, ComplexIor { eta: Vec3::splat(1.5), k: Vec3::ZERO });
     let wo = DVec3::new((1.0 - cos * cos).sqrt(), 0.0, cos);
     let base = Base::Metal { alpha: metal.into(), ior };
@@ -78,7 +78,7 @@ fn differences(coat: f32, metal: f32, cos: f64, walks: u64) -> [f64; 2] {
 const PAIRS: [[f32; 2]; 8] =
     [[0.0, 0.1], [0.0, 0.3], [0.0, 1.0], [0.1, 0.0], [0.1, 0.1], [0.3, 0.1], [0.3, 0.5], [0.6, 0.6]];
 
-/// What is met today: coats are smooth or rough, and seen from above or grazing.
+/// Accuracy: coats smooth or rough, seen from above or grazing.
 #[test]
 fn closed_form_meets_the_walk() {
     for [coat, metal] in PAIRS {

@@ -2,7 +2,7 @@
 
 use crate::statistics::{FAMILY, chi_square, integrate, sidak};
 use dapple_renderer::shading::warp::*;
-use dapple_renderer::shading::{Discrete, Error, Frame, PiecewiseConstant2d, power_heuristic};
+use dapple_renderer::shading::{Discrete, Error, PiecewiseConstant2d, ShadingFrame, power_heuristic};
 use glam::{Vec2, Vec3};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg32;
@@ -71,7 +71,7 @@ fn apart(a: [f32; 2], b: [f32; 2], angle: bool) -> f32 {
 }
 
 #[test]
-fn s10_warps_at_corners() {
+fn warps_stay_in_range_at_corners_s10() {
     for Warp { name, sample, invert, pdf, .. } in directions() {
         for u in squares() {
             let w = sample(u);
@@ -90,7 +90,7 @@ fn s10_warps_at_corners() {
 }
 
 #[test]
-fn s10_disk_and_triangle_at_corners() {
+fn disk_and_triangle_warps_stay_in_range_at_corners_s10() {
     for u in squares() {
         let p = concentric_disk(u);
         assert!(p.is_finite() && p.length() <= 1.0 + 3e-7, "{u:?}: {p}");
@@ -134,7 +134,7 @@ fn chi_square_of(warp: &Warp, pdf: impl Fn(Vec3) -> f32, seed: u64) -> (f64, f64
 }
 
 #[test]
-fn s10_chi_square() {
+fn warps_match_their_densities_s10() {
     let warps = directions();
     for (seed, warp) in warps.iter().enumerate() {
         let (p, integral) = chi_square_of(warp, warp.pdf, seed as u64);
@@ -144,7 +144,7 @@ fn s10_chi_square() {
 }
 
 #[test]
-fn s10_chi_square_of_disk_and_triangle() {
+fn disk_and_triangle_warps_match_their_densities_s10() {
     // Exact areas: rings x sectors of the disk; strips of a triangle by b0, halved by b1 / (1 - b0).
     let mut random = Pcg32::seed_from_u64(11);
     let (mut disk, mut triangle) = (vec![0u64; 200], vec![0u64; 200]);
@@ -168,7 +168,7 @@ fn s10_chi_square_of_disk_and_triangle() {
 /// Negative control: samples proportional to the cosine do not pass for uniform ones, nor for a power
 /// of the cosine 5 % higher.
 #[test]
-fn s10_chi_square_rejects_a_wrong_pdf() {
+fn chi_square_rejects_a_wrong_pdf_s10() {
     let warp = &directions()[2];
     let level = sidak(FAMILY, 4);
     assert!(chi_square_of(warp, |_| uniform_hemisphere_pdf(), 1).0 < level);
@@ -177,7 +177,7 @@ fn s10_chi_square_rejects_a_wrong_pdf() {
 }
 
 #[test]
-fn s10_narrow_cones_stay_finite() {
+fn narrow_cones_stay_finite_s10() {
     for cone in [1e-12, 1e-7, 1e-3, 2.0] {
         for u in squares().take(100_000) {
             let w = uniform_cone(u, cone);
@@ -190,7 +190,7 @@ fn s10_narrow_cones_stay_finite() {
 }
 
 #[test]
-fn s09_degenerate_weights() {
+fn degenerate_weights_are_refused_or_handled_s09() {
     let coordinates = [0.0, 0.5 * f32::EPSILON, 0.3, 0.5, BELOW_ONE];
     for empty in [vec![], vec![0.0], vec![0.0; 1000], vec![-0.0; 3]] {
         let d = Discrete::new(&empty).unwrap();
@@ -215,7 +215,7 @@ fn s09_degenerate_weights() {
 }
 
 #[test]
-fn s09_discrete_choice() {
+fn discrete_samples_match_their_weights_s09() {
     let mut random = Pcg32::seed_from_u64(9);
     let mut weights: Vec<f32> = (0..1_000_000)
         .map(|_| if random.random::<f32>() < 0.3 { 0.0 } else { random.random::<f32>().powi(8) })
@@ -263,7 +263,7 @@ fn s09_discrete_choice() {
 }
 
 #[test]
-fn s09_grid() {
+fn grid_samples_match_their_weights_s09() {
     for size in [[7, 5], [1, 9], [9, 1], [1000, 300]] {
         let mut random = Pcg32::seed_from_u64(size[0] as u64);
         let weights: Vec<f32> =
@@ -296,7 +296,7 @@ fn s09_grid() {
     assert!(matches!(PiecewiseConstant2d::new(&[1.0; 5], [3, 2]), Err(Error::Shape { .. })));
 }
 
-fn worst_of(frame: &Frame) -> f64 {
+fn worst_of(frame: &ShadingFrame) -> f64 {
     let axes = [frame.tangent, frame.bitangent, frame.normal].map(|v| v.as_dvec3());
     let mut worst: f64 = (axes[0].cross(axes[1]) - axes[2]).abs().max_element();
     for i in 0..3 {
@@ -308,7 +308,7 @@ fn worst_of(frame: &Frame) -> f64 {
 }
 
 #[test]
-fn l12_frames() {
+fn frames_are_orthonormal_l12() {
     let mut random = Pcg32::seed_from_u64(12);
     let mut normals = vec![
         Vec3::Z,
@@ -327,36 +327,36 @@ fn l12_frames() {
     normals.extend((0..100_000).map(|_| uniform_sphere([random.random(), random.random()])));
     for n in normals {
         // f32 cannot hold every unit vector; the frame may not be worse than the normal it is given.
-        let frame = Frame::from_normal(n);
+        let frame = ShadingFrame::from_normal(n);
         assert!(worst_of(&frame) <= 3e-7, "{n}: {frame:?} off by {:e}", worst_of(&frame));
         let w = uniform_sphere([random.random(), random.random()]);
         assert!((frame.to_world(frame.to_local(w)) - w).length() < 1e-6);
         for scale in [1e-30, 1.0, 1e30] {
-            let frame = Frame::from_normal_and_tangent(n, scale * w);
+            let frame = ShadingFrame::from_normal_and_tangent(n, scale * w);
             assert!(worst_of(&frame) <= 3e-7, "{n} {w}: {frame:?} off by {:e}", worst_of(&frame));
         }
         for bad in [Vec3::ZERO, n, -1e20 * n, Vec3::NAN, Vec3::INFINITY] {
-            assert!(worst_of(&Frame::from_normal_and_tangent(n, bad)) <= 3e-7, "{n} {bad}");
+            assert!(worst_of(&ShadingFrame::from_normal_and_tangent(n, bad)) <= 3e-7, "{n} {bad}");
         }
     }
 }
 
 #[test]
-fn l12_shading_normals() {
+fn shading_normals_stay_on_the_geometric_side_l12() {
     let geometric = Vec3::new(0.0, 0.6, 0.8);
     for bad in [Vec3::ZERO, Vec3::splat(1e-8), Vec3::NAN, Vec3::INFINITY] {
-        assert_eq!(Frame::from_shading_normal(bad, geometric, None).normal, geometric);
+        assert_eq!(ShadingFrame::from_shading_normal(bad, geometric, None).normal, geometric);
     }
     // Behind the surface: turned around; of any length.
     for length in [1e-5, 1.0, 1e30] {
-        let frame = Frame::from_shading_normal(-length * Vec3::Z, geometric, Some(Vec3::X));
+        let frame = ShadingFrame::from_shading_normal(-length * Vec3::Z, geometric, Some(Vec3::X));
         assert_eq!(frame.normal, Vec3::Z);
         assert!(worst_of(&frame) <= 3e-7);
     }
 }
 
 #[test]
-fn l09_mis() {
+fn mis_weights_add_up_to_one_l09() {
     let pdfs = [0.0, 1e-45, 1e-38, 1e-3, 1.0, 7.5, 1e20, f32::MAX, f32::INFINITY];
     for a in pdfs {
         for b in pdfs {

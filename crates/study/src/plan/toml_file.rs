@@ -1,7 +1,8 @@
 //! A plan as a TOML file.
 
 use super::{PlanError, PlanPatch, ScenePlan};
-use crate::{External, Lights, Method, StudyError};
+use crate::{External, Method, StudyError};
+use dapple_renderer::light::LightSelection;
 use serde::de::Error;
 use serde::{Deserialize, Deserializer};
 use std::path::{Path, PathBuf};
@@ -82,7 +83,7 @@ struct SceneTable {
     #[serde(default, deserialize_with = "resolution")]
     resolution: Option<[u32; 2]>,
     #[serde(default, alias = "light_choice")]
-    lights: Lights,
+    lights: LightSelection,
 }
 
 impl<'de> Deserialize<'de> for ScenePlan {
@@ -328,7 +329,7 @@ mod tests {
         let sized = "scenes = [{ source = \"teapot\", resolution = [5, 6], light_choice = \"cells\" }]";
         let sized = PlanPatch::parse(sized, Path::new("plan.toml")).unwrap();
         let scene = &sized.scenes.as_ref().unwrap()[0];
-        assert_eq!((scene.resolution, scene.lights), (Some([5, 6]), Lights::Cells));
+        assert_eq!((scene.resolution, scene.lights), (Some([5, 6]), LightSelection::Learned));
         let resized = sized.merge(PlanPatch::default().resolution([7, 8])).resolve().unwrap();
         assert_eq!((resized.scenes[0].resolution, resized.resolution), (None, Some([7, 8])));
         let plan = file.merge(later).resolve().unwrap();
@@ -338,7 +339,7 @@ mod tests {
     #[test]
     fn the_older_key_of_light_selection_still_reads() {
         let lights = |text: &str| PlanPatch::parse(text, Path::new("plan.toml")).unwrap().scenes.unwrap()[0].lights;
-        assert_eq!(lights("scenes = [{ source = \"teapot\", lights = \"uniform\" }]"), Lights::Uniform);
-        assert_eq!(lights("scenes = [{ source = \"teapot\", light_choice = \"uniform\" }]"), Lights::Uniform);
+        assert_eq!(lights("scenes = [{ source = \"teapot\", lights = \"uniform\" }]"), LightSelection::Uniform);
+        assert_eq!(lights("scenes = [{ source = \"teapot\", light_choice = \"uniform\" }]"), LightSelection::Uniform);
     }
 }

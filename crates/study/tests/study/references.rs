@@ -2,8 +2,9 @@
 
 use crate::common::{Fake, Place};
 use dapple_core::Control;
+use dapple_renderer::light::LightSelection;
 use dapple_scene::image::{Image, Layer, encode_exr, encode_pfm, read_attributes, write_file};
-use dapple_study::{Lights, PlanPatch, ReferenceRecord, ScenePlan, Study, StudyMonitor, StudyOptions, StudyProgress};
+use dapple_study::{PlanPatch, ReferenceRecord, ScenePlan, Study, StudyMonitor, StudyOptions, StudyProgress};
 use std::path::PathBuf;
 
 /// Whether a reference was rendered.
@@ -173,24 +174,25 @@ fn a_reference_of_a_multiple_of_the_size_is_averaged() {
 #[test]
 fn light_selections_share_a_reference() {
     let place = Place::new();
-    let with = |lights: Lights, name: &str| {
+    let with = |lights: LightSelection, name: &str| {
         let mut draft = place.draft().samplers(vec!["uniform".into()]).time_of(0);
         let scene = &mut draft.scenes.as_mut().unwrap()[0];
         *scene = ScenePlan::from("room");
         (scene.name, scene.lights) = (Some(name.into()), lights);
         draft
     };
-    let (power, rendered) = place.reference(with(Lights::Power, "power"), "a");
+    let (power, rendered) = place.reference(with(LightSelection::Power, "power"), "a");
     assert!(rendered);
-    let (cells, rendered) = place.reference(with(Lights::Cells, "cells"), "b");
+    let (cells, rendered) = place.reference(with(LightSelection::Learned, "learned"), "b");
     assert!(!rendered && power == cells);
     // Runs are others'.
-    let errors = |lights: Lights, folder: &str| {
+    let errors = |lights: LightSelection, folder: &str| {
         let study = place.study(with(lights, "room").resolve().unwrap(), folder, &mut crate::common::in_process());
         assert_eq!(study.manifest().scenes[0].lights, lights);
         study.runs().iter().map(|r| r.errors.mse).collect::<Vec<_>>()
     };
-    let [power, uniform, again] = [(Lights::Power, "c"), (Lights::Uniform, "d"), (Lights::Power, "e")]
-        .map(|(lights, folder)| errors(lights, folder));
+    let [power, uniform, again] =
+        [(LightSelection::Power, "c"), (LightSelection::Uniform, "d"), (LightSelection::Power, "e")]
+            .map(|(lights, folder)| errors(lights, folder));
     assert!(power == again && power != uniform, "{power:?} {uniform:?}");
 }

@@ -7,7 +7,7 @@ use std::ops::Range;
 /// [`Window::mass`]. Shares the whole's sums along rows, and keeps 12 bytes a row itself.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Window {
-    /// The chance of each row in it.
+    /// The probability of each row in it.
     rows: Discrete,
     first_row: usize,
     columns: Range<usize>,
@@ -52,7 +52,7 @@ impl Window {
         let ends = whole.row(row.index);
         let [from, to] = [start(ends, self.columns.start), ends[self.columns.end - 1]];
         let across = from + f64::from(u[0].clamp(0.0, BELOW_ONE)) * (to - from);
-        // A row that was chosen has `from < to`; the sum may round to `to`.
+        // A row that was sampled has `from < to`; the sum may round to `to`.
         Some(whole.sample_row(row, across.clamp(from, to.next_down()), near))
     }
 }

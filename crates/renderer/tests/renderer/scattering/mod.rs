@@ -12,7 +12,7 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg32;
 use std::f64::consts::TAU;
 
-/// What light does on the other side of a surface.
+/// The scattering on the other side of a surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Below {
     /// None gets there.
@@ -27,11 +27,11 @@ pub enum Below {
 pub struct Case<'m> {
     /// For messages.
     pub name: String,
-    /// What is tested.
+    /// The BSDF under test.
     pub bsdf: Bsdf<'m>,
     /// Widths of the narrowest lobe.
     pub alpha: [f32; 2],
-    /// How cells below the surface are laid out.
+    /// The layout of cells below the surface.
     pub below: Below,
 }
 
@@ -221,7 +221,7 @@ fn check_sample(case: &Case<'_>, wo: Vec3, sample: &BsdfSample) {
     assert!((f - weight).abs().max_element() <= 1e-4 * f.max_element().max(1e-30), "{name} {wo} {wi}: {f} {weight}");
 }
 
-/// Whether f32 directions resolve the lobe: reflected within about `alpha` of the surface, half vectors are
+/// Tells if f32 directions resolve the lobe: reflected within about `alpha` of the surface, half vectors are
 /// `alpha` long, their slopes of order `alpha` are known to 6e-8 / alpha^2 of themselves, and directions form
 /// a lattice of that spacing. With 10^6 samples an alpha of 0.01 shows it, too, in the tails.
 pub fn resolved(case: &Case<'_>, wo: Vec3, samples: u32) -> bool {

@@ -12,7 +12,7 @@ const ETA: f64 = 1.5;
 const THICKNESS: f64 = 0.01;
 const DEPTH: u32 = 10;
 
-/// What lies below a coat.
+/// The base below a coat.
 #[derive(Clone, Copy, Debug)]
 pub enum Base {
     /// Lambert's, of this reflectance.

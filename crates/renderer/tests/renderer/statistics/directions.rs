@@ -1,4 +1,4 @@
-//! Chi-square of drawn directions against their density, on a grid around an axis (STATISTICS S3).
+//! Chi-square of drawn directions against their density, on a grid around an axis .
 
 use super::chi_square;
 use glam::{DVec3, Vec3};
@@ -54,7 +54,7 @@ impl Cone {
         }
         let integral: f64 = expected.iter().sum();
         expected.push((1.0 - integral).max(0.0));
-        // What the rule itself is off by must not make a cell impossible.
+        // The error of the rule itself must not make a cell impossible.
         let least = 1e-6;
         let expected: Vec<f64> = expected.iter().map(|e| samples as f64 * e.max(least / samples as f64)).collect();
         (chi_square(&observed, &expected), integral)

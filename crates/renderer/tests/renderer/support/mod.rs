@@ -66,12 +66,12 @@ pub struct Agreement {
     pub tests: usize,
     /// Of the mean of the whole image, any channel.
     pub whole: f64,
-    /// Whether blocks without variance were equal to the bit.
+    /// True if blocks without variance were equal to the bit.
     pub exact: bool,
 }
 
 impl Agreement {
-    /// Welch's t of block means between replicates (STATISTICS S1 and S2).
+    /// Welch's t of block means between replicates.
     pub fn of(a: &[Film], b: &[Film]) -> Self {
         let [a, b] = [a, b].map(|films| films.iter().map(block_means).collect::<Vec<_>>());
         Self::of_blocks(&a, &b)
@@ -95,7 +95,7 @@ impl Agreement {
         found
     }
 
-    /// Whether nothing differs at this false-alarm rate, Sidak over all tests.
+    /// Returns true if nothing differs at this false-alarm rate, Sidak over all tests.
     pub fn holds(&self, alpha: f64) -> bool {
         let level = |tests: usize| super::statistics::critical(super::statistics::sidak(alpha / 2.0, tests) / 2.0);
         self.exact && self.worst < level(self.tests) && self.whole < level(3)

@@ -1,10 +1,9 @@
 //! Studies without rendering: what errors, times and images are is known, and so is what must be said of them.
 #![allow(dead_code)]
 
+use dapple_renderer::light::LightSelection;
 use dapple_scene::image::{Image, Layer, encode_exr, encode_png_gray, write_file};
-use dapple_study::{
-    ImageErrors, Lights, Machine, Manifest, Method, Phases, ReferenceRecord, Run, RunBudget, SceneRecord,
-};
+use dapple_study::{ImageErrors, Machine, Manifest, Method, Phases, ReferenceRecord, Run, RunBudget, SceneRecord};
 use std::path::Path;
 
 /// How a method behaves.
@@ -237,7 +236,7 @@ fn scene(name: &str, size: [u32; 2]) -> SceneRecord {
             reference.hash = "0123456789abcdef0123456789abcdef".into();
             reference
         };
-        record.lights = Lights::default();
+        record.lights = LightSelection::default();
         record
     }
 }

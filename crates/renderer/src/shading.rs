@@ -1,11 +1,10 @@
-//! How surfaces scatter light, and how to sample it: warps, discrete distributions, frames, Fresnel terms,
-//! microfacets and BSDFs.
+//! BSDFs and their building blocks: warps, discrete distributions, frames, Fresnel terms and microfacets.
 //!
 //! Everything here is a pure function of small `Copy` values: the per-sample path allocates nothing and
 //! cannot fail. Directions are unit vectors; those of a BSDF lie in the shading frame, where the normal is
 //! +z, and both `wo` and `wi` point away from the surface.
 
-// `!(x > 0.0)` is meant: it turns away what is not a number, too.
+// `!(x > 0.0)` is meant: NaN is rejected, too.
 #![allow(clippy::neg_cmp_op_on_partial_ord)]
 
 pub mod bsdf;
@@ -25,7 +24,7 @@ pub use bsdf::{Bsdf, BsdfSample};
 pub use coat::{Coat, CoatOptions};
 pub use dielectric::{DiffuseTransmission, RoughDielectric, SmoothDielectric, Tint};
 pub use discrete::{Discrete, PiecewiseConstant2d};
-pub use frame::Frame;
+pub use frame::ShadingFrame;
 pub use fresnel::ComplexIor;
 pub use glossy::{Plastic, Substrate};
 pub use metal_coat::MetalCoat;
@@ -33,12 +32,12 @@ pub use microfacet::TrowbridgeReitz;
 pub use mis::power_heuristic;
 pub(crate) use mis::power_heuristic_over_pdf;
 
-/// Why something of this module could not be made.
+/// A parameter of this module that is out of range.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
     /// A microfacet width is outside `[0, 10]`.
-    #[error("roughness stands for a microfacet width of {value}; give one from 0 (smooth) to 10")]
+    #[error("roughness makes a microfacet width of {value}; give one from 0 (smooth) to 10")]
     Roughness {
         /// The width.
         value: f32,
@@ -55,10 +54,10 @@ pub enum Error {
         /// The thickness.
         value: f32,
     },
-    /// A weight is negative, infinite or not a number.
+    /// A weight is negative, infinite or NaN.
     #[error("weight {index} is {value}; weights must be finite and not negative")]
     Weight {
-        /// Which weight.
+        /// The number of the weight.
         index: usize,
         /// Its value.
         value: f32,
@@ -66,15 +65,15 @@ pub enum Error {
     /// More items than a distribution can hold.
     #[error("{count} items or cells a side are more than the {most} that a distribution holds; merge some")]
     TooMany {
-        /// How many there are.
+        /// The count.
         count: usize,
-        /// How many there may be.
+        /// The largest count.
         most: usize,
     },
     /// A grid's weights do not fill its rows.
     #[error("{count} weights do not fill a grid of {} columns x {} rows; give one per cell", .size[0], .size[1])]
     Shape {
-        /// How many weights there are.
+        /// The number of weights.
         count: usize,
         /// Columns and rows.
         size: [usize; 2],

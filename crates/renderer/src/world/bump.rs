@@ -1,8 +1,8 @@
 //! Tangents of surfaces, and shading normals that bump and normal maps tilt.
 
 use super::{Interaction, World};
-use crate::material::{Relief, Surface};
-use crate::shading::Frame;
+use crate::material::{NormalVariation, Surface};
+use crate::shading::ShadingFrame;
 use dapple_geometry::{Mesh, Shape};
 use glam::Vec3;
 
@@ -11,7 +11,7 @@ use glam::Vec3;
 const STEP: f32 = 5e-4;
 
 impl World {
-    /// How a hit's point moves with u and with v; zero where texture coordinates tell no direction.
+    /// The derivatives of a hit's point by u and by v; zero where texture coordinates give no direction.
     pub(super) fn derivatives(&self, at: &Interaction<'_>) -> [Vec3; 2] {
         let shape = self.geometry.shape(at.hit.shape);
         // A point of an instance, in the space of its object.
@@ -22,33 +22,34 @@ impl World {
         let derivatives = match shape {
             Shape::Sphere(sphere) => sphere.derivatives(local()),
             Shape::Disk(disk) => disk.derivatives(local()),
-            Shape::Mesh(mesh) => of_triangle(at, mesh, mesh.corners(at.hit.primitive)),
-            Shape::Moving(mesh) => of_triangle(at, mesh.start(), mesh.corners(at.hit.primitive, at.time)),
+            Shape::Mesh(mesh) => triangle_derivatives(at, mesh, mesh.corners(at.hit.primitive)),
+            Shape::Moving(mesh) => triangle_derivatives(at, mesh.start(), mesh.corners(at.hit.primitive, at.time)),
         };
-        derivatives.map(|d| self.turned(at, d))
+        derivatives.map(|d| self.direction_to_world(at, d))
     }
 
-    /// The shading frame of a hit whose material has a relief: a normal map, or else a bump map. The normal lies on the
-    /// side of the geometric one.
+    /// The shading frame of a hit whose material has a normal map, or else a bump map.
+    ///
+    /// The normal lies on the side of the geometric one.
     #[inline(never)]
-    pub(super) fn frame_in_relief(&self, at: &Interaction<'_>, surface: &Surface) -> Frame {
+    pub(super) fn bumped_frame(&self, at: &Interaction<'_>, surface: &Surface) -> ShadingFrame {
         let [along_u, along_v] = self.derivatives(at);
-        let level = Frame::from_shading_normal(at.shading_normal, at.point.normal, Some(along_u));
+        let level = ShadingFrame::from_shading_normal(at.shading_normal, at.point.normal, Some(along_u));
         let uv = self.uv(at);
-        let tilted = match surface.relief {
-            Relief { normal_map: Some(image), .. } => {
+        let tilted = match surface.normal_variation {
+            NormalVariation { normal_map: Some(image), .. } => {
                 level.to_world(2.0 * self.textures.look_up(image, uv) - Vec3::ONE)
             }
-            Relief { bump: Some(height), .. } => {
+            NormalVariation { bump: Some(height), .. } => {
                 let height = |u: f32, v: f32| self.textures.look_up(height, [u, v]).x;
                 let here = height(uv[0], uv[1]);
                 let scale = self.space.scale() as f32 / STEP;
                 let rise = [height(uv[0] + STEP, uv[1]) - here, height(uv[0], uv[1] + STEP) - here].map(|h| h * scale);
                 tilt(level.normal, [along_u, along_v], rise)
             }
-            Relief { .. } => return level,
+            NormalVariation { .. } => return level,
         };
-        Frame::from_shading_normal(tilted, at.point.normal, Some(along_u))
+        ShadingFrame::from_shading_normal(tilted, at.point.normal, Some(along_u))
     }
 }
 
@@ -65,8 +66,8 @@ fn tilt(n: Vec3, derivatives: [Vec3; 2], rise: [f32; 2]) -> Vec3 {
     if largest > 0.0 && largest.is_finite() { side / largest * tilted } else { n }
 }
 
-/// What the position of a triangle does as its texture coordinates grow; nothing where they do not.
-fn of_triangle(at: &Interaction<'_>, mesh: &Mesh, [p0, p1, p2]: [Vec3; 3]) -> [Vec3; 2] {
+/// The derivatives of a triangle's position by its texture coordinates; zero where these are degenerate.
+fn triangle_derivatives(at: &Interaction<'_>, mesh: &Mesh, [p0, p1, p2]: [Vec3; 3]) -> [Vec3; 2] {
     let [t0, t1, t2] = match at.part.uvs.is_empty() {
         true => [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]],
         false => mesh.triangles()[at.hit.primitive as usize].map(|v| at.part.uvs[v as usize]),

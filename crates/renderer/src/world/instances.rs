@@ -1,7 +1,7 @@
-//! Objects and their instances in a world, and what moves.
+//! Objects, their instances, and shapes that move.
 
 use super::build::{Problems, convert};
-use super::time::Shutter;
+use super::shutter::Shutter;
 use super::{Interaction, Part, World};
 use crate::space::Space;
 use dapple_geometry::{Geometry, Hit, Instance, Mesh, Motion, Preset, Ray, Shape};
@@ -9,9 +9,10 @@ use dapple_scene::{MaterialId, MediumId, Scene, Shape as DescribedShape, Source}
 use glam::{DAffine3, DVec3, Vec3};
 use std::sync::Arc;
 
-/// Objects, where they stand, and what belongs to their shapes.
-#[derive(Default)]
-pub(super) struct Placements {
+/// Objects, their instances, and the properties of their shapes.
+pub(super) struct Placements<'a> {
+    space: &'a Space,
+    shutter: &'a Shutter,
     objects: Vec<Arc<Geometry>>,
     instances: Vec<Instance>,
     pub(super) parts: Vec<Part>,
@@ -19,11 +20,12 @@ pub(super) struct Placements {
     pub(super) moves: bool,
 }
 
-impl Placements {
+impl<'a> Placements<'a> {
     /// The scene's objects and instances.
-    pub(super) fn of(scene: &Scene, space: &Space, shutter: &Shutter, problems: &mut Problems) -> Self {
-        let mut all = Self::default();
-        // The spaces of their own that objects are kept in; none for an object with a problem.
+    pub(super) fn of(scene: &Scene, space: &'a Space, shutter: &'a Shutter, problems: &mut Problems) -> Self {
+        let (objects, instances, parts) = (Vec::new(), Vec::new(), Vec::new());
+        let mut all = Self { space, shutter, objects, instances, parts, dropped_triangles: 0, moves: false };
+        // The space of each object; none for an object with a problem.
         let mut spaces = Vec::with_capacity(scene.objects.len());
         for object in &scene.objects {
             for shape in &object.shapes {
@@ -35,35 +37,30 @@ impl Placements {
         for instance in &scene.instances {
             let object = instance.object.0;
             match spaces.get(object as usize) {
-                None => problems
-                    .add(&instance.source, format!("the instance is one of object {object}, which is not there")),
+                None => problems.add(
+                    &instance.source,
+                    format!("the instance is one of object {object}, which does not exist; define it"),
+                ),
                 Some(None) => {}
                 Some(Some(inner)) => {
                     let ends = (instance.to_world, instance.moves_to);
-                    all.add_instance(object, ends, inner, space, shutter, &instance.source, problems);
+                    all.add_instance(object, ends, inner, &instance.source, problems);
                 }
             }
         }
         all
     }
 
-    /// A single shape that moves: the only instance of an object of its own. What remains at its number is an empty
-    /// mesh.
-    pub(super) fn add_moving(
-        &mut self,
-        shape: &DescribedShape,
-        space: &Space,
-        shutter: &Shutter,
-        problems: &mut Problems,
-    ) {
+    /// Adds a shape that moves, as the only instance of an object of its own. An empty mesh takes its number.
+    pub(super) fn add_moving(&mut self, shape: &DescribedShape, problems: &mut Problems) {
         if shape.emission.is_some() {
-            problems.add(&shape.source, "a shape that moves cannot shine: let it stand still".into());
+            problems.add(&shape.source, "a shape that moves cannot emit light; keep it still".into());
         }
         let inner = DescribedShape { to_world: DAffine3::IDENTITY, moves_to: None, emission: None, ..shape.clone() };
         let object = self.objects.len() as u32;
         if let Some(own) = self.add_object(&[inner], &shape.source, problems) {
             let ends = (shape.to_world, shape.moves_to);
-            self.add_instance(object, ends, &own, space, shutter, &shape.source, problems);
+            self.add_instance(object, ends, &own, &shape.source, problems);
         }
     }
 
@@ -82,17 +79,15 @@ impl Placements {
         Some(own)
     }
 
-    #[expect(clippy::too_many_arguments, reason = "called twice, right above")]
     fn add_instance(
         &mut self,
         object: u32,
         (start, end): (DAffine3, Option<DAffine3>),
         inner: &Space,
-        space: &Space,
-        shutter: &Shutter,
         source: &Source,
         problems: &mut Problems,
     ) {
+        let space = self.space;
         let start = space.apply(start);
         let motion = match end {
             Some(end) => problems.note_at(source, Motion::between(start, space.apply(end))),
@@ -101,10 +96,10 @@ impl Placements {
         let Some(motion) = motion else { return };
         let determinant = start.matrix3.determinant();
         if !start.is_finite() || determinant == 0.0 || !determinant.is_finite() {
-            problems.add(source, "the transform is not finite or flattens space: check its scales".into());
+            problems.add(source, "the transform is not finite or flattens space; check its scales".into());
             return;
         }
-        let motion = shutter.seen(motion.after(inner.inverse()));
+        let motion = self.shutter.seen(motion.after(inner.inverse()));
         self.moves |= motion.moves();
         self.instances.push(Instance::new(object, motion));
     }
@@ -118,22 +113,27 @@ impl Placements {
     }
 }
 
-/// What stands at the number of a shape that moves.
-pub(super) fn nothing() -> Option<Shape> {
+/// The placeholder at the number of a shape that moves.
+pub(super) fn empty_mesh() -> Option<Shape> {
     Mesh::new(Vec::new(), Vec::new()).ok().map(Shape::from)
 }
 
-/// Tells what a shape of an object cannot be.
+/// Reports properties that a shape of an object cannot have.
 fn refuse(shape: &DescribedShape, problems: &mut Problems) {
     if shape.emission.is_some() {
-        problems.add(&shape.source, "a shape of an object cannot shine: put the lamp into the scene by itself".into());
+        problems.add(&shape.source, "a shape of an object cannot emit light; move the lamp out of the object".into());
     }
     if shape.moves_to.is_some() {
-        problems.add(&shape.source, "a shape of an object cannot move in it: move the instance".into());
+        problems.add(&shape.source, "a shape of an object cannot move within it; move the instance".into());
     }
 }
 
 impl World {
+    /// The number of a shape's material.
+    pub fn shape_material(&self, shape: u32) -> u32 {
+        self.part(shape).material
+    }
+
     /// The part of a shape number.
     #[inline]
     pub(crate) fn part(&self, shape: u32) -> &Part {
@@ -143,10 +143,9 @@ impl World {
         }
     }
 
-    /// A hit of an instance: normals are taken to the world by the inverse transpose, so that a transform that mirrors
-    /// turns nothing around.
+    /// A hit of an instance. The inverse transpose takes normals to the world, so that a mirror does not flip them.
     #[inline(never)]
-    pub(super) fn placed(&self, ray: &Ray, hit: Hit, time: f32) -> Interaction<'_> {
+    pub(super) fn instance_interaction(&self, ray: &Ray, hit: Hit, time: f32) -> Interaction<'_> {
         let mut point = self.geometry.surface_at(ray, &hit, time);
         let part = self.part(hit.shape);
         point.normal *= part.flip;
@@ -168,9 +167,9 @@ impl World {
         Interaction { part, hit, point, shading_normal, time }
     }
 
-    /// A direction of a hit shape's space in the world.
+    /// A direction of the hit shape's space, in the world.
     #[inline]
-    pub(super) fn turned(&self, at: &Interaction<'_>, direction: Vec3) -> Vec3 {
+    pub(super) fn direction_to_world(&self, at: &Interaction<'_>, direction: Vec3) -> Vec3 {
         match self.geometry.to_world(at.hit.shape, at.time) {
             None => direction,
             Some(to_world) => (to_world.matrix3 * direction.as_dvec3()).as_vec3(),
@@ -186,27 +185,27 @@ impl World {
 }
 
 impl Problems {
-    /// Tells media that are not there, and lamps with holes.
+    /// Reports media that do not exist, and lamps with holes.
     pub(super) fn check_media(&mut self, scene: &Scene) {
         let missing = |medium: &Option<MediumId>| medium.is_some_and(|m| m.0 as usize >= scene.media.len());
         for shape in scene.shapes.iter().chain(scene.objects.iter().flat_map(|object| &object.shapes)) {
             if shape.media.is_some_and(|m| missing(&m.inside) || missing(&m.outside)) {
-                self.add(&shape.source, "the shape borders on a medium that is not there".into());
+                self.add(&shape.source, "the shape borders on a medium that does not exist; define it".into());
             }
             if shape.emission.is_some() && shape.alpha.is_some() {
-                let what = "a shape with holes (alpha) cannot shine: remove its alpha, or the light";
+                let what = "a shape with holes (alpha) cannot emit light; remove its alpha, or the emission";
                 self.add(&shape.source, what.into());
             }
         }
         if missing(&scene.camera.medium) {
-            self.add(&scene.camera.source, "the camera stands in a medium that is not there".into());
+            self.add(&scene.camera.source, "the camera is in a medium that does not exist; define it".into());
         }
     }
 
     pub(super) fn check_material(&mut self, scene: &Scene, shape: &DescribedShape) {
         let MaterialId(material) = shape.material;
         if material as usize >= scene.materials.len() {
-            self.add(&shape.source, format!("the shape has material {material}, which is not there"));
+            self.add(&shape.source, format!("the shape has material {material}, which does not exist; define it"));
         }
     }
 }

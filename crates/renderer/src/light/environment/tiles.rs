@@ -1,7 +1,7 @@
-//! An environment cut up, so that a point may choose the part of the sky that it sees.
+//! The tiles of an environment map: lights of their own, so that selection can learn which parts of the sky are seen.
 
 use super::{Environment, Kind};
-use crate::light::{LightSample, Target};
+use crate::light::{Expectation, LightSample, LightSource, Target};
 use crate::shading::discrete::Window;
 use glam::Vec3;
 use std::f32::consts::PI;
@@ -10,77 +10,102 @@ use std::sync::Arc;
 
 /// Tiles across and down an image in latitude and longitude: 45 degrees each, where it has so many texels.
 const LONG: [usize; 2] = [8, 4];
-/// Tiles of a square.
+/// Tiles of a square image.
 const SQUARE: [usize; 2] = [6, 6];
-/// The number of a tile that is black, or all but.
+/// The number of a tile that is black, or almost.
 const BLACK: u32 = u32::MAX;
 
-/// The tiles of an environment that is an image. (Cutting a sky of one colour does not pay: docs/results/adaptive.md.) Each is drawn from as the whole is, by brightness, and the parts' chances come on top: with
-/// chances by [`Parts::share`], parts are the whole. One look-up finds what a ray that leaves the scene sees, and in which
-/// part.
+/// The tiles of an environment that is an image. An environment of one color stays whole: cutting it does not pay.
+///
+/// Each tile is sampled by brightness, like the whole. With tiles selected by [`Tiles::share`], their union is the whole.
+/// One look-up finds the radiance of a ray that leaves the scene, and its tile.
 #[derive(Clone, Debug)]
-pub(crate) struct Parts {
+pub(crate) struct Tiles {
     whole: Arc<Environment>,
     grid: [usize; 2],
-    parts: Vec<Part>,
-    /// Tile by tile, row by row: the number of its part, or [`BLACK`].
+    windows: Vec<TileWindow>,
+    /// Numbers of `windows`, or [`BLACK`], tile by tile and row by row.
     numbers: Vec<u32>,
 }
 
 #[derive(Clone, Debug)]
-struct Part {
+struct TileWindow {
     /// Of the whole's light.
     share: f64,
     window: Window,
 }
 
-impl Parts {
-    /// The parts of an environment; `None` where there is but one.
+/// One tile of an environment, as a light.
+#[derive(Clone, Debug)]
+pub(crate) struct Tile {
+    tiles: Arc<Tiles>,
+    number: u32,
+}
+
+impl Tile {
+    pub(crate) fn new(tiles: &Arc<Tiles>, number: u32) -> Self {
+        Self { tiles: tiles.clone(), number }
+    }
+}
+
+impl LightSource for Tile {
+    #[inline]
+    fn sample(&self, _: Vec3, u: [f32; 2]) -> Option<LightSample> {
+        self.tiles.sample(self.number, u)
+    }
+
+    fn power(&self, scene_radius: f64) -> f64 {
+        self.tiles.whole.power(scene_radius) * self.tiles.share(self.number)
+    }
+
+    fn expectation(&self) -> Expectation {
+        self.tiles.expectation(self.number)
+    }
+}
+
+impl Tiles {
+    /// The tiles of an environment. `None` if there would be one only.
     pub(crate) fn new(whole: &Arc<Environment>) -> Option<Self> {
         let Kind::Image(map) = &whole.kind else { return None };
         let [width, height] = map.image.size.map(|n| n as usize);
         let most = if width == height { SQUARE } else { LONG };
         let grid = [most[0].min(width), most[1].min(height)];
-        let (mut parts, mut numbers) = (Vec::new(), Vec::new());
+        let (mut windows, mut numbers) = (Vec::new(), Vec::new());
         for tile in 0..grid[0] * grid[1] {
             let [column, row] = [tile % grid[0], tile / grid[0]];
             let window = Window::new(&map.cells, range(column, grid[0], width), range(row, grid[1], height));
-            // What is too little to be divided by is left to chance.
+            // A tile too dark to divide by is left to BSDF sampling.
             let window = window.filter(|window| window.mass() as f32 >= f32::MIN_POSITIVE);
-            numbers.push(if window.is_some() { parts.len() as u32 } else { BLACK });
-            parts.extend(window.map(|window| Part { share: window.mass(), window }));
+            numbers.push(if window.is_some() { windows.len() as u32 } else { BLACK });
+            windows.extend(window.map(|window| TileWindow { share: window.mass(), window }));
         }
-        (parts.len() > 1).then(|| Self { whole: whole.clone(), grid, parts, numbers })
+        (windows.len() > 1).then(|| Self { whole: whole.clone(), grid, windows, numbers })
     }
 
-    /// How many parts are not black.
+    /// The number of tiles that are not black.
     pub(crate) fn len(&self) -> usize {
-        self.parts.len()
+        self.windows.len()
     }
 
-    /// The environment that was cut.
-    pub(crate) fn whole(&self) -> &Arc<Environment> {
-        &self.whole
+    /// A tile's share of the whole's light, above 0.
+    fn share(&self, tile: u32) -> f64 {
+        self.windows[tile as usize].share
     }
 
-    /// A part's share of the whole's light, above 0.
-    pub(crate) fn share(&self, part: u32) -> f64 {
-        self.parts[part as usize].share
-    }
-
-    /// Draws a direction in a part, with density near the brightness.
+    /// A direction in a tile, with density near proportional to brightness.
     #[inline]
-    pub(crate) fn sample(&self, part: u32, u: [f32; 2]) -> Option<LightSample> {
+    fn sample(&self, tile: u32, u: [f32; 2]) -> Option<LightSample> {
         let Kind::Image(map) = &self.whole.kind else { return None };
-        let Part { share, window } = &self.parts[part as usize];
+        let TileWindow { share, window } = &self.windows[tile as usize];
         let (wi, radiance, pdf) = self.whole.drawn(map, window.sample_near(&map.cells, u, |i| map.look(i))?);
         let pdf = pdf / *share as f32;
         let shines = pdf.is_finite() && radiance != Vec3::ZERO;
         shines.then_some(LightSample { wi, radiance, pdf, target: Target::Far, delta: false })
     }
 
-    /// Radiance from unit direction `w`, the part it lies in, and the density in solid angle with which that part's
-    /// directions are drawn: 0 where it is black.
+    /// Radiance from unit direction `w`, the solid-angle density with which its tile draws it, and that tile.
+    ///
+    /// The density of a black tile is 0.
     #[inline]
     pub(crate) fn find(&self, w: Vec3) -> (Vec3, f32, u32) {
         let Kind::Image(map) = &self.whole.kind else { return (self.whole.radiance(w), 0.0, 0) };
@@ -89,19 +114,19 @@ impl Parts {
         let of = |i: usize| tile_of(texel[i] as usize, self.grid[i], map.image.size[i] as usize);
         match self.numbers[of(1) * self.grid[0] + of(0)] {
             BLACK => (radiance, 0.0, 0),
-            part => (radiance, pdf / self.share(part) as f32, part),
+            tile => (radiance, pdf / self.share(tile) as f32, tile),
         }
     }
 
-    /// The unit direction about which a part's light comes, and its irradiance on a surface that faces there.
-    pub(crate) fn expected(&self, part: u32) -> (Vec3, f32) {
+    /// The mean direction of a tile's light, and its irradiance on a surface that faces there.
+    fn expectation(&self, tile: u32) -> Expectation {
         const SIDE: u32 = 16;
         let place = |i: u32| (i as f32 + 0.5) / SIDE as f32;
-        let directions = (0..SIDE * SIDE).filter_map(|i| self.sample(part, [place(i % SIDE), place(i / SIDE)]));
+        let directions = (0..SIDE * SIDE).filter_map(|i| self.sample(tile, [place(i % SIDE), place(i / SIDE)]));
         let mean = directions.map(|sample| sample.wi).sum::<Vec3>() / (SIDE * SIDE) as f32;
-        let light = 4.0 * PI * (self.whole.average_luminance() * self.share(part)) as f32;
-        // Of a tile that goes around, directions cancel: what comes from all sides gives a quarter.
-        (mean.normalize_or_zero(), light * mean.length().max(0.25))
+        let light = 4.0 * PI * (self.whole.average_luminance() * self.share(tile)) as f32;
+        // Directions of a tile around a pole cancel: light from all sides gives a quarter.
+        Expectation::Far { towards: mean.normalize_or_zero(), irradiance: light * mean.length().max(0.25) }
     }
 }
 

@@ -1,0 +1,70 @@
+//! Integrators: the radiance that one sample of a pixel estimates.
+
+mod ambient_occlusion;
+pub mod code;
+mod light_selector;
+mod path;
+mod table;
+#[cfg(test)]
+mod tests;
+
+pub use ambient_occlusion::AmbientOcclusion;
+pub use light_selector::{FixedSelector, LearnedSelector, LightSelector};
+pub use path::PathTracer;
+pub use table::{IntegratorEntry, IntegratorError, IntegratorParameters, integrators, make};
+
+use crate::World;
+use crate::camera::{General, Pinhole, ThinLens};
+use dapple_core::Integrator;
+
+/// The path tracer for a world, without the code of effects that its scene does not need.
+///
+/// Images do not depend on which code was left out.
+pub fn integrator(world: &World) -> Box<dyn Integrator + '_> {
+    integrator_with(world, 0)
+}
+
+/// The path tracer for a world, with code that the world does not need: bits of [`code`].
+///
+/// For measuring what idle code costs, and for showing that it changes nothing.
+pub fn integrator_with(world: &World, idle: u32) -> Box<dyn Integrator + '_> {
+    use code::{ENVIRONMENT, LEARNED_SELECTION, RARE, ROULETTE, SEVERAL_LIGHTS, TRANSMISSION, VARIED};
+    let wanted = code::needed(world) | idle;
+    macro_rules! form {
+        ($lens:ty, $selector:ty, $code:expr) => {
+            Box::new(PathTracer::<$lens, $selector, { $code }>::new(world)) as Box<dyn Integrator + '_>
+        };
+    }
+    // Each form takes seconds to compile. One exists where leaving code out was measured to pay: for light from
+    // beyond the scene, glass, and plain surfaces. Light selection and roulette cost an idle form one branch each.
+    const MANY: u32 = SEVERAL_LIGHTS | ROULETTE | VARIED;
+    const GLASS: u32 = MANY | ENVIRONMENT | TRANSMISSION;
+    // The unit tests of this crate compile two forms only; those in tests/ use all.
+    let general = cfg!(test) || wanted & RARE != 0 || world.camera.is_general();
+    let transmission = wanted & TRANSMISSION != 0;
+    if wanted & LEARNED_SELECTION != 0 {
+        return match () {
+            () if general => form!(General, LearnedSelector, GLASS | RARE),
+            () if world.camera.has_lens() => form!(ThinLens, LearnedSelector, GLASS),
+            () if transmission => form!(Pinhole, LearnedSelector, GLASS),
+            () => form!(Pinhole, LearnedSelector, MANY | ENVIRONMENT),
+        };
+    }
+    if general {
+        return form!(General, FixedSelector, GLASS | RARE);
+    }
+    if world.camera.has_lens() {
+        return form!(ThinLens, FixedSelector, GLASS);
+    }
+    match (transmission, wanted & ENVIRONMENT != 0, wanted & VARIED != 0) {
+        (true, true, _) => form!(Pinhole, FixedSelector, GLASS),
+        (true, false, _) => form!(Pinhole, FixedSelector, MANY | TRANSMISSION),
+        (false, true, _) => form!(Pinhole, FixedSelector, MANY | ENVIRONMENT),
+        (false, false, true) => form!(Pinhole, FixedSelector, MANY),
+        (false, false, false) => match wanted {
+            0 => form!(Pinhole, FixedSelector, 0),
+            ROULETTE => form!(Pinhole, FixedSelector, ROULETTE),
+            _ => form!(Pinhole, FixedSelector, SEVERAL_LIGHTS | ROULETTE),
+        },
+    }
+}

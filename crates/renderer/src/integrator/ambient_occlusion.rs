@@ -1,0 +1,55 @@
+//! Ambient occlusion: the open share of the hemisphere above each surface.
+
+use super::{IntegratorError, IntegratorParameters};
+use crate::World;
+use crate::blocks;
+use crate::shading::{ShadingFrame, warp};
+use dapple_core::{Draws, Estimate, Integrator, TrainingLog};
+use dapple_geometry::spawn_ray;
+
+/// The cosine-weighted share of directions from the first hit in which nothing is closer than a distance.
+///
+/// 1 for an open surface, 0 for a closed one and where the camera ray leaves the scene. Ignores lights and materials:
+/// holes by alpha count as closed. Built on the public queries of [`World`] alone.
+#[derive(Clone, Copy, Debug)]
+pub struct AmbientOcclusion<'w> {
+    world: &'w World,
+    /// In lengths of the renderer's space.
+    distance: f32,
+}
+
+impl<'w> AmbientOcclusion<'w> {
+    /// Counts surfaces up to `distance` away as occluders, in lengths of the scene file. Infinity counts all.
+    pub fn new(world: &'w World, distance: f64) -> Self {
+        Self { world, distance: (distance * world.space().scale()) as f32 }
+    }
+
+    /// Reads the parameters of the integrator's table.
+    pub(super) fn from_parameters<'a>(
+        parameters: &IntegratorParameters,
+        world: &'a World,
+    ) -> Result<Box<dyn Integrator + 'a>, IntegratorError> {
+        let distance = parameters.number("distance", |distance| *distance > 0.0)?;
+        Ok(Box::new(AmbientOcclusion::new(world, distance)))
+    }
+}
+
+impl Integrator for AmbientOcclusion<'_> {
+    fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
+        let world = self.world;
+        let (ray, time) = world.camera_ray(draws);
+        let Some(at) = world.closest_hit(&ray, time) else {
+            return Estimate::new([0.0; 3]);
+        };
+        let [.., u, v] = draws.block(blocks::scatter(0));
+        // The side of the geometric normal that the camera sees.
+        let normal = at.point().normal;
+        let frame = ShadingFrame::from_normal(if normal.dot(ray.direction) > 0.0 { -normal } else { normal });
+        let mut probe = spawn_ray(at.point(), frame.to_world(warp::cosine_hemisphere([u, v])));
+        probe.tmax = self.distance;
+        // Directions are drawn with the density of the cosine, which cancels: the share is the mean of 0 and 1.
+        let open = if world.occluded(&probe, time) { 0.0 } else { 1.0 };
+        let first_hit = draws.wants_first_hit().then(|| world.first_hit(&ray, &at, 0.0));
+        Estimate::new([open; 3]).with_first_hit(first_hit).with_cost(2)
+    }
+}

@@ -1,0 +1,41 @@
+//! The effects that a path tracer has code for: bits of its type parameter.
+//!
+//! Code whose bit is missing is not compiled. Bits, not one type parameter each: 13 forms are built of the 384 possible.
+
+use super::path::ROULETTE_FROM;
+use crate::World;
+use dapple_scene::Effect;
+
+/// Selection among several lights.
+pub const SEVERAL_LIGHTS: u32 = 1;
+/// Light from beyond the scene.
+pub const ENVIRONMENT: u32 = 2;
+/// Russian roulette, for paths long enough.
+pub const ROULETTE: u32 = 4;
+/// Surfaces that transmit light.
+pub const TRANSMISSION: u32 = 8;
+/// Effects that few scenes have: media, alpha, interfaces, mixed materials and motion.
+///
+/// One predictable branch each tells them apart at run time.
+pub const RARE: u32 = 16;
+/// Surfaces other than diffuse ones of one colour, vertex normals, and instances.
+pub const VARIED: u32 = 32;
+/// Light selection that is learned: a [`LearnedSelector`](super::LearnedSelector), not a bit of the path tracer's code.
+pub const LEARNED_SELECTION: u32 = 64;
+
+/// The code that a world needs: by the [effects](World::effects) of its scene, and by its surfaces.
+///
+/// Surfaces decide by themselves, since paper, interfaces, mixes, vertex normals and instances are no effects.
+pub(super) fn needed(world: &World) -> u32 {
+    let has = |effect| world.effects().has(effect);
+    let bit = |needed: bool, bit: u32| if needed { bit } else { 0 };
+    let media = has(Effect::AbsorbingMedia) || has(Effect::ScatteringMedia);
+    let rare = media || has(Effect::MotionBlur) || has(Effect::Transparency) || world.has_passable_surfaces();
+    bit(has(Effect::SeveralLights), SEVERAL_LIGHTS)
+        | bit(has(Effect::Environment), ENVIRONMENT)
+        | bit(world.max_depth() > ROULETTE_FROM, ROULETTE)
+        | bit(world.has_transmission(), TRANSMISSION)
+        | bit(rare, RARE)
+        | bit(world.has_varied_surfaces(), VARIED)
+        | bit(world.lights().is_selection_learned(), LEARNED_SELECTION)
+}

@@ -1,0 +1,169 @@
+//! The selection of the light that a sample aims at.
+
+use crate::World;
+use crate::light::{Expectation, Lights, SelectedLight};
+use dapple_core::{TrainingData, TrainingLog};
+use dapple_light_selection::{LightCellOptions, LightCells};
+use glam::Vec3;
+
+/// A distribution over the lights of a world, which may depend on the place and be learned while rendering.
+///
+/// A type parameter of [`PathTracer`](super::PathTracer), so that a fixed distribution carries no code of a learned one.
+pub trait LightSelector: Sync {
+    /// The name of a place, as far as the distribution depends on it.
+    type Place: Copy;
+    /// The place of points without a distribution of their own: those inside media, and the camera.
+    const NOWHERE: Self::Place;
+
+    /// The selector that a world asks for.
+    fn of(world: &World) -> Self;
+
+    /// The place of a point that is lit on the side of `normal`.
+    fn place(&self, position: Vec3, normal: Vec3) -> Self::Place;
+
+    /// The light that `u` in `[0, 1)` selects. `None` if there is no light.
+    fn select(&self, lights: &Lights, place: Self::Place, u: f32) -> Option<SelectedLight>;
+
+    /// The probability with which [`select`](Self::select) returns a light.
+    fn pmf(&self, lights: &Lights, place: Self::Place, light: u32) -> f32;
+
+    /// Records what a selected light contributed at a place.
+    #[inline(always)]
+    fn record(&self, training: &mut TrainingLog, place: Self::Place, light: SelectedLight, contribution: Vec3) {
+        let _ = (training, place, light, contribution);
+    }
+
+    /// See [`Integrator::wants_training`](dapple_core::Integrator::wants_training).
+    fn wants_training(&self) -> bool {
+        false
+    }
+
+    /// See [`Integrator::learn`](dapple_core::Integrator::learn).
+    fn learn(&mut self, pass: &TrainingData) {
+        let _ = pass;
+    }
+}
+
+/// The same distribution everywhere: [`Lights::select`].
+#[derive(Clone, Copy, Debug)]
+pub struct FixedSelector;
+
+impl LightSelector for FixedSelector {
+    type Place = ();
+    const NOWHERE: () = ();
+
+    fn of(_: &World) -> Self {
+        Self
+    }
+
+    #[inline(always)]
+    fn place(&self, _: Vec3, _: Vec3) {}
+
+    #[inline(always)]
+    fn select(&self, lights: &Lights, (): (), u: f32) -> Option<SelectedLight> {
+        lights.select(u)
+    }
+
+    #[inline(always)]
+    fn pmf(&self, lights: &Lights, (): (), light: u32) -> f32 {
+        lights.pmf(light)
+    }
+}
+
+/// A distribution per cell of space and orientation, learned in the first samples of a render.
+///
+/// As [`FixedSelector`] in a world that does not ask for it, or that has a single light.
+#[derive(Debug)]
+pub struct LearnedSelector {
+    cells: Option<LightCells>,
+    /// First guesses, by light.
+    expectations: Vec<Expectation>,
+    passes_left: u32,
+    /// A mistake for a test to find: light met by chance is weighted as if nothing had been learned.
+    #[cfg(test)]
+    pub(super) forgets: bool,
+}
+
+/// The place that belongs to no cell.
+const NO_CELL: u32 = u32::MAX;
+
+/// Training passes until enough is known: of 1, 1, 2 and 4 samples per pixel where the rounds are long enough.
+const TRAINING_PASSES: u32 = 4;
+
+impl LightSelector for LearnedSelector {
+    type Place = u32;
+    const NOWHERE: u32 = NO_CELL;
+
+    fn of(world: &World) -> Self {
+        let expectations = world.lights.expectations();
+        let bounds = world.geometry.bounds().filter(|_| world.lights.is_selection_learned());
+        let cells = bounds.and_then(|bounds| {
+            let options = LightCellOptions::default();
+            // Bounds that hold nothing leave the selection fixed.
+            LightCells::new(bounds.map(|b| b.to_array()), expectations.len(), &options, first_guess(&expectations))
+                .ok()
+                .flatten()
+        });
+        Self {
+            passes_left: if cells.is_some() { TRAINING_PASSES } else { 0 },
+            cells,
+            expectations,
+            #[cfg(test)]
+            forgets: false,
+        }
+    }
+
+    #[inline(always)]
+    fn place(&self, position: Vec3, normal: Vec3) -> u32 {
+        self.cells.as_ref().map_or(NO_CELL, |cells| cells.cell(position.to_array(), normal.to_array()))
+    }
+
+    #[inline(always)]
+    fn select(&self, lights: &Lights, cell: u32, u: f32) -> Option<SelectedLight> {
+        match &self.cells {
+            Some(cells) if cell != NO_CELL => {
+                let (index, pmf) = cells.sample(cell, u);
+                Some(SelectedLight { index, pmf })
+            }
+            _ => lights.select(u),
+        }
+    }
+
+    #[inline(always)]
+    fn pmf(&self, lights: &Lights, cell: u32, light: u32) -> f32 {
+        #[cfg(test)]
+        if self.forgets {
+            return lights.pmf(light);
+        }
+        match &self.cells {
+            Some(cells) if cell != NO_CELL => cells.pmf(cell, light),
+            _ => lights.pmf(light),
+        }
+    }
+
+    #[inline(always)]
+    fn record(&self, training: &mut TrainingLog, cell: u32, light: SelectedLight, contribution: Vec3) {
+        if let Some(cells) = &self.cells
+            && self.passes_left > 0
+        {
+            training.note(cells.key(cell, light.index), contribution.element_sum() * (1.0 / 3.0));
+        }
+    }
+
+    fn wants_training(&self) -> bool {
+        self.passes_left > 0
+    }
+
+    fn learn(&mut self, pass: &TrainingData) {
+        if let Some(cells) = &mut self.cells {
+            let notes = pass.entries().iter().map(|e| (e.key, e.count, e.sum_of_squares));
+            cells.learn(notes, first_guess(&self.expectations));
+            self.passes_left = self.passes_left.saturating_sub(1);
+        }
+    }
+}
+
+/// About the irradiance of each light in the middle of a voxel.
+fn first_guess(lights: &[Expectation]) -> impl Fn([f32; 3], f32, [f32; 3], usize) -> f32 + Sync {
+    |middle, half, axis, light| lights[light].irradiance(Vec3::from(middle), half, Vec3::from(axis))
+}

@@ -1,0 +1,211 @@
+//! The way of a ray through media, cut-outs by alpha, and interfaces.
+
+use super::{LastScatter, LightSelector, Path, PathTracer, ROULETTE_FROM};
+use crate::blocks;
+use crate::camera::Lens;
+use crate::light::{LightSample, Target};
+use crate::material::{self, Surface};
+use crate::medium::{HenyeyGreenstein, MediumEvent};
+use crate::shading::power_heuristic_over_pdf;
+use crate::world::{Interaction, NO_MEDIUM};
+use dapple_core::Draws;
+use dapple_geometry::{PrimitiveId, Ray, SurfacePoint, spawn_ray};
+use glam::Vec3;
+
+/// The most surfaces that a ray passes before it is dropped: nested interfaces and leaves are rarely a hundred deep.
+const MOST_PASSED: u32 = 10_000;
+
+/// The end of a path's segment through a medium.
+pub(super) enum MediumEnd {
+    /// The surface ahead, or infinity.
+    Crossed,
+    /// A scattering event, from which the path continues.
+    Scattered,
+    /// Nothing: the path is over.
+    Absorbed,
+}
+
+impl<'w, L: Lens, S: LightSelector, const E: u32> PathTracer<'w, L, S, E> {
+    /// The surface at a hit. `None` where the ray passes it and continues behind.
+    #[inline(always)]
+    pub(super) fn surface_at(
+        &self,
+        draws: &Draws<'_>,
+        path: &mut Path<S::Place>,
+        at: &Interaction<'w>,
+    ) -> Option<&'w Surface> {
+        if Self::HAS_RARE_EFFECTS && at.part.passable {
+            return self.passable_surface_at(draws, path, at);
+        }
+        Some(&self.world.surfaces[at.part.material as usize])
+    }
+
+    #[inline(never)]
+    fn passable_surface_at(
+        &self,
+        draws: &Draws<'_>,
+        path: &mut Path<S::Place>,
+        at: &Interaction<'w>,
+    ) -> Option<&'w Surface> {
+        let world = self.world;
+        let mut surface = &world.surfaces[at.part.material as usize];
+        let alpha = world.alpha(at);
+        let partial = alpha > 0.0 && alpha < 1.0;
+        let u = if partial || surface.mixes { draws.block(blocks::surface(path.segments)) } else { [0.0; 4] };
+        if u[0] >= alpha {
+            self.pass(path, at);
+            return None;
+        }
+        if surface.mixes {
+            surface = material::resolve(&world.surfaces, at.part.material, &world.textures, world.uv(at), u[1]).0;
+        }
+        if surface.interface {
+            path.medium = at.medium_beyond(path.ray.direction, path.medium);
+            self.pass(path, at);
+            return None;
+        }
+        Some(surface)
+    }
+
+    /// Continues behind a hit in the same direction.
+    fn pass(&self, path: &mut Path<S::Place>, at: &Interaction<'_>) {
+        path.ray = spawn_ray(&at.point, path.ray.direction);
+        if path.segments > MOST_PASSED {
+            path.throughput = Vec3::ZERO;
+        }
+    }
+
+    /// The share of light that reaches the origin of a shadow ray that starts in `medium`. `None` if occluded.
+    #[inline(always)]
+    pub(super) fn transmittance(
+        &self,
+        ray: Ray,
+        target: &Target,
+        path: &mut Path<S::Place>,
+        medium: u32,
+    ) -> Option<Vec3> {
+        let world = self.world;
+        if Self::HAS_RARE_EFFECTS && world.has_passable_surfaces() {
+            let share = self.transmittance_past_surfaces(ray, target, path, medium);
+            return (share != Vec3::ZERO).then_some(share);
+        }
+        path.rays += 1;
+        let occluded =
+            if Self::HAS_RARE_EFFECTS { world.occluded(&ray, path.time) } else { world.geometry.occluded(&ray) };
+        if occluded {
+            return None;
+        }
+        if !Self::HAS_RARE_EFFECTS || medium == NO_MEDIUM {
+            return Some(Vec3::ONE);
+        }
+        // The same medium all the way: another one begins beyond a surface, and none is in between.
+        Some(world.media.medium(medium).transmittance(ray.tmax * ray.direction.length()))
+    }
+
+    /// [`Self::transmittance`] where surfaces may let light pass.
+    #[inline(never)]
+    fn transmittance_past_surfaces(
+        &self,
+        mut ray: Ray,
+        target: &Target,
+        path: &mut Path<S::Place>,
+        mut medium: u32,
+    ) -> Vec3 {
+        let world = self.world;
+        let mut share = Vec3::ONE;
+        for _ in 0..MOST_PASSED {
+            path.rays += 1;
+            let hit = world.closest_hit(&ray, path.time);
+            let end = hit.as_ref().map_or(ray.tmax, |at| at.hit.t);
+            if medium != NO_MEDIUM {
+                share *= world.media.medium(medium).transmittance(end * ray.direction.length());
+            }
+            let Some(at) = hit else { return share };
+            let part = at.part;
+            if !part.passable {
+                return Vec3::ZERO;
+            }
+            let surface = &world.surfaces[part.material as usize];
+            let alpha = world.alpha(&at);
+            // A mixture lets the share of its interfaces through.
+            let empty = material::interface_share(&world.surfaces, part.material, &world.textures, || world.uv(&at));
+            let through = 1.0 - alpha + alpha * empty;
+            share *= through;
+            if share == Vec3::ZERO {
+                return share;
+            }
+            if surface.interface {
+                medium = at.medium_beyond(ray.direction, medium);
+            }
+            ray = target.ray_from(&at.point, ray.direction);
+        }
+        Vec3::ZERO
+    }
+
+    /// Takes the path through its medium to a surface at `distance` (infinity for none).
+    #[inline(never)]
+    pub(super) fn cross_medium(&self, draws: &Draws<'_>, path: &mut Path<S::Place>, distance: f32) -> MediumEnd {
+        let world = self.world;
+        let medium = world.media.medium(path.medium);
+        if !medium.scatters() {
+            path.throughput *= medium.transmittance(distance);
+            return if path.throughput == Vec3::ZERO { MediumEnd::Absorbed } else { MediumEnd::Crossed };
+        }
+        let u = draws.block(blocks::medium(path.segments));
+        match medium.sample(distance, u[0], u[1], path.throughput) {
+            MediumEvent::Pass { weight } => {
+                path.throughput *= weight;
+                MediumEnd::Crossed
+            }
+            MediumEvent::Scatter { t, weight } => {
+                path.throughput *= weight;
+                if path.depth >= world.max_depth || path.throughput == Vec3::ZERO {
+                    return MediumEnd::Absorbed;
+                }
+                self.scatter_in_medium(draws, path, t, [u[2], u[3]])
+            }
+        }
+    }
+
+    fn scatter_in_medium(&self, draws: &Draws<'_>, path: &mut Path<S::Place>, t: f32, u: [f32; 2]) -> MediumEnd {
+        let (world, lights) = (self.world, &self.world.lights);
+        let position = path.ray.at(t);
+        let phase = world.media.medium(path.medium).phase();
+        let roulette = path.depth >= ROULETTE_FROM;
+        let chooses = lights.len() > 1 || roulette;
+        let choices = if chooses { draws.block(blocks::choose(path.depth)) } else { [0.0; 4] };
+        if !lights.is_empty() {
+            let on_light = draws.block(blocks::scatter(path.depth));
+            if let Some(light) = lights.sample(position, choices[0], [on_light[0], on_light[1]]) {
+                let direct = self.direct_in_medium(path, position, phase, &light);
+                path.radiance += path.throughput * direct;
+            }
+        }
+        if roulette && !self.survives(path, choices[2]) {
+            return MediumEnd::Absorbed;
+        }
+        let sample = phase.sample(path.ray.direction, u);
+        path.last = Some(LastScatter { position, place: S::NOWHERE, pdf: sample.pdf });
+        path.ray = Ray::new(position, sample.wi);
+        path.depth += 1;
+        MediumEnd::Scattered
+    }
+
+    fn direct_in_medium(
+        &self,
+        path: &mut Path<S::Place>,
+        position: Vec3,
+        phase: &HenyeyGreenstein,
+        light: &LightSample,
+    ) -> Vec3 {
+        // A point in space is exact and has no side.
+        let from = SurfacePoint { position, error: Vec3::ZERO, normal: Vec3::ZERO, primitive: PrimitiveId::NONE };
+        let medium = path.medium;
+        let ray = light.shadow_ray(&from);
+        let Some(share) = self.transmittance(ray, &light.target, path, medium) else { return Vec3::ZERO };
+        // The phase function is its own density.
+        let pdf = phase.evaluate(path.ray.direction, light.wi);
+        let weight = if light.delta { light.pdf.recip() } else { power_heuristic_over_pdf(light.pdf, pdf) };
+        share * light.radiance * (pdf * weight)
+    }
+}

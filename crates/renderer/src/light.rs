@@ -1,0 +1,486 @@
+//! Lights, and how to sample them by the solid angle they fill.
+//!
+//! A new type of light is a file here that implements `LightSource`, and a line in the list of lights below.
+
+// `!(x > 0.0)` is meant: NaN is rejected, too.
+#![allow(clippy::neg_cmp_op_on_partial_ord)]
+
+mod disk;
+mod distant;
+mod environment;
+mod expectation;
+mod mesh;
+mod octahedral;
+mod point;
+mod punctual;
+mod selection;
+mod sphere;
+mod spherical;
+mod spot;
+
+pub(crate) use disk::DiskLight;
+pub(crate) use distant::DistantLight;
+pub use environment::{Environment, EnvironmentError};
+use environment::{Tile, Tiles};
+pub(crate) use expectation::Expectation;
+pub(crate) use mesh::MeshLight;
+pub(crate) use point::PointLight;
+pub use punctual::PunctualError;
+pub use selection::{LightSelection, UnknownLightSelection};
+pub(crate) use sphere::SphereLight;
+pub(crate) use spot::SpotLight;
+
+use crate::shading::discrete::Discrete;
+use crate::shading::power_heuristic;
+use crate::space::Space;
+use dapple_geometry::{Ray, SurfacePoint, spawn_ray, spawn_ray_to, spawn_ray_to_point};
+use dapple_scene::{Light as Described, LightKind};
+use glam::Vec3;
+use std::sync::Arc;
+
+/// The functions of one light: each file of a light implements them.
+pub(crate) trait LightSource {
+    /// Samples a direction to the light at `from`. `None` where it does not shine on `from`.
+    fn sample(&self, from: Vec3, u: [f32; 2]) -> Option<LightSample>;
+
+    /// The solid-angle density with which [`Self::sample`] at `from` draws the direction to a `point` of the light.
+    ///
+    /// 0 for lights that are no shapes.
+    #[inline]
+    fn pdf(&self, from: Vec3, point: &SurfacePoint) -> f32 {
+        let _ = (from, point);
+        0.0
+    }
+
+    /// The emission of a light that is a shape.
+    #[inline]
+    fn lamp(&self) -> Option<&Lamp> {
+        None
+    }
+
+    /// Returns true for a light without extent, which no ray hits.
+    fn is_delta(&self) -> bool {
+        false
+    }
+
+    /// Radiant power over pi, luminance-weighted: of light from far away, the power that enters the scene's bounding sphere.
+    fn power(&self, scene_radius: f64) -> f64;
+
+    /// The first guess of the light's contributions.
+    fn expectation(&self) -> Expectation;
+}
+
+/// Makes the enum of all lights, which dispatches without a table of functions.
+macro_rules! lights {
+    ($($(#[$about:meta])* $name:ident($source:ty),)*) => {
+        /// One light: a shape that emits, a light without extent, or light from beyond the scene.
+        #[derive(Clone, Debug)]
+        pub(crate) enum Light {
+            $($(#[$about])* $name($source),)*
+        }
+
+        impl LightSource for Light {
+            #[inline(always)]
+            fn sample(&self, from: Vec3, u: [f32; 2]) -> Option<LightSample> {
+                match self { $(Self::$name(light) => light.sample(from, u),)* }
+            }
+
+            #[inline(always)]
+            fn pdf(&self, from: Vec3, point: &SurfacePoint) -> f32 {
+                match self { $(Self::$name(light) => light.pdf(from, point),)* }
+            }
+
+            #[inline(always)]
+            fn lamp(&self) -> Option<&Lamp> {
+                match self { $(Self::$name(light) => light.lamp(),)* }
+            }
+
+            fn is_delta(&self) -> bool {
+                match self { $(Self::$name(light) => light.is_delta(),)* }
+            }
+
+            fn power(&self, scene_radius: f64) -> f64 {
+                match self { $(Self::$name(light) => light.power(scene_radius),)* }
+            }
+
+            fn expectation(&self) -> Expectation {
+                match self { $(Self::$name(light) => light.expectation(),)* }
+            }
+        }
+    };
+}
+
+lights! {
+    /// Triangles.
+    Mesh(MeshLight),
+    /// A sphere.
+    Sphere(SphereLight),
+    /// A disk or ring.
+    Disk(DiskLight),
+    /// Everything beyond the scene.
+    Environment(Arc<Environment>),
+    /// A tile of an environment map.
+    Tile(Tile),
+    /// A point.
+    Point(PointLight),
+    /// A point that emits into a cone.
+    Spot(SpotLight),
+    /// Parallel light.
+    Distant(DistantLight),
+}
+
+impl Light {
+    /// The light of a description. `None` if it is black.
+    ///
+    /// # Errors
+    ///
+    /// When the description makes no light, with its line.
+    pub(crate) fn of(described: &Described, space: &Space) -> Result<Option<Self>, String> {
+        let (to_world, at) = (described.to_world, &described.source);
+        let light = match &described.kind {
+            LightKind::Infinite { radiance } => Environment::new(radiance, to_world.matrix3, at)
+                .map_err(|e| e.to_string())?
+                .map(|environment| Self::Environment(Arc::new(environment))),
+            LightKind::Point { intensity } => {
+                PointLight::new(*intensity, to_world, space, at).map_err(|e| e.to_string())?.map(Self::Point)
+            }
+            LightKind::Spot { intensity, cone, falloff_start, falloff } => {
+                SpotLight::new(*intensity, [*cone, *falloff_start], *falloff, to_world, space, at)
+                    .map_err(|e| e.to_string())?
+                    .map(Self::Spot)
+            }
+            LightKind::Distant { irradiance } => {
+                DistantLight::new(*irradiance, to_world, at).map_err(|e| e.to_string())?.map(Self::Distant)
+            }
+        };
+        Ok(light)
+    }
+}
+
+/// The origin of a light sample.
+#[derive(Clone, Copy, Debug)]
+pub enum Target {
+    /// A point of a surface.
+    Surface(SurfacePoint),
+    /// A point in space.
+    Point(Vec3),
+    /// Infinitely far.
+    Far,
+}
+
+impl Target {
+    /// The ray from a point to the target, which lies along `direction`.
+    #[inline(always)]
+    pub(crate) fn ray_from(&self, from: &SurfacePoint, direction: Vec3) -> Ray {
+        match self {
+            Self::Surface(point) => spawn_ray_to(from, point),
+            Self::Point(position) => spawn_ray_to_point(from, *position),
+            Self::Far => spawn_ray(from, direction),
+        }
+    }
+}
+
+/// Light that arrives at a point, unless occluded.
+#[derive(Clone, Copy, Debug)]
+pub struct LightSample {
+    /// Unit direction to the light.
+    pub wi: Vec3,
+    /// Radiance from there; from a light without extent, the irradiance of a surface that faces it.
+    pub radiance: Vec3,
+    /// Density of `wi` in solid angle, above 0; of a light without extent, the probability of its selection.
+    pub pdf: f32,
+    /// The origin of the light.
+    pub target: Target,
+    /// True if the light has no extent, so that no ray can hit it.
+    ///
+    /// The sample then counts in full, without a weight against BSDF sampling.
+    pub delta: bool,
+}
+
+impl LightSample {
+    /// The ray from the sampled point to the light. Nothing must occlude it, up to its `tmax`.
+    #[inline(always)]
+    pub fn shadow_ray(&self, from: &SurfacePoint) -> Ray {
+        self.target.ray_from(from, self.wi)
+    }
+}
+
+/// A light that was selected, and its probability.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SelectedLight {
+    /// The number of the light.
+    pub index: u32,
+    /// The probability of its selection.
+    pub pmf: f32,
+}
+
+/// The emission of a shape.
+#[derive(Clone, Copy, Debug)]
+pub struct Lamp {
+    pub(crate) radiance: Vec3,
+    pub(crate) two_sided: bool,
+}
+
+impl Lamp {
+    /// Radiance towards a unit direction that makes this cosine with the lamp's oriented normal.
+    #[inline]
+    pub fn radiance(&self, cosine: f32) -> Vec3 {
+        if cosine > 0.0 || (self.two_sided && cosine < 0.0) { self.radiance } else { Vec3::ZERO }
+    }
+
+    /// Radiant exitance over pi, luminance-weighted, of both sides where both emit.
+    fn brightness(&self) -> f64 {
+        luminance(self.radiance) * if self.two_sided { 2.0 } else { 1.0 }
+    }
+
+    /// Radiant intensity of an area seen face on, luminance-weighted.
+    fn intensity(&self, area: f64) -> f32 {
+        (luminance(self.radiance) * area) as f32
+    }
+
+    /// The normal of a lamp that emits from one side; zero for both.
+    fn facing(&self, normal: Vec3) -> Vec3 {
+        if self.two_sided { Vec3::ZERO } else { normal }
+    }
+}
+
+/// [`dapple_core::luminance`] of a vector.
+fn luminance(rgb: Vec3) -> f64 {
+    dapple_core::luminance(rgb.to_array().map(f64::from))
+}
+
+/// All lights with the probabilities of their selection.
+#[derive(Clone, Debug)]
+pub struct Lights {
+    lights: Vec<Light>,
+    distribution: Discrete,
+    pmf: Vec<f32>,
+    environments: Vec<SelectableEnvironment>,
+    /// The number of lights while each environment is one.
+    whole: usize,
+    has_delta: bool,
+    is_learned: bool,
+    scene_radius: f32,
+}
+
+/// An environment among the lights.
+#[derive(Clone, Debug)]
+struct SelectableEnvironment {
+    whole: Arc<Environment>,
+    /// The number of its light, or of that of its first tile.
+    light: u32,
+    /// Its tiles, if it is cut into them, and the light of the second tile: the rest follow.
+    tiles: Option<(Arc<Tiles>, u32)>,
+}
+
+impl SelectableEnvironment {
+    /// Radiance from unit direction `w`, the solid-angle density with which its light draws it, and that light.
+    #[inline(always)]
+    fn find(&self, w: Vec3) -> (Vec3, f32, u32) {
+        match &self.tiles {
+            None => {
+                let (radiance, pdf) = self.whole.radiance_and_pdf(w);
+                (radiance, pdf, self.light)
+            }
+            Some((tiles, second)) => {
+                let (radiance, pdf, tile) = tiles.find(w);
+                (radiance, pdf, if tile == 0 { self.light } else { second + tile - 1 })
+            }
+        }
+    }
+}
+
+impl Lights {
+    /// Lights, selected by power; those that emit nothing must have been left out.
+    pub(crate) fn new(lights: Vec<Light>, scene_radius: f32) -> Self {
+        let environment = |(light, of): (usize, &Light)| match of {
+            Light::Environment(whole) => {
+                Some(SelectableEnvironment { whole: whole.clone(), light: light as u32, tiles: None })
+            }
+            _ => None,
+        };
+        let mut lights = Self {
+            environments: lights.iter().enumerate().filter_map(environment).collect(),
+            has_delta: lights.iter().any(LightSource::is_delta),
+            whole: lights.len(),
+            lights,
+            distribution: selection::by_power(&[]),
+            pmf: Vec::new(),
+            is_learned: false,
+            scene_radius,
+        };
+        lights.set_selection(LightSelection::default());
+        lights
+    }
+
+    /// Sets how a light is selected. Every light keeps a probability above 0.
+    pub(crate) fn set_selection(&mut self, selection: LightSelection) {
+        self.is_learned = selection == LightSelection::Learned;
+        self.join_tiles();
+        if self.is_learned {
+            self.cut_into_tiles();
+        }
+        let weight = |light: &Light| match selection {
+            LightSelection::Power | LightSelection::Learned => light.power(f64::from(self.scene_radius)),
+            LightSelection::Uniform => 1.0,
+        };
+        self.distribution = selection::by_power(&self.lights.iter().map(weight).collect::<Vec<_>>());
+        self.pmf = (0..self.lights.len()).map(|i| self.distribution.pmf(i)).collect();
+    }
+
+    /// Makes a light of each tile of an environment map, so that their selection can be learned.
+    fn cut_into_tiles(&mut self) {
+        for environment in &mut self.environments {
+            let Some(tiles) = Tiles::new(&environment.whole).map(Arc::new) else { continue };
+            let second = self.lights.len() as u32;
+            self.lights[environment.light as usize] = Light::Tile(Tile::new(&tiles, 0));
+            self.lights.extend((1..tiles.len() as u32).map(|tile| Light::Tile(Tile::new(&tiles, tile))));
+            environment.tiles = Some((tiles, second));
+        }
+    }
+
+    /// Makes one light of each environment again.
+    fn join_tiles(&mut self) {
+        self.lights.truncate(self.whole);
+        for environment in &mut self.environments {
+            self.lights[environment.light as usize] = Light::Environment(environment.whole.clone());
+            environment.tiles = None;
+        }
+    }
+
+    /// First guesses of each light's contributions.
+    pub(crate) fn expectations(&self) -> Vec<Expectation> {
+        self.lights.iter().map(LightSource::expectation).collect()
+    }
+
+    /// The number of lights to select from: an environment map counts as its tiles where selection is learned.
+    pub fn len(&self) -> usize {
+        self.lights.len()
+    }
+
+    /// Returns true if there is no light.
+    pub fn is_empty(&self) -> bool {
+        self.lights.is_empty()
+    }
+
+    /// Returns true if the selection is to be learned, and there are several lights.
+    pub(crate) fn is_selection_learned(&self) -> bool {
+        self.is_learned && self.lights.len() > 1
+    }
+
+    /// Returns true if there is light from beyond the scene that rays can meet.
+    #[inline]
+    pub fn has_environment(&self) -> bool {
+        !self.environments.is_empty()
+    }
+
+    /// Returns true if there is a light without extent.
+    #[inline]
+    pub fn has_delta(&self) -> bool {
+        self.has_delta
+    }
+
+    /// Radiance from beyond the scene along a unit direction, summed over all environments.
+    #[inline]
+    pub fn environment(&self, direction: Vec3) -> Vec3 {
+        let mut sum = Vec3::ZERO;
+        for environment in &self.environments {
+            sum += environment.whole.radiance(direction);
+        }
+        sum
+    }
+
+    /// [`Lights::environment`] for a direction drawn by BSDF sampling with solid-angle density `bsdf_pdf`.
+    ///
+    /// Each environment is weighted against light sampling by the power heuristic. `pmf` is the probability with which
+    /// light sampling selects a light: [`Lights::pmf`] for [`Lights::sample`].
+    #[inline(always)]
+    pub fn environment_weighted(&self, direction: Vec3, bsdf_pdf: f32, pmf: impl Fn(u32) -> f32) -> Vec3 {
+        let mut sum = Vec3::ZERO;
+        for environment in &self.environments {
+            let (radiance, pdf, light) = environment.find(direction);
+            sum += radiance * power_heuristic(bsdf_pdf, pdf * pmf(light));
+        }
+        sum
+    }
+
+    /// Samples light that arrives at `from`: `choice` selects one of several lights, `u` a direction to it.
+    ///
+    /// The density includes the selection. `None` where the selected light does not shine on `from`.
+    #[inline(always)]
+    pub fn sample(&self, from: Vec3, choice: f32, u: [f32; 2]) -> Option<LightSample> {
+        self.sample_selected(self.select(choice)?, from, u)
+    }
+
+    /// Selects a light by `u` in `[0, 1)`. `None` if there is no light.
+    #[inline(always)]
+    pub fn select(&self, u: f32) -> Option<SelectedLight> {
+        match self.lights.len() {
+            1 => Some(SelectedLight { index: 0, pmf: 1.0 }),
+            _ => self.distribution.sample(u).map(|c| SelectedLight { index: c.index as u32, pmf: c.pmf }),
+        }
+    }
+
+    /// [`Lights::sample`] of a light that was selected.
+    #[inline(always)]
+    pub fn sample_selected(&self, light: SelectedLight, from: Vec3, u: [f32; 2]) -> Option<LightSample> {
+        let mut sample = self.lights[light.index as usize].sample(from, u)?;
+        sample.pdf *= light.pmf;
+        // A density that overflowed would count for nothing, one that vanished for everything.
+        (sample.pdf > 0.0 && sample.pdf < f32::INFINITY).then_some(sample)
+    }
+
+    /// The solid-angle density with which [`Lights::sample`] at `from` draws the direction to `point` on the shape `light`.
+    ///
+    /// Includes the selection.
+    #[inline]
+    pub fn pdf(&self, light: u32, from: Vec3, point: &SurfacePoint) -> f32 {
+        self.direction_pdf(light, from, point) * self.pmf(light)
+    }
+
+    /// [`Lights::pdf`] without the selection.
+    #[inline(always)]
+    pub fn direction_pdf(&self, light: u32, from: Vec3, point: &SurfacePoint) -> f32 {
+        self.lights[light as usize].pdf(from, point)
+    }
+
+    /// The emission of a light that is a shape.
+    #[inline]
+    pub fn lamp(&self, light: u32) -> Option<&Lamp> {
+        self.lights.get(light as usize)?.lamp()
+    }
+
+    /// The probability with which [`Lights::select`] returns a light.
+    #[inline]
+    pub fn pmf(&self, light: u32) -> f32 {
+        self.pmf[light as usize]
+    }
+}
+
+/// The sample of a point drawn uniformly on `area`; its normal times `side` lies on the side that emits.
+#[inline(always)]
+fn sample_on(lamp: &Lamp, from: Vec3, point: SurfacePoint, side: f32, area: f32) -> Option<LightSample> {
+    let to = point.position - from;
+    let squared = to.length_squared();
+    let wi = to * squared.sqrt().recip();
+    let cosine = -side * point.normal.dot(wi);
+    let radiance = lamp.radiance(cosine);
+    // As `area_to_solid_angle`; a lamp that touches the point has no direction.
+    let pdf = squared / (cosine.abs() * area);
+    (radiance != Vec3::ZERO && pdf > 0.0).then_some(LightSample {
+        wi,
+        radiance,
+        pdf,
+        target: Target::Surface(point),
+        delta: false,
+    })
+}
+
+/// Density in solid angle at `from` of a point drawn uniformly on `area`: `d^2 / (|cos| area)`.
+#[inline]
+pub(crate) fn area_to_solid_angle(from: Vec3, point: &SurfacePoint, area: f32) -> f32 {
+    let to = point.position - from;
+    let squared = to.length_squared();
+    let cosine = point.normal.dot(to).abs() / squared.sqrt();
+    squared / (cosine * area)
+}

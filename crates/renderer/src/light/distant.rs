@@ -1,0 +1,46 @@
+//! Parallel light.
+
+use super::punctual::checked;
+use super::{Expectation, LightSample, LightSource, PunctualError, Target, luminance};
+use dapple_scene::Source;
+use glam::{DAffine3, DVec3, Vec3};
+
+/// Parallel light from infinitely far.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct DistantLight {
+    /// Unit, towards the light.
+    towards: Vec3,
+    irradiance: Vec3,
+}
+
+impl DistantLight {
+    /// Parallel light from the direction +z of the light's space. `None` if it is black.
+    pub(crate) fn new(irradiance: [f32; 3], to_world: DAffine3, at: &Source) -> Result<Option<Self>, PunctualError> {
+        let Some(irradiance) = checked(irradiance, at)? else { return Ok(None) };
+        match (to_world.matrix3 * DVec3::Z).try_normalize() {
+            Some(towards) => Ok(Some(Self { towards: towards.as_vec3(), irradiance })),
+            None => Err(PunctualError::Transform { at: at.clone() }),
+        }
+    }
+}
+
+impl LightSource for DistantLight {
+    #[inline]
+    fn sample(&self, _: Vec3, _: [f32; 2]) -> Option<LightSample> {
+        let (wi, radiance) = (self.towards, self.irradiance);
+        Some(LightSample { wi, radiance, pdf: 1.0, target: Target::Far, delta: true })
+    }
+
+    fn is_delta(&self) -> bool {
+        true
+    }
+
+    /// Irradiance times the disk pi r^2, over pi.
+    fn power(&self, scene_radius: f64) -> f64 {
+        luminance(self.irradiance) * scene_radius * scene_radius
+    }
+
+    fn expectation(&self) -> Expectation {
+        Expectation::Far { towards: self.towards, irradiance: luminance(self.irradiance) as f32 }
+    }
+}

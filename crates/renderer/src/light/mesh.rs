@@ -1,0 +1,220 @@
+//! Triangles that emit light.
+
+use super::spherical::SphericalTriangle;
+use super::{Expectation, Lamp, LightSample, LightSource, Target, area_to_solid_angle, sample_on};
+use crate::shading::discrete::Discrete;
+use crate::shading::warp;
+use dapple_geometry::{Geometry, PrimitiveId, Shape, SurfacePoint};
+use glam::{DVec3, Vec3};
+
+/// A mesh whose triangles emit the same radiance.
+#[derive(Clone, Debug)]
+pub(crate) struct MeshLight {
+    lamp: Lamp,
+    facets: Vec<Facet>,
+    choice: Discrete,
+    /// The start of each facet on the unit interval and one over its share, for lamps of at most [`FEW`] facets.
+    ///
+    /// Counting these takes half the time of the table, for a lamp of two triangles.
+    few: Vec<[f32; 2]>,
+    area: f64,
+    /// Squared distance beyond which no facet counts as near: see [`Facet::near`].
+    near_squared: f32,
+    /// Facets by the number of their triangle, where some triangles have no area.
+    facet_of: Vec<u32>,
+}
+
+/// The most facets that are searched in order.
+const FEW: usize = 8;
+
+/// One triangle of a lamp, ready to be sampled.
+#[derive(Clone, Copy, Debug)]
+struct Facet {
+    corner: Vec3,
+    edges: [Vec3; 2],
+    /// Unit, by the winding.
+    normal: Vec3,
+    /// 1 or -1: the normal times this lies on the side that emits.
+    side: f32,
+    /// Bound on the error of a sampled point per axis.
+    error: Vec3,
+    primitive: PrimitiveId,
+    /// Share of the lamp's area.
+    share: f32,
+    /// Squared distance of the farthest corner from the centroid.
+    ///
+    /// From nearer points, the facet is sampled by its solid angle. From farther ones that varies little over the area.
+    reach_squared: f32,
+}
+
+impl Facet {
+    fn centroid(&self) -> Vec3 {
+        self.corner + (self.edges[0] + self.edges[1]) * (1.0 / 3.0)
+    }
+
+    /// The facet seen from a point so near that the solid angle is sampled; `None` from farther ones.
+    ///
+    /// A pure function of both: light sampling and its density must agree.
+    fn near(&self, from: Vec3) -> Option<SphericalTriangle> {
+        if (from - self.centroid()).length_squared() >= self.reach_squared {
+            return None;
+        }
+        let [corner, from] = [self.corner, from].map(Vec3::as_dvec3);
+        let edges = self.edges.map(Vec3::as_dvec3);
+        SphericalTriangle::new([corner, corner + edges[0], corner + edges[1]].map(|c| c - from))
+    }
+
+    /// Coordinates along the edges of the triangle's point in this direction.
+    fn intersection(&self, from: Vec3, direction: DVec3) -> [f32; 2] {
+        let [e0, e1] = self.edges.map(Vec3::as_dvec3);
+        let to = from.as_dvec3() - self.corner.as_dvec3();
+        // [Moeller and Trumbore 1997].
+        let across = direction.cross(e1);
+        let scale = 1.0 / e0.dot(across);
+        let bound = |x: f64| if x.is_finite() { x.clamp(0.0, 1.0) } else { 0.0 };
+        let b1 = bound(to.dot(across) * scale);
+        let b2 = bound(direction.dot(to.cross(e0)) * scale);
+        // Rounding leads past the far edge at most.
+        let over = (b1 + b2).max(1.0);
+        [(b1 / over) as f32, (b2 / over) as f32]
+    }
+}
+
+impl MeshLight {
+    /// The light of the mesh `shape` of `geometry`. `None` if it has no area.
+    ///
+    /// `sides` holds a sign per triangle, or one for all.
+    pub(crate) fn new(geometry: &Geometry, shape: u32, lamp: Lamp, sides: &[f32]) -> Option<Self> {
+        let Shape::Mesh(mesh) = &geometry.shapes()[shape as usize] else { return None };
+        let mut facets = Vec::with_capacity(mesh.triangles().len());
+        let mut areas = Vec::with_capacity(mesh.triangles().len());
+        for triangle in (0..mesh.triangles().len() as u32).filter(|t| !mesh.is_degenerate(*t)) {
+            let [a, b, c] = mesh.corners(triangle);
+            let across = (b - a).as_dvec3().cross((c - a).as_dvec3());
+            areas.push((across.length() * 0.5) as f32);
+            facets.push(Facet {
+                corner: a,
+                edges: [b - a, c - a],
+                normal: across.normalize_or_zero().as_vec3(),
+                side: sides.get(triangle as usize).or(sides.first()).copied().unwrap_or(1.0),
+                // Six roundings at most: two edges, two products, two sums [Pharr et al. 2023, eq. 6.26].
+                error: (a.abs().max(b.abs()).max(c.abs()) * 3.0) * (6.0 * f32::EPSILON),
+                primitive: PrimitiveId::triangle(shape, triangle),
+                share: 0.0,
+                reach_squared: 0.0,
+            });
+        }
+        let choice = Discrete::new(&areas).ok().filter(|d| !d.is_empty())?;
+        let area = choice.total();
+        let mut few = Vec::new();
+        if facets.len() <= FEW && areas.iter().all(|a| *a > 0.0) {
+            let mut end = 0.0;
+            few.extend(areas.iter().map(|&a| {
+                let start = end;
+                end += f64::from(a) / area;
+                [start as f32, (area / f64::from(a)) as f32]
+            }));
+        }
+        for (facet, area_of_it) in facets.iter_mut().zip(&areas) {
+            facet.share = (f64::from(*area_of_it) / area) as f32;
+            let centroid = facet.centroid();
+            let corners = [facet.corner, facet.corner + facet.edges[0], facet.corner + facet.edges[1]];
+            facet.reach_squared = corners.map(|c| (c - centroid).length_squared()).into_iter().fold(0.0, f32::max);
+        }
+        // Twice the widest reach, and a margin for rounding.
+        let near_squared = 5.0 * facets.iter().map(|f| f.reach_squared).fold(0.0, f32::max);
+        let mut facet_of = Vec::new();
+        if facets.len() < mesh.triangles().len() {
+            facet_of = vec![0; mesh.triangles().len()];
+            (0..).zip(&facets).for_each(|(i, f)| facet_of[f.primitive.number() as usize] = i);
+        }
+        Some(Self { lamp, facets, choice, few, area, near_squared, facet_of })
+    }
+
+    /// Uniform over the solid angle of a facet.
+    #[inline(never)]
+    fn sample_near(&self, facet: &Facet, seen: &SphericalTriangle, from: Vec3, u: [f32; 2]) -> Option<LightSample> {
+        let radiance = self.lamp.radiance(if seen.seen_from_above() { facet.side } else { -facet.side });
+        if radiance == Vec3::ZERO {
+            return None;
+        }
+        let [b1, b2] = facet.intersection(from, seen.sample(u.map(f64::from)));
+        let position = facet.corner + facet.edges[0] * b1 + facet.edges[1] * b2;
+        let wi = (position - from).try_normalize()?;
+        let point = SurfacePoint { position, error: facet.error, normal: facet.normal, primitive: facet.primitive };
+        let pdf = facet.share / seen.solid_angle as f32;
+        Some(LightSample { wi, radiance, pdf, target: Target::Surface(point), delta: false })
+    }
+
+    /// The facet that `u` selects by area, and the position of `u` within its share, in `[0, 1)`.
+    #[inline(always)]
+    fn choose(&self, u: f32) -> Option<(usize, f32)> {
+        if !self.few.is_empty() {
+            // Counted, not searched: the processor cannot guess where a random number falls.
+            let index = self.few[1..].iter().map(|[start, _]| usize::from(u >= *start)).sum::<usize>();
+            let [start, scale] = self.few[index];
+            return Some((index, ((u - start) * scale).clamp(0.0, BELOW_ONE)));
+        }
+        let choice = self.choice.sample(u)?;
+        Some((choice.index, choice.u))
+    }
+
+    #[inline(never)]
+    fn pdf_near(&self, from: Vec3, point: &SurfacePoint) -> Option<f32> {
+        let number = point.primitive.number() as usize;
+        let number = if self.facet_of.is_empty() { number } else { *self.facet_of.get(number)? as usize };
+        let facet = self.facets.get(number).filter(|f| f.primitive == point.primitive)?;
+        facet.near(from).map(|seen| facet.share / seen.solid_angle as f32)
+    }
+}
+
+impl LightSource for MeshLight {
+    /// A triangle is selected by its area, by `u[0]`, which is used again within it. That keeps the points stratified
+    /// over the whole lamp. Within a triangle: uniform over the area from far, over the solid angle from near.
+    #[inline(always)]
+    fn sample(&self, from: Vec3, u: [f32; 2]) -> Option<LightSample> {
+        let (index, within) = self.choose(u[0])?;
+        let facet = &self.facets[index];
+        let [_, b1, b2] = warp::uniform_triangle([within, u[1]]);
+        let position = facet.corner + facet.edges[0] * b1 + facet.edges[1] * b2;
+        // The distance is known here: a cheap test before that of the facet.
+        if (position - from).length_squared() < self.near_squared
+            && let Some(seen) = facet.near(from)
+        {
+            return self.sample_near(facet, &seen, from, [within, u[1]]);
+        }
+        let point = SurfacePoint { position, error: facet.error, normal: facet.normal, primitive: facet.primitive };
+        sample_on(&self.lamp, from, point, facet.side, self.area as f32)
+    }
+
+    #[inline]
+    fn pdf(&self, from: Vec3, point: &SurfacePoint) -> f32 {
+        if (point.position - from).length_squared() < self.near_squared
+            && let Some(pdf) = self.pdf_near(from, point)
+        {
+            return pdf;
+        }
+        area_to_solid_angle(from, point, self.area as f32)
+    }
+
+    #[inline]
+    fn lamp(&self) -> Option<&Lamp> {
+        Some(&self.lamp)
+    }
+
+    fn power(&self, _: f64) -> f64 {
+        self.area * self.lamp.brightness()
+    }
+
+    fn expectation(&self) -> Expectation {
+        let mean = |f: &dyn Fn(&Facet) -> Vec3| self.facets.iter().map(|facet| f(facet) * facet.share).sum::<Vec3>();
+        let middle = mean(&Facet::centroid);
+        let corners = self.facets.iter().flat_map(|f| [f.corner, f.corner + f.edges[0], f.corner + f.edges[1]]);
+        let radius = corners.map(|corner| (corner - middle).length()).fold(0.0, f32::max);
+        let facing = self.lamp.facing(mean(&|facet| facet.normal * facet.side));
+        Expectation::Near { middle, radius, facing, intensity: self.lamp.intensity(self.area) }
+    }
+}
+
+/// The largest `f32` below 1.
+const BELOW_ONE: f32 = 1.0 - f32::EPSILON / 2.0;

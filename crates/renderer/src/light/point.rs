@@ -1,0 +1,82 @@
+//! Point lights.
+
+use super::punctual::checked;
+use super::{Expectation, LightSample, LightSource, PunctualError, Target, luminance};
+use crate::space::Space;
+use dapple_scene::Source;
+use glam::{DAffine3, Vec3};
+
+/// A point that emits the same intensity in all directions.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct PointLight {
+    position: Vec3,
+    /// In the renderer's own units.
+    intensity: Vec3,
+}
+
+/// The largest distance of a point from the middle of the scene, in its half widths: its square stays finite.
+const FARTHEST: f64 = 1e18;
+
+impl PointLight {
+    /// A point at the origin of the light's space. `None` if it is black.
+    pub(crate) fn new(
+        intensity: [f32; 3],
+        to_world: DAffine3,
+        space: &Space,
+        at: &Source,
+    ) -> Result<Option<Self>, PunctualError> {
+        let Some(intensity) = checked(intensity, at)? else { return Ok(None) };
+        let position = space.point(to_world.translation);
+        if !position.is_finite() {
+            return Err(PunctualError::Transform { at: at.clone() });
+        }
+        // Intensity over squared distance must not change with the unit of length.
+        let intensity = (intensity.as_dvec3() * space.scale() * space.scale()).as_vec3();
+        if position.abs().max_element() > FARTHEST || !intensity.is_finite() {
+            return Err(PunctualError::Beyond { at: at.clone() });
+        }
+        // Below f32 all light of the scene is black.
+        Ok((intensity != Vec3::ZERO).then_some(Self { position: position.as_vec3(), intensity }))
+    }
+
+    /// Light that arrives at `from`, before any falloff.
+    #[inline]
+    pub(super) fn arriving(&self, from: Vec3) -> Option<LightSample> {
+        let to = self.position - from;
+        let squared = to.length_squared();
+        let wi = to / squared.sqrt();
+        let radiance = self.intensity / squared;
+        // From the point itself there is no direction.
+        let arrives = radiance != Vec3::ZERO && radiance.is_finite();
+        arrives.then_some(LightSample { wi, radiance, pdf: 1.0, target: Target::Point(self.position), delta: true })
+    }
+
+    pub(super) fn intensity(&self) -> Vec3 {
+        self.intensity
+    }
+
+    /// An expectation of the same light in all directions.
+    pub(super) fn expectation_of(&self, intensity: f64) -> Expectation {
+        Expectation::Near { middle: self.position, radius: 0.0, facing: Vec3::ZERO, intensity: intensity as f32 }
+    }
+}
+
+impl LightSource for PointLight {
+    #[inline]
+    fn sample(&self, from: Vec3, _: [f32; 2]) -> Option<LightSample> {
+        self.arriving(from)
+    }
+
+    fn is_delta(&self) -> bool {
+        true
+    }
+
+    /// Intensity times 4 pi, over pi.
+    fn power(&self, _: f64) -> f64 {
+        4.0 * luminance(self.intensity)
+    }
+
+    fn expectation(&self) -> Expectation {
+        self.expectation_of(luminance(self.intensity))
+    }
+}

@@ -1,0 +1,108 @@
+//! Spheres that emit light.
+
+use super::{Expectation, Lamp, LightSample, LightSource, Target, area_to_solid_angle, sample_on};
+use crate::shading::{ShadingFrame, warp};
+use dapple_geometry::{PrimitiveId, SurfacePoint};
+use glam::Vec3;
+
+/// A sphere that emits light.
+#[derive(Clone, Debug)]
+pub(crate) struct SphereLight {
+    lamp: Lamp,
+    centre: Vec3,
+    radius: f32,
+    /// Points nearer to the centre count as inside: the radius and a margin for the rounding of points on the sphere.
+    reach: f32,
+    /// -1 if it emits inwards.
+    flip: f32,
+}
+
+impl SphereLight {
+    /// A sphere; `flip` is -1 if it emits inwards.
+    pub(crate) fn new(lamp: Lamp, centre: Vec3, radius: f32, flip: f32) -> Self {
+        // A point on the sphere is off by a rounding of each coordinate; its distance by some more.
+        let error = (centre.length() + radius) * (4.0 * f32::EPSILON);
+        Self { lamp, centre, radius, reach: radius + error, flip }
+    }
+
+    fn area(&self) -> f64 {
+        4.0 * std::f64::consts::PI * f64::from(self.radius) * f64::from(self.radius)
+    }
+
+    /// Squared sine of half the angle that the sphere fills, from outside.
+    #[inline]
+    fn sine_squared(&self, axis: Vec3) -> Option<f32> {
+        let squared = axis.length_squared();
+        (squared > self.reach * self.reach).then(|| self.radius * self.radius / squared)
+    }
+
+    /// The point with this outward normal, with the error of its computation.
+    #[inline]
+    fn point(&self, normal: Vec3) -> SurfacePoint {
+        let position = self.centre + normal * self.radius;
+        // Three roundings of each coordinate, and those of the normal.
+        let error = (self.centre.abs() + Vec3::splat(self.radius)) * (4.0 * f32::EPSILON);
+        SurfacePoint { position, error, normal, primitive: PrimitiveId::NONE }
+    }
+}
+
+impl LightSource for SphereLight {
+    /// Uniform over the cone that the sphere fills, from outside; uniform over the area from inside and from the sphere.
+    ///
+    /// The cone's height `1 - cos` is computed from the sine, so that no distance makes it vanish
+    /// [Pharr et al. 2023, sec. 6.2.4].
+    #[inline]
+    fn sample(&self, from: Vec3, u: [f32; 2]) -> Option<LightSample> {
+        let axis = from - self.centre;
+        let Some(sin2) = self.sine_squared(axis) else {
+            let normal = warp::uniform_sphere(u);
+            return sample_on(&self.lamp, from, self.point(normal), self.flip, self.area() as f32);
+        };
+        let height = warp::one_minus_cos(sin2);
+        let local = warp::uniform_cone(u, height);
+        // Angle at the centre between the axis and the point met first; both terms keep their digits
+        // at any distance [Pharr et al. 2023, eq. 6.6].
+        let sin2_theta = local.x * local.x + local.y * local.y;
+        let sin_max = sin2.sqrt();
+        let cos_alpha = sin2_theta / sin_max + local.z * (1.0 - sin2_theta / sin2).max(0.0).sqrt();
+        let sin_alpha = (1.0 - cos_alpha * cos_alpha).max(0.0).sqrt();
+        let frame = ShadingFrame::from_normal(axis.normalize());
+        let around = if sin2_theta > 0.0 { 1.0 / sin2_theta.sqrt() } else { 0.0 };
+        let normal = frame.to_world(Vec3::new(local.x * around * sin_alpha, local.y * around * sin_alpha, cos_alpha));
+        let point = self.point(normal.normalize());
+        let wi = frame.to_world(Vec3::new(local.x, local.y, -local.z)).normalize();
+        // The first point met is seen from outside.
+        let radiance = self.lamp.radiance(self.flip);
+        let pdf = warp::uniform_cone_pdf(height);
+        (radiance != Vec3::ZERO).then_some(LightSample {
+            wi,
+            radiance,
+            pdf,
+            target: Target::Surface(point),
+            delta: false,
+        })
+    }
+
+    #[inline]
+    fn pdf(&self, from: Vec3, point: &SurfacePoint) -> f32 {
+        match self.sine_squared(from - self.centre) {
+            Some(sin2) => warp::uniform_cone_pdf(warp::one_minus_cos(sin2)),
+            None => area_to_solid_angle(from, point, self.area() as f32),
+        }
+    }
+
+    #[inline]
+    fn lamp(&self) -> Option<&Lamp> {
+        Some(&self.lamp)
+    }
+
+    fn power(&self, _: f64) -> f64 {
+        self.area() * self.lamp.brightness()
+    }
+
+    fn expectation(&self) -> Expectation {
+        // The disk that is seen of a sphere is a quarter of its surface.
+        let intensity = self.lamp.intensity(self.area() * 0.25);
+        Expectation::Near { middle: self.centre, radius: self.radius, facing: Vec3::ZERO, intensity }
+    }
+}

@@ -1,0 +1,93 @@
+//! Spot lights.
+
+use super::{Expectation, LightSample, LightSource, PointLight, PunctualError, luminance};
+use crate::space::{Space, even_scale};
+use dapple_scene::{Source, SpotFalloff};
+use glam::{DAffine3, DVec3, Vec3};
+
+/// A point that emits into a cone.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct SpotLight {
+    point: PointLight,
+    /// Unit, away from the lamp.
+    axis: Vec3,
+    /// `1 - cos` of the angle at which light ends: the cosine of a narrow cone rounds to 1.
+    edge: f32,
+    /// The same of the angle from which it falls off.
+    core: f32,
+    falloff: SpotFalloff,
+}
+
+impl SpotLight {
+    /// A point at the origin of the light's space that emits along its +z; angles in degrees. `None` if it is
+    /// black.
+    pub(crate) fn new(
+        intensity: [f32; 3],
+        [cone, falloff_start]: [f32; 2],
+        falloff: SpotFalloff,
+        to_world: DAffine3,
+        space: &Space,
+        at: &Source,
+    ) -> Result<Option<Self>, PunctualError> {
+        if !(0.0 <= falloff_start && falloff_start <= cone && 0.0 < cone && cone <= 180.0) {
+            return Err(PunctualError::Cone { at: at.clone(), cone, falloff_start });
+        }
+        if even_scale(&to_world.matrix3).is_none() {
+            return Err(PunctualError::Transform { at: at.clone() });
+        }
+        let axis = (to_world.matrix3 * DVec3::Z).normalize().as_vec3();
+        let height = |degrees: f32| (2.0 * (0.5 * f64::from(degrees).to_radians()).sin().powi(2)) as f32;
+        let point = PointLight::new(intensity, to_world, space, at)?;
+        Ok(point.map(|point| Self { point, axis, edge: height(cone), core: height(falloff_start), falloff }))
+    }
+
+    /// Share of the intensity at an angle from the axis whose `1 - cos` is `height`.
+    #[inline]
+    fn share(&self, height: f32) -> f32 {
+        if height <= self.core {
+            return 1.0;
+        }
+        let x = (self.edge - height) / (self.edge - self.core);
+        match self.falloff {
+            _ if !(x > 0.0) => 0.0,
+            SpotFalloff::Smoothstep => x * x * (3.0 - 2.0 * x),
+            SpotFalloff::Quartic => (x * x) * (x * x),
+        }
+    }
+
+    /// The solid angle that holds as much light at full intensity, over 4 pi.
+    fn share_of_sphere(&self) -> f64 {
+        let [edge, core] = [self.edge, self.core].map(f64::from);
+        // Integrals of the falloff over x from 0 to 1.
+        let mean = match self.falloff {
+            SpotFalloff::Smoothstep => 0.5,
+            SpotFalloff::Quartic => 0.2,
+        };
+        0.5 * (core + (edge - core) * mean)
+    }
+}
+
+impl LightSource for SpotLight {
+    #[inline]
+    fn sample(&self, from: Vec3, _: [f32; 2]) -> Option<LightSample> {
+        let mut sample = self.point.arriving(from)?;
+        // 1 - cos from the chord, which keeps the digits of narrow cones.
+        let share = self.share(0.5 * (sample.wi + self.axis).length_squared());
+        sample.radiance *= share;
+        (sample.radiance != Vec3::ZERO).then_some(sample)
+    }
+
+    fn is_delta(&self) -> bool {
+        true
+    }
+
+    /// Intensity times 4 pi times the share of the sphere, over pi.
+    fn power(&self, _: f64) -> f64 {
+        4.0 * luminance(self.point.intensity()) * self.share_of_sphere()
+    }
+
+    /// Leaves the cone to be learned: it may cross a cell anywhere.
+    fn expectation(&self) -> Expectation {
+        self.point.expectation_of(luminance(self.point.intensity()) * self.share_of_sphere())
+    }
+}
