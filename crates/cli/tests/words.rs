@@ -49,7 +49,7 @@ fn settings_are_refused_before_anything_is_rendered_i06() {
         ("--without glossy", 1, "the scene does not call for it; it calls for soft-shadows, interreflection"),
         ("--without interreflection --without glossy", 1, "--without glossy: the scene does not call for it"),
         ("--without interreflection --max-depth 1", 1, "it calls for soft-shadows\n"),
-        ("-o a.jpg", 2, ".exr, .pfm, .png"),
+        ("-o a.jpg", 2, ".exr, .pfm or .png"),
         ("-o a.png -o a.png", 2, "given twice"),
         ("-o nowhere/a.png", 1, "create the directory first"),
     ];
