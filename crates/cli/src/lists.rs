@@ -27,3 +27,13 @@ fn list<Make>(entries: &[Entry<Make>]) -> Result<Outcome> {
     }
     Ok(Outcome::Done)
 }
+
+pub(crate) fn integrators() -> Result<Outcome> {
+    for entry in dapple_renderer::integrators() {
+        tell(format!("{:<18}{}", entry.name, entry.about))?;
+        for (key, default, about) in entry.parameters {
+            tell(format!("  {:<16}{about}", format!("{key}={default}")))?;
+        }
+    }
+    Ok(Outcome::Done)
+}

@@ -88,6 +88,8 @@ enum Command {
     Samplers,
     /// List the point sets: where samples lie
     Points,
+    /// List the integrators: how light is transported
+    Integrators,
     /// List the filters (the denoisers): how an image is made of the samples
     Filters,
 }
@@ -103,6 +105,7 @@ fn main() -> ExitCode {
         Command::StudyRun => study::run_one(),
         Command::Samplers => lists::samplers(),
         Command::Points => lists::points(),
+        Command::Integrators => lists::integrators(),
         Command::Filters => lists::filters(),
     };
     match outcome {

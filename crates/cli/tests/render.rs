@@ -389,7 +389,7 @@ fn an_image_equals_itself_and_no_other() {
     for (words, message) in [
         ("small.pfm a.exr", "error: the image is 4x4 and its reference 24x16; "),
         ("a.exr missing.exr", "error: missing.exr: cannot read it: "),
-        ("tiny.pbrt a.exr", "error: tiny.pbrt: not an image"),
+        ("tiny.pbrt a.exr", "error: tiny.pbrt: unknown image format"),
     ] {
         let said = folder.run(&format!("compare {words}"));
         assert_eq!(said.status, Some(1));
@@ -419,4 +419,20 @@ fn phases_sum_to_the_total_t01() {
         })
         .collect();
     assert!(off.iter().any(|off| off.abs() <= 0.02), "{off:?}");
+}
+
+#[test]
+fn a_saved_description_renders_the_same_bits() {
+    let folder = Folder::new();
+    let words =
+        "render tiny.pbrt --sampler variance --spp 6 --seed 9 --max-depth 3 --light-choice power --crop 2,2,20,14";
+    folder.done(&format!("{words} -q -o a.pfm"));
+    let json = folder.done(&format!("{words} --print-spec"));
+    assert!(json.contains("\"light_selection\": \"power\"") && !json.contains("--"), "{json}");
+    std::fs::write(folder.path("a.json"), &json).expect("the description");
+    folder.done("render --spec a.json -q -o b.pfm");
+    assert!(folder.read("a.pfm") == folder.read("b.pfm"));
+    std::fs::write(folder.path("a.json"), json.replace("\"version\": 1", "\"version\": 2")).expect("the description");
+    let said = folder.run("render --spec a.json -q -o b.pfm");
+    assert!(said.status == Some(1) && said.err.starts_with("error: a.json: the render's description has version 2"));
 }

@@ -4,7 +4,7 @@ use crate::memory::{MemoryAdvice, MemoryEstimate, MemoryLimit, size};
 use crate::registry::RegistryError;
 use crate::{SpecError, checkpoint};
 use dapple_core::Shard;
-use dapple_renderer::WorldError;
+use dapple_renderer::{IntegratorError, WorldError};
 use dapple_scene::ReadError;
 use dapple_scene::{Effect, WithoutError, bundled};
 use std::path::PathBuf;
@@ -31,6 +31,9 @@ pub enum JobError {
     /// A sampler, a point set or a filter that cannot be made.
     #[error(transparent)]
     Registry(#[from] RegistryError),
+    /// An integrator that cannot be made.
+    #[error(transparent)]
+    Integrator(#[from] IntegratorError),
     /// The render itself.
     #[error(transparent)]
     Core(#[from] dapple_core::Error),

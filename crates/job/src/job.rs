@@ -18,7 +18,7 @@ use dapple_core::{
     Budget, Control, Error, Film, Filter, Filtered, Frame, Limits, Memory, Monitor, Needs, NoMonitor, PointSet, Render,
     Sampler, Sharded, Status, Unfiltered,
 };
-use dapple_renderer::{World, integrator};
+use dapple_renderer::{World, make_integrator};
 use dapple_scene::Scene;
 use serde::Serialize;
 use std::path::PathBuf;
@@ -171,6 +171,7 @@ impl Job {
             // Keeps at least 1 ms, so that clustering cannot use up the whole limit.
             *seconds = (*seconds - of_sampler.cluster_seconds()).max(1e-3);
         }
+        drop(make_integrator(&spec.integrator, &prepared.world)?);
         let mut job = Self {
             spec: spec.clone(),
             prepared,
@@ -298,7 +299,7 @@ impl Job {
             monitor.resumed(snapshot.film().record().samples as f64 / self.frame.pixels() as f64);
         }
         let mut watched = Watched::new(monitor, checkpoints, identity);
-        let mut integrator = integrator(&self.prepared.world);
+        let mut integrator = make_integrator(&self.spec.integrator, &self.prepared.world)?;
         let mut sharded;
         let sampler: &mut dyn Sampler = match self.spec.shard {
             None => &mut *self.sampler,

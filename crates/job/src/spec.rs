@@ -5,6 +5,7 @@ mod names;
 pub use names::parse_shard;
 
 use dapple_core::Shard;
+use dapple_renderer::integrators;
 use dapple_renderer::light::LightSelection;
 use dapple_scene::Effect;
 use serde::{Deserialize, Serialize};
@@ -53,7 +54,7 @@ pub struct RenderSpec {
     /// The filter, in the same form; `none` leaves each pixel the mean of its samples.
     #[serde(default = "names::filter")]
     pub filter: String,
-    /// The integrator.
+    /// The integrator, in the same form.
     #[serde(default = "names::integrator")]
     pub integrator: String,
     /// The selection among several lights. `None` is [`RenderSpec::selection`]'s default.
@@ -388,9 +389,10 @@ impl RenderSpec {
                 return wrong(field, e.to_string());
             }
         }
-        if self.integrator != DEFAULT_INTEGRATOR {
-            let name = &self.integrator;
-            return wrong("integrator", format!("there is no integrator \"{name}\"; there is {DEFAULT_INTEGRATOR}"));
+        let name = self.integrator.split(':').next().unwrap_or_default().trim();
+        if integrators().iter().all(|entry| entry.name != name) {
+            let known: Vec<&str> = integrators().iter().map(|entry| entry.name).collect();
+            return wrong("integrator", format!("there is no integrator \"{name}\"; there are {}", known.join(", ")));
         }
         if self.shard.is_some() && self.selection() == LightSelection::Learned {
             let what = "learned light selection needs samples of the whole image, and cannot be sharded; use power";

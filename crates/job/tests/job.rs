@@ -115,3 +115,11 @@ fn the_clusters_of_a_render_are_those_of_its_sampler_before_those_of_its_filter(
     assert!(by_filter.is_some() && by_sampler.is_some());
     assert_eq!(clusters("cluster-thesis:normals=90", "cluster-gaussian:sides=2"), by_sampler);
 }
+
+#[test]
+fn a_description_chooses_the_integrator() {
+    let open = spec().integrator("ambient-occlusion:distance=0.5");
+    assert_ne!(render(&open), render(&spec()));
+    let wrong = Job::prepare(&spec().integrator("ambient-occlusion:far=1")).err().expect("no such parameter");
+    assert!(wrong.to_string().contains("parameter \"far\" is unknown"), "{wrong}");
+}

@@ -62,7 +62,10 @@ fn unknown_fields_and_wrong_values_are_named() {
         (r#"{"version": 1, "scene": "teapot", "light_selection": "best"}"#, "unknown variant `best`"),
         (r#"{"version": 1, "scene": "teapot", "shard": "3/2"}"#, "\"3/2\" is not a shard"),
         (r#"{"version": 1, "scene": "teapot", "sampler": "nonesuch"}"#, "sampler: there is no sampler \"nonesuch\""),
-        (r#"{"version": 1, "scene": "teapot", "integrator": "bdpt"}"#, "there is no integrator \"bdpt\""),
+        (
+            r#"{"version": 1, "scene": "teapot", "integrator": "bdpt"}"#,
+            "there is no integrator \"bdpt\"; there are path, ambient-occlusion",
+        ),
         (r#"{"version": 1, "scene": "teapot", "min_spp": 5, "max_spp": 2}"#, "min_spp: 5 is above"),
         (r#"{"version": 1, "scene": "teapot", "budget": {"spp": -1.0}}"#, "spp: -1 is not a finite number above zero"),
         (r#"{"version": 1, "scene": "teapot", "shard": "1/2", "light_selection": "learned"}"#, "cannot be sharded"),

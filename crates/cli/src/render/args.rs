@@ -46,7 +46,7 @@ pub(crate) struct RenderArgs {
     #[arg(help_heading = "Method")]
     pub(crate) filter: String,
 
-    /// The integrator (how light is transported): path
+    /// The integrator (how light is transported); `dapple integrators` lists them
     #[arg(long, value_name = "NAME", default_value = dapple_job::DEFAULT_INTEGRATOR, help_heading = "Method")]
     pub(crate) integrator: String,
 
