@@ -34,10 +34,10 @@ fn settings_are_refused_before_anything_is_rendered_i06() {
         ("--crop 1,2,3", 2, "X0,Y0,X1,Y1"),
         ("--crop 0,0,25,16", 1, "24x16 image"),
         ("--resolution 4000000000x1 --max-depth 1 --min-spp 0 --memory 8G", 1, "crops (--crop)"),
-        ("--sampler nonesuch", 2, "there is no sampler \"nonesuch\": there are variance, "),
-        ("--points nonesuch", 2, "there is no point set \"nonesuch\": there are "),
-        ("--filter nonesuch", 2, "there is no filter \"nonesuch\": there are "),
-        ("--sampler variance:cup=3", 2, "it takes pilot, radius"),
+        ("--sampler nonesuch", 2, "there is no sampler \"nonesuch\"; there are variance, "),
+        ("--points nonesuch", 2, "there is no point set \"nonesuch\"; there are "),
+        ("--filter nonesuch", 2, "there is no filter \"nonesuch\"; there are "),
+        ("--sampler variance:cup=3", 2, "It takes pilot, radius"),
         ("--sampler variance:cap=3,cap=4", 2, "\"cap\" is given twice"),
         ("--sampler variance:cap=NaN", 2, "cap = NaN is out of range: at least 1"),
         ("--sampler variance:pilot=1", 2, "two samples or more"),
@@ -71,7 +71,7 @@ fn wrong_words_end_with_usage() {
     let folder = Folder::new();
     let samplers: Vec<&str> = SAMPLERS.iter().map(|entry| entry.name).collect();
     let unknown = format!(
-        "error: invalid value 'nonesuch' for '--sampler <NAME[:key=value,…]>': there is no sampler \"nonesuch\": there \
+        "error: invalid value 'nonesuch' for '--sampler <NAME[:key=value,…]>': there is no sampler \"nonesuch\"; there \
          are {}\n\nFor more information, try '--help'.\n",
         samplers.join(", ")
     );

@@ -51,7 +51,7 @@ pub enum OptionError {
         item: String,
     },
     /// An unknown name.
-    #[error("there is no parameter \"{name}\"{}: it takes {known}", nearest.map_or(String::new(), |n| format!(", did you mean \"{n}\"?")))]
+    #[error("there is no parameter \"{name}\"; {} takes {known}", nearest.map_or("it".to_owned(), |n| format!("did you mean \"{n}\"? It")))]
     Unknown {
         /// The name given.
         name: String,
@@ -373,7 +373,7 @@ mod tests {
         let refused = |text: &str| TestOptions::parse(text).unwrap_err().to_string();
         assert_eq!(
             refused("cuont=3"),
-            "there is no parameter \"cuont\", did you mean \"count\"?: it takes count, shape, weight"
+            "there is no parameter \"cuont\"; did you mean \"count\"? It takes count, shape, weight"
         );
         assert_eq!(refused("zzzzzz=3"), "there is no parameter \"zzzzzz\": it takes count, shape, weight");
         assert_eq!(refused("count"), "\"count\" is no key=value");

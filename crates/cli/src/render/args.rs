@@ -30,8 +30,8 @@ pub(crate) struct RenderArgs {
 
     /// The sampler (how many samples each pixel gets); `dapple samplers` lists them
     ///
-    /// By default counts follow errors relative to mean^2 + epsilon with epsilon = 0.3, which suits the default filter. The
-    /// sampler's own 0.01 suits `--filter none`.
+    /// By default counts follow errors relative to mean^2 + epsilon with epsilon = 0.3, which suits the default filter;
+    /// `adaptive:epsilon=0.01` suits `--filter none`.
     #[arg(long, value_name = "NAME[:key=value,…]", default_value = dapple_job::DEFAULT_SAMPLER, value_parser = sampler)]
     #[arg(help_heading = "Method")]
     pub(crate) sampler: String,

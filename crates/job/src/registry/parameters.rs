@@ -9,7 +9,7 @@ use std::str::FromStr;
 #[derive(Debug, thiserror::Error)]
 pub enum RegistryError {
     /// An unknown name.
-    #[error("there is no {kind} \"{name}\"{}: there are {known}", nearest.map_or(String::new(), |n| format!(", did you mean \"{n}\"?")))]
+    #[error("there is no {kind} \"{name}\"; {} are {known}", nearest.map_or("there".to_owned(), |n| format!("did you mean \"{n}\"? There")))]
     Unknown {
         /// Sampler, point set or filter.
         kind: &'static str,
