@@ -36,7 +36,7 @@ pub(crate) fn run(options: &StudyArgs) -> Result<Outcome> {
     let mut bar = Bar::new(options.quiet, stop);
     let folder = &options.output;
     let opened = Study::open(plan, folder, &session, &mut bar);
-    let Some(mut study) = opened.map_err(|e| told(&e, &mut bar))? else {
+    let Some(mut study) = opened.map_err(|e| failure_of(&e, &mut bar))? else {
         bar.finish();
         say("interrupted", "before the first run: finished references are kept");
         return Ok(Outcome::Interrupted);
@@ -45,7 +45,7 @@ pub(crate) fn run(options: &StudyArgs) -> Result<Outcome> {
     if before > 0 && before < runs {
         bar.say(&format!("resuming after {before} of {runs} runs"));
     }
-    let ended = study.run(&mut *runner, &mut bar).map_err(|e| told(&e, &mut bar))?;
+    let ended = study.run(&mut *runner, &mut bar).map_err(|e| failure_of(&e, &mut bar))?;
     bar.finish();
     if ended == StudyStatus::Stopped {
         let (done, at) = (study.runs().len(), folder.display());
@@ -90,8 +90,11 @@ fn itself() -> Result<std::path::PathBuf> {
     std::env::current_exe().map_err(|e| Failure::new(format!("--fresh: cannot find this program: {e}")))
 }
 
-/// The library knows no options.
-fn told(error: &StudyError, bar: &mut Bar) -> Failure {
+/// An error of a study, with the program's options in its advice.
+fn failure_of(error: &StudyError, bar: &mut Bar) -> Failure {
     bar.finish();
-    Failure::lines(&error.to_string().replace("allow unsupported directives", "--allow-unsupported"))
+    match error {
+        StudyError::Load(error) => crate::failure::of_job(error),
+        _ => Failure::lines(error),
+    }
 }

@@ -45,7 +45,7 @@ impl From<OutOfRange> for crate::Error {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum OptionError {
     /// An item without `=`.
-    #[error("\"{item}\" is no key=value")]
+    #[error("\"{item}\" is not of the form key=value")]
     NotAPair {
         /// The item.
         item: String,
@@ -67,7 +67,7 @@ pub enum OptionError {
         name: &'static str,
     },
     /// A value of the wrong kind.
-    #[error("{name} = \"{value}\": {wanted} is wanted")]
+    #[error("{name} = \"{value}\"; give {wanted}")]
     Value {
         /// The parameter.
         name: &'static str,
@@ -376,11 +376,11 @@ mod tests {
             "there is no parameter \"cuont\"; did you mean \"count\"? It takes count, shape, weight"
         );
         assert_eq!(refused("zzzzzz=3"), "there is no parameter \"zzzzzz\": it takes count, shape, weight");
-        assert_eq!(refused("count"), "\"count\" is no key=value");
+        assert_eq!(refused("count"), "\"count\" is not of the form key=value");
         assert_eq!(refused("count=1,count=2"), "\"count\" is given twice");
-        assert_eq!(refused("count=many"), "count = \"many\": a number (below 10) is wanted");
+        assert_eq!(refused("count=many"), "count = \"many\"; give a number (below 10)");
         assert_eq!(refused("count=10"), "count = 10 is out of range: below 10");
-        assert_eq!(refused("shape=oval"), "shape = \"oval\": one of round, square is wanted");
+        assert_eq!(refused("shape=oval"), "shape = \"oval\"; give one of round, square");
         assert_eq!(refused("weight=NaN"), "weight = NaN is out of range: above 0, or none");
         assert_eq!(TestOptions::default().set("other", "1"), Ok(false));
     }

@@ -10,6 +10,9 @@ pub enum StudyError {
     #[error(transparent)]
     Plan(#[from] crate::PlanError),
     /// A scene that cannot be read or built.
+    #[error(transparent)]
+    Load(#[from] dapple_job::JobError),
+    /// A scene that cannot be rendered as the plan describes.
     #[error("{0}")]
     Scene(String),
     /// A reference of another scene, size or setting, or one that cannot be read.

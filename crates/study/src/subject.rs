@@ -3,8 +3,7 @@
 use crate::StudyError;
 use dapple_core::Frame;
 use dapple_job::{
-    BudgetSpec, ContentHash, CropSpec, JobError, LoadOptions, LoadedScene, PixelFilterSpec, PreparedScene, RenderSpec,
-    Warning,
+    BudgetSpec, ContentHash, CropSpec, LoadOptions, LoadedScene, PixelFilterSpec, PreparedScene, RenderSpec, Warning,
 };
 use dapple_renderer::light::LightSelection;
 use dapple_scene::Scene;
@@ -76,11 +75,10 @@ impl Subject {
     ///
     /// # Errors
     ///
-    /// [`StudyError::Scene`] with everything that is wrong with it.
+    /// [`StudyError::Load`] with every problem of its files.
     pub(crate) fn load(view: &View) -> Result<Self, StudyError> {
-        let wrong = |e: JobError| StudyError::Scene(e.to_string());
         let loaded = LoadedScene::read(&view.spec(), &LoadOptions::default());
-        let prepared = loaded.and_then(LoadedScene::build).map_err(wrong)?;
+        let prepared = loaded.and_then(LoadedScene::build)?;
         let content = prepared.digest().cloned().unwrap_or_default();
         Ok(Self { view: view.clone(), scene: prepared.scene().clone(), content, prepared })
     }
