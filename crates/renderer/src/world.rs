@@ -69,7 +69,7 @@ use glam::Vec3;
 ///
 /// impl Integrator for DirectLight<'_> {
 ///     fn estimate(&self, draws: &Draws<'_>, _: &mut TrainingLog) -> Estimate {
-///         Estimate { radiance: self.radiance(draws).to_array(), first_hit: None, cost: 2 }
+///         Estimate::new(self.radiance(draws).to_array()).with_cost(2)
 ///     }
 /// }
 ///
