@@ -9,8 +9,9 @@
 //! ratios of the mean errors over seeds, sRGB MSE and relMSE, per scene and as geometric means, and seconds over those of
 //! uniform counts, as Markdown (`docs/results/to_csv.py` makes CSV of it). Without `--full` a small form runs in seconds.
 //!
-//! `--method` may begin with a light selection, such as `learned@uniform`; the default is by power. `--against` names the method that
-//! all are compared with (`uniform`). Further options: `--scenes` and `--spp`, lists with commas; `--seeds`, `--side`, `--reference`.
+//! `--method` may begin with a light selection, such as `learned@uniform`; the default is by power. `--against` names
+//! the method of comparison (`uniform`). Further options: `--scenes` and `--spp`, lists with commas; `--seeds`,
+//! `--side`, `--reference`.
 
 #![expect(clippy::print_stdout, clippy::print_stderr, reason = "a program whose table is its result")]
 

@@ -90,8 +90,8 @@ fn main() -> Result<()> {
     write_images(&folder, &pairs[0][1], &clusters_seen)
 }
 
-/// One image of `spp` samples per pixel on average, exactly. The filters here read nothing but means and counts, which
-/// are always recorded; others name their [`Needs`], which go in here.
+/// One image with a mean of exactly `spp` samples per pixel. These filters need only means and counts, which are always
+/// recorded. Others have further [`Needs`], to be passed here.
 fn image(scene: &mut Scene, sampler: &mut dyn Sampler, spp: u64) -> Result<Film> {
     let frame = Frame::new(SIZE[0], SIZE[1])?;
     let limits = Limits::samples(spp * frame.pixels() as u64);
@@ -378,7 +378,7 @@ impl Integrator for Scene {
         let ambient = if open { sky(bounce) } else { [0.0; 3] };
         let radiance = [0, 1, 2].map(|c: usize| albedo[c] * (lamp.unwrap_or(0.0) + ambient[c]));
 
-        // A filter that asks for first hits (`draws.wants_first_hit()`) would get them here.
+        // A filter that needs first hits (`draws.wants_first_hit()`) would get them here.
         Estimate::new(radiance).with_cost(2 + u32::from(lamp.is_some()))
     }
 }

@@ -5,14 +5,14 @@
 //! cargo run --release --example geometric_terms -- --full
 //! ```
 //!
-//! Both enter through [`ErrorMap`], the sampler's plug for errors from elsewhere; no code of the library is touched.
+//! Both enter through [`ErrorMap`], the sampler's interface for external errors; the library is unchanged.
 //!
-//! * `light`: the variance of one sample of direct light, by four shadow rays from each of a pixel's first four hits. These rays
-//!   are not charged.
+//! * `light`: the variance of one sample of direct light, from four shadow rays at each of a pixel's first four hits.
+//!   These rays are not counted in the budget.
 //! * `gloss`: the distance of surfaces from diffuse.
 //!
-//! The number behind a name is the term's share in the score, a geometric mean with the pilot's variance; 1 is the term alone.
-//! Prints Markdown (`docs/results/to_csv.py` makes CSV of it). Without `--full` a small form runs in seconds.
+//! The number after a name is the term's weight in the score, a geometric mean with the pilot's variance; 1 is the term
+//! alone. Prints Markdown (`docs/results/to_csv.py` makes CSV of it). Without `--full` a small form runs in seconds.
 
 #![expect(clippy::print_stdout, reason = "a program whose table is its result")]
 
@@ -115,7 +115,7 @@ impl Course {
         Ok(course)
     }
 
-    /// Renders by a term and its share; without one, uniformly.
+    /// Renders with a term and its weight; without one, uniformly.
     fn render(&self, by: Option<(Option<Term>, f64)>, seed: u64, spp: u64) -> Result<Vec<[f32; 3]>> {
         let points = registry::points("sobol", registry::Setting { seed, spp: Some(spp) })?;
         let mut sampler: Box<dyn Sampler> = match by {

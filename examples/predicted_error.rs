@@ -4,9 +4,9 @@
 //! docs/results/make predicted-error
 //! ```
 //!
-//! An estimate comes from two independently scrambled halves: one degree of freedom for each pixel and channel, pooled
-//! over square blocks of pixels. Its 95 % interval is that of Student's t with as many degrees of freedom as pixels; it
-//! should hold the reference in 95 % of pixels and channels, and be no wider than it must. Prints Markdown
+//! An estimate comes from two independently scrambled halves. It has one degree of freedom for each pixel and channel,
+//! pooled over square blocks of pixels. Its 95 % interval is Student's t with as many degrees of freedom as pixels. It
+//! should contain the reference in 95 % of pixels and channels, and be as narrow as possible. Prints Markdown
 //! (`docs/results/to_csv.py` makes CSV of it). Without `--full` a small form runs in seconds.
 
 #![expect(clippy::print_stdout, reason = "a program whose table is its result")]
@@ -105,7 +105,7 @@ impl Course {
         Ok(Render::new(self.frame, &limits).needs(needs).run(&mut *integrator(&self.world), &mut *sampler)?)
     }
 
-    /// The relMSE of a film, the reference's own variance taken out.
+    /// The relMSE of a film, without the reference's own variance.
     fn error(&self, film: &Film) -> f64 {
         let channels = self.frame.pixels() * 3;
         let sum: f64 = (0..channels).map(|k| self.squared(film, k) / (self.at(k).powi(2) + RELATIVE_EPSILON)).sum();
@@ -117,7 +117,7 @@ impl Course {
         self.reference[k / 3][k % 3]
     }
 
-    /// The squared error there, less what the reference adds on average.
+    /// The squared error of channel `k % 3` of pixel `k / 3`, less the mean contribution of the reference.
     fn squared(&self, film: &Film, k: usize) -> f64 {
         (film.mean(k / 3)[k % 3] - self.at(k)).powi(2) - self.noise[k / 3][k % 3]
     }
@@ -139,8 +139,8 @@ impl Course {
         Ok(format!("{:.2} [{:.2}, {:.2}] | {}", ratio.value, ratio.low, ratio.high, cells.join(" | ")))
     }
 
-    /// Channels whose interval holds the reference, all channels, and the sum of half widths over 1.96 root mean
-    /// squared errors of the block.
+    /// The number of channels whose interval contains the reference, the number of all channels, and the sum of half
+    /// widths over 1.96 root mean squared errors of the block.
     fn covered(&self, film: &Film, side: u32) -> Result<[f64; 3]> {
         let [width, height] = self.frame.size();
         let mut found = [0.0; 3];
@@ -161,7 +161,7 @@ impl Course {
                     for &i in &block {
                         let k = 3 * i + channel;
                         let off = (film.mean(i)[channel] - self.at(k)).abs();
-                        // The reference is not exact either.
+                        // The reference has an error too.
                         let reach = half.hypot(1.96 * self.noise[i][channel].sqrt());
                         found[0] += f64::from(u8::from(off <= reach));
                         found[1] += 1.0;

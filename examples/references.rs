@@ -1,12 +1,12 @@
-//! Scenes of others beside pbrt-v4's images of them: ratios of means and of block means, and pairs of images.
+//! Published scenes beside pbrt-v4's images of them: ratios of means and of block means, and pairs of images.
 //!
 //! ```sh
 //! cargo run --release --example references -- --full [--images DIR] [SCENE]... > table.md
 //! ```
 //!
-//! Renders each scene of `shared/scenes/pbrt-v4` that has an image in `shared/references` at that image's size,
-//! with the scene's own depth, box filter and uniform `sobol`, several times with other seeds. `--images` writes
-//! `SCENE.png`: ours on the left, pbrt's on the right. Prints Markdown (`docs/results/to_csv.py` makes CSV of it).
+//! Renders each scene of `shared/scenes/pbrt-v4` that has an image in `shared/references`, at that image's size. It
+//! uses the scene's own depth, a box filter and uniform `sobol`, several times with other seeds. `--images` writes
+//! `SCENE.png`: Dapple on the left, pbrt on the right. Prints Markdown (`docs/results/to_csv.py` makes CSV of it).
 //! Without `--full` a few samples show that it works.
 
 #![expect(clippy::print_stdout, clippy::print_stderr, reason = "a program whose table is its result")]
@@ -21,7 +21,7 @@ use std::path::{Path, PathBuf};
 
 type Result<T> = std::result::Result<T, Box<dyn std::error::Error>>;
 
-/// Scene and samples per pixel of each of the replicates.
+/// Scenes, with the samples per pixel of each replicate.
 const SCENES: [(&str, u64); 8] = [
     ("cornell-box", 64),
     ("veach-mis", 128),
@@ -32,7 +32,7 @@ const SCENES: [(&str, u64); 8] = [
     ("veach-bidir", 256),
     ("water-caustic", 64),
 ];
-/// Replicates; their spread is our own noise.
+/// Replicates; their spread is the noise of Dapple's images.
 const SEEDS: u64 = 8;
 /// Pixels along a block's side.
 const BLOCK: u32 = 10;
@@ -117,7 +117,7 @@ fn image(world: &World, size: [u32; 2], spp: u64, seed: u64) -> Result<Vec<[f32;
     Ok(film.image())
 }
 
-/// Ours and theirs in one image.
+/// Dapple's image and the reference, side by side.
 fn beside(ours: &[[f32; 3]], theirs: &Image) -> Result<Vec<u8>> {
     let [width, height] = theirs.size.map(|n| n as usize);
     let mut pixels = Vec::with_capacity(2 * width * height);

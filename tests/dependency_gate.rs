@@ -6,7 +6,7 @@ use serde_json::Value;
 use std::collections::{BTreeMap, BTreeSet};
 use std::process::Command;
 
-/// The resolved graph of normal dependencies: package name to the names it depends on.
+/// The resolved graph of normal dependencies: each package with its direct dependencies.
 fn graph() -> (BTreeMap<String, BTreeSet<String>>, Value) {
     let output = Command::new(env!("CARGO"))
         .args(["metadata", "--format-version", "1", "--locked", "--offline"])
@@ -35,13 +35,13 @@ fn graph() -> (BTreeMap<String, BTreeSet<String>>, Value) {
     (graph, metadata)
 }
 
-/// Names of everything that a crate is really built with. `cargo metadata` also resolves optional
-/// dependencies that no feature asks for (obvhs reaches criterion that way), so outsiders are asked for here.
+/// Names of all packages that a crate is really built with, by `cargo tree`. `cargo metadata` also resolves optional
+/// dependencies of disabled features, such as criterion through obvhs.
 fn built_with(name: &str) -> BTreeSet<String> {
     tree(&["--package", name])
 }
 
-/// What the facade is built with if it is asked for these features only.
+/// Names of all packages that the facade is built with, given only these features.
 fn facade_built_with(features: &str) -> BTreeSet<String> {
     tree(&["--package", "dapple", "--no-default-features", "--features", features])
 }
@@ -72,7 +72,7 @@ fn reaches(graph: &BTreeMap<String, BTreeSet<String>>, from: &str) -> BTreeSet<S
     seen
 }
 
-/// A crate, the Dapple crates that it may reach, and the outsiders that it must not.
+/// A crate, the Dapple crates that it may depend on, and the other crates that it may not.
 type Rule = (&'static str, &'static [&'static str], &'static [&'static str]);
 
 const RULES: &[Rule] = &[
@@ -95,7 +95,7 @@ const RULES: &[Rule] = &[
 ];
 const RENDERER: &[&str] =
     &["dapple-core", "dapple-scene", "dapple-geometry", "dapple-low-discrepancy", "dapple-light-selection"];
-/// The renderer, every method that has a name, and clusters.
+/// The renderer, every method with a name, and clusters.
 const JOB: &[&str] = &[
     "dapple-core",
     "dapple-scene",
@@ -141,10 +141,10 @@ const CLI: &[&str] = &[
     "dapple-study",
 ];
 
-/// Crates that know scenes, BVHs, vectors or image files.
+/// Crates for scenes, BVHs, vectors or image files.
 const OF_A_SCENE: &[&str] = &["glam", "obvhs", "image", "exr", "dapple-geometry", "dapple-scene", "dapple-renderer"];
 
-/// What `examples/foreign_renderer.rs` asks for in the manifest.
+/// The features of `examples/foreign_renderer.rs` in the manifest.
 const FOREIGN: &str = "clustering,cluster-adaptive,denoise,low-discrepancy,metrics";
 
 #[test]
@@ -161,7 +161,7 @@ fn crates_know_only_what_they_may() {
             assert!(!built.contains(*outsider), "{name} must not reach {outsider}");
         }
     }
-    // A crate without a rule is a rule forgotten.
+    // Every crate needs a rule.
     for package in metadata["packages"].as_array().expect("packages") {
         let name = package["name"].as_str().expect("name");
         if name.starts_with("dapple-") {
@@ -200,7 +200,7 @@ fn minor(version: &str) -> (u32, u32) {
     (parts.next().unwrap_or(0), parts.next().unwrap_or(0))
 }
 
-/// Clippy's `incompatible_msrv` covers our own code.
+/// Clippy's `incompatible_msrv` covers the workspace's own code.
 #[test]
 fn no_dependency_needs_a_newer_compiler_than_ours() {
     let (_, metadata) = graph();

@@ -1,14 +1,14 @@
-//! The commands, files and links of the documentation work as they stand.
+//! The commands, files and links of the documentation work as written.
 //!
-//! Comments in the pages direct this test; they apply to the fenced block below them:
+//! Comments in the pages direct this test. Each applies to the fenced block below it:
 //!
-//! * `<!-- not run: REASON -->`: a shell block that the test leaves alone;
-//! * `<!-- not run: CI runs it -->`: so does `.ci/run`, line by line;
-//! * `<!-- writes: FILE FILE -->`: these files exist after the page's last block;
+//! * `<!-- not run: REASON -->`: a shell block that is not run;
+//! * `<!-- not run: CI runs it -->`: a shell block of which `.ci/run` has every line;
+//! * `<!-- writes: FILE FILE -->`: files that exist after the page's last block;
 //! * `<!-- quick: A => B -->`: runs the block with A replaced by B, so that the test takes seconds;
-//! * `<!-- file: PATH -->`: the block is this file;
-//! * `<!-- insert: PATH after: TEXT -->`, `before: TEXT`, `instead of: TEXT`: the block's lines go after (before, in place of) the first
-//!   line that contains TEXT;
+//! * `<!-- file: PATH -->`: a block with the contents of this file;
+//! * `<!-- insert: PATH after: TEXT -->`, `before: TEXT`, `instead of: TEXT`: lines to insert after (before, in place
+//!   of) the first line that contains TEXT;
 //! * `<!-- then: REASON -->`: commands to run in the changed copy of the workspace.
 //!
 //! Shell blocks of a page run in one temporary folder, in order. It holds `scene.pbrt`, the Cornell box at 24x24 pixels. Programs in
@@ -214,7 +214,7 @@ fn every_link_of_the_documentation_leads_to_a_file() {
     assert!(links > 100, "{links} links");
 }
 
-/// Commands in pages that no test runs may still name options that are gone; those that run cannot.
+/// Every option in a page exists, even in commands that no test runs.
 #[test]
 fn shell_blocks_that_do_not_run_here_run_in_ci_or_give_a_reason() {
     let ci = page(".ci/run");
@@ -289,7 +289,7 @@ fn every_citation_has_an_entry_in_the_bibliography() {
     assert_eq!(citations("[after Möller and Trumbore 1997, p. 3; Nobody 1801] [a 1999]").len(), 2);
 }
 
-/// A copy of the workspace without what is built, at a place that stays, so that the next run compiles less.
+/// A copy of the workspace without build products, at a fixed place, so that the next run compiles less.
 fn scratch() -> PathBuf {
     let folder = root().join("target/docs/workspace");
     let list =
@@ -307,7 +307,7 @@ fn scratch() -> PathBuf {
     folder
 }
 
-/// Makes the changes that a page describes, and returns how many files they touch.
+/// Makes the changes that a page describes; returns the number of changed files.
 fn apply(name: &str, workspace: &Path) -> usize {
     let mut touched = std::collections::BTreeSet::new();
     for block in blocks(name) {
@@ -340,7 +340,7 @@ fn apply(name: &str, workspace: &Path) -> usize {
     touched.len()
 }
 
-/// Files that each errand touches, its test included; a light's fourth is the pbrt reader.
+/// The number of files that each guide changes, tests included; the fourth file of a light is the pbrt reader.
 const FILES: [usize; 5] = [3, 3, 4, 2, 2];
 
 #[test]

@@ -1,12 +1,12 @@
-//! D04: the same image from builds of other flavours.
+//! The same image from differently optimised builds.
 
 use std::path::Path;
 use std::process::Command;
 
-/// Not optimised, optimised, and for this machine's processor: the same bytes.
+/// Unoptimised, optimised and built for this machine's processor, the program writes the same bytes.
 #[test]
 #[ignore = "T2: builds the program three times, ten minutes"]
-fn d04_flavours() {
+fn optimisation_changes_no_pixel_d04() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let folder = tempfile::tempdir().expect("a folder");
     let image = |name: &str, flags: &str, level: &str, profile: &str| -> Vec<u8> {

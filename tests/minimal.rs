@@ -1,4 +1,4 @@
-//! `examples/minimal.rs`: a hundred lines, nothing but core and points, and it runs.
+//! `examples/minimal.rs` needs only core and points, has a hundred lines, and runs.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -38,12 +38,12 @@ fn it_draws_and_the_adaptive_image_is_better() {
     }
 }
 
-/// The example as `cargo test` has just built it beside this test; none where only this test was asked for.
+/// The example as `cargo test` has just built it beside this test; `None` if only this test was built.
 fn built() -> Option<PathBuf> {
     let test = std::env::current_exe().ok()?;
     let example = test.ancestors().nth(2)?.join("examples").join(format!("minimal{}", std::env::consts::EXE_SUFFIX));
     let age = |path: &Path| path.metadata().and_then(|m| m.modified()).ok();
-    // One that is older than its text is of an older text.
+    // An example older than its source is out of date.
     (age(&example)? >= age(Path::new(SOURCE))?).then_some(example)
 }
 

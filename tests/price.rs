@@ -1,4 +1,4 @@
-//! Breaks without a safeguard are the same on every machine; times are only checked for being positive.
+//! Failures without a safeguard are the same on every machine. Times are only checked for being positive.
 
 #[allow(missing_docs, unreachable_pub, dead_code, reason = "a bench, of which this is the test")]
 #[path = "../benches/price/safeguards.rs"]

@@ -1,6 +1,7 @@
-//! Modes that say they are unbiased are so on scenes (STATISTICS S7 b and c), beside their closed forms in the samplers' own
-//! crates (`bias.rs` of their tests). A false alarm of the whole file has probability 1e-6 at most, its pooled figures' tails being
-//! approximate.
+//! Unbiased modes are unbiased on real scenes.
+//!
+//! The samplers' own crates test them against closed forms (`bias.rs` of their tests). A false alarm of the whole file
+//! has a probability of about 1e-6, since the tails of pooled values are approximate.
 
 use dapple::core::{Film, Frame, Limits, Render};
 use dapple::job::Stage;
@@ -12,7 +13,7 @@ use std::sync::Arc;
 
 const SIDE: u32 = 24;
 const REPLICATES: u64 = 48;
-/// Every unbiased mode of every sampler but `uniform`, which is what they are compared with.
+/// Every unbiased mode of every sampler but `uniform`, the reference of the comparison.
 const UNBIASED: [&str; 7] = [
     "variance:policy=discard",
     "variance:policy=cross",
@@ -23,7 +24,7 @@ const UNBIASED: [&str; 7] = [
     "cluster-thesis",
 ];
 
-/// Samplers without one: what decides in Cycles is the difference between the two halves of the image itself.
+/// Samplers without an unbiased mode. In Cycles the difference between the two halves of the image itself decides.
 const BIASED: [&str; 1] = ["cycles"];
 
 fn world(scene: &str) -> Arc<World> {
@@ -31,7 +32,7 @@ fn world(scene: &str) -> Arc<World> {
     Arc::new(World::with_resolution(&scene, [SIDE; 2]).expect("sound"))
 }
 
-/// Images by one sampler, each of a seed of its own.
+/// Images by one sampler, each with its own seed.
 fn films(world: &Arc<World>, sampler: &str, spp: u64, first_seed: u64) -> Vec<Film> {
     let stage = Stage::new(world.clone());
     let frame = Frame::new(SIDE, SIDE).expect("a frame");
@@ -52,30 +53,30 @@ fn unbiased_on(scene: &str) {
     let world = world(scene);
     let reference = films(&world, "uniform", 32, 1 << 40);
     let reference_means = means(&reference);
-    // Two tests for each mode, and two scenes at most in a run.
+    // Two tests for each mode, and at most two scenes in a run.
     let level = sidak(FAMILY, 4 * UNBIASED.len());
     for (k, words) in UNBIASED.into_iter().enumerate() {
         let found = films(&world, words, 8, (k as u64 + 1) << 20);
         let test = images(SIDE as usize, &means(&found), &reference_means);
         assert!(test.p() > level, "{scene}, {words}: {test:?}");
-        // Counts say nothing of values; where halves decide for each other a pixel's count is partly its other half's doing.
+        // Counts are independent of values; except with `cross`, where the other half has a part in a pixel's count.
         if !words.ends_with("cross") {
             let pixels: Vec<Pixels> = found.iter().map(Pixels::of).collect();
             let trend = count_trend(&pixels);
-            assert!(two_sided(trend) > level, "{scene}, {words}: values go with counts, {trend}");
+            assert!(two_sided(trend) > level, "{scene}, {words}: values depend on counts, {trend}");
         }
     }
-    // Negative control: pbrt-v2's rule as it was published, by its mean and by counts that go with values.
+    // Negative control: pbrt-v2's published rule fails by its mean, and by counts that depend on values.
     let found = films(&world, "mitchell-pbrt:mode=threshold", 40, 1 << 30);
     let test = images(SIDE as usize, &means(&found), &reference_means);
     assert!(test.global < FAMILY && test.p() < level, "{scene}: the published rule is not caught: {test:?}");
     let pixels: Vec<Pixels> = found.iter().map(Pixels::of).collect();
     assert!(
         two_sided(count_trend(&pixels)) < level,
-        "{scene}: values go with counts, unseen: {}",
+        "{scene}: missed dependence of values on counts: {}",
         count_trend(&pixels)
     );
-    // Power: a bias of 6 % of the image's mean would be seen.
+    // Power: a bias of 6 % of the image's mean would be detected.
     let [a, b] = [&films(&world, UNBIASED[0], 8, 1 << 20), &reference]
         .map(|films| films.iter().map(image_mean).collect::<dapple_conformance::statistics::Mean>());
     let test = a.against_estimate(&b);
@@ -84,17 +85,17 @@ fn unbiased_on(scene: &str) {
 }
 
 #[test]
-fn a01_unbiased_modes_are_so_on_the_cornell_box() {
+fn unbiased_modes_match_uniform_on_the_cornell_box_a01() {
     unbiased_on("cornell");
 }
 
 #[test]
 #[ignore = "T2: another scene"]
-fn a01_unbiased_modes_are_so_on_the_teapot() {
+fn unbiased_modes_match_uniform_on_the_teapot_a01() {
     unbiased_on("teapot");
 }
 
-/// No sampler is silent about it: it says that its counts are decided a priori, or has a policy to choose.
+/// Every sampler either decides its counts a priori or has a parameter `policy`.
 #[test]
 fn every_sampler_names_its_policy() {
     let stage = Stage::new(world("cornell"));
@@ -106,7 +107,7 @@ fn every_sampler_names_its_policy() {
         assert!(sampler.a_priori() || (policies == 1 && says), "{} has no policy", sampler.describe());
         let unbiased = UNBIASED.iter().any(|words| words.split(':').next() == Some(entry.name));
         if BIASED.contains(&entry.name) {
-            // There is nothing else to choose, and it says so.
+            // The sampler has no other policy, and its description names the one that it has.
             let chosen = ["discard", "cross", "refined"].map(|policy| {
                 let points = registry::points("sobol", Setting { seed: 1, spp: Some(8) }).expect("points");
                 registry::sampler(&format!("{}:policy={policy}", entry.name), points, &stage).is_ok()

@@ -1,4 +1,4 @@
-//! Checkpoints: a render that is killed goes on where it was.
+//! Checkpoints: a killed render resumes from its last one.
 
 use super::image::Image;
 use super::pairs::{in_turn, pairs, seconds};
@@ -8,7 +8,7 @@ use dapple_job::checkpoint::{Contents, Identity, Kind, Store};
 use dapple_renderer::integrator;
 use std::path::PathBuf;
 
-/// Seconds between checkpoints of `dapple render`, where nobody says otherwise.
+/// Default seconds between checkpoints of `dapple render`.
 const EVERY: f64 = 60.0;
 
 pub(crate) fn row(effort: Effort, image: &Image) -> Result<Row> {
@@ -51,7 +51,7 @@ pub(crate) fn row(effort: Effort, image: &Image) -> Result<Row> {
     })
 }
 
-/// A folder of its own for as long as it lives.
+/// A temporary folder, removed when dropped.
 struct Folder(PathBuf);
 
 impl Folder {
@@ -64,18 +64,18 @@ impl Folder {
 
 impl Drop for Folder {
     fn drop(&mut self) {
-        // Whatever is left is in the system's folder for what is temporary.
+        // A folder that cannot be removed stays among the system's temporary files.
         let _ = std::fs::remove_dir_all(&self.0);
     }
 }
 
-/// Writes a checkpoint after the first slice, and may stop there.
+/// Writes a checkpoint after the first slice, and can stop there.
 struct Middle<'a> {
     store: &'a Store,
     stop: bool,
-    /// What that took.
+    /// Seconds spent on the checkpoint.
     seconds: f64,
-    /// Samples traced by then.
+    /// Samples traced until then.
     samples: u64,
     trouble: Option<Error>,
 }
@@ -97,8 +97,7 @@ fn identity() -> Identity {
     Identity::new([("scene", Image::NAME)])
 }
 
-/// A render killed half-way: samples that are traced a second time to get the same image, pixels that are not the same
-/// counted among them.
+/// Kills a render half-way. Counts the samples traced twice for the same image, and adds the pixels that differ.
 fn killed(image: &Image, store: &Store) -> Result<Break> {
     let mut middle = Middle { store, stop: true, seconds: 0.0, samples: 0, trouble: None };
     let stopped = image.render(Needs::none(), &mut middle)?.record().samples;

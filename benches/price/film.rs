@@ -1,4 +1,4 @@
-//! Safeguards of the film: what is kept of samples, and which samples are taken.
+//! Safeguards of the film: precise statistics, and rejection of invalid samples.
 
 use super::image::Image;
 use super::pairs::{in_turn, of_whole, pairs, seconds};
@@ -10,7 +10,7 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use std::hint::black_box;
 
-/// A pixel as many a small renderer keeps it: sums and sums of squares in f32.
+/// A pixel of a typical small renderer: sums and sums of squares in f32.
 #[derive(Clone, Copy, Default)]
 struct Sums {
     count: u32,
@@ -38,7 +38,7 @@ impl Sums {
     }
 }
 
-/// Samples a pixel of what is summed up here.
+/// Samples per pixel of the sums.
 const SPP: usize = 16;
 
 /// Samples to sum up, in the order of pixels.
@@ -47,7 +47,7 @@ fn noise() -> Vec<[f32; 3]> {
     (0..4096 * SPP).map(|_| std::array::from_fn(|_| rng.random_range(0.0..2.0))).collect()
 }
 
-/// The price of a part of what is done to each sample, of a whole render.
+/// The price of a part of the work on each sample, relative to a whole render.
 fn of_render<A, B>(
     effort: Effort,
     image: &Image,
@@ -74,7 +74,7 @@ fn of_render<A, B>(
     Ok((ratio, Ratio::of(parts).median))
 }
 
-/// Statistics in f64, by Welford's steps, against sums in f32.
+/// Statistics in f64 by Welford's method, against sums in f32.
 pub(crate) fn sums(effort: Effort, image: &Image) -> Result<Row> {
     let (price, part) = of_render(
         effort,
@@ -103,7 +103,7 @@ pub(crate) fn sums(effort: Effort, image: &Image) -> Result<Row> {
     })
 }
 
-/// Bright, smooth pixels: their variance lost by more than half or doubled.
+/// Bright, smooth pixels whose variance is off by more than a factor of two.
 fn variances() -> Break {
     const PIXELS: usize = 1000;
     let mut rng = Pcg64Mcg::seed_from_u64(6);
@@ -156,7 +156,7 @@ fn means() -> Break {
     }
 }
 
-/// Whether each sample is a radiance, asked or not.
+/// The test that each sample is a valid radiance.
 pub(crate) fn invalid(effort: Effort, image: &Image) -> Result<Row> {
     let (price, part) = of_render(
         effort,
@@ -195,7 +195,7 @@ pub(crate) fn invalid(effort: Effort, image: &Image) -> Result<Row> {
     })
 }
 
-/// A grey image in which three samples are no radiance.
+/// A grey image in which three samples are invalid.
 struct Faulty;
 
 const SIDE: u32 = 64;
@@ -218,7 +218,7 @@ impl Integrator for Faulty {
     }
 }
 
-/// Pixels that are no radiance in an image smoothed over 5x5 pixels, by three bad samples.
+/// Invalid pixels in an image smoothed over 5x5 pixels, caused by three invalid samples.
 fn holes() -> Result<Break> {
     let frame = Frame::new(SIDE, SIDE)?;
     let limits = Limits::samples(u64::from(SIDE * SIDE) * SPP as u64);

@@ -29,7 +29,7 @@ pub(crate) fn row(effort: Effort, image: &Image) -> Result<Row> {
 const SIDE: u32 = 32;
 const SPP: u64 = 16;
 
-/// Pixels that brighten from one corner to the other: `4 u v` times a level, whose mean is the level.
+/// Pixels that brighten from one corner to the opposite one: `4 u v` times a level, which is their mean.
 struct Smooth;
 
 impl Smooth {
@@ -46,7 +46,8 @@ impl Integrator for Smooth {
     }
 }
 
-/// Images whose predicted relMSE is off by more than a factor of 2: from halves, and from the samples' variance.
+/// The number of images whose predicted relMSE is off by more than a factor of 2, from halves and from the samples'
+/// variance.
 fn predictions() -> Result<Break> {
     const IMAGES: u64 = 16;
     let frame = Frame::new(SIDE, SIDE)?;
@@ -71,7 +72,7 @@ fn predictions() -> Result<Break> {
     })
 }
 
-/// As independent samples would have it: variance over count.
+/// The prediction for independent samples: variance over count.
 fn from_variance(film: &Film) -> f64 {
     let pixels = film.frame().pixels();
     let of_pixel = |i: usize| {

@@ -1,4 +1,4 @@
-//! A bundled image, rendered again and again.
+//! A bundled image for repeated renders.
 
 use super::{Effort, Error, Result};
 use dapple_core::samplers::Uniform;
@@ -16,12 +16,12 @@ pub(crate) fn scene(name: &'static str) -> Result<Scene> {
     bundle.read().map_err(|e| wrong(e.to_string()))
 }
 
-/// The same, ready for rays.
+/// The bundled scene, ready for rays.
 pub(crate) fn world(name: &'static str, resolution: [u32; 2]) -> Result<World> {
     World::with_resolution(&scene(name)?, resolution).map_err(|e| Error::Scene { name, why: e.to_string() })
 }
 
-/// The Cornell box: of the bundled scenes the one whose samples are the cheapest, so that parts weigh the most.
+/// The Cornell box: its samples are the cheapest of all bundled scenes, so that parts weigh the most.
 pub(crate) struct Image {
     world: World,
     pub(crate) frame: Frame,
@@ -51,7 +51,7 @@ impl Image {
         self.spp * self.frame.pixels() as u64
     }
 
-    /// Two slices, so that there is a middle.
+    /// Limits with two slices, so that a render has a middle.
     pub(crate) fn limits(&self) -> Limits {
         Limits::samples(self.samples()).with_schedule(Schedule::default().with_slice_spp((self.spp / 2) as u32))
     }
@@ -71,7 +71,7 @@ impl Image {
         Ok(start.elapsed().as_secs_f64())
     }
 
-    /// What it is, in words.
+    /// The image's description for the table.
     pub(crate) fn describe(&self) -> String {
         let [width, height] = self.frame.size();
         format!("rendering {} ({width}x{height}, {} spp, one thread)", Self::NAME, self.spp)

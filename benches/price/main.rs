@@ -2,7 +2,7 @@
 //!
 //! `cargo bench --bench price` takes two or three minutes, on a machine that does nothing else. Arguments after `--`:
 //!
-//! * `--quick`: seconds; breaks are as true, prices say little;
+//! * `--quick`: takes seconds; failures are exact, prices are rough;
 //! * `--json`: one line of JSON rather than a table;
 //! * `--overflow-checks WITH WITHOUT`: two builds of `dapple`, with overflow checks and without; adds their price.
 
@@ -61,7 +61,7 @@ struct Line<'a> {
     rows: &'a [Row],
 }
 
-/// Markdown.
+/// The table as Markdown.
 fn table(rows: &[Row]) -> String {
     let mut lines = vec![
         "Time with each safeguard over time without it: median of pairs in turns (an interval that holds it with 95 %). \

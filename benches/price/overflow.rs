@@ -6,14 +6,14 @@ use serde_json::Value;
 use std::path::Path;
 use std::process::Command;
 
-/// One light, a sky that is an image, and triangles by the hundred thousand.
+/// A scene with one light, one with an environment map, and one with hundreds of thousands of triangles.
 const SCENES: [&str; 3] = ["cornell", "teapot", "terrain"];
 
-/// The row of overflow checks: `without` and `with` are the program built without them and with them, otherwise alike.
+/// The row of overflow checks. `without` and `with` are builds of the program that differ in nothing else.
 ///
 /// # Errors
 ///
-/// [`Error::Program`] where one does not render.
+/// [`Error::Program`] for a program that does not render.
 pub fn overflow_checks(without: &Path, with: &Path, effort: Effort) -> Result<Row> {
     let (count, size) = match effort {
         Effort::Quick => (3, "--resolution 32x32 --spp 2"),
@@ -21,7 +21,7 @@ pub fn overflow_checks(without: &Path, with: &Path, effort: Effort) -> Result<Ro
     };
     let price = pairs(count, |number| {
         let words = format!("{} {size}", SCENES[number % SCENES.len()]);
-        // Who goes first changes when every scene has had its turn.
+        // The order within a pair alternates after each round of scenes.
         let turn = number / SCENES.len();
         let [with, without] = in_turn(turn, || trace(with, &words), || trace(without, &words))?;
         Ok::<_, Error>(with / without)
@@ -35,10 +35,10 @@ pub fn overflow_checks(without: &Path, with: &Path, effort: Effort) -> Result<Ro
     })
 }
 
-/// Seconds of tracing that a program tells of.
+/// The seconds of tracing that a program reports.
 fn trace(program: &Path, words: &str) -> Result<f64> {
     let wrong = |why: String| Error::Program { program: program.to_owned(), why };
-    // Nothing is to be kept of it: the image goes where the system keeps what is temporary.
+    // The image is temporary and removed.
     let image = std::env::temp_dir().join(format!("dapple-price-{}.pfm", std::process::id()));
     let mut command = Command::new(program);
     command.arg("render").args(words.split(' ')).args(["--threads", "1", "--json", "-o"]).arg(&image);

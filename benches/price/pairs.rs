@@ -1,4 +1,4 @@
-//! Time with something over time without it, in turns.
+//! Ratios of times with a part over times without it, measured alternately.
 
 use serde::Serialize;
 use std::time::Instant;
@@ -12,16 +12,16 @@ pub struct Ratio {
     pub low: f64,
     /// Upper end.
     pub high: f64,
-    /// How many pairs there were.
+    /// Number of pairs.
     pub pairs: usize,
-    /// How surely the interval holds the median of all pairs there could be, 0 to 1.
+    /// Confidence that the interval contains the median of all possible pairs, 0 to 1.
     pub confidence: f64,
 }
 
 impl Ratio {
-    /// Of at least one ratio. The interval is between order statistics, so that it holds for any distribution: the
-    /// number of ratios below the median is binomial [after David and Nagaraja 2003, section 7.1]. At least 95 %, as
-    /// narrow as that; from fewer than six ratios, from the least to the most.
+    /// The median of at least one ratio. The interval lies between order statistics, so it holds for any distribution:
+    /// the number of ratios below the median is binomial [after David and Nagaraja 2003, section 7.1]. It is the
+    /// narrowest with at least 95 %. Fewer than six ratios give the range from least to most.
     pub(crate) fn of(mut ratios: Vec<f64>) -> Self {
         ratios.sort_by(f64::total_cmp);
         let n = ratios.len();
@@ -42,12 +42,12 @@ impl Ratio {
     }
 }
 
-/// Ratios of pairs, each made by one call; the pair's number says who goes first.
+/// Ratios of pairs, each from one call. The pair's number decides which of the two goes first.
 pub(crate) fn pairs<E>(count: usize, mut pair: impl FnMut(usize) -> Result<f64, E>) -> Result<Ratio, E> {
     Ok(Ratio::of((0..count).map(&mut pair).collect::<Result<_, _>>()?))
 }
 
-/// Seconds of both, the first one first where `number` is even: what drifts falls on both alike.
+/// Seconds of both, the first one first if `number` is even. Drift thus affects both alike.
 pub(crate) fn in_turn<E>(
     number: usize,
     with: impl FnOnce() -> Result<f64, E>,
@@ -61,16 +61,16 @@ pub(crate) fn in_turn<E>(
     Ok([with()?, without])
 }
 
-/// Seconds that something takes.
+/// The seconds of some work.
 pub(crate) fn seconds<T>(work: impl FnOnce() -> T) -> f64 {
     let start = Instant::now();
     std::hint::black_box(work());
     start.elapsed().as_secs_f64()
 }
 
-/// What a whole takes over what it would take without a part that costs `part` more than what stood in its place.
+/// The ratio of the whole to the whole without a part, which costs `part` more than its replacement.
 pub(crate) fn of_whole(whole: f64, part: f64) -> f64 {
-    // A part is never the whole, but on a machine that stumbles between two clocks.
+    // On a machine that stalls between two clock readings, the part may seem as long as the whole.
     whole / (whole - part).max(0.01 * whole)
 }
 

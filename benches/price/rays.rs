@@ -1,4 +1,4 @@
-//! Safeguards of rays: what each costs, of tracing alone.
+//! Safeguards of rays and their price, relative to tracing alone.
 
 mod faults;
 
@@ -18,12 +18,12 @@ use rand_pcg::Pcg64Mcg;
 /// A box of few triangles, a model in a room, a landscape.
 const SCENES: [&str; 3] = ["cornell", "teapot", "terrain"];
 
-/// What is traced.
+/// A scene's geometry and rays.
 struct Set {
     shapes: Vec<Shape>,
     geometry: Geometry,
     primary: Vec<Ray>,
-    /// Where primary rays end, and where bounces go from there.
+    /// Ends of primary rays, and directions of the bounces from there.
     left: Vec<(SurfacePoint, Vec3)>,
     bounce: Vec<Ray>,
     shadow: Vec<Ray>,
@@ -69,7 +69,7 @@ impl Set {
             Effort::Full => 256,
         };
         let world = world(name, [side; 2])?;
-        // Without instances and what moves: what stands by itself is measured.
+        // Without instances and moving shapes.
         let shapes = world.geometry().shapes().to_vec();
         let geometry = build::<All>(shapes.clone(), Preset::default())?;
         Ok(Self::of(&world, side, shapes, geometry))
@@ -96,7 +96,7 @@ impl Set {
     }
 }
 
-/// The price of a safeguard of the walk.
+/// The price of a safeguard of the traversal.
 fn traced<S: Safeguards>(sets: &[Set], count: usize) -> Result<Ratio> {
     let without: Vec<Geometry> = sets
         .iter()
@@ -122,7 +122,7 @@ fn traced<S: Safeguards>(sets: &[Set], count: usize) -> Result<Ratio> {
     })
 }
 
-/// The price of error-bounded offsets: of rays that leave surfaces, made and traced.
+/// The price of error-bounded offsets: of creating and tracing rays that leave surfaces.
 fn left(sets: &[Set], count: usize) -> Result<Ratio> {
     fn trace<S: Safeguards>(set: &Set) -> usize {
         let next = |(point, direction): &(SurfacePoint, Vec3)| spawn_ray::<S>(point, *direction);
@@ -135,7 +135,7 @@ fn left(sets: &[Set], count: usize) -> Result<Ratio> {
     })
 }
 
-/// The logarithm of time over time.
+/// The logarithm of the ratio of times.
 fn log_ratio<T>(number: usize, with: impl FnOnce() -> T, without: impl FnOnce() -> T) -> Result<f64> {
     let [with, without] = in_turn::<Error>(number, || Ok(seconds(with)), || Ok(seconds(without)))?;
     Ok((with / without).ln())
@@ -146,7 +146,7 @@ fn mean(logs: &[f64]) -> f64 {
     (logs.iter().sum::<f64>() / logs.len() as f64).exp()
 }
 
-/// A break of both forms of the code.
+/// A failure of both variants of the code.
 fn broken(input: String, seen: &'static str, of: usize, without: usize, with: usize) -> Break {
     Break { input, seen, of: of as u64, without: without as u64, with: with as u64 }
 }

@@ -1,4 +1,4 @@
-//! Recentring: scenes are moved to the origin, and scaled, in f64 before they become f32.
+//! Recentring: scenes are moved to the origin and scaled in f64, before conversion to f32.
 
 use super::image::scene;
 use super::pairs::{in_turn, of_whole, pairs, seconds};
@@ -8,9 +8,9 @@ use dapple_renderer::{Space, World};
 use dapple_scene::{Geometry as Described, Scene};
 use glam::{DAffine3, DVec3, Vec2, Vec3};
 
-/// Where time is measured: half a million corners.
+/// The scene of the timing: half a million corners.
 const LOADED: &str = "terrain";
-/// What is moved away.
+/// The scene that is moved away.
 const MOVED: &str = "teapot";
 
 pub(crate) fn row(effort: Effort) -> Result<Row> {
@@ -37,13 +37,13 @@ pub(crate) fn row(effort: Effort) -> Result<Row> {
     })
 }
 
-/// Corners of all meshes in the renderer's space.
+/// The corners of all meshes in the renderer's space.
 fn recentred(scene: &Scene) -> Vec<Vec3> {
     let space = Space::of(scene);
     corners(scene, |p| space.point(p).as_vec3())
 }
 
-/// The same, where the file says.
+/// The corners of all meshes in the file's space.
 fn as_they_are(scene: &Scene) -> Vec<Vec3> {
     corners(scene, |p| p.as_vec3())
 }
@@ -60,7 +60,7 @@ fn corners(scene: &Scene, to_f32: impl Fn(DVec3) -> Vec3) -> Vec<Vec3> {
 
 const SIDE: u32 = 64;
 
-/// The distance from which on more than one in a hundred pixels sees something else, in powers of ten.
+/// The distance from which more than one in a hundred pixels sees something else, in powers of ten.
 fn broken(scene: &Scene) -> Result<Break> {
     let wrong = |e: dapple_renderer::WorldError| Error::Scene { name: MOVED, why: e.to_string() };
     let near = World::with_resolution(scene, [SIDE; 2]).map_err(wrong)?;
@@ -92,7 +92,7 @@ fn broken(scene: &Scene) -> Result<Break> {
     })
 }
 
-/// The scene somewhere else.
+/// The scene, moved.
 fn moved(scene: &Scene, by: DVec3) -> Scene {
     let by = DAffine3::from_translation(by);
     let mut scene = scene.clone();
@@ -106,13 +106,13 @@ fn camera_rays(world: &World) -> Vec<Ray> {
     pixels.map(|pixel| world.camera().ray(pixel, Vec2::ZERO, [0.5; 2])).collect()
 }
 
-/// Rays of the renderer's space in the file's, as a renderer without recentring would make them.
+/// Rays of the renderer's space in the file's, as in a renderer without recentring.
 fn in_the_file(world: &World, rays: &[Ray]) -> Vec<Ray> {
     let origin = |ray: &Ray| DVec3::from_array(world.space().world(ray.origin.to_array())).as_vec3();
     rays.iter().map(|ray| Ray::new(origin(ray), ray.direction)).collect()
 }
 
-/// The scene's shapes in f32 where the file says.
+/// The scene's shapes in f32 in the file's space.
 fn geometry(scene: &Scene) -> Result<Geometry> {
     let mut shapes = Vec::with_capacity(scene.shapes.len());
     for shape in &scene.shapes {
@@ -131,7 +131,7 @@ fn geometry(scene: &Scene) -> Result<Geometry> {
     Ok(Geometry::build(shapes, Preset::default())?)
 }
 
-/// What each ray meets.
+/// The hit of each ray.
 fn seen(geometry: &Geometry, rays: &[Ray]) -> Vec<Option<(u32, u32)>> {
     rays.iter().map(|ray| geometry.closest(ray).map(|hit| (hit.shape, hit.primitive))).collect()
 }

@@ -1,7 +1,7 @@
 //! The cost of each numerical safeguard, and the inputs that break without it.
 //!
-//! * A price is time with the safeguard over time without it, of pairs that run in turns in one process on one thread: the
-//!   median, and an interval that holds it with at least 95 % whatever the noise (order statistics).
+//! * A price is the time with the safeguard over the time without it, from pairs that alternate in one process on one
+//!   thread. It has a median and an interval with at least 95 % confidence, whatever the noise (order statistics).
 //! * Breaks are counted, not timed: the same numbers on every machine.
 //! * Rays without a safeguard are the same code, compiled without it (`dapple_geometry::safeguards`). Film, loading and
 //!   checkpoints are timed apart and compared with the whole.
@@ -24,7 +24,7 @@ use serde::Serialize;
 /// The duration of the measurement.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Effort {
-    /// Seconds: all that breaks, and prices that say little.
+    /// Seconds: all failures, with rough prices.
     Quick,
     /// Two or three minutes.
     Full,
@@ -33,9 +33,9 @@ pub enum Effort {
 /// One safeguard: its price and its use.
 #[derive(Clone, Debug, Serialize)]
 pub struct Row {
-    /// Its name.
+    /// The safeguard's name.
     pub safeguard: &'static str,
-    /// Its effect.
+    /// The safeguard's effect.
     pub does: &'static str,
     /// Time with it over time without it.
     pub price: Ratio,
@@ -60,14 +60,14 @@ pub struct Break {
     pub with: u64,
 }
 
-/// A measurement that failed: only disks and programs should.
+/// A failed measurement, by a fault of a disk or a program.
 #[non_exhaustive]
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// A bundled scene was refused.
     #[error("the bundled scene {name} cannot be used: {why}")]
     Scene {
-        /// Its name.
+        /// The scene's name.
         name: &'static str,
         /// The reason.
         why: String,
@@ -92,7 +92,7 @@ pub enum Error {
     /// A program to compare with did not render.
     #[error("{program}: {why}; it must be a build of dapple, see docs/results/price.md")]
     Program {
-        /// Its path.
+        /// The program's path.
         program: std::path::PathBuf,
         /// The problem.
         why: String,
@@ -104,12 +104,12 @@ pub enum Error {
 
 type Result<T> = std::result::Result<T, Error>;
 
-/// Measures every safeguard that can be left out of this very program, in order of the chain from scene to file.
-/// `onlooker` receives the name of each before it is measured. Takes one thread.
+/// Measures every safeguard that can be left out of this program, in order of the chain from scene to file. `onlooker`
+/// receives the name of each before it is measured. Uses one thread.
 ///
 /// # Errors
 ///
-/// [`Error`]: disks and threads.
+/// [`Error`] of disks and threads.
 pub fn price(effort: Effort, onlooker: &mut (dyn FnMut(&str) + Send)) -> Result<Vec<Row>> {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
     pool.install(|| {

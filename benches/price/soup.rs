@@ -1,4 +1,4 @@
-//! Triangles made for breaking.
+//! Triangle soups for failures.
 
 use super::Result;
 use dapple_geometry::safeguards::{self, Safeguards};
@@ -41,7 +41,7 @@ pub(crate) fn sphere(n: u32, centre: DVec3) -> Soup {
     (positions, triangles)
 }
 
-/// Each soup a shape.
+/// Builds a geometry with each soup as a shape.
 pub(crate) fn build<S: Safeguards>(soups: Vec<Soup>, preset: Preset) -> Result<Geometry> {
     let mut shapes = Vec::with_capacity(soups.len());
     for (positions, triangles) in soups {
@@ -50,7 +50,7 @@ pub(crate) fn build<S: Safeguards>(soups: Vec<Soup>, preset: Preset) -> Result<G
     Ok(safeguards::build::<S>(shapes, preset)?)
 }
 
-/// A direction, all alike.
+/// A direction, uniform on the sphere.
 pub(crate) fn direction(rng: &mut Pcg64Mcg) -> Vec3 {
     loop {
         let v = Vec3::from_array(std::array::from_fn(|_| rng.random_range(-1.0..1.0)));

@@ -4,18 +4,17 @@
 //! cargo run --release --example thesis_tables -- --full --thesis-sizes > tables.md
 //! ```
 //!
-//! Uniform, Mitchell's and the cluster sampler render our terrain and our teapot, each film is filtered in
-//! three ways, and errors are taken against references of another point set and another seed. Prints the
-//! equivalents of the thesis' tables 4-4, 4-5 and 4-6 and of its times, with 95 % intervals and with its
-//! own numbers beside them, at equal samples and at equal time, as Markdown; `docs/results/to_csv.py` makes CSV of it.
+//! Uniform, Mitchell's and the cluster sampler render the bundled terrain and teapot. Each film is filtered in three
+//! ways. Errors are relative to references of another point set and another seed. Prints the equivalents of the thesis'
+//! tables 4-4, 4-5, 4-6 and of its times as Markdown, at equal samples and at equal time. They have 95 % intervals and
+//! the thesis' own numbers beside them; `docs/results/to_csv.py` makes CSV of it.
 //!
-//! * `--full`: 256x256 pixels, 8 to 64 spp, 8 seeds, references of 10,240 spp (some forty minutes on two cores);
-//!   without it a small form runs in seconds, to show that it works.
-//! * `--thesis-sizes`: besides, once, the thesis' 1024x1024 terrain and 800x800 teapot (as long again).
-//! * `--spp 8,16`: these budgets only at the thesis' sizes.
-//! * `--cache DIR`, or a bare `DIR`: where references are kept, `target/thesis-references` by default. A run
-//!   that was killed takes them from there. Their names hold a hash of the scene; after a change of the
-//!   renderer itself, delete them.
+//! * `--full`: 256x256 pixels, 8 to 64 spp, 8 seeds, references of 10,240 spp (about forty minutes on two cores).
+//!   Without it a small form runs in seconds.
+//! * `--thesis-sizes`: also renders, once, the thesis' 1024x1024 terrain and 800x800 teapot (as long again).
+//! * `--spp 8,16`: only these budgets at the thesis' sizes.
+//! * `--cache DIR`, or a bare `DIR`: the folder of references, `target/thesis-references` by default. A repeated run
+//!   reuses them. Their names contain a hash of the scene; delete them after a change of the renderer itself.
 
 #![expect(clippy::print_stdout, clippy::print_stderr, reason = "a program whose tables are its result")]
 
@@ -30,7 +29,7 @@ use std::path::PathBuf;
 
 type Result<T> = std::result::Result<T, Box<dyn std::error::Error>>;
 
-/// A scene, with the voxels per cube root of the triangles and the size that the thesis used for its own.
+/// The scenes, each with the voxels per cube root of the triangles and the size that the thesis used for its own.
 const SCENES: [(&str, u32, u32); 2] = [("terrain", 9, 1024), ("teapot", 30, 800)];
 
 fn main() -> Result<()> {

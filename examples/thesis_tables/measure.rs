@@ -30,7 +30,7 @@ pub(crate) struct Method {
     /// Further parameters, if it takes those of clusters.
     clusters: Option<&'static str>,
     pub(crate) points: &'static str,
-    /// Rendered with half of the seeds, and reported unfiltered.
+    /// True for a method that is rendered with half of the seeds and reported unfiltered.
     pub(crate) aside: bool,
 }
 
@@ -79,7 +79,7 @@ impl Method {
 pub(crate) const METRICS: [&str; 2] = ["8-bit MSE", "relMSE"];
 pub(crate) const SRGB: usize = 0;
 
-/// The filters; the last one knows clusters.
+/// The filters; the last one uses clusters.
 pub(crate) const FILTERS: [&str; 3] = ["none", "gaussian", "cluster-gaussian"];
 pub(crate) const NONE: usize = 0;
 pub(crate) const GAUSSIAN: usize = 1;
@@ -114,7 +114,7 @@ pub(crate) struct Run {
     method: usize,
     filter: usize,
     spp: u64,
-    /// One of each kind; the reference's own error is subtracted.
+    /// The errors, one of each kind, without the reference's own error.
     errors: [f64; 2],
     seconds: Seconds,
     lowest: Lowest,
@@ -123,9 +123,9 @@ pub(crate) struct Run {
 /// The pixels with the fewest samples.
 #[derive(Clone, Copy)]
 pub(crate) struct Lowest {
-    /// Their share of all pixels.
+    /// Their fraction of all pixels.
     pub(crate) pixels: f64,
-    /// Their share of the 8-bit error of uniform sampling on the same points.
+    /// Their fraction of the 8-bit error of uniform sampling on the same points.
     pub(crate) part: f64,
     /// The 8-bit error in them over that of uniform sampling on the same points in them.
     pub(crate) loss: f64,
@@ -146,7 +146,7 @@ impl Results<'_> {
         self.runs.iter().filter(move |r| (r.method, r.filter, r.spp) == (method, filter, spp))
     }
 
-    /// By seed.
+    /// Errors by seed.
     pub(crate) fn errors(&self, method: usize, filter: usize, spp: u64, metric: usize) -> Vec<f64> {
         self.of(method, filter, spp).map(|r| r.errors[metric]).collect()
     }
@@ -171,7 +171,7 @@ impl Results<'_> {
         }
     }
 
-    /// By seed, unfiltered.
+    /// The pixels with the fewest samples, by seed, unfiltered.
     pub(crate) fn lowest(&self, method: usize, spp: u64) -> Vec<Lowest> {
         self.of(method, NONE, spp).map(|r| r.lowest).collect()
     }
@@ -202,7 +202,7 @@ pub(crate) fn run<'a>(plan: &'a Plan, cache: &Path) -> Result<Results<'a>> {
         for &spp in plan.spp {
             eprintln!("{}, {} pixels squared: seed {seed}, {spp} spp", plan.scene, plan.side);
             let mut uniform = BTreeMap::new();
-            // A single seed is for the thesis' sizes: the published methods only.
+            // A single seed is for the thesis' sizes, with the published methods only.
             let published = |m: &Method| plan.seeds > 1 || !m.name.ends_with("4-128");
             let rendered = |m: &usize| published(&METHODS[*m]) && (!METHODS[*m].aside || seed <= plan.seeds / 2);
             for method in (0..METHODS.len()).filter(rendered) {
@@ -227,7 +227,7 @@ struct Place<'a> {
 impl Place<'_> {
     /// One film, filtered in each way. Keeps the image of uniform sampling for the methods after it.
     fn images(&self, method: usize, seed: u64, spp: u64, uniform: &mut Uniform) -> Result<Vec<Run>> {
-        // A stage of its own, so that its counters are this image's alone.
+        // Each image has its own stage, so that its counters are for this image alone.
         let stage = Stage::new(self.world.clone());
         let filters = (0..FILTERS.len()).map(|f| registry::filter(&filter_request(f, self.plan.k), &stage));
         let filters = filters.collect::<std::result::Result<Vec<_>, _>>()?;
@@ -245,7 +245,7 @@ impl Place<'_> {
             let began = Instant::now();
             let image = made.apply(&film)?;
             let filtering = began.elapsed().as_secs_f64();
-            // Clusters made for a filter cost an image without it nothing.
+            // Clusters made for one filter do not count for the others.
             let asked = METHODS[method].clusters.is_some() || filter == CLUSTER_FILTER;
             let seconds = Seconds {
                 cluster: if asked { stage.cluster_seconds() } else { 0.0 },

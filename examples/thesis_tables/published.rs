@@ -13,12 +13,11 @@ pub(crate) const FILTERED: [(&str, [f64; 4]); 3] = [
     ("clusters, cluster filter", [153.3, 96.08, 69.75, 60.49]),
 ];
 
-/// Table 4-5 as printed: reduction of that against LD, in percent. Table 4-4 gives other numbers: see
-/// [`reduction`].
+/// Table 4-5 as printed: reduction of the MSE against LD, in percent. Table 4-4 gives other numbers: see [`reduction`].
 pub(crate) const REDUCTION: [(&str, [f64; 4]); 2] =
     [("Mitchell, gaussian", [-12.5, -49.2, -29.1, -26.3]), ("clusters, cluster filter", [12.6, 27.2, 40.6, 54.5])];
 
-/// Reduction against LD in percent, as table 4-4 has it.
+/// Reduction against LD in percent, computed from table 4-4.
 pub(crate) fn reduction(row: usize) -> [f64; 4] {
     std::array::from_fn(|i| 100.0 * (1.0 - FILTERED[row].1[i] / FILTERED[0].1[i]))
 }

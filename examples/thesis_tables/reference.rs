@@ -16,7 +16,7 @@ const SEEDS: [u64; 2] = [1001, 1002];
 /// A reference image.
 pub(crate) struct Reference {
     pub(crate) pixels: Vec<[f32; 3]>,
-    /// Its own errors, one of each kind: a quarter of the squared difference of its two halves.
+    /// The reference's own errors, one of each kind: a quarter of the squared difference of its two halves.
     pub(crate) own: [f64; 2],
 }
 

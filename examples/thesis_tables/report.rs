@@ -116,8 +116,8 @@ fn reduction(r: &Results) {
     }
 }
 
-/// Table 4-6: clusters over uniform, unfiltered, beside the worst that allocation can do where the error of
-/// a pixel falls as 1/n: all of it in pixels with the fewest samples.
+/// Table 4-6: clusters over uniform, unfiltered. Beside it the worst possible allocation if the error of a pixel falls
+/// as 1/n: all error in the pixels with the fewest samples.
 fn unfiltered(r: &Results) {
     header(r, "8-bit MSE unfiltered, clusters over uniform on the same points (table 4-6)", &["what"], &[]);
     let pairs = [(CLUSTER_RANDOM, RANDOM), (CLUSTER_LD, LD), (CLUSTER_SOBOL, SOBOL)];
@@ -181,7 +181,7 @@ fn equal_time(r: &Results, metric: usize, way: Way, base: Way, spp: u64) -> (Rat
     (ratio(&logs), beyond)
 }
 
-/// Where the time goes.
+/// The times by phase.
 fn times(r: &Results) {
     let parts = "seconds of: clusters | probes | planning | tracing | gaussian | cluster-gaussian";
     let shares = "before tracing, % of all | the same in samples per pixel";
@@ -244,7 +244,7 @@ fn error(x: f64) -> String {
     digits(x, 4)
 }
 
-/// So many significant digits, and no fewer than those of the integer part.
+/// A number with this many significant digits, and no fewer than those of its integer part.
 fn digits(x: f64, wanted: usize) -> String {
     match x.abs() {
         0.0 => "0".into(),

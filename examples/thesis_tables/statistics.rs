@@ -4,7 +4,7 @@
 const STUDENT: [f64; 15] =
     [12.71, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262, 2.228, 2.201, 2.179, 2.160, 2.145, 2.131];
 
-/// Mean and half-width of its 95 % interval; no half-width from one value.
+/// The mean and half-width of its 95 % interval; no half-width from one value.
 pub(crate) fn mean(values: &[f64]) -> (f64, Option<f64>) {
     let n = values.len() as f64;
     let mean = values.iter().sum::<f64>() / n;
@@ -32,8 +32,8 @@ pub(crate) fn median(mut values: Vec<f64>) -> f64 {
     (values[(n - 1) / 2] + values[n / 2]) / 2.0
 }
 
-/// The curve through `points` (x ascending), straight between them on logarithmic axes, and whether `x` lies
-/// beyond their ends, where the last piece is continued.
+/// The curve through `points` (x ascending), straight between them on logarithmic axes. True if `x` lies beyond their
+/// ends, where the last piece is continued.
 pub(crate) fn on_curve(points: &[[f64; 2]], x: f64) -> (f64, bool) {
     let piece = points.windows(2).find(|p| x <= p[1][0]).or(points.windows(2).last());
     let Some(&[[x0, y0], [x1, y1]]) = piece else { return (f64::NAN, true) };
@@ -50,7 +50,7 @@ fn line(points: impl Iterator<Item = [f64; 2]> + Clone) -> [f64; 2] {
     [(y - slope * x) / n, slope]
 }
 
-/// `a` of the least-squares fit MSE = a + b / n: the error that no number of samples removes.
+/// `a` of the least-squares fit MSE = a + b / n: the error for infinitely many samples.
 pub(crate) fn floor(curve: &[(u64, f64)]) -> f64 {
     line(curve.iter().map(|&(n, e)| [1.0 / n as f64, e]))[0]
 }

@@ -1,4 +1,4 @@
-//! Inputs that break rays without a safeguard, the smallest of those tried.
+//! Inputs on which rays fail without a safeguard, the smallest of those tried.
 
 use super::super::soup::{Soup, build, direction, grid, sphere};
 use super::super::{Break, Result};
@@ -11,10 +11,10 @@ use glam::{DVec3, Vec3};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
-/// How many went wrong, of how many.
+/// Failures, and trials.
 type Count = (usize, usize);
 
-/// The first input of a list that goes wrong without the safeguard (else the last), and how it goes with it.
+/// The first input that fails without the safeguard (else the last), with the failures without and with it.
 fn first_broken<T>(
     inputs: impl IntoIterator<Item = T>,
     without: impl Fn(&T) -> Result<Count>,
@@ -86,8 +86,8 @@ pub(super) fn offsets() -> Result<Vec<Break>> {
     Ok(std::iter::once(again).chain(over).collect())
 }
 
-/// Rays from inside a closed sphere, far from the origin and near, at its vertices and the middles of its edges, that
-/// leave it.
+/// Rays that escape from a closed sphere. They start inside, far from the origin and near it, and aim at its vertices
+/// and the middles of its edges.
 fn escapes<S: Safeguards>(n: u32) -> Result<Count> {
     let (mut count, mut tried) = (0, 0);
     for centre in [DVec3::ZERO, DVec3::new(0.3, -0.7, 0.11), DVec3::new(148_376.0, 1_234.0, -223_423.0)] {
@@ -107,7 +107,7 @@ fn escapes<S: Safeguards>(n: u32) -> Result<Count> {
     Ok((count, tried))
 }
 
-/// Rays onto two layers in one plane: those for which another preset has another winner.
+/// Rays onto two layers in one plane whose nearest hit differs between presets.
 fn other_winners<S: Safeguards>((n, m): (u32, u32)) -> Result<Count> {
     const RAYS: usize = 10_000;
     let layer = |n: u32| grid(n, n, |u, v| DVec3::new(u * 8.0 - 4.0, v * 8.0 - 4.0, 0.0));
@@ -123,8 +123,8 @@ fn other_winners<S: Safeguards>((n, m): (u32, u32)) -> Result<Count> {
     Ok(((0..RAYS).filter(differ).count(), RAYS))
 }
 
-/// Rays that leave triangles of many sizes by `L` and meet them again in a walk by `W`, which is not told where they
-/// start.
+/// Rays that leave triangles of many sizes with offsets by `L`, and hit them again in a traversal by `W` without
+/// knowledge of their start.
 fn met_again<W: Safeguards, L: Safeguards>() -> Result<Count> {
     let mut rng = Pcg64Mcg::seed_from_u64(3);
     let (mut count, mut tried) = (0, 0);
@@ -146,7 +146,7 @@ fn met_again<W: Safeguards, L: Safeguards>() -> Result<Count> {
     Ok((count, tried))
 }
 
-/// Rays from a sheet straight to another one, just above: those that do not meet it.
+/// Rays from a sheet straight at another one just above it that miss it.
 fn passed_over<L: Safeguards>(gap: f64) -> Result<Count> {
     const RAYS: usize = 1000;
     let sheet = |z: f64| -> Soup { grid(1, 1, |u, v| DVec3::new(u, v, z)) };

@@ -5,14 +5,13 @@ use dapple_clustering::Triangles;
 
 /// The area vectors (unit normal times area) of every cluster's triangles.
 ///
-/// They give `S(d) = sum |n_t . d| A_t`, the sum of projected triangle areas, for any direction. It is the thesis'
-/// own remedy against boxes that are larger than their contents [Lan 2016, 3.2.2 a].
+/// They give `S(d) = sum |n_t . d| A_t`, the sum of projected triangle areas, for any direction. It is the thesis' own
+/// remedy for boxes that are larger than their contents [Lan 2016, 3.2.2 a].
 ///
-/// Where a cluster's normals all lie on one side of `d`, as they do unless it is seen at a grazing
-/// angle, the sum is `|d . sum of area vectors|`: one scalar product, and exact. Otherwise it is
-/// summed: exactly over up to 256 triangles; beyond that, over at most 256 bundles of similar normals,
-/// which is exact but for the bundles that are themselves seen edge-on (less than 1 % of the
-/// cluster's area in the tests' hemisphere).
+/// If a cluster's normals all lie on one side of `d`, as they do except at grazing angles, the sum is `|d . sum of area
+/// vectors|`: one scalar product, and exact. Otherwise up to 256 triangles are summed exactly. More triangles are
+/// summed as at most 256 bundles of similar normals. Only bundles that are seen edge-on themselves are inexact (less
+/// than 1 % of the cluster's area in the tests' hemisphere).
 #[derive(Clone, Debug, PartialEq)]
 pub struct AreaVectors {
     clusters: Vec<Bundle>,
@@ -25,7 +24,7 @@ struct Bundle {
     range: std::ops::Range<usize>,
     sum: [f64; 3],
     axis: [f64; 3],
-    /// Sine of the largest angle to the axis; above 1 where normals spread over a right angle.
+    /// Sine of the largest angle to the axis; above 1 if normals spread over a right angle.
     sine: f64,
     area: f64,
 }
@@ -36,7 +35,7 @@ const EXACT: usize = 256;
 const CELLS: usize = 16;
 
 impl AreaVectors {
-    /// From triangles and the cluster of each, below `clusters`. Triangles with vertices that are not
+    /// The vectors of triangles, each with its cluster's number below `clusters`. Triangles with a vertex that is not
     /// finite have no area.
     ///
     /// # Errors
@@ -139,7 +138,7 @@ fn sum(vectors: &[[f64; 3]]) -> [f64; 3] {
     vectors.iter().fold([0.0; 3], |s, v| [s[0] + v[0], s[1] + v[1], s[2] + v[2]])
 }
 
-/// Turns area vectors to the side of `axis`: their sign is arbitrary, since winding may flip within a surface.
+/// Turns area vectors to the side of `axis`. Their sign is arbitrary, since winding may flip within a surface.
 fn turn_to(axis: [f64; 3], vectors: &mut [[f64; 3]]) {
     for v in vectors.iter_mut().filter(|v| dot(axis, **v) < 0.0) {
         *v = v.map(|x| -x);

@@ -1,6 +1,6 @@
 //! Errors of probes, labels and parameters.
 
-/// Probes, clusters or parameters that are refused. Each message has a remedy.
+/// Invalid probes, clusters or parameters. Each message has a remedy.
 #[non_exhaustive]
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum Error {
@@ -34,12 +34,12 @@ pub enum Error {
         /// Triangles given.
         triangles: usize,
     },
-    /// A triangle names a vertex that is not there.
+    /// A triangle has the index of a vertex that does not exist.
     #[error("triangle {triangle} names vertex {vertex}, but there are {vertices}")]
     NoVertex {
         /// The triangle.
         triangle: usize,
-        /// The vertex it names.
+        /// The index of the vertex.
         vertex: u32,
         /// The number of vertices.
         vertices: usize,
@@ -47,7 +47,7 @@ pub enum Error {
     /// A parameter outside its range.
     #[error("{name} = {value} is out of range: {allowed}")]
     OutOfRange {
-        /// The parameter, as the user knows it.
+        /// The parameter, by its public name.
         name: &'static str,
         /// The value given.
         value: String,
@@ -57,9 +57,9 @@ pub enum Error {
     /// Probes were traced for another image.
     #[error("the probes are those of {of}, but {wanted} is rendered: probe that frame, or let the sampler probe")]
     OtherFrame {
-        /// The frame that was probed.
+        /// The frame of the probes.
         of: String,
-        /// The frame that is rendered.
+        /// The frame of the render.
         wanted: String,
     },
 }
@@ -76,7 +76,7 @@ impl From<dapple_core::OutOfRange> for Error {
     }
 }
 
-/// Parameters keep the core's kind; all else keeps its own, as [`dapple_core::Error::Other`].
+/// Parameters become the core's kind; other errors become [`dapple_core::Error::Other`].
 impl From<Error> for dapple_core::Error {
     fn from(error: Error) -> Self {
         match error {

@@ -1,12 +1,12 @@
-//! From rates to a pixel's share of the reserved samples.
+//! Sampling importance: from rates to each pixel's part of the reserved samples.
 
 use crate::probe::{BACKGROUND, Probe, Probes, dot};
 use crate::{ClusterSize, ClusterThesisOptions, Error, rates};
 use dapple_clustering::Cluster;
 use rayon::prelude::*;
 
-/// The increasing map `f` from the ratio `x = SP / SC` to a sampling rate [Lan 2016, eq. 3-3]. The thesis requires
-/// one and gives none.
+/// The increasing map `f` from the ratio `x = SP / SC` to a sampling rate [Lan 2016, eq. 3-3]. The thesis requires such
+/// a map and gives none.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum RateMap {
     /// `x`: every cluster gets the same number of samples, as in the thesis' prose.
@@ -14,8 +14,8 @@ pub enum RateMap {
     /// `sqrt(x)`: milder, the default.
     #[default]
     Root,
-    /// `ln(1 + x / m)`, with `m` the median over all probes that met something: milder still for
-    /// clusters smaller than most, as the ratio itself for larger ones.
+    /// `ln(1 + x / m)`, with `m` the median over all probes with a hit. It is milder still for clusters smaller than
+    /// most, and like the ratio itself for larger ones.
     Log,
 }
 
@@ -37,8 +37,8 @@ impl RateMap {
 /// The sampling importance of all pixels.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Importance {
-    /// One number per pixel of the window, row by row: finite, not negative, without unit; its mean is
-    /// `1 + angle + distance` where anything was met.
+    /// One number per pixel of the window, row by row: finite, not negative, without unit. The mean is `1 + angle +
+    /// distance` if any probe has a hit.
     pub per_pixel: Vec<f32>,
     /// Probes whose cluster has no size, as [`Rates::replaced`](crate::Rates::replaced) counts them.
     pub replaced: usize,
@@ -82,7 +82,7 @@ pub fn importance(
     };
     let pixels = probes.all().par_chunks_exact(k).zip(rates.values.par_chunks_exact(k)).with_min_len(4096);
     let terms: Vec<[f64; 3]> = pixels.map(terms).collect();
-    // In order: a sum must not depend on threads.
+    // Summed in order: the sum does not depend on threads.
     let sums = terms.iter().copied().fold([0.0; 3], plus);
     let scale = |sum: f64, weight: f64| if sum > 0.0 { weight * terms.len() as f64 / sum } else { 0.0 };
     let [share, angle, distance] =
@@ -95,7 +95,7 @@ fn plus(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
     [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
 }
 
-/// `1 - cos` of the angle between the ray and the normal of the surface that it met.
+/// `1 - cos` of the angle between the ray and the normal of the surface at its hit.
 fn obliquity(probe: &Probe, clusters: &[Cluster]) -> f64 {
     if probe.cluster == BACKGROUND {
         return 0.0;
@@ -105,7 +105,7 @@ fn obliquity(probe: &Probe, clusters: &[Cluster]) -> f64 {
     (1.0 - if known { cosine } else { f64::from(probe.cosine) }).clamp(0.0, 1.0)
 }
 
-/// The lower median of the rates of probes that met a cluster; 1 without any.
+/// The lower median of the rates of probes with a hit; 1 without any.
 fn median(probes: &Probes, rates: &[f64]) -> f64 {
     let hits = probes.all().iter().zip(rates).filter(|(p, _)| p.cluster != BACKGROUND);
     let mut rates: Vec<f64> = hits.map(|(_, &r)| r).collect();

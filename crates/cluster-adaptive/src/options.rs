@@ -6,8 +6,8 @@ use dapple_core::Options as _;
 dapple_core::options! {
     /// The parameters of [`ClusterThesis`](crate::ClusterThesis).
     ///
-    /// The defaults are the published combination as far as it is published. The thesis gives no formula for `map`, and
-    /// none for the two weights, whose default 0.25 is a guess.
+    /// The defaults are the published combination as far as it is published. The thesis gives no formula for `map`. It
+    /// gives no values for the two weights either; their default 0.25 is a guess.
     pub struct ClusterThesisOptions {
         /// A pixel's size beside box and triangles: one (published) or footprint.
         pub pixel: PixelArea = PixelArea::One => "one";

@@ -9,12 +9,12 @@ use std::time::Instant;
 /// The placement of a pixel's probes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Placement {
-    /// One, through the pixel's centre and the lens' centre: as published [Lan 2016, 2.6]. Its prediction is wrong
-    /// wherever the pixel sees more than one cluster.
+    /// One probe, through the centres of pixel and lens: as published [Lan 2016, 2.6]. Its prediction is wrong for
+    /// pixels that see more than one cluster.
     #[default]
     Centre,
-    /// So many, at least 1 and at most 256, spread over pixel and lens by a point set. In expectation each predicts
-    /// the pixel's true rate, whatever the pixel sees.
+    /// This many probes, 1 to 256, spread over pixel and lens by a point set. In expectation each predicts the pixel's
+    /// true rate.
     Jittered(u32),
 }
 
@@ -42,29 +42,28 @@ impl std::fmt::Display for Placement {
 pub struct ProbeRay {
     /// Column and row in the full image.
     pub pixel: [u32; 2],
-    /// Its point on the film, in pixels of the full image from its upper left corner; inside
-    /// `pixel`.
+    /// The ray's point on the film, inside `pixel`, in pixels of the full image from its upper left corner.
     pub film: [f32; 2],
-    /// Its point on the lens, in `[0, 1)^2` as the integrator would sample it; `[0.5, 0.5]` with
+    /// The ray's point on the lens, in `[0, 1)^2` as the integrator would sample it; `[0.5, 0.5]` with
     /// [`Placement::Centre`]. A pinhole ignores it.
     pub lens: [f32; 2],
-    /// Its name. A renderer that needs more coordinates (time, say) takes blocks of this sample from 1 on; block 0 is
-    /// `film` and `lens`.
+    /// The sample's name. A renderer that needs more coordinates (time, for example) takes blocks of this sample from 1
+    /// on; block 0 is `film` and `lens`.
     pub sample: SampleId,
 }
 
-/// The first surface that a probe met.
+/// The first surface on a probe's ray.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ProbeHit {
     /// The primitive: an index into the labels.
     pub primitive: u32,
-    /// The ray's direction, from the eye to the hit. Need not be of unit length, nor zero.
+    /// The ray's direction, from the eye to the hit; of any length above 0.
     pub direction: [f32; 3],
     /// Along the ray from the eye, in world units, not negative.
     pub distance: f32,
     /// The surface's unit normal; either side.
     pub normal: [f32; 3],
-    /// Width of a pixel at the hit, in world units, measured across the ray; not negative. Read with
+    /// Width of a pixel at the hit, in world units, measured across the ray; not negative. Used with
     /// [`PixelArea::Footprint`](crate::PixelArea::Footprint) only.
     pub footprint: f32,
 }
@@ -72,7 +71,7 @@ pub struct ProbeHit {
 /// The record of one probe. Without a hit all is zero except for the class.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Probe {
-    /// The cluster it met, or [`BACKGROUND`].
+    /// The cluster of the hit, or [`BACKGROUND`].
     pub cluster: u32,
     /// Unit direction of the ray.
     pub direction: [f32; 3],
@@ -87,10 +86,10 @@ pub struct Probe {
 impl Probe {
     const MISS: Self = Self { cluster: BACKGROUND, direction: [0.0; 3], cosine: 0.0, distance: 0.0, footprint: 0.0 };
 
-    /// `None` for a hit with a NaN, an infinity, or no direction in it.
+    /// A probe; `None` for a hit with a NaN, an infinity, or no direction.
     fn new(cluster: u32, hit: &ProbeHit) -> Option<Self> {
         let ProbeHit { direction, distance, normal, footprint, .. } = *hit;
-        // f64: squares of small components leave the range of f32.
+        // f64, since squares of small components leave the range of f32.
         let length = dot(direction, direction).sqrt();
         let fine = length > 0.0 && length.is_finite() && distance >= 0.0 && footprint >= 0.0;
         let finite = distance.is_finite() && footprint.is_finite() && normal.iter().all(|n| n.is_finite());
@@ -137,9 +136,8 @@ pub struct Probes {
 ///
 /// # Errors
 ///
-/// [`Error::NoLabel`] for a hit whose primitive has no label (the first, row by row),
-/// [`Error::NoCluster`] where that label is [`BACKGROUND`]; [`Error::OutOfRange`] for none or too many
-/// probes a pixel.
+/// [`Error::NoLabel`] for a hit whose primitive has no label (the first, row by row), [`Error::NoCluster`] if that
+/// label is [`BACKGROUND`]; [`Error::OutOfRange`] for 0 or more than 256 probes per pixel.
 pub fn probe(
     frame: &Frame,
     placement: Placement,
@@ -176,7 +174,7 @@ pub fn probe(
         }
         Ok(rejected)
     };
-    // Collected row by row, so that the first error is the same for any threads.
+    // Collected row by row, so that the first error is the same for any number of threads.
     let rows: Vec<Result<u64, Error>> = probes.par_chunks_mut(width).enumerate().map(trace).collect();
     let rejected = rows.into_iter().sum::<Result<u64, Error>>()?;
     let cost = ProbeCost { rays: probes.len() as u64, seconds: began.elapsed().as_secs_f64() };
@@ -239,7 +237,7 @@ impl Probes {
     ///
     /// # Errors
     ///
-    /// [`Error::NoCluster`] where a probe met a cluster that is not below `clusters`.
+    /// [`Error::NoCluster`] if a probe has a cluster that is not below `clusters`.
     pub fn class_counts(&self, clusters: usize) -> Result<Vec<u64>, Error> {
         let mut counts = vec![0; clusters + 1];
         for probe in &self.probes {

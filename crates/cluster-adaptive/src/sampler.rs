@@ -10,7 +10,7 @@ use dapple_core::{
 };
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// Finds the first hit of a probe: the caller's ray tracer. A pure function.
+/// The caller's ray tracer: finds the first hit of a probe. A pure function.
 pub type TraceProbe = Arc<dyn Fn(ProbeRay) -> Option<ProbeHit> + Send + Sync>;
 
 /// The labels, clusters and rays that a sampler probes for its first plan.
@@ -22,10 +22,10 @@ pub struct ProbeSource {
     pub clusters: Arc<[Cluster]>,
     /// Finds first hits.
     pub shoot: TraceProbe,
-    /// Where the probes of a pixel lie.
+    /// The placement of each pixel's probes.
     pub placement: Placement,
-    /// The parameters of clustering, as further parameters of [`ClusterThesis`]'s description:
-    /// `k=9,clamp=32`, say, or nothing.
+    /// The parameters of clustering, as further parameters of [`ClusterThesis`]'s description: `k=9,clamp=32`, for
+    /// example, or nothing.
     pub described: String,
 }
 
@@ -39,7 +39,7 @@ impl ProbesHandle {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// Their cost; `None` before the first plan.
+    /// The cost of the latest probes; `None` before the first plan.
     pub fn cost(&self) -> Option<ProbeCost> {
         self.probes().map(|p| p.cost())
     }
@@ -63,22 +63,21 @@ impl Prior {
     }
 }
 
-/// The sampler of [Lan 2016]: few samples where large clusters are seen, many where small ones are.
+/// The sampler of [Lan 2016]: few samples for large clusters, many for small ones.
 ///
-/// First-hit probes find the cluster that each pixel sees. Its importance (see [`importance`]) follows the ratio of
-/// the pixel's area to the cluster's projected area. Every pixel gets a minimum. The rest of the budget is shared in
+/// First-hit probes find the cluster that each pixel sees. Its importance (see [`importance`]) follows the ratio of the
+/// pixel's area to the cluster's projected area. Every pixel gets a minimum. The rest of the budget is distributed in
 /// proportion to importance, up to a maximum; the excess goes to the others ([`share`]).
 ///
-/// *Guarantees*: the budget to the sample. Counts are a function of geometry alone, radiance is never read, and
-/// probes are never averaged in: the image is unbiased for every budget that is known beforehand, and for every
-/// sequence of them. (A limit on the *error* stops by samples seen, and has a bias of its own.) A budget that is
-/// raised keeps the proportions as far as the samples spent allow. Equal importance gives counts that differ by at
-/// most 1.
+/// *Guarantees*: the budget is met to the sample. Counts are a function of geometry alone: radiance does not enter
+/// them, and probes never enter the image. The image is thus unbiased for every budget that is known beforehand, and
+/// for every sequence of them. (A limit on the *error* stops by the samples seen, and has its own bias.) A raised
+/// budget keeps the proportions as far as the samples already spent allow. Equal importance gives counts that differ by
+/// at most 1.
 ///
-/// *Weaknesses*: equal samples per cluster are not least error; the sampler knows no light, texture or gloss. As
-/// published it loses to uniform counts wherever the error sits in large clusters, such as a textured floor: up to
-/// `mean / minimum` times the MSE. Counts are not kept to well-stratified prefixes of the point set: the thesis does
-/// not either.
+/// *Weaknesses*: equal samples per cluster do not minimise the error; the sampler knows no light, texture or gloss. As
+/// published it loses to uniform counts if most error lies in large clusters, such as a textured floor: up to `mean /
+/// minimum` times the MSE. Counts do not prefer well-stratified prefixes of the point set, nor do the thesis' counts.
 pub struct ClusterThesis<P> {
     points: P,
     size: ClusterSize,
@@ -90,7 +89,7 @@ pub struct ClusterThesis<P> {
 }
 
 impl<P: PointSet> ClusterThesis<P> {
-    /// The published combination, planned from these probes, for their frame only.
+    /// The published combination, planned from these probes; valid for their frame only.
     ///
     /// # Errors
     ///
@@ -99,12 +98,12 @@ impl<P: PointSet> ClusterThesis<P> {
         Self::with_options(points, probes, clusters, ClusterSize::ProjectedBox, ClusterThesisOptions::default())
     }
 
-    /// Any combination, planned from these probes, for their frame only.
+    /// Any combination, planned from these probes; valid for their frame only.
     ///
     /// # Errors
     ///
-    /// [`Error::NoCluster`] where a probe met a cluster that is not in the list;
-    /// [`Error::OutOfRange`] for a weight below 0 or a maximum below the minimum.
+    /// [`Error::NoCluster`] if a probe has a cluster that is not in the list; [`Error::OutOfRange`] for a weight below
+    /// 0 or a maximum below the minimum.
     pub fn with_options(
         points: P,
         probes: &Probes,
@@ -118,13 +117,13 @@ impl<P: PointSet> ClusterThesis<P> {
         Ok(Self { points, size, options, placement, probed: None, handle, prior })
     }
 
-    /// Any combination, which probes at the first plan for a frame. It can be made before the frame is known.
+    /// Any combination, probed at the first plan for a frame. It can be made before the frame is known.
     /// [`ClusterThesis::handle`] has the cost.
     ///
     /// # Errors
     ///
-    /// [`Error::OutOfRange`] for a weight below 0, a maximum below the minimum, or none or too many
-    /// probes per pixel. Wrong labels and clusters are refused with the first plan.
+    /// [`Error::OutOfRange`] for a weight below 0, a maximum below the minimum, or 0 or more than 256 probes per pixel.
+    /// The first plan refuses wrong labels and clusters.
     pub fn probing(
         points: P,
         probed: ProbeSource,
@@ -140,12 +139,12 @@ impl<P: PointSet> ClusterThesis<P> {
         Ok(Self { points, size, options, placement, probed: Some(probed), handle, prior: None })
     }
 
-    /// A handle to the probes that it traces, now or later. Stays empty where probes were given.
+    /// A handle to the probes that the sampler traces, now or later. Stays empty if the probes were given.
     pub fn handle(&self) -> ProbesHandle {
         self.handle.clone()
     }
 
-    /// The number of probes whose cluster has no size, which have the largest rate of the others; 0 before the first
+    /// The number of probes whose cluster has no size; they have the largest rate of the others. 0 before the first
     /// plan.
     pub fn replaced(&self) -> usize {
         self.prior.as_ref().map_or(0, |p| p.replaced)
@@ -195,8 +194,8 @@ impl<P: PointSet> Sampler for ClusterThesis<P> {
     fn memory(&self, frame: &Frame, _: &Needs, _: &Limits) -> SamplerMemory {
         let k = self.placement.per_pixel() as usize;
         // The first plan, with rates and terms of importance, is made before anything is written to the film, whose
-        // counts and means take 32 bytes; later ones hold counts, floors, and weights, shares and counts of the
-        // allocation.
+        // counts and means take 32 bytes. Later plans hold counts, floors, and the allocation's weights, shares and
+        // counts.
         let first = (8 * k + 24 + 8).saturating_sub(32);
         let later = 4 + 4 + 8 + 8 + 4;
         SamplerMemory::planning(frame, first.max(later)).with_state(frame, size_of::<Probe>() * k + 8)
@@ -217,7 +216,7 @@ impl<P: PointSet> Sampler for ClusterThesis<P> {
         let [min, max] = self.options.bounds(total as f64 / pixels as f64);
         let base = min.max(budget.min_spp);
         let ceiling = if self.options.max > 0 { max } else { max.max(base) }.min(budget.max_spp);
-        // The table's bounds give way; bounds that the user gave are held, or refused.
+        // The table's bounds give way; the user's bounds hold or are refused.
         let asked = self.options.min.max(budget.min_spp);
         if asked > ceiling {
             let allowed = "no less than the floor of samples per pixel";
@@ -237,7 +236,7 @@ impl<P: PointSet> Sampler for ClusterThesis<P> {
         for ((count, wanted), now) in plan.counts.iter_mut().zip(wanted).zip(now) {
             *count = wanted - now;
         }
-        // Nothing to add where the ceiling holds every pixel.
+        // Nothing to add if every pixel has reached the ceiling.
         Ok(if plan.total() == 0 { Progress::Done } else { Progress::Trace })
     }
 }

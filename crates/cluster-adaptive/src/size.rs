@@ -1,4 +1,4 @@
-//! The size of a cluster, and the rate that a probe of it predicts.
+//! The size of a cluster, and the rate that its probes predict.
 
 use crate::probe::{BACKGROUND, Probe, Probes};
 use crate::screen::projected_box_area;
@@ -19,8 +19,8 @@ pub enum ClusterSize {
     /// The film area of the cluster's box in perspective, in pixels: [`projected_box_area`] with this matrix. The
     /// published formula lacks perspective.
     ScreenBox([[f32; 4]; 4]),
-    /// Probes that met the cluster, over probes per pixel: the pixels it covers, with occlusion,
-    /// perspective and all. The background is a cluster as well.
+    /// Probes with a hit on the cluster, over probes per pixel: the pixels it covers, with occlusion and perspective.
+    /// The background is a cluster as well.
     Hits,
 }
 
@@ -36,7 +36,7 @@ impl ClusterSize {
     }
 }
 
-/// The pixel's own size `SP`, where clusters are measured in world units.
+/// The pixel's own size `SP`, for clusters measured in world units.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum PixelArea {
     /// As published: 1 for every pixel. The perspective factor `f^2 / d^2` is missing: a far cluster counts as large
@@ -49,35 +49,34 @@ pub enum PixelArea {
 
 dapple_core::choices!(PixelArea { One = "one", Footprint = "footprint" });
 
-/// The least projected size of a cluster, as a share of its largest face (or of its triangles' area): that
-/// of a plane turned 0.06 degrees off edge-on. Nearer to edge-on sizes stay as they are, so that no
-/// rate is infinite and none jumps at 0 degrees.
+/// The least projected size of a cluster, as a fraction of its largest face (or of its triangles' area). It is the size
+/// of a plane 0.06 degrees from edge-on. Nearer to edge-on sizes stay constant, so that no rate is infinite and none
+/// jumps at 0 degrees.
 const EDGE_ON: f64 = 1e-3;
 
-/// The rates that probes predict, one number each.
+/// The predicted rates, one number per probe.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Rates {
-    /// `SP / SC` of the cluster that each probe met, in the order of [`Probes::all`]: finite, not negative; 0 for a
-    /// probe without a hit. Only proportions matter, except with [`PixelArea::Footprint`], [`ClusterSize::ScreenBox`]
-    /// and [`ClusterSize::Hits`], where a cluster of `n` pixels gives `1 / n`.
+    /// `SP / SC` for the cluster of each probe, in the order of [`Probes::all`]: finite, not negative; 0 for a probe
+    /// without a hit. Only proportions matter, except with [`PixelArea::Footprint`], [`ClusterSize::ScreenBox`] and
+    /// [`ClusterSize::Hits`], where a cluster of `n` pixels gives `1 / n`.
     pub values: Vec<f64>,
-    /// Probes whose cluster has no size at all (a point, a line, corners that are not finite): they
-    /// get the largest rate of the others.
+    /// Probes whose cluster has no size (a point, a line, corners that are not finite). They get the largest rate of
+    /// the others.
     pub replaced: usize,
 }
 
 /// The rate `SP / SC` that each probe predicts [Lan 2016, eq. 3-3, before `f`].
 ///
-/// `R SP / SC` is the thesis' one-ray estimate of the pixel's true rate, `R sum_i Scc_i / Sc_i` over the
-/// clusters that it sees (`Scc_i` the part of cluster `i` in it). For a probe through the pixel's centre
-/// that holds where one cluster fills the pixel. A probe placed evenly over the pixel meets `i` with
-/// probability `Scc_i / SP`, so its expectation is the true rate whatever the pixel sees:
-/// averaging [`Placement::Jittered`](crate::Placement::Jittered) probes is the remedy.
+/// `R SP / SC` is the thesis' one-ray estimate of the pixel's true rate, `R sum_i Scc_i / Sc_i` over the clusters that
+/// it sees (`Scc_i` the part of cluster `i` in it). For a probe through the pixel's centre it is right if one cluster
+/// fills the pixel. A probe placed evenly over the pixel hits `i` with probability `Scc_i / SP`, so its expectation is
+/// the true rate for any pixel. Averaging [`Placement::Jittered`](crate::Placement::Jittered) probes is thus the
+/// remedy.
 ///
 /// # Errors
 ///
-/// [`Error::NoCluster`] where a probe met a cluster that is not in `clusters` (or in the area
-/// vectors).
+/// [`Error::NoCluster`] if a probe has a cluster that is not in `clusters` (or in the area vectors).
 pub fn rates(probes: &Probes, clusters: &[Cluster], size: &ClusterSize, pixel_area: PixelArea) -> Result<Rates, Error> {
     let classes = probes.class_counts(clusters.len())?;
     let k = f64::from(probes.placement().per_pixel());
@@ -88,7 +87,7 @@ pub fn rates(probes: &Probes, clusters: &[Cluster], size: &ClusterSize, pixel_ar
         }
         ClusterSize::ScreenBox(world_to_clip) => {
             let resolution = probes.frame().resolution();
-            // A cluster that is seen covers at least the area of one probe.
+            // A visible cluster covers at least the area of one probe.
             let area = |c: &Cluster| projected_box_area(&c.bounds, world_to_clip, resolution).max(1.0 / k);
             let seen = classes.iter().zip(clusters);
             let rates: Vec<f64> = seen.map(|(&n, c)| if n > 0 { 1.0 / area(c) } else { 0.0 }).collect();
@@ -134,8 +133,8 @@ impl BoxFaces {
         Self { areas, least: EDGE_ON * areas[0].max(areas[1]).max(areas[2]) }
     }
 
-    /// The size seen along the unit direction `d`, in the orthographic projection of the thesis (2.3,
-    /// Fig. 3-20), and at least a thousandth of the largest face.
+    /// The size along the unit direction `d`, in the orthographic projection of the thesis (2.3, Fig. 3-20); at least a
+    /// thousandth of the largest face.
     fn projected(&self, d: [f32; 3]) -> f64 {
         let [x, y, z] = self.areas;
         let [dx, dy, dz] = d.map(|d| f64::from(d.abs()));

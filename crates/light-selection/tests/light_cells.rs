@@ -10,7 +10,7 @@ fn table(lights: usize, expected: impl Fn([f32; 3], f32, [f32; 3], usize) -> f32
     LightCells::new(BOX, lights, &options, expected).unwrap().unwrap()
 }
 
-/// An expectation that is the same for all lights.
+/// The same expectation for all lights.
 fn alike(_: [f32; 3], _: f32, _: [f32; 3], _: usize) -> f32 {
     1.0
 }
@@ -36,7 +36,7 @@ fn cells_tell_places_and_sides_apart() {
     let mut sides: Vec<u32> = normals.iter().map(|&n| cells.cell([1.0; 3], n)).collect();
     sides.dedup();
     assert_eq!(sides.len(), 6);
-    // Outside, or nowhere: a cell all the same.
+    // Points outside the bounds and invalid points have a cell too.
     for odd in [[-1e30; 3], [1e30; 3], [f32::NAN; 3], [f32::INFINITY; 3], [f32::NEG_INFINITY; 3]] {
         assert!((cells.cell(odd, odd) as usize) < cells.cells(), "{odd:?}");
     }
@@ -84,18 +84,18 @@ fn what_is_learned_goes_with_the_root_of_the_second_moment() {
     assert_eq!(cells.guidance(), Guidance::Cells);
     sums_to_one(&cells);
     let (left, right) = (cells.cell([0.3, 0.6, 0.1], UP), cells.cell([3.7, 0.6, 0.1], UP));
-    // 4 samples of what both lights together average, .5, beside 100 that saw 1 or 0: roots of (100 + 2) and of 2.
+    // The mean of both lights, 0.5, weighs 4 samples beside 100 that saw 1 or 0: roots of (100 + 2) and of 2.
     let wanted = 0.9 * 102.0_f64.sqrt() / (102.0_f64.sqrt() + 2.0_f64.sqrt()) + 0.05;
     for (cell, light) in [(left, 0), (right, 1)] {
         assert!((f64::from(cells.pmf(cell, light)) - wanted).abs() < 0.01, "{} {wanted}", cells.pmf(cell, light));
     }
-    // The order of training passes of the same keys changes nothing that matters; the same notes give the same bits.
+    // The order of training passes with the same keys changes only rounding; the same notes give the same bits.
     let mut again = table(2, alike);
     again.learn(known.iter().copied(), alike);
     assert_eq!(again, cells);
 }
 
-/// Until it is seen, a cell shares the expectation of three voxels each way; then it has its own.
+/// An unseen cell has the expectation of three voxels each way; a seen one has its own.
 #[test]
 fn a_cell_begins_with_what_is_expected() {
     let expected = |middle: [f32; 3], _: f32, axis: [f32; 3], light: usize| match light {
@@ -104,14 +104,14 @@ fn a_cell_begins_with_what_is_expected() {
     };
     let mut cells = table(2, expected);
     let wanted = |a: f32, b: f32| 0.9 * a / (a + b) + 0.05;
-    // Voxels are half a unit wide: the middle of three lies at .75.
+    // Voxels are half a unit wide: the middle of three lies at 0.75.
     for x in [0.25, 0.75, 1.25] {
         let up = cells.cell([x, 1.0, 0.25], UP);
         assert!((cells.pmf(up, 0) - wanted(0.75, 2.0)).abs() < 1e-3, "{x}: {}", cells.pmf(up, 0));
     }
     let below = cells.cell([0.25, 1.0, 0.25], [0.0, 0.0, -1.0]);
     assert!((cells.pmf(below, 0) - 0.95).abs() < 1e-3, "{}", cells.pmf(below, 0));
-    // Seen a little, as expected.
+    // After a few samples it is still close to the expectation.
     let [first, second] = [0.25, 1.25].map(|x| cells.cell([x, 1.0, 0.25], UP));
     let squares = |x: f64, light| if light == 0 { (x / (x + 2.0)).powi(2) } else { (2.0 / (x + 2.0)).powi(2) };
     let notes = [(first, 0.25), (second, 1.25)]
@@ -127,7 +127,7 @@ fn a_cell_begins_with_what_is_expected() {
     assert!((cells.pmf(between, 0) - wanted(0.75, 2.0)).abs() < 1e-3, "{}", cells.pmf(between, 0));
 }
 
-/// Where cells differ by noise alone, one mix serves all.
+/// If cells differ by noise alone, one distribution serves all.
 #[test]
 fn cells_that_do_not_pay_are_not_used() {
     let mut cells = table(2, alike);
@@ -142,7 +142,7 @@ fn cells_that_do_not_pay_are_not_used() {
     sums_to_one(&cells);
     let shares: Vec<f32> = (0..cells.cells() as u32).map(|cell| cells.pmf(cell, 0)).collect();
     assert!(shares.iter().all(|p| *p == shares[0]) && (shares[0] - (0.9 * 0.75 + 0.05)).abs() < 0.01);
-    // They come back when they do.
+    // They return when cells really differ.
     let more: Vec<_> = notes(&cells).into_iter().map(|(key, n, s)| (key, 1000 * n, 1e5 * s)).collect();
     cells.learn(more.into_iter(), alike);
     assert_eq!(cells.guidance(), Guidance::Cells);

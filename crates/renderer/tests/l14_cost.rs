@@ -1,4 +1,4 @@
-//! L14's price: the specialised integrator beside a loop written by hand for the simplest scene.
+//! The price of unused effects: the specialised integrator beside a hand-written loop for the simplest scene.
 #![allow(clippy::print_stderr)]
 
 #[path = "renderer/statistics/mod.rs"]
@@ -23,10 +23,10 @@ use support::*;
 
 const SIZE: [u32; 2] = [32, 32];
 const ALBEDO: f32 = 0.6;
-/// Number of the lamp's shape.
+/// The index of the lamp's shape.
 const LAMP: u32 = 2;
 
-/// Pinhole, diffuse, one light, direct light: two rectangles under a lamp.
+/// Pinhole, diffuse surfaces, one light, direct light: two rectangles under a lamp.
 fn simplest() -> Scene {
     let mut scene = scene(SIZE, 45.0, DVec3::new(0.0, -4.0, 2.0), DVec3::new(0.0, 0.0, 0.5));
     scene.max_depth = Some(1);
@@ -42,8 +42,8 @@ fn simplest() -> Scene {
     scene
 }
 
-/// The same estimator with nothing in it but what this scene has. Its lamp's triangles are those of the world's
-/// geometry; the numbers are added in the same order.
+/// The same estimator, reduced to the needs of this scene. Its lamp's triangles are those of the world's geometry, and
+/// the numbers are added in the same order.
 #[inline(never)]
 fn by_hand(world: &World, draws: &Draws<'_>) -> [f32; 3] {
     let (geometry, lights, view) = (world.geometry(), world.lights(), world.camera());
@@ -118,10 +118,10 @@ fn the_hand_written_loop_is_the_same_estimator_l14() {
     assert!(bright > 5000, "{bright} samples see light");
 }
 
-/// The loop that this process runs under callgrind, and the number of times.
+/// The environment variable with the loop that this process runs under callgrind, and the number of times.
 const ROLE: &str = "DAPPLE_L14";
 
-/// Instructions a sample, the start of the process taken out.
+/// Instructions per sample, without the start of the process.
 fn instructions(role: &str) -> Option<f64> {
     const SAMPLES: u64 = 20_000;
     let counted = |samples: u64| {

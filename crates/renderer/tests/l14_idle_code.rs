@@ -26,7 +26,7 @@ const CODES: [(&str, u32); 9] = [
     ("all", code::SEVERAL_LIGHTS | code::ENVIRONMENT | code::ROULETTE | code::TRANSMISSION | code::RARE | code::VARIED),
 ];
 
-/// A hash of the image, blocks requested, and rays traced.
+/// A hash of the image, the number of blocks requested, and the number of rays traced.
 fn rendered(world: &World, idle: u32, seed: u64) -> (u64, u64, u64) {
     let frame = Frame::new(SIZE[0], SIZE[1]).expect("not empty");
     let limits = Limits::samples(SPP * frame.pixels() as u64);
@@ -45,7 +45,7 @@ fn idle_code_changes_no_bit_l14() {
         for (idle, bits) in CODES {
             assert_eq!(rendered(&world, bits, 1), expected, "{name} with the code of {idle}");
         }
-        // Negative control: what is compared depends on the samples.
+        // Negative control: the hash depends on the samples.
         assert!(rendered(&world, 0, 2).0 != expected.0, "{name}");
     }
 }

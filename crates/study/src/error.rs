@@ -59,7 +59,7 @@ pub enum StudyError {
         path: PathBuf,
         /// The action that failed.
         action: &'static str,
-        /// The remedy, and what is kept.
+        /// The remedy, and the files that are kept.
         kept: String,
         /// The system's error.
         source: std::io::Error,

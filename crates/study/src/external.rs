@@ -11,11 +11,11 @@ use std::time::Instant;
 /// A filter that is an external program: it reads an unfiltered image with its features, and writes an image.
 ///
 /// * Input: OpenEXR. The main layer has `R G B`, linear radiance, each pixel the mean of its own samples. Further
-///   layers: `count`, `albedo` (`R G B`), `normal` (`X Y Z`, in scene space), `depth` and `coverage`. Features are means
-///   over the samples that hit something; `coverage.Y` is the share of those samples.
+///   layers: `count`, `albedo` (`R G B`), `normal` (`X Y Z`, in scene space), `depth` and `coverage`. Features are
+///   means over the samples that hit something; `coverage.Y` is the fraction of those samples.
 /// * Output: OpenEXR or PFM, linear, of the same size, without NaN.
-/// * Time: the wall seconds of the process. If its last line is JSON such as `{"seconds": 0.25}`, that number instead,
-///   so that start-up and file reading need not count.
+/// * Time: the wall seconds of the process. A last line of JSON such as `{"seconds": 0.25}` replaces them, so that
+///   start-up and file reading need not count.
 ///
 /// ```
 /// # use dapple_study::External;

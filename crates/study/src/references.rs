@@ -39,7 +39,7 @@ pub(crate) struct ReferenceFolder<'a> {
 }
 
 impl ReferenceFolder<'_> {
-    /// The path of a file as in the study's record, and on the disk.
+    /// The path of a file in the study's record, and its path on the disk.
     fn place(&self, name: &str) -> Result<(String, PathBuf), StudyError> {
         let make = |folder: &Path| {
             std::fs::create_dir_all(folder).map_err(|e| StudyError::file(folder, "make the folder of references", e))

@@ -174,8 +174,8 @@ fn attributes(request: &RunRequest) -> Vec<(String, String)> {
     list.into_iter().map(|(key, text)| (format!("dapple:{key}"), text)).collect()
 }
 
-/// Makes each run in a process of its own: a program that reads a [`RunRequest`] as JSON from its standard input and writes
-/// the [`Run`] as JSON to its standard output.
+/// Makes each run in a process of its own. That program reads a [`RunRequest`] as JSON from its standard input, and
+/// writes the [`Run`] as JSON to its standard output.
 pub struct Processes {
     program: PathBuf,
     words: Vec<String>,

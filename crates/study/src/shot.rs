@@ -1,41 +1,41 @@
-//! One image by one method, with what it took.
+//! One image by one method, with its cost.
 
 use crate::{External, Method, Phases, StudyError, Subject};
 use dapple_core::{Film, Filtered, Monitor, Needs};
 use dapple_job::{BudgetSpec, JobError, RenderMonitor};
 
-/// What an image is made of.
+/// The settings of one image.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Order<'a> {
     pub(crate) method: &'a Method,
     pub(crate) seed: u64,
-    /// Samples in all.
+    /// Samples in total.
     pub(crate) samples: u64,
-    /// The filter, where it is a program of somebody else's.
+    /// The filter, if it is an external program.
     pub(crate) external: Option<&'a External>,
-    /// For that: 0 is one per core.
+    /// Threads of the external program; 0 is one per core.
     pub(crate) threads: usize,
 }
 
 impl<'a> Order<'a> {
-    /// With a seed of 0 and no program of others.
+    /// An order with a seed of 0 and no external program.
     pub(crate) fn new(method: &'a Method, samples: u64) -> Self {
         Self { method, seed: 0, samples, external: None, threads: 0 }
     }
 }
 
-/// An image, and what it took.
+/// An image and its cost.
 pub(crate) struct Shot {
     pub(crate) film: Film,
     pub(crate) filtered: Filtered,
     pub(crate) seconds: Phases,
-    /// Probes included.
+    /// Rays traced, probes included.
     pub(crate) rays: u64,
     pub(crate) cpu_s: Option<f64>,
 }
 
-/// Renders as anybody would through the public items, clusters made anew. `monitor` is not counted in the times; `cpu`
-/// tells this process' user and system seconds so far.
+/// Renders through the public items; clusters are computed anew. Calls of `monitor` are not timed. `cpu` returns the
+/// user and system seconds of this process so far.
 pub(crate) fn shoot(
     subject: &Subject,
     order: Order<'_>,
@@ -68,7 +68,7 @@ pub(crate) fn shoot(
         }
     };
     let seconds = image.seconds;
-    // The time of another program is the one that it reports, or the time that went by.
+    // The time of an external program is the one that it reports, else the wall time.
     let finished = if external.is_none() { cpu() } else { rendered.map(|cpu| cpu + seconds.filter) };
     let cpu_s = finished.zip(before).map(|(after, before)| after - before);
     let phases = Phases {

@@ -1,4 +1,4 @@
-//! A scene to be studied, read and ready for rays.
+//! A scene of a study, read and ready for rays.
 
 use crate::StudyError;
 use dapple_core::Frame;
@@ -11,41 +11,42 @@ use serde::{Deserialize, Serialize};
 use std::path::Path;
 use std::sync::Arc;
 
-/// Which scene, and how it is looked at.
+/// The choice of a scene, and the settings of its image.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct View {
-    /// Its name in the study.
+    /// The scene's name in the study.
     pub name: String,
-    /// Bundled name or path.
+    /// The name of a bundled scene, or a path.
     pub source: String,
     /// Width and height in pixels.
     pub resolution: [u32; 2],
     /// Most scattering events between camera and light; `None` follows the scene.
     pub max_depth: Option<u32>,
-    /// Whether unsupported directives are warnings.
+    /// True if unsupported directives are warnings.
     pub allow_unsupported: bool,
-    /// How a light is chosen among several.
+    /// Selection among several lights.
     #[serde(default)]
     pub lights: LightSelection,
 }
 
 impl View {
-    /// As references are rendered: they do not depend on how lights are chosen, and are shared by all ways to do so.
+    /// The view for references: with the default light selection. References do not depend on it, so that all light
+    /// selections use the same ones.
     pub(crate) fn by_default(&self) -> Self {
         Self { lights: LightSelection::default(), ..self.clone() }
     }
 }
 
-/// A scene read and built: with a box of one pixel as its pixel filter, uncropped.
+/// A scene read and built, uncropped, with a box of one pixel as its pixel filter.
 pub(crate) struct Subject {
     pub(crate) view: View,
     pub(crate) scene: Arc<Scene>,
-    /// ContentHash of all bytes that were read for it.
+    /// The hash of all bytes that were read for the scene.
     pub(crate) content: ContentHash,
     prepared: PreparedScene,
 }
 
-/// The scene's own name for itself, from its source: that of the folder for the likes of `scene.pbrt`.
+/// The scene's name, from its source; for a file such as `scene.pbrt`, the name of its folder.
 pub(crate) fn name_of(source: &str) -> String {
     let path = Path::new(source);
     let part = |part: Option<&std::ffi::OsStr>| part.map(|p| p.to_string_lossy().into_owned());
@@ -88,7 +89,7 @@ impl Subject {
         &self.prepared
     }
 
-    /// The warnings of the reader, a line each; none of bundled scenes.
+    /// The reader's warnings, one line each; bundled scenes have none.
     pub(crate) fn notices(&self) -> Vec<String> {
         let notices = self.prepared.warnings().iter().filter(|warning| matches!(warning, Warning::Notice(_)));
         notices.map(Warning::to_string).collect()
@@ -100,7 +101,8 @@ impl Subject {
         Frame::new(w, h).map_err(|e| StudyError::Scene(e.to_string()))
     }
 
-    /// A digest of the few pixels in the middle with a few samples. It changes when the code of the renderer changes the image.
+    /// A digest of the pixels in the middle, with few samples. It changes with the image that the renderer's code
+    /// makes.
     pub(crate) fn fingerprint(&self) -> Result<ContentHash, StudyError> {
         let middle = |side: u32| {
             let first = side.saturating_sub(CANARY_SIDE) / 2;
@@ -117,7 +119,7 @@ impl Subject {
     }
 }
 
-/// Pixels along a side, and samples per pixel, of a fingerprint: milliseconds.
+/// Pixels along a side and samples per pixel of a fingerprint; it takes milliseconds.
 const CANARY_SIDE: u32 = 32;
 const CANARY_SPP: f64 = 4.0;
 

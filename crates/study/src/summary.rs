@@ -93,7 +93,7 @@ impl Summary {
         &self.rows
     }
 
-    /// One row.
+    /// The row of a scene, method, budget and metric.
     pub fn find(&self, scene: &str, method: &Method, budget: &str, metric: &str) -> Option<&Row> {
         self.places.get(&key(scene, method, budget, metric)).map(|&i| &self.rows[i])
     }
@@ -121,11 +121,11 @@ impl Summary {
         self.rows.push(row);
     }
 
-    /// `summary.csv`: a header, then one line a row.
+    /// Writes `summary.csv`: a header, then one line per row.
     ///
-    /// Columns: `scene`, `sampler`, `points`, `filter`, `budget` (empty for figures over all budgets), `metric`,
-    /// `value`, `low`, `high` (95 % interval over seeds), `n` (seeds), `note`. What is not known is empty, and the
-    /// note says why. Numbers are the shortest that give the same f64.
+    /// Columns: `scene`, `sampler`, `points`, `filter`, `budget` (empty for values over all budgets), `metric`,
+    /// `value`, `low`, `high` (95 % interval over seeds), `n` (seeds), `note`. An unknown value is empty, and its note
+    /// gives the reason. Numbers are the shortest that give the same f64.
     ///
     /// Metrics of a budget: `mse`, `relmse`, `relmse_trimmed`, `smape`, `srgb8_mse`, `flip` (geometric means),
     /// `psnr`, `mean_ratio`, `spp` (means), `predicted over true relmse` (geometric mean), `seconds` (median of
@@ -164,7 +164,7 @@ impl Summary {
     }
 }
 
-/// The shortest decimal that is read back as the same f64.
+/// The shortest decimal that parses to the same f64.
 pub fn number(value: f64) -> String {
     let size = value.abs();
     if size != 0.0 && !(1e-4..1e7).contains(&size) { format!("{value:e}") } else { value.to_string() }

@@ -1,5 +1,5 @@
-//! The bias of each policy of the error-driven sampler, against the closed form. The default's bias is the control
-//! that must be caught [Kirk and Arvo 1991].
+//! The bias of each policy of the error-driven sampler, checked against the closed form. The default's bias is the
+//! control and must be caught [Kirk and Arvo 1991].
 
 use crate::common::*;
 use dapple_adaptive::{Adaptive, AdaptiveOptions, PilotPolicy, PoolShape};
@@ -9,8 +9,8 @@ use dapple_low_discrepancy::Random;
 
 const P: f32 = 0.1;
 
-/// The deviation of the image's mean from the expected value in standard errors, over 64 images: 63 degrees of
-/// freedom, so 5 is exceeded with p = 5e-6 and 10 with p < 1e-13.
+/// The deviation of the image's mean from the expected value in standard errors, over 64 images. With 63 degrees of
+/// freedom, 5 is exceeded with p = 5e-6 and 10 with p < 1e-13.
 fn deviation(options: AdaptiveOptions, side: u32) -> f64 {
     let at = frame(side, side);
     let limits = Limits::samples(10 * at.pixels() as u64);

@@ -9,7 +9,7 @@ fn hit(position: [f32; 3], normal: [f32; 3], material: u32) -> FirstHit {
     FirstHit::new(position, normal, 1.0).with_albedo([0.5; 3]).with_footprint(1.0).with_material(material)
 }
 
-/// Seen from above, a pixel a unit wide: a ball of radius 40 on a floor of another material; black beyond column 90.
+/// A ball of radius 40 on a floor of another material, seen from above with pixels of width 1; black beyond column 90.
 fn ball(x: f32, y: f32) -> Option<FirstHit> {
     let [u, v] = [x - 48.0, y - 48.0];
     let inside = 1600.0 - u * u - v * v;
@@ -53,7 +53,7 @@ fn cells_are_small_at_the_limb_and_hits_add_up() {
         };
         let (middle, limb) = (mean_size(0.0..20.0), mean_size(36.0..39.0));
         assert!(limb < 0.5 * middle, "{per_pixel} probes: cells of {limb} pixels at the limb, {middle} in the middle");
-        // Neither the floor nor a cell of the ball reaches over the other, nor over what is black.
+        // Cells of the floor and of the ball reach neither into each other nor into the black part.
         let label_at = |x: u32, y: u32| cells.of_pixel((y * SIDE + x) as usize)[0];
         let (floor, top, black) = (label_at(2, 2), label_at(48, 48), label_at(93, 48));
         assert!(floor != top && top != black && floor != black);
@@ -71,7 +71,7 @@ fn numbers_of_primitives_change_nothing() {
     assert_eq!(cells(&hits), cells(&renumbered));
     let other_materials: Vec<_> = hits.iter().map(|hit| hit.map(|h| h.with_material(7 - 3 * h.material))).collect();
     assert_eq!(cells(&hits), cells(&other_materials));
-    // Negative control: which material is where does matter.
+    // Negative control: the materials of places do matter.
     let one_material: Vec<_> = hits.iter().map(|hit| hit.map(|h| h.with_material(0))).collect();
     let marble: Vec<_> =
         one_material.iter().map(|hit| hit.map(|h| h.with_material(u32::from(h.position[0] > 3.0)))).collect();
@@ -96,7 +96,7 @@ fn the_unit_of_length_changes_nothing() {
         let scaled: Vec<_> = hits.iter().map(|hit| hit.map(|h| scaled(h, scale))).collect();
         assert_eq!(cells(&hits), cells(&scaled), "by {scale}, exact in binary");
     }
-    // A thousand rounds: next to no pixel changes its neighbours' cell.
+    // A factor of a thousand rounds: hardly any pixel changes its neighbours' cell.
     let thousand: Vec<_> = hits.iter().map(|hit| hit.map(|h| scaled(h, 1000.0))).collect();
     let (a, b) = (cells(&hits), cells(&thousand));
     let border = |cells: &Cells, i: usize| cells.of_pixel(i) == cells.of_pixel(i + 1);
@@ -134,7 +134,7 @@ fn wrong_cells_are_refused() {
     assert!(Cells::new(&hits, 0, [SIDE; 2], &CellOptions::default()).is_err());
 }
 
-/// A flat floor is cut into squares of a cell's size, whose seams stay: they are all of the greatest size.
+/// A flat floor is cut into squares of the greatest cell size, so that their seams stay.
 #[test]
 fn a_floor_is_cut_into_squares() {
     let cells = cells(&image(1, |x, y| Some(hit([x, y, 0.0], [0.0, 0.0, 1.0], 0))));

@@ -1,4 +1,4 @@
-//! The samplers pass what every sampler must, with every policy.
+//! The samplers conform with every policy.
 
 use crate::common::options;
 use dapple_adaptive::{
@@ -26,7 +26,7 @@ fn adaptive_conforms_in_rounds_with_cells_and_by_a_map() {
     let cells = default.rounds(3).pool(PoolShape::Inside).geometry(2.0).gain(1.0);
     sampler(|| Box::new(adaptive(cells)));
     sampler(|| Box::new(adaptive(default.pool(PoolShape::Cell).policy(PilotPolicy::Discard))));
-    // Halves that differ: the error of what is shown, with all that can be wrong with it.
+    // Halves that differ: error estimates of the final image, valid and invalid.
     let errors = |film: &Film| {
         Ok((0..film.frame().pixels()).map(|i| film.squared_error(i).map_or(f32::NAN, |e| e[0] as f32)).collect())
     };

@@ -8,7 +8,7 @@ use dapple_low_discrepancy::{Random, Sobol};
 const SIDE: usize = 48;
 const PILOT: u32 = 8;
 
-/// A film of `PILOT` samples a pixel; `value` of the pixel and four numbers.
+/// A film of `PILOT` samples per pixel; `value` takes the pixel and four numbers.
 fn film(needs: Needs, value: impl Fn([usize; 2], [f32; 4]) -> f32) -> Film {
     use dapple_core::{PointSet, SampleId};
     let points = Random::new(9);
@@ -22,7 +22,7 @@ fn film(needs: Needs, value: impl Fn([usize; 2], [f32; 4]) -> f32) -> Film {
     film
 }
 
-/// The final counts, planned from this film for 32 samples a pixel.
+/// The final counts, planned from this film for 32 samples per pixel.
 fn planned(sampler: &mut dyn Sampler, film: &Film) -> Result<Vec<u32>, Error> {
     let pixels = (SIDE * SIDE) as u64;
     let spent = u64::from(PILOT) * pixels;
@@ -38,12 +38,12 @@ fn with(options: AdaptiveOptions) -> Adaptive<Random> {
     Adaptive::with_options(Random::new(1), options).unwrap()
 }
 
-/// All of the budget planned at once.
+/// A sampler that plans the whole budget at once.
 fn one_round() -> Adaptive<Random> {
     with(options().rounds(1))
 }
 
-/// Share of light that a point of column `x` sees: none left, all right, a penumbra between.
+/// The fraction of light at a point of column `x`: 0 on the left, 1 on the right, a penumbra between.
 fn lit(x: usize) -> f64 {
     ((x as f64 - 12.0) / 24.0).clamp(0.0, 1.0)
 }
@@ -56,8 +56,8 @@ fn column_mean(counts: &[u32], x: usize) -> f64 {
     (0..SIDE).map(|y| f64::from(counts[y * SIDE + x])).sum::<f64>() / SIDE as f64
 }
 
-/// One flat floor with a penumbra on it. Geometry is constant there; counts must follow `sqrt(v (1 - v))`, here
-/// relative: the root of `v (1 - v) / (v^2 + eps)`.
+/// One flat floor with a penumbra on it. Geometry is constant there. Counts follow `sqrt(v (1 - v))`, here relative:
+/// the root of `v (1 - v) / (v^2 + eps)`.
 #[test]
 fn counts_follow_a_penumbra() {
     let seen = film(Needs::none().with_variance(), penumbra);
@@ -71,7 +71,7 @@ fn counts_follow_a_penumbra() {
     for x in [16, 20, 26, 32] {
         assert!(column_mean(&counts, x) > 1.5 * lit_side.max(dark_side), "column {x}");
     }
-    // Rank correlation over the penumbra; 18 columns that were unrelated would reach 0.8 with p < 1e-4.
+    // Rank correlation over the penumbra; 18 unrelated columns would reach 0.8 with p < 1e-4.
     let columns: Vec<usize> = (15..33).collect();
     let rank = |f: &dyn Fn(usize) -> f64| -> Vec<f64> {
         columns.iter().map(|&a| columns.iter().filter(|&&b| f(b) < f(a)).count() as f64).collect()
@@ -98,7 +98,7 @@ fn counts_without_a_gain_are_uniform() {
     let alike = film(Needs::none().with_variance(), |_, u| u[0]);
     let counts = planned(&mut one_round(), &alike).unwrap();
     assert!(counts.iter().all(|&n| n == 32), "{:?}", &counts[..50]);
-    // Negative control: adapting always, it follows the pilot's noise.
+    // Negative control: a sampler that always adapts follows the pilot's noise.
     let always = options().gain(1.0).rounds(1);
     assert!(planned(&mut with(always), &alike).unwrap().iter().any(|&n| n != 32));
 }
@@ -121,7 +121,7 @@ fn counts_follow_a_filters_error_map() {
         let counts = planned(&mut driven(mix, top), &seen).unwrap();
         sum(&counts[..SIDE * SIDE / 2]) as f64 / sum(&counts[SIDE * SIDE / 2..]) as f64
     };
-    // Nine times the error asks for 9^(1 / 2.15) = 2.8 times the samples; half of it, in the mean, for 1.67 times.
+    // Nine times the error takes 9^(1 / 2.15) = 2.8 times the samples; at half strength 1.67 times.
     let (none, half, all) = (ratio(0.0), ratio(0.5), ratio(1.0));
     assert!((none - 1.0).abs() < 0.05, "{none}");
     assert!((half - 1.67).abs() < 0.25, "{half}");
@@ -225,7 +225,7 @@ fn wrong_options_are_refused() {
     assert!(Adaptive::with_options(Random::new(1), good.prior(f64::INFINITY)).is_ok());
 }
 
-/// A task of a window has the terms of its own rows (128 or 4 of them) and of those around, and a row of sums, 64
+/// A task of a window has the terms of its own rows (128 or 4 of them) and of the rows around, and a row of sums, 64
 /// bytes each. There are no more tasks than the image's 1024 rows need.
 #[test]
 fn working_memory_of_threads_is_counted_z03() {

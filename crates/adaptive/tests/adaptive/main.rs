@@ -1,4 +1,4 @@
-//! The tests of the crate from outside: one program, which links and instantiates once what all of them use.
+//! The integration tests of the crate: one program, so that shared code is linked and instantiated once.
 
 mod bias;
 mod cells;

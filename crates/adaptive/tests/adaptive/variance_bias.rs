@@ -1,5 +1,5 @@
-//! The bias of each policy of the preset `variance`, against closed forms. The naive rule is the control that must be
-//! caught.
+//! The bias of each policy of the preset `variance`, checked against closed forms. The naive rule is the control and
+//! must be caught.
 
 use crate::common::*;
 use dapple_adaptive::{Adaptive, PilotPolicy, VarianceOptions};
@@ -9,8 +9,8 @@ use dapple_low_discrepancy::Random;
 
 const P: f32 = 0.1;
 
-/// Mean over pixels and its standard error between 64 replicates of `side` x `side` pixels (128: 2^20
-/// in all); counts in one replicate are coupled by the budget, so only replicates are independent.
+/// The mean over pixels and its standard error between 64 replicates of `side` x `side` pixels (128: 2^20 in total).
+/// The budget couples counts within a replicate, so only replicates are independent.
 fn measure<S: Sampler>(make: impl Fn(u64) -> S, spp: u64, side: u32) -> Mean {
     means_of(&mut Bernoulli(P), make, spp, side)
 }
@@ -21,7 +21,8 @@ fn means_of<S: Sampler>(scene: &mut dyn Integrator, make: impl Fn(u64) -> S, spp
     (0..64).map(|seed| image_mean(&run(scene, &mut make(seed), size, &limits).unwrap())).collect()
 }
 
-/// 5 standard errors with 63 degrees of freedom: p = 5e-6 a test; 10: p < 1e-13.
+/// The deviation in standard errors. With 63 degrees of freedom, 5 is exceeded with p = 5e-6 per test, 10 with p <
+/// 1e-13.
 fn deviation(mean: Mean) -> f64 {
     mean.deviation(f64::from(P))
 }
@@ -41,7 +42,7 @@ fn discarding_and_crossing_are_unbiased_a01() {
     }
 }
 
-/// The default policy is biased. The test sees it if a pixel decides alone.
+/// The default policy is biased, detectably if a pixel decides alone.
 #[test]
 fn keeping_is_biased_a01() {
     let got = measure(|seed| variance_sampler(PilotPolicy::Keep, 0, 200 + seed), 10, 64);
@@ -55,7 +56,7 @@ fn the_naive_rule_is_caught_and_meets_its_closed_form_a01() {
     let mean = measure(|seed| Naive { points: Random::new(300 + seed), pilot: 4, total: 64 }, 64, 64);
     assert!(mean.against(P.into()).p() < 1e-12, "the naive rule is not caught: {mean:?}");
     assert!(mean.against(closed).p() > FAMILY, "{mean:?} instead of {closed}");
-    // With 2^20 pixels the tests of the unbiased policies see a bias of 3 %. The naive rule's is 61 %.
+    // With 2^20 pixels the tests of the unbiased policies detect a bias of 3 %. The naive rule's is 61 %.
     let got = measure(|seed| variance_sampler(PilotPolicy::Discard, 0, 100 + seed), 10, 128);
     let power = power(0.03 * f64::from(P) / got.standard_error(), 5e-6, 63.0);
     assert!(power > 0.99, "{power}: {got:?}");
@@ -67,7 +68,8 @@ fn lognormal(_: [u32; 2], u: [f32; 4]) -> [f32; 3] {
     [(1.5 * z - 1.125).exp(); 3]
 }
 
-/// Low runs look converged: stopping at a relative standard error of 0.2, one sample at a time from 16 on, loses a tenth.
+/// Low runs look converged: stopping at a relative standard error of 0.2, one sample at a time from 16 on, loses a
+/// tenth.
 #[test]
 fn heavy_tails_stop_early_a02() {
     let stops = |seed: u64| {
@@ -91,7 +93,7 @@ fn heavy_tails_stop_early_a02() {
     }
 }
 
-/// The same, proven equal within 0.3 % by an equivalence test of 3e7 samples per policy.
+/// The unbiased policies are equal within 0.3 %, by an equivalence test of 3e7 samples per policy.
 #[test]
 #[ignore = "T2: 6e7 samples"]
 fn heavy_tails_leave_unbiased_policies_within_a_third_of_a_percent_a02() {

@@ -1,5 +1,5 @@
-//! Counts from geometry are unbiased: against the closed form, with the naive rule as the control that
-//! must be caught [Kirk and Arvo 1991].
+//! Counts from geometry are unbiased, checked against the closed form. The naive rule is the control and must be caught
+//! [Kirk and Arvo 1991].
 
 use crate::common::*;
 use dapple_cluster_adaptive::{ClusterSize, ClusterThesisOptions, Placement};
@@ -9,7 +9,7 @@ use dapple_low_discrepancy::Random;
 
 const SIDE: u32 = 64;
 
-/// Lit with a probability that follows the clusters' columns, so that counts go with variance.
+/// The probability of light follows the clusters' columns, so that counts correlate with variance.
 fn probability([x, y]: [u32; 2]) -> f32 {
     if y > 12 { 0.1 } else { [0.3, 0.01, 0.1][(x as f32 * 0.3) as usize % 3] }
 }
@@ -19,8 +19,8 @@ fn truth() -> f64 {
     pixels.sum::<f64>() / f64::from(SIDE * SIDE)
 }
 
-/// The deviation of the image's mean from the expected value in standard errors, over 64 images: 63 degrees of
-/// freedom, so 5 is exceeded with p = 5e-6 and 10 with p < 1e-13.
+/// The deviation of the image's mean from the expected value in standard errors, over 64 images. With 63 degrees of
+/// freedom, 5 is exceeded with p = 5e-6 and 10 with p < 1e-13.
 fn deviation<S: Sampler>(make: impl Fn(u64) -> S, limits: &Limits) -> f64 {
     let at = frame(SIDE, SIDE);
     let mean = |seed: u64| {
@@ -57,7 +57,7 @@ fn the_naive_rule_is_caught_a01() {
     assert!(z < -10.0, "{z} standard errors");
 }
 
-/// Radiance decides nothing: two images with nothing in common have the same counts.
+/// Two images with nothing in common have the same counts.
 #[test]
 fn counts_do_not_read_radiance() {
     let at = frame(SIDE, SIDE);

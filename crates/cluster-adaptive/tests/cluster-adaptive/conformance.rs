@@ -1,4 +1,4 @@
-//! The sampler passes what every sampler must, in every combination.
+//! The sampler conforms in every combination.
 
 use crate::common::*;
 use dapple_cluster_adaptive::{

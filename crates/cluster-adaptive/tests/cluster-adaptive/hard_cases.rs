@@ -89,7 +89,7 @@ fn boxes_behind_and_around_the_camera_have_an_area_k08() {
     assert_eq!(area([1.0; 3], [-1.0; 3]), 0.0);
 }
 
-/// Compared with counting the points of the film through which the ray from the eye meets the box.
+/// The area is compared with a count of the film's points whose rays from the eye hit the box.
 #[test]
 fn areas_of_random_boxes_are_those_that_rays_see_k08() {
     let mut number = 1u64;
@@ -114,7 +114,7 @@ fn areas_of_random_boxes_are_those_that_rays_see_k08() {
         };
         let seen = (0..n * n).filter(|i| meets(i % n, i / n)).count() as f64;
         partly += u32::from(seen > 0.0 && seen < f64::from(n * n));
-        // Half a pixel along a border of at most 4 n.
+        // The rays may miss half a pixel along a border of at most 4 n.
         assert!((got - seen).abs() <= f64::from(2 * n), "case {case}: {got}, but {seen} rays meet it");
         assert!((0.0..=f64::from(n * n)).contains(&got));
     }
@@ -160,7 +160,7 @@ fn each_probe_belongs_to_one_class_k10() {
     assert!(classes.iter().all(|&n| n > 0), "{classes:?}");
     let (pixels, several) = (0..342, |i: usize| mixed.of_pixel(i).windows(2).any(|p| p[0].cluster != p[1].cluster));
     assert!(pixels.filter(|&i| several(i)).count() > 20);
-    // Rates by hits add up to one per class: every probe counted once.
+    // Rates by hits add up to one per class: every probe is counted once.
     let rates = rates(&mixed, &clusters(), &ClusterSize::Hits, PixelArea::One).unwrap();
     assert!((rates.values.iter().sum::<f64>() / 16.0 - 5.0).abs() < 1e-9);
 }
@@ -200,7 +200,7 @@ fn lists_of_the_wrong_length_are_refused_by_name() {
     refused(ClusterThesis::published(Random::new(1), &probes, &[square(1.0); 7]).map(|_| ()));
     assert!(ClusterThesis::published(Random::new(1), &probes, &[square(1.0); 8]).is_ok());
     assert!(probe(&at, Placement::Centre, &Random::new(1), &[BACKGROUND; 16], shoot).is_err());
-    // A sampler that probes by itself says so with its first plan.
+    // A sampler that probes by itself returns the error with its first plan.
     let plan = |labels: &[u32], clusters: &[Cluster]| {
         let (labels, clusters) = (labels.into(), clusters.into());
         let source = ProbeSource {
@@ -253,19 +253,19 @@ fn published(frame: &Frame) -> ClusterThesis<Random> {
 fn tiny_budgets_are_met_or_refused_a06() {
     let at = frame(9, 16);
     let pixels = 144;
-    // Nothing to spend: nothing asked for.
+    // An empty budget plans nothing.
     assert_eq!(sum(&first_counts(&mut published(&at), at, 0, [0, 100]).unwrap()), 0);
     for (total, floor) in [(1, 1), (pixels - 1, 1), (4 * pixels - 1, 4), (24 * pixels - 1, 24)] {
         let refused = first_counts(&mut published(&at), at, total, [floor, 100]);
         assert!(matches!(refused, Err(dapple_core::Error::BudgetTooSmall { .. })), "{total} samples");
     }
-    // Without a floor every budget is met, to the sample, twice alike.
+    // Without a floor every budget is met to the sample, repeatably.
     for total in [1, 2, pixels - 1, pixels, pixels + 1, 2 * pixels - 1] {
         let counts = first_counts(&mut published(&at), at, total, [0, 100]).unwrap();
         assert_eq!(sum(&counts), total);
         assert_eq!(counts, first_counts(&mut published(&at), at, total, [0, 100]).unwrap());
     }
-    // Bounds of its own.
+    // User-defined bounds.
     let with = |min, max, total| {
         let options = ClusterThesisOptions::default().min(min).max(max);
         let mut sampler = probing(1, Placement::Centre, ClusterSize::ProjectedBox, options);
@@ -306,7 +306,7 @@ fn raised_budgets_keep_the_proportions() {
     assert!(off <= 1, "{off} samples apart");
 }
 
-/// A maximum that the user gives holds in later rounds too.
+/// A maximum set by the user also holds in later rounds.
 #[test]
 fn raised_budgets_stop_at_the_maximum() {
     let at = frame(19, 18);
@@ -317,7 +317,7 @@ fn raised_budgets_stop_at_the_maximum() {
     assert_eq!(film.counts(), vec![8; 342]);
 }
 
-/// Units do not matter.
+/// Plans do not depend on the unit of length.
 #[test]
 fn scaled_scenes_have_the_same_plan() {
     let at = frame(19, 18);
@@ -364,8 +364,8 @@ fn probes_do_not_depend_on_threads() {
     assert_eq!(&one[..5], whole.of_pixel(3 * 40 + 7));
 }
 
-/// A floor of 2048 triangles seen from above, and one triangle a million times as far off as the floor is wide: the
-/// "teapot in a stadium".
+/// The "teapot in a stadium": a floor of 2048 triangles seen from above, and one triangle a million times as far off as
+/// the floor is wide.
 fn stadium() -> (Vec<[f32; 3]>, Vec<[u32; 3]>) {
     let mut positions: Vec<[f32; 3]> = (0..33).flat_map(|y| (0..33).map(move |x| [x as f32, y as f32, 0.0])).collect();
     let mut indices: Vec<[u32; 3]> = (0..32_u32)
@@ -379,7 +379,7 @@ fn stadium() -> (Vec<[f32; 3]>, Vec<[u32; 3]>) {
     (positions, indices)
 }
 
-/// MSE over that of uniform counts, for errors that are the same everywhere: mean(1/n) mean(n), no rendering needed.
+/// MSE over that of uniform counts, for errors that are the same everywhere: mean(1/n) mean(n), without rendering.
 fn loss(counts: &[u32]) -> f64 {
     let n = counts.len() as f64;
     let mean = counts.iter().map(|&c| f64::from(c)).sum::<f64>() / n;
@@ -391,8 +391,8 @@ fn planned(mut sampler: ClusterThesis<Random>, frame: Frame) -> Vec<u32> {
     first_counts(&mut sampler, frame, 16 * frame.pixels() as u64, [1, u32::MAX]).unwrap()
 }
 
-/// The grid has one voxel left for all that is seen. That is reported, and costs at most 5 % of equal-spp error.
-/// Control: sizes that differ by chance cost more, so the bound can be missed.
+/// The grid has one voxel left for everything in view. That is reported, and costs at most 5 % of equal-spp error.
+/// Control: random sizes cost more, so the bound can be missed.
 #[test]
 fn a_teapot_in_a_stadium_is_reported_and_costs_little_k04() {
     let (positions, indices) = stadium();

@@ -1,4 +1,4 @@
-//! The claims of [Lan 2016] about its own method, checked.
+//! The claims of [Lan 2016] about its own method.
 
 use crate::common::*;
 use dapple_cluster_adaptive::{
@@ -9,18 +9,17 @@ use dapple_clustering::{Cluster, Triangles};
 use dapple_core::{Film, Limits, samplers::Uniform};
 use dapple_low_discrepancy::Random;
 
-/// A pixel of area 1, and the clusters in it: the rectangle `x0, y0, x1, y1` that each covers there, and
-/// the area of the whole cluster.
+/// A pixel of area 1 with its clusters: the rectangle `x0, y0, x1, y1` that each covers there, and the area of the
+/// whole cluster.
 struct Pixel(&'static [([f32; 4], f32)]);
 
 impl Pixel {
-    /// The rate it should have, `sum Scc / Sc`, in samples that each cluster gets.
+    /// The true rate, `sum Scc / Sc`, in samples that each cluster gets.
     fn truth(&self) -> f64 {
         self.0.iter().map(|([x0, y0, x1, y1], sc)| f64::from((x1 - x0) * (y1 - y0) / sc)).sum()
     }
 
-    /// The rates that probes of 16 x 16 such pixels predict, averaged per pixel: mean and its standard
-    /// error.
+    /// The predicted rates of 16 x 16 such pixels, averaged per pixel: the mean and its standard error.
     fn estimate(&self, placement: Placement) -> (f64, f64) {
         let shoot = |ray: ProbeRay| {
             let [x, y] = [0, 1].map(|k| ray.film[k] - ray.pixel[k] as f32);
@@ -41,8 +40,8 @@ impl Pixel {
         self.estimate(Placement::Centre).0
     }
 
-    /// 2^16 jittered probes: the true rate within 5 standard errors (false alarm 6e-7 a pixel), and, where
-    /// the centre's estimate is wrong, that one rejected by the same measure.
+    /// 2^16 jittered probes give the true rate within 5 standard errors (false alarm 6e-7 a pixel). If the centre's
+    /// estimate is wrong, the same test rejects it.
     fn check_jittered(&self) {
         let (mean, error) = self.estimate(Placement::Jittered(256));
         let truth = self.truth();
@@ -54,13 +53,13 @@ impl Pixel {
 
 #[test]
 fn case_a_one_cluster() {
-    // Wholly inside: its one share of samples, but the centre says 25.
+    // Wholly inside: one share of samples is right, but the centre's probe predicts 25.
     let inside = Pixel(&[([0.4, 0.4, 0.6, 0.6], 0.04)]);
     assert!((inside.truth() - 1.0).abs() < 1e-6 && (inside.centre() - 25.0).abs() < 1e-4);
     // Partly inside: over-estimated.
     let partly = Pixel(&[([0.0, 0.0, 0.7, 1.0], 4.0)]);
     assert!(partly.centre() > partly.truth());
-    // The over-estimate is that of a probe that hits: one that misses says 0.
+    // Only a probe that hits over-estimates; one that misses predicts 0.
     let missed = Pixel(&[([0.0, 0.0, 0.4, 1.0], 4.0)]);
     assert!(missed.centre() == 0.0 && missed.truth() > 0.0);
     // Covering the pixel: exact.
@@ -108,7 +107,7 @@ fn case_d_clusters_that_tile_the_pixel() {
     unequal.check_jittered();
 }
 
-/// Where nearly all pixels lie within one cluster, one ray per pixel is enough.
+/// If nearly all pixels lie within one cluster, one ray per pixel is enough.
 #[test]
 fn case_e_mostly_covered_pixels() {
     // A border through one pixel column of 100, between clusters of 50 and 200 pixels.
@@ -161,7 +160,7 @@ fn boxes_overrate_slanted_clusters() {
     assert!(ratio(1, -44.0) > 50.0, "{}", ratio(1, -44.0));
 }
 
-/// Projected triangles: the short cuts against the plain sum.
+/// The shortcuts for projected triangles give the plain sum.
 #[test]
 fn projected_triangles_are_the_sum_of_triangles() {
     let mut seed = 5u64;
@@ -169,7 +168,7 @@ fn projected_triangles_are_the_sum_of_triangles() {
         seed = seed.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
         (seed >> 40) as f32 / 16_777_216.0 - 0.5
     };
-    // A gentle sheet, a few triangles any way round, and thousands over a whole hemisphere.
+    // A gentle sheet, a few triangles of any orientation, and thousands over a whole hemisphere.
     let (mut positions, mut indices, mut labels) = (Vec::new(), Vec::new(), Vec::new());
     for (label, count, spread) in [(0, 1000, 0.1), (1, 200, 1.0), (2, 5000, 1.0)] {
         for _ in 0..count {
@@ -232,8 +231,8 @@ fn mse(film: &Film, truth: f64, at: impl Fn(usize) -> bool) -> f64 {
     pixels.iter().map(|&i| (film.mean(i)[0] - truth).powi(2)).sum::<f64>() / pixels.len() as f64
 }
 
-/// MSE of this sampler over that of uniform counts, 8 samples per pixel, 16 seeds, where one of the two
-/// parts carries all the error.
+/// MSE of this sampler over that of uniform counts, with all error in one of the two parts; 8 samples per pixel, 16
+/// seeds.
 fn loss(options: ClusterThesisOptions, noisy: impl Fn(u32) -> bool + Sync) -> f64 {
     let at = frame(64, 64);
     let clusters = [square(1e4), square(1e-2)];
@@ -253,24 +252,24 @@ fn loss(options: ClusterThesisOptions, noisy: impl Fn(u32) -> bool + Sync) -> f6
     ours / uniform
 }
 
-/// The thesis' negative result. All error sits in pixels at the floor of counts, so the
-/// MSE grows by `mean / min` = 8 / 6 = 1.333 (its table 4-6 has 1.347 at 8 spp). 16 x 3072 pixels: the
-/// ratio's standard error is 0.009, so 0.04 is more than 4 of them (false alarm below 1e-4, at fixed seeds).
+/// The thesis' negative result. All error lies in pixels with the fewest samples, so the MSE grows by `mean / min` = 8
+/// / 6 = 1.333 (its table 4-6 has 1.347 at 8 spp). With 16 x 3072 pixels the ratio's standard error is 0.009, so 0.04
+/// is more than 4 of them (false alarm below 1e-4, at fixed seeds).
 #[test]
 fn a_textured_floor_loses_by_mean_over_min() {
     let plain = ClusterThesisOptions::default().angle(0.0).distance(0.0);
     let on_the_floor = |x: u32| x < 48;
     let got = loss(plain, on_the_floor);
     assert!((got - 8.0 / 6.0).abs() < 0.04, "{got}");
-    // With the default weight for distance, the floor gets a little of the pool: 8 / 6.4.
+    // With the default weight for distance, the floor gets some of the pool: 8 / 6.4.
     let got = loss(ClusterThesisOptions::default(), on_the_floor);
     assert!((got - 1.25).abs() < 0.04, "{got}");
-    // Where clusters are what is hard, as the method supposes, it wins: 8 / 14 of the error.
+    // If the clusters are the difficult part, as the method supposes, it wins: 8 / 14 of the error.
     let got = loss(plain.map(RateMap::Identity), |x| x >= 48);
     assert!((got - 8.0 / 14.0).abs() < 0.04, "{got}");
 }
 
-/// Perspective is missing from the published size, and present in two others.
+/// The published size lacks perspective; two other sizes have it.
 #[test]
 fn only_perspective_sizes_fall_with_distance() {
     let boxes = [[[-1.0, -1.0, -4.0], [1.0, 1.0, -4.0]], [[-1.0, -1.0, -8.0], [1.0, 1.0, -8.0]]];
@@ -303,8 +302,8 @@ fn hills(order: &[usize]) -> (Vec<[f32; 3]>, Vec<[u32; 3]>) {
     (positions, order.iter().map(|&t| of(t)).collect())
 }
 
-/// On real clusters, from triangles to counts: the order of triangles does not matter where clustering is independent
-/// of it.
+/// From triangles to counts, on real clusters: if clustering does not depend on the order of triangles, neither do
+/// counts.
 #[test]
 fn the_order_of_triangles_does_not_show() {
     let n = 64 * 64 * 2;
@@ -315,7 +314,7 @@ fn the_order_of_triangles_does_not_show() {
         assert!(found.len() > 100, "{} clusters", found.len());
         let mut place = vec![0; n];
         order.iter().enumerate().for_each(|(i, &t)| place[t] = i as u32);
-        // From straight above, two pixels a square.
+        // Seen from straight above, with two pixels per square.
         let shoot = |ray: ProbeRay| {
             let [x, y] = ray.film.map(|f| 0.5 * f);
             let square = 2 * (x as usize + 64 * y as usize);
@@ -334,7 +333,7 @@ fn the_order_of_triangles_does_not_show() {
         [ClusterSize::ProjectedBox, ClusterSize::ProjectedTriangles(vectors), ClusterSize::Hits].map(plan)
     };
     let reference = counts(&(0..n).collect::<Vec<_>>());
-    // Rugged places, to the right, get more.
+    // Rugged places, on the right, get more samples.
     let mean = |counts: &[u32], right: bool| {
         let of: Vec<u32> = (0..1 << 14).filter(|i| (i % 128 > 84) == right).map(|i| counts[i]).collect();
         f64::from(of.iter().sum::<u32>()) / of.len() as f64

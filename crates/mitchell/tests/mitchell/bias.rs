@@ -1,18 +1,16 @@
-//! The mean under each policy, against closed forms. The biased policies are the controls that the test of unbiasedness
-//! must reject.
+//! The mean under each policy, checked against closed forms. The biased policies are the controls that the test of
+//! unbiasedness must reject.
 //!
-//! Seeds are fixed. A test within 5 standard errors fails by chance with probability 6e-7 (5e-6 where
-//! the error comes from 64 replicates), and there are some twenty of them; a control beyond 10 passes
-//! by chance with less than 1e-13.
+//! Seeds are fixed. A test within 5 standard errors fails by chance with probability 6e-7 (5e-6 if the error comes from
+//! 64 replicates). There are about twenty such tests. A control beyond 10 passes by chance with less than 1e-13.
 
 use crate::common::*;
 use dapple_conformance::statistics::{Mean, image_mean, kept, refined};
 use dapple_core::{Limits, Sampler};
 use dapple_mitchell::{PilotPolicy, Stopping};
 
-/// Mean over the pixels of a square image and its standard error, with budget for every pixel to be
-/// refined. A pixel's kept samples decide nothing elsewhere, or (radius 0) only in itself: pixels are
-/// uncorrelated.
+/// The mean over the pixels of a square image and its standard error, with budget to refine every pixel. A pixel's kept
+/// samples decide nothing elsewhere, or (radius 0) only in itself, so pixels are uncorrelated.
 fn measure(sampler: &mut dyn Sampler, p: f64, side: u32) -> Mean {
     let size = frame(side, side);
     let film = run(&mut bernoulli(p as f32), sampler, size, &Limits::samples(1000 * size.pixels() as u64));
@@ -24,7 +22,7 @@ fn deviation(mean: Mean, truth: f64) -> f64 {
     mean.deviation(truth)
 }
 
-/// Two images: probability, pilot, samples in all, and the mean under the naive rule.
+/// Two images: probability, pilot, samples in total, and the mean under the naive rule.
 const A01: [(f64, u32, u32, f64); 2] = [(0.1, 4, 64, 0.038575), (0.01, 16, 256, 0.002_017_58)];
 
 #[test]
@@ -75,14 +73,14 @@ fn discarding_only_refined_pilots_is_caught_and_meets_its_closed_form_a01() {
 #[test]
 fn pilots_of_two_meet_their_closed_forms() {
     let p = 0.2_f64;
-    // pbrt-v2's policy: 0.104 whatever the second count.
+    // pbrt-v2's policy: 0.104 for any second count.
     let published = 3.0 * p * p - 2.0 * p * p * p;
     assert!((published - 0.104).abs() < 1e-12 && (published - refined(p, 2)).abs() < 1e-12);
     for max in [4, 32] {
         let got = measure(&mut pbrt(pbrt_options(2, max, Stopping::Threshold, PilotPolicy::Refined), 7), p, 256);
         assert!(deviation(got, published).abs() < 5.0, "max {max}: {got:?} for {published}");
     }
-    // Keeping all, k more.
+    // Keeps all samples and adds k.
     for k in [2, 8] {
         let more = f64::from(k);
         let closed = p * p + 2.0 * p * (1.0 - p) * (1.0 + more * p) / (2.0 + more);
@@ -97,7 +95,7 @@ fn pilots_of_two_meet_their_closed_forms() {
     assert!(deviation(got, f64::from(p as f32)).abs() < 5.0, "{got:?} for {p}");
 }
 
-/// Under a budget, counts in one image are coupled: only the 64 replicates are independent.
+/// Under a budget, counts within an image are coupled: only the 64 replicates are independent.
 fn replicates(make: impl Fn(u64) -> Box<dyn Sampler>, side: u32) -> Mean {
     let size = frame(side, side);
     let limits = Limits::samples(10 * size.pixels() as u64);
@@ -110,14 +108,14 @@ fn policies_keep_their_bias_under_a_budget_a01() {
     for policy in POLICIES {
         for radius in [0, 1] {
             let options = alone(4, 8, Stopping::Budget, policy).radius(radius);
-            // 2^20 pixels in all where a bias would have to be found.
+            // 2^20 pixels in total for the policies whose bias must be detected.
             let side = if policy == PilotPolicy::Discard && radius == 0 { 128 } else { 48 };
             let got = replicates(|seed| Box::new(mitchell(options, 100 + seed)), side);
             let off = deviation(got, truth);
             match (policy, radius) {
                 (PilotPolicy::Discard, _) => assert!(off.abs() < 5.0, "{options:?}: {got:?}"),
                 (_, 0) => assert!(off < -10.0, "{options:?}: {got:?} is not caught"),
-                // A window of 9 pixels dilutes the bias; it has no closed form, and no test here.
+                // A window of 9 pixels dilutes the bias. It has no closed form, and no test here.
                 _ => {}
             }
         }

@@ -1,4 +1,4 @@
-//! The samples spent: how many, where, and when that is decided.
+//! The number of samples spent, their places, and the time of the decision.
 
 use crate::common::*;
 use dapple_core::{Budget, BudgetLeft, Error, Feedback, Film, Integrator, Limits, Plan, Progress, Render, Sampler};
@@ -11,7 +11,7 @@ fn rare_light() -> impl Integrator {
 }
 
 /// As published, light that the pilot misses is never searched for: these samplers fail this case by design. The
-/// figures are binomial, within 5 standard deviations.
+/// numbers are binomial, within 5 standard deviations.
 #[test]
 fn a_dark_pilot_is_never_refined_a03() {
     let size = frame(128, 128);
@@ -21,17 +21,17 @@ fn a_dark_pilot_is_never_refined_a03() {
         let options = alone(4, 60, Stopping::Threshold, PilotPolicy::Keep).radius(radius);
         let film = run(&mut rare_light(), &mut mitchell(options, 1), size, &limits);
         let stopped = film.counts().iter().filter(|&&n| n == 4).count() as f64;
-        // Windows overlap: at most 9 times the variance of independent pixels. Those at the border
-        // are smaller, and see nothing a little more often.
+        // Windows overlap: at most 9 times the variance of independent pixels. Windows at the border are smaller, and
+        // stay black a little more often.
         let allowed = 5.0 * (9.0 * share * (1.0 - share) * pixels).sqrt();
         assert!((stopped - share * pixels).abs() < allowed, "radius {radius}: {stopped} of {}", share * pixels);
         if radius == 0 {
-            // A pilot of 4, 64 samples in all: 93 % of the light is missing, with 1000 spp allowed.
+            // With a pilot of 4 and 64 samples in total, 93 % of the light is missing, with 1000 spp allowed.
             let got = (0..size.pixels()).map(|i| film.mean(i)[0]).sum::<f64>() / pixels;
             let (p, mixed) = (1e-3f64, 1.0 - 1e-3f64.powi(4) - 0.999f64.powi(4));
             let closed = (4.0 * p + 60.0 * p * mixed) / 64.0;
             assert!((0.06..0.07).contains(&(closed / p)), "{closed}");
-            // The spread is that of some 65 refined pixels with 1/64 or a little more each.
+            // The spread is that of about 65 refined pixels with 1/64 or a little more each.
             assert!((got - closed).abs() < 5.0 * (mixed / pixels).sqrt() / 64.0 * 1.1, "{got} for {closed}");
         }
     }
@@ -43,7 +43,7 @@ fn a_dark_pilot_is_never_refined_a03() {
     );
     let (stopped, share) = (film.counts().iter().filter(|&&n| n == 4).count() as f64, 0.999f64.powi(4));
     assert!((stopped - share * pixels).abs() < 5.0 * (share * (1.0 - share) * pixels).sqrt(), "pbrt: {stopped}");
-    // A budget goes on to the dark pixels when the others are done, and takes nothing from them before.
+    // A budget reaches the dark pixels after the others are done, and takes nothing from the others.
     for policy in POLICIES {
         let limits = Limits::samples(10 * size.pixels() as u64);
         let film = run(&mut rare_light(), &mut mitchell(alone(4, 60, Stopping::Budget, policy), 2), size, &limits);
@@ -81,7 +81,7 @@ fn constant_images_are_sampled_uniformly_a04() {
                 assert_eq!(film.record().samples, total, "{}", sampler.describe());
                 assert!(film.image().iter().flatten().all(|x| *x == value));
             }
-            // By the threshold nothing asks.
+            // With the threshold no pixel is refined.
             for mut sampler in samplers(Stopping::Threshold) {
                 let film = run(&mut field, &mut *sampler, size, &Limits::samples(total));
                 let counts = film.counts();
@@ -117,14 +117,14 @@ fn tiny_budgets_are_met_or_refused_a06() {
             for total in [1, 19, 20, 21, 39] {
                 let (spent, counts) = outcome(total, 0).unwrap();
                 assert!(if mode == Stopping::Budget { spent == total } else { spent <= total });
-                // Unsampled pixels show in the counts.
+                // Unsampled pixels have a count of 0.
                 assert!(total >= 20 || counts.iter().filter(|&&n| n == 0).count() as u64 >= 20 - total);
             }
         }
     }
 }
 
-/// Decided once, after exactly `initial` samples (or what there is), and never a sample too many.
+/// Refinement is decided once, after exactly `initial` samples (or all there are), and never exceeds the budget.
 #[test]
 fn refinement_is_decided_once_after_the_pilot_a10() {
     let size = frame(2, 1);
@@ -160,7 +160,7 @@ fn refinement_is_decided_once_after_the_pilot_a10() {
     }
 }
 
-/// Under a time limit the first budget is 1 spp, and later ones are estimates: decisions stay.
+/// Under a time limit the first budget is 1 spp, and later ones are estimates. Decisions stay.
 #[test]
 fn budgets_that_grow_are_spent_and_change_no_decision() {
     let size = frame(16, 16);
@@ -183,7 +183,7 @@ fn budgets_that_grow_are_spent_and_change_no_decision() {
     }
 }
 
-/// An error limit adds halves: samples enter and leave the image by both.
+/// An error limit adds halves: samples enter and leave the image in both.
 #[test]
 fn error_limits_with_halves_are_spent() {
     let size = frame(16, 16);
@@ -206,8 +206,8 @@ fn error_limits_with_halves_are_spent() {
     }
 }
 
-/// Rates that follow the budget stay until it has doubled: the last tenth of a time limit goes to further steps, not
-/// to one more sample everywhere.
+/// Rates that follow the budget stay until it has doubled. The last tenth of a time limit goes to further steps, not to
+/// one more sample everywhere.
 #[test]
 fn rates_by_the_budget_stay_while_it_grows_a_little() {
     let size = frame(16, 16);
@@ -220,10 +220,10 @@ fn rates_by_the_budget_stay_while_it_grows_a_little() {
     assert_eq!(Rates::for_mean(24), Rates { initial: 8, additional: 20 });
     let off_rates = |counts: &[u64]| counts.iter().filter(|&&n| n < 8 || !(n - 8).is_multiple_of(20)).count();
     let (short, long) = (counts([1, 24, 24]), counts([1, 24, 30]));
-    // One pixel each time the budget ended within a step.
+    // At most one pixel off the rates for each budget that ended within a step.
     assert!(off_rates(&short) <= 1 && off_rates(&long) <= 2, "{long:?}");
     assert!(long.iter().zip(&short).all(|(long, short)| long >= short));
-    // Doubled, they follow: 14 + 39 at 48.
+    // After the budget has doubled, the rates follow: 14 + 39 at 48.
     assert!(counts([1, 24, 48]).iter().all(|&n| n >= 14));
 }
 
@@ -263,7 +263,7 @@ proptest! {
         let mut limits = Limits::samples(total);
         [limits.min_spp, limits.max_spp] = case.bounds;
         let options = alone(initial, additional, Stopping::Budget, case.policy).radius(case.radius);
-        // Every pixel has another spread, and some have none.
+        // Every pixel has a different spread, and some have none.
         let mut field = Field(|[x, y]: [u32; 2], u: [f32; 4]| {
             let spread = (mix(case.seed ^ u64::from(x * 16 + y)) % 8) as f32 / 8.0;
             [1.0 + spread * (u[0] - 0.5), 1.0, 0.0]
@@ -278,7 +278,7 @@ proptest! {
             prop_assert!(counts.iter().all(|&n| n >= floor), "{:?} below {}", counts, floor);
             prop_assert_eq!(kept, total);
         }
-        // Unless nothing could be ranked: then counts differ by one at most.
+        // If no pixel could be ranked, counts differ by at most one.
         let on_rate = |n: u64| {
             n <= floor.max(u64::from(limits.min_spp)) || n == u64::from(limits.max_spp)
                 || n >= u64::from(initial) && (n - u64::from(initial)).is_multiple_of(u64::from(additional))

@@ -1,4 +1,4 @@
-//! Both samplers pass what every other must pass.
+//! Both samplers conform.
 
 use dapple_conformance as conformance;
 use dapple_low_discrepancy::{Random, Sobol};

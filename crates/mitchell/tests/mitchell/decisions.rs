@@ -30,7 +30,7 @@ fn mitchell_refines_where_a_channel_exceeds_its_threshold() {
     let contrasts = [[0.65, 1.35], [0.5, 1.5], [0.35, 1.65]];
     let asked = |channel| contrasts.map(|values| mitchell_asks(&only(channel, &values)));
     assert_eq!([asked(0), asked(1), asked(2)], [[false, true, true], [true, true, true], [false, false, true]]);
-    // One channel is enough, whatever the others do.
+    // One channel is enough, whatever the others.
     assert!(mitchell_asks(&[[1.0, 1.0, 0.2], [1.0, 1.0, 1.0]]));
 }
 
@@ -49,14 +49,14 @@ fn pbrt_asks(samples: [[f32; 3]; 4]) -> bool {
 fn pbrt_refines_where_luminance_leaves_the_mean() {
     assert!(pbrt_asks([1.0, 1.0, 1.0, 1.9].map(|v| [v; 3])));
     assert!(!pbrt_asks([1.0, 1.0, 1.0, 1.7].map(|v| [v; 3])));
-    // Luminance, not a channel: blue alone doubles it in none, and swapped channels of equal
-    // luminance are no difference at all.
+    // Luminance decides, not a channel. Blue alone doubles it in no pixel, and swapped channels of equal luminance make
+    // no difference.
     assert!(!pbrt_asks([[1.0, 1.0, 1.0], [1.0, 1.0, 1.0], [1.0, 1.0, 1.0], [1.0, 1.0, 4.0]]));
     let red = [0.7152 / 0.2126, 0.0, 0.0];
     assert!(!pbrt_asks([red, [0.0, 1.0, 0.0], red, [0.0, 1.0, 0.0]]));
     // Exactly at the threshold is not above it: the mean is 2, and 3 and 1 deviate by a half.
     assert!(!pbrt_asks([1.0, 2.0, 2.0, 3.0].map(|v| [v; 3])));
-    // Downwards as well.
+    // Deviations downwards count as well.
     assert!(pbrt_asks([1.0, 1.0, 1.0, 0.25].map(|v| [v; 3])));
 }
 
@@ -100,12 +100,12 @@ fn pixels_without_light_have_no_contrast_a05() {
             }
         }
     }
-    // Through a film: bad samples count as zero, so that they differ from any light.
+    // In a film, invalid samples count as zero, and thus differ from any light.
     for bad in [nan, inf, -inf, -1.0] {
         assert!(mitchell_asks(&[[0.5; 3], [bad, 0.5, 0.5]]));
         assert!(!mitchell_asks(&[[0.0; 3], [bad, 0.0, 0.0]]));
     }
-    // A single sample, and none, differ from nothing.
+    // A single sample and an empty pixel have no contrast.
     assert_eq!(contrast([[0.4; 3]; 2]), [0.0; 3]);
     assert_eq!(deviation([0.4; 2], 0.4), 0.0);
     let mut sampler = mitchell(threshold(1).initial(1).additional(5), 1);
@@ -123,7 +123,7 @@ fn windows_are_what_brute_force_says() {
         let [w, h] = size;
         let frame = frame(w, h);
         let mut sampler = mitchell(threshold(radius), 1);
-        // Mostly flat, so that windows tell.
+        // A mostly flat image, in which windows matter.
         let value = |i: u64, k: u64| if mix(i * 2 + k).is_multiple_of(9) { 0.3 } else { 1.0 };
         let samples: Vec<Vec<[f32; 3]>> =
             (0..frame.pixels() as u64).map(|i| vec![[value(i, 0); 3], [value(i, 1); 3]]).collect();
@@ -142,7 +142,7 @@ fn windows_are_what_brute_force_says() {
     }
 }
 
-/// Pixels in a row, each with two samples whose contrast is the given one.
+/// A row of pixels, each with two samples of the given contrast.
 fn row(sampler: &dyn Sampler, contrasts: &[f32]) -> Film {
     let samples: Vec<_> = contrasts.iter().map(|&c| vec![[1.0 - c; 3], [1.0 + c; 3]]).collect();
     film(frame(contrasts.len() as u32, 1), sampler, &samples)
@@ -172,7 +172,7 @@ fn a_budget_goes_down_the_ranks_and_round_again() {
     assert_eq!(counts(12 + 18 * 100 + 7), [300, 303, 303, 300, 301, 300]);
 }
 
-/// pbrt-v2's policy takes refined pilots out of the image, and pays for them.
+/// pbrt-v2's policy removes refined pilots from the image, and counts them in the budget.
 #[test]
 fn refined_pilots_are_withdrawn_and_paid_for() {
     let mut sampler = mitchell(threshold(0).policy(PilotPolicy::Refined), 1);
@@ -180,7 +180,7 @@ fn refined_pilots_are_withdrawn_and_paid_for() {
     let plan = ask(&mut sampler, &film, 1000);
     assert_eq!(plan.counts, [0, 5, 5, 0, 5, 0]);
     assert_eq!(plan.withdraw, Some(vec![false, true, true, false, true, false]));
-    // What is left after two pixels is no step: the third keeps its pilot.
+    // The rest after two pixels is not a whole step: the third keeps its pilot.
     let plan = ask(&mut sampler, &film, 12 + 14);
     assert_eq!(plan.counts, [0, 5, 5, 0, 4, 0]);
     assert_eq!(plan.withdraw, Some(vec![false, true, true, false, false, false]));
@@ -190,14 +190,14 @@ fn refined_pilots_are_withdrawn_and_paid_for() {
     assert_eq!(plan.withdraw, Some(vec![true; 6]));
 }
 
-/// Contrast saturates at 1, so ties are common: they must not prefer the top of the image.
+/// Contrast saturates at 1, so ties are common. They do not favour the top of the image.
 #[test]
 fn ties_are_spread_over_the_image() {
     let mut sampler = mitchell(threshold(0), 1);
     let film = row(&sampler, &[vec![1.0; 1000], vec![0.0; 24]].concat());
     let counts = ask(&mut sampler, &film, 2 * 1024 + 3 * 500).counts;
     let first = counts[..500].iter().filter(|&&n| n > 0).count();
-    // 500 of 1000 drawn: 250 with a standard deviation of 7.9; a fixed draw, within 4 of them.
+    // 500 of 1000 drawn: 250 with a standard deviation of 7.9; this fixed draw is within 4 of them.
     assert!((first as f64 - 250.0).abs() < 32.0, "{first} of 500 refined pixels in the first half");
     assert_eq!(counts, ask(&mut sampler, &film, 2 * 1024 + 3 * 500).counts);
 }
@@ -211,7 +211,7 @@ fn descriptions_name_every_parameter() {
     );
     let described = MitchellPbrt::new(Random::new(1)).describe();
     assert_eq!(described, "mitchell-pbrt:min=4,max=32,threshold=0.5,mode=budget,policy=refined");
-    // Rounded up to powers of two, and apart.
+    // Rates are rounded up to powers of two, and kept apart.
     let rounded = |min, max| pbrt(pbrt_options(min, max, Stopping::Threshold, PilotPolicy::Keep), 1).describe();
     assert!(rounded(3, 17).starts_with("mitchell-pbrt:min=4,max=32,"));
     assert!(rounded(8, 8).starts_with("mitchell-pbrt:min=8,max=16,"));

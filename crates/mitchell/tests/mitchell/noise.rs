@@ -4,13 +4,13 @@ use crate::common::*;
 use dapple_core::Limits;
 use dapple_mitchell::{PilotPolicy, Stopping};
 
-/// Noise between half and three halves of its mean: a relative deviation of 29 %.
+/// Noise between 0.5 and 1.5 of its mean: a relative deviation of 29 %.
 fn noise(_: [u32; 2], u: [f32; 4]) -> [f32; 3] {
     [0.5 + u[0]; 3]
 }
 
-/// The share of pixels whose green contrast exceeds 0.3 after `n` such samples: the largest is `y`, and
-/// not all others lie above `0.7 / 1.3 y`. By the midpoint rule, to some 1e-6.
+/// The fraction of pixels whose green contrast exceeds 0.3 after `n` such samples: the largest is `y`, and not all
+/// others lie above `0.7 / 1.3 y`. By the midpoint rule, to about 1e-6.
 fn share(n: i32) -> f64 {
     let steps = 100_000;
     let flat = |y: f64| f64::from(n) * (y - (0.7 / 1.3 * y).max(0.5)).powi(n - 1);
@@ -32,6 +32,6 @@ fn under_noise_nearly_everything_is_refined_and_more_samples_make_it_worse() {
         assert!(expected > before, "contrast never falls");
         before = expected;
     }
-    // The figures of the crate's front page.
+    // The numbers of the crate's front page.
     assert!((share(2) - 0.18).abs() < 0.005 && (share(16) - 0.994).abs() < 0.0005 && share(36) > 0.9999);
 }

@@ -1,4 +1,4 @@
-//! R01 to R07: from pixels to rays.
+//! Camera rays.
 
 use crate::support::*;
 use dapple_core::samplers::Uniform;
@@ -11,7 +11,7 @@ use dapple_scene::{Camera, Geometry, PixelFilter, Projection, Scene};
 use glam::{DAffine3, DMat3, DVec3, Vec2, Vec3};
 use std::sync::Arc;
 
-/// The last number below 1, always.
+/// A point set that always gives the last number below 1.
 struct Corner;
 
 const BELOW_ONE: f32 = 1.0 - f32::EPSILON / 2.0;
@@ -34,7 +34,7 @@ fn view(camera: &Camera, size: [u32; 2]) -> Result<CameraView, CameraError> {
     CameraView::new(camera, size, &Space::of(&Scene::default()))
 }
 
-/// Points along camera rays are projected back to where the rays passed the film, with a window off the centre.
+/// Points along camera rays project back to the rays' points on the film, with a window off the centre.
 #[test]
 fn clip_space_undoes_camera_rays() {
     let to_world = DAffine3::from_mat3_translation(DMat3::from_rotation_y(0.7) * 1.5, DVec3::new(3.0, -2.0, 5.0));
@@ -66,7 +66,7 @@ fn sample_stays_in_its_pixel_r01() {
             assert!((f64::from(place) - centre).abs() <= 0.5, "u = {u}, x = {x}: {place}");
         }
     }
-    // And nothing is credited to a neighbour: counts are exact with the worst of points.
+    // No sample counts for a neighbour: counts are exact with the worst points.
     let mut scene = room([65536, 1]);
     scene.max_depth = Some(1);
     let film = film_of(&world(&scene), [65536, 1], 2, Corner);
@@ -94,7 +94,7 @@ fn degenerate_poses_are_refused_r03() {
         change(&mut scene.camera);
         World::new(&scene).err().map(|e| e.to_string())
     };
-    // Up along the view, and an eye at its target, leave no basis: division by 0 makes NaN or zero columns.
+    // An up vector along the view and an eye at its target give no basis: division by 0 makes NaN or zero columns.
     let up_along = look_at(DVec3::ZERO, DVec3::Z, DVec3::Z);
     let at_target = look_at(DVec3::X, DVec3::X, DVec3::Z);
     let flat = DAffine3::from_mat3(DMat3::from_cols(DVec3::X, DVec3::X, DVec3::Z));
@@ -224,13 +224,13 @@ fn a_lens_of_radius_0_is_a_pinhole_r07() {
         let message = with(radius, distance).err().unwrap_or_else(|| panic!("{radius}, {distance} is no lens"));
         assert!(message.to_string().contains("a lens of radius"), "{message}");
     }
-    // The other way round: a lens that is there changes the image.
+    // Conversely, a lens changes the image.
     let world = with(0.2, 3.0).unwrap_or_else(|e| panic!("{e}"));
     assert_ne!(hash(&film_of(&world, [12, 9], 4, Sobol::new(2))), expected);
 }
 
-/// Rays of one pixel meet in the focal plane, and the ray through the middle of the lens is the pinhole's;
-/// also under a camera that is scaled or stretched, where pbrt-v4 measures lens and focus in camera space.
+/// Rays of one pixel meet in the focal plane, and the ray through the middle of the lens is the pinhole's. This also
+/// holds for a scaled or stretched camera: pbrt-v4 measures lens and focus in camera space.
 #[test]
 fn lens_rays_meet_in_focus_r07() {
     for scale in [DVec3::ONE, DVec3::splat(0.25), DVec3::new(1.0, 2.0, 0.5)] {
@@ -262,7 +262,7 @@ fn lens_rays_meet_in_focus_r07() {
     }
 }
 
-/// The general camera makes the same rays, bit for bit, where one of the two others would do.
+/// The general camera makes the same rays, bit for bit, as either of the two special ones.
 #[test]
 fn the_general_camera_agrees_with_the_special_ones_r07() {
     let to_world = DAffine3::from_mat3_translation(DMat3::from_rotation_x(0.4) * 0.7, DVec3::new(1.0, 2.0, -3.0));
@@ -283,7 +283,7 @@ fn the_general_camera_agrees_with_the_special_ones_r07() {
     }
 }
 
-/// Parallel rays a fixed distance apart, and their way back to the film.
+/// Orthographic rays are parallel, a fixed distance apart, and project back to the film.
 #[test]
 fn orthographic_rays_are_parallel() {
     let turn = DMat3::from_rotation_y(0.7);
@@ -310,7 +310,7 @@ fn orthographic_rays_are_parallel() {
             assert!(row(rows[3]) == 1.0 && row(rows[2]) > 0.0);
         }
     }
-    // A pixel is as wide at all distances: 4 / 60 of camera space.
+    // A pixel is equally wide at all distances: 4 / 60 of camera space.
     for distance in [0.1, 1.0, 1e3] {
         assert!((view.footprint(distance) - 0.1).abs() < 1e-6);
     }
@@ -323,7 +323,7 @@ fn an_orthographic_lens_is_sharp_in_its_focal_plane() {
     let camera = Camera { to_world, projection, lens_radius: 0.25, focal_distance: 4.0, ..Camera::default() };
     let view = view(&camera, [8, 8]).expect("a sound camera");
     let place = Vec2::new(2.5, -1.5);
-    // A quarter of the screen's half width a pixel, twice that in the world.
+    // A quarter of the screen's half width per pixel, twice that in the world.
     let expected = Vec3::new(2.5 * 0.5, 1.5 * 0.5, 8.0);
     let mut widest = 0.0_f32;
     for i in 0..64 {
@@ -341,7 +341,7 @@ fn an_orthographic_lens_is_sharp_in_its_focal_plane() {
     assert!(matches!(self::view(&empty, [8, 8]), Err(CameraError::Window { .. })));
 }
 
-/// At the ends of its motion a camera is the one that stands there; in between it turns evenly.
+/// At the ends of its motion the camera equals a still one; in between it turns evenly.
 #[test]
 fn a_moving_camera_is_where_its_time_says() {
     let pose = |angle: f64, x: f64| {

@@ -30,7 +30,7 @@ fn rendered(world: &World, sampler: &str, name: &str, schedule: Schedule, thread
     let film = pool.install(|| Render::new(frame, &limits).needs(needs).run(&mut *integrator(world), &mut *sampler));
     let film = film.unwrap_or_else(|e| panic!("{e}"));
     assert_eq!(film.record().rejected, 0);
-    // Features and variance are part of what must not change.
+    // Features and variance must not change either.
     let extra =
         format!("{:?}", (0..film.frame().pixels()).map(|i| (film.moments(i), film.features(i))).collect::<Vec<_>>());
     extra.bytes().fold(hash(&film), |h, b| (h ^ u64::from(b)).wrapping_mul(0x0100_0000_01b3))
@@ -92,7 +92,7 @@ fn fresh_processes_render_the_same_bits_d03() {
     assert_eq!(hashes.first().map(String::as_str), Some(&*format!("{here:016x}")));
 }
 
-/// Any sample replayed alone is the one in the film: a film of n + 1 samples is one of n, and it.
+/// Any sample replayed alone equals the one in the film: a film of n + 1 samples is a film of n plus that sample.
 #[test]
 fn one_sample_replayed_alone_is_the_same_d03() {
     let world = world(&room(SIZE));
@@ -103,7 +103,7 @@ fn one_sample_replayed_alone_is_the_same_d03() {
         for i in [0, 17, 400, after.frame().pixels() - 1] {
             let id = SampleId::new(after.frame().pixel(i), streams::WHOLE, 5);
             let alone = integrator.estimate(&Draws::new(&points, id), &mut TrainingLog::default()).radiance;
-            // Welford's step, as the film takes it.
+            // Welford's step, as in the film.
             let step = |m: f64, x: f32| m + (f64::from(x) - m) * (1.0 / 6.0);
             let expected: [f64; 3] = std::array::from_fn(|c| step(before.mean(i)[c], alone[c]));
             assert_eq!(after.mean(i), expected, "pixel {i}, {}", points.describe());
@@ -155,7 +155,7 @@ fn a_scene_far_from_the_origin_renders_the_same_g20() {
     }
 }
 
-/// A mirrored world is the mirrored scene: what shines still shines to the same side.
+/// A mirrored world looks like the mirrored scene: lamps emit to the same side.
 #[test]
 fn a_mirror_turns_no_lamp_around_l12() {
     let scene = dyadic();
@@ -187,11 +187,11 @@ impl PointSet for &Recorded {
     }
 }
 
-/// The sets whose pairs are nets in base 2, and those that promise something else.
+/// The sets whose pairs are nets in base 2. The others promise something else.
 const NETS: [&str; 2] = ["sobol", "lowdiscrepancy"];
 const NO_NETS: [&str; 3] = ["random", "stratified", "halton"];
 
-/// Every pair of every block that the integrator really asks for is a net, with every set of base 2.
+/// Every pair of every block that the integrator really requests is a net, with every set of base 2.
 #[test]
 fn the_integrators_pairs_are_nets_s02() {
     let recorded = Recorded { points: Sobol::new(1), asked: Mutex::default() };

@@ -1,4 +1,4 @@
-//! L14: only the effects that a scene calls for, and all of those.
+//! A scene renders with exactly the effects that it needs.
 
 use crate::support::*;
 use dapple_core::{Film, Needs, PointSet, SampleId};
@@ -63,7 +63,7 @@ fn direct_light_requests_two_blocks_and_three_rays_l14() {
     let (film, asked) = counted(&direct());
     let expected = BTreeMap::from([(blocks::CAMERA.number(), SAMPLES), (blocks::scatter(0).number(), SAMPLES)]);
     assert_eq!(asked, expected);
-    // The camera's, one to the lamp, one that the floor scatters.
+    // One from the camera, one to the lamp, and one scattered by the floor.
     assert_eq!(film.record().rays, 3 * SAMPLES);
     assert!(mean(&film)[0] > 0.1);
 }
@@ -84,7 +84,7 @@ fn without_scattering_or_hits_a_sample_takes_one_block_and_one_ray_l14() {
 
 #[test]
 fn each_effect_requests_its_own_blocks_l14() {
-    // Half of the view misses: those samples ask for nothing more.
+    // Half of the view misses. Those samples request nothing more.
     let mut half = direct();
     half.camera.to_world = look_at(DVec3::new(0.0, -30.0, 1.0), DVec3::new(0.0, 0.0, 1.0), DVec3::Z);
     let (film, asked) = counted(&half);
@@ -92,14 +92,14 @@ fn each_effect_requests_its_own_blocks_l14() {
     assert!(hits > 0 && hits < SAMPLES && asked.len() == 2, "{asked:?}");
     assert!(film.record().rays <= SAMPLES + 2 * hits);
 
-    // A second light: a choice at each scattering event.
+    // A second light takes a choice at each scattering event.
     let mut two = direct();
     add_sky(&mut two, 0.5);
     let (_, asked) = counted(&two);
     assert_eq!(asked.get(&blocks::choose(0).number()), Some(&SAMPLES), "{asked:?}");
     assert_eq!(asked.len(), 3);
 
-    // Long paths: a choice (roulette) from the fifth event on, and none before.
+    // Long paths take a choice (roulette) from the fifth event on, and none before.
     let mut long = direct();
     long.max_depth = Some(12);
     let corner = rectangle(DVec3::new(0.0, 1.0, 2.0), 20.0 * DVec3::X, 20.0 * DVec3::Z);
@@ -135,7 +135,7 @@ fn unused_features_change_no_bit_l14() {
     assert_eq!(Effects::of(&plain), Effects::of(&more));
 }
 
-/// First hits are reported only where somebody asks, and asking changes no bit.
+/// First hits are reported on request only, and the request changes no bit.
 #[test]
 fn features_change_no_bit_l14() {
     let scene = room(SIZE);
@@ -159,7 +159,7 @@ fn lights_without_light_change_nothing_l06() {
     let plain = direct();
     let expected = counted(&plain);
 
-    // No area, and no emission: never chosen, no bit changed.
+    // Lights without area or emission are never chosen and change no bit.
     let mut worthless = plain.clone();
     let grey = worthless.shapes[0].material;
     let point = polygon(&[DVec3::Z, DVec3::Z, DVec3::Z]);
@@ -170,7 +170,7 @@ fn lights_without_light_change_nothing_l06() {
     assert_eq!(world(&worthless).lights().len(), 1);
     assert_eq!(world(&worthless).dropped_triangles(), 1);
 
-    // One triangle without area among others of a lamp: same light, none of it on the bad one.
+    // A lamp with one degenerate triangle emits the same light, none of it from that triangle.
     let mut part = plain.clone();
     let (u, v, c) = (DVec3::Y, DVec3::X, DVec3::new(0.0, 0.0, 3.5));
     part.shapes[1].geometry = polygon(&[c - u - v, c - u - v, c + u - v, c + u + v, c - u + v]);
@@ -178,7 +178,7 @@ fn lights_without_light_change_nothing_l06() {
     let (with, without) = (mean(&image(&part, 64, 1)), mean(&image(&plain, 64, 2)));
     assert!((with[0] / without[0] - 1.0).abs() < 5e-3, "{with:?} {without:?}");
 
-    // Emission that is no number is refused by line, not rendered.
+    // Invalid emission is refused with its line, not rendered.
     for radiance in [[f32::NAN; 3], [1.0, -1.0, 1.0], [f32::INFINITY; 3]] {
         let mut bad = plain.clone();
         bad.shapes[1].emission = Some(Emission { radiance, two_sided: false });
@@ -186,7 +186,7 @@ fn lights_without_light_change_nothing_l06() {
         assert!(message.starts_with("made.pbrt:11: an emission of"), "{message}");
     }
 
-    // Several lights: probabilities of those that shine add up to 1.
+    // Several lights: the probabilities of those that emit sum to 1.
     let room = world(&room(SIZE));
     let sum: f32 = (0..room.lights().len() as u32).map(|l| room.lights().pmf(l)).sum();
     assert!((sum - 1.0).abs() < 1e-6 && room.lights().len() == 3, "{sum}");
@@ -197,7 +197,7 @@ fn no_light_is_black_and_an_unseen_one_too_l06() {
     let mut dark = direct();
     dark.shapes[1].emission = None;
     dark.max_depth = None;
-    // A lamp shut in a box of its own.
+    // A lamp shut in its own box.
     let mut unseen = dark.clone();
     let grey = unseen.shapes[0].material;
     let far = DAffine3::from_translation(DVec3::new(0.0, 10.0, 5.0));
@@ -211,7 +211,7 @@ fn no_light_is_black_and_an_unseen_one_too_l06() {
     }
 }
 
-/// The effects by name, with the line that calls for each.
+/// The effects of a scene by name, each with the line that needs it.
 fn called(scene: &Scene) -> Vec<(&'static str, u32)> {
     Effects::of(scene).called().iter().map(|c| (c.effect.name(), c.source.line)).collect()
 }
@@ -251,7 +251,7 @@ fn effects_each_with_its_object() {
 
 type Change<'a> = &'a dyn Fn(&mut Scene);
 
-/// A scene that calls for an effect gets it: each changes the image.
+/// Each effect that a scene needs is rendered: each changes the image.
 #[test]
 fn no_effect_is_skipped_l14() {
     let plain = hash(&image(&direct(), 4, 1));

@@ -1,4 +1,4 @@
-//! A scene without one of its effects: another description, rendered by what renders any.
+//! Scenes with one of their effects left out: other descriptions for the same renderer.
 
 use crate::support::*;
 use dapple_core::samplers::Uniform;
@@ -32,7 +32,7 @@ fn without(scene: &Scene, effect: Effect) -> Scene {
     dapple_renderer::without(scene, effect).unwrap_or_else(|e| panic!("{e}"))
 }
 
-/// The room's effects can be left out one by one, in any order; each time another scene remains, and another image.
+/// The room's effects can be left out one by one, in any order. Each time another scene remains, with another image.
 #[test]
 fn each_effect_goes_alone_and_all_go_together() {
     let scene = full();
@@ -54,7 +54,7 @@ fn each_effect_goes_alone_and_all_go_together() {
         assert!(!Effects::of(&less).has(effect), "{effect}");
         assert_ne!(hash(&image(&less, 4, 1)), whole, "{effect}");
     }
-    // A choice among lights that are left comes last: where the sky is the strongest, no other would be.
+    // The choice among the remaining lights comes last: with the sky as the strongest, no other light would remain.
     let others = called.iter().copied().filter(|e| *e != Effect::SeveralLights);
     for mut order in [others.clone().collect::<Vec<_>>(), others.rev().collect()] {
         order.push(Effect::SeveralLights);
@@ -64,14 +64,14 @@ fn each_effect_goes_alone_and_all_go_together() {
     }
 }
 
-/// L14: an effect that is not called for takes nothing away, to the bit.
+/// Leaving out an absent effect changes no bit.
 #[test]
 fn leaving_out_absent_effects_changes_no_bit_l14() {
     let mut plain = scene(SIZE, 40.0, DVec3::new(0.0, -3.0, 2.0), DVec3::ZERO);
     let grey = add_material(&mut plain, diffuse(0.5));
     add(&mut plain, rectangle(DVec3::ZERO, DVec3::X, DVec3::Y), DAffine3::IDENTITY, grey, None);
     add(&mut plain, Geometry::Sphere { radius: 0.3 }, DAffine3::from_translation(DVec3::Z), grey, Some(4.0));
-    // Idle things of every kind, which the edits would touch.
+    // Unused objects of every kind, which the edits could touch.
     add_material(&mut plain, metal(0.2));
     add_material(&mut plain, metal(0.0));
     let colors = [Color::Constant([1.0; 3]), Color::Constant([0.0; 3])];
@@ -100,12 +100,12 @@ fn the_last_light_does_not_go() {
     add_sky(&mut scene, 1.0);
     let error = dapple_renderer::without(&scene, Effect::Environment).err();
     assert_eq!(error, Some(WithoutError::NoLight { effect: Effect::Environment }));
-    // In the dark there is none to lose.
+    // A dark scene has none to lose.
     scene.lights.clear();
     assert!(dapple_renderer::without(&scene, Effect::Environment).is_ok());
 }
 
-/// Small lights stand for lamps: the same power, and far away the same image.
+/// Small lights replace lamps: the same power, and the same image from afar.
 #[test]
 fn lamps_become_points_of_the_same_power() {
     let far = |geometry: Geometry, to_world: DAffine3, two_sided: bool| {
@@ -136,7 +136,7 @@ fn lamps_become_points_of_the_same_power() {
     assert!(
         matches!(sphere.lights[0].kind, LightKind::Point { intensity } if (intensity[0] as f64 - PI * 9.0).abs() < 1e-3)
     );
-    // A box looks smaller face on than it is on average: the power is what stays.
+    // A box looks smaller face on than on average. Its power stays.
     let mut box_lamp = full();
     box_lamp.shapes[5].geometry = Geometry::Mesh(Arc::new(cube()));
     let lights = without(&box_lamp, Effect::SoftShadows).lights;
@@ -158,7 +158,7 @@ fn the_strongest_light_stays() {
     let expected = [(Some(4), None), (Some(5), None), (None, Some(0))];
     assert_eq!(Some(kept), strongest.map(|i| expected[i as usize]), "{strongest:?}");
     assert_eq!(less.shapes.len(), scene.shapes.len(), "bodies stay");
-    // Whichever is made stronger.
+    // Either lamp may be the stronger one.
     for (i, radiance) in [(4, 1e3), (5, 1e3)] {
         let mut scene = scene.clone();
         scene.shapes[i].emission = Some(Emission { radiance: [radiance; 3], two_sided: false });
@@ -168,7 +168,7 @@ fn the_strongest_light_stays() {
     }
 }
 
-/// Energy is kept: under a sky that is the same everywhere, a plane looks the same straight from above.
+/// Energy is kept: under a constant sky, a plane looks the same from straight above.
 #[test]
 fn what_shone_is_diffuse_and_as_bright() {
     let tint = ConductorFresnel::Reflectance(Color::Constant([0.9, 0.6, 0.3]));
@@ -191,7 +191,7 @@ fn what_shone_is_diffuse_and_as_bright() {
         assert!(matches!(less.materials[0].kind, MaterialKind::Diffuse { .. }));
         let (with, without) = (mean(&image(&scene, 256, 1)), mean(&image(&less, 256, 2)));
         for c in 0..3 {
-            // Microfacets of alpha 0.05 lose next to nothing.
+            // Microfacets of alpha 0.05 lose almost nothing.
             assert!((with[c] - without[c]).abs() < 0.01, "{kind:?}: {with:?} {without:?}");
         }
     }
@@ -268,7 +268,7 @@ fn textures_become_their_means() {
     let means = [
         (0, [0.4, 0.4, 0.4]),
         (1, [1.0, 1.0, 2.0]),
-        // Nothing falls below 0 before the mean is taken: (1 - 0) and (1 - 2).
+        // Values are clamped to 0 before the mean is taken: (1 - 0) and (1 - 2).
         (2, [0.5, 0.25, 0.0]),
         (3, [0.5, 1.0, 4.0]),
         (4, [0.875, 0.8125, 1.5]),
@@ -284,7 +284,7 @@ fn textures_become_their_means() {
         (scene.materials[0].bump, scene.materials[0].normal_map) =
             (Some(Scalar::Texture(TextureId(id))), Some(TextureId(id)));
         scene.shapes[1].alpha = Some(Scalar::Texture(TextureId(id)));
-        // Material 0 must be worn.
+        // A shape must use material 0.
         scene.shapes[1].material = scene.shapes[4].material;
         let less = without(&scene, Effect::Textures);
         let MaterialKind::Plastic { diffuse: Color::Constant(found), specular, roughness } =
@@ -357,7 +357,7 @@ fn media_thin_out() {
     assert_eq!(none.shapes[2].media, Some(MediumInterface::default()), "nothing on both sides");
 }
 
-/// Cutting a scene down never needs a world that is not there: crops and samplers go on as before.
+/// The world of a reduced scene is not needed: crops and samplers are unaffected.
 #[test]
 fn the_rest_is_untouched() {
     let scene = full();

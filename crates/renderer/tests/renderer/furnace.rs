@@ -1,4 +1,4 @@
-//! L01, L02: scenes whose radiance is known because it is the same everywhere.
+//! Furnaces: scenes whose radiance is known, since it is the same everywhere.
 #![allow(clippy::print_stderr)]
 
 use crate::statistics::{FAMILY, Mean, Verdict, critical, sidak};
@@ -11,20 +11,20 @@ use dapple_scene::{Geometry, MeshData, Scene};
 use glam::{DAffine3, DVec3};
 use std::sync::Arc;
 
-/// Seeds differ by at least this, so that no doubling meets another test's.
+/// The least distance between seeds, so that doubled samples never meet another test's.
 const SEED: u64 = 7100;
-/// Tests in this file that share the false-alarm rate.
+/// Tests in this file, for the false-alarm rate of each.
 const TESTS: usize = 64;
 
-/// Every pixel has the same expectation, so pixels are replicates: their points are scrambled
-/// independently, and their variance counts whatever the points do within one.
+/// The mean over pixels. All have the same expectation and independently scrambled points, so pixels are replicates.
+/// Their variance is right for any points within a pixel.
 fn pixel_means(film: &Film) -> Mean {
     let mut mean = Mean::default();
     (0..film.frame().pixels()).for_each(|i| mean.add(film.mean(i)[1]));
     mean
 }
 
-/// Equivalence within `delta` of `reference`, relatively; samples are doubled while undecided, up to `most` spp.
+/// Equivalence within `delta` of `reference`, relatively. Samples are doubled while undecided, up to `most` spp.
 fn equivalent(scene: &Scene, reference: f64, delta: f64, most: u64) -> Verdict {
     let z = critical(sidak(FAMILY, TESTS));
     let mut spp = 16;
@@ -40,7 +40,7 @@ fn equivalent(scene: &Scene, reference: f64, delta: f64, most: u64) -> Verdict {
     }
 }
 
-/// The inside of a closed surface that reflects `rho` and gives off 1.
+/// The inside of a closed surface that reflects `rho` and emits 1.
 fn furnace(inside: Geometry, rho: f32, depth: Option<u32>) -> Scene {
     let mut scene = scene([32, 32], 70.0, DVec3::new(0.2, 0.3, -0.1), DVec3::new(-0.9, 0.5, 0.4));
     let wall = add_material(&mut scene, diffuse(rho));
@@ -74,7 +74,7 @@ fn check_furnace(cases: &[(f32, Option<u32>, f64)], most: u64) {
     }
 }
 
-/// Tolerances of noisy cases: with roulette, 0.1 % takes minutes, so these get 0.4 to 10 %, and 0.1 % in the slow test.
+/// Tolerances of noisy cases are 0.4 to 10 %. With roulette, 0.1 % takes minutes; the slow test has it.
 #[test]
 fn closed_furnace_has_its_closed_form_l01() {
     let exact = [0.0, 0.5, 0.9, 0.99].into_iter().flat_map(|rho| [0, 1, 3].map(|d| (rho, Some(d), 1e-3)));
@@ -90,19 +90,19 @@ fn closed_furnace_to_a_thousandth_l01() {
     check_furnace(&[(0.99, None, 5e-3)], 1 << 16);
 }
 
-/// Negative control: half a percent of what is reflected gets lost, and the test must see it.
+/// Negative control: the test detects a loss of half a percent of reflected light.
 #[test]
 fn sees_a_leak_of_half_a_percent_l01() {
     for inside in [sphere(), mesh()] {
         let leaking = furnace(inside.clone(), 0.4975, Some(3));
         assert_eq!(equivalent(&leaking, closed_form(0.5, Some(3)), 1e-3, 1024), Verdict::Fail);
-        // And a wrong reference is refuted, not merely undecided.
+        // A wrong reference is refuted, not merely undecided.
         let sound = furnace(inside, 0.5, Some(3));
         assert_eq!(equivalent(&sound, 1.002 * closed_form(0.5, Some(3)), 1e-3, 1024), Verdict::Fail);
     }
 }
 
-/// The bundled furnace is white, whatever the sampler's seed.
+/// The bundled furnace is white for any seed of the sampler.
 #[test]
 fn bundled_furnace_is_white_l01() {
     let scene = dapple_scene::bundled::files("furnace").expect("bundled").read().expect("it reads");
@@ -125,7 +125,7 @@ fn white_body(body: MeshData, rho: f32, sky: f32) -> Scene {
     scene
 }
 
-/// A cube with its lid off and walls of thickness 0: light bounces about in it.
+/// A cube without its lid and with walls of thickness 0: light bounces inside.
 fn open_box() -> MeshData {
     let mut body = cube();
     let lid = |t: &[u32; 3]| t.iter().all(|&v| body.positions[v as usize].z > 0.0);
@@ -138,18 +138,18 @@ fn white_body_is_invisible_l02() {
     for (name, body) in [("convex", cube()), ("concave", open_box())] {
         eprintln!("{name}");
         assert_eq!(equivalent(&white_body(body.clone(), 1.0, 1.0), 1.0, 1e-3, 8192), Verdict::Pass, "{name}");
-        // Brighter by a power of two is the same image, to the bit.
+        // A sky brighter by a power of two gives the same image, to the bit.
         let [half, one, two] = [0.5, 1.0, 2.0].map(|sky| image(&white_body(body.clone(), 1.0, sky), 4, SEED));
         for i in 0..one.frame().pixels() {
             assert_eq!(half.mean(i).map(|x| 2.0 * x), one.mean(i), "{name}, pixel {i}");
             assert_eq!(two.mean(i), one.mean(i).map(|x| 2.0 * x), "{name}, pixel {i}");
         }
-        // Negative control: a body that swallows half a percent.
+        // Negative control: a body that absorbs half a percent.
         assert_eq!(equivalent(&white_body(body, 0.99, 1.0), 1.0, 1e-3, 2048), Verdict::Fail, "{name}");
     }
 }
 
-/// No pixel may stand out either: independent samples, so that each pixel knows its own error.
+/// No single pixel deviates. Samples are independent, so that each pixel knows its own error.
 #[test]
 fn no_pixel_stands_out_l02() {
     let scene = white_body(open_box(), 1.0, 1.0);
@@ -166,14 +166,14 @@ fn no_pixel_stands_out_l02() {
         let moments = film.moments(i);
         let error = (moments.variance().expect("many samples")[0] / moments.count as f64).sqrt();
         let off = (moments.mean[0] - 1.0).abs();
-        // Rounding alone where the sky is seen: no variance, no deviation.
+        // Pixels of the sky have rounding errors only: no variance, no deviation.
         worst = worst.max(if off > 1e-6 { off / error } else { 0.0 });
     }
     eprintln!("worst |z| {worst:.2} of {z:.2} allowed");
     assert!(worst < z, "a pixel is off by {worst} standard errors");
 }
 
-/// Metals and coats under a sky of 1 give back no more than they get.
+/// Metals and coats under a sky of 1 reflect no more than they receive.
 #[test]
 fn no_material_makes_light_l02() {
     let mut kinds = vec![("coat, smooth", coated(1.0, 0.0)), ("coat, rough", coated(1.0, 0.4))];
@@ -194,7 +194,7 @@ fn no_material_makes_light_l02() {
     }
 }
 
-/// No exit, albedo 1, unlimited depth: paths end all the same.
+/// Paths end even without an exit, with albedo 1 and unlimited depth.
 #[test]
 fn endless_paths_end_l13() {
     for inside in [sphere(), mesh()] {

@@ -1,4 +1,4 @@
-//! L14: a scene that needs an effect never renders without it unless asked, and one that needs none pays for none.
+//! Effects are rendered, refused or left out on request, and cost nothing in scenes without them.
 
 use crate::support::*;
 use dapple_core::{PointSet, SampleId};
@@ -16,7 +16,7 @@ use std::sync::Mutex;
 const SIZE: [u32; 2] = [16, 12];
 const SPP: u64 = 8;
 
-/// A ball on a floor under a lamp that is no larger than it must be to shine: direct light and nothing more.
+/// A ball on a floor under a lamp of the least size that still emits: direct light only.
 fn plain() -> Scene {
     let mut scene = scene(SIZE, 40.0, DVec3::new(0.0, -3.0, 2.0), DVec3::new(0.0, 0.0, 0.3));
     let grey = add_material(&mut scene, diffuse(0.5));
@@ -29,7 +29,7 @@ fn plain() -> Scene {
     scene
 }
 
-/// The plain scene with one more effect (soft shadows it has).
+/// The plain scene with one more effect (it has soft shadows).
 fn with(effect: Effect) -> Scene {
     let mut scene = plain();
     let white = Color::Constant([1.0; 3]);
@@ -80,8 +80,8 @@ fn with(effect: Effect) -> Scene {
     scene
 }
 
-/// Effects of a scene are rendered, or refused by name and line; never left out in silence. Asked to leave it out,
-/// the scene renders another image.
+/// A scene's effects are rendered, or refused by name and line; never left out silently. Leaving one out on request
+/// gives another image.
 #[test]
 fn needed_effects_are_rendered_or_refused_l14() {
     for effect in Effect::ALL {
@@ -102,7 +102,7 @@ fn needed_effects_are_rendered_or_refused_l14() {
     }
 }
 
-/// An edit of what a scene does not call for is none: for every effect, in a scene with every other one.
+/// Leaving out an absent effect changes nothing: for every effect, in a scene with every other one.
 #[test]
 fn leaving_out_what_is_not_there_changes_no_bit_l14() {
     for present in Effect::ALL {
@@ -141,8 +141,8 @@ fn asked(scene: &Scene) -> (BTreeMap<u32, u64>, u64) {
     (counted.1.into_inner().expect("no test panics here"), film.record().rays)
 }
 
-/// The simplest scene asks for the camera's block and the first event's; choices, lens and later events cost
-/// nothing until an effect calls for them, and leaving that effect out gives back exactly what it cost.
+/// The simplest scene requests the blocks of the camera and of the first event. Choices, lens and later events cost
+/// nothing until an effect needs them. Leaving that effect out saves exactly its cost.
 #[test]
 fn absent_effects_request_no_blocks_and_no_rays_l14() {
     let scene = plain();

@@ -1,4 +1,4 @@
-//! Depth of field and motion blur beside averages of many images that have neither.
+//! Depth of field and motion blur beside averages of many images without them.
 #![allow(clippy::print_stderr)]
 
 use crate::statistics::FAMILY;
@@ -15,7 +15,8 @@ use rand_pcg::Pcg64Mcg;
 const SIZE: [u32; 2] = [48, 32];
 /// Independent images, or averages of images, on either side.
 const REPLICATES: u64 = 12;
-/// Samples in a pixel of an image with the effect, and images in an average: one sample in a pixel of each.
+/// Samples per pixel of an image with the effect; also the number of images in an average, with one sample per pixel
+/// each.
 const SPP: u64 = 96;
 const SEED: u64 = 9300;
 
@@ -25,8 +26,8 @@ fn bundle(name: &str) -> Bundle {
     bundled::files(name).expect("bundled")
 }
 
-/// The same places, seen by light that has no noise of its own, so that all noise is that of what is in the way: every
-/// shape gives off light, each another amount, and scatters none.
+/// The same scene with emission instead of scattering, a different amount for each shape. The light has no noise of its
+/// own, so all noise comes from visibility.
 fn glowing(mut scene: Scene) -> Scene {
     let black = Color::Constant([0.0; 3]);
     scene.materials.iter_mut().for_each(|m| m.kind = MaterialKind::Diffuse { reflectance: black });
@@ -39,7 +40,7 @@ fn glowing(mut scene: Scene) -> Scene {
     scene
 }
 
-/// The same by direct light of a lamp far away: for shapes that cannot glow, since they move.
+/// The same scene in direct light of a far lamp: for shapes that cannot emit, since they move.
 fn sunlit(mut scene: Scene) -> Scene {
     for material in &mut scene.materials {
         if let MaterialKind::CoatedDiffuse { reflectance, .. } = material.kind {
@@ -57,14 +58,13 @@ fn small(scene: &Scene) -> World {
     World::with_resolution(scene, SIZE).unwrap_or_else(|e| panic!("{e}"))
 }
 
-/// Block means of images as they are.
+/// Block means of independent images.
 fn images(scene: &Scene) -> Blocks {
     let world = small(scene);
     (0..REPLICATES).map(|r| block_means(&film_of(&world, SIZE, SPP, Sobol::new(SEED + r)))).collect()
 }
 
-/// Block means of averages of the images that `still` makes; it is given numbers below 1 that fill the unit square
-/// evenly.
+/// Block means of averages of the images that `still` makes. It takes numbers below 1 that fill the unit square evenly.
 fn averages(mut still: impl FnMut([f64; 2]) -> Scene) -> Blocks {
     let mut random = Pcg64Mcg::seed_from_u64(SEED);
     let average = |replicate: u64| {
@@ -82,9 +82,9 @@ fn averages(mut still: impl FnMut([f64; 2]) -> Scene) -> Blocks {
     (0..REPLICATES).map(average).collect()
 }
 
-/// Prints and decides.
+/// Prints the deviation, and returns true if both agree.
 fn agree(name: &str, a: &Blocks, b: &Blocks) -> bool {
-    // Averages round otherwise than images do, which shows where nothing varies.
+    // Averages round differently from images, which shows in blocks without variance.
     let rounded = |blocks: &Blocks| -> Blocks {
         blocks.iter().map(|r| r.iter().map(|m| m.map(|x| f64::from(x as f32))).collect()).collect()
     };
@@ -93,24 +93,24 @@ fn agree(name: &str, a: &Blocks, b: &Blocks) -> bool {
     found.holds(FAMILY)
 }
 
-/// Every point of the lens is a pinhole, whose image is shifted so that what is in focus stays where it is.
+/// Every point of the lens is a pinhole. Its image is shifted so that points in focus stay in place.
 #[test]
 fn a_lens_is_many_pinholes() {
     let mut scene = glowing(bundle("lens").read().expect("it reads"));
-    // Five times as wide, so that what is out of focus spreads over blocks.
+    // A lens five times as wide, so that blur spreads over blocks.
     scene.camera.lens_radius *= 5.0;
     assert!(Effects::of(&scene).has(Effect::DepthOfField));
     let lens = scene.camera.clone();
     let Projection::Perspective { fov } = lens.projection else { panic!("the lens scene is in perspective") };
     let aspect = f64::from(SIZE[0]) / f64::from(SIZE[1]);
     let pinhole = |[u, v]: [f64; 2]| {
-        // Uniform on the disk, by its radius and angle.
+        // Uniform on the disk, by radius and angle.
         let (radius, angle) = (lens.lens_radius * u.sqrt(), std::f64::consts::TAU * v);
         let [x, y] = [radius * angle.cos(), radius * angle.sin()];
         let mut still = scene.clone();
         still.camera.lens_radius = 0.0;
         still.camera.to_world = lens.to_world * DAffine3::from_translation(DVec3::new(x, y, 0.0));
-        // In units of the screen, half of whose height is 1.
+        // In units of the screen's half height.
         let unit = lens.focal_distance * (fov.to_radians() / 2.0).tan();
         let [dx, dy] = [x / unit, y / unit];
         still.camera.screen_window = Some([-aspect - dx, aspect - dx, -1.0 - dy, 1.0 - dy]);
@@ -119,7 +119,7 @@ fn a_lens_is_many_pinholes() {
     assert!(!Effects::of(&pinhole([0.5; 2])).has(Effect::DepthOfField));
     let expected = averages(pinhole);
     assert!(agree("thin lens", &images(&scene), &expected));
-    // Negative controls: focused a fifth too near; a lens too small by as much; none.
+    // Negative controls: a focus a fifth too near, a lens a fifth too small, and a pinhole.
     for (name, change) in [("focus", [1.0, 0.8]), ("radius", [0.8, 1.0]), ("pinhole", [0.0, 1.0])] {
         let mut other = scene.clone();
         other.camera.lens_radius *= change[0];
@@ -128,7 +128,7 @@ fn a_lens_is_many_pinholes() {
     }
 }
 
-/// The motion scene as it stands at a time: what its text says about the end of the motion, done in part.
+/// The motion scene at a time: the motion at its end, by the scene's text, done in part.
 fn still_at(bundle: &Bundle, moved: f64, turned: f64) -> Scene {
     let text = String::from_utf8(bundle.files[0].1.clone()).expect("text");
     let mut moving = false;
@@ -159,7 +159,7 @@ fn still_at(bundle: &Bundle, moved: f64, turned: f64) -> Scene {
     sunlit(bundle.read().unwrap_or_else(|e| panic!("{e}")))
 }
 
-/// While the shutter is open, every time shows a still.
+/// Each time while the shutter is open has its still.
 #[test]
 fn motion_blur_is_many_stills() {
     let bundle = bundle("motion");
@@ -168,13 +168,13 @@ fn motion_blur_is_many_stills() {
     assert!(!Effects::of(&still_at(&bundle, 0.5, 0.5)).has(Effect::MotionBlur));
     let blurred = images(&scene);
     assert!(agree("motion", &blurred, &averages(|[t, _]| still_at(&bundle, t, t))));
-    // Negative controls: a shutter that shuts too early by a fifth; things that do not turn; a still.
+    // Negative controls: a shutter that closes a fifth too early, objects that do not turn, and a still.
     assert!(!agree("early", &blurred, &averages(|[t, _]| still_at(&bundle, 0.8 * t, 0.8 * t))));
     assert!(!agree("unturned", &blurred, &averages(|[t, _]| still_at(&bundle, t, 0.0))));
     assert!(!agree("still", &blurred, &images(&still_at(&bundle, 0.5, 0.5))));
 }
 
-/// All of our own scenes are read without a complaint, and small images of them hold light and nothing else.
+/// All bundled scenes are read without a warning, and small images of them have valid light.
 #[test]
 fn bundled_scenes_render() {
     for name in bundled::names() {

@@ -1,4 +1,4 @@
-//! A choice among lights that is learned per cell: what it leaves as it is, and what it is worth.
+//! Light selection learned per cell: its invariants and its benefit.
 #![allow(clippy::print_stderr)]
 
 use crate::support::{add, add_material, diffuse, line, rectangle, scene};
@@ -35,7 +35,7 @@ fn uniform(world: &World, seed: u64, spp: u64) -> Film {
     film(world, &mut Uniform::new(Sobol::new(seed)), spp, Schedule::default())
 }
 
-/// Mean and its squared standard error of each of 6 by 4 squares of the image, over 16 seeds.
+/// The mean and squared standard error of each of 6 by 4 squares of the image, over 16 seeds.
 fn squares(world: &World, first_seed: u64) -> Vec<[f64; 2]> {
     let mut sums = vec![[0.0; 2]; 24];
     for seed in 0..16 {
@@ -56,7 +56,7 @@ fn squares(world: &World, first_seed: u64) -> Vec<[f64; 2]> {
     sums.into_iter().map(of).collect()
 }
 
-/// 24 squares: Student's t of 15 degrees of freedom stays below 6.5 with 1e-5 each.
+/// For 24 squares, Student's t with 15 degrees of freedom stays below 6.5, each with 1e-5.
 #[test]
 fn learned_choices_change_no_mean() {
     const CRITICAL: f64 = 6.5;
@@ -68,7 +68,7 @@ fn learned_choices_change_no_mean() {
     let learned = squares(&room(LightSelection::Learned), 200);
     let found = deviation(&by_power, &learned);
     assert!(found < CRITICAL, "{found} standard errors");
-    // Negative control: an image that lacks a bounce is told apart.
+    // Negative control: an image that lacks a bounce is detected.
     let mut short = room(LightSelection::Learned);
     short.set_max_depth(2);
     let found = deviation(&by_power, &squares(&short, 300));
@@ -106,7 +106,7 @@ fn learned_choices_do_not_depend_on_threads_or_tiles() {
     );
 }
 
-/// One light, or none: nothing is learned, and nothing changes.
+/// With one light or none nothing is learned, and nothing changes.
 #[test]
 fn one_light_leaves_nothing_to_learn() {
     for name in ["cornell", "furnace"] {
@@ -121,8 +121,8 @@ fn one_light_leaves_nothing_to_learn() {
     }
 }
 
-/// The benefit: at 8 samples a pixel in a room of eight lamps. Larger images with more seeds have 0.26 of the error of
-/// choices by turns, and 0.23 of that by power (docs/results/adaptive.md).
+/// The benefit at 8 samples per pixel in a room of eight lamps. Larger images with more seeds have 0.26 of the error of
+/// cyclic selection, and 0.23 of selection by power (docs/results/adaptive.md).
 #[test]
 fn learned_choices_pay_in_a_room_of_many_lamps() {
     let worlds = [LightSelection::Power, LightSelection::Uniform, LightSelection::Learned].map(room);
@@ -130,8 +130,8 @@ fn learned_choices_pay_in_a_room_of_many_lamps() {
     assert!(learned < 0.7 * by_turns.min(power), "{learned} of {by_turns} by turns, {power} by power");
 }
 
-/// Squared errors over the truth's squares at 8 samples a pixel, all pixels of four images summed; the truth is the last
-/// world's.
+/// Squared errors relative to the squared truth at 8 samples per pixel, summed over all pixels of four images. The
+/// truth is the image of the last world.
 fn errors<const N: usize>(worlds: [&World; N]) -> [f64; N] {
     let truth = uniform(worlds[N - 1], 999, 1024).image();
     worlds.map(|world| {
@@ -144,7 +144,8 @@ fn errors<const N: usize>(worlds: [&World; N]) -> [f64; N] {
     })
 }
 
-/// A courtyard open to the sky, of which a floor sees what its walls leave: most of the light is behind one of them.
+/// A courtyard open to the sky. Its walls hide a part of the sky from the floor, with most of the light behind one of
+/// them.
 fn courtyard(choice: LightSelection) -> World {
     let mut scene = scene(SIZE, 60.0, DVec3::new(0.0, -2.5, 2.0), DVec3::new(0.0, 0.0, 0.2));
     let white = add_material(&mut scene, diffuse(0.6));
@@ -167,7 +168,7 @@ fn courtyard(choice: LightSelection) -> World {
     world
 }
 
-/// The parts of one sky are lights to choose among.
+/// The parts of one sky are lights for the selection.
 #[test]
 fn learned_choices_pay_under_a_sky_half_hidden() {
     let [whole, learned] = errors([&courtyard(LightSelection::Power), &courtyard(LightSelection::Learned)]);
@@ -175,7 +176,7 @@ fn learned_choices_pay_under_a_sky_half_hidden() {
     assert!(learned < 0.7 * whole, "{learned} of {whole}");
 }
 
-/// Whole again, a sky gives what it gave before.
+/// A sky made whole again gives the same light as before.
 #[test]
 fn a_sky_cut_up_is_made_whole() {
     let mut world = courtyard(LightSelection::Power);

@@ -15,9 +15,9 @@ use rand_pcg::Pcg32;
 use std::f64::consts::PI;
 use std::sync::Arc;
 
-/// Chi-square tests in this file, at most.
+/// The largest number of chi-square tests in this file.
 const TESTS: usize = 128;
-/// Few enough to keep the file within seconds.
+/// Few enough samples to keep the file within seconds.
 const SAMPLES: u64 = 400_000;
 
 fn image_of(size: [u32; 2], value: impl Fn(u32, u32) -> f32) -> Arc<Image> {
@@ -58,7 +58,7 @@ fn environments() -> Vec<(&'static str, EnvironmentRadiance)> {
     ]
 }
 
-/// p-value and integral of a sky's sampling against `pdf`, 1 throughout if the light is as it should be.
+/// p-value and integral of a sky's sampling against `pdf`; the integral of a correct light is 1.
 fn sky_test(
     radiance: &EnvironmentRadiance,
     turn: DMat3,
@@ -78,7 +78,7 @@ fn sky_test(
         assert!((drawn.wi.length() - 1.0).abs() < 3e-7 && drawn.radiance != Vec3::ZERO);
         Some(drawn.wi)
     };
-    // Around the image's pole: towards it the density of a lat-long image grows beyond all bounds.
+    // Around the image's pole, where the density of a lat-long image is unbounded.
     Cone::sphere((pdf_turn * DVec3::Z).normalize()).test(SAMPLES, draw, |w| sky.direction_pdf(w))
 }
 
@@ -88,7 +88,7 @@ fn environment_samples_match_their_densities_l08() {
     let mirrored = turn * DMat3::from_diagonal(DVec3::new(2.0, -2.0, 2.0));
     for (i, (name, radiance)) in environments().into_iter().enumerate() {
         for (j, map) in [DMat3::IDENTITY, turn, mirrored].into_iter().enumerate() {
-            // In one piece; and in parts, which by power make up the whole.
+            // In one piece, and in parts whose sum is the whole.
             for choice in [LightSelection::Power, LightSelection::Learned] {
                 let (p, integral) = sky_test(&radiance, map, map, choice, (10 * i + j) as u64);
                 eprintln!("{name}, map {j}, {choice:?}: p = {p:.2e}, integral {integral:.5}");
@@ -99,7 +99,7 @@ fn environment_samples_match_their_densities_l08() {
     }
 }
 
-/// Negative controls: a sky turned by half a degree, mirrored, or taken for the other layout is refuted.
+/// Negative controls: a sky turned by half a degree, mirrored, or read in the other layout is refuted.
 #[test]
 fn a_wrong_environment_density_is_refuted_l08() {
     let level = sidak(FAMILY, TESTS);
@@ -144,13 +144,13 @@ fn environment_samples_match_radiance_and_density_l08() {
             let same = drawn.radiance == sky.radiance(drawn.wi)
                 && (drawn.pdf / sky.direction_pdf(drawn.wi) - 1.0).abs() < 1e-3;
             differ += i32::from(!same);
-            // One light alone: the weight is the power heuristic of the two densities.
+            // With one light, the weight is the power heuristic of the two densities.
             let all = world.lights().environment(drawn.wi);
             assert_eq!(all, sky.radiance(drawn.wi), "{name}");
             let even = world
                 .lights()
                 .environment_weighted(drawn.wi, sky.direction_pdf(drawn.wi), |light| world.lights().pmf(light));
-            // Chances of parts are whole multiples of 2^-24, at most two off from a share of a hundredth or more.
+            // Probabilities of parts are multiples of 2^-24, at most two off from a probability of 0.01 or more.
             let tolerance = if choice == LightSelection::Learned { 2e-5 } else { 1e-6 };
             assert!((even - 0.5 * all).abs().max_element() <= tolerance * all.max_element(), "{name}: {even} {all}");
         }
@@ -158,7 +158,7 @@ fn environment_samples_match_radiance_and_density_l08() {
     }
 }
 
-/// The equal-area layout at places told by pbrt-v4's definition: row 0 is at -y, the middle at +z.
+/// The equal-area layout at places from pbrt-v4's definition: row 0 is at -y, the middle at +z.
 #[test]
 fn equal_area_texels_cover_equal_solid_angles_l08() {
     let sky = |at: [u32; 2]| {
@@ -177,7 +177,7 @@ fn equal_area_texels_cover_equal_solid_angles_l08() {
         ([0, 0], Vec3::new(-0.3, -0.3, -0.9)),
     ] {
         assert_eq!(sky(at).radiance(w.normalize()).x, 1.0, "{at:?}");
-        // A texel of 25 fills 4 pi / 25, wherever it lies.
+        // A texel of 25 fills 4 pi / 25 at any place.
         let density = sky(at).direction_pdf(w.normalize());
         assert!((density * 4.0 * std::f32::consts::PI / 25.0 - 1.0).abs() < 1e-6, "{at:?}: {density}");
     }
@@ -226,7 +226,7 @@ fn area_lamps() -> Vec<(&'static str, Geometry, DAffine3, DVec3, f64)> {
     let wide = DAffine3::from_scale(DVec3::new(3.0, 0.2, 1.0));
     vec![
         ("triangle", triangle.clone(), at(0.5, -0.3, 1.0), p(0.5, -0.3, 1.0), 1.0),
-        // Near ones are sampled by the solid angle: from below the inside, beside an edge, and at a slant.
+        // Near lamps are sampled by the solid angle: from below the inside, beside an edge, and at a slant.
         ("triangle, close", triangle.clone(), at(-0.3, -0.3, 0.05), p(-0.3, -0.3, 0.05), 1.0),
         ("triangle, beside", triangle.clone(), at(0.1, -0.4, 0.2), p(0.1, -0.4, 0.2), 1.0),
         ("triangle, narrow", triangle.clone(), at(0.0, 0.0, 0.3) * wide, p(0.0, 0.0, 0.3), 3.0),
@@ -260,10 +260,10 @@ fn lamp_test(world: &World, other: &World, centre: DVec3, radius: f64, seed: u64
         let drawn = world.lights().sample(from(world), random.random(), u)?;
         assert!(drawn.pdf > 0.0 && !drawn.delta && drawn.radiance.x == 1.0, "{drawn:?}");
         let Target::Surface(point) = &drawn.target else { panic!("on a surface") };
-        // The two ways to the density agree.
+        // Both ways to the density agree.
         let again = world.lights().pdf(0, from(world), point);
         assert!((again / drawn.pdf - 1.0).abs() < 1e-3, "{} {again}", drawn.pdf);
-        // At the limb of a sphere the direction keeps more digits than the point: 2e-4 of its radius.
+        // At the limb of a sphere the direction is more exact than the point: 2e-4 of its radius.
         let to = point.position - from(world);
         let off = f64::from((to - drawn.wi * to.length()).length());
         assert!(off < 5e-4 * radius * world.space().scale(), "{to} {}", drawn.wi);

@@ -1,4 +1,4 @@
-//! L05: triangles that shine on any receiver; L07: extreme mixes of lights; and the choice among lights.
+//! Triangle lights at any receiver, extreme mixes of lights, and light selection.
 #![allow(clippy::print_stderr)]
 
 use crate::support::*;
@@ -13,7 +13,7 @@ use rand_pcg::Pcg32;
 /// Coordinates of the point sets have 24 bits.
 const LATTICE: u32 = 1 << 24;
 
-/// A scrap of ground in the middle of points that shine: their positions lie around it.
+/// A patch of ground amid point lights, and their positions.
 fn points(intensities: &[f32]) -> (World, Vec<DVec3>) {
     let mut scene = ground();
     let mut random = Pcg32::seed_from_u64(17);
@@ -28,20 +28,20 @@ fn points(intensities: &[f32]) -> (World, Vec<DVec3>) {
     (world(&scene), positions)
 }
 
-/// One light with nearly all of the power, somewhere among the others; and one with nearly none.
+/// Mixes with one light of nearly all power among the others, with one of nearly none, and with all magnitudes.
 fn mixes(count: usize) -> [Vec<f32>; 3] {
     let one = |special: f32, at: usize| {
         let mut all = vec![1.0; count];
         all[at] = special;
         all
     };
-    // 1 - 1e-9 of the power in one; 1e-9 of it in one; and all magnitudes mixed.
+    // 1 - 1e-9 of the power in one light; 1e-9 of it in one light; all magnitudes mixed.
     let all: Vec<f32> = (0..count).map(|i| 10_f32.powi((i % 41) as i32 - 20)).collect();
     [one(count as f32 * 1e9, count / 3), one(count as f32 * 1e-9, count / 3), all]
 }
 
-/// Every light has a probability, they sum to 1, and over all values that a coordinate can take, what each light is
-/// worth adds up to what it gives: no light is lost, none is counted more than it should be.
+/// Every light has a probability, and they sum to 1. Over all values of a coordinate, each light's weighted
+/// contributions add up to its light: none is lost, none is overweighted.
 fn no_light_is_lost(intensities: &[f32]) {
     let (world, positions) = points(intensities);
     let lights = world.lights();
@@ -50,7 +50,7 @@ fn no_light_is_lost(intensities: &[f32]) {
     let sum: f64 = (0..lights.len() as u32).map(|i| f64::from(lights.pmf(i))).sum();
     assert!((sum - 1.0).abs() < 1e-6, "{sum}");
     let middle = world.space().point(DVec3::ZERO).as_vec3();
-    // Irradiance by light, in the file's units: the brightest and all others apart.
+    // Irradiance by light, in the file's units: the brightest apart from all others.
     let brightest = intensities.iter().copied().fold(0.0, f32::max);
     let irradiance = |i: usize| f64::from(intensities[i]) * positions[i].z / positions[i].length().powi(3);
     let [mut due, mut found] = [[0.0; 2]; 2];
@@ -58,7 +58,7 @@ fn no_light_is_lost(intensities: &[f32]) {
         due[usize::from(intensities[i] < brightest)] += irradiance(i);
     }
     let unit = world.space().scale().powi(2);
-    // A light's radiance tells which it was: the brightest by far.
+    // A light's radiance identifies the brightest one.
     let threshold = f64::from(brightest) * 0.5 * unit;
     for k in 0..LATTICE {
         let sample = lights.sample(middle, k as f32 / LATTICE as f32, [0.5; 2]).expect("all shine on it");
@@ -86,7 +86,7 @@ fn extreme_mix_of_1_000_000_lights_keeps_the_weakest_l07() {
     mixes(1_000_000).iter().for_each(|mix| no_light_is_lost(mix));
 }
 
-/// Negative control: chosen by power and nothing else, most of the lights are never chosen by 24 bits.
+/// Negative control: with selection by power alone, 24 bits never choose most of the lights.
 #[test]
 fn power_alone_loses_lights_l07() {
     let mix = &mixes(100_000)[0];
@@ -109,7 +109,7 @@ fn lights_are_selected_by_power_or_uniformly_l07() {
     assert!(near(pmf(&world), [0.125, 0.25, 0.625]), "{:?}", pmf(&world));
 }
 
-/// Powers of all kinds of lights beside each other, in watts worked out by hand (over pi).
+/// Powers of all kinds of lights together, in watts computed by hand (over pi).
 #[test]
 fn each_kind_of_light_has_its_power_l07() {
     let mut scene = ground();
@@ -125,16 +125,16 @@ fn each_kind_of_light_has_its_power_l07() {
     add_sky(&mut scene, 1.0);
     let white = add_material(&mut scene, diffuse(1.0));
     let lamp = rectangle(0.5 * DVec3::Z, 0.5 * DVec3::X, 0.5 * DVec3::Y);
-    // Last, so that the ground stays the largest; lamps come first among the lights.
+    // Added last, so that the ground stays the largest shape; lamps come first among the lights.
     add(&mut scene, lamp, DAffine3::IDENTITY, white, Some(1.0));
-    // With the lamp half a unit above the ground the bounds grow to a half diagonal of sqrt(2 + 1/16).
+    // With the lamp half a unit above the ground, the bounds' half diagonal is sqrt(2 + 1/16).
     let r2 = r2 + 1.0 / 16.0;
     let powers = [1.0, 4.0, r2, 2.0 * (0.5 + 0.5 / 5.0), 4.0 * std::f64::consts::PI * r2];
     let total: f64 = powers.iter().sum();
     let world = world(&scene);
     for (i, power) in powers.iter().enumerate() {
         let found = f64::from(world.lights().pmf(i as u32));
-        // Bounds are grown a little.
+        // Bounds are enlarged a little.
         assert!((found / (power / total) - 1.0).abs() < 1e-3, "light {i}: {found} {}", power / total);
     }
 }
@@ -166,7 +166,7 @@ fn corner(random: &mut impl Rng) -> DVec3 {
     DVec3::from([0, 1, 2].map(|_| 2.0 * random.random::<f64>() - 1.0))
 }
 
-/// Receivers of one triangle: anywhere, in its plane, on an edge, at a corner, very near, very far.
+/// Receivers of one triangle: at random, in its plane, on an edge, at a corner, very near, very far.
 fn receivers([a, b, c]: [DVec3; 3], random: &mut Pcg32) -> Vec<DVec3> {
     let normal = (b - a).cross(c - a).normalize();
     let mut all = Vec::new();
@@ -200,7 +200,7 @@ fn triangle_samples_are_sound(triangles: u64, seed: u64) {
                 assert!(sample.pdf > 0.0 && sample.pdf.is_finite(), "{corners:?} {from} {u:?}: {sample:?}");
                 assert!((sample.wi.length() - 1.0).abs() < 1e-6 && sample.radiance == Vec3::ONE, "{sample:?}");
                 let Target::Surface(point) = &sample.target else { panic!("on a surface") };
-                // Of a grazing direction rounding decides the cosine.
+                // Rounding decides the cosine of a grazing direction.
                 if sample.wi.dot(point.normal).abs() > 1e-2 {
                     let again = world.lights().pdf(0, from, point);
                     assert!((again / sample.pdf - 1.0).abs() < 1e-3, "{from}: {again} {}", sample.pdf);
@@ -209,7 +209,7 @@ fn triangle_samples_are_sound(triangles: u64, seed: u64) {
         }
     }
     eprintln!("{pairs} pairs, {none} without a direction");
-    // In its plane a triangle is no wider than rounding, and at the corners there are samples at no distance.
+    // In its own plane a triangle is no wider than rounding, and at its corners some samples have no distance.
     assert!(none < pairs / 4, "{none} of {pairs}");
 }
 
@@ -224,7 +224,7 @@ fn triangle_light_matches_its_closed_form_at_any_receiver_l05() {
     triangle_samples_are_sound(310_000, 2);
 }
 
-/// Mean of 1/pdf over a lattice of `side^2` coordinates, over the closed solid angle.
+/// The mean of 1/pdf over a lattice of `side^2` coordinates, over the exact solid angle.
 fn solid_angle_found(corners: [DVec3; 3], from: DVec3, side: u32) -> f64 {
     let world = triangle_lamp(corners);
     let at = world.space().point(from).as_vec3();
@@ -242,7 +242,7 @@ fn solid_angles_of_triangles_match_their_closed_form_l05() {
         let from = corners[0] + corner(&mut random).normalize() * 10_f64.powf(3.0 * random.random::<f64>());
         let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]).normalize();
         let height = normal.dot(from - corners[0]).abs();
-        // In the plane of the triangle the solid angle itself is rounding.
+        // In the plane of the triangle the solid angle is nothing but rounding.
         if height < 1e-3 {
             continue;
         }
@@ -255,8 +255,8 @@ fn solid_angles_of_triangles_match_their_closed_form_l05() {
     assert!((solid_angle_found(corners, DVec3::ZERO, 256) * wrong - 1.0).abs() > 0.01);
 }
 
-/// Right above a triangle few samples of its area matter (a ratio of 0.842 at a height of 1e-3): so its solid angle is
-/// sampled.
+/// Right above a triangle, few samples of its area matter (a ratio of 0.842 at a height of 1e-3). Its solid angle is
+/// thus sampled.
 #[test]
 fn solid_angle_right_above_a_triangle_is_exact_l05() {
     let corners = [DVec3::ZERO, DVec3::X, DVec3::Y];

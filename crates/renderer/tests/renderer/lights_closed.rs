@@ -1,4 +1,4 @@
-//! L03, L04, L09: light from shapes whose irradiance is known, by light sampling, by BSDF sampling, and by both.
+//! Light from shapes of known irradiance, by light sampling, by BSDF sampling, and by both.
 #![allow(clippy::print_stderr)]
 
 use crate::statistics::{FAMILY, Mean, Verdict, critical, sidak};
@@ -27,8 +27,7 @@ enum Strategy {
 
 const STRATEGIES: [Strategy; 3] = [Strategy::Light, Strategy::Bsdf, Strategy::Both];
 
-/// Light that a diffuse point of reflectance `rho` scatters, by one strategy, with coordinates as the
-/// renderer uses them.
+/// Light scattered by a diffuse point of reflectance `rho`, by one strategy, with coordinates as in the renderer.
 fn scattered(world: &World, at: &SurfacePoint, rho: f32, strategy: Strategy, u: [f32; 4], choice: f32) -> f32 {
     let frame = ShadingFrame::from_normal(at.normal);
     let bsdf = Bsdf::Diffuse { reflectance: Vec3::splat(rho) };
@@ -92,7 +91,7 @@ fn irradiance(scene: &Scene, strategy: Strategy, seed: u64, samples: u64) -> Mea
 
 /// A sequential test of equivalence within `delta`: samples are doubled while undecided.
 fn verdict(name: &str, scene: &Scene, strategy: Strategy, reference: f64, delta: f64, most: u64) -> Verdict {
-    // One-sided 1e-6 over all tests; with 63 degrees of freedom Student's t at this level is 1.2 times as far out.
+    // One-sided 1e-6 over all tests. With 63 degrees of freedom Student's t at this level is 1.2 times as large.
     let z = 1.2 * critical(sidak(FAMILY, TESTS));
     let mut samples = 1024;
     loop {
@@ -107,8 +106,8 @@ fn verdict(name: &str, scene: &Scene, strategy: Strategy, reference: f64, delta:
     }
 }
 
-/// Irradiance at the origin, normal +z, from a planar polygon of radiance 1: Lambert's formula on what is
-/// above the horizon [Lambert 1760].
+/// Irradiance at the origin, normal +z, from a planar polygon of radiance 1: Lambert's formula on its part above the
+/// horizon [Lambert 1760].
 fn polygon_irradiance(corners: &[DVec3]) -> f64 {
     let mut above = Vec::new();
     for (i, &a) in corners.iter().enumerate() {
@@ -128,7 +127,7 @@ fn polygon_irradiance(corners: &[DVec3]) -> f64 {
     0.5 * (0..above.len()).map(edge).sum::<f64>().abs()
 }
 
-/// A rectangle lamp of radiance 1 that faces the origin, and a scrap of ground.
+/// A rectangular lamp of radiance 1 that faces the origin, and a patch of ground.
 fn rectangle_lamp(centre: DVec3, u: DVec3, v: DVec3) -> (Scene, f64) {
     let mut scene = scene([1, 1], 40.0, DVec3::new(0.0, -3.0, 2.0), DVec3::ZERO);
     let grey = add_material(&mut scene, diffuse(0.5));
@@ -140,13 +139,13 @@ fn rectangle_lamp(centre: DVec3, u: DVec3, v: DVec3) -> (Scene, f64) {
     (scene, polygon_irradiance(&corners))
 }
 
-/// Name, centre, half axes; and whether light sampling, uniform over the area, is tested: right over the lamp
-/// all light comes from a spot as small as the height.
+/// Name, centre and half axes; true if light sampling, uniform over the area, is tested. Right over the lamp all light
+/// comes from a spot as small as the height.
 type Placement = (&'static str, DVec3, DVec3, DVec3, bool);
 
-/// Equivalence within 0.1 %. A cosine-weighted direction that meets the lamp less than once in 20 times cannot meet
-/// that in a CI run: its 3 10^5 samples must not refute the closed form; and where fewer than 1000 of them
-/// would meet the lamp, there is nothing to test.
+/// Equivalence within 0.1 %. A cosine-weighted direction that hits the lamp less than once in 20 times cannot reach it
+/// in a CI run: its 3 10^5 samples need only not refute the closed form. With fewer than 1000 expected hits there is no
+/// test.
 fn check(name: &str, scene: &Scene, strategy: Strategy, reference: f64) {
     let met = if strategy == Strategy::Bsdf { reference / PI } else { 1.0 };
     if met * 64.0 * 4096.0 < 1000.0 {
@@ -236,7 +235,7 @@ fn sphere_light_matches_its_closed_form_l04() {
     }
 }
 
-/// Points inside a sphere, and on it, that shines inwards: everything around shines, E = pi L.
+/// From inside a sphere that emits inwards, and on it, everything around emits: E = pi L.
 #[test]
 fn inside_a_sphere_light_matches_its_closed_form_l04() {
     for at in [DVec3::ZERO, DVec3::new(0.3, 0.5, -0.2), DVec3::new(0.0, 0.0, -0.999), DVec3::NEG_Z] {
@@ -251,8 +250,8 @@ fn inside_a_sphere_light_matches_its_closed_form_l04() {
     }
 }
 
-/// Four infinite lights: two constant ones, a lat-long and an equal-area image; and the irradiance that the first
-/// three give a floor that faces up.
+/// Four infinite lights: two constant ones, a lat-long and an equal-area image; and the irradiance of the first three
+/// on a floor that faces up.
 fn skies() -> (Scene, f64) {
     let mut scene = scene([1, 1], 40.0, DVec3::new(0.0, -3.0, 2.0), DVec3::ZERO);
     let grey = add_material(&mut scene, diffuse(0.5));
@@ -261,7 +260,7 @@ fn skies() -> (Scene, f64) {
         let pixels = (0..size[0] * size[1]).map(|i| [value(i % size[0], i / size[0]); 3]).collect();
         std::sync::Arc::new(Image::new(size, pixels).expect("as many"))
     };
-    // 30 degrees a row.
+    // 30 degrees per row.
     let rows = image([4, 6], &|_, y| [4.0, 1.0, 0.5, 0.3, 0.3, 0.3][y as usize]);
     let square = image([8, 8], &|x, y| if x.abs_diff(7 - x) + y.abs_diff(7 - y) <= 6 { 2.0 } else { 0.5 });
     let infinite = [
@@ -279,7 +278,7 @@ fn skies() -> (Scene, f64) {
     (scene, PI * (0.3 + 0.4 + rows))
 }
 
-/// Irradiance on a floor that faces up, of everything beyond the scene: a midpoint rule by equal cosine-weighted areas.
+/// Irradiance of the environment on a floor that faces up: a midpoint rule over equal cosine-weighted areas.
 fn floor_irradiance(world: &World) -> f64 {
     let side = 2048;
     let one = |i: u32| {
@@ -291,8 +290,8 @@ fn floor_irradiance(world: &World) -> f64 {
     PI * (0..side * side).map(one).sum::<f64>() / f64::from(side * side)
 }
 
-/// Several infinite lights in all layouts: their radiances add up, each weighted for itself. Half a percent: of four
-/// lights light sampling sees one, half of which is below the floor.
+/// The radiances of several infinite lights in all layouts add up, each with its own weights. Within half a percent: of
+/// four lights, light sampling takes one, and half of its light is below the floor.
 #[test]
 fn several_environments_add_up_l09() {
     const DELTA: f64 = 5e-3;
@@ -310,7 +309,7 @@ fn several_environments_add_up_l09() {
     }
 }
 
-/// Direct light on diffuse things by one strategy, with the renderer's own camera and blocks.
+/// Direct light on diffuse surfaces by one strategy, with the renderer's own camera and blocks.
 struct Direct<'w> {
     world: &'w World,
     strategy: Strategy,
@@ -337,7 +336,7 @@ impl Integrator for Direct<'_> {
 
 const RHO: f32 = 0.6;
 
-/// Boxes and balls between a sphere, a disk and a rectangle that shine.
+/// Boxes and balls between a sphere, a disk and a rectangle that emit.
 fn lamps() -> Scene {
     let mut scene = scene([32, 32], 50.0, DVec3::new(0.0, -5.0, 2.5), DVec3::new(0.0, 0.0, 0.6));
     let grey = add_material(&mut scene, diffuse(RHO));
@@ -366,7 +365,7 @@ fn replicates(make: impl Fn(u64) -> Film) -> Vec<Film> {
     (0..REPLICATES).map(make).collect()
 }
 
-/// Neither 8x8 blocks nor the whole image differ.
+/// Both the 8x8 blocks and the whole image agree.
 #[test]
 fn three_strategies_and_the_integrator_agree_l09() {
     let scene = lamps();
@@ -387,7 +386,7 @@ fn three_strategies_and_the_integrator_agree_l09() {
         eprintln!("{strategy:?}: {found:?}");
         assert!(found.holds(FAMILY / 4.0), "{strategy:?}: {found:?}");
     }
-    // Negative control: one lamp, of three, 2 % brighter.
+    // Negative control: one lamp of three, 2 % brighter.
     let mut brighter = lamps();
     brighter.shapes[5].emission.as_mut().expect("it shines").radiance = [1.02; 3];
     let brighter = crate::support::world(&brighter);

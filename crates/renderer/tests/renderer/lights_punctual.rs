@@ -1,4 +1,4 @@
-//! Points, spots and parallel light on a plane, in closed form, through the whole renderer; bad ones; and their shadows.
+//! Points, spots and parallel light on a plane, against closed forms in the whole renderer; invalid lights; shadows.
 
 use crate::support::*;
 use dapple_low_discrepancy::Sobol;
@@ -15,8 +15,8 @@ fn add_light(scene: &mut Scene, kind: LightKind, to_world: DAffine3) {
     scene.lights.push(Light { kind, to_world, source });
 }
 
-/// A diffuse floor through `middle`, normal +z, seen by a camera that looks at `middle` through a needle's eye; all
-/// lengths times `unit`.
+/// A diffuse floor through `middle`, normal +z, seen by a camera of tiny view that looks at `middle`. All lengths are
+/// times `unit`.
 fn floor(middle: DVec3, unit: f64) -> Scene {
     let mut scene = scene([1, 1], 1e-5, middle + unit * DVec3::new(0.0, -3.0, 3.0), middle);
     let grey = add_material(&mut scene, diffuse(RHO as f32));
@@ -26,7 +26,7 @@ fn floor(middle: DVec3, unit: f64) -> Scene {
     scene
 }
 
-/// The irradiance of the floor's middle, red, as the image has it.
+/// The red irradiance at the floor's middle, from the image.
 fn irradiance(scene: &Scene) -> f64 {
     mean(&image(scene, 4, 1))[0] * PI / RHO
 }
@@ -35,14 +35,14 @@ fn near(found: f64, expected: f64, what: &str) {
     assert!((found - expected).abs() <= 2e-5 * expected, "{what}: {found} instead of {expected}");
 }
 
-/// From the light's space: +z along `axis`, the origin at `at`.
+/// The transform of a light: +z along `axis`, the origin at `at`.
 fn aimed(at: DVec3, axis: DVec3) -> DAffine3 {
     let z = axis.normalize();
     let (x, y) = z.any_orthonormal_pair();
     DAffine3 { matrix3: DMat3::from_cols(x, y, z), translation: at }
 }
 
-/// Unit of length and origin change nothing in the file's units.
+/// Units of length and origins, which change nothing in the file's units.
 fn frames() -> [(DVec3, f64); 5] {
     [
         (DVec3::ZERO, 1.0),
@@ -58,14 +58,14 @@ fn point_light_on_a_plane_matches_its_closed_form_l03() {
     for (middle, unit) in frames() {
         for p in [DVec3::Z, DVec3::new(2.0, 1.0, 0.5), DVec3::new(-30.0, 0.0, 40.0), DVec3::new(0.0, 0.0, 1e-2)] {
             let mut scene = floor(middle, unit);
-            // Scale and turn of its transform say nothing.
+            // Scale and rotation of its transform have no effect.
             let to_world =
                 DAffine3::from_translation(middle + unit * p) * DAffine3::from_scale(DVec3::new(9.0, 2.0, -3.0));
             add_light(&mut scene, LightKind::Point { intensity: [3.0, 2.0, 1.0] }, to_world);
             let expected = 3.0 * p.z / p.length().powi(3) / (unit * unit);
             near(irradiance(&scene), expected, &format!("{middle} {unit} {p}"));
         }
-        // From below the floor, nothing.
+        // A light below the floor gives nothing.
         let mut scene = floor(middle, unit);
         add_light(
             &mut scene,
@@ -83,7 +83,7 @@ fn spot_light_on_a_plane_matches_its_closed_form_l03() {
         for (cone, start) in [(30.0_f32, 10.0_f32), (20.0, 20.0), (120.0, 0.0), (2.0, 0.5), (180.0, 0.0)] {
             for falloff in [SpotFalloff::Smoothstep, SpotFalloff::Quartic] {
                 for share in [0.0, 0.3, 0.7, 0.9, 0.999, 1.01] {
-                    // An axis so turned that the floor's middle lies at this share of the cone.
+                    // An axis turned so that the floor's middle lies at this fraction of the cone.
                     let angle = f64::from(cone).to_radians() * share;
                     let towards = -position.normalize();
                     let (across, _) = towards.any_orthonormal_pair();
@@ -103,7 +103,7 @@ fn spot_light_on_a_plane_matches_its_closed_form_l03() {
                     let expected = 3.0 * falls * position.z / position.length().powi(3) / (unit * unit);
                     let found = irradiance(&scene);
                     let what = format!("{middle} {unit} {cone} {start} {falloff:?} {share}: {found} {expected}");
-                    // Directions are rounded to 6e-8, which counts beside the width of the cone.
+                    // Directions round to 6e-8, which matters beside the width of the cone.
                     let full = 3.0 * position.z / position.length().powi(3) / (unit * unit);
                     assert!(
                         angle > PI
@@ -153,7 +153,7 @@ fn lights_without_extent_cast_shadows_l03() {
     assert_eq!(irradiance(&scene), 0.0);
 }
 
-/// A light without extent is found by light sampling alone, and says so.
+/// A light without extent is found by light sampling alone, and reports no density.
 #[test]
 fn lights_without_extent_are_found_by_light_sampling_only_l09() {
     let mut scene = floor(DVec3::ZERO, 1.0);
@@ -180,7 +180,7 @@ fn lights_without_extent_are_found_by_light_sampling_only_l09() {
     );
 }
 
-/// The sum over three kinds of lights, in one image.
+/// Three kinds of lights add up in one image.
 #[test]
 fn lights_add_up_l03() {
     let mut scene = floor(DVec3::ZERO, 1.0);
@@ -249,7 +249,7 @@ fn invalid_lights_without_extent_are_refused_l06() {
     let mut small = floor(DVec3::ZERO, 1e-25);
     add_light(&mut small, LightKind::Point { intensity: [1.0; 3] }, DAffine3::from_translation(1e-25 * DVec3::Z));
     assert!(World::new(&small).is_err());
-    // Black ones are left out, and then there is no light.
+    // Black lights are left out, and then there is no light.
     let mut scene = floor(DVec3::ZERO, 1.0);
     add_light(&mut scene, LightKind::Point { intensity: [0.0; 3] }, DAffine3::IDENTITY);
     add_light(&mut scene, LightKind::Distant { irradiance: [0.0; 3] }, DAffine3::IDENTITY);

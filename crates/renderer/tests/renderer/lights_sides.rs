@@ -1,5 +1,5 @@
-//! The side that a shape emits from: pbrt-v4's rules of normals, mirrors and `ReverseOrientation`, as
-//! `scene::Shape` states them. And environments: what is seen is what is sampled.
+//! The side that a shape emits from: pbrt-v4's rules of normals, mirrors and `ReverseOrientation`, as in
+//! `scene::Shape`. Environments have the same radiance by evaluation and by sampling.
 
 use crate::support::*;
 use dapple_geometry::Ray;
@@ -10,7 +10,7 @@ use dapple_scene::{EnvironmentRadiance, Geometry, Light, LightKind, MeshData, Sc
 use glam::{DAffine3, DMat3, DVec3, Vec3};
 use std::sync::Arc;
 
-/// Radiance towards the eye from above (+z) and from below, and whether light sampling agrees.
+/// True if the shape emits towards an eye above (+z), and below; checks that light sampling agrees.
 fn shines(geometry: Geometry, to_world: DAffine3, reversed: bool) -> [bool; 2] {
     let mut scene = scene([1, 1], 40.0, DVec3::new(0.0, -3.0, 2.0), DVec3::ZERO);
     let grey = add_material(&mut scene, diffuse(0.5));
@@ -18,7 +18,7 @@ fn shines(geometry: Geometry, to_world: DAffine3, reversed: bool) -> [bool; 2] {
     scene.shapes[lamp].reversed = reversed;
     let world = world(&scene);
     [1.0, -1.0].map(|side| {
-        // Off the centre: rings have a hole there.
+        // Off the centre, where rings have a hole.
         let eye = world.space().point(DVec3::new(0.6, 0.1, 4.0 * side)).as_vec3();
         let met = world.emitter(&Ray::new(eye, Vec3::Z * -side as f32)).expect("it is in the way");
         let seen = met.radiance != Vec3::ZERO;
@@ -56,11 +56,11 @@ fn shapes_emit_from_the_side_of_their_normal_l12() {
         assert_eq!(shines(make(), across, false), below, "{name}, mirrored across");
         assert_eq!(shines(make(), across, true), above, "{name}, mirrored across, reversed");
     }
-    // Vertex normals decide against the winding.
+    // Vertex normals override the winding.
     assert_eq!(shines(up(Some(-1.0)), plain, false), below);
     assert_eq!(shines(up(Some(-1.0)), plain, true), above);
     assert_eq!(shines(up(Some(-1.0)), along, false), below);
-    // A sphere shines outwards, mirrored or not.
+    // A sphere emits outwards, mirrored or not.
     for map in [plain, along, across, DAffine3::from_scale(DVec3::splat(-2.0))] {
         assert_eq!(shines(Geometry::Sphere { radius: 1.0 }, map, false), [true; 2]);
         assert_eq!(shines(Geometry::Sphere { radius: 1.0 }, map, true), [false; 2]);
@@ -76,7 +76,7 @@ fn stretched_round_lamps_are_refused_l06() {
         add(&mut scene, geometry, stretch, grey, Some(1.0));
         let message = World::new(&scene).err().map(|e| e.to_string()).unwrap_or_default();
         assert!(message.starts_with("made.pbrt:10: an emitting sphere or disk must not be stretched"), "{message}");
-        // In the dark it may be.
+        // Without emission it is allowed.
         scene.shapes[0].emission = None;
         assert!(World::new(&scene).is_ok());
     }
@@ -97,7 +97,7 @@ fn sky_alone(radiance: EnvironmentRadiance, to_world: DAffine3) -> Scene {
     scene
 }
 
-/// Sampled and looked at, an environment is the same; its density integrates to 1 and finds all its light.
+/// Evaluation and sampling of an environment agree. Its density integrates to 1 and finds all its light.
 #[test]
 fn environment_samples_match_evaluation_l08() {
     let turn = DMat3::from_rotation_z(0.7) * DMat3::from_rotation_x(1.1);
@@ -120,7 +120,7 @@ fn environment_samples_match_evaluation_l08() {
             let side = 256;
             for i in 0..side * side {
                 let u = [((i % side) as f32 + 0.5) / side as f32, ((i / side) as f32 + 0.5) / side as f32];
-                // By angles rather than areas: near a pole the density is one over the sine.
+                // Uniform in angles, not areas: near a pole the density is one over the sine.
                 let (theta, phi) = (u[0] * std::f32::consts::PI, u[1] * std::f32::consts::TAU);
                 let w = Vec3::new(theta.sin() * phi.cos(), theta.sin() * phi.sin(), theta.cos());
                 let w = (unscaled * w).normalize();
@@ -129,7 +129,7 @@ fn environment_samples_match_evaluation_l08() {
                 density += f64::from(sky.direction_pdf(w)) * measure;
                 let Some(drawn) = world.lights().sample(Vec3::ZERO, 0.0, u) else { continue };
                 assert!(matches!(drawn.target, Target::Far) && (drawn.wi.length() - 1.0).abs() < 3e-7);
-                // The direction may round across a texel's border, which these coordinates stay away from.
+                // The direction may round across a texel's border; these coordinates keep away from borders.
                 assert_eq!(drawn.radiance, sky.radiance(drawn.wi));
                 assert!(
                     (drawn.pdf / sky.direction_pdf(drawn.wi) - 1.0).abs() < 1e-3,
@@ -139,7 +139,7 @@ fn environment_samples_match_evaluation_l08() {
                 by_light += f64::from(drawn.radiance.x / drawn.pdf);
             }
             let n = f64::from(side * side);
-            // A rule of 256^2 points on steps: good to a texel's border, the light to a thousandth.
+            // A rule of 256^2 points on steps: exact to a texel's border, the light to a thousandth.
             assert!((density / n - 1.0).abs() < 0.02, "{name}: {}", density / n);
             assert!((by_light / by_sphere - 1.0).abs() < 0.02, "{name}: {by_light} {by_sphere}");
         }
@@ -161,7 +161,7 @@ fn invalid_environments_are_refused_l08() {
     for transform in [DMat3::ZERO, DMat3::from_diagonal(DVec3::new(1.0, 2.0, 1.0)), DMat3::from_diagonal(DVec3::NAN)] {
         assert!(environment(&map, transform).is_err(), "{transform}");
     }
-    // Huge values: finite image, nothing rejected.
+    // Huge values give a finite image, without rejected samples.
     let bright = lat_long([8, 4], |x, y| if (x, y) == (1, 1) { 1e30 } else { 1.0 });
     let mut scene = sky_alone(bright, DAffine3::IDENTITY);
     let grey = add_material(&mut scene, diffuse(0.5));

@@ -1,6 +1,6 @@
-//! The renderer: one program, for what a test links and instantiates takes longer to compile than its own text.
+//! The renderer's integration tests: one program, since linking and instantiating takes longer than compiling a test.
 //!
-//! Tests that measure time or memory, and the corpus of the fuzz targets, are programs of their own beside it.
+//! Tests of time or memory, and the corpus of the fuzz targets, are separate programs.
 
 mod camera_rays;
 mod determinism;

@@ -40,7 +40,7 @@ fn transmittance_is_exact() {
             for c in 0..3 {
                 let depth = (f64::from(absorption[c]) + f64::from(scattering[c])) * length;
                 let exact = (-depth).exp();
-                // The depth is rounded twice, the exponential itself is good to 2e-7.
+                // The depth is rounded twice; the exponential itself is exact to 2e-7.
                 let slack = exact * (2e-7 + 2e-7 * depth) + 1e-37;
                 assert!((f64::from(found[c]) - exact).abs() <= slack, "{scale} {length} {c}: {found} {exact}");
             }
@@ -51,7 +51,7 @@ fn transmittance_is_exact() {
     assert!((gray.transmittance(2.0) - Vec3::splat((-1.0_f32).exp())).abs().max_element() < 2e-7);
 }
 
-/// Shares of distances that pass, scatter before the middle, and scatter after it, channel by channel.
+/// Fractions of distances that pass, scatter before the middle, and scatter after it, channel by channel.
 #[test]
 fn distances_add_up() {
     let cases = [
@@ -106,7 +106,7 @@ fn distances_add_up() {
     }
 }
 
-/// Limits, coordinates and throughputs at their ends: finite, whatever comes.
+/// Distances are finite for extreme limits, coordinates and throughputs.
 #[test]
 fn distances_at_the_ends() {
     let ends = [0.0, 1e-30, 0.5, 1.0 - 0.5 * f32::EPSILON];
@@ -133,8 +133,8 @@ fn distances_at_the_ends() {
     }
 }
 
-/// Light that a slab scatters once, from parallel light that enters where the ray does, at a slant: its closed form
-/// is `s p (1 - exp(-e L (1 + 1/mu))) / (e (1 + 1/mu))`.
+/// Single scattering in a slab, of parallel light that enters where the ray does, at a slant. The closed form is `s p
+/// (1 - exp(-e L (1 + 1/mu))) / (e (1 + 1/mu))`.
 #[test]
 fn single_scattering_in_a_slab() {
     let (absorption, scattering, g) = ([0.1, 0.5, 0.0], [0.2, 1.5, 4.0], 0.4);
@@ -156,7 +156,7 @@ fn single_scattering_in_a_slab() {
     }
     for c in 0..3 {
         let [a, s] = [absorption[c], scattering[c]].map(f64::from);
-        // The cosine between the light's way and the ray's is mu: it comes from before and is scattered backwards.
+        // The cosine between light and ray is mu: the light comes from the front and scatters backwards.
         let cosine = -mu;
         let g = f64::from(0.4_f32);
         let phase = (1.0 - g * g) / (4.0 * PI * (1.0 + g * g - 2.0 * g * cosine).powf(1.5));
@@ -171,7 +171,7 @@ fn single_scattering_in_a_slab() {
     }
 }
 
-/// Paths that start anywhere in a ball of a medium that absorbs nothing leave it as bright as they came.
+/// Paths from anywhere in a ball of a medium that absorbs nothing leave it with their full brightness.
 fn furnace(scattering: [f32; 3], absorption: [f32; 3], g: f32, seed: u64) -> [Mean; 3] {
     let medium = medium(absorption, scattering, g);
     let mut random = Pcg32::seed_from_u64(seed);
@@ -210,7 +210,7 @@ fn white_furnace_in_a_medium() {
             check(&format!("g = {g}, channel {c}"), mean, 1.0, 0.02);
         }
     }
-    // Negative control: an albedo of 0.97 is seen.
+    // Negative control: an albedo of 0.97 is detected.
     let z = critical(sidak(FAMILY, TESTS));
     let lossy = furnace([0.97, 1.94, 2.91], [0.03, 0.06, 0.09], 0.0, 20);
     assert!(lossy.iter().skip(1).all(|m| m.equals(1.0, 0.02, z) == Verdict::Fail), "{lossy:?}");
@@ -239,7 +239,7 @@ fn chi_square_of_henyey_greenstein() {
     let travel = DVec3::new(0.3, -0.5, 0.8).normalize();
     for (seed, g) in ASYMMETRIES.into_iter().enumerate() {
         let phase = HenyeyGreenstein::new(g);
-        // A narrow lobe is looked at closely, and as a whole.
+        // A narrow lobe is tested closely, and as a whole.
         let lobe = 4.0 * (1.0 - f64::from(g.abs()));
         for angle in [PI, lobe].into_iter().take(if lobe < 1.0 { 2 } else { 1 }) {
             let cone = Cone { axis: travel * f64::from(1.0_f32.copysign(g)), angle };
@@ -259,7 +259,7 @@ fn chi_square_of_henyey_greenstein() {
             assert!(integral <= 1.0 + 1e-3 && (angle < PI || (integral - 1.0).abs() < 2e-3), "{g}: {integral}");
             let z = critical(sidak(FAMILY, TESTS));
             assert_eq!(cosines.equals(f64::from(g), 0.01, z), Verdict::Pass, "{g}: {cosines:?}");
-            // Negative control: another asymmetry, and the other way round.
+            // Negative control: another asymmetry, and the opposite one.
             let mut random = Pcg32::seed_from_u64(100 + seed as u64);
             let draw = || Some(phase.sample(travel.as_vec3(), [random.random(), random.random()]).wi);
             let off = if g.abs() < 0.5 { g + 0.02 } else { 0.98 * g };

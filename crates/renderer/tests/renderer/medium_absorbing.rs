@@ -1,5 +1,5 @@
-//! An absorbing medium in images: Beer and Lambert's law on the way to the camera, to a lamp and between them; and
-//! the short way through a medium beside the longer walk, which looks for what lets light through.
+//! An absorbing medium in images: Beer and Lambert's law on the way to the camera, to a lamp and between them. The
+//! short way through a medium agrees with the longer walk, which looks for transparent surfaces.
 
 use crate::statistics::{FAMILY, Mean, Verdict, critical, sidak};
 use crate::support::*;
@@ -9,23 +9,23 @@ use glam::{DAffine3, DVec3};
 use std::f64::consts::PI;
 
 const ABSORPTION: [f32; 3] = [0.05, 0.3, 1.2];
-/// Equivalence tests in this file, at most.
+/// The largest number of equivalence tests in this file.
 const TESTS: usize = 32;
 
-/// Fills all of space.
+/// Fills all space with a medium.
 fn fill(scene: &mut Scene, absorption: [f32; 3]) {
     let medium = Medium { name: "ink".into(), absorption, scattering: [0.0; 3], g: 0.0, source: line(500) };
     scene.media.push(medium);
     scene.camera.medium = Some(MediumId(0));
 }
 
-/// A border between nothing and nothing where no ray comes: all the same, shadow rays must look for such.
+/// A border without a medium on either side, off all rays. Shadow rays must still look for it.
 fn add_border(scene: &mut Scene, at: DVec3) {
     let border = add_material(scene, MaterialKind::Interface);
     add(scene, Geometry::Sphere { radius: 0.1 }, DAffine3::from_translation(at), border, None);
 }
 
-/// A point lamp at `lamp` over a floor, and the camera at height `eye` over the origin, which sees a millionth of it.
+/// A point lamp at `lamp` over a floor, and a camera at height `eye` over the origin that sees a millionth of it.
 fn lit_floor(lamp: DVec3, eye: f64) -> Scene {
     let mut scene = scene([8, 8], 1e-3, DVec3::new(0.0, 0.0, eye), DVec3::ZERO);
     let grey = add_material(&mut scene, diffuse(0.5));
@@ -35,7 +35,7 @@ fn lit_floor(lamp: DVec3, eye: f64) -> Scene {
     scene
 }
 
-/// Within `delta` of the reference, relatively.
+/// The verdict on equality with the reference within `delta`, relatively.
 fn verdict(film: &Film, channel: usize, reference: f64, delta: f64) -> Verdict {
     let mut mean = Mean::default();
     (0..film.frame().pixels()).for_each(|i| mean.add(film.mean(i)[channel]));
@@ -67,7 +67,7 @@ fn light_through_an_absorbing_medium_is_beer_and_lamberts() {
             let arrives = 0.5 / PI * 3.0 * lamp.z / lamp.length().powi(3);
             let lit = arrives * (-sigma * legs).exp();
             assert_eq!(verdict(&floor, c, lit, 1e-4), Verdict::Pass, "floor, channel {c}, border {border}");
-            // The controls: one leg forgotten, and a hundredth more of the medium.
+            // The controls: one leg forgotten, and 1 % more of the medium.
             for wrong in [arrives * (-sigma * lamp.length()).exp(), arrives * (-1.01 * sigma * legs).exp()] {
                 assert_eq!(verdict(&floor, c, wrong, 1e-4), Verdict::Fail, "floor, channel {c}, border {border}");
             }
@@ -80,11 +80,11 @@ fn light_through_an_absorbing_medium_is_beer_and_lamberts() {
 fn the_short_way_through_a_medium_gives_the_image_of_the_longer_walk() {
     let inked = |border: bool, absorption: [f32; 3]| {
         let mut scene = room([32, 24]);
-        // No end of the way, no light: the sky would be black.
+        // On an unbounded way no light remains: the sky would be black.
         scene.lights.clear();
         fill(&mut scene, absorption);
         if border {
-            // Within the box of metal: the scene's bounds stay, by which it is normalised.
+            // Within the box of metal, so that the scene's bounds, which normalise it, stay.
             add_border(&mut scene, DVec3::new(-1.0, 0.3, 0.4));
         }
         scene
@@ -92,7 +92,7 @@ fn the_short_way_through_a_medium_gives_the_image_of_the_longer_walk() {
     let rooms = [false, true].map(|border| inked(border, [0.02, 0.1, 0.3]));
     let replicates = |scene: &Scene, from: u64| (from..from + 16).map(|seed| image(scene, 4, seed)).collect::<Vec<_>>();
     let [short, long] = rooms.each_ref().map(|room| replicates(room, 0));
-    // The same seeds: the same ways, and lengths that differ by rounding.
+    // The same seeds give the same paths, with lengths that differ by rounding.
     for (a, b) in short.iter().zip(&long) {
         for i in 0..a.frame().pixels() {
             for (x, y) in a.mean(i).into_iter().zip(b.mean(i)) {
@@ -100,7 +100,7 @@ fn the_short_way_through_a_medium_gives_the_image_of_the_longer_walk() {
             }
         }
     }
-    // The control: a tenth more of the medium is told from it.
+    // The control: a tenth more of the medium is detected.
     let thicker = replicates(&inked(true, [0.022, 0.11, 0.33]), 100);
     assert!(!Agreement::of(&short, &thicker).holds(FAMILY));
     assert!(Agreement::of(&short, &replicates(&rooms[1], 200)).holds(FAMILY));

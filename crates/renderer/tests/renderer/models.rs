@@ -1,4 +1,4 @@
-//! Models by themselves: built, clustered, met by rays and rendered.
+//! Single models: built, clustered, traced and rendered.
 
 #![allow(clippy::print_stderr)] // Reports skipped files, and the size of each.
 
@@ -35,7 +35,7 @@ fn a_model_alone_can_be_built() {
     }
 }
 
-/// Rays at the middles of triangles hit what a loop over all triangles in f64 finds first, however the tree was built.
+/// Rays at the middles of triangles have the first hit of a loop over all triangles in f64, for any build of the tree.
 fn rays_agree(name: &str, geometry: &Tree) {
     let shapes = geometry.shapes().to_vec();
     let other = Tree::build(shapes.clone(), Preset::Fastest).unwrap();
@@ -59,7 +59,7 @@ fn rays_agree(name: &str, geometry: &Tree) {
         let found = geometry.closest(&ray);
         assert_eq!(found, other.closest(&ray), "{name}: {ray:?}");
         let first = triangles.iter().filter_map(|t| meet(t, &ray)).fold(f64::INFINITY, f64::min);
-        // Rays at edges and at slivers are for the tests of geometry.
+        // Rays at edges and at slivers belong to the tests of geometry.
         if let (Some(hit), true) = (found, first.is_finite()) {
             hits += 1;
             assert!((f64::from(hit.t) - first).abs() < 1e-3 || f64::from(hit.t) < first, "{name}: {hit:?}, {first}");
@@ -69,7 +69,7 @@ fn rays_agree(name: &str, geometry: &Tree) {
     assert!(hits > 32, "{name}: {hits} of 64");
 }
 
-/// Moeller and Trumbore, well inside the triangle only.
+/// Möller and Trumbore's intersection, well inside the triangle only.
 fn meet([a, b, c]: &[DVec3; 3], ray: &Ray) -> Option<f64> {
     let (origin, direction) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
     let (ab, ac, ao) = (b - a, c - a, origin - a);
@@ -81,8 +81,9 @@ fn meet([a, b, c]: &[DVec3; 3], ray: &Ray) -> Option<f64> {
     (u > 1e-3 && v > 1e-3 && u + v < 0.999 && t > 0.0).then_some(t)
 }
 
-/// Clusters the world, and renders it by counts that come from clusters and by counts that come from samples, filtered across
-/// clusters and not: every pixel finite, every sample spent, and something to be seen. Tells how many clusters there are.
+/// Clusters the world and renders it with counts from clusters and with counts from samples, with and without a filter
+/// across clusters. Every pixel is finite, every sample is spent, and the model is visible. Returns the number of
+/// clusters.
 fn rendered(name: &str, world: World) -> usize {
     let frame = Frame::new(32, 32).unwrap();
     let world = Arc::new(world);
@@ -104,7 +105,7 @@ fn rendered(name: &str, world: World) -> usize {
         let filtered = filter.apply(&film).unwrap_or_else(|e| panic!("{name}: {e}"));
         for image in [film.image(), filtered.radiance] {
             assert!(image.iter().flatten().all(|v| v.is_finite() && *v >= 0.0), "{name}: not finite");
-            // A model stands before a sky of one brightness: where it is seen, it is darker.
+            // A model stands before a sky of one brightness, and its pixels are darker.
             let levels: BTreeSet<u32> = image.iter().map(|p| p[1].to_bits()).collect();
             assert!(levels.len() > 20, "{name}: {} levels", levels.len());
         }
@@ -112,8 +113,8 @@ fn rendered(name: &str, world: World) -> usize {
     clusters
 }
 
-/// Every mesh of `../shared/scenes`: it is read, can be built, clustered and rendered, and is met by rays; or it is refused as
-/// said here.
+/// Every mesh of `../shared/scenes` is read, built, clustered, traced and rendered, or refused with the message listed
+/// here.
 #[test]
 fn meshes_of_other_people() {
     let beside = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/scenes"));

@@ -1,4 +1,4 @@
-//! L12: shading normals, rendered: those of vertices, of bump maps and of normal maps.
+//! Shading normals in images: those of vertices, bump maps and normal maps.
 #![allow(clippy::print_stderr)]
 
 use crate::statistics::{FAMILY, critical, sidak};
@@ -44,7 +44,7 @@ fn kinds() -> Vec<MaterialKind> {
     ]
 }
 
-/// A sheet that fills the view, of 8 x 8 squares whose vertex normals point anywhere.
+/// A sheet that fills the view, of 8 x 8 squares with random vertex normals.
 fn crumpled() -> Geometry {
     let corners = (0..81).map(|i| DVec3::new(f64::from(i % 9) - 4.0, f64::from(i / 9) - 4.0, 0.0));
     let squares = (0..64).map(|i| i / 8 * 9 + i % 8);
@@ -64,7 +64,7 @@ enum Tilt {
     NormalMap,
 }
 
-/// The sheet between the camera, above, and a lamp that lies below and does not reach past it, or hangs above.
+/// The sheet between the camera above and a lamp. The lamp lies below without reaching past the sheet, or hangs above.
 fn sheet(kind: MaterialKind, tilt: Tilt, lit_from_below: bool) -> Scene {
     let mut scene = scene([16, 16], 40.0, DVec3::new(0.0, -2.0, 3.0), DVec3::ZERO);
     let material = add_material(&mut scene, kind);
@@ -88,7 +88,7 @@ fn sound(film: &Film) -> bool {
     film.record().rejected == 0 && film.image().iter().flatten().all(|&x| x.is_finite() && x >= 0.0)
 }
 
-/// No light gets through a sheet, whatever its shading normals say; the negative control hangs the lamp above it.
+/// No light crosses a sheet, whatever its shading normals. The negative control hangs the lamp above it.
 #[test]
 fn no_light_crosses_a_surface_l12() {
     for kind in kinds() {
@@ -101,7 +101,7 @@ fn no_light_crosses_a_surface_l12() {
     }
 }
 
-/// Opposed, missing and equal: what files have.
+/// Opposed, missing and equal normals, as in real files.
 #[test]
 fn bad_vertices_render_l12() {
     let MeshData { positions, triangles, .. } = match crumpled() {
@@ -156,14 +156,14 @@ fn assert_floor(scene: &Scene, normal: DVec3, light: DVec3, what: &str) {
     }
 }
 
-/// A slope that is the same everywhere shades as its normal says.
+/// A constant slope shades like its normal.
 #[test]
 fn slopes_shade_like_their_normals_l12() {
     for light in [DVec3::new(0.3, 0.2, 1.0), DVec3::new(-0.6, 0.1, 0.7), DVec3::new(0.1, -0.8, 0.5)] {
         let light = light.normalize();
         assert_floor(&floor(light), DVec3::Z, light, "level");
         for [du, dv] in [[0.8, 0.0], [0.0, -1.2], [0.5, 0.9]] {
-            // Heights of u and v from 0 to 1 over 64 pixels, 4 long: the view sees none of its border.
+            // Heights of u and v from 0 to 1 over 64 pixels, 4 long; the border is out of view.
             let mut bumped = floor(light);
             let height = |i: u32| {
                 let [u, v] = [i % 64, 63 - i / 64].map(|x| (f64::from(x) + 0.5) / 64.0);
@@ -173,7 +173,7 @@ fn slopes_shade_like_their_normals_l12() {
             bumped.materials[0].bump = Some(Scalar::Texture(image));
             let normal = DVec3::new(-du / 4.0, -dv / 4.0, 1.0).normalize();
             assert_floor(&bumped, normal, light, "bump");
-            // The same by a normal map, whose numbers are twice the normal's, less 1.
+            // The same by a normal map, whose numbers are the normal's over 2, plus 0.5.
             let mut mapped = floor(light);
             let pixel = ((normal + 1.0) * 0.5).as_vec3().to_array();
             let image = add_image(&mut mapped, [1, 1], vec![pixel], Wrap::Repeat);
@@ -183,7 +183,7 @@ fn slopes_shade_like_their_normals_l12() {
     }
 }
 
-/// A ball of `rings` rings and twice as many columns, with the normals of the round one or without any.
+/// A ball of `rings` rings and twice as many columns, with the normals of a sphere or none.
 fn ball(rings: u32, smooth: bool) -> Geometry {
     let columns = 2 * rings;
     let point = |ring: u32, column: u32| {
@@ -200,7 +200,7 @@ fn ball(rings: u32, smooth: bool) -> Geometry {
     Geometry::Mesh(Arc::new(MeshData { triangles: triangles.collect(), positions, normals, uvs: vec![] }))
 }
 
-/// The terminator's image is this wide.
+/// The width of the terminator's image.
 const SIDE: u32 = 40;
 /// Rings of the coarse ball: triangles of 1.5 pixels.
 const RINGS: u32 = 40;
@@ -218,9 +218,9 @@ fn lit(geometry: Geometry) -> Vec<Film> {
     (0..12).map(|r| film_of(&world, [SIDE; 2], 16, Sobol::new(SEED + r))).collect()
 }
 
-/// Largest deviation of a pixel outside of a band of two pixels about the terminator and the rim, and how many there
-/// are. The lamp's upper edge sets where the ball turns away from it by its angular radius of 8.6 degrees; between
-/// there and the same angle on the other side it sets.
+/// The largest deviation of a pixel outside a band of two pixels about the terminator and the rim, and the number of
+/// such pixels. The lamp's angular radius is 8.6 degrees. It sets where the ball turns away from it by up to this angle
+/// on either side.
 fn deviation(a: &[Film], b: &[Film]) -> (f64, usize) {
     let half = f64::from(SIDE) / 2.0;
     let (mut worst, mut tests) = (0.0_f64, 0);
@@ -237,8 +237,8 @@ fn deviation(a: &[Film], b: &[Film]) -> (f64, usize) {
     (worst, tests)
 }
 
-/// A coarse ball with smooth normals looks round: no specks of black where its triangles turn from the light before
-/// their normals do, beyond a band of two pixels. Without the normals it does not, which the test must see.
+/// A coarse ball with smooth normals looks round. Triangles that turn from the light before their normals leave no
+/// black specks beyond a band of two pixels. Negative control: without the normals they do.
 #[test]
 fn the_terminator_of_a_coarse_ball_shows_no_facets_l12() {
     let fine = lit(Geometry::Sphere { radius: 1.0 });

@@ -1,5 +1,5 @@
-//! I10 and L08 through scene files: images of no pixel and of one, and pixels that are no numbers, in every place
-//! that an image may have. An error that names the file, or a finite image.
+//! Images without pixels, of one pixel and with invalid pixels, in every place of a scene file for an image. The result
+//! is an error that names the file, or a finite image.
 
 use crate::support::*;
 use dapple_scene::pbrt::{ReadOptions, read_scene_from};
@@ -72,7 +72,7 @@ fn images_of_one_pixel_are_read_everywhere_i10() {
             );
         }
     }
-    // What the image says is seen: a white one is brighter than a black one.
+    // The image's content matters: a white one is brighter than a black one.
     let [black, white] = [0.0, 1.0].map(|v| outcome(PLACES[0].0, PLACES[0].1, &pfm([1, 1], |_| v)).expect("read")[0]);
     assert!(black == 0.0 && white > 0.01, "{black} {white}");
 }

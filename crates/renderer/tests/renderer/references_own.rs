@@ -1,7 +1,7 @@
-//! Our own scenes beside committed images of them, made with another point set, other seeds and 4096
-//! samples per pixel (`tests/references` at the repository's root).
+//! Bundled scenes beside committed images of them, made with another point set, other seeds and 4096 samples per pixel
+//! (`tests/references` at the repository's root).
 //!
-//! To make them anew, after a change that is meant to change images, delete them; those that lack are made by
+//! After a change that is meant to change images, delete these. Missing ones are made by
 //! `cargo test --release -p dapple-renderer --test renderer -- --ignored references_own::generate`
 #![allow(clippy::print_stderr)]
 
@@ -101,13 +101,13 @@ fn block_sizes([w, h]: [u32; 2]) -> Vec<f64> {
     (0..h).step_by(8).flat_map(|y| (0..w).step_by(8).map(move |x| side(w, x) * side(h, y))).collect()
 }
 
-/// Largest deviations of a block and of the whole, in standard errors of both images.
+/// The largest deviations of a block and of the whole image, in standard errors of both images.
 fn deviation(scene: &Scene, reference: &Reference, replicates: u64, spp: u64) -> Agreement {
     let world: World = world(scene);
     let films: Vec<Film> =
         (0..replicates).map(|seed| film_of(&world, scene.film.resolution, spp, Sobol::new(seed))).collect();
     let ours: Vec<Vec<[f64; 3]>> = films.iter().map(block_means).collect();
-    // Random samples by the thousand: as good as known variances.
+    // Thousands of random samples are as good as known variances.
     let freedom = 1e6;
     let (mut worst, mut whole, mut exact) = (0.0_f64, 0.0_f64, true);
     for c in 0..3 {
@@ -115,7 +115,7 @@ fn deviation(scene: &Scene, reference: &Reference, replicates: u64, spp: u64) ->
             let own = summary(ours.iter().map(|r| r[b][c]));
             match welch(own, (reference.means[b][c], reference.variances[b][c], freedom)) {
                 Some(z) => worst = worst.max(z),
-                // No variance: the same but for the 2^-24 that storing takes and what summing in f32 does.
+                // Without variance: equal except for storage in 24 bits and summation in f32.
                 None => exact &= (own.0 - reference.means[b][c]).abs() <= 1e-6 * own.0.abs(),
             }
         }

@@ -1,6 +1,6 @@
-//! Images of shared scenes beside pbrt-v4's (`shared/references`, `-rgb`): same size, depth and box filter.
+//! Images of published scenes beside pbrt-v4's (`shared/references`, `-rgb`): same size, depth and box filter.
 //!
-//! Noise is that between renders with other seeds, and the reference's own as its README states it.
+//! Noise is that between renders with different seeds, and the reference's own from its README.
 #![allow(clippy::print_stderr)]
 
 use crate::statistics::{FAMILY, Mean, critical, sidak};
@@ -27,8 +27,7 @@ struct Case {
     bound: f64,
 }
 
-/// Name; the reference's noise of the mean and of blocks, its samples per pixel, and what the issue allows
-/// the mean.
+/// Name; the reference's noise of the mean and of blocks, its samples per pixel, and the tolerance of the mean.
 const CASES: [(&str, f64, f64, f64, f64); 3] = [
     ("cornell-box", 1e-4, 4.0e-3, 384.0, 5e-3),
     ("veach-mis", 2.1e-3, 5.0e-3, 128.0, 1e-2),
@@ -101,8 +100,8 @@ fn render(case: &Case, replicates: u64, spp: u64) -> Found {
     found
 }
 
-/// The deviation of 8x8 blocks in standard errors. Ours is that between replicates; the reference's is taken
-/// to be like ours, for as many samples as it has, and at least what its README states (for 10x10 blocks).
+/// The deviation of 8x8 blocks in standard errors. Dapple's is that between replicates. The reference's is assumed
+/// alike for its number of samples, and at least its README's (for 10x10 blocks).
 fn deviations(case: &Case, films: &[Film], spp: u64) -> [f64; 2] {
     let size = case.reference.size.map(|n| n as usize);
     let pixels: Vec<[f64; 3]> = case.reference.pixels.iter().map(|p| p.map(f64::from)).collect();
@@ -123,10 +122,10 @@ fn deviations(case: &Case, films: &[Film], spp: u64) -> [f64; 2] {
     [found[found.len() / 2], found[found.len() * 95 / 100]]
 }
 
-/// Few samples: refuted only beyond the issue's bound and noise together (one family of 1e-6), so that a red
-/// test is a bug.
+/// True if the deviation exceeds the tolerance and the noise together (one family of 1e-6), so that a failure with few
+/// samples is a bug.
 fn refuted(case: &Case, found: &Found) -> bool {
-    // 5 degrees of freedom and no normal noise: twice as far out as the normal distribution says.
+    // 5 degrees of freedom and non-normal noise: twice the quantile of the normal distribution.
     let z = 2.0 * critical(sidak(FAMILY, 9) / 2.0);
     (0..3).any(|c| (found.ratio[c] - 1.0).abs() > case.bound + z * found.error[c])
 }
@@ -144,7 +143,7 @@ fn references_are_not_refuted() {
     }
 }
 
-/// Negative control: lamps brighter by 6 % are refuted, as little as is rendered.
+/// Negative control: lamps brighter by 6 % are refuted even with few samples.
 #[test]
 fn references_refute_a_brighter_lamp() {
     let Some(mut case) = case("cornell-box") else { return };
@@ -157,7 +156,7 @@ fn references_refute_a_brighter_lamp() {
     assert!(refuted(&case, &found), "{:?}", found.ratio);
 }
 
-/// The issue's bounds themselves.
+/// The means lie within the tolerances themselves.
 #[test]
 #[ignore = "minutes: cargo test --release -p dapple-renderer --test renderer references_pbrt:: -- --ignored --nocapture"]
 fn references_within_the_issues_bounds() {

@@ -1,4 +1,4 @@
-//! BSDFs: sampling, density and value agree (L10); no energy is made and both directions are alike (L11).
+//! BSDFs: sampling, density and value agree; energy is conserved; both directions are alike.
 
 use crate::scattering::{Below, Case, albedo, check_agreement, chi_square_of, outgoing};
 use crate::statistics::{FAMILY, Mean, Verdict, critical, sidak};
@@ -72,13 +72,13 @@ fn narrow_lobes_at_grazing_angles_agree_with_their_pdf_l10() {
     check_agreement(&coated(&coats()), &outgoing(), 100_000, false);
 }
 
-/// Negative control: a density tilted by 5 % across the lobe must be seen, for each BSDF.
+/// Negative control: a density tilted by 5 % across the lobe is detected, for each BSDF.
 #[test]
 fn a_wrong_pdf_is_rejected_l10() {
     let coats = coats();
     let wo = Vec3::new(0.6, 0.0, 0.8);
     for case in conductors().iter().chain(&coated(&coats)) {
-        // A coat over black, smooth, has no density to be wrong.
+        // A smooth coat over black has no density.
         if case.bsdf.pdf(wo, Vec3::new(-0.6, 0.0, 0.8)) == 0.0 {
             continue;
         }
@@ -121,7 +121,7 @@ fn opaque_surfaces_transmit_nothing_l10() {
 fn surfaces_conserve_energy_l11() {
     let coats = coats();
     let cases: Vec<_> = conductors().into_iter().chain(coated(&coats)).collect();
-    // Doubling looks at the data up to 11 times; each look is a test.
+    // Doubling tests the data up to 11 times.
     let z = critical(sidak(FAMILY, cases.len() * 64 * 11));
     for (i, case) in cases.iter().enumerate() {
         for j in 0..64 {
@@ -133,8 +133,8 @@ fn surfaces_conserve_energy_l11() {
     }
 }
 
-/// A coat that absorbs nothing over a white base is a furnace: all light comes back. With 0.5 % of gain, the
-/// negative control, it must be refused.
+/// A coat that absorbs nothing over a white base is a furnace: all light returns. With a gain of 0.5 %, the negative
+/// control, it is refused.
 #[test]
 fn furnace_and_its_negative_control_l11() {
     let lossless = CoatOptions { thickness: 0.0, max_depth: u32::MAX, ..Default::default() };
@@ -195,7 +195,7 @@ fn dielectric_and_conductor_reflectances() {
         let back = ComplexIor::from_reflectance(Vec3::splat(r)).reflectance(1.0);
         assert!((back - r).abs().max_element() < 1e-5, "{r} {back}");
     }
-    // Without absorption a conductor is a dielectric; complex arithmetic in f64 agrees elsewhere.
+    // Without absorption a conductor is a dielectric; elsewhere complex arithmetic in f64 agrees.
     for i in 0..=1000 {
         let cos = i as f32 / 1000.0;
         let glass = ComplexIor { eta: Vec3::new(1.5, 1.0, 1.0 / 1.5), k: Vec3::ZERO }.reflectance(cos);

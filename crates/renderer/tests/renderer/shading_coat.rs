@@ -1,5 +1,5 @@
 //! The coat's closed form against walks between the layers, event by event.
-// A test says what it measured.
+// The tests print their measurements.
 #![allow(clippy::print_stderr)]
 
 use crate::scattering::walk::{Base, Walk};
@@ -13,8 +13,8 @@ use std::f64::consts::TAU;
 /// Bins of the cosine at which light leaves.
 const BINS: usize = 4;
 
-/// Integral of the base's part of `f |cos|` over a bin of cosines; the coat's own lobe is taken away by
-/// subtracting the same coat over black.
+/// The integral of the base's part of `f |cos|` over a bin of cosines. The coat's own lobe is removed by subtracting
+/// the same coat over black.
 fn closed_form(coat: &Coat, reflectance: f32, wo: Vec3, bin: usize) -> f64 {
     let (coated, black) =
         (Bsdf::coated_diffuse(coat, Vec3::splat(reflectance)), Bsdf::coated_diffuse(coat, Vec3::ZERO));
@@ -29,14 +29,14 @@ fn closed_form(coat: &Coat, reflectance: f32, wo: Vec3, bin: usize) -> f64 {
         .sum()
 }
 
-/// The deviation of one roughness, relative to the closed form.
+/// The deviation for one roughness, relative to the closed form.
 #[derive(Debug)]
 struct Differences {
-    /// Of all the base's light, largest over outgoing directions.
+    /// In all the base's light, the largest over outgoing directions.
     total: f64,
-    /// The same with 5 standard errors.
+    /// The same plus 5 standard errors.
     bound: f64,
-    /// Of one bin, in standard errors, largest over directions and bins.
+    /// In one bin, in standard errors, the largest over directions and bins.
     sigmas: f64,
 }
 
@@ -78,8 +78,8 @@ fn compare(alpha: f32, walks: u64, cosines: &[f64]) -> Differences {
     found
 }
 
-/// The teapot's coat within 2 % by equivalence, for all the light of each outgoing direction, and no bin of
-/// leaving directions more than 5 standard errors off (200 comparisons in both tests: false alarms 1e-4).
+/// The teapot's coat agrees within 2 % by equivalence, for all light of each outgoing direction. No bin of leaving
+/// directions is more than 5 standard errors off (200 comparisons in both tests: false alarms 1e-4).
 #[test]
 fn closed_form_meets_the_walk_of_a_nearly_smooth_coat() {
     let found = compare(1e-3, 500_000, &[1.0, 0.8, 0.5, 0.2, 0.05]);
@@ -105,7 +105,7 @@ fn closed_form_meets_long_walks() {
     }
 }
 
-/// Negative control: a base 5 % darker must be seen.
+/// Negative control: a base 5 % darker is detected.
 #[test]
 fn closed_form_of_another_base_misses_the_walk() {
     let coat = Coat::new(CoatOptions { alpha: [0.1; 2], ..Default::default() }).unwrap();

@@ -1,5 +1,5 @@
 //! Transmitting surfaces: sampling, density and value agree on both sides; energy and reciprocity.
-// A test says what it measured.
+// The tests print their measurements.
 #![allow(clippy::print_stderr)]
 
 use crate::scattering::{Below, Case, albedo, check_agreement, chi_square_of, outgoing};
@@ -52,8 +52,8 @@ fn glass_agrees_with_its_pdf_with_many_samples_l10() {
     check_agreement(&cases(), &both_sides(), 1_000_000, true);
 }
 
-/// Negative controls: a density that favours one half of the lobe by 5 %, and one that has 10 % too
-/// little for transmitted light.
+/// Negative controls: a density that favours one half of the lobe by 5 %, and one with 10 % too little for transmitted
+/// light.
 #[test]
 fn a_wrong_pdf_is_rejected_l10() {
     for wo in [Vec3::new(0.6, 0.0, 0.8), Vec3::new(0.6, 0.0, -0.8)] {
@@ -61,7 +61,7 @@ fn a_wrong_pdf_is_rejected_l10() {
             let tilted = |wi: Vec3| if wi.x > -0.6 { 0.95 } else { 0.9 };
             let p = chi_square_of(&case, wo, 100_000, tilted, 1);
             assert!(p < FAMILY, "{} at {wo}: p = {p:e}", case.name);
-            // From inside all of it may be reflected.
+            // From inside, all light may be reflected.
             let moved = |wi: Vec3| if wi.z * wo.z < 0.0 { 0.9 } else { 1.0 };
             let p = chi_square_of(&case, wo, 100_000, moved, 2);
             let passes = (0..1000).any(|i| {
@@ -99,11 +99,11 @@ fn specular_lobes_have_no_density_l10() {
                     assert!(sample.eta == 1.0 && sample.wi == Vec3::new(-wo.x, -wo.y, wo.z));
                 }
             }
-            // A lobe of a small share may fall between the 256.
+            // A lobe of small probability may fall between the 256.
             assert!(share <= 1.0 + 1e-6 && share > 1.0 - 1.0 / 128.0, "{bsdf:?} {wo}: {share}");
         }
     }
-    // Light goes straight through what is not there, and through a pane.
+    // Light passes straight through an interface of index 1 and through a pane.
     for bsdf in [empty, pane] {
         let wo = Vec3::new(0.6, 0.0, -0.8);
         let sample = bsdf.sample(wo, [0.5; 2], 0.9).unwrap();
@@ -161,8 +161,8 @@ fn smooth_glass_is_a_furnace_l11() {
     }
 }
 
-/// Rough glass loses what would be scattered by a second facet: nothing where it is nearly smooth, more than 0.5 % of
-/// gain, the negative control, is refused.
+/// Rough glass loses the light that a second facet would scatter: none if it is nearly smooth. A gain of more than 0.5
+/// %, the negative control, is refused.
 #[test]
 fn nearly_smooth_glass_is_a_furnace_l11() {
     let z = critical(sidak(FAMILY, 60));
@@ -189,7 +189,7 @@ fn losses_of_rough_glass() {
     }
 }
 
-/// Refraction is symmetric but for the square of the index crossed; the rest to the last digits.
+/// Refraction is symmetric except for the square of the index, to the last digits.
 #[test]
 fn glass_is_reciprocal_l11() {
     let mut random = Pcg32::seed_from_u64(11);
@@ -222,7 +222,7 @@ fn glass_is_reciprocal_l11() {
     }
 }
 
-/// By hand: along the normal, a facet of the mean plane.
+/// Values computed by hand along the normal, at a facet of the mean plane.
 #[test]
 fn values_along_the_normal() {
     let alpha = 0.3f32;

@@ -1,4 +1,5 @@
-//! Plastic, substrate and coated metals: sampling, density and value agree (L10); energy and reciprocity (L11).
+//! Plastic, substrate and coated metals: sampling, density and value agree; energy is conserved; both directions are
+//! alike.
 
 use crate::scattering::{Below, Case, albedo, check_agreement, chi_square_of, outgoing};
 use crate::statistics::{FAMILY, Verdict, critical, sidak};
@@ -61,8 +62,8 @@ fn glossy_agrees_with_its_pdf_with_many_samples_l10() {
     check_agreement(&cases(&coats()), &outgoing(), 1_000_000, true);
 }
 
-/// Negative control: a density tilted by 5 % across the lobe must be seen, for each BSDF; by 15 % where most light stays
-/// within, below a smooth coat over the roughest metal.
+/// Negative control: a density tilted across the lobe is detected for each BSDF, at 5 %. It is 15 % below a smooth coat
+/// over the roughest metal, where most light stays inside.
 #[test]
 fn a_wrong_pdf_is_rejected_l10() {
     let wo = Vec3::new(0.6, 0.0, 0.8);
@@ -89,7 +90,7 @@ fn glossy_surfaces_conserve_energy_l11() {
     }
 }
 
-/// A mirror below a smooth coat that absorbs nothing, of a metal that reflects all: a furnace, exactly.
+/// A mirror below a smooth coat is exactly a furnace if the coat absorbs nothing and the metal reflects all.
 #[test]
 fn mirrors_are_a_furnace_l11() {
     let lossless = CoatOptions { thickness: 0.0, max_depth: u32::MAX, ..Default::default() };
@@ -101,7 +102,7 @@ fn mirrors_are_a_furnace_l11() {
         let wo = Vec3::new((1.0 - cos * cos).sqrt(), 0.0, cos);
         let weight = all.sample(wo, [0.5; 2], 0.5).unwrap().weight;
         assert!((weight - 1.0).abs().max_element() < 1e-5, "{cos}: {weight}");
-        // Each of gold's channels loses some.
+        // Each of gold's channels loses some light.
         assert!(gold.sample(wo, [0.5; 2], 0.5).unwrap().weight.cmplt(Vec3::splat(0.9999)).all());
     }
 }
@@ -128,7 +129,7 @@ fn glossy_surfaces_are_reciprocal_l11() {
     }
 }
 
-/// By hand, along the normal.
+/// Values computed by hand along the normal.
 #[test]
 fn values_along_the_normal() {
     let microfacets = TrowbridgeReitz::new([0.3; 2]).unwrap();

@@ -1,5 +1,5 @@
 //! The closed form of a coat over a metal against walks between the layers, event by event.
-// A test says what it measured.
+// The tests print their measurements.
 #![allow(clippy::print_stderr)]
 
 use crate::scattering::walk::{Base, Walk};
@@ -9,7 +9,7 @@ use glam::{DVec3, Vec3};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
-/// Bins of how far light leaves from the mirror direction, in half-vector slopes.
+/// Bins of the distance between leaving and mirror direction, in half-vector slopes.
 const BINS: usize = 6;
 
 fn bin(wo: DVec3, wi: DVec3) -> usize {
@@ -18,7 +18,7 @@ fn bin(wo: DVec3, wi: DVec3) -> usize {
     [0.02, 0.06, 0.2, 0.5, 1.0].iter().position(|&edge| slope < edge).unwrap_or(BINS - 1)
 }
 
-/// Shares of light by bins, and together: the walk's with standard errors, and the closed form's.
+/// Fractions of light by bin, and in total: the walk's with standard errors, and the closed form's.
 struct Found {
     walk: [Mean; BINS + 1],
     closed: [Mean; BINS + 1],
@@ -29,7 +29,7 @@ fn compare(coat: f32, metal: f32, cos: f64, walks: u64) -> Found {
     let (made, ior) = (MetalCoat::new(options, [metal; 2]).unwrap(), [0.92, 2.45]);
     let splat = ior.map(|x| Vec3::splat(x as f32));
     let bsdf = Bsdf::coated_conductor(&made, ComplexIor { eta: splat[0], k: splat[1] });
-    // The coat's own reflection: that over a metal that reflects nothing.
+    // The coat's own reflection: the same coat over a metal that reflects nothing.
     let dark = Bsdf::coated_conductor(&made, ComplexIor { eta: Vec3::splat(1.5), k: Vec3::ZERO });
     let wo = DVec3::new((1.0 - cos * cos).sqrt(), 0.0, cos);
     let base = Base::Metal { alpha: metal.into(), ior };
@@ -57,7 +57,7 @@ fn compare(coat: f32, metal: f32, cos: f64, walks: u64) -> Found {
     found
 }
 
-/// Differences in all the light, and the largest in a bin, both as shares of all the light; less 5 standard errors.
+/// Differences in all the light, and the largest in a bin, both as fractions of all the light, less 5 standard errors.
 fn differences(coat: f32, metal: f32, cos: f64, walks: u64) -> [f64; 2] {
     let Found { walk, closed } = compare(coat, metal, cos, walks);
     let all = walk[BINS].mean;
@@ -78,7 +78,7 @@ fn differences(coat: f32, metal: f32, cos: f64, walks: u64) -> [f64; 2] {
 const PAIRS: [[f32; 2]; 8] =
     [[0.0, 0.1], [0.0, 0.3], [0.0, 1.0], [0.1, 0.0], [0.1, 0.1], [0.3, 0.1], [0.3, 0.5], [0.6, 0.6]];
 
-/// Accuracy: coats smooth or rough, seen from above or grazing.
+/// The closed form is accurate for smooth and rough coats, from above and at grazing angles.
 #[test]
 fn closed_form_meets_the_walk() {
     for [coat, metal] in PAIRS {
@@ -96,7 +96,7 @@ fn closed_form_meets_the_walk() {
     }
 }
 
-/// Negative control: a coat of another width must be seen.
+/// Negative control: a coat of another width is detected.
 #[test]
 fn closed_form_of_another_coat_misses_the_walk() {
     let Found { walk, .. } = compare(0.3, 0.1, 1.0, 20_000);

@@ -16,7 +16,7 @@ struct Warp {
     sample: fn([f32; 2]) -> Vec3,
     invert: fn(Vec3) -> [f32; 2],
     pdf: fn(Vec3) -> f32,
-    /// Least cosine that is sampled.
+    /// The least sampled cosine.
     lowest: f64,
 }
 
@@ -64,7 +64,7 @@ fn squares() -> impl Iterator<Item = [f32; 2]> {
     corners.chain((0..1_000_000).map(move |_| [random.random(), random.random()]))
 }
 
-/// Distance of two squares' points where both sides of the second coordinate are the same (an angle).
+/// The distance of two points of the square. The second coordinate may be an angle, whose ends are equal.
 fn apart(a: [f32; 2], b: [f32; 2], angle: bool) -> f32 {
     let second = (a[1] - b[1]).abs();
     (a[0] - b[0]).abs().max(if angle { second.min(1.0 - second) } else { second })
@@ -80,7 +80,7 @@ fn warps_stay_in_range_at_corners_s10() {
             assert!(pdf(w) > 0.0, "{name}({u:?}) = {w}: pdf {}", pdf(w));
             let back = invert(w);
             assert!(back.iter().all(|x| (0.0..1.0).contains(x)), "{name}({u:?}): {back:?}");
-            // A pole, or the concentric map's centre, has no angle.
+            // A pole and the concentric map's centre have no angle.
             let angle = name != "cosine hemisphere";
             if Vec2::new(w.x, w.y).length() > 1e-6 {
                 assert!(apart(back, u, angle) < 1e-5, "{name}({u:?}) = {w}: inverted to {back:?}");
@@ -103,8 +103,8 @@ fn disk_and_triangle_warps_stay_in_range_at_corners_s10() {
     assert!(concentric_disk_pdf() > 0.0 && uniform_triangle_pdf(0.5) == 2.0);
 }
 
-/// p-value of 10^6 samples of a direction warp on a grid of cosine x angle, against `pdf`, whose integral
-/// is returned too.
+/// The p-value of 10^6 samples of a direction warp on a grid of cosine x angle, against `pdf`, and the integral of
+/// `pdf`.
 fn chi_square_of(warp: &Warp, pdf: impl Fn(Vec3) -> f32, seed: u64) -> (f64, f64) {
     const ROWS: usize = 10;
     const COLUMNS: usize = 20;
@@ -165,8 +165,8 @@ fn disk_and_triangle_warps_match_their_densities_s10() {
     }
 }
 
-/// Negative control: samples proportional to the cosine do not pass for uniform ones, nor for a power
-/// of the cosine 5 % higher.
+/// Negative control: samples proportional to the cosine are neither uniform nor those of a power of the cosine 5 %
+/// higher.
 #[test]
 fn chi_square_rejects_a_wrong_pdf_s10() {
     let warp = &directions()[2];
@@ -208,7 +208,7 @@ fn degenerate_weights_are_refused_or_handled_s09() {
         assert!(matches!(Discrete::new(&[1.0, bad]), Err(Error::Weight { index: 1, .. })));
         assert!(matches!(PiecewiseConstant2d::new(&[1.0, bad], [2, 1]), Err(Error::Weight { index: 1, .. })));
     }
-    // Extremes side by side: sums do not overflow, the light one is not chosen at random.
+    // Extremes side by side: sums do not overflow, and the light one is never chosen by rounding.
     let d = Discrete::new(&[1e-38, 1e38, 1e38, 1e-38]).unwrap();
     assert_eq!(d.sample(BELOW_ONE).unwrap().index, 2);
     assert_eq!([d.pmf(1), d.pmf(2)], [0.5, 0.5]);
@@ -326,7 +326,7 @@ fn frames_are_orthonormal_l12() {
     }
     normals.extend((0..100_000).map(|_| uniform_sphere([random.random(), random.random()])));
     for n in normals {
-        // f32 cannot hold every unit vector; the frame may not be worse than the normal it is given.
+        // f32 cannot represent every unit vector; the frame is no worse than its normal.
         let frame = ShadingFrame::from_normal(n);
         assert!(worst_of(&frame) <= 3e-7, "{n}: {frame:?} off by {:e}", worst_of(&frame));
         let w = uniform_sphere([random.random(), random.random()]);
@@ -347,7 +347,7 @@ fn shading_normals_stay_on_the_geometric_side_l12() {
     for bad in [Vec3::ZERO, Vec3::splat(1e-8), Vec3::NAN, Vec3::INFINITY] {
         assert_eq!(ShadingFrame::from_shading_normal(bad, geometric, None).normal, geometric);
     }
-    // Behind the surface: turned around; of any length.
+    // Behind the surface: turned around, at any length.
     for length in [1e-5, 1.0, 1e30] {
         let frame = ShadingFrame::from_shading_normal(-length * Vec3::Z, geometric, Some(Vec3::X));
         assert_eq!(frame.normal, Vec3::Z);

@@ -1,4 +1,4 @@
-//! Runs of several studies on one board, and what can be asked of it.
+//! The runs of several studies, and ratios between them.
 
 use dapple_metrics::{Interval, geometric_mean_interval, ratio_interval};
 use dapple_study::{FolderError, RecordedStudy};
@@ -6,13 +6,13 @@ use dapple_study::{Manifest, Method, Run, RunBudget};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-/// Of all intervals.
+/// The confidence of all intervals.
 const CONFIDENCE: f64 = 0.95;
 
-/// How far beyond the longest measured time a curve is followed, along its last piece.
+/// The largest factor beyond the longest measured time to which a curve is followed, along its last piece.
 const REACH: f64 = 1.5;
 
-/// The same for the long curve of uniform sampling, whose error is that of a method at a fixed budget.
+/// The same for the long curve of uniform sampling, used for times to the error of a method at a fixed budget.
 const LONG_REACH: f64 = 4.0;
 
 /// An error of a run.
@@ -43,12 +43,12 @@ impl Metric {
     }
 }
 
-/// Where methods are compared.
+/// The budget of a comparison.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(crate) enum At {
-    /// So many samples per pixel.
+    /// Samples per pixel.
     Spp(u64),
-    /// The seconds that uniform sampling takes for so many.
+    /// The seconds that uniform sampling takes for this many samples per pixel.
     TimeOf(u64),
 }
 
@@ -61,17 +61,17 @@ impl At {
     }
 }
 
-/// What else to know of a figure.
+/// A remark on a value.
 #[derive(Clone, Copy, PartialEq)]
 pub(crate) enum Mark {
     Plain,
-    /// Followed beyond what was measured.
+    /// The curve was followed beyond its measured times.
     Beyond,
-    /// Its least budget took so many times as long; the error is that one's.
+    /// The least budget takes this many times the time of the comparison; the error is that budget's.
     Slower(f64),
 }
 
-/// A ratio, its interval, and what else to know.
+/// A ratio with its interval and a remark.
 #[derive(Clone, Copy)]
 pub(crate) struct Figure {
     pub(crate) value: f64,
@@ -105,7 +105,7 @@ pub(crate) struct Board {
     pub(crate) manifests: Vec<Manifest>,
     pub(crate) scenes: Vec<String>,
     pub(crate) methods: Vec<Method>,
-    /// Budgets that are compared, ascending.
+    /// Budgets of the comparison, ascending.
     pub(crate) spp: Vec<u64>,
     pub(crate) uniform: Method,
     pub(crate) missing: usize,
@@ -113,8 +113,8 @@ pub(crate) struct Board {
 }
 
 impl Board {
-    /// Reads studies that have methods and budgets in common, each with scenes of its own; `more` are studies of
-    /// the same scenes whose methods and budgets are not in the tables of all: the baseline beyond their budgets, say.
+    /// Reads studies that have methods and budgets in common, each with its own scenes. `more` are studies of the same
+    /// scenes with further methods or budgets, such as the baseline beyond their budgets.
     pub(crate) fn read(folders: &[PathBuf], more: &[PathBuf]) -> Result<Self, FolderError> {
         let mut board = Self {
             manifests: Vec::new(),
@@ -162,7 +162,7 @@ impl Board {
         self.cells.values().flat_map(BTreeMap::values)
     }
 
-    /// All budgets of a method on a scene, those beyond the studies' own too.
+    /// All budgets of a method on a scene, those of further studies included.
     fn budgets(&self, scene: &str, method: &Method) -> Vec<(u64, &BTreeMap<u64, Run>)> {
         let own = self.cells.iter().filter(|((s, m, _), _)| s == scene && m == method);
         own.map(|((_, _, spp), runs)| (*spp, runs)).collect()
@@ -172,7 +172,7 @@ impl Board {
         self.cells.get(&(scene.to_owned(), method.clone(), spp))
     }
 
-    /// The median over seeds of what a run took.
+    /// The median of a run's cost over seeds.
     pub(crate) fn seconds(&self, scene: &str, method: &Method, spp: u64, of: fn(&Run) -> f64) -> Option<f64> {
         median(self.cell(scene, method, spp)?.values().map(of).collect())
     }
@@ -187,14 +187,14 @@ impl Board {
         Some(Errors { seeds: exact(self.cell(scene, method, spp)?), mark: Mark::Plain })
     }
 
-    /// Errors after the time of uniform sampling with so many samples per pixel: each seed's curve of error over the
-    /// median times, interpolated on logarithmic axes.
+    /// Errors after the time of uniform sampling with this many samples per pixel. Each seed's curve of error over the
+    /// median times is interpolated on logarithmic axes.
     fn at_time(&self, scene: &str, method: &Method, time_of: u64, metric: Metric) -> Option<Errors> {
         let target = self.seconds(scene, &self.uniform, time_of, spent)?;
         let mut curve: Vec<(f64, &BTreeMap<u64, Run>)> = Vec::new();
         for (spp, runs) in self.budgets(scene, method).into_iter().filter(|(spp, _)| self.spp.contains(spp)) {
             let time = self.seconds(scene, method, spp, spent)?;
-            // A median that is not above the one before is noise of a loaded machine: more samples take longer.
+            // More samples take longer: a median that does not rise is noise of a loaded machine.
             if curve.last().is_none_or(|(before, _)| time > *before) {
                 curve.push((time, runs));
             }
@@ -216,7 +216,7 @@ impl Board {
         Some(Errors { seeds: a.iter().filter_map(between).collect(), mark })
     }
 
-    /// How many times as large as `b`'s is the error of `a`, seed by seed; each is a scene and a method.
+    /// The error of `a` over that of `b`, seed by seed; each is a scene and a method.
     fn ratios(&self, a: (&str, &Method), b: (&str, &Method), at: At, metric: Metric) -> Option<Errors> {
         let [x, y] = [self.errors(a.0, a.1, at, metric)?, self.errors(b.0, b.1, at, metric)?];
         let seeds: BTreeMap<u64, f64> =
@@ -225,14 +225,14 @@ impl Board {
         (!seeds.is_empty() && seeds.values().all(|r| *r > 0.0 && r.is_finite())).then_some(Errors { seeds, mark })
     }
 
-    /// On one scene, or between two ways to render it.
+    /// The ratio on one scene, or between two ways to render it.
     pub(crate) fn ratio(&self, a: (&str, &Method), b: (&str, &Method), at: At, metric: Metric) -> Option<Figure> {
         let ratios = self.ratios(a, b, at, metric)?;
         Figure::new(&ratios.seeds.values().copied().collect::<Vec<_>>(), ratios.mark)
     }
 
-    /// The geometric mean over scenes. Its interval is that of the seeds' own means, the scenes taken as they are. `None`
-    /// where any of the scenes has no ratio: leaving it out would flatter somebody.
+    /// The geometric mean over scenes. Its interval is over the seeds' own means, with the scenes fixed. `None` if any
+    /// scene has no ratio, since leaving it out would flatter a method.
     pub(crate) fn mean(&self, scenes: &[&str], a: &Method, b: &Method, at: At, metric: Metric) -> Option<Figure> {
         let all: Option<Vec<Errors>> = scenes.iter().map(|s| self.ratios((s, a), (s, b), at, metric)).collect();
         let all = all?;
@@ -250,7 +250,8 @@ impl Board {
         Figure::new(&means, slowest)
     }
 
-    /// How many times as long as a method with `spp` samples per pixel uniform sampling takes to its error.
+    /// The time that uniform sampling takes to the error of a method with `spp` samples per pixel, over that method's
+    /// time.
     pub(crate) fn time_to_error(&self, scene: &str, method: &Method, spp: u64, metric: Metric) -> Option<Figure> {
         let own = self.seconds(scene, method, spp, spent)?;
         let mut curve: Vec<[f64; 2]> = Vec::new();
@@ -281,8 +282,8 @@ impl Board {
         Figure::new(&times, mark)
     }
 
-    /// Errors of two methods against a reference that is noisy itself, without the share of it that `floor`, an image of
-    /// very many samples, still has.
+    /// The ratio of two methods' errors against a noisy reference. The error of `floor`, an image of very many samples,
+    /// is subtracted from both.
     pub(crate) fn above_floor(&self, scene: &str, a: &Method, b: &Method, spp: u64, metric: Metric) -> Option<Figure> {
         let longest = self.budgets(scene, &self.uniform).last()?.0;
         let floor = self.errors(scene, &self.uniform, At::Spp(longest), metric)?;
@@ -295,7 +296,7 @@ impl Board {
     }
 }
 
-/// What a run cost: CPU seconds, which other work on the machine hardly changes; where they are not known, seconds.
+/// The cost of a run: CPU seconds, which other work on the machine hardly changes; wall seconds if those are unknown.
 pub(crate) fn spent(run: &Run) -> f64 {
     run.cpu_s.unwrap_or(run.render_s)
 }

@@ -23,7 +23,7 @@ use dapple_study::Method;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// The methods that are compared.
+/// The roles of the compared methods.
 pub(crate) struct Roles {
     pub(crate) uniform: Method,
     pub(crate) counts: Method,
@@ -66,7 +66,7 @@ impl Options {
             let mut value = || words.next().ok_or_else(|| format!("{word} needs a value after it"));
             let names = |list: String| list.split(',').map(|name| name.trim().to_owned()).collect();
             match word.as_str() {
-                // Their runs are taken where the studies themselves have none.
+                // Their runs are used only if the studies themselves have none.
                 "--long" | "--besides" => options.more.push(value()?.into()),
                 "--lights" => options.lights.push(value()?.into()),
                 "--foreign" => options.foreign.push(value()?.into()),
@@ -122,7 +122,7 @@ fn page() -> Result<String, String> {
     Ok(page)
 }
 
-/// Scenes with something in common.
+/// Groups of scenes with something in common.
 pub(crate) struct Groups<'a> {
     pub(crate) all: Vec<&'a str>,
     pub(crate) tuned: Vec<&'a str>,

@@ -1,10 +1,10 @@
-//! Tables of all that was measured.
+//! Tables of all measurements.
 
 use crate::board::{At, Board, Figure, Mark, Metric, spent};
 use crate::{Groups, Roles};
 use dapple_study::{Method, Run};
 
-/// A number with three digits that count.
+/// A number with three significant digits.
 pub(crate) fn number(value: f64) -> String {
     let digits = if value > 0.0 { (2 - value.log10().floor() as i32).clamp(0, 4) } else { 2 };
     format!("{value:.*}", digits as usize)
@@ -22,7 +22,7 @@ pub(crate) fn cell(figure: Option<&Figure>) -> String {
     format!("{}{ends}{mark}", number(figure.value))
 }
 
-/// Its sampler and filter; the points are the same everywhere.
+/// A method's sampler and filter; the points are the same everywhere.
 pub(crate) fn name(method: &Method) -> String {
     if method.filter == "none" { method.sampler.clone() } else { format!("{} + {}", method.sampler, method.filter) }
 }
@@ -36,7 +36,7 @@ fn row(first: &str, rest: impl Iterator<Item = String>) -> Vec<String> {
     [first.to_owned()].into_iter().chain(rest).collect()
 }
 
-/// What was run.
+/// The head of the page: the measurements and their conventions.
 pub(crate) fn head(board: &Board) -> String {
     let words = |all: Vec<String>| if all.is_empty() { "unknown".into() } else { all.join(", ") };
     let mut commits: Vec<String> = board.manifests.iter().filter_map(|m| m.commit.clone()).collect();
@@ -79,7 +79,7 @@ pub(crate) fn head(board: &Board) -> String {
     text + "\n" + &once.join("; ") + "\n"
 }
 
-/// How much less time than `uniform` the default takes to its own error.
+/// The time that `uniform` takes to the error of the default, over the default's time.
 pub(crate) fn times_to_error(board: &Board, roles: &Roles, groups: &Groups<'_>) -> String {
     let methods =
         [&roles.counts, &roles.default, &roles.oidn, &roles.oidn_on_ours, &roles.oidn_prefiltered, &roles.thesis];
@@ -100,7 +100,7 @@ pub(crate) fn times_to_error(board: &Board, roles: &Roles, groups: &Groups<'_>) 
     text
 }
 
-/// Seconds of each method, and what filters take.
+/// Seconds of each method, and of the filters.
 pub(crate) fn costs(board: &Board, roles: &Roles) -> String {
     let Some(&spp) = board.spp.iter().find(|n| **n == 32).or(board.spp.last()) else { return String::new() };
     let heads = row("scene", board.methods.iter().map(name));
@@ -132,7 +132,7 @@ pub(crate) fn costs(board: &Board, roles: &Roles) -> String {
     )
 }
 
-/// Ways to choose among lights.
+/// Errors of the light selections.
 pub(crate) fn lights(board: &Board, roles: &Roles) -> String {
     if board.scenes.is_empty() {
         return String::new();
@@ -142,7 +142,8 @@ pub(crate) fn lights(board: &Board, roles: &Roles) -> String {
         let ratio = |metric: Metric| {
             let at = board.spp.iter().flat_map(|&n| [At::Spp(n), At::TimeOf(n)]).collect::<Vec<_>>();
             at.into_iter().map(move |at| {
-                // The time is that of uniform choice with uniform counts: each scene's own would hide what learning costs.
+                // The time is that of uniform selection with uniform counts: each scene's own time would hide the cost
+                // of learning.
                 match at {
                     At::Spp(_) => {
                         cell(board.ratio((scene, method), ("room-uniform", &roles.uniform), at, metric).as_ref())
@@ -163,7 +164,7 @@ pub(crate) fn lights(board: &Board, roles: &Roles) -> String {
     table("Choice among lights: over `room-uniform` with uniform counts and no filter", &row("", budgets), &rows)
 }
 
-/// Against images of another renderer.
+/// Errors against images of another renderer.
 pub(crate) fn foreign(foreign: &Board, own: &Board, roles: &Roles) -> String {
     let mut rows = Vec::new();
     let methods: Vec<&Method> = foreign.methods.iter().filter(|m| **m != roles.uniform).collect();

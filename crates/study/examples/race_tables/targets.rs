@@ -10,15 +10,15 @@ struct Line {
     what: String,
     required: f64,
     goal: f64,
-    /// Equal samples and equal time, over all scenes.
+    /// At equal samples and in equal time, over all scenes.
     seen: [Option<Figure>; 2],
-    /// Equal samples, scenes that were tuned on and those that were not.
+    /// At equal samples, over the scenes with and without tuning.
     apart: [Option<Figure>; 2],
-    /// Whether more is better.
+    /// True if more is better.
     more: bool,
 }
 
-/// The first of these that holds.
+/// The first of goal and requirement that holds.
 fn verdict(line: &Line, seen: Option<&Figure>) -> &'static str {
     let Some(value) = seen.map(|f| f.value) else { return "" };
     let within = |limit: f64| if line.more { value >= limit } else { value <= limit };
@@ -147,7 +147,7 @@ fn words(line: &Line) -> Vec<String> {
     vec![line.what.clone(), number(line.required), number(line.goal), a, b, c, d, tuned, held_out]
 }
 
-/// Comparisons without a goal: OIDN on our samples, and other errors of the default.
+/// Comparisons without a goal: OIDN on the same samples, and other errors of the default.
 fn besides(board: &Board, roles: &Roles, groups: &Groups<'_>) -> String {
     let pairs = [
         ("default over OIDN on the same counts", &roles.default, &roles.oidn_on_ours),

@@ -10,11 +10,11 @@ use std::path::Path;
 /// The largest total size of all images, in bytes of the page.
 const ROOM: f64 = 3.5e6;
 
-/// Errors at both ends of the map's colours, as powers of ten: relative squared error.
+/// The ends of the error map's scale, as powers of ten of the relative squared error.
 pub(super) const ERROR_DECADES: [f64; 2] = [-4.0, 0.0];
 
-/// Colours of errors, evenly spaced; rising in lightness, so that they survive print and colour blindness [after
-/// van der Walt 2015, matplotlib's `inferno` at quarters].
+/// Colours of errors, evenly spaced. Their lightness rises, so that they survive print and colour blindness [after van
+/// der Walt 2015, matplotlib's `inferno` at quarters].
 const ERROR_COLOURS: [[f64; 3]; 5] =
     [[0.0, 0.0, 4.0], [87.0, 16.0, 110.0], [188.0, 55.0, 84.0], [249.0, 142.0, 9.0], [252.0, 255.0, 164.0]];
 
@@ -29,23 +29,23 @@ pub(super) type Crop = [u32; 4];
 
 /// The images of a method.
 pub(super) struct MethodImages {
-    /// Its place in the manifest.
+    /// The method's index in the manifest.
     pub(super) method: usize,
-    /// One for each of [`Gallery::crops`]; none where there is no image.
+    /// One image for each of [`Gallery::crops`]; empty without an image.
     pub(super) crops: Vec<Embedded>,
     pub(super) error_map: Option<Embedded>,
     pub(super) sample_map: Option<Embedded>,
-    /// Samples per pixel that are white in it.
+    /// Samples per pixel that are white in the sample map.
     pub(super) white: Option<f64>,
 }
 
 /// The images of a scene.
 pub(super) struct Gallery {
     pub(super) budget: Option<RunBudget>,
-    /// The same for all.
+    /// The exposure of all images of the scene, in stops.
     pub(super) exposure_stops: f32,
     pub(super) overview: Option<Embedded>,
-    /// The first is where methods differ most, the second a typical one.
+    /// The crop in which methods differ most, then a typical one.
     pub(super) crops: Vec<Crop>,
     pub(super) reference_crops: Vec<Embedded>,
     pub(super) tiles: Vec<MethodImages>,
@@ -53,10 +53,10 @@ pub(super) struct Gallery {
     pub(super) problems: Vec<String>,
 }
 
-/// The sides of crops and of maps, so that the page stays small. Of 80 pixels, each is seen as about two by two.
+/// The side of crops and maps in pixels, at most 80, so that the page stays small.
 fn side(recorded: &RecordedStudy) -> u32 {
     let tiles = recorded.manifest.scenes.len() * recorded.manifest.methods.len();
-    // Two crops of 3 bytes a pixel that hardly shrink, two maps that do, and a third more as base64.
+    // Of a crop's 3 bytes a pixel little compresses; maps compress well; base64 adds a third.
     let side = (ROOM / tiles.max(1) as f64 / 10.5).sqrt().clamp(32.0, 80.0);
     side as u32 / 8 * 8
 }
@@ -116,7 +116,7 @@ pub(super) fn gallery(recorded: &RecordedStudy, scene: &SceneRecord) -> Gallery 
     gallery
 }
 
-/// The budget whose images are shown: equal time, else the most samples of which there are images.
+/// The budget of the images: equal time, else the most samples with images.
 fn budget(recorded: &RecordedStudy, scene: &SceneRecord) -> Option<RunBudget> {
     let shown = || recorded.runs.iter().filter(|run| run.scene == scene.name && run.image.is_some());
     let spp = |run: &Run| if let RunBudget::Spp(spp) = run.budget { Some(spp) } else { None };
@@ -124,7 +124,7 @@ fn budget(recorded: &RecordedStudy, scene: &SceneRecord) -> Option<RunBudget> {
     timed.or(shown().filter_map(spp).max().map(RunBudget::Spp))
 }
 
-/// The first run of it that has an image, or else a sample map.
+/// The first run with an image, else with a sample map.
 fn run<'a>(recorded: &'a RecordedStudy, scene: &SceneRecord, method: usize, budget: RunBudget) -> Option<&'a Run> {
     let method = &recorded.manifest.methods[method];
     let find = |budget: RunBudget, has: fn(&Run) -> bool| {
@@ -150,8 +150,8 @@ fn embed(png: Result<Vec<u8>, dapple_scene::image::ImageError>, size: [u32; 2]) 
     Some(Embedded { uri, size })
 }
 
-/// None unless the image is far too dark or too bright to see; then that which brings the brightest hundredth of
-/// its pixels to 1, in whole stops.
+/// The exposure in whole stops: 0 unless the image is far too dark or too bright to see. Then the brightest hundredth
+/// of its pixels comes to 1.
 fn exposure(reference: &Image) -> f32 {
     let mut peaks: Vec<f32> = reference.pixels.iter().map(|p| p[0].max(p[1]).max(p[2])).collect();
     peaks.sort_by(f32::total_cmp);
@@ -162,7 +162,7 @@ fn exposure(reference: &Image) -> f32 {
     -libm::round(libm::log2(bright)) as f32
 }
 
-/// Of each pixel, as relMSE takes them.
+/// The relative squared error of each pixel, as in relMSE.
 fn relative_errors(image: &Image, reference: &Image) -> Vec<f32> {
     let error = |(x, r): (&[f32; 3], &[f32; 3])| {
         let of = |c: usize| {
@@ -174,12 +174,12 @@ fn relative_errors(image: &Image, reference: &Image) -> Vec<f32> {
     image.pixels.iter().zip(&reference.pixels).map(error).collect()
 }
 
-/// Below this many pixels across, a crop shows no more than the whole image would.
+/// The least side of an image in pixels; in a smaller one a crop shows no more than the whole.
 const LEAST_SIDE: u32 = 24;
 
-/// Squares of this side, or half of the image's where it is small, so that there are two apart: where the methods'
-/// errors lie furthest apart, and one where they do as usual (the median). An image with no room for two is shown
-/// whole. Deterministic: of equal ones the first, row by row.
+/// Two crops: the one where the methods' errors differ most, and the one with the median difference. Their side is at
+/// most half of the image's, so that two fit. An image without room for two is shown whole. Ties go to the first crop,
+/// row by row.
 fn crops(size: [u32; 2], side: u32, errors: &[Option<Vec<f32>>]) -> Vec<Crop> {
     let side = side.min(size[0].min(size[1]) / 2);
     if side < LEAST_SIDE {
@@ -208,7 +208,8 @@ fn crops(size: [u32; 2], side: u32, errors: &[Option<Vec<f32>>]) -> Vec<Crop> {
     [Some(most.1), typical].into_iter().flatten().collect()
 }
 
-/// How far methods are apart within a crop: the logarithm of worst over best mean error; of one method, its error.
+/// The spread of the methods' errors within a crop: the logarithm of worst over best mean error. With one method, its
+/// error.
 fn spread(size: [u32; 2], crop: Crop, errors: &[Option<Vec<f32>>]) -> f64 {
     let means: Vec<f64> = errors
         .iter()
@@ -220,7 +221,7 @@ fn spread(size: [u32; 2], crop: Crop, errors: &[Option<Vec<f32>>]) -> f64 {
         })
         .collect();
     let [low, high] = [means.iter().copied().fold(f64::INFINITY, f64::min), means.iter().copied().fold(0.0, f64::max)];
-    // Differences that nobody sees do not count: errors below a thousandth.
+    // Errors below a thousandth are invisible and do not count.
     if means.len() < 2 { high } else { libm::log((high + 1e-3) / (low + 1e-3)) }
 }
 
@@ -234,7 +235,7 @@ fn cut_all(image: &Image, gallery: &Gallery) -> Vec<Embedded> {
     gallery.crops.iter().filter_map(cut).collect()
 }
 
-/// Box-averaged until its longer side is at most this.
+/// The image, box-averaged until its longer side is at most `most`.
 fn shrink(image: &Image, most: u32) -> Option<Image> {
     let [width, height] = image.size;
     let longer = width.max(height);

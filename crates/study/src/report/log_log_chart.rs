@@ -1,4 +1,4 @@
-//! Curves of error, as SVG whose colours are the page's.
+//! Charts of error curves, as SVG in the page's colours.
 
 use super::method_style::MethodStyle;
 use plotters::coord::Shift;
@@ -9,20 +9,20 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 #[derive(Clone, Debug)]
 pub(super) struct PlottedCurve {
     pub(super) style: MethodStyle,
-    /// x, y, and the ends of y's interval.
+    /// x, y, and the interval of y.
     pub(super) points: Vec<(f64, f64, Option<[f64; 2]>)>,
 }
 
-/// What is written on an axis.
+/// An axis: its title and its ticks.
 pub(super) struct Axis {
     pub(super) title: &'static str,
-    /// Where ticks are; `None`: at 1, 2 and 5 times powers of ten.
+    /// The values of the ticks; `None` chooses 1, 2 and 5 times powers of ten.
     pub(super) ticks: Option<Vec<f64>>,
 }
 
 pub(super) const SIZE: (u32, u32) = (480, 346);
 const MARGIN: Margins = Margins { left: 74, right: 16, top: 12, bottom: 52 };
-/// On a phone the page's style makes it larger: margins and ticks leave room for 17.
+/// The font size. The page's style enlarges it on a phone; margins and ticks leave room for 17.
 const FONT: u32 = 14;
 const WIDEST_FONT: i32 = 17;
 
@@ -33,7 +33,7 @@ struct Margins {
     bottom: i32,
 }
 
-/// plotters knows no CSS variables: each role has a colour of its own, which [`recolour`] replaces.
+/// Stand-ins for CSS variables, which plotters lacks: each role has its own colour, and [`recolour`] replaces it.
 const TEXT: RGBColor = RGBColor(4, 0, 0);
 const GRID: RGBColor = RGBColor(4, 0, 1);
 const FRAME: RGBColor = RGBColor(4, 0, 2);
@@ -50,7 +50,7 @@ fn mark_colour(style: MethodStyle) -> RGBColor {
     RGBColor(3, 0, style.colour as u8)
 }
 
-/// Logarithmic in both directions; `None` where there is no point to draw.
+/// A chart with logarithmic axes; `None` without points.
 pub(super) fn log_log(curves: &[PlottedCurve], x: &Axis, y: &Axis) -> Option<String> {
     let drawn = || curves.iter().flat_map(|curve| &curve.points);
     let x_range = range(drawn().map(|p| p.0), 0.03)?;
@@ -66,7 +66,7 @@ pub(super) fn log_log(curves: &[PlottedCurve], x: &Axis, y: &Axis) -> Option<Str
     Some(recolour(&svg))
 }
 
-/// Logarithms of the ends of what is shown, widened by a share.
+/// The logarithms of the smallest and largest value, widened by a fraction of their distance.
 fn range(values: impl Iterator<Item = f64>, share: f64) -> Option<[f64; 2]> {
     let mut ends = [f64::INFINITY, f64::NEG_INFINITY];
     for value in values.filter(|v| *v > 0.0 && v.is_finite()) {
@@ -81,7 +81,7 @@ fn range(values: impl Iterator<Item = f64>, share: f64) -> Option<[f64; 2]> {
     Some([ends[0] - by, ends[1] + by])
 }
 
-/// From values to pixels.
+/// The map from values to pixels.
 struct PlotArea {
     x: [f64; 2],
     y: [f64; 2],
@@ -170,7 +170,7 @@ fn draw_axes<'a>(root: &Area<'a>, area: &PlotArea, [x, y]: [&Axis; 2]) -> Drawn<
         let Some((px, _)) = area.place(value, middle) else { continue };
         root.draw(&PathElement::new([(px, top), (px, bottom)], GRID.stroke_width(1)))?;
         let label = tick_words(value);
-        // Digits are about .6 of their size wide.
+        // Digits are about 0.6 of the font size wide.
         let half = (label.len() as i32 * WIDEST_FONT * 6) / 20;
         if px - half >= room {
             root.draw(&Text::new(label, (px, bottom + 6), text(FONT, Pos::new(HPos::Center, VPos::Top))))?;
@@ -192,7 +192,7 @@ fn draw_axes<'a>(root: &Area<'a>, area: &PlotArea, [x, y]: [&Axis; 2]) -> Drawn<
     root.draw(&Text::new(y.title, (0, (top + bottom) / 2), turned))
 }
 
-/// Values of 1, 2 and 5 times powers of ten, or of powers of ten alone where those are many.
+/// Ticks at 1, 2 and 5 times powers of ten, or at powers of ten alone if the others are too many.
 fn ticks(axis: &Axis, [low, high]: [f64; 2], most: usize) -> Vec<f64> {
     let inside = |v: &f64| (low..=high).contains(&libm::log10(*v));
     if let Some(own) = &axis.ticks {
@@ -209,17 +209,17 @@ fn ticks(axis: &Axis, [low, high]: [f64; 2], most: usize) -> Vec<f64> {
         let step = found[0].len().div_ceil(most);
         return found[0].iter().copied().step_by(step).collect();
     }
-    // As many as have room, but at least two.
+    // The most ticks that fit, but at least two.
     let fitting = found.iter().rev().find(|t| t.len() <= most && t.len() >= 2);
     fitting.or(found.iter().find(|t| t.len() >= 2)).unwrap_or(&found[3]).clone()
 }
 
-/// Short, exact: 0.001, 0.02, 16, 5e-6.
+/// A short and exact number: 0.001, 0.02, 16, 5e-6.
 pub(super) fn tick_words(value: f64) -> String {
     if (1e-3..1e5).contains(&value) { value.to_string() } else { format!("{value:e}") }
 }
 
-/// Puts the page's CSS variables in the place of the colours that stand for them, and dashes on lines.
+/// Replaces the stand-in colours by the page's CSS variables, and adds dashes to lines.
 fn recolour(svg: &str) -> String {
     let start = svg.find("<svg").unwrap_or(0);
     let mut svg = svg[start..].replacen(&format!("width=\"{}\" height=\"{}\" ", SIZE.0, SIZE.1), "", 1);
@@ -243,7 +243,7 @@ fn hex(RGBColor(r, g, b): RGBColor) -> String {
     format!("#{r:02X}{g:02X}{b:02X}")
 }
 
-/// A bit of a method's line, for legends.
+/// A short piece of a method's line, for legends.
 pub(super) fn swatch(style: MethodStyle) -> String {
     let mut svg = String::new();
     let (width, height) = (34, 16);

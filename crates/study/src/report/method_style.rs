@@ -1,11 +1,11 @@
-//! How methods are told apart: colour and marker by sampler, dash by filter.
+//! Styles of methods: colour and marker by sampler, dash by filter.
 
 use crate::record::Method;
 
-/// How many colours the page has; after as many samplers they come again, with other markers.
+/// The number of the page's colours. Further samplers reuse them with other markers.
 pub(super) const COLOURS: usize = 8;
 
-/// How many markers.
+/// The number of markers.
 const MARKS: usize = 8;
 
 /// Dashes of lines, `stroke-dasharray`.
@@ -19,7 +19,7 @@ pub(super) struct MethodStyle {
     pub(super) dash: usize,
 }
 
-/// Of all methods, in their order.
+/// The styles of all methods, in their order.
 pub(super) fn styles(methods: &[Method]) -> Vec<MethodStyle> {
     let mut samplers: Vec<(&str, &str)> = Vec::new();
     let mut filters: Vec<&str> = Vec::new();
@@ -41,8 +41,7 @@ fn index<T: PartialEq>(known: &mut Vec<T>, one: T) -> usize {
     })
 }
 
-/// Names as short as they can be among these methods: points only where they differ, a filter only where there is
-/// one.
+/// The shortest names that tell these methods apart. Points appear only if they differ, a filter only if there is one.
 pub(super) fn names(methods: &[Method]) -> Vec<String> {
     let differ = methods.iter().any(|m| m.points != methods[0].points);
     let name = |m: &Method| {

@@ -7,7 +7,7 @@ use crate::recorded_study::RecordedStudy;
 use crate::references::safe_file_name;
 use crate::summary::Summary;
 
-/// Of each scene the name of a file, and SVG that brings its colours along, for light and for dark.
+/// A file name and an SVG for each scene. The SVG carries its own colours, for light and dark.
 pub(super) fn plots(recorded: &RecordedStudy, summary: &Summary) -> Vec<(String, String)> {
     let methods = &recorded.manifest.methods;
     let (names, styles) = (names(methods), styles(methods));
@@ -44,7 +44,7 @@ fn whole(title: &str, chart: &str, legend: &str) -> String {
     )
 }
 
-/// An SVG within another; a size that it has of its own already may not be there twice.
+/// An SVG inside another, without its own size.
 fn placed(svg: &str, [x, y]: [u32; 2], [width, height]: [u32; 2]) -> String {
     let size = format!(" width=\"{width}\" height=\"{height}\"");
     let (tag, rest) = svg.split_once('>').unwrap_or((svg, ""));

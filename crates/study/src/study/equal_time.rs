@@ -68,7 +68,7 @@ impl Study {
         let target = median(self.of_method(at, &self.plan.baseline, RunBudget::Spp(time_of)).map(|r| r.render_s));
         let mut spp = time_of as f64;
         let mut asked = time_of * pixels;
-        // The second time by the spp nearest to the first answer.
+        // The second pass takes the time at the spp nearest to the first answer.
         for _ in 0..2 {
             let distance = |n: &&u64| (**n as f64 / spp).ln().abs();
             let nearest = self.plan.spp.iter().min_by(|a, b| distance(a).total_cmp(&distance(b)));

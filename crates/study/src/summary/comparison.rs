@@ -18,7 +18,7 @@ pub enum RatioVerdict {
 }
 
 impl RatioVerdict {
-    /// The name, with which a note begins.
+    /// The name, which begins a note.
     pub fn words(self) -> &'static str {
         match self {
             Self::Win => "win",
@@ -34,10 +34,10 @@ impl RatioVerdict {
     }
 }
 
-/// In a row's note: what still holds with the intervals widened until all comparisons of the table hold together.
+/// In a row's note: the verdict still holds with intervals so wide that all comparisons of the table hold together.
 pub(crate) const HOLDS: &str = "holds for all together";
 
-/// In a row's note: it would be a win or a loss, were the times equal.
+/// In a row's note: a win or a loss if the times were equal.
 pub(crate) const UNFAIR: &str = "times the time";
 
 pub(super) fn add(summary: &mut Summary, grid: &RunTable<'_>) {
@@ -48,7 +48,7 @@ pub(super) fn add(summary: &mut Summary, grid: &RunTable<'_>) {
                 method != grid.baseline && !grid.pairs(scene, [method, grid.baseline], budget).is_empty()
             })
             .collect();
-        // [after Šidák 1967]: as many intervals hold together with 95 % if each holds with this.
+        // Each interval needs this confidence for all of them to hold together with 95 % [after Šidák 1967].
         let together = libm::pow(CONFIDENCE, 1.0 / compared.len().max(1) as f64);
         for at in compared {
             compare(summary, grid, at, budget, together);

@@ -16,7 +16,7 @@ pub enum FactorialEffect {
     Filter,
     /// Sampler and filter together.
     Both,
-    /// Both over the product of each alone; below 1 they reinforce each other.
+    /// Both, over the product of each alone; below 1 they reinforce each other.
     Interaction,
 }
 
@@ -24,7 +24,7 @@ impl FactorialEffect {
     /// In the order of the table.
     pub const ALL: [Self; 4] = [Self::Sampler, Self::Filter, Self::Both, Self::Interaction];
 
-    /// Its metric.
+    /// The effect's name in [`Row::metric`].
     pub fn metric(self) -> &'static str {
         match self {
             Self::Sampler => "relmse part of counts",
@@ -35,8 +35,8 @@ impl FactorialEffect {
     }
 }
 
-/// The corners of the square that a method is one of: uniform, its counts, its filter, itself. Points are the
-/// method's own in all four, so that they are not taken for the sampler's work.
+/// The four corners of a method's square: baseline, its sampler, its filter, the method itself. All four use the
+/// method's points, so that these do not count as an effect of the sampler.
 pub(crate) fn corners(methods: &[Method], baseline: &Method, method: &Method) -> Option<[usize; 4]> {
     if method.sampler == baseline.sampler || method.filter == baseline.filter {
         return None;
@@ -70,14 +70,14 @@ pub(super) fn add(summary: &mut Summary, grid: &RunTable<'_>) {
     }
 }
 
-/// Seeds that all four corners have.
+/// The runs of all seeds that have all four corners.
 fn complete<'a>(grid: &RunTable<'a>, scene: usize, corners: [usize; 4], budget: RunBudget) -> Vec<[&'a Run; 4]> {
     let runs = corners.map(|method| grid.at([scene, method], budget));
     let with = |seed: &u64| Some([*runs[0].get(seed)?, *runs[1].get(seed)?, *runs[2].get(seed)?, *runs[3].get(seed)?]);
     runs[3].keys().filter_map(with).collect()
 }
 
-/// What is divided by what.
+/// The numerator and denominator of an effect.
 fn sides(part: FactorialEffect, runs: &[&Run; 4]) -> (f64, f64) {
     let [base, counts, filter, both] = runs.map(|run| error(run, "relmse"));
     match part {

@@ -1,4 +1,4 @@
-//! What each method is at each budget.
+//! Errors, costs and predictions of each method at each budget.
 
 use super::Summary;
 use super::run_table::{RunTable, Seeds, error};
@@ -8,7 +8,7 @@ use crate::record::{Phases, Run};
 /// Seconds of one phase.
 pub(crate) type OfPhases = fn(&Phases) -> f64;
 
-/// Names of phases and how to read them, in the order in which they happen.
+/// The names and readers of phases, in the order in which they happen.
 pub(crate) const PHASES: [(&str, OfPhases); 7] = [
     ("load", |p| p.load),
     ("bvh", |p| p.bvh),
@@ -49,7 +49,7 @@ pub(super) fn add(summary: &mut Summary, grid: &RunTable<'_>) {
     }
 }
 
-/// What the runs themselves expected, over what was found.
+/// The runs' predicted relMSE over the measured one.
 fn predictions(runs: &Seeds<'_>) -> Vec<f64> {
     let ratio = |run: &&Run| {
         let found = run.predicted_relmse? / run.errors.relmse;
@@ -58,7 +58,7 @@ fn predictions(runs: &Seeds<'_>) -> Vec<f64> {
     runs.values().filter_map(ratio).collect()
 }
 
-/// Whether the reference's own noise shows.
+/// A remark if the reference's own noise matters.
 fn marks(runs: &Seeds<'_>, metric: &str) -> String {
     let count = |of: fn(&Run) -> bool| runs.values().filter(|run| of(run)).count();
     let [limited, corrected] = [count(|run| run.reference_limited), count(|run| run.corrected)];
@@ -72,7 +72,7 @@ fn marks(runs: &Seeds<'_>, metric: &str) -> String {
     notes.join("; ")
 }
 
-/// The middle one, or the mean of the two in the middle; of at least one value.
+/// The median of at least one value; of an even number, the mean of the middle two.
 fn median(mut values: Vec<f64>) -> f64 {
     values.sort_by(f64::total_cmp);
     let n = values.len();

@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 /// Runs of one scene, method and budget by seed.
 pub(super) type Seeds<'a> = BTreeMap<u64, &'a Run>;
 
-/// All runs; scenes and methods by their places in the manifest.
+/// All runs, by the indices of scenes and methods in the manifest.
 pub(super) struct RunTable<'a> {
     pub(super) manifest: &'a Manifest,
     pub(super) baseline: usize,
@@ -30,7 +30,7 @@ impl<'a> RunTable<'a> {
         Self { manifest, baseline, cells, none: BTreeMap::new() }
     }
 
-    /// Runs by seed, maybe none. The baseline's own time is that of its samples, so that these stand for it.
+    /// Runs by seed, maybe empty. For the baseline's equal time, its runs at that spp.
     pub(super) fn at(&self, [scene, method]: [usize; 2], budget: RunBudget) -> &Seeds<'a> {
         let found = |budget| self.cells.get(&(scene, method, order(budget)));
         let instead = match budget {
@@ -40,13 +40,13 @@ impl<'a> RunTable<'a> {
         found(budget).or(instead).unwrap_or(&self.none)
     }
 
-    /// Every scene with every method, scenes first.
+    /// Every pair of scene and method, scene by scene.
     pub(super) fn all(&self) -> impl Iterator<Item = [usize; 2]> + use<> {
         let [scenes, methods] = [self.manifest.scenes.len(), self.manifest.methods.len()];
         (0..scenes).flat_map(move |scene| (0..methods).map(move |method| [scene, method]))
     }
 
-    /// Those in samples, ascending, then the one in time.
+    /// Budgets in samples, ascending, then the equal-time budget.
     pub(super) fn budgets(&self) -> Vec<RunBudget> {
         let timed = self.manifest.time_of.map(RunBudget::TimeOf);
         self.spp_budgets().into_iter().chain(timed).collect()
@@ -59,7 +59,7 @@ impl<'a> RunTable<'a> {
         spp.into_iter().map(RunBudget::Spp).collect()
     }
 
-    /// What both methods have of the same seeds.
+    /// Pairs of runs with the same seed.
     pub(super) fn pairs(&self, scene: usize, methods: [usize; 2], budget: RunBudget) -> Vec<[&'a Run; 2]> {
         let [a, b] = methods.map(|method| self.at([scene, method], budget));
         a.iter().filter_map(|(seed, run)| Some([*run, *b.get(seed)?])).collect()

@@ -1,9 +1,9 @@
-//! Values of several seeds as one figure.
+//! One value from the runs of several seeds.
 
 use super::CONFIDENCE;
 use dapple_metrics::{geometric_mean_interval, mean_interval, ratio_interval};
 
-/// One figure before it has its place in the summary.
+/// A value without its place in the summary.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct SeedStatistic {
     pub(super) value: Option<f64>,
@@ -15,7 +15,7 @@ pub(super) struct SeedStatistic {
 const ONE_SEED: &str = "one seed: no interval";
 
 impl SeedStatistic {
-    /// The geometric mean; where a value has no logarithm, the arithmetic one, and the note says so.
+    /// The geometric mean. If a value has no logarithm, the arithmetic mean, with a note.
     pub(super) fn geometric(values: &[f64]) -> Self {
         let without = values.iter().filter(|v| **v <= 0.0).count();
         if without > 0 {
@@ -38,7 +38,7 @@ impl SeedStatistic {
         }
     }
 
-    /// `a` over `b`, pair by pair.
+    /// The ratio of `a` to `b`, paired.
     pub(super) fn ratio(pairs: &[(f64, f64)]) -> Self {
         Self::ratio_at(pairs, CONFIDENCE)
     }
@@ -61,7 +61,7 @@ impl SeedStatistic {
         Self { value: None, ends: None, n, note: note.into() }
     }
 
-    /// A figure that has no interval.
+    /// A value without an interval.
     pub(super) fn bare(value: f64, n: usize) -> Self {
         Self { value: Some(value), ends: None, n, note: String::new() }
     }
@@ -80,7 +80,7 @@ impl SeedStatistic {
         }
     }
 
-    /// With another remark.
+    /// The same value with another remark.
     pub(super) fn noted(mut self, note: &str) -> Self {
         if !note.is_empty() {
             self.note = if self.note.is_empty() { note.into() } else { format!("{}; {note}", self.note) };

@@ -1,4 +1,4 @@
-//! How fast errors fall.
+//! Slopes of error over samples and over time.
 
 use super::run_table::{RunTable, error};
 use super::seed_statistic::SeedStatistic;
@@ -7,7 +7,7 @@ use crate::record::Run;
 use dapple_metrics::log_log_fit;
 use std::collections::BTreeMap;
 
-/// What a run spent.
+/// A run's cost: its samples or its seconds.
 type OfRun = fn(&Run) -> f64;
 
 pub(super) fn add(summary: &mut Summary, grid: &RunTable<'_>) {
@@ -27,7 +27,7 @@ pub(super) fn add(summary: &mut Summary, grid: &RunTable<'_>) {
 /// Runs of one seed by ascending budget.
 pub(super) type Curve<'a> = Vec<&'a Run>;
 
-/// Curves by seed, of the budgets in samples that the seed has.
+/// Curves by seed, of the seed's budgets in samples.
 pub(super) fn curves<'a>(grid: &RunTable<'a>, at: [usize; 2]) -> BTreeMap<u64, Curve<'a>> {
     let mut curves: BTreeMap<u64, Curve<'a>> = BTreeMap::new();
     for budget in grid.spp_budgets() {
@@ -38,13 +38,14 @@ pub(super) fn curves<'a>(grid: &RunTable<'a>, at: [usize; 2]) -> BTreeMap<u64, C
     curves
 }
 
-/// The mean of each seed's slope: errors of one seed at growing budgets are not independent, those of several are.
+/// The mean of each seed's slope. Errors of one seed at growing budgets are not independent; those of several seeds
+/// are.
 fn slope(curves: &BTreeMap<u64, Curve<'_>>, x: OfRun) -> SeedStatistic {
     let longest = curves.values().map(Vec::len).max().unwrap_or(0);
     if longest < 2 {
         return SeedStatistic::missing(curves.len(), "one budget: no slope");
     }
-    // Of a study cut short, seeds that lack budgets would mix slopes of different ranges.
+    // In an unfinished study, seeds that lack budgets would mix slopes of different ranges.
     let whole: Vec<_> = curves.values().filter(|curve| curve.len() == longest).collect();
     let series: Vec<[Vec<f64>; 2]> = whole
         .iter()
@@ -67,7 +68,7 @@ fn slope(curves: &BTreeMap<u64, Curve<'_>>, x: OfRun) -> SeedStatistic {
     }
 }
 
-/// Of two points, which the fit refuses since they leave no residual, the line through them.
+/// The fitted slope; of two points, which leave no residual for a fit, the slope of their line.
 fn slope_of(x: &[f64], y: &[f64]) -> Result<f64, dapple_metrics::StatisticsError> {
     if let ([x0, x1], [y0, y1]) = (x, y) {
         if x0 == x1 {

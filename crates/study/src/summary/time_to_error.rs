@@ -1,11 +1,13 @@
-//! How long each method takes to reach an error.
+//! Times to reach an error.
 //!
 //! Each seed has a curve of error over `render_s` at its budgets. Between two neighbouring budgets the time is
-//! interpolated on logarithmic axes; the first crossing counts. Where every seed's curve crosses the level, the
-//! figure is the geometric mean over seeds with its interval. Where only some do, dropping the others would flatter
-//! the method: then the curve of mean errors is interpolated, and there is no interval. Where that does not cross
-//! either, there is no figure but a bound, or, from three budgets on and up to [`REACH`] times beyond what was
-//! measured, the fitted line's time, marked as extrapolated.
+//! interpolated on logarithmic axes; the first crossing counts.
+//!
+//! 1. If every seed's curve crosses the level, the value is the geometric mean over seeds, with its interval.
+//! 2. If only some do, the curve of mean errors is interpolated, without an interval. Dropping the other seeds would
+//!    flatter the method.
+//! 3. If the mean curve does not cross, the value is a bound. From three budgets on, up to [`REACH`] times beyond the
+//!    measured times, it is the fitted line's time, marked as extrapolated.
 
 use super::run_table::{RunTable, error};
 use super::seed_statistic::SeedStatistic;
@@ -14,10 +16,10 @@ use super::{CONFIDENCE, Summary, number};
 use dapple_metrics::log_log_fit;
 use std::collections::BTreeMap;
 
-/// How far beyond the measured times a fitted line is followed.
+/// The largest factor beyond the measured times to which a fitted line is followed.
 const REACH: f64 = 4.0;
 
-/// How many levels at most.
+/// The largest number of levels.
 const LEVELS: usize = 3;
 
 pub(super) fn add(summary: &mut Summary, grid: &RunTable<'_>) {
@@ -44,7 +46,7 @@ pub(super) fn add(summary: &mut Summary, grid: &RunTable<'_>) {
 /// Time and error.
 type Point = [f64; 2];
 
-/// 1, 2 or 5 times a power of ten within what the baseline measured, evenly spread: those it surely crosses.
+/// Levels that the baseline crosses: 1, 2 or 5 times powers of ten within its measured errors, evenly spread.
 fn levels(baseline: &[Point]) -> Vec<f64> {
     let errors = || baseline.iter().map(|p| p[1]);
     let [low, high] = [errors().fold(f64::INFINITY, f64::min), errors().fold(0.0, f64::max)];
@@ -61,7 +63,7 @@ fn levels(baseline: &[Point]) -> Vec<f64> {
     (0..LEVELS).map(|i| inside[i * (inside.len() - 1) / (LEVELS - 1)]).collect()
 }
 
-/// Geometric means over seeds by budget, of seeds that have all budgets.
+/// Geometric means over seeds by budget, from seeds with all budgets.
 fn mean_curve(curves: &BTreeMap<u64, Curve<'_>>) -> Vec<Point> {
     let longest = curves.values().map(Vec::len).max().unwrap_or(0);
     let whole: Vec<Vec<Point>> = curves.values().filter(|c| c.len() == longest).map(points).collect();
@@ -76,7 +78,7 @@ fn points(curve: &Curve<'_>) -> Vec<Point> {
     curve.iter().map(|run| [run.render_s, error(run, "relmse")]).collect()
 }
 
-/// When a curve first crosses the level from above, interpolated; `None` where it does not.
+/// The time at which a curve first crosses the level from above, interpolated; `None` if it never does.
 fn crossing(curve: &[Point], level: f64) -> Option<f64> {
     let positive = curve.iter().flatten().all(|v| *v > 0.0);
     if !positive || curve.first()?[1] < level {
@@ -92,7 +94,7 @@ fn crossing(curve: &[Point], level: f64) -> Option<f64> {
 }
 
 struct Times {
-    /// Of each seed, where all have one.
+    /// The time of each seed, if all seeds have one.
     seeds: BTreeMap<u64, f64>,
     measured: bool,
     figure: SeedStatistic,
@@ -119,7 +121,7 @@ fn times(curves: &BTreeMap<u64, Curve<'_>>, level: f64) -> Times {
     without(beyond(&mean, level, n), false)
 }
 
-/// A level that was not crossed.
+/// The value for a level that was not crossed.
 fn beyond(mean: &[Point], level: f64, n: usize) -> SeedStatistic {
     let (Some(first), Some(last)) = (mean.first(), mean.last()) else {
         return SeedStatistic::missing(n, "no errors above 0");
@@ -148,7 +150,7 @@ fn beyond(mean: &[Point], level: f64, n: usize) -> SeedStatistic {
     }
 }
 
-/// Three digits or so, for a note.
+/// A time with about three digits, for a note.
 fn seconds(time: f64) -> String {
     if time < 0.1 { format!("{:.3} ms", 1000.0 * time) } else { format!("{time:.3} s") }
 }

@@ -1,4 +1,4 @@
-//! The report in headless Chromium, as people see it. `.ci/browser` installs what it takes.
+//! The report in headless Chromium. `.ci/browser` installs the tools.
 #![allow(clippy::print_stderr)]
 
 use crate::synthesis::{Law, Study, example};
@@ -6,7 +6,7 @@ use dapple_study::{InProcess, PlanPatch, ScenePlan, StudyOptions};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// What the test needs; `None`, and says so, where something is missing.
+/// The tools of the test; `None`, with a message, if one is missing.
 fn tools() -> Option<PathBuf> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/browser");
     let answers = |program: &str| Command::new(program).arg("--version").output().is_ok_and(|o| o.status.success());
@@ -31,7 +31,7 @@ fn open(name: &str, study: &mut Study, images: bool, expected: &serde_json::Valu
     look(&folder, expected)
 }
 
-/// A new one.
+/// A new folder.
 fn folder(name: &str) -> PathBuf {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
     let _ = std::fs::remove_dir_all(&folder);
@@ -53,7 +53,7 @@ fn look(folder: &Path, expected: &serde_json::Value) -> Result<(), String> {
     if output.status.success() { Ok(()) } else { Err(String::from_utf8_lossy(&output.stderr).into_owned()) }
 }
 
-/// Two scenes x six methods: two charts a scene, one curve a method in each; two crops and two maps a method.
+/// Two scenes x six methods: two charts per scene with one curve per method; two crops and two maps per method.
 fn whole() -> serde_json::Value {
     serde_json::json!({
         "scenes": 2, "charts": 4, "curves": 24, "crops": 24, "maps": 24, "bars": 12,
@@ -91,7 +91,7 @@ fn an_unfinished_report_works_in_a_browser() {
     assert_eq!(open("report-unfinished", &mut study, false, &expected), Ok(()));
 }
 
-/// Not synthesised: two bundled scenes, rendered.
+/// Two bundled scenes, really rendered.
 #[test]
 fn a_real_study_works_in_a_browser() {
     let words = |words: &[&str]| Some(words.iter().map(|w| (*w).to_owned()).collect());
@@ -107,7 +107,7 @@ fn a_real_study_works_in_a_browser() {
     let study = dapple_study::Study::open(draft.resolve().unwrap(), &folder, &StudyOptions::default(), &mut ());
     let mut study = study.unwrap().expect("nobody stops it");
     let _ = study.run(&mut InProcess::new(|| None), &mut ()).unwrap();
-    // Four methods; times to errors and comparisons depend on the clock, tables and figures do not.
+    // Four methods. Times to errors and comparisons depend on the clock; the numbers of tables and figures do not.
     let expected = serde_json::json!({
         "scenes": 2, "charts": 4, "curves": 16, "crops": 16, "maps": 16, "bars": 8, "tables": 10,
     });

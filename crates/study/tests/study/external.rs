@@ -6,13 +6,13 @@ use dapple_scene::image::{Image, encode_pfm, read_channels, write_file};
 use dapple_study::{External, Method, Run, StudyError};
 
 impl Place {
-    /// A shell script, started in this folder with the two images as its arguments.
+    /// A shell script as a filter, started in this folder with the two images as its arguments.
     fn script(&self, name: &str, text: &str) -> External {
         std::fs::write(self.path(name), text).expect("the script");
         External::new(name, &["sh", name, "{input}", "{output}", "{threads}"]).started_in(&self.path(""))
     }
 
-    /// Uniform sampling with no filter and with each of these.
+    /// The runs of uniform sampling without a filter and with each of these.
     fn filtered(&self, external: &[External], folder: &str) -> Result<Vec<Run>, StudyError> {
         let methods = external.iter().map(|e| Method::new("uniform", "sobol", &e.name)).collect::<Vec<_>>();
         let draft = self
@@ -65,7 +65,7 @@ fn the_input_of_an_external_filter_has_features() {
         Some(dapple_scene::image::Plane::F32(values)) => values[8 * 6 + 4],
         other => panic!("{name}: {other:?}"),
     };
-    // The floor: half of the light comes back, upwards.
+    // The floor reflects half of the light, upwards.
     let found = ["albedo.R", "albedo.G", "albedo.B", "normal.X", "normal.Y", "normal.Z", "coverage.Y"].map(at);
     assert_eq!(found.map(|v| (v * 1000.0).round() / 1000.0), [0.5, 0.5, 0.5, 0.0, 1.0, 0.0, 1.0]);
     assert!(at("depth.Y") > 1.0 && at("R") > 0.0);

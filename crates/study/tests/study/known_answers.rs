@@ -78,14 +78,15 @@ fn two_seeds_differ_by_twice_the_variance() {
     };
     let variance = mean(&mse(&alone, spp));
     let pairs = against("images/tiny/spp-16-00.exr");
-    // 1200 values an image: 7 pairs tell the ratio within some 4 %.
+    // With 1200 values per image, 7 pairs give the ratio within about 4 %.
     assert!((pairs / (2.0 * variance) - 1.0).abs() < 0.12, "{pairs} and {variance}");
-    // The control: an image of four times the samples adds a quarter only.
+    // The control: an image of four times the samples adds only a quarter.
     let other = against("images/tiny/spp-64-00.exr");
     assert!((other / (2.0 * variance) - 0.625).abs() < 0.12, "{other} and {variance}");
 }
 
-/// The interval of its ratio holds 1 (with these seeds; two intervals of 95 % miss it with one pair of sets of seeds in ten); that of half the samples does not.
+/// The interval of a sampler's ratio to itself contains 1; that of half the samples does not. With other seeds, two
+/// intervals of 95 % would miss 1 in one case of ten.
 #[test]
 fn a_sampler_wins_nothing_against_itself() {
     let place = Place::new();

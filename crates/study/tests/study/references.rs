@@ -7,7 +7,7 @@ use dapple_scene::image::{Image, Layer, encode_exr, encode_pfm, read_attributes,
 use dapple_study::{PlanPatch, ReferenceRecord, ScenePlan, Study, StudyMonitor, StudyOptions, StudyProgress};
 use std::path::PathBuf;
 
-/// Whether a reference was rendered.
+/// Records if a reference was rendered.
 #[derive(Default)]
 struct Ear {
     rendered: bool,
@@ -21,7 +21,7 @@ impl StudyMonitor for Ear {
 }
 
 impl Place {
-    /// The reference of a study in a folder of its own, and whether it was rendered for it; `shared` is a folder of
+    /// The reference of a study in its own folder, and true if it was rendered for it. `shared` is a folder of
     /// references.
     fn reference(&self, draft: PlanPatch, folder: &str) -> (ReferenceRecord, bool) {
         let mut ear = Ear::default();
@@ -79,10 +79,10 @@ fn every_setting_that_matters_gives_another_reference() {
     std::fs::write(place.path("floor.pbrt"), format!("{}# a word\n", crate::common::FLOOR)).unwrap();
     let (other, rendered) = place.reference(place.draft(), "f");
     assert!(rendered && !hashes.contains(&other.hash));
-    // The control: as it was.
+    // The control: the original file.
     std::fs::write(place.path("floor.pbrt"), crate::common::FLOOR).unwrap();
     assert_eq!(place.reference(place.draft(), "g"), (first.clone(), false));
-    // One that is broken is made anew.
+    // A broken reference is rendered again.
     std::fs::write(&first.file, b"nonsense").unwrap();
     assert_eq!(place.reference(place.draft(), "h"), (first, true));
 }
@@ -114,13 +114,13 @@ fn a_file_of_another_size_scene_or_setting_is_refused() {
         let said = place.refused(place.with_reference(file.clone()));
         assert!(said.contains(message) && said.contains(&*file.to_string_lossy()), "{message}: {said}");
     }
-    // The control, with a header that says what is so, and one without.
+    // The controls: a header that matches the study, and a file without one.
     let good = exr("good.exr", &[("scene", "tiny"), ("points", "sobol:seed=3"), ("seed", "3"), ("without", "none")]);
     let study = place.study(place.with_reference(good).resolve().unwrap(), "good", &mut Fake::default());
     let reference = &study.manifest().scenes[0].reference;
     assert_eq!((reference.spp, reference.relmse), (None, None));
     write_file(&place.path("plain.pfm"), &encode_pfm(&image([8, 8])).unwrap()).unwrap();
-    // Where no resolution is given, it is the reference's.
+    // Without a resolution in the plan, the reference's is used.
     let draft = place.with_reference(place.path("plain.pfm")).resolution(None);
     let study = place.study(draft.resolve().unwrap(), "plain", &mut Fake::default());
     assert_eq!(study.manifest().scenes[0].resolution, [8, 8]);
@@ -155,7 +155,7 @@ fn a_reference_of_a_multiple_of_the_size_is_averaged() {
         write_file(&place.path(name), &encode_pfm(&Image::new(size, pixels).unwrap()).unwrap()).unwrap();
         place.path(name)
     };
-    // Blocks of 2x3 pixels around the same means; their values differ within.
+    // Blocks of 2x3 pixels around the same means, with different values within each block.
     let mean = |x: u32, y: u32| 0.25 + 0.01 * x as f32 + 0.02 * y as f32;
     let small = file("small.pfm", [8, 8], &mean);
     let large = file("large.pfm", [16, 24], &|x, y| mean(x / 2, y / 3) + if x % 2 == 0 { 0.125 } else { -0.125 });
@@ -188,7 +188,7 @@ fn light_selections_share_a_reference() {
     assert!(rendered);
     let (cells, rendered) = place.reference(with(LightSelection::Learned, "learned"), "b");
     assert!(!rendered && power == cells);
-    // Runs are others'.
+    // The runs differ.
     let errors = |lights: LightSelection, folder: &str| {
         let study = place.study(with(lights, "room").resolve().unwrap(), folder, &mut crate::common::in_process());
         assert_eq!(study.manifest().scenes[0].lights, lights);

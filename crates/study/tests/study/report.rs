@@ -29,7 +29,7 @@ fn read(folder: &Path) -> Written {
     Written { summary, page, table }
 }
 
-/// What the page's `<data>` elements hold: key, value, low, high, and what is shown.
+/// The page's `<data>` elements: key, value, low, high, and the visible text.
 fn figures(page: &str) -> Vec<[String; 5]> {
     let unescape = |s: &str| {
         let pairs = [("&#60;", "<"), ("&#62;", ">"), ("&#34;", "\""), ("&#39;", "'"), ("&#38;", "&")];
@@ -47,7 +47,7 @@ fn figures(page: &str) -> Vec<[String; 5]> {
     page.split("<data ").skip(1).map(parse).collect()
 }
 
-/// Where page and table differ.
+/// The differences between page and table.
 fn differences(page: &str, table: &[Vec<String>]) -> Vec<String> {
     let rows: BTreeMap<String, &Vec<String>> = table.iter().map(|line| (line[..6].join("|"), line)).collect();
     let mut wrong = Vec::new();
@@ -72,7 +72,7 @@ fn differences(page: &str, table: &[Vec<String>]) -> Vec<String> {
     wrong
 }
 
-/// Of the last digit of a number: what rounding may take.
+/// Half a unit of a number's last digit: the largest rounding error.
 fn half_unit(number: &str) -> f64 {
     let (digits, exponent) = number.split_once('e').unwrap_or((number, "0"));
     let decimals = digits.split_once('.').map_or(0, |(_, after)| after.len() as i32);
@@ -99,7 +99,7 @@ fn the_page_and_the_table_say_the_same() {
     let found = write(&mut example(), true);
     assert_eq!(differences(&found.page, &found.table), Vec::<String>::new());
     assert!(figures(&found.page).len() > 500);
-    // Nothing of what is compared is missing from the page.
+    // The page lacks none of the comparisons.
     let shown: Vec<String> = figures(&found.page).into_iter().map(|f| f[0].clone()).collect();
     for metric in
         ["relmse ratio", "flip ratio", "relmse", "seconds trace", "relmse slope over spp", "relmse part of both"]
@@ -129,7 +129,7 @@ fn the_same_study_gives_the_same_bytes() {
     assert!(a.page.len() < 3_000_000, "{} bytes", a.page.len());
 }
 
-/// Seven scenes with fifteen methods: still a page that one sends by mail.
+/// A study of seven scenes with fifteen methods has a page that still fits into a mail.
 #[test]
 fn a_large_study_has_a_page_of_a_few_megabytes() {
     let mut laws = Vec::new();
@@ -161,8 +161,8 @@ fn a_slope_of_minus_one_is_found_exactly_and_another_is_not() {
     }
 }
 
-/// With noise of 20 % in each seed, the interval of 16 seeds holds -1 and is narrow; that of a slope of -0.85 does
-/// not hold it. One study with a fixed seed; chance of a false alarm 5 %.
+/// With noise of 20 % in each seed, the interval of 16 seeds contains -1 and is narrow. That of a slope of -0.85 does
+/// not contain -1. One study with a fixed seed; a false alarm has a probability of 5 %.
 #[test]
 fn a_noisy_slope_has_an_interval_that_holds_it() {
     let laws = [Law::new("uniform", "none").deviation(0.2), Law::new("slow", "none").deviation(0.2).slope(-0.85)];
@@ -173,7 +173,7 @@ fn a_noisy_slope_has_an_interval_that_holds_it() {
     assert!(row(&found, &study, 1, None, "relmse slope over spp").low.unwrap() > -1.0);
 }
 
-/// A filter that changes nothing and doubles the time loses at equal time; one that takes no time does not.
+/// A filter that changes nothing and doubles the time loses at equal time. One that takes no time does not.
 #[test]
 fn a_slowed_filter_loses_at_equal_time() {
     let laws = [
@@ -189,7 +189,7 @@ fn a_slowed_filter_loses_at_equal_time() {
     }
     let ratio = row(&found, &study, 1, Some(TIMED), "relmse ratio");
     assert!((ratio.value.unwrap() - 2.0).abs() < 0.15, "{ratio:?}");
-    // At equal samples nothing is lost in error, and all in error times time.
+    // At equal samples the error is undecided, and error times time is lost.
     assert_eq!(verdict(&found, &study, 1, RunBudget::Spp(16), "relmse ratio"), RatioVerdict::Undecided);
     assert_eq!(verdict(&found, &study, 1, RunBudget::Spp(16), "relmse x seconds ratio"), RatioVerdict::Loss);
     let [time] = study_level(&found, &study, 1);
@@ -197,7 +197,7 @@ fn a_slowed_filter_loses_at_equal_time() {
     assert!(found.page.contains("loses on"));
 }
 
-/// Over the baseline, the time to the middle level.
+/// The time to the middle level, over the baseline's.
 fn study_level(found: &Written, study: &Study, method: usize) -> [f64; 1] {
     let method = &study.manifest.methods[method];
     let ratios: Vec<&Row> = found
@@ -211,7 +211,7 @@ fn study_level(found: &Written, study: &Study, method: usize) -> [f64; 1] {
     [ratios[0].value.unwrap()]
 }
 
-/// Twice the time under the name of equal time: a tenth less error is then no win.
+/// With twice the time under the name of equal time, a tenth less error is no win.
 #[test]
 fn unequal_time_wins_nothing() {
     let laws =
@@ -227,8 +227,8 @@ fn unequal_time_wins_nothing() {
     assert!(row(&found, &study, 2, Some(TIMED), "relmse ratio").note.contains("holds for all together"));
 }
 
-/// Two names of one sampler: of 120 comparisons, 95 % intervals of 106 to 119 hold 1 (fewer or more have a chance of
-/// 4e-3), and those for all together all do. The negative control, 15 % apart, is found.
+/// Two names of one sampler: of 120 comparisons, 106 to 119 of the 95 % intervals contain 1. Fewer or more have a
+/// probability of 4e-3. The intervals for all together all contain 1. The negative control, 15 % apart, is found.
 #[test]
 fn a_sampler_against_itself_wins_nothing() {
     let laws = [Law::new("uniform", "none"), Law::new("twin", "none"), Law::new("worse", "none").errors(1.15)];
@@ -246,7 +246,7 @@ fn a_sampler_against_itself_wins_nothing() {
     assert!((106..120).contains(&undecided), "{undecided} of 120");
     assert!(twin.iter().all(|r| !r.note.contains("holds for all together")));
     assert!(of(2).iter().filter(|r| RatioVerdict::of(r) == Some(RatioVerdict::Loss)).count() > 100);
-    // The very same numbers: a ratio of exactly 1.
+    // Exactly equal numbers: a ratio of exactly 1.
     let itself = [laws[0].clone(), Law { method: laws[1].method.clone(), ..laws[0].clone() }];
     let mut study = Study::new(&["a"], &itself, &SPP, Some(16), 4);
     let found = write(&mut study, false);
@@ -255,7 +255,8 @@ fn a_sampler_against_itself_wins_nothing() {
     assert_eq!(RatioVerdict::of(row), Some(RatioVerdict::Undecided));
 }
 
-/// Counts .8, filter .5, both .3: the parts are found, and what they do together beyond the product, .75.
+/// With effects of 0.8 for counts, 0.5 for the filter and 0.3 for both, the parts are found. So is their interaction,
+/// 0.75.
 #[test]
 fn the_factorial_says_what_is_due_to_what() {
     let exact = |sampler, filter, scale| Law::new(sampler, filter).deviation(0.0).errors(scale);
@@ -277,8 +278,8 @@ fn the_factorial_says_what_is_due_to_what() {
     assert!(found.summary.find("a", lonely, "time of 4 spp", "relmse part of both").is_none(), "no square of four");
 }
 
-/// Error 1/t: the baseline reaches .1 at .1 s, a method of twice the cost at .2 s. One whose curve ends before is
-/// not said to have been measured there.
+/// At error 1/t the baseline reaches 0.1 at 0.1 s, and a method of twice the cost at 0.2 s. A curve that ends before
+/// the level does not count as measured there.
 #[test]
 fn time_to_an_error_is_interpolated_and_nothing_else_passes_for_it() {
     let laws = [
@@ -304,7 +305,7 @@ fn time_to_an_error_is_interpolated_and_nothing_else_passes_for_it() {
     assert!(hopeless.note.contains("not reached by 0.32"), "{hopeless:?}");
 }
 
-/// HalvesProgress of the seeds do not reach the level: the others alone would flatter.
+/// If half of the seeds do not reach the level, the others alone would flatter the method.
 #[test]
 fn seeds_that_do_not_reach_an_error_are_not_left_out() {
     let laws = [Law::new("uniform", "none").deviation(0.0), Law::new("uneven", "none").deviation(0.0)];
@@ -319,7 +320,7 @@ fn seeds_that_do_not_reach_an_error_are_not_left_out() {
     assert!(low.interval().is_none() && low.note.contains("2 of 4 seeds cross"), "{low:?}");
 }
 
-/// Nothing odd breaks the page or puts a NaN on it.
+/// Odd studies neither break the page nor put a NaN on it.
 #[test]
 fn odd_studies_have_a_report_that_says_so() {
     let laws = [Law::new("uniform", "none"), Law::new("mitchell", "none")];
@@ -390,7 +391,7 @@ fn broken_records_are_named() {
     study.write(folder.path(), false);
     let runs = folder.path().join("runs.jsonl");
     let whole = std::fs::read_to_string(&runs).unwrap();
-    // A torn last line is what a full disk leaves.
+    // A full disk leaves an incomplete last line.
     std::fs::write(&runs, &whole[..whole.len() - 30]).unwrap();
     assert!(read(folder.path()).page.contains("3 of 4 runs are done"));
     std::fs::write(&runs, whole.replacen("\"seed\":1", "\"seed\":x", 1)).unwrap();
@@ -409,7 +410,7 @@ fn other_pages_get_tables_and_plots() {
     study.write(folder.path(), false);
     let found = read(folder.path());
     let tables = std::fs::read_to_string(folder.path().join("summary.md")).unwrap();
-    // The page's figures, which are the table's, in the order of their lines.
+    // The page's values are the table's, in the order of its lines.
     let timed = RunBudget::TimeOf(study.manifest.time_of.unwrap()).to_string();
     let of_page: Vec<String> = figures(&found.page)
         .into_iter()

@@ -1,4 +1,4 @@
-//! Order, resumption, and what a folder refuses.
+//! Order, resumption, and refusals of a folder.
 
 use crate::common::{Fake, Place, copy, in_process, label};
 use dapple_core::Control;
@@ -37,7 +37,7 @@ fn a_study_killed_at_any_byte_ends_as_one_that_was_not() {
     let whole = place.text("whole/runs.jsonl");
     let ends: Vec<usize> = whole.match_indices('\n').map(|(at, _)| at + 1).collect();
     for (line, end) in std::iter::once(0).chain(ends.iter().copied()).enumerate() {
-        // At a line's end, within the next, and before the next one's newline.
+        // At a line's end, within the next line, and before its newline.
         let next = ends.get(line).copied().unwrap_or(end);
         for cut in [end, end + (next - end) / 2, next.saturating_sub(1).max(end)] {
             let name = format!("cut-{cut}");
@@ -47,7 +47,7 @@ fn a_study_killed_at_any_byte_ends_as_one_that_was_not() {
             place.study(place.plan(), &name, &mut fake);
             assert_eq!(place.text(&format!("{name}/runs.jsonl")), whole, "cut at {cut}");
             assert!(fake.asked >= ends.len() - line, "runs were made again or anew");
-            // The first run of equal time may be tried.
+            // The first equal-time run may take several trials.
             assert!(fake.asked <= ends.len() - line + 2, "{} runs for {} lines", fake.asked, ends.len() - line);
         }
     }
@@ -62,7 +62,7 @@ fn real_runs_are_the_same_after_a_stop() {
         }
     }
     let place = Place::new();
-    // Without equal time: what that takes in samples is the clock's to say.
+    // Without equal time, whose sample counts depend on the clock.
     let plan = || place.draft().time_of(0).resolve().unwrap();
     let whole = place.study(plan(), "whole", &mut in_process());
     let mut first = place.open(plan(), "stopped").unwrap();
@@ -98,7 +98,7 @@ fn runs_of_equal_time_take_the_time_of_the_baseline() {
     assert!((spp("uniform/sobol/gaussian") - (16.0 - 1e-4 / 1e-6 / 64.0)).abs() < 0.02);
 }
 
-/// A filter that costs time and does nothing loses, at equal time only.
+/// A filter that costs time and does nothing loses at equal time only.
 #[test]
 fn a_slow_filter_loses_at_equal_time() {
     let place = Place::new();
@@ -136,7 +136,7 @@ fn a_wrong_sample_count_is_corrected_once() {
     let place = Place::new();
     let mut slower = Slower(Fake::default());
     let study = place.study(place.plan(), "study", &mut slower);
-    // 8 of given spp, the baseline's 2, and for the other: two trials, the mended one, and the second seed's.
+    // 8 of given spp, the baseline's 2, and for the other method two trials, the corrected one, and the second seed's.
     assert_eq!((slower.0.asked, study.runs().len()), (14, 12));
     let equal: Vec<&Run> = study.runs().iter().filter(|r| matches!(r.budget, RunBudget::TimeOf(_))).collect();
     for run in equal {
@@ -178,7 +178,7 @@ fn another_plan_in_the_folder_is_refused_with_the_difference() {
     std::fs::write(place.path("floor.pbrt"), crate::common::FLOOR.replace('9', "8")).unwrap();
     let said = place.open(place.plan(), "study").err().expect("refused").to_string();
     assert!(said.contains("scene tiny or its reference has changed since"), "{said}");
-    // The control: the same plan is none other, wherever the scene's file lies.
+    // The control: the same plan is accepted wherever the scene's file lies.
     std::fs::write(place.path("floor.pbrt"), crate::common::FLOOR).unwrap();
     place.open(place.plan(), "study").unwrap();
 }
@@ -217,7 +217,7 @@ fn a_folder_is_locked_for_one_process() {
     place.open(place.plan(), "study").unwrap();
 }
 
-/// A disk on which so many bytes are free; what fits of a line is written. Nothing can be cut.
+/// A disk with this many free bytes. The part of a line that fits is written, and nothing can be cut.
 struct Full {
     file: PathBuf,
     free: usize,

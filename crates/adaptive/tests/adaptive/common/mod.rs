@@ -1,4 +1,4 @@
-//! Integrators and samplers of the tests' own.
+//! Integrators and samplers for the tests.
 #![allow(dead_code, unreachable_pub, reason = "each test file uses its own part")]
 
 use dapple_adaptive::AdaptiveOptions;
@@ -60,7 +60,7 @@ impl<F: FnMut(&Feedback<'_>, &mut Plan) -> Progress + Send> Sampler for Planned<
     }
 }
 
-/// Options for images that are compared as they are, without a denoiser.
+/// Options for images that are compared without a denoiser.
 pub fn options() -> AdaptiveOptions {
     AdaptiveOptions::default().epsilon(0.01)
 }

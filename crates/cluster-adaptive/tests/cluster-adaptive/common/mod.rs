@@ -25,7 +25,7 @@ pub fn hit(primitive: u32) -> ProbeHit {
     ProbeHit { primitive, direction: [0.0, 0.0, -1.0], distance: 2.0, normal: [0.0, 0.0, 1.0], footprint: 1.0 }
 }
 
-/// For every frame: sky above, three clusters of columns whose sizes differ by hundreds, one of them
+/// A scene for every frame: sky above, three clusters of columns whose sizes differ by factors of hundreds, one of them
 /// seen from the side, and a floor.
 pub fn scene(ray: ProbeRay) -> Option<ProbeHit> {
     let [x, y] = ray.film;
@@ -68,7 +68,7 @@ pub fn probing(
     ClusterThesis::probing(Random::new(seed), probed, size, options).unwrap()
 }
 
-/// Looks along -z from the origin, 90 degrees wide.
+/// A camera at the origin along -z, 90 degrees wide.
 pub const LOOK: [[f32; 4]; 4] =
     [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, -1.0, 0.0]];
 

@@ -1,4 +1,4 @@
-//! Made-up images and a way to render them.
+//! Made-up images, and a renderer for them.
 #![allow(dead_code, unreachable_pub, reason = "each test file uses its own part")]
 
 use dapple_core::{
@@ -32,7 +32,7 @@ pub fn run(integrator: &mut dyn Integrator, sampler: &mut dyn Sampler, frame: Fr
     Render::new(frame, limits).run(integrator, sampler).unwrap()
 }
 
-/// Mitchell's rule for one pixel alone, with these rates.
+/// Mitchell's rule for single pixels, with these rates.
 pub fn alone(initial: u32, additional: u32, mode: Stopping, policy: PilotPolicy) -> MitchellOptions {
     MitchellOptions::default().initial(initial).additional(additional).radius(0).mode(mode).policy(policy)
 }
@@ -49,7 +49,7 @@ pub fn pbrt_options(min: u32, max: u32, mode: Stopping, policy: PilotPolicy) -> 
     MitchellPbrtOptions::default().min(min).max(max).mode(mode).policy(policy)
 }
 
-/// A film on which these samples lie, pixel by pixel.
+/// A film with these samples, pixel by pixel.
 pub fn film(frame: Frame, sampler: &dyn Sampler, samples: &[Vec<[f32; 3]>]) -> Film {
     let mut film = Film::new(frame, sampler.needs());
     for (i, samples) in samples.iter().enumerate() {
@@ -58,7 +58,7 @@ pub fn film(frame: Frame, sampler: &dyn Sampler, samples: &[Vec<[f32; 3]>]) -> F
     film
 }
 
-/// The plan of a sampler after a film, with so many samples in all and no bounds.
+/// The plan of a sampler after a film, for this many samples in total, without bounds.
 pub fn ask(sampler: &mut dyn Sampler, film: &Film, total: u64) -> Plan {
     let budget = BudgetLeft::new(total).with_spent(film.record().samples).with_min_spp(0);
     let mut plan = Plan::empty(film.frame().pixels());
@@ -66,7 +66,7 @@ pub fn ask(sampler: &mut dyn Sampler, film: &Film, total: u64) -> Plan {
     plan
 }
 
-/// The finaliser of SplitMix64: numbers for the tests themselves.
+/// The finaliser of SplitMix64: pseudo-random numbers for the tests.
 pub fn mix(x: u64) -> u64 {
     let x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     let x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);

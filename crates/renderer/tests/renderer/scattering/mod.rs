@@ -1,6 +1,6 @@
 //! Samples of a BSDF against its density, cell by cell, and its albedo.
 //!
-//! Not every test program that has this uses all of it.
+//! Each test program uses a part of it.
 #![allow(dead_code, unreachable_pub)]
 
 pub mod walk;
@@ -12,20 +12,20 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg32;
 use std::f64::consts::TAU;
 
-/// The scattering on the other side of a surface.
+/// The scattering below a surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Below {
-    /// None gets there.
+    /// No light gets there.
     Nothing,
-    /// It is refracted by microfacets: index of the inside over the outside's.
+    /// Refraction by microfacets, with the index of the inside over the outside's.
     Refracted(f64),
-    /// Its lobe is that of reflection, mirrored at the surface.
+    /// The lobe of reflection, mirrored at the surface.
     Mirrored,
 }
 
 /// A BSDF under test.
 pub struct Case<'m> {
-    /// For messages.
+    /// The name in messages.
     pub name: String,
     /// The BSDF under test.
     pub bsdf: Bsdf<'m>,
@@ -49,15 +49,15 @@ pub fn outgoing() -> Vec<Vec3> {
     list
 }
 
-/// Polar cells over the half vector's slopes, in units of the lobe's widths: they resolve any lobe, and any
-/// hemisphere. Above the surface first, then below.
+/// Polar cells over the half vector's slopes, in units of the lobe's widths. They resolve any lobe and any hemisphere.
+/// Cells above the surface come first, then those below.
 struct Rings {
-    /// Mirrored to lie above.
+    /// The outgoing direction, mirrored to lie above.
     wo: DVec3,
     side: f64,
     alpha: [f64; 2],
     below: Below,
-    /// Index below over above, as `wo` sees it.
+    /// The index below over the index above, as seen from `wo`.
     eta: f64,
 }
 
@@ -84,7 +84,7 @@ impl Rings {
         if self.below == Below::Nothing { 1 } else { 2 }
     }
 
-    /// Ring number, continuous, to radius.
+    /// The radius of a (continuous) ring number.
     fn radius(&self, ring: f64) -> f64 {
         let n = (RINGS - 2) as f64;
         let last = LAST / self.alpha[0].min(self.alpha[1]);
@@ -112,7 +112,7 @@ impl Rings {
         ring * SECTORS + ((turn * SECTORS as f64) as usize).min(SECTORS - 1) + if beyond { CELLS } else { 0 }
     }
 
-    /// A density over `wi` turned into one over (ring number, sector number).
+    /// The density over (ring number, sector number) for a density over `wi`.
     fn density(&self, pdf: impl Fn(Vec3) -> f32, beyond: bool, ring: f64, sector: f64) -> f64 {
         const STEP: f64 = 1e-4;
         let [ax, ay] = self.alpha;
@@ -124,7 +124,7 @@ impl Rings {
         if cos <= 0.0 {
             return 0.0;
         }
-        // The direction for this half vector, and solid angle around it over that around the half vector.
+        // The direction for this half vector, and the ratio of solid angles around it and around the half vector.
         let (wi, ratio) = if beyond && self.below != Below::Mirrored {
             let eta = self.eta;
             let sin2 = (1.0 - cos * cos) / (eta * eta);
@@ -150,14 +150,14 @@ impl Rings {
 
     /// Integral of a density over each cell.
     fn integrals(&self, pdf: impl Fn(Vec3) -> f32, samples: u32) -> Vec<f64> {
-        // Halvings of a quarter cell at most: the horizon cuts the density off, and more samples see more.
+        // Halvings of a quarter cell at most: the horizon cuts the density off, and more samples show more.
         let depth = if samples > 200_000 { 9 } else { 5 };
         let tolerance = 0.1 / f64::from(samples);
         let mut list = Vec::new();
         for beyond in (0..self.sides()).map(|side| side == 1) {
             let f = |ring: f64, sector: f64| self.density(&pdf, beyond, ring, sector);
             for (ring, sector) in (0..RINGS).flat_map(|ring| (0..SECTORS).map(move |sector| (ring, sector))) {
-                // Started from 2 x 2 parts, lest a lobe between the nodes be missed; off the rings' seams.
+                // Started from 2 x 2 parts, so that no lobe between the nodes is missed; off the rings' seams.
                 let half = |start: usize, i: usize| {
                     [i, i + 1].map(|i| start as f64 + (0.5 * i as f64).clamp(1e-9, 1.0 - 1e-9))
                 };
@@ -183,7 +183,7 @@ pub fn chi_square_of(case: &Case<'_>, wo: Vec3, samples: u32, gain: impl Fn(Vec3
                 check_sample(case, wo, &sample);
                 rings.cell(sample.wi)
             }
-            // Refused and specular samples share a cell: what the density leaves of 1.
+            // Refused and specular samples have one cell: the rest of the density to 1.
             _ => refused,
         };
         observed[cell] += 1;
@@ -192,7 +192,7 @@ pub fn chi_square_of(case: &Case<'_>, wo: Vec3, samples: u32, gain: impl Fn(Vec3
     let mut expected = rings.integrals(|wi| gain(wi) * bsdf.pdf(wo, wi), samples);
     let integral: f64 = expected.iter().sum();
     assert!(integral <= 1.0 + 1e-3, "{name} at {wo}: pdf integrates to {integral}");
-    // The last cell is a difference, which the quadrature leaves uncertain by some 1e-6.
+    // The last cell is a difference, which quadrature leaves uncertain by about 1e-6.
     expected.push((1.0 - integral).max(5e-6));
     expected.iter_mut().for_each(|e| *e *= n);
     chi_square(&observed, &expected)
@@ -221,15 +221,15 @@ fn check_sample(case: &Case<'_>, wo: Vec3, sample: &BsdfSample) {
     assert!((f - weight).abs().max_element() <= 1e-4 * f.max_element().max(1e-30), "{name} {wo} {wi}: {f} {weight}");
 }
 
-/// Tells if f32 directions resolve the lobe: reflected within about `alpha` of the surface, half vectors are
-/// `alpha` long, their slopes of order `alpha` are known to 6e-8 / alpha^2 of themselves, and directions form
-/// a lattice of that spacing. With 10^6 samples an alpha of 0.01 shows it, too, in the tails.
+/// True if f32 directions resolve the lobe. Reflected within about `alpha` of the surface, half vectors have length
+/// `alpha`. Their slopes of order `alpha` have a relative error of 6e-8 / alpha^2, and directions form a lattice of
+/// that spacing. With 10^6 samples an alpha of 0.01 also shows it in the tails.
 pub fn resolved(case: &Case<'_>, wo: Vec3, samples: u32) -> bool {
     let narrowest = if samples > 200_000 { 0.02 } else { 2e-3 };
     wo.z.abs() > 1e-3 || case.alpha[0].max(case.alpha[1]) > narrowest
 }
 
-/// Fails for directions that f32 resolves, or does not, where samples and density disagree.
+/// Fails if samples and density disagree, for the directions that f32 resolves, or for those it does not.
 pub fn check_agreement(cases: &[Case<'_>], outgoing: &[Vec3], samples: u32, resolvable: bool) {
     let level = sidak(FAMILY, cases.len() * outgoing.len());
     let mut failures = Vec::new();
@@ -247,7 +247,7 @@ pub fn check_agreement(cases: &[Case<'_>], outgoing: &[Vec3], samples: u32, reso
     assert!(failures.is_empty(), "{failures:#?}");
 }
 
-/// The verdict by `judge` on the mean weight, of flux: what refraction takes from radiance is given back. Samples are
+/// The verdict by `judge` on the mean weight, of flux: the factor of refraction on radiance is undone. Samples are
 /// doubled while it is undecided.
 pub fn albedo(bsdf: &Bsdf<'_>, wo: Vec3, gain: f64, seed: u64, judge: impl Fn(&Mean) -> Verdict) -> (Verdict, Mean) {
     let mut random = Pcg32::seed_from_u64(seed);

@@ -1,5 +1,5 @@
-//! Walks between the layers of a coated surface, event by event, in f64: nothing in common with the closed forms
-//! under test but the physics. (Normals drawn from their plain distribution agreed as well, with ten times the noise.)
+//! Walks between the layers of a coated surface, event by event, in f64. They have nothing but the physics in common
+//! with the closed forms under test. (Normals from their plain distribution agreed as well, with ten times the noise.)
 
 use dapple_renderer::shading::ComplexIor;
 use glam::{DVec3, Vec3};
@@ -15,13 +15,13 @@ const DEPTH: u32 = 10;
 /// The base below a coat.
 #[derive(Clone, Copy, Debug)]
 pub enum Base {
-    /// Lambert's, of this reflectance.
+    /// A Lambertian base of this reflectance.
     Diffuse(f64),
     /// A metal: width of its microfacets, index and absorption.
     Metal { alpha: f64, ior: [f64; 2] },
 }
 
-/// A walk between a rough dielectric and a base; visible normals are drawn by the disk method of Heitz 2018.
+/// A walk between a rough dielectric and a base. Visible normals are sampled by the disk method of Heitz 2018.
 pub struct Walk {
     /// Width of the coat's microfacets.
     pub coat: f64,
@@ -58,8 +58,8 @@ impl Walk {
         (1.0 + lambda(w)) / (1.0 + lambda(w) + lambda(out))
     }
 
-    /// The coat met from the side `w.z > 0`, with index `eta` beyond over before: the direction that light goes on in,
-    /// and its weight.
+    /// Interaction with the coat from the side `w.z > 0`, with index `eta` beyond over before: the new direction and
+    /// its weight.
     fn interface(&mut self, w: DVec3, eta: f64) -> (DVec3, f64) {
         let (m, lobe) = (self.normal(self.coat, w), self.uniform());
         let cos = w.dot(m);
@@ -84,7 +84,7 @@ impl Walk {
         if allowed { (out, Self::unshadowed(self.coat, w, out)) } else { (out, 0.0) }
     }
 
-    /// The base met from above.
+    /// Interaction with the base from above.
     fn base(&mut self, w: DVec3) -> (DVec3, f64) {
         let (alpha, ior) = match self.base {
             Base::Diffuse(reflectance) => {
@@ -110,7 +110,7 @@ impl Walk {
         (-THICKNESS / w.z.abs()).exp()
     }
 
-    /// One walk from outside: where light leaves after the base, and its weight.
+    /// One walk from outside: the direction in which light leaves after the base, and its weight.
     pub fn leave(&mut self, wo: DVec3) -> Option<(DVec3, f64)> {
         let (mut w, mut weight) = self.interface(wo, ETA);
         if w.z > 0.0 {
@@ -126,7 +126,7 @@ impl Walk {
                 (w, factor) = self.base(-w);
                 weight *= factor;
             } else {
-                // Seen from below: mirrored upside down, and back.
+                // From below: mirrored upside down, and back.
                 let flip = DVec3::new(1.0, 1.0, -1.0);
                 let (out, factor) = self.interface(-w * flip, 1.0 / ETA);
                 weight *= factor;

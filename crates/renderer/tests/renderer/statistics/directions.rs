@@ -1,4 +1,4 @@
-//! Chi-square of drawn directions against their density, on a grid around an axis .
+//! Chi-square of sampled directions against their density, on a grid around an axis.
 
 use super::chi_square;
 use glam::{DVec3, Vec3};
@@ -6,11 +6,11 @@ use std::f64::consts::TAU;
 
 const ROWS: usize = 16;
 const COLUMNS: usize = 24;
-/// Points of the rule in a cell: densities may be cut off anywhere in it. They are Roberts' R2 sequence
-/// [after Roberts 2018].
+/// Points of the rule in a cell, since a density may end anywhere in it. They are Roberts' R2 sequence [after Roberts
+/// 2018].
 const POINTS: usize = 4096;
 
-/// Directions within `angle` of `axis`; all others, and samples refused, are one cell of their own.
+/// Directions within `angle` of `axis`. All others, and refused samples, form one separate cell.
 pub struct Cone {
     pub axis: DVec3,
     pub angle: f64,
@@ -26,7 +26,7 @@ impl Cone {
     pub fn test(&self, samples: u64, mut draw: impl FnMut() -> Option<Vec3>, pdf: impl Fn(Vec3) -> f32) -> (f64, f64) {
         let (x, y) = self.axis.any_orthonormal_pair();
         let cell = |w: DVec3| {
-            // From the chord: digits of narrow cones stay.
+            // Computed from the chord, which keeps the digits of narrow cones.
             let angle = 2.0 * (0.5 * (w - self.axis).length()).min(1.0).asin();
             let turn = (w.dot(y).atan2(w.dot(x)) / TAU).rem_euclid(1.0);
             let row = (angle / self.angle * ROWS as f64) as usize;
@@ -42,7 +42,7 @@ impl Cone {
         let [dt, dp] = [self.angle / ROWS as f64, TAU / COLUMNS as f64];
         for i in 0..ROWS * COLUMNS {
             let point = |j: usize| {
-                // A rank-1 lattice that goes on from cell to cell: nothing lines up with a density's border.
+                // A rank-1 lattice that continues from cell to cell, so that it never aligns with a density's border.
                 let n = (i * POINTS + j) as f64;
                 let [a, b] = [n * 0.754_877_666_246_692_8, n * 0.569_840_290_998_053_3].map(|x| x.fract());
                 let (sin, cos) = (((i / COLUMNS) as f64 + a) * dt).sin_cos();
@@ -54,7 +54,7 @@ impl Cone {
         }
         let integral: f64 = expected.iter().sum();
         expected.push((1.0 - integral).max(0.0));
-        // The error of the rule itself must not make a cell impossible.
+        // Above the error of the rule itself.
         let least = 1e-6;
         let expected: Vec<f64> = expected.iter().map(|e| samples as f64 * e.max(least / samples as f64)).collect();
         (chi_square(&observed, &expected), integral)

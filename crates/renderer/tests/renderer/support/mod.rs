@@ -1,6 +1,6 @@
 //! Small scenes made by hand, and short ways to render them.
 //!
-//! Not every test program that has this uses all of it.
+//! Each test program uses a part of it.
 #![allow(dead_code, unreachable_pub)]
 
 #[path = "../../../../scene/tests/scene/support.rs"]
@@ -15,7 +15,7 @@ use dapple_low_discrepancy::Sobol;
 use dapple_renderer::{World, integrator};
 use dapple_scene::Scene;
 
-/// A world, or the reasons why there is none.
+/// The world of a scene; panics with the reasons if it has none.
 pub fn world(scene: &Scene) -> World {
     World::new(scene).unwrap_or_else(|e| panic!("{e}"))
 }
@@ -60,11 +60,11 @@ pub fn hash(film: &Film) -> u64 {
 /// Largest deviations between two sets of independent images, in standard normal units.
 #[derive(Clone, Copy, Debug)]
 pub struct Agreement {
-    /// Of any 8x8 block and channel.
+    /// In any 8x8 block and channel.
     pub worst: f64,
     /// Blocks times channels.
     pub tests: usize,
-    /// Of the mean of the whole image, any channel.
+    /// In the mean of the whole image, any channel.
     pub whole: f64,
     /// True if blocks without variance were equal to the bit.
     pub exact: bool,
@@ -77,7 +77,7 @@ impl Agreement {
         Self::of_blocks(&a, &b)
     }
 
-    /// The same of block means, `[replicate][block]`.
+    /// Welch's t of block means, `[replicate][block]`.
     pub fn of_blocks(a: &[Vec<[f64; 3]>], b: &[Vec<[f64; 3]>]) -> Self {
         let blocks = a[0].len();
         let mut found = Self { worst: 0.0, tests: 3 * blocks, whole: 0.0, exact: true };
@@ -102,7 +102,7 @@ impl Agreement {
     }
 }
 
-/// Means of 8x8 blocks, those at the border smaller, row by row.
+/// Means of 8x8 blocks, smaller at the border, row by row.
 pub fn block_means(film: &Film) -> Vec<[f64; 3]> {
     let [w, h] = film.frame().size().map(|n| n as usize);
     let pixels: Vec<[f64; 3]> = (0..w * h).map(|i| film.mean(i)).collect();
@@ -129,8 +129,8 @@ pub fn summary(values: impl Iterator<Item = f64> + Clone) -> (f64, f64, f64) {
     (mean, squares / (n - 1.0) / n, n - 1.0)
 }
 
-/// Deviation of two means as a standard normal one of the same probability, after Wallace 1959; `None`
-/// without variance.
+/// The deviation of two means as a standard normal one of the same probability, after Wallace 1959; `None` without
+/// variance.
 pub fn welch((a, va, na): (f64, f64, f64), (b, vb, nb): (f64, f64, f64)) -> Option<f64> {
     let variance = va + vb;
     // Rounding is no variance.

@@ -1,11 +1,11 @@
-//! Ratios of curves that are known.
+//! Ratios of known curves.
 
 use super::*;
 use dapple_study::{ImageErrors, Phases};
 
 const SEEDS: std::ops::RangeInclusive<u64> = 1..=8;
 
-/// A run whose error is `error` times an even or odd seed's luck, in `time` seconds.
+/// A run whose error is `error`, times a factor for even or odd seeds, in `time` seconds.
 fn run(method: &Method, spp: u64, seed: u64, error: f64, time: f64) -> Run {
     let e = error * if seed.is_multiple_of(2) { 1.1 } else { 1.0 / 1.1 };
     let errors = {
@@ -40,7 +40,8 @@ fn run(method: &Method, spp: u64, seed: u64, error: f64, time: f64) -> Run {
     }
 }
 
-/// Uniform sampling with error 1/n in n seconds, at 4 to 64 samples; and a method with half of that error in twice the time.
+/// Uniform sampling with error 1/n in n seconds, at 4 to 64 samples, and a method with half of that error in twice the
+/// time.
 fn board() -> (Board, Method) {
     let mut board = Board {
         manifests: Vec::new(),
@@ -75,7 +76,7 @@ fn half_the_error_in_twice_the_time_is_a_draw_at_equal_time() {
         let equal_time = ratio(At::TimeOf(spp));
         assert!((equal_time.value - 1.0).abs() < 1e-9 && equal_time.mark == mark, "{spp}: {}", equal_time.value);
     }
-    // The least budget takes twice the time of 4 samples: told, and not followed downwards.
+    // The least budget takes twice the time of 4 samples. It is marked, and the curve is not followed downwards.
     let least = ratio(At::TimeOf(4));
     assert!((least.value - 0.5).abs() < 1e-12 && least.mark == Mark::Slower(2.0), "{}", least.value);
 }
@@ -83,7 +84,7 @@ fn half_the_error_in_twice_the_time_is_a_draw_at_equal_time() {
 #[test]
 fn time_to_equal_error_is_that_of_the_longer_curve() {
     let (board, other) = board();
-    // The error of 16 is uniform's at 32, which takes as long; that of 64 lies beyond the curve.
+    // The error of 16 is that of uniform at 32, in the same time. The error of 64 lies beyond the curve.
     let within = board.time_to_error("plain", &other, 16, Metric::Srgb).unwrap();
     assert!((within.value - 1.0).abs() < 0.01 && within.mark == Mark::Plain, "{}", within.value);
     let beyond = board.time_to_error("plain", &other, 64, Metric::Srgb).unwrap();

@@ -1,5 +1,5 @@
-//! A small scene, plans for it, and runs that nobody renders.
-#![allow(dead_code)] // Each test file uses its share.
+//! A small scene, plans for it, and runs without rendering.
+#![allow(dead_code)] // Each test file uses a part.
 
 use dapple_study::{
     ImageErrors, InProcess, Method, Phases, Plan, PlanPatch, Run, RunBudget, RunRequest, Runner, ScenePlan, Study,
@@ -8,7 +8,8 @@ use dapple_study::{
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;
 
-/// A floor under a large lamp that is not in view: quick, and about as noisy in all pixels, so that few seeds tell much.
+/// A floor under a large lamp out of view. It renders quickly with about equal noise in all pixels, so that a few seeds
+/// suffice.
 pub(crate) const TINY: &str = r#"LookAt 0 4 4  0 0 0  0 1 0
 Camera "perspective" "float fov" [ 40 ]
 Film "rgb" "integer xresolution" [ 24 ] "integer yresolution" [ 16 ] "string filename" [ "tiny.exr" ]
@@ -65,7 +66,7 @@ impl Place {
         study.map(|study| study.expect("nobody stops it"))
     }
 
-    /// Opens and runs to the end.
+    /// Opens a study and runs it to the end.
     pub(crate) fn study(&self, plan: Plan, name: &str, runner: &mut dyn Runner) -> Study {
         let mut study = self.open(plan, name).expect("it opens");
         study.run(runner, &mut ()).expect("it runs");
@@ -77,14 +78,14 @@ pub(crate) fn in_process() -> InProcess {
     InProcess::new(|| None)
 }
 
-/// Makes up runs: times and errors are functions of the request.
+/// Makes runs up: times and errors are functions of the request.
 #[derive(Default)]
 pub(crate) struct Fake {
-    /// How often it was asked.
+    /// The number of requests so far.
     pub(crate) asked: usize,
 }
 
-/// The time that a fake run takes: a method with `variance` takes 1.5 as long a sample, a filter costs a tenth of a
+/// The time of a made-up run. A method with `variance` takes 1.5 times as long per sample. A filter costs a tenth of a
 /// millisecond, whatever the samples.
 fn phases(method: &Method, samples: u64) -> Phases {
     let rate = if method.sampler.starts_with("variance") { 1.5e-6 } else { 1e-6 };
@@ -136,7 +137,7 @@ impl Runner for Fake {
     }
 }
 
-/// What tells runs apart.
+/// The label that identifies a run.
 pub(crate) fn label(run: &Run) -> String {
     let budget = match run.budget {
         RunBudget::Spp(n) => format!("{n}"),
@@ -146,7 +147,7 @@ pub(crate) fn label(run: &Run) -> String {
     format!("{} {} {budget} {}", run.scene, run.method, run.seed)
 }
 
-/// Copies a folder, without what lies in folders of it but for references.
+/// Copies the files of a folder; of its folders only the references.
 pub(crate) fn copy(from: &Path, to: &Path) {
     for folder in ["", "references"] {
         std::fs::create_dir_all(to.join(folder)).expect("a folder");

@@ -1,4 +1,4 @@
-//! Studies without rendering: what errors, times and images are is known, and so is what must be said of them.
+//! Studies without rendering: errors, times and images are known, and so is the right report.
 #![allow(dead_code)]
 
 use dapple_renderer::light::LightSelection;
@@ -6,19 +6,19 @@ use dapple_scene::image::{Image, Layer, encode_exr, encode_png_gray, write_file}
 use dapple_study::{ImageErrors, Machine, Manifest, Method, Phases, ReferenceRecord, Run, RunBudget, SceneRecord};
 use std::path::Path;
 
-/// How a method behaves.
+/// The behaviour of a method.
 #[derive(Clone)]
 pub(crate) struct Law {
     pub(crate) method: Method,
     /// relMSE at one sample per pixel, times `spp^slope`.
     pub(crate) scale: f64,
     pub(crate) slope: f64,
-    /// Seconds per sample per pixel, and once.
+    /// Seconds per sample per pixel, and seconds per image.
     pub(crate) seconds: f64,
     pub(crate) overhead: f64,
-    /// Of ln error between seeds.
+    /// Standard deviation of ln error between seeds.
     pub(crate) deviation: f64,
-    /// Chooses the errors of its seeds.
+    /// The random stream of the errors.
     pub(crate) stream: u64,
 }
 
@@ -49,7 +49,7 @@ impl Law {
         Self { deviation, ..self }
     }
 
-    /// A run: errors and seconds follow the law, the error apart from its seed's noise.
+    /// A run whose errors and seconds follow the law, with the seed's noise on the errors.
     pub(crate) fn run(&self, scene: &str, budget: RunBudget, seed: u64, base: &Law) -> Run {
         let spp = match budget {
             RunBudget::Spp(spp) => spp as f64,
@@ -117,7 +117,7 @@ pub(crate) fn errors(relmse: f64) -> ImageErrors {
     }
 }
 
-/// A study's manifest and runs, whole; tests take away and change.
+/// A complete study's manifest and runs, for tests to change.
 #[derive(Clone)]
 pub(crate) struct Study {
     pub(crate) manifest: Manifest,
@@ -163,14 +163,14 @@ impl Study {
         Self { manifest, runs, size }
     }
 
-    /// Of images.
+    /// The study with images of another size.
     pub(crate) fn resized(mut self, size: [u32; 2]) -> Self {
         self.size = size;
         self.manifest.scenes.iter_mut().for_each(|scene| scene.resolution = size);
         self
     }
 
-    /// With images of the first seed whose noise is as large as the error says.
+    /// Writes the study; `images` adds the first seed's, with noise as large as the error.
     pub(crate) fn write(&mut self, folder: &Path, images: bool) {
         if images {
             self.write_images(folder);
@@ -194,12 +194,12 @@ impl Study {
             write_file(&folder.join(&scene.reference.file), &exr(truth(size))).unwrap();
         }
         let first = self.manifest.seeds[0];
-        // Of those that a page shows.
+        // Only images that a page shows.
         let last = RunBudget::Spp(self.manifest.spp.iter().copied().max().unwrap_or(0));
         let shown = |run: &Run| run.seed == first && (run.budget == last || matches!(run.budget, RunBudget::TimeOf(_)));
         for (index, run) in self.runs.iter_mut().enumerate().filter(|(_, run)| shown(run)) {
             let noise = run.errors.relmse.sqrt();
-            // An adaptive method's noise lies elsewhere.
+            // An adaptive method has its noise elsewhere.
             let shift = if run.method.sampler == "uniform" { 0 } else { size[0] / 3 };
             let pixels = truth(size).into_iter().enumerate().map(|(i, p)| {
                 let column = (i as u32 + shift) % size[0];
@@ -241,7 +241,7 @@ fn scene(name: &str, size: [u32; 2]) -> SceneRecord {
     }
 }
 
-/// A ball over a chequered floor, of a sort.
+/// A reference image: something like a ball over a chequered floor.
 fn truth([width, height]: [u32; 2]) -> Vec<[f32; 3]> {
     let at = |i: u32| {
         let [x, y] = [(i % width) as f32 / width as f32, (i / width) as f32 / height as f32];
@@ -266,12 +266,12 @@ pub(crate) fn mix(x: u64) -> u64 {
     x ^ (x >> 31)
 }
 
-/// Nearly normal: the sum of twelve uniform numbers less 6.
+/// A nearly normal number: the sum of twelve uniform numbers less 6.
 pub(crate) fn normal(place: u64) -> f64 {
     (0..12).map(|i| mix(mix(place) ^ (i << 40)) as f64 / u64::MAX as f64).sum::<f64>() - 6.0
 }
 
-/// Two scenes, two samplers, two filters: a study as one would run it.
+/// A typical study: two scenes, two samplers, two filters.
 pub(crate) fn example() -> Study {
     let laws = [
         Law::new("uniform", "none").slope(-1.2),
