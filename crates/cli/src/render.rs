@@ -108,7 +108,7 @@ fn warn_all(warnings: &[Warning], has_spp: bool) {
     warnings.iter().filter(silent).for_each(|warning| warn(failure::warning(warning)));
 }
 
-/// How an image is shown.
+/// Output settings of an image.
 pub(crate) struct Show<'a> {
     pub(crate) outputs: &'a [PathBuf],
     pub(crate) maps: Option<&'a Path>,

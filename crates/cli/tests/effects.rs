@@ -64,7 +64,7 @@ fn furnace(rho: f64, depth: &str) -> String {
     )
 }
 
-/// In a furnace of albedo rho, depth D leaves a share of rho^(D+1) of the radiance out (STATISTICS, closed references).
+/// In a furnace of albedo rho, paths of depth D miss rho^(D+1) of the radiance.
 #[test]
 fn what_the_depth_cuts_off_is_reported_l13() {
     let folder = Folder::new();

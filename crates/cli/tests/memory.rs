@@ -95,7 +95,7 @@ fn images_larger_than_the_machine_are_refused_z03() {
     assert!(folder.names().is_empty(), "{:?}", folder.names());
 }
 
-/// What the summary of a render says of its memory, and the most that the system saw of it.
+/// The memory in a render's summary, and the peak that the system measured.
 #[cfg(target_os = "linux")]
 struct Taken {
     line: String,

@@ -1,4 +1,4 @@
-//! What `dapple render` and `dapple compare` make.
+//! The output of `dapple render` and `dapple compare`.
 
 mod common;
 
@@ -26,7 +26,7 @@ const KEYS: [&str; 17] = [
 ];
 const PHASES: [&str; 8] = ["load", "bvh", "cluster", "probe", "plan", "trace", "filter", "write"];
 
-/// Where the keys stand in the line, in the order given.
+/// Positions of the keys in the line, in the order given.
 fn in_order(line: &str, keys: &[&str]) -> bool {
     let places: Vec<Option<usize>> = keys.iter().map(|key| line.find(&format!("\"{key}\":"))).collect();
     places.iter().all(Option::is_some) && places.is_sorted()
@@ -239,7 +239,7 @@ fn clusters_are_shown_and_charged() {
     assert!(!read(&folder, "b.exr").1.iter().any(|c| c.0 == "cluster.Y"));
 }
 
-/// HARD_CASES K04: adaptivity is not lost without a word.
+/// A warning reports clusters that a far triangle made useless.
 #[test]
 fn a_far_triangle_that_spoils_the_clusters_is_told_k04() {
     let folder = Folder::new();
@@ -397,7 +397,7 @@ fn an_image_equals_itself_and_no_other() {
     }
 }
 
-/// What the clock says of the phases is what the program takes, but for its start and end.
+/// The phases add up to the program's time, except its start and end.
 #[test]
 fn phases_sum_to_the_total_t01() {
     let folder = Folder::new();

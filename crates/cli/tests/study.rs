@@ -22,7 +22,7 @@ impl Folder {
         runs
     }
 
-    /// How many lines there are; none while there is no file.
+    /// The number of lines; 0 while the file is missing.
     fn lines(&self, folder: &str) -> usize {
         std::fs::read(self.path(folder).join("runs.jsonl")).map_or(0, |b| b.iter().filter(|b| **b == b'\n').count())
     }

@@ -1,4 +1,4 @@
-//! What the program says to wrong words and broken scenes, word for word, and how fast.
+//! Messages for wrong arguments and broken scenes, word for word, and the time until they appear.
 
 mod common;
 
@@ -143,7 +143,7 @@ fn the_unsupported_is_refused_or_listed() {
     assert!(allowed.err.starts_with("warning: odd.pbrt:13: ") && allowed.err.contains("left out"), "{}", allowed.err);
 }
 
-/// What `dapple info` says of a render's memory, against the render. The program itself may take a page more or less.
+/// The memory that `dapple info` predicts, against the render. The program itself may take a page more or less.
 #[cfg(target_os = "linux")]
 fn foreseen(folder: &Folder, info: &str) {
     let render = folder.done("render tiny.pbrt");

@@ -245,7 +245,7 @@ impl Job {
         &self.points
     }
 
-    /// Whether no sample decides on the counts of the sampler.
+    /// Returns true if the sampler plans its counts a priori.
     pub fn is_a_priori(&self) -> bool {
         self.sampler.a_priori()
     }

@@ -15,13 +15,13 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 
-/// How a scene is read.
+/// Settings of the reader.
 #[derive(Clone, Copy, Debug)]
 #[non_exhaustive]
 pub struct LoadOptions {
     /// The memory that the render may take. No longer file is read.
     pub limit: MemoryLimit,
-    /// Whether to digest every byte that is read. Checkpoints and shards need the digest.
+    /// Hashes every byte that is read. Checkpoints and shards need the hash.
     pub digest: bool,
 }
 
@@ -148,7 +148,7 @@ impl LoadedScene {
         &self.spec
     }
 
-    /// What was read otherwise than written, and left out.
+    /// Warnings about directives that were adjusted or left out.
     pub fn warnings(&self) -> &[Warning] {
         &self.warnings
     }

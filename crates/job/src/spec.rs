@@ -412,7 +412,7 @@ impl RenderSpec {
         }
     }
 
-    /// Whether two descriptions call for the same world.
+    /// Returns true if two descriptions need the same world.
     pub(crate) fn has_world_of(&self, other: &Self) -> bool {
         let world = |spec: &Self| Self {
             light_selection: Some(spec.selection()),

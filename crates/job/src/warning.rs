@@ -143,7 +143,7 @@ pub fn found_by_chance(called: &Called) -> String {
     )
 }
 
-/// Whether a rejected sample can be replayed by uniform sampling.
+/// Returns true if uniform sampling can replay a rejected sample.
 pub fn can_be_replayed(first: &Rejected) -> bool {
     first.sample.stream == streams::WHOLE
 }

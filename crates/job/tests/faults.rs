@@ -1,4 +1,4 @@
-//! Files under faults at every call, and damaged ones (HARD_CASES X02, X03, X08).
+//! Faults at every file operation, and damaged files.
 
 use dapple_job::checkpoint::{Contents, Damage, Disk, Error, FileSystem, Generation, Identity, Kind, Store};
 use std::fs::File;
@@ -17,7 +17,7 @@ fn body(generation: u8) -> Vec<u8> {
     (0..(1_u32 << 20) + 99).map(|i| (i as u8).wrapping_mul(31) ^ generation).collect()
 }
 
-/// How a call fails.
+/// The failure of a call.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Fault {
     /// Nothing happens.

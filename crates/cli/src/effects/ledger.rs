@@ -12,7 +12,7 @@ use dapple_scene::{Effect, Effects};
 use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::time::{Duration, Instant};
 
-/// How the images are rendered.
+/// Settings of the rendered images.
 pub(super) struct Settings {
     pub(super) frame: Frame,
     pub(super) spp: u32,

@@ -67,7 +67,7 @@ impl Folder {
         said.out
     }
 
-    /// What `render --json` says.
+    /// The line that `render --json` prints.
     pub(crate) fn json(&self, words: &str) -> serde_json::Value {
         let out = self.done(&format!("render --json {words}"));
         assert_eq!(out.matches('\n').count(), 1, "one line: {out}");

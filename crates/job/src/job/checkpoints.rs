@@ -20,7 +20,7 @@ const SHARE: f64 = 0.01;
 /// thread that writes. Half of the rate measured on one slow core.
 const GUESS: f64 = 0.5e9;
 
-/// Where checkpoints are kept, and where a render resumes from.
+/// The files of checkpoints: the one that is kept, and the one that a render resumes from.
 #[derive(Clone, Debug, Default)]
 #[non_exhaustive]
 pub struct CheckpointOptions {
@@ -205,7 +205,7 @@ impl Writer {
         Contents { kind: Kind::Checkpoint, identity: self.identity.clone(), body: status.snapshot() }
     }
 
-    /// Whether nothing is being written. Takes the result of the last one.
+    /// Returns true if nothing is being written. Takes the result of the last write.
     fn is_idle(&mut self, monitor: &mut dyn JobMonitor) -> bool {
         if self.writing.as_ref().is_some_and(|writing| !writing.is_finished()) {
             return false;

@@ -42,7 +42,7 @@ impl MemoryLimit {
         (self.bytes < u64::MAX).then_some(self.bytes)
     }
 
-    /// Whether the limit was given, rather than the machine's.
+    /// Returns true for a limit of the user, false for the machine's.
     pub const fn is_given(self) -> bool {
         self.given
     }

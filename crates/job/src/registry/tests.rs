@@ -75,7 +75,7 @@ fn cluster_follows_a_filter_by_its_name() {
     assert!(refused.contains("one of variance, nlm, bilateral, cluster-regression"), "{refused}");
 }
 
-/// What a thing says of itself can be said back, names all its parameters, and is what it is by default.
+/// A description parses again, names every parameter, and equals the default.
 #[test]
 fn descriptions_are_words() {
     let stage = stage();

@@ -199,7 +199,7 @@ fn rolling(motion_times: [f64; 2], shutter: [f64; 2]) -> Scene {
     scene
 }
 
-/// Where along x the ball is met at a time of the world.
+/// The x coordinate of the ball's hit at a time of the world.
 fn ball_at(world: &World, time: f32) -> f64 {
     let middle = |x: f64| {
         let from = world.space().point(DVec3::new(x, 0.0, -20.0)).as_vec3();
