@@ -158,7 +158,7 @@ pub(crate) fn filtered(inputs: &Inputs, image: &Pair) -> Filtered {
 /// use dapple_core::Filtered;
 /// use dapple_denoise::relative_errors;
 ///
-/// let image = Filtered { size: [2, 1], radiance: vec![[1.0; 3]; 2], error: Some(vec![0.5, f32::INFINITY]) };
+/// let image = Filtered::new([2, 1], vec![[1.0; 3]; 2]).with_error(vec![0.5, f32::INFINITY]);
 /// assert_eq!(relative_errors(&image, 0.0)?, [0.5, 0.5]);
 /// # Ok::<(), dapple_core::Error>(())
 /// ```

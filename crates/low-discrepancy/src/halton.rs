@@ -11,7 +11,7 @@ use dapple_core::{PointSet, SampleId};
 /// use dapple_low_discrepancy::Halton;
 ///
 /// let points = Halton::new(7);
-/// let [x, y, ..] = points.block(SampleId { pixel: [3, 4], stream: 0, index: 5 }, 0);
+/// let [x, y, ..] = points.block(SampleId::new([3, 4], 0, 5), 0);
 /// assert!((0.0..1.0).contains(&x) && (0.0..1.0).contains(&y));
 /// assert_eq!(points.preferred_count(7), 12);
 /// ```

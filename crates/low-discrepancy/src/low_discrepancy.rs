@@ -20,7 +20,7 @@ use dapple_core::{PointSet, SampleId};
 ///
 /// let points = LowDiscrepancy::new(7, 33)?;
 /// assert_eq!(points.count(), 64);
-/// let [x, y, ..] = points.block(SampleId { pixel: [3, 4], stream: 0, index: 5 }, 0);
+/// let [x, y, ..] = points.block(SampleId::new([3, 4], 0, 5), 0);
 /// assert!((0.0..1.0).contains(&x) && (0.0..1.0).contains(&y));
 /// # Ok::<(), dapple_low_discrepancy::Error>(())
 /// ```

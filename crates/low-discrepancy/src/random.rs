@@ -15,7 +15,7 @@ use rand_pcg::Pcg64Mcg;
 /// use dapple_low_discrepancy::Random;
 ///
 /// let points = Random::new(7);
-/// let id = SampleId { pixel: [3, 4], stream: 0, index: 5 };
+/// let id = SampleId::new([3, 4], 0, 5);
 /// assert_eq!(points.block(id, 0), Random::new(7).block(id, 0));
 /// assert_ne!(points.block(id, 0), Random::new(8).block(id, 0));
 /// ```

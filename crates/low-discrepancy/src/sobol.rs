@@ -22,7 +22,7 @@ use pulp::{Arch, NullaryFnOnce};
 /// let points = Sobol::new(7);
 /// let mut quarters: Vec<u32> = (0..4)
 ///     .map(|index| {
-///         let [x, y, ..] = points.block(SampleId { pixel: [3, 4], stream: 0, index }, 0);
+///         let [x, y, ..] = points.block(SampleId::new([3, 4], 0, index), 0);
 ///         2 * u32::from(y >= 0.5) + u32::from(x >= 0.5)
 ///     })
 ///     .collect();

@@ -41,7 +41,9 @@ pub struct Difference {
 /// # use dapple_metrics::{Pixels, difference};
 /// let noisy = |value: f32| [-0.01, 0.01, 0.02, -0.02].map(|noise| vec![[value + noise; 3]; 16]);
 /// let [a, b] = [noisy(0.5), noisy(0.4)];
-/// let pixels = |renders: &'_ [Vec<[f32; 3]>]| renders.iter().map(|r| Pixels::new([4, 4], r)).collect::<Result<Vec<_>, _>>();
+/// # fn pixels(renders: &[Vec<[f32; 3]>]) -> Result<Vec<Pixels<'_>>, dapple_metrics::MetricsError> {
+/// #     renders.iter().map(|render| Pixels::new([4, 4], render)).collect()
+/// # }
 /// let found = difference(&pixels(&a)?, &pixels(&b)?)?;
 /// assert!((found.mean_lost.value - 0.2).abs() < 1e-6);
 /// # Ok::<(), dapple_metrics::MetricsError>(())
