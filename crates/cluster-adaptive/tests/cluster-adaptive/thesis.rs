@@ -52,7 +52,7 @@ impl Pixel {
 }
 
 #[test]
-fn case_a_one_cluster() {
+fn jittered_probes_predict_the_rate_of_one_cluster() {
     // Wholly inside: one share of samples is right, but the centre's probe predicts 25.
     let inside = Pixel(&[([0.4, 0.4, 0.6, 0.6], 0.04)]);
     assert!((inside.truth() - 1.0).abs() < 1e-6 && (inside.centre() - 25.0).abs() < 1e-4);
@@ -71,7 +71,7 @@ fn case_a_one_cluster() {
 }
 
 #[test]
-fn case_b_several_clusters_inside() {
+fn jittered_probes_predict_several_clusters_inside_the_pixel() {
     const EQUAL: &[([f32; 4], f32)] = &[
         ([0.4, 0.4, 0.6, 0.6], 0.04),
         ([0.1, 0.1, 0.3, 0.3], 0.04),
@@ -80,7 +80,7 @@ fn case_b_several_clusters_inside() {
     ];
     let equal = Pixel(EQUAL);
     assert!((equal.truth() - 4.0).abs() < 1e-6);
-    assert!((equal.centre() - 25.0).abs() < 1e-4, "over-estimated, as the thesis says");
+    assert!((equal.centre() - 25.0).abs() < 1e-4, "over-estimated, as in the thesis");
     // The thesis' claim is false in general: a dominant cluster gives less than the truth.
     let dominant =
         Pixel(&[([0.05, 0.05, 0.95, 0.95], 0.81), ([0.0, 0.0, 0.04, 0.04], 0.0016), ([0.96, 0.0, 1.0, 0.04], 0.0016)]);
@@ -91,14 +91,14 @@ fn case_b_several_clusters_inside() {
 }
 
 #[test]
-fn case_c_several_clusters_partly_inside() {
+fn jittered_probes_predict_several_clusters_partly_inside() {
     let parts = Pixel(&[([0.0, 0.0, 0.2, 1.0], 1.0), ([0.3, 0.3, 0.7, 0.7], 0.5), ([0.8, 0.0, 1.0, 1.0], 2.0)]);
-    assert!((parts.centre() - 2.0).abs() < 1e-6 && parts.truth() < 0.63, "over-estimated, as the thesis says");
+    assert!((parts.centre() - 2.0).abs() < 1e-6 && parts.truth() < 0.63, "over-estimated, as in the thesis");
     parts.check_jittered();
 }
 
 #[test]
-fn case_d_clusters_that_tile_the_pixel() {
+fn jittered_probes_predict_clusters_that_tile_the_pixel() {
     let equal = Pixel(&[([0.0, 0.0, 0.3, 1.0], 2.0), ([0.3, 0.0, 1.0, 1.0], 2.0)]);
     assert!((equal.centre() - equal.truth()).abs() < 1e-6, "exact for equal sizes");
     let unequal = Pixel(&[([0.0, 0.0, 0.3, 1.0], 0.5), ([0.3, 0.0, 1.0, 1.0], 8.0)]);
@@ -109,7 +109,7 @@ fn case_d_clusters_that_tile_the_pixel() {
 
 /// If nearly all pixels lie within one cluster, one ray per pixel is enough.
 #[test]
-fn case_e_mostly_covered_pixels() {
+fn one_probe_suffices_for_mostly_covered_pixels() {
     // A border through one pixel column of 100, between clusters of 50 and 200 pixels.
     let shoot = |ray: ProbeRay| Some(hit(u32::from(ray.film[0] > 40.3)));
     let clusters = [square(50.0), square(200.0)];

@@ -289,7 +289,7 @@ fn henyey_greenstein_at_the_ends() {
 }
 
 #[test]
-fn media_that_are_none() {
+fn invalid_media_are_refused_all_at_once() {
     let sound = described([0.1; 3], [0.2; 3], 0.5);
     for bad in [f32::NAN, f32::INFINITY, -1.0] {
         let fogs = [
@@ -298,7 +298,7 @@ fn media_that_are_none() {
             described([0.1; 3], [0.2, 0.2, bad], 0.5),
             described([0.1; 3], [0.2; 3], bad),
         ];
-        let errors = Media::new(&fogs, 1.0).expect_err("three are none");
+        let errors = Media::new(&fogs, 1.0).expect_err("three are invalid");
         let messages: Vec<String> = errors.iter().map(ToString::to_string).collect();
         assert_eq!(messages.len(), 3, "all at once");
         assert!(messages.iter().all(|m| m.starts_with("made.pbrt:9: the ") && m.contains("\"fog\"")), "{messages:?}");

@@ -56,7 +56,7 @@ fn outcome(place: &str, words: &str, image: &[u8]) -> Result<[f64; 3], String> {
 }
 
 #[test]
-fn i10_images_of_one_pixel_are_read_everywhere() {
+fn images_of_one_pixel_are_read_everywhere_i10() {
     for (place, words) in PLACES {
         for value in [0.0, 1e-38, 0.5, 1.0] {
             if let Err(e) = outcome(place, words, &pfm([1, 1], |_| value)) {
@@ -78,7 +78,7 @@ fn i10_images_of_one_pixel_are_read_everywhere() {
 }
 
 #[test]
-fn i10_images_of_no_pixel_are_refused() {
+fn images_without_pixels_are_refused_i10() {
     for (place, words) in PLACES {
         for size in ["0 0", "0 4", "4 0"] {
             let file = format!("PF\n{size}\n-1.0\n").into_bytes();
@@ -91,7 +91,7 @@ fn i10_images_of_no_pixel_are_refused() {
 }
 
 #[test]
-fn i10_pixels_that_are_no_numbers_are_refused() {
+fn invalid_pixels_are_refused_i10() {
     for (place, words) in PLACES {
         for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
             // One channel of one pixel of four.

@@ -69,7 +69,7 @@ fn a_whole_report_works_in_a_browser() {
 }
 
 #[test]
-fn a_browser_notices_what_is_missing() {
+fn a_browser_notices_missing_parts() {
     if tools().is_none() {
         return;
     }
