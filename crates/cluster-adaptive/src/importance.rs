@@ -56,9 +56,9 @@ pub struct Importance {
 /// mean over the image. A term whose mean is 0 is left out. Probes without a hit add 0 to each term, except to the
 /// share with [`ClusterSize::Hits`].
 ///
-/// Importance has no unit: a scene scaled by any factor has the same importance, except for the rounding of its
-/// coordinates. (The published [`PixelArea::One`](crate::PixelArea::One) is an area in world units too, the same for
-/// all pixels, and cancels in the mean.) Values are rounded to `f32`, which hides the last digits of `f64`.
+/// Importance has no unit: a scaled scene has the same importance, except for the rounding of its coordinates. (The
+/// published [`PixelArea::One`](crate::PixelArea::One) is an area in world units. It is the same for all pixels and
+/// cancels in the mean.) Values are rounded to `f32`, which hides the last digits of `f64`.
 ///
 /// # Errors
 ///

@@ -364,8 +364,7 @@ fn probes_do_not_depend_on_threads() {
     assert_eq!(&one[..5], whole.of_pixel(3 * 40 + 7));
 }
 
-/// The "teapot in a stadium": a floor of 2048 triangles seen from above, and one triangle a million times as far off as
-/// the floor is wide.
+/// The "teapot in a stadium": a floor of 2048 triangles seen from above, and one triangle a million floor widths away.
 fn stadium() -> (Vec<[f32; 3]>, Vec<[u32; 3]>) {
     let mut positions: Vec<[f32; 3]> = (0..33).flat_map(|y| (0..33).map(move |x| [x as f32, y as f32, 0.0])).collect();
     let mut indices: Vec<[u32; 3]> = (0..32_u32)

@@ -151,8 +151,8 @@ fn boxes_overrate_slanted_clusters() {
         rate(&ClusterSize::ProjectedTriangles(vectors.clone())) / rate(&ClusterSize::ProjectedBox)
     };
     assert!((ratio(0, 0.0) - 1.0).abs() < 1e-6, "a facing square is its box");
-    // Slanted by 45 degrees and seen 30 degrees off its plane's normal: cos 30 of area 1 against a box of
-    // r (cos 15 + sin 15) ... computed here from the corners.
+    // Slanted by 45 degrees and seen 30 degrees off its plane's normal. Its area is cos 30, and the box's r (cos 15 +
+    // sin 15), computed here from the corners.
     let seen = f64::from(along(15.0)[0].abs() * r + along(15.0)[2].abs() * r);
     let facing = (f64::from(along(15.0)[0]) * -f64::from(r) + f64::from(along(15.0)[2]) * f64::from(r)).abs();
     assert!((ratio(1, 15.0) - seen / facing).abs() < 1e-5);
@@ -252,9 +252,9 @@ fn loss(options: ClusterThesisOptions, noisy: impl Fn(u32) -> bool + Sync) -> f6
     ours / uniform
 }
 
-/// The thesis' negative result. All error lies in pixels with the fewest samples, so the MSE grows by `mean / min` = 8
-/// / 6 = 1.333 (its table 4-6 has 1.347 at 8 spp). With 16 x 3072 pixels the ratio's standard error is 0.009, so 0.04
-/// is more than 4 of them (false alarm below 1e-4, at fixed seeds).
+/// The thesis' negative result. All error lies in pixels with the fewest samples. The MSE thus grows by `mean / min` =
+/// 8 / 6 = 1.333 (its table 4-6 has 1.347 at 8 spp). With 16 x 3072 pixels the ratio's standard error is 0.009. A
+/// deviation of 0.04 is more than 4 of them (false alarm below 1e-4, at fixed seeds).
 #[test]
 fn a_textured_floor_loses_by_mean_over_min() {
     let plain = ClusterThesisOptions::default().angle(0.0).distance(0.0);

@@ -365,7 +365,7 @@ fn odd_studies_have_a_report_with_remarks() {
         assert_eq!(bad, 0, "{name}");
         assert!(!found.page.contains("NaN") && !found.page.contains(">inf"), "{name}");
         for line in found.table.iter().filter(|line| line[6].is_empty()) {
-            assert!(!line[10].is_empty(), "{name}: {line:?} does not say why there is no value");
+            assert!(!line[10].is_empty(), "{name}: {line:?} lacks the reason for the missing value");
         }
     }
 }
