@@ -141,7 +141,10 @@ fn unknown_scenes_list_the_known_ones() {
     let place = Place::new();
     let draft = place.draft().scenes(vec![ScenePlan::from("nonesuch")]);
     let said = place.refused(draft);
-    assert!(said.contains("nonesuch: there is no such file, and no such bundled scene: those are teapot"), "{said}");
+    assert!(
+        said.contains("nonesuch: there is no such file, and no such bundled scene; the bundled scenes are teapot"),
+        "{said}"
+    );
 }
 
 #[test]
