@@ -37,8 +37,8 @@ impl RateMap {
 /// The sampling importance of all pixels.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Importance {
-    /// One number per pixel of the window, row by row: finite, not negative, without unit. The mean is `1 + angle +
-    /// distance` if any probe has a hit.
+    /// One number per pixel of the window, row by row: finite, not negative, without unit. If any probe has a hit, the
+    /// mean is `1 + angle + distance`.
     pub per_pixel: Vec<f32>,
     /// Probes whose cluster has no size, as [`Rates::replaced`](crate::Rates::replaced) counts them.
     pub replaced: usize,

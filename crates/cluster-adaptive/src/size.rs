@@ -39,8 +39,8 @@ impl ClusterSize {
 /// The pixel's own size `SP`, for clusters measured in world units.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum PixelArea {
-    /// The published size: 1 for every pixel. The perspective factor `f^2 / d^2` is missing: a far cluster counts as large
-    /// as a near one.
+    /// The published size: 1 for every pixel. The perspective factor `f^2 / d^2` is missing: a far cluster counts as
+    /// large as a near one.
     #[default]
     One,
     /// The footprint of the pixel at the hit, squared: `SC / SP` is then a number of pixels.

@@ -133,8 +133,8 @@ fn distances_at_the_ends() {
     }
 }
 
-/// Single scattering in a slab, of parallel light that enters where the ray does, at a slant. The closed form is `s p
-/// (1 - exp(-e L (1 + 1/mu))) / (e (1 + 1/mu))`.
+/// Single scattering in a slab, of parallel light that enters where the ray does, at a slant. Its closed form is
+/// `s p (1 - exp(-e L (1 + 1/mu))) / (e (1 + 1/mu))`.
 #[test]
 fn single_scattering_in_a_slab() {
     let (absorption, scattering, g) = ([0.1, 0.5, 0.0], [0.2, 1.5, 4.0], 0.4);

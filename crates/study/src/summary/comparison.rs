@@ -34,7 +34,7 @@ impl RatioVerdict {
     }
 }
 
-/// The mark in a note of a row: the verdict still holds with intervals so wide that all comparisons of the table hold together.
+/// The mark in a note of a row: the verdict still holds with intervals so wide that all comparisons hold together.
 pub(crate) const HOLDS: &str = "holds for all together";
 
 /// The mark in a note of a row: a win or a loss if the times were equal.
