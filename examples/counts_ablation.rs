@@ -5,9 +5,10 @@
 //! cargo run --release --example counts_ablation -- --full --method adaptive:epsilon=0.01,prior=inf
 //! ```
 //!
-//! Bundled scenes on `sobol`, unfiltered; the reference is `sobol` of another seed with many more samples. Prints the
-//! ratios of the mean errors over seeds, sRGB MSE and relMSE, per scene and as geometric means, and seconds over those of
-//! uniform counts, as Markdown (`docs/results/to_csv.py` makes CSV of it). Without `--full` a small form runs in seconds.
+//! Bundled scenes on `sobol`, unfiltered. The reference is `sobol` of another seed with many more samples. Prints the
+//! ratios of the mean errors over seeds, sRGB MSE and relMSE, per scene and as geometric means. Also prints seconds
+//! over those of uniform counts, as Markdown (`docs/results/to_csv.py` makes CSV of it). Without `--full` a small form
+//! runs in seconds.
 //!
 //! `--method` may begin with a light selection, such as `learned@uniform`; the default is by power. `--against` names
 //! the method of comparison (`uniform`). Further options: `--scenes` and `--spp`, lists with commas; `--seeds`,

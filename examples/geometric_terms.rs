@@ -1,5 +1,5 @@
-//! The worth of a-priori terms for light and gloss to the sampler `adaptive`: errors over those of uniform counts, at equal
-//! samples.
+//! The worth of a-priori terms for light and gloss to the sampler `adaptive`: errors over those of uniform counts, at
+//! equal samples.
 //!
 //! ```sh
 //! cargo run --release --example geometric_terms -- --full

@@ -139,8 +139,8 @@ impl Course {
         Ok(format!("{:.2} [{:.2}, {:.2}] | {}", ratio.value, ratio.low, ratio.high, cells.join(" | ")))
     }
 
-    /// The number of channels whose interval contains the reference, the number of all channels, and the sum of half
-    /// widths over 1.96 root mean squared errors of the block.
+    /// Three sums: channels whose interval contains the reference, all channels, and half widths over 1.96 root mean
+    /// squared errors of the block.
     fn covered(&self, film: &Film, side: u32) -> Result<[f64; 3]> {
         let [width, height] = self.frame.size();
         let mut found = [0.0; 3];

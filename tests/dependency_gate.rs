@@ -148,7 +148,7 @@ const OF_A_SCENE: &[&str] = &["glam", "obvhs", "image", "exr", "dapple-geometry"
 const FOREIGN: &str = "clustering,cluster-adaptive,denoise,low-discrepancy,metrics";
 
 #[test]
-fn crates_know_only_what_they_may() {
+fn crates_depend_only_on_allowed_crates() {
     let (graph, metadata) = graph();
     for (name, allowed, forbidden) in RULES {
         let reached = reaches(&graph, name);

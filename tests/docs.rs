@@ -11,8 +11,8 @@
 //!   of) the first line that contains TEXT;
 //! * `<!-- then: REASON -->`: commands to run in the changed copy of the workspace.
 //!
-//! Shell blocks of a page run in one temporary folder, in order. It holds `scene.pbrt`, the Cornell box at 24x24 pixels. Programs in
-//! Rust are doctests of the crate `dapple` (src/lib.rs).
+//! Shell blocks of a page run in one temporary folder, in order. It holds `scene.pbrt`, the Cornell box at 24x24
+//! pixels. Programs in Rust are doctests of the crate `dapple` (src/lib.rs).
 
 #![allow(unreachable_pub, reason = "files of other crates, compiled as modules")]
 
@@ -232,7 +232,7 @@ fn shell_blocks_that_do_not_run_here_run_in_ci_or_give_a_reason() {
 }
 
 #[test]
-fn the_sampler_and_the_filter_of_the_guides_are_those_that_are_tested_here() {
+fn the_guides_sampler_and_filter_are_the_tested_files() {
     for (name, file) in [(ERRANDS[0], "brightness.rs"), (ERRANDS[1], "median.rs")] {
         let guide = blocks(name);
         let block = guide.iter().find(|b| b.directive("file").is_some_and(|f| f.ends_with(file)));

@@ -45,7 +45,7 @@ fn overflow_checks_are_the_ratio_of_two_programs() {
 }
 
 #[test]
-fn programs_that_do_not_render_are_named() {
+fn programs_without_a_render_are_named() {
     for (program, why) in [("./nonesuch", "it does not start"), ("/bin/false", "docs/results/price.md")] {
         if program.starts_with('/') && !Path::new(program).exists() {
             continue;

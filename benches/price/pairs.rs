@@ -19,8 +19,8 @@ pub struct Ratio {
 }
 
 impl Ratio {
-    /// The median of at least one ratio. The interval lies between order statistics, so it holds for any distribution:
-    /// the number of ratios below the median is binomial [after David and Nagaraja 2003, section 7.1]. It is the
+    /// The median of at least one ratio, with an interval between order statistics. It holds for any distribution,
+    /// since the number of ratios below the median is binomial [after David and Nagaraja 2003, section 7.1]. It is the
     /// narrowest with at least 95 %. Fewer than six ratios give the range from least to most.
     pub(crate) fn of(mut ratios: Vec<f64>) -> Self {
         ratios.sort_by(f64::total_cmp);

@@ -44,8 +44,8 @@ const fn clusters(name: &'static str, parameters: &'static str, points: &'static
 
 /// The methods. Missing rates are those of tables 4-2 and 4-3.
 ///
-/// Adaptive samplers on `lowdiscrepancy` get nets of the mean count, as uniform ones do. The thesis does not state its choice;
-/// pbrt-v2 makes a net for each pixel's own count.
+/// Adaptive samplers on `lowdiscrepancy` get nets of the mean count, as uniform ones do. The thesis does not state its
+/// choice; pbrt-v2 makes a net for each pixel's own count.
 pub(crate) const METHODS: [Method; 11] = [
     method("random", "uniform", "random"),
     method("ld", "uniform", "lowdiscrepancy"),

@@ -26,7 +26,7 @@ pub enum Error {
         /// The number of clusters.
         clusters: usize,
     },
-    /// As many labels as triangles are needed.
+    /// A number of labels that differs from the number of triangles.
     #[error("{labels} labels for {triangles} triangles: give one label per triangle")]
     LabelCount {
         /// Labels given.

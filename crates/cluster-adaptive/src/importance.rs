@@ -37,8 +37,8 @@ impl RateMap {
 /// The sampling importance of all pixels.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Importance {
-    /// One number per pixel of the window, row by row: finite, not negative, without unit. The mean is `1 + angle +
-    /// distance` if any probe has a hit.
+    /// One number per pixel of the window, row by row: finite, not negative, without unit. If any probe has a hit, the
+    /// mean is `1 + angle + distance`.
     pub per_pixel: Vec<f32>,
     /// Probes whose cluster has no size, as [`Rates::replaced`](crate::Rates::replaced) counts them.
     pub replaced: usize,
@@ -56,9 +56,9 @@ pub struct Importance {
 /// mean over the image. A term whose mean is 0 is left out. Probes without a hit add 0 to each term, except to the
 /// share with [`ClusterSize::Hits`].
 ///
-/// Importance has no unit: a scene scaled by any factor has the same importance, except for the rounding of its
-/// coordinates. (The published [`PixelArea::One`](crate::PixelArea::One) is an area in world units too, the same for
-/// all pixels, and cancels in the mean.) Values are rounded to `f32`, which hides the last digits of `f64`.
+/// Importance has no unit: a scaled scene has the same importance, except for the rounding of its coordinates. (The
+/// published [`PixelArea::One`](crate::PixelArea::One) is an area in world units. It is the same for all pixels and
+/// cancels in the mean.) Values are rounded to `f32`, which hides the last digits of `f64`.
 ///
 /// # Errors
 ///

@@ -212,7 +212,7 @@ impl Probes {
     ///
     /// # Panics
     ///
-    /// When there is no such pixel.
+    /// If there is no such pixel.
     pub fn of_pixel(&self, i: usize) -> &[Probe] {
         let k = self.placement.per_pixel() as usize;
         &self.probes[i * k..(i + 1) * k]

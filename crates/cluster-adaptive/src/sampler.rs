@@ -76,8 +76,9 @@ impl Prior {
 /// at most 1.
 ///
 /// *Weaknesses*: equal samples per cluster do not minimise the error; the sampler knows no light, texture or gloss. As
-/// published it loses to uniform counts if most error lies in large clusters, such as a textured floor: up to `mean /
-/// minimum` times the MSE. Counts do not prefer well-stratified prefixes of the point set, nor do the thesis' counts.
+/// published it loses to uniform counts if most error lies in large clusters, such as a textured floor. The loss is up
+/// to a factor of `mean / minimum` in MSE. Counts do not prefer well-stratified prefixes of the point set, nor do the
+/// thesis' counts.
 pub struct ClusterThesis<P> {
     points: P,
     size: ClusterSize,

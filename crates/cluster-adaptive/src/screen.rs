@@ -5,10 +5,10 @@
 /// lies in front of the eye, and is on the film if `x / w` and `y / w` are in `[-1, 1]`. The row of `z` is ignored: the
 /// only near plane is the eye's own.
 ///
-/// The part of the box in front of the eye is convex, so its image is the convex hull of the images of its corners,
-/// clipped to the film. The area is never negative and never more than the film. It is 0 for a box wholly behind the
-/// eye or beside the film, and the whole film for one around the eye. A flat box seen edge-on has no area. For corners
-/// that are not finite, or in the wrong order, the area is 0.
+/// The part of the box in front of the eye is convex. Its image is thus the convex hull of its corners' images, clipped
+/// to the film. The area is never negative and never more than the film. It is 0 for a box wholly behind the eye or
+/// beside the film, and the whole film for one around the eye. A flat box seen edge-on has no area. For corners that
+/// are not finite, or in the wrong order, the area is 0.
 pub fn projected_box_area(bounds: &[[f32; 3]; 2], world_to_clip: &[[f32; 4]; 4], resolution: [u32; 2]) -> f64 {
     let film = f64::from(resolution[0]) * f64::from(resolution[1]);
     let [low, high] = bounds;

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 /// The measure of a cluster's size `SC`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum ClusterSize {
-    /// As published [Lan 2016, 2.3]: the cluster's axis-aligned box, projected along the probe's ray,
+    /// The published size [Lan 2016, 2.3]: the cluster's axis-aligned box, projected along the probe's ray,
     /// `lx ly |dz| + lx lz |dy| + ly lz |dx|`, in world units.
     #[default]
     ProjectedBox,
@@ -39,8 +39,8 @@ impl ClusterSize {
 /// The pixel's own size `SP`, for clusters measured in world units.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum PixelArea {
-    /// As published: 1 for every pixel. The perspective factor `f^2 / d^2` is missing: a far cluster counts as large
-    /// as a near one.
+    /// The published size: 1 for every pixel. The perspective factor `f^2 / d^2` is missing: a far cluster counts as
+    /// large as a near one.
     #[default]
     One,
     /// The footprint of the pixel at the hit, squared: `SC / SP` is then a number of pixels.
@@ -68,11 +68,11 @@ pub struct Rates {
 
 /// The rate `SP / SC` that each probe predicts [Lan 2016, eq. 3-3, before `f`].
 ///
-/// `R SP / SC` is the thesis' one-ray estimate of the pixel's true rate, `R sum_i Scc_i / Sc_i` over the clusters that
-/// it sees (`Scc_i` the part of cluster `i` in it). For a probe through the pixel's centre it is right if one cluster
-/// fills the pixel. A probe placed evenly over the pixel hits `i` with probability `Scc_i / SP`, so its expectation is
-/// the true rate for any pixel. Averaging [`Placement::Jittered`](crate::Placement::Jittered) probes is thus the
-/// remedy.
+/// The thesis estimates the pixel's true rate `R sum_i Scc_i / Sc_i` with one ray, as `R SP / SC`. The sum is over the
+/// clusters that the pixel sees, and `Scc_i` is the part of cluster `i` in it. A probe through the pixel's centre is
+/// right if one cluster fills the pixel. A probe placed evenly over the pixel hits `i` with probability `Scc_i / SP`,
+/// so its expectation is the true rate for any pixel. Averaging [`Placement::Jittered`](crate::Placement::Jittered)
+/// probes is thus the remedy.
 ///
 /// # Errors
 ///

@@ -26,7 +26,7 @@ fn sums_to_one(cells: &LightCells) {
 }
 
 #[test]
-fn cells_tell_places_and_sides_apart() {
+fn cells_separate_places_and_sides() {
     let cells = table(2, alike);
     assert_eq!(cells.cells(), 8 * 4 * 2 * 6);
     let at = |p| cells.cell(p, UP);
@@ -43,7 +43,7 @@ fn cells_tell_places_and_sides_apart() {
 }
 
 #[test]
-fn choices_come_as_often_as_they_say() {
+fn lights_are_chosen_with_their_stated_probability() {
     for lights in [2, 5, 8, 9, 100] {
         let cells = table(lights, |middle, _, _, light| 1.0 + middle[0] * light as f32);
         sums_to_one(&cells);
@@ -77,7 +77,7 @@ fn notes(cells: &LightCells) -> Vec<(u64, u64, f64)> {
 }
 
 #[test]
-fn what_is_learned_goes_with_the_root_of_the_second_moment() {
+fn learned_probabilities_follow_the_root_of_the_second_moment() {
     let mut cells = table(2, alike);
     let known = notes(&cells);
     cells.learn(known.iter().copied(), alike);
@@ -97,7 +97,7 @@ fn what_is_learned_goes_with_the_root_of_the_second_moment() {
 
 /// An unseen cell has the expectation of three voxels each way; a seen one has its own.
 #[test]
-fn a_cell_begins_with_what_is_expected() {
+fn a_cell_begins_with_its_expectation() {
     let expected = |middle: [f32; 3], _: f32, axis: [f32; 3], light: usize| match light {
         0 => middle[0],
         _ => 1.0 + axis[2],

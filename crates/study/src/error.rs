@@ -47,7 +47,7 @@ pub enum StudyError {
     Line {
         /// `runs.jsonl`.
         file: PathBuf,
-        /// From 1.
+        /// The line, from 1.
         line: usize,
         /// The error in it.
         why: String,

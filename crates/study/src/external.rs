@@ -27,8 +27,8 @@ use std::time::Instant;
 pub struct External {
     /// The name that methods use as their filter.
     pub name: String,
-    /// The program (a path, or a name in `PATH`) and its arguments; no shell is involved. In each argument `{input}` and
-    /// `{output}` stand for the paths of the images, `{threads}` for the study's number of threads.
+    /// The program (a path, or a name in `PATH`) and its arguments; no shell is involved. In each argument `{input}`
+    /// and `{output}` stand for the paths of the images, `{threads}` for the study's number of threads.
     pub command: Vec<String>,
     /// The working folder: that of the plan's file. Empty: the current one.
     pub folder: PathBuf,

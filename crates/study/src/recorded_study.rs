@@ -90,8 +90,8 @@ impl RecordedStudy {
         Ok(Self { folder: folder.to_owned(), manifest, runs, foreign, repeated, torn })
     }
 
-    /// The number of planned runs. If only the baseline has no equal-time runs, none are expected of it: its runs at that
-    /// spp take their place.
+    /// The number of planned runs. If only the baseline has no equal-time runs, none are expected of it: its runs at
+    /// that spp take their place.
     pub fn expected(&self) -> usize {
         let m = &self.manifest;
         let timed = |own: bool| {

@@ -85,8 +85,8 @@ impl ReferenceImage {
         Some(Self { size, mean, variance })
     }
 
-    /// The reference's own variance in sRGB values from 0 to 255: a quarter of the squared difference of its halves, which
-    /// mean and variance determine up to their order.
+    /// The reference's own variance in sRGB values from 0 to 255: a quarter of the squared difference of its halves.
+    /// Mean and variance determine the halves up to their order.
     fn own_srgb8(&self, variance: &[[f32; 3]]) -> Result<f64, dapple_metrics::MetricsError> {
         let half = |sign: f32| -> Vec<[f32; 3]> {
             let values = self.mean.iter().zip(variance);

@@ -12,8 +12,8 @@ use std::path::{Path, PathBuf};
 /// Seeds of the two halves, far above those of runs.
 const SEEDS: [u64; 2] = [0xda99_1e01, 0xda99_1e02];
 
-/// Point sets for references: the first that no method uses, so that no run shares its points. On the bundled teapot and
-/// cornell at 512 spp, `halton` is as good as `sobol`, and has a quarter of the MSE of `random`.
+/// Point sets for references: the first that no method uses, so that no run shares its points. On the bundled teapot
+/// and cornell at 512 spp, `halton` is as good as `sobol`, and has a quarter of the MSE of `random`.
 const POINTS: [&str; 3] = ["sobol", "halton", "random"];
 
 /// The source of a reference.

@@ -44,7 +44,7 @@ pub struct RunRequest {
 pub trait Runner {
     /// Makes a run.
     ///
-    /// # ImageErrors
+    /// # Errors
     ///
     /// Errors of the scene, the reference or the render.
     fn run(&mut self, request: &RunRequest) -> Result<Run, StudyError>;

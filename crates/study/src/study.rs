@@ -176,8 +176,8 @@ impl Study {
 
     /// Makes all runs that are missing.
     ///
-    /// Methods alternate run by run, so that a machine that slows down does so for all of them: scene by scene, then
-    /// seed by seed, budget by budget and method by method. A scene's equal-time runs come last.
+    /// The order is scene by scene, then seed by seed, budget by budget and method by method. Methods thus alternate,
+    /// so that a machine that slows down does so for all of them. A scene's equal-time runs come last.
     ///
     /// # Errors
     ///

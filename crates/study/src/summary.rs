@@ -127,12 +127,16 @@ impl Summary {
     /// `value`, `low`, `high` (95 % interval over seeds), `n` (seeds), `note`. An unknown value is empty, and its note
     /// gives the reason. Numbers are the shortest that give the same f64.
     ///
-    /// Metrics of a budget: `mse`, `relmse`, `relmse_trimmed`, `smape`, `srgb8_mse`, `flip` (geometric means),
-    /// `psnr`, `mean_ratio`, `spp` (means), `predicted over true relmse` (geometric mean), `seconds` (median of
-    /// `render_s`), `seconds load`, `bvh`, `cluster`, `probe`, `plan`, `trace`, `filter` (means);
-    /// `METRIC ratio`, `seconds ratio` and `relmse x seconds ratio` against the baseline, paired by seed;
-    /// `relmse part of counts`, `of filter`, `of both`, `of their interplay` (the factorial).
-    /// Over all budgets: `relmse slope over spp`, `relmse slope over seconds`; `seconds to relmse E` and
+    /// Metrics of a budget:
+    /// * geometric means: `mse`, `relmse`, `relmse_trimmed`, `smape`, `srgb8_mse`, `flip`, and
+    ///   `predicted over true relmse`;
+    /// * means: `psnr`, `mean_ratio`, `spp`, and `seconds PHASE` for `load`, `bvh`, `cluster`, `probe`, `plan`,
+    ///   `trace`, `filter`;
+    /// * the median of `render_s`: `seconds`;
+    /// * against the baseline, paired by seed: `METRIC ratio`, `seconds ratio`, `relmse x seconds ratio`;
+    /// * of the factorial: `relmse part of counts`, `of filter`, `of both`, `of their interplay`.
+    ///
+    /// Metrics over all budgets: `relmse slope over spp`, `relmse slope over seconds`, `seconds to relmse E`,
     /// `seconds ratio to relmse E`.
     ///
     /// # Errors

@@ -142,7 +142,7 @@ fn bad_error_maps_do_no_harm() {
 }
 
 #[test]
-fn an_error_map_gets_what_it_needs() {
+fn an_error_map_gets_its_needs() {
     let needs = Needs::none().with_halves().with_features();
     let sampler = Adaptive::new(Random::new(1)).with_error_map(map(needs, |_| Ok(vec![]))).unwrap();
     assert_eq!(sampler.needs(), needs.with_variance());
@@ -225,8 +225,8 @@ fn wrong_options_are_refused() {
     assert!(Adaptive::with_options(Random::new(1), good.prior(f64::INFINITY)).is_ok());
 }
 
-/// A task of a window has the terms of its own rows (128 or 4 of them) and of the rows around, and a row of sums, 64
-/// bytes each. There are no more tasks than the image's 1024 rows need.
+/// A window's task has the terms of its own rows (128 or 4), those of the rows around, and a row of sums, 64 bytes
+/// each. There are no more tasks than the image's 1024 rows need.
 #[test]
 fn working_memory_of_threads_is_counted_z03() {
     let frame = Frame::new(4096, 1024).unwrap();

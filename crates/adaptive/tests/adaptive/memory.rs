@@ -10,7 +10,7 @@ fn of(sampler: &dyn Sampler, frame: &Frame, budget: Budget) -> Memory {
 }
 
 #[test]
-fn a_pilot_that_is_all_plans_nothing_and_a_discarded_one_has_a_bank() {
+fn a_whole_pilot_plans_nothing_and_a_discarded_one_has_a_bank() {
     let frame = frame(100, 50);
     let points = || Random::new(1);
     let options = VarianceOptions::default().policy(PilotPolicy::Discard);

@@ -91,7 +91,7 @@ fn boxes_behind_and_around_the_camera_have_an_area_k08() {
 
 /// The area is compared with a count of the film's points whose rays from the eye hit the box.
 #[test]
-fn areas_of_random_boxes_are_those_that_rays_see_k08() {
+fn areas_of_random_boxes_match_ray_counts_k08() {
     let mut number = 1u64;
     let mut next = || {
         number = number.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
@@ -166,7 +166,7 @@ fn each_probe_belongs_to_one_class_k10() {
 }
 
 #[test]
-fn hits_that_are_none_are_background_and_counted() {
+fn invalid_hits_are_background_and_counted() {
     let bad = [
         ProbeHit { direction: [0.0; 3], ..hit(0) },
         ProbeHit { direction: [f32::NAN, 0.0, 1.0], ..hit(0) },
@@ -364,8 +364,7 @@ fn probes_do_not_depend_on_threads() {
     assert_eq!(&one[..5], whole.of_pixel(3 * 40 + 7));
 }
 
-/// The "teapot in a stadium": a floor of 2048 triangles seen from above, and one triangle a million times as far off as
-/// the floor is wide.
+/// The "teapot in a stadium": a floor of 2048 triangles seen from above, and one triangle a million floor widths away.
 fn stadium() -> (Vec<[f32; 3]>, Vec<[u32; 3]>) {
     let mut positions: Vec<[f32; 3]> = (0..33).flat_map(|y| (0..33).map(move |x| [x as f32, y as f32, 0.0])).collect();
     let mut indices: Vec<[u32; 3]> = (0..32_u32)

@@ -52,7 +52,7 @@ impl Pixel {
 }
 
 #[test]
-fn case_a_one_cluster() {
+fn jittered_probes_predict_the_rate_of_one_cluster() {
     // Wholly inside: one share of samples is right, but the centre's probe predicts 25.
     let inside = Pixel(&[([0.4, 0.4, 0.6, 0.6], 0.04)]);
     assert!((inside.truth() - 1.0).abs() < 1e-6 && (inside.centre() - 25.0).abs() < 1e-4);
@@ -71,7 +71,7 @@ fn case_a_one_cluster() {
 }
 
 #[test]
-fn case_b_several_clusters_inside() {
+fn jittered_probes_predict_several_clusters_inside_the_pixel() {
     const EQUAL: &[([f32; 4], f32)] = &[
         ([0.4, 0.4, 0.6, 0.6], 0.04),
         ([0.1, 0.1, 0.3, 0.3], 0.04),
@@ -80,7 +80,7 @@ fn case_b_several_clusters_inside() {
     ];
     let equal = Pixel(EQUAL);
     assert!((equal.truth() - 4.0).abs() < 1e-6);
-    assert!((equal.centre() - 25.0).abs() < 1e-4, "over-estimated, as the thesis says");
+    assert!((equal.centre() - 25.0).abs() < 1e-4, "over-estimated, as in the thesis");
     // The thesis' claim is false in general: a dominant cluster gives less than the truth.
     let dominant =
         Pixel(&[([0.05, 0.05, 0.95, 0.95], 0.81), ([0.0, 0.0, 0.04, 0.04], 0.0016), ([0.96, 0.0, 1.0, 0.04], 0.0016)]);
@@ -91,14 +91,14 @@ fn case_b_several_clusters_inside() {
 }
 
 #[test]
-fn case_c_several_clusters_partly_inside() {
+fn jittered_probes_predict_several_clusters_partly_inside() {
     let parts = Pixel(&[([0.0, 0.0, 0.2, 1.0], 1.0), ([0.3, 0.3, 0.7, 0.7], 0.5), ([0.8, 0.0, 1.0, 1.0], 2.0)]);
-    assert!((parts.centre() - 2.0).abs() < 1e-6 && parts.truth() < 0.63, "over-estimated, as the thesis says");
+    assert!((parts.centre() - 2.0).abs() < 1e-6 && parts.truth() < 0.63, "over-estimated, as in the thesis");
     parts.check_jittered();
 }
 
 #[test]
-fn case_d_clusters_that_tile_the_pixel() {
+fn jittered_probes_predict_clusters_that_tile_the_pixel() {
     let equal = Pixel(&[([0.0, 0.0, 0.3, 1.0], 2.0), ([0.3, 0.0, 1.0, 1.0], 2.0)]);
     assert!((equal.centre() - equal.truth()).abs() < 1e-6, "exact for equal sizes");
     let unequal = Pixel(&[([0.0, 0.0, 0.3, 1.0], 0.5), ([0.3, 0.0, 1.0, 1.0], 8.0)]);
@@ -109,7 +109,7 @@ fn case_d_clusters_that_tile_the_pixel() {
 
 /// If nearly all pixels lie within one cluster, one ray per pixel is enough.
 #[test]
-fn case_e_mostly_covered_pixels() {
+fn one_probe_suffices_for_mostly_covered_pixels() {
     // A border through one pixel column of 100, between clusters of 50 and 200 pixels.
     let shoot = |ray: ProbeRay| Some(hit(u32::from(ray.film[0] > 40.3)));
     let clusters = [square(50.0), square(200.0)];
@@ -151,8 +151,8 @@ fn boxes_overrate_slanted_clusters() {
         rate(&ClusterSize::ProjectedTriangles(vectors.clone())) / rate(&ClusterSize::ProjectedBox)
     };
     assert!((ratio(0, 0.0) - 1.0).abs() < 1e-6, "a facing square is its box");
-    // Slanted by 45 degrees and seen 30 degrees off its plane's normal: cos 30 of area 1 against a box of
-    // r (cos 15 + sin 15) ... computed here from the corners.
+    // Slanted by 45 degrees and seen 30 degrees off its plane's normal. Its area is cos 30, and the box's r (cos 15 +
+    // sin 15), computed here from the corners.
     let seen = f64::from(along(15.0)[0].abs() * r + along(15.0)[2].abs() * r);
     let facing = (f64::from(along(15.0)[0]) * -f64::from(r) + f64::from(along(15.0)[2]) * f64::from(r)).abs();
     assert!((ratio(1, 15.0) - seen / facing).abs() < 1e-5);
@@ -252,9 +252,9 @@ fn loss(options: ClusterThesisOptions, noisy: impl Fn(u32) -> bool + Sync) -> f6
     ours / uniform
 }
 
-/// The thesis' negative result. All error lies in pixels with the fewest samples, so the MSE grows by `mean / min` = 8
-/// / 6 = 1.333 (its table 4-6 has 1.347 at 8 spp). With 16 x 3072 pixels the ratio's standard error is 0.009, so 0.04
-/// is more than 4 of them (false alarm below 1e-4, at fixed seeds).
+/// The thesis' negative result. All error lies in pixels with the fewest samples. The MSE thus grows by `mean / min` =
+/// 8 / 6 = 1.333 (its table 4-6 has 1.347 at 8 spp). With 16 x 3072 pixels the ratio's standard error is 0.009. A
+/// deviation of 0.04 is more than 4 of them (false alarm below 1e-4, at fixed seeds).
 #[test]
 fn a_textured_floor_loses_by_mean_over_min() {
     let plain = ClusterThesisOptions::default().angle(0.0).distance(0.0);

@@ -118,7 +118,7 @@ fn threshold(radius: u32) -> MitchellOptions {
 }
 
 #[test]
-fn windows_are_what_brute_force_says() {
+fn windows_match_brute_force() {
     for (size, radius) in [([7, 5], 0), ([7, 5], 1), ([7, 5], 2), ([1, 9], 1), ([9, 1], 3), ([4, 3], 64)] {
         let [w, h] = size;
         let frame = frame(w, h);

@@ -343,7 +343,7 @@ fn an_orthographic_lens_is_sharp_in_its_focal_plane() {
 
 /// At the ends of its motion the camera equals a still one; in between it turns evenly.
 #[test]
-fn a_moving_camera_is_where_its_time_says() {
+fn a_moving_camera_follows_its_time() {
     let pose = |angle: f64, x: f64| {
         DAffine3::from_mat3_translation(DMat3::from_rotation_y(angle) * 1.5, DVec3::new(x, 1.0, 2.0))
     };

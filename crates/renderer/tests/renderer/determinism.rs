@@ -46,7 +46,7 @@ fn plates() -> World {
 }
 
 #[test]
-fn d01_thread_count_and_tiles_change_no_bit_d02() {
+fn threads_and_tiles_change_no_bit_d01() {
     let worlds = [("room", world(&room(SIZE))), ("plates", plates())];
     for sampler in SAMPLERS {
         for points in POINTS {
@@ -157,7 +157,7 @@ fn a_scene_far_from_the_origin_renders_the_same_g20() {
 
 /// A mirrored world looks like the mirrored scene: lamps emit to the same side.
 #[test]
-fn a_mirror_turns_no_lamp_around_l12() {
+fn a_mirrored_lamp_emits_to_its_own_side_l12() {
     let scene = dyadic();
     let mirror = DAffine3::from_mat3(DMat3::from_diagonal(DVec3::new(-1.0, 1.0, 1.0)));
     let [plain, mirrored] = [scene.clone(), moved(&scene, mirror)].map(|s| mean(&image(&s, 256, 1)));

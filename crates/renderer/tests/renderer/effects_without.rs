@@ -170,7 +170,7 @@ fn the_strongest_light_stays() {
 
 /// Energy is kept: under a constant sky, a plane looks the same from straight above.
 #[test]
-fn what_shone_is_diffuse_and_as_bright() {
+fn shiny_surfaces_become_diffuse_of_equal_brightness() {
     let tint = ConductorFresnel::Reflectance(Color::Constant([0.9, 0.6, 0.3]));
     let tinted = MaterialKind::Conductor { fresnel: tint, roughness: Roughness::constant(0.0, 0.0, false) };
     let mirror = MaterialKind::Mirror { reflectance: Color::Constant([0.5, 0.4, 0.3]) };
@@ -357,7 +357,7 @@ fn media_thin_out() {
     assert_eq!(none.shapes[2].media, Some(MediumInterface::default()), "nothing on both sides");
 }
 
-/// The world of a reduced scene is not needed: crops and samplers are unaffected.
+/// Camera, film, materials and shapes stay, and crops and samplers work as before.
 #[test]
 fn the_rest_is_untouched() {
     let scene = full();

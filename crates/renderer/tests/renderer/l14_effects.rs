@@ -104,7 +104,7 @@ fn needed_effects_are_rendered_or_refused_l14() {
 
 /// Leaving out an absent effect changes nothing: for every effect, in a scene with every other one.
 #[test]
-fn leaving_out_what_is_not_there_changes_no_bit_l14() {
+fn leaving_out_unused_effects_changes_no_bit_l14() {
     for present in Effect::ALL {
         let scene = with(present);
         let Ok(world) = World::new(&scene) else { continue };

@@ -143,9 +143,9 @@ fn rectangle_lamp(centre: DVec3, u: DVec3, v: DVec3) -> (Scene, f64) {
 /// comes from a spot as small as the height.
 type Placement = (&'static str, DVec3, DVec3, DVec3, bool);
 
-/// Equivalence within 0.1 %. A cosine-weighted direction that hits the lamp less than once in 20 times cannot reach it
-/// in a CI run: its 3 10^5 samples need only not refute the closed form. With fewer than 1000 expected hits there is no
-/// test.
+/// Equivalence within 0.1 %. It is out of reach in a CI run if cosine-weighted directions hit the lamp less than once
+/// in 20 times. Their 3 10^5 samples then only must not refute the closed form. With fewer than 1000 expected hits
+/// there is no test.
 fn check(name: &str, scene: &Scene, strategy: Strategy, reference: f64) {
     let met = if strategy == Strategy::Bsdf { reference / PI } else { 1.0 };
     if met * 64.0 * 4096.0 < 1000.0 {

@@ -133,8 +133,8 @@ fn distances_at_the_ends() {
     }
 }
 
-/// Single scattering in a slab, of parallel light that enters where the ray does, at a slant. The closed form is `s p
-/// (1 - exp(-e L (1 + 1/mu))) / (e (1 + 1/mu))`.
+/// Single scattering in a slab, of parallel light that enters where the ray does, at a slant. Its closed form is
+/// `s p (1 - exp(-e L (1 + 1/mu))) / (e (1 + 1/mu))`.
 #[test]
 fn single_scattering_in_a_slab() {
     let (absorption, scattering, g) = ([0.1, 0.5, 0.0], [0.2, 1.5, 4.0], 0.4);
@@ -289,7 +289,7 @@ fn henyey_greenstein_at_the_ends() {
 }
 
 #[test]
-fn media_that_are_none() {
+fn invalid_media_are_refused_all_at_once() {
     let sound = described([0.1; 3], [0.2; 3], 0.5);
     for bad in [f32::NAN, f32::INFINITY, -1.0] {
         let fogs = [
@@ -298,7 +298,7 @@ fn media_that_are_none() {
             described([0.1; 3], [0.2, 0.2, bad], 0.5),
             described([0.1; 3], [0.2; 3], bad),
         ];
-        let errors = Media::new(&fogs, 1.0).expect_err("three are none");
+        let errors = Media::new(&fogs, 1.0).expect_err("three are invalid");
         let messages: Vec<String> = errors.iter().map(ToString::to_string).collect();
         assert_eq!(messages.len(), 3, "all at once");
         assert!(messages.iter().all(|m| m.starts_with("made.pbrt:9: the ") && m.contains("\"fog\"")), "{messages:?}");

@@ -116,7 +116,7 @@ fn rendered(name: &str, world: World) -> usize {
 /// Every mesh of `../shared/scenes` is read, built, clustered, traced and rendered, or refused with the message listed
 /// here.
 #[test]
-fn meshes_of_other_people() {
+fn downloaded_meshes_render_or_are_refused() {
     let beside = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/scenes"));
     let scenes = std::env::var_os("DAPPLE_SCENES").map_or(beside.to_owned(), PathBuf::from);
     let folder = scenes.join("meshes");

@@ -78,7 +78,7 @@ fn images_of_one_pixel_are_read_everywhere_i10() {
 }
 
 #[test]
-fn images_of_no_pixel_are_refused_i10() {
+fn images_without_pixels_are_refused_i10() {
     for (place, words) in PLACES {
         for size in ["0 0", "0 4", "4 0"] {
             let file = format!("PF\n{size}\n-1.0\n").into_bytes();
@@ -91,7 +91,7 @@ fn images_of_no_pixel_are_refused_i10() {
 }
 
 #[test]
-fn pixels_that_are_no_numbers_are_refused_i10() {
+fn invalid_pixels_are_refused_i10() {
     for (place, words) in PLACES {
         for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
             // One channel of one pixel of four.

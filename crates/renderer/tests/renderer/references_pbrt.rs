@@ -159,7 +159,7 @@ fn references_refute_a_brighter_lamp() {
 /// The means lie within the tolerances themselves.
 #[test]
 #[ignore = "minutes: cargo test --release -p dapple-renderer --test renderer references_pbrt:: -- --ignored --nocapture"]
-fn references_within_the_issues_bounds() {
+fn means_match_pbrt_within_their_tolerances() {
     let mut wrong = Vec::new();
     for (name, ..) in CASES {
         let Some(case) = case(name) else { continue };

@@ -32,11 +32,11 @@ fn closed_form(coat: &Coat, reflectance: f32, wo: Vec3, bin: usize) -> f64 {
 /// The deviation for one roughness, relative to the closed form.
 #[derive(Debug)]
 struct Differences {
-    /// In all the base's light, the largest over outgoing directions.
+    /// The deviation in all the base's light, the largest over outgoing directions.
     total: f64,
     /// The same plus 5 standard errors.
     bound: f64,
-    /// In one bin, in standard errors, the largest over directions and bins.
+    /// The deviation in one bin, in standard errors, the largest over directions and bins.
     sigmas: f64,
 }
 

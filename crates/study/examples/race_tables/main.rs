@@ -1,8 +1,8 @@
 //! The tables of `docs/results/race.md`: goals of the default sampler and filter beside the measured values, and
 //! every method on every scene.
 //!
-//! `cargo run --release -p dapple-study --example race_tables -- [OPTION DIR]... DIR...` reads folders of finished studies
-//! with the same seeds (`docs/results/race.toml` and `race-curves.toml`) and prints Markdown.
+//! `cargo run --release -p dapple-study --example race_tables -- [OPTION DIR]... DIR...` reads folders of finished
+//! studies with the same seeds (`docs/results/race.toml` and `race-curves.toml`) and prints Markdown.
 //!
 //! * `--long DIR`: the baseline alone at larger budgets, for times to equal error.
 //! * `--besides DIR`: other methods on the same scenes, for the summaries.

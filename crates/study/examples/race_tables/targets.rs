@@ -10,9 +10,9 @@ struct Line {
     what: String,
     required: f64,
     goal: f64,
-    /// At equal samples and in equal time, over all scenes.
+    /// The values at equal samples and in equal time, over all scenes.
     seen: [Option<Figure>; 2],
-    /// At equal samples, over the scenes with and without tuning.
+    /// The values at equal samples, over the scenes with and without tuning.
     apart: [Option<Figure>; 2],
     /// True if more is better.
     more: bool,

@@ -1,7 +1,7 @@
 //! Every setting of a study, declared once.
 //!
-//! The table below makes the fields, the keys of the TOML file, the setters and the merge of [`PlanPatch`], and those
-//! fields of [`Plan`] that take a setting over as it is.
+//! The table below makes the fields, the keys of the TOML file, the setters and the merge of [`PlanPatch`]. It also
+//! makes those fields of [`Plan`] that take a setting over unchanged.
 
 use super::{DEFAULT_REFERENCE_SPP, ScenePlan, toml_file};
 use crate::{External, Method};

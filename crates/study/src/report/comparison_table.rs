@@ -131,7 +131,7 @@ pub(super) struct FactorialLine {
     pub(super) scene: String,
     pub(super) sampler: String,
     pub(super) filter: String,
-    /// As [`FactorialEffect::ALL`], with the classes of their verdicts.
+    /// The effects in the order of [`FactorialEffect::ALL`], with the classes of their verdicts.
     pub(super) parts: Vec<(TableCell, &'static str)>,
 }
 

@@ -53,10 +53,10 @@ pub(super) struct Gallery {
     pub(super) problems: Vec<String>,
 }
 
-/// The side of crops and maps in pixels, at most 80, so that the page stays small.
+/// The side of crops and maps in pixels, so that the page stays small. A pixel of 80 is shown as about 2x2.
 fn side(recorded: &RecordedStudy) -> u32 {
     let tiles = recorded.manifest.scenes.len() * recorded.manifest.methods.len();
-    // Of a crop's 3 bytes a pixel little compresses; maps compress well; base64 adds a third.
+    // Two crops of 3 bytes a pixel hardly compress, two maps do, and base64 adds a third.
     let side = (ROOM / tiles.max(1) as f64 / 10.5).sqrt().clamp(32.0, 80.0);
     side as u32 / 8 * 8
 }
@@ -177,9 +177,9 @@ fn relative_errors(image: &Image, reference: &Image) -> Vec<f32> {
 /// The least side of an image in pixels; in a smaller one a crop shows no more than the whole.
 const LEAST_SIDE: u32 = 24;
 
-/// Two crops: the one where the methods' errors differ most, and the one with the median difference. Their side is at
-/// most half of the image's, so that two fit. An image without room for two is shown whole. Ties go to the first crop,
-/// row by row.
+/// Two square crops: the one where the methods' errors differ most, and the one with the median difference. Their side
+/// is `side`, or half of the image's if that is smaller. An image without room for two is shown whole. Ties go to the
+/// first crop, row by row.
 fn crops(size: [u32; 2], side: u32, errors: &[Option<Vec<f32>>]) -> Vec<Crop> {
     let side = side.min(size[0].min(size[1]) / 2);
     if side < LEAST_SIDE {

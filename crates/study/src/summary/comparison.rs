@@ -34,10 +34,10 @@ impl RatioVerdict {
     }
 }
 
-/// In a row's note: the verdict still holds with intervals so wide that all comparisons of the table hold together.
+/// The mark in a note of a row: the verdict still holds with intervals so wide that all comparisons hold together.
 pub(crate) const HOLDS: &str = "holds for all together";
 
-/// In a row's note: a win or a loss if the times were equal.
+/// The mark in a note of a row: a win or a loss if the times were equal.
 pub(crate) const UNFAIR: &str = "times the time";
 
 pub(super) fn add(summary: &mut Summary, grid: &RunTable<'_>) {

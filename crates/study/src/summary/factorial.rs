@@ -21,10 +21,10 @@ pub enum FactorialEffect {
 }
 
 impl FactorialEffect {
-    /// In the order of the table.
+    /// All effects, in the order of the table.
     pub const ALL: [Self; 4] = [Self::Sampler, Self::Filter, Self::Both, Self::Interaction];
 
-    /// The effect's name in [`Row::metric`].
+    /// The effect's name in [`Row::metric`](super::Row::metric).
     pub fn metric(self) -> &'static str {
         match self {
             Self::Sampler => "relmse part of counts",

@@ -69,7 +69,7 @@ fn a_whole_report_works_in_a_browser() {
 }
 
 #[test]
-fn a_browser_notices_what_is_missing() {
+fn a_browser_notices_missing_parts() {
     if tools().is_none() {
         return;
     }
@@ -105,7 +105,7 @@ fn a_real_study_works_in_a_browser() {
         .resolution([64, 64]);
     let folder = folder("report-real");
     let study = dapple_study::Study::open(draft.resolve().unwrap(), &folder, &StudyOptions::default(), &mut ());
-    let mut study = study.unwrap().expect("nobody stops it");
+    let mut study = study.unwrap().expect("not stopped");
     let _ = study.run(&mut InProcess::new(|| None), &mut ()).unwrap();
     // Four methods. Times to errors and comparisons depend on the clock; the numbers of tables and figures do not.
     let expected = serde_json::json!({

@@ -27,7 +27,7 @@ impl Place {
         let mut ear = Ear::default();
         let options = StudyOptions::default().with_references(self.path("shared"));
         let study = Study::open(draft.resolve().unwrap(), &self.path(folder), &options, &mut ear);
-        let study = study.unwrap().expect("nobody stopped it");
+        let study = study.unwrap().expect("not stopped");
         (study.manifest().scenes[0].reference.clone(), ear.rendered)
     }
 

@@ -95,7 +95,7 @@ const SPP: [u64; 4] = [4, 8, 16, 32];
 const TIMED: RunBudget = RunBudget::TimeOf(16);
 
 #[test]
-fn the_page_and_the_table_say_the_same() {
+fn the_page_and_the_table_agree() {
     let found = write(&mut example(), true);
     assert_eq!(differences(&found.page, &found.table), Vec::<String>::new());
     assert!(figures(&found.page).len() > 500);
@@ -258,7 +258,7 @@ fn a_sampler_against_itself_wins_nothing() {
 /// With effects of 0.8 for counts, 0.5 for the filter and 0.3 for both, the parts are found. So is their interaction,
 /// 0.75.
 #[test]
-fn the_factorial_says_what_is_due_to_what() {
+fn the_factorial_separates_counts_filter_and_interaction() {
     let exact = |sampler, filter, scale| Law::new(sampler, filter).deviation(0.0).errors(scale);
     let laws = [
         exact("uniform", "none", 1.0),
@@ -322,7 +322,7 @@ fn seeds_that_do_not_reach_an_error_are_not_left_out() {
 
 /// Odd studies neither break the page nor put a NaN on it.
 #[test]
-fn odd_studies_have_a_report_that_says_so() {
+fn odd_studies_have_a_report_with_remarks() {
     let laws = [Law::new("uniform", "none"), Law::new("mitchell", "none")];
     let whole = || Study::new(&["a"], &laws, &SPP, Some(16), 4);
     let mut cases: Vec<(&str, Study, &str)> = Vec::new();
@@ -365,7 +365,7 @@ fn odd_studies_have_a_report_that_says_so() {
         assert_eq!(bad, 0, "{name}");
         assert!(!found.page.contains("NaN") && !found.page.contains(">inf"), "{name}");
         for line in found.table.iter().filter(|line| line[6].is_empty()) {
-            assert!(!line[10].is_empty(), "{name}: {line:?} does not say why there is no value");
+            assert!(!line[10].is_empty(), "{name}: {line:?} lacks the reason for the missing value");
         }
     }
 }

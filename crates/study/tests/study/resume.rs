@@ -31,7 +31,7 @@ fn methods_alternate_run_by_run() {
 }
 
 #[test]
-fn a_study_killed_at_any_byte_ends_as_one_that_was_not() {
+fn a_study_killed_at_any_byte_resumes_to_the_same_end() {
     let place = Place::new();
     place.study(place.plan(), "whole", &mut Fake::default());
     let whole = place.text("whole/runs.jsonl");
@@ -237,7 +237,7 @@ impl RunStore for Full {
 }
 
 #[test]
-fn a_full_disk_loses_nothing_that_was_done() {
+fn a_full_disk_loses_no_finished_run() {
     let place = Place::new();
     place.study(place.plan(), "whole", &mut Fake::default());
     let whole = place.text("whole/runs.jsonl");

@@ -25,8 +25,8 @@ pub fn hit(primitive: u32) -> ProbeHit {
     ProbeHit { primitive, direction: [0.0, 0.0, -1.0], distance: 2.0, normal: [0.0, 0.0, 1.0], footprint: 1.0 }
 }
 
-/// A scene for every frame: sky above, three clusters of columns whose sizes differ by factors of hundreds, one of them
-/// seen from the side, and a floor.
+/// A scene for every frame: sky above, three clusters of columns, and a floor. The clusters' sizes differ by factors of
+/// hundreds, and one is seen from the side.
 pub fn scene(ray: ProbeRay) -> Option<ProbeHit> {
     let [x, y] = ray.film;
     if y < 1.5 && x > 2.5 {

@@ -54,7 +54,7 @@ impl Cone {
         }
         let integral: f64 = expected.iter().sum();
         expected.push((1.0 - integral).max(0.0));
-        // Above the error of the rule itself.
+        // Above the rule's own error, so that no cell is impossible.
         let least = 1e-6;
         let expected: Vec<f64> = expected.iter().map(|e| samples as f64 * e.max(least / samples as f64)).collect();
         (chi_square(&observed, &expected), integral)

@@ -60,11 +60,11 @@ pub fn hash(film: &Film) -> u64 {
 /// Largest deviations between two sets of independent images, in standard normal units.
 #[derive(Clone, Copy, Debug)]
 pub struct Agreement {
-    /// In any 8x8 block and channel.
+    /// The largest in any 8x8 block and channel.
     pub worst: f64,
     /// Blocks times channels.
     pub tests: usize,
-    /// In the mean of the whole image, any channel.
+    /// The largest in the mean of the whole image, over channels.
     pub whole: f64,
     /// True if blocks without variance were equal to the bit.
     pub exact: bool,

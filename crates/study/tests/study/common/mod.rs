@@ -63,7 +63,7 @@ impl Place {
 
     pub(crate) fn open(&self, plan: Plan, name: &str) -> Result<Study, StudyError> {
         let study = Study::open(plan, &self.path(name), &StudyOptions::default(), &mut ());
-        study.map(|study| study.expect("nobody stops it"))
+        study.map(|study| study.expect("not stopped"))
     }
 
     /// Opens a study and runs it to the end.
