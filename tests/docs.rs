@@ -261,8 +261,7 @@ fn citations(text: &str) -> Vec<(String, String)> {
             let words: Vec<&str> = part.split([' ', ',']).collect();
             let year = words.iter().position(|w| w.len() == 4 && w.starts_with(['1', '2']) && w.parse::<u32>().is_ok());
             let known = |w: &&str| w.starts_with(char::is_uppercase) || matches!(*w, "and" | "et" | "al." | "van");
-            if let Some(at) =
-                year.filter(|&at| at > 0 && words[..at].iter().all(|w| known(w)) && letters(words[0]).len() > 2)
+            if let Some(at) = year.filter(|&at| at > 0 && words[..at].iter().all(known) && letters(words[0]).len() > 2)
             {
                 found.push((words[0].to_owned(), words[at].to_owned()));
             }
