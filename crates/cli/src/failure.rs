@@ -21,6 +21,9 @@ pub(crate) fn of_job(error: &JobError) -> Failure {
         }
         JobError::Memory { estimate, limit, advice } => {
             let advice = match advice {
+                MemoryAdvice::Scene if limit.is_given() => {
+                    "the scene alone does not fit; raise --memory, or simplify the scene"
+                }
                 MemoryAdvice::Scene => "the scene alone does not fit; simplify it, or use a machine with more memory",
                 MemoryAdvice::Filter => "lower --resolution, use --filter none, or render crops (--crop)",
                 MemoryAdvice::AddressSpace => {
@@ -44,7 +47,7 @@ pub(crate) fn of_job(error: &JobError) -> Failure {
 pub(crate) fn of_reader(error: &ReadError) -> Failure {
     let line = |problem: &Problem| match problem.kind {
         ProblemKind::Unsupported => {
-            format!("{}: {}; remove it, or --allow-unsupported", problem.source, problem.message)
+            format!("{}: {}; remove it, or pass --allow-unsupported", problem.source, problem.message)
         }
         _ => problem.to_string(),
     };

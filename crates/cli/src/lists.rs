@@ -1,7 +1,8 @@
-//! `dapple samplers`, `dapple points`, `dapple filters`.
+//! `dapple samplers`, `dapple points`, `dapple filters`, `dapple integrators`.
 
 use crate::output::tell;
 use crate::{Outcome, Result};
+use dapple_core::Parameter;
 use dapple_job::registry::{Entry, FILTERS, POINTS, SAMPLERS};
 
 pub(crate) fn samplers() -> Result<Outcome> {
@@ -20,20 +21,23 @@ pub(crate) fn filters() -> Result<Outcome> {
 fn list<Make>(entries: &[Entry<Make>]) -> Result<Outcome> {
     for entry in entries {
         tell(format!("{:<18}{}", entry.name, entry.about))?;
-        for parameter in entry.parameters() {
-            let given = format!("{}={}", parameter.name, parameter.default);
-            tell(format!("  {given:<16}{}", parameter.help))?;
-        }
+        list_parameters(entry.parameters())?;
     }
     Ok(Outcome::Done)
+}
+
+fn list_parameters<'p>(parameters: impl IntoIterator<Item = &'p Parameter>) -> Result<()> {
+    for parameter in parameters {
+        let given = format!("{}={}", parameter.name, parameter.default);
+        tell(format!("  {given:<16}{}", parameter.help))?;
+    }
+    Ok(())
 }
 
 pub(crate) fn integrators() -> Result<Outcome> {
     for entry in dapple_renderer::integrators() {
         tell(format!("{:<18}{}", entry.name, entry.about))?;
-        for (key, default, about) in entry.parameters {
-            tell(format!("  {:<16}{about}", format!("{key}={default}")))?;
-        }
+        list_parameters(entry.parameters)?;
     }
     Ok(Outcome::Done)
 }

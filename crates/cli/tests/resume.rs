@@ -147,9 +147,9 @@ fn another_render_is_refused_x04() {
     // What is no checkpoint, is none yet, or would be lost.
     for (word, expected) in [
         ("--resume tiny.pbrt", "tiny.pbrt: it is not a file of Dapple's"),
-        ("--resume missing", "missing: there is no such checkpoint"),
+        ("--resume missing", "missing: there is no such file; check the name of the checkpoint"),
         ("--checkpoint c", "c: a checkpoint exists; resume from it with --resume c"),
-        ("--checkpoint d --resume missing", "missing: there is no such checkpoint"),
+        ("--checkpoint d --resume missing", "missing: there is no such file; check the name of the checkpoint"),
         ("--checkpoint folder/c", "folder/c: cannot make a file beside it"),
     ] {
         let said = folder.run(&format!("{words} {word}"));
@@ -289,7 +289,7 @@ fn shards_that_make_no_image_x07() {
         (format!("{a} filtered.shard {c}"), format!("filtered.shard: beside {a}: filter: gaussian")),
         (format!("{a} more.shard {c}"), "it has another budget".into()),
         (format!("{a} half.shard {c}"), "half.shard: it is ".into()),
-        (format!("{a} nowhere.shard {c}"), "nowhere.shard: there is no such shard".into()),
+        (format!("{a} nowhere.shard {c}"), "nowhere.shard: there is no such file; check the name of the shard".into()),
         (format!("{a} tiny.pbrt {c}"), "tiny.pbrt: it is not a file of Dapple's".into()),
     ] {
         let said = folder.run(&format!("merge {shards} -q -o p.pfm"));

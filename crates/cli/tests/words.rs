@@ -41,7 +41,7 @@ fn settings_are_refused_before_anything_is_rendered_i06() {
         ("--sampler variance:cap=3,cap=4", 2, "\"cap\" is given twice"),
         ("--sampler variance:cap=NaN", 2, "cap = NaN is out of range: at least 1"),
         ("--sampler variance:pilot=1", 2, "two samples or more"),
-        ("--sampler variance:radius=-1", 2, "radius = \"-1\": a number"),
+        ("--sampler variance:radius=-1", 2, "radius = \"-1\"; give a number"),
         ("--sampler variance:policy=maybe", 2, "one of keep, discard, cross"),
         ("--sampler uniform:a=1", 2, "it takes none"),
         ("--pixel-filter round", 2, "possible values: scene, box"),
@@ -137,7 +137,7 @@ fn the_unsupported_is_refused_or_listed() {
     let refused = folder.run("render odd.pbrt --spp 1");
     assert_eq!(refused.status, Some(1));
     let err = &refused.err;
-    assert!(err.starts_with("error: odd.pbrt:13: ") && err.ends_with(", or --allow-unsupported\n"), "{err}");
+    assert!(err.starts_with("error: odd.pbrt:13: ") && err.ends_with(", or pass --allow-unsupported\n"), "{err}");
     let allowed = folder.run("render odd.pbrt --spp 1 --allow-unsupported -o odd.exr");
     assert_eq!(allowed.status, Some(0), "{}", allowed.err);
     assert!(allowed.err.starts_with("warning: odd.pbrt:13: ") && allowed.err.contains("left out"), "{}", allowed.err);

@@ -37,7 +37,7 @@ impl Part {
         Self { sum: Surface::NOTHING, triangles: 0, next: 0, lead: [0.0; 3], normal: [0.0; 3], cone: 1.0 };
 }
 
-/// The rule of first fit in canonical order.
+/// First fit: an item joins the first group that accepts it, items in canonical order.
 #[derive(Clone, Copy)]
 pub(crate) struct FirstFit {
     pub(crate) cosine: f32,

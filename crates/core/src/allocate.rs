@@ -112,7 +112,7 @@ fn share_out(
 /// The least number of pixels per task.
 const SERIAL: usize = 4096;
 
-/// Counts for scores above 0 that are not all equal, and a total between floors and ceiling.
+/// Splits `total` by scores within floors and ceiling. Requires scores above 0, not all equal, and a feasible total.
 fn share_out_clean(scores: &[f64], floors: &[u32], ceiling: u32, total: u64, steps: &impl Steps) -> Vec<u32> {
     let reach = |g: f64, floor: u32, threshold: f64| steps.reach(threshold / g).min(ceiling).max(floor);
     let spend = |threshold: f64| -> u64 {

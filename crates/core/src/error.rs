@@ -34,7 +34,7 @@ pub enum Error {
     BudgetTooSmall {
         /// Samples allowed.
         budget: u64,
-        /// Samples that the floors add up to.
+        /// The sum of the floors.
         needed: u64,
         /// The number of pixels.
         pixels: usize,

@@ -339,6 +339,15 @@ mod tests {
         Square,
     }
 
+    #[test]
+    fn distances_and_nearest_names() {
+        assert_eq!(edit_distance("kitten", "sitting"), 3);
+        assert_eq!(edit_distance("", "abc"), 3);
+        assert_eq!(edit_distance("Fov", "fov"), 0);
+        assert_eq!(nearest_name("fob", ["radius", "fov"]), Some("fov"));
+        assert_eq!(nearest_name("zzz", ["radius", "fov"]), None);
+    }
+
     choices!(Shape { Round = "round", Square = "square" });
 
     options! {

@@ -184,7 +184,7 @@ pub trait Sampler: Send {
     ///
     /// # Errors
     ///
-    /// [`Error::BadSnapshot`] for bytes that its `save` does not write.
+    /// [`Error::BadSnapshot`] for bytes that do not come from `save` of such a sampler.
     fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
         match saved {
             [] => Ok(()),

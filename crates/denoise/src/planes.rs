@@ -68,7 +68,7 @@ pub(crate) struct Inputs {
 }
 
 impl Inputs {
-    /// Reads a film with halves, sample variance and features; with first hits if there is a `label`.
+    /// Reads halves, sample variance and features of a film; first hits too, if `label` assigns clusters.
     pub(crate) fn new(film: &Film, label: Option<&ClusterLookup>) -> Self {
         let size = film.frame().size().map(|n| n as usize);
         let level = level(film);

@@ -34,7 +34,7 @@ pub struct Motion {
 struct Path {
     translation: [DVec3; 2],
     stretch: [DMat3; 2],
-    /// The rotation at time 0. It continues around `axis` by `angle`, 0 to pi.
+    /// The rotation at time 0. Until time 1 it turns by another `angle`, in [0, pi], around `axis`.
     rotation: DQuat,
     axis: DVec3,
     angle: f64,

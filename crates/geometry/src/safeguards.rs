@@ -14,7 +14,7 @@ pub trait Safeguards: Copy + 'static {
     const PADDING: bool = true;
     /// The smallest number wins among hits at the same distance, otherwise the first one tested.
     const TIES: bool = true;
-    /// Rays leave surfaces by a bound on the point's error, otherwise by 1e-4 in any scene.
+    /// True: a ray's origin moves off the surface by the bound on the point's rounding error. False: by 1e-4 in any scene.
     const OFFSETS: bool = true;
 }
 

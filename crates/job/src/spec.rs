@@ -5,7 +5,7 @@ mod names;
 pub use names::parse_shard;
 
 use dapple_core::Shard;
-use dapple_renderer::integrators;
+use dapple_renderer::check_integrator;
 use dapple_renderer::light::LightSelection;
 use dapple_scene::Effect;
 use serde::{Deserialize, Serialize};
@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 pub const SPEC_VERSION: u32 = 1;
 /// Mean samples per pixel of [`RenderSpec::new`].
 pub const DEFAULT_SPP: f64 = 64.0;
-/// Largest mean samples per pixel of a [`BudgetSpec::Error`] without a `max_spp`.
+/// Largest number of samples per pixel under a [`BudgetSpec::Error`] without a `max_spp`.
 pub const ERROR_SPP: u32 = 16384;
 /// The sampler of [`RenderSpec::new`]. Its `epsilon` suits the default filter; without a filter, 0.01 is better.
 pub const DEFAULT_SAMPLER: &str = "adaptive";
@@ -389,10 +389,8 @@ impl RenderSpec {
                 return wrong(field, e.to_string());
             }
         }
-        let name = self.integrator.split(':').next().unwrap_or_default().trim();
-        if integrators().iter().all(|entry| entry.name != name) {
-            let known: Vec<&str> = integrators().iter().map(|entry| entry.name).collect();
-            return wrong("integrator", format!("there is no integrator \"{name}\"; there are {}", known.join(", ")));
+        if let Err(e) = check_integrator(&self.integrator) {
+            return wrong("integrator", e.to_string());
         }
         if self.shard.is_some() && self.selection() == LightSelection::Learned {
             let what = "learned light selection needs samples of the whole image, and cannot be sharded; use power";

@@ -217,7 +217,7 @@ fn damage_is_found_and_the_previous_generation_used_x03() {
         "{said}"
     );
     let said = Store::read(&folder.path().join("b"), Kind::Checkpoint).unwrap_err().to_string();
-    assert!(said.ends_with("b: there is no such checkpoint"), "{said}");
+    assert!(said.ends_with("b: there is no such file; check the name of the checkpoint"), "{said}");
 }
 
 #[test]

@@ -21,7 +21,7 @@ pub(crate) struct TwoRates {
 
 /// The pixels in the order in which they are refined.
 struct Ranking {
-    /// The pilot that it was made from, in samples per pixel.
+    /// Samples per pixel of the pilot that this map was computed from.
     pilot: u32,
     order: Vec<u32>,
     /// The number of pixels that exceed their threshold.

@@ -8,10 +8,10 @@ mod table;
 #[cfg(test)]
 mod tests;
 
-pub use ambient_occlusion::AmbientOcclusion;
+pub use ambient_occlusion::{AmbientOcclusion, AmbientOcclusionOptions};
 pub use light_selector::{FixedSelector, LearnedSelector, LightSelector};
 pub use path::PathTracer;
-pub use table::{IntegratorEntry, IntegratorError, IntegratorParameters, integrators, make};
+pub use table::{IntegratorEntry, IntegratorError, check, integrators, make};
 
 use crate::World;
 use crate::camera::{General, Pinhole, ThinLens};

@@ -23,8 +23,9 @@ mod without;
 mod world;
 
 pub use integrator::{
-    AmbientOcclusion, FixedSelector, IntegratorEntry, IntegratorError, IntegratorParameters, LearnedSelector,
-    LightSelector, PathTracer, code, integrator, integrator_with, integrators, make as make_integrator,
+    AmbientOcclusion, AmbientOcclusionOptions, FixedSelector, IntegratorEntry, IntegratorError, LearnedSelector,
+    LightSelector, PathTracer, check as check_integrator, code, integrator, integrator_with, integrators,
+    make as make_integrator,
 };
 pub use material::{MaterialError, Surface};
 pub use space::Space;

@@ -5,8 +5,8 @@ mod lights;
 mod materials;
 mod visible;
 
-use crate::nearest::nearest;
 use crate::{Camera, MaterialKind, Scene, Source};
+use dapple_core::nearest_name;
 use std::fmt;
 use std::str::FromStr;
 use visible::Visible;
@@ -116,7 +116,7 @@ pub struct UnknownEffect {
 /// The nearest name, or all names.
 fn advice(name: &str) -> String {
     let known = Effect::ALL.map(Effect::name);
-    match nearest(name, known) {
+    match nearest_name(name, known) {
         Some(near) => format!("did you mean \"{near}\"?"),
         None => format!("choose among {}", known.join(", ")),
     }

@@ -14,7 +14,6 @@ mod effects;
 pub mod files;
 pub mod image;
 pub mod model;
-mod nearest;
 pub mod pbrt;
 mod polygon;
 mod read_error;

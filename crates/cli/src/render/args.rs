@@ -12,12 +12,12 @@ use std::path::{Path, PathBuf};
 
 /// Render an image, putting samples where it needs them
 ///
-/// SCENE is a pbrt-v4 file, a model by itself (.obj, .ply, .stl: shown under a camera and a light of our own), or
+/// SCENE is a pbrt file (v4, v3 or v2), a bare model (.obj, .ply, .stl; Dapple adds a camera and a light), or
 /// the name of a bundled scene: teapot (the default), terrain, cornell, furnace, plates, lens, motion, glass, room, grass. Nothing is rendered before all settings are checked and all outputs can be written.
 #[derive(Args)]
 #[command(after_help = AFTER)]
 pub(crate) struct RenderArgs {
-    /// A pbrt-v4 file, a model (.obj, .ply, .stl), or a bundled scene
+    /// A pbrt file, a model (.obj, .ply, .stl), or a bundled scene
     #[arg(value_name = "SCENE", default_value = bundled::DEFAULT)]
     pub(crate) scene: PathBuf,
 
@@ -30,8 +30,7 @@ pub(crate) struct RenderArgs {
 
     /// The sampler (how many samples each pixel gets); `dapple samplers` lists them
     ///
-    /// By default counts follow errors relative to mean^2 + epsilon with epsilon = 0.3, which suits the default filter;
-    /// `adaptive:epsilon=0.01` suits `--filter none`.
+    /// The default's `epsilon=0.3` suits the default filter; `adaptive:epsilon=0.01` suits `--filter none`.
     #[arg(long, value_name = "NAME[:key=value,…]", default_value = dapple_job::DEFAULT_SAMPLER, value_parser = sampler)]
     #[arg(help_heading = "Method")]
     pub(crate) sampler: String,
@@ -50,7 +49,7 @@ pub(crate) struct RenderArgs {
     #[arg(long, value_name = "NAME", default_value = dapple_job::DEFAULT_INTEGRATOR, help_heading = "Method")]
     pub(crate) integrator: String,
 
-    /// The shape of a pixel: the scene's, or one pixel's box
+    /// The pixel filter (pbrt's PixelFilter): the scene's, or a box of one pixel
     #[arg(long, value_name = "SHAPE", default_value = "scene", help_heading = "Method")]
     pub(crate) pixel_filter: PixelShape,
 
@@ -68,7 +67,7 @@ pub(crate) struct RenderArgs {
     #[arg(allow_negative_numbers = true)]
     pub(crate) error: Option<f64>,
 
-    /// Plan and trace for about this many seconds (reading and writing come on top)
+    /// Plan and trace for about this many seconds; reading, filtering and writing come on top
     #[arg(long, value_name = "SECONDS", value_parser = above_zero, group = "budget", help_heading = "Budget (one of)")]
     #[arg(allow_negative_numbers = true)]
     pub(crate) time: Option<f64>,
@@ -93,7 +92,7 @@ pub(crate) struct RenderArgs {
 
     /// Leave an effect out that the scene calls for; may be given again. `dapple effects` lists what it calls for
     ///
-    /// The image is another, cheaper one. A warning reports the difference, and the header of the file the effect.
+    /// Makes a different, cheaper image. A warning reports the difference, and the file's header records the effect.
     #[arg(long, value_name = "EFFECT", help_heading = "Image")]
     pub(crate) without: Vec<Effect>,
 
@@ -101,7 +100,9 @@ pub(crate) struct RenderArgs {
     #[arg(long, value_name = "WxH", value_parser = resolution, help_heading = "Image")]
     pub(crate) resolution: Option<[u32; 2]>,
 
-    /// Render this window only; with --sampler uniform --filter none --light-selection power, the same bits as in the whole image [default: the scene's]
+    /// Render this window of the whole image only [default: the scene's]
+    ///
+    /// Its bits are those of the whole render with --sampler uniform --filter none --light-selection power; else counts differ.
     #[arg(long, value_name = "X0,Y0,X1,Y1", value_parser = crop, help_heading = "Image")]
     pub(crate) crop: Option<[u32; 4]>,
 
@@ -114,22 +115,24 @@ pub(crate) struct RenderArgs {
     #[arg(long, value_name = "DIR", help_heading = "Image")]
     pub(crate) maps: Option<PathBuf>,
 
-    /// Keep a checkpoint in this file, now and then and at the end; --resume FILE resumes from it
+    /// Keep a checkpoint in this file, now and then and at the end, for --resume FILE
     ///
-    /// Written beside its place, flushed and renamed; the one before stays as FILE.previous. One process writes to it at a
-    /// time (FILE.lock). Refuses to overwrite an existing checkpoint unless resuming from it.
+    /// Written to a temporary file and renamed, so that a crash never destroys it. The previous one is kept as
+    /// FILE.previous; FILE.lock keeps other processes out. Refuses to overwrite an existing checkpoint unless resuming from
+    /// it.
     #[arg(long, value_name = "FILE", help_heading = "Interruption")]
     pub(crate) checkpoint: Option<PathBuf>,
 
-    /// Seconds between checkpoints [default: 60, more where they would take above 1 % of the time; the first after 1]
+    /// Seconds between checkpoints [default: 60, or longer so that they take at most 1 % of the time; the first after 1]
     #[arg(long, value_name = "SECONDS", value_parser = above_zero, help_heading = "Interruption")]
     #[arg(allow_negative_numbers = true)]
     pub(crate) checkpoint_every: Option<f64>,
 
     /// Resume from this checkpoint, to the same bits as without interruption, and keep it up to date
     ///
-    /// Takes the same arguments. The budget may be larger, and the filter another one if its needs were recorded. With
-    /// --checkpoint and the same FILE, a missing file starts the render, so that one command can be repeated.
+    /// Give the same arguments as before. The budget may be larger, and the filter may differ if the checkpoint holds the
+    /// data that it reads. With --checkpoint FILE too, a render starts afresh while FILE is missing, so that the same
+    /// command can be repeated.
     #[arg(long, value_name = "FILE", help_heading = "Interruption")]
     pub(crate) resume: Option<PathBuf>,
 
@@ -140,7 +143,7 @@ pub(crate) struct RenderArgs {
     #[arg(conflicts_with_all = ["maps", "json", "time", "error"])]
     pub(crate) shard: Option<Shard>,
 
-    /// Render the description in this file, in place of SCENE and all options of Method, Budget, Bounds and Image but outputs
+    /// Render the description in this file; it replaces SCENE and the options of Method, Budget, Bounds and Image
     #[arg(long, value_name = "FILE", help_heading = "Description")]
     pub(crate) spec: Option<PathBuf>,
 
@@ -148,9 +151,9 @@ pub(crate) struct RenderArgs {
     #[arg(long, help_heading = "Description")]
     pub(crate) print_spec: bool,
 
-    /// Refuse to start what takes more memory than this, such as 2G, 500M or plain bytes [default: what there is]
+    /// Memory limit, such as 2G, 500M or plain bytes; a render that needs more is refused [default: the machine's]
     ///
-    /// The estimate (scene, film, and the most of sampler, filter and files) is printed with the summary.
+    /// The summary prints the estimate: scene and film, and the largest of sampler, filter and file writing.
     #[arg(long, value_name = "SIZE", value_parser = size)]
     pub(crate) memory: Option<u64>,
 
@@ -158,7 +161,7 @@ pub(crate) struct RenderArgs {
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u16).range(..=1024))]
     pub(crate) threads: u16,
 
-    /// List what the renderer cannot do as warnings, rather than refusing the scene
+    /// Warn about unsupported features and render without them, instead of refusing the scene
     #[arg(long)]
     pub(crate) allow_unsupported: bool,
 

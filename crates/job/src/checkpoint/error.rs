@@ -25,7 +25,7 @@ pub enum Error {
         path: PathBuf,
     },
     /// A missing file.
-    #[error("{}: there is no such {kind}", path.display())]
+    #[error("{}: there is no such file; check the name of the {kind}", path.display())]
     Missing {
         /// The file.
         path: PathBuf,

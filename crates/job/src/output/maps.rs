@@ -34,7 +34,7 @@ pub fn cluster_ids(film: &Film, clusters: &WorldClusters) -> Option<Vec<u32>> {
     (film.needs().first_hits > 0).then(|| (0..film.frame().pixels()).map(of).collect())
 }
 
-/// Clusters in colours of their own as a PNG file; black where nothing was met. Two clusters may look alike: there are
+/// Each cluster in one color, as a PNG file; black where nothing was met. Distant clusters may share a color: there are
 /// more of them than of colours.
 ///
 /// # Errors

@@ -1,11 +1,18 @@
 //! Ambient occlusion: the open share of the hemisphere above each surface.
 
-use super::{IntegratorError, IntegratorParameters};
 use crate::World;
 use crate::blocks;
 use crate::shading::{ShadingFrame, warp};
-use dapple_core::{Draws, Estimate, Integrator, TrainingLog};
+use dapple_core::{Draws, Estimate, Integrator, OptionError, Options as _, TrainingLog};
 use dapple_geometry::spawn_ray;
+
+dapple_core::options! {
+    /// The parameters of [`AmbientOcclusion`].
+    pub struct AmbientOcclusionOptions {
+        /// The largest distance of an occluder, in lengths of the scene file.
+        pub distance: f64 = f64::INFINITY => "inf", |distance| distance > 0.0, "above 0";
+    }
+}
 
 /// The cosine-weighted share of directions from the first hit in which nothing is closer than a distance.
 ///
@@ -24,13 +31,10 @@ impl<'w> AmbientOcclusion<'w> {
         Self { world, distance: (distance * world.space().scale()) as f32 }
     }
 
-    /// Reads the parameters of the integrator's table.
-    pub(super) fn from_parameters<'a>(
-        parameters: &IntegratorParameters,
-        world: &'a World,
-    ) -> Result<Box<dyn Integrator + 'a>, IntegratorError> {
-        let distance = parameters.number("distance", |distance| *distance > 0.0)?;
-        Ok(Box::new(AmbientOcclusion::new(world, distance)))
+    /// Makes one for the table of integrators.
+    pub(super) fn parse<'a>(parameters: &str, world: &'a World) -> Result<Box<dyn Integrator + 'a>, OptionError> {
+        let options = AmbientOcclusionOptions::parse(parameters)?;
+        Ok(Box::new(AmbientOcclusion::new(world, options.distance)))
     }
 }
 

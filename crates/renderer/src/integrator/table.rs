@@ -1,11 +1,10 @@
 //! The table of integrators by name.
 
-use super::{AmbientOcclusion, integrator};
+use super::{AmbientOcclusion, AmbientOcclusionOptions, integrator};
 use crate::World;
-use dapple_core::Integrator;
-use std::str::FromStr;
+use dapple_core::{Integrator, OptionError, Options, Parameter, nearest_name, parse_pairs};
 
-/// The integrators, the default first. A new one is a file beside this one and a line here.
+/// The integrators, the default first. A new one is a file beside this one and an entry here.
 const INTEGRATORS: &[IntegratorEntry] = &[
     IntegratorEntry {
         name: "path",
@@ -16,13 +15,13 @@ const INTEGRATORS: &[IntegratorEntry] = &[
     IntegratorEntry {
         name: "ambient-occlusion",
         about: "the open share of the hemisphere above each surface, without lights and materials",
-        parameters: &[("distance", "inf", "the largest distance of an occluder, in lengths of the scene file")],
-        make: AmbientOcclusion::from_parameters,
+        parameters: AmbientOcclusionOptions::PARAMETERS,
+        make: AmbientOcclusion::parse,
     },
 ];
 
-/// Makes an integrator from its parameters.
-type MakeIntegrator = for<'w> fn(&IntegratorParameters, &'w World) -> Result<Box<dyn Integrator + 'w>, IntegratorError>;
+/// Makes an integrator from its parameters, `key=value,…`.
+type MakeIntegrator = for<'w> fn(&str, &'w World) -> Result<Box<dyn Integrator + 'w>, OptionError>;
 
 /// One integrator of the table.
 #[derive(Clone, Copy, Debug)]
@@ -32,8 +31,8 @@ pub struct IntegratorEntry {
     pub name: &'static str,
     /// A description in one line.
     pub about: &'static str,
-    /// Name, default, and a description in one line of each parameter.
-    pub parameters: &'static [(&'static str, &'static str, &'static str)],
+    /// The parameters.
+    pub parameters: &'static [Parameter],
     make: MakeIntegrator,
 }
 
@@ -42,28 +41,23 @@ pub struct IntegratorEntry {
 #[non_exhaustive]
 pub enum IntegratorError {
     /// An unknown name.
-    #[error("integrator \"{name}\" is unknown; give {known}")]
+    #[error("there is no integrator \"{name}\"; {} are {known}", nearest.map_or("there".to_owned(), |n| format!("did you mean \"{n}\"? There")))]
     Unknown {
         /// The name.
         name: String,
+        /// The known name closest to it, if one is close.
+        nearest: Option<&'static str>,
         /// The names of the table.
         known: String,
     },
     /// A parameter that is unknown, repeated, or has no valid value.
-    #[error("integrator \"{integrator}\": {problem}")]
+    #[error("{integrator}: {source}")]
     Parameter {
         /// The integrator.
         integrator: &'static str,
         /// The problem, and its remedy.
-        problem: String,
+        source: OptionError,
     },
-}
-
-/// The values of an integrator's parameters: those given, or the defaults.
-#[derive(Clone, Debug)]
-pub struct IntegratorParameters {
-    integrator: &'static str,
-    values: Vec<(&'static str, String)>,
 }
 
 /// All integrators, the default first.
@@ -93,51 +87,30 @@ pub fn integrators() -> &'static [IntegratorEntry] {
 /// # }
 /// ```
 pub fn make<'w>(request: &str, world: &'w World) -> Result<Box<dyn Integrator + 'w>, IntegratorError> {
-    let (entry, parameters) = IntegratorParameters::parse(request)?;
-    (entry.make)(&parameters, world)
+    let (entry, parameters) = find(request)?;
+    (entry.make)(parameters, world).map_err(|source| IntegratorError::Parameter { integrator: entry.name, source })
 }
 
-impl IntegratorParameters {
-    /// Reads a request.
-    fn parse(request: &str) -> Result<(&'static IntegratorEntry, Self), IntegratorError> {
-        let (name, pairs) = request.split_once(':').unwrap_or((request, ""));
-        let name = name.trim();
-        let Some(entry) = INTEGRATORS.iter().find(|entry| entry.name == name) else {
-            let known = INTEGRATORS.iter().map(|entry| entry.name).collect::<Vec<_>>().join(", ");
-            return Err(IntegratorError::Unknown { name: name.to_owned(), known });
-        };
-        let mut parameters = Self { integrator: entry.name, values: Vec::new() };
-        for pair in pairs.split(',').map(str::trim).filter(|pair| !pair.is_empty()) {
-            let Some((key, value)) = pair.split_once('=') else {
-                return Err(parameters.refuse(format!("\"{pair}\" has no value; give key=value")));
-            };
-            let Some(&(key, ..)) = entry.parameters.iter().find(|parameter| parameter.0 == key.trim()) else {
-                let known = entry.parameters.iter().map(|parameter| parameter.0).collect::<Vec<_>>().join(", ");
-                let known = if known.is_empty() { "none".into() } else { known };
-                return Err(parameters.refuse(format!("parameter \"{}\" is unknown; it takes {known}", key.trim())));
-            };
-            if parameters.values.iter().any(|value| value.0 == key) {
-                return Err(parameters.refuse(format!("parameter \"{key}\" is repeated; give it once")));
-            }
-            parameters.values.push((key, value.trim().to_owned()));
-        }
-        for &(key, default, _) in entry.parameters {
-            if !parameters.values.iter().any(|value| value.0 == key) {
-                parameters.values.push((key, default.to_owned()));
-            }
-        }
-        Ok((entry, parameters))
-    }
+/// Checks a request as far as that is possible without a world: its name, and the names of its parameters.
+///
+/// # Errors
+///
+/// [`IntegratorError`] for an unknown name.
+pub fn check(request: &str) -> Result<(), IntegratorError> {
+    find(request).map(|_| ())
+}
 
-    fn refuse(&self, problem: String) -> IntegratorError {
-        IntegratorError::Parameter { integrator: self.integrator, problem }
-    }
-
-    /// The value of a parameter, which must be `valid`.
-    pub(super) fn number<T: FromStr>(&self, key: &str, valid: impl Fn(&T) -> bool) -> Result<T, IntegratorError> {
-        let value = self.values.iter().find(|value| value.0 == key).map_or("", |value| &value.1);
-        let number = value.parse().ok().filter(valid);
-        number.ok_or_else(|| self.refuse(format!("{key}=\"{value}\" is out of range; give a number above 0")))
+/// The entry of a request, and the text of its parameters, whose names are known.
+fn find(request: &str) -> Result<(&'static IntegratorEntry, &str), IntegratorError> {
+    let (name, parameters) = request.split_once(':').unwrap_or((request, ""));
+    let names = || INTEGRATORS.iter().map(|entry| entry.name);
+    let entry = INTEGRATORS.iter().find(|entry| entry.name == name.trim()).ok_or_else(|| {
+        let (nearest, known) = (nearest_name(name, names()), names().collect::<Vec<_>>().join(", "));
+        IntegratorError::Unknown { name: name.trim().to_owned(), nearest, known }
+    })?;
+    match parse_pairs(parameters, entry.parameters) {
+        Ok(_) => Ok((entry, parameters)),
+        Err(source) => Err(IntegratorError::Parameter { integrator: entry.name, source }),
     }
 }
 
@@ -146,27 +119,27 @@ mod tests {
     use super::*;
 
     fn refused(request: &str) -> String {
-        IntegratorParameters::parse(request).map_or_else(
-            |e| e.to_string(),
-            |(entry, parameters)| {
-                let distance = parameters.number("distance", |distance: &f64| *distance > 0.0);
-                distance.map_or_else(|e| e.to_string(), |distance| format!("{} {distance}", entry.name))
-            },
-        )
+        let options = |text: &str| AmbientOcclusionOptions::parse(text).map_err(|e| e.to_string());
+        match find(request) {
+            Err(error) => error.to_string(),
+            Ok((entry, text)) => options(text).map_or_else(|e| e, |o| format!("{} {}", entry.name, o.distance)),
+        }
     }
 
     #[test]
     fn requests_are_read_and_wrong_ones_refused() {
         assert_eq!(refused("ambient-occlusion"), "ambient-occlusion inf");
         assert_eq!(refused("ambient-occlusion: distance = 2.5"), "ambient-occlusion 2.5");
-        assert_eq!(refused("paths"), "integrator \"paths\" is unknown; give path, ambient-occlusion");
-        let wrong = |problem: &str| format!("integrator \"ambient-occlusion\": {problem}");
-        assert_eq!(refused("ambient-occlusion:far"), wrong("\"far\" has no value; give key=value"));
-        assert_eq!(refused("ambient-occlusion:far=1"), wrong("parameter \"far\" is unknown; it takes distance"));
+        assert_eq!(
+            refused("paths"),
+            "there is no integrator \"paths\"; did you mean \"path\"? There are path, ambient-occlusion"
+        );
+        let wrong = |problem: &str| format!("ambient-occlusion: {problem}");
+        assert_eq!(refused("ambient-occlusion:far"), wrong("\"far\" is not of the form key=value"));
+        assert_eq!(refused("ambient-occlusion:far=1"), wrong("there is no parameter \"far\"; it takes distance"));
         let twice = "ambient-occlusion:distance=1,distance=2";
-        assert_eq!(refused(twice), wrong("parameter \"distance\" is repeated; give it once"));
-        let range = wrong("distance=\"-1\" is out of range; give a number above 0");
-        assert_eq!(refused("ambient-occlusion:distance=-1"), range);
-        assert_eq!(refused("path:distance=1"), "integrator \"path\": parameter \"distance\" is unknown; it takes none");
+        assert_eq!(refused(twice), wrong("\"distance\" is given twice"));
+        assert_eq!(refused("ambient-occlusion:distance=-1"), "distance = -1 is out of range: above 0");
+        assert_eq!(refused("path:distance=1"), "path: there is no parameter \"distance\"; it takes none");
     }
 }

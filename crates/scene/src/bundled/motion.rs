@@ -5,7 +5,7 @@ use std::fmt::Write;
 
 /// Degrees that the mill turns in the time that the shutter is open.
 const TURN: f64 = 20.0;
-/// Positions of the ball when the shutter opens and closes, and its radius.
+/// The ball's x when the shutter opens and when it closes.
 const ROLL: [f64; 2] = [0.1, 0.45];
 const BALL: f64 = 0.55;
 

@@ -238,7 +238,7 @@ fn studio(direction: [f64; 3]) -> [f64; 3] {
     SOFT_BOXES.iter().fold(wall, |sum, light| add(sum, scale(light.radiance, coverage(light, direction))))
 }
 
-/// The floor's texture, one tile of slate with a light joint, 2 x 2 shades an image.
+/// The color of a texel of the floor: slate tiles with pale grout. The image holds 2 x 2 tiles of different shades.
 fn floor_tile(column: u16, row: u16) -> [u8; 3] {
     const TILE: u16 = 64;
     const JOINT: u16 = 2;

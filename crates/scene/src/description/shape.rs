@@ -156,7 +156,7 @@ pub enum MeshFault {
         vertices: usize,
     },
     /// A corner that is no vertex.
-    #[error("triangle {triangle} has corner {corner}; corners are whole numbers from 0 to {}", vertices.saturating_sub(1))]
+    #[error("triangle {triangle} has vertex index {corner}; indices are whole numbers from 0 to {}", vertices.saturating_sub(1))]
     Corner {
         /// Number of the triangle.
         triangle: usize,

@@ -4,7 +4,7 @@ use super::diagnostics::Log;
 use super::params::{Param, read_param};
 use super::tokens::{Fault, Kind, Token, Tokens, number, shown, unescape};
 use crate::Source;
-use crate::nearest::nearest;
+use dapple_core::nearest_name;
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -208,7 +208,7 @@ fn form_of(word: &str) -> Option<Form> {
 }
 
 fn unknown(word: &str) -> String {
-    match nearest(word, FORMS.iter().map(|f| f.0)) {
+    match nearest_name(word, FORMS.iter().map(|f| f.0)) {
         Some(known) => format!("unknown directive {}; did you mean \"{known}\"?", shown(word)),
         None => format!("unknown directive {}; remove it or correct its spelling", shown(word)),
     }

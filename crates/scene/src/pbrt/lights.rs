@@ -23,8 +23,7 @@ impl Reader<'_> {
         let line = d.source.line;
         let old = self.version.is_old();
         if !(d.texts[0] == "diffuse" || old && d.texts[0] == "area") {
-            params.unsupported(line, format!("AreaLightSource {}", shown(&d.texts[0])));
-            params.ignore_rest();
+            params.unsupported_type(line, "AreaLightSource", &d.texts[0], &["diffuse"]);
             params.finish(&mut self.log);
             return;
         }
@@ -56,8 +55,7 @@ impl Reader<'_> {
             "spot" => self.spot(&mut params),
             "distant" => self.distant(&mut params),
             kind => {
-                params.unsupported(d.source.line, format!("LightSource {}", shown(kind)));
-                params.ignore_rest();
+                params.unsupported_type(d.source.line, "LightSource", kind, &["infinite", "point", "spot", "distant"]);
                 None
             }
         };

@@ -9,6 +9,21 @@ use super::textures::Textures;
 use super::tokens::shown;
 use crate::{Coating, Color, ConductorFresnel, Material, MaterialId, MaterialKind, Roughness, Scalar, Source};
 
+/// Types of pbrt-v4 that are supported.
+const MATERIALS: &[&str] = &[
+    "diffuse",
+    "diffusetransmission",
+    "conductor",
+    "dielectric",
+    "thindielectric",
+    "coateddiffuse",
+    "coatedconductor",
+    "mix",
+    "interface",
+];
+/// Types of older versions that are supported.
+const OLD_MATERIALS: &[&str] = &["matte", "plastic", "substrate", "metal", "mirror", "glass", "mix"];
+
 /// pbrt's default material.
 pub(super) fn default_kind() -> MaterialKind {
     MaterialKind::Diffuse { reflectance: Color::Constant([0.5; 3]) }
@@ -74,15 +89,10 @@ impl Reader<'_> {
             let what = format!("{} has both displacement and normalmap; remove one", params.of());
             params.problem(line, what);
         }
-        let textures = &self.textures;
-        let made = if self.version.is_old() {
-            self.old_material(kind, &mut params)
-        } else {
-            new_material(kind, &mut params, textures)
-        };
+        let (textures, old) = (&self.textures, self.version.is_old());
+        let made = if old { self.old_material(kind, &mut params) } else { new_material(kind, &mut params, textures) };
         let made = made.unwrap_or_else(|| {
-            params.unsupported(line, format!("Material {}", shown(kind)));
-            params.ignore_rest();
+            params.unsupported_type(line, "Material", kind, if old { OLD_MATERIALS } else { MATERIALS });
             default_kind().into()
         });
         params.finish(&mut self.log);

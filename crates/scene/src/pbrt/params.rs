@@ -4,7 +4,7 @@ use super::diagnostics::Log;
 use super::tokens::{Fault, Kind, Token, Tokens, number, shown, unescape};
 use super::version::Version;
 use crate::Source;
-use crate::nearest::nearest;
+use dapple_core::nearest_name;
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -162,7 +162,7 @@ fn unknown_type(name: &str) -> String {
         "blackbody",
         "texture",
     ];
-    let near = nearest(name, NAMES).map_or(String::new(), |k| format!("; did you mean \"{k}\"?"));
+    let near = nearest_name(name, NAMES).map_or(String::new(), |k| format!("; did you mean \"{k}\"?"));
     format!("unknown parameter type {}{near}", shown(name))
 }
 
@@ -262,6 +262,14 @@ impl Params {
 
     pub(super) fn problem(&mut self, line: u32, message: impl Into<String>) {
         self.problems.push((line, message.into()));
+    }
+
+    /// Reports a type of directive that is not supported, with the supported type nearest to it. Ignores its parameters.
+    pub(super) fn unsupported_type(&mut self, line: u32, directive: &str, kind: &str, known: &[&str]) {
+        let near = nearest_name(kind, known.iter().copied());
+        let near = near.map_or(String::new(), |known| format!(" (did you mean \"{known}\"?)"));
+        self.unsupported(line, format!("{directive} {}{near}", shown(kind)));
+        self.ignore_rest();
     }
 
     pub(super) fn unsupported(&mut self, line: u32, what: impl Into<String>) {
@@ -444,7 +452,7 @@ impl Params {
         }
         self.list.retain(|p| !p.taken && !p.inherited);
         for p in &self.list {
-            let near = nearest(&p.name, self.asked.iter().copied());
+            let near = nearest_name(&p.name, self.asked.iter().copied());
             let near = near.map_or(String::new(), |k| format!("; did you mean \"{k}\"?"));
             let message = format!("{} has no parameter {}; ignored{near}", self.of, shown(&p.name));
             log.notice(&Source { file: self.file.clone(), line: p.line }, message);

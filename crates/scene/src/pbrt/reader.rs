@@ -12,8 +12,8 @@ use super::tokens::shown;
 use super::version::Version;
 use crate::ReadError;
 use crate::files::Files;
-use crate::nearest::nearest;
 use crate::{MaterialId, MediumId, MeshData, ObjectId, PixelFilter, Scene, Source};
+use dapple_core::nearest_name;
 use glam::DAffine3;
 use std::collections::BTreeMap;
 use std::path::{Component, Path, PathBuf};
@@ -383,7 +383,7 @@ pub(super) fn unknown_name<'k>(
     known: impl IntoIterator<Item = &'k String>,
     advice: &str,
 ) -> String {
-    match nearest(name, known.into_iter().map(String::as_str)) {
+    match nearest_name(name, known.into_iter().map(String::as_str)) {
         Some(near) => format!("unknown {what} {}; did you mean \"{near}\"?", shown(name)),
         None => format!("unknown {what} {}; {advice}", shown(name)),
     }

@@ -5,7 +5,6 @@ use super::params::{Params, Type};
 use super::reader::Reader;
 use super::subdivide::subdivide;
 use super::tessellate::{Patches, Round};
-use super::tokens::shown;
 use crate::model::read_ply;
 use crate::{Emission, Geometry, MeshData, Scalar, Shape, Source};
 use glam::{DAffine3, DVec3};
@@ -14,6 +13,8 @@ use std::sync::Arc;
 
 /// Triangles that may be made of shapes that are none, in a whole scene: some 300 MB.
 const MOST_MADE: usize = 1 << 22;
+
+const SHAPES: [&str; 7] = ["trianglemesh", "plymesh", "sphere", "disk", "cylinder", "bilinearmesh", "loopsubdiv"];
 
 impl Reader<'_> {
     /// Carries out `Shape`.
@@ -30,8 +31,7 @@ impl Reader<'_> {
             "bilinearmesh" => self.bilinear_mesh(&mut params, line),
             "loopsubdiv" => self.loop_surface(&mut params, line),
             kind => {
-                params.unsupported(line, format!("Shape {}", shown(kind)));
-                params.ignore_rest();
+                params.unsupported_type(line, "Shape", kind, &SHAPES);
                 None
             }
         };
@@ -329,7 +329,7 @@ fn corners<const N: usize>(
         for &c in corners {
             if !(c.fract() == 0.0 && c >= 0.0 && c < vertices as f64 && c <= f64::from(u32::MAX)) {
                 let what = format!(
-                    "{what} {i} of {} has corner {c}; corners are whole numbers from 0 to {}",
+                    "{what} {i} of {} has vertex index {c}; indices are whole numbers from 0 to {}",
                     params.of(),
                     vertices - 1
                 );

@@ -4,7 +4,7 @@ use super::colorimetry::{Sampled, blackbody, blackbody_of_peak_one, rgb_of_chrom
 use super::params::{Params, Type, Values};
 use super::tokens::shown;
 use super::version::Version;
-use crate::nearest::nearest;
+use dapple_core::nearest_name;
 use glam::DVec3;
 
 /// The range and the illuminant of a color.
@@ -239,7 +239,7 @@ pub(super) fn near_name(name: &str) -> Option<String> {
     let parts = METALS.iter().flat_map(|m| ["eta", "k"].map(|part| format!("metal-{}-{part}", m.0)));
     let others = GLASSES.iter().map(|g| g.0).chain(ILLUMINANTS.iter().map(|i| i.0)).chain(["stdillum-D65"]);
     let names: Vec<String> = parts.chain(others.map(str::to_owned)).collect();
-    nearest(name, names.iter().map(String::as_str)).map(str::to_owned)
+    nearest_name(name, names.iter().map(String::as_str)).map(str::to_owned)
 }
 
 #[cfg(test)]

@@ -303,7 +303,7 @@ fn made_shapes() {
         ),
         (
             "Shape \"bilinearmesh\" \"point3 P\" [0 0 0 1 0 0 0 1 0 1 1 0] \"integer indices\" [0 1 2 4]".into(),
-            "s.pbrt:4: patch 0 of Shape \"bilinearmesh\" has corner 4; corners are whole numbers from 0 to 3",
+            "s.pbrt:4: patch 0 of Shape \"bilinearmesh\" has vertex index 4; indices are whole numbers from 0 to 3",
         ),
         (
             "Shape \"cylinder\" \"float zmin\" 1".into(),

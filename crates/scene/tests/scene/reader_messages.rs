@@ -259,11 +259,11 @@ fn messages_about_parameters() {
         ("Shape \"plymesh\"", "s.pbrt:4: Shape \"plymesh\" lacks \"string filename\""),
         (
             "Shape \"trianglemesh\" \"point3 P\" [0 0 0 1 0 0 0 1 0]\n\"integer indices\" [0 1 2 0 1 3]",
-            "s.pbrt:5: triangle 1 of Shape \"trianglemesh\" has corner 3; corners are whole numbers from 0 to 2",
+            "s.pbrt:5: triangle 1 of Shape \"trianglemesh\" has vertex index 3; indices are whole numbers from 0 to 2",
         ),
         (
             "Shape \"trianglemesh\" \"point3 P\" [0 0 0 1 0 0 0 1 0] \"integer indices\" [0 1 -1]",
-            "s.pbrt:4: triangle 0 of Shape \"trianglemesh\" has corner -1; corners are whole numbers from 0 to 2",
+            "s.pbrt:4: triangle 0 of Shape \"trianglemesh\" has vertex index -1; indices are whole numbers from 0 to 2",
         ),
         (
             "Shape \"trianglemesh\" \"point3 P\" [0 0 0 1 0 0 0 1] \"integer indices\" [0 1 2]",
