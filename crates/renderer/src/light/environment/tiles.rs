@@ -19,7 +19,6 @@ const BLACK: u32 = u32::MAX;
 ///
 /// Each tile is sampled by brightness, as the whole is. Tiles selected by [`Tiles::share`] together sample as the whole
 /// does. One look-up finds the radiance of a ray that leaves the scene, and its tile.
-/// One look-up finds the radiance of a ray that leaves the scene, and its tile.
 #[derive(Clone, Debug)]
 pub(crate) struct Tiles {
     whole: Arc<Environment>,
