@@ -22,7 +22,7 @@ pub enum RateMap {
 dapple_core::choices!(RateMap { Identity = "identity", Root = "root", Log = "log" });
 
 impl RateMap {
-    /// `f(x)` for a ratio `x >= 0` and the median ratio.
+    /// Returns `f(x)` for a ratio `x >= 0`; `median` is the `m` of [`RateMap::Log`].
     fn of(self, x: f64, median: f64) -> f64 {
         match self {
             Self::Identity => x,

@@ -19,7 +19,7 @@ pub enum Placement {
 }
 
 impl Placement {
-    /// Probes per pixel.
+    /// Returns the number of probes per pixel.
     pub const fn per_pixel(self) -> u32 {
         match self {
             Self::Centre => 1,
@@ -59,7 +59,7 @@ pub struct ProbeHit {
     pub primitive: u32,
     /// The ray's direction, from the eye to the hit; of any length above 0.
     pub direction: [f32; 3],
-    /// Along the ray from the eye, in world units, not negative.
+    /// Distance along the ray from the eye, in world units, not negative.
     pub distance: f32,
     /// The surface's unit normal; either side.
     pub normal: [f32; 3],
@@ -223,7 +223,7 @@ impl Probes {
         self.rejected
     }
 
-    /// The cost of probing.
+    /// The rays and the seconds that probing took.
     pub fn cost(&self) -> ProbeCost {
         self.cost
     }

@@ -64,7 +64,7 @@ pub struct ClusterReport {
     pub resolution: [u32; 3],
     /// The number of voxels with a triangle, of [`ClusterReport::requested`].
     pub occupied: u64,
-    /// The number of triangles in the fullest voxel.
+    /// The number of triangles in the voxel that has most.
     pub fullest: u32,
     /// The number of triangles.
     pub triangles: u32,
@@ -75,7 +75,7 @@ pub struct ClusterReport {
 }
 
 impl Cluster {
-    /// A cluster without triangles, for a shape of another kind such as a sphere. It has no normal.
+    /// Makes a cluster without triangles, for a shape of another kind such as a sphere. It has no normal.
     ///
     /// `bounds` are the smallest and largest corner of its box. `group` continues the numbers of the groups of
     /// triangles.

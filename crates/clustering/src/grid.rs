@@ -107,7 +107,7 @@ fn padded([x, y, z]: [f32; 3]) -> [f32; 4] {
     [x, y, z, 0.0]
 }
 
-/// The box of some places, or `None` if one of them is not finite.
+/// The bounding box of some places, or `None` if one of them is not finite.
 fn finite_bounds(places: impl Iterator<Item = [f32; 4]>) -> Option<Bounds> {
     let mut bounds = Bounds::NOTHING;
     // Zero times a finite number is zero, times anything else NaN. So one sum checks all numbers.
@@ -121,7 +121,7 @@ fn finite_bounds(places: impl Iterator<Item = [f32; 4]>) -> Option<Bounds> {
     (zero == [0.0; 4]).then_some(bounds)
 }
 
-/// The largest index, and for each of six vertices whether it occurs.
+/// The largest index, and for each of six vertices a flag that is true if some triangle uses the vertex.
 fn look_up(indices: &[[u32; 3]], vertices: [u32; 6]) -> (u32, [bool; 6]) {
     let (mut largest, mut found) = (0, [0_u32; 6]);
     for &index in indices.as_flattened() {
@@ -202,9 +202,9 @@ impl Triangles<'_> {
 pub(crate) struct Grid {
     /// Voxels along each axis.
     pub(crate) resolution: [u32; 3],
-    /// For places.
+    /// The map for places.
     whole: Scale,
-    /// For sums of three places.
+    /// The map for sums of three places.
     thirds: Scale,
 }
 

@@ -16,7 +16,7 @@ pub(crate) struct Batch {
     pub(crate) clusters: Vec<Cluster>,
     /// The number of groups with a cluster.
     pub(crate) groups: u32,
-    /// The number of voxels with a triangle.
+    /// The number of voxels with at least one triangle.
     pub(crate) voxels: u64,
     /// The number of triangles in the fullest voxel.
     pub(crate) fullest: u32,
@@ -50,7 +50,7 @@ pub(crate) struct GroupRule {
     weld: bool,
     rule: Rule,
     steep: f32,
-    /// All triangles of a group have their clusters there.
+    /// True if every triangle keeps its cluster in the group.
     keeps_all: bool,
 }
 

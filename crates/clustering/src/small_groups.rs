@@ -9,7 +9,7 @@ use crate::triangle_normals::Surface;
 /// The largest group that is clustered in lanes. Each of its classes takes a pass over all lanes, and larger groups
 /// tend to have more classes.
 pub(crate) const MAX_SMALL: usize = 256;
-/// The largest number of classes, for the same reason.
+/// The largest number of classes; each takes a pass over all lanes.
 const MAX_CLASSES: usize = 32;
 
 /// The scratch space of one thread.
@@ -24,7 +24,7 @@ pub(crate) struct SmallGroups {
 struct Part {
     sum: Surface,
     triangles: u32,
-    /// The place of the next member.
+    /// The index at which the next member is stored.
     next: u32,
     /// The normal of the first member.
     lead: [f32; 3],
@@ -42,7 +42,7 @@ impl Part {
 pub(crate) struct FirstFit {
     pub(crate) cosine: f32,
     pub(crate) two_sided: bool,
-    /// A cluster whose first normal has at least this z has all normals on one side.
+    /// The least z of a cluster's first normal for which all its normals are on one side.
     pub(crate) steep: f32,
 }
 

@@ -18,9 +18,9 @@ type Lanes<T> = [T; BLOCK];
 /// The terms of a cluster's sums.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Surface {
-    /// The unit normal times twice the area, and twice the area; zero without a normal.
+    /// The unit normal times twice the area (three values), and twice the area; zero without a normal.
     pub(crate) weighted: [f64; 4],
-    /// The box.
+    /// The bounding box.
     pub(crate) bounds: Bounds,
 }
 
@@ -37,7 +37,7 @@ impl Surface {
         self.bounds.unite(other.bounds);
     }
 
-    /// The surface, or its other side if `turned`.
+    /// Returns the surface, with its normal negated if `turned`.
     #[inline(always)]
     pub(crate) fn turned(&self, turned: bool) -> Self {
         let side = if turned { -1.0 } else { 1.0 };
@@ -59,7 +59,7 @@ impl Surface {
         [x, y, z].map(|x| (x * inverse) as f32)
     }
 
-    /// Sets box and area.
+    /// Returns `common` with the box and the area set.
     #[inline(always)]
     pub(crate) fn cluster(&self, common: Cluster) -> Cluster {
         Cluster { bounds: self.bounds.corners(), area: 0.5 * self.weighted[3], ..common }
@@ -86,14 +86,14 @@ impl<'a> Normals<'a> {
         self.flat[self.start + i] != 0.0
     }
 
-    /// The cosine to a unit vector; 0 without a normal.
+    /// The cosine between a triangle's normal and a unit vector; 0 without a normal.
     #[inline(always)]
     pub(crate) fn dot(&self, i: usize, other: [f32; 3]) -> f32 {
         let own = self.of(i);
         own[0] * other[0] + own[1] * other[1] + own[2] * other[2]
     }
 
-    /// The cosine to a unit vector; 1 without a normal, which cannot deviate.
+    /// The cosine between a triangle's normal and a unit vector; 1 without a normal, which cannot deviate.
     #[inline(always)]
     pub(crate) fn cosine(&self, i: usize, other: [f32; 3]) -> f32 {
         self.dot(i, other) + self.flat[self.start + i]

@@ -12,7 +12,7 @@ pub(crate) trait Entry: Copy + Ord + Default + Send + Sync {
     fn triangle(self) -> u32;
 }
 
-/// For grids of up to 2^32 voxels.
+/// Entries for grids of up to 2^32 voxels.
 impl Entry for u64 {
     #[inline]
     fn new(voxel: u64, triangle: u32) -> Self {
@@ -28,7 +28,7 @@ impl Entry for u64 {
     }
 }
 
-/// For any grid.
+/// Entries for any grid.
 impl Entry for u128 {
     #[inline]
     fn new(voxel: u64, triangle: u32) -> Self {

@@ -24,7 +24,7 @@ pub(crate) struct Window {
 /// the time of `cluster-regression` (docs/results/filters.md).
 pub(crate) const VANISHING: f32 = 1e-20;
 
-/// The weighted means of `values`, the two halves.
+/// The weighted means of `values` in both halves.
 pub(crate) fn average(
     inputs: &Inputs,
     values: [&Colours; 2],

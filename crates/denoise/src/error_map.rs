@@ -30,7 +30,7 @@ impl Pair {
         b + inputs.first_share(i) * (a - b)
     }
 
-    /// Multiplies the image by the albedo.
+    /// Multiplies both halves by the albedo.
     pub(crate) fn modulate(&mut self, inputs: &Inputs) {
         self.each(|c, i, value| value * inputs.divisor(c, i));
     }
@@ -43,7 +43,7 @@ impl Pair {
         }
     }
 
-    /// The sum of several pairs with a weight per pixel for each.
+    /// The sum of several pairs, each multiplied by a weight per pixel.
     pub(crate) fn mixed(pairs: &[&Self], weights: &[Plane]) -> Self {
         let mix = |half: usize, c: usize| -> Plane {
             let mut sum = vec![0.0; pairs[0].0[half][c].len()];

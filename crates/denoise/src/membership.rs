@@ -22,7 +22,7 @@ impl Membership for u32 {
 /// The clusters of a pixel's first samples, with the number of samples in each.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Votes {
-    /// Ascending. The first `len` entries are used.
+    /// The clusters in ascending order. The first `len` entries are used.
     clusters: [u32; MOST_VOTES],
     counts: [u8; MOST_VOTES],
     len: u8,

@@ -32,9 +32,9 @@ const POOLED: f32 = 6.0;
 
 /// One half of a film.
 pub(crate) struct Half {
-    /// Means, in units of the level.
+    /// Mean colours, in units of the level.
     pub(crate) colour: Colours,
-    /// Pooled variances of these means.
+    /// Pooled variances of the mean colours.
     pub(crate) variance: Colours,
     /// Sample counts.
     pub(crate) count: Plane,
@@ -48,18 +48,18 @@ pub(crate) struct Features {
     pub(crate) variance: [Plane; 3],
     /// The variance of the mean position, summed over its coordinates.
     pub(crate) scatter: Plane,
-    /// The change of the log depth from pixel to pixel, the smallest of 3x3.
+    /// The smallest change of the log depth between neighbouring pixels, in 3x3 pixels.
     pub(crate) slope: Plane,
     /// Position, relative to the mean position.
     pub(crate) position: Colours,
-    /// The reciprocal width of 24 pixels at this depth.
+    /// The reciprocal width of 24 pixels at the pixel's depth.
     pub(crate) scale: Plane,
 }
 
 /// A film as planes.
 pub(crate) struct Inputs {
     pub(crate) size: [usize; 2],
-    /// The radiance that counts as 1 here.
+    /// The radiance that is scaled to 1 in these planes.
     pub(crate) level: f32,
     pub(crate) halves: [Half; 2],
     pub(crate) features: Features,
@@ -257,7 +257,7 @@ fn ln(x: f32) -> f32 {
     exponent as f32 * std::f32::consts::LN_2 + series
 }
 
-/// The mean of the known pixels among 5x5.
+/// The mean of the known features among 5x5 pixels around pixel `i`.
 fn from_neighbours(known: &[Option<Feature>], [width, height]: [usize; 2], i: usize) -> Option<Feature> {
     let (x, y) = (i % width, i / width);
     let mut sum = Feature::default();

@@ -4,10 +4,10 @@ use crate::averaging::{VANISHING, Window, average_where};
 use crate::planes::{Colours, Inputs, Plane, box_mean};
 use crate::tile::{Guide, HEIGHT, Likeness, WIDTH};
 
-/// Measured at 8 spp on nine scenes (`docs/results/race.md`). Patches of 1 pixel do not help, 5x5 is no better than
-/// 3x3. Bandwidths 0.5 and 1 leave 2 and 4 % more error.
+/// Patches and bandwidths, measured at 8 spp on nine scenes (`docs/results/race.md`). Patches of 1 pixel do not help,
+/// 5x5 is no better than 3x3. Bandwidths 0.5 and 1 leave 2 and 4 % more error.
 const LIKE: Likeness = Likeness { patch: 1, colour: 0.7, features: None, outside: 1.0 };
-/// Measured like [`LIKE`]: 7x7 leaves 1 % more error, 11x11 and 15x15 no less.
+/// The window, measured like [`LIKE`]: 7x7 leaves 1 % more error, 11x11 and 15x15 no less.
 const WINDOW: Window = Window { radius: 4, cut: VANISHING, falloff: 0.0 };
 /// Variances of the mean normal, albedo and log depth below this are not noise.
 const QUIET: f32 = 1e-5;

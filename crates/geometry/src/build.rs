@@ -1,4 +1,4 @@
-//! From shapes to the tree: boxes, a binary tree (obvhs's where it is safe), eight-wide nodes.
+//! Building of the tree from shapes: boxes, a binary tree (obvhs's where that is safe), eight-wide nodes.
 
 mod binary;
 mod wide;
@@ -53,9 +53,9 @@ struct Items<'a> {
     shapes: &'a [Shape],
     /// The boxes of the instances; empty if there are shapes.
     boxes: &'a [Bounds],
-    /// For each item its shape and primitive, or an instance's number.
+    /// For each item, its shape and primitive, or the index of an instance.
     keys: Vec<u64>,
-    /// Boxes allow for rounding. They always do, except for measurements (see `safeguards`).
+    /// True if boxes are padded for rounding, which only measurements leave out (see `safeguards`).
     padded: bool,
 }
 
@@ -132,7 +132,7 @@ impl<'a> Items<'a> {
         if self.padded { grow([low, high], (high - low).max_element() * ULPS) } else { [low, high] }
     }
 
-    /// The tree over all items and the box around it; `None` if there are none.
+    /// Builds the tree over all items and the box around it; `None` for no items.
     fn tree(&self, preset: Preset) -> (Tree, Option<Bounds>) {
         let Some(bounds) = self.total() else { return (Tree::default(), None) };
         let tree = wide::collapse(&binary::by_area(self.leaves(bounds), preset.params()), self)

@@ -1,16 +1,14 @@
 //! Instances: an object is in memory once and stands in the scene any number of times, each with its own map.
 //!
-//! A ray is transformed to the object's space in f64. There it begins where it enters the object's box, so the f32 of
-//! its
-//! origin has the precision of the object, however far the ray has come. Its direction gets unit length.
+//! A ray is transformed to the object's space in f64. There it begins where it enters the object's box. The f32 of its
+//! origin thus has the precision of the object, however far the ray has come. Its direction gets unit length.
 //!
-//! Let `start` be the ray's parameter at the entry and `speed` the length of the mapped direction. Then the object's
-//! `t'` is
-//! `(t - start) speed`. Hits within the object's limits are hits; their `t` is rounded once and kept within the limits.
+//! Let `start` be the ray's parameter at the entry and `speed` the length of the mapped direction. Then the parameter
+//! in the object's space is `t' = (t - start) speed`. Hits within the object's limits are hits; their `t` is rounded
+//! once and kept within the limits.
 //!
 //! Rounding the mapped ray to f32 moves it by about an ulp of the object's size. [`Placements::surface`] adds that to
-//! the
-//! error of points, so that rays leave them beyond it.
+//! the error of points, so that rays leave them beyond it.
 
 use crate::build::{Bounds, Preset, build_top};
 use crate::mesh::{LARGEST, LOST_IN_F64, ROUNDING};
@@ -72,7 +70,7 @@ pub(crate) struct Placements {
     base: u32,
     pub(crate) objects: Vec<Object>,
     instances: Vec<PlacedObject>,
-    /// The instance of each shape number from `base` on.
+    /// The index of the instance of each shape number from `base` on.
     instance_of: Vec<u32>,
     top: Tree,
     pub(crate) bounds: Option<Bounds>,
@@ -83,7 +81,7 @@ pub(crate) struct Placements {
 #[derive(Clone, Debug)]
 pub(crate) struct Object {
     pub(crate) geometry: Arc<Geometry>,
-    /// Its box, grown so that its surfaces lie strictly inside; `None` if nothing can be hit.
+    /// The object's bounding box, grown so that surfaces lie strictly inside; `None` if nothing can be hit.
     bounds: Option<[DVec3; 2]>,
     /// The most that rounding can move a ray within the box, per axis.
     reach: f64,
@@ -94,7 +92,7 @@ pub(crate) struct Object {
 #[derive(Clone, Debug)]
 struct PlacedObject {
     object: u32,
-    /// The number of its first shape.
+    /// The number of the instance's first shape.
     first: u32,
     place: Pose,
 }
@@ -105,11 +103,11 @@ enum Pose {
     Moving(Motion),
 }
 
-/// The map from an object to the world and back.
+/// The maps from an object's space to world space and back.
 #[derive(Clone, Copy, Debug)]
 struct Map {
     to_world: DAffine3,
-    /// The inverse of its matrix. The translation is subtracted first, which loses no precision far from the world's
+    /// The inverse of the map's matrix. The translation is subtracted first, which keeps precision far from the world's
     /// origin.
     to_object: DMat3,
 }
@@ -125,7 +123,7 @@ struct Local {
 /// above the rounding of a ray's origin and far below a measurable cost.
 const GROWTH: f64 = 1.0 / (1u64 << 10) as f64;
 const GROWTH_FAR: f64 = 1.0 / (1u64 << 20) as f64;
-/// Hits this much farther than the best so far are still tested, since rounding may bring them nearer.
+/// Factor on the best hit's distance within which hits are still tested, since rounding may bring them nearer.
 const BEYOND: f64 = 1.0 + 1.0 / (1u64 << 20) as f64;
 
 impl Object {

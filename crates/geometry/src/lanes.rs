@@ -32,22 +32,22 @@ pub(crate) trait Lanes:
     fn abs(self) -> Self;
     fn less(self, other: Self) -> u32;
     fn at_most(self, other: Self) -> u32;
-    /// The lanes whose words are `word`.
+    /// The mask of the lanes whose words equal `word`.
     fn equal(token: Self::Token, words: &Words, word: u32) -> u32;
 }
 
 /// The vectors of this machine's processor.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Vectors {
-    /// AVX2.
+    /// AVX2: one vector of eight.
     #[cfg(target_arch = "x86_64")]
     Whole(pulp::x86::V3),
-    /// The baseline of the architecture.
+    /// The architecture's baseline: two vectors of four.
     Pair,
 }
 
 impl Default for Vectors {
-    /// The widest. Detected once per tree, since it takes a moment.
+    /// The widest vectors. Detected once per tree, since detection takes time.
     fn default() -> Self {
         #[cfg(target_arch = "x86_64")]
         if let Some(v3) = pulp::x86::V3::try_new() {

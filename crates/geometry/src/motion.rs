@@ -6,10 +6,8 @@ use glam::{DAffine3, DMat3, DQuat, DVec3};
 /// An affine map that stands still, or moves from one map at time 0 to another at time 1.
 ///
 /// A moving map is decomposed into a stretch, a rotation and a translation (polar decomposition), which are
-/// interpolated.
-/// Stretch and translation change linearly. The rotation has constant speed around one axis, the shorter way round
-/// [after Shoemake and Duff 1992].
-/// Before 0 and after 1 the map stands still.
+/// interpolated. Stretch and translation change linearly. The rotation has constant speed around one axis, the shorter
+/// way round [after Shoemake and Duff 1992]. Before 0 and after 1 the map stands still.
 ///
 /// ```
 /// use dapple_geometry::Motion;
@@ -21,11 +19,11 @@ use glam::{DAffine3, DMat3, DQuat, DVec3};
 /// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Motion {
-    /// The maps at times 0 and 1, without `first`.
+    /// The maps at times 0 and 1, to be applied after `first`.
     ends: [DAffine3; 2],
-    /// The path from one to the other; `None` if the map stands still.
+    /// The interpolation between the two maps; `None` if the map stands still.
     path: Option<Box<Path>>,
-    /// The map that is applied before.
+    /// The constant map that is applied first.
     first: DAffine3,
 }
 
@@ -42,20 +40,20 @@ struct Path {
 
 /// The number of pieces of a rotating path, each with its own box.
 const PIECES: u32 = 32;
-/// Below this angle one piece suffices.
+/// Angle of rotation in radians below which one piece suffices.
 const HARDLY_TURNED: f64 = 1e-9;
 
 impl Motion {
     /// The additional bytes of a moving map.
     pub(crate) const PATH_BYTES: usize = size_of::<Path>();
 
-    /// A map that stands still.
+    /// Makes a map that does not move.
     #[must_use]
     pub fn still(map: DAffine3) -> Self {
         Self { ends: [map; 2], path: None, first: DAffine3::IDENTITY }
     }
 
-    /// A map that moves from `start` at time 0 to `end` at time 1; still if they are equal.
+    /// Makes a map that moves from `start` at time 0 to `end` at time 1; still if they are equal.
     ///
     /// # Errors
     /// [`Error::BadParameter`] if a map is not finite or not invertible, or if only one of them mirrors: everything
@@ -84,7 +82,7 @@ impl Motion {
         Ok(Self { ends: [start, end], path: Some(Box::new(path)), first: DAffine3::IDENTITY })
     }
 
-    /// The same motion after applying `first`.
+    /// Returns the motion with the constant map `first` applied before it.
     #[must_use]
     pub fn after(mut self, first: DAffine3) -> Self {
         self.first *= first;
@@ -104,7 +102,7 @@ impl Motion {
         self.at_exactly(time.into()) * self.first
     }
 
-    /// The map without `first`.
+    /// The map at a time, without `first`.
     fn at_exactly(&self, time: f64) -> DAffine3 {
         match &self.path {
             Some(path) if time > 0.0 && time < 1.0 => path.at(time),
@@ -116,10 +114,8 @@ impl Motion {
     /// A box that contains the image of a box at all times.
     ///
     /// The path of a point of the box is a mean of the paths of the box's corners, and a corner's path is cut into
-    /// pieces.
-    /// A piece of duration `h` stays within `h^2 / 8` times its largest acceleration of the straight line between its
-    /// ends.
-    /// With the angular speed `w`, that acceleration is at most `w^2 |S p| + 2 w |S' p|`.
+    /// pieces. A piece of duration `h` stays within `h^2 / 8` times its largest acceleration of the straight line
+    /// between its ends. With the angular speed `w`, that acceleration is at most `w^2 |S p| + 2 w |S' p|`.
     #[must_use]
     pub fn bounds(&self, low: DVec3, high: DVec3) -> [DVec3; 2] {
         let corners = (0..8_u32).map(|k| {

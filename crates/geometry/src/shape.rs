@@ -86,7 +86,7 @@ pub struct Sphere {
 }
 
 impl Sphere {
-    /// A sphere in world space.
+    /// Makes a sphere in world space.
     ///
     /// # Errors
     /// The errors of [`transformed`](Self::transformed).
@@ -94,7 +94,7 @@ impl Sphere {
         Self::transformed(DAffine3::from_translation(centre.as_dvec3()), radius.into())
     }
 
-    /// A sphere around the origin, transformed to the world by any invertible affine map.
+    /// Makes a sphere around the origin, transformed to the world by any invertible affine map.
     ///
     /// # Errors
     /// [`Error::BadParameter`] if the radius is not positive or the map is not invertible; [`Error::ScaleOutOfRange`]
@@ -165,7 +165,8 @@ pub struct Disk {
 }
 
 impl Disk {
-    /// A disk in world space. `inner_radius` is the radius of its hole, 0 for none. `normal` need not have unit length.
+    /// Makes a disk in world space. `inner_radius` is the radius of the hole, 0 for none. `normal` need not have unit
+    /// length.
     ///
     /// # Errors
     /// The errors of [`transformed`](Self::transformed), and [`Error::BadParameter`] for a normal without a direction.
@@ -179,7 +180,8 @@ impl Disk {
         Self::transformed(to_world, 0.0, radius.into(), inner_radius.into())
     }
 
-    /// The disk at `z = height` around the z axis, facing +z, transformed to the world by any invertible affine map.
+    /// Makes a disk at `z = height` around the z axis, facing +z, transformed to the world by any invertible affine
+    /// map.
     ///
     /// # Errors
     /// [`Error::BadParameter`] unless `0 <= inner_radius < radius`, the height is finite and the map is invertible;
@@ -284,7 +286,7 @@ impl Quadric {
     }
 }
 
-/// An object's space, with the maps to the world and back.
+/// The space of a sphere or disk, with the maps to the world and back.
 #[derive(Clone, Copy, Debug)]
 struct Space {
     to_world: DAffine3,
@@ -328,7 +330,7 @@ impl Space {
         [centre - reach, centre + reach]
     }
 
-    /// The world point and normal of those in object space.
+    /// The surface point in world space for a point and normal in object space.
     fn surface(&self, point: DVec3, normal: DVec3) -> SurfacePoint {
         let m = self.to_world.matrix3;
         let exact = m * point + self.to_world.translation;

@@ -42,10 +42,10 @@ fn offset_origin_with<S: Safeguards>(position: Vec3, error: Vec3, normal: Vec3, 
     moved + Vec3::select(step.cmpeq(Vec3::ZERO), Vec3::ZERO, away)
 }
 
-/// The common fixed offset in place of a bound.
+/// The offset of [`WithoutOffsets`](crate::safeguards::WithoutOffsets), in place of the bound on the error.
 const FIXED: f32 = 1e-4;
 
-/// Allows for the rounding of a unit normal, of the dot product with it and of the step: a few ulps of f32.
+/// Factor that allows for the rounding of a unit normal, of the dot product with it and of the step: a few ulps of f32.
 const SLACK: f32 = 1.0 + 1.0 / (1u64 << 19) as f32;
 
 /// A ray that leaves a surface and does not meet it again at its start. The direction stays unchanged.

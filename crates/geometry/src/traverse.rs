@@ -13,9 +13,9 @@ use std::marker::PhantomData;
 
 /// The bit of a child's code for a leaf of triangles; the rest is its block.
 const TRIANGLES: u32 = 1 << 31;
-/// The bit of a child's code for a sphere or disk; the rest is its number.
+/// The bit of a child's code for a sphere or disk; the rest is its index.
 const QUADRIC: u32 = 1 << 30;
-/// Codes below this are nodes.
+/// The limit of node codes: codes below are nodes.
 pub(crate) const LIMIT: usize = QUADRIC as usize;
 /// The deepest stack of a walk. A tree that needs more is rebuilt by medians.
 pub(crate) const DEEPEST: usize = 256;
@@ -59,7 +59,7 @@ pub(crate) enum Child {
     Node(u32),
     Triangles(u32),
     Quadric(u32),
-    /// The number of a box, in a tree over boxes.
+    /// The index of a box, in a tree over boxes.
     Box(u32),
 }
 
@@ -90,14 +90,14 @@ impl Keys {
         key(self.shapes.0[lane], self.primitives.0[lane])
     }
 
-    /// The lanes with this key.
+    /// The mask of the lanes with this key.
     #[inline(always)]
     pub(crate) fn equal<L: Lanes>(&self, token: L::Token, key: u64) -> u32 {
         L::equal(token, &self.shapes, (key >> 32) as u32) & L::equal(token, &self.primitives, key as u32)
     }
 }
 
-/// The shape and primitive number in one, in the order that decides ties.
+/// The shape and primitive number in one integer, whose order decides ties.
 #[inline(always)]
 pub(crate) fn key(shape: u32, primitive: u32) -> u64 {
     u64::from(shape) << 32 | u64::from(primitive)
@@ -121,14 +121,14 @@ pub(crate) struct Tree {
 /// The walk of a tree. One branch selects it, so scenes without instances do not pay for them.
 #[derive(Clone, Debug)]
 pub(crate) enum WalkKind {
-    /// In the widest vectors.
+    /// With the widest vectors, AVX2.
     #[cfg(target_arch = "x86_64")]
     Whole(pulp::x86::V3),
-    /// In pairs of vectors.
+    /// With pairs of vectors.
     Pair,
-    /// To triangles that move.
+    /// Over triangles that move.
     Moving(Vectors),
-    /// Followed by the instances of the scene.
+    /// Over base shapes, then over the scene's instances.
     Placed(Box<PlacedTree>),
 }
 
@@ -137,7 +137,7 @@ pub(crate) enum WalkKind {
 pub(crate) struct PlacedTree {
     pub(crate) placements: Placements,
     vectors: Vectors,
-    /// The tree's own triangles move.
+    /// True if the tree's own triangles move.
     moving: bool,
 }
 
@@ -185,7 +185,7 @@ impl<S: Safeguards, L: Lanes, V: Leaves, const ANY: bool> NullaryFnOnce for Walk
     }
 }
 
-/// The test at a leaf. It offers hits to the best so far; with `ANY` it returns true if there was one.
+/// The test at a leaf. It offers hits to the best so far; with `ANY` it returns true after a hit.
 trait Leaves {
     fn test<S: Safeguards, L: Lanes, const ANY: bool>(
         &mut self,
@@ -268,7 +268,7 @@ impl Best {
     }
 }
 
-/// A child on the stack, and the ray's entry into it.
+/// A child on the stack: the ray's parameter at its entry, and the child's code.
 type Aside = (f32, u32);
 
 impl Tree {

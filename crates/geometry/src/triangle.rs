@@ -1,19 +1,16 @@
 //! A watertight test of eight triangles against one ray.
 //!
 //! The inside test is that of Woop, Benthin and Wald [2013]. Corners are moved to the ray's origin and sheared so that
-//! the
-//! ray runs along an axis. The signs of the three edge functions decide. Two triangles that share an edge always agree
-//! on
-//! it, for three reasons:
+//! the ray runs along an axis. The signs of the three edge functions decide. Two triangles that share an edge always
+//! agree on it, for three reasons:
 //!
 //! * Rounding is the same for every triangle at a corner.
 //! * A product is monotone.
 //! * An edge function of 0 is computed again in f64, where products of two f32 are exact.
 //!
 //! The parameter `t` comes from f32 if that suffices. It comes from f64 for triangles seen nearly from the side, and
-//! near
-//! `tmin` and `tmax`, where a rounding error could turn the surface just left into a hit.
-//! All of this depends only on the ray and the triangle, never on the order of traversal.
+//! near `tmin` and `tmax`, where a rounding error could turn the surface just left into a hit. All of this depends only
+//! on the ray and the triangle, never on the order of traversal.
 
 use crate::lanes::{Eight, Lanes, WIDTH};
 use crate::moving_mesh::between;
@@ -30,7 +27,7 @@ const TINY: f32 = f32::MIN_POSITIVE * (1u64 << 26) as f32;
 /// per sheared coordinate, six in the interpolation).
 const T_ERROR: f32 = 1.0 / (1u64 << 20) as f32;
 
-/// The largest magnitude of three.
+/// The largest magnitude of three values, per lane.
 #[inline(always)]
 fn largest<L: Lanes>([a, b, c]: &[L; 3]) -> L {
     a.abs().max(b.abs()).max(c.abs())
@@ -83,7 +80,7 @@ impl Triangles8 {
         }
     }
 
-    /// The triangles on the way to `end`, at a time in `[0, 1]`.
+    /// The triangles at a time in `[0, 1]`, moved from `self` at 0 towards `end` at 1.
     #[inline(always)]
     pub(crate) fn toward(&self, end: &Self, time: f32) -> Self {
         let mut there = *self;
@@ -99,7 +96,7 @@ impl Triangles8 {
         there
     }
 
-    /// The lanes hit at `tmin < t < tmax` and `t <= limit`.
+    /// The lanes whose triangles are hit at `tmin < t < tmax` and `t <= limit`.
     #[inline(always)]
     pub(crate) fn intersect<S: Safeguards, L: Lanes>(
         &self,
@@ -151,7 +148,7 @@ impl Triangles8 {
         [a - shear * z[0], b - shear * z[1], c - shear * z[2]]
     }
 
-    /// `t` and weights of the `wanted` lanes, whose edge functions agree.
+    /// `t` and the weights of the `wanted` lanes, whose three edge functions have the same sign.
     #[inline(always)]
     fn finish<S: Safeguards, L: Lanes>(
         &self,
@@ -195,7 +192,8 @@ impl Triangles8 {
         (hits.mask != 0).then_some(hits)
     }
 
-    /// Finishes lanes in f64. In `sound` lanes only `t` is near a limit, and the side of the plane decides.
+    /// Finishes the `unsettled` lanes in f64. In `sound` lanes only `t` is uncertain, near a limit, and the side of the
+    /// plane decides.
     #[inline(never)]
     fn settle(&self, prepared: &PreparedRay, limit: f32, mut unsettled: u32, sound: u32, hits: &mut Hits) {
         while unsettled != 0 {
@@ -227,7 +225,7 @@ impl Triangles8 {
 /// A triangle's plane relative to a ray, from exact corners in f64.
 struct Plane {
     /// The distance of the plane from the ray's origin along the unnormalised normal, and the direction's component
-    /// along it.
+    /// along that normal.
     height: f64,
     slant: f64,
 }

@@ -43,7 +43,7 @@ dapple_core::options! {
 }
 
 impl MitchellOptions {
-    /// The least samples of one pixel that have a contrast.
+    /// The least number of samples of one pixel for which contrast is defined.
     fn least(&self) -> u32 {
         if self.radius == 0 { 2 } else { 1 }
     }
@@ -56,7 +56,7 @@ impl MitchellOptions {
         Rates { initial: rates.initial.max(self.least()), ..rates }
     }
 
-    /// The largest ratio of contrast to threshold, per pixel: above 1 it is refined.
+    /// The largest ratio of contrast to threshold over the channels, per pixel. Pixels above 1 are refined.
     fn scores(&self, film: &Film) -> Vec<f64> {
         let discards = self.policy == PilotPolicy::Discard;
         let range = |i| if discards { film.discarded_range(i) } else { film.range(i) };
@@ -92,12 +92,12 @@ pub struct Mitchell<P> {
 }
 
 impl<P: PointSet> Mitchell<P> {
-    /// A sampler with these points and the default parameters.
+    /// Makes a sampler with these points and the default parameters.
     pub fn new(points: P) -> Self {
         Self { points, options: MitchellOptions::default(), two_rates: TwoRates::default() }
     }
 
-    /// A sampler with these points and parameters.
+    /// Makes a sampler with these points and parameters.
     ///
     /// # Errors
     ///

@@ -48,13 +48,13 @@ pub struct MitchellPbrt<P> {
 }
 
 impl<P: PointSet> MitchellPbrt<P> {
-    /// A sampler with these points and the default parameters.
+    /// Makes a sampler with these points and the default parameters.
     pub fn new(points: P) -> Self {
         let options = MitchellPbrtOptions::default();
         Self { points, options, two_rates: TwoRates::new(options.mode, options.policy) }
     }
 
-    /// A sampler with these points and parameters.
+    /// Makes a sampler with these points and parameters.
     ///
     /// # Errors
     ///
@@ -78,7 +78,7 @@ impl<P: PointSet> MitchellPbrt<P> {
 }
 
 impl MitchellPbrtOptions {
-    /// The deviation relative to the threshold, per pixel: above 1 it is refined.
+    /// The largest deviation of a sample relative to the threshold, per pixel. Pixels above 1 are refined.
     fn scores(&self, film: &Film) -> Vec<f64> {
         let score = |i| {
             let (range, moments) = match self.policy {

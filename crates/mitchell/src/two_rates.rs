@@ -8,7 +8,7 @@ use dapple_core::{
 
 const NOT_OURS: Error = Error::BadSnapshot { what: "they do not hold the state of a sampler of two rates" };
 
-/// The decision by rank, in two rates.
+/// The state of a sampler of two rates: ranking and rates in use.
 #[derive(Default)]
 pub(crate) struct TwoRates {
     pub(crate) mode: Stopping,
@@ -24,9 +24,9 @@ struct Ranking {
     /// Samples per pixel of the pilot that this map was computed from.
     pilot: u32,
     order: Vec<u32>,
-    /// The number of pixels that exceed their threshold.
+    /// The number of pixels that exceed their threshold, first in the order.
     asking: usize,
-    /// True if all have the same score.
+    /// True if all pixels have the same score.
     level: bool,
 }
 
@@ -126,7 +126,7 @@ impl TwoRates {
         Ok(())
     }
 
-    /// The memory of a sampler that scores with so many bytes per pixel, and whose film has these needs.
+    /// The memory of a sampler that needs `scoring` bytes per pixel for its scores, and whose film has these needs.
     pub(crate) fn memory(&self, frame: &Frame, needs: &Needs, limits: &Limits, scoring: usize) -> SamplerMemory {
         // The ranking comes after the scoring, beside scores, or counts and marks.
         const RANKING: usize = 4;
@@ -210,7 +210,7 @@ struct Steps<'a> {
     now: Vec<u32>,
     max_spp: u32,
     left: u64,
-    /// True if a pixel's first step takes its pilot out of the image.
+    /// True if a pixel's first refinement removes the pilot's samples from the image.
     withdraws: bool,
     withdrawn: Vec<bool>,
 }
@@ -228,7 +228,7 @@ impl<'a> Steps<'a> {
         before.saturating_add(self.plan[i])
     }
 
-    /// Raises pixels to `target`, in this order, as far as the budget goes.
+    /// Raises the counts of pixels to `target`, in this order, as far as the budget goes.
     fn raise_all(&mut self, order: &[u32], target: u32, refines: bool) {
         for &i in order {
             if self.left == 0 {

@@ -38,7 +38,7 @@ pub(super) fn by_area(leaves: Vec<Bvh2Node>, params: BvhBuildParams) -> Vec<Bvh2
     }
 }
 
-/// A balanced tree, split at the median along the longest axis of the centres.
+/// Builds a balanced tree, split at the median along the longest axis of the centres.
 pub(super) fn by_median(leaves: Vec<Bvh2Node>) -> Vec<Bvh2Node> {
     let mut nodes = Vec::with_capacity(2 * leaves.len());
     let mut numbers: Vec<u32> = (0..leaves.len() as u32).collect();
@@ -93,7 +93,7 @@ impl Groups {
         &mut self.members[start..end]
     }
 
-    /// One leaf per group.
+    /// Returns one leaf per group.
     fn leaves(&mut self, leaves: &[Bvh2Node]) -> Vec<Bvh2Node> {
         let groups = 0..self.len() as u32;
         groups.map(|group| Bvh2Node::new(around(leaves, self.members(group)), 1, group)).collect()
@@ -126,7 +126,7 @@ fn is_crowded(cells: impl Iterator<Item = u64> + Clone, count: usize) -> bool {
     suspects.chunk_by(|a, b| a == b).any(|equal| equal.len() > CROWD)
 }
 
-/// The tree of obvhs over these leaves.
+/// Builds obvhs's tree over these leaves.
 fn obvhs_tree(leaves: Vec<Bvh2Node>, params: BvhBuildParams) -> Vec<Bvh2Node> {
     let Some(all) = leaves.iter().map(|leaf| *leaf.aabb()).reduce(|a, b| a.union(&b)) else { return leaves };
     let mut tree = Bvh2::zeroed(leaves.len());
@@ -152,7 +152,7 @@ fn obvhs_tree(leaves: Vec<Bvh2Node>, params: BvhBuildParams) -> Vec<Bvh2Node> {
     tree.nodes
 }
 
-/// Puts a subtree over `numbers`, at least one, at the node `root`.
+/// Builds a subtree over the items `numbers` (at least one) at the node `root`.
 fn split_by_median(leaves: &[Bvh2Node], numbers: &mut [u32], nodes: &mut Vec<Bvh2Node>, root: usize) {
     let mut open = vec![(root, 0, numbers.len())];
     while let Some((node, start, end)) = open.pop() {
@@ -171,7 +171,7 @@ fn split_by_median(leaves: &[Bvh2Node], numbers: &mut [u32], nodes: &mut Vec<Bvh
     }
 }
 
-/// The order by centre along the axis on which centres differ most, then by size, then by number.
+/// The order of items by centre along the axis on which centres differ most, then by size, then by index.
 fn median_order<'a>(leaves: &'a [Bvh2Node], numbers: &[u32]) -> impl Fn(&u32, &u32) -> Ordering + use<'a> {
     let centre_of = |number: u32| centre(&leaves[number as usize]);
     let start = centre_of(numbers[0]);

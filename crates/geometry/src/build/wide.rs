@@ -1,4 +1,4 @@
-//! From a binary tree to eight-wide nodes and leaves of up to eight triangles, at the least expected cost.
+//! Conversion of a binary tree to eight-wide nodes and leaves of up to eight triangles, at the least expected cost.
 //!
 //! Dynamic programming over the surface-area cost decides which subtrees become nodes or leaves, and which dissolve
 //! into their parent [after Ylitie, Karras and Laine 2017, section 3.1].
@@ -16,16 +16,16 @@ use obvhs::bvh2::node::Bvh2Node;
 const NODE_COST: f32 = 1.0;
 const TRIANGLES_COST: f32 = 0.6;
 const QUADRIC_COST: f32 = 2.5;
-/// The expected time of an instance: a guess, for transforming a ray and a few nodes there.
+/// The expected time of testing an instance: an estimate for transforming a ray and testing a few nodes of the object.
 const BOX_COST: f32 = 10.0;
 
 /// The costs of two siblings together, in 32 bytes: there is one for each primitive.
 #[derive(Clone, Copy, Debug, Default)]
 struct Pair {
-    /// The least cost of both as at most 2, 3, … 8 children of a node.
+    /// The least total cost of both siblings as at most 2, 3, … 8 children of a node.
     cost: [f32; WIDTH - 1],
-    /// The number of triangles below, or [`MANY`] if a leaf cannot take them or other items are among them. 0 until the
-    /// rest is known.
+    /// The number of triangles below, or [`MANY`] if a leaf cannot hold them or other items are among them. 0 marks a
+    /// pair not planned yet.
     triangles: u32,
 }
 
@@ -38,7 +38,7 @@ struct SubtreePlan {
     cost: [f32; WIDTH - 1],
     /// As [`Pair::triangles`].
     triangles: u32,
-    /// As one child, it is cheapest as a leaf.
+    /// True if the subtree, as a single child, is cheapest as a leaf.
     leaf: bool,
 }
 
@@ -57,9 +57,9 @@ pub(super) fn collapse(nodes: &[Bvh2Node], items: &Items<'_>) -> Option<Tree> {
 struct SubtreePlans<'a> {
     nodes: &'a [Bvh2Node],
     items: &'a Items<'a>,
-    /// There are only triangles, so items need not be fetched to check it.
+    /// True if all items are triangles, so that items need not be fetched to check it.
     triangles: bool,
-    /// The pairs in reverse: of the last two nodes, of those before, and so on.
+    /// The pairs in reverse order of their nodes: the last two nodes first.
     pairs: Vec<Pair>,
 }
 
@@ -95,7 +95,7 @@ impl<'a> SubtreePlans<'a> {
         plans
     }
 
-    /// The costs of a pair; `None` while those of a pair below are unknown.
+    /// Computes the costs of a pair; `None` while those of a pair below are unknown.
     #[inline(always)]
     fn pair(&self, number: usize) -> Option<Pair> {
         let first = self.nodes.len() - 2 * (number + 1);
@@ -133,15 +133,15 @@ impl<'a> SubtreePlans<'a> {
         SubtreePlan { cost, triangles, leaf: as_leaf <= as_node }
     }
 
-    /// The number of the pair below an inner node.
+    /// The index of the pair of children below an inner node.
     #[inline(always)]
     fn pair_of(&self, node: &Bvh2Node) -> usize {
         (self.nodes.len() - 1 - node.first_index as usize) / 2
     }
 }
 
-/// The least costs of both with 2, 3, … 8 children, over all distributions. For all numbers at once, so that compilers
-/// vectorise it.
+/// The least costs of two siblings with 2, 3, … 8 children, over all distributions. All are computed together, so that
+/// compilers vectorise the loop.
 #[inline(always)]
 fn shares(left: &SubtreePlan, right: &SubtreePlan) -> [f32; WIDTH - 1] {
     // The right side's costs, preceded by those of less than one child.
@@ -157,7 +157,7 @@ fn shares(left: &SubtreePlan, right: &SubtreePlan) -> [f32; WIDTH - 1] {
     std::array::from_fn(|slots| least[slots])
 }
 
-/// The number of `slots` children for the left side at the least cost.
+/// The number of children, of `slots`, for the left side at the least cost.
 fn share(left: &SubtreePlan, right: &SubtreePlan, slots: usize) -> usize {
     let mut best = (1, f32::INFINITY);
     for i in 1..slots {
@@ -185,7 +185,7 @@ impl<T: Copy> UpToEight<T> {
 struct Wide<'a> {
     nodes: &'a [Bvh2Node],
     items: &'a Items<'a>,
-    /// One of the shapes moves.
+    /// True if one of the shapes moves.
     moves: bool,
     plans: SubtreePlans<'a>,
     tree: Tree,
@@ -196,7 +196,7 @@ struct Wide<'a> {
 struct Chosen {
     node: u32,
     leaf: bool,
-    /// The leaf holds triangles.
+    /// True if the leaf holds triangles.
     triangles: bool,
 }
 
@@ -239,7 +239,7 @@ impl Wide<'_> {
         self.tree
     }
 
-    /// Collects the binary nodes that become up to `slots` children in place of `below` and the next one.
+    /// Collects the binary nodes that become up to `slots` children, in place of node `below` and the next node.
     fn divide(&self, below: u32, slots: usize, children: &mut UpToEight<Chosen>) {
         let (left, right) = (self.plans.plan(below as usize), self.plans.plan(below as usize + 1));
         let lefts = share(&left, &right, slots);
@@ -255,7 +255,7 @@ impl Wide<'_> {
         }
     }
 
-    /// Makes a subtree a child of a node. Its contents wait in `open` or `loose`.
+    /// Makes a subtree a child of a wide node. Its contents are queued in `open` or `loose`.
     fn place(&mut self, it: Chosen, wide: u32, lane: usize, open: &mut Vec<(u32, u32)>, loose: &mut Vec<Loose>) {
         let first = self.nodes[it.node as usize].first_index;
         let (child, bounds) = if !it.leaf {
@@ -363,7 +363,7 @@ impl Node8 {
         }
     }
 
-    /// The box around all children.
+    /// The bounding box of all children.
     pub(super) fn around(&self) -> Bounds {
         let least = |side: usize| self.bounds.map(|axis| axis[side].0.into_iter().fold(f32::INFINITY, f32::min));
         let most = |side: usize| self.bounds.map(|axis| axis[side].0.into_iter().fold(f32::NEG_INFINITY, f32::max));
@@ -371,8 +371,8 @@ impl Node8 {
     }
 }
 
-/// Sets the boxes of nodes from those below. Returns the most children on the stack at once: all but one on each level
-/// of some path.
+/// Sets the boxes of nodes from those below. Returns the largest number of children on the stack at once: all but one
+/// per level along some path.
 fn enclose(nodes: &mut [Node8]) -> usize {
     let mut needs = vec![0_usize; nodes.len()];
     // Children come after their parent. The box of a node is empty until it is set here.

@@ -2,11 +2,11 @@
 
 use crate::Error;
 
-/// Cubes that fill a box, each in six orientations.
+/// A grid of cubic voxels over a box, each with six cells: one per orientation of the normal.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Grid {
     corner: [f32; 3],
-    /// The end of the last voxel along each axis.
+    /// The upper corner of the last voxel along each axis.
     end: [f32; 3],
     edge: f32,
     per_unit: f32,
@@ -17,7 +17,7 @@ pub(super) struct Grid {
 const AXES: u32 = 6;
 
 impl Grid {
-    /// About `resolution` voxels along the longest side, and at most `most` cells.
+    /// Makes a grid of about `resolution` voxels along the longest side, with at most `most` cells.
     pub(super) fn new([low, high]: [[f32; 3]; 2], resolution: u32, most: usize) -> Result<Self, Error> {
         let sides: [f32; 3] = std::array::from_fn(|a| high[a] - low[a]);
         let longest = sides[0].max(sides[1]).max(sides[2]);
@@ -36,7 +36,7 @@ impl Grid {
         Ok(Self { corner: low, end, edge, per_unit: 1.0 / edge, counts })
     }
 
-    /// The grid of voxels that are `times` as wide, the last ones cut off at the end of these.
+    /// Returns a grid whose voxels are `times` as wide. The last voxels are cut off at the box.
     pub(super) fn coarser(&self, times: u32) -> Self {
         let (edge, per_unit) = (self.edge * times as f32, self.per_unit / times as f32);
         Self { edge, per_unit, counts: self.counts.map(|n| n.div_ceil(times)), ..*self }
@@ -57,7 +57,7 @@ impl Grid {
         voxel * AXES + 2 * axis as u32 + negative
     }
 
-    /// The middle of a cell's voxel, half the voxel's diagonal, and the cell's axis.
+    /// Returns the middle of a cell's voxel, half the voxel's diagonal, and the unit axis of the cell.
     pub(super) fn cell_at(&self, cell: u32) -> ([f32; 3], f32, [f32; 3]) {
         let (voxel, side) = (cell / AXES, cell % AXES);
         let [nx, ny, _] = self.counts;
