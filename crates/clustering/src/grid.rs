@@ -15,7 +15,7 @@ pub(crate) const CHUNK: usize = 1 << 15;
 /// It is four times the rounding error of an `f32`. Regular meshes have centroids exactly on faces, and scaling by
 /// 1000, say, would move them to either side.
 const FACE_WIDTH: f64 = 1.0 / (1 << 22) as f64;
-/// The same tolerance for the numbers of voxels, which are rounded at halves.
+/// The tolerance for the numbers of voxels, which are rounded at halves.
 const HALF_WIDTH: f64 = 1.0 / (1 << 20) as f64;
 
 /// The smallest and largest corner of a box. The fourth lane is idle, so that one instruction handles a corner.

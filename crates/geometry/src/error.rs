@@ -17,7 +17,7 @@ pub enum Error {
     ScaleOutOfRange {
         /// The quantity out of range.
         what: &'static str,
-        /// Its value.
+        /// The value out of range.
         value: f64,
     },
     /// A triangle refers to a vertex that does not exist.
@@ -37,7 +37,7 @@ pub enum Error {
     BadParameter {
         /// The parameter.
         what: &'static str,
-        /// Its value.
+        /// The invalid value.
         value: f64,
         /// The requirement on it.
         expected: &'static str,

@@ -283,7 +283,7 @@ impl Geometry {
         self.instances().expect("a shape number of this geometry")
     }
 
-    /// The same scene without AVX2 on any machine.
+    /// Returns the scene with the baseline vectors on any machine, AVX2 or not.
     #[cfg(test)]
     pub(crate) fn in_pairs(mut self) -> Self {
         self.tree.way = if self.base_moves() { WalkKind::Moving(Vectors::Pair) } else { WalkKind::Pair };

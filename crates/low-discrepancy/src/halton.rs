@@ -45,7 +45,7 @@ pub struct Halton {
 }
 
 impl Halton {
-    /// The sequence of a seed.
+    /// Makes the sequence of a seed.
     pub const fn new(seed: u64) -> Self {
         Self { seed: Seed::new(seed) }
     }
@@ -70,14 +70,14 @@ impl PointSet for Halton {
         [a, b, c, d]
     }
 
-    /// `2^32` samples; after them a newly scrambled sequence begins. Until then the exact points of a pair differ: no
-    /// two share a `2^32 x 3^21` box.
+    /// Returns `2^32`, the number of samples after which a newly scrambled sequence begins. Until then the exact points
+    /// of a pair differ: no two share a `2^32 x 3^21` box.
     fn capacity(&self) -> u64 {
         1 << 32
     }
 
-    /// The next `m 6^k` with `m` from 1 to 6: 1, 2, …, 6, 12, 18, 24, 30, 36, 72, … With these counts the first pair
-    /// and the shuffled pairs have equally many points in each box of `2^k x 3^k`.
+    /// Returns the next `m 6^k` from `n` on, with `m` from 1 to 6: 1, 2, …, 6, 12, 18, 24, 30, 36, 72, … With these
+    /// counts the first pair and the shuffled pairs have equally many points in each box of `2^k x 3^k`.
     fn preferred_count(&self, n: u64) -> u64 {
         let mut step = 1_u64;
         while step <= u64::MAX / 36 && n > 6 * step {
@@ -87,7 +87,7 @@ impl PointSet for Halton {
     }
 }
 
-/// The scrambled points of bases 2 and 3.
+/// The scrambled point number `index` in bases 2 and 3.
 #[inline]
 fn pair23(index: u64, key: u64) -> [f32; 2] {
     let [base2, _] = halves(key);

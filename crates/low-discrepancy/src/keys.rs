@@ -37,7 +37,7 @@ impl Seed {
         self.given
     }
 
-    /// 64 random bits for a pixel, stream and block. `batch` counts the fresh starts of a point set.
+    /// 64 random bits for a pixel, stream and block. `batch` counts the restarts of a point set beyond its capacity.
     #[inline(always)]
     pub(crate) fn key(&self, id: &SampleId, block: u32, batch: u64) -> u64 {
         let pixel = u64::from(id.pixel[0]) | u64::from(id.pixel[1]) << 32;
@@ -48,7 +48,7 @@ impl Seed {
     }
 }
 
-/// The `n`th further key from `key`. `n = 0` is not `key` itself.
+/// The `n`th further key derived from `key`. `n = 0` does not return `key` itself.
 #[inline(always)]
 pub(crate) const fn nth_key(key: u64, n: u64) -> u64 {
     mix64(key.wrapping_add(STEP.wrapping_mul(n + 1)))
@@ -99,7 +99,8 @@ pub(crate) fn permute(i: u32, n: u32, key: u64) -> u32 {
     }
 }
 
-/// The child `digit` of a node in a tree of random numbers. Cheaper than a full mix, for scrambles that need many.
+/// The state of child `digit` of a node in a tree of random numbers. Cheaper than a full mix, for scrambles that need
+/// many.
 #[inline(always)]
 pub(crate) fn next_state(state: u64, digit: u64) -> u64 {
     let s = (state ^ state >> 29).wrapping_add(digit + 1).wrapping_mul(0x94d0_49bb_1331_11eb);

@@ -44,7 +44,7 @@ impl LowDiscrepancy {
     /// The size of the largest net: an `f32` cannot distinguish more points along one axis.
     pub const MAX_COUNT: u32 = 1 << 24;
 
-    /// Nets of `count` samples, rounded up to a power of two.
+    /// Makes nets of `count` samples, rounded up to a power of two.
     ///
     /// # Errors
     ///
@@ -83,12 +83,12 @@ impl PointSet for LowDiscrepancy {
         [a, b, c, d]
     }
 
-    /// `u64::MAX`: each further net is scrambled anew.
+    /// Returns `u64::MAX`, since each further net is scrambled anew.
     fn capacity(&self) -> u64 {
         u64::MAX
     }
 
-    /// The next multiple of [`LowDiscrepancy::count`].
+    /// Returns the next multiple of [`LowDiscrepancy::count`] from `n` on.
     fn preferred_count(&self, n: u64) -> u64 {
         n.max(1).checked_next_multiple_of(u64::from(self.count())).unwrap_or(n)
     }

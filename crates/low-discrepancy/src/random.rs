@@ -29,7 +29,7 @@ pub struct Random {
 }
 
 impl Random {
-    /// The numbers of a seed.
+    /// Makes the generator of a seed.
     pub const fn new(seed: u64) -> Self {
         Self { seed: Seed::new(seed) }
     }
@@ -51,7 +51,7 @@ impl PointSet for Random {
         [unit(a), unit(b), unit(c), unit(d)]
     }
 
-    /// `u64::MAX`: samples repeat only by chance.
+    /// Returns `u64::MAX`, since samples repeat only by chance.
     fn capacity(&self) -> u64 {
         u64::MAX
     }

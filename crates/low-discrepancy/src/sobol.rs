@@ -47,7 +47,7 @@ pub struct Sobol {
 }
 
 impl Sobol {
-    /// The sequence of a seed. Neighbouring seeds are as independent as distant ones.
+    /// Makes the sequence of a seed. Neighbouring seeds are as independent as distant ones.
     pub fn new(seed: u64) -> Self {
         Self { seed: Seed::new(seed), arch: Arch::new() }
     }
@@ -63,7 +63,7 @@ impl PointSet for Sobol {
         self.arch.dispatch(Points { seed: self.seed, id, block })
     }
 
-    /// `2^32` samples. Until then all samples of a pair lie in different elementary intervals of `2^-16 x 2^-16`, so no
+    /// Returns `2^32`. Until then all samples of a pair lie in different elementary intervals of `2^-16 x 2^-16`, so no
     /// two `(x, y)` are equal.
     ///
     /// Single coordinates repeat after `2^24` samples, since an `f32` has no more bits. The render loop refuses later
@@ -72,8 +72,8 @@ impl PointSet for Sobol {
         1 << 32
     }
 
-    /// The next of 1, 2, 3, 4, 6, 8, 12, 16, 24, … A power of two is a net. One and a half times a power of two is two
-    /// nets; each interval of the smaller one holds three points.
+    /// Returns the next of 1, 2, 3, 4, 6, 8, 12, 16, 24, … from `n` on. A power of two is a net. One and a half times a
+    /// power of two is two nets; each interval of the smaller one holds three points.
     fn preferred_count(&self, n: u64) -> u64 {
         let Some(power) = n.max(1).checked_next_power_of_two() else {
             return n;
@@ -82,7 +82,7 @@ impl PointSet for Sobol {
     }
 }
 
-/// One block, compiled for each set of vector instructions that the machine may have.
+/// The computation of one block, compiled for each set of vector instructions that the machine may have.
 struct Points {
     seed: Seed,
     id: SampleId,

@@ -34,10 +34,10 @@ pub struct Stratified {
 }
 
 impl Stratified {
-    /// The finest grid. Each cell still holds 2^12 x 2^12 different points.
+    /// The largest number of strata per axis. Each cell still holds 2^12 x 2^12 different points.
     pub const MAX_STRATA: u32 = 1 << 12;
 
-    /// Grids of `strata x strata` cells.
+    /// Makes grids of `strata x strata` cells.
     ///
     /// # Errors
     ///
@@ -93,12 +93,12 @@ impl PointSet for Stratified {
         [a, b, c, d]
     }
 
-    /// `u64::MAX`: each further grid is a new one.
+    /// Returns `u64::MAX`, since each further grid is a new one.
     fn capacity(&self) -> u64 {
         u64::MAX
     }
 
-    /// The next multiple of `strata²`.
+    /// Returns the next multiple of `strata²` from `n` on.
     fn preferred_count(&self, n: u64) -> u64 {
         n.max(1).checked_next_multiple_of(u64::from(self.cells())).unwrap_or(n)
     }

@@ -75,16 +75,19 @@ impl MitchellOptions {
 
 /// Two rates by contrast, after Mitchell 1987.
 ///
-/// A base round; the contrast `(max - min) / (max + min)` of each channel over the samples of
-/// 3x3 pixels; pixels where one exceeds its threshold are refined to a second rate. Pixels are ranked
-/// by the largest ratio of contrast to threshold, ties by a hash of their number. The staged
-/// reconstruction of the paper is left to filters.
-/// *Guarantees*: the budget exactly, or as a ceiling ([`Stopping`]); where the budget is at least `initial`
-/// per pixel, no pixel below that; below, it is spent evenly. *Bias*: that of the [`PilotPolicy`]; the
-/// default keeps the pilot and is biased.
-/// *Weaknesses*: the contrast of dark noise is 1, and contrast never falls as samples are added, so
-/// that under Monte Carlo noise nearly every pixel is refined and the ranking ties; a light that the whole
-/// neighbourhood's pilot misses has contrast 0 and is never searched for; two rates only.
+/// After a base round, the contrast `(max - min) / (max + min)` of each channel is taken over the samples of 3x3
+/// pixels. Pixels in which a channel exceeds its threshold are refined to a second rate. Pixels are ranked by the
+/// largest ratio of contrast to threshold, ties by a hash of the pixel's index. The staged reconstruction of the paper
+/// is left to filters.
+///
+/// *Guarantees*: the budget is met exactly or kept as a ceiling ([`Stopping`]). If it allows `initial` samples per
+/// pixel, no pixel has fewer; a smaller budget is spent evenly.
+///
+/// *Bias*: that of the [`PilotPolicy`]. The default keeps the pilot and is biased.
+///
+/// *Weaknesses*: dark noise has contrast 1, and contrast never falls as samples are added. Under Monte Carlo noise
+/// nearly every pixel is therefore refined, and the ranking ties. A light that the pilots of the whole neighbourhood
+/// miss has contrast 0 and is never found. There are two rates only.
 pub struct Mitchell<P> {
     points: P,
     options: MitchellOptions,

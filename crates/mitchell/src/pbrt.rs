@@ -33,14 +33,17 @@ dapple_core::options! {
 
 /// The `adaptive` sampler of pbrt-v2 with its `contrast` test [pbrt-v2, `src/samplers/adaptive.cpp`].
 ///
-/// `min` samples per pixel; where one deviates in luminance by more than half from their mean,
-/// `|Y - mean| / mean > 0.5`, `max` fresh ones take their place. With [`Stopping::Threshold`] and
-/// [`PilotPolicy::Refined`] this is the published rule; [`Stopping::Budget`], the default, ranks pixels by that
-/// deviation until the budget is spent. With [`PilotPolicy::Keep`] the pilot counts towards `max`.
-/// *Guarantees*: the budget exactly, or as a ceiling; where the budget is at least `min` per pixel, no
-/// pixel below that. *Weaknesses*: biased as published, `3 p^2 - 2 p^3` for a Bernoulli pixel with two
-/// pilot samples (see [`PilotPolicy`]); a black pilot deviates from nothing and is never refined; each pixel
-/// decides alone; the published form knows no budget. Its `shapeid` test is not part of this.
+/// Each pixel gets `min` samples. If one of them deviates in luminance by more than half of their mean, `|Y - mean| /
+/// mean > 0.5`, `max` new samples replace them. With [`Stopping::Threshold`] and [`PilotPolicy::Refined`] this is the
+/// published rule. [`Stopping::Budget`], the default, ranks pixels by that deviation until the budget is spent. With
+/// [`PilotPolicy::Keep`] the pilot counts towards `max`.
+///
+/// *Guarantees*: the budget is met exactly or kept as a ceiling. If it allows `min` samples per pixel, no pixel has
+/// fewer.
+///
+/// *Weaknesses*: the published rule is biased, by `3 p^2 - 2 p^3` for a Bernoulli pixel with two pilot samples (see
+/// [`PilotPolicy`]). A black pilot has no deviation and is never refined. Each pixel decides alone. The published form
+/// knows no budget. pbrt-v2's `shapeid` test is not included.
 pub struct MitchellPbrt<P> {
     points: P,
     options: MitchellPbrtOptions,

@@ -13,10 +13,10 @@ pub struct Rates {
 const PRESETS: [[u64; 3]; 4] = [[8, 4, 6], [16, 4, 16], [32, 12, 24], [64, 16, 54]];
 
 impl Rates {
-    /// The rates for a budget of `mean` samples per pixel: 4 + 6, 4 + 16, 12 + 24 and 16 + 54 at 8,
-    /// 16, 32 and 64 [Lan 2016, table 4-2]. Between these both numbers go along straight lines;
-    /// below 8 and above 64 they go in proportion to `mean`. The initial rate is rounded down, the
-    /// additional one up, and neither is below 1, so that all pixels refined cost at least `mean`.
+    /// Returns the rates for a budget of `mean` samples per pixel: 4 + 6, 4 + 16, 12 + 24 and 16 + 54 at 8, 16, 32 and
+    /// 64 [Lan 2016, table 4-2]. Between these, both rates are interpolated linearly; below 8 and above 64 they are
+    /// proportional to `mean`. The initial rate is rounded down, the additional one up, and both are at least 1.
+    /// Refining all pixels thus costs at least `mean`.
     pub fn for_mean(mean: u64) -> Self {
         // Beyond this everything would be clamped to u32 anyway.
         let mean = mean.min(1 << 32);

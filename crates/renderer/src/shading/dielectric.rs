@@ -85,7 +85,7 @@ pub struct RoughDielectric {
 }
 
 impl RoughDielectric {
-    /// As [`Bsdf::evaluate_and_pdf`](super::Bsdf::evaluate_and_pdf).
+    /// Returns `f` and density as [`Bsdf::evaluate_and_pdf`](super::Bsdf::evaluate_and_pdf) does.
     #[inline]
     pub(super) fn evaluate_and_pdf(&self, wo: Vec3, wi: Vec3) -> (Vec3, f32) {
         let (side, eta) = if wo.z > 0.0 { (1.0, self.eta) } else { (-1.0, 1.0 / self.eta) };
@@ -99,7 +99,7 @@ impl RoughDielectric {
         }
     }
 
-    /// As [`Bsdf::sample`](super::Bsdf::sample).
+    /// Samples as [`Bsdf::sample`](super::Bsdf::sample) does.
     #[inline]
     pub(super) fn sample(&self, wo: Vec3, u: [f32; 2], lobe: f32) -> Option<BsdfSample> {
         let (side, eta) = if wo.z > 0.0 { (1.0, self.eta) } else { (-1.0, 1.0 / self.eta) };

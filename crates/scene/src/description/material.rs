@@ -226,9 +226,9 @@ pub enum Scalar {
 /// A texture with its name and line.
 #[derive(Clone, Debug)]
 pub struct Texture {
-    /// Its name.
+    /// Name in the file.
     pub name: String,
-    /// Its kind.
+    /// The kind of texture, with its parameters.
     pub kind: TextureKind,
     /// File and line.
     pub source: Source,

@@ -9,7 +9,7 @@ pub struct MediumId(pub u32);
 /// A homogeneous medium.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Medium {
-    /// Its name in the file.
+    /// Name in the file.
     pub name: String,
     /// Absorption coefficient per unit of the file's world space, linear RGB.
     pub absorption: [f32; 3],

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 /// A shape: geometry, material, emission and media.
 ///
-/// Its geometric normal, on whose side it emits, is as in pbrt-v4:
+/// The geometric normal, on whose side the shape emits, is as in pbrt-v4:
 /// * In the shape's own space: `(p1 - p0) x (p2 - p0)` of a triangle, outwards of a sphere, +z of a disk.
 /// * It is brought to world space as a normal (by the inverse transpose), so that a transform that mirrors
 ///   does not turn it around; then it is negated if [`reversed`](Self::reversed).
@@ -71,7 +71,7 @@ pub struct ObjectId(pub u32);
 /// A group of shapes, to be placed by instances.
 #[derive(Clone, Debug)]
 pub struct Object {
-    /// Its name in the file.
+    /// Name in the file.
     pub name: String,
     /// The object's shapes. None of them emits light.
     pub shapes: Vec<Shape>,

@@ -33,7 +33,7 @@ pub enum ImageError {
     Truncated {
         /// The file.
         file: String,
-        /// Its format.
+        /// Format of the file.
         format: &'static str,
         /// Offset in bytes at which the file ends.
         offset: u64,
@@ -43,7 +43,7 @@ pub enum ImageError {
     Malformed {
         /// The file.
         file: String,
-        /// Its format.
+        /// Format of the file.
         format: &'static str,
         /// Offset in bytes of the mistake.
         offset: u64,
@@ -55,7 +55,7 @@ pub enum ImageError {
     EmptyFile {
         /// The file.
         file: String,
-        /// Its format.
+        /// Format of the file.
         format: &'static str,
         /// Width and height.
         size: [u64; 2],
@@ -68,7 +68,7 @@ pub enum ImageError {
     TooLarge {
         /// The file.
         file: String,
-        /// Its format.
+        /// Format of the file.
         format: &'static str,
         /// Width and height in the header.
         size: [u64; 2],
@@ -97,7 +97,7 @@ pub enum ImageError {
     Unsupported {
         /// The file.
         file: String,
-        /// Its format.
+        /// Format of the file.
         format: &'static str,
         /// Name of the feature.
         what: String,
