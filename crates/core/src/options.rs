@@ -384,7 +384,7 @@ mod tests {
             refused("cuont=3"),
             "there is no parameter \"cuont\"; did you mean \"count\"? It takes count, shape, weight"
         );
-        assert_eq!(refused("zzzzzz=3"), "there is no parameter \"zzzzzz\": it takes count, shape, weight");
+        assert_eq!(refused("zzzzzz=3"), "there is no parameter \"zzzzzz\"; it takes count, shape, weight");
         assert_eq!(refused("count"), "\"count\" is not of the form key=value");
         assert_eq!(refused("count=1,count=2"), "\"count\" is given twice");
         assert_eq!(refused("count=many"), "count = \"many\"; give a number (below 10)");
