@@ -1,6 +1,6 @@
-//! The named groups of random numbers that integrators draw: four dimensions each.
+//! The named groups of random numbers that integrators draw, four dimensions each.
 //!
-//! An effect that is off requests no group, and shifts the numbers of no other.
+//! An effect that is off draws no group, and leaves all other groups' numbers unchanged.
 
 use dapple_core::Block;
 
@@ -10,16 +10,16 @@ pub const CAMERA: Block = Block::new(0);
 /// The time within the exposure (0). Requested only where something moves.
 pub const TIME: Block = Block::new(1 << 30);
 
-/// Directions at a path vertex.
+/// First group for directions at a path vertex.
 const SCATTER: Block = Block::new(1);
-/// Choices at a path vertex.
+/// First group for choices at a path vertex.
 const CHOOSE: Block = Block::new(2);
 /// Groups per path vertex.
 const STRIDE: u32 = 2;
 
-/// Events along a ray through a medium.
+/// First group for events along a ray through a medium.
 const MEDIUM: Block = Block::new(1 << 28);
-/// Events at a surface that rays may pass.
+/// First group for events at a surface that rays may pass.
 const SURFACE: Block = Block::new(1 << 29);
 
 /// The point on a light (0, 1) and the scattered direction (2, 3) of the `vertex`-th scattering event, from 0.

@@ -10,15 +10,15 @@ use glam::{DAffine3, Mat3, Vec2, Vec3};
 #[non_exhaustive]
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum CameraError {
-    /// The angle of view.
+    /// The angle of view is out of range.
     #[error("{at}: a field of view of {fov} degrees is invalid; give an angle above 0 and below 180")]
     Fov {
         /// The line of the scene file.
         at: Source,
-        /// The angle.
+        /// The angle in degrees.
         fov: f64,
     },
-    /// The pose.
+    /// The camera's transform is not invertible.
     #[error(
         "{at}: the camera's transform is not finite or flattens space; check LookAt (eye and target must differ, up must not lie along the view) and scales"
     )]
@@ -26,19 +26,19 @@ pub enum CameraError {
         /// The line of the scene file.
         at: Source,
     },
-    /// The lens.
+    /// The lens or its focal distance is invalid.
     #[error(
         "{at}: a lens of radius {radius} focused at {distance} is invalid; give a radius of at least 0 and a finite distance above 0"
     )]
     Lens {
         /// The line of the scene file.
         at: Source,
-        /// The radius.
+        /// Radius of the lens, in units of camera space.
         radius: f64,
-        /// The distance in focus.
+        /// Focal distance, in units of camera space.
         distance: f64,
     },
-    /// The second pose.
+    /// The pose at the end of the motion is invalid.
     #[error("{at}: the camera's motion is invalid: {why}")]
     Motion {
         /// The line of the scene file.
@@ -46,7 +46,7 @@ pub enum CameraError {
         /// The problem.
         why: String,
     },
-    /// The window on the screen.
+    /// The window on the screen is invalid.
     #[error("{at}: the screen window or aspect ratio is empty or not finite")]
     Window {
         /// The line of the scene file.
@@ -58,30 +58,30 @@ pub enum CameraError {
 #[derive(Clone, Debug)]
 pub struct CameraView {
     origin: Vec3,
-    /// Columns: right, up, forward, of the camera transform's own proportions, the longest entry in [1, 2).
+    /// Columns: right, up and forward vectors of the camera's transform, scaled so that the largest entry is in [1, 2).
     axes: Mat3,
     /// Half the resolution, in pixels.
     half: Vec2,
-    /// Screen units a pixel.
+    /// Screen units per pixel.
     step: Vec2,
-    /// Screen position of the image's centre.
+    /// Screen position of the image's centre, in screen units.
     shift: Vec2,
-    /// Lens radius and focal distance in lengths of `axes`.
+    /// Radius of the lens and focal distance, in units of `axes`.
     lens_radius: f32,
     focal_distance: f32,
-    /// Rays start on the screen and run forward; `step` and `shift` are lengths of `axes`.
+    /// True if rays start on the screen and run forward; `step` and `shift` are then in units of `axes`.
     orthographic: bool,
-    /// The pose in the course of time, if it changes, and what its matrix is multiplied by to get `axes`.
+    /// The motion, if the camera moves, and the factor from its matrix to `axes`.
     motion: Option<Box<(Motion, f64)>>,
 }
 
-/// The lens of a camera, as a type, so that an absent lens costs nothing.
+/// The lens of a camera, a type so that a pinhole costs nothing.
 pub trait Lens: Sync {
-    /// The ray through `place`, in pixels from the image's centre with y downwards. `on_lens` in
-    /// `[0, 1)^2`.
+    /// Returns the ray through `place`, in pixels from the image's centre with y downwards. `on_lens` in `[0, 1)^2`
+    /// selects the point on the lens.
     fn ray(view: &CameraView, place: Vec2, on_lens: [f32; 2]) -> Ray;
 
-    /// The ray at a time in `[0, 1]`; the same at all times where the camera stands still.
+    /// Returns [`ray`](Self::ray) at a time in `[0, 1]` within the motion. Cameras that do not move ignore the time.
     #[inline(always)]
     fn ray_at(view: &CameraView, place: Vec2, on_lens: [f32; 2], time: f32) -> Ray {
         let _ = time;
@@ -89,24 +89,24 @@ pub trait Lens: Sync {
     }
 }
 
-/// All rays pass one point.
+/// A pinhole: all rays pass through one point.
 #[derive(Clone, Copy, Debug)]
 pub struct Pinhole;
 
-/// Rays pass a disk and meet in the focal plane.
+/// A thin lens: rays pass through a disk and meet in the focal plane.
 #[derive(Clone, Copy, Debug)]
 pub struct ThinLens;
 
-/// Any camera: orthographic, moving, with or without a lens.
+/// Any camera: perspective or orthographic, moving or not, with or without a lens.
 #[derive(Clone, Copy, Debug)]
 pub struct General;
 
 impl CameraView {
-    /// The camera of a scene at this resolution.
+    /// Makes the camera of a scene for images of this resolution.
     ///
     /// # Errors
     ///
-    /// When pose, angle, lens or window make no image.
+    /// If the pose, angle of view, lens or window is invalid.
     pub fn new(camera: &Camera, resolution: [u32; 2], space: &Space) -> Result<Self, CameraError> {
         let at = || camera.source.clone();
         let pose = space.apply(camera.to_world);
@@ -177,18 +177,18 @@ impl CameraView {
         Ok(Self { origin, axes, half, step, shift, lens_radius, focal_distance, orthographic, motion })
     }
 
-    /// The same camera whose resting pose, which [`Self::world_to_clip`] shows, is that of a time in `[0, 1]`.
+    /// Returns the camera with the pose at a time in `[0, 1]` as its resting pose, the one of [`Self::world_to_clip`].
     pub(crate) fn resting_at(mut self, time: f32) -> Self {
         (self.origin, self.axes) = self.pose(time);
         self
     }
 
-    /// The same camera, at its resting pose.
+    /// Returns the camera without its motion, in its resting pose.
     pub(crate) fn standing(self) -> Self {
         Self { motion: None, ..self }
     }
 
-    /// The pose at a time that the motion is at, if there is one.
+    /// Returns the position and the axes at a time in `[0, 1]` within the motion.
     #[inline]
     fn pose(&self, time: f32) -> (Vec3, Mat3) {
         match &self.motion {
@@ -201,27 +201,29 @@ impl CameraView {
         }
     }
 
-    /// The place of an offset from a pixel's centre (in pixels, y downwards), from the image's
-    /// centre. The pixel's number stays an integer until the halves are taken off, so a sample near
-    /// the border of pixel 65535 lands where it should.
+    /// Returns the place of a point, in pixels from the image's centre: `pixel` and an offset from its centre (in
+    /// pixels, y downwards).
+    ///
+    /// The centre is subtracted from the integer pixel coordinate first, so that places near pixel 65535 keep their
+    /// precision.
     #[inline]
     pub fn place(&self, pixel: [u32; 2], offset: Vec2) -> Vec2 {
         Vec2::new(pixel[0] as f32 + 0.5 - self.half.x, pixel[1] as f32 + 0.5 - self.half.y) + offset
     }
 
-    /// Width of a pixel at distance 1 along the view direction.
+    /// Returns the width of a pixel at distance 1 along the view direction.
     #[inline]
     pub fn pixel_width(&self) -> f32 {
         self.step.min_element()
     }
 
-    /// Width of a pixel where a ray has come this far, in lengths of the renderer's space.
+    /// Returns the width of a pixel at this distance along a ray, in units of the renderer's space.
     #[inline]
     pub fn footprint(&self, distance: f32) -> f32 {
         if self.orthographic { self.pixel_width() * self.axes.x_axis.length() } else { distance * self.pixel_width() }
     }
 
-    /// Returns true if the lens is more than a point.
+    /// Returns true if the lens has a radius above 0.
     pub fn has_lens(&self) -> bool {
         self.lens_radius > 0.0
     }
@@ -231,17 +233,18 @@ impl CameraView {
         self.motion.is_some()
     }
 
-    /// Returns true if only [`General`] makes its rays, not [`Pinhole`] or [`ThinLens`].
+    /// Returns true if rays can be made by [`General`] only, not by [`Pinhole`] or [`ThinLens`].
     pub fn is_general(&self) -> bool {
         self.orthographic || self.moves()
     }
 
-    /// The ray of any camera through an offset from a pixel's centre at time 0, `on_lens` in `[0, 1)^2`.
+    /// Returns the ray of any camera through an offset (in pixels) from a pixel's centre at time 0; `on_lens` in `[0,
+    /// 1)^2`.
     pub fn ray(&self, pixel: [u32; 2], offset: Vec2, on_lens: [f32; 2]) -> Ray {
         self.ray_at(self.place(pixel, offset), on_lens, 0.0)
     }
 
-    /// The ray through a [`place`](Self::place) at a time in `[0, 1]`, `on_lens` in `[0, 1)^2`, of any camera.
+    /// Returns the ray of any camera through a [`place`](Self::place) at a time in `[0, 1]`; `on_lens` in `[0, 1)^2`.
     pub fn ray_at(&self, place: Vec2, on_lens: [f32; 2], time: f32) -> Ray {
         match (self.is_general(), self.has_lens()) {
             (true, _) => General::ray_at(self, place, on_lens, time),
@@ -250,10 +253,11 @@ impl CameraView {
         }
     }
 
-    /// Rows of the matrix that takes points `[x, y, z, 1]` to the clip space of an image of this view's
-    /// resolution: in front of the eye `w > 0`, and on the film `x / w` and `y / w` are in `[-1, 1]`. The
-    /// lens is a point to it, and a camera that moves stands where it first is. An orthographic camera's `w` is 1
-    /// everywhere; the third row is above 0 in front of it.
+    /// Returns the rows of the matrix from points `[x, y, z, 1]` to the clip space of this view's image.
+    ///
+    /// In front of the eye `w > 0`, and on the film `x / w` and `y / w` are in `[-1, 1]`. The lens is treated as a
+    /// pinhole, and a moving camera is in its resting pose. For an orthographic camera `w` is 1; the third row is above
+    /// 0 in front of the camera.
     pub fn world_to_clip(&self) -> [[f32; 4]; 4] {
         let to_camera = self.axes.inverse();
         let [x, y, z] = [to_camera.row(0), to_camera.row(1), to_camera.row(2)];
@@ -270,7 +274,8 @@ impl CameraView {
         [across, down, row(z), row(z)]
     }
 
-    /// Screen direction in camera space, z forward; of an orthographic camera the place on the screen, at z = 1.
+    /// Returns the direction to a place in camera space, z forward. For an orthographic camera: the point on the
+    /// screen, at z = 1.
     #[inline]
     fn screen(&self, place: Vec2) -> Vec3 {
         Vec3::new(place.x * self.step.x + self.shift.x, -place.y * self.step.y + self.shift.y, 1.0)

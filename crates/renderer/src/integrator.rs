@@ -17,14 +17,14 @@ use crate::World;
 use crate::camera::{General, Pinhole, ThinLens};
 use dapple_core::Integrator;
 
-/// The path tracer for a world, without the code of effects that its scene does not need.
+/// Returns the path tracer for a world, without code for effects that the scene does not call for.
 ///
 /// Images do not depend on which code was left out.
 pub fn integrator(world: &World) -> Box<dyn Integrator + '_> {
     integrator_with(world, 0)
 }
 
-/// The path tracer for a world, with code that the world does not need: bits of [`code`].
+/// Returns the path tracer for a world, with additional code that the world does not need: bits of [`code`].
 ///
 /// For measuring what idle code costs, and for showing that it changes nothing.
 pub fn integrator_with(world: &World, idle: u32) -> Box<dyn Integrator + '_> {

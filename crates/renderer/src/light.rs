@@ -1,4 +1,4 @@
-//! Lights, and how to sample them by the solid angle they fill.
+//! Lights, and their sampling by solid angle.
 //!
 //! A new type of light is a file here that implements `LightSource`, and a line in the list of lights below.
 
@@ -38,21 +38,22 @@ use dapple_scene::{Light as Described, LightKind};
 use glam::Vec3;
 use std::sync::Arc;
 
-/// The functions of one light: each file of a light implements them.
+/// The functions that each light implements.
 pub(crate) trait LightSource {
-    /// Samples a direction to the light at `from`. `None` where it does not shine on `from`.
+    /// Samples a direction from `from` to the light by `u` in `[0, 1)^2`. `None` if the light does not shine on `from`.
     fn sample(&self, from: Vec3, u: [f32; 2]) -> Option<LightSample>;
 
-    /// The solid-angle density with which [`Self::sample`] at `from` draws the direction to a `point` of the light.
+    /// Returns the solid-angle density with which [`Self::sample`] at `from` draws the direction to a `point` of the
+    /// light.
     ///
-    /// 0 for lights that are no shapes.
+    /// 0 for lights that are not shapes.
     #[inline]
     fn pdf(&self, from: Vec3, point: &SurfacePoint) -> f32 {
         let _ = (from, point);
         0.0
     }
 
-    /// The emission of a light that is a shape.
+    /// Returns the emission of a light that is a shape; `None` for all others.
     #[inline]
     fn lamp(&self) -> Option<&Lamp> {
         None
@@ -63,14 +64,15 @@ pub(crate) trait LightSource {
         false
     }
 
-    /// Radiant power over pi, luminance-weighted: of light from far away, the power that enters the scene's bounding sphere.
+    /// Returns the luminance-weighted radiant power over pi. Light from far away counts with its power into the scene's
+    /// bounding sphere.
     fn power(&self, scene_radius: f64) -> f64;
 
-    /// The first guess of the light's contributions.
+    /// Returns a first guess of the light's contributions, for learned selection.
     fn expectation(&self) -> Expectation;
 }
 
-/// Makes the enum of all lights, which dispatches without a table of functions.
+/// Declares the enum of all lights, which dispatches without a virtual table.
 macro_rules! lights {
     ($($(#[$about:meta])* $name:ident($source:ty),)*) => {
         /// One light: a shape that emits, a light without extent, or light from beyond the scene.
@@ -111,30 +113,30 @@ macro_rules! lights {
 }
 
 lights! {
-    /// Triangles.
+    /// A mesh of emitting triangles.
     Mesh(MeshLight),
-    /// A sphere.
+    /// An emitting sphere.
     Sphere(SphereLight),
-    /// A disk or ring.
+    /// An emitting disk or ring.
     Disk(DiskLight),
-    /// Everything beyond the scene.
+    /// A whole environment.
     Environment(Arc<Environment>),
     /// A tile of an environment map.
     Tile(Tile),
-    /// A point.
+    /// A point light.
     Point(PointLight),
-    /// A point that emits into a cone.
+    /// A spot light.
     Spot(SpotLight),
-    /// Parallel light.
+    /// A distant light.
     Distant(DistantLight),
 }
 
 impl Light {
-    /// The light of a description. `None` if it is black.
+    /// Makes the light of a description. `None` if the light is black.
     ///
     /// # Errors
     ///
-    /// When the description makes no light, with its line.
+    /// If the description is invalid, with its line.
     pub(crate) fn of(described: &Described, space: &Space) -> Result<Option<Self>, String> {
         let (to_world, at) = (described.to_world, &described.source);
         let light = match &described.kind {
@@ -162,14 +164,14 @@ impl Light {
 pub enum Target {
     /// A point of a surface.
     Surface(SurfacePoint),
-    /// A point in space.
+    /// A point in space, of a light without extent.
     Point(Vec3),
-    /// Infinitely far.
+    /// Infinitely far away.
     Far,
 }
 
 impl Target {
-    /// The ray from a point to the target, which lies along `direction`.
+    /// Returns the ray from a point to the target. `direction` is the unit direction from one to the other.
     #[inline(always)]
     pub(crate) fn ray_from(&self, from: &SurfacePoint, direction: Vec3) -> Ray {
         match self {
@@ -180,14 +182,14 @@ impl Target {
     }
 }
 
-/// Light that arrives at a point, unless occluded.
+/// A sample of the light that arrives at a point, before occlusion.
 #[derive(Clone, Copy, Debug)]
 pub struct LightSample {
     /// Unit direction to the light.
     pub wi: Vec3,
-    /// Radiance from there; from a light without extent, the irradiance of a surface that faces it.
+    /// Radiance along `wi`; for a light without extent, the irradiance on a surface that faces the light.
     pub radiance: Vec3,
-    /// Density of `wi` in solid angle, above 0; of a light without extent, the probability of its selection.
+    /// Density of `wi` in solid angle, above 0; for a light without extent, the probability of the light's selection.
     pub pdf: f32,
     /// The origin of the light.
     pub target: Target,
@@ -198,14 +200,14 @@ pub struct LightSample {
 }
 
 impl LightSample {
-    /// The ray from the sampled point to the light. Nothing must occlude it, up to its `tmax`.
+    /// Returns the ray from the sampled point to the light. It must be unoccluded up to its `tmax`.
     #[inline(always)]
     pub fn shadow_ray(&self, from: &SurfacePoint) -> Ray {
         self.target.ray_from(from, self.wi)
     }
 }
 
-/// A light that was selected, and its probability.
+/// A selected light, and the probability of its selection.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SelectedLight {
     /// The number of the light.
@@ -222,29 +224,29 @@ pub struct Lamp {
 }
 
 impl Lamp {
-    /// Radiance towards a unit direction that makes this cosine with the lamp's oriented normal.
+    /// Returns the radiance in a direction at this cosine from the lamp's oriented normal.
     #[inline]
     pub fn radiance(&self, cosine: f32) -> Vec3 {
         if cosine > 0.0 || (self.two_sided && cosine < 0.0) { self.radiance } else { Vec3::ZERO }
     }
 
-    /// Radiant exitance over pi, luminance-weighted, of both sides where both emit.
+    /// Returns the luminance-weighted radiant exitance over pi, summed over the emitting sides.
     fn brightness(&self) -> f64 {
         luminance(self.radiance) * if self.two_sided { 2.0 } else { 1.0 }
     }
 
-    /// Radiant intensity of an area seen face on, luminance-weighted.
+    /// Returns the luminance-weighted radiant intensity of an area along its normal.
     fn intensity(&self, area: f64) -> f32 {
         (luminance(self.radiance) * area) as f32
     }
 
-    /// The normal of a lamp that emits from one side; zero for both.
+    /// Returns `normal` for a lamp that emits from one side, and zero for both.
     fn facing(&self, normal: Vec3) -> Vec3 {
         if self.two_sided { Vec3::ZERO } else { normal }
     }
 }
 
-/// [`dapple_core::luminance`] of a vector.
+/// Returns [`dapple_core::luminance`] of a vector.
 fn luminance(rgb: Vec3) -> f64 {
     dapple_core::luminance(rgb.to_array().map(f64::from))
 }
@@ -256,25 +258,26 @@ pub struct Lights {
     distribution: Discrete,
     pmf: Vec<f32>,
     environments: Vec<SelectableEnvironment>,
-    /// The number of lights while each environment is one.
+    /// Number of lights when each environment counts as one.
     whole: usize,
     has_delta: bool,
     is_learned: bool,
     scene_radius: f32,
 }
 
-/// An environment among the lights.
+/// An environment, and its index or indices among the lights.
 #[derive(Clone, Debug)]
 struct SelectableEnvironment {
     whole: Arc<Environment>,
-    /// The number of its light, or of that of its first tile.
+    /// Index of the environment's light, or of its first tile's light.
     light: u32,
-    /// Its tiles, if it is cut into them, and the light of the second tile: the rest follow.
+    /// The environment's tiles if it is cut into them, and the light of the second tile; further tiles follow.
     tiles: Option<(Arc<Tiles>, u32)>,
 }
 
 impl SelectableEnvironment {
-    /// Radiance from unit direction `w`, the solid-angle density with which its light draws it, and that light.
+    /// Returns the radiance from unit direction `w`, the solid-angle density with which the environment's light draws
+    /// `w`, and that light.
     #[inline(always)]
     fn find(&self, w: Vec3) -> (Vec3, f32, u32) {
         match &self.tiles {
@@ -291,7 +294,7 @@ impl SelectableEnvironment {
 }
 
 impl Lights {
-    /// Lights, selected by power; those that emit nothing must have been left out.
+    /// Makes the set of lights, selected by power. Black lights must have been left out.
     pub(crate) fn new(lights: Vec<Light>, scene_radius: f32) -> Self {
         let environment = |(light, of): (usize, &Light)| match of {
             Light::Environment(whole) => {
@@ -313,7 +316,7 @@ impl Lights {
         lights
     }
 
-    /// Sets how a light is selected. Every light keeps a probability above 0.
+    /// Sets the distribution by which lights are selected. Every light keeps a probability above 0.
     pub(crate) fn set_selection(&mut self, selection: LightSelection) {
         self.is_learned = selection == LightSelection::Learned;
         self.join_tiles();
@@ -328,7 +331,7 @@ impl Lights {
         self.pmf = (0..self.lights.len()).map(|i| self.distribution.pmf(i)).collect();
     }
 
-    /// Makes a light of each tile of an environment map, so that their selection can be learned.
+    /// Replaces each environment map by one light per tile, so that their selection can be learned.
     fn cut_into_tiles(&mut self) {
         for environment in &mut self.environments {
             let Some(tiles) = Tiles::new(&environment.whole).map(Arc::new) else { continue };
@@ -339,7 +342,7 @@ impl Lights {
         }
     }
 
-    /// Makes one light of each environment again.
+    /// Replaces the tiles of each environment map by one light.
     fn join_tiles(&mut self) {
         self.lights.truncate(self.whole);
         for environment in &mut self.environments {
@@ -348,12 +351,12 @@ impl Lights {
         }
     }
 
-    /// First guesses of each light's contributions.
+    /// Returns the first guess of each light's contributions.
     pub(crate) fn expectations(&self) -> Vec<Expectation> {
         self.lights.iter().map(LightSource::expectation).collect()
     }
 
-    /// The number of lights to select from: an environment map counts as its tiles where selection is learned.
+    /// Returns the number of lights to select from. With learned selection, an environment map counts as its tiles.
     pub fn len(&self) -> usize {
         self.lights.len()
     }
@@ -363,12 +366,12 @@ impl Lights {
         self.lights.is_empty()
     }
 
-    /// Returns true if the selection is to be learned, and there are several lights.
+    /// Returns true if selection is learned and there are several lights.
     pub(crate) fn is_selection_learned(&self) -> bool {
         self.is_learned && self.lights.len() > 1
     }
 
-    /// Returns true if there is light from beyond the scene that rays can meet.
+    /// Returns true if there is an environment.
     #[inline]
     pub fn has_environment(&self) -> bool {
         !self.environments.is_empty()
@@ -380,7 +383,7 @@ impl Lights {
         self.has_delta
     }
 
-    /// Radiance from beyond the scene along a unit direction, summed over all environments.
+    /// Returns the radiance of all environments from a unit direction.
     #[inline]
     pub fn environment(&self, direction: Vec3) -> Vec3 {
         let mut sum = Vec3::ZERO;
@@ -390,7 +393,7 @@ impl Lights {
         sum
     }
 
-    /// [`Lights::environment`] for a direction drawn by BSDF sampling with solid-angle density `bsdf_pdf`.
+    /// Returns [`Lights::environment`] for a direction drawn by BSDF sampling with solid-angle density `bsdf_pdf`.
     ///
     /// Each environment is weighted against light sampling by the power heuristic. `pmf` is the probability with which
     /// light sampling selects a light: [`Lights::pmf`] for [`Lights::sample`].
@@ -404,9 +407,9 @@ impl Lights {
         sum
     }
 
-    /// Samples light that arrives at `from`: `choice` selects one of several lights, `u` a direction to it.
+    /// Samples light that arrives at `from`: `choice` in `[0, 1)` selects a light, `u` in `[0, 1)^2` a direction to it.
     ///
-    /// The density includes the selection. `None` where the selected light does not shine on `from`.
+    /// The density includes the selection. `None` if the selected light does not shine on `from`.
     #[inline(always)]
     pub fn sample(&self, from: Vec3, choice: f32, u: [f32; 2]) -> Option<LightSample> {
         self.sample_selected(self.select(choice)?, from, u)
@@ -421,7 +424,7 @@ impl Lights {
         }
     }
 
-    /// [`Lights::sample`] of a light that was selected.
+    /// Samples a direction to a selected light, as [`Lights::sample`] does. The density includes the selection.
     #[inline(always)]
     pub fn sample_selected(&self, light: SelectedLight, from: Vec3, u: [f32; 2]) -> Option<LightSample> {
         let mut sample = self.lights[light.index as usize].sample(from, u)?;
@@ -430,34 +433,36 @@ impl Lights {
         (sample.pdf > 0.0 && sample.pdf < f32::INFINITY).then_some(sample)
     }
 
-    /// The solid-angle density with which [`Lights::sample`] at `from` draws the direction to `point` on the shape `light`.
+    /// Returns the solid-angle density with which [`Lights::sample`] draws the direction from `from` to `point` on the
+    /// shape of `light`.
     ///
-    /// Includes the selection.
+    /// Includes the probability of the selection.
     #[inline]
     pub fn pdf(&self, light: u32, from: Vec3, point: &SurfacePoint) -> f32 {
         self.direction_pdf(light, from, point) * self.pmf(light)
     }
 
-    /// [`Lights::pdf`] without the selection.
+    /// Returns [`Lights::pdf`] without the probability of the selection.
     #[inline(always)]
     pub fn direction_pdf(&self, light: u32, from: Vec3, point: &SurfacePoint) -> f32 {
         self.lights[light as usize].pdf(from, point)
     }
 
-    /// The emission of a light that is a shape.
+    /// Returns the emission of a light that is a shape; `None` for all others.
     #[inline]
     pub fn lamp(&self, light: u32) -> Option<&Lamp> {
         self.lights.get(light as usize)?.lamp()
     }
 
-    /// The probability with which [`Lights::select`] returns a light.
+    /// Returns the probability with which [`Lights::select`] returns `light`.
     #[inline]
     pub fn pmf(&self, light: u32) -> f32 {
         self.pmf[light as usize]
     }
 }
 
-/// The sample of a point drawn uniformly on `area`; its normal times `side` lies on the side that emits.
+/// Returns the light sample of a point drawn uniformly on `area`. The point's normal times `side` is on the emitting
+/// side.
 #[inline(always)]
 fn sample_on(lamp: &Lamp, from: Vec3, point: SurfacePoint, side: f32, area: f32) -> Option<LightSample> {
     let to = point.position - from;
@@ -476,7 +481,7 @@ fn sample_on(lamp: &Lamp, from: Vec3, point: SurfacePoint, side: f32, area: f32)
     })
 }
 
-/// Density in solid angle at `from` of a point drawn uniformly on `area`: `d^2 / (|cos| area)`.
+/// Returns the solid-angle density at `from` of a point drawn uniformly on `area`: `d^2 / (|cos| area)`.
 #[inline]
 pub(crate) fn area_to_solid_angle(from: Vec3, point: &SurfacePoint, area: f32) -> f32 {
     let to = point.position - from;

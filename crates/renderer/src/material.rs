@@ -1,4 +1,4 @@
-//! Materials ready to shade: everything that does not depend on the hit is computed once.
+//! Materials prepared for shading: values that do not depend on the hit are computed once.
 
 mod mix;
 #[cfg(test)]
@@ -18,36 +18,36 @@ use dapple_scene::{
 };
 use glam::Vec3;
 
-/// A material ready to shade.
+/// A material prepared for shading.
 #[derive(Clone, Debug)]
 pub struct Surface {
     kind: Kind,
-    /// Bump or normal map.
+    /// The bump map or normal map.
     pub(crate) normal_variation: NormalVariation,
-    /// True if there is either.
+    /// True if there is a bump map or a normal map.
     pub(crate) bumped: bool,
     /// True if scattering depends on texture coordinates.
     pub(crate) textured: bool,
-    /// True if scattering depends on the direction of u on the surface.
+    /// True if scattering depends on the direction of the tangent along u.
     pub(crate) anisotropic: bool,
-    /// True if one of several lobes is sampled.
+    /// True if sampling chooses among several lobes.
     pub(crate) several_lobes: bool,
-    /// True if nothing is ever scattered: for the body of a lamp.
+    /// True if nothing is scattered, as by the body of a lamp.
     pub(crate) black: bool,
     /// True if light may be transmitted.
     pub(crate) transmits: bool,
-    /// True for a border between media, which scatters nothing and stops nothing.
+    /// True for an interface: a border between media that light passes unchanged.
     pub(crate) interface: bool,
-    /// True for a mix of two others: [`resolve`] selects one.
+    /// True for a mix of two other materials, from which [`resolve`] selects one.
     pub(crate) mixes: bool,
 }
 
 /// The maps that tilt shading normals.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct NormalVariation {
-    /// A height, in units of the file's world space.
+    /// Bump map: a height in units of the file's world space.
     pub(crate) bump: Option<TextureId>,
-    /// Normals in the tangent's space, as an image.
+    /// Normal map: an image of tangent-space normals.
     pub(crate) normal_map: Option<TextureId>,
 }
 
@@ -70,7 +70,7 @@ enum Kind {
     Interface,
 }
 
-/// Microfacet widths: known, or looked up.
+/// Microfacet widths: constant, or textured.
 #[derive(Clone, Copy, Debug)]
 enum Widths {
     Smooth(TrowbridgeReitz),
@@ -78,7 +78,7 @@ enum Widths {
     Textured(Roughness),
 }
 
-/// A material that cannot be prepared.
+/// The error of a material that cannot be prepared.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("{at}: material \"{name}\": {what}")]
 pub struct MaterialError {
@@ -98,7 +98,7 @@ impl Surface {
     ///
     /// # Errors
     ///
-    /// When a parameter is outside its range.
+    /// If a parameter is outside its range.
     pub fn new(material: &Material) -> Result<Self, MaterialError> {
         let wrong = |what: String| MaterialError::new(material, what);
         let mut surface = Self::of_kind(&material.kind).map_err(&wrong)?;
@@ -215,12 +215,12 @@ impl Surface {
         })
     }
 
-    /// Returns true for Lambert's reflection of one color, without bump and normal map.
+    /// Returns true for a Lambertian reflection of constant colour, without bump and normal maps.
     pub(crate) fn is_plain(&self) -> bool {
         matches!(self.kind, Kind::Diffuse(Color::Constant(_))) && !self.bumped
     }
 
-    /// The scattering where it [is plain](Self::is_plain); black where it is not.
+    /// Returns the scattering of a [plain](Self::is_plain) material; black for any other.
     #[inline(always)]
     pub(crate) fn plain(&self) -> Bsdf<'_> {
         let reflectance = match self.kind {
@@ -230,8 +230,8 @@ impl Surface {
         Bsdf::Diffuse { reflectance }
     }
 
-    /// The scattering at a point with these texture coordinates. A mix, which has none before it is resolved, and an
-    /// interface, which never has, scatter nothing.
+    /// Returns the scattering at a point with these texture coordinates. Mixes (before they are resolved) and
+    /// interfaces scatter nothing.
     #[inline(always)]
     pub fn bsdf(&self, textures: &Textures, uv: [f32; 2]) -> Bsdf<'_> {
         // A constant was clamped when the material was made.
@@ -288,7 +288,7 @@ impl Surface {
     }
 }
 
-/// The features of a material that integrators may leave out.
+/// The features of a material that integrators may omit.
 #[derive(Clone, Copy, Default)]
 struct Scatters {
     textured: bool,
@@ -299,7 +299,7 @@ struct Scatters {
 }
 
 impl Scatters {
-    /// Scattering by these colours alone.
+    /// Returns the features of scattering that depends only on these colours.
     fn colors(colors: &[Color]) -> Self {
         let textured = colors.iter().any(|c| matches!(c, Color::Texture(_)));
         let black = colors.iter().all(|c| *c == Color::Constant([0.0; 3]));
@@ -341,7 +341,7 @@ impl Widths {
         })
     }
 
-    /// The microfacets at a point; `None` where it is smooth.
+    /// Returns the microfacets at a point; `None` if the surface is smooth there.
     #[inline]
     fn at(&self, textures: &Textures, uv: [f32; 2]) -> Option<TrowbridgeReitz> {
         match self {
@@ -354,7 +354,7 @@ impl Widths {
         }
     }
 
-    /// The microfacets at a point, very narrow where it is smooth.
+    /// Returns the microfacets at a point, very narrow ones if the surface is smooth there.
     #[inline]
     fn rough(&self, textures: &Textures, uv: [f32; 2]) -> TrowbridgeReitz {
         match self {
@@ -367,7 +367,7 @@ impl Widths {
     }
 }
 
-/// A metal whose index is known, or depends on the point.
+/// The index of refraction of a metal: constant, or dependent on the point.
 enum Metal {
     Known(ComplexIor),
     Tinted(Color),
@@ -388,7 +388,7 @@ fn conductor(fresnel: &ConductorFresnel) -> Result<Metal, String> {
     })
 }
 
-/// A share of light: a constant is clamped to `[0, 1]`, a texture when it is looked up.
+/// Prepares a share of light: clamps a constant to `[0, 1]`. Textures are clamped when they are looked up.
 fn share(color: &Color) -> Result<Color, String> {
     match color {
         Color::Constant(rgb) if rgb.iter().any(|x| !(x.is_finite() && *x >= 0.0)) => {

@@ -16,32 +16,32 @@ use glam::Vec3;
 #[non_exhaustive]
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum MediumError {
-    /// A coefficient.
+    /// A coefficient is negative or not finite.
     #[error("{at}: the {what} {value:?} of medium \"{name}\" is invalid; give finite numbers of at least 0")]
     Coefficient {
         /// The line of the scene file.
         at: scene::Source,
-        /// The medium.
+        /// Name of the medium.
         name: String,
         /// The name of the coefficient.
         what: &'static str,
         /// The value.
         value: [f32; 3],
     },
-    /// A coefficient that single precision cannot hold beside the size of the scene.
+    /// A coefficient overflows single precision at the scene's size.
     #[error("{at}: medium \"{name}\" is too dense for a scene of this size; give smaller coefficients")]
     Beyond {
         /// The line of the scene file.
         at: scene::Source,
-        /// The medium.
+        /// Name of the medium.
         name: String,
     },
-    /// The phase function's asymmetry.
+    /// The phase function's asymmetry is out of range.
     #[error("{at}: the asymmetry g = {g} of medium \"{name}\" is invalid; give a number above -1 and below 1")]
     Asymmetry {
         /// The line of the scene file.
         at: scene::Source,
-        /// The medium.
+        /// Name of the medium.
         name: String,
         /// The value.
         g: f32,
@@ -57,32 +57,32 @@ pub struct Media {
 /// A homogeneous medium.
 #[derive(Clone, Copy, Debug)]
 pub struct Medium {
-    /// Absorption and scattering coefficients together, per unit of length.
+    /// Extinction coefficient (absorption plus scattering) per unit of length.
     extinction: Vec3,
     scattering: Vec3,
     scatters: bool,
     phase: HenyeyGreenstein,
 }
 
-/// The end of a ray's way through a medium. The path's throughput is multiplied by the weight.
+/// The event at which a ray's passage through a medium ends. The path's throughput is multiplied by the weight.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum MediumEvent {
-    /// Light is scattered.
+    /// The light is scattered.
     Scatter {
-        /// The distance, below the limit.
+        /// Distance from the ray's origin, below the limit.
         t: f32,
-        /// Scattering coefficient times transmittance over the density of `t`.
+        /// Scattering coefficient times transmittance, over the density of `t`.
         weight: Vec3,
     },
-    /// Light reaches the limit.
+    /// The light reaches the limit.
     Pass {
-        /// Transmittance over the probability to get there.
+        /// Transmittance over the probability of reaching the limit.
         weight: Vec3,
     },
 }
 
 impl Media {
-    /// The media of a scene, whose lengths are multiplied by `scale` ([`Space::scale`](crate::Space::scale)).
+    /// Makes the media of a scene. Lengths are multiplied by `scale` ([`Space::scale`](crate::Space::scale)).
     ///
     /// # Errors
     ///
@@ -99,12 +99,12 @@ impl Media {
         if errors.is_empty() { Ok(Self { media: made }) } else { Err(errors) }
     }
 
-    /// The number of media.
+    /// Returns the number of media.
     pub fn len(&self) -> usize {
         self.media.len()
     }
 
-    /// Returns true if there are none.
+    /// Returns true if there are no media.
     pub fn is_empty(&self) -> bool {
         self.media.is_empty()
     }
@@ -114,11 +114,11 @@ impl Media {
         self.media.iter().any(|m| m.scatters)
     }
 
-    /// The medium of this number, as [`scene::MediumId`] counts them.
+    /// Returns the medium with this index, as counted by [`scene::MediumId`].
     ///
     /// # Panics
     ///
-    /// If there are not so many.
+    /// If there is no such medium.
     #[inline]
     pub fn medium(&self, number: u32) -> &Medium {
         &self.media[number as usize]
@@ -148,9 +148,9 @@ impl Medium {
         Ok(Self { extinction, scattering, scatters, phase: HenyeyGreenstein::new(g) })
     }
 
-    /// Returns true if it scatters.
+    /// Returns true if the medium scatters.
     ///
-    /// If not, light passes with the [`transmittance`](Self::transmittance) as its weight, without a random number.
+    /// Otherwise light passes with [`transmittance`](Self::transmittance) as its weight, without a random number.
     #[inline]
     pub fn scatters(&self) -> bool {
         self.scatters
@@ -162,7 +162,7 @@ impl Medium {
         &self.phase
     }
 
-    /// The share of light that crosses `distance` (0 to infinity): `exp(-extinction distance)`
+    /// Returns the share of light that crosses `distance` (0 to infinity), per channel: `exp(-extinction distance)`
     /// [Beer 1852, Bouguer 1729].
     #[inline]
     pub fn transmittance(&self, distance: f32) -> Vec3 {
@@ -175,7 +175,7 @@ impl Medium {
         Vec3::new(through(x), through(y), through(z))
     }
 
-    /// Samples the distance that light travels, up to `limit` (above 0, perhaps infinite), in a medium that scatters.
+    /// Samples the distance that light travels in a scattering medium, up to `limit` (above 0, possibly infinite).
     ///
     /// Distances follow the extinction of one channel, selected by `u_channel` in proportion to the path's
     /// `throughput`; `u_distance` samples the distance. All channels then share the sample by the balance heuristic
@@ -194,7 +194,7 @@ impl Medium {
         MediumEvent::Scatter { t, weight: self.balance(share, t, self.scattering, self.extinction) }
     }
 
-    /// `value T / sum(share density T)` of transmittances `T` at `t`, channel by channel; 0 where the value is.
+    /// Returns `value T / sum(share density T)` per channel, `T` being the transmittance to `t`; 0 where `value` is 0.
     #[inline]
     fn balance(&self, share: Vec3, t: f32, value: Vec3, density: Vec3) -> Vec3 {
         let Vec3 { x, y, z } = self.extinction;
@@ -221,10 +221,10 @@ impl Medium {
     }
 }
 
-/// Smallest share of a channel beside the largest: no weight of a channel that is nearly dark overflows.
+/// Smallest share of a channel relative to the largest, so that weights of nearly dark channels do not overflow.
 const LEAST_SHARE: f32 = 1.0 / 1024.0;
 
-/// Probabilities of the channels.
+/// Returns the probabilities with which the channels are selected.
 #[inline]
 fn shares(throughput: Vec3) -> Vec3 {
     let largest = throughput.max_element();

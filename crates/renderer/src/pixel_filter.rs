@@ -1,9 +1,9 @@
-//! The shape of a pixel, importance-sampled: each sample belongs to one pixel and has weight 1.
+//! Importance sampling of the pixel filter: each sample belongs to one pixel and has weight 1.
 
 use dapple_scene::PixelFilter;
 use glam::Vec2;
 
-/// Samples offsets from a pixel's centre with the filter's density.
+/// Samples offsets from a pixel's centre, with a density proportional to the filter.
 #[derive(Clone, Debug)]
 pub struct FilterSampler {
     kind: Kind,
@@ -17,17 +17,18 @@ enum Kind {
     Triangle {
         radius: Vec2,
     },
-    /// Inverse cumulative distribution of each axis at equal steps.
+    /// Inverse cumulative distribution of each axis, tabulated at equal steps.
     Table {
         axes: [Vec<f32>; 2],
     },
 }
 
-/// Steps of a tabulated inverse: linear in between, so offsets are right to some 1e-3 of the radius.
+/// Steps of a tabulated inverse. Linear interpolation leaves errors of about 1e-3 of the radius.
 const STEPS: usize = 1024;
 
 impl FilterSampler {
-    /// A sampler of a filter. Radii that are not finite and above 0, which readers refuse, count as the box of one pixel.
+    /// Makes the sampler of a filter. Radii that are not finite and positive (readers refuse them) mean a box of one
+    /// pixel.
     pub fn new(filter: &PixelFilter) -> Self {
         let usable = |r: &[f64; 2]| r.iter().all(|r| r.is_finite() && *r > 0.0);
         let vec = |r: [f64; 2]| Vec2::new(r[0] as f32, r[1] as f32);
@@ -42,7 +43,7 @@ impl FilterSampler {
         Self { kind }
     }
 
-    /// An offset from the pixel's centre in pixels; `u` in `[0, 1)^2`.
+    /// Returns an offset from the pixel's centre, in pixels, for `u` in `[0, 1)^2`.
     #[inline]
     pub fn sample(&self, u: [f32; 2]) -> Vec2 {
         match &self.kind {
@@ -53,12 +54,12 @@ impl FilterSampler {
     }
 }
 
-/// The inverse cumulative distribution of the tent on [-1, 1].
+/// Returns the inverse cumulative distribution of the tent on [-1, 1] at `u`.
 fn tent(u: f32) -> f32 {
     if u < 0.5 { (2.0 * u).sqrt() - 1.0 } else { 1.0 - (2.0 * (1.0 - u)).sqrt() }
 }
 
-/// The inverse cumulative distribution of `max(0, g(x) - g(r))` on [-r, r].
+/// Tabulates the inverse cumulative distribution of `max(0, g(x) - g(r))` on [-r, r], `g` being the Gaussian.
 fn gaussian_inverse(radius: f64, sigma: f64) -> Vec<f32> {
     let exponent = |x: f64| x * x / (2.0 * sigma * sigma);
     // g(x) - g(r) over g's peak, without cancellation where sigma is large.

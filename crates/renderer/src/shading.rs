@@ -32,7 +32,7 @@ pub use microfacet::TrowbridgeReitz;
 pub use mis::power_heuristic;
 pub(crate) use mis::power_heuristic_over_pdf;
 
-/// A parameter of this module that is out of range.
+/// The error of a parameter out of range.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
@@ -57,9 +57,9 @@ pub enum Error {
     /// A weight is negative, infinite or NaN.
     #[error("weight {index} is {value}; weights must be finite and not negative")]
     Weight {
-        /// The number of the weight.
+        /// Index of the weight.
         index: usize,
-        /// Its value.
+        /// The weight.
         value: f32,
     },
     /// More items than a distribution can hold.
@@ -70,7 +70,7 @@ pub enum Error {
         /// The largest count.
         most: usize,
     },
-    /// A grid's weights do not fill its rows.
+    /// The number of weights differs from columns times rows.
     #[error("{count} weights do not fill a grid of {} columns x {} rows; give one per cell", .size[0], .size[1])]
     Shape {
         /// The number of weights.

@@ -7,7 +7,7 @@
 use dapple_scene::{Geometry, Scene, Shape};
 use glam::{DAffine3, DMat3, DVec3};
 
-/// The map from the file's world space to the renderer's.
+/// The map from the file's world space to the renderer's space.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Space {
     centre: DVec3,
@@ -15,8 +15,8 @@ pub struct Space {
 }
 
 impl Space {
-    /// The space in which the scene's shapes lie around the origin, within a box of half width 1: those that
-    /// move at both ends of their motion, and objects wherever they stand.
+    /// Returns the space in which the whole scene lies around the origin, in a box of half width 1. Includes moving
+    /// shapes at both ends of their motion, and all instances.
     pub fn of(scene: &Scene) -> Self {
         let mut extent = Extent::NOTHING;
         for shape in &scene.shapes {
@@ -36,7 +36,7 @@ impl Space {
         Self::around(&extent)
     }
 
-    /// The same for the shapes of an object, in the space that they are mapped to.
+    /// Returns the space in which the shapes of an object lie around the origin, in a box of half width 1.
     pub(crate) fn of_shapes(shapes: &[Shape]) -> Self {
         Self::around(&Extent::of(shapes))
     }
@@ -52,13 +52,13 @@ impl Space {
         Self { centre, scale: (-exponent).exp2() }
     }
 
-    /// The map back: from the renderer's space to the file's.
+    /// Returns the inverse map, from the renderer's space to the file's.
     pub(crate) fn inverse(&self) -> DAffine3 {
         let matrix3 = DMat3::from_diagonal(DVec3::splat(self.scale.recip()));
         DAffine3 { matrix3, translation: self.centre }
     }
 
-    /// The same map, from the file's world space to the renderer's.
+    /// Returns a transform to the file's world space, followed by the map to the renderer's space.
     pub fn apply(&self, to_world: DAffine3) -> DAffine3 {
         DAffine3 {
             matrix3: DMat3::from_diagonal(DVec3::splat(self.scale)) * to_world.matrix3,
@@ -66,23 +66,23 @@ impl Space {
         }
     }
 
-    /// A point of the file's world space.
+    /// Maps a point of the file's world space to the renderer's space.
     pub fn point(&self, world: DVec3) -> DVec3 {
         (world - self.centre) * self.scale
     }
 
-    /// The point of the file's world space for one of the renderer's space.
+    /// Maps a point of the renderer's space to the file's world space.
     pub fn world(&self, point: [f32; 3]) -> [f64; 3] {
         (DVec3::from_array(point.map(f64::from)) / self.scale + self.centre).to_array()
     }
 
-    /// The factor of lengths, from the file's space to the renderer's: a power of two.
+    /// Returns the factor of lengths from the file's space to the renderer's, a power of two.
     pub fn scale(&self) -> f64 {
         self.scale
     }
 }
 
-/// A box around points.
+/// The bounding box of points.
 #[derive(Clone, Copy, Debug)]
 struct Extent {
     low: DVec3,
@@ -114,7 +114,7 @@ impl Extent {
         }
     }
 
-    /// The corners of another box, mapped.
+    /// Adds the corners of another box, mapped by `map`.
     fn add_box(&mut self, other: &Self, map: &DAffine3) {
         if other.low.cmple(other.high).all() {
             let (centre, half) = ((other.low + other.high) * 0.5, (other.high - other.low) * 0.5);
@@ -128,7 +128,7 @@ fn corners(half: DVec3) -> impl Iterator<Item = DVec3> {
     (0..8u32).map(move |k| half * DVec3::new(sign(k & 1), sign(k & 2), sign(k & 4)))
 }
 
-/// The factor of a transform that scales all directions alike.
+/// Returns the factor of a transform that scales all directions equally; `None` for any other.
 pub(crate) fn even_scale(m: &DMat3) -> Option<f64> {
     let lengths = [m.x_axis.length(), m.y_axis.length(), m.z_axis.length()];
     let scale = lengths[0];

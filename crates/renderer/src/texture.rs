@@ -7,11 +7,11 @@ use dapple_scene::{Color, Scalar, Texture, TextureId, TextureKind, Wrap};
 use glam::Vec3;
 use std::sync::Arc;
 
-/// All textures of a scene.
+/// All textures of a scene, for look-ups.
 #[derive(Clone, Debug, Default)]
 pub struct Textures {
     textures: Vec<TextureKind>,
-    /// The image of each texture, where it has few values.
+    /// A compact copy of each texture's image, if it has at most 256 values.
     coded: Vec<Option<Arc<Coded>>>,
 }
 
@@ -19,7 +19,7 @@ pub struct Textures {
 const DEEPEST: u32 = 8;
 
 impl Textures {
-    /// The textures of a scene, in its order.
+    /// Prepares the textures of a scene, in the same order.
     pub fn new(textures: &[Texture]) -> Self {
         let textures: Vec<_> = textures.iter().map(|t| t.kind.clone()).collect();
         let mut coded: Vec<Option<Arc<Coded>>> = Vec::with_capacity(textures.len());
@@ -37,13 +37,13 @@ impl Textures {
         Self { textures, coded }
     }
 
-    /// The color at `uv`, unfiltered: the samples of a pixel filter it.
+    /// Returns a texture's colour at `uv`, linear RGB, unfiltered: averaging a pixel's samples filters it.
     #[inline]
     pub fn look_up(&self, id: TextureId, uv: [f32; 2]) -> Vec3 {
         self.look_up_within(id, uv, DEEPEST)
     }
 
-    /// The number at `uv`: a texture's first channel.
+    /// Returns a number at `uv`: the constant, or the first channel of the texture.
     #[inline]
     pub fn look_up_scalar(&self, scalar: Scalar, uv: [f32; 2]) -> f32 {
         match scalar {
@@ -91,7 +91,7 @@ impl Textures {
     }
 }
 
-/// Bilinear, among the pixels that `pixel` gives for a column and a row; `v` = 0 is the bottom edge.
+/// Interpolates bilinearly among pixels that `pixel` returns for a column and a row; `v = 0` is the bottom edge.
 #[inline(always)]
 fn bilinear([w, h]: [u32; 2], [u, v]: [f32; 2], wrap: Wrap, pixel: impl Fn(usize, usize) -> Vec3) -> Vec3 {
     let (x, y) = (u * w as f32 - 0.5, (1.0 - v) * h as f32 - 0.5);
@@ -111,8 +111,8 @@ fn bilinear([w, h]: [u32; 2], [u, v]: [f32; 2], wrap: Wrap, pixel: impl Fn(usize
     upper.lerp(lower, fy)
 }
 
-/// A number's floor and the rest, without the call that `floor` is on processors of old. So far out that there are no
-/// fractions any more, places count as 2^30.
+/// Returns the floor and the fraction of `x`, without the function call of `floor` on old processors. Numbers too large
+/// to have fractions return 2^30.
 #[inline]
 fn parts(x: f32) -> (i64, f32) {
     const FAR: f32 = (1u32 << 30) as f32;
@@ -122,10 +122,10 @@ fn parts(x: f32) -> (i64, f32) {
     (i64::from(floor), x - floor as f32)
 }
 
-/// A row or column of nothing.
+/// Marks a row or column beyond the image, which is black.
 const BEYOND: usize = usize::MAX;
 
-/// The rows or columns of an image with `n` of them that stand for number `first`, a whole number, and the next.
+/// Returns the rows (or columns), of `n`, for positions `first` and `first + 1`, wrapped or clamped as `wrap` requires.
 #[inline]
 fn pair(first: i64, n: u32, wrap: Wrap) -> [usize; 2] {
     let n = i64::from(n);

@@ -1,10 +1,11 @@
-//! Scenes without one of their effects.
+//! Scenes edited to do without one of their effects.
 
 use crate::material::Surface;
 use crate::texture::Textures;
 use dapple_scene::{Effect, Material, Scene, WithoutError};
 
-/// The scene without an effect, as [`Scene::without`] edits it; diffuse surfaces get the albedo of the BSDFs that they replace.
+/// Returns the scene without an effect, by [`Scene::without`]. Diffuse surfaces get the albedo of the BSDFs that they
+/// replace.
 ///
 /// # Errors
 ///
@@ -13,7 +14,7 @@ pub fn without(scene: &Scene, effect: Effect) -> Result<Scene, WithoutError> {
     scene.without(effect, &albedo)
 }
 
-/// The albedo at normal incidence of a material without textures; `None` for an invalid material.
+/// Returns the albedo at normal incidence of a material without textures; `None` for an invalid material.
 fn albedo(material: &Material) -> Option<[f32; 3]> {
     let surface = Surface::new(material).ok()?;
     Some(surface.bsdf(&Textures::default(), [0.5; 2]).albedo().to_array())

@@ -88,9 +88,9 @@ use glam::Vec3;
 pub struct World {
     pub(crate) effects: Effects,
     pub(crate) geometry: Geometry,
-    /// Of the base shapes.
+    /// Properties of the base shapes, those of no object.
     pub(crate) parts: Vec<Part>,
-    /// Of all objects' shapes, object by object.
+    /// Properties of the shapes of all objects, object by object.
     pub(crate) object_parts: Vec<Part>,
     pub(crate) surfaces: Vec<Surface>,
     pub(crate) textures: Textures,
@@ -100,11 +100,11 @@ pub struct World {
     pub(crate) max_depth: u32,
     pub(crate) space: Space,
     pub(crate) dropped_triangles: usize,
-    /// True if anything moves while the shutter is open: the camera, or something it sees.
+    /// True if the camera or anything visible moves while the shutter is open.
     pub(crate) moves: bool,
-    /// The media that fill space.
+    /// The media of the scene.
     pub(crate) media: Media,
-    /// The medium around the camera.
+    /// Index of the medium around the camera.
     pub(crate) camera_medium: u32,
     has_transmission: bool,
     has_passable_surfaces: bool,
@@ -112,12 +112,12 @@ pub struct World {
     pub(crate) open: [f32; 2],
 }
 
-/// A point of a lamp, found by following a ray.
+/// A point of a lamp that a ray hits.
 #[derive(Clone, Copy, Debug)]
 pub struct Emitter {
-    /// Number of the light, as [`Lights::pdf`] takes it.
+    /// Index of the light, for [`Lights::pdf`].
     pub light: u32,
-    /// The point. Its normal lies on the side that emits.
+    /// The point. Its normal is on the emitting side.
     pub point: SurfacePoint,
     /// Radiance towards the ray's origin; black on the dark side.
     pub radiance: Vec3,
@@ -127,24 +127,24 @@ pub struct Emitter {
 #[derive(Clone, Debug)]
 pub(crate) struct Part {
     pub(crate) material: u32,
-    /// Number of its light; `NO_LIGHT` if it emits none.
+    /// Index of the shape's light; `NO_LIGHT` if it emits none.
     pub(crate) light: u32,
-    /// 1, or -1 where the geometric normal is opposite to the tree's.
+    /// -1 if the geometric normal is opposite to the tree's, else 1.
     pub(crate) flip: f32,
-    /// Vertex normals, transformed and unit length, or none.
+    /// Unit vertex normals in world space; may be empty.
     pub(crate) normals: Vec<Vec3>,
-    /// Texture coordinates, or none.
+    /// Texture coordinates, one per vertex; may be empty.
     pub(crate) uvs: Vec<[f32; 2]>,
-    /// Opacity, where it is not 1 throughout.
+    /// Opacity; `None` if it is 1 everywhere.
     pub(crate) alpha: Option<Scalar>,
-    /// The media on both sides: `outside` is the side of an [`Interaction`]'s normal.
+    /// The media on both sides. `outside` is the side of an [`Interaction`]'s normal.
     pub(crate) media: Option<MediumInterface>,
-    /// True if rays may pass it unscattered, or its material is a mix, which may be an interface.
+    /// True if rays may pass unscattered, or if the material is a mix, which may contain an interface.
     pub(crate) passable: bool,
 }
 
 pub(crate) const NO_LIGHT: u32 = u32::MAX;
-/// Empty space.
+/// Index that stands for vacuum.
 pub(crate) const NO_MEDIUM: u32 = u32::MAX;
 
 /// A hit with its orientation, found by [`World::closest_hit`].
@@ -152,45 +152,47 @@ pub(crate) const NO_MEDIUM: u32 = u32::MAX;
 pub struct Interaction<'w> {
     pub(crate) part: &'w Part,
     pub(crate) hit: Hit,
-    /// The point. Its normal lies on the side that emits.
+    /// The hit point. Its normal is on the emitting side.
     pub(crate) point: SurfacePoint,
-    /// Interpolated vertex normal, on the side of the geometric one; the geometric one without.
+    /// Interpolated vertex normal on the side of the geometric normal; without vertex normals, the geometric one.
     pub(crate) shading_normal: Vec3,
     pub(crate) time: f32,
 }
 
 impl Interaction<'_> {
-    /// The point, with its geometric normal. Lamps emit on the side of the normal.
+    /// Returns the hit point, with its geometric normal. Lamps emit on the side of the normal.
     #[inline]
     pub fn point(&self) -> &SurfacePoint {
         &self.point
     }
 
-    /// The interpolated vertex normal, on the side of the geometric one; the geometric one without vertex normals.
+    /// Returns the interpolated vertex normal on the side of the geometric normal; without vertex normals, the
+    /// geometric one.
     #[inline]
     pub fn shading_normal(&self) -> Vec3 {
         self.shading_normal
     }
 
-    /// The hit in the geometry's terms: shape, primitive and coordinates on it.
+    /// Returns the hit as the geometry reports it: shape, primitive and coordinates on the primitive.
     #[inline]
     pub fn hit(&self) -> &Hit {
         &self.hit
     }
 
-    /// The ray parameter of the hit: its distance, for a direction of unit length.
+    /// Returns the ray parameter of the hit: its distance, if the ray's direction is of unit length.
     #[inline]
     pub fn distance(&self) -> f32 {
         self.hit.t
     }
 
-    /// The number of the light that the surface is, as [`Lights::pdf`] takes it. `None` if it emits nothing.
+    /// Returns the index of the surface's light, for [`Lights::pdf`]. `None` if the surface emits nothing.
     #[inline]
     pub fn light(&self) -> Option<u32> {
         (self.part.light != NO_LIGHT).then_some(self.part.light)
     }
 
-    /// The medium behind the hit, for a ray that leaves it along `direction` and came through `medium`.
+    /// Returns the index of the medium behind the hit, for a ray that arrives through `medium` and leaves along
+    /// `direction`.
     #[inline]
     pub(crate) fn medium_beyond(&self, direction: Vec3, medium: u32) -> u32 {
         match &self.part.media {
@@ -213,61 +215,62 @@ impl World {
         build::build(scene, scene.film.resolution)
     }
 
-    /// Builds a world for images of another resolution.
+    /// Builds a world for images of this resolution, in place of the scene's.
     ///
     /// # Errors
     ///
-    /// As [`World::new`].
+    /// As for [`World::new`].
     pub fn with_resolution(scene: &Scene, resolution: [u32; 2]) -> Result<Self, WorldError> {
         build::build(scene, resolution)
     }
 
-    /// Limits the scattering events between camera and light, in place of the scene's limit.
+    /// Sets the largest number of scattering events on a path from camera to light, in place of the scene's.
     pub fn set_max_depth(&mut self, max_depth: u32) {
         self.max_depth = max_depth;
     }
 
-    /// Sets the distribution by which one of several lights is selected. Until then it is [`LightSelection::Power`].
+    /// Sets the distribution by which lights are selected. The default is [`LightSelection::Power`].
     pub fn set_light_selection(&mut self, selection: LightSelection) {
         self.lights.set_selection(selection);
     }
 
-    /// The effects of the scene that the world was built from.
+    /// Returns the effects that the scene calls for.
     pub fn effects(&self) -> &Effects {
         &self.effects
     }
 
-    /// The most scattering events between camera and light.
+    /// Returns the largest number of scattering events on a path from camera to light.
     pub fn max_depth(&self) -> u32 {
         self.max_depth
     }
 
-    /// The geometry.
+    /// Returns the geometry.
     pub fn geometry(&self) -> &Geometry {
         &self.geometry
     }
 
-    /// The lights: [`Lights::sample`] for next-event estimation, [`Lights::environment`] for rays that leave the scene.
+    /// Returns the lights: [`Lights::sample`] for next-event estimation, [`Lights::environment`] for rays that leave
+    /// the scene.
     pub fn lights(&self) -> &Lights {
         &self.lights
     }
 
-    /// The camera.
+    /// Returns the camera.
     pub fn camera(&self) -> &CameraView {
         &self.camera
     }
 
-    /// Triangles without area, which were left out.
+    /// Returns the number of triangles without area, which were left out.
     pub fn dropped_triangles(&self) -> usize {
         self.dropped_triangles
     }
 
-    /// The map from the file's world space to the space of hits.
+    /// Returns the map from the file's world space to the renderer's space, in which hits are given.
     pub fn space(&self) -> &Space {
         &self.space
     }
 
-    /// The camera ray of one sample, and its time within the motion.
+    /// Returns the camera ray of one sample, and its time in `[0, 1]` within the motion.
     ///
     /// Draws the position in the pixel by the pixel filter, the position on the lens, and the time:
     /// [`blocks::CAMERA`] and, where something moves, [`blocks::TIME`].
@@ -279,9 +282,9 @@ impl World {
         (self.camera.ray_at(place, [u[2], u[3]], time), time)
     }
 
-    /// The closest hit of a ray, with its orientation, at a time of a [camera ray](Self::camera_ray): 0 where nothing moves.
+    /// Returns the closest hit of a ray. `time` is that of the [camera ray](Self::camera_ray), 0 if nothing moves.
     ///
-    /// Surfaces with holes (alpha) and interfaces between media are hit, too: passing them is left to the integrator.
+    /// Surfaces with holes (alpha) and interfaces between media are hit, too: the integrator must let rays pass.
     #[inline(always)]
     pub fn closest_hit(&self, ray: &Ray, time: f32) -> Option<Interaction<'_>> {
         let hit = self.geometry.closest_at(ray, time)?;
@@ -306,7 +309,7 @@ impl World {
         Some(Interaction { part, hit, point, shading_normal, time })
     }
 
-    /// [`Self::closest_hit`] in a world without [varied surfaces](Self::has_varied_surfaces).
+    /// Returns [`Self::closest_hit`] in a world without [varied surfaces](Self::has_varied_surfaces).
     #[inline(always)]
     pub(crate) fn closest_hit_plain(&self, ray: &Ray) -> Option<Interaction<'_>> {
         let hit = self.geometry.closest(ray)?;
@@ -316,7 +319,7 @@ impl World {
         Some(Interaction { part, hit, point, shading_normal: point.normal, time: 0.0 })
     }
 
-    /// Tells whether anything is in the way of a ray, up to its `tmax`, at a time of a [camera ray](Self::camera_ray).
+    /// Returns true if anything blocks a ray up to its `tmax`. `time` is that of the [camera ray](Self::camera_ray).
     ///
     /// [`LightSample::shadow_ray`](crate::light::LightSample::shadow_ray) makes the ray to a light.
     #[inline(always)]
@@ -324,28 +327,28 @@ impl World {
         self.geometry.occluded_at(ray, time)
     }
 
-    /// The radiance that a surface emits towards the unit direction `wo`; black on its dark side.
+    /// Returns the radiance that a surface emits towards the unit direction `wo`; black on its dark side.
     #[inline]
     pub fn emitted(&self, at: &Interaction<'_>, wo: Vec3) -> Vec3 {
         let lamp = self.lights.lamp(at.part.light);
         lamp.map_or(Vec3::ZERO, |lamp| lamp.radiance(at.point.normal.dot(wo)))
     }
 
-    /// The lamp at the closest hit of a ray. `None` where the ray hits nothing, or something that emits nothing.
+    /// Returns the lamp at the closest hit of a ray. `None` if the ray hits nothing, or a surface that emits nothing.
     pub fn emitter(&self, ray: &Ray) -> Option<Emitter> {
         let at = self.closest_hit(ray, 0.0)?;
         at.light().map(|light| Emitter { light, point: at.point, radiance: self.emitted(&at, -ray.direction) })
     }
 
-    /// The scattering at a hit, and the frame that its directions are given in.
+    /// Returns the BSDF at a hit, and the frame in which its directions are given.
     ///
-    /// `u` in `[0, 1)` selects a material where several are mixed. An interface between media scatters nothing.
+    /// `u` in `[0, 1)` selects a material of a mix. An interface between media scatters nothing.
     pub fn bsdf(&self, at: &Interaction<'_>, u: f32) -> (Bsdf<'_>, ShadingFrame) {
         let surface = self.surface(at, u);
         (self.bsdf_of(at, surface), self.frame_of(at, surface))
     }
 
-    /// The surface at a hit; `u` in `[0, 1)` selects one where several are mixed.
+    /// Returns the surface at a hit; `u` in `[0, 1)` selects a material of a mix.
     fn surface(&self, at: &Interaction<'_>, u: f32) -> &Surface {
         let surface = &self.surfaces[at.part.material as usize];
         if !surface.mixes {
@@ -354,31 +357,32 @@ impl World {
         material::resolve(&self.surfaces, at.part.material, &self.textures, self.uv(at), u).0
     }
 
-    /// Tells whether there is more than flat diffuse surfaces of one color each: other materials, vertex normals, instances.
+    /// Returns true if the scene has more than flat diffuse surfaces of constant colour: other materials, vertex
+    /// normals, instances.
     pub(crate) fn has_varied_surfaces(&self) -> bool {
         !self.object_parts.is_empty()
             || self.parts.iter().any(|part| !part.normals.is_empty())
             || !self.surfaces.iter().all(Surface::is_plain)
     }
 
-    /// Tells whether light passes through any surface.
+    /// Returns true if any surface transmits light.
     pub(crate) fn has_transmission(&self) -> bool {
         self.has_transmission
     }
 
-    /// Tells whether any surface is [passable](Part::passable).
+    /// Returns true if any surface is [passable](Part::passable).
     pub(crate) fn has_passable_surfaces(&self) -> bool {
         self.has_passable_surfaces
     }
 
-    /// Opacity at a hit, in `[0, 1]`.
+    /// Returns the opacity at a hit, in `[0, 1]`.
     #[inline]
     #[expect(clippy::manual_clamp, reason = "NaN counts as 0, which `clamp` would let through")]
     pub(crate) fn alpha(&self, at: &Interaction<'_>) -> f32 {
         at.part.alpha.map_or(1.0, |alpha| self.textures.look_up_scalar(alpha, self.uv(at)).max(0.0).min(1.0))
     }
 
-    /// Texture coordinates of a hit.
+    /// Returns the texture coordinates of a hit.
     #[inline]
     pub(crate) fn uv(&self, at: &Interaction<'_>) -> [f32; 2] {
         let Shape::Mesh(mesh) = self.geometry.shape(at.hit.shape) else {
@@ -394,14 +398,14 @@ impl World {
         [u * a[0] + v * b[0] + w * c[0], u * a[1] + v * b[1] + w * c[1]]
     }
 
-    /// The scattering of a surface at a hit.
+    /// Returns the BSDF of `surface` at a hit.
     #[inline(always)]
     pub(crate) fn bsdf_of<'s>(&self, at: &Interaction<'_>, surface: &'s Surface) -> Bsdf<'s> {
         let uv = if surface.textured { self.uv(at) } else { [0.0; 2] };
         surface.bsdf(&self.textures, uv)
     }
 
-    /// The shading frame of a hit. Its x axis follows u where the material is anisotropic.
+    /// Returns the shading frame of a hit. Its x axis follows u for anisotropic materials.
     #[inline(always)]
     pub(crate) fn frame_of(&self, at: &Interaction<'_>, surface: &Surface) -> ShadingFrame {
         if surface.bumped {

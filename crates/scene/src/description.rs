@@ -26,7 +26,7 @@ use std::fmt;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// A place in a file.
+/// A place in a file, for messages.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Source {
     /// The file, as it was named.
@@ -44,14 +44,14 @@ impl fmt::Display for Source {
     }
 }
 
-/// A deviation of the reader from the file, or a warning.
+/// A deviation of the reader from the file, or a warning, with its place.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Notice {
     /// File and line.
     pub source: Source,
-    /// Its kind.
+    /// The kind of deviation.
     pub kind: NoticeKind,
-    /// One sentence.
+    /// The message, one sentence.
     pub message: String,
 }
 
@@ -66,7 +66,7 @@ pub enum NoticeKind {
 }
 
 impl Notice {
-    /// A notice of kind [`NoticeKind::Warning`].
+    /// Makes a notice of kind [`NoticeKind::Warning`].
     pub fn warning(source: Source, message: impl Into<String>) -> Self {
         Self { source, kind: NoticeKind::Warning, message: message.into() }
     }
@@ -81,25 +81,25 @@ pub struct Scene {
     pub camera: Camera,
     /// Resolution, window and pixel filter.
     pub film: FilmSettings,
-    /// Most scattering events between camera and light, as pbrt-v4 counts; `None` is unlimited.
+    /// The largest number of scattering events on a path from camera to light, as in pbrt-v4; `None` is unlimited.
     pub max_depth: Option<u32>,
-    /// Shapes that stand in the world by themselves, in the file's order.
+    /// Shapes placed directly in the world, in the file's order.
     pub shapes: Vec<Shape>,
-    /// Groups of shapes that stand in the world only through [`Scene::instances`].
+    /// Groups of shapes that appear only through [`Scene::instances`].
     pub objects: Vec<Object>,
     /// Placed objects. Many instances share one object in memory.
     pub instances: Vec<Instance>,
-    /// Materials; shapes refer to them by number.
+    /// Materials, which shapes reference by index.
     pub materials: Vec<Material>,
-    /// Textures; materials refer to them by number.
+    /// Textures, which materials reference by index.
     pub textures: Vec<Texture>,
-    /// Lights that are no shapes.
+    /// Lights that are not shapes.
     pub lights: Vec<Light>,
-    /// Media; shapes and the camera refer to them by number.
+    /// Media, which shapes and the camera reference by index.
     pub media: Vec<Medium>,
-    /// The times at which what moves stands at `to_world` and at `moves_to`; before and after, it stands still.
-    /// `[0, 0]` (no time in between) means the same as `[0, 1]`.
+    /// The times of the two poses `to_world` and `moves_to` of moving things, which rest before and after. `[0, 0]`
+    /// means the same as `[0, 1]`.
     pub motion_times: [f64; 2],
-    /// Deviations from the file: ignored settings, warnings.
+    /// Deviations from the file (ignored settings) and warnings.
     pub notices: Vec<Notice>,
 }

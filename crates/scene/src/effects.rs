@@ -61,7 +61,7 @@ impl Effect {
         Self::ScatteringMedia,
     ];
 
-    /// Its name on the command line.
+    /// Returns the name on the command line.
     pub const fn name(self) -> &'static str {
         match self {
             Self::SoftShadows => "soft-shadows",
@@ -80,7 +80,7 @@ impl Effect {
         }
     }
 
-    /// The scene without it, as a short phrase: the result of [`Scene::without`].
+    /// Returns a short phrase for the scene without the effect, the result of [`Scene::without`].
     pub const fn left_out(self) -> &'static str {
         match self {
             Self::SoftShadows => "each area light is a point light of the same power, and invisible",
@@ -113,7 +113,7 @@ pub struct UnknownEffect {
     name: String,
 }
 
-/// The nearest name, or all names.
+/// Returns advice on an unknown name: the nearest known name, or the list of all.
 fn advice(name: &str) -> String {
     let known = Effect::ALL.map(Effect::name);
     match nearest_name(name, known) {
@@ -130,7 +130,7 @@ impl FromStr for Effect {
     }
 }
 
-/// An effect with what calls for it.
+/// An effect and the reason why the scene calls for it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct Called {
@@ -166,7 +166,7 @@ pub struct Effects {
 }
 
 impl Effects {
-    /// The effects of a scene, in one walk.
+    /// Returns the effects of a scene.
     pub fn of(scene: &Scene) -> Self {
         let mut effects = Self { called: Vec::new(), max_depth: scene.max_depth };
         let visible = Visible::of(scene);
@@ -181,22 +181,23 @@ impl Effects {
         effects
     }
 
-    /// True if the scene calls for an effect.
+    /// Returns true if the scene calls for an effect.
     pub fn has(&self, effect: Effect) -> bool {
         self.called.iter().any(|c| c.effect == effect)
     }
 
-    /// The effects in a fixed order, with their reasons.
+    /// Returns the effects that the scene calls for with their reasons, in the order of [`Effect::ALL`].
     pub fn called(&self) -> &[Called] {
         &self.called
     }
 
-    /// Most scattering events between camera and light; `None` is unlimited.
+    /// Returns the largest number of scattering events on a path from camera to light; `None` is unlimited.
     pub fn max_depth(&self) -> Option<u32> {
         self.max_depth
     }
 
-    /// Caustics that a path tracer finds by chance only, if the scene has any: light of small lamps through smooth glass.
+    /// Returns the scene's caustics that a path tracer finds only by chance, if any: light of small lamps through
+    /// smooth glass.
     ///
     /// A path tracer samples lamps directly, but not through a surface that refracts. Behind such a surface, light arrives
     /// only along scattered rays that happen to leave through it and to hit the lamp. After a diffuse event their
@@ -213,7 +214,7 @@ impl Effects {
         caustics::found_by_chance(scene, &Visible::of(scene))
     }
 
-    /// Counts one more object that calls for `effect`; the first one is reported.
+    /// Counts one more object that calls for `effect`. The first object gives reason and source.
     fn add(&mut self, effect: Effect, because: impl FnOnce() -> String, source: &Source) {
         match self.called.iter_mut().find(|c| c.effect == effect) {
             Some(called) => called.objects += 1,
@@ -221,7 +222,7 @@ impl Effects {
         }
     }
 
-    /// Sets the number of objects of an effect that only several objects together call for.
+    /// Sets the number of objects of an effect that needs several objects.
     fn count(&mut self, effect: Effect, objects: usize) {
         self.called.iter_mut().filter(|c| c.effect == effect).for_each(|c| c.objects = objects);
     }
@@ -283,7 +284,7 @@ impl Effects {
     }
 }
 
-/// True if a material by itself calls for one of the effects of surfaces (glossy, mirror, refraction).
+/// Returns true if a material by itself calls for an effect of surfaces (glossy, mirror, refraction).
 pub(crate) fn surface_calls_for(kind: &MaterialKind, effect: Effect) -> bool {
     materials::lobes(kind).iter().any(|lobe| materials::calls_for(lobe, effect))
 }

@@ -1,19 +1,19 @@
-//! Sources of a reader's bytes: disk or memory.
+//! Sources of file contents: disk or memory.
 
 use std::collections::BTreeMap;
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// Files by name. Readers take their bytes through it, so that bundled scenes and fuzzers need no disk.
+/// A source of files by path. Readers read through this trait, so that bundled scenes and fuzzers need no disk.
 pub trait Files {
-    /// All bytes of one file.
+    /// Returns all bytes of one file.
     ///
     /// # Errors
     /// The error of the system; [`io::ErrorKind::NotFound`] for a missing file.
     fn read(&self, path: &Path) -> io::Result<Vec<u8>>;
 }
 
-/// The files of the operating system. Devices and pipes are refused: they need not end.
+/// The files of the operating system. Devices and pipes are refused, since reading them may never end.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Disk;
 
@@ -26,7 +26,7 @@ impl Files for Disk {
     }
 }
 
-/// Files made by a program, by exact path.
+/// Files in memory, by exact path.
 impl Files for BTreeMap<PathBuf, Vec<u8>> {
     fn read(&self, path: &Path) -> io::Result<Vec<u8>> {
         self.get(path).cloned().ok_or_else(not_found)

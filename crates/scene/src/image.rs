@@ -48,12 +48,12 @@ pub use srgb::{srgb_decode, srgb_encode};
 /// An image in memory: linear RGB, row by row from the top.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Image {
-    /// Width and height.
+    /// Width and height in pixels.
     pub size: [u32; 2],
-    /// `size[0] * size[1]` pixels.
+    /// The `size[0] * size[1]` pixels, row by row from the top.
     pub pixels: Vec<[f32; 3]>,
-    /// Opacity of each pixel, 0 to 1, in the same order; empty if all are opaque. Colors are as
-    /// the file has them: OpenEXR's are multiplied by it already, those of PNG and TGA are not.
+    /// Opacity of each pixel, 0 to 1, in the same order; empty if all pixels are opaque. Colours are as in the file:
+    /// OpenEXR's are premultiplied by opacity, those of PNG and TGA are not.
     pub alpha: Vec<f32>,
 }
 
@@ -62,12 +62,12 @@ pub struct Image {
 pub struct NonFinite {
     /// Number of pixels with a NaN or an infinity in any channel; at least 1.
     pub count: u64,
-    /// Column and row of the first of them, reading order.
+    /// Column and row of the first such pixel in reading order, from 0.
     pub first: [u32; 2],
 }
 
 impl Image {
-    /// An image from its pixels, top row first.
+    /// Makes an image from its pixels, top row first.
     ///
     /// # Errors
     /// [`ImageError::Empty`] if a side is 0, [`ImageError::PixelCount`] if `pixels` and `size` disagree.
@@ -76,10 +76,11 @@ impl Image {
         Ok(Self { size, pixels, alpha: Vec::new() })
     }
 
-    /// The same image with this opacity: clamped to 0..=1, NaN becomes 1; kept only where a pixel is not opaque.
+    /// Returns the image with these opacities, clamped to 0..=1; NaN becomes 1. If all pixels are opaque, none are
+    /// stored.
     ///
     /// # Errors
-    /// [`ImageError::PixelCount`] where there is not one value for each pixel.
+    /// [`ImageError::PixelCount`] if there is not one value per pixel.
     pub fn with_alpha(mut self, mut alpha: Vec<f32>) -> Result<Self, ImageError> {
         check_count(self.size, alpha.len())?;
         alpha.iter_mut().for_each(|a| *a = if a.is_nan() { 1.0 } else { a.clamp(0.0, 1.0) });
@@ -87,42 +88,43 @@ impl Image {
         Ok(self)
     }
 
-    /// An image of one colour; `size` is the caller's to choose with the memory in mind.
+    /// Makes an image of one colour. Allocates 12 bytes per pixel: the caller should limit `size`.
     ///
     /// # Errors
-    /// [`ImageError::Empty`] where a side is 0.
+    /// [`ImageError::Empty`] if a side is 0.
     pub fn filled(size: [u32; 2], color: [f32; 3]) -> Result<Self, ImageError> {
         check_size(size)?;
         Ok(Self { size, pixels: vec![color; size[0] as usize * size[1] as usize], alpha: Vec::new() })
     }
 
-    /// Pixels per row.
+    /// Returns the number of pixels in a row.
     pub fn width(&self) -> usize {
         self.size[0] as usize
     }
 
-    /// Rows.
+    /// Returns the number of rows.
     pub fn height(&self) -> usize {
         self.size[1] as usize
     }
 
-    /// The pixel in column `x` of row `y`, row 0 being the top one.
+    /// Returns the pixel in column `x` of row `y`; row 0 is the top one.
     ///
     /// # Panics
-    /// Outside the image, as a slice does.
+    /// If `x` or `y` is outside the image.
     pub fn pixel(&self, x: usize, y: usize) -> [f32; 3] {
         self.row(y)[x]
     }
 
-    /// Row `y` from the left, row 0 being the top one.
+    /// Returns row `y`, from left to right; row 0 is the top one.
     ///
     /// # Panics
-    /// Outside the image, as a slice does.
+    /// If `y` is outside the image.
     pub fn row(&self, y: usize) -> &[[f32; 3]] {
         &self.pixels[y * self.width()..(y + 1) * self.width()]
     }
 
-    /// NaNs and infinities, if there are any. Files may hold them; lights and references must not.
+    /// Returns the number and the first of the pixels with NaN or infinity, or `None`. Files may hold them; lights and
+    /// references must not.
     pub fn non_finite(&self) -> Option<NonFinite> {
         let bad = |p: &[f32; 3]| !p.iter().all(|c| c.is_finite());
         let first = self.pixels.iter().position(bad)?;
@@ -130,10 +132,10 @@ impl Image {
         Some(NonFinite { count, first: [(first % self.width()) as u32, (first / self.width()) as u32] })
     }
 
-    /// The image, if all of it is finite; `file_name` is for the message.
+    /// Returns the image if all values are finite. `file_name` appears in the error.
     ///
     /// # Errors
-    /// [`ImageError::NotFinite`].
+    /// [`ImageError::NotFinite`] if a value is NaN or infinite.
     pub fn checked_finite(self, file_name: &str) -> Result<Self, ImageError> {
         match self.non_finite() {
             None => Ok(self),

@@ -30,14 +30,14 @@ use std::sync::Arc;
 /// The axis that points up.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum UpAxis {
-    /// +y; the front is where +z points.
+    /// +y is up; the front faces +z.
     Y,
-    /// +z; the front is where -y points.
+    /// +z is up; the front faces -y.
     Z,
 }
 
 impl UpAxis {
-    /// The directions to the front, to the right of one who looks from there, and up.
+    /// Returns the directions to the front, to the right of a viewer in front, and up.
     fn axes(self) -> (DVec3, DVec3, DVec3) {
         match self {
             Self::Y => (DVec3::Z, DVec3::X, DVec3::Y),
@@ -50,7 +50,7 @@ impl UpAxis {
 #[derive(Clone, Copy, Debug, Default)]
 #[non_exhaustive]
 pub struct ModelOptions {
-    /// The axis that points up; `None` is y for OBJ and PLY and z for STL.
+    /// The axis that points up; `None` is y for OBJ and PLY files and z for STL files.
     pub up: Option<UpAxis>,
 }
 
@@ -62,7 +62,7 @@ impl ModelOptions {
     }
 }
 
-/// Reads a model's file and sets camera and light; `add` reads its meshes.
+/// Reads a model file as a scene with camera and light. `add` parses the bytes and adds meshes to the scene.
 fn model_scene(
     files: &dyn Files,
     path: &Path,
@@ -88,7 +88,7 @@ fn mesh_of(shape: &Shape) -> Option<Arc<MeshData>> {
     }
 }
 
-/// Reflectance of surfaces without a material.
+/// Default reflectance, of surfaces without a material.
 const GREY: Color = Color::Constant([0.5; 3]);
 
 fn add_material(scene: &mut Scene, name: &str, reflectance: Color, source: &Source) -> MaterialId {
@@ -97,7 +97,7 @@ fn add_material(scene: &mut Scene, name: &str, reflectance: Color, source: &Sour
     id
 }
 
-/// A file's only mesh, in grey.
+/// Adds a mesh in the default grey. `doubt` becomes a warning.
 fn add_mesh(scene: &mut Scene, data: MeshData, doubt: Option<String>, source: &Source) {
     let material = add_material(scene, "grey", GREY, source);
     let geometry = Geometry::Mesh(Arc::new(data));

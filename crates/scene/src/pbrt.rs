@@ -80,8 +80,8 @@ pub fn read_scene(path: impl AsRef<Path>, options: &ReadOptions) -> Result<Scene
     read_scene_from(&Disk, path, options)
 }
 
-/// Reads a scene from `files`. The names of other files are relative to the folder of `path`, wherever they
-/// are mentioned, as in pbrt.
+/// Reads a scene from `files`. Names of other files are relative to the folder of `path`, even in included files, as in
+/// pbrt.
 ///
 /// # Errors
 /// All problems of the file, each with its line.

@@ -1,10 +1,10 @@
-//! Polygons cut into triangles.
+//! Triangulation of polygons.
 
 use glam::{DVec2, DVec3};
 
-/// Corners from which a fan is tried; it bounds the work on polygons of very many corners.
+/// Number of corners tried as the centre of a fan, which bounds the work for polygons of very many corners.
 const HUBS_TRIED: usize = 16;
-/// Corners of a polygon that is cut ear by ear, which takes time that grows with their square.
+/// The largest number of corners of a polygon cut ear by ear, which takes quadratic time.
 const MOST_EARS: usize = 2048;
 
 /// Cuts a polygon into triangles that wind as it does: a fan from a corner that sees all others, if there is one,
@@ -38,13 +38,13 @@ pub(crate) fn triangulate(
     Err("this polygon crosses itself; triangulate the mesh")
 }
 
-/// Twice the polygon's area vector.
+/// Returns the polygon's area vector times 2.
 fn area(corners: &[u32], positions: &[DVec3]) -> DVec3 {
     let at = |i: usize| positions[corners[i] as usize];
     (1..corners.len() - 1).map(|i| (at(i) - at(0)).cross(at(i + 1) - at(0))).sum()
 }
 
-/// The first corner from which a fan of triangles covers the polygon without folding back.
+/// Returns the first corner whose fan of triangles covers the polygon without folding back.
 fn hub(corners: &[u32], positions: &[DVec3]) -> Option<usize> {
     let area = area(corners, positions);
     let at = |i: usize| positions[corners[i % corners.len()] as usize];
@@ -52,7 +52,7 @@ fn hub(corners: &[u32], positions: &[DVec3]) -> Option<usize> {
     (0..corners.len().min(HUBS_TRIED)).find(|&hub| (1..corners.len() - 1).all(|i| cross(hub, i).dot(area) >= 0.0))
 }
 
-/// The corners seen along the axis that the polygon faces most, counter-clockwise.
+/// Returns the corners projected along the axis nearest to the polygon's normal, counter-clockwise; `None` for area 0.
 fn flatten(corners: &[u32], positions: &[DVec3]) -> Option<Vec<DVec2>> {
     let normal = area(corners, positions);
     let size = normal.abs();
@@ -65,7 +65,7 @@ fn flatten(corners: &[u32], positions: &[DVec3]) -> Option<Vec<DVec2>> {
     Some(flat.map(|p| DVec2::new(p[u], p[v])).collect())
 }
 
-/// The rest of a polygon while ears are cut off: a ring, and the corners that are ears.
+/// A polygon during ear clipping: a ring of the remaining corners, and which of them are ears.
 struct Ears<'p> {
     points: &'p [DVec2],
     next: Vec<usize>,
@@ -83,7 +83,7 @@ impl<'p> Ears<'p> {
         ears
     }
 
-    /// Cuts until nothing is left; false if it cannot go on.
+    /// Cuts ears until nothing is left. Returns false if no ear remains before that.
     fn cut(mut self, mut triangle: impl FnMut([usize; 3])) -> bool {
         let mut left = self.points.len();
         let (mut at, mut waited) = (0, 0);
@@ -116,12 +116,12 @@ impl<'p> Ears<'p> {
         self.side(last[0], last[1], last[2]) >= -1e-9 * whole
     }
 
-    /// Twice the area of three corners; below 0 clockwise.
+    /// Returns the area of three corners times 2, negative if they are clockwise.
     fn side(&self, a: usize, b: usize, c: usize) -> f64 {
         (self.points[b] - self.points[a]).perp_dot(self.points[c] - self.points[a])
     }
 
-    /// True if a corner does not turn right and no other corner lies within its triangle.
+    /// Returns true if a corner does not turn right and its triangle contains no other corner.
     fn can_be_cut(&self, corner: usize) -> bool {
         let (before, after) = (self.previous[corner], self.next[corner]);
         let [a, b, c] = [before, corner, after].map(|i| self.points[i]);

@@ -7,7 +7,7 @@ use std::fmt;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum ProblemKind {
-    /// The file is wrong, or cannot be read.
+    /// The file is wrong or unreadable.
     Invalid,
     /// The file is valid and uses a feature that Dapple lacks;
     /// [`allow_unsupported`](crate::pbrt::ReadOptions::allow_unsupported) leaves it out.
@@ -23,7 +23,7 @@ pub enum ProblemKind {
 pub struct Problem {
     /// File and line.
     pub source: Source,
-    /// Its kind.
+    /// The kind of problem.
     pub kind: ProblemKind,
     /// One sentence: the mistake and its remedy, or the name of the unsupported feature.
     pub message: String,
@@ -43,20 +43,20 @@ impl fmt::Display for Problem {
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct ReadError {
-    /// The first hundred problems; never empty.
+    /// The first 100 problems; never empty.
     pub problems: Vec<Problem>,
-    /// Number of further problems.
+    /// Number of further problems, not listed.
     pub more: usize,
 }
 
 impl ReadError {
-    /// One problem of kind [`ProblemKind::Invalid`].
+    /// Makes an error of one problem of kind [`ProblemKind::Invalid`].
     pub(crate) fn invalid(source: Source, message: impl Into<String>) -> Self {
         let problem = Problem { source, kind: ProblemKind::Invalid, message: message.into() };
         Self { problems: vec![problem], more: 0 }
     }
 
-    /// True if every problem listed is an unsupported feature, so that `allow_unsupported` helps.
+    /// Returns true if every listed problem is an unsupported feature, so that `allow_unsupported` helps.
     pub fn is_unsupported(&self) -> bool {
         self.problems.iter().all(|p| p.kind == ProblemKind::Unsupported)
     }

@@ -1,4 +1,4 @@
-//! The readers of all scene and model formats, and the choice among them.
+//! The readers of all scene and model formats, and the choice of one.
 
 use crate::files::{Disk, Files};
 use crate::model::{ModelOptions, ObjReader, PlyReader, StlReader};
@@ -11,19 +11,19 @@ use std::sync::Arc;
 ///
 /// A new format is a type that implements this trait, and a line in [`READERS`].
 pub trait SceneReader: Sync {
-    /// Name of the format, for messages.
+    /// Returns the format's name, for messages.
     fn name(&self) -> &'static str;
 
-    /// File name extensions without a dot, in small letters. The empty one stands for files without an extension.
+    /// Returns the extensions without a dot, in lower case. The empty one stands for files without an extension.
     fn extensions(&self) -> &'static [&'static str];
 
-    /// True if a file that begins like `content` has this format, whatever its name.
+    /// Returns true if a file that begins with `content` has this format, whatever its name.
     fn recognizes(&self, content: &[u8]) -> bool {
         let _ = content;
         false
     }
 
-    /// Reads the file `path` and the files that it names.
+    /// Reads the file `path` and all files that it names.
     ///
     /// # Errors
     /// All problems found, each with file and line.
@@ -62,7 +62,7 @@ impl AnyOptions {
 /// The extension decides on the format, in capital or small letters; under an unknown extension the content decides.
 ///
 /// # Errors
-/// All problems of the file, each with file and line; an unknown format.
+/// All problems of the file, each with file and line; or an unknown format.
 pub fn read_any(path: impl AsRef<Path>, options: &AnyOptions) -> Result<Scene, ReadError> {
     read_any_from(&Disk, path, options)
 }
@@ -70,7 +70,7 @@ pub fn read_any(path: impl AsRef<Path>, options: &AnyOptions) -> Result<Scene, R
 /// Reads a scene or a model from `files`: see [`read_any`].
 ///
 /// # Errors
-/// As [`read_any`].
+/// As for [`read_any`].
 pub fn read_any_from(
     files: &(impl Files + ?Sized),
     path: impl AsRef<Path>,
@@ -92,7 +92,7 @@ pub fn read_any_from(
     }
 }
 
-/// A trait object of any [`Files`], sized or not.
+/// A wrapper that makes a trait object of any [`Files`], sized or not.
 pub(crate) struct Unsized<'f, F: ?Sized>(pub(crate) &'f F);
 
 impl<F: Files + ?Sized> Files for Unsized<'_, F> {
@@ -101,13 +101,13 @@ impl<F: Files + ?Sized> Files for Unsized<'_, F> {
     }
 }
 
-/// The error of a file that cannot be opened.
+/// Makes the error of a file that cannot be opened.
 pub(crate) fn unreadable(source: Source, e: &std::io::Error) -> ReadError {
     let message = format!("cannot read {}: {e}; check the name and that the file is there", source.file.display());
     ReadError::invalid(source, message)
 }
 
-/// Formats that users may expect to be read, by extension.
+/// Unsupported formats that users may expect: extension and program.
 const FOREIGN: [(&str, &str); 9] = [
     ("3ds", "3ds Max"),
     ("blend", "Blender"),
@@ -120,7 +120,7 @@ const FOREIGN: [(&str, &str); 9] = [
     ("xml", "Mitsuba XML"),
 ];
 
-/// The message for a file that no reader takes.
+/// Returns the message for a file that no reader accepts.
 fn unsupported(extension: &str, content: &[u8]) -> String {
     if let Some(advice) = compression(content) {
         return advice.into();
@@ -136,7 +136,7 @@ fn unsupported(extension: &str, content: &[u8]) -> String {
     }
 }
 
-/// The message for a compressed file.
+/// Returns the message for a compressed file; `None` for any other.
 fn compression(bytes: &[u8]) -> Option<&'static str> {
     let starts = |magic: &[u8]| bytes.starts_with(magic);
     if starts(&[0x1f, 0x8b]) {

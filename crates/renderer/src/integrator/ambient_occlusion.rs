@@ -21,17 +21,17 @@ dapple_core::options! {
 #[derive(Clone, Copy, Debug)]
 pub struct AmbientOcclusion<'w> {
     world: &'w World,
-    /// In lengths of the renderer's space.
+    /// The largest distance of an occluder, in units of the renderer's space.
     distance: f32,
 }
 
 impl<'w> AmbientOcclusion<'w> {
-    /// Counts surfaces up to `distance` away as occluders, in lengths of the scene file. Infinity counts all.
+    /// Makes the integrator. Surfaces up to `distance` away occlude, in units of the scene file; infinity includes all.
     pub fn new(world: &'w World, distance: f64) -> Self {
         Self { world, distance: (distance * world.space().scale()) as f32 }
     }
 
-    /// Makes one for the table of integrators.
+    /// Makes the integrator from its parameters, for the table of integrators.
     pub(super) fn parse<'a>(parameters: &str, world: &'a World) -> Result<Box<dyn Integrator + 'a>, OptionError> {
         let options = AmbientOcclusionOptions::parse(parameters)?;
         Ok(Box::new(AmbientOcclusion::new(world, options.distance)))

@@ -8,9 +8,9 @@ use dapple_scene::Effect;
 
 /// Selection among several lights.
 pub const SEVERAL_LIGHTS: u32 = 1;
-/// Light from beyond the scene.
+/// Light from environments.
 pub const ENVIRONMENT: u32 = 2;
-/// Russian roulette, for paths long enough.
+/// Russian roulette, if paths may be long enough.
 pub const ROULETTE: u32 = 4;
 /// Surfaces that transmit light.
 pub const TRANSMISSION: u32 = 8;
@@ -23,9 +23,9 @@ pub const VARIED: u32 = 32;
 /// Light selection that is learned: a [`LearnedSelector`](super::LearnedSelector), not a bit of the path tracer's code.
 pub const LEARNED_SELECTION: u32 = 64;
 
-/// The code that a world needs: by the [effects](World::effects) of its scene, and by its surfaces.
+/// Returns the bits of the code that a world needs, from the [effects](World::effects) of its scene and its surfaces.
 ///
-/// Surfaces decide by themselves, since paper, interfaces, mixes, vertex normals and instances are no effects.
+/// Surfaces are inspected too, since paper, interfaces, mixes, vertex normals and instances are not effects.
 pub(super) fn needed(world: &World) -> u32 {
     let has = |effect| world.effects().has(effect);
     let bit = |needed: bool, bit: u32| if needed { bit } else { 0 };

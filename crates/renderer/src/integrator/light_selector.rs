@@ -10,24 +10,24 @@ use glam::Vec3;
 ///
 /// A type parameter of [`PathTracer`](super::PathTracer), so that a fixed distribution carries no code of a learned one.
 pub trait LightSelector: Sync {
-    /// The name of a place, as far as the distribution depends on it.
+    /// The cell of a point, which selects a distribution.
     type Place: Copy;
     /// The place of points without a distribution of their own: those inside media, and the camera.
     const NOWHERE: Self::Place;
 
-    /// The selector that a world asks for.
+    /// Makes the selector for the light selection set in `world`.
     fn of(world: &World) -> Self;
 
-    /// The place of a point that is lit on the side of `normal`.
+    /// Returns the place of a point that is lit on the side of `normal`.
     fn place(&self, position: Vec3, normal: Vec3) -> Self::Place;
 
-    /// The light that `u` in `[0, 1)` selects. `None` if there is no light.
+    /// Selects a light at a place by `u` in `[0, 1)`. `None` if there is no light.
     fn select(&self, lights: &Lights, place: Self::Place, u: f32) -> Option<SelectedLight>;
 
-    /// The probability with which [`select`](Self::select) returns a light.
+    /// Returns the probability with which [`select`](Self::select) returns `light` at a place.
     fn pmf(&self, lights: &Lights, place: Self::Place, light: u32) -> f32;
 
-    /// Records what a selected light contributed at a place.
+    /// Records the contribution of a selected light at a place, to learn from.
     #[inline(always)]
     fn record(&self, training: &mut TrainingLog, place: Self::Place, light: SelectedLight, contribution: Vec3) {
         let _ = (training, place, light, contribution);
@@ -44,7 +44,7 @@ pub trait LightSelector: Sync {
     }
 }
 
-/// The same distribution everywhere: [`Lights::select`].
+/// A selector with the same distribution at all places: [`Lights::select`].
 #[derive(Clone, Copy, Debug)]
 pub struct FixedSelector;
 
@@ -70,24 +70,24 @@ impl LightSelector for FixedSelector {
     }
 }
 
-/// A distribution per cell of space and orientation, learned in the first samples of a render.
+/// A selector with a distribution per cell of space and orientation, learned in the first samples of a render.
 ///
-/// As [`FixedSelector`] in a world that does not ask for it, or that has a single light.
+/// Equal to [`FixedSelector`] if the world's selection is not learned, or if there is only one light.
 #[derive(Debug)]
 pub struct LearnedSelector {
     cells: Option<LightCells>,
-    /// First guesses, by light.
+    /// First guesses of contributions, one per light.
     expectations: Vec<Expectation>,
     passes_left: u32,
-    /// A mistake for a test to find: light met by chance is weighted as if nothing had been learned.
+    /// Test switch: weights light found by BSDF sampling with unlearned probabilities, an error that a test must find.
     #[cfg(test)]
     pub(super) forgets: bool,
 }
 
-/// The place that belongs to no cell.
+/// The place outside all cells.
 const NO_CELL: u32 = u32::MAX;
 
-/// Training passes until enough is known: of 1, 1, 2 and 4 samples per pixel where the rounds are long enough.
+/// Number of training passes: 1, 1, 2 and 4 samples per pixel if the rounds are long enough.
 const TRAINING_PASSES: u32 = 4;
 
 impl LightSelector for LearnedSelector {
@@ -163,7 +163,7 @@ impl LightSelector for LearnedSelector {
     }
 }
 
-/// About the irradiance of each light in the middle of a voxel.
+/// Returns a function that estimates the irradiance of each light in the middle of a voxel.
 fn first_guess(lights: &[Expectation]) -> impl Fn([f32; 3], f32, [f32; 3], usize) -> f32 + Sync {
     |middle, half, axis, light| lights[light].irradiance(Vec3::from(middle), half, Vec3::from(axis))
 }

@@ -20,7 +20,7 @@ use glam::Vec3;
 use std::marker::PhantomData;
 use transmission::MediumEnd;
 
-/// Roulette starts after this many scattering events: before, nearly every path is worth its cost.
+/// Number of scattering events after which roulette starts. Before, nearly every path is worth its cost.
 pub(super) const ROULETTE_FROM: u32 = 4;
 /// The highest survival probability, so that endless paths end.
 ///
@@ -35,12 +35,12 @@ pub struct PathTracer<'w, L, S, const E: u32> {
     lens: PhantomData<fn() -> L>,
 }
 
-/// The state of a path: its next ray, and what it has gathered.
+/// The state of a path: its next ray, and the radiance gathered.
 struct Path<P> {
     ray: Ray,
     throughput: Vec3,
     radiance: Vec3,
-    /// The last scattering event, if light sampling could have found what the ray meets.
+    /// The last scattering event, if light sampling there could have found the light that the next ray meets.
     last: Option<LastScatter<P>>,
     /// Scattering events so far.
     depth: u32,
@@ -48,9 +48,9 @@ struct Path<P> {
     rays: u32,
     /// Product of the squared indices of refraction crossed.
     ///
-    /// Roulette ignores what refraction did to the throughput: it is undone when the path comes out again.
+    /// Roulette multiplies the throughput by this: the division at entering glass is undone at leaving.
     eta_squared: f32,
-    /// Rays so far that lead to the path's end, those through passed surfaces included.
+    /// Rays so far along the path, without shadow rays; a ray that passes a surface counts again behind it.
     segments: u32,
     /// The medium around the ray's origin.
     medium: u32,
@@ -77,12 +77,12 @@ struct Vertex<'a> {
     frame: &'a ShadingFrame,
     /// The direction back along the path, in the shading frame.
     wo: Vec3,
-    /// Cosine of that direction with the geometric normal.
+    /// Cosine between `wo` and the geometric normal.
     outside: f32,
 }
 
 impl Vertex<'_> {
-    /// Tells whether a direction leaves on the side of the geometric surface that the path came from.
+    /// Returns true if `wi` leaves on the same side of the geometric surface as `wo`.
     #[inline(always)]
     fn is_same_side(&self, wi: Vec3) -> bool {
         self.at.point.normal.dot(wi) * self.outside > 0.0
@@ -101,7 +101,7 @@ impl<'w, L: Lens, S: LightSelector, const E: u32> PathTracer<'w, L, S, E> {
         Self { world, selector: S::of(world), lens: PhantomData }
     }
 
-    /// The path at the camera.
+    /// Returns a new path that starts at the camera.
     #[inline(always)]
     fn begin(&self, draws: &Draws<'_>) -> Path<S::Place> {
         let world = self.world;
@@ -124,7 +124,7 @@ impl<'w, L: Lens, S: LightSelector, const E: u32> PathTracer<'w, L, S, E> {
         }
     }
 
-    /// The closest hit of a ray.
+    /// Returns the closest hit of a ray at a time.
     #[inline(always)]
     fn closest_hit(&self, ray: &Ray, time: f32) -> Option<Interaction<'w>> {
         match (Self::HAS_RARE_EFFECTS, Self::HAS_VARIED_SURFACES) {
@@ -134,7 +134,7 @@ impl<'w, L: Lens, S: LightSelector, const E: u32> PathTracer<'w, L, S, E> {
         }
     }
 
-    /// Radiance from beyond the scene, weighted against light sampling.
+    /// Returns the environments' radiance along the path's ray, weighted against light sampling.
     #[inline(always)]
     fn environment(&self, path: &Path<S::Place>) -> Vec3 {
         let (lights, direction) = (&self.world.lights, path.ray.direction);
@@ -146,7 +146,7 @@ impl<'w, L: Lens, S: LightSelector, const E: u32> PathTracer<'w, L, S, E> {
         }
     }
 
-    /// Radiance that a hit lamp emits towards the ray's origin, weighted against light sampling.
+    /// Returns the radiance that a hit lamp emits towards the ray's origin, weighted against light sampling.
     #[inline(always)]
     fn emitted(&self, path: &Path<S::Place>, at: &Interaction<'_>) -> Vec3 {
         let (lights, light) = (&self.world.lights, at.part.light);
@@ -162,7 +162,7 @@ impl<'w, L: Lens, S: LightSelector, const E: u32> PathTracer<'w, L, S, E> {
         }
     }
 
-    /// One scattering event: gathers direct light and turns the ray. Returns false where the path ends.
+    /// Carries out one scattering event: adds direct light and samples the next ray. Returns false if the path ends.
     #[inline(always)]
     fn scatter(
         &self,
@@ -213,7 +213,7 @@ impl<'w, L: Lens, S: LightSelector, const E: u32> PathTracer<'w, L, S, E> {
         path.throughput.max_element() > 0.0
     }
 
-    /// Next-event estimation: light of a lamp that arrives at a vertex and is scattered along the path.
+    /// Returns the light of one sampled lamp that is scattered at a vertex along the path (next-event estimation).
     ///
     /// `u` selects the light (0) and a direction to it (1, 2).
     #[inline(always)]
@@ -235,7 +235,7 @@ impl<'w, L: Lens, S: LightSelector, const E: u32> PathTracer<'w, L, S, E> {
         scattered
     }
 
-    /// Light of a sample that reaches a vertex and is scattered along the path, weighted against BSDF sampling.
+    /// Returns the light of a sample that is scattered at a vertex along the path, weighted against BSDF sampling.
     #[inline(always)]
     fn scattered(&self, path: &mut Path<S::Place>, vertex: &Vertex<'_>, light: &LightSample) -> Vec3 {
         let Vertex { at, bsdf, wo, .. } = vertex;
@@ -259,7 +259,7 @@ impl<'w, L: Lens, S: LightSelector, const E: u32> PathTracer<'w, L, S, E> {
         share * f * light.radiance * (wi.z.abs() * weight)
     }
 
-    /// Russian roulette.
+    /// Plays Russian roulette with `u` in `[0, 1)`. Returns false if the path ends; otherwise reweights the path.
     #[inline(always)]
     fn survives(&self, path: &mut Path<S::Place>, u: f32) -> bool {
         let eta_squared = if Self::HAS_TRANSMISSION { path.eta_squared } else { 1.0 };

@@ -4,7 +4,7 @@ use super::{AmbientOcclusion, AmbientOcclusionOptions, integrator};
 use crate::World;
 use dapple_core::{Integrator, OptionError, Options, Parameter, nearest_name, parse_pairs};
 
-/// The integrators, the default first. A new one is a file beside this one and an entry here.
+/// All integrators, the default first. A new integrator is a file beside this one and an entry here.
 const INTEGRATORS: &[IntegratorEntry] = &[
     IntegratorEntry {
         name: "path",
@@ -20,7 +20,7 @@ const INTEGRATORS: &[IntegratorEntry] = &[
     },
 ];
 
-/// Makes an integrator from its parameters, `key=value,…`.
+/// A function that makes an integrator from its parameters `key=value,…`.
 type MakeIntegrator = for<'w> fn(&str, &'w World) -> Result<Box<dyn Integrator + 'w>, OptionError>;
 
 /// One integrator of the table.
@@ -36,7 +36,7 @@ pub struct IntegratorEntry {
     make: MakeIntegrator,
 }
 
-/// A request for an integrator that cannot be made.
+/// The error of a request for an integrator.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum IntegratorError {
@@ -60,7 +60,7 @@ pub enum IntegratorError {
     },
 }
 
-/// All integrators, the default first.
+/// Returns all integrators, the default first.
 pub fn integrators() -> &'static [IntegratorEntry] {
     INTEGRATORS
 }
@@ -91,16 +91,16 @@ pub fn make<'w>(request: &str, world: &'w World) -> Result<Box<dyn Integrator + 
     (entry.make)(parameters, world).map_err(|source| IntegratorError::Parameter { integrator: entry.name, source })
 }
 
-/// Checks a request as far as that is possible without a world: its name, and the names of its parameters.
+/// Checks a request without a world: the integrator's name and the names of its parameters.
 ///
 /// # Errors
 ///
-/// [`IntegratorError`] for an unknown name.
+/// [`IntegratorError`] for an unknown name of an integrator or parameter.
 pub fn check(request: &str) -> Result<(), IntegratorError> {
     find(request).map(|_| ())
 }
 
-/// The entry of a request, and the text of its parameters, whose names are known.
+/// Returns the table entry of a request, and the text of its parameters after checking their names.
 fn find(request: &str) -> Result<(&'static IntegratorEntry, &str), IntegratorError> {
     let (name, parameters) = request.split_once(':').unwrap_or((request, ""));
     let names = || INTEGRATORS.iter().map(|entry| entry.name);

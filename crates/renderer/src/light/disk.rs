@@ -16,7 +16,7 @@ pub(crate) struct DiskLight {
 }
 
 impl DiskLight {
-    /// A ring around `centre` that emits along `normal` (unit length).
+    /// Makes a ring around `centre` that emits along `normal` (unit length).
     pub(crate) fn new(lamp: Lamp, centre: Vec3, normal: Vec3, radius: f32, inner_radius: f32) -> Self {
         Self { lamp, centre, frame: ShadingFrame::from_normal(normal), radius, inner_radius }
     }
@@ -28,7 +28,7 @@ impl DiskLight {
 }
 
 impl LightSource for DiskLight {
-    /// Uniform over the area, equal areas of the disk mapped to equal areas of the ring.
+    /// Samples the area uniformly, by an area-preserving map from the disk to the ring.
     #[inline]
     fn sample(&self, from: Vec3, u: [f32; 2]) -> Option<LightSample> {
         let disk = warp::concentric_disk(u);

@@ -8,13 +8,13 @@ use glam::{DAffine3, DVec3, Vec3};
 /// Parallel light from infinitely far.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct DistantLight {
-    /// Unit, towards the light.
+    /// Unit direction to the light.
     towards: Vec3,
     irradiance: Vec3,
 }
 
 impl DistantLight {
-    /// Parallel light from the direction +z of the light's space. `None` if it is black.
+    /// Makes parallel light from direction +z of the light's space. `None` if it is black.
     pub(crate) fn new(irradiance: [f32; 3], to_world: DAffine3, at: &Source) -> Result<Option<Self>, PunctualError> {
         let Some(irradiance) = checked(irradiance, at)? else { return Ok(None) };
         match (to_world.matrix3 * DVec3::Z).try_normalize() {
@@ -35,7 +35,7 @@ impl LightSource for DistantLight {
         true
     }
 
-    /// Irradiance times the disk pi r^2, over pi.
+    /// Returns irradiance times the scene's disk `pi r^2`, over pi.
     fn power(&self, scene_radius: f64) -> f64 {
         luminance(self.irradiance) * scene_radius * scene_radius
     }

@@ -19,7 +19,7 @@ use std::sync::Arc;
 #[non_exhaustive]
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum EnvironmentError {
-    /// A radiance that is negative or not finite.
+    /// The radiance is negative or not finite.
     #[error("{at}: the environment's radiance {value:?} is invalid; give finite numbers of at least 0")]
     Radiance {
         /// The line of the scene file.
@@ -27,21 +27,21 @@ pub enum EnvironmentError {
         /// The value.
         value: [f32; 3],
     },
-    /// A texel that is negative or not finite.
+    /// A texel is negative or not finite.
     #[error(
         "{at}: texel ({column}, {row}) of the environment image is {value:?}; repair the image: values must be finite and at least 0, also when scaled"
     )]
     Texel {
         /// The line of the scene file.
         at: Source,
-        /// From the left, from 0.
+        /// Column of the texel, from the left, from 0.
         column: usize,
-        /// From the top, from 0.
+        /// Row of the texel, from the top, from 0.
         row: usize,
         /// The value.
         value: [f32; 3],
     },
-    /// An equal-area image must be a square.
+    /// An equal-area image is not square.
     #[error(
         "{at}: an equal-area environment image must be square, not {} x {}; use a square image, or one in latitude and longitude", size[0], size[1]
     )]
@@ -51,7 +51,7 @@ pub enum EnvironmentError {
         /// Width and height.
         size: [u32; 2],
     },
-    /// More texels than a distribution holds.
+    /// The image has more texels than a distribution can hold.
     #[error("{at}: an environment image of {} x {} is too large; scale it down", size[0], size[1])]
     Size {
         /// The line of the scene file.
@@ -59,7 +59,7 @@ pub enum EnvironmentError {
         /// Width and height.
         size: [u32; 2],
     },
-    /// A transform that no environment can have.
+    /// The transform stretches or flattens space, or is not finite.
     #[error(
         "{at}: the environment's transform flattens or stretches space, or is not finite; rotate, mirror and scale uniformly only"
     )]
@@ -83,13 +83,13 @@ enum Kind {
     Image(Map),
 }
 
-/// An image around the scene. Its texels are constant, as in pbrt-v4, so that sampling matches evaluation.
+/// An environment map. Texels are constant, as in pbrt-v4, so that sampling matches evaluation.
 #[derive(Clone, Debug)]
 struct Map {
     layout: Layout,
     image: Arc<Image>,
     scale: f32,
-    /// By brightness times solid angle.
+    /// Distribution of texels by brightness times solid angle.
     cells: PiecewiseConstant2d,
     /// Mean luminance over the sphere.
     average: f64,
@@ -103,12 +103,12 @@ enum Layout {
 }
 
 impl Environment {
-    /// An environment, in the file's orientation. `None` if it is black.
+    /// Makes an environment in the file's orientation. `None` if it is black.
     ///
     /// # Errors
     ///
-    /// When a radiance is negative or not finite, an equal-area image is not square, or the transform is no
-    /// rotation or scale.
+    /// If a radiance is negative or not finite, an equal-area image is not square, or the transform does not just
+    /// rotate and scale.
     pub fn new(radiance: &EnvironmentRadiance, to_world: DMat3, at: &Source) -> Result<Option<Self>, EnvironmentError> {
         // Directions only: a uniform scale does nothing.
         let inverse = to_world.inverse();
@@ -133,7 +133,7 @@ impl Environment {
         Ok(kind.map(|kind| Self { to_light: normalized(inverse), to_world: normalized(to_world), kind }))
     }
 
-    /// Radiance from unit direction `w`.
+    /// Returns the radiance from unit direction `w`.
     #[inline]
     pub fn radiance(&self, w: Vec3) -> Vec3 {
         match &self.kind {
@@ -142,7 +142,7 @@ impl Environment {
         }
     }
 
-    /// Direction, radiance and solid-angle density of a point drawn in the image.
+    /// Returns direction, radiance and solid-angle density of a point drawn in the image.
     #[inline(always)]
     fn drawn(&self, map: &Map, (uv, density): ([f32; 2], f32)) -> (Vec3, Vec3, f32) {
         let (local, pdf) = map.layout.to_sphere(uv, density);
@@ -150,13 +150,13 @@ impl Environment {
         ((self.to_world * local).normalize(), map.radiance(uv), pdf)
     }
 
-    /// Solid-angle density with which light sampling draws direction `w`.
+    /// Returns the solid-angle density with which light sampling draws direction `w`.
     #[inline]
     pub fn direction_pdf(&self, w: Vec3) -> f32 {
         self.radiance_and_pdf(w).1
     }
 
-    /// [`Self::radiance`] and [`Self::direction_pdf`], by one look-up.
+    /// Returns [`Self::radiance`] and [`Self::direction_pdf`] by one look-up.
     #[inline]
     pub(super) fn radiance_and_pdf(&self, w: Vec3) -> (Vec3, f32) {
         match &self.kind {
@@ -168,14 +168,14 @@ impl Environment {
         }
     }
 
-    /// Position in the image, radiance, and solid-angle density.
+    /// Returns position in the image, radiance, and solid-angle density for unit direction `w`.
     #[inline(always)]
     fn looked_up(&self, map: &Map, w: Vec3) -> ([f32; 2], Vec3, f32) {
         let uv = map.layout.to_uv(self.to_light * w);
         (uv, map.radiance(uv), map.layout.pdf(uv, map.cells.pdf(uv)))
     }
 
-    /// Mean luminance over the sphere.
+    /// Returns the mean luminance over the sphere.
     pub(super) fn average_luminance(&self) -> f64 {
         match &self.kind {
             Kind::Constant(rgb) => luminance(*rgb),
@@ -185,7 +185,7 @@ impl Environment {
 }
 
 impl LightSource for Environment {
-    /// A direction with density near proportional to brightness.
+    /// Samples a direction with a density nearly proportional to brightness.
     #[inline]
     fn sample(&self, _: Vec3, u: [f32; 2]) -> Option<LightSample> {
         let (wi, radiance, pdf) = match &self.kind {
@@ -196,7 +196,7 @@ impl LightSource for Environment {
         shines.then_some(LightSample { wi, radiance, pdf, target: Target::Far, delta: false })
     }
 
-    /// Radiance times 4 pi, times the disk pi r^2, over pi.
+    /// Returns mean luminance times 4 pi, times the scene's disk `pi r^2`, over pi.
     fn power(&self, scene_radius: f64) -> f64 {
         4.0 * std::f64::consts::PI * scene_radius * scene_radius * self.average_luminance()
     }
@@ -245,7 +245,7 @@ impl Map {
         Vec3::from_array(self.image.pixels[(row * self.image.size[0] + column) as usize]) * self.scale
     }
 
-    /// Column and row.
+    /// Returns the column and row of the texel at a position in the image.
     #[inline]
     fn texel(&self, [u, v]: [f32; 2]) -> [u32; 2] {
         let [width, height] = self.image.size;
@@ -260,7 +260,7 @@ impl Map {
 }
 
 impl Layout {
-    /// Position in the image, `[0, 1]^2` with row 0 at `v = 0`, of a direction in the light's frame, z up.
+    /// Returns the position in the image of a direction in the light's frame (z up): `[0, 1]^2`, row 0 at `v = 0`.
     #[inline]
     fn to_uv(self, w: Vec3) -> [f32; 2] {
         match self {
@@ -270,7 +270,7 @@ impl Layout {
         }
     }
 
-    /// The direction of a position in the image, and a density there converted to solid angle.
+    /// Returns the direction at a position in the image, and a density there converted to solid angle.
     #[inline]
     fn to_sphere(self, uv: [f32; 2], density: f32) -> (Vec3, f32) {
         match self {
@@ -283,7 +283,7 @@ impl Layout {
         }
     }
 
-    /// A density in the image converted to solid angle.
+    /// Returns a density at a position in the image, converted to solid angle.
     #[inline]
     fn pdf(self, uv: [f32; 2], density: f32) -> f32 {
         match self {
@@ -296,12 +296,12 @@ impl Layout {
     }
 }
 
-/// Tells whether a radiance is finite and not negative.
+/// Returns true if a radiance is finite and not negative.
 fn valid(rgb: &[f32; 3]) -> bool {
     rgb.iter().all(|x| x.is_finite() && *x >= 0.0)
 }
 
-/// The rotation (and reflection) in a matrix that may scale uniformly.
+/// Returns the rotation (and reflection) in a matrix that may also scale uniformly.
 fn normalized(m: DMat3) -> Mat3 {
     let scale = m.determinant().abs().cbrt();
     (m * (1.0 / scale)).as_mat3()

@@ -1,31 +1,31 @@
-//! First guesses of what a light contributes, for selection that is learned.
+//! First guesses of lights' contributions, for learned selection.
 
 use glam::Vec3;
 
-/// The strength of a light, as far as a first guess of its contribution needs it.
+/// The strength of a light, for a first guess of its contribution.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Expectation {
     /// A light within the scene.
     Near {
         middle: Vec3,
         radius: f32,
-        /// Mean of its normals: shorter the more they differ, zero where it emits from both sides.
+        /// Mean of the unit normals: shorter the more they differ, zero if the light emits from both sides.
         facing: Vec3,
-        /// Radiant intensity along `facing`.
+        /// Luminance-weighted radiant intensity along `facing`.
         intensity: f32,
     },
     /// A light beyond the scene.
     Far {
-        /// Unit direction to the light; zero where it comes from all sides.
+        /// Unit direction to the light; zero if it comes from all sides.
         towards: Vec3,
         irradiance: f32,
     },
 }
 
 impl Expectation {
-    /// About the irradiance of surfaces within `half` of `at` whose normals are nearest to `axis`, without occlusion.
+    /// Returns about the unoccluded irradiance on surfaces within `half` of `at` whose normals are nearest to `axis`.
     ///
-    /// Above 0 also for a light on the wrong side: cells are not points.
+    /// It is above 0 even if the light is behind `at`, since cells have an extent.
     pub(crate) fn irradiance(&self, at: Vec3, half: f32, axis: Vec3) -> f32 {
         // Normals are up to 55 degrees off the axis.
         let received = |cosine: f32| ((cosine + 0.5) / 1.5).clamp(0.05, 1.0);

@@ -13,37 +13,37 @@ pub(crate) struct MeshLight {
     lamp: Lamp,
     facets: Vec<Facet>,
     choice: Discrete,
-    /// The start of each facet on the unit interval and one over its share, for lamps of at most [`FEW`] facets.
+    /// For lamps of at most [`FEW`] facets: the start of each facet on the unit interval, and 1 over the facet's share.
     ///
-    /// Counting these takes half the time of the table, for a lamp of two triangles.
+    /// A linear search takes half the time of the table for a lamp of two triangles.
     few: Vec<[f32; 2]>,
     area: f64,
     /// Squared distance beyond which no facet counts as near: see [`Facet::near`].
     near_squared: f32,
-    /// Facets by the number of their triangle, where some triangles have no area.
+    /// Index of the facet of each triangle; empty if all triangles have an area.
     facet_of: Vec<u32>,
 }
 
-/// The most facets that are searched in order.
+/// The largest number of facets that are searched linearly.
 const FEW: usize = 8;
 
-/// One triangle of a lamp, ready to be sampled.
+/// One triangle of a lamp, prepared for sampling.
 #[derive(Clone, Copy, Debug)]
 struct Facet {
     corner: Vec3,
     edges: [Vec3; 2],
-    /// Unit, by the winding.
+    /// Unit normal by the winding.
     normal: Vec3,
-    /// 1 or -1: the normal times this lies on the side that emits.
+    /// 1 or -1: `normal` times this is on the emitting side.
     side: f32,
-    /// Bound on the error of a sampled point per axis.
+    /// Bound on the error of a sampled point along each axis.
     error: Vec3,
     primitive: PrimitiveId,
-    /// Share of the lamp's area.
+    /// Share of the lamp's area, 0 to 1.
     share: f32,
-    /// Squared distance of the farthest corner from the centroid.
+    /// Squared distance from the centroid to the farthest corner.
     ///
-    /// From nearer points, the facet is sampled by its solid angle. From farther ones that varies little over the area.
+    /// From nearby points, the facet is sampled by solid angle, from distant ones by area.
     reach_squared: f32,
 }
 
@@ -52,9 +52,9 @@ impl Facet {
         self.corner + (self.edges[0] + self.edges[1]) * (1.0 / 3.0)
     }
 
-    /// The facet seen from a point so near that the solid angle is sampled; `None` from farther ones.
+    /// Returns the facet as seen from a nearby point, to sample the solid angle; `None` for distant points.
     ///
-    /// A pure function of both: light sampling and its density must agree.
+    /// Depends on facet and point only, so that light sampling and its density agree.
     fn near(&self, from: Vec3) -> Option<SphericalTriangle> {
         if (from - self.centroid()).length_squared() >= self.reach_squared {
             return None;
@@ -64,7 +64,7 @@ impl Facet {
         SphericalTriangle::new([corner, corner + edges[0], corner + edges[1]].map(|c| c - from))
     }
 
-    /// Coordinates along the edges of the triangle's point in this direction.
+    /// Returns the coordinates, along the triangle's edges, of the point hit in this direction.
     fn intersection(&self, from: Vec3, direction: DVec3) -> [f32; 2] {
         let [e0, e1] = self.edges.map(Vec3::as_dvec3);
         let to = from.as_dvec3() - self.corner.as_dvec3();
@@ -81,7 +81,7 @@ impl Facet {
 }
 
 impl MeshLight {
-    /// The light of the mesh `shape` of `geometry`. `None` if it has no area.
+    /// Makes the light of the mesh with index `shape` in `geometry`. `None` if it has no area.
     ///
     /// `sides` holds a sign per triangle, or one for all.
     pub(crate) fn new(geometry: &Geometry, shape: u32, lamp: Lamp, sides: &[f32]) -> Option<Self> {
@@ -131,7 +131,7 @@ impl MeshLight {
         Some(Self { lamp, facets, choice, few, area, near_squared, facet_of })
     }
 
-    /// Uniform over the solid angle of a facet.
+    /// Samples a facet uniformly by solid angle.
     #[inline(never)]
     fn sample_near(&self, facet: &Facet, seen: &SphericalTriangle, from: Vec3, u: [f32; 2]) -> Option<LightSample> {
         let radiance = self.lamp.radiance(if seen.seen_from_above() { facet.side } else { -facet.side });
@@ -146,7 +146,8 @@ impl MeshLight {
         Some(LightSample { wi, radiance, pdf, target: Target::Surface(point), delta: false })
     }
 
-    /// The facet that `u` selects by area, and the position of `u` within its share, in `[0, 1)`.
+    /// Selects a facet by area with `u` in `[0, 1)`. Returns its index and the position of `u` in its share, in `[0,
+    /// 1)`.
     #[inline(always)]
     fn choose(&self, u: f32) -> Option<(usize, f32)> {
         if !self.few.is_empty() {
@@ -169,8 +170,8 @@ impl MeshLight {
 }
 
 impl LightSource for MeshLight {
-    /// A triangle is selected by its area, by `u[0]`, which is used again within it. That keeps the points stratified
-    /// over the whole lamp. Within a triangle: uniform over the area from far, over the solid angle from near.
+    /// Selects a triangle by area with `u[0]`, whose remainder is used again within the triangle. That stratifies
+    /// points over the whole lamp. Distant triangles are sampled by area, nearby ones by solid angle.
     #[inline(always)]
     fn sample(&self, from: Vec3, u: [f32; 2]) -> Option<LightSample> {
         let (index, within) = self.choose(u[0])?;

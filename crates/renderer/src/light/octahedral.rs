@@ -1,4 +1,4 @@
-//! The sphere folded onto a square, areas kept [Clarberg 2008].
+//! An area-preserving map between the sphere and a square [Clarberg 2008].
 //!
 //! The upper half of the sphere fills the diamond in the middle of the square, the lower half the four corners: an
 //! octahedron cut open along its lower edges. A direction at such an edge lies twice on the border of the square, at
@@ -7,7 +7,7 @@
 use crate::shading::trigonometry::{sin_cos_turn, turn_of};
 use glam::Vec3;
 
-/// The direction (unit length) that lies at a point of `[0, 1]^2`; `u` grows with x, `v` with y, +z is the middle.
+/// Returns the unit direction at a point of `[0, 1]^2`; `u` grows with x, `v` with y, and +z is the middle.
 #[inline]
 pub(super) fn to_sphere(uv: [f32; 2]) -> Vec3 {
     let [a, b] = uv.map(|x| 2.0 * x - 1.0);
@@ -22,7 +22,7 @@ pub(super) fn to_sphere(uv: [f32; 2]) -> Vec3 {
     Vec3::new((across * cos).copysign(a), (across * sin).copysign(b), z)
 }
 
-/// The point of `[0, 1]^2` at which a unit direction lies: the inverse of [`to_sphere`].
+/// Returns the point of `[0, 1]^2` at a unit direction: the inverse of [`to_sphere`].
 #[inline]
 pub(super) fn to_square(w: Vec3) -> [f32; 2] {
     // sqrt(1 - |z|) without cancellation near the poles.

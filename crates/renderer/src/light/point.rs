@@ -10,15 +10,15 @@ use glam::{DAffine3, Vec3};
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PointLight {
     position: Vec3,
-    /// In the renderer's own units.
+    /// Radiant intensity in the renderer's units, linear RGB.
     intensity: Vec3,
 }
 
-/// The largest distance of a point from the middle of the scene, in its half widths: its square stays finite.
+/// The largest distance from the scene's centre, in half widths of the scene; larger ones overflow when squared.
 const FARTHEST: f64 = 1e18;
 
 impl PointLight {
-    /// A point at the origin of the light's space. `None` if it is black.
+    /// Makes a point light at the origin of the light's space. `None` if it is black.
     pub(crate) fn new(
         intensity: [f32; 3],
         to_world: DAffine3,
@@ -39,7 +39,7 @@ impl PointLight {
         Ok((intensity != Vec3::ZERO).then_some(Self { position: position.as_vec3(), intensity }))
     }
 
-    /// Light that arrives at `from`, before any falloff.
+    /// Returns the light that arrives at `from` at full intensity. `None` at the light itself.
     #[inline]
     pub(super) fn arriving(&self, from: Vec3) -> Option<LightSample> {
         let to = self.position - from;
@@ -55,7 +55,7 @@ impl PointLight {
         self.intensity
     }
 
-    /// An expectation of the same light in all directions.
+    /// Returns the expectation of a light of this intensity in all directions.
     pub(super) fn expectation_of(&self, intensity: f64) -> Expectation {
         Expectation::Near { middle: self.position, radius: 0.0, facing: Vec3::ZERO, intensity: intensity as f32 }
     }
@@ -71,7 +71,7 @@ impl LightSource for PointLight {
         true
     }
 
-    /// Intensity times 4 pi, over pi.
+    /// Returns intensity times 4 pi, over pi.
     fn power(&self, _: f64) -> f64 {
         4.0 * luminance(self.intensity)
     }

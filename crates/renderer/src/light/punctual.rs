@@ -1,4 +1,4 @@
-//! The errors of lights without extent, which only light sampling finds.
+//! Errors of lights without extent.
 
 use dapple_scene::Source;
 use glam::Vec3;
@@ -7,7 +7,7 @@ use glam::Vec3;
 #[non_exhaustive]
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum PunctualError {
-    /// An intensity or irradiance that is negative or not finite.
+    /// The intensity or irradiance is negative or not finite.
     #[error("{at}: the light's intensity {value:?} is invalid; give finite numbers of at least 0")]
     Value {
         /// The line of the scene file.
@@ -15,7 +15,7 @@ pub enum PunctualError {
         /// The value.
         value: [f32; 3],
     },
-    /// An intensity or distance that single precision cannot hold beside the size of the scene.
+    /// The intensity or distance overflows single precision at the scene's size.
     #[error(
         "{at}: the light is too strong or too far away for a scene of this size; reduce it, or use a distant light"
     )]
@@ -23,19 +23,19 @@ pub enum PunctualError {
         /// The line of the scene file.
         at: Source,
     },
-    /// Angles that make no cone.
+    /// The angles do not make a cone.
     #[error(
         "{at}: the spot's cone of {cone} degrees with a falloff from {falloff_start} is invalid; give 0 <= start <= cone <= 180, cone above 0"
     )]
     Cone {
         /// The line of the scene file.
         at: Source,
-        /// The angle of the edge in degrees.
+        /// Angle in degrees at which the light ends.
         cone: f32,
-        /// The angle in degrees from which it falls off.
+        /// Angle in degrees at which the falloff starts.
         falloff_start: f32,
     },
-    /// A transform that no light can have.
+    /// The transform flattens space, stretches a spot's cone, or is not finite.
     #[error(
         "{at}: the light's transform flattens space, stretches the cone of a spot, or is not finite; move, rotate, mirror and scale uniformly only"
     )]
@@ -45,7 +45,7 @@ pub enum PunctualError {
     },
 }
 
-/// An intensity of finite numbers of at least 0; `None` if all are 0.
+/// Checks an intensity: all channels must be finite and at least 0. Returns `None` if all are 0.
 pub(super) fn checked(value: [f32; 3], at: &Source) -> Result<Option<Vec3>, PunctualError> {
     if value.iter().any(|x| !(x.is_finite() && *x >= 0.0)) {
         return Err(PunctualError::Value { at: at.clone(), value });

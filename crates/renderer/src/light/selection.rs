@@ -26,17 +26,17 @@ pub enum LightSelection {
     /// Learned while rendering, per cell of space and orientation, from the contributions of lights there
     /// ([`LightCells`](dapple_light_selection::LightCells)).
     ///
-    /// Proportional to power where nothing can be learned: inside media, and with a single light. An environment map
-    /// counts as its tiles, up to 32 or 36 lights.
+    /// Selection is proportional to power inside media, and with a single light. An environment map counts as its
+    /// tiles, up to 32 or 36 lights.
     #[serde(alias = "cells")]
     Learned,
 }
 
 impl LightSelection {
-    /// Every way, in the order of their documentation.
+    /// All variants, in the order of their documentation.
     pub const ALL: [Self; 3] = [Self::Power, Self::Uniform, Self::Learned];
 
-    /// The name on the command line.
+    /// Returns the name on the command line.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Power => "power",
@@ -52,14 +52,14 @@ impl fmt::Display for LightSelection {
     }
 }
 
-/// A name of no [`LightSelection`].
+/// The error of an unknown name of a [`LightSelection`].
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("light selection \"{name}\" is unknown; give {}", LightSelection::ALL.map(LightSelection::name).join(", "))]
 pub struct UnknownLightSelection {
     name: String,
 }
 
-/// Reads a name; `cells` is an older name of `learned`.
+/// Parses a name; `cells` is an old alias of `learned`.
 impl FromStr for LightSelection {
     type Err = UnknownLightSelection;
 
@@ -74,14 +74,14 @@ impl FromStr for LightSelection {
     }
 }
 
-/// The number of values of a random number: point sets have 24 bits.
+/// Number of values of a random number, which point sets make of 24 bits.
 const STEPS: u64 = 1 << 24;
 
-/// The distribution that selects lights proportionally to `powers`, each with a probability above 0.
+/// Returns the distribution that selects lights proportionally to `powers`, each with a probability above 0.
 ///
-/// All probabilities are whole multiples of 2^-24. Every light gets one of these before the rest is distributed by power.
-/// A random number of 24 bits then selects each light exactly as often as its probability: a share of 10^-12 would
-/// otherwise never be selected, and its light be missing from the image. Beyond 2^23 lights, shares are not rounded.
+/// Probabilities are whole multiples of 2^-24. Each light gets 2^-24, and the rest is distributed by power. A random
+/// number of 24 bits thus selects each light exactly as often as its probability requires. Otherwise a light of share
+/// 10^-12 would never be selected, and be missing from the image. Beyond 2^23 lights, shares are not rounded.
 pub(super) fn by_power(powers: &[f64]) -> Discrete {
     let total: f64 = powers.iter().sum();
     let sound = total > 0.0 && total.is_finite();

@@ -11,14 +11,14 @@ pub(crate) struct SphereLight {
     lamp: Lamp,
     centre: Vec3,
     radius: f32,
-    /// Points nearer to the centre count as inside: the radius and a margin for the rounding of points on the sphere.
+    /// Distance from the centre below which points count as inside: the radius, and a margin for rounding.
     reach: f32,
-    /// -1 if it emits inwards.
+    /// -1 if the sphere emits inwards, else 1.
     flip: f32,
 }
 
 impl SphereLight {
-    /// A sphere; `flip` is -1 if it emits inwards.
+    /// Makes a spherical light; `flip` is -1 if it emits inwards, else 1.
     pub(crate) fn new(lamp: Lamp, centre: Vec3, radius: f32, flip: f32) -> Self {
         // A point on the sphere is off by a rounding of each coordinate; its distance by some more.
         let error = (centre.length() + radius) * (4.0 * f32::EPSILON);
@@ -29,14 +29,14 @@ impl SphereLight {
         4.0 * std::f64::consts::PI * f64::from(self.radius) * f64::from(self.radius)
     }
 
-    /// Squared sine of half the angle that the sphere fills, from outside.
+    /// Returns the squared sine of half the angle that the sphere subtends; `None` from inside.
     #[inline]
     fn sine_squared(&self, axis: Vec3) -> Option<f32> {
         let squared = axis.length_squared();
         (squared > self.reach * self.reach).then(|| self.radius * self.radius / squared)
     }
 
-    /// The point with this outward normal, with the error of its computation.
+    /// Returns the point with this outward normal, and the bound on its rounding error.
     #[inline]
     fn point(&self, normal: Vec3) -> SurfacePoint {
         let position = self.centre + normal * self.radius;
@@ -47,7 +47,7 @@ impl SphereLight {
 }
 
 impl LightSource for SphereLight {
-    /// Uniform over the cone that the sphere fills, from outside; uniform over the area from inside and from the sphere.
+    /// Samples the subtended cone uniformly from outside; from inside and from the sphere itself, the area.
     ///
     /// The cone's height `1 - cos` is computed from the sine, so that no distance makes it vanish
     /// [Pharr et al. 2023, sec. 6.2.4].

@@ -1,6 +1,6 @@
-//! Triangles seen from a point, sampled uniformly by solid angle.
+//! Sampling of triangles uniformly by solid angle.
 //!
-//! In f64, since this is used near lamps, where differences of nearly equal numbers decide.
+//! Uses f64, since near a lamp differences of nearly equal numbers decide.
 
 use glam::DVec3;
 use std::f64::consts::PI;
@@ -8,23 +8,23 @@ use std::f64::consts::PI;
 /// The part of the unit sphere around a point that a triangle covers.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SphericalTriangle {
-    /// Unit vectors to the corners.
+    /// Unit vectors from the point to the corners.
     corners: [DVec3; 3],
-    /// `a . (b x c)`: above 0 where the corners go counterclockwise, seen from the point.
+    /// The triple product `a . (b x c)` of the corners: above 0 if they are counterclockwise, seen from the point.
     triple: f64,
     pub(super) solid_angle: f64,
 }
 
-/// Smaller solid angles are sampled by area, which is as good there: pbrt-v4 has 3e-4.
+/// Solid angle in steradians below which area sampling is as good; pbrt-v4 has 3e-4.
 const LEAST: f64 = 1e-3;
-/// Points less than so many edge lengths from the triangle's plane may be on either side of it, since their
-/// coordinates were rounded to 24 bits.
+/// Distance from the triangle's plane, in edge lengths, below which the side of a point is uncertain. Coordinates are
+/// rounded to 24 bits.
 const FLAT: f64 = 1e-9;
 
 impl SphericalTriangle {
-    /// The triangle with these corners seen from the origin.
+    /// Makes the triangle with these corners, relative to the point from which it is seen.
     ///
-    /// `None` where it covers next to nothing, or the origin lies in its plane.
+    /// `None` if the solid angle is tiny, or the point lies in the triangle's plane.
     pub(super) fn new(corners: [DVec3; 3]) -> Option<Self> {
         let [a, b, c] = corners.map(DVec3::normalize_or_zero);
         let triple = a.dot(b.cross(c));
@@ -39,8 +39,8 @@ impl SphericalTriangle {
         self.triple < 0.0
     }
 
-    /// A direction uniform over the solid angle: `u[0]` cuts off that share of it by an arc through the second
-    /// corner, `u[1]` goes along the arc [Arvo 1995].
+    /// Samples a unit direction uniformly by solid angle [Arvo 1995]. `u[0]` cuts the triangle by an arc through the
+    /// second corner, and `u[1]` selects a point along the arc.
     pub(super) fn sample(&self, u: [f64; 2]) -> DVec3 {
         let [a, b, c] = self.corners;
         let (ab, ac) = (a.cross(b), a.cross(c));
@@ -62,7 +62,7 @@ impl SphericalTriangle {
     }
 }
 
-/// The unit vector that makes an angle of this cosine with `from`, on the way to `to`.
+/// Returns the unit vector at an angle of this cosine from `from`, towards `to`.
 fn towards(from: DVec3, to: DVec3, cosine: f64) -> DVec3 {
     from * cosine + (to - from * to.dot(from)).normalize_or_zero() * (1.0 - cosine * cosine).max(0.0).sqrt()
 }

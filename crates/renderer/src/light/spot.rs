@@ -9,17 +9,17 @@ use glam::{DAffine3, DVec3, Vec3};
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct SpotLight {
     point: PointLight,
-    /// Unit, away from the lamp.
+    /// Unit vector along the cone's axis, away from the lamp.
     axis: Vec3,
-    /// `1 - cos` of the angle at which light ends: the cosine of a narrow cone rounds to 1.
+    /// `1 - cos` of the angle at which light ends, since the cosine of a narrow cone rounds to 1.
     edge: f32,
-    /// The same of the angle from which it falls off.
+    /// `1 - cos` of the angle at which the falloff starts.
     core: f32,
     falloff: SpotFalloff,
 }
 
 impl SpotLight {
-    /// A point at the origin of the light's space that emits along its +z; angles in degrees. `None` if it is
+    /// Makes a spot light at the origin of the light's space, emitting along +z; angles in degrees. `None` if it is
     /// black.
     pub(crate) fn new(
         intensity: [f32; 3],
@@ -41,7 +41,7 @@ impl SpotLight {
         Ok(point.map(|point| Self { point, axis, edge: height(cone), core: height(falloff_start), falloff }))
     }
 
-    /// Share of the intensity at an angle from the axis whose `1 - cos` is `height`.
+    /// Returns the share of the full intensity, 0 to 1, at an angle from the axis with `1 - cos` equal to `height`.
     #[inline]
     fn share(&self, height: f32) -> f32 {
         if height <= self.core {
@@ -55,7 +55,7 @@ impl SpotLight {
         }
     }
 
-    /// The solid angle that holds as much light at full intensity, over 4 pi.
+    /// Returns the power over that of a point light of the full intensity, 0 to 1.
     fn share_of_sphere(&self) -> f64 {
         let [edge, core] = [self.edge, self.core].map(f64::from);
         // Integrals of the falloff over x from 0 to 1.
@@ -81,12 +81,12 @@ impl LightSource for SpotLight {
         true
     }
 
-    /// Intensity times 4 pi times the share of the sphere, over pi.
+    /// Returns intensity times 4 pi times the share of the sphere, over pi.
     fn power(&self, _: f64) -> f64 {
         4.0 * luminance(self.point.intensity()) * self.share_of_sphere()
     }
 
-    /// Leaves the cone to be learned: it may cross a cell anywhere.
+    /// Returns the expectation of a point light: the cone may cross a cell anywhere, and is learned.
     fn expectation(&self) -> Expectation {
         self.point.expectation_of(luminance(self.point.intensity()) * self.share_of_sphere())
     }

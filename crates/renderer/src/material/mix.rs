@@ -1,4 +1,4 @@
-//! Mixes: materials that are one of two others.
+//! Selection among mixed materials.
 
 use super::{Kind, MaterialError, Surface};
 use crate::texture::Textures;
@@ -7,10 +7,11 @@ use dapple_scene::{Material, MaterialKind, Scalar};
 /// The deepest nesting of mixes.
 const DEEPEST: u32 = 16;
 
-/// The surface at a point whose material is number `index`, and its number: of a mix, one of its materials.
+/// Returns the surface of material `index` at a point, and the surface's index. For a mix, it is one of the mixed
+/// materials.
 ///
-/// `choice` in `[0, 1)` selects it by the shares there. One random number serves all levels: each uses the remainder of
-/// the last.
+/// `choice` in `[0, 1)` selects among them by their shares at the point. Nested mixes use the remainder of the same
+/// random number.
 ///
 /// The materials must have passed [`check_mixes`].
 #[inline]
@@ -35,7 +36,7 @@ pub(crate) fn resolve<'w>(
     (surface, index)
 }
 
-/// The probability that [`resolve`] returns an interface. Computes texture coordinates for mixes only.
+/// Returns the probability that [`resolve`] returns an interface. Calls `uv` for mixes only.
 pub(crate) fn interface_share(
     surfaces: &[Surface],
     index: u32,
@@ -63,7 +64,7 @@ fn share_of_second(textures: &Textures, amount: Scalar, uv: [f32; 2]) -> f32 {
     textures.look_up_scalar(amount, uv).max(0.0).min(1.0)
 }
 
-/// The errors of mixes: parts that do not exist, mixes of themselves, and mixes nested too deeply.
+/// Returns the errors of mixes: missing materials, mixes of themselves, and too deep nesting.
 pub(crate) fn check_mixes(materials: &[Material]) -> Vec<MaterialError> {
     let mut wrong = Vec::new();
     let parts: Vec<Vec<usize>> = materials

@@ -1,7 +1,8 @@
 //! Exponential and logarithm by polynomials that give the same bits on every machine, as
 //! [`trigonometry`](crate::shading::trigonometry) does for angles.
 
-/// `exp(x)`, within 2e-7 of its value; 0 below -87.3, where `f32` has hardly digits left, infinite above 88.7.
+/// Returns `exp(x)` with relative error below 2e-7; 0 below -87.3, near the end of `f32`'s range, and infinity above
+/// 88.7.
 #[inline]
 pub fn exp(x: f32) -> f32 {
     if !(x > -87.3) {
@@ -24,8 +25,7 @@ pub fn exp(x: f32) -> f32 {
     (p * r * r + r + 1.0) * power(half) * power(n as i32 - half)
 }
 
-/// `-ln(1 - u)` for `u` in `[0, 1)`, within 2e-7 of its value: the optical depth that light passes with probability
-/// `1 - u`.
+/// Returns `-ln(1 - u)` for `u` in `[0, 1)`, within 2e-7: the optical depth that light passes with probability `1 - u`.
 #[inline]
 pub fn depth_of(u: f32) -> f32 {
     // 1 - u = 2^n m with m near 1; the difference is exact.

@@ -12,42 +12,42 @@ use std::f32::consts::PI;
 /// no digits are lost for g near 0 (no division by it) or near 1 and -1.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HenyeyGreenstein {
-    /// Asymmetry without its sign, in `[0, 1)`.
+    /// Absolute value of the asymmetry, in `[0, 1)`.
     g: f32,
-    /// 1 if it scatters forwards, -1 backwards.
+    /// 1 for forward scattering, -1 for backward.
     side: f32,
 }
 
-/// A direction drawn from a phase function, whose value is its density: the weight is 1.
+/// A direction sampled from a phase function. The function's value is the density, so that the weight is 1.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PhaseSample {
-    /// The direction after the event, unit length.
+    /// Unit direction after the event.
     pub wi: Vec3,
-    /// The density in solid angle, and the phase function's value.
+    /// Density in solid angle, equal to the phase function's value.
     pub pdf: f32,
 }
 
 impl HenyeyGreenstein {
-    /// The phase function of mean cosine `g`, clamped above -1 and below 1.
+    /// Makes the phase function with mean cosine `g`, clamped to between -1 and 1.
     pub fn new(g: f32) -> Self {
         let largest = 1.0_f32.next_down();
         Self { g: g.abs().min(largest), side: 1.0_f32.copysign(g) }
     }
 
-    /// The mean cosine.
+    /// Returns the mean cosine.
     pub fn g(&self) -> f32 {
         self.g * self.side
     }
 
-    /// The value for a path that came along the unit direction `travel` and goes on along `wi`, per steradian: also
-    /// the density with which [`sample`](Self::sample) draws `wi`.
+    /// Returns the phase function per steradian for a path from unit direction `travel` into unit direction `wi`. This
+    /// is also the density with which [`sample`](Self::sample) draws `wi`.
     #[inline]
     pub fn evaluate(&self, travel: Vec3, wi: Vec3) -> f32 {
         // 1 - cos of the angle to the lobe's axis, from the chord.
         self.at(0.5 * (wi - travel * self.side).length_squared())
     }
 
-    /// The value where the cosine to the lobe's axis is `1 - height`.
+    /// Returns the value at a cosine of `1 - height` from the lobe's axis.
     #[inline]
     fn at(&self, height: f32) -> f32 {
         let g = self.g;
@@ -57,7 +57,7 @@ impl HenyeyGreenstein {
         below * (1.0 + g) / (4.0 * PI * squared * squared.sqrt())
     }
 
-    /// Draws the direction in which a path goes on that came along the unit direction `travel`.
+    /// Samples the direction after the event, for a path that travels along the unit direction `travel`.
     #[inline]
     pub fn sample(&self, travel: Vec3, u: [f32; 2]) -> PhaseSample {
         let g = self.g;

@@ -1,4 +1,4 @@
-//! The scattering of light at one point of a surface.
+//! The BSDF at a point of a surface.
 
 use super::coat::Coat;
 use super::dielectric::{self, DiffuseTransmission, RoughDielectric, SmoothDielectric, Tint};
@@ -28,40 +28,39 @@ pub enum Bsdf<'m> {
     },
     /// A rough metal.
     Conductor {
-        /// Its Fresnel term.
+        /// Fresnel term of the metal.
         ior: ComplexIor,
-        /// Its microfacets.
+        /// Microfacets of the metal.
         microfacets: TrowbridgeReitz,
     },
-    /// A mirror of metal.
+    /// A smooth metal mirror.
     SmoothConductor {
-        /// Its Fresnel term.
+        /// Fresnel term of the metal.
         ior: ComplexIor,
     },
     /// A dielectric coat, rough or smooth, over Lambert's reflection; made by [`Bsdf::coated_diffuse`].
     CoatedDiffuse {
         /// The coat.
         coat: &'m Coat,
-        /// The base's `f`, all its reflections from below the coat included, but for the two passes
-        /// through the coat.
+        /// The base's `f` including all reflections from below the coat, but without the two passes through the coat.
         base: Vec3,
     },
     /// A dielectric coat over a metal, each rough or smooth; made by [`Bsdf::coated_conductor`].
     CoatedConductor {
-        /// The coat, and how it passes the metal's light.
+        /// The coat, and how it transmits the metal's light.
         coat: &'m MetalCoat,
         /// The metal's index of refraction over the coat's.
         ior: ComplexIor,
-        /// The metal's reflectance, roughly: chooses lobes.
+        /// About the metal's reflectance, to choose lobes by.
         bright: f32,
     },
     /// Rough glass; made by [`Bsdf::dielectric`].
     Dielectric(RoughDielectric),
     /// Smooth glass; made by [`Bsdf::dielectric`].
     SmoothDielectric(SmoothDielectric),
-    /// A pane of glass: both of its faces.
+    /// A pane of glass, with both faces.
     ThinDielectric {
-        /// Its index of refraction.
+        /// Index of refraction of the glass.
         eta: f32,
     },
     /// Lambert's reflection, and the same through the surface.
@@ -71,62 +70,62 @@ pub enum Bsdf<'m> {
         /// The share of light reflected, per channel.
         reflectance: Vec3,
     },
-    /// Lambert's reflection and a glossy one, added.
+    /// The sum of Lambert's reflection and a glossy one.
     Plastic(Plastic),
-    /// Lambert's reflection below a glossy one.
+    /// Lambert's reflection under a glossy one.
     Substrate(Substrate),
 }
 
-/// A direction drawn from a [`Bsdf`].
+/// A direction sampled from a [`Bsdf`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BsdfSample {
-    /// The direction that light comes from, in the shading frame. Transmitted light has a z of the other sign than `wo`.
+    /// The direction of the incoming light, in the shading frame. For transmitted light, the sign of z differs from
+    /// that of `wo`.
     pub wi: Vec3,
     /// `f |cos| / pdf`: the factor of the path's throughput.
     pub weight: Vec3,
-    /// Solid-angle density of `wi`, the same as [`Bsdf::pdf`]; for a specular sample the probability of its
+    /// Solid-angle density of `wi`, equal to [`Bsdf::pdf`]. For a specular sample, the probability of choosing the
     /// lobe.
     pub pdf: f32,
     /// True if `wi` is the only direction of its lobe: [`Bsdf::evaluate`] and [`Bsdf::pdf`] do not include it, and light
     /// sampling cannot find it.
     pub specular: bool,
-    /// Index of refraction on the side of `wi` over that on the side of `wo`; 1 but for refraction. The weight has been
-    /// divided by its square, which leaving the glass takes back: multiply by `eta^2` along a path what Russian roulette
-    /// looks at [Pharr et al. 2023, sec. 14.2.3].
+    /// Index of refraction on the side of `wi` over that on the side of `wo`; 1 except for refraction. `weight` has
+    /// been divided by `eta^2`, which leaving the glass undoes. Russian roulette should therefore multiply the
+    /// throughput by the path's `eta^2` [Pharr et al. 2023, sec. 14.2.3].
     pub eta: f32,
 }
 
 impl<'m> Bsdf<'m> {
-    /// The metal with these widths: rough, or smooth where
-    /// [`effectively_smooth`] returns true.
+    /// Makes a metal with these widths: rough, or smooth if [`effectively_smooth`] returns true.
     ///
     /// # Errors
     ///
-    /// As [`TrowbridgeReitz::new`].
+    /// As for [`TrowbridgeReitz::new`].
     pub fn conductor(ior: ComplexIor, alpha: [f32; 2]) -> Result<Self, super::Error> {
         let microfacets = TrowbridgeReitz::new(alpha)?;
         Ok(if effectively_smooth(alpha) { Self::SmoothConductor { ior } } else { Self::Conductor { ior, microfacets } })
     }
 
-    /// A coat over a diffuse base of this reflectance, clamped to `[0, 1]`.
+    /// Makes a coat over a diffuse base of this reflectance, clamped to `[0, 1]`.
     #[inline]
     pub fn coated_diffuse(coat: &'m Coat, reflectance: Vec3) -> Self {
         Self::CoatedDiffuse { coat, base: coat.base(reflectance.clamp(Vec3::ZERO, Vec3::ONE)) }
     }
 
-    /// A coat over a metal of this index of refraction, over that outside of the coat.
+    /// Makes a coat over a metal. `ior` is the metal's index of refraction over that outside the coat.
     #[inline]
     pub fn coated_conductor(coat: &'m MetalCoat, ior: ComplexIor) -> Self {
         let ior = coat.below(ior);
         Self::CoatedConductor { coat, ior, bright: ior.reflectance(1.0).element_sum() / 3.0 }
     }
 
-    /// Glass of this index of refraction, inside over outside: rough, or smooth where
-    /// [`effectively_smooth`] returns true, or where the index is 1.
+    /// Makes glass with index of refraction `eta`, inside over outside. It is smooth if [`effectively_smooth`] returns
+    /// true or `eta` is 1, else rough.
     ///
     /// # Errors
     ///
-    /// [`Error::Eta`](super::Error::Eta) for an index outside `[0.1, 10]`; as [`TrowbridgeReitz::new`].
+    /// [`Error::Eta`](super::Error::Eta) for an index outside `[0.1, 10]`; otherwise as for [`TrowbridgeReitz::new`].
     pub fn dielectric(eta: f32, alpha: [f32; 2], tint: Tint) -> Result<Self, super::Error> {
         if !(0.1..=10.0).contains(&eta) {
             return Err(super::Error::Eta { value: eta });
@@ -139,8 +138,8 @@ impl<'m> Bsdf<'m> {
         })
     }
 
-    /// A world-space direction in the shading frame, as far as this scattering looks at it: of Lambert's only the
-    /// cosine is filled in, the rest is 0.
+    /// Returns the world-space direction `v` in the shading frame. For Lambert's reflection only the cosine is
+    /// computed, and the rest is 0.
     #[inline(always)]
     pub(crate) fn local(&self, frame: &ShadingFrame, v: Vec3) -> Vec3 {
         match self {
@@ -149,21 +148,21 @@ impl<'m> Bsdf<'m> {
         }
     }
 
-    /// `f(wo, wi)` per steradian, without the cosine. 0 for specular lobes and, where nothing is transmitted, for
-    /// directions on different sides.
+    /// Returns `f(wo, wi)` per steradian, without the cosine. 0 for specular lobes, and for directions on different
+    /// sides of an opaque surface.
     #[inline]
     pub fn evaluate(&self, wo: Vec3, wi: Vec3) -> Vec3 {
         self.evaluate_and_pdf(wo, wi).0
     }
 
-    /// Solid-angle density with which [`sample`](Self::sample) draws `wi`. 0 for specular lobes and, where nothing is
-    /// transmitted, for directions on different sides.
+    /// Returns the solid-angle density with which [`sample`](Self::sample) draws `wi`. 0 for specular lobes, and for
+    /// directions on different sides of an opaque surface.
     #[inline]
     pub fn pdf(&self, wo: Vec3, wi: Vec3) -> f32 {
         self.evaluate_and_pdf(wo, wi).1
     }
 
-    /// [`evaluate`](Self::evaluate) and [`pdf`](Self::pdf), their common work done once.
+    /// Returns [`evaluate`](Self::evaluate) and [`pdf`](Self::pdf), computed together.
     #[inline(always)]
     pub fn evaluate_and_pdf(&self, wo: Vec3, wi: Vec3) -> (Vec3, f32) {
         if let Self::Diffuse { reflectance } = self {
@@ -174,8 +173,8 @@ impl<'m> Bsdf<'m> {
         self.evaluate_others(wo, wi)
     }
 
-    /// Draws `wi` with density [`pdf`](Self::pdf): `lobe` in `[0, 1)` chooses the lobe, `u` in `[0, 1)^2`
-    /// the direction in it. `None` where nothing is scattered: the sample counts, and is black.
+    /// Samples `wi` with density [`pdf`](Self::pdf): `lobe` in `[0, 1)` chooses the lobe, `u` in `[0, 1)^2` the
+    /// direction. `None` if nothing is scattered; the sample is then black.
     #[inline(always)]
     pub fn sample(&self, wo: Vec3, u: [f32; 2], lobe: f32) -> Option<BsdfSample> {
         let Self::Diffuse { reflectance } = self else { return self.sample_others(wo, u, lobe) };
@@ -189,7 +188,7 @@ impl<'m> Bsdf<'m> {
         Some(BsdfSample { wi: side * wi, weight: *reflectance, pdf, specular: false, eta: 1.0 })
     }
 
-    /// [`sample`](Self::sample) but for Lambert's.
+    /// Returns [`sample`](Self::sample) for all but Lambert's reflection.
     fn sample_others(&self, wo: Vec3, u: [f32; 2], lobe: f32) -> Option<BsdfSample> {
         let side = if wo.z > 0.0 { 1.0 } else { -1.0 };
         let given = wo;
@@ -276,7 +275,7 @@ impl<'m> Bsdf<'m> {
         }
     }
 
-    /// Returns true if the surface may transmit light, so that `wi` may lie on the other side than `wo`.
+    /// Returns true if the surface may transmit light: `wi` and `wo` may be on different sides.
     #[inline]
     pub fn transmits(&self) -> bool {
         matches!(
@@ -288,7 +287,7 @@ impl<'m> Bsdf<'m> {
         )
     }
 
-    /// About the share of light scattered, per channel: a feature for filters, not for transport.
+    /// Returns about the share of light scattered, per channel: a feature for denoisers, not for transport.
     pub fn albedo(&self) -> Vec3 {
         match self {
             Self::Diffuse { reflectance } | Self::Mirror { reflectance } => *reflectance,
@@ -310,7 +309,8 @@ impl<'m> Bsdf<'m> {
         }
     }
 
-    /// Width of the widest lobe, 0 for a mirror and 1 for Lambert's: a feature, not for transport.
+    /// Returns the width of the widest lobe, 0 for a mirror and 1 for Lambert's: a feature for denoisers, not for
+    /// transport.
     pub fn roughness(&self) -> f32 {
         let width = |m: &TrowbridgeReitz| (m.alpha()[0] * m.alpha()[1]).sqrt();
         match self {
@@ -329,7 +329,7 @@ impl<'m> Bsdf<'m> {
         }
     }
 
-    /// [`evaluate_and_pdf`](Self::evaluate_and_pdf) but for Lambert's.
+    /// Returns [`evaluate_and_pdf`](Self::evaluate_and_pdf) for all but Lambert's reflection.
     fn evaluate_others(&self, wo: Vec3, wi: Vec3) -> (Vec3, f32) {
         match (self, to_upper_side(wo, wi)) {
             (Self::Dielectric(glass), _) => glass.evaluate_and_pdf(wo, wi),
@@ -345,7 +345,7 @@ impl<'m> Bsdf<'m> {
         }
     }
 
-    /// `f` and density for two directions with positive z, of what does not transmit.
+    /// Returns `f` and density of an opaque surface for two directions with positive z.
     #[inline]
     fn evaluate_above(&self, wo: Vec3, wi: Vec3) -> (Vec3, f32) {
         match self {
@@ -369,10 +369,10 @@ impl<'m> Bsdf<'m> {
     }
 }
 
-/// A coat over Lambert's reflection, for light from one direction.
+/// A coat over Lambert's reflection, seen from one direction.
 struct CoatSeen {
     transmittance: f32,
-    /// Probability of sampling the coat's lobe rather than the base's: its share of the light reflected.
+    /// Probability of sampling the coat's lobe: the coat's share of the reflected light.
     chance: f32,
 }
 
@@ -386,7 +386,7 @@ impl CoatSeen {
         Self { transmittance, chance: if sum > 0.0 { reflectance / sum } else { 0.0 } }
     }
 
-    /// `f` and density for two directions with positive z, `wo` that of [`CoatSeen::new`].
+    /// Returns `f` and density for two directions with positive z; `wo` is the one given to [`CoatSeen::new`].
     #[inline]
     fn evaluate_above(&self, coat: &Coat, base: Vec3, wo: Vec3, wi: Vec3) -> (Vec3, f32) {
         let Self { transmittance: to, chance } = *self;
@@ -403,8 +403,8 @@ impl CoatSeen {
     }
 }
 
-/// Both directions on the side `z > 0`; `None` where they lie on different sides, along the surface, or are
-/// not numbers.
+/// Returns both directions mirrored to the side `z > 0`. `None` if they are on different sides, along the surface, or
+/// NaN.
 #[inline]
 fn to_upper_side(wo: Vec3, wi: Vec3) -> Option<(Vec3, Vec3)> {
     if wo.z > 0.0 && wi.z > 0.0 {
@@ -416,7 +416,7 @@ fn to_upper_side(wo: Vec3, wi: Vec3) -> Option<(Vec3, Vec3)> {
     }
 }
 
-/// The mirror direction of `w` about the unit vector `m`.
+/// Returns the mirror direction of `w` about the unit vector `m`.
 #[inline]
 pub(super) fn mirror(w: Vec3, m: Vec3) -> Vec3 {
     2.0 * w.dot(m) * m - w

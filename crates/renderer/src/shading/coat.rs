@@ -24,8 +24,8 @@ use dapple_scene::effectively_smooth;
 use glam::Vec3;
 use std::f32::consts::FRAC_1_PI;
 
-/// Cells of the tables over the cosine. The transmittance of a smooth coat, the hardest to tabulate, is met
-/// within 1e-4 (1e-3 of itself at a cosine of 0.01).
+/// Cells of the tables over the cosine. A smooth coat's transmittance, the hardest to tabulate, is within 1e-4
+/// (relatively, within 1e-3 at a cosine of 0.01).
 const CELLS: usize = 256;
 
 /// The parameters of a [`Coat`], as pbrt-v4's `coateddiffuse` has them.
@@ -45,7 +45,7 @@ pub struct CoatOptions {
 }
 
 impl Default for CoatOptions {
-    /// pbrt-v4's defaults, smooth.
+    /// Returns pbrt-v4's defaults, a smooth coat.
     fn default() -> Self {
         Self { eta: 1.5, alpha: [0.0; 2], thickness: 0.01, max_depth: 10 }
     }
@@ -65,7 +65,7 @@ pub struct Coat {
 }
 
 impl Coat {
-    /// The coat with these parameters.
+    /// Tabulates the coat with these parameters.
     ///
     /// An anisotropic coat transmits like the isotropic one of width `sqrt(alpha_x alpha_y)`; its own
     /// reflection is anisotropic.
@@ -108,8 +108,7 @@ impl Coat {
         })
     }
 
-    /// Share of light from a direction with this cosine that arrives at the base, and share that the coat
-    /// itself reflects.
+    /// Returns the share of light at this cosine that reaches the base, and the share that the coat reflects.
     #[inline]
     pub fn transmittance_and_reflectance(&self, cos: f32) -> [f32; 2] {
         let x = cos.clamp(0.0, 1.0) * CELLS as f32;
@@ -119,30 +118,29 @@ impl Coat {
         [a[0] + t * (b[0] - a[0]), a[1] + t * (b[1] - a[1])]
     }
 
-    /// Share of the base's light that returns to the base.
+    /// Returns the share of the base's light that the coat reflects back to the base.
     pub fn internal_reflectance(&self) -> f32 {
         self.internal_reflectance
     }
 
-    /// [`transmittance_and_reflectance`](Self::transmittance_and_reflectance)'s transmittance averaged over
-    /// a cosine-weighted hemisphere.
+    /// Returns the transmittance averaged over a cosine-weighted hemisphere.
     pub fn average_transmittance(&self) -> f32 {
         self.average_transmittance
     }
 
-    /// The coat's microfacets; `None` where it is smooth.
+    /// Returns the coat's microfacets; `None` for a smooth coat.
     #[inline]
     pub fn microfacets(&self) -> Option<&TrowbridgeReitz> {
         self.microfacets.as_ref()
     }
 
-    /// Index of refraction over the outside's.
+    /// Returns the coat's index of refraction over that of the outside.
     #[inline]
     pub fn eta(&self) -> f32 {
         self.eta
     }
 
-    /// Fresnel reflectance of the coat from outside.
+    /// Returns the Fresnel reflectance of the coat from outside.
     #[inline]
     pub(super) fn fresnel(&self, cos: f32) -> f32 {
         fresnel::dielectric(cos, self.eta)
@@ -166,7 +164,7 @@ impl Coat {
     }
 }
 
-/// One interface seen from either side, with the quadrature that averages it.
+/// The coat's interface, seen from either side, with the quadrature to average over it.
 struct Interface {
     microfacets: Option<TrowbridgeReitz>,
     thickness: f64,
@@ -174,7 +172,7 @@ struct Interface {
 }
 
 impl Interface {
-    /// Transmittance to the base and reflectance, from outside.
+    /// Returns transmittance to the base, and reflectance, from outside at cosine `mu`.
     fn seen_from_outside(&self, mu: f32, eta: f32) -> [f32; 2] {
         let mut sums = [0.0; 2];
         self.for_each_facet(mu, |w, m, weight| {
@@ -193,7 +191,7 @@ impl Interface {
         sums.map(|x| x as f32)
     }
 
-    /// Share of light from below that arrives at the base again; both crossings are counted.
+    /// Returns the share of light from below at cosine `mu` that returns to the base, after two crossings of the coat.
     fn returned_from_below(&self, mu: f32, eta: f32) -> f32 {
         let mut sum = 0.0;
         self.for_each_facet(mu, |w, m, weight| {
@@ -226,8 +224,8 @@ impl Interface {
         }
     }
 
-    /// Chance that light which meets a facet visible from `wo` leaves towards `wi` unshadowed:
-    /// `G(wo, wi) / G1(wo)`.
+    /// Returns the probability that light from a facet visible from `wo` leaves towards `wi` unshadowed: `G(wo, wi) /
+    /// G1(wo)`.
     fn shadowing(&self, wo: Vec3, wi: Vec3) -> f32 {
         self.microfacets.as_ref().map_or(1.0, |m| {
             let (co, ci) = (wo.z.abs(), wi.z.abs());
@@ -236,13 +234,13 @@ impl Interface {
         })
     }
 
-    /// Share of light that survives one crossing of the coat.
+    /// Returns the share of light that survives one crossing of the coat along `w`.
     fn crossing(&self, w: Vec3) -> f64 {
         (-self.thickness / f64::from(w.z.abs())).exp()
     }
 
-    /// Cosine-weighted average over the hemisphere, piece by piece between the given cosines, each piece's
-    /// start resolved like a square root.
+    /// Returns the cosine-weighted average of `f` over the hemisphere. Integrates each interval between the given
+    /// `cosines`, with the resolution of a square root at its start.
     fn average(&self, cosines: &[f64], f: impl Fn(f32) -> f32) -> f64 {
         let nodes = gauss_legendre(48);
         let mut sum = 0.0;
@@ -257,7 +255,7 @@ impl Interface {
     }
 }
 
-/// Nodes and weights of Gauss and Legendre's rule on `[0, 1]`, by Newton's method on Legendre's polynomial.
+/// Returns nodes and weights of Gauss-Legendre quadrature on `[0, 1]`, by Newton's method.
 fn gauss_legendre(n: usize) -> Vec<[f64; 2]> {
     let node = |i: usize| {
         let mut x = (std::f64::consts::PI * (i as f64 + 0.75) / (n as f64 + 0.5)).cos();

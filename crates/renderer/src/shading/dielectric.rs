@@ -10,12 +10,12 @@ use super::fresnel;
 use super::microfacet::{TrowbridgeReitz, half_angle_cosine};
 use glam::Vec3;
 
-/// The colors that light of a glass is multiplied by: white in nature.
+/// Factors of the light that glass scatters, white in nature.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tint {
-    /// Of reflected light.
+    /// Factor of reflected light, per channel.
     pub reflectance: Vec3,
-    /// Of transmitted light.
+    /// Factor of transmitted light, per channel.
     pub transmittance: Vec3,
 }
 
@@ -23,7 +23,8 @@ impl Tint {
     /// No tint.
     pub const WHITE: Self = Self { reflectance: Vec3::ONE, transmittance: Vec3::ONE };
 
-    /// Probability of sampling the reflection where Fresnel's is `reflectance`; the transmission has the rest.
+    /// Returns the probability of sampling the reflection, for a Fresnel reflectance of `reflectance`; transmission has
+    /// the rest.
     #[inline]
     fn chance(&self, reflectance: f32) -> f32 {
         // Then exactly Fresnel's, and every sample has the same weight.
@@ -37,17 +38,17 @@ impl Tint {
     }
 }
 
-/// A smooth border.
+/// A smooth border of glass.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SmoothDielectric {
     /// Index of refraction of the inside over that of the outside.
     pub eta: f32,
-    /// The colors that light is multiplied by.
+    /// Factors of reflected and transmitted light.
     pub tint: Tint,
 }
 
 impl SmoothDielectric {
-    /// As [`Bsdf::sample`](super::Bsdf::sample); both lobes are specular.
+    /// Samples as [`Bsdf::sample`](super::Bsdf::sample) does; both lobes are specular.
     #[inline]
     pub(super) fn sample(&self, wo: Vec3, lobe: f32) -> Option<BsdfSample> {
         let (side, eta) = if wo.z > 0.0 { (1.0, self.eta) } else { (-1.0, 1.0 / self.eta) };
@@ -72,14 +73,14 @@ impl SmoothDielectric {
     }
 }
 
-/// A rough border [Walter et al. 2007].
+/// A rough border of glass [Walter et al. 2007].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RoughDielectric {
     /// Index of refraction of the inside over that of the outside; not 1, with which there is no border.
     pub eta: f32,
-    /// Its microfacets.
+    /// Microfacets of the border.
     pub microfacets: TrowbridgeReitz,
-    /// The colors that light is multiplied by.
+    /// Factors of reflected and transmitted light.
     pub tint: Tint,
 }
 
@@ -130,7 +131,7 @@ impl RoughDielectric {
         })
     }
 
-    /// `f` and density for two directions above.
+    /// Returns `f` and density for two directions above.
     #[inline]
     fn reflected(&self, wo: Vec3, wi: Vec3, eta: f32) -> (Vec3, f32) {
         let h = wo + wi;
@@ -169,7 +170,8 @@ impl RoughDielectric {
     }
 }
 
-/// A pane of glass, as [`Bsdf::sample`](super::Bsdf::sample): light goes straight through, or is mirrored.
+/// Samples a pane of glass as [`Bsdf::sample`](super::Bsdf::sample) does: light passes straight through or is
+/// reflected.
 #[inline]
 pub(super) fn sample_pane(eta: f32, wo: Vec3, lobe: f32) -> BsdfSample {
     let reflectance = fresnel::pane(wo.z.abs(), eta);
@@ -188,7 +190,7 @@ pub struct DiffuseTransmission {
 }
 
 impl DiffuseTransmission {
-    /// Probability of sampling the reflection: its share of the light.
+    /// Returns the probability of sampling the reflection: its share of the scattered light.
     #[inline]
     pub(super) fn chance(&self) -> f32 {
         let (up, down) = (self.reflectance.element_sum(), self.transmittance.element_sum());

@@ -5,9 +5,9 @@ mod window;
 use super::Error;
 pub(crate) use window::Window;
 
-/// Largest coordinate below 1.
+/// The largest coordinate below 1.
 const BELOW_ONE: f32 = 1.0 - 0.5 * f32::EPSILON;
-/// Most rows or columns: cells stay wide enough to hold several f32 values.
+/// The largest number of rows or columns. Cells stay wide enough to hold several f32 values.
 const MAX_SIDE: usize = 1 << 20;
 
 /// Items sampled with probability proportional to their weights.
@@ -21,9 +21,9 @@ const MAX_SIDE: usize = 1 << 20;
 /// frequencies are off by some percent, though sums over neighbours are not.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Discrete {
-    /// `ends[i]`: probability of items `0..=i`; the last positive item's and all later ones are 1.
+    /// `ends[i]`: the probability of items `0..=i`. From the last item of positive weight on, it is 1.
     ends: Vec<f64>,
-    /// `guide[j]`: the item that coordinate `j / n` chooses, for n items.
+    /// `guide[j]`: the item that coordinate `j / n` selects, for n items.
     guide: Vec<u32>,
     total: f64,
 }
@@ -31,16 +31,16 @@ pub struct Discrete {
 /// An item sampled from a [`Discrete`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Choice {
-    /// The number of the item.
+    /// Index of the item.
     pub index: usize,
-    /// Its probability, above 0, as [`Discrete::pmf`] gives it.
+    /// Probability of the item, above 0, equal to [`Discrete::pmf`].
     pub pmf: f32,
-    /// The coordinate's position within the item, uniform in `[0, 1)` again.
+    /// Position of the coordinate within the item's share, again uniform in `[0, 1)`.
     pub u: f32,
 }
 
 impl Discrete {
-    /// The distribution with these weights, at most 2^32 - 1 of them.
+    /// Makes the distribution with these weights, at most 2^32 - 1 of them.
     ///
     /// # Errors
     ///
@@ -69,8 +69,7 @@ impl Discrete {
         Self { ends, guide, total }
     }
 
-    /// The item that `u` in `[0, 1)` chooses (clamped into it); `None` if the distribution is empty. Never
-    /// an item of weight 0.
+    /// Selects an item by `u`, clamped to `[0, 1)`, never one of weight 0. `None` if the distribution is empty.
     #[inline]
     pub fn sample(&self, u: f32) -> Option<Choice> {
         if !(self.total > 0.0) {
@@ -83,7 +82,8 @@ impl Discrete {
         Some(invert(&self.ends, first, last, u))
     }
 
-    /// The probability of an item. An item so light beside the others that it is never sampled has 0.
+    /// Returns the probability of item `index`. It is 0 for an item too light, relative to the others, to be ever
+    /// selected.
     ///
     /// # Panics
     ///
@@ -93,7 +93,7 @@ impl Discrete {
         if self.total > 0.0 { (self.ends[index] - start(&self.ends, index)) as f32 } else { 0.0 }
     }
 
-    /// The number of items, those of weight 0 included.
+    /// Returns the number of items, including those of weight 0.
     pub fn len(&self) -> usize {
         self.ends.len()
     }
@@ -103,7 +103,7 @@ impl Discrete {
         !(self.total > 0.0)
     }
 
-    /// The sum of the weights.
+    /// Returns the sum of the weights.
     pub fn total(&self) -> f64 {
         self.total
     }
@@ -115,22 +115,21 @@ impl Discrete {
 #[derive(Clone, Debug, PartialEq)]
 pub struct PiecewiseConstant2d {
     rows: Discrete,
-    /// Row by row, each as [`Discrete`]'s ends.
+    /// `ends` of a [`Discrete`] for each row, one after another.
     columns: Vec<f64>,
-    /// Row by row, each `slots + 1` long: the column that coordinate `j / slots` chooses, and the last one.
+    /// Guides, row by row, each `slots + 1` long: the column that coordinate `j / slots` selects, then the last column.
     guides: Vec<u32>,
     slots: usize,
     size: [usize; 2],
 }
 
-/// Columns to a slot of their guide. A search through a whole row waits for memory at nearly every step, and took a
-/// quarter of the time of a scene lit by an image of 1024 x 512 (perf); from a guide that stays in the cache it waits
-/// once.
+/// Columns per slot of a row's guide. Without a guide, a binary search through a row misses the cache at nearly every
+/// step: a quarter of the time in a scene lit by an image of 1024 x 512.
 const TO_A_SLOT: usize = 4;
 
 impl PiecewiseConstant2d {
-    /// The density proportional to `weights`, `size = [columns, rows]` of them, row by row; column 0 begins
-    /// at u = 0 and row 0 at v = 0.
+    /// Makes the density proportional to `weights`, given row by row for `size = [columns, rows]`. Column 0 begins at u
+    /// = 0, row 0 at v = 0.
     ///
     /// # Errors
     ///
@@ -164,13 +163,14 @@ impl PiecewiseConstant2d {
         Ok(Self { rows: Discrete::from_checked(totals.into_iter()), columns, guides, slots, size })
     }
 
-    /// A point `(u, v)` in `[0, 1)^2` and its density, above 0; `None` if all weights are 0.
+    /// Samples a point `(u, v)` in `[0, 1)^2` and returns it with its density, above 0; `None` if all weights are 0.
     #[inline]
     pub fn sample(&self, u: [f32; 2]) -> Option<([f32; 2], f32)> {
         self.sample_near(u, |_| ())
     }
 
-    /// [`Self::sample`] that calls `near` early with the number, row by row, of a cell at or near the sampled one.
+    /// Samples as [`Self::sample`] does, and calls `near` early with the index, row by row, of a cell at or near the
+    /// sampled one.
     ///
     /// The caller can prefetch data of the cell meanwhile.
     #[inline(always)]
@@ -179,7 +179,7 @@ impl PiecewiseConstant2d {
         Some(self.sample_row(row, f64::from(u[0].clamp(0.0, BELOW_ONE)), near))
     }
 
-    /// The point that a coordinate `across` a row selects, in `[0, 1)`, and its density.
+    /// Returns the point in `[0, 1)` that coordinate `across` selects in a row, and the density.
     #[inline(always)]
     fn sample_row(&self, row: Choice, across: f64, near: impl FnOnce(usize)) -> ([f32; 2], f32) {
         let slot = row.index * (self.slots + 1) + (across * self.slots as f64) as usize;
@@ -190,7 +190,8 @@ impl PiecewiseConstant2d {
         (uv, self.density(row.index, column.index))
     }
 
-    /// The density at `(u, v)`, clamped into the unit square; the same as [`sample`](Self::sample) gave.
+    /// Returns the density at `(u, v)`, clamped into the unit square; equal to the one that [`sample`](Self::sample)
+    /// returned.
     #[inline]
     pub fn pdf(&self, uv: [f32; 2]) -> f32 {
         if self.is_empty() {
@@ -204,7 +205,7 @@ impl PiecewiseConstant2d {
         self.rows.is_empty()
     }
 
-    /// The mean of the weights: the function's integral over the unit square.
+    /// Returns the mean of the weights, which is the integral over the unit square.
     pub fn mean(&self) -> f64 {
         if self.is_empty() { 0.0 } else { self.rows.total() / self.columns.len() as f64 }
     }
@@ -229,7 +230,7 @@ fn check(weights: &[f32]) -> Result<(), Error> {
     }
 }
 
-/// Running sums over their total, and the total; sums of 0 where it is 0.
+/// Returns the running sums divided by the total, and the total. All sums are 0 if the total is 0.
 fn cumulative(weights: impl Iterator<Item = f64>) -> (Vec<f64>, f64) {
     let mut total = 0.0;
     let mut ends: Vec<f64> = weights
@@ -249,8 +250,8 @@ fn start(ends: &[f64], index: usize) -> f64 {
     if index == 0 { 0.0 } else { ends[index - 1] }
 }
 
-/// The first item in `first..=last` that ends above `u`. An item of weight 0 ends where its predecessor
-/// does, so it is never the first.
+/// Returns the first item in `first..=last` whose end is above `u`. An item of weight 0 ends where its predecessor
+/// does, so it is never selected.
 #[inline]
 fn invert(ends: &[f64], first: usize, last: usize, u: f64) -> Choice {
     let index = first + ends[first..last].partition_point(|&end| end <= u);
@@ -259,13 +260,13 @@ fn invert(ends: &[f64], first: usize, last: usize, u: f64) -> Choice {
     Choice { index, pmf: width as f32, u: (((u - begin) / width) as f32).clamp(0.0, BELOW_ONE) }
 }
 
-/// The grid cell, of `n`, that a coordinate lies in. The product is exact in f64.
+/// Returns the cell, of `n`, that coordinate `u` lies in. The product is exact in f64.
 #[inline]
 fn cell(u: f32, n: usize) -> usize {
     ((f64::from(u) * n as f64) as usize).min(n - 1)
 }
 
-/// The coordinate of a choice's place within its cell, kept from rounding into a neighbour.
+/// Returns the coordinate of a choice in `[0, 1)`, kept within its cell against rounding.
 #[inline]
 fn place(choice: Choice, n: usize) -> f32 {
     let u = ((choice.index as f64 + f64::from(choice.u)) / n as f64) as f32;

@@ -14,8 +14,8 @@ pub struct ShadingFrame {
 }
 
 impl ShadingFrame {
-    /// A frame around a unit normal, without branches [Duff et al. 2017]. Orthonormal within 3e-7 for any
-    /// unit normal, `(0, 0, -1)` and a z of -0.0 included.
+    /// Makes a frame around a unit normal, without branches [Duff et al. 2017]. It is orthonormal within 3e-7 for any
+    /// unit normal, including `(0, 0, -1)` and a z of -0.0.
     #[inline]
     pub fn from_normal(normal: Vec3) -> Self {
         let Vec3 { x, y, z } = normal;
@@ -29,9 +29,8 @@ impl ShadingFrame {
         }
     }
 
-    /// A frame whose x axis leans towards `direction` (a surface's derivative along u, say), for
-    /// anisotropic materials; [`ShadingFrame::from_normal`] where `direction` is zero, along the normal, or not
-    /// finite.
+    /// Makes a frame whose x axis leans towards `direction` (the derivative along u, say), for anisotropic materials.
+    /// Returns [`ShadingFrame::from_normal`] if `direction` is zero, along the normal, or not finite.
     #[inline]
     pub fn from_normal_and_tangent(normal: Vec3, direction: Vec3) -> Self {
         // Scaled first, since derivatives along u may be as small or as large as the scene.
@@ -48,9 +47,9 @@ impl ShadingFrame {
         Self { tangent, bitangent: unit(normal.cross(tangent)), normal }
     }
 
-    /// The shading frame of a hit: around the interpolated normal `shading` (of any length), or around the
-    /// unit geometric normal where `shading` is zero or not finite (opposed vertex normals cancel); turned
-    /// to the side of the geometric normal. `tangent` as in [`ShadingFrame::from_normal_and_tangent`].
+    /// Makes the shading frame of a hit around the interpolated normal `shading` (of any length), turned to the side of
+    /// the unit geometric normal. The geometric normal itself is used if `shading` is zero or not finite, as when
+    /// vertex normals cancel. `tangent` is that of [`ShadingFrame::from_normal_and_tangent`].
     #[inline]
     pub fn from_shading_normal(shading: Vec3, geometric: Vec3, tangent: Option<Vec3>) -> Self {
         let longest = shading.abs().max_element();
@@ -67,20 +66,20 @@ impl ShadingFrame {
         }
     }
 
-    /// A world-space vector in this frame.
+    /// Returns the world-space vector `v` in this frame.
     #[inline]
     pub fn to_local(&self, v: Vec3) -> Vec3 {
         Vec3::new(v.dot(self.tangent), v.dot(self.bitangent), v.dot(self.normal))
     }
 
-    /// A vector of this frame in world space.
+    /// Returns the vector `v` of this frame in world space.
     #[inline]
     pub fn to_world(&self, v: Vec3) -> Vec3 {
         self.tangent * v.x + self.bitangent * v.y + self.normal * v.z
     }
 }
 
-/// `v` over its length, by divisions: a multiplication by the reciprocal costs another bit.
+/// Returns `v` over its length, by divisions: multiplying by the reciprocal loses another bit.
 #[inline]
 fn unit(v: Vec3) -> Vec3 {
     v / v.length()

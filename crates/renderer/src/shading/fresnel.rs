@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-/// Reflectance of a dielectric interface.
+/// Returns the Fresnel reflectance of a dielectric interface.
 ///
 /// `cos` is the cosine on the side that light comes from, in `[0, 1]` (clamped); `eta` the index of
 /// refraction beyond the interface over that before it. 1 on total internal reflection. Fresnel's
@@ -15,7 +15,7 @@ pub fn dielectric(cos: f32, eta: f32) -> f32 {
     }
 }
 
-/// [`dielectric`] where the cosines on both sides are known already, both in `[0, 1]`, not both 0.
+/// Returns [`dielectric`] from the cosines on both sides, each in `[0, 1]`, not both 0.
 #[inline]
 pub fn dielectric_between(cos: f32, cos_t: f32, eta: f32) -> f32 {
     let parallel = (eta * cos - cos_t) / (eta * cos + cos_t);
@@ -32,8 +32,8 @@ pub fn pane(cos: f32, eta: f32) -> f32 {
     2.0 * face / (1.0 + face)
 }
 
-/// Cosine beyond a dielectric interface by Snell's law, arguments as in [`dielectric`]; `None` on total
-/// internal reflection.
+/// Returns the cosine beyond a dielectric interface by Snell's law, with the arguments of [`dielectric`]; `None` on
+/// total internal reflection.
 #[inline]
 pub fn transmitted_cosine(cos: f32, eta: f32) -> Option<f32> {
     let cos = cos.clamp(0.0, 1.0);
@@ -61,7 +61,7 @@ impl ComplexIor {
         Self { eta: Vec3::ONE, k: Vec3::from_array(k) }
     }
 
-    /// Reflectance per channel at an angle with this cosine, clamped to `[0, 1]`.
+    /// Returns the reflectance per channel at this cosine, clamped to `[0, 1]`.
     #[inline]
     pub fn reflectance(&self, cos: f32) -> Vec3 {
         let cos = cos.clamp(0.0, 1.0);

@@ -10,8 +10,8 @@ use std::f32::consts::{FRAC_1_PI, PI};
 /// Index of refraction of [`Plastic`].
 const PLASTIC_ETA: f32 = 1.5;
 
-/// A sum of Lambert's reflection and a rough dielectric's, as pbrt-v3's `plastic`. Nothing is taken from the one for
-/// the other: it keeps no energy balance of its own.
+/// The sum of Lambert's reflection and a rough dielectric's, as pbrt-v3's `plastic`. The sum may exceed the incident
+/// light: the diffuse part is not reduced by the glossy one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Plastic {
     /// Share of light reflected diffusely, per channel.
@@ -23,14 +23,14 @@ pub struct Plastic {
 }
 
 impl Plastic {
-    /// Probability of sampling the glossy lobe: its share of the light from `wo`, nearly.
+    /// Returns the probability of sampling the glossy lobe: nearly its share of the light from `wo`.
     #[inline]
     pub(super) fn chance(&self, wo: Vec3) -> f32 {
         let glossy = self.specular.element_sum() * fresnel::dielectric(wo.z, PLASTIC_ETA);
         share(glossy, self.diffuse.element_sum())
     }
 
-    /// `f` and density, for the `chance` of this `wo`.
+    /// Returns `f` and density; `chance` is the probability of the glossy lobe at `wo`.
     #[inline]
     pub(super) fn evaluate_above(&self, wo: Vec3, wi: Vec3, chance: f32) -> (Vec3, f32) {
         let h = wo + wi;
@@ -40,7 +40,7 @@ impl Plastic {
         (self.diffuse * FRAC_1_PI + glossy, pdf)
     }
 
-    /// Share reflected from along the normal.
+    /// Returns the share of light reflected at normal incidence, per channel.
     pub(super) fn albedo(&self) -> Vec3 {
         self.diffuse + self.specular * fresnel::dielectric(1.0, PLASTIC_ETA)
     }
@@ -59,15 +59,15 @@ pub struct Substrate {
 }
 
 impl Substrate {
-    /// Probability of sampling the coat's lobe: its share of the light from `wo`, nearly.
+    /// Returns the probability of sampling the coat's lobe: nearly its share of the light from `wo`.
     #[inline]
     pub(super) fn chance(&self, wo: Vec3) -> f32 {
         let diffuse = self.diffuse * (Vec3::ONE - self.specular);
         share(schlick(self.specular, wo.z).element_sum(), diffuse.element_sum())
     }
 
-    /// `f` and density, for the `chance` of this `wo` [Ashikhmin and Shirley 2000, eq. 4 and 5; the coat's lobe by
-    /// Pharr et al. 2016, sec. 8.5].
+    /// Returns `f` and density; `chance` is the probability of the coat's lobe at `wo` [Ashikhmin and Shirley 2000, eq.
+    /// 4 and 5; the coat's lobe by Pharr et al. 2016, sec. 8.5].
     #[inline]
     pub(super) fn evaluate_above(&self, wo: Vec3, wi: Vec3, chance: f32) -> (Vec3, f32) {
         // 28 / 23 makes up for the two powers, so that no light is lost or made.
@@ -81,13 +81,13 @@ impl Substrate {
         (diffuse + schlick(self.specular, cos) * lobe, pdf)
     }
 
-    /// Share reflected from along the normal, nearly.
+    /// Returns nearly the share of light reflected at normal incidence, per channel.
     pub(super) fn albedo(&self) -> Vec3 {
         self.specular + self.diffuse * (Vec3::ONE - self.specular)
     }
 }
 
-/// Schlick's approximation of Fresnel's reflectance [Schlick 1994, eq. 15].
+/// Returns Schlick's approximation of the Fresnel reflectance [Schlick 1994, eq. 15].
 #[inline]
 fn schlick(normal: Vec3, cos: f32) -> Vec3 {
     normal + fifth_power(1.0 - cos.min(1.0)) * (Vec3::ONE - normal)
@@ -98,7 +98,7 @@ fn fifth_power(x: f32) -> f32 {
     (x * x) * (x * x) * x
 }
 
-/// `a / (a + b)`, and 0 where both are.
+/// Returns `a / (a + b)`; 0 if both are 0.
 #[inline]
 fn share(a: f32, b: f32) -> f32 {
     if a + b > 0.0 { a / (a + b) } else { 0.0 }

@@ -34,29 +34,29 @@ use glam::Vec3;
 
 /// Cells of the tables over the cosine.
 const CELLS: usize = 64;
-/// Walks per cosine. More bring rough layers seen from above closer to the walks, and change nothing at grazing angles.
+/// Walks per cosine. More would improve rough layers seen from above, and change nothing at grazing angles.
 const WALKS: u64 = 1024;
-/// Smallest cosine that is walked from, in place of 0.
+/// Smallest cosine from which walks start, in place of 0.
 const GRAZING: f32 = 1e-3;
 
-/// A coat over a metal, tabulated once per material: some 0.2 s, or none if both are smooth. The metal's own
+/// A coat over a metal, tabulated once per material in about 0.2 s; two smooth layers need no table. The metal's
 /// reflectance may vary from hit to hit.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MetalCoat {
     coat: Coat,
-    /// The base's lobe as seen from inside the coat; `None` if it is a mirror.
+    /// The metal's lobe inside the coat; `None` if the metal is smooth.
     lobe: Option<Lobe>,
-    /// `P` and `Q` at cosine `i / CELLS`; between mirrors, which have no need of them, twice the share of light that
-    /// survives a crossing of the coat.
+    /// `P` and `Q` at cosine `i / CELLS`. If both layers are smooth, both values are instead the share of light that
+    /// survives one crossing.
     table: Box<[[f32; 2]]>,
 }
 
 impl MetalCoat {
-    /// The coat with these parameters over a metal of these microfacet widths.
+    /// Makes the coat with these parameters over a metal of microfacet widths `alpha`.
     ///
     /// # Errors
     ///
-    /// As [`Coat::new`], and [`Error::Roughness`] for a width of the metal's.
+    /// As for [`Coat::new`]; also [`Error::Roughness`] for a width of the metal.
     pub fn new(options: CoatOptions, alpha: [f32; 2]) -> Result<Self, Error> {
         let coat = Coat::new(options)?;
         let metal = TrowbridgeReitz::new(alpha)?;
@@ -73,7 +73,7 @@ impl MetalCoat {
         Ok(Self { coat, lobe, table })
     }
 
-    /// The index of refraction of the metal over the coat's, for one over the outside's.
+    /// Returns the metal's index of refraction over the coat's, given the one over the outside's.
     pub(crate) fn below(&self, ior: ComplexIor) -> ComplexIor {
         ComplexIor { eta: ior.eta / self.coat.eta(), k: ior.k / self.coat.eta() }
     }
@@ -84,12 +84,12 @@ impl MetalCoat {
         self.lobe.is_none()
     }
 
-    /// The coat.
+    /// Returns the coat.
     pub fn coat(&self) -> &Coat {
         &self.coat
     }
 
-    /// Width of the base's lobe, 0 for a mirror.
+    /// Returns the width of the metal's lobe, 0 for a mirror.
     pub(super) fn roughness(&self) -> f32 {
         self.lobe.map_or(0.0, |lobe| {
             let [x, y] = lobe.seen(self.coat.eta(), [Vec3::Z; 2], [Vec3::Z; 2]).alpha();
@@ -97,7 +97,7 @@ impl MetalCoat {
         })
     }
 
-    /// Share of light reflected from along the normal, by a metal of this reflectance.
+    /// Returns the share of light reflected at normal incidence over a metal of this reflectance, per channel.
     pub(super) fn albedo(&self, reflectance: Vec3) -> Vec3 {
         if self.is_specular() {
             return self.between_mirrors(1.0, |_| reflectance);
@@ -106,8 +106,8 @@ impl MetalCoat {
         self.coat.transmittance_and_reflectance(1.0)[1] + series(reflectance, passes * passes, again, again)
     }
 
-    /// Share of light that two mirrors reflect, all reflections between them added; `metal` gives the lower one's
-    /// reflectance at a cosine.
+    /// Returns the share of light that two smooth layers reflect, all reflections between them included. `metal`
+    /// returns the lower layer's reflectance at a cosine.
     #[inline]
     fn between_mirrors(&self, cos: f32, metal: impl Fn(f32) -> Vec3) -> Vec3 {
         let eta = self.coat.eta();
@@ -119,7 +119,7 @@ impl MetalCoat {
         reflectance + series(metal(inner), passes * passes, again, again)
     }
 
-    /// Probability of sampling the coat's lobe, for a metal of about this reflectance.
+    /// Returns the probability of sampling the coat's lobe, for a metal whose reflectance is about `bright`.
     #[inline]
     fn chance(&self, cos: f32, [passes, again]: [f32; 2], bright: f32) -> f32 {
         let [_, reflectance] = self.coat.transmittance_and_reflectance(cos);
@@ -128,8 +128,8 @@ impl MetalCoat {
         if sum > 0.0 { reflectance / sum } else { 0.0 }
     }
 
-    /// `f` and density for two directions above, over a metal of index `ior` over the coat's and about as bright as
-    /// `bright`.
+    /// Returns `f` and density for two directions above. `ior` is the metal's index over the coat's, `bright` about its
+    /// reflectance.
     #[inline]
     pub(super) fn evaluate_above(&self, ior: &ComplexIor, bright: f32, wo: Vec3, wi: Vec3) -> (Vec3, f32) {
         let Some(lobe) = &self.lobe else { return (Vec3::ZERO, 0.0) };
@@ -156,7 +156,7 @@ impl MetalCoat {
         (f, pdf)
     }
 
-    /// As [`Bsdf::sample`](super::Bsdf::sample), for a `wo` above.
+    /// Samples as [`Bsdf::sample`](super::Bsdf::sample) does, for a `wo` above.
     #[inline]
     pub(super) fn sample(
         &self,
@@ -198,7 +198,7 @@ impl MetalCoat {
         (pdf > 0.0).then(|| BsdfSample { wi, weight: f * (wi.z / pdf), pdf, specular: false, eta: 1.0 })
     }
 
-    /// `P` and `Q`.
+    /// Returns `P` and `Q` at a cosine.
     #[inline]
     fn passes_and_again(&self, cos: f32) -> [f32; 2] {
         let (cell, t) = place(cos);
@@ -207,7 +207,7 @@ impl MetalCoat {
     }
 }
 
-/// The base's lobe: widths of the metal's and the coat's microfacets, 0 where there are none.
+/// The metal's lobe: microfacet widths of the metal and of the coat, 0 for smooth layers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Lobe {
     metal: [f32; 2],
@@ -215,8 +215,8 @@ struct Lobe {
 }
 
 impl Lobe {
-    /// The metal's microfacets blurred by the coat's, for light that is refracted between the first and the second
-    /// direction of each pair.
+    /// Returns the metal's microfacets blurred by the coat's. Each pair holds a direction outside the coat, and the
+    /// same refracted.
     #[inline]
     fn seen(&self, eta: f32, [o, inner_o]: [Vec3; 2], [i, inner_i]: [Vec3; 2]) -> TrowbridgeReitz {
         // Half of each way's turn. Two equal widths of so heavy a tail make one that is wider by more than the root of
@@ -230,7 +230,7 @@ impl Lobe {
     }
 }
 
-/// `factor r / sqrt((1 - q r) (1 - p r))`.
+/// Returns `factor r / sqrt((1 - q r) (1 - p r))` per channel, `r` being the reflectance.
 #[inline]
 fn series(reflectance: Vec3, factor: f32, q: f32, p: f32) -> Vec3 {
     // Not 0, along a surface between mirrors that take nothing: there the factor is.
@@ -238,7 +238,8 @@ fn series(reflectance: Vec3, factor: f32, q: f32, p: f32) -> Vec3 {
     reflectance * factor / Vec3::new(square.x.sqrt(), square.y.sqrt(), square.z.sqrt())
 }
 
-/// The direction beyond a level border, on the same side of the surface; `None` on total internal reflection.
+/// Returns the direction refracted at a level border, on the same side of the surface; `None` on total internal
+/// reflection.
 #[inline]
 fn refracted(w: Vec3, eta: f32) -> Option<Vec3> {
     let (x, y) = (w.x / eta, w.y / eta);
@@ -247,7 +248,7 @@ fn refracted(w: Vec3, eta: f32) -> Option<Vec3> {
     (sin2 < 1.0).then(|| Vec3::new(x, y, (1.0 - sin2).sqrt()))
 }
 
-/// Cell of the table, and place in it.
+/// Returns the table's cell for a cosine, and the position in the cell, 0 to 1.
 #[inline]
 fn place(cos: f32) -> (usize, f32) {
     let x = cos.clamp(0.0, 1.0) * CELLS as f32;
@@ -255,23 +256,23 @@ fn place(cos: f32) -> (usize, f32) {
     (cell, x - cell as f32)
 }
 
-/// Walks between the coat and a white base.
+/// Random walks between the coat and a white base.
 struct Walks<'c> {
     coat: &'c Coat,
     metal: Option<TrowbridgeReitz>,
     options: CoatOptions,
 }
 
-/// Light that leaves after one bounce, and after any number.
+/// Shares of the light that leave after one bounce, and after any number.
 type Light = [f64; 2];
 
 impl Walks<'_> {
-    /// Share of light from a direction with cosine `mu` outside that survives one crossing, refracted.
+    /// Returns the share of light that survives one crossing after refraction, from outside at cosine `mu`.
     fn refracted_crossing(&self, mu: f32) -> f32 {
         fresnel::transmitted_cosine(mu, self.coat.eta()).map_or(0.0, |inner| self.crossing(inner))
     }
 
-    /// The table for a base whose lobe is `lobe`.
+    /// Returns the table fitted to walks over a base with this lobe.
     fn fit(&self, lobe: &Lobe) -> Box<[[f32; 2]]> {
         let points = Sobol::new(0);
         let cosine = |i: usize| (i as f32 / CELLS as f32).max(GRAZING);
@@ -304,7 +305,7 @@ impl Walks<'_> {
             .collect()
     }
 
-    /// Light from a direction with cosine `mu` that leaves again through the coat.
+    /// Returns the light from outside at cosine `mu` that leaves again through the coat.
     fn light(&self, mu: f32, points: &Sobol) -> Light {
         let eta = self.coat.eta();
         let wo = Vec3::new(((1.0 - mu) * (1.0 + mu)).sqrt(), 0.0, mu);
@@ -335,8 +336,8 @@ impl Walks<'_> {
         total
     }
 
-    /// Light that meets the coat from the side `w.z > 0`, at one facet: the direction that it is
-    /// mirrored in, and the one beyond, each with its share.
+    /// Splits light from the side `w.z > 0` at one facet of the coat. Returns the mirrored and the refracted direction,
+    /// each with its share.
     fn border(&self, w: Vec3, eta: f32, u: [f32; 2]) -> [Option<(Vec3, f32)>; 2] {
         let microfacets = self.coat.microfacets();
         let m = microfacets.map_or(Vec3::Z, |m| m.sample_visible(w, u));
@@ -352,19 +353,19 @@ impl Walks<'_> {
         [back, out]
     }
 
-    /// One reflection from the white base.
+    /// Samples one reflection from the white base: a direction and its share.
     fn base(&self, w: Vec3, u: [f32; 2]) -> Option<(Vec3, f32)> {
         let Some(metal) = &self.metal else { return Some((Vec3::new(-w.x, -w.y, w.z), 1.0)) };
         let up = mirror(w, metal.sample_visible(w, u));
         (up.z > 0.0).then(|| (up, metal.masking_shadowing(w, up) / metal.masking(w)))
     }
 
-    /// Share of light that survives one crossing of the coat.
+    /// Returns the share of light that survives one crossing of the coat.
     fn crossing(&self, cos: f32) -> f32 {
         (-self.options.thickness / cos).exp()
     }
 
-    /// The direction and the share of the lobe's light that leaves from `mu`.
+    /// Returns the distribution, over the table, of the directions in which the lobe's light leaves from cosine `mu`.
     fn links(&self, mu: f32, lobe: &Lobe, points: &Sobol) -> Vec<Link> {
         let eta = self.coat.eta();
         let wo = Vec3::new(((1.0 - mu) * (1.0 + mu)).sqrt(), 0.0, mu);
@@ -384,7 +385,7 @@ impl Walks<'_> {
     }
 }
 
-/// A share of the light, and where in the table its direction lies.
+/// A share of the light, and the position of its direction in the table.
 struct Link {
     cell: usize,
     t: f64,

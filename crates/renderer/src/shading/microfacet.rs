@@ -6,7 +6,7 @@ use super::trigonometry::sin_cos_turn;
 use glam::Vec3;
 use std::f32::consts::PI;
 
-/// The Trowbridge-Reitz distribution with widths `alpha` along x and y.
+/// The Trowbridge-Reitz (GGX) distribution of microfacet normals, with widths `alpha` along x and y.
 ///
 /// Directions are unit vectors in the shading frame; `w` lies on the side `z >= 0`.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -15,7 +15,7 @@ pub struct TrowbridgeReitz {
 }
 
 impl TrowbridgeReitz {
-    /// The distribution with these widths, each in `[0, 10]`; widths below 1e-4 become 1e-4, as in pbrt-v4.
+    /// Makes the distribution with these widths, each in `[0, 10]`. Widths below 1e-4 become 1e-4, as in pbrt-v4.
     ///
     /// # Errors
     ///
@@ -27,20 +27,20 @@ impl TrowbridgeReitz {
         }
     }
 
-    /// The distribution with the nearest valid widths. NaN becomes the smallest.
+    /// Makes the distribution with the nearest valid widths. NaN becomes the smallest.
     #[inline]
     #[expect(clippy::manual_clamp, reason = "`max` takes the other where one is NaN")]
     pub fn nearest(alpha: [f32; 2]) -> Self {
         Self { alpha: alpha.map(|a| a.max(1e-4).min(10.0)) }
     }
 
-    /// The widths.
+    /// Returns the widths along x and y.
     pub fn alpha(&self) -> [f32; 2] {
         self.alpha
     }
 
-    /// Density of microfacet normals along `h`, of any length, `h.z > 0`: `D(h / |h|)` per unit area of the
-    /// surface and per steradian [Walter et al. 2007, eq. 33, anisotropic].
+    /// Returns the density of microfacet normals along `h` (of any length, `h.z > 0`): `D(h / |h|)` per unit area of
+    /// the surface and per steradian [Walter et al. 2007, eq. 33, anisotropic].
     #[inline]
     pub fn normals(&self, h: Vec3) -> f32 {
         let [ax, ay] = self.alpha;
@@ -49,7 +49,7 @@ impl TrowbridgeReitz {
         ratio * ratio / (PI * ax * ay)
     }
 
-    /// Length of `w` after stretching the surface to unit roughness: `|(ax x, ay y, z)|`. Smith's
+    /// Returns the length of `w` after stretching the surface to unit roughness: `|(ax x, ay y, z)|`. Smith's
     /// `Lambda(w)` is `(stretched(w) / w.z - 1) / 2`; this form has no division.
     #[inline]
     pub fn stretched(&self, w: Vec3) -> f32 {
@@ -57,23 +57,22 @@ impl TrowbridgeReitz {
         (x * x + y * y + w.z * w.z).sqrt()
     }
 
-    /// Share of the microfacets facing `w` that it sees, Smith's `G1`.
+    /// Returns the share of the microfacets facing `w` that are visible from `w`: Smith's `G1`.
     #[inline]
     pub fn masking(&self, w: Vec3) -> f32 {
         let cos = w.z.abs();
         2.0 * cos / (cos + self.stretched(w))
     }
 
-    /// Height-correlated masking and shadowing `1 / (1 + Lambda(wo) + Lambda(wi))`
-    /// [Heitz 2014, eq. 99]; the two may lie on different sides.
+    /// Returns height-correlated masking and shadowing, `1 / (1 + Lambda(wo) + Lambda(wi))` [Heitz 2014, eq. 99]. The
+    /// two directions may be on different sides.
     #[inline]
     pub fn masking_shadowing(&self, wo: Vec3, wi: Vec3) -> f32 {
         let (co, ci) = (wo.z.abs(), wi.z.abs());
         2.0 * co * ci / (self.stretched(wo) * ci + self.stretched(wi) * co)
     }
 
-    /// A microfacet normal among those visible from `w`, `w.z > 0`, by spherical caps
-    /// [Dupuy and Benyoub 2023].
+    /// Samples a microfacet normal among those visible from `w`, `w.z > 0`, by spherical caps [Dupuy and Benyoub 2023].
     #[inline]
     pub fn sample_visible(&self, w: Vec3, u: [f32; 2]) -> Vec3 {
         let [ax, ay] = self.alpha;
@@ -88,8 +87,8 @@ impl TrowbridgeReitz {
         Vec3::new(ax * (radius * cos + v.x), ay * (radius * sin + v.y), above).normalize()
     }
 
-    /// Solid-angle density of [`sample_visible`](Self::sample_visible) at the unit normal `wm`:
-    /// `G1(w) max(0, w . wm) D(wm) / w.z`.
+    /// Returns the solid-angle density of [`sample_visible`](Self::sample_visible) at the unit normal `wm`: `G1(w)
+    /// max(0, w . wm) D(wm) / w.z`.
     #[inline]
     pub fn visible_pdf(&self, w: Vec3, wm: Vec3) -> f32 {
         if !(wm.z > 0.0) {
@@ -98,14 +97,14 @@ impl TrowbridgeReitz {
         2.0 * self.normals(wm) * w.dot(wm).max(0.0) / (w.z + self.stretched(w))
     }
 
-    /// Solid-angle density of the mirror direction of `wo` about a visible normal, given `h = wo + wi`:
-    /// [`visible_pdf`](Self::visible_pdf) over `4 wo . wm`, which cancels `wo . wm`.
+    /// Returns the solid-angle density of the mirror direction of `wo` about a visible normal, given `h = wo + wi`. It
+    /// is [`visible_pdf`](Self::visible_pdf) over `4 wo . wm`, in which `wo . wm` cancels.
     #[inline]
     pub(super) fn reflection_pdf(&self, wo: Vec3, h: Vec3) -> f32 {
         self.normals(h) / (2.0 * (wo.z + self.stretched(wo)))
     }
 
-    /// `D G / (4 cos cos)`, the reflection lobe without its Fresnel term, given `h = wo + wi`. Exactly
+    /// Returns `D G / (4 cos cos)`, the reflection lobe without its Fresnel term, given `h = wo + wi`. Exactly
     /// symmetric in the two directions.
     #[inline]
     pub(super) fn reflection(&self, wo: Vec3, wi: Vec3, h: Vec3) -> f32 {
@@ -113,8 +112,8 @@ impl TrowbridgeReitz {
     }
 }
 
-/// Cosine between either of two unit vectors and their half vector, from their sum: half its length. Unlike
-/// a dot product it is exactly symmetric, and keeps its digits at grazing angles.
+/// Returns the cosine between two unit vectors' half vector and either of them: half the length of their sum `h`.
+/// Unlike a dot product it is exactly symmetric, and precise at grazing angles.
 #[inline]
 pub(super) fn half_angle_cosine(h: Vec3) -> f32 {
     0.5 * h.length()

@@ -1,6 +1,6 @@
 //! Multiple importance sampling.
 
-/// Weight of a sample from the strategy with density `pdf` against another with density `other`, by the
+/// Returns the weight of a sample from the strategy with density `pdf` against another with density `other`. Uses the
 /// power heuristic with exponent 2 [Veach 1997, sec. 9.2.4]; each strategy takes one sample.
 ///
 /// In `[0, 1]` for any two non-negative densities, and `power_heuristic(a, b) + power_heuristic(b, a)` is 1
@@ -18,7 +18,7 @@ pub fn power_heuristic(pdf: f32, other: f32) -> f32 {
     1.0 / (1.0 + ratio * ratio)
 }
 
-/// [`power_heuristic`] over `pdf`, with one division less; `pdf` must be finite and above 0.
+/// Returns [`power_heuristic`] divided by `pdf`, with one division less; `pdf` must be finite and above 0.
 #[inline]
 pub(crate) fn power_heuristic_over_pdf(pdf: f32, other: f32) -> f32 {
     let ratio = other / pdf;

@@ -4,7 +4,7 @@
 //! additions, multiplications and divisions, which IEEE 754 fixes. A turn is a full circle, so that a
 //! coordinate in `[0, 1)` is an angle without being multiplied by an inexact pi first.
 
-/// Sine and cosine of `turn` full turns, within 2e-7, for `|turn| <= 2^20`.
+/// Returns sine and cosine of `turn` full turns, within 2e-7, for `|turn| <= 2^20`.
 ///
 /// Reduction to an eighth of a turn is exact; the polynomials are those of sinf and cosf after Moshier 1992
 /// (Cephes).
@@ -23,7 +23,7 @@ pub fn sin_cos_turn(turn: f32) -> (f32, f32) {
     (f32::from_bits(sin ^ change ^ negative(quarter)), f32::from_bits(cos ^ change ^ negative(quarter.wrapping_add(1))))
 }
 
-/// Sine and cosine of an angle in radians of at most an eighth of a turn, by the polynomials of
+/// Returns sine and cosine of an angle in radians of at most an eighth of a turn, by the polynomials of
 /// [`sin_cos_turn`].
 #[inline(always)]
 pub(super) fn sin_cos_within_an_eighth(x: f32) -> (f32, f32) {
@@ -33,7 +33,7 @@ pub(super) fn sin_cos_within_an_eighth(x: f32) -> (f32, f32) {
     (sin, cos)
 }
 
-/// The angle of the point `(x, y)` in turns, in `[0, 1)`, within 1e-7; 0 at the origin.
+/// Returns the angle of the point `(x, y)` in turns, in `[0, 1)`, within 1e-7; 0 at the origin.
 ///
 /// The polynomial is that of atanf after Moshier 1992 (Cephes).
 #[inline]

@@ -8,56 +8,56 @@ use super::trigonometry::{sin_cos_turn, sin_cos_within_an_eighth, turn_of};
 use glam::{Vec2, Vec3, Vec4};
 use std::f32::consts::{FRAC_PI_4, PI};
 
-/// A direction uniform on the unit sphere.
+/// Samples a unit direction uniformly on the sphere.
 #[inline]
 pub fn uniform_sphere(u: [f32; 2]) -> Vec3 {
     // sqrt(1 - z^2) = 2 sqrt(u (1 - u)), without the cancellation at the poles.
     around_z(2.0 * (u[0] * (1.0 - u[0])).sqrt(), 1.0 - 2.0 * u[0], u[1])
 }
 
-/// Solid-angle density of [`uniform_sphere`].
+/// Returns the solid-angle density of [`uniform_sphere`].
 #[inline]
 pub fn uniform_sphere_pdf() -> f32 {
     0.25 / PI
 }
 
-/// Inverse of [`uniform_sphere`]; at the poles, where the second coordinate is lost, 0 for it.
+/// Inverts [`uniform_sphere`]. At the poles the second coordinate is undefined, and 0 is returned for it.
 #[inline]
 pub fn invert_uniform_sphere(w: Vec3) -> [f32; 2] {
     [below_one(0.5 * (1.0 - w.z)), turn_of(w.y, w.x)]
 }
 
-/// A direction uniform on the hemisphere `z > 0`.
+/// Samples a unit direction uniformly on the hemisphere `z > 0`.
 #[inline]
 pub fn uniform_hemisphere(u: [f32; 2]) -> Vec3 {
     around_z((u[0] * (2.0 - u[0])).sqrt(), 1.0 - u[0], u[1])
 }
 
-/// Solid-angle density of [`uniform_hemisphere`] on `z > 0`.
+/// Returns the solid-angle density of [`uniform_hemisphere`] on `z > 0`.
 #[inline]
 pub fn uniform_hemisphere_pdf() -> f32 {
     0.5 / PI
 }
 
-/// Inverse of [`uniform_hemisphere`].
+/// Inverts [`uniform_hemisphere`].
 #[inline]
 pub fn invert_uniform_hemisphere(w: Vec3) -> [f32; 2] {
     [below_one(1.0 - w.z), turn_of(w.y, w.x)]
 }
 
-/// A point uniform on the unit disk, by concentric squares and circles [Shirley and Chiu 1997].
+/// Samples a point uniformly on the unit disk, by the concentric map [Shirley and Chiu 1997].
 #[inline]
 pub fn concentric_disk(u: [f32; 2]) -> Vec2 {
     concentric(u).1
 }
 
-/// Area density of [`concentric_disk`].
+/// Returns the area density of [`concentric_disk`].
 #[inline]
 pub fn concentric_disk_pdf() -> f32 {
     1.0 / PI
 }
 
-/// Inverse of [`concentric_disk`].
+/// Inverts [`concentric_disk`].
 #[inline]
 pub fn invert_concentric_disk(p: Vec2) -> [f32; 2] {
     let radius = p.length();
@@ -76,7 +76,7 @@ pub fn invert_concentric_disk(p: Vec2) -> [f32; 2] {
     [below_one(0.5 * (a + 1.0)), below_one(0.5 * (b + 1.0))]
 }
 
-/// A direction on the hemisphere `z > 0` with density proportional to its cosine.
+/// Samples a unit direction on the hemisphere `z > 0` with density proportional to its cosine.
 #[inline]
 pub fn cosine_hemisphere(u: [f32; 2]) -> Vec3 {
     let (radius, p) = concentric(u);
@@ -86,20 +86,20 @@ pub fn cosine_hemisphere(u: [f32; 2]) -> Vec3 {
     p.extend(z)
 }
 
-/// Solid-angle density of [`cosine_hemisphere`] at a direction with this cosine; 0 below the horizon.
+/// Returns the solid-angle density of [`cosine_hemisphere`] at a direction with this cosine; 0 below the horizon.
 #[inline]
 pub fn cosine_hemisphere_pdf(cos: f32) -> f32 {
     cos.max(0.0) / PI
 }
 
-/// Inverse of [`cosine_hemisphere`].
+/// Inverts [`cosine_hemisphere`].
 #[inline]
 pub fn invert_cosine_hemisphere(w: Vec3) -> [f32; 2] {
     invert_concentric_disk(Vec2::new(w.x, w.y))
 }
 
-/// Barycentric coordinates `(b0, b1, b2)`, summing to 1, of a point uniform on a triangle, by the
-/// low-distortion map of [Heitz 2019].
+/// Samples a point uniformly on a triangle by the low-distortion map of [Heitz 2019]. Returns barycentric coordinates
+/// `(b0, b1, b2)`, which sum to 1.
 #[inline]
 pub fn uniform_triangle(u: [f32; 2]) -> [f32; 3] {
     // Half of the smaller, and what is left of the larger: selected, since no processor can guess which is which.
@@ -109,20 +109,21 @@ pub fn uniform_triangle(u: [f32; 2]) -> [f32; 3] {
     [b0, b1, (1.0 - b0 - b1).max(0.0)]
 }
 
-/// Area density of [`uniform_triangle`] on a triangle with this area; infinite for area 0.
+/// Returns the area density of [`uniform_triangle`] on a triangle of this area; infinity for area 0.
 #[inline]
 pub fn uniform_triangle_pdf(area: f32) -> f32 {
     1.0 / area
 }
 
-/// Inverse of [`uniform_triangle`].
+/// Inverts [`uniform_triangle`].
 #[inline]
 pub fn invert_uniform_triangle(b: [f32; 3]) -> [f32; 2] {
     let sum = b[0] + b[1];
     if b[1] > b[0] { [below_one(2.0 * b[0]), below_one(sum)] } else { [below_one(sum), below_one(2.0 * b[1])] }
 }
 
-/// A direction uniform in the cone around +z whose half angle has `1 - cos = one_minus_cos`, in `(0, 2]`.
+/// Samples a unit direction uniformly in the cone around +z with `1 - cos` of the half angle equal to `one_minus_cos`,
+/// in `(0, 2]`.
 ///
 /// `1 - cos` rather than the cosine: a far light's cone has a cosine that rounds to 1. See
 /// [`one_minus_cos`].
@@ -132,14 +133,14 @@ pub fn uniform_cone(u: [f32; 2], one_minus_cos: f32) -> Vec3 {
     around_z((height * (2.0 - height)).max(0.0).sqrt(), 1.0 - height, u[1])
 }
 
-/// Solid-angle density of [`uniform_cone`] within the cone.
+/// Returns the solid-angle density of [`uniform_cone`] within the cone.
 #[inline]
 pub fn uniform_cone_pdf(one_minus_cos: f32) -> f32 {
     0.5 / (PI * one_minus_cos)
 }
 
-/// Inverse of [`uniform_cone`]. Cones with `1 - cos` below about 1e-2 are inverted by the distance from
-/// the axis, which holds more digits than the cosine.
+/// Inverts [`uniform_cone`]. Cones with `1 - cos` below about 1e-2 are inverted by the distance from the axis, which is
+/// more precise than the cosine.
 #[inline]
 pub fn invert_uniform_cone(w: Vec3, one_minus_cos: f32) -> [f32; 2] {
     let sin2 = w.x * w.x + w.y * w.y;
@@ -147,14 +148,15 @@ pub fn invert_uniform_cone(w: Vec3, one_minus_cos: f32) -> [f32; 2] {
     [below_one(height / one_minus_cos), turn_of(w.y, w.x)]
 }
 
-/// `1 - cos` of an angle in `[0, pi/2]` with this squared sine, without cancellation.
+/// Returns `1 - cos` of an angle in `[0, pi/2]` with this squared sine, without cancellation.
 #[inline]
 pub fn one_minus_cos(sin2: f32) -> f32 {
     sin2 / (1.0 + (1.0 - sin2).max(0.0).sqrt())
 }
 
-/// Radius in `[0, 1]` and point of the concentric map. The square's four triangles are turned into one: the larger
-/// coordinate is the radius, with its sign, and the other's share of it the angle, at most an eighth of a turn.
+/// Returns the radius in `[0, 1]` and the point of the concentric map. In each of the square's four triangles, the
+/// larger coordinate is the radius, with its sign. The other over the larger one gives the angle, at most an eighth of
+/// a turn.
 #[inline]
 fn concentric(u: [f32; 2]) -> (f32, Vec2) {
     let (a, b) = (2.0 * u[0] - 1.0, 2.0 * u[1] - 1.0);
@@ -175,7 +177,7 @@ fn around_z(radius: f32, z: f32, turn: f32) -> Vec3 {
     Vec3::new(radius * cos, radius * sin, z)
 }
 
-/// Keeps an inverted coordinate in `[0, 1)` against rounding.
+/// Returns an inverted coordinate clamped to `[0, 1)` against rounding.
 #[inline]
 fn below_one(u: f32) -> f32 {
     u.clamp(0.0, 1.0 - 0.5 * f32::EPSILON)

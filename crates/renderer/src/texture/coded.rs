@@ -1,31 +1,31 @@
-//! Images of few values, kept small for look-ups.
+//! Compact copies of images with few distinct values.
 
 use dapple_scene::image::Image;
 use glam::Vec3;
 
-/// The number of values of a byte.
+/// The largest number of distinct values, those of a byte.
 const MOST: usize = 256;
 /// Pixels along a tile's side.
 const SIDE: usize = 4;
 
-/// The pixels of an image that has no more than 256 values, as 8-bit files have: a byte for each, exactly. Look-ups
-/// scattered over a large image wait for memory; this takes a third of it, and four neighbours mostly lie in one
-/// cache line.
+/// An image with at most 256 distinct channel values, as from 8-bit files, stored exactly in one byte per channel.
+/// Scattered look-ups in a large image wait for memory. This form needs a third of it, and four neighbours mostly share
+/// a cache line.
 #[derive(Clone, Debug)]
 pub(super) struct Coded {
     tiles: Vec<Tile>,
-    /// Tiles to a row of them.
+    /// Tiles per row.
     across: usize,
     values: Box<[f32; MOST]>,
 }
 
-/// Codes of 4 x 4 pixels, row by row: a cache line. The fourth of each is unused.
+/// Codes of 4 x 4 pixels, row by row, in one cache line. The fourth byte of each pixel is unused.
 #[derive(Clone, Copy, Debug)]
 #[repr(align(64))]
 struct Tile([[u8; 4]; SIDE * SIDE]);
 
 impl Coded {
-    /// `None` where there are too many values.
+    /// Makes the compact copy of an image; `None` if it has too many values.
     pub(super) fn new(image: &Image) -> Option<Self> {
         let [width, height] = [image.width(), image.height()];
         let across = width.div_ceil(SIDE);
@@ -40,7 +40,7 @@ impl Coded {
         Some(Self { tiles, across, values: Box::new(coder.values) })
     }
 
-    /// The pixel in a column of a row, both of the image.
+    /// Returns the pixel at a column and a row within the image.
     #[inline]
     pub(super) fn pixel(&self, column: usize, row: usize) -> Vec3 {
         let (tile, place) = locate(self.across, column, row);
@@ -49,17 +49,17 @@ impl Coded {
     }
 }
 
-/// The tile of a pixel, and its place in there.
+/// Returns the index of a pixel's tile, and the pixel's index in the tile.
 #[inline]
 fn locate(across: usize, column: usize, row: usize) -> (usize, usize) {
     (row / SIDE * across + column / SIDE, row % SIDE * SIDE + column % SIDE)
 }
 
-/// Numbers values in the order in which they come.
+/// Numbers distinct values in the order of their first use.
 struct Coder {
     values: [f32; MOST],
     count: usize,
-    /// Numbers from 1, found by a value's bits; 0 is free.
+    /// Hash table from a value's bits to its number, from 1; 0 is a free slot.
     slots: [u16; Self::SLOTS],
 }
 
@@ -70,10 +70,10 @@ impl Default for Coder {
 }
 
 impl Coder {
-    /// Four times as many as there may be values: searches stay short.
+    /// Size of the hash table: four times the largest number of values keeps searches short.
     const SLOTS: usize = 4 * MOST;
 
-    /// The code of a value, by its bits; `None` where it is one too many.
+    /// Returns the code of a value; `None` if there are too many values.
     fn code(&mut self, value: f32) -> Option<u8> {
         // The golden ratio of 2^32 scatters bits [after Knuth 1998, sec. 6.4].
         let mut slot = (value.to_bits().wrapping_mul(0x9E37_79B9) >> 22) as usize;

@@ -1,4 +1,4 @@
-//! From a scene to a world.
+//! Construction of a world from a scene.
 
 use super::instances::{Placements, empty_mesh};
 use super::shutter::Shutter;
@@ -15,15 +15,15 @@ use dapple_scene::Effects;
 use dapple_scene::{Emission, Geometry as Described, MeshData, Scene, Shape as DescribedShape, Source};
 use glam::{DAffine3, DVec3, Vec3};
 
-/// All errors that keep a scene from being rendered.
+/// All errors that prevent a scene from being rendered.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("{}", problems.join("\n"))]
 pub struct WorldError {
-    /// One sentence each, with the object's line.
+    /// The problems, one sentence each, with the object's line.
     pub problems: Vec<String>,
 }
 
-/// Collects problems, so that all of a scene are reported at once.
+/// Collects problems, so that all problems of a scene are reported together.
 #[derive(Default)]
 pub(super) struct Problems(Vec<String>);
 
@@ -119,14 +119,14 @@ pub(super) fn build(scene: &Scene, resolution: [u32; 2]) -> Result<World, WorldE
     })
 }
 
-/// The camera while the shutter is open; its resting pose is that of the opening.
+/// Makes the camera with its motion while the shutter is open. Its resting pose is that at the opening.
 fn camera(scene: &Scene, resolution: [u32; 2], space: &Space, shutter: &Shutter) -> Result<CameraView, CameraError> {
     let [opens, closes] = shutter.open;
     let view = CameraView::new(&scene.camera, resolution, space)?.resting_at(opens);
     Ok(if opens == closes { view.standing() } else { view })
 }
 
-/// The properties of a shape besides its geometry.
+/// Returns the properties of a shape besides its geometry.
 fn part(shape: &DescribedShape) -> Part {
     Part {
         material: shape.material.0,
@@ -140,7 +140,7 @@ fn part(shape: &DescribedShape) -> Part {
     }
 }
 
-/// The shape's geometry in the renderer's space, and its other properties.
+/// Returns a shape's geometry in the renderer's space, and its other properties.
 pub(super) fn convert(shape: &DescribedShape, space: &Space) -> Result<(Shape, Part), String> {
     let to_world = space.apply(shape.to_world);
     let mirrors = shape.to_world.matrix3.determinant() < 0.0;
@@ -166,14 +166,14 @@ pub(super) fn convert(shape: &DescribedShape, space: &Space) -> Result<(Shape, P
     Ok((geometry, part))
 }
 
-/// Vertex normals in world space, unit length; a normal without a direction stays zero.
+/// Returns unit vertex normals in world space. Normals of length 0 stay zero.
 fn world_normals(mesh: &MeshData, to_world: DAffine3, sign: f32) -> Vec<Vec3> {
     let turn = to_world.matrix3.inverse().transpose();
     let unit = |n: &[f32; 3]| (turn * Vec3::from_array(*n).as_dvec3()).normalize_or_zero().as_vec3() * sign;
     mesh.normals.iter().map(unit).collect()
 }
 
-/// Lights that are no shapes, without those that are black.
+/// Returns the lights that are not shapes, without black ones.
 fn lights_without_shape(scene: &Scene, space: &Space, problems: &mut Problems) -> Vec<Light> {
     scene.lights.iter().filter_map(|light| problems.note(Light::of(light, space)).flatten()).collect()
 }
@@ -202,7 +202,7 @@ fn lights(
     Lights::new(lights, radius)
 }
 
-/// The lamp of an emission. `None` if it is black.
+/// Returns the lamp of an emission. `None` if it is black.
 fn lamp(emission: Emission) -> Result<Option<Lamp>, String> {
     let Emission { radiance, two_sided } = emission;
     if radiance.iter().any(|x| !(x.is_finite() && *x >= 0.0)) {
@@ -212,7 +212,7 @@ fn lamp(emission: Emission) -> Result<Option<Lamp>, String> {
     Ok((radiance != Vec3::ZERO).then_some(Lamp { radiance, two_sided }))
 }
 
-/// The light of a shape. `None` if it has no area.
+/// Returns the light of a shape. `None` if the shape has no area.
 fn light(
     shape: &DescribedShape,
     number: u32,
@@ -241,7 +241,7 @@ fn light(
     })
 }
 
-/// The sign of each triangle's winding normal: vertex normals decide where there are any.
+/// Returns the sign of each triangle's winding normal, by the vertex normals if there are any.
 fn sides(geometry: &Geometry, number: u32, part: &Part) -> Vec<f32> {
     let Shape::Mesh(mesh) = &geometry.shapes()[number as usize] else { return Vec::new() };
     if part.normals.is_empty() {

@@ -6,12 +6,12 @@ use crate::shading::ShadingFrame;
 use dapple_geometry::{Mesh, Shape};
 use glam::Vec3;
 
-/// Step in u and v over which a height's slope is measured: what pbrt-v4 takes where it knows no footprint
-/// [Pharr et al. 2023, sec. 10.5.3].
+/// Step in u and v to measure the slope of a height: pbrt-v4's default if it knows no footprint [Pharr et al. 2023,
+/// sec. 10.5.3].
 const STEP: f32 = 5e-4;
 
 impl World {
-    /// The derivatives of a hit's point by u and by v; zero where texture coordinates give no direction.
+    /// Returns the derivatives of position by u and by v at a hit; zero if texture coordinates are degenerate.
     pub(super) fn derivatives(&self, at: &Interaction<'_>) -> [Vec3; 2] {
         let shape = self.geometry.shape(at.hit.shape);
         // A point of an instance, in the space of its object.
@@ -28,9 +28,9 @@ impl World {
         derivatives.map(|d| self.direction_to_world(at, d))
     }
 
-    /// The shading frame of a hit whose material has a normal map, or else a bump map.
+    /// Returns the shading frame of a hit with a normal map or else a bump map.
     ///
-    /// The normal lies on the side of the geometric one.
+    /// The frame's normal is on the side of the geometric normal.
     #[inline(never)]
     pub(super) fn bumped_frame(&self, at: &Interaction<'_>, surface: &Surface) -> ShadingFrame {
         let [along_u, along_v] = self.derivatives(at);
@@ -53,8 +53,9 @@ impl World {
     }
 }
 
-/// The unit normal `n` of a surface with these derivatives, were it moved along `n` by a height with these:
-/// `(p_u + h_u n) x (p_v + h_v n)`, on the side of `n` [Pharr et al. 2023, eq. 10.16, for a level height of 0].
+/// Returns the unit normal `n` after displacing the surface along `n` by a height. `derivatives` are those of the
+/// position, `rise` those of the height. The result is `(p_u + h_u n) x (p_v + h_v n)`, on the side of `n` [Pharr et
+/// al. 2023, eq. 10.16, for a height of 0].
 fn tilt(n: Vec3, derivatives: [Vec3; 2], rise: [f32; 2]) -> Vec3 {
     // Vertex normals lean away from their triangle: what counts lies across them.
     let [p_u, p_v] = derivatives.map(|p| p - n * n.dot(p));
@@ -66,7 +67,7 @@ fn tilt(n: Vec3, derivatives: [Vec3; 2], rise: [f32; 2]) -> Vec3 {
     if largest > 0.0 && largest.is_finite() { side / largest * tilted } else { n }
 }
 
-/// The derivatives of a triangle's position by its texture coordinates; zero where these are degenerate.
+/// Returns the derivatives of a triangle's position by u and by v; zero if texture coordinates are degenerate.
 fn triangle_derivatives(at: &Interaction<'_>, mesh: &Mesh, [p0, p1, p2]: [Vec3; 3]) -> [Vec3; 2] {
     let [t0, t1, t2] = match at.part.uvs.is_empty() {
         true => [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]],

@@ -6,16 +6,17 @@ use dapple_core::FirstHit;
 use dapple_geometry::Ray;
 
 impl World {
-    /// The features of a camera ray's hit, as samplers and denoisers take them.
+    /// Returns the features of a camera ray's hit that samplers and denoisers use.
     ///
-    /// `u` in `[0, 1)` selects a material where several are mixed.
+    /// `u` in `[0, 1)` selects a material of a mix.
     pub fn first_hit(&self, ray: &Ray, at: &Interaction<'_>, u: f32) -> FirstHit {
         self.first_hit_of(*ray, *at, self.surface(at, u))
     }
 
-    /// [`Self::first_hit`] of a surface.
+    /// Returns [`Self::first_hit`] for a known surface.
     ///
-    /// Outlined, since most renders need no first hits; by value, so that the caller's stay in registers.
+    /// Not inlined, since most renders need no first hits. Takes arguments by value, so that the caller's stay in
+    /// registers.
     #[inline(never)]
     pub(crate) fn first_hit_of(&self, ray: Ray, at: Interaction<'_>, surface: &Surface) -> FirstHit {
         let bsdf = self.bsdf_of(&at, surface);

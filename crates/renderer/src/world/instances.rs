@@ -9,7 +9,7 @@ use dapple_scene::{MaterialId, MediumId, Scene, Shape as DescribedShape, Source}
 use glam::{DAffine3, DVec3, Vec3};
 use std::sync::Arc;
 
-/// Objects, their instances, and the properties of their shapes.
+/// The objects and instances of a world under construction, and the properties of their shapes.
 pub(super) struct Placements<'a> {
     space: &'a Space,
     shutter: &'a Shutter,
@@ -21,7 +21,7 @@ pub(super) struct Placements<'a> {
 }
 
 impl<'a> Placements<'a> {
-    /// The scene's objects and instances.
+    /// Converts the scene's objects and instances.
     pub(super) fn of(scene: &Scene, space: &'a Space, shutter: &'a Shutter, problems: &mut Problems) -> Self {
         let (objects, instances, parts) = (Vec::new(), Vec::new(), Vec::new());
         let mut all = Self { space, shutter, objects, instances, parts, dropped_triangles: 0, moves: false };
@@ -51,7 +51,7 @@ impl<'a> Placements<'a> {
         all
     }
 
-    /// Adds a shape that moves, as the only instance of an object of its own. An empty mesh takes its number.
+    /// Adds a moving shape, as the only instance of an object of its own. An empty mesh keeps the shape's index.
     pub(super) fn add_moving(&mut self, shape: &DescribedShape, problems: &mut Problems) {
         if shape.emission.is_some() {
             problems.add(&shape.source, "a shape that moves cannot emit light; keep it still".into());
@@ -64,7 +64,7 @@ impl<'a> Placements<'a> {
         }
     }
 
-    /// An object, in a space of its own; that space.
+    /// Adds an object in a space of its own, and returns that space. `None` after a reported problem.
     fn add_object(&mut self, shapes: &[DescribedShape], source: &Source, problems: &mut Problems) -> Option<Space> {
         let own = Space::of_shapes(shapes);
         let mut geometry = Vec::with_capacity(shapes.len());
@@ -104,7 +104,7 @@ impl<'a> Placements<'a> {
         self.instances.push(Instance::new(object, motion));
     }
 
-    /// Everything in one geometry: the fast one where there are no instances.
+    /// Builds the geometry of base shapes and instances, in a faster form if there are no instances.
     pub(super) fn build(self, shapes: Vec<Shape>) -> Result<Geometry, dapple_geometry::Error> {
         match self.instances.is_empty() {
             true => Geometry::build(shapes, Preset::default()),
@@ -113,12 +113,12 @@ impl<'a> Placements<'a> {
     }
 }
 
-/// The placeholder at the number of a shape that moves.
+/// Returns the empty mesh that keeps the index of a moving shape.
 pub(super) fn empty_mesh() -> Option<Shape> {
     Mesh::new(Vec::new(), Vec::new()).ok().map(Shape::from)
 }
 
-/// Reports properties that a shape of an object cannot have.
+/// Reports properties that shapes of an object cannot have.
 fn refuse(shape: &DescribedShape, problems: &mut Problems) {
     if shape.emission.is_some() {
         problems.add(&shape.source, "a shape of an object cannot emit light; move the lamp out of the object".into());
@@ -129,12 +129,12 @@ fn refuse(shape: &DescribedShape, problems: &mut Problems) {
 }
 
 impl World {
-    /// The number of a shape's material.
+    /// Returns the index of a shape's material.
     pub fn shape_material(&self, shape: u32) -> u32 {
         self.part(shape).material
     }
 
-    /// The part of a shape number.
+    /// Returns the properties of the shape with this index.
     #[inline]
     pub(crate) fn part(&self, shape: u32) -> &Part {
         match self.parts.get(shape as usize) {
@@ -143,7 +143,8 @@ impl World {
         }
     }
 
-    /// A hit of an instance. The inverse transpose takes normals to the world, so that a mirror does not flip them.
+    /// Returns the interaction for a hit of an instance. Normals are transformed by the inverse transpose, so that
+    /// mirroring keeps their side.
     #[inline(never)]
     pub(super) fn instance_interaction(&self, ray: &Ray, hit: Hit, time: f32) -> Interaction<'_> {
         let mut point = self.geometry.surface_at(ray, &hit, time);
@@ -167,7 +168,7 @@ impl World {
         Interaction { part, hit, point, shading_normal, time }
     }
 
-    /// A direction of the hit shape's space, in the world.
+    /// Returns a direction of the hit shape's own space in world space.
     #[inline]
     pub(super) fn direction_to_world(&self, at: &Interaction<'_>, direction: Vec3) -> Vec3 {
         match self.geometry.to_world(at.hit.shape, at.time) {
@@ -176,7 +177,7 @@ impl World {
         }
     }
 
-    /// Lower and upper corner of a shape's box when the shutter opens, to within rounding.
+    /// Returns the lower and the upper corner of a shape's bounding box when the shutter opens, within rounding.
     pub fn shape_bounds(&self, shape: u32) -> [Vec3; 2] {
         let [low, high] = self.geometry.shape(shape).bounds().unwrap_or_default();
         let Some(to_world) = self.geometry.to_world(shape, self.time(0.0)) else { return [low, high] };
@@ -185,7 +186,7 @@ impl World {
 }
 
 impl Problems {
-    /// Reports media that do not exist, and lamps with holes.
+    /// Reports missing media, and lamps with holes.
     pub(super) fn check_media(&mut self, scene: &Scene) {
         let missing = |medium: &Option<MediumId>| medium.is_some_and(|m| m.0 as usize >= scene.media.len());
         for shape in scene.shapes.iter().chain(scene.objects.iter().flat_map(|object| &object.shapes)) {

@@ -1,21 +1,21 @@
-//! The part of a motion during which the shutter is open.
+//! The time interval of a motion in which the shutter is open.
 
 use super::World;
 use dapple_geometry::Motion;
 use dapple_scene::Scene;
 
-/// The part of the motion during which the shutter is open.
+/// The time interval of a motion in which the shutter is open.
 pub(super) struct Shutter {
-    /// In `[0, 1]`, the same twice if nothing moves visibly.
+    /// Opening and closing time in `[0, 1]`, equal if nothing moves visibly.
     pub(super) open: [f32; 2],
 }
 
 impl Shutter {
-    /// The shutter of a scene.
+    /// Returns the shutter of a scene.
     ///
     /// # Errors
     ///
-    /// For times that are not finite or not in order, where something moves.
+    /// If anything moves and times are not finite or not in order.
     pub(super) fn of(scene: &Scene) -> Result<Self, String> {
         let moves = scene.camera.moves_to.is_some()
             || scene.shapes.iter().any(|shape| shape.moves_to.is_some())
@@ -39,14 +39,14 @@ impl Shutter {
         Ok(Self { open: [opens, closes].map(|t| ((t - from) / (to - from)).clamp(0.0, 1.0) as f32) })
     }
 
-    /// A motion while the shutter is open: at rest, if it is open for no time.
+    /// Returns a motion restricted to the interval; a pose at rest if its length is 0.
     pub(super) fn seen(&self, motion: Motion) -> Motion {
         if self.open[0] == self.open[1] { Motion::still(motion.at(self.open[0])) } else { motion }
     }
 }
 
 impl World {
-    /// A time within the motion, in `[0, 1]`, sampled by `u` in `[0, 1)` uniformly while the shutter is open.
+    /// Returns a time within the motion, in `[0, 1]`, sampled uniformly while the shutter is open by `u` in `[0, 1)`.
     #[inline]
     pub fn time(&self, u: f32) -> f32 {
         let [opens, closes] = self.open;

@@ -24,12 +24,12 @@ pub(super) fn length(a: [f64; 3]) -> f64 {
     dot(a, a).sqrt()
 }
 
-/// `a` made one long; `a` must not be zero.
+/// Returns the unit vector along `a`, which must not be zero.
 pub(crate) fn normalize(a: [f64; 3]) -> [f64; 3] {
     scale(a, 1.0 / length(a))
 }
 
-/// 0 below `from`, 1 above `to`, the cubic `t^2 (3 - 2 t)` between.
+/// Returns 0 for `x` below `from`, 1 above `to`, and `t^2 (3 - 2 t)` between, `t` being linear from 0 to 1.
 pub(crate) fn smoothstep(from: f64, to: f64, x: f64) -> f64 {
     let t = ((x - from) / (to - from)).clamp(0.0, 1.0);
     t * t * (3.0 - 2.0 * t)
@@ -39,10 +39,10 @@ pub(crate) fn mix<const N: usize>(a: [f64; N], b: [f64; N], t: f64) -> [f64; N] 
     std::array::from_fn(|i| a[i] * (1.0 - t) + b[i] * t)
 }
 
-/// Sine and cosine of `turns` full turns, `turns` in `[0, 1]`, within 1e-12.
+/// Returns sine and cosine of `turns` full turns, within 1e-12, for `turns` in `[0, 1]`.
 ///
-/// The platform's own may differ in the last bit from machine to machine; these are Taylor polynomials
-/// about the nearest quarter turn.
+/// Uses Taylor polynomials about the nearest quarter turn: the platform's functions differ in the last bit between
+/// machines.
 pub(super) fn sin_cos(turns: f64) -> [f64; 2] {
     let quarter = (4.0 * turns).round();
     let x = (turns - 0.25 * quarter) * (2.0 * std::f64::consts::PI);
@@ -62,8 +62,8 @@ pub(super) fn sin_cos(turns: f64) -> [f64; 2] {
     }
 }
 
-/// The direction of a pixel's centre in a latitude-longitude image, z up, as
-/// [`EnvironmentRadiance::LatLong`](crate::EnvironmentRadiance::LatLong) lays it out.
+/// Returns the unit direction (z up) through the centre of a pixel of a latitude-longitude image, laid out as in
+/// [`EnvironmentRadiance::LatLong`](crate::EnvironmentRadiance::LatLong).
 pub(crate) fn lat_long_direction(column: usize, row: usize, width: usize, height: usize) -> [f64; 3] {
     let [sin_phi, cos_phi] = sin_cos((column as f64 + 0.5) / width as f64);
     let [sin_theta, cos_theta] = sin_cos(0.5 * (row as f64 + 0.5) / height as f64);

@@ -4,7 +4,7 @@ use super::images::tga_with_alpha;
 use super::{Assets, opening};
 use std::fmt::Write;
 
-/// Leaves of the twig: height, degrees about the stem, degrees down from upright, and size.
+/// The twig's leaves: height on the stem, angle about the stem and tilt from upright (degrees), and size.
 const LEAVES: [[f64; 4]; 11] = [
     [0.3, 20.0, 62.0, 0.62],
     [0.45, 157.0, 66.0, 0.66],
@@ -19,10 +19,10 @@ const LEAVES: [[f64; 4]; 11] = [
     [1.62, 315.0, 16.0, 0.32],
 ];
 
-/// Pixels along a side of the leaf's image.
+/// Width and height of the leaf's image in pixels.
 const LEAF: u16 = 96;
 
-/// A leaf that grows upwards from the middle of the image's foot: sRGB and opacity.
+/// Returns sRGB and opacity of a pixel of the leaf's image. The leaf grows upwards from the middle of the bottom edge.
 fn leaf(column: u16, row: u16) -> [u8; 4] {
     let unit = |i: u16| (f64::from(i) + 0.5) / f64::from(LEAF);
     let (across, along) = ((2.0 * unit(column) - 1.0).abs(), 1.0 - unit(row));
@@ -40,7 +40,7 @@ fn leaf(column: u16, row: u16) -> [u8; 4] {
     if rib { [150, 170, 80, 255] } else { [70, 130, 45, 255] }
 }
 
-/// The bars of the pane's frame: least and greatest corner.
+/// The bars of the pane's frame, each a box: its least and its greatest corner.
 const BARS: [[[f64; 3]; 2]; 4] = [
     [[-0.64, -0.03, 0.0], [0.64, 0.03, 0.05]],
     [[-0.64, -0.02, 1.0], [0.64, 0.02, 1.04]],
@@ -48,7 +48,7 @@ const BARS: [[[f64; 3]; 2]; 4] = [
     [[0.6, -0.02, 0.05], [0.64, 0.02, 1.0]],
 ];
 
-/// The parameters of a mesh of all bars, normals outwards.
+/// Returns the pbrt parameters of one mesh of all frame bars, with normals outwards.
 fn frame() -> String {
     let (mut points, mut indices) = (String::new(), String::new());
     for (number, bar) in BARS.iter().enumerate() {
@@ -65,7 +65,7 @@ fn frame() -> String {
     format!("    \"point3 P\" [{points}]\n    \"integer indices\" [{indices}]\n")
 }
 
-/// The scene file's text and its other files.
+/// Returns the text of the scene file, and the scene's other files.
 pub(super) fn scene() -> (String, Assets) {
     let mut text = opening(
         "Glass: a clear ball, a rough one, one filled with red dye, a ball of mist, a thin pane that leans, and a\n\

@@ -4,16 +4,16 @@ use super::directions::sin_cos;
 use super::opening;
 use std::fmt::Write;
 
-/// Kinds of tuft.
+/// Number of different tufts.
 const KINDS: u64 = 3;
-/// Blades of a tuft.
+/// Blades per tuft.
 const BLADES: u64 = 30;
 /// Tufts along each side of the meadow.
 const ROWS: u64 = 30;
-/// Metres between them.
+/// Distance between neighbouring tufts in metres.
 const SPACING: f64 = 0.14;
 
-/// A number in `[0, 1)` for each name: the generator of [Steele et al. 2014] with the name as its state.
+/// Returns a pseudo-random number in `[0, 1)`, a hash of the three arguments [Steele et al. 2014].
 fn random(kind: u64, number: u64, use_of_it: u64) -> f64 {
     let mut x = (kind << 40 | number << 8 | use_of_it).wrapping_add(1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
     x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -21,7 +21,7 @@ fn random(kind: u64, number: u64, use_of_it: u64) -> f64 {
     ((x ^ (x >> 31)) >> 11) as f64 / (1u64 << 53) as f64
 }
 
-/// Blades that grow from about the origin and bend outwards: three triangles each.
+/// Returns the mesh of a tuft: blades that grow near the origin and bend outwards, three triangles each.
 fn tuft(kind: u64) -> String {
     let (mut points, mut indices) = (String::new(), String::new());
     for blade in 0..BLADES {
@@ -47,7 +47,7 @@ fn tuft(kind: u64) -> String {
     format!("  Shape \"trianglemesh\"\n    \"point3 P\" [{points}]\n    \"integer indices\" [{indices}]\n")
 }
 
-/// The scene file's text.
+/// Returns the text of the scene file.
 pub(super) fn scene() -> String {
     let mut text = opening(
         "Grass: nine hundred tufts of thirty blades, three kinds of tuft, a few stones, under a lamp and the sky.\n\

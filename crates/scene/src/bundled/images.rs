@@ -1,8 +1,8 @@
-//! Image files made here: PFM for radiance, TGA for colour.
+//! Encoders of image files: PFM for radiance, TGA for colour.
 
 use super::directions::lat_long_direction;
 
-/// A latitude-longitude PFM of `radiance`, a function of the unit direction (z up), one look a pixel.
+/// Encodes a latitude-longitude PFM image. `radiance` is called with the unit direction (z up) of each pixel's centre.
 pub(super) fn lat_long_pfm(width: usize, height: usize, radiance: impl Fn([f64; 3]) -> [f64; 3]) -> Vec<u8> {
     let mut bytes = format!("PF\n{width} {height}\n-1.0\n").into_bytes();
     // PFM begins with the bottom row.
@@ -16,7 +16,8 @@ pub(super) fn lat_long_pfm(width: usize, height: usize, radiance: impl Fn([f64; 
     bytes
 }
 
-/// An uncompressed 24-bit TGA, its first pixel the top left one. `color` gives sRGB-encoded 8-bit values.
+/// Encodes an uncompressed 24-bit TGA image. `color` returns the sRGB bytes of a pixel by column and row, from the top
+/// left.
 pub(super) fn tga(width: u16, height: u16, color: impl Fn(u16, u16) -> [u8; 3]) -> Vec<u8> {
     // From the top left, no opacity.
     tga_of([width, height], [24, 0x20], |column, row| {
@@ -25,7 +26,7 @@ pub(super) fn tga(width: u16, height: u16, color: impl Fn(u16, u16) -> [u8; 3]) 
     })
 }
 
-/// The same of 32 bits: `color` gives opacity as the fourth value.
+/// Encodes an uncompressed 32-bit TGA image. `color` returns sRGB and opacity of a pixel by column and row.
 pub(super) fn tga_with_alpha(width: u16, height: u16, color: impl Fn(u16, u16) -> [u8; 4]) -> Vec<u8> {
     // From the top left, 8 bits of opacity.
     tga_of([width, height], [32, 0x28], |column, row| {
@@ -34,7 +35,8 @@ pub(super) fn tga_with_alpha(width: u16, height: u16, color: impl Fn(u16, u16) -
     })
 }
 
-/// `format` is the bits of a pixel and the descriptor; pixels are as the file has them.
+/// Encodes a TGA image. `format` holds bits per pixel and the descriptor byte; `pixel` returns a pixel's bytes in file
+/// order.
 fn tga_of<const N: usize>([width, height]: [u16; 2], format: [u8; 2], pixel: impl Fn(u16, u16) -> [u8; N]) -> Vec<u8> {
     // Field by field: no id, no palette, true colour, palette and origin all 0, size, format.
     let mut bytes = vec![0, 0, 2, 0, 0, 0, 0, 0, 0, 0, 0, 0];

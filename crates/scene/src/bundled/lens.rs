@@ -6,11 +6,11 @@ use std::fmt::Write;
 
 const EYE: [f64; 3] = [0.0, -9.0, 2.3];
 const TARGET: [f64; 3] = [0.0, 0.0, 0.75];
-/// The ball in focus.
+/// Index in [`BALLS`] of the ball in focus.
 const SHARP: usize = 2;
 const RADIUS: f64 = 0.55;
 
-/// Each ball's x, y and reflectance, from the nearest to the farthest.
+/// The balls' x, y and reflectance, from the nearest to the farthest.
 const BALLS: [(f64, f64, [f64; 3]); 6] = [
     (-1.6, -4.6, [0.75, 0.12, 0.08]),
     (-1.25, -2.9, [0.8, 0.4, 0.05]),
@@ -20,7 +20,7 @@ const BALLS: [(f64, f64, [f64; 3]); 6] = [
     (4.6, 6.3, [0.4, 0.15, 0.6]),
 ];
 
-/// Lamps in the background: x, z and hue.
+/// The lamps in the background: x, z and hue (linear RGB).
 const LAMPS: [(f64, f64, [f64; 3]); 12] = [
     (-6.2, 2.5, [1.0, 0.7, 0.4]),
     (-5.3, 1.0, [1.0, 0.85, 0.6]),
@@ -38,13 +38,13 @@ const LAMPS: [(f64, f64, [f64; 3]); 12] = [
 const LAMPS_Y: f64 = 12.0;
 const LAMP_RADIUS: f64 = 0.06;
 
-/// Distance from the camera, along the view, of the middle of the ball in focus.
+/// Returns the distance along the view from the camera to the centre of the ball in focus.
 pub(super) fn focal_distance() -> f64 {
     let (x, y, _) = BALLS[SHARP];
     dot(sub([x, y, RADIUS], EYE), normalize(sub(TARGET, EYE)))
 }
 
-/// The scene file's text.
+/// Returns the text of the scene file.
 pub(super) fn scene() -> String {
     let mut text = opening(
         "Lens: a row of balls seen through a thin lens that is focused on the third of them;\n\

@@ -1,25 +1,25 @@
-//! Meshes in the making, and their binary PLY files.
+//! Meshes under construction, and their binary PLY files.
 
 use super::directions::{add, cross, dot, normalize, sub};
 
-/// Indexed triangles with one normal per corner.
+/// Indexed triangles with one normal per vertex.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Mesh {
     pub(super) positions: Vec<[f64; 3]>,
-    /// Unit length, as many as positions.
+    /// Unit normals, one per position.
     pub(super) normals: Vec<[f64; 3]>,
     pub(super) triangles: Vec<[u32; 3]>,
 }
 
 impl Mesh {
-    /// Adds a corner and returns its number.
+    /// Adds a vertex and returns its index.
     pub(super) fn add(&mut self, position: [f64; 3], normal: [f64; 3]) -> u32 {
         self.positions.push(position);
         self.normals.push(normal);
         (self.positions.len() - 1) as u32
     }
 
-    /// Adds the quadrilateral `a b c d` as two triangles of its winding, leaving out any with two corners in one.
+    /// Adds the quadrilateral `a b c d` as two triangles of the same winding. Skips triangles with two equal vertices.
     pub(super) fn add_quad(&mut self, [a, b, c, d]: [u32; 4]) {
         for triangle in [[a, b, c], [a, c, d]] {
             if triangle[0] != triangle[1] && triangle[1] != triangle[2] && triangle[2] != triangle[0] {
@@ -28,19 +28,21 @@ impl Mesh {
         }
     }
 
-    /// The corners of a triangle.
+    /// Returns the positions of a triangle's vertices.
     pub(super) fn corners(&self, triangle: [u32; 3]) -> [[f64; 3]; 3] {
         triangle.map(|corner| self.positions[corner as usize])
     }
 
-    /// The normal that a triangle's winding gives, twice its area long.
+    /// Returns a triangle's normal by its winding; its length is twice the triangle's area.
     pub(super) fn face_normal(&self, triangle: [u32; 3]) -> [f64; 3] {
         let [a, b, c] = self.corners(triangle);
         cross(sub(b, a), sub(c, a))
     }
 
-    /// Sets every normal of a height field (z up) to the mean of its triangles', weighted by area, and tilted
-    /// upwards as far as it takes to be on the outer side of each of them: on sharp ridges the mean alone is not.
+    /// Sets the vertex normals of a height field (z up) to the area-weighted mean of the adjoining triangles' normals.
+    ///
+    /// The mean is tilted upwards until it lies on the outer side of each of these triangles; on sharp ridges it would
+    /// not.
     pub(super) fn smooth_normals(&mut self) {
         const LEAST_COSINE: f64 = 0.05;
         let mut sums = vec![[0.0; 3]; self.positions.len()];
@@ -64,7 +66,7 @@ impl Mesh {
         }
     }
 
-    /// The mesh made of the triangles that `keep` names, corners that none of them uses left out.
+    /// Returns the mesh of the triangles that `keep` accepts, without unused vertices.
     pub(super) fn part(&self, keep: impl Fn([u32; 3]) -> bool) -> Self {
         let mut part = Self::default();
         let mut number = vec![u32::MAX; self.positions.len()];
@@ -81,7 +83,8 @@ impl Mesh {
         part
     }
 
-    /// A binary little-endian PLY file: x y z nx ny nz as f32, faces as short as their count allows.
+    /// Encodes the mesh as a binary little-endian PLY file: x y z nx ny nz as f32, and vertex indices of the smallest
+    /// type.
     pub(super) fn ply(&self) -> Vec<u8> {
         // Half the bytes of a triangle are its indices; terrain is cut into parts that fit u16.
         let short = self.positions.len() <= usize::from(u16::MAX) + 1;

@@ -3,16 +3,16 @@
 use super::opening;
 use std::fmt::Write;
 
-/// Degrees that the mill turns in the time that the shutter is open.
+/// Rotation of the mill while the shutter is open, in degrees.
 const TURN: f64 = 20.0;
-/// The ball's x when the shutter opens and when it closes.
+/// The ball's x when the shutter opens, and when it closes.
 const ROLL: [f64; 2] = [0.1, 0.45];
 const BALL: f64 = 0.55;
 
-/// Each die's x, its height when the shutter closes, how far it has fallen by then, and its turn in degrees.
+/// The dice: x, height when the shutter closes, distance fallen and degrees turned while it is open.
 const DICE: [(f64, f64, f64, f64); 3] = [(1.2, 2.7, 0.0, 0.0), (2.2, 2.0, 0.2, 12.0), (3.2, 1.1, 0.4, 24.0)];
 
-/// The scene file's text.
+/// Returns the text of the scene file.
 pub(super) fn scene() -> String {
     let mut text = opening(
         "Motion: a mill that turns, a ball that rolls, and dice that fall (but for the first one) while the shutter\n\

@@ -1,19 +1,19 @@
-//! Seeded gradient noise and its sums, the same on every machine.
+//! Seeded gradient noise and fractal sums of it, the same on every machine.
 
-/// Mixes 64 bits: the finaliser of [Steele et al. 2014], with the constants of Stafford's variant 13.
+/// Returns a hash of 64 bits: the finaliser of [Steele et al. 2014], with the constants of Stafford's variant 13.
 fn mix_bits(mut x: u64) -> u64 {
     x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
     x ^ (x >> 31)
 }
 
-/// The random gradient of a lattice point, each part in [-1, 1).
+/// Returns the pseudo-random gradient at a lattice point, each component in [-1, 1).
 fn gradient(x: i64, y: i64, seed: u64) -> [f64; 2] {
     let bits = mix_bits(mix_bits(mix_bits(seed).wrapping_add(x as u64)).wrapping_add(y as u64));
     [bits >> 32, bits & 0xffff_ffff].map(|half| half as f64 / 2_147_483_648.0 - 1.0)
 }
 
-/// Gradient noise [Perlin 2002], about -0.8 to 0.8, zero at lattice points.
+/// Returns gradient noise [Perlin 2002] at a point: about -0.8 to 0.8, zero at lattice points.
 pub(super) fn gradient_noise([x, y]: [f64; 2], seed: u64) -> f64 {
     let (cell_x, cell_y) = (x.floor(), y.floor());
     let (u, v) = (x - cell_x, y - cell_y);
@@ -28,13 +28,13 @@ pub(super) fn gradient_noise([x, y]: [f64; 2], seed: u64) -> f64 {
     low * (1.0 - t) + high * t
 }
 
-/// The next octave's point: twice the frequency, turned by the angle of a 3-4-5 triangle so that the
-/// lattices of octaves do not line up.
+/// Returns the point at which to evaluate the next octave: twice the frequency, rotated by the angle of a 3-4-5
+/// triangle. The rotation keeps the lattices of different octaves apart.
 fn next_octave([x, y]: [f64; 2]) -> [f64; 2] {
     [2.0 * (0.8 * x - 0.6 * y), 2.0 * (0.6 * x + 0.8 * y)]
 }
 
-/// Fractional Brownian motion: octaves of gradient noise, each of half the height.
+/// Returns fractional Brownian motion at a point: a sum of octaves of gradient noise, each with half the amplitude.
 pub(super) fn fbm(mut point: [f64; 2], seed: u64, octaves: u32) -> f64 {
     let (mut sum, mut height) = (0.0, 1.0);
     for octave in 0..octaves {

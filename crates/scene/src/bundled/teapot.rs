@@ -7,11 +7,11 @@ use super::images::{lat_long_pfm, tga};
 use super::mesh::Mesh;
 use super::{Assets, opening};
 
-/// Quadrilaterals along each side of a patch: 32 patches of 2 x 12 x 12 make about 9000 triangles.
+/// Quadrilaterals along each side of a patch. The 32 patches of 2 x 12 x 12 triangles make about 9000.
 const STEPS: usize = 12;
 
-/// One control point of a profile: radius, the off-axis coordinate of the quarter turn's two middle
-/// control points, height.
+/// One control point of a profile: radius, the off-axis coordinate of the two middle control points of a quarter turn,
+/// and height.
 type Ring = [f64; 3];
 
 /// The parts turned about the z axis, as profiles of cubic pieces that share their end points. Outside is to
@@ -47,8 +47,8 @@ const BODY: [Ring; 13] = [
     [0.0, 0.0, 0.0],
 ];
 
-/// One control section of a tube that is symmetric in y: x and z of its two points in the plane y = 0, and the
-/// half width of the two points between them on either side.
+/// One section of a tube's control points: two points in the plane y = 0, given by x and z, and one half width. The
+/// tube is symmetric in y.
 struct Section {
     first: [f64; 2],
     second: [f64; 2],
@@ -82,10 +82,10 @@ const SPOUT: [Section; 7] = [
 /// The 4 x 4 control points of a bicubic Bezier patch: `[row][column]`.
 pub(super) type Patch = [[[f64; 3]; 4]; 4];
 
-/// Patches `[piece][column of patches]` of a part. The columns close to a ring.
+/// The patches of one part of the teapot, `[piece][column]`. The columns close to a ring.
 pub(super) type Part = Vec<Vec<Patch>>;
 
-/// The patches of a profile turned about the z axis: four quarter turns a piece.
+/// Returns the patches of a profile turned about the z axis, four quarter turns per piece.
 fn turned(profile: &[Ring]) -> Part {
     let quarter = |[r, l, z]: Ring, turn: usize| {
         [[r, 0.0, z], [r, l, z], [l, r, z], [0.0, r, z]].map(|[x, y, z]| match turn {
@@ -100,7 +100,7 @@ fn turned(profile: &[Ring]) -> Part {
         .collect()
 }
 
-/// The patches of a tube: two halves a piece.
+/// Returns the patches of a tube, two halves per piece.
 fn tube(sections: &[Section]) -> Part {
     let half = |section: &Section, side: f64| {
         let ([x0, z0], [x1, z1], w) = (section.first, section.second, section.half_width * side);
@@ -115,17 +115,17 @@ fn tube(sections: &[Section]) -> Part {
         .collect()
 }
 
-/// First control points of the cubic pieces in a row of `points`, of which neighbours share one.
+/// Returns the index of each cubic piece's first control point. Neighbouring pieces share one of the `points`.
 fn pieces(points: usize) -> impl Iterator<Item = usize> {
     (0..points - 1).step_by(3)
 }
 
-/// Lid, body, handle, spout.
+/// Returns the lid, the body, the handle and the spout.
 pub(super) fn parts() -> [Part; 4] {
     [turned(&LID), turned(&BODY), tube(&HANDLE), tube(&SPOUT)]
 }
 
-/// Value and derivative of a cubic Bezier curve by de Casteljau's steps; exact at 0 and 1.
+/// Returns the value and the derivative of a cubic Bezier curve at `t` by de Casteljau's algorithm; exact at 0 and 1.
 fn bezier(points: [[f64; 3]; 4], t: f64) -> ([f64; 3], [f64; 3]) {
     let between = |a: [f64; 3], b: [f64; 3]| mix(a, b, t);
     let [a, b, c] = [0, 1, 2].map(|i| between(points[i], points[i + 1]));
@@ -133,7 +133,7 @@ fn bezier(points: [[f64; 3]; 4], t: f64) -> ([f64; 3], [f64; 3]) {
     (between(d, e), scale(sub(e, d), 3.0))
 }
 
-/// A point of a patch and its two derivatives, along the rows' order (`s`) and the columns' (`t`).
+/// Returns a point of a patch and its derivatives by `s` (along the rows' order) and by `t` (along the columns').
 fn patch_point(patch: &Patch, s: f64, t: f64) -> [[f64; 3]; 3] {
     let rows = patch.map(|row| bezier(row, t));
     let (point, along_s) = bezier(rows.map(|(value, _)| value), s);
@@ -141,13 +141,13 @@ fn patch_point(patch: &Patch, s: f64, t: f64) -> [[f64; 3]; 3] {
     [point, along_s, along_t]
 }
 
-/// True if all control points of a row coincide, so that the patch ends in a tip.
+/// Returns true if all control points of a row coincide: the patch ends in a tip.
 fn is_point(row: &[[f64; 3]; 4]) -> bool {
     row.iter().all(|point| *point == row[0])
 }
 
-/// The corners of a part: every patch is cut into `STEPS x STEPS` quadrilaterals, neighbours share their corners,
-/// and a row of corners that lies in one point is one corner.
+/// Adds a part to a mesh, each patch as `STEPS x STEPS` quadrilaterals. Neighbouring patches share vertices; a row of
+/// vertices that coincide becomes one vertex.
 fn add_part(mesh: &mut Mesh, part: &Part) {
     let around = part[0].len() * STEPS;
     let down = part.len() * STEPS;
@@ -180,7 +180,7 @@ fn add_part(mesh: &mut Mesh, part: &Part) {
     }
 }
 
-/// The teapot, standing on z = 0, spout towards +x, normals outwards.
+/// Returns the teapot's mesh: standing on z = 0, spout towards +x, normals outwards.
 ///
 /// Open borders, as in Newell's data: the lid's edge and the rim's inner edge (a gap of 0.08 between them),
 /// both ends of the handle and the foot of the spout (all inside the body), and the spout's mouth.
@@ -192,8 +192,8 @@ pub(super) fn mesh() -> Mesh {
     mesh
 }
 
-/// A rectangular light far away: the direction of its centre, its half width and half height as tangents of
-/// angles, its radiance, and the half width of the cross bars that make it a window.
+/// A rectangular light far away: direction of its centre, half width and half height (as tangents of angles), and
+/// radiance. Cross bars of a half width make it a window.
 struct SoftBox {
     centre: [f64; 3],
     half: [f64; 2],
@@ -210,7 +210,7 @@ const SOFT_BOXES: [SoftBox; 3] = [
     SoftBox { centre: [0.35, 0.9, 0.55], half: [0.5, 0.2], radiance: [1.2, 1.4, 1.8], bar: 0.0 },
 ];
 
-/// Visible share of a soft box in a direction, 0 to 1, with its edge softened over `EDGE`.
+/// Returns the visible share of a soft box in a direction, 0 to 1. Edges are softened over `EDGE`.
 fn coverage(light: &SoftBox, direction: [f64; 3]) -> f64 {
     const EDGE: f64 = 0.03;
     let centre = normalize(light.centre);
@@ -226,8 +226,8 @@ fn coverage(light: &SoftBox, direction: [f64; 3]) -> f64 {
     inside(x, light.half[0]) * inside(y, light.half[1]) * pane
 }
 
-/// Radiance from a direction: walls that darken from the horizon to the ceiling, `mix(horizon, zenith, z (2 - z))`,
-/// a dim ground below, and the soft boxes.
+/// Returns the studio's radiance from a direction: walls, a dim ground below, and the soft boxes. The walls darken
+/// upwards: `mix(horizon, zenith, z (2 - z))`.
 fn studio(direction: [f64; 3]) -> [f64; 3] {
     let z = direction[2];
     let wall = if z >= 0.0 {
@@ -238,7 +238,7 @@ fn studio(direction: [f64; 3]) -> [f64; 3] {
     SOFT_BOXES.iter().fold(wall, |sum, light| add(sum, scale(light.radiance, coverage(light, direction))))
 }
 
-/// The color of a texel of the floor: slate tiles with pale grout. The image holds 2 x 2 tiles of different shades.
+/// Returns the colour of a texel of the floor image: 2 x 2 slate tiles of different shades with pale grout.
 fn floor_tile(column: u16, row: u16) -> [u8; 3] {
     const TILE: u16 = 64;
     const JOINT: u16 = 2;
@@ -252,7 +252,7 @@ fn floor_tile(column: u16, row: u16) -> [u8; 3] {
     }
 }
 
-/// The scene file's text and its other files.
+/// Returns the text of the scene file, and the scene's other files.
 pub(super) fn scene() -> (String, Assets) {
     let mut text = opening(
         "Teapot: Newell's teapot in gold on a glossy tiled floor, in a studio; in the spirit of pbrt's `metal` scene.\n\
@@ -305,8 +305,8 @@ Shape "trianglemesh"
     (text, files)
 }
 
-/// The largest sine of the angle between two neighbouring patches' normals at a shared corner, tips left out:
-/// 0 where every seam is smooth.
+/// Returns the largest sine of the angle between the normals of neighbouring patches at a shared vertex, without the
+/// tips. 0 means that every seam is smooth.
 #[cfg(test)]
 pub(super) fn largest_seam_angle() -> f64 {
     let normal = |patch: &Patch, s: f64, t: f64| {

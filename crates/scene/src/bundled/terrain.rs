@@ -6,7 +6,7 @@ use super::mesh::Mesh;
 use super::noise::{fbm, gradient_noise, ridged};
 use super::{Assets, opening};
 
-/// Cells along each side of the grid; what lies under water is left out, and about 2^17 triangles remain.
+/// Cells along each side of the grid. Without those under water, about 2^17 triangles remain.
 const CELLS: usize = 267;
 /// The grid covers a trapezium that the camera looks along: y from NEAR to FAR, and |x| below `HALF + SPREAD (y - NEAR)`.
 const NEAR: f64 = -2.0;
@@ -21,7 +21,7 @@ const SEED: u64 = 2016;
 const OCTAVES: u32 = 7;
 const COARSE_OCTAVES: u32 = 4;
 
-/// Height of the ground at a place, made of so many octaves.
+/// Returns the height of the ground at a point, as a sum of this many octaves.
 fn height([x, y]: [f64; 2], octaves: u32) -> f64 {
     let river = 1.6 * gradient_noise([0.17 * y, 0.5], SEED + 100) + 0.25 * gradient_noise([0.6 * y, 3.5], SEED + 101);
     let off = (x - river).abs();
@@ -35,7 +35,7 @@ fn height([x, y]: [f64; 2], octaves: u32) -> f64 {
     banks + plain + rise * far * (2.3 * mountains + 0.5 * rise + scree)
 }
 
-/// The place of a grid point; rows lie closer together near the camera.
+/// Returns the point (x, y) of a grid vertex. Rows lie closer together near the camera.
 fn place(column: f64, row: f64) -> [f64; 2] {
     let t = row / CELLS as f64;
     let y = NEAR + (FAR - NEAR) * t * (0.35 + 0.65 * t);
@@ -43,7 +43,7 @@ fn place(column: f64, row: f64) -> [f64; 2] {
     [x, y]
 }
 
-/// Upward component of the smoothed ground's normal at a place; 1 where it is flat.
+/// Returns the z component of the smoothed ground's unit normal at a point; 1 where the ground is flat.
 fn flatness([x, y]: [f64; 2]) -> f64 {
     const STEP: f64 = 0.08;
     let slope_x = height([x + STEP, y], COARSE_OCTAVES) - height([x - STEP, y], COARSE_OCTAVES);
@@ -51,7 +51,7 @@ fn flatness([x, y]: [f64; 2]) -> f64 {
     normalize([-slope_x, -slope_y, 2.0 * STEP])[2]
 }
 
-/// The ground but for what lies under water.
+/// Returns the mesh of the ground, without the parts under water.
 pub(super) fn ground() -> Mesh {
     let mut mesh = Mesh::default();
     for row in 0..=CELLS {
@@ -86,8 +86,8 @@ const MATERIALS: [(Cover, &str, &str); 3] = [
     (Cover::Snow, "snow", "0.78 0.80 0.84"),
 ];
 
-/// Steep ground is rock, high ground snow, the rest grass; the borders wander with noise. Steepness is the
-/// smoothed ground's, or single triangles would stand out.
+/// Returns the cover of a triangle: rock where steep, snow where high, else grass, with borders perturbed by noise.
+/// Steepness is that of the smoothed ground, so that no single triangle stands out.
 fn cover(mesh: &Mesh, triangle: [u32; 3]) -> Cover {
     let [a, b, c] = mesh.corners(triangle);
     let [x, y, z]: [f64; 3] = std::array::from_fn(|axis| (a[axis] + b[axis] + c[axis]) / 3.0);
@@ -102,19 +102,20 @@ fn cover(mesh: &Mesh, triangle: [u32; 3]) -> Cover {
     }
 }
 
-/// The ground's meshes, one a material.
+/// Returns the meshes of the ground, one per material, with the material's name.
 pub(super) fn covers() -> Vec<(&'static str, Mesh)> {
     let ground = ground();
     MATERIALS.iter().map(|&(kind, name, _)| (name, ground.part(|triangle| cover(&ground, triangle) == kind))).collect()
 }
 
-/// Radiance of the sky: `mix(horizon, zenith, t)`, `t = 1 - (1 - z)^3`; below the horizon as at it.
+/// Returns the sky's radiance from a unit direction: `mix(horizon, zenith, t)`, `t = 1 - (1 - z)^3`. Below the horizon
+/// it is constant.
 fn sky(direction: [f64; 3]) -> [f64; 3] {
     let low = 1.0 - direction[2].max(0.0);
     mix([0.72, 0.78, 0.86], [0.16, 0.30, 0.62], 1.0 - low * low * low)
 }
 
-/// The scene file's text and its other files.
+/// Returns the text of the scene file, and the scene's other files.
 pub(super) fn scene() -> (String, Assets) {
     let mut text = opening(
         "Terrain: fractal mountains about a river plain, a hazy sun and a sky.\n\

@@ -6,23 +6,24 @@ use glam::DAffine3;
 /// A camera.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Camera {
-    /// From camera space (x right, y up, z forward, as pbrt has it) to world space. May mirror.
+    /// The transform from camera space (x right, y up, z forward, as in pbrt) to world space. It may mirror.
     pub to_world: DAffine3,
-    /// Its transform at the second of [`Scene::motion_times`](super::Scene::motion_times), if it moves.
+    /// The camera-to-world transform at the second of [`Scene::motion_times`](super::Scene::motion_times), if the
+    /// camera moves.
     pub moves_to: Option<DAffine3>,
     /// The projection.
     pub projection: Projection,
-    /// Width over height, where the file fixes it; else the resolution's.
+    /// Width over height of the screen, if the file sets it; otherwise that of the resolution.
     pub aspect: Option<f64>,
-    /// Window on the screen plane (x0, x1, y0, y1), where the file fixes it.
+    /// Window on the screen plane (x0, x1, y0, y1), if the file sets it.
     pub screen_window: Option<[f64; 4]>,
-    /// Radius of the lens in units of camera space, as pbrt-v4 has it; 0 is a pinhole.
+    /// Radius of the lens in units of camera space, as in pbrt-v4; 0 is a pinhole.
     pub lens_radius: f64,
-    /// Distance of the plane in focus, in units of camera space.
+    /// Distance of the focal plane from the camera, in units of camera space.
     pub focal_distance: f64,
     /// The times at which the shutter opens and closes.
     pub shutter: [f64; 2],
-    /// The medium around it; `None` is vacuum.
+    /// The medium around the camera; `None` is vacuum.
     pub medium: Option<MediumId>,
     /// File and line.
     pub source: Source,
@@ -31,12 +32,12 @@ pub struct Camera {
 /// The projection of a camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Projection {
-    /// Through a point.
+    /// Perspective: rays start at one point.
     Perspective {
-        /// Full angle of view along the shorter side of the frame, degrees.
+        /// Full angle of view along the shorter side of the image, in degrees.
         fov: f64,
     },
-    /// Along parallel lines. The screen window is in units of camera space.
+    /// Orthographic: parallel rays. The screen window is in units of camera space.
     Orthographic,
 }
 
@@ -62,9 +63,9 @@ impl Default for Camera {
 pub struct FilmSettings {
     /// Width and height in pixels.
     pub resolution: [u32; 2],
-    /// Window in pixels: x0, y0, x1, y1.
+    /// Crop window in pixels: x0, y0, x1, y1; `None` for the whole image.
     pub crop: Option<[u32; 4]>,
-    /// The pixel filter; importance-sampled, so each sample still belongs to one pixel.
+    /// The pixel filter. It is importance-sampled, so that each sample belongs to one pixel.
     pub pixel_filter: PixelFilter,
     /// The file name that the scene suggests for its image.
     pub file_name: Option<String>,
@@ -78,24 +79,24 @@ impl Default for FilmSettings {
     }
 }
 
-/// The shape of a pixel, radii in pixels.
+/// A pixel filter, with radii in pixels.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum PixelFilter {
-    /// Constant over `2 rx x 2 ry`.
+    /// Constant within the radii.
     Box {
         /// Half width and half height.
         radius: [f64; 2],
     },
-    /// A tent.
+    /// A tent that falls linearly to 0 at the radii.
     Triangle {
         /// Half width and half height.
         radius: [f64; 2],
     },
-    /// A Gaussian, shifted to be 0 at the radius.
+    /// A Gaussian minus its value at the radius, so that it is 0 there.
     Gaussian {
         /// Half width and half height.
         radius: [f64; 2],
-        /// Standard deviation.
+        /// Standard deviation in pixels.
         sigma: f64,
     },
 }

@@ -1,4 +1,4 @@
-//! Lights that are no shapes.
+//! Lights that are not shapes.
 
 use super::Source;
 use crate::image::Image;
@@ -7,12 +7,12 @@ use glam::DAffine3;
 use std::f64::consts::PI;
 use std::sync::Arc;
 
-/// A light that is no shape.
+/// A light that is not a shape.
 #[derive(Clone, Debug)]
 pub struct Light {
-    /// Its kind.
+    /// The kind of light, with its parameters.
     pub kind: LightKind,
-    /// From its space to world space.
+    /// The transform from the light's space to world space.
     pub to_world: DAffine3,
     /// File and line.
     pub source: Source,
@@ -23,7 +23,7 @@ pub struct Light {
 pub enum LightKind {
     /// Radiance from everywhere beyond the scene.
     Infinite {
-        /// Its radiance by direction.
+        /// Radiance by direction.
         radiance: EnvironmentRadiance,
     },
     /// A point at the origin of the light's space with equal intensity in all directions.
@@ -50,7 +50,7 @@ pub enum LightKind {
 }
 
 impl LightKind {
-    /// Name of the kind, for lists.
+    /// Returns the kind's name, for messages.
     pub fn name(&self) -> &'static str {
         match self {
             Self::Infinite { radiance: EnvironmentRadiance::Constant(_) } => "uniform environment",
@@ -61,7 +61,7 @@ impl LightKind {
         }
     }
 
-    /// The environment that surrounds the scene, of an infinite light.
+    /// Returns the radiance of an infinite light; `None` for all other kinds.
     pub fn environment(&self) -> Option<&EnvironmentRadiance> {
         match self {
             Self::Infinite { radiance } => Some(radiance),
@@ -83,7 +83,8 @@ impl LightKind {
         }
     }
 
-    /// Radiant power, luminance-weighted; `disk` is the area that the scene shows to light from infinitely far.
+    /// Returns the luminance-weighted radiant power. `disk` is the area that the scene exposes to light from infinitely
+    /// far.
     pub(crate) fn power(&self, disk: f64) -> f64 {
         let brightness = |rgb: &[f32; 3]| luminance(rgb.map(f64::from));
         match self {
@@ -119,7 +120,7 @@ impl LightKind {
 }
 
 impl EnvironmentRadiance {
-    /// The image, of an environment map.
+    /// Returns the image of an environment map; `None` for constant radiance.
     pub fn image(&self) -> Option<&Arc<Image>> {
         match self {
             Self::Constant(_) => None,
@@ -131,16 +132,16 @@ impl EnvironmentRadiance {
 /// The falloff of a spot light towards the edge of its cone.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SpotFalloff {
-    /// `3 x^2 - 2 x^3`, x linear in the cosine: pbrt-v4.
+    /// pbrt-v4's falloff: `3 x^2 - 2 x^3`, where x is linear in the cosine.
     Smoothstep,
-    /// `x^4`, x linear in the cosine: pbrt-v2 and v3.
+    /// The falloff of pbrt-v2 and v3: `x^4`, where x is linear in the cosine.
     Quartic,
 }
 
 /// The radiance of an environment by direction.
 #[derive(Clone, Debug)]
 pub enum EnvironmentRadiance {
-    /// The same in all directions, linear RGB.
+    /// The same radiance from all directions, linear RGB.
     Constant([f32; 3]),
     /// A latitude-longitude image: with `u = (column + .5) / width`, `v = (row + .5) / height`, row 0
     /// on top, `theta = pi v`, `phi = 2 pi u`, the direction in the light's frame is
@@ -148,14 +149,14 @@ pub enum EnvironmentRadiance {
     LatLong {
         /// Linear RGB, top row first.
         image: Arc<Image>,
-        /// Every value is multiplied by this.
+        /// Factor of every value.
         scale: f32,
     },
-    /// A square equal-area octahedral image [Clarberg 2008], as pbrt-v4 has it; z is up in the light's frame.
+    /// A square equal-area octahedral image [Clarberg 2008], as in pbrt-v4; z is up in the light's frame.
     EqualArea {
         /// Linear RGB, top row first, as many rows as columns.
         image: Arc<Image>,
-        /// Every value is multiplied by this.
+        /// Factor of every value.
         scale: f32,
     },
 }

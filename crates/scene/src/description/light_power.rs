@@ -1,4 +1,4 @@
-//! Sizes and powers of a description's lights.
+//! Sizes and powers of a scene's lights.
 
 use super::{Emission, Geometry, Scene, Shape};
 use dapple_core::luminance;
@@ -8,18 +8,18 @@ use std::f64::consts::PI;
 /// The size and emission of a shape that emits light.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct LampShape {
-    /// The light it gives off.
+    /// The emitted radiance.
     pub(crate) emission: Emission,
     /// Area of the emitting side, in square units of the file's world space.
     pub(crate) area: f64,
-    /// Its area-weighted middle.
+    /// Area-weighted centroid of the shape.
     pub(crate) centre: DVec3,
-    /// Area-weighted mean of its unit normals: length 1 for something flat, 0 for something closed.
+    /// Area-weighted mean of the unit normals: of length 1 for a flat shape, 0 for a closed one.
     pub(crate) facing: DVec3,
 }
 
 impl LampShape {
-    /// The lamp that a shape makes, where it stands first; `None` if it gives no light or has no area.
+    /// Returns the lamp that a shape makes in its first pose; `None` if the shape emits no light or has no area.
     pub(crate) fn of(shape: &Shape) -> Option<Self> {
         let emission = shape.emission.filter(|e| e.radiance != [0.0; 3])?;
         let (area, centre, facing) = match &shape.geometry {
@@ -42,7 +42,7 @@ impl LampShape {
         (area != 0.0).then_some(Self { emission, area, centre, facing })
     }
 
-    /// Radiant power: `pi area radiance` a side.
+    /// Returns the radiant power, RGB: `pi area radiance` per emitting side.
     pub(crate) fn power(&self) -> [f64; 3] {
         let sides = if self.emission.two_sided { 2.0 } else { 1.0 };
         self.emission.radiance.map(|l| PI * self.area * f64::from(l) * sides)
@@ -53,7 +53,7 @@ fn side(shape: &Shape) -> f64 {
     if shape.reversed { -1.0 } else { 1.0 }
 }
 
-/// Area, middle and mean normal of a mesh; `None` without area.
+/// Returns area, centroid and mean normal of a mesh; `None` for area 0.
 fn mesh(shape: &Shape) -> Option<(f64, DVec3, DVec3)> {
     let Geometry::Mesh(mesh) = &shape.geometry else { return None };
     let (mut area, mut moment, mut facing) = (0.0, DVec3::ZERO, DVec3::ZERO);
@@ -77,17 +77,18 @@ fn mesh(shape: &Shape) -> Option<(f64, DVec3, DVec3)> {
     (area != 0.0).then(|| (area, moment / area, facing / area))
 }
 
-/// One of a scene's lights, by number.
+/// The index of a light in its scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum LightNumber {
-    /// Of [`Scene::shapes`].
+    /// Index in [`Scene::shapes`].
     Shape(usize),
-    /// Of [`Scene::lights`].
+    /// Index in [`Scene::lights`].
     Light(usize),
 }
 
-/// Every light that is not black, with its luminance-weighted radiant power. An infinitely far light counts with its
-/// power into the scene's bounding sphere. The renderer's selection of lights by power weighs them alike, but for rounding.
+/// Returns every light that is not black, with its luminance-weighted radiant power. An infinitely far light counts
+/// with its power into the scene's bounding sphere. The renderer's selection of lights by power has the same weights
+/// within rounding.
 pub(crate) fn powers(scene: &Scene) -> Vec<(LightNumber, f64)> {
     let lamp = |(i, shape)| LampShape::of(shape).map(|lamp| (LightNumber::Shape(i), luminance(lamp.power())));
     let mut found: Vec<_> = scene.shapes.iter().enumerate().filter_map(lamp).collect();
@@ -97,7 +98,7 @@ pub(crate) fn powers(scene: &Scene) -> Vec<(LightNumber, f64)> {
     found
 }
 
-/// Half the diagonal of the scene's bounds; 0 where there is nothing.
+/// Returns half the diagonal of the scene's bounds; 0 for an empty scene.
 fn radius(scene: &Scene) -> f64 {
     let mut bounds = Bounds::default();
     scene.shapes.iter().for_each(|s| bounds.grow(&s.geometry, s.to_world));
@@ -108,7 +109,7 @@ fn radius(scene: &Scene) -> f64 {
     bounds.diagonal() * 0.5
 }
 
-/// A box along the axes.
+/// An axis-aligned bounding box.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Bounds {
     low: DVec3,
@@ -122,7 +123,7 @@ impl Default for Bounds {
 }
 
 impl Bounds {
-    /// Takes a shape in.
+    /// Extends the box to include a shape.
     pub(crate) fn grow(&mut self, geometry: &Geometry, to_world: DAffine3) {
         let mut take = |p: DVec3| {
             let p = to_world.transform_point3(p);
@@ -139,7 +140,7 @@ impl Bounds {
         }
     }
 
-    /// Its middle.
+    /// Returns the centre of the box.
     pub(crate) fn centre(&self) -> DVec3 {
         (self.low + self.high) * 0.5
     }

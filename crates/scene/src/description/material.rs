@@ -4,37 +4,38 @@ use super::Source;
 use crate::image::Image;
 use std::sync::Arc;
 
-/// Number of a material in [`Scene::materials`](super::Scene::materials).
+/// Index of a material in [`Scene::materials`](super::Scene::materials).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct MaterialId(pub u32);
 
-/// Number of a texture in [`Scene::textures`](super::Scene::textures).
+/// Index of a texture in [`Scene::textures`](super::Scene::textures).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct TextureId(pub u32);
 
-/// A named or anonymous material.
+/// A material: its scattering, and the maps that tilt its normals.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Material {
-    /// Its name, or a made-up one.
+    /// Name in the file, or a generated one.
     pub name: String,
-    /// Its scattering.
+    /// The kind of scattering, with its parameters.
     pub kind: MaterialKind,
-    /// A height over the surface, in units of the file's world space, that tilts its shading normals; the surface stays.
+    /// Bump map: a height in units of the file's world space, which tilts shading normals and leaves the surface in
+    /// place.
     pub bump: Option<Scalar>,
-    /// An image of tangent-space normals, `2 rgb - 1`, that turns its shading normals.
+    /// Normal map: an image of tangent-space normals, `2 rgb - 1`, which replace shading normals.
     pub normal_map: Option<TextureId>,
     /// File and line.
     pub source: Source,
 }
 
 impl Material {
-    /// A material on smooth surfaces.
+    /// Makes a material without bump and normal map.
     pub fn new(name: impl Into<String>, kind: MaterialKind, source: Source) -> Self {
         Self { name: name.into(), kind, bump: None, normal_map: None, source }
     }
 }
 
-/// The scattering of a material. Parameters are pbrt-v4's; those of older versions are theirs.
+/// The scattering of a material. Parameters are pbrt-v4's, or those of the older pbrt version that has the material.
 #[derive(Clone, Debug, PartialEq)]
 pub enum MaterialKind {
     /// Lambert.
@@ -42,48 +43,48 @@ pub enum MaterialKind {
         /// Share of light reflected.
         reflectance: Color,
     },
-    /// Lambert on both sides: a sheet of paper.
+    /// Lambert's reflection, and the same through the surface: a sheet of paper.
     DiffuseTransmission {
         /// Share of light reflected.
         reflectance: Color,
-        /// Share of light that comes out on the other side.
+        /// Share of light transmitted to the other side.
         transmittance: Color,
     },
     /// A metal, smooth or rough (Trowbridge-Reitz).
     Conductor {
-        /// Its index of refraction.
+        /// The metal's Fresnel term.
         fresnel: ConductorFresnel,
-        /// Its microfacets.
+        /// Microfacet roughness.
         roughness: Roughness,
     },
-    /// Glass, smooth or rough. Its normal points out of it.
+    /// Glass, smooth or rough. The surface's normal points out of the glass.
     Dielectric {
         /// Index of refraction of the inside over that of the outside.
         eta: f32,
-        /// Its microfacets.
+        /// Microfacet roughness.
         roughness: Roughness,
-        /// Factor of reflected light; white since pbrt-v4.
+        /// Factor of reflected light; always white in pbrt-v4.
         reflectance: Color,
-        /// Factor of transmitted light; white since pbrt-v4.
+        /// Factor of transmitted light; always white in pbrt-v4.
         transmittance: Color,
     },
-    /// A pane of glass, both of whose faces are one shape: light goes straight through or is mirrored.
+    /// A pane of glass, one shape for both faces: light passes straight through or is reflected.
     ThinDielectric {
-        /// Its index of refraction.
+        /// Index of refraction of the glass.
         eta: f32,
     },
     /// A dielectric coat over a diffuse base.
     CoatedDiffuse {
-        /// The base's reflectance.
+        /// Reflectance of the base.
         reflectance: Color,
         /// The coat.
         coat: Coating,
     },
     /// A dielectric coat over a metal.
     CoatedConductor {
-        /// The metal's index of refraction.
+        /// Fresnel term of the metal.
         fresnel: ConductorFresnel,
-        /// The metal's microfacets.
+        /// Microfacet roughness of the metal.
         roughness: Roughness,
         /// The coat.
         coat: Coating,
@@ -92,10 +93,10 @@ pub enum MaterialKind {
     Mix {
         /// The materials at `amount` 0 and at `amount` 1.
         materials: [MaterialId; 2],
-        /// Share of the second.
+        /// Share of the second material, 0 to 1.
         amount: Scalar,
     },
-    /// Nothing but a border between two media: light passes straight through, and no scattering event is counted.
+    /// A border between two media. Light passes straight through, without a scattering event being counted.
     Interface,
     /// A perfect mirror without a Fresnel term [pbrt-v3, `mirror`].
     Mirror {
@@ -132,30 +133,30 @@ pub enum ConductorFresnel {
         /// Imaginary part.
         k: [f32; 3],
     },
-    /// The reflectance at normal incidence, `eta` being 1.
+    /// Reflectance at normal incidence; the real part `eta` is 1.
     Reflectance(Color),
 }
 
 /// A dielectric layer over another material.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Coating {
-    /// Its microfacets.
+    /// Microfacet roughness.
     pub roughness: Roughness,
-    /// Its index of refraction.
+    /// Index of refraction.
     pub eta: f32,
-    /// Its thickness.
+    /// Optical thickness along the normal.
     pub thickness: f32,
-    /// Scattering albedo within it.
+    /// Scattering albedo inside the coat.
     pub albedo: Color,
-    /// Henyey-Greenstein asymmetry within it.
+    /// Henyey-Greenstein asymmetry inside the coat, -1 to 1.
     pub g: f32,
-    /// Most events of the walk between the layers.
+    /// The largest number of events of pbrt-v4's random walk between the layers.
     pub max_depth: u32,
-    /// Walks per evaluation.
+    /// pbrt-v4's number of random walks per evaluation.
     pub samples: u32,
 }
 
-/// pbrt-v4's, smooth.
+/// pbrt-v4's default coat, smooth.
 impl Default for Coating {
     fn default() -> Self {
         let (roughness, albedo) = (Roughness::constant(0.0, 0.0, false), Color::Constant([0.0; 3]));
@@ -174,7 +175,7 @@ pub struct Roughness {
     pub remap: bool,
 }
 
-/// A colour: constant, or looked up.
+/// A colour: constant or a texture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Color {
     /// Linear RGB.
@@ -183,28 +184,28 @@ pub enum Color {
     Texture(TextureId),
 }
 
-/// Smallest microfacet width (alpha) of a rough surface, as in pbrt-v4: narrower ones are smooth.
+/// Smallest microfacet width (alpha) of a rough surface, as in pbrt-v4. Surfaces of smaller widths are smooth.
 pub const SMOOTH_ALPHA: f32 = 1e-3;
 
-/// The microfacet width of a roughness: `sqrt(roughness)`, as pbrt-v4 remaps it.
+/// Returns the microfacet width (alpha) of a roughness: `sqrt(roughness)`, as in pbrt-v4.
 #[inline]
 pub fn roughness_to_alpha(roughness: f32) -> f32 {
     roughness.max(0.0).sqrt()
 }
 
-/// True if a surface with these microfacet widths counts as smooth.
+/// Returns true if a surface with these two microfacet widths counts as smooth.
 #[inline]
 pub fn effectively_smooth(alpha: [f32; 2]) -> bool {
     alpha[0].max(alpha[1]) < SMOOTH_ALPHA
 }
 
 impl Roughness {
-    /// The same everywhere.
+    /// Makes a roughness without textures.
     pub const fn constant(u: f32, v: f32, remap: bool) -> Self {
         Self { u: Scalar::Constant(u), v: Scalar::Constant(v), remap }
     }
 
-    /// Both roughnesses, where neither is looked up.
+    /// Returns both roughnesses, or `None` if either is a texture.
     pub fn constants(&self) -> Option<[f32; 2]> {
         match (self.u, self.v) {
             (Scalar::Constant(u), Scalar::Constant(v)) => Some([u, v]),
@@ -213,10 +214,10 @@ impl Roughness {
     }
 }
 
-/// A number: constant, or looked up (the first channel of a texture, whose channels agree).
+/// A number: constant, or the first channel of a texture with equal channels.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Scalar {
-    /// The same everywhere.
+    /// One value for all points.
     Constant(f32),
     /// A texture.
     Texture(TextureId),
@@ -236,9 +237,9 @@ pub struct Texture {
 /// The kind of a texture.
 #[derive(Clone, Debug)]
 pub enum TextureKind {
-    /// Squares in texture space.
+    /// A checkerboard in texture coordinates.
     Checkerboard {
-        /// u and v are scaled by this, then shifted.
+        /// Factors of u and v, applied before the shift.
         scale: [f32; 2],
         /// Shift of u and v.
         shift: [f32; 2],
@@ -249,15 +250,15 @@ pub enum TextureKind {
     Image {
         /// Decoded to linear RGB, top row first.
         image: Arc<Image>,
-        /// u and v are scaled by this, then shifted.
+        /// Factors of u and v, applied before the shift.
         scale: [f32; 2],
         /// Shift of u and v.
         shift: [f32; 2],
-        /// Every value is multiplied by this.
+        /// Factor of every value.
         factor: f32,
         /// True if every value is then subtracted from 1, with negative results set to 0.
         invert: bool,
-        /// The values beyond its edges.
+        /// The values beyond the image's edges.
         wrap: Wrap,
     },
     /// Two textures, multiplied.
@@ -269,7 +270,7 @@ pub enum TextureKind {
     Mix {
         /// The colors at `amount` 0 and at `amount` 1.
         colors: [Color; 2],
-        /// Share of the second.
+        /// Share of the second colour, 0 to 1.
         amount: Scalar,
     },
 }
@@ -277,11 +278,11 @@ pub enum TextureKind {
 /// The values of an image beyond its edges.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Wrap {
-    /// The image again.
+    /// Repeats the image.
     #[default]
     Repeat,
-    /// Nothing.
+    /// Black.
     Black,
-    /// The nearest pixel.
+    /// Repeats the nearest pixel.
     Clamp,
 }

@@ -2,7 +2,7 @@
 
 use super::Source;
 
-/// Number of a medium in [`Scene::media`](super::Scene::media).
+/// Index of a medium in [`Scene::media`](super::Scene::media).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct MediumId(pub u32);
 
@@ -24,8 +24,8 @@ pub struct Medium {
 /// The media on both sides of a shape; `None` is vacuum.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct MediumInterface {
-    /// On the side away from the normal.
+    /// The medium on the side opposite to the normal.
     pub inside: Option<MediumId>,
-    /// On the side that the normal points to.
+    /// The medium on the side of the normal.
     pub outside: Option<MediumId>,
 }

@@ -1,4 +1,4 @@
-//! Shapes, objects made of them, and where these stand.
+//! Shapes, objects made of them, and instances of objects.
 
 use super::{MaterialId, MediumInterface, Scalar, Source};
 use glam::{DAffine3, DVec3};
@@ -14,18 +14,18 @@ use std::sync::Arc;
 ///   normal is negated where it points away from their interpolation: shading normals decide on the side.
 #[derive(Clone, Debug)]
 pub struct Shape {
-    /// Its geometry, in its own space.
+    /// Geometry in the shape's own space.
     pub geometry: Geometry,
-    /// From its space to world space (of a shape in an [`Object`]: to the object's space).
+    /// The transform from the shape's space to world space, or to the object's space for a shape of an [`Object`].
     pub to_world: DAffine3,
-    /// The same at the second of [`Scene::motion_times`](super::Scene::motion_times), if it moves. Shapes of
-    /// objects do not; their instances may.
+    /// The same transform at the second of [`Scene::motion_times`](super::Scene::motion_times), if the shape moves.
+    /// Shapes of objects cannot move; instances can.
     pub moves_to: Option<DAffine3>,
-    /// Its material.
+    /// The material.
     pub material: MaterialId,
-    /// The light it gives off.
+    /// The emitted light, if any.
     pub emission: Option<Emission>,
-    /// Opacity, where it is not 1 throughout: 0 is a hole.
+    /// Opacity from 0 (a hole) to 1; `None` is 1 everywhere.
     pub alpha: Option<Scalar>,
     /// The media on both sides; `None` keeps the medium that surrounds the shape.
     pub media: Option<MediumInterface>,
@@ -36,7 +36,7 @@ pub struct Shape {
 }
 
 impl Shape {
-    /// A still, dark, opaque shape.
+    /// Makes a shape that does not move, emits no light and is opaque.
     pub fn new(geometry: Geometry, to_world: DAffine3, material: MaterialId, source: Source) -> Self {
         let (moves_to, emission, alpha, media) = (None, None, None, None);
         Self { geometry, to_world, moves_to, material, emission, alpha, media, reversed: false, source }
@@ -50,12 +50,12 @@ pub enum Geometry {
     Mesh(Arc<MeshData>),
     /// A whole sphere around the origin.
     Sphere {
-        /// Its radius.
+        /// Radius.
         radius: f64,
     },
     /// A whole disk (or ring) around the z axis, facing +z.
     Disk {
-        /// Its z.
+        /// The disk's z.
         height: f64,
         /// Outer radius.
         radius: f64,
@@ -64,37 +64,37 @@ pub enum Geometry {
     },
 }
 
-/// Number of an object in [`Scene::objects`](super::Scene::objects).
+/// Index of an object in [`Scene::objects`](super::Scene::objects).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct ObjectId(pub u32);
 
-/// A group of shapes.
+/// A group of shapes, to be placed by instances.
 #[derive(Clone, Debug)]
 pub struct Object {
     /// Its name in the file.
     pub name: String,
-    /// Its shapes. None of them emits light.
+    /// The object's shapes. None of them emits light.
     pub shapes: Vec<Shape>,
     /// File and line.
     pub source: Source,
 }
 
-/// An object that stands somewhere.
+/// A placed object.
 #[derive(Clone, Debug)]
 pub struct Instance {
-    /// The object.
+    /// The placed object.
     pub object: ObjectId,
-    /// From the object's space to world space.
+    /// The transform from the object's space to world space.
     pub to_world: DAffine3,
-    /// The same at the second of [`Scene::motion_times`](super::Scene::motion_times), if it moves.
+    /// The same transform at the second of [`Scene::motion_times`](super::Scene::motion_times), if the instance moves.
     pub moves_to: Option<DAffine3>,
     /// File and line.
     pub source: Source,
 }
 
 impl MeshData {
-    /// Checks that positions, normals and texture coordinates are finite and of matching number, and that
-    /// all corners exist. Triangles without area are allowed.
+    /// Checks that positions, normals and texture coordinates are finite, that their numbers match, and that all
+    /// indices exist. Triangles of area 0 are allowed.
     ///
     /// # Errors
     /// The first fault found.
@@ -128,39 +128,39 @@ impl MeshData {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum MeshFault {
-    /// There is nothing to see.
+    /// No triangles.
     #[error("the mesh has no triangles; remove it")]
     Empty,
-    /// A vertex is nowhere.
+    /// A position is NaN or infinite.
     #[error("the position of vertex {vertex} is not finite; mend the mesh")]
     Position {
-        /// Number of the vertex.
+        /// Index of the vertex.
         vertex: usize,
     },
-    /// A normal or texture coordinate is NaN or infinite, in single precision.
+    /// A normal or texture coordinate is NaN or infinite in single precision.
     #[error("the {of} of vertex {vertex} is not finite; mend the mesh")]
     Attribute {
         /// Name of the attribute.
         of: &'static str,
-        /// Number of the vertex.
+        /// Index of the vertex.
         vertex: usize,
     },
-    /// Not one per vertex.
+    /// The number of normals or texture coordinates differs from that of vertices.
     #[error("there are {count} {of} for {vertices} vertices; give one for each, or none")]
     Count {
-        /// Of what.
+        /// Name of the attribute.
         of: &'static str,
         /// Number of values.
         count: usize,
         /// Number of vertices.
         vertices: usize,
     },
-    /// A corner that is no vertex.
+    /// A triangle with an index beyond the last vertex.
     #[error("triangle {triangle} has vertex index {corner}; indices are whole numbers from 0 to {}", vertices.saturating_sub(1))]
     Corner {
-        /// Number of the triangle.
+        /// Index of the triangle.
         triangle: usize,
-        /// The corner.
+        /// The vertex index.
         corner: u32,
         /// Number of vertices.
         vertices: usize,
@@ -170,20 +170,20 @@ pub enum MeshFault {
 /// Indexed triangles. `normals` and `uvs` are empty or as long as `positions`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct MeshData {
-    /// Corners.
+    /// Vertex positions.
     pub positions: Vec<DVec3>,
-    /// Shading normals, one per corner; need not be unit length.
+    /// Shading normals, one per vertex, of any length.
     pub normals: Vec<[f32; 3]>,
-    /// Texture coordinates, one per corner.
+    /// Texture coordinates, one per vertex.
     pub uvs: Vec<[f32; 2]>,
-    /// Three corner numbers a triangle.
+    /// Three vertex indices per triangle.
     pub triangles: Vec<[u32; 3]>,
 }
 
 /// Diffuse emission of a shape.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Emission {
-    /// Radiance, linear RGB, every scale and power factor multiplied in.
+    /// Radiance, linear RGB, with all scale and power factors applied.
     pub radiance: [f32; 3],
     /// True for emission from both sides, false for the side that the normal points to.
     pub two_sided: bool,

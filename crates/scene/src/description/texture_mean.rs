@@ -6,7 +6,7 @@ use glam::{DVec3, Vec3};
 /// Deepest nesting of textures within textures; deeper ones are black.
 const DEEPEST: u32 = 8;
 
-/// The mean color of a texture over the unit square of texture coordinates.
+/// Returns the mean colour of a texture over the unit square of texture coordinates, linear RGB.
 ///
 /// A checkerboard's is half of each color, a product's the product of the means, a mix' the mix of the means. An image is
 /// averaged over all its pixels. An unknown number is black.

@@ -1,4 +1,4 @@
-//! The same scene without one of its effects.
+//! Scenes edited to do without one of their effects.
 
 mod surfaces;
 
@@ -7,11 +7,11 @@ use super::{Light, LightKind, Material, Scalar, Scene, Shape, SpotFalloff};
 use crate::effects::{Effect, Effects};
 use glam::{DAffine3, DMat3, DVec3};
 
-/// The error of a scene that cannot do without an effect.
+/// The error of a scene that cannot be edited to do without an effect.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum WithoutError {
-    /// The image would be black.
+    /// The edit would remove all lights.
     #[error("without {effect} no light is left, and the image would be black; keep the effect")]
     NoLight {
         /// The effect.
@@ -19,15 +19,16 @@ pub enum WithoutError {
     },
 }
 
-/// The albedo at normal incidence of a material without textures, or `None`: see [`Scene::without`].
+/// A function that returns the albedo at normal incidence of a material without textures, or `None`: see
+/// [`Scene::without`].
 pub type Albedo<'a> = dyn Fn(&Material) -> Option<[f32; 3]> + 'a;
 
-/// Least length of the mean normal of a flat lamp, which emits to one side only.
+/// Least length of the mean normal of a lamp that counts as flat: a lamp that emits to one side only.
 const FLAT: f64 = 0.9;
 
 impl Scene {
-    /// The scene without an effect: an edit of the description, so that a renderer needs no switch. A scene that
-    /// does not call for the effect is returned unchanged.
+    /// Returns an edited scene without an effect, so that a renderer needs no switch. A scene that does not call for
+    /// the effect is returned unchanged.
     ///
     /// * [`SoftShadows`](Effect::SoftShadows): each lamp becomes a light without extent of the same power at its
     ///   area-weighted middle, where it stands first. Of a flat one-sided lamp (area `A`, radiance `L`) that is a
@@ -54,8 +55,8 @@ impl Scene {
     /// * [`AbsorbingMedia`](Effect::AbsorbingMedia), [`ScatteringMedia`](Effect::ScatteringMedia): their
     ///   coefficients become 0, and media with nothing left go.
     ///
-    /// `albedo` gives the albedo at normal incidence of a material without textures, bumps and normal maps: a renderer's
-    /// knowledge. `None` (a material that the renderer refuses) leaves the material as it is.
+    /// `albedo` returns the albedo at normal incidence of a material without textures, bump and normal maps, which only
+    /// a renderer knows. `None` (for a material that the renderer refuses) leaves the material as it is.
     ///
     /// # Errors
     ///
@@ -136,7 +137,7 @@ impl Scene {
     }
 }
 
-/// Lights without extent that stand for a lamp, and where they stand.
+/// Returns the lights without extent that replace a lamp, each with its light-to-world transform.
 fn point_lights(lamp: &LampShape) -> Vec<(LightKind, DAffine3)> {
     if lamp.facing.length() < FLAT {
         let intensity = lamp.power().map(|p| (p / (4.0 * std::f64::consts::PI)) as f32);
@@ -149,7 +150,7 @@ fn point_lights(lamp: &LampShape) -> Vec<(LightKind, DAffine3)> {
     directions.into_iter().map(|axis| (kind.clone(), along(axis, lamp.centre))).collect()
 }
 
-/// A space whose +z is `axis`.
+/// Returns the transform from a space whose +z is `axis`, with this origin.
 fn along(axis: DVec3, origin: DVec3) -> DAffine3 {
     let x = axis.any_orthonormal_vector();
     DAffine3 { matrix3: DMat3::from_cols(x, axis.cross(x), axis), translation: origin }

@@ -7,10 +7,10 @@ use crate::description::light_power::{Bounds, LampShape, LightNumber, powers};
 use crate::{Geometry, MaterialId, MaterialKind, Scene, Shape, Source};
 use glam::DVec3;
 
-/// A lamp that fills less than this, in steradians, is found by fewer than one diffusely scattered ray in 3000
-/// (`1e-3 / pi`): at 64 to 1024 samples most pixels see nothing of it.
+/// Solid angle in steradians below which a lamp is small: fewer than one diffusely scattered ray in 3000 (`1e-3 / pi`)
+/// hits it. At 64 to 1024 samples most pixels miss such a lamp.
 const SMALL: f64 = 1e-3;
-/// Share of all power below which a lamp does not count.
+/// Share of the lamps' total power below which a lamp does not count.
 const WORTH: f64 = 0.01;
 
 pub(super) fn found_by_chance(scene: &Scene, visible: &Visible<'_>) -> Option<Called> {
@@ -48,7 +48,7 @@ pub(super) fn found_by_chance(scene: &Scene, visible: &Visible<'_>) -> Option<Ca
     found
 }
 
-/// A shape that refracts, and through which no light sample goes.
+/// A shape that refracts, so that light sampling cannot pass it.
 struct Glass<'s> {
     name: &'s str,
     source: &'s Source,
@@ -71,7 +71,7 @@ fn refracting<'s>(scene: &'s Scene, visible: &Visible<'s>) -> Vec<Glass<'s>> {
     found
 }
 
-/// The name of the clear glass that a material is, or is mixed of.
+/// Returns the name of the smooth glass that a material is or contains in a mix, if any.
 fn smooth_glass(scene: &Scene, id: MaterialId) -> Option<&str> {
     let mut waiting = vec![id];
     // Mixed of itself: each is looked at once.
@@ -91,7 +91,7 @@ fn smooth_glass(scene: &Scene, id: MaterialId) -> Option<&str> {
     None
 }
 
-/// Upper bound of the solid angle that a light fills; `None` for one that is everywhere.
+/// Returns an upper bound of the solid angle of a light in steradians; `None` for a light that surrounds the scene.
 fn solid_angle(scene: &Scene, light: LightNumber, from: DVec3) -> Option<f64> {
     match light {
         LightNumber::Light(i) => match scene.lights[i].kind.environment() {

@@ -7,18 +7,18 @@ use crate::{
     roughness_to_alpha,
 };
 
-/// A lobe of a material that is not diffuse.
+/// A lobe of a material other than diffuse ones.
 pub(super) struct Lobe<'m> {
     /// Its name, for messages.
     pub(super) what: &'static str,
-    /// Its microfacets; none for a perfect mirror.
+    /// Microfacet roughness; `None` for a perfect mirror.
     pub(super) roughness: Option<&'m Roughness>,
-    /// True if it transmits light.
+    /// True if the lobe transmits light.
     pub(super) refracts: bool,
 }
 
 impl Lobe<'_> {
-    /// `[smooth, rough]`; both are true for a textured roughness.
+    /// Returns if the lobe may be smooth, and if it may be rough. A textured roughness may be both.
     pub(super) fn smooth_or_rough(&self) -> [bool; 2] {
         let Some(alpha) = self.roughness.map(alpha) else { return [true, false] };
         match alpha {
@@ -31,13 +31,13 @@ impl Lobe<'_> {
     }
 }
 
-/// The widths of microfacets, where no texture decides.
+/// Returns the microfacet widths, or `None` if a texture decides them.
 fn alpha(roughness: &Roughness) -> Option<[f32; 2]> {
     let remapped = |r| if roughness.remap { roughness_to_alpha(r) } else { r };
     roughness.constants().map(|r| r.map(remapped))
 }
 
-/// The lobes of a material besides diffuse ones.
+/// Returns the lobes of a material other than diffuse ones.
 pub(super) fn lobes(kind: &MaterialKind) -> Vec<Lobe<'_>> {
     let black = |color: &Color| *color == Color::Constant([0.0; 3]);
     let reflecting = |what, roughness| Lobe { what, roughness: Some(roughness), refracts: false };
@@ -70,7 +70,7 @@ pub(super) fn lobes(kind: &MaterialKind) -> Vec<Lobe<'_>> {
     }
 }
 
-/// The textures that a material looks up, each with what for.
+/// Returns the textures that a material looks up, each with the name of its use.
 fn textures(material: &Material) -> Vec<(TextureId, &'static str)> {
     let mut found = Vec::new();
     let mut color = |color: &Color, what| {
@@ -155,7 +155,7 @@ impl Effects {
     }
 }
 
-/// True if a lobe calls for one of the effects of surfaces. Reflections of clear glass belong to its refraction.
+/// Returns true if a lobe calls for an effect of surfaces. Reflections of clear glass belong to refraction.
 pub(super) fn calls_for(lobe: &Lobe<'_>, effect: Effect) -> bool {
     let [smooth, rough] = lobe.smooth_or_rough();
     match effect {

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-/// The error of an image that is refused, unreadable or unwritable. Each message gives a remedy.
+/// The error of an image that cannot be made, read or written. Each message gives a remedy.
 #[non_exhaustive]
 #[derive(Debug, thiserror::Error)]
 pub enum ImageError {
@@ -12,15 +12,15 @@ pub enum ImageError {
         /// Width and height.
         size: [u32; 2],
     },
-    /// Pixels and size disagree.
+    /// The number of pixels differs from width times height.
     #[error("an image of {}x{} needs {} pixels, not {found}", size[0], size[1], u64::from(size[0]) * u64::from(size[1]))]
     PixelCount {
         /// Width and height.
         size: [u32; 2],
-        /// Pixels given.
+        /// Number of pixels given.
         found: usize,
     },
-    /// A file of a kind that is not known.
+    /// A file of unknown format.
     #[error(
         "{file}: unknown image format; convert it to PNG, JPEG, TGA (by its extension), Radiance HDR, OpenEXR or PFM"
     )]
@@ -35,7 +35,7 @@ pub enum ImageError {
         file: String,
         /// Its format.
         format: &'static str,
-        /// Length of the file in bytes.
+        /// Offset in bytes at which the file ends.
         offset: u64,
     },
     /// A file that contradicts its format or itself.
@@ -45,12 +45,12 @@ pub enum ImageError {
         file: String,
         /// Its format.
         format: &'static str,
-        /// Number of bytes read before.
+        /// Offset in bytes of the mistake.
         offset: u64,
         /// The mistake.
         what: String,
     },
-    /// A file with a size of 0.
+    /// A file whose image has a side of 0.
     #[error("{file}: the {format} file has {}x{} pixels; both sides must be at least 1", size[0], size[1])]
     EmptyFile {
         /// The file.
@@ -60,7 +60,7 @@ pub enum ImageError {
         /// Width and height.
         size: [u64; 2],
     },
-    /// A header that claims more than its file can sensibly hold.
+    /// A header that claims more pixels than the file can plausibly hold.
     #[error(
         "{file}: the {format} header claims {}x{} pixels, which take {} MiB to read, but a file of {bytes} bytes is given {} (256 MiB and 16 times its length): if the header is right, save the image smaller, or with less compression (as TGA, say)",
         size[0], size[1], needed.div_ceil(1 << 20), limit >> 20
@@ -70,16 +70,16 @@ pub enum ImageError {
         file: String,
         /// Its format.
         format: &'static str,
-        /// Width and height it claims.
+        /// Width and height in the header.
         size: [u64; 2],
-        /// Bytes that reading it would take, the file's own counted.
+        /// Bytes of memory to read the image, the file included.
         needed: u128,
-        /// The file's length.
+        /// Length of the file in bytes.
         bytes: u64,
-        /// Most bytes that reading a file of this length may take.
+        /// The largest `needed` that is allowed for a file of this length.
         limit: u64,
     },
-    /// An image with values that are none, where none may be.
+    /// An image with NaN or infinity where values must be finite.
     #[error(
         "{file}: the pixel in column {} of row {} is NaN or infinite{}: an image that scatters or gives light must be finite, save it without",
         first[0], first[1], if *count > 1 { format!(", and {} more", count - 1) } else { String::new() }
@@ -89,22 +89,22 @@ pub enum ImageError {
         file: String,
         /// Number of pixels that are not finite.
         count: u64,
-        /// Column and row of the first, from 0, from the top.
+        /// Column (from the left) and row (from the top) of the first such pixel, from 0.
         first: [u32; 2],
     },
-    /// A feature of a format that is not read.
+    /// An unsupported feature of a format.
     #[error("{file}: {what} in {format} files is not supported; save it as {instead}")]
     Unsupported {
         /// The file.
         file: String,
         /// Its format.
         format: &'static str,
-        /// The feature.
+        /// Name of the feature.
         what: String,
         /// The remedy.
         instead: &'static str,
     },
-    /// An output name that names no format.
+    /// An output path whose extension names no format.
     #[error("{}: unknown image format; name the output .exr, .pfm or .png", path.display())]
     UnknownExtension {
         /// The path.
@@ -113,7 +113,7 @@ pub enum ImageError {
     /// An exposure that is not finite.
     #[error("an exposure of {stops} stops is not finite; give a finite number (0 changes nothing)")]
     Exposure {
-        /// The value given.
+        /// The exposure in stops.
         stops: f32,
     },
     /// A name, attribute or size that the output format cannot hold.
@@ -122,7 +122,7 @@ pub enum ImageError {
         /// The mistake and its remedy.
         what: String,
     },
-    /// The file system refused.
+    /// A file that the file system refuses to write.
     #[error("{}: cannot {action}: {source}; {advice}", path.display())]
     Write {
         /// The path that was to be written.

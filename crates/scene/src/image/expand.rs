@@ -1,10 +1,10 @@
-//! From a decoder's samples to linear RGB, in place: an image of many megabytes is not to be held twice.
+//! Conversion of a decoder's samples to linear RGB, in place, so that large images are not held twice.
 
 use super::{Encoding, srgb};
 use ::image::ColorType;
 
-/// The last bytes of the pixels, as many as the same number of packed pixels have: at most 12 each. There
-/// [`expand`] finds them, and never overtakes them.
+/// Returns the last bytes of the pixel memory, `bytes_per_pixel` (at most 12) for each pixel. A decoder writes packed
+/// pixels there, and [`expand`] converts them without overtaking its input.
 pub(super) fn packed(pixels: &mut [[f32; 3]], bytes_per_pixel: usize) -> &mut [u8] {
     let length = pixels.len() * bytes_per_pixel;
     let bytes: &mut [u8] = bytemuck::cast_slice_mut(pixels);
@@ -12,7 +12,7 @@ pub(super) fn packed(pixels: &mut [[f32; 3]], bytes_per_pixel: usize) -> &mut [u
     &mut bytes[start..]
 }
 
-/// Opacity, where the image has any: proportional to the file's integers.
+/// Returns the opacity of each packed pixel, 0 to 1; `None` if the format has no alpha channel.
 pub(super) fn alpha(packed: &[u8], color: ColorType) -> Option<Vec<f32>> {
     let byte = |b: &u8| f32::from(*b) / 255.0;
     let word = |b: &[u8; 2]| f32::from(u16::from_ne_bytes(*b)) / 65535.0;
@@ -27,7 +27,7 @@ pub(super) fn alpha(packed: &[u8], color: ColorType) -> Option<Vec<f32>> {
     })
 }
 
-/// Expands the samples in [`packed`] to linear RGB. The error names a color type that no reader gives.
+/// Converts the samples in [`packed`] to linear RGB. The error describes an unsupported colour type.
 pub(super) fn expand(pixels: &mut [[f32; 3]], color: ColorType, encoding: Encoding) -> Result<(), &'static str> {
     let linear = encoding == Encoding::Linear;
     let table = |srgb: fn() -> Vec<f32>, most: f64| {
@@ -61,9 +61,9 @@ pub(super) fn expand(pixels: &mut [[f32; 3]], color: ColorType, encoding: Encodi
     Ok(())
 }
 
-/// Reads pixels of `BYTES` bytes in samples of `SIZE` and writes them as colours; `step` is 0 where gray is red,
-/// green and blue at once. Pixel `i` of `n` is read from `BYTES (n - i)` bytes before the end and written up to
-/// `12 (n - i - 1)` before it, so that nothing is overwritten which is still to be read.
+/// Converts pixels of `BYTES` bytes, in samples of `SIZE` bytes, to colours; `step` is 0 for gray. Of `n` pixels, pixel
+/// `i` is read `BYTES (n - i)` bytes before the end. It is written up to `12 (n - i - 1)` bytes before the end, so that
+/// no unread byte is overwritten.
 fn forward<const SIZE: usize, const BYTES: usize>(
     pixels: &mut [[f32; 3]],
     step: usize,

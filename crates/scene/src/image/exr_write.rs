@@ -1,4 +1,4 @@
-//! OpenEXR files of any number of layers.
+//! Encoding of OpenEXR files with any number of layers.
 
 use super::openexr::Plane;
 use super::{Image, ImageError, check_count, read_attributes};
@@ -12,17 +12,17 @@ use rayon::prelude::*;
 use std::collections::BTreeSet;
 use std::io::Cursor;
 
-/// Channels that belong together.
+/// A named group of channels.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Layer<'a> {
-    /// Its name; empty for the main layer, the one that every viewer shows.
+    /// Name of the layer; empty for the main layer, which every viewer shows.
     pub name: String,
-    /// Names and values; `R`, `G`, `B` for colours, `Y` for one number a pixel.
+    /// Channel names and values: `R`, `G`, `B` for colours, `Y` for one number per pixel.
     pub channels: Vec<(&'a str, Plane<'a>)>,
 }
 
 impl Layer<'_> {
-    /// An image's three channels as 32-bit floats.
+    /// Makes a layer of an image's three channels as 32-bit floats.
     pub fn of_image(name: impl Into<String>, image: &Image) -> Self {
         let channel = |c: usize| Plane::F32(image.pixels.iter().map(|p| p[c]).collect());
         Self { name: name.into(), channels: vec![("R", channel(0)), ("G", channel(1)), ("B", channel(2))] }
@@ -32,9 +32,9 @@ impl Layer<'_> {
 /// An OpenEXR file in memory.
 #[derive(Clone, Debug, PartialEq)]
 pub struct EncodedExr {
-    /// The file, for [`write_file`](super::write_file).
+    /// The bytes of the file, for [`write_file`](super::write_file).
     pub bytes: Vec<u8>,
-    /// Finite values beyond what 16 bits hold that became 65504 or -65504; 0 where no plane is
+    /// Number of finite values beyond 65504, the limit of 16-bit floats, that were clamped; above 0 only with
     /// [`Plane::F16`]. Worth a warning.
     pub clamped: u64,
 }
@@ -42,8 +42,8 @@ pub struct EncodedExr {
 /// The largest finite 16-bit float.
 const F16_MAX: f32 = 65504.0;
 
-/// Encodes layers of `size` as one OpenEXR part: scan lines, top row first, ZIP, all channels `LAYER.CHANNEL`
-/// in a single part (the main layer's without a layer name), since that is what every viewer reads.
+/// Encodes layers of `size` pixels as one OpenEXR part: scan lines, top row first, ZIP compression. Channels are called
+/// `LAYER.CHANNEL`, those of the main layer just `CHANNEL`; every viewer reads such files.
 ///
 /// 32-bit values survive bit for bit, NaN and infinities too. 16-bit ones are rounded to nearest, and finite
 /// values beyond 65504 are clamped and counted. `attributes` become text attributes of the header (UTF-8), which
@@ -105,7 +105,7 @@ fn check_names<'a>(kind: &str, names: impl Iterator<Item = &'a str>) -> Result<(
     Ok(())
 }
 
-/// A name that the format gives a meaning of its own does not come back as the text that was put in.
+/// Checks that all attributes can be read back as text. Names to which OpenEXR gives another type are refused.
 fn check_attributes(bytes: &[u8], attributes: &[(String, String)]) -> Result<(), ImageError> {
     let found = read_attributes(bytes, "the EXR file in memory").unwrap_or_default();
     match attributes.iter().find(|given| !found.contains(given)) {
@@ -139,10 +139,11 @@ fn header(size: [u32; 2], channels: &[(String, &Plane<'_>)], attributes: &[(Stri
         .with_attributes(LayerAttributes { other, ..LayerAttributes::default() })
 }
 
-/// Rows of a block of ZIP in scan lines, as the format has it.
+/// Rows per compressed block (ZIP), set by the format.
 const BLOCK_ROWS: usize = 16;
 
-/// Rows that [`encode_exr`] compresses at a time: besides the planes and the file it holds these, compressed.
+/// Returns the number of rows that [`encode_exr`] compresses at a time. Memory holds these rows besides planes and
+/// file.
 pub fn rows_at_a_time() -> usize {
     4 * BLOCK_ROWS * rayon::current_num_threads()
 }
@@ -191,8 +192,8 @@ fn to_half(value: f32) -> f16 {
     f16::from_f32(if value.is_finite() { value.clamp(-F16_MAX, F16_MAX) } else { value })
 }
 
-/// Puts the header's attributes in the order of their names: `exr` keeps them in a hash map, and files would
-/// differ from run to run. Their total length, and with it every offset, stays.
+/// Sorts the header's attributes by name, since `exr` keeps them in a hash map and files would differ between runs. The
+/// header's length stays, and with it every offset.
 fn sort_attributes(mut bytes: Vec<u8>) -> Vec<u8> {
     const START: usize = 8;
     let mut entries = Vec::new();

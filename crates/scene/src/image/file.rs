@@ -1,4 +1,4 @@
-//! Files that are either complete or not there.
+//! Writing of files that are either complete or absent.
 
 use super::ImageError;
 use std::ffi::OsString;
@@ -19,10 +19,10 @@ pub enum Format {
 }
 
 impl Format {
-    /// The format of a file name's extension, in capital or small letters.
+    /// Returns the format of a file name's extension, in upper or lower case.
     ///
     /// # Errors
-    /// [`ImageError::UnknownExtension`], which lists what there is.
+    /// [`ImageError::UnknownExtension`], which lists the known extensions.
     pub fn from_path(path: &Path) -> Result<Self, ImageError> {
         let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
         match extension.as_str() {
@@ -62,11 +62,11 @@ pub fn write_file(path: &Path, bytes: &[u8]) -> Result<(), ImageError> {
     Ok(())
 }
 
-/// Finds out before a long render whether [`write_file`] will be able to write `path`: makes and removes a
-/// part file beside it.
+/// Checks before a long render that [`write_file`] will be able to write `path`, by creating and removing a part file
+/// beside it.
 ///
 /// # Errors
-/// As [`write_file`].
+/// As for [`write_file`].
 pub fn check_writable(path: &Path) -> Result<(), ImageError> {
     let target = Target::of(path)?;
     if let Place::Stream = target.place {
@@ -78,15 +78,15 @@ pub fn check_writable(path: &Path) -> Result<(), ImageError> {
 }
 
 enum Place {
-    /// Nothing is there yet.
+    /// No file exists at the path.
     Free,
-    /// A file is there.
+    /// A regular file exists, with these permissions.
     Taken(fs::Permissions),
-    /// A device or a pipe: renaming would replace it.
+    /// A device or a pipe. Renaming would replace it.
     Stream,
 }
 
-/// The final path, with links followed.
+/// The destination of a write, with links followed.
 struct Target {
     path: PathBuf,
     place: Place,
@@ -124,7 +124,7 @@ impl Target {
     }
 
     fn create_part(&self) -> Result<(File, PathBuf), ImageError> {
-        /// Tells apart the parts that threads of this process write at the same time.
+        /// Number of part files so far, which keeps the names of concurrent writes apart.
         static NUMBER: AtomicU32 = AtomicU32::new(0);
         let Some(name) = self.path.file_name() else {
             return Err(self.refuse("write to a path without a file name", ErrorKind::InvalidInput.into()));
@@ -151,13 +151,13 @@ impl Target {
     }
 }
 
-/// The file that a link leads to, even where it is not there yet.
+/// Returns the path that a symbolic link leads to, even if no file exists there.
 fn follow_link(path: &Path) -> PathBuf {
     let Ok(link) = fs::read_link(path) else { return path.to_owned() };
     fs::canonicalize(path).unwrap_or_else(|_| path.parent().unwrap_or(Path::new("")).join(link))
 }
 
-/// Makes the new name itself durable, where the system can; the file is complete either way.
+/// Flushes the directory entry to the disk, if the system can. The file's contents are complete either way.
 fn sync_directory(path: &Path) {
     let parent = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
     if let Ok(directory) = File::open(parent) {

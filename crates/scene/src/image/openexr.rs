@@ -1,5 +1,5 @@
-//! OpenEXR files through the `exr` crate, read block by block so that a lying header is found out before
-//! its claims are allocated.
+//! OpenEXR files through the `exr` crate. They are read block by block, so that a wrong header is detected before
+//! memory is allocated for its claims.
 
 use super::read::{ALPHA_BYTES, File, PIXEL_BYTES};
 use super::{Image, ImageError};
@@ -53,7 +53,7 @@ impl<'a> From<&'a [u32]> for Plane<'a> {
 }
 
 impl Plane<'_> {
-    /// Number of values.
+    /// Returns the number of values.
     pub fn len(&self) -> usize {
         match self {
             Self::F32(v) | Self::F16(v) => v.len(),
@@ -61,32 +61,32 @@ impl Plane<'_> {
         }
     }
 
-    /// True if there are none.
+    /// Returns true if there are no values.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 }
 
-/// The result of [`read_channels`].
+/// All channels of an OpenEXR file, read by [`read_channels`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct Channels {
     /// Width and height of every channel.
     pub size: [u32; 2],
-    /// Full name (`R`, `albedo.R`) and values, parts in the file's order, their channels by name.
+    /// Full names (`R`, `albedo.R`) and values. Parts are in the file's order, channels of a part sorted by name.
     pub channels: Vec<(String, Plane<'static>)>,
 }
 
 impl Channels {
-    /// The channel of that full name.
+    /// Returns the channel with this full name, if any.
     pub fn plane(&self, name: &str) -> Option<&Plane<'static>> {
         self.channels.iter().find(|(n, _)| n == name).map(|(_, plane)| plane)
     }
 }
 
-/// Every channel of an OpenEXR file in full precision. In files of several parts, names are led by the part's.
+/// Reads all channels of an OpenEXR file in full precision. In files of several parts, the part's name comes first.
 ///
 /// # Errors
-/// As [`read_image`](super::read_image); and where the parts differ in size.
+/// As for [`read_image`](super::read_image); also if the parts differ in size.
 pub fn read_channels(bytes: &[u8], file_name: &str) -> Result<Channels, ImageError> {
     let file = File { bytes, name: file_name };
     with_reader(&file, |open| {
@@ -109,10 +109,10 @@ pub fn read_channels(bytes: &[u8], file_name: &str) -> Result<Channels, ImageErr
     })
 }
 
-/// The text attributes in the header of an OpenEXR file's first part, by name.
+/// Reads the text attributes (name, value) in the header of an OpenEXR file's first part.
 ///
 /// # Errors
-/// As [`read_image`](super::read_image), as far as the header goes.
+/// As for [`read_image`](super::read_image), for errors of the header.
 pub fn read_attributes(bytes: &[u8], file_name: &str) -> Result<Vec<(String, String)>, ImageError> {
     let file = File { bytes, name: file_name };
     with_reader(&file, |open| {
@@ -156,16 +156,16 @@ pub(super) fn read(file: &File<'_>) -> Result<Image, ImageError> {
     })
 }
 
-/// The channels that make the image, by number within their part.
+/// The channels to read as the image, by index within their part.
 struct MainChannels {
     part: usize,
-    /// Of red, green and blue; all the same of a gray image.
+    /// Indices of red, green and blue; three times the same for a gray image.
     colors: [Option<usize>; 3],
     alpha: Option<usize>,
 }
 
 impl MainChannels {
-    /// From three channels (R, G, B) or one.
+    /// Makes the selection from three channels (R, G, B) or one.
     fn new(part: usize, found: &[usize], alpha: Option<Vec<usize>>) -> Self {
         let colors = std::array::from_fn(|i| found.get(if found.len() == 1 { 0 } else { i }).copied());
         Self { part, colors, alpha: alpha.and_then(|found| found.first().copied()) }
@@ -227,7 +227,7 @@ fn has(header: &Header, name: &[u8]) -> bool {
     header.channels.list.iter().any(|c| c.name.as_slice() == name)
 }
 
-/// The decoder's error, or ours.
+/// An error of the decoder, or one of this module.
 enum Fault {
     Exr(ExrError),
     Ours(ImageError),
@@ -247,7 +247,7 @@ impl From<ImageError> for Fault {
 
 type Source<'a> = Cursor<&'a [u8]>;
 
-/// Runs `work` with a function that opens the file anew and checks its headers.
+/// Calls `work` with a function that opens the file anew and checks its headers. Returns the result of `work`.
 fn with_reader<'a, T>(
     file: &File<'a>,
     work: impl FnOnce(&mut dyn FnMut() -> Result<Reader<Source<'a>>, Fault>) -> Result<T, Fault>,
@@ -266,7 +266,7 @@ fn with_reader<'a, T>(
     })
 }
 
-/// Everything the block reader takes on trust: sizes, tiles, chunk counts, sampling.
+/// Checks the header fields that the block reader trusts: sizes, tiles, chunk counts, sampling.
 fn check_headers(file: &File<'_>, headers: &[Header]) -> Result<(), ImageError> {
     for header in headers {
         // One channel must be had, and a block; how many are kept, the caller knows.
@@ -292,10 +292,10 @@ fn check_headers(file: &File<'_>, headers: &[Header]) -> Result<(), ImageError> 
     Ok(())
 }
 
-/// Longest header that is read. Small attributes take some 30 times their bytes (an estimate); a preview image fits.
+/// Largest accepted header in bytes. Small attributes take about 30 times their bytes in memory; a preview image fits.
 const MOST_HEADER: usize = 4 << 20;
 
-/// Walks the attributes: name, type, length, value; an empty name ends a part.
+/// Checks the header's length by walking its attributes (name, type, length, value). An empty name ends a part.
 fn check_header_length(file: &File<'_>) -> Result<(), ImageError> {
     let text = |at: usize| {
         let end = file.bytes.get(at..)?.iter().take(256).position(|&b| b == 0)?;
@@ -325,11 +325,11 @@ fn check_header_length(file: &File<'_>) -> Result<(), ImageError> {
     Ok(())
 }
 
-/// Blocks are copied several times while they are decompressed. An estimate from the decoder's code, with which every
-/// kind of compression keeps the bound (`tests/image_memory.rs`).
+/// Estimated number of copies of a block during decompression. With this estimate every kind of compression stays
+/// within the memory limit (`tests/image_memory.rs`).
 const BLOCK_COPIES: u64 = 5;
 
-/// Checks that a part whose pixels take `per_pixel` bytes, and one decompressed block of it, fit the memory limit.
+/// Checks that a part fits the memory limit: `per_pixel` bytes for each pixel, and one decompressed block.
 fn check_size(file: &File<'_>, header: &Header, per_pixel: u64) -> Result<(), ImageError> {
     let size = [header.layer_size.0 as u64, header.layer_size.1 as u64];
     let [w, h] = match header.blocks {
@@ -343,7 +343,7 @@ fn check_size(file: &File<'_>, header: &Header, per_pixel: u64) -> Result<(), Im
     file.check_claim(FORMAT, size, per_pixel, block.saturating_mul(BLOCK_COPIES).saturating_add(tables))
 }
 
-/// The wanted channels of one part at full resolution, in the order of `wanted`.
+/// Reads the channels `wanted` of one part at full resolution, in that order.
 fn read_planes(
     file: &File<'_>,
     reader: Reader<Source<'_>>,
@@ -378,7 +378,7 @@ fn read_planes(
     Ok(planes)
 }
 
-/// Hands over the samples of a line as floats, with their places in it.
+/// Calls `put` with the index and the value, as a float, of each sample of a line.
 fn floats(header: &Header, line: LineRef<'_>, mut put: impl FnMut(usize, f32)) -> Result<(), ExrError> {
     let samples = 0..line.location.sample_count;
     match header.channels.list[line.location.channel].sample_type {
@@ -388,7 +388,8 @@ fn floats(header: &Header, line: LineRef<'_>, mut put: impl FnMut(usize, f32)) -
     }
 }
 
-/// Goes through every line of every channel of one part at full resolution, with the number of its first pixel.
+/// Calls `store` with each line of each channel of one part at full resolution, and the index of the line's first
+/// pixel.
 fn read_lines(
     file: &File<'_>,
     reader: Reader<Source<'_>>,

@@ -55,7 +55,7 @@ struct Header {
 }
 
 impl Header {
-    /// The header, and where the floats start.
+    /// Parses the header. Returns it, and the offset of the first float.
     fn parse(file: &File<'_>) -> Result<(Self, usize), ImageError> {
         let channels = if file.bytes.starts_with(b"PF") { 3 } else { 1 };
         let mut at = 2;
@@ -74,7 +74,7 @@ impl Header {
     }
 }
 
-/// The next field of the header; `at` is left on the white space that ends it.
+/// Returns the header's next field. `at` moves to the white space after it.
 fn next_word<'a>(file: &File<'a>, at: &mut usize, name: &str) -> Result<&'a str, ImageError> {
     let blanks = file.bytes[*at..].iter().take_while(|b| b.is_ascii_whitespace()).count();
     if blanks == 0 && *at < file.bytes.len() {

@@ -4,7 +4,7 @@ use super::{Image, ImageError, check_count, srgb_decode};
 use ::image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use ::image::{ExtendedColorType, ImageEncoder};
 
-/// Encodes an image as 8-bit sRGB, made brighter by `exposure_stops` powers of two first.
+/// Encodes an image as 8-bit sRGB, after multiplying it by `2^exposure_stops`.
 ///
 /// With v a channel times `2^exposure_stops` in f64: NaN, negatives and -∞ become 0; 1, more, and +∞
 /// become 255; the rest becomes `255 * srgb(v)` rounded to nearest. No dithering, no tone curve. The same
@@ -23,7 +23,7 @@ pub fn encode_png(image: &Image, exposure_stops: f32) -> Result<Vec<u8>, ImageEr
     encode(image.size, &bytes, ExtendedColorType::Rgb8)
 }
 
-/// Encodes bytes as they are, one a pixel, top row first: a map.
+/// Encodes bytes without conversion as a gray image, one per pixel, top row first: for maps.
 ///
 /// # Errors
 /// [`ImageError::Empty`], [`ImageError::PixelCount`].
@@ -32,7 +32,7 @@ pub fn encode_png_gray(size: [u32; 2], values: &[u8]) -> Result<Vec<u8>, ImageEr
     encode(size, values, ExtendedColorType::L8)
 }
 
-/// Encodes bytes as they are, three a pixel, top row first: a map in colour.
+/// Encodes bytes without conversion as a colour image, three per pixel, top row first: for maps.
 ///
 /// # Errors
 /// [`ImageError::Empty`], [`ImageError::PixelCount`].
@@ -49,7 +49,8 @@ fn encode(size: [u32; 2], bytes: &[u8], color: ExtendedColorType) -> Result<Vec<
     Ok(file)
 }
 
-/// Bytes of linear values by the exact borders between them, which is faster than the curve and rounds exactly.
+/// Converts linear values to sRGB bytes by a search among exact thresholds, which is faster than the curve and rounds
+/// exactly.
 struct Quantizer {
     /// The smallest linear values that become 1, 2, ..., 255.
     borders: Vec<f64>,
@@ -66,7 +67,7 @@ impl Quantizer {
     }
 }
 
-/// `2^x`, finite x, from IEEE-exact operations only; libm's differs between platforms.
+/// Returns `2^x` for finite `x` by IEEE-exact operations; libm's result differs between platforms.
 fn exp2(x: f64) -> f64 {
     let x = x.clamp(-2000.0, 2000.0);
     let whole = x.floor();

@@ -1,4 +1,4 @@
-//! From the bytes of a file to an image.
+//! Reading of image files.
 
 use super::{Image, ImageError, expand, openexr, pfm};
 use ::image::codecs::{hdr::HdrDecoder, jpeg::JpegDecoder, png::PngDecoder, tga::TgaDecoder};
@@ -31,10 +31,9 @@ pub enum Encoding {
 /// `file_name` is for messages, and for its extension.
 ///
 /// # Errors
-/// Whatever is wrong with the file, naming it and the byte where that showed. An image whose reading would take
-/// more than 256 MiB + 16 x `bytes.len()`, the bytes themselves counted, is refused before anything is allocated:
-/// see [`ImageError::TooLarge`]. So images of up to 5 million pixels (12 bytes each once they are read; 4 million
-/// with alpha, 3.5 million from a progressive JPEG) are read however well they are packed.
+/// Any fault of the file, with its name and the byte offset. An image whose reading would take more than 256 MiB + 16 x
+/// `bytes.len()` is refused before memory is allocated: see [`ImageError::TooLarge`]. Images of up to 5 million pixels
+/// always pass (4 million with alpha, 3.5 million for a progressive JPEG).
 pub fn read_image(bytes: &[u8], file_name: &str, encoding: Encoding) -> Result<Image, ImageError> {
     let file = File { bytes, name: file_name };
     let mut cursor = Cursor::new(bytes);
@@ -68,7 +67,7 @@ pub fn read_image(bytes: &[u8], file_name: &str, encoding: Encoding) -> Result<I
 
 const HDR: &str = "Radiance HDR";
 
-/// The decoder's error, or ours.
+/// An error of the decoder, or one of this module.
 enum Fault {
     Decoder(Decoder),
     Ours(ImageError),
@@ -92,17 +91,15 @@ pub(super) struct File<'a> {
     pub(super) name: &'a str,
 }
 
-/// Memory that any file may take: enough for textures of 4096 x 4096 pixels (201 MB), however well they
-/// are packed.
+/// Memory in bytes that reading any file may take. Suffices for textures of 4096 x 4096 pixels (201 MB).
 const FREE_BYTES: u64 = 256 << 20;
-/// Memory that each byte of a file may take in addition. A good texture holds below 10 samples a byte; others use the free
-/// bytes.
+/// Memory in bytes allowed in addition per byte of the file. A good texture holds fewer than 10 samples per byte.
 const BYTES_PER_BYTE: u64 = 16;
-/// Tables, windows and whatever else a decoder needs for itself whatever the size.
+/// Memory in bytes for a decoder's tables and buffers, independent of the image's size.
 const OWN_BYTES: u128 = 1 << 20;
-/// A colour in memory.
+/// Bytes of a colour in memory.
 pub(super) const PIXEL_BYTES: u64 = 12;
-/// An opacity in memory.
+/// Bytes of an opacity in memory.
 pub(super) const ALPHA_BYTES: u64 = 4;
 
 impl File<'_> {
@@ -118,13 +115,13 @@ impl File<'_> {
         ImageError::Unsupported { file: self.name.to_owned(), format, what: what.to_owned(), instead }
     }
 
-    /// Most memory that reading a file of this length may take, the file itself counted.
+    /// Returns the largest memory in bytes that reading the file may take, the file included.
     fn memory_limit(&self) -> u64 {
         FREE_BYTES.saturating_add((self.bytes.len() as u64).saturating_mul(BYTES_PER_BYTE))
     }
 
-    /// Refuses empty images, and sizes out of proportion to the file: before anything is allocated. `per_pixel`
-    /// counts the bytes that a pixel takes while it is read; `besides` what else the decoder needs.
+    /// Refuses empty images, and sizes out of proportion to the file, before memory is allocated. `per_pixel` counts
+    /// the bytes per pixel during reading, `besides` all others that the decoder needs.
     pub(super) fn check_claim(
         &self,
         format: &'static str,
@@ -180,10 +177,10 @@ impl Content {
     }
 }
 
-/// Bytes that decoders keep for each column: a row or three of the widest pixels.
+/// Bytes per column that decoders buffer: up to three rows of the widest pixels.
 const COLUMN_BYTES: u64 = 32;
 
-/// Decodes where the image will lie. `working` counts bytes that the decoder needs meanwhile.
+/// Decodes an image in its final memory. `working` counts the bytes that the decoder needs in addition.
 fn decode<D: ImageDecoder>(
     file: &File<'_>,
     format: &'static str,
@@ -210,8 +207,8 @@ fn decode<D: ImageDecoder>(
     })
 }
 
-/// Checks the size, for which the decoder has no clear error, and the end: the decoder accepts a truncated PNG.
-/// Returns the memory limits for texts and color profiles, which may be compressed.
+/// Checks a PNG's size, for which the decoder has no clear error, and its end, since the decoder accepts truncated
+/// files. Returns memory limits for compressed texts and colour profiles.
 fn check_png(file: &File<'_>) -> Result<Limits, ImageError> {
     let mut limits = Limits::no_limits();
     if let Some(&[.., a, b, c, d, e, f, g, h]) = file.bytes.first_chunk::<24>() {
@@ -235,7 +232,8 @@ fn check_png(file: &File<'_>) -> Result<Limits, ImageError> {
     Err(file.truncated("PNG"))
 }
 
-/// Finds the end by walking the segments, since the decoder fills the rest of a truncated JPEG with gray.
+/// Checks that a JPEG is complete by walking its segments. The decoder would fill the rest of a truncated file with
+/// gray.
 ///
 /// Returns the decoder's bytes per pixel: it keeps the coefficients of the whole image if they come in several scans.
 fn check_jpeg(file: &File<'_>) -> Result<u64, ImageError> {
@@ -280,7 +278,7 @@ fn check_jpeg(file: &File<'_>) -> Result<u64, ImageError> {
     Err(file.truncated("JPEG"))
 }
 
-/// Memory of the index copy of a TGA: two bytes a pixel at most.
+/// Returns the bytes of a TGA's second copy by index: at most two per pixel.
 fn tga_copy(file: &File<'_>) -> u64 {
     match file.bytes.first_chunk::<16>() {
         Some(&[.., w0, w1, h0, h1]) => {
@@ -290,7 +288,7 @@ fn tga_copy(file: &File<'_>) -> u64 {
     }
 }
 
-/// Longest header that is read: small attributes take tens of times their bytes (an estimate).
+/// Largest accepted header in bytes. Small attributes take tens of times their bytes in memory (an estimate).
 const HDR_HEADER: usize = 1 << 20;
 
 fn check_hdr(file: &File<'_>) -> Result<(), ImageError> {

@@ -7,22 +7,22 @@ use std::collections::{BTreeMap, BTreeSet};
 pub(super) struct Library {
     /// Materials by name.
     pub(super) materials: BTreeMap<String, Material>,
-    /// Statements left out or read otherwise, each with its line; 0 is the whole file.
+    /// Unsupported or corrected statements, each with its line; line 0 stands for the whole file.
     pub(super) notices: Vec<(u32, String)>,
 }
 
 /// The supported part of a material.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Material {
-    /// `Kd`, linear RGB within 0..=1.
+    /// The statement `Kd`: linear RGB within 0..=1.
     pub(super) diffuse: Option<[f32; 3]>,
-    /// `map_Kd`, the name of a file.
+    /// The statement `map_Kd`: name of an image file.
     pub(super) texture: Option<String>,
     /// The line of `newmtl`.
     pub(super) line: u32,
 }
 
-/// Reads a file of materials. Nothing in it is an error: what cannot be read is left out and noted.
+/// Reads a file of materials. Unreadable statements are skipped with a notice, never an error.
 pub(super) fn read_mtl(bytes: &[u8]) -> Library {
     let text = String::from_utf8_lossy(bytes);
     let mut library = Library::default();
@@ -71,13 +71,13 @@ pub(super) fn read_mtl(bytes: &[u8]) -> Library {
     library
 }
 
-/// The file that a texture statement names: the last word after options, else the whole argument.
+/// Returns the file name in a texture statement: the last word if options precede it, else the whole argument.
 fn file_of(rest: &str) -> Option<&str> {
     let file = if rest.starts_with('-') { rest.split_whitespace().next_back()? } else { rest };
     (!file.is_empty() && !file.starts_with('-')).then_some(file)
 }
 
-/// True if following the statement would change the image.
+/// Returns true if an unsupported statement would change the image.
 fn calls_for_more(keyword: &str, numbers: &[f64]) -> bool {
     let first = numbers.first().copied().unwrap_or(0.0);
     match keyword {

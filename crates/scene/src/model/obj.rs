@@ -41,7 +41,7 @@ impl SceneReader for ObjReader {
     }
 }
 
-/// Adds shapes and materials of a file to a scene.
+/// Adds the shapes and materials of an OBJ file to a scene.
 fn add_model(scene: &mut Scene, model: ObjModel, files: &dyn Files, source: &Source) {
     let mut materials = Materials::default();
     for (word, line) in model.left_out {
@@ -61,9 +61,9 @@ fn add_model(scene: &mut Scene, model: ObjModel, files: &dyn Files, source: &Sou
 /// The contents of an OBJ file.
 #[derive(Clone, Debug, Default)]
 pub struct ObjModel {
-    /// Meshes, one for each material and for each set of things that corners have.
+    /// Meshes, one for each combination of material and vertex attributes (normals, texture coordinates).
     pub meshes: Vec<ObjMesh>,
-    /// Files of materials that it names, and the lines where it does.
+    /// Names of the material files, each with the line that names it.
     pub libraries: Vec<(String, u32)>,
     /// Unsupported statements (lines, points, curves), each with the line of its first use.
     pub left_out: Vec<(String, u32)>,
@@ -72,9 +72,9 @@ pub struct ObjModel {
 /// The part of an OBJ file that has one material.
 #[derive(Clone, Debug)]
 pub struct ObjMesh {
-    /// Name of its material, and the line of its first use; `None` before the first `usemtl`.
+    /// Name of the material and line of its first use; `None` before the first `usemtl`.
     pub material: Option<(String, u32)>,
-    /// The mesh; polygons are cut into triangles.
+    /// The mesh. Polygons were cut into triangles.
     pub data: MeshData,
 }
 
@@ -85,7 +85,7 @@ pub enum ObjError {
     /// A line that cannot be read.
     #[error("line {line}: {what}")]
     Line {
-        /// Its number.
+        /// Number of the line.
         line: u32,
         /// The mistake and its remedy.
         what: String,
@@ -131,12 +131,12 @@ struct Vertices {
 }
 
 impl Vertices {
-    /// Counts, in the order of [`KINDS`].
+    /// Returns the numbers of positions, texture coordinates and normals, in the order of [`KINDS`].
     fn counts(&self) -> [u64; 3] {
         [self.positions.len(), self.uvs.len(), self.normals.len()].map(|n| n as u64)
     }
 
-    /// The triangles of a group, with one vertex for each distinct corner, in the order of first use.
+    /// Returns the mesh of a group, with one vertex for each distinct corner, in the order of first use.
     fn mesh(&self, group: &Group, [has_uv, has_normal]: [bool; 2]) -> Result<MeshData, ObjError> {
         let mut data = MeshData::default();
         let mut known: HashMap<Corner, u32> = HashMap::new();
@@ -168,7 +168,7 @@ impl Vertices {
     }
 }
 
-/// Lines with their numbers; a backslash at the end continues a line.
+/// Iterates over lines with their numbers. A backslash at the end continues a line.
 struct Lines<'t> {
     rest: &'t str,
     number: u32,
@@ -200,22 +200,22 @@ impl<'t> Iterator for Lines<'t> {
 #[derive(Clone, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 struct Key {
     material: Option<(u32, String)>,
-    /// True if all corners have texture coordinates, and if all have normals.
+    /// True if all corners have texture coordinates; true if all have normals.
     has: [bool; 2],
 }
 
-/// Numbers of a corner's position, texture coordinates and normal, from 1.
+/// Indices of a corner's position, texture coordinates and normal, from 1.
 type Corner = [Option<u64>; 3];
 
-/// Faces of one key.
+/// The faces that share one key.
 #[derive(Debug, Default)]
 struct Group {
     corners: Vec<Corner>,
-    /// Line of each face, and the end of its corners.
+    /// For each face: its line, and the end of its corners in the list of all corners.
     faces: Vec<(u32, usize)>,
 }
 
-/// A number that a corner gives, where vertices were too few when it did.
+/// The largest index that refers to a vertex not yet read, with its line.
 #[derive(Clone, Copy, Debug, Default)]
 struct Largest {
     value: u64,
@@ -224,7 +224,7 @@ struct Largest {
 
 const KINDS: [&str; 3] = ["vertices", "texture coordinates", "normals"];
 
-/// Everything read so far.
+/// State of the parser: everything read so far.
 #[derive(Default)]
 struct Parser {
     vertices: Vertices,
@@ -292,7 +292,7 @@ impl Parser {
         Ok(())
     }
 
-    /// The numbers of a corner, counted from 1.
+    /// Parses a corner's indices, counted from 1.
     fn corner(&mut self, line: u32, word: &str) -> Result<Corner, String> {
         let mut numbers = [None; 3];
         for (kind, text) in word.split('/').enumerate() {
@@ -325,7 +325,7 @@ impl Parser {
         Ok(numbers)
     }
 
-    /// Faces may come before their vertices; in the end all must be there.
+    /// Checks at the end that all indices refer to vertices. Faces may come before their vertices.
     fn check_ranges(&self) -> Result<(), ObjError> {
         for (kind, largest) in self.largest.iter().enumerate() {
             let (count, what) = (self.vertices.counts()[kind], KINDS[kind]);
@@ -342,7 +342,7 @@ impl Parser {
     }
 }
 
-/// The first `N` numbers of a statement.
+/// Parses the first `N` numbers of a statement.
 fn numbers<'w, const N: usize>(keyword: &str, words: impl Iterator<Item = &'w str>) -> Result<[f64; N], String> {
     let mut values = [0.0; N];
     let mut found = 0;
@@ -357,7 +357,7 @@ fn numbers<'w, const N: usize>(keyword: &str, words: impl Iterator<Item = &'w st
     if found == N { Ok(values) } else { Err(format!("{keyword} needs {N} numbers, not {found}")) }
 }
 
-/// Numbers in single precision.
+/// Converts numbers to single precision. The error reports overflow.
 fn single<const N: usize>(values: [f64; N]) -> Result<[f32; N], String> {
     let rounded = values.map(|v| v as f32);
     match rounded.iter().position(|v| !v.is_finite()) {
@@ -374,7 +374,7 @@ fn not_finite(word: &str) -> String {
     format!("\"{}\" is not finite; mend the mesh", shown(word))
 }
 
-/// A word of the file for a message, cut to 32 characters.
+/// Returns a word of the file for use in a message, cut to 32 characters.
 fn shown(word: &str) -> String {
     let mut shown: String = word.chars().take(32).filter(|c| !c.is_control()).collect();
     if word.chars().nth(32).is_some() {

@@ -1,4 +1,4 @@
-//! Materials of an OBJ model: its libraries, and the images that these name.
+//! Materials of an OBJ model: its material files, and the images that they name.
 
 use super::mtl::{Material as MtlMaterial, read_mtl};
 use super::{GREY, add_material};
@@ -12,7 +12,7 @@ use std::sync::Arc;
 /// The materials of an OBJ file: those of its libraries, and those in use.
 #[derive(Default)]
 pub(super) struct Materials {
-    /// By name, each with its library's path.
+    /// Materials by name, each with the path of its file.
     known: BTreeMap<String, (MtlMaterial, Arc<PathBuf>)>,
     made: BTreeMap<Option<String>, MaterialId>,
     images: BTreeMap<PathBuf, Option<Arc<Image>>>,
@@ -40,7 +40,7 @@ impl Materials {
         }
     }
 
-    /// The material that the meshes with this `usemtl` have.
+    /// Returns the material for the name and line of a `usemtl`, or the default one for `None`.
     pub(super) fn of(
         &mut self,
         scene: &mut Scene,
@@ -88,7 +88,7 @@ impl Materials {
         add_texture(scene, name, TextureKind::Product { factors: [Color::Constant(tint), image] }, source)
     }
 
-    /// An image, if it can be had; each file is read once.
+    /// Returns the image of a file, if it can be read. Each file is read once.
     fn image(&mut self, scene: &mut Scene, name: &str, files: &dyn Files, source: &Source) -> Option<Arc<Image>> {
         let path = beside(&source.file, name);
         if let Some(known) = self.images.get(&path) {
@@ -119,7 +119,7 @@ fn add_texture(scene: &mut Scene, name: &str, kind: TextureKind, source: &Source
     Color::Texture(id)
 }
 
-/// The path of a file that `file` names; backslashes are Windows' way to write it.
+/// Returns the path of the file `name`, relative to `file`'s folder. Accepts backslashes, as Windows writes them.
 fn beside(file: &Path, name: &str) -> PathBuf {
     file.parent().unwrap_or(Path::new("")).join(name.replace('\\', "/"))
 }

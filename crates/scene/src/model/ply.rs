@@ -41,12 +41,12 @@ impl SceneReader for PlyReader {
     }
 }
 
-/// A mesh that was read.
+/// The result of [`read_ply`].
 #[derive(Clone, Debug)]
 pub struct PlyMesh {
-    /// The mesh; polygons are cut into triangles.
+    /// The mesh. Polygons were cut into triangles.
     pub data: MeshData,
-    /// The reason to doubt that the file is whole, if any.
+    /// A reason to suspect that the file is incomplete, if any.
     pub doubt: Option<&'static str>,
 }
 
@@ -57,7 +57,7 @@ pub enum PlyError {
     /// The header breaks the format's rules.
     #[error("the PLY header cannot be read ({0}); export the mesh anew")]
     Header(String),
-    /// The file cannot hold what its header promises.
+    /// A header that promises more elements than the file can hold.
     #[error(
         "the header promises {count} elements {element}, and only {bytes} bytes follow; the file is cut off or damaged"
     )]
@@ -66,7 +66,7 @@ pub enum PlyError {
         element: String,
         /// Number of elements promised.
         count: usize,
-        /// Number of bytes left.
+        /// Number of bytes after the header.
         bytes: usize,
     },
     /// An element cannot be read.
@@ -74,26 +74,26 @@ pub enum PlyError {
     Element {
         /// The element's name.
         element: String,
-        /// Its number.
+        /// Index of the element.
         index: usize,
         /// The parser's message.
         reason: String,
     },
-    /// No element `vertex` with x, y and z.
+    /// The file has no element `vertex` with x, y and z.
     #[error("there is no element vertex with properties x, y and z; export positions too")]
     NoPositions,
-    /// No element `face` with a list of corners.
+    /// The file has no element `face` with a list of vertex indices.
     #[error("there is no element face with a list vertex_indices; export triangles")]
     NoFaces,
-    /// A polygon that cannot be cut into triangles safely, or that has no such corners.
+    /// A polygon that cannot be cut into triangles, or has invalid vertex indices.
     #[error("face {face}: {what}")]
     Face {
-        /// Its number.
+        /// Index of the face.
         face: usize,
         /// The mistake and its remedy.
         what: String,
     },
-    /// The mesh itself is wrong.
+    /// The mesh is invalid.
     #[error(transparent)]
     Mesh(#[from] MeshFault),
 }
@@ -104,7 +104,7 @@ pub enum PlyError {
 /// Memory is bounded by a small multiple of `bytes.len()`, whatever the header claims.
 ///
 /// # Errors
-/// The first thing wrong with the file.
+/// The first fault in the file.
 pub fn read_ply(bytes: &[u8]) -> Result<PlyMesh, PlyError> {
     let mut reader = Reader::new(bytes);
     let header =
@@ -139,7 +139,7 @@ pub fn read_ply(bytes: &[u8]) -> Result<PlyMesh, PlyError> {
     Ok(PlyMesh { data, doubt })
 }
 
-/// Refuses names that are declared twice: the parser keeps one of them, and what follows would be read askew.
+/// Refuses names declared twice: the parser would keep one of them and misread the data.
 fn check_unique(text: &[u8], header: &Header) -> Result<(), PlyError> {
     let lines = |word: &[u8]| text.split(|&b| b == b'\n').filter(|line| line.starts_with(word)).count();
     let properties: usize = header.elements.values().map(|def| def.properties.len()).sum();
@@ -159,7 +159,7 @@ fn one_line(e: &ParseError) -> String {
     }
 }
 
-/// The bytes after the header.
+/// The bytes after the header, which hold the elements.
 struct Payload<'b> {
     left: &'b [u8],
     encoding: Encoding,
@@ -167,7 +167,7 @@ struct Payload<'b> {
 }
 
 impl Payload<'_> {
-    /// Refuses a count that the rest of the file cannot hold, before memory is allocated.
+    /// Refuses an element count that the remaining bytes cannot hold, before memory is allocated.
     fn check_length(&self, def: &ElementDef) -> Result<(), PlyError> {
         let size = |ty: &PropertyType| match (self.encoding, ty) {
             // A digit and a space.
@@ -233,7 +233,7 @@ impl PropertyAccess for Skipped {
     }
 }
 
-/// One vertex: x, y, z, nx, ny, nz, u, v.
+/// The values of one vertex: x, y, z, nx, ny, nz, u, v.
 struct Vertex([f64; 8]);
 
 impl PropertyAccess for Vertex {
@@ -296,7 +296,7 @@ fn read_vertices(payload: &mut Payload<'_>, def: &ElementDef, data: &mut MeshDat
     Ok(())
 }
 
-/// The corners of one polygon, whichever of the two the file's type is.
+/// The vertex indices of one polygon, of either integer type.
 #[derive(Default)]
 struct Face {
     signed: Vec<i32>,
@@ -332,7 +332,7 @@ impl PropertyAccess for Face {
     }
 }
 
-/// All polygons' corners in one list, and where each ends.
+/// The vertex indices of all polygons in one list, and the end of each polygon.
 #[derive(Default)]
 struct Faces {
     corners: Vec<u32>,
@@ -359,7 +359,7 @@ fn read_faces(payload: &mut Payload<'_>, def: &ElementDef) -> Result<Faces, PlyE
     Ok(faces)
 }
 
-/// Cuts polygons into triangles.
+/// Cuts all polygons into triangles and appends these to `data`.
 fn cut(faces: &Faces, data: &mut MeshData) -> Result<(), PlyError> {
     let vertices = data.positions.len();
     data.triangles.reserve(faces.corners.len().saturating_sub(2 * faces.ends.len()));

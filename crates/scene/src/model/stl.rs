@@ -42,12 +42,12 @@ impl SceneReader for StlReader {
     }
 }
 
-/// A mesh that was read.
+/// The result of [`read_stl`].
 #[derive(Clone, Debug)]
 pub struct StlMesh {
-    /// The mesh, without normals: its facets are flat. Corners that agree to the bit are one vertex.
+    /// The mesh, without normals, since facets are flat. Bitwise equal corners share one vertex.
     pub data: MeshData,
-    /// The reason to doubt the file, if any.
+    /// A reason to suspect the file, if any.
     pub doubt: Option<String>,
 }
 
@@ -55,51 +55,51 @@ pub struct StlMesh {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum StlError {
-    /// Neither kind of STL.
+    /// The file is neither binary nor text STL.
     #[error("{bytes} bytes that do not begin with `solid` are no STL file; a binary one has 84 or more")]
     Foreign {
-        /// The file's length.
+        /// Length of the file in bytes.
         bytes: usize,
     },
-    /// The file cannot hold what its header promises.
+    /// A header that promises more facets than the file can hold.
     #[error(
         "the header promises {count} facets, and only {bytes} bytes follow where each takes 50; the file is cut off or damaged"
     )]
     TooShort {
         /// Number of facets promised.
         count: u32,
-        /// Number of bytes left.
+        /// Number of bytes after the header.
         bytes: usize,
     },
-    /// A facet of a binary file that is no triangle.
+    /// A facet of a binary file with a coordinate that is not finite.
     #[error("facet {facet}: a corner is not finite; mend the mesh")]
     Facet {
-        /// Its number.
+        /// Index of the facet.
         facet: usize,
     },
-    /// A line of a text file.
+    /// A mistake in a text file.
     #[error("line {line}: {what}")]
     Line {
-        /// Its number.
+        /// Number of the line.
         line: u32,
         /// The mistake and its remedy.
         what: String,
     },
-    /// The mesh itself is wrong.
+    /// The mesh is invalid.
     #[error(transparent)]
     Mesh(#[from] MeshFault),
 }
 
-/// Length of a binary file's header: 80 bytes of text, and the number of facets.
+/// Length of a binary file's header in bytes: 80 of text, and 4 for the number of facets.
 const HEADER: usize = 84;
-/// Length of a binary facet: normal, three corners, two bytes.
+/// Length of a binary facet in bytes: normal, three corners, two extra bytes.
 const FACET: usize = 50;
 
 /// Reads a mesh. A file is text if it begins with `solid`, has no NUL byte near its beginning, and is not as
 /// long as a binary file of its number of facets would be.
 ///
 /// # Errors
-/// The first thing wrong with the file.
+/// The first fault in the file.
 pub fn read_stl(bytes: &[u8]) -> Result<StlMesh, StlError> {
     let count = bytes.get(80..HEADER).and_then(<[u8]>::first_chunk).map(|&count| u32::from_le_bytes(count));
     let promised = count.map(|count| HEADER as u64 + FACET as u64 * u64::from(count));
@@ -167,7 +167,7 @@ fn begins_with(line: &str, word: &str) -> bool {
 }
 
 fn read_solid(text: String, first: u32, lines: &[u32], welder: &mut Welder) -> Result<(), StlError> {
-    /// Lines of a facet: its normal, `outer loop`, three corners, `endloop`, `endfacet`.
+    /// Lines per facet: its normal, `outer loop`, three corners, `endloop`, `endfacet`.
     const LINES: usize = 7;
     let mut file = Cursor::new(text);
     let fault = |facet: usize, what: String| {
@@ -188,7 +188,7 @@ fn read_solid(text: String, first: u32, lines: &[u32], welder: &mut Welder) -> R
     Ok(())
 }
 
-/// Triangles whose corners become one vertex where they agree.
+/// Collects triangles and merges bitwise equal corners into one vertex.
 #[derive(Default)]
 struct Welder {
     mesh: MeshData,
@@ -196,7 +196,7 @@ struct Welder {
 }
 
 impl Welder {
-    /// `None` where a corner is not finite.
+    /// Adds a triangle. Returns `None` if a corner is not finite.
     fn add(&mut self, corners: [[f32; 3]; 3]) -> Option<()> {
         if !corners.as_flattened().iter().all(|c| c.is_finite()) {
             return None;

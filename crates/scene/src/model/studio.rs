@@ -1,4 +1,4 @@
-//! The camera and the studio light that a model by itself is shown with.
+//! The camera and the light for models, which have none.
 
 use super::UpAxis;
 use crate::bundled::directions::{dot, lat_long_direction, mix, normalize, smoothstep};
@@ -7,22 +7,22 @@ use crate::{Camera, EnvironmentRadiance, FilmSettings, Light, LightKind, Project
 use glam::{DAffine3, DMat3, DVec3};
 use std::sync::{Arc, LazyLock};
 
-/// Full angle of view along the shorter side, degrees: about what a portrait lens sees.
+/// Full angle of view along the shorter side, in degrees: about that of a portrait lens.
 const FOV: f64 = 35.0;
-/// Sine of half of it; the same on every machine.
+/// Sine of half that angle, a literal so that it is the same on every machine.
 const SIN_HALF_FOV: f64 = 0.300_705_799_504_273_1;
-/// Direction of the camera from the model: front, right, up.
+/// Direction from the model to the camera: components to the front, the right and up.
 const VIEW: [f64; 3] = [1.0, 0.6, 0.45];
-/// Room about the model's sphere.
+/// Factor by which the view is wider than the model's bounding sphere.
 const MARGIN: f64 = 1.02;
-/// Most scattering events: grey surfaces keep little after as many.
+/// The largest number of scattering events per path: grey surfaces leave little light after them.
 const MAX_DEPTH: u32 = 6;
 const RESOLUTION: [u32; 2] = [960, 720];
 
-/// Puts camera, film and light where they belong for everything between the corners that `points` gives.
+/// Sets camera, film and light for a model whose vertices are `points`.
 ///
 /// # Errors
-/// A model without extent, or too large.
+/// A model of size 0, or too large.
 pub(super) fn set(
     scene: &mut Scene,
     points: impl Iterator<Item = DVec3> + Clone,
@@ -60,18 +60,18 @@ pub(super) fn set(
     Ok(())
 }
 
-/// Painted once: it takes longer than a small model does.
+/// The environment map, made once because that takes longer than reading a small model.
 static STUDIO: LazyLock<Arc<Image>> = LazyLock::new(|| Arc::new(studio()));
 
-/// Light from all sides that is brighter above, and a round lamp over the viewer's left shoulder. Its frame: z up,
-/// x to the viewer.
+/// Makes the environment map: brighter above than below, with a round lamp over the viewer's left shoulder. z is up, x
+/// towards the viewer.
 fn studio() -> Image {
     const SIZE: [u32; 2] = [512, 256];
     const FLOOR: [f64; 3] = [0.16, 0.15, 0.14];
     const HORIZON: [f64; 3] = [0.34, 0.34, 0.35];
     const ZENITH: [f64; 3] = [0.55, 0.60, 0.68];
     const LAMP: [f64; 3] = [13.0, 12.2, 11.0];
-    /// Cosines of the lamp's edge, 17 degrees, and of where it is full, 13 degrees.
+    /// Cosines of the lamp's outer edge (17 degrees) and of its fully bright part (13 degrees).
     const EDGE: [f64; 2] = [0.956, 0.974];
     let lamp = normalize([0.62, -0.62, 0.72]);
     let radiance = |x: usize, y: usize| {

@@ -2,11 +2,11 @@
 
 use glam::{DMat3, DVec3, dvec3};
 
-/// Wavelengths of the tables below: from 380 nm on, every 10 nm.
+/// First wavelength of the tables below, in nm; they have a value every 10 nm.
 const FIRST: f64 = 380.0;
 const STEP: f64 = 10.0;
 
-/// The CIE 1931 observer: x, y, z [CIE 15:2004, table T.4].
+/// The CIE 1931 observer's x, y, z by wavelength [CIE 15:2004, table T.4].
 const OBSERVER: [[f64; 3]; 41] = [
     [0.0014, 0.0000, 0.0065],
     [0.0042, 0.0001, 0.0201],
@@ -51,7 +51,7 @@ const OBSERVER: [[f64; 3]; 41] = [
     [0.0000, 0.0000, 0.0000],
 ];
 
-/// Illuminant D65 [CIE 15:2004, table T.1].
+/// Illuminant D65 by wavelength [CIE 15:2004, table T.1].
 const D65: [f64; 41] = [
     49.9755, 54.6482, 82.7549, 91.4860, 93.4318, 86.6823, 104.865, 117.008, 117.812, 114.861, 115.923, 108.811,
     109.354, 107.802, 104.790, 107.689, 104.405, 104.046, 100.000, 96.3342, 95.7880, 88.6856, 90.0062, 89.5991,
@@ -59,7 +59,7 @@ const D65: [f64; 41] = [
     75.0870, 63.5927, 46.4182, 66.8054, 63.3828,
 ];
 
-/// Linear sRGB of XYZ [IEC 61966-2-1], without the clipping.
+/// Converts XYZ to linear sRGB [IEC 61966-2-1] without clipping.
 pub(super) fn rgb_of_xyz(xyz: DVec3) -> DVec3 {
     DMat3::from_cols_array(&[
         3.240_969_942,
@@ -75,7 +75,7 @@ pub(super) fn rgb_of_xyz(xyz: DVec3) -> DVec3 {
     .mul_vec3(xyz)
 }
 
-/// The observer and D65 at a wavelength, between their samples linear.
+/// Returns the observer's response and D65 at a wavelength in nm, interpolated linearly.
 fn tables_at(wavelength: f64) -> (DVec3, f64) {
     let place = (wavelength - FIRST) / STEP;
     if !(0.0..=(OBSERVER.len() - 1) as f64).contains(&place) {
@@ -87,7 +87,7 @@ fn tables_at(wavelength: f64) -> (DVec3, f64) {
     (observer, D65[below] + (D65[below + 1] - D65[below]) * part)
 }
 
-/// XYZ of `spectrum` times `white` (D65, or else equal energy), divided by the Y of `white` alone.
+/// Returns XYZ of `spectrum` under an illuminant, D65 or equal energy, divided by the illuminant's Y.
 fn xyz(spectrum: impl Fn(f64) -> f64, under_d65: bool) -> DVec3 {
     let (mut sum, mut whole) = (DVec3::ZERO, 0.0);
     for step in 0..=4 * (OBSERVER.len() as u32 - 1) {
@@ -100,18 +100,18 @@ fn xyz(spectrum: impl Fn(f64) -> f64, under_d65: bool) -> DVec3 {
     sum / whole
 }
 
-/// A spectrum as a file gives it: pairs of a wavelength (nm) and a value, linear between them and constant
-/// beyond them.
+/// A spectrum in a file: pairs of wavelength (nm) and value, linear between wavelengths and constant beyond the first
+/// and last.
 #[derive(Clone, Debug)]
 pub(super) struct Sampled {
     pairs: Vec<[f64; 2]>,
 }
 
 impl Sampled {
-    /// From wavelengths and values in turn.
+    /// Makes a spectrum from alternating wavelengths and values.
     ///
     /// # Errors
-    /// The mistake, to follow the name of a parameter.
+    /// A message to follow the name of the parameter.
     pub(super) fn new(numbers: &[f64]) -> Result<Self, String> {
         let (pairs, rest) = numbers.as_chunks::<2>();
         if pairs.is_empty() || !rest.is_empty() {
@@ -126,18 +126,18 @@ impl Sampled {
         Ok(Self { pairs: pairs.to_vec() })
     }
 
-    /// Its value everywhere, if it is the same everywhere.
+    /// Returns the spectrum's value if it is the same at all wavelengths, else `None`.
     pub(super) fn constant(&self) -> Option<f64> {
         let [_, value] = self.pairs[0];
         self.pairs.iter().all(|p| p[1] == value).then_some(value)
     }
 
-    /// Its least value.
+    /// Returns the spectrum's smallest value.
     pub(super) fn least(&self) -> f64 {
         self.pairs.iter().fold(f64::INFINITY, |least, p| least.min(p[1]))
     }
 
-    /// Its value at a wavelength.
+    /// Returns the spectrum's value at a wavelength in nm.
     pub(super) fn at(&self, wavelength: f64) -> f64 {
         let above = self.pairs.partition_point(|p| p[0] <= wavelength);
         match (above.checked_sub(1).map(|i| self.pairs[i]), self.pairs.get(above)) {
@@ -147,19 +147,19 @@ impl Sampled {
         }
     }
 
-    /// Its colour under D65: a spectrum that is the same everywhere is gray.
+    /// Returns the linear sRGB colour of a reflectance spectrum under D65. A constant spectrum is gray.
     pub(super) fn rgb_under_d65(&self) -> DVec3 {
         // The tables' own white is off by 0.3 % in blue, for their step; that is divided out.
         rgb_of_xyz(xyz(|w| self.at(w), true)) / rgb_of_xyz(xyz(|_| 1.0, true))
     }
 
-    /// Its colour by itself, as pbrt-v2 and v3 have it; the same way turned the metals of
-    /// [`super::spectra`] into colours.
+    /// Returns the linear sRGB colour of the spectrum without an illuminant, as in pbrt-v2 and v3. The metals in
+    /// [`super::spectra`] were converted the same way.
     pub(super) fn rgb(&self) -> DVec3 {
         rgb_of_xyz(xyz(|w| self.at(w), false))
     }
 
-    /// Its colour, scaled to luminance 1; `None` where nothing of it is visible.
+    /// Returns the linear sRGB colour, scaled to luminance 1; `None` if the spectrum has no visible part.
     pub(super) fn rgb_of_luminance_one(&self) -> Option<DVec3> {
         let xyz = xyz(|w| self.at(w), false);
         let rgb = rgb_of_xyz(xyz / xyz.y);
@@ -167,13 +167,13 @@ impl Sampled {
     }
 }
 
-/// Linear sRGB of a light of this chromaticity and luminance 1.
+/// Returns the linear sRGB colour of light with chromaticity `x, y` and luminance 1.
 pub(super) fn rgb_of_chromaticity([x, y]: [f64; 2]) -> DVec3 {
     rgb_of_xyz(dvec3(x / y, 1.0, (1.0 - x - y) / y))
 }
 
-/// Linear sRGB of a black body, scaled to luminance 1; colours outside sRGB have negative channels. `None`
-/// where nothing visible remains.
+/// Returns the linear sRGB colour of a black body, scaled to luminance 1; channels may be negative. `None` if it emits
+/// no visible light.
 pub(super) fn blackbody(kelvin: f64) -> Option<DVec3> {
     // The constant factor is lost anyway, and cold bodies would underflow.
     let xyz = xyz(|wavelength| planck(wavelength, kelvin, 555.0), false);
@@ -181,7 +181,7 @@ pub(super) fn blackbody(kelvin: f64) -> Option<DVec3> {
     rgb.is_finite().then_some(rgb)
 }
 
-/// Linear sRGB of a black body whose strongest wavelength has the value 1, as pbrt-v3 scales it.
+/// Returns the linear sRGB colour of a black body, scaled to a spectral maximum of 1, as in pbrt-v3.
 pub(super) fn blackbody_of_peak_one(kelvin: f64) -> Option<DVec3> {
     /// Wien's displacement constant in nm K [CODATA 2018].
     const WIEN: f64 = 2.897_771_955e6;
@@ -191,7 +191,7 @@ pub(super) fn blackbody_of_peak_one(kelvin: f64) -> Option<DVec3> {
     rgb.is_finite().then_some(rgb)
 }
 
-/// Planck's law, but for a factor that depends on the temperature and on `reference` (nm) alone.
+/// Returns Planck's spectral radiance up to a factor that depends only on the temperature and on `reference` (nm).
 fn planck(wavelength: f64, kelvin: f64, reference: f64) -> f64 {
     /// Planck's second constant h c / k in nm K [CODATA 2018].
     const C2: f64 = 1.438_776_877e7;

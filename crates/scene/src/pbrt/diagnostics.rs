@@ -2,9 +2,9 @@
 
 use crate::{Notice, NoticeKind, Problem, ProblemKind, ReadError, Source};
 
-/// Problems that are listed; more are only counted.
+/// The largest number of problems that are listed; further ones are only counted.
 const LISTED_PROBLEMS: usize = 100;
-/// Notices that are listed; more are only counted.
+/// The largest number of notices that are listed; further ones are only counted.
 const LISTED_NOTICES: usize = 1000;
 
 /// Collects problems and notices.
@@ -38,7 +38,7 @@ impl Log {
         self.push_notice(Notice::warning(source.clone(), message));
     }
 
-    /// Reports a setting that Dapple leaves to its user.
+    /// Reports an ignored setting, one that Dapple leaves to its user.
     pub(super) fn ignored_setting(&mut self, source: &Source, message: String) {
         self.push_notice(Notice { source: source.clone(), kind: NoticeKind::IgnoredSetting, message });
     }

@@ -1,4 +1,4 @@
-//! From tokens to directives: a name with its arguments and its place.
+//! Conversion of tokens to directives: a name, arguments, and the place in the file.
 
 use super::diagnostics::Log;
 use super::params::{Param, read_param};
@@ -11,7 +11,7 @@ use std::sync::Arc;
 /// The arguments that a directive takes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Form {
-    /// Nothing.
+    /// No arguments.
     Bare,
     /// This many numbers, in brackets or not.
     Numbers(usize),
@@ -72,7 +72,7 @@ const FORMS: &[(&str, Form)] = &[
     ("WorldEnd", Form::Bare),
 ];
 
-/// One directive with its arguments.
+/// One directive: its name, arguments and place.
 #[derive(Debug)]
 pub(super) struct Directive<'t> {
     pub(super) word: &'t str,
@@ -82,7 +82,7 @@ pub(super) struct Directive<'t> {
     pub(super) params: Vec<Param>,
 }
 
-/// Reads directives off a text; reports malformed ones and continues behind them.
+/// Reads the directives of a text. Malformed ones are reported and skipped.
 pub(super) struct Directives<'t> {
     tokens: Tokens<'t>,
     file: Arc<PathBuf>,
@@ -93,12 +93,12 @@ impl<'t> Directives<'t> {
         Self { tokens: Tokens::new(text), file }
     }
 
-    /// The last line of the text, once everything is read.
+    /// Returns the line that the reader has reached.
     pub(super) fn here(&self) -> Source {
         Source { file: self.file.clone(), line: self.tokens.line() }
     }
 
-    /// The next directive whose arguments could be read.
+    /// Returns the next well-formed directive.
     pub(super) fn next(&mut self, log: &mut Log) -> Option<Directive<'t>> {
         loop {
             let result = match self.tokens.next()? {
@@ -148,7 +148,7 @@ impl<'t> Directives<'t> {
         Ok(directive)
     }
 
-    /// The next token, which belongs to `word`.
+    /// Returns the next token as an argument of the directive `word`.
     fn argument(&mut self, word: Token<'t>, wanted: &str) -> Result<Token<'t>, Fault> {
         match self.tokens.next() {
             Some(token) => token,

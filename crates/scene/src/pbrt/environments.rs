@@ -3,7 +3,7 @@
 use crate::image::Image;
 use std::f64::consts::{PI, TAU};
 
-/// The illuminance of an upward patch under the upper half (z > 0) of an environment map: the integral of
+/// Returns the illuminance of an upward patch under the upper half (z > 0) of an environment map: the integral of
 /// luminance times cosine.
 pub(super) fn illuminance_of(image: &Image, equal_area: bool) -> f64 {
     let [width, height] = image.size.map(f64::from);
@@ -34,7 +34,7 @@ pub(super) fn illuminance_of(image: &Image, equal_area: bool) -> f64 {
     sum
 }
 
-/// z of the direction that a point of the equal-area square stands for [Clarberg 2008].
+/// Returns z of the direction at the point (u, v) of the equal-area square [Clarberg 2008].
 fn height_of(u: f64, v: f64) -> f64 {
     let inward = 1.0 - (2.0 * u - 1.0).abs() - (2.0 * v - 1.0).abs();
     let r = 1.0 - inward.abs();

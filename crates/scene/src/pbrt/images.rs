@@ -10,15 +10,16 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// Images decoded so far; each file once for each use that differs.
+/// Decoded images by path, decoding and channel.
 pub(super) type Images = BTreeMap<(PathBuf, Decoding, Channel), Arc<Image>>;
 
-/// The meaning of a file's integers.
+/// The encoding of a file's integers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Decoding {
     Srgb,
     Linear,
-    /// This power of the number is linear; the bits of the power, so that images can be sorted by it.
+    /// Linear intensity is this power of the integer. Holds the bits of an `f32`, so that the type can be a key of a
+    /// map.
     Gamma(u32),
 }
 
@@ -27,14 +28,14 @@ pub(super) enum Decoding {
 pub(super) enum Channel {
     /// The colour.
     Rgb,
-    /// One number: opacity where the file has any that is not 1, else the mean of the colour. So pbrt-v4.
+    /// Opacity if it is not 1 everywhere, else the mean of the colour channels, as in pbrt-v4.
     AlphaOrMean,
-    /// One number: luminance. So pbrt-v2 and v3.
+    /// Luminance, as in pbrt-v2 and v3.
     Luminance,
 }
 
 impl Channel {
-    /// The number that a float texture reads.
+    /// Returns the channel that a float texture reads in a version of pbrt.
     pub(super) fn of_number(version: Version) -> Self {
         if version.is_old() { Self::Luminance } else { Self::AlphaOrMean }
     }
@@ -59,7 +60,7 @@ impl Channel {
 }
 
 impl Reader<'_> {
-    /// An image by its name in the scene.
+    /// Returns the image of a file that the scene names, decoding it at its first use.
     pub(super) fn image(
         &mut self,
         name: &str,
@@ -92,7 +93,7 @@ impl Reader<'_> {
         }
     }
 
-    /// The decoding of an image map's integers.
+    /// Returns the decoding of an image map's integers from the directive's parameters.
     pub(super) fn decoding(&self, params: &mut Params, file: &str) -> Decoding {
         match self.version {
             Version::V2 => {
@@ -129,7 +130,7 @@ impl Reader<'_> {
     }
 }
 
-/// True if an image's values were encoded: OpenEXR, Radiance HDR and PFM hold them as they are.
+/// Returns true if a file's values are encoded integers. OpenEXR, Radiance HDR and PFM files hold linear values.
 fn holds_integers(bytes: &[u8]) -> bool {
     ![&b"\x76\x2f\x31\x01"[..], b"#?", b"PF", b"Pf"].iter().any(|magic| bytes.starts_with(magic))
 }

@@ -6,21 +6,21 @@ use super::tokens::shown;
 use crate::{Material, MaterialId, MaterialKind, MediumId, MediumInterface, ObjectId, Shape, Source};
 use std::rc::Rc;
 
-/// Mixes of mixes of mixes; each level costs a choice per hit.
+/// The deepest nesting of mixed materials; each level costs a choice per hit.
 const DEEPEST_MIX: u32 = 8;
 
 /// References to names that were not defined at their use.
 #[derive(Default)]
 pub(super) struct Awaited {
-    /// Shapes, with the name of their material and where it was named.
+    /// Shapes, each with the name of its material and where it was named.
     materials: Vec<(ShapePlace, Rc<str>, Rc<Source>)>,
-    /// Mixed materials, with the names of both parts.
+    /// Mixed materials, each with the names of its two materials.
     pub(super) mixes: Vec<(MaterialId, [String; 2])>,
-    /// Shapes, with the names of what fills their sides.
+    /// Shapes, each with the names of the media on its two sides.
     media: Vec<(ShapePlace, Rc<MediaRef>)>,
     /// The medium around the camera.
     pub(super) camera: Option<Rc<MediaRef>>,
-    /// Instances, with the name of their object.
+    /// Instances, each with the name of its object.
     pub(super) instances: Vec<(usize, String)>,
 }
 
@@ -38,7 +38,7 @@ impl Reader<'_> {
         id
     }
 
-    /// Keeps a shape, with the current material and media.
+    /// Adds a shape to the scene, with the current material and media.
     pub(super) fn keep_shape(&mut self, mut shape: Shape) {
         let place = ShapePlace { object: self.object, index: self.shapes_here().len() };
         shape.material = self.current_material(&shape.source, place);
@@ -63,7 +63,7 @@ impl Reader<'_> {
         }
     }
 
-    /// The current material, for the shape at `place`.
+    /// Returns the current material for the shape at `place`.
     fn current_material(&mut self, source: &Source, place: ShapePlace) -> MaterialId {
         match self.state.material.clone() {
             MaterialRef::Made(id) => id,

@@ -111,7 +111,7 @@ impl Reader<'_> {
         Some((LightKind::Distant { irradiance }, DAffine3::from_mat3(frame)))
     }
 
-    /// The parameter `power`, which came with pbrt-v4.
+    /// Takes the parameter `power` (pbrt-v4 only).
     fn power(&self, params: &mut Params) -> Option<f64> {
         if self.version.is_old() { None } else { positive(params, "power") }
     }
@@ -143,7 +143,7 @@ impl Reader<'_> {
         Some((LightKind::Infinite { radiance: radiance? }, DAffine3::IDENTITY))
     }
 
-    /// The environment of an image, tinted.
+    /// Makes the environment of an image, multiplied by `tint` and scaled to `illuminance` if given.
     fn environment(
         &mut self,
         file: &str,
@@ -199,7 +199,7 @@ impl Reader<'_> {
     }
 }
 
-/// Parameters that change the light and are not supported.
+/// Reports parameters that would change the light and are unsupported.
 fn refuse(params: &mut Params, names: &[&'static str]) {
     for &name in names {
         if let Some(param) = params.take(name) {
@@ -209,14 +209,14 @@ fn refuse(params: &mut Params, names: &[&'static str]) {
     }
 }
 
-/// A parameter that counts only where it is above 0, as in pbrt.
+/// Takes a parameter that, as in pbrt, is ignored unless it is above 0.
 fn positive(params: &mut Params, name: &'static str) -> Option<f64> {
     let given = params.has(name);
     let value = params.float(name, 0.0, |_| true, "finite");
     (given && value > 0.0).then_some(value)
 }
 
-/// A colour of light times the parameter `scale`.
+/// Returns a light's colour times the parameter `scale`.
 fn scaled(color: [f32; 3], params: &mut Params) -> [f32; 3] {
     if params.version().is_old() {
         let scale = light_scale(params);
@@ -244,7 +244,7 @@ fn point(params: &mut Params, name: &'static str, default: DVec3) -> DVec3 {
     params.array::<3>(name, Type::Point3).map_or(default, |(p, _)| DVec3::from_array(p))
 }
 
-/// Axes whose z is this direction.
+/// Returns axes whose z is `direction`.
 fn along(direction: DVec3, params: &mut Params) -> Option<DMat3> {
     let Some(z) = (direction / direction.abs().max_element()).try_normalize() else {
         params.problem(params.line(), format!("{} needs from and to to differ", params.of().to_owned()));

@@ -9,7 +9,7 @@ use super::textures::Textures;
 use super::tokens::shown;
 use crate::{Coating, Color, ConductorFresnel, Material, MaterialId, MaterialKind, Roughness, Scalar, Source};
 
-/// Types of pbrt-v4 that are supported.
+/// Supported types of pbrt-v4.
 const MATERIALS: &[&str] = &[
     "diffuse",
     "diffusetransmission",
@@ -21,18 +21,18 @@ const MATERIALS: &[&str] = &[
     "mix",
     "interface",
 ];
-/// Types of older versions that are supported.
+/// Supported types of pbrt-v2 and v3.
 const OLD_MATERIALS: &[&str] = &["matte", "plastic", "substrate", "metal", "mirror", "glass", "mix"];
 
-/// pbrt's default material.
+/// Returns pbrt's default material, a diffuse one.
 pub(super) fn default_kind() -> MaterialKind {
     MaterialKind::Diffuse { reflectance: Color::Constant([0.5; 3]) }
 }
 
-/// The result of a material directive, before it has a number.
+/// The material that a directive describes, before it gets an index.
 pub(super) struct Made {
     pub(super) kind: MaterialKind,
-    /// Of a mix: the names of both parts.
+    /// The names of the two materials, for a mix.
     pub(super) mixes: Option<[String; 2]>,
 }
 
@@ -73,7 +73,7 @@ impl Reader<'_> {
         self.named_materials.insert(name, id);
     }
 
-    /// A material of this type; another one, so that reading can go on, where something is wrong with it.
+    /// Makes a material of type `kind` and returns its index. After an error, a stand-in keeps reading possible.
     fn make_material(&mut self, name: String, kind: &str, line: u32, mut params: Params, source: Source) -> MaterialId {
         let shades = !matches!(kind, "mix" | "interface" | "none" | "");
         let (bump_name, has_bump) = match self.version.is_old() {
@@ -102,7 +102,7 @@ impl Reader<'_> {
     }
 }
 
-/// A material of pbrt-v4; `None` for an unknown type.
+/// Makes a material of a pbrt-v4 type; `None` for an unknown type.
 fn new_material(kind: &str, params: &mut Params, textures: &Textures) -> Option<Made> {
     let kind = match kind {
         "diffuse" => MaterialKind::Diffuse { reflectance: params.color("reflectance", [0.5; 3], textures) },
@@ -212,7 +212,7 @@ fn mix(params: &mut Params, textures: &Textures) -> Made {
     Made { kind: MaterialKind::Mix { materials: [MaterialId(0); 2], amount }, mixes }
 }
 
-/// A metal's Fresnel term, by the names of its reflectance, eta and k.
+/// Reads a metal's Fresnel term from the parameters called `names`: reflectance, eta and k.
 pub(super) fn fresnel(params: &mut Params, textures: &Textures, names: [&'static str; 3]) -> ConductorFresnel {
     let [reflectance_name, eta, k] = names;
     if params.has(reflectance_name) {
@@ -236,7 +236,7 @@ fn roughness(params: &mut Params, textures: &Textures) -> Roughness {
     roughness_of(params, textures, ["roughness", "uroughness", "vroughness"], 0.0, remap)
 }
 
-/// Roughness by the names of its three parameters: both, u, v.
+/// Reads a roughness from the three parameters called `names`: for both directions, for u, for v.
 pub(super) fn roughness_of(
     params: &mut Params,
     textures: &Textures,
@@ -257,7 +257,7 @@ pub(super) fn roughness_of(
 }
 
 impl Params {
-    /// A reflectance: constant or a texture.
+    /// Reads a reflectance: a constant or a texture.
     pub(super) fn color(&mut self, name: &'static str, default: [f32; 3], textures: &Textures) -> Color {
         if self.peek(name).is_none_or(|p| p.ty != Type::Texture) {
             return Color::Constant(self.rgb(name, Gamut::Reflectance).unwrap_or(default));
@@ -274,7 +274,7 @@ impl Params {
         Color::Constant(default)
     }
 
-    /// A number: constant, or a texture. `ok` and `range` are for constants.
+    /// Reads a number: a constant or a texture. `ok` accepts a constant; `range` describes the valid ones in messages.
     pub(super) fn scalar(
         &mut self,
         name: &'static str,
@@ -303,7 +303,7 @@ impl Params {
         default_scalar
     }
 
-    /// A number: constant, or a texture that is constant.
+    /// Reads a number that must be constant: a constant or a constant texture.
     pub(super) fn constant(
         &mut self,
         name: &'static str,
@@ -323,7 +323,7 @@ impl Params {
         }
     }
 
-    /// The name of the texture that a parameter refers to, and its line.
+    /// Returns the name of the texture that a parameter references, and its line.
     pub(super) fn texture_name(&mut self, name: &'static str) -> Option<(String, u32)> {
         let param = self.take_typed(name, &[Type::Texture])?;
         match &param.values {

@@ -51,7 +51,7 @@ impl Reader<'_> {
         self.named_media.insert(name, id);
     }
 
-    /// Carries out `MediumInterface`: the media of later shapes, and around the camera.
+    /// Carries out `MediumInterface`: sets the media for later shapes, and for the camera.
     pub(super) fn set_media(&mut self, d: Directive<'_>) {
         let named = |i: usize| d.texts.get(i).filter(|name| !name.is_empty()).cloned();
         let inside = named(0);

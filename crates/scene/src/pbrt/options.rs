@@ -135,8 +135,7 @@ impl Reader<'_> {
         params.finish(&mut self.log);
     }
 
-    /// Carries out `Renderer`, `SurfaceIntegrator` or `VolumeIntegrator`, which pbrt-v2 had in the place of
-    /// `Integrator`.
+    /// Carries out `Renderer`, `SurfaceIntegrator` or `VolumeIntegrator`, which stand for `Integrator` in pbrt-v2.
     pub(super) fn read_old_transport(&mut self, mut d: Directive<'_>) {
         let mut params = self.params(&mut d, "");
         let what = format!("{} (of pbrt-v2) is ignored; light is transported by path tracing", params.of());
@@ -190,7 +189,7 @@ impl Reader<'_> {
         }
     }
 
-    /// Says what pbrt-v2 does where a file names no way to transport light.
+    /// Notes pbrt-v2's different default if a pbrt-v2 file names no `SurfaceIntegrator`.
     pub(super) fn check_old_transport(&mut self, whole: &Source) {
         if self.version == Version::V2 && !self.once.places.contains_key("depth") {
             let what = "no SurfaceIntegrator is named: pbrt-v2 would light directly and follow 5 mirrors; \
@@ -200,7 +199,7 @@ impl Reader<'_> {
     }
 }
 
-/// The window of pixels: x0, y0, x1, y1. `cropwindow` counts before `pixelbounds`, as in pbrt.
+/// Returns the crop window in pixels: x0, y0, x1, y1. `cropwindow` takes precedence over `pixelbounds`, as in pbrt.
 fn crop(params: &mut Params, resolution: [u32; 2]) -> Option<[u32; 4]> {
     let bounds = params.array::<4>("pixelbounds", Type::Integer);
     let window = params.array::<4>("cropwindow", Type::Float);

@@ -1,4 +1,4 @@
-//! The parameter list of a directive: typed values by name, each taken once.
+//! The parameters of a directive: typed values by name, each taken at most once.
 
 use super::diagnostics::Log;
 use super::tokens::{Fault, Kind, Token, Tokens, number, shown, unescape};
@@ -8,7 +8,7 @@ use dapple_core::nearest_name;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// The type in a parameter's declaration.
+/// The type in a parameter's declaration, such as `float`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Type {
     Float,
@@ -28,7 +28,7 @@ pub(super) enum Type {
 }
 
 impl Type {
-    /// By its name in pbrt-v4, or in pbrt-v2 and pbrt-v3.
+    /// Returns the type with this name in any version of pbrt.
     fn named(name: &str) -> Option<Self> {
         Some(match name {
             "float" => Self::Float,
@@ -74,7 +74,7 @@ pub(super) enum Values {
     Numbers(Vec<f64>),
     Texts(Vec<String>),
     Bools(Vec<bool>),
-    /// Already reported.
+    /// A value that was wrong and has been reported.
     Broken,
 }
 
@@ -86,12 +86,12 @@ pub(super) struct Param {
     pub(super) values: Values,
     pub(super) line: u32,
     taken: bool,
-    /// Given by an `Attribute` directive, for later directives.
+    /// True if an `Attribute` directive set the parameter for later directives.
     inherited: bool,
 }
 
-/// Reads `"type name" value` or `"type name" [ values ]`. Bad values are reported and kept as broken, so
-/// that they do not count as missing.
+/// Reads `"type name" value` or `"type name" [ values ]`. Bad values are reported and kept as broken, so that they do
+/// not count as missing.
 pub(super) fn read_param(tokens: &mut Tokens<'_>, file: &Arc<PathBuf>, log: &mut Log) -> Result<Param, Fault> {
     let Some(declaration) = tokens.next() else { return Err((tokens.line(), "a parameter is missing".into())) };
     let declaration = declaration?;
@@ -204,7 +204,7 @@ fn push_value(values: &mut Option<Values>, token: &Token<'_>, ty: Option<Type>) 
     }
 }
 
-/// The parameters of one directive. [`finish`](Self::finish) reports wrong parameters, and those that were not taken.
+/// The parameters of one directive. [`finish`](Self::finish) reports invalid ones, and those never taken.
 #[derive(Debug)]
 pub(super) struct Params {
     of: String,
@@ -220,7 +220,7 @@ pub(super) struct Params {
 }
 
 impl Params {
-    /// The parameters of the directive `of` (as messages shall call it), then those that it inherits.
+    /// Makes the list of a directive's own parameters and the inherited ones. `of` names the directive in messages.
     pub(super) fn new(of: String, source: &Source, own: Vec<Param>, inherited: &[Param], version: Version) -> Self {
         let mut problems = Vec::new();
         let mut by_name: Vec<(&str, u32)> = own.iter().map(|p| (p.name.as_str(), p.line)).collect();
@@ -245,17 +245,17 @@ impl Params {
         }
     }
 
-    /// The directive that these are the parameters of, for messages.
+    /// Returns the directive's name, for messages.
     pub(super) fn of(&self) -> &str {
         &self.of
     }
 
-    /// The line of the directive.
+    /// Returns the directive's line.
     pub(super) fn line(&self) -> u32 {
         self.line
     }
 
-    /// The version of the file.
+    /// Returns the file's version.
     pub(super) fn version(&self) -> Version {
         self.version
     }
@@ -264,7 +264,7 @@ impl Params {
         self.problems.push((line, message.into()));
     }
 
-    /// Reports a type of directive that is not supported, with the supported type nearest to it. Ignores its parameters.
+    /// Reports an unsupported type of directive, with the nearest supported type. Ignores the parameters.
     pub(super) fn unsupported_type(&mut self, line: u32, directive: &str, kind: &str, known: &[&str]) {
         let near = nearest_name(kind, known.iter().copied());
         let near = near.map_or(String::new(), |known| format!(" (did you mean \"{known}\"?)"));
@@ -276,13 +276,13 @@ impl Params {
         self.unsupported.push((line, what.into()));
     }
 
-    /// Notes something unsupported that all parameters together ask for.
+    /// Reports an unsupported combination of parameters.
     pub(super) fn unsupported_here(&mut self, what: &str) {
         let line = self.line;
         self.unsupported(line, what);
     }
 
-    /// Makes [`finish`](Self::finish) return false; the reason has been reported.
+    /// Makes [`finish`](Self::finish) return false. The caller has reported the reason.
     pub(super) fn fail(&mut self) {
         self.broken = true;
     }
@@ -291,22 +291,22 @@ impl Params {
         self.notices.push((line, message.into()));
     }
 
-    /// True if a parameter read so far was wrong.
+    /// Returns true if a parameter read so far was invalid.
     pub(super) fn is_bad(&self) -> bool {
         self.broken || !self.problems.is_empty()
     }
 
-    /// True if a parameter of this name was given and is not taken yet.
+    /// Returns true if a parameter with this name was given and not yet taken.
     pub(super) fn has(&self, name: &str) -> bool {
         self.list.iter().any(|p| p.name == name && !p.taken)
     }
 
-    /// The parameter of this name, left in place.
+    /// Returns the parameter with this name without taking it.
     pub(super) fn peek(&self, name: &str) -> Option<&Param> {
         self.list.iter().find(|p| p.name == name && !p.taken)
     }
 
-    /// The parameter of this name, if it was written well.
+    /// Takes the parameter with this name; `None` if it is missing or broken.
     pub(super) fn take(&mut self, name: &'static str) -> Option<Param> {
         self.asked.push(name);
         let index = self.list.iter().position(|p| p.name == name && !p.taken)?;
@@ -323,7 +323,7 @@ impl Params {
         Some(taken)
     }
 
-    /// The same, if it is of one of `types`.
+    /// Takes the parameter with this name if its type is one of `types`.
     pub(super) fn take_typed(&mut self, name: &'static str, types: &[Type]) -> Option<Param> {
         let param = self.take(name)?;
         if types.contains(&param.ty) {
@@ -353,7 +353,7 @@ impl Params {
         self.one(name, param.line, &values).map(|value| (value, param.line))
     }
 
-    /// A number that `ok` accepts; `range` describes the range in a message.
+    /// Takes a number that `ok` accepts, or returns `default`. `range` describes the valid numbers in messages.
     pub(super) fn float(&mut self, name: &'static str, default: f64, ok: impl Fn(f64) -> bool, range: &str) -> f64 {
         let Some((value, line)) = self.number(name, Type::Float) else { return default };
         if ok(value) {
@@ -363,12 +363,12 @@ impl Params {
         default
     }
 
-    /// The same in single precision; what overflows it is refused.
+    /// Takes a number as [`float`](Self::float) does, in single precision. Refuses overflow.
     pub(super) fn float32(&mut self, name: &'static str, default: f32, ok: impl Fn(f64) -> bool, range: &str) -> f32 {
         self.float(name, f64::from(default), |v| ok(v) && (v as f32).is_finite(), range) as f32
     }
 
-    /// A whole number within `least..=most`.
+    /// Takes an integer within `least..=most`.
     pub(super) fn integer(&mut self, name: &'static str, least: i32, most: i32) -> Option<i32> {
         let (value, line) = self.number(name, Type::Integer)?;
         if value.fract() == 0.0 && (f64::from(least)..=f64::from(most)).contains(&value) {
@@ -386,14 +386,14 @@ impl Params {
         self.one(name, line, &values).unwrap_or(default)
     }
 
-    /// A string and its line.
+    /// Takes a string; returns it with its line.
     pub(super) fn text(&mut self, name: &'static str) -> Option<(String, u32)> {
         let param = self.take_typed(name, &[Type::Text])?;
         let Values::Texts(values) = param.values else { return None };
         self.one(name, param.line, &values).map(|text| (text, param.line))
     }
 
-    /// Numbers in groups of `group`, and their line.
+    /// Takes numbers whose count is a multiple of `group`; returns them with their line.
     pub(super) fn numbers(&mut self, name: &'static str, types: &[Type], group: usize) -> Option<(Vec<f64>, u32)> {
         let param = self.take_typed(name, types)?;
         let Values::Numbers(values) = param.values else { return None };
@@ -405,7 +405,7 @@ impl Params {
         None
     }
 
-    /// Exactly `N` numbers, and their line.
+    /// Takes exactly `N` numbers; returns them with their line.
     pub(super) fn array<const N: usize>(&mut self, name: &'static str, ty: Type) -> Option<([f64; N], u32)> {
         let param = self.take_typed(name, &[ty])?;
         let Values::Numbers(values) = param.values else { return None };
@@ -417,7 +417,7 @@ impl Params {
         array.map(|a| (a, param.line))
     }
 
-    /// Parameters that pbrt knows and Dapple does not follow: each that is written is listed.
+    /// Takes parameters that Dapple does not follow, with a notice for each that was given.
     pub(super) fn not_followed(&mut self, names: &[&'static str]) {
         for &name in names {
             if let Some(param) = self.take(name) {
@@ -426,19 +426,19 @@ impl Params {
         }
     }
 
-    /// Parameters without meaning here.
+    /// Takes parameters that have no effect, without a notice.
     pub(super) fn ignore(&mut self, names: &[&'static str]) {
         for &name in names {
             self.take(name);
         }
     }
 
-    /// Drops all other parameters without a notice.
+    /// Takes all remaining parameters, without a notice.
     pub(super) fn ignore_rest(&mut self) {
         self.list.iter_mut().for_each(|p| p.taken = true);
     }
 
-    /// Reports; whether the directive can be carried out.
+    /// Reports all problems and notices. Returns true if the directive can be carried out.
     pub(super) fn finish(mut self, log: &mut Log) -> bool {
         let source = |line| Source { file: self.file.clone(), line };
         for (line, message) in &self.problems {

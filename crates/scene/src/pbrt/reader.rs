@@ -1,4 +1,4 @@
-//! Carries directives out, one by one, on a graphics state.
+//! Execution of directives, one by one, on a graphics state.
 
 use super::ReadOptions;
 use super::diagnostics::Log;
@@ -20,17 +20,18 @@ use std::path::{Component, Path, PathBuf};
 use std::rc::Rc;
 use std::sync::Arc;
 
-/// Blocks within blocks; scenes have a handful, and each costs memory.
+/// The deepest nesting of blocks. Scenes have a handful of levels, and each costs memory.
 const DEEPEST_BLOCK: usize = 4096;
-/// Files within files; each costs stack.
+/// The deepest nesting of included files; each level costs stack.
 const DEEPEST_INCLUDE: usize = 32;
-/// Files included in all, so that a few small files cannot ask for each other without end.
+/// The largest number of included files, so that a few small files cannot include each other without end.
 const MOST_INCLUDES: usize = 10_000;
 
-/// Parameters that `Attribute` may add to one kind of directive, since each of these copies them.
+/// The largest number of parameters that `Attribute` may add to one kind of directive, since each directive copies
+/// them.
 const MOST_ATTRIBUTES: usize = 64;
 
-/// A block that is open.
+/// An open block.
 pub(super) struct Block {
     /// `AttributeBegin`, `TransformBegin` or `ObjectBegin`.
     pub(super) begin: &'static str,
@@ -38,7 +39,7 @@ pub(super) struct Block {
     saved: State,
 }
 
-/// Places of the directives that may occur once.
+/// The places of directives that may occur only once.
 #[derive(Default)]
 pub(super) struct Once {
     pub(super) places: BTreeMap<&'static str, Source>,
@@ -54,9 +55,9 @@ pub(super) struct Reader<'a> {
     pub(super) state: State,
     pub(super) version: Version,
     pub(super) blocks: Vec<Block>,
-    /// Named coordinate systems, at both ends of the motion.
+    /// Named coordinate systems: the transform to world space at both ends of the motion.
     pub(super) spaces: BTreeMap<String, [DAffine3; 2]>,
-    /// The object that shapes now belong to.
+    /// The object that new shapes belong to; `None` for the world.
     pub(super) object: Option<ObjectId>,
     pub(super) named_objects: BTreeMap<String, ObjectId>,
     pub(super) named_materials: BTreeMap<String, MaterialId>,
@@ -67,12 +68,12 @@ pub(super) struct Reader<'a> {
     pub(super) textures: Textures,
     pub(super) meshes: BTreeMap<PathBuf, Arc<MeshData>>,
     pub(super) images: Images,
-    /// Triangles made so far out of shapes that are none.
+    /// Number of triangles made so far from other shapes.
     pub(super) triangles_made: usize,
     pub(super) once: Once,
     including: Vec<PathBuf>,
     included: usize,
-    /// Shape directives, and directives that give light, whether or not they could be carried out.
+    /// Number of directives so far that make shapes or light, including failed ones.
     pub(super) shapes_met: usize,
     pub(super) lights_met: usize,
     stopped: bool,
@@ -123,7 +124,7 @@ impl<'a> Reader<'a> {
         Ok(self.scene)
     }
 
-    /// The bytes of a file that is named at `source`; problems are reported.
+    /// Returns the bytes of a file that is named at `source`, or reports why it cannot be read.
     pub(super) fn load(&mut self, path: &Path, source: &Source) -> Option<Vec<u8>> {
         match self.files.read(path) {
             Ok(bytes) if bytes.starts_with(&[0x1f, 0x8b]) => {
@@ -140,7 +141,7 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// The path of a file that a scene names.
+    /// Returns the path of a file that the scene names, relative to the scene's folder.
     pub(super) fn resolve(&self, name: &str) -> PathBuf {
         tidy(&self.folder.join(name))
     }
@@ -181,7 +182,7 @@ impl<'a> Reader<'a> {
         self.including.pop();
     }
 
-    /// Notes by which version's rules the scene is read, with that version's defaults.
+    /// Sets the version whose rules and defaults the reader follows.
     fn set_version(&mut self, version: Version, whole: &Source) {
         self.version = version;
         if version.is_old() {
@@ -261,7 +262,7 @@ impl<'a> Reader<'a> {
         !inside
     }
 
-    /// Notes a directive of which there should be one.
+    /// Records a directive that should occur once, with a notice at the second occurrence.
     pub(super) fn meet(&mut self, word: &'static str, source: &Source) {
         if let Some(first) = self.once.places.insert(word, source.clone()) {
             self.log.notice(source, format!("a second {word} (the first is at {first}); this one counts"));
@@ -359,7 +360,7 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// The parameters of a directive; `kind` is the attribute's target that adds to them.
+    /// Returns the parameters of a directive, with those that `Attribute` added for `kind` (`shape`, `light`, …).
     pub(super) fn params(&mut self, d: &mut Directive<'_>, kind: &str) -> Params {
         let of = d.texts.last().map_or(d.word.to_owned(), |t| format!("{} {}", d.word, shown(t)));
         self.load_spectra(&mut d.params, &d.source);
@@ -389,7 +390,7 @@ pub(super) fn unknown_name<'k>(
     }
 }
 
-/// A path without `.`, and without `..` after a named folder.
+/// Returns a path without `.`, and without `..` after a named folder.
 fn tidy(path: &Path) -> PathBuf {
     let mut tidy = PathBuf::new();
     for part in path.components() {

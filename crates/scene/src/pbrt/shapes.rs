@@ -11,7 +11,7 @@ use glam::{DAffine3, DVec3};
 use std::f64::consts::PI;
 use std::sync::Arc;
 
-/// Triangles that may be made of shapes that are none, in a whole scene: some 300 MB.
+/// The largest number of triangles made from other shapes in a scene: about 300 MB.
 const MOST_MADE: usize = 1 << 22;
 
 const SHAPES: [&str; 7] = ["trianglemesh", "plymesh", "sphere", "disk", "cylinder", "bilinearmesh", "loopsubdiv"];
@@ -62,7 +62,7 @@ impl Reader<'_> {
         self.keep_shape(shape);
     }
 
-    /// The emission of a shape under the current area light.
+    /// Returns the emission of a shape under the current area light, if any.
     fn emission(&self, geometry: &Geometry, params: &mut Params) -> Option<Emission> {
         let light = self.state.emission?;
         let line = params.line();
@@ -223,7 +223,7 @@ impl Reader<'_> {
         }
     }
 
-    /// Says no where so many more triangles would be too many.
+    /// Checks that `more` triangles may be made; otherwise reports a problem and returns `None`.
     fn make_room(&self, more: usize, params: &mut Params, line: u32) -> Option<()> {
         if self.triangles_made.saturating_add(more) <= MOST_MADE {
             return Some(());
@@ -244,12 +244,12 @@ impl Reader<'_> {
     }
 }
 
-/// The angle that a round shape fills, degrees.
+/// Takes `phimax`, the angle in degrees that a round shape covers, at most 360.
 fn sweep(params: &mut Params) -> f64 {
     params.float("phimax", 360.0, |v| v > 0.0, "above 0").min(360.0)
 }
 
-/// The area of a shape in world space; `None` of a round one that is stretched.
+/// Returns the area of a shape in world space; `None` for a stretched round shape.
 fn world_area(geometry: &Geometry, to_world: DAffine3) -> Option<f64> {
     let even = || {
         let axes = [to_world.matrix3.x_axis, to_world.matrix3.y_axis, to_world.matrix3.z_axis];
@@ -316,7 +316,7 @@ fn vertices(params: &mut Params, line: u32) -> Option<Vertices> {
     Some((positions, normals, uvs))
 }
 
-/// Corner numbers in groups.
+/// Checks vertex indices and returns them in groups of `N`.
 fn corners<const N: usize>(
     params: &mut Params,
     what: &str,
@@ -342,7 +342,7 @@ fn corners<const N: usize>(
     Some(groups)
 }
 
-/// Groups of `N` numbers in single precision.
+/// Returns numbers in groups of `N`, in single precision.
 fn singles<const N: usize>(numbers: Option<(Vec<f64>, u32)>) -> Vec<[f32; N]> {
     let (numbers, _) = numbers.unwrap_or_default();
     numbers.chunks_exact(N).map(|group| std::array::from_fn(|i| group[i] as f32)).collect()

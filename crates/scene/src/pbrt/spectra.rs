@@ -1,4 +1,4 @@
-//! Colours of light, surfaces, metals and glass as linear RGB.
+//! Conversion of colours, spectra and named metals, glasses and illuminants to linear RGB.
 
 use super::colorimetry::{Sampled, blackbody, blackbody_of_peak_one, rgb_of_chromaticity, rgb_of_xyz};
 use super::params::{Params, Type, Values};
@@ -7,22 +7,21 @@ use super::version::Version;
 use dapple_core::nearest_name;
 use glam::DVec3;
 
-/// The range and the illuminant of a color.
+/// The valid range of a colour, and the illuminant under which a spectrum is converted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Gamut {
-    /// Shares: from 0 to 1. A spectrum is seen under D65.
+    /// 0 to 1. A spectrum is converted under D65.
     Reflectance,
-    /// From 0 on. In pbrt-v4 a spectrum or temperature means its colour at luminance 1; how bright it is, other
-    /// parameters say.
+    /// At least 0. In pbrt-v4 a spectrum or a temperature has luminance 1; other parameters set the brightness.
     Light,
-    /// From 0 on: indices of refraction.
+    /// At least 0, for indices of refraction.
     Index,
-    /// From 0 on: textures, and coefficients of media. A spectrum is seen under D65.
+    /// At least 0, for textures and coefficients of media. A spectrum is converted under D65.
     Unbounded,
 }
 
 impl Params {
-    /// A constant colour in linear sRGB, if it was given and could be read.
+    /// Takes a constant colour in linear sRGB; `None` if it is missing or invalid.
     pub(super) fn rgb(&mut self, name: &'static str, gamut: Gamut) -> Option<[f32; 3]> {
         let param = self.take_typed(name, &[Type::Rgb, Type::Xyz, Type::Spectrum, Type::Blackbody])?;
         let of = self.of().to_owned();
@@ -72,7 +71,8 @@ impl Params {
         None
     }
 
-    /// The colour of a light given by its temperature.
+    /// Returns the colour of a black body from the values of a parameter: its temperature in kelvin, and in old files a
+    /// scale.
     fn blackbody(&self, values: &[f64]) -> Result<[f32; 3], String> {
         let hidden = |kelvin: f64| format!("is a black body of {kelvin} K, which does not shine visibly");
         let rgb = match *values {
@@ -111,8 +111,8 @@ impl Params {
         in_range(rgb.to_array(), gamut).map_err(|range| format!("must be {range}, not {}", rgb.max_element()))
     }
 
-    /// One index of refraction: a number, a glass, or the value of a spectrum at 587.6 nm, the line for which
-    /// glass is labelled.
+    /// Takes one index of refraction: a number, a named glass, or a spectrum's value at 587.6 nm, the standard line for
+    /// glass.
     pub(super) fn index(&mut self, name: &'static str, default: f32) -> f32 {
         const HELIUM_D: f64 = 587.6;
         let above = |v: f64| v > 0.0;
@@ -149,7 +149,7 @@ impl Params {
     }
 }
 
-/// The color in single precision, or the error that follows the name of a parameter.
+/// Returns the colour in single precision, or an error to follow the parameter's name.
 fn in_range(rgb: [f64; 3], gamut: Gamut) -> Result<[f32; 3], &'static str> {
     let most = if gamut == Gamut::Reflectance { 1.0 } else { f64::from(f32::MAX) };
     match rgb.iter().all(|c| (0.0..=most).contains(c)) {
@@ -159,7 +159,7 @@ fn in_range(rgb: [f64; 3], gamut: Gamut) -> Result<[f32; 3], &'static str> {
     }
 }
 
-/// Complex indices of refraction as linear RGB: eta, then k.
+/// Complex indices of refraction of metals as linear RGB: name, eta, k.
 ///
 /// The values of the Tungsten renderer's table of conductors [Bitterli 2018], which integrates measured
 /// spectra against the CIE observer; of brass (CuZn) those that the same rule makes of pbrt-v4's spectrum.
@@ -173,7 +173,7 @@ const METALS: &[(&str, [f32; 3], [f32; 3])] = &[
     ("TiO2", [3.456_620_2, 2.801_707_7, 2.905_148_5], [0.000_102_666_2, 0.0, 0.000_635_690_2]),
 ];
 
-/// The index that a name such as `metal-Cu-eta` stands for.
+/// Returns eta or k of a metal by a name such as `metal-Cu-eta`.
 pub(super) fn metal(name: &str) -> Option<[f32; 3]> {
     let (metal, part) = name.strip_prefix("metal-")?.split_once('-')?;
     let (_, eta, k) = METALS.iter().find(|m| m.0 == metal)?;
@@ -184,8 +184,8 @@ pub(super) fn metal(name: &str) -> Option<[f32; 3]> {
     }
 }
 
-/// Indices of refraction at 587.6 nm [Schott, optical glass data sheets]. pbrt-v4 calls flints by F what
-/// the maker calls SF.
+/// Indices of refraction of glasses at 587.6 nm [Schott, optical glass data sheets]. pbrt-v4 writes F for the maker's
+/// SF (flint glass).
 const GLASSES: &[(&str, f32)] = &[
     ("glass-BAF10", 1.670_03),
     ("glass-BK7", 1.516_80),
@@ -219,7 +219,7 @@ const ILLUMINANTS: &[(&str, [f64; 2])] = &[
     ("stdillum-F9", [0.3741, 0.3727]),
 ];
 
-/// The colour of a named illuminant at luminance 1.
+/// Returns the linear RGB colour of a named illuminant at luminance 1.
 fn illuminant(name: &str) -> Option<[f32; 3]> {
     if name == "stdillum-D65" {
         // The white of sRGB itself.
@@ -229,12 +229,12 @@ fn illuminant(name: &str) -> Option<[f32; 3]> {
     Some(rgb_of_chromaticity(*chromaticity).max(DVec3::ZERO).as_vec3().to_array())
 }
 
-/// True if pbrt-v4 knows a spectrum by this name.
+/// Returns true if pbrt-v4 has a spectrum with this name.
 pub(super) fn is_named(name: &str) -> bool {
     metal(name).is_some() || glass(name).is_some() || illuminant(name).is_some()
 }
 
-/// A known name that is close to this one.
+/// Returns the known name nearest to this one, if one is close.
 pub(super) fn near_name(name: &str) -> Option<String> {
     let parts = METALS.iter().flat_map(|m| ["eta", "k"].map(|part| format!("metal-{}-{part}", m.0)));
     let others = GLASSES.iter().map(|g| g.0).chain(ILLUMINANTS.iter().map(|i| i.0)).chain(["stdillum-D65"]);

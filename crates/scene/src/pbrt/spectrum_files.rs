@@ -8,7 +8,7 @@ use crate::Source;
 use std::io::ErrorKind;
 
 impl Reader<'_> {
-    /// Puts the numbers of a file where a parameter names one.
+    /// Replaces the file names in spectrum parameters by the numbers in these files.
     pub(super) fn load_spectra(&mut self, params: &mut [Param], source: &Source) {
         for param in params.iter_mut().filter(|p| p.ty == Type::Spectrum) {
             let Values::Texts(names) = &param.values else { continue };
@@ -48,7 +48,7 @@ impl Reader<'_> {
     }
 }
 
-/// All numbers of a text; `#` begins a comment.
+/// Parses all numbers of a text; `#` begins a comment. The error has a line.
 fn numbers(bytes: &[u8]) -> Result<Vec<f64>, (u32, String)> {
     let mut numbers = Vec::new();
     for (i, line) in bytes.split(|&b| b == b'\n').enumerate() {

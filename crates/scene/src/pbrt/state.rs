@@ -1,4 +1,4 @@
-//! The graphics state: what holds for the shapes and lights that come next.
+//! The graphics state that applies to subsequent shapes and lights.
 
 use super::params::Param;
 use crate::{MaterialId, Source};
@@ -8,8 +8,7 @@ use std::rc::Rc;
 /// The state that `AttributeBegin` saves and `AttributeEnd` restores.
 #[derive(Clone, Debug)]
 pub(super) struct State {
-    /// The current transformation matrix: from the current space to world space (to camera space, before
-    /// `Camera`).
+    /// The current transformation matrix: from the current space to world space (before `Camera`, to camera space).
     pub(super) ctm: Ctm,
     pub(super) reversed: bool,
     pub(super) material: MaterialRef,
@@ -31,12 +30,12 @@ impl Default for State {
     }
 }
 
-/// The current transformation matrix, at both ends of the motion.
+/// The current transformation matrix at both ends of the motion.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Ctm {
     pub(super) start: DAffine3,
     pub(super) end: DAffine3,
-    /// The transforms that directives change: at the start, at the end.
+    /// Flags of the ends (start, end) that directives change.
     pub(super) active: [bool; 2],
 }
 
@@ -47,7 +46,7 @@ impl Default for Ctm {
 }
 
 impl Ctm {
-    /// The transform at the end of the motion, if it differs from [`start`](Self::start).
+    /// Returns the transform at the end of the motion if it differs from [`start`](Self::start).
     pub(super) fn moves_to(&self) -> Option<DAffine3> {
         (self.end != self.start).then_some(self.end)
     }
@@ -56,10 +55,10 @@ impl Ctm {
 /// The arguments of `AreaLightSource`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct AreaLight {
-    /// Linear RGB, scaled.
+    /// Radiance, linear RGB, with the scale applied.
     pub(super) radiance: [f32; 3],
     pub(super) two_sided: bool,
-    /// Power that each shape shall give off in all, for a radiance of luminance 1.
+    /// Total power of each shape, if given; `radiance` then has luminance 1.
     pub(super) power: Option<f64>,
 }
 
@@ -71,7 +70,7 @@ pub(super) struct MediaRef {
     pub(super) source: Source,
 }
 
-/// The current material. pbrt looks names up when everything is read, so they may be made later.
+/// The current material, by name or index. As in pbrt, names are looked up at the end of the file.
 #[derive(Clone, Debug)]
 pub(super) enum MaterialRef {
     Default,
@@ -102,7 +101,7 @@ impl Attributes {
     }
 }
 
-/// The transform of 16 numbers, column by column.
+/// Returns the transform of 16 numbers, given column by column.
 pub(super) fn matrix(m: &[f64]) -> Result<DAffine3, String> {
     if m[3] != 0.0 || m[7] != 0.0 || m[11] != 0.0 || m[15] == 0.0 {
         return Err("this transform is projective; every fourth number must be 0, the last one 1".into());
@@ -111,7 +110,7 @@ pub(super) fn matrix(m: &[f64]) -> Result<DAffine3, String> {
     Ok(DAffine3::from_mat3_translation(DMat3::from_cols(column(0), column(4), column(8)), column(12)))
 }
 
-/// Rotation by so many degrees around an axis.
+/// Returns the rotation by an angle in degrees around an axis.
 pub(super) fn rotation(degrees: f64, axis: DVec3) -> Result<DAffine3, String> {
     // The largest coordinate is taken out first, since squares of tiny ones underflow.
     let axis = axis / axis.abs().max_element();
@@ -121,7 +120,7 @@ pub(super) fn rotation(degrees: f64, axis: DVec3) -> Result<DAffine3, String> {
     }
 }
 
-/// From world space to the space of a viewer (x right, y up, z forward, left-handed).
+/// Returns the transform from world space to the space of a viewer (x right, y up, z forward, left-handed).
 pub(super) fn look_at(eye: DVec3, target: DVec3, up: DVec3) -> Result<DAffine3, String> {
     let degenerate = "LookAt needs three different directions: the point looked at must differ from the eye, and up \
                       must not lie along the line of sight";
@@ -133,7 +132,7 @@ pub(super) fn look_at(eye: DVec3, target: DVec3, up: DVec3) -> Result<DAffine3, 
     Ok(DAffine3::from_mat3_translation(DMat3::from_cols(right, up, forward), eye).inverse())
 }
 
-/// True if a transform is finite and can be inverted.
+/// Returns true if a transform is finite and invertible.
 pub(super) fn is_invertible(transform: &DAffine3) -> bool {
     let determinant = transform.matrix3.determinant();
     transform.is_finite() && determinant.is_finite() && determinant != 0.0 && transform.inverse().is_finite()

@@ -5,18 +5,18 @@ use crate::MeshData;
 use glam::DVec3;
 use std::f64::consts::{PI, TAU};
 
-/// No face.
+/// Marks a missing neighbour.
 const NONE: u32 = u32::MAX;
 
-/// A triangle mesh whose faces know their neighbours.
+/// A triangle mesh with the adjacency of its faces.
 struct Control {
     positions: Vec<DVec3>,
     faces: Vec<[u32; 3]>,
-    /// The face across the edge from corner `i` to corner `i + 1`.
+    /// For each face, its neighbour across the edge from corner `i` to corner `i + 1`.
     neighbors: Vec<[u32; 3]>,
-    /// Of each vertex, one of its faces.
+    /// For each vertex, one of its faces.
     start: Vec<u32>,
-    /// Of each vertex, how many faces it has.
+    /// For each vertex, the number of its faces.
     count: Vec<u32>,
 }
 
@@ -31,7 +31,8 @@ pub(super) enum Unfit {
     Tangled(usize),
 }
 
-/// The surface of a control mesh after so many levels, with its normals. Four times as many triangles a level.
+/// Returns the limit surface of a control mesh, sampled after `levels` subdivisions, with normals. Each level has four
+/// times the triangles.
 pub(super) fn subdivide(positions: Vec<DVec3>, faces: Vec<[u32; 3]>, levels: u32) -> Result<MeshData, Unfit> {
     let twice = |f: &[u32; 3]| f[0] == f[1] || f[1] == f[2] || f[2] == f[0];
     if let Some(face) = faces.iter().position(twice) {
@@ -52,12 +53,12 @@ fn previous(i: usize) -> usize {
     (i + 2) % 3
 }
 
-/// Weight of each neighbour of a vertex with `valence` of them.
+/// Returns Loop's weight of each neighbour of a vertex with `valence` neighbours.
 fn beta(valence: usize) -> f64 {
     if valence == 3 { 3.0 / 16.0 } else { 3.0 / (8.0 * valence as f64) }
 }
 
-/// Neighbours of a vertex in their order, and whether it lies on a border.
+/// The neighbours of a vertex in order, and a flag for vertices on a border.
 struct Ring {
     vertices: Vec<u32>,
     border: bool,
@@ -81,8 +82,7 @@ impl Control {
         self.faces[face as usize].iter().position(|&v| v == vertex)
     }
 
-    /// The neighbours of a vertex that has faces. `ring` is emptied first; walks past all faces of a vertex are
-    /// refused, since those would not end.
+    /// Fills `ring` with the neighbours of a vertex. Refuses a mesh in which the walk around the vertex would not end.
     fn ring(&self, vertex: u32, ring: &mut Ring) -> Result<(), Unfit> {
         let tangled = Unfit::Tangled(vertex as usize);
         ring.vertices.clear();
@@ -105,7 +105,7 @@ impl Control {
         Err(tangled)
     }
 
-    /// The neighbours of a vertex on a border, whose last face this is.
+    /// Fills `ring` with the neighbours of a border vertex whose last face is `face`.
     fn border_ring(&self, vertex: u32, mut face: u32, ring: &mut Ring) -> Option<()> {
         ring.border = true;
         ring.vertices.clear();
@@ -121,8 +121,8 @@ impl Control {
         None
     }
 
-    /// A vertex drawn towards its ring: inner ones by `inner` of their valence to each neighbour, those on a
-    /// border by `border` to both neighbours on it.
+    /// Returns a vertex's position averaged with its neighbours. Inside the mesh, each neighbour has the weight
+    /// `inner(valence)`; on a border, only the two border neighbours count, with weight `border`.
     fn drawn(&self, vertex: usize, ring: &Ring, inner: fn(usize) -> f64, border: f64) -> DVec3 {
         let (own, valence) = (self.positions[vertex], ring.vertices.len());
         let at = |i: usize| self.positions[ring.vertices[i] as usize];
@@ -133,7 +133,7 @@ impl Control {
         own * (1.0 - valence as f64 * weight) + (0..valence).map(at).sum::<DVec3>() * weight
     }
 
-    /// One level.
+    /// Returns the mesh after one level of subdivision.
     fn refine(&self) -> Result<Self, Unfit> {
         let mut ring = Ring { vertices: Vec::new(), border: false };
         let mut positions = Vec::with_capacity(self.positions.len() + 3 * self.faces.len() / 2);
@@ -179,7 +179,7 @@ impl Control {
         Ok(Self::new(positions, faces))
     }
 
-    /// The mesh with every vertex where endless subdivision would put it.
+    /// Returns the mesh with each vertex moved to its limit position.
     fn limit(mut self) -> Result<MeshData, Unfit> {
         let mut ring = Ring { vertices: Vec::new(), border: false };
         let gamma = |valence: usize| 1.0 / (valence as f64 + 3.0 / (8.0 * beta(valence)));
@@ -201,7 +201,8 @@ impl Control {
         Ok(MeshData { positions: self.positions, normals, uvs: Vec::new(), triangles: self.faces })
     }
 
-    /// The product of the two tangents at a vertex, in pbrt's order: it points away from the winding's side.
+    /// Returns the cross product of the two limit tangents at a vertex, in pbrt's order. It points away from the
+    /// winding's side.
     fn normal(&self, vertex: usize, ring: &Ring) -> DVec3 {
         let own = self.positions[vertex];
         let n = ring.vertices.len();
@@ -232,8 +233,7 @@ impl Control {
     }
 }
 
-/// Edges as (lower vertex, upper vertex, face, which of its edges), sorted, so that those of one pair of
-/// vertices stand together.
+/// Returns all edges as (lower vertex, upper vertex, face, edge of the face), sorted, so that equal edges are adjacent.
 fn edges(faces: &[[u32; 3]]) -> Vec<(u32, u32, u32, u8)> {
     let mut edges = Vec::with_capacity(3 * faces.len());
     for (number, face) in faces.iter().enumerate() {
@@ -246,7 +246,7 @@ fn edges(faces: &[[u32; 3]]) -> Vec<(u32, u32, u32, u8)> {
     edges
 }
 
-/// Faces across edges: those of an edge meet in pairs, in their order.
+/// Returns each face's neighbours across its edges. The faces at an edge are paired in order.
 fn neighbors(edges: &[(u32, u32, u32, u8)], faces: usize) -> Vec<[u32; 3]> {
     let mut neighbors = vec![[NONE; 3]; faces];
     let mut rest = edges;

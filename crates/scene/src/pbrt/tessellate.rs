@@ -1,15 +1,15 @@
-//! Curved shapes that the scene description does not have, as triangles.
+//! Triangulation of curved shapes that the scene description lacks.
 
 use crate::MeshData;
 use glam::DVec3;
 use std::f64::consts::TAU;
 
-/// Steps around a full turn: the triangles lie within 1e-4 of the radius.
+/// Steps around a full turn. The triangles deviate by less than 1e-4 of the radius.
 const AROUND: u32 = 256;
 /// Steps from pole to pole of a sphere.
 const ALONG: u32 = 128;
 
-/// Part of a sphere, a cylinder or a disk around the z axis; `sweep` in degrees.
+/// A part of a sphere, cylinder or disk around the z axis. `sweep` is in degrees.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Round {
     Sphere { radius: f64, low: f64, high: f64, sweep: f64 },
@@ -23,7 +23,7 @@ impl Round {
         sweep.clamp(0.0, 360.0) / 360.0
     }
 
-    /// Position and normal at texture coordinates, as pbrt places these.
+    /// Returns position and normal at the texture coordinates (u, v), parametrised as in pbrt.
     fn at(&self, u: f64, v: f64) -> (DVec3, DVec3) {
         let (sin, cos) = (u * self.sweep() * TAU).sin_cos();
         match *self {
@@ -43,7 +43,7 @@ impl Round {
         }
     }
 
-    /// Its triangles.
+    /// Returns the triangle mesh of the shape.
     pub(super) fn mesh(&self) -> MeshData {
         let around = ((f64::from(AROUND) * self.sweep()).ceil() as u32).max(4);
         let along = if matches!(self, Self::Sphere { .. }) { ALONG } else { 1 };
@@ -62,8 +62,8 @@ impl Round {
     }
 }
 
-/// Appends the triangles of a grid of `columns x rows` cells, whose corners begin at `first`, row by row. The
-/// winding normal is that of u to the right and v upwards.
+/// Appends the triangles of a grid of `columns x rows` cells whose vertices start at `first`, row by row. The winding
+/// is counter-clockwise with u to the right and v upwards.
 pub(super) fn grid_triangles(mesh: &mut MeshData, first: u32, columns: u32, rows: u32) {
     let corner = |column: u32, row: u32| first + row * (columns + 1) + column;
     for row in 0..rows {
@@ -75,23 +75,24 @@ pub(super) fn grid_triangles(mesh: &mut MeshData, first: u32, columns: u32, rows
     }
 }
 
-/// Bilinear patches: four corner numbers each, in the order (0,0), (1,0), (0,1), (1,1) of (u, v).
+/// Bilinear patches. Each has four vertex indices in the order (0,0), (1,0), (0,1), (1,1) of (u, v).
 pub(super) struct Patches {
     pub(super) positions: Vec<DVec3>,
-    /// Empty, or one per position.
+    /// Normals, one per position; may be empty.
     pub(super) normals: Vec<[f32; 3]>,
-    /// Empty, or one per position.
+    /// Texture coordinates, one per position; may be empty.
     pub(super) uvs: Vec<[f32; 2]>,
     pub(super) corners: Vec<[u32; 4]>,
 }
 
-/// Cells along each side of a curved patch, at most; many patches get fewer each.
+/// The largest number of cells along each side of a curved patch; scenes of many patches use fewer.
 const PATCH_CELLS: u32 = 16;
 /// Triangles of all curved patches together, about, unless there are more than a quarter as many patches.
 const PATCH_TRIANGLES: u32 = 1 << 19;
 
 impl Patches {
-    /// Their triangles, and how many patches are curved. Flat ones (parallelograms) make exactly two.
+    /// Returns the triangle mesh, and the number of curved patches. A flat one (a parallelogram) has exactly two
+    /// triangles.
     pub(super) fn mesh(&self) -> (MeshData, usize) {
         let curved = self.corners.iter().filter(|c| !self.is_flat(c)).count();
         let cells = ((PATCH_TRIANGLES / 2) as f64 / curved.max(1) as f64).sqrt() as u32;
@@ -138,8 +139,8 @@ impl Patches {
         });
     }
 
-    /// True if a patch is a parallelogram, its texture coordinates and normals too: two triangles are then all
-    /// of it.
+    /// Returns true if a patch and its texture coordinates and normals form parallelograms, so that two triangles
+    /// represent it exactly.
     fn is_flat(&self, corners: &[u32; 4]) -> bool {
         let p = corners.map(|c| self.positions[c as usize]);
         let size = (p[3] - p[0]).abs().max((p[1] - p[2]).abs()).max_element();

@@ -1,4 +1,4 @@
-//! Textures by name; constant ones are folded.
+//! Textures by name. Constant textures become plain values.
 
 use super::directive::Directive;
 use super::images::{Channel, Decoding};
@@ -13,21 +13,21 @@ use std::collections::BTreeMap;
 /// Stand-in for an unsupported texture under `allow_unsupported`.
 const GREY: Color = Color::Constant([0.5; 3]);
 
-/// Textures of textures of textures; a look-up goes through all of them.
+/// The deepest nesting of textures; a look-up visits all levels.
 const DEEPEST_TEXTURE: u32 = 8;
 
 /// Textures made so far.
 #[derive(Debug, Default)]
 pub(super) struct Textures {
     spectra: BTreeMap<String, Color>,
-    /// Those of numbers: one of a kind that is not supported has the name of its kind.
+    /// Textures of numbers; `Err` holds the name of an unsupported kind.
     floats: BTreeMap<String, Result<Scalar, String>>,
     /// Nesting depth of each of the scene's textures.
     depths: Vec<u32>,
 }
 
 impl Textures {
-    /// A texture of colours.
+    /// Returns the colour texture with this name.
     pub(super) fn spectrum(&self, name: &str) -> Result<Color, String> {
         self.spectra.get(name).copied().ok_or_else(|| {
             let advice = if self.floats.contains_key(name) {
@@ -39,7 +39,7 @@ impl Textures {
         })
     }
 
-    /// A texture of numbers; `Err` within `Ok` names a kind that is not supported.
+    /// Returns the float texture with this name. `Err` within `Ok` names an unsupported kind.
     pub(super) fn float(&self, name: &str) -> Result<&Result<Scalar, String>, String> {
         self.floats.get(name).ok_or_else(|| {
             let advice = if self.spectra.contains_key(name) {
@@ -52,7 +52,7 @@ impl Textures {
     }
 }
 
-/// The values of a texture.
+/// The type of a texture's values.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Holds {
     Colors,
@@ -105,7 +105,7 @@ impl Reader<'_> {
         params.finish(&mut self.log);
     }
 
-    /// The texture of a class; `None` if the class is not supported.
+    /// Makes the texture of a class; `None` if the class is unsupported.
     fn texture_color(
         &mut self,
         name: &str,
@@ -147,7 +147,7 @@ impl Reader<'_> {
         Some(color)
     }
 
-    /// A parameter that is a value or a texture of the same type.
+    /// Takes a parameter that is a value or a texture of the same type.
     fn part(&self, name: &'static str, default: f32, holds: Holds, params: &mut Params) -> Color {
         match holds {
             Holds::Colors => params.any_color(name, [default; 3], &self.textures),
@@ -229,7 +229,7 @@ impl Reader<'_> {
         }
     }
 
-    /// The texture of a normal map, by the name of its file.
+    /// Makes the texture of a material's normal map, if its parameters name a file.
     pub(super) fn normal_map(&mut self, params: &mut Params, source: &Source) -> Option<TextureId> {
         let (file, line) = params.text("normalmap")?;
         let image = self.image(&file, Decoding::Linear, Channel::Rgb, &Source { line, ..source.clone() })?;
@@ -241,7 +241,7 @@ impl Reader<'_> {
         }
     }
 
-    /// A product of two factors; a constant factor is folded into an image.
+    /// Returns the product of two textures or constants. A constant factor becomes part of an image's own.
     fn product(&mut self, name: &str, a: Color, b: Color, params: &mut Params, source: &Source) -> Color {
         let gray = |c: [f32; 3]| (c[0] == c[1] && c[1] == c[2]).then_some(c[0]);
         let folded = match (a, b) {
@@ -262,7 +262,7 @@ impl Reader<'_> {
         self.add_texture(name, kind, params, source)
     }
 
-    /// A texture like this one, `by` times as bright, where it can hold the factor itself.
+    /// Returns the texture multiplied by `by`; `None` if its kind has no place for a factor.
     fn scaled(&self, id: TextureId, by: f32) -> Option<TextureKind> {
         match self.scene.textures[id.0 as usize].kind.clone() {
             TextureKind::Checkerboard { scale, shift, colors } => {
@@ -282,7 +282,7 @@ impl Reader<'_> {
     }
 }
 
-/// A number as a gray colour.
+/// Returns a gray colour of this value.
 fn color_of(scalar: Scalar) -> Color {
     match scalar {
         Scalar::Constant(value) => Color::Constant([value; 3]),
@@ -290,7 +290,7 @@ fn color_of(scalar: Scalar) -> Color {
     }
 }
 
-/// A gray colour as a number.
+/// Returns the value of a gray colour.
 fn scalar_of(color: Color) -> Scalar {
     match color {
         Color::Constant([value, ..]) => Scalar::Constant(value),
@@ -298,7 +298,7 @@ fn scalar_of(color: Color) -> Scalar {
     }
 }
 
-/// Scale and shift of u and v.
+/// Takes the factors and the shift of u and v.
 fn mapping(params: &mut Params) -> ([f32; 2], [f32; 2]) {
     if let Some((mapping, line)) = params.text("mapping").filter(|t| t.0 != "uv") {
         params.unsupported(line, format!("mapping {}", shown(&mapping)));
@@ -311,7 +311,7 @@ fn mapping(params: &mut Params) -> ([f32; 2], [f32; 2]) {
 }
 
 impl Params {
-    /// A colour of any size, as textures have them.
+    /// Takes a colour without an upper bound, or a texture.
     fn any_color(&mut self, name: &'static str, default: [f32; 3], textures: &Textures) -> Color {
         // pbrt-v2 and v3 take a number for gray here.
         if self.version().is_old() && self.peek(name).is_some_and(|p| p.ty == Type::Float) {

@@ -1,12 +1,12 @@
-//! From the text of a scene file to tokens with their lines.
+//! Division of a scene file's text into tokens with lines.
 
 /// One token of a scene file.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Token<'t> {
     pub(super) kind: Kind,
-    /// As written, without quotes.
+    /// The text as written, without quotes.
     pub(super) text: &'t str,
-    /// From 1.
+    /// The line, from 1.
     pub(super) line: u32,
 }
 
@@ -23,7 +23,7 @@ pub(super) enum Kind {
 }
 
 impl Token<'_> {
-    /// True if this could begin a directive.
+    /// Returns true if the token may begin a directive.
     pub(super) fn is_name(&self) -> bool {
         self.kind == Kind::Word
             && self.text.starts_with(|c: char| c.is_ascii_alphabetic())
@@ -31,10 +31,10 @@ impl Token<'_> {
     }
 }
 
-/// A message with its line.
+/// Line and message of an error.
 pub(super) type Fault = (u32, String);
 
-/// Walks over a text. Tokens can be looked at before they are taken.
+/// Iterates over the tokens of a text, with look-ahead.
 #[derive(Debug)]
 pub(super) struct Tokens<'t> {
     text: &'t str,
@@ -48,12 +48,12 @@ impl<'t> Tokens<'t> {
         Self { text, at: 0, line: 1, ahead: None }
     }
 
-    /// The line reached.
+    /// Returns the line reached.
     pub(super) fn line(&self) -> u32 {
         self.line
     }
 
-    /// The next token, left in place.
+    /// Returns the next token without taking it.
     pub(super) fn peek(&mut self) -> Option<&Result<Token<'t>, Fault>> {
         if self.ahead.is_none() {
             self.ahead = Some(self.scan());
@@ -61,7 +61,7 @@ impl<'t> Tokens<'t> {
         self.ahead.as_ref().and_then(Option::as_ref)
     }
 
-    /// The next token, if it is a good one, left in place.
+    /// Returns the next token without taking it; `None` at a malformed one.
     pub(super) fn peek_good(&mut self) -> Option<Token<'t>> {
         self.peek().and_then(|t| t.as_ref().ok()).copied()
     }
@@ -110,7 +110,7 @@ impl<'t> Tokens<'t> {
         }
     }
 
-    /// A string ends on the line where it begins, as in pbrt.
+    /// Scans a string, which must end on the line where it begins, as in pbrt.
     fn scan_text(&mut self) -> Result<Token<'t>, Fault> {
         let bytes = self.text.as_bytes();
         let start = self.at + 1;
@@ -131,7 +131,8 @@ impl<'t> Tokens<'t> {
     }
 }
 
-/// The text of a quoted string, with escapes such as `\n`, `\t` and `\"` replaced.
+/// Returns the text of a quoted string with escapes such as `
+/// `, `\t` and `\"` replaced.
 pub(super) fn unescape(token: &Token<'_>) -> Result<String, Fault> {
     let mut text = String::with_capacity(token.text.len());
     let mut chars = token.text.chars();
@@ -157,7 +158,7 @@ pub(super) fn unescape(token: &Token<'_>) -> Result<String, Fault> {
     Ok(text)
 }
 
-/// The finite number of a token, rounded correctly to f64.
+/// Returns the finite number of a token, correctly rounded to f64.
 pub(super) fn number(token: &Token<'_>) -> Result<f64, Fault> {
     let plain = |b: u8| b.is_ascii_digit() || matches!(b, b'+' | b'-' | b'.' | b'e' | b'E');
     let bad = |advice: &str| Err((token.line, format!("{} is not a number; {advice}", shown(token.text))));
@@ -177,7 +178,7 @@ pub(super) fn number(token: &Token<'_>) -> Result<f64, Fault> {
     }
 }
 
-/// A token for a message: quoted, long ones cut.
+/// Returns a token for use in a message: quoted, and cut if long.
 pub(super) fn shown(text: &str) -> String {
     const MOST: usize = 60;
     match text.char_indices().nth(MOST) {

@@ -1,4 +1,4 @@
-//! Directives that move what comes next.
+//! Directives that change the current transformation matrix.
 
 use super::directive::Directive;
 use super::reader::{Reader, unknown_name};
@@ -8,7 +8,7 @@ use crate::Source;
 use glam::{DAffine3, DVec3};
 
 impl Reader<'_> {
-    /// Carries out a directive that changes the current transformation matrix, if it is one.
+    /// Carries out a directive that changes the current transformation matrix. Returns false for any other.
     pub(super) fn transform(&mut self, d: &Directive<'_>) -> bool {
         let numbers = &d.numbers;
         match d.word {
@@ -82,7 +82,7 @@ impl Reader<'_> {
         }
     }
 
-    /// Makes the current space known by a name that the reader gives.
+    /// Stores a transform to world space as the coordinate system `name`, which the reader defines.
     pub(super) fn name_space(&mut self, name: &str, to_world: [DAffine3; 2]) {
         self.spaces.insert(name.to_owned(), to_world);
     }

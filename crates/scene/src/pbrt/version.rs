@@ -2,7 +2,7 @@
 
 use super::tokens::{Kind, Tokens};
 
-/// A version of the format, on which the meaning of directives depends.
+/// A version of the format, which decides the meaning of directives.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Version {
     V2,
@@ -39,22 +39,22 @@ const NEW_MATERIALS: &[&str] = &[
     "thindielectric",
 ];
 
-/// The directives and types that identify a version.
+/// Directives and types found that identify a version.
 #[derive(Default)]
 struct Marks {
     new: bool,
     old: bool,
-    /// Words of pbrt-v2 alone.
+    /// True after a directive or type that only pbrt-v2 has.
     second: bool,
-    /// Words of pbrt-v3 and later.
+    /// True after a directive or type that pbrt-v3 and later have.
     third: bool,
 }
 
 impl Version {
-    /// The version of a file, which files do not name.
+    /// Returns the version of a file, which no file states.
     ///
-    /// One directive or type of pbrt-v4 is enough for it. Those of older versions stand for pbrt-v3 if there is an
-    /// `Integrator` or a medium, else for pbrt-v2.
+    /// One directive or type of pbrt-v4 identifies pbrt-v4. Among older ones, an `Integrator` or a medium identifies
+    /// pbrt-v3; all others are pbrt-v2.
     pub(super) fn of(text: &str) -> Self {
         let mut marks = Marks::default();
         let mut tokens = Tokens::new(text);
@@ -83,12 +83,12 @@ impl Version {
         }
     }
 
-    /// True for versions before pbrt-v4.
+    /// Returns true for versions before pbrt-v4.
     pub(super) fn is_old(self) -> bool {
         self < Self::V4
     }
 
-    /// For messages.
+    /// Returns the name, for messages.
     pub(super) fn name(self) -> &'static str {
         match self {
             Self::V2 => "pbrt-v2",

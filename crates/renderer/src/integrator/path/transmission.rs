@@ -1,4 +1,4 @@
-//! The way of a ray through media, cut-outs by alpha, and interfaces.
+//! Passage of rays through media, surfaces with alpha, and interfaces.
 
 use super::{LastScatter, LightSelector, Path, PathTracer, ROULETTE_FROM};
 use crate::blocks;
@@ -12,21 +12,22 @@ use dapple_core::Draws;
 use dapple_geometry::{PrimitiveId, Ray, SurfacePoint, spawn_ray};
 use glam::Vec3;
 
-/// The most surfaces that a ray passes before it is dropped: nested interfaces and leaves are rarely a hundred deep.
+/// The largest number of surfaces that a ray passes before it is dropped. Nested interfaces and leaves rarely reach
+/// 100.
 const MOST_PASSED: u32 = 10_000;
 
-/// The end of a path's segment through a medium.
+/// The result of a path's passage through a medium.
 pub(super) enum MediumEnd {
-    /// The surface ahead, or infinity.
+    /// The path reaches the surface ahead, or infinity.
     Crossed,
-    /// A scattering event, from which the path continues.
+    /// The path is scattered, and continues from there.
     Scattered,
-    /// Nothing: the path is over.
+    /// The path is absorbed, and ends.
     Absorbed,
 }
 
 impl<'w, L: Lens, S: LightSelector, const E: u32> PathTracer<'w, L, S, E> {
-    /// The surface at a hit. `None` where the ray passes it and continues behind.
+    /// Returns the surface at a hit. `None` if the ray passes the surface and continues behind.
     #[inline(always)]
     pub(super) fn surface_at(
         &self,
@@ -67,7 +68,7 @@ impl<'w, L: Lens, S: LightSelector, const E: u32> PathTracer<'w, L, S, E> {
         Some(surface)
     }
 
-    /// Continues behind a hit in the same direction.
+    /// Continues the path behind a hit in the same direction.
     fn pass(&self, path: &mut Path<S::Place>, at: &Interaction<'_>) {
         path.ray = spawn_ray(&at.point, path.ray.direction);
         if path.segments > MOST_PASSED {
@@ -75,7 +76,8 @@ impl<'w, L: Lens, S: LightSelector, const E: u32> PathTracer<'w, L, S, E> {
         }
     }
 
-    /// The share of light that reaches the origin of a shadow ray that starts in `medium`. `None` if occluded.
+    /// Returns the transmittance along a shadow ray that starts in `medium`, per channel in `[0, 1]`. `None` if
+    /// occluded.
     #[inline(always)]
     pub(super) fn transmittance(
         &self,
@@ -102,7 +104,7 @@ impl<'w, L: Lens, S: LightSelector, const E: u32> PathTracer<'w, L, S, E> {
         Some(world.media.medium(medium).transmittance(ray.tmax * ray.direction.length()))
     }
 
-    /// [`Self::transmittance`] where surfaces may let light pass.
+    /// Returns [`Self::transmittance`] in scenes in which surfaces may let light pass.
     #[inline(never)]
     fn transmittance_past_surfaces(
         &self,
@@ -142,7 +144,8 @@ impl<'w, L: Lens, S: LightSelector, const E: u32> PathTracer<'w, L, S, E> {
         Vec3::ZERO
     }
 
-    /// Takes the path through its medium to a surface at `distance` (infinity for none).
+    /// Moves the path through its medium towards a surface at `distance` (infinity for none). Returns the event on the
+    /// way.
     #[inline(never)]
     pub(super) fn cross_medium(&self, draws: &Draws<'_>, path: &mut Path<S::Place>, distance: f32) -> MediumEnd {
         let world = self.world;

@@ -1,4 +1,4 @@
-//! The tiles of an environment map: lights of their own, so that selection can learn which parts of the sky are seen.
+//! Tiles of an environment map, each a light, so that selection can learn which parts of the sky are visible.
 
 use super::{Environment, Kind};
 use crate::light::{Expectation, LightSample, LightSource, Target};
@@ -8,29 +8,29 @@ use std::f32::consts::PI;
 use std::ops::Range;
 use std::sync::Arc;
 
-/// Tiles across and down an image in latitude and longitude: 45 degrees each, where it has so many texels.
+/// Tiles across and down a latitude-longitude image: 45 degrees each, if the image has enough texels.
 const LONG: [usize; 2] = [8, 4];
-/// Tiles of a square image.
+/// Tiles across and down a square image.
 const SQUARE: [usize; 2] = [6, 6];
-/// The number of a tile that is black, or almost.
+/// Marks a tile that is black, or nearly.
 const BLACK: u32 = u32::MAX;
 
 /// The tiles of an environment that is an image. An environment of one color stays whole: cutting it does not pay.
 ///
-/// Each tile is sampled by brightness, like the whole. With tiles selected by [`Tiles::share`], their union is the whole.
-/// One look-up finds the radiance of a ray that leaves the scene, and its tile.
+/// Each tile is sampled by brightness, as the whole is. Tiles selected by [`Tiles::share`] together sample as the whole
+/// does. One look-up finds the radiance of a ray that leaves the scene, and its tile.
 #[derive(Clone, Debug)]
 pub(crate) struct Tiles {
     whole: Arc<Environment>,
     grid: [usize; 2],
     windows: Vec<TileWindow>,
-    /// Numbers of `windows`, or [`BLACK`], tile by tile and row by row.
+    /// Index into `windows` or [`BLACK`] for each tile, row by row.
     numbers: Vec<u32>,
 }
 
 #[derive(Clone, Debug)]
 struct TileWindow {
-    /// Of the whole's light.
+    /// The tile's share of the light of the whole environment, 0 to 1.
     share: f64,
     window: Window,
 }
@@ -64,7 +64,7 @@ impl LightSource for Tile {
 }
 
 impl Tiles {
-    /// The tiles of an environment. `None` if there would be one only.
+    /// Cuts an environment into tiles. `None` if there would be only one.
     pub(crate) fn new(whole: &Arc<Environment>) -> Option<Self> {
         let Kind::Image(map) = &whole.kind else { return None };
         let [width, height] = map.image.size.map(|n| n as usize);
@@ -82,17 +82,17 @@ impl Tiles {
         (windows.len() > 1).then(|| Self { whole: whole.clone(), grid, windows, numbers })
     }
 
-    /// The number of tiles that are not black.
+    /// Returns the number of tiles that are not black.
     pub(crate) fn len(&self) -> usize {
         self.windows.len()
     }
 
-    /// A tile's share of the whole's light, above 0.
+    /// Returns a tile's share of the light of the whole environment, above 0.
     fn share(&self, tile: u32) -> f64 {
         self.windows[tile as usize].share
     }
 
-    /// A direction in a tile, with density near proportional to brightness.
+    /// Samples a direction in a tile with a density nearly proportional to brightness.
     #[inline]
     fn sample(&self, tile: u32, u: [f32; 2]) -> Option<LightSample> {
         let Kind::Image(map) = &self.whole.kind else { return None };
@@ -103,7 +103,8 @@ impl Tiles {
         shines.then_some(LightSample { wi, radiance, pdf, target: Target::Far, delta: false })
     }
 
-    /// Radiance from unit direction `w`, the solid-angle density with which its tile draws it, and that tile.
+    /// Returns the radiance from unit direction `w`, the solid-angle density with which the tile there draws `w`, and
+    /// that tile.
     ///
     /// The density of a black tile is 0.
     #[inline]
@@ -118,7 +119,7 @@ impl Tiles {
         }
     }
 
-    /// The mean direction of a tile's light, and its irradiance on a surface that faces there.
+    /// Returns the mean direction of a tile's light, and the irradiance on a surface that faces it.
     fn expectation(&self, tile: u32) -> Expectation {
         const SIDE: u32 = 16;
         let place = |i: u32| (i as f32 + 0.5) / SIDE as f32;
@@ -130,12 +131,12 @@ impl Tiles {
     }
 }
 
-/// The texels along one side that belong to a tile.
+/// Returns the range of texels along one side that belong to a tile.
 fn range(tile: usize, tiles: usize, texels: usize) -> Range<usize> {
     tile * texels / tiles..(tile + 1) * texels / tiles
 }
 
-/// The inverse of [`range`]: the last tile that begins at the texel, or before.
+/// Returns the last tile that begins at or before a texel: the inverse of [`range`].
 #[inline]
 fn tile_of(texel: usize, tiles: usize, texels: usize) -> usize {
     ((texel + 1) * tiles - 1) / texels

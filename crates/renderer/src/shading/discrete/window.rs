@@ -3,11 +3,11 @@
 use super::{BELOW_ONE, Discrete, PiecewiseConstant2d, start};
 use std::ops::Range;
 
-/// Some rows and columns of a [`PiecewiseConstant2d`] as a density of their own: that of the whole over
-/// [`Window::mass`]. Shares the whole's sums along rows, and keeps 12 bytes a row itself.
+/// A rectangle of a [`PiecewiseConstant2d`] as a density of its own: the whole density over [`Window::mass`]. Shares
+/// the whole's sums along rows, and stores 12 bytes per row.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Window {
-    /// The probability of each row in it.
+    /// The probability of each row of the rectangle.
     rows: Discrete,
     first_row: usize,
     columns: Range<usize>,
@@ -15,11 +15,11 @@ pub(crate) struct Window {
 }
 
 impl Window {
-    /// The rectangle of these columns and rows; `None` where it holds nothing.
+    /// Makes the rectangle of these columns and rows; `None` if all its weights are 0.
     ///
     /// # Panics
     ///
-    /// If the whole has not so many.
+    /// If the whole has fewer columns or rows.
     pub(crate) fn new(whole: &PiecewiseConstant2d, columns: Range<usize>, rows: Range<usize>) -> Option<Self> {
         if whole.is_empty() || columns.is_empty() {
             return None;
@@ -33,13 +33,13 @@ impl Window {
         (!rows.is_empty()).then(|| Self { mass: rows.total(), rows, first_row, columns })
     }
 
-    /// Its share of the whole, above 0.
+    /// Returns the rectangle's share of the whole, above 0.
     pub(crate) fn mass(&self) -> f64 {
         self.mass
     }
 
-    /// As [`PiecewiseConstant2d::sample_near`], but for the density: that of the whole, which
-    /// [`PiecewiseConstant2d::pdf`] gives as well.
+    /// Samples as [`PiecewiseConstant2d::sample_near`] does, but returns the density of the whole, as
+    /// [`PiecewiseConstant2d::pdf`] does.
     #[inline(always)]
     pub(crate) fn sample_near(
         &self,

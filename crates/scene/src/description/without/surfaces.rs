@@ -1,4 +1,4 @@
-//! Plainer surfaces.
+//! Edits of materials that remove the effects of surfaces.
 
 use super::Albedo;
 use crate::description::texture_mean::texture_mean;
@@ -8,7 +8,7 @@ use crate::{
 };
 
 impl Scene {
-    /// Replaces the lobes that call for an effect of surfaces.
+    /// Replaces the lobes that call for `effect` in all materials.
     pub(super) fn replace_lobes(&mut self, effect: Effect, albedo: &Albedo<'_>) {
         let Self { materials, textures, .. } = self;
         for material in materials.iter_mut().filter(|m| surface_calls_for(&m.kind, effect)) {
@@ -29,7 +29,7 @@ impl Scene {
         }
     }
 
-    /// Puts every texture's mean in its place.
+    /// Replaces every texture by its mean.
     pub(super) fn flatten_textures(&mut self) {
         let means = Means(&self.textures);
         for material in &mut self.materials {
@@ -42,8 +42,8 @@ impl Scene {
     }
 }
 
-/// The color of a diffuse surface as bright as a material at normal incidence. `None` for an invalid
-/// material, which the renderer reports later.
+/// Returns the colour of a diffuse surface whose reflectance is a material's albedo at normal incidence. `None` for an
+/// invalid material, which the renderer reports later.
 fn diffuse_color(material: &Material, textures: &mut Vec<Texture>, albedo: &Albedo<'_>) -> Option<Color> {
     if let MaterialKind::Mirror { reflectance } = &material.kind {
         return Some(*reflectance);
@@ -63,7 +63,7 @@ fn diffuse_color(material: &Material, textures: &mut Vec<Texture>, albedo: &Albe
     Some(Color::Texture(TextureId(textures.len() as u32 - 1)))
 }
 
-/// The color that a material's albedo mostly depends on.
+/// Returns the colour that a material's albedo depends on most; `None` if there is none.
 fn base(kind: &MaterialKind) -> Option<Color> {
     match kind {
         MaterialKind::CoatedDiffuse { reflectance: color, .. }
@@ -75,7 +75,7 @@ fn base(kind: &MaterialKind) -> Option<Color> {
     }
 }
 
-/// The means of textures.
+/// The textures of a scene, to be replaced by their means.
 struct Means<'t>(&'t [Texture]);
 
 impl Means<'_> {
@@ -93,7 +93,7 @@ impl Means<'_> {
         }
     }
 
-    /// Puts means in the place of a material's textures.
+    /// Replaces the textures of a material by their means.
     fn flatten(&self, kind: &mut MaterialKind) {
         let color = |color: &mut Color| *color = Color::Constant(self.color(*color));
         let scalar = |scalar: &mut Scalar| *scalar = self.scalar(*scalar);
