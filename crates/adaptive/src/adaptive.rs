@@ -1,4 +1,4 @@
-//! The error-driven sampler: a pilot, then counts where more samples help most.
+//! The error-driven sampler: a uniform pilot, then more samples where they reduce the error most.
 
 use crate::pilot::Pilot;
 use crate::{AdaptiveOptions, Cells, ErrorMap, PoolShape, VarianceOptions, pool};
@@ -7,61 +7,62 @@ use dapple_core::{
     SamplerMemory,
 };
 
-/// The error-driven sampler: a uniform pilot, then the counts that leave the least relative error by its estimate.
+/// The error-driven sampler: a uniform pilot estimates each pixel's error, then counts minimise the estimated relative
+/// error of the image.
 ///
-/// The score of a pixel is the variance of its samples, pooled with its neighbours'
-/// ([`relative_variance`](crate::relative_variance)), or the geometric mean of that and a filter's own [`ErrorMap`].
-/// Errors are taken to fall as `n^-exponent`. Counts minimise the sum of errors on the ladder of well-stratified
-/// prefixes of one progressive sequence.
+/// The score of a pixel is the variance of its samples, pooled with that of its neighbours
+/// ([`relative_variance`](crate::relative_variance)). With an [`ErrorMap`], it is the geometric mean of that variance
+/// and the map. A pixel's error is assumed to fall as `n^-exponent` with its count `n`. Counts minimise the sum of
+/// errors and lie on the ladder of well-stratified counts ([`Ladder`](dapple_core::Ladder)).
 ///
 /// # Guarantees
 ///
 /// * The budget is met exactly.
-/// * No pixel gets fewer samples than the pilot, a quarter of the mean or more.
+/// * No pixel gets fewer samples than the pilot, which has a quarter of the mean count or more.
 /// * Every pixel's score is at least 1 % of the mean.
-/// * Counts are uniform where adapted ones promise too little ([`AdaptiveOptions::gain`]).
+/// * Counts are uniform where the predicted gain of adapted counts is too small ([`AdaptiveOptions::gain`]).
 ///
 /// # Bias
 ///
-/// By default the pilot stays in the image, and samples that are kept also decide on counts [Kirk and Arvo 1991].
-/// [`PilotPolicy::Discard`] and [`PilotPolicy::Cross`] are exactly unbiased for a budget that is known at the start, at
-/// a price.
+/// By default the pilot stays in the image, so kept samples also decide the counts [Kirk and Arvo 1991].
+/// [`PilotPolicy::Discard`] and [`PilotPolicy::Cross`] are exactly unbiased for a budget that is known at the start,
+/// but lose accuracy.
 ///
 /// # Weaknesses
 ///
-/// A light that the pilot misses in a whole neighbourhood is not searched for.
+/// The sampler does not find a light that the pilot misses in a whole neighbourhood.
 pub struct Adaptive<P> {
     pub(crate) points: P,
     pub(crate) options: AdaptiveOptions,
-    /// The preset that the options come from, if any: its name and its parameters describe the sampler.
+    /// The preset whose options are in use, if any: its name and parameters describe the sampler.
     pub(crate) preset: Option<VarianceOptions>,
     pub(crate) errors: Option<ErrorMap>,
 }
 
-/// First hits per pixel, of which cells are made.
+/// The number of first hits per pixel from which cells are built.
 const HITS: u8 = 4;
 
 impl<P: PointSet> Adaptive<P> {
-    /// A sampler with these points and the default parameters.
+    /// A sampler that uses this point set, with the default parameters.
     pub fn new(points: P) -> Self {
         Self { points, options: AdaptiveOptions::default(), preset: None, errors: None }
     }
 
-    /// A sampler with these points and parameters.
+    /// A sampler that uses this point set, with these parameters.
     ///
     /// # Errors
     ///
-    /// [`Error::OutOfRange`], as [`AdaptiveOptions::check`].
+    /// [`Error::OutOfRange`], under the conditions of [`AdaptiveOptions::check`].
     pub fn with_options(points: P, options: AdaptiveOptions) -> Result<Self, Error> {
         options.check()?;
         Ok(Self { points, options, preset: None, errors: None })
     }
 
-    /// Adds a filter's error map to the scores.
+    /// Makes the scores depend on a filter's error map as well.
     ///
     /// # Errors
     ///
-    /// [`Error::OutOfRange`] unless the pilot is kept: a map reads both halves and the samples that are kept.
+    /// [`Error::OutOfRange`] unless the pilot is kept, because an error map reads kept samples in both halves.
     pub fn with_error_map(mut self, errors: ErrorMap) -> Result<Self, Error> {
         if self.options.policy != PilotPolicy::Keep {
             let allowed = "keep beside a filter's error map";

@@ -1,4 +1,4 @@
-//! Cells: patches of surface around hit points, found from first hits alone.
+//! Cells: patches of surface around the first hits of pixels.
 
 use crate::disjoint::Disjoint;
 use crate::out_of_range;
@@ -19,26 +19,26 @@ dapple_core::options! {
     }
 }
 
-/// The patch of surface on which each first hit lies.
+/// A partition of an image's first hits into cells, small patches of surface.
 ///
-/// Two hits share a cell when they lie in the same cube of a grid, show the same material and a normal in the same bin
-/// of an octahedron [Engelhardt and Dachsbacher 2008], and are connected in the image through hits of which that is
-/// true as well; cubes grow with the pixel's footprint, in octaves, so that near and far cells cover as many pixels.
-/// Seams that the grid cuts through a surface are then closed again, smoothest first, as far as a cell stays within its
-/// cone and its size. All probes without a hit are one cell.
+/// Two hits share a cell if they lie in the same cube of a grid, have the same material, and have normals in the same
+/// bin of an octahedron [Engelhardt and Dachsbacher 2008]. They must also be connected in the image through
+/// neighbouring hits with the same properties. The cubes' size follows the pixel's footprint in powers of two, so that
+/// near and far cells cover about as many pixels. Then neighbouring cells that the grid cut apart are joined, smoothest
+/// seam first, within the limits of a cell's normals and size. All probes without a hit are one cell.
 ///
 /// # Guarantees
 ///
-/// * Cells are a function of the hits alone. Numbers of shapes, primitives and materials are only compared for
-///   equality: their order changes nothing, nor does a surface cut into more triangles.
-/// * The hits of all cells add up to the number of probes.
+/// * Cells depend on the hits alone. Numbers of shapes, primitives and materials are only compared for equality, so
+/// neither their order nor a finer triangulation changes the cells.
+/// * The sizes of all cells add up to the number of probes.
 /// * No hashing, no dependence on threads.
-/// * Lengths are relative to the median footprint and to the box of the hits: the unit of length matters only to
-///   rounding.
+/// * Lengths are relative to the median footprint and to the bounding box of the hits. The unit of length affects only
+/// rounding.
 ///
 /// # Weaknesses
 ///
-/// A cell is known where a pixel saw it, nowhere else.
+/// Cells cover only surfaces that some pixel saw.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Cells {
     labels: Vec<u32>,
@@ -46,7 +46,7 @@ pub struct Cells {
     hits: Vec<u32>,
 }
 
-/// The cube, material and bin of a hit.
+/// The grid cube, material and normal bin of a hit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Key {
     material: u32,
@@ -55,16 +55,16 @@ struct Key {
     normal: u32,
 }
 
-/// A surface continues where the planes of two neighbouring hits are this many footprints apart or less.
+/// The largest distance between the tangent planes of neighbouring hits on one surface, in footprints.
 const PLANE: f32 = 2.0;
 
 impl Cells {
-    /// The cells of the first hits of an image of `size` pixels: `per_pixel` a pixel, row by row; `None` for a probe
-    /// without a hit.
+    /// Builds the cells of an image of `size` pixels from the first hits of `per_pixel` probes per pixel, row by row.
+    /// `None` is a probe without a hit.
     ///
     /// # Errors
     ///
-    /// [`Error::OutOfRange`] for options out of range, or hits that are not `per_pixel` a pixel.
+    /// [`Error::OutOfRange`] for options out of range, or a number of hits other than `per_pixel` per pixel.
     pub fn new(
         hits: &[Option<FirstHit>],
         per_pixel: usize,
@@ -95,8 +95,8 @@ impl Cells {
         Ok(Self::numbered(&mut sets, per_pixel))
     }
 
-    /// The cells of a film that recorded first hits ([`Needs::first_hits`](dapple_core::Needs)). A pixel with fewer
-    /// samples so far counts as a miss for each that it lacks.
+    /// Builds the cells of a film that recorded first hits ([`Needs::first_hits`](dapple_core::Needs)). Samples not yet
+    /// traced count as misses.
     ///
     /// # Errors
     ///
@@ -110,7 +110,7 @@ impl Cells {
         Self::new(&hits, per_pixel, film.frame().size(), options)
     }
 
-    /// Numbers cells in the order in which probes meet them.
+    /// Numbers the cells in the order of their first probes.
     fn numbered(sets: &mut Disjoint, per_pixel: usize) -> Self {
         const UNKNOWN: u32 = u32::MAX;
         let probes = sets.len();
@@ -130,8 +130,8 @@ impl Cells {
         Self { labels, per_pixel, hits }
     }
 
-    /// The most bytes per hit that [`Cells::of_film`] takes: a copy of the hit, its key, and sets, seams and labels
-    /// (33 bytes, measured on a million pixels of the Cornell box).
+    /// The most bytes per hit that [`Cells::of_film`] takes: a copy of the hit, its key, and 33 bytes of sets, seams
+    /// and labels. Measured on a million pixels of the Cornell box.
     pub(crate) const BYTES_PER_HIT: usize = size_of::<Option<FirstHit>>() + size_of::<Option<Key>>() + 33;
 
     /// The number of cells.
@@ -139,34 +139,34 @@ impl Cells {
         self.hits.len()
     }
 
-    /// True if there are no cells: no pixels.
+    /// Returns `true` if there are no cells, which means no pixels.
     pub fn is_empty(&self) -> bool {
         self.hits.is_empty()
     }
 
-    /// The number of pixels of the image.
+    /// The number of pixels in the image.
     pub fn pixels(&self) -> usize {
         self.labels.len() / self.per_pixel
     }
 
-    /// The cell of each probe, `per_pixel` a pixel.
+    /// The number of each probe's cell, `per_pixel` per pixel, row by row.
     pub fn labels(&self) -> &[u32] {
         &self.labels
     }
 
-    /// The cells that a pixel's probes met, in their order.
+    /// The numbers of the cells that the probes of `pixel` hit, in the order of the probes.
     pub fn of_pixel(&self, pixel: usize) -> &[u32] {
         &self.labels[pixel * self.per_pixel..][..self.per_pixel]
     }
 
-    /// Probes that met each cell: its visible area, in pixels times probes per pixel.
+    /// The number of probes in each cell, which measures its visible area.
     pub fn hits(&self) -> &[u32] {
         &self.hits
     }
 }
 
-/// Calls `visit` with each pair of neighbouring probes: within a pixel, and of a pixel with the one to its right
-/// and the one below.
+/// Calls `visit` with the numbers of each pair of neighbouring probes: within a pixel, and between a pixel and the ones
+/// to the right and below.
 fn for_neighbours([width, height]: [usize; 2], per_pixel: usize, mut visit: impl FnMut(usize, usize)) {
     for pixel in 0..width * height {
         let first = pixel * per_pixel;
@@ -183,7 +183,7 @@ fn for_neighbours([width, height]: [usize; 2], per_pixel: usize, mut visit: impl
     }
 }
 
-/// The key of each hit.
+/// The key of each hit; `None` for a miss.
 fn keys(hits: &[Option<FirstHit>], options: &CellOptions) -> Vec<Option<Key>> {
     let mut footprints: Vec<f32> = hits.iter().flatten().map(|h| h.footprint).filter(|f| *f > 0.0).collect();
     let middle = footprints.len() / 2;
@@ -209,7 +209,7 @@ fn keys(hits: &[Option<FirstHit>], options: &CellOptions) -> Vec<Option<Key>> {
     hits.iter().map(|hit| hit.as_ref().map(key)).collect()
 }
 
-/// The bin of a direction on the octahedron, unfolded into a square of `side` bins squared
+/// The number of a direction's bin, with the unit sphere mapped by an octahedron to a square of `side` x `side` bins
 /// [Engelhardt and Dachsbacher 2008].
 fn bin([x, y, z]: [f32; 3], side: f32) -> u32 {
     let norm = x.abs() + y.abs() + z.abs();
@@ -222,17 +222,17 @@ fn bin([x, y, z]: [f32; 3], side: f32) -> u32 {
     index(y) * side as u32 + index(x)
 }
 
-/// A cell's normals while cells are joined.
+/// The mean normal of a cell and the spread around it.
 #[derive(Clone, Copy)]
 struct Cone {
     sum: [f32; 3],
-    /// Least cosine to the mean.
+    /// The smallest cosine between a normal of the cell and the mean normal.
     cosine: f32,
 }
 
-/// Joins neighbours across the borders of cubes and bins where the surface continues: same material, normals that
-/// differ by less than a cell's cone, each within [`PLANE`] footprints of the other's plane. The smoothest are joined
-/// first. A cell never gets wider than its cone or larger than its square.
+/// Joins neighbouring cells where a surface continues across the borders of cubes and bins. The hits must have the same
+/// material, normals that differ by less than a cell's cone, and each must lie within [`PLANE`] footprints of the
+/// other's plane. The smoothest pairs are joined first. A cell never exceeds its limits of normals and size.
 fn close_seams(
     hits: &[Option<FirstHit>],
     keys: &[Option<Key>],
@@ -271,7 +271,7 @@ fn close_seams(
     }
 }
 
-/// The normals of each set, kept at its root.
+/// The cone of normals of each set, stored at the index of the set's root.
 fn cones(hits: &[Option<FirstHit>], sets: &mut Disjoint) -> Vec<Cone> {
     let mut cones = vec![Cone { sum: [0.0; 3], cosine: 1.0 }; hits.len()];
     for (i, hit) in hits.iter().enumerate() {
@@ -289,7 +289,7 @@ fn cones(hits: &[Option<FirstHit>], sets: &mut Disjoint) -> Vec<Cone> {
     cones
 }
 
-/// A cone around two.
+/// A cone that contains both cones.
 fn joint(a: &Cone, b: &Cone) -> Cone {
     let sum = [a.sum[0] + b.sum[0], a.sum[1] + b.sum[1], a.sum[2] + b.sum[2]];
     let axis = unit(sum);
@@ -302,7 +302,7 @@ fn joint(a: &Cone, b: &Cone) -> Cone {
     Cone { sum, cosine: to(a).min(to(b)) }
 }
 
-/// The cosine of 0 to 90 degrees by its Taylor polynomial: the same bits on every machine, to 1e-7.
+/// The cosine of 0 to 90 degrees by its Taylor polynomial, with error below 1e-7 and the same bits on every machine.
 fn cosine_of_degrees(degrees: f32) -> f32 {
     let x = f64::from(degrees).to_radians();
     let (mut term, mut sum) = (1.0, 1.0);

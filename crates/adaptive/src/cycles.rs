@@ -1,4 +1,4 @@
-//! The stopping rule of Blender's Cycles.
+//! The adaptive sampling of Blender's Cycles.
 
 use crate::pilot::Pilot;
 use dapple_core::{
@@ -25,7 +25,7 @@ dapple_core::options! {
 }
 
 impl CyclesOptions {
-    /// The threshold and the first samples per pixel, for a mean budget.
+    /// The threshold and the least samples per pixel in effect, for a mean budget of `mean` samples per pixel.
     fn resolved(&self, mean: u64) -> (f64, u32) {
         let Self { threshold, min, mode, .. } = *self;
         let threshold = if threshold > 0.0 { threshold } else { (1.0 / mean.max(1) as f64).max(LEAST_THRESHOLD) };
@@ -40,37 +40,37 @@ impl CyclesOptions {
     }
 }
 
-/// The factor between the user's threshold and the error that it is compared with.
+/// The factor by which Cycles multiplies the user's threshold before comparing errors with it.
 const LOOSENED: f64 = 5.0;
-/// The least threshold that is chosen for the user.
+/// The smallest threshold that is chosen by default.
 const LEAST_THRESHOLD: f64 = 1e-3;
-/// The term that keeps black pixels from dividing by zero.
+/// The term of the denominator that avoids division by zero in black pixels.
 const BLACK: f64 = 1e-4;
 
 /// The adaptive sampling of Blender's Cycles [Cycles, `kernel/film/adaptive_sampling.h` and `scene/integrator.cpp`;
 /// after Dammertz 2010].
 ///
-/// Each pixel's mean is compared with that of half of its samples: `(|dR| + |dG| + |dB|) / (1e-4 + N(I))`, where
-/// `N(I)` is the root of `I = R + G + B` below 1 and `I` above. Pixels whose error exceeds five times the threshold,
-/// and their eight neighbours, get another `step` samples. The halves are two independent sequences; Cycles splits
-/// one sequence, whose parts are not independent estimates.
+/// A pixel's error compares the mean of all samples with the mean of half of them: `(|dR| + |dG| + |dB|) / (1e-4 +
+/// N(I))`. Here `I = R + G + B`, and `N(I)` is the root of `I` below 1 and `I` above. Pixels whose error exceeds five
+/// times the threshold get another `step` samples, as do their eight neighbours. The halves here are two independent
+/// sequences; Cycles splits one sequence, whose parts are not independent.
 ///
-/// *Guarantees*: the budget exactly, or as a ceiling; no pixel below `min` where the budget allows it. *Bias*: all
-/// samples are kept, and decide how many follow [Kirk and Arvo 1991]: a pixel stops when its halves happen to agree.
-/// *Weaknesses*: one pixel's two halves are a poor estimate of its error; one threshold holds for all brightnesses;
-/// fireflies keep a pixel open.
+/// *Guarantees*: spends the budget exactly, or treats it as an upper bound; no pixel gets fewer than `min` samples if
+/// the budget allows. *Bias*: all samples are kept and decide how many follow [Kirk and Arvo 1991], so a pixel stops
+/// when its halves happen to agree. *Weaknesses*: the two halves of one pixel are a poor error estimate, one threshold
+/// holds for all brightnesses, and fireflies keep a pixel open.
 pub struct Cycles<P> {
     points: P,
     options: CyclesOptions,
 }
 
 impl<P: PointSet> Cycles<P> {
-    /// A sampler with these points and the default parameters.
+    /// A sampler that uses this point set, with the default parameters.
     pub fn new(points: P) -> Self {
         Self { points, options: CyclesOptions::default() }
     }
 
-    /// A sampler with these points and parameters.
+    /// A sampler that uses this point set, with these parameters.
     ///
     /// # Errors
     ///
@@ -80,7 +80,8 @@ impl<P: PointSet> Cycles<P> {
         Ok(Self { points, options })
     }
 
-    /// Plans one more step for open pixels, those of the largest error first where the budget does not reach for all.
+    /// Plans one more step for all open pixels. If the budget is too small for all, those with the largest error come
+    /// first.
     fn refine(&self, seen: &Feedback<'_>, threshold: f64, plan: &mut Plan) -> Result<(), Error> {
         let errors: Vec<f64> = (0..seen.pixels()).map(|i| half_error(seen.film, i)).collect();
         let mut limit = LOOSENED * threshold;
@@ -109,7 +110,7 @@ impl<P: PointSet> Cycles<P> {
     }
 }
 
-/// The relative difference of the mean of pixel `i` from that of its first half.
+/// The relative difference between the mean of pixel `i` and the mean of its first half.
 fn half_error(film: &Film, i: usize) -> f64 {
     let mean = film.mean(i);
     let half = film.half(0, i).unwrap_or_default().mean;
@@ -119,7 +120,7 @@ fn half_error(film: &Film, i: usize) -> f64 {
     if error.is_finite() { error } else { 0.0 }
 }
 
-/// Open pixels and the eight around each, in two passes.
+/// Marks the open pixels and the eight neighbours of each.
 fn with_neighbours(open: &[bool], [w, h]: [u32; 2]) -> Vec<bool> {
     let (w, h) = (w as usize, h as usize);
     let near = |at: usize, end: usize| at.saturating_sub(1)..(at + 2).min(end);

@@ -1,23 +1,23 @@
-//! Disjoint sets.
+//! Disjoint sets (union-find).
 
-/// Disjoint sets of numbers, by size and with halved paths [Tarjan and van Leeuwen 1984].
+/// Disjoint sets of numbers, with union by size and path halving [Tarjan and van Leeuwen 1984].
 pub(crate) struct Disjoint {
     parent: Vec<u32>,
     size: Vec<u32>,
 }
 
 impl Disjoint {
-    /// A set for each of `0..count`.
+    /// Sets of one number each, for the numbers `0..count`.
     pub(crate) fn new(count: usize) -> Self {
         Self { parent: (0..count as u32).collect(), size: vec![1; count] }
     }
 
-    /// The count of numbers.
+    /// The count of numbers in all sets.
     pub(crate) fn len(&self) -> usize {
         self.parent.len()
     }
 
-    /// The number that stands for the set of `i`.
+    /// The root of the set that contains `i`.
     pub(crate) fn root(&mut self, mut i: usize) -> usize {
         while self.parent[i] as usize != i {
             let above = self.parent[self.parent[i] as usize];
@@ -27,13 +27,13 @@ impl Disjoint {
         i
     }
 
-    /// The size of the set with this root.
+    /// The size of the set whose root is `root`.
     pub(crate) fn size(&self, root: usize) -> u32 {
         self.size[root]
     }
 
-    /// Joins the sets of `a` and `b` and returns the root of both: that of the larger set, of equals the smaller
-    /// number.
+    /// Joins the sets of `a` and `b`, and returns their common root: the root of the larger set, or the smaller number
+    /// if the sizes are equal.
     pub(crate) fn join(&mut self, a: usize, b: usize) -> usize {
         let (a, b) = (self.root(a), self.root(b));
         if a == b {

@@ -52,7 +52,7 @@ dapple_core::options! {
 }
 
 impl AdaptiveOptions {
-    /// Rounds after the pilot.
+    /// The number of rounds after the pilot.
     pub(crate) fn rounds_after_pilot(&self) -> u32 {
         match (self.rounds, self.policy) {
             (0, PilotPolicy::Keep) => 3,
@@ -61,7 +61,7 @@ impl AdaptiveOptions {
         }
     }
 
-    /// True if first hits are read: for cells, or for edges and texture.
+    /// Returns `true` if first hits are read, for cells or for edges and texture.
     pub(crate) fn reads_hits(&self) -> bool {
         self.pool != PoolShape::Window || self.geometry > 0.0
     }
@@ -70,12 +70,12 @@ impl AdaptiveOptions {
         CellOptions::default().edge(self.edge).normals(self.normals)
     }
 
-    /// Checks the options without a sampler.
+    /// Checks every option and their combination.
     ///
     /// # Errors
     ///
-    /// [`Error::OutOfRange`] for a value out of range, for a pilot below 4 or first hits beside [`PilotPolicy::Cross`],
-    /// and for several rounds unless the pilot is kept.
+    /// [`Error::OutOfRange`] for a value out of range, or several rounds without [`PilotPolicy::Keep`]. With
+    /// [`PilotPolicy::Cross`], also for a pilot below 4 or any use of first hits.
     pub fn check(&self) -> Result<(), Error> {
         self.check_ranges()?;
         let out = |name, value: String, allowed| Err(OutOfRange { name, value, allowed }.into());
@@ -94,18 +94,18 @@ impl AdaptiveOptions {
     }
 }
 
-/// Makes one number per pixel of a film: the expected squared error there, relative to the image squared.
+/// A function of a film that returns the expected squared error per pixel, relative to the squared image.
 pub type MapErrors = Box<dyn Fn(&Film) -> Result<Vec<f32>, Error> + Send>;
 
-/// A source of errors besides a pixel's own variance: a filter that predicts its own error.
+/// An additional source of error estimates: a filter that predicts the error of the filtered image.
 pub struct ErrorMap {
-    /// The name in the sampler's description.
+    /// The map's name in the sampler's description.
     pub name: String,
-    /// The statistics that the film must record for it.
+    /// The statistics that the map reads from the film.
     pub needs: Needs,
-    /// One number per pixel, row by row: the squared error left in the image made of this film, relative to the
-    /// image squared, in any unit. Negative numbers and NaN count as 0.
+    /// Returns the predicted squared error of each pixel of the filtered image, row by row, relative to the squared
+    /// image. Any unit will do; negative numbers and NaN count as 0.
     pub of: MapErrors,
-    /// The most memory that `of` takes, in bytes per pixel.
+    /// The largest working memory of `of` in bytes per pixel.
     pub bytes_per_pixel: usize,
 }

@@ -1,18 +1,18 @@
-//! The samples that a sampler looks at before its counts adapt.
+//! The pilot: uniform samples taken before counts adapt.
 
 use dapple_core::{Budget, Combine, Feedback, Frame, Ladder, Limits, PilotPolicy, Plan, Retention, saturating_u32};
 
-/// A uniform pilot: its size and its retention.
+/// A uniform pilot, described by size and retention.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Pilot {
-    /// The retention of its samples. [`PilotPolicy::Refined`] is treated as [`PilotPolicy::Keep`].
+    /// The use of pilot samples in the image. [`PilotPolicy::Refined`] is treated as [`PilotPolicy::Keep`].
     pub policy: PilotPolicy,
-    /// Samples per pixel; 0 takes 4, or the rung of the ladder at a quarter of the mean budget where that is more.
+    /// Samples per pixel; 0 chooses the larger of 4 and the rung of the ladder at a quarter of the mean budget.
     pub samples: u32,
 }
 
 impl Pilot {
-    /// A pilot of so many samples per pixel, 0 to choose, with this retention.
+    /// A pilot of `samples` samples per pixel with this retention; 0 samples choose by the budget.
     pub const fn new(policy: PilotPolicy, samples: u32) -> Self {
         Self { policy, samples }
     }
@@ -21,7 +21,7 @@ impl Pilot {
         if self.samples > 0 { self.samples } else { LEAST.max(ladder.floor(mean / 4)) }
     }
 
-    /// True if these limits pay for the pilot and nothing else, so that no counts are planned.
+    /// Returns `true` if these limits pay for the pilot alone, so that no adapted counts are planned.
     pub fn is_all(self, frame: &Frame, limits: &Limits) -> bool {
         let Budget::Samples(total) = limits.budget else { return false };
         let pixels = frame.pixels() as u64;
@@ -29,8 +29,8 @@ impl Pilot {
         self.policy != PilotPolicy::Discard && total.is_multiple_of(pixels) && self.wanted(mean, Ladder::Whole) >= mean
     }
 
-    /// Begins a round: sets how halves are combined, and requests the samples that the pilot still lacks, if the budget
-    /// pays for them. Where nothing is missing, `plan`'s counts are 0.
+    /// Begins a round. Sets how `plan` combines halves, and requests the pilot samples that are missing, if the budget
+    /// allows. If none are missing, the counts of `plan` stay 0.
     pub fn begin(self, seen: &Feedback<'_>, plan: &mut Plan) -> PilotRound {
         let budget = seen.budget;
         let (crosses, discards) = (self.policy == PilotPolicy::Cross, self.policy == PilotPolicy::Discard);
@@ -60,14 +60,14 @@ impl Pilot {
     }
 }
 
-/// The state of a sampler's pilot at the beginning of a round.
+/// The state of the pilot at the beginning of a round.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PilotRound {
-    /// Its samples per pixel.
+    /// The pilot's samples per pixel.
     pub samples: u32,
-    /// True if this round is (the rest of) the pilot, and its plan is made.
+    /// `true` if pilot samples were missing, so that this round's plan is already filled with them.
     pub is_missing: bool,
 }
 
-/// The least pilot that is chosen: enough for pooling over 25 pixels, few enough for 8 spp.
+/// The smallest pilot chosen by default: enough for pooling over 25 pixels, few enough for a budget of 8 spp.
 const LEAST: u32 = 4;

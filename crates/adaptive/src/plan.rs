@@ -1,20 +1,20 @@
-//! Counts from the statistics of a film: pure computations.
+//! Planning of sample counts from a film's statistics, without side effects.
 
 use crate::{Adaptive, Cells, Pooling, geometric_variance, relative_variance};
 use dapple_core::{BudgetLeft, Error, Feedback, Film, Ladder, Plan, PointSet, RgbMoments, saturating_u32};
 use rayon::prelude::*;
 
-/// Counts up to this have their powers in a table.
+/// The largest count whose power is stored in a table.
 const TABLE: u32 = 4096;
 
-/// Least kept samples of a pixel, as a share of the mean.
+/// The divisor of the mean count that gives the least number of kept samples per pixel: a quarter of the mean.
 const FLOOR: u64 = 4;
 
-/// The least score of a pixel, as a share of the mean.
+/// The smallest score of a pixel, as a fraction of the mean score.
 const SCORE_FLOOR: f64 = 0.01;
 
 impl<P: PointSet> Adaptive<P> {
-    /// The scores of all pixels, from the `moments` of each.
+    /// The score of each pixel; `moments` returns a pixel's sample statistics.
     fn scores(&self, film: &Film, moments: impl Fn(usize) -> RgbMoments + Sync + Send) -> Result<Vec<f64>, Error> {
         let o = &self.options;
         let pixels = (0..film.frame().pixels()).into_par_iter().with_min_len(4096);
@@ -37,7 +37,8 @@ impl<P: PointSet> Adaptive<P> {
         Ok(scores)
     }
 
-    /// Blends in edges and texture, scaled to the same mean, with their weight in degrees of freedom.
+    /// Adds edges and texture of the first hits to `scores`, scaled to the same mean and weighted in degrees of
+    /// freedom.
     fn blend_geometry(&self, film: &Film, cells: &Cells, known: &[RgbMoments], scores: &mut [f64]) {
         let hits: Vec<_> = (0..scores.len()).flat_map(|i| film.first_hits(i)).collect();
         let albedos: Vec<_> = hits.iter().map(|hit| hit.map_or([0.0; 3], |hit| hit.albedo)).collect();
@@ -54,7 +55,8 @@ impl<P: PointSet> Adaptive<P> {
         }
     }
 
-    /// Takes the geometric mean with a map of errors, which are first converted to the error of one sample.
+    /// Replaces each score by the geometric mean of it and the predicted error, which is first converted to the error
+    /// of one sample.
     fn blend_errors(&self, errors: &[f32], film: &Film, scores: &mut [f64]) {
         let of_one = |(i, &e): (usize, &f32)| {
             let e = if e.is_finite() { f64::from(e.max(0.0)) } else { 0.0 };
@@ -72,7 +74,7 @@ impl<P: PointSet> Adaptive<P> {
         }
     }
 
-    /// Counts that spend `total` in all, at least `floors`, by scores.
+    /// Counts that minimise the error given by the scores, sum to `total` and are at least `floors`.
     fn counts(
         &self,
         scores: &[f64],
@@ -101,7 +103,8 @@ impl<P: PointSet> Adaptive<P> {
         Ok(shared.counts)
     }
 
-    /// Plans the next round where all samples are kept: up to the next of the budget's equal steps above the pilot.
+    /// Plans the next round of a render that keeps all samples: up to the next of the equal steps from the pilot to the
+    /// budget.
     pub(crate) fn plan_kept(&self, seen: &Feedback<'_>, pilot: u32, plan: &mut Plan) -> Result<(), Error> {
         let BudgetLeft { spent, total, min_spp, max_spp, .. } = seen.budget;
         let scores = self.scores(seen.film, |i| seen.film.moments(i))?;
@@ -117,7 +120,7 @@ impl<P: PointSet> Adaptive<P> {
         Ok(())
     }
 
-    /// Plans the image after a discarded pilot.
+    /// Plans the image's samples after a discarded pilot.
     pub(crate) fn plan_after_discarding(&self, seen: &Feedback<'_>, plan: &mut Plan) -> Result<(), Error> {
         let BudgetLeft { min_spp, max_spp, .. } = seen.budget;
         let ladder = Ladder::of(seen.film.needs());
@@ -136,7 +139,7 @@ impl<P: PointSet> Adaptive<P> {
     }
 
     /// Plans each half's counts from the other half's samples. Each half spends half the budget, as far as floors and
-    /// ceilings allow; the first half takes the odd sample.
+    /// ceilings allow; an odd sample goes to the first half.
     pub(crate) fn plan_across(&self, seen: &Feedback<'_>, plan: &mut Plan) -> Result<(), Error> {
         let BudgetLeft { total, min_spp, max_spp, .. } = seen.budget;
         let moments = |half: usize, i: usize| seen.film.half(half, i).unwrap_or_default();
@@ -159,7 +162,7 @@ impl<P: PointSet> Adaptive<P> {
     }
 }
 
-/// Raises scores to a share of the mean: zero variance is not convergence.
+/// Raises every score to at least 1 % of the mean, because zero variance in few samples does not prove convergence.
 fn raise_to_floor(scores: &mut [f64]) {
     let finite = scores.iter().filter(|s| s.is_finite());
     let floor = SCORE_FLOOR * finite.sum::<f64>() / scores.len() as f64;

@@ -1,19 +1,19 @@
-//! The variance of a pixel from few samples, pooled over neighbours, over cells, or both.
+//! Estimates of pixel variance from few samples, pooled over neighbours or cells.
 
 use crate::{Cells, out_of_range};
 use dapple_core::{Error, RgbMoments};
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// The pool of a pixel's variance, besides its own samples.
+/// The set of pixels whose variance is pooled with a pixel's own.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum PoolShape {
-    /// The pixels around it.
+    /// The square window of pixels around the pixel.
     #[default]
     Window,
-    /// The pixels around it, and with half their weight those of them that see the same cell first.
+    /// The square window, plus, with half the window's weight, its pixels whose first hit is in the same cell.
     Inside,
-    /// All pixels that see the same cell first, anywhere in the image.
+    /// All pixels of the image whose first hit is in the same cell.
     Cell,
 }
 
@@ -24,29 +24,30 @@ dapple_core::choices!(PoolShape { Window = "window", Inside = "inside", Cell = "
 pub struct Pooling {
     /// The shape of the pool.
     pub pool: PoolShape,
-    /// The window is `2 radius + 1` pixels squared.
+    /// The radius of the window, which is `2 radius + 1` pixels wide and high.
     pub radius: u32,
-    /// The pool's weight beside a pixel's own `n - 1` degrees of freedom; infinite: the pool alone.
+    /// The weight of the pool relative to a pixel's own `n - 1` degrees of freedom; infinity uses the pool alone.
     pub prior: f64,
-    /// The power of the variance that is averaged, above 0. 1 averages variances. 2 gives the noisiest pixels of a
-    /// neighbourhood more weight, which helps where a few samples in many carry the error.
+    /// The power of the variance that is averaged, above 0. 1 averages variances. 2 gives the noisiest pixels more
+    /// weight, which helps if a few of many samples carry the error.
     pub power: f64,
-    /// The number added to the squared mean before the variance is divided by it.
+    /// The number added to the squared mean before division, so that black pixels have finite relative variance.
     pub epsilon: f64,
 }
 
-/// The relative variance of each pixel's samples, summed over channels: `v~ / (m^2 + epsilon)`.
+/// The relative variance `v~ / (m^2 + epsilon)` of each pixel's samples, pooled and summed over channels.
 ///
-/// Here `v~^q = ((n - 1) v^q + prior pool(v^q)) / (n - 1 + prior)`, with the sample variance `v`, the power `q`, the
-/// count `n`, and the mean `m` over the window. Not negative; 0 where neither a pixel nor its pool has two samples.
+/// Here `v~^q = ((n - 1) v^q + prior pool(v^q)) / (n - 1 + prior)`, with the pixel's sample variance `v` and count `n`,
+/// and the power `q`. `m` is the mean radiance over the window. The result is not negative, and 0 if neither the pixel
+/// nor the pool has two samples.
 ///
-/// `moments` are row by row, for an image of `size` pixels. A pool is the mean over its pixels, weighted by their
-/// degrees of freedom, so that pixels with fewer than two samples do not take part.
+/// `moments` are row by row, for an image of `size` pixels. The pool is a mean weighted by degrees of freedom, so
+/// pixels with fewer than two samples do not contribute.
 ///
 /// # Errors
 ///
-/// [`Error::OutOfRange`] where `moments` do not fill the image, or the pool needs cells and `cells` has none of this
-/// size.
+/// [`Error::OutOfRange`] if the number of `moments` does not match `size`, or if the pool needs cells and `cells` is
+/// missing or of another size.
 pub fn relative_variance(
     moments: &[RgbMoments],
     size: [u32; 2],
@@ -95,8 +96,8 @@ pub fn relative_variance(
     Ok(over_windows([w, h], pooling.radius as usize, |i| Terms::of(&moments[i], pooling.power), score))
 }
 
-/// The terms that are summed over pixels: degrees of freedom; 1 if there are samples; the power of the variance times
-/// the degrees of freedom, and the mean, by channel. Eight numbers side by side, so that they are added in lanes.
+/// The terms of a pixel that are summed over pools. They are degrees of freedom (1), a 1 if there are samples, powers
+/// of the variance times degrees of freedom (3), and means (3). Eight numbers side by side are added in SIMD lanes.
 #[derive(Clone, Copy, Debug, Default)]
 struct Terms([f64; 8]);
 
@@ -133,16 +134,16 @@ impl Terms {
         &self.0[5..8]
     }
 
-    /// The mean power of the variance of the summed pixels, by channel.
+    /// The pooled mean of the variance's power, per channel.
     fn pooled(&self) -> [f64; 3] {
         std::array::from_fn(|c| ratio(self.deviations()[c], self.freedom()))
     }
 }
 
-/// The least pixels of one task.
+/// The least number of pixels per task.
 const SERIAL: usize = 4096;
 
-/// A power. 1 and 2, which are used most, take no logarithm.
+/// `x` to the power `power`. Powers 1 and 2, the usual ones, take no logarithm.
 fn power(x: f64, power: f64) -> f64 {
     match power {
         1.0 => x,
@@ -163,7 +164,7 @@ fn ratio(a: f64, b: f64) -> f64 {
     if b > 0.0 { a / b } else { 0.0 }
 }
 
-/// The mean power of the variance over all pixels that see the same cell first, by cell.
+/// The pooled mean of the variance's power for each cell, over all pixels whose first hit is in the cell.
 fn over_cells(terms: &[Terms], first: &[u32], cells: usize) -> Vec<[f64; 3]> {
     let mut sums = vec![Terms::default(); cells];
     for (terms, &cell) in terms.iter().zip(first) {
@@ -172,8 +173,8 @@ fn over_cells(terms: &[Terms], first: &[u32], cells: usize) -> Vec<[f64; 3]> {
     sums.iter().map(Terms::pooled).collect()
 }
 
-/// The mean power of the variance over the pixels that see the same cell first as pixel `i`, up to one pixel beyond the
-/// window.
+/// The pooled mean of the variance's power over the pixels whose first hit is in the same cell as that of pixel `i`, up
+/// to one pixel beyond the window.
 fn inside(terms: &[Terms], first: &[u32], i: usize, [w, h]: [usize; 2], radius: usize) -> [f64; 3] {
     let mut sum = Terms::default();
     for k in near(i / w, radius + 1, h).flat_map(|y| near(i % w, radius + 1, w).map(move |x| y * w + x)) {
@@ -184,18 +185,18 @@ fn inside(terms: &[Terms], first: &[u32], i: usize, [w, h]: [usize; 2], radius: 
     sum.pooled()
 }
 
-/// The places within `radius` of `at`, of `end` in all.
+/// The indices of `0..end` that are at most `radius` away from `at`.
 fn near(at: usize, radius: usize, end: usize) -> Range<usize> {
     at.saturating_sub(radius)..(at + radius + 1).min(end)
 }
 
-/// The rows whose scores one task makes.
+/// The number of rows that one task computes.
 fn rows_of_task(width: usize, radius: usize) -> usize {
     (SERIAL / width.max(1)).max(2 * radius).max(1)
 }
 
-/// The working memory of so many threads in an image of this size, in bytes: each task's terms of its own rows and of
-/// those around, and sums of its columns.
+/// The working memory of `threads` threads for an image of this size, in bytes. Each thread holds the terms of its rows
+/// and of `radius` rows around them, and sums of columns.
 pub(crate) fn bytes_of_windows([w, h]: [usize; 2], radius: usize, threads: usize) -> usize {
     let own = rows_of_task(w, radius);
     let around = (own + 2 * radius).min(h);
@@ -203,7 +204,8 @@ pub(crate) fn bytes_of_windows([w, h]: [usize; 2], radius: usize, threads: usize
     task.saturating_mul(threads.min(h.div_ceil(own)))
 }
 
-/// The score of each pixel from its terms and their sums over `2 radius + 1` pixels squared, cut off at the borders.
+/// The score of each pixel, from its own terms and their sums over a window of `2 radius + 1` pixels squared, cut off
+/// at the borders.
 ///
 /// Terms are added in the order of rows and columns. A running sum would keep the rounding error of a firefly.
 fn over_windows(
@@ -235,13 +237,13 @@ fn over_windows(
     scores
 }
 
-/// An estimate of each pixel's relative variance from geometry alone. Not negative, without unit.
+/// An estimate of each pixel's relative variance from the first hits alone. Not negative, without unit.
 ///
-/// It is the sum of two terms. For texture and edges between materials: the variance of albedo over the pixel's probes,
-/// relative to its squared mean. For edges of shape: the share of pairs of probes in different cells, times half the
-/// squared difference of their normals.
+/// The first of two terms measures texture and edges between materials: the variance of albedo over the pixel's probes,
+/// divided by the squared mean plus `epsilon`. The second measures edges of shapes: the fraction of pairs of probes in
+/// different cells, times half the squared difference of normals.
 ///
-/// `albedos` and `normals` are those of the probes of `cells`: black and zero for a probe without a hit.
+/// `albedos` and `normals` belong to the probes of `cells`, in the same order; both are zero for a probe without a hit.
 pub fn geometric_variance(cells: &Cells, albedos: &[[f32; 3]], normals: &[[f32; 3]], epsilon: f64) -> Vec<f64> {
     let k = cells.labels().len() / cells.pixels().max(1);
     let of = |pixel: usize| {

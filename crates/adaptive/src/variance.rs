@@ -1,4 +1,4 @@
-//! The preset `variance`: Neyman allocation from a pilot whose variance is pooled over neighbours.
+//! The preset `variance`: Neyman allocation from the pooled variance of a pilot.
 
 use crate::{Adaptive, AdaptiveOptions};
 use dapple_core::{Error, PilotPolicy, PointSet};
@@ -27,7 +27,7 @@ dapple_core::options! {
 }
 
 impl From<VarianceOptions> for AdaptiveOptions {
-    /// One round, variances pooled over the window alone, and no comparison with uniform counts.
+    /// Options with one round, variances pooled over the window alone, and no comparison with uniform counts.
     fn from(o: VarianceOptions) -> Self {
         let VarianceOptions { pilot, radius, exponent, epsilon, cap, policy } = o;
         Self {
@@ -48,20 +48,20 @@ impl From<VarianceOptions> for AdaptiveOptions {
 
 /// The preset `variance`: counts by Neyman's rule [Neyman 1934] from a uniform pilot.
 ///
-/// The pilot's sample variance, relative to `mean^2 + epsilon` and pooled over 5x5 pixels, decides all counts at
-/// once. Without pooling, variances of 4 samples give 1.2 to 3.3 times the error of uniform counts; pooled, they come
-/// close to known variances.
+/// The pilot's sample variance, relative to `mean^2 + epsilon` and pooled over 5x5 pixels, decides all counts at once.
+/// With unpooled variances of 4 samples, the error is 1.2 to 3.3 times that of uniform counts. Pooled variances do
+/// nearly as well as exact ones.
 impl<P: PointSet> Adaptive<P> {
-    /// The preset `variance` with these points and its default parameters.
+    /// The preset `variance` with this point set and the default parameters.
     pub fn variance(points: P) -> Self {
         Self::preset(points, VarianceOptions::default())
     }
 
-    /// The preset `variance` with these points and parameters.
+    /// The preset `variance` with this point set and these parameters.
     ///
     /// # Errors
     ///
-    /// [`Error::OutOfRange`], as [`AdaptiveOptions::check`].
+    /// [`Error::OutOfRange`], under the conditions of [`AdaptiveOptions::check`].
     pub fn variance_with_options(points: P, options: VarianceOptions) -> Result<Self, Error> {
         AdaptiveOptions::from(options).check()?;
         Ok(Self::preset(points, options))

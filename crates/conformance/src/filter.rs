@@ -1,21 +1,21 @@
-//! Conformance of filters.
+//! Conformance tests of filters.
 
 use crate::sampler::{Scene, frame, on_threads};
 use dapple_core::{
     Error, Feedback, Film, Filter, Filtered, Frame, Limits, Needs, Plan, PointSet, Progress, Render, SampleId, Sampler,
 };
 
-/// Checks a filter that works on frames of any size.
+/// Checks a filter that works on frames of any size, created by `make`.
 ///
-/// It applies the filter to films of made-up scenes with uneven counts, pixels without samples and fireflies of 10^20
-/// (whose square exceeds `f32`), on frames from 1x1 up, and checks that:
+/// Applies the filter to films of synthetic scenes on frames from 1x1 up. The films have uneven counts, pixels without
+/// samples, and fireflies of 10^20 (whose square exceeds `f32`). The checks are:
 ///
 /// * a constant image stays constant;
 /// * radiance is finite, and errors are not negative;
-/// * sizes are right;
-/// * bits do not depend on the number of threads;
-/// * a film without the statistics that it reads is refused with
-///   [`Error::NotRecorded`](dapple_core::Error::NotRecorded).
+/// * the image and the error map have the size of the frame;
+/// * the bits of the result do not depend on the number of threads;
+/// * a film that lacks statistics that the filter needs is refused with
+/// [`Error::NotRecorded`](dapple_core::Error::NotRecorded).
 ///
 /// # Panics
 ///
@@ -24,7 +24,7 @@ pub fn filter(make: impl Fn() -> Box<dyn Filter>) {
     filter_on_frames(|_| make());
 }
 
-/// As [`filter`], for filters made for one frame (from clusters of its pixels, say).
+/// As [`filter`], for filters that `make` creates for one frame (because they use clusters of its pixels, say).
 ///
 /// # Panics
 ///
@@ -48,12 +48,12 @@ pub fn filter_on_frames(make: impl Fn(&Frame) -> Box<dyn Filter>) {
     }
 }
 
-/// Counts by a hash of the pixel's number, in one round.
+/// The range of sample counts in a film; a hash of the pixel's number picks the count.
 #[derive(Clone, Copy, Debug)]
 enum Counts {
-    /// 0 to 3 samples.
+    /// 0 to 3 samples per pixel.
     Sparse,
-    /// 2 to 40.
+    /// 2 to 40 samples per pixel.
     Uneven,
 }
 
@@ -100,7 +100,7 @@ impl Sampler for Hashed {
     }
 }
 
-/// The finaliser of SplitMix64.
+/// The finaliser of SplitMix64, a bijective 64-bit hash.
 fn mix(x: u64) -> u64 {
     let x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     let x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
@@ -138,7 +138,7 @@ fn bits(image: &Filtered) -> Vec<u32> {
     image.radiance.iter().flatten().chain(errors).map(|v| v.to_bits()).collect()
 }
 
-/// Constant images stay constant to 1e-5, the precision of normalised `f32` weights.
+/// Checks that constant images stay constant to 1e-5, the precision of normalised `f32` weights.
 fn keeps_constant(filter: &dyn Filter, frame: Frame) {
     for (scene, value) in [(Scene::Constant, 0.7f32), (Scene::Black, 0.0)] {
         let film = film(scene, Counts::Uneven, filter.needs(), frame);

@@ -1,7 +1,7 @@
 //! Conformance tests for every Dapple point set, sampler and filter: a dev-dependency of one line.
 //!
-//! Each function panics with a message that names the broken property, the place and the size of the fault. Call it in
-//! a `#[test]`. All inputs are fixed, so a test that passes once passes always.
+//! Each function panics if a check fails, with a message that names the broken property, the place and the size of the
+//! fault. Call it in a `#[test]`. All inputs are fixed, so a test that passes once always passes.
 //!
 //! ```
 //! use dapple_conformance::{filter, point_set, sampler};
@@ -57,7 +57,7 @@
 //! # Limits
 //!
 //! * The tests cannot know how well a point set is stratified, or how much error a sampler or filter saves.
-//! * They check properties on made-up images of at most 19x37 pixels, not on scenes.
+//! * They check properties on synthetic images of at most 19x37 pixels, not on scenes.
 
 mod filter;
 mod point_set;

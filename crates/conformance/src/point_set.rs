@@ -1,13 +1,14 @@
-//! Conformance of point sets.
+//! Conformance tests of point sets.
 
 use dapple_core::{PointSet, SampleId};
 use rayon::prelude::*;
 
-/// Checks every property of a [`PointSet`] on fixed inputs.
+/// Checks every required property of a [`PointSet`] on fixed inputs.
 ///
 /// * Range: every coordinate is in `[0, 1)`, also at the last index, the last block and far pixels.
 /// * Purity: the same bits in forward, backward and interleaved order, on several threads, and in batches of any size.
-/// * Uniformity: mean and variance of each coordinate over pixels are right, and both ends of the range are reached.
+/// * Uniformity: mean and variance of each coordinate over pixels are those of uniform numbers, and values come close
+/// to both 0 and 1.
 /// * Independence: pixels at five lags, streams, and blocks up to number 4000 are uncorrelated, also in the order in
 ///   which a pixel's samples run through the range.
 /// * Distinctness: no two samples of a pixel are equal, at the start, past 2^31 and 2^32 and at the end.
@@ -17,9 +18,10 @@ use rayon::prelude::*;
 /// # Precision
 ///
 /// Statistical bounds are at 4.5 standard errors, which independent numbers exceed with probability 6.8e-6 each. Over
-/// all comparisons a sound set fails by chance with probability 0.01, and then always: try another seed.
+/// all comparisons, a sound point set fails by chance with probability 0.01. As inputs are fixed, it then always fails:
+/// try another seed.
 ///
-/// Stratification and convergence are not checked; they are the point set's own tests.
+/// Stratification and convergence are not checked here; test them with the point set.
 ///
 /// # Panics
 ///
@@ -40,7 +42,7 @@ pub fn point_set(points: &dyn PointSet) {
 /// The bound of the statistical checks, in standard errors.
 const BOUND: f64 = 4.5;
 
-/// The blocks of the first 64 coordinates, and some of long paths.
+/// The tested blocks: those of the first 64 coordinates, and some of long paths.
 const BLOCKS: [u32; 20] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 100, 256, 1000, 4000];
 
 fn id(pixel: [u32; 2], stream: u32, index: u64) -> SampleId {
@@ -70,7 +72,7 @@ fn counts(points: &dyn PointSet) {
     }
 }
 
-/// Indices at which integers of usual widths overflow, up to the capacity.
+/// Indices around which integers of usual widths overflow, up to the capacity.
 fn critical_indices(points: &dyn PointSet) -> Vec<u64> {
     let last = points.capacity() - 1;
     let mut indices: Vec<u64> = [8, 16, 24, 31, 32, 53, 63].iter().map(|k| 1_u64 << k).chain([0, last]).collect();
@@ -108,7 +110,8 @@ fn range(points: &dyn PointSet) {
     });
 }
 
-/// A false alarm is rare: random pairs are equal with probability 2^-48, in about 10^7 comparisons.
+/// Checks that samples of a pixel differ. Random pairs are equal with probability 2^-48, in about 10^7 comparisons, so
+/// false alarms are rare.
 fn distinct(points: &dyn PointSet) {
     let last = points.capacity() - 1;
     let mut indices: Vec<u64> = critical_indices(points)
@@ -137,7 +140,7 @@ fn distinct(points: &dyn PointSet) {
     }
 }
 
-/// Reads the same samples in four orders and from several threads.
+/// Checks that the same samples have the same bits when read in four orders and from several threads.
 fn purity(points: &dyn PointSet) {
     let most = points.capacity().min(16);
     let names: Vec<(SampleId, u32)> = (0..most)
@@ -168,7 +171,7 @@ fn purity(points: &dyn PointSet) {
     }
 }
 
-/// A pixel's samples do not depend on batches, or on other reads between.
+/// Checks that a pixel's samples do not depend on batches, or on other reads in between.
 fn batches(points: &dyn PointSet) {
     let n = points.capacity().min(64);
     let whole: Vec<_> = (0..n).map(|i| points.block(id([5, 5], 0, i), 1)).collect();
@@ -189,7 +192,7 @@ fn batches(points: &dyn PointSet) {
     }
 }
 
-/// Moments over pixels, whose points are independent in every set.
+/// Checks mean and variance of each coordinate over pixels, whose points are independent in every set.
 fn uniform(points: &dyn PointSet) {
     let side = 160_u32;
     let n = f64::from(side * side);
@@ -222,8 +225,8 @@ fn uniform(points: &dyn PointSet) {
     }
 }
 
-/// The correlation coefficient of two uniform numbers with known moments, times `sqrt(n)`: standard normal if they are
-/// independent.
+/// The correlation coefficient of two uniform numbers with known moments, times `sqrt(n)`. It is standard normal if the
+/// numbers are independent.
 #[derive(Default, Clone, Copy)]
 struct Correlation {
     sum: f64,
@@ -289,7 +292,7 @@ fn streams_are_independent(points: &dyn PointSet) {
     }
 }
 
-/// Coordinates of different blocks share no scramble over pixels, and no order of samples within a pixel.
+/// Checks that different blocks have different scrambles, and different orders of samples within a pixel.
 fn blocks_are_independent(points: &dyn PointSet) {
     let side = 96_u32;
     let n = points.capacity().min(16);

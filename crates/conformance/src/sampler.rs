@@ -1,30 +1,30 @@
-//! Conformance of samplers.
+//! Conformance tests of samplers.
 
 use dapple_core::{
     Block, Budget, Control, Draws, Error, Estimate, Feedback, Film, FirstHit, Frame, Integrator, Limits, Monitor, Plan,
     Progress, Render, Sampler, Snapshot, Status, TrainingLog,
 };
 
-/// The treatment of the budget by a sampler.
+/// The way in which a sampler uses the budget.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Spending {
-    /// It spends every sample.
+    /// The sampler spends every sample of the budget.
     Exact,
-    /// It stops by a threshold of its own, and the budget is a ceiling.
+    /// The sampler stops at a threshold of its own; the budget is an upper bound.
     AtMost,
 }
 
-/// Checks a sampler that spends its budget exactly and works on frames of any size.
+/// Checks a sampler that spends the budget exactly and works on frames of any size, created by `make`.
 ///
-/// It renders made-up scenes (black, constant, an edge, noise, fireflies, invalid samples) on frames from 1x1 up, and
-/// checks that:
+/// Renders synthetic scenes (black, constant, an edge, noise, fireflies, invalid samples) on frames from 1x1 up. The
+/// checks are:
 ///
-/// * the budget is spent exactly, also if it is raised later;
-/// * every pixel lies between floor and ceiling, and no plan is invalid;
-/// * images are finite;
-/// * bits do not depend on threads, tiles, slices or order, and a second run repeats them;
+/// * the budget is spent exactly, also if the render loop raises it later;
+/// * every pixel's count lies between floor and ceiling, and every plan is valid;
+/// * images have no NaN or infinity;
+/// * the image's bits do not depend on threads, tiles, slices or task order, and a second run repeats them;
 /// * a render resumed from any snapshot ends with the same bits ([`Sampler::save`]);
-/// * the description begins with the name, and neither changes.
+/// * the sampler's description begins with its name, and neither changes.
 ///
 /// Below 16 samples per pixel a sampler may refuse with [`Error::BudgetTooSmall`](dapple_core::Error::BudgetTooSmall).
 ///
@@ -35,7 +35,7 @@ pub fn sampler(make: impl Fn() -> Box<dyn Sampler>) {
     sampler_on_frames(|_| make(), Spending::Exact);
 }
 
-/// As [`sampler`], for one that stops by a threshold: it may spend less than the budget, never more.
+/// As [`sampler`], for samplers that stop at a threshold: they may spend less than the budget, never more.
 ///
 /// # Panics
 ///
@@ -44,7 +44,7 @@ pub fn threshold_sampler(make: impl Fn() -> Box<dyn Sampler>) {
     sampler_on_frames(|_| make(), Spending::AtMost);
 }
 
-/// As [`sampler`], for samplers made for one frame (from clusters of its pixels, say).
+/// As [`sampler`], for samplers that `make` creates for one frame (because they use clusters of its pixels, say).
 ///
 /// # Panics
 ///
@@ -66,14 +66,14 @@ pub fn sampler_on_frames(make: impl Fn(&Frame) -> Box<dyn Sampler>, spending: Sp
     impossible(&make, frame([5, 4]));
 }
 
-/// Made-up scenes without geometry, as extreme as a sampler or filter may meet.
+/// Synthetic scenes without geometry, as extreme as any that a sampler or filter may meet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Scene {
     Black,
     Constant,
-    /// Dark left, bright right, a partly covered column between.
+    /// Dark pixels on the left, bright ones on the right, and a partly covered column between.
     Edge,
-    /// Noise that grows from left to right.
+    /// Noise whose variance grows from left to right.
     Noise,
     /// One sample in 64 is 10^20.
     Firefly,
@@ -126,7 +126,7 @@ pub(crate) fn frame(size: [u32; 2]) -> Frame {
     Frame::new(size[0], size[1]).expect("a frame of the checks")
 }
 
-/// All statistics of a film as bits. Two films with equal bits differ in their timings only.
+/// All statistics of a film as 64-bit words. Films with equal words can differ in their timings only.
 pub fn bits(film: &Film) -> Vec<u64> {
     let record = film.record();
     let mut bits = vec![record.samples, record.rays, record.blocks, record.rejected];
@@ -148,7 +148,7 @@ pub fn bits(film: &Film) -> Vec<u64> {
     bits
 }
 
-/// Runs `work` on a pool of this many threads.
+/// Runs `work` on a thread pool of `threads` threads.
 pub(crate) fn on_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool of threads");
     pool.install(work)
@@ -168,7 +168,7 @@ fn names(make: &impl Fn(&Frame) -> Box<dyn Sampler>) {
     assert_eq!(one.needs(), make(&frame([19, 18])).needs(), "a sampler needs something else each time");
 }
 
-/// Renders, and checks that the film is within its limits; `None` if a small budget is refused.
+/// Renders, and checks that the film keeps to the limits. `None` if the sampler refuses a small budget.
 fn within(
     make: &impl Fn(&Frame) -> Box<dyn Sampler>,
     spending: Spending,
@@ -255,7 +255,7 @@ fn same_bits(make: &impl Fn(&Frame) -> Box<dyn Sampler>, frame: Frame, scene: Sc
     }
 }
 
-/// Takes a snapshot of every slice, and of the end.
+/// A monitor that takes a snapshot after every slice and at the end.
 #[derive(Default)]
 struct Keeper {
     slices: Vec<Vec<u8>>,
@@ -273,8 +273,8 @@ impl Monitor for Keeper {
     }
 }
 
-/// A new sampler ends with the same bits from any snapshot. From the last, with a larger budget, it ends with the bits
-/// of a render that replays these budgets.
+/// Checks that a new sampler resumed from any snapshot ends with the same bits. Resumed from the last one with a larger
+/// budget, it ends with the bits of a render that replays these budgets.
 fn resumes(make: &impl Fn(&Frame) -> Box<dyn Sampler>, frame: Frame, scene: Scene) {
     let pixels = frame.pixels() as u64;
     let mut limits = Limits::samples(21 * pixels + 5);
@@ -310,14 +310,14 @@ fn budget_raised(make: &impl Fn(&Frame) -> Box<dyn Sampler>, spending: Spending,
     within(make, spending, scene, frame, &limits, 41 * pixels);
 }
 
-/// Counts belong to the window, not to the full frame.
+/// Checks that counts belong to the pixels of the window, not of the full frame.
 fn crops(make: &impl Fn(&Frame) -> Box<dyn Sampler>, spending: Spending) {
     let window = frame([40, 30]).crop(7, 3, 20, 8).expect("a window of the checks");
     let total = 19 * window.pixels() as u64;
     within(make, spending, Scene::Noise, window, &Limits::samples(total), total);
 }
 
-/// Budgets that no plan can meet: an error, or a plan within the samples left.
+/// Checks that budgets that no plan can meet give an error, or a plan within the samples left.
 fn impossible(make: &impl Fn(&Frame) -> Box<dyn Sampler>, frame: Frame) {
     for (total, min_spp) in [(0, 1), (1, 1), (19, 1), (79, 4)] {
         let mut sampler = make(&frame);

@@ -11,12 +11,12 @@
 //! | adaptive counts do not bias the image | [`kept`], [`refined`], [`Bernoulli`], [`Naive`], [`count_trend`] |
 //! | two images are the same bits | [`bits`](crate::bits), and the checks of samplers and filters |
 //!
-//! Seeds are fixed. A family of tests raises a false alarm with probability [`FAMILY`] at most: each test gets the
-//! level [`sidak`], or p-values are [`adjusted`]. [`power`] computes the faults that a test sees; assert it, since a
-//! test that cannot fail proves nothing.
+//! Seeds are fixed. A family of tests raises a false alarm with probability [`FAMILY`] at most: each test runs at the
+//! level [`sidak`], or p-values are [`adjusted`]. [`power`] computes the probability that a test detects a given fault.
+//! Assert it, since a test that cannot fail proves nothing.
 //!
-//! Take variances *between* replicates with seeds of their own. Samples within one low-discrepancy or adaptive image
-//! are not independent.
+//! Compute variances *between* replicates that have seeds of their own. Samples within one low-discrepancy or adaptive
+//! image are not independent.
 //!
 //! ```
 //! use dapple_conformance::statistics::{FAMILY, Mean, sidak};

@@ -18,29 +18,29 @@ use rayon::prelude::*;
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
 
-/// An exact allocation.
+/// The result of an allocation: one sample count per pixel.
 #[non_exhaustive]
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Allocation {
     /// Samples per pixel.
     pub counts: Vec<u32>,
-    /// Samples that do not fit under the ceilings.
+    /// Samples of the budget that fit in no pixel, because all are at the ceiling.
     pub unspent: u64,
-    /// The number of scores that were NaN or negative (replaced by 0) or infinite (replaced by the largest finite one).
+    /// The number of scores that were replaced: NaN and negative ones by 0, infinite ones by the largest finite score.
     pub replaced: usize,
 }
 
-/// `f`, and the steps by which counts grow.
+/// The error function `f` to minimise, and the sample counts that a pixel may have.
 trait Steps: Sync {
-    /// The next count after `n`.
+    /// The smallest allowed count above `n`.
     fn next(&self, n: u32) -> u32;
     /// The largest count reached from 0 by steps whose gain per sample, for a score of 1, is at least `threshold`.
     fn reach(&self, threshold: f64) -> u32;
-    /// The gain per sample of the step from `n` to `m`, for a score of 1.
+    /// The decrease of `f` per sample between the counts `n` and `m`, for a score of 1.
     fn gain(&self, n: u32, m: u32) -> f64;
 }
 
-/// Every integer, `f(n) = 1/n`: independent samples.
+/// Every integer count is allowed, and `f(n) = 1/n`: the error of independent samples.
 struct EveryCount;
 
 impl Steps for EveryCount {
@@ -58,10 +58,10 @@ impl Steps for EveryCount {
     }
 }
 
-/// Allocates exactly `total` samples so that `sum_p scores[p] / n_p` is minimal ([Neyman 1934] in integers: `n_p` goes
-/// with the root of the score).
+/// Returns the integer counts `n_p` that sum to `total` and minimise `sum_p scores[p] / n_p`. Unrounded, `n_p` is
+/// proportional to the root of the score [Neyman 1934].
 ///
-/// `floors[p] <= counts[p] <= ceiling` holds (a floor above the ceiling wins).
+/// Counts satisfy `floors[p] <= counts[p] <= ceiling`; a floor above the ceiling wins.
 ///
 /// ```
 /// let counts = dapple_core::allocate(&[1.0, 4.0, 9.0], &[1; 3], 100, 60)?.counts;
@@ -75,7 +75,7 @@ impl Steps for EveryCount {
 ///
 /// # Panics
 ///
-/// If `scores` and `floors` differ in length, or there are more than 2^32 - 1.
+/// If `scores` and `floors` differ in length, or have more than 2^32 - 1 elements.
 pub fn allocate(scores: &[f64], floors: &[u32], ceiling: u32, total: u64) -> Result<Allocation, Error> {
     share_out(scores, floors, ceiling, total, &EveryCount)
 }
@@ -109,10 +109,11 @@ fn share_out(
     Ok(Allocation { counts, unspent: 0, replaced })
 }
 
-/// The least number of pixels per task.
+/// The least number of pixels that one thread's task handles.
 const SERIAL: usize = 4096;
 
-/// Splits `total` by scores within floors and ceiling. Requires scores above 0, not all equal, and a feasible total.
+/// Returns the optimal counts, which sum to `total`. Requires scores above 0, not all equal, and a total within floors
+/// and ceiling.
 fn share_out_clean(scores: &[f64], floors: &[u32], ceiling: u32, total: u64, steps: &impl Steps) -> Vec<u32> {
     let reach = |g: f64, floor: u32, threshold: f64| steps.reach(threshold / g).min(ceiling).max(floor);
     let spend = |threshold: f64| -> u64 {
@@ -137,8 +138,8 @@ fn all_equal(scores: &[f64]) -> bool {
     scores.windows(2).all(|w| w[0] == w[1])
 }
 
-/// Counts as equal as floors and ceiling allow. The remainder goes to pixels by a hash of their number. `total` fits
-/// under the ceiling.
+/// Returns counts that sum to `total` and are as equal as floors and ceiling allow. A hash of the pixel's number picks
+/// the pixels that get one of the remaining samples. Requires a `total` that fits under the ceiling.
 fn level(floors: &[u32], ceiling: u32, total: u64) -> Vec<u32> {
     let at = |level: u32, floor: u32| level.min(ceiling).max(floor);
     let spend = |level: u32| floors.iter().map(|&floor| u64::from(at(level, floor))).sum::<u64>();
@@ -160,8 +161,8 @@ fn level(floors: &[u32], ceiling: u32, total: u64) -> Vec<u32> {
     counts
 }
 
-/// Replaces NaN, negative and infinite scores. Zeros become so small that they wait until all others are at their
-/// ceiling, and then get equal shares.
+/// Returns scores in `[1e-60, 1]`, relative to the largest, and the number of NaN, negative and infinite ones. Pixels
+/// with a score of 0 wait until all others are at the ceiling, and then get equal shares.
 fn clean(scores: &[f64]) -> (Vec<f64>, usize) {
     let largest = scores.iter().copied().filter(|g| g.is_finite()).fold(0.0, f64::max);
     let largest = if largest > 0.0 { largest } else { 1.0 };
@@ -180,16 +181,16 @@ fn clean(scores: &[f64]) -> (Vec<f64>, usize) {
     (cleaned, replaced)
 }
 
-/// Two close thresholds of the gain.
+/// Two close thresholds of the gain per sample, between which the budget runs out.
 struct Bracket {
-    /// All steps that gain at least this much fit; `None` if only the floors fit.
+    /// A threshold that the budget can pay: all steps with at least this gain fit. `None` if only the floors fit.
     within: Option<f64>,
-    /// All steps that gain at least this much are too many.
+    /// A threshold that costs too much: steps with at least this gain exceed the budget.
     beyond: f64,
 }
 
-/// The threshold of a subset of pixels. The search over all starts there, and then takes a few steps instead of a
-/// dozen.
+/// Estimates the threshold of the gain from a subset of pixels. The search over all pixels starts there, which saves
+/// most of its dozen steps.
 fn threshold_of_some(
     start: f64,
     scores: &[f64],
@@ -208,13 +209,13 @@ fn threshold_of_some(
     bracket.within.unwrap_or(start)
 }
 
-/// The approximate number of pixels in [`threshold_of_some`].
+/// The approximate number of pixels that [`threshold_of_some`] reads.
 const SOME: usize = 2048;
 
-/// Searches for the threshold at which the steps above it spend `total`.
+/// Searches for the gain per sample above which all steps together spend `total`.
 ///
-/// It stops when at most `close` samples are left over, or only steps of nearly the same gain, which no threshold can
-/// separate. Spending falls with the threshold.
+/// The search stops when at most `close` samples are left over, or only steps of nearly equal gain remain. `spend`
+/// returns the samples spent at a threshold, and falls as the threshold rises.
 fn find_threshold(start: f64, total: u64, close: u64, spend: impl Fn(f64) -> u64) -> Bracket {
     // Gains of steps beyond the first lie between 1 (scores are relative to the largest) and 1e-60 (the smallest score)
     // times 2^-128 (the last rung, at the steepest exponent).
@@ -250,7 +251,7 @@ fn find_threshold(start: f64, total: u64, close: u64, spend: impl Fn(f64) -> u64
     bracket
 }
 
-/// A pixel waiting for its next step.
+/// A pixel in the queue for its next step, ordered by the gain of the step.
 struct Waiting {
     gain: f64,
     count: u32,
@@ -282,7 +283,8 @@ impl PartialEq for Waiting {
 
 impl Eq for Waiting {}
 
-/// Takes the steps that gain at least `threshold`, in the order of their gains, until no sample is left.
+/// Takes all steps that gain at least `threshold` per sample, largest gain first, until none of the `left` samples
+/// remains.
 fn hand_out_above(
     threshold: f64,
     counts: &mut [u32],
@@ -328,7 +330,7 @@ fn hand_out_above(
     }
 }
 
-/// Hands out the remaining samples step by step.
+/// Hands out the `left` samples one step at a time, each time to the pixel with the largest gain.
 fn hand_out(counts: &mut [u32], scores: &[f64], ceiling: u32, mut left: u64, steps: &impl Steps) {
     if left == 0 {
         return;
@@ -351,7 +353,7 @@ fn hand_out(counts: &mut [u32], scores: &[f64], ceiling: u32, mut left: u64, ste
     }
 }
 
-/// `n`, or `u32::MAX` if it is larger.
+/// Converts `n` to 32 bits; larger numbers become `u32::MAX`.
 #[doc(hidden)]
 #[inline]
 pub fn saturating_u32(n: u64) -> u32 {

@@ -3,9 +3,10 @@
 use crate::{PointSet, SampleId};
 use std::cell::Cell;
 
-/// A named group of four dimensions: one use of randomness.
+/// A named group of four dimensions of a sample's random numbers, for one use of randomness such as the lens.
 ///
-/// An integrator keeps its blocks as constants in one module, so that an effect that is off changes no other's numbers.
+/// An integrator keeps its blocks as constants in one module, so that turning one effect off leaves the numbers of all
+/// others unchanged.
 ///
 /// ```
 /// use dapple_core::Block;
@@ -28,13 +29,13 @@ impl Block {
         Self(number)
     }
 
-    /// The same use at repetition `k` (a path vertex, say), where each repetition owns `stride` blocks. Wraps past 2^32
-    /// blocks, after some 10^8 vertices.
+    /// The block of repetition `k` (such as a path vertex), if each repetition owns `stride` blocks: number `number + k
+    /// * stride`. Wraps past 2^32 blocks, after some 10^8 vertices.
     pub const fn at(self, k: u32, stride: u32) -> Self {
         Self(self.0.wrapping_add(k.wrapping_mul(stride)))
     }
 
-    /// The number that [`PointSet::block`] takes.
+    /// The block's number, the argument of [`PointSet::block`].
     pub const fn number(self) -> u32 {
         self.0
     }
@@ -67,7 +68,7 @@ pub struct Draws<'a> {
 }
 
 impl<'a> Draws<'a> {
-    /// The random numbers of sample `id`, whose first hit is not recorded.
+    /// The random numbers of sample `id`, without a request for its first hit.
     #[inline]
     pub fn new(points: &'a dyn PointSet, id: SampleId) -> Self {
         Self { points, id, first_hit: false, requested: Cell::new(0) }
@@ -80,7 +81,7 @@ impl<'a> Draws<'a> {
         Self { first_hit: true, ..self }
     }
 
-    /// As the render loop makes them: it knows only at run time which statistics the film records.
+    /// The random numbers of sample `id` in a render; `first_hit` requests the first hit.
     #[inline]
     pub(crate) fn of_round(points: &'a dyn PointSet, id: SampleId, first_hit: bool) -> Self {
         Self { points, id, first_hit, requested: Cell::new(0) }
@@ -99,20 +100,20 @@ impl<'a> Draws<'a> {
         self.id.pixel
     }
 
-    /// The sample's name.
+    /// The sample's pixel, stream and index.
     #[inline]
     pub fn id(&self) -> SampleId {
         self.id
     }
 
-    /// Returns `true` if the film records first hits. Otherwise leave
-    /// [`Estimate::first_hit`](crate::Estimate::first_hit) at `None`.
+    /// Returns `true` if the film records first hits. If not, leave [`Estimate::first_hit`](crate::Estimate::first_hit)
+    /// at `None`.
     #[inline]
     pub fn wants_first_hit(&self) -> bool {
         self.first_hit
     }
 
-    /// Blocks requested so far. An effect that is off requests none.
+    /// The number of calls of [`Draws::block`] so far. An effect that is off requests no block.
     #[inline]
     pub fn blocks_requested(&self) -> u32 {
         self.requested.get()

@@ -18,35 +18,35 @@ pub enum Error {
         /// The requested width and height.
         resolution: [u32; 2],
     },
-    /// A window that is empty or outside.
+    /// A window that is empty or reaches outside the image.
     #[error("the crop {},{},{},{} is empty or reaches outside the {}x{} image; give X0,Y0,X1,Y1 with X0 < X1 <= width and Y0 < Y1 <= height",
         crop[0], crop[1], crop[2], crop[3], resolution[0], resolution[1])]
     BadCrop {
-        /// The window, x0, y0, x1, y1.
+        /// The window `[x0, y0, x1, y1]` in pixels.
         crop: [u32; 4],
         /// The full image's width and height.
         resolution: [u32; 2],
     },
-    /// A budget below the floors of all pixels.
+    /// A budget smaller than the sum of all pixels' least counts.
     #[error(
         "a budget of {budget} samples is too small: {pixels} pixels need at least {needed}; raise the budget or lower the floor"
     )]
     BudgetTooSmall {
-        /// Samples allowed.
+        /// The budget in samples.
         budget: u64,
-        /// The sum of the floors.
+        /// The sum of the pixels' least counts.
         needed: u64,
         /// The number of pixels.
         pixels: usize,
     },
-    /// A budget above the ceilings of all pixels.
+    /// A budget larger than the sum of all pixels' largest counts.
     #[error(
         "a budget of {budget} samples is too large: {pixels} pixels may take at most {most}; lower the budget or raise the ceiling"
     )]
     BudgetTooLarge {
-        /// Samples allowed.
+        /// The budget in samples.
         budget: u64,
-        /// Samples that the ceilings add up to.
+        /// The sum of the pixels' largest counts.
         most: u64,
         /// The number of pixels.
         pixels: usize,
@@ -54,9 +54,9 @@ pub enum Error {
     /// A parameter outside its range.
     #[error("{name} = {value} is out of range: {allowed}")]
     OutOfRange {
-        /// The name that the user knows.
+        /// The parameter's name on the command line.
         name: &'static str,
-        /// The value.
+        /// The rejected value.
         value: String,
         /// The allowed values.
         allowed: &'static str,
@@ -66,33 +66,33 @@ pub enum Error {
         "point set \"{points}\" repeats after {capacity} samples per pixel, and {requested} are planned; take another point set or fewer samples"
     )]
     SequenceExhausted {
-        /// The point set.
+        /// The point set's description.
         points: String,
-        /// Samples that it has.
+        /// The number of samples per pixel and stream before the point set repeats.
         capacity: u64,
-        /// Samples planned.
+        /// The number of samples per pixel that are planned.
         requested: u64,
     },
-    /// An invalid plan of a sampler.
+    /// A plan that breaks the rules of [`Plan`](crate::Plan).
     #[error("sampler \"{sampler}\" made an invalid plan: {what}; this is a bug in the sampler")]
     BadPlan {
-        /// The sampler.
+        /// The sampler's name.
         sampler: String,
         /// The fault of the plan.
         what: String,
     },
-    /// A film without statistics that a sampler or filter reads.
+    /// A film that lacks statistics that a sampler or filter reads.
     #[error("{who} reads {what}, which this film does not hold; pass its needs() to Render::needs")]
     NotRecorded {
-        /// The sampler or filter.
+        /// The name of the sampler or filter.
         who: String,
         /// The missing statistics.
         what: &'static str,
     },
-    /// A film that does not fit data made for it in advance.
+    /// A film that does not match data that a sampler or filter prepared, such as clusters of another image size.
     #[error("{who} does not fit this film: {what}")]
     Mismatch {
-        /// The sampler or filter.
+        /// The name of the sampler or filter.
         who: String,
         /// The difference, and what to do about it.
         what: String,
@@ -100,21 +100,21 @@ pub enum Error {
     /// Bytes that are not a snapshot.
     #[error("these bytes are not a snapshot of a render: {what}")]
     BadSnapshot {
-        /// The end of the sentence: their fault.
+        /// The fault of the bytes, as the end of a sentence.
         what: &'static str,
     },
-    /// A snapshot of another render than the resumed one.
+    /// A snapshot of a render with other settings than the resumed one.
     #[error(
         "the snapshot is of another render: {what}; resume with the settings that it was made with, or start a new render"
     )]
     OtherRender {
-        /// The differences.
+        /// The settings that differ.
         what: String,
     },
     /// A render that cannot be split into shards.
     #[error("{who} cannot be split into shards: {why}")]
     NoShards {
-        /// The sampler or limit.
+        /// The name of the sampler or limit that rules shards out.
         who: String,
         /// The reason, and what to do.
         why: &'static str,
@@ -128,9 +128,9 @@ pub enum Error {
     /// A sample that is NaN, infinite or negative, under [`InvalidSample::Fail`](crate::InvalidSample).
     #[error("sample {} of stream {} in pixel ({}, {}) is {value:?}, with point set \"{points}\"; replay it, or take InvalidSample::Reject", sample.index, sample.stream, sample.pixel[0], sample.pixel[1])]
     InvalidSample {
-        /// The sample: replay it with the same point set.
+        /// The invalid sample; the same point set replays it.
         sample: SampleId,
-        /// Its value.
+        /// Its radiance, linear RGB.
         value: [f32; 3],
         /// The point set with its seed.
         points: String,
@@ -138,27 +138,27 @@ pub enum Error {
     /// A panic of the integrator.
     #[error("the integrator panicked at sample {} of stream {} in pixel ({}, {}), with point set \"{points}\": {message}", sample.index, sample.stream, sample.pixel[0], sample.pixel[1])]
     Panicked {
-        /// The sample: replay it with the same point set.
+        /// The sample whose estimate panicked; the same point set replays it.
         sample: SampleId,
         /// The panic's message.
         message: String,
         /// The point set with its seed.
         points: String,
-        /// The finished samples.
+        /// The film with the samples finished before the panic.
         film: Box<Film>,
     },
-    /// An error of a sampler's or filter's own.
+    /// An error that a sampler or filter defines itself.
     #[error("{who}: {source}")]
     Other {
-        /// The sampler or filter.
+        /// The name of the sampler or filter.
         who: String,
-        /// The error, which keeps its type.
+        /// The original error, for downcasting.
         source: Box<dyn std::error::Error + Send + Sync>,
     },
 }
 
 impl Error {
-    /// An error of a sampler's or filter's own kind, which callers can downcast.
+    /// Wraps an error that a sampler or filter defines itself, so that callers can downcast it.
     ///
     /// ```
     /// use dapple_core::Error;
@@ -172,7 +172,7 @@ impl Error {
         Self::Other { who: who.into(), source: source.into() }
     }
 
-    /// A parameter outside its range.
+    /// Makes [`Error::OutOfRange`] for a parameter outside its range.
     pub fn out_of_range(name: &'static str, value: impl ToString, allowed: &'static str) -> Self {
         Self::OutOfRange { name, value: value.to_string(), allowed }
     }

@@ -9,7 +9,7 @@ pub(crate) use bank::{Bank, Range, index, widen};
 use crate::{Combine, Error, FirstHit, Frame, Needs, RgbMoments, SampleId, streams};
 use bank::join;
 
-/// Running mean and squared deviations of the first hits of a pixel.
+/// Running means and sums of squared deviations of a pixel's first-hit features.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct FeatureMoments {
     pub(crate) samples: u32,
@@ -38,19 +38,19 @@ impl FeatureMoments {
 #[non_exhaustive]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Features {
-    /// Samples of the pixel.
+    /// The number of samples of the pixel.
     pub samples: u32,
-    /// The number of them that hit a surface.
+    /// The number of samples that hit a surface.
     pub hits: u32,
-    /// Mean shading normal, shorter than 1 if normals differ.
+    /// Mean shading normal; its length is below 1 if normals differ.
     pub normal: [f32; 3],
-    /// Mean albedo.
+    /// Mean albedo, linear RGB in `[0, 1]`.
     pub albedo: [f32; 3],
-    /// Mean position.
+    /// Mean position, in the integrator's units.
     pub position: [f32; 3],
-    /// Mean depth.
+    /// Mean distance along the ray, in the integrator's units.
     pub depth: f32,
-    /// Variance of normal (3), albedo (3), position (3) and depth, in this order; `None` below two hits.
+    /// Sample variances of normal (3), albedo (3), position (3) and depth (1), in this order; `None` below two hits.
     pub variance: Option<[f32; 10]>,
 }
 
@@ -65,14 +65,14 @@ pub enum RejectedReason {
 }
 
 impl RejectedReason {
-    /// The reason why a film rejects this radiance; `None` if it accepts it.
+    /// The reason why a film rejects this radiance; `None` for a valid one.
     #[inline]
     pub fn of(radiance: [f32; 3]) -> Option<Self> {
         reason_to_reject(radiance)
     }
 }
 
-/// A rejected sample. It counts as zero and in `n`; `sample` and the point set replay it.
+/// A rejected sample. It counts as black, and can be replayed with the point set.
 #[non_exhaustive]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Rejected {
@@ -86,9 +86,9 @@ pub struct Rejected {
 #[non_exhaustive]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RoundRecord {
-    /// Samples traced.
+    /// The number of samples traced in the round.
     pub samples: u64,
-    /// `true` if they were kept.
+    /// `true` if the samples stayed in the image, `false` if they were discarded.
     pub kept: bool,
     /// Wall seconds of planning.
     pub plan_seconds: f64,
@@ -96,33 +96,33 @@ pub struct RoundRecord {
     pub trace_seconds: f64,
 }
 
-/// The record of a render.
+/// The budgets, rounds, totals and timings of a render.
 #[non_exhaustive]
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Record {
-    /// The budget at each plan, for [`Budget::Recorded`](crate::Budget::Recorded).
+    /// The sample budget in force at each plan, for [`Budget::Recorded`](crate::Budget::Recorded).
     pub budgets: Vec<u64>,
-    /// The rounds.
+    /// One record per round.
     pub rounds: Vec<RoundRecord>,
-    /// Samples traced, discarded ones included.
+    /// The number of samples traced, discarded ones included.
     pub samples: u64,
-    /// Rays, as the integrator counts them.
+    /// The number of rays, the sum of [`Estimate::cost`](crate::Estimate::cost).
     pub rays: u64,
-    /// Blocks of random numbers requested.
+    /// The number of blocks of random numbers requested.
     pub blocks: u64,
-    /// Samples rejected.
+    /// The number of samples rejected as NaN, infinite or negative.
     pub rejected: u64,
     /// `true` if a monitor stopped the render before its limits.
     pub interrupted: bool,
 }
 
 impl Record {
-    /// Wall seconds of planning.
+    /// Wall seconds of planning, summed over rounds.
     pub fn plan_seconds(&self) -> f64 {
         self.rounds.iter().map(|r| r.plan_seconds).sum()
     }
 
-    /// Wall seconds of tracing.
+    /// Wall seconds of tracing, summed over rounds.
     pub fn trace_seconds(&self) -> f64 {
         self.rounds.iter().map(|r| r.trace_seconds).sum()
     }
@@ -152,9 +152,9 @@ pub struct Film {
     pub(crate) frame: Frame,
     pub(crate) needs: Needs,
     pub(crate) combine: Combine,
-    /// One bank, or one per half.
+    /// Statistics of kept samples: one bank, or one per half.
     pub(crate) kept: Vec<Bank>,
-    /// As `kept`; empty until samples are discarded.
+    /// Statistics of discarded samples, as `kept`; empty until samples are discarded.
     pub(crate) discarded: Vec<Bank>,
     pub(crate) features: Vec<FeatureMoments>,
     pub(crate) first_hits: Vec<Option<FirstHit>>,
@@ -163,11 +163,11 @@ pub struct Film {
     pub(crate) record: Record,
 }
 
-/// The largest number of listed rejected samples. All are counted.
+/// The largest number of rejected samples that the film lists. [`Record::rejected`] counts all.
 pub(crate) const REJECTED_LISTED: usize = 1024;
 
 impl Film {
-    /// An empty film that records these statistics.
+    /// An empty film of `frame` that records the statistics `needs`.
     pub fn new(frame: Frame, needs: Needs) -> Self {
         let pixels = frame.pixels();
         let halves = if needs.halves { 2 } else { 1 };
@@ -185,7 +185,7 @@ impl Film {
         }
     }
 
-    /// The bytes per pixel of a film that records these statistics, before any sample is discarded.
+    /// The bytes per pixel of a film that records `needs`, before any sample is discarded.
     pub fn bytes_per_pixel(needs: &Needs) -> usize {
         Self::bank_bytes_per_pixel(needs)
             + if needs.features { size_of::<FeatureMoments>() } else { 0 }
@@ -193,14 +193,14 @@ impl Film {
             + if needs.cost { 8 } else { 0 }
     }
 
-    /// The bytes per pixel of the statistics of all kept samples, or of all discarded ones.
+    /// The bytes per pixel of one set of banks: the statistics of all kept, or of all discarded samples.
     pub(crate) fn bank_bytes_per_pixel(needs: &Needs) -> usize {
         let bank = 8 + 24 + if needs.variance { 24 } else { 0 } + if needs.extrema { 32 } else { 0 };
         bank * if needs.halves { 2 } else { 1 }
     }
 
-    /// Adds a kept sample by hand, for tests of samplers and filters. It is number `count` of its stream, and rejected
-    /// if it is NaN, infinite or negative. Without halves, `half` is ignored.
+    /// Adds a kept sample to pixel `pixel`, for tests of samplers and filters. NaN, infinite and negative radiances are
+    /// rejected, as in a render. `half` is 0 or 1; a film without halves ignores it.
     ///
     /// # Panics
     ///
@@ -245,7 +245,7 @@ impl Film {
         &self.record
     }
 
-    /// The rule that combines the halves.
+    /// The rule by which the means of the two halves become the pixel's mean.
     pub fn combine(&self) -> Combine {
         self.combine
     }
@@ -255,12 +255,13 @@ impl Film {
         &self.rejected
     }
 
-    /// The number of kept samples of pixel `i`.
+    /// The number of kept samples of pixel `i`, both halves together.
     pub fn count(&self, i: usize) -> u64 {
         self.kept.iter().map(|b| b.counts[i]).sum()
     }
 
-    /// The mean of pixel `i`'s kept samples, with the halves combined by [`Film::combine`]; black without samples.
+    /// The mean radiance of pixel `i`'s kept samples, linear RGB. Halves are combined by [`Film::combine`]; without
+    /// samples it is black.
     pub fn mean(&self, i: usize) -> [f64; 3] {
         let [a, b] = match &self.kept[..] {
             [a, b] => [a, b],
@@ -270,7 +271,7 @@ impl Film {
         std::array::from_fn(|c| w * a.means[i][c] + (1.0 - w) * b.means[i][c])
     }
 
-    /// The weight of the first half in pixel `i`. A half without samples gets none.
+    /// The weight, in `[0, 1]`, of the first half in pixel `i`'s mean. A half without samples has weight 0.
     fn first_half_weight(&self, i: usize) -> f64 {
         let (a, b) = (self.kept[0].counts[i] as f64, self.kept[1].counts[i] as f64);
         match self.combine {
@@ -282,23 +283,24 @@ impl Film {
         }
     }
 
-    /// Count, mean and deviations of all kept samples of pixel `i`, of both halves. Without [`Needs::variance`] the
-    /// deviations are NaN.
+    /// Count, mean and squared deviations of all kept samples of pixel `i`, both halves together. Without
+    /// [`Needs::variance`] the deviations are NaN.
     pub fn moments(&self, i: usize) -> RgbMoments {
         merged(&self.kept, i)
     }
 
-    /// [`Film::moments`] of one half; `None` without halves.
+    /// Count, mean and squared deviations of pixel `i`'s kept samples in half 0 or 1; `None` in a film without halves.
     pub fn half(&self, half: usize, i: usize) -> Option<RgbMoments> {
         (self.kept.len() == 2).then(|| self.kept[half & 1].moments(i))
     }
 
-    /// [`Film::moments`] of discarded samples, withdrawn ones included; zero while there are none.
+    /// Count, mean and squared deviations of pixel `i`'s discarded samples, withdrawn ones included; zero if there are
+    /// none.
     pub fn discarded(&self, i: usize) -> RgbMoments {
         if self.discarded.is_empty() { RgbMoments::default() } else { merged(&self.discarded, i) }
     }
 
-    /// The smallest and largest kept sample of pixel `i` per channel; `None` without samples or without
+    /// The smallest and the largest value per channel of pixel `i`'s kept samples. `None` without samples or without
     /// [`Needs::extrema`].
     pub fn range(&self, i: usize) -> Option<[[f32; 3]; 2]> {
         joined(&self.kept, i).map(colours)
@@ -309,17 +311,17 @@ impl Film {
         joined(&self.kept, i).map(|range| range.map(|v| v[3]))
     }
 
-    /// [`Film::range`] of discarded samples.
+    /// [`Film::range`] of pixel `i`'s discarded samples.
     pub fn discarded_range(&self, i: usize) -> Option<[[f32; 3]; 2]> {
         joined(&self.discarded, i).map(colours)
     }
 
-    /// [`Film::luminance_range`] of discarded samples.
+    /// [`Film::luminance_range`] of pixel `i`'s discarded samples.
     pub fn discarded_luminance_range(&self, i: usize) -> Option<[f32; 2]> {
         joined(&self.discarded, i).map(|range| range.map(|v| v[3]))
     }
 
-    /// First-hit features of pixel `i`; `None` without [`Needs::features`].
+    /// Mean and variance of pixel `i`'s first hits; `None` without [`Needs::features`].
     pub fn features(&self, i: usize) -> Option<Features> {
         let f = self.features.get(i)?;
         let v = |k: usize| [f.mean[k], f.mean[k + 1], f.mean[k + 2]];
@@ -334,33 +336,33 @@ impl Film {
         })
     }
 
-    /// The first hits of pixel `i`'s first [`Needs::first_hits`] samples; `None` for a sample that missed or was not
-    /// traced.
+    /// The first hits of the first samples of pixel `i`, as many as [`Needs::first_hits`]. An element is `None` if its
+    /// sample missed or was not traced.
     pub fn first_hits(&self, i: usize) -> &[Option<FirstHit>] {
         let k = usize::from(self.needs.first_hits);
         &self.first_hits[i * k..(i + 1) * k]
     }
 
-    /// The cost of pixel `i`, in rays; `None` without [`Needs::cost`].
+    /// The number of rays traced for pixel `i`; `None` without [`Needs::cost`].
     pub fn cost(&self, i: usize) -> Option<u64> {
         self.costs.get(i).copied()
     }
 
-    /// The unfiltered image: each pixel the mean of its own samples.
+    /// The unfiltered image, linear RGB row by row: each pixel is the mean of its own samples.
     pub fn image(&self) -> Vec<[f32; 3]> {
         (0..self.frame.pixels()).map(|i| self.mean(i).map(|x| x as f32)).collect()
     }
 
-    /// The number of kept samples per pixel.
+    /// The number of kept samples per pixel, row by row.
     pub fn counts(&self) -> Vec<u64> {
         (0..self.frame.pixels()).map(|i| self.count(i)).collect()
     }
 
-    /// Checks that all of `needs` are recorded: the first line of a filter.
+    /// Checks that the film records all of `needs`; a filter calls this first.
     ///
     /// # Errors
     ///
-    /// [`Error::NotRecorded`], with `who` and the missing statistics.
+    /// [`Error::NotRecorded`], with the name `who` of the filter and the missing statistics.
     pub fn require(&self, who: &str, needs: &Needs) -> Result<(), Error> {
         let have = &self.needs;
         let missing = [
@@ -401,7 +403,7 @@ impl Film {
     }
 }
 
-/// The reason to reject a radiance.
+/// The reason to reject this radiance; `None` for a valid one.
 #[inline]
 pub(crate) fn reason_to_reject([r, g, b]: [f32; 3]) -> Option<RejectedReason> {
     if r >= 0.0 && g >= 0.0 && b >= 0.0 && r < f32::INFINITY && g < f32::INFINITY && b < f32::INFINITY {
@@ -413,7 +415,7 @@ pub(crate) fn reason_to_reject([r, g, b]: [f32; 3]) -> Option<RejectedReason> {
     }
 }
 
-/// Sorts by pixel, stream and index, and keeps the first.
+/// Sorts by pixel, stream and index, and keeps the first [`REJECTED_LISTED`](Film::REJECTED_LISTED).
 pub(crate) fn keep_first(rejected: &mut Vec<Rejected>) {
     rejected.sort_by_key(|r| (r.sample.pixel[1], r.sample.pixel[0], r.sample.stream, r.sample.index));
     rejected.truncate(REJECTED_LISTED);
@@ -423,7 +425,7 @@ fn colours(range: Range) -> [[f32; 3]; 2] {
     range.map(|[r, g, b, _]| [r, g, b])
 }
 
-/// The range over all banks with samples of pixel `i`.
+/// The range of pixel `i`'s samples over all `banks`; `None` without samples.
 fn joined(banks: &[Bank], i: usize) -> Option<Range> {
     let mut ranges = banks.iter().filter(|b| b.counts[i] > 0).filter_map(|b| b.ranges.get(i));
     let mut all = *ranges.next()?;

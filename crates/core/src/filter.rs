@@ -11,27 +11,28 @@ pub struct Filtered {
     pub size: [u32; 2],
     /// Linear RGB radiance, row by row from the top.
     pub radiance: Vec<[f32; 3]>,
-    /// The estimated squared error of each pixel (mean over the channels), if the filter knows it.
+    /// The estimated squared error of each pixel (mean over the channels), if the filter estimates one.
     pub error: Option<Vec<f32>>,
 }
 
 impl Filtered {
-    /// An image of this width and height, without an estimate of its error.
+    /// An image of width and height `size` with these pixels, without error estimates.
     pub fn new(size: [u32; 2], radiance: Vec<[f32; 3]>) -> Self {
         Self { size, radiance, error: None }
     }
 
-    /// Sets the squared error of each pixel: a `Vec`, or an `Option` of one.
+    /// Sets the estimated squared error of each pixel: a `Vec`, or an `Option` of one.
     #[must_use]
     pub fn with_error(self, error: impl Into<Option<Vec<f32>>>) -> Self {
         Self { error: error.into(), ..self }
     }
 }
 
-/// A filter (the denoiser; not the pixel filter): makes an image, and an estimate of its error per pixel, from a film.
+/// A filter (the denoiser; not the pixel filter): makes an image from a film, and optionally an error estimate per
+/// pixel.
 ///
-/// Each estimate belongs to one pixel: filters act on per-pixel means, with weights integrated over the pixel, so that
-/// unequal sample counts do not move edges. Implementations must pass `dapple_conformance::filter`.
+/// A filter works on per-pixel means, not on samples at positions, so that unequal sample counts do not move edges.
+/// Implementations must pass `dapple_conformance::filter`.
 ///
 /// ```
 /// use dapple_core::{Error, Film, Filter, Filtered, Frame, Needs, Unfiltered};
@@ -59,31 +60,31 @@ impl Filtered {
 /// # Ok::<(), Error>(())
 /// ```
 pub trait Filter: Send + Sync {
-    /// The short name that the command line uses.
+    /// The filter's short name on the command line.
     fn name(&self) -> &str;
 
-    /// The name and every parameter, for headers and reports.
+    /// The filter's name and every parameter, for headers and reports.
     fn describe(&self) -> String {
         self.name().to_owned()
     }
 
-    /// The statistics that it reads.
+    /// The statistics that the filter reads from the film.
     fn needs(&self) -> Needs {
         Needs::none()
     }
 
-    /// The memory that [`Filter::apply`] takes for a film of this frame with these needs. The default is that of a
-    /// filter that holds nothing but its image, with an error.
+    /// The memory that [`Filter::apply`] takes for a film of this frame that records `needs`. The default assumes a
+    /// filter that holds only its image and an error per pixel.
     fn memory(&self, frame: &Frame, needs: &Needs) -> FilterMemory {
         let _ = needs;
         FilterMemory::new(frame, 0, ImagePlanes::RadianceAndError)
     }
 
-    /// Makes the image. Pixels without samples are black.
+    /// Makes the filtered image. Pixels without samples are black.
     ///
     /// # Errors
     ///
-    /// When the film lacks statistics that the filter reads.
+    /// If the film lacks statistics that the filter reads.
     fn apply(&self, film: &Film) -> Result<Filtered, Error>;
 }
 
@@ -115,7 +116,7 @@ macro_rules! forward {
 
 forward!(&T, Box<T>, Arc<T>);
 
-/// No filter: each pixel is the mean of its own samples.
+/// The identity filter: each pixel is the mean of its own samples.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Unfiltered;
 

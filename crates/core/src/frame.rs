@@ -4,7 +4,7 @@ use crate::Error;
 
 /// An image's full resolution and its rendered window.
 ///
-/// Pixels keep their place in the full frame, so a crop is bit for bit that part of the full image.
+/// Pixels keep their coordinates in the full image, so a crop has the same bits as that part of the full image.
 ///
 /// ```
 /// use dapple_core::Frame;
@@ -41,7 +41,7 @@ impl Frame {
     ///
     /// # Errors
     ///
-    /// [`Error::BadCrop`] if it is empty or reaches outside.
+    /// [`Error::BadCrop`] if the window is empty or reaches outside this frame.
     pub fn crop(self, x0: u32, y0: u32, x1: u32, y1: u32) -> Result<Self, Error> {
         if x0 >= x1 || y0 >= y1 || x1 > self.resolution[0] || y1 > self.resolution[1] {
             return Err(Error::BadCrop { crop: [x0, y0, x1, y1], resolution: self.resolution });
@@ -69,12 +69,12 @@ impl Frame {
         self.size[0] as usize * self.size[1] as usize
     }
 
-    /// The bytes of a plane over the window; `u64::MAX` if they exceed 64 bits.
+    /// The bytes of a plane over the window with `per_pixel` bytes a pixel; `u64::MAX` beyond 64 bits.
     pub const fn bytes(&self, per_pixel: usize) -> u64 {
         (self.size[0] as u64 * self.size[1] as u64).saturating_mul(per_pixel as u64)
     }
 
-    /// Column and row, in the full image, of the `i`-th pixel of the window, row by row.
+    /// Column and row, in the full image, of pixel number `i` of the window, which is numbered row by row.
     pub const fn pixel(&self, i: usize) -> [u32; 2] {
         let w = self.size[0] as usize;
         [self.origin[0] + (i % w) as u32, self.origin[1] + (i / w) as u32]

@@ -24,11 +24,11 @@ pub struct FirstHit {
     pub geometric_normal: [f32; 3],
     /// Unit shading normal, on the side the ray came from.
     pub shading_normal: [f32; 3],
-    /// Share of light reflected, linear RGB in `[0, 1]`; 1 for emitters, clear glass and mirrors.
+    /// Fraction of light that the surface reflects, linear RGB in `[0, 1]`; 1 for emitters, clear glass and mirrors.
     pub albedo: [f32; 3],
     /// Distance along the ray, in the units of `position`.
     pub depth: f32,
-    /// Width of a pixel at the hit, in the units of `position`; 0 if unknown.
+    /// Width of a pixel projected onto the surface, in the units of `position`; 0 if unknown.
     pub footprint: f32,
     /// Microfacet roughness in `[0, 1]`: 0 for a mirror, 1 for a diffuse surface.
     pub roughness: f32,
@@ -36,7 +36,7 @@ pub struct FirstHit {
     pub material: u32,
     /// The integrator's number for the shape (mesh, sphere, …).
     pub shape: u32,
-    /// The triangle within the shape; 0 for shapes that are one piece.
+    /// The number of the triangle within the shape; 0 for spheres and other shapes of one piece.
     pub primitive: u32,
 }
 
@@ -74,7 +74,7 @@ impl FirstHit {
         self
     }
 
-    /// Sets the width of a pixel at the hit.
+    /// Sets the width of a pixel projected onto the surface, in the units of `position`.
     #[inline]
     #[must_use]
     pub const fn with_footprint(mut self, footprint: f32) -> Self {
@@ -114,7 +114,7 @@ impl FirstHit {
         self
     }
 
-    /// Returns `true` if no number is NaN or infinite. Any other hit counts as a miss.
+    /// Returns `true` if no number is NaN or infinite. Hits for which this is `false` count as misses.
     pub(crate) fn is_finite(&self) -> bool {
         let Self { position, geometric_normal, shading_normal, albedo, depth, footprint, roughness, .. } = self;
         let vectors = [position, geometric_normal, shading_normal, albedo];
@@ -122,7 +122,7 @@ impl FirstHit {
     }
 }
 
-/// The result of one sample.
+/// An integrator's result for one sample.
 ///
 /// ```
 /// use dapple_core::Estimate;
@@ -135,12 +135,12 @@ impl FirstHit {
 #[non_exhaustive]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimate {
-    /// The radiance, linear RGB, finite and not negative. The film rejects and counts anything else.
+    /// The radiance, linear RGB, finite and not negative. The film rejects and counts other values.
     pub radiance: [f32; 3],
     /// The first hit, if [`Draws::wants_first_hit`] requests it and the sample met a surface. A hit with a NaN or an
     /// infinity counts as a miss.
     pub first_hit: Option<FirstHit>,
-    /// The cost of the sample, in rays.
+    /// The cost of the sample: the number of rays traced.
     pub cost: u32,
 }
 
@@ -168,7 +168,7 @@ impl Estimate {
     }
 }
 
-/// An integrator: estimates a pixel from one sample's random numbers. It knows no sampler.
+/// An integrator: estimates the radiance of a pixel from one sample's random numbers, independent of the sampler.
 ///
 /// ```
 /// use dapple_core::{Block, Draws, Estimate, Integrator, TrainingLog};
@@ -188,24 +188,24 @@ impl Estimate {
 /// }
 /// ```
 pub trait Integrator: Sync {
-    /// One estimate of the radiance of pixel `draws.pixel()`: a pure function of the random numbers and of finished
-    /// training passes.
+    /// Estimates the radiance of pixel `draws.pixel()` from one sample. A pure function of the random numbers and of
+    /// what [`Integrator::learn`] has learned so far.
     fn estimate(&self, draws: &Draws<'_>, log: &mut TrainingLog) -> Estimate;
 
     /// Returns `true` if this integrator writes to [`TrainingLog`] and expects [`Integrator::learn`]. Called before
-    /// each training pass: an integrator that has learned enough returns `false` and costs no more.
+    /// each training pass: an integrator that has learned enough returns `false` to skip the pass.
     fn wants_training(&self) -> bool {
         false
     }
 
-    /// Learns from a training pass, between two passes. Notes are merged in a fixed order, so the result does not
-    /// depend on threads.
+    /// Learns from the notes of one training pass, between two passes. Notes are merged in a fixed order, so the result
+    /// does not depend on threads.
     ///
-    /// A training pass is one sample per pixel at first, then as many as were traced before it, and at most the rest of
-    /// the round: 1, 1, 2, 4, … in long rounds.
+    /// The first pass traces one sample per pixel. Each later pass traces as many as all passes before it, at most the
+    /// rest of the round: 1, 1, 2, 4, …
     ///
     /// The learned state must follow from the training passes alone. A render resumed from a
-    /// [`Snapshot`](crate::Snapshot) replays them in order without tracing a sample, so there is nothing else to save.
+    /// [`Snapshot`](crate::Snapshot) replays the recorded passes in order, so the learned state is not saved.
     fn learn(&mut self, pass: &TrainingData) {
         let _ = pass;
     }
@@ -232,14 +232,14 @@ macro_rules! forward {
 
 forward!(&mut T, Box<T>);
 
-/// The notes of an integrator in a training pass, under keys of its own.
+/// Values that an integrator notes during a training pass, under keys that it chooses.
 #[derive(Debug, Default)]
 pub struct TrainingLog {
     notes: Vec<(u64, f32)>,
 }
 
 impl TrainingLog {
-    /// Adds a value under a key. Drops NaN and infinite values.
+    /// Notes `value` under `key`. NaN and infinite values are dropped.
     #[inline]
     pub fn note(&mut self, key: u64, value: f32) {
         if value.is_finite() {
@@ -247,7 +247,7 @@ impl TrainingLog {
         }
     }
 
-    /// Sums the notes up by key, in their order, and clears the log.
+    /// Returns the sums of the notes by key, added in the order of noting, and clears the log.
     pub(crate) fn summarise(&mut self) -> Vec<TrainingSum> {
         self.notes.sort_by_key(|n| n.0);
         let mut sums: Vec<TrainingSum> = Vec::new();
@@ -264,17 +264,17 @@ impl TrainingLog {
     }
 }
 
-/// The sums of all notes under one key in one training pass.
+/// The sums of all values noted under one key in one training pass.
 #[non_exhaustive]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TrainingSum {
-    /// The integrator's key.
+    /// The key that the integrator chose.
     pub key: u64,
-    /// The number of values.
+    /// The number of values noted.
     pub count: u64,
-    /// Their sum.
+    /// The sum of the values.
     pub sum: f64,
-    /// The sum of their squares.
+    /// The sum of the squared values.
     pub sum_of_squares: f64,
 }
 
@@ -286,7 +286,7 @@ impl TrainingSum {
     }
 }
 
-/// All notes of a training pass, sorted by key.
+/// The sums of all notes of a training pass, sorted by key.
 ///
 /// Blocks of 16x16 pixels are summed first, then rows of blocks, then all rows in order. The sums are the same bits for
 /// any number of threads.
@@ -296,17 +296,19 @@ pub struct TrainingData {
 }
 
 impl TrainingData {
-    /// Merges the sums of parts of the image, given in their order.
+    /// Merges the sums of the parts of an image, which are in the order of the image.
     pub(crate) fn merge(parts: &[Vec<TrainingSum>]) -> Self {
         Self::merged(parts, |entries| entries.par_sort_by_key(|e| e.key))
     }
 
-    /// The same on the calling thread: a task that waits for others would start new ones meanwhile.
+    /// As [`TrainingData::merge`], on the calling thread alone. A task that waits for other tasks would start new ones
+    /// meanwhile.
     pub(crate) fn merge_here(parts: &[Vec<TrainingSum>]) -> Self {
         Self::merged(parts, |entries| entries.sort_by_key(|e| e.key))
     }
 
-    /// `sort` is stable: equal keys stay in order. A tree would take several times as long.
+    /// Merges the parts by sorting; `sort` must be stable, so that equal keys stay in order. A tree would take several
+    /// times as long.
     fn merged(parts: &[Vec<TrainingSum>], sort: impl FnOnce(&mut [TrainingSum])) -> Self {
         let mut entries = parts.concat();
         sort(&mut entries);
@@ -322,7 +324,7 @@ impl TrainingData {
         Self { entries }
     }
 
-    /// These entries; `None` if their keys do not ascend.
+    /// Training data of these entries; `None` if their keys do not ascend.
     pub(crate) fn sorted(entries: Vec<TrainingSum>) -> Option<Self> {
         entries.is_sorted_by(|a, b| a.key < b.key).then_some(Self { entries })
     }
@@ -331,7 +333,7 @@ impl TrainingData {
         self.entries
     }
 
-    /// The entries, in ascending order of key.
+    /// The sums per key, in ascending order of key.
     pub fn entries(&self) -> &[TrainingSum] {
         &self.entries
     }

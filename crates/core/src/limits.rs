@@ -6,19 +6,19 @@
 pub enum Budget {
     /// This many samples in all, exactly.
     Samples(u64),
-    /// About this many seconds of planning and tracing. They become sample budgets between rounds, which the film
-    /// records; [`Budget::Recorded`] replays the record to the same bits.
+    /// About this many seconds of planning and tracing. Between rounds, the render loop converts the time to sample
+    /// budgets, which the film records. [`Budget::Recorded`] replays these budgets to the same bits.
     Seconds(f64),
-    /// Until the image's own estimate of its relMSE is at most `relmse`, or `at_most` samples are spent. Adds halves to
-    /// the film.
+    /// As many samples as the image needs for an estimated relMSE of at most `relmse`, but at most `at_most`. The film
+    /// then also records halves.
     Error {
-        /// The relMSE to reach, `mean((x - truth)^2 / (truth^2 + 0.01))`.
+        /// The goal, `mean((x - truth)^2 / (truth^2 + 0.01))`.
         relmse: f64,
-        /// The number of samples after which to stop all the same.
+        /// The largest number of samples, spent if the goal is not reached.
         at_most: u64,
     },
-    /// The budgets that an earlier render recorded, one per plan. Renders with halves use other points: pass the
-    /// earlier film's [`needs`](crate::Film::needs) to get its bits.
+    /// The sample budgets that an earlier render recorded, one per plan. To get the earlier bits, also pass the earlier
+    /// film's [`needs`](crate::Film::needs), since renders with halves use other points.
     Recorded(Vec<u64>),
 }
 
@@ -26,7 +26,7 @@ pub enum Budget {
 #[non_exhaustive]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum InvalidSample {
-    /// It counts as zero and in `n`, is listed, and can be replayed.
+    /// The sample counts as black, and is listed by the film for replay.
     #[default]
     Reject,
     /// The render fails and names the sample.
@@ -39,9 +39,10 @@ pub enum InvalidSample {
 pub struct Schedule {
     /// Rows of pixels per task, at least 1; 1 by default. Rounded up to a multiple of 16 in training passes.
     pub tile_rows: u32,
-    /// Samples per pixel and slice. 0, the default, makes slices of about a fifth of a second.
+    /// Samples per pixel in a slice, the work between two calls of the monitor. 0, the default, makes slices of about
+    /// 0.2 seconds.
     pub slice_spp: u32,
-    /// The seed of a permutation of tasks. 0, the default, keeps them in order.
+    /// The seed of a random permutation of tasks, for tests. 0, the default, keeps tasks in order.
     pub shuffle: u64,
 }
 
@@ -115,7 +116,7 @@ impl Limits {
         Self::new(Budget::Error { relmse, at_most })
     }
 
-    /// Limits of this budget, with at least 1 and at most 2^32 - 1 samples per pixel.
+    /// Limits of `budget`, with at least 1 and at most 2^32 - 1 samples per pixel.
     pub fn new(budget: Budget) -> Self {
         Self { budget, min_spp: 1, max_spp: u32::MAX, invalid: InvalidSample::Reject, schedule: Schedule::default() }
     }

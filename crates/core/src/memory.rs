@@ -2,24 +2,23 @@
 
 use crate::{Budget, Film, Filter, Frame, Limits, Needs, Sampler};
 
-/// The bytes that a sampler takes besides the film; none by default.
-///
-/// It counts what grows with the number of pixels. A few bytes that do not are left out.
+/// The bytes that a sampler takes besides the film; 0 by default. Counts only memory that grows with the number of
+/// pixels.
 #[non_exhaustive]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SamplerMemory {
-    /// Statistics of discarded or withdrawn samples, which the film keeps beside the image's.
+    /// Statistics of discarded or withdrawn samples, which the film stores besides those of the kept samples.
     pub discarded: u64,
     /// State that the sampler keeps from one round to the next.
     pub state: u64,
-    /// The peak of planning a round, the plan included.
+    /// The peak while a round is planned, the plan included.
     pub planning: u64,
-    /// The plan alone, which lasts while its round is traced.
+    /// The plan alone, which is held while the round is traced.
     pub plan: u64,
 }
 
 impl SamplerMemory {
-    /// A sampler that keeps no state, and takes this many bytes per pixel besides the plan while it fills it in.
+    /// The memory of a sampler without state that takes `bytes_per_pixel`, besides the plan, while it plans.
     pub fn planning(frame: &Frame, bytes_per_pixel: usize) -> Self {
         let plan = frame.bytes(4);
         Self { planning: plan.saturating_add(frame.bytes(bytes_per_pixel)), plan, ..Self::default() }
@@ -33,16 +32,16 @@ impl SamplerMemory {
         Self { planning, plan, ..self }
     }
 
-    /// Sets the bytes per pixel that it keeps from one round to the next.
+    /// Sets the memory of the sampler's state between rounds, in bytes per pixel.
     #[must_use]
     pub fn with_state(self, frame: &Frame, bytes_per_pixel: usize) -> Self {
         Self { state: frame.bytes(bytes_per_pixel), ..self }
     }
 
-    /// Adds the discarded samples of its first rounds: the film then holds its statistics twice.
+    /// Adds the memory of discarded samples: a film with both kept and discarded samples holds its statistics twice.
     ///
-    /// With a known budget, all samples so far are discarded when the rest is planned. The image's own counts, means
-    /// and deviations are still zeros that were never written, so they take no memory yet.
+    /// With a known budget, all samples so far are discarded when the rest is planned. The planes of kept samples are
+    /// then still untouched zeros, which take no memory yet.
     #[must_use]
     pub fn with_discarded(self, frame: &Frame, needs: &Needs, limits: &Limits) -> Self {
         let discarded = frame.bytes(Film::bank_bytes_per_pixel(needs));
@@ -67,14 +66,15 @@ pub enum ImagePlanes {
 #[non_exhaustive]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct FilterMemory {
-    /// The peak while it is applied, its image included.
+    /// The peak while the filter is applied, the filtered image included.
     pub applying: u64,
-    /// Its image, with the error if it knows that.
+    /// The filtered image, with its error estimates if the filter makes them.
     pub image: u64,
 }
 
 impl FilterMemory {
-    /// A filter that takes at most this many bytes per pixel, its image included, for an image of these planes.
+    /// The memory of a filter that takes at most `bytes_per_pixel`, the filtered image included, and returns these
+    /// planes.
     pub fn new(frame: &Frame, bytes_per_pixel: usize, planes: ImagePlanes) -> Self {
         let image = frame.bytes(match planes {
             ImagePlanes::Radiance => 12,
@@ -83,7 +83,7 @@ impl FilterMemory {
         Self { applying: frame.bytes(bytes_per_pixel).max(image), image }
     }
 
-    /// Raises the peak to at least this many bytes.
+    /// Raises the peak to at least `applying` bytes.
     #[must_use]
     pub fn at_least(self, applying: u64) -> Self {
         Self { applying: self.applying.max(applying), ..self }
@@ -92,9 +92,9 @@ impl FilterMemory {
 
 /// The memory of a render in bytes, as far as it grows with the size of the image.
 ///
-/// It is counted from the planes that each part holds at its peak, not measured: machines with the same number of
-/// threads agree. The scene comes on top, and so does anything done with the image later. Under a limit of time or
-/// error it is the memory of a render that continues after its first round; one that ends there takes less.
+/// The figures are computed from the planes that each part holds at its peak, not measured. Machines with the same
+/// number of threads agree on them. The scene, and later processing of the image, are not included. Under a limit of
+/// time or error, the figures hold for a render of more than one round; one round takes less.
 ///
 /// ```
 /// # use dapple_core::*;
@@ -115,7 +115,7 @@ impl FilterMemory {
 #[non_exhaustive]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Memory {
-    /// All statistics that the film records.
+    /// The statistics that the film records.
     pub needs: Needs,
     /// The film, discarded samples included.
     pub film: u64,
@@ -125,13 +125,13 @@ pub struct Memory {
     pub planning: u64,
     /// The plan of the round being traced.
     pub tracing: u64,
-    /// The filter.
+    /// The filter's memory besides the film.
     pub filter: FilterMemory,
 }
 
 impl Memory {
-    /// The memory of a [`Render`](crate::Render) with these arguments, and of `filter` on its film. `needs` are those
-    /// of the filter and other readers; those of sampler and limits are added.
+    /// The memory of a [`Render`](crate::Render) with these arguments, and of `filter` applied to its film. `needs` are
+    /// the statistics that the filter and other readers request; those of sampler and limits are added.
     pub fn of_render(sampler: &dyn Sampler, filter: &dyn Filter, needs: Needs, frame: &Frame, limits: &Limits) -> Self {
         let needs = needs.and(sampler.needs());
         let needs = if matches!(limits.budget, Budget::Error { .. }) { needs.with_halves() } else { needs };
@@ -149,13 +149,13 @@ impl Memory {
         }
     }
 
-    /// A snapshot of the render between two slices ([`Status::snapshot`](crate::Status::snapshot)). A resumed render
-    /// holds as many bytes beside the film at first.
+    /// The bytes of a snapshot taken during the render ([`Status::snapshot`](crate::Status::snapshot)). A resumed
+    /// render holds the same number of bytes besides the film at first.
     pub fn snapshot(&self) -> u64 {
         self.film.saturating_add(self.tracing)
     }
 
-    /// The peak, without snapshots.
+    /// The peak of the whole render in bytes, without snapshots.
     pub fn peak(&self) -> u64 {
         let lasting = self.film.saturating_add(self.sampler);
         lasting.saturating_add(self.planning.max(self.tracing).max(self.filter.applying))

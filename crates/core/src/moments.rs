@@ -2,8 +2,8 @@
 
 /// Count, mean and sum of squared deviations of a stream of numbers.
 ///
-/// [Welford 1962] for single values, [Chan, Golub and LeVeque 1979] for merging: never sums of
-/// squares, which lose all digits where the mean is far larger than the spread.
+/// Updates follow [Welford 1962], merging [Chan, Golub and LeVeque 1979]. Sums of squares would lose all digits where
+/// the mean is far larger than the spread.
 #[non_exhaustive]
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Moments {
@@ -11,7 +11,7 @@ pub struct Moments {
     pub count: u64,
     /// The mean; 0 without values.
     pub mean: f64,
-    /// The sum of squared deviations from the mean.
+    /// The sum of squared deviations from the mean; divide by `count - 1` for the sample variance.
     pub m2: f64,
 }
 
@@ -55,7 +55,7 @@ pub struct RgbMoments {
     pub count: u64,
     /// The mean per channel; 0 without values.
     pub mean: [f64; 3],
-    /// The sum of squared deviations from the mean, per channel.
+    /// The sum of squared deviations from the mean, per channel; divide by `count - 1` for the sample variance.
     pub m2: [f64; 3],
 }
 

@@ -22,12 +22,13 @@ pub struct Needs {
     pub variance: bool,
     /// Smallest and largest sample per pixel, of each channel and of luminance.
     pub extrema: bool,
-    /// Two independently scrambled halves per pixel: the only honest error estimate of low-discrepancy samples. They
-    /// cost accuracy (a net of n points beats two of n/2), so request them only if they are read.
+    /// Two independently scrambled halves of each pixel's samples: the only unbiased error estimate for low-discrepancy
+    /// samples. Halves raise the image's error (a net of n points beats two of n/2), so request them only if they are
+    /// read.
     pub halves: bool,
     /// Mean and variance of the first hit's albedo, normal, depth and position.
     pub features: bool,
-    /// The first hits of this many first samples of each pixel, one by one.
+    /// The number of samples per pixel, from the first on, whose first hits are stored one by one.
     pub first_hits: u8,
     /// The cost of each pixel's samples, in rays.
     pub cost: bool,
@@ -83,7 +84,7 @@ impl Needs {
         self
     }
 
-    /// The union of both.
+    /// The union: the statistics that `self` or `other` requests.
     #[must_use]
     pub const fn and(self, other: Self) -> Self {
         Self {
@@ -96,7 +97,7 @@ impl Needs {
         }
     }
 
-    /// Returns `true` if the integrator must report first hits.
+    /// Returns `true` if any of these statistics reads first hits, so that the integrator must report them.
     pub const fn wants_first_hit(&self) -> bool {
         self.features || self.first_hits > 0
     }

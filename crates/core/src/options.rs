@@ -9,14 +9,14 @@ pub use value::OptionValue;
 pub struct Parameter {
     /// The name, as in `name=value`.
     pub name: &'static str,
-    /// The default, as it would be given.
+    /// The default value, as text that parses.
     pub default: &'static str,
     /// One line of help.
     pub help: &'static str,
 }
 
 impl Parameter {
-    /// A parameter without a declaration by [`options!`](crate::options).
+    /// A parameter declared by hand, without [`options!`](crate::options).
     pub const fn new(name: &'static str, default: &'static str, help: &'static str) -> Self {
         Self { name, default, help }
     }
@@ -26,11 +26,11 @@ impl Parameter {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{name} = {value} is out of range: {allowed}")]
 pub struct OutOfRange {
-    /// The parameter.
+    /// The parameter's name.
     pub name: &'static str,
-    /// The value given.
+    /// The rejected value, as text.
     pub value: String,
-    /// The range.
+    /// The allowed range, in words.
     pub allowed: &'static str,
 }
 
@@ -40,48 +40,48 @@ impl From<OutOfRange> for crate::Error {
     }
 }
 
-/// Text that is not a valid list of `name=value`.
+/// An error in a list of `name=value` options.
 #[non_exhaustive]
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum OptionError {
-    /// An item without `=`.
+    /// An item without an equals sign.
     #[error("\"{item}\" is not of the form key=value")]
     NotAPair {
-        /// The item.
+        /// The item, as given.
         item: String,
     },
     /// An unknown name.
     #[error("there is no parameter \"{name}\"; {} takes {known}", nearest.map_or("it".to_owned(), |n| format!("did you mean \"{n}\"? It")))]
     Unknown {
-        /// The name given.
+        /// The unknown name.
         name: String,
-        /// The known name closest to it, if one is close.
+        /// The known name closest to the unknown one, if a few edits separate them.
         nearest: Option<&'static str>,
-        /// The known names.
+        /// The known names, as a list for messages.
         known: String,
     },
-    /// A name given twice.
+    /// A name that is given twice.
     #[error("\"{name}\" is given twice")]
     Twice {
-        /// The name.
+        /// The repeated name.
         name: &'static str,
     },
-    /// A value of the wrong kind.
+    /// A value that does not parse.
     #[error("{name} = \"{value}\"; give {wanted}")]
     Value {
-        /// The parameter.
+        /// The parameter's name.
         name: &'static str,
-        /// The value given.
+        /// The value, as given.
         value: String,
-        /// The values that parse.
+        /// The values that would parse, in words.
         wanted: String,
     },
-    /// A value outside its range.
+    /// A value outside its parameter's range.
     #[error(transparent)]
     OutOfRange(#[from] OutOfRange),
 }
 
-/// Options that are parsed from, and described as, `name=value,name=value`.
+/// A struct of options that is parsed from `name=value,name=value`, and written back in the same form.
 ///
 /// [`options!`](crate::options) declares a struct with this trait.
 ///
@@ -111,11 +111,11 @@ pub trait Options: Default {
     /// The parameters, in the order of the struct's fields.
     const PARAMETERS: &'static [Parameter];
 
-    /// Sets a parameter from text, without a check of its range. Returns false for an unknown name.
+    /// Sets a parameter from text, without checking the range. Returns `false` for an unknown name.
     ///
     /// # Errors
     ///
-    /// [`OptionError::Value`] for text of the wrong kind.
+    /// [`OptionError::Value`] for text that does not parse as the parameter's type.
     fn set(&mut self, name: &str, value: &str) -> Result<bool, OptionError>;
 
     /// Checks each parameter against its range.
@@ -125,14 +125,14 @@ pub trait Options: Default {
     /// The first parameter that is out of range.
     fn check_ranges(&self) -> Result<(), OutOfRange>;
 
-    /// All parameters as `name=value,name=value`, in order.
+    /// All parameters as `name=value,name=value`, in the order of the fields.
     fn describe(&self) -> String;
 
-    /// Parses `name=value,name=value`; parameters that are not given have their defaults.
+    /// Parses `name=value,name=value`. Parameters that are not listed keep their defaults.
     ///
     /// # Errors
     ///
-    /// [`OptionError`].
+    /// [`OptionError`] for a malformed item, an unknown or repeated name, or a value that is wrong or out of range.
     fn parse(text: &str) -> Result<Self, OptionError> {
         let mut options = Self::default();
         for (name, value) in parse_pairs(text, Self::PARAMETERS)? {
@@ -143,7 +143,8 @@ pub trait Options: Default {
     }
 }
 
-/// Splits `name=value,name=value` and looks every name up among `known`.
+/// Splits `name=value,name=value`, and looks up each name among `known`. Returns the pairs of known name and value
+/// text.
 ///
 /// # Errors
 ///
@@ -170,7 +171,7 @@ pub fn parse_pairs<'t, 'p>(
     Ok(pairs)
 }
 
-/// The known name closest to `name`, if an edit or a few separate them.
+/// The known name closest to `name` by edit distance; `None` if all are too different.
 ///
 /// ```
 /// assert_eq!(dapple_core::nearest_name("sobel", ["halton", "sobol"]), Some("sobol"));
@@ -185,7 +186,8 @@ pub fn nearest_name<'k>(name: &str, known: impl IntoIterator<Item = &'k str>) ->
     known.into_iter().map(|k| (edit_distance(name, k), k)).filter(|&(d, _)| d <= most).min().map(|(_, k)| k)
 }
 
-/// Insertions, deletions and replacements of ASCII-case-folded characters that turn `a` into `b` [Levenshtein 1966].
+/// The edit distance of `a` and `b` [Levenshtein 1966], ignoring ASCII case: the fewest insertions, deletions and
+/// replacements that make them equal.
 fn edit_distance(a: &str, b: &str) -> usize {
     let b: Vec<char> = b.chars().map(|c| c.to_ascii_lowercase()).collect();
     let mut row: Vec<usize> = (0..=b.len()).collect();
@@ -204,9 +206,9 @@ fn edit_distance(a: &str, b: &str) -> usize {
 /// Declares a struct of options: its fields, setters, defaults, ranges, table of [`Parameter`]s, parsing and
 /// description.
 ///
-/// A field is declared as in the example of [`Options`]. The first line of its documentation is also its line of
-/// help. After the default may stand its text (`=> "keep"`, needed where the default is not a plain number), then a
-/// closure that accepts the values in range, and the text that names the range.
+/// A field is declared as in the example of [`Options`]. The first line of its documentation is also its line of help.
+/// The default comes after `=`, then optionally `=> "text"` with the default as text, needed unless it is a plain
+/// number. A closure that accepts the values in range and a text that describes the range end the line.
 ///
 /// The struct is `non_exhaustive`, and has a setter of the same name for each field.
 #[macro_export]
@@ -296,7 +298,8 @@ macro_rules! options {
     (@text $default:expr => $text:literal) => { $text };
 }
 
-/// Declares the names of an enum's variants: `name()` and parsing as an [`OptionValue`](crate::OptionValue).
+/// Declares the names of an enum's variants: the method `name()`, and parsing as an
+/// [`OptionValue`](crate::OptionValue).
 #[macro_export]
 macro_rules! choices {
     ($Type:ident { $($variant:ident = $name:literal),* $(,)? }) => {
@@ -384,7 +387,7 @@ mod tests {
             refused("cuont=3"),
             "there is no parameter \"cuont\"; did you mean \"count\"? It takes count, shape, weight"
         );
-        assert_eq!(refused("zzzzzz=3"), "there is no parameter \"zzzzzz\": it takes count, shape, weight");
+        assert_eq!(refused("zzzzzz=3"), "there is no parameter \"zzzzzz\"; it takes count, shape, weight");
         assert_eq!(refused("count"), "\"count\" is not of the form key=value");
         assert_eq!(refused("count=1,count=2"), "\"count\" is given twice");
         assert_eq!(refused("count=many"), "count = \"many\"; give a number (below 10)");

@@ -1,35 +1,37 @@
 //! The samples of one round, as a sampler plans them.
 
-/// The outcome of planning. There are no others, so a `match` needs no wildcard.
+/// The outcome of planning a round. Exhaustive, so a `match` needs no wildcard.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Progress {
-    /// The plan is filled in: trace it.
+    /// The plan holds a round to trace.
     Trace,
-    /// No more samples within this budget; the plan is ignored.
+    /// The sampler wants no more samples within this budget; the plan is ignored.
     Done,
 }
 
-/// The retention of a round's samples: in the image, or for information only.
+/// The use of a round's samples: in the image, or only as information for the sampler.
 #[non_exhaustive]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Retention {
-    /// They stay in the image. If they also decide later counts, the image is biased [Kirk and Arvo 1991].
+    /// The samples stay in the image. If they also decide later counts, the image is biased [Kirk and Arvo 1991].
     #[default]
     Keep,
-    /// They only inform the sampler: unbiased, at the price of the round.
+    /// The samples only inform the sampler and do not enter the image: unbiased, but the round's samples are lost to
+    /// it.
     Discard,
 }
 
-/// The rule by which the means of two halves become one.
+/// The rule that combines the means of the two halves of a pixel's samples.
 #[non_exhaustive]
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Combine {
-    /// Weighted by sample counts.
+    /// The mean weighted by the sample counts of the halves.
     #[default]
     ByCount,
-    /// The plain average, whatever the counts. Counts that each half decides for the other need it to stay unbiased.
+    /// The plain average, whatever the counts. Required for an unbiased image if each half decides the counts of the
+    /// other.
     Equally,
-    /// This weight, in `[0, 1]`, for the first half, the rest for the second.
+    /// The weight of the first half, in `[0, 1]`; the second half gets the rest.
     Fixed(f64),
 }
 
@@ -51,21 +53,23 @@ pub struct Plan {
     /// Additional samples per pixel, row by row over the frame's window. All are zero when
     /// [`Sampler::next_round`](crate::Sampler::next_round) gets the plan.
     pub counts: Vec<u32>,
-    /// Additional samples per pixel of the second half; `counts` then holds those of the first. With `None`, samples
-    /// alternate between the halves. Only in renders with halves.
+    /// Additional samples per pixel for the second half; `counts` then holds those of the first half. With `None`,
+    /// samples alternate between the halves. Allowed only in films with halves.
     pub second_half: Option<Vec<u32>>,
-    /// The retention of the samples.
+    /// The use of the round's samples.
     pub retention: Retention,
     /// The rule that combines the halves from this round on.
     pub combine: Combine,
-    /// A mark per pixel whose kept samples leave the image before the round is traced. They join the discarded ones and
-    /// stay spent. Such a pixel must get samples in this round, which must be kept. Their indices continue after those
-    /// of the withdrawn. Withdrawing by the samples' own values is biased all the same [Kirk and Arvo 1991].
+    /// A mark per pixel whose kept samples are withdrawn from the image before the round is traced. Withdrawn samples
+    /// join the discarded ones and stay spent. A withdrawn pixel must get kept samples in this round, whose indices
+    /// continue after the withdrawn ones. Withdrawal that depends on the samples' own values is still biased [Kirk and
+    /// Arvo 1991].
     pub withdraw: Option<Vec<bool>>,
 }
 
 impl Plan {
-    /// A plan of zero samples for each of this many pixels, kept, with halves combined by count.
+    /// A plan with a count of 0 for each of `pixels` pixels, retention [`Retention::Keep`], and halves combined by
+    /// count.
     pub fn empty(pixels: usize) -> Self {
         Self {
             counts: vec![0; pixels],
@@ -76,7 +80,7 @@ impl Plan {
         }
     }
 
-    /// The number of samples in all.
+    /// The number of planned samples, summed over pixels and halves.
     pub fn total(&self) -> u64 {
         let sum = |c: &[u32]| c.iter().map(|&n| u64::from(n)).sum::<u64>();
         sum(&self.counts) + self.second_half.as_deref().map_or(0, sum)

@@ -1,19 +1,19 @@
-//! Coordinates of samples, as a pure function.
+//! Point sets: random numbers as a pure function of a sample's identity.
 
 use std::sync::Arc;
 
-/// The name of one sample of one pixel.
+/// The identity of one sample of one pixel.
 ///
-/// Together with a seed, which lives in the [`PointSet`], and a block number it decides four coordinates. Nothing else
-/// does, so any sample can be replayed alone.
+/// The identity, a block number and the seed held by the [`PointSet`] determine four coordinates, and nothing else
+/// does. So any sample can be replayed alone.
 #[non_exhaustive]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct SampleId {
-    /// Column and row in the full frame, also in the render of a crop.
+    /// Column and row in the full image, also in the render of a crop.
     pub pixel: [u32; 2],
-    /// The stream; streams are scrambled independently of each other (see [`streams`]).
+    /// The number of the point sequence; sequences are scrambled independently of each other (see [`streams`]).
     pub stream: u32,
-    /// The index in the stream, less than [`PointSet::capacity`]. It counts on over rounds and never restarts.
+    /// The index in the stream, from 0, less than [`PointSet::capacity`]. It continues over rounds.
     pub index: u64,
 }
 
@@ -25,16 +25,15 @@ impl SampleId {
     }
 }
 
-/// The streams that the render loop uses.
+/// Numbers of the point sequences ("streams") that the render loop uses.
 ///
-/// Two streams of one pixel share nothing: their points are scrambled independently. An honest error estimate from two
-/// halves needs that.
+/// Two streams of one pixel are scrambled independently, so that their difference is a valid error estimate.
 pub mod streams {
     /// All samples of a render without halves.
     pub const WHOLE: u32 = 0;
     /// Sample `i` of a render with halves is sample `i >> 1` of stream `HALVES[i & 1]`.
     pub const HALVES: [u32; 2] = [1, 2];
-    /// Samples of discarded rounds: the kept ones stay an unbroken prefix of their own stream.
+    /// Samples of discarded rounds. A separate stream keeps the samples in the image an unbroken prefix of theirs.
     pub const DISCARDED: u32 = 3;
     /// Discarded samples of a render with halves.
     pub const DISCARDED_HALVES: [u32; 2] = [4, 5];
@@ -91,11 +90,11 @@ pub trait PointSet: Send + Sync {
     /// `index < capacity()`.
     fn block(&self, id: SampleId, block: u32) -> [f32; 4];
 
-    /// Samples per pixel and stream before the set repeats itself. The render loop refuses a round that needs more
-    /// with [`Error::SequenceExhausted`](crate::Error::SequenceExhausted).
+    /// The number of samples per pixel and stream before the points repeat. The render loop refuses a longer round with
+    /// [`Error::SequenceExhausted`](crate::Error::SequenceExhausted).
     fn capacity(&self) -> u64;
 
-    /// The smallest well-stratified count that is at least `n`. By default every count is.
+    /// The smallest count that is at least `n` and well stratified; by default `n` itself.
     fn preferred_count(&self, n: u64) -> u64 {
         n
     }

@@ -13,44 +13,44 @@ use budget::Meter;
 use round::Stopped;
 use std::time::Instant;
 
-/// The state of a render between two slices of a round, as a monitor sees it.
+/// The state of a render between two slices of a round, passed to a [`Monitor`].
 #[non_exhaustive]
 #[derive(Clone, Copy)]
 pub struct Status<'a> {
-    /// The statistics so far, complete for every pixel.
+    /// The film so far, with valid statistics in every pixel.
     pub film: &'a Film,
-    /// The number of the round being traced.
+    /// The number of the round being traced, from 0.
     pub round: u32,
-    /// Samples traced so far.
+    /// The number of samples traced so far.
     pub samples: u64,
-    /// Samples to trace in all, as far as is known now.
+    /// The number of samples to trace in all, as far as known; a limit of time or error may change it.
     pub expected: u64,
-    /// Seconds of planning and tracing so far, without the time in the monitor.
+    /// Wall seconds of planning and tracing so far, without the monitor's own time.
     pub seconds: f64,
-    /// The time limit, if there is one.
+    /// The time limit in seconds, if there is one.
     pub seconds_limit: Option<f64>,
     view: View<'a>,
 }
 
 impl Status<'_> {
-    /// Everything that decides the rest of this render, as bytes for [`Snapshot::from_bytes`]. They are about as many
-    /// as the film has in memory. A render resumed from them ends with the same bits as this one.
+    /// The state of the render as bytes for [`Snapshot::from_bytes`], about as many as the film takes in memory. A
+    /// render resumed from them ends with the same bits as this one.
     pub fn snapshot(&self) -> Vec<u8> {
         self.view.write()
     }
 }
 
-/// The answer of a monitor.
+/// A monitor's decision about the render.
 #[non_exhaustive]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Control {
-    /// Continue.
+    /// Continue rendering.
     Continue,
-    /// Stop here, and return the film as it is.
+    /// Stop the render and return the film so far.
     Stop,
 }
 
-/// Called between slices, about five times a second: for progress, previews, checkpoints and Ctrl-C.
+/// An observer of a render, called about five times a second: for progress, previews, checkpoints and Ctrl-C.
 ///
 /// A closure `FnMut(&Status) -> Control` is a monitor too.
 ///
@@ -67,17 +67,17 @@ pub enum Control {
 /// }
 /// ```
 pub trait Monitor {
-    /// Sees the state after a slice, and decides whether the render continues.
+    /// Called after each slice. The returned value decides whether the render continues.
     fn slice(&mut self, status: &Status<'_>) -> Control;
 
-    /// Sees the state at the end, unless the render was stopped. A snapshot taken here can be resumed with larger
-    /// limits.
+    /// Called once at the end, unless the render was stopped. A render resumed from a snapshot taken here may have
+    /// larger limits.
     fn end(&mut self, status: &Status<'_>) {
         let _ = status;
     }
 }
 
-/// No monitor: the render runs to its end.
+/// The monitor that does nothing: the render runs to the end.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct NoMonitor;
 
@@ -93,10 +93,10 @@ impl<F: FnMut(&Status<'_>) -> Control> Monitor for F {
     }
 }
 
-/// A render to run or resume: the frame, its limits, the statistics to record and a monitor.
+/// A render to run or resume: the frame, the limits, the statistics to record and a monitor.
 ///
 /// The film records the statistics that the sampler needs and those of [`Render::needs`]. An error limit adds halves.
-/// Samples are traced on the current rayon pool.
+/// Tracing uses the current rayon thread pool.
 ///
 /// ```
 /// # use dapple_core::{PointSet, SampleId};
@@ -145,26 +145,26 @@ impl<'a> Render<'a> {
         Self { frame, limits, needs: Needs::none(), monitor: None }
     }
 
-    /// Records these statistics too.
+    /// Adds statistics for the film to record.
     pub fn needs(mut self, needs: Needs) -> Self {
         self.needs = self.needs.and(needs);
         self
     }
 
-    /// Calls this monitor between slices.
+    /// Sets the monitor that is called between slices.
     pub fn monitor(mut self, monitor: &'a mut dyn Monitor) -> Self {
         self.monitor = Some(monitor);
         self
     }
 
-    /// Renders until the limits are met: takes a plan from `sampler`, traces it with `integrator`, lets the integrator
-    /// learn, and starts again.
+    /// Renders until the limits are met, and returns the film. Each round is planned by `sampler` and traced with
+    /// `integrator`, which learns from training passes.
     ///
     /// # Errors
     ///
-    /// When the limits make no sense, the sampler cannot meet them or returns an invalid plan, the point set is
-    /// exhausted, a sample is invalid under [`InvalidSample::Fail`](crate::InvalidSample), or the integrator panics
-    /// ([`Error::Panicked`] carries what was finished).
+    /// For limits that are invalid or that the sampler cannot meet, an invalid plan, and an exhausted point set. Also
+    /// for an invalid sample under [`InvalidSample::Fail`](crate::InvalidSample), and a panic of the integrator;
+    /// [`Error::Panicked`] carries the samples finished before.
     pub fn run(self, integrator: &mut dyn Integrator, sampler: &mut dyn Sampler) -> Result<Film, Error> {
         let meter = Meter::new(self.limits, &self.frame)?;
         let needs = self.needs.and(sampler.needs()).and(meter.needs());
@@ -172,17 +172,17 @@ impl<'a> Render<'a> {
         self.drive(state, Clock::start(0.0), meter, integrator, sampler)
     }
 
-    /// Resumes a render from a [`Snapshot`]. With a sampler and an integrator made with the same options, and the same
-    /// frame, it ends with the bits of the render that was never interrupted, on any number of threads.
+    /// Resumes a render from a [`Snapshot`]. With the same frame, and a sampler and integrator made with the same
+    /// options, the film has the bits of an uninterrupted render, on any number of threads.
     ///
-    /// The budget may differ: a larger one renders on, and a time limit counts the seconds before the snapshot too. The
-    /// statistics in [`Render::needs`] must have been recorded from the start. The caller makes sure that the
-    /// integrator is the same (scene, depth, …).
+    /// The budget may differ: a larger one continues the render, and a time limit includes the seconds before the
+    /// snapshot. All statistics in [`Render::needs`] must have been recorded from the start. The caller must pass the
+    /// same integrator (scene, depth, …); this is not checked.
     ///
     /// # Errors
     ///
-    /// As [`Render::run`]; [`Error::OtherRender`] where sampler, points, frame, bounds of counts or needs differ, or
-    /// where more is planned already than the budget allows; [`Error::BadSnapshot`].
+    /// As [`Render::run`]. [`Error::OtherRender`] if sampler, points, frame, bounds of counts or needs differ, or if
+    /// more samples are already planned than the budget allows. [`Error::BadSnapshot`] for inconsistent bytes.
     pub fn resume(
         self,
         snapshot: Snapshot,
@@ -267,17 +267,17 @@ impl<'a> Render<'a> {
     }
 }
 
-/// The state of a render.
+/// The state of a render between slices.
 struct State {
     film: Film,
     round: u32,
-    /// The round to trace before any is planned.
+    /// The round being traced, if any; the next one is planned after it.
     open: Option<OpenRound>,
-    /// The training passes so far.
+    /// The data of all training passes so far, to replay on resuming.
     passes: Vec<TrainingData>,
 }
 
-/// Plans the next round; `None` at the end.
+/// Asks the sampler for the next round; `None` at the end of the render.
 fn plan(
     state: &mut State,
     meter: &mut Meter,
@@ -302,7 +302,7 @@ fn plan(
     }
 }
 
-/// Prepares the film for a round.
+/// Applies a plan's withdrawals and retention to the film, and returns the round to trace.
 fn begin(plan: Plan, film: &mut Film, plan_seconds: f64) -> OpenRound {
     if plan.retention == Retention::Discard {
         film.open_discarded();
@@ -315,14 +315,14 @@ fn begin(plan: Plan, film: &mut Film, plan_seconds: f64) -> OpenRound {
     OpenRound { plan, cursor, pending: Vec::new(), before, plan_seconds, traced_seconds: 0.0 }
 }
 
-/// Wall time without the time in the monitor.
+/// A stopwatch for wall time that leaves out the time in the monitor.
 struct Clock {
     start: Instant,
     away: f64,
 }
 
 impl Clock {
-    /// A clock that shows this many seconds now.
+    /// A running stopwatch that shows `seconds` now.
     fn start(seconds: f64) -> Self {
         Self { start: Instant::now(), away: -seconds }
     }
@@ -332,7 +332,7 @@ impl Clock {
     }
 }
 
-/// The monitor, and the parts of its status that the tracing of a round does not know.
+/// The monitor with the parts of [`Status`] that stay constant during a round.
 struct MonitorContext<'a> {
     monitor: &'a mut dyn Monitor,
     clock: &'a mut Clock,
@@ -432,14 +432,15 @@ fn check(plan: &Plan, film: &Film, sampler: &dyn Sampler, budget: &crate::Budget
     Ok(())
 }
 
-/// A pixel's samples of a round, by half.
+/// Additional samples of a pixel in a round, by half.
 enum Planned {
     Whole(u64),
     Alternating(u64),
     Halves(u64, u64),
 }
 
-/// The points of either stream that pixel `i` will have used after `more` samples beyond those in `banks`.
+/// The number of points that pixel `i` will have used in either stream, whichever is larger, after `more` samples
+/// beyond those in `banks`.
 fn used_after(banks: &[Bank], i: usize, more: Planned, withdrawn: bool) -> u64 {
     let used = |half: usize| banks.get(half).map_or(0, |b| b.next_index(i));
     let counted = |half: usize| banks.get(half).filter(|_| !withdrawn).map_or(0, |b| b.counts[i]);

@@ -2,7 +2,7 @@
 
 use crate::{Error, Film, Frame, Limits, Needs, Plan, PointSet, Progress, SamplerMemory};
 
-/// The budget, when a round is planned.
+/// A render's sample budget at the time a round is planned.
 ///
 /// ```
 /// use dapple_core::BudgetLeft;
@@ -13,10 +13,10 @@ use crate::{Error, Film, Frame, Limits, Needs, Plan, PointSet, Progress, Sampler
 #[non_exhaustive]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BudgetLeft {
-    /// Samples traced so far, discarded ones included.
+    /// The number of samples traced so far, discarded ones included.
     pub spent: u64,
-    /// Samples that may be spent in all, as far as is known now. Under a time or error limit the render loop may raise
-    /// it after [`Progress::Done`] and plan again.
+    /// The number of samples that may be spent in all, as far as known. Under a time or error limit the render loop may
+    /// raise it after [`Progress::Done`], and plan again.
     pub total: u64,
     /// The least number of kept samples per pixel.
     pub min_spp: u32,
@@ -25,7 +25,7 @@ pub struct BudgetLeft {
 }
 
 impl BudgetLeft {
-    /// A budget of this many samples, none of them spent, from 1 to 2^32 - 1 per pixel.
+    /// An unspent budget of `total` samples, with 1 to 2^32 - 1 samples per pixel.
     pub const fn new(total: u64) -> Self {
         Self { spent: 0, total, min_spp: 1, max_spp: u32::MAX }
     }
@@ -48,26 +48,26 @@ impl BudgetLeft {
         Self { max_spp, ..self }
     }
 
-    /// Samples that may still be planned.
+    /// The number of samples that may still be planned.
     pub const fn left(&self) -> u64 {
         self.total.saturating_sub(self.spent)
     }
 }
 
-/// The state of a render between two rounds, as a sampler sees it.
+/// The state of a render between two rounds, from which a sampler plans the next one.
 #[non_exhaustive]
 #[derive(Clone, Copy)]
 pub struct Feedback<'a> {
     /// The number of rounds traced so far.
     pub round: u32,
-    /// The statistics so far, as far as [`Sampler::needs`] requests them.
+    /// The film so far, which records at least the statistics of [`Sampler::needs`].
     pub film: &'a Film,
-    /// The budget.
+    /// The budget, spent and total.
     pub budget: BudgetLeft,
 }
 
 impl<'a> Feedback<'a> {
-    /// The state after this many rounds.
+    /// The state after `round` rounds.
     pub const fn new(round: u32, film: &'a Film, budget: BudgetLeft) -> Self {
         Self { round, film, budget }
     }
@@ -83,10 +83,10 @@ impl<'a> Feedback<'a> {
     }
 }
 
-/// A sampler: how many samples each pixel gets, decided between rounds.
+/// A sampler: decides, between rounds, how many samples each pixel gets.
 ///
-/// Planning is a pure computation on [`Feedback`] and can be tested on made-up films without rendering. Implementations
-/// must pass `dapple_conformance::sampler`.
+/// Planning is a pure computation on [`Feedback`], and can be tested on synthetic films without rendering.
+/// Implementations must pass `dapple_conformance::sampler`.
 ///
 /// ```
 /// use dapple_core::{Error, Feedback, Plan, PointSet, Progress, Sampler, share};
@@ -133,58 +133,58 @@ impl<'a> Feedback<'a> {
 /// # Ok::<(), Error>(())
 /// ```
 pub trait Sampler: Send {
-    /// The short name that the command line uses.
+    /// The sampler's short name on the command line.
     fn name(&self) -> &str;
 
-    /// The name and every parameter that matters, for headers and reports: `variance:pilot=4`.
+    /// The sampler's name and every parameter that affects the result, for headers and reports: `variance:pilot=4`.
     fn describe(&self) -> String {
         self.name().to_owned()
     }
 
-    /// Returns `true` if counts never depend on samples. Such an image is unbiased, whatever the budget.
+    /// Returns `true` if counts never depend on sample values. The image is then unbiased for any budget.
     fn a_priori(&self) -> bool {
         false
     }
 
-    /// The statistics that it reads.
+    /// The statistics that the sampler reads from the film.
     fn needs(&self) -> Needs {
         Needs::none()
     }
 
-    /// The memory that it takes besides the film, in a render of this frame within these limits. `needs` are all that
-    /// the film records. The default is that of a sampler that keeps nothing but its plan.
+    /// The memory that the sampler takes besides the film, in a render of this frame within these limits. `needs` lists
+    /// all statistics that the film records. The default assumes a sampler that keeps nothing but the plan.
     fn memory(&self, frame: &Frame, needs: &Needs, limits: &Limits) -> SamplerMemory {
         let _ = limits;
         let memory = SamplerMemory::planning(frame, 0);
         if needs.halves { memory.with_second_half(frame) } else { memory }
     }
 
-    /// The point set in use.
+    /// The point set whose points the samples use.
     fn points(&self) -> &dyn PointSet;
 
-    /// Plans a round: fills `plan`, which is empty, and returns [`Progress::Trace`], or returns [`Progress::Done`]. In
-    /// round 0 the film is empty.
+    /// Plans a round. Fills `plan`, whose counts are 0, and returns [`Progress::Trace`], or returns [`Progress::Done`]
+    /// if no more samples are wanted. The film is empty in round 0.
     ///
-    /// A plan has at most `seen.budget.left()` samples. A sampler that spends its budget exactly plans until nothing is
-    /// left; one that stops by a threshold may stop earlier.
+    /// A plan may have at most `seen.budget.left()` samples. A sampler that spends the budget exactly plans until
+    /// nothing is left. One that stops at a threshold may stop earlier.
     ///
     /// # Errors
     ///
-    /// When the budget cannot be met: if it is below `min_spp` for every pixel, say.
+    /// If the budget cannot be met, for example because it is below `min_spp` per pixel.
     fn next_round(&mut self, seen: &Feedback<'_>, plan: &mut Plan) -> Result<Progress, Error>;
 
-    /// State that it keeps between rounds and cannot derive from the film, as bytes for [`Sampler::restore`]. Empty by
-    /// default: most samplers read the film again.
+    /// The state that the sampler keeps between rounds and cannot derive from the film, as bytes for
+    /// [`Sampler::restore`]. Empty by default.
     fn save(&self) -> Vec<u8> {
         Vec::new()
     }
 
-    /// Restores the state from [`Sampler::save`]: a sampler made with the same options then plans as the saved one.
-    /// Called before the first plan of a resumed render.
+    /// Restores the state saved by [`Sampler::save`], so that a sampler made with the same options plans as the saved
+    /// one would. Called before the first plan of a resumed render.
     ///
     /// # Errors
     ///
-    /// [`Error::BadSnapshot`] for bytes that do not come from `save` of such a sampler.
+    /// [`Error::BadSnapshot`] for bytes that `save` of such a sampler did not write.
     fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
         match saved {
             [] => Ok(()),

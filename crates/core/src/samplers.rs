@@ -6,8 +6,8 @@ pub use uniform::Uniform;
 
 use crate::{Feedback, allocate, saturating_u32};
 
-/// Counts that differ by at most one: the same floor for every pixel, and the rest of the budget spread by a hash of
-/// the pixel's number.
+/// Counts per pixel that sum to `total` and differ by at most one. A hash of the pixel's number picks the pixels that
+/// get the remainder.
 fn level(seen: &Feedback<'_>, total: u64) -> Result<Vec<u32>, crate::Error> {
     let pixels = seen.pixels();
     let floors = vec![seen.budget.min_spp.min(saturating_u32(total / pixels as u64)); pixels];

@@ -1,4 +1,4 @@
-//! Shards: one image by several machines that do not communicate.
+//! Shards: parts of one image, rendered by machines that do not communicate.
 
 use crate::film::{Bank, keep_first};
 use crate::snapshot::bytes::{Reader, Writer};
@@ -9,10 +9,10 @@ use crate::{
     RoundRecord, Sampler, SamplerMemory, saturating_u32,
 };
 
-/// One machine's share of an image: every `of`-th row of the window, from row `index` on.
+/// One machine's part of an image: every `of`-th row of the window, starting at row `index`.
 ///
-/// Interleaved rows cost about the same in sum, so machines end at about the same time. Each pixel belongs to one
-/// machine, so [`merge`] adds nothing up, and the image is bit for bit that of one machine.
+/// Interleaved rows cost about the same in sum, so machines finish at about the same time. Each pixel belongs to one
+/// machine, so the image that [`merge`] returns has the same bits as a render on one machine.
 ///
 /// ```
 /// # use dapple_core::{PointSet, SampleId};
@@ -69,17 +69,17 @@ impl Shard {
         Err(Error::OutOfRange { name: "shard", value: format!("{index} of {of}"), allowed })
     }
 
-    /// The number, from 0.
+    /// The shard's number, from 0.
     pub const fn index(&self) -> u32 {
         self.index
     }
 
-    /// The number of shards.
+    /// The number of shards of the image.
     pub const fn of(&self) -> u32 {
         self.of
     }
 
-    /// Returns `true` if a row of the window, counted from 0, belongs to it.
+    /// Returns `true` if row `row` of the window, from 0, belongs to this shard.
     pub const fn owns(&self, row: usize) -> bool {
         row % self.of as usize == self.index as usize
     }
@@ -89,7 +89,7 @@ impl Shard {
         width as usize * height.saturating_sub(self.index).div_ceil(self.of) as usize
     }
 
-    /// This shard's rows of a plane with `width` values per row.
+    /// This shard's rows of a plane that has `width` values per row.
     fn cut<T: Copy>(&self, plane: &[T], width: usize) -> Vec<T> {
         let rows = plane.chunks(width.max(1)).enumerate().filter(|(row, _)| self.owns(*row));
         rows.flat_map(|(_, values)| values).copied().collect()
@@ -97,32 +97,32 @@ impl Shard {
 }
 
 impl std::fmt::Display for Shard {
-    /// Counted from 1: `1/4` is the first of four.
+    /// Formats as number and total, counted from 1: `1/4` is the first of four.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "{}/{}", self.index + 1, self.of)
     }
 }
 
-/// A sampler that plans one shard's samples only, of the plans of another.
+/// A sampler that restricts another sampler's plans to the rows of one shard.
 ///
-/// Each machine plans the whole image, as if all samples had been traced, and traces its own rows. The inner sampler
-/// must be [a priori](Sampler::a_priori) and the budget a number of samples, so that every machine makes the same plan.
-/// For an example see [`Shard`].
+/// Each machine plans the whole image as if all samples had been traced, but traces only the rows of its shard. The
+/// inner sampler must be [a priori](Sampler::a_priori) and the budget a number of samples, so that all machines make
+/// the same plan. For an example see [`Shard`].
 pub struct Sharded<'a> {
     inner: &'a mut dyn Sampler,
     shard: Shard,
-    /// A film of the whole image with counts only.
+    /// A film of the whole image that holds only sample counts, for the inner sampler.
     ghost: Option<Film>,
-    /// The budgets so far, one for each plan of the whole image.
+    /// The budgets passed to the inner sampler so far, one per plan of the whole image.
     shown: Vec<BudgetLeft>,
 }
 
 impl<'a> Sharded<'a> {
-    /// This shard of the plans of `inner` within `limits`.
+    /// Restricts the plans of `inner` within `limits` to the rows of `shard`.
     ///
     /// # Errors
     ///
-    /// [`Error::NoShards`] for a sampler that reads samples, and for a limit of time or error.
+    /// [`Error::NoShards`] for a sampler whose counts depend on samples, and for a limit of time or error.
     pub fn new(inner: &'a mut dyn Sampler, shard: Shard, limits: &Limits) -> Result<Self, Error> {
         let refuse = |who: String, why| Err(Error::NoShards { who, why });
         if !inner.a_priori() {
@@ -137,7 +137,7 @@ impl<'a> Sharded<'a> {
         Ok(Self { inner, shard, ghost: None, shown: Vec::new() })
     }
 
-    /// The next plan of the whole image; `None` at the end.
+    /// The inner sampler's next plan for the whole image; `None` at the end.
     fn plan_whole(&mut self, frame: &Frame, halves: bool, budget: BudgetLeft) -> Result<Option<Plan>, Error> {
         let needs = self.inner.needs();
         let needs = if halves { needs.with_halves() } else { needs };
@@ -168,7 +168,7 @@ impl<'a> Sharded<'a> {
     }
 }
 
-/// Adds a plan's samples to the counts.
+/// Adds the samples of a plan to the counts of the ghost film.
 fn count(ghost: &mut Film, plan: &Plan) {
     if plan.retention == Retention::Discard {
         ghost.open_discarded();
@@ -273,16 +273,16 @@ const VERSION: u32 = 1;
 #[derive(Clone, Debug, PartialEq)]
 pub struct ShardFilm {
     shard: Shard,
-    /// Its planes hold the shard's pixels only.
+    /// A film whose planes hold only the shard's pixels.
     film: Film,
 }
 
 impl ShardFilm {
-    /// A shard's rows of a film that was rendered with [`Sharded`].
+    /// Extracts the rows of `shard` from a film that was rendered with [`Sharded`].
     ///
     /// # Errors
     ///
-    /// [`Error::BadShards`] for a film that was interrupted.
+    /// [`Error::BadShards`] for a film of an interrupted render.
     pub fn new(shard: Shard, film: &Film) -> Result<Self, Error> {
         if film.record.interrupted {
             return Err(Error::BadShards { what: format!("shard {shard} was interrupted; resume it first") });
@@ -310,17 +310,17 @@ impl ShardFilm {
         Ok(Self { shard, film })
     }
 
-    /// The shard.
+    /// The shard's number and total.
     pub fn shard(&self) -> Shard {
         self.shard
     }
 
-    /// The record of that machine's render.
+    /// The record of the render on the shard's machine.
     pub fn record(&self) -> &Record {
         &self.film.record
     }
 
-    /// The film as bytes, about as many as it has in memory.
+    /// The shard as bytes for [`ShardFilm::from_bytes`], about as many as its film takes in memory.
     pub fn to_bytes(&self) -> Vec<u8> {
         let mut to = Writer::with_capacity(size(&self.film));
         to.raw(MAGIC);
@@ -330,11 +330,12 @@ impl ShardFilm {
         to.finish()
     }
 
-    /// Reads the bytes of [`ShardFilm::to_bytes`]. Takes at most a few times their memory, even for invalid bytes.
+    /// Reads the bytes of [`ShardFilm::to_bytes`]. Takes memory of at most a few times their number, even for invalid
+    /// bytes.
     ///
     /// # Errors
     ///
-    /// [`Error::BadSnapshot`] for bytes of another kind or version, cut short or inconsistent.
+    /// [`Error::BadSnapshot`] for bytes of another kind or version, truncated or inconsistent.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, Error> {
         let mut from = Reader::new(bytes);
         check_head(&mut from, MAGIC, VERSION)?;
@@ -348,15 +349,15 @@ impl ShardFilm {
     }
 }
 
-/// Merges the films of all shards, in any order, into that of the whole image.
+/// Merges the films of all shards, in any order, into the film of the whole image.
 ///
-/// It is bit for bit the film of one machine, except for the seconds, which are summed. For an example see [`Shard`].
+/// The result has the bits of a render on one machine, except for the seconds, which are summed. For an example see
+/// [`Shard`].
 ///
 /// # Errors
 ///
-/// [`Error::BadShards`], which names the shards that are missing, duplicate, or of another image: another number of
-/// shards, another window, other budgets or other statistics. The caller makes sure that all have the same scene and
-/// settings.
+/// [`Error::BadShards`] names the shards that are missing, duplicate, or of another image: another number of shards,
+/// window, budget or set of statistics. The caller must ensure that all shards have the same scene and settings.
 pub fn merge(parts: &[ShardFilm]) -> Result<Film, Error> {
     let parts = in_order(parts)?;
     let first = parts[0];
@@ -396,7 +397,7 @@ fn uneven() -> Error {
     Error::BadShards { what: "they do not hold the same statistics".into() }
 }
 
-/// The films in the order of their shards, if each shard is there once.
+/// Returns the films sorted by shard number, after checking that each shard occurs exactly once.
 fn in_order(parts: &[ShardFilm]) -> Result<Vec<&Film>, Error> {
     let refuse = |what: String| Err(Error::BadShards { what });
     let Some(first) = parts.first() else { return refuse("the list is empty".into()) };
@@ -429,7 +430,8 @@ fn in_order(parts: &[ShardFilm]) -> Result<Vec<&Film>, Error> {
     }
 }
 
-/// A plane of all rows from those of the shards, `each` values per pixel; empty if it is not recorded.
+/// Joins the shards' rows of a plane with `each` values per pixel to the plane of the whole image. Empty if the films
+/// do not record the plane.
 fn join<'p, T: Copy + 'p>(first: &Film, each: usize, planes: impl Iterator<Item = &'p [T]>) -> Result<Vec<T>, Error> {
     let planes: Vec<&[T]> = planes.collect();
     if planes.iter().all(|plane| plane.is_empty()) {

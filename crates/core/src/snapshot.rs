@@ -1,4 +1,4 @@
-//! Snapshots: a render between two slices, as bytes.
+//! Snapshots: the state of a render between two slices, as bytes.
 
 pub(crate) mod bytes;
 pub(crate) mod film;
@@ -7,7 +7,7 @@ use crate::{Error, Film, Frame, Limits, Needs, Plan, Sampler, TrainingData, Trai
 use bytes::{Reader, Writer};
 use film::{put_combine, put_film, put_training, take_combine, take_film, take_training};
 
-/// The reason why bytes are not a snapshot: the end of a sentence.
+/// The reason why bytes are not a snapshot, as the end of a sentence.
 #[derive(Debug)]
 pub(crate) struct Broken(pub(crate) &'static str);
 
@@ -17,7 +17,7 @@ impl From<Broken> for Error {
     }
 }
 
-/// The progress within a round: rows before `row` have their samples before `end`, the others those before `start`.
+/// The progress within a round. Pixels in rows before `row` have `end` samples of the round traced, the others `start`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Cursor {
     pub(crate) start: u32,
@@ -25,14 +25,14 @@ pub(crate) struct Cursor {
     pub(crate) row: u32,
 }
 
-/// A round that is being traced.
+/// A round that is partly traced.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct OpenRound {
     pub(crate) plan: Plan,
     pub(crate) cursor: Cursor,
-    /// The sums of an unfinished training pass in the rows before the cursor, by rows of blocks.
+    /// The sums of the unfinished training pass, for each traced row of blocks: its number and the sums by key.
     pub(crate) pending: Vec<(usize, Vec<TrainingSum>)>,
-    /// Samples traced before it.
+    /// The number of samples traced before this round.
     pub(crate) before: u64,
     pub(crate) plan_seconds: f64,
     /// Seconds of tracing this round before the snapshot.
@@ -40,12 +40,12 @@ pub(crate) struct OpenRound {
 }
 
 impl OpenRound {
-    /// The number of traced samples of each pixel in a row.
+    /// The number of this round's samples already traced in each pixel of `row`.
     pub(crate) fn done(&self, row: usize) -> u32 {
         if row < self.cursor.row as usize { self.cursor.end } else { self.cursor.start }
     }
 
-    /// The rest of the round as a plan. Withdrawals are done.
+    /// The untraced rest of the round as a plan. It has no withdrawals, which are done when the round begins.
     pub(crate) fn rest(&self, width: usize) -> Plan {
         let left = |counts: &[u32]| -> Vec<u32> {
             counts.iter().enumerate().map(|(i, n)| n.saturating_sub(self.done(i / width))).collect()
@@ -56,7 +56,7 @@ impl OpenRound {
     }
 }
 
-/// References to everything that decides the rest of a render.
+/// Borrowed state of a render, complete enough to resume it; the content of a snapshot.
 #[derive(Clone, Copy)]
 pub(crate) struct View<'a> {
     pub(crate) film: &'a Film,
@@ -70,7 +70,7 @@ pub(crate) struct View<'a> {
 }
 
 const MAGIC: &[u8; 8] = b"dapple-s";
-/// Changes with the layout and the contents.
+/// The version of the format. It changes with the layout and the contents.
 const VERSION: u32 = 2;
 
 impl View<'_> {
@@ -97,11 +97,11 @@ impl View<'_> {
     }
 }
 
-/// A render between two slices, with everything that decides the rest of it.
+/// The state of a render between two slices, with everything needed to resume it.
 ///
-/// [`Status::snapshot`](crate::Status::snapshot) makes its bytes, and [`Render::resume`](crate::Render::resume)
-/// continues from it. This crate does no file I/O: a [`Monitor`](crate::Monitor) stores the bytes. They have a version
-/// and are checked for consistency, not for damage, so add a checksum to the file.
+/// [`Status::snapshot`](crate::Status::snapshot) makes the bytes, and [`Render::resume`](crate::Render::resume)
+/// continues from them. This crate does no file I/O: a [`Monitor`](crate::Monitor) stores the bytes. Reading checks
+/// their version and consistency, but not damage, so add a checksum to the file.
 ///
 /// ```
 /// # use dapple_core::{PointSet, SampleId};
@@ -153,12 +153,12 @@ pub struct Snapshot {
 }
 
 impl Snapshot {
-    /// Reads the bytes of [`Status::snapshot`](crate::Status::snapshot). Takes at most a few times their memory, even
-    /// for invalid bytes.
+    /// Reads the bytes of [`Status::snapshot`](crate::Status::snapshot). Takes memory of at most a few times their
+    /// number, even for invalid bytes.
     ///
     /// # Errors
     ///
-    /// [`Error::BadSnapshot`] for bytes of another kind or version, cut short or inconsistent.
+    /// [`Error::BadSnapshot`] for bytes of another kind or version, truncated or inconsistent.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, Error> {
         Ok(Self::read(bytes)?)
     }
@@ -187,12 +187,12 @@ impl Snapshot {
         Ok(Self { film, round, open, passes, total, seconds, sampler_state, sampler, points, bounds })
     }
 
-    /// The statistics so far, complete for every pixel.
+    /// The film at the snapshot, with valid statistics in every pixel.
     pub fn film(&self) -> &Film {
         &self.film
     }
 
-    /// Refuses to resume as another render than this one.
+    /// Checks that the snapshot belongs to a render with these settings.
     pub(crate) fn check(
         &self,
         sampler: &dyn Sampler,

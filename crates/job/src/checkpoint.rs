@@ -1,11 +1,11 @@
-//! Files that survive a crash: checkpoints of renders, and shards of images that several machines make.
+//! Files that survive a crash: checkpoints of renders, and shards of images.
 //!
-//! * [`Store::save`] writes a file beside its place, flushes it to the disk and renames it; the generation before stays
-//!   beside it. At every moment, [`Store::read`] finds a whole one.
-//! * [`Contents`] have an [`Identity`] (everything that they depend on) and a checksum over every byte.
+//! * [`Store::save`] writes a temporary file, flushes it to the disk and renames it; the previous version of the file
+//! is kept beside it. So [`Store::read`] finds a complete file at every moment.
+//! * [`Contents`] have an [`Identity`] (the settings that they depend on) and a checksum over every byte.
 //! * [`FileSystem`] holds the calls to the operating system; tests let each call fail.
 //!
-//! It knows no film and no scene: contents are bytes, such as those of `dapple_core::Status::snapshot`.
+//! The module knows neither films nor scenes: contents are bytes, such as those of `dapple_core::Status::snapshot`.
 
 mod contents;
 mod error;

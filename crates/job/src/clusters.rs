@@ -1,4 +1,4 @@
-//! The clusters of a world, and the world as samplers and filters see it.
+//! Clusters of a world's surfaces, and the data of a world that samplers and filters use.
 
 use crate::registry::RegistryError;
 use dapple_cluster_adaptive::{ProbeCost, ProbeHit, ProbeRay, ProbesHandle, TraceProbe};
@@ -9,20 +9,20 @@ use glam::{Vec2, Vec3};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
-/// The triangles of a world as plain slices, mesh by mesh; places in space as hits report them.
+/// The triangles of a world as plain slices, mesh by mesh, in the coordinates of first hits.
 #[derive(Clone, Debug, Default)]
 pub struct WorldTriangles {
-    /// Vertices.
+    /// The positions of the vertices.
     pub positions: Vec<[f32; 3]>,
-    /// Three vertices each.
+    /// The three vertex indices of each triangle.
     pub indices: Vec<[u32; 3]>,
-    /// A material each.
+    /// The material's number of each triangle.
     pub materials: Vec<u32>,
 }
 
 impl WorldTriangles {
-    /// Copies the triangles of all meshes, in the order of the shapes' numbers: each instance's too, as it stands when
-    /// the shutter opens.
+    /// Copies the triangles of all meshes, in the order of the shapes' numbers. Moving instances are copied as they
+    /// stand when the shutter opens.
     pub fn of(world: &World) -> Self {
         let meshes = || (0..world.geometry().shape_count()).filter_map(|number| world.geometry().shape(number).mesh());
         // All at once, since growing would write everything again.
@@ -48,31 +48,31 @@ impl WorldTriangles {
         all
     }
 
-    /// The slices.
+    /// Borrows the triangles as slices.
     pub fn as_slices(&self) -> Triangles<'_> {
         Triangles::new(&self.positions, &self.indices).with_materials(&self.materials)
     }
 }
 
-/// A world's primitives in clusters: its triangles as [`dapple_clustering::cluster`] groups them; each sphere and
-/// each disk is a cluster of its own.
+/// The primitives of a world grouped into clusters. Triangles are grouped by [`dapple_clustering::cluster`]; each
+/// sphere and each disk is a cluster of its own.
 #[derive(Clone, Debug)]
 pub struct WorldClusters {
     params: ClusterParams,
     labels: Arc<[u32]>,
     clusters: Arc<[Cluster]>,
-    /// Number of the first primitive of each shape.
+    /// For each shape, the number of its first primitive.
     first: Vec<u32>,
     report: Option<ClusterReport>,
     seconds: f64,
 }
 
 impl WorldClusters {
-    /// Groups a world's primitives.
+    /// Groups the primitives of `world` into clusters.
     ///
     /// # Errors
     ///
-    /// For parameters out of range.
+    /// If a parameter is out of range.
     pub fn new(world: &World, params: &ClusterParams) -> Result<Self, dapple_clustering::Error> {
         let began = Instant::now();
         let triangles = WorldTriangles::of(world);
@@ -102,7 +102,7 @@ impl WorldClusters {
         Ok(Self { params: *params, labels, clusters, first, report, seconds: began.elapsed().as_secs_f64() })
     }
 
-    /// The cluster of each primitive: triangles first, mesh by mesh, then spheres and disks.
+    /// The cluster's number of each primitive: triangles first, mesh by mesh, then spheres and disks.
     pub fn labels(&self) -> &Arc<[u32]> {
         &self.labels
     }
@@ -112,35 +112,35 @@ impl WorldClusters {
         &self.clusters
     }
 
-    /// The number of a shape's primitive among the labels.
+    /// The index among [`labels`](Self::labels) of primitive `primitive` of shape `shape`.
     #[inline]
     pub fn primitive(&self, shape: u32, primitive: u32) -> u32 {
         self.first[shape as usize] + primitive
     }
 
-    /// The cluster of a first hit in this world.
+    /// The number of the cluster that a first hit lies in; `None` if there is none.
     pub fn label(&self, hit: &FirstHit) -> Option<u32> {
         let first = self.first.get(hit.shape as usize)?;
         self.labels.get(*first as usize + hit.primitive as usize).copied()
     }
 
-    /// The state of the grid; `None` in a world without triangles.
+    /// Statistics of the clustering grid; `None` in a world without triangles.
     pub fn report(&self) -> Option<ClusterReport> {
         self.report
     }
 
-    /// Wall seconds of clustering.
+    /// Wall seconds spent on clustering.
     pub fn seconds(&self) -> f64 {
         self.seconds
     }
 }
 
-/// One slice after another; nothing is copied if the other is empty.
+/// The concatenation of both slices; `all` itself, uncopied, if `more` is empty.
 fn joined<T: Copy>(all: Arc<[T]>, more: &[T]) -> Arc<[T]> {
     if more.is_empty() { all } else { all.iter().chain(more).copied().collect() }
 }
 
-/// A sphere or disk as a cluster.
+/// The cluster that consists of one sphere or disk with this bounding box.
 fn whole([low, high]: [Vec3; 2], material: u32, group: u32) -> Cluster {
     let d = (high - low).as_dvec3();
     // Of its box: a plain measure of size; projected sizes are taken from the box anyway.
@@ -149,8 +149,8 @@ fn whole([low, high]: [Vec3; 2], material: u32, group: u32) -> Cluster {
     Cluster::without_triangles(bounds, area, material, group)
 }
 
-/// The world for which samplers and filters are made. Clusters are made once per set of parameters, and shared. Cheap to
-/// clone; clones share.
+/// The world for which a method's sampler and filter are made. Clusters are made once per set of parameters. Clones are
+/// cheap and share the clusters.
 #[derive(Clone, Debug, Default)]
 pub struct Stage {
     world: Option<Arc<World>>,
@@ -165,12 +165,13 @@ struct Made {
 }
 
 impl Stage {
-    /// A stage with this world.
+    /// The stage of a method on `world`.
     pub fn new(world: Arc<World>) -> Self {
         Self { world: Some(world), ..Self::default() }
     }
 
-    /// The stage of another method on the same world: made clusters are shared, [`Stage::clusters_used`] is its own.
+    /// A stage for another method on the same world. Both share clusters, but each has its own
+    /// [`Stage::clusters_used`].
     #[must_use]
     pub fn sibling(&self) -> Self {
         Self { used: Arc::default(), ..self.clone() }
@@ -181,11 +182,11 @@ impl Stage {
         Self::default()
     }
 
-    /// The clusters with these parameters, made at the first call.
+    /// The clusters of the world with these parameters, made on the first call.
     ///
     /// # Errors
     ///
-    /// [`RegistryError::NeedsWorld`] in the name of `of` on an empty stage; parameters out of range.
+    /// [`RegistryError::NeedsWorld`], naming the method `of`, on an empty stage. Also if a parameter is out of range.
     pub fn clusters(&self, of: &'static str, params: &ClusterParams) -> Result<Arc<WorldClusters>, RegistryError> {
         let found = self.find_or_make(of, params)?;
         self.used.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert_with(|| found.clone());
@@ -210,17 +211,17 @@ impl Stage {
         Ok(found)
     }
 
-    /// The clusters that the method of this stage uses; its first ones, if it uses several.
+    /// The clusters that this stage's method uses, the first ones if several; `None` if it uses none.
     pub fn clusters_used(&self) -> Option<Arc<WorldClusters>> {
         self.used.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// Wall seconds spent on clusters so far.
+    /// Wall seconds spent on clustering so far.
     pub fn cluster_seconds(&self) -> f64 {
         self.made().clusters.iter().fold(0.0, |sum, c| sum + c.seconds)
     }
 
-    /// The cost of probes so far, of all samplers made on this stage.
+    /// The cost of probes so far, summed over all samplers made on this stage.
     pub fn probe_cost(&self) -> ProbeCost {
         let made = self.made();
         made.probes.iter().filter_map(ProbesHandle::cost).fold(ProbeCost::default(), |sum, cost| ProbeCost {
@@ -229,7 +230,7 @@ impl Stage {
         })
     }
 
-    /// Probes whose hit was NaN; they count as background.
+    /// The number of probes whose hit was NaN; they count as background.
     pub fn rejected_probes(&self) -> u64 {
         self.made().probes.iter().filter_map(ProbesHandle::probes).map(|probes| probes.rejected()).sum()
     }
@@ -247,7 +248,7 @@ impl Stage {
     }
 }
 
-/// The first hits of a world, for probes.
+/// A function that traces probes: it returns the first hits of rays in the world.
 pub(crate) fn shoot(world: Arc<World>, clusters: Arc<WorldClusters>) -> TraceProbe {
     Arc::new(move |probe: ProbeRay| {
         let [x, y] = probe.pixel.map(|n| n as f32 + 0.5);

@@ -1,4 +1,4 @@
-//! A hash of files and settings that a result depends on.
+//! A hash of the files and settings on which a result depends.
 
 /// The FNV-1a hash in 128 bits, by Fowler, Noll and Vo. Not cryptographic: it detects changes, not forgeries.
 #[derive(Clone, Debug)]
@@ -23,7 +23,7 @@ impl ContentHash {
         }
     }
 
-    /// Adds a text with its length.
+    /// Adds the length of a text, then the text.
     pub fn text(&mut self, text: &str) {
         self.add(&(text.len() as u64).to_le_bytes());
         self.add(text.as_bytes());

@@ -13,10 +13,10 @@ use std::path::PathBuf;
 #[non_exhaustive]
 #[derive(Debug, thiserror::Error)]
 pub enum JobError {
-    /// A description that is not valid.
+    /// An invalid description of a render.
     #[error(transparent)]
     Spec(#[from] SpecError),
-    /// Neither a file nor a bundled scene.
+    /// A scene name that is neither a file nor a bundled scene.
     #[error("{name}: there is no such file, and no such bundled scene; the bundled scenes are {}", bundled::names().join(", "))]
     NoScene {
         /// The name of the scene.
@@ -25,7 +25,7 @@ pub enum JobError {
     /// A scene that cannot be read.
     #[error(transparent)]
     Read(#[from] ReadError),
-    /// A scene that is not a world.
+    /// A scene that cannot be built as a world.
     #[error(transparent)]
     World(#[from] WorldError),
     /// A sampler, a point set or a filter that cannot be made.
@@ -34,7 +34,7 @@ pub enum JobError {
     /// An integrator that cannot be made.
     #[error(transparent)]
     Integrator(#[from] IntegratorError),
-    /// The render itself.
+    /// An error of the render itself.
     #[error(transparent)]
     Core(#[from] dapple_core::Error),
     /// An effect that cannot be left out.
@@ -45,56 +45,56 @@ pub enum JobError {
         /// The reason.
         source: WithoutError,
     },
-    /// An effect to leave out that the scene does not call for.
+    /// An effect to leave out that the scene does not use.
     #[error("without {effect}: the scene does not call for it; it calls for {}", list(called))]
     NotCalledFor {
         /// The effect.
         effect: Effect,
-        /// The effects that the scene calls for.
+        /// The effects that the scene uses.
         called: Vec<Effect>,
     },
-    /// More memory than there is.
+    /// A render that needs more memory than allowed.
     #[error("{}", refusal(estimate, *limit, *advice))]
     Memory {
-        /// The estimate.
+        /// The memory that the render needs.
         estimate: Box<MemoryEstimate>,
-        /// The limit.
+        /// The memory that is allowed.
         limit: MemoryLimit,
-        /// The remedy.
+        /// The suggested remedy.
         advice: MemoryAdvice,
     },
     /// A checkpoint or a shard that cannot be read or written.
     #[error(transparent)]
     Checkpoint(#[from] checkpoint::Error),
-    /// An existing checkpoint where a render would begin anew.
+    /// An existing checkpoint file in a render that does not resume from it.
     #[error("{path}: a checkpoint exists; resume from it, or remove it and {path}.previous", path = path.display())]
     CheckpointExists {
-        /// The file.
+        /// The checkpoint file.
         path: PathBuf,
     },
-    /// A checkpoint, or shards, of another render.
+    /// A checkpoint or shards made by a render with other settings.
     #[error("{}", other_render(path, differences))]
     OtherRender {
-        /// The file.
+        /// The checkpoint or shard file.
         path: PathBuf,
-        /// The differences, a phrase each.
+        /// The settings that differ, a phrase each.
         differences: Vec<String>,
     },
-    /// Snapshot bytes that make no sense.
+    /// A checkpoint whose snapshot is inconsistent.
     #[error("{}: {source}", path.display())]
     Snapshot {
-        /// The file.
+        /// The checkpoint file.
         path: PathBuf,
-        /// The reason.
+        /// The fault of the snapshot.
         source: dapple_core::Error,
     },
-    /// Shards that do not belong together, or cannot be read: a line each.
+    /// Shards that cannot be read or do not belong together, with a line for each problem.
     #[error("{}", .0.join("\n"))]
     Shards(Vec<String>),
-    /// The integrator panicked.
+    /// A panic of the integrator, with its message.
     #[error("{0}")]
     Panicked(String),
-    /// A shard file of a job that renders the whole image.
+    /// A request for a shard file in a job that renders the whole image.
     #[error("the description names no shard; set one, such as 1/4")]
     NotAShard,
     /// An image that cannot be sharded.
@@ -105,13 +105,13 @@ pub enum JobError {
         /// The reason.
         why: String,
     },
-    /// A description of another world than the prepared one.
+    /// A description that needs another world than the prepared one.
     #[error("the description asks for another scene, image or light selection than was prepared; prepare it anew")]
     OtherWorld,
-    /// A checkpoint or shard of a scene that was read without a digest.
+    /// A checkpoint or shard requested for a scene that was read without a digest.
     #[error("checkpoints and shards need a digest of the scene; load it with one")]
     NoDigest,
-    /// Image files that cannot be written: a line each.
+    /// Image files that cannot be written, with a line for each.
     #[error("{}", .0.join("\n"))]
     Files(Vec<String>),
 }

@@ -1,4 +1,4 @@
-//! One render: prepared, estimated, run or resumed, finished.
+//! A render as a job: prepared, estimated, run or resumed, and finished.
 
 mod checkpoints;
 mod identity;
@@ -25,7 +25,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;
 
-/// A prepared render: its world, sampler and filter are made, and nothing is traced.
+/// A prepared render: the world, the sampler and the filter exist, and nothing is traced yet.
 ///
 /// ```
 /// use dapple_job::{BudgetSpec, Job, RenderSpec};
@@ -50,22 +50,22 @@ pub struct Job {
     outputs: OutputFiles,
 }
 
-/// Watches a run.
+/// An observer of a job's run.
 pub trait JobMonitor {
-    /// Sees the state between two slices, and decides whether the render continues.
+    /// Called between two slices. The returned value decides whether the render continues.
     fn slice(&mut self, status: &Status<'_>) -> Control;
 
-    /// Sees the state when all is traced, unless the render was stopped.
+    /// Called when all samples are traced, unless the render was stopped.
     fn end(&mut self, status: &Status<'_>) {
         let _ = status;
     }
 
-    /// Takes a warning during the run.
+    /// Receives a warning during the run.
     fn warn(&mut self, warning: Warning) {
         let _ = warning;
     }
 
-    /// Takes the mean samples per pixel of the checkpoint that the run resumes from.
+    /// Called on resuming, with the mean samples per pixel of the checkpoint.
     fn resumed(&mut self, spp: f64) {
         let _ = spp;
     }
@@ -77,7 +77,7 @@ impl JobMonitor for NoMonitor {
     }
 }
 
-/// The monitor of a render as that of a job, without warnings.
+/// Adapts a render's [`Monitor`] to a [`JobMonitor`] that ignores warnings.
 pub struct RenderMonitor<'m>(pub &'m mut dyn Monitor);
 
 impl JobMonitor for RenderMonitor<'_> {
@@ -90,33 +90,33 @@ impl JobMonitor for RenderMonitor<'_> {
     }
 }
 
-/// The end of a run.
+/// The result of tracing.
 pub struct Traced {
-    /// The film.
+    /// The film with the samples traced.
     pub film: Film,
-    /// The error of an integrator that panicked; the film holds what was finished before.
+    /// The message of an integrator's panic; the film then holds the samples finished before.
     pub failure: Option<String>,
-    /// The checkpoint to resume from, or the reason why there is none; `None` without checkpoints.
+    /// The checkpoint file to resume from, or the error that kept it from being written; `None` without checkpoints.
     pub checkpoint: Option<Result<PathBuf, JobError>>,
 }
 
-/// An image with the film that it was made of.
+/// A finished image with the film it was made from.
 pub struct RenderedImage {
     /// The film.
     pub film: Film,
-    /// The image.
+    /// The filtered image.
     pub filtered: Filtered,
-    /// The filter that made it, described.
+    /// The name and parameters of the filter.
     pub filter: String,
-    /// Seconds of each phase.
+    /// Wall seconds of each phase.
     pub seconds: PhaseSeconds,
-    /// Rays of probes, besides the film's.
+    /// The number of rays traced as probes, not included in the film's.
     pub probe_rays: u64,
     /// Warnings about the samples, the clusters and the filter.
     pub warnings: Vec<Warning>,
 }
 
-/// Wall seconds of each phase; 0 for a phase that a render does not have.
+/// Wall seconds of each phase; 0 for phases that a render does not have.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
 pub struct PhaseSeconds {
     /// Reading the scene.
@@ -138,18 +138,18 @@ pub struct PhaseSeconds {
 }
 
 impl PhaseSeconds {
-    /// From clusters to filter: the render without reading, building and writing.
+    /// Wall seconds from clustering to filtering, without reading the scene, building the world and writing files.
     pub fn render(&self) -> f64 {
         self.cluster + self.probe + self.plan + self.trace + self.filter
     }
 }
 
 impl Job {
-    /// Reads the scene of a description, builds its world, and makes sampler and filter.
+    /// Reads the scene of a description, builds the world, and makes sampler and filter.
     ///
     /// # Errors
     ///
-    /// [`JobError`] for a description that is not valid, and for a scene or methods that cannot be made.
+    /// [`JobError`] if the description is invalid, or the scene or a method cannot be made.
     pub fn prepare(spec: &RenderSpec) -> Result<Self, JobError> {
         LoadedScene::read(spec, &LoadOptions::default())?.build()?.job(spec)
     }
@@ -194,18 +194,18 @@ impl Job {
         Ok(job)
     }
 
-    /// Sets the files that the image is written to, and records what they show.
+    /// Sets the image files to write, and makes the film record the statistics they need.
     pub fn set_outputs(&mut self, outputs: OutputFiles) {
         self.needs = self.needs.and(outputs.needs(self.clusters().is_some()));
         self.outputs = outputs;
     }
 
-    /// Records these statistics too.
+    /// Makes the film record these statistics as well.
     pub fn record(&mut self, needs: Needs) {
         self.needs = self.needs.and(needs);
     }
 
-    /// The description.
+    /// The description of the render.
     pub fn spec(&self) -> &RenderSpec {
         &self.spec
     }
@@ -220,52 +220,52 @@ impl Job {
         &self.prepared.world
     }
 
-    /// Resolution and window.
+    /// The image's resolution and rendered window.
     pub fn frame(&self) -> &Frame {
         &self.frame
     }
 
-    /// Budget and bounds.
+    /// The budget and the bounds of samples per pixel.
     pub fn limits(&self) -> &Limits {
         &self.limits
     }
 
-    /// The files that the image is written to.
+    /// The image files to write.
     pub fn outputs(&self) -> &OutputFiles {
         &self.outputs
     }
 
-    /// The sampler with all its parameters.
+    /// The name and all parameters of the sampler.
     pub fn sampler_described(&self) -> &str {
         &self.described
     }
 
-    /// The point set with all its parameters.
+    /// The name and all parameters of the point set.
     pub fn points_described(&self) -> &str {
         &self.points
     }
 
-    /// Returns true if the sampler plans its counts a priori.
+    /// Returns `true` if the sampler's counts never depend on samples.
     pub fn is_a_priori(&self) -> bool {
         self.sampler.a_priori()
     }
 
-    /// The scene and its preparation.
+    /// The scene and the world built from it.
     pub fn prepared(&self) -> &PreparedScene {
         &self.prepared
     }
 
-    /// The warnings of reading, building and clustering.
+    /// The warnings of reading the scene, building the world and clustering.
     pub fn warnings(&self) -> &[Warning] {
         &self.prepared.warnings
     }
 
-    /// The clusters of this render: the sampler's own; the filter's if the sampler uses none.
+    /// The clusters that the sampler uses, else those of the filter; `None` if neither uses any.
     pub fn clusters(&self) -> Option<Arc<WorldClusters>> {
         self.of_sampler.clusters_used().or_else(|| self.of_filter.clusters_used())
     }
 
-    /// The memory that the render takes. `keeps` adds the bytes of a checkpoint or shard.
+    /// The estimated memory of the render. `keeps` adds the bytes of a checkpoint or shard.
     ///
     /// # Errors
     ///
@@ -284,11 +284,11 @@ impl Job {
         Ok(MemoryEstimate::of_render(&self.prepared.expected, &memory, files, keeps || self.spec.shard.is_some()))
     }
 
-    /// Traces the render, from its beginning or from the checkpoint of `checkpoints`.
+    /// Traces the render, from the beginning or from the checkpoint file in `checkpoints`.
     ///
     /// # Errors
     ///
-    /// [`JobError`] for limits that the sampler cannot meet, and for a checkpoint of another render.
+    /// [`JobError`] for limits that the sampler cannot meet, or a checkpoint of another render.
     pub fn run(&mut self, checkpoints: Option<Checkpoints>, monitor: &mut dyn JobMonitor) -> Result<Traced, JobError> {
         let identity = match &checkpoints {
             Some(_) => self.identity()?,
@@ -327,13 +327,13 @@ impl Job {
         }
     }
 
-    /// Filters a film of this render.
+    /// Filters a film of this render and returns the image.
     ///
-    /// A stopped render is not filtered if that would take a second or more.
+    /// For a stopped render, the image stays unfiltered if the filter would take a second or more.
     ///
     /// # Errors
     ///
-    /// [`JobError::Core`] where the filter lacks statistics.
+    /// [`JobError::Core`] if the film lacks statistics that the filter needs.
     pub fn finish(&self, film: Film) -> Result<RenderedImage, JobError> {
         /// Pixels per second and thread of the default filter.
         const FILTERED_A_SECOND: usize = 125_000;
@@ -351,16 +351,17 @@ impl Job {
         Ok(self.image(film, filtered, described, seconds, warnings))
     }
 
-    /// An image that another filter made of a film of this render, in so many seconds.
+    /// Combines a film of this render with an image that another filter made in `seconds`; `filter` describes the
+    /// filter.
     pub fn finished(&self, film: Film, filtered: Filtered, filter: String, seconds: f64) -> RenderedImage {
         self.image(film, filtered, filter, seconds, self.clusters_warnings())
     }
 
-    /// Traces and filters, without a monitor.
+    /// Traces and filters the render, without a monitor, and returns the image.
     ///
     /// # Errors
     ///
-    /// As [`Job::run`] and [`Job::finish`]; [`JobError::Panicked`] where the integrator panicked.
+    /// As [`Job::run`] and [`Job::finish`]; [`JobError::Panicked`] if the integrator panicked.
     pub fn render(&mut self) -> Result<RenderedImage, JobError> {
         let traced = self.run(None, &mut NoMonitor)?;
         match traced.failure {
@@ -403,7 +404,7 @@ impl Job {
         RenderedImage { film, filtered, filter, seconds, probe_rays: probes.rays, warnings }
     }
 
-    /// A grid that tells nothing apart, and probes that are NaN.
+    /// Warnings about a clustering grid without effect, and about probes that were NaN.
     fn clusters_warnings(&self) -> Vec<Warning> {
         let mut warnings = Vec::new();
         let report = self.clusters().and_then(|clusters| clusters.report());
@@ -418,19 +419,19 @@ impl Job {
         warnings
     }
 
-    /// The parts of this render that its samples depend on.
+    /// The settings of this render on which the samples depend.
     pub(crate) fn identity(&self) -> Result<Identity, JobError> {
         identity::identity(self)
     }
 }
 
 impl RenderedImage {
-    /// Mean samples per pixel.
+    /// Mean samples per pixel traced.
     pub fn spp(&self) -> f64 {
         self.film.record().samples as f64 / self.film.frame().pixels() as f64
     }
 
-    /// Rays, those of probes included.
+    /// The number of rays traced, probes included.
     pub fn rays(&self) -> u64 {
         self.film.record().rays + self.probe_rays
     }

@@ -1,4 +1,4 @@
-//! From a description to a scene, and from a scene to a world.
+//! Reading of scenes, and building of worlds.
 
 use crate::memory::{MemoryEstimate, MemoryLimit};
 use crate::registry::{self, Setting};
@@ -15,38 +15,38 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 
-/// Settings of the reader.
+/// Options for reading a scene.
 #[derive(Clone, Copy, Debug)]
 #[non_exhaustive]
 pub struct LoadOptions {
-    /// The memory that the render may take. No longer file is read.
+    /// The memory that the render may take; longer files are not read.
     pub limit: MemoryLimit,
-    /// Hashes every byte that is read. Checkpoints and shards need the hash.
+    /// If `true`, hashes every byte read. Checkpoints and shards need this digest.
     pub digest: bool,
 }
 
 impl Default for LoadOptions {
-    /// No limit of memory, with a digest.
+    /// No memory limit, and a digest.
     fn default() -> Self {
         Self { limit: MemoryLimit::none(), digest: true }
     }
 }
 
 impl LoadOptions {
-    /// Sets the limit of memory.
+    /// Sets the memory limit.
     #[must_use]
     pub fn with_limit(self, limit: MemoryLimit) -> Self {
         Self { limit, ..self }
     }
 
-    /// Leaves the digest out.
+    /// Reads without a digest, so that the render has no checkpoints or shards.
     #[must_use]
     pub fn without_digest(self) -> Self {
         Self { digest: false, ..self }
     }
 }
 
-/// A scene that was read, with the settings of its render.
+/// A scene that was read, with the settings of the render.
 #[derive(Clone, Debug)]
 pub struct LoadedScene {
     spec: RenderSpec,
@@ -59,7 +59,7 @@ pub struct LoadedScene {
     load_seconds: f64,
 }
 
-/// A scene that is ready for rays. Cheap to clone; clones share.
+/// A scene with the world built from it, ready for tracing. Clones are cheap and share the world.
 #[derive(Clone, Debug)]
 pub struct PreparedScene {
     pub(crate) spec: RenderSpec,
@@ -74,12 +74,12 @@ pub struct PreparedScene {
 }
 
 impl LoadedScene {
-    /// Reads the scene of a description.
+    /// Reads the scene named in a description.
     ///
     /// # Errors
     ///
-    /// [`JobError`] for a description that is not valid, a scene that cannot be read, and effects that the scene does not
-    /// call for.
+    /// [`JobError`] if the description is invalid, the scene cannot be read, or an effect is left out that the scene
+    /// does not use.
     pub fn read(spec: &RenderSpec, options: &LoadOptions) -> Result<Self, JobError> {
         spec.check()?;
         let clock = Instant::now();
@@ -90,8 +90,8 @@ impl LoadedScene {
         Ok(loaded)
     }
 
-    /// Takes a scene that exists already in place of the one that the description names. It has no digest, so that its
-    /// render has no checkpoints.
+    /// Uses `scene` instead of the scene that the description names. It has no digest, so the render has no
+    /// checkpoints.
     ///
     /// # Errors
     ///
@@ -133,36 +133,36 @@ impl LoadedScene {
         })
     }
 
-    /// The scene, with the changes that the description asks for.
+    /// The scene, with the changes that the description makes.
     pub fn scene(&self) -> &Scene {
         &self.scene
     }
 
-    /// Resolution and window.
+    /// The image's resolution and rendered window.
     pub fn frame(&self) -> &Frame {
         &self.frame
     }
 
-    /// The description.
+    /// The description of the render.
     pub fn spec(&self) -> &RenderSpec {
         &self.spec
     }
 
-    /// Warnings about directives that were adjusted or left out.
+    /// Warnings about directives of the scene file that were adjusted or ignored.
     pub fn warnings(&self) -> &[Warning] {
         &self.warnings
     }
 
-    /// The memory that the render takes at least.
+    /// The least memory that the render takes.
     pub fn memory(&self) -> &MemoryEstimate {
         &self.expected
     }
 
-    /// Builds the world.
+    /// Builds the world for tracing.
     ///
     /// # Errors
     ///
-    /// [`JobError::World`] with everything that is wrong with the scene.
+    /// [`JobError::World`] with every problem of the scene.
     pub fn build(self) -> Result<PreparedScene, JobError> {
         let clock = Instant::now();
         let mut world = World::with_resolution(&self.scene, self.frame.resolution())?;
@@ -196,36 +196,36 @@ impl PreparedScene {
         &self.world
     }
 
-    /// ContentHash of all bytes that were read for the scene.
+    /// The hash of all bytes read for the scene; `None` without a digest.
     pub fn digest(&self) -> Option<&ContentHash> {
         self.digest.as_ref()
     }
 
-    /// Seconds of reading the scene.
+    /// Wall seconds of reading the scene.
     pub fn load_seconds(&self) -> f64 {
         self.load_seconds
     }
 
-    /// Seconds of building the world.
+    /// Wall seconds of building the world.
     pub fn build_seconds(&self) -> f64 {
         self.build_seconds
     }
 
-    /// The effects that are left out.
+    /// The effects that are left out of the image.
     pub fn without(&self) -> &[Effect] {
         &self.without
     }
 
-    /// The warnings of reading and building.
+    /// The warnings of reading the scene and building the world.
     pub fn warnings(&self) -> &[Warning] {
         &self.warnings
     }
 
-    /// A job on this world, whose description may differ in its methods, budget and seed.
+    /// Prepares a job on this world; its description may differ from the scene's in methods, budget and seed.
     ///
     /// # Errors
     ///
-    /// [`JobError::OtherWorld`] for a description of another world; see [`Job::prepare`] for the rest.
+    /// [`JobError::OtherWorld`] if the description needs another world; otherwise as [`Job::prepare`].
     pub fn job(&self, spec: &RenderSpec) -> Result<Job, JobError> {
         Job::on(spec, self.clone())
     }
@@ -246,16 +246,16 @@ fn notices(spec: &RenderSpec, scene: &Scene) -> Vec<Warning> {
     warnings
 }
 
-/// The bundled scene of a name that is not a file's.
+/// The bundled scene called `name`; `None` if it is the name of a file.
 fn bundle(name: &str) -> Option<Bundle> {
     if Path::new(name).is_file() { None } else { bundled::files(name) }
 }
 
-/// Reads a scene by its name, with a digest where the options ask for one.
+/// Reads the scene called `name`, a file or a bundled scene, with a digest if the options request one.
 ///
 /// # Errors
 ///
-/// [`JobError::NoScene`] or [`JobError::Read`].
+/// [`JobError::NoScene`] for an unknown name, [`JobError::Read`] for a scene that cannot be read.
 pub fn read_scene(
     name: &str,
     allow_unsupported: bool,
@@ -289,7 +289,7 @@ pub fn read_scene(
     Ok((scene, digest))
 }
 
-/// The disk, with a limit for each file, and a digest of each that is read.
+/// A file reader that limits the size of each file and hashes its bytes.
 struct Recorder {
     limit: MemoryLimit,
     read: Option<RefCell<BTreeMap<PathBuf, String>>>,
@@ -313,7 +313,7 @@ impl Files for Recorder {
     }
 }
 
-/// The effects to leave out, once each, in the order in which they go.
+/// The effects to leave out, each once, in the order in which they are removed from the scene.
 fn called_for(asked: &[Effect], scene: &Scene) -> Result<Vec<Effect>, JobError> {
     let effects = Effects::of(scene);
     let mut without = asked.to_vec();
@@ -350,7 +350,7 @@ pub(crate) fn frame(spec: &RenderSpec, scene: &Scene) -> Result<Frame, JobError>
     }
 }
 
-/// Seed and samples per pixel, for point sets.
+/// The seed and the mean samples per pixel, as point sets take them.
 pub(crate) fn setting(spec: &RenderSpec, frame: Frame) -> Setting {
     let spp = match spec.budget {
         BudgetSpec::Spp(spp) => Some(spp.ceil() as u64),
@@ -360,7 +360,7 @@ pub(crate) fn setting(spec: &RenderSpec, frame: Frame) -> Setting {
     Setting { seed: spec.seed, spp }
 }
 
-/// The budget and bounds of a description.
+/// The budget and the bounds of samples per pixel in a description.
 pub(crate) fn limits(spec: &RenderSpec, frame: Frame) -> Limits {
     let pixels = frame.pixels() as u64;
     let budget = match spec.budget {
@@ -378,7 +378,7 @@ pub(crate) fn limits(spec: &RenderSpec, frame: Frame) -> Limits {
     limits
 }
 
-/// Refuses at once a point set that would be exhausted after the first round.
+/// Refuses a point set with fewer points per pixel than the budget needs at least.
 fn check_capacity(spec: &RenderSpec, frame: Frame) -> Result<(), JobError> {
     let setting = setting(spec, frame);
     let points = registry::points(&spec.points, setting)?;

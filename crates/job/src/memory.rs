@@ -1,4 +1,4 @@
-//! The memory of scenes, worlds and renders, before they exist.
+//! Estimates of the memory of scenes, worlds and renders, before they exist.
 //!
 //! Meshes and images are counted; names, materials and lights are too small to matter.
 
@@ -12,10 +12,10 @@ use dapple_scene::image::Image;
 use dapple_scene::{EnvironmentRadiance, Geometry, LightKind, MeshData, Scene, Shape, TextureKind};
 use std::sync::Arc;
 
-/// Bytes of the tree per triangle. Measured: 87 to 92 on meshes of 1 and 4 million triangles, 80 on the terrain's 131
-/// thousand (docs/results/memory.md).
+/// Bytes of the bounding volume hierarchy per triangle. Measured: 87 to 92 on meshes of 1 and 4 million triangles, 80
+/// on the terrain's 131 thousand (docs/results/memory.md).
 const TREE: u64 = 92;
-/// Largest number of bytes per triangle while the tree is built, besides the meshes. Measured: 221 to 232.
+/// The largest number of bytes per triangle while the hierarchy is built, besides the meshes. Measured: 221 to 232.
 const BUILDING: u64 = 232;
 /// Bytes per pixel of the tables from which an environment map is sampled.
 const ENVIRONMENT: u64 = 16;
@@ -23,13 +23,13 @@ const ENVIRONMENT: u64 = 16;
 /// The memory of a world besides its scene, in bytes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct WorldMemory {
-    /// The finished world.
+    /// The size of the finished world.
     pub built: u64,
-    /// The most while it is built.
+    /// The peak while the world is built.
     pub building: u64,
 }
 
-/// Bytes of a scene's meshes and images.
+/// The bytes of a scene's meshes and images.
 pub fn of_scene(scene: &Scene) -> u64 {
     let meshes = once(meshes(scene)).into_iter().map(|mesh| {
         of_slice(&mesh.positions) + of_slice(&mesh.normals) + of_slice(&mesh.uvs) + of_slice(&mesh.triangles)
@@ -56,7 +56,7 @@ fn of_slice<T>(values: &[T]) -> u64 {
     size_of_val(values) as u64
 }
 
-/// The meshes of all shapes, those of an object once.
+/// The meshes of all shapes; a mesh shared by several instances occurs once.
 fn meshes(scene: &Scene) -> impl Iterator<Item = &Arc<MeshData>> {
     let shapes = scene.shapes.iter().chain(scene.objects.iter().flat_map(|object| &object.shapes));
     shapes.filter_map(|shape: &Shape| match &shape.geometry {
@@ -81,7 +81,7 @@ fn images(scene: &Scene) -> impl Iterator<Item = &Arc<Image>> {
     textures.chain(environments(scene))
 }
 
-/// Shared values once each.
+/// The distinct values, without repetitions of shared ones.
 fn once<'a, T>(all: impl Iterator<Item = &'a Arc<T>>) -> Vec<&'a Arc<T>> {
     let mut all: Vec<&Arc<T>> = all.collect();
     all.sort_by_key(|one| Arc::as_ptr(one));

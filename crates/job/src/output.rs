@@ -1,6 +1,6 @@
-//! From a film to image files: the layers of an EXR file, its header, and maps.
+//! Image files made from a film: the layers and header of an EXR file, and maps.
 //!
-//! [`OutputFiles`] writes them; [`image`](dapple_scene::image) encodes them.
+//! [`OutputFiles`] writes the files; [`image`](dapple_scene::image) encodes them.
 
 mod files;
 mod header;

@@ -1,4 +1,4 @@
-//! Every sampler, point set and filter by name: a few lines each, in the file of its kind.
+//! The registry of samplers, point sets and filters by name.
 
 mod filters;
 mod parameters;
@@ -15,15 +15,15 @@ use crate::Stage;
 use dapple_clustering::{ClusterParams, Grouping, Insertion, Order, Sides};
 use dapple_core::{Filter, Sampler};
 
-/// One entry: its name, one line about it, its parameters, and its constructor.
+/// A sampler, point set or filter in the registry: name, description, parameters and constructor.
 pub struct Entry<Make> {
     /// The name on the command line.
     pub name: &'static str,
-    /// Former names, which are still understood.
+    /// Former names, still accepted.
     pub aliases: &'static [&'static str],
     /// One line of description.
     pub about: &'static str,
-    /// Its parameters, in groups.
+    /// The parameters, in groups.
     pub parameters: &'static [&'static [Parameter]],
     make: Make,
 }
@@ -38,27 +38,27 @@ impl<Make> Entry<Make> {
         Self { name, aliases: &[], about, parameters, make }
     }
 
-    /// Its parameters.
+    /// All parameters of the entry.
     pub fn parameters(&self) -> impl Iterator<Item = &'static Parameter> + use<Make> {
         self.parameters.iter().copied().flatten()
     }
 
-    /// True if `name` is its name or a former one.
+    /// Returns `true` if `name` is the entry's name or a former one.
     pub fn is_called(&self, name: &str) -> bool {
         self.name == name || self.aliases.contains(&name)
     }
 }
 
-/// The seed and the budget, which point sets are made from besides their parameters.
+/// The seed and the budget, which the constructor of a point set takes besides the parameters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Setting {
-    /// The seed.
+    /// The seed of all random numbers.
     pub seed: u64,
-    /// The mean number of samples per pixel, if it is known: some sets need it beforehand.
+    /// The mean number of samples per pixel; `None` if unknown. Some point sets need it in advance.
     pub spp: Option<u64>,
 }
 
-/// The parameters of clustering, for all that reads clusters: the published method by default.
+/// The parameters of clustering for all entries that read clusters. The defaults are the published method.
 const CLUSTERING: &[Parameter] = &[
     Parameter::new(
         "k",
@@ -100,17 +100,17 @@ fn clustering(p: &Parameters) -> Result<ClusterParams, RegistryError> {
 ///
 /// # Errors
 ///
-/// For an unknown name or key, with those there are, and for a value out of range.
+/// [`RegistryError`] for an unknown name or key, listing the known ones, and for a value out of range.
 pub fn points(description: &str, setting: Setting) -> Result<AnyPoints, RegistryError> {
     let (entry, parameters) = parameters::find("point set", POINTS, description)?;
     Ok(AnyPoints::new((entry.make)(&parameters, setting)?))
 }
 
-/// Makes a sampler from its description, with these points, for the world on `stage`.
+/// Makes a sampler from its description, with the point set `points`, for the world on `stage`.
 ///
 /// # Errors
 ///
-/// As [`points`]; [`RegistryError::NeedsWorld`] if it reads the world and `stage` is empty.
+/// As [`points`]; [`RegistryError::NeedsWorld`] if the sampler reads the world and `stage` is empty.
 pub fn sampler(description: &str, points: AnyPoints, stage: &Stage) -> Result<Box<dyn Sampler>, RegistryError> {
     let (entry, parameters) = parameters::find("sampler", SAMPLERS, description)?;
     (entry.make)(&parameters, points, stage)
@@ -126,11 +126,11 @@ pub fn filter(description: &str, stage: &Stage) -> Result<Box<dyn Filter>, Regis
     (entry.make)(&parameters, stage)
 }
 
-/// Checks the description of a sampler, as far as that is possible without a world.
+/// Checks the description of a sampler as far as possible without a world.
 ///
 /// # Errors
 ///
-/// As [`sampler`], but for [`RegistryError::NeedsWorld`].
+/// As [`sampler`], except [`RegistryError::NeedsWorld`].
 pub fn check_sampler(description: &str) -> Result<(), RegistryError> {
     let points = points("random", Setting { seed: 0, spp: None })?;
     without_world(sampler(description, points, &Stage::empty()))
@@ -145,11 +145,11 @@ pub fn check_points(description: &str) -> Result<(), RegistryError> {
     points(description, Setting { seed: 0, spp: None }).map(|_| ())
 }
 
-/// Checks the description of a filter, as far as that is possible without a world.
+/// Checks the description of a filter as far as possible without a world.
 ///
 /// # Errors
 ///
-/// As [`filter`], but for [`RegistryError::NeedsWorld`].
+/// As [`filter`], except [`RegistryError::NeedsWorld`].
 pub fn check_filter(description: &str) -> Result<(), RegistryError> {
     without_world(filter(description, &Stage::empty()))
 }

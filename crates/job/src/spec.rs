@@ -25,10 +25,10 @@ pub const DEFAULT_FILTER: &str = "cluster-regression";
 /// The integrator of [`RenderSpec::new`].
 pub const DEFAULT_INTEGRATOR: &str = "path";
 
-/// Everything that decides on the pixels of an image.
+/// A description of a render: all settings that decide the pixels of an image.
 ///
-/// Shards and checkpoints carry it as JSON, and `dapple render --spec FILE` reads it. Paths are text. Fields that are
-/// left out of the JSON have the values of [`RenderSpec::new`]; unknown fields are refused.
+/// Shards and checkpoints store the description as JSON, and `dapple render --spec FILE` reads it. Paths are text.
+/// Fields that are missing from the JSON have the values of [`RenderSpec::new`]; unknown fields are refused.
 ///
 /// ```
 /// use dapple_job::{BudgetSpec, RenderSpec};
@@ -48,31 +48,31 @@ pub struct RenderSpec {
     /// The sampler, `NAME` or `NAME:key=value,…`.
     #[serde(default = "names::sampler")]
     pub sampler: String,
-    /// The point set, in the same form.
+    /// The point set, `NAME` or `NAME:key=value,…`.
     #[serde(default = "names::points")]
     pub points: String,
-    /// The filter, in the same form; `none` leaves each pixel the mean of its samples.
+    /// The filter, `NAME` or `NAME:key=value,…`; `none` leaves each pixel the mean of its samples.
     #[serde(default = "names::filter")]
     pub filter: String,
-    /// The integrator, in the same form.
+    /// The integrator, `NAME` or `NAME:key=value,…`.
     #[serde(default = "names::integrator")]
     pub integrator: String,
-    /// The selection among several lights. `None` is [`RenderSpec::selection`]'s default.
+    /// The selection among several lights. `None` stands for the default that [`RenderSpec::selection`] returns.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub light_selection: Option<LightSelection>,
-    /// When the render ends.
+    /// The condition that ends the render.
     #[serde(default)]
     pub budget: BudgetSpec,
     /// Smallest number of samples per pixel.
     #[serde(default = "names::one")]
     pub min_spp: u32,
-    /// Largest number of samples per pixel; `None` is no bound, or [`ERROR_SPP`] for an error budget.
+    /// Largest number of samples per pixel. `None` is no bound, or [`ERROR_SPP`] for an error budget.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub max_spp: Option<u32>,
     /// Width and height in pixels; `None` is the scene's.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub resolution: Option<[u32; 2]>,
-    /// The window that is rendered.
+    /// The window to render.
     #[serde(default)]
     pub crop: CropSpec,
     /// Seed of all random numbers.
@@ -87,30 +87,30 @@ pub struct RenderSpec {
     /// Effects that are left out of the scene.
     #[serde(default, with = "names::effects", skip_serializing_if = "Vec::is_empty")]
     pub without: Vec<Effect>,
-    /// Reads a scene with unsupported directives, and reports them as warnings.
+    /// If `true`, unsupported directives of a scene are warnings instead of errors.
     #[serde(default)]
     pub allow_unsupported: bool,
-    /// The shard of the image that is rendered; `None` renders all of it.
+    /// The shard of the image to render; `None` renders the whole image.
     #[serde(default, with = "names::shard", skip_serializing_if = "Option::is_none")]
     pub shard: Option<Shard>,
 }
 
-/// When a render ends.
+/// The condition that ends a render.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum BudgetSpec {
-    /// Mean samples per pixel, exactly.
+    /// Exactly this mean number of samples per pixel.
     Spp(f64),
-    /// Samples in all, exactly.
+    /// Exactly this number of samples in all.
     Samples(u64),
-    /// A predicted relMSE before filtering.
+    /// A predicted relMSE, before filtering, of at most this value.
     Error(f64),
-    /// Seconds of clustering, planning and tracing, approximately.
+    /// About this many seconds of clustering, planning and tracing.
     Seconds(f64),
 }
 
 impl BudgetSpec {
-    /// The name of its kind in the JSON.
+    /// The budget's name in the JSON.
     pub const fn field(self) -> &'static str {
         match self {
             Self::Spp(_) => "spp",
@@ -127,7 +127,7 @@ impl Default for BudgetSpec {
     }
 }
 
-/// The window of an image that is rendered.
+/// The window of an image to render.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum CropSpec {
@@ -136,7 +136,7 @@ pub enum CropSpec {
     Scene,
     /// The whole image.
     Whole,
-    /// From the first pixel `[x0, y0, _, _]` to before `[_, _, x1, y1]`.
+    /// The window `[x0, y0, x1, y1]` in pixels, with `x1` and `y1` excluded.
     Window([u32; 4]),
 }
 
@@ -151,11 +151,11 @@ pub enum PixelFilterSpec {
     Box,
 }
 
-/// A description that is not valid.
+/// An invalid description.
 #[non_exhaustive]
 #[derive(Debug, thiserror::Error)]
 pub enum SpecError {
-    /// Not JSON, a missing or unknown field, or a value of another type.
+    /// Text that is not JSON, a missing or unknown field, or a value of another type.
     #[error("the render's description cannot be read: {0}")]
     Json(#[from] serde_json::Error),
     /// A format of another version.
@@ -167,7 +167,7 @@ pub enum SpecError {
         /// The version in the description.
         found: u64,
     },
-    /// A value out of range, or two that contradict each other.
+    /// A value out of range, or a value that contradicts another field.
     #[error("{field}: {what}")]
     Field {
         /// The name of the field.
@@ -232,7 +232,7 @@ impl RenderSpec {
         Self { light_selection: Some(selection), ..self }
     }
 
-    /// Sets when the render ends.
+    /// Sets the condition that ends the render.
     #[must_use]
     pub fn budget(self, budget: BudgetSpec) -> Self {
         Self { budget, ..self }
@@ -250,7 +250,7 @@ impl RenderSpec {
         Self { resolution: Some([width, height]), ..self }
     }
 
-    /// Sets the window that is rendered.
+    /// Sets the window to render.
     #[must_use]
     pub fn crop(self, crop: CropSpec) -> Self {
         Self { crop, ..self }
@@ -280,19 +280,20 @@ impl RenderSpec {
         Self { without: without.into_iter().collect(), ..self }
     }
 
-    /// Sets how unsupported directives are read.
+    /// Sets whether unsupported directives are warnings (`true`) or errors.
     #[must_use]
     pub fn allow_unsupported(self, allow: bool) -> Self {
         Self { allow_unsupported: allow, ..self }
     }
 
-    /// Sets the shard that is rendered.
+    /// Sets the shard to render; `None` renders the whole image.
     #[must_use]
     pub fn shard(self, shard: Option<Shard>) -> Self {
         Self { shard, ..self }
     }
 
-    /// The selection among several lights: learned by default, by power for a shard.
+    /// The selection among several lights in effect: [`light_selection`](Self::light_selection), else learned, or power
+    /// for a shard.
     ///
     /// A shard cannot learn, because training needs samples of the whole image.
     pub fn selection(&self) -> LightSelection {
@@ -309,7 +310,7 @@ impl RenderSpec {
         Ok(serde_json::to_string(self)?)
     }
 
-    /// The description as JSON for people, with indents.
+    /// The description as indented JSON.
     ///
     /// # Errors
     ///
@@ -318,7 +319,7 @@ impl RenderSpec {
         Ok(serde_json::to_string_pretty(self)?)
     }
 
-    /// Reads a description.
+    /// Parses a description from JSON.
     ///
     /// # Errors
     ///
@@ -338,11 +339,11 @@ impl RenderSpec {
         Ok(spec)
     }
 
-    /// Checks what needs no scene: the ranges of numbers, and the names of the methods.
+    /// Checks all that can be checked without a scene: the ranges of numbers, and the names of the methods.
     ///
     /// # Errors
     ///
-    /// [`SpecError::Field`] for the first wrong field.
+    /// [`SpecError::Field`] for the first invalid field.
     pub fn check(&self) -> Result<(), SpecError> {
         let wrong = |field, what| Err(SpecError::Field { field, what });
         let (min, most) = (self.min_spp, self.max_spp.unwrap_or(u32::MAX));
@@ -402,7 +403,7 @@ impl RenderSpec {
         Ok(())
     }
 
-    /// The mean samples per pixel, where they are the budget.
+    /// The budget as mean samples per pixel; `None` for other budgets.
     pub fn mean_spp(&self) -> Option<f64> {
         match self.budget {
             BudgetSpec::Spp(spp) => Some(spp),
@@ -410,7 +411,7 @@ impl RenderSpec {
         }
     }
 
-    /// Returns true if two descriptions need the same world.
+    /// Returns `true` if both descriptions need the same world.
     pub(crate) fn has_world_of(&self, other: &Self) -> bool {
         let world = |spec: &Self| Self {
             light_selection: Some(spec.selection()),

@@ -1,79 +1,79 @@
-//! Warnings as data.
+//! Warnings, as values that a program can format.
 
 use dapple_core::{Rejected, streams};
 use dapple_scene::{Called, Effect, Notice};
 use std::fmt;
 
-/// A condition that a user should know, and that stops nothing.
+/// A condition that a user should know about, but that does not stop the render.
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub enum Warning {
-    /// Something in the scene file is read otherwise than written.
+    /// A directive of the scene file that was adjusted or ignored.
     Notice(Notice),
-    /// The scene suggests another number of samples per pixel.
+    /// A scene file that suggests another number of samples per pixel.
     SuggestedSpp {
         /// The name of the scene.
         scene: String,
-        /// Its suggestion.
+        /// The samples per pixel that the scene suggests.
         suggested: u32,
-        /// The render's number.
+        /// The samples per pixel of the render.
         spp: f64,
     },
-    /// An effect is left out.
+    /// An effect that is left out of the image.
     LeftOut {
         /// The effect.
         effect: Effect,
-        /// The object that calls for it.
+        /// The object in the scene that uses the effect.
         by: Option<Called>,
     },
-    /// A path tracer finds some light by chance only.
+    /// Light that a path tracer finds by chance only.
     FoundByChance(Called),
-    /// Triangles without area are left out.
+    /// The number of triangles without area, which are left out.
     DroppedTriangles(usize),
-    /// The newer checkpoint is damaged, and the render resumes from the one before it.
+    /// A damaged checkpoint; the render resumes from the previous one.
     PreviousCheckpoint(String),
-    /// A checkpoint was not written; the render goes on and tries again.
+    /// A checkpoint that could not be written; the render continues and tries again.
     NoCheckpoint(String),
-    /// Samples were NaN, infinite or negative, and count as 0.
+    /// Samples that were NaN, infinite or negative, and count as black.
     RejectedSamples {
-        /// Their number.
+        /// The number of rejected samples.
         rejected: u64,
         /// The number of all samples.
         samples: u64,
-        /// The first of them.
+        /// The first rejected sample.
         first: Rejected,
-        /// The point set, described.
+        /// The description of the point set.
         points: String,
     },
-    /// Nearly all triangles are in few voxels of the clustering grid.
+    /// A clustering grid in which nearly all triangles lie in few voxels.
     DegenerateClusters {
-        /// Voxels that the parameters request.
+        /// The number of voxels that the parameters request.
         requested: u64,
-        /// Voxels with triangles.
+        /// The number of voxels that contain triangles.
         occupied: u64,
     },
-    /// Probes hit a place that is NaN or infinite, and count as background.
+    /// The number of probes that hit a NaN or infinite position, and count as background.
     RejectedProbes(u64),
-    /// An error budget ended above its goal.
+    /// A render with an error goal that ended above it.
     ErrorNotReached {
         /// The predicted relMSE, if known.
         predicted: Option<f64>,
         /// The goal.
         goal: f64,
     },
-    /// The image of a stopped render is not filtered, because the filter would take too long.
+    /// The image of a stopped render that stays unfiltered, because the filter would take too long.
     NotFiltered {
         /// The filter's name.
         filter: String,
     },
-    /// Values were too large for the file.
+    /// Values that were too large for the file format, and were clamped.
     Clamped {
         /// The file.
         path: std::path::PathBuf,
-        /// The number of values.
+        /// The number of clamped values.
         values: u64,
     },
-    /// A shard of a stopped render is not written.
+    /// A shard that is not written, because the render was stopped.
     ShardStopped(dapple_core::Shard),
 }
 
@@ -130,7 +130,7 @@ impl fmt::Display for Warning {
     }
 }
 
-/// The effect of light that is found by chance, as a sentence.
+/// A sentence about the effect on the image of light found by chance.
 pub fn found_by_chance(called: &Called) -> String {
     let others = match called.objects {
         1 => String::new(),
@@ -143,7 +143,7 @@ pub fn found_by_chance(called: &Called) -> String {
     )
 }
 
-/// Returns true if uniform sampling can replay a rejected sample.
+/// Returns `true` if uniform sampling can replay the rejected sample `first`.
 pub fn can_be_replayed(first: &Rejected) -> bool {
     first.sample.stream == streams::WHOLE
 }

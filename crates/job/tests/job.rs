@@ -121,5 +121,5 @@ fn a_description_chooses_the_integrator() {
     let open = spec().integrator("ambient-occlusion:distance=0.5");
     assert_ne!(render(&open), render(&spec()));
     let wrong = Job::prepare(&spec().integrator("ambient-occlusion:far=1")).err().expect("no such parameter");
-    assert!(wrong.to_string().contains("parameter \"far\" is unknown"), "{wrong}");
+    assert!(wrong.to_string().contains("there is no parameter \"far\""), "{wrong}");
 }

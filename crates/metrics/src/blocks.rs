@@ -4,17 +4,17 @@ use crate::compare::check;
 use crate::sum::Sum;
 use crate::{MetricsError, Pixels};
 
-/// Means over the blocks of an image, from [`block_means`].
+/// Mean colours of an image's blocks of pixels, from [`block_means`].
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct Blocks {
-    /// Blocks across and down.
+    /// Numbers of blocks across and down.
     pub count: [u32; 2],
     /// Mean RGB of each block, row by row from the top.
     pub means: Vec<[f64; 3]>,
 }
 
-/// Ratios of an image's block means to its reference's, from [`block_ratios`].
+/// Ratios of an image's block means to those of its reference, from [`block_ratios`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct BlockRatios {
     /// Per channel, the ratios of all blocks that are bright enough, ascending.
@@ -22,7 +22,7 @@ pub struct BlockRatios {
 }
 
 impl BlockRatios {
-    /// The number of blocks that are bright enough in a channel (0..3).
+    /// The number of blocks that count in channel 0, 1 or 2 because the reference is bright enough there.
     ///
     /// # Panics
     /// For a channel above 2.
@@ -30,7 +30,7 @@ impl BlockRatios {
         self.sorted[channel].len()
     }
 
-    /// The ratios of a channel (0..3), ascending; 1 is no bias.
+    /// The ratios of channel 0, 1 or 2, ascending; 1 is no bias.
     ///
     /// # Panics
     /// For a channel above 2.
@@ -38,8 +38,8 @@ impl BlockRatios {
         &self.sorted[channel]
     }
 
-    /// The percentile (0..=100) of each channel, linear between neighbours as in `numpy.percentile`. NaN if no block
-    /// is bright enough.
+    /// The percentile `percent` (0..=100) of each channel's ratios, linear between neighbours as in `numpy.percentile`.
+    /// NaN if no block is bright enough.
     pub fn percentile(&self, percent: f64) -> [f64; 3] {
         self.sorted.each_ref().map(|sorted| percentile(sorted, percent))
     }
@@ -54,7 +54,7 @@ pub(crate) fn percentile(sorted: &[f64], percent: f64) -> f64 {
     sorted[below] + (sorted[above] - sorted[below]) * (at - below as f64)
 }
 
-/// Means over whole blocks of `block` pixels (width, height), from the upper left corner.
+/// The mean colours of an image's blocks of `block` pixels (width, height), starting at the upper left corner.
 ///
 /// Incomplete blocks at the right and lower edge are left out, so that all means are equally noisy. Non-finite channels
 /// count as 0.
@@ -96,10 +96,11 @@ fn finite(value: f32) -> f64 {
     if value.is_finite() { value.into() } else { 0.0 }
 }
 
-/// Ratios of block means, image over reference, channel by channel: bias that the noise of single pixels hides.
+/// Ratios of block means, image over reference, channel by channel. They reveal bias that the noise of single pixels
+/// hides.
 ///
-/// A channel of a block counts only if its reference is at least 2 % of the median over all blocks and channels of the
-/// reference.
+/// A block's channel counts only if the reference is bright enough there: at least 2 % of the median over all its
+/// blocks and channels.
 ///
 /// ```
 /// # use dapple_metrics::{Pixels, block_ratios};
@@ -128,7 +129,7 @@ pub fn block_ratios(image: Pixels<'_>, reference: Pixels<'_>, block: [u32; 2]) -
     Ok(BlockRatios { sorted })
 }
 
-/// Averages an image to a smaller size by area.
+/// Averages an image by area to the size `target` (width, height); returns the pixels row by row.
 ///
 /// Each new pixel is the mean of the old pixels that it covers, weighted by the covered area. The mean of the image
 /// stays the same. NaN and infinities spread to the new pixels that cover them.
@@ -141,7 +142,7 @@ pub fn block_ratios(image: Pixels<'_>, reference: Pixels<'_>, block: [u32; 2]) -
 /// ```
 ///
 /// # Errors
-/// [`MetricsError::Target`] if a side is 0 or larger than before.
+/// [`MetricsError::Target`] if a side of `target` is 0 or larger than that of the image.
 pub fn downsample(image: Pixels<'_>, target: [u32; 2]) -> Result<Vec<[f32; 3]>, MetricsError> {
     let size = image.size;
     if target.contains(&0) || target[0] > size[0] || target[1] > size[1] {
@@ -158,10 +159,10 @@ pub fn downsample(image: Pixels<'_>, target: [u32; 2]) -> Result<Vec<[f32; 3]>, 
     Ok(pixels.collect())
 }
 
-/// The old pixels that a new pixel covers along an axis.
+/// The range of old pixels that a new pixel covers along one axis, with weights.
 struct Span {
     first: usize,
-    /// Covered lengths of the old pixels from `first` on, in units of `1 / target`.
+    /// The covered lengths of the old pixels from `first` on, in units of `1 / target` of an old pixel.
     weights: Vec<u64>,
 }
 
@@ -176,8 +177,8 @@ impl Span {
     }
 }
 
-/// The new pixels of an axis in integers. The unit is `1 / target` of an old pixel: an old pixel is `target` wide, a new
-/// one `size`.
+/// The spans of all new pixels along one axis of `size` old and `target` new pixels. Lengths are integers: an old pixel
+/// is `target` units wide, a new one `size`.
 fn spans(size: u32, target: u32) -> Vec<Span> {
     let [size, target] = [u64::from(size), u64::from(target)];
     let span = |i: u64| {

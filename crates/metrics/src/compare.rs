@@ -1,4 +1,4 @@
-//! Errors of an image against its reference.
+//! Error metrics of an image against its reference.
 
 use crate::srgb::srgb_encode;
 use crate::sum::Sum;
@@ -7,13 +7,13 @@ use crate::{MetricsError, Pixels};
 /// The constant added to the squared reference in relMSE, so that black pixels do not dominate [after Rousselle 2011].
 pub const RELATIVE_EPSILON: f64 = 0.01;
 
-/// The share of pixels, the worst ones, that [`Comparison::rel_mse_trimmed`] leaves out: 0.1 %.
+/// The fraction of pixels, those with the largest errors, that [`Comparison::rel_mse_trimmed`] leaves out: 0.1 %.
 pub const TRIMMED_SHARE: f64 = 0.001;
 
-/// Side of the blocks that [`Comparison::worst_block`] is chosen from, in pixels.
+/// The side in pixels of the blocks among which [`Comparison::worst_block`] is found.
 pub const WORST_BLOCK_SIZE: u32 = 16;
 
-/// Errors of an image x against its reference r, from [`compare`].
+/// Error metrics of an image x against its reference r, from [`compare`].
 ///
 /// Unless noted, means are over pixels and the three channels, of linear values without clamping. A non-finite channel
 /// of x counts as 0 everywhere, so check [`non_finite`](Self::non_finite) first.
@@ -24,24 +24,24 @@ pub struct Comparison {
     pub mse: f64,
     /// Mean of `(x - r)^2 / (r^2 + 0.01)` [after Rousselle 2011]; 0.01 is [`RELATIVE_EPSILON`].
     pub rel_mse: f64,
-    /// relMSE without the worst 0.1 % of pixels ([`TRIMMED_SHARE`]). A pixel's error is the mean over its channels; of n
-    /// pixels the best `round(0.999 n)` remain, at least one.
+    /// relMSE without the 0.1 % of pixels with the largest errors ([`TRIMMED_SHARE`]). A pixel's error is the mean over
+    /// its channels. Of n pixels the best `round(0.999 n)` remain, at least one.
     pub rel_mse_trimmed: f64,
     /// Mean of `|x - r| / ((|x| + |r|) / 2)`, 0..=2, and 0 where both are 0. Symmetric in x and r.
     pub smape: f64,
     /// Mean of `(s(x) - s(r))^2`, 0..=1. s clamps to 0..=1 and applies the sRGB curve [IEC 61966-2-1].
     pub display_mse: f64,
-    /// `10 log10(1 / display_mse)` in dB, at most 200, the value of equal images.
+    /// `10 log10(1 / display_mse)` in dB, limited to 200, which equal images have.
     pub psnr: f64,
-    /// `255^2 display_mse`: MSE on the scale of 8-bit sRGB files, without their rounding. Rounding would add up to 1/6
-    /// and hide errors below half a step.
+    /// `255^2 display_mse`: MSE on the scale of 8-bit sRGB files, computed without rounding to 8 bits. Rounding would
+    /// add up to 1/6 and hide errors below half a step.
     pub srgb8_mse: f64,
     /// Mean of x over mean of r for each channel; 1 if they are equal, even if both are 0. A mean of r nearer to 0 than
     /// 1e-20 counts as 1e-20, so that the ratio is finite.
     pub channel_ratios: [f64; 3],
     /// Mean of x over mean of r, all channels together.
     pub mean_ratio: f64,
-    /// Channels of x (not pixels) that are NaN or infinite.
+    /// The number of channel values of x (not pixels) that are NaN or infinite.
     pub non_finite: u64,
     /// The block with the largest relMSE.
     pub worst_block: WorstBlock,
@@ -55,11 +55,11 @@ pub struct WorstBlock {
     pub position: [u32; 2],
     /// Width and height in pixels.
     pub size: [u32; 2],
-    /// relMSE of its pixels.
+    /// Mean relMSE of the block's pixels.
     pub rel_mse: f64,
 }
 
-/// Compares an image with its reference.
+/// Compares an image with its reference and returns all error metrics.
 ///
 /// Sums are in f64, which holds the square of the largest f32: nothing overflows.
 ///
@@ -123,7 +123,7 @@ struct Sums {
 }
 
 impl Sums {
-    /// Adds a pixel and returns its relative squared error, the mean over its channels.
+    /// Adds a pixel to the sums. Returns the pixel's relative squared error, averaged over channels.
     fn add(&mut self, image: &[f32; 3], reference: &[f32; 3]) -> f64 {
         let mut relative = 0.0;
         for c in 0..3 {

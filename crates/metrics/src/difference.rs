@@ -1,4 +1,4 @@
-//! The difference of two images that are known by noisy renders only.
+//! The difference of two images, each known only by noisy renders.
 
 use crate::compare::RELATIVE_EPSILON;
 use crate::sum::Sum;
@@ -10,9 +10,9 @@ pub const LEAST_RENDERS: usize = 4;
 /// An estimate from independent renders, with its standard error.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Measured {
-    /// The estimate.
+    /// The estimated value.
     pub value: f64,
-    /// Its standard error by the jackknife over n renders, with n - 1 degrees of freedom [after Tukey 1958].
+    /// The standard error of `value` by the jackknife over n renders, with n - 1 degrees of freedom [after Tukey 1958].
     pub standard_error: f64,
 }
 
@@ -20,22 +20,22 @@ pub struct Measured {
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct Difference {
-    /// Mean of `(b - a)^2 / (a^2 + 0.01)` over pixels and channels, as relMSE but of the noiseless `a` and `b`. The
-    /// numerator is unbiased, so the estimate can be below 0 if the images hardly differ.
+    /// Mean of `(b - a)^2 / (a^2 + 0.01)` over pixels and channels: relMSE of the noiseless `b` against the noiseless
+    /// `a`. The numerator is unbiased, so the estimate can be below 0 if the images hardly differ.
     pub rel_mse: Measured,
-    /// The share of the mean radiance of `a`, all channels together, that `b` lacks; below 0 if `b` is brighter.
+    /// The fraction of the mean radiance of `a`, over all channels, that is missing in `b`; below 0 if `b` is brighter.
     pub mean_lost: Measured,
 }
 
 /// Estimates the difference of images `a` and `b` from independent renders of each.
 ///
-/// `a[i]` and `b[i]` may share a seed, which takes noise out of their difference. `a[i]` and `a[j]` must not.
+/// Renders `a[i]` and `b[i]` may share a seed, which reduces the noise of their difference. `a[i]` and `a[j]` must not.
 ///
-/// The square of `b - a` is estimated by the product of two renders' differences. The `a` of the denominator is the
-/// mean of all other renders. Averaged over all pairs, independent noise cancels. (With `a` from all renders, numerator
-/// and denominator share noise: at a difference of a tenth and noise of a quarter, a fifth of the value was missing.)
-/// The curvature of the denominator remains: at a relative noise `s` of that mean, the value is too large by about
-/// `3 s^2`. A non-finite channel counts as 0.
+/// The square of `b - a` is estimated by the product of the differences of two pairs of renders, averaged over all
+/// choices, so that independent noise cancels. The `a` of the denominator is the mean of the remaining renders. (If it
+/// included all renders, numerator and denominator would share noise. At a difference of a tenth and noise of a
+/// quarter, a fifth of the value was missing.) The nonlinear denominator leaves a bias: with a relative noise `s` of
+/// its mean, the value is too large by about `3 s^2`. A non-finite channel counts as 0.
 ///
 /// ```
 /// # use dapple_metrics::{Pixels, difference};
@@ -97,13 +97,14 @@ pub fn difference(a: &[Pixels<'_>], b: &[Pixels<'_>]) -> Result<Difference, Metr
     Ok(Difference { rel_mse: jackknife(&rel_mse), mean_lost: jackknife(&mean_lost) })
 }
 
-/// All pairs of `n` renders without `skip`.
+/// All pairs of the numbers `0..n` without `skip`.
 fn pairs(n: usize, skip: usize) -> impl Iterator<Item = (usize, usize)> {
     let kept = move |k: &usize| *k != skip;
     (0..n).filter(kept).flat_map(move |s| (s + 1..n).filter(kept).map(move |t| (s, t)))
 }
 
-/// The jackknife [after Tukey 1958]; `estimates` leave out one render each, and the last uses all.
+/// The jackknife estimate [after Tukey 1958]. The last of `estimates` uses all renders, each other one leaves out one
+/// render.
 fn jackknife(estimates: &[f64]) -> Measured {
     let (without, all) = (&estimates[..estimates.len() - 1], estimates[estimates.len() - 1]);
     let n = without.len() as f64;
@@ -119,7 +120,7 @@ mod tests {
 
     const SIZE: [u32; 2] = [16, 16];
 
-    /// Uniform noise of mean 0 and variance 1/12 `scale^2`, by a hashed counter.
+    /// Uniform noise of mean 0 and variance `scale^2 / 12`, a hash of `counter`.
     fn noise(counter: u64, scale: f32) -> f32 {
         let mut x = counter.wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ 0x1234_5678_9ABC_DEF1;
         for shift in [30, 27, 31] {
@@ -128,7 +129,7 @@ mod tests {
         ((x >> 40) as f32 / (1 << 24) as f32 - 0.5) * scale
     }
 
-    /// Noisy renders of an image that is `value` everywhere.
+    /// `n` noisy renders of an image whose true value is `value` in every pixel.
     fn renders(value: f32, n: u64, seed: u64) -> Vec<Vec<[f32; 3]>> {
         let pixel = |r: u64, p: u64| [0, 1, 2].map(|c| value + noise(((seed * 100 + r) * 1000 + p) * 3 + c, 0.2));
         (0..n).map(|r| (0..256).map(|p| pixel(r, p)).collect()).collect()

@@ -9,13 +9,13 @@ use crate::{MetricsError, Pixels};
 use convolution::{Kernel, Plane};
 use std::f64::consts::PI;
 
-/// Pixels per degree of visual angle of a display 0.7 m wide with 3840 pixels across, seen from 0.7 m: the default of
-/// the published implementation [after Andersson 2020].
+/// The pixels per degree of visual angle of a display 0.7 m wide with 3840 pixels across, seen from 0.7 m. This is the
+/// default of the published implementation [after Andersson 2020].
 ///
-/// For a display `w` metres wide with `n` pixels across, seen from `d` metres, it is `d n / w * pi / 180`.
+/// A display `w` metres wide with `n` pixels across, seen from `d` metres, has `d n / w * pi / 180` pixels per degree.
 pub const PIXELS_PER_DEGREE: f64 = 3840.0 * PI / 180.0;
 
-/// The pixels per degree that [`flip`] takes. The eye resolves about 60; kernels grow with them.
+/// The range of pixels per degree that [`flip`] accepts. The eye resolves about 60; filter kernels grow with the value.
 const PIXELS_PER_DEGREE_RANGE: std::ops::RangeInclusive<f64> = 1.0..=1000.0;
 
 /// A difference map and its mean, from [`flip`].
@@ -28,11 +28,13 @@ pub struct Flip {
     pub map: Vec<f32>,
 }
 
-/// LDR-FLIP of linear RGB, clamped to 0..=1 and not rounded to bytes [after Andersson 2020].
+/// LDR-FLIP of an image against its reference, both linear RGB, clamped to 0..=1 and not rounded to bytes [after
+/// Andersson 2020].
 ///
-/// Tested against the published implementation. Symmetric. `pixels_per_degree` describes the display and its distance
-/// ([`PIXELS_PER_DEGREE`] is usual). A non-finite channel of the image counts as 0, as in [`compare`](crate::compare).
-/// FLIP measures visibility; use squared errors for bias and convergence.
+/// Tested against the published implementation. Exchanging image and reference does not change the result.
+/// `pixels_per_degree` describes the display and its distance ([`PIXELS_PER_DEGREE`] is usual). A non-finite channel of
+/// the image counts as 0, as in [`compare`](crate::compare). FLIP measures visibility; use squared errors for bias and
+/// convergence.
 ///
 /// ```
 /// # use dapple_metrics::{PIXELS_PER_DEGREE, Pixels, flip};
@@ -66,7 +68,7 @@ const COLOUR_KNEE: [f32; 2] = [0.4, 0.95];
 /// Exponent of feature differences [after Andersson 2020].
 const FEATURE_EXPONENT: f32 = 0.5;
 
-/// The difference of two pixels: a feature difference raises the colour difference [after Andersson 2020].
+/// The FLIP difference of pixel `at`, 0 to 1: a feature difference raises the colour difference [after Andersson 2020].
 fn pixel_difference(image: &PerceivedImage, reference: &PerceivedImage, at: usize) -> f32 {
     let colour = compress(colour::hyab(image.colours[at], reference.colours[at]));
     let edges = (image.edges[at] - reference.edges[at]).abs();
@@ -89,21 +91,22 @@ fn compress(distance: f32) -> f32 {
     }
 }
 
-/// An image after the filters of human vision.
+/// An image filtered by a model of human vision.
 struct PerceivedImage {
-    /// Filtered by contrast sensitivity, in L*a*b* with Hunt's adjustment.
+    /// Colours in L*a*b* with Hunt's adjustment, after filtering by contrast sensitivity.
     colours: Vec<[f32; 3]>,
-    /// Strength of edges in the unfiltered lightness.
+    /// Strength of edges in each pixel of the unfiltered lightness.
     edges: Vec<f32>,
-    /// Strength of points in the unfiltered lightness.
+    /// Strength of points in each pixel of the unfiltered lightness.
     points: Vec<f32>,
 }
 
-/// The kernels for one number of pixels per degree.
+/// The filter kernels for a given number of pixels per degree.
 struct VisionKernels {
-    /// Contrast sensitivity of lightness, red-green, and the narrow and wide part of blue-yellow; the last two add up.
+    /// Kernels of contrast sensitivity: lightness, red-green, and the narrow and the wide part of blue-yellow, which
+    /// are added.
     sensitivity: [Kernel; 4],
-    /// Smoothing across a feature; first and second derivative along it.
+    /// The kernel that smooths across a feature. The two below give the first and second derivative along it.
     smooth: Kernel,
     edge: Kernel,
     point: Kernel,
@@ -153,7 +156,7 @@ impl VisionKernels {
         PerceivedImage { colours, edges, points }
     }
 
-    /// Lengths of the gradient (edges) and of the second derivatives (points).
+    /// The strength of edges (length of the gradient) and of points (length of the second derivatives) in each pixel.
     fn features(&self, lightness: &Plane) -> [Vec<f32>; 2] {
         // The division by 116 scales lightness from -16..=100 to a range of 1; derivatives ignore the shift.
         let smooth = lightness.across(&self.smooth);

@@ -65,12 +65,12 @@ pub enum MetricsError {
         /// Width and height.
         size: [u32; 2],
     },
-    /// A number of pixels that does not match the size.
+    /// A slice of pixels whose length does not match the image size.
     #[error("an image of {}x{} has {} pixels, but {found} are given; pass width times height pixels", size[0], size[1], u64::from(size[0]) * u64::from(size[1]))]
     PixelCount {
         /// Width and height.
         size: [u32; 2],
-        /// Pixels given.
+        /// The number of pixels given.
         found: usize,
     },
     /// The images differ in size.
@@ -89,13 +89,13 @@ pub enum MetricsError {
     NonFiniteReference {
         /// Column and row of the first such pixel.
         pixel: [u32; 2],
-        /// Its value.
+        /// The value of that pixel.
         value: [f32; 3],
     },
-    /// Too few renders to separate noise from difference.
+    /// Too few renders to separate the difference from noise.
     #[error("there are {} renders of one image and {} of the other; use as many of both, at least {}", renders[0], renders[1], LEAST_RENDERS)]
     FewRenders {
-        /// Renders of the one image, and of the other.
+        /// The numbers of renders of the two images.
         renders: [usize; 2],
     },
     /// A block that is empty or larger than the image.
@@ -106,15 +106,15 @@ pub enum MetricsError {
         /// Width and height of the image.
         size: [u32; 2],
     },
-    /// A variance that is negative, NaN or infinite.
+    /// A reference variance that is negative, NaN or infinite.
     #[error("the variance is {value:?} at column {}, row {}; pass finite variances of 0 or more", pixel[0], pixel[1])]
     Variance {
         /// Column and row of the first such pixel.
         pixel: [u32; 2],
-        /// Its value.
+        /// The variance of that pixel.
         value: [f32; 3],
     },
-    /// Pixels per degree out of range.
+    /// A number of pixels per degree outside 1..=1000.
     #[error("{value} pixels per degree of visual angle are out of range; use 1 to 1000; 67 is usual")]
     PixelsPerDegree {
         /// Pixels per degree given.
@@ -169,13 +169,13 @@ impl<'a> Pixels<'a> {
         self.values
     }
 
-    /// Column and row of a pixel.
+    /// Column and row of the pixel at `index` of the slice.
     fn place(&self, index: usize) -> [u32; 2] {
         let width = self.size[0] as usize;
         [(index % width) as u32, (index / width) as u32]
     }
 
-    /// Rows from the top.
+    /// The rows of pixels, from the top.
     fn rows(&self) -> impl Iterator<Item = &'a [[f32; 3]]> {
         self.values.chunks_exact(self.size[0] as usize)
     }

@@ -1,15 +1,15 @@
-//! Errors against a noisy reference.
+//! Error metrics against a noisy reference.
 
 use crate::compare::{RELATIVE_EPSILON, check};
 use crate::sum::Sum;
 use crate::{MetricsError, Pixels};
 
-/// An error below this many times the reference's own variance is
-/// [limited by the reference](CorrectedError::reference_limited).
+/// The limit of [`CorrectedError::reference_limited`]: an error below this many times the reference's variance is
+/// limited by the reference.
 pub const REFERENCE_LIMIT: f64 = 100.0;
 
-/// A reference with its noise. Its samples must be independent of the image's: use another seed, and better another
-/// point set.
+/// A reference image with its noise. Its samples must be independent of the image's: use another seed, preferably
+/// another point set.
 #[derive(Clone, Copy, Debug)]
 #[non_exhaustive]
 pub enum NoisyReference<'a> {
@@ -19,32 +19,32 @@ pub enum NoisyReference<'a> {
     Variance {
         /// The reference.
         mean: Pixels<'a>,
-        /// The variance, of the same size.
+        /// The variance of `mean` per pixel and channel, in squared radiance; of the same size.
         variance: Pixels<'a>,
     },
 }
 
-/// Errors without the reference's own variance, from [`compare_corrected`].
+/// Errors of an image without the contribution of the reference's noise, from [`compare_corrected`].
 #[non_exhaustive]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Corrected {
-    /// MSE, unbiased.
+    /// MSE, whose correction is unbiased.
     pub mse: CorrectedError,
-    /// relMSE, with a bias from the noise in the denominator.
+    /// relMSE, which keeps a bias from the noise in the denominator.
     ///
-    /// For a relative variance v of the reference and an error e, it is too large by a share of up to
-    /// `3 v (1 + 2 v / e)`: 3 % for v = 0.005 and e = 0.01, 0.0003 % for v = 1e-6 and the same e. (Second-order
+    /// For a relative variance v of the reference and an error e, the value is too large by a fraction of up to `3 v (1
+    /// + 2 v / e)`. This is 3 % for v = 0.005 and e = 0.01, and 0.0003 % for v = 1e-6 and the same e. (Second-order
     /// expansion for normal noise and r^2 far above [`RELATIVE_EPSILON`].)
     pub rel_mse: CorrectedError,
 }
 
-/// A squared error, split into the image's and the reference's part.
+/// A squared error, split into the contributions of the image and of the reference's noise.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct CorrectedError {
-    /// The error that [`compare`](crate::compare) measures.
+    /// The error as [`compare`](crate::compare) measures it, with the reference's noise.
     pub measured: f64,
-    /// The mean variance of the reference, in the same measure.
+    /// The mean variance of the reference, in the unit of `measured`.
     pub reference: f64,
     /// `measured - reference`: the estimated error against the noiseless reference. At 0 or below, the reference is too
     /// noisy to measure the image.
@@ -56,17 +56,17 @@ impl CorrectedError {
         Self { measured, reference, error: measured - reference }
     }
 
-    /// True if [`error`](Self::error) is below 100 times ([`REFERENCE_LIMIT`]) the reference's variance. The correction
-    /// then matters; mark such points in tables and plots.
+    /// Returns `true` if [`error`](Self::error) is below 100 times ([`REFERENCE_LIMIT`]) the reference's variance. The
+    /// correction then matters; mark such points in tables and plots.
     pub fn reference_limited(&self) -> bool {
         self.error < REFERENCE_LIMIT * self.reference
     }
 }
 
-/// Compares an image with a noisy reference and subtracts the reference's variance.
+/// Compares an image with a noisy reference, and subtracts the reference's variance from MSE and relMSE.
 ///
-/// For a true image t and independent x and r, `E(x - r)^2 = E(x - t)^2 + var r`. Halves a and b have
-/// `var r = E(a - b)^2 / 4`. Non-finite channels of the image count as 0.
+/// For the noiseless image t and independent image x and reference r, `E(x - r)^2 = E(x - t)^2 + var r`. Two halves a
+/// and b of a reference give `var r = E(a - b)^2 / 4`. Non-finite channels of the image count as 0.
 ///
 /// ```
 /// # use dapple_metrics::{NoisyReference, Pixels, compare_corrected};
@@ -79,8 +79,8 @@ impl CorrectedError {
 /// ```
 ///
 /// # Errors
-/// [`MetricsError::Sizes`]; [`MetricsError::NonFiniteReference`], for a half too; [`MetricsError::Variance`] if a variance
-/// is negative or not finite.
+/// [`MetricsError::Sizes`] if sizes differ. [`MetricsError::NonFiniteReference`] for NaN or infinity in the reference
+/// or a half. [`MetricsError::Variance`] for a variance that is negative or not finite.
 pub fn compare_corrected(image: Pixels<'_>, reference: NoisyReference<'_>) -> Result<Corrected, MetricsError> {
     // Maps two channels to the reference's value and variance.
     let (first, second, known): (_, _, fn(f64, f64) -> [f64; 2]) = match reference {

@@ -1,6 +1,6 @@
-//! The sRGB transfer curve from IEEE-exact operations only: the same bits on every machine.
+//! The sRGB transfer curve, computed with IEEE-exact operations only: the same bits on every machine.
 
-/// The sRGB value, 0..=1, of a finite linear intensity, which is clamped to 0..=1 first [IEC 61966-2-1].
+/// Converts a finite linear intensity, clamped to 0..=1, to an sRGB value in 0..=1 [IEC 61966-2-1].
 pub(crate) fn srgb_encode(x: f64) -> f64 {
     let x = x.clamp(0.0, 1.0);
     if x <= 0.003_130_8 {

@@ -21,12 +21,12 @@ pub enum StatisticsError {
     /// Too few values for an interval.
     #[error("{found} values are too few for an interval; use at least {needed} seeds or budgets")]
     TooFew {
-        /// Values given.
+        /// The number of values given.
         found: usize,
-        /// The fewest needed.
+        /// The fewest values needed.
         needed: usize,
     },
-    /// Series of different lengths that should be paired.
+    /// Paired series of different lengths.
     #[error("series of {} and {} values cannot be paired; use the same seeds or budgets for both", lengths[0], lengths[1])]
     Lengths {
         /// The lengths of the two series.
@@ -35,26 +35,26 @@ pub enum StatisticsError {
     /// A value that is NaN or infinite.
     #[error("value {index} is {value}; correct its source, or leave it out and report that")]
     NotFinite {
-        /// Its place in its series, from 0.
+        /// The index of the value in its series, from 0.
         index: usize,
         /// The value.
         value: f64,
     },
-    /// A value without a logarithm.
+    /// A value of 0 or below, which has no logarithm.
     #[error("value {index} is {value}; ratios, efficiencies and slopes need finite values above 0")]
     NotPositive {
-        /// Its place in its series, from 0.
+        /// The index of the value in its series, from 0.
         index: usize,
         /// The value.
         value: f64,
     },
-    /// A confidence outside 0 to 1.
+    /// A confidence level outside 0 to 1.
     #[error("a confidence of {value} is out of range; use one between 0 and 1, such as 0.95")]
     Confidence {
-        /// The value.
+        /// The confidence level given.
         value: f64,
     },
-    /// Points with equal abscissas, which have no slope.
+    /// Points whose abscissas are all equal, so that no line has a slope.
     #[error("all points are at x = {x}; use at least two budgets for a slope")]
     SameAbscissa {
         /// The common abscissa.
@@ -74,7 +74,7 @@ fn check_lengths(a: &[f64], b: &[f64]) -> Result<(), StatisticsError> {
     if a.len() == b.len() { Ok(()) } else { Err(StatisticsError::Lengths { lengths: [a.len(), b.len()] }) }
 }
 
-/// Natural logarithms.
+/// The natural logarithms of `values`.
 fn logarithms(values: &[f64]) -> Result<Vec<f64>, StatisticsError> {
     let logarithm = |(index, &value): (usize, &f64)| {
         let good = value > 0.0 && value.is_finite();
@@ -87,7 +87,7 @@ fn mean(values: &[f64]) -> f64 {
     values.iter().copied().collect::<Sum>().value() / values.len() as f64
 }
 
-/// Sum of the products of two series' deviations from their means.
+/// The sum over the products of two series' deviations from their means.
 fn scatter(a: &[f64], b: &[f64]) -> f64 {
     let means = [mean(a), mean(b)];
     a.iter().zip(b).map(|(x, y)| (x - means[0]) * (y - means[1])).collect::<Sum>().value()

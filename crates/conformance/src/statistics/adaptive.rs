@@ -1,33 +1,35 @@
-//! The bias of adaptive counts that depend on the kept samples.
+//! The bias of adaptive counts that depend on kept samples.
 
 use dapple_core::{
     Block, Draws, Error, Estimate, Feedback, Film, Integrator, Needs, Plan, PointSet, Progress, Retention, Sampler,
     TrainingLog,
 };
 
-/// The expectation of a pixel that continues from `pilot` to `total` samples if the pilot's differ, and keeps all.
+/// The expected value of a pixel that keeps a pilot of `pilot` samples, and continues to `total` samples if the pilot's
+/// samples differ.
 ///
-/// Samples are 1 with probability `p`, else 0. It is `p^n + (n p - n p^n + (N - n) p Pmix) / N` with
-/// `Pmix = 1 - p^n - (1 - p)^n` [after Kirk and Arvo 1991].
+/// Each sample is 1 with probability `p`, else 0. With `n = pilot` and `N = total`, the value is `p^n + (n p - n p^n +
+/// (N - n) p Pmix) / N`. Here `Pmix = 1 - p^n - (1 - p)^n` [after Kirk and Arvo 1991].
 pub fn kept(p: f64, pilot: u32, total: u32) -> f64 {
     let (first, all) = (f64::from(pilot), f64::from(total));
     let [ones, mixed] = outcomes(p, pilot);
     ones + (first * p - first * ones + (all - first) * p * mixed) / all
 }
 
-/// The same if a mixed pilot is discarded and an even one is kept, as in pbrt-v2.
+/// The expected value of such a pixel if a pilot whose samples differ is discarded and an even one is kept, as in
+/// pbrt-v2.
 pub fn refined(p: f64, pilot: u32) -> f64 {
     let [ones, mixed] = outcomes(p, pilot);
     ones + mixed * p
 }
 
-/// The probabilities of a pilot of ones only, and of a mixed one.
+/// The probability of a pilot of ones only, and the probability of a pilot whose samples differ.
 fn outcomes(p: f64, pilot: u32) -> [f64; 2] {
     let ones = p.powi(pilot as i32);
     [ones, 1.0 - ones - (1.0 - p).powi(pilot as i32)]
 }
 
-/// An image whose samples are 1 with this probability, else 0, in every pixel.
+/// An integrator whose samples are 1 with this probability, else 0, in every pixel.
 #[derive(Clone, Copy, Debug)]
 pub struct Bernoulli(pub f32);
 
@@ -38,15 +40,15 @@ impl Integrator for Bernoulli {
     }
 }
 
-/// The negative control of every test of bias: a pixel stops if its pilot's samples are all equal, and all samples are
-/// kept.
+/// A deliberately biased sampler, the negative control of every test of bias. A pixel stops if its pilot's samples are
+/// all equal, and all samples are kept.
 #[derive(Clone, Copy, Debug)]
 pub struct Naive<P> {
     /// The point set.
     pub points: P,
-    /// Samples of the pilot.
+    /// Samples per pixel of the pilot.
     pub pilot: u32,
-    /// Samples of a pixel that continues.
+    /// Samples in all of a pixel whose pilot's samples differ.
     pub total: u32,
 }
 
@@ -76,23 +78,23 @@ impl<P: PointSet> Sampler for Naive<P> {
     }
 }
 
-/// The mean of an image's first channel.
+/// The mean of the image's first channel over pixels.
 pub fn image_mean(film: &Film) -> f64 {
     let pixels = film.frame().pixels();
     (0..pixels).map(|i| film.mean(i)[0]).sum::<f64>() / pixels as f64
 }
 
-/// One replicate for [`count_trend`]: the final counts of pixels, and their values.
+/// One replicate for [`count_trend`]: the final count and the value of each pixel.
 #[derive(Clone, Debug, Default)]
 pub struct Pixels {
-    /// Kept samples.
+    /// The number of kept samples of each pixel.
     pub counts: Vec<f64>,
-    /// Means of one channel, or of all.
+    /// The mean of each pixel, of one channel or over channels.
     pub values: Vec<f64>,
 }
 
 impl Pixels {
-    /// The counts and channel means of a film.
+    /// The counts, and the means over channels, of a film's pixels.
     pub fn of(film: &Film) -> Self {
         let pixels = 0..film.frame().pixels();
         let value = |i| film.mean(i).iter().sum::<f64>() / 3.0;
@@ -100,11 +102,12 @@ impl Pixels {
     }
 }
 
-/// The deviate of a trend of values with counts: standard normal if they are unrelated, negative if pixels with few
-/// samples are bright.
+/// A test statistic for a trend of pixel values with counts: standard normal if they are unrelated. Negative if pixels
+/// with few samples are too bright.
 ///
-/// In each pixel, the logarithm of the count and the value are centred on their means over the replicates. The sum of
-/// products is compared with its spread, which may differ between counts [after White 1980].
+/// In each pixel, the logarithm of the count and the value are centred on their means over the replicates. The
+/// statistic is the sum of their products over its standard deviation, which allows variances that differ between
+/// counts [after White 1980].
 pub fn count_trend(replicates: &[Pixels]) -> f64 {
     let pixels = replicates[0].counts.len();
     let n = replicates.len() as f64;

@@ -1,11 +1,12 @@
-//! Counts of samples against a density, for independent samples only: low-discrepancy points are spread too evenly.
+//! The chi-square test of sample counts against a density. For independent samples only: low-discrepancy points are too
+//! even.
 
 use super::levels::gamma_q;
 
-/// The p-value of observed counts against expected ones.
+/// The p-value of observed counts per cell against expected ones.
 ///
-/// Cells that expect fewer than 5 are pooled in ascending order. A count where less than 1e-9 is expected is impossible
-/// and gives 0.
+/// Cells that expect fewer than 5 samples are pooled in ascending order. A sample in a cell that expects less than 1e-9
+/// is impossible, and the p-value is 0.
 pub fn chi_square(observed: &[u64], expected: &[f64]) -> f64 {
     assert_eq!(observed.len(), expected.len());
     let mut order: Vec<usize> = (0..expected.len()).collect();
@@ -33,8 +34,8 @@ pub fn chi_square(observed: &[u64], expected: &[f64]) -> f64 {
     if cells < 2 { 1.0 } else { gamma_q(0.5 * (cells - 1) as f64, 0.5 * statistic) }
 }
 
-/// The integral of `f` over a rectangle, to about the absolute `tolerance`, by adaptive subdivision of a 3x3 Simpson
-/// rule. Both sides are halved at most `depth` times.
+/// The integral of `f` over the rectangle `x` by `y`, to about the absolute error `tolerance`. Uses a 3x3 Simpson rule,
+/// and halves both sides adaptively at most `depth` times.
 pub fn integrate(f: &dyn Fn(f64, f64) -> f64, x: [f64; 2], y: [f64; 2], tolerance: f64, depth: u32) -> f64 {
     let (xm, ym) = (0.5 * (x[0] + x[1]), 0.5 * (y[0] + y[1]));
     let whole = simpson(f, x, y);

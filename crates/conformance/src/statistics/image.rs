@@ -1,30 +1,30 @@
-//! Tests of images against images.
+//! Tests that two images have the same expectation.
 
 use super::levels::{adjusted, gamma_q};
 use super::mean::{Mean, MeanTest};
 
-/// The side of a block in pixels. Means of so many pixels are nearly normal.
+/// The side of a block in pixels. Means over a block are nearly normal.
 const BLOCK: usize = 8;
-/// The |z| above which a block is an outlier, as 5 % are.
+/// The |z| above which a block is an outlier; 5 % of blocks are by chance.
 const OUTLYING: f64 = 1.96;
-/// The number of bootstrap resamples for the spread of the pooled figures.
+/// The number of bootstrap resamples for the spread of the pooled statistics.
 const RESAMPLES: usize = 200;
 
-/// The p-values of an image test. Each is adjusted for the number of figures of which it is the smallest.
+/// The p-values of an image test. Each is adjusted for the number of blocks or channels of which it is the smallest.
 #[derive(Clone, Copy, Debug)]
 pub struct ImageTest {
-    /// The p-value of the worst 8x8 block and channel.
+    /// The p-value of the 8x8 block and channel that deviates most.
     pub blocks: f64,
-    /// The p-value of the image's mean in the worst channel.
+    /// The p-value of the image's mean in the channel that deviates most.
     pub global: f64,
-    /// The p-value of the number of blocks above |z| = 1.96.
+    /// The p-value of the number of blocks with |z| above 1.96.
     pub outliers: f64,
-    /// The two-sided p-value of the sum of squared deviates. Too small a sum means that two images share samples.
+    /// The two-sided p-value of the sum of squared z values. Too small a sum means that the two images share samples.
     pub spread: f64,
 }
 
 impl ImageTest {
-    /// The p-value of the whole test.
+    /// The p-value of the four statistics together.
     pub fn p(&self) -> f64 {
         adjusted([self.blocks, self.global, self.outliers, self.spread].into_iter().fold(1.0, f64::min), 4)
     }
@@ -32,8 +32,8 @@ impl ImageTest {
 
 /// Tests that replicates of two images, `width` pixels wide, have the same expectation.
 ///
-/// Take at least 16 replicates of each, 64 for heavy tails, each with seeds of its own. No pixel is excluded, and
-/// variances have no floor: blocks without any spread must be equal.
+/// Use at least 16 replicates of each image, 64 for heavy tails, each with its own seed. Every pixel counts, and
+/// variances have no lower bound, so blocks without noise must be equal.
 ///
 /// # Panics
 ///
@@ -42,7 +42,7 @@ pub fn images(width: usize, a: &[Vec<[f64; 3]>], b: &[Vec<[f64; 3]>]) -> ImageTe
     test(&Group::new(width, a), Some(&Group::new(width, b)), None)
 }
 
-/// Tests replicates against an image without noise.
+/// Tests that the expectation of the replicates is the noiseless image `exact`, `width` pixels wide.
 ///
 /// # Panics
 ///
@@ -52,7 +52,7 @@ pub fn image(width: usize, replicates: &[Vec<[f64; 3]>], exact: &[[f64; 3]]) -> 
     test(&Group::new(width, replicates), None, Some(&exact.blocks[0]))
 }
 
-/// Block means of each replicate, three channels a block, and weights of the blocks.
+/// The block means of each replicate, three channels per block, and the weight of each block.
 struct Group {
     blocks: Vec<Vec<f64>>,
     weights: Vec<f64>,
@@ -77,19 +77,19 @@ impl Group {
         Self { blocks: replicates.iter().map(means).collect(), weights }
     }
 
-    /// The image's mean in channel `c`, one value per replicate.
+    /// The image's mean in channel `c`, over the replicates.
     fn whole(&self, c: usize) -> Mean {
         let total: f64 = self.weights.iter().sum();
         let mean = |r: &Vec<f64>| self.weights.iter().enumerate().map(|(k, w)| w * r[3 * k + c]).sum::<f64>() / total;
         self.blocks.iter().map(mean).collect()
     }
 
-    /// Figure `k` over those replicates.
+    /// Mean `k` of the blocks and channels, over the replicates in `chosen`.
     fn figure(&self, k: usize, chosen: impl Iterator<Item = usize>) -> Mean {
         chosen.map(|r| self.blocks[r][k]).collect()
     }
 
-    /// The group centred on its own means.
+    /// The group with the mean over replicates subtracted from each block.
     fn centred(&self) -> Self {
         let n = self.blocks.len() as f64;
         let mean = |k: usize| self.blocks.iter().map(|r| r[k]).sum::<f64>() / n;
@@ -128,7 +128,7 @@ fn test(a: &Group, b: Option<&Group>, exact: Option<&Vec<f64>>) -> ImageTest {
     ImageTest { blocks: adjusted(worst.p(), figures), global: adjusted(global, 3), outliers, spread }
 }
 
-/// The number of outlying deviates, and the sum of all squares.
+/// The pooled statistics: the number of z values that are outliers, and the sum of squares of all.
 fn pooled(deviates: impl Iterator<Item = f64>) -> [f64; 2] {
     let mut sums = [0.0; 2];
     for z in deviates {
@@ -138,11 +138,11 @@ fn pooled(deviates: impl Iterator<Item = f64>) -> [f64; 2] {
     sums
 }
 
-/// The p-values of the pooled figures.
+/// The p-values of the pooled statistics.
 ///
 /// Blocks and channels are correlated, by light that covers several and by their common budget. So the spread of the
-/// figures comes from bootstrap resamples, and a scaled chi-square of that mean and variance gives the tails [after
-/// Satterthwaite 1946].
+/// statistics comes from bootstrap resamples. A scaled chi-square distribution of the same mean and variance gives the
+/// tails [after Satterthwaite 1946].
 fn null(a: &Group, b: Option<&Group>, seen: [f64; 2]) -> [f64; 2] {
     let (a, b) = (a.centred(), b.map(Group::centred));
     let mut random = 0x5eed_u64;

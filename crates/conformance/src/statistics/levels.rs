@@ -1,16 +1,16 @@
-//! Levels, critical values and tails, accurate for p-values of 1e-6 and far below.
+//! Significance levels, critical values and tail probabilities, accurate for p-values of 1e-6 and far below.
 
 use dapple_metrics::student_t_quantile;
 
-/// The false-alarm rate of a whole family of tests.
+/// The false-alarm probability of a whole family of tests.
 pub const FAMILY: f64 = 1e-6;
 
-/// The level of each of `tests` tests for a family rate `alpha` (Sidak).
+/// The significance level of each of `tests` tests, so that any raises a false alarm with probability `alpha` (Sidak).
 pub fn sidak(alpha: f64, tests: usize) -> f64 {
     -((-alpha).ln_1p() / tests as f64).exp_m1()
 }
 
-/// `ln Gamma(x)` for x > 0, by Stirling's series after shifting x above 15; error below 1e-14.
+/// `ln Gamma(x)` for x > 0, by Stirling's series after shifting x above 15; the error is below 1e-14.
 pub fn ln_gamma(x: f64) -> f64 {
     let mut shift = 0.0;
     let mut x = x;
@@ -23,8 +23,8 @@ pub fn ln_gamma(x: f64) -> f64 {
     (x - 0.5) * x.ln() - x + 0.5 * std::f64::consts::TAU.ln() + series - shift
 }
 
-/// The upper regularised incomplete gamma function Q(a, x): by series of P below a + 1, else by Legendre's
-/// continued fraction (modified Lentz), so that small tails keep their digits.
+/// The upper regularised incomplete gamma function Q(a, x). Uses the series of P below a + 1, else Legendre's continued
+/// fraction (modified Lentz), so that small tails keep their digits.
 pub fn gamma_q(a: f64, x: f64) -> f64 {
     if x <= 0.0 {
         return 1.0;
@@ -72,8 +72,8 @@ pub fn normal_tail(z: f64) -> f64 {
     0.5 * gamma_q(0.5, 0.5 * z * z)
 }
 
-/// `P(T > t)` of Student's t for t >= 0, from its quantile; infinite degrees of freedom give the normal tail.
-/// Good to 1e-10 of its size down to 1e-300.
+/// `P(T > t)` of Student's t distribution for t >= 0, computed from its quantile. The relative error is 1e-10 down to
+/// 1e-300. Infinite degrees of freedom give the normal tail.
 pub fn student_tail(t: f64, degrees_of_freedom: f64) -> f64 {
     if t.is_nan() || t <= 0.0 {
         return if t <= 0.0 { 0.5 } else { f64::NAN };
@@ -111,13 +111,13 @@ pub fn two_sided(z: f64) -> f64 {
     2.0 * normal_tail(z.abs())
 }
 
-/// The p-value of the smallest of `tests` p-values: the probability that one of so many is as small (Sidak).
+/// The p-value of the smallest of `tests` p-values: the probability that one of `tests` is as small by chance (Sidak).
 pub fn adjusted(smallest: f64, tests: usize) -> f64 {
     if smallest >= 1.0 { 1.0 } else { -(tests as f64 * (-smallest).ln_1p()).exp_m1() }
 }
 
-/// The power of a two-sided t-test at level `alpha` for a shift of this many standard errors
-/// [after Abramowitz and Stegun 1964, 26.7.10].
+/// The probability that a two-sided t-test at level `alpha` detects a shift of `shift` standard errors [after
+/// Abramowitz and Stegun 1964, 26.7.10].
 pub fn power(shift: f64, alpha: f64, degrees_of_freedom: f64) -> f64 {
     let v = degrees_of_freedom;
     let limit = student_t_quantile(1.0 - 0.5 * alpha, v);

@@ -1,4 +1,4 @@
-//! Tests of means.
+//! Tests of expectations by sample means.
 
 use super::levels::{critical, sidak, student_tail};
 use dapple_metrics::student_t_quantile;
@@ -6,15 +6,15 @@ use dapple_metrics::student_t_quantile;
 /// The outcome of an equivalence test.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verdict {
-    /// The claim holds at the level of the test.
+    /// The claim holds at the significance level of the test.
     Pass,
-    /// The claim is refuted at that level.
+    /// The claim is refuted at the significance level of the test.
     Fail,
-    /// Neither: more samples are needed.
+    /// The samples decide neither; more are needed.
     Undecided,
 }
 
-/// A mean and its standard error, by Welford's recurrence.
+/// A sample mean and its standard error, by Welford's recurrence.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Mean {
     /// The number of values.
@@ -46,17 +46,17 @@ impl Mean {
         (self.m2 / (self.n - 1) as f64 / self.n as f64).sqrt()
     }
 
-    /// The mean less `reference`, in standard errors.
+    /// The difference of the mean from `reference`, in standard errors.
     pub fn deviation(&self, reference: f64) -> f64 {
         (self.mean - reference) / self.standard_error()
     }
 
-    /// Tests that the expectation is `reference`, which is exact.
+    /// Tests that the expectation equals `reference`, a number without error.
     pub fn against(&self, reference: f64) -> MeanTest {
         MeanTest::new(self.mean - reference, self.standard_error(), (self.n - 1) as f64)
     }
 
-    /// Tests that two expectations are equal, whatever their variances [after Welch 1947].
+    /// Tests that two expectations are equal, for any variances [after Welch 1947].
     pub fn against_estimate(&self, reference: &Self) -> MeanTest {
         let [a, b] = [self, reference].map(|m| (m.standard_error().powi(2), (m.n - 1) as f64));
         let variance = a.0 + b.0;
@@ -65,7 +65,7 @@ impl Mean {
         MeanTest::new(self.mean - reference.mean, variance.sqrt(), degrees)
     }
 
-    /// Tests that the mean is below `bound`, by `z` standard errors.
+    /// Tests that the expectation is below `bound`: the mean must be below by `z` standard errors.
     pub fn below(&self, bound: f64, z: f64) -> Verdict {
         let slack = z * self.standard_error();
         if self.mean + slack < bound {
@@ -77,7 +77,7 @@ impl Mean {
         }
     }
 
-    /// Tests that the mean lies within `delta` of `reference` (two one-sided tests).
+    /// Tests that the expectation lies within `delta` of `reference`, by two one-sided tests at `z` standard errors.
     pub fn equals(&self, reference: f64, delta: f64, z: f64) -> Verdict {
         let slack = z * self.standard_error();
         let distance = (self.mean - reference).abs();
@@ -94,7 +94,7 @@ impl Mean {
 /// The outcome of a test of means.
 #[derive(Clone, Copy, Debug)]
 pub struct MeanTest {
-    /// The mean less the reference.
+    /// The mean minus the reference.
     pub difference: f64,
     /// The standard error of the difference.
     pub standard_error: f64,
@@ -107,7 +107,7 @@ impl MeanTest {
         Self { difference, standard_error, degrees_of_freedom }
     }
 
-    /// The difference in standard errors. Without any spread it is 0 if the means are equal, else infinite.
+    /// The difference in standard errors. Without spread, 0 if the means are equal, else infinite.
     pub fn t(&self) -> f64 {
         if self.difference == 0.0 { 0.0 } else { self.difference / self.standard_error }
     }
@@ -117,7 +117,7 @@ impl MeanTest {
         2.0 * student_tail(self.t().abs(), self.degrees_of_freedom)
     }
 
-    /// A standard normal deviate about as probable as t [after Wallace 1959].
+    /// The standard normal deviate about as probable as t [after Wallace 1959].
     pub fn z(&self) -> f64 {
         let (t, v) = (self.t(), self.degrees_of_freedom);
         ((8.0 * v + 1.0) / (8.0 * v + 3.0) * (v * (t * t / v).ln_1p()).sqrt()).copysign(t)
@@ -133,10 +133,10 @@ pub struct Decided {
     pub mean: Mean,
 }
 
-/// An equivalence test with as many samples as it needs.
+/// Tests that the expectation of `draw` lies within `delta` of `reference`, with as many samples as needed.
 ///
-/// It starts with `first` samples and doubles them while undecided, up to `cap`, where undecided is failed. A false
-/// claim passes with probability `alpha` at most, over all tests together.
+/// It starts with `first` samples and doubles their number while undecided, up to `cap`, where undecided counts as
+/// failed. A false claim passes with probability `alpha` at most, over all steps together.
 pub fn decide(reference: f64, delta: f64, alpha: f64, first: u64, cap: u64, mut draw: impl FnMut() -> f64) -> Decided {
     let looks = (cap / first).max(1).ilog2() as usize + 1;
     let level = sidak(alpha, looks);
@@ -157,7 +157,8 @@ pub fn decide(reference: f64, delta: f64, alpha: f64, first: u64, cap: u64, mut 
 }
 
 /// The number of samples for which an equivalence test at level `alpha` passes a true claim with probability `1 -
-/// beta`: `((z_alpha + z_beta/2) spread / delta)^2`, for samples of standard deviation `spread`.
+/// beta`. It is `((z_alpha + z_beta/2) spread / delta)^2`, for samples of standard deviation `spread` and a tolerance
+/// `delta`.
 pub fn samples_needed(spread: f64, delta: f64, alpha: f64, beta: f64) -> u64 {
     ((critical(alpha) + critical(0.5 * beta)) * spread / delta).powi(2).ceil() as u64
 }

@@ -1,9 +1,9 @@
-//! Tests of spread, and of error estimates.
+//! Tests of equal spread, and of error estimates.
 
 use super::mean::Mean;
 
-/// The p-value of equal spread of two groups, whatever their distributions: a t-test of the distances from each group's
-/// median [after Brown and Forsythe 1974].
+/// The p-value of the claim that two groups have equal spread, for any distributions. A t-test of the distances from
+/// each group's median [after Brown and Forsythe 1974].
 pub fn brown_forsythe(a: &[f64], b: &[f64]) -> f64 {
     let distances = |values: &[f64]| -> Mean {
         let mut sorted = values.to_vec();
@@ -15,7 +15,7 @@ pub fn brown_forsythe(a: &[f64], b: &[f64]) -> f64 {
     distances(a).against_estimate(&distances(b)).p()
 }
 
-/// Error estimates and true errors, over many pixels and seeds.
+/// Sums that compare error estimates with true errors, over many pixels and seeds.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Calibration {
     held: u64,
@@ -25,9 +25,10 @@ pub struct Calibration {
 }
 
 impl Calibration {
-    /// Adds an estimate, its forecast variance, and the truth, which has a variance of `noise`.
+    /// Adds an estimate with its predicted variance `forecast`, and the true value, which is itself known with variance
+    /// `noise`.
     ///
-    /// The quantile makes the interval: 1.96 for 95 %, or Student's if the forecast has few degrees of freedom.
+    /// `quantile` scales the interval: 1.96 for 95 %, or Student's t if the forecast has few degrees of freedom.
     pub fn add(&mut self, estimate: f64, forecast: f64, truth: f64, noise: f64, quantile: f64) {
         let off = estimate - truth;
         let reach = (quantile * forecast.sqrt()).hypot(1.96 * noise.sqrt());
@@ -37,17 +38,18 @@ impl Calibration {
         self.real += off * off - noise;
     }
 
-    /// The share of intervals that hold the truth.
+    /// The fraction of intervals that contain the true value.
     pub fn coverage(&self) -> f64 {
         self.held as f64 / self.all as f64
     }
 
-    /// The root of the mean forecast variance over the root of the mean squared error.
+    /// The ratio of the predicted to the true root mean squared error.
     pub fn ratio(&self) -> f64 {
         (self.forecast / self.real).sqrt()
     }
 
-    /// Returns `true` if 95 % intervals hold 93 to 97 %, and forecasts are within a tenth of the true errors.
+    /// Returns `true` if the 95 % intervals contain 93 to 97 % of true values, and the predicted error is within 10 %
+    /// of the true one.
     pub fn is_honest(&self) -> bool {
         (0.93..=0.97).contains(&self.coverage()) && (0.9..=1.1).contains(&self.ratio())
     }

@@ -3,8 +3,7 @@
 use super::{Allocation, Steps, all_equal, clean, share_out};
 use crate::{Error, Needs};
 
-/// The ladder of well-stratified counts: 1, 2, 3, 4, 6, 8, 12, 16, 24, …, where low-discrepancy points are well
-/// distributed.
+/// The ladder: sample counts 1, 2, 3, 4, 6, 8, 12, 16, 24, …, at which low-discrepancy points are well distributed.
 ///
 /// ```
 /// use dapple_core::Ladder;
@@ -24,24 +23,24 @@ use crate::{Error, Needs};
 #[non_exhaustive]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Ladder {
-    /// The counts of one sequence per pixel.
+    /// The ladder for one sequence of points per pixel: 1, 2, 3, 4, 6, 8, …
     Whole,
-    /// Twice these counts, for renders with halves.
+    /// Twice these counts, for films that split each pixel's samples into two halves ([`Needs::halves`]).
     Halves,
 }
 
 impl Ladder {
-    /// The ladder for a film that records these statistics.
+    /// The ladder for a film that records `needs`: [`Ladder::Halves`] with halves, else [`Ladder::Whole`].
     pub const fn of(needs: &Needs) -> Self {
         if needs.halves { Self::Halves } else { Self::Whole }
     }
 
-    /// The smallest rung above `n`; `u32::MAX` past the end.
+    /// The smallest count on the ladder above `n`; `u32::MAX` if there is none.
     pub fn next(self, n: u32) -> u32 {
         self.rung_after(n).unwrap_or(u32::MAX)
     }
 
-    /// The largest rung that is at most `n`; `n` itself below the first rung.
+    /// The largest count on the ladder that is at most `n`; `n` itself below the first.
     pub fn floor(self, n: u32) -> u32 {
         let mut rung = n.min(1);
         let mut next = self.next(0);
@@ -52,12 +51,12 @@ impl Ladder {
         rung
     }
 
-    /// As [`allocate`](super::allocate), on this ladder, for errors that fall as `n^-exponent`: 1 for independent
-    /// samples, about 1.3 for images sampled with nets.
+    /// Allocates as [`allocate`](super::allocate), with counts on this ladder and an error that falls as `n^-exponent`.
+    /// The exponent is 1 for independent samples, and about 1.3 for images sampled with low-discrepancy nets.
     ///
-    /// At most one pixel whose floor is on the ladder leaves it, to meet the sum. Others leave it only if the budget
-    /// fills every pixel up to the last rung below `ceiling`. If all scores are equal there is nothing to adapt to, and
-    /// counts differ by at most 1 as far as floors allow.
+    /// At most one pixel whose floor is on the ladder gets a count off it, so that the sum is exact. More do only if
+    /// the budget fills every pixel to the last rung below `ceiling`. If all scores are equal, counts differ by at most
+    /// 1 as far as floors allow.
     ///
     /// # Errors
     ///
@@ -66,7 +65,7 @@ impl Ladder {
     ///
     /// # Panics
     ///
-    /// If `scores` and `floors` differ in length, or there are more than 2^32 - 1.
+    /// If `scores` and `floors` differ in length, or have more than 2^32 - 1 elements.
     pub fn allocate(
         self,
         scores: &[f64],
@@ -98,17 +97,19 @@ impl Ladder {
     }
 }
 
-/// The steps of a ladder, `f(n) = n^-exponent`.
+/// The counts of a ladder with the error `f(n) = n^-exponent`.
 struct Rungs {
     rungs: Vec<u32>,
-    /// Gain per sample of the step up to each rung, falling.
+    /// For each rung, the gain per sample of the step up to it; descending.
     gains: Vec<f64>,
-    /// The number of rungs that every threshold in a bucket reaches (see `bucket`).
+    /// For each bucket of thresholds (see [`bucket`]), the number of rungs whose gain exceeds every threshold in the
+    /// bucket.
     sure: Vec<u8>,
     exponent: f64,
 }
 
-/// The bucket of a threshold: an eighth of a power of two each from 2^-256 to 1, and one each below and above.
+/// The number of the bucket that holds a threshold. Buckets span an eighth of a power of two each from 2^-256 to 1; one
+/// more lies at either end.
 fn bucket(threshold: f64) -> usize {
     const LOWEST: u64 = (1023 - 256) << 3;
     const HIGHEST: u64 = 1024 << 3;

@@ -5,27 +5,28 @@ use crate::Error;
 use rayon::prelude::*;
 use std::cmp::Ordering;
 
-/// Fractional shares are integers in units of 2^-20 samples, so that sums do not depend on their order.
+/// The units in a sample, as a power of two. Shares are integers in these units, so that sums do not depend on the
+/// order.
 const QUANTUM_BITS: u32 = 20;
 const QUANTA: f64 = (1u64 << QUANTUM_BITS) as f64;
-/// Pixels per partial sum: 2048 shares below 2^52 units fit into 64 bits.
+/// The number of pixels per partial sum: 2048 shares below 2^52 units fit into 64 bits.
 const CHUNK: usize = 2048;
 /// The largest number of rounds of redistribution; about ten suffice if weights span a few decades.
 const MOST_ROUNDS: u32 = 64;
 
-/// Shares out exactly `total` samples in proportion to `weights`: pixel `p` gets
-/// `base + factor * weights[p]`, but at least `floors[p]` and at most `ceiling` (a floor above the
-/// ceiling wins), where the one factor is such that all add up; what ceilings cut off goes to the
-/// others in proportion. Real shares become integers by largest remainder, ties by weight and then by a
-/// hash of the pixel's number.
+/// Shares out exactly `total` samples in proportion to `weights`.
 ///
-/// [`allocate`](crate::allocate()) takes squared errors and returns counts that go with their root. This function takes
-/// the proportions of the counts themselves, for samplers that make a map of priorities rather than of variances.
-/// Counts depend on the weights alone: permuted weights give permuted counts, except among equal ones.
+/// Pixel `p` gets `base + factor * weights[p]`, clamped to `floors[p]` and `ceiling` (a floor above the ceiling wins).
+/// The factor is common to all pixels, and such that the counts sum to `total`. Fractions are rounded by largest
+/// remainder. Ties go to the larger weight, then by a hash of the pixel's number.
 ///
-/// Weights that are NaN or negative count as 0, infinite ones as the largest finite weight; [`Allocation::replaced`]
-/// counts both. Zeros, and weights below 1e-60 of the largest, wait until all others are at the ceiling, and then get
-/// equal shares. If `total` does not reach `base` for all pixels, counts are as equal as the floors allow.
+/// [`allocate`](crate::allocate()) takes squared errors and returns counts proportional to their root. This function
+/// takes the proportions of the counts themselves, for samplers that compute priorities rather than variances. Counts
+/// depend on the weights alone: permuted weights give permuted counts, except among equal ones.
+///
+/// NaN and negative weights count as 0, infinite ones as the largest finite weight; [`Allocation::replaced`] counts
+/// both. Pixels of weight 0, or below 1e-60 of the largest, wait until all others are at the ceiling, and then get
+/// equal shares. If `total` is less than `base` for every pixel, counts are as equal as the floors allow.
 ///
 /// ```
 /// let counts = dapple_core::share(&[1.0, 2.0, 3.0], 4, &[0; 3], 100, 72)?.counts;
@@ -86,9 +87,10 @@ pub fn share(weights: &[f64], base: u32, floors: &[u32], ceiling: u32, total: u6
     Ok(Allocation { counts, unspent: 0, replaced })
 }
 
-/// The largest factor, nearly, at which `spend` does not exceed `goal`.
+/// Returns nearly the largest factor for which `spend(factor)` does not exceed `goal`.
 ///
-/// It ends at most `close` units below, unless a step of `spend` is wider. Spending grows with the factor.
+/// The search starts at `first` and ends within `close` units below `goal`, unless a step of `spend` is wider. `spend`
+/// grows with the factor.
 fn find_factor(first: f64, goal: u128, close: u128, spend: impl Fn(f64) -> u128) -> f64 {
     let (mut low, mut missing) = (0.0, 0.0);
     let (mut high, mut excess) = (f64::INFINITY, 0.0);
@@ -131,8 +133,8 @@ fn find_factor(first: f64, goal: u128, close: u128, spend: impl Fn(f64) -> u128)
     low
 }
 
-/// Adds one sample to each of the `left` pixels with the largest remainders, of those below the ceiling. Ties go to the
-/// larger weight, then by a hash.
+/// Adds one sample to each of the `left` pixels with the largest fractional shares, among those below the ceiling. Ties
+/// go to the larger weight, then by a hash of the pixel's number.
 fn hand_out_remainders(shares: &[u64], weights: &[f64], counts: &mut [u32], ceiling: u32, mut left: usize) {
     if left == 0 {
         return;

@@ -3,8 +3,7 @@ use rand::seq::SliceRandom;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
-/// Hands samples out one by one to the largest gain: optimal, slow, and written without the code
-/// under test.
+/// A second implementation: hands samples out one by one to the largest gain. Optimal and slow.
 fn greedy(scores: &[f64], floors: &[u32], ceiling: u32, total: u64) -> Vec<u32> {
     let mut counts = floors.to_vec();
     for _ in counts.iter().map(|&n| u64::from(n)).sum::<u64>()..total {
@@ -24,7 +23,7 @@ fn objective(scores: &[f64], counts: &[u32], exponent: f64) -> f64 {
     scores.iter().zip(counts).map(term).sum()
 }
 
-/// Miri takes a thousand times as long, and sees as much in a thousandth of the cases.
+/// The number of random cases: `all`, or a thousandth under Miri, which runs a thousand times slower.
 pub(super) const fn cases(all: usize) -> usize {
     if cfg!(miri) { all.div_ceil(1000) } else { all }
 }
@@ -33,7 +32,7 @@ fn sum(counts: &[u32]) -> u64 {
     counts.iter().map(|&n| u64::from(n)).sum()
 }
 
-/// The smallest objective over every assignment there is.
+/// The smallest objective over all possible assignments.
 fn brute_force(scores: &[f64], floors: &[u32], ceiling: u32, total: u64) -> f64 {
     let Some((&floor, others)) = floors.split_first() else { return if total == 0 { 0.0 } else { f64::INFINITY } };
     let mut best = f64::INFINITY;
@@ -78,7 +77,7 @@ fn larger_instances_meet_the_greedy_optimum() {
     }
 }
 
-/// Weights from 1e-38 to 1e38 with what is no weight among them.
+/// Random weights from 1e-38 to 1e38 mixed with NaN, negative and infinite ones, and the number of the latter.
 fn wild(rng: &mut Pcg64, pixels: usize) -> (Vec<f64>, usize) {
     let bad = [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, -1.0];
     let injected = rng.random_range(0..4) == 0;
@@ -185,7 +184,7 @@ fn equal_scores_give_counts_that_differ_by_one() {
     assert!(counts.iter().max().unwrap() - counts.iter().min().unwrap() <= 1, "{counts:?}");
 }
 
-/// Halves of the image get equal shares of the odd samples within 6 standard errors.
+/// Both halves of the image get equal numbers of the remaining samples, within 6 standard errors.
 #[test]
 fn odd_samples_prefer_no_part_of_the_image() {
     let counts = allocate(&vec![1.0; 10_000], &vec![1; 10_000], 100, 25_000).unwrap().counts;
@@ -226,7 +225,7 @@ fn all_but_one_count_are_on_the_ladder() {
     }
 }
 
-/// No swap of one step between two pixels improves the objective by more than the one odd pixel can explain.
+/// No exchange of one step between two pixels improves the objective by more than the one odd pixel can explain.
 #[test]
 fn ladder_steps_are_in_the_order_of_gains() {
     let mut rng = Pcg64::seed_from_u64(7);

@@ -2,10 +2,10 @@
 
 use crate::{Needs, RgbMoments};
 
-/// Smallest and largest value of red, green, blue and luminance.
+/// The smallest and the largest value of red, green, blue and luminance.
 pub(crate) type Range = [[f32; 4]; 2];
 
-/// The range of no samples.
+/// The range of an empty set of samples.
 const NOTHING: Range = [[f32::INFINITY; 4], [f32::NEG_INFINITY; 4]];
 
 /// Relative luminance of a linear colour with Rec. 709 primaries [ITU-R BT.709].
@@ -21,7 +21,8 @@ pub(crate) struct Bank {
     pub(crate) means: Vec<[f64; 3]>,
     pub(crate) m2: Vec<[f64; 3]>,
     pub(crate) ranges: Vec<Range>,
-    /// The index of a pixel's next sample less its count: the samples that were withdrawn. Empty until some are.
+    /// Per pixel, the number of withdrawn samples, by which the next sample's index exceeds the count. Empty until
+    /// samples are withdrawn.
     pub(crate) ahead: Vec<i64>,
 }
 
@@ -45,7 +46,7 @@ impl Bank {
         index(self.counts[i], self.ahead.get(i))
     }
 
-    /// Moves the samples of the marked pixels from this bank to `other`. Indices continue in both.
+    /// Moves the samples of the marked pixels from this bank to `other`. Neither bank reuses a sample index later.
     pub(super) fn withdraw_into(&mut self, other: &mut Self, withdrawn: &[bool]) {
         let pixels = self.counts.len();
         for bank in [&mut *self, &mut *other] {
@@ -70,13 +71,13 @@ impl Bank {
     }
 }
 
-/// The index of the sample after `count` samples of a bank.
+/// The stream index of the next sample, from the count of a pixel and its entry in [`Bank::ahead`].
 #[inline]
 pub(crate) fn index(count: u64, ahead: Option<&i64>) -> u64 {
     count.wrapping_add_signed(ahead.copied().unwrap_or(0))
 }
 
-/// Extends a range by a sample.
+/// Extends a range to include a sample.
 #[inline]
 pub(crate) fn widen(range: &mut Range, radiance: [f32; 3]) {
     let [r, g, b] = radiance;
@@ -84,7 +85,7 @@ pub(crate) fn widen(range: &mut Range, radiance: [f32; 3]) {
     join(range, &[value, value]);
 }
 
-/// Extends a range by another.
+/// Extends a range to include another range.
 pub(super) fn join(range: &mut Range, other: &Range) {
     for c in 0..4 {
         range[0][c] = range[0][c].min(other[0][c]);

@@ -3,10 +3,11 @@
 use super::Film;
 
 impl Film {
-    /// The estimated squared error of pixel `i`'s mean, per channel; `None` without halves, or if a half is empty.
+    /// The estimated squared error of pixel `i`'s mean, per channel. `None` without halves, or if a half is empty.
     ///
-    /// It follows from the difference of the two independently scrambled halves: `E (A - B)^2 = var A + var B`, divided
-    /// by count, for a mean `w A + (1 - w) B`. Each pixel has one degree of freedom, so average over pixels before use.
+    /// The estimate comes from the difference of the means A and B of the two halves, which are scrambled
+    /// independently: `E (A - B)^2 = var A + var B`. That sum is split by sample counts, for a pixel mean of `w A + (1
+    /// - w) B`. Each pixel has one degree of freedom, so average over pixels before use.
     pub fn squared_error(&self, i: usize) -> Option<[f64; 3]> {
         let [a, b] = &self.kept[..] else { return None };
         let (na, nb) = (a.counts[i] as f64, b.counts[i] as f64);
@@ -23,7 +24,7 @@ impl Film {
         Some(error)
     }
 
-    /// [`Film::squared_error`] of every pixel, averaged over the channels; `None` without halves.
+    /// [`Film::squared_error`] of every pixel, as the mean over the channels; `None` without halves.
     pub fn squared_errors(&self) -> Option<Vec<f32>> {
         if self.kept.len() != 2 {
             return None;
@@ -32,10 +33,11 @@ impl Film {
         Some((0..self.frame.pixels()).map(|i| self.squared_error(i).map_or(f32::INFINITY, mean)).collect())
     }
 
-    /// The image's own estimate of its relMSE, `mean((x - truth)^2 / (truth^2 + 0.01))` over pixels and channels.
-    /// `None` without halves, or while a pixel lacks a sample in one of them.
+    /// The relMSE of the unfiltered image, `mean((x - truth)^2 / (truth^2 + 0.01))` over pixels and channels, as
+    /// estimated from the halves. `None` without halves, or while a pixel lacks a sample in one of them.
     ///
-    /// The mean over 3x3 pixels stands for the truth. A pixel's own mean is high where its error is, and would hide it.
+    /// The mean over 3x3 pixels stands in for the truth. A pixel's own mean is high where its error is, and would hide
+    /// the error.
     ///
     /// # Precision
     ///

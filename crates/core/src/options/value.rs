@@ -1,23 +1,23 @@
-//! The values that options have.
+//! Types of option values.
 
 use crate::{OptionError, PilotPolicy, Stopping};
 
-/// A value that is parsed from text and written back as text.
+/// A type of option value that is parsed from text and written back as text.
 pub trait OptionValue: Sized {
-    /// The value of this text; `None` for text of the wrong kind.
+    /// Parses `text`; `None` if it is not a value of this type.
     fn from_text(text: &str) -> Option<Self>;
 
-    /// The text of this value, which [`OptionValue::from_text`] reads back.
+    /// The value as text that [`OptionValue::from_text`] reads back.
     fn text(&self) -> String;
 
-    /// The values that parse, for messages; `allowed` is the declared range.
+    /// A phrase for messages about the values that parse; `allowed` is the declared range.
     fn wanted(allowed: Option<&str>) -> String;
 
-    /// Parses the value of the parameter `name`.
+    /// Parses `value` for the parameter `name`; `allowed` is the declared range, for the message.
     ///
     /// # Errors
     ///
-    /// [`OptionError::Value`].
+    /// [`OptionError::Value`] if `value` does not parse.
     fn parse_as(name: &'static str, value: &str, allowed: Option<&str>) -> Result<Self, OptionError> {
         let wrong = || OptionError::Value { name, value: value.to_owned(), wanted: Self::wanted(allowed) };
         Self::from_text(value).ok_or_else(wrong)
@@ -44,7 +44,7 @@ macro_rules! numbers {
 
 numbers!(u32, u64, usize, i32, f32, f64);
 
-/// `none`, or a value.
+/// Parses `none` as `None`, and other text as a value of the inner type.
 impl<T: OptionValue> OptionValue for Option<T> {
     fn from_text(text: &str) -> Option<Self> {
         if text == "none" { Some(None) } else { T::from_text(text).map(Some) }

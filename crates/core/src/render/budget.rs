@@ -1,8 +1,8 @@
-//! Budgets of time and error as numbers of samples.
+//! Conversion of budgets of time and error into numbers of samples.
 
 use crate::{Budget, BudgetLeft, Error, Film, Frame, Limits, Needs};
 
-/// The budget of a render. It decides the budget of each plan, and after it is spent, the next.
+/// Computes the sample budget of each plan from the user's budget, and extends it when it is spent.
 pub(super) struct Meter {
     budget: Budget,
     pixels: u64,
@@ -13,9 +13,10 @@ pub(super) struct Meter {
     barrier: usize,
 }
 
-/// The share of the time that the first guess leaves for a last round, whose rate is known better.
+/// The fraction of a time limit that the first estimate reserves for a last round, when the sampling rate is known
+/// better.
 const RESERVE: f64 = 0.1;
-/// The least time for another round, as a share of the limit.
+/// The least remaining time for which another round is planned, as a fraction of the time limit.
 const ENOUGH: f64 = 0.03;
 
 impl Meter {
@@ -63,7 +64,7 @@ impl Meter {
         }
     }
 
-    /// Continues from a snapshot. A budget of time or error continues with the number of samples there.
+    /// Restores the budget from a snapshot. A budget of time or error continues with the sample total at the snapshot.
     pub(super) fn restore(&mut self, film: &Film, total: u64, planned: u64) -> Result<(), Error> {
         let shown = &film.record().budgets;
         self.barrier = shown.len();
@@ -82,13 +83,13 @@ impl Meter {
         Ok(())
     }
 
-    /// The budget of the last plan.
+    /// The budget of the last plan, with the samples spent since.
     pub(super) fn left(&self, film: &Film) -> BudgetLeft {
         let spent = film.record().samples;
         BudgetLeft { spent, total: self.total, min_spp: self.min_spp, max_spp: self.max_spp }
     }
 
-    /// The budget of the next plan.
+    /// The budget for planning round `round`, after `seconds` of rendering.
     pub(super) fn show(&mut self, film: &Film, round: u32, seconds: f64) -> BudgetLeft {
         match &self.budget {
             Budget::Recorded(totals) => {
@@ -105,7 +106,8 @@ impl Meter {
         self.left(film)
     }
 
-    /// Raises the budget, if its kind allows, when the sampler is done. Returns `true` if another plan may follow.
+    /// Raises the sample total after the sampler is done, if the budget allows. Returns `true` if another plan may
+    /// follow.
     pub(super) fn extend(&mut self, film: &Film, seconds: f64) -> bool {
         let spent = film.record().samples;
         let before = self.total;
@@ -138,7 +140,7 @@ impl Meter {
         spent >= before && self.total > spent
     }
 
-    /// Samples in all after `left` more seconds at the rate seen so far.
+    /// The total number of samples that `left` more seconds allow, at the mean rate of the `seconds` so far.
     fn affordable(&self, film: &Film, seconds: f64, left: f64) -> u64 {
         let spent = film.record().samples;
         let rate = spent as f64 / seconds.max(1e-6);

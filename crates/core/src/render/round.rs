@@ -17,15 +17,15 @@ use std::slice::ChunksMut;
 
 /// The side, in pixels, of the blocks in which training data is summed.
 const BLOCK: usize = 16;
-/// The aimed-at seconds per slice. A monitor is called after about this long, or after a row of pixels if that takes
-/// longer.
+/// The target duration of a slice in seconds, and so the interval between calls of the monitor. A single row of pixels
+/// may take longer.
 const SLICE_SECONDS: f64 = 0.2;
 /// Samples in the first slice: a millisecond at a microsecond per sample, a second at a thousand.
 const FIRST_SLICE: f64 = 1024.0;
-/// The largest length of a slice, as a multiple of the samples traced in the round.
+/// The largest size of a slice, as a multiple of the samples already traced in the round.
 const GROWTH: f64 = 8.0;
 
-/// The constants of a slice.
+/// The inputs of a slice that all tasks share.
 struct Round<'a> {
     integrator: &'a dyn Integrator,
     points: &'a dyn PointSet,
@@ -34,26 +34,26 @@ struct Round<'a> {
     origin: [u32; 2],
     streams: [u32; 2],
     wants_first_hit: bool,
-    /// First hits kept per pixel.
+    /// The number of first hits stored per pixel.
     first_hits: usize,
     wants_training: bool,
-    /// The range of each pixel's samples in this slice.
+    /// The range of sample numbers, within the round, that this slice traces in each pixel.
     part: [u32; 2],
 }
 
-/// The rows of one bank in a band.
+/// One band's part of the planes of a [`Bank`].
 struct BankRows<'a> {
     counts: &'a mut [u64],
     means: &'a mut [[f64; 3]],
     m2: &'a mut [[f64; 3]],
     ranges: &'a mut [film::Range],
-    /// See [`Bank`].
+    /// See [`Bank::ahead`].
     ahead: &'a [i64],
 }
 
 /// A band of rows: the pixels that one task writes.
 struct Band<'a> {
-    /// The number of its first pixel.
+    /// The index, in the window, of the band's first pixel.
     first: usize,
     banks: Vec<BankRows<'a>>,
     features: &'a mut [FeatureMoments],
@@ -61,7 +61,7 @@ struct Band<'a> {
     costs: &'a mut [u64],
 }
 
-/// The results of a task besides pixels.
+/// The totals and rare events of one task.
 #[derive(Default)]
 struct Tally {
     samples: u64,
@@ -69,25 +69,25 @@ struct Tally {
     blocks: u64,
     /// The number of rejected samples.
     rejections: u64,
-    /// The first of them, enough for the film's list.
+    /// The first rejected samples, as many as the film lists.
     rejected: Vec<Rejected>,
-    /// The first in the order of tracing, with its value.
+    /// The first rejected sample in the order of tracing, with its radiance.
     first_rejected: Option<(SampleId, [f32; 3])>,
     training: Vec<(usize, Vec<TrainingSum>)>,
     panicked: Option<(SampleId, String)>,
 }
 
-/// The place at which a monitor stopped a round.
+/// The point at which a monitor stopped a round.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Stopped {
     No,
-    /// With samples of the round still to trace.
+    /// Before the end: samples of the round remain to be traced.
     Within,
-    /// After its last slice, with the round complete.
+    /// After the last slice of the round.
     AtEnd,
 }
 
-/// Traces the rest of a round into the film. `began` is the time by the context's clock at which the round would have
+/// Traces the rest of a round into the film. `began` is the time on the context's clock at which the round would have
 /// begun without interruption.
 pub(super) fn trace(
     integrator: &mut dyn Integrator,
@@ -140,11 +140,11 @@ fn longest_pixel(plan: &Plan) -> u32 {
     plan.counts.iter().chain(second).copied().max().unwrap_or(0)
 }
 
-/// Samples per pixel of the slice at the cursor (or of the pass over the rows to which it belongs), and its rows of
-/// pixels.
+/// The size of the next slice: samples per pixel, and rows of pixels.
 ///
-/// Both follow from the rate of this round, which took `seconds` so far. If one sample of every pixel takes longer than
-/// a slice should, the slice has some of the rows only.
+/// Both follow from the sampling rate of this round, which took `seconds` so far. If one sample in every pixel takes
+/// longer than a slice should, the slice covers only some rows. The samples per pixel then belong to the whole pass
+/// over the rows.
 fn next_slice(open: &OpenRound, film: &Film, wants_training: bool, seconds: f64, limits: &Limits) -> (u32, u32) {
     let height = film.frame.size()[1];
     let fixed = limits.schedule.slice_spp;
@@ -170,8 +170,8 @@ fn next_slice(open: &OpenRound, film: &Film, wants_training: bool, seconds: f64,
     (length, if wants_training { rows.next_multiple_of(BLOCK as u32) } else { rows })
 }
 
-/// Samples per pixel of the next training pass: as many as there were before. So the first passes are short, and there
-/// are few. The length depends on nothing but the plans.
+/// Samples per pixel of the next training pass: as many as all samples before, so that passes double in length. Depends
+/// on the plans only, not on time.
 fn pass_length(film: &Film) -> u32 {
     let mean = film.record.samples / film.frame.pixels() as u64;
     u32::try_from(mean).unwrap_or(u32::MAX).max(1)
@@ -224,7 +224,7 @@ fn slice(
     tallies.into_iter().map(|(_, tally)| tally).collect()
 }
 
-/// Cuts these pixels of the film into bands of `size` pixels.
+/// Splits the given pixels of the film into bands of `size` pixels each.
 fn bands(film: &mut Film, retention: Retention, pixels: Range<usize>, size: usize) -> Vec<Band<'_>> {
     let k = usize::from(film.needs.first_hits);
     let banks = if retention == Retention::Keep { &mut film.kept } else { &mut film.discarded };
@@ -260,7 +260,7 @@ fn bands(film: &mut Film, retention: Retention, pixels: Range<usize>, size: usiz
         .collect()
 }
 
-/// These pixels of a plane in chunks; none if the plane is not recorded.
+/// Splits the given pixels of a plane into chunks of `size`; no chunks if the film does not record the plane.
 fn chunks<'a, T>(plane: &'a mut [T], pixels: &Range<usize>, size: usize) -> ChunksMut<'a, T> {
     let share = if plane.is_empty() { plane } else { &mut plane[pixels.clone()] };
     share.chunks_mut(size)
@@ -289,8 +289,8 @@ fn trace_band(round: &Round<'_>, mut band: Band<'_>) -> Tally {
     tally
 }
 
-/// Traces the band in blocks of 16x16 pixels, and sums the notes of each block, then of each row of blocks. Until the
-/// training pass is over, a sum per key and row is kept, not per block.
+/// Traces the band in blocks of 16x16 pixels. Training notes are summed per block, then per row of blocks, so that only
+/// one sum per key and row of blocks is kept.
 fn trace_blocks(round: &Round<'_>, band: &mut Band<'_>, tally: &mut Tally, current: &Cell<Option<SampleId>>) {
     let width = round.width;
     let rows = band.banks[0].counts.len() / width;
@@ -346,7 +346,7 @@ fn trace_pixel(
     }
 }
 
-/// The pixel of a sample in its band and in the full frame, and its half.
+/// A pixel's index in the band, its coordinates in the full image, and the half of the current sample.
 #[derive(Clone, Copy)]
 struct Place {
     local: usize,
@@ -389,7 +389,8 @@ fn trace_sample(
 }
 
 impl Tally {
-    /// Outlined because it is rare. Holds at most twice as many samples as a film lists.
+    /// Counts and lists a rejected sample. Outlined because it is rare. The list holds at most twice as many samples as
+    /// the film's.
     #[cold]
     #[inline(never)]
     fn reject(&mut self, rejected: Rejected, value: [f32; 3]) {
@@ -403,7 +404,7 @@ impl Tally {
 }
 
 impl BankRows<'_> {
-    /// Welford's step [Welford 1962]; see [`RgbMoments`](crate::RgbMoments).
+    /// Adds a sample to the running mean and deviations [Welford 1962]; see [`RgbMoments`](crate::RgbMoments).
     #[inline]
     fn push(&mut self, local: usize, radiance: [f32; 3]) {
         self.counts[local] += 1;
@@ -425,7 +426,7 @@ impl BankRows<'_> {
     }
 }
 
-/// Outlined because most renders record no first hits.
+/// Adds sample `k`'s first hit to the features of a pixel. Outlined because most renders record no first hits.
 #[inline(never)]
 fn record_first_hit(band: &mut Band<'_>, local: usize, k: usize, hit: Option<&FirstHit>) {
     // A NaN would spread through every mean, so such a hit counts as a miss.

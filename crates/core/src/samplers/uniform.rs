@@ -7,7 +7,8 @@ use crate::{
 
 /// Uniform sampling: the same number of samples for every pixel.
 ///
-/// The remainder of the budget goes to pixels picked by a hash of their number, one sample each.
+/// If the budget is not a multiple of the number of pixels, a hash of the pixel's number picks those that get one
+/// sample more.
 ///
 /// *Guarantees*: unbiased, the exact budget, counts that do not depend on samples. *Weaknesses*: spends as much on a
 /// constant wall as on its shadow.
@@ -41,7 +42,7 @@ pub struct Uniform<P> {
 }
 
 impl<P: PointSet> Uniform<P> {
-    /// A uniform sampler of this point set.
+    /// A uniform sampler that uses this point set.
     pub fn new(points: P) -> Self {
         Self { points }
     }

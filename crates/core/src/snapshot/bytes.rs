@@ -1,8 +1,8 @@
-//! Numbers as little-endian bytes, without padding.
+//! Encoding of numbers as little-endian bytes, without padding.
 
 use super::Broken;
 
-/// A number of a fixed width.
+/// A number type with a fixed number of bytes.
 pub(crate) trait Number: Copy {
     const SIZE: usize;
     fn put(self, to: &mut [u8]);
@@ -47,7 +47,7 @@ impl<T: Number, const N: usize> Number for [T; N] {
     }
 }
 
-/// Bytes being written.
+/// A growing buffer of encoded bytes.
 pub(crate) struct Writer {
     bytes: Vec<u8>,
 }
@@ -73,7 +73,7 @@ impl Writer {
         self.bytes.push(u8::from(value));
     }
 
-    /// Numbers of a count that the reader knows.
+    /// Writes numbers without a count, which the reader must know.
     pub(crate) fn numbers<T: Number>(&mut self, values: &[T]) {
         let start = self.bytes.len();
         self.bytes.resize(start + values.len() * T::SIZE, 0);
@@ -82,7 +82,7 @@ impl Writer {
         }
     }
 
-    /// Numbers after their count.
+    /// Writes the count of numbers, then the numbers.
     pub(crate) fn list<T: Number>(&mut self, values: &[T]) {
         self.number(values.len() as u64);
         self.numbers(values);
@@ -93,7 +93,7 @@ impl Writer {
     }
 }
 
-/// Bytes being read. Allocates no more than the bytes fill.
+/// A cursor over encoded bytes. Never allocates more than the remaining bytes can fill.
 pub(crate) struct Reader<'a> {
     rest: &'a [u8],
 }
@@ -113,7 +113,7 @@ impl<'a> Reader<'a> {
         Ok(taken)
     }
 
-    /// A reader of the next `count` records of `each` bytes.
+    /// Splits off a reader of the next `count` records of `each` bytes.
     pub(crate) fn part(&mut self, count: usize, each: usize) -> Result<Self, Broken> {
         let size = count.checked_mul(each).ok_or(Broken("they end too early"))?;
         Ok(Self::new(self.raw(size)?))
@@ -135,7 +135,8 @@ impl<'a> Reader<'a> {
         Ok(self.part(count, T::SIZE)?.rest.chunks_exact(T::SIZE).map(T::take).collect())
     }
 
-    /// The count of the records that follow, each of at least this many bytes.
+    /// Reads the count of the records that follow, and checks it against the bytes left; each record has at least
+    /// `each` bytes.
     pub(crate) fn count(&mut self, each: usize) -> Result<usize, Broken> {
         let count = usize::try_from(self.number::<u64>()?).map_err(|_| Broken("they end too early"))?;
         match count.checked_mul(each) {

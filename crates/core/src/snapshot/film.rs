@@ -1,4 +1,4 @@
-//! A film as bytes.
+//! Encoding of films as bytes.
 
 use super::Broken;
 use super::bytes::{Reader, Writer};
@@ -7,7 +7,7 @@ use crate::{
     Combine, Film, FirstHit, Frame, Needs, Record, Rejected, RejectedReason, RoundRecord, SampleId, TrainingSum,
 };
 
-/// The approximate number of bytes of a film.
+/// The approximate number of bytes that encode a film.
 pub(crate) fn size(film: &Film) -> usize {
     let discarded = if film.discarded.is_empty() { 0 } else { Film::bytes_per_pixel(&film.needs) };
     let pixels = film.kept[0].counts.len();
@@ -37,7 +37,7 @@ pub(crate) fn put_film(to: &mut Writer, film: &Film) {
     to.numbers(&film.costs);
 }
 
-/// A film with planes of `pixels` pixels, or of all of its frame's.
+/// Reads a film whose planes have `pixels(frame)` pixels, fewer than the frame's for a shard.
 pub(crate) fn take_film(from: &mut Reader<'_>, pixels: impl FnOnce(&Frame) -> usize) -> Result<Film, Broken> {
     let frame = take_frame(from)?;
     let pixels = pixels(&frame);
@@ -59,7 +59,7 @@ pub(crate) fn take_film(from: &mut Reader<'_>, pixels: impl FnOnce(&Frame) -> us
     Ok(film)
 }
 
-/// Checks the properties that every reader of a film relies on.
+/// Checks the invariants that readers of a film rely on, such as finite means.
 fn check(film: &Film) -> Result<(), Broken> {
     let mut samples = 0_u64;
     for bank in film.kept.iter().chain(&film.discarded) {
@@ -202,7 +202,7 @@ fn take_features(from: &mut Reader<'_>, pixels: usize) -> Result<Vec<FeatureMome
     (0..pixels).map(|_| one()).collect()
 }
 
-/// A flag and 18 numbers, for hits and misses alike, so that every record has the same size.
+/// Writes a flag and 18 numbers, for hits and misses alike, so that every record has the same size.
 fn put_hit(to: &mut Writer, hit: Option<&FirstHit>) {
     to.flag(hit.is_some());
     let Some(h) = hit else {
@@ -242,7 +242,7 @@ fn take_hits(from: &mut Reader<'_>, count: usize) -> Result<Vec<Option<FirstHit>
     Ok(hits)
 }
 
-/// Training data: four numbers per entry.
+/// Writes training data, four numbers per entry.
 pub(crate) fn put_training(to: &mut Writer, entries: &[TrainingSum]) {
     to.number(entries.len() as u64);
     for e in entries {

@@ -9,7 +9,7 @@ use std::path::Path;
 
 const MAGIC: &[u8; 8] = b"dapple-c";
 const VERSION: u32 = 2;
-/// No text of an identity is longer.
+/// The largest length of a text in an identity, in bytes.
 const LONGEST: usize = 1 << 20;
 
 /// The purpose of a file.
@@ -29,7 +29,7 @@ impl Kind {
         }
     }
 
-    /// Its name.
+    /// The kind's name in messages.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Checkpoint => "checkpoint",
@@ -38,29 +38,29 @@ impl Kind {
     }
 }
 
-/// Everything that contents depend on, as pairs of name and value, in order.
+/// The settings that a file's contents depend on, as ordered pairs of name and value.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Identity {
     pairs: Vec<(String, String)>,
 }
 
 impl Identity {
-    /// These pairs.
+    /// An identity of these pairs, in this order.
     pub fn new<N: Into<String>, V: Into<String>>(pairs: impl IntoIterator<Item = (N, V)>) -> Self {
         Self { pairs: pairs.into_iter().map(|(name, value)| (name.into(), value.into())).collect() }
     }
 
-    /// The pairs.
+    /// The pairs of name and value, in order.
     pub fn pairs(&self) -> &[(String, String)] {
         &self.pairs
     }
 
-    /// The value of a name.
+    /// The value of the pair called `name`; `None` if there is none.
     pub fn value(&self, name: &str) -> Option<&str> {
         self.pairs.iter().find(|(known, _)| known == name).map(|(_, value)| value.as_str())
     }
 
-    /// The differences of `there` from this, a phrase each: `seed: 3 there, 4 here`.
+    /// The differences of the identity `there` from this one, one phrase each: `seed: 3 there, 4 here`.
     pub fn differences(&self, there: &Self) -> Vec<String> {
         let nothing = "nothing";
         let mut differ = Vec::new();
@@ -76,31 +76,31 @@ impl Identity {
     }
 }
 
-/// The contents of a file.
+/// The contents of a checkpoint or shard file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Contents {
     /// The purpose.
     pub kind: Kind,
-    /// Everything that the body depends on.
+    /// The settings that the body depends on.
     pub identity: Identity,
-    /// The bytes.
+    /// The stored bytes.
     pub body: Vec<u8>,
 }
 
 /// The reason why bytes are not contents.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Damage {
-    /// Nothing, or the beginning only.
+    /// The file is empty or truncated.
     Short,
-    /// Not a file of ours.
+    /// The file does not begin with this format's magic bytes.
     Foreign,
-    /// Written by another version.
+    /// The file has another version of the format.
     Version,
-    /// Bytes differ from what was written.
+    /// The checksum does not match: bytes have changed.
     Checksum,
-    /// The checksum is right, and the contents make no sense.
+    /// The checksum is right, but the contents are inconsistent.
     Nonsense,
-    /// Of another kind.
+    /// The file is of another [`Kind`].
     Kind,
 }
 
@@ -118,7 +118,7 @@ impl std::fmt::Display for Damage {
 }
 
 impl Contents {
-    /// The bytes before the body.
+    /// The encoded bytes before the body.
     pub(crate) fn head(&self) -> Result<Vec<u8>, Error> {
         let mut head = MAGIC.to_vec();
         let pairs = &self.identity.pairs;
@@ -136,7 +136,7 @@ impl Contents {
         Ok(head)
     }
 
-    /// All bytes of a file with these contents.
+    /// The contents encoded as the bytes of a file.
     ///
     /// # Errors
     ///
@@ -148,11 +148,12 @@ impl Contents {
         Ok(bytes)
     }
 
-    /// Reads a file of this kind.
+    /// Reads the file at `path`, which must be of kind `kind`.
     ///
     /// # Errors
     ///
-    /// [`Error::Missing`], [`Error::Read`], or [`Error::Damaged`].
+    /// [`Error::Missing`] without a file, [`Error::Read`] if the system cannot read it, [`Error::Damaged`] if its bytes
+    /// are invalid.
     pub fn read(path: &Path, kind: Kind) -> Result<Self, Error> {
         let bytes = std::fs::metadata(path).and_then(|found| match found.is_file() {
             true => std::fs::read(path),
@@ -167,11 +168,11 @@ impl Contents {
         if contents.kind == kind { Ok(contents) } else { Err(damaged(Damage::Kind)) }
     }
 
-    /// Reads what [`Contents::to_bytes`] gave. Takes no more memory than twice the bytes, whatever they say.
+    /// Decodes the bytes of [`Contents::to_bytes`]. Takes at most twice their memory, even for invalid bytes.
     ///
     /// # Errors
     ///
-    /// [`Damage`]: a file that was cut short or changed in any bit is told apart from one that never was ours.
+    /// [`Damage`], which distinguishes a truncated or changed file from a file of another format.
     pub fn from_bytes(mut bytes: Vec<u8>) -> Result<Self, Damage> {
         let begun = &bytes[..bytes.len().min(MAGIC.len())];
         if !MAGIC.starts_with(begun) {
@@ -222,7 +223,7 @@ impl<'a> Reader<'a> {
         std::str::from_utf8(bytes).map(str::to_owned).map_err(|_| Damage::Nonsense)
     }
 
-    /// Kind, identity and the length of the body, which is what is left.
+    /// Decodes kind, identity and the length of the body, and leaves the body to read.
     fn head(&mut self) -> Result<(Kind, Identity, u64), Damage> {
         let number = self.number()?;
         let kind = [Kind::Checkpoint, Kind::Shard].into_iter().find(|kind| kind.number() == number);

@@ -8,17 +8,17 @@ use std::path::PathBuf;
 #[non_exhaustive]
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
-    /// A step of writing failed. An existing file is unchanged.
+    /// A step of writing that failed. An existing file is unchanged.
     #[error("{}: cannot {step}: {source}; an existing file is unchanged; free some space, or choose another place", path.display())]
     Write {
         /// The file.
         path: PathBuf,
-        /// The step.
+        /// The step that failed, as a verb phrase.
         step: &'static str,
-        /// The system's error.
+        /// The operating system's error.
         source: io::Error,
     },
-    /// Another process writes to it.
+    /// A file that another process is writing.
     #[error("{}: another process is writing to it; wait for its end, or choose another file", path.display())]
     InUse {
         /// The file.
@@ -29,7 +29,7 @@ pub enum Error {
     Missing {
         /// The file.
         path: PathBuf,
-        /// The kind of file.
+        /// The kind of file: checkpoint or shard.
         kind: &'static str,
     },
     /// A file that the system cannot read.
@@ -37,7 +37,7 @@ pub enum Error {
     Read {
         /// The file.
         path: PathBuf,
-        /// The system's error.
+        /// The operating system's error.
         source: io::Error,
     },
     /// A damaged file, or one of another kind.
@@ -48,20 +48,20 @@ pub enum Error {
         /// The damage.
         damage: Damage,
     },
-    /// Neither generation can be used.
+    /// A file of which neither the newest nor the previous version can be used.
     #[error("{newer}; and {older}")]
     NoGeneration {
-        /// The error of the newer one.
+        /// The error of the newest version.
         newer: Box<Error>,
-        /// The error of the one before.
+        /// The error of the previous version.
         older: Box<Error>,
     },
-    /// A text that cannot be stored.
+    /// A text in an identity that is too long to store.
     #[error("a text of {bytes} bytes is too long: {most} at most")]
     LongText {
-        /// Its length.
+        /// The length of the text in bytes.
         bytes: usize,
-        /// The longest.
+        /// The largest length in bytes.
         most: usize,
     },
 }

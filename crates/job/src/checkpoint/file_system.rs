@@ -4,21 +4,21 @@ use std::fs::{self, File, OpenOptions};
 use std::io::{self, ErrorKind, Write};
 use std::path::Path;
 
-/// The calls that write a file. Each may fail at any time; [`Store::save`](super::Store::save) leaves a whole
-/// file all the same. Tests pass one that fails on purpose.
+/// The calls to the operating system that write a file. [`Store::save`](super::Store::save) leaves a complete file even
+/// if any of them fails. Tests pass an implementation that fails on purpose.
 pub trait FileSystem: Send + Sync {
-    /// Makes an empty file, in place of an existing one.
+    /// Creates an empty file, replacing an existing one.
     ///
     /// # Errors
-    /// The system's.
+    /// The operating system's.
     fn create(&self, path: &Path) -> io::Result<File> {
         OpenOptions::new().write(true).create(true).truncate(true).open(path)
     }
 
-    /// Writes all bytes at the end.
+    /// Appends all bytes to the file.
     ///
     /// # Errors
-    /// The system's; some of the bytes may be written then.
+    /// The operating system's; part of the bytes may have been written.
     fn write(&self, file: &mut File, bytes: &[u8]) -> io::Result<()> {
         file.write_all(bytes)
     }
@@ -26,31 +26,31 @@ pub trait FileSystem: Send + Sync {
     /// Flushes the file to the disk.
     ///
     /// # Errors
-    /// The system's.
+    /// The operating system's.
     fn sync(&self, file: &File) -> io::Result<()> {
         file.sync_all()
     }
 
-    /// Gives a file a second name.
+    /// Creates `to` as a hard link to the file `from`.
     ///
     /// # Errors
-    /// The system's; [`ErrorKind::Unsupported`] and others on disks without second names.
+    /// The operating system's; [`ErrorKind::Unsupported`] and others on disks without hard links.
     fn link(&self, from: &Path, to: &Path) -> io::Result<()> {
         fs::hard_link(from, to)
     }
 
-    /// Gives a file another name, in place of its former owner.
+    /// Renames the file `from` to `to`, replacing an existing file.
     ///
     /// # Errors
-    /// The system's.
+    /// The operating system's.
     fn rename(&self, from: &Path, to: &Path) -> io::Result<()> {
         fs::rename(from, to)
     }
 
-    /// Removes a name, if it is there.
+    /// Removes the file, if it exists.
     ///
     /// # Errors
-    /// The system's.
+    /// The operating system's.
     fn remove(&self, path: &Path) -> io::Result<()> {
         match fs::remove_file(path) {
             Err(e) if e.kind() != ErrorKind::NotFound => Err(e),
@@ -58,10 +58,10 @@ pub trait FileSystem: Send + Sync {
         }
     }
 
-    /// Makes the names in a folder durable, where the system can.
+    /// Flushes the names in a folder to the disk, where the system can.
     ///
     /// # Errors
-    /// The system's.
+    /// The operating system's.
     fn sync_folder(&self, folder: &Path) -> io::Result<()> {
         match File::open(folder) {
             // Windows opens no folders, and needs none of this.
@@ -71,7 +71,7 @@ pub trait FileSystem: Send + Sync {
     }
 }
 
-/// The operating system's own.
+/// The file system of the operating system.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Disk;
 

@@ -1,7 +1,7 @@
-//! The place of a file, and how it is written.
+//! Writing and reading of a checkpoint file and its previous version.
 //!
-//! Beside FILE: `FILE.part` while it is written, `FILE.previous` with the generation before, `FILE.lock` (empty, and left
-//! there: removing it would let two processes hold it) to keep a second writer away.
+//! Beside FILE lie `FILE.part` during a write, `FILE.previous` with the previous version, and `FILE.lock`, which keeps
+//! a second writer away. The lock file is empty and never removed: removing it would let two processes hold the lock.
 
 use super::Error;
 use super::file_system::{Disk, FileSystem};
@@ -10,49 +10,49 @@ use std::ffi::OsString;
 use std::fs::{File, OpenOptions, TryLockError};
 use std::path::{Path, PathBuf};
 
-/// The generations of one file.
+/// A file with its previous version, locked for writing by this process.
 pub struct Store {
     path: PathBuf,
     system: Box<dyn FileSystem>,
-    /// Held as long as this value; released by the system if the process is killed.
+    /// The lock, held as long as this value. The system releases it if the process is killed.
     _lock: File,
 }
 
-/// The generation that was read.
+/// The version of a file that was read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Generation {
-    /// The newest.
+    /// The newest version.
     Newest,
-    /// The one before: the newest is missing or damaged.
+    /// The previous version, read because the newest is missing or damaged.
     Previous,
 }
 
-/// The result of reading.
+/// The result of [`Store::read`].
 #[derive(Debug)]
 pub struct Found {
     /// The contents of the file.
     pub contents: Contents,
-    /// The generation.
+    /// The version that was read.
     pub generation: Generation,
-    /// The error of the newest one, if this is not it.
+    /// The error of the newest version, if the previous one was read.
     pub trouble: Option<Error>,
 }
 
-/// Bytes between two checks for errors, so that a full disk is noticed early.
+/// The number of bytes per write, so that a full disk is noticed early.
 const PIECE: usize = 1 << 20;
 
 impl Store {
-    /// Locks `path` for this process until the value is dropped.
+    /// Locks the file at `path` for writing, until the value is dropped.
     ///
     /// # Errors
     ///
-    /// [`Error::InUse`] while another process is; [`Error::Write`] where no file can be made there. Disks that know no
-    /// locks are trusted to have one writer.
+    /// [`Error::InUse`] while another process holds the lock; [`Error::Write`] if no file can be made there. On disks
+    /// without locks, only one process may write.
     pub fn lock(path: &Path) -> Result<Self, Error> {
         Self::lock_on(path, Box::new(Disk))
     }
 
-    /// The same on another file system.
+    /// As [`Store::lock`], on the file system `system`.
     ///
     /// # Errors
     ///
@@ -75,10 +75,11 @@ impl Store {
         &self.path
     }
 
-    /// Puts these contents in the place of the newest generation, which becomes the previous one.
+    /// Writes `contents` as the newest version; the former newest becomes the previous one.
     ///
-    /// Written beside, synced, renamed: a crash or an error at any moment leaves a whole file of the newest name, or,
-    /// on disks without hard links, for a moment only the previous one, which [`Store::read`] finds as well.
+    /// The file is written under another name, flushed and renamed. A crash or an error at any moment leaves a complete
+    /// newest file. On disks without hard links, for a moment only the previous version exists, which [`Store::read`]
+    /// finds as well.
     ///
     /// # Errors
     ///
@@ -130,12 +131,12 @@ impl Store {
         Error::Write { path: self.path.clone(), step, source }
     }
 
-    /// Reads the newest generation; the one before where it is missing or damaged. Locks nothing.
+    /// Reads the newest version, or the previous one if the newest is missing or damaged. Takes no lock.
     ///
     /// # Errors
     ///
-    /// [`Error::Missing`] where there is neither; [`Error::NoGeneration`], or the newest one's own where there was none
-    /// before it, where none can be used.
+    /// [`Error::Missing`] if neither version exists, [`Error::NoGeneration`] if neither can be used. Without a previous
+    /// version, the error of the newest one.
     pub fn read(path: &Path, kind: Kind) -> Result<Found, Error> {
         let newer = match Contents::read(path, kind) {
             Ok(contents) => return Ok(Found { contents, generation: Generation::Newest, trouble: None }),
@@ -148,13 +149,13 @@ impl Store {
         }
     }
 
-    /// Returns true if there is a generation to read, whole or not.
+    /// Returns `true` if either version exists, damaged or not.
     pub fn exists(path: &Path) -> bool {
         path.exists() || beside(path, "previous").exists()
     }
 }
 
-/// `FILE.what`.
+/// The path `FILE.what` beside the file `path`.
 fn beside(path: &Path, what: &str) -> PathBuf {
     let mut name = OsString::from(path);
     name.push(".");

@@ -1,4 +1,4 @@
-//! Checkpoints of a run: written now and then in a thread of their own, while rendering goes on.
+//! Checkpoints of a run, written at intervals by a separate thread while rendering continues.
 
 use super::JobMonitor;
 use super::identity::compared;
@@ -10,37 +10,37 @@ use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// Seconds between checkpoints by default.
+/// Default seconds between checkpoints.
 const EVERY: f64 = 60.0;
-/// Seconds until the first one, unless they are more frequent still.
+/// Seconds until the first checkpoint, or the interval if that is shorter.
 const FIRST: f64 = 1.0;
-/// Largest part of the time that checkpoints take by default.
+/// The largest fraction of time that checkpoints may take by default.
 const SHARE: f64 = 0.01;
-/// Bytes per second at which a film becomes a file, before it is measured: encoding and checksum, and as much again in the
-/// thread that writes. Half of the rate measured on one slow core.
+/// The assumed rate in bytes per second, before it is measured, at which a film is encoded, checksummed and written.
+/// Half of the rate measured on one slow core.
 const GUESS: f64 = 0.5e9;
 
-/// The files of checkpoints: the one that is kept, and the one that a render resumes from.
+/// The checkpoint file to write and the one to resume from.
 #[derive(Clone, Debug, Default)]
 #[non_exhaustive]
 pub struct CheckpointOptions {
-    /// The file to keep checkpoints in.
+    /// The file to write checkpoints to.
     pub keep: Option<PathBuf>,
-    /// The file to resume from. It is kept up to date, unless `keep` names another. A render begins anew where both name one
-    /// file that does not exist.
+    /// The file to resume from. Checkpoints are written to it too, unless `keep` names another file. If both name the
+    /// same missing file, the render starts afresh.
     pub resume: Option<PathBuf>,
-    /// Seconds between checkpoints; by default 60, or more where they would take above 1 % of the time.
+    /// Seconds between checkpoints. By default 60, or more so that they take at most 1 % of the time.
     pub every: Option<f64>,
 }
 
 impl CheckpointOptions {
-    /// Keeps checkpoints in this file.
+    /// Writes checkpoints to the file `path`.
     #[must_use]
     pub fn keep(self, path: impl Into<PathBuf>) -> Self {
         Self { keep: Some(path.into()), ..self }
     }
 
-    /// Resumes from this file.
+    /// Resumes from the file `path`.
     #[must_use]
     pub fn resume(self, path: impl Into<PathBuf>) -> Self {
         Self { resume: Some(path.into()), ..self }
@@ -52,12 +52,12 @@ impl CheckpointOptions {
         Self { every: Some(seconds), ..self }
     }
 
-    /// Locks the file; `None` without one.
+    /// Locks the checkpoint file; `None` if no file is named.
     ///
     /// # Errors
     ///
-    /// [`JobError::CheckpointExists`] for an existing file that is not resumed from; [`JobError::Checkpoint`] for a file in use
-    /// by another process.
+    /// [`JobError::CheckpointExists`] if the file exists and is not resumed from. [`JobError::Checkpoint`] if another
+    /// process uses it.
     pub fn open(self) -> Result<Option<Checkpoints>, JobError> {
         let Some(path) = self.keep.as_ref().or(self.resume.as_ref()) else { return Ok(None) };
         let store = Store::lock(path)?;
@@ -71,7 +71,7 @@ impl CheckpointOptions {
     }
 }
 
-/// An open checkpoint file, locked for this process.
+/// A checkpoint file that this process has locked.
 pub struct Checkpoints {
     store: Arc<Store>,
     every: Option<f64>,
@@ -79,7 +79,7 @@ pub struct Checkpoints {
 }
 
 impl Checkpoints {
-    /// The snapshot to resume from; `None` at the beginning of a render.
+    /// Reads the snapshot to resume from; `None` if the render starts afresh.
     pub(super) fn snapshot(&self, here: &Identity, monitor: &mut dyn JobMonitor) -> Result<Option<Snapshot>, JobError> {
         let Some(path) = &self.resume else { return Ok(None) };
         let found = Store::read(path, Kind::Checkpoint)?;
@@ -95,7 +95,7 @@ impl Checkpoints {
     }
 }
 
-/// A job's monitor, with checkpoints between its slices.
+/// A [`Monitor`] that passes calls to a job's monitor and writes checkpoints between slices.
 pub(super) struct Watched<'m> {
     monitor: &'m mut dyn JobMonitor,
     writer: Option<Writer>,
@@ -112,7 +112,7 @@ impl<'m> Watched<'m> {
         }
     }
 
-    /// The checkpoint to resume from, or the reason why the last one was not written.
+    /// The checkpoint file to resume from, or the error of the last write; `None` without checkpoints.
     pub(super) fn into_checkpoint(self) -> Option<Result<PathBuf, JobError>> {
         let mut writer = self.writer?;
         writer.wait(self.monitor);
@@ -139,19 +139,19 @@ impl Monitor for Watched<'_> {
     }
 }
 
-/// Writes checkpoints of one render.
+/// The writer of one render's checkpoints.
 struct Writer {
     store: Arc<Store>,
     identity: Identity,
     every: Option<f64>,
-    /// Begin of the last one, or of the render.
+    /// The time at which the last checkpoint, or the render, began.
     last: Instant,
-    /// Seconds of computing per checkpoint, once measured.
+    /// Seconds of computing per checkpoint; `None` until measured.
     cost: Option<f64>,
     is_first: bool,
     writing: Option<JoinHandle<Result<(), Error>>>,
     warned: bool,
-    /// Why the very last one was not written.
+    /// The error of writing the final checkpoint.
     trouble: Option<Error>,
 }
 
@@ -161,7 +161,7 @@ impl Writer {
         Self { store, identity, every, last, cost: None, is_first: true, writing: None, warned: false, trouble: None }
     }
 
-    /// Begins to write one if it is due. A disk that fails is tried again at the next time.
+    /// Starts writing a checkpoint if one is due. After a disk error, the next due checkpoint tries again.
     fn slice(&mut self, status: &Status<'_>, monitor: &mut dyn JobMonitor) {
         if !self.is_due(status) || !self.is_idle(monitor) {
             return;
@@ -179,7 +179,7 @@ impl Writer {
         }
     }
 
-    /// Writes one now, and waits until it is on the disk.
+    /// Writes the final checkpoint, and waits until it is on the disk.
     fn finish(&mut self, status: &Status<'_>, monitor: &mut dyn JobMonitor) {
         self.wait(monitor);
         let contents = self.contents(status);
@@ -205,7 +205,7 @@ impl Writer {
         Contents { kind: Kind::Checkpoint, identity: self.identity.clone(), body: status.snapshot() }
     }
 
-    /// Returns true if nothing is being written. Takes the result of the last write.
+    /// Returns `true` if no write is in progress. Collects the result of a finished write.
     fn is_idle(&mut self, monitor: &mut dyn JobMonitor) -> bool {
         if self.writing.as_ref().is_some_and(|writing| !writing.is_finished()) {
             return false;
@@ -222,7 +222,7 @@ impl Writer {
         }
     }
 
-    /// Warns once: a full disk would cause a warning every minute.
+    /// Warns about a failed write the first time only: a full disk would cause a warning every minute.
     fn warn(&mut self, trouble: &dyn std::fmt::Display, monitor: &mut dyn JobMonitor) {
         if !std::mem::replace(&mut self.warned, true) {
             monitor.warn(Warning::NoCheckpoint(trouble.to_string()));

@@ -1,18 +1,19 @@
-//! The pairs that a render's samples depend on: those of its description and the digest of its scene.
+//! The settings on which a render's samples depend: its description and the digest of the scene.
 
 use super::Job;
 use crate::JobError;
 use crate::checkpoint::Identity;
 use dapple_scene::PixelFilter;
 
-/// The pair that tells shards of one image apart.
+/// The name of the pair with the shard's number; it differs between shards of one image.
 pub(super) const SHARD: &str = "shard";
-/// The pair with the filter, for shards alone: a checkpoint may end under another filter.
+/// The name of the pair with the filter, compared for shards only: a checkpoint may be finished with another filter.
 pub(super) const FILTER: &str = "filter";
-/// The pair with the description as JSON; not compared.
+/// The name of the pair with the description as JSON, which is never compared.
 pub(super) const SPEC: &str = "spec";
 
-/// Everything but the budget, which may be raised, and the number of threads, which changes nothing.
+/// The identity of a job: all settings but the budget, which may be raised, and the number of threads, which changes no
+/// bit.
 pub(super) fn identity(job: &Job) -> Result<Identity, JobError> {
     let (spec, scene, frame) = (&job.spec, &job.prepared.scene, &job.frame);
     let digest = job.prepared.digest.as_ref().ok_or(JobError::NoDigest)?;
@@ -42,17 +43,17 @@ pub(super) fn identity(job: &Job) -> Result<Identity, JobError> {
     Ok(Identity::new(pairs))
 }
 
-/// The pairs that two checkpoints of one render have in common.
+/// The pairs that must be equal for a checkpoint to be resumed.
 pub(super) fn compared(identity: &Identity) -> Identity {
     without(identity, &[SPEC])
 }
 
-/// The pairs that the shards of one image have in common.
+/// The pairs that must be equal in all shards of one image.
 pub(super) fn common(identity: &Identity) -> Identity {
     without(identity, &[SPEC, SHARD])
 }
 
-/// The pairs that the samples of shards have in common with those of a whole render.
+/// The pairs that must be equal in shards and in the job that takes over the merged film.
 pub(super) fn samples(identity: &Identity) -> Identity {
     without(identity, &[SPEC, SHARD, FILTER])
 }
@@ -61,7 +62,7 @@ fn without(identity: &Identity, names: &[&str]) -> Identity {
     Identity::new(identity.pairs().iter().filter(|(name, _)| !names.contains(&name.as_str())).cloned())
 }
 
-/// The pixel filter as a phrase.
+/// A phrase that describes the pixel filter.
 pub fn pixel_filter(filter: &PixelFilter) -> String {
     match filter {
         PixelFilter::Box { radius: [x, y] } => format!("box filter of radius {x} x {y}"),

@@ -1,4 +1,4 @@
-//! Shards: images that several machines render together, every N-th row each.
+//! Shards of an image: every N-th row each, rendered by several machines.
 
 use super::identity::{SPEC, common, samples};
 use super::{Job, Traced};
@@ -7,7 +7,7 @@ use crate::{JobError, RenderSpec};
 use dapple_core::{Error, Film, Shard, ShardFilm, merge};
 use std::path::{Path, PathBuf};
 
-/// All shards of one image.
+/// All shards of one image, merged.
 pub struct ShardSet {
     spec: RenderSpec,
     identity: Identity,
@@ -15,28 +15,29 @@ pub struct ShardSet {
     first: PathBuf,
 }
 
-/// The error of a sampler that cannot be sharded.
+/// The error for a sampler or limit that cannot be sharded.
 pub(super) fn refused(shard: Shard, why: &Error) -> JobError {
     JobError::NoShard { shard, why: format!("{why} (uniform, cluster-thesis)") }
 }
 
 impl Job {
-    /// The bytes of a shard file.
+    /// The bytes of the shard file for a film of this job.
     ///
     /// # Errors
     ///
-    /// [`JobError::NoDigest`]; [`JobError::NotAShard`] for a job without a shard; [`JobError::Core`] for a stopped film.
+    /// [`JobError::NoDigest`] for a scene without a digest, [`JobError::NotAShard`] for a job of the whole image,
+    /// [`JobError::Core`] for the film of a stopped render.
     pub fn shard_bytes(&self, film: &Film) -> Result<Vec<u8>, JobError> {
         let shard = self.spec.shard.ok_or(JobError::NotAShard)?;
         let body = ShardFilm::new(shard, film)?.to_bytes();
         Ok(Contents { kind: Kind::Shard, identity: self.identity()?, body }.to_bytes()?)
     }
 
-    /// Takes the film of merged shards as this job's own.
+    /// Takes over the merged film of all shards, as if this job had traced it.
     ///
     /// # Errors
     ///
-    /// [`JobError::OtherRender`] where the shards are of another render than this job.
+    /// [`JobError::OtherRender`] if the shards belong to another render than this job.
     pub fn merge(&self, shards: ShardSet) -> Result<Traced, JobError> {
         let differences = samples(&self.identity()?).differences(&samples(&shards.identity));
         if !differences.is_empty() {
@@ -47,12 +48,12 @@ impl Job {
 }
 
 impl ShardSet {
-    /// Reads the files of all shards of one image, in any order.
+    /// Reads and merges the files of all shards of one image, in any order.
     ///
     /// # Errors
     ///
-    /// [`JobError::Shards`] with a line for each file that cannot be read or does not belong to the others;
-    /// [`JobError::Core`] where a shard is missing or there twice; [`JobError::Spec`] for a description of another version.
+    /// [`JobError::Shards`] with a line for each file that cannot be read or does not match the others.
+    /// [`JobError::Core`] for a missing or duplicate shard. [`JobError::Spec`] for a description of another version.
     pub fn read(paths: &[PathBuf]) -> Result<Self, JobError> {
         let (mut films, mut troubles) = (Vec::new(), Vec::new());
         let mut first: Option<(&Path, Identity)> = None;
@@ -87,7 +88,7 @@ impl ShardSet {
         Ok(Self { spec, first: first.to_owned(), identity, film })
     }
 
-    /// The description of the whole image.
+    /// The description of the whole image's render.
     pub fn spec(&self) -> &RenderSpec {
         &self.spec
     }

@@ -1,7 +1,7 @@
-//! The memory of a render before it starts, and the refusal of one that does not fit.
+//! The estimated memory of a render before it starts, and the refusal of renders that do not fit.
 //!
-//! Everything that grows with the image is counted ([`Memory`]); memory that is taken already is measured where the
-//! system tells, and counted elsewhere. Reading a scene is bounded by the length of each of its files alone.
+//! All memory that grows with the image is counted ([`Memory`]). Memory already in use is measured if the system
+//! reports it, else estimated. While a scene is read, only the length of each of its files is limited.
 
 use super::{WorldMemory, of_scene, of_world, resident};
 use crate::JobError;
@@ -9,12 +9,12 @@ use dapple_core::{Film, Frame, Memory, Needs};
 use dapple_scene::Scene;
 use std::fmt;
 
-/// Working memory of a thread, mostly a filter's tile: about 0.6 to 1.1 MiB.
+/// Working memory per thread in bytes, mostly a filter's tile; measured 0.6 to 1.1 MiB.
 const THREAD: u64 = 1 << 20;
-/// The program by itself, where the system does not tell.
+/// The memory of the program itself in bytes, if the system does not report it.
 const PROGRAM: u64 = 16 << 20;
 
-/// The memory that a render may take.
+/// A limit on the memory of a render.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct MemoryLimit {
     bytes: u64,
@@ -27,57 +27,57 @@ impl MemoryLimit {
         Self { bytes: u64::MAX, given: false }
     }
 
-    /// A limit in bytes.
+    /// A limit of `bytes` set by the user.
     pub const fn given(bytes: u64) -> Self {
         Self { bytes, given: true }
     }
 
-    /// The memory of this machine, where the system tells; else no limit.
+    /// The memory of this machine as the limit; no limit if the system does not report it.
     pub fn of_machine() -> Self {
         Self { bytes: super::available().unwrap_or(u64::MAX), given: false }
     }
 
-    /// The limit; `None` where there is none.
+    /// The limit in bytes; `None` without a limit.
     pub fn bytes(self) -> Option<u64> {
         (self.bytes < u64::MAX).then_some(self.bytes)
     }
 
-    /// Returns true for a limit of the user, false for the machine's.
+    /// Returns `true` for a limit set by the user, `false` for the machine's.
     pub const fn is_given(self) -> bool {
         self.given
     }
 }
 
-/// A remedy for a render that does not fit.
+/// The suggested remedy for a render that does not fit into memory.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum MemoryAdvice {
-    /// The scene alone is too large.
+    /// The scene alone is too large: simplify it.
     Scene,
-    /// The filter needs most, and the film would fit.
+    /// The filter needs most of the memory, and the film alone would fit: use another filter.
     Filter,
-    /// The image is too large.
+    /// The image is too large: lower the resolution.
     Image,
-    /// The system has no such address space.
+    /// The operating system cannot provide so large an address space.
     AddressSpace,
 }
 
-/// The memory of a render at its fullest, in bytes.
+/// The peak memory of a render in bytes, part by part.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct MemoryEstimate {
-    /// The program and its threads with the scene and its world.
+    /// The program and its threads, the scene and the world.
     scene: u64,
     film: u64,
     /// The sampler's state.
     sampler: u64,
-    /// Stages that follow each other, each after the end of the one before.
+    /// Names and bytes of the stages, of which only one at a time is in memory.
     stages: Vec<(&'static str, u64)>,
-    /// The most before the film exists.
+    /// The peak before the film exists.
     before: u64,
 }
 
 impl MemoryEstimate {
-    /// Of a scene that is not a world yet, with the smallest film.
+    /// The least memory of a render of `scene`, estimated before the world is built.
     pub fn of_scene(scene: &Scene, frame: &Frame) -> Self {
         let WorldMemory { built, building } = of_world(scene);
         let now = resident().map_or_else(|| PROGRAM + of_scene(scene), |[now, _]| now);
@@ -85,8 +85,8 @@ impl MemoryEstimate {
         Self { scene: now + built, film, sampler: 0, stages: Vec::new(), before: now + building }
     }
 
-    /// Of a render with everything made and nothing traced. `files` are the bytes of making a file besides film and image,
-    /// `keeps` is whether the film is also kept as bytes.
+    /// The memory of a prepared render. `files` is the memory for writing a file, besides film and image. `keeps`
+    /// states that the film is also stored as bytes, for a checkpoint or shard.
     pub(crate) fn of_render(before: &Self, memory: &Memory, files: u64, keeps: bool) -> Self {
         let [now, most] = resident().unwrap_or([before.scene, 0]);
         let snapshot = if keeps { memory.snapshot() } else { 0 };
@@ -100,11 +100,11 @@ impl MemoryEstimate {
         Self { scene, film: memory.film, sampler: memory.sampler, stages, before: before.before.max(most) }
     }
 
-    /// Refuses a render that does not fit.
+    /// Checks that a render fits into `limit`.
     ///
     /// # Errors
     ///
-    /// [`JobError::Memory`] with a remedy.
+    /// [`JobError::Memory`] with a remedy if the render does not fit.
     pub fn check(&self, limit: MemoryLimit) -> Result<(), JobError> {
         let refused = |advice| Err(JobError::Memory { estimate: Box::new(self.clone()), limit, advice });
         if self.peak() <= limit.bytes {
@@ -120,7 +120,7 @@ impl MemoryEstimate {
         })
     }
 
-    /// All of it.
+    /// The peak of the whole render in bytes.
     pub fn peak(&self) -> u64 {
         let lasting = self.scene.saturating_add(self.film).saturating_add(self.sampler);
         lasting.saturating_add(self.largest_stage().map_or(0, |(_, bytes)| bytes)).max(self.before)
@@ -132,7 +132,7 @@ impl MemoryEstimate {
 }
 
 impl fmt::Display for MemoryEstimate {
-    /// The sum, then its parts: `80.1 MiB (scene 12.0 MiB, film 60.0 MiB, filter 8.1 MiB)`.
+    /// Formats the sum, then its parts: `80.1 MiB (scene 12.0 MiB, film 60.0 MiB, filter 8.1 MiB)`.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let peak = self.peak();
         if peak == self.before {
@@ -149,7 +149,7 @@ impl fmt::Display for MemoryEstimate {
     }
 }
 
-/// A number of bytes for people: `12 bytes`, `1.5 MiB`.
+/// Formats a number of bytes with a unit: `12 bytes`, `1.5 MiB`.
 pub fn size(bytes: u64) -> String {
     const KIB: f64 = 1024.0;
     match bytes as f64 {

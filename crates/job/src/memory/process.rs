@@ -1,13 +1,13 @@
 //! The memory of this process and of its machine, as Linux reports it.
 
-/// Bytes of memory that this process has now, and the most that it ever had; `None` where the system does not tell.
+/// The bytes of memory that this process uses now, and their peak so far; `None` if the system does not report them.
 pub fn resident() -> Option<[u64; 2]> {
     let status = read_text("/proc/self/status")?;
     Some([kibibytes(&status, "VmRSS:")?, kibibytes(&status, "VmHWM:")?])
 }
 
-/// Bytes that this process may have in all: its own and the system's free ones, within the limit of its control group.
-/// `None` where the system does not tell.
+/// The bytes that this process may use in all: those it uses and the system's free ones, within the control group's
+/// limit. `None` if the system does not report them.
 pub fn available() -> Option<u64> {
     let free = kibibytes(&read_text("/proc/meminfo")?, "MemAvailable:")?;
     let left = free.saturating_add(resident()?[0]);
@@ -20,7 +20,7 @@ fn read_text(path: &str) -> Option<String> {
     if cfg!(target_os = "linux") { std::fs::read_to_string(path).ok() } else { None }
 }
 
-/// The number of a line `name 123 kB`.
+/// The number in the line `name 123 kB` of `text`.
 fn kibibytes(text: &str, name: &str) -> Option<u64> {
     let rest = text.lines().find_map(|line| line.strip_prefix(name))?;
     rest.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()?.checked_mul(1024)

@@ -1,4 +1,4 @@
-//! The image files of a render, and writing them.
+//! The image files of a render.
 
 use super::header::attributes;
 use super::{self as output, GrayMap};
@@ -9,7 +9,7 @@ use dapple_scene::image::{encode_exr, encode_pfm, encode_png, rows_at_a_time};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// The contents of a file.
+/// The kind of image that a file holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Contents {
     Image(Format),
@@ -22,7 +22,7 @@ enum Contents {
 }
 
 impl Contents {
-    /// As [`OutputFiles::memory`], of one file.
+    /// The peak memory in bytes for writing one such file; see [`OutputFiles::memory`].
     fn memory(self, frame: &Frame, needs: &Needs, filtered: bool) -> u64 {
         /// Red, green and blue as floats.
         const RGB: usize = 12;
@@ -51,7 +51,7 @@ impl Contents {
     }
 }
 
-/// The files that an image is written to.
+/// The image files that a render writes.
 #[derive(Clone, Debug, Default)]
 pub struct OutputFiles {
     files: Vec<(Contents, PathBuf)>,
@@ -78,7 +78,7 @@ impl OutputFiles {
         Self { files, ..Self::default() }
     }
 
-    /// Images in the formats of their extensions.
+    /// Image files at these paths, in the formats of their extensions.
     ///
     /// # Errors
     ///
@@ -88,7 +88,7 @@ impl OutputFiles {
         Ok(Self { files: paths.iter().map(image).collect::<Result<_, ImageError>>()?, ..Self::default() })
     }
 
-    /// Adds maps in a folder.
+    /// Adds one PNG file per map in `folder`.
     #[must_use]
     pub fn with_maps(mut self, folder: &Path) -> Self {
         self.files.extend(MAPS.iter().map(|&(what, name)| (what, folder.join(name))));
@@ -96,17 +96,17 @@ impl OutputFiles {
         self
     }
 
-    /// Makes PNG files brighter by this many powers of two.
+    /// Sets the exposure of PNG files in stops: each makes them twice as bright.
     #[must_use]
     pub fn with_exposure(self, exposure: f32) -> Self {
         Self { exposure, ..self }
     }
 
-    /// Makes the folder of the maps, and checks that each file can be written.
+    /// Creates the folder of the maps, and checks that every file can be written.
     ///
     /// # Errors
     ///
-    /// [`JobError::Files`] with a line for each file that cannot.
+    /// [`JobError::Files`] with a line for each file that cannot be written.
     pub fn prepare(&self) -> Result<(), JobError> {
         if let Some(folder) = &self.maps {
             let cannot = |e| JobError::Files(vec![format!("{}: cannot make the folder: {e}", folder.display())]);
@@ -117,7 +117,7 @@ impl OutputFiles {
         if troubles.is_empty() { Ok(()) } else { Err(JobError::Files(troubles)) }
     }
 
-    /// The statistics that the files show, of `clusters` too where there are some.
+    /// The statistics that the film must record for these files; `clusters` states that the render has clusters.
     pub fn needs(&self, clusters: bool) -> Needs {
         let mut needs = Needs::none();
         let shown = |(what, _): &(Contents, PathBuf)| matches!(what, Contents::Clusters | Contents::Image(Format::Exr));
@@ -134,14 +134,15 @@ impl OutputFiles {
         needs
     }
 
-    /// The most memory for the bytes of a file, besides film and image. `filtered` is whether a filter made the image.
+    /// The peak memory in bytes for writing the files, besides film and image. `filtered` states that a filter made the
+    /// image.
     pub(crate) fn memory(&self, frame: &Frame, needs: &Needs, filtered: bool) -> u64 {
         self.files.iter().map(|(what, _)| what.memory(frame, needs, filtered)).max().unwrap_or(0)
     }
 
-    /// Writes every file, whether or not the others can be written. Returns a line about each, and warnings.
+    /// Writes every file, even if others cannot be written. Returns a line about each file, and warnings.
     ///
-    /// `cpu` are the processor's seconds, for the header.
+    /// `cpu` is the processor time in seconds, for the header; `None` if unknown.
     ///
     /// # Errors
     ///
@@ -167,7 +168,7 @@ impl OutputFiles {
         if troubles.is_empty() { Ok((lines, warnings)) } else { Err(JobError::Files(troubles)) }
     }
 
-    /// The bytes of a file and a phrase about it; `None` for what the film does not hold.
+    /// Encodes a file; returns its bytes and a phrase about it, or `None` if the film lacks the statistics.
     fn encode(&self, what: Contents, path: &Path, report: &Report<'_>, warnings: &mut Vec<Warning>) -> Encoded {
         let (film, filtered) = (&report.image.film, &report.image.filtered);
         let unit = 1.0 / report.job.world().space().scale();
@@ -227,7 +228,8 @@ impl OutputFiles {
     }
 }
 
-/// Saves an image whose disk failed: tries the folder of temporary files, and adds its place to the error.
+/// Saves an image that could not be written to `path` in the folder of temporary files. Returns the error `trouble`,
+/// with the new place added.
 fn write_elsewhere(path: &Path, bytes: &[u8], trouble: String) -> String {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     let elsewhere = std::env::temp_dir().join(format!("dapple-{}-{name}", std::process::id()));
@@ -237,7 +239,7 @@ fn write_elsewhere(path: &Path, bytes: &[u8], trouble: String) -> String {
     }
 }
 
-/// An image with all that its header and layers show.
+/// The job and the image that headers and layers describe.
 struct Report<'a> {
     job: &'a Job,
     image: &'a RenderedImage,
@@ -247,7 +249,7 @@ struct Report<'a> {
 
 type Encoded = std::result::Result<Option<(Vec<u8>, String)>, ImageError>;
 
-/// The maps, with their names; clusters where a sampler or a filter made some.
+/// The maps and their names; the map of clusters is written only if the render has clusters.
 const MAPS: [(Contents, &str); 6] = [
     (Contents::Samples, "samples.png"),
     (Contents::Error, "error.png"),

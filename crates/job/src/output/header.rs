@@ -1,10 +1,10 @@
-//! The header of an OpenEXR file: every setting of the render, and its outcome.
+//! The header of an OpenEXR file: settings and results of the render.
 
 use crate::{BudgetSpec, Job, RenderedImage, pixel_filter};
 use dapple_core::{Combine, Film};
 use dapple_scene::Effects;
 
-/// Every setting and the outcome, as text attributes.
+/// All settings and results of the render, as pairs of attribute name and text.
 pub(super) fn attributes(job: &Job, image: &RenderedImage, cpu: Option<f64>) -> Vec<(String, String)> {
     let (spec, scene, film) = (job.spec(), job.scene(), &image.film);
     let (record, frame, limits) = (film.record(), job.frame(), job.limits());
@@ -52,7 +52,7 @@ pub(super) fn attributes(job: &Job, image: &RenderedImage, cpu: Option<f64>) -> 
     list.into_iter().map(|(key, text)| (format!("dapple:{key}"), filled(text))).collect()
 }
 
-/// The budget as it was given.
+/// The budget, in the unit in which it was set.
 fn budget(job: &Job) -> String {
     match job.spec().budget {
         BudgetSpec::Seconds(seconds) => format!("{seconds} seconds"),
@@ -67,7 +67,7 @@ fn budget(job: &Job) -> String {
     }
 }
 
-/// The bias of the image: of its samples, and of its filter.
+/// A phrase about the bias of the image, from its samples and its filter.
 fn bias(job: &Job, image: &RenderedImage) -> String {
     let samples = bias_of_samples(job, &image.film);
     match image.filter.as_str() {
@@ -76,7 +76,7 @@ fn bias(job: &Job, image: &RenderedImage) -> String {
     }
 }
 
-/// The bias of samples that are in the image and decided on its counts [Kirk and Arvo 1991].
+/// A phrase about the bias from kept samples that decided sample counts [Kirk and Arvo 1991].
 fn bias_of_samples(job: &Job, film: &Film) -> &'static str {
     let rounds = &film.record().rounds;
     let decided = rounds.split_last().is_some_and(|(_, deciding)| deciding.iter().any(|round| round.kept));

@@ -3,7 +3,7 @@
 use dapple_core::{Features, Film, Filtered};
 use dapple_scene::image::{Layer, Plane};
 
-/// Every layer that the film can fill, the image first:
+/// Returns every layer that the film can fill, the image first:
 ///
 /// | layer | channels | contents |
 /// |---|---|---|
@@ -17,8 +17,8 @@ use dapple_scene::image::{Layer, Plane};
 /// | `normal` | X Y Z | mean shading normal of the first hits in the file's world space, 0 where nothing is hit |
 /// | `depth` | Y | mean distance of the first hits in the file's units, infinite where nothing is hit |
 ///
-/// `unit` is the length that the integrator's unit of length has in the file:
-/// `1 / world.space().scale()`; `clusters` come from [`cluster_ids`](super::cluster_ids).
+/// `unit` is the integrator's unit of length, measured in the file's: `1 / world.space().scale()`. `clusters` come from
+/// [`cluster_ids`](super::cluster_ids).
 pub fn layers(film: &Film, filtered: &Filtered, unit: f64, clusters: Option<Vec<u32>>) -> Vec<Layer<'static>> {
     let mut layers = vec![rgb("", &filtered.radiance)];
     let means = film.image();
@@ -56,8 +56,8 @@ pub fn layers(film: &Film, filtered: &Filtered, unit: f64, clusters: Option<Vec<
     layers
 }
 
-/// One value of each pixel's features; `None` if the film has none. All features at once would take more memory than most
-/// films.
+/// One value per pixel, computed from its first-hit features; `None` if the film has no features. Collecting all
+/// features at once would take more memory than most films.
 pub(super) fn of_features<T>(film: &Film, of: impl Fn(&Features) -> T) -> Option<Vec<T>> {
     let pixels = film.frame().pixels();
     film.needs().features.then(|| {
@@ -67,7 +67,7 @@ pub(super) fn of_features<T>(film: &Film, of: impl Fn(&Features) -> T) -> Option
     })
 }
 
-/// The distance in the file's units.
+/// The mean depth in the file's units; infinite if no sample hit a surface.
 pub(super) fn depth(features: &Features, unit: f64) -> f32 {
     if features.hits == 0 { f32::INFINITY } else { (f64::from(features.depth) * unit) as f32 }
 }

@@ -1,45 +1,44 @@
-//! Maps for people.
+//! Maps of a render as images to look at.
 
 use super::layers::{depth, of_features};
 use crate::WorldClusters;
 use dapple_core::{Film, Filtered};
 use dapple_scene::image::{ImageError, encode_png_gray, encode_png_rgb, srgb_encode};
 
-/// A map in shades of gray, with its scale.
+/// A map in shades of gray, with the value that white stands for.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GrayMap {
     /// Width and height.
     pub size: [u32; 2],
-    /// Row by row from the top, 0 black, 255 white.
+    /// Shades row by row from the top, from 0 (black) to 255 (white).
     pub values: Vec<u8>,
-    /// The value of white.
+    /// The value that white stands for.
     pub white: f64,
 }
 
 impl GrayMap {
-    /// The map as a PNG file.
+    /// Encodes the map as a PNG file.
     ///
     /// # Errors
     ///
-    /// [`ImageError::Encode`] where the format cannot hold it.
+    /// [`ImageError::Encode`] if the format cannot hold the map.
     pub fn png(&self) -> Result<Vec<u8>, ImageError> {
         encode_png_gray(self.size, &self.values)
     }
 }
 
-/// The cluster that each pixel's first sample met, `u32::MAX` where it met nothing. `None` where the film does not
-/// hold first hits.
+/// The cluster that each pixel's first sample hit, `u32::MAX` if it hit nothing. `None` if the film has no first hits.
 pub fn cluster_ids(film: &Film, clusters: &WorldClusters) -> Option<Vec<u32>> {
     let of = |i: usize| film.first_hits(i)[0].as_ref().and_then(|hit| clusters.label(hit)).unwrap_or(u32::MAX);
     (film.needs().first_hits > 0).then(|| (0..film.frame().pixels()).map(of).collect())
 }
 
-/// Each cluster in one color, as a PNG file; black where nothing was met. Distant clusters may share a color: there are
-/// more of them than of colours.
+/// A PNG file that shows each cluster in one colour, and black where nothing was hit. Distant clusters may share a
+/// colour, since there are more clusters than colours.
 ///
 /// # Errors
 ///
-/// [`ImageError::Encode`] where the format cannot hold it.
+/// [`ImageError::Encode`] if the format cannot hold the map.
 pub fn cluster_map(size: [u32; 2], ids: &[u32]) -> Result<Vec<u8>, ImageError> {
     let colour = |&id: &u32| match id {
         u32::MAX => [0; 3],
@@ -52,7 +51,7 @@ pub fn cluster_map(size: [u32; 2], ids: &[u32]) -> Result<Vec<u8>, ImageError> {
     encode_png_rgb(size, &ids.iter().map(colour).collect::<Vec<_>>())
 }
 
-/// Samples per pixel: white is the largest count, black none, proportional in between.
+/// A map of sample counts: white is the largest count, black is 0, shades are proportional.
 pub fn sample_map(film: &Film) -> GrayMap {
     let counts = film.counts();
     let most = counts.iter().copied().max().unwrap_or(0);
@@ -60,12 +59,13 @@ pub fn sample_map(film: &Film) -> GrayMap {
     GrayMap { size: film.frame().size(), values: counts.iter().map(shade).collect(), white: most as f64 }
 }
 
-/// Neighbours on each side over which [`error_map`] averages: a pixel alone has one degree of freedom.
+/// The radius in pixels of the window over which [`error_map`] averages, because one pixel has only one degree of
+/// freedom.
 const POOLED: usize = 2;
 
-/// Predicted relative error: the root of squared error over squared value + 0.01, either pooled over 5x5
-/// pixels. White is the largest of the smallest 99 %, black none, proportional in between. `None` if the
-/// filter does not know its error.
+/// A map of the predicted relative error: the root of squared error over (squared value + 0.01), both pooled over 5x5
+/// pixels. White is the largest of the smallest 99 %, black is 0, shades are proportional. `None` if the filter gives
+/// no error estimates.
 pub fn error_map(filtered: &Filtered) -> Option<GrayMap> {
     let error = filtered.error.as_ref()?;
     let [w, h] = filtered.size.map(|n| n as usize);
@@ -88,38 +88,38 @@ pub fn error_map(filtered: &Filtered) -> Option<GrayMap> {
     Some(GrayMap { size: filtered.size, values: shades(&relative, white), white })
 }
 
-/// Distances of the first hits, black near and white far; `white` is the largest, in the file's units, and
-/// misses are white. `unit` as in [`layers`](super::layers()). `None` where the film does not hold features.
+/// A map of first-hit distances, black near and white far. `white` is the largest distance in the file's units, and
+/// misses are white. `unit` is as in [`layers`](super::layers()). `None` if the film has no features.
 pub fn depth_map(film: &Film, unit: f64) -> Option<GrayMap> {
     let depths = of_features(film, |f| f64::from(depth(f, unit)))?;
     let white = depths.iter().copied().filter(|d| d.is_finite()).fold(0.0, f64::max);
     Some(GrayMap { size: film.frame().size(), values: shades(&depths, white), white })
 }
 
-/// Mean albedo of the first hits as a PNG file, sRGB. `None` where the film does not hold features.
+/// Mean albedo of the first hits as an sRGB PNG file. `None` if the film has no features.
 ///
 /// # Errors
 ///
-/// [`ImageError::Encode`] where the format cannot hold it.
+/// [`ImageError::Encode`] if the format cannot hold the map.
 pub fn albedo_map(film: &Film) -> Option<Result<Vec<u8>, ImageError>> {
     let byte = |v: f32| (255.0 * srgb_encode(f64::from(v).clamp(0.0, 1.0))).round() as u8;
     let values = of_features(film, |f| f.albedo.map(byte))?;
     Some(encode_png_rgb(film.frame().size(), &values))
 }
 
-/// Mean shading normals of the first hits as a PNG file: -1 is 0, 1 is 255, so that misses are mid-gray.
-/// `None` where the film does not hold features.
+/// Mean shading normals of the first hits as a PNG file: -1 is stored as 0 and 1 as 255, so misses are mid-gray. `None`
+/// if the film has no features.
 ///
 /// # Errors
 ///
-/// [`ImageError::Encode`] where the format cannot hold it.
+/// [`ImageError::Encode`] if the format cannot hold the map.
 pub fn normal_map(film: &Film) -> Option<Result<Vec<u8>, ImageError>> {
     let byte = |v: f32| (127.5 + 127.5 * v.clamp(-1.0, 1.0)).round() as u8;
     let values = of_features(film, |f| f.normal.map(byte))?;
     Some(encode_png_rgb(film.frame().size(), &values))
 }
 
-/// The places up to [`POOLED`] away.
+/// The indices of `0..length` that are at most [`POOLED`] away from `at`.
 fn window(at: usize, length: usize) -> std::ops::Range<usize> {
     at.saturating_sub(POOLED)..(at + POOLED + 1).min(length)
 }

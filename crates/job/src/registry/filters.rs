@@ -9,7 +9,7 @@ use std::sync::Arc;
 /// The constructor of a filter.
 pub type MakeFilter = fn(&Parameters, &Stage) -> Result<Box<dyn Filter>, RegistryError>;
 
-/// The filters.
+/// All filters of the registry.
 pub const FILTERS: &[Entry<MakeFilter>] = &[
     Entry::new("none", "each pixel the mean of its own samples", &[], |_, _| Ok(Box::new(Unfiltered))),
     Entry::new("gaussian", "a Gaussian over pixel means", &[GAUSSIAN], |p, _| Ok(Box::new(gaussian(p)?))),
@@ -103,7 +103,7 @@ fn cluster_regression(p: &Parameters, stage: &Stage) -> Result<Box<dyn Filter>, 
     labelled(p, stage, made)
 }
 
-/// A filter with clusters of the world on `stage`, which are made only if they matter.
+/// Makes a filter with the clusters of the world on `stage`. Clusters are computed only if the parameters use them.
 fn labelled<F: Filter + 'static>(
     p: &Parameters,
     stage: &Stage,

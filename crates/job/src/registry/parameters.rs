@@ -1,53 +1,53 @@
-//! `NAME:key=value,…`, checked against an entry's parameters.
+//! Parsing of `NAME:key=value,…` against an entry's parameters.
 
 use super::{Entry, Parameter};
 use dapple_core::{Options, nearest_name, parse_pairs};
 use std::str::FromStr;
 
-/// A description that names nothing that can be made.
+/// An error in the description of a sampler, point set or filter.
 #[non_exhaustive]
 #[derive(Debug, thiserror::Error)]
 pub enum RegistryError {
     /// An unknown name.
     #[error("there is no {kind} \"{name}\"; {} are {known}", nearest.map_or("there".to_owned(), |n| format!("did you mean \"{n}\"? There")))]
     Unknown {
-        /// Sampler, point set or filter.
+        /// The kind of entry: sampler, point set or filter.
         kind: &'static str,
-        /// The name asked for.
+        /// The name given.
         name: String,
-        /// The known name closest to it, if one is close.
+        /// The known name closest to the given one, if a few edits separate them.
         nearest: Option<&'static str>,
-        /// The names there are.
+        /// The known names, as a list for messages.
         known: String,
     },
-    /// An item that is no `key=value`, an unknown key, a key twice, or a wrong value.
+    /// An item that is not `key=value`, an unknown or repeated key, or a wrong value.
     #[error("{of}: {what}")]
     Parameter {
-        /// The entry.
+        /// The name of the entry.
         of: &'static str,
         /// The fault, and the remedy.
         what: String,
     },
-    /// The entry reads the world, and there is none.
+    /// An entry that reads the world, on a stage without one.
     #[error("{of} reads the scene's triangles: give it a stage with a world")]
     NeedsWorld {
-        /// The entry.
+        /// The name of the entry.
         of: &'static str,
     },
-    /// The world's triangles cannot be grouped.
+    /// A world whose triangles cannot be clustered.
     #[error("{of}: clusters cannot be made: {why}")]
     Clusters {
-        /// The entry.
+        /// The name of the entry.
         of: &'static str,
         /// The fault, and the remedy.
         why: String,
     },
-    /// A value that the sampler refuses.
+    /// A parameter value that the sampler or filter refuses.
     #[error(transparent)]
     Core(#[from] dapple_core::Error),
 }
 
-/// The parameters of one entry: those given, and the defaults of the others.
+/// The parameter values of one entry: those given, and defaults for the others.
 #[derive(Clone, Debug)]
 pub struct Parameters {
     of: &'static str,
@@ -87,7 +87,7 @@ impl Parameters {
         self.of
     }
 
-    /// The values of the parameters that these options declare.
+    /// The values of the parameters that the options type `T` declares.
     pub(super) fn options<T: Options>(&self) -> Result<T, RegistryError> {
         let mut options = T::default();
         for parameter in T::PARAMETERS {
@@ -97,7 +97,7 @@ impl Parameters {
         Ok(options)
     }
 
-    /// The parameters of a group, as text.
+    /// The parameters of `group` as `key=value,…`.
     pub(super) fn described(&self, group: &[Parameter]) -> String {
         group.iter().map(|p| format!("{}={}", p.name, self.value(p.name))).collect::<Vec<_>>().join(",")
     }

@@ -4,11 +4,11 @@ use super::{Entry, Parameters, RegistryError, Setting};
 use dapple_core::{Options as _, PointSet, SampleId};
 use dapple_low_discrepancy::{Halton, LowDiscrepancy, Random, Sobol, Stratified};
 
-/// Any point set.
+/// A point set of any type.
 pub struct AnyPoints(Box<dyn PointSet>);
 
 impl AnyPoints {
-    /// Wraps a point set.
+    /// Wraps a boxed point set.
     pub fn new(points: Box<dyn PointSet>) -> Self {
         Self(points)
     }
@@ -36,7 +36,7 @@ impl PointSet for AnyPoints {
 /// The constructor of a point set.
 pub type MakePoints = fn(&Parameters, Setting) -> Result<Box<dyn PointSet>, RegistryError>;
 
-/// The point sets.
+/// All point sets of the registry.
 pub const POINTS: &[Entry<MakePoints>] = &[
     Entry::new("sobol", "Owen-scrambled Sobol' pairs, any prefix is good (the default)", &[], |_, s| {
         Ok(Box::new(Sobol::new(s.seed)))

@@ -13,7 +13,7 @@ use dapple_mitchell::{Mitchell, MitchellOptions, MitchellPbrt, MitchellPbrtOptio
 /// The constructor of a sampler.
 pub type MakeSampler = fn(&Parameters, AnyPoints, &Stage) -> Result<Box<dyn Sampler>, RegistryError>;
 
-/// The samplers.
+/// All samplers of the registry.
 pub const SAMPLERS: &[Entry<MakeSampler>] = &[
     Entry::new(
         "variance",
@@ -89,8 +89,8 @@ fn adaptive(p: &Parameters, points: AnyPoints, stage: &Stage) -> Result<Box<dyn 
     })
 }
 
-/// The error map that counts follow besides the pooled variance: the error that a filter with its default parameters
-/// predicts for its image. The regression's is that after one pass.
+/// The error map that a sampler uses besides the pooled variance: the error that a filter with default parameters
+/// predicts for its image. For the regression filter, the error after one pass. `None` without a filter.
 fn error_map(p: &Parameters, stage: &Stage) -> Result<Option<ErrorMap>, RegistryError> {
     let by = ["nlm", "bilateral", "cluster-regression"].map(|name| (name, Some(name)));
     let [nlm, bilateral, regression] = by;
@@ -105,7 +105,7 @@ fn error_map(p: &Parameters, stage: &Stage) -> Result<Option<ErrorMap>, Registry
     Ok(Some(ErrorMap { name: name.to_owned(), needs, of: Box::new(of), bytes_per_pixel }))
 }
 
-/// A cluster's size, as far as it can be chosen before there are clusters.
+/// A cluster's size as the sampler's parameters give it, before the clusters exist.
 #[derive(Clone, Copy)]
 enum Size {
     Box,

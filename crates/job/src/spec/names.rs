@@ -1,4 +1,4 @@
-//! Default values, and values that are written as names.
+//! Default values, and values that are written as names in JSON.
 
 use super::{DEFAULT_FILTER, DEFAULT_INTEGRATOR, DEFAULT_POINTS, DEFAULT_SAMPLER};
 use dapple_core::Shard;
@@ -27,11 +27,11 @@ pub(super) const fn seed() -> u64 {
     1
 }
 
-/// The shard that `I/N` names, I from 1.
+/// Parses a shard from `I/N`, with I from 1.
 ///
 /// # Errors
 ///
-/// A sentence with examples, for any other text.
+/// A message with examples, for any other text.
 pub fn parse_shard(text: &str) -> Result<Shard, String> {
     let numbers =
         text.split_once('/').and_then(|(i, n)| Some((i.parse::<u32>().ok()?.checked_sub(1)?, n.parse().ok()?)));
@@ -39,7 +39,7 @@ pub fn parse_shard(text: &str) -> Result<Shard, String> {
     shard.ok_or_else(|| format!("\"{text}\" is not a shard I/N, the I-th of N; examples are 1/4 and 4/4"))
 }
 
-/// Effects as a list of their names.
+/// Serialisation of effects as a list of their names.
 pub(super) mod effects {
     use dapple_scene::Effect;
     use serde::{Deserialize, Deserializer, Serializer, de::Error};
@@ -53,7 +53,7 @@ pub(super) mod effects {
     }
 }
 
-/// A shard as `I/N`, I from 1.
+/// Serialisation of a shard as `I/N`, with I from 1.
 pub(super) mod shard {
     use dapple_core::Shard;
     use serde::{Deserialize, Deserializer, Serializer, de::Error};

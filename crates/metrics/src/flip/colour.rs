@@ -1,16 +1,16 @@
-//! Colour spaces of FLIP.
+//! Conversions between the colour spaces of FLIP.
 
 use super::convolution::Plane;
 use crate::Pixels;
 
-/// Linear sRGB to CIE XYZ, rounded as in the published implementation.
+/// The matrix from linear sRGB to CIE XYZ, rounded as in the published implementation.
 const XYZ: [[f64; 3]; 3] = [
     [10_135_552.0 / 24_577_794.0, 8_788_810.0 / 24_577_794.0, 4_435_075.0 / 24_577_794.0],
     [2_613_072.0 / 12_288_897.0, 8_788_810.0 / 12_288_897.0, 887_015.0 / 12_288_897.0],
     [1_425_312.0 / 73_733_382.0, 8_788_810.0 / 73_733_382.0, 70_074_185.0 / 73_733_382.0],
 ];
 
-/// Linear sRGB to XYZ relative to white: rows add up to 1.
+/// The matrix from linear sRGB to XYZ relative to white; each row adds up to 1.
 const RELATIVE_XYZ: [[f32; 3]; 3] = {
     let mut rows = [[0.0; 3]; 3];
     let mut i = 0;
@@ -22,7 +22,7 @@ const RELATIVE_XYZ: [[f32; 3]; 3] = {
     rows
 };
 
-/// XYZ relative to white to linear sRGB: the inverse of [`RELATIVE_XYZ`], by cofactors.
+/// The inverse of [`RELATIVE_XYZ`], computed by cofactors: from XYZ relative to white to linear sRGB.
 const RGB: [[f32; 3]; 3] = {
     let m = RELATIVE_XYZ;
     let mut inverse = [[0.0; 3]; 3];
@@ -48,20 +48,20 @@ const RGB: [[f32; 3]; 3] = {
     rounded
 };
 
-/// The [`hyab`] distance of [`perceived`] green and blue; tested below.
+/// The largest distance of displayable colours: [`hyab`] between [`perceived`] green and blue. Tested below.
 pub(super) const LARGEST_DISTANCE: f32 = 203.301_62;
 
 fn times(matrix: &[[f32; 3]; 3], v: [f32; 3]) -> [f32; 3] {
     matrix.map(|row| row[0] * v[0] + row[1] * v[1] + row[2] * v[2])
 }
 
-/// Lightness, red-green and blue-yellow: the linear version of L*a*b*, called YCxCz.
+/// Converts linear RGB to YCxCz, the linear version of L*a*b*: lightness, red-green and blue-yellow.
 pub(super) fn opponent(rgb: [f32; 3]) -> [f32; 3] {
     let [x, y, z] = times(&RELATIVE_XYZ, rgb);
     [116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)]
 }
 
-/// The three [`opponent`] planes of an image, clamped to 0..=1.
+/// The [`opponent`] channels of an image clamped to 0..=1, as three planes.
 pub(super) fn opponent_planes(image: Pixels<'_>, size: [usize; 2]) -> [Plane; 3] {
     let mut planes = [(); 3].map(|()| Plane { size, values: Vec::with_capacity(image.values.len()) });
     for rgb in image.values {
@@ -71,8 +71,8 @@ pub(super) fn opponent_planes(image: Pixels<'_>, size: [usize; 2]) -> [Plane; 3]
     planes
 }
 
-/// L*a*b* of an opponent colour, clamped to the display's gamut, with chroma scaled by lightness (the Hunt effect)
-/// [after Andersson 2020].
+/// Converts an [`opponent`] colour, clamped to the display's gamut, to L*a*b*. Chroma is scaled by lightness (the Hunt
+/// effect) [after Andersson 2020].
 pub(super) fn perceived([lightness, red_green, blue_yellow]: [f32; 3]) -> [f32; 3] {
     let y = (lightness + 16.0) / 116.0;
     let rgb = times(&RGB, [y + red_green / 500.0, y, y - blue_yellow / 200.0]);
@@ -82,14 +82,14 @@ pub(super) fn perceived([lightness, red_green, blue_yellow]: [f32; 3]) -> [f32; 
     [lightness, chroma * 500.0 * (x - y), chroma * 200.0 * (y - z)]
 }
 
-/// The curve of L*a*b* [after CIE 15:2004]: a cube root, and a line below (6/29)^3.
+/// The nonlinear curve of L*a*b* [after CIE 15:2004]: a cube root, and a line below (6/29)^3.
 fn response(t: f32) -> f32 {
     const KNEE: f32 = 6.0 / 29.0;
     if t > KNEE * KNEE * KNEE { libm::cbrtf(t) } else { t / (3.0 * KNEE * KNEE) + 4.0 / 29.0 }
 }
 
-/// The HyAB distance for colours far apart: city block between lightness and chroma, Euclidean within chroma
-/// [after Abasi 2020].
+/// The HyAB distance of two L*a*b* colours, meant for large differences: the sum of the lightness difference and the
+/// Euclidean chroma difference [after Abasi 2020].
 pub(super) fn hyab(a: [f32; 3], b: [f32; 3]) -> f32 {
     let [lightness, red_green, blue_yellow] = std::array::from_fn(|c| a[c] - b[c]);
     lightness.abs() + (red_green * red_green + blue_yellow * blue_yellow).sqrt()

@@ -1,6 +1,6 @@
 //! Separable convolution of planes; pixels beyond the edge repeat the edge.
 
-/// Taps at the offsets `-radius..=radius`.
+/// A one-dimensional convolution kernel, with taps at the offsets `-radius..=radius`.
 pub(super) struct Kernel {
     taps: Vec<f64>,
 }
@@ -18,7 +18,7 @@ impl Kernel {
         self.taps.iter_mut().for_each(|tap| *tap *= by);
     }
 
-    /// The kernel scaled so that positive taps add up to 1 and negative ones to -1.
+    /// Scales the kernel so that positive taps add up to 1 and negative ones to -1.
     pub(super) fn normalised(mut self) -> Self {
         let sum = |sign: f64| self.taps.iter().map(|tap| (tap * sign).max(0.0)).sum::<f64>();
         let [positive, negative] = [sum(1.0), sum(-1.0)];
@@ -32,14 +32,15 @@ impl Kernel {
         self.taps.len() / 2
     }
 
-    /// Taps that change an f32 sum, with their offsets from the first; the others are skipped to save time.
+    /// The taps large enough to change an f32 sum, with their offsets from the first tap. Skipping the others saves
+    /// time.
     fn effective(&self) -> impl Iterator<Item = (usize, f32)> {
         let largest = self.taps.iter().fold(0.0, |m: f64, t| m.max(t.abs()));
         self.taps.iter().map(|&t| t as f32).enumerate().filter(move |(_, t)| f64::from(t.abs()) > 1e-12 * largest)
     }
 }
 
-/// One value per pixel, row by row.
+/// One f32 value per pixel, row by row.
 pub(super) struct Plane {
     pub(super) size: [usize; 2],
     pub(super) values: Vec<f32>,

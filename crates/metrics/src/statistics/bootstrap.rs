@@ -1,4 +1,4 @@
-//! The bootstrap of a mean.
+//! The bootstrap confidence interval of a mean.
 
 use super::interval::{Interval, IntervalMethod};
 use super::mean;
@@ -6,13 +6,13 @@ use super::student::{normal_cdf, normal_quantile};
 use crate::blocks::percentile;
 use crate::sum::Sum;
 
-/// The number of resamples. The end of a 95 % interval then varies by less than 3 % of the half width:
+/// The number of resamples. The ends of a 95 % interval then vary by less than 3 % of its half width. Derivation:
 /// sqrt(0.025 * 0.975 / 9999) over the normal density at 1.96 is 0.027 standard deviations.
 pub const BOOTSTRAP_RESAMPLES: usize = 9999;
 
-/// The interval of the mean by the bias-corrected and accelerated bootstrap [after Efron 1987].
+/// The confidence interval of the mean by the bias-corrected and accelerated bootstrap [after Efron 1987].
 ///
-/// Takes at least two finite values. The seed is fixed, so equal values give equal intervals.
+/// `values` must have at least two elements, all finite. The seed is fixed, so equal values give equal intervals.
 pub(super) fn bootstrap(values: &[f64], confidence: f64) -> Interval {
     let value = mean(values);
     let mut random = SplitMix(0x6461_7070_6c65);
@@ -34,7 +34,8 @@ pub(super) fn bootstrap(values: &[f64], confidence: f64) -> Interval {
     Interval { value, low: end(tail), high: end(1.0 - tail), method: IntervalMethod::Bootstrap }
 }
 
-/// The mean of as many values drawn with replacement. Sums deviations, so that equal values give exactly their mean.
+/// The mean of a resample: as many values as `values` has, drawn with replacement. It sums deviations from `mean`, so
+/// that equal values give exactly their mean.
 fn resampled_mean(values: &[f64], mean: f64, random: &mut SplitMix) -> f64 {
     let sum: f64 = (0..values.len()).map(|_| values[random.below(values.len())] - mean).sum();
     mean + sum / values.len() as f64
@@ -48,11 +49,11 @@ fn acceleration(values: &[f64], mean: f64) -> f64 {
     if square > 0.0 { cube / (6.0 * square * square.sqrt()) } else { 0.0 }
 }
 
-/// The generator SplitMix64 [after Steele 2014].
+/// The random number generator SplitMix64 [after Steele 2014].
 struct SplitMix(u64);
 
 impl SplitMix {
-    /// A uniform number below `count`; probabilities differ by at most 2^-64 `count`.
+    /// A uniform random number in `0..count`; probabilities differ by at most 2^-64 `count`.
     fn below(&mut self, count: usize) -> usize {
         self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
         let mut z = self.0;

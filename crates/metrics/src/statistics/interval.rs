@@ -8,7 +8,7 @@ use super::{
 /// The fewest values for a bootstrap interval; fewer show too little of their distribution.
 pub const BOOTSTRAP_MIN_COUNT: usize = 32;
 
-/// The method that an interval was computed by.
+/// The method by which an interval was computed.
 #[non_exhaustive]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum IntervalMethod {
@@ -28,12 +28,13 @@ pub struct Interval {
     pub low: f64,
     /// The upper end.
     pub high: f64,
-    /// The method that the ends were computed by.
+    /// The method by which `low` and `high` were computed.
     pub method: IntervalMethod,
 }
 
 impl Interval {
-    /// True if x lies in the interval, ends included. A ratio whose interval contains 1 is undecided.
+    /// Returns `true` if x lies in the interval, ends included. If a ratio's interval contains 1, neither method is
+    /// better.
     pub fn contains(&self, x: f64) -> bool {
         (self.low..=self.high).contains(&x)
     }
@@ -43,8 +44,8 @@ impl Interval {
     }
 }
 
-/// The efficiency `1 / (error * seconds)` for a squared error, MSE or relMSE. With independent samples it does not depend
-/// on their number.
+/// The efficiency `1 / (error * seconds)` of a render, for a squared error such as MSE or relMSE. With independent
+/// samples it does not depend on the number of samples.
 ///
 /// ```
 /// assert_eq!(dapple_metrics::efficiency(0.25, 8.0), Ok(0.5));
@@ -63,9 +64,10 @@ pub fn efficiency(error: f64, seconds: f64) -> Result<f64, StatisticsError> {
     }
 }
 
-/// The mean of independent values, one per seed, with its interval of a confidence such as 0.95.
+/// The mean of independent values, one per seed, with an interval of the confidence level `confidence`, such as 0.95.
 ///
-/// Student's t with n - 1 degrees of freedom; the bootstrap from 32 values ([`BOOTSTRAP_MIN_COUNT`]) on.
+/// The interval is Student's t with n - 1 degrees of freedom, or the bootstrap from 32 values ([`BOOTSTRAP_MIN_COUNT`])
+/// on.
 ///
 /// ```
 /// # use dapple_metrics::mean_interval;

@@ -48,7 +48,7 @@ fn floors_hold_and_bases_rise() {
     assert_eq!(share(&[], 0, &[], 9, 30).unwrap().unspent, 30);
 }
 
-/// A weight from 1e-38 to 1e38; one in ten is none.
+/// A random weight from 1e-38 to 1e38; one in ten is 0.
 fn weight(rng: &mut rand_pcg::Pcg64) -> f64 {
     match rng.random_range(0..40) {
         0 => f64::NAN,
@@ -89,7 +89,7 @@ fn totals_are_exact_a07() {
     }
 }
 
-/// Monotone: with equal floors a larger weight never gets fewer.
+/// With equal floors, a pixel of larger weight never gets fewer samples.
 #[test]
 fn larger_weights_get_no_fewer() {
     let mut rng = rng(7);
@@ -147,7 +147,7 @@ fn the_search_ends_within_its_rounds() {
     }
 }
 
-/// A remainder adds at most one sample.
+/// Rounding adds at most one sample to a pixel's share.
 #[test]
 fn counts_stay_within_one_of_their_share() {
     let mut rng = rng(11);
