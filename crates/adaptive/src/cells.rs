@@ -30,11 +30,11 @@ dapple_core::options! {
 /// # Guarantees
 ///
 /// * Cells depend on the hits alone. Numbers of shapes, primitives and materials are only compared for equality, so
-/// neither their order nor a finer triangulation changes the cells.
+///   neither their order nor a finer triangulation changes the cells.
 /// * The sizes of all cells add up to the number of probes.
 /// * No hashing, no dependence on threads.
 /// * Lengths are relative to the median footprint and to the bounding box of the hits. The unit of length affects only
-/// rounding.
+///   rounding.
 ///
 /// # Weaknesses
 ///
