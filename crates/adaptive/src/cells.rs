@@ -21,20 +21,20 @@ dapple_core::options! {
 
 /// A partition of an image's first hits into cells, small patches of surface.
 ///
-/// Two hits share a cell if they lie in the same cube of a grid, have the same material, and have normals in the same
+/// Two hits share a cell if they have the same key: the same cube of a grid, the same material, and normals in the same
 /// bin of an octahedron [Engelhardt and Dachsbacher 2008]. They must also be connected in the image through
-/// neighbouring hits with the same properties. The cubes' size follows the pixel's footprint in powers of two, so that
-/// near and far cells cover about as many pixels. Then neighbouring cells that the grid cut apart are joined, smoothest
-/// seam first, within the limits of a cell's normals and size. All probes without a hit are one cell.
+/// neighbouring hits with the same key. The cubes' size follows the pixel's footprint in powers of two, so that near
+/// and far cells cover about as many pixels. Then neighbouring cells that the grid cut apart are joined, smoothest seam
+/// first, within the limits of a cell's normals and size. All probes without a hit are one cell.
 ///
 /// # Guarantees
 ///
 /// * Cells depend on the hits alone. Numbers of shapes, primitives and materials are only compared for equality, so
-/// neither their order nor a finer triangulation changes the cells.
+///   neither their order nor a finer triangulation changes the cells.
 /// * The sizes of all cells add up to the number of probes.
 /// * No hashing, no dependence on threads.
 /// * Lengths are relative to the median footprint and to the bounding box of the hits. The unit of length affects only
-/// rounding.
+///   rounding.
 ///
 /// # Weaknesses
 ///
@@ -230,8 +230,8 @@ struct Cone {
     cosine: f32,
 }
 
-/// Joins neighbouring cells where a surface continues across the borders of cubes and bins. The hits must have the same
-/// material, normals that differ by less than a cell's cone, and each must lie within [`PLANE`] footprints of the
+/// Joins neighbouring cells where a surface continues across the borders of cubes and bins. Both hits must have the
+/// same material, and normals that differ by less than a cell's cone. Each must lie within [`PLANE`] footprints of the
 /// other's plane. The smoothest pairs are joined first. A cell never exceeds its limits of normals and size.
 fn close_seams(
     hits: &[Option<FirstHit>],

@@ -37,9 +37,9 @@ pub struct Pooling {
 
 /// The relative variance `v~ / (m^2 + epsilon)` of each pixel's samples, pooled and summed over channels.
 ///
-/// Here `v~^q = ((n - 1) v^q + prior pool(v^q)) / (n - 1 + prior)`, with the pixel's sample variance `v` and count `n`,
-/// and the power `q`. `m` is the mean radiance over the window. The result is not negative, and 0 if neither the pixel
-/// nor the pool has two samples.
+/// Here `v~^q = ((n - 1) v^q + prior pool(v^q)) / (n - 1 + prior)`. `v` is the pixel's sample variance, `n` its count,
+/// `q` the power, and `m` the mean radiance over the window. The result is not negative, and 0 if neither the pixel nor
+/// the pool has two samples.
 ///
 /// `moments` are row by row, for an image of `size` pixels. The pool is a mean weighted by degrees of freedom, so
 /// pixels with fewer than two samples do not contribute.
@@ -173,8 +173,8 @@ fn over_cells(terms: &[Terms], first: &[u32], cells: usize) -> Vec<[f64; 3]> {
     sums.iter().map(Terms::pooled).collect()
 }
 
-/// The pooled mean of the variance's power over the pixels whose first hit is in the same cell as that of pixel `i`, up
-/// to one pixel beyond the window.
+/// The pooled mean of the variance's power over the pixels around pixel `i` whose first hit is in the same cell. The
+/// pixels lie up to one pixel beyond the window.
 fn inside(terms: &[Terms], first: &[u32], i: usize, [w, h]: [usize; 2], radius: usize) -> [f64; 3] {
     let mut sum = Terms::default();
     for k in near(i / w, radius + 1, h).flat_map(|y| near(i % w, radius + 1, w).map(move |x| y * w + x)) {
@@ -204,8 +204,8 @@ pub(crate) fn bytes_of_windows([w, h]: [usize; 2], radius: usize, threads: usize
     task.saturating_mul(threads.min(h.div_ceil(own)))
 }
 
-/// The score of each pixel, from its own terms and their sums over a window of `2 radius + 1` pixels squared, cut off
-/// at the borders.
+/// The score of each pixel, from its own terms and their sums over a window. The window is `2 radius + 1` pixels
+/// squared, cut off at the borders.
 ///
 /// Terms are added in the order of rows and columns. A running sum would keep the rounding error of a firefly.
 fn over_windows(

@@ -51,7 +51,7 @@ fn read(path: &Path) -> Result<Image> {
     read_image(&bytes, &name, Encoding::Auto).map_err(Failure::new)
 }
 
-/// The keys of the JSON line, in their order.
+/// The JSON line; its keys have the order of the fields.
 #[derive(Serialize)]
 struct Line {
     mse: f64,
@@ -114,7 +114,7 @@ fn table(c: &Comparison, flip: f64) -> String {
     rows.iter().map(row).map(|r| r.trim_end().to_owned()).collect::<Vec<_>>().join("\n")
 }
 
-/// Five digits that matter.
+/// Formats a number with five significant digits.
 fn figure(x: f64) -> String {
     if x == 0.0 || (1e-4..1e5).contains(&x) { format!("{x:.*}", decimals(x)) } else { format!("{x:.4e}") }
 }

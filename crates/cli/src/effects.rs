@@ -14,7 +14,8 @@ use dapple_scene::{Effects, Scene, bundled};
 use ledger::{Ledger, Settings};
 use std::path::PathBuf;
 
-/// Longest side of the images where no resolution is given: the shares hardly depend on it, the wait does.
+/// The longest side in pixels of rendered images without a given resolution. Shares hardly depend on the resolution,
+/// but the waiting time does.
 const LONGEST: u32 = 192;
 
 /// List the effects that a scene calls for, their causes, their cost in time and their share of the image
@@ -101,7 +102,7 @@ fn measure(options: &EffectsArgs, mut scene: Scene, effects: &Effects, stop: &St
     Ledger::measure(&scene, effects, &settings, stop)
 }
 
-/// The same shape, no side longer than [`LONGEST`].
+/// A size of the same shape whose sides are at most [`LONGEST`].
 fn shrink(size: [u32; 2]) -> [u32; 2] {
     let longest = size[0].max(size[1]).max(1);
     let shrunk = |side: u32| (u64::from(side) * u64::from(LONGEST)).div_ceil(u64::from(longest)).max(1) as u32;

@@ -6,7 +6,7 @@ use dapple_job::memory::MemoryAdvice;
 use dapple_job::{JobError, SpecError, Warning};
 use dapple_scene::{Problem, ProblemKind, ReadError};
 
-/// An error of a job, a line for each line of its message.
+/// The failure for an error of a job, with one line per line of the error's message.
 pub(crate) fn of_job(error: &JobError) -> Failure {
     match error {
         JobError::Spec(error) => of_spec(error),
@@ -43,7 +43,7 @@ pub(crate) fn of_job(error: &JobError) -> Failure {
     }
 }
 
-/// The problems of a scene file, with the option that allows unsupported features.
+/// The failure for the problems of a scene file, naming the option that allows unsupported features.
 pub(crate) fn of_reader(error: &ReadError) -> Failure {
     let line = |problem: &Problem| match problem.kind {
         ProblemKind::Unsupported => {
@@ -55,7 +55,7 @@ pub(crate) fn of_reader(error: &ReadError) -> Failure {
     Failure(error.problems.iter().map(line).chain(more).collect())
 }
 
-/// An error of a description, as of an option.
+/// The failure for an invalid description, naming the command-line option.
 pub(crate) fn of_spec(error: &SpecError) -> Failure {
     match error {
         SpecError::Field { .. } => Failure::usage("render", option(error)),
@@ -63,7 +63,7 @@ pub(crate) fn of_spec(error: &SpecError) -> Failure {
     }
 }
 
-/// The option of a field, and its problem.
+/// A message that names the option of the wrong field, and the problem.
 fn option(error: &SpecError) -> String {
     match error {
         SpecError::Field { field: "seconds", what } => format!("--time: {what}"),
@@ -72,7 +72,7 @@ fn option(error: &SpecError) -> String {
     }
 }
 
-/// A warning with advice for the command line.
+/// The text of a warning, with advice for the command line.
 pub(crate) fn warning(warning: &Warning) -> String {
     match warning {
         Warning::SuggestedSpp { suggested, .. } => format!("{warning}; --spp {suggested} follows the file"),

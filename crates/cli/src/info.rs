@@ -44,7 +44,7 @@ pub(crate) fn run(args: &InfoArgs) -> Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// The memory of a render with the default arguments.
+/// The memory estimate of a render with the default arguments.
 fn memory(spec: &RenderSpec, prepared: &PreparedScene) -> std::result::Result<MemoryEstimate, JobError> {
     let mut job = prepared.job(spec)?;
     job.set_outputs(OutputFiles::defaults(&prepared.scene().name, &spec.sampler));
@@ -87,7 +87,7 @@ fn crop(scene: &Scene) -> String {
     }
 }
 
-/// `3 (2 diffuse, 1 metal)`, kinds in the order of their first.
+/// Formats counts by kind, such as `3 (2 diffuse, 1 metal)`, with kinds in the order of first occurrence.
 fn count(kinds: impl Iterator<Item = &'static str>) -> String {
     let mut counts: Vec<(&str, usize)> = Vec::new();
     let mut all = 0;
@@ -133,7 +133,7 @@ fn lights(scene: &Scene) -> String {
     count(shining.chain(others))
 }
 
-/// The corners in the file's own units.
+/// The corners of the world's bounding box, in the scene file's units.
 fn bounds(world: &World) -> String {
     let Some([low, high]) = world.geometry().bounds() else { return "nothing".into() };
     let corner = |p: [f32; 3]| {

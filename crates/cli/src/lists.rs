@@ -17,7 +17,7 @@ pub(crate) fn filters() -> Result<Outcome> {
     list(FILTERS)
 }
 
-/// A line each: the names, and under each its parameters with their defaults.
+/// Prints the entries' names, and under each name the parameters with their defaults.
 fn list<Make>(entries: &[Entry<Make>]) -> Result<Outcome> {
     for entry in entries {
         tell(format!("{:<18}{}", entry.name, entry.about))?;

@@ -1,6 +1,6 @@
 //! The program `dapple`: adaptively sampled images of pbrt-v4 scenes and of models.
 //!
-//! Arguments, progress and printing; all work is done by the libraries.
+//! The program handles arguments, progress and printing; the libraries do all other work.
 
 mod compare;
 mod effects;
@@ -18,15 +18,15 @@ use clap::error::ErrorKind;
 use clap::{CommandFactory, Parser, Subcommand};
 use std::process::ExitCode;
 
-/// The end of the program, as the shell sees it.
+/// The result of the program, from which the exit status follows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Outcome {
     Done,
-    /// A signal ended it early; the samples until then are saved.
+    /// A signal ended the program early; the samples until then are saved.
     Interrupted,
 }
 
-/// An error: lines for stderr, each a sentence.
+/// An error, as lines for stderr of one sentence each.
 #[derive(Debug)]
 struct Failure(Vec<String>);
 
@@ -35,7 +35,7 @@ impl Failure {
         Self(vec![line.to_string()])
     }
 
-    /// Ends the program as clap does for a wrong argument: usage, exit status 2.
+    /// The failure for wrong arguments, in clap's form: usage, exit status 2.
     fn usage(command: &str, wrong: impl std::fmt::Display) -> Self {
         let mut arguments = Arguments::command();
         arguments.build();
@@ -46,7 +46,7 @@ impl Failure {
         }
     }
 
-    /// One line for each line of a message, so that each stands for itself.
+    /// The failure for a message of several lines, each printed as an error of its own.
     fn lines(message: &impl ToString) -> Self {
         Self(message.to_string().lines().map(str::to_owned).collect())
     }

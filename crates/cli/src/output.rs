@@ -3,7 +3,7 @@
 use crate::{Failure, Result};
 use std::io::{self, ErrorKind, Write};
 
-/// Writes a line to stderr, `kind: line`. A closed stderr is no reason to stop.
+/// Writes the line `kind: line` to stderr. Ignores a closed stderr.
 pub(crate) fn say(kind: &str, line: &str) {
     let _ = writeln!(io::stderr().lock(), "{kind}: {line}");
 }
@@ -13,7 +13,7 @@ pub(crate) fn warn(line: impl AsRef<str>) {
     say("warning", line.as_ref());
 }
 
-/// Writes a result to stdout, ending the line. A closed pipe (`| head`) is not an error.
+/// Writes a result and a line end to stdout. Ignores a closed pipe (`| head`).
 pub(crate) fn tell(result: impl AsRef<str>) -> Result<()> {
     match writeln!(io::stdout().lock(), "{}", result.as_ref()) {
         Err(e) if e.kind() != ErrorKind::BrokenPipe => Err(Failure::new(format!("cannot write to stdout: {e}"))),

@@ -59,7 +59,7 @@ pub(crate) fn run(args: &RenderArgs) -> Result<Outcome> {
     }
 }
 
-/// Makes the image of merged shards.
+/// Filters and writes the image of merged shards.
 pub(crate) fn merge(shards: ShardSet, spec: &RenderSpec, show: &Show<'_>, threads: u16) -> Result<Outcome> {
     let stop = Stop::listen()?;
     start_threads(threads)?;
@@ -78,7 +78,7 @@ fn load(spec: &RenderSpec, options: &LoadOptions, limit: MemoryLimit) -> Result<
     Ok(loaded)
 }
 
-/// Makes the job, and reads the processor's clock before its clusters; `None` if it was stopped meanwhile.
+/// Prepares the job. Also returns the processor time in seconds before clustering; `None` if the user stopped it.
 fn prepare(loaded: LoadedScene, files: OutputFiles, stop: &Stop) -> Result<Option<(Job, Option<f64>)>> {
     let (spec, warned) = (loaded.spec().clone(), loaded.warnings().len());
     let prepared = loaded.build().map_err(|e| failure::of_job(&e))?;
@@ -102,13 +102,13 @@ fn trace(job: &mut Job, checkpoints: Option<Checkpoints>, mut progress: Progress
     traced.map_err(|e| failure::of_job(&e))
 }
 
-/// Prints warnings; of suggested samples only where the user named no number.
+/// Prints warnings. A scene's suggested samples per pixel are mentioned only if the user set a number.
 fn warn_all(warnings: &[Warning], has_spp: bool) {
     let silent = |warning: &&Warning| !(has_spp && matches!(warning, Warning::SuggestedSpp { .. }));
     warnings.iter().filter(silent).for_each(|warning| warn(failure::warning(warning)));
 }
 
-/// Output settings of an image.
+/// Options for the files and the summary of an image.
 pub(crate) struct Show<'a> {
     pub(crate) outputs: &'a [PathBuf],
     pub(crate) maps: Option<&'a Path>,
@@ -118,7 +118,7 @@ pub(crate) struct Show<'a> {
 }
 
 impl Show<'_> {
-    /// The files to write, which are known to be writable; none for a shard.
+    /// The image files to write, checked to be writable; none for a shard.
     fn files(&self, loaded: &LoadedScene) -> Result<OutputFiles> {
         if loaded.spec().shard.is_some() {
             return Ok(OutputFiles::none());
@@ -132,7 +132,7 @@ impl Show<'_> {
         Ok(files)
     }
 
-    /// Filters, writes the files and prints the summary.
+    /// Filters the film, writes the image files and prints the summary.
     fn deliver(
         &self,
         job: &Job,
@@ -177,7 +177,7 @@ impl Show<'_> {
     }
 }
 
-/// The file of a shard, which is known to be writable.
+/// The shard file to write, checked to be writable; `None` without a shard.
 fn shard_file(args: &RenderArgs, loaded: &LoadedScene) -> Result<Option<PathBuf>> {
     let Some(shard) = loaded.spec().shard else { return Ok(None) };
     let named = || PathBuf::from(format!("{}-{}-of-{}.shard", loaded.scene().name, shard.index() + 1, shard.of()));
@@ -201,7 +201,8 @@ fn write_shard(path: &Path, job: &Job, film: &Film, quiet: bool) -> Result<()> {
     tell(format!("{}: shard {shard}, {samples} samples; dapple merge makes the image of all shards", path.display()))
 }
 
-/// The end of the program, after everything is written. `checkpoint` is the file to resume from, or why there is none.
+/// The outcome of the program, after all files are written. `checkpoint` is the file to resume from, or the error that
+/// prevented it.
 fn end(
     interrupted: bool,
     panicked: Option<String>,
@@ -229,7 +230,7 @@ fn end(
     }
 }
 
-/// The advice to replay a rejected sample by itself.
+/// Advice on how to replay the rejected sample `first` by itself; `None` if that is impossible.
 pub(crate) fn replay(first: &dapple_core::Rejected) -> Option<String> {
     let [x, y] = first.sample.pixel;
     let (spp, right, below) = (first.sample.index + 1, x + 1, y + 1);

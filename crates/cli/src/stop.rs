@@ -4,12 +4,12 @@ use crate::{Failure, Result};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// The request to stop.
+/// A flag that a signal sets to request a stop.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Stop(Arc<AtomicBool>);
 
 impl Stop {
-    /// Listens for signals from now on; once in the life of the process.
+    /// Listens for Ctrl-C and SIGTERM from now on; call it once per process.
     pub(crate) fn listen() -> Result<Self> {
         let stop = Self::default();
         let asked = stop.clone();

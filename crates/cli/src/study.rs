@@ -16,7 +16,7 @@ use progress::Bar;
 use std::io::Read;
 use std::path::Path;
 
-/// The hidden command that a run in a process of its own is made by.
+/// The hidden subcommand that makes a single run in its own process.
 const ONE: &str = "study-run";
 
 pub(crate) fn run(options: &StudyArgs) -> Result<Outcome> {
@@ -58,7 +58,7 @@ pub(crate) fn run(options: &StudyArgs) -> Result<Outcome> {
     deliver(folder, options.quiet)
 }
 
-/// Writes the summary and the report.
+/// Writes the summary and the report of the study in `folder`.
 fn deliver(folder: &Path, quiet: bool) -> Result<Outcome> {
     let _ = write_report(folder).map_err(Failure::new)?;
     if !quiet {
@@ -71,7 +71,7 @@ fn deliver(folder: &Path, quiet: bool) -> Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// `dapple study-run`.
+/// Runs `dapple study-run`: reads a request from stdin, and writes the run to stdout.
 pub(crate) fn run_one() -> Result<Outcome> {
     // Ctrl-C stops the study between its runs; this one is finished.
     let _stop = Stop::listen()?;
@@ -90,7 +90,7 @@ fn itself() -> Result<std::path::PathBuf> {
     std::env::current_exe().map_err(|e| Failure::new(format!("--fresh: cannot find this program: {e}")))
 }
 
-/// An error of a study, with the program's options in its advice.
+/// The failure for an error of a study, with advice for the command line.
 fn failure_of(error: &StudyError, bar: &mut Bar) -> Failure {
     bar.finish();
     match error {

@@ -15,7 +15,7 @@ use dapple_core::{
 /// * the image and the error map have the size of the frame;
 /// * the bits of the result do not depend on the number of threads;
 /// * a film that lacks statistics that the filter needs is refused with
-/// [`Error::NotRecorded`](dapple_core::Error::NotRecorded).
+///   [`Error::NotRecorded`](dapple_core::Error::NotRecorded).
 ///
 /// # Panics
 ///

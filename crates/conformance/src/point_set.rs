@@ -8,7 +8,7 @@ use rayon::prelude::*;
 /// * Range: every coordinate is in `[0, 1)`, also at the last index, the last block and far pixels.
 /// * Purity: the same bits in forward, backward and interleaved order, on several threads, and in batches of any size.
 /// * Uniformity: mean and variance of each coordinate over pixels are those of uniform numbers, and values come close
-/// to both 0 and 1.
+///   to both 0 and 1.
 /// * Independence: pixels at five lags, streams, and blocks up to number 4000 are uncorrelated, also in the order in
 ///   which a pixel's samples run through the range.
 /// * Distinctness: no two samples of a pixel are equal, at the start, past 2^31 and 2^32 and at the end.

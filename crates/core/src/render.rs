@@ -172,8 +172,8 @@ impl<'a> Render<'a> {
         self.drive(state, Clock::start(0.0), meter, integrator, sampler)
     }
 
-    /// Resumes a render from a [`Snapshot`]. With the same frame, and a sampler and integrator made with the same
-    /// options, the film has the bits of an uninterrupted render, on any number of threads.
+    /// Resumes a render from a [`Snapshot`]. The film has the bits of an uninterrupted render, on any number of
+    /// threads. That requires the same frame, and a sampler and an integrator made with the same options.
     ///
     /// The budget may differ: a larger one continues the render, and a time limit includes the seconds before the
     /// snapshot. All statistics in [`Render::needs`] must have been recorded from the start. The caller must pass the

@@ -1,7 +1,7 @@
 //! Files that survive a crash: checkpoints of renders, and shards of images.
 //!
 //! * [`Store::save`] writes a temporary file, flushes it to the disk and renames it; the previous version of the file
-//! is kept beside it. So [`Store::read`] finds a complete file at every moment.
+//!   is kept beside it. So [`Store::read`] finds a complete file at every moment.
 //! * [`Contents`] have an [`Identity`] (the settings that they depend on) and a checksum over every byte.
 //! * [`FileSystem`] holds the calls to the operating system; tests let each call fail.
 //!

@@ -31,8 +31,8 @@ pub struct Difference {
 ///
 /// Renders `a[i]` and `b[i]` may share a seed, which reduces the noise of their difference. `a[i]` and `a[j]` must not.
 ///
-/// The square of `b - a` is estimated by the product of the differences of two pairs of renders, averaged over all
-/// choices, so that independent noise cancels. The `a` of the denominator is the mean of the remaining renders. (If it
+/// The square of `b - a` is estimated by the product of the differences of two pairs of renders. Averaged over all
+/// choices of pairs, independent noise cancels. The `a` of the denominator is the mean of the remaining renders. (If it
 /// included all renders, numerator and denominator would share noise. At a difference of a tenth and noise of a
 /// quarter, a fifth of the value was missing.) The nonlinear denominator leaves a bias: with a relative noise `s` of
 /// its mean, the value is too large by about `3 s^2`. A non-finite channel counts as 0.

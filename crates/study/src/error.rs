@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-/// An error that keeps a study from starting or resuming. Each message names the remedy.
+/// An error that stops a study. Each message names the remedy.
 #[non_exhaustive]
 #[derive(Debug, thiserror::Error)]
 pub enum StudyError {
@@ -15,14 +15,14 @@ pub enum StudyError {
     /// A scene that cannot be rendered as the plan describes.
     #[error("{0}")]
     Scene(String),
-    /// A reference of another scene, size or setting, or one that cannot be read.
+    /// A reference image that does not fit the study (another scene, size or setting), or that cannot be read.
     #[error("{file}: not a reference for {scene}: {why}", file = file.display())]
     Reference {
-        /// The file.
+        /// The reference's file.
         file: PathBuf,
         /// The scene's name.
         scene: String,
-        /// The difference and the remedy.
+        /// The problem and the remedy.
         why: String,
     },
     /// A folder that holds another study.
@@ -42,14 +42,14 @@ pub enum StudyError {
         /// The study's folder.
         folder: PathBuf,
     },
-    /// A line that is not a finished run.
+    /// A line of `runs.jsonl` that is not a finished run.
     #[error("{}:{line}: {why}; remove the line to repeat that run", file.display())]
     Line {
-        /// `runs.jsonl`.
+        /// The path of `runs.jsonl`.
         file: PathBuf,
-        /// The line, from 1.
+        /// The number of the line, from 1.
         line: usize,
-        /// The error in it.
+        /// The fault of the line.
         why: String,
     },
     /// A file or folder that cannot be read or written.
@@ -57,11 +57,11 @@ pub enum StudyError {
     File {
         /// The file or folder.
         path: PathBuf,
-        /// The action that failed.
+        /// The action that failed, as a verb phrase.
         action: &'static str,
         /// The remedy, and the files that are kept.
         kept: String,
-        /// The system's error.
+        /// The operating system's error.
         source: std::io::Error,
     },
     /// An image file that cannot be read or written.
@@ -70,7 +70,7 @@ pub enum StudyError {
     /// A run that failed.
     #[error("{what}: {why}")]
     Run {
-        /// Scene, method, seed and samples.
+        /// The run: scene, method, seed and samples.
         what: String,
         /// The cause.
         why: String,

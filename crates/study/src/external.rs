@@ -34,7 +34,7 @@ pub struct External {
     pub folder: PathBuf,
 }
 
-/// Reads `NAME=PROGRAM ARGUMENT…`, arguments separated by spaces; the working folder is the current one.
+/// Parses `NAME=PROGRAM ARGUMENT…`, with arguments separated by spaces; the working folder is the current one.
 impl std::str::FromStr for External {
     type Err = String;
 
@@ -49,31 +49,32 @@ impl std::str::FromStr for External {
     }
 }
 
-/// The last line of a program that reports its own time.
+/// The last line of a program's output, if the program reports its own time.
 #[derive(Deserialize)]
 struct ReportedTime {
     seconds: f64,
 }
 
 impl External {
-    /// A program with its arguments, started in the current folder.
+    /// A filter called `name` that runs `command`, a program and its arguments, in the current folder.
     pub fn new(name: &str, command: &[&str]) -> Self {
         let command = command.iter().map(|argument| (*argument).to_owned()).collect();
         Self { name: name.to_owned(), command, folder: PathBuf::new() }
     }
 
-    /// The same program, started in another folder.
+    /// The same filter, run in `folder`.
     #[must_use]
     pub fn started_in(self, folder: &Path) -> Self {
         Self { folder: folder.to_owned(), ..self }
     }
 
-    /// The statistics that the film must record.
+    /// The statistics that the film must record for the input image.
     pub(crate) fn needs(&self) -> Needs {
         Needs::none().with_features()
     }
 
-    /// Filters the film; returns the image and the seconds. `unit` is that of [`layers`]; 0 threads are one per core.
+    /// Runs the program on the film; returns the filtered image and the seconds. `unit` is as in [`layers`]; 0 threads
+    /// mean one per core.
     pub(crate) fn apply(&self, film: &Film, unit: f64, threads: usize) -> Result<(Filtered, f64), String> {
         let refuse = |what: String| format!("the filter \"{}\" ({}) {what}", self.name, self.command.join(" "));
         let folder = tempfile::Builder::new().prefix("dapple-").tempdir();
@@ -112,7 +113,7 @@ impl External {
     }
 }
 
-/// The input image with its features.
+/// The unfiltered image and its features, encoded as an EXR file.
 fn encode(film: &Film, unit: f64) -> Result<Vec<u8>, String> {
     let unfiltered = Unfiltered.apply(film).map_err(|e| e.to_string())?;
     let mut layers = layers(film, &unfiltered, unit, None);
@@ -122,7 +123,7 @@ fn encode(film: &Film, unit: f64) -> Result<Vec<u8>, String> {
     encode_exr(film.frame().size(), &layers, &[]).map(|exr| exr.bytes).map_err(|e| e.to_string())
 }
 
-/// The time that the program reports, else the wall seconds.
+/// The seconds that the program reports in the last line of `stdout`, else `wall`.
 fn seconds(stdout: &[u8], wall: f64) -> Result<f64, String> {
     let text = String::from_utf8_lossy(stdout);
     let Some(last) = text.lines().rev().find(|line| !line.trim().is_empty()) else { return Ok(wall) };
@@ -133,7 +134,7 @@ fn seconds(stdout: &[u8], wall: f64) -> Result<f64, String> {
     }
 }
 
-/// Reads the output image.
+/// Reads the program's output image, which must be `w` x `h` pixels.
 fn read(path: &Path, [w, h]: [u32; 2]) -> Result<Vec<[f32; 3]>, String> {
     let bytes = match std::fs::read(path) {
         Ok(bytes) => bytes,
@@ -158,7 +159,7 @@ fn read(path: &Path, [w, h]: [u32; 2]) -> Result<Vec<[f32; 3]>, String> {
     Ok(image.pixels)
 }
 
-/// The last three lines of a program's errors, on one line.
+/// The last three lines of a program's error output, joined into one line.
 fn last_lines(stderr: &[u8]) -> String {
     let text = String::from_utf8_lossy(stderr);
     let lines: Vec<&str> = text.lines().map(str::trim).filter(|line| !line.is_empty()).collect();

@@ -51,11 +51,11 @@ impl PlanError {
 pub struct ScenePlan {
     /// The name of a bundled scene, or a path.
     pub source: String,
-    /// The scene's name in the study; default made from the source.
+    /// The scene's name in the study; by default derived from `source`.
     pub name: Option<String>,
-    /// An image file to compare with; without it a reference is rendered.
+    /// The reference image's file; by default a reference is rendered.
     pub reference: Option<PathBuf>,
-    /// Width and height of this scene in pixels; default the study's.
+    /// Width and height of this scene's images in pixels; by default the study's.
     pub resolution: Option<[u32; 2]>,
     /// Selection among several lights.
     pub lights: LightSelection,
@@ -79,11 +79,11 @@ pub const DEFAULT_SPP: [u64; 4] = [4, 8, 16, 32];
 pub const DEFAULT_SEEDS: u64 = 8;
 /// Default samples per pixel of a rendered reference.
 pub const DEFAULT_REFERENCE_SPP: u64 = 1024;
-/// Default pixels along a side.
+/// The default width and height in pixels.
 pub const DEFAULT_SIDE: u32 = 128;
 
 impl PlanPatch {
-    /// This patch with the settings of `other` in the place of its own; a resolution there holds for every scene.
+    /// This patch, overridden by the settings of `other`. A resolution in `other` holds for every scene.
     #[must_use]
     pub fn merge(self, other: Self) -> Self {
         let resized = other.resolution.is_some();
@@ -94,11 +94,11 @@ impl PlanPatch {
         merged
     }
 
-    /// Decides on every setting.
+    /// Checks the settings, and adds the defaults of those that are missing.
     ///
     /// # Errors
     ///
-    /// The first unknown name, empty list or number out of range. The message lists the names that exist.
+    /// The first unknown name, empty list or number out of range. The message lists the known names.
     pub fn resolve(self) -> Result<Plan, PlanError> {
         let plan = self.taken_over();
         let quick = self.quick.unwrap_or(false);
@@ -136,7 +136,7 @@ impl PlanPatch {
         })
     }
 
-    /// Samplers x points x filters, then the methods set one by one.
+    /// All combinations of samplers, points and filters, then the methods that are listed one by one.
     fn all_methods(&self) -> Result<Vec<Method>, PlanError> {
         let names = |set: &Option<Vec<String>>, default: &[&str]| {
             set.clone().unwrap_or_else(|| default.iter().map(|name| (*name).to_owned()).collect())
@@ -161,7 +161,7 @@ impl PlanPatch {
 }
 
 impl Plan {
-    /// The number of runs.
+    /// The number of runs in the study.
     pub fn runs(&self) -> usize {
         let budgets = self.spp.len() + usize::from(self.time_of.is_some());
         self.scenes.len() * self.methods.len() * budgets * self.seeds.len()
@@ -186,7 +186,7 @@ fn check_methods(methods: &[Method], spp: u64, external: &[External]) -> Result<
     Ok(())
 }
 
-/// Builds sampler, points and filter for trial: wrong names are found before a scene is read.
+/// Makes the method's sampler, points and filter once, so that wrong names are found before a scene is read.
 fn check_method(method: &Method, spp: u64, external: &[External]) -> Result<(), PlanError> {
     let Method { sampler, points, filter } = method;
     registry::check_sampler(sampler).map_err(|e| PlanError::of_value("samplers", sampler, e))?;
@@ -204,7 +204,7 @@ fn check_method(method: &Method, spp: u64, external: &[External]) -> Result<(), 
     Ok(())
 }
 
-/// Checks that names are free and that commands name their input and output.
+/// Checks that names of external programs are unique, and that commands name input and output.
 fn check_external(external: &[External]) -> Result<(), PlanError> {
     for (at, one) in external.iter().enumerate() {
         let refuse = |what: &str| Err(PlanError::of_value("external", &one.name, format!("{:?}: {what}", one.name)));
@@ -247,7 +247,7 @@ fn check_numbers(plan: &Plan) -> Result<(), PlanError> {
     Ok(())
 }
 
-/// The budget whose time equal-time runs get; `spp` is ascending.
+/// The budget, one of `spp` (ascending), whose time the equal-time runs take; `None` without such runs.
 fn equal_time_budget(time_of: Option<u64>, spp: &[u64]) -> Result<Option<u64>, PlanError> {
     match time_of {
         Some(0) => Ok(None),
@@ -280,7 +280,7 @@ fn ascending(key: &str, mut spp: Vec<u64>) -> Result<Vec<u64>, PlanError> {
     }
 }
 
-/// Reads `SAMPLER[/POINTS[/FILTER]]`; points default to `sobol`, the filter to `none`.
+/// Parses `SAMPLER[/POINTS[/FILTER]]`; points default to `sobol`, the filter to `none`.
 impl std::str::FromStr for Method {
     type Err = PlanError;
 

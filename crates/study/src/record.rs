@@ -5,7 +5,7 @@ use dapple_renderer::light::LightSelection;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
-/// A method: a sampler, its point set and a filter, by the names that the registry takes, parameters included.
+/// A method of making an image: sampler, point set and filter, each by its registry name with parameters.
 ///
 /// ```
 /// # use dapple_study::Method;
@@ -30,7 +30,7 @@ pub struct Method {
 pub enum RunBudget {
     /// Mean samples per pixel.
     Spp(u64),
-    /// The time that the baseline takes with this many samples per pixel.
+    /// As many samples as fit into the time that the baseline takes with this many samples per pixel.
     TimeOf(u64),
 }
 
@@ -40,7 +40,7 @@ impl Default for RunBudget {
     }
 }
 
-/// `16 spp`, or `time of 16 spp`.
+/// Formats as `16 spp` or `time of 16 spp`.
 impl fmt::Display for RunBudget {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -71,20 +71,20 @@ pub struct Phases {
 }
 
 impl Method {
-    /// A method by its names.
+    /// A method of these registry names.
     pub fn new(sampler: &str, points: &str, filter: &str) -> Self {
         Self { sampler: sampler.into(), points: points.into(), filter: filter.into() }
     }
 }
 
-/// `uniform/sobol/none`.
+/// The method `uniform/sobol/none`.
 impl Default for Method {
     fn default() -> Self {
         Self::new("uniform", "sobol", "none")
     }
 }
 
-/// `SAMPLER/POINTS/FILTER`.
+/// Formats as `SAMPLER/POINTS/FILTER`.
 impl fmt::Display for Method {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}/{}/{}", self.sampler, self.points, self.filter)
@@ -92,27 +92,27 @@ impl fmt::Display for Method {
 }
 
 impl Phases {
-    /// Seconds that do not grow with the samples: clustering, probes and filter.
+    /// Wall seconds that do not grow with the number of samples: clustering, probes and filter.
     pub fn fixed(&self) -> f64 {
         self.cluster + self.probe + self.filter
     }
 
-    /// Seconds of an image: all phases but load and bvh.
+    /// Wall seconds of an image: all phases but `load` and `bvh`.
     pub fn render(&self) -> f64 {
         self.cluster + self.probe + self.plan + self.trace + self.filter
     }
 }
 
-/// Errors of an image against its reference, of linear values unless noted; defined as in
+/// Errors of an image against its reference, for linear values unless noted; defined as in
 /// [`dapple_metrics::Comparison`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct ImageErrors {
-    /// Mean squared error, without the reference's own variance where [`Run::corrected`].
+    /// Mean squared error, without the reference's own variance if [`Run::corrected`].
     pub mse: f64,
-    /// Mean squared error over the squared reference + 0.01; corrected like `mse`.
+    /// Mean of the squared error over (squared reference + 0.01); corrected like `mse`.
     pub relmse: f64,
-    /// `relmse` without the worst 0.1 % of pixels; never corrected.
+    /// `relmse` without the 0.1 % of pixels with the largest errors; never corrected.
     pub relmse_trimmed: f64,
     /// Symmetric mean absolute percentage error, 0 to 2.
     pub smape: f64,
@@ -138,12 +138,12 @@ pub struct Run {
     pub budget: RunBudget,
     /// The seed of the point set.
     pub seed: u64,
-    /// Samples requested in total; a method that stops by itself takes fewer.
+    /// Samples requested in total; a method with a stopping rule takes fewer.
     #[serde(default)]
     pub asked: u64,
     /// Samples taken in total, without separate probes.
     pub samples: u64,
-    /// Samples taken per pixel.
+    /// Mean samples taken per pixel.
     pub spp: f64,
     /// Rays traced, probes included.
     pub rays: u64,
@@ -151,27 +151,27 @@ pub struct Run {
     pub seconds: Phases,
     /// Wall seconds of the image: the sum of all phases but load and bvh.
     pub render_s: f64,
-    /// User and system seconds of the same phases, where known; for an external filter the time that it reports.
+    /// User and system seconds of the phases in `render_s`, if known. For an external filter, the time that it reports.
     pub cpu_s: Option<f64>,
     /// Errors against the reference.
     pub errors: ImageErrors,
     /// True if the reference's own variance was subtracted from `mse`, `relmse` and `srgb8_mse`.
     pub corrected: bool,
-    /// True if the error is within 100 times the reference's own variance.
+    /// True if the error is below 100 times the reference's own variance.
     pub reference_limited: bool,
     /// The render's own estimate of its relMSE, if the sampler makes one.
     pub predicted_relmse: Option<f64>,
     /// Samples rejected as NaN or infinite.
     pub rejected: u64,
-    /// The machine's load average over the minute before.
+    /// The machine's load average over the last minute.
     pub load: Option<f64>,
     /// True if the run had a process of its own.
     pub fresh: bool,
-    /// The image (EXR, first seed only), relative to the study's folder.
+    /// The path of the image (EXR, first seed only), relative to the study's folder.
     pub image: Option<String>,
-    /// The map of sample counts (PNG, white is most), relative to the study's folder.
+    /// The path of the map of sample counts (PNG, white is most), relative to the study's folder.
     pub sample_map: Option<String>,
-    /// Samples per pixel that are white in the sample map.
+    /// The samples per pixel that white stands for in the sample map.
     #[serde(default)]
     pub white: Option<f64>,
 }
@@ -182,7 +182,7 @@ impl Run {
         Self { scene: scene.to_owned(), method, budget, seed, ..Self::default() }
     }
 
-    /// True if both are the same run: equal scene, method, budget and seed.
+    /// Returns `true` if both runs have the same scene, method, budget and seed.
     pub(crate) fn is_same_as(&self, other: &Self) -> bool {
         self.is_of(&other.scene, &other.method, other.budget, other.seed)
     }
@@ -204,13 +204,13 @@ pub struct ReferenceRecord {
     pub points: Option<String>,
     /// Seeds of the two halves; `None` if unknown.
     pub seeds: Option<[u64; 2]>,
-    /// The reference's own variance as relMSE against itself; `None` if unknown.
+    /// relMSE of the reference due to its own variance; `None` if unknown.
     pub relmse: Option<f64>,
-    /// A hash of everything that the reference depends on.
+    /// A hash of all settings and files that the reference depends on.
     pub hash: String,
 }
 
-/// A scene of a study.
+/// A scene of a study, as recorded in the manifest.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct SceneRecord {
@@ -239,7 +239,7 @@ pub struct Machine {
     pub system: String,
 }
 
-/// The settings and circumstances of a study: `study.json`.
+/// The contents of `study.json`: the settings and circumstances of a study.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct Manifest {
@@ -249,7 +249,7 @@ pub struct Manifest {
     pub commit: Option<String>,
     /// The command line, argument by argument.
     pub command: Vec<String>,
-    /// Time of the start: UTC, RFC 3339.
+    /// Time at which the study began: UTC, RFC 3339.
     pub began: String,
     /// The machine.
     pub machine: Machine,

@@ -16,14 +16,14 @@ pub enum FolderError {
         /// The system's error.
         source: std::io::Error,
     },
-    /// A line that is not a record; an incomplete last line is allowed.
+    /// A line that is not a record. Only an incomplete last line is allowed.
     #[error("{}:{line}: not a record of a study: {source}; correct or remove the line", path.display())]
     Malformed {
-        /// The file.
+        /// The path of the file.
         path: PathBuf,
-        /// The line, from 1.
+        /// The number of the line, from 1.
         line: usize,
-        /// The error in it.
+        /// The fault of the line.
         source: serde_json::Error,
     },
     /// A manifest whose baseline is not one of its methods.
@@ -46,15 +46,15 @@ pub enum FolderError {
 pub struct RecordedStudy {
     /// The folder.
     pub folder: PathBuf,
-    /// `study.json`.
+    /// The contents of `study.json`.
     pub manifest: Manifest,
-    /// The runs of `runs.jsonl` in the order of its lines; of repeated runs the last one.
+    /// The runs of `runs.jsonl` in the order of its lines; if a run is repeated, only the last line counts.
     pub runs: Vec<Run>,
     /// The number of skipped lines whose scene, method, budget or seed is not in the manifest.
     pub foreign: usize,
     /// The number of skipped lines that a later line repeats.
     pub repeated: usize,
-    /// True if the last line was incomplete, as a full disk leaves it, and was skipped.
+    /// True if the last line was incomplete, as after a full disk, and was skipped.
     pub torn: bool,
 }
 
@@ -90,8 +90,8 @@ impl RecordedStudy {
         Ok(Self { folder: folder.to_owned(), manifest, runs, foreign, repeated, torn })
     }
 
-    /// The number of planned runs. If only the baseline has no equal-time runs, none are expected of it: its runs at
-    /// that spp take their place.
+    /// The number of planned runs. If only the baseline lacks equal-time runs, none are counted for it, because its
+    /// runs at that spp take their place.
     pub fn expected(&self) -> usize {
         let m = &self.manifest;
         let timed = |own: bool| {
@@ -108,7 +108,7 @@ fn read(path: &Path) -> Result<Vec<u8>, FolderError> {
     std::fs::read(path).map_err(|source| FolderError::Read { path: path.to_owned(), source })
 }
 
-/// The runs line by line, and true if the last line was incomplete.
+/// Parses the runs line by line. Also returns `true` if the last line was incomplete.
 fn lines(path: &Path, bytes: &[u8]) -> Result<(Vec<Run>, bool), FolderError> {
     let mut runs = Vec::new();
     let whole = bytes.is_empty() || bytes.ends_with(b"\n");

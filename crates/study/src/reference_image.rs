@@ -1,4 +1,4 @@
-//! Reference images and errors against them.
+//! Reference images, and errors of images against them.
 
 use crate::{ImageErrors, StudyError};
 use dapple_job::ContentHash;
@@ -13,7 +13,7 @@ use std::path::Path;
 pub(crate) struct ReferenceImage {
     pub(crate) size: [u32; 2],
     pub(crate) mean: Vec<[f32; 3]>,
-    /// Variance of `mean`, in squared radiance.
+    /// Variance of `mean` per pixel and channel, in squared radiance; `None` if unknown.
     pub(crate) variance: Option<Vec<[f32; 3]>>,
 }
 
@@ -24,7 +24,7 @@ pub(crate) struct FileHeader {
 }
 
 impl FileHeader {
-    /// The value of the attribute `dapple:KEY`.
+    /// The value of the attribute `dapple:KEY`; `None` if the header has none.
     pub(crate) fn attribute(&self, key: &str) -> Option<&str> {
         let known = |name: &str| name.strip_prefix("dapple:") == Some(key);
         self.attributes.iter().find(|(name, _)| known(name)).map(|(_, text)| text.as_str())
@@ -40,7 +40,7 @@ pub(crate) struct MeasuredErrors {
 }
 
 impl ReferenceImage {
-    /// The mean of two independent halves, with its variance.
+    /// The mean of two independent halves, with the variance estimated from their difference.
     pub(crate) fn of_halves(size: [u32; 2], [a, b]: [&[[f32; 3]]; 2]) -> Self {
         let both = |of: fn(f32, f32) -> f32| {
             a.iter().zip(b).map(|(a, b)| [0, 1, 2].map(|c| of(a[c], b[c]))).collect::<Vec<[f32; 3]>>()
@@ -49,7 +49,8 @@ impl ReferenceImage {
         Self { size, mean, variance: Some(both(|a, b| 0.25 * (a - b) * (a - b))) }
     }
 
-    /// Reads a file. Its variance is known if a study wrote it; in other files `variance` is that of a sample.
+    /// Reads a reference from an image file. The variance is used only if a study wrote the file; in other files,
+    /// `variance` is that of single samples.
     pub(crate) fn read(path: &Path) -> Result<(Self, FileHeader), StudyError> {
         let bytes = std::fs::read(path).map_err(|e| StudyError::file(path, "read the reference", e))?;
         let name = path.display().to_string();
@@ -64,7 +65,7 @@ impl ReferenceImage {
         Ok((Self { size: image.size, mean: image.pixels, variance }, about))
     }
 
-    /// The image averaged to a size whose multiple it has; `None` if it is not a multiple.
+    /// The image averaged down to `size`; `None` unless both sides are multiples.
     pub(crate) fn averaged_to(self, size: [u32; 2]) -> Option<Self> {
         if self.size == size {
             return Some(self);
@@ -85,8 +86,8 @@ impl ReferenceImage {
         Some(Self { size, mean, variance })
     }
 
-    /// The reference's own variance in sRGB values from 0 to 255: a quarter of the squared difference of its halves.
-    /// Mean and variance determine the halves up to their order.
+    /// The contribution of the reference's variance to the MSE in sRGB values from 0 to 255. It is a quarter of the
+    /// squared difference of the halves, which mean and variance determine up to their order.
     fn own_srgb8(&self, variance: &[[f32; 3]]) -> Result<f64, dapple_metrics::MetricsError> {
         let half = |sign: f32| -> Vec<[f32; 3]> {
             let values = self.mean.iter().zip(variance);
@@ -96,7 +97,7 @@ impl ReferenceImage {
         Ok(0.25 * compare(Pixels::new(self.size, &a)?, Pixels::new(self.size, &b)?)?.srgb8_mse)
     }
 
-    /// The reference's own variance as relMSE against itself.
+    /// relMSE of the reference due to its own variance; `None` if the variance is unknown.
     pub(crate) fn own_relmse(&self) -> Option<f64> {
         let variance = self.variance.as_ref()?;
         let values = self.mean.as_flattened().iter().zip(variance.as_flattened());
@@ -104,7 +105,8 @@ impl ReferenceImage {
         Some(sum / (3 * self.mean.len()) as f64)
     }
 
-    /// The errors of an image; the reference's own variance, where known, is subtracted from MSE, relMSE and sRGB MSE.
+    /// The errors of `image` against this reference. The reference's own variance, if known, is subtracted from MSE,
+    /// relMSE and sRGB MSE.
     pub(crate) fn measure(&self, image: &[[f32; 3]]) -> Result<MeasuredErrors, dapple_metrics::MetricsError> {
         let (x, r) = (Pixels::new(self.size, image)?, Pixels::new(self.size, &self.mean)?);
         let found = compare(x, r)?;

@@ -1,4 +1,4 @@
-//! References: files of the user, or rendered once and kept.
+//! The references of a study: files of the user, or images rendered once and kept.
 
 use crate::reference_image::{FileHeader, ReferenceImage};
 use crate::shot::{Order, shoot};
@@ -9,18 +9,19 @@ use dapple_job::ContentHash;
 use dapple_scene::image::{Image, Layer, encode_exr, write_file};
 use std::path::{Path, PathBuf};
 
-/// Seeds of the two halves, far above those of runs.
+/// Seeds of a reference's two halves, far above those of runs.
 const SEEDS: [u64; 2] = [0xda99_1e01, 0xda99_1e02];
 
-/// Point sets for references: the first that no method uses, so that no run shares its points. On the bundled teapot
-/// and cornell at 512 spp, `halton` is as good as `sobol`, and has a quarter of the MSE of `random`.
+/// Candidate point sets for references. The first that no method uses is taken, so that no run shares points with its
+/// reference. On the bundled teapot and cornell at 512 spp, `halton` is as good as `sobol`, and has a quarter of the
+/// MSE of `random`.
 const POINTS: [&str; 3] = ["sobol", "halton", "random"];
 
-/// The source of a reference.
+/// The origin of a reference.
 pub(crate) enum ReferenceSource {
-    /// A checked file of the user.
+    /// A file of the user, already checked.
     File(ReferenceRecord),
-    /// Rendered unless its file exists: the record, still without its own variance, and the path.
+    /// A reference that is rendered unless the file at `path` exists. The record still lacks the variance.
     Rendered { record: ReferenceRecord, path: PathBuf },
 }
 
@@ -39,7 +40,7 @@ pub(crate) struct ReferenceFolder<'a> {
 }
 
 impl ReferenceFolder<'_> {
-    /// The path of a file in the study's record, and its path on the disk.
+    /// The path of the file `name` as recorded in the study, and as used on the disk.
     fn place(&self, name: &str) -> Result<(String, PathBuf), StudyError> {
         let make = |folder: &Path| {
             std::fs::create_dir_all(folder).map_err(|e| StudyError::file(folder, "make the folder of references", e))
@@ -61,7 +62,7 @@ impl ReferenceFolder<'_> {
     }
 }
 
-/// Decides on a scene's reference, and refuses a file that does not fit.
+/// Decides on the reference of a scene. Returns an error for a user's file that does not fit.
 pub(crate) fn plan_reference(
     plan: &Plan,
     scene: &ScenePlan,
@@ -92,7 +93,7 @@ pub(crate) fn plan_reference(
     Ok(ReferenceSource::Rendered { record, path })
 }
 
-/// All settings that a rendered reference depends on.
+/// All settings that a rendered reference depends on, as pairs of name and value.
 fn settings(spp: u64, points: &str, subject: &Subject) -> Result<Vec<(&'static str, String)>, StudyError> {
     let view = &subject.view;
     let [w, h] = view.resolution;
@@ -112,7 +113,7 @@ fn depth(subject: &Subject) -> String {
     subject.scene.max_depth.map_or("unlimited".into(), |d| d.to_string())
 }
 
-/// Loads or renders the reference and adds its own variance to the record; `None` if `monitor` stopped it.
+/// Loads or renders a reference, and adds its variance to the record; `None` if `monitor` stopped it.
 pub(crate) fn load_or_render(
     wanted: ReferenceSource,
     subject: &Subject,
@@ -134,7 +135,7 @@ pub(crate) fn load_or_render(
     Ok(Some(record))
 }
 
-/// Renders two halves by two seeds.
+/// Renders the two halves of a reference, one per seed; `None` if stopped.
 fn render(
     record: &ReferenceRecord,
     subject: &Subject,
@@ -160,7 +161,7 @@ fn render(
     Ok(Some(ReferenceImage::of_halves(subject.view.resolution, [&halves[0], &halves[1]])))
 }
 
-/// Writes the reference with its settings in the header.
+/// Writes a reference to its file, with the settings in the header.
 fn keep(
     path: &Path,
     truth: ReferenceImage,
@@ -211,7 +212,8 @@ fn given(plan: &Plan, file: &Path, subject: &Subject) -> Result<ReferenceRecord,
     })
 }
 
-/// The first difference between the header (of `dapple render` or of a study's reference) and the study.
+/// The first setting in which a file's header differs from the study. The header may come from `dapple render` or a
+/// study.
 fn differences(plan: &Plan, about: &FileHeader, subject: &Subject) -> Option<String> {
     let depth = depth(subject);
     let scene = &subject.scene.name;
@@ -236,12 +238,12 @@ fn differences(plan: &Plan, about: &FileHeader, subject: &Subject) -> Option<Str
     shares.then(|| format!("its points are {points} of seed {seed}, as in runs; render it with another seed"))
 }
 
-/// The name without its parameters.
+/// A registry name without parameters.
 fn kind(words: &str) -> &str {
     words.split(':').next().unwrap_or(words).trim()
 }
 
-/// A name with characters that are safe in a file name, at most 80.
+/// `name` with only those characters that are safe in a file name, at most 80.
 pub(crate) fn safe_file_name(name: &str) -> String {
     let plain = |c: char| if c.is_alphanumeric() || "-_.".contains(c) { c } else { '-' };
     name.chars().map(plain).take(80).collect()

@@ -1,24 +1,24 @@
-//! `runs.jsonl`: one line per finished run, whole or absent.
+//! The file `runs.jsonl`: one line per finished run, complete or absent.
 
 use crate::{Run, StudyError};
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
-/// A store of lines. Each line is on the disk when `append` returns; [`std::fs::File`] is one.
+/// A store of lines, such as [`std::fs::File`]. A line is on the disk when `append` returns.
 pub trait RunStore {
-    /// Adds bytes at the end.
+    /// Appends bytes.
     ///
     /// # Errors
     ///
-    /// Errors of the system; any part of the bytes may then be stored.
+    /// The operating system's; part of the bytes may be stored.
     fn append(&mut self, bytes: &[u8]) -> io::Result<()>;
 
-    /// Cuts the store back to a length in bytes.
+    /// Truncates the store to `length` bytes.
     ///
     /// # Errors
     ///
-    /// Errors of the system.
+    /// The operating system's.
     fn cut(&mut self, length: u64) -> io::Result<()>;
 }
 
@@ -45,11 +45,13 @@ pub(crate) struct RunLog {
 }
 
 impl RunLog {
-    /// Opens or creates a file for this process alone. Drops an incomplete last line, which a killed process leaves.
+    /// Opens or creates the file for this process alone, and drops an incomplete last line, which a killed process
+    /// leaves.
     ///
     /// # Errors
     ///
-    /// [`StudyError::Busy`], [`StudyError::Line`] for a whole line that is not a run, [`StudyError::File`].
+    /// [`StudyError::Busy`] if another process uses the file, [`StudyError::Line`] for a complete line that is not a
+    /// run, [`StudyError::File`].
     pub(crate) fn open(path: &Path) -> Result<Self, StudyError> {
         let wrong = |action| move |e| StudyError::file(path, action, e);
         let file = OpenOptions::new().read(true).write(true).create(true).truncate(false).open(path);
@@ -74,7 +76,7 @@ impl RunLog {
         Ok(Self { path: path.to_owned(), store: Box::new(file), length, runs })
     }
 
-    /// The log with another store, for tests of a full disk.
+    /// Replaces the store by another, for tests of a full disk.
     pub(crate) fn with_store(mut self, store: Box<dyn RunStore>) -> Self {
         self.store = store;
         self
@@ -89,7 +91,7 @@ impl RunLog {
     ///
     /// # Errors
     ///
-    /// [`StudyError::File`]; earlier runs are kept, and nothing of this one.
+    /// [`StudyError::File`] if the disk fails; earlier runs are kept, and no part of this one.
     pub(crate) fn append(&mut self, run: Run) -> Result<(), StudyError> {
         let refuse = |source: io::Error, kept: usize| StudyError::File {
             path: self.path.clone(),

@@ -13,11 +13,11 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-/// A request for a run; JSON on its way to another process.
+/// A request for a run, sent as JSON to another process.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct RunRequest {
-    /// The scene.
+    /// The scene with the settings of its image.
     pub view: View,
     /// The method.
     pub method: Method,
@@ -28,31 +28,31 @@ pub struct RunRequest {
     pub budget: RunBudget,
     /// The seed of the point set.
     pub seed: u64,
-    /// The samples of the budget in total.
+    /// The total number of samples in the budget.
     pub asked: u64,
-    /// The reference's file.
+    /// The path of the reference image.
     pub reference: PathBuf,
-    /// Threads; 0 is one per core.
+    /// The number of threads; 0 is one per core.
     pub threads: usize,
     /// The study's folder.
     pub folder: PathBuf,
-    /// The path for image and sample map, relative to the folder, without extension; `None` writes neither.
+    /// The path of the image and sample map, relative to the folder, without extension; `None` writes neither.
     pub image: Option<String>,
 }
 
-/// Makes runs; see [`InProcess`] and [`Processes`].
+/// A way to make runs; see [`InProcess`] and [`Processes`].
 pub trait Runner {
-    /// Makes a run.
+    /// Makes the requested run.
     ///
     /// # Errors
     ///
-    /// Errors of the scene, the reference or the render.
+    /// An error of the scene, the reference or the render.
     fn run(&mut self, request: &RunRequest) -> Result<Run, StudyError>;
 }
 
-/// Makes runs in this process, on the current rayon pool.
+/// The runner that makes runs in this process, on the current rayon thread pool.
 ///
-/// A scene is read once for all its runs, and warmed up by an image that is not recorded.
+/// A scene is read once for all its runs. An image that is not recorded warms it up.
 pub struct InProcess {
     cpu: fn() -> Option<f64>,
     fresh: bool,
@@ -85,7 +85,7 @@ impl InProcess {
     }
 }
 
-/// Renders an image that is not recorded: the first images of a process are slower.
+/// Renders an image that is not recorded, since the first images of a process are slower.
 fn warm_up(subject: &Subject) -> Result<(), StudyError> {
     let samples = WARM_UP_SPP * subject.frame()?.pixels() as u64;
     let method = Method::new("uniform", "sobol", "none");
@@ -157,7 +157,7 @@ impl Runner for InProcess {
     }
 }
 
-/// The settings of an image, for its header.
+/// The settings of a run, as attributes of the image's header.
 fn attributes(request: &RunRequest) -> Vec<(String, String)> {
     let [w, h] = request.view.resolution;
     let list = [
@@ -174,8 +174,8 @@ fn attributes(request: &RunRequest) -> Vec<(String, String)> {
     list.into_iter().map(|(key, text)| (format!("dapple:{key}"), text)).collect()
 }
 
-/// Makes each run in a process of its own. That program reads a [`RunRequest`] as JSON from its standard input, and
-/// writes the [`Run`] as JSON to its standard output.
+/// The runner that starts a process for each run. The program reads a [`RunRequest`] as JSON from standard input, and
+/// writes the [`Run`] as JSON to standard output.
 pub struct Processes {
     program: PathBuf,
     words: Vec<String>,

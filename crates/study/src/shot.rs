@@ -1,4 +1,4 @@
-//! One image by one method, with its cost.
+//! Rendering of one image by one method, with the cost measured.
 
 use crate::{External, Method, Phases, StudyError, Subject};
 use dapple_core::{Film, Filtered, Monitor, Needs};
@@ -9,7 +9,7 @@ use dapple_job::{BudgetSpec, JobError, RenderMonitor};
 pub(crate) struct Order<'a> {
     pub(crate) method: &'a Method,
     pub(crate) seed: u64,
-    /// Samples in total.
+    /// Samples to take in total.
     pub(crate) samples: u64,
     /// The filter, if it is an external program.
     pub(crate) external: Option<&'a External>,
@@ -18,7 +18,7 @@ pub(crate) struct Order<'a> {
 }
 
 impl<'a> Order<'a> {
-    /// An order with a seed of 0 and no external program.
+    /// The settings for `samples` samples in total by `method`, with seed 0 and no external program.
     pub(crate) fn new(method: &'a Method, samples: u64) -> Self {
         Self { method, seed: 0, samples, external: None, threads: 0 }
     }
@@ -34,8 +34,8 @@ pub(crate) struct Shot {
     pub(crate) cpu_s: Option<f64>,
 }
 
-/// Renders through the public items; clusters are computed anew. Calls of `monitor` are not timed. `cpu` returns the
-/// user and system seconds of this process so far.
+/// Renders an image and measures its cost; clusters are computed anew. The time in `monitor` does not count. `cpu`
+/// returns the user and system seconds of this process so far.
 pub(crate) fn shoot(
     subject: &Subject,
     order: Order<'_>,

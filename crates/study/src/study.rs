@@ -1,4 +1,4 @@
-//! A study from its first run to its last, over as many sessions as it takes.
+//! A study, run in one or more sessions.
 
 mod equal_time;
 mod manifest;
@@ -28,19 +28,19 @@ pub enum StudyStatus {
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct StudyProgress<'a> {
-    /// The run or reference that is next or in progress.
+    /// A description of the run or reference that is next or in progress.
     pub doing: &'a str,
-    /// Runs finished, those of earlier sessions included.
+    /// The number of finished runs, earlier sessions included.
     pub done: usize,
-    /// Runs of the whole study.
+    /// The number of runs in the whole study.
     pub runs: usize,
-    /// The finished share of this session's samples, 0 to 1.
+    /// The fraction, 0 to 1, of this session's samples that are taken.
     pub share: f64,
     /// Estimated seconds left; `None` before anything is finished.
     pub left: Option<f64>,
 }
 
-/// Receives progress and can stop a study.
+/// An observer of a study, which can stop it.
 ///
 /// Called between runs, and several times a second while a reference is rendered; never while a run is timed. `()` is
 /// a monitor that ignores everything.
@@ -69,13 +69,13 @@ impl StudyMonitor for () {
     }
 }
 
-/// Settings of a session that change no run.
+/// Options of a session that do not affect the runs.
 #[derive(Clone, Debug, Default)]
 #[non_exhaustive]
 pub struct StudyOptions {
-    /// A folder of references that several studies share; default the study's own.
+    /// A folder of references that several studies share; by default the study's own.
     pub references: Option<PathBuf>,
-    /// The command line for the record, argument by argument.
+    /// The command line to record, argument by argument.
     pub command: Vec<String>,
 }
 
@@ -104,12 +104,13 @@ pub struct Study {
 }
 
 impl Study {
-    /// Begins a study in a folder, or resumes the one that is there. Reads the scenes, compares the plan with the
-    /// folder's and renders missing references. `None` if `monitor` stopped it meanwhile.
+    /// Begins a study in a folder, or resumes the study in it. Reads the scenes, compares the plan with the recorded
+    /// one, and renders missing references. `None` if `monitor` stopped it.
     ///
     /// # Errors
     ///
-    /// [`StudyError::AnotherStudy`] with the differences; a scene or reference that cannot be used; errors of the disk.
+    /// [`StudyError::AnotherStudy`] if the settings differ from the recorded ones; an unusable scene or reference; an
+    /// error of the disk.
     pub fn open(
         plan: Plan,
         folder: &Path,
@@ -158,17 +159,17 @@ impl Study {
         &self.manifest
     }
 
-    /// The finished runs.
+    /// The finished runs, in the order of completion.
     pub fn runs(&self) -> &[Run] {
         self.log.runs()
     }
 
-    /// The number of runs of the whole study.
+    /// The number of runs in the whole study.
     pub fn expected(&self) -> usize {
         self.plan.runs()
     }
 
-    /// The study with another store for finished runs, for tests of a full disk.
+    /// Replaces the store of finished runs by another, for tests of a full disk.
     pub fn with_store(mut self, store: Box<dyn RunStore>) -> Self {
         self.log = self.log.with_store(store);
         self
@@ -245,7 +246,7 @@ impl Study {
     }
 }
 
-/// The reference of each scene, and the scene read last: often it is the only one.
+/// The origin of each scene's reference, and the scene read last, which is often the only one.
 fn reference_sources(
     plan: &Plan,
     views: &[View],
@@ -267,7 +268,7 @@ fn reference_sources(
     Ok((sources, last))
 }
 
-/// Loads or renders the references into the manifest; false if the monitor stopped it.
+/// Loads or renders the references and records them in the manifest; `false` if the monitor stopped it.
 fn load_references(
     manifest: &mut Manifest,
     sources: Vec<ReferenceSource>,
@@ -297,7 +298,7 @@ fn pixels(view: &View) -> u64 {
     u64::from(view.resolution[0]) * u64::from(view.resolution[1])
 }
 
-/// The scenes with their names and resolutions decided.
+/// The scenes of a plan, with names and resolutions decided.
 fn views(plan: &Plan) -> Result<Vec<View>, StudyError> {
     let mut views: Vec<View> = Vec::new();
     for scene in &plan.scenes {
@@ -334,7 +335,7 @@ fn resolution(plan: &Plan, scene: &ScenePlan) -> Result<[u32; 2], StudyError> {
     }
 }
 
-/// The rendered share of a reference, over its two halves.
+/// The progress of rendering a reference, over its two halves.
 #[derive(Default)]
 struct HalvesProgress {
     second: bool,
@@ -350,7 +351,7 @@ impl HalvesProgress {
     }
 }
 
-/// Samples of this session: taken, and in total.
+/// Counts the samples of this session: taken, and in total.
 struct WorkMeter {
     began: Instant,
     done: f64,
@@ -371,7 +372,7 @@ impl WorkMeter {
         meter
     }
 
-    /// The samples of a reference that is still to be rendered; 0 for others.
+    /// The samples needed to render a reference; 0 if it exists.
     fn of_reference(&self, wanted: &ReferenceSource, view: &View) -> f64 {
         match wanted {
             ReferenceSource::Rendered { path, record } if !path.exists() => {

@@ -1,4 +1,4 @@
-//! A scene of a study, read and ready for rays.
+//! A scene of a study, read and ready for tracing.
 
 use crate::StudyError;
 use dapple_core::Frame;
@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use std::path::Path;
 use std::sync::Arc;
 
-/// The choice of a scene, and the settings of its image.
+/// A scene with the settings of its image.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct View {
     /// The scene's name in the study.
@@ -30,14 +30,13 @@ pub struct View {
 }
 
 impl View {
-    /// The view for references: with the default light selection. References do not depend on it, so that all light
-    /// selections use the same ones.
+    /// The view with the default light selection, for references. All light selections then share one reference.
     pub(crate) fn by_default(&self) -> Self {
         Self { lights: LightSelection::default(), ..self.clone() }
     }
 }
 
-/// A scene read and built, uncropped, with a box of one pixel as its pixel filter.
+/// A scene that was read and built, uncropped, with a box of one pixel as its pixel filter.
 pub(crate) struct Subject {
     pub(crate) view: View,
     pub(crate) scene: Arc<Scene>,
@@ -46,7 +45,7 @@ pub(crate) struct Subject {
     prepared: PreparedScene,
 }
 
-/// The scene's name, from its source; for a file such as `scene.pbrt`, the name of its folder.
+/// The default name of a scene, from its path; for a file such as `scene.pbrt`, the name of its folder.
 pub(crate) fn name_of(source: &str) -> String {
     let path = Path::new(source);
     let part = |part: Option<&std::ffi::OsStr>| part.map(|p| p.to_string_lossy().into_owned());
@@ -76,7 +75,7 @@ impl Subject {
     ///
     /// # Errors
     ///
-    /// [`StudyError::Load`] with every problem of its files.
+    /// [`StudyError::Load`] with every problem of the scene's files.
     pub(crate) fn load(view: &View) -> Result<Self, StudyError> {
         let loaded = LoadedScene::read(&view.spec(), &LoadOptions::default());
         let prepared = loaded.and_then(LoadedScene::build)?;
@@ -84,7 +83,7 @@ impl Subject {
         Ok(Self { view: view.clone(), scene: prepared.scene().clone(), content, prepared })
     }
 
-    /// The scene, ready for rays.
+    /// The scene, ready for tracing.
     pub(crate) fn prepared(&self) -> &PreparedScene {
         &self.prepared
     }
@@ -101,8 +100,7 @@ impl Subject {
         Frame::new(w, h).map_err(|e| StudyError::Scene(e.to_string()))
     }
 
-    /// A digest of the pixels in the middle, with few samples. It changes with the image that the renderer's code
-    /// makes.
+    /// A digest of a few rendered pixels in the middle of the image. It changes if the renderer computes another image.
     pub(crate) fn fingerprint(&self) -> Result<ContentHash, StudyError> {
         let middle = |side: u32| {
             let first = side.saturating_sub(CANARY_SIDE) / 2;

@@ -22,13 +22,13 @@ use std::collections::BTreeMap;
 /// The confidence of all intervals, unless a row's note gives another.
 pub const CONFIDENCE: f64 = 0.95;
 
-/// The largest relative difference of equal times; beyond it a comparison is undecided.
+/// The largest relative difference of times that count as equal in a comparison.
 pub const TIME_TOLERANCE: f64 = 0.1;
 
-/// The errors that are compared with the baseline, by their names in [`Row::metric`].
+/// The metrics that are compared with the baseline, by their names in [`Row::metric`].
 pub const COMPARED: [&str; 4] = ["relmse", "relmse_trimmed", "srgb8_mse", "flip"];
 
-/// One value: a line of `summary.csv`.
+/// One value of the summary, a line of `summary.csv`.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct Row {
@@ -40,11 +40,11 @@ pub struct Row {
     pub budget: String,
     /// The metric; [`Summary::write_csv`] lists them.
     pub metric: String,
-    /// The value; `None` for the reason in the note.
+    /// The value; `None` if it is unknown, for the reason in `note`.
     pub value: Option<f64>,
     /// The lower end of the 95 % interval, if there is one.
     pub low: Option<f64>,
-    /// The upper end of the interval.
+    /// The upper end of the 95 % interval, if there is one.
     pub high: Option<f64>,
     /// The number of seeds.
     pub n: usize,
@@ -58,7 +58,7 @@ impl Row {
         key(&self.scene, &self.method, &self.budget, &self.metric)
     }
 
-    /// The ends of the interval.
+    /// The ends of the interval, `[low, high]`; `None` without one.
     pub fn interval(&self) -> Option<[f64; 2]> {
         Some([self.low?, self.high?])
     }
@@ -76,7 +76,7 @@ fn key(scene: &str, method: &Method, budget: &str, metric: &str) -> String {
 }
 
 impl Summary {
-    /// Computes all values for which there are runs.
+    /// Computes all values for which the study has runs.
     pub fn of(recorded: &RecordedStudy) -> Self {
         let grid = RunTable::new(recorded);
         let mut summary = Self::default();
@@ -140,7 +140,7 @@ impl Summary {
     /// `seconds ratio to relmse E`.
     ///
     /// # Errors
-    /// Those of the writer.
+    /// The errors of the writer.
     pub fn write_csv(&self, to: impl std::io::Write) -> Result<(), csv::Error> {
         let mut writer = csv::Writer::from_writer(to);
         writer.write_record([
@@ -168,7 +168,7 @@ impl Summary {
     }
 }
 
-/// The shortest decimal that parses to the same f64.
+/// Formats a value as the shortest decimal that parses to the same f64.
 pub fn number(value: f64) -> String {
     let size = value.abs();
     if size != 0.0 && !(1e-4..1e7).contains(&size) { format!("{value:e}") } else { value.to_string() }

@@ -1,4 +1,4 @@
-//! The cost of each effect and its share of the image, by renders with and without it.
+//! Measurement of each effect's cost and share of the image, by renders with and without the effect.
 
 use crate::machine::cpu_seconds;
 use crate::stop::Stop;
@@ -12,7 +12,7 @@ use dapple_scene::{Effect, Effects};
 use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::time::{Duration, Instant};
 
-/// Settings of the rendered images.
+/// Options of the renders.
 pub(super) struct Settings {
     pub(super) frame: Frame,
     pub(super) spp: u32,
@@ -26,13 +26,14 @@ pub(super) struct Ledger {
     pub(super) resolution: [u32; 2],
     pub(super) spp: u32,
     pub(super) seeds: u32,
-    /// In the order of [`Effects::called`]; fewer where it was interrupted.
+    /// The measurements in the order of [`Effects::called`]; fewer if the user interrupted.
     pub(super) rows: Vec<Row>,
-    /// The cost and the light of depths beyond the scene's limit: the image of unlimited depth beside the scene's. `None` where no
+    /// The cost and the light of paths longer than the scene's depth limit, by comparison with unlimited depth. `None`
+    /// if the scene sets no depth, or no path is long enough to be cut.
     /// depth is set, or no path is long enough to be cut.
     pub(super) beyond_depth: Option<Shares>,
-    /// Seconds of tracing for an image with every effect: of all threads together where the system tells, else
-    /// by the clock on the wall. `None` where nothing was rendered.
+    /// Seconds of tracing an image with every effect: processor time of all threads if the system reports it, else wall
+    /// time. `None` if nothing was rendered.
     pub(super) seconds: Option<f64>,
     pub(super) interrupted: bool,
 }
@@ -43,22 +44,22 @@ pub(super) struct Row {
     pub(super) measured: std::result::Result<Shares, String>,
 }
 
-/// The cost of an effect, and its share of the image.
+/// The cost of an effect in time, and its share of the image.
 pub(super) struct Shares {
-    /// Logarithm of the time with it over the time without it.
+    /// The logarithm of the tracing time with the effect over the time without it.
     pub(super) log_time: Measured,
     pub(super) image: Difference,
 }
 
-/// An image and the seconds that tracing it took.
+/// An image, and the seconds spent on tracing it.
 struct Render {
     pixels: Vec<[f32; 3]>,
     seconds: f64,
 }
 
 impl Ledger {
-    /// Leaves out each effect in turn. An image with it and one without it take turns, and which of the two is
-    /// first alternates with the seed, so that a machine that grows slower favours neither.
+    /// Measures every effect of the scene by leaving it out. Images with and without the effect alternate, and the
+    /// order changes with the seed, so that a machine that slows down favours neither.
     pub(super) fn measure(whole: &Scene, effects: &Effects, settings: &Settings, stop: &Stop) -> Result<Self> {
         let endless = Scene { max_depth: None, ..whole.clone() };
         // Paths that scatter at most once, however deep they may go, end by themselves.
@@ -116,7 +117,7 @@ impl Ledger {
 }
 
 impl Shares {
-    /// Of images with something and without it.
+    /// The cost and share of an effect, from pairs of renders with and without it.
     fn of(settings: &Settings, pairs: Vec<[Render; 2]>) -> Result<Self> {
         let logs: Vec<f64> = pairs.iter().map(|[a, b]| (a.seconds / b.seconds).ln()).collect();
         let (with, without): (Vec<_>, Vec<_>) = pairs.into_iter().map(|[a, b]| (a.pixels, b.pixels)).unzip();
@@ -138,7 +139,7 @@ fn differ(size: [u32; 2], with: &[Vec<[f32; 3]>], without: &[Vec<[f32; 3]>]) -> 
     difference(&sides[0], &sides[1]).map_err(Failure::new)
 }
 
-/// Mean with its standard error.
+/// The mean of `values` with its standard error.
 fn mean(values: &[f64]) -> Measured {
     let n = values.len() as f64;
     let mean = values.iter().sum::<f64>() / n;
@@ -146,7 +147,7 @@ fn mean(values: &[f64]) -> Measured {
     Measured { value: mean, standard_error: (squares / (n - 1.0) / n).sqrt() }
 }
 
-/// Renders images, with progress.
+/// Renders images and shows the progress.
 struct Studio<'s> {
     settings: &'s Settings,
     stop: Stop,
@@ -154,7 +155,7 @@ struct Studio<'s> {
     clock: Instant,
 }
 
-/// Steps of the bar per image.
+/// Steps of the progress bar per image.
 const STEPS: u64 = 100;
 
 impl<'s> Studio<'s> {
@@ -173,12 +174,12 @@ impl<'s> Studio<'s> {
         self.bar.set_prefix(format!("without {effect}"));
     }
 
-    /// Passes over an effect.
+    /// Advances the progress bar past an effect that is not rendered.
     fn skip(&self) {
         self.bar.inc(STEPS * 2 * u64::from(self.settings.seeds));
     }
 
-    /// Images of two worlds with each seed; `None` if stopped.
+    /// Renders a pair of images, of two worlds, for each seed; `None` if the user stopped it.
     fn pairs(&mut self, with: &PreparedScene, without: &PreparedScene) -> Result<Option<Vec<[Render; 2]>>> {
         let mut pairs = Vec::new();
         for seed in 1..=u64::from(self.settings.seeds) {
@@ -206,7 +207,7 @@ impl<'s> Studio<'s> {
     }
 }
 
-/// The render of an image with or without an effect: uniform sampling, unfiltered.
+/// The description of a render with or without an effect: uniform sampling, unfiltered.
 fn spec(settings: &Settings) -> RenderSpec {
     let [w, h] = settings.frame.resolution();
     RenderSpec::new("effects")

@@ -1,4 +1,4 @@
-//! The ledger for people and for programs.
+//! The ledger of effects as a table and as JSON.
 
 use super::ledger::{Ledger, Row, Shares};
 use dapple_job::found_by_chance;
@@ -8,7 +8,7 @@ use dapple_scene::{Scene, Source};
 use serde::Serialize;
 use std::path::Path;
 
-/// Everything that is said.
+/// The values that the table and the JSON line show.
 pub(super) struct Told<'a> {
     pub(super) scene: &'a Scene,
     pub(super) effects: &'a Effects,
@@ -16,7 +16,7 @@ pub(super) struct Told<'a> {
     pub(super) ledger: Option<&'a Ledger>,
 }
 
-/// The keys of the JSON line, in their order. A missing measurement is null.
+/// The JSON line; its keys have the order of the fields. A missing measurement is null.
 #[derive(Serialize)]
 struct Line<'a> {
     scene: &'a str,
@@ -28,7 +28,7 @@ struct Line<'a> {
     interrupted: bool,
     effects: Vec<Entry<'a>>,
     found_by_chance: Option<Reason<'a>>,
-    /// Of the image of unlimited depth, what lies beyond the scene's; null where no path is cut.
+    /// The time and light of paths beyond the scene's depth limit; null if no path is cut.
     beyond_depth: Option<Beyond>,
 }
 
@@ -36,7 +36,7 @@ struct Line<'a> {
 struct Beyond {
     radiance_lost: Figure,
     relmse: Figure,
-    /// Time of unlimited depth over the time of the scene's.
+    /// Tracing time with unlimited depth over the time with the scene's depth.
     time_ratio: Figure,
 }
 
@@ -53,25 +53,25 @@ struct Entry<'a> {
     effect: &'static str,
     #[serde(flatten)]
     reason: Reason<'a>,
-    /// Share of the time, 0 to 1, and the half width of its 95 % interval; below 0 where the image takes longer
-    /// without it.
+    /// Share of the tracing time, 0 to 1, and the half width of its 95 % interval. Below 0 if the image takes longer
+    /// without the effect.
     time_share: Option<Figure>,
-    /// Time with it over time without it.
+    /// Tracing time with the effect over the time without it.
     time_ratio: Option<Figure>,
     relmse: Option<Figure>,
     radiance_lost: Option<Figure>,
-    /// Why it cannot be left out.
+    /// The reason why the effect cannot be left out.
     kept: Option<&'a str>,
 }
 
-/// A figure with the half width of its 95 % interval.
+/// A value with the half width of its 95 % interval.
 #[derive(Clone, Copy, Serialize)]
 struct Figure {
     value: f64,
     noise: f64,
 }
 
-/// The figures of an effect.
+/// The values shown for one effect.
 struct Figures {
     time_share: Figure,
     time_ratio: Figure,
@@ -93,8 +93,8 @@ impl Figures {
     }
 }
 
-/// Student's t of a two-sided 95 % interval; from 31 degrees of freedom on, within 0.5 %, a series in their inverse
-/// [after Fisher and Cornish 1960].
+/// The quantile of Student's t for a two-sided 95 % interval. From 31 degrees of freedom on, a series in their inverse
+/// [after Fisher and Cornish 1960], accurate to 0.5 %.
 fn student(freedom: u32) -> f64 {
     const TABLE: [f64; 30] = [
         12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262, 2.228, 2.201, 2.179, 2.160, 2.145, 2.131,
@@ -124,7 +124,7 @@ impl<'a> Told<'a> {
         Some(Beyond { radiance_lost: lost, relmse: rel_mse, time_ratio })
     }
 
-    /// One line.
+    /// Formats the measurements as one line of JSON.
     pub(super) fn json(&self) -> String {
         let entry = |called: &'a Called| {
             let figures = self.figures(called);
@@ -155,7 +155,7 @@ impl<'a> Told<'a> {
         serde_json::to_string(&line).unwrap_or_default()
     }
 
-    /// Lines for people.
+    /// Formats the measurements as a table.
     pub(super) fn table(&self) -> String {
         let depth = self.effects.max_depth().map_or("unlimited".into(), |d| d.to_string());
         let called = self.effects.called();
@@ -227,7 +227,8 @@ fn reason(called: &Called) -> Reason<'_> {
     Reason { because: &called.because, file, line: *line, objects: called.objects }
 }
 
-/// The file without its folders, and the line: a table has no room for more. JSON has it all.
+/// The place of an object as file name and line, without folders, for lack of room in the table. JSON has the full
+/// path.
 fn place(source: &Source) -> String {
     let file = source.file.file_name().map_or_else(|| source.to_string(), |n| n.to_string_lossy().into_owned());
     if source.line == 0 { file } else { format!("{file}:{}", source.line) }

@@ -206,7 +206,7 @@ pub(crate) enum PixelShape {
 }
 
 impl RenderArgs {
-    /// The description of the render: that of `--spec`, or of the other options.
+    /// The description of the render, from `--spec` or from the other options.
     pub(crate) fn spec(&self) -> Result<RenderSpec> {
         let spec = match &self.spec {
             Some(path) => {
@@ -246,7 +246,7 @@ impl RenderArgs {
         spec
     }
 
-    /// The checkpoints to keep and to resume from.
+    /// The checkpoint files to write and to resume from.
     pub(crate) fn checkpoints(&self) -> CheckpointOptions {
         let mut options = CheckpointOptions::default();
         options.keep.clone_from(&self.checkpoint);
@@ -255,7 +255,7 @@ impl RenderArgs {
         options
     }
 
-    /// Checks the options that are not part of the description.
+    /// Checks the options that the description does not contain.
     fn check(&self, spec: &RenderSpec) -> std::result::Result<(), String> {
         if self.checkpoint_every.is_some() && self.checkpoint.is_none() && self.resume.is_none() {
             return Err("--checkpoint-every needs --checkpoint FILE or --resume FILE".into());
@@ -324,7 +324,7 @@ fn is_shard(path: &Path) -> bool {
     path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("shard"))
 }
 
-/// A number of bytes, or of 1024, 1024^2, … of them.
+/// Parses a memory size: bytes, or a number with a unit such as K, M or G (powers of 1024).
 fn size(word: &str) -> std::result::Result<u64, String> {
     let number = word.trim_end_matches(|c: char| c.is_ascii_alphabetic());
     let unit = match word[number.len()..].to_ascii_uppercase().as_str() {
@@ -341,7 +341,7 @@ fn size(word: &str) -> std::result::Result<u64, String> {
     }
 }
 
-/// Makes it for trial, so that a wrong name is reported before anything is read.
+/// Checks the name of a sampler by making one, so that a wrong name is reported before the scene is read.
 fn sampler(name: &str) -> std::result::Result<String, String> {
     registry::check_sampler(name).map_err(|e| e.to_string())?;
     Ok(name.to_owned())

@@ -8,19 +8,19 @@ use dapple_job::{Job, JobMonitor, Warning};
 use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::time::Duration;
 
-/// Steps of the bar.
+/// The number of steps of the progress bar.
 const STEPS: u64 = 1000;
 
 pub(super) struct Progress {
     bar: ProgressBar,
     stop: Stop,
-    /// Hides progress and notes.
+    /// Hides the progress bar and notes.
     silent: bool,
     pixels: f64,
     /// The number of machines that share the image.
     shards: f64,
     error: Option<f64>,
-    /// The predicted error at the last barrier, and its round.
+    /// The round and the predicted relMSE at its beginning.
     predicted: (u32, Option<f64>),
 }
 
@@ -36,7 +36,7 @@ impl Progress {
         Self { bar, stop, silent, pixels: 1.0, shards: 1.0, error: None, predicted: (u32::MAX, None) }
     }
 
-    /// Takes the size and the goal of a job.
+    /// Takes the image's size and the budget from a job.
     pub(super) fn begin(&mut self, job: &Job) {
         self.pixels = job.frame().pixels() as f64;
         self.shards = f64::from(job.spec().shard.map_or(1, |shard| shard.of()));

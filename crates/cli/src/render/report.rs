@@ -1,20 +1,20 @@
-//! The outcome of a render: the JSON line and the summary.
+//! The result of a render, as a JSON line and as a summary.
 
 use dapple_job::memory::{MemoryEstimate, resident, size};
 use dapple_job::{Job, PhaseSeconds, RenderedImage};
 use dapple_scene::Effects;
 use serde::Serialize;
 
-/// An image with its job.
+/// A finished image with its job, to report on.
 pub(super) struct Report<'a> {
     pub(super) job: &'a Job,
     pub(super) image: &'a RenderedImage,
     pub(super) cpu: Option<f64>,
-    /// The estimated memory, for a render on this machine.
+    /// The estimated memory; `None` for shards merged from other machines.
     pub(super) expected: Option<&'a MemoryEstimate>,
 }
 
-/// The keys of the JSON line, in their order. An unknown value is null.
+/// The JSON line; its keys have the order of the fields. An unknown value is null.
 #[derive(Serialize)]
 struct Line<'a> {
     scene: &'a str,
@@ -37,7 +37,7 @@ struct Line<'a> {
 }
 
 impl Report<'_> {
-    /// One line of JSON.
+    /// Formats the result as one line of JSON.
     pub(super) fn json(&self) -> String {
         let (job, image, record) = (self.job, self.image, self.image.film.record());
         let line = Line {
@@ -63,7 +63,7 @@ impl Report<'_> {
         serde_json::to_string(&line).unwrap_or_default()
     }
 
-    /// A few lines for people.
+    /// Formats the result as a few lines of text.
     pub(super) fn summary(&self) -> String {
         let (job, image, film) = (self.job, self.image, &self.image.film);
         let [w, h] = film.frame().size();

@@ -138,16 +138,16 @@ A plan, every key optional:
 Ctrl-C stops after the current run; the same command resumes. `dapple samplers`, `points` and `filters`
 list what can be compared.";
 
-/// Arguments that are not a plan.
+/// An error in the arguments or in the plan file.
 pub(super) enum Wrong {
-    /// Wrong arguments.
+    /// An error in the arguments, as a message.
     Arguments(String),
-    /// A wrong plan file.
+    /// An error in the plan file.
     File(Failure),
 }
 
 impl StudyArgs {
-    /// The plan of the file, overridden by the arguments.
+    /// The plan: the settings of the plan file, overridden by the arguments.
     pub(super) fn plan(&self) -> std::result::Result<Plan, Wrong> {
         let file = self.file().map_err(Wrong::File)?;
         let arguments = self.draft(&file).map_err(Wrong::Arguments)?;
@@ -187,7 +187,7 @@ impl StudyArgs {
             .quick(said(self.quick)))
     }
 
-    /// The scenes named here, or the file's, with the references named here.
+    /// The scenes from the arguments, else those of the plan file, with the references from the arguments.
     fn scenes(&self, file: &PlanPatch) -> std::result::Result<Option<Vec<ScenePlan>>, String> {
         let planned = |name: &str| file.scenes.iter().flatten().find(|s| s.name.as_deref() == Some(name)).cloned();
         let named: Vec<ScenePlan> =

@@ -7,7 +7,7 @@ use dapple_study::{StudyMonitor, StudyProgress};
 use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::time::Duration;
 
-/// Steps of the bar.
+/// The number of steps of the progress bar.
 const STEPS: u64 = 1000;
 
 pub(super) struct Bar {
@@ -30,7 +30,7 @@ impl Bar {
         self.bar.finish_and_clear();
     }
 
-    /// A line above the bar.
+    /// Prints a line above the progress bar.
     pub(super) fn say(&self, line: &str) {
         self.bar.suspend(|| output::say("study", line));
     }

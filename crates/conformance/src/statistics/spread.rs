@@ -48,8 +48,8 @@ impl Calibration {
         (self.forecast / self.real).sqrt()
     }
 
-    /// Returns `true` if the 95 % intervals contain 93 to 97 % of true values, and the predicted error is within 10 %
-    /// of the true one.
+    /// Returns `true` if the 95 % intervals contain 93 to 97 % of true values, and
+    /// [`ratio`](Self::ratio) is from 0.9 to 1.1.
     pub fn is_honest(&self) -> bool {
         (0.93..=0.97).contains(&self.coverage()) && (0.9..=1.1).contains(&self.ratio())
     }

@@ -1,7 +1,7 @@
-//! Every setting of a study, declared once.
+//! All settings of a study, each declared once.
 //!
-//! The table below makes the fields, the keys of the TOML file, the setters and the merge of [`PlanPatch`]. It also
-//! makes those fields of [`Plan`] that take a setting over unchanged.
+//! The table below generates the fields, TOML keys, setters and merge of [`PlanPatch`]. It also generates the fields of
+//! [`Plan`] that copy a setting unchanged.
 
 use super::{DEFAULT_REFERENCE_SPP, ScenePlan, toml_file};
 use crate::{External, Method};
@@ -36,7 +36,7 @@ macro_rules! settings {
             $($(#[$d_meta])* pub $defaulted: Option<$d_type>,)*
         }
 
-        /// A study with every setting decided, checked as far as that goes without reading a scene.
+        /// A complete plan: every setting has a value, and is checked as far as possible without reading a scene.
         #[derive(Clone, Debug, PartialEq)]
         #[non_exhaustive]
         pub struct Plan {
@@ -54,7 +54,7 @@ macro_rules! settings {
         impl PlanPatch {
             setters! { $($combined: $c_type,)* $($optional: $o_type,)* $($defaulted: $d_type,)* }
 
-            /// This patch with the settings of `other` in the place of its own.
+            /// This patch, overridden by the settings of `other`.
             pub(super) fn replaced_by(self, other: Self) -> Self {
                 Self {
                     $($combined: other.$combined.or(self.$combined),)*
@@ -63,7 +63,7 @@ macro_rules! settings {
                 }
             }
 
-            /// A plan with the settings that need no combination; the computed fields are empty.
+            /// A plan with the settings that are copied unchanged; the computed fields are empty.
             pub(super) fn taken_over(&self) -> Plan {
                 Plan {
                     $($computed: Default::default(),)*

@@ -8,7 +8,7 @@ use serde::{Deserialize, Deserializer};
 use std::path::{Path, PathBuf};
 
 impl PlanPatch {
-    /// Reads a plan from a file. Paths in it are relative to its folder.
+    /// Reads a plan from a TOML file. Paths in the file are relative to its folder.
     ///
     /// ```toml
     /// scenes = ["teapot", { source = "box.pbrt", name = "box", reference = "box-reference.exr" }]
@@ -29,14 +29,14 @@ impl PlanPatch {
     ///
     /// # Errors
     ///
-    /// File, line and key of whatever is not TOML, an unknown key, of another type, or refused by
-    /// [`PlanPatch::resolve`].
+    /// Text that is not TOML, an unknown key, a value of another type, or a value that [`PlanPatch::resolve`] refuses.
+    /// The message has file, line and key.
     pub fn read(file: &Path) -> Result<Self, StudyError> {
         let text = std::fs::read_to_string(file).map_err(|e| StudyError::file(file, "read the plan", e))?;
         Ok(Self::parse(&text, file)?)
     }
 
-    /// Reads a plan from text. `file` is the name in errors, and its folder is that of relative paths.
+    /// Parses a plan from TOML text. `file` is the name in errors; relative paths start from its folder.
     ///
     /// # Errors
     ///
@@ -63,7 +63,7 @@ impl PlanPatch {
     }
 }
 
-/// A scene as a name or as a table.
+/// A scene, written as a name or as a table.
 #[derive(Deserialize)]
 #[serde(
     untagged,
@@ -97,7 +97,7 @@ impl<'de> Deserialize<'de> for ScenePlan {
     }
 }
 
-/// A method as text or as a table.
+/// A method, written as text or as a table.
 #[derive(Deserialize)]
 #[serde(
     untagged,
@@ -135,7 +135,7 @@ pub(super) fn methods<'de, D: Deserializer<'de>>(from: D) -> Result<Option<Vec<M
     Vec::<MethodForm>::deserialize(from)?.into_iter().map(MethodForm::method).collect::<Result<_, _>>().map(Some)
 }
 
-/// An external program; its folder is that of the plan.
+/// An external program, written as a table; it runs in the folder of the plan file.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct ExternalTable {
@@ -164,7 +164,7 @@ pub(super) fn externals<'de, D: Deserializer<'de>>(from: D) -> Result<Option<Vec
     Ok(Some(Vec::<ExternalTable>::deserialize(from)?.into_iter().map(External::from).collect()))
 }
 
-/// Seeds as their number or as a list.
+/// Seeds, written as their number or as a list.
 #[derive(Deserialize)]
 #[serde(untagged, expecting = "a number of seeds, or a list of seeds")]
 enum SeedsForm {
@@ -172,7 +172,7 @@ enum SeedsForm {
     List(Vec<u64>),
 }
 
-/// The most seeds that a number stands for, so that a typing error cannot fill the memory.
+/// The largest number of seeds, so that a typing error cannot fill the memory.
 const MOST_SEEDS: u64 = 100_000;
 
 pub(super) fn seeds<'de, D: Deserializer<'de>>(from: D) -> Result<Option<Vec<u64>>, D::Error> {
@@ -182,7 +182,7 @@ pub(super) fn seeds<'de, D: Deserializer<'de>>(from: D) -> Result<Option<Vec<u64
     }))
 }
 
-/// A resolution as text or as a pair.
+/// A resolution, written as text or as a pair.
 #[derive(Deserialize)]
 #[serde(untagged, expecting = "a resolution: \"128x128\" or [128, 128]")]
 enum ResolutionForm {
@@ -201,7 +201,7 @@ pub(super) fn resolution<'de, D: Deserializer<'de>>(from: D) -> Result<Option<[u
     sides.map(Some).ok_or_else(wrong)
 }
 
-/// An error of the TOML reader with file, line and key.
+/// Converts an error of the TOML reader to one with file, line and key.
 fn located_toml(error: &toml::de::Error, text: &str, file: &Path) -> PlanError {
     let at = error.span().map_or(0, |span| span.start.min(text.len()));
     let number = text.as_bytes()[..at].iter().filter(|b| **b == b'\n').count();
@@ -211,7 +211,7 @@ fn located_toml(error: &toml::de::Error, text: &str, file: &Path) -> PlanError {
     PlanError { place: Some(place), ..PlanError::new(key, error.message()) }
 }
 
-/// The same error with the line of its key, or of its value below that.
+/// Adds to an error the line of the key, or of the value below the key.
 fn located(error: PlanError, text: &str, file: &Path) -> PlanError {
     let lines = || text.lines().enumerate();
     let keyed = |key: &str| lines().find(|(_, line)| key_of(line) == Some(key)).map(|(number, _)| number);
@@ -224,7 +224,7 @@ fn located(error: PlanError, text: &str, file: &Path) -> PlanError {
     PlanError { place: Some(place), ..error }
 }
 
-/// The key that a line assigns to.
+/// The key that a line assigns a value to; `None` if it assigns none.
 fn key_of(line: &str) -> Option<&str> {
     let (key, _) = line.split_once('=')?;
     let key = key.trim();

@@ -1,4 +1,4 @@
-//! Wins and losses, as sentences and as tables.
+//! Wins and losses against the baseline, as sentences and as tables.
 
 use super::table_cell::TableCell;
 use crate::record::{Method, RunBudget};
@@ -12,14 +12,14 @@ pub(super) struct MethodVerdicts {
     pub(super) groups: Vec<VerdictGroup>,
 }
 
-/// The scenes with one verdict.
+/// The scenes for which a method has one verdict.
 pub(super) struct VerdictGroup {
     pub(super) class: &'static str,
     pub(super) lead: String,
     pub(super) scenes: Vec<(String, TableCell)>,
 }
 
-/// A line of a table of comparisons.
+/// A row of a table of comparisons.
 pub(super) struct ComparisonLine {
     pub(super) scene: String,
     pub(super) method: String,
@@ -27,13 +27,13 @@ pub(super) struct ComparisonLine {
     pub(super) cells: Vec<TableCell>,
     pub(super) class: &'static str,
     pub(super) verdict: String,
-    /// True if the verdict also holds together with all others.
+    /// True if the verdict also holds when all comparisons must hold together.
     pub(super) together: bool,
     /// The reason why an interval that excludes 1 is undecided.
     pub(super) unfair: String,
 }
 
-/// The budget at which methods are compared first: equal time where there is one, else the most samples.
+/// The budget of the report's first comparison: equal time if there is one, else the most samples.
 pub(super) fn headline(recorded: &RecordedStudy, summary: &Summary) -> Option<RunBudget> {
     let manifest = &recorded.manifest;
     let compared = |budget: &RunBudget| {
@@ -44,7 +44,7 @@ pub(super) fn headline(recorded: &RecordedStudy, summary: &Summary) -> Option<Ru
     manifest.time_of.map(RunBudget::TimeOf).into_iter().chain(spp).find(compared)
 }
 
-/// The verdicts on each method, in the order of the study.
+/// The verdicts on each method at one budget, in the order of the study.
 pub(super) fn method_verdicts(
     recorded: &RecordedStudy,
     summary: &Summary,
@@ -91,7 +91,7 @@ pub(super) fn tally(summary: &Summary, budget: RunBudget) -> [usize; 3] {
         .map(|verdict| rows().filter(|row| RatioVerdict::of(row) == Some(verdict)).count())
 }
 
-/// The comparisons, scene by scene and method by method.
+/// The rows of the comparison table, scene by scene and method by method.
 pub(super) fn lines(
     recorded: &RecordedStudy,
     summary: &Summary,
@@ -126,7 +126,7 @@ pub(super) fn lines(
     lines
 }
 
-/// A line of the factorial table.
+/// A row of the factorial table.
 pub(super) struct FactorialLine {
     pub(super) scene: String,
     pub(super) sampler: String,

@@ -1,4 +1,4 @@
-//! Crops beside the reference, maps of error and of samples; all as PNG inside the page.
+//! Images of the report: crops beside the reference, and maps of errors and samples; all PNG inside the page.
 
 use crate::record::{Run, RunBudget, SceneRecord};
 use crate::recorded_study::RecordedStudy;
@@ -7,7 +7,7 @@ use dapple_metrics::{Pixels, downsample};
 use dapple_scene::image::{Encoding, Image, encode_png, encode_png_gray, encode_png_rgb, read_image};
 use std::path::Path;
 
-/// The largest total size of all images, in bytes of the page.
+/// The largest total size of all images in the page, in bytes.
 const ROOM: f64 = 3.5e6;
 
 /// The ends of the error map's scale, as powers of ten of the relative squared error.
@@ -18,13 +18,13 @@ pub(super) const ERROR_DECADES: [f64; 2] = [-4.0, 0.0];
 const ERROR_COLOURS: [[f64; 3]; 5] =
     [[0.0, 0.0, 4.0], [87.0, 16.0, 110.0], [188.0, 55.0, 84.0], [249.0, 142.0, 9.0], [252.0, 255.0, 164.0]];
 
-/// An image in the page.
+/// A PNG image embedded in the page.
 pub(super) struct Embedded {
     pub(super) uri: String,
     pub(super) size: [u32; 2],
 }
 
-/// Left, top, width and height.
+/// A rectangle in pixels: left, top, width and height.
 pub(super) type Crop = [u32; 4];
 
 /// The images of a method.
@@ -35,7 +35,7 @@ pub(super) struct MethodImages {
     pub(super) crops: Vec<Embedded>,
     pub(super) error_map: Option<Embedded>,
     pub(super) sample_map: Option<Embedded>,
-    /// Samples per pixel that are white in the sample map.
+    /// The samples per pixel that white stands for in the sample map.
     pub(super) white: Option<f64>,
 }
 
@@ -53,7 +53,8 @@ pub(super) struct Gallery {
     pub(super) problems: Vec<String>,
 }
 
-/// The side of crops and maps in pixels, so that the page stays small. A pixel of 80 is shown as about 2x2.
+/// The side of crops and maps in pixels, chosen so that the page stays small. A pixel of a side of 80 is shown as about
+/// 2x2.
 fn side(recorded: &RecordedStudy) -> u32 {
     let tiles = recorded.manifest.scenes.len() * recorded.manifest.methods.len();
     // Two crops of 3 bytes a pixel hardly compress, two maps do, and base64 adds a third.
@@ -116,7 +117,7 @@ pub(super) fn gallery(recorded: &RecordedStudy, scene: &SceneRecord) -> Gallery 
     gallery
 }
 
-/// The budget of the images: equal time, else the most samples with images.
+/// The budget whose images are shown: equal time, else the most samples with images; `None` without images.
 fn budget(recorded: &RecordedStudy, scene: &SceneRecord) -> Option<RunBudget> {
     let shown = || recorded.runs.iter().filter(|run| run.scene == scene.name && run.image.is_some());
     let spp = |run: &Run| if let RunBudget::Spp(spp) = run.budget { Some(spp) } else { None };
@@ -124,7 +125,7 @@ fn budget(recorded: &RecordedStudy, scene: &SceneRecord) -> Option<RunBudget> {
     timed.or(shown().filter_map(spp).max().map(RunBudget::Spp))
 }
 
-/// The first run with an image, else with a sample map.
+/// The first run that has an image, else the first that has a sample map.
 fn run<'a>(recorded: &'a RecordedStudy, scene: &SceneRecord, method: usize, budget: RunBudget) -> Option<&'a Run> {
     let method = &recorded.manifest.methods[method];
     let find = |budget: RunBudget, has: fn(&Run) -> bool| {
@@ -150,8 +151,8 @@ fn embed(png: Result<Vec<u8>, dapple_scene::image::ImageError>, size: [u32; 2]) 
     Some(Embedded { uri, size })
 }
 
-/// The exposure in whole stops: 0 unless the image is far too dark or too bright to see. Then the brightest hundredth
-/// of its pixels comes to 1.
+/// The exposure in whole stops: 0 unless the image is far too dark or too bright to see. Then it brings the brightest 1
+/// % of pixels to 1.
 fn exposure(reference: &Image) -> f32 {
     let mut peaks: Vec<f32> = reference.pixels.iter().map(|p| p[0].max(p[1]).max(p[2])).collect();
     peaks.sort_by(f32::total_cmp);
@@ -177,9 +178,9 @@ fn relative_errors(image: &Image, reference: &Image) -> Vec<f32> {
 /// The least side of an image in pixels; in a smaller one a crop shows no more than the whole.
 const LEAST_SIDE: u32 = 24;
 
-/// Two square crops: the one where the methods' errors differ most, and the one with the median difference. Their side
-/// is `side`, or half of the image's if that is smaller. An image without room for two is shown whole. Ties go to the
-/// first crop, row by row.
+/// The two square crops to show: the one where the methods' errors differ most, and the one with the median difference.
+/// Their side is `side`, or half the image's if that is smaller. An image without room for two crops is shown whole.
+/// Ties go to the first crop, row by row.
 fn crops(size: [u32; 2], side: u32, errors: &[Option<Vec<f32>>]) -> Vec<Crop> {
     let side = side.min(size[0].min(size[1]) / 2);
     if side < LEAST_SIDE {
@@ -208,8 +209,8 @@ fn crops(size: [u32; 2], side: u32, errors: &[Option<Vec<f32>>]) -> Vec<Crop> {
     [Some(most.1), typical].into_iter().flatten().collect()
 }
 
-/// The spread of the methods' errors within a crop: the logarithm of worst over best mean error. With one method, its
-/// error.
+/// A measure of how much the methods' errors differ in a crop: the logarithm of the worst over the best mean error.
+/// With one method, its mean error.
 fn spread(size: [u32; 2], crop: Crop, errors: &[Option<Vec<f32>>]) -> f64 {
     let means: Vec<f64> = errors
         .iter()
@@ -235,7 +236,7 @@ fn cut_all(image: &Image, gallery: &Gallery) -> Vec<Embedded> {
     gallery.crops.iter().filter_map(cut).collect()
 }
 
-/// The image, box-averaged until its longer side is at most `most`.
+/// The image, averaged until its longer side is at most `most` pixels; `None` if that fails.
 fn shrink(image: &Image, most: u32) -> Option<Image> {
     let [width, height] = image.size;
     let longer = width.max(height);

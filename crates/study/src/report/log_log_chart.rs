@@ -1,15 +1,15 @@
-//! Charts of error curves, as SVG in the page's colours.
+//! Charts of error curves with logarithmic axes, as SVG in the page's colours.
 
 use super::method_style::MethodStyle;
 use plotters::coord::Shift;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
-/// A method's curve.
+/// The curve of one method in a chart.
 #[derive(Clone, Debug)]
 pub(super) struct PlottedCurve {
     pub(super) style: MethodStyle,
-    /// x, y, and the interval of y.
+    /// The points: x, y, and the interval of y if there is one.
     pub(super) points: Vec<(f64, f64, Option<[f64; 2]>)>,
 }
 
@@ -50,7 +50,7 @@ fn mark_colour(style: MethodStyle) -> RGBColor {
     RGBColor(3, 0, style.colour as u8)
 }
 
-/// A chart with logarithmic axes; `None` without points.
+/// Draws the curves as an SVG chart with logarithmic axes; `None` without points.
 pub(super) fn log_log(curves: &[PlottedCurve], x: &Axis, y: &Axis) -> Option<String> {
     let drawn = || curves.iter().flat_map(|curve| &curve.points);
     let x_range = range(drawn().map(|p| p.0), 0.03)?;
@@ -66,7 +66,7 @@ pub(super) fn log_log(curves: &[PlottedCurve], x: &Axis, y: &Axis) -> Option<Str
     Some(recolour(&svg))
 }
 
-/// The logarithms of the smallest and largest value, widened by a fraction of their distance.
+/// The logarithms of the smallest and largest value, widened by the fraction `share` of their distance.
 fn range(values: impl Iterator<Item = f64>, share: f64) -> Option<[f64; 2]> {
     let mut ends = [f64::INFINITY, f64::NEG_INFINITY];
     for value in values.filter(|v| *v > 0.0 && v.is_finite()) {
@@ -81,7 +81,7 @@ fn range(values: impl Iterator<Item = f64>, share: f64) -> Option<[f64; 2]> {
     Some([ends[0] - by, ends[1] + by])
 }
 
-/// The map from values to pixels.
+/// The mapping from values to pixels of the chart.
 struct PlotArea {
     x: [f64; 2],
     y: [f64; 2],
@@ -192,7 +192,7 @@ fn draw_axes<'a>(root: &Area<'a>, area: &PlotArea, [x, y]: [&Axis; 2]) -> Drawn<
     root.draw(&Text::new(y.title, (0, (top + bottom) / 2), turned))
 }
 
-/// Ticks at 1, 2 and 5 times powers of ten, or at powers of ten alone if the others are too many.
+/// The values of ticks: 1, 2 and 5 times powers of ten, or powers of ten alone if these are more than `most`.
 fn ticks(axis: &Axis, [low, high]: [f64; 2], most: usize) -> Vec<f64> {
     let inside = |v: &f64| (low..=high).contains(&libm::log10(*v));
     if let Some(own) = &axis.ticks {

@@ -2,31 +2,31 @@
 
 use crate::summary::{Row, number};
 
-/// A value of the report, rounded and exact.
+/// A value of the report, rounded for display and exact.
 #[derive(Clone, Debug, Default)]
 pub(super) struct TableCell {
-    /// [`Row::key`], which names the line of `summary.csv`.
+    /// The key of the value's row in `summary.csv`; see [`Row::key`].
     pub(super) key: String,
     /// The value as in `summary.csv`.
     pub(super) value: String,
     pub(super) low: String,
     pub(super) high: String,
-    /// The rounded value.
+    /// The rounded value, as displayed.
     pub(super) text: String,
     /// The rounded interval; empty without one.
     pub(super) interval: String,
     pub(super) note: String,
-    /// A footnote sign.
+    /// A footnote sign; empty without a note.
     pub(super) mark: &'static str,
 }
 
 impl TableCell {
-    /// A cell of three digits; a dash without a value.
+    /// A cell of three significant digits; a dash without a value.
     pub(super) fn of(row: Option<&Row>) -> Self {
         Self::with(row, short)
     }
 
-    /// A cell with a ratio.
+    /// A cell with a ratio; a dash without a value.
     pub(super) fn ratio(row: Option<&Row>) -> Self {
         Self::with(row, ratio)
     }
@@ -65,7 +65,7 @@ fn mark(note: &str) -> &'static str {
     }
 }
 
-/// Three digits.
+/// Formats a value with three significant digits.
 pub(super) fn short(value: f64) -> String {
     let size = value.abs();
     match size {
@@ -80,7 +80,7 @@ pub(super) fn short(value: f64) -> String {
     }
 }
 
-/// A ratio with two decimals, more below 0.095.
+/// Formats a ratio with two decimals, or more if it is below 0.095.
 pub(super) fn ratio(value: f64) -> String {
     match value.abs() {
         s if !(0.01..999.5).contains(&s) => short(value),

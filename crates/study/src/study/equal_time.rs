@@ -1,11 +1,11 @@
-//! Runs that take as long as the baseline's.
+//! Runs of other methods in the time that the baseline takes.
 //!
 //! 1. A method's time is modelled as `fixed + rate * samples`, from medians over seeds at the nearest spp. `fixed` is
-//!    clustering, probes and filter.
-//! 2. The model is solved for the baseline's median time with `time_of` spp.
-//! 3. The first seed's run is compared with the baseline's own run of this pass. If it is off by more than 5 %, it is
-//!    made again. If both are off, the count is corrected once, by the nearer of the two.
-//! 4. All seeds get the same count. It is in `runs.jsonl`, from which a resumed study takes it.
+//!    the time of clustering, probes and filter.
+//! 2. The model gives the number of samples that takes the baseline's median time with `time_of` spp.
+//! 3. The first seed's run is timed against the baseline's equal-time run. If it is off by more than 5 %, it is
+//!    repeated. If both are off, the count is corrected once, from the nearer of the two.
+//! 4. All seeds use the same count. A resumed study reads it from `runs.jsonl`.
 
 use super::{Study, StudyStatus, pixels};
 use crate::runner::{RunRequest, Runner};
@@ -62,7 +62,7 @@ impl Study {
         self.runs().iter().filter(move |r| r.scene == *scene && r.method == *method && r.budget == budget)
     }
 
-    /// The number of samples that takes a method as long as the baseline with `time_of` spp.
+    /// The number of samples with which a method takes as long as the baseline with `time_of` spp.
     fn solve(&self, at: usize, method: &Method, time_of: u64) -> u64 {
         let pixels = pixels(&self.views[at]);
         let target = median(self.of_method(at, &self.plan.baseline, RunBudget::Spp(time_of)).map(|r| r.render_s));
@@ -82,7 +82,7 @@ impl Study {
     }
 }
 
-/// Makes the first run of a method, with the samples of the request or a corrected count.
+/// Makes a method's first equal-time run, with the requested or a corrected number of samples.
 fn first_run(request: RunRequest, target: f64, runner: &mut dyn Runner) -> Result<Run, StudyError> {
     let off = |run: &Run| (run.render_s / target).ln().abs();
     let near = |run: &Run| off(run) <= TOLERANCE.ln_1p();
@@ -105,7 +105,7 @@ fn first_run(request: RunRequest, target: f64, runner: &mut dyn Runner) -> Resul
     runner.run(&RunRequest { asked, ..request })
 }
 
-/// The number of samples that fill the time, at least one per pixel.
+/// The number of samples that takes `target` seconds, at least one per pixel.
 fn samples(target: f64, fixed: f64, rate: f64, pixels: u64) -> u64 {
     let samples = (target - fixed) / rate;
     if samples.is_finite() { (samples as u64).max(pixels) } else { pixels }

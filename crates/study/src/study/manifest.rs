@@ -1,4 +1,4 @@
-//! `study.json`: the settings of a study, and their comparison.
+//! The file `study.json`: the settings of a study, and their comparison.
 
 use crate::{Machine, Manifest, Method, Plan, SceneRecord, StudyError};
 use serde::Deserialize;
@@ -43,7 +43,7 @@ fn machine(threads: usize) -> Machine {
     }
 }
 
-/// Seconds since 1970 in RFC 3339; dates by Howard Hinnant's `civil_from_days`.
+/// Formats seconds since 1970 as RFC 3339 in UTC, with Howard Hinnant's `civil_from_days`.
 fn utc(seconds: u64) -> String {
     let (days, second) = (seconds / 86_400, seconds % 86_400);
     // Years begin on 1 March, so that the leap day is the last.
@@ -57,7 +57,7 @@ fn utc(seconds: u64) -> String {
     format!("{year:04}-{month:02}-{date:02}T{:02}:{:02}:{:02}Z", second / 3600, second / 60 % 60, second % 60)
 }
 
-/// The manifest of a file, if it exists.
+/// Reads a manifest; `None` if the file does not exist.
 pub(super) fn read(file: &Path) -> Result<Option<Manifest>, StudyError> {
     let bytes = match std::fs::read(file) {
         Ok(bytes) => bytes,
@@ -76,7 +76,8 @@ pub(super) fn bytes(manifest: &Manifest) -> Vec<u8> {
     bytes
 }
 
-/// The settings that differ. Start, command line, paths and the variance of references do not count.
+/// The settings that differ between two manifests, one line each. Start, command line, paths and variance of references
+/// are ignored.
 pub(super) fn differences(there: &Manifest, here: &Manifest) -> Vec<String> {
     let plain = |manifest: &Manifest| {
         let mut plain = manifest.clone();
@@ -93,7 +94,7 @@ pub(super) fn differences(there: &Manifest, here: &Manifest) -> Vec<String> {
     found
 }
 
-/// Compares two values recursively; lists are shown as a whole.
+/// Compares two JSON values recursively and adds each difference to `found`. Lists are shown as a whole.
 fn compare(place: &str, there: &Value, here: &Value, found: &mut Vec<String>) {
     if there == here {
         return;

@@ -5,7 +5,7 @@ use super::seed_statistic::SeedStatistic;
 use super::{COMPARED, CONFIDENCE, Row, Summary, TIME_TOLERANCE};
 use crate::record::{Run, RunBudget};
 
-/// The verdict of a ratio of errors to the baseline's.
+/// The verdict on a method: the ratio of its error to the baseline's.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 #[non_exhaustive]
 pub enum RatioVerdict {
@@ -27,7 +27,7 @@ impl RatioVerdict {
         }
     }
 
-    /// The verdict of a row with a ratio; `None` for other rows.
+    /// The verdict of a row that has a ratio; `None` for other rows.
     pub fn of(row: &Row) -> Option<Self> {
         let first = row.note.split(';').next()?;
         [Self::Win, Self::Undecided, Self::Loss].into_iter().find(|v| v.words() == first)
@@ -78,7 +78,7 @@ fn compare(summary: &mut Summary, grid: &RunTable<'_>, at: [usize; 2], budget: R
     summary.add(grid, at, Some(budget), "relmse x seconds ratio", cost);
 }
 
-/// Puts the verdict before the note.
+/// Puts the verdict in front of the statistic's note.
 pub(super) fn judge(figure: SeedStatistic, wide: Option<[f64; 2]>, seconds: Option<f64>) -> SeedStatistic {
     let side = |ends: [f64; 2]| match ends {
         [_, high] if high < 1.0 => RatioVerdict::Win,

@@ -16,7 +16,8 @@ pub enum FactorialEffect {
     Filter,
     /// Sampler and filter together.
     Both,
-    /// Both, over the product of each alone; below 1 they reinforce each other.
+    /// The effect of both, divided by the product of the separate effects; below 1, sampler and filter reinforce each
+    /// other.
     Interaction,
 }
 
@@ -35,8 +36,8 @@ impl FactorialEffect {
     }
 }
 
-/// The four corners of a method's square: baseline, its sampler, its filter, the method itself. All four use the
-/// method's points, so that these do not count as an effect of the sampler.
+/// The indices of four methods: baseline, baseline with the method's sampler, baseline with its filter, and the method.
+/// All four use the method's points, so that points do not count as an effect of the sampler. `None` if one is missing.
 pub(crate) fn corners(methods: &[Method], baseline: &Method, method: &Method) -> Option<[usize; 4]> {
     if method.sampler == baseline.sampler || method.filter == baseline.filter {
         return None;
@@ -70,14 +71,14 @@ pub(super) fn add(summary: &mut Summary, grid: &RunTable<'_>) {
     }
 }
 
-/// The runs of all seeds that have all four corners.
+/// The runs of the four methods, for each seed that has all four.
 fn complete<'a>(grid: &RunTable<'a>, scene: usize, corners: [usize; 4], budget: RunBudget) -> Vec<[&'a Run; 4]> {
     let runs = corners.map(|method| grid.at([scene, method], budget));
     let with = |seed: &u64| Some([*runs[0].get(seed)?, *runs[1].get(seed)?, *runs[2].get(seed)?, *runs[3].get(seed)?]);
     runs[3].keys().filter_map(with).collect()
 }
 
-/// The numerator and denominator of an effect.
+/// The numerator and denominator of an effect, in relMSE.
 fn sides(part: FactorialEffect, runs: &[&Run; 4]) -> (f64, f64) {
     let [base, counts, filter, both] = runs.map(|run| error(run, "relmse"));
     match part {

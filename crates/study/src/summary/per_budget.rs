@@ -5,7 +5,7 @@ use super::run_table::{RunTable, Seeds, error};
 use super::seed_statistic::SeedStatistic;
 use crate::record::{Phases, Run};
 
-/// Seconds of one phase.
+/// A function that returns the seconds of one phase.
 pub(crate) type OfPhases = fn(&Phases) -> f64;
 
 /// The names and readers of phases, in the order in which they happen.
@@ -49,7 +49,7 @@ pub(super) fn add(summary: &mut Summary, grid: &RunTable<'_>) {
     }
 }
 
-/// The runs' predicted relMSE over the measured one.
+/// For each run, the ratio of predicted to measured relMSE.
 fn predictions(runs: &Seeds<'_>) -> Vec<f64> {
     let ratio = |run: &&Run| {
         let found = run.predicted_relmse? / run.errors.relmse;
@@ -58,7 +58,7 @@ fn predictions(runs: &Seeds<'_>) -> Vec<f64> {
     runs.values().filter_map(ratio).collect()
 }
 
-/// A remark if the reference's own noise matters.
+/// A note for values in which the reference's own noise matters; empty otherwise.
 fn marks(runs: &Seeds<'_>, metric: &str) -> String {
     let count = |of: fn(&Run) -> bool| runs.values().filter(|run| of(run)).count();
     let [limited, corrected] = [count(|run| run.reference_limited), count(|run| run.corrected)];
@@ -72,7 +72,7 @@ fn marks(runs: &Seeds<'_>, metric: &str) -> String {
     notes.join("; ")
 }
 
-/// The median of at least one value; of an even number, the mean of the middle two.
+/// The median of at least one value; for an even number, the mean of the middle two.
 fn median(mut values: Vec<f64>) -> f64 {
     values.sort_by(f64::total_cmp);
     let n = values.len();

@@ -1,4 +1,4 @@
-//! Runs by scene, method, budget and seed.
+//! A table of runs by scene, method, budget and seed.
 
 use crate::record::{Manifest, Run, RunBudget};
 use crate::recorded_study::RecordedStudy;
@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 /// Runs of one scene, method and budget by seed.
 pub(super) type Seeds<'a> = BTreeMap<u64, &'a Run>;
 
-/// All runs, by the indices of scenes and methods in the manifest.
+/// All runs of a study, by the indices of scenes and methods in the manifest.
 pub(super) struct RunTable<'a> {
     pub(super) manifest: &'a Manifest,
     pub(super) baseline: usize,
@@ -30,7 +30,7 @@ impl<'a> RunTable<'a> {
         Self { manifest, baseline, cells, none: BTreeMap::new() }
     }
 
-    /// Runs by seed, maybe empty. For the baseline's equal time, its runs at that spp.
+    /// The runs by seed, possibly none. For the baseline at equal time, its runs at that spp.
     pub(super) fn at(&self, [scene, method]: [usize; 2], budget: RunBudget) -> &Seeds<'a> {
         let found = |budget| self.cells.get(&(scene, method, order(budget)));
         let instead = match budget {
@@ -59,7 +59,7 @@ impl<'a> RunTable<'a> {
         spp.into_iter().map(RunBudget::Spp).collect()
     }
 
-    /// Pairs of runs with the same seed.
+    /// Pairs of two methods' runs with the same seed.
     pub(super) fn pairs(&self, scene: usize, methods: [usize; 2], budget: RunBudget) -> Vec<[&'a Run; 2]> {
         let [a, b] = methods.map(|method| self.at([scene, method], budget));
         a.iter().filter_map(|(seed, run)| Some([*run, *b.get(seed)?])).collect()
@@ -73,7 +73,7 @@ fn order(budget: RunBudget) -> (bool, u64) {
     }
 }
 
-/// An error by its name.
+/// The error of a run called `metric`.
 pub(super) fn error(run: &Run, metric: &str) -> f64 {
     let e = &run.errors;
     match metric {

@@ -3,7 +3,7 @@
 use super::CONFIDENCE;
 use dapple_metrics::{geometric_mean_interval, mean_interval, ratio_interval};
 
-/// A value without its place in the summary.
+/// A statistic over seeds: value, interval and note.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct SeedStatistic {
     pub(super) value: Option<f64>,
@@ -15,7 +15,7 @@ pub(super) struct SeedStatistic {
 const ONE_SEED: &str = "one seed: no interval";
 
 impl SeedStatistic {
-    /// The geometric mean. If a value has no logarithm, the arithmetic mean, with a note.
+    /// The geometric mean with its interval; the arithmetic mean, with a note, if a value is not above 0.
     pub(super) fn geometric(values: &[f64]) -> Self {
         let without = values.iter().filter(|v| **v <= 0.0).count();
         if without > 0 {
@@ -29,7 +29,7 @@ impl SeedStatistic {
         }
     }
 
-    /// The mean.
+    /// The arithmetic mean with its interval.
     pub(super) fn arithmetic(values: &[f64]) -> Self {
         match values {
             [] => Self::missing(0, "no runs"),
@@ -38,7 +38,7 @@ impl SeedStatistic {
         }
     }
 
-    /// The ratio of `a` to `b`, paired.
+    /// The geometric mean of the ratios of paired values, with its interval.
     pub(super) fn ratio(pairs: &[(f64, f64)]) -> Self {
         Self::ratio_at(pairs, CONFIDENCE)
     }
@@ -61,7 +61,7 @@ impl SeedStatistic {
         Self { value: None, ends: None, n, note: note.into() }
     }
 
-    /// A value without an interval.
+    /// A value from `n` seeds without an interval.
     pub(super) fn bare(value: f64, n: usize) -> Self {
         Self { value: Some(value), ends: None, n, note: String::new() }
     }
@@ -80,7 +80,7 @@ impl SeedStatistic {
         }
     }
 
-    /// The same value with another remark.
+    /// The same statistic with another note.
     pub(super) fn noted(mut self, note: &str) -> Self {
         if !note.is_empty() {
             self.note = if self.note.is_empty() { note.into() } else { format!("{}; {note}", self.note) };

@@ -7,7 +7,7 @@ use crate::record::Run;
 use dapple_metrics::log_log_fit;
 use std::collections::BTreeMap;
 
-/// A run's cost: its samples or its seconds.
+/// A function that returns a run's cost, in samples or seconds.
 type OfRun = fn(&Run) -> f64;
 
 pub(super) fn add(summary: &mut Summary, grid: &RunTable<'_>) {
@@ -24,10 +24,10 @@ pub(super) fn add(summary: &mut Summary, grid: &RunTable<'_>) {
     }
 }
 
-/// Runs of one seed by ascending budget.
+/// The runs of one seed, by ascending budget.
 pub(super) type Curve<'a> = Vec<&'a Run>;
 
-/// Curves by seed, of the seed's budgets in samples.
+/// The curve of each seed, over the budgets in samples.
 pub(super) fn curves<'a>(grid: &RunTable<'a>, at: [usize; 2]) -> BTreeMap<u64, Curve<'a>> {
     let mut curves: BTreeMap<u64, Curve<'a>> = BTreeMap::new();
     for budget in grid.spp_budgets() {
@@ -38,8 +38,8 @@ pub(super) fn curves<'a>(grid: &RunTable<'a>, at: [usize; 2]) -> BTreeMap<u64, C
     curves
 }
 
-/// The mean of each seed's slope. Errors of one seed at growing budgets are not independent; those of several seeds
-/// are.
+/// The mean over seeds of each curve's slope. Errors of one seed at growing budgets are not independent, but slopes of
+/// different seeds are.
 fn slope(curves: &BTreeMap<u64, Curve<'_>>, x: OfRun) -> SeedStatistic {
     let longest = curves.values().map(Vec::len).max().unwrap_or(0);
     if longest < 2 {
@@ -68,7 +68,7 @@ fn slope(curves: &BTreeMap<u64, Curve<'_>>, x: OfRun) -> SeedStatistic {
     }
 }
 
-/// The fitted slope; of two points, which leave no residual for a fit, the slope of their line.
+/// The fitted slope on logarithmic axes. Two points leave no residual for a fit, and give the slope of their line.
 fn slope_of(x: &[f64], y: &[f64]) -> Result<f64, dapple_metrics::StatisticsError> {
     if let ([x0, x1], [y0, y1]) = (x, y) {
         if x0 == x1 {

@@ -1,4 +1,4 @@
-//! Times to reach an error.
+//! Times in which a method reaches a given error level.
 //!
 //! Each seed has a curve of error over `render_s` at its budgets. Between two neighbouring budgets the time is
 //! interpolated on logarithmic axes; the first crossing counts.
@@ -16,10 +16,10 @@ use super::{CONFIDENCE, Summary, number};
 use dapple_metrics::log_log_fit;
 use std::collections::BTreeMap;
 
-/// The largest factor beyond the measured times to which a fitted line is followed.
+/// The largest factor beyond the measured times to which a fitted line is extrapolated.
 const REACH: f64 = 4.0;
 
-/// The largest number of levels.
+/// The largest number of error levels.
 const LEVELS: usize = 3;
 
 pub(super) fn add(summary: &mut Summary, grid: &RunTable<'_>) {
@@ -43,10 +43,10 @@ pub(super) fn add(summary: &mut Summary, grid: &RunTable<'_>) {
     }
 }
 
-/// Time and error.
+/// A point of a curve: time in seconds and error.
 type Point = [f64; 2];
 
-/// Levels that the baseline crosses: 1, 2 or 5 times powers of ten within its measured errors, evenly spread.
+/// Error levels that the baseline reaches: 1, 2 or 5 times powers of ten within its measured errors, evenly spread.
 fn levels(baseline: &[Point]) -> Vec<f64> {
     let errors = || baseline.iter().map(|p| p[1]);
     let [low, high] = [errors().fold(f64::INFINITY, f64::min), errors().fold(0.0, f64::max)];
@@ -63,7 +63,7 @@ fn levels(baseline: &[Point]) -> Vec<f64> {
     (0..LEVELS).map(|i| inside[i * (inside.len() - 1) / (LEVELS - 1)]).collect()
 }
 
-/// Geometric means over seeds by budget, from seeds with all budgets.
+/// The curve of geometric means over the seeds that have all budgets.
 fn mean_curve(curves: &BTreeMap<u64, Curve<'_>>) -> Vec<Point> {
     let longest = curves.values().map(Vec::len).max().unwrap_or(0);
     let whole: Vec<Vec<Point>> = curves.values().filter(|c| c.len() == longest).map(points).collect();
@@ -94,7 +94,7 @@ fn crossing(curve: &[Point], level: f64) -> Option<f64> {
 }
 
 struct Times {
-    /// The time of each seed, if all seeds have one.
+    /// The time of each seed that reaches the level, by seed; empty unless all seeds do.
     seeds: BTreeMap<u64, f64>,
     measured: bool,
     figure: SeedStatistic,
@@ -121,7 +121,7 @@ fn times(curves: &BTreeMap<u64, Curve<'_>>, level: f64) -> Times {
     without(beyond(&mean, level, n), false)
 }
 
-/// The value for a level that was not crossed.
+/// The statistic for a level that the mean curve does not reach: a bound or an extrapolation.
 fn beyond(mean: &[Point], level: f64, n: usize) -> SeedStatistic {
     let (Some(first), Some(last)) = (mean.first(), mean.last()) else {
         return SeedStatistic::missing(n, "no errors above 0");
