@@ -24,7 +24,7 @@ impl SamplerMemory {
         Self { planning: plan.saturating_add(frame.bytes(bytes_per_pixel)), plan, ..Self::default() }
     }
 
-    /// Adds the counts of a second half to the plan.
+    /// Adds the memory of a plan's counts for the film's second half, in a frame of this size.
     #[must_use]
     pub fn with_second_half(self, frame: &Frame) -> Self {
         let counts = frame.bytes(4);

@@ -72,7 +72,7 @@ pub struct MemoryEstimate {
     sampler: u64,
     /// Names and bytes of the stages, of which only one at a time is in memory.
     stages: Vec<(&'static str, u64)>,
-    /// The peak before the film exists.
+    /// Peak memory in bytes until the film is allocated.
     before: u64,
 }
 
