@@ -9,8 +9,8 @@ const MOST: usize = 256;
 const SIDE: usize = 4;
 
 /// An image with at most 256 distinct channel values, as from 8-bit files, stored exactly in one byte per channel.
-/// Scattered look-ups in a large image wait for memory. This form takes a third of the memory of three floats, and four neighbours mostly share
-/// a cache line.
+/// Scattered look-ups in a large image wait for memory. This form takes a third of the memory of three floats, and four
+/// neighbours mostly share a cache line.
 #[derive(Clone, Debug)]
 pub(super) struct Coded {
     tiles: Vec<Tile>,
