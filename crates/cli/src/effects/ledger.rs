@@ -7,8 +7,7 @@ use dapple_core::{Control, Frame, Status};
 use dapple_job::{BudgetSpec, CropSpec, JobError, JobMonitor, LoadedScene, PreparedScene, RenderSpec};
 use dapple_metrics::{Difference, Measured, Pixels, difference};
 use dapple_renderer::light::LightSelection;
-use dapple_scene::Scene;
-use dapple_scene::{Effect, Effects};
+use dapple_scene::{Effect, Effects, Scene};
 use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::time::{Duration, Instant};
 
@@ -30,7 +29,6 @@ pub(super) struct Ledger {
     pub(super) rows: Vec<Row>,
     /// The cost and the light of paths longer than the scene's depth limit, by comparison with unlimited depth. `None`
     /// if the scene sets no depth, or no path is long enough to be cut.
-    /// depth is set, or no path is long enough to be cut.
     pub(super) beyond_depth: Option<Shares>,
     /// Seconds of tracing an image with every effect: processor time of all threads if the system reports it, else wall
     /// time. `None` if nothing was rendered.
