@@ -11,93 +11,60 @@ use std::fmt;
 use std::str::FromStr;
 use visible::Visible;
 
-/// A feature that costs time in scenes that call for it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-#[non_exhaustive]
-pub enum Effect {
-    /// Lamps with an area: shadows with soft borders.
-    SoftShadows,
-    /// More than one light to choose among.
-    SeveralLights,
-    /// Rough metals, coats and glass.
-    Glossy,
-    /// Smooth metals and coats, and mirrors.
-    Mirror,
-    /// Glass and water: light that goes through surfaces.
-    Refraction,
-    /// Light that was scattered more than once.
-    Interreflection,
-    /// Anything that varies over a surface: reflectances, roughness, bumps, shares of a mix, holes.
-    Textures,
-    /// Light from an environment.
-    Environment,
-    /// A lens with an opening.
-    DepthOfField,
-    /// Motion while the shutter is open.
-    MotionBlur,
-    /// Surfaces with holes: an opacity below 1.
-    Transparency,
-    /// Media that absorb light.
-    AbsorbingMedia,
-    /// Media that scatter light.
-    ScatteringMedia,
+/// Declares the effects in the order of reports: each with its name, and a phrase for the scene without it.
+macro_rules! effects {
+    ($($(#[$about:meta])* $variant:ident: $name:literal, $left_out:literal;)*) => {
+        /// A feature that costs time in scenes that call for it.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+        #[non_exhaustive]
+        pub enum Effect {
+            $($(#[$about])* $variant,)*
+        }
+
+        impl Effect {
+            /// Every effect, in the order of reports.
+            pub const ALL: [Self; [$($name),*].len()] = [$(Self::$variant),*];
+
+            /// Returns the name on the command line.
+            pub const fn name(self) -> &'static str {
+                match self { $(Self::$variant => $name,)* }
+            }
+
+            /// Returns a short phrase for the scene without the effect, the result of [`Scene::without`].
+            pub const fn left_out(self) -> &'static str {
+                match self { $(Self::$variant => $left_out,)* }
+            }
+        }
+    };
 }
 
-impl Effect {
-    /// Every effect, in the order of reports.
-    pub const ALL: [Self; 13] = [
-        Self::SoftShadows,
-        Self::SeveralLights,
-        Self::Glossy,
-        Self::Mirror,
-        Self::Refraction,
-        Self::Interreflection,
-        Self::Textures,
-        Self::Environment,
-        Self::DepthOfField,
-        Self::MotionBlur,
-        Self::Transparency,
-        Self::AbsorbingMedia,
-        Self::ScatteringMedia,
-    ];
-
-    /// Returns the name on the command line.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::SoftShadows => "soft-shadows",
-            Self::SeveralLights => "several-lights",
-            Self::Glossy => "glossy",
-            Self::Mirror => "mirror",
-            Self::Refraction => "refraction",
-            Self::Interreflection => "interreflection",
-            Self::Textures => "textures",
-            Self::Environment => "environment",
-            Self::DepthOfField => "depth-of-field",
-            Self::MotionBlur => "motion-blur",
-            Self::Transparency => "transparency",
-            Self::AbsorbingMedia => "absorbing-media",
-            Self::ScatteringMedia => "scattering-media",
-        }
-    }
-
-    /// Returns a short phrase for the scene without the effect, the result of [`Scene::without`].
-    pub const fn left_out(self) -> &'static str {
-        match self {
-            Self::SoftShadows => "each area light is a point light of the same power, and invisible",
-            Self::SeveralLights => "only the most powerful light shines",
-            Self::Glossy => "rough surfaces are diffuse and equally bright, rough glass is clear",
-            Self::Mirror => "mirrors are diffuse and equally bright",
-            Self::Refraction => "light passes straight through glass, without reflection",
-            Self::Interreflection => "light scatters once",
-            Self::Textures => "every texture is its mean, and bumps are gone",
-            Self::Environment => "the environment is black",
-            Self::DepthOfField => "the lens is a pinhole",
-            Self::MotionBlur => "everything stands still, at its place in the middle of the exposure",
-            Self::Transparency => "partly transparent surfaces are opaque, mostly transparent ones are gone",
-            Self::AbsorbingMedia => "media do not absorb",
-            Self::ScatteringMedia => "media do not scatter",
-        }
-    }
+effects! {
+    /// Lamps with an area: shadows with soft borders.
+    SoftShadows: "soft-shadows", "each area light is a point light of the same power, and invisible";
+    /// More than one light to choose among.
+    SeveralLights: "several-lights", "only the most powerful light shines";
+    /// Rough metals, coats and glass.
+    Glossy: "glossy", "rough surfaces are diffuse and equally bright, rough glass is clear";
+    /// Smooth metals and coats, and mirrors.
+    Mirror: "mirror", "mirrors are diffuse and equally bright";
+    /// Glass and water: light that goes through surfaces.
+    Refraction: "refraction", "light passes straight through glass, without reflection";
+    /// Light that was scattered more than once.
+    Interreflection: "interreflection", "light scatters once";
+    /// Anything that varies over a surface: reflectances, roughness, bumps, shares of a mix, holes.
+    Textures: "textures", "every texture is its mean, and bumps are gone";
+    /// Light from an environment.
+    Environment: "environment", "the environment is black";
+    /// A lens with an opening.
+    DepthOfField: "depth-of-field", "the lens is a pinhole";
+    /// Motion while the shutter is open.
+    MotionBlur: "motion-blur", "everything stands still, at its place in the middle of the exposure";
+    /// Surfaces with holes: an opacity below 1.
+    Transparency: "transparency", "partly transparent surfaces are opaque, mostly transparent ones are gone";
+    /// Media that absorb light.
+    AbsorbingMedia: "absorbing-media", "media do not absorb";
+    /// Media that scatter light.
+    ScatteringMedia: "scattering-media", "media do not scatter";
 }
 
 impl fmt::Display for Effect {
