@@ -472,13 +472,8 @@ fn sample_on(lamp: &Lamp, from: Vec3, point: SurfacePoint, side: f32, area: f32)
     let radiance = lamp.radiance(cosine);
     // As `area_to_solid_angle`; a lamp that touches the point has no direction.
     let pdf = squared / (cosine.abs() * area);
-    (radiance != Vec3::ZERO && pdf > 0.0).then_some(LightSample {
-        wi,
-        radiance,
-        pdf,
-        target: Target::Surface(point),
-        delta: false,
-    })
+    let target = Target::Surface(point);
+    (radiance != Vec3::ZERO && pdf > 0.0).then_some(LightSample { wi, radiance, pdf, target, delta: false })
 }
 
 /// Returns the solid-angle density at `from` of a point drawn uniformly on `area`: `d^2 / (|cos| area)`.
