@@ -247,12 +247,6 @@ impl Geometry {
         self.instances().into_iter().flat_map(|placed| placed.objects.iter().map(|object| &object.geometry))
     }
 
-    /// Returns true if there are instances, or objects for them.
-    #[must_use]
-    pub fn has_instances(&self) -> bool {
-        self.instances().is_some()
-    }
-
     /// Returns true if an instance or the vertices of a mesh move.
     #[must_use]
     pub fn moves(&self) -> bool {
@@ -273,7 +267,7 @@ impl Geometry {
         &self.tree
     }
 
-    fn instances(&self) -> Option<&Placements> {
+    pub(crate) fn instances(&self) -> Option<&Placements> {
         if let WalkKind::Placed(placed) = &self.tree.way { Some(&placed.placements) } else { None }
     }
 

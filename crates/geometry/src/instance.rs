@@ -189,7 +189,7 @@ impl Placements {
         let mut known = Vec::with_capacity(objects.len());
         let mut count = base as usize;
         for (number, geometry) in objects.into_iter().enumerate() {
-            if geometry.has_instances() {
+            if geometry.instances().is_some() {
                 return Err(Error::Nested { object: number as u32 });
             }
             known.push(Object::new(geometry, numbered(count)?));

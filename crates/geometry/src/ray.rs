@@ -74,13 +74,6 @@ impl Ray {
         Self { tmin, tmax, ..self }
     }
 
-    /// Sets the flat primitives on which the ray starts and ends.
-    #[inline]
-    #[must_use]
-    pub const fn with_ends(self, ends: [PrimitiveId; 2]) -> Self {
-        Self { ends, ..self }
-    }
-
     /// Returns true if the ray is valid. Invalid rays hit nothing.
     #[inline]
     #[must_use]
