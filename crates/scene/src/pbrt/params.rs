@@ -203,8 +203,7 @@ impl Params {
         let mut by_name: Vec<(&str, u32)> = own.iter().map(|p| (p.name.as_str(), p.line)).collect();
         by_name.sort();
         for pair in by_name.windows(2).filter(|pair| pair[0].0 == pair[1].0) {
-            let what = format!("parameter {} of {of} is given twice; remove one", shown(pair[0].0));
-            problems.push((pair[1].1, what));
+            problems.push((pair[1].1, format!("parameter {} of {of} is given twice; remove one", shown(pair[0].0))));
         }
         let mut list = own;
         list.extend(inherited.iter().map(|p| Param { inherited: true, ..p.clone() }));
@@ -257,6 +256,22 @@ impl Params {
     pub(super) fn unsupported_here(&mut self, what: &str) {
         let line = self.line;
         self.unsupported(line, what);
+    }
+
+    /// Takes parameters that would change the image and are unsupported, and reports those that were given.
+    pub(super) fn refuse(&mut self, names: &[&'static str]) {
+        for &name in names {
+            if let Some(param) = self.take(name) {
+                self.unsupported(param.line, format!("parameter {name} of {}", self.of));
+            }
+        }
+    }
+
+    /// Reports a missing parameter, unless an invalid one has been reported.
+    pub(super) fn lacks(&mut self, line: u32, what: &str) {
+        if !self.is_bad() {
+            self.problem(line, format!("{} lacks {what}", self.of));
+        }
     }
 
     /// Makes [`finish`](Self::finish) return false. The caller has reported the reason.
