@@ -109,11 +109,22 @@ impl std::fmt::Display for Damage {
         f.write_str(match self {
             Self::Short => "it is cut short",
             Self::Foreign => "it is not a file of Dapple's",
-            Self::Version => "another version of Dapple wrote it; finish it with that version, or render it again",
+            Self::Version => "another version of Dapple wrote it",
             Self::Checksum => "it is damaged (its checksum is wrong)",
             Self::Nonsense => "its contents make no sense",
             Self::Kind => "it is of another kind: a checkpoint is not a shard",
         })
+    }
+}
+
+impl Damage {
+    /// The advice that follows the reason in an error message.
+    pub(crate) fn remedy(self) -> &'static str {
+        match self {
+            Self::Short | Self::Checksum | Self::Nonsense => "restore it from a copy, or render it again",
+            Self::Foreign | Self::Kind => "check the name of the file",
+            Self::Version => "finish it with that version, or render it again",
+        }
     }
 }
 

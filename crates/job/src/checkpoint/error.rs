@@ -41,7 +41,7 @@ pub enum Error {
         source: io::Error,
     },
     /// A damaged file, or one of another kind.
-    #[error("{}: {damage}", path.display())]
+    #[error("{}: {damage}; {}", path.display(), damage.remedy())]
     Damaged {
         /// The file.
         path: PathBuf,
@@ -49,7 +49,7 @@ pub enum Error {
         damage: Damage,
     },
     /// A file of which neither the newest nor the previous version can be used.
-    #[error("{newer}; and {older}")]
+    #[error("{}; and {older}", newer.fault())]
     NoGeneration {
         /// The error of the newest version.
         newer: Box<Error>,
@@ -64,4 +64,14 @@ pub enum Error {
         /// The largest length in bytes.
         most: usize,
     },
+}
+
+impl Error {
+    /// The message without its remedy, for a fault that the caller works around.
+    pub(crate) fn fault(&self) -> String {
+        match self {
+            Self::Damaged { path, damage } => format!("{}: {damage}", path.display()),
+            other => other.to_string(),
+        }
+    }
 }

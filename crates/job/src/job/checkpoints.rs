@@ -84,7 +84,7 @@ impl Checkpoints {
         let Some(path) = &self.resume else { return Ok(None) };
         let found = Store::read(path, Kind::Checkpoint)?;
         if let (Generation::Previous, Some(trouble)) = (found.generation, &found.trouble) {
-            monitor.warn(Warning::PreviousCheckpoint(trouble.to_string()));
+            monitor.warn(Warning::PreviousCheckpoint(trouble.fault()));
         }
         let differences = compared(here).differences(&compared(&found.contents.identity));
         if !differences.is_empty() {
