@@ -58,7 +58,7 @@ pub enum Error {
         name: &'static str,
         /// The rejected value.
         value: String,
-        /// The allowed values.
+        /// The allowed values, in words.
         allowed: &'static str,
     },
     /// A point set with too few samples per pixel.
@@ -86,7 +86,7 @@ pub enum Error {
     NotRecorded {
         /// The name of the sampler or filter.
         who: String,
-        /// The missing statistics.
+        /// The missing statistics, as a noun phrase.
         what: &'static str,
     },
     /// A film that does not match data that a sampler or filter prepared, such as clusters of another image size.

@@ -4,15 +4,15 @@
 #[non_exhaustive]
 #[derive(Clone, Debug, PartialEq)]
 pub enum Budget {
-    /// This many samples in all, exactly.
+    /// A number of samples in all. It is spent exactly, unless the sampler stops at a threshold.
     Samples(u64),
-    /// About this many seconds of planning and tracing. Between rounds, the render loop converts the time to sample
-    /// budgets, which the film records. [`Budget::Recorded`] replays these budgets to the same bits.
+    /// A time for planning and tracing, in seconds, met approximately. Between rounds, the render loop converts the
+    /// time to sample budgets, which the film records. [`Budget::Recorded`] replays these budgets to the same bits.
     Seconds(f64),
-    /// As many samples as the image needs for an estimated relMSE of at most `relmse`, but at most `at_most`. The film
-    /// then also records halves.
+    /// The number of samples that an estimated relMSE of at most `relmse` needs, but at most `at_most`. The film then
+    /// also records halves.
     Error {
-        /// The goal, `mean((x - truth)^2 / (truth^2 + 0.01))`.
+        /// The largest accepted relMSE: `mean((x - truth)^2 / (truth^2 + 0.01))` over pixels and channels.
         relmse: f64,
         /// The largest number of samples, spent if the goal is not reached.
         at_most: u64,
@@ -88,7 +88,7 @@ impl Schedule {
 #[non_exhaustive]
 #[derive(Clone, Debug, PartialEq)]
 pub struct Limits {
-    /// The amount of work.
+    /// The amount of work: a number of samples, a time, or an error to reach.
     pub budget: Budget,
     /// The least number of samples per pixel, 1 by default. A sampler's own floor may be higher.
     pub min_spp: u32,

@@ -7,8 +7,8 @@ use crate::{
 
 /// Uniform sampling: the same number of samples for every pixel.
 ///
-/// If the budget is not a multiple of the number of pixels, a hash of the pixel's number picks those that get one
-/// sample more.
+/// If the budget is not a multiple of the number of pixels, a hash of the pixel's index picks those that get one sample
+/// more.
 ///
 /// *Guarantees*: unbiased, the exact budget, counts that do not depend on samples. *Weaknesses*: spends as much on a
 /// constant wall as on its shadow.
