@@ -43,12 +43,12 @@ pub struct Adaptive<P> {
 const HITS: u8 = 4;
 
 impl<P: PointSet> Adaptive<P> {
-    /// A sampler that uses this point set, with the default parameters.
+    /// Makes a sampler that uses this point set, with the default parameters.
     pub fn new(points: P) -> Self {
         Self { points, options: AdaptiveOptions::default(), preset: None, errors: None }
     }
 
-    /// A sampler that uses this point set, with these parameters.
+    /// Makes a sampler that uses this point set, with these parameters.
     ///
     /// # Errors
     ///
@@ -103,12 +103,12 @@ impl<P: PointSet> Sampler for Adaptive<P> {
 
     fn memory(&self, frame: &Frame, needs: &Needs, limits: &Limits) -> SamplerMemory {
         let crosses = self.options.policy == PilotPolicy::Cross;
-        // Scores, and eight terms each where a pool is more than a window.
+        // Bytes per pixel of scores, and of eight terms where the pool is not a plain window.
         let pooling = 8 + if self.options.pool == PoolShape::Window { 0 } else { 64 };
         let cells = if self.options.reads_hits() { usize::from(HITS) * Cells::BYTES_PER_HIT } else { 0 };
-        // Scores stand beside a map of errors.
+        // Scores are held beside the error map.
         let map = self.errors.as_ref().map_or(0, |map| 8 + map.bytes_per_pixel);
-        // Counts and floors of both halves stand beside all of it.
+        // Counts and floors of both halves are held beside all of these.
         let across = if crosses { 12 } else { 0 };
         let plans = !self.pilot().is_all(frame, limits);
         let always = size_of::<RgbMoments>() + across;
@@ -140,7 +140,7 @@ impl<P: PointSet> Sampler for Adaptive<P> {
             PilotPolicy::Discard => self.plan_after_discarding(seen, plan)?,
             PilotPolicy::Cross => self.plan_across(seen, plan)?,
         }
-        // Nothing to add where the ceiling holds every pixel.
+        // Nothing is left to add if every pixel is at its ceiling.
         Ok(if plan.total() == 0 { Progress::Done } else { Progress::Trace })
     }
 }

@@ -45,7 +45,7 @@ pub struct Halton {
 }
 
 impl Halton {
-    /// Makes the sequence of a seed.
+    /// Makes the scrambled Halton sequence of a seed.
     pub const fn new(seed: u64) -> Self {
         Self { seed: Seed::new(seed) }
     }
@@ -121,8 +121,8 @@ fn nested<const BASE: u64, const DIGITS: u32>(mut index: u64, key: u64) -> u32 {
     (((fraction << 30) / BASE.pow(DIGITS)) as u32) << 2
 }
 
-/// A nested scramble of an index in base 6. It permutes blocks of `6^k`, and halves of thirds within them, so that
-/// aligned blocks stay aligned.
+/// A nested scramble of an index in base 6. In each block of `6^(k + 1)` indices it permutes the three thirds, and the
+/// two halves of each third. Aligned blocks thus stay aligned.
 ///
 /// It has 12 digits: indices from 6^12 = 2.2e9 on keep their place among blocks of that size.
 #[inline]

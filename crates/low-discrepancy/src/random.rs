@@ -29,7 +29,7 @@ pub struct Random {
 }
 
 impl Random {
-    /// Makes the generator of a seed.
+    /// Makes the point set of independent random numbers for a seed.
     pub const fn new(seed: u64) -> Self {
         Self { seed: Seed::new(seed) }
     }

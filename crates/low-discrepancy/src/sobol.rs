@@ -47,7 +47,7 @@ pub struct Sobol {
 }
 
 impl Sobol {
-    /// Makes the sequence of a seed. Neighbouring seeds are as independent as distant ones.
+    /// Makes the scrambled Sobol' sequence of a seed. Neighbouring seeds are as independent as distant ones.
     pub fn new(seed: u64) -> Self {
         Self { seed: Seed::new(seed), arch: Arch::new() }
     }
