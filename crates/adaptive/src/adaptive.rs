@@ -10,15 +10,16 @@ use dapple_core::{
 /// The error-driven sampler: a uniform pilot estimates each pixel's error, then counts minimise the estimated relative
 /// error of the image.
 ///
-/// The score of a pixel is the variance of its samples, pooled with that of its neighbours
-/// ([`relative_variance`](crate::relative_variance)). With an [`ErrorMap`], it is the geometric mean of that variance
-/// and the map. A pixel's error is assumed to fall as `n^-exponent` with its count `n`. Counts minimise the sum of
-/// errors and lie on the ladder of well-stratified counts ([`Ladder`](dapple_core::Ladder)).
+/// The score of a pixel is the relative variance of its samples, pooled with that of its neighbours
+/// ([`relative_variance`](crate::relative_variance)). With an [`ErrorMap`], the score is the geometric mean of that
+/// variance and the map. A pixel's error is assumed to fall as `n^-exponent` with its count `n`. Counts minimise the
+/// sum of errors and lie on the ladder of well-stratified counts ([`Ladder`](dapple_core::Ladder)).
 ///
 /// # Guarantees
 ///
 /// * The budget is met exactly.
-/// * No pixel gets fewer samples than the pilot, which has a quarter of the mean count or more.
+/// * No pixel gets fewer samples than a kept pilot, which by default has 4, or about a quarter of the mean count if
+///   that is more.
 /// * Every pixel's score is at least 1 % of the mean.
 /// * Counts are uniform where the predicted gain of adapted counts is too small ([`AdaptiveOptions::gain`]).
 ///
@@ -58,7 +59,7 @@ impl<P: PointSet> Adaptive<P> {
         Ok(Self { points, options, preset: None, errors: None })
     }
 
-    /// Makes the scores depend on a filter's error map as well.
+    /// Adds a filter's error map to the pixels' scores, beside the variance of their samples.
     ///
     /// # Errors
     ///

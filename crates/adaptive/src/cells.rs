@@ -5,7 +5,7 @@ use crate::out_of_range;
 use dapple_core::{Error, Film, FirstHit, Options as _};
 
 dapple_core::options! {
-    /// The parameters of [`Cells`].
+    /// The parameters by which [`Cells`] divides first hits into patches of surface.
     pub struct CellOptions {
         /// Edge of the grid cubes that divide surfaces into cells, in pixels.
         ///

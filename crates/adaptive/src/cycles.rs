@@ -1,4 +1,4 @@
-//! The adaptive sampling of Blender's Cycles.
+//! The adaptive sampler of Blender's Cycles.
 
 use crate::pilot::Pilot;
 use dapple_core::{
@@ -7,7 +7,7 @@ use dapple_core::{
 };
 
 dapple_core::options! {
-    /// The parameters of [`Cycles`].
+    /// The parameters of [`Cycles`], the adaptive sampling of Blender's Cycles.
     pub struct CyclesOptions {
         /// Error threshold; errors are compared with 5 times it. 0 takes 1 / mean budget, at least 0.001.
         pub threshold: f64 = 0.0 => "0", |t| t >= 0.0 && t.is_finite(), "0 or above; 0 chooses";
@@ -48,7 +48,7 @@ const LEAST_THRESHOLD: f64 = 1e-3;
 /// The term of the denominator that avoids division by zero in black pixels.
 const BLACK: f64 = 1e-4;
 
-/// The adaptive sampling of Blender's Cycles [Cycles, `kernel/film/adaptive_sampling.h` and `scene/integrator.cpp`;
+/// The adaptive sampler of Blender's Cycles [Cycles, `kernel/film/adaptive_sampling.h` and `scene/integrator.cpp`;
 /// after Dammertz 2010].
 ///
 /// A pixel's error compares the mean of all samples with the mean of half of them: `(|dR| + |dG| + |dB|) / (1e-4 +

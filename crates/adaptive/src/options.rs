@@ -4,7 +4,8 @@ use crate::{CellOptions, PoolShape};
 use dapple_core::{Error, Film, Needs, Options as _, OutOfRange, PilotPolicy};
 
 dapple_core::options! {
-    /// The parameters of [`Adaptive`](crate::Adaptive). The defaults are those of `dapple render`.
+    /// The parameters of the error-driven sampler [`Adaptive`](crate::Adaptive). The defaults are those of `dapple
+    /// render`.
     pub struct AdaptiveOptions {
         /// Samples per pixel before counts adapt; 0 takes 4, or a quarter of the mean budget if that is more.
         ///
@@ -97,12 +98,12 @@ pub type MapErrors = Box<dyn Fn(&Film) -> Result<Vec<f32>, Error> + Send>;
 
 /// An additional source of error estimates: a filter that predicts the error of the filtered image.
 pub struct ErrorMap {
-    /// The map's name in the sampler's description.
+    /// The error map's name in the sampler's description.
     pub name: String,
     /// The statistics that the map reads from the film.
     pub needs: Needs,
-    /// Returns the predicted squared error of each pixel of the filtered image, row by row, relative to the squared
-    /// image. Any unit will do; negative numbers and NaN count as 0.
+    /// The function that returns the predicted squared error of each pixel of the filtered image, row by row, relative
+    /// to the squared image. Any unit will do; negative numbers and NaN count as 0.
     pub of: MapErrors,
     /// The largest working memory of `of` in bytes per pixel.
     pub bytes_per_pixel: usize,

@@ -4,7 +4,7 @@ use crate::{Adaptive, AdaptiveOptions};
 use dapple_core::{Error, PilotPolicy, PointSet};
 
 dapple_core::options! {
-    /// The parameters of [`Adaptive::variance`].
+    /// The parameters of the error-driven sampler's preset `variance` ([`Adaptive::variance`]).
     pub struct VarianceOptions {
         /// Samples per pixel before counts adapt; 0 takes 4, or a quarter of the mean budget if that is more.
         ///
@@ -54,12 +54,12 @@ impl From<VarianceOptions> for AdaptiveOptions {
 /// With unpooled variances of 4 samples, the error is 1.2 to 3.3 times that of uniform counts. Pooled variances do
 /// nearly as well as exact ones.
 impl<P: PointSet> Adaptive<P> {
-    /// The preset `variance` with this point set and the default parameters.
+    /// Makes the preset `variance` of the error-driven sampler, with this point set and the default parameters.
     pub fn variance(points: P) -> Self {
         Self::preset(points, VarianceOptions::default())
     }
 
-    /// The preset `variance` with this point set and these parameters.
+    /// Makes the preset `variance` of the error-driven sampler, with this point set and these parameters.
     ///
     /// # Errors
     ///

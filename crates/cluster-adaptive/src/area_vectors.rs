@@ -8,10 +8,10 @@ use dapple_clustering::Triangles;
 /// The vectors give `S(d) = sum |n_t . d| A_t`, the sum of projected triangle areas, for any direction `d`. Lan
 /// proposes this sum as the remedy for boxes that are larger than their contents [Lan 2016, 3.2.2 a].
 ///
-/// If a cluster's normals all lie on one side of `d`, as they do except at grazing angles, one scalar product is exact:
-/// `|d . sum of area vectors|`. Otherwise up to 256 triangles are summed exactly. More triangles are summed as at most
-/// 256 bundles of similar normals. Only bundles that are seen edge-on themselves are inexact (less than 1 % of the
-/// cluster's area in the tests' hemisphere).
+/// If a cluster's normals all lie on one side of the plane perpendicular to `d`, as they do except at grazing angles,
+/// one scalar product is exact: `|d . sum of area vectors|`. Otherwise up to 256 triangles are summed exactly. More
+/// triangles are summed as at most 256 bundles of similar normals. Only bundles that are seen edge-on themselves are
+/// inexact (less than 1 % of the cluster's area in the tests' hemisphere).
 #[derive(Clone, Debug, PartialEq)]
 pub struct AreaVectors {
     clusters: Vec<Bundle>,

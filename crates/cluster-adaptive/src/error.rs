@@ -4,12 +4,12 @@
 #[non_exhaustive]
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum Error {
-    /// A probe hit a primitive that has no label.
+    /// A probe's hit on a primitive that has no label.
     #[error(
         "pixel ({}, {}): a probe hit primitive {primitive}, but there are labels for {labels} only: give one label per primitive, in the numbering of the hits", pixel[0], pixel[1]
     )]
     NoLabel {
-        /// Column and row in the full image.
+        /// Column and row of the probe's pixel in the full image.
         pixel: [u32; 2],
         /// The index of the primitive that was hit.
         primitive: u32,

@@ -5,8 +5,8 @@ use crate::{ClusterSize, ClusterThesisOptions, Error, rates};
 use dapple_clustering::Cluster;
 use rayon::prelude::*;
 
-/// The increasing map `f` from the ratio `x = SP / SC` to a sampling rate [Lan 2016, eq. 3-3]. The thesis requires such
-/// a map and gives none.
+/// The increasing map `f` from the ratio `x = SP / SC` of pixel area to cluster size to a sampling rate [Lan 2016, eq.
+/// 3-3]. The thesis requires such a map and gives none.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum RateMap {
     /// `f(x) = x` for the ratio `x` of pixel area to cluster size: every cluster gets the same number of samples, as in

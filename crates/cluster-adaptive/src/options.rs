@@ -4,10 +4,10 @@ use crate::{Error, PixelArea, RateMap};
 use dapple_core::Options as _;
 
 dapple_core::options! {
-    /// The parameters of [`ClusterThesis`](crate::ClusterThesis).
+    /// The parameters of [`ClusterThesis`](crate::ClusterThesis), the sampler of [Lan 2016].
     ///
-    /// The defaults are those of [Lan 2016] as far as it gives any. It gives no formula for `map`, and no values for
-    /// the two weights; their default 0.25 is a guess.
+    /// The defaults are Lan's, as far as the thesis gives any. It gives no formula for `map`, and no values for the two
+    /// weights; their default 0.25 is a guess.
     pub struct ClusterThesisOptions {
         /// Pixel area, if clusters are measured by box or triangles: one (published) or footprint.
         pub pixel: PixelArea = PixelArea::One => "one";

@@ -6,7 +6,7 @@ use dapple_core::{Frame, PointSet, SampleId, streams};
 use rayon::prelude::*;
 use std::time::Instant;
 
-/// The placement of a pixel's probes.
+/// The placement of a pixel's first-hit probes on pixel and lens.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Placement {
     /// One probe, through the centres of pixel and lens [Lan 2016, 2.6]. The sampling rate that it predicts is wrong
@@ -40,7 +40,7 @@ impl std::fmt::Display for Placement {
 /// A first-hit probe's ray, which the caller traces.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ProbeRay {
-    /// Column and row in the full image.
+    /// Column and row of the probe's pixel in the full image.
     pub pixel: [u32; 2],
     /// The ray's point on the film, inside `pixel`, in pixels of the full image from its upper left corner.
     pub film: [f32; 2],
@@ -55,7 +55,7 @@ pub struct ProbeRay {
 /// The first surface on a probe's ray.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ProbeHit {
-    /// The index of the primitive, and of its label.
+    /// The index of the primitive in the list of labels.
     pub primitive: u32,
     /// The ray's direction, from the eye to the hit; of any length above 0.
     pub direction: [f32; 3],
@@ -108,7 +108,7 @@ pub(crate) fn dot(a: [f32; 3], b: [f32; 3]) -> f64 {
     f64::from(a[0]) * f64::from(b[0]) + f64::from(a[1]) * f64::from(b[1]) + f64::from(a[2]) * f64::from(b[2])
 }
 
-/// The cost of probing: part of the cost of every image planned from it.
+/// The cost of tracing probes: part of the cost of every image that is planned from them.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ProbeCost {
     /// The number of rays traced.

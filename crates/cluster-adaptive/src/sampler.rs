@@ -69,16 +69,15 @@ impl Prior {
 /// pixel's area to the cluster's projected area. Every pixel gets a minimum. The rest of the budget is distributed in
 /// proportion to importance, up to a maximum; the excess goes to the others ([`share`]).
 ///
-/// *Guarantees*: the budget is met to the sample. Counts are a function of geometry alone: radiance does not enter
-/// them, and probes never enter the image. The image is thus unbiased for every budget that is known beforehand, and
-/// for every sequence of them. (A limit on the *error* stops by the samples seen, and has its own bias.) A raised
-/// budget keeps the proportions as far as the samples already spent allow. Equal importance gives counts that differ by
-/// at most 1.
+/// *Guarantees*: the budget is met exactly. Counts are a function of geometry alone: radiance does not enter them, and
+/// probes never enter the image. The image is thus unbiased for every budget that is known beforehand, and for every
+/// sequence of them. (A limit on the *error* stops by the samples seen, and has its own bias.) A raised budget keeps
+/// the proportions as far as the samples already spent allow. Equal importance gives counts that differ by at most 1.
 ///
-/// *Weaknesses*: equal samples per cluster do not minimise the error; the sampler knows no light, texture or gloss. As
-/// published it loses to uniform counts if most error lies in large clusters, such as a textured floor. The loss is up
-/// to a factor of `mean / minimum` in MSE. Counts do not prefer well-stratified prefixes of the point set, nor do the
-/// thesis' counts.
+/// *Weaknesses*: equal samples per cluster do not minimise the error; the sampler knows no light, texture or gloss.
+/// With the published parameters it loses to uniform counts if most error lies in large clusters, such as a textured
+/// floor. The loss is up to a factor of `mean / minimum` in MSE. Counts are not rounded to those at which the point set
+/// is well stratified, nor are the counts of the thesis.
 pub struct ClusterThesis<P> {
     points: P,
     size: ClusterSize,
@@ -219,7 +218,7 @@ impl<P: PointSet> Sampler for ClusterThesis<P> {
         let [min, max] = self.options.bounds(total as f64 / pixels as f64);
         let base = min.max(budget.min_spp);
         let ceiling = if self.options.max > 0 { max } else { max.max(base) }.min(budget.max_spp);
-        // The table's bounds give way; the user's bounds hold or are refused.
+        // The bounds of the table yield to the budget. The user's bounds hold, or an error is returned.
         let asked = self.options.min.max(budget.min_spp);
         if asked > ceiling {
             let allowed = "no less than the floor of samples per pixel";

@@ -46,7 +46,7 @@ fn in_front(corners: &[[f64; 3]; 8]) -> Vec<[f64; 2]> {
     points
 }
 
-/// The convex hull, counter-clockwise [Andrew 1979].
+/// The corners of the points' convex hull, counter-clockwise [Andrew 1979].
 fn hull(mut points: Vec<[f64; 2]>) -> Vec<[f64; 2]> {
     points.sort_by(|a, b| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])));
     points.dedup();
@@ -72,7 +72,7 @@ fn hull(mut points: Vec<[f64; 2]>) -> Vec<[f64; 2]> {
     hull
 }
 
-/// The part of a convex polygon in `[-1, 1]^2` [Sutherland and Hodgman 1974].
+/// The part of a convex polygon that lies in `[-1, 1]^2`, the film in clip space [Sutherland and Hodgman 1974].
 fn cut_to_film(mut polygon: Vec<[f64; 2]>) -> Vec<[f64; 2]> {
     for (axis, side) in [(0, 1.0), (0, -1.0), (1, 1.0), (1, -1.0)] {
         let inside = |p: [f64; 2]| 1.0 - side * p[axis];

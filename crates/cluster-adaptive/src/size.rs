@@ -6,7 +6,7 @@ use crate::{AreaVectors, Error};
 use dapple_clustering::Cluster;
 use rayon::prelude::*;
 
-/// The measure of a cluster's size `SC`.
+/// The measure of a cluster's size `SC`, for the ratio `SP / SC` of pixel area to cluster size.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum ClusterSize {
     /// The size of the cluster's axis-aligned box, projected along the probe's unit ray `d`: `lx ly |dz| + lx lz |dy| +
@@ -25,7 +25,7 @@ pub enum ClusterSize {
 }
 
 impl ClusterSize {
-    /// The name on the command line: `box`, `triangles`, `screen` or `hits`.
+    /// The measure's name on the command line: `box`, `triangles`, `screen` or `hits`.
     pub const fn name(&self) -> &'static str {
         match self {
             Self::ProjectedBox => "box",
@@ -36,11 +36,11 @@ impl ClusterSize {
     }
 }
 
-/// The measure of a pixel's size `SP`, for clusters measured in world units.
+/// The measure of a pixel's area `SP`, for clusters whose size is measured in world units.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum PixelArea {
-    /// Size 1 for every pixel, as in [Lan 2016]. The perspective factor `f^2 / d^2` is missing: a far cluster counts as
-    /// large as a near one.
+    /// Area 1 for every pixel, as in [Lan 2016]. The perspective factor `f^2 / d^2` of focal length and distance is
+    /// missing: a far cluster counts as large as a near one.
     #[default]
     One,
     /// The squared width of the pixel's footprint at the hit. A cluster's size divided by it is a number of pixels.
@@ -50,7 +50,7 @@ pub enum PixelArea {
 dapple_core::choices!(PixelArea { One = "one", Footprint = "footprint" });
 
 /// The least projected size of a cluster, as a fraction of its largest face (or of its triangles' area). It is the size
-/// of a plane 0.06 degrees from edge-on. Nearer to edge-on sizes stay constant, so that no rate is infinite and none
+/// of a plane 0.06 degrees from edge-on. Nearer to edge-on, sizes stay constant, so that no rate is infinite and none
 /// jumps at 0 degrees.
 const EDGE_ON: f64 = 1e-3;
 

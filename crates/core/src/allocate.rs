@@ -295,7 +295,7 @@ fn hand_out_above(
     left: &mut u64,
     steps: &impl Steps,
 ) {
-    // Without a bracket from below this would list every step.
+    // Without a threshold beyond the budget, this would list every step.
     if threshold == 0.0 || *left == 0 {
         return;
     }

@@ -31,7 +31,6 @@ impl Block {
 
     /// The block for repetition `k` (such as a path vertex), if each repetition owns `stride` blocks. Its number is
     /// this block's number plus `k * stride`, and wraps past 2^32 blocks, after some 10^8 vertices.
-    /// * stride`. Wraps past 2^32 blocks, after some 10^8 vertices.
     pub const fn at(self, k: u32, stride: u32) -> Self {
         Self(self.0.wrapping_add(k.wrapping_mul(stride)))
     }

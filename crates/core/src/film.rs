@@ -59,9 +59,9 @@ pub struct Features {
 #[non_exhaustive]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RejectedReason {
-    /// A channel was NaN or infinite.
+    /// A channel of the radiance was NaN or infinite.
     NotFinite,
-    /// A channel was negative.
+    /// A channel of the radiance was negative.
     Negative,
 }
 
@@ -91,9 +91,9 @@ pub struct RoundRecord {
     pub samples: u64,
     /// `true` if the samples stayed in the image, `false` if they were discarded.
     pub kept: bool,
-    /// Wall seconds of planning.
+    /// The wall seconds that planning the round took.
     pub plan_seconds: f64,
-    /// Wall seconds of tracing.
+    /// The wall seconds that tracing the round took.
     pub trace_seconds: f64,
 }
 
@@ -103,7 +103,7 @@ pub struct RoundRecord {
 pub struct Record {
     /// The total sample budget in force at each plan. [`Budget::Recorded`](crate::Budget::Recorded) replays it.
     pub budgets: Vec<u64>,
-    /// One record per round.
+    /// The sample counts and timings of the rounds, in order.
     pub rounds: Vec<RoundRecord>,
     /// The number of samples traced, discarded ones included.
     pub samples: u64,
@@ -195,7 +195,7 @@ impl Film {
             + if needs.cost { 8 } else { 0 }
     }
 
-    /// The bytes per pixel of one set of banks: the statistics of all kept, or of all discarded samples.
+    /// The bytes per pixel for the statistics of all kept samples, or of all discarded samples.
     pub(crate) fn bank_bytes_per_pixel(needs: &Needs) -> usize {
         let bank = 8 + 24 + if needs.variance { 24 } else { 0 } + if needs.extrema { 32 } else { 0 };
         bank * if needs.halves { 2 } else { 1 }
@@ -411,7 +411,7 @@ impl Film {
     }
 }
 
-/// The reason to reject this radiance; `None` for a valid one.
+/// The reason why a film rejects this radiance; `None` for a valid one.
 #[inline]
 pub(crate) fn reason_to_reject([r, g, b]: [f32; 3]) -> Option<RejectedReason> {
     if r >= 0.0 && g >= 0.0 && b >= 0.0 && r < f32::INFINITY && g < f32::INFINITY && b < f32::INFINITY {

@@ -307,8 +307,8 @@ impl TrainingData {
         Self::merged(parts, |entries| entries.sort_by_key(|e| e.key))
     }
 
-    /// Merges the parts by sorting; `sort` must be stable, so that equal keys stay in order. A tree would take several
-    /// times as long.
+    /// Merges the sums of an image's parts by sorting them by key. `sort` must be stable, so that equal keys stay in
+    /// order. A tree would take several times as long.
     fn merged(parts: &[Vec<TrainingSum>], sort: impl FnOnce(&mut [TrainingSum])) -> Self {
         let mut entries = parts.concat();
         sort(&mut entries);

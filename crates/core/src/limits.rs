@@ -10,7 +10,7 @@ pub enum Budget {
     /// time to sample budgets, which the film records. [`Budget::Recorded`] replays these budgets to the same bits.
     Seconds(f64),
     /// The number of samples that an estimated relMSE of at most `relmse` needs, but at most `at_most`. The film then
-    /// also records halves.
+    /// also splits each pixel's samples into two halves.
     Error {
         /// The largest accepted relMSE: `mean((x - truth)^2 / (truth^2 + 0.01))` over pixels and channels.
         relmse: f64,
@@ -59,13 +59,14 @@ impl Schedule {
         Self { tile_rows, ..self }
     }
 
-    /// Sets the samples per pixel and slice; 0 chooses them by time.
+    /// Sets the samples per pixel in a slice, the work between two calls of the monitor; 0 makes slices of about 0.2
+    /// seconds.
     #[must_use]
     pub const fn with_slice_spp(self, slice_spp: u32) -> Self {
         Self { slice_spp, ..self }
     }
 
-    /// Permutes tasks by this seed; 0 keeps them in order.
+    /// Sets the seed of a random permutation of tasks; 0 keeps tasks in order.
     #[must_use]
     pub const fn with_shuffle(self, shuffle: u64) -> Self {
         Self { shuffle, ..self }
@@ -101,7 +102,7 @@ pub struct Limits {
 }
 
 impl Limits {
-    /// Limits of this many samples in all.
+    /// Limits of `total` samples in all.
     pub fn samples(total: u64) -> Self {
         Self::new(Budget::Samples(total))
     }

@@ -14,7 +14,8 @@ pub struct SampleId {
     /// The number of the pixel's point sequence; a pixel's sequences are scrambled independently of each other (see
     /// [`streams`]).
     pub stream: u32,
-    /// The index in the stream, from 0, less than [`PointSet::capacity`]. It continues over rounds.
+    /// The sample's index in the stream (point sequence), from 0, less than [`PointSet::capacity`]. It continues over
+    /// rounds.
     pub index: u64,
 }
 

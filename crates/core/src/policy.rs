@@ -21,9 +21,10 @@ pub enum PilotPolicy {
     /// All pilot samples are discarded, so they are lost to the image. Exactly unbiased if the budget is known at the
     /// start.
     Discard,
-    /// Each half's samples decide the counts of the other half, and the halves are averaged with equal weights. Exactly
-    /// unbiased if the budget is known at the start, but two half-length sequences have more error than one. If the
-    /// budget is raised later, a half's earlier samples influence its later counts through the other half.
+    /// Each pixel's samples are split into two halves. Each half decides the sample counts of the other half, and the
+    /// means of the halves are averaged with equal weights. Exactly unbiased if the budget is known at the start, but
+    /// two half-length sequences have more error than one. If the budget is raised later, a half's earlier samples
+    /// influence its later counts through the other half.
     Cross,
 }
 

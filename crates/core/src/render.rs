@@ -13,7 +13,7 @@ use budget::Meter;
 use round::Stopped;
 use std::time::Instant;
 
-/// The state of a render between two slices (the work between two calls), passed to a [`Monitor`].
+/// The state of a render between two slices of tracing (about 0.2 seconds each), passed to a [`Monitor`].
 #[non_exhaustive]
 #[derive(Clone, Copy)]
 pub struct Status<'a> {
@@ -67,7 +67,7 @@ pub enum Control {
 /// }
 /// ```
 pub trait Monitor {
-    /// Called after each slice. The returned value decides whether the render continues.
+    /// Called after each slice of tracing (about 0.2 seconds). The returned value decides whether the render continues.
     fn slice(&mut self, status: &Status<'_>) -> Control;
 
     /// Called once at the end, unless the render was stopped. A render resumed from a snapshot taken here may have
@@ -151,7 +151,7 @@ impl<'a> Render<'a> {
         self
     }
 
-    /// Sets the monitor that is called between slices.
+    /// Sets the monitor that is called between slices of tracing (about 0.2 seconds each).
     pub fn monitor(mut self, monitor: &'a mut dyn Monitor) -> Self {
         self.monitor = Some(monitor);
         self
@@ -181,8 +181,9 @@ impl<'a> Render<'a> {
     ///
     /// # Errors
     ///
-    /// As [`Render::run`]. [`Error::OtherRender`] if sampler, points, frame, bounds of counts or needs differ, or if
-    /// more samples are already planned than the budget allows. [`Error::BadSnapshot`] for inconsistent bytes.
+    /// The errors of [`Render::run`]. [`Error::OtherRender`] if sampler, points, frame, bounds of counts or needs
+    /// differ, or if more samples are already planned than the budget allows. [`Error::BadSnapshot`] for inconsistent
+    /// bytes.
     pub fn resume(
         self,
         snapshot: Snapshot,

@@ -87,7 +87,7 @@ impl PointSet for Halton {
     }
 }
 
-/// The scrambled point number `index` in bases 2 and 3.
+/// The scrambled 2-D point with this index, in bases 2 and 3.
 #[inline]
 fn pair23(index: u64, key: u64) -> [f32; 2] {
     let [base2, _] = halves(key);
@@ -96,8 +96,8 @@ fn pair23(index: u64, key: u64) -> [f32; 2] {
     [unit(x), unit(nested::<3, 21>(index, nth_key(key, 0)))]
 }
 
-/// The scrambled radical inverse of `index` in base `BASE` as a fraction of 2^32, rounded down. A random affine map
-/// permutes each digit; it depends on all digits before it.
+/// The scrambled radical inverse of `index` in base `BASE`, in units of 2^-32, rounded down. A random affine map
+/// permutes each digit; the map depends on all digits before it.
 ///
 /// Affine maps `a d + c` with `a` not 0 act on a prime number of digits. They map any two different digits to any two
 /// different digits equally often.

@@ -64,7 +64,7 @@ impl Stratified {
     }
 }
 
-/// The number in stratum `k` of `n` that `jitter` selects, as a fraction of 2^32 with 24 significant bits. Integer
+/// The coordinate in stratum `k` of `n` that `jitter` selects, in units of 2^-32, with 24 significant bits. Integer
 /// arithmetic keeps points from rounding into the next cell.
 #[inline]
 fn in_stratum(k: u32, n: u32, jitter: u32) -> u32 {

@@ -1,4 +1,4 @@
-//! Contrast in a neighbourhood, after Mitchell 1987.
+//! Mitchell's adaptive sampler: contrast in a neighbourhood decides, after Mitchell 1987.
 
 use crate::Rates;
 use crate::contrast::{NOTHING, contrast, windowed};
@@ -9,7 +9,7 @@ use dapple_core::{
 };
 
 dapple_core::options! {
-    /// The parameters of [`Mitchell`].
+    /// The parameters of [`Mitchell`], the contrast-adaptive sampler.
     pub struct MitchellOptions {
         /// Samples per pixel before refinement; 0 with additional=0 takes Lan's table 4-2 for the mean budget.
         ///
@@ -43,7 +43,7 @@ dapple_core::options! {
 }
 
 impl MitchellOptions {
-    /// The least number of samples of one pixel for which contrast is defined.
+    /// The least number of samples per pixel for which contrast is defined.
     fn least(&self) -> u32 {
         if self.radius == 0 { 2 } else { 1 }
     }

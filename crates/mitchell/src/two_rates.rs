@@ -26,7 +26,7 @@ struct Ranking {
     order: Vec<u32>,
     /// The number of pixels whose contrast exceeds their threshold; they come first in the order.
     asking: usize,
-    /// True if all pixels have the same score.
+    /// `true` if all pixels have the same score (contrast relative to its threshold).
     level: bool,
 }
 
@@ -145,7 +145,7 @@ impl TwoRates {
         }
     }
 
-    /// True if the whole pilot is discarded.
+    /// Returns `true` if the whole pilot is discarded.
     pub(crate) fn discards(&self) -> bool {
         self.policy == PilotPolicy::Discard
     }
@@ -210,7 +210,7 @@ struct Steps<'a> {
     now: Vec<u32>,
     max_spp: u32,
     left: u64,
-    /// True if a pixel's first refinement removes the pilot's samples from the image.
+    /// `true` if a pixel's first refinement removes the pilot's samples from the image.
     withdraws: bool,
     withdrawn: Vec<bool>,
 }

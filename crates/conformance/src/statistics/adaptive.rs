@@ -89,7 +89,7 @@ pub fn image_mean(film: &Film) -> f64 {
 pub struct Pixels {
     /// The number of kept samples of each pixel.
     pub counts: Vec<f64>,
-    /// The mean of each pixel, of one channel or over channels.
+    /// The mean radiance of each pixel, of one channel or over channels.
     pub values: Vec<f64>,
 }
 

@@ -7,7 +7,8 @@ use super::mean::{Mean, MeanTest};
 const BLOCK: usize = 8;
 /// The |z| above which a block is an outlier; 5 % of blocks are by chance.
 const OUTLYING: f64 = 1.96;
-/// The number of bootstrap resamples for the spread of the pooled statistics.
+/// The number of bootstrap resamples that estimate the spread of the pooled statistics (number of outliers, sum of
+/// squared z).
 const RESAMPLES: usize = 200;
 
 /// The p-values of an image test. Each is adjusted for the number of blocks or channels of which it is the smallest.
@@ -128,7 +129,7 @@ fn test(a: &Group, b: Option<&Group>, exact: Option<&Vec<f64>>) -> ImageTest {
     ImageTest { blocks: adjusted(worst.p(), figures), global: adjusted(global, 3), outliers, spread }
 }
 
-/// The pooled statistics: the number of z values that are outliers, and the sum of squares of all.
+/// The pooled statistics: the number of z values that are outliers, and the sum of all squared z values.
 fn pooled(deviates: impl Iterator<Item = f64>) -> [f64; 2] {
     let mut sums = [0.0; 2];
     for z in deviates {

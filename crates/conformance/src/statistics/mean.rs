@@ -19,7 +19,7 @@ pub enum Verdict {
 pub struct Mean {
     /// The number of values.
     pub n: u64,
-    /// The mean.
+    /// The mean of the values.
     pub mean: f64,
     m2: f64,
 }
@@ -33,7 +33,7 @@ impl FromIterator<f64> for Mean {
 }
 
 impl Mean {
-    /// Adds a value.
+    /// Adds a value to the mean.
     pub fn add(&mut self, x: f64) {
         self.n += 1;
         let d = x - self.mean;
