@@ -61,7 +61,7 @@ impl Pilot {
     }
 }
 
-/// The state of the pilot at the beginning of a round.
+/// The state of the pilot (uniform first samples) at the beginning of a round.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PilotRound {
     /// The number of pilot samples per pixel.

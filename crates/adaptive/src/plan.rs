@@ -89,7 +89,7 @@ impl<P: PointSet> Adaptive<P> {
         let cap = (self.options.cap * mean).ceil().min(f64::from(ceiling)) as u32;
         let mut shared = ladder.allocate(scores, floors, cap, total, exponent)?;
         if shared.unspent > 0 {
-            // The floors left too little room under the cap: only the user's ceiling counts.
+            // The floors left too little room under the cap: only the user's ceiling applies.
             shared = ladder.allocate(scores, floors, ceiling, total, exponent)?;
         }
         let left = |n: f64| n.max(1.0).powf(-exponent);
@@ -122,7 +122,7 @@ impl<P: PointSet> Adaptive<P> {
         Ok(())
     }
 
-    /// Plans the image's samples after a discarded pilot.
+    /// Plans the samples that enter the image, from the scores of a discarded pilot.
     pub(crate) fn plan_after_discarding(&self, seen: &Feedback<'_>, plan: &mut Plan) -> Result<(), Error> {
         let BudgetLeft { min_spp, max_spp, .. } = seen.budget;
         let ladder = Ladder::of(seen.film.needs());

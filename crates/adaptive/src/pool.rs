@@ -11,8 +11,8 @@ pub enum PoolShape {
     /// The square window of pixels around the pixel.
     #[default]
     Window,
-    /// The square window, plus, with half its weight, the pixels up to one pixel beyond it whose first hit is in the
-    /// same cell (patch of surface).
+    /// The square window, and with half its weight a same-cell pool: pixels up to one pixel beyond the window whose
+    /// first hit is in the same cell (patch of surface).
     Inside,
     /// All pixels of the image whose first hit is in the same cell (patch of surface).
     Cell,

@@ -41,8 +41,8 @@ impl AreaVectors {
     ///
     /// # Errors
     ///
-    /// [`Error::LabelCount`] unless there is one label per triangle, [`Error::NoVertex`] for the index of a missing
-    /// vertex, and [`Error::NoCluster`] for a label that is not below `clusters`.
+    /// [`Error::LabelCount`] unless there is one label per triangle. [`Error::NoVertex`] for the index of a missing
+    /// vertex. [`Error::NoCluster`] for a label that is not below `clusters`.
     pub fn new(triangles: &Triangles<'_>, labels: &[u32], clusters: usize) -> Result<Self, Error> {
         let Triangles { positions, indices, .. } = *triangles;
         if labels.len() != indices.len() {

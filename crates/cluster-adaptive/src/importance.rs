@@ -39,8 +39,8 @@ impl RateMap {
 /// The sampling importance of all pixels: weights in proportion to which samples are distributed.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Importance {
-    /// One number per pixel of the window, row by row: finite, not negative, without unit. If any probe has a hit, the
-    /// mean is `1 + angle + distance`.
+    /// The importance of each pixel of the window, row by row: finite, not negative, without unit. If no term is left
+    /// out, the mean over the image is `1 + angle + distance`.
     pub per_pixel: Vec<f32>,
     /// The number of probes whose cluster has no size ([`Rates::replaced`](crate::Rates::replaced)).
     pub replaced: usize,

@@ -24,7 +24,7 @@ use std::cell::Cell;
 pub struct Block(u32);
 
 impl Block {
-    /// The block with this number.
+    /// Makes the block (four dimensions of a sample's random numbers) with this number.
     pub const fn new(number: u32) -> Self {
         Self(number)
     }

@@ -25,7 +25,7 @@ pub(crate) struct Cursor {
     pub(crate) row: u32,
 }
 
-/// A round that is partly traced.
+/// A round (a batch of planned samples) that is partly traced.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct OpenRound {
     pub(crate) plan: Plan,
@@ -188,7 +188,7 @@ impl Snapshot {
         Ok(Self { film, round, open, passes, total, seconds, sampler_state, sampler, points, bounds })
     }
 
-    /// The film at the snapshot, with valid statistics in every pixel.
+    /// The film (per-pixel statistics) at the time of the snapshot, with valid statistics in every pixel.
     pub fn film(&self) -> &Film {
         &self.film
     }

@@ -26,10 +26,10 @@ use dapple_core::{PointSet, SampleId};
 ///
 /// # Stratification
 ///
-/// Among any `2^a 3^b` consecutive samples, the first pair has exactly one point in each of the `2^a x 3^b` boxes (`5^a
-/// x 7^b` for the second pair).
-/// A later pair has one point in each of `2^k x 3^k` boxes for `6^k` samples that begin at a multiple of `6^k`.
-/// Every prefix is usable; [`PointSet::preferred_count`] returns the best ones.
+/// Among any `2^a 3^b` consecutive samples, the first pair has exactly one point in each of the `2^a x 3^b` boxes. For
+/// the second pair, replace 2 and 3 by 5 and 7. A later pair has one point in each of `2^k x 3^k` boxes for `6^k`
+/// samples that begin at a multiple of `6^k`. Every prefix is usable; [`PointSet::preferred_count`] returns the best
+/// ones.
 ///
 /// # Limits
 ///

@@ -104,8 +104,8 @@ impl<P: PointSet> Mitchell<P> {
     ///
     /// # Errors
     ///
-    /// [`Error::OutOfRange`] if only one of the rates is 0, if one sample alone decides (`initial` 1 with `radius` 0),
-    /// or if the rates add up to more than 2^32 - 1. Also for a threshold outside (0, 1], and a radius above 64.
+    /// [`Error::OutOfRange`] if only one of the rates is 0, or if one sample alone decides (`initial` 1 with `radius`
+    /// 0). Also for rates that add up to more than 2^32 - 1, a threshold outside (0, 1], and a radius above 64.
     pub fn with_options(points: P, options: MitchellOptions) -> Result<Self, Error> {
         let out = |name, value: String, allowed| Err(Error::OutOfRange { name, value, allowed });
         options.check_ranges()?;

@@ -34,16 +34,16 @@ dapple_core::options! {
 
 /// The `adaptive` sampler of pbrt-v2 with its `contrast` test [pbrt-v2, `src/samplers/adaptive.cpp`].
 ///
-/// Each pixel gets `min` pilot samples. If the luminance `Y` of one of them deviates by more than half from their mean,
-/// `|Y - mean| / mean > 0.5`, `max` new samples replace them. With [`Stopping::Threshold`] and [`PilotPolicy::Refined`]
-/// this is the published rule. [`Stopping::Budget`], the default, ranks pixels by that deviation until the budget is
-/// spent. With [`PilotPolicy::Keep`] the pilot samples stay in the image and count towards `max`.
+/// Each pixel gets `min` pilot samples. If the luminance `Y` of one deviates far from their mean, `|Y - mean| / mean >
+/// 0.5`, `max` new samples replace the pilot samples. With [`Stopping::Threshold`] and [`PilotPolicy::Refined`] this is
+/// the published rule. [`Stopping::Budget`], the default, ranks pixels by that deviation until the budget is spent.
+/// With [`PilotPolicy::Keep`] the pilot samples stay in the image and count towards `max`.
 ///
 /// *Guarantees*: the budget is met exactly, or is an upper bound. If it allows `min` samples per pixel, no pixel has
 /// fewer.
 ///
-/// *Weaknesses*: the published rule is biased. The expected value of a pixel whose samples are 1 with probability `p`,
-/// else 0, is `3 p^2 - 2 p^3` with two pilot samples (see [`PilotPolicy`]). A black pilot has no deviation and is never
+/// *Weaknesses*: the published rule is biased. If samples are 1 with probability `p`, else 0, and the pilot has two, a
+/// pixel's expected value is `3 p^2 - 2 p^3` (see [`PilotPolicy`]). A black pilot has no deviation and is never
 /// refined. Each pixel decides alone. The published form knows no budget. pbrt-v2's `shapeid` test is not included.
 pub struct MitchellPbrt<P> {
     points: P,

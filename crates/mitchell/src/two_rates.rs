@@ -35,10 +35,10 @@ impl TwoRates {
         Self { mode, policy, ranking: None, rates: None }
     }
 
-    /// Plans the next round. `rates` returns the rates for a mean budget. They stay in use until the mean budget has
-    /// doubled, so that the last tenth of a time limit does not go to one more sample everywhere. A pilot of fewer than
-    /// `least` samples per pixel has no contrast. `scores` returns each pixel's contrast relative to its threshold,
-    /// from the pilot samples traced so far.
+    /// Plans the next round. `rates` returns the rates for a mean budget. The rates stay in use until the mean budget
+    /// has doubled. Otherwise the last tenth of a time limit would go to one more sample everywhere. A pilot of fewer
+    /// than `least` samples per pixel has no contrast. `scores` returns each pixel's contrast relative to its
+    /// threshold, from the pilot samples traced so far.
     pub(crate) fn next_round(
         &mut self,
         seen: &Feedback<'_>,
@@ -128,7 +128,7 @@ impl TwoRates {
 
     /// The memory of a sampler that needs `scoring` bytes per pixel for its scores, and whose film records `needs`.
     pub(crate) fn memory(&self, frame: &Frame, needs: &Needs, limits: &Limits, scoring: usize) -> SamplerMemory {
-        // The ranking comes after the scoring, beside scores, or counts and marks.
+        // The ranking is made after scoring, and held beside the scores, or counts and marks.
         const RANKING: usize = 4;
         let planning = scoring.saturating_sub(RANKING).max(8);
         let memory = SamplerMemory::planning(frame, planning).with_state(frame, RANKING);

@@ -80,7 +80,7 @@ pub fn share(weights: &[f64], base: u32, floors: &[u32], ceiling: u32, total: u6
     let left = total - counts.iter().map(|&n| u64::from(n)).sum::<u64>();
     let open = counts.iter().filter(|n| **n < ceiling).count();
     if left > open as u64 {
-        // Weights that differ by tens of decades cut the search off far from its end.
+        // If weights differ by tens of decades, the search stops far from its goal.
         return Ok(Allocation { counts: level(&counts, ceiling, total), unspent: 0, replaced });
     }
     hand_out_remainders(&shares, &weights, &mut counts, ceiling, left as usize);

@@ -438,7 +438,7 @@ fn record_first_hit(band: &mut Band<'_>, local: usize, k: usize, hit: Option<&Fi
     }
     if k > 0 {
         // Kept and discarded samples fill the places in the order of tracing. This bank's indices give the next place,
-        // as long as one retention is used, which is the rule.
+        // as long as all rounds have the same retention, which is usual.
         let seen = band.banks.iter().map(|b| index(b.counts[local], b.ahead.get(local))).sum::<u64>() - 1;
         if seen < k as u64 {
             band.first_hits[local * k + seen as usize] = hit.copied();

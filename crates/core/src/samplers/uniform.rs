@@ -58,8 +58,8 @@ impl<P: PointSet> Sampler for Uniform<P> {
     }
 
     fn memory(&self, frame: &Frame, _: &Needs, limits: &Limits) -> SamplerMemory {
-        // Per pixel: floor, count, score and its copy, hash and number. With a known budget the only plan is made
-        // before anything is written to the film, which takes more.
+        // Bytes per pixel: floor, count, score and its copy, hash and index. With a budget known in samples, the only
+        // plan is made before anything is written to the film, which takes more.
         let once = matches!(limits.budget, Budget::Samples(_));
         SamplerMemory::planning(frame, if once { 0 } else { 40 })
     }
