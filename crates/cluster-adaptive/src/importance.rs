@@ -1,4 +1,4 @@
-//! Sampling importance: from rates to each pixel's part of the reserved samples.
+//! Sampling importance: each pixel's weight, computed from the sampling rates of its probes.
 
 use crate::probe::{BACKGROUND, Probe, Probes, dot};
 use crate::{ClusterSize, ClusterThesisOptions, Error, rates};

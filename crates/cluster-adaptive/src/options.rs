@@ -1,4 +1,4 @@
-//! The parameters of the published sampler.
+//! The parameters of the sampler of [Lan 2016].
 
 use crate::{Error, PixelArea, RateMap};
 use dapple_core::Options as _;

@@ -201,9 +201,9 @@ impl Film {
         bank * if needs.halves { 2 } else { 1 }
     }
 
-    /// Adds a kept sample to pixel `pixel`, for tests of samplers and filters. Its index in the stream is the pixel's
-    /// count so far. NaN, infinite and negative radiances are rejected, as in a render. `half` is 0 or 1; a film without
-    /// halves ignores it.
+    /// Adds a kept sample to pixel `pixel`, for tests of samplers and filters. The sample's index in the stream is the
+    /// pixel's count so far. NaN, infinite and negative radiances are rejected, as in a render. `half` is 0 or 1; a
+    /// film without halves ignores it.
     ///
     /// # Panics
     ///
