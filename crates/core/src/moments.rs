@@ -2,8 +2,8 @@
 
 /// Count, mean and sum of squared deviations of a stream of numbers.
 ///
-/// Updates follow [Welford 1962], merging [Chan, Golub and LeVeque 1979]. Sums of squares would lose all digits where
-/// the mean is far larger than the spread.
+/// Values are added after [Welford 1962], and moments merged after [Chan, Golub and LeVeque 1979]. Sums of squares
+/// would lose all digits where the mean is far larger than the spread.
 #[non_exhaustive]
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Moments {
@@ -16,7 +16,7 @@ pub struct Moments {
 }
 
 impl Moments {
-    /// Adds a value.
+    /// Adds a value to count, mean and squared deviations.
     #[inline]
     pub fn push(&mut self, value: f64) {
         self.count += 1;
@@ -60,7 +60,7 @@ pub struct RgbMoments {
 }
 
 impl RgbMoments {
-    /// Adds a colour.
+    /// Adds a colour to count, means and squared deviations.
     #[inline]
     pub fn push(&mut self, value: [f32; 3]) {
         self.count += 1;
