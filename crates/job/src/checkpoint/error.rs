@@ -4,11 +4,11 @@ use super::Damage;
 use std::io;
 use std::path::PathBuf;
 
-/// A file that was not written or read. Each message names the file and the remedy.
+/// An error of writing or reading a checkpoint or shard file. Each message names the file and the remedy.
 #[non_exhaustive]
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
-    /// A step of writing that failed. An existing file is unchanged.
+    /// A step of writing a file that failed. An existing file of that name is unchanged.
     #[error("{}: cannot {step}: {source}; an existing file is unchanged; free some space, or choose another place", path.display())]
     Write {
         /// The file.
@@ -40,15 +40,15 @@ pub enum Error {
         /// The operating system's error.
         source: io::Error,
     },
-    /// A damaged file, or one of another kind.
+    /// A damaged file, or a file of another kind than requested.
     #[error("{}: {damage}", path.display())]
     Damaged {
         /// The file.
         path: PathBuf,
-        /// The damage.
+        /// The damage that was found.
         damage: Damage,
     },
-    /// A file of which neither the newest nor the previous version can be used.
+    /// A file whose newest and previous versions are both unusable.
     #[error("{newer}; and {older}")]
     NoGeneration {
         /// The error of the newest version.
@@ -56,12 +56,12 @@ pub enum Error {
         /// The error of the previous version.
         older: Box<Error>,
     },
-    /// A text in an identity that is too long to store.
+    /// A name or value in an identity that is too long to store.
     #[error("a text of {bytes} bytes is too long: {most} at most")]
     LongText {
         /// The length of the text in bytes.
         bytes: usize,
-        /// The largest length in bytes.
+        /// The largest allowed length in bytes.
         most: usize,
     },
 }
