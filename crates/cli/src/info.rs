@@ -88,7 +88,8 @@ fn crop(scene: &Scene) -> String {
     }
 }
 
-/// Formats counts by kind, such as `3 (2 diffuse, 1 metal)`, with kinds in the order of first occurrence.
+/// Formats the number of objects and of each kind, such as `3 (2 diffuse, 1 metal)`, with kinds in the order of first
+/// occurrence.
 fn count(kinds: impl Iterator<Item = &'static str>) -> String {
     let mut counts: Vec<(&str, usize)> = Vec::new();
     let mut all = 0;
@@ -134,7 +135,7 @@ fn lights(scene: &Scene) -> String {
     count(shining.chain(others))
 }
 
-/// The corners of the world's bounding box, in the scene file's units.
+/// Formats the corners of the scene's bounding box, in the scene file's units.
 fn bounds(world: &World) -> String {
     let Some([low, high]) = world.geometry().bounds() else { return "nothing".into() };
     let corner = |p: [f32; 3]| {

@@ -25,7 +25,7 @@ pub enum JobError {
     /// A scene that cannot be read.
     #[error(transparent)]
     Read(#[from] ReadError),
-    /// A scene that cannot be built for tracing.
+    /// A scene from which no world can be built for tracing.
     #[error(transparent)]
     World(#[from] WorldError),
     /// A sampler, a point set or a filter that cannot be made.
@@ -40,7 +40,7 @@ pub enum JobError {
     /// An effect (a kind of light transport) that cannot be left out of the scene.
     #[error("without {effect}: {source}")]
     Without {
-        /// The effect.
+        /// The effect that was to be left out.
         effect: Effect,
         /// The reason why the effect cannot be left out.
         source: WithoutError,
@@ -48,9 +48,9 @@ pub enum JobError {
     /// A request to leave out an effect that the scene does not use.
     #[error("without {effect}: the scene does not call for it; it calls for {}", list(called))]
     NotCalledFor {
-        /// The effect.
+        /// The effect that was to be left out.
         effect: Effect,
-        /// The effects that the scene uses.
+        /// All effects that the scene uses.
         called: Vec<Effect>,
     },
     /// A render that needs more memory than the limit.
@@ -69,7 +69,7 @@ pub enum JobError {
     /// A checkpoint file that already exists, in a render that does not resume from it; it would be overwritten.
     #[error("{path}: a checkpoint exists; resume from it, or remove it and {path}.previous", path = path.display())]
     CheckpointExists {
-        /// The checkpoint file.
+        /// The path of the existing checkpoint file.
         path: PathBuf,
     },
     /// A checkpoint or shard file made by a render with other settings.
@@ -83,7 +83,7 @@ pub enum JobError {
     /// A checkpoint file whose snapshot of the film is inconsistent.
     #[error("{}: {source}", path.display())]
     Snapshot {
-        /// The checkpoint file.
+        /// The path of the checkpoint file.
         path: PathBuf,
         /// The error of decoding the snapshot.
         source: dapple_core::Error,
@@ -100,7 +100,7 @@ pub enum JobError {
     /// An image that cannot be rendered as shards (every N-th row each).
     #[error("shard {shard}: {why}")]
     NoShard {
-        /// The shard.
+        /// The shard that was requested.
         shard: Shard,
         /// The reason why the image cannot be sharded.
         why: String,

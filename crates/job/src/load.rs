@@ -33,7 +33,7 @@ impl Default for LoadOptions {
 }
 
 impl LoadOptions {
-    /// Sets the memory limit.
+    /// Sets the memory limit of the render.
     #[must_use]
     pub fn with_limit(self, limit: MemoryLimit) -> Self {
         Self { limit, ..self }
@@ -133,12 +133,12 @@ impl LoadedScene {
         })
     }
 
-    /// The scene, with the changes that the description makes.
+    /// The scene, changed as the description requires: depth limit, pixel filter and left-out effects.
     pub fn scene(&self) -> &Scene {
         &self.scene
     }
 
-    /// The image's resolution and rendered window.
+    /// The image's resolution, and the window of it that is rendered.
     pub fn frame(&self) -> &Frame {
         &self.frame
     }
@@ -197,7 +197,7 @@ impl PreparedScene {
         &self.world
     }
 
-    /// The hash of all bytes read for the scene; `None` without a digest.
+    /// The digest: a hash of all bytes read for the scene. `None` if the scene was read without a digest.
     pub fn digest(&self) -> Option<&ContentHash> {
         self.digest.as_ref()
     }
@@ -212,7 +212,7 @@ impl PreparedScene {
         self.build_seconds
     }
 
-    /// The effects that are left out of the image.
+    /// The effects (kinds of light transport) that are left out of the image.
     pub fn without(&self) -> &[Effect] {
         &self.without
     }

@@ -38,7 +38,8 @@ pub fn of_scene(scene: &Scene) -> u64 {
     meshes.chain(images).sum()
 }
 
-/// The memory that [`World::new`](dapple_renderer::World::new) will take for a scene, to within 10 % for large meshes.
+/// Estimates the memory of the world that [`World::new`](dapple_renderer::World::new) builds for a scene, to within 10
+/// % for large meshes.
 pub fn of_world(scene: &Scene) -> WorldMemory {
     // Positions are stored in single precision; normals, texture coordinates and triangles are copied; each triangle
     // gets a normal.

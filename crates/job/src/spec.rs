@@ -10,7 +10,7 @@ use dapple_renderer::light::LightSelection;
 use dapple_scene::Effect;
 use serde::{Deserialize, Serialize};
 
-/// The version of the format that [`RenderSpec::to_json`] writes.
+/// The version of the JSON format that [`RenderSpec::to_json`] writes.
 pub const SPEC_VERSION: u32 = 1;
 /// The default budget of a render, in mean samples per pixel.
 pub const DEFAULT_SPP: f64 = 64.0;
@@ -42,17 +42,17 @@ pub const DEFAULT_INTEGRATOR: &str = "path";
 #[serde(deny_unknown_fields)]
 #[non_exhaustive]
 pub struct RenderSpec {
-    /// The version of the format: [`SPEC_VERSION`].
+    /// The version of the JSON format: [`SPEC_VERSION`].
     pub version: u32,
     /// The scene: the path of a scene or model file, or the name of a bundled scene.
     pub scene: String,
-    /// The sampler, `NAME` or `NAME:key=value,…`.
+    /// The sampler (how many samples each pixel gets), `NAME` or `NAME:key=value,…`.
     #[serde(default = "names::sampler")]
     pub sampler: String,
-    /// The point set, `NAME` or `NAME:key=value,…`.
+    /// The point set (where samples lie), `NAME` or `NAME:key=value,…`.
     #[serde(default = "names::points")]
     pub points: String,
-    /// The filter, `NAME` or `NAME:key=value,…`; `none` leaves each pixel the mean of its samples.
+    /// The filter (denoiser), `NAME` or `NAME:key=value,…`; `none` leaves each pixel the mean of its samples.
     #[serde(default = "names::filter")]
     pub filter: String,
     /// The integrator, `NAME` or `NAME:key=value,…`.
@@ -65,7 +65,7 @@ pub struct RenderSpec {
     /// The condition that ends the render.
     #[serde(default)]
     pub budget: BudgetSpec,
-    /// Smallest number of samples per pixel.
+    /// The smallest number of samples that each pixel gets.
     #[serde(default = "names::one")]
     pub min_spp: u32,
     /// Largest number of samples per pixel. `None` sets no bound, or [`ERROR_SPP`] if the budget is
@@ -84,7 +84,7 @@ pub struct RenderSpec {
     /// The largest number of scattering events between camera and light; `None` takes the limit in the scene.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub max_depth: Option<u32>,
-    /// The pixel filter.
+    /// The pixel filter: the scene's, or a box one pixel wide.
     #[serde(default)]
     pub pixel_filter: PixelFilterSpec,
     /// Effects (kinds of light transport) that are left out of the scene.
@@ -173,7 +173,7 @@ pub enum SpecError {
     /// A value out of range, or a value that contradicts another field.
     #[error("{field}: {what}")]
     Field {
-        /// The name of the field.
+        /// The name of the wrong field of [`RenderSpec`].
         field: &'static str,
         /// The problem with the field's value, and the remedy.
         what: String,
@@ -206,25 +206,25 @@ impl RenderSpec {
         }
     }
 
-    /// Sets the sampler.
+    /// Sets the sampler, `NAME` or `NAME:key=value,…`.
     #[must_use]
     pub fn sampler(self, sampler: impl Into<String>) -> Self {
         Self { sampler: sampler.into(), ..self }
     }
 
-    /// Sets the point set.
+    /// Sets the point set, `NAME` or `NAME:key=value,…`.
     #[must_use]
     pub fn points(self, points: impl Into<String>) -> Self {
         Self { points: points.into(), ..self }
     }
 
-    /// Sets the filter.
+    /// Sets the filter (denoiser), `NAME` or `NAME:key=value,…`; `none` leaves each pixel the mean of its samples.
     #[must_use]
     pub fn filter(self, filter: impl Into<String>) -> Self {
         Self { filter: filter.into(), ..self }
     }
 
-    /// Sets the integrator.
+    /// Sets the integrator, `NAME` or `NAME:key=value,…`.
     #[must_use]
     pub fn integrator(self, integrator: impl Into<String>) -> Self {
         Self { integrator: integrator.into(), ..self }
@@ -260,7 +260,7 @@ impl RenderSpec {
         Self { crop, ..self }
     }
 
-    /// Sets the seed.
+    /// Sets the seed of all random numbers.
     #[must_use]
     pub fn seed(self, seed: u64) -> Self {
         Self { seed, ..self }
@@ -272,7 +272,7 @@ impl RenderSpec {
         Self { max_depth, ..self }
     }
 
-    /// Sets the pixel filter.
+    /// Sets the pixel filter: the scene's, or a box one pixel wide.
     #[must_use]
     pub fn pixel_filter(self, pixel_filter: PixelFilterSpec) -> Self {
         Self { pixel_filter, ..self }
@@ -305,7 +305,7 @@ impl RenderSpec {
         self.light_selection.unwrap_or(default)
     }
 
-    /// The description as one line of JSON.
+    /// Encodes the description as one line of JSON.
     ///
     /// # Errors
     ///
@@ -314,7 +314,7 @@ impl RenderSpec {
         Ok(serde_json::to_string(self)?)
     }
 
-    /// The description as indented JSON.
+    /// Encodes the description as indented JSON.
     ///
     /// # Errors
     ///

@@ -21,7 +21,7 @@ pub enum Warning {
     },
     /// An effect (a kind of light transport) that is left out of the image at the user's request.
     LeftOut {
-        /// The effect.
+        /// The effect that is left out.
         effect: Effect,
         /// The first object in the scene that uses the effect; `None` if unknown.
         by: Option<Called>,
@@ -64,12 +64,12 @@ pub enum Warning {
     },
     /// A stopped render whose image is left unfiltered, because the filter would take too long.
     NotFiltered {
-        /// The filter's name.
+        /// The name of the filter that was not applied.
         filter: String,
     },
     /// Pixel values that were too large for the file format, and were clamped to its maximum.
     Clamped {
-        /// The image file.
+        /// The path of the image file.
         path: std::path::PathBuf,
         /// The number of clamped values.
         values: u64,

@@ -18,9 +18,9 @@ pub enum StudyError {
     /// A reference image that cannot be read, or does not fit the study: another scene, size or setting.
     #[error("{file}: not a reference for {scene}: {why}", file = file.display())]
     Reference {
-        /// The reference's file.
+        /// The path of the reference image.
         file: PathBuf,
-        /// The scene's name.
+        /// The name of the reference's scene.
         scene: String,
         /// The problem with the reference, and the remedy.
         why: String,
@@ -55,7 +55,7 @@ pub enum StudyError {
     /// A file or folder that cannot be read or written.
     #[error("{}: cannot {action}: {source}; {kept}", path.display())]
     File {
-        /// The file or folder.
+        /// The path of the file or folder.
         path: PathBuf,
         /// The action that failed, as a verb phrase.
         action: &'static str,

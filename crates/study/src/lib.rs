@@ -34,7 +34,7 @@
 //! # }
 //! ```
 
-/// The README's example is tested.
+/// Runs the README's examples as documentation tests.
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]
 struct Readme;

@@ -25,7 +25,7 @@ pub struct PlanError {
     pub key: String,
     /// The wrong name or value; `None` if the error is not about a single one.
     pub value: Option<String>,
-    /// The error and its remedy.
+    /// The message: the error and its remedy.
     pub message: String,
 }
 

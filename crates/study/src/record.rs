@@ -92,12 +92,13 @@ impl fmt::Display for Method {
 }
 
 impl Phases {
-    /// Wall seconds that do not grow with the number of samples: clustering, probes and filter.
+    /// Sums the wall seconds of the phases that do not grow with the number of samples: clustering, probe rays and
+    /// filter.
     pub fn fixed(&self) -> f64 {
         self.cluster + self.probe + self.filter
     }
 
-    /// Wall seconds of an image: all phases but `load` and `bvh`.
+    /// Sums the wall seconds of all phases of an image: all but `load` and `bvh`.
     pub fn render(&self) -> f64 {
         self.cluster + self.probe + self.plan + self.trace + self.filter
     }
@@ -135,7 +136,7 @@ pub struct ImageErrors {
 pub struct Run {
     /// The scene's name in the study.
     pub scene: String,
-    /// The method.
+    /// The method: sampler, point set and filter.
     pub method: Method,
     /// The budget: mean samples per pixel, or equal time.
     pub budget: RunBudget,
@@ -150,7 +151,7 @@ pub struct Run {
     pub spp: f64,
     /// The number of rays traced, probe rays included.
     pub rays: u64,
-    /// Wall seconds by phase.
+    /// Wall seconds of each phase.
     pub seconds: Phases,
     /// Wall seconds of the image: the sum of all phases but reading the scene and building the hierarchy.
     pub render_s: f64,
@@ -233,7 +234,7 @@ pub struct SceneRecord {
     pub lights: LightSelection,
 }
 
-/// The machine that a study ran on.
+/// The machine on which a study ran.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct Machine {
@@ -241,7 +242,7 @@ pub struct Machine {
     pub processor: Option<String>,
     /// The number of threads that render.
     pub threads: usize,
-    /// Operating system and architecture.
+    /// The operating system and the processor architecture.
     pub system: String,
 }
 

@@ -11,7 +11,7 @@ pub enum FolderError {
     /// A file that cannot be read.
     #[error("{}: cannot be read: {source}; pass the folder that `dapple study -o` wrote to", path.display())]
     Read {
-        /// The file.
+        /// The path of the file that cannot be read.
         path: PathBuf,
         /// The operating system's error.
         source: std::io::Error,
@@ -30,7 +30,7 @@ pub enum FolderError {
     /// A `study.json` whose baseline is not one of its methods.
     #[error("{}: the baseline is not one of the methods; add it to them", path.display())]
     Baseline {
-        /// The file.
+        /// The path of `study.json`.
         path: PathBuf,
     },
 }

@@ -13,7 +13,7 @@ use std::path::Path;
 pub(crate) struct ReferenceImage {
     pub(crate) size: [u32; 2],
     pub(crate) mean: Vec<[f32; 3]>,
-    /// Variance of `mean` per pixel and channel, in squared radiance; `None` if unknown.
+    /// The variance of the reference image, per pixel and channel, in squared radiance; `None` if unknown.
     pub(crate) variance: Option<Vec<[f32; 3]>>,
 }
 

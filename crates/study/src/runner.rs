@@ -19,7 +19,7 @@ use std::process::{Command, Stdio};
 pub struct RunRequest {
     /// The scene with the settings of its image.
     pub view: View,
-    /// The method.
+    /// The method: sampler, point set and filter.
     pub method: Method,
     /// The external program, if it is the method's filter; otherwise `None`.
     #[serde(default)]

@@ -124,7 +124,7 @@ impl<'a> Told<'a> {
         Some(Beyond { radiance_lost: lost, relmse: rel_mse, time_ratio })
     }
 
-    /// Formats the measurements as one line of JSON.
+    /// Formats the effects and measurements as one line of JSON.
     pub(super) fn json(&self) -> String {
         let entry = |called: &'a Called| {
             let figures = self.figures(called);
@@ -155,7 +155,7 @@ impl<'a> Told<'a> {
         serde_json::to_string(&line).unwrap_or_default()
     }
 
-    /// Formats the measurements as a table.
+    /// Formats the effects and measurements as a table.
     pub(super) fn table(&self) -> String {
         let depth = self.effects.max_depth().map_or("unlimited".into(), |d| d.to_string());
         let called = self.effects.called();

@@ -265,7 +265,7 @@ impl RenderArgs {
         options
     }
 
-    /// Checks the options that the description does not contain.
+    /// Checks the options that are not part of the description: checkpoints, shards and outputs.
     fn check(&self, spec: &RenderSpec) -> std::result::Result<(), String> {
         if self.checkpoint_every.is_some() && self.checkpoint.is_none() && self.resume.is_none() {
             return Err("--checkpoint-every needs --checkpoint FILE or --resume FILE".into());

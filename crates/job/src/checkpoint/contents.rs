@@ -79,7 +79,7 @@ impl Identity {
 /// The contents of a checkpoint or shard file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Contents {
-    /// The kind of the file.
+    /// The kind of the file: checkpoint or shard.
     pub kind: Kind,
     /// The settings that the body depends on, as pairs of name and value.
     pub identity: Identity,

@@ -22,16 +22,16 @@ pub struct Store {
 /// The version of a file from which [`Store::read`] took the contents.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Generation {
-    /// The newest version.
+    /// The newest version of the file.
     Newest,
-    /// The previous version, read because the newest is missing or damaged.
+    /// The previous version of the file, read because the newest one is missing or damaged.
     Previous,
 }
 
 /// The result of [`Store::read`].
 #[derive(Debug)]
 pub struct Found {
-    /// The contents of the file.
+    /// The decoded contents of the file.
     pub contents: Contents,
     /// The version of the file from which the contents come.
     pub generation: Generation,
@@ -71,7 +71,7 @@ impl Store {
         }
     }
 
-    /// The path of the file.
+    /// The path of the file's newest version.
     pub fn path(&self) -> &Path {
         &self.path
     }

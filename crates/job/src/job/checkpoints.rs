@@ -35,13 +35,13 @@ pub struct CheckpointOptions {
 }
 
 impl CheckpointOptions {
-    /// Writes checkpoints to the file `path`.
+    /// Sets the file to which checkpoints are written.
     #[must_use]
     pub fn keep(self, path: impl Into<PathBuf>) -> Self {
         Self { keep: Some(path.into()), ..self }
     }
 
-    /// Resumes from the file `path`.
+    /// Sets the checkpoint file from which the render resumes.
     #[must_use]
     pub fn resume(self, path: impl Into<PathBuf>) -> Self {
         Self { resume: Some(path.into()), ..self }
@@ -155,7 +155,7 @@ struct Writer {
     is_first: bool,
     writing: Option<JoinHandle<Result<(), Error>>>,
     warned: bool,
-    /// The error of writing the final checkpoint.
+    /// The error of writing the final checkpoint, if there was one.
     trouble: Option<Error>,
 }
 
@@ -184,7 +184,7 @@ impl Writer {
         }
     }
 
-    /// Writes the final checkpoint, and waits until it is on the disk.
+    /// Writes the final checkpoint in this thread, after a write in progress has ended.
     fn finish(&mut self, status: &Status<'_>, monitor: &mut dyn JobMonitor) {
         self.wait(monitor);
         let contents = self.contents(status);
@@ -210,7 +210,7 @@ impl Writer {
         Contents { kind: Kind::Checkpoint, identity: self.identity.clone(), body: status.snapshot() }
     }
 
-    /// Returns `true` if no write is in progress. Collects the result of a finished write.
+    /// Returns `true` if no checkpoint is being written. Collects the result of a finished write.
     fn is_idle(&mut self, monitor: &mut dyn JobMonitor) -> bool {
         if self.writing.as_ref().is_some_and(|writing| !writing.is_finished()) {
             return false;

@@ -173,7 +173,7 @@ enum SeedsForm {
     List(Vec<u64>),
 }
 
-/// The largest number of seeds, so that a typing error cannot fill the memory.
+/// The largest number of seeds in a plan; it keeps a typing error from filling the memory.
 const MOST_SEEDS: u64 = 100_000;
 
 pub(super) fn seeds<'de, D: Deserializer<'de>>(from: D) -> Result<Option<Vec<u64>>, D::Error> {

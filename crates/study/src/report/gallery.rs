@@ -155,8 +155,8 @@ fn embed(png: Result<Vec<u8>, dapple_scene::image::ImageError>, size: [u32; 2]) 
     Some(Embedded { uri, size })
 }
 
-/// The exposure in whole stops at which a reference is shown: 0, unless the image is far too dark or too bright to see.
-/// In that case the brightest 1 % of pixels reach 1.
+/// The exposure in whole stops at which a scene's images are shown: 0, unless the reference is far too dark or too
+/// bright. In that case it maps the 99th percentile of pixel values to about 1.
 fn exposure(reference: &Image) -> f32 {
     let mut peaks: Vec<f32> = reference.pixels.iter().map(|p| p[0].max(p[1]).max(p[2])).collect();
     peaks.sort_by(f32::total_cmp);

@@ -160,7 +160,7 @@ pub(super) fn render(recorded: &RecordedStudy, summary: &Summary) -> Result<Stri
     .render()
 }
 
-/// Sentences about deviations from the plan, such as missing runs.
+/// Sentences about unusual records: foreign, repeated or incomplete lines of `runs.jsonl`, and rejected samples.
 fn remarks(recorded: &RecordedStudy) -> Vec<String> {
     let mut remarks = Vec::new();
     let mut remark = |count: usize, words: &str| {
