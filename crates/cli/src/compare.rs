@@ -89,7 +89,7 @@ fn line(c: &Comparison, flip: f64) -> String {
         non_finite: c.non_finite,
         worst_block: Block { position, size, relmse: rel_mse },
     };
-    // Plain numbers cannot fail.
+    // Serialising plain numbers cannot fail.
     serde_json::to_string(&line).unwrap_or_default()
 }
 

@@ -59,7 +59,7 @@ impl Report<'_> {
             effects: Effects::of(job.scene()).called().iter().map(|c| c.effect.name()).collect(),
             without: job.prepared().without().iter().map(|e| e.name()).collect(),
         };
-        // Plain numbers and text cannot fail.
+        // Serialising plain numbers and text cannot fail.
         serde_json::to_string(&line).unwrap_or_default()
     }
 

@@ -44,7 +44,7 @@ pub(super) fn attributes(job: &Job, image: &RenderedImage, cpu: Option<f64>) -> 
         ("bias", bias(job, image)),
         ("interrupted", record.interrupted.to_string()),
         ("threads", rayon::current_num_threads().to_string()),
-        // Plain numbers cannot fail.
+        // Serialising plain numbers cannot fail.
         ("seconds", serde_json::to_string(&image.seconds).unwrap_or_default()),
         ("cpu-seconds", cpu.map_or("unknown".into(), |s| s.to_string())),
     ];

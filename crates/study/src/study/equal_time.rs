@@ -50,7 +50,7 @@ impl Study {
                     Some(target) if found.is_none() => first_run(request, target, runner)?,
                     _ => runner.run(&request)?,
                 };
-                // The first run is the baseline's, whose time the others aim at.
+                // The baseline's run comes first; the other methods' runs are to take the same time.
                 target = target.or(Some(run.render_s));
                 self.keep(run)?;
             }

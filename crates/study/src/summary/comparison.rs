@@ -50,8 +50,8 @@ pub(super) fn add(summary: &mut Summary, grid: &RunTable<'_>) {
                 method != grid.baseline && !grid.pairs(scene, [method, grid.baseline], budget).is_empty()
             })
             .collect();
-        // The confidence of each interval with which all intervals hold together with 95 % confidence [after Šidák
-        // 1967].
+        // The confidence level that each interval needs so that all of them hold together with 95 % confidence [after
+        // Šidák 1967].
         let together = libm::pow(CONFIDENCE, 1.0 / compared.len().max(1) as f64);
         for at in compared {
             compare(summary, grid, at, budget, together);
