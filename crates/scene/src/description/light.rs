@@ -43,7 +43,7 @@ pub enum LightKind {
         /// The shape of the falloff from `falloff_start` to `cone`.
         falloff: SpotFalloff,
     },
-    /// Parallel light from infinitely far, out of the direction +z of the light's space.
+    /// Parallel light from infinitely far away. It arrives from the direction +z of the light's space.
     Distant {
         /// Irradiance of a surface that faces the light, linear RGB.
         irradiance: [f32; 3],

@@ -20,7 +20,7 @@ pub enum ImageError {
         /// Number of pixels given.
         found: usize,
     },
-    /// A file of unknown format.
+    /// A file whose format is not recognized.
     #[error(
         "{file}: unknown image format; convert it to PNG, JPEG, TGA (by its extension), Radiance HDR, OpenEXR or PFM"
     )]
