@@ -27,12 +27,12 @@ use std::fmt;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// A place in a file, for messages.
+/// The file and line of an object, for messages.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Source {
-    /// The file, as it was named.
+    /// The path by which the file was opened.
     pub file: Arc<PathBuf>,
-    /// The line, from 1; 0 for the whole file, or for a scene made by a program.
+    /// The line, from 1; 0 stands for the whole file, or for a scene made by a program.
     pub line: u32,
 }
 

@@ -24,7 +24,7 @@ impl Reader<'_> {
     fn read_camera(&mut self, kind: &str, source: Source, mut params: Params) {
         self.meet("Camera", &source);
         if !matches!(kind, "perspective" | "orthographic") {
-            // Another projection would change the whole image, so it is an error even if unsupported features are left out.
+            // Another projection would change the whole image, so it is always an error.
             let what =
                 format!("Camera {} is not supported; use Camera \"perspective\" or \"orthographic\"", shown(kind));
             self.log.problem(&source, what);
@@ -144,7 +144,7 @@ impl Reader<'_> {
         let depth = match d.word {
             "SurfaceIntegrator" => {
                 let depth = params.integer("maxdepth", 0, i32::MAX).unwrap_or(5) as u32;
-                // pbrt-v2's path tracer also lights the vertex after the last bounce: one event more than other integrators.
+                // pbrt-v2's path tracer also lights the vertex after the last bounce: one event more than others.
                 Some(if kind == "path" { depth.saturating_add(1) } else { depth })
             }
             "Renderer" if kind == "metropolis" => Some(params.integer("maxdepth", 0, i32::MAX).unwrap_or(7) as u32),
