@@ -78,7 +78,7 @@ impl Notice {
 pub struct Scene {
     /// The file name without its extension, or the name of a bundled scene.
     pub name: String,
-    /// The camera.
+    /// The camera: its pose, projection, lens and shutter.
     pub camera: Camera,
     /// Resolution, crop window and pixel filter.
     pub film: FilmSettings,

@@ -17,7 +17,7 @@ use visible::Visible;
 pub enum Effect {
     /// Soft shadows, cast by lights with an area.
     SoftShadows,
-    /// Selection among more than one light.
+    /// More than one light, so that a renderer selects among them.
     SeveralLights,
     /// Glossy reflection or transmission: rough metals, coats and glass.
     Glossy,
@@ -37,14 +37,14 @@ pub enum Effect {
     MotionBlur,
     /// Surfaces with an opacity below 1.
     Transparency,
-    /// Media that absorb light.
+    /// Participating media that absorb light.
     AbsorbingMedia,
-    /// Media that scatter light.
+    /// Participating media that scatter light.
     ScatteringMedia,
 }
 
 impl Effect {
-    /// Every effect, in the order of reports.
+    /// All effects, in the order of reports.
     pub const ALL: [Self; 13] = [
         Self::SoftShadows,
         Self::SeveralLights,
@@ -106,7 +106,7 @@ impl fmt::Display for Effect {
     }
 }
 
-/// The error of a name that is no effect's name.
+/// The error of an unknown effect name, found when a name is parsed as an [`Effect`].
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("unknown effect \"{name}\"; {}", advice(name))]
 pub struct UnknownEffect {
@@ -134,7 +134,7 @@ impl FromStr for Effect {
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct Called {
-    /// The effect.
+    /// The effect that the scene calls for.
     pub effect: Effect,
     /// The reason, as a short phrase about the first object that calls for the effect.
     pub because: String,

@@ -26,14 +26,14 @@ impl Files for Disk {
     }
 }
 
-/// Files in memory, by exact path.
+/// Files in memory, found by their exact path.
 impl Files for BTreeMap<PathBuf, Vec<u8>> {
     fn read(&self, path: &Path) -> io::Result<Vec<u8>> {
         self.get(path).cloned().ok_or_else(not_found)
     }
 }
 
-/// Files built into a program (`include_bytes!`), by exact path.
+/// Files built into a program (`include_bytes!`), found by their exact path.
 impl Files for [(&str, &[u8])] {
     fn read(&self, path: &Path) -> io::Result<Vec<u8>> {
         let found = self.iter().find(|(name, _)| Path::new(name) == path);

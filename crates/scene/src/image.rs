@@ -62,7 +62,7 @@ pub struct Image {
 pub struct NonFinite {
     /// Number of pixels with a NaN or an infinity in any channel; at least 1.
     pub count: u64,
-    /// Column and row, from 0, of the first such pixel in reading order.
+    /// Column and row, from 0, of the first pixel with NaN or infinity in reading order.
     pub first: [u32; 2],
 }
 
@@ -70,7 +70,7 @@ impl Image {
     /// Makes an image from its pixels, top row first.
     ///
     /// # Errors
-    /// [`ImageError::Empty`] if a side is 0, [`ImageError::PixelCount`] if `pixels` are not `size[0] * size[1]`.
+    /// [`ImageError::Empty`] if a side is 0, [`ImageError::PixelCount`] if `pixels.len()` is not the product of `size`.
     pub fn new(size: [u32; 2], pixels: Vec<[f32; 3]>) -> Result<Self, ImageError> {
         check_count(size, pixels.len())?;
         Ok(Self { size, pixels, alpha: Vec::new() })

@@ -6,7 +6,7 @@ use super::directions::{add, cross, dot, normalize, sub};
 #[derive(Clone, Debug, Default)]
 pub(super) struct Mesh {
     pub(super) positions: Vec<[f64; 3]>,
-    /// Unit normals, one per position.
+    /// Unit vertex normals, one per position.
     pub(super) normals: Vec<[f64; 3]>,
     pub(super) triangles: Vec<[u32; 3]>,
 }

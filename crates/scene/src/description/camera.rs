@@ -15,7 +15,7 @@ pub struct Camera {
     pub projection: Projection,
     /// Width over height of the screen; `None` takes the ratio of the resolution.
     pub aspect: Option<f64>,
-    /// The part of the screen plane that the image shows: x0, x1, y0, y1; `None` if the file sets none.
+    /// The part of the screen plane that the image shows: x0, x1, y0, y1. `None` derives it from the aspect ratio.
     pub screen_window: Option<[f64; 4]>,
     /// Radius of the lens in units of camera space, as in pbrt-v4; 0 is a pinhole.
     pub lens_radius: f64,
@@ -29,7 +29,7 @@ pub struct Camera {
     pub source: Source,
 }
 
-/// The projection of a camera.
+/// The projection of a camera: perspective or orthographic.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Projection {
     /// A perspective projection: all rays of a pinhole camera start at one point.
@@ -67,9 +67,9 @@ pub struct FilmSettings {
     pub crop: Option<[u32; 4]>,
     /// The pixel filter. It is importance-sampled, so that each sample belongs to one pixel.
     pub pixel_filter: PixelFilter,
-    /// The file name that the scene suggests for its image.
+    /// The file name that the scene suggests for its image, if any.
     pub file_name: Option<String>,
-    /// The number of samples per pixel that the scene suggests.
+    /// The number of samples per pixel that the scene suggests, if any.
     pub spp: Option<u32>,
 }
 
@@ -82,17 +82,17 @@ impl Default for FilmSettings {
 /// A pixel filter, with radii in pixels.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum PixelFilter {
-    /// Constant within the radii.
+    /// A box filter: constant within the radii.
     Box {
         /// Half width and half height of the filter, in pixels.
         radius: [f64; 2],
     },
-    /// A tent that falls linearly to 0 at the radii.
+    /// A triangle filter: a tent that falls linearly to 0 at the radii.
     Triangle {
         /// Half width and half height of the filter, in pixels.
         radius: [f64; 2],
     },
-    /// A Gaussian minus its value at the radius, so that it is 0 there.
+    /// A Gaussian filter: a Gaussian minus its value at the radius, so that it is 0 there.
     Gaussian {
         /// Half width and half height of the filter, in pixels.
         radius: [f64; 2],

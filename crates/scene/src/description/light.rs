@@ -7,7 +7,7 @@ use glam::DAffine3;
 use std::f64::consts::PI;
 use std::sync::Arc;
 
-/// A light that is not a shape.
+/// A light that is not a shape: point, spot, distant light or environment.
 #[derive(Clone, Debug)]
 pub struct Light {
     /// The kind of light, with its parameters.

@@ -62,9 +62,9 @@ pub enum MaterialKind {
         eta: f32,
         /// Microfacet roughness of the surface.
         roughness: Roughness,
-        /// Factor of reflected light; always white in pbrt-v4.
+        /// Factor applied to reflected light; white (1) in pbrt-v4.
         reflectance: Color,
-        /// Factor of transmitted light; always white in pbrt-v4.
+        /// Factor applied to transmitted light; white (1) in pbrt-v4.
         transmittance: Color,
     },
     /// A pane of glass, modelled as one surface for both faces: light passes straight through or is reflected.
@@ -107,7 +107,7 @@ pub enum MaterialKind {
     Plastic {
         /// The fraction of light reflected diffusely.
         diffuse: Color,
-        /// Factor of the glossy reflection.
+        /// Factor applied to the glossy reflection.
         specular: Color,
         /// Microfacet roughness of the glossy reflection.
         roughness: Roughness,
@@ -123,7 +123,7 @@ pub enum MaterialKind {
     },
 }
 
-/// The Fresnel term of a metal.
+/// The Fresnel reflectance of a metal, by its index of refraction or by its colour.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ConductorFresnel {
     /// A complex index of refraction, `eta + i k`, for each of R, G and B.
@@ -156,7 +156,7 @@ pub struct Coating {
     pub samples: u32,
 }
 
-/// pbrt-v4's default coat, smooth.
+/// The defaults of pbrt-v4's coat: smooth, index of refraction 1.5, no medium inside.
 impl Default for Coating {
     fn default() -> Self {
         let (roughness, albedo) = (Roughness::constant(0.0, 0.0, false), Color::Constant([0.0; 3]));
@@ -215,7 +215,7 @@ impl Roughness {
     }
 }
 
-/// A number: constant, or the first channel of a texture with equal channels.
+/// A number: constant, or the first channel of a texture whose channels are equal.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Scalar {
     /// A constant value.
@@ -242,7 +242,7 @@ pub enum TextureKind {
     Checkerboard {
         /// Factors of u and v, applied before the shift.
         scale: [f32; 2],
-        /// Shift of u and v.
+        /// Offsets added to u and v after `scale`.
         shift: [f32; 2],
         /// The colour where `floor(u) + floor(v)` is even, and the colour where it is odd.
         colors: [Color; 2],
@@ -253,7 +253,7 @@ pub enum TextureKind {
         image: Arc<Image>,
         /// Factors of u and v, applied before the shift.
         scale: [f32; 2],
-        /// Shift of u and v.
+        /// Offsets added to u and v after `scale`.
         shift: [f32; 2],
         /// Factor applied to every pixel value.
         factor: f32,

@@ -6,12 +6,12 @@ use std::sync::Arc;
 
 /// A shape: geometry, material, emission and media.
 ///
-/// The geometric normal, on whose side the shape emits, is as in pbrt-v4:
-/// * In the shape's own space: `(p1 - p0) x (p2 - p0)` of a triangle, outwards of a sphere, +z of a disk.
-/// * It is brought to world space as a normal (by the inverse transpose), so that a transform that mirrors
-///   does not turn it around; then it is negated if [`reversed`](Self::reversed).
-/// * Where a mesh has normals, they are transformed and negated the same way, and a triangle's geometric
-///   normal is negated where it points away from their interpolation: shading normals decide on the side.
+/// The shape emits on the side of its geometric normal, which follows pbrt-v4:
+/// * In the shape's own space it is `(p1 - p0) x (p2 - p0)` for a triangle, outwards for a sphere, +z for a disk.
+/// * The inverse transpose of the transform brings it to world space, so that a mirroring transform does not reverse
+///   it. Then it is negated if [`reversed`](Self::reversed).
+/// * Normals of a mesh are transformed and negated in the same way. A triangle's geometric normal is negated if it
+///   points away from the interpolated mesh normal, so that shading normals select the side.
 #[derive(Clone, Debug)]
 pub struct Shape {
     /// Geometry in the shape's own space.
@@ -94,8 +94,8 @@ pub struct Instance {
 }
 
 impl MeshData {
-    /// Checks that positions, normals and texture coordinates are finite, that their numbers match, and that all
-    /// indices exist. Triangles of area 0 are allowed.
+    /// Checks that positions, normals and texture coordinates are finite, that there are as many normals and texture
+    /// coordinates as positions (or none), and that all vertex indices exist. Triangles of area 0 are allowed.
     ///
     /// # Errors
     /// Returns the first fault found.

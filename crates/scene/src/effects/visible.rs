@@ -90,7 +90,7 @@ pub(super) fn is_black(scene: &Scene, shape: &Shape) -> bool {
     }
 }
 
-/// Returns the times at which motion starts and ends.
+/// Returns the times at which motion starts and ends. Equal times mean an end of start + 1.
 pub(super) fn motion_span(scene: &Scene) -> [f64; 2] {
     match scene.motion_times {
         [first, second] if first == second => [first, first + 1.0],

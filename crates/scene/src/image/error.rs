@@ -89,7 +89,7 @@ pub enum ImageError {
         file: String,
         /// Number of pixels with NaN or infinity.
         count: u64,
-        /// Column (from the left) and row (from the top) of the first such pixel, from 0.
+        /// Column (from the left) and row (from the top), from 0, of the first pixel with NaN or infinity.
         first: [u32; 2],
     },
     /// A file with a feature of its format that Dapple does not support.

@@ -53,7 +53,7 @@ impl<'a> From<&'a [u32]> for Plane<'a> {
 }
 
 impl Plane<'_> {
-    /// Returns the number of values.
+    /// Returns the number of values in the channel.
     pub fn len(&self) -> usize {
         match self {
             Self::F32(v) | Self::F16(v) => v.len(),
@@ -61,7 +61,7 @@ impl Plane<'_> {
         }
     }
 
-    /// Returns true if there are no values.
+    /// Returns true if the channel has no values.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
@@ -229,7 +229,7 @@ fn has(header: &Header, name: &[u8]) -> bool {
     header.channels.list.iter().any(|c| c.name.as_slice() == name)
 }
 
-/// An error of the decoder, or one of this module.
+/// An error of the `exr` decoder, or an [`ImageError`] found by this module.
 enum Fault {
     Exr(ExrError),
     Ours(ImageError),

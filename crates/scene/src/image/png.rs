@@ -24,7 +24,7 @@ pub fn encode_png(image: &Image, exposure_stops: f32) -> Result<Vec<u8>, ImageEr
     encode(image.size, &bytes, ExtendedColorType::Rgb8)
 }
 
-/// Encodes a gray PNG file from one byte per pixel, top row first, without conversion: for maps.
+/// Encodes a gray PNG file from one byte per pixel, top row first. The bytes are stored without conversion.
 ///
 /// # Errors
 /// [`ImageError::Empty`] if a side is 0, [`ImageError::PixelCount`] if the number of values is not width times height.
@@ -33,7 +33,7 @@ pub fn encode_png_gray(size: [u32; 2], values: &[u8]) -> Result<Vec<u8>, ImageEr
     encode(size, values, ExtendedColorType::L8)
 }
 
-/// Encodes an RGB PNG file from three bytes per pixel, top row first, without conversion: for maps.
+/// Encodes an RGB PNG file from three bytes per pixel, top row first. The bytes are stored without conversion.
 ///
 /// # Errors
 /// [`ImageError::Empty`] if a side is 0, [`ImageError::PixelCount`] if the number of values is not width times height.
@@ -83,7 +83,7 @@ mod tests {
     use super::super::{Encoding, read_image, srgb_encode};
     use super::*;
 
-    /// The bytes of the decoded file, by way of linear values.
+    /// Returns the bytes of a PNG file's pixels, read as linear values from 0 to 1.
     fn bytes_of(file: &[u8]) -> Vec<u8> {
         let image = read_image(file, "a.png", Encoding::Linear).unwrap();
         image.pixels.iter().flatten().map(|v| (v * 255.0).round() as u8).collect()

@@ -8,7 +8,7 @@ use std::io::{Cursor, ErrorKind};
 /// The encoding of integer samples in an image file. Floating-point samples are always linear.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Encoding {
-    /// Integers are sRGB, like [`Encoding::Srgb`].
+    /// The default: integers are sRGB, as with [`Encoding::Srgb`].
     #[default]
     Auto,
     /// Integers are proportional to intensity, as in bump maps, roughness and masks.
@@ -73,7 +73,7 @@ pub fn read_image(bytes: &[u8], file_name: &str, encoding: Encoding) -> Result<I
 
 const HDR: &str = "Radiance HDR";
 
-/// An error of the decoder, or one of this module.
+/// An error of an `image` decoder, or an [`ImageError`] found by this module.
 enum Fault {
     Decoder(Decoder),
     Ours(ImageError),

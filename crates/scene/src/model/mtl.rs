@@ -77,7 +77,8 @@ fn file_of(rest: &str) -> Option<&str> {
     (!file.is_empty() && !file.starts_with('-')).then_some(file)
 }
 
-/// Returns true if an unsupported statement of these numbers would change the image.
+/// Returns true if an unsupported MTL statement would change the image. The statement is given by its keyword and its
+/// numbers.
 fn calls_for_more(keyword: &str, numbers: &[f64]) -> bool {
     let first = numbers.first().copied().unwrap_or(0.0);
     match keyword {

@@ -218,8 +218,8 @@ mod tests {
         [x / (x + y + z), y / (x + y + z), y]
     }
 
-    /// Chromaticities of the Planckian locus, from a standard table [CIE 15:2004]: 6500 K is
-    /// x = 0.3135, y = 0.3237; 2856 K (illuminant A) is x = 0.4476, y = 0.4074.
+    /// Compares black bodies with the Planckian locus of a standard table [CIE 15:2004]: 6500 K has
+    /// x = 0.3135, y = 0.3237; 2856 K (illuminant A) has x = 0.4476, y = 0.4074.
     #[test]
     fn black_bodies_have_their_colours() {
         for (kelvin, x, y) in [(6500.0, 0.3135, 0.3237), (2856.0, 0.4476, 0.4074)] {

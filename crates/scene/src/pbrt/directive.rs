@@ -19,7 +19,7 @@ enum Form {
     Texts(usize, usize),
     /// Quoted strings followed by parameters. The field is the count of strings.
     Named(usize),
-    /// An unquoted word.
+    /// One unquoted word.
     Word,
 }
 

@@ -45,7 +45,7 @@ fn height_of(u: f64, v: f64) -> f64 {
 mod tests {
     use super::*;
 
-    /// A white sky gives pi.
+    /// The illuminance under an environment of radiance 1 is pi.
     #[test]
     fn white_skies() {
         for (size, equal_area, close) in [([128, 64], false, 1e-3), ([64, 64], true, 1e-3)] {

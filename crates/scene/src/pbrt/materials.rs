@@ -305,8 +305,8 @@ impl Params {
         default_scalar
     }
 
-    /// Reads a number parameter that must not vary: a constant or a constant texture. Other arguments and the default
-    /// are those of [`scalar`](Self::scalar).
+    /// Reads a number parameter that must not vary: a constant or a constant texture. `ok` accepts valid numbers;
+    /// `range` describes these in messages. Returns `default` if the parameter is absent, invalid or varies.
     pub(super) fn constant(
         &mut self,
         name: &'static str,

@@ -357,8 +357,8 @@ impl Params {
         self.one(name, param.line, &values).map(|value| (value, param.line))
     }
 
-    /// Takes a number; returns `default` if it is missing or `ok` rejects it. `range` describes the valid numbers in
-    /// messages.
+    /// Takes a number parameter; returns `default` if it is missing or `ok` rejects it. `range` describes the valid
+    /// numbers in messages.
     pub(super) fn float(&mut self, name: &'static str, default: f64, ok: impl Fn(f64) -> bool, range: &str) -> f64 {
         let Some((value, line)) = self.number(name, Type::Float) else { return default };
         if ok(value) {
@@ -368,13 +368,13 @@ impl Params {
         default
     }
 
-    /// Takes a number in single precision; returns `default` if it is missing, overflows or `ok` rejects it. `range`
-    /// describes the valid numbers in messages.
+    /// Takes a number parameter in single precision; returns `default` if it is missing, overflows or `ok` rejects it.
+    /// `range` describes the valid numbers in messages.
     pub(super) fn float32(&mut self, name: &'static str, default: f32, ok: impl Fn(f64) -> bool, range: &str) -> f32 {
         self.float(name, f64::from(default), |v| ok(v) && (v as f32).is_finite(), range) as f32
     }
 
-    /// Takes an integer; `None` if it is missing or not within `least..=most`.
+    /// Takes an integer parameter; `None` if it is missing or not within `least..=most`.
     pub(super) fn integer(&mut self, name: &'static str, least: i32, most: i32) -> Option<i32> {
         let (value, line) = self.number(name, Type::Integer)?;
         if value.fract() == 0.0 && (f64::from(least)..=f64::from(most)).contains(&value) {
@@ -399,7 +399,8 @@ impl Params {
         self.one(name, param.line, &values).map(|text| (text, param.line))
     }
 
-    /// Takes numbers whose count must be a multiple of `group`. Returns the numbers and the parameter's line.
+    /// Takes a parameter of several numbers, whose count must be a multiple of `group`. Returns the numbers and the
+    /// parameter's line.
     pub(super) fn numbers(&mut self, name: &'static str, types: &[Type], group: usize) -> Option<(Vec<f64>, u32)> {
         let param = self.take_typed(name, types)?;
         let Values::Numbers(values) = param.values else { return None };
@@ -411,7 +412,7 @@ impl Params {
         None
     }
 
-    /// Takes exactly `N` numbers. Returns the numbers and the parameter's line.
+    /// Takes a parameter of exactly `N` numbers. Returns the numbers and the parameter's line.
     pub(super) fn array<const N: usize>(&mut self, name: &'static str, ty: Type) -> Option<([f64; N], u32)> {
         let param = self.take_typed(name, &[ty])?;
         let Values::Numbers(values) = param.values else { return None };
@@ -423,7 +424,7 @@ impl Params {
         array.map(|a| (a, param.line))
     }
 
-    /// Takes parameters that Dapple does not support and may ignore. Adds a notice for each parameter that was given.
+    /// Takes unsupported parameters that may be ignored. Adds a notice for each parameter that was given.
     pub(super) fn not_followed(&mut self, names: &[&'static str]) {
         for &name in names {
             if let Some(param) = self.take(name) {

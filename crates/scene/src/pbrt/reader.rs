@@ -126,7 +126,7 @@ impl<'a> Reader<'a> {
     }
 
     /// Returns the bytes of a file that the scene names at `source`; `None`, with a reported problem, if it cannot be
-    /// read.
+    /// read or is compressed by gzip.
     pub(super) fn load(&mut self, path: &Path, source: &Source) -> Option<Vec<u8>> {
         match self.files.read(path) {
             Ok(bytes) if bytes.starts_with(&[0x1f, 0x8b]) => {

@@ -134,7 +134,7 @@ pub(super) fn look_at(eye: DVec3, target: DVec3, up: DVec3) -> Result<DAffine3, 
     Ok(DAffine3::from_mat3_translation(DMat3::from_cols(right, up, forward), eye).inverse())
 }
 
-/// Returns true if a transform and its inverse are finite.
+/// Returns true if a transform can be inverted: the transform and its inverse are finite.
 pub(super) fn is_invertible(transform: &DAffine3) -> bool {
     let determinant = transform.matrix3.determinant();
     transform.is_finite() && determinant.is_finite() && determinant != 0.0 && transform.inverse().is_finite()

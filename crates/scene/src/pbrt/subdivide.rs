@@ -277,8 +277,8 @@ mod tests {
         (positions, faces.to_vec())
     }
 
-    /// By hand: with valence 4, gamma = 1 / (4 + 3 / (8 * 3/32)) = 1/8, and the ring of a corner of the
-    /// octahedron has its middle at the origin: the limit is half as far out.
+    /// The limit of a corner is half as far from the centre, as calculated by hand: with valence 4,
+    /// gamma = 1 / (4 + 3 / (8 * 3/32)) = 1/8, and the neighbours of a corner have their mean at the origin.
     #[test]
     fn corners_of_an_octahedron() {
         let (positions, faces) = octahedron();
@@ -295,7 +295,7 @@ mod tests {
         }
     }
 
-    /// A flat sheet stays flat, its border where it was, and its normals are those of pbrt.
+    /// A flat sheet stays flat, and its normals point opposite to the winding, as in pbrt.
     #[test]
     fn sheets_stay_flat() {
         let positions: Vec<DVec3> = (0..9).map(|i| dvec3(f64::from(i % 3), f64::from(i / 3), 7.0)).collect();

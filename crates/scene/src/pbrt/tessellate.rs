@@ -167,7 +167,7 @@ mod tests {
             .sum()
     }
 
-    /// Areas, and that winding and normals agree with each other.
+    /// Compares areas with exact values, and checks that winding and normals agree.
     #[test]
     fn round_shapes_have_their_areas() {
         for (shape, expected) in [
