@@ -1,13 +1,13 @@
 //! The bundled scenes, which the code in this module generates without other input.
 //!
-//! Each is a pbrt-v4 scene file with the meshes and images that it names, held in memory, so that the
-//! program can render one with no file on disk. `cargo run --example generate_scenes` writes them to
+//! Each is a pbrt-v4 scene file with the meshes and images that it names. All are held in memory, so that the
+//! program can render a scene with no file on disk. `cargo run --example generate_scenes` writes them to
 //! `examples/scenes`; a test holds those files to the bytes made here.
 //!
 //! | name | contents | effects |
 //! |---|---|---|
-//! | `teapot` | Newell's teapot in gold on a glossy tiled floor, in a studio | environment, rough metal, coat, image texture |
-//! | `terrain` | fractal mountains about a river plain under sun and sky | 2^17 triangles, soft shadows, coat, environment |
+//! | `teapot` | Newell's teapot in gold on a glossy tiled floor | environment, rough metal, coat, image texture |
+//! | `terrain` | fractal mountains about a river plain | 2^17 triangles, soft shadows, coat, environment |
 //! | `cornell` | the Cornell box | interreflection, one area light |
 //! | `furnace` | the inside of a glowing sphere, whose exact image is known | interreflection, spheres |
 //! | `plates` | four rough metal plates under four sphere lights | multiple importance sampling, checkerboard |

@@ -79,8 +79,8 @@ pub fn read_scene(path: impl AsRef<Path>, options: &ReadOptions) -> Result<Scene
     read_scene_from(&Disk, path, options)
 }
 
-/// Reads a pbrt scene from `files`. Names of other files are relative to the folder of `path`, even in included files, as
-/// in pbrt.
+/// Reads a pbrt scene from `files`. Names of other files are relative to the folder of `path`, even in included files,
+/// as in pbrt.
 ///
 /// # Errors
 /// Returns all problems of the file, each with its line.

@@ -86,7 +86,7 @@ impl Mesh {
     /// Encodes the mesh as a binary little-endian PLY file: x y z nx ny nz as f32, and vertex indices as u16 if these
     /// suffice, else u32.
     pub(super) fn ply(&self) -> Vec<u8> {
-        // Half the bytes of a triangle are its indices; terrain is cut into parts that fit u16.
+        // With u32, about half of the file would be indices. Terrain is cut into parts that fit u16.
         let short = self.positions.len() <= usize::from(u16::MAX) + 1;
         let index = if short { "ushort" } else { "uint" };
         let mut bytes = format!(

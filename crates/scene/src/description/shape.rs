@@ -94,8 +94,8 @@ pub struct Instance {
 }
 
 impl MeshData {
-    /// Checks that positions, normals and texture coordinates are finite, that there are as many normals and texture
-    /// coordinates as positions (or none), and that all vertex indices exist. Triangles of area 0 are allowed.
+    /// Checks that positions, normals and texture coordinates are finite, and that all vertex indices exist. There must
+    /// be as many normals as positions, or none, and likewise for texture coordinates. Triangles of area 0 are allowed.
     ///
     /// # Errors
     /// Returns the first fault found.

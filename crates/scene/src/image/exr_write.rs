@@ -51,8 +51,8 @@ const F16_MAX: f32 = 65504.0;
 ///
 /// # Errors
 /// [`ImageError::Empty`] if a side is 0. [`ImageError::PixelCount`] for a plane whose length disagrees with `size`.
-/// [`ImageError::Encode`] if there are no channels, for a name that is empty, longer than 255 bytes, given twice or
-/// contains NUL, and for an attribute name that OpenEXR reserves.
+/// [`ImageError::Encode`] if there are no channels, or for an attribute name that OpenEXR reserves.
+/// [`ImageError::Encode`] also for a name that is empty, longer than 255 bytes, given twice or contains NUL.
 pub fn encode_exr(
     size: [u32; 2],
     layers: &[Layer<'_>],

@@ -1,5 +1,5 @@
-//! OpenEXR files, read through the `exr` crate block by block, so that a wrong header is detected before
-//! memory is allocated for the sizes that it claims.
+//! OpenEXR files, read through the `exr` crate block by block. A wrong header is thus detected before memory is
+//! allocated for the sizes that it claims.
 
 use super::read::{ALPHA_BYTES, File, PIXEL_BYTES};
 use super::{Image, ImageError};

@@ -1,7 +1,7 @@
 //! Meshes from OBJ files.
 //!
-//! This parser uses no library: `tobj` reports no lines with its errors, panics or reads wrong numbers at some
-//! mistakes, and supports neither continued lines nor faces that mix corners with and without texture coordinates.
+//! This parser uses no library. `tobj` reports no lines with its errors, and panics or reads wrong numbers at some
+//! mistakes. It supports neither continued lines nor faces that mix corners with and without texture coordinates.
 
 use super::obj_materials::Materials;
 use super::{UpAxis, model_scene};

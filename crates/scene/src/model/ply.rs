@@ -175,7 +175,7 @@ impl Payload<'_> {
             (_, PropertyType::Scalar(scalar) | PropertyType::List(scalar, _)) => bytes_of(scalar),
         };
         let least: usize = def.properties.values().map(|p| size(&p.data_type)).sum();
-        // The last line may lack its end.
+        // The last line may lack its line break.
         let bytes = self.left.len();
         let fits = least > 0 && def.count.checked_mul(least).is_some_and(|total| total <= bytes + 1);
         if fits || def.count == 0 {

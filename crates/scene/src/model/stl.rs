@@ -1,8 +1,9 @@
 //! Meshes from STL files, binary and text, through the crate `stl_io`.
 //!
-//! This module adds what that crate lacks: the distinction of text and binary files (binary files may begin with
-//! `solid`, too), files of several solids, upper case, line numbers in errors, and the refusal of numbers that are not
-//! finite.
+//! This module adds what that crate lacks:
+//! * the distinction of text and binary files, since binary files may begin with `solid`, too;
+//! * files of several solids, and upper case;
+//! * line numbers in errors, and the refusal of numbers that are not finite.
 
 use super::{UpAxis, add_mesh, model_scene};
 use crate::files::Files;
@@ -96,8 +97,8 @@ const HEADER: usize = 84;
 /// Length of a facet of a binary file in bytes: normal, three corners, two extra bytes.
 const FACET: usize = 50;
 
-/// Reads a mesh from the bytes of an STL file. A file is text if three conditions hold: it begins with `solid`, it has
-/// no NUL among its first 512 bytes, and its length differs from that of a binary file with its number of facets.
+/// Reads a mesh from the bytes of an STL file. A file that begins with `solid` is text, with two exceptions: a NUL
+/// among its first 512 bytes, or the exact length of a binary file with its number of facets.
 ///
 /// # Errors
 /// Returns the first fault in the file.

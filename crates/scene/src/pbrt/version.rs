@@ -124,7 +124,7 @@ impl Marks {
             ("Film", 0, "rgb" | "gbuffer" | "spectral") => self.new = true,
             ("Sampler", 0, "independent" | "paddedsobol" | "pmj02bn" | "zsobol") => self.new = true,
             ("Film", 0, "image") | ("AreaLightSource", 0, "area") | ("Texture", 1, "color") => self.old = true,
-            // Declarations of parameters.
+            // The types in declarations of parameters.
             (_, 1.., _) => {
                 let mut parts = text.split_ascii_whitespace();
                 let ty = parts.next().filter(|_| parts.next().is_some() && parts.next().is_none());
