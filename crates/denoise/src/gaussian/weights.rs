@@ -1,13 +1,13 @@
-//! The weights of the Gaussian along one axis: the kernel integrated over each pixel.
+//! The weights of the Gaussian filter along one axis: the kernel integrated over each pixel.
 
 use std::f64::consts::PI;
 
-/// A weight below this share of the total changes no `f64` sum. It is dropped, so that its square cannot underflow to
-/// zero and meet an infinite variance.
+/// The share of the total weight below which a weight is dropped. It would change no `f64` sum, and its square could
+/// underflow to zero and meet an infinite variance.
 const NEGLIGIBLE: f64 = 1e-18;
 
-/// The integrals of `max(0, exp(-alpha x^2) - exp(-alpha radius^2))` over the pixels `k - 1/2 .. k + 1/2`, `k = -n ..=
-/// n`, divided by their sum.
+/// The weights of the pixels `k = -n ..= n` along one axis: the integrals of `max(0, exp(-alpha x^2) - exp(-alpha
+/// radius^2))` over `k - 1/2 .. k + 1/2`, divided by their sum.
 ///
 /// The result is symmetric bit for bit. It has at least one entry, none of them zero.
 /// `alpha` and `radius` must be finite and positive.
