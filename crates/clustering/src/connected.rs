@@ -156,7 +156,8 @@ impl Connector {
 }
 
 /// Merges each piece of flat triangles (those without a normal) into the lowest numbered piece that it touches. Pieces
-/// of flat triangles come last in `class`; those that touch no other are renumbered. Returns the number of pieces left.
+/// of flat triangles have the highest numbers in `class`; those that touch no other piece are renumbered. Returns the
+/// number of pieces left.
 fn hand_over(flat: &[u32], touched: &[u32], class: &mut [u32], pieces: u32) -> u32 {
     let first = flat.iter().map(|&triangle| class[triangle as usize]).min().unwrap_or(pieces);
     let mut owner = vec![NONE; (pieces - first) as usize];

@@ -12,15 +12,15 @@ pub enum Error {
     /// There are more triangles than a `u32` can number.
     #[error("{triangles} triangles are more than can be numbered: cluster at most {} at a time", u32::MAX)]
     TooManyTriangles {
-        /// The number of triangles.
+        /// The number of triangles passed.
         triangles: usize,
     },
     /// The number of materials is neither 0 nor the number of triangles.
     #[error("{materials} materials do not fit {triangles} triangles: give one each, or none where all are alike")]
     BadMaterials {
-        /// The number of materials.
+        /// The number of materials passed.
         materials: usize,
-        /// The number of triangles.
+        /// The number of triangles passed.
         triangles: usize,
     },
     /// A triangle refers to a vertex that does not exist.
@@ -28,11 +28,11 @@ pub enum Error {
         "triangle {triangle} refers to vertex {index} of {vertices}: indices count from 0 and stay below {vertices}"
     )]
     BadIndex {
-        /// The index of the triangle.
+        /// The index of the triangle with the missing vertex.
         triangle: u32,
         /// The index of the missing vertex.
         index: u32,
-        /// The number of vertices.
+        /// The number of vertices passed.
         vertices: usize,
     },
     /// A triangle has a corner with an infinite or NaN coordinate.
@@ -40,9 +40,9 @@ pub enum Error {
         "triangle {triangle} has a corner that is not finite (vertex {vertex}): correct the vertex or drop the triangle"
     )]
     BadPosition {
-        /// The index of the triangle.
+        /// The index of the triangle with the bad corner.
         triangle: u32,
-        /// The index of the vertex.
+        /// The index of the vertex at that corner.
         vertex: u32,
     },
     /// The factor K ([`ClusterParams::k`](crate::ClusterParams::k)) is not above 0, or is above 2^20.
@@ -54,7 +54,7 @@ pub enum Error {
     /// The bound on voxels per axis is 0 or above 2^20.
     #[error("a clamp of {clamp} voxels per axis cannot be used: give 1 to {MAX_CLAMP}")]
     BadClamp {
-        /// The requested bound.
+        /// The requested bound on voxels per axis.
         clamp: u32,
     },
     /// The angle within which normals are alike is not within 0 to 90 degrees.
@@ -73,7 +73,7 @@ pub enum Error {
     TooManyEntries {
         /// The number of pairs of a triangle and a voxel that its box overlaps.
         entries: u64,
-        /// The largest allowed number of pairs.
+        /// The largest allowed number of such pairs.
         limit: u64,
     },
 }

@@ -54,7 +54,7 @@ impl Bounds {
         bounds
     }
 
-    /// The smallest and largest corner.
+    /// The smallest and largest corner of the box.
     pub(crate) fn corners(&self) -> [[f32; 3]; 2] {
         [self.low, self.high].map(|[x, y, z, _]| [x, y, z])
     }
@@ -214,7 +214,7 @@ pub(crate) struct Grid {
 struct Scale {
     /// The lower corner of the box, moved down by the tolerance at faces, which is at most a quarter of a voxel.
     low: [f64; 4],
-    /// Voxels per unit of length; 0 along an axis without extent.
+    /// The number of voxels per unit of length; 0 along an axis without extent.
     density: [f64; 4],
 }
 

@@ -20,7 +20,7 @@ pub(crate) struct Batch {
     pub(crate) voxels: u64,
     /// The number of triangles in the fullest voxel.
     pub(crate) fullest: u32,
-    /// The number of clusters that kept no triangle.
+    /// The number of clusters that kept no triangle and were dropped.
     pub(crate) phantoms: u64,
 }
 
@@ -122,7 +122,7 @@ impl Scratch {
         batch.groups += u32::from(batch.clusters.len() > clusters);
     }
 
-    /// Sorts the triangles of a group into `self.classes`.
+    /// Sorts the triangles of a group into `self.classes`: sets of similar normals, or their connected pieces.
     fn classify(&mut self, mesh: &Mesh<'_>, plan: &GroupRule, group: Members<'_>) {
         self.facets.clear();
         let facet = |number| Facet { normal: group.normals.of(number), number: number as u32 };
@@ -141,7 +141,7 @@ impl Scratch {
         }
     }
 
-    /// Cuts `self.classes` into their connected pieces.
+    /// Cuts `self.classes` (sets of triangles with similar normals) into their connected pieces.
     fn cut(&mut self, group: Group<'_>) {
         self.class.clear();
         self.class.resize(group.triangles.len(), u32::MAX);

@@ -69,7 +69,7 @@ pub enum Sides {
     Signed,
 }
 
-/// The vertices that connect triangles.
+/// The rule by which two triangles are connected: by vertices at the same place, or by vertices of the same index.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Connection {
@@ -77,7 +77,7 @@ pub enum Connection {
     /// connected only by place.
     #[default]
     Place,
-    /// Vertices of the same index only, not others at the same place.
+    /// Vertices of the same index. Other vertices at the same place do not connect triangles.
     Vertex,
 }
 
@@ -101,7 +101,7 @@ pub struct ClusterParams {
     /// = 3, from 43 with K = 9 and from 2 with K = 30.
     /// Beyond that only the shorter axes react to K, and voxels stop being cubes. Raise `clamp` if K should matter.
     pub k: f64,
-    /// The most voxels along an axis, 1 to 2^20: 32 in the thesis, 64 in pbrt-v2 and by default.
+    /// The largest number of voxels along an axis, 1 to 2^20: 32 in the thesis, 64 in pbrt-v2 and by default.
     ///
     /// In pbrt-v2 and the thesis, the clamp bounds the memory of an array of voxels. Here only occupied voxels are
     /// stored, so any clamp is affordable. At 64, a voxel is 16 pixels wide in an image of the whole scene that is 1024
@@ -118,7 +118,7 @@ pub struct ClusterParams {
     pub order: Order,
     /// The treatment of opposite normals when normals are compared.
     pub sides: Sides,
-    /// The vertices that connect triangles for [`Grouping::Connected`].
+    /// The rule by which two triangles are connected, for [`Grouping::Connected`].
     pub connection: Connection,
     /// The desired number of clusters. If set, the grid is searched for, and `k` and `clamp` are unused. See
     /// [`ClusterParams::for_count`]. `None` sizes the grid by `k` and `clamp`.
@@ -169,7 +169,7 @@ impl ClusterParams {
         Self { count: Some(count), ..Self::default() }
     }
 
-    /// Sets the factor K.
+    /// Sets the factor K, which scales the number of voxels.
     pub const fn with_k(self, k: f64) -> Self {
         Self { k, ..self }
     }
@@ -204,7 +204,7 @@ impl ClusterParams {
         Self { sides, ..self }
     }
 
-    /// Sets the vertices that connect triangles.
+    /// Sets the rule by which two triangles are connected.
     pub const fn with_connection(self, connection: Connection) -> Self {
         Self { connection, ..self }
     }

@@ -26,9 +26,9 @@ pub(crate) struct SmallGroups {
 struct Part {
     sum: Surface,
     triangles: u32,
-    /// The index in `sorted` at which the next member is stored.
+    /// The index in `sorted` at which the next triangle of the class is stored.
     next: u32,
-    /// The normal of the first member.
+    /// The normal of the class's first triangle.
     lead: [f32; 3],
     normal: [f32; 3],
     cone: f32,

@@ -21,7 +21,7 @@ pub(crate) struct Surface {
     /// The unit normal times twice the area (three values), and twice the area; all zero for a triangle without a
     /// normal.
     pub(crate) weighted: [f64; 4],
-    /// The bounding box.
+    /// The bounding box of the triangle or triangles.
     pub(crate) bounds: Bounds,
 }
 
@@ -209,7 +209,7 @@ impl Crosses {
         found
     }
 
-    /// Turns each normal to the side of z > 0 (of y > 0 if z is 0, and so on).
+    /// Turns each normal to the side of z > 0 (of y > 0 if z is 0, of x > 0 if both are 0).
     #[inline(always)]
     fn turn_up(&mut self) {
         for lane in 0..BLOCK {

@@ -11,7 +11,7 @@ pub(crate) trait Membership: Sync {
     fn overlap(&self, other: &Self) -> f64;
 }
 
-/// The cluster of a pixel that has only one.
+/// The cluster of a pixel that belongs to only one.
 impl Membership for u32 {
     #[inline]
     fn overlap(&self, other: &Self) -> f64 {

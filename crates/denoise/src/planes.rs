@@ -21,7 +21,7 @@ const BRIGHTEST: f32 = 1e9;
 const UNKNOWN: f32 = 1e6;
 
 /// The variance added to the variance of a sample, in units of the squared level. At one sample, differences of 2 % of
-/// the level then count as noise. At more samples, smaller ones do, so filters stay consistent.
+/// the level then count as noise. With more samples, that limit falls, so filters stay consistent.
 const FLOOR: f32 = 4e-4;
 
 /// The least albedo that colours are divided by.

@@ -38,7 +38,7 @@ pub(crate) type Row = [f32; LANES];
 pub(crate) struct Stack<const P: usize>(Vec<f32>);
 
 impl<const P: usize> Stack<P> {
-    /// Copies the surroundings of the tile at `origin`. Pixels beyond the frame repeat the border.
+    /// Copies the tile at `origin` and its margin from each plane. Pixels beyond the frame repeat the border.
     pub(crate) fn new(planes: [&[f32]; P], size: [usize; 2], origin: [usize; 2]) -> Self {
         let mut stack = Self(vec![0.0; 2 * ROWS * P * COLUMNS]);
         for (k, plane) in planes.into_iter().enumerate() {
@@ -121,9 +121,9 @@ pub(crate) struct Guide {
 
 /// A tile's copy of a guide.
 pub(crate) enum LocalGuide {
-    /// Red, green, blue and the variance of their sum.
+    /// Red, green, blue and the sum of their variances.
     Pooled(Stack<4>),
-    /// Red, green, blue and their variances.
+    /// Red, green, blue and the variance of each.
     Each(Stack<6>),
 }
 
@@ -414,8 +414,8 @@ const EXPONENTIAL: [f32; 4] = [1.0 / 120.0, 1.0 / 24.0, 1.0 / 6.0, 0.5];
 /// `exp(-x)` for `x >= 0` with a relative error of 3e-6 and the same bits on every machine. Beyond 80 it stays at about
 /// `exp(-80)`.
 ///
-/// `2^f` for `f` in -1/2 .. 1/2 is the Taylor polynomial of degree 5; the remainder is below 2.5e-6. The integer part
-/// is added to the exponent.
+/// The power is `2^n 2^f` with an integer `n` and `f` in -1/2 .. 1/2. `2^f` is a Taylor polynomial of degree 5, with a
+/// remainder below 2.5e-6. `n` is added to the exponent.
 #[inline(always)]
 pub(crate) fn exp_minus(x: f32) -> f32 {
     let [fifth, fourth, third, second] = EXPONENTIAL;

@@ -22,7 +22,7 @@ const PIXELS_PER_DEGREE_RANGE: std::ops::RangeInclusive<f64> = 1.0..=1000.0;
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct Flip {
-    /// Mean of the map, 0 to 1.
+    /// The mean of the difference map, 0 to 1.
     pub mean: f64,
     /// The visible difference at each pixel, 0 (none) to 1, row by row from the top.
     pub map: Vec<f32>,

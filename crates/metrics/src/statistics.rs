@@ -37,15 +37,15 @@ pub enum StatisticsError {
     NotFinite {
         /// The index of the value in its series, from 0.
         index: usize,
-        /// The value.
+        /// The value that is NaN or infinite.
         value: f64,
     },
-    /// A value of 0 or below, which has no logarithm.
+    /// A value that is not a finite number above 0, so that it has no logarithm.
     #[error("value {index} is {value}; ratios, efficiencies and slopes need finite values above 0")]
     NotPositive {
         /// The index of the value in its series, from 0.
         index: usize,
-        /// The value.
+        /// The value that is not a finite number above 0.
         value: f64,
     },
     /// A confidence level outside 0 to 1.

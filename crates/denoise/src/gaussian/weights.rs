@@ -28,8 +28,8 @@ pub(crate) fn gaussian_weights(alpha: f64, radius: f64) -> Vec<f64> {
     half[1..].iter().rev().chain(&half).copied().collect()
 }
 
-/// The integral of the kernel over `start .. end`, `0 <= start <= end <= radius`, up to a factor that depends only on
-/// `alpha` and `radius`.
+/// The integral of the kernel `exp(-alpha x^2) - exp(-alpha radius^2)` over `start .. end`, `0 <= start <= end <=
+/// radius`, up to a factor that depends only on `alpha` and `radius`.
 fn mass(alpha: f64, radius: f64, start: f64, end: f64) -> f64 {
     let root = alpha.sqrt();
     let drop = (root * radius) * (root * radius);

@@ -13,7 +13,7 @@ pub const BOOTSTRAP_MIN_COUNT: usize = 32;
 #[non_exhaustive]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum IntervalMethod {
-    /// Student's t, which assumes normally distributed values.
+    /// The interval of Student's t, which assumes normally distributed values.
     Student,
     /// The bias-corrected and accelerated bootstrap [after Efron 1987].
     Bootstrap,
