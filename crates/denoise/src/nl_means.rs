@@ -92,7 +92,7 @@ impl NlMeans {
         Likeness { patch: self.patch, colour: self.k as f32, features: self.features.map(scales), outside: 1.0 }
     }
 
-    /// Filters both halves of a film.
+    /// Filters both halves of a film's samples, and returns an image from each.
     pub(crate) fn pair(&self, inputs: &Inputs) -> Pair {
         let demodulated = self.features.is_some();
         let guides = [0, 1].map(|half| guide(inputs, half, demodulated, demodulated));

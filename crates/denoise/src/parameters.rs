@@ -3,10 +3,10 @@
 use crate::tile::REACH;
 use dapple_core::{Error, Needs};
 
-/// The needs of a filter over halves and features.
+/// The statistics that the film must record for a filter over halves and features.
 pub(crate) const NEEDS: Needs = Needs::none().with_variance().with_halves().with_features();
 
-/// The error of a parameter out of range.
+/// Returns the error for the parameter `name` out of range.
 pub(crate) fn out<T>(name: &'static str, value: impl ToString, allowed: &'static str) -> Result<T, Error> {
     Err(Error::OutOfRange { name, value: value.to_string(), allowed })
 }
@@ -22,7 +22,7 @@ pub(crate) fn radius(name: &'static str, value: usize, most: usize) -> Result<us
     if value <= most { Ok(value) } else { out(name, value, allowed) }
 }
 
-/// Requires the weight of other clusters to lie in 0 ..= 1.
+/// Requires the weight of pixels in other clusters to lie in 0 ..= 1.
 pub(crate) fn outside_weight(value: f64) -> Result<f64, Error> {
     let allowed = "0 (nothing crosses a border) to 1 (clusters do not matter)";
     if (0.0..=1.0).contains(&value) { Ok(value) } else { out("outside", value, allowed) }

@@ -1,16 +1,16 @@
-//! Dapple's own scenes, made by the code in this module and by nothing else.
+//! The bundled scenes, which the code in this module generates without other input.
 //!
-//! Each is a pbrt-v4 scene file with the meshes and images it names, held in memory, so that the
-//! program can render one with no file on disk. `cargo run --example generate_scenes` writes them to
-//! `examples/scenes`; a test holds those files to the bytes made here. What is the same in every run lies beside the
-//! modules as `NAME.pbrt`, with `{holes}` for computed values.
+//! Each is a pbrt-v4 scene file with the meshes and images that it names. All are held in memory, so that the
+//! program can render a scene with no file on disk. `cargo run --example generate_scenes` writes them to
+//! `examples/scenes`; a test holds those files to the bytes made here. The fixed text of each scene file is the
+//! template `NAME.pbrt` beside the modules, with `{holes}` for computed values.
 //!
 //! | name | contents | effects |
 //! |---|---|---|
-//! | `teapot` | Newell's teapot in gold on a glossy tiled floor, in a studio | environment, rough metal, coat, image texture |
-//! | `terrain` | fractal mountains about a river plain under sun and sky | 2^17 triangles, soft shadows, coat, environment |
+//! | `teapot` | Newell's teapot in gold on a glossy tiled floor | environment, rough metal, coat, image texture |
+//! | `terrain` | fractal mountains about a river plain | 2^17 triangles, soft shadows, coat, environment |
 //! | `cornell` | the Cornell box | interreflection, one area light |
-//! | `furnace` | the inside of a glowing sphere; the answer is known | interreflection, spheres |
+//! | `furnace` | the inside of a glowing sphere, whose exact image is known | interreflection, spheres |
 //! | `plates` | four rough metal plates under four sphere lights | multiple importance sampling, checkerboard |
 //! | `lens` | a row of balls, one in focus, before far lamps | depth of field, many lights |
 //! | `motion` | a mill that turns, a ball that rolls, dice that fall | motion blur, instances |
@@ -18,12 +18,12 @@
 //! | `room` | two rooms and eight small lamps that few places see | many local lights, interreflection, coat |
 //! | `grass` | a meadow of 27,000 blades under a lamp and the sky | geometry below a pixel, instances |
 //!
-//! Bytes are the same on every machine: what decides them uses only `+ - * /` and `sqrt` on `f64`, which
-//! IEEE 754 rounds in one way, and Rust neither fuses nor reorders them.
+//! The files' bytes are the same on every machine: all arithmetic is `+ - * /` and `sqrt` on `f64`, which
+//! IEEE 754 rounds in one way, and Rust neither fuses nor reorders these operations.
 //!
 //! Departures from pbrt-v4: environment maps are latitude-longitude images (z up; see
 //! [`EnvironmentRadiance::LatLong`](crate::EnvironmentRadiance::LatLong)), where pbrt-v4 itself
-//! wants equal-area squares.
+//! requires equal-area squares.
 //!
 //! ```
 //! use dapple_scene::bundled;
@@ -57,10 +57,10 @@ use crate::{ReadError, Scene};
 use std::io;
 use std::path::Path;
 
-/// The default scene.
+/// The name of the default scene.
 pub const DEFAULT: &str = "teapot";
 
-/// A scene with every file that it needs.
+/// A bundled scene: its scene file and every other file that it needs, in memory.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct Bundle {
@@ -68,7 +68,7 @@ pub struct Bundle {
     pub name: &'static str,
     /// Name of the scene file among [`files`](Self::files).
     pub main: String,
-    /// Each file's name, relative to the scene file's folder, and its bytes. The scene file comes first.
+    /// Name (relative to the scene file's folder) and bytes of each file. The scene file comes first.
     pub files: Vec<(String, Vec<u8>)>,
 }
 
@@ -78,10 +78,10 @@ impl Bundle {
         self.files.iter().find(|(file, _)| file == name).map(|(_, bytes)| bytes.as_slice())
     }
 
-    /// Reads the scene, from memory, and gives it the bundle's name.
+    /// Reads the scene from the bundle's files. The returned scene has the bundle's name.
     ///
     /// # Errors
-    /// None for a bundle that [`files`] made.
+    /// Never fails for a bundle that [`files`] made.
     pub fn read(&self) -> Result<Scene, ReadError> {
         let mut scene = read_scene_from(self, &self.main, &ReadOptions::default())?;
         self.name.clone_into(&mut scene.name);
@@ -96,7 +96,7 @@ impl Files for Bundle {
     }
 }
 
-/// The other files of a scene (meshes, images): names and bytes.
+/// Name and bytes of each file of a bundled scene besides its scene file: meshes and images.
 type Assets = Vec<(String, Vec<u8>)>;
 
 const NAMES: [&str; 10] =
