@@ -119,7 +119,7 @@ lights! {
     Sphere(SphereLight),
     /// An emitting disk or ring.
     Disk(DiskLight),
-    /// A whole environment.
+    /// An environment as one light.
     Environment(Arc<Environment>),
     /// A tile of an environment map.
     Tile(Tile),
@@ -166,7 +166,7 @@ pub enum Target {
     Surface(SurfacePoint),
     /// A point in space, of a light without extent.
     Point(Vec3),
-    /// Infinitely far away.
+    /// A light infinitely far away.
     Far,
 }
 

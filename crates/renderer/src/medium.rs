@@ -69,12 +69,12 @@ pub struct Medium {
 pub enum MediumEvent {
     /// The light is scattered.
     Scatter {
-        /// Distance from the ray's origin, below the limit.
+        /// The distance from the ray's origin to the event, below the limit.
         t: f32,
         /// Scattering coefficient times transmittance, over the density of `t`.
         weight: Vec3,
     },
-    /// The light reaches the limit.
+    /// The light reaches the limit without scattering.
     Pass {
         /// Transmittance over the probability of reaching the limit.
         weight: Vec3,

@@ -84,7 +84,7 @@ pub struct LearnedSelector {
     pub(super) forgets: bool,
 }
 
-/// The place outside all cells.
+/// The place of points outside all cells, which use the fixed distribution.
 const NO_CELL: u32 = u32::MAX;
 
 /// Number of training passes: 1, 1, 2 and 4 samples per pixel if the rounds are long enough.
