@@ -277,7 +277,7 @@ impl Quadric {
         }
     }
 
-    /// pbrt-v4's (u, v) of a point of the surface.
+    /// The surface parameters `(u, v)` of a point, each in `[0, 1]`, as in pbrt-v4.
     pub(crate) fn parametric(&self, point: Vec3) -> [f32; 2] {
         match self {
             Self::Sphere(sphere) => sphere.parametric(point),

@@ -26,7 +26,7 @@ impl Default for LightCellOptions {
     }
 }
 
-/// The distributions in use.
+/// The kind of distributions in use: one per cell, or one for all cells.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Guidance {
     /// One distribution per cell.
@@ -225,12 +225,12 @@ impl LightCells {
         self.update_distributions();
     }
 
-    /// The distributions in use.
+    /// The kind of distributions in use: one per cell, or one for all cells.
     pub fn guidance(&self) -> Guidance {
         self.guidance
     }
 
-    /// Turns learned moments into probabilities.
+    /// Recomputes the probabilities of lights from the learned second moments.
     fn update_distributions(&mut self) {
         let ratios = self.light_ratios();
         let level = self.level(&ratios);
@@ -330,7 +330,7 @@ impl LightCells {
     }
 }
 
-/// Working memory: second moments of a cell's lights, and their mix.
+/// Working memory: the second moments of a cell's lights, and the probabilities that follow from them.
 #[derive(Default)]
 struct Mixes {
     moments: Vec<f64>,
@@ -362,7 +362,8 @@ fn level_of(expected: &[f32], seen: &[[f32; 2]], ratios: &[f64]) -> [f64; 2] {
     })
 }
 
-/// Sets the ends of the shares of a mix: whole multiples of 2^-24, each above the one before.
+/// Sets the cumulative probabilities of a row from a mix of probabilities: whole multiples of 2^-24, each above the one
+/// before.
 fn set_ends(row: &mut [f32], mix: &[f64]) {
     let (mut sum, mut before) = (0.0, 0.0);
     let last = mix.len() - 1;

@@ -19,9 +19,9 @@ pub enum MediumError {
     /// A coefficient is negative or not finite.
     #[error("{at}: the {what} {value:?} of medium \"{name}\" is invalid; give finite numbers of at least 0")]
     Coefficient {
-        /// The line of the scene file.
+        /// The line of the scene file that defines the medium.
         at: scene::Source,
-        /// Name of the medium.
+        /// The name of the medium.
         name: String,
         /// The name of the coefficient.
         what: &'static str,
@@ -31,17 +31,17 @@ pub enum MediumError {
     /// A coefficient overflows single precision at the scene's size.
     #[error("{at}: medium \"{name}\" is too dense for a scene of this size; give smaller coefficients")]
     Beyond {
-        /// The line of the scene file.
+        /// The line of the scene file that defines the medium.
         at: scene::Source,
-        /// Name of the medium.
+        /// The name of the medium.
         name: String,
     },
     /// The phase function's asymmetry is out of range.
     #[error("{at}: the asymmetry g = {g} of medium \"{name}\" is invalid; give a number above -1 and below 1")]
     Asymmetry {
-        /// The line of the scene file.
+        /// The line of the scene file that defines the medium.
         at: scene::Source,
-        /// Name of the medium.
+        /// The name of the medium.
         name: String,
         /// The value.
         g: f32,

@@ -183,9 +183,9 @@ pub(super) fn sample_pane(eta: f32, wo: Vec3, lobe: f32) -> BsdfSample {
 /// Lambert's reflection, and Lambertian transmission to the other side, as of a sheet of paper.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DiffuseTransmission {
-    /// Share of light reflected, per channel.
+    /// The share of light reflected, per channel.
     pub reflectance: Vec3,
-    /// Share of light that comes out on the other side, per channel.
+    /// The share of light that leaves on the other side, per channel.
     pub transmittance: Vec3,
 }
 

@@ -31,11 +31,11 @@ pub struct Discrete {
 /// An item sampled from a [`Discrete`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Choice {
-    /// Index of the item.
+    /// The index of the sampled item.
     pub index: usize,
-    /// Probability of the item, above 0, equal to [`Discrete::pmf`].
+    /// The probability of the sampled item, above 0, equal to [`Discrete::pmf`].
     pub pmf: f32,
-    /// Position of the coordinate within the item's share, again uniform in `[0, 1)`.
+    /// The position of the random coordinate within the item's share, again uniform in `[0, 1)`.
     pub u: f32,
 }
 

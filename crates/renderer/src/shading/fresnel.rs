@@ -15,7 +15,7 @@ pub fn dielectric(cos: f32, eta: f32) -> f32 {
     }
 }
 
-/// Returns [`dielectric`] from the cosines on both sides, each in `[0, 1]`, not both 0.
+/// Returns the Fresnel reflectance of [`dielectric`] from the cosines on both sides, each in `[0, 1]`, not both 0.
 #[inline]
 pub fn dielectric_between(cos: f32, cos_t: f32, eta: f32) -> f32 {
     let parallel = (eta * cos - cos_t) / (eta * cos + cos_t);

@@ -250,7 +250,7 @@ fn refracted(w: Vec3, eta: f32) -> Option<Vec3> {
     (sin2 < 1.0).then(|| Vec3::new(x, y, (1.0 - sin2).sqrt()))
 }
 
-/// Returns the table's cell for a cosine, and the position in the cell, 0 to 1.
+/// Returns the index of the table's cell that contains a cosine, and the position in the cell, 0 to 1.
 #[inline]
 fn place(cos: f32) -> (usize, f32) {
     let x = cos.clamp(0.0, 1.0) * CELLS as f32;
@@ -387,7 +387,7 @@ impl Walks<'_> {
     }
 }
 
-/// A share of the light, and the position of its direction in the table.
+/// A share of the light that leaves, and the position of its direction in the table.
 struct Link {
     cell: usize,
     t: f64,
