@@ -13,7 +13,10 @@ use obvhs::bvh2::node::Bvh2Node;
 
 /// The expected time of testing eight boxes, the unit of these costs.
 const NODE_COST: f32 = 1.0;
+/// The expected time of testing eight triangles. Of 0.6, 1.2 and 2, 0.6 gave the fastest rays and the smallest tree in
+/// each scene of benches/rays.rs, by 1 to 5 %.
 const TRIANGLES_COST: f32 = 0.6;
+/// The expected time of testing one sphere or disk.
 const QUADRIC_COST: f32 = 2.5;
 /// The expected time of testing an instance: an estimate for transforming a ray and testing a few nodes of the object.
 const BOX_COST: f32 = 10.0;
