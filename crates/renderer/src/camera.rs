@@ -13,9 +13,9 @@ pub enum CameraError {
     /// The angle of view is out of range.
     #[error("{at}: a field of view of {fov} degrees is invalid; give an angle above 0 and below 180")]
     Fov {
-        /// The line of the scene file.
+        /// The line of the scene file that defines the camera.
         at: Source,
-        /// The angle in degrees.
+        /// The invalid angle of view in degrees.
         fov: f64,
     },
     /// The camera's transform is not invertible.
@@ -23,7 +23,7 @@ pub enum CameraError {
         "{at}: the camera's transform is not finite or flattens space; check LookAt (eye and target must differ, up must not lie along the view) and scales"
     )]
     Pose {
-        /// The line of the scene file.
+        /// The line of the scene file that defines the camera.
         at: Source,
     },
     /// The lens or its focal distance is invalid.
@@ -31,25 +31,25 @@ pub enum CameraError {
         "{at}: a lens of radius {radius} focused at {distance} is invalid; give a radius of at least 0 and a finite distance above 0"
     )]
     Lens {
-        /// The line of the scene file.
+        /// The line of the scene file that defines the camera.
         at: Source,
-        /// Radius of the lens, in units of camera space.
+        /// The radius of the lens, in units of camera space.
         radius: f64,
-        /// Focal distance, in units of camera space.
+        /// The focal distance of the lens, in units of camera space.
         distance: f64,
     },
     /// The pose at the end of the motion is invalid.
     #[error("{at}: the camera's motion is invalid: {why}")]
     Motion {
-        /// The line of the scene file.
+        /// The line of the scene file that defines the camera.
         at: Source,
-        /// The problem.
+        /// The problem of the motion, as text.
         why: String,
     },
     /// The window on the screen is invalid.
     #[error("{at}: the screen window or aspect ratio is empty or not finite")]
     Window {
-        /// The line of the scene file.
+        /// The line of the scene file that defines the camera.
         at: Source,
     },
 }
@@ -66,7 +66,7 @@ pub struct CameraView {
     step: Vec2,
     /// Screen position of the image's centre, in screen units.
     shift: Vec2,
-    /// Radius of the lens and focal distance, in units of `axes`.
+    /// The radius of the lens; `focal_distance` is its focal distance. Both are in units of `axes`.
     lens_radius: f32,
     focal_distance: f32,
     /// True if rays start on the screen and run forward; `step` and `shift` are then in units of `axes`.

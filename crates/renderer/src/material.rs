@@ -272,7 +272,7 @@ struct Scatters {
 }
 
 impl Scatters {
-    /// Returns the features of scattering that depends only on these colours.
+    /// Returns the features of a material whose scattering depends only on these colours.
     fn colors(colors: &[Color]) -> Self {
         let textured = colors.iter().any(|c| matches!(c, Color::Texture(_)));
         let black = colors.iter().all(|c| *c == Color::Constant([0.0; 3]));

@@ -15,7 +15,7 @@ pub struct Textures {
     coded: Vec<Option<Arc<Coded>>>,
 }
 
-/// The deepest nesting of textures; deeper ones are black.
+/// The largest number of nested textures; a deeper texture is black.
 const DEEPEST: u32 = 8;
 
 impl Textures {

@@ -24,8 +24,8 @@ use dapple_scene::effectively_smooth;
 use glam::Vec3;
 use std::f32::consts::FRAC_1_PI;
 
-/// Cells of the tables over the cosine. A smooth coat's transmittance, the hardest to tabulate, is within 1e-4
-/// (relatively, within 1e-3 at a cosine of 0.01).
+/// The number of cells of the tables over the cosine. A smooth coat's transmittance, the hardest to tabulate, is within
+/// 1e-4 (relatively, within 1e-3 at a cosine of 0.01).
 const CELLS: usize = 256;
 
 /// The parameters of a [`Coat`], as pbrt-v4's `coateddiffuse` has them.
@@ -40,7 +40,7 @@ pub struct CoatOptions {
     /// (inside) keeps `exp(-thickness / c)`. Where the coat scatters with an albedo, what it scatters mostly
     /// goes on: multiply the thickness by `1 - albedo`.
     pub thickness: f32,
-    /// Most events of pbrt-v4's walk between the layers; `u32::MAX` for all.
+    /// The largest number of events of pbrt-v4's random walk between the layers; `u32::MAX` for all.
     pub max_depth: u32,
 }
 

@@ -246,7 +246,8 @@ fn light(
     })
 }
 
-/// Returns the sign of each triangle's winding normal, by the vertex normals if there are any.
+/// Returns a sign per triangle, or one for all: -1 if the emitting side is opposite to the winding normal, else 1.
+/// Vertex normals decide if there are any.
 fn sides(geometry: &Geometry, number: u32, part: &Part) -> Vec<f32> {
     let Shape::Mesh(mesh) = &geometry.shapes()[number as usize] else { return Vec::new() };
     if part.normals.is_empty() {
