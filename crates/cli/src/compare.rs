@@ -10,8 +10,8 @@ use std::path::{Path, PathBuf};
 
 /// Compare an image with its reference
 ///
-/// Reads EXR (its main layer), PFM, Radiance HDR, PNG, JPEG and TGA; integer values are decoded as sRGB. All errors are
-/// computed from linear values, unless the text next to them names display or sRGB. FLIP estimates the difference that
+/// Reads EXR (its main layer), PFM, Radiance HDR, PNG, JPEG and TGA; integer values are decoded as sRGB. Errors
+/// are of linear values, unless they are labelled "display" or "sRGB". FLIP estimates the difference that
 /// a viewer sees on a display 0.7 m wide with 3840 pixels across, from 0.7 m.
 #[derive(clap::Args)]
 #[command(after_help = "Examples:\n  dapple compare scene.exr reference.exr\n  dapple compare --json a.pfm b.exr")]

@@ -18,21 +18,21 @@ use std::path::PathBuf;
 /// but the waiting time does.
 const LONGEST: u32 = 192;
 
-/// List the effects (kinds of light transport) that a scene uses, their causes, their cost in time and their share of
-/// the image
+/// List the effects (kinds of light transport) that a scene uses, the objects that cause them, their cost in time and
+/// their share of the image
 ///
 /// Each effect is left out in turn: the image is rendered alternately with and without it, with --seeds seeds. Shares
-/// of time are of tracing time at equal samples per pixel. Shares of the image are the relMSE of the image without the
-/// effect against the image with it, noise removed, and the lost mean radiance. The light of paths beyond the scene's
+/// of time are of tracing time at equal samples per pixel. The share of the image is two numbers: the relMSE of the image
+/// without the effect, less the part due to noise, and the mean radiance that is lost. The light of paths beyond the scene's
 /// depth limit is measured, too. Each value has the half width of its 95 % interval.
 #[derive(clap::Args)]
 #[command(after_help = AFTER)]
 pub(crate) struct EffectsArgs {
-    /// A scene file, or a bundled scene: teapot, terrain, cornell, furnace, plates, lens, motion, glass, room, grass
+    /// A scene file, a model (.obj, .ply, .stl), or a bundled scene: teapot, terrain, cornell, furnace, plates, lens, motion, glass, room, grass
     #[arg(value_name = "SCENE", default_value = bundled::DEFAULT)]
     scene: PathBuf,
 
-    /// List the effects and their causes only, without rendering
+    /// List the effects and the objects that cause them, without rendering
     #[arg(long)]
     list: bool,
 

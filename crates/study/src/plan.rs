@@ -70,9 +70,9 @@ impl From<&str> for ScenePlan {
 /// The default scenes of a study, both bundled with Dapple.
 pub const DEFAULT_SCENES: [&str; 2] = ["teapot", "terrain"];
 /// The default samplers of a study.
-pub const DEFAULT_SAMPLERS: [&str; 3] = ["uniform", "variance", "cluster-thesis"];
+pub const DEFAULT_SAMPLERS: [&str; 2] = ["uniform", "adaptive"];
 /// The default filters of a study.
-pub const DEFAULT_FILTERS: [&str; 2] = ["none", "gaussian"];
+pub const DEFAULT_FILTERS: [&str; 2] = ["none", "cluster-regression"];
 /// The default budgets of a study, in mean samples per pixel.
 pub const DEFAULT_SPP: [u64; 4] = [4, 8, 16, 32];
 /// The default number of seeds: enough for Student's t intervals of a useful width.

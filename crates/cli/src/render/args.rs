@@ -31,7 +31,8 @@ pub(crate) struct RenderArgs {
 
     /// Sampler (how many samples each pixel gets); `dapple samplers` lists all
     ///
-    /// The default sampler's `epsilon=0.3` suits the default filter; with `--filter none`, use `adaptive:epsilon=0.01`.
+    /// With `--filter none`, use `adaptive:epsilon=0.01`, which gives dark pixels more samples; the default epsilon, 0.3,
+    /// is for the default filter.
     #[arg(long, value_name = "NAME[:key=value,…]", default_value = dapple_job::DEFAULT_SAMPLER, value_parser = sampler)]
     #[arg(help_heading = "Method")]
     pub(crate) sampler: String,
@@ -58,19 +59,18 @@ pub(crate) struct RenderArgs {
     #[arg(long, value_name = "N", default_value_t = 1, help_heading = "Method")]
     pub(crate) seed: u64,
 
-    /// Take exactly this mean number of samples per pixel [default: 64, whatever the scene file suggests]
+    /// Take exactly this mean number of samples per pixel [default: 64; the scene file's number is ignored]
     #[arg(long, value_name = "MEAN", value_parser = above_zero, group = "budget", help_heading = "Budget (one of)")]
     #[arg(allow_negative_numbers = true)]
     pub(crate) spp: Option<f64>,
 
     /// Render until the predicted relMSE of the unfiltered image is at most this value, or every pixel has --max-spp
-    /// samples; predicting costs some accuracy
+    /// samples; at equal samples, the image is slightly less accurate than with --spp
     #[arg(long, value_name = "RELMSE", value_parser = above_zero, group = "budget", help_heading = "Budget (one of)")]
     #[arg(allow_negative_numbers = true)]
     pub(crate) error: Option<f64>,
 
-    /// Render for about this many seconds (clustering, planning and tracing); reading, filtering and writing take extra
-    /// time
+    /// Render for about this many seconds; reading the scene, filtering and writing take extra time
     #[arg(long, value_name = "SECONDS", value_parser = above_zero, group = "budget", help_heading = "Budget (one of)")]
     #[arg(allow_negative_numbers = true)]
     pub(crate) time: Option<f64>,
@@ -95,8 +95,7 @@ pub(crate) struct RenderArgs {
 
     /// Leave out an effect that the scene uses; may be repeated. `dapple effects` lists a scene's effects
     ///
-    /// The image then differs and costs less. A warning reports the difference, and the header of EXR files records the
-    /// effect.
+    /// The image then differs and costs less. A warning and the header of EXR files name the effect.
     #[arg(long, value_name = "EFFECT", help_heading = "Image")]
     pub(crate) without: Vec<Effect>,
 
@@ -162,7 +161,7 @@ pub(crate) struct RenderArgs {
 
     /// Memory limit, such as 2G, 500M or a number of bytes; larger renders are refused [default: the machine's memory]
     ///
-    /// The summary prints the estimated memory: scene, film and sampler, and the largest of planning, filter and file
+    /// The summary prints the estimate: scene, film and sampler, plus the largest of planning, filtering and file
     /// writing.
     #[arg(long, value_name = "SIZE", value_parser = size)]
     pub(crate) memory: Option<u64>,
@@ -195,7 +194,7 @@ Examples:
   dapple render scene.pbrt -o scene.exr --spp 4096 --checkpoint c --resume c     again and again, until it is done
   dapple render scene.pbrt --sampler uniform --spp 256 --shard 3/8 -o 3.shard    one of eight machines (dapple merge)
 
-Ctrl-C stops and saves what is done; a second one leaves at once.";
+Ctrl-C stops, and writes the image so far and the checkpoint, if any; a second one leaves at once.";
 
 impl From<PixelShape> for PixelFilterSpec {
     fn from(shape: PixelShape) -> Self {

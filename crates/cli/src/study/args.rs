@@ -8,8 +8,8 @@ use std::path::PathBuf;
 /// Measure error against render time: samplers x point sets x filters x budgets x seeds over scenes
 ///
 /// Every combination is rendered with every seed, timed and compared with a reference. Methods are compared at the same
-/// samples per pixel, and in the time that the baseline takes. Methods alternate run by run, so that a slower machine
-/// affects all of them. Each finished run is a line of runs.jsonl in the folder DIR. The same command resumes a stopped
+/// samples per pixel, and in the time that the baseline takes. Methods alternate run by run, so that a temporary
+/// slowdown of the machine affects all of them. Each finished run is a line of runs.jsonl in the folder DIR, beside report.html. The same command resumes a stopped
 /// or killed study.
 ///
 /// The pixel filter of all images is a box one pixel wide. References are rendered once, with a point set that no
@@ -29,7 +29,7 @@ pub(crate) struct StudyArgs {
     #[arg(short, long = "output", value_name = "DIR", default_value = "study")]
     pub(super) output: PathBuf,
 
-    /// Samplers, separated by commas or by repeating the option [default: uniform,variance,cluster-thesis]
+    /// Samplers, separated by commas or by repeating the option [default: uniform,adaptive]
     ///
     /// After a comma, key=value is a parameter of the preceding name: `mitchell:mode=budget,radius=2,variance` are two
     /// samplers.
@@ -40,14 +40,13 @@ pub(crate) struct StudyArgs {
     #[arg(long, value_name = "NAME[:…],…", help_heading = "Methods")]
     points: Vec<String>,
 
-    /// Filters (denoisers), each combined with every sampler and point set [default: none,gaussian]
+    /// Filters (denoisers), each combined with every sampler and point set [default: none,cluster-regression]
     #[arg(long, value_name = "NAME[:…],…", help_heading = "Methods")]
     filters: Vec<String>,
 
     /// Single method; may be repeated. Points default to sobol, the filter to none
     ///
-    /// Adds to the combinations of --samplers, --points and --filters. Without --samplers, these methods are the only
-    /// ones.
+    /// Replaces the default combinations of samplers, point sets and filters; with --samplers, adds to the given ones.
     #[arg(long = "method", value_name = "SAMPLER[/POINTS[/FILTER]]", help_heading = "Methods")]
     methods: Vec<Method>,
 
@@ -72,8 +71,8 @@ pub(crate) struct StudyArgs {
     #[arg(value_parser = clap::value_parser!(u64).range(1..=100_000))]
     seeds: Option<u64>,
 
-    /// Equal-time runs take as long as the baseline with N samples per pixel, one of --spp; 0 leaves them out [default:
-    /// the second largest]
+    /// Equal-time runs take as long as the baseline takes with N samples per pixel; N is one of --spp, and 0 means no
+    /// such runs [default: the second largest of --spp]
     #[arg(long, value_name = "N", help_heading = "Budgets")]
     time_of: Option<u64>,
 
@@ -106,7 +105,7 @@ pub(crate) struct StudyArgs {
     #[arg(long)]
     fresh: bool,
 
-    /// Make a study of less than a minute: by default 64x64 pixels, 4 seeds, and 4, 8 and 16 samples per pixel
+    /// Make a study of less than a minute; unless set otherwise, 64x64 pixels, 4 seeds, and 4, 8 and 16 samples per pixel
     #[arg(long)]
     quick: bool,
 
