@@ -15,8 +15,7 @@ dapple_core::options! {
         ///
         /// With another policy than [`PilotPolicy::Keep`] more than one round would bias the image.
         pub rounds: u32 = 0, |rounds| rounds <= 64, "1 to 64; 0 chooses";
-        /// The pool of variance: window (neighbours), inside (neighbours, the same cell weighs more) or cell (all of
-        /// it).
+        /// The pool of variance: window (neighbours), inside (those of the same cell weigh more) or cell (all of it).
         pub pool: PoolShape = PoolShape::Window => "window";
         /// The window of the pool is 2 radius + 1 pixels squared.
         pub radius: u32 = 2, |radius| radius <= 64, "at most 64 pixels";

@@ -46,11 +46,8 @@ pub const SAMPLERS: &[Entry<MakeSampler>] = &[
     Entry::new(
         "cycles",
         "the stopping rule of Blender's Cycles: pixels whose two halves differ go on",
-        &[CyclesOptions::PARAMETERS, KEEP],
-        |p, points, _| {
-            p.choice("policy", &[("keep", ())])?;
-            Ok(Box::new(Cycles::with_options(points, p.options()?)?))
-        },
+        &[CyclesOptions::PARAMETERS],
+        |p, points, _| Ok(Box::new(Cycles::with_options(points, p.options()?)?)),
     ),
     Entry::new(
         "cluster-thesis",
@@ -64,11 +61,6 @@ const BY: &[Parameter] = &[Parameter::new(
     "by",
     "variance",
     "The error that counts follow: variance (pooled, of the pilot), or that of nlm, bilateral or cluster-regression.",
-)];
-const KEEP: &[Parameter] = &[Parameter::new(
-    "policy",
-    "keep",
-    "The samples that decide stay in the image (biased), as published; there is no other.",
 )];
 const PROBES: &[Parameter] = &[
     Parameter::new("probes", "centre", "Probe rays per pixel: centre (one, published), or so many jittered ones."),
