@@ -198,3 +198,54 @@ fn clusters_are_made_once() {
         stage.clusters("test", &dapple_clustering::ClusterParams::published()).unwrap_or_else(|e| panic!("{e}"));
     assert!(Arc::ptr_eq(&first, &again));
 }
+
+/// Checkpoints, shards and EXR headers hold these texts.
+#[test]
+fn descriptions_stay_as_files_hold_them() {
+    const CLUSTERS: &str = "k=9,clamp=32,normals=10,insertion=box,grouping=greedy,order=input,sides=1";
+    let stage = stage();
+    let described = |words: &str| {
+        if SAMPLERS.iter().any(|entry| entry.is_called(words.split(':').next().unwrap_or(words))) {
+            let points = points("sobol", SETTING).unwrap_or_else(|e| panic!("{e}"));
+            return sampler(words, points, &stage).unwrap_or_else(|e| panic!("{e}")).describe();
+        }
+        filter(words, &stage).unwrap_or_else(|e| panic!("{e}")).describe()
+    };
+    for (words, expected) in [
+        ("none", "none"),
+        ("gaussian", "gaussian:alpha=0.5,radius=4"),
+        ("gaussian:alpha=2,radius=1.50", "gaussian:alpha=2,radius=1.5"),
+        ("nlm", "nlm:window=7,patch=3,k=0.45,features=none"),
+        ("nlm:features=0.60,window=3", "nlm:window=3,patch=3,k=0.45,features=0.6"),
+        ("uniform", "uniform"),
+        ("variance", "variance:pilot=0,radius=2,exponent=1.3,epsilon=0.01,cap=6,policy=keep"),
+        (
+            "adaptive",
+            "adaptive:by=variance,pilot=0,rounds=0,pool=window,radius=2,prior=12,power=2,geometry=0,exponent=1.15,\
+             epsilon=0.3,cap=6,mix=0.5,gain=0.98,policy=keep,edge=16,normals=10",
+        ),
+        ("mitchell", "mitchell:initial=0,additional=0,red=0.4,green=0.3,blue=0.6,radius=1,mode=budget,policy=keep"),
+        ("mitchell-pbrt", "mitchell-pbrt:min=4,max=32,threshold=0.5,mode=budget,policy=refined"),
+        ("cycles", "cycles:threshold=0,min=0,step=16,mode=budget,policy=keep"),
+    ] {
+        assert_eq!(described(words), expected);
+    }
+    for (words, expected) in [
+        ("cluster-gaussian", "cluster-gaussian:alpha=0.5,radius=4,outside=0.05,hits=1"),
+        ("cluster-gaussian:hits=4,outside=1", "cluster-gaussian:alpha=0.5,radius=4,outside=1,hits=4"),
+        ("bilateral", "bilateral:window=7,falloff=0.03,colour=0.8,features=1,outside=1"),
+        (
+            "bilateral:outside=0.5,falloff=1e-3,colour=10.0",
+            "bilateral:window=7,falloff=0.001,colour=10,features=1,outside=0.5",
+        ),
+        ("cluster-regression", "cluster-regression:passes=2,outside=0.2"),
+        ("cluster-regression:passes=1,outside=1", "cluster-regression:passes=1,outside=1"),
+        (
+            "cluster-thesis",
+            "cluster-thesis:probes=centre,size=box,pixel=one,map=root,angle=0.25,distance=0.25,min=0,max=0,\
+             policy=a-priori",
+        ),
+    ] {
+        assert_eq!(described(words), format!("{expected},{CLUSTERS}"));
+    }
+}
