@@ -1,7 +1,7 @@
 //! The filters.
 
-use super::{CLUSTERING, Entry, Parameters, RegistryError, clustering};
-use crate::Stage;
+use super::{CLUSTERING, Entry, MethodInputs, Parameters, RegistryError, clustering};
+use crate::WorldClusters;
 use dapple_core::{Filter, Options as _, Unfiltered};
 use dapple_denoise::{
     Bilateral, BilateralOptions, ClusterGaussian, ClusterGaussianOptions, ClusterLookup, ClusterRegression,
@@ -10,13 +10,27 @@ use dapple_denoise::{
 use std::sync::Arc;
 
 /// The constructor of a filter.
-pub type MakeFilter = fn(&Parameters, &Stage) -> Result<Box<dyn Filter>, RegistryError>;
+pub type MakeFilter = fn(&Parameters, &MethodInputs) -> Result<MadeFilter, RegistryError>;
+
+/// A filter, and the clusters that it uses.
+pub struct MadeFilter {
+    /// The filter.
+    pub filter: Box<dyn Filter>,
+    /// The clusters; `None` if it uses none.
+    pub clusters: Option<Arc<WorldClusters>>,
+}
+
+impl<F: Filter + 'static> From<F> for MadeFilter {
+    fn from(filter: F) -> Self {
+        Self { filter: Box::new(filter), clusters: None }
+    }
+}
 
 /// All filters of the registry.
 pub const FILTERS: &[Entry<MakeFilter>] = &[
-    Entry::new("none", "each pixel the mean of its own samples", &[], |_, _| Ok(Box::new(Unfiltered))),
+    Entry::new("none", "each pixel the mean of its own samples", &[], |_, _| Ok(Unfiltered.into())),
     Entry::new("gaussian", "a Gaussian over pixel means", &[GaussianOptions::PARAMETERS], |p, _| {
-        Ok(Box::new(Gaussian::with_options(p.options()?)?))
+        Ok(Gaussian::with_options(p.options()?)?.into())
     }),
     Entry::new(
         "cluster-gaussian",
@@ -25,7 +39,7 @@ pub const FILTERS: &[Entry<MakeFilter>] = &[
         cluster_gaussian,
     ),
     Entry::new("nlm", "non-local means with two halves (Rousselle 2012)", &[NlMeansOptions::PARAMETERS], |p, _| {
-        Ok(Box::new(NlMeans::with_options(p.options()?)?))
+        Ok(NlMeans::with_options(p.options()?)?.into())
     }),
     Entry::new(
         "bilateral",
@@ -41,36 +55,37 @@ pub const FILTERS: &[Entry<MakeFilter>] = &[
     ),
 ];
 
-fn cluster_gaussian(p: &Parameters, stage: &Stage) -> Result<Box<dyn Filter>, RegistryError> {
+fn cluster_gaussian(p: &Parameters, inputs: &MethodInputs) -> Result<MadeFilter, RegistryError> {
     let (kernel, options) = (Gaussian::with_options(p.options()?)?, p.options()?);
-    labelled(p, stage, |label| {
+    labelled(p, inputs, |label| {
         let plain = ClusterGaussian::from_hits(label).with_kernel(kernel.clone()).with_options(options)?;
         Ok(plain.with_described(p.described(CLUSTERING)))
     })
 }
 
-fn bilateral(p: &Parameters, stage: &Stage) -> Result<Box<dyn Filter>, RegistryError> {
+fn bilateral(p: &Parameters, inputs: &MethodInputs) -> Result<MadeFilter, RegistryError> {
     let plain = Bilateral::with_options(p.options()?)?;
-    labelled(p, stage, |label| Ok(plain.clone().with_clusters(label, p.described(CLUSTERING))))
+    labelled(p, inputs, |label| Ok(plain.clone().with_clusters(label, p.described(CLUSTERING))))
 }
 
-fn cluster_regression(p: &Parameters, stage: &Stage) -> Result<Box<dyn Filter>, RegistryError> {
+fn cluster_regression(p: &Parameters, inputs: &MethodInputs) -> Result<MadeFilter, RegistryError> {
     let plain = ClusterRegression::with_options(p.options()?)?;
-    labelled(p, stage, |label| Ok(plain.clone().with_clusters(label, p.described(CLUSTERING))))
+    labelled(p, inputs, |label| Ok(plain.clone().with_clusters(label, p.described(CLUSTERING))))
 }
 
-/// Makes a filter with the clusters of the world on `stage`. Clusters are computed only if the parameters use them.
+/// Makes a filter with the clusters of the world. Clusters are computed only if the parameters use them.
 fn labelled<F: Filter + 'static>(
     p: &Parameters,
-    stage: &Stage,
+    inputs: &MethodInputs,
     made: impl Fn(ClusterLookup) -> Result<F, RegistryError>,
-) -> Result<Box<dyn Filter>, RegistryError> {
+) -> Result<MadeFilter, RegistryError> {
     let params = clustering(p)?;
-    params.check().map_err(|e| p.refuse(e.to_string()))?;
     let without = made(Arc::new(|_| None))?;
     if without.needs().first_hits == 0 {
-        return Ok(Box::new(without));
+        return Ok(without.into());
     }
-    let clusters = stage.clusters(p.of(), &params)?;
-    Ok(Box::new(made(Arc::new(move |hit| clusters.label(hit)))?))
+    let clusters = inputs.clusters(p.of(), &params)?;
+    let labels = clusters.clone();
+    let filter = made(Arc::new(move |hit| labels.label(hit)))?;
+    Ok(MadeFilter { filter: Box::new(filter), clusters: Some(clusters) })
 }
